@@ -64,21 +64,21 @@ def drawn(number: int, seed: int, instrument: str = "photogrammetry", group: str
     return Drawn(number, group, names, str(rng.choice(kinds)), strength, int(rng.integers(2**31)), instrument)
 
 
-def _names(group: str, own: Instrument, rng: np.random.Generator, number: int) -> tuple[str, ...]:
+def _names(group: str, instrument: Instrument, rng: np.random.Generator, number: int) -> tuple[str, ...]:
     if group == "one":
-        return (str(rng.choice(sorted(set(own.catalogue) - set(own.added)))),)
+        return (str(rng.choice(sorted(set(instrument.catalogue) - set(instrument.added)))),)
     if group == ADDED:
-        return (sorted(own.added)[number % len(own.added)],)
+        return (sorted(instrument.added)[number % len(instrument.added)],)
     if group == "two":
-        return own.draw_two(rng)
+        return instrument.draw_two(rng)
     if group == "unknown":
-        return (str(rng.choice(sorted(own.strange))),)
+        return (str(rng.choice(sorted(instrument.strange))),)
     if group == UNFORESEEN:
-        return (str(rng.choice(sorted(own.unforeseen))),)
+        return (str(rng.choice(sorted(instrument.unforeseen))),)
     if group == ALONE:
-        return (sorted(own.foreign)[number % len(own.foreign)],)
+        return (sorted(instrument.foreign)[number % len(instrument.foreign)],)
     if group == FOREIGN:
-        return tuple(rng.choice(sorted(own.foreign), int(rng.integers(2, 5)), replace=False).tolist())
+        return tuple(rng.choice(sorted(instrument.foreign), int(rng.integers(2, 5)), replace=False).tolist())
     return ()
 
 
@@ -123,7 +123,7 @@ def kept(results: Path) -> list[Record]:
 def run_missing(cases: Sequence[Drawn], results: Path, workers: int) -> Iterator[Record]:
     """Runs what the results lack, and adds it to them as it comes."""
     done = {record["number"] for record in kept(results)}
-    missing = [one for one in cases if one.number not in done]
+    missing = [case for case in cases if case.number not in done]
     shares = [missing[start : start + PER_CALL] for start in range(0, len(missing), PER_CALL)]
     results.parent.mkdir(parents=True, exist_ok=True)
     with ProcessPoolExecutor(workers) as pool, results.open("a", encoding="utf-8") as file:

@@ -35,11 +35,11 @@ def _text(x: float, y: float, words: str, anchor: str = "middle", more: str = ""
 
 def _singles(campaigns: Sequence[Judged]) -> list[Judged]:
     """Campaigns with one effect of the catalogue whose size could be chosen."""
-    return [one for one in campaigns if len(one.hidden) == 1 and _is_scaled(one)]
+    return [campaign for campaign in campaigns if len(campaign.hidden) == 1 and _is_scaled(campaign)]
 
 
-def _is_scaled(one: Judged) -> bool:
-    return one.hidden[0].cause != "unexplained" and bool(np.isfinite(one.hidden[0].strength))
+def _is_scaled(judged: Judged) -> bool:
+    return judged.hidden[0].cause != "unexplained" and bool(np.isfinite(judged.hidden[0].strength))
 
 
 def theory(strength: NDArray, parameters: int, candidates: int) -> NDArray:
@@ -95,7 +95,7 @@ def _bins(
 ) -> list[str]:
     out, colour = [], COLOURS[name]
     for low, high in pairwise(edges):
-        own = [one for one in campaigns if low <= one.hidden[0].strength < high]
+        own = [campaign for campaign in campaigns if low <= campaign.hidden[0].strength < high]
         if own:
             count = (rates.detected if name == "found" else rates.named)(own)
             x, y = at(np.exp(np.mean([np.log(one.hidden[0].strength) for one in own])), count.share)
@@ -116,7 +116,7 @@ def _legend(y: float, names: dict[str, str]) -> list[str]:
 
 def strip_figure(path: Path, campaigns: Sequence[Judged], catalogue: Sequence[str]) -> None:
     """Write every campaign with one effect as a dot at its signal-to-noise, a row per cause."""
-    strongest = max((one.hidden[0].strength for one in _singles(campaigns)), default=0.0)
+    strongest = max((single.hidden[0].strength for single in _singles(campaigns)), default=0.0)
     names = [cause for cause in catalogue if cause not in UNSIZED]
     low, high, width = np.log(2.3), np.log(max(27.0, 1.05 * strongest)), 560
     ticks = [tick for tick in (3, 4, 5, 6, 8, 10, 14, 20, 30, 60, 120, 240) if np.log(tick) < high]
@@ -129,7 +129,7 @@ def strip_figure(path: Path, campaigns: Sequence[Judged], catalogue: Sequence[st
     out += [_text(x(s), bottom + 16, f"{s:g}") for s in ticks]
     for row, cause in enumerate(names):
         y = 36 + 26 * row
-        own = [one for one in _singles(campaigns) if one.hidden[0].cause == cause]
+        own = [single for single in _singles(campaigns) if single.hidden[0].cause == cause]
         out.append(_text(220, y + 4, cause, "end"))
         clear = x(rates.clear_from(cause))
         out.append(f'<path d="M{clear:.1f},{y - 11}v22" stroke="#000"/>')

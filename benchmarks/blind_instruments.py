@@ -11,7 +11,7 @@ import numpy as np
 
 from tests.blind.generator import case, draw, hidden
 from tests.blind.generator.arms import case as arm_case
-from tests.blind.generator.arms.effects import OF_MANY_POSES
+from tests.blind.generator.arms.effects import ADDED as ADDED_TO_ARMS
 from tests.blind.generator.arms.foreign import FOREIGN as FOREIGN_TO_ARMS
 from tests.blind.generator.arms.layouts import LAYOUTS as ARMS
 from tests.blind.generator.sensor import case as sensor_case
@@ -138,7 +138,7 @@ INSTRUMENTS = {
         "joints, links or targets",
         obvious=0.2,
         foreign=FOREIGN_TO_ARMS,
-        added=OF_MANY_POSES,
+        added=ADDED_TO_ARMS,
         seed=5520193,
     ),
 }

@@ -24,32 +24,32 @@ CLEAR_PART = 10.0  # signal-to-noise of the part of an effect that only one inpu
 FOREIGN_PAGE = POINTS.page.with_name("foreign-worlds.md")
 
 
-def write_page(records: Sequence[Record], own: Instrument = POINTS) -> None:
+def write_page(records: Sequence[Record], instrument: Instrument = POINTS) -> None:
     """Make tables and figures of an instrument's page anew, and keep the results that they were made from."""
-    _keep(records, own.kept)
-    campaigns = kept_campaigns(own.kept)
-    renew(own.page, tables(campaigns, own))
-    power_figure(own.figure("power"), campaigns)
-    strip_figure(own.figure("causes"), campaigns, own.catalogue)
-    confusion_figure(own.figure("confusion"), *confusion(campaigns, own))
+    _keep(records, instrument.kept)
+    campaigns = kept_campaigns(instrument.kept)
+    renew(instrument.page, tables(campaigns, instrument))
+    power_figure(instrument.figure("power"), campaigns)
+    strip_figure(instrument.figure("causes"), campaigns, instrument.catalogue)
+    confusion_figure(instrument.figure("confusion"), *confusion(campaigns, instrument))
 
 
-def write_unforeseen(records: Sequence[Record], own: Instrument) -> None:
+def write_unforeseen(records: Sequence[Record], instrument: Instrument) -> None:
     """Make the table of effects anew that were thought of when the diagnosis stood, and keep its results."""
-    _keep(records, own.kept_unforeseen)
-    renew(own.page, {"unforeseen": lambda: unforeseen(kept_campaigns(own.kept_unforeseen))})
+    _keep(records, instrument.kept_unforeseen)
+    renew(instrument.page, {"unforeseen": lambda: unforeseen(kept_campaigns(instrument.kept_unforeseen))})
 
 
-def write_added(records: Sequence[Record], own: Instrument) -> None:
+def write_added(records: Sequence[Record], instrument: Instrument) -> None:
     """Make the table of causes anew that joined the catalogue since the page was drawn, and keep its results."""
-    _keep(records, own.kept_added)
-    renew(own.page, {"added": lambda: causes(kept_campaigns(own.kept_added), own)})
+    _keep(records, instrument.kept_added)
+    renew(instrument.page, {"added": lambda: causes(kept_campaigns(instrument.kept_added), instrument)})
 
 
-def write_foreign(records: Sequence[Record], own: Instrument) -> None:
+def write_foreign(records: Sequence[Record], instrument: Instrument) -> None:
     """Make the table of worlds that nobody described anew, and keep its results."""
-    _keep(records, own.kept_foreign)
-    renew(FOREIGN_PAGE, {f"foreign {own.short}": lambda: foreign(kept_campaigns(own.kept_foreign))})
+    _keep(records, instrument.kept_foreign)
+    renew(FOREIGN_PAGE, {f"foreign {instrument.short}": lambda: foreign(kept_campaigns(instrument.kept_foreign))})
 
 
 def _keep(records: Sequence[Record], file: Path) -> None:
@@ -63,19 +63,19 @@ def kept_campaigns(file: Path) -> list[Judged]:
     return [Judged(json.loads(line)) for line in lines]
 
 
-def tables(campaigns: Sequence[Judged], own: Instrument = POINTS) -> dict[str, Callable[[], str]]:
+def tables(campaigns: Sequence[Judged], instrument: Instrument = POINTS) -> dict[str, Callable[[], str]]:
     """Return what makes each table of the page."""
     return {
-        "goals": lambda: goals(campaigns, own),
-        "causes": lambda: causes(campaigns, own),
-        "layouts": lambda: layouts(campaigns, own),
+        "goals": lambda: goals(campaigns, instrument),
+        "causes": lambda: causes(campaigns, instrument),
+        "layouts": lambda: layouts(campaigns, instrument),
         "unknown": lambda: unknown(campaigns),
         "wrong": lambda: wrong(campaigns),
     }
 
 
 def _clear(campaigns: Sequence[Judged]) -> list[Judged]:
-    return [one for one in campaigns if not one.hidden or rates.is_clear(one)]
+    return [campaign for campaign in campaigns if not campaign.hidden or rates.is_clear(campaign)]
 
 
 def _percent(share: float) -> str:
@@ -87,14 +87,14 @@ def _of(count: Count) -> list[str]:
     return [f"{count.good} of {count.trials}", _percent(count.share), f"{_percent(low)} to {_percent(high)}"]
 
 
-def goals(campaigns: Sequence[Judged], own: Instrument = POINTS) -> str:
+def goals(campaigns: Sequence[Judged], instrument: Instrument = POINTS) -> str:
     """Return the table of what was asked and what is reached."""
     clear = _clear(campaigns)
     rows = [
         ["nothing hidden: something found", "at most 5 %", *_of(rates.alarms(clear))],
         ["one effect: something found", "95 %", *_of(rates.detected(clear))],
         ["named, or indistinguishable from a found cause", "90 %", *_of(rates.named(clear))],
-        [f"of these: the right {own.subjects}", "95 %", *_of(rates.placed(clear))],
+        [f"of these: the right {instrument.subjects}", "95 %", *_of(rates.placed(clear))],
         ["two effects: both named", "75 %", *_of(rates.both_named(clear))],
         ["more found than was hidden", "", *_of(rates.invented(clear))],
         ["an effect of no catalogue: `unexplained`, with all that drives it", "80 %", *_of(rates.driven(clear))],
@@ -140,11 +140,11 @@ def _middle(values: NDArray) -> list[str]:
     return [str(len(values)), f"median {middle:.2f}", f"nine in ten: {low:.2f} to {high:.2f}"]
 
 
-def causes(campaigns: Sequence[Judged], own: Instrument) -> str:
+def causes(campaigns: Sequence[Judged], instrument: Instrument) -> str:
     """The table of each cause that was hidden alone: what is clear, and what is too weak to be found for certain."""
     rows = []
-    for cause in own.catalogue:
-        alone = [one for one in campaigns if [effect.cause for effect in one.hidden] == [cause]]
+    for cause in instrument.catalogue:
+        alone = [campaign for campaign in campaigns if [effect.cause for effect in campaign.hidden] == [cause]]
         if not alone:
             continue
         clear = [one for one in alone if rates.is_clear(one)]
@@ -159,25 +159,33 @@ def causes(campaigns: Sequence[Judged], own: Instrument) -> str:
         ]
         cells = [f"{share.good} of {share.trials}" if share.trials else "" for share in shares]
         rows.append([f"`{cause}`", *cells[:3], _percent(covered.mean()) if len(covered) else "", *cells[3:]])
-    heads = ["cause", "found", "named", f"right {own.subjects}", "truth within 95 %", "weak: found", "weak: named"]
+    heads = [
+        "cause",
+        "found",
+        "named",
+        f"right {instrument.subjects}",
+        "truth within 95 %",
+        "weak: found",
+        "weak: named",
+    ]
     return table(heads, rows)
 
 
-def layouts(campaigns: Sequence[Judged], own: Instrument) -> str:
+def layouts(campaigns: Sequence[Judged], instrument: Instrument) -> str:
     """Return the table of each layout."""
     rows = []
-    for kind in own.layouts:
+    for kind in instrument.layouts:
         there = [one for one in _clear(campaigns) if one.record["truth"]["layout"] == kind]
         judged = (rates.alarms, rates.detected, rates.named, rates.placed, rates.both_named)
         shares = [judge(there) for judge in judged]
         rows.append([kind, *(f"{share.good} of {share.trials}" if share.trials else "" for share in shares)])
-    heads = ["layout", "false alarms", "found", "named", f"right {own.subjects}", "both of two named"]
+    heads = ["layout", "false alarms", "found", "named", f"right {instrument.subjects}", "both of two named"]
     return table(heads, rows)
 
 
 def unknown(campaigns: Sequence[Judged]) -> str:
     """Return the table of effects in no catalogue."""
-    strange = [one for one in campaigns if one.hidden and one.hidden[0].cause == NAME]
+    strange = [campaign for campaign in campaigns if campaign.hidden and campaign.hidden[0].cause == NAME]
     rows = []
     for kind in sorted({one.hidden[0].kind for one in strange}):
         own = [one for one in strange if one.hidden[0].kind == kind]
@@ -191,15 +199,17 @@ def unknown(campaigns: Sequence[Judged]) -> str:
 
 def foreign(campaigns: Sequence[Judged]) -> str:
     """The table of worlds that nobody described: wrong names, what is told to drive them, what is left."""
-    wrong = [one for one in campaigns if one.misnamed]
-    doubted = [one for one in campaigns if one.suspected and not one.misnamed]
-    drives = [(one, effect) for one in campaigns for effect in one.hidden if effect.follows]
+    wrong = [campaign for campaign in campaigns if campaign.misnamed]
+    doubted = [campaign for campaign in campaigns if campaign.suspected and not campaign.misnamed]
+    drives = [(campaign, effect) for campaign in campaigns for effect in campaign.hidden if effect.follows]
     told = [one.follows_right(effect) for one, effect in drives]
     apart = [(one, effect) for one, effect in drives if effect.of_drivers and effect.clear_drivers(CLEAR_PART)]
     clear = [one.follows_right(effect, CLEAR_PART) for one, effect in apart]
-    idle = [one for one in campaigns if one.idle_columns]
+    idle = [campaign for campaign in campaigns if campaign.idle_columns]
     of_one = [right for right, (_, effect) in zip(told, drives, strict=True) if len(effect.follows) == 1]
-    recorded = [one for one in campaigns if all(effect.kind != "NobodyRecorded" for effect in one.hidden)]
+    recorded = [
+        campaign for campaign in campaigns if all(effect.kind != "NobodyRecorded" for effect in campaign.hidden)
+    ]
     rows = [
         ["a wrong name reported as found", f"{len(wrong)} of {len(campaigns)}", "at most 1 in 20"],
         ["suspected names, none found", f"{len(doubted)} of {len(campaigns)}", ""],
@@ -217,7 +227,7 @@ def foreign(campaigns: Sequence[Judged]) -> str:
 
 
 def _median_ratio(campaigns: Sequence[Judged]) -> str:
-    ratios = [one.floor_ratio for one in campaigns if one.floor_ratio]
+    ratios = [campaign.floor_ratio for campaign in campaigns if campaign.floor_ratio]
     return f"{np.median(ratios):.2f}" if ratios else ""
 
 
@@ -241,34 +251,34 @@ def _words(kind: str) -> str:
 def wrong(campaigns: Sequence[Judged]) -> str:
     """Return every clear campaign with effects of the catalogue that went wrong, so that each can be drawn again."""
     bad = [one for one in _clear(campaigns) if one.hidden and one.hidden[0].cause != NAME and _went_wrong(one)]
-    bad += [one for one in campaigns if not one.hidden and one.found]
+    bad += [campaign for campaign in campaigns if not campaign.hidden and campaign.found]
     rows = [[one.name, str(one.record["truth"]["layout"]), _hidden(one), _found(one)] for one in bad]
     return table(["campaign", "layout", "hidden, at signal-to-noise", "found"], rows)
 
 
-def _went_wrong(one: Judged) -> bool:
-    return bool(one.missed or one.invented or any(one.misplaced(effect) for effect in one.hidden))
+def _went_wrong(judged: Judged) -> bool:
+    return bool(judged.missed or judged.invented or any(judged.misplaced(effect) for effect in judged.hidden))
 
 
-def _hidden(one: Judged) -> str:
+def _hidden(judged: Judged) -> str:
     strength = {float("inf"): ""}
     told = (
-        f"{e.kind} {' '.join(sorted(e.subject))} {strength.get(e.strength, f'{e.strength:.1f}')}" for e in one.hidden
+        f"{e.kind} {' '.join(sorted(e.subject))} {strength.get(e.strength, f'{e.strength:.1f}')}" for e in judged.hidden
     )
     return "; ".join(" ".join(words.split()) for words in told) or "nothing"
 
 
-def _found(one: Judged) -> str:
-    told = (f"{row.cause} {' '.join(sorted(row.subject | row.follows))}".strip() for row in one.found)
+def _found(judged: Judged) -> str:
+    told = (f"{row.cause} {' '.join(sorted(row.subject | row.follows))}".strip() for row in judged.found)
     return "; ".join(told) or "nothing"
 
 
-def confusion(campaigns: Sequence[Judged], own: Instrument) -> tuple[list[str], list[str], NDArray]:
+def confusion(campaigns: Sequence[Judged], instrument: Instrument) -> tuple[list[str], list[str], NDArray]:
     """Return rows (what was hidden), columns (what it is told to be) and shares, of clear campaigns with one effect.
 
     What is called indistinguishable from the right name counts as the right name.
     """
-    rows, columns = [*own.catalogue, NAME], [*own.catalogue, NAME, "nothing"]
+    rows, columns = [*instrument.catalogue, NAME], [*instrument.catalogue, NAME, "nothing"]
     counts = np.zeros((len(rows), len(columns)))
     for one in _clear(campaigns):
         if len(one.hidden) == 1:

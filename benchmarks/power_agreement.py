@@ -108,12 +108,12 @@ def _sort_of(question: DetectionQuestion) -> tuple[str, str, str]:
     return question.kind.kind, question.kind.concerns, question.unit.parameter
 
 
-def _kept(given: Answer) -> Record:
-    return {key: value for key, value in asdict(given).items() if key not in ("question", "factor")}
+def _kept(answer: Answer) -> Record:
+    return {key: value for key, value in asdict(answer).items() if key not in ("question", "factor")}
 
 
-def _outcome(given: Record) -> str:
-    return "named" if given["named"] else "found" if given["found"] else "-"
+def _outcome(record: Record) -> str:
+    return "named" if record["named"] else "found" if record["found"] else "-"
 
 
 def kept(results: Path) -> list[Record]:

@@ -46,9 +46,9 @@ def tables(records: Sequence[Record]) -> dict[str, Callable[[], str]]:
 def pairs(records: Iterable[Record], what: str = "found") -> list[Pair]:
     """Return the counts of either, one pair per layout, sort of effect and size: each at a rate of its own."""
     groups: dict[tuple[Any, ...], list[Record]] = {}
-    for one in records:
-        groups.setdefault(tuple(one[name] for name in _CELL), []).append(one)
-    return [_pair(own, what) for own in groups.values()]
+    for record in records:
+        groups.setdefault(tuple(record[name] for name in _CELL), []).append(record)
+    return [_pair(group, what) for group in groups.values()]
 
 
 _CELL = ("layout", "cause", "concerns", "parameter", "factor")
@@ -59,14 +59,16 @@ def _pair(own: Sequence[Record], what: str) -> Pair:
 
 
 def _count(records: Iterable[Record], who: str, what: str) -> int:
-    return sum(bool(one[who][what]) for one in records)
+    return sum(bool(record[who][what]) for record in records)
 
 
 def agreement(records: Sequence[Record]) -> str:
     """Return the table of what was found of every sort of effect, and of all."""
     sorts: dict[tuple[str, str, str], list[Record]] = {}
-    for one in records:
-        sorts.setdefault((one["cause"].replace("-", " "), one["concerns"], one["parameter"]), []).append(one)
+    for record in records:
+        sorts.setdefault((record["cause"].replace("-", " "), record["concerns"], record["parameter"]), []).append(
+            record
+        )
     rows = [[*sort[:2], *_row(own)] for sort, own in sorted(sorts.items())]
     return table(
         ["cause", "concerns", "pairs", "theory", "`truing power`", "generator", "chance of as much", "named", "chance"],
@@ -76,8 +78,10 @@ def agreement(records: Sequence[Record]) -> str:
 
 def by_size(records: Sequence[Record]) -> str:
     """Return the table of what was found by size, all sorts together."""
-    factors = sorted({one["factor"] for one in records})
-    rows = [[f"{factor:g}", *_row([one for one in records if one["factor"] == factor])[:-2]] for factor in factors]
+    factors = sorted({record["factor"] for record in records})
+    rows = [
+        [f"{factor:g}", *_row([record for record in records if record["factor"] == factor])[:-2]] for factor in factors
+    ]
     return table(["size over theory's", "pairs", "theory", "`truing power`", "generator", "chance of as much"], rows)
 
 
@@ -96,7 +100,7 @@ def _told(count: int, of: int) -> str:
 
 def figure(records: Sequence[Record]) -> str:
     """Return rates by size as SVG: both with their exact 95 % bounds beside what theory expects."""
-    factors = sorted({one["factor"] for one in records})
+    factors = sorted({record["factor"] for record in records})
     low, high = np.log(factors[0] / 1.15), np.log(factors[-1] * 1.15)
 
     def at(factor: float, rate: float) -> tuple[float, float]:
@@ -108,15 +112,15 @@ def figure(records: Sequence[Record]) -> str:
         parts += [f'<path d="M60,{y:.1f}h380" stroke="#ddd"/>', _text(54, y + 4, f"{rate:.0%}", "end")]
     parts += [_text(at(factor, 0)[0], 268, f"{factor:g}") for factor in factors]
     parts.append(_text(250, 290, "size over that which theory expects to be found with 80 %"))
-    groups = [[one for one in records if one["factor"] == factor] for factor in factors]
+    groups = [[record for record in records if record["factor"] == factor] for factor in factors]
     line = [at(f, float(np.mean([one["theory"] for one in own]))) for f, own in zip(factors, groups, strict=True)]
     told = " ".join(f"{x:.1f},{y:.1f}" for x, y in line)
     parts.append(f'<polyline points="{told}" fill="none" stroke="#000" stroke-dasharray="6 4"/>')
     for side, who in ((-5, "power"), (5, "generator")):
-        for factor, own in zip(factors, groups, strict=True):
-            count = _count(own, who, "found")
-            x, y = at(factor, count / len(own))
-            down, up = (at(factor, bound)[1] for bound in rate_bounds(count, len(own)))
+        for factor, group in zip(factors, groups, strict=True):
+            count = _count(group, who, "found")
+            x, y = at(factor, count / len(group))
+            down, up = (at(factor, bound)[1] for bound in rate_bounds(count, len(group)))
             parts.append(f'<path d="M{x + side:.1f},{down:.1f}V{up:.1f}" stroke="{COLOURS[who]}" stroke-width="2"/>')
             parts.append(f'<circle cx="{x + side:.1f}" cy="{y:.1f}" r="4" fill="{COLOURS[who]}"/>')
     for k, (name, colour) in enumerate({"truing power": "power", "generator": "generator"}.items()):

@@ -156,16 +156,16 @@ def _uniform(artifact: Artifact, content: pa.Table | pa.RecordBatchReader) -> tu
     return schema, (_checked(artifact, table, schema) for table in tables)
 
 
-def _schema(artifact: Artifact, found: pa.Schema) -> pa.Schema:
+def _schema(artifact: Artifact, schema: pa.Schema) -> pa.Schema:
     """Columns of the artifact in order, then covariates as found; nullable only as in the definition."""
     import pyarrow as pa
 
-    missing = [name for name in artifact.columns if name not in found.names]
+    missing = [name for name in artifact.columns if name not in schema.names]
     if missing:
         raise SchemaBreach(f"{artifact.file}: columns {', '.join(missing)} are missing")
-    known = [*artifact.columns, *(name for name in artifact.optional if name in found.names)]
-    names = [*known, *(name for name in found.names if name not in known)]
-    return pa.schema([pa.field(name, found.field(name).type, _column(artifact, name).nullable) for name in names])
+    known = [*artifact.columns, *(name for name in artifact.optional if name in schema.names)]
+    names = [*known, *(name for name in schema.names if name not in known)]
+    return pa.schema([pa.field(name, schema.field(name).type, _column(artifact, name).nullable) for name in names])
 
 
 def _column(artifact: Artifact, name: str) -> Column:

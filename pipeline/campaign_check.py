@@ -52,12 +52,12 @@ def check_campaign(campaign: CampaignFolder) -> CampaignCheck:
     raw = _read_raw(run)
     source = CampaignFiles(campaign.folder, run.settings)
     given = frozenset(table for table in (*TABLES, *OF_IMAGES) if source.entries(table))
-    found = CampaignContents(raw.tables, raw.targets, campaign.has_photographs, given, raw.names)
-    expected = tuple(prospects(run.settings, found))
+    campaign_contents = CampaignContents(raw.tables, raw.targets, campaign.has_photographs, given, raw.names)
+    expected = tuple(prospects(run.settings, campaign_contents))
     rows = sum(sum(seen.values()) for seen in raw.targets.values())
-    doubts = (*filter(None, (unconfirmed(campaign.file),)), *attention(run.settings, found))
+    doubts = (*filter(None, (unconfirmed(campaign.file),)), *attention(run.settings, campaign_contents))
     statements = tuple(map(str, expected)), doubts
-    is_evaluated = not nothing_evaluated(expected) or has_repeats(run.settings, found)
+    is_evaluated = not nothing_evaluated(expected) or has_repeats(run.settings, campaign_contents)
     return CampaignCheck(raw.read, *statements, rows, is_evaluated, raw.ingested)
 
 
@@ -224,17 +224,22 @@ def _remove(document: Mapping[str, Any], dotted: str) -> bool:
 def report_check(place: Path, console: RunConsole) -> ExitCode:
     """`truing check` for one campaign: print the evaluable stages, or raise CampaignFaults."""
     campaign = open_campaign(place)
-    found = check_campaign(campaign)
-    unrelated = campaign.has_photographs or found.rows > _MOST_ROWS
-    apart, doubtful = ((), ()) if unrelated else _contradictions(place, found.ingested)
-    verdict = "no fault" if found.is_evaluated else "only the quality checks can be evaluated"
+    campaign_check = check_campaign(campaign)
+    unrelated = campaign.has_photographs or campaign_check.rows > _MOST_ROWS
+    apart, doubtful = ((), ()) if unrelated else _contradictions(place, campaign_check.ingested)
+    verdict = "no fault" if campaign_check.is_evaluated else "only the quality checks can be evaluated"
     if apart:
         verdict = "the files can be read, but the data contradict the campaign's description"
-    attention = (*found.attention, *doubtful)
-    told = {"file": str(campaign.file), "result": verdict, "contradictions": apart, "prospects": found.prospects}
+    attention = (*campaign_check.attention, *doubtful)
+    told = {
+        "file": str(campaign.file),
+        "result": verdict,
+        "contradictions": apart,
+        "prospects": campaign_check.prospects,
+    }
     console.tell("campaigns", {**told, "attention": attention})
-    console.line(f"{campaign.file}: {verdict}; {found.read}")
-    for line in apart or found.prospects:
+    console.line(f"{campaign.file}: {verdict}; {campaign_check.read}")
+    for line in apart or campaign_check.prospects:
         console.line(line)
     for sentence in attention:
         console.line(f"attention: {sentence}")

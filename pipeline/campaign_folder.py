@@ -12,7 +12,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 from truing.schemas.faults import CampaignFaults, Fault
-from truing.schemas.near_names import did_you_mean
+from truing.schemas.near_names import did_you_mean, nearest_name
 from truing.schemas.settings_text import LARGEST, TooDeep, TooLarge, parsed_toml, read_settings_text
 
 if TYPE_CHECKING:
@@ -114,7 +114,19 @@ def _expected_instead(place: Path) -> str:
         return "a regular file, not a folder, pipe, device or broken link"
     if place.is_dir():
         return f"a campaign.toml in this folder; `truing init {place}` writes one to complete"
-    return "a campaign folder that exists, with a campaign.toml in it"
+    return f"a campaign folder that exists, with a campaign.toml in it{folder_meant(place)}"
+
+
+def folder_meant(place: Path) -> str:
+    """Suggestion for a folder that is missing, as the end of a message: a similar name beside it."""
+    if os.path.lexists(place):
+        return ""
+    try:
+        beside = [one.name for one in place.parent.iterdir() if one.is_dir()]
+    except OSError:
+        return ""
+    meant = nearest_name(place.name, beside)
+    return "" if meant is None else f"; did you mean {place.with_name(meant)}?"
 
 
 def _toml_fault(file: Path, error: tomllib.TOMLDecodeError) -> Fault:

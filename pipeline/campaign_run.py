@@ -12,7 +12,7 @@ from typing import TYPE_CHECKING, Any, NoReturn, TypeVar
 import truing
 from truing.pipeline.campaign_folder import CampaignFolder, SettingsView, relative_name
 from truing.pipeline.durations import FILE as DURATIONS
-from truing.pipeline.durations import Durations
+from truing.pipeline.durations import Durations, forget_largest_memory, largest_memory
 from truing.pipeline.freshness import Evidence, Freshness, StageStatus
 from truing.pipeline.manifest import DigestCache, Entry, MadeFrom, Manifest, digest_of, read_manifest
 from truing.pipeline.problems import EnvironmentProblem
@@ -151,6 +151,7 @@ class CampaignRun:
     def execute(self, stage: Stage, now: MadeFrom, progress: Progress) -> str:
         """Run a stage, write its artifacts and manifest entry; returns its closing line."""
         started = time.perf_counter()
+        forget_largest_memory()
         try:
             outcome = self.outcome(stage, progress)
             _check_artifacts(stage, outcome)
@@ -159,7 +160,7 @@ class CampaignRun:
             self._refuse_damaged(error.artifact, str(error))
         words = f"read {outcome.read}; left out {outcome.left_out}; {outcome.figure}"
         seconds = time.perf_counter() - started
-        self.durations.note(stage.name, seconds)
+        self.durations.note(stage.name, seconds, largest_memory())
         return f"{words}; {seconds:.2f} s"
 
     def outcome(self, stage: Stage, progress: Progress) -> Outcome:
@@ -169,7 +170,10 @@ class CampaignRun:
             from truing.formats.source import NO_DIGESTS, CampaignFiles
 
             digests = self.made_from(stage).raw if stage.name == PAGE else NO_DIGESTS
-            arguments.append(CampaignFiles(self.campaign.folder, self.settings, self.scratch, digests))
+            files = CampaignFiles(self.campaign.folder, self.settings, self.scratch, digests)
+            if stage.name == PAGE:
+                files.costs = self.durations.costs(one.name for one in self.order if one.name != PAGE)
+            arguments.append(files)
         if stage.name in IN_PIECES:
             arguments.append(self._ordered_results)
         if stage.name in OF_SECOND_CAMPAIGNS:

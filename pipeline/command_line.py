@@ -57,9 +57,11 @@ def workforce(workers: int | None, scheduler: str | None) -> Workforce:
             f"--scheduler: found {scheduler!r}; expected tcp://host:port, tls://host:port or local"
         )
     asked = Workforce(workers, scheduler)
-    if (found := installed(asked)) != asked:
-        typer.echo(f'Dask is not installed (pip install "truing[cluster]"): {found} of this machine instead', err=True)
-    return found
+    if (available := installed(asked)) != asked:
+        typer.echo(
+            f'Dask is not installed (pip install "truing[cluster]"): {available} of this machine instead', err=True
+        )
+    return available
 
 
 def _print_version(wanted: bool) -> None:
@@ -217,6 +219,7 @@ def init(
     every_key: option.InitEveryKey = False,
     answer: option.InitAnswer = None,
     ask: option.InitAsk = True,
+    quiet: option.Quiet = False,
     json: option.Json = False,
 ) -> None:
     """Write a campaign.toml for the raw files of a folder, to be completed by hand.
@@ -230,7 +233,7 @@ def init(
     from truing.pipeline.init_campaign import init_campaign
     from truing.pipeline.init_questions import asking
 
-    asked, console = asking() if ask and not json else None, _console(json=json)
+    asked, console = asking() if ask and not (json or quiet) else None, _console(quiet=quiet, json=json)
     _end(lambda: init_campaign(folder, console, every_key=every_key, answers=answer or (), ask=asked), console=console)
 
 
@@ -331,6 +334,7 @@ def power(
     workers: option.Workers = None,
     scheduler: option.Scheduler = None,
     out: option.PowerOut = None,
+    quiet: option.Quiet = False,
     json: option.Json = False,
 ) -> None:
     """Simulate campaigns of this layout with hidden effects, diagnose them, and report the detectable size of each.
@@ -342,7 +346,7 @@ def power(
     Example: truing power sample_data/telescope --causes actuator-gain,leg-drift --draws 8 --workers 4
     """
 
-    console = _console(json=json)
+    console = _console(quiet=quiet, json=json)
 
     def act() -> ExitCode:
         from truing.pipeline.power_command import PowerOptions, power_campaign
@@ -368,6 +372,7 @@ def plan(
     run: option.PlanRun = None,
     normals: option.PlanNormals = None,
     out: option.PlanOut = None,
+    quiet: option.Quiet = False,
     json: option.Json = False,
 ) -> None:
     """Choose camera stations, and predict the standard deviations of the targets.
@@ -380,7 +385,7 @@ def plan(
     Example: truing plan my-campaign --wanted 0.01 --distance 500,1500 --out stations.csv
     """
 
-    console = _console(json=json)
+    console = _console(quiet=quiet, json=json)
 
     def act() -> ExitCode:
         from truing.estimation.bundle.photograph_plan import PlanOptions
@@ -400,6 +405,7 @@ def export(
     to: option.ExportTo = "",
     out: option.ExportOut = None,
     campaign: option.ExportCampaign = None,
+    quiet: option.Quiet = False,
     json: option.Json = False,
 ) -> None:
     """Write the results of a run in other file formats.
@@ -412,7 +418,7 @@ def export(
     Example: truing export runs/telescope --to xlsx,controller
     """
 
-    console = _console(json=json)
+    console = _console(quiet=quiet, json=json)
 
     def act() -> ExitCode:
         from truing.pipeline.recorded_runs import export_run

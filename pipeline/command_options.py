@@ -40,8 +40,13 @@ class SearchLimits(StrEnum):
     ACTUATORS = "actuators"
 
 
-Campaigns = Annotated[list[Path], typer.Argument(metavar="CAMPAIGN", help="Folders with a campaign.toml.")]
-OneCampaign = Annotated[Path, typer.Argument(metavar="CAMPAIGN", help="Folder with a campaign.toml.")]
+Campaigns = Annotated[
+    list[Path],
+    typer.Argument(metavar="CAMPAIGN", autocompletion=completions.campaigns, help="Folders with a campaign.toml."),
+]
+OneCampaign = Annotated[
+    Path, typer.Argument(metavar="CAMPAIGN", autocompletion=completions.campaigns, help="Folder with a campaign.toml.")
+]
 RunFolder = Annotated[
     Path | None, typer.Option("--out", metavar="DIR", help="Folder of the run; default: runs/<campaign name>.")
 ]
@@ -101,7 +106,12 @@ WatchJson = Annotated[bool, typer.Option("--json", help="Print one JSON object p
 
 # `truing stages`.
 StagesCampaign = Annotated[
-    Path | None, typer.Argument(metavar="CAMPAIGN", help="Folder with a campaign.toml; absent: list all stages.")
+    Path | None,
+    typer.Argument(
+        metavar="CAMPAIGN",
+        autocompletion=completions.campaigns,
+        help="Folder with a campaign.toml; absent: list all stages.",
+    ),
 ]
 
 # `truing init`.
@@ -121,7 +131,10 @@ InitAsk = Annotated[bool, typer.Option("--ask/--no-ask", help="Ask on a terminal
 
 # `truing predict`.
 PredictModel = Annotated[
-    Path, typer.Argument(metavar="MODEL", help="Folder of a run, or its model.toml or sensor.toml.")
+    Path,
+    typer.Argument(
+        metavar="MODEL", autocompletion=completions.runs, help="Folder of a run, or its model.toml or sensor.toml."
+    ),
 ]
 PredictInputs = Annotated[
     Path,
@@ -241,7 +254,12 @@ PlanCamera = Annotated[
 ]
 PlanRun = Annotated[
     Path | None,
-    typer.Option("--run", metavar="RUN", help="Run folder from which to take the adjusted camera and its noise."),
+    typer.Option(
+        "--run",
+        metavar="RUN",
+        autocompletion=completions.runs,
+        help="Run folder from which to take the adjusted camera and its noise.",
+    ),
 ]
 PlanNormals = Annotated[
     Path | None,
@@ -255,7 +273,10 @@ PlanOut = Annotated[
 ]
 
 # `truing export`.
-ExportRun = Annotated[Path, typer.Argument(metavar="RUN", help="Folder of a run, such as runs/telescope.")]
+ExportRun = Annotated[
+    Path,
+    typer.Argument(metavar="RUN", autocompletion=completions.runs, help="Folder of a run, such as runs/telescope."),
+]
 ExportTo = Annotated[
     str,
     typer.Option(
@@ -276,7 +297,10 @@ ReportAll = Annotated[bool, typer.Option("--appendix", help="With --pdf: open th
 ReportOut = Annotated[Path | None, typer.Option("--out", metavar="FILE", help="With --pdf: a .pdf file.")]
 
 # `truing compare`.
-CompareRuns = Annotated[list[Path], typer.Argument(metavar="RUN RUN...", help="Folders of runs, in order of time.")]
+CompareRuns = Annotated[
+    list[Path],
+    typer.Argument(metavar="RUN RUN...", autocompletion=completions.runs, help="Folders of runs, in order of time."),
+]
 CompareOut = Annotated[
     Path | None,
     typer.Option("--out", metavar="DIR", help="Output folder; default: comparison, next to the first run."),

@@ -1,8 +1,9 @@
-"""Values that the shell completes: stages, causes, forms of export, and answers of `truing init`."""
+"""Values that the shell completes: folders, stages, causes, forms of export, and answers of `truing init`."""
 
 from __future__ import annotations
 
 from collections.abc import Iterator
+from contextlib import suppress
 from pathlib import Path
 from typing import TYPE_CHECKING
 
@@ -38,7 +39,8 @@ def stages(context: typer.Context, incomplete: str) -> list[tuple[str, str]]:
     from truing.pipeline.stage_order import ORDER, order_of, stage_module
 
     known = [
-        order_of(one.kind, photographs=one.has_photographs, second=one.has_second) for one in _campaigns(context)
+        order_of(campaign.kind, photographs=campaign.has_photographs, second=campaign.has_second)
+        for campaign in _campaigns(context)
     ] or list(ORDER.values())
     names = dict.fromkeys(name for order in known for name in order)
     return [(name, stage_module(name).DECLARATION.summary) for name in names if name.startswith(incomplete)]
@@ -48,8 +50,37 @@ def causes(context: typer.Context, incomplete: str) -> list[tuple[str, str]]:
     """Causes that the campaign on the line can be asked for, or all where none is named yet; after a comma others."""
     from truing.report.wordings.catalogue import WORDINGS, cause_meaning
 
-    known = dict.fromkeys(name for one in _campaigns(context) for name in _causes_of(one)) or WORDINGS
+    known = dict.fromkeys(name for campaign in _campaigns(context) for name in _causes_of(campaign)) or WORDINGS
     return _listed(incomplete, {name: cause_meaning(name) for name in known if name != "unexplained"})
+
+
+def campaigns(context: typer.Context, incomplete: str) -> list[tuple[str, str]]:
+    """Folders with a campaign.toml, two levels deep."""
+    return _folders(incomplete, "campaign.toml")
+
+
+def runs(context: typer.Context, incomplete: str) -> list[tuple[str, str]]:
+    """Folders that `truing run` has filled, two levels deep."""
+    from truing.pipeline.run_folder import PRIVATE
+
+    return _folders(incomplete, PRIVATE)
+
+
+def _folders(incomplete: str, mark: str) -> list[tuple[str, str]]:
+    """Folders that hold a mark and begin as typed, or lie in folders that do."""
+    above = incomplete.rpartition("/")[0] or ("/" if incomplete.startswith("/") else ".")
+    found = []
+    for folder in _within(Path(above)):
+        if str(folder).startswith(incomplete):
+            found += [str(one) for one in (folder, *_within(folder)) if (one / mark).exists()]
+    return [(folder, "") for folder in found]
+
+
+def _within(folder: Path) -> list[Path]:
+    """Folders in a folder, without hidden ones; none where it cannot be read."""
+    with suppress(OSError):
+        return sorted(one for one in folder.iterdir() if one.is_dir() and not one.name.startswith("."))
+    return []
 
 
 def forms(context: typer.Context, incomplete: str) -> list[tuple[str, str]]:

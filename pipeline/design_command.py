@@ -81,18 +81,18 @@ def _design_chain(
     tables = ChainDesignTables(
         chain_tables(campaign, settings), extend, str(files.extend), avoid, str(files.avoid), functions
     )
-    found = design_chain(settings, options, tables)
-    for line in words_of_chain(found):
+    chain_design = design_chain(settings, options, tables)
+    for line in words_of_chain(chain_design):
         console.sentence(line)
     _write_table(
-        found.table,
+        chain_design.table,
         files.out,
         console,
-        f"{counted(found.table.num_rows, 'pose')}, in the order in which to measure them",
+        f"{counted(chain_design.table.num_rows, 'pose')}, in the order in which to measure them",
         "; add time_s when measuring",
     )
     if files.out is not None:
-        shown = {"own": found.own, "plan": found.plan}
+        shown = {"own": chain_design.own, "plan": chain_design.plan}
         sets = {poses: one for poses, one in shown.items() if one is not None}
         _write_shown({poses: one.numbers for poses, one in sets.items()}, files.out, "numbers", console)
         _write_shown({poses: one.causes for poses, one in sets.items()}, files.out, "causes", console)
@@ -114,23 +114,23 @@ def _function(name: str) -> Forbids:
     """The function ``module:function`` of an installed module; raises CampaignFaults."""
     module, _, called = name.partition(":")
     try:
-        found: Forbids = getattr(importlib.import_module(module), called)
+        forbids: Forbids = getattr(importlib.import_module(module), called)
     except (ImportError, AttributeError) as why:
         raise CampaignFaults([Fault("--avoid", f"a function of an installed module ({why})", value=name)]) from None
-    return found
+    return forbids
 
 
 def _plan_loads(campaign: CampaignFolder, options: DesignOptions, files: DesignFiles, console: RunConsole) -> ExitCode:
     """Choose load steps for a sensor; raises CampaignFaults for options of poses."""
     _check_of_loads(options, files)
-    found = plan_loads(campaign.validated(), options, _loads_of(campaign))
-    for line in words_of_loads(found):
+    load_plan = plan_loads(campaign.validated(), options, _loads_of(campaign))
+    for line in words_of_loads(load_plan):
         console.sentence(line)
     _write_table(
-        found.table,
+        load_plan.table,
         files.out,
         console,
-        f"{counted(found.table.num_rows, 'load step')}, in the order in which to apply them",
+        f"{counted(load_plan.table.num_rows, 'load step')}, in the order in which to apply them",
     )
     return ExitCode.DONE
 
@@ -146,14 +146,14 @@ def _loads_for_causes(
     check_causes(options.causes, settings)
     tables, measured = bench_tables(campaign, settings)
     try:
-        found = loads_for_causes(tables, settings, options.causes, measured=measured, seed=options.seed)
+        loads = loads_for_causes(tables, settings, options.causes, measured=measured, seed=options.seed)
     except ValueError as why:
         raise CampaignFaults([Fault(str(campaign.file), f"a campaign that can be simulated: {why}")]) from None
-    for line in found.sentences or ("a campaign in which these causes can act",):
+    for line in loads.sentences or ("a campaign in which these causes can act",):
         console.sentence(line)
-    if found.table.num_rows:
+    if loads.table.num_rows:
         _write_table(
-            found.table, files.out, console, f"{counted(found.table.num_rows, 'load step')}, by purpose and run", ""
+            loads.table, files.out, console, f"{counted(loads.table.num_rows, 'load step')}, by purpose and run", ""
         )
     return ExitCode.DONE
 

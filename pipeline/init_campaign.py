@@ -15,7 +15,7 @@ from typing import TYPE_CHECKING, Any
 
 from truing.formats.file_search import is_raw_file
 from truing.formats.source import OF_IMAGES
-from truing.pipeline.campaign_folder import FILE, is_safe_name
+from truing.pipeline.campaign_folder import FILE, folder_meant, is_safe_name
 from truing.pipeline.console import RunConsole
 from truing.pipeline.init_entries import (
     RawGroup,
@@ -31,7 +31,16 @@ from truing.pipeline.init_entries import (
 from truing.pipeline.init_lists import with_numbered_poses
 from truing.pipeline.init_names import with_bodies_of_targets, with_poses_of_names
 from truing.pipeline.init_questions import Answers, Ask, names_a_body, parsed_answers
-from truing.pipeline.init_robot import SUFFIX, Robot, guess_of_description, named_as_joints, robot_of, with_reflector
+from truing.pipeline.init_robot import (
+    SUFFIX,
+    Robot,
+    guess_of_description,
+    named_as_joints,
+    needs_description,
+    on_tip,
+    robot_of,
+    with_reflector,
+)
 from truing.pipeline.init_survey import with_lost_points, with_survey
 from truing.pipeline.problems import ExitCode, environment
 from truing.pipeline.run_folder import PRIVATE
@@ -60,6 +69,10 @@ _FEW = 6
 _SHOWN_FILES = 20  # files, or groups of these, whose first rows are shown
 _LISTED = 20  # columns, on the screen
 _LONGEST_NOTE = 240
+_NO_DESCRIPTION = (
+    "needed: a description of the robot, which relates joints to points: put its URDF into the folder and call "
+    "truing init again, or complete [mechanism] with its table of Denavit and Hartenberg"
+)
 _MOST_LINES = 32  # of entries in a starter file
 _OF_EACH_POSE = {"pose", "role", "time_s", "temperature_c"}
 _NOT_RAW = {".toml", ".md", ".html", ".pdf", ".yaml", ".yml", ".json"}
@@ -76,7 +89,7 @@ def init_campaign(
     given = parsed_answers(answers)
     target = folder / FILE
     if not folder.is_dir():
-        raise CampaignFaults([Fault(str(folder), "a folder that exists, with raw files in it")])
+        raise CampaignFaults([Fault(str(folder), f"a folder that exists, with raw files in it{folder_meant(folder)}")])
     robot = robot_of(folder, list(_files(folder)))
     guesses = _joined_groups([(group, _guess(group, robot)) for group in _raw_groups(folder)])
     guesses = network_tables(_with_surfaces(_rows_once(_separate_tables(_separate_globs(guesses))))) + _photographs(
@@ -89,6 +102,7 @@ def init_campaign(
     guesses = with_poses_of_names(folder, guesses)
     guesses = with_survey(folder, guesses)
     guesses = [(group, one) for (group, _), one in zip(guesses, with_reflector(guesses, robot), strict=True)]
+    guesses = [(group, one) for (group, _), one in zip(guesses, on_tip([g for _, g in guesses], robot), strict=True)]
     guesses = with_bodies_of_targets(folder, guesses)
     guesses = _settled(folder, guesses, said, console)
     said.raise_faults()
@@ -101,6 +115,8 @@ def init_campaign(
             taken = f"taken as {point['taken']}" if point["taken"] else "to be completed"
             where, key = _printable(str(point["path"])), point["key"]
             console.line(f"open: {where}, {point['question']}: {taken} (else: --answer {key}=...)")
+    if needs_description(robot, [guess for _, guess in guesses]):
+        console.sentence(_NO_DESCRIPTION)
     if said.used:
         console.line(f"the same answers again: {said.command(folder, every_key=every_key)}")
     return ExitCode.DONE

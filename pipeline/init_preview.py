@@ -54,7 +54,8 @@ def preview(folder: Path, files: Sequence[Path], table: str, kind: str, mapping:
         except CampaignFaults as error:
             return Preview(fault=str(error.faults[0]))
         if batch is None:
-            return Preview(fault=str(next(iter(log.faults()), f"{file.name}: no row")))
+            none = f"{file.name}: no row with all columns of the table {table}"
+            return Preview(fault=str(next(iter(log.faults()), none)))
         shown.append(_shown(batch, _rows_to_show(batch) if not number else [0]))
     is_like = all(one.columns == shown[0].columns for one in shown)
     rows = tuple(row for one in (shown if is_like else shown[:1]) for row in one.rows)

@@ -98,6 +98,20 @@ def with_reflector(files: Sequence[tuple[RawGroup, Guess]], robot: Robot | None)
     ]
 
 
+def on_tip(guesses: Sequence[Guess], robot: Robot | None) -> list[Guess]:
+    """Return the guesses, points beside joints of the same rows on the last link of the robot's description."""
+    from truing.formats.named_chain import LINK
+
+    if robot is None:
+        return list(guesses)
+    return [
+        replace(one, mapping={**one.mapping, "constants": {**one.mapping["constants"], "body": robot.tip}})
+        if one.mapping.get("constants", {}).get("body") == LINK
+        else one
+        for one in guesses
+    ]
+
+
 def _of_reflector(guess: Guess, robot: Robot) -> Guess:
     columns = {key: raw for key, raw in guess.mapping.get("columns", {}).items() if key not in ("target", "body")}
     names = [raw for key, raw in guess.mapping.get("columns", {}).items() if key in ("target", "body")]
@@ -123,7 +137,10 @@ def mechanism_of(robot: Robot | None, guesses: Sequence[Guess]) -> Iterator[tupl
     yield f"{mark}[mechanism]", "needed: the chain of joints" if mark else ""
     yield f'{mark}type = "chain"', ""
     if robot is None:
-        yield '# urdf = "robot.urdf"', "needed: or rows of Denavit and Hartenberg, dh; columns are named as its joints"
+        yield '# urdf = "robot.urdf"', "needed: the robot's description; better: add the file, and truing init again"
+        yield "# dh = [", "or: rows of Denavit and Hartenberg, one per joint; the last link is tip"
+        yield '#   { a_mm = 0.0, alpha_deg = 90.0, d_mm = 400.0, theta_deg = 0.0, convention = "standard" },', ""
+        yield "# ]", ""
     else:
         yield f"{mark}urdf = {json.dumps(robot.file, ensure_ascii=False)}", ""
         yield f"{mark}tip = {json.dumps(robot.tip, ensure_ascii=False)}", ""
@@ -131,6 +148,11 @@ def mechanism_of(robot: Robot | None, guesses: Sequence[Guess]) -> Iterator[tupl
     yield "# gravity = [0.0, 0.0, -1.0]", "in the base frame; absent: effects of weight are not tested"
     yield "# [mechanism.tolerance]", "one standard deviation; absent: joint zeros exact, links free"
     yield "# offset_deg = 0.05", ""
+
+
+def needs_description(robot: Robot | None, guesses: Sequence[Guess]) -> bool:
+    """True if files give joint readings, but nothing describes the chain of these joints."""
+    return any(True for _ in mechanism_of(robot, guesses)) and (robot is None or not has_joints(robot, guesses))
 
 
 def has_joints(robot: Robot, guesses: Sequence[Guess]) -> bool:

@@ -60,22 +60,22 @@ def plan_campaign(place: Path, options: PlanOptions, files: PlanFiles, console: 
     left_out = (*left_out, *_not_modelled(targets))
     try:
         with console.during("plan") as progress:
-            found = plan_photographs(
+            photograph_plan = plan_photographs(
                 planned, targets, options, settings.reference_body, lambda done, of: progress(done, of, "stations")
             )
     except ValueError as why:
         raise CampaignFaults([Fault(str(campaign.file), f"targets that can be photographed: {why}")]) from None
-    left_out = (*([_of_camera(cameras.description, found)] if cameras.description else []), *left_out)
-    for line in (*sentences(found), *left_out):
+    left_out = (*([_of_camera(cameras.description, photograph_plan)] if cameras.description else []), *left_out)
+    for line in (*sentences(photograph_plan), *left_out):
         console.sentence(line)
     if files.out is None:
         note_owner(campaign, folder)
     file = folder / _DEFAULT_FILE if files.out is None else files.out
-    planned_tables = tables(found)
+    planned_tables = tables(photograph_plan)
     for ending, table in planned_tables.items():
         for row in table.to_pylist():
             console.tell(ending.lstrip("-") or "stations", row)
-    written = _leave(campaign.name, found, planned_tables, left_out, file)
+    written = _leave(campaign.name, photograph_plan, planned_tables, left_out, file)
     console.written(f"tables and page: {', '.join(map(str, written))}", written)
     return ExitCode.DONE
 
@@ -154,13 +154,13 @@ class _KnownCameras:
     description: str = ""
 
 
-def known_cameras(campaign: CampaignFolder, given: pa.Table | None, run: Path | None) -> _KnownCameras:
+def known_cameras(campaign: CampaignFolder, cameras: pa.Table | None, run: Path | None) -> _KnownCameras:
     """Cameras of the named run, else of campaign.toml, else of the campaign's run, else of its photographs.
 
     Raises CampaignFaults if the named run has none.
     """
-    if given is not None and run is None:
-        return _KnownCameras(given)
+    if cameras is not None and run is None:
+        return _KnownCameras(cameras)
     found = _adjusted(run or run_folder_of(campaign, None, several=False))
     if found is None and run is not None:
         expected = f"a run that adjusted photographs, with {ARTIFACTS['cameras'].file}"

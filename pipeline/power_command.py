@@ -367,7 +367,7 @@ def of_photographs(campaign: CampaignFolder, run: Path) -> PhotographNote | None
     if not campaign.has_photographs:
         return None
     catalogues: tuple[Mapping[str, Cause], ...] = (catalogue_of_rays(), catalogue_of_photographed_points())
-    names = list(dict.fromkeys(name for own in catalogues for name, kind in own.items() if kind.catalogued))
+    names = list(dict.fromkeys(name for catalogue in catalogues for name, kind in catalogue.items() if kind.catalogued))
     listed = f"{', '.join(map(cause_words, names[:-1]))} and {cause_words(names[-1])}"
     table = table_of(run, "detectable")
     own = None if table is None else table.to_pandas().query("cause in @names")
@@ -378,10 +378,10 @@ def of_photographs(campaign: CampaignFolder, run: Path) -> PhotographNote | None
     return PhotographNote(_DRAWN + what + "with a probability of 80 % follow from theory alone." + _ASKED, _rows(own))
 
 
-def _rows(own: pd.DataFrame) -> tuple[tuple[str, ...], ...]:
+def _rows(table: pd.DataFrame) -> tuple[tuple[str, ...], ...]:
     return tuple(
         (cause_words(str(row.cause)), subject_words(cell(row.subject)) or "the whole", f"{row.parameter} {size}")
-        for row, size in zip(own.itertuples(), size_words(own), strict=True)
+        for row, size in zip(table.itertuples(), size_words(table), strict=True)
     )
 
 
@@ -390,12 +390,12 @@ def asks_for_ray_causes(causes: Sequence[str], campaign: CampaignFolder) -> bool
     if not campaign.has_photographs:
         return False
     known = _names_of_rays()
-    own = [name for name in causes if name in known]
+    known_causes = [name for name in causes if name in known]
     others = [name for name in causes if name not in known]
-    if own and others:
+    if known_causes and others:
         expected = f"causes that rays show ({', '.join(known)}) in a call of their own"
         raise CampaignFaults([Fault("--causes", expected, value=", ".join(others))])
-    return bool(own)
+    return bool(known_causes)
 
 
 def _names_of_rays() -> list[str]:

@@ -11,7 +11,7 @@ from pathlib import Path
 from truing import __version__
 from truing.pipeline.all_campaigns import PAGE as CAMPAIGNS_PAGE
 from truing.pipeline.artifacts import Stamp, write_table
-from truing.pipeline.campaign_folder import open_campaign
+from truing.pipeline.campaign_folder import folder_meant, open_campaign
 from truing.pipeline.completions import ALL_FORMS, CERTIFICATE, FORMS, ROBOT
 from truing.pipeline.console import RunConsole
 from truing.pipeline.given_files import check_folder
@@ -54,7 +54,9 @@ def opened_run(folder: Path) -> Run:
     try:
         run = load(folder)
     except (FileNotFoundError, NotADirectoryError):
-        raise CampaignFaults([Fault(str(folder), "a folder that `truing run` has filled")]) from None
+        raise CampaignFaults(
+            [Fault(str(folder), f"a folder that `truing run` has filled{folder_meant(folder)}")]
+        ) from None
     except ValueError as broken:
         raise CampaignFaults(_broken_run(folder, broken)) from None
     manifest = read_manifest(folder / PRIVATE / "ledger.json")  # empty if only the tables were copied
@@ -229,11 +231,11 @@ def _is_of_several_runs(path: Path) -> bool:
     return path.name in _OF_SEVERAL_RUNS and (path.is_file() or (path / PAGE).is_file())
 
 
-def _leave_table(path: Path, found: SideBySide, runs: Sequence[Run]) -> None:
+def _leave_table(path: Path, comparison: SideBySide, runs: Sequence[Run]) -> None:
     digest = _digest([run.origin("qa")["digest"] for run in runs])
     campaigns = ", ".join(dict.fromkeys(run.campaign for run in runs))
     stamp = Stamp("compare", digest, campaigns, __version__, ("compared",))
-    write_table(path, ARTIFACTS["compared"], compared_table(found), stamp)
+    write_table(path, ARTIFACTS["compared"], compared_table(comparison), stamp)
 
 
 def _distinct(folders: Sequence[Path]) -> None:
@@ -274,7 +276,7 @@ def _of_own_measurements(runs: Sequence[Run]) -> None:
                     raise CampaignFaults([Fault(str(run.folder), expected)])
 
 
-def _comparison(runs: Sequence[Run], found: SideBySide) -> RunComparison:
+def _comparison(runs: Sequence[Run], comparison: SideBySide) -> RunComparison:
     compared = tuple(
         ComparedRun(
             label,
@@ -286,9 +288,9 @@ def _comparison(runs: Sequence[Run], found: SideBySide) -> RunComparison:
     )
     between = tuple(
         RunTransition(tuple(step.why for step in steps if step.why), any(step.rebuilt for step in steps))
-        for steps in found.steps
+        for steps in comparison.steps
     )
-    return RunComparison(compared, found.table, between)
+    return RunComparison(compared, comparison.table, between)
 
 
 def _labels(runs: Sequence[Run]) -> list[str]:

@@ -333,15 +333,15 @@ def _run_at_a_time(
 
 def _planned(place: Path, plan: JobPlan, workforce: Workforce) -> CampaignJob | CampaignOutcome:
     """The job for one path, or the reason why there is none."""
-    found: list[CampaignJob] = []
+    jobs: list[CampaignJob] = []
 
     def prepare(recorder: Recorder) -> ExitCode:
         job = plan.job(place)
-        found.append(job if workforce.scheduler is None else _for_other_machines(job))
+        jobs.append(job if workforce.scheduler is None else _for_other_machines(job))
         return ExitCode.DONE
 
     outcome = outcome_of(prepare, Recorder())
-    return found[0] if found else outcome
+    return jobs[0] if jobs else outcome
 
 
 def _for_other_machines(job: CampaignJob) -> CampaignJob:

@@ -21,24 +21,24 @@ def second_folder(campaign: CampaignFolder) -> CampaignFolder:
     named = str(campaign.section(_KEY))
     place = campaign.folder / named
     try:
-        found = open_campaign(place)
+        folder = open_campaign(place)
     except (CampaignFaults, ValueError) as error:  # the text may be no valid path
         text = "; ".join(fault.expected for fault in getattr(error, "faults", ())) or "a path"
         raise _fault(campaign, f"the folder of a second campaign, relative to campaign.toml: {text}", named) from None
-    if found.file.resolve() == campaign.file.resolve():
+    if folder.file.resolve() == campaign.file.resolve():
         raise _fault(
             campaign,
             "another campaign than this one, because models must predict data that they were not fitted to",
             named,
         )
-    if faults := identity_faults(found):
+    if faults := identity_faults(folder):
         raise CampaignFaults(faults)
     for key, default in (("campaign.kind", None), ("mechanism.type", "none")):
-        own, other = (one.section(key) or default for one in (campaign, found))
+        own, other = (one.section(key) or default for one in (campaign, folder))
         if own != other:
-            expected = f"a second campaign of the same machine; {found.file} has {key} = {other!r}, this one {own!r}"
+            expected = f"a second campaign of the same machine; {folder.file} has {key} = {other!r}, this one {own!r}"
             raise _fault(campaign, expected, named)
-    return found
+    return folder
 
 
 def _fault(campaign: CampaignFolder, expected: str, value: str) -> CampaignFaults:
@@ -49,8 +49,8 @@ def files_of_second(campaign: CampaignFolder) -> tuple[Path, ...]:
     """Files of the second campaign; raises CampaignFaults like `second_folder`."""
     from truing.formats.source import raw_files
 
-    found = second_folder(campaign)
-    return (found.file, *raw_files(found.folder, found.document))
+    campaign_folder = second_folder(campaign)
+    return (campaign_folder.file, *raw_files(campaign_folder.folder, campaign_folder.document))
 
 
 def second_campaign(campaign: CampaignFolder, stages: Sequence[str], scratch: Path | None = None) -> SecondCampaign:
@@ -58,13 +58,13 @@ def second_campaign(campaign: CampaignFolder, stages: Sequence[str], scratch: Pa
     return campaign_of(second_folder(campaign), stages, scratch)
 
 
-def campaign_of(found: CampaignFolder, stages: Sequence[str], scratch: Path | None = None) -> SecondCampaign:
+def campaign_of(campaign_folder: CampaignFolder, stages: Sequence[str], scratch: Path | None = None) -> SecondCampaign:
     """A campaign with the tables of some of its stages, after those of photographs."""
     from truing.pipeline.in_memory import stage_line
     from truing.pipeline.stage_order import OF_PHOTOGRAPHS
     from truing.stages.second_campaign.compared import SecondCampaign
 
-    before = OF_PHOTOGRAPHS if found.has_photographs else ()
-    line = stage_line(found.file, scratch).call(*before, *stages)
+    before = OF_PHOTOGRAPHS if campaign_folder.has_photographs else ()
+    line = stage_line(campaign_folder.file, scratch).call(*before, *stages)
     tables = {name: table for name, table in line.tables.items() if not isinstance(table, str)}
-    return SecondCampaign(str(found.file), line.settings, tables)
+    return SecondCampaign(str(campaign_folder.file), line.settings, tables)

@@ -55,15 +55,15 @@ class SourceTree:
         return dict(self._told[modules])
 
     def _digests_of(self, modules: tuple[str, ...]) -> dict[str, str]:
-        found: set[Path] = set()
+        paths: set[Path] = set()
         pending = [path for name in modules if (path := self._file(name)) is not None]
         while pending:
             path = pending.pop()
-            if path not in found:
-                found.add(path)
+            if path not in paths:
+                paths.add(path)
                 pending.extend(self._imported(path))
-        found.update(data for folder in {path.parent for path in found} for data in self._neighbours(folder))
-        return {path.relative_to(self._root).as_posix(): self._digest(path) for path in sorted(found)}
+        paths.update(data for folder in {path.parent for path in paths} for data in self._neighbours(folder))
+        return {path.relative_to(self._root).as_posix(): self._digest(path) for path in sorted(paths)}
 
     def _digest(self, path: Path) -> str:
         if path not in self._digests:

@@ -56,16 +56,16 @@ def bare(artifact: str) -> str:
 
 def makers(order: tuple[Stage, ...]) -> dict[str, str]:
     """Stage that writes each artifact; raises ValueError if two write the same, or one is read too early."""
-    found: dict[str, str] = {}
+    stage_of_artifact: dict[str, str] = {}
     for stage in order:
         for artifact in stage.reads:
-            if bare(artifact) not in found and not is_optional(artifact):
+            if bare(artifact) not in stage_of_artifact and not is_optional(artifact):
                 raise ValueError(f"{stage.name} reads {artifact}, which no earlier stage writes")
         for artifact in map(bare, stage.leaves):
-            if artifact in found:
-                raise ValueError(f"{artifact} is written by {found[artifact]} and by {stage.name}")
-            found[artifact] = stage.name
-    return found
+            if artifact in stage_of_artifact:
+                raise ValueError(f"{artifact} is written by {stage_of_artifact[artifact]} and by {stage.name}")
+            stage_of_artifact[artifact] = stage.name
+    return stage_of_artifact
 
 
 def needed_for(target: str, order: tuple[Stage, ...]) -> tuple[Stage, ...]:

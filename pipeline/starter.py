@@ -116,7 +116,7 @@ def _axis_columns(guesses: Sequence[Guess]) -> list[str]:
 
 def _axis(columns: Sequence[str]) -> Iterator[tuple[str, str]]:
     """[mechanism] of a single axis with these columns."""
-    yield "[mechanism]", "needed to diagnose the axis"
+    yield "[mechanism]", ""
     yield 'type = "axis"', ""
     yield f'kind = "{"rotary" if columns[0].endswith("_deg") else "linear"}"', "rotary or linear"
     for column in columns:
@@ -162,9 +162,11 @@ def _noise(guesses: Sequence[Guess], tables: set[str], kind: str) -> Iterator[tu
 
 def _sections(guesses: Sequence[Guess], tables: set[str], chain: Sequence[tuple[str, str]]) -> Iterator[str]:
     """Sections other than [noise], each after an empty line; ``chain``: lines and remarks of its [mechanism]."""
-    if any("target" in guess.mapping.get("constants", {}) for guess in guesses):
+    is_one_target = any("target" in guess.mapping.get("constants", {}) for guess in guesses)
+    if is_one_target or (chain and _are_in_the_same_rows(guesses)):
         yield from ("", "[measurement]")
-        yield f"{MARK} one target in each pose, so the instrument is assumed not to have moved"
+        why = "one target in each pose, so the" if is_one_target else "the"
+        yield f"{MARK} {why} instrument is assumed not to have moved"
         yield 'frame = "campaign"'
     elif "poses" in tables or chain:
         yield from ("", "[measurement]")
@@ -178,7 +180,8 @@ def _sections(guesses: Sequence[Guess], tables: set[str], chain: Sequence[tuple[
         yield ""
         yield from (_commented_line(line, remark) for line, remark in _LEGS)
     elif columns := _axis_columns(guesses):
-        yield from ("", *(_commented_line(line, remark) for line, remark in _axis(columns)))
+        yield from ("", f"{MARK} the rows are assumed to be of one axis, controlled by the encoder of its motor")
+        yield from (_remark(line, remark) for line, remark in _axis(columns))
     elif tables & {"points", "poses", "scans", "images", "image_points"}:
         yield from ("", _commented_line("[bodies]", ""))
         yield _commented_line(
@@ -193,6 +196,12 @@ def _sections(guesses: Sequence[Guess], tables: set[str], chain: Sequence[tuple[
         yield from ("", _commented_line("[interferometer]", ""))
         yield _commented_line("wavelength_nm = 632.990577", "in vacuum")
         yield _commented_line("compensated = true", "readings already compensated for the refractive index of air")
+
+
+def _are_in_the_same_rows(guesses: Sequence[Guess]) -> bool:
+    """True if rows of a file hold readings of the machine and what an instrument measured."""
+    measured = [guess.columns for guess in guesses if guess.table in ("points", "poses")]
+    return any(guess.table == "configurations" and guess.columns in measured for guess in guesses)
 
 
 def guess_lines(mapping: Mapping[str, Any], guess: Guess) -> Iterator[str]:

@@ -16,7 +16,7 @@ import pandas as pd
 from truing.estimation.repeated_looks import Look, counted_looks, is_decided, next_count
 from truing.formats.source import raw_files
 from truing.pipeline.artifacts import table_of
-from truing.pipeline.campaign_folder import CampaignFolder, run_folder_of
+from truing.pipeline.campaign_folder import CampaignFolder, folder_meant, run_folder_of
 from truing.pipeline.console import Recorder, RunConsole
 from truing.pipeline.executor import processors
 from truing.pipeline.exit_status import end
@@ -103,10 +103,10 @@ class _Watch:
 
     def _counted(self, run: Path, look: Look) -> list[Look]:
         """The looks that count, with this one; they are kept beside the run, so that another watch goes on counting."""
-        kept = _KeptLooks(run / PRIVATE / _LOOKS, self._asked())
+        kept_looks = _KeptLooks(run / PRIVATE / _LOOKS, self._asked())
         # With fewer poses than before, poses were taken out: what was seen with them counts no more.
-        counted = counted_looks([*(one for one in kept.read() if one.count <= look.count), look])
-        kept.write(counted)
+        counted = counted_looks([*(one for one in kept_looks.read() if one.count <= look.count), look])
+        kept_looks.write(counted)
         return counted
 
     def _asked(self) -> object:
@@ -148,7 +148,9 @@ def watch_campaign(place: Path, out: Path | None, options: WatchOptions, console
     and watched further. Raises CampaignFaults if the folder does not exist, EnvironmentProblem if the port is taken.
     """
     if not place.is_dir():
-        raise CampaignFaults([Fault(str(place), "a folder that exists, in which a campaign.toml is or will be")])
+        raise CampaignFaults(
+            [Fault(str(place), f"a folder that exists, in which a campaign.toml is or will be{folder_meant(place)}")]
+        )
     watch = _Watch(place, out)
     with _page(watch, options, console) as server:
         for _ in _changes(watch, options.interval_s):
@@ -188,14 +190,14 @@ def _changes(watch: _Watch, interval_s: float) -> Iterator[None]:
 
 def _snapshot(watch: _Watch) -> Snapshot:
     """Size and time of change of the files of the campaign, also of those that it reads in other folders."""
-    found = dict[str, tuple[int, int]]()
+    snapshot = dict[str, tuple[int, int]]()
     for path in {*_visible_files(watch), *_read_files(watch.campaign)}:
         try:
             stat = path.stat()
         except OSError:  # it has just disappeared
             continue
-        found[str(path)] = stat.st_size, stat.st_mtime_ns
-    return found
+        snapshot[str(path)] = stat.st_size, stat.st_mtime_ns
+    return snapshot
 
 
 def _visible_files(watch: _Watch) -> Iterator[Path]:

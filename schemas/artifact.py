@@ -47,9 +47,9 @@ class Artifact:
         """Definition of one of the artifact's columns, or None."""
         if name in self.columns or name in self.optional:
             return COLUMNS[name]
-        found = find_column(name)
-        if found is not None and found.family and found.name in self.families:
-            return found
+        described = find_column(name)
+        if described is not None and described.family and described.name in self.families:
+            return described
         if self.covariates:
             return Column(name, "real", "covariate of the campaign", nullable=True)
         return None
@@ -167,10 +167,14 @@ def parquet(
     file: str = "",
 ) -> Artifact:
     """Artifact in the Parquet file of its name; columns separated by blanks, key columns marked with ``*``."""
-    own, further = ([column.removesuffix("*") for column in names.split()] for names in (columns, optional))
+    names_of_columns, further = (
+        [column.removesuffix("*") for column in names.split()] for names in (columns, optional)
+    )
     key = tuple(column[:-1] for column in f"{columns} {optional}".split() if column.endswith("*"))
     file = file or f"{name}.parquet"
-    return Artifact(name, file, meaning, tuple(own), tuple(further), tuple(families.split()), covariates, key, version)
+    return Artifact(
+        name, file, meaning, tuple(names_of_columns), tuple(further), tuple(families.split()), covariates, key, version
+    )
 
 
 class DamagedTable(ValueError):

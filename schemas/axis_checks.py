@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from truing.schemas.quality_check import CheckLimits, Checks, QualityCheck, VerdictRule
+from truing.schemas.quality_check import TEMPERATURE_UNIT, CheckLimits, Checks, QualityCheck, VerdictRule
 
 OF_AXES: Checks = {
     "axis-units": QualityCheck(
@@ -57,6 +57,7 @@ OF_AXES: Checks = {
         CheckLimits("share of the rarer direction", warn=0.1, below=True, most=0.5),
         "Measure the same commands from the other side.",
     ),
+    "temperature-unit": TEMPERATURE_UNIT,
 }
 
 OF_POSITIONS: Checks = {

@@ -80,7 +80,7 @@ def _typed(section: Any) -> Any:
 def _listed(entry: Any) -> Any:
     if isinstance(entry, dict):
         return (entry,)
-    if not isinstance(entry, tuple) or not all(isinstance(one, dict) for one in entry):
+    if not isinstance(entry, tuple) or not all(isinstance(item, dict) for item in entry):
         raise ValueError("a table, or several: path = .., columns = ..")
     return entry
 
@@ -182,10 +182,10 @@ def _axis_faults(file: str, campaign: Campaign) -> Iterator[Fault]:
     """Yield the limits of [requirement] that an axis cannot have: of the other unit, or a second one."""
     if not isinstance(campaign.mechanism, AxisMechanism):
         return
-    given = {name: value for name, value in campaign.requirement if value is not None}
+    limits = {name: value for name, value in campaign.requirement if value is not None}
     unit = campaign.mechanism.unit
-    fitting = [name for name in given if name.endswith(f"_{unit}")]
-    for name, value in given.items():
+    fitting = [name for name in limits if name.endswith(f"_{unit}")]
+    for name, value in limits.items():
         if name not in fitting[:1]:
             known = ", ".join(key for key in type(campaign.requirement).model_fields if key.endswith(f"_{unit}"))
             text = f"one limit for the axis, whatever its direction is called: one of {known}"
@@ -290,4 +290,6 @@ def _inner_model(annotation: Any) -> Any:
     if isinstance(annotation, type) and issubclass(annotation, BaseModel):
         return annotation
     arguments = getattr(annotation, "__args__", ())
-    return next((found for argument in arguments if (found := _inner_model(argument)) is not None), None)
+    return next(
+        (model_of_argument for argument in arguments if (model_of_argument := _inner_model(argument)) is not None), None
+    )

@@ -78,10 +78,10 @@ class Certificate(Section):
             yield from (f"certificate.{place}{key}" for key in keys if getattr(section, key) is None)
         if not self.persons:
             yield "certificate.persons"
-        yield from (f"certificate.persons.{n}.name" for n, one in enumerate(self.persons, 1) if one.name is None)
-        for n, one in enumerate(self.equipment, 1):
+        yield from (f"certificate.persons.{n}.name" for n, person in enumerate(self.persons, 1) if person.name is None)
+        for n, entry in enumerate(self.equipment, 1):
             keys = ("name", "identification")
-            yield from (f"certificate.equipment.{n}.{key}" for key in keys if getattr(one, key) is None)
+            yield from (f"certificate.equipment.{n}.{key}" for key in keys if getattr(entry, key) is None)
         if not temperature_known:
             known = ("temperature_c", "temperature_within_c")
             yield from (f"certificate.{key}" for key in known if getattr(self, key) is None)

@@ -93,13 +93,18 @@ class ChainMechanism(MechanismSection):
         {},
         description="periods per turn of errors by gears, by joint; for other joints orders up to 200 are searched",
     )
+    pitch_mm: dict[Name, tuple[Positive, ...]] = Field(
+        {},
+        description="periods of errors by screws, racks or scales, by slide; of other slides periods up to 200 times "
+        "in the travel are searched",
+    )
     tolerance: ChainTolerance = Field(ChainTolerance(), description="prior uncertainty of geometry and joint zeros")
 
     @model_validator(mode="after")
     def _one_description(self) -> ChainMechanism:
-        given = [name for name in _PARENTS if getattr(self, name)]
-        if len(given) != 1:
-            raise ValueError(f"one of urdf, dh, screws, not {' and '.join(given) or 'none'}")
+        descriptions = [name for name in _PARENTS if getattr(self, name)]
+        if len(descriptions) != 1:
+            raise ValueError(f"one of urdf, dh, screws, not {' and '.join(descriptions) or 'none'}")
         rows = len(self.dh) or len(self.screws)
         if rows and self.joints and len(self.joints) != rows:
             raise ValueError(f"a joint for each of {rows} rows, not {len(self.joints)}")

@@ -1,8 +1,7 @@
 """Names of covariates, kept apart from all other names of a run.
 
-A covariate may have any name that is not a column of its own table. In joined tables, or if the program uses the name
-itself (such as the order of the poses), the covariate is stored under `column_alias` of its name; texts show
-`own_name`.
+A covariate may have any name that is not a column of its own table. In joined tables it is stored under `column_alias`
+of its name. So is one whose name the program uses itself, such as the order of the poses. Texts show `own_name`.
 """
 
 from __future__ import annotations

@@ -17,9 +17,9 @@ _FILES_SHOWN = 3  # with the same fault; more of them are counted
 class Unfit(ValueError):
     """A quantity with an impossible value: ``what`` it is, the value found, and the expectation."""
 
-    def __init__(self, what: str, found: str, expected: str) -> None:
-        super().__init__(f"{what}: found {found}, expected {expected}")
-        self.what, self.found, self.expected = what, found, expected
+    def __init__(self, what: str, actual: str, expected: str) -> None:
+        super().__init__(f"{what}: found {actual}, expected {expected}")
+        self.what, self.found, self.expected = what, actual, expected
 
 
 @dataclass(frozen=True)
@@ -55,10 +55,10 @@ class Fault:
         if self.column:
             what = "key" if self.is_of_key else "column"
             place += f", {what} {_one_line(self.column, _LONGEST['place'])}"
-        found = "" if self.value is None else f"found {_shortened(self.value, _LONGEST['value'])!r}; "
+        found_words = "" if self.value is None else f"found {_shortened(self.value, _LONGEST['value'])!r}; "
         within = f", in {self.more_files} other files" if self.more_files else ""
         others = f" (and {self.more} more like it{within})" if self.more else ""
-        return f"{place}: {found}expected {_one_line(self.expected, _LONGEST['expected'])}{others}"
+        return f"{place}: {found_words}expected {_one_line(self.expected, _LONGEST['expected'])}{others}"
 
 
 def _one_line(text: str, longest: int) -> str:

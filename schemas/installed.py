@@ -10,20 +10,20 @@ Known = TypeVar("Known")
 
 
 def with_installed(
-    own: Iterable[Known],
+    built_in: Iterable[Known],
     group: str,
     kind: str,
     name: Callable[[Known], str],
-    wanted: Callable[[Known], bool] = lambda one: True,
+    wanted: Callable[[Known], bool] = lambda item: True,
 ) -> dict[str, Known]:
     """Return the project's own items by name, then the wanted items of a group of entry points.
 
     Raises ValueError if two have the same name.
     """
-    found: dict[str, Known] = {}
+    by_name: dict[str, Known] = {}
     installed = (point.load()() for point in sorted(entry_points(group=group)))
-    for one in (*own, *filter(wanted, installed)):
-        if name(one) in found:
-            raise ValueError(f"{kind} {name(one)}: found in two places, expected one")
-        found[name(one)] = one
-    return found
+    for item in (*built_in, *filter(wanted, installed)):
+        if name(item) in by_name:
+            raise ValueError(f"{kind} {name(item)}: found in two places, expected one")
+        by_name[name(item)] = item
+    return by_name

@@ -57,13 +57,13 @@ class Beams(Section):
 
     @field_validator(*_AXES)
     @classmethod
-    def _along_its_channel(cls, given: RotationAxis, info: ValidationInfo) -> RotationAxis:
-        if given.direction is None:
-            return given
-        own = given.direction[_AXES.index(str(info.field_name)) % 3]
-        if own <= 0.0 or own**2 < _NEAREST_SQUARED * sum(part**2 for part in given.direction):
+    def _along_its_channel(cls, rotation_axis: RotationAxis, info: ValidationInfo) -> RotationAxis:
+        if rotation_axis.direction is None:
+            return rotation_axis
+        component = rotation_axis.direction[_AXES.index(str(info.field_name)) % 3]
+        if component <= 0.0 or component**2 < _NEAREST_SQUARED * sum(part**2 for part in rotation_axis.direction):
             raise ValueError("a direction within 30 degrees of the channel's own axis, pointing to increasing readings")
-        return given
+        return rotation_axis
 
     @property
     def are_plain(self) -> bool:
@@ -130,9 +130,9 @@ class Interferometer(Section):
 
     @field_validator("dead_path_mm", mode="before")
     @classmethod
-    def _same_for_all(cls, given: Any) -> Any:
-        if isinstance(given, int | float) and not isinstance(given, bool):
-            return dict.fromkeys(LINEAR, given)
-        if not isinstance(given, dict | DeadPaths):
+    def _same_for_all(cls, value: Any) -> Any:
+        if isinstance(value, int | float) and not isinstance(value, bool):
+            return dict.fromkeys(LINEAR, value)
+        if not isinstance(value, dict | DeadPaths):
             raise ValueError("one number, or one per linear channel: { dx = .., dy = .., dz = .. }")
-        return given
+        return value

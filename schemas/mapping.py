@@ -187,8 +187,8 @@ def _are_variables(value: Any) -> Any:
     several = value if isinstance(value, tuple) else (value,)
     if not several or not all(isinstance(one, str) and one for one in several):
         raise ValueError("a variable's name in quotation marks, or a list of these")
-    for one in several:
-        is_raw_text(one)
+    for item in several:
+        is_raw_text(item)
     return value
 
 
@@ -196,8 +196,8 @@ def _is_path(value: Any) -> Any:
     several = value if isinstance(value, tuple) else (value,)
     if not several or not all(isinstance(one, str) for one in several):
         raise ValueError("a file or glob in quotation marks, or a list of these")
-    for one in several:
-        is_path(one)
+    for item in several:
+        is_path(item)
     return value
 
 
@@ -362,10 +362,10 @@ class FileMapping(Section):
     def value(self, name: str) -> RawValue:
         """Meaning of the numbers of a column."""
         source = self.columns.get(name)
-        given = source if isinstance(source, RawValue) else RawValue()
-        if self.coverage is not None and given.coverage is None and is_uncertainty(name):
-            return given.model_copy(update={"coverage": self.coverage})
-        return given
+        raw_value = source if isinstance(source, RawValue) else RawValue()
+        if self.coverage is not None and raw_value.coverage is None and is_uncertainty(name):
+            return raw_value.model_copy(update={"coverage": self.coverage})
+        return raw_value
 
     @property
     def paths(self) -> tuple[str, ...]:

@@ -45,7 +45,7 @@ NOISE_OF_ENCODERS = tuple(f"noise.{name}_{unit}" for name in ("motor", "load", "
 # Settings of stages that evaluate points on a chain.
 OF_CHAINS = tuple(
     f"mechanism.{name}"
-    for name in ("base", "tip", "gravity", "payload_kg", "payload_com_mm", "tolerance", "gear_orders")
+    for name in ("base", "tip", "gravity", "payload_kg", "payload_com_mm", "tolerance", "gear_orders", "pitch_mm")
 )
 NOISE_OF_JOINTS = ("noise.joint_deg", "noise.joint_mm")
 
@@ -200,9 +200,9 @@ class LeggedMechanism(MechanismSection):
 
     @model_validator(mode="after")
     def _accuracies_fit_the_legs(self) -> LeggedMechanism:
-        given = self.actuator_accuracy_mm
-        if isinstance(given, tuple) and len(given) != len(self.legs):
-            raise ValueError(f"one actuator_accuracy_mm, or {len(self.legs)}, one per leg, not {len(given)}")
+        accuracies = self.actuator_accuracy_mm
+        if isinstance(accuracies, tuple) and len(accuracies) != len(self.legs):
+            raise ValueError(f"one actuator_accuracy_mm, or {len(self.legs)}, one per leg, not {len(accuracies)}")
         return self
 
     @model_validator(mode="after")
@@ -310,20 +310,20 @@ class SensorElement(Section):
     @model_validator(mode="after")
     def _keys_fit_the_kind(self) -> SensorElement:
         needed, kind = _NEEDED[self.kind], f"for kind {self.kind}"
-        given = {name for name in self.model_fields_set if getattr(self, name) is not None} - {"kind"}
-        if lacking := [name for name in needed if name not in given]:
+        keys_given = {name for name in self.model_fields_set if getattr(self, name) is not None} - {"kind"}
+        if lacking := [name for name in needed if name not in keys_given]:
             raise ValueError(f"{', '.join(lacking)} {kind}")
         of_weight = ("mass_kg", "density_kg_m3") if self.kind in _SOLID else ("mass_kg",)
-        if foreign := sorted(given - {*needed, *_ALLOWED.get(self.kind, ()), *of_weight}):
+        if foreign := sorted(keys_given - {*needed, *_ALLOWED.get(self.kind, ()), *of_weight}):
             allowed = ", ".join(_ALLOWED.get(self.kind, needed))
             raise ValueError(f"{allowed} {kind}, not {', '.join(foreign)}")
         if self.density_kg_m3 is not None and self.mass_kg is not None:
             raise ValueError(f"density_kg_m3 or mass_kg {kind}, not both")
         if self.kind == "cylinder":
             thin_rod("cylinder", self.diameter_mm or 0.0, self.length_mm)
-        own = 2.0 * (self.radius_mm or 0.0)
-        if self.kind == "notch" and abs((self.length_mm or own) - own) > TYPED * own:
-            raise ValueError(f"length_mm to be 2 radius_mm, {own:g}, {kind}; absent: this value")
+        diameter = 2.0 * (self.radius_mm or 0.0)
+        if self.kind == "notch" and abs((self.length_mm or diameter) - diameter) > TYPED * diameter:
+            raise ValueError(f"length_mm to be 2 radius_mm, {diameter:g}, {kind}; absent: this value")
         rows = [len(row) for row in self.matrix or ()]
         if rows and rows != [6] * 6:
             raise ValueError(f"a matrix of 6 x 6 numbers, not rows of {', '.join(map(str, rows))}")

@@ -47,9 +47,9 @@ _MISTYPED = 0.9  # similarity of a name with a letter too many, too few or excha
 
 def mistyped_name(name: str, known: Iterable[str]) -> str | None:
     """Return the known name that differs from a name in its spelling or a letter or two, with the same numbers."""
-    own = [other for other in known if _numbers(other) == _numbers(name)]
-    same = _same_spelling(name, own)
-    return same or next(iter(difflib.get_close_matches(name, own, n=1, cutoff=_MISTYPED)), None)
+    alike = [other for other in known if _numbers(other) == _numbers(name)]
+    same = _same_spelling(name, alike)
+    return same or next(iter(difflib.get_close_matches(name, alike, n=1, cutoff=_MISTYPED)), None)
 
 
 def meant_by(names: Iterable[str], known: Iterable[str]) -> str:
@@ -70,7 +70,7 @@ def meant_by(names: Iterable[str], known: Iterable[str]) -> str:
 def is_one_slip_apart(name: str, other: str) -> bool:
     """True if names differ in one letter: added, left out or another one, or two neighbours exchanged."""
     shorter, longer = sorted((name.casefold(), other.casefold()), key=len)
-    at = next((i for i, (one, two) in enumerate(zip(shorter, longer, strict=False)) if one != two), len(shorter))
+    at = next((i for i, (letter, two) in enumerate(zip(shorter, longer, strict=False)) if letter != two), len(shorter))
     if len(longer) - len(shorter) == 1:
         return shorter[at:] == longer[at + 1 :]
     if len(longer) != len(shorter) or at == len(shorter):

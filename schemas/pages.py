@@ -96,7 +96,9 @@ def artifacts_page() -> str:
 @cache
 def _common_columns() -> tuple[str, ...]:
     """Columns of several tables, in the order of their definition."""
-    tables = Counter(name for one in ARTIFACTS.values() for name in (*one.columns, *one.optional, *one.families))
+    tables = Counter(
+        name for artifact in ARTIFACTS.values() for name in (*artifact.columns, *artifact.optional, *artifact.families)
+    )
     return tuple(name for name in COLUMNS if tables[name] >= _SEVERAL)
 
 
@@ -128,8 +130,8 @@ def _columns(artifact: Artifact) -> Iterator[str]:
         if shared:
             yield f"| {', '.join(shared)} |  |  |  | {_COMMON}{remark} |"
     for names, remark in kinds:
-        own = (COLUMNS[name] for name in _listed(names) if name not in _common_columns())
-        yield from (_column_row(column, remark, artifact.key) for column in own)
+        columns = (COLUMNS[name] for name in _listed(names) if name not in _common_columns())
+        yield from (_column_row(column, remark, artifact.key) for column in columns)
     if artifact.covariates:
         yield "| any other | real |  |  | a covariate of the campaign |"
     yield ""
@@ -188,11 +190,11 @@ def _top() -> Iterator[Table]:
 
 def _tables_of_model(model: type[BaseModel], place: str, remark: str = "") -> Iterator[Table]:
     """Tables within a model, those with equal keys together."""
-    found: dict[type[BaseModel], list[str]] = {}
+    tables_by_model: dict[type[BaseModel], list[str]] = {}
     for key, field in model.model_fields.items():
         if inner := _model(field.annotation):
-            found.setdefault(inner, []).append(_bracketed(f"{place}{key}", field.annotation))
-    return (Table(tuple(places), inner, remark) for inner, places in found.items())
+            tables_by_model.setdefault(inner, []).append(_bracketed(f"{place}{key}", field.annotation))
+    return (Table(tuple(places), inner, remark) for inner, places in tables_by_model.items())
 
 
 def _bracketed(place: str, annotation: Any) -> str:
@@ -249,7 +251,7 @@ def _allowed_values(annotation: Any, metadata: list[Any]) -> str:
     if origin is typing.Annotated:
         return _allowed_values(arguments[0], list(arguments[1:]))
     if origin in (typing.Union, types.UnionType):
-        return " or ".join(_allowed_values(one, []) for one in arguments if one is not type(None))
+        return " or ".join(_allowed_values(argument, []) for argument in arguments if argument is not type(None))
     if origin is Literal:
         return " ".join(f"`{json.dumps(choice)}`" for choice in arguments)
     if origin is tuple:
@@ -269,12 +271,12 @@ def _bounds(metadata: list[Any]) -> str:
     """Limits of a field, except those against implausible sizes."""
     flat = [rule for entry in metadata for rule in (entry.metadata if isinstance(entry, FieldInfo) else [entry])]
     known = [(rule, *sign) for rule in flat for kind, sign in _SIGNS.items() if isinstance(rule, kind)]
-    found = [(word, getattr(rule, name)) for rule, name, word in known]
-    return "".join(f" {word} {limit:g}" for word, limit in found if abs(limit) != LARGEST)
+    bounds = [(word, getattr(rule, name)) for rule, name, word in known]
+    return "".join(f" {word} {limit:g}" for word, limit in bounds if abs(limit) != LARGEST)
 
 
 def _model(annotation: Any) -> type[BaseModel] | None:
     """Model within an annotation."""
     if isinstance(annotation, type) and issubclass(annotation, BaseModel):
         return annotation
-    return next((found for one in typing.get_args(annotation) if (found := _model(one))), None)
+    return next((model for argument in typing.get_args(annotation) if (model := _model(argument))), None)

@@ -169,5 +169,5 @@ PHOTOGRAPHS = (
 def subject_and_name(number: str) -> tuple[str, str, str]:
     """Return kind and name of the owner of a shared parameter, and its own name: camera, A, c for ``camera A c``."""
     kind, _, rest = number.partition(" ")
-    owner, _, own = rest.rpartition(" ")
-    return kind, owner, own
+    owner, _, name_of_part = rest.rpartition(" ")
+    return kind, owner, name_of_part

@@ -24,16 +24,25 @@ ENTRY_POINTS = "truing.checks"  # group of installed packages
 
 def installed_checks(kind: str) -> dict[str, DeclaredCheck]:
     """Checks of installed packages for a kind of campaign, by name; raises ValueError for a name in use."""
-    own: tuple[DeclaredCheck, ...] = ()
-    found = with_installed(own, ENTRY_POINTS, "check", lambda one: one.name, lambda one: one.kind == kind)
-    if twice := sorted({*found} & {*CHECKS[kind]}):
+    declared_checks: tuple[DeclaredCheck, ...] = ()
+    checks_found = with_installed(
+        declared_checks,
+        ENTRY_POINTS,
+        "check",
+        lambda installed_check: installed_check.name,
+        lambda one: one.kind == kind,
+    )
+    if twice := sorted({*checks_found} & {*CHECKS[kind]}):
         raise ValueError(f"check {twice[0]}: found in two places, expected one")
-    return found
+    return checks_found
 
 
 def checks_of(kind: str) -> dict[str, QualityCheck]:
     """All checks of a kind of campaign by name, those of installed packages last."""
-    return {**CHECKS[kind], **{name: one.declared for name, one in installed_checks(kind).items()}}
+    return {
+        **CHECKS[kind],
+        **{name: installed_check.declared for name, installed_check in installed_checks(kind).items()},
+    }
 
 
 def settable(kind: str) -> dict[str, CheckLimits]:
@@ -43,28 +52,28 @@ def settable(kind: str) -> dict[str, CheckLimits]:
     }
 
 
-def in_force(declared: CheckLimits, own: SetLimits) -> tuple[float | None, float | None]:
+def in_force(declared: CheckLimits, set_limits: SetLimits) -> tuple[float | None, float | None]:
     """(warn, fail) of a check: the campaign's limits, else the defaults."""
     return (
-        declared.warn if own.warn is None else own.warn,
-        declared.fail if own.fail is None else own.fail,
+        declared.warn if set_limits.warn is None else set_limits.warn,
+        declared.fail if set_limits.fail is None else set_limits.fail,
     )
 
 
 def limit_faults(file: str, kind: str, limits: Mapping[str, SetLimits]) -> Iterator[Fault]:
     """Faults of [qa.limits.<check>]: unknown check, no limit, too large a limit, or a fail limit passed before warn."""
     known = settable(kind) if limits else {}
-    for name, own in limits.items():
+    for name, limit in limits.items():
         place = f"qa.limits.{name}"
         if name not in known:
             yield Fault(file, _unknown(name, kind), column=place)
             continue
-        if own.warn is None and own.fail is None:
+        if limit.warn is None and limit.fail is None:
             yield Fault(file, "warn, fail, or both", column=place)
-        yield from _limits_above_most(file, place, known[name], own)
-        warn, fail = in_force(known[name], own)
+        yield from _limits_above_most(file, place, known[name], limit)
+        warn, fail = in_force(known[name], limit)
         if warn is not None and fail is not None and (fail > warn if known[name].below else fail < warn):
-            mine = "; a limit that is not given has its default" if None in (own.warn, own.fail) else ""
+            mine = "; a limit that is not given has its default" if None in (limit.warn, limit.fail) else ""
             yield Fault(
                 file,
                 f"fail ({fail:g}) {'at most' if known[name].below else 'at least'} warn ({warn:g}), "
@@ -83,8 +92,8 @@ def acceptance_faults(file: str, kind: str, accept: Sequence[Acceptance]) -> Ite
             yield Fault(file, expected, column=f"accept.{number}.check", value=entry.check)
 
 
-def _limits_above_most(file: str, place: str, declared: CheckLimits, own: SetLimits) -> Iterator[Fault]:
-    for key, value in (("warn", own.warn), ("fail", own.fail)):
+def _limits_above_most(file: str, place: str, declared: CheckLimits, set_limits: SetLimits) -> Iterator[Fault]:
+    for key, value in (("warn", set_limits.warn), ("fail", set_limits.fail)):
         if value is not None and declared.most is not None and value > declared.most:
             yield Fault(file, f"at most {declared.most:g} ({declared.of})", column=f"{place}.{key}", value=f"{value:g}")
 

@@ -70,7 +70,7 @@ def is_path(text: str) -> str:
 
 
 def _one_or_several(value: Any) -> Any:
-    of_numbers = all(_is_number(one) for one in (value if isinstance(value, tuple) else (value,)))
+    of_numbers = all(_is_number(item) for item in (value if isinstance(value, tuple) else (value,)))
     if value == () or not of_numbers:
         raise ValueError("one number above 0, or a list of such numbers")
     return value
@@ -133,5 +133,5 @@ class Section(BaseModel):
 def _frozen(value: Any) -> Any:
     """Convert lists to tuples, recursively, for a strict model."""
     if isinstance(value, list | tuple):
-        return tuple(_frozen(one) for one in value)
-    return {key: _frozen(one) for key, one in value.items()} if isinstance(value, dict) else value
+        return tuple(_frozen(item) for item in value)
+    return {key: _frozen(item) for key, item in value.items()} if isinstance(value, dict) else value

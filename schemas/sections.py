@@ -42,6 +42,7 @@ class CampaignSection(Section):
     customer: Words | None = Field(
         None, description="customer, as shown on the page; absent: certificate.customer.name"
     )
+    operator: Words | None = Field(None, description="who measured, as shown on the page")
     logo: Path | None = Field(None, description="picture at the top of the page: PNG, JPEG or SVG of at most 1 MB")
 
 
@@ -122,12 +123,12 @@ class Loading(Section):
 
     @field_validator("overload", mode="before")
     @classmethod
-    def _same_for_all(cls, given: Any) -> Any:
-        if isinstance(given, int | float):
-            return dict.fromkeys(Overload.model_fields, given)
-        if not isinstance(given, dict | Overload):
+    def _same_for_all(cls, value: Any) -> Any:
+        if isinstance(value, int | float):
+            return dict.fromkeys(Overload.model_fields, value)
+        if not isinstance(value, dict | Overload):
             raise ValueError("one number, or one per load: { fx = .., mz = .. }")
-        return given
+        return value
 
     def allowed(self, load: str) -> float | None:
         """Largest allowed load of a column (fx_n), overload test included; None without a range."""
@@ -177,12 +178,15 @@ class Signals(Section):
     def _sensitivity_of_the_chain(self) -> Signals:
         if self.chain is None:
             return self
-        own = {"sensitivity_mv_per_n": self.chain.sensitivity_mv_per_n, "sensitivity_tolerance": self.chain.tolerance}
-        for name, value in own.items():
+        keys_of_chain = {
+            "sensitivity_mv_per_n": self.chain.sensitivity_mv_per_n,
+            "sensitivity_tolerance": self.chain.tolerance,
+        }
+        for name, value in keys_of_chain.items():
             given = getattr(self, name)
             if given is not None and given != value:
                 raise ValueError(f"chain alone: it gives {name} = {value:.6g}; leave {name} out")
-        return self.model_copy(update=own)
+        return self.model_copy(update=keys_of_chain)
 
 
 OF_LOADS = ("_n", "_nm")  # ends of the keys of forces and torques

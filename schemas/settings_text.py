@@ -62,14 +62,14 @@ def parsed_toml(text: str) -> dict[str, Any]:
         raise TooDeep from None
     level: list[Any] = [document]
     for _ in range(DEEPEST):
-        level = [inner for one in level for inner in _nested_values(one) if isinstance(inner, dict | list)]
+        level = [inner for table in level for inner in _nested_values(table) if isinstance(inner, dict | list)]
         if not level:
             return document
     raise TooDeep
 
 
-def _nested_values(one: Any) -> list[Any]:
-    return list(one.values()) if isinstance(one, dict) else one
+def _nested_values(value: Any) -> list[Any]:
+    return list(value.values()) if isinstance(value, dict) else value
 
 
 def regular_size(path: Path) -> int:

@@ -26,23 +26,23 @@ _JOINT = re.compile(r"(?:joint\d+|\w+_joint)_(?:rad|deg|mm)")
 _READING = re.compile(r"rho\d+_mm")
 
 
-def attention(settings: Campaign, found: CampaignContents) -> Iterator[str]:
+def attention(settings: Campaign, contents: CampaignContents) -> Iterator[str]:
     """Yield a sentence for each point that a person should check before the run."""
     if settings.campaign.kind == "photogrammetry":
-        yield from _of_frame(settings)
-        yield from _of_poses(found)
-        yield from _of_bodies(found)
-        yield from _of_targets(found)
-        yield from _of_machine(settings, found)
-        yield from _of_scale(settings, found)
-        yield from _of_decisions(settings, found)
+        yield from _remarks_on_frame(settings)
+        yield from _remarks_on_poses(contents)
+        yield from _remarks_on_bodies(contents)
+        yield from _remarks_on_targets(contents)
+        yield from _remarks_on_machine(settings, contents)
+        yield from _remarks_on_scale(settings, contents)
+        yield from _remarks_on_decisions(settings, contents)
     else:
-        yield from _of_noise(settings, found)
-    yield from _of_names(found)
-    yield from _of_columns(found)
+        yield from _remarks_on_noise(settings, contents)
+    yield from _remarks_on_names(contents)
+    yield from _remarks_on_columns(contents)
 
 
-def _of_frame(settings: Campaign) -> Iterator[str]:
+def _remarks_on_frame(settings: Campaign) -> Iterator[str]:
     if settings.measurement.frame == "series":
         yield (
             '[measurement] frame = "series": frames of series are not estimated. It is treated like "pose": every '
@@ -51,11 +51,11 @@ def _of_frame(settings: Campaign) -> Iterator[str]:
         )
 
 
-def _of_poses(found: CampaignContents) -> Iterator[str]:
-    configurations = found.tables.get("configurations")
-    if configurations is None or not found.targets:
+def _remarks_on_poses(contents: CampaignContents) -> Iterator[str]:
+    configurations = contents.tables.get("configurations")
+    if configurations is None or not contents.targets:
         return
-    seen = {str(pose) for poses in found.targets.values() for pose in poses}
+    seen = {str(pose) for poses in contents.targets.values() for pose in poses}
     without = [str(pose) for pose in configurations.column("pose").to_pylist() if str(pose) not in seen]
     if "role" in configurations.column_names:
         roles = set(configurations.column("role").to_pylist())
@@ -65,22 +65,22 @@ def _of_poses(found: CampaignContents) -> Iterator[str]:
         yield f"no point was measured in {_listed('pose', without)} of configurations"
 
 
-def _of_bodies(found: CampaignContents) -> Iterator[str]:
-    survey = found.tables.get("survey")
-    if survey is None or not found.targets:
+def _remarks_on_bodies(contents: CampaignContents) -> Iterator[str]:
+    survey = contents.tables.get("survey")
+    if survey is None or not contents.targets:
         return
     surveyed = dict.fromkeys(survey.column("body").to_pylist())
-    if without := [body for body in surveyed if body not in found.targets]:
+    if without := [body for body in surveyed if body not in contents.targets]:
         yield f"no point was measured of {_listed('surveyed body', without)}"
-    if strange := [body for body in found.targets if body not in surveyed]:
+    if strange := [body for body in contents.targets if body not in surveyed]:
         near = did_you_mean(strange[0], surveyed) if len(strange) == 1 else ""
         yield f"no survey has {_listed('body', strange)}{near}"
 
 
-def _of_targets(found: CampaignContents) -> Iterator[str]:
+def _remarks_on_targets(contents: CampaignContents) -> Iterator[str]:
     """Targets that are probably others: a letter away from one that is missing in just these poses."""
-    for body, seen in found.names.items():
-        known = _known_targets(found, body, seen)
+    for body, seen in contents.names.items():
+        known = _known_targets(contents, body, seen)
         for target in [name for name in seen if name not in known]:
             meant = [other for other in known if _may_mean(target, other, seen)]
             if len(meant) == 1:
@@ -88,18 +88,18 @@ def _of_targets(found: CampaignContents) -> Iterator[str]:
                 yield f"target {target} of body {body} {where}, where {meant[0]} is missing; did you mean {meant[0]}?"
 
 
-def _known_targets(found: CampaignContents, body: str, seen: Mapping[str, Collection[object]]) -> list[str]:
+def _known_targets(contents: CampaignContents, body: str, seen: Mapping[str, Collection[object]]) -> list[str]:
     """Surveyed targets of a body; without a survey those of most of its poses."""
-    surveyed = list(map(str, _surveyed(found, body)))
-    return surveyed or [name for name, poses in seen.items() if 2 * len(poses) > len(found.targets.get(body, ()))]
+    surveyed = list(map(str, _surveyed(contents, body)))
+    return surveyed or [name for name, poses in seen.items() if 2 * len(poses) > len(contents.targets.get(body, ()))]
 
 
 def _may_mean(target: str, other: str, seen: Mapping[str, Collection[object]]) -> bool:
     return is_one_slip_apart(target, other) and not set(seen[target]) & set(seen.get(other, ()))
 
 
-def _of_machine(settings: Campaign, found: CampaignContents) -> Iterator[str]:
-    configurations = found.tables.get("configurations")
+def _remarks_on_machine(settings: Campaign, contents: CampaignContents) -> Iterator[str]:
+    configurations = contents.tables.get("configurations")
     names = [] if configurations is None else configurations.column_names
     readings = [name for name in names if _READING.fullmatch(name)]
     if readings and not settings.mechanism.is_legged:
@@ -115,36 +115,36 @@ def _of_machine(settings: Campaign, found: CampaignContents) -> Iterator[str]:
         )
 
 
-def _of_decisions(settings: Campaign, found: CampaignContents) -> Iterator[str]:
+def _remarks_on_decisions(settings: Campaign, contents: CampaignContents) -> Iterator[str]:
     """Bodies and targets of [[exclude]] and [[keep]] that nobody measured."""
-    if not found.names:
+    if not contents.names:
         return
     for key, rules in (("exclude", settings.exclude), ("keep", settings.keep)):
         for number, rule in enumerate(rules, 1):
-            if rule.body is not None and rule.body not in found.names:
-                yield f"{key}.{number}: no point is of body {rule.body}{did_you_mean(rule.body, found.names)}"
+            if rule.body is not None and rule.body not in contents.names:
+                yield f"{key}.{number}: no point is of body {rule.body}{did_you_mean(rule.body, contents.names)}"
                 continue
-            bodies = found.names if rule.body is None else (rule.body,)
-            targets = dict.fromkeys(target for body in bodies for target in found.names[body])
+            bodies = contents.names if rule.body is None else (rule.body,)
+            targets = dict.fromkeys(target for body in bodies for target in contents.names[body])
             if rule.target is not None and rule.target not in targets:
                 yield f"{key}.{number}: no point is called {rule.target}{did_you_mean(rule.target, targets)}"
 
 
-def _of_scale(settings: Campaign, found: CampaignContents) -> Iterator[str]:
+def _remarks_on_scale(settings: Campaign, contents: CampaignContents) -> Iterator[str]:
     """Photographs without a source of scale, so that all lengths are undetermined."""
     known = settings.photographs
-    is_scaled = known.boards or known.marker_mm or found.given & _GIVE_SCALE or "survey" in found.tables
-    if found.is_photographed and not is_scaled:
+    is_scaled = known.boards or known.marker_mm or contents.given & _GIVE_SCALE or "survey" in contents.tables
+    if contents.is_photographed and not is_scaled:
         yield (
             "the photographs have no scale, so the quality check `scale` will fail; give one in scale_bars.csv "
             "(bar,first,second,length_mm,sigma_mm), known_points.csv, targets.csv or [photographs] marker_mm"
         )
 
 
-def _of_noise(settings: Campaign, found: CampaignContents) -> Iterator[str]:
+def _remarks_on_noise(settings: Campaign, contents: CampaignContents) -> Iterator[str]:
     """Channels without a declared standard deviation; their measured scatter is used and not tested."""
-    keys = _KEYS_OF_MOTION if "displacement" in found.given else _KEYS_OF_READINGS
-    measured = (found.tables.get(name) for name in ("readings", "signals"))
+    keys = _KEYS_OF_MOTION if "displacement" in contents.given else _KEYS_OF_READINGS
+    measured = (contents.tables.get(name) for name in ("readings", "signals"))
     readings, signals = (table if table is not None and table.num_rows else None for table in measured)
     channels = [] if readings is None else _without_sigma(readings)
     own = {key: [channel for channel in channels if channel.startswith(kind)] for kind, key in keys.items()}
@@ -163,24 +163,27 @@ def _without_sigma(readings: pa.Table) -> list[str]:
     return sorted({channel for channel, sigma in pairs if sigma is None or sigma != sigma})
 
 
-def _of_names(found: CampaignContents) -> Iterator[str]:
+def _remarks_on_names(contents: CampaignContents) -> Iterator[str]:
     """Names that differ only in spelling, in one table or in two tables that should agree."""
-    tables, bodies = found.tables, dict.fromkeys(map(str, [*_column(found.tables.get("survey"), "body"), *found.names]))
-    poses = dict.fromkeys(pose for seen in found.targets.values() for pose in seen)
+    tables, bodies = (
+        contents.tables,
+        dict.fromkeys(map(str, [*_column(contents.tables.get("survey"), "body"), *contents.names])),
+    )
+    poses = dict.fromkeys(pose for seen in contents.targets.values() for pose in seen)
     kinds: dict[str, list[object]] = {
         "poses": [*_column(tables.get("configurations"), "pose"), *poses],
         "bodies": list(bodies),
         "runs": [name for table in ("readings", "signals") for name in _column(tables.get(table), "run")],
     }
-    kinds |= {f"targets of body {body}": [*_surveyed(found, body), *found.names.get(body, ())] for body in bodies}
+    kinds |= {f"targets of body {body}": [*_surveyed(contents, body), *contents.names.get(body, ())] for body in bodies}
     for kind, names in kinds.items():
         for group in similar_names(names):
             yield f"{kind} {' and '.join(group)} are treated as different; did you mean one?"
 
 
-def _of_columns(found: CampaignContents) -> Iterator[str]:
+def _remarks_on_columns(contents: CampaignContents) -> Iterator[str]:
     """Covariates of configurations with nearly the name of a known column that is missing."""
-    table = found.tables.get("configurations")
+    table = contents.tables.get("configurations")
     names = [] if table is None else table.column_names
     missing = [name for name in CONFIGURATIONS.optional if name not in names]
     for name in names:
@@ -193,9 +196,9 @@ def _column(table: pa.Table | None, name: str) -> list[object]:
     return [] if table is None else table.column(name).to_pylist()
 
 
-def _surveyed(found: CampaignContents, body: object) -> list[object]:
+def _surveyed(contents: CampaignContents, body: object) -> list[object]:
     """Targets of a body in the survey."""
-    survey = found.tables.get("survey")
+    survey = contents.tables.get("survey")
     pairs = zip(_column(survey, "body"), _column(survey, "target"), strict=True)
     return [target for of, target in pairs if of == body]
 

@@ -57,28 +57,33 @@ def run(tables: Mapping[str, pa.Table], settings: Any, progress: Progress, sourc
     radius_m = radii(tables.get("image_targets"), given.target_mm)
     choices = Choices(given.datum, given.false_alarm, given.variance_components, given.eccentricity, radius_m)
     try:
-        found = adjust_network(named, rays, interior, choices, progress)
-        survey = surveyed_points(source, frozenset(map(str, found.named.points)), settings)
-        network_tables = NetworkTables(found, rays, frozenset() if survey is None else frozenset(survey.names.tolist()))
+        adjusted_network = adjust_network(named, rays, interior, choices, progress)
+        survey = surveyed_points(source, frozenset(map(str, adjusted_network.named.points)), settings)
+        network_tables = NetworkTables(
+            adjusted_network, rays, frozenset() if survey is None else frozenset(survey.names.tolist())
+        )
         artifacts = network_tables.all(bars)
     except KnownPointMismatchError as error:
         raise CampaignFaults(faults_of(error)) from None
     except UndeterminedNetworkError as error:
         raise CampaignFaults([undetermined(error, len(rays.point), named.network.rays.count)]) from None
-    artifacts["image_cameras"], of_cameras = statistics.image_cameras(found)
-    of_scale = statistics.scale_sources(found, bars, survey)
-    artifacts["bundle_statistics"] = statistics.statistics_table(found, [*of_cameras, *of_scale])
-    adjusted = found.adjustment
+    artifacts["image_cameras"], of_cameras = statistics.image_cameras(adjusted_network)
+    of_scale = statistics.scale_sources(adjusted_network, bars, survey)
+    artifacts["bundle_statistics"] = statistics.statistics_table(adjusted_network, [*of_cameras, *of_scale])
+    adjusted = adjusted_network.adjustment
     if adjusted.datum == "known" and "known_points" in tables:
-        artifacts["known_point_errors"] = known_points_table(named, found.known, adjusted.used)
-    named = found.named
+        artifacts["known_point_errors"] = known_points_table(named, adjusted_network.known, adjusted.used)
+    named = adjusted_network.named
     artifacts |= ray_tables(adjusted.observed, adjusted.state, named.poses, named.points.tolist(), named.bars)
     read = f"{counted(len(rays.point), 'ray')} of {counted(len(photographs), 'image')}"
     if settings.noise.point_mm is None and any(bar.startswith(FROM_MARKER) for bar in named.bars):
         read += (
             f"; sizes of markers and boards assumed known to {PRINTED_TO:.1%}, because [noise] point_mm is not declared"
         )
-    figure = statistics.main_figure(found)
+    figure = statistics.main_figure(adjusted_network)
     return Outcome(
-        artifacts, read=read, left_out=statistics.left_out(found, [*unseen, *network_tables.unpaired()]), figure=figure
+        artifacts,
+        read=read,
+        left_out=statistics.left_out(adjusted_network, [*unseen, *network_tables.unpaired()]),
+        figure=figure,
     )

@@ -70,8 +70,8 @@ def run(tables: Mapping[str, pa.Table], settings: Campaign, progress: Progress) 
         from truing.stages.repeats.pose_repeats import repeats_of_poses as repeats
     if why := reason_withheld(tables):
         return nothing(why)
-    found = calibrated(tables, settings, progress)
-    known = {name: table for name, table in found.artifacts.items() if hasattr(table, "num_rows")}
+    outcome = calibrated(tables, settings, progress)
+    known = {name: table for name, table in outcome.artifacts.items() if hasattr(table, "num_rows")}
     named = str(tables["configurations"].schema.field("pose").type) if "configurations" in tables else "int64"
     reported = {rows.artifact: rows.table(named) for rows in repeats({**tables, **known}, settings) if rows.count}
-    return replace(found, artifacts={**found.artifacts, **reported})
+    return replace(outcome, artifacts={**outcome.artifacts, **reported})

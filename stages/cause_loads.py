@@ -46,7 +46,7 @@ def loads_for_causes(
     fitter = Fitter(data.model, data.calibration, data.held_out, settings.diagnosis.seed)
     plain = fitter.prepared(data.given)
     known = kinds_of(settings)
-    causes = [one for name in wanted for one in _members(plain.scene.candidates(known[name]))]
+    causes = [member for name in wanted for member in _members(plain.scene.candidates(known[name]))]
     fits = [(cause, next_run(fitter.fitted((*data.given, cause), plain))) for cause in causes]
     plans, advice = planned(partial(possible_runs, settings, plain), fits, (), least_known=True)
     texts = [f"{cause.id} {cause.subject}".strip() + f": {advice[cause.key].words}" for cause in causes]

@@ -66,9 +66,9 @@ def run(tables: Mapping[str, pa.Table], settings: Campaign, progress: Progress) 
         return with_tolerances(with_positioning(load_deformation(tables, settings, why), tables, settings), settings)
     from truing.stages.responses.shifts import shifts_within_bodies
 
-    found = shifts_within_bodies(tables, settings, why)
+    outcome = shifts_within_bodies(tables, settings, why)
     if settings.mechanism.type != "axis":
-        return found
+        return outcome
     from truing.stages.axis.positioning import with_axis_positioning
 
-    return with_axis_positioning(found, tables, settings, why)
+    return with_axis_positioning(outcome, tables, settings, why)

@@ -52,7 +52,7 @@ def design(settings: Campaign, options: DesignOptions, tables: DesignTables) -> 
     with _fault_of(tables.avoid_file):
         candidates = bounded(problem, options.poses, given, rng)
     x = choose(problem, candidates, options.method, options.poses, given, rng)
-    whole = AssessedConfigurations(
+    assessed_configurations = AssessedConfigurations(
         measured, information_of(problem.rows_at(x), given), 0 if kept is None else kept.outside
     )
     existing = existing_configurations(problem, tables.existing)
@@ -65,7 +65,7 @@ def design(settings: Campaign, options: DesignOptions, tables: DesignTables) -> 
     rest = problem.regressors.machine.legs.rho0 if is_new else None
     table = configurations_table(placed.rho, order, rest, options, tables.extend)
     needed = needed_by_models(settings, problem, rng)
-    return Design(problem, options, placed, whole, kept, existing, candidates, order, needed, table)
+    return Design(problem, options, placed, assessed_configurations, kept, existing, candidates, order, needed, table)
 
 
 @contextmanager

@@ -49,7 +49,8 @@ DECLARATION = Stage(
         *("interferometer", "signals.sensitivity_mv_per_n", "noise.point_mm", "noise.linear_um"),
         *("noise.angular_arcsec", "noise.displacement_mm", "noise.rotation_rad", "measurement.frame", "poses.euler"),
         *("bodies.reference", "photographs.boards", "renamed", "resurvey", "files", "workspace.joints"),
-        *(f"mechanism.{key}" for key in ("dh", "screws", "home", "base", "tip", "joints", "closure", "gear_orders")),
+        *(f"mechanism.{key}" for key in ("dh", "screws", "home", "base", "tip", "joints", "closure")),
+        *("mechanism.gear_orders", "mechanism.pitch_mm"),
     ),
     summary="reads the raw files, converts units and names, and rejects invalid data",
 )

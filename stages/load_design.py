@@ -69,9 +69,9 @@ def _limits(settings: Campaign) -> Array:
 
 def _existing(tables: Mapping[str, pa.Table], limits: LoadLimits) -> LoadDesign | None:
     """The campaign's own calibration loads; the loads they are compared with may act on all axes at once."""
-    held = {name: table for name, table in tables.items() if name in ("signals", "readings")}
-    if not held:
+    existing = {name: table for name, table in tables.items() if name in ("signals", "readings")}
+    if not existing:
         return None
-    steps = load_steps({"signals": held["signals"]} if "signals" in held else held)
+    steps = load_steps({"signals": existing["signals"]} if "signals" in existing else existing)
     loads = steps.load[~steps.held_out]
     return load_efficiency(loads, corner_loads(limits), limits) if len(loads) else None

@@ -32,8 +32,10 @@ def searched_causes(plan: Plan, settings: Campaign) -> tuple[Mapping[str, Cause]
     from truing.stages.simulated_campaigns.plan import RayPlan
 
     rule = rule_of(settings)
-    kinds, own = (catalogue_of_rays(), rule_of_rays(rule)) if isinstance(plan, RayPlan) else (kinds_of(settings), rule)
-    return {cause.id: cause for cause in searched_for(settings, kinds.values())}, own
+    kinds, rule_of_plan = (
+        (catalogue_of_rays(), rule_of_rays(rule)) if isinstance(plan, RayPlan) else (kinds_of(settings), rule)
+    )
+    return {cause.id: cause for cause in searched_for(settings, kinds.values())}, rule_of_plan
 
 
 def diagnosis_data_of(plan: Plan, tables: Mapping[str, pa.Table], settings: Campaign) -> DiagnosisData:
@@ -94,5 +96,5 @@ def ray_plan_of(tables: Mapping[str, pa.Table], settings: Campaign) -> RayPlan:
 
     if not has_rays(tables):
         raise ValueError("needs rays of three poses or more")
-    data, whole = assemble_rays(tables, settings)
-    return ray_plan(tables, whole, data.model.scene)
+    data, dataset = assemble_rays(tables, settings)
+    return ray_plan(tables, dataset, data.model.scene)

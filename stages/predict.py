@@ -36,8 +36,8 @@ def predict(model: str, inputs: pa.Table, file: str = "configurations") -> pa.Ta
 
         return wrenches_of_signals(sensor_from(document), inputs, file)
     about = document.get("model", {})
-    if isinstance(about, dict) and (own := _OF_MECHANISMS.get(str(about.get("mechanism")))) is not None:
-        predicted: pa.Table = import_module(own).predicted(model, inputs, file)
+    if isinstance(about, dict) and (predict_own := _OF_MECHANISMS.get(str(about.get("mechanism")))) is not None:
+        predicted: pa.Table = import_module(predict_own).predicted(model, inputs, file)
         return predicted
     if is_sensor(document):
         from truing.stages.sensor.predicted_readings import predicted_readings

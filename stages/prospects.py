@@ -91,41 +91,41 @@ class Prospect:
         return f"{self.stage:<12} {text}"
 
 
-def prospects(settings: Campaign, found: CampaignContents) -> Iterator[Prospect]:
+def prospects(settings: Campaign, contents: CampaignContents) -> Iterator[Prospect]:
     """Yield the expected evaluation of each measuring stage, for points or loads."""
-    if (own := registered(_OF_TYPES, settings)) is not None:
-        yield from (Prospect(*reported) for reported in own.prospects(settings, found.tables))
+    if (prospects_of_type := registered(_OF_TYPES, settings)) is not None:
+        yield from (Prospect(*reported) for reported in prospects_of_type.prospects(settings, contents.tables))
         return
     if settings.campaign.kind == "interferometer":
-        yield from _of_loads(settings, found)
+        yield from _prospects_of_loads(settings, contents)
         return
-    pose = _pose(found)
+    pose = _pose(contents)
     yield pose
     for stage, why_not in (
-        ("deformation", _deformation(settings, found)),
-        ("diagnose", _diagnosis(settings, found)),
-        ("calibrate", why_no_calibration(settings.mechanism, found.tables) or _too_few(found)),
+        ("deformation", _deformation(settings, contents)),
+        ("diagnose", _diagnosis(settings, contents)),
+        ("calibrate", why_no_calibration(settings.mechanism, contents.tables) or _too_few(contents)),
     ):
-        perhaps = _ADJUSTED if stage == "diagnose" and found.is_photographed else ""
-        needs_body = stage == "deformation" or not _needs_no_body(settings, found)
+        perhaps = _ADJUSTED if stage == "diagnose" and contents.is_photographed else ""
+        needs_body = stage == "deformation" or not _needs_no_body(settings, contents)
         yield Prospect(stage, (needs_body and pose.why_not) or why_not, perhaps=perhaps)
-    yield from _adjustment(found)
+    yield from _adjustment(contents)
 
 
-def _needs_no_body(settings: Campaign, found: CampaignContents) -> bool:
+def _needs_no_body(settings: Campaign, contents: CampaignContents) -> bool:
     """Return True if a chain's diagnosis takes single targets: the frame stands still, or one link alone is seen."""
-    return settings.mechanism.type == "chain" and (settings.is_frame_fixed or len(found.targets) == 1)
+    return settings.mechanism.type == "chain" and (settings.is_frame_fixed or len(contents.targets) == 1)
 
 
-def _adjustment(found: CampaignContents) -> Iterator[Prospect]:
+def _adjustment(contents: CampaignContents) -> Iterator[Prospect]:
     """Yield the time and memory that the bundle adjustment of measured rays will take."""
-    if "image_points" not in found.tables:
+    if "image_points" not in contents.tables:
         return
     import pyarrow.compute as pc
 
     from truing.estimation.bundle.cost import adjustment_cost
 
-    rays = found.tables["image_points"].select(["pose", "image", "point"])
+    rays = contents.tables["image_points"].select(["pose", "image", "point"])
     rays = rays.filter(pc.not_equal(rays["point"], ""))
     poses = rays["pose"].unique().to_pylist()
     images, points = (_per_pose(rays.group_by(["pose", key]).aggregate([]), poses) for key in ("image", "point"))
@@ -140,8 +140,8 @@ def _per_pose(rows: pa.Table, poses: Sequence[object]) -> NDArray[np.int64]:
     """Return the number of rows (S,) of each pose."""
     import numpy as np
 
-    found = rows.group_by("pose").aggregate([([], "count_all")])
-    of = dict(zip(found["pose"].to_pylist(), found["count_all"].to_pylist(), strict=True))
+    counts = rows.group_by("pose").aggregate([([], "count_all")])
+    of = dict(zip(counts["pose"].to_pylist(), counts["count_all"].to_pylist(), strict=True))
     return np.array([of.get(pose, 0) for pose in poses], np.int64)
 
 
@@ -151,81 +151,83 @@ def _about(value: float) -> str:
     return f"{float(f'{digits:.0e}'):,g}"
 
 
-def _pose(found: CampaignContents) -> Prospect:
-    if found.is_photographed:
+def _pose(contents: CampaignContents) -> Prospect:
+    if contents.is_photographed:
         return Prospect("pose", "", "what the photographs show, once they are adjusted")
-    seen = {body: found.determined(body) for body in found.targets}
-    if not any(seen.values()) and found.of_poses:
-        return Prospect("pose", "", found.of_poses)
+    seen = {body: contents.determined(body) for body in contents.targets}
+    if not any(seen.values()) and contents.of_poses:
+        return Prospect("pose", "", contents.of_poses)
     if not any(seen.values()):
         return Prospect("pose", f"no body shows {LEAST_TARGETS} targets in one pose, which a pose of it needs")
-    words = ", ".join(f"{body} in {count} of {len(found.targets[body])} poses" for body, count in seen.items())
-    return Prospect("pose", "", "; ".join(filter(None, (words, found.of_poses))))
+    words = ", ".join(f"{body} in {count} of {len(contents.targets[body])} poses" for body, count in seen.items())
+    return Prospect("pose", "", "; ".join(filter(None, (words, contents.of_poses))))
 
 
-def _deformation(settings: Campaign, found: CampaignContents) -> str:
-    if found.is_of_poses:
+def _deformation(settings: Campaign, contents: CampaignContents) -> str:
+    if contents.is_of_poses:
         return NO_POINTS_TO_DEFORM
     if settings.mechanism.is_legged:
-        return why_no_deformation_of_legs(found.tables)
-    return why_no_deformation_of_targets(settings.campaign.drives, found.tables, settings.mechanism.type)
+        return why_no_deformation_of_legs(contents.tables)
+    return why_no_deformation_of_targets(settings.campaign.drives, contents.tables, settings.mechanism.type)
 
 
-def _diagnosis(settings: Campaign, found: CampaignContents) -> str:
-    if settings.mechanism.type == "chain" and (found.is_of_poses or _needs_no_body(settings, found)):
-        return why_too_few_of_chain(len(_fitted_poses(found)))
-    if found.is_of_poses:
+def _diagnosis(settings: Campaign, contents: CampaignContents) -> str:
+    if settings.mechanism.type == "chain" and (contents.is_of_poses or _needs_no_body(settings, contents)):
+        return why_too_few_of_chain(len(_fitted_poses(contents)))
+    if contents.is_of_poses:
         return NO_POINTS_TO_DIAGNOSE
     if settings.mechanism.is_legged:
-        why_not = why_no_diagnosis_of_mechanism(settings.mechanism, settings.noise.point_mm, found.tables)
-        return why_not or _too_few(found)
-    return "" if found.is_photographed else _diagnosis_of_bodies(settings, found)
+        why_not = why_no_diagnosis_of_mechanism(settings.mechanism, settings.noise.point_mm, contents.tables)
+        return why_not or _too_few(contents)
+    return "" if contents.is_photographed else _diagnosis_of_bodies(settings, contents)
 
 
-def _fitted_poses(found: CampaignContents) -> set[str]:
+def _fitted_poses(contents: CampaignContents) -> set[str]:
     """Return the poses of configurations that show a target, or were measured as poses, and may be fitted."""
-    table = found.tables.get("configurations")
+    table = contents.tables.get("configurations")
     if table is None:
         return set()
-    measured = found.tables.get("measured_poses")
-    seen = {str(pose) for poses in found.targets.values() for pose in poses}
+    measured = contents.tables.get("measured_poses")
+    seen = {str(pose) for poses in contents.targets.values() for pose in poses}
     seen |= set() if measured is None else set(map(str, measured.column("pose").to_pylist()))
     roles = zip(table.column("pose").to_pylist(), table.column("role").to_pylist(), strict=True)
     return {str(pose) for pose, role in roles if role != HELD_OUT} & seen
 
 
-def _diagnosis_of_bodies(settings: Campaign, found: CampaignContents) -> str:
+def _diagnosis_of_bodies(settings: Campaign, contents: CampaignContents) -> str:
     reference = None if settings.is_frame_fixed else settings.reference_body
-    alone = reference in found.targets and not {"survey", *_UNTARGETED} & found.tables.keys()
-    if alone and (why := why_reference_unseen(str(reference), max(found.targets[str(reference)].values(), default=0))):
+    alone = reference in contents.targets and not {"survey", *_UNTARGETED} & contents.tables.keys()
+    if alone and (
+        why := why_reference_unseen(str(reference), max(contents.targets[str(reference)].values(), default=0))
+    ):
         return why
-    if not any(found.determined(body) >= LEAST_POSES for body in found.targets):
+    if not any(contents.determined(body) >= LEAST_POSES for body in contents.targets):
         return NO_BODY_TO_DIAGNOSE
-    table = found.tables.get("configurations")
+    table = contents.tables.get("configurations")
     roles = (
         () if table is None else zip(table.column("pose").to_pylist(), table.column("role").to_pylist(), strict=True)
     )
-    held = {str(pose) for pose, role in roles if role == HELD_OUT}
-    determined = {str(pose) for own in found.targets.values() for pose, n in own.items() if n >= LEAST_TARGETS}
-    return why_too_few_determined(len(determined - held))
+    held_out = {str(pose) for pose, role in roles if role == HELD_OUT}
+    determined = {str(pose) for target in contents.targets.values() for pose, n in target.items() if n >= LEAST_TARGETS}
+    return why_too_few_determined(len(determined - held_out))
 
 
-def _too_few(found: CampaignContents) -> str:
+def _too_few(contents: CampaignContents) -> str:
     """Return the reason why the poses of the table are too few, before their points are known."""
-    table = found.tables.get("configurations")
+    table = contents.tables.get("configurations")
     roles = [] if table is None else table.column("role").to_pylist()
     return why_too_few_poses(sum(role != HELD_OUT for role in roles))
 
 
-def _of_loads(settings: Campaign, found: CampaignContents) -> Iterator[Prospect]:
-    readings, signals = found.tables.get("readings"), found.tables.get("signals")
+def _prospects_of_loads(settings: Campaign, contents: CampaignContents) -> Iterator[Prospect]:
+    readings, signals = contents.tables.get("readings"), contents.tables.get("signals")
     none = readings is None or not readings.num_rows
     yield Prospect("pose", "no readings of displacement" if none else "")
-    positions = found.tables.get("positions")
+    positions = contents.tables.get("positions")
     is_positioned = positions is not None and positions.num_rows > 0
     why_not = "" if is_positioned else why_no_deformation_of_loads(readings)
     yield Prospect("deformation", why_not, "positioning of an axis" if is_positioned else "")
-    yield Prospect("diagnose", _diagnosis_of_loads(settings, found.tables))
+    yield Prospect("diagnose", _diagnosis_of_loads(settings, contents.tables))
     has_signals = signals is not None and signals.num_rows > 0
     if settings.mechanism.type != "6-upur" and not has_signals:
         yield Prospect("calibrate", "the campaign holds no signals")
@@ -241,16 +243,16 @@ def _diagnosis_of_loads(settings: Campaign, tables: Mapping[str, pa.Table]) -> s
     return why_no_diagnosis_of_readings(tables, settings)
 
 
-def has_repeats(settings: Campaign, found: CampaignContents) -> bool:
+def has_repeats(settings: Campaign, contents: CampaignContents) -> bool:
     """Return True if targets were observed at repeated poses, whose repeatability needs no pose of a body."""
     from truing.stages.common.repeats import repeated_poses
 
-    table = found.tables.get("configurations")
-    if settings.campaign.kind == "interferometer" or table is None or not found.targets:
+    table = contents.tables.get("configurations")
+    if settings.campaign.kind == "interferometer" or table is None or not contents.targets:
         return False
     return bool(repeated_poses(table, settings.campaign.drives, settings.noise.actuator_mm)[0])
 
 
 def nothing_evaluated(found: Sequence[Prospect]) -> bool:
     """Return True if no stage evaluates anything of a campaign."""
-    return all(one.why_not for one in found if one.stage in _REMAINING) and bool(found)
+    return all(prospect.why_not for prospect in found if prospect.stage in _REMAINING) and bool(found)

@@ -63,20 +63,22 @@ def run(tables: Mapping[str, pa.Table], settings: Campaign, progress: Progress) 
     from truing.stages.quality.decisions import with_acceptances
 
     tables, sample = _examined(tables, settings)
-    found = _checked(tables, settings, sample)
-    if found.why_not:
-        return Outcome.not_evaluated({"qa": _table([])}, found.why_not)
-    rows = with_acceptances(chain(found.checks, checks_installed(tables, settings)), settings.accept, progress)
+    checked = _checked(tables, settings, sample)
+    if checked.why_not:
+        return Outcome.not_evaluated({"qa": _table([])}, checked.why_not)
+    rows = with_acceptances(chain(checked.checks, checks_installed(tables, settings)), settings.accept, progress)
     failed = tuple(f"{row.check} {row.subject}".strip() for row in rows if row.verdict == FAIL and not row.accepted)
     warned, accepted = (
         sum(row.verdict == WARN and not row.accepted for row in rows),
         sum(bool(r.accepted) for r in rows),
     )
     who = {(row.check, row.subject): row.accepted for row in rows}
-    belonging = belonging_table(found.relations, [who.get((one.relation, one.subject)) for one in found.relations])
+    belonging = belonging_table(
+        checked.relations, [who.get((relation.relation, relation.subject)) for relation in checked.relations]
+    )
     figure = f"{count(len(rows), 'check')}, {len(failed)} failed, {warned} warn, {accepted} accepted"
-    artifacts = {"qa": _table(rows), "belonging": belonging, **found.suggested}
-    return Outcome(artifacts, found.read, "nothing", figure, failed)
+    artifacts = {"qa": _table(rows), "belonging": belonging, **checked.suggested}
+    return Outcome(artifacts, checked.read, "nothing", figure, failed)
 
 
 def _examined(
@@ -96,9 +98,9 @@ def _examined(
 
 
 def _checked(tables: Mapping[str, pa.Table], settings: Campaign, sample: PoseSample | None) -> CheckResults:
-    if (own := registered(_OF_TYPES, settings)) is not None:
-        found: CheckResults = own.checks(tables, settings)
-        return found
+    if (checks_of_type := registered(_OF_TYPES, settings)) is not None:
+        check_results: CheckResults = checks_of_type.checks(tables, settings)
+        return check_results
     from truing.stages.quality import loading_checks, point_checks
 
     if settings.campaign.kind == "interferometer":

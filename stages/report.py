@@ -21,7 +21,7 @@ DECLARATION = Stage(
     reads=tuple(f"{table}?" for table in tables_read()),
     leaves=("frames?", "verdict", "next_measurements", "report"),
     settings=(
-        *(f"campaign.{key}" for key in ("name", "title", "laboratory", "customer", "logo")),
+        *(f"campaign.{key}" for key in ("name", "title", "laboratory", "customer", "operator", "logo")),
         *(f"certificate.{key}" for key in ("begin", "end", "laboratory", "customer", "item", "equipment", "persons")),
         *("mechanism.type", "mechanism.legs", "mechanism.height_mm"),
         *("comment", "noise", "measurement", "bodies", "requirement", "diagnosis", "interferometer", "signals"),

@@ -53,6 +53,6 @@ def _figure(errors: pa.Table) -> str:
     """The error of every model in the first quantity that all of them predict."""
     rows = errors.to_pylist()
     of = {row["quantity"]: [other for other in rows if other["quantity"] == row["quantity"]] for row in rows}
-    quantity, own = max(of.items(), key=lambda item: len(item[1]))
-    sizes = ", ".join(f"{row['prediction_by']} {row['rms_error']:.4g}" for row in own)
-    return f"rms error of {quantity} in {own[0]['campaign']} ({own[0]['unit']}): {sizes}"
+    quantity, results = max(of.items(), key=lambda item: len(item[1]))
+    sizes = ", ".join(f"{row['prediction_by']} {row['rms_error']:.4g}" for row in results)
+    return f"rms error of {quantity} in {results[0]['campaign']} ({results[0]['unit']}): {sizes}"

@@ -51,6 +51,7 @@ _CONCERNS = {
     "crosstalk": "a signal",
     "noise-burst": "all displacements of a run, all signals, or one of them",
     "signal-nonlinear": "a signal, or all",
+    "signal-hysteresis": "a load axis, or all",
     "rows-exchanged": "a run, or two",
     "unexplained": "a channel or signal",
 }

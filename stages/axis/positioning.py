@@ -34,19 +34,19 @@ _BOTH = {
 }
 
 
-def with_axis_positioning(found: Outcome, tables: Mapping[str, pa.Table], settings: Campaign, why: str) -> Outcome:
+def with_axis_positioning(outcome: Outcome, tables: Mapping[str, pa.Table], settings: Campaign, why: str) -> Outcome:
     """Return the outcome with the positioning of an axis; without rows where no command was repeated from both
     sides, or where ``why`` gives a reason to withhold it."""
     table = tables.get("configurations")
     rows = Rows("positioning")
     if table is not None and table.num_rows and not why:
         rows = positioning_rows(table, columns_of(settings, table), settings)
-    left = {**found.artifacts, "positioning": rows.table("string")}
+    left = {**outcome.artifacts, "positioning": rows.table("string")}
     if not rows.count:
-        return replace(found, artifacts=left)
+        return replace(outcome, artifacts=left)
     runs = dict.fromkeys(rows.columns["run"])
     words = f"positioning by ISO 230-2 of {count(len(runs), 'reading')} of the axis: {', '.join(runs)}"
-    return replace(found, artifacts=left, read=count(table.num_rows if table else 0, "row"), figure=words, why_not="")
+    return replace(outcome, artifacts=left, read=count(table.num_rows if table else 0, "row"), figure=words, why_not="")
 
 
 def positioning_rows(table: pa.Table, columns: AxisColumns, settings: Campaign) -> Rows:
@@ -75,8 +75,8 @@ def _arranged(readings: Array, group: Index, direction: Array, targets: int) -> 
     cells = {(k, w): readings[(group == k) & (direction == way)] for k in range(targets) for w, way in enumerate(_WAYS)}
     cells = {place: own[np.isfinite(own)] for place, own in cells.items()}
     found = np.full((targets, 2, max(2, *(len(own) for own in cells.values()))), np.nan)
-    for place, own in cells.items():
-        found[place][: len(own)] = own
+    for place, cell in cells.items():
+        found[place][: len(cell)] = cell
     return found
 
 

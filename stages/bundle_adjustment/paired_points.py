@@ -29,21 +29,23 @@ def paired_points(
 
     numbers: per pose those of its adjusted points (p,); points (P, 3) in m; surveyed: names of targets of bodies.
     """
-    large = [pose for pose, own in numbers.items() if len(own) > MOST_PAIRED]
+    large = [pose for pose, number in numbers.items() if len(number) > MOST_PAIRED]
     chosen = _names(named, [numbers[pose] for pose in large], points, surveyed) if large else frozenset()
     return {
-        pose: np.flatnonzero([name in chosen for name in named.points[own]]) if pose in large else np.arange(len(own))
-        for pose, own in numbers.items()
+        pose: np.flatnonzero([name in chosen for name in named.points[number]])
+        if pose in large
+        else np.arange(len(number))
+        for pose, number in numbers.items()
     }
 
 
 def _names(named: NamedNetwork, poses: list[Index], points: Array, surveyed: frozenset[str]) -> frozenset[str]:
     """Names of the points of large poses whose pairs are written."""
-    own = [numbers[_is_named(named, numbers, surveyed)] for numbers in poses]
-    most = max(len(numbers) for numbers in own)
+    names_of_pose = [numbers[_is_named(named, numbers, surveyed)] for numbers in poses]
+    most = max(len(numbers) for numbers in names_of_pose)
     if 0 < most <= MOST_PAIRED:
-        return frozenset(name for numbers in own for name in named.points[numbers])
-    candidates = max(own if most else poses, key=len)
+        return frozenset(name for numbers in names_of_pose for name in named.points[numbers])
+    candidates = max(names_of_pose if most else poses, key=len)
     seen = Counter(name for numbers in poses for name in named.points[numbers])
     often = np.array([seen[name] >= _IN_POSES * len(poses) for name in named.points[candidates]])
     candidates = candidates[often] if often.sum() >= SPREAD else candidates

@@ -26,25 +26,25 @@ from truing.stages.common.point_arrays import number_column, points_and_cov, pos
 _CORNERS = 4
 
 
-def given_cameras(photographs: pa.Table, given: pa.Table | None) -> tuple[tuple[Camera, ...], Array]:
+def given_cameras(photographs: pa.Table, declared: pa.Table | None) -> tuple[tuple[Camera, ...], Array]:
     """Cameras (C) of all photographs, in order of appearance, and their initial interior parameters (C, 10), NaN for
     unknown c."""
     rows = photographs.to_pylist()
     known: dict[str, list[dict[str, Any]]] = {}
-    for row in [] if given is None else given.to_pylist():
+    for row in [] if declared is None else declared.to_pylist():
         known.setdefault(row["camera"], []).append(row)
     names = list(dict.fromkeys(row["camera"] for row in rows))
     cameras, interior = [], np.zeros((len(names), len(PARAMETERS)))
     for number, name in enumerate(names):
-        own = [row for row in rows if row["camera"] == name]
+        rows_of_camera = [row for row in rows if row["camera"] == name]
         reported = known.get(name, [])
-        cameras.append(_camera(name, own[0], reported))
+        cameras.append(_camera(name, rows_of_camera[0], reported))
         if reported:
             interior[number] = [row["value"] if row["value"] is not None else np.nan for row in reported]
         else:
             interior[number, 0] = np.nan
         if np.isnan(interior[number, 0]):
-            texts = [row["principal_distance_px"] for row in own if row["principal_distance_px"]]
+            texts = [row["principal_distance_px"] for row in rows_of_camera if row["principal_distance_px"]]
             interior[number, 0] = np.median(texts) if texts else np.nan
     return tuple(cameras), interior
 
@@ -133,8 +133,8 @@ def stated_sizes(targets: pa.Table | None, column: str) -> dict[str, float]:
 
 def radii(targets: pa.Table | None, target_mm: float | None) -> dict[str, float]:
     """Radii in m of circular targets by point name; the default size under ""."""
-    found = {} if target_mm is None else {"": 0.5e-3 * target_mm}
-    return found | {name: 0.5e-3 * size for name, size in stated_sizes(targets, "diameter_mm").items()}
+    radius_of_target = {} if target_mm is None else {"": 0.5e-3 * target_mm}
+    return radius_of_target | {name: 0.5e-3 * size for name, size in stated_sizes(targets, "diameter_mm").items()}
 
 
 def bar_ends(
@@ -143,14 +143,14 @@ def bar_ends(
     """(row of the table, pose, first point, second point) for each pose that has both ends of a bar."""
     if bars is None:
         return []
-    own = bars.column("pose").to_pylist() if "pose" in bars.column_names else [None] * len(bars)
+    poses_of_bars = bars.column("pose").to_pylist() if "pose" in bars.column_names else [None] * len(bars)
     found = []
     for row, (first, second) in enumerate(
         zip(bars.column("first").to_pylist(), bars.column("second").to_pylist(), strict=True)
     ):
         for pose, name in enumerate(poses):
             ends = (keys.get((pose, first)), keys.get((pose, second)))
-            if own[row] in (None, name) and None not in ends:
+            if poses_of_bars[row] in (None, name) and None not in ends:
                 found.append((row, pose, ends[0], ends[1]))
     return found  # type: ignore[return-value]
 
@@ -176,14 +176,14 @@ def _known_points(table: pa.Table | None, poses: Sequence[Pose], keys: Mapping[t
     if table is None:
         return KnownPoints.none()
     xyz, cov = points_and_cov(table)
-    own = table.column("pose").to_pylist() if "pose" in table.column_names else [None] * len(table)
-    found = [
+    poses_of_points = table.column("pose").to_pylist() if "pose" in table.column_names else [None] * len(table)
+    points = [
         (keys[pose, name], row)
         for row, name in enumerate(table.column("point").to_pylist())
         for pose, identifier in enumerate(poses)
-        if own[row] in (None, identifier) and (pose, name) in keys
+        if poses_of_points[row] in (None, identifier) and (pose, name) in keys
     ]
-    point, rows = np.array(found, dtype=np.int64).reshape(-1, 2).T
+    point, rows = np.array(points, dtype=np.int64).reshape(-1, 2).T
     return KnownPoints(point, xyz[rows], cov[rows])
 
 
@@ -196,11 +196,14 @@ def _markers(pose: Index, names: Names, body: Names, targets: pa.Table | None, m
         known = stem in sizes or stem.startswith(("aruco", "apriltag")) or (body[number] and marker_mm)
         if known and corner.isdecimal() and int(corner) < _CORNERS:
             corners.setdefault((p, stem), {})[int(corner)] = number
-    whole = [
-        ([found[k] for k in range(_CORNERS)], sizes.get(stem) or marker_mm)
-        for (_, stem), found in corners.items()
-        if len(found) == _CORNERS and (sizes.get(stem) or marker_mm)
+    complete_markers = [
+        ([corner_points[k] for k in range(_CORNERS)], sizes.get(stem) or marker_mm)
+        for (_, stem), corner_points in corners.items()
+        if len(corner_points) == _CORNERS and (sizes.get(stem) or marker_mm)
     ]
-    if not whole:
+    if not complete_markers:
         return Markers.none()
-    return Markers(np.array([one for one, _ in whole]), np.array([1e-3 * float(size or 0.0) for _, size in whole]))
+    return Markers(
+        np.array([marker for marker, _ in complete_markers]),
+        np.array([1e-3 * float(size or 0.0) for _, size in complete_markers]),
+    )

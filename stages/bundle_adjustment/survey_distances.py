@@ -37,18 +37,21 @@ def with_scale(tables: Mapping[str, pa.Table], settings: Any, source: CampaignFi
     if has_datum or not lacking:
         return tables
     every, noise_mm = frozenset().union(*seen.values()), settings.noise.point_mm
-    found = _surveyed(settings, surveyed_points(source, every, settings))
-    found = found or [
+    surveyed = _surveyed(settings, surveyed_points(source, every, settings))
+    surveyed = surveyed or [
         *_markers(tables.get("image_targets"), every, settings.photographs.marker_mm, noise_mm),
         *(bar for board in settings.photographs.boards for bar in _board(board, list(seen.values()), noise_mm)),
     ]
-    if not found:
+    if not surveyed:
         return tables
     if len(lacking) < len(seen):
-        found = [{"pose": pose, **row} for pose in lacking for row in found]
-    schema = ARTIFACTS["scale_bars"].arrow_schema(str(rays.schema.field("pose").type), tuple(found[0]))
-    own = pa.Table.from_pylist(found, schema=schema)
-    return {**tables, "scale_bars": own if bars is None else pa.concat_tables([bars, own], promote_options="default")}
+        surveyed = [{"pose": pose, **row} for pose in lacking for row in surveyed]
+    schema = ARTIFACTS["scale_bars"].arrow_schema(str(rays.schema.field("pose").type), tuple(surveyed[0]))
+    own_table = pa.Table.from_pylist(surveyed, schema=schema)
+    return {
+        **tables,
+        "scale_bars": own_table if bars is None else pa.concat_tables([bars, own_table], promote_options="default"),
+    }
 
 
 def unobserved_bars(bars: pa.Table | None, rays: pa.Table) -> list[str]:
@@ -94,11 +97,11 @@ def _markers(
     scale of its start values.
     """
     sizes = stated_sizes(targets, "size_mm")
-    found: list[dict[str, object]] = []
+    markers: list[dict[str, object]] = []
     for stem in sorted({point.rpartition(".")[0] for point in seen} - {""}):
         size = sizes.get(stem) or (marker_mm if stem.startswith(("aruco", "apriltag")) or "/" in stem else None)
         if size and {f"{stem}.{corner}" for corner in range(4)} <= seen:
-            found += [
+            markers += [
                 _bar(
                     f"{FROM_MARKER}{stem}.{a} to {stem}.{b}",
                     (f"{stem}.{a}", f"{stem}.{b}"),
@@ -107,7 +110,7 @@ def _markers(
                 )
                 for a, b in ((0, 2), (1, 3))
             ]
-    return found
+    return markers
 
 
 def _board(board: Any, seen: Sequence[frozenset[str]], noise_mm: float | None) -> list[dict[str, object]]:
@@ -134,9 +137,9 @@ def _surveyed(settings: Any, survey: SurveyedPoints | None) -> list[dict[str, ob
         return []
     reference = settings.bodies.reference or ("base" if settings.mechanism.type != "none" else None)
     known, rows = np.isfinite(survey.variance_mm2).all(1), []
-    for one in dict.fromkeys(survey.bodies[known]) if reference is None else (reference,):
-        own = np.flatnonzero(known & (survey.bodies == one))
-        name, xyz, variance = survey.names[own], survey.xyz_mm[own], survey.variance_mm2[own]
+    for body in dict.fromkeys(survey.bodies[known]) if reference is None else (reference,):
+        places = np.flatnonzero(known & (survey.bodies == body))
+        name, xyz, variance = survey.names[places], survey.xyz_mm[places], survey.variance_mm2[places]
         for first, second in _distant_pairs(xyz):
             apart = xyz[second] - xyz[first]
             length = float(np.linalg.norm(apart))
@@ -161,21 +164,21 @@ def surveyed_points(source: CampaignFiles, seen: frozenset[str], settings: Any) 
     """Survey of targets with rays; None if there is none."""
     if not settings.files.targets and not source.entries("targets"):
         return None
-    found = collect_rows(source, TARGETS, FaultLog())  # faults of the survey are reported when it is read for the poses
-    if found is None or any(name not in found.table.column_names for name in TARGETS.required):
+    rows = collect_rows(source, TARGETS, FaultLog())  # faults of the survey are reported when it is read for the poses
+    if rows is None or any(name not in rows.table.column_names for name in TARGETS.required):
         return None
-    body, target = (np.array(found.table.column(name).to_pylist(), dtype=object) for name in ("body", "target"))
-    xyz = np.column_stack([number_column(found.table, f"{axis}_mm") for axis in "xyz"])
-    variance = np.column_stack([_variance(found.table, name, settings.noise.point_mm) for name in COORDINATE_SIGMAS])
+    body, target = (np.array(rows.table.column(name).to_pylist(), dtype=object) for name in ("body", "target"))
+    xyz = np.column_stack([number_column(rows.table, f"{axis}_mm") for axis in "xyz"])
+    variance = np.column_stack([_variance(rows.table, name, settings.noise.point_mm) for name in COORDINATE_SIGMAS])
     name = np.array([_name(*both, seen) for both in zip(body, target, strict=True)], dtype=object)
     known = (name != "") & np.isfinite(xyz).all(1)
     return SurveyedPoints(name[known], body[known], xyz[known], variance[known])
 
 
 def _variance(table: pa.Table, name: str, declared: float | None) -> Array:
-    given = number_column(table, name) if name in table.column_names else np.full(len(table), np.nan)
-    found: Array = np.where(np.isnan(given), np.nan if declared is None else declared, given) ** 2
-    return np.where(found > 0.0, found, np.nan)
+    sigma_mm = number_column(table, name) if name in table.column_names else np.full(len(table), np.nan)
+    variance: Array = np.where(np.isnan(sigma_mm), np.nan if declared is None else declared, sigma_mm) ** 2
+    return np.where(variance > 0.0, variance, np.nan)
 
 
 def _name(body: str, target: str, seen: frozenset[str]) -> str:
@@ -188,11 +191,11 @@ def _distant_pairs(xyz: Array) -> list[tuple[int, int]]:
     first, second = np.triu_indices(len(xyz), 1)
     order = np.argsort(-np.linalg.norm(xyz[first] - xyz[second], axis=1), kind="stable")
     pairs: list[tuple[int, int]] = []
-    taken: set[int] = set()
+    used_points: set[int] = set()
     for a, b in zip(first[order].tolist(), second[order].tolist(), strict=True):
-        if not taken & {a, b}:
+        if not used_points & {a, b}:
             pairs.append((a, b))
-            taken |= {a, b}
+            used_points |= {a, b}
     return pairs
 
 

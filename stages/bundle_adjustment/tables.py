@@ -32,11 +32,11 @@ UNRESOLVED = "contradicts the rays or other known points; which is wrong is unde
 class NetworkTables:
     """Tables of one adjusted network; covariances are scaled by the residuals."""
 
-    def __init__(self, found: AdjustedNetwork, table: ImagePoints, surveyed: frozenset[str] = frozenset()) -> None:
+    def __init__(self, adjusted: AdjustedNetwork, table: ImagePoints, surveyed: frozenset[str] = frozenset()) -> None:
         """surveyed: names of points whose correlations are wanted first in large poses."""
-        self.found, self.table = found, table
-        self.adjusted, self.named, self.network = found.adjustment, found.named, found.named.network
-        factor = found.screened.covariance_factor
+        self.found, self.table = adjusted, table
+        self.adjusted, self.named, self.network = adjusted.adjustment, adjusted.named, adjusted.named.network
+        factor = adjusted.screened.covariance_factor
         self.factor = float(factor) if np.isfinite(factor) else 1.0
         self.covariance = self.adjusted.covariance
         self.camera_names = np.array([camera.name for camera in self.network.cameras], dtype=object)
@@ -238,10 +238,10 @@ class NetworkTables:
         numbers = np.concatenate([np.zeros(0, np.int64), *map(self.covariance.point_numbers, self.poses)]).tolist()
         keys = {(int(self.network.point_pose[n]), str(self.named.points[n])): n for n in numbers}
         rows = []
-        given = bars.to_pylist()
+        bar_rows = bars.to_pylist()
         for row, pose, first, second in bar_ends(bars, self.named.poses, keys):
             length, sigma = self._distance(pose, first, second)
-            reported = {key: given[row][key] for key in ARTIFACTS["scale_bars"].columns}
+            reported = {key: bar_rows[row][key] for key in ARTIFACTS["scale_bars"].columns}
             alone = np.hypot(reported["sigma_mm"], reported["repeat_sigma_mm"])
             apart = self._deviation_sigma(reported, sigma, alone)
             rows.append(
@@ -303,15 +303,15 @@ def _table(name: str, columns: dict[str, Any], named: NamedNetwork) -> pa.Table:
     return pa.table(arrays, schema=schema)
 
 
-def known_points_table(named: NamedNetwork, found: KnownTested, used: Mask) -> pa.Table:
+def known_points_table(named: NamedNetwork, tested: KnownTested, used: Mask) -> pa.Table:
     """Table known_point_errors: one row per known point with rays in the initial network."""
     network = named.network
     left = np.bincount(network.rays.point[used[: network.rays.count]], minlength=len(network.point_pose))
     seen = np.bincount(network.rays.point, minlength=len(network.point_pose))
     reported = {
         row: (errors, place)
-        for pose, errors in found.errors.items()
-        for place, row in enumerate(found.rows[pose].tolist())
+        for pose, errors in tested.errors.items()
+        for place, row in enumerate(tested.rows[pose].tolist())
     }
     rows = []
     for row, point in enumerate(network.known.point.tolist()):
@@ -353,9 +353,9 @@ def faults_of(error: KnownPointMismatchError) -> list[Fault]:
     return [
         Fault(
             "known_points",
-            f"coordinates of points as the rays of pose {one.pose} show them: is their frame, unit or name another?",
+            f"coordinates of points as the rays of pose {pose.pose} show them: is their frame, unit or name another?",
             column="x_mm, y_mm, z_mm",
-            value=f"{one.elsewhere} of {one.known} elsewhere, {one.furthest} by {1e3 * one.off_m:.3g} mm",
+            value=f"{pose.elsewhere} of {pose.known} elsewhere, {pose.furthest} by {1e3 * pose.off_m:.3g} mm",
         )
-        for one in error.poses
+        for pose in error.poses
     ]

@@ -23,21 +23,21 @@ _AXIS = "axis"
 
 
 def with_component_requirements(
-    found: Outcome, tables: Mapping[str, pa.Table], settings: Campaign, incomplete: str
+    outcome: Outcome, tables: Mapping[str, pa.Table], settings: Campaign, incomplete: str
 ) -> Outcome:
     """Return the outcome with requirements.parquet by the errors of the extended model, of a chain or an axis.
 
     ``incomplete``: misfit of that model, so that it meets no requirement; else empty.
     """
     if settings.mechanism.type not in ("chain", _AXIS) or "diagnosis" not in tables:
-        return found
+        return outcome
     errors, variances, held_out = _errors(tables.get("component_errors"))
     rows = requirement_rows(settings.requirement, (MODEL, "none"), errors, variances, held_out, incomplete)
     if not rows.count:
-        return found
+        return outcome
     met = rows.columns["verdict"].count("meets")
-    words = f"{found.figure}; {met} of {counted(rows.count, 'requirement')} met"
-    return replace(found, artifacts={**found.artifacts, "requirements": rows.table()}, figure=words)
+    words = f"{outcome.figure}; {met} of {counted(rows.count, 'requirement')} met"
+    return replace(outcome, artifacts={**outcome.artifacts, "requirements": rows.table()}, figure=words)
 
 
 def _errors(table: pa.Table | None) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
@@ -51,9 +51,9 @@ def _errors(table: pa.Table | None) -> tuple[np.ndarray, np.ndarray, np.ndarray]
     row, component = positions(table.column("pose"), poses), np.array(table.column("component").to_pylist())
     si = np.array([SI[unit] for unit in table.column("unit").to_pylist()])
     values = np.stack([number_column(table, "missed") * si, (number_column(table, "sigma") * si) ** 2])
-    found, held_out = np.full((2, len(poses), 6), np.nan), np.zeros(len(poses), bool)
+    errors, held_out = np.full((2, len(poses), 6), np.nan), np.zeros(len(poses), bool)
     held_out[row[np.array(table.column("role").to_pylist()) == HELD_OUT]] = True
     for k, name in enumerate(COMPONENTS):
-        own = (component == name) | (component == _AXIS)
-        found[:, row[own], k] = values[:, own]
-    return found[0], found[1], held_out
+        concerned = (component == name) | (component == _AXIS)
+        errors[:, row[concerned], k] = values[:, concerned]
+    return errors[0], errors[1], held_out

@@ -40,17 +40,19 @@ def extended_of(
     text: str, tables: Mapping[str, pa.Table], measured: MeasuredPlatform, fitted: NDArray, *, is_main: bool = False
 ) -> Extended:
     """Model of a model.toml compared with measured poses; fitted (B,): poses that it was fitted to."""
-    found = read_model(text)
-    conditions = _conditions(found, tables["configurations"], measured)
-    return Extended(found, errors_at(found, conditions, measured, fitted), is_main)
+    extended_model = read_model(text)
+    conditions = _conditions(extended_model, tables["configurations"], measured)
+    return Extended(extended_model, errors_at(extended_model, conditions, measured, fitted), is_main)
 
 
-def _conditions(found: ExtendedModel, configurations: pa.Table, measured: MeasuredPlatform) -> Conditions:
+def _conditions(extended: ExtendedModel, configurations: pa.Table, measured: MeasuredPlatform) -> Conditions:
     """Conditions of the measured poses; conditions that depend on the order in time use all poses."""
     every = pose_ids(configurations)
-    whole = pose_conditions(configurations, every, found.model.nominal.count, found.model.known.reading_sigma)
+    conditions = pose_conditions(
+        configurations, every, extended.model.nominal.count, extended.model.known.reading_sigma
+    )
     place = {pose: n for n, pose in enumerate(every)}
-    return some_of(whole, np.array([place[pose] for pose in measured.poses], int))
+    return some_of(conditions, np.array([place[pose] for pose in measured.poses], int))
 
 
 def extended_parameters(extended: Extended) -> Rows:
@@ -102,16 +104,16 @@ def _add_effects(rows: Rows, extended: Extended) -> None:
 def extended_figures(extended: Extended) -> list[tuple[str, float, str]]:
     """Figures of the model's fit: number of parameters, and shift of the geometry."""
     geometry = extended.geometry
-    own = np.flatnonzero(geometry.known)
-    found = pulls(
-        (geometry.values - geometry.nominal)[own],
-        geometry.prior[np.ix_(own, own)],
-        geometry.covariance[np.ix_(own, own)],
+    places = np.flatnonzero(geometry.known)
+    pull_sums = pulls(
+        (geometry.values - geometry.nominal)[places],
+        geometry.prior[np.ix_(places, places)],
+        geometry.covariance[np.ix_(places, places)],
     )
-    reported = found.pull[found.identifiable]
+    reported = pull_sums.pull[pull_sums.identifiable]
     figures = [("parameters", float(len(extended.found.shared)), "1"), ("pull_freedom", float(len(reported)), "1")]
     if len(reported):
-        figures += [("rms_pull", float(np.sqrt(np.mean(reported**2))), "1"), ("pull_p_value", found.p_value, "1")]
+        figures += [("rms_pull", float(np.sqrt(np.mean(reported**2))), "1"), ("pull_p_value", pull_sums.p_value, "1")]
     return figures
 
 
@@ -121,11 +123,11 @@ def extended_correlations(extended: Extended) -> Rows:
     names = [(entry.name, entry.leg_number) for entry in geometry.parameters]
     by_shared = [geometry.by_shared]
     for cause in model.causes:
-        own = cause.parameters(model.nominal.count)
-        names += [name_and_leg(parameter.name) for parameter in own]
+        parameters = cause.parameters(model.nominal.count)
+        names += [name_and_leg(parameter.name) for parameter in parameters]
         by_shared.append(np.eye(model.shared_size)[model.layout[cause.key]])
-    rows, whole = Rows("correlations"), np.concatenate(by_shared)
-    add_correlations(rows, (MODEL, extended.deformation), names, whole @ extended.found.covariance @ whole.T)
+    rows, derivative = Rows("correlations"), np.concatenate(by_shared)
+    add_correlations(rows, (MODEL, extended.deformation), names, derivative @ extended.found.covariance @ derivative.T)
     return rows
 
 
@@ -134,8 +136,8 @@ def compared_rows(chosen: AssessedCalibration, extended: Extended, fitted: NDArr
 
     fitted (B,): the other poses; if all were fitted, the errors are at those.
     """
-    rows, held = Rows("calibrations_compared"), ~fitted
-    asked, tested_on = (held, "verification poses") if held.any() else (fitted, "calibration poses")
+    rows, is_held_out = Rows("calibrations_compared"), ~fitted
+    asked, tested_on = (is_held_out, "verification poses") if is_held_out.any() else (fitted, "calibration poses")
     assert chosen.errors is not None
     causes = [f"{effect.cause.id} {effect.cause.subject}".strip() for effect, _ in extended.effects]
     both = (
@@ -147,10 +149,10 @@ def compared_rows(chosen: AssessedCalibration, extended: Extended, fitted: NDArr
             ("position", errors.position, 0, "um", 1e-6),
             ("orientation", errors.orientation, 3, "arcsec", ARCSEC),
         ):
-            own = asked & np.isfinite(size)
-            if not own.any():
+            used = asked & np.isfinite(size)
+            if not used.any():
                 continue
-            rms = float(np.sqrt(np.mean(size[own] ** 2))) / si
+            rms = float(np.sqrt(np.mean(size[used] ** 2))) / si
             rows.add(
                 data=data,
                 is_main=extended.is_main == (data == WITH_FINDINGS),
@@ -160,10 +162,10 @@ def compared_rows(chosen: AssessedCalibration, extended: Extended, fitted: NDArr
                 quantity=quantity,
                 tested_on=tested_on,
                 rms_error=rms,
-                largest_error=float(size[own].max()) / si,
+                largest_error=float(size[used].max()) / si,
                 rms_unchanged=rms,
-                noise_rms=float(np.sqrt(np.mean(errors.expected(first)[own] ** 2))) / si,
-                count=int(own.sum()),
+                noise_rms=float(np.sqrt(np.mean(errors.expected(first)[used] ** 2))) / si,
+                count=int(used.sum()),
                 unit=unit,
             )
     return rows

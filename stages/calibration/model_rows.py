@@ -94,12 +94,12 @@ def add_correlations(rows: Rows, key: Key, names: Sequence[tuple[str, int | None
 def choice_rows(assessed: Sequence[AssessedCalibration], roles: NDArray, made: ContenderChoice) -> Rows:
     """Figures of every calibration; ``made``: those by maximum likelihood, which come first."""
     rows = Rows("model_choice")
-    for i, one in enumerate(assessed):
-        figures = [*error_figures(one.errors, roles), *fit_figures(one)]
-        if one.calibration.estimator == MAXIMUM_LIKELIHOOD:
+    for i, row in enumerate(assessed):
+        figures = [*error_figures(row.errors, roles), *fit_figures(row)]
+        if row.calibration.estimator == MAXIMUM_LIKELIHOOD:
             figures.append(("chosen", float(i == made.chosen), "1"))
             figures.append(("indistinguishable", float(made.indistinguishable[i]), "1"))
-        add_figures(rows, one.calibration.case.key, one.calibration.estimator, figures)
+        add_figures(rows, row.calibration.case.key, row.calibration.estimator, figures)
     return rows
 
 
@@ -118,8 +118,8 @@ def add_uncalibrated(rows: Rows, machine: Machine, measured: MeasuredPlatform) -
     for structure in others:
         if structure.name == "stiffness" and measured.load is not None:
             add_figures(rows, (structure.name, "none"), "nominal", _moved_by_load(structure, machine, measured))
-        found = departure(structure, machine, measured.rho) * 1e6
-        reported = found[np.isfinite(found)]
+        departure_um = departure(structure, machine, measured.rho) * 1e6
+        reported = departure_um[np.isfinite(departure_um)]
         if len(reported):
             figures = [
                 ("reading_rms_from_rigid_legs", float(np.sqrt(np.mean(reported**2))), "um"),
@@ -146,18 +146,18 @@ def accuracy_rows(artifact: str, reported: Sequence[tuple[Key, PoseErrors]], mea
     rows = Rows(artifact)
     parts = ("dx_um", "dy_um", "dz_um", "rx_arcsec", "ry_arcsec", "rz_arcsec")
     units = np.array([1e-6] * 3 + [ARCSEC] * 3)
-    for (model, deformation), found in reported:
-        kept = np.isfinite(found.error).all(-1)
+    for (model, deformation), map_errors in reported:
+        is_finite = np.isfinite(map_errors.error).all(-1)
         rows.add(
             model=model,
             deformation=deformation,
-            pose=[pose for pose, good in zip(measured.poses, kept, strict=True) if good],
-            role=measured.roles[kept],
-            position_error_um=found.position[kept] * 1e6,
-            orientation_error_arcsec=found.orientation[kept] / ARCSEC,
-            **{name: found.error[kept, i] / units[i] for i, name in enumerate(parts)},
-            position_noise_um=found.expected(0)[kept] * 1e6,
-            orientation_noise_arcsec=found.expected(3)[kept] / ARCSEC,
+            pose=[pose for pose, good in zip(measured.poses, is_finite, strict=True) if good],
+            role=measured.roles[is_finite],
+            position_error_um=map_errors.position[is_finite] * 1e6,
+            orientation_error_arcsec=map_errors.orientation[is_finite] / ARCSEC,
+            **{name: map_errors.error[is_finite, i] / units[i] for i, name in enumerate(parts)},
+            position_noise_um=map_errors.expected(0)[is_finite] * 1e6,
+            orientation_noise_arcsec=map_errors.expected(3)[is_finite] / ARCSEC,
         )
     return rows
 
@@ -195,11 +195,13 @@ def limit_rows(
     for i, ((component, unit), limit) in enumerate(zip(components.items(), limits, strict=True)):
         if limit is None:
             continue
-        own, noise = errors[assessed, i], variances[assessed, i]
-        found = error_of_95_percent(own, noise)
-        verdict = _verdict(found, limit)
-        decision = deciding_pose_count(own, noise, limit, 0 if held_out.any() else int(np.isfinite(own).sum()))
-        words = _requirement_words(found, verdict, limit, unit, what) + (by if found else "")
+        errors_of_axis, noise = errors[assessed, i], variances[assessed, i]
+        interval = error_of_95_percent(errors_of_axis, noise)
+        verdict = _verdict(interval, limit)
+        decision = deciding_pose_count(
+            errors_of_axis, noise, limit, 0 if held_out.any() else int(np.isfinite(errors_of_axis).sum())
+        )
+        words = _requirement_words(interval, verdict, limit, unit, what) + (by if interval else "")
         if (why := why_not.get(component)) and verdict in ("meets", "undecided"):
             verdict, words = "not evaluated", f"not tested: {why}"
         rows.add(
@@ -207,14 +209,14 @@ def limit_rows(
             deformation=key[1],
             component=component,
             requirement=limit,
-            error=found and found.value,
-            lower=found and found.lower,
-            upper=found and found.upper,
+            error=interval and interval.value,
+            lower=interval and interval.lower,
+            upper=interval and interval.upper,
             unit=unit,
             verdict=verdict,
             message=f"{component}: {words}",
-            poses_judged=int(np.isfinite(own).sum()) or None,
-            p_value=chance_at_limit(own, noise, limit) if found else None,
+            poses_judged=int(np.isfinite(errors_of_axis).sum()) or None,
+            p_value=chance_at_limit(errors_of_axis, noise, limit) if interval else None,
             **(_open(decision) if verdict == "undecided" else _open(None)),
         )
     return rows
@@ -232,39 +234,44 @@ def _open(decision: Decision | None) -> dict[str, float | int | None]:
     }
 
 
-def _verdict(found: Interval | None, limit: float) -> str:
-    if found is None:
+def _verdict(interval: Interval | None, limit: float) -> str:
+    if interval is None:
         return "not evaluated"
-    if found.upper <= limit:
+    if interval.upper <= limit:
         return "meets"
-    return "fails" if found.lower > limit else "undecided"
+    return "fails" if interval.lower > limit else "undecided"
 
 
-def _requirement_words(found: Interval | None, verdict: str, limit: float, unit: str, what: str) -> str:
-    if found is None:
+def _requirement_words(interval: Interval | None, verdict: str, limit: float, unit: str, what: str) -> str:
+    if interval is None:
         return f"not measured at any of the {what}"
-    text = f"95 of 100 {what} stay below {found.value:.2g} {unit} (between {found.lower:.2g} and {found.upper:.2g})"
-    if found.value == 0:
-        text = f"no error above the measurement noise (at most {found.upper:.2g} {unit})"
+    bounds = f"between {interval.lower:.2g} and {interval.upper:.2g}"
+    text = f"95 of 100 {what} stay below {interval.value:.2g} {unit} ({bounds})"
+    if interval.value == 0:
+        text = f"no error above the measurement noise (at most {interval.upper:.2g} {unit})"
     return f"{text}, required {limit:g} {unit}: {verdict}"
 
 
 def observability_rows(data: CalibrationData, fitted: MeasuredPlatform, chosen: MachineCalibration) -> Rows:
     """Observability: leg by leg of the rigid legs with all parameters, and of the chosen model."""
     rows = Rows("observability")
-    for leg, found in enumerate(observe_legs(data, fitted)):
-        _observed_rows(rows, data.machine.legs.closure.name, "linear", leg + 1, found, len(fitted.poses))
-    whole = observe_model(data, fitted, chosen)
-    _observed_rows(rows, chosen.case.structure.name, chosen.case.deformation, None, whole, len(fitted.poses))
+    for leg, leg_observability in enumerate(observe_legs(data, fitted)):
+        _observed_rows(rows, data.machine.legs.closure.name, "linear", leg + 1, leg_observability, len(fitted.poses))
+    observability = observe_model(data, fitted, chosen)
+    _observed_rows(rows, chosen.case.structure.name, chosen.case.deformation, None, observability, len(fitted.poses))
     return rows
 
 
-def _observed_rows(rows: Rows, model: str, deformation: str, leg: int | None, found: Observability, poses: int) -> None:
-    best = choose_identifiable(found.triangle / found.scales, found.scales, found.labels).observability
+def _observed_rows(
+    rows: Rows, model: str, deformation: str, leg: int | None, observability: Observability, poses: int
+) -> None:
+    best = choose_identifiable(
+        observability.triangle / observability.scales, observability.scales, observability.labels
+    ).observability
     figures = {
-        "parameters": float(len(found.labels)),
-        "rank": float(found.rank),
-        "threshold": found.least,
+        "parameters": float(len(observability.labels)),
+        "rank": float(observability.rank),
+        "threshold": observability.least,
         "condition": best.condition,
         **{name.upper(): value for name, value in vars(indices(best.singular_values, poses)).items() if name[0] == "o"},
     }
@@ -272,11 +279,11 @@ def _observed_rows(rows: Rows, model: str, deformation: str, leg: int | None, fo
     for name, value in figures.items():
         rows.add(**common, figure=name, value=value if np.isfinite(value) else None)
     rows.add(**common, figure="identifiable_set", value=float(len(best.labels)), combination=" ".join(best.labels))
-    for label, sigma in zip(found.labels, found.sigma / found.scales, strict=True):
+    for label, sigma in zip(observability.labels, observability.sigma / observability.scales, strict=True):
         rows.add(**common, figure="sigma", value=float(sigma) if np.isfinite(sigma) else None, combination=label)
-    for value in found.singular_values:
+    for value in observability.singular_values:
         rows.add(**common, figure="singular_value", value=float(value))
-    for group in inseparable(found):
+    for group in inseparable(observability):
         # one sentence for the group if sufficient, else one per unobservable change
         texts = group.texts if len(group.seen) > 1 else (group.text,)
         for text, sigma in zip(texts, group.sigma, strict=False):
@@ -284,22 +291,22 @@ def _observed_rows(rows: Rows, model: str, deformation: str, leg: int | None, fo
             rows.add(**common, figure="unidentifiable", value=value, combination=text)
 
 
-def flexure_rows(found: Sequence[DesignParameter]) -> Rows:
+def flexure_rows(parameters: Sequence[DesignParameter]) -> Rows:
     """Design parameters of flexures and legs, with their identifiability."""
     rows = Rows("flexure_parameters")
-    for one in found:
-        unit = one.entry.si
+    for parameter in parameters:
+        unit = parameter.entry.si
         rows.add(
-            model=one.model,
-            leg=one.entry.leg_number,
-            parameter=one.entry.name,
-            unit=one.entry.unit,
-            nominal=one.nominal / unit,
-            tolerance=one.tolerance / unit,
-            sensitivity_um=1e6 * one.sensitivity,
-            closure_noise_um=1e6 * one.noise,
-            sigma_over_tolerance=one.sigma if np.isfinite(one.sigma) else None,
-            identifiable=one.identifiable,
+            model=parameter.model,
+            leg=parameter.entry.leg_number,
+            parameter=parameter.entry.name,
+            unit=parameter.entry.unit,
+            nominal=parameter.nominal / unit,
+            tolerance=parameter.tolerance / unit,
+            sensitivity_um=1e6 * parameter.sensitivity,
+            closure_noise_um=1e6 * parameter.noise,
+            sigma_over_tolerance=parameter.sigma if np.isfinite(parameter.sigma) else None,
+            identifiable=parameter.identifiable,
         )
     return rows
 
@@ -314,9 +321,9 @@ def absorption_rows(
         return rows
     full = {(c.case.structure.name, c.estimator): c for c in calibrations if c.case.deformation == "matrix"}
     for calibration in calibrations:
-        whole = full.get((calibration.case.structure.name, calibration.estimator))
-        if calibration.case.deformation in LESS_THAN_K and whole is not None:
-            _absorbed(rows, data, fitted.subset(calibration.kept & whole.kept), calibration, whole)
+        complete = full.get((calibration.case.structure.name, calibration.estimator))
+        if calibration.case.deformation in LESS_THAN_K and complete is not None:
+            _absorbed(rows, data, fitted.subset(calibration.kept & complete.kept), calibration, complete)
     return rows
 
 
@@ -325,10 +332,10 @@ def _absorbed(
     data: CalibrationData,
     fitted: MeasuredPlatform,
     calibration: MachineCalibration,
-    whole: MachineCalibration,
+    complete: MachineCalibration,
 ) -> None:
     entries, units = calibration.parameters.entries, calibration.parameters.units
-    found = absorbed(data, fitted, calibration, whole)
+    absorption = absorbed(data, fitted, calibration, complete)
     rows.add(
         effect="platform-deformation-matrix",
         model=calibration.case.structure.name,
@@ -337,7 +344,7 @@ def _absorbed(
         leg=[entry.leg_number for entry in entries],
         parameter=[entry.name for entry in entries],
         unit=[entry.unit for entry in entries],
-        predicted=found.predicted / units,
-        observed=found.observed / units,
-        sigma=found.sigma / units,
+        predicted=absorption.predicted / units,
+        observed=absorption.observed / units,
+        sigma=absorption.sigma / units,
     )

@@ -14,10 +14,12 @@ from truing.belonging.relation import RelationState
 from truing.calibration.accuracy import AssessedCalibration, Extended, choice, doubts, shortcoming
 from truing.calibration.calibration_input import CalibrationData
 from truing.calibration.calibration_question import Case, cases
+from truing.calibration.fits import MachineCalibration
 from truing.calibration.flexure_knowledge import flexure_knowledge
 from truing.calibration.model_cases import (
     LEAST_LEGS,
     OFF,
+    CalibrationsByEstimator,
     ScreenedPoses,
     assessed_calibration,
     calibrations,
@@ -90,8 +92,8 @@ def calibrate_mechanism(tables: Mapping[str, pa.Table], settings: Campaign, prog
 def wrong_poses(tables: Mapping[str, pa.Table]) -> str:
     """Reason why the recorded poses judge no calibration by them: a found cause makes all of them wrong; else empty."""
     rows = tables["diagnosis"].to_pylist() if "diagnosis" in tables else []
-    found = [row for row in rows if row["verdict"] == "found" and row.get("in_model", True) and not row["subject"]]
-    names = [row["cause"] for row in found if json.loads(row["settings"] or "{}").get("step") == Step.INSTRUMENT]
+    found_rows = [row for row in rows if row["verdict"] == "found" and row.get("in_model", True) and not row["subject"]]
+    names = [row["cause"] for row in found_rows if json.loads(row["settings"] or "{}").get("step") == Step.INSTRUMENT]
     if not names:
         return ""
     return (
@@ -154,25 +156,20 @@ def _calibrated(
     every = list(cases(data, structures(data.machine)))
     clean = screened_poses(data, fitted, every)
     both = calibrations(data, clean, every, lambda done, total, case: progress(done, total, _words(case)))
-    failures = [f"{_words(one.case)}{f', {one.by}' if one.by else ''}: {one.why}" for one in both.failed]
+    failures = [
+        f"{_words(failure.case)}{f', {failure.by}' if failure.by else ''}: {failure.why}" for failure in both.failed
+    ]
     if not both.likely:
         return nothing_calibrated("; ".join(failures))
-    likely = [assessed_calibration(data, one, fitted) for one in both.likely]
-    closed = [assessed_calibration(data, one, fitted) for one in both.implicit]
+    likely = [assessed_calibration(data, candidate, fitted) for candidate in both.likely]
+    closed = [assessed_calibration(data, closed_fit, fitted) for closed_fit in both.implicit]
     made = choice(likely)
-    best, measured, used = likely[made.chosen], data.measured, clean.measured
-    rows = {
-        "calibration": parameter_rows("calibration", both.likely),
-        "implicit_calibration": parameter_rows("implicit_calibration", both.implicit),
-        "correlations": correlation_rows(both.likely),
+    best, measured = likely[made.chosen], data.measured
+    rows = _rows_of_calibrations(data, clean, both, best.calibration) | {
         "accuracy": _accuracy("accuracy", likely, data),
         "implicit_accuracy": _accuracy("implicit_accuracy", closed, data),
         "model_choice": choice_rows([*likely, *closed], measured.roles, made),
-        "observability": observability_rows(data, used, best.calibration),
-        "flexure_parameters": flexure_rows(flexure_knowledge(data, used.subset(clean.kept))),
-        "absorption": absorption_rows(data, used, (*both.likely, *both.implicit)),
         "requirements": Rows("requirements"),
-        "calibration_left_out": _left_out_rows(clean),
     }
     if best.errors is not None:
         add_uncalibrated(rows["model_choice"], data.machine, measured)
@@ -190,11 +187,28 @@ def _calibrated(
     no_frame, free = _NO_FRAME if data.modulo_plane else "", "" if best.errors else _FREE
     open_questions = (data.left_out, *_screened_words(clean), *failures, no_frame, free)
     return Outcome(
-        {name: one.table(identifier) for name, one in rows.items()},
-        read=f"{counted(len(used.poses), 'fitted pose')}, {int((~fitted).sum())} held out",
+        {name: rows_of_artifact.table(identifier) for name, rows_of_artifact in rows.items()},
+        read=f"{counted(len(clean.measured.poses), 'fitted pose')}, {int((~fitted).sum())} held out",
         left_out="; ".join(filter(None, open_questions)) or "nothing",
         figure=_figure(best, len(both.likely), ~fitted) + _applied(extended),
     )
+
+
+def _rows_of_calibrations(
+    data: CalibrationData, clean: ScreenedPoses, both: CalibrationsByEstimator, best: MachineCalibration
+) -> dict[str, Rows]:
+    """Rows of what all calibrations determine: parameters, correlations, observability, absorption; and of poses left
+    out."""
+    used = clean.measured
+    return {
+        "calibration": parameter_rows("calibration", both.likely),
+        "implicit_calibration": parameter_rows("implicit_calibration", both.implicit),
+        "correlations": correlation_rows(both.likely),
+        "observability": observability_rows(data, used, best),
+        "flexure_parameters": flexure_rows(flexure_knowledge(data, used.subset(clean.kept))),
+        "absorption": absorption_rows(data, used, (*both.likely, *both.implicit)),
+        "calibration_left_out": _left_out_rows(clean),
+    }
 
 
 def _applied(extended: Extended | None) -> str:
@@ -209,14 +223,14 @@ def _left_out_rows(clean: ScreenedPoses) -> Rows:
     rows = Rows("calibration_left_out")
     for pose in clean.rejected_poses:
         rows.add(pose=pose, subject="platform", reason=_DISAGREES, unit="sigma")
-    for one in clean.legs_out:
-        leg = f"leg{one.leg + 1}"
-        rows.add(pose=one.pose, subject=leg, reason=_ELSEWHERE, value=one.off, limit=OFF, unit="sigma")
+    for leg_in_pose in clean.legs_out:
+        leg = f"leg{leg_in_pose.leg + 1}"
+        rows.add(pose=leg_in_pose.pose, subject=leg, reason=_ELSEWHERE, value=leg_in_pose.off, limit=OFF, unit="sigma")
     return rows
 
 
 def _screened_words(clean: ScreenedPoses) -> list[str]:
-    texts, legs = [], [f"leg{one.leg + 1} in pose {one.pose}" for one in clean.legs_out]
+    texts, legs = [], [f"leg{leg_in_pose.leg + 1} in pose {leg_in_pose.pose}" for leg_in_pose in clean.legs_out]
     if clean.rejected_poses:
         texts.append(f"poses that disagree with all others: {', '.join(map(str, clean.rejected_poses))}")
     return [*texts, f"legs with inconsistent targets: {listed(legs)}"] if legs else texts
@@ -227,16 +241,16 @@ def _words(case: Case) -> str:
 
 
 def _accuracy(artifact: str, assessed: list[AssessedCalibration], data: CalibrationData) -> Rows:
-    reported = [(one.calibration.case.key, one.errors) for one in assessed if one.errors is not None]
+    reported = [(row.calibration.case.key, row.errors) for row in assessed if row.errors is not None]
     return accuracy_rows(artifact, reported, data.measured)
 
 
-def _figure(best: AssessedCalibration, count: int, held: NDArray) -> str:
+def _figure(best: AssessedCalibration, count: int, held_out: NDArray) -> str:
     text = f"chosen of {counted(count, 'model')}: {_words(best.calibration.case)}"
     against = f"; {reported}" if (reported := doubts(best)) else ""
     if best.errors is None:
         return text + against
-    which = "held-out" if held.any() else "fitted"
-    errors_um = best.errors.position[held if held.any() else ~held] * 1e6
+    which = "held-out" if held_out.any() else "fitted"
+    errors_um = best.errors.position[held_out if held_out.any() else ~held_out] * 1e6
     size = f"mean {np.nanmean(errors_um):.1f} µm, largest {np.nanmax(errors_um):.1f} µm"
     return f"{text}; position error of {which} poses: {size}{against}"

@@ -75,13 +75,16 @@ _WHY_NOT = {
 
 
 def leg_matrix(
-    found: SensorCalibrations, sensitivity: float | tuple[float, ...] | None, tolerance: float | None
+    sensor_calibrations: SensorCalibrations, sensitivity: float | tuple[float, ...] | None, tolerance: float | None
 ) -> LegMatrix | None:
     """G_B' of the chosen calibration (eq. 33, 34) in mV per N, as k / c; None without a stated sensitivity."""
     if sensitivity is None:
         return None
     newton_per_mv = 1.0 / np.asarray(sensitivity, float)
-    return LegMatrix(found.chosen.model.name, leg_force_matrix(found.matrix, newton_per_mv, 1.0, tolerance or 0.0))
+    return LegMatrix(
+        sensor_calibrations.chosen.model.name,
+        leg_force_matrix(sensor_calibrations.matrix, newton_per_mv, 1.0, tolerance or 0.0),
+    )
 
 
 @dataclass(frozen=True)
@@ -93,23 +96,28 @@ class OtherCalibrations:
 
 
 def matrix_rows(
-    theory: Theory | None, found: SensorCalibrations | None, legs: LegMatrix | None, beside: OtherCalibrations | None
+    theory: Theory | None,
+    sensor_calibrations: SensorCalibrations | None,
+    legs: LegMatrix | None,
+    beside: OtherCalibrations | None,
 ) -> Rows:
     """Every matrix entry by entry."""
     rows = Rows("sensor_matrix")
     for name, estimate in _drawn(theory):
         _entries(rows, name, estimate, _LEGS, ("1", "m"))
-    if found is not None:
-        names = found.table.signal_names
-        for k, (one, matrix) in enumerate(zip(found.choice.contenders, found.matrices, strict=True)):
-            chosen = k == found.choice.choice.chosen
-            more = {"sigma_by_case": found.by_case.sigma.ravel()} if chosen else {}
-            _entries(rows, ("G_B", one.fit.model.name), matrix, names, _PER_MV, chosen=chosen, **more)
+    if sensor_calibrations is not None:
+        names = sensor_calibrations.table.signal_names
+        for k, (matrix_name, matrix) in enumerate(
+            zip(sensor_calibrations.choice.contenders, sensor_calibrations.matrices, strict=True)
+        ):
+            chosen = k == sensor_calibrations.choice.choice.chosen
+            more = {"sigma_by_case": sensor_calibrations.by_case.sigma.ravel()} if chosen else {}
+            _entries(rows, ("G_B", matrix_name.fit.model.name), matrix, names, _PER_MV, chosen=chosen, **more)
         if beside is not None:
             loads = "loads as written" if not beside.found.causes else "findings applied"
             name = "G_B", f"{beside.fitted.chosen.model.name}, {loads}"
             _entries(rows, name, beside.fitted.matrix, names, _PER_MV)
-        _term_rows(rows, found)
+        _term_rows(rows, sensor_calibrations)
     if legs is not None:
         _entries(rows, ("G_B'", legs.model), legs.estimate, _names_of(legs.estimate), ("1", "m"), chosen=True)
     return rows
@@ -119,9 +127,9 @@ def _drawn(theory: Theory | None) -> list[tuple[Name, MatrixEstimate]]:
     """Matrices from the drawing, by name and model."""
     if theory is None:
         return []
-    found = [(("G", NOMINAL), theory.nominal), (("G'", SYNTHETIC), theory.with_error)]
+    matrices = [(("G", NOMINAL), theory.nominal), (("G'", SYNTHETIC), theory.with_error)]
     joints = theory.with_joints
-    return found if joints is None else [*found, (("G", WITH_JOINTS), _without_uncertainty(joints))]
+    return matrices if joints is None else [*matrices, (("G", WITH_JOINTS), _without_uncertainty(joints))]
 
 
 def _without_uncertainty(matrix: Array) -> MatrixEstimate:
@@ -130,7 +138,7 @@ def _without_uncertainty(matrix: Array) -> MatrixEstimate:
 
 
 def _finite_or_none(sigma: Array) -> list[float | None]:
-    return [float(one) if np.isfinite(one) else None for one in sigma]
+    return [float(value) if np.isfinite(value) else None for value in sigma]
 
 
 def _names_of(matrix: MatrixEstimate) -> tuple[str, ...]:
@@ -162,9 +170,9 @@ def _entries(
     )
 
 
-def _term_rows(rows: Rows, found: SensorCalibrations) -> None:
+def _term_rows(rows: Rows, sensor_calibrations: SensorCalibrations) -> None:
     """Coefficients of the chosen fit: response = coefficients . terms + zero."""
-    fit = found.chosen
+    fit = sensor_calibrations.chosen
     spread = np.sqrt(np.diag(fit.covariance)).reshape(len(fit.matrix), -1)
     labels = (*fit.terms.labels, *(("zero",) if fit.zeros.shape[1] == 1 else ()))
     values = np.concatenate([fit.matrix, fit.zeros], axis=1)[:, : len(labels)]
@@ -182,7 +190,7 @@ def _term_rows(rows: Rows, found: SensorCalibrations) -> None:
     )
 
 
-def merit_rows(theory: Theory | None, found: SensorCalibrations | None, legs: LegMatrix | None) -> Rows:
+def merit_rows(theory: Theory | None, sensor_calibrations: SensorCalibrations | None, legs: LegMatrix | None) -> Rows:
     """Condition, isotropy and sensitivities of every matrix, for moments in N m and over a characteristic length."""
     rows, drawn = Rows("sensor_merit"), _drawn(theory)
     length = 1.0 if theory is None else theory.length_m
@@ -190,10 +198,10 @@ def merit_rows(theory: Theory | None, found: SensorCalibrations | None, legs: Le
     for name, estimate in [*drawn, *([] if legs is None else [(("G_B'", legs.model), legs.estimate)])]:
         for one in lengths:
             _merit(rows, name, per_length(estimate, one), one)
-    if found is not None:
+    if sensor_calibrations is not None:
         for one in lengths:
-            condition = _pair(condition_number(per_length(found.matrix, one)))
-            _merit_row(rows, ("G_B", found.chosen.model.name), one, "condition", *condition)
+            condition = _pair(condition_number(per_length(sensor_calibrations.matrix, one)))
+            _merit_row(rows, ("G_B", sensor_calibrations.chosen.model.name), one, "condition", *condition)
     if theory is None:
         return rows
     if legs is not None and legs.estimate.value.shape == (6, 6):
@@ -224,8 +232,8 @@ def _theory_errors(
 ) -> None:
     """Difference of theory and calibration as in the paper's Table 5, with and without the synthetic error."""
     figure = "type_1_error" if name[0] == "G'" else "type_2_error"
-    found = relative_errors(sensitivities(estimate).value, sensitivities(legs.estimate))
-    for load, value, sigma in zip(LOADS, found.value.tolist(), found.sigma.tolist(), strict=True):
+    figures = relative_errors(sensitivities(estimate).value, sensitivities(legs.estimate))
+    for load, value, sigma in zip(LOADS, figures.value.tolist(), figures.sigma.tolist(), strict=True):
         _merit_row(rows, name, None, figure, 100 * value, 100 * sigma, load, "%")
     angles = angles_to_theory(np.linalg.inv(estimate.value), legs.estimate)
     for load, value, sigma in zip(LOADS, np.degrees(angles.value), np.degrees(angles.sigma), strict=True):
@@ -260,7 +268,7 @@ def calibrate_sensor(tables: Mapping[str, pa.Table], settings: Campaign, progres
     """Evaluate the drawing of the sensor, and calibrate it if its signals were recorded."""
     progress(0, 2, "theory")
     drawn = theory(settings, tables)
-    found, fitted, why = _fitted(tables, settings, progress)
+    recorded_loads, fitted, why = _fitted(tables, settings, progress)
     if drawn is None and fitted is None:
         return outcome_without_sensor(why)
     sensitivity, tolerance = settings.signals.sensitivity_mv_per_n, settings.signals.sensitivity_tolerance
@@ -270,50 +278,57 @@ def calibrate_sensor(tables: Mapping[str, pa.Table], settings: Campaign, progres
         "sensor_matrix": matrix_rows(drawn, fitted, legs, beside).table(),
         "sensor_merit": merit_rows(drawn, fitted, legs).table(),
     }
-    if found is None or fitted is None:
+    if recorded_loads is None or fitted is None:
         empty = {name: ARTIFACTS[name].empty() for name in ("sensor_choice", "error_classes")}
         figure = f"G by [mechanism]; G_B not evaluated: {why}"
         return Outcome(artifacts | empty, "the drawing", "nothing", figure, why_not=why)
     if beside is not None:
-        artifacts["calibrations_compared"] = compared_rows(found, fitted, beside).table()
-    ranges = ranges_of(settings, found)
-    artifacts["sensor_choice"] = choice_rows(found, fitted).table()
-    artifacts["error_classes"] = error_class_rows(found, fitted, ranges).table()
-    about = {"calibration": fitted.chosen.model.name, "data": WITH_FINDINGS if found.causes else AS_RECORDED}
-    requirements = requirement_rows_of_loads(settings, found, fitted, beside)
+        artifacts["calibrations_compared"] = compared_rows(recorded_loads, fitted, beside).table()
+    ranges = ranges_of(settings, recorded_loads)
+    artifacts["sensor_choice"] = choice_rows(recorded_loads, fitted).table()
+    artifacts["error_classes"] = error_class_rows(recorded_loads, fitted, ranges).table()
+    about = {"calibration": fitted.chosen.model.name, "data": WITH_FINDINGS if recorded_loads.causes else AS_RECORDED}
+    requirements = requirement_rows_of_loads(settings, recorded_loads, fitted, beside)
     if requirements.count:
         artifacts["requirements"] = requirements.table()
     sensor = calibrated_sensor(
-        fitted.choice.chosen, fitted.table, settings.mechanism.reference_temperature_c, found.tared
+        fitted.choice.chosen, fitted.table, settings.mechanism.reference_temperature_c, recorded_loads.tared
     )
     text = {"sensor": sensor_text(sensor, about)}
-    words = [f"{counted(found.left_out, 'load step')} with a gross error in a signal"] if found.left_out else []
-    words += [f"{found.excluded} with a signal excluded by a person"] if found.excluded else []
+    words = (
+        [f"{counted(recorded_loads.left_out, 'load step')} with a gross error in a signal"]
+        if recorded_loads.left_out
+        else []
+    )
+    words += [f"{recorded_loads.excluded} with a signal excluded by a person"] if recorded_loads.excluded else []
     left_out = "; ".join(words) or "nothing"
-    read = f"{counted(len(found.steps.run), 'load step')} with {counted(found.signal.shape[1], 'signal')}"
-    return Outcome(artifacts | text, read=read, left_out=left_out, figure=_figure_of_sensor(found, fitted, ranges))
+    signals = counted(recorded_loads.signal.shape[1], "signal")
+    read = f"{counted(len(recorded_loads.steps.run), 'load step')} with {signals}"
+    return Outcome(
+        artifacts | text, read=read, left_out=left_out, figure=_figure_of_sensor(recorded_loads, fitted, ranges)
+    )
 
 
 def requirement_rows_of_loads(
-    settings: Campaign, found: RecordedLoads, fitted: SensorCalibrations, beside: OtherCalibrations | None
+    settings: Campaign, recorded_loads: RecordedLoads, fitted: SensorCalibrations, beside: OtherCalibrations | None
 ) -> Rows:
     """One row per required component of the load, by errors of runs that were not fitted."""
     keys = {name: f"{name}_{'n' if name.startswith('f') else 'nm'}" for name in fitted.table.load_names}
     limits = [getattr(settings.requirement, key) for key in keys.values()]
     units = {name: _UNITS[name[0]] for name in keys}
-    errors = errors_by_run(found, fitted)
-    variances = np.broadcast_to(found.load_sigma**2, errors.shape)
+    errors = errors_by_run(recorded_loads, fitted)
+    variances = np.broadcast_to(recorded_loads.load_sigma**2, errors.shape)
     every = np.ones(len(errors), bool)
-    key, why = (fitted.chosen.model.name, "none"), dict.fromkeys(_misrecorded(found, beside), _NOT_AS_RECORDED)
+    key, why = (fitted.chosen.model.name, "none"), dict.fromkeys(_misrecorded(recorded_loads, beside), _NOT_AS_RECORDED)
     return limit_rows(units, limits, key, errors, variances, every, why, "runs")
 
 
-def _misrecorded(found: RecordedLoads, beside: OtherCalibrations | None) -> list[str]:
+def _misrecorded(recorded_loads: RecordedLoads, beside: OtherCalibrations | None) -> list[str]:
     """Components of the load that acted otherwise than recorded by a finding that the calibration leaves out.
 
     Every run has the same bias then, so that held-out errors do not show it.
     """
-    if beside is None or found.causes:
+    if beside is None or recorded_loads.causes:
         return []
     differs = (beside.found.load != beside.found.steps.load).any(axis=0)
     return [name for name, is_other in zip(LOADS, differs, strict=True) if is_other]
@@ -328,21 +343,21 @@ def _with_other_loads(tables: Mapping[str, pa.Table], settings: Campaign) -> Oth
         return None
 
 
-def compared_rows(found: RecordedLoads, fitted: SensorCalibrations, beside: OtherCalibrations) -> Rows:
+def compared_rows(recorded_loads: RecordedLoads, fitted: SensorCalibrations, beside: OtherCalibrations) -> Rows:
     """Errors of held-out loads of the main calibration and of the alternative one.
 
     ``rms_unchanged`` is over the load steps of both that no finding changes.
     """
-    rows, both = Rows("calibrations_compared"), ((found, fitted), (beside.found, beside.fitted))
+    rows, both = Rows("calibrations_compared"), ((recorded_loads, fitted), (beside.found, beside.fitted))
     moved = {name for one, _ in both for name in compress(_steps(one), one.moved.tolist())}
-    same = set(_held_out_steps(found)) & set(_held_out_steps(beside.found)) - moved
-    for one, own in both:
+    same = set(_held_out_steps(recorded_loads)) & set(_held_out_steps(beside.found)) - moved
+    for calibration_data, own in both:
         errors, names = own.choice.chosen.errors, own.table.load_names
-        kept = errors[[name in same for name in _held_out_steps(one)]]
+        errors_used = errors[[name in same for name in _held_out_steps(calibration_data)]]
         common = {
-            "data": WITH_FINDINGS if one.causes else AS_RECORDED,
-            "is_main": one is found,
-            "findings": " and ".join(one.causes) or None,
+            "data": WITH_FINDINGS if calibration_data.causes else AS_RECORDED,
+            "is_main": calibration_data is recorded_loads,
+            "findings": " and ".join(calibration_data.causes) or None,
             "model": own.chosen.model.name,
             "quantity": list(names),
             "unit": [_UNITS[name[0]] for name in names],
@@ -352,23 +367,29 @@ def compared_rows(found: RecordedLoads, fitted: SensorCalibrations, beside: Othe
             tested_on="held-out load cases",
             rms_error=np.sqrt(np.mean(errors**2, axis=0)),
             largest_error=np.abs(errors).max(axis=0),
-            rms_unchanged=np.sqrt(np.mean(kept**2, axis=0)) if len(kept) else None,
+            rms_unchanged=np.sqrt(np.mean(errors_used**2, axis=0)) if len(errors_used) else None,
             count=len(errors),
         )
         if np.isfinite(own.verification).all():
-            count = int(one.steps.held_out.sum())
+            count = int(calibration_data.steps.held_out.sum())
             rows.add(**common, tested_on="verification runs", rms_error=own.verification, count=count)
     return rows
 
 
-def _steps(found: RecordedLoads) -> list[tuple[int | str, int]]:
+def _steps(recorded_loads: RecordedLoads) -> list[tuple[int | str, int]]:
     """The load steps (B,) by run and step."""
-    return list(zip([found.steps.runs[run] for run in found.steps.run], found.steps.step.tolist(), strict=True))
+    return list(
+        zip(
+            [recorded_loads.steps.runs[run] for run in recorded_loads.steps.run],
+            recorded_loads.steps.step.tolist(),
+            strict=True,
+        )
+    )
 
 
-def _held_out_steps(found: RecordedLoads) -> list[tuple[int | str, int]]:
+def _held_out_steps(recorded_loads: RecordedLoads) -> list[tuple[int | str, int]]:
     """Calibrating steps in the order of their held-out errors."""
-    return list(compress(_steps(found), (~found.steps.held_out).tolist()))
+    return list(compress(_steps(recorded_loads), (~recorded_loads.steps.held_out).tolist()))
 
 
 def _fitted(
@@ -379,21 +400,21 @@ def _fitted(
         return None, None, "the campaign holds no signals"
     progress(1, 2, "calibrations")
     try:
-        found = recorded(tables, settings)
-        if found.steps.held_out.all():
-            return found, None, "every run is for verification, so none may be fitted"
-        return found, calibrations(found), ""
+        loads = recorded(tables, settings)
+        if loads.steps.held_out.all():
+            return loads, None, "every run is for verification, so none may be fitted"
+        return loads, calibrations(loads), ""
     except ValueError as error:
         return None, None, str(error)
 
 
-def _figure_of_sensor(found: RecordedLoads, fitted: SensorCalibrations, ranges: np.ndarray) -> str:
-    held = 100.0 * fitted.choice.chosen.rms / ranges
-    worst = int(np.nanargmax(held))
+def _figure_of_sensor(recorded_loads: RecordedLoads, fitted: SensorCalibrations, ranges: np.ndarray) -> str:
+    error_share = 100.0 * fitted.choice.chosen.rms / ranges
+    worst = int(np.nanargmax(error_share))
     return (
         f"G_B by {fitted.chosen.model.name}; held out {fitted.left_out}: "
-        f"largest rms error {percent(held[worst])} of the range ({LOADS[worst]})"
-        f"{f'; with {listed(found.causes)} applied' if found.causes else ''}"
+        f"largest rms error {percent(error_share[worst])} of the range ({LOADS[worst]})"
+        f"{f'; with {listed(recorded_loads.causes)} applied' if recorded_loads.causes else ''}"
     )
 
 
@@ -403,78 +424,84 @@ def outcome_without_sensor(why: str) -> Outcome:
     return Outcome.not_evaluated(empty, why)
 
 
-def choice_rows(found: RecordedLoads, fitted: SensorCalibrations) -> Rows:
+def choice_rows(recorded_loads: RecordedLoads, fitted: SensorCalibrations) -> Rows:
     """Figures of every candidate, and reasons why others were not fitted."""
     rows = Rows("sensor_choice")
     equal = fitted.choice.choice.indistinguishable
-    for k, one in enumerate(fitted.choice.contenders):
+    for k, contender in enumerate(fitted.choice.contenders):
         chosen = k == fitted.choice.choice.chosen
-        _figures(rows, fitted, one)
+        _figures(rows, fitted, contender)
         for figure, value in (("chosen", chosen), ("indistinguishable", bool(equal[k]))):
-            _add_figure(rows, one, figure, None, float(value), "1")
+            _add_figure(rows, contender, figure, None, float(value), "1")
         if chosen:
-            _load_rows(rows, one, "verification_rms", fitted.verification, fitted)
-            _add_figure(rows, one, "tared", None, float(found.tared), "1")
-            if found.causes:
-                words = " and ".join(found.causes)
-                rows.add(model=one.fit.model.name, figure="loads_as_diagnosed", value=1.0, unit="1", reason=words)
-            _add_figure(rows, one, "noise_ratio", None, one.fit.noise_ratio, "1")
+            _load_rows(rows, contender, "verification_rms", fitted.verification, fitted)
+            _add_figure(rows, contender, "tared", None, float(recorded_loads.tared), "1")
+            if recorded_loads.causes:
+                words = " and ".join(recorded_loads.causes)
+                rows.add(model=contender.fit.model.name, figure="loads_as_diagnosed", value=1.0, unit="1", reason=words)
+            _add_figure(rows, contender, "noise_ratio", None, contender.fit.noise_ratio, "1")
     for model, why in fitted.choice.refused.items():
         rows.add(model=model, figure="refused", value=1.0, unit="1", reason=why)
     return rows
 
 
-def _figures(rows: Rows, fitted: SensorCalibrations, one: HeldOutPredictions) -> None:
-    _load_rows(rows, one, "heldout_rms", one.rms, fitted)
-    if one.fit.model.direction == "direct":
-        _load_rows(rows, one, "fitted_rms", np.sqrt(np.mean(one.fit.residuals**2, axis=0)), fitted)
-    _add_figure(rows, one, "heldout_log_density", None, one.log_density, "1")
-    _add_figure(rows, one, "heldout_chi_square", None, float(one.squares.sum()), "1")
-    _add_figure(rows, one, "heldout_freedom", None, float(one.freedom.sum()), "1")
-    _add_figure(rows, one, "parameters", None, float(one.fit.matrix.size + one.fit.zeros.size), "1")
+def _figures(rows: Rows, fitted: SensorCalibrations, predictions: HeldOutPredictions) -> None:
+    _load_rows(rows, predictions, "heldout_rms", predictions.rms, fitted)
+    if predictions.fit.model.direction == "direct":
+        _load_rows(rows, predictions, "fitted_rms", np.sqrt(np.mean(predictions.fit.residuals**2, axis=0)), fitted)
+    _add_figure(rows, predictions, "heldout_log_density", None, predictions.log_density, "1")
+    _add_figure(rows, predictions, "heldout_chi_square", None, float(predictions.squares.sum()), "1")
+    _add_figure(rows, predictions, "heldout_freedom", None, float(predictions.freedom.sum()), "1")
+    _add_figure(
+        rows, predictions, "parameters", None, float(predictions.fit.matrix.size + predictions.fit.zeros.size), "1"
+    )
 
 
-def _load_rows(rows: Rows, one: HeldOutPredictions, figure: str, values: NDArray, fitted: SensorCalibrations) -> None:
+def _load_rows(
+    rows: Rows, predictions: HeldOutPredictions, figure: str, values: NDArray, fitted: SensorCalibrations
+) -> None:
     for name, value in zip(fitted.table.load_names, values, strict=True):
         if np.isfinite(value):
-            _add_figure(rows, one, figure, name, float(value), "N" if name.startswith("f") else "N m")
+            _add_figure(rows, predictions, figure, name, float(value), "N" if name.startswith("f") else "N m")
 
 
-def _add_figure(rows: Rows, one: HeldOutPredictions, figure: str, subject: str | None, value: float, unit: str) -> None:
+def _add_figure(
+    rows: Rows, predictions: HeldOutPredictions, figure: str, subject: str | None, value: float, unit: str
+) -> None:
     finite = value if np.isfinite(value) else None
-    rows.add(model=one.fit.model.name, figure=figure, subject=subject, value=finite, unit=unit)
+    rows.add(model=predictions.fit.model.name, figure=figure, subject=subject, value=finite, unit=unit)
 
 
-def error_class_rows(found: RecordedLoads, fitted: SensorCalibrations, ranges: Array) -> Rows:
+def error_class_rows(recorded_loads: RecordedLoads, fitted: SensorCalibrations, ranges: Array) -> Rows:
     """Every error class of every axis that was loaded alone; ranges (6,) in N and N m, NaN if undeclared."""
     rows = Rows("error_classes")
-    every = found.table(np.ones(len(found.steps.run), bool), found.steps.run)
+    every = recorded_loads.table(np.ones(len(recorded_loads.steps.run), bool), recorded_loads.steps.run)
     # without other acting loads, because only the axis should be loaded
-    indicated = predicted_loads(fitted.chosen, every).value - (found.load - found.steps.load)
+    indicated = predicted_loads(fitted.chosen, every).value - (recorded_loads.load - recorded_loads.steps.load)
     matrix = fitted.matrix.value
-    sigma = np.sqrt(np.einsum("wc,c->w", matrix**2, found.sigma**2))
+    sigma = np.sqrt(np.einsum("wc,c->w", matrix**2, recorded_loads.sigma**2))
     for axis in range(len(LOADS)):
-        reported = axis_errors(found, indicated, sigma, ranges, axis)
+        reported = axis_errors(recorded_loads, indicated, sigma, ranges, axis)
         if reported is None:
             continue
-        for one in reported:
-            _add_class(rows, one)
+        for row in reported:
+            _add_class(rows, row)
         for name in CLASSES:
-            if name not in {one.name for one in reported}:
+            if name not in {reported_class.name for reported_class in reported}:
                 rows.add(error_class=name, load=LOADS[axis], indicated=LOADS[axis], unit="%", reason=_WHY_NOT[name])
     return rows
 
 
-def _add_class(rows: Rows, one: ErrorClass) -> None:
+def _add_class(rows: Rows, error_class: ErrorClass) -> None:
     rows.add(
-        error_class=one.name,
-        load=LOADS[one.axis],
-        indicated=LOADS[one.component],
-        value=100.0 * one.value,
-        sigma=100.0 * one.sigma,
-        limit=100.0 * one.limit,
+        error_class=error_class.name,
+        load=LOADS[error_class.axis],
+        indicated=LOADS[error_class.component],
+        value=100.0 * error_class.value,
+        sigma=100.0 * error_class.sigma,
+        limit=100.0 * error_class.limit,
         unit="%",
-        applied=one.load,
+        applied=error_class.load,
     )
 
 
@@ -483,25 +510,25 @@ def theory(settings: Campaign, tables: Mapping[str, pa.Table]) -> Theory | None:
     if settings.mechanism.type != "6-upur":
         return None
     section: SensorMechanism = settings.mechanism  # type: ignore[assignment]
-    given = tables.get("given_compliance")
-    sensor = nominal_sensor(section, given if given is not None and given.num_rows else None)
+    compliance = tables.get("given_compliance")
+    sensor = nominal_sensor(section, compliance if compliance is not None and compliance.num_rows else None)
     return theory_of(sensor, _largest(sensor, tables))
 
 
 def _largest(sensor: NominalSensor, tables: Mapping[str, pa.Table]) -> Array:
     """Largest displacement (6,) of any load case: measured, else simulated, else none."""
-    found = np.zeros(6)
+    largest = np.zeros(6)
     cases = tables.get("displacement")
     load = None
     if cases is not None and cases.num_rows:
         load = _loads(cases)
         moved = number_columns(cases, MOVED_COLUMNS) * MOVED_SI
-        found = np.where(np.isfinite(moved).any(0), farthest(np.nan_to_num(moved)), np.nan)
+        largest = np.where(np.isfinite(moved).any(0), farthest(np.nan_to_num(moved)), np.nan)
     elif "signals" in tables:
         load = _loads(tables["signals"])
     if load is not None and sensor.compliance is not None:
-        found = np.where(np.isfinite(found) & (found != 0.0), found, farthest(load @ sensor.compliance.T))
-    return np.nan_to_num(found)
+        largest = np.where(np.isfinite(largest) & (largest != 0.0), largest, farthest(load @ sensor.compliance.T))
+    return np.nan_to_num(largest)
 
 
 def _loads(table: pa.Table) -> Array:

@@ -97,11 +97,11 @@ class AxisColumns:
     def rows(self, table: pa.Table, command_sigma: float) -> AxisRows:
         """Return the rows of a table; command_sigma: standard deviation of the axis from its command, rad or m."""
         command, time_s = self.commands(table), number_column(table, "time_s")
-        held = {self.command, *self.encoders.values(), *NUMBERED}
+        column_names = {self.command, *self.encoders.values(), *NUMBERED}
         others = {
             field.name: number_column(table, field.name)
             for field in table.schema
-            if field.name not in held and str(field.type) in ("double", "int64")
+            if field.name not in column_names and str(field.type) in ("double", "int64")
         }
         poses, least = table.column("pose").to_pylist(), self.axis(command_sigma).least_move
         return AxisRows.of(poses, time_s, command, least, _events_in_time(table, time_s), others)
@@ -109,14 +109,16 @@ class AxisColumns:
     def deviations(self, table: pa.Table) -> Array:
         """Return encoder readings minus command (N, K), rad or m, without whole turns and overflows; NaN if empty."""
         command, columns = self.si(table, self.command), self.encoders.values()
-        found = np.column_stack([self.si(table, column) - command for column in columns])
-        for own, column in zip(found.T, columns, strict=True):
+        deviation = np.column_stack([self.si(table, column) - command for column in columns])
+        for deviation_of_column, column in zip(deviation.T, columns, strict=True):
             if column.endswith(_COUNTS):
-                own -= _overflows(own, number_column(table, column), SI[self.unit] / self._counts(column))
+                deviation_of_column -= _overflows(
+                    deviation_of_column, number_column(table, column), SI[self.unit] / self._counts(column)
+                )
         if self.kind != ROTARY:
-            return found
-        middle = np.array([np.median(own[np.isfinite(own)]) if np.isfinite(own).any() else 0.0 for own in found.T])
-        return np.asarray(found - _TURN * np.round((found - middle) / _TURN))
+            return deviation
+        middle = np.array([np.median(own[np.isfinite(own)]) if np.isfinite(own).any() else 0.0 for own in deviation.T])
+        return np.asarray(deviation - _TURN * np.round((deviation - middle) / _TURN))
 
 
 def excluded_rows(rules: tuple[Overrule, ...], rows: AxisRows) -> Mask:
@@ -142,10 +144,10 @@ def _overflows(off: Array, counts: Array, count: float) -> Array:
     for bits in _BITS:
         first = 0.0 if low >= 0.0 else -(2.0 ** (bits - 1))
         if first <= low and high < first + 2.0**bits:
-            whole = 2.0**bits * count
+            span = 2.0**bits * count
             away = np.where(known, off - np.median(off[known]), 0.0)
-            ranges = whole * np.round(away / whole)
-            return ranges if np.abs(away - ranges).max() < _WITHIN * whole else none
+            ranges = span * np.round(away / span)
+            return ranges if np.abs(away - ranges).max() < _WITHIN * span else none
     return none
 
 
@@ -175,10 +177,10 @@ def _events_in_time(table: pa.Table, time_s: Array) -> tuple[tuple[str, float], 
     if "event" not in table.schema.names:
         return ()
     named = table.column("event").to_pylist()
-    found, before = [], ""
+    events, before = [], ""
     for row in np.argsort(time_s, kind="stable"):
         now = (named[row] or "").strip()
         if now and now != before:
-            found.append((now, float(time_s[row])))
+            events.append((now, float(time_s[row])))
         before = now
-    return tuple(found)
+    return tuple(events)

@@ -50,21 +50,21 @@ def _targets_from_both_sides(table: pa.Table, settings: Campaign) -> int:
     rows = columns_of(settings, table).rows(table, command_sigma(settings))
     target, number = targets_of(rows.command)
     sides = [set(rows.direction[number == k]) for k in range(len(target))]
-    return sum(len(own) > 1 for own in sides)
+    return sum(len(side) > 1 for side in sides)
 
 
 def undetectable_causes(tables: Mapping[str, pa.Table], settings: Campaign) -> tuple[str, ...]:
     """Causes that the rows cannot show, each with the reason."""
     table = tables["configurations"]
     columns = columns_of(settings, table)
-    found = []
+    undetectable = []
     if not np.ptp(columns.rows(table, command_sigma(settings)).direction) > 0.0:
-        found.append("lost-motion: all rows were approached from one side")
+        undetectable.append("lost-motion: all rows were approached from one side")
     elif tuple(columns.encoders) == (columns.loop,):
-        found.append(
+        undetectable.append(
             f"any: only the encoder in the feedback loop ({columns.loop}) was recorded, which follows the command"
         )
-    return tuple(found)
+    return tuple(undetectable)
 
 
 def is_held_out(table: pa.Table) -> Mask:

@@ -18,15 +18,15 @@ LINEAR = 3  # channels ahead of the angular ones
 
 def channel_rows(beams: Beams) -> Array:
     """Matrix (6, 6) from displacement (m) and rotation vector (rad) of the platform's origin to channels."""
-    found = []
+    rows = []
     for k, name in enumerate(CHANNELS):
         beam = getattr(beams, name)
-        found.append(
+        rows.append(
             linear_rows(beam_direction(k, beam), _MM * np.array(beam.arm_mm))
             if k < LINEAR
             else angular_rows(beam_direction(k, beam))
         )
-    return np.stack(found)
+    return np.stack(rows)
 
 
 def beam_direction(k: int, beam: RotationAxis) -> Array:

@@ -16,7 +16,7 @@ from truing.schemas.quality_checks import WITHHOLDING
 
 def belonging_table(tested: Sequence[RelationTest], accepted: Sequence[str | None]) -> pa.Table:
     """Return the artifact ``belonging``: one row per tested relation."""
-    rows = [_row(one, who) for one, who in zip(tested, accepted, strict=True)]
+    rows = [_row(test, who) for test, who in zip(tested, accepted, strict=True)]
     return pa.Table.from_pylist(rows, schema=ARTIFACTS["belonging"].arrow_schema())
 
 

@@ -20,28 +20,28 @@ def groupings_of(
     inputs: Array, time_s: Array | None, approach: Array | None, labels: Mapping[BlockKind, Integers] | None = None
 ) -> dict[BlockKind, Integers]:
     """Groupings (B,) by kind, -1 for none: from inputs (B, D), times (B,), and directions (B, L) if known."""
-    found = dict(labels or {})
+    groupings = dict(labels or {})
     if time_s is not None:
-        found[BlockKind.DAY] = days(time_s)
+        groupings[BlockKind.DAY] = days(time_s)
     if approach is not None and approach.shape[1]:
-        found[BlockKind.DIRECTION] = group_numbers(approach)
+        groupings[BlockKind.DIRECTION] = group_numbers(approach)
     varies = np.isfinite(inputs).all(0) & (np.ptp(inputs, axis=0) > 0.0) if len(inputs) else np.zeros(0, bool)
     if varies.any():
-        found[BlockKind.REGION] = regions(inputs[:, varies])
-    return found
+        groupings[BlockKind.REGION] = regions(inputs[:, varies])
+    return groupings
 
 
 def labels_of(table: pa.Table | None, poses: Sequence[int | str]) -> dict[BlockKind, Integers]:
     """Series and run (B,) of each pose in the configurations, by number, -1 for none."""
-    found = {}
+    labels_by_kind = {}
     for name, kind in _LABELS.items() if table is not None else ():
         if table is not None and name in table.column_names:
             texts = [str(value) if value is not None else "" for value in table.column(name).to_pylist()]
             place, numbers = positions(table.column("pose"), tuple(poses)), np.full(len(poses), -1)
             own = np.where(np.array(texts) == "", -1, np.unique(texts, return_inverse=True)[1])
             numbers[place[place >= 0]] = own[place >= 0]
-            found[kind] = numbers
-    return found
+            labels_by_kind[kind] = numbers
+    return labels_by_kind
 
 
 def readings_of(table: pa.Table | None, poses: Sequence[int | str], drives: tuple[str, ...]) -> Array:
@@ -49,9 +49,9 @@ def readings_of(table: pa.Table | None, poses: Sequence[int | str], drives: tupl
     if table is None or not table.num_rows:
         return np.zeros((len(poses), 0))
     own, place = drive_readings(table, drives), positions(table.column("pose"), tuple(poses))
-    found = np.full((len(poses), own.shape[1]), np.nan)
-    found[place[place >= 0]] = own[place >= 0]
-    return found
+    readings = np.full((len(poses), own.shape[1]), np.nan)
+    readings[place[place >= 0]] = own[place >= 0]
+    return readings
 
 
 def repeats_of(

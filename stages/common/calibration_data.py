@@ -55,11 +55,11 @@ def network_errors(
     numbers = [str(name) for body in bodies for name in pose_numbers(body)]
     numbers += [shift_number(leg + 1) for leg in range(legs)]
     covariance = np.full((len(poses), len(numbers), len(numbers)), np.nan)
-    for n, own in enumerate(bodies.values()):
-        covariance[:, 6 * n : 6 * n + 6, 6 * n : 6 * n + 6] = own
+    for n, body_name in enumerate(bodies.values()):
+        covariance[:, 6 * n : 6 * n + 6, 6 * n : 6 * n + 6] = body_name
     for name in ("pose_covariances", "shift_covariances"):
         _store_covariances(covariance, tables.get(name), poses, tuple(numbers))
-    of_survey = _of_survey(tables.get("survey_covariances"), tuple(numbers))
+    of_survey = _survey_covariance(tables.get("survey_covariances"), tuple(numbers))
     shifted = np.arange(len(numbers)) >= 6 * len(bodies)  # whose covariances do not include the survey
     covariance += np.where(shifted[:, None] | shifted, of_survey, 0.0)
     parameters, effects = _effects(tables, poses, list(bodies), legs)
@@ -68,15 +68,15 @@ def network_errors(
     return NetworkErrors(tuple(numbers), covariance, np.concatenate([effects @ root, in_all], -1))
 
 
-def _of_survey(table: pa.Table | None, numbers: tuple[str, ...]) -> NDArray:
+def _survey_covariance(table: pa.Table | None, numbers: tuple[str, ...]) -> NDArray:
     """Return the covariance (Q, Q) from the survey, common to all poses."""
-    found = np.zeros((len(numbers), len(numbers)))
+    covariance = np.zeros((len(numbers), len(numbers)))
     if table is not None and table.num_rows:
-        one, other = (positions(table.column(f"{name}_number"), numbers) for name in ("measured", "other"))
-        kept = (one >= 0) & (other >= 0)
-        value = number_column(table, "joint_covariance")[kept]
-        found[one[kept], other[kept]] = found[other[kept], one[kept]] = value
-    return found
+        first, other = (positions(table.column(f"{name}_number"), numbers) for name in ("measured", "other"))
+        is_known = (first >= 0) & (other >= 0)
+        value = number_column(table, "joint_covariance")[is_known]
+        covariance[first[is_known], other[is_known]] = covariance[other[is_known], first[is_known]] = value
+    return covariance
 
 
 def _store_covariances(
@@ -85,21 +85,26 @@ def _store_covariances(
     if table is None or not table.num_rows:
         return
     places = (table.column("pose"), poses), *((table.column(f"{o}_number"), numbers) for o in ("measured", "other"))
-    pose, one, other = (positions(*place) for place in places)
-    kept = (pose >= 0) & (one >= 0) & (other >= 0)
-    value = number_column(table, "joint_covariance")[kept]
-    covariance[pose[kept], one[kept], other[kept]] = covariance[pose[kept], other[kept], one[kept]] = value
+    pose, first, other = (positions(*place) for place in places)
+    is_known = (pose >= 0) & (first >= 0) & (other >= 0)
+    value = number_column(table, "joint_covariance")[is_known]
+    covariance[pose[is_known], first[is_known], other[is_known]] = covariance[
+        pose[is_known], other[is_known], first[is_known]
+    ] = value
 
 
 def _effects(
     tables: Mapping[str, pa.Table], poses: tuple[int | str, ...], bodies: list[str], legs: int
 ) -> tuple[tuple[str, ...], NDArray]:
     """Return the common parameters, and the effect of one standard deviation of each (B, Q, K), SI."""
-    given = [tables.get(name) for name in ("pose_sensitivities", "shift_sensitivities")]
-    found = [table for table in given if table is not None]
-    parameters = tuple(dict.fromkeys(name for table in found for name in table.column("parameter").to_pylist()))
+    tables_given = [tables.get(name) for name in ("pose_sensitivities", "shift_sensitivities")]
+    sensitivities = [table for table in tables_given if table is not None]
+    parameters = tuple(dict.fromkeys(name for table in sensitivities for name in table.column("parameter").to_pylist()))
     effects = np.zeros((len(poses), 6 * len(bodies) + legs, len(parameters)))
-    for table, columns, si in ((given[0], _EFFECTS, _TO_SI), (given[1], ("effect_um",), np.array([1e-6]))):
+    for table, columns, si in (
+        (tables_given[0], _EFFECTS, _TO_SI),
+        (tables_given[1], ("effect_um",), np.array([1e-6])),
+    ):
         if table is None or not table.num_rows:
             continue
         pose, parameter = positions(table.column("pose"), poses), positions(table.column("parameter"), parameters)
@@ -107,10 +112,10 @@ def _effects(
             first = 6 * positions(table.column("body"), tuple(bodies))
         else:
             first = 6 * len(bodies) + number_column(table, "leg").astype(int) - 1
-        kept = (pose >= 0) & (first >= 0)
+        is_known = (pose >= 0) & (first >= 0)
         values = number_columns(table, columns) * si
         for n in range(len(columns)):
-            effects[pose[kept], first[kept] + n, parameter[kept]] = values[kept, n]
+            effects[pose[is_known], first[is_known] + n, parameter[is_known]] = values[is_known, n]
     return parameters, effects
 
 
@@ -133,13 +138,13 @@ def assemble(tables: Mapping[str, pa.Table], settings: Campaign) -> CalibrationD
     rho = _readings(tables["configurations"], poses, count)
     usable = platform.found & np.isfinite(rho).all(1)
     legs = {leg: body_poses(tables["poses"], f"leg{leg + 1}", poses) for leg in range(count)}
-    carrying = {leg: found for leg, found in legs.items() if found.found.any()}
+    carrying = {leg: leg_poses for leg, leg_poses in legs.items() if leg_poses.found.any()}
     machine = nominal_machine(section_)
     surveyed = _surveyed_attachments(tables, settings)
     shifts = None if surveyed is None else _shifts(tables.get("deformation"), poses, count)
     roles = _roles(tables["configurations"], poses)
-    seen = {"platform": platform} | {f"leg{leg + 1}": found for leg, found in carrying.items()}
-    network = network_errors(tables, poses, {name: found.covariance for name, found in seen.items()}, count)
+    seen = {"platform": platform} | {f"leg{leg + 1}": leg_poses for leg, leg_poses in carrying.items()}
+    network = network_errors(tables, poses, {name: leg_poses.covariance for name, leg_poses in seen.items()}, count)
     load = external_loads(settings, tables["configurations"], platform.R) if section_.is_elastic else None
     measured = MeasuredPlatform(poses, roles, base, platform, rho, carrying, shifts, network, load).subset(usable)
     if not usable.any():
@@ -164,14 +169,17 @@ def _rests_on_attachments(platform: SurveyPoints) -> bool:
 
 def body_poses(table: pa.Table, body: str, poses: tuple[int | str, ...], parent: str = "base") -> PosesWithCovariance:
     """Default poses of a body in its parent, in the given order; NaN for missing or failed ones."""
-    own = pc.and_(pc.equal(table.column("body"), body), pc.equal(table.column("parent"), parent))
+    is_pose = pc.and_(pc.equal(table.column("body"), body), pc.equal(table.column("parent"), parent))
     good = pc.and_(table.column("default"), pc.equal(table.column("status"), "ok"))
-    rows = table.filter(pc.and_(own, good))
+    rows = table.filter(pc.and_(is_pose, good))
     place = positions(rows.column("pose"), poses)
-    found, covariance = np.full((len(poses), 6), np.nan), np.full((len(poses), 6, 6), np.nan)
-    kept = place >= 0
-    found[place[kept]], covariance[place[kept]] = pose_vectors(rows)[kept], pose_covariances(rows)[kept]
-    return PosesWithCovariance(found[:, :3], exp_so3(np.nan_to_num(found[:, 3:])), covariance)
+    motions, covariance = np.full((len(poses), 6), np.nan), np.full((len(poses), 6, 6), np.nan)
+    is_known = place >= 0
+    motions[place[is_known]], covariance[place[is_known]] = (
+        pose_vectors(rows)[is_known],
+        pose_covariances(rows)[is_known],
+    )
+    return PosesWithCovariance(motions[:, :3], exp_so3(np.nan_to_num(motions[:, 3:])), covariance)
 
 
 def _readings(configurations: pa.Table, poses: tuple[int | str, ...], legs: int) -> NDArray:
@@ -186,11 +194,11 @@ def _shifts(table: pa.Table | None, poses: tuple[int | str, ...], legs: int) -> 
         return None
     rows = table.filter(pc.invert(table.column("rejected")))
     place = positions(rows.column("pose"), poses), number_column(rows, "leg").astype(int) - 1
-    kept = place[0] >= 0
-    found = SurveyShifts(np.full((len(poses), legs), np.nan), np.full((len(poses), legs), np.nan))
-    for target, name in ((found.shift, "delta_bz_um"), (found.sigma, "own_sigma_um")):
-        target[place[0][kept], place[1][kept]] = number_column(rows, name)[kept] * 1e-6
-    return found
+    is_known = place[0] >= 0
+    shifts = SurveyShifts(np.full((len(poses), legs), np.nan), np.full((len(poses), legs), np.nan))
+    for target, name in ((shifts.shift, "delta_bz_um"), (shifts.sigma, "own_sigma_um")):
+        target[place[0][is_known], place[1][is_known]] = number_column(rows, name)[is_known] * 1e-6
+    return shifts
 
 
 def _roles(configurations: pa.Table, poses: tuple[int | str, ...]) -> NDArray:
@@ -200,20 +208,22 @@ def _roles(configurations: pa.Table, poses: tuple[int | str, ...]) -> NDArray:
 
 
 def _tolerances(mechanism: LeggedMechanism) -> dict[str, float]:
-    given = mechanism.tolerance
-    sigmas = {"a": given.a_mm, "b": given.b_mm, "l": given.length_mm, "rho0": given.rho0_mm}
-    sigmas["flexure_length"] = given.flexure_length_mm
-    found = {name: sigma * 1e-3 for name, sigma in sigmas.items() if sigma is not None}
-    ratios = {"u": given.u, "beta": given.flexure_beta}
-    return found | {name: sigma for name, sigma in ratios.items() if sigma is not None}
+    tolerance = mechanism.tolerance
+    sigmas = {"a": tolerance.a_mm, "b": tolerance.b_mm, "l": tolerance.length_mm, "rho0": tolerance.rho0_mm}
+    sigmas["flexure_length"] = tolerance.flexure_length_mm
+    tolerances = {name: sigma * 1e-3 for name, sigma in sigmas.items() if sigma is not None}
+    ratios = {"u": tolerance.u, "beta": tolerance.flexure_beta}
+    return tolerances | {name: sigma for name, sigma in ratios.items() if sigma is not None}
 
 
 def _deformations(models: pa.Table | None, legs: int) -> dict[str, Deformation]:
     if models is None:
         return {}
     rows = [row for row in models.to_pylist() if row["leg"] is not None and row["column"] > 0]
-    found = {name: _coefficients([row for row in rows if row["model"] == name], legs) for name in ("linear", "matrix")}
-    return {name: one for name, one in found.items() if np.isfinite(one.K).any()}
+    deformations = {
+        name: _coefficients([row for row in rows if row["model"] == name], legs) for name in ("linear", "matrix")
+    }
+    return {name: deformation for name, deformation in deformations.items() if np.isfinite(deformation.K).any()}
 
 
 def _in_plane(models: pa.Table | None, legs: int) -> Deformation | None:

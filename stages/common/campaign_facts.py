@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import base64
 import json
+import math
 import os
 import platform
 from collections.abc import Iterator
@@ -45,6 +46,7 @@ def campaign_facts(settings: Campaign, files: CampaignFiles | None = None) -> Ca
         title=campaign.title or "",
         laboratory=campaign.laboratory or _name(certificate.laboratory),
         customer=campaign.customer or _name(certificate.customer),
+        operator=campaign.operator or "",
         logo=_data_uri(campaign.logo, files.folder) if campaign.logo and files is not None else "",
         item=_item(certificate.item),
         machine=_machine(settings),
@@ -52,11 +54,12 @@ def campaign_facts(settings: Campaign, files: CampaignFiles | None = None) -> Ca
         measured=days,
         made=str(_today()),
         version=__version__,
-        comments=tuple((one.section, one.text) for one in settings.comment),
+        comments=tuple((comment.section, comment.text) for comment in settings.comment),
         declared=tuple(_declared(settings)),
         software=tuple(_software(__version__)),
-        persons=tuple((one.name or "", one.role or "") for one in certificate.persons),
+        persons=tuple((person.name or "", person.role or "") for person in certificate.persons),
         files=() if files is None else tuple(_raw_files(files)),
+        costs=() if files is None or _epoch() is not None else files.costs,
     )
 
 
@@ -64,8 +67,8 @@ def _declared(settings: Campaign) -> Iterator[tuple[str, str]]:
     """Yield the keys of campaign.toml that results rest on, as far as they are set, with their values."""
     for name in SECTIONS_SHOWN:
         section = getattr(settings, name, None)
-        given = {} if section is None else section.model_dump(mode="json", exclude_unset=True, exclude_none=True)
-        yield from ((f"{name}.{key}", _written(value)) for key, value in given.items())
+        declared = {} if section is None else section.model_dump(mode="json", exclude_unset=True, exclude_none=True)
+        yield from ((f"{name}.{key}", _written(value)) for key, value in declared.items())
 
 
 def _written(value: object) -> str:
@@ -84,9 +87,10 @@ def _raw_files(files: CampaignFiles) -> Iterator[RawFileFacts]:
     """Yield facts of the files that the campaign was read from."""
     for name, digest in sorted(files.digests.items()):
         path = files.folder / name
-        yield RawFileFacts(
-            name, os.path.getsize(path), _lines(path) if path.suffix.lower() in _OF_LINES else None, digest
-        )
+        facts = path.stat()
+        changed = datetime.fromtimestamp(min(facts.st_mtime, _epoch() or math.inf), UTC)
+        lines = _lines(path) if path.suffix.lower() in _OF_LINES else None
+        yield RawFileFacts(name, facts.st_size, lines, digest, f"{changed:%Y-%m-%d %H:%M}")
 
 
 def _lines(path: Path) -> int:
@@ -116,9 +120,15 @@ def _machine(settings: Campaign) -> str:
 
 
 def _today() -> date:
-    """Return the day of the page: today, or that of SOURCE_DATE_EPOCH, by which builds are repeated."""
+    """Return the day of the page: today, or that of SOURCE_DATE_EPOCH."""
+    epoch = _epoch()
+    return (datetime.now(UTC) if epoch is None else datetime.fromtimestamp(epoch, UTC)).date()
+
+
+def _epoch() -> int | None:
+    """Return SOURCE_DATE_EPOCH, by which builds are repeated: the page then has no clock and no times of stages."""
     epoch = os.environ.get("SOURCE_DATE_EPOCH", "")
-    return datetime.fromtimestamp(int(epoch), UTC).date() if epoch.isdecimal() else datetime.now(UTC).date()
+    return int(epoch) if epoch.isdecimal() else None
 
 
 def page_faults(settings: Campaign, folder: Path, file: str) -> Iterator[Fault]:

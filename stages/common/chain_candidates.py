@@ -54,7 +54,7 @@ class JointRanges:
     def table(self, readings: NDArray, **more: pa.Array) -> pa.Table:
         """Table of poses with readings (B, n) in the units of the columns, after the columns ``more``."""
         values = (readings / [c.si for c in self.columns]).T
-        return pa.table(more | {c.name: np.round(own, 9) for c, own in zip(self.columns, values, strict=True)})
+        return pa.table(more | {c.name: np.round(value, 9) for c, value in zip(self.columns, values, strict=True)})
 
 
 def joint_ranges(tree: Tree, settings: Campaign, joints: pa.Table, measured: pa.Table | None) -> JointRanges:
@@ -106,33 +106,35 @@ class ForbiddenPoses:
     def allowed(self, tree: Tree, ranges: JointRanges, readings: NDArray) -> Mask:
         """Mask (C,) of the readings (C, n) that no region forbids."""
         frames = tree.frames(readings)
-        found = np.asarray(~self.within(tree, readings).any(0))
+        is_allowed = np.asarray(~self.within(tree, readings).any(0))
         if self.functions:
-            given = {c.name: readings[:, k] / c.si for k, c in enumerate(ranges.columns)}
+            named_readings = {c.name: readings[:, k] / c.si for k, c in enumerate(ranges.columns)}
             places = {node.link: frames.t[:, k] / _MM for k, node in enumerate(tree.nodes)}
             for function in self.functions:
-                found &= ~_forbidden_by(function, given, places, len(readings))
-        return found
+                is_allowed &= ~_forbidden_by(function, named_readings, places, len(readings))
+        return is_allowed
 
     def within(self, tree: Tree, readings: NDArray) -> Mask:
         """Mask (F, C) of the poses that each box forbids."""
         points, owners = _points_of_links(tree, tree.frames(readings).t)
-        found = np.ones((len(self.links), len(readings)), bool)
+        is_within = np.ones((len(self.links), len(readings)), bool)
         for box, links in enumerate(self.links):
-            found[box] = _inside(readings, self.reading_ends[:, box]).all(-1)
+            is_within[box] = _inside(readings, self.reading_ends[:, box]).all(-1)
             if np.isfinite(self.place_ends[:, box]).any():
-                own = np.array([not links or owner in links for owner in owners], bool)
-                found[box] &= _inside(points[:, own], self.place_ends[:, box]).all(-1).any(-1)
-        return found
+                concerns = np.array([not links or owner in links for owner in owners], bool)
+                is_within[box] &= _inside(points[:, concerns], self.place_ends[:, box]).all(-1).any(-1)
+        return is_within
 
 
-def _forbidden_by(function: Forbids, given: Mapping[str, NDArray], places: Mapping[str, NDArray], count: int) -> Mask:
+def _forbidden_by(
+    function: Forbids, readings: Mapping[str, NDArray], places: Mapping[str, NDArray], count: int
+) -> Mask:
     name = getattr(function, "__qualname__", str(function))
-    found = np.asarray(function(given, places))
-    if found.shape != (count,) or found.dtype != bool:
+    forbidden = np.asarray(function(readings, places))
+    if forbidden.shape != (count,) or forbidden.dtype != bool:
         expected = f"a mask of {count} values, true where a pose is forbidden"
-        raise CampaignFaults([Fault("--avoid", expected, value=f"{name}: {found.dtype} {found.shape}")])
-    return np.asarray(found, bool)
+        raise CampaignFaults([Fault("--avoid", expected, value=f"{name}: {forbidden.dtype} {forbidden.shape}")])
+    return np.asarray(forbidden, bool)
 
 
 def _inside(values: NDArray, ends: NDArray) -> Mask:
@@ -178,11 +180,11 @@ def forbidden_poses(
             values = _numbers(table, name, file) * list(units.values())[k]
             ends[side, :, k] = np.where(np.isnan(values), ends[side, :, k], values)
     named = table.column("link").to_pylist() if "link" in table.schema.names else [None] * count
-    links = [tuple(str(own or "").split()) for own in named]
+    links = [tuple(str(link_names or "").split()) for link_names in named]
     faults = [
         Fault(file, f"links of the chain: {', '.join(tree.links)}", row=row + 2, column="link", value=link)
-        for row, own in enumerate(links)
-        for link in own
+        for row, link_names in enumerate(links)
+        for link in link_names
         if link not in tree.links
     ]
     wrong = np.any(ends[0] >= ends[1], -1) | np.isinf(ends).all((0, 2))
@@ -212,21 +214,21 @@ def drawn_readings(
 
     Raises CampaignFaults if the regions to avoid leave no pose.
     """
-    kept: list[Array] = []
+    accepted: list[Array] = []
     corners = rng.integers(2, size=(_CORNERS, len(ranges.low)))
     trial = ranges.low + np.unique(corners, axis=0) * ranges.width
     for _ in range(_ROUNDS):
         trial = _rounded(ranges, trial)
-        kept.append(trial[forbidden.allowed(tree, ranges, trial)])
-        if sum(map(len, kept)) >= count:
+        accepted.append(trial[forbidden.allowed(tree, ranges, trial)])
+        if sum(map(len, accepted)) >= count:
             break
         trial = rng.uniform(ranges.low, ranges.high, (count, len(ranges.low)))
-    found = np.concatenate(kept)[:count]
-    if not len(found):
+    readings = np.concatenate(accepted)[:count]
+    if not len(readings):
         rows = [int(row) + 2 for row in np.flatnonzero(forbidden.within(tree, trial).all(1))]
         expected = "regions that leave a pose within the ranges of the joints; this one forbids every pose"
         raise CampaignFaults([Fault("--avoid", expected, row=row) for row in rows] or [Fault("--avoid", expected)])
-    return np.asarray(found)
+    return np.asarray(readings)
 
 
 def _rounded(ranges: JointRanges, readings: NDArray) -> Array:
@@ -249,18 +251,18 @@ def conditions_of_table(model: ChainModel, settings: Campaign, table: pa.Table, 
     coupled = model.conditions.coupling
     if coupled is not None:
         coupled = np.broadcast_to(np.median(coupled, axis=0), (count, *coupled.shape[1:]))
-    found = chain_conditions(model.tree, table, settings, identity, readings, np.ones(count, bool), coupled)
-    own = model.conditions.covariates
-    held = {
+    conditions = chain_conditions(model.tree, table, settings, identity, readings, np.ones(count, bool), coupled)
+    covariates = model.conditions.covariates
+    constants = {
         name: np.full(count, np.nanmedian(values))
-        for name, values in own.items()
-        if name not in found.covariates and values.ndim == 1 and np.isfinite(values).any() and name != "payload_kg"
+        for name, values in covariates.items()
+        if name not in conditions.covariates and values.ndim == 1 and np.isfinite(values).any() and name != "payload_kg"
     }
-    found = replace(found, covariates={**found.covariates, **held})
-    series = np.minimum(found.series, len(model.known.base_t) - 1)
+    conditions = replace(conditions, covariates={**conditions.covariates, **constants})
+    series = np.minimum(conditions.series, len(model.known.base_t) - 1)
     if "payload_kg" not in table.schema.names:
-        found = replace(found, payload_kg=np.full(count, float(np.median(model.conditions.payload_kg))))
-    return with_predicted_orientations(model, replace(found, series=series))
+        conditions = replace(conditions, payload_kg=np.full(count, float(np.median(model.conditions.payload_kg))))
+    return with_predicted_orientations(model, replace(conditions, series=series))
 
 
 def with_predicted_orientations(model: ChainModel, conditions: ChainConditions) -> ChainConditions:

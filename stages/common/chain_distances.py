@@ -25,7 +25,8 @@ def measured_distances(tables: Mapping[str, pa.Table], tree: Tree, poses: tuple[
     table, survey = tables["distances"], tables.get("survey")
     links, names = ([table.column(f"{end}_{what}").to_pylist() for end in ("from", "to")] for what in ("link", "end"))
     pairs = [
-        [(link or GROUND, name) for link, name in zip(*own, strict=True)] for own in zip(links, names, strict=True)
+        [(link or GROUND, name) for link, name in zip(*link_pair, strict=True)]
+        for link_pair in zip(links, names, strict=True)
     ]
     ends = list(dict.fromkeys([*pairs[0], *pairs[1]]))
     if strange := [link for link, _ in ends if link not in tree.links]:
@@ -40,9 +41,9 @@ def measured_distances(tables: Mapping[str, pa.Table], tree: Tree, poses: tuple[
     values[place] = number_column(table, "reading_mm")[known, None] * _MM
     cov[place] = (number_column(table, "sigma_mm")[known, None, None] * _MM) ** 2
     seen[place] = True
-    own = {link: {} if survey is None else survey_of(survey, link) for link, _ in ends}
+    surveys = {link: {} if survey is None else survey_of(survey, link) for link, _ in ends}
     nowhere = np.full(3, np.nan), np.full((3, 3), np.nan)
-    surveyed = [own[link].get(name, nowhere) for link, name in ends]
+    surveyed = [surveys[link].get(name, nowhere) for link, name in ends]
     channels = MeasuredChannels(
         tuple(name for _, name in ends),
         tuple(link for link, _ in ends),
@@ -71,8 +72,8 @@ def fit_of_distances(tree: Tree, measured: MeasuredLinks, conditions: ChainCondi
     tools = np.tile(np.eye(3), (len(node), 1, 1))
 
     def start_of(chosen: Mask, given: ChainConditions, other: Array | None = None) -> StartValues:
-        own, of = fitted & chosen, measured.values if other is None else other
-        lines = lines_at(tree, node, ends, given.subset(own), of[own, :, 0], measured.seen[own])
+        used, of = fitted & chosen, measured.values if other is None else other
+        lines = lines_at(tree, node, ends, given.subset(used), of[used, :, 0], measured.seen[used])
         shape = fitted_places(lines, np.nan_to_num(measured.surveyed), free, is_station(measured))
         errors = lines.errors(shape)[..., None]
         rms = float(np.sqrt(np.nanmean(errors**2)))

@@ -22,9 +22,9 @@ def gross_errors(tables: Mapping[str, pa.Table], body: str, points: PosePoints) 
     table = tables.get("residuals")
     if table is None or not table.num_rows:
         return np.zeros(points.seen.shape, bool)
-    own = point_residuals(table, body, points.poses, points.targets)
+    residuals = point_residuals(table, body, points.poses, points.targets)
     rows = tables["configurations"]
     time = number_column(rows, "time_s") if "time_s" in rows.schema.names else None
-    values = np.where(points.seen[..., None], own.values, np.nan)
-    alone = alone_in_time(values, order_in_time(time, len(points.poses)), own.rejected & points.seen)
-    return np.asarray(own.excluded | alone | (own.rejected & ~np.isfinite(own.values).all(-1)))
+    values = np.where(points.seen[..., None], residuals.values, np.nan)
+    alone = alone_in_time(values, order_in_time(time, len(points.poses)), residuals.rejected & points.seen)
+    return np.asarray(residuals.excluded | alone | (residuals.rejected & ~np.isfinite(residuals.values).all(-1)))

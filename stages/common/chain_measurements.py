@@ -76,8 +76,8 @@ class MeasuredLinks:
         """The channels with the covariance that remains where the noise of the next channel is known."""
         if self.coupling is None:
             return self
-        cov, own = self.cov.copy(), self.coupling[:, :-1]
-        cov[:, :-1] -= own @ self.cov[:, 1:] @ np.swapaxes(own, -1, -2)
+        cov, coupling = self.cov.copy(), self.coupling[:, :-1]
+        cov[:, :-1] -= coupling @ self.cov[:, 1:] @ np.swapaxes(coupling, -1, -2)
         return replace(self, cov=cov)
 
 
@@ -120,9 +120,9 @@ def _targets(
     tables: Mapping[str, pa.Table], tree: Tree, poses: tuple[int | str, ...], wrong: Screen | None
 ) -> list[_Part]:
     observations, survey = tables.get("observations"), tables.get("survey")
-    found: list[_Part] = []
+    parts: list[_Part] = []
     if observations is None or not observations.num_rows:
-        return found
+        return parts
     identity = np.tile(np.eye(3), (len(poses), 1, 1))
     for body in dict.fromkeys(observations.column("body").to_pylist()):
         if body not in tree.links:
@@ -133,7 +133,7 @@ def _targets(
         for k, name in enumerate(points.targets):
             place, cov = known.get(name, (np.full(3, np.nan), np.full((3, 3), np.nan)))
             seen = usable[:, k] & np.isfinite(points.points[:, k]).all(1)
-            found.append(
+            parts.append(
                 (
                     name,
                     body,
@@ -147,21 +147,21 @@ def _targets(
                     np.zeros_like(identity),
                 )
             )
-    return found
+    return parts
 
 
 def survey_of(survey: pa.Table, body: str) -> dict[str, tuple[Array, Array]]:
     """Place (3,) and covariance (3, 3) of each surveyed target of a link, m."""
-    own = survey_points(survey, body)
-    return {name: (own.points[k], own.cov[k]) for k, name in enumerate(own.targets)}
+    points = survey_points(survey, body)
+    return {name: (points.points[k], points.cov[k]) for k, name in enumerate(points.targets)}
 
 
 def _poses(tables: Mapping[str, pa.Table], tree: Tree, poses: tuple[int | str, ...]) -> list[_Part]:
     """Position and orientation of each measured link."""
     table = tables.get("measured_poses")
-    found: list[_Part] = []
+    parts: list[_Part] = []
     if table is None or not table.num_rows:
-        return found
+        return parts
     bodies = np.array(table.column("body").to_pylist(), object)
     for body in dict.fromkeys(bodies):
         if body not in tree.links:
@@ -180,10 +180,10 @@ def _poses(tables: Mapping[str, pa.Table], tree: Tree, poses: tuple[int | str, .
         reference[at], seen[at] = exp_so3(vectors[:, 3:]), True
         nowhere = np.full(3, np.nan), np.full((3, 3), np.nan)
         identity = np.tile(np.eye(3), (len(poses), 1, 1))
-        found.append(("position", body, False, values[0], cov[0], seen, *nowhere, identity, coupling))
+        parts.append(("position", body, False, values[0], cov[0], seen, *nowhere, identity, coupling))
         none = np.zeros_like(coupling)
-        found.append(("orientation", body, True, values[1], cov[1], seen, *nowhere, reference, none))
-    return found
+        parts.append(("orientation", body, True, values[1], cov[1], seen, *nowhere, reference, none))
+    return parts
 
 
 def chain_conditions(
@@ -210,7 +210,9 @@ def chain_conditions(
         del covariates["time_s"]  # numbers of rows, and no seconds
         time = None
     if time is not None:
-        covariates |= {name: between_neighbours(own, time) for name, own in covariates.items() if name != ORDER}
+        covariates |= {
+            name: between_neighbours(covariate, time) for name, covariate in covariates.items() if name != ORDER
+        }
     covariates |= movements(readings, covariates, _MOVED * np.ptp(readings[usable], axis=0))
     return ChainConditions(
         np.nan_to_num(readings),
@@ -246,32 +248,37 @@ def reference_link(settings: Campaign, measured: MeasuredLinks) -> Index | None:
             "measured poses of links need an instrument that stood still: "
             'set [measurement] frame = "campaign", or "series" if it stood still within each series'
         )
-    own = np.flatnonzero((channels.node == nodes[0]) & ~channels.is_rotation)
-    if len(own) < LEAST_TARGETS:
+    link_channels = np.flatnonzero((channels.node == nodes[0]) & ~channels.is_rotation)
+    if len(link_channels) < LEAST_TARGETS:
         raise ValueError(
-            f"link {channels.links[own[0]]} shows fewer than {LEAST_TARGETS} targets, so no frame joins the poses; "
+            f"link {channels.links[link_channels[0]]} shows fewer than {LEAST_TARGETS} targets, so no frame joins the "
+            "poses; "
             'if the instrument stood still: [measurement] frame = "campaign"'
         )
-    return own
+    return link_channels
 
 
-def is_framed(measured: MeasuredLinks, own: Index | None) -> Mask:
+def is_framed(measured: MeasuredLinks, link_channels: Index | None) -> Mask:
     """Mask (B,) of the poses whose frame the targets of the reference link determine; all if there is none."""
     count = len(measured.seen)
-    return np.ones(count, bool) if own is None else np.asarray(measured.seen[:, own].sum(1) >= LEAST_TARGETS)
+    return (
+        np.ones(count, bool)
+        if link_channels is None
+        else np.asarray(measured.seen[:, link_channels].sum(1) >= LEAST_TARGETS)
+    )
 
 
-def pose_frames(measured: MeasuredLinks, own: Index, fitted: Mask) -> tuple[Array, Array]:
+def pose_frames(measured: MeasuredLinks, link_channels: Index, fitted: Mask) -> tuple[Array, Array]:
     """Return R (B, 3, 3), t (B, 3) m of the poses' frames, from the reference link's targets; NaN where those leave it
     open."""
-    points, seen = measured.values[:, own], measured.seen[:, own]
-    shape = measured.surveyed[own]
+    points, seen = measured.values[:, link_channels], measured.seen[:, link_channels]
+    shape = measured.surveyed[link_channels]
     if not np.isfinite(shape).all():
-        whole = np.flatnonzero(seen.all(1) & fitted)
-        if not len(whole):
+        places = np.flatnonzero(seen.all(1) & fitted)
+        if not len(places):
             raise ValueError("needs one pose that shows all targets of the reference link")
-        fit = umeyama(points[whole], points[whole[0]][None])
-        shape = np.median(np.einsum("bij,bkj->bki", fit.R, points[whole]) + fit.t[:, None], axis=0)
+        fit = umeyama(points[places], points[places[0]][None])
+        shape = np.median(np.einsum("bij,bkj->bki", fit.R, points[places]) + fit.t[:, None], axis=0)
     fit = umeyama(np.broadcast_to(shape, points.shape), points, seen.astype(float))
-    ok = np.isfinite(fit.t).all(1) & is_framed(measured, own)
+    ok = np.isfinite(fit.t).all(1) & is_framed(measured, link_channels)
     return np.where(ok[:, None, None], fit.R, np.nan), np.where(ok[:, None], fit.t, np.nan)

@@ -42,7 +42,7 @@ def tolerated_misfit(tree: Tree, node: Index, readings: Array, settings: Campaig
 class StartOf(Protocol):
     """Fit of places to some poses."""
 
-    def __call__(self, chosen: Mask, given: ChainConditions, other: Array | None = None) -> StartValues:
+    def __call__(self, chosen: Mask, conditions: ChainConditions, /, other: Array | None = None) -> StartValues:
         """Places fitted to poses ``chosen`` (B,), under conditions of all poses; ``other`` replaces the values."""
         ...
 
@@ -86,8 +86,8 @@ def nominal_fit(
             base = np.eye(3)[None], np.zeros((1, 3))
 
     def start_of(chosen: Mask, given: ChainConditions, other: Array | None = None) -> StartValues:
-        own, of = fitted & chosen, values if other is None else other
-        return start_values(tree, channels, given.subset(own), of[own], measured.seen[own], surveyed, base)
+        used, of = fitted & chosen, values if other is None else other
+        return start_values(tree, channels, given.subset(used), of[used], measured.seen[used], surveyed, base)
 
     def errors(places: StartValues, given: ChainConditions, of: Array) -> Array:
         return errors_at(tree, channels, given, of, measured.seen, places)

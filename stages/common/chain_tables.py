@@ -68,11 +68,11 @@ def joint_readings(tree: Tree, table: pa.Table) -> Array:
 
 def motor_readings(tree: Tree, table: pa.Table) -> dict[int, Array]:
     """Readings (B,) of the motor encoders, rad or m, by the number of the joint's reading; NaN where missing."""
-    found = {}
+    readings = {}
     for k, joint in enumerate(tree.readings):
         if (column := motor_column(tree, joint, table.schema.names)) is not None:
-            found[k] = number_column(table, column.name) * column.si
-    return found
+            readings[k] = number_column(table, column.name) * column.si
+    return readings
 
 
 def payload_of(settings: Any, table: pa.Table) -> Array:

@@ -59,8 +59,8 @@ def _labels(batch: pa.Table) -> _Labels:
 
 
 def _encoded(column: pa.ChunkedArray) -> pa.DictionaryArray:
-    whole = column.combine_chunks() if column.num_chunks != 1 else column.chunk(0)
-    return whole if pa.types.is_dictionary(whole.type) else whole.dictionary_encode()
+    combined = column.combine_chunks() if column.num_chunks != 1 else column.chunk(0)
+    return combined if pa.types.is_dictionary(combined.type) else combined.dictionary_encode()
 
 
 @dataclass
@@ -113,6 +113,8 @@ def compact_points(
             if len(rows):
                 filling[body].add(pose[rows], at[rows], batch.take(rows))
     return {
-        body: CompactPoints(names.poses, names.targets[body], own.points, own.sigma, own.correlation, own.seen)
-        for body, own in filling.items()
+        body: CompactPoints(
+            names.poses, names.targets[body], points.points, points.sigma, points.correlation, points.seen
+        )
+        for body, points in filling.items()
     }

@@ -22,9 +22,10 @@ _MM = 1e-3
 def declared_optics(section: Interferometer) -> Optics:
     """Cosine and Abbe terms of every channel, with their uncertainties and that of the frame's expansion."""
     growth = [
-        _MM * abs(own.length_mm) * own.expansion_sigma_per_k * np.eye(len(CHANNELS))[k]
+        _MM * abs(expansion.length_mm) * expansion.expansion_sigma_per_k * np.eye(len(CHANNELS))[k]
         for k, name in enumerate(CHANNELS[:LINEAR])
-        if (own := getattr(section.material, name)) is not None and own.length_mm * own.expansion_sigma_per_k
+        if (expansion := getattr(section.material, name)) is not None
+        and expansion.length_mm * expansion.expansion_sigma_per_k
     ]
     beams = beam_optics(section.beams)
     return replace(beams, growth=np.stack(growth)) if growth else beams
@@ -49,5 +50,5 @@ def _changes(k: int, beam: RotationAxis) -> list[Array]:
         shifted = np.column_stack([np.zeros((2, LINEAR)), np.cross(across, unit)])
     else:
         turned[:, LINEAR:], shifted, arm_sigma = across, np.zeros((2, 6)), 0.0
-    own = np.concatenate([beam.direction_sigma_rad * turned, arm_sigma * shifted])
-    return [np.outer(np.eye(len(CHANNELS))[k], row) for row in own if row.any()]
+    sigma = np.concatenate([beam.direction_sigma_rad * turned, arm_sigma * shifted])
+    return [np.outer(np.eye(len(CHANNELS))[k], row) for row in sigma if row.any()]

@@ -31,13 +31,13 @@ def weight_of(section: LeggedMechanism, settings: Campaign) -> Weight | None:
 def external_loads(settings: Campaign, configurations: pa.Table, R: Array) -> Array | None:
     """Wrenches (B, 6) on the platform at its origin, base axes, N and N m, one per row of configurations; None without
     any. R (B, 3, 3): measured rotations of the platform."""
-    names, given = configurations.column_names, settings.load.wrench
+    names, wrench_columns = configurations.column_names, settings.load.wrench
     section = cast("LeggedMechanism", settings.mechanism)
-    found = np.zeros((len(R), 6))
+    wrenches = np.zeros((len(R), 6))
     for k, name in enumerate(WRENCH):
-        found[:, k] = number_column(configurations, name) if name in names else given[k]
+        wrenches[:, k] = number_column(configurations, name) if name in names else wrench_columns[k]
     weight = weight_of(section, settings)
     mass = number_column(configurations, PAYLOAD) if PAYLOAD in names else section.payload_kg
     if weight is not None and mass is not None:
-        found += weight_wrench(weight, R, np.broadcast_to(mass, len(R)))
-    return found if found.any() else None
+        wrenches += weight_wrench(weight, R, np.broadcast_to(mass, len(R)))
+    return wrenches if wrenches.any() else None

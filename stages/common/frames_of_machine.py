@@ -36,16 +36,16 @@ def machine_frames(settings: Campaign, poses: pa.Table | None = None) -> pa.Tabl
     mechanisms, and of legs that do not close.
     """
     if getattr(settings.mechanism, "height_mm", None) is not None:
-        return _of_sensor(settings)
+        return _frames_of_sensor(settings)
     section = settings.mechanism
     if getattr(section, "type", None) not in _STRAIGHT or len(cast("LeggedMechanism", section).legs) < 6:
         return None
     legs = nominal_legs(cast("LeggedMechanism", section))
     lengths = [leg.flexure_length_mm or 0.0 for leg in cast("LeggedMechanism", section).legs]
-    return _of_legs(legs if poses is None else facing(legs, poses), np.array(lengths) / _MM)
+    return _frames_of_legs(legs if poses is None else facing(legs, poses), np.array(lengths) / _MM)
 
 
-def _of_sensor(settings: Campaign) -> pa.Table:
+def _frames_of_sensor(settings: Campaign) -> pa.Table:
     joints, rows = sensor_joints(settings.mechanism), Rows("frames")  # type: ignore[arg-type]
     _add(rows, "base", _XYZ, np.zeros(3), np.eye(3))
     _add(rows, "platform", _XYZ, joints.origin, np.eye(3))
@@ -66,16 +66,16 @@ def _of_sensor(settings: Campaign) -> pa.Table:
     return rows.table()
 
 
-def _of_legs(legs: Legs, flexure_length: Array) -> pa.Table | None:
+def _frames_of_legs(legs: Legs, flexure_length: Array) -> pa.Table | None:
     rows = Rows("frames")
     rho = np.atleast_2d(legs.rho0)
-    found = forward(legs, rho)
-    if not found.converged.all():
+    motions = forward(legs, rho)
+    if not motions.converged.all():
         return None
     lower = np.broadcast_to(legs.closure.lower(legs, rho), (1, *legs.a.shape))[0]
-    upper = upper_joints(legs, found.p, found.R)[0]
+    upper = upper_joints(legs, motions.p, motions.R)[0]
     _add(rows, "base", _XYZ, np.zeros(3), np.eye(3))
-    _add(rows, "platform", _XYZ, found.p[0], found.R[0].T)
+    _add(rows, "platform", _XYZ, motions.p[0], motions.R[0].T)
     for k, z in enumerate(unit(upper - lower)):
         _add(rows, f"leg {k + 1}", _XYZ, lower[k], _axes_of_leg(z))
         moved = ("u", legs.u[k]) if "u" in legs.closure.geometry else ("z", z)

@@ -30,41 +30,41 @@ def accepted_readings(residuals: pa.Table, steps: RecordedSteps) -> AcceptedRead
     keys = zip(residuals.column("run").to_pylist(), residuals.column("step").to_pylist(), strict=True)
     row = np.array([place[key] for key in keys], dtype=np.int64)
     k = np.array([CHANNELS.index(name) for name in residuals.column("channel").to_pylist()], dtype=np.int64)
-    found = np.zeros((3, *steps.reading.shape))
-    found[0] = 1.0
+    values = np.zeros((3, *steps.reading.shape))
+    values[0] = 1.0
     for n, name in enumerate(("sigma", "geometry", "geometry_sigma")):
         if name in residuals.column_names:
-            found[n, row, k] = number_column(residuals, name) * READING_SI[k]
-    kept = np.isfinite(steps.reading) & np.isfinite(found[1])
-    kept[row, k] &= ~np.asarray(residuals.column("rejected").to_pylist(), dtype=bool)
-    return AcceptedReadings(kept, found[0], found[1], np.nan_to_num(found[2]))
+            values[n, row, k] = number_column(residuals, name) * READING_SI[k]
+    is_known = np.isfinite(steps.reading) & np.isfinite(values[1])
+    is_known[row, k] &= ~np.asarray(residuals.column("rejected").to_pylist(), dtype=bool)
+    return AcceptedReadings(is_known, values[0], values[1], np.nan_to_num(values[2]))
 
 
 def loaded_steps(tables: Mapping[str, pa.Table], noise: Noise, simulated: SimulatedCompliance | None) -> Loaded:
     """Readings without gross errors and without significant drifts of runs."""
     steps = load_steps({"readings": tables["readings"]})
-    own = accepted_readings(tables["reading_residuals"], steps)
+    readings = accepted_readings(tables["reading_residuals"], steps)
     drift = _drifts(tables["run_terms"], steps)
     begin = np.array([steps.time_s[steps.run == r].min(initial=np.inf) for r in range(len(steps.runs))])
     moved = drift[steps.run] * (steps.time_s - begin[steps.run])[:, None]
-    reading = np.where(own.kept, steps.reading - moved - own.added, np.nan)
-    spread = geometry_spread(steps.load, own.added_sigma)
-    loaded = Loaded(steps, reading, own.sigma**2, int(np.count_nonzero(drift)), spread)
+    reading = np.where(readings.kept, steps.reading - moved - readings.added, np.nan)
+    spread = geometry_spread(steps.load, readings.added_sigma)
+    loaded = Loaded(steps, reading, readings.sigma**2, int(np.count_nonzero(drift)), spread)
     load_sigma = np.repeat([noise.load_n, noise.load_nm], 3)
     if not load_sigma.any():
         return loaded
     # an error of the load also moves the platform
     entries = fitted_compliance(loaded, "matrix").entries if simulated is None else simulated.entries
     by_loads = (np.nan_to_num(entries) ** 2) @ load_sigma**2
-    return replace(loaded, variance=own.sigma**2 + by_loads, by_loads=by_loads)
+    return replace(loaded, variance=readings.sigma**2 + by_loads, by_loads=by_loads)
 
 
 def _drifts(terms: pa.Table, steps: RecordedSteps) -> Array:
     """Significant drift (R, 6) of each run, per s; zero for the others."""
-    found = np.zeros((len(steps.runs), 6))
+    drifts = np.zeros((len(steps.runs), 6))
     rows = [row for row in terms.to_pylist() if row["term"] == "drift"]
     real = holm_significant(np.array([row["p_value"] for row in rows]), FALSE_ALARM)
     for row, significant in zip(rows, real, strict=True):
         k = CHANNELS.index(row["channel"])
-        found[steps.runs.index(row["run"]), k] = row["value"] * READING_SI[k] / 3600.0 if significant else 0.0
-    return found
+        drifts[steps.runs.index(row["run"]), k] = row["value"] * READING_SI[k] / 3600.0 if significant else 0.0
+    return drifts

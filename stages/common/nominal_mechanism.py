@@ -46,10 +46,10 @@ def facing(legs: Legs, poses: pa.Table) -> Legs:
     """
     if "u" in legs.closure.geometry:
         return legs
-    own = pc.and_(pc.equal(poses.column("body"), "platform"), pc.equal(poses.column("parent"), "base"))
-    rows = poses.filter(pc.and_(poses.column("default"), own))
-    found = pose_vectors(rows)
-    p, R = found[:, :3], exp_so3(np.nan_to_num(found[:, 3:]))
+    is_platform = pc.and_(pc.equal(poses.column("body"), "platform"), pc.equal(poses.column("parent"), "base"))
+    rows = poses.filter(pc.and_(poses.column("default"), is_platform))
+    vectors = pose_vectors(rows)
+    p, R = vectors[:, :3], exp_so3(np.nan_to_num(vectors[:, 3:]))
     away = (p + R @ legs.b.mean(0) - legs.a.mean(0))[np.isfinite(p).all(1)]
     return legs.replace(u=np.broadcast_to(unit(away.mean(0)), legs.a.shape)) if len(away) else legs
 

@@ -19,7 +19,7 @@ if TYPE_CHECKING:
 _MM = 1e-3
 
 
-def nominal_sensor(section: SensorMechanism, given: pa.Table | None = None) -> NominalSensor:
+def nominal_sensor(section: SensorMechanism, compliance_table: pa.Table | None = None) -> NominalSensor:
     """Sensor of [mechanism], with the compliance of compliance_file if given.
 
     Raises ValueError for elements that do not fit the legs or are all rigid, and for an impossible compliance.
@@ -27,16 +27,20 @@ def nominal_sensor(section: SensorMechanism, given: pa.Table | None = None) -> N
     joints = sensor_joints(section)
     elastic = elastic_parts(section)
     compliance = elastic.compliance if elastic is not None else None
-    if given is not None:
-        compliance = elements.passive(given_matrix(given), "compliance_file")
+    if compliance_table is not None:
+        compliance = elements.passive(given_matrix(compliance_table), "compliance_file")
     tolerance = section.tolerance
     widths = [getattr(tolerance, f"{source}_um") or 0.0 for source in SOURCES]
     return NominalSensor(joints, elastic, compliance, sigma_of(widths) * 1e-6, tolerance.stiffness)
 
 
-def simulated_compliance(settings: Campaign, given: pa.Table | None) -> SimulatedCompliance | None:
+def simulated_compliance(settings: Campaign, compliance_table: pa.Table | None) -> SimulatedCompliance | None:
     """Simulation of [mechanism]; None without elasticity."""
     if settings.mechanism.type != "6-upur":
         return None
     section: SensorMechanism = settings.mechanism  # type: ignore[assignment]
-    return simulated(nominal_sensor(section, given if given is not None and given.num_rows else None))
+    return simulated(
+        nominal_sensor(
+            section, compliance_table if compliance_table is not None and compliance_table.num_rows else None
+        )
+    )

@@ -44,9 +44,9 @@ def chosen_by(
     """
     chosen, words = np.zeros(shape, bool), np.full(shape, "", dtype=object)
     for rule in rules:
-        own = names(rule)
-        chosen |= own
-        words[own] = f"{verb} by {rule.signed}: {rule.reason}"
+        rule_names = names(rule)
+        chosen |= rule_names
+        words[rule_names] = f"{verb} by {rule.signed}: {rule.reason}"
     return chosen, words
 
 

@@ -23,9 +23,9 @@ def text_column(table: pa.Table, name: str) -> NDArray[np.object_]:
 
 def decisions(excluded: Mask, kept: Mask) -> NDArray[np.object_]:
     """Decisions of a person from that column: excluded, kept, or None."""
-    found = np.full(excluded.shape, None, dtype=object)
-    found[kept], found[excluded] = "kept", "excluded"
-    return found
+    reasons = np.full(excluded.shape, None, dtype=object)
+    reasons[kept], reasons[excluded] = "kept", "excluded"
+    return reasons
 
 
 def number_column(table: pa.Table, name: str) -> Array:
@@ -126,8 +126,8 @@ def positions(column: pa.ChunkedArray, order: tuple[int | str, ...]) -> Index:
         return np.full(len(column), -1, np.int64)
     if pa.types.is_dictionary(column.type):
         column = column.cast(column.type.value_type)
-    found = pc.index_in(column, value_set=pa.array(order, column.type))
-    return np.asarray(pc.fill_null(found, -1).to_numpy(), dtype=np.int64)
+    places = pc.index_in(column, value_set=pa.array(order, column.type))
+    return np.asarray(pc.fill_null(places, -1).to_numpy(), dtype=np.int64)
 
 
 def fitted_points(
@@ -163,14 +163,14 @@ def default_motions(poses_table: pa.Table, body: str, poses: tuple[int | str, ..
 
     rows = poses_table.filter(pc.and_(poses_table.column("default"), pc.equal(poses_table.column("body"), body)))
     place = positions(rows.column("pose"), poses)
-    found = np.full((len(poses), 6), np.nan)
-    found[place[place >= 0]] = pose_vectors(rows)[place >= 0]
-    R = np.where(np.isfinite(found).all(1)[:, None, None], exp_so3(np.nan_to_num(found[:, 3:])), np.nan)
+    motions = np.full((len(poses), 6), np.nan)
+    motions[place[place >= 0]] = pose_vectors(rows)[place >= 0]
+    R = np.where(np.isfinite(motions).all(1)[:, None, None], exp_so3(np.nan_to_num(motions[:, 3:])), np.nan)
     parent = next(iter(rows.column("parent").to_pylist()), "measurement")
     if parent not in poses_table.column("body").unique().to_pylist():  # measurement frame, or a base in its place
-        return R, found[:, :3]
+        return R, motions[:, :3]
     above, origin = default_motions(poses_table, parent, poses)
-    return above @ R, origin + (above @ found[:, :3, None])[..., 0]
+    return above @ R, origin + (above @ motions[:, :3, None])[..., 0]
 
 
 def point_residuals(
@@ -179,15 +179,15 @@ def point_residuals(
     """Residuals of a body's points, in the given orders of poses and targets."""
     rows = table.filter(pc.equal(table.column("body"), body))
     (known, place), shape = _cells(rows, poses, targets), (len(poses), len(targets))
-    found = PointResiduals(np.full((*shape, 3), np.nan), np.zeros(shape, bool), np.zeros(shape, bool))
-    found.values[place] = number_columns(rows, [f"d{a}_mm" for a in _AXES])[known] * 1e-3
-    found.rejected[place] = np.asarray(rows.column("rejected").to_pylist(), bool)[known]
+    residual_arrays = PointResiduals(np.full((*shape, 3), np.nan), np.zeros(shape, bool), np.zeros(shape, bool))
+    residual_arrays.values[place] = number_columns(rows, [f"d{a}_mm" for a in _AXES])[known] * 1e-3
+    residual_arrays.rejected[place] = np.asarray(rows.column("rejected").to_pylist(), bool)[known]
     if "decision" in rows.schema.names:
-        found.excluded[place] = (text_column(rows, "decision") == "excluded")[known]
-    return found
+        residual_arrays.excluded[place] = (text_column(rows, "decision") == "excluded")[known]
+    return residual_arrays
 
 
 def residual_points(residuals: pa.Table, body: str, poses: tuple[int | str, ...], targets: tuple[str, ...]) -> Array:
     """(B, T, 3) residuals of a body's targets in m, body frame; NaN for missing or rejected targets."""
-    found = point_residuals(residuals, body, poses, targets)
-    return np.where(found.rejected[..., None], np.nan, found.values)
+    residuals_of_points = point_residuals(residuals, body, poses, targets)
+    return np.where(residuals_of_points.rejected[..., None], np.nan, residuals_of_points.values)

@@ -48,9 +48,9 @@ def point_errors(
 
 def _same_rows(object_points: pa.Table, of_row: _ObservationRows) -> pa.Table:
     """The object points in the order of the observations."""
-    found = of_row.find(object_points, "point")
+    rows = of_row.find(object_points, "point")
     order = np.empty(len(of_row.code), np.int64)
-    order[found[found >= 0]] = np.flatnonzero(found >= 0)
+    order[rows[rows >= 0]] = np.flatnonzero(rows >= 0)
     return object_points.take(order)
 
 

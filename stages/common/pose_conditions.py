@@ -34,9 +34,9 @@ def pose_conditions(
     place = positions(configurations.column("pose"), poses)
 
     def dense(values: NDArray) -> NDArray:
-        found = np.full((len(poses), *values.shape[1:]), np.nan)
-        found[place[place >= 0]] = values[place >= 0]
-        return found
+        filled = np.full((len(poses), *values.shape[1:]), np.nan)
+        filled[place[place >= 0]] = values[place >= 0]
+        return filled
 
     names = [f"rho{leg}_mm" for leg in range(1, legs + 1)]
     readings = dense(number_columns(configurations, names) * 1e-3)

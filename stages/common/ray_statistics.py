@@ -32,13 +32,13 @@ def ray_tables(
     """
     from truing.estimation.bundle.ray_statistics import ray_statistics
 
-    found = ray_statistics(observed, state)
-    names = np.array([_parameter_name(number, observed.network, bars) for number in found.numbers], object)
-    informative = np.flatnonzero(np.any(found.information != 0.0, (1, 2)))
+    statistics = ray_statistics(observed, state)
+    names = np.array([_parameter_name(number, observed.network, bars) for number in statistics.numbers], object)
+    informative = np.flatnonzero(np.any(statistics.information != 0.0, (1, 2)))
     return {
-        "ray_statistics": _statistics(found, names, poses, informative),
-        "ray_information": _information(found, names, poses, informative),
-        "ray_effects": _effects(found, names, poses, points, observed.network.point_pose),
+        "ray_statistics": _statistics(statistics, names, poses, informative),
+        "ray_information": _information(statistics, names, poses, informative),
+        "ray_effects": _effects(statistics, names, poses, points, observed.network.point_pose),
     }
 
 
@@ -49,24 +49,24 @@ def _parameter_name(number: SharedNumber, network: Network, bars: Sequence[str])
     return " ".join(filter(None, (number.kind, owner, number.name)))
 
 
-def _statistics(found: RayStatistics, names: Array, poses: Sequence[int | str], informative: NDArray) -> pa.Table:
-    count, scale = len(names), np.array([number.scale for number in found.numbers])
+def _statistics(statistics: RayStatistics, names: Array, poses: Sequence[int | str], informative: NDArray) -> pa.Table:
+    count, scale = len(names), np.array([number.scale for number in statistics.numbers])
     columns = {
         "pose": _repeated(poses, informative, count),
         "shared_number": np.tile(names, len(informative)).tolist(),
-        "shared_unit": [number.unit for number in found.numbers] * len(informative),
+        "shared_unit": [number.unit for number in statistics.numbers] * len(informative),
         "shared_scale": np.tile(scale, len(informative)),
-        "shared_sigma": [number.sigma for number in found.numbers] * len(informative),
-        "shared_mean": [number.mean for number in found.numbers] * len(informative),
-        "score": (found.score[informative] * scale).ravel(),
+        "shared_sigma": [number.sigma for number in statistics.numbers] * len(informative),
+        "shared_mean": [number.mean for number in statistics.numbers] * len(informative),
+        "score": (statistics.score[informative] * scale).ravel(),
     }
     return _table("ray_statistics", columns, poses)
 
 
-def _information(found: RayStatistics, names: Array, poses: Sequence[int | str], informative: NDArray) -> pa.Table:
+def _information(statistics: RayStatistics, names: Array, poses: Sequence[int | str], informative: NDArray) -> pa.Table:
     first, second = np.triu_indices(len(names))
-    scale = np.array([number.scale for number in found.numbers])
-    values = found.information[informative][:, first, second] * (scale[first] * scale[second])
+    scale = np.array([number.scale for number in statistics.numbers])
+    values = statistics.information[informative][:, first, second] * (scale[first] * scale[second])
     columns = {
         "pose": _repeated(poses, informative, len(first)),
         "shared_number": np.tile(names[first], len(informative)).tolist(),
@@ -77,15 +77,15 @@ def _information(found: RayStatistics, names: Array, poses: Sequence[int | str],
 
 
 def _effects(
-    found: RayStatistics, names: Array, poses: Sequence[int | str], points: Sequence[str], pose: NDArray
+    statistics: RayStatistics, names: Array, poses: Sequence[int | str], points: Sequence[str], pose: NDArray
 ) -> pa.Table:
-    kept = np.flatnonzero(np.isfinite(found.by_point).all((1, 2)) & np.array([bool(name) for name in points]))
-    scale = np.array([number.scale for number in found.numbers])
-    moves = np.swapaxes(found.by_point[kept] * scale, 1, 2).reshape(-1, 3) * _MM
+    places = np.flatnonzero(np.isfinite(statistics.by_point).all((1, 2)) & np.array([bool(name) for name in points]))
+    scale = np.array([number.scale for number in statistics.numbers])
+    moves = np.swapaxes(statistics.by_point[places] * scale, 1, 2).reshape(-1, 3) * _MM
     columns: dict[str, Any] = {
-        "pose": _repeated(poses, pose[kept], len(names)),
-        "point": np.repeat(np.array(points, object)[kept], len(names)).tolist(),
-        "shared_number": np.tile(names, len(kept)).tolist(),
+        "pose": _repeated(poses, pose[places], len(names)),
+        "point": np.repeat(np.array(points, object)[places], len(names)).tolist(),
+        "shared_number": np.tile(names, len(places)).tolist(),
     }
     columns |= {f"moves_{axis}_mm": moves[:, k] for k, axis in enumerate("xyz")}
     return _table("ray_effects", columns, poses)
@@ -102,15 +102,17 @@ def _table(artifact: str, columns: Mapping[str, Any], poses: Sequence[int | str]
 
 def shared_numbers(table: pa.Table) -> tuple[RayParameter, ...]:
     """Shared parameters of ray_statistics, each once, in their order."""
-    found: dict[str, RayParameter] = {}
+    ray_parameters: dict[str, RayParameter] = {}
     suffixes = ("unit", "scale", "sigma", "mean")
     for row in table.select(
         ["shared_number", "shared_unit", "shared_scale", "shared_sigma", "shared_mean"]
     ).to_pylist():
         name = row["shared_number"]
-        if name not in found:
-            found[name] = RayParameter(*subject_and_name(name), *(row[f"shared_{own}"] for own in suffixes))
-    return tuple(found.values())
+        if name not in ray_parameters:
+            ray_parameters[name] = RayParameter(
+                *subject_and_name(name), *(row[f"shared_{suffix}"] for suffix in suffixes)
+            )
+    return tuple(ray_parameters.values())
 
 
 def information_and_score(
@@ -136,11 +138,11 @@ def effects_on_points(table: pa.Table, numbers: Sequence[RayParameter]) -> tuple
     at = {number.called: place for place, number in enumerate(numbers)}
     keys = list(zip(table.column("pose").to_pylist(), table.column("point").to_pylist(), strict=True))
     rows = {key: n for n, key in enumerate(dict.fromkeys(keys))}
-    found = np.zeros((len(rows), 3, len(at)))
+    displacements = np.zeros((len(rows), 3, len(at)))
     row, place = np.array([rows[key] for key in keys], int), _indices(table, "shared_number", at)
     for k, axis in enumerate("xyz"):
-        found[row, k, place] = number_column(table, f"moves_{axis}_mm") / _MM
-    return list(rows), found
+        displacements[row, k, place] = number_column(table, f"moves_{axis}_mm") / _MM
+    return list(rows), displacements
 
 
 def _indices(table: pa.Table, column: str, at: Mapping[str, int]) -> NDArray:

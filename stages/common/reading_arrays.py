@@ -26,15 +26,15 @@ def load_steps(tables: Mapping[str, pa.Table]) -> RecordedSteps:
 
     Rows of both with equal run and step are one step. Steps are in order of time within the order of runs.
     """
-    found = {name: tables[name] for name in _OF_TABLE if name in tables and tables[name].num_rows}
-    if not found:
+    tables_of_kind = {name: tables[name] for name in _OF_TABLE if name in tables and tables[name].num_rows}
+    if not tables_of_kind:
         raise ValueError("needs readings or signals")
-    keys = list(dict.fromkeys(key for table in found.values() for key in _key_rows(table)))
+    keys = list(dict.fromkeys(key for table in tables_of_kind.values() for key in _key_rows(table)))
     place = {key: row for row, key in enumerate(keys)}
     runs = tuple(dict.fromkeys(run for run, _ in keys))
-    at = {name: np.array([place[key] for key in _key_rows(table)]) for name, table in found.items()}
-    arrays = _common(found, at, len(keys))
-    reading, sigma = _readings(found, at, len(keys))
+    at = {name: np.array([place[key] for key in _key_rows(table)]) for name, table in tables_of_kind.items()}
+    arrays = _common(tables_of_kind, at, len(keys))
+    reading, sigma = _readings(tables_of_kind, at, len(keys))
     place_of = {run: number for number, run in enumerate(runs)}
     number = np.array([place_of[run] for run, _ in keys])
     order = np.lexsort((arrays["time_s"], number))
@@ -47,7 +47,7 @@ def load_steps(tables: Mapping[str, pa.Table]) -> RecordedSteps:
         np.column_stack([columns.pop(name) for name in LOAD_COLUMNS]),
         reading[order],
         sigma[order],
-        _signals(found, at, len(keys))[order],
+        _signals(tables_of_kind, at, len(keys))[order],
         columns.pop("held_out").astype(bool),
         columns,
     )
@@ -59,35 +59,35 @@ def _key_rows(table: pa.Table) -> list[tuple[int | str, int]]:
 
 def _common(tables: Mapping[str, pa.Table], at: Mapping[str, Index], count: int) -> dict[str, Array]:
     """Values that every row of a step repeats, (B,) by column: time, loads, role, covariates."""
-    found: dict[str, Array] = {"held_out": np.zeros(count)}
+    arrays: dict[str, Array] = {"held_out": np.zeros(count)}
     for kind, table in tables.items():
         rows, covariates = at[kind], covariate_columns(kind, table)
         for name in ("time_s", *LOAD_COLUMNS):
-            _complete(found, name, rows, number_column(table, name), count)
+            _complete(arrays, name, rows, number_column(table, name), count)
         for name, column in covariates.items():
             values = number_column(table, name)
-            apart = _columns_differ(found.get(column), rows, values)
-            _complete(found, f"{kind}.{column}" if apart else column, rows, values, count)
+            apart = _columns_differ(arrays.get(column), rows, values)
+            _complete(arrays, f"{kind}.{column}" if apart else column, rows, values, count)
         if "role" in table.schema.names:
-            found["held_out"][rows] = np.asarray(table.column("role").to_pylist(), object) == "verification"
+            arrays["held_out"][rows] = np.asarray(table.column("role").to_pylist(), object) == "verification"
     for name in LOAD_COLUMNS:
-        found[name] = np.nan_to_num(found[name])
-    return found
+        arrays[name] = np.nan_to_num(arrays[name])
+    return arrays
 
 
 def covariate_columns(kind: str, table: pa.Table) -> dict[str, str]:
     """Return the covariates of the readings or signals: internal name by column of the table."""
-    own = _OF_TABLE[kind]
+    tables_of_kind = _OF_TABLE[kind]
     return {
         field.name: column_alias(field.name)
         for field in table.schema
-        if field.name not in own and str(field.type) in ("double", "int64")
+        if field.name not in tables_of_kind and str(field.type) in ("double", "int64")
         if not (kind == "signals" and _SIGNAL.fullmatch(field.name))
     }
 
 
-def _complete(found: dict[str, Array], name: str, rows: Index, values: Array, count: int) -> None:
-    known = found.setdefault(name, np.full(count, np.nan))
+def _complete(arrays: dict[str, Array], name: str, rows: Index, values: Array, count: int) -> None:
+    known = arrays.setdefault(name, np.full(count, np.nan))
     known[rows] = np.where(np.isfinite(values), values, known[rows])
 
 

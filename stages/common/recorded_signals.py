@@ -71,19 +71,19 @@ def _recorded(
     plain, steps = steps.load, with_corrected_loads(steps, exchanged)
     signal = steps.signal / MV
     declared = settings.noise.signal_mv
-    given = np.full(signal.shape, np.nan if declared is None else declared)
-    curves = run_curves(steps.load, steps.time_s, steps.run, signal, given)
+    declared_range = np.full(signal.shape, np.nan if declared is None else declared)
+    curves = run_curves(steps.load, steps.time_s, steps.run, signal, declared_range)
     by_person = decided(steps, settings.keep, "kept").signals
     good = np.asarray(~(curves.rejected & ~by_person).any(axis=1))
     sigma = np.full(signal.shape[1], declared) if declared is not None else np.nanmedian(curves.sigma, axis=0)
     covariate, names = _covariates(steps, settings.mechanism.reference_temperature_c)
     zero, apart = zeros_of_runs(steps, signal, sigma, covariate, good)
     apart = apart if tared is None else tared
-    kept = steps.subset(good)
+    subset = steps.subset(good)
     noise = settings.noise
-    load, causes = _acting(model, kept)
+    load, causes = _acting(model, subset)
     return RecordedLoads(
-        kept,
+        subset,
         load,
         (*dict.fromkeys(f"{cause.id} of {cause.subject}" for cause in exchanged), *causes),
         (load != plain[good]).any(axis=1),
@@ -133,8 +133,13 @@ def _covariates(steps: RecordedSteps, reference_c: float) -> tuple[Array, tuple[
     return np.empty((len(steps.run), 0)), ()
 
 
-def ranges_of(settings: Campaign, found: RecordedLoads) -> np.ndarray:
+def ranges_of(settings: Campaign, recorded_loads: RecordedLoads) -> np.ndarray:
     """Range (6,) of every axis by [loading], else its largest load; NaN if never loaded."""
-    largest = np.abs(found.steps.load).max(axis=0)
+    largest = np.abs(recorded_loads.steps.load).max(axis=0)
     stated = [getattr(settings.loading, name) for name in LOAD_COLUMNS]
-    return np.array([one or (own if own > 0.0 else np.nan) for one, own in zip(stated, largest, strict=True)])
+    return np.array(
+        [
+            stated_range or (largest_reading if largest_reading > 0.0 else np.nan)
+            for stated_range, largest_reading in zip(stated, largest, strict=True)
+        ]
+    )

@@ -31,16 +31,16 @@ def elastic_parts(section: SensorMechanism) -> ElasticSensor | None:
     """
     if not section.elements:
         return None
-    found = elastic_sensor(sensor_joints(section), leg_elements(section))
+    sensor = elastic_sensor(sensor_joints(section), leg_elements(section))
     for name, plate, added in (("platform", section.platform, at_platform), ("base", section.base, at_base)):
         if plate is not None and plate.elastic:
-            found = sensor_with_part(found, f"{name} youngs", added(plate_of(plate), found.joints))
-    return found
+            sensor = sensor_with_part(sensor, f"{name} youngs", added(plate_of(plate), sensor.joints))
+    return sensor
 
 
 def leg_elements(section: SensorMechanism) -> list[elements.LegElement]:
     """Elements of one leg, from the base to the platform."""
-    return [_element(one) for one in section.elements]
+    return [_element(element) for element in section.elements]
 
 
 def plate_of(section: SensorPlate) -> Plate:
@@ -58,18 +58,18 @@ def plate_mass_kg(section: SensorPlate, joints_mm: float) -> float:
 
 def leg_mass_kg(section: SensorMechanism) -> float:
     """Mass of one leg: its elements whose mass or density is declared."""
-    return sum(one.mass_kg or _volume(one) * (one.density_kg_m3 or 0.0) for one in section.elements)
+    return sum(element.mass_kg or _volume(element) * (element.density_kg_m3 or 0.0) for element in section.elements)
 
 
-def _volume(one: SensorElement) -> float:
+def _volume(sensor_element: SensorElement) -> float:
     """Volume of a cylinder, leaf or notch, m^3; 0 for other kinds."""
-    length, width = (one.length_mm or 0.0) * _MM, (one.width_mm or 0.0) * _MM
-    if one.kind == "cylinder":
-        return 0.25 * math.pi * ((one.diameter_mm or 0.0) * _MM) ** 2 * length
-    if one.kind == "leaf":
-        return length * width * (one.thickness_mm or 0.0) * _MM
-    if one.kind == "notch":
-        radius, web = (one.radius_mm or 0.0) * _MM, (one.web_mm or 0.0) * _MM
+    length, width = (sensor_element.length_mm or 0.0) * _MM, (sensor_element.width_mm or 0.0) * _MM
+    if sensor_element.kind == "cylinder":
+        return 0.25 * math.pi * ((sensor_element.diameter_mm or 0.0) * _MM) ** 2 * length
+    if sensor_element.kind == "leaf":
+        return length * width * (sensor_element.thickness_mm or 0.0) * _MM
+    if sensor_element.kind == "notch":
+        radius, web = (sensor_element.radius_mm or 0.0) * _MM, (sensor_element.web_mm or 0.0) * _MM
         return width * (2.0 * radius * (web + 2.0 * radius) - math.pi * radius**2)
     return 0.0
 
@@ -82,11 +82,11 @@ def sensor_joints(section: SensorMechanism) -> JointCentres:
 
 def given_matrix(table: pa.Table) -> Array:
     """The (6, 6) matrix of a long table: response, load, coefficient."""
-    found = np.full((6, 6), np.nan)
+    matrix = np.full((6, 6), np.nan)
     rows = [CHANNELS.index(name) for name in table.column("response").to_pylist()]
     columns = [LOADS.index(name) for name in table.column("load").to_pylist()]
-    found[rows, columns] = number_column(table, "coefficient")
-    return found
+    matrix[rows, columns] = number_column(table, "coefficient")
+    return matrix
 
 
 def declared_compliance(tables: Mapping[str, pa.Table], settings: Campaign) -> Array | None:
@@ -99,25 +99,27 @@ def declared_compliance(tables: Mapping[str, pa.Table], settings: Campaign) -> A
     return None if elastic is None else elastic.compliance
 
 
-def _element(one: SensorElement) -> elements.LegElement:
-    length = None if one.length_mm is None else one.length_mm * _MM
-    if one.kind == "cylinder":
-        return elements.cylinder(length or 0.0, _si(one.diameter_mm, _MM), *_modulus(one))
-    if one.kind == "leaf":
-        width, thickness = _si(one.width_mm, _MM), _si(one.thickness_mm, _MM)
-        return elements.leaf(length or 0.0, width, thickness, *_modulus(one), one.soft or "s1")
-    if one.kind == "notch":
-        width, web, radius = (_si(value, _MM) for value in (one.width_mm, one.web_mm, one.radius_mm))
-        return elements.notch(width, web, radius, *_modulus(one), one.soft or "s1")
-    if one.kind == "spring":
-        return elements.spring(one.axial_n_per_m, one.torsion_n_m_per_rad, length or 0.0)
-    if one.kind == "compliance":
-        return elements.compliance(np.array(one.matrix), length or 0.0)
+def _element(sensor_element: SensorElement) -> elements.LegElement:
+    length = None if sensor_element.length_mm is None else sensor_element.length_mm * _MM
+    if sensor_element.kind == "cylinder":
+        return elements.cylinder(length or 0.0, _si(sensor_element.diameter_mm, _MM), *_modulus(sensor_element))
+    if sensor_element.kind == "leaf":
+        width, thickness = _si(sensor_element.width_mm, _MM), _si(sensor_element.thickness_mm, _MM)
+        return elements.leaf(length or 0.0, width, thickness, *_modulus(sensor_element), sensor_element.soft or "s1")
+    if sensor_element.kind == "notch":
+        width, web, radius = (
+            _si(value, _MM) for value in (sensor_element.width_mm, sensor_element.web_mm, sensor_element.radius_mm)
+        )
+        return elements.notch(width, web, radius, *_modulus(sensor_element), sensor_element.soft or "s1")
+    if sensor_element.kind == "spring":
+        return elements.spring(sensor_element.axial_n_per_m, sensor_element.torsion_n_m_per_rad, length or 0.0)
+    if sensor_element.kind == "compliance":
+        return elements.compliance(np.array(sensor_element.matrix), length or 0.0)
     return elements.rigid(length)
 
 
-def _modulus(one: SensorElement) -> tuple[float, float]:
-    return _si(one.youngs_gpa, 1e9), float(one.poisson or 0.0)
+def _modulus(sensor_element: SensorElement) -> tuple[float, float]:
+    return _si(sensor_element.youngs_gpa, 1e9), float(sensor_element.poisson or 0.0)
 
 
 def _si(value: float | None, unit: float) -> float:

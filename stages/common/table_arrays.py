@@ -20,33 +20,33 @@ from truing.schemas.faults import Fault
 _ROUNDING = 1e-9
 
 
-def numbers(found: CollectedRows, name: str) -> Array:
+def numbers(collected: CollectedRows, name: str) -> Array:
     """A column (N,) of numbers, NaN if empty."""
-    return np.asarray(found.table.column(name).to_numpy(zero_copy_only=False), dtype=float)
+    return np.asarray(collected.table.column(name).to_numpy(zero_copy_only=False), dtype=float)
 
 
-def texts(found: CollectedRows, name: str) -> NDArray[np.object_]:
+def texts(collected: CollectedRows, name: str) -> NDArray[np.object_]:
     """A column (N,) unchanged."""
-    return np.asarray(found.table.column(name).to_pylist(), dtype=object)
+    return np.asarray(collected.table.column(name).to_pylist(), dtype=object)
 
 
-def numbered(found: CollectedRows, *names: str) -> Index:
+def numbered(collected: CollectedRows, *names: str) -> Index:
     """(N,) number of each combination of values in these columns, in order of appearance."""
-    rows = list(zip(*(found.table.column(name).to_pylist() for name in names), strict=True))
+    rows = list(zip(*(collected.table.column(name).to_pylist() for name in names), strict=True))
     place = {key: number for number, key in enumerate(dict.fromkeys(rows))}
     return np.array([place[key] for key in rows], dtype=np.int64)
 
 
-def unit_factors(found: CollectedRows, name: str, kind: str, wanted: Mapping[str, str], log: FaultLog) -> Array:
+def unit_factors(collected: CollectedRows, name: str, kind: str, wanted: Mapping[str, str], log: FaultLog) -> Array:
     """(N,) factor from a column's unit to the unit that ``kind`` requires in each row.
 
     A unit of another dimension concerns other rows: kN does not concern torques, nm does not concern angles. A unit
     that fits no row is a fault.
     """
-    values = texts(found, kind)
+    values = texts(collected, kind)
     factors = np.ones(len(values))
     start = 0
-    for file, records in found.parts:
+    for file, records in collected.parts:
         rows = slice(start, start + len(records))
         start += len(records)
         unit = file.entry.units.get(name)
@@ -61,36 +61,43 @@ def unit_factors(found: CollectedRows, name: str, kind: str, wanted: Mapping[str
 
 def _factors(unit: str, wanted: Mapping[str, str]) -> dict[str, float]:
     """Factors from a unit to the wanted units of its dimension."""
-    found = {}
+    factors = {}
     for value, target in wanted.items():
         try:
-            found[value] = conversion(unit, target)[0]
+            factors[value] = conversion(unit, target)[0]
         except UnknownUnit:
             continue
-    return found
+    return factors
 
 
-def declared_missing(found: CollectedRows) -> Mask:
+def declared_missing(collected: CollectedRows) -> Mask:
     """(N,) mask of rows from files whose mapping declares missing values."""
-    return np.concatenate([np.full(len(records), bool(file.entry.missing)) for file, records in found.parts])
+    return np.concatenate([np.full(len(records), bool(file.entry.missing)) for file, records in collected.parts])
 
 
-def without_rows(found: CollectedRows, rows: Mask, reason: str) -> CollectedRows:
+def without_rows(collected: CollectedRows, rows: Mask, reason: str) -> CollectedRows:
     """The table without some rows (N,), which are counted as left out."""
     if not rows.any():
-        return found
-    parts, left_out, start = [], found.left_out.copy(), 0
-    for file, records in found.parts:
+        return collected
+    parts, left_out, start = [], collected.left_out.copy(), 0
+    for file, records in collected.parts:
         out = rows[start : start + len(records)]
         start += len(records)
         parts.append((file, records[~out]))
         left_out[(file.raw.name, reason)] += int(out.sum())
-    faulty = {name: determined[~rows] for name, determined in found.faulty.items()}
-    return replace(found, table=found.table.filter(~rows), parts=parts, left_out=+left_out, faulty=faulty)
+    faulty = {name: determined[~rows] for name, determined in collected.faulty.items()}
+    return replace(collected, table=collected.table.filter(~rows), parts=parts, left_out=+left_out, faulty=faulty)
 
 
 def check_sigma(
-    found: CollectedRows, values: Array, name: str, unit: str, log: FaultLog, *, or_zero: bool = False, cure: str = ""
+    collected: CollectedRows,
+    values: Array,
+    name: str,
+    unit: str,
+    log: FaultLog,
+    *,
+    or_zero: bool = False,
+    cure: str = "",
 ) -> None:
     """Note rows whose standard deviation (N,), in ``unit``, is 0 or outside ``SIGMA_BOUNDS``; NaN is not given.
 
@@ -99,30 +106,30 @@ def check_sigma(
     least, most = SIGMA_BOUNDS[unit]
     too_small = (values < least) & ~((values == 0.0) & or_zero)
     expected = f"{'0, or ' if or_zero else 'a standard deviation above 0, from '}{least:g} to {most:g} {unit}{cure}"
-    found.fault(log, np.asarray(too_small | (values > most), dtype=bool), name, expected)
+    collected.fault(log, np.asarray(too_small | (values > most), dtype=bool), name, expected)
 
 
-def check_variance(found: CollectedRows, values: Array, name: str, unit: str, log: FaultLog) -> None:
+def check_variance(collected: CollectedRows, values: Array, name: str, unit: str, log: FaultLog) -> None:
     """Note rows whose variance (N,), in ``unit`` squared, is 0 or beyond the squares of ``SIGMA_BOUNDS``."""
     least, most = (bound**2 for bound in SIGMA_BOUNDS[unit])
     wrong = (values < least * (1.0 - _ROUNDING)) | (values > most * (1.0 + _ROUNDING))
-    found.fault(log, np.asarray(wrong, dtype=bool), name, f"a variance above 0, from {least:g} to {most:g} {unit}²")
+    collected.fault(log, np.asarray(wrong, dtype=bool), name, f"a variance above 0, from {least:g} to {most:g} {unit}²")
 
 
 def sigmas(
-    found: CollectedRows, columns: Sequence[str], declared: float | None, key: str, what: str, log: FaultLog
+    collected: CollectedRows, columns: Sequence[str], declared: float | None, key: str, what: str, log: FaultLog
 ) -> Array:
     """Standard deviations (N, K) in the columns' unit, with the declared one for missing cells or columns.
 
     ``key``: where to declare one; ``what``: the quantity, in words.
     """
-    values = np.full((len(found.table), len(columns)), np.nan)
+    values = np.full((len(collected.table), len(columns)), np.nan)
     for number, name in enumerate(columns):
-        if name in found.table.column_names:
-            values[:, number] = numbers(found, name)
-            check_sigma(found, values[:, number], name, name.rpartition("_")[2], log)
+        if name in collected.table.column_names:
+            values[:, number] = numbers(collected, name)
+            check_sigma(collected, values[:, number], name, name.rpartition("_")[2], log)
     if np.isnan(values).any() and declared is None:
-        log.add_missing(key, f"a standard deviation of {what}", found.first_file)
+        log.add_missing(key, f"a standard deviation of {what}", collected.first_file)
     return np.where(np.isnan(values), np.nan if declared is None else declared, values)
 
 
@@ -146,11 +153,11 @@ class SmallTable:
     file: str = field(default="", kw_only=True)
 
 
-def check_unique_keys(found: CollectedRows, log: FaultLog, *key: str, cure: str = "") -> None:
+def check_unique_keys(collected: CollectedRows, log: FaultLog, *key: str, cure: str = "") -> None:
     """Fault at every row whose key occurred in an earlier row; cure: remedy if that is intended."""
-    if any(name not in found.table.column_names for name in key):
+    if any(name not in collected.table.column_names for name in key):
         return
-    again = found.without_faults(*key)
+    again = collected.without_faults(*key)
     rows = np.flatnonzero(again)
-    again[rows[np.unique(numbered(found, *key)[rows], return_index=True)[1]]] = False
-    found.fault(log, again, key[-1], f"every {', '.join(key)} once{cure}")
+    again[rows[np.unique(numbered(collected, *key)[rows], return_index=True)[1]]] = False
+    collected.fault(log, again, key[-1], f"every {', '.join(key)} once{cure}")

@@ -53,54 +53,54 @@ def accuracy_tables(settings: Campaign, options: DesignOptions, tables: DesignTa
 
 def _accuracy(settings: Campaign, legs: int) -> tuple[NDArray, str]:
     """Return +- of each actuator (L,), m, and the key that it follows from; raises CampaignFaults without either."""
-    given = cast("LeggedMechanism", settings.mechanism).actuator_accuracy_mm
-    if given is not None:
-        return np.broadcast_to(np.asarray(given, float) * 1e-3, legs), "mechanism.actuator_accuracy_mm"
+    accuracies = cast("LeggedMechanism", settings.mechanism).actuator_accuracy_mm
+    if accuracies is not None:
+        return np.broadcast_to(np.asarray(accuracies, float) * 1e-3, legs), "mechanism.actuator_accuracy_mm"
     if settings.noise.actuator_mm:
         return np.full(legs, _OF_NOISE * settings.noise.actuator_mm * 1e-3), "noise.actuator_mm"
     expected = "the largest error of an actuator as specified, ±, one number or one per leg"
     raise CampaignFaults([Fault(FILE, expected, column="mechanism.actuator_accuracy_mm")])
 
 
-def _worst(found: AccuracyMap, settings: Campaign) -> pa.Table:
-    own = found.worst, np.arange(len(QUANTITIES))
-    errors = found.errors
+def _worst(accuracy: AccuracyMap, settings: Campaign) -> pa.Table:
+    worst_values = accuracy.worst, np.arange(len(QUANTITIES))
+    errors = accuracy.errors
     columns: dict[str, object] = {
         "quantity": QUANTITIES,
         "unit": _UNITS,
-        "worst": errors.worst[own] / _SI,
-        "sigma": errors.sigma[own] / _SI,
+        "worst": errors.worst[worst_values] / _SI,
+        "sigma": errors.sigma[worst_values] / _SI,
         "at_reference": errors.worst[0] / _SI,
         "requirement": pa.array(_requirements(settings), pa.float64()),
-        "part": [found.part[k] for k in found.worst],
+        "part": [accuracy.part[k] for k in accuracy.worst],
     }
-    return pa.table(columns | _poses(found, found.worst))
+    return pa.table(columns | _poses(accuracy, accuracy.worst))
 
 
 def _requirements(settings: Campaign) -> list[float | None]:
     """Return the limit of each quantity in its unit; None without one."""
-    given = [getattr(settings.requirement, name) for name in _POSE]
-    si = zip(given, _POSE_SI, _SI[: len(_POSE)], strict=True)
-    return [*(None if limit is None else float(limit * own / unit) for limit, own, unit in si), None, None]
+    limits = [getattr(settings.requirement, name) for name in _POSE]
+    si = zip(limits, _POSE_SI, _SI[: len(_POSE)], strict=True)
+    return [*(None if limit is None else float(limit * factor / unit) for limit, factor, unit in si), None, None]
 
 
-def _legs(found: AccuracyMap, given_by: str) -> pa.Table:
-    shares = found.errors.shares[found.worst, np.arange(len(QUANTITIES))]
+def _legs(accuracy: AccuracyMap, given_by: str) -> pa.Table:
+    shares = accuracy.errors.shares[accuracy.worst, np.arange(len(QUANTITIES))]
     count = shares.shape[1]
     columns: dict[str, object] = {
         "quantity": np.repeat(QUANTITIES, count),
         "leg": np.tile(np.arange(count) + 1, len(QUANTITIES)),
         "share": shares.ravel(),
-        "accuracy_um": np.tile(found.accuracy * 1e6, len(QUANTITIES)),
+        "accuracy_um": np.tile(accuracy.accuracy * 1e6, len(QUANTITIES)),
         "accuracy_from": [given_by] * shares.size,
     }
     return pa.table(columns)
 
 
-def _jacobian(machine: Machine, found: AccuracyMap) -> pa.Table:
+def _jacobian(machine: Machine, accuracy: AccuracyMap) -> pa.Table:
     """Return the change of each reading by a motion of the platform at the reference pose (telescope report,
     eq. 8)."""
-    placed = found.placed
+    placed = accuracy.placed
     closing = structures(machine)[0].close(machine, placed.p[:1], placed.R[:1], placed.rho[:1], NO_CHANGE)
     slope = -np.linalg.solve(closing.by_rho[0], closing.by_twist[0]) * _POSE_SI * 1e3
     columns: dict[str, object] = {"leg": np.arange(len(slope)) + 1}
@@ -114,18 +114,18 @@ def _jacobian(machine: Machine, found: AccuracyMap) -> pa.Table:
     )
 
 
-def _map(found: AccuracyMap) -> pa.Table:
-    rows = np.arange(len(found.part))
-    errors = found.errors.worst / _SI
+def _map(accuracy: AccuracyMap) -> pa.Table:
+    rows = np.arange(len(accuracy.part))
+    errors = accuracy.errors.worst / _SI
     named = {
         f"{name}_error_{unit}": errors[:, k] for k, (name, unit) in enumerate(zip(QUANTITIES, _UNITS, strict=True))
     }
-    columns: dict[str, object] = {"part": list(found.part)}
-    return pa.table(columns | _poses(found, rows) | named)
+    columns: dict[str, object] = {"part": list(accuracy.part)}
+    return pa.table(columns | _poses(accuracy, rows) | named)
 
 
-def _poses(found: AccuracyMap, rows: NDArray) -> dict[str, NDArray]:
+def _poses(accuracy: AccuracyMap, rows: NDArray) -> dict[str, NDArray]:
     """Return the columns of configurations: displacement from the reference pose, and readings."""
-    moved, rho = np.round(found.moved[rows] / _POSE_SI, 6) + 0.0, np.round(found.placed.rho[rows] * 1e3, 6)
+    moved, rho = np.round(accuracy.moved[rows] / _POSE_SI, 6) + 0.0, np.round(accuracy.placed.rho[rows] * 1e3, 6)
     poses = dict(zip(_POSE, moved.T, strict=True))
     return poses | {f"rho{leg + 1}_mm": column for leg, column in enumerate(rho.T)}

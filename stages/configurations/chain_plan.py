@@ -22,19 +22,19 @@ if TYPE_CHECKING:
 def verification_poses(drawn: NDArray, chosen: NDArray, ranges: JointRanges, count: int) -> Array:
     """Return candidates far from the chosen poses and from each other, in shares of the ranges of the joints."""
     apart = np.abs((drawn[:, None] - chosen) / ranges.width).max(-1).min(1)
-    found: list[int] = []
+    chosen_poses: list[int] = []
     for _ in range(count):
-        found.append(int(np.argmax(apart)))
-        apart = np.minimum(apart, np.abs((drawn - drawn[found[-1]]) / ranges.width).max(-1))
-    return np.asarray(drawn[found])
+        chosen_poses.append(int(np.argmax(apart)))
+        apart = np.minimum(apart, np.abs((drawn - drawn[chosen_poses[-1]]) / ranges.width).max(-1))
+    return np.asarray(drawn[chosen_poses])
 
 
 def ordered_poses(
-    readings: NDArray, ranges: JointRanges, kept: Array | None, options: DesignOptions, rng: np.random.Generator
+    readings: NDArray, ranges: JointRanges, existing: Array | None, options: DesignOptions, rng: np.random.Generator
 ) -> PoseOrder:
     """Return the order in which no function of a reading follows time: the reading, its sine and its cosine."""
     share = (readings - ranges.low) / ranges.width
-    start = np.full(share.shape[1], 0.5) if kept is None else (kept[-1] - ranges.low) / ranges.width
+    start = np.full(share.shape[1], 0.5) if existing is None else (existing[-1] - ranges.low) / ranges.width
     groups = np.stack([readings, np.sin(readings), np.cos(readings)], -1).transpose(1, 0, 2)
     return order_poses(share, start, groups, rng, options.trade_off)
 
@@ -51,8 +51,8 @@ def plan_table(
     )
 
 
-def poses_to_fit(ranges: JointRanges, kept: NDArray | None, table: pa.Table) -> pa.Table:
+def poses_to_fit(ranges: JointRanges, existing: NDArray | None, table: pa.Table) -> pa.Table:
     """Return the poses that are kept and those of a plan, without those for verification."""
-    own = table.filter(pc.not_equal(table.column("role"), HELD_OUT)).select([c.name for c in ranges.columns])
-    whole = own if kept is None else pa.concat_tables([ranges.table(kept), own])
-    return whole.append_column("pose", pa.array(np.arange(len(whole))))
+    poses_of_plan = table.filter(pc.not_equal(table.column("role"), HELD_OUT)).select([c.name for c in ranges.columns])
+    all_poses = poses_of_plan if existing is None else pa.concat_tables([ranges.table(existing), poses_of_plan])
+    return all_poses.append_column("pose", pa.array(np.arange(len(all_poses))))

@@ -85,18 +85,18 @@ def words_of_chain(design: ChainDesign) -> list[str]:
 
 
 def _chosen(design: ChainDesign) -> list[str]:
-    options, found = design.options, design.chosen
-    held = f" and {options.verification} for verification" if options.verification else ""
-    kept = f" beside {design.kept} that are kept" if design.kept else ""
+    options, chosen_poses = design.options, design.chosen
+    held_out_words = f" and {options.verification} for verification" if options.verification else ""
+    kept_words = f" beside {design.kept} that are kept" if design.kept else ""
     sources = ", ".join(dict.fromkeys(design.ranges.given_by))
     regions = f", outside {counted(design.forbidden, 'forbidden region')}" if design.forbidden else ""
     of_causes = f", with the effects of {', '.join(design.causes)}" if design.causes else ""
     lines = [
-        f"{counted(options.poses, 'pose')}{held} by {options.method}{kept}, within the ranges of the joints ({sources})"
-        f"{regions}",
-        f"log det of the information, relative to what is known before: {found.log_det:.3f} "
-        f"({counted(found.size, 'unknown')}{of_causes})",
-        f"D-efficiency {_percent(found.efficiency)} of the best possible (equivalence theorem over "
+        f"{counted(options.poses, 'pose')}{held_out_words} by {options.method}{kept_words}, "
+        f"within the ranges of the joints ({sources}){regions}",
+        f"log det of the information, relative to what is known before: {chosen_poses.log_det:.3f} "
+        f"({counted(chosen_poses.size, 'unknown')}{of_causes})",
+        f"D-efficiency {_percent(chosen_poses.efficiency)} of the best possible (equivalence theorem over "
         f"{counted(design.candidates, 'candidate')}; poses between them are not covered)",
     ]
     if design.existing is not None and design.own is not None:
@@ -125,27 +125,29 @@ def _shown(whose: str, shown: ShownByPoses) -> list[str]:
     numbers = shown.numbers.to_pylist()
     parts = []
     for kind, words in _KINDS.items():
-        own = [row["identifiable"] for row in numbers if row["kind"] == kind]
-        if own:
-            parts.append(f"{sum(own)} of {len(own)} {words}")
+        rows_of_kind = [row["identifiable"] for row in numbers if row["kind"] == kind]
+        if rows_of_kind:
+            parts.append(f"{sum(rows_of_kind)} of {len(rows_of_kind)} {words}")
     lines = [f"{whose} {counted(shown.count, 'pose')} determine {', '.join(parts)}"]
-    lines += [_hidden(one, poses) for one, poses in shown.hidden[:_LISTED]]
+    lines += [_hidden(combination, poses) for combination, poses in shown.hidden[:_LISTED]]
     if (more := len(shown.hidden) - _LISTED) > 0:
         lines.append(f"  {counted(more, 'further combination')} that the data leave less certain than before")
     return lines + _causes(shown.causes.to_pylist())
 
 
-def _hidden(one: HiddenCombination, poses: pa.Table) -> str:
-    size = "" if not np.isfinite(one.sigma) else f" (known to {one.sigma:.2g} times what is known before)"
-    return f"  {one.text}{size}: {_shown_by(one, poses)}"
+def _hidden(combination: HiddenCombination, poses: pa.Table) -> str:
+    size = (
+        "" if not np.isfinite(combination.sigma) else f" (known to {combination.sigma:.2g} times what is known before)"
+    )
+    return f"  {combination.text}{size}: {_shown_by(combination, poses)}"
 
 
-def _shown_by(one: HiddenCombination, poses: pa.Table) -> str:
-    if one.remedy is Remedy.POSES:
+def _shown_by(combination: HiddenCombination, poses: pa.Table) -> str:
+    if combination.remedy is Remedy.POSES:
         return f"shown by {'; '.join(_pose(row) for row in poses.to_pylist())}"
-    if one.remedy is Remedy.NOTHING:
+    if combination.remedy is Remedy.NOTHING:
         return "no pose within the ranges shows it"
-    return f"no pose within the ranges shows it; {one.remedy} would"
+    return f"no pose within the ranges shows it; {combination.remedy} would"
 
 
 def _pose(row: Mapping[str, Any]) -> str:

@@ -19,7 +19,7 @@ from truing.calibration.chain_design import (
     rest_apart,
 )
 from truing.simulation.mechanisms.chains.causes import ChainCause
-from truing.simulation.mechanisms.chains.harmonics import JointHarmonic
+from truing.simulation.mechanisms.chains.harmonics import JointHarmonic, JointPitchError
 from truing.stages.common.chain_candidates import JointRanges
 from truing.stages.configurations.chain_poses import APART, ShownByPoses
 
@@ -35,19 +35,24 @@ def shown_by(
     unknowns, seen = observability_of(poses)
     prior = seen.scales
     numbers = {
-        "kind": [str(own.kind) for own in unknowns],
-        "subject": [own.subject for own in unknowns],
-        "parameter": [own.parameter for own in unknowns],
-        "unit": [own.unit for own in unknowns],
-        "tolerance": pa.array([own.scale if own.is_known else None for own in unknowns], pa.float64()),
+        "kind": [str(unknown.kind) for unknown in unknowns],
+        "subject": [unknown.subject for unknown in unknowns],
+        "parameter": [unknown.parameter for unknown in unknowns],
+        "unit": [unknown.unit for unknown in unknowns],
+        "tolerance": pa.array([unknown.scale if unknown.is_known else None for unknown in unknowns], pa.float64()),
         "sigma_data_alone": pa.array([s if np.isfinite(s) else None for s in seen.sigma], pa.float64()),
         "sigma_expected": seen.sigma_with_prior,
         "identifiable": seen.sigma_with_prior < _DETERMINED * prior,
     }
     hidden = hidden_combinations(poses, probes)
     rows = [
-        (one, ranges.table(probes.conditions.readings[list(one.poses)], times=pa.array(one.times, pa.int64())))
-        for one in hidden
+        (
+            combination,
+            ranges.table(
+                probes.conditions.readings[list(combination.poses)], times=pa.array(combination.times, pa.int64())
+            ),
+        )
+        for combination in hidden
     ]
     return ShownByPoses(
         len(poses.conditions.readings), pa.table(numbers), _cause_table(poses, probes, causes), tuple(rows)
@@ -106,7 +111,10 @@ def _cause_rows(
 
 
 def _order_of(cause: ChainCause) -> float | None:
-    return float(cause.order) if isinstance(cause, JointHarmonic) else None
+    """Return the periods per turn of a harmonic; None for other causes, also for waves along a slide."""
+    if isinstance(cause, JointPitchError) or not isinstance(cause, JointHarmonic):
+        return None
+    return float(cause.order)
 
 
 def _remedies(probes: PlannedPoses, pairs: Sequence[tuple[ChainCause, ChainCause]], scale: float) -> list[Remedy]:
@@ -123,8 +131,10 @@ def _remedies(probes: PlannedPoses, pairs: Sequence[tuple[ChainCause, ChainCause
         payload[::2] = 0.0
         payload[1::2] = usual or _NEW_PAYLOAD_KG
         tried.append((Remedy.PAYLOAD, replace(probes, conditions=replace(probes.conditions, payload_kg=payload))))
-    found = [(remedy, scale * rest_apart(cause_sights(poses, causes))) for remedy, poses in tried]
+    sights_by_remedy = [(remedy, scale * rest_apart(cause_sights(poses, causes))) for remedy, poses in tried]
     return [
-        next((remedy for remedy, apart in found if apart[place[a.key], place[b.key]] >= APART), Remedy.NOTHING)
+        next(
+            (remedy for remedy, apart in sights_by_remedy if apart[place[a.key], place[b.key]] >= APART), Remedy.NOTHING
+        )
         for a, b in pairs
     ]

@@ -27,5 +27,5 @@ def needed_by_models(
     corners = rng.permutation(corners)[:_CORNERS]
     x = np.concatenate([corners, problem.region.draw(_GENERIC, rng)])
     placed = problem.regressors.at(x[problem.reached(x)])
-    found = (needed_configurations(structure, machine, placed) for structure in structures(machine))
-    return tuple(one for one in found if one is not None)
+    needs = (needed_configurations(structure, machine, placed) for structure in structures(machine))
+    return tuple(need for need in needs if need is not None)

@@ -44,21 +44,25 @@ def design_problem(
     """
     section = cast("LeggedMechanism", settings.mechanism)
     machine = plain_machine(settings)
-    whole = full_set(machine, "none")
-    problem = problem_of(machine, limits, whole)
+    parameter_set = full_set(machine, "none")
+    problem = problem_of(machine, limits, parameter_set)
     structure = problem.regressors.structure
-    names = tuple(replace(entry, leg=0) for entry in whole.entries if entry.leg == 0)
+    names = tuple(replace(entry, leg=0) for entry in parameter_set.entries if entry.leg == 0)
     tolerance = np.array([_tolerance(section.tolerance, entry) for entry in names])
     noise, noise_from = _residual_noise(settings, problem.regressors, survey)
     problem = replace(problem, names=names, tolerance=tolerance, noise=noise, noise_from=noise_from)
-    kept = _parameter_indices(names, parameters) if parameters else identifiable_parameters(problem)
+    chosen_places = _parameter_indices(names, parameters) if parameters else identifiable_parameters(problem)
     chosen = ParameterSet(
-        tuple(entry for k in kept for entry in whole.entries[k * problem.legs : (k + 1) * problem.legs])
+        tuple(
+            entry for k in chosen_places for entry in parameter_set.entries[k * problem.legs : (k + 1) * problem.legs]
+        )
     )
     narrowed = pose_regressors(structure, machine, chosen, limits.pose, limits.readings)
-    held = tuple(entry.name for k, entry in enumerate(names) if k not in kept)
-    chosen_names = tuple(names[k] for k in kept)
-    return replace(problem, regressors=narrowed, names=chosen_names, tolerance=tolerance[kept], held=held)
+    fixed_names = tuple(entry.name for k, entry in enumerate(names) if k not in chosen_places)
+    chosen_names = tuple(names[k] for k in chosen_places)
+    return replace(
+        problem, regressors=narrowed, names=chosen_names, tolerance=tolerance[chosen_places], held=fixed_names
+    )
 
 
 def problem_of(machine: Machine, limits: ConfigurationLimits, parameters: ParameterSet) -> DesignProblem:
@@ -70,8 +74,8 @@ def problem_of(machine: Machine, limits: ConfigurationLimits, parameters: Parame
     try:
         regressors = pose_regressors(structure, machine, parameters, limits.pose, limits.readings)
     except ValueError as error:
-        given = "rho_mm, or, without --within actuators, all of x_mm y_mm z_mm rx_deg ry_deg rz_deg"
-        raise CampaignFaults([Fault(FILE, f"{error}: {given}", column="workspace")]) from None
+        needed_limits = "rho_mm, or, without --within actuators, all of x_mm y_mm z_mm rx_deg ry_deg rz_deg"
+        raise CampaignFaults([Fault(FILE, f"{error}: {needed_limits}", column="workspace")]) from None
     half = np.concatenate([limits.pose, limits.readings])
     region = FeasibleRegion(6, regressors.quantities, half, limits.lower, limits.upper)
     return DesignProblem(regressors, region, (), np.zeros(0), np.ones(machine.legs.count), "")
@@ -129,8 +133,8 @@ def _check_boxes(bounds: NDArray, file: str) -> None:
 
 def _tolerance(section: Tolerance, entry: LegParameter) -> float:
     """Return one sigma of manufacturing, SI."""
-    given = {"a": section.a_mm, "b": section.b_mm, "l": section.length_mm, "u": section.u}[entry.name[0]]
-    return given * entry.si if given else _FREE[entry.unit]
+    tolerances = {"a": section.a_mm, "b": section.b_mm, "l": section.length_mm, "u": section.u}[entry.name[0]]
+    return tolerances * entry.si if tolerances else _FREE[entry.unit]
 
 
 def _parameter_indices(names: tuple[LegParameter, ...], wanted: Sequence[str]) -> list[int]:
@@ -150,13 +154,13 @@ def _residual_noise(settings: Campaign, regressors: PoseRegressors, survey: pa.T
     point, reading = (settings.noise.point_mm or 0.0) * 1e-3, settings.noise.actuator_mm * 1e-3
     pose, machine = regressors.reference, regressors.machine
     closing = regressors.structure.close(machine, pose.p, pose.R, np.atleast_2d(machine.legs.rho0), Change({}, 0))
-    own = reading * np.diagonal(closing.by_rho[0])
+    derivative = reading * np.diagonal(closing.by_rho[0])
     covariance = None if survey is None or not point else _pose_covariance(survey, pose.p[0], pose.R[0], point)
     if covariance is not None:
         seen = np.einsum("li,ij,lj->l", closing.by_twist[0], covariance, closing.by_twist[0])
-        return np.sqrt(seen + own**2), "noise of points on the surveyed targets, and of readings"
+        return np.sqrt(seen + derivative**2), "noise of points on the surveyed targets, and of readings"
     if point or reading:
-        return np.sqrt(point**2 + own**2), "noise.point_mm on every leg, and that of readings"
+        return np.sqrt(point**2 + derivative**2), "noise.point_mm on every leg, and that of readings"
     return np.full(machine.legs.count, 1e-6), "1 um on every leg, because campaign.toml gives no noise"
 
 
@@ -164,8 +168,8 @@ def _pose_covariance(survey: pa.Table, p: NDArray, R: NDArray, sigma: float) -> 
     """Return the covariance (6, 6) of the platform in the base from points of noise sigma, at a pose; None without."""
     parts = []
     for body in ("platform", "base"):
-        found = survey_points(survey, body)
-        frame = found.points[found.leg == 0]
+        points = survey_points(survey, body)
+        frame = points.points[points.leg == 0]
         fit = umeyama(frame, frame[None], sigma=sigma) if len(frame) >= 3 else None
         if fit is None or not fit.ok[0]:
             return None

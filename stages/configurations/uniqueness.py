@@ -45,8 +45,8 @@ def uniqueness_tables(settings: Campaign, options: DesignOptions, _: DesignTable
     flexures = _flexures_of(nominal_machine(cast("LeggedMechanism", settings.mechanism)))
     models = {machine.legs.closure.name: None} | ({} if flexures is None else {"beam": flexures})
     proofs = {name: prove_uniqueness(machine.legs, box, bending) for name, bending in models.items()}
-    found = {"": _statements(proofs), "-range": _range(box, given_by), "-undecided": _undecided(proofs)}
-    return found if flexures is None else {**found, "-flexures": _flexures(flexures, _largest_bend(problem))}
+    statements = {"": _statements(proofs), "-range": _range(box, given_by), "-undecided": _undecided(proofs)}
+    return statements if flexures is None else {**statements, "-flexures": _flexures(flexures, _largest_bend(problem))}
 
 
 def _box(problem: DesignProblem, limits: ConfigurationLimits) -> tuple[PoseBox, list[str]]:
@@ -59,7 +59,7 @@ def _box(problem: DesignProblem, limits: ConfigurationLimits) -> tuple[PoseBox, 
     half = np.where(known, declared, reach)
     box = PoseBox(reference.p[0], reference.R[0], half[:3], half[3:6], half[6:])
     assert len(half) == 6 + machine.legs.count
-    return box, ["workspace" if given else "corners" for given in known]
+    return box, ["workspace" if is_given else "corners" for is_given in known]
 
 
 def _largest_bend(problem: DesignProblem) -> float:
@@ -83,9 +83,9 @@ def _statements(proofs: dict[str, UniquenessProof]) -> pa.Table:
         rows.append({**common, "statement": "one pose", "state": unique, "undecided_parts": undecided})
         rows.append({**common, "statement": "no singular pose", "state": regular, "undecided_parts": None})
         for leg, (low, high) in enumerate(proof.reading_slope.tolist()):
-            own = {"leg": leg + 1, "slope_low": low, "slope_high": high, "parts": 1, "undecided_parts": None}
+            row_of_leg = {"leg": leg + 1, "slope_low": low, "slope_high": high, "parts": 1, "undecided_parts": None}
             state = "proven" if proof.inverse_unique[leg] else "not decided"
-            rows.append({**common, **own, "statement": "one reading", "state": state})
+            rows.append({**common, **row_of_leg, "statement": "one reading", "state": state})
     names = ("statement", "model", "leg", "state", "parts", "undecided_parts", "slope_low", "slope_high")
     types = {"leg": pa.int64(), "parts": pa.int64(), "undecided_parts": pa.int64()}
     types |= {"slope_low": pa.float64(), "slope_high": pa.float64()}
@@ -124,9 +124,9 @@ def _undecided(proofs: dict[str, UniquenessProof]) -> pa.Table:
     first."""
     models, parts = [], []
     for model, proof in proofs.items():
-        kept = proof.undecided[:_MOST_PARTS]
-        models += [model] * len(kept)
-        parts.append(kept)
+        undecided = proof.undecided[:_MOST_PARTS]
+        models += [model] * len(undecided)
+        parts.append(undecided)
     ends = np.concatenate(parts)
     angle = 2.0 * np.arctan(ends[..., 3:])  # of each axis alone
     ends = np.concatenate([ends[..., :3], angle], -1) / _SI

@@ -31,16 +31,19 @@ def words_of(design: Design) -> list[str]:
 
 def _parameters_chosen(design: Design) -> list[str]:
     options, names = design.options, [entry.name for entry in design.problem.names]
-    kept = "" if design.kept is None else f" beside {design.kept.count} that are kept"
-    held = f" and {options.verification} for verification" if options.verification else ""
-    first = f"{counted(options.poses, 'configuration')}{held} by {options.method}{kept}, {_WITHIN[options.within]}"
+    kept_words = "" if design.kept is None else f" beside {design.kept.count} that are kept"
+    held_out_words = f" and {options.verification} for verification" if options.verification else ""
+    first = f"{counted(options.poses, 'configuration')}{held_out_words} by {options.method}{kept_words}, "
+    first += _WITHIN[options.within]
     if design.kept is not None and design.kept.outside:
         first += f" ({design.kept.outside} of those kept lie outside)"
-    held = ", ".join(design.problem.held)
+    held_out_words = ", ".join(design.problem.held)
     if design.kept is None and "reference" not in design.table.column("role").to_pylist():
         first += "; the reference configuration is forbidden, and left out"
     left = (
-        f"; held: {held}, {'not asked for' if options.parameters else 'not distinguishable from these'}" if held else ""
+        f"; held: {held_out_words}, {'not asked for' if options.parameters else 'not distinguishable from these'}"
+        if held_out_words
+        else ""
     )
     return [
         first,
@@ -60,10 +63,10 @@ def _quality(design: Design) -> list[str]:
 def _bound(design: Design) -> str:
     """Return the candidates of the bound in words."""
     candidates, size = design.candidates, design.problem.size
-    found = f", {candidates.ascended} that climbs between them found" if candidates.ascended else ""
+    ascended_words = f", {candidates.ascended} that climbs between them found" if candidates.ascended else ""
     missed = f", {candidates.unreached} more out of reach" if candidates.unreached else ""
     points = f"{counted(candidates.corners, 'corner')} of the range, {counted(candidates.dense, 'point')} in it"
-    over = f"equivalence theorem over {points}{missed}{found}"
+    over = f"equivalence theorem over {points}{missed}{ascended_words}"
     if candidates.raised <= 1e-9 * size:
         return f"{over}; climbs find nothing more sensitive"
     return f"{over}; raised by the {percent(100 * float(np.expm1(candidates.raised / size)))} that climbs find beyond"
@@ -96,15 +99,15 @@ def _sigma_line(design: Design, k: int, entry: LegParameter) -> str:
 
 def _needed(design: Design) -> list[str]:
     """Return the least number of configurations of each model."""
-    said = [f"{one.model} {one.configurations} ({_counted_parameters(one)})" for one in design.needed]
+    said = [f"{need.model} {need.configurations} ({_counted_parameters(need)})" for need in design.needed]
     if not said:
         return []
     return [f"least number of configurations by model, for what its limits separate: {', '.join(said)}"]
 
 
-def _counted_parameters(one: NeededConfigurations) -> str:
-    shared = f", {one.shared} of them shared by the legs" if one.shared else ""
-    return f"{counted(one.parameters, 'parameter')}{shared}, {counted(one.equations, 'equation')} per pose"
+def _counted_parameters(needed: NeededConfigurations) -> str:
+    shared = f", {needed.shared} of them shared by the legs" if needed.shared else ""
+    return f"{counted(needed.parameters, 'parameter')}{shared}, {counted(needed.equations, 'equation')} per pose"
 
 
 def _order(design: Design) -> list[str]:
@@ -118,36 +121,36 @@ def _order(design: Design) -> list[str]:
 
 
 def _existing(design: Design) -> list[str]:
-    found, share = design.existing, design.existing_efficiency
-    if found is None or share is None:
+    existing_plan, share = design.existing, design.existing_efficiency
+    if existing_plan is None or share is None:
         return []
     line = (
-        f"the campaign's own {counted(found.count, 'pose')}: O1 = {found.log_det:.3f}, "
+        f"the campaign's own {counted(existing_plan.count, 'pose')}: O1 = {existing_plan.log_det:.3f}, "
         f"{_percent(share)} of the best of as many"
     )
-    if found.outside:
-        line += f"; {found.outside} of them lie outside of these limits, which the bound is not about"
+    if existing_plan.outside:
+        line += f"; {existing_plan.outside} of them lie outside of these limits, which the bound is not about"
     alike = design.all_configurations.log_det + design.problem.size * np.log(
-        found.count / design.all_configurations.count
+        existing_plan.count / design.all_configurations.count
     )
-    ratio = efficiency(alike, found.log_det, design.problem.size)
+    ratio = efficiency(alike, existing_plan.log_det, design.problem.size)
     return [line, f"one chosen pose is worth {ratio:.2f} of the campaign's own poses"]
 
 
 def words_of_loads(plan: LoadPlan) -> list[str]:
     """Output lines of a plan of loads."""
     options = plan.options
-    held = f" and {options.verification} for verification" if options.verification else ""
+    held_out_words = f" and {options.verification} for verification" if options.verification else ""
     at_once = "all components at once" if options.may_all_act else f"at most {options.at_once} at once"
-    spread = [100.0 * one for one in plan.sigma]
+    spread = [100.0 * sigma for sigma in plan.sigma]
     lines = [
-        f"{counted(options.poses, 'load')}{held} within [loading], {at_once}, in runs of {RUN} that begin "
+        f"{counted(options.poses, 'load')}{held_out_words} within [loading], {at_once}, in runs of {RUN} that begin "
         "and end without load",
         f"log det of the information about a channel's six sensitivities and its zero: {plan.chosen.log_det:.3f}",
         f"D-efficiency {100.0 * plan.chosen.efficiency:.2f} % of the best possible (equivalence theorem over "
         f"{counted(plan.candidates, 'load')})",
         f"predicted sigma of a signal at full load, in hundredths of its noise{_microvolts(plan)}: "
-        + ", ".join(f"{load} {one:.1f}" for load, one in zip(LOADS, spread, strict=True)),
+        + ", ".join(f"{load} {sigma:.1f}" for load, sigma in zip(LOADS, spread, strict=True)),
         f"drift: of a line in time, loads can imitate {100.0 * plan.order.drift:.2f} % "
         f"({100.0 * plan.order.random_drift:.2f} % in a random order)",
     ]
@@ -159,15 +162,17 @@ def _microvolts(plan: LoadPlan) -> str:
 
 
 def _existing_loads(plan: LoadPlan) -> list[str]:
-    own = plan.existing
-    if own is None:
+    existing_loads = plan.existing
+    if existing_loads is None:
         return []
-    if own.efficiency == 0.0:
-        return [f"the campaign's own {len(own.loads)} loads do not determine a calibration"]
+    if existing_loads.efficiency == 0.0:
+        return [f"the campaign's own {len(existing_loads.loads)} loads do not determine a calibration"]
     size = len(LOADS) + 1
-    worth = np.exp((plan.chosen.log_det - own.log_det) / size) * len(own.loads) / plan.options.poses
+    worth = (
+        np.exp((plan.chosen.log_det - existing_loads.log_det) / size) * len(existing_loads.loads) / plan.options.poses
+    )
     return [
-        f"the campaign's own {counted(len(own.loads), 'load')}: {_percent(own.efficiency)} of the best of as many, all "
-        "components at once",
+        f"the campaign's own {counted(len(existing_loads.loads), 'load')}: "
+        f"{_percent(existing_loads.efficiency)} of the best of as many, all components at once",
         f"one chosen load is worth {worth:.2f} of the campaign's own loads",
     ]

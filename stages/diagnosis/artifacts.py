@@ -43,7 +43,8 @@ def outcome(
     rule = rule_of(settings)
     artifacts = artifacts_of(diagnosis, data, rule if rays is None else rule_with_rays(rule), settings)
     shown = data.shown.overall(diagnosis.final.error)
-    gross = gross_errors(len(diagnosis.screened), shown.what) if diagnosis.screened else ""
+    number = len(diagnosis.screened) + len(data.isolated)
+    gross = gross_errors(number, shown.what) if number else ""
     read, left_out = _read(data, shown), [data.left_out, gross]
     if rays is not None:
         artifacts = with_rays(artifacts, rays, rule)
@@ -95,7 +96,7 @@ def artifacts_of(
         "detectable": detectable_table(last, rule.level, legs),
         "cause_uncertainty": uncertainty_table(diagnosis, legs),
         "determined_combinations": combinations_table(diagnosis, legs),
-        "diagnosis_left_out": left_out_table(diagnosis, data) if diagnosis.screened else None,
+        "diagnosis_left_out": left_out_table(diagnosis, data) if diagnosis.screened or data.isolated else None,
         **instrument_results.artifacts,
     }
     return {name: artifact for name, artifact in left.items() if artifact is not None}

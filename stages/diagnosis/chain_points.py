@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import replace
 from functools import partial
 from typing import TYPE_CHECKING, cast
@@ -357,9 +357,14 @@ def _known(
         None if section.gravity is None else np.array(section.gravity, float),
         (tip, np.array(section.payload_com_mm, float) * _MM),
         section.reference_temperature_c,
-        section.gear_orders,
+        {**section.gear_orders, **_of_pitches(section.pitch_mm)},
         ends,
     )
+
+
+def _of_pitches(pitches: Mapping[str, Sequence[float]]) -> dict[str, tuple[float, ...]]:
+    """2 pi over each period, rad/m, by slide, of periods in mm."""
+    return {joint: tuple(2.0 * np.pi / (_MM * period) for period in own) for joint, own in pitches.items()}
 
 
 def _geometry(tree: Tree, sigma: NDArray, is_base_free: bool, known: Mask) -> Array:

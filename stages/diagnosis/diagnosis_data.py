@@ -146,9 +146,19 @@ class InstrumentResults:
 
 
 @dataclass(frozen=True)
+class IsolatedPoint:
+    """A point that agrees with no other of its target just before or after it: its pose, body and target, and its
+    distance from its place on the body, m."""
+
+    pose: int | str
+    subject: str
+    distance: float
+
+
+@dataclass(frozen=True)
 class DiagnosisData(Generic[M]):
     """Measured values by role, model of the plain simulation, and omissions in words. ``leaves``: artifacts of its
-    instrument; ``relation``: relation that its model tests."""
+    instrument; ``relation``: relation that its model tests; ``isolated``: points that are left out before any fit."""
 
     model: M
     calibration: Epochs
@@ -160,4 +170,5 @@ class DiagnosisData(Generic[M]):
     model_text: Callable[[FittedModel[Any], Campaign], str] | None = None  # what stands in model.toml of a fit
     is_calibrated: Callable[[Cause], bool] = lambda cause: False  # whether a calibration can hold a cause's effect
     relation: Relation = Relation.READINGS_POSES
+    isolated: tuple[IsolatedPoint, ...] = ()
     framing: int | None = None  # platform targets that sit on no attachment; None where there is no mechanism

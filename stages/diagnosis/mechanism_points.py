@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Iterator, Mapping
 from dataclasses import replace
 from typing import TYPE_CHECKING, Any, cast
 
@@ -11,7 +11,7 @@ import pyarrow as pa
 from numpy.typing import NDArray
 
 from truing.estimation.labels.point_selection import select_points
-from truing.estimation.rigid_poses.points import with_declared_noise
+from truing.estimation.rigid_poses.points import PointResiduals, PosePoints, with_declared_noise
 from truing.inference.observations import Frames
 from truing.report.numbers import count as counted
 from truing.simulation.inputs import APPROACH, ORDER, TIME
@@ -35,7 +35,7 @@ from truing.stages.common.point_arrays import (
     survey_points,
 )
 from truing.stages.common.pose_conditions import pose_conditions
-from truing.stages.diagnosis.diagnosis_data import DiagnosisData, InstrumentResults
+from truing.stages.diagnosis.diagnosis_data import DiagnosisData, InstrumentResults, IsolatedPoint
 from truing.stages.diagnosis.next_measurement import next_of
 from truing.stages.diagnosis.prior_campaign import changes_table
 from truing.stages.diagnosis.residual_tables import prediction_table, pull_tables
@@ -57,7 +57,7 @@ def assemble(tables: Mapping[str, pa.Table], settings: Campaign) -> DiagnosisDat
     legs = facing(nominal_legs(section), tables["poses"])
     poses = pose_ids(tables["configurations"])
     conditions = pose_conditions(tables["configurations"], poses, legs.count, settings.noise.actuator_mm * 1e-3)
-    bodies = _targets(tables, poses, legs.count, settings, conditions.covariates[ORDER])
+    bodies, isolated = _targets(tables, poses, legs.count, settings, conditions.covariates[ORDER])
     if not np.any(bodies.targets.body == BASE) or not np.any(bodies.targets.body == PLATFORM):
         raise ValueError("needs surveyed targets on base and platform")
     base = Frames(default_rotations(tables["poses"], "base", poses), default_motions(tables["poses"], "base", poses)[1])
@@ -93,6 +93,7 @@ def assemble(tables: Mapping[str, pa.Table], settings: Campaign) -> DiagnosisDat
         bodies.swapped,
         model_text=_model_text,
         is_calibrated=lambda cause: True,
+        isolated=isolated,
         framing=int(np.sum((bodies.targets.body == PLATFORM) & (bodies.targets.leg < 0))),
     )
 
@@ -126,17 +127,20 @@ def _prior_knowledge(
 
 def _targets(
     tables: Mapping[str, pa.Table], poses: tuple[int | str, ...], legs: int, settings: Campaign, order: NDArray
-) -> MeasuredTargets:
+) -> tuple[MeasuredTargets, tuple[IsolatedPoint, ...]]:
+    """Targets of all bodies, and the points left out that the fit of poses did not reject before."""
     noise = (settings.noise.point_mm or 0.0) * 1e-3
     kinds = [("base", BASE, -1), ("platform", PLATFORM, -1), *((f"leg{i + 1}", LEG, i) for i in range(legs))]
     parts: dict[str, list[Any]] = {name: [] for name in ("body", "leg", "shape", "shape_cov", "points", "cov", "seen")}
     named: list[tuple[str, str]] = []
     swapped: list[TargetsSwapped] = []
+    isolated: list[IsolatedPoint] = []
     for body, kind, ridden in kinds:
         survey = survey_points(tables["survey"], body)
         points = pose_points(tables["observations"], body, poses, survey.targets)
         residuals = point_residuals(tables["residuals"], body, poses, survey.targets)
         assessed = select_points(residuals, points, survey.points, order)
+        isolated += _isolated_points(body, points, residuals, assessed.kept)
         swapped += swapped_targets(body, survey.targets, poses, order, assessed.exchanges)
         named += [(body, target) for target in survey.targets]
         parts["body"].append(np.full(len(survey.targets), kind))
@@ -155,7 +159,16 @@ def _targets(
     }
     names, carriers = tuple(target for _, target in named), tuple(body for body, _ in named)
     targets = Targets(joined.pop("body"), joined.pop("leg"), names, carriers)
-    return MeasuredTargets(targets, **joined, swapped=tuple(swapped))
+    return MeasuredTargets(targets, **joined, swapped=tuple(swapped)), tuple(isolated)
+
+
+def _isolated_points(
+    body: str, points: PosePoints, residuals: PointResiduals, kept: NDArray
+) -> Iterator[IsolatedPoint]:
+    """Yield the points (B, T) that are neither kept nor rejected by the fit of poses nor excluded by a person."""
+    for pose, target in np.argwhere(points.seen & ~kept & ~residuals.rejected & ~residuals.excluded):
+        distance = float(np.linalg.norm(residuals.values[pose, target]))
+        yield IsolatedPoint(points.poses[pose], f"{body} {points.targets[target]}", distance)
 
 
 def _model_text(fitted: FittedModel[Any], settings: Campaign) -> str:

@@ -23,6 +23,7 @@ if TYPE_CHECKING:
     from truing.inference.selection import CauseDiagnosis
     from truing.stages.diagnosis.diagnosis_data import DiagnosisData
 
+_ISOLATED = "gross error: far from where the target is in the poses before and after it"
 _GROSS = "gross error: its residual is far outside those of its target"
 _UM = 1e6
 
@@ -69,7 +70,18 @@ def prediction_table(
 
 def left_out_table(diagnosis: CauseDiagnosis, data: DiagnosisData[Any]) -> pa.Table:
     """Rows of diagnosis_left_out.parquet: existing values that were rejected as gross errors."""
-    rows = [
+    rows: list[dict[str, Any]] = [
+        {
+            "pose": point.pose,
+            "subject": point.subject,
+            "reason": _ISOLATED,
+            "value": 1e3 * point.distance,
+            "limit": None,
+            "unit": "mm",
+        }
+        for point in data.isolated
+    ]
+    rows += [
         {
             **_row_identifiers(value, data),
             "subject": _subject(value, diagnosis),

@@ -93,7 +93,9 @@ def ranked_table(rows: list[dict[str, Any]]) -> pa.Table:
 
 def _row(verdict: Verdict, diagnosis: CauseDiagnosis, words: DetectionAdvice) -> dict[str, Any]:
     cause, legs = verdict.cause, diagnosis.plain.model.part_count
-    shown, claim = words.shown.of_effect(verdict.before, verdict.after), claim_of(verdict.cause, legs)
+    shown, claim = words.shown.of_effect(verdict.before, verdict.after), _claim(verdict, legs)
+    if verdict.verdict in ("found", "suspected"):
+        claim = replace(claim, settings={**claim.settings, **cause.shared_with(diagnosis.plain.scene)})
     facts = _facts(verdict, diagnosis, words, claim)
     advice = words.next_measurement.get(cause.key) or confirming(claim, cause.confirm)
     if verdict.course is not None and cause.key not in words.next_measurement:
@@ -105,7 +107,7 @@ def _row(verdict: Verdict, diagnosis: CauseDiagnosis, words: DetectionAdvice) ->
         "p_value": verdict.p_value,
         "probability": verdict.probability,
         "parameters": json.dumps(facts.parameters),
-        "follows": listed(cause.inputs(legs)),
+        "follows": listed(claim.follows),
         **_errors(shown, verdict),
         "explanation": explanation(facts),
         **_advised(advice),
@@ -174,13 +176,13 @@ def _facts(verdict: Verdict, diagnosis: CauseDiagnosis, words: DetectionAdvice, 
         words.detectable.get(cause.key, ""),
         not cause.catalogued,
         words.remark,
-        subject=cause.subject,
+        subject=claim.subject,
         share=verdict.share_explained,
         odds=_odds(verdict, diagnosis),
         largest=shown.largest_motion(verdict.before, verdict.after)
         if verdict.verdict in ("found", "suspected")
         else None,
-        subjects=verdict.subjects,
+        subjects=tuple(own for own in verdict.subjects if own[0] not in claim.settings.get("alike", ())),
         unit=shown.unit,
         fitted_words=shown.fitted,
         held_out_words=shown.held_out,
@@ -188,6 +190,15 @@ def _facts(verdict: Verdict, diagnosis: CauseDiagnosis, words: DetectionAdvice, 
         course=None if verdict.course is None else verdict.course.follows,
         is_course_beside=verdict.course is not None and verdict.course.is_beside,
     )
+
+
+def _claim(verdict: Verdict, legs: int) -> Claim:
+    """Return the claim of a verdict; a nonparametric effect of all legs is claimed only of those where it is clear."""
+    cause, claim = verdict.cause, claim_of(verdict.cause, legs)
+    if cause.catalogued or not len(verdict.values):
+        return claim
+    clear = cause.narrowed(verdict.values, verdict.covariance, legs)
+    return replace(claim, subject=clear.subject, follows=clear.inputs(legs))
 
 
 def claim_of(cause: Cause, legs: int) -> Claim:

@@ -60,42 +60,42 @@ def read_rays(source: CampaignFiles, settings: Any, known: Mapping[str, pa.Table
 
     known: image_targets, which names codes, and cameras_given with the formats, where there are any.
     """
-    found = collect_rows(source, IMAGE_POINTS, log, "pose")
-    if found is None or any(name not in found.table.column_names for name in IMAGE_POINTS.required):
+    rows = collect_rows(source, IMAGE_POINTS, log, "pose")
+    if rows is None or any(name not in rows.table.column_names for name in IMAGE_POINTS.required):
         return None  # told when the file was read
-    point, body, target = _names(found, known.get("image_targets"))
-    camera = _text(found, "camera", ONE_CAMERA)
-    _check_unique_point(found, log, point)
-    _one_camera(found, log, camera)
-    covariance = _covariance(found, settings, log)
-    named = _text(found, "point")
+    point, body, target = _names(rows, known.get("image_targets"))
+    camera = _text(rows, "camera", ONE_CAMERA)
+    _check_unique_point(rows, log, point)
+    _one_camera(rows, log, camera)
+    covariance = _covariance(rows, settings, log)
+    named = _text(rows, "point")
     kind = {name: kind_of(name) for name in set(named)}
     columns = {
-        "pose": found.table.column("pose"),
-        "image": _text(found, "image"),
+        "pose": rows.table.column("pose"),
+        "image": _text(rows, "image"),
         "camera": camera,
         "point": point,
         "body": body,
         "target": target,
-        "kind": [own or kind[name] for own, name in zip(_text(found, "kind"), named, strict=True)],
-        "x_px": found.table.column("x_px"),
-        "y_px": found.table.column("y_px"),
+        "kind": [own_kind or kind[name] for own_kind, name in zip(_text(rows, "kind"), named, strict=True)],
+        "x_px": rows.table.column("x_px"),
+        "y_px": rows.table.column("y_px"),
         **dict(zip(_COVARIANCE, covariance.T, strict=True)),
-        **{name: found.table.column(name) for name in _CIRCLE if name in found.table.column_names},
+        **{name: rows.table.column(name) for name in _CIRCLE if name in rows.table.column_names},
     }
-    identifier = "int64" if pa.types.is_int64(found.table.column("pose").type) else "string"
+    identifier = "int64" if pa.types.is_int64(rows.table.column("pose").type) else "string"
     image_points = artifact_table("image_points", columns, identifier)
-    given = known.get("cameras_given")
-    formats = {} if given is None else {row["camera"]: row for row in given.to_pylist()}
-    photographs = _photographs(image_points, formats, found, log, identifier)
-    _within_format(found, camera, formats, log)
+    cameras_given = known.get("cameras_given")
+    formats = {} if cameras_given is None else {row["camera"]: row for row in cameras_given.to_pylist()}
+    photographs = _photographs(image_points, formats, rows, log, identifier)
+    _within_format(rows, camera, formats, log)
     none = ARTIFACTS["image_rejections"].empty(identifier)
-    return RayTables(image_points, photographs, none, dict(found.left_out), _without_sigma(found))
+    return RayTables(image_points, photographs, none, dict(rows.left_out), _without_sigma(rows))
 
 
-def _names(found: CollectedRows, targets: pa.Table | None) -> tuple[Names, Names, Names]:
-    point, body, target = own_names(_text(found, "point"), targets)
-    given_body, given_target = _text(found, "body"), _text(found, "target")
+def _names(collected: CollectedRows, targets: pa.Table | None) -> tuple[Names, Names, Names]:
+    point, body, target = own_names(_text(collected, "point"), targets)
+    given_body, given_target = _text(collected, "body"), _text(collected, "target")
     reported = given_target != ""
     both = reported & (given_body != "")
     joined = np.array([f"{b}/{t}" for b, t in zip(given_body, given_target, strict=True)], dtype=object)
@@ -104,80 +104,83 @@ def _names(found: CollectedRows, targets: pa.Table | None) -> tuple[Names, Names
     return named, own_body, np.where(reported, given_target, target)
 
 
-def _text(found: CollectedRows, name: str, otherwise: str = "") -> Names:
-    if name not in found.table.column_names:
-        return np.full(len(found.table), otherwise, dtype=object)
-    return np.array([value or otherwise for value in found.table.column(name).to_pylist()], dtype=object)
+def _text(collected: CollectedRows, name: str, otherwise: str = "") -> Names:
+    if name not in collected.table.column_names:
+        return np.full(len(collected.table), otherwise, dtype=object)
+    return np.array([value or otherwise for value in collected.table.column(name).to_pylist()], dtype=object)
 
 
-def _check_unique_point(found: CollectedRows, log: FaultLog, point: Names) -> None:
+def _check_unique_point(collected: CollectedRows, log: FaultLog, point: Names) -> None:
     """Fault of a point that occurs twice in an image."""
     seen: set[tuple[object, object, object]] = set()
     again = np.zeros(len(point), dtype=bool)
-    keys = zip(found.table.column("pose").to_pylist(), _text(found, "image"), point, strict=True)
+    keys = zip(collected.table.column("pose").to_pylist(), _text(collected, "image"), point, strict=True)
     for row, key in enumerate(keys):
         again[row] = bool(key[2]) and key in seen
         seen.add(key)
-    column = "point" if "point" in found.table.column_names else "target"
-    found.fault(log, again, column, "each point once in an image")
+    column = "point" if "point" in collected.table.column_names else "target"
+    collected.fault(log, again, column, "each point once in an image")
 
 
-def _one_camera(found: CollectedRows, log: FaultLog, camera: Names) -> None:
+def _one_camera(collected: CollectedRows, log: FaultLog, camera: Names) -> None:
     """Fault of an image with several cameras."""
     first: dict[tuple[object, object], object] = {}
-    keys = zip(found.table.column("pose").to_pylist(), _text(found, "image"), strict=True)
-    other = np.array([first.setdefault(key, one) != one for key, one in zip(keys, camera, strict=True)], dtype=bool)
-    found.fault(log, other, "camera", "one camera for all points of an image")
+    keys = zip(collected.table.column("pose").to_pylist(), _text(collected, "image"), strict=True)
+    other = np.array(
+        [first.setdefault(key, camera_name) != camera_name for key, camera_name in zip(keys, camera, strict=True)],
+        dtype=bool,
+    )
+    collected.fault(log, other, "camera", "one camera for all points of an image")
 
 
-def _within_format(found: CollectedRows, camera: Names, formats: Formats, log: FaultLog) -> None:
+def _within_format(collected: CollectedRows, camera: Names, formats: Formats, log: FaultLog) -> None:
     """Fault of rays outside the format of their camera by more than a hundredth of it."""
     for side, name in (("width_px", "x_px"), ("height_px", "y_px")):
-        at = numbers(found, name)
-        for one, given in formats.items():
-            if (size := given.get(side)) is not None:
+        at = numbers(collected, name)
+        for one, size_given in formats.items():
+            if (size := size_given.get(side)) is not None:
                 outside = (camera == one) & ((at < -_MARGIN * size) | (at > (1 + _MARGIN) * size))
-                found.fault(log, outside, name, f"a place within the format of camera {one}, {side} {size}")
+                collected.fault(log, outside, name, f"a place within the format of camera {one}, {side} {size}")
 
 
-def _covariance(found: CollectedRows, settings: Any, log: FaultLog) -> Array:
+def _covariance(collected: CollectedRows, settings: Any, log: FaultLog) -> Array:
     """xx, xy, yy (N, 3) in px^2: as given, else of the sigmas, else as declared."""
-    names = found.table.column_names
+    names = collected.table.column_names
     declared = settings.noise.image_px
-    out = np.full((len(found.table), 3), np.nan)
+    out = np.full((len(collected.table), 3), np.nan)
     if declared is not None:
         out[:] = [declared**2, 0.0, declared**2]
     for k, name in ((0, "sigma_x_px"), (2, "sigma_y_px")):
         if name in names:
-            sigma = numbers(found, name)
-            check_sigma(found, sigma, name, "px", log, cure=_UNKNOWN)
+            sigma = numbers(collected, name)
+            check_sigma(collected, sigma, name, "px", log, cure=_UNKNOWN)
             out[:, k] = np.where(np.isfinite(sigma), sigma**2, out[:, k])
             out[:, 1] = 0.0
     for k, name in enumerate(_COVARIANCE):
         if name in names:
-            out[:, k] = numbers(found, name)
+            out[:, k] = numbers(collected, name)
             if k != 1:
-                check_variance(found, out[:, k], name, "px", log)
+                check_variance(collected, out[:, k], name, "px", log)
     if not np.isfinite(out).all():
-        log.add_missing("noise.image_px", "a standard deviation of image coordinates", found.first_file)
+        log.add_missing("noise.image_px", "a standard deviation of image coordinates", collected.first_file)
         return np.ones_like(out)
     improper = (out[:, 0] <= 0.0) | (out[:, 2] <= 0.0) | (out[:, 0] * out[:, 2] <= out[:, 1] ** 2)
     if improper.any() and _COVARIANCE[0] in names:
-        found.fault(log, improper, _COVARIANCE[0], "a covariance: xx and yy above 0, xy within their product")
+        collected.fault(log, improper, _COVARIANCE[0], "a covariance: xx and yy above 0, xy within their product")
     return np.asarray(out)
 
 
-def _without_sigma(found: CollectedRows) -> int:
+def _without_sigma(collected: CollectedRows) -> int:
     """Number of rays without a standard deviation."""
-    own = np.zeros(len(found.table), dtype=bool)
+    is_missing = np.zeros(len(collected.table), dtype=bool)
     for name in ("sigma_x_px", _COVARIANCE[0]):
-        if name in found.table.column_names:
-            own |= np.isfinite(numbers(found, name))
-    return int(np.count_nonzero(~own))
+        if name in collected.table.column_names:
+            is_missing |= np.isfinite(numbers(collected, name))
+    return int(np.count_nonzero(~is_missing))
 
 
 def _photographs(
-    image_points: pa.Table, formats: Formats, found: CollectedRows, log: FaultLog, identifier: str
+    image_points: pa.Table, formats: Formats, collected: CollectedRows, log: FaultLog, identifier: str
 ) -> pa.Table:
     """One row per image, in order of appearance, with the format that its camera is given."""
     keys = ("pose", "image", "camera")
@@ -185,7 +188,7 @@ def _photographs(
     for camera in dict.fromkeys(camera for _, _, camera in images):
         if formats.get(camera, {}).get("width_px") is None:
             text = f"[[cameras]] or the table cameras with width_px and height_px of camera {camera}"
-            log.add(Fault(found.first_file, text, column="camera", value=str(camera)))
+            log.add(Fault(collected.first_file, text, column="camera", value=str(camera)))
     columns: dict[str, Any] = {key: [image[k] for image in images] for k, key in enumerate(keys)}
     columns |= {"file": [None] * len(images), "principal_distance_px": [None] * len(images)}
     sides = ("width_px", "height_px")

@@ -49,9 +49,9 @@ def opened(source: CampaignFiles, settings: Any) -> str:
     read_known(source, settings, log)
     photographs = open_all(source, settings, log)
     log.raise_faults()
-    found = photographs.found
-    poses, cameras = ({getattr(one, name) for one in found} for name in ("pose", "camera"))
-    text = f"{counted(len(found), 'photograph')} of {counted(len(poses), 'pose')} by {counted(len(cameras), 'camera')}"
+    photos = photographs.found
+    poses, cameras = ({getattr(photo, name) for photo in photos} for name in ("pose", "camera"))
+    text = f"{counted(len(photos), 'photograph')} of {counted(len(poses), 'pose')} by {counted(len(cameras), 'camera')}"
     left_out = reasons("file", photographs.left_out)
     return text + (f"; left out {'; '.join(left_out)}" if left_out else "")
 
@@ -59,11 +59,11 @@ def opened(source: CampaignFiles, settings: Any) -> str:
 def open_all(source: CampaignFiles, settings: Any, log: FaultLog) -> PhotographFiles:
     """The photographs, each opened completely; faults go into ``log``."""
     photographs = list_photographs(source, settings.photographs.sensor_width_mm, log)
-    for one in photographs.found:
+    for photo in photographs.found:
         try:
-            read_grey(one.file.path, one.head)
+            read_grey(photo.file.path, photo.head)
         except Unusable as error:
-            log.add(Fault(one.file.name, error.expected, value=error.value))
+            log.add(Fault(photo.file.name, error.expected, value=error.value))
     return photographs
 
 
@@ -102,11 +102,11 @@ def read_photographs(
         return None
     plan = target_plan(settings.photographs, targets)
     measured = []
-    for photograph, one in zip(photographs.found, _measured(photographs, plan, progress, each), strict=True):
-        if isinstance(one, Unusable):
-            log.add(Fault(photograph.file.name, one.expected, value=one.value))
+    for photograph, measured_photo in zip(photographs.found, _measured(photographs, plan, progress, each), strict=True):
+        if isinstance(measured_photo, Unusable):
+            log.add(Fault(photograph.file.name, measured_photo.expected, value=measured_photo.value))
         else:
-            measured.append(one)
+            measured.append(measured_photo)
     if log:
         return None
     return RayTables(
@@ -148,7 +148,7 @@ def _measured(
     photographs: PhotographFiles, plan: TargetPlan, progress: Progress, each: Each | None
 ) -> Iterator[PhotographTargets | Unusable]:
     pieces = [Piece(photograph, plan) for photograph in photographs.found]
-    pixels = sum(one.head.width_px * one.head.height_px for one in photographs.found)
+    pixels = sum(photo.head.width_px * photo.head.height_px for photo in photographs.found)
     if each is not None and len(pieces) > 1 and pixels > _WORTH_PROCESSES:
         yield from each(measure, pieces, lambda done: progress(done, len(pieces), "photographs"))
         return
@@ -159,20 +159,20 @@ def _measured(
 
 def _photograph_columns(photographs: PhotographFiles, counts: Sequence[int]) -> dict[str, list[Any]]:
     """The columns pose, image and camera of so many rows of each photograph."""
-    rows = [one for one, count in zip(photographs.found, counts, strict=True) for _ in range(count)]
-    poses = [int(one.pose) if photographs.poses_are_numbers else one.pose for one in rows]
-    return {"pose": poses, "image": [one.image for one in rows], "camera": [one.camera for one in rows]}
+    rows = [photo for photo, count in zip(photographs.found, counts, strict=True) for _ in range(count)]
+    poses = [int(photo.pose) if photographs.poses_are_numbers else photo.pose for photo in rows]
+    return {"pose": poses, "image": [photo.image for photo in rows], "camera": [photo.camera for photo in rows]}
 
 
 def _image_points(
     photographs: PhotographFiles, measured: Sequence[PhotographTargets], targets: pa.Table | None
 ) -> pa.Table:
     names, kinds, xy, cov, ellipse, contrast = (
-        np.concatenate([getattr(one, name) for one in measured])
+        np.concatenate([getattr(value, name) for value in measured])
         for name in ("names", "kinds", "xy_px", "cov_px2", "ellipse", "contrast")
     )
     columns = {
-        **_photograph_columns(photographs, [len(one.names) for one in measured]),
+        **_photograph_columns(photographs, [len(value.names) for value in measured]),
         **dict(zip(("point", "body", "target"), own_names(names, targets), strict=True)),
         "kind": kinds,
         "x_px": xy[:, 0],
@@ -187,22 +187,22 @@ def _image_points(
 
 
 def _photographs(photographs: PhotographFiles, measured: Sequence[PhotographTargets]) -> pa.Table:
-    heads = [one.head for one in photographs.found]
+    heads = [photo.head for photo in photographs.found]
     of_heads = ("width_px", "height_px", "principal_distance_px", "principal_distance_from", "taken_at")
     columns = {
         **_photograph_columns(photographs, [1] * len(measured)),
-        "file": [one.file.name for one in photographs.found],
+        "file": [photo.file.name for photo in photographs.found],
         **{name: [getattr(head, name) for head in heads] for name in of_heads},
         "grey_bits": [head.bits for head in heads],
-        "targets_measured": [len(one.names) for one in measured],
+        "targets_measured": [len(value.names) for value in measured],
         "image_remark": [_TURNED.format(head.turned) if head.turned else None for head in heads],
     }
     return _table("photographs", columns, photographs)
 
 
 def _rejections(photographs: PhotographFiles, measured: Sequence[PhotographTargets]) -> pa.Table:
-    whose = _photograph_columns(photographs, [len(one.rejected) for one in measured])
-    rows = [(kind, reason, count) for one in measured for (kind, reason), count in sorted(one.rejected.items())]
+    whose = _photograph_columns(photographs, [len(value.rejected) for value in measured])
+    rows = [(kind, reason, count) for value in measured for (kind, reason), count in sorted(value.rejected.items())]
     columns = {name: whose[name] for name in ("pose", "image")}
     columns |= {name: [row[k] for row in rows] for k, name in enumerate(("kind", "reason", "rows"))}
     return _table("image_rejections", columns, photographs)

@@ -24,15 +24,15 @@ def own_names(point: Names, targets: pa.Table | None) -> tuple[Names, Names, Nam
 
     A code that the table does not hold keeps its name, which is then its target's too, on a body that is not said.
     """
-    given = {} if targets is None else {(row["family"], row["code"]): row for row in targets.to_pylist()}
-    found = {name: _own_name(name, given) for name in set(point.tolist())}
-    columns = [np.array([found[name][k] for name in point.tolist()], dtype=object) for k in range(3)]
+    row_of_code = {} if targets is None else {(row["family"], row["code"]): row for row in targets.to_pylist()}
+    name_of_point = {name: _own_name(name, row_of_code) for name in set(point.tolist())}
+    columns = [np.array([name_of_point[name][k] for name in point.tolist()], dtype=object) for k in range(3)]
     return columns[0], columns[1], columns[2]
 
 
-def _own_name(name: str, given: dict[tuple[str, str], dict[str, str]]) -> tuple[str, str, str]:
+def _own_name(name: str, name_pairs: dict[tuple[str, str], dict[str, str]]) -> tuple[str, str, str]:
     coded = _CODED.fullmatch(name)
-    row = given.get((coded["family"], coded["code"])) if coded else None
+    row = name_pairs.get((coded["family"], coded["code"])) if coded else None
     if row is None:
         return name, "", name
     target = row["target"] + ((coded and coded["corner"]) or "")
@@ -53,11 +53,11 @@ def unknown_to_survey(rays: pa.Table, survey: pa.Table, bars: pa.Table | None) -
     if any(not target for _, _, target in names):
         return
     ends = set() if bars is None else {*bars.column("first").to_pylist(), *bars.column("second").to_pylist()}
-    own = sorted((body, target) for point, body, target in names if point not in ends)
+    unknown = sorted((body, target) for point, body, target in names if point not in ends)
     known = set(zip(survey.column("body").to_pylist(), survey.column("target").to_pylist(), strict=True))
     targets = {target for _, target in known}
-    if own and not any((body, target) in known or (not body and target in targets) for body, target in own):
-        shown = ", ".join(f"{body}/{target}" if body else target for body, target in own[:_SHOWN])
+    if unknown and not any((body, target) in known or (not body and target in targets) for body, target in unknown):
+        shown = ", ".join(f"{body}/{target}" if body else target for body, target in unknown[:_SHOWN])
         expected = f"rays to targets that the survey has ({', '.join(sorted(targets)[:_SHOWN])}, ...)"
-        expected += meant_by((name for _, name in own), targets)
+        expected += meant_by((name for _, name in unknown), targets)
         yield Fault("image_points", expected, column="target", value=f"{shown}, ...")

@@ -39,13 +39,13 @@ def read_known(source: CampaignFiles, settings: Any, log: FaultLog) -> dict[str,
         log.raise_faults()
     targets = read_image_targets(source, tuple(board.label for board in settings.photographs.boards), log)
     names = None if targets is None else targets.table
-    found = {
+    known_tables = {
         "image_targets": targets,
         "scale_bars": read_scale_bars(source, names, log),
         "known_points": read_known_points(source, names, log),
         "cameras_given": read_cameras(source, settings, log),
     }
-    return {name: table for name, table in found.items() if table is not None}
+    return {name: table for name, table in known_tables.items() if table is not None}
 
 
 def read_image_targets(source: CampaignFiles, boards: tuple[str, ...], log: FaultLog) -> SmallTable | None:
@@ -53,63 +53,63 @@ def read_image_targets(source: CampaignFiles, boards: tuple[str, ...], log: Faul
 
     Codes that are searched for in photographs must exist, or be corners of one of the ``boards``.
     """
-    found = collect_rows(source, IMAGE_TARGETS, log)
-    if found is None or lacks_columns(found, IMAGE_TARGETS.required):
+    rows = collect_rows(source, IMAGE_TARGETS, log)
+    if rows is None or lacks_columns(rows, IMAGE_TARGETS.required):
         return None
     if source.entries("images"):
-        check_codes(found, boards, log)
-    check_unique_keys(found, log, "family", "code")
-    check_unique_keys(found, log, "body", "target")
-    return SmallTable(_as_artifact("image_targets", found.table), dict(found.left_out))
+        check_codes(rows, boards, log)
+    check_unique_keys(rows, log, "family", "code")
+    check_unique_keys(rows, log, "body", "target")
+    return SmallTable(_as_artifact("image_targets", rows.table), dict(rows.left_out))
 
 
 def read_scale_bars(source: CampaignFiles, targets: pa.Table | None, log: FaultLog) -> SmallTable | None:
     """The calibrated lengths, their ends by the names that points have; None where there are none."""
-    found = collect_rows(source, SCALE_BARS, log, "pose")
-    if found is None or lacks_columns(found, SCALE_BARS.required):
+    rows = collect_rows(source, SCALE_BARS, log, "pose")
+    if rows is None or lacks_columns(rows, SCALE_BARS.required):
         return None
-    check_unique_keys(found, log, *(("pose", "bar") if "pose" in found.table.column_names else ("bar",)))
-    found.fault(log, numbers(found, "length_mm") <= 0.0, "length_mm", "a number above 0")
-    check_sigma(found, numbers(found, "sigma_mm"), "sigma_mm", "mm", log)
-    if "repeat_sigma_mm" in found.table.column_names:
-        check_sigma(found, numbers(found, "repeat_sigma_mm"), "repeat_sigma_mm", "mm", log, or_zero=True)
-    table = found.table
+    check_unique_keys(rows, log, *(("pose", "bar") if "pose" in rows.table.column_names else ("bar",)))
+    rows.fault(log, numbers(rows, "length_mm") <= 0.0, "length_mm", "a number above 0")
+    check_sigma(rows, numbers(rows, "sigma_mm"), "sigma_mm", "mm", log)
+    if "repeat_sigma_mm" in rows.table.column_names:
+        check_sigma(rows, numbers(rows, "repeat_sigma_mm"), "repeat_sigma_mm", "mm", log, or_zero=True)
+    table = rows.table
     ends = [_named_points(table, name, targets) for name in ("first", "second")]
-    found.fault(log, ends[0] == ends[1], "second", "another point than the first")
+    rows.fault(log, ends[0] == ends[1], "second", "another point than the first")
     for name, values in zip(("first", "second"), ends, strict=True):
         table = table.set_column(table.column_names.index(name), name, pa.array(values, pa.string()))
     table = with_filled_column(table, "repeat_sigma_mm", 0.0, pa.float64())
     table = with_filled_column(table, "serves", "scale", pa.string())
-    return SmallTable(_as_artifact("scale_bars", table), dict(found.left_out))
+    return SmallTable(_as_artifact("scale_bars", table), dict(rows.left_out))
 
 
 def read_known_points(source: CampaignFiles, targets: pa.Table | None, log: FaultLog) -> SmallTable | None:
     """Points whose coordinates are known, with their standard deviations; None where there are none."""
-    found = collect_rows(source, KNOWN_POINTS, log, "pose")
-    if found is None or lacks_columns(found, KNOWN_POINTS.required):
+    rows = collect_rows(source, KNOWN_POINTS, log, "pose")
+    if rows is None or lacks_columns(rows, KNOWN_POINTS.required):
         return None
-    table = found.table
+    table = rows.table
     point = _named_points(table, "point", targets)
     if {"body", "target"} <= set(table.column_names):
         both = zip(table.column("body").to_pylist(), table.column("target").to_pylist(), strict=True)
         named = np.array([f"{body}/{target}" if body and target else "" for body, target in both], dtype=object)
         point = np.where(named != "", named, point)
-    found.fault(log, point == "", "point", "the name of a point, or body and target")
+    rows.fault(log, point == "", "point", "the name of a point, or body and target")
     if "point" in table.column_names:
         table = table.drop_columns("point")
     table = table.append_column("point", pa.array(point, pa.string()))
     for name in COORDINATE_SIGMAS:
         if name not in table.column_names or table.column(name).null_count:
-            log.add(Fault(found.first_file, "a standard deviation in every row", column=name))
+            log.add(Fault(rows.first_file, "a standard deviation in every row", column=name))
             return None
-        check_sigma(found, numbers(found, name), name, "mm", log)
+        check_sigma(rows, numbers(rows, name), name, "mm", log)
     table = table.drop_columns([name for name in ("body", "target") if name in table.column_names])
-    return SmallTable(_as_artifact("known_points", table), dict(found.left_out))
+    return SmallTable(_as_artifact("known_points", table), dict(rows.left_out))
 
 
-def lacks_columns(found: CollectedRows, required: tuple[str, ...]) -> bool:
+def lacks_columns(collected: CollectedRows, required: tuple[str, ...]) -> bool:
     """True if columns are missing; the fault was reported when the file was read."""
-    return any(name not in found.table.column_names for name in required)
+    return any(name not in collected.table.column_names for name in required)
 
 
 def _named_points(table: pa.Table, column: str, targets: pa.Table | None) -> NDArray[np.object_]:
@@ -128,17 +128,17 @@ def _as_artifact(name: str, table: pa.Table) -> pa.Table:
     return table.select(schema.names).cast(pa.schema([field.with_nullable(True) for field in schema]))
 
 
-def check_codes(found: CollectedRows, boards: tuple[str, ...], log: FaultLog) -> None:
+def check_codes(collected: CollectedRows, boards: tuple[str, ...], log: FaultLog) -> None:
     """A fault at every family that no photograph is searched for, and at every code that its family does not have."""
-    families = [family or "" for family in found.table.column("family").to_pylist()]
-    codes = [code or "" for code in found.table.column("code").to_pylist()]
+    families = [family or "" for family in collected.table.column("family").to_pylist()]
+    codes = [code or "" for code in collected.table.column("code").to_pylist()]
     named = ("circle", *FAMILIES, *boards)
     unknown = np.array([family not in named for family in families], dtype=bool)
-    found.fault(log, unknown, "family", f"one of {', '.join(FAMILIES)}, or the name of a board")
+    collected.fault(log, unknown, "family", f"one of {', '.join(FAMILIES)}, or the name of a board")
     for family in sorted(set(families) & set(FAMILIES)):
-        own = np.array([one == family for one in families], dtype=bool)
+        is_of_family = np.array([name == family for name in families], dtype=bool)
         absent = np.array([code not in _codes(family) for code in codes], dtype=bool)
-        found.fault(log, own & absent, "code", f"one of the {len(_codes(family))} codes of {family}")
+        collected.fault(log, is_of_family & absent, "code", f"one of the {len(_codes(family))} codes of {family}")
 
 
 @cache
@@ -158,50 +158,52 @@ def read_cameras(source: CampaignFiles, settings: Any, log: FaultLog) -> SmallTa
     A camera of both has the values of the table, completed by [[cameras]], which alone says what is free. One that
     takes over photographs ``of`` another has what it is not given itself from that.
     """
-    found = collect_rows(source, CAMERAS, log)
+    collected_rows = collect_rows(source, CAMERAS, log)
     rows: dict[str, Row] = {}
     left_out: dict[tuple[str, str], int] = {}
-    if found is not None and not lacks_columns(found, CAMERAS.required):
-        check_unique_keys(found, log, "camera")
-        rows = {row["camera"]: row for row in found.table.to_pylist()}
-        left_out = dict(found.left_out)
+    if collected_rows is not None and not lacks_columns(collected_rows, CAMERAS.required):
+        check_unique_keys(collected_rows, log, "camera")
+        rows = {row["camera"]: row for row in collected_rows.table.to_pylist()}
+        left_out = dict(collected_rows.left_out)
         for row in rows.values():
-            row["free"] = _free(row.get("free"), found.first_file, log)
-    file = "" if found is None else found.first_file
+            row["free"] = _free(row.get("free"), collected_rows.first_file, log)
+    file = "" if collected_rows is None else collected_rows.first_file
     seen: set[str] = set()
-    for given in settings.cameras:
-        if given.name in seen:
-            log.add(Fault("campaign.toml", "each camera once", column="cameras.name", value=given.name))
-        seen.add(given.name)
-        known = _row(given, rows, file, log)
+    for camera in settings.cameras:
+        if camera.name in seen:
+            log.add(Fault("campaign.toml", "each camera once", column="cameras.name", value=camera.name))
+        seen.add(camera.name)
+        known = _row(camera, rows, file, log)
         if known is not None:
-            rows[given.name] = known
+            rows[camera.name] = known
     return SmallTable(cameras_table(rows), left_out) if rows else None
 
 
-def _row(given: GivenCamera, rows: Mapping[str, Row], file: str, log: FaultLog) -> Row | None:
+def _row(given_camera: GivenCamera, rows: Mapping[str, Row], file: str, log: FaultLog) -> Row | None:
     """A camera of [[cameras]] with what the table, or the camera that it is one of, says; None where nothing does."""
-    own = {name: value for name, value in given.model_dump(exclude_unset=True).items() if name not in _NO_VALUES}
-    if given.of is not None:
-        base = rows.get(given.of)
-        return {**base, **own} if base is not None else (_with_default_free(own) if own else None)
-    known = rows.get(given.name)
+    values = {
+        name: value for name, value in given_camera.model_dump(exclude_unset=True).items() if name not in _NO_VALUES
+    }
+    if given_camera.of is not None:
+        base = rows.get(given_camera.of)
+        return {**base, **values} if base is not None else (_with_default_free(values) if values else None)
+    known = rows.get(given_camera.name)
     if known is None:
-        return _with_default_free(own)
+        return _with_default_free(values)
     reported = {**known, "focal_px": _principal_distance(known)}
-    stated = {**own, "focal_px": _principal_distance({"pixel_um": known.get("pixel_um"), **own})}
+    stated = {**values, "focal_px": _principal_distance({"pixel_um": known.get("pixel_um"), **values})}
     for name, value in stated.items():
         other = reported.get(name)
         if name in ("free", "c_mm") or value is None or other is None:
             continue
         if abs(value - other) > _SAME * max(abs(value), abs(other)):
-            expected = f"{other:g}, which {file} has of camera {given.name}, or the key left out of one of them"
+            expected = f"{other:g}, which {file} has of camera {given_camera.name}, or the key left out of one of them"
             log.add(Fault("campaign.toml", expected, column=f"cameras.{name}", value=f"{value:g}"))
-    return {**known, **own}
+    return {**known, **values}
 
 
-def _with_default_free(own: Row) -> Row:
-    return {**own, "free": PARAMETERS if own.get("free") is None else own["free"]}
+def _with_default_free(values: Row) -> Row:
+    return {**values, "free": PARAMETERS if values.get("free") is None else values["free"]}
 
 
 def _free(words: str | None, file: str, log: FaultLog) -> tuple[str, ...]:
@@ -249,27 +251,31 @@ def regrouped(tables: Mapping[str, pa.Table], cameras: tuple[GivenCamera, ...], 
 
     tables: photographs among them, by which groups are held against what there is.
     """
-    groups = [given for given in cameras if given.of is not None]
+    groups = [camera_group for camera_group in cameras if camera_group.of is not None]
     if not groups:
         return dict(tables)
     owner: dict[tuple[str, str], str] = {}
     for pose, image, camera in _keys(tables["photographs"]):
-        own = [given.name for given in groups if _is_selected(given, pose, image, camera)]
-        if len(own) > 1:
+        names_of_groups = [
+            camera_group.name for camera_group in groups if _is_selected(camera_group, pose, image, camera)
+        ]
+        if len(names_of_groups) > 1:
             expected = f"one camera for image {image} of pose {pose}"
-            log.add(Fault("campaign.toml", expected, column="cameras.images", value=", ".join(own)))
-        if own:
-            owner[pose, image] = own[0]
-    for given in groups:
-        if given.name not in owner.values():
-            expected = f"poses or images of photographs by camera {given.of}; none is camera {given.name}'s"
-            log.add(Fault("campaign.toml", expected, column="cameras.of", value=given.of))
+            log.add(Fault("campaign.toml", expected, column="cameras.images", value=", ".join(names_of_groups)))
+        if names_of_groups:
+            owner[pose, image] = names_of_groups[0]
+    for group in groups:
+        if group.name not in owner.values():
+            expected = f"poses or images of photographs by camera {group.of}; none is camera {group.name}'s"
+            log.add(Fault("campaign.toml", expected, column="cameras.of", value=group.of))
     return {name: _with_owners(table, owner) for name, table in tables.items()}
 
 
-def _is_selected(given: GivenCamera, pose: str, image: str, camera: str) -> bool:
-    poses, images = (None if names is None else set(map(str, names)) for names in (given.poses, given.images))
-    return camera == given.of and (poses is None or pose in poses) and (images is None or image in images)
+def _is_selected(given_camera: GivenCamera, pose: str, image: str, camera: str) -> bool:
+    poses, images = (
+        None if names is None else set(map(str, names)) for names in (given_camera.poses, given_camera.images)
+    )
+    return camera == given_camera.of and (poses is None or pose in poses) and (images is None or image in images)
 
 
 def _keys(table: pa.Table) -> list[tuple[str, str, str]]:

@@ -99,15 +99,15 @@ def _bodies(
     nameless = (body == "") & (target != "")
     if not surveyed:
         of_board = [name.rpartition("-")[0] for name in target]
-        own = np.array([name if name in boards else ONE_BODY for name in of_board], dtype=object)
-        return np.where(nameless, own, body), np.zeros(len(body), bool)
+        body_of_board = np.array([name if name in boards else ONE_BODY for name in of_board], dtype=object)
+        return np.where(nameless, body_of_board, body), np.zeros(len(body), bool)
     of: dict[str, list[str]] = {}
     for name, targets in surveyed.items():
         for one in targets:
             of.setdefault(one, []).append(name)
-    found = [of.get(one, []) if unknown else [] for one, unknown in zip(target, nameless, strict=True)]
-    several = np.array([len(names) > 1 for names in found], dtype=bool)
-    single = np.array([names[0] if len(names) == 1 else "" for names in found], dtype=object)
+    bodies_of_target = [of.get(one, []) if unknown else [] for one, unknown in zip(target, nameless, strict=True)]
+    several = np.array([len(names) > 1 for names in bodies_of_target], dtype=bool)
+    single = np.array([names[0] if len(names) == 1 else "" for names in bodies_of_target], dtype=object)
     return np.where(nameless, single, body), several
 
 
@@ -120,19 +120,19 @@ def paired_points(points: pa.Table, correlations: pa.Table | None) -> Mask:
 def in_inner_datum(points: pa.Table, correlations: pa.Table | None) -> pa.Table:
     """Return object_points with standard deviations and correlations in the inner datum, if coordinates of them are
     held; otherwise unchanged. Of a large pose, that of the points whose correlations are known."""
-    held = np.column_stack([number_column(points, name) for name in COORDINATE_SIGMAS]) == 0.0
-    errors = point_errors(points, correlations, None) if held.any() else None
+    sigmas = np.column_stack([number_column(points, name) for name in COORDINATE_SIGMAS]) == 0.0
+    errors = point_errors(points, correlations, None) if sigmas.any() else None
     if errors is None:
         return points
     xyz, cov = points_and_cov(points)
     poses = pose_ids(points)
     of_pose = positions(points.column("pose"), poses)
     for pose in range(len(poses)):
-        count, rows = int(held[of_pose == pose].sum()), np.flatnonzero((of_pose == pose) & errors.is_paired)
+        count, rows = int(sigmas[of_pose == pose].sum()), np.flatnonzero((of_pose == pose) & errors.is_paired)
         if count:
-            whole = in_inner_constraints(xyz[rows], errors.covariance(rows), with_scale=count > 6)
+            in_datum = in_inner_constraints(xyz[rows], errors.covariance(rows), with_scale=count > 6)
             each = np.arange(len(rows))
-            cov[rows] = whole.reshape(len(rows), 3, len(rows), 3)[each, :, each, :]
+            cov[rows] = in_datum.reshape(len(rows), 3, len(rows), 3)[each, :, each, :]
     return _with_covariance(points, cov)
 
 
@@ -168,41 +168,41 @@ class EstimatedCovariance:
             return None
         try:
             with np.errstate(all="ignore"):  # whatever a damaged model holds
-                found, sigma_px = _covariance(network)
+                covariance, sigma_px = _covariance(network)
         except (ValueError, np.linalg.LinAlgError):
             self.remarks.append(
                 f"no standard deviations of {counted(count, 'point')}: their rays do not determine them"
             )
             return None
-        known = int(np.isfinite(found[:, 0, 0]).sum())
+        known = int(np.isfinite(covariance[:, 0, 0]).sum())
         self.remarks.append(
             f"standard deviations of {counted(known, 'point')} estimated from their rays (noise {sigma_px:.2g} px "
             "by their residuals; free datum, without a scale)"
         )
-        return found
+        return covariance
 
 
-def _covariance(found: ColmapNetwork) -> tuple[Array, float]:
+def _covariance(colmap_network: ColmapNetwork) -> tuple[Array, float]:
     """Return covariances (P, 3, 3) and the noise of an image coordinate in px, estimated from the residuals."""
     from truing.estimation.bundle.adjustment import adjust
     from truing.estimation.bundle.camera import PARAMETERS, Camera
     from truing.estimation.bundle.determinable import determinable
     from truing.estimation.bundle.network import Bars, KnownPoints, Network, NetworkState, Rays
 
-    rows: list[Any] = found.cameras
+    rows: list[Any] = colmap_network.cameras
     cameras = tuple(
         Camera(row["camera"], row["width_px"], row["height_px"], 0.0, None, tuple(row["free"].split())) for row in rows
     )
-    images, points, rays = len(found.image_camera), len(found.points), len(found.ray_image)
+    images, points, rays = len(colmap_network.image_camera), len(colmap_network.points), len(colmap_network.ray_image)
     network = Network(
         cameras,
-        found.image_camera,
+        colmap_network.image_camera,
         np.zeros(images, np.int64),
         np.zeros(points, np.int64),
         Rays(
-            found.ray_image,
-            found.ray_point,
-            found.ray_px,
+            colmap_network.ray_image,
+            colmap_network.ray_point,
+            colmap_network.ray_px,
             np.broadcast_to(np.eye(2), (rays, 2, 2)),
             np.zeros(rays, np.int64),
         ),
@@ -211,7 +211,7 @@ def _covariance(found: ColmapNetwork) -> tuple[Array, float]:
     )
     names = ("focal_px", "x0_px", "y0_px", *PARAMETERS[3:])
     interior = np.array([[row[name] for name in names] for row in rows], dtype=float)
-    state = NetworkState(interior, found.R, found.centre, found.points, np.empty(0))
+    state = NetworkState(interior, colmap_network.R, colmap_network.centre, colmap_network.points, np.empty(0))
     adjusted = adjust(network, state, "free", used=determinable(network).rays)
     if not adjusted.redundancy > 0:
         raise ValueError(f"found redundancy {adjusted.redundancy}, expected at least 1")

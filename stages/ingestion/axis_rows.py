@@ -37,51 +37,59 @@ _OTHER = {"deg": "mm", "mm": "deg"}
 
 def ingest(settings: Any, source: CampaignFiles, log: FaultLog) -> Outcome:
     """Return the rows of an axis as `configurations`; raises CampaignFaults with all faults at once."""
-    found = collect_rows(source, ROWS, log, "pose")
-    if found is None:
+    rows = collect_rows(source, ROWS, log, "pose")
+    if rows is None:
         if not source.entries("configurations"):
             log.add(Fault("configurations.csv", "this file, or [files.configurations] in campaign.toml"))
         log.raise_faults()
         raise AssertionError("a table that cannot be read is a fault")
-    check_unique_keys(found, log, "pose")
-    found = _with_deviations(found, settings.mechanism.columns["command"], log)
-    columns = AxisColumns.of(settings.mechanism, found.table.column_names)
-    _check_columns(found, columns, settings, log)
-    table = with_role_and_time(found.table)
-    check_any_fitted([table], found.first_file, "row", log)
+    check_unique_keys(rows, log, "pose")
+    rows = _with_deviations(rows, settings.mechanism.columns["command"], log)
+    columns = AxisColumns.of(settings.mechanism, rows.table.column_names)
+    _check_columns(rows, columns, settings, log)
+    table = with_role_and_time(rows.table)
+    check_any_fitted([table], rows.first_file, "row", log)
     log.raise_faults()
     return Outcome(
-        {"configurations": as_artifact("configurations", table), "exclusions": exclusions(found.left_out)},
+        {"configurations": as_artifact("configurations", table), "exclusions": exclusions(rows.left_out)},
         read=f"{count(len(table), 'row')} of a {columns.kind} axis",
-        left_out=left_out_words(found.left_out),
+        left_out=left_out_words(rows.left_out),
         figure=f"command {columns.command}; recorded by {', '.join(columns.encoders.values())}",
     )
 
 
-def _with_deviations(found: CollectedRows, command: str, log: FaultLog) -> CollectedRows:
+def _with_deviations(collected: CollectedRows, command: str, log: FaultLog) -> CollectedRows:
     """Return rows with the places by an instrument that gives deviations from the command: command + deviation."""
     for unit in _OTHER:
-        given, made = f"{DEVIATION}_{unit}", f"{MEASURED}_{unit}"
-        if given not in found.table.column_names:
+        deviation_column, made = f"{DEVIATION}_{unit}", f"{MEASURED}_{unit}"
+        if deviation_column not in collected.table.column_names:
             continue
-        if made in found.table.column_names or command not in found.table.column_names or not command.endswith(unit):
+        if (
+            made in collected.table.column_names
+            or command not in collected.table.column_names
+            or not command.endswith(unit)
+        ):
             expected = f"deviations from a command in {unit}, without a column {made} beside them"
-            log.add(Fault(found.first_file, expected, column=given))
+            log.add(Fault(collected.first_file, expected, column=deviation_column))
             continue
-        place = pa.array(numbers(found, command) + numbers(found, given))
-        found = replace(found, table=found.table.drop_columns([given]).append_column(made, place))
-    return found
+        place = pa.array(numbers(collected, command) + numbers(collected, deviation_column))
+        collected = replace(
+            collected, table=collected.table.drop_columns([deviation_column]).append_column(made, place)
+        )
+    return collected
 
 
-def _check_columns(found: CollectedRows, columns: AxisColumns, settings: Any, log: FaultLog) -> None:
+def _check_columns(collected: CollectedRows, columns: AxisColumns, settings: Any, log: FaultLog) -> None:
     """Report missing columns, commands without a number, and encoders without noise or readings."""
-    names, file = found.table.column_names, found.first_file
+    names, file = collected.table.column_names, collected.first_file
     for what, column in settings.mechanism.columns.items():
         if column not in names:
             hint = did_you_mean(column, names) or f"; there are {', '.join(names)}"
             log.add(Fault(file, f"this column, which [mechanism] {what} names{hint}", column=column))
     if columns.command in names:
-        found.fault(log, np.isnan(numbers(found, columns.command)), columns.command, "a number: the command of the row")
+        collected.fault(
+            log, np.isnan(numbers(collected, columns.command)), columns.command, "a number: the command of the row"
+        )
     other = f"{MEASURED}_{_OTHER[columns.unit]}"
     if other in names and MEASURED not in columns.encoders:
         log.add(Fault(file, f"{MEASURED}_{columns.unit}: the axis is {columns.kind} ([mechanism] kind)", column=other))
@@ -89,10 +97,10 @@ def _check_columns(found: CollectedRows, columns: AxisColumns, settings: Any, lo
         expected = f"what recorded the axis: {MEASURED}_{columns.unit}, or [mechanism] motor or load with their columns"
         log.add(Fault(file, expected, column=f"{MEASURED}_{columns.unit}"))
     for encoder, column in columns.encoders.items():
-        if not np.isfinite(numbers(found, column)).any():
+        if not np.isfinite(numbers(collected, column)).any():
             log.add(Fault(file, "a number in some rows: the column is empty", column=column))
         if encoder_sigma(settings, encoder) is None:
             log.add_missing(f"noise.{encoder}_{columns.unit}", f"a standard deviation of {column}", file)
-    check_times(found, log, required=False)
+    check_times(collected, log, required=False)
     if "time_s" in names:
-        found.fault(log, np.isnan(numbers(found, "time_s")), "time_s", "a number: times order the rows")
+        collected.fault(log, np.isnan(numbers(collected, "time_s")), "time_s", "a number: times order the rows")

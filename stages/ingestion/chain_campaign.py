@@ -81,25 +81,25 @@ def planned_chain(settings: Any, source: CampaignFiles) -> dict[str, pa.Table]:
     log = FaultLog()
     survey = read_survey(source, settings, log) if source.entries("targets") else None
     planned = read_configurations(source, settings, log) if source.entries("configurations") else None
-    found = {"joints": tree_table(tree, limits)}
+    tables = {"joints": tree_table(tree, limits)}
     if survey is not None:
-        found["survey"] = survey.table
+        tables["survey"] = survey.table
     if planned is not None:
-        found["configurations"] = planned.table
+        tables["configurations"] = planned.table
         _check_columns(tree, planned.table, log)
     _check_workspace(settings, tree, log)
-    _check_links(tree, found, log)
+    _check_links(tree, tables, log)
     log.raise_faults()
-    return found
+    return tables
 
 
 def read_chain(settings: Any, source: CampaignFiles) -> tuple[Tree, Limits]:
     """The chain that [mechanism] describes, and the limits of its joints; raises CampaignFaults if it is unusable."""
     section = settings.mechanism
     if section.dh:
-        return _of_rows(section), {}
+        return _tree_of_rows(section), {}
     if section.screws:
-        return _of_screws(section), {}
+        return _tree_of_screws(section), {}
     file = source.urdf
     assert file is not None
     try:
@@ -111,12 +111,12 @@ def read_chain(settings: Any, source: CampaignFiles) -> tuple[Tree, Limits]:
         raise CampaignFaults([Fault(file.name, error.expected, row=error.row, value=error.value)]) from None
 
 
-def _of_rows(section: Any) -> Tree:
+def _tree_of_rows(section: Any) -> Tree:
     tree = tree_of_rows(rows_of(section), section.joint_names, section.base or "base", section.tip or "tip")
     return _with_masses(tree, section.dh)
 
 
-def _of_screws(section: Any) -> Tree:
+def _tree_of_screws(section: Any) -> Tree:
     screws = [
         Screw(np.array(row.axis) / np.linalg.norm(row.axis), np.array(row.point_mm) * _MM, JointKind(row.kind))
         for row in section.screws
@@ -256,12 +256,15 @@ def _check_loops(tree: Tree, table: pa.Table, log: FaultLog) -> None:
 
 
 def _check_gears(settings: Any, tree: Tree, log: FaultLog) -> None:
-    """Note every joint with orders of gears that is read by no column, or slides."""
-    turning = [name for name, turns in zip(tree.readings, tree.is_revolute, strict=True) if turns]
-    for joint in (name for name in settings.mechanism.gear_orders if name not in turning):
-        hint = did_you_mean(joint, turning) or f"; there are {', '.join(turning)}"
-        text = f"a joint that turns and is read{hint}"
-        log.add(Fault("campaign.toml", text, column="mechanism.gear_orders", value=joint))
+    """Note every joint with orders of gears, or with periods of a screw, that is read by no column or moves the other
+    way."""
+    by_key = {"gear_orders": ("turns", True), "pitch_mm": ("slides", False)}
+    for key, (moves, turns) in by_key.items():
+        right = [name for name, own in zip(tree.readings, tree.is_revolute, strict=True) if own == turns]
+        for joint in (name for name in getattr(settings.mechanism, key) if name not in right):
+            hint = did_you_mean(joint, right) or f"; there are {', '.join(right) or 'none'}"
+            text = f"a joint that {moves} and is read{hint}"
+            log.add(Fault("campaign.toml", text, column=f"mechanism.{key}", value=joint))
 
 
 def _check_workspace(settings: Any, tree: Tree, log: FaultLog) -> None:

@@ -45,8 +45,11 @@ class Corrections:
     def add(self, subjects: NDArray[np.object_], name: str, change: Array | None, sigma: Array | None) -> None:
         """The largest change (N,) and sigma (N,) of each subject (N,), um for linear channels, else arcsec."""
         for subject in dict.fromkeys(subjects.tolist()):
-            own = subjects == subject
-            largest, left = (None if given is None else _largest(given[own]) for given in (change, sigma))
+            is_of_subject = subjects == subject
+            largest, left = (
+                None if values_given is None else _largest(values_given[is_of_subject])
+                for values_given in (change, sigma)
+            )
             unit = "arcsec" if subject.startswith("r") else "um"
             self.rows.append({"subject": subject, "correction": name, "largest": largest, "sigma": left, "unit": unit})
 
@@ -57,62 +60,64 @@ def _largest(values: Array) -> float | None:
 
 
 def corrected(
-    found: CollectedRows, reading: Array, settings: Interferometer, log: FaultLog
+    collected: CollectedRows, reading: Array, settings: Interferometer, log: FaultLog
 ) -> tuple[Array, Corrections]:
     """Return displacements (N,) from readings (N,), um or arcsec as the readings, and the corrections made.
 
     Air and temperature at zero are those of the run's first step.
     """
-    channel, corrections = texts(found, "channel"), Corrections()
+    channel, corrections = texts(collected, "channel"), Corrections()
     grows = [name for name in ("dx", "dy", "dz") if getattr(settings.material, name) and (channel == name).any()]
     if not settings.compensated:
-        _check(found, AIR, "readings are not compensated ([interferometer] compensated = false)", log)
+        _check(collected, AIR, "readings are not compensated ([interferometer] compensated = false)", log)
     if grows:
-        _check(found, (MATERIAL,), "[interferometer.material] says how the frame grows", log)
+        _check(collected, (MATERIAL,), "[interferometer.material] says how the frame grows", log)
     if log:
         return reading, corrections
-    value = _in_air(found, reading, channel, settings, corrections)
+    value = _corrected_for_air(collected, reading, channel, settings, corrections)
     for name in grows:
-        value = _without_growth(found, value, channel == name, getattr(settings.material, name), settings, corrections)
+        value = _without_growth(
+            collected, value, channel == name, getattr(settings.material, name), settings, corrections
+        )
     return value, corrections
 
 
-def _check(found: CollectedRows, names: Sequence[str], why: str, log: FaultLog) -> None:
+def _check(collected: CollectedRows, names: Sequence[str], why: str, log: FaultLog) -> None:
     for name in names:
-        if name not in found.table.column_names:
-            log.add(Fault(found.first_file, f"a column {name}, as {why}", column=name))
+        if name not in collected.table.column_names:
+            log.add(Fault(collected.first_file, f"a column {name}, as {why}", column=name))
         else:
-            found.fault(log, np.isnan(numbers(found, name)), name, f"a number in every row, as {why}")
+            collected.fault(log, np.isnan(numbers(collected, name)), name, f"a number in every row, as {why}")
 
 
-def _at_zero(found: CollectedRows, values: Array) -> Array:
+def _relative_to_zero(collected: CollectedRows, values: Array) -> Array:
     """Return the values (N,) at the first step of each row's run."""
-    run, step = numbered(found, "run"), numbers(found, "step")
+    run, step = numbered(collected, "run"), numbers(collected, "step")
     order = np.lexsort((step, run))
     _, first = np.unique(run[order], return_index=True)
     return np.asarray(values[order[first]][run])
 
 
-def _in_air(
-    found: CollectedRows,
+def _corrected_for_air(
+    collected: CollectedRows,
     reading: Array,
     channel: NDArray[np.object_],
     settings: Interferometer,
     corrections: Corrections,
 ) -> Array:
     """Return readings corrected for air; compensated readings unchanged, with the uncertainty of their air."""
-    known = all(name in found.table.column_names for name in AIR)
+    known = all(name in collected.table.column_names for name in AIR)
     spread = settings.surroundings_sigma
     if settings.compensated and not (known and spread):
         return reading
-    celsius, pressure, humidity = (numbers(found, name) for name in AIR)
+    celsius, pressure, humidity = (numbers(collected, name) for name in AIR)
     pascal, saturated = _PA_PER_HPA * pressure, saturation_vapour_pressure_pa(celsius)
     vapour, wavelength = 1e-2 * humidity * saturated, 1e-9 * settings.wavelength_nm
     dead = np.array([_UM_PER_MM * getattr(settings.dead_path_mm, name, 0.0) for name in channel])
     value, change = reading, None
     if not settings.compensated:
         index = ciddor_index(wavelength, celsius, pascal, vapour)
-        value = displacement_in_air(reading, index, _at_zero(found, index), dead)
+        value = displacement_in_air(reading, index, _relative_to_zero(collected, index), dead)
         change = value - reading
     sigma = None
     if spread:
@@ -132,21 +137,26 @@ def _in_air(
 
 
 def _without_growth(
-    found: CollectedRows, reading: Array, rows: Mask, growth: Any, settings: Interferometer, corrections: Corrections
+    collected: CollectedRows,
+    reading: Array,
+    rows: Mask,
+    growth: Any,
+    settings: Interferometer,
+    corrections: Corrections,
 ) -> Array:
     """Readings of one channel's rows (N,) minus the expansion of its material since the start of each run."""
-    celsius = numbers(found, MATERIAL)
+    celsius = numbers(collected, MATERIAL)
     read = _APART * _read_with(settings.surroundings_sigma)
     less = less_growth(
         reading[rows],
         _UM_PER_MM * growth.length_mm,
         growth.expansion_per_k,
         celsius[rows],
-        _at_zero(found, celsius)[rows],
+        _relative_to_zero(collected, celsius)[rows],
         expansion_sigma=growth.expansion_sigma_per_k,
         temperature_sigma=read,
     )
-    corrections.add(texts(found, "channel")[rows], "material", less.value - reading[rows], less.sigma)
+    corrections.add(texts(collected, "channel")[rows], "material", less.value - reading[rows], less.sigma)
     value = reading.copy()
     value[rows] = less.value
     return value
@@ -157,24 +167,24 @@ def _read_with(spread: SurroundingsSigma | None) -> float:
 
 
 def positions_at_reference(
-    found: CollectedRows, settings: Interferometer, log: FaultLog
+    collected: CollectedRows, settings: Interferometer, log: FaultLog
 ) -> tuple[CollectedRows, Corrections]:
     """Positions of an axis, mm, at 20 degrees C, if [interferometer.material] declares its expansion."""
     corrections, axis = Corrections(), settings.material.axis
     if axis is None:
-        return found, corrections
-    _check(found, (MATERIAL,), "[interferometer.material] says how the axis grows", log)
+        return collected, corrections
+    _check(collected, (MATERIAL,), "[interferometer.material] says how the axis grows", log)
     if log:
-        return found, corrections
-    given = numbers(found, "position_mm")
+        return collected, corrections
+    positions = numbers(collected, "position_mm")
     less: Corrected = at_reference_temperature(
-        given,
+        positions,
         axis.expansion_per_k,
-        numbers(found, MATERIAL),
+        numbers(collected, MATERIAL),
         expansion_sigma=axis.expansion_sigma_per_k,
         temperature_sigma=_read_with(settings.surroundings_sigma),
     )
-    subject = np.full(len(given), "axis", object)
-    corrections.add(subject, "material", _UM_PER_MM * (less.value - given), _UM_PER_MM * less.sigma)
-    place = found.table.column_names.index("position_mm")
-    return replace(found, table=found.table.set_column(place, "position_mm", pa.array(less.value))), corrections
+    subject = np.full(len(positions), "axis", object)
+    corrections.add(subject, "material", _UM_PER_MM * (less.value - positions), _UM_PER_MM * less.sigma)
+    place = collected.table.column_names.index("position_mm")
+    return replace(collected, table=collected.table.set_column(place, "position_mm", pa.array(less.value))), corrections

@@ -68,13 +68,13 @@ def read_scans(source: CampaignFiles, poses: pa.Array, log: FaultLog, progress: 
     """
     if not source.entries("scans"):
         return None
-    found = DenseScans()
+    scans = DenseScans()
     last: dict[str, ScanFit] = {}
     surfaces = _surfaces(source, log)
     total = len(poses) * max(len(surfaces), 1)
     for file, pose, body, points in _clouds(source, poses, log):
-        progress(len(found.rows), total, f"{body} in pose {pose}")
-        found.bodies.add(body)
+        progress(len(scans.rows), total, f"{body} in pose {pose}")
+        scans.bodies.add(body)
         if body not in surfaces:
             known = f"there are {', '.join(surfaces)}" if surfaces else "there is none"
             expected = f"a body with a reference surface in [files.surfaces]; {known}"
@@ -86,10 +86,10 @@ def read_scans(source: CampaignFiles, poses: pa.Array, log: FaultLog, progress: 
         if fit.status == ScanStatus.OK:
             last[body] = fit
         else:
-            found.left_out[(f"pose {pose}, {body}", _refusal(fit))] = fit.n_points
-        found.points += fit.n_points
-        found.rows.append({"pose": pose, "body": body, **_row(fit)})
-    return found
+            scans.left_out[(f"pose {pose}, {body}", _refusal(fit))] = fit.n_points
+        scans.points += fit.n_points
+        scans.rows.append({"pose": pose, "body": body, **_row(fit)})
+    return scans
 
 
 def _surfaces(source: CampaignFiles, log: FaultLog) -> dict[str, Array]:
@@ -107,24 +107,24 @@ def _surfaces(source: CampaignFiles, log: FaultLog) -> dict[str, Array]:
 def _clouds(source: CampaignFiles, poses: pa.Array, log: FaultLog) -> Iterator[tuple[str, int | str, str, Array]]:
     """Yield file, pose, body and points (N, 3) in m of one scan at a time; scans of unknown poses are faults."""
     known, done = set(poses.to_pylist()), set()
-    held: tuple[str, Any, list[Array]] | None = None
+    pending: tuple[str, Any, list[Array]] | None = None
     for file, batch in read_table(source, SCANS, log, poses_as_text=not pa.types.is_int64(poses.type)):
         for key, points in _runs(batch):
-            if held is not None and held[1] == key:
-                held[2].append(points)
+            if pending is not None and pending[1] == key:
+                pending[2].append(points)
                 continue
-            if held is not None:
-                yield held[0], *held[1], np.concatenate(held[2])
-            held = None
+            if pending is not None:
+                yield pending[0], *pending[1], np.concatenate(pending[2])
+            pending = None
             if key[0] not in known:
                 log.add(Fault(file.raw.name, "a pose of configurations", column="pose", value=str(key[0])))
             elif key in done:
                 log.add(Fault(file.raw.name, "one scan per pose and body", value=f"pose {key[0]}, {key[1]}"))
             else:
-                held = (file.raw.name, key, [points])
+                pending = (file.raw.name, key, [points])
             done.add(key)
-    if held is not None:
-        yield held[0], *held[1], np.concatenate(held[2])
+    if pending is not None:
+        yield pending[0], *pending[1], np.concatenate(pending[2])
 
 
 def _runs(batch: TableBatch) -> Iterator[tuple[tuple[int | str, str], Array]]:

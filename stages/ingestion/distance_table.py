@@ -23,31 +23,29 @@ _NAMES = TableShape(
 
 def read_distances(source: CampaignFiles, settings: Any, poses: pa.ChunkedArray, tip: str, log: FaultLog) -> pa.Table:
     """Rows of distances.parquet; a target that targets.csv does not name is one of the tip. Faults go into ``log``."""
-    found = collect_rows(source, DISTANCES, log, "pose")
+    rows = collect_rows(source, DISTANCES, log, "pose")
     empty = ARTIFACTS["distances"].empty()
-    if found is None:
+    if rows is None:
         return empty
     named = collect_rows(source, _NAMES, FaultLog()) if source.entries("targets") else None
     links = {} if named is None else dict(zip(texts(named, "target"), texts(named, "body"), strict=True))
     known = set(map(str, poses.to_pylist()))
-    pose = found.table.column("pose")
+    pose = rows.table.column("pose")
     unknown = np.array([str(value) not in known for value in pose.to_pylist()], bool)
     near = meant_by([str(pose[int(unknown.argmax())].as_py())], sorted(known)) if unknown.any() else ""
-    found.fault(log, unknown, "pose", "a pose of configurations" + near)
-    length = numbers(found, "distance_mm")
-    found.fault(log, ~(length > 0.0), "distance_mm", "a distance above 0")
-    ends = [texts(found, "from"), texts(found, "to")]
-    found.fault(log, ends[0] == ends[1], "to", "another end than from")
-    sigma = sigmas(found, ("sigma_mm",), settings.noise.point_mm, "noise.point_mm", "the distances", log)[:, 0]
+    rows.fault(log, unknown, "pose", "a pose of configurations" + near)
+    length = numbers(rows, "distance_mm")
+    rows.fault(log, ~(length > 0.0), "distance_mm", "a distance above 0")
+    ends = [texts(rows, "from"), texts(rows, "to")]
+    rows.fault(log, ends[0] == ends[1], "to", "another end than from")
+    sigma = sigmas(rows, ("sigma_mm",), settings.noise.point_mm, "noise.point_mm", "the distances", log)[:, 0]
     both = np.array([a.startswith(STATION) and b.startswith(STATION) for a, b in zip(*ends, strict=True)], bool)
-    found.fault(
-        log, both, "to", "a target at one end at least: the distance of two stations tells nothing of the chain"
-    )
+    rows.fault(log, both, "to", "a target at one end at least: the distance of two stations tells nothing of the chain")
     is_number = pa.types.is_int64(poses.type) and pa.types.is_int64(pose.type)
     columns: dict[str, Any] = {"pose": pose if is_number else pose.cast(pa.string())}
-    for what, own in zip(("from", "to"), ends, strict=True):
-        columns[f"{what}_link"] = [None if name.startswith(STATION) else links.get(name, tip) for name in own]
-        columns[f"{what}_end"] = list(own)
+    for what, end in zip(("from", "to"), ends, strict=True):
+        columns[f"{what}_link"] = [None if name.startswith(STATION) else links.get(name, tip) for name in end]
+        columns[f"{what}_end"] = list(end)
     columns |= {"reading_mm": length, "sigma_mm": sigma}
     schema = ARTIFACTS["distances"].arrow_schema("int64" if is_number else "string")
     return pa.table({name: columns[name] for name in schema.names}).cast(schema)

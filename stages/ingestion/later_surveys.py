@@ -60,31 +60,31 @@ def read_later_surveys(
     source: CampaignFiles, settings: Any, first: SmallTable | None, order: PoseTimes, log: FaultLog
 ) -> LaterSurveys | None:
     """Later surveys, compared in turn; None if there are none."""
-    found = collect_rows(source, RESURVEYS, log)
-    if found is None:
+    rows = collect_rows(source, RESURVEYS, log)
+    if rows is None:
         for number in range(1, len(settings.resurvey) * (not source.entries("resurveys")) + 1):
             text = "the table resurveys.csv, or [files.resurveys]: where the targets were found"
             log.add(Fault(_FILE, text, column=f"resurvey.{number}"))
         return None
-    if any(name not in found.table.column_names for name in RESURVEYS.required):
+    if any(name not in rows.table.column_names for name in RESURVEYS.required):
         return None  # reported when the table was read
-    check_unique_keys(found, log, "survey", "body", "target")
-    check_legs(found, log, len(legs_of(settings)))
+    check_unique_keys(rows, log, "survey", "body", "target")
+    check_legs(rows, log, len(legs_of(settings)))
     if first is None:
-        log.add(Fault(found.first_file, "targets.csv, or [files.targets]: a later survey is compared with the first"))
+        log.add(Fault(rows.first_file, "targets.csv, or [files.targets]: a later survey is compared with the first"))
         return None
-    resurveys = _resurvey_settings(settings, found, order, log)
-    cov = _covariances(found, settings.noise.point_mm, log)
+    resurveys = _resurvey_settings(settings, rows, order, log)
+    cov = _covariances(rows, settings.noise.point_mm, log)
     if log:
         return None
     places = _first_places(first.table, settings.noise.point_mm)
-    out = LaterSurveys(left_out=dict(found.left_out))
-    surveys, bodies = texts(found, "survey"), texts(found, "body")
+    out = LaterSurveys(left_out=dict(rows.left_out))
+    surveys, bodies = texts(rows, "survey"), texts(rows, "body")
     pairs = [(name, body) for name in _in_time(resurveys) for body in dict.fromkeys(bodies[surveys == name].tolist())]
     for name, body in pairs:
-        seen = _visible_targets(found, cov, (surveys == name) & (bodies == body))
+        seen = _visible_targets(rows, cov, (surveys == name) & (bodies == body))
         _compare(out, places.setdefault(body, {}), seen, (name, body), resurveys[name], FALSE_ALARM / len(pairs))
-    _check_names(out, first.table, found.first_file, log)
+    _check_names(out, first.table, rows.first_file, log)
     return out
 
 
@@ -114,22 +114,22 @@ def _in_time(settings: dict[str, _ResurveySettings]) -> list[str]:
 
 
 def _resurvey_settings(
-    settings: Any, found: CollectedRows, order: PoseTimes, log: FaultLog
+    settings: Any, collected: CollectedRows, order: PoseTimes, log: FaultLog
 ) -> dict[str, _ResurveySettings]:
-    names = [str(name) for name in dict.fromkeys(texts(found, "survey"))]
+    names = [str(name) for name in dict.fromkeys(texts(collected, "survey"))]
     resurveys = {name: _ResurveySettings() for name in names}
     since: dict[int, str] = {}
     for number, entry in enumerate(settings.resurvey, 1):
         column = f"resurvey.{number}"
         if entry.survey not in resurveys:
-            there = f"a survey of {found.first_file} ({', '.join(names)}){did_you_mean(entry.survey, names)}"
+            there = f"a survey of {collected.first_file} ({', '.join(names)}){did_you_mean(entry.survey, names)}"
             log.add(Fault(_FILE, there, column=f"{column}.survey", value=entry.survey))
             continue
         if resurveys[entry.survey].column:
             log.add(Fault(_FILE, "each survey once", column=f"{column}.survey", value=entry.survey))
-        own = texts(found, "survey") == entry.survey
-        targets = [str(target) for target in texts(found, "target")[own]]
-        for target in (one for one in entry.moved if one not in targets):
+        of_survey = texts(collected, "survey") == entry.survey
+        targets = [str(target) for target in texts(collected, "target")[of_survey]]
+        for target in (target_name for target_name in entry.moved if target_name not in targets):
             text = f"targets of survey {entry.survey}{did_you_mean(target, targets)}"
             log.add(Fault(_FILE, text, column=f"{column}.moved", value=target))
         where = None if entry.from_pose is None else window(order, entry.from_pose, None, column, log)
@@ -143,20 +143,20 @@ def _resurvey_settings(
     return resurveys
 
 
-def _covariances(found: CollectedRows, declared: float | None, log: FaultLog) -> Array:
+def _covariances(collected: CollectedRows, declared: float | None, log: FaultLog) -> Array:
     """(N, 3, 3) in m^2 of the rows, by their sigmas or by the declared noise."""
-    sigma = sigmas(found, COORDINATE_SIGMAS, declared, "noise.point_mm", "the points", log)
+    sigma = sigmas(collected, COORDINATE_SIGMAS, declared, "noise.point_mm", "the points", log)
     return np.asarray((_MM * sigma[:, None, :]) ** 2 * np.eye(3), float)
 
 
-def _visible_targets(found: CollectedRows, cov: Array, rows: Mask) -> dict[str, Place]:
+def _visible_targets(collected: CollectedRows, cov: Array, rows: Mask) -> dict[str, Place]:
     """The targets of one body in one survey."""
-    points = _MM * np.column_stack([numbers(found, name) for name in COORDINATES])[rows]
-    has_legs = "leg" in found.table.column_names
-    leg = np.nan_to_num(numbers(found, "leg"))[rows].astype(int) if has_legs else np.zeros(len(points), int)
-    targets = texts(found, "target")[rows]
+    points = _MM * np.column_stack([numbers(collected, name) for name in COORDINATES])[rows]
+    has_legs = "leg" in collected.table.column_names
+    leg = np.nan_to_num(numbers(collected, "leg"))[rows].astype(int) if has_legs else np.zeros(len(points), int)
+    targets = texts(collected, "target")[rows]
     places = zip(targets, points, cov[rows], leg.tolist(), strict=True)
-    return {str(target): Place(point, own, at, str(target)) for target, point, own, at in places}
+    return {str(target): Place(point, sigma, at, str(target)) for target, point, sigma, at in places}
 
 
 def _first_places(survey: pa.Table, declared: float | None) -> dict[str, dict[str, Place]]:
@@ -166,36 +166,36 @@ def _first_places(survey: pa.Table, declared: float | None) -> dict[str, dict[st
     points = _MM * np.column_stack([np.asarray(survey.column(name).to_pylist(), float) for name in COORDINATES])
     names = (survey.column(name).to_pylist() for name in ("body", "target", "leg"))
     out: dict[str, dict[str, Place]] = {}
-    for body, target, leg, point, own in zip(*names, points, sigma, strict=True):
-        out.setdefault(body, {})[target] = Place(point, np.diag((_MM * own) ** 2), leg or 0, target)
+    for body, target, leg, point, sigma_of_target in zip(*names, points, sigma, strict=True):
+        out.setdefault(body, {})[target] = Place(point, np.diag((_MM * sigma_of_target) ** 2), leg or 0, target)
     return out
 
 
 def _compare(
     out: LaterSurveys,
-    held: dict[str, Place],
+    surveyed: dict[str, Place],
     seen: dict[str, Place],
     of: tuple[str, str],
     options: _ResurveySettings,
     alarm: float,
 ) -> None:
     """Compare one body in one survey with the earlier positions, and replace these if the survey holds."""
-    common = [target for target in seen if target in held]
-    before, after = [held[target] for target in common], [seen[target] for target in common]
+    common = [target for target in seen if target in surveyed]
+    before, after = [surveyed[target] for target in common], [seen[target] for target in common]
     known = np.array([target in options.moved for target in common], dtype=bool)
-    found = _comparison(before, after, known, alarm)
+    compared = _comparison(before, after, known, alarm)
     for at, target in enumerate(common):
-        new = seen[target], held[target], f"{target}@{of[0]}"
-        kept = options.window is not None and bool(found.moved[at])
-        out.rows.append(_row(of, target, found, at, new[2] if kept else None, options))
-        if kept:
-            held[target] = _renamed_after_move(out, of[1], target, (new[0], new[1]), new[2], found, options)
-    for target in (one for one in seen if one not in held):
-        reported = found.status == "ok" and options.window is not None
-        status = "new" if found.status == "ok" else found.status
+        new = seen[target], surveyed[target], f"{target}@{of[0]}"
+        is_new_place = options.window is not None and bool(compared.moved[at])
+        out.rows.append(_row(of, target, compared, at, new[2] if is_new_place else None, options))
+        if is_new_place:
+            surveyed[target] = _renamed_after_move(out, of[1], target, (new[0], new[1]), new[2], compared, options)
+    for target in (target_name for target_name in seen if target_name not in surveyed):
+        reported = compared.status == "ok" and options.window is not None
+        status = "new" if compared.status == "ok" else compared.status
         out.rows.append(_new_row(of, target, status, target if reported else None, options))
         if reported:
-            held[target] = _added(out, of[1], seen[target], target, found)
+            surveyed[target] = _added(out, of[1], seen[target], target, compared)
 
 
 def _comparison(before: Sequence[Place], after: Sequence[Place], known: Mask, alarm: float) -> Any:
@@ -210,7 +210,7 @@ def _renamed_after_move(
     target: str,
     places: tuple[Place, Place],
     name: str,
-    found: Any,
+    place: Any,
     options: _ResurveySettings,
 ) -> Place:
     """A moved target gets a new name; one that was at an attachment and is not declared there again is omitted."""
@@ -221,12 +221,12 @@ def _renamed_after_move(
             out.rules[at] = replace(rule, last=min(rule.last, options.window[0] - 1))
     out.rules.append(Relabel(body, target, name, *options.window, options.column, options.why, options.from_pose))
     if then.leg and not now.leg:
-        return replace(now, point=found.place(now.point[None], now.cov[None])[0][0], leg=then.leg, name=name)
-    return _added(out, body, now, name, found)
+        return replace(now, point=place.place(now.point[None], now.cov[None])[0][0], leg=then.leg, name=name)
+    return _added(out, body, now, name, place)
 
 
-def _added(out: LaterSurveys, body: str, now: Place, name: str, found: SurveyComparison) -> Place:
-    point, cov = (part[0] for part in found.place(now.point[None], now.cov[None]))
+def _added(out: LaterSurveys, body: str, now: Place, name: str, comparison: SurveyComparison) -> Place:
+    point, cov = (part[0] for part in comparison.place(now.point[None], now.cov[None]))
     sigma = np.sqrt(np.diag(cov)) / _MM
     row = {"body": body, "target": name, "leg": now.leg or None}
     row |= dict(zip((*COORDINATES, *COORDINATE_SIGMAS), (*(point / _MM).tolist(), *sigma.tolist()), strict=True))
@@ -235,18 +235,18 @@ def _added(out: LaterSurveys, body: str, now: Place, name: str, found: SurveyCom
 
 
 def _row(
-    of: tuple[str, str], target: str, found: Any, at: int, holds_as: str | None, options: _ResurveySettings
+    of: tuple[str, str], target: str, place: Any, at: int, holds_as: str | None, options: _ResurveySettings
 ) -> dict[str, Any]:
-    reported = found.status == "ok"
-    sigma = np.sqrt(np.diag(found.cov[at])) / _MM if reported else (None,) * 3
-    shift = found.shift[at] / _MM if reported else (None,) * 3
-    status = ("moved" if found.moved[at] else "same") if reported else found.status
+    reported = place.status == "ok"
+    sigma = np.sqrt(np.diag(place.cov[at])) / _MM if reported else (None,) * 3
+    shift = place.shift[at] / _MM if reported else (None,) * 3
+    status = ("moved" if place.moved[at] else "same") if reported else place.status
     return {
         **_new_row(of, target, status, holds_as, options),
         **{f"shift_{a}_mm": None if v is None else float(v) for a, v in zip("xyz", shift, strict=True)},
         **{f"sigma_{a}_mm": None if v is None else float(v) for a, v in zip("xyz", sigma, strict=True)},
-        "p_value": float(found.p_value[at]),
-        "relocated": bool(found.moved[at]),
+        "p_value": float(place.p_value[at]),
+        "relocated": bool(place.moved[at]),
     }
 
 
@@ -265,7 +265,9 @@ def _new_row(
     }
 
 
-def relabelling_of(found: LaterSurveys | None, order: PoseTimes) -> Relabelling:
+def relabelling_of(surveys: LaterSurveys | None, order: PoseTimes) -> Relabelling:
     """Targets that later surveys rename from a pose on."""
-    rules: Iterator[Relabel] = iter(()) if found is None else (rule for rule in found.rules if rule.first <= rule.last)
+    rules: Iterator[Relabel] = (
+        iter(()) if surveys is None else (rule for rule in surveys.rules if rule.first <= rule.last)
+    )
     return Relabelling(order, tuple(rules))

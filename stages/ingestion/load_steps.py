@@ -35,50 +35,52 @@ _OF_A_STEP = ("run", "step", "channel")
 _EMPTY_SAMPLE = "a number in every sample; an empty cell has to be declared by missing"
 
 
-def with_known_loads(found: CollectedRows) -> CollectedRows:
+def with_known_loads(collected: CollectedRows) -> CollectedRows:
     """Return the rows with all loads recorded, if the mapping declares missing values."""
-    names = [name for name in (*WRENCH, "load") if name in found.table.column_names]
-    unknown = np.any([np.isnan(numbers(found, name)) for name in names], axis=0) if names else np.zeros(1, bool)
+    names = [name for name in (*WRENCH, "load") if name in collected.table.column_names]
+    unknown = np.any([np.isnan(numbers(collected, name)) for name in names], axis=0) if names else np.zeros(1, bool)
     return (
-        without_rows(found, unknown & declared_missing(found), "a load that was not written down") if names else found
+        without_rows(collected, unknown & declared_missing(collected), "a load that was not written down")
+        if names
+        else collected
     )
 
 
-def six_loads(found: CollectedRows, loading: Any, log: FaultLog) -> Array:
+def six_loads(collected: CollectedRows, loading: Any, log: FaultLog) -> Array:
     """Return the loads (N, 6) in N and N m; an empty component next to others is 0. Reports impossible loads."""
-    names = found.table.column_names
+    names = collected.table.column_names
     six, one = [name for name in WRENCH if name in names], [name for name in ("load_axis", "load") if name in names]
     if bool(six) == bool(one) or len(one) == 1:
         expected = f"either columns {', '.join(WRENCH)}, or load_axis and load"
         if not six and not one:
             expected += '; where nothing acted, constants = { load_axis = "fz", load = 0 }'
-        log.add(Fault(found.first_file, expected, value=", ".join([*six, *one]) or None))
-        return np.full((len(found.table), 6), np.nan)
+        log.add(Fault(collected.first_file, expected, value=", ".join([*six, *one]) or None))
+        return np.full((len(collected.table), 6), np.nan)
     if one:
         axis, load = (
-            texts(found, "load_axis"),
-            numbers(found, "load") * unit_factors(found, "load", "load_axis", KINDS, log),
+            texts(collected, "load_axis"),
+            numbers(collected, "load") * unit_factors(collected, "load", "load_axis", KINDS, log),
         )
-        found.fault(log, np.isnan(load), "load", EMPTY_LOAD)
+        collected.fault(log, np.isnan(load), "load", EMPTY_LOAD)
         loads = np.where(axis[:, None] == np.array(AXES, object), load[:, None], 0.0)
     else:
-        unloaded = np.zeros(len(found.table))
-        loads = np.column_stack([numbers(found, name) if name in six else unloaded for name in WRENCH])
-        written = np.any([~np.isnan(numbers(found, name)) for name in six], axis=0)
-        found.fault(log, ~written, six[0], EMPTY_LOAD)
+        unloaded = np.zeros(len(collected.table))
+        loads = np.column_stack([numbers(collected, name) if name in six else unloaded for name in WRENCH])
+        written = np.any([~np.isnan(numbers(collected, name)) for name in six], axis=0)
+        collected.fault(log, ~written, six[0], EMPTY_LOAD)
         loads = np.nan_to_num(loads)
-    _check_range(found, loads, "load" if one else None, loading, log)
+    _check_range(collected, loads, "load" if one else None, loading, log)
     return loads
 
 
-def _check_range(found: CollectedRows, loads: Array, column: str | None, loading: Any, log: FaultLog) -> None:
+def _check_range(collected: CollectedRows, loads: Array, column: str | None, loading: Any, log: FaultLog) -> None:
     for k, name in enumerate(WRENCH):
         limit = loading.allowed(name)
         if limit is not None:
             beyond = np.abs(loads[:, k]) > limit * (1.0 + _ROUNDED)
             expected = f"at most {limit:g} {KINDS[AXES[k]]} of {AXES[k]} either way, by [loading]"
             cure = _cure(np.abs(loads[beyond, k]).max(initial=0.0) / getattr(loading, name))
-            found.fault(log, beyond, column or name, expected + cure)
+            collected.fault(log, beyond, column or name, expected + cure)
 
 
 def _cure(share: float) -> str:
@@ -88,22 +90,22 @@ def _cure(share: float) -> str:
     return f"; of an overload test, [loading] overload = {math.ceil(share * 100.0 - _ROUNDED) / 100.0:g} allows it"
 
 
-def check_one_load(found: CollectedRows, step: Index, loads: Array, log: FaultLog) -> None:
+def check_one_load(collected: CollectedRows, step: Index, loads: Array, log: FaultLog) -> None:
     """Report rows whose load differs from the first row of their step; ``step`` (N,): step numbers."""
-    rows = np.flatnonzero(found.without_faults("run", "step", "load_axis", "load", *WRENCH))
+    rows = np.flatnonzero(collected.without_faults("run", "step", "load_axis", "load", *WRENCH))
     _, first, at = np.unique(step[rows], return_index=True, return_inverse=True)
     known, apart = loads[rows], np.zeros(len(loads), dtype=bool)
     with np.errstate(invalid="ignore"):
         apart[rows] = np.any(np.abs(known - known[first[at]]) > _allowed(known), axis=1)
-    found.fault(log, apart, _load_column(found), "one load per step, on the same axis in all of its rows")
+    collected.fault(log, apart, _load_column(collected), "one load per step, on the same axis in all of its rows")
 
 
-def check_same_loads(found: CollectedRows, loads: Array, other: Array, log: FaultLog) -> None:
+def check_same_loads(collected: CollectedRows, loads: Array, other: Array, log: FaultLog) -> None:
     """Report rows whose loads (N, 6) differ from those (N, 6) of the readings in the same step; NaN: unknown."""
     with np.errstate(invalid="ignore"):
         apart = np.any(np.abs(loads - other) > _allowed(np.concatenate([loads, other])), axis=1)
-    apart &= found.without_faults("run", "step", "load_axis", "load", *WRENCH)
-    found.fault(log, apart, _load_column(found), "the load that the readings of this run and step have")
+    apart &= collected.without_faults("run", "step", "load_axis", "load", *WRENCH)
+    collected.fault(log, apart, _load_column(collected), "the load that the readings of this run and step have")
 
 
 def _allowed(loads: Array) -> Array:
@@ -111,82 +113,82 @@ def _allowed(loads: Array) -> Array:
     return _ONE_LOAD * np.nan_to_num(np.abs(loads)).max(axis=0, initial=0.0)
 
 
-def _load_column(found: CollectedRows) -> str:
+def _load_column(collected: CollectedRows) -> str:
     """Return the column to name if loads disagree."""
-    return next((name for name in ("load", *WRENCH) if name in found.table.column_names), "load")
+    return next((name for name in ("load", *WRENCH) if name in collected.table.column_names), "load")
 
 
-def check_times(found: CollectedRows, log: FaultLog) -> None:
+def check_times(collected: CollectedRows, log: FaultLog) -> None:
     """Report rows that are not later than the previous step of their run."""
-    if "time_s" not in found.table.column_names:
+    if "time_s" not in collected.table.column_names:
         return
-    run, step, time = numbered(found, "run"), numbers(found, "step"), numbers(found, "time_s")
+    run, step, time = numbered(collected, "run"), numbers(collected, "step"), numbers(collected, "time_s")
     wrong = np.zeros(len(run), dtype=bool)
     order = np.lexsort((time, step, run))
-    order = order[found.without_faults("run", "step", "time_s")[order]]
+    order = order[collected.without_faults("run", "step", "time_s")[order]]
     for rows in np.split(order, np.flatnonzero(np.diff(run[order])) + 1):
         known = rows[np.isfinite(time[rows])]
         before = np.searchsorted(step[known], step[known])  # the first row of the same step: before it, the latest
         wrong[known] = (before > 0) & (time[known] <= time[known[before - 1]])
-    found.fault(log, wrong, "time_s", "a time after that of the step before: steps are in the order taken")
+    collected.fault(log, wrong, "time_s", "a time after that of the step before: steps are in the order taken")
 
 
-def check_roles(found: CollectedRows, log: FaultLog) -> None:
+def check_roles(collected: CollectedRows, log: FaultLog) -> None:
     """Report rows whose role differs from the first row of their run."""
-    if "role" not in found.table.column_names:
+    if "role" not in collected.table.column_names:
         return
-    rows = np.flatnonzero(found.without_faults("run", "role"))
-    role = numbered(found, "role")[rows]
-    _, first, at = np.unique(numbered(found, "run")[rows], return_index=True, return_inverse=True)
-    other = np.zeros(len(found.table), dtype=bool)
+    rows = np.flatnonzero(collected.without_faults("run", "role"))
+    role = numbered(collected, "role")[rows]
+    _, first, at = np.unique(numbered(collected, "run")[rows], return_index=True, return_inverse=True)
+    other = np.zeros(len(collected.table), dtype=bool)
     other[rows] = role != role[first[at]]
-    found.fault(log, other, "role", "one role for all of a run: it is held out as a whole, or not")
+    collected.fault(log, other, "role", "one role for all of a run: it is held out as a whole, or not")
 
 
-def without_transit(found: CollectedRows) -> CollectedRows:
+def without_transit(collected: CollectedRows) -> CollectedRows:
     """Return the table without samples recorded during a change of load, which are counted as left out."""
-    if TRANSIT not in found.table.column_names:
-        return found
-    kept = without_rows(found, numbers(found, TRANSIT) == 1.0, "samples in transit between loads")
-    return replace(kept, table=kept.table.drop_columns([TRANSIT]))
+    if TRANSIT not in collected.table.column_names:
+        return collected
+    kept_rows = without_rows(collected, numbers(collected, TRANSIT) == 1.0, "samples in transit between loads")
+    return replace(kept_rows, table=kept_rows.table.drop_columns([TRANSIT]))
 
 
-def averaged(found: CollectedRows, log: FaultLog) -> CollectedRows:
+def averaged(collected: CollectedRows, log: FaultLog) -> CollectedRows:
     """Return one row per run, step and channel: mean of each real column over the samples with a reading.
 
     Loads, times and temperatures are averaged with the readings; those of a single sample would bias the response on a
     ramp. Reports samples without a load, and texts that differ within a step. A covariate is averaged over the samples
     that have it.
     """
-    found = with_known_loads(without_transit(found))
-    _check_samples(found, log)
-    _, first, at = np.unique(numbered(found, *_OF_A_STEP), return_index=True, return_inverse=True)
-    _check_constant(found, first[at], log)
-    counts = _with_reading(found, at)
+    collected = with_known_loads(without_transit(collected))
+    _check_samples(collected, log)
+    _, first, at = np.unique(numbered(collected, *_OF_A_STEP), return_index=True, return_inverse=True)
+    _check_constant(collected, first[at], log)
+    counts = _with_reading(collected, at)
     further = np.ones(len(at), dtype=bool)
     further[first] = False
-    rows = without_rows(found, further, "")
+    rows = without_rows(collected, further, "")
     table = rows.table
     for place, name in enumerate(table.column_names):
-        if _is_averaged(found.table, name):
-            means = _sample_means(_sampled(found, name), counts, at)
+        if _is_averaged(collected.table, name):
+            means = _sample_means(_sampled(collected, name), counts, at)
             table = table.set_column(place, name, pa.array(means[at[~further]], from_pandas=True))
-    return replace(rows, table=table, left_out=found.left_out)
+    return replace(rows, table=table, left_out=collected.left_out)
 
 
 def _is_averaged(table: pa.Table, name: str) -> bool:
     return name not in _OF_A_STEP and bool(pa.types.is_floating(table.schema.field(name).type))
 
 
-def _with_reading(found: CollectedRows, at: Index) -> Mask:
+def _with_reading(collected: CollectedRows, at: Index) -> Mask:
     """Return the mask (N,) of samples with a reading; all samples of a step without any, to keep its row."""
-    there = np.isfinite(numbers(found, "reading"))
+    there = np.isfinite(numbers(collected, "reading"))
     return np.asarray(there | (np.bincount(at, there)[at] == 0.0), dtype=bool)
 
 
-def _sampled(found: CollectedRows, name: str) -> Array:
+def _sampled(collected: CollectedRows, name: str) -> Array:
     """Return a column (N,) of numbers; an empty wrench component next to others is 0."""
-    values = numbers(found, name)
+    values = numbers(collected, name)
     return np.nan_to_num(values) if name in WRENCH else values
 
 
@@ -197,33 +199,33 @@ def _sample_means(values: Array, counts: Mask, at: Index) -> Array:
     return np.divide(total, count, out=np.full(len(count), np.nan), where=count > 0)
 
 
-def _check_samples(found: CollectedRows, log: FaultLog) -> None:
+def _check_samples(collected: CollectedRows, log: FaultLog) -> None:
     """Report samples without a load, or with an empty reading that is not declared missing."""
-    names = found.table.column_names
+    names = collected.table.column_names
     six = [name for name in WRENCH if name in names]
-    given = [numbers(found, name) for name in (six or ["load"] if "load" in names else six)]
-    if given:
-        found.fault(log, np.all(np.isnan(given), axis=0), (six or ["load"])[0], EMPTY_LOAD)
-    empty = np.asarray(found.table.column("reading").is_null())
-    found.fault(log, empty & ~declared_missing(found), "reading", _EMPTY_SAMPLE)
+    columns_given = [numbers(collected, name) for name in (six or ["load"] if "load" in names else six)]
+    if columns_given:
+        collected.fault(log, np.all(np.isnan(columns_given), axis=0), (six or ["load"])[0], EMPTY_LOAD)
+    empty = np.asarray(collected.table.column("reading").is_null())
+    collected.fault(log, empty & ~declared_missing(collected), "reading", _EMPTY_SAMPLE)
 
 
-def _check_constant(found: CollectedRows, first: Index, log: FaultLog) -> None:
+def _check_constant(collected: CollectedRows, first: Index, log: FaultLog) -> None:
     """Report samples whose text or whole number differs from the first sample of their step."""
-    for name in found.table.column_names:
-        if name not in _OF_A_STEP and not _is_averaged(found.table, name):
-            reported = texts(found, name)
-            found.fault(
+    for name in collected.table.column_names:
+        if name not in _OF_A_STEP and not _is_averaged(collected.table, name):
+            reported = texts(collected, name)
+            collected.fault(
                 log, np.asarray(reported != reported[first], dtype=bool), name, f"one {name} for all samples of a step"
             )
 
 
 def checked_steps(
-    found: CollectedRows, key: Sequence[str], loading: Any, log: FaultLog, cure: str = ""
+    collected: CollectedRows, key: Sequence[str], loading: Any, log: FaultLog, cure: str = ""
 ) -> tuple[CollectedRows, Array]:
     """Return the counted rows of load steps and their loads (N, 6); reports faulty keys, times, roles and loads."""
-    found = with_known_loads(without_transit(found))
-    check_unique_keys(found, log, *key, cure=cure)
-    check_times(found, log)
-    check_roles(found, log)
-    return found, six_loads(found, loading, log)
+    collected = with_known_loads(without_transit(collected))
+    check_unique_keys(collected, log, *key, cure=cure)
+    check_times(collected, log)
+    check_roles(collected, log)
+    return collected, six_loads(collected, loading, log)

@@ -107,16 +107,16 @@ class LoadingTables:
     @property
     def artifacts(self) -> dict[str, pa.Table]:
         """The tables by the name of their artifact."""
-        found = {} if self.readings is None else {"readings": self.readings.table}
+        tables = {} if self.readings is None else {"readings": self.readings.table}
         if self.readings is not None and self.readings.channels is not None:
-            found["quadrature"] = self.readings.channels
+            tables["quadrature"] = self.readings.channels
         if self.corrections:
             schema = ARTIFACTS["reading_corrections"].arrow_schema()
-            found["reading_corrections"] = pa.Table.from_pylist(self.corrections, schema=schema)
-        found |= {} if self.signals is None else {"signals": self.signals.table}
-        found |= {} if self.positions is None else {"positions": self.positions.table}
-        found |= {} if self.published is None else {"published": self.published}
-        return found | ({} if self.compliance is None else {"given_compliance": self.compliance})
+            tables["reading_corrections"] = pa.Table.from_pylist(self.corrections, schema=schema)
+        tables |= {} if self.signals is None else {"signals": self.signals.table}
+        tables |= {} if self.positions is None else {"positions": self.positions.table}
+        tables |= {} if self.published is None else {"published": self.published}
+        return tables | ({} if self.compliance is None else {"given_compliance": self.compliance})
 
     @property
     def corrections(self) -> list[dict[str, Any]]:
@@ -169,11 +169,11 @@ def _channel_order(channel: str) -> tuple[bool, str]:
 
 def ingest(settings: Any, source: CampaignFiles, log: FaultLog) -> Outcome:
     """Return the tables of a loading campaign; raises CampaignFaults with all faults at once."""
-    found, start = read_loading_tables(source, settings, log), read_start(source, settings, log)
+    loading, start = read_loading_tables(source, settings, log), read_start(source, settings, log)
     log.raise_faults()
-    given = {} if start is None else {"start": start}
-    artifacts = {**found.artifacts, **given, "exclusions": exclusions(found.left_out)}
-    return Outcome(artifacts, found.read, left_out_words(found.left_out), found.figure)
+    start_tables = {} if start is None else {"start": start}
+    artifacts = {**loading.artifacts, **start_tables, "exclusions": exclusions(loading.left_out)}
+    return Outcome(artifacts, loading.read, left_out_words(loading.left_out), loading.figure)
 
 
 def read_loading_tables(source: CampaignFiles, settings: Any, log: FaultLog) -> LoadingTables:
@@ -185,7 +185,7 @@ def read_loading_tables(source: CampaignFiles, settings: Any, log: FaultLog) -> 
         log.add(Fault("interferometer.csv", expected + words_on_unread_files(source.folder, source.names_in_entries)))
     readings = read_readings(source, settings, log)
     signals = read_signals(source, settings, None if readings is None else readings.table, log)
-    loaded = [found.table for found in (readings, signals) if found is not None]
+    loaded = [small_table.table for small_table in (readings, signals) if small_table is not None]
     check_any_fitted(loaded, "interferometer.csv" if readings is not None else "signals.csv", "run", log)
     positions = read_positions(source, settings, log)
     compliance = read_compliance(source, log)
@@ -217,20 +217,20 @@ def check_sensor(section: Any, compliance: pa.Table | None, log: FaultLog, loade
 def _check_compliance(compliance: Array, loaded: Sequence[pa.Table]) -> None:
     """Raise Unfit for a compliance that is not positive, or that moves the platform by metres under the applied
     loads."""
-    own = np.diag(compliance)
-    if still := [WRENCH[k] for k in np.flatnonzero(own <= 0.0)]:
+    diagonal = np.diag(compliance)
+    if still := [WRENCH[k] for k in np.flatnonzero(diagonal <= 0.0)]:
         raise Unfit(
             "compliance_file", f"zero or negative compliance under {', '.join(still)}", "positive diagonal entries"
         )
-    size = np.sqrt(own)
+    size = np.sqrt(diagonal)
     lowest = float(np.linalg.eigvalsh(compliance / np.outer(size, size))[0])
     if abs(lowest) < _RIGID:
         raise Unfit("compliance_file", "a singular matrix", "an invertible compliance")
     for k, name in enumerate(WRENCH):
         columns = [table.column(name).to_pylist() for table in loaded if name in table.column_names]
         largest = max((abs(load) for column in columns for load in column if load), default=0.0)
-        if own[k] * largest > _FURTHEST:
-            moved = f"{own[k] * largest:.3g} {'m' if k < 3 else 'rad'} under {name} = {largest:g}"
+        if diagonal[k] * largest > _FURTHEST:
+            moved = f"{diagonal[k] * largest:.3g} {'m' if k < 3 else 'rad'} under {name} = {largest:g}"
             units = "m/N, m/(N m), rad/N and rad/(N m); is it the stiffness, or in mm?"
             raise Unfit("compliance_file", f"{moved}", f"a compliance in {units}")
 
@@ -244,57 +244,69 @@ class PositionTable(SmallTable):
 
 def read_positions(source: CampaignFiles, settings: Any, log: FaultLog) -> PositionTable | None:
     """Return the approaches ordered by run, target, direction and cycle; None if the campaign has none."""
-    found = collect_rows(source, POSITIONING, log, "run")
-    if found is None:
+    rows = collect_rows(source, POSITIONING, log, "run")
+    if rows is None:
         return None
-    check_unique_keys(found, log, "run", "target_mm", "direction", "cycle")
-    found = _with_positions(found, log)
+    check_unique_keys(rows, log, "run", "target_mm", "direction", "cycle")
+    rows = _with_positions(rows, log)
     if not log:
-        _check_complete(found, log)
+        _check_complete(rows, log)
     if log:
         return None
-    read = numbers(found, "position_mm")
-    found, corrections = positions_at_reference(found, settings.interferometer, log)
+    read = numbers(rows, "position_mm")
+    rows, corrections = positions_at_reference(rows, settings.interferometer, log)
     if log:
         return None
-    way = np.array([_WAYS.index(name) for name in texts(found, "direction")])
-    table = found.table.append_column("row_order", pa.array(np.arange(1, len(way) + 1)))
+    way = np.array([_WAYS.index(name) for name in texts(rows, "direction")])
+    table = rows.table.append_column("row_order", pa.array(np.arange(1, len(way) + 1)))
     if corrections.rows:
         table = table.append_column("position_read_mm", pa.array(read))
-    order = np.lexsort((numbers(found, "cycle"), way, numbers(found, "target_mm"), numbered(found, "run")))
-    return PositionTable(as_artifact("positions", table.take(order)), dict(found.left_out), corrections)
+    order = np.lexsort((numbers(rows, "cycle"), way, numbers(rows, "target_mm"), numbered(rows, "run")))
+    return PositionTable(as_artifact("positions", table.take(order)), dict(rows.left_out), corrections)
 
 
-def _with_positions(found: CollectedRows, log: FaultLog) -> CollectedRows:
+def _with_positions(collected: CollectedRows, log: FaultLog) -> CollectedRows:
     """Return approaches with positions, mm, computed from targets and deviations where a file gives these."""
-    given = [name for name in ("position_mm", "deviation_um") if name in found.table.column_names]
-    if len(given) != 1:
-        expected = "a column position_mm, or deviation_um (position minus target)" + ("; not both" if given else "")
-        log.add(Fault(found.first_file, expected, column="position_mm"))
-        return found
+    columns_given = [name for name in ("position_mm", "deviation_um") if name in collected.table.column_names]
+    if len(columns_given) != 1:
+        expected = "a column position_mm, or deviation_um (position minus target)" + (
+            "; not both" if columns_given else ""
+        )
+        log.add(Fault(collected.first_file, expected, column="position_mm"))
+        return collected
     if not log:
-        found.fault(log, np.isnan(numbers(found, given[0])), given[0], "a number for every approach")
-    if given == ["position_mm"]:
-        return found
-    position = numbers(found, "target_mm") + 1e-3 * numbers(found, "deviation_um")
-    table = found.table.drop_columns(["deviation_um"]).append_column("position_mm", pa.array(position))
-    return replace(found, table=table)
+        collected.fault(
+            log, np.isnan(numbers(collected, columns_given[0])), columns_given[0], "a number for every approach"
+        )
+    if columns_given == ["position_mm"]:
+        return collected
+    position = numbers(collected, "target_mm") + 1e-3 * numbers(collected, "deviation_um")
+    table = collected.table.drop_columns(["deviation_um"]).append_column("position_mm", pa.array(position))
+    return replace(collected, table=table)
 
 
-def _check_complete(found: CollectedRows, log: FaultLog) -> None:
+def _check_complete(collected: CollectedRows, log: FaultLog) -> None:
     """Report runs in which not every target was approached from both sides in the same cycles, at least twice."""
-    runs = texts(found, "run")
+    runs = texts(collected, "run")
     for run in dict.fromkeys(runs):
-        own = runs == run
-        columns = (numbers(found, "target_mm")[own], texts(found, "direction")[own], numbers(found, "cycle")[own])
+        rows_of_run = runs == run
+        columns = (
+            numbers(collected, "target_mm")[rows_of_run],
+            texts(collected, "direction")[rows_of_run],
+            numbers(collected, "cycle")[rows_of_run],
+        )
         targets, ways, cycles = (set(column.tolist()) for column in columns)
-        missing = len(targets) * len(cycles) * len(_WAYS) - int(own.sum())
+        missing = len(targets) * len(cycles) * len(_WAYS) - int(rows_of_run.sum())
         if missing or ways != set(_WAYS) or len(cycles) < _FEWEST_CYCLES:
             text = (
                 f"run {run}: {count(len(targets), 'target')}, {count(len(cycles), 'cycle')}, {', '.join(sorted(ways))}"
             )
             text += f", {count(missing, 'approach')} missing" if missing else ""
             expected = f"every target approached from both sides in every cycle, {_FEWEST_CYCLES} cycles at least"
-            if len(targets) > _MANY * int(own.sum()) > _MANY * len(set(numbers(found, "position_mm")[own].tolist())):
+            if (
+                len(targets)
+                > _MANY * int(rows_of_run.sum())
+                > _MANY * len(set(numbers(collected, "position_mm")[rows_of_run].tolist()))
+            ):
                 expected += "; are the columns target_mm and position_mm exchanged?"
-            log.add(Fault(found.first_file, expected, column="cycle", value=text))
+            log.add(Fault(collected.first_file, expected, column="cycle", value=text))

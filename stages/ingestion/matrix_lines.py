@@ -47,14 +47,14 @@ def numbers_of(
     expected: the cells of a row, in words; is_outside: the file lies outside the campaign's folder, so that a fault
     does not show its content.
     """
-    found = np.full((len(rows), len(columns)), np.nan)
+    matrix = np.full((len(rows), len(columns)), np.nan)
     for i, (row, cells) in enumerate(rows):
         if len(cells) != len(columns):
             log.add(Fault(file.name, expected, row=row, value=f"{len(cells)} cells"))
             continue
         for j, cell in enumerate(cells):
-            found[i, j] = number_of(cell)
-            if not np.isfinite(found[i, j]):
+            matrix[i, j] = number_of(cell)
+            if not np.isfinite(matrix[i, j]):
                 shown = shareable_value(cell) if is_outside else cell
                 log.add(Fault(file.name, "a finite number", row=row, column=columns[j], value=shown))
-    return found
+    return matrix

@@ -52,35 +52,37 @@ def planned_loads(source: CampaignFiles, settings: Campaign) -> dict[str, pa.Tab
     if settings.mechanism.type == "6-upur":
         check_sensor(settings.mechanism, compliance, log)
     log.raise_faults()
-    found = {"readings": readings, "signals": planned, "given_compliance": compliance}
-    return {name: table for name, table in found.items() if table is not None}
+    tables = {"readings": readings, "signals": planned, "given_compliance": compliance}
+    return {name: table for name, table in tables.items() if table is not None}
 
 
-def _measured(found: CollectedRows | None, names: Sequence[str]) -> bool:
+def _measured(collected: CollectedRows | None, names: Sequence[str]) -> bool:
     """Return True if any of these columns has a value."""
-    if found is None:
+    if collected is None:
         return False
-    return any(bool(np.isfinite(numbers(found, name)).any()) for name in names if name in found.table.column_names)
+    return any(
+        bool(np.isfinite(numbers(collected, name)).any()) for name in names if name in collected.table.column_names
+    )
 
 
-def _signals(found: CollectedRows | None) -> list[str]:
-    return [] if found is None else [name for name in found.table.column_names if SIGNAL.fullmatch(name)]
+def _signals(collected: CollectedRows | None) -> list[str]:
+    return [] if collected is None else [name for name in collected.table.column_names if SIGNAL.fullmatch(name)]
 
 
-def _with_zeros(found: CollectedRows, names: Sequence[str]) -> CollectedRows:
-    table = found.table.drop_columns([name for name in names if name in found.table.column_names])
+def _with_zeros(collected: CollectedRows, names: Sequence[str]) -> CollectedRows:
+    table = collected.table.drop_columns([name for name in names if name in collected.table.column_names])
     for name in names:
         table = table.append_column(name, pa.array(np.zeros(len(table))))
-    return replace(found, table=table)
+    return replace(collected, table=table)
 
 
-def _readings(found: CollectedRows, shape: str, settings: Campaign, log: FaultLog) -> pa.Table | None:
-    by_channel = "channel" in found.table.column_names  # without, all are read at every step
-    named = [name for name in MOTION if name in found.table.column_names] or list(MOTION)
+def _readings(collected: CollectedRows, shape: str, settings: Campaign, log: FaultLog) -> pa.Table | None:
+    by_channel = "channel" in collected.table.column_names  # without, all are read at every step
+    named = [name for name in MOTION if name in collected.table.column_names] or list(MOTION)
     # simulated readings are compensated and corrected
     optics = settings.interferometer.model_copy(update={"compensated": True, "material": Material()})
     table = reading_table(
-        _with_zeros(found, ["reading"] if by_channel else named),
+        _with_zeros(collected, ["reading"] if by_channel else named),
         settings.model_copy(update={"interferometer": optics}),
         log,
         by_channel=by_channel,
@@ -94,22 +96,24 @@ def _readings(found: CollectedRows, shape: str, settings: Campaign, log: FaultLo
 def _check_noise(readings: pa.Table, keys: dict[str, str], log: FaultLog) -> None:
     unknown = set(readings.filter(pc.is_null(readings.column("sigma"))).column("channel").to_pylist())
     for kind, key in keys.items():
-        if own := sorted(channel for channel in unknown if channel.startswith(kind)):
-            expected = f"one standard deviation of what {', '.join(own)} will read, to draw it with"
+        if channels_of_kind := sorted(channel for channel in unknown if channel.startswith(kind)):
+            expected = f"one standard deviation of what {', '.join(channels_of_kind)} will read, to draw it with"
             log.add(Fault("campaign.toml", expected, column=f"noise.{key}"))
 
 
-def _planned_signals(found: CollectedRows, settings: Campaign, readings: pa.Table | None, log: FaultLog) -> Any:
-    names = _signals(found) or [f"v{leg}_mv" for leg in range(1, _LEGS + 1)]
+def _planned_signals(collected: CollectedRows, settings: Campaign, readings: pa.Table | None, log: FaultLog) -> Any:
+    names = _signals(collected) or [f"v{leg}_mv" for leg in range(1, _LEGS + 1)]
     needed = {
         "signals.sensitivity_mv_per_n": settings.signals.sensitivity_mv_per_n,
         "noise.signal_mv": settings.noise.signal_mv,
     }
     for key, value in needed.items():
         if value is None:
-            log.add(Fault("campaign.toml", f"a number, to draw the signals that {found.first_file} plans", column=key))
+            log.add(
+                Fault("campaign.toml", f"a number, to draw the signals that {collected.first_file} plans", column=key)
+            )
     if len(names) != _LEGS or settings.mechanism.type != "6-upur":
         expected = "six signals, of the legs of a 6-upur: of others nothing says what to expect"
-        log.add(Fault(found.first_file, expected, value=", ".join(names)))
-    table = signal_table(_with_zeros(found, names), settings, readings, log)
+        log.add(Fault(collected.first_file, expected, value=", ".join(names)))
+    table = signal_table(_with_zeros(collected, names), settings, readings, log)
     return None if table is None else table.table

@@ -53,7 +53,7 @@ class _Parts:
     def artifacts(self) -> dict[str, Any]:
         """The tables by artifact."""
         poses = self.configurations.table.column("pose")
-        found = {
+        tables = {
             "survey": None if self.survey is None else self.survey.table,
             "start": self.start,
             "configurations": self.configurations.table,
@@ -62,7 +62,7 @@ class _Parts:
             "measured_poses": None if self.measured is None else self.measured.table,
             "given_deformation": self.deformation,
         }
-        return {name: table for name, table in found.items() if table is not None}
+        return {name: table for name, table in tables.items() if table is not None}
 
     def left_out(self, *more: Points) -> Counter[tuple[str, str]]:
         """Return the number of rows left out of these tables, and of ``more``, by (subject, reason)."""
@@ -174,9 +174,9 @@ def _check_any_points(source: CampaignFiles, log: FaultLog) -> None:
     if source.entries("configurations"):
         expected += '; configurations alone are enough for an axis: [mechanism] type = "axis"'
     log.add(Fault("points.csv", expected + words_on_unread_files(source.folder, source.names_in_entries)))
-    for one in skipped_files(source.folder, source.folders_of_photographs, ()):
-        if one.is_fault:
-            log.add(Fault(one.name, one.why))
+    for skipped_file in skipped_files(source.folder, source.folders_of_photographs, ()):
+        if skipped_file.is_fault:
+            log.add(Fault(skipped_file.name, skipped_file.why))
     log.raise_faults()
 
 

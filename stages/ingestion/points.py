@@ -65,11 +65,11 @@ def size_faults(
             yield _fault(file, body, ratio, f"in {geometry.survey_file}")
     for body, joints in geometry.joints.items():
         named = geometry.survey.get(body)
-        own = geometry.survey_file if named else file
+        survey_file = geometry.survey_file if named else file
         seen = named or next((targets for (_, name), targets in points.items() if name == body), {})
         ratio = _size(np.array(list(seen.values()))) / _size(joints) if len(seen) > 1 and _size(joints) else 1.0
         if not 1.0 / _OTHER_PLACES < ratio < _OTHER_PLACES and ratio > 0.0:
-            yield _fault(own, body, ratio, "by [mechanism] legs of campaign.toml")
+            yield _fault(survey_file, body, ratio, "by [mechanism] legs of campaign.toml")
 
 
 def _fault(file: str, body: str, ratio: float, where: str) -> Fault:
@@ -81,10 +81,10 @@ def _ratio(seen: Mapping[str, Array], surveyed: Mapping[str, Array]) -> float:
     """Ratio of a body's size to its survey, by distances of common targets; 0 if unknown, or if the distances differ in
     their ratios: then single targets are wrong, and not the unit."""
     common = [target for target in seen if target in surveyed]
-    own, expected = (_distances(np.array([points[target] for target in common])) for points in (seen, surveyed))
+    distances, expected = (_distances(np.array([points[target] for target in common])) for points in (seen, surveyed))
     if not expected.size or not expected.min() > 0.0:
         return 0.0
-    ratios = own / expected
+    ratios = distances / expected
     return float(np.median(ratios)) if ratios.max() <= _SAME_RATIO * ratios.min() else 0.0
 
 
@@ -282,20 +282,20 @@ class Points:
 
     def _check_sigma(self, file: FileRows, batch: TableBatch, name: str) -> None:
         if name in batch.columns:
-            given = np.asarray(batch.columns[name].fill_null(1.0))
-            absurd = ((given >= 0.0) & (given < LEAST_SIGMA_MM)) | (given > MOST_SIGMA_MM)
+            sigma = np.asarray(batch.columns[name].fill_null(1.0))
+            absurd = ((sigma >= 0.0) & (sigma < LEAST_SIGMA_MM)) | (sigma > MOST_SIGMA_MM)
             faults = CellFaults.where(absurd, batch.records, batch.columns[name], name, _EXPECTED_SIGMA)
             self.log.cells(file.raw.name, faults, file.locate)
 
-    def _sigma(self, file: FileRows, given: pa.Array | None, rows: int) -> pa.Array:
+    def _sigma(self, file: FileRows, sigma: pa.Array | None, rows: int) -> pa.Array:
         declared = self.expected.point_mm
-        if given is not None and not given.null_count:
-            return given
+        if sigma is not None and not sigma.null_count:
+            return sigma
         if declared is None:
             self.log.add_missing("noise.point_mm", "a standard deviation of the points", file.raw.name)
             return pa.nulls(rows, pa.float64())
-        if given is not None:
-            return given.fill_null(declared)
+        if sigma is not None:
+            return sigma.fill_null(declared)
         if self._declared is None or len(self._declared) < rows:
             self._declared = pa.array(np.full(max(rows, _MANY >> 3), declared))
         return self._declared.slice(0, rows)
@@ -324,12 +324,12 @@ class Points:
 
     def _sampled(self) -> dict[tuple[int, str], dict[str, Array]]:
         """Return points of a few poses: by pose and body, target to coordinates in mm."""
-        found: dict[tuple[int, str], dict[str, Array]] = {}
+        samples: dict[tuple[int, str], dict[str, Array]] = {}
         for poses, labels, points in self.sample:
             for pose, label, point in zip(poses.tolist(), labels.tolist(), points, strict=True):
                 body, target = self._ledger.labels.values[label]  # type: ignore[misc]
-                found.setdefault((pose, body), {})[target] = point
-        return found
+                samples.setdefault((pose, body), {})[target] = point
+        return samples
 
     def _check_duplicates(self) -> None:
         for rows in self._ledger.duplicates():
@@ -352,9 +352,9 @@ class Points:
             if self.expected.bodies and body not in self.expected.bodies:
                 hint = did_you_mean(body, self.expected.bodies) or f"; there are {', '.join(self.expected.bodies)}"
                 row, count = self._ledger.rows_of(body)
-                own, record = self._ledger.origin(row)
+                origin, record = self._ledger.origin(row)
                 faults = CellFaults(f"a body of the mechanism{hint}", "body", ((record, body),), count)
-                self.log.cells(own.raw.name, faults, own.locate)
+                self.log.cells(origin.raw.name, faults, origin.locate)
         for body in dict.fromkeys((*self.expected.always, *filter(None, (self.expected.reference,)))):
             if body not in bodies:
                 text = f"points of body {body}; there are points of {', '.join(bodies)}{did_you_mean(body, bodies)}"

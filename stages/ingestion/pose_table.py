@@ -59,61 +59,63 @@ _VECTOR_SIGMAS = tuple(f"sigma_{name}" for name in ROTATION_VECTOR)
 _EULER_SIGMAS = tuple(f"sigma_{name}" for name in EULER)
 
 
-def rotation_columns(found: CollectedRows, log: FaultLog) -> tuple[str, ...] | None:
+def rotation_columns(collected: CollectedRows, log: FaultLog) -> tuple[str, ...] | None:
     """Return the columns of the rotation; None, with a fault, if no or several notations are present."""
-    names = set(found.table.column_names)
+    names = set(collected.table.column_names)
     begun = {words: columns for words, columns in _FAMILIES.items() if names & set(columns)}
     if len(begun) != 1:
         text = " | ".join(_FAMILIES)
         value = " and ".join(begun) or None
-        log.add(Fault(found.first_file, f"one kind of rotation: {text}", column="poses", value=value))
+        log.add(Fault(collected.first_file, f"one kind of rotation: {text}", column="poses", value=value))
         return None
     (columns,) = begun.values()
     missing = [name for name in columns if name not in names]
     for name in missing:
-        log.add(Fault(found.first_file, f"a column {name}, as there is {sorted(names & set(columns))[0]}", column=name))
+        log.add(
+            Fault(collected.first_file, f"a column {name}, as there is {sorted(names & set(columns))[0]}", column=name)
+        )
     return None if missing else columns
 
 
-def rotations(found: CollectedRows, columns: Sequence[str], euler: str | None, log: FaultLog) -> Array:
+def rotations(collected: CollectedRows, columns: Sequence[str], euler: str | None, log: FaultLog) -> Array:
     """Return the rotation (N, 3, 3) of each row, body to parent; NaN, with a fault, if the row gives no rotation."""
-    values = np.column_stack([numbers(found, name) for name in columns])
+    values = np.column_stack([numbers(collected, name) for name in columns])
     if tuple(columns) == QUATERNION:
-        return _of_quaternions(found, values, log)
+        return _rotations_of_quaternions(collected, values, log)
     if tuple(columns) == ROTATION_VECTOR:
-        return _of_vectors(found, values, log)
+        return _rotations_of_vectors(collected, values, log)
     if tuple(columns) == EULER:
-        return _of_euler(found, values, euler, log)
-    return _of_matrices(found, values.reshape(-1, 3, 3), log)
+        return _rotations_of_euler(collected, values, euler, log)
+    return _rotations_of_matrices(collected, values.reshape(-1, 3, 3), log)
 
 
-def _of_quaternions(found: CollectedRows, q: Array, log: FaultLog) -> Array:
+def _rotations_of_quaternions(collected: CollectedRows, q: Array, log: FaultLog) -> Array:
     from scipy.spatial.transform import Rotation
 
     norm = np.linalg.norm(q, axis=1)
     wrong = np.abs(norm - 1.0) > _ROUNDED
-    found.fault(log, wrong, "qw", "a unit quaternion: qw² + qx² + qy² + qz² = 1")
+    collected.fault(log, wrong, "qw", "a unit quaternion: qw² + qx² + qy² + qz² = 1")
     good = np.isfinite(norm) & ~wrong
     R = np.full((len(q), 3, 3), np.nan)
     R[good] = Rotation.from_quat(q[good], scalar_first=True).as_matrix()
     return R
 
 
-def _of_vectors(found: CollectedRows, vectors: Array, log: FaultLog) -> Array:
+def _rotations_of_vectors(collected: CollectedRows, vectors: Array, log: FaultLog) -> Array:
     length = np.linalg.norm(vectors, axis=1)
     wrong = length > _FULL_TURN
     degrees = ", ".join(f'{name} = "deg"' for name in ROTATION_VECTOR)
     expected = f"a rotation vector of at most 2 pi rad; did you mean degrees, units = {{ {degrees} }}?"
     at = np.argmax(np.abs(np.nan_to_num(vectors)), axis=1)
     for number, name in enumerate(ROTATION_VECTOR):
-        found.fault(log, np.asarray(wrong & (at == number)), name, expected)
+        collected.fault(log, np.asarray(wrong & (at == number)), name, expected)
     R = np.full((len(vectors), 3, 3), np.nan)
     good = np.isfinite(length) & ~wrong
     R[good] = exp_so3(vectors[good])
     return R
 
 
-def _of_euler(found: CollectedRows, angles: Array, order: str | None, log: FaultLog) -> Array:
+def _rotations_of_euler(collected: CollectedRows, angles: Array, order: str | None, log: FaultLog) -> Array:
     from scipy.spatial.transform import Rotation
 
     R = np.full((len(angles), 3, 3), np.nan)
@@ -123,34 +125,36 @@ def _of_euler(found: CollectedRows, angles: Array, order: str | None, log: Fault
         return R
     wrong: Mask = np.abs(angles) > 360.0 * (1.0 + 1e-9)
     for angle, name in zip(wrong.T, EULER, strict=True):
-        found.fault(log, angle, name, "an angle of at most 360 deg either way")
+        collected.fault(log, angle, name, "an angle of at most 360 deg either way")
     good = np.isfinite(angles).all(axis=1) & ~wrong.any(axis=1)
     R[good] = Rotation.from_euler(order, angles[good], degrees=True).as_matrix()
     return R
 
 
-def _of_matrices(found: CollectedRows, M: Array, log: FaultLog) -> Array:
+def _rotations_of_matrices(collected: CollectedRows, M: Array, log: FaultLog) -> Array:
     known = np.asarray(np.isfinite(M).all(axis=(1, 2)))
     M = np.where(known[:, None, None], M, np.eye(3))
     off = np.abs(np.swapaxes(M, 1, 2) @ M - np.eye(3)).max(axis=(1, 2))
     crooked = known & (off > _ROUNDED)
     mirrored = known & ~crooked & (np.linalg.det(M) < 0.0)
     skewed = "a rotation matrix: rows of length 1 at right angles"
-    found.fault(log, crooked, "m00", skewed)
-    found.fault(log, mirrored, "m00", "a rotation: this matrix mirrors (determinant -1); an axis has the wrong sign")
+    collected.fault(log, crooked, "m00", skewed)
+    collected.fault(
+        log, mirrored, "m00", "a rotation: this matrix mirrors (determinant -1); an axis has the wrong sign"
+    )
     U, _, Vt = np.linalg.svd(M)
     good = known & ~crooked & ~mirrored
     return np.where(good[:, None, None], U @ Vt, np.nan)
 
 
-def check_last_row(found: CollectedRows, log: FaultLog) -> None:
+def check_last_row(collected: CollectedRows, log: FaultLog) -> None:
     """Check that the last row of a 4x4 matrix is 0 0 0 1; a translation there means a transposed matrix."""
-    names = found.table.column_names
+    names = collected.table.column_names
     for name in (name for name in LAST_ROW if name in names):
-        values = numbers(found, name)
+        values = numbers(collected, name)
         wanted = 1.0 if name == "m33" else 0.0
         expected = f"{wanted:g} in the last row of a 4x4 matrix; one with its translation there is written by columns"
-        found.fault(log, np.abs(values - wanted) > _ROUNDED, name, expected)
+        collected.fault(log, np.abs(values - wanted) > _ROUNDED, name, expected)
 
 
 @dataclass(frozen=True)
@@ -178,47 +182,47 @@ def read_poses(source: CampaignFiles, settings: Any, expected: ExpectedPoints, l
     """Return the measured poses of the campaign; None without a pose table. Faults go into ``log``."""
     if not source.entries("poses"):
         return None
-    found = collect_rows(source, POSES, log, "pose")
-    if found is None or not {"pose", "body"} <= set(found.table.column_names):
+    rows = collect_rows(source, POSES, log, "pose")
+    if rows is None or not {"pose", "body"} <= set(rows.table.column_names):
         return None
-    check_unique_keys(found, log, "pose", "body")
-    _check_names(found, expected, log)
-    columns = rotation_columns(found, log)
-    places = _place_columns(found, log)
+    check_unique_keys(rows, log, "pose", "body")
+    _check_names(rows, expected, log)
+    columns = rotation_columns(rows, log)
+    places = _place_columns(rows, log)
     if columns is None or places is None:
         return None
-    found = _without_missing(found, (*places, *columns), log)
-    R = rotations(found, columns, settings.poses.euler, log)
-    check_last_row(found, log)
-    p = 1e-3 * np.column_stack([numbers(found, name) for name in places])
-    covariance = _covariance(found, columns, R, settings, log)
-    files = tuple(dict.fromkeys(file.raw.name for file, _ in found.parts))
-    bodies = tuple(dict.fromkeys(found.table.column("body").to_pylist()))
-    return PoseTable(_table(found, p, R, covariance, expected), bodies, files, found.left_out)
+    rows = _without_missing(rows, (*places, *columns), log)
+    R = rotations(rows, columns, settings.poses.euler, log)
+    check_last_row(rows, log)
+    p = 1e-3 * np.column_stack([numbers(rows, name) for name in places])
+    covariance = _covariance(rows, columns, R, settings, log)
+    files = tuple(dict.fromkeys(file.raw.name for file, _ in rows.parts))
+    bodies = tuple(dict.fromkeys(rows.table.column("body").to_pylist()))
+    return PoseTable(_table(rows, p, R, covariance, expected), bodies, files, rows.left_out)
 
 
-def _check_names(found: CollectedRows, expected: ExpectedPoints, log: FaultLog) -> None:
+def _check_names(collected: CollectedRows, expected: ExpectedPoints, log: FaultLog) -> None:
     known = set(map(str, expected.poses.to_pylist()))
-    unknown = np.array([str(pose) not in known for pose in found.table.column("pose").to_pylist()], dtype=bool)
+    unknown = np.array([str(pose) not in known for pose in collected.table.column("pose").to_pylist()], dtype=bool)
     if unknown.any():
-        name = str(found.table.column("pose")[int(unknown.argmax())].as_py())
-        found.fault(log, unknown, "pose", "a pose of configurations" + meant_by([name], sorted(known)))
+        name = str(collected.table.column("pose")[int(unknown.argmax())].as_py())
+        collected.fault(log, unknown, "pose", "a pose of configurations" + meant_by([name], sorted(known)))
     if expected.bodies:
-        other = np.array([body not in expected.bodies for body in texts(found, "body")], dtype=bool)
-        near = meant_by(map(str, texts(found, "body")[other]), expected.bodies)
-        found.fault(log, other, "body", f"a body of the mechanism; there are {', '.join(expected.bodies)}{near}")
+        other = np.array([body not in expected.bodies for body in texts(collected, "body")], dtype=bool)
+        near = meant_by(map(str, texts(collected, "body")[other]), expected.bodies)
+        collected.fault(log, other, "body", f"a body of the mechanism; there are {', '.join(expected.bodies)}{near}")
 
 
 def check_bodies(poses: PoseTable, expected: ExpectedPoints, log: FaultLog) -> None:
     """Report poses without a measured pose of a required body, if the campaign has measured poses only."""
     for body in dict.fromkeys((*expected.always, *filter(None, (expected.reference,)))):
-        own = {str(p) for p, b in zip(*map(_listed(poses), ("pose", "body")), strict=True) if b == body}
-        if not own:
+        poses_of_body = {str(p) for p, b in zip(*map(_listed(poses), ("pose", "body")), strict=True) if b == body}
+        if not poses_of_body:
             cure = '; of an instrument that stood still: [measurement] frame = "campaign"' if body == "base" else ""
             text = f"poses of body {body}; there are poses of {', '.join(poses.bodies)}{cure}"
             log.add(Fault(poses.files[0], text, column="body"))
             continue
-        lost = [str(p) for p in dict.fromkeys(_listed(poses)("pose")) if str(p) not in own]
+        lost = [str(p) for p in dict.fromkeys(_listed(poses)("pose")) if str(p) not in poses_of_body]
         if body in expected.always and lost:
             text = f"a pose of body {body} wherever another body has one"
             log.add(Fault(poses.files[0], text, column="body", value=f"none in pose {lost[0]}", more=len(lost) - 1))
@@ -228,37 +232,37 @@ def _listed(poses: PoseTable) -> Any:
     return lambda name: poses.table.column(name).to_pylist()
 
 
-def _place_columns(found: CollectedRows, log: FaultLog) -> tuple[str, ...] | None:
-    names = set(found.table.column_names)
+def _place_columns(collected: CollectedRows, log: FaultLog) -> tuple[str, ...] | None:
+    names = set(collected.table.column_names)
     places = next((kind for kind in (COORDINATES, _TRANSLATIONS) if names & set(kind)), COORDINATES)
     missing = [name for name in places if name not in names]
     for name in missing:
-        log.add(Fault(found.first_file, f"a column {name}: where the origin of the body is", column=name))
+        log.add(Fault(collected.first_file, f"a column {name}: where the origin of the body is", column=name))
     return None if missing else places
 
 
-def _without_missing(found: CollectedRows, columns: tuple[str, ...], log: FaultLog) -> CollectedRows:
+def _without_missing(collected: CollectedRows, columns: tuple[str, ...], log: FaultLog) -> CollectedRows:
     """Return the table without incomplete rows, if the mapping declares missing values; otherwise each is a fault."""
-    empty = {name: np.isnan(numbers(found, name)) & found.without_faults(name) for name in columns}
-    declared = declared_missing(found)
+    empty = {name: np.isnan(numbers(collected, name)) & collected.without_faults(name) for name in columns}
+    declared = declared_missing(collected)
     for name, where in empty.items():
-        found.fault(log, where & ~declared, name, "a number; an empty cell has to be declared by missing")
+        collected.fault(log, where & ~declared, name, "a number; an empty cell has to be declared by missing")
     gone = np.logical_or.reduce(list(empty.values()))
-    return without_rows(found, gone, "a number of the pose means missing")
+    return without_rows(collected, gone, "a number of the pose means missing")
 
 
 # -- covariance -------------------------------------------------------------------------------------------
 
 
-def _covariance(found: CollectedRows, columns: tuple[str, ...], R: Array, settings: Any, log: FaultLog) -> Array:
+def _covariance(collected: CollectedRows, columns: tuple[str, ...], R: Array, settings: Any, log: FaultLog) -> Array:
     """Return the covariance (N, 6, 6), SI, order (p, theta): from the file, otherwise from its sigmas, otherwise as
     declared."""
-    names = set(found.table.column_names)
+    names = set(collected.table.column_names)
     if names & set(POSE_COVARIANCE):
-        return _given_covariance(found, log)
+        return _given_covariance(collected, log)
     declared = settings.noise.displacement_mm
-    place = 1e-3 * sigmas(found, COORDINATE_SIGMAS, declared, "noise.displacement_mm", _WHAT, log)
-    turned, axes = _turn_sigmas(found, columns, R, settings, log)
+    place = 1e-3 * sigmas(collected, COORDINATE_SIGMAS, declared, "noise.displacement_mm", _WHAT, log)
+    turned, axes = _turn_sigmas(collected, columns, R, settings, log)
     covariance = np.zeros((len(R), 6, 6))
     covariance[:, range(3), range(3)] = place**2
     covariance[:, 3:, 3:] = np.einsum("nik,nk,njk->nij", axes, turned**2, axes)
@@ -266,67 +270,67 @@ def _covariance(found: CollectedRows, columns: tuple[str, ...], R: Array, settin
 
 
 def _turn_sigmas(
-    found: CollectedRows, columns: tuple[str, ...], R: Array, settings: Any, log: FaultLog
+    collected: CollectedRows, columns: tuple[str, ...], R: Array, settings: Any, log: FaultLog
 ) -> tuple[Array, Array]:
     """Return sigmas (N, 3) in rad, and their rotation axes (N, 3, 3) in the parent frame, as columns."""
-    names = set(found.table.column_names)
-    own = np.broadcast_to(np.eye(3), R.shape)
+    names = set(collected.table.column_names)
+    identity = np.broadcast_to(np.eye(3), R.shape)
     if names & set(_EULER_SIGMAS):
         order = settings.poses.euler
         if columns == EULER and order is None:
-            return np.ones((len(R), 3)), own  # the order was asked for where the angles were read
+            return np.ones((len(R), 3)), identity  # the order was asked for where the angles were read
         if columns != EULER:
             expected = (
                 "sigmas of Euler angles together with Euler angles; else sigma_rx_rad, sigma_ry_rad, sigma_rz_rad"
             )
-            log.add(Fault(found.first_file, expected, column=_EULER_SIGMAS[0]))
-            return np.ones((len(R), 3)), own
-        angles = np.radians(np.column_stack([numbers(found, name) for name in EULER]))
+            log.add(Fault(collected.first_file, expected, column=_EULER_SIGMAS[0]))
+            return np.ones((len(R), 3)), identity
+        angles = np.radians(np.column_stack([numbers(collected, name) for name in EULER]))
         declared = settings.noise.rotation_rad
         in_degrees = None if declared is None else np.degrees(declared)
-        sigma = sigmas(found, _EULER_SIGMAS, in_degrees, "noise.rotation_rad", _WHAT, log)
+        sigma = sigmas(collected, _EULER_SIGMAS, in_degrees, "noise.rotation_rad", _WHAT, log)
         return np.radians(sigma), euler_axes(angles, order)
-    sigma = sigmas(found, _VECTOR_SIGMAS, settings.noise.rotation_rad, "noise.rotation_rad", _WHAT, log)
+    sigma = sigmas(collected, _VECTOR_SIGMAS, settings.noise.rotation_rad, "noise.rotation_rad", _WHAT, log)
     if columns == ROTATION_VECTOR and names & set(_VECTOR_SIGMAS):
-        vectors = np.column_stack([numbers(found, name) for name in ROTATION_VECTOR])
+        vectors = np.column_stack([numbers(collected, name) for name in ROTATION_VECTOR])
         return sigma, left_jacobian_so3(np.nan_to_num(vectors))
-    return sigma, own
+    return sigma, identity
 
 
-def _given_covariance(found: CollectedRows, log: FaultLog) -> Array:
-    names = set(found.table.column_names)
+def _given_covariance(collected: CollectedRows, log: FaultLog) -> Array:
+    names = set(collected.table.column_names)
     for name in sorted(names & {*COORDINATE_SIGMAS, *_VECTOR_SIGMAS, *_EULER_SIGMAS}):
-        log.add(Fault(found.first_file, "either covariances cov_i_j or standard deviations, not both", column=name))
-    covariance = np.zeros((len(found.table), 6, 6))
+        log.add(Fault(collected.first_file, "either covariances cov_i_j or standard deviations, not both", column=name))
+    covariance = np.zeros((len(collected.table), 6, 6))
     lacking = [name for name in (f"cov_{i}_{i}" for i in range(6)) if name not in names]
     if lacking:
         text = f"a column {lacking[0]}: a covariance has all six variances, in m², rad²"
-        log.add(Fault(found.first_file, text, column=lacking[0]))
+        log.add(Fault(collected.first_file, text, column=lacking[0]))
         return np.broadcast_to(np.eye(6), covariance.shape)
     for name in (name for name in POSE_COVARIANCE if name in names):
         i, j = int(name[4]), int(name[6])
-        values = numbers(found, name)
-        found.fault(log, np.isnan(values), name, "a number in every row")
+        values = numbers(collected, name)
+        collected.fault(log, np.isnan(values), name, "a number in every row")
         covariance[:, i, j] = covariance[:, j, i] = np.nan_to_num(values)
     diagonal = covariance[:, range(6), range(6)]
     for i in range(6):
-        check_variance(found, diagonal[:, i], f"cov_{i}_{i}", "m" if i < 3 else "rad", log)
+        check_variance(collected, diagonal[:, i], f"cov_{i}_{i}", "m" if i < 3 else "rad", log)
     scale = np.sqrt(np.where(diagonal > 0.0, diagonal, 1.0))
     least = np.linalg.eigvalsh(covariance / scale[:, :, None] / scale[:, None, :])[:, 0]
     wrong = (least < _LEAST_EIGENVALUE) & (diagonal > 0.0).all(axis=1)
-    found.fault(log, wrong, "cov_0_0", "a covariance: no correlation beyond 1, alone or together")
+    collected.fault(log, wrong, "cov_0_0", "a covariance: no correlation beyond 1, alone or together")
     return covariance
 
 
-def _table(found: CollectedRows, p: Array, R: Array, covariance: Array, expected: ExpectedPoints) -> pa.Table:
+def _table(collected: CollectedRows, p: Array, R: Array, covariance: Array, expected: ExpectedPoints) -> pa.Table:
     known = np.isfinite(R).all(axis=(1, 2)) & np.isfinite(p).all(axis=1)
     vectors = np.full((len(R), 3), np.nan)
     vectors[known] = log_so3(R[known])
     is_number = pa.types.is_int64(expected.poses.type)
-    pose = found.table.column("pose")
+    pose = collected.table.column("pose")
     columns = {
         "pose": pose if is_number and pa.types.is_int64(pose.type) else pose.cast(pa.string()),
-        "body": found.table.column("body"),
+        "body": collected.table.column("body"),
         **dict(_numbered(1e3 * p, [f"p{a}_mm" for a in "xyz"])),
         **dict(_numbered(vectors, [f"r{a}_rad" for a in "xyz"])),
         **{f"cov_{i}_{j}": _numbers(covariance[:, i, j]) for i in range(6) for j in range(i, 6)},

@@ -29,42 +29,42 @@ _KEY = ("load_axis", "load", "channel")
 
 def read_published(source: CampaignFiles, log: FaultLog) -> pa.Table | None:
     """The published values, one row each, um and arcsec; None where the campaign has none or a fault was noted."""
-    found = collect_rows(source, PUBLISHED, log)
-    if found is None:
+    rows = collect_rows(source, PUBLISHED, log)
+    if rows is None:
         return None
-    check_unique_keys(found, log, *_KEY)
-    names = [name for name, *_ in _VALUES if name in found.table.column_names]
+    check_unique_keys(rows, log, *_KEY)
+    names = [name for name, *_ in _VALUES if name in rows.table.column_names]
     if not names:
         expected = f"a column {' or '.join(name for name, *_ in _VALUES)}"
-        log.add(Fault(found.first_file, expected))
-    load = numbers(found, "load") * unit_factors(found, "load", "load_axis", KINDS, log)
-    found.fault(log, ~(load > 0.0), "load", "the size of the load of these values, above 0, N or N m")
-    _check_units(found, log)
+        log.add(Fault(rows.first_file, expected))
+    load = numbers(rows, "load") * unit_factors(rows, "load", "load_axis", KINDS, log)
+    rows.fault(log, ~(load > 0.0), "load", "the size of the load of these values, above 0, N or N m")
+    _check_units(rows, log)
     if log:
         return None
-    values = {name: _in_units(found, name, log) for name in names}
-    return None if log else _rows(found, load, values).table()
+    values = {name: _in_units(rows, name, log) for name in names}
+    return None if log else _rows(rows, load, values).table()
 
 
-def _check_units(found: CollectedRows, log: FaultLog) -> None:
+def _check_units(collected: CollectedRows, log: FaultLog) -> None:
     """Note rows whose unit is not that of their channel."""
-    if "unit" not in found.table.column_names:
+    if "unit" not in collected.table.column_names:
         return
-    unit, channel = texts(found, "unit"), texts(found, "channel")
-    for name, own in UNITS.items():
-        wrong = (channel == name) & (unit != own) & (unit != "")
-        found.fault(log, np.asarray(wrong, dtype=bool), "unit", f"{own}, the unit of {name}")
+    unit, channel = texts(collected, "unit"), texts(collected, "channel")
+    for name, units_of_column in UNITS.items():
+        wrong = (channel == name) & (unit != units_of_column) & (unit != "")
+        collected.fault(log, np.asarray(wrong, dtype=bool), "unit", f"{units_of_column}, the unit of {name}")
 
 
-def _in_units(found: CollectedRows, name: str, log: FaultLog) -> Array:
-    return numbers(found, name) * unit_factors(found, name, "channel", UNITS, log)
+def _in_units(collected: CollectedRows, name: str, log: FaultLog) -> Array:
+    return numbers(collected, name) * unit_factors(collected, name, "channel", UNITS, log)
 
 
-def _rows(found: CollectedRows, load: Array, values: dict[str, Array]) -> Rows:
-    axis, channel = texts(found, "load_axis"), texts(found, "channel")
+def _rows(collected: CollectedRows, load: Array, values: dict[str, Array]) -> Rows:
+    axis, channel = texts(collected, "load_axis"), texts(collected, "channel")
     more: dict[str, Any] = {}
-    if "figure" in found.table.column_names:
-        more["published_in"] = found.table.column("figure").to_pylist()
+    if "figure" in collected.table.column_names:
+        more["published_in"] = collected.table.column("figure").to_pylist()
     rows = Rows("published")
     for name, source, sign in _VALUES:
         known = np.flatnonzero(np.isfinite(values[name])) if name in values else np.zeros(0, int)

@@ -69,46 +69,50 @@ class Lengths:
     channels: pa.Table
 
 
-def lengths(found: CollectedRows, settings: Any, log: FaultLog) -> Lengths | None:
+def lengths(collected: CollectedRows, settings: Any, log: FaultLog) -> Lengths | None:
     """Return vacuum lengths since the first step of each run, um; several samples of a step are averaged with their
     loads and times.
 
     One ellipse per channel serves all runs, fitted to samples within the converter's range. Fringes are counted from
     sample to sample within a run. None after a fault, which is reported.
     """
-    signals = _signals(found, settings.signal_step, log)
-    channel = texts(found, "channel")
-    found.fault(log, ~np.isin(channel, LINEAR), "channel", f"one of {', '.join(LINEAR)}: an angle takes two of them")
+    signals = _signals(collected, settings.signal_step, log)
+    channel = texts(collected, "channel")
+    collected.fault(
+        log, ~np.isin(channel, LINEAR), "channel", f"one of {', '.join(LINEAR)}: an angle takes two of them"
+    )
     if log:
         return None
-    run, step = numbered(found, "run"), numbers(found, "step")
+    run, step = numbered(collected, "run"), numbers(collected, "step")
     order = np.lexsort((np.arange(len(run)), step, run))  # samples of a step are in the order of their rows
     value, sigma = np.full((2, len(run)), np.nan)
     rows = []
-    source = "column" if "sigma" in found.table.column_names else "ellipse"
+    source = "column" if "sigma" in collected.table.column_names else "ellipse"
     for name in dict.fromkeys(channel):
-        own = order[channel[order] == name]
-        reported = _channel_lengths(signals[own], run[own], settings)
-        value[own], sigma[own] = reported.length, reported.sigma
+        rows_of_channel = order[channel[order] == name]
+        reported = _channel_lengths(signals[rows_of_channel], run[rows_of_channel], settings)
+        value[rows_of_channel], sigma[rows_of_channel] = reported.length, reported.sigma
         rows.append({"channel": name, **reported.facts, "sigma_source": source})
         if not reported.fit.ok[0]:
             expected = f"signals of {name} that go round their ellipse: {reported.fit.status[0]}"
-            log.add(Fault(found.first_file, expected, column="signal_x"))
+            log.add(Fault(collected.first_file, expected, column="signal_x"))
     if log:
         return None
     table = pa.Table.from_pylist(rows, schema=ARTIFACTS["quadrature"].arrow_schema(present=("sigma_source",)))
-    readings = _by_step(found, value, sigma, log)
+    readings = _by_step(collected, value, sigma, log)
     return None if log else Lengths(readings, table)
 
 
-def _signals(found: CollectedRows, step: float | None, log: FaultLog) -> Array:
+def _signals(collected: CollectedRows, step: float | None, log: FaultLog) -> Array:
     """Return signals (N, 2), given directly or as phase and radius; in whole converter steps if the step is known."""
-    given = next((names for names in _SIGNALS if all(name in found.table.column_names for name in names)), None)
-    if given is None:
-        log.add(Fault(found.first_file, "columns signal_x and signal_y, or phase_deg and radius"))
-        return np.full((len(found.table), 2), np.nan)
-    first, second = (numbers(found, name) for name in given)
-    if given == _SIGNALS[1]:
+    names_given = next(
+        (names for names in _SIGNALS if all(name in collected.table.column_names for name in names)), None
+    )
+    if names_given is None:
+        log.add(Fault(collected.first_file, "columns signal_x and signal_y, or phase_deg and radius"))
+        return np.full((len(collected.table), 2), np.nan)
+    first, second = (numbers(collected, name) for name in names_given)
+    if names_given == _SIGNALS[1]:
         p = np.radians(first)
         first, second = second * np.cos(p), second * np.sin(p)
     signals = np.stack([first, second], -1)
@@ -132,25 +136,25 @@ def _channel_lengths(signals: Array, run: Index, settings: Any) -> _ChannelLengt
     for side in (0, 1):
         cut[saturated(signals[:, side]).where] = True
     there = np.asarray(np.isfinite(signals).all(-1))
-    kept = there & ~cut
-    whole, fit = fit_ellipse(signals), fit_ellipse(signals, kept[None])
+    is_kept = there & ~cut
+    ellipse_fit, fit = fit_ellipse(signals), fit_ellipse(signals, is_kept[None])
     phase = corrected_phase(signals[None], fit.values)
     sigma = phase_sigma(fit, phase)[0]
     wavelength = 1e-9 * settings.wavelength_nm
     length, risk = np.full(len(signals), np.nan), 0.0
-    for one in np.unique(run):
-        own = run == one
-        count = count_fringes(phase[0, own], sigma[own])
+    for number in np.unique(run):
+        rows_of_run = run == number
+        count = count_fringes(phase[0, rows_of_run], sigma[rows_of_run])
         followed = length_from_phase(count.phase, wavelength, passes=settings.passes)
-        length[own] = _UM * (followed - followed[0])
+        length[rows_of_run] = _UM * (followed - followed[0])
         risk = max(risk, float(np.nan_to_num(count.risk).max()))
     per_rad = wavelength / settings.passes / (2.0 * np.pi)
     facts = {
         "samples": len(signals),
         **dict(zip(("x0", "y0", "amplitude_x", "amplitude_y", "lag_rad"), fit.values[0].tolist(), strict=True)),
         "radius_before": float(np.nanstd(np.linalg.norm(signals, axis=-1))),
-        "radius_after": float(residual_radius(signals[None], whole.values, there[None])[0]),
-        "radius_uncut": float(residual_radius(signals[None], fit.values, kept[None])[0]),
+        "radius_after": float(residual_radius(signals[None], ellipse_fit.values, there[None])[0]),
+        "radius_uncut": float(residual_radius(signals[None], fit.values, is_kept[None])[0]),
         "radius_mean": float(np.nanmean(np.linalg.norm(signals, axis=-1))),
         "cut_share": float(cut.mean()),
         "periodic_error_um": _UM * per_rad * float(np.abs(uncorrected_error(fit.values, _TURN)).max()),
@@ -160,15 +164,15 @@ def _channel_lengths(signals: Array, run: Index, settings: Any) -> _ChannelLengt
     return _ChannelLengths(fit, length, _UM * per_rad * sigma, facts)
 
 
-def _by_step(found: CollectedRows, value: Array, sigma: Array, log: FaultLog) -> CollectedRows:
+def _by_step(collected: CollectedRows, value: Array, sigma: Array, log: FaultLog) -> CollectedRows:
     """Return one row per run, step and channel, with the mean reading of its samples and the sigma of one sample.
 
     Samples during a change of load only serve to count fringes. Readings are relative to the first step with a reading.
     """
-    table = found.table.append_column("reading", pa.array(value))
+    table = collected.table.append_column("reading", pa.array(value))
     if "sigma" not in table.column_names:
         table = table.append_column("sigma", pa.array(np.maximum(sigma, SIGMA_BOUNDS["um"][0])))
-    made = averaged(replace(found, table=table), log)
+    made = averaged(replace(collected, table=table), log)
     reading = numbers(made, "reading")
     place = made.table.column_names.index("reading")
     table = made.table.set_column(place, "reading", pa.array(reading - reading[_first_of_run(made)]))
@@ -181,10 +185,10 @@ def _by_step(found: CollectedRows, value: Array, sigma: Array, log: FaultLog) ->
     return replace(made, table=table.append_column("time_s", pa.array(time)))
 
 
-def _first_of_run(found: CollectedRows) -> Index:
+def _first_of_run(collected: CollectedRows) -> Index:
     """Return for each row (N,) the row of the first step with a reading, of the same run and channel."""
-    pair = numbered(found, "run", "channel")
-    order = np.lexsort((numbers(found, "step"), ~np.isfinite(numbers(found, "reading")), pair))
+    pair = numbered(collected, "run", "channel")
+    order = np.lexsort((numbers(collected, "step"), ~np.isfinite(numbers(collected, "reading")), pair))
     _, start = np.unique(pair[order], return_index=True)
     return np.asarray(order[start][pair])
 
@@ -210,28 +214,28 @@ class ReadingTable(SmallTable):
 
 def read_readings(source: CampaignFiles, settings: Any, log: FaultLog) -> ReadingTable | None:
     """Return readings from interferometer.csv, displacement.csv or raw signals; None without any of these."""
-    own, six = source.entries("interferometer"), source.entries("displacement")
+    interferometer, six = source.entries("interferometer"), source.entries("displacement")
     raw = source.entries("quadrature")
-    if own and six:
+    if interferometer and six:
         log.add(Fault(six[0].paths[0], "no displacement beside readings of an interferometer: it replaces them"))
-    if raw and (own or six):
+    if raw and (interferometer or six):
         log.add(Fault(raw[0].paths[0], "no raw signals beside the readings that they become"))
     if six:
         _check_complete(settings.interferometer, log)
-    shape = QUADRATURE if raw else INTERFEROMETER if own else DISPLACEMENT
-    found, channels = collect_rows(source, shape, log, "run"), None
-    if found is None:
+    shape = QUADRATURE if raw else INTERFEROMETER if interferometer else DISPLACEMENT
+    rows, channels = collect_rows(source, shape, log, "run"), None
+    if rows is None:
         return None
     if raw:
-        made = lengths(found, settings.interferometer, log)
+        made = lengths(rows, settings.interferometer, log)
         if made is None:
             return None
-        own, found, channels = raw, made.readings, made.channels
-    elif own and settings.interferometer.average_samples and not log:
-        found = averaged(found, log)
+        interferometer, rows, channels = raw, made.readings, made.channels
+    elif interferometer and settings.interferometer.average_samples and not log:
+        rows = averaged(rows, log)
         if log:
             return None
-    table = reading_table(found, settings, log, by_channel=bool(own))
+    table = reading_table(rows, settings, log, by_channel=bool(interferometer))
     if table is None:
         return None
     if any(entry.time_format for entry in source.entries(shape.name)):
@@ -248,37 +252,37 @@ def _check_complete(optics: Interferometer, log: FaultLog) -> None:
             log.add(Fault("campaign.toml", expected, column=f"interferometer.{name}"))
 
 
-def reading_table(found: CollectedRows, settings: Any, log: FaultLog, *, by_channel: bool) -> ReadingTable | None:
+def reading_table(collected: CollectedRows, settings: Any, log: FaultLog, *, by_channel: bool) -> ReadingTable | None:
     """Return the readings of an assembled table with one row per step and channel, or per step; None after a fault."""
     key = ("run", "step", "channel") if by_channel else ("run", "step")
-    found, loads = checked_steps(found, key, settings.loading, log, _SAMPLES if by_channel else "")
-    check_one_load(found, numbered(found, "run", "step"), loads, log)
-    readings = (_of_interferometer if by_channel else _of_displacement)(found, settings, log)
-    left_out = dict(found.left_out)
-    if gone := len(found.table) - len(np.unique(readings.row)):
-        left_out[(found.first_file, "rows without any reading")] = gone
+    collected, loads = checked_steps(collected, key, settings.loading, log, _SAMPLES if by_channel else "")
+    check_one_load(collected, numbered(collected, "run", "step"), loads, log)
+    readings = (_interferometer_readings if by_channel else _displacement_readings)(collected, settings, log)
+    left_out = dict(collected.left_out)
+    if gone := len(collected.table) - len(np.unique(readings.row)):
+        left_out[(collected.first_file, "rows without any reading")] = gone
     if log:
         return None
-    table = as_artifact("readings", _table(found, loads, readings))
+    table = as_artifact("readings", _table(collected, loads, readings))
     return ReadingTable(table, left_out, corrections=readings.corrections)
 
 
-def _of_interferometer(found: CollectedRows, settings: Any, log: FaultLog) -> _Readings:
-    channel, given = texts(found, "channel"), numbers(found, "reading")
-    there = ~np.isnan(given)
-    empty = np.asarray(found.table.column("reading").is_null())
-    found.fault(log, empty & ~declared_missing(found), "reading", _EMPTY)
-    value = given * unit_factors(found, "reading", "channel", UNITS, log)
+def _interferometer_readings(collected: CollectedRows, settings: Any, log: FaultLog) -> _Readings:
+    channel, readings = texts(collected, "channel"), numbers(collected, "reading")
+    there = ~np.isnan(readings)
+    empty = np.asarray(collected.table.column("reading").is_null())
+    collected.fault(log, empty & ~declared_missing(collected), "reading", _EMPTY)
+    value = readings * unit_factors(collected, "reading", "channel", UNITS, log)
     for name, unit in UNITS.items():
-        found.fault(log, (channel == name) & (np.abs(value) > _FURTHEST[unit]), "reading", _size_expected(unit))
-    value, corrections = corrected(found, value, settings.interferometer, log)
+        collected.fault(log, (channel == name) & (np.abs(value) > _FURTHEST[unit]), "reading", _size_expected(unit))
+    value, corrections = corrected(collected, value, settings.interferometer, log)
     declared = _declared_sigmas(settings.noise)
     sigma = np.array([declared[UNITS.get(name, "um")] for name in channel], dtype=float)
-    if "sigma" in found.table.column_names:
-        own = numbers(found, "sigma") * unit_factors(found, "sigma", "channel", UNITS, log)
+    if "sigma" in collected.table.column_names:
+        sigmas = numbers(collected, "sigma") * unit_factors(collected, "sigma", "channel", UNITS, log)
         for name, unit in UNITS.items():
-            check_sigma(found, np.where(channel == name, own, np.nan), "sigma", unit, log)
-        sigma = np.where(np.isnan(own), sigma, own)
+            check_sigma(collected, np.where(channel == name, sigmas, np.nan), "sigma", unit, log)
+        sigma = np.where(np.isnan(sigmas), sigma, sigmas)
     return _Readings(np.flatnonzero(there), channel[there], value[there], sigma[there], corrections)
 
 
@@ -291,39 +295,41 @@ def _or_nan(value: float | None) -> float:
     return np.nan if value is None else float(value)
 
 
-def _of_displacement(found: CollectedRows, settings: Any, log: FaultLog) -> _Readings:
+def _displacement_readings(collected: CollectedRows, settings: Any, log: FaultLog) -> _Readings:
     """Return readings from displacements; a component without a column or value was not measured."""
-    given = [k for k, name in enumerate(MOTION) if name in found.table.column_names]
-    if not given:
-        log.add(Fault(found.first_file, f"at least one of the columns {', '.join(MOTION)}"))
+    components_given = [k for k, name in enumerate(MOTION) if name in collected.table.column_names]
+    if not components_given:
+        log.add(Fault(collected.first_file, f"at least one of the columns {', '.join(MOTION)}"))
     factor = {"um": _UM_PER_MM, "arcsec": _ARCSEC_PER_RAD}
     noise = settings.noise
-    own = {"um": noise.displacement_mm, "arcsec": noise.rotation_rad}
+    noise_of_unit = {"um": noise.displacement_mm, "arcsec": noise.rotation_rad}
     of_readings = _declared_sigmas(noise)
-    declared = {u: of_readings[u] / factor[u] if sigma is None else float(sigma) for u, sigma in own.items()}
-    units = [UNITS[CHANNELS[k]] for k in given]
-    value = np.full((len(found.table), len(given)), np.nan)
-    for column, k in enumerate(given):
+    declared = {u: of_readings[u] / factor[u] if sigma is None else float(sigma) for u, sigma in noise_of_unit.items()}
+    units = [UNITS[CHANNELS[k]] for k in components_given]
+    value = np.full((len(collected.table), len(components_given)), np.nan)
+    for column, k in enumerate(components_given):
         unit = units[column]
-        value[:, column] = numbers(found, MOTION[k]) * factor[unit]
-        found.fault(log, np.abs(value[:, column]) > _FURTHEST[unit], MOTION[k], _size_expected(unit))
+        value[:, column] = numbers(collected, MOTION[k]) * factor[unit]
+        collected.fault(log, np.abs(value[:, column]) > _FURTHEST[unit], MOTION[k], _size_expected(unit))
     row, at = np.nonzero(~np.isnan(value))
     sigma = np.array([declared[unit] * factor[unit] for unit in units])
-    return _Readings(row, np.array(CHANNELS, object)[np.array(given, int)[at]], value[row, at], sigma[at])
+    return _Readings(row, np.array(CHANNELS, object)[np.array(components_given, int)[at]], value[row, at], sigma[at])
 
 
 def _size_expected(unit: str) -> str:
     return "less than a metre; is the unit right?" if unit == "um" else "less than a radian; is the unit right?"
 
 
-def _table(found: CollectedRows, loads: Array, readings: _Readings) -> pa.Table:
+def _table(collected: CollectedRows, loads: Array, readings: _Readings) -> pa.Table:
     """Return the long table, ordered by run as in the file, step and channel."""
-    run, step = numbered(found, "run")[readings.row], numbers(found, "step")[readings.row]
+    run, step = numbered(collected, "run")[readings.row], numbers(collected, "step")[readings.row]
     channel = np.array([CHANNELS.index(name) for name in readings.channel], dtype=np.int64)
     order = np.lexsort((channel, step, run))
     row = readings.row[order]
-    own = {"load_axis", "load", "reading", "channel", "sigma", *MOTION, *WRENCH}
-    table = found.table.select([name for name in found.table.column_names if name not in own]).take(row)
+    used_columns = {"load_axis", "load", "reading", "channel", "sigma", *MOTION, *WRENCH}
+    table = collected.table.select([name for name in collected.table.column_names if name not in used_columns]).take(
+        row
+    )
     for k, name in enumerate(WRENCH):
         table = table.append_column(name, pa.array(loads[row, k]))
     names = readings.channel[order]

@@ -137,7 +137,7 @@ def window(order: PoseTimes, from_pose: object, to_pose: object, column: str, lo
 
 def declared_relabelling(settings: Any, order: PoseTimes, survey: pa.Table | None, log: FaultLog) -> Relabelling:
     """Return the rules of [[renamed]]; reports contradictions among them, with the survey or with the poses."""
-    found = []
+    relabellings = []
     for number, entry in enumerate(settings.renamed, 1):
         column = f"renamed.{number}"
         places = window(order, entry.from_pose, entry.to_pose, column, log)
@@ -150,24 +150,24 @@ def declared_relabelling(settings: Any, order: PoseTimes, survey: pa.Table | Non
         if places is not None:
             why = ": ".join(filter(None, (entry.by, entry.reason)))
             poses = (None if pose is None else str(pose) for pose in (entry.from_pose, entry.to_pose))
-            found.append(Relabel(entry.body, entry.called, entry.target, *places, column, why, *poses))
-    for one, other in combinations(found, 2):
-        for fault in _contradictions(one, other):
+            relabellings.append(Relabel(entry.body, entry.called, entry.target, *places, column, why, *poses))
+    for first, other in combinations(relabellings, 2):
+        for fault in _contradictions(first, other):
             log.add(fault)
-    return Relabelling(order, tuple(found))
+    return Relabelling(order, tuple(relabellings))
 
 
-def _contradictions(one: Relabel, other: Relabel) -> Iterator[Fault]:
-    if not one.overlaps(other):
+def _contradictions(first: Relabel, other: Relabel) -> Iterator[Fault]:
+    if not first.overlaps(other):
         return
-    if one.called == other.called and one.target != other.target:
-        text = f"one target for {one.called} of body {one.body} in one pose; {one.column} says {one.target}"
+    if first.called == other.called and first.target != other.target:
+        text = f"one target for {first.called} of body {first.body} in one pose; {first.column} says {first.target}"
         yield Fault(_FILE, text, column=f"{other.column}.target", value=other.target)
-    elif one.called == other.called:
-        text = f"a name once in one pose; {one.column} says the same of {one.called}"
+    elif first.called == other.called:
+        text = f"a name once in one pose; {first.column} says the same of {first.called}"
         yield Fault(_FILE, text, column=f"{other.column}.called", value=other.called)
-    elif one.target == other.target:
-        text = f"one name for {one.target} of body {one.body} in one pose; {one.column} says {one.called}"
+    elif first.target == other.target:
+        text = f"one name for {first.target} of body {first.body} in one pose; {first.column} says {first.called}"
         yield Fault(_FILE, text, column=f"{other.column}.called", value=other.called)
 
 

@@ -31,33 +31,35 @@ _PER_N = 1.0  # mV per N of a leg, where no sensitivity is declared
 
 def read_signals(source: CampaignFiles, settings: Any, readings: pa.Table | None, log: FaultLog) -> SmallTable | None:
     """Return the signals; None if the campaign has none. Steps that the readings contain take their time from these."""
-    found = collect_rows(source, SIGNALS, log, "run")
-    table = None if found is None else signal_table(found, settings, readings, log)
+    rows = collect_rows(source, SIGNALS, log, "run")
+    table = None if rows is None else signal_table(rows, settings, readings, log)
     if table is not None and any(entry.time_format for entry in source.entries("signals")):
         table.table = since_first(table.table)
     return table
 
 
-def signal_table(found: CollectedRows, settings: Any, readings: pa.Table | None, log: FaultLog) -> SmallTable | None:
+def signal_table(
+    collected: CollectedRows, settings: Any, readings: pa.Table | None, log: FaultLog
+) -> SmallTable | None:
     """Return the signals of an assembled table with one row per step; None after a fault."""
-    found, loads = checked_steps(found, ("run", "step"), settings.loading, log)
-    if any(name in found.table.column_names for name in SHOWN):
-        found = with_leg_signals(found, settings, log)
+    collected, loads = checked_steps(collected, ("run", "step"), settings.loading, log)
+    if any(name in collected.table.column_names for name in SHOWN):
+        collected = with_leg_signals(collected, settings, log)
         if log:
             return None
-    _check_channels(found, settings.signals.sensitivity_mv_per_n, log)
-    same = _same_step(found, readings)
+    _check_channels(collected, settings.signals.sensitivity_mv_per_n, log)
+    same = _same_step(collected, readings)
     if readings is not None:
         known = np.column_stack([readings.column(name).to_numpy() for name in WRENCH])
-        check_same_loads(found, loads, _where_known(known, same), log)
+        check_same_loads(collected, loads, _where_known(known, same), log)
     if log:
         return None
-    time = _times(found, readings, same)
-    own = {"load_axis", "load", "time_s", *WRENCH}
-    table = found.table.select([name for name in found.table.column_names if name not in own])
+    time = _times(collected, readings, same)
+    used_columns = {"load_axis", "load", "time_s", *WRENCH}
+    table = collected.table.select([name for name in collected.table.column_names if name not in used_columns])
     table = _with_numbers(table, {"time_s": time, **{name: loads[:, k] for k, name in enumerate(WRENCH)}})
-    order = np.lexsort((numbers(found, "step"), numbered(found, "run")))
-    return SmallTable(as_artifact("signals", table.take(order)), dict(found.left_out))
+    order = np.lexsort((numbers(collected, "step"), numbered(collected, "run")))
+    return SmallTable(as_artifact("signals", table.take(order)), dict(collected.left_out))
 
 
 def _with_numbers(table: pa.Table, columns: dict[str, Array]) -> pa.Table:
@@ -66,28 +68,28 @@ def _with_numbers(table: pa.Table, columns: dict[str, Array]) -> pa.Table:
     return table
 
 
-def _check_channels(found: CollectedRows, sensitivity: Any, log: FaultLog) -> None:
-    names = [name for name in found.table.column_names if SIGNAL.fullmatch(name)]
+def _check_channels(collected: CollectedRows, sensitivity: Any, log: FaultLog) -> None:
+    names = [name for name in collected.table.column_names if SIGNAL.fullmatch(name)]
     wanted = [f"v{number + 1}_mv" for number in range(max(len(names), 1))]
     if sorted(names) != sorted(wanted) or not all(COLUMNS["signal"].matches(name) for name in wanted):
         expected = "signals in columns v1_mv, v2_mv, .. without a gap, up to v8_mv"
-        log.add(Fault(found.first_file, expected, value=", ".join(names) or None))
+        log.add(Fault(collected.first_file, expected, value=", ".join(names) or None))
     if isinstance(sensitivity, tuple) and names and len(sensitivity) != len(names):
-        expected = f"one number, or one for each of the {len(names)} signals of {found.first_file}"
+        expected = f"one number, or one for each of the {len(names)} signals of {collected.first_file}"
         log.add(
             Fault("campaign.toml", expected, column="signals.sensitivity_mv_per_n", value=f"{len(sensitivity)} numbers")
         )
 
 
-def _same_step(found: CollectedRows, readings: pa.Table | None) -> Index:
+def _same_step(collected: CollectedRows, readings: pa.Table | None) -> Index:
     """Return for each row (N,) the first row of the readings with the same run and step; -1 if there is none."""
     if readings is None:
-        return np.full(len(found.table), -1)
+        return np.full(len(collected.table), -1)
     place: dict[tuple[str, object], int] = {}
     columns = (readings.column(name).to_pylist() for name in ("run", "step"))
     for row, (run, step) in enumerate(zip(*columns, strict=True)):
         place.setdefault((str(run), step), row)
-    mine = zip(texts(found, "run"), texts(found, "step"), strict=True)
+    mine = zip(texts(collected, "run"), texts(collected, "step"), strict=True)
     return np.array([place.get((str(run), step), -1) for run, step in mine], dtype=np.int64)
 
 
@@ -98,37 +100,41 @@ def _where_known(values: Array, same: Index) -> Array:
     return known
 
 
-def _times(found: CollectedRows, readings: pa.Table | None, same: Index) -> Array:
-    own = numbers(found, "time_s") if "time_s" in found.table.column_names else np.full(len(found.table), np.nan)
+def _times(collected: CollectedRows, readings: pa.Table | None, same: Index) -> Array:
+    times = (
+        numbers(collected, "time_s")
+        if "time_s" in collected.table.column_names
+        else np.full(len(collected.table), np.nan)
+    )
     if readings is not None and len(readings):
         theirs = _where_known(readings.column("time_s").to_numpy(), same)
-        own = np.where(np.isnan(theirs), own, theirs)
-    return times_from_order(numbered(found, "run"), numbers(found, "step"), own)
+        times = np.where(np.isnan(theirs), times, theirs)
+    return times_from_order(numbered(collected, "run"), numbers(collected, "step"), times)
 
 
-def with_leg_signals(found: CollectedRows, settings: Any, log: FaultLog) -> CollectedRows:
+def with_leg_signals(collected: CollectedRows, settings: Any, log: FaultLog) -> CollectedRows:
     """Return the table with signals v1_mv .. v6_mv from a displayed wrench: its leg forces times the sensitivity."""
-    names = found.table.column_names
+    names = collected.table.column_names
     signals = [name for name in names if COLUMNS["signal"].matches(name)]
     if signals or any(name not in names for name in SHOWN):
         expected = f"either the signals of the legs, or all of {', '.join(SHOWN)}"
-        log.add(Fault(found.first_file, expected, value=", ".join([*signals, *(n for n in SHOWN if n in names)])))
+        log.add(Fault(collected.first_file, expected, value=", ".join([*signals, *(n for n in SHOWN if n in names)])))
     if settings.mechanism.type != "6-upur":
         expected = '[mechanism] type = "6-upur": the geometry of the legs turns the shown wrench into their forces'
         log.add(Fault("campaign.toml", expected, column="mechanism.type", value=settings.mechanism.type))
     if log:
-        return found
+        return collected
     from truing.simulation.bench.six_upur.influence import influence_matrix
     from truing.stages.common.sensor_elements import sensor_joints
 
     G = influence_matrix(sensor_joints(settings.mechanism))
     if np.linalg.cond(G) > _SINGULAR:
         log.add(Fault("campaign.toml", "legs that carry every load, not parallel ones", column="mechanism.legs"))
-        return found
-    shown = np.column_stack([numbers(found, name) for name in SHOWN])
+        return collected
+    shown = np.column_stack([numbers(collected, name) for name in SHOWN])
     sensitivity = np.broadcast_to(settings.signals.sensitivity_mv_per_n or _PER_N, 6)
     reported = np.linalg.solve(G, shown.T).T * sensitivity
-    table = found.table.select([name for name in names if name not in SHOWN])
+    table = collected.table.select([name for name in names if name not in SHOWN])
     for leg in range(6):
         table = table.append_column(f"v{leg + 1}_mv", pa.array(reported[:, leg]))
-    return replace(found, table=table)
+    return replace(collected, table=table)

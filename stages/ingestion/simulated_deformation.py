@@ -28,8 +28,8 @@ def read_simulated_deformation(source: CampaignFiles, legs: int, log: FaultLog) 
     lines = None if file is None else read_lines(file, "deformation_file", log)
     if file is None or lines is None:
         return None
-    found = _FileOfDeformation(file, legs, log, source.is_outside(file)).read(lines)
-    return None if found is None else _long(*found)
+    deformation = _FileOfDeformation(file, legs, log, source.is_outside(file)).read(lines)
+    return None if deformation is None else _long(*deformation)
 
 
 class _FileOfDeformation:
@@ -44,13 +44,13 @@ class _FileOfDeformation:
         """Entries (L, L) and their standard deviations (L, L); None where a fault was noted."""
         names = [name.casefold() for name in lines[0][1]] if lines else []
         if set(names) & set(_ENTRIES):
-            found = self._entries(names, lines[1:])
+            entries = self._entries(names, lines[1:])
         elif set(names) & {*self.drives, *self.shifts}:
-            found = self._of_shifts(names, lines[1:])
+            entries = self._matrix_of_shifts(names, lines[1:])
         else:
             headed = bool(names) and all(np.isnan(number_of(name)) for name in names)
-            found = self._matrix(lines[1:] if headed else lines)
-        return None if found is None or not self._is_plausible(*found) else found
+            entries = self._matrix(lines[1:] if headed else lines)
+        return None if entries is None or not self._is_plausible(*entries) else entries
 
     def _matrix(self, rows: list[Line]) -> tuple[Array, Array] | None:
         if len(rows) != self.legs:
@@ -61,8 +61,8 @@ class _FileOfDeformation:
             self._fault(expected, value=count(len(rows), "row"))
             return None
         columns = [f"rho{i + 1}" for i in range(self.legs)]
-        found = self._numbers(rows, columns)
-        return None if found is None else (found, np.zeros_like(found))
+        numbers = self._numbers(rows, columns)
+        return None if numbers is None else (numbers, np.zeros_like(numbers))
 
     def _entries(self, names: list[str], rows: list[Line]) -> tuple[Array, Array] | None:
         table = self._table(names, rows, (*_ENTRIES, *((_SIGMA,) if _SIGMA in names else ())))
@@ -81,12 +81,12 @@ class _FileOfDeformation:
             entries[place] = values[2]
             sigma[place] = values[3] if len(values) > 3 else 0.0
         if missing := np.argwhere(np.isnan(entries)).tolist():
-            one = f"leg {missing[0][0] + 1}, column {missing[0][1] + 1}"
-            self._fault(f"all {self.legs**2} entries", value=f"{len(missing)} missing, such as {one}")
+            where = f"leg {missing[0][0] + 1}, column {missing[0][1] + 1}"
+            self._fault(f"all {self.legs**2} entries", value=f"{len(missing)} missing, such as {where}")
             return None
         return entries, sigma
 
-    def _of_shifts(self, names: list[str], rows: list[Line]) -> tuple[Array, Array] | None:
+    def _matrix_of_shifts(self, names: list[str], rows: list[Line]) -> tuple[Array, Array] | None:
         optional = (_SIGMA_UM,) if _SIGMA_UM in names else ()
         table = self._table(names, rows, (*self.drives, *self.shifts, *optional))
         if table is None:
@@ -109,18 +109,18 @@ class _FileOfDeformation:
         if sorted(names) != sorted(wanted):
             lacking = [name for name in wanted if name not in names]
             foreign = [name for name in names if name not in wanted or names.count(name) > 1]
-            found = [f"no {', '.join(lacking)}"] if lacking else []
+            faults = [f"no {', '.join(lacking)}"] if lacking else []
             if foreign:
-                found.append(count(len(foreign), "column") if self.is_outside else ", ".join(dict.fromkeys(foreign)))
-            self._fault(f"the columns {', '.join(wanted)}, each once", value="; ".join(found)[:200])
+                faults.append(count(len(foreign), "column") if self.is_outside else ", ".join(dict.fromkeys(foreign)))
+            self._fault(f"the columns {', '.join(wanted)}, each once", value="; ".join(faults)[:200])
             return None
         table = self._numbers(rows, names)
         return None if table is None else table[:, [names.index(name) for name in wanted]]
 
     def _numbers(self, rows: list[Line], columns: Sequence[str]) -> Array | None:
         expected = f"{len(columns)} numbers: {' '.join(columns)}"
-        found = numbers_of(self.file, rows, columns, expected, self.log, self.is_outside)
-        return found if np.isfinite(found).all() else None
+        numbers = numbers_of(self.file, rows, columns, expected, self.log, self.is_outside)
+        return numbers if np.isfinite(numbers).all() else None
 
     def _is_plausible(self, entries: Array, sigma: Array) -> bool:
         if (sigma < 0.0).any():

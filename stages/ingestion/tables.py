@@ -54,33 +54,33 @@ def read_configurations(
 
     ``adjusted``: points from photographs, instead of those in files.
     """
-    found = collect_rows(source, CONFIGURATIONS, log, "pose")
-    if found is None:
+    rows = collect_rows(source, CONFIGURATIONS, log, "pose")
+    if rows is None:
         if legs_of(settings) and not source.entries("configurations"):
             log.add(Fault("configurations.csv", "this file, or [files.configurations] in campaign.toml"))
         for drive in () if source.entries("configurations") else settings.campaign.drives:
             expected = "a column of configurations; there is no configurations.csv, and no [files.configurations]"
             log.add(Fault("campaign.toml", expected, column="campaign.drives", value=drive))
         return SmallTable(_in_order_of_appearance(source, adjusted))
-    check_unique_keys(found, log, "pose")
-    check_times(found, log, required=bool(legs_of(settings)))
-    _check_repeats(found, log)
-    _check_readings(found, log, settings)
-    _check_drives(found, log, settings.campaign.drives)
-    _check_loads(found, log, settings)
-    table = as_artifact("configurations", with_role_and_time(found.table))
-    return SmallTable(table, dict(found.left_out), file=found.first_file)
+    check_unique_keys(rows, log, "pose")
+    check_times(rows, log, required=bool(legs_of(settings)))
+    _check_repeats(rows, log)
+    _check_readings(rows, log, settings)
+    _check_drives(rows, log, settings.campaign.drives)
+    _check_loads(rows, log, settings)
+    table = as_artifact("configurations", with_role_and_time(rows.table))
+    return SmallTable(table, dict(rows.left_out), file=rows.first_file)
 
 
-def _check_loads(found: CollectedRows, log: FaultLog, settings: Any) -> None:
+def _check_loads(collected: CollectedRows, log: FaultLog, settings: Any) -> None:
     """Faults: rows without a load in the columns of external loads, and loads declared for legs without a stiffness
     model.
     """
     if settings.mechanism.is_legged and settings.mechanism.is_elastic:
         for name in WRENCH:
-            if name in found.table.column_names:
+            if name in collected.table.column_names:
                 expected = "a load in every row; 0 where there is none"
-                found.fault(log, ~np.isfinite(numbers(found, name)), name, expected)
+                collected.fault(log, ~np.isfinite(numbers(collected, name)), name, expected)
     elif any((*settings.load.force_n, *settings.load.torque_nm)):
         log.add(Fault("campaign.toml", _ELASTIC, column="load"))
 
@@ -117,28 +117,28 @@ def _poses_of_points(source: CampaignFiles, *, as_text: bool) -> tuple[list[obje
     return poses.values, any_text
 
 
-def check_times(found: CollectedRows, log: FaultLog, *, required: bool) -> None:
+def check_times(collected: CollectedRows, log: FaultLog, *, required: bool) -> None:
     """Report rows with the time of an earlier row, or missing times if they are required."""
-    if "time_s" not in found.table.column_names:
+    if "time_s" not in collected.table.column_names:
         if required:
-            text = f"a column time_s; it orders the poses{_mistyped_column('time_s', found)}"
-            log.add(Fault(found.first_file, text, column="time_s"))
+            text = f"a column time_s; it orders the poses{_mistyped_column('time_s', collected)}"
+            log.add(Fault(collected.first_file, text, column="time_s"))
         return
-    found.fault(log, _repeated(numbers(found, "time_s")), "time_s", "a time of its own for every row")
+    collected.fault(log, _repeated(numbers(collected, "time_s")), "time_s", "a time of its own for every row")
 
 
-def _check_repeats(found: CollectedRows, log: FaultLog) -> None:
+def _check_repeats(collected: CollectedRows, log: FaultLog) -> None:
     """Check that a repeated pose refers to another pose of the table."""
-    names = found.table.column_names
+    names = collected.table.column_names
     if "repeat_of" not in names or "pose" not in names:
         return
-    poses = [str(pose) for pose in found.table.column("pose").to_pylist()]
-    of = found.table.column("repeat_of").to_pylist()
+    poses = [str(pose) for pose in collected.table.column("pose").to_pylist()]
+    of = collected.table.column("repeat_of").to_pylist()
     known = set(poses)
     unknown = np.array([bool(other) and other not in known for other in of], dtype=bool)
-    found.fault(log, unknown, "repeat_of", "a pose of this table, or nothing")
-    own = np.array([other == pose for pose, other in zip(poses, of, strict=True)], dtype=bool)
-    found.fault(log, own, "repeat_of", "another pose than this one, or nothing")
+    collected.fault(log, unknown, "repeat_of", "a pose of this table, or nothing")
+    is_repeat = np.array([other == pose for pose, other in zip(poses, of, strict=True)], dtype=bool)
+    collected.fault(log, is_repeat, "repeat_of", "another pose than this one, or nothing")
 
 
 def _repeated(values: Array) -> Mask:
@@ -148,28 +148,28 @@ def _repeated(values: Array) -> Mask:
     return again
 
 
-def _check_readings(found: CollectedRows, log: FaultLog, settings: Any) -> None:
+def _check_readings(collected: CollectedRows, log: FaultLog, settings: Any) -> None:
     legs = legs_of(settings)
     if not legs:
         return
-    file = found.first_file
-    if "role" not in found.table.column_names:
-        text = f"a column role: calibration, verification or reference{_mistyped_column('role', found)}"
+    file = collected.first_file
+    if "role" not in collected.table.column_names:
+        text = f"a column role: calibration, verification or reference{_mistyped_column('role', collected)}"
         log.add(Fault(file, text, column="role"))
     for leg in range(1, len(legs) + 1):
         name = f"rho{leg}_mm"
-        if name not in found.table.column_names:
-            text = f"a column {name}, the reading of leg {leg}{_mistyped_column(name, found)}"
+        if name not in collected.table.column_names:
+            text = f"a column {name}, the reading of leg {leg}{_mistyped_column(name, collected)}"
             log.add(Fault(file, text, column=name))
 
 
-def _mistyped_column(name: str, found: CollectedRows) -> str:
+def _mistyped_column(name: str, collected: CollectedRows) -> str:
     """Suggestion of a column that is none of the format, for one that is missing."""
-    return did_you_mean(name, (other for other in found.table.column_names if find_column(other) is None))
+    return did_you_mean(name, (other for other in collected.table.column_names if find_column(other) is None))
 
 
-def _check_drives(found: CollectedRows, log: FaultLog, drives: tuple[str, ...]) -> None:
-    names = found.table.column_names
+def _check_drives(collected: CollectedRows, log: FaultLog, drives: tuple[str, ...]) -> None:
+    names = collected.table.column_names
     for drive in drives:
         if drive not in names:
             hint = did_you_mean(drive, names) or f"; there are {', '.join(names)}"
@@ -179,33 +179,33 @@ def _check_drives(found: CollectedRows, log: FaultLog, drives: tuple[str, ...]) 
 def read_survey(source: CampaignFiles, settings: Any, log: FaultLog) -> SmallTable | None:
     """The reference survey; None where the campaign has none."""
     is_chain = settings.mechanism.type == "chain"
-    found = collect_rows(source, _TARGETS_OF_CHAINS if is_chain else TARGETS, log)
-    if found is None or not set(COORDINATES) <= set(found.table.column_names):
+    rows = collect_rows(source, _TARGETS_OF_CHAINS if is_chain else TARGETS, log)
+    if rows is None or not set(COORDINATES) <= set(rows.table.column_names):
         return None
     if is_chain:
-        gaps = np.asarray(np.isnan(np.column_stack([numbers(found, name) for name in COORDINATES])).any(1))
+        gaps = np.asarray(np.isnan(np.column_stack([numbers(rows, name) for name in COORDINATES])).any(1))
         if gaps.all():
             return None
-        found = without_rows(found, gaps, "no place is given: it is unknown")
-    check_unique_keys(found, log, "body", "target")
-    check_legs(found, log, len(legs_of(settings)))
-    surveyed = set(found.table.column("body").to_pylist()) if "body" in found.table.column_names else set()
+        rows = without_rows(rows, gaps, "no place is given: it is unknown")
+    check_unique_keys(rows, log, "body", "target")
+    check_legs(rows, log, len(legs_of(settings)))
+    surveyed = set(rows.table.column("body").to_pylist()) if "body" in rows.table.column_names else set()
     # A body whose surface or pose is measured needs no targets; whether others are there is seen with the points.
     scanned = source.entries("scans") or source.entries("poses")
     needed = ("platform",) if settings.is_frame_fixed else ("base", "platform")
     for body in needed if legs_of(settings) and not scanned else ():
         if body not in surveyed:
-            log.add(Fault(found.first_file, f"targets of body {body}", column="body"))
-    table = found.table
+            log.add(Fault(rows.first_file, f"targets of body {body}", column="body"))
+    table = rows.table
     for name in COORDINATE_SIGMAS:
         if name in table.column_names:
-            sigma = numbers(found, name)
+            sigma = numbers(rows, name)
             tiny = (sigma > 0.0) & (sigma < LEAST_SIGMA_MM)
-            found.fault(log, tiny | (sigma > MOST_SIGMA_MM), name, f"0, or {LEAST_SIGMA_MM:g} to {MOST_SIGMA_MM:g} mm")
+            rows.fault(log, tiny | (sigma > MOST_SIGMA_MM), name, f"0, or {LEAST_SIGMA_MM:g} to {MOST_SIGMA_MM:g} mm")
         table = with_filled_column(table, name, settings.noise.point_mm, pa.float64())
     if "leg" not in table.column_names:
         table = table.append_column("leg", pa.nulls(len(table), pa.int64()))
-    return SmallTable(as_artifact("survey", table), dict(found.left_out), file=found.first_file)
+    return SmallTable(as_artifact("survey", table), dict(rows.left_out), file=rows.first_file)
 
 
 def check_survey_noise(survey: SmallTable, log: FaultLog) -> None:
@@ -215,14 +215,14 @@ def check_survey_noise(survey: SmallTable, log: FaultLog) -> None:
         log.add_missing("noise.point_mm", "a standard deviation of surveyed targets", survey.file)
 
 
-def check_legs(found: CollectedRows, log: FaultLog, legs: int) -> None:
+def check_legs(collected: CollectedRows, log: FaultLog, legs: int) -> None:
     """Report leg numbers that do not exist, or that a body without attachments has."""
-    if "leg" not in found.table.column_names or not legs:
+    if "leg" not in collected.table.column_names or not legs:
         return
-    leg = numbers(found, "leg")
-    found.fault(log, leg > legs, "leg", f"a leg from 1 to {legs}, or nothing")
-    elsewhere = np.array([body != "platform" for body in found.table.column("body").to_pylist()], dtype=bool)
-    found.fault(log, elsewhere & ~np.isnan(leg), "leg", "nothing: only targets of the platform sit at attachments")
+    leg = numbers(collected, "leg")
+    collected.fault(log, leg > legs, "leg", f"a leg from 1 to {legs}, or nothing")
+    elsewhere = np.array([body != "platform" for body in collected.table.column("body").to_pylist()], dtype=bool)
+    collected.fault(log, elsewhere & ~np.isnan(leg), "leg", "nothing: only targets of the platform sit at attachments")
 
 
 def since_first(table: pa.Table) -> pa.Table:

@@ -83,10 +83,10 @@ class Unlabelled:
     ) -> Iterator[tuple[FileRows, TableBatch]]:
         """Yield the held batches with body and target, without points that were not identified."""
         pose = _joined_texts([batch.columns["pose"] for _, batch in self.parts])
-        given = _joined_texts([_bodies(batch) for _, batch in self.parts])
+        given_texts = _joined_texts([_bodies(batch) for _, batch in self.parts])
         points = np.concatenate([coordinates(batch) for _, batch in self.parts])
         body, target = np.full(len(pose), "", dtype=object), np.full(len(pose), "", dtype=object)
-        groups = list(_groups(pose, given))
+        groups = list(_groups(pose, given_texts))
         for done, (name, of_body, rows) in enumerate(groups):
             progress(done, len(groups), f"naming the points of pose {name}")
             if len(rows) > MOST_POINTS:
@@ -100,14 +100,14 @@ class Unlabelled:
         self, pose: str, survey: Mapping[str, SurveyedBody], points: Array, rows: Index,
         point_mm: float, body: NDArray, target: NDArray,
     ) -> None:  # fmt: skip
-        found = label_bodies(
+        labelled = label_bodies(
             1e-3 * points[rows],
             {name: 1e-3 * known.points for name, known in survey.items()},
             1e-3 * point_mm,
             {name: known.names for name, known in survey.items()},
             survey_sigma={name: 1e-3 * known.sigma_mm for name, known in survey.items()},
         )
-        for name, labelling in found.items():
+        for name, labelling in labelled.items():
             if labelling.status is LabellingStatus.TOO_FEW:
                 continue
             if labelling.status is not LabellingStatus.OK:
@@ -145,10 +145,10 @@ def _refusal(labelling: Labelling) -> str:
     return f"{text}; rivals: {rivals}. {labelling.remedy}" if rivals else f"{text}. {labelling.remedy}"
 
 
-def _groups(pose: list[str], given: list[str]) -> Iterator[tuple[str, str, Index]]:
+def _groups(pose: list[str], labels: list[str]) -> Iterator[tuple[str, str, Index]]:
     """Yield the rows identified together: of one pose, and of one body if the file gives it."""
     rows: dict[tuple[str, str], list[int]] = {}
-    for row, key in enumerate(zip(pose, given, strict=True)):
+    for row, key in enumerate(zip(pose, labels, strict=True)):
         rows.setdefault(key, []).append(row)
     for (name, body), numbers in rows.items():
         yield name, body, np.array(numbers)

@@ -33,16 +33,16 @@ def stations_table(plan: PhotographPlan) -> pa.Table:
 
 def targets_table(plan: PhotographPlan) -> pa.Table:
     """Return per target the number of rays, predicted standard deviations and their main limit."""
-    own = plan.prediction
-    sigmas = 1e3 * np.sqrt(np.diagonal(own.covariance, axis1=1, axis2=2))
+    prediction = plan.prediction
+    sigmas = 1e3 * np.sqrt(np.diagonal(prediction.covariance, axis1=1, axis2=2))
     columns: dict[str, Any] = {
         "body": list(plan.targets.body),
         "target": list(plan.targets.name),
-        "rays": own.rays,
-        "angle_deg": np.round(np.degrees(own.angle), 1),
+        "rays": prediction.rays,
+        "angle_deg": np.round(np.degrees(prediction.angle), 1),
     }
     columns |= {f"sigma_{axis}_mm": sigmas[:, i] for i, axis in enumerate("xyz")}
-    columns |= {"sigma_mm": 1e3 * own.sigma, "limited_by": limits_of(own)}
+    columns |= {"sigma_mm": 1e3 * prediction.sigma, "limited_by": limits_of(prediction)}
     return pa.table(columns)
 
 
@@ -69,12 +69,12 @@ def limits_of(prediction: PredictedPrecision) -> list[str]:
 
 def bodies_table(plan: PhotographPlan) -> pa.Table:
     """Return per body its targets' standard deviations and that of its pose, relative to the reference body."""
-    own, body = plan.prediction, np.array(plan.targets.body)
-    of_points = body[own.points]
-    at = plan.planned.layout.points[own.points]
+    prediction, body = plan.prediction, np.array(plan.targets.body)
+    of_points = body[prediction.points]
+    at = plan.planned.layout.points[prediction.points]
     rows = []
     for name in dict.fromkeys(plan.targets.body):
-        sigma = own.sigma[body == name]
+        sigma = prediction.sigma[body == name]
         members = np.flatnonzero(of_points == name)
         other = None if plan.reference in (None, name) else np.flatnonzero(of_points == plan.reference)
         row: dict[str, Any] = {
@@ -84,7 +84,7 @@ def bodies_table(plan: PhotographPlan) -> pa.Table:
             "mean_mm": 1e3 * float(np.sqrt(np.nanmean(sigma**2))) if np.isfinite(sigma).any() else None,
         }
         if len(members) >= 3 and (other is None or len(other) >= 3):
-            motion = np.sqrt(np.diag(body_motion(own.together, at, members, other, at[members].mean(axis=0))))
+            motion = np.sqrt(np.diag(body_motion(prediction.together, at, members, other, at[members].mean(axis=0))))
             row |= {"position_mm": 1e3 * float(motion[:3].max()), "rotation_urad": 1e6 * float(motion[3:].max())}
         rows.append(row)
     names = ("body", "targets", "worst_mm", "mean_mm", "position_mm", "rotation_urad")
@@ -101,11 +101,12 @@ def curve_table(plan: PhotographPlan) -> pa.Table:
 
 def sentences(plan: PhotographPlan) -> list[str]:
     """Return the plan in sentences for the person who takes the photographs."""
-    own, options = plan.prediction, plan.options
+    prediction, options = plan.prediction, plan.options
     texts = [
         f"{counted(plan.stations.count, 'photograph')}, chosen from "
         f"{counted(plan.candidates, 'station')}: the worst target to "
-        f"{plan.worst_mm:.2g} mm, in the mean {1e3 * np.sqrt(np.nanmean(own.sigma**2)):.2g} mm (standard deviations)."
+        f"{plan.worst_mm:.2g} mm, in the mean {1e3 * np.sqrt(np.nanmean(prediction.sigma**2)):.2g} mm "
+        "(standard deviations)."
     ]
     if options.target_sigma_mm is not None:
         reached = (
@@ -116,7 +117,7 @@ def sentences(plan: PhotographPlan) -> list[str]:
         texts.append(f"{reached}{_remedy(plan)}.")
     if plan.undetermined:
         texts.append(f"Seen by fewer than two of them: {', '.join(plan.undetermined[:10])}.")
-    known = float(np.nanmax(largest_sigma(own.with_known_camera)))
+    known = float(np.nanmax(largest_sigma(prediction.with_known_camera)))
     if 1e3 * known < 0.8 * plan.worst_mm:
         texts.append(f"With a camera that is calibrated beforehand it would be {1e3 * known:.2g} mm.")
     if not len(plan.planned.bars.bar):

@@ -52,20 +52,20 @@ def planned_network(
     return PlannedNetwork(chosen, interior, noise, targets.layout, bars), targets, (*left_out, *astray)
 
 
-def _camera(given: pa.Table | None, wanted: str | None) -> tuple[Camera | Fault, Array]:
+def _camera(cameras: pa.Table | None, wanted: str | None) -> tuple[Camera | Fault, Array]:
     """Return the camera of this name, or the only camera."""
-    rows = [] if given is None else given.to_pylist()
+    rows = [] if cameras is None else cameras.to_pylist()
     names = list(dict.fromkeys(row["camera"] for row in rows))
     if wanted not in names and (wanted is not None or len(names) != 1):
         many = f"the name of one: {', '.join(names)}" if names else _WHENCE
         return Fault("--camera" if names else _FILE, many, value=wanted), np.empty(0)
-    own = [row for row in rows if row["camera"] == (wanted or names[0])]
-    first = own[0]
-    interior = np.array([np.nan if row["value"] is None else row["value"] for row in own])
+    rows_of_camera = [row for row in rows if row["camera"] == (wanted or names[0])]
+    first = rows_of_camera[0]
+    interior = np.array([np.nan if row["value"] is None else row["value"] for row in rows_of_camera])
     if not first["width_px"] or not first["height_px"] or np.isnan(interior[0]):
         expected = "width_px, height_px and c_mm (with pixel_um) or focal_px"
         return Fault(_FILE, expected, column="cameras", value=first["camera"]), np.empty(0)
-    free = tuple(row["parameter"] for row in own if row["free"])
+    free = tuple(row["parameter"] for row in rows_of_camera if row["free"])
     pitch = 1e-6 * first["pixel_um"] if first["pixel_um"] else None
     radius = first["balancing_radius_px"]
     return Camera(first["camera"], first["width_px"], first["height_px"], radius, pitch, free), interior
@@ -78,20 +78,22 @@ def _targets(
     of the survey without a mechanism."""
     rows = tables["survey"].to_pylist()
     legged = settings.mechanism.is_legged
-    kept = [row for row in rows if not legged or row["body"] in _NOMINAL]
-    turned = _directions(normals, {(row["body"], row["target"]) for row in kept})
-    points = np.array([[row[name] for name in _XYZ] for row in kept]) * 1e-3
-    directions = np.array([turned.get((row["body"], row["target"]), [np.nan] * 3) for row in kept])
+    rows_used = [row for row in rows if not legged or row["body"] in _NOMINAL]
+    turned = _directions(normals, {(row["body"], row["target"]) for row in rows_used})
+    points = np.array([[row[name] for name in _XYZ] for row in rows_used]) * 1e-3
+    directions = np.array([turned.get((row["body"], row["target"]), [np.nan] * 3) for row in rows_used])
     if legged:
         legs = nominal_legs(settings.mechanism)
         reached = forward(legs, legs.rho0)
-        moves = np.array([row["body"] == "platform" for row in kept])
+        moves = np.array([row["body"] == "platform" for row in rows_used])
         points[moves] = points[moves] @ reached.R.T + reached.p
         directions[moves] = directions[moves] @ reached.R.T
-    layout = PlannedObject(points, directions, _diameters(settings, tables.get("image_targets"), kept))
-    left_out = sorted({row["body"] for row in rows} - {row["body"] for row in kept})
+    layout = PlannedObject(points, directions, _diameters(settings, tables.get("image_targets"), rows_used))
+    left_out = sorted({row["body"] for row in rows} - {row["body"] for row in rows_used})
     statements = (f"Not planned for, because nothing tells where they are: {', '.join(left_out)}.",) if left_out else ()
-    return PlannedTargets(tuple(row["body"] for row in kept), tuple(row["target"] for row in kept), layout), statements
+    return PlannedTargets(
+        tuple(row["body"] for row in rows_used), tuple(row["target"] for row in rows_used), layout
+    ), statements
 
 
 def _directions(normals: pa.Table | None, known: set[tuple[str, str]]) -> dict[tuple[str, str], Array]:
@@ -100,7 +102,7 @@ def _directions(normals: pa.Table | None, known: set[tuple[str, str]]) -> dict[t
         return {}
     if lacking := [name for name in ("body", "target", *_NORMAL) if name not in normals.column_names]:
         raise CampaignFaults(Fault("--normals", "this column", column=name) for name in lacking)
-    found: dict[tuple[str, str], Array] = {}
+    directions: dict[tuple[str, str], Array] = {}
     faults = []
     for number, row in enumerate(normals.to_pylist(), start=2):
         key = (str(row["body"]), str(row["target"]))
@@ -111,32 +113,32 @@ def _directions(normals: pa.Table | None, known: set[tuple[str, str]]) -> dict[t
         elif not 0.0 < length < np.inf:
             faults.append(Fault("--normals", "three numbers that make a direction", row=number, value=str(direction)))
         else:
-            found[key] = direction / length
+            directions[key] = direction / length
     if faults:
         raise CampaignFaults(faults)
-    return found
+    return directions
 
 
 def _diameters(settings: Any, image_targets: pa.Table | None, rows: list[dict[str, Any]]) -> Array:
     """Return the diameter (P,) of each target in m: its own, otherwise the common one; NaN if unknown."""
     reported = {} if image_targets is None else {(row["body"], row["target"]): row for row in image_targets.to_pylist()}
     usual = settings.photographs.target_mm
-    own = [reported.get((row["body"], row["target"]), {}).get("diameter_mm") or usual for row in rows]
-    return np.array([np.nan if value is None else 1e-3 * value for value in own])
+    diameters = [reported.get((row["body"], row["target"]), {}).get("diameter_mm") or usual for row in rows]
+    return np.array([np.nan if value is None else 1e-3 * value for value in diameters])
 
 
 def _bars(table: pa.Table | None, targets: PlannedTargets) -> tuple[Bars, tuple[str, ...]]:
     """Return the scale bars between targets of the plan, and notes on the others."""
     place = {f"{body}/{name}": i for i, (body, name) in enumerate(zip(targets.body, targets.name, strict=True))}
     rows = [] if table is None else [row for row in table.to_pylist() if row["serves"] == "scale"]
-    kept = [row for row in rows if row["first"] in place and row["second"] in place]
-    kept = list({row["bar"]: row for row in kept}.values())
-    astray = sorted({row["bar"] for row in rows} - {row["bar"] for row in kept})
+    rows_used = [row for row in rows if row["first"] in place and row["second"] in place]
+    rows_used = list({row["bar"]: row for row in rows_used}.values())
+    astray = sorted({row["bar"] for row in rows} - {row["bar"] for row in rows_used})
     statements = (f"Not used, because their ends are no surveyed targets: {', '.join(astray)}.",) if astray else ()
-    if not kept:
+    if not rows_used:
         return Bars.none(), statements
-    number = np.arange(len(kept))
-    ends = np.array([[place[row["first"]], place[row["second"]]] for row in kept])
+    number = np.arange(len(rows_used))
+    ends = np.array([[place[row["first"]], place[row["second"]]] for row in rows_used])
     length = np.linalg.norm(np.diff(targets.layout.points[ends], axis=1)[:, 0], axis=1)  # as the survey has it
-    sigma, repeat = (np.array([1e-3 * row[name] for row in kept]) for name in ("sigma_mm", "repeat_sigma_mm"))
+    sigma, repeat = (np.array([1e-3 * row[name] for row in rows_used]) for name in ("sigma_mm", "repeat_sigma_mm"))
     return Bars(number, ends[:, 0], ends[:, 1], repeat, length, sigma), statements

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Iterator, Mapping
+from itertools import chain
 from typing import TYPE_CHECKING
 
 import numpy as np
@@ -11,12 +12,13 @@ from numpy.typing import NDArray
 from scipy.special import chdtr, stdtr
 
 from truing.arrays import Array
-from truing.belonging.axis_rows import RowSlipKind, slip_of_rows
+from truing.belonging.axis_rows import RowSlipKind, slip_of_rows, unit_of_deviations
 from truing.report.numbers import count, listed
 from truing.simulation.axis.rows import ENCODERS, LOAD, MEASURED, MOTOR
 from truing.stages.common.axis_columns import AxisColumns, columns_of, command_sigma, encoder_sigma
 from truing.stages.common.point_arrays import number_column
 from truing.stages.quality.check import FAIL, PASS, WARN, CampaignLimits, Check, CheckResults, not_evaluated
+from truing.stages.quality.time_and_temperature import temperature_columns, temperature_units
 
 if TYPE_CHECKING:
     from truing.schemas.campaign import Campaign
@@ -33,6 +35,8 @@ _SLIPS = {
     },
     "mm": {1e-3: "metres", 0.1: "centimetres", 1e3: "micrometres", 1.0 / 25.4: "inches"},
 }
+# Units in which an instrument may give deviations from the command, by their number in a unit of the column.
+_DEVIATIONS = {"deg": {3600.0: "arc seconds"}, "mm": {1e3: "micrometres"}}
 _OF_SLIP = 0.01  # how near a ratio lies to that of a slip
 _ODD, _WRONG = 0.1, 2.0
 _SIGNS = (("", 1.0), (" with the opposite sign", -1.0))
@@ -51,7 +55,8 @@ def checks(tables: Mapping[str, pa.Table], settings: Campaign) -> CheckResults:
     limits = CampaignLimits(settings.campaign.kind, settings.qa.limits)
     sigmas = {name: encoder_sigma(settings, name) or 0.0 for name in columns.encoders}
     found = _checks(table, columns, command_sigma(settings), sigmas, limits)
-    return CheckResults(found, f"{count(len(table), 'row')} of an axis")
+    warmth = _temperatures(table, columns, settings.mechanism.reference_temperature_c)
+    return CheckResults(chain(found, warmth), f"{count(len(table), 'row')} of an axis")
 
 
 def _checks(
@@ -63,16 +68,23 @@ def _checks(
     for encoder, column in columns.encoders.items():
         raw = number_column(table, column)[in_time]
         yield _unit(encoder, column, columns, command, columns.si(table, column)[in_time])
-        yield _rows(
-            encoder, columns, command, columns.si(table, column)[in_time], np.array(rows.poses, object)[in_time]
-        )
+        poses, reading = np.array(rows.poses, object)[in_time], columns.si(table, column)[in_time]
+        sigma = sigmas[encoder] if encoder == MEASURED else 0.0
+        yield _deviations(encoder, columns, command, reading, sigma) or _rows(encoder, columns, command, reading, poses)
         yield _repeated_readings(encoder, command, raw, np.array(rows.poses, object)[in_time], off, limits)
     deviations = columns.deviations(table)
-    for encoder, own in zip(columns.encoders, deviations.T, strict=True):
-        yield noise_of_rows(encoder, rows.command, rows.direction, own, float(np.hypot(off, sigmas[encoder])))
+    for encoder, deviation in zip(columns.encoders, deviations.T, strict=True):
+        yield noise_of_rows(encoder, rows.command, rows.direction, deviation, float(np.hypot(off, sigmas[encoder])))
     yield encoders_in_place(columns, dict(zip(columns.encoders, deviations.T, strict=True)))
     yield _repeated(table, columns, np.array(rows.poses, object), limits)
     yield _approach(rows.direction, limits)
+
+
+def _temperatures(table: pa.Table, columns: AxisColumns, reference_c: float) -> Iterator[Check]:
+    """Check that columns of temperatures are in degrees Celsius."""
+    recorded = {name: number_column(table, name) for name in temperature_columns(table.column_names)}
+    rows = [f"row {pose}" for pose in table.column("pose").to_pylist()]
+    yield from temperature_units(recorded, reference_c, rows, np.argsort(columns.rows(table, 0.0).order))
 
 
 def noise_of_rows(encoder: str, command: Array, direction: Array, deviations: Array, declared: float) -> Check:
@@ -83,9 +95,9 @@ def noise_of_rows(encoder: str, command: Array, direction: Array, deviations: Ar
     known = np.isfinite(command) & np.isfinite(deviations) & (direction != 0.0)
     pairs = []
     for side in (-1.0, 1.0):
-        own = np.flatnonzero(known & (np.sign(direction) == side))
-        own = own[np.argsort(command[own], kind="stable")]
-        pairs.append(deviations[own[: len(own) // 2 * 2]].reshape(-1, 2))
+        places = np.flatnonzero(known & (np.sign(direction) == side))
+        places = places[np.argsort(command[places], kind="stable")]
+        pairs.append(deviations[places[: len(places) // 2 * 2]].reshape(-1, 2))
     both = np.concatenate(pairs)
     if len(both) < _FEWEST_PAIRS:
         return not_evaluated("too few rows", "axis-noise", encoder, f"{count(len(both), 'pair')} of neighbouring rows")
@@ -105,8 +117,8 @@ def encoders_in_place(columns: AxisColumns, deviations: Mapping[str, Array]) -> 
     """Check that the outside instrument agrees with the load encoder, and that of the loop with the command.
 
     ``deviations`` (N,) of each encoder from the command, rad or m. Both comparisons are Pitman's test of correlated
-    variances (Biometrika 31 (1939) 9). If the instrument agrees with the motor, and the other encoder follows the
-    command, the columns are exchanged, or the load encoder errs in another loop.
+    variances (Biometrika 31 (1939) 9). The columns are exchanged if the instrument agrees with the motor and the other
+    encoder follows the command; or the load encoder errs in another loop.
     """
     unit = columns.reported_unit
     if missing := [each for each in ENCODERS if each not in deviations]:
@@ -164,6 +176,19 @@ def _unit(encoder: str, column: str, columns: AxisColumns, command: Array, readi
             "axis-units", encoder, ratio, 1.0, "1", WARN, f"{text}: is its unit or counts_per_{columns.unit} right?"
         )
     return Check("axis-units", encoder, ratio, 1.0, "1", PASS, f"{text}.")
+
+
+def _deviations(encoder: str, columns: AxisColumns, command: Array, reading: Array, sigma: float) -> Check | None:
+    """Return the failed check of deviations from the command that were read in another unit; None if they were not."""
+    both = np.isfinite(command) & np.isfinite(reading)
+    units = _DEVIATIONS[columns.unit]
+    unit = unit_of_deviations((reading - command)[both], sigma, units)
+    if not unit:
+        return None
+    factor = next(size for size, name in units.items() if name == unit)
+    text = f"Readings of {encoder} scatter from row to row by about {factor:g} times the declared noise. "
+    text += f"Did you mean: deviations from the command in {unit}? Correct their unit, or the noise of {encoder}."
+    return Check("axis-rows", encoder, factor, 1.0, "1", FAIL, text)
 
 
 def _rows(encoder: str, columns: AxisColumns, command: Array, reading: Array, poses: NDArray[np.object_]) -> Check:

@@ -71,15 +71,15 @@ _SINGULAR = 1e12  # condition of the legs' influence, from which on legs do not 
 
 def belonging_checks(tested: Iterable[RelationTest]) -> Iterator[Check]:
     """Yield one check per tested relation."""
-    for one in tested:
-        verdict = _VERDICTS[one.state]
-        value, limit = (None, None) if verdict == NOT_EVALUATED else (one.misfit, one.limit)
-        yield Check(one.relation, one.subject, value, limit, one.unit, verdict, message(one))
+    for test in tested:
+        verdict = _VERDICTS[test.state]
+        value, limit = (None, None) if verdict == NOT_EVALUATED else (test.misfit, test.limit)
+        yield Check(test.relation, test.subject, value, limit, test.unit, verdict, message(test))
 
 
 def without_contradiction(checks: Iterable[Check], tested: Iterable[RelationTest]) -> Iterator[Check]:
     """Yield the checks; where signals contradict loads, the check for exchanged rows is not evaluated."""
-    apart = any(one.relation == "signals-against-loads" and one.state == RelationState.FAILS for one in tested)
+    apart = any(test.relation == "signals-against-loads" and test.state == RelationState.FAILS for test in tested)
     deferred = False
     for check in checks:
         if not apart or check.check != "exchanged-rows":
@@ -106,7 +106,9 @@ def relations_of_points(
     own = [body for body in bodies if body.name in surveyed]
     others = [body for body in bodies if body.name not in surveyed]
     points = {
-        body.name: _points(body, _as_others(body, own, tables["observations"], around, order), around, order, groups)
+        body.name: _points(
+            body, _points_as_other_bodies(body, own, tables["observations"], around, order), around, order, groups
+        )
         for body in own
     }
     odd = np.zeros(len(around.poses), bool)
@@ -124,7 +126,7 @@ def relations_of_points(
 def _surveys(survey: pa.Table | None, bodies: Sequence[BodyPoints]) -> Iterator[RelationTest]:
     """Yield the tests of bodies against their survey; one for all of them if rows of the whole survey are shifted."""
     tested = tuple(map(relate_survey, bodies))
-    if survey is not None and tested and all(one.reason == "no-fit" for one in tested):
+    if survey is not None and tested and all(test.reason == "no-fit" for test in tested):
         places = 1e-3 * np.column_stack([number_column(survey, f"{axis}_mm") for axis in "xyz"])
         names = list(zip(survey.column("body").to_pylist(), survey.column("target").to_pylist(), strict=True))
         if (shifted := shifted_survey(places, names, bodies)) is not None:
@@ -168,19 +170,19 @@ def _points(
     )
 
 
-def _as_others(
+def _points_as_other_bodies(
     body: BodyView, bodies: Sequence[BodyView], observed: pa.Table, around: PoseSurroundings, order: Index
 ) -> tuple[AsOtherBody, ...]:
     """Return a body's points read as points of each other body: matched by target name, and by position in the list."""
-    found = []
+    other_bodies = []
     for other in bodies:
         if other is not body:
             named = pose_points(observed, body.name, around.poses, other.survey.targets)
-            found.append(AsOtherBody(other.name, other.survey.points, named.points[order], named.seen[order]))
+            other_bodies.append(AsOtherBody(other.name, other.survey.points, named.points[order], named.seen[order]))
             count = min(len(body.survey.targets), len(other.survey.targets))
             points, seen = body.points.points[order, :count], body.points.seen[order, :count]
-            found.append(AsOtherBody(other.name, other.survey.points[:count], points, seen))
-    return tuple(found)
+            other_bodies.append(AsOtherBody(other.name, other.survey.points[:count], points, seen))
+    return tuple(other_bodies)
 
 
 def _copies(bodies: Sequence[BodyView], around: PoseSurroundings) -> RelationTest:
@@ -236,14 +238,17 @@ def related_readings(
     settings: Campaign,
     right: Mask,
     measured: str = "points and survey",
+    *,
+    were_rotations_written: bool = False,
 ) -> tuple[RelationTest, ...]:
     """Return the test of actuator readings against the poses of a platform on its base, both seen from the instrument.
 
-    Poses that are not ``right`` (B,) are left out. ``measured``: what the poses come from, in words.
+    Poses that are not ``right`` (B,) are left out. ``measured``: what the poses come from, in words;
+    ``were_rotations_written``: their rotations come from numbers of a table.
     """
     section = cast("LeggedMechanism", settings.mechanism)
     columns = tuple(f"rho{leg + 1}_mm" for leg in range(len(section.legs)))
-    found = _in_order(configurations, columns, around)
+    found = _rows_in_order(configurations, columns, around)
     R, p, covariance = relative(base.R, base.t, base.covariance, platform.R, platform.t, platform.covariance)
     usable = (base.ok & platform.ok & right)[found.pose] & np.isfinite(found.readings).all(axis=1)
     at = found.pose[usable]
@@ -258,6 +263,9 @@ def related_readings(
         float(np.hypot(noise, 1e-3 * settings.noise.actuator_mm)),
         _drivers(around, at),
         measured,
+        (base.t[at], base.R[at]),
+        were_rotations_written,
+        settings.poses.euler,
     )
     poses = tuple(str(around.poses[pose]) for pose in at)
     return relate_readings(motion, ReadingNames(columns, poses, _groups(configurations, found.row[usable])))
@@ -280,13 +288,13 @@ def _drives(
         if body is reference:
             continue
         ok = body.fit.ok if reference is None else body.fit.ok & reference.fit.ok
-        kept = np.flatnonzero(ok[pose] & np.isfinite(readings))
-        at = pose[kept]
+        places = np.flatnonzero(ok[pose] & np.isfinite(readings))
+        at = pose[places]
         R, mirrored = body.fit.R[at], [(slip, own[at]) for slip, own in _mirrored(body)] if reference is None else []
         if reference is not None:
             R = np.swapaxes(reference.fit.R[at], 1, 2) @ R
-        names, groups = tuple(str(around.poses[one]) for one in at), _groups(configurations, rows[kept])
-        driven.append(DrivenBody(body.name, columns[0], R, readings[kept], names, groups, mirrored))
+        names, groups = tuple(str(around.poses[one]) for one in at), _groups(configurations, rows[places])
+        driven.append(DrivenBody(body.name, columns[0], R, readings[places], names, groups, mirrored))
     yield relate_drive(driven)
 
 
@@ -311,7 +319,7 @@ class _ConfigurationRows:
     row: Index
 
 
-def _in_order(configurations: pa.Table, columns: tuple[str, ...], around: PoseSurroundings) -> _ConfigurationRows:
+def _rows_in_order(configurations: pa.Table, columns: tuple[str, ...], around: PoseSurroundings) -> _ConfigurationRows:
     pose = positions(configurations.column("pose"), around.poses)
     readings = 1e-3 * np.column_stack([number_column(configurations, name) for name in columns])
     return _ConfigurationRows(readings[pose >= 0], pose[pose >= 0], np.flatnonzero(pose >= 0))
@@ -319,14 +327,14 @@ def _in_order(configurations: pa.Table, columns: tuple[str, ...], around: PoseSu
 
 def _groups(configurations: pa.Table, rows: Index) -> Groups:
     """Return the columns that divide the rows (N,) into few groups, such as role, day or run, with their values."""
-    found = []
+    groups = []
     for name in configurations.column_names:
         if name not in ("pose", "time_s") and not COLUMNS["rho"].matches(name):
             column = configurations.column(name).to_pylist()
             values = tuple(f"{column[row]:g}" if isinstance(column[row], float) else str(column[row]) for row in rows)
             if 1 < len(set(values)) <= len(rows) // _ROWS_OF_A_GROUP:
-                found.append((name, values))
-    return tuple(found)
+                groups.append((name, values))
+    return tuple(groups)
 
 
 def _legs(section: LeggedMechanism, p: Array) -> Legs:

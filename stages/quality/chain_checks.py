@@ -86,14 +86,14 @@ def checks(tables: Mapping[str, pa.Table], settings: Campaign) -> CheckResults:
     of_distances = "distances" in tables and tables["distances"].num_rows > 0
     tested = [joints_against_links(tables, settings)] if of_links or not of_distances else []
     tested += [joints_against_distances(tables, settings)] if of_distances else []
-    found = point_checks.checks(tables, settings)
-    if found.why_not and all(one.state is RelationState.NOT_TESTED for one in tested):
-        return found
-    relations = (*tested, *(one for one in found.relations if one.relation != READINGS))
-    read = found.read or f"{len(tables['configurations'])} poses of a chain"
-    single = set() if found.why_not else _single(tables["observations"])
-    own = () if found.why_not else _without_frames(found, single)
-    return replace(found, checks=chain(belonging_checks(tested), own), read=read, relations=relations, why_not="")
+    results = point_checks.checks(tables, settings)
+    if results.why_not and all(test.state is RelationState.NOT_TESTED for test in tested):
+        return results
+    relations = (*tested, *(relation for relation in results.relations if relation.relation != READINGS))
+    read = results.read or f"{len(tables['configurations'])} poses of a chain"
+    single = set() if results.why_not else _single(tables["observations"])
+    own = () if results.why_not else _without_frames(results, single)
+    return replace(results, checks=chain(belonging_checks(tested), own), read=read, relations=relations, why_not="")
 
 
 def joints_against_links(tables: Mapping[str, pa.Table], settings: Campaign) -> RelationTest:
@@ -106,7 +106,7 @@ def joints_against_links(tables: Mapping[str, pa.Table], settings: Campaign) -> 
         compared = _links_compared(tables, settings)
         if compared is None:
             return _not_tested("no-poses")
-        turned = _of_orientations(compared, settings)
+        turned = _test_orientations(compared, settings)
         if turned is not None and turned.slips and turned.state is RelationState.FAILS:
             return turned
         tested = _tested(compared, settings)
@@ -126,7 +126,7 @@ def joints_against_links(tables: Mapping[str, pa.Table], settings: Campaign) -> 
         return _not_tested("no-frame")
 
 
-def _of_orientations(compared: ComparedChain, settings: Campaign) -> RelationTest | None:
+def _test_orientations(compared: ComparedChain, settings: Campaign) -> RelationTest | None:
     """The test of the first measured link whose orientations do not turn with it, or with strays; None if all do."""
     strays: tuple[str, ...] = ()
     agreed: TurningMisfit | None = None
@@ -144,7 +144,7 @@ def _of_orientations(compared: ComparedChain, settings: Campaign) -> RelationTes
                 poses = np.array([str(pose) for pose in compared.conditions.poses])[own][found.stray]
                 strays, agreed = (*strays, *(f"pose {pose}" for pose in poses)), found
             if found.before > found.limit:
-                whole = RelationTest(
+                test = RelationTest(
                     JOINTS,
                     RelationState.FAILS,
                     "no-slip",
@@ -153,7 +153,7 @@ def _of_orientations(compared: ComparedChain, settings: Campaign) -> RelationTes
                     unit="deg",
                     misfit_explained=found.after / _DEG if found.slips else None,
                 )
-                return replace(whole, slips=found.slips[:1], rivals=found.slips[1:])
+                return replace(test, slips=found.slips[:1], rivals=found.slips[1:])
     if agreed is None:
         return None
     return RelationTest(
@@ -173,9 +173,9 @@ def _out_of_place(tables: Mapping[str, pa.Table], body: str, points: PosePoints)
         points.poses, np.arange(float(len(points.poses))), np.zeros((len(points.poses), 0)), (), None, is_counted=True
     )
     view = point_checks.viewed(tables["observations"], tables.get("survey"), body, alone)
-    found = np.zeros(points.seen.shape, bool)
-    found[:, [points.targets.index(name) for name in view.survey.targets]] = view.gross
-    return found
+    is_out_of_place = np.zeros(points.seen.shape, bool)
+    is_out_of_place[:, [points.targets.index(name) for name in view.survey.targets]] = view.gross
+    return is_out_of_place
 
 
 def _links_compared(
@@ -285,7 +285,7 @@ def _tested(compared: ComparedChain, settings: Campaign) -> RelationTest:
     if (moved := moved_frame(compared, fit)) is not None:
         return _failed_as_a_whole(tested, [moved])
     bodies = list(slips_of_bodies(compared))
-    if bodies and min(one.share for one in bodies) < _SURE:
+    if bodies and min(body.share for body in bodies) < _SURE:
         return _failed_as_a_whole(tested, bodies)
     slip = likely_slip(conditions, compared.tree.is_revolute, fit.start_of)
     if slip is None:
@@ -299,7 +299,7 @@ def _tested(compared: ComparedChain, settings: Campaign) -> RelationTest:
     names = compared.table.schema.names
     return replace(
         tested,
-        rivals=tuple(one for own in others for one in _recorded(own, compared.tree, names)),
+        rivals=tuple(one for other in others for one in _recorded(other, compared.tree, names)),
         state=state,
         reason="no-slip" if state is RelationState.FAILS else "departs",
         misfit_explained=slip.after / _MM,
@@ -327,14 +327,16 @@ def _comparison(compared: ComparedChain, fit: NominalFit, start: StartValues) ->
             raise ValueError("a frame of the measurement without poses")
 
         def errors(readings: Array, values: Array) -> Array:
-            own, of = conditions.readings.copy(), fit.values.copy()
-            own[usable] = readings
+            changed_readings, of = conditions.readings.copy(), fit.values.copy()
+            changed_readings[usable] = readings
             of[np.ix_(usable, is_position)] = values
-            return fit.errors_at(places, replace(conditions, readings=own), of)[np.ix_(usable, is_position)]
+            return fit.errors_at(places, replace(conditions, readings=changed_readings), of)[
+                np.ix_(usable, is_position)
+            ]
 
         return errors
 
-    found = ChainComparison(
+    chain_comparison = ChainComparison(
         conditions.readings[usable],
         fit.values[np.ix_(usable, is_position)],
         compared.tree.is_revolute,
@@ -344,7 +346,11 @@ def _comparison(compared: ComparedChain, fit: NominalFit, start: StartValues) ->
         foreign_share(start),
         errors_at,
     )
-    return replace(found, fewest=max(found.fewest, _fewest(measured))) if of_distances else found
+    return (
+        replace(chain_comparison, fewest=max(chain_comparison.fewest, _fewest(measured)))
+        if of_distances
+        else chain_comparison
+    )
 
 
 def _fewest(measured: MeasuredLinks) -> int:
@@ -353,18 +359,18 @@ def _fewest(measured: MeasuredLinks) -> int:
     return -(-2 * unknown // measured.values.shape[1])
 
 
-def _failed_as_a_whole(tested: RelationTest, whole: list[WholeSlip]) -> RelationTest:
+def _failed_as_a_whole(tested: RelationTest, whole_slips: list[WholeSlip]) -> RelationTest:
     """The test with those slips that explain it as well as the best of them, in the order in which they were tried."""
-    least = min(one.share for one in whole)
-    first, *others = (one for one in whole if one.share <= _AS_LIKELY * least)
-    return replace(_failed(tested, (first.slip,), first.after), rivals=tuple(one.slip for one in others))
+    least = min(one.share for one in whole_slips)
+    first, *others = (one for one in whole_slips if one.share <= _AS_LIKELY * least)
+    return replace(_failed(tested, (first.slip,), first.after), rivals=tuple(other.slip for other in others))
 
 
 def _constant(compared: ComparedChain) -> tuple[RecordSlip, ...]:
     """Columns of readings whose value never changes."""
     readings = compared.conditions.readings[compared.usable]
     columns = joint_columns(compared.tree, compared.table.schema.names)
-    still = tuple(column.name for column, own in zip(columns, readings.T, strict=True) if not np.ptp(own))
+    still = tuple(column.name for column, reading in zip(columns, readings.T, strict=True) if not np.ptp(reading))
     return (RecordSlip(SlipKind.FROZEN, "readings", still),) if still else ()
 
 
@@ -395,8 +401,8 @@ def _single(observations: pa.Table) -> set[str]:
     return {link for link in links if links.count(link) < _FEWEST}
 
 
-def _without_frames(found: CheckResults, single: set[str]) -> Iterator[Check]:
-    for check in found.checks:
+def _without_frames(check_results: CheckResults, single: set[str]) -> Iterator[Check]:
+    for check in check_results.checks:
         is_target = check.check == "geometry-leverage"
         of_frame = check.check in _OF_FRAMES and (check.subject in single or is_target)
         if check.check != READINGS and not (of_frame and single):

@@ -70,14 +70,14 @@ def with_most_poses(compared: ComparedChain) -> ComparedChain:
     fit_of, fit_on, usable = compared.fit_of, compared.fit_on, compared.usable
 
     def of_most(fit: NominalFit) -> NominalFit:
-        def start_of(chosen: Mask, given: ChainConditions, other: Array | None = None) -> StartValues:
+        def start_of(chosen: Mask, conditions: ChainConditions, other: Array | None = None) -> StartValues:
             chosen = chosen & usable
-            found = fit.start_of(chosen, given, other)
-            most = without_lone_errors(found, chosen)
+            start = fit.start_of(chosen, conditions, other)
+            most = without_lone_errors(start, chosen)
             if (most == chosen).all():
-                return found
-            fitted = fit.start_of(most, given, other)
-            errors = np.full_like(found.errors, np.nan)
+                return start
+            fitted = fit.start_of(most, conditions, other)
+            errors = np.full_like(start.errors, np.nan)
             errors[most[chosen]] = fitted.errors
             return replace(fitted, errors=errors)
 
@@ -107,9 +107,9 @@ def _explaining(slip: RecordSlip, after: StartValues) -> Iterator[WholeSlip]:
 
 def slips_of_measured(compared: ComparedChain, fit: NominalFit) -> Iterator[WholeSlip]:
     """Yield units and mirror images of all measured positions, or units of all distances, that explain the misfit."""
-    for one in slips_of_all(fit.values.shape[-1]):
-        values = np.where(fit.is_position[:, None], fit.values @ one.matrix, fit.values)
-        yield from _explaining(one.slip, fit.start_of(compared.usable, compared.conditions, values))
+    for slip in slips_of_all(fit.values.shape[-1]):
+        values = np.where(fit.is_position[:, None], fit.values @ slip.matrix, fit.values)
+        yield from _explaining(slip.slip, fit.start_of(compared.usable, compared.conditions, values))
 
 
 def slips_of_links(compared: ComparedChain) -> Iterator[WholeSlip]:
@@ -134,12 +134,16 @@ def slips_of_surveys(compared: ComparedChain) -> Iterator[WholeSlip]:
     for link in dict.fromkeys(name for name, own in zip(measured.channels.links, known.tolist(), strict=True) if own):
         own = known & np.array([name == link for name in measured.channels.links])
 
-        def fitted(surveyed: Array, own: Mask = own) -> StartValues:
-            changed = np.where(own[:, None], surveyed, measured.surveyed)
+        def fitted(surveyed: Array, rows_used: Mask = own) -> StartValues:
+            changed = np.where(rows_used[:, None], surveyed, measured.surveyed)
             return fit_on(replace(measured, surveyed=changed)).start_of(compared.usable, compared.conditions)
 
-        axes = (one for one in changes_of_axes(f"the survey of body {link}") if one.slip.kind is not SlipKind.UNIT)
-        found = [part for one in axes for part in _explaining(one.slip, fitted(measured.surveyed @ one.matrix))]
+        axes = (
+            changes_of_axis
+            for changes_of_axis in changes_of_axes(f"the survey of body {link}")
+            if changes_of_axis.slip.kind is not SlipKind.UNIT
+        )
+        found = [part for axis in axes for part in _explaining(axis.slip, fitted(measured.surveyed @ axis.matrix))]
         for slip, order in _renamed(compared, link, np.flatnonzero(own)):
             found += _explaining(slip, fitted(measured.surveyed[order]))
         yield from found
@@ -148,13 +152,13 @@ def slips_of_surveys(compared: ComparedChain) -> Iterator[WholeSlip]:
             yield from _explaining(slip, fitted(np.full_like(measured.surveyed, np.nan)))
 
 
-def _renamed(compared: ComparedChain, link: str, own: Index) -> Iterator[tuple[RecordSlip, Index]]:
-    """Yield the orders of all channels (K,) in which few targets of a link, ``own``, bear each other's names."""
+def _renamed(compared: ComparedChain, link: str, rows: Index) -> Iterator[tuple[RecordSlip, Index]]:
+    """Yield the orders of all channels (K,) in which few targets of a link, ``rows``, bear each other's names."""
     targets = compared.measured.channels.names
-    for other in permutations(own.tolist()) if len(own) <= _MOST_PERMUTED else ():
+    for other in permutations(rows.tolist()) if len(rows) <= _MOST_PERMUTED else ():
         order = np.arange(len(targets))
-        order[own] = other
-        pairs = [f"{targets[k]} is {targets[place]}" for k, place in zip(own, other, strict=True) if k != place]
+        order[rows] = other
+        pairs = [f"{targets[k]} is {targets[place]}" for k, place in zip(rows, other, strict=True) if k != place]
         if pairs:
             yield RecordSlip(SlipKind.RELABELLED, "targets", (*pairs, link)), order
 
@@ -174,21 +178,21 @@ def moved_frame(compared: ComparedChain, fit: NominalFit) -> WholeSlip | None:
     The frame of the first poses, which a fit of these alone must explain, misses all poses from that one on.
     """
     conditions = compared.conditions
-    own = np.flatnonzero(compared.usable)
-    first = np.isin(np.arange(len(conditions.series)), own[: max(FEWEST_POSES, len(own) // 4)])
+    places = np.flatnonzero(compared.usable)
+    first = np.isin(np.arange(len(conditions.series)), places[: max(FEWEST_POSES, len(places) // 4)])
     if fit.reference is not None or conditions.series.any() or compared.measured.ends is not None:
         return None
     alone = fit.start_of(first, conditions)
     limit = foreign_share(alone)
-    errors = fit.errors_at(alone, conditions, fit.values)[np.ix_(own, fit.is_position)]
+    errors = fit.errors_at(alone, conditions, fit.values)[np.ix_(places, fit.is_position)]
     size = np.sqrt(np.nanmean(np.sum(errors**2, -1), axis=1))
     agree = np.flatnonzero(size <= limit)
     start = int(agree[-1]) + 1 if len(agree) else 0
-    if alone.rms > limit or not FEWEST_POSES <= start <= len(own) - FEWEST_POSES or len(agree) < start:
+    if alone.rms > limit or not FEWEST_POSES <= start <= len(places) - FEWEST_POSES or len(agree) < start:
         return None
-    series = (np.arange(len(conditions.series)) >= own[start]).astype(int)
+    series = (np.arange(len(conditions.series)) >= places[start]).astype(int)
     after = fit.start_of(compared.usable, replace(conditions, series=series))
-    slip = RecordSlip(SlipKind.FRAME, "measured places from pose", (str(conditions.poses[own[start]]),))
+    slip = RecordSlip(SlipKind.FRAME, "measured places from pose", (str(conditions.poses[places[start]]),))
     return None if does_not_belong(after) else WholeSlip(after.rms / after.spread, slip, after.rms)
 
 
@@ -219,6 +223,6 @@ def without_lone_errors(start: StartValues, usable: Mask) -> Mask:
     kept = size <= _FAR * float(np.median(size))
     if kept.mean() < _MOST:
         return usable
-    found = usable.copy()
-    found[usable] = kept
-    return found
+    is_usable = usable.copy()
+    is_usable[usable] = kept
+    return is_usable

@@ -128,5 +128,5 @@ class InstalledCheck(DeclaredCheck, Protocol):
 def checks_installed(tables: Mapping[str, pa.Table], settings: Campaign) -> Iterator[Check]:
     """Yield the rows of all checks that installed packages add to this kind of campaign."""
     limits = CampaignLimits(settings.campaign.kind, settings.qa.limits)
-    for one in installed_checks(settings.campaign.kind).values():
-        yield from cast(InstalledCheck, one).checks(tables, settings, limits)
+    for installed_check in installed_checks(settings.campaign.kind).values():
+        yield from cast(InstalledCheck, installed_check).checks(tables, settings, limits)

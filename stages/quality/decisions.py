@@ -75,12 +75,12 @@ def _rules(settings: Campaign) -> Iterator[tuple[str, int, Overrule]]:
 def _points(observations: pa.Table | StoredTable, rule: Overrule) -> int:
     """Return the number of points that a rule matches."""
     total = 0
-    for found in table_batches(observations, _NAMES):
+    for table_batch in table_batches(observations, _NAMES):
         for key in _NAMES:
             value = getattr(rule, key)
             if value is not None:
-                found = found.filter(pc.equal(found.column(key).cast(pa.string()), str(value)))
-        total += int(found.num_rows)
+                table_batch = table_batch.filter(pc.equal(table_batch.column(key).cast(pa.string()), str(value)))
+        total += int(table_batch.num_rows)
     return total
 
 

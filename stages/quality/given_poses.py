@@ -48,7 +48,9 @@ def readings_of_given_poses(
     if not base.ok.any() and settings.is_frame_fixed:
         base = _GivenPoses(np.broadcast_to(np.eye(3), base.R.shape), base.t, base.covariance, np.ones_like(base.ok))
     right = np.ones_like(base.ok)
-    return related_readings(base, platform, around, configurations, settings, right, "measured poses")
+    return related_readings(
+        base, platform, around, configurations, settings, right, "measured poses", were_rotations_written=True
+    )
 
 
 def _poses_of(poses: pa.Table, body: str, around: PoseSurroundings) -> _GivenPoses:
@@ -58,10 +60,10 @@ def _poses_of(poses: pa.Table, body: str, around: PoseSurroundings) -> _GivenPos
     at = at[at >= 0]
     known = np.isfinite(vectors).all(axis=1) & np.isfinite(covariances).all(axis=(1, 2))
     count = len(around.poses)
-    found = _GivenPoses(
+    given_poses = _GivenPoses(
         np.tile(np.eye(3), (count, 1, 1)), np.zeros((count, 3)), np.zeros((count, 6, 6)), np.zeros(count, bool)
     )
     rows = at[known]
-    found.R[rows], found.t[rows] = exp_so3(vectors[known, 3:]), vectors[known, :3]
-    found.covariance[rows], found.ok[rows] = covariances[known], True
-    return found
+    given_poses.R[rows], given_poses.t[rows] = exp_so3(vectors[known, 3:]), vectors[known, :3]
+    given_poses.covariance[rows], given_poses.ok[rows] = covariances[known], True
+    return given_poses

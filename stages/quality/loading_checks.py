@@ -103,7 +103,7 @@ def _checks(view: LoadingView, settings: Campaign, limits: CampaignLimits) -> It
     yield time_unit(view.steps.time_s, view.steps.run, table, "step", is_counted=view.is_counted)
     yield from load_range(view, settings.loading, limits)
     if view.channels:
-        yield from _of_readings(view, settings, share, limits)
+        yield from _check_readings(view, settings, share, limits)
     else:
         yield not_evaluated("readings", "completeness", "", "the campaign holds no readings of the platform's motion")
     turned: frozenset[int] = frozenset()
@@ -114,7 +114,7 @@ def _checks(view: LoadingView, settings: Campaign, limits: CampaignLimits) -> It
     yield from signal_checks(view, settings, turned, share)
 
 
-def _of_readings(view: LoadingView, settings: Campaign, share: float, limits: CampaignLimits) -> Iterator[Check]:
+def _check_readings(view: LoadingView, settings: Campaign, share: float, limits: CampaignLimits) -> Iterator[Check]:
     yield from missing_readings_checks(view, limits)
     found = run_responses(view)
     yield from units(view, found)

@@ -46,14 +46,16 @@ def likely_names(
 
     ``declared``: body and name of targets that are known under another name.
     """
-    found, names = [], _names(observations)
+    names_found, names = [], _names(observations)
     for body in bodies:
         known = {*body.survey.targets, *(name for of, name in declared if of == body.name)}
         unknown = tuple(name for name in names[body.name] if name not in known)
         if unknown:
             points = pose_points(observations, body.name, around.poses, unknown)
-            found += [one for at in range(len(unknown)) if (one := _likely(body, points, at)) is not None]
-    return found
+            names_found += [
+                likely_name for at in range(len(unknown)) if (likely_name := _likely(body, points, at)) is not None
+            ]
+    return names_found
 
 
 def _names(observations: pa.Table) -> dict[str, list[str]]:
@@ -79,8 +81,8 @@ def _likely(body: BodyView, points: PosePoints, at: int) -> LikelyName | None:
     apart = float(np.linalg.norm(others - body.survey.points[nearest], axis=1).min(initial=np.inf))
     if not off[nearest] < max(_NEAR * sigma, _NEAR_SHARE * apart):
         return None
-    own = np.flatnonzero(body.points.seen[:, nearest])
-    before, after = (own < rows[0]).any(), (own > rows[-1]).any()
+    places = np.flatnonzero(body.points.seen[:, nearest])
+    before, after = (places < rows[0]).any(), (places > rows[-1]).any()
     poses = body.points.poses
     return LikelyName(
         body.name,
@@ -99,15 +101,14 @@ def names_known(
     """Yield one row per body, or one warning per unknown name at the position of a missing target."""
     names = _names(observations)
     for body in bodies:
-        here = [one for one in likely if one.body == body.name]
-        for one in here:
-            since = "" if one.from_pose is None else f" from pose {one.from_pose}"
-            until = "" if one.to_pose is None else f" to pose {one.to_pose}"
-            text = (
-                f"{body.name}: {one.called} lies {one.off_mm:.3f} mm from the place of {one.target}, which was not seen"
-            )
+        here = [candidate for candidate in likely if candidate.body == body.name]
+        for likely_name in here:
+            since = "" if likely_name.from_pose is None else f" from pose {likely_name.from_pose}"
+            until = "" if likely_name.to_pose is None else f" to pose {likely_name.to_pose}"
+            text = f"{body.name}: {likely_name.called} lies {likely_name.off_mm:.3f} mm from the place of "
+            text += f"{likely_name.target}, which was not seen"
             text += f"{since}{until}: is it the same target? Nothing was renamed; add [[renamed]] if so."
-            yield Check("names-known", f"target {one.called}", float(one.poses), 0.0, "1", WARN, text)
+            yield Check("names-known", f"target {likely_name.called}", float(likely_name.poses), 0.0, "1", WARN, text)
         if here:
             continue
         if not body.is_surveyed:
@@ -134,15 +135,15 @@ def likely_table(likely: Sequence[LikelyName]) -> pa.Table:
     """Return the artifact likely_names."""
     rows: list[dict[str, Any]] = [
         {
-            "body": one.body,
-            "called": one.called,
-            "target": one.target,
-            "from_pose": None if one.from_pose is None else str(one.from_pose),
-            "to_pose": None if one.to_pose is None else str(one.to_pose),
-            "rows": one.poses,
-            "distance_mm": one.off_mm,
+            "body": candidate.body,
+            "called": candidate.called,
+            "target": candidate.target,
+            "from_pose": None if candidate.from_pose is None else str(candidate.from_pose),
+            "to_pose": None if candidate.to_pose is None else str(candidate.to_pose),
+            "rows": candidate.poses,
+            "distance_mm": candidate.off_mm,
         }
-        for one in likely
+        for candidate in likely
     ]
     return pa.Table.from_pylist(rows, schema=ARTIFACTS["likely_names"].arrow_schema())
 
@@ -177,10 +178,10 @@ def later_surveys(resurveys: pa.Table | None, exclude: Sequence[Overrule], limit
         )
         return
     for (survey, body), rows in groupby(resurveys.to_pylist(), key=lambda row: (row["later_survey"], row["body"])):
-        yield from _of_body(f"{body} survey {survey}", body, list(rows), exclude, limits)
+        yield from _check_later_survey(f"{body} survey {survey}", body, list(rows), exclude, limits)
 
 
-def _of_body(
+def _check_later_survey(
     subject: str, body: str, rows: list[dict[str, Any]], exclude: Sequence[Overrule], limits: CampaignLimits
 ) -> Iterator[Check]:
     compared = [row for row in rows if row["shift_x_mm"] is not None]
@@ -191,11 +192,19 @@ def _of_body(
     limit = limits.of("resurvey")
     for row in moved:
         size, ratio = _size(row), _over_sigma(row)
-        taken = _taken_into_account(row, exclude)
+        is_taken_into_account = _taken_into_account(row, exclude)
         text = f"{body}: {row['target']} lies {size:.3f} mm elsewhere in survey {row['later_survey']} ("
         text += ", ".join(f"{row[f'shift_{a}_mm']:+.3f} ± {row[f'sigma_{a}_mm']:.3f}" for a in _AXES) + " mm); "
-        text += taken or "from which pose on is not declared, so its first position is used for all poses."
-        yield limit.row(f"target {row['target']} survey {row['later_survey']}", ratio, "sigma", text, counts=not taken)
+        text += (
+            is_taken_into_account or "from which pose on is not declared, so its first position is used for all poses."
+        )
+        yield limit.row(
+            f"target {row['target']} survey {row['later_survey']}",
+            ratio,
+            "sigma",
+            text,
+            counts=not is_taken_into_account,
+        )
     if not moved:
         worst = max(compared, key=_over_sigma)
         text = f"{subject}: none of {len(compared)} targets moved, apart from their common motion; the largest shift "

@@ -174,25 +174,25 @@ def _blocks(table: pa.Table, poses: list[object], watched: list[str]) -> Array:
     """Return each pose's information (S, 3, 3) on the camera's parameters, given all other common parameters."""
     out = np.zeros((len(poses), len(watched), len(watched)))
     names = ("pose", "shared_number", "other_number", "information")
-    for pose, one, other, value in zip(*(table.column(name).to_pylist() for name in names), strict=True):
-        if one in watched and other in watched:
-            i, j = watched.index(one), watched.index(other)
+    for pose, first_part, other, value in zip(*(table.column(name).to_pylist() for name in names), strict=True):
+        if first_part in watched and other in watched:
+            i, j = watched.index(first_part), watched.index(other)
             out[poses.index(pose), i, j] = out[poses.index(pose), j, i] = value
     return out
 
 
 def _stability(camera: str, poses: list[object], score: Array, information: Array) -> Check:
     """Return the check of the poses' own parameters against the common ones."""
-    found = camera_deviations(score, information)
-    if not found.freedom:
+    deviations = camera_deviations(score, information)
+    if not deviations.freedom:
         return not_evaluated("stability", "camera-stability", f"camera {camera}", "fewer than two poses show it")
-    sigma = np.sqrt(np.diagonal(found.covariance_px2, axis1=1, axis2=2))
-    worst = int(np.nanargmax(found.chi2))
-    deviation = found.deviation_px[worst]
+    sigma = np.sqrt(np.diagonal(deviations.covariance_px2, axis1=1, axis2=2))
+    worst = int(np.nanargmax(deviations.chi2))
+    deviation = deviations.deviation_px[worst]
     shown = ", ".join(f"{name} by {deviation[k]:+.2f} ± {sigma[worst, k]:.2f} px" for k, name in enumerate(_WATCHED))
-    p_value, ratio = found.overall_p_value, np.sqrt(found.overall_chi2 / found.freedom)
+    p_value, ratio = deviations.overall_p_value, np.sqrt(deviations.overall_chi2 / deviations.freedom)
     text = f"Camera {camera}: poses differ in principal distance and point by {ratio:.2f} times their uncertainty "
-    text += f"(p = {p_value:.2g}); most in pose {poses[worst]} (p = {found.p_value[worst]:.2g}): {shown}."
+    text += f"(p = {p_value:.2g}); most in pose {poses[worst]} (p = {deviations.p_value[worst]:.2g}): {shown}."
     verdict = PASS if p_value >= _BEYOND_CHANCE else FAIL if ratio > _FAR else WARN
     return Check("camera-stability", f"camera {camera}", p_value, _BEYOND_CHANCE, "1", verdict, text)
 
@@ -202,10 +202,10 @@ Row = dict[str, Any]
 
 def _changed(images: pa.Table) -> dict[str, list[Row]]:
     """Yield the images of each camera with some principal distances different from the majority."""
-    found: dict[str, list[Row]] = {}
+    rows_by_camera: dict[str, list[Row]] = {}
     for row in images.to_pylist():
-        found.setdefault(row["camera"], []).append(row)
-    return {camera: rows for camera, rows in found.items() if any(row["setting"] for row in rows)}
+        rows_by_camera.setdefault(row["camera"], []).append(row)
+    return {camera: rows for camera, rows in rows_by_camera.items() if any(row["setting"] for row in rows)}
 
 
 def _deviating_images_check(camera: str, rows: list[Row], figures: Figures) -> Check:
@@ -229,32 +229,37 @@ def _deviating_images_check(camera: str, rows: list[Row], figures: Figures) -> C
 
 def _reported_settings(apart: list[Row], rows: list[Row]) -> Iterator[str]:
     for setting in sorted({row["setting"] for row in apart}):
-        own = [row for row in apart if row["setting"] == setting]
-        off = np.array([row["principal_distance_off_px"] for row in own])
-        sigma = np.array([row["principal_distance_sigma_px"] for row in own])
-        poses = _complete_poses(own, rows)
-        named = [f"{row['image']} of pose {row['pose']}" for row in own if row["pose"] not in poses]
+        rows_of_setting = [row for row in apart if row["setting"] == setting]
+        off = np.array([row["principal_distance_off_px"] for row in rows_of_setting])
+        sigma = np.array([row["principal_distance_sigma_px"] for row in rows_of_setting])
+        poses = _complete_poses(rows_of_setting, rows)
+        named = [f"{row['image']} of pose {row['pose']}" for row in rows_of_setting if row["pose"] not in poses]
         which = [f"all of pose {pose}" for pose in poses] + named
         yield f"{listed(which, _TOLD_IMAGES)} by {np.median(off):+.2f} ± {np.median(sigma):.2f} px each"
 
 
-def _complete_poses(own: list[Row], rows: list[Row]) -> list[object]:
+def _complete_poses(body_rows: list[Row], rows: list[Row]) -> list[object]:
     """Return the poses all of whose images are among these."""
     count = Counter(row["pose"] for row in rows)
-    return [pose for pose, number in Counter(row["pose"] for row in own).items() if number == count[pose]]
+    return [pose for pose, number in Counter(row["pose"] for row in body_rows).items() if number == count[pose]]
 
 
 def _setting_keys(apart: list[Row], rows: list[Row]) -> str:
     """Return the keys of campaign.toml that select the images of the first different setting."""
-    own = [row for row in apart if row["setting"] == apart[0]["setting"]]
-    poses = _complete_poses(own, rows)
-    if len({row["pose"] for row in own}) == len(poses):
+    rows_of_setting = [row for row in apart if row["setting"] == apart[0]["setting"]]
+    poses = _complete_poses(rows_of_setting, rows)
+    if len({row["pose"] for row in rows_of_setting}) == len(poses):
         return f"poses = [{', '.join(map(_toml, poses))}]"
-    chosen, poses = {row["image"] for row in own}, list(dict.fromkeys(row["pose"] for row in own))
-    images = f"images = [{', '.join(_toml(row['image']) for row in own)}]"
-    if sum(row["image"] in chosen for row in rows) == len(own):
+    chosen, poses = (
+        {row["image"] for row in rows_of_setting},
+        list(dict.fromkeys(row["pose"] for row in rows_of_setting)),
+    )
+    images = f"images = [{', '.join(_toml(row['image']) for row in rows_of_setting)}]"
+    if sum(row["image"] in chosen for row in rows) == len(rows_of_setting):
         return images
-    here = [row for row in own if row["pose"] == poses[0]]  # names that come again in other poses: pose by pose
+    here = [
+        row for row in rows_of_setting if row["pose"] == poses[0]
+    ]  # names that come again in other poses: pose by pose
     return f"poses = [{_toml(poses[0])}], images = [{', '.join(_toml(row['image']) for row in here)}]"
 
 
@@ -299,6 +304,6 @@ def _deviation_words(row: dict[str, Any]) -> str:
     """Return the deviation of a known point and its direction in words."""
     off = np.array([row["dx_mm"], row["dy_mm"], row["dz_mm"]])
     size, spread = float(np.linalg.norm(off)), [row[f"sigma_{axis}_mm"] for axis in "xyz"]
-    own = "" if None in spread else f" ± {np.linalg.norm(off / max(size, 1e-12) * np.array(spread)):.2g}"
+    uncertainty_words = "" if None in spread else f" ± {np.linalg.norm(off / max(size, 1e-12) * np.array(spread)):.2g}"
     along = ", ".join(f"{axis} {value:+.3g}" for axis, value in zip("xyz", off, strict=True))
-    return f"{row['point']} lies {size:.3g}{own} mm from its known position ({along})"
+    return f"{row['point']} lies {size:.3g}{uncertainty_words} mm from its known position ({along})"

@@ -72,21 +72,21 @@ def checks(tables: Mapping[str, pa.Table], settings: Campaign, sample: PoseSampl
     """
     observations = tables["observations"]
     if not observations.num_rows:
-        return _of_given_poses(tables, settings)
+        return _check_given_poses(tables, settings)
     sample = pose_sample(observations, tables.get("configurations")) if sample is None else sample
     shared = "point" in observations.column_names
-    whole = _surroundings(sample.poses, shared, tables.get("configurations"), settings.campaign.drives)
-    around = sample.around(whole)
+    surroundings = _surroundings(sample.poses, shared, tables.get("configurations"), settings.campaign.drives)
+    around = sample.around(surroundings)
     bodies, reference = _reference_first(_body_views(tables, around), settings)
     limits = CampaignLimits(settings.campaign.kind, settings.qa.limits)
     declared = declared_names(tables.get("relabelled"))
     relations = relations_of_points(bodies, around, tables, settings)
     likely = likely_names(observations, bodies, around, declared)
-    found: Iterable[Check] = chain(
+    checks_made: Iterable[Check] = chain(
         sample.noted(belonging_checks(relations)),
-        [unobserved_poses(whole, limits), noise_size(bodies, relations)],
+        [unobserved_poses(surroundings, limits), noise_size(bodies, relations)],
         sample.noted(_checks_of_points(bodies, reference, around, settings, limits, tables)),
-        _checks_of_times(whole, settings, limits, tables.get("configurations")),
+        _checks_of_times(surroundings, settings, limits, tables.get("configurations")),
         sample.noted(names_known(observations, bodies, likely, declared)),
         later_surveys(tables.get("resurveys"), settings.exclude, limits),
         point_decision_checks(sample.whole, settings),
@@ -94,15 +94,14 @@ def checks(tables: Mapping[str, pa.Table], settings: Campaign, sample: PoseSampl
     )
     statistics = tables.get("bundle_statistics")
     if statistics is not None and scale_contradiction(figures_of(statistics)) is not None:
-        found = without_consequences(found)
-    read = (
-        f"{count(sample.whole.num_rows, 'point')} of {count(len(bodies), 'body')} in {count(len(whole.poses), 'pose')}"
-    )
+        checks_made = without_consequences(checks_made)
+    poses = count(len(surroundings.poses), "pose")
+    read = f"{count(sample.whole.num_rows, 'point')} of {count(len(bodies), 'body')} in {poses}"
     read += "" if sample.is_whole else f", examined those of {count(len(around.poses), 'pose')}"
-    return CheckResults(found, read, relations, {"likely_names": likely_table(likely)} if likely else {})
+    return CheckResults(checks_made, read, relations, {"likely_names": likely_table(likely)} if likely else {})
 
 
-def _of_given_poses(tables: Mapping[str, pa.Table], settings: Campaign) -> CheckResults:
+def _check_given_poses(tables: Mapping[str, pa.Table], settings: Campaign) -> CheckResults:
     """The test of actuator readings against poses that were measured as such; they have no points to check."""
     poses = tables.get("measured_poses")
     if poses is None or not poses.num_rows or not settings.mechanism.is_legged:

@@ -51,18 +51,18 @@ class PoseSample:
         """Yield checks with the poses that were examined."""
         return (replace(check, message=check.message + self.note) for check in checks)
 
-    def around(self, whole: PoseSurroundings) -> PoseSurroundings:
+    def around(self, surroundings: PoseSurroundings) -> PoseSurroundings:
         """Return the surroundings of the examined poses alone."""
         if self.is_whole:
-            return whole
+            return surroundings
         examined = set(self.examined)
-        rows = np.array([row for row, pose in enumerate(whole.poses) if pose in examined], dtype=np.int64)
+        rows = np.array([row for row, pose in enumerate(surroundings.poses) if pose in examined], dtype=np.int64)
         return replace(
-            whole,
-            poses=tuple(whole.poses[row] for row in rows),
-            time=whole.time[rows],
-            settings=whole.settings[rows],
-            temperature=None if whole.temperature is None else whole.temperature[rows],
+            surroundings,
+            poses=tuple(surroundings.poses[row] for row in rows),
+            time=surroundings.time[rows],
+            settings=surroundings.settings[rows],
+            temperature=None if surroundings.temperature is None else surroundings.temperature[rows],
         )
 
 
@@ -72,10 +72,10 @@ def pose_sample(observations: pa.Table | StoredTable, configurations: pa.Table |
         points = whole_table(observations)
         poses = tuple(points.column("pose").unique().to_pylist())
         return PoseSample(points, poses, poses, points)
-    found: dict[int | str, None] = {}
+    names: dict[int | str, None] = {}
     for batch in table_batches(observations, ("pose",)):
-        found.update(dict.fromkeys(batch.column("pose").unique().to_pylist()))
-    poses = tuple(found)
+        names.update(dict.fromkeys(batch.column("pose").unique().to_pylist()))
+    poses = tuple(names)
     rows = spread_runs(len(poses), max(1, len(poses) * SOME_POINTS // observations.num_rows))
     order = _in_time(poses, configurations)
     examined = tuple(poses[order[row]] for row in rows)

@@ -94,18 +94,20 @@ def positioning_runs(positions: pa.Table) -> Iterator[PositioningRun]:
     """Yield the runs of the table ``positions``, with rows ordered by run, target, direction and cycle."""
     names = [str(name) for name in positions.column("run").to_pylist()]
     for name in dict.fromkeys(names):
-        own = positions.filter([one == name for one in names])
-        target = np.unique(number_column(own, "target_mm"))
+        rows_of_run = positions.filter([run_name == name for run_name in names])
+        target = np.unique(number_column(rows_of_run, "target_mm"))
         shape = len(target), len(WAYS), -1
-        columns = own.column_names
-        order = number_column(own, "row_order") if "row_order" in columns else np.arange(own.num_rows)
-        warmth = number_column(own, "material_temperature_c") if "material_temperature_c" in columns else None
-        cycles = tuple(dict.fromkeys(own.column("cycle").to_pylist()))
+        columns = rows_of_run.column_names
+        order = number_column(rows_of_run, "row_order") if "row_order" in columns else np.arange(rows_of_run.num_rows)
+        warmth = number_column(rows_of_run, "material_temperature_c") if "material_temperature_c" in columns else None
+        cycles = tuple(dict.fromkeys(rows_of_run.column("cycle").to_pylist()))
         yield PositioningRun(
             name,
             target,
-            number_column(own, "position_mm").reshape(shape),
-            number_column(own, "position_read_mm" if "position_read_mm" in columns else "position_mm").reshape(shape),
+            number_column(rows_of_run, "position_mm").reshape(shape),
+            number_column(rows_of_run, "position_read_mm" if "position_read_mm" in columns else "position_mm").reshape(
+                shape
+            ),
             order.astype(np.int64).reshape(shape),
             cycles,
             None if warmth is None else warmth.reshape(shape),
@@ -116,13 +118,13 @@ def position_checks(runs: Sequence[PositioningRun], limits: CampaignLimits) -> I
     """Yield all checks of all runs; if positions contradict their targets, no other check is evaluated."""
     for run in runs:
         match = _matched(run)
-        found = _overflow(run, match)
-        yield found
+        check = _overflow(run, match)
+        yield check
         yield _against_targets(run, match)
         yield _cycles(run, limits)
         yield _temperature(run)
         yield _copied(run)
-        if match.is_slip or found.verdict == FAIL:
+        if match.is_slip or check.verdict == FAIL:
             continue
         yield _jumps(run, limits)
         yield _errors(run)
@@ -177,12 +179,12 @@ def _cycles(run: PositioningRun, limits: CampaignLimits) -> Check:
 def _temperature(run: PositioningRun) -> Check:
     if run.temperature_c is None or not np.isfinite(run.temperature_c).any():
         return not_evaluated("temperature of the axis", "axis-temperature", run.subject, "it was not recorded")
-    found = temperatures_out_of_reach(run.temperature_c.ravel())
+    out_of_reach = temperatures_out_of_reach(run.temperature_c.ravel())
     worst = float(np.nanmax(np.abs(run.temperature_c)))
     text = f"Run {run.name}: the axis' temperature is {worst:.4g} °C at most"
-    text += ", beyond what a laboratory has; is the unit right?" if len(found.where) else "."
-    verdict = FAIL if len(found.where) else PASS
-    return Check("axis-temperature", run.subject, worst, found.limit, "degC", verdict, text)
+    text += ", beyond what a laboratory has; is the unit right?" if len(out_of_reach.where) else "."
+    verdict = FAIL if len(out_of_reach.where) else PASS
+    return Check("axis-temperature", run.subject, worst, out_of_reach.limit, "degC", verdict, text)
 
 
 def _overflow(run: PositioningRun, match: TargetMatch) -> Check:
@@ -191,13 +193,13 @@ def _overflow(run: PositioningRun, match: TargetMatch) -> Check:
         why = "positions are not whole multiples of a step; see position-jumps for jumps of any size"
         why = "positions do not follow their targets" if match.is_slip else why
         return not_evaluated("overflow of an encoder", "encoder-overflow", run.subject, why)
-    found = overflow(run.deviation, step)
-    if found is None:
+    jumped = overflow(run.deviation, step)
+    if jumped is None:
         text = f"Run {run.name}: no positions differ by 2^n steps of {step:.3g} um."
         return Check("encoder-overflow", run.subject, 0.0, 0.0, "um", PASS, text)
-    text = f"Run {run.name}: positions jump by {found.jump / _UM:.6g} mm, 2^{found.bits} steps of {step:.3g} um: an "
-    text += f"encoder overflowed at {run.places(found.where)}."
-    return Check("encoder-overflow", run.subject, found.jump, 0.0, "um", FAIL, text)
+    text = f"Run {run.name}: positions jump by {jumped.jump / _UM:.6g} mm, 2^{jumped.bits} steps of {step:.3g} um: an "
+    text += f"encoder overflowed at {run.places(jumped.where)}."
+    return Check("encoder-overflow", run.subject, jumped.jump, 0.0, "um", FAIL, text)
 
 
 def _jumps(run: PositioningRun, limits: CampaignLimits) -> Check:
@@ -209,27 +211,27 @@ def _jumps(run: PositioningRun, limits: CampaignLimits) -> Check:
             text = f"Run {run.name}: from {run.place(step.after)} on, in the order of the {known_by}, positions are "
             text += f"shifted by {step.size:+.3g} um; their scatter is {step.scatter:.2g} um."
             return limit.row(run.subject, abs(step.size) / step.scatter, "1", text)
-    found = widest_gap(run.deviation, run.step_um)
-    if found is None:
+    gap = widest_gap(run.deviation, run.step_um)
+    if gap is None:
         text = f"Run {run.name}: deviations differ only between directions."
         return limit.row(run.subject, 0.0, "1", text)
-    text = f"Run {run.name}: the widest gap between deviations is {found.size:.3g} um, the range on its wider side "
-    text += f"{found.spread:.3g} um."
-    if limit.verdict(found.ratio) != PASS:
-        text += f" Separate: {run.places(found.where)}."
-    return limit.row(run.subject, min(found.ratio, 1e9), "1", text)
+    text = f"Run {run.name}: the widest gap between deviations is {gap.size:.3g} um, the range on its wider side "
+    text += f"{gap.spread:.3g} um."
+    if limit.verdict(gap.ratio) != PASS:
+        text += f" Separate: {run.places(gap.where)}."
+    return limit.row(run.subject, min(gap.ratio, 1e9), "1", text)
 
 
 def _errors(run: PositioningRun) -> Check:
-    found = gross_errors(run.deviation, _CHANCE, 0.5 * run.step_um)
-    count, times = int(found.where.sum()), abs(found.off) / max(found.scatter, 1e-300)
+    gross = gross_errors(run.deviation, _CHANCE, 0.5 * run.step_um)
+    count, times = int(gross.where.sum()), abs(gross.off) / max(gross.scatter, 1e-300)
     text = f"Run {run.name}: the approach farthest from the others of its target and direction is "
-    text += f"{run.place(found.worst)}, {found.off:+.3g} um off, scatter of the others {found.scatter:.2g} um"
-    text += f". Significant: {run.places(found.where)}." if count else "."
+    text += f"{run.place(gross.worst)}, {gross.off:+.3g} um off, scatter of the others {gross.scatter:.2g} um"
+    text += f". Significant: {run.places(gross.where)}." if count else "."
     if count and len(run.cycles) == _TWO:
         text += " With two cycles, it cannot be decided which one is wrong."
     verdict = PASS if not count else FAIL if times > _TIMES_SCATTER else WARN
-    return Check("position-errors", run.subject, abs(found.off), _TIMES_SCATTER * found.scatter, "um", verdict, text)
+    return Check("position-errors", run.subject, abs(gross.off), _TIMES_SCATTER * gross.scatter, "um", verdict, text)
 
 
 def _copied(run: PositioningRun) -> Check:
@@ -309,11 +311,11 @@ def _movements(run: PositioningRun) -> tuple[Array, Array]:
 
 
 def _drift(run: PositioningRun) -> Check:
-    found = cycle_drift(run.deviation)
-    if found is None:
+    drift = cycle_drift(run.deviation)
+    if drift is None:
         return not_evaluated("drift", "position-drift", run.subject, "fewer than four cycles do not show a drift")
-    walks = found.p_value < _DRIFT and found.share > _STRAIGHT
-    text = f"Run {run.name}: from the first cycle to the last the deviations drift by {found.walked:+.3g} um"
-    text += f", {100.0 * found.share:.0f} % of their differences between cycles." if walks else ", no more than chance "
+    walks = drift.p_value < _DRIFT and drift.share > _STRAIGHT
+    text = f"Run {run.name}: from the first cycle to the last the deviations drift by {drift.walked:+.3g} um"
+    text += f", {100.0 * drift.share:.0f} % of their differences between cycles." if walks else ", no more than chance "
     text += "" if walks else "or other differences between cycles make."
-    return Check("position-drift", run.subject, abs(found.walked), None, "um", WARN if walks else PASS, text)
+    return Check("position-drift", run.subject, abs(drift.walked), None, "um", WARN if walks else PASS, text)

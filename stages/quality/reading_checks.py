@@ -35,44 +35,44 @@ _UNEQUAL = 1e-3
 _NOTHING_TO_COMPARE = "no run whose readings can be compared with a simulation or with other runs"
 
 
-def units(view: LoadingView, found: RunResponses) -> Iterator[Check]:
+def units(view: LoadingView, responses: RunResponses) -> Iterator[Check]:
     """Yield the check for runs whose readings are in another unit, such as a factor of 1000."""
-    if not found.channel:
+    if not responses.channel:
         yield not_evaluated("units", "units", "", _NOTHING_TO_COMPARE)
         return
-    expected = np.ones(len(found.slope)) if found.simulated else typical_size(found.slope, found.kind)
-    wrong = units_mistaken(found.slope, found.sigma, expected)
+    expected = np.ones(len(responses.slope)) if responses.simulated else typical_size(responses.slope, responses.kind)
+    wrong = units_mistaken(responses.slope, responses.sigma, expected)
     for where, factor in zip(wrong.where, wrong.size, strict=True):
-        subject = f"{view.run_name(found.run[where])} {found.channel[where]}"
+        subject = f"{view.run_name(responses.run[where])} {responses.channel[where]}"
         text = f"{subject} reads {factor:.4g} times the expected value; is its unit, or that of the load, right?"
         yield Check("units", subject, float(factor), 1.0, "1", FAIL, text)
-    beyond = beyond_simulation(found, wrong.where)
+    beyond = beyond_simulation(responses, wrong.where)
     for where in beyond:
-        subject = f"{view.run_name(found.run[where])} {found.channel[where]}"
-        text = f"{subject} reads {found.slope[where]:.3g} times the simulated value, and no unit explains this; "
+        subject = f"{view.run_name(responses.run[where])} {responses.channel[where]}"
+        text = f"{subject} reads {responses.slope[where]:.3g} times the simulated value, and no unit explains this; "
         text += "are the elements, or the compliance, those of this sensor?"
-        yield Check("units", subject, float(found.slope[where]), 1.0, "1", FAIL, text)
+        yield Check("units", subject, float(responses.slope[where]), 1.0, "1", FAIL, text)
     if not len(wrong) and not beyond:
-        text = f"The readings of {len(found.slope)} runs and channels have a plausible size."
+        text = f"The readings of {len(responses.slope)} runs and channels have a plausible size."
         yield Check("units", "", 1.0, 1.0, "1", PASS, text)
 
 
-def signs(view: LoadingView, found: RunResponses, of: str, share: float) -> Iterator[Check]:
+def signs(view: LoadingView, responses: RunResponses, of: str, share: float) -> Iterator[Check]:
     """Yield the check for runs that respond with the opposite sign; ``of``: readings or signals."""
-    if not found.channel:
+    if not responses.channel:
         yield not_evaluated("signs", "signs", of, _NOTHING_TO_COMPARE)
         return
-    flipped = sign_reversed(found, share)
-    for number in dict.fromkeys(found.run[flipped].tolist()):
-        names = " ".join(found.channel[at] for at in flipped if found.run[at] == number)
+    flipped = sign_reversed(responses, share)
+    for number in dict.fromkeys(responses.run[flipped].tolist()):
+        names = " ".join(responses.channel[at] for at in flipped if responses.run[at] == number)
         text = f"{view.run_name(number)}: {names} with the opposite sign; of the load, or of the channel?"
         yield Check("signs", f"{view.run_name(number)} {names}", -1.0, 0.0, "1", FAIL, text)
-    alike, count = int(np.count_nonzero(same_sign(found, share))), len(found.slope)
+    alike, count = int(np.count_nonzero(same_sign(responses, share))), len(responses.slope)
     if not flipped and not alike:
         why = "no run with a clear response can be compared with another run under the same axis or with a simulation"
         yield not_evaluated("signs", "signs", of, why)
     elif not flipped:
-        against = "the simulation" if found.simulated else "each other"
+        against = "the simulation" if responses.simulated else "each other"
         some = f"{count}" if alike == count else f"{alike} of {count}"
         text = f"{of}: {some} runs and channels have the same sign as {against}."
         if alike < count:
@@ -113,18 +113,18 @@ def gross_errors(view: LoadingView, channel: ChannelView, limits: CampaignLimits
 def jumps(view: LoadingView, share: float) -> Iterator[Check]:
     """Check for runs in which a channel jumps at a step."""
     count = sum(len(channel.runs) for channel in view.channels)
-    found = False
+    any_jump = False
     for channel in view.channels:
         for at in np.flatnonzero(channel.fit.jump_p < share / max(count, 1)):
-            found = True
+            any_jump = True
             size = float(channel.fit.jump_size[at] * channel.in_files)
             row = channel.rows[channel.fit.jump_row[at]]
             run = view.run_name(int(channel.runs[at]))
             by = f"{'+' if size > 0.0 else ''}{in_suitable_unit(size, None, channel.unit)}"
             text = f"{run}: {channel.name} jumps by {by} before step {view.steps.step[row]}."
             yield Check("jumps", f"{run} {channel.name}", size, 0.0, channel.unit, WARN, text)
-    if not found:
-        yield Check("jumps", "", 0.0, 0.0, "", PASS, f"No run jumps, of {count} runs and channels.")
+    if not any_jump:
+        yield Check("jumps", "", 0.0, 0.0, "", PASS, f"No reading jumps within a run ({count} runs and channels).")
 
 
 def drift(view: LoadingView, channel: ChannelView, share: float) -> Check:
@@ -159,7 +159,7 @@ def repeatability(view: LoadingView, channel: ChannelView, share: float) -> Chec
         return not_evaluated(
             "repeatability", "repeatability", name, "no two runs of the same loads, or no declared noise"
         )
-    scatter = Scatter(np.array([one.square for one in groups]), np.array([one.freedom for one in groups]))
+    scatter = Scatter(np.array([group.square for group in groups]), np.array([group.freedom for group in groups]))
     pooled = scatter.pooled
     noted = pooled.p_above(_REPEATS_NOTED)[0] < 0.5 * share
     noted |= bool((scatter.p_above(_REPEATS_NOTED) < 0.5 * share / len(groups)).any())
@@ -176,39 +176,43 @@ def repeatability(view: LoadingView, channel: ChannelView, share: float) -> Chec
 
 def run_zeros(view: LoadingView) -> Iterator[Check]:
     """Does every run count from its own start, or were runs begun without setting their channels to zero?"""
-    sigma, kept = np.full(6, np.nan), np.zeros(view.steps.reading.shape, dtype=bool)
+    sigma, is_used = np.full(6, np.nan), np.zeros(view.steps.reading.shape, dtype=bool)
     for channel in view.channels:
         sigma[channel.place] = channel.sigma * channel.noise_ratio
-        kept[channel.rows[channel.fit.kept], channel.place] = True
-    found = zeros_of_runs(view.steps, np.where(kept, view.steps.reading, np.nan), sigma)
+        is_used[channel.rows[channel.fit.kept], channel.place] = True
+    zeros = zeros_of_runs(view.steps, np.where(is_used, view.steps.reading, np.nan), sigma)
     for channel in view.channels:
-        k, own = channel.place, found.start[:, channel.place] * channel.in_files
+        k, zero = channel.place, zeros.start[:, channel.place] * channel.in_files
         name, unit = f"channel {channel.name}", channel.unit
-        if not np.isfinite(own).any():
+        if not np.isfinite(zero).any():
             yield not_evaluated("zeros of runs", "run-zeros", name, "no run begins without load")
             continue
-        spread, noise = float(np.sqrt(np.nanmean(own**2))), float(np.sqrt(2.0) * sigma[k] * channel.in_files)
+        spread, noise = float(np.sqrt(np.nanmean(zero**2))), float(np.sqrt(2.0) * sigma[k] * channel.in_files)
         text = f"{channel.name}: runs begin {spread:.2g} {unit} from zero; the noise is {noise:.2g} {unit}."
-        if found.has_wrong_zero[k]:
-            order = np.argsort(-np.abs(np.nan_to_num(own)))[: max(int(found.far[:, k].sum()), 1)]
-            places = [f"{view.run_name(int(run))} {own[run]:+.3g} {unit}" for run in order]
+        if zeros.has_wrong_zero[k]:
+            order = np.argsort(-np.abs(np.nan_to_num(zero)))[: max(int(zeros.far[:, k].sum()), 1)]
+            places = [f"{view.run_name(int(run))} {zero[run]:+.3g} {unit}" for run in order]
             text += f" Largest: {listed(places)}. Was it set to zero before each run?"
             text += " Each is treated as relative to its own zero."
-        yield Check("run-zeros", name, spread, noise, unit, WARN if found.has_wrong_zero[k] else PASS, text)
+        yield Check("run-zeros", name, spread, noise, unit, WARN if zeros.has_wrong_zero[k] else PASS, text)
 
 
 def zero_return(view: LoadingView, channel: ChannelView, share: float) -> Check:
     """Does a channel come back to its zero once the load is taken off?"""
     steps = view.steps
-    good = [channel.rows[own[channel.fit.kept[own]]] for own in channel.of_runs]
+    good = [channel.rows[rows_of_run[channel.fit.kept[rows_of_run]]] for rows_of_run in channel.of_runs]
     empty = [rows[~steps.load[rows].any(axis=1)] for rows in good]
-    back = [own for own, (rows, at) in enumerate(zip(good, empty, strict=True)) if _has_load_between(rows, at)]
+    back = [
+        place_of_run
+        for place_of_run, (rows, at) in enumerate(zip(good, empty, strict=True))
+        if _has_load_between(rows, at)
+    ]
     if not back:
         return not_evaluated(
             "zero return", "zero-return", f"channel {channel.name}", "no run ends without load as it began"
         )
     reading = steps.reading[:, channel.place]
-    off = np.array([reading[empty[own][-1]] - reading[empty[own][0]] for own in back])
+    off = np.array([reading[empty[place_of_run][-1]] - reading[empty[place_of_run][0]] for place_of_run in back])
     sigma = np.sqrt(2.0) * channel.sigma * channel.noise_ratio
     limit = -float(ndtri(0.5 * share / len(back))) * sigma
     worst = int(np.argmax(np.abs(off)))
@@ -236,11 +240,15 @@ def exchanged_channels(view: LoadingView) -> Iterator[Check]:
     for run, has, like, is_main in reported:
         if is_main or (int(view.axis[run]), like, has) in pairs:
             wrong.setdefault(run, []).append((has, like))
-    for run, found in wrong.items():
-        names = " ".join(dict.fromkeys(CHANNELS[has] for has, _ in found))
-        what = " and ".join(f"{CHANNELS[has]} reads the response expected of {CHANNELS[like]}" for has, like in found)
+    for run, source_channel in wrong.items():
+        names = " ".join(dict.fromkeys(CHANNELS[has] for has, _ in source_channel))
+        what = " and ".join(
+            f"{CHANNELS[has]} reads the response expected of {CHANNELS[like]}" for has, like in source_channel
+        )
         text = f"{view.run_name(run)}: {what}; are the labels of channels or loads exchanged?"
-        yield Check("channels-exchanged", f"{view.run_name(run)} {names}", float(len(found)), 0.0, "1", FAIL, text)
+        yield Check(
+            "channels-exchanged", f"{view.run_name(run)} {names}", float(len(source_channel)), 0.0, "1", FAIL, text
+        )
     if not count:
         why = "no run has channels with sufficiently different expected responses"
         yield not_evaluated("labels of channels", "channels-exchanged", "", why)

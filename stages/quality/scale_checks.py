@@ -39,10 +39,10 @@ _NO_BAR = (FROM_SURVEY, FROM_MARKER)
 
 def figures_of(statistics: pa.Table) -> Figures:
     """The rows of bundle_statistics by figure and subject; nothing of figures that it does not have."""
-    found: Figures = defaultdict(dict)
+    figures: Figures = defaultdict(dict)
     for figure, subject, value in zip(*(statistics.column(name).to_pylist() for name in _FIGURE), strict=True):
-        found[figure][subject] = value
-    return found
+        figures[figure][subject] = value
+    return figures
 
 
 def rows_of(table: pa.Table, column: str, value: object) -> pa.Table:
@@ -63,11 +63,11 @@ class Contradiction:
     def sentence(self) -> str:
         """The sentence of the check ``scale``."""
         size = f"{1e3 * abs(self.by):.3g} ± {1e3 * self.sigma:.1g} mm/m {'larger' if self.by > 0 else 'smaller'}"
-        one, others = listed(self.odd), listed(self.others)
+        odd, others = listed(self.odd), listed(self.others)
         if len(self.others) == 1:
-            text = f"{one} and {others} contradict each other about the scale: lengths by {one} are {size}."
+            text = f"{odd} and {others} contradict each other about the scale: lengths by {odd} are {size}."
             return f"{text} One of them is wrong; a third length would show which."
-        text = f"{one} contradicts {others} about the scale: lengths by {one} are {size}, and the others agree."
+        text = f"{odd} contradicts {others} about the scale: lengths by {odd} are {size}, and the others agree."
         return f"{text} Check its length, its ends and its unit."
 
 
@@ -83,7 +83,7 @@ def scale_contradiction(figures: Figures) -> Contradiction | None:
     mean = [float(np.average(x[part], weights=s[part] ** -2)) for part in (odd, ~odd)]
     sigma = float(np.sqrt(sum(1.0 / np.sum(s[part] ** -2) for part in (odd, ~odd))))
     by = mean[0] / mean[1] - 1.0
-    sides = [tuple(name for name, own in zip(names, part, strict=True) if own) for part in (odd, ~odd)]
+    sides = [tuple(name for name, is_odd in zip(names, part, strict=True) if is_odd) for part in (odd, ~odd)]
     if abs(by) <= max(_MATTERS, _BEYOND * sigma):
         return None
     return Contradiction(sides[0], sides[1], by, sigma)
@@ -149,22 +149,22 @@ def _sources(serving: dict[str, str], known: dict[str, int]) -> list[str]:
     ``serving``: role of each bar; ``known``: number of poses by kind of known geometry.
     """
     bars = [bar for bar, serves in serving.items() if serves == "scale" and not bar.startswith(_NO_BAR)]
-    found = [f"scale bar{'s' if len(bars) > 1 else ''} {listed(bars)}"] if bars else []
+    sources = [f"scale bar{'s' if len(bars) > 1 else ''} {listed(bars)}"] if bars else []
     for start, words in ((FROM_SURVEY, "distances of the survey"), (FROM_MARKER, "diagonals of markers and boards")):
         count = sum(bar.startswith(start) for bar in serving)
-        found += [f"{count} {words}"] if count else []
-    found += ["known points"] if known["known points"] else []
-    return found + (["the size of markers"] if known["markers"] else [])
+        sources += [f"{count} {words}"] if count else []
+    sources += ["known points"] if known["known points"] else []
+    return sources + (["the size of markers"] if known["markers"] else [])
 
 
 def _checked_by(serving: dict[str, str], figures: Figures, surveyed: bool) -> list[str]:
     """Return in words the lengths that would reveal a wrong scale; a survey that defines the scale itself cannot."""
     checks = [bar for bar, serves in serving.items() if serves == "check"]
     bars = [bar for bar, serves in serving.items() if serves == "scale" and not bar.startswith(_NO_BAR)]
-    found = [f"reference length{'s' if len(checks) > 1 else ''} {listed(checks)}"] if checks else []
-    found += ["each other"] if len(bars) > 1 else []
-    found += ["the survey"] if surveyed and not any(bar.startswith(FROM_SURVEY) for bar in serving) else []
-    return found + [f"the width of {kind}" for kind in figures[_SIZES]]
+    references = [f"reference length{'s' if len(checks) > 1 else ''} {listed(checks)}"] if checks else []
+    references += ["each other"] if len(bars) > 1 else []
+    references += ["the survey"] if surveyed and not any(bar.startswith(FROM_SURVEY) for bar in serving) else []
+    return references + [f"the width of {kind}" for kind in figures[_SIZES]]
 
 
 def target_sizes(figures: Figures, limits: CampaignLimits) -> Iterator[Check]:
@@ -193,15 +193,19 @@ def bar_lengths(lengths: pa.Table | None, limits: CampaignLimits) -> Iterator[Ch
     if not checking.num_rows:
         yield not_evaluated("length errors", "length-errors", "", "no reference length checks the scale")
         return
-    found, length = _errors(checking), number_column(checking, "length_mm")
-    error = 1e3 * found.error_m
+    errors_found, length = _errors(checking), number_column(checking, "length_mm")
+    error = 1e3 * errors_found.error_m
     relative = 1e6 * error / length
     worst = int(np.argmax(np.abs(relative)))
     text = f"{len(error)} reference lengths from {length.min():.0f} to {length.max():.0f} mm: errors of "
     text += f"{np.sqrt(np.mean(error**2)) * 1e3:.1f} um (rms), {relative[worst]:+.1f} um/m at most ("
     text += f"{checking.column('bar').to_pylist()[worst]} in pose {checking.column('pose').to_pylist()[worst]})."
-    text += f" In common they have {1e6 * found.scale:+.1f} ± {1e6 * found.sigma_scale:.1f} um/m."
-    text += f" For an acceptance test the guideline asks for more: {'; '.join(found.lacks)}." if found.lacks else ""
+    text += f" In common they have {1e6 * errors_found.scale:+.1f} ± {1e6 * errors_found.sigma_scale:.1f} um/m."
+    text += (
+        f" For an acceptance test the guideline asks for more: {'; '.join(errors_found.lacks)}."
+        if errors_found.lacks
+        else ""
+    )
     yield limits.of("length-errors").row("", float(np.abs(relative[worst])), "um/m", text)
 
 
@@ -243,7 +247,7 @@ def _bar(subject: str, rows: pa.Table, limits: CampaignLimits) -> Check:
         )
         text += f"the furthest of {counted(len(over), 'pose')}."
     else:
-        far = int(sum(limit.verdict(float(one)) != PASS for one in over))
+        far = int(sum(limit.verdict(float(ratio)) != PASS for ratio in over))
         count, poses = (len(set(rows.column(column).to_pylist())) for column in ("bar", "pose"))
         text = (
             f"{subject}: {counted(count, 'distance')} in {counted(poses, 'pose')}, {far} of "

@@ -33,6 +33,8 @@ _APART = 1e3  # loads that differ from a combination of others by less than that
 _ROUNDING = 1e-6  # of the largest signal: what is left of a combination that is exactly none
 _FEWEST = 8
 _NEARLY_EQUAL = 0.05  # of loads asked for by signals, and recorded with a mistake undone
+# Share of the usual change of a signal below which one responds to no load.
+_IDLE = 0.02
 _MISTAKES = (
     (0.1, "a tenth of it"),
     (10.0, "ten times as much"),
@@ -143,12 +145,23 @@ def _signals_independent(about: Array, names: tuple[str, ...], loaded: int, nois
         seen = observe(about, level, names, unidentifiable=1.0 / least_signal(count))
         verdict, but = WARN, " but for noise"
     rank = float(seen.rank)
+    determined = f"The {len(names)} signals determine {rank:.0f} independent quantities"
     if rank >= wanted:
-        text = f"The {len(names)} signals hold {rank:.0f} independent numbers, for {loaded} components of the load."
+        text = f"{determined}; the loads have {loaded} components."
         return Check("signals-independent", "", rank, float(wanted), "1", PASS, text)
-    text = f"The {len(names)} signals hold {rank:.0f} independent numbers, and the loads {loaded}: "
+    text = f"{determined}, but the loads have {loaded} components: "
     text += f"V V^T is singular{but}; {_open(seen)}."
-    return Check("signals-independent", "", rank, float(wanted), "1", verdict, text)
+    return Check("signals-independent", "", rank, float(wanted), "1", verdict, text + _idle(about, names))
+
+
+def _idle(about: Array, names: tuple[str, ...]) -> str:
+    """Return the sentence on signals (N, S), minus their zero, that hardly change; empty where there are none."""
+    spread = np.sqrt(np.mean(about**2, axis=0))
+    idle = [name for name, own in zip(names, spread, strict=True) if own < _IDLE * float(np.median(spread))]
+    if not idle:
+        return ""
+    responds = "responds" if len(idle) == 1 else "respond"
+    return f" {listed(idle)} {responds} to no load: disconnected, or dead?"
 
 
 def _exchanged(view: LoadingView, rows: Index, loaded: int, independent: int, share: float) -> Iterator[Check]:
@@ -160,14 +173,14 @@ def _exchanged(view: LoadingView, rows: Index, loaded: int, independent: int, sh
         yield not_evaluated("exchanged rows", "exchanged-rows", "", why)
         return
     table = load_table(steps.signal[rows], steps.load[rows], steps.run[rows])
-    found, unseen = search_exchanges(table, share)
-    yield from _stray(view, rows, stray_loads(table, {row for one in found for row in (one.first, one.second)}))
-    for one in found:
-        yield _pair(view, rows, one)
+    exchanges, unseen = search_exchanges(table, share)
+    yield from _stray(view, rows, stray_loads(table, {row for one in exchanges for row in (one.first, one.second)}))
+    for row_exchange in exchanges:
+        yield _pair(view, rows, row_exchange)
     if unseen:
         why = f"of {counted(len(rows), 'row')} so many are gross errors that {unseen} pairs were not tested"
         yield not_evaluated("exchanged rows", "exchanged-rows", "other pairs", why)
-    elif not found:
+    elif not exchanges:
         yield _no_exchange_found(table, share)
 
 
@@ -177,22 +190,21 @@ def _stray(view: LoadingView, rows: Index, stray: list[StrayLoad] | None) -> Ite
         why = "the signals of many rows indicate other loads: these are not single mistakes"
         yield not_evaluated("loads of single rows", "stray-loads", "", why)
         return
-    for one in stray:
-        place = view.places(rows[[one.row]])[0]
-        name = LOADS[one.component]
+    for stray_load in stray:
+        place = view.places(rows[[stray_load.row]])[0]
+        name = LOADS[stray_load.component]
         unit = "N" if name.startswith("f") else "N m"
-        text = (
-            f"{place}: {name} is recorded as {one.written:.6g} {unit}, and the signals indicate {one.asked:.4g} {unit}"
-        )
-        yield Check("stray-loads", place, one.sigmas, 0.0, "1", FAIL, f"{text}{_likely(one)}.")
+        text = f"{place}: {name} is recorded as {stray_load.written:.6g} {unit}, "
+        text += f"and the signals indicate {stray_load.asked:.4g} {unit}"
+        yield Check("stray-loads", place, stray_load.sigmas, 0.0, "1", FAIL, f"{text}{_likely(stray_load)}.")
     if not stray:
         yield Check("stray-loads", "", 0.0, 0.0, "1", PASS, "The signals of every row agree with its recorded load.")
 
 
-def _likely(one: StrayLoad) -> str:
+def _likely(stray_load: StrayLoad) -> str:
     """Return the mistake that turns the load asked for into the recorded one, as the end of a sentence."""
     for factor, words in _MISTAKES:
-        if one.written and abs(one.asked / (factor * one.written) - 1.0) < _NEARLY_EQUAL:
+        if stray_load.written and abs(stray_load.asked / (factor * stray_load.written) - 1.0) < _NEARLY_EQUAL:
             return f", {words}"
     return ": a misread digit, the load of another row, or a disturbed signal"
 
@@ -216,9 +228,9 @@ def _no_exchange_found(table: LoadTable, share: float) -> Check:
     return Check("exchanged-rows", "", least, None, "1", PASS, text)
 
 
-def _pair(view: LoadingView, rows: Index, one: RowExchange) -> Check:
-    places = view.places(rows[[one.first, one.second]])
-    names = " ".join(LOADS[k] for k in one.components)
+def _pair(view: LoadingView, rows: Index, exchange: RowExchange) -> Check:
+    places = view.places(rows[[exchange.first, exchange.second]])
+    names = " ".join(LOADS[k] for k in exchange.components)
     text = f"The loads ({names}) of {places[0]} and {places[1]} are exchanged: the error of their signals is "
-    text += f"{one.before:.0f} sigmas as recorded and {one.after:.1f} sigmas after the exchange."
-    return Check("exchanged-rows", " and ".join(places), one.before, one.after, "1", FAIL, text)
+    text += f"{exchange.before:.0f} sigmas as recorded and {exchange.after:.1f} sigmas after the exchange."
+    return Check("exchanged-rows", " and ".join(places), exchange.before, exchange.after, "1", FAIL, text)

@@ -60,8 +60,8 @@ def runs_complete(view: LoadingView) -> Check:
     steps = view.steps
     few = np.bincount(view.axis + 1)[view.axis + 1].min(initial=_RUNS_ALIKE) < _RUNS_ALIKE
     alike = np.zeros_like(view.axis) if few else view.axis
-    found = runs_cut_short(steps.run, steps.step - first_steps(view)[steps.run], alike[steps.run])
-    names = [view.run_name(steps.run[row]) for row in found.where]
+    cut_short = runs_cut_short(steps.run, steps.step - first_steps(view)[steps.run], alike[steps.run])
+    names = [view.run_name(steps.run[row]) for row in cut_short.where]
     text = f"Runs that end earlier than others like them: {listed(names)}." if names else "No run was cut short."
     return Check("runs-cut-short", "", float(len(names)), 0.0, "1", WARN if names else PASS, text)
 
@@ -138,11 +138,11 @@ def _likely(view: LoadingView, name: str, what: str) -> Check:
     """Values that no laboratory has: another unit, or a sensor that is off."""
     value = view.steps.covariates[name]
     is_temperature = name in TEMPERATURES
-    found = temperatures_out_of_reach(value) if is_temperature else pressures_out_of_reach(value * _HPA)
-    places = view.places(found.where)
+    out_of_reach = temperatures_out_of_reach(value) if is_temperature else pressures_out_of_reach(value * _HPA)
+    places = view.places(out_of_reach.where)
     worst = float(np.nanmax(np.abs(value)))
     unit = "degC" if is_temperature else "hPa"
-    limit = found.limit if is_temperature else found.limit / _HPA
+    limit = out_of_reach.limit if is_temperature else out_of_reach.limit / _HPA
     text = f"The {what} is within the range of a laboratory."
     likely = "" if is_temperature else likely_pressure_unit(float(np.nanmedian(value)))
     if places:
@@ -212,7 +212,7 @@ def _air(view: LoadingView, optics: Interferometer, limits: CampaignLimits) -> C
             worst, at = float(worth.max()), channel.name
     if not at:
         return not_evaluated("worth of the air", "worth-of-air", "", "no linear channel was read")
-    text = f"Within a run the air changed by {1e6 * worst:.2g} um in {at} at most; readings are "
-    text += "compensated in the files." if optics.compensated else "compensated by this run."
+    text = f"Changes of the air within a run change the reading {at} by at most {1e6 * worst:.2g} um; "
+    text += "the files hold compensated readings." if optics.compensated else "this run compensates for them."
     limit = limits.of("worth-of-air", per=1e6 * noise)
     return limit.row(at, 1e6 * worst, "um", text, counts=optics.compensated)

@@ -66,12 +66,12 @@ def attachment_labels(bodies: Sequence[BodyView], attachments: Array) -> Iterato
         marked = np.nonzero((body.survey.leg > 0) & (body.survey.leg <= len(attachments)))[0]
         for t in marked:
             distance = np.linalg.norm(attachments - body.survey.points[t], axis=1)
-            own, nearest = body.survey.leg[t], int(distance.argmin()) + 1
-            text = f"platform: target {body.survey.targets[t]} lies {1e3 * distance[own - 1]:.2f} mm from b_{own}"
-            value, limit = 1e3 * float(distance[own - 1]), 1e3 * float(np.delete(distance, own - 1).min())
-            verdict, subject = PASS if nearest == own else FAIL, f"target {body.survey.targets[t]}"
+            leg, nearest = body.survey.leg[t], int(distance.argmin()) + 1
+            text = f"platform: target {body.survey.targets[t]} lies {1e3 * distance[leg - 1]:.2f} mm from b_{leg}"
+            value, limit = 1e3 * float(distance[leg - 1]), 1e3 * float(np.delete(distance, leg - 1).min())
+            verdict, subject = PASS if nearest == leg else FAIL, f"target {body.survey.targets[t]}"
             text += (
-                "." if nearest == own else f", but {1e3 * distance.min():.2f} mm from b_{nearest}: is its leg right?"
+                "." if nearest == leg else f", but {1e3 * distance.min():.2f} mm from b_{nearest}: is its leg right?"
             )
             yield Check("attachment-labels", subject, value, limit, "mm", verdict, text)
 
@@ -151,17 +151,17 @@ def exchanged_labels(body: BodyView, around: PoseSurroundings) -> Iterator[Check
 def moved_targets(body: BodyView, around: PoseSurroundings, share: float) -> Iterator[Check]:
     """Check for targets that moved at a pose, with pose and shift."""
     seen = body.points.seen & body.fit.ok[:, None]
-    own = np.maximum(body.sigma, successive_sigma(body.residuals, seen)[None])
-    kept = seen & ~isolated_values(body.residuals, own, seen, limit=4.0)
-    assessed = kept.sum(axis=0) >= 2 * _EITHER_SIDE
+    sigma = np.maximum(body.sigma, successive_sigma(body.residuals, seen)[None])
+    is_used = seen & ~isolated_values(body.residuals, sigma, seen, limit=4.0)
+    assessed = is_used.sum(axis=0) >= 2 * _EITHER_SIDE
     if not assessed.any():
         why = f"{body.name}: no target was seen in three poses before and three after a step"
         yield not_evaluated("moved targets", "moved-targets", body.name, body.why_no_places or why)
         return
-    step = find_steps(body.residuals, own, kept, _EITHER_SIDE)
+    step = find_steps(body.residuals, sigma, is_used, _EITHER_SIDE)
     moved = np.nonzero(step.p_value < share / max(len(body.survey.targets), 1))[0]
     shifted = [
-        t for t in moved if not is_trend(body.residuals[:, t], own[:, t], kept[:, t], around.time, step.onset[t])
+        t for t in moved if not is_trend(body.residuals[:, t], sigma[:, t], is_used[:, t], around.time, step.onset[t])
     ]
     if not shifted:
         text = f"{body.name}: no target has moved on its body."
@@ -179,7 +179,9 @@ def moved_targets(body: BodyView, around: PoseSurroundings, share: float) -> Ite
 def noise_size(bodies: Sequence[BodyView], relations: Sequence[RelationTest]) -> Check:
     """Check whether the declared noise is so small that by it most points of a body would be gross errors. A body
     with a recording error, such as coarse steps, is told by its relation."""
-    rounded = {name for one in relations if one.reason in ("rounded", "slip") for name in one.subject.split()}
+    rounded = {
+        name for relation in relations if relation.reason in ("rounded", "slip") for name in relation.subject.split()
+    }
     apart = [body for body in bodies if body.noise_factor > 1.0 and body.name not in rounded]
     elsewhere = [body.name for body in bodies if body.gross_share > MOST_GROSS or body.noise_factor > 1.0]
     if not apart and elsewhere:
@@ -211,22 +213,22 @@ def noise(body: BodyView, around: PoseSurroundings, share: float) -> Iterator[Ch
     part = redundancy(body.survey.points[body.frame], good[:, body.frame])
     declared_sigma = body.measured_sigma / body.noise_factor
     scatter = residual_scatter(body.residuals[:, body.frame], declared_sigma[:, body.frame], part, around.covariates)
-    whole = scatter.pooled
-    if whole.dof[0] < 1.0:
+    pooled = scatter.pooled
+    if pooled.dof[0] < 1.0:
         why = "a single pose without a survey has no residual"
         yield not_evaluated(f"noise of {body.name}", "noise", body.name, why)
         return
     declared = 1e3 * float(np.median(declared_sigma[good]))
-    first = _noise_check(body.name, "", whole, _NOISE_TOLERATED, share / 2, around.shared)
-    slip = unit_slip(float(whole.ratio[0]), declared, "mm")
+    first = _noise_check(body.name, "", pooled, _NOISE_TOLERATED, share / 2, around.shared)
+    slip = unit_slip(float(pooled.ratio[0]), declared, "mm")
     verdict = FAIL if slip else first.verdict
-    if whole.ratio[0] < 1.0 / FAR:
+    if pooled.ratio[0] < 1.0 / FAR:
         slip += " Or are the points in m in place of mm?" if slip else ""
         slip += _COMPUTED
     yield replace(first, message=first.message + slip, verdict=verdict)
     for k, axis in enumerate("xyz"):
-        one = Scatter(scatter.chi_square[k : k + 1], scatter.dof[k : k + 1])
-        yield _noise_check(body.name, axis, one, _AXIS_NOISE_TOLERATED, share / 6, around.shared)
+        scatter_of_axis = Scatter(scatter.chi_square[k : k + 1], scatter.dof[k : k + 1])
+        yield _noise_check(body.name, axis, scatter_of_axis, _AXIS_NOISE_TOLERATED, share / 6, around.shared)
 
 
 def _times(ratio: float) -> str:
@@ -291,15 +293,15 @@ def repeatability(
     if not seen:
         why = "no body is measured relative to another; put three targets on the body that stands still"
         yield not_evaluated("repeatability", "repeatability", "", why)
-    for one in seen:
-        position = one.position
+    for repeats in seen:
+        position = repeats.position
         if how == DECLARED:
-            position = at_one_reading(np.where(one.known[:, None], position, np.nan), around.settings, groups)
-        parts = [part for group in groups if len(part := group[one.known[group]]) > 1]
-        squares = np.array([chi_square_about_mean(position[part], one.cov[part]) for part in parts])
+            position = at_one_reading(np.where(repeats.known[:, None], position, np.nan), around.settings, groups)
+        parts = [part for group in groups if len(part := group[repeats.known[group]]) > 1]
+        squares = np.array([chi_square_about_mean(position[part], repeats.cov[part]) for part in parts])
         names = [str(around.poses[int(part[0])]) for part in parts]
         freedom = np.array([3.0 * (len(part) - 1) for part in parts])
-        yield _check(one.name, Scatter(squares, freedom), names, how, share / len(seen))
+        yield _check(repeats.name, Scatter(squares, freedom), names, how, share / len(seen))
 
 
 def _check(name: str, scatter: Scatter, poses: Sequence[str], how: str, share: float) -> Check:

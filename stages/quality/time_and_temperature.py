@@ -46,7 +46,7 @@ def base_drift(body: BodyView | None, share: float, *, frame_stays: bool) -> Ite
     walks = drift.p_value < share and size > 3.0 * sigma
     target = body.survey.targets[int(drift.span.argmax())] if len(drift.span) else ""
     if not walks and not frame_stays:
-        why = f"{body.name}: the frame may change from pose to pose ([measurement] frame)"
+        why = f"{body.name}: campaign.toml does not say that all poses share one frame ([measurement] frame)"
         yield not_evaluated("drift of the base", "base-drift", body.name, why)
         return
     message = f"{body.name}: no drift in the frame of the measurement."
@@ -80,19 +80,21 @@ def time_unit(time: Array, run: Index | None, table: str, what: str, *, is_count
         return not_evaluated("unit of times", "time-unit", "", COUNTED)
     if np.isfinite(time).sum() < FEWEST:
         return not_evaluated("unit of times", "time-unit", "", "too few rows with times")
-    found = mistaken_times(time, run)
-    if found is None:
+    mistaken = mistaken_times(time, run)
+    if mistaken is None:
         text = f"The times of {table} are plausible in seconds."
         return Check("time-unit", table, 1.0, 1.0, "s", PASS, text)
-    factor = SECONDS[found.unit]
-    text = f"time_s of {table} increases by {found.pace:.3g} from {what} to {what}, and is likely in "
-    text += f"{_UNITS.get(found.unit, found.unit)} ({_paced(found, found.unit)})"
-    text += "".join(f", or in {_UNITS[unit]} ({_paced(found, unit)})" for unit in found.others)
-    return Check("time-unit", table, factor, 1.0, "s", WARN, f"{text}: write {_cure(found.unit)} in [files.{table}].")
+    factor = SECONDS[mistaken.unit]
+    text = f"time_s of {table} increases by {mistaken.pace:.3g} from {what} to {what}, and is likely in "
+    text += f"{_UNITS.get(mistaken.unit, mistaken.unit)} ({_paced(mistaken, mistaken.unit)})"
+    text += "".join(f", or in {_UNITS[unit]} ({_paced(mistaken, unit)})" for unit in mistaken.others)
+    return Check(
+        "time-unit", table, factor, 1.0, "s", WARN, f"{text}: write {_cure(mistaken.unit)} in [files.{table}]."
+    )
 
 
-def _paced(found: MistakenTimes, unit: str) -> str:
-    return f"{duration(float(f'{found.pace * SECONDS[unit]:.3g}'))} each"
+def _paced(mistaken: MistakenTimes, unit: str) -> str:
+    return f"{duration(float(f'{mistaken.pace * SECONDS[unit]:.3g}'))} each"
 
 
 def _cure(unit: str) -> str:
@@ -131,7 +133,7 @@ def temperature_units(
     for name, value in columns.items():
         part = mistaken_rows(value, order)
         if part is not None:
-            yield _of_part(name, value, part, reference_c, rows)
+            yield _check_part(name, value, part, reference_c, rows)
         else:
             yield _check(name, value, reference_c, mistaken_unit(value, reference_c))
     if not columns:
@@ -142,7 +144,7 @@ def temperature_units(
             yield _check("reference", np.array([reference_c]), reference_c, alone)
 
 
-def _of_part(name: str, value: Array, part: MistakenRows, reference_c: float, rows: Sequence[str]) -> Check:
+def _check_part(name: str, value: Array, part: MistakenRows, reference_c: float, rows: Sequence[str]) -> Check:
     """Return the check of a column of which a part is in another unit."""
     low, high = float(value[part.rows].min()), float(value[part.rows].max())
     read = f"{low:.5g}" if low == high else f"{low:.5g} to {high:.5g}"
@@ -164,19 +166,21 @@ def _row_name(row: int, names: Sequence[str]) -> str:
     return names[row] if names else f"row {row + 1}"
 
 
-def _check(name: str, value: Array, reference_c: float, found: MistakenUnit | None) -> Check:
+def _check(name: str, value: Array, reference_c: float, mistaken: MistakenUnit | None) -> Check:
     typical = float(np.nanmedian(value))
-    if found is None:
+    if mistaken is None:
         text = f"{name}: {typical:.5g} degC; the reference is {reference_c:g} degC."
         return Check("temperature-unit", name, typical, reference_c, "degC", PASS, text)
-    what = f"reference_temperature_c = {reference_c:g}" if found.of_reference else f"{name}: {typical:.5g}"
-    beside = f" beside a reference of {reference_c:g}" if not found.of_reference else f" beside {typical:.5g} in {name}"
-    text = f"{what}{beside if found.certain else ''} is likely in {_WORDS[found.unit]}; "
-    text += f"did you mean {found.celsius:.5g} degC"
-    if found.of_reference:
+    what = f"reference_temperature_c = {reference_c:g}" if mistaken.of_reference else f"{name}: {typical:.5g}"
+    beside = (
+        f" beside a reference of {reference_c:g}" if not mistaken.of_reference else f" beside {typical:.5g} in {name}"
+    )
+    text = f"{what}{beside if mistaken.certain else ''} is likely in {_WORDS[mistaken.unit]}; "
+    text += f"did you mean {mistaken.celsius:.5g} degC"
+    if mistaken.of_reference:
         text += "?"
-    elif found.rows < np.isfinite(value).sum():
-        text += f"? It concerns {count(found.rows, 'row')}; convert these, for the others are in degrees Celsius."
+    elif mistaken.rows < np.isfinite(value).sum():
+        text += f"? It concerns {count(mistaken.rows, 'row')}; convert these, for the others are in degrees Celsius."
     else:
-        text += f'? It concerns {count(found.rows, "row")}; units = {{ {name} = "{found.unit}" }}.'
-    return Check("temperature-unit", name, typical, reference_c, "degC", FAIL if found.certain else WARN, text)
+        text += f'? It concerns {count(mistaken.rows, "row")}; units = {{ {name} = "{mistaken.unit}" }}.'
+    return Check("temperature-unit", name, typical, reference_c, "degC", FAIL if mistaken.certain else WARN, text)

@@ -68,24 +68,24 @@ def _add_diagnosis(repeats: Repeats, tables: Mapping[str, pa.Table], steps: Reco
     row = np.array([place.get(key, -1) for key in keys])
     place_of = {name: n for n, name in enumerate(CHANNELS)}  # signals are told by the linear model above
     channel = np.array([place_of.get(name, -1) for name in errors.column("channel").to_pylist()])
-    own = (row >= 0) & (channel >= 0) & (np.asarray(errors.column("role").to_pylist(), object) != "verification")
+    is_repeat = (row >= 0) & (channel >= 0) & (np.asarray(errors.column("role").to_pylist(), object) != "verification")
     for model, column, spent in (
         ("simulation", "missed_before", 0.0),
         ("extended model", "missed_after", _numbers_found(tables.get("diagnosis"))),
     ):
         left = np.full_like(steps.reading, np.nan)
-        left[row[own], channel[own]] = number_column(errors, column)[own]
-        whole = within_groups(left, [np.flatnonzero(steps.run == number) for number in range(len(steps.runs))])
-        freedom = whole.freedom - spent / max(len(set(errors.column("channel").to_pylist())), 1)
+        left[row[is_repeat], channel[is_repeat]] = number_column(errors, column)[is_repeat]
+        squares = within_groups(left, [np.flatnonzero(steps.run == number) for number in range(len(steps.runs))])
+        freedom = squares.freedom - spent / max(len(set(errors.column("channel").to_pylist())), 1)
         repeated = within_runs(left, repeats.groups)
-        repeats.add_fit(readings, model, lack_of_fit(Squares(whole.square, freedom), repeated))
+        repeats.add_fit(readings, model, lack_of_fit(Squares(squares.square, freedom), repeated))
 
 
 def _numbers_found(diagnosis: pa.Table | None) -> float:
     """Return the number of estimated parameters of all found causes."""
     if diagnosis is None:
         return 0.0
-    found = [row for row in diagnosis.to_pylist() if row["verdict"] == "found"]
+    found_rows = [row for row in diagnosis.to_pylist() if row["verdict"] == "found"]
     return float(
-        sum(value.get("sigma") is not None for row in found for value in json.loads(row["parameters"]).values())
+        sum(value.get("sigma") is not None for row in found_rows for value in json.loads(row["parameters"]).values())
     )

@@ -65,17 +65,27 @@ def repeatability_rows(
     unknown. Reflectors come from the observations in ``tables``. RP needs five repeats, sigma two.
     """
     rows, rng = Rows("pose_repeatability"), np.random.default_rng(_SEED)
-    seen: list[tuple[str, Array, Array | None]] = [(body, own[:, :3], own[:, 3:]) for body, own in bodies.items()]
+    seen: list[tuple[str, Array, Array | None]] = [
+        (body, body_motions[:, :3], body_motions[:, 3:]) for body, body_motions in bodies.items()
+    ]
     seen += list(_reflectors(tables, poses))
     for name, place, angle in seen:
         for group in groups:
-            own = group[np.isfinite(place[group]).all(axis=1)]
-            if len(own) > 1:
-                _of_group(rows, name, poses[int(own[0])], place[own], None if angle is None else angle[own], how, rng)
+            group_rows = group[np.isfinite(place[group]).all(axis=1)]
+            if len(group_rows) > 1:
+                _repeats_of_group(
+                    rows,
+                    name,
+                    poses[int(group_rows[0])],
+                    place[group_rows],
+                    None if angle is None else angle[group_rows],
+                    how,
+                    rng,
+                )
     return rows
 
 
-def _of_group(
+def _repeats_of_group(
     rows: Rows, name: str, pose: int | str, place: Array, angle: Array | None, how: str, rng: np.random.Generator
 ) -> None:
     place_um = _UM * place
@@ -83,11 +93,11 @@ def _of_group(
     if len(place) >= FEWEST:
         figures.append(("RP", position_repeatability(place_um, rng), "um"))
         if angle is not None:
-            found = orientation_repeatability(_PER_ARCSEC * angle)
-            figures += [(figure, one, "arcsec") for figure, one in zip(_ANGLES, found, strict=True)]
-    for figure, one, unit in figures:
+            angles = orientation_repeatability(_PER_ARCSEC * angle)
+            figures += [(figure, one, "arcsec") for figure, one in zip(_ANGLES, angles, strict=True)]
+    for figure, size, unit in figures:
         rows.add(
-            subject=name, pose=pose, figure=figure, value=one.value, low=one.low, high=one.high, unit=unit,
+            subject=name, pose=pose, figure=figure, value=size.value, low=size.low, high=size.high, unit=unit,
             attained=len(place), told_by=how,
         )  # fmt: skip
 
@@ -103,11 +113,11 @@ def _reflectors(tables: Mapping[str, pa.Table], poses: Ids) -> Iterator[tuple[st
         return
     reference = _reference(tables.get("poses"), poses)
     for body in dict.fromkeys(text_column(points, "body")):
-        own = pose_points(points, body, poses)
-        if len(own.targets) >= _FRAME or str(body).startswith("leg"):
+        points_of_body = pose_points(points, body, poses)
+        if len(points_of_body.targets) >= _FRAME or str(body).startswith("leg"):
             continue
-        for k, target in enumerate(own.targets):
-            place = np.where(own.seen[:, k, None], own.points[:, k], np.nan)
+        for k, target in enumerate(points_of_body.targets):
+            place = np.where(points_of_body.seen[:, k, None], points_of_body.points[:, k], np.nan)
             if reference is not None:
                 place = np.einsum("bji,bj->bi", reference[0], place - reference[1])
             yield f"{body} {target}", place, None
@@ -124,17 +134,17 @@ def _reference(table: pa.Table | None, poses: Ids) -> tuple[Array, Array] | None
     bodies, parents = text_column(table, "body"), text_column(table, "parent")
     values = pose_vectors(table)
     default = np.asarray(table.column("default").to_pylist(), bool) & np.isfinite(values).all(axis=1)
-    parent = [one for one in dict.fromkeys(parents[default]) if one != "measurement"]
-    name = next(iter(parent or dict.fromkeys(bodies[default])), None)
+    root = [parent for parent in dict.fromkeys(parents[default]) if parent != "measurement"]
+    name = next(iter(root or dict.fromkeys(bodies[default])), None)
     place = positions(table.column("pose"), poses)
     rows = default & (bodies == name) & (parents == "measurement") & (place >= 0)
     if not rows.any():
         return None
-    found = np.full((len(poses), 6), np.nan)
-    found[place[rows]] = values[rows]
-    turn = exp_so3(np.nan_to_num(found[:, 3:]))
-    turn[~np.isfinite(found).all(axis=1)] = np.nan
-    return turn, found[:, :3]
+    motions = np.full((len(poses), 6), np.nan)
+    motions[place[rows]] = values[rows]
+    turn = exp_so3(np.nan_to_num(motions[:, 3:]))
+    turn[~np.isfinite(motions).all(axis=1)] = np.nan
+    return turn, motions[:, :3]
 
 
 def repeats_of_poses(tables: Mapping[str, pa.Table], settings: Campaign) -> tuple[Rows, ...]:
@@ -183,13 +193,13 @@ def _relative_poses(
         relative |= default & ~np.isin(bodies, [*bodies[relative], *parents[relative]])
     for body in dict.fromkeys(bodies[relative]):
         rows = default & (bodies == body) & (place >= 0)
-        own, variance = np.full((2, len(poses), 6), np.nan)
-        own[place[rows]], variance[place[rows]] = vectors[rows], variances[rows]
-        known = np.isfinite(own).all(axis=1)
+        position, variance = np.full((2, len(poses), 6), np.nan)
+        position[place[rows]], variance[place[rows]] = vectors[rows], variances[rows]
+        known = np.isfinite(position).all(axis=1)
         if not str(body).startswith("leg") and known.any():
-            own[known, 3:] = turned_from_first(exp_so3(own[known, 3:]), np.flatnonzero(known), groups)
-            own[~known] = np.nan
-            yield str(body), own, np.sqrt(known_mean(variance))
+            position[known, 3:] = turned_from_first(exp_so3(position[known, 3:]), np.flatnonzero(known), groups)
+            position[~known] = np.nan
+            yield str(body), position, np.sqrt(known_mean(variance))
 
 
 def _add_points(repeats: Repeats, table: pa.Table | None, poses: Ids, declared_mm: float | None) -> None:
@@ -200,9 +210,9 @@ def _add_points(repeats: Repeats, table: pa.Table | None, poses: Ids, declared_m
     names = tuple(str(body) for body in dict.fromkeys(bodies))
     square, freedom = np.zeros((2, len(names)))
     for at, body in enumerate(names):
-        own = tuple(dict.fromkeys(targets[bodies == body]))
-        used = used_targets(table, body, poses, own)
-        left = np.where(used[..., None], residual_points(table, body, poses, own), np.nan)
+        targets_of_body = tuple(dict.fromkeys(targets[bodies == body]))
+        used = used_targets(table, body, poses, targets_of_body)
+        left = np.where(used[..., None], residual_points(table, body, poses, targets_of_body), np.nan)
         spread = within_groups(1e6 * left.reshape(len(poses), -1), repeats.groups)
         motions = sum(max(int(used[group].any(axis=1).sum()) - 1, 0) for group in repeats.groups)
         square[at], freedom[at] = spread.square.sum(), spread.freedom.sum() - 6.0 * motions
@@ -219,14 +229,14 @@ def _add_attachments(
     if table is None or not table.num_rows:
         return
     leg = np.asarray(table.column("leg").to_pylist(), int)
-    kept = ~np.asarray(table.column("rejected").to_pylist(), bool)
+    is_kept = ~np.asarray(table.column("rejected").to_pylist(), bool)
     place = positions(table.column("pose"), poses)
     legs = int(leg.max())
     shift, variance = np.full((2, len(poses), legs), np.nan)
-    at = place[kept], leg[kept] - 1
-    shift[at] = number_column(table, "delta_bz_um")[kept]
+    at = place[is_kept], leg[is_kept] - 1
+    shift[at] = number_column(table, "delta_bz_um")[is_kept]
     stated = "scatter_sigma_um" if "scatter_sigma_um" in table.column_names else "own_sigma_um"
-    variance[at] = number_column(table, stated)[kept] ** 2
+    variance[at] = number_column(table, stated)[is_kept] ** 2
     subjects = tuple(f"leg {number + 1}" for number in range(legs))
     what = Repeated("attachment", subjects, ("um",) * legs)
     repeats.add(what, shift, np.sqrt(known_mean(variance)))
@@ -243,7 +253,7 @@ def _add_attachments(
 
 def _readings(configurations: pa.Table) -> Array:
     """(B, D) readings of actuators in mm."""
-    numbers = sorted(int(found[1]) for name in configurations.column_names if (found := _READING.fullmatch(name)))
+    numbers = sorted(int(match[1]) for name in configurations.column_names if (match := _READING.fullmatch(name)))
     return number_columns(configurations, [f"rho{number}_mm" for number in numbers])
 
 
@@ -256,9 +266,9 @@ def _deformation_left(models: pa.Table | None, shift: Array, drive: Array) -> It
     leg, column = (np.nan_to_num(number_column(models, name)).astype(int) - 1 for name in ("leg", "column"))
     coefficient = number_column(models, "coefficient")
     for model in [name for name in dict.fromkeys(names) if name in _ALONG_Z]:
-        own = (names == model) & (leg >= 0) & (column >= 0)
+        of_model = (names == model) & (leg >= 0) & (column >= 0)
         gain = np.zeros((shift.shape[1], drive.shape[1]))
-        gain[leg[own], column[own]] = coefficient[own]
+        gain[leg[of_model], column[of_model]] = coefficient[of_model]
         followed = drive @ gain.T if model == "matrix" else drive[:, : shift.shape[1]] * np.diag(gain)
         yield str(model), shift - 1e3 * followed
 

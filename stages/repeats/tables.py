@@ -43,47 +43,47 @@ class Repeats:
         """
         each = [self.within(values, [group]) for group in self.groups]
         alike = [equal_scatter([g.square[c] for g in each], [g.freedom[c] for g in each]) for c in range(len(declared))]
-        p = np.array([np.nan if one is None else one.p_value for one in alike])
+        p = np.array([np.nan if test is None else test.p_value for test in alike])
         self.add_squares(what, self.within(values, self.groups), declared, p)
 
-    def add_squares(self, what: Repeated, found: Squares, declared: Array, p_equal: Array | None = None) -> None:
+    def add_squares(self, what: Repeated, squares: Squares, declared: Array, p_equal: Array | None = None) -> None:
         """Add a row per repeated subject and one for all, relative to the stated sigma (C,); ``p_equal`` (C,):
         probability of equal variance in all groups."""
-        self._add(what, found, declared, p_equal)
-        stated = (found.freedom > 0) & (np.nan_to_num(declared) > 0.0)
+        self._add(what, squares, declared, p_equal)
+        stated = (squares.freedom > 0) & (np.nan_to_num(declared) > 0.0)
         if stated.sum() > 1:
-            square = np.array([np.sum(found.square[stated] / declared[stated] ** 2)])
-            pooled = Squares(square, np.array([found.freedom[stated].sum()]))
+            square = np.array([np.sum(squares.square[stated] / declared[stated] ** 2)])
+            pooled = Squares(square, np.array([squares.freedom[stated].sum()]))
             self._add(Repeated(what.kind, (POOLED,), ("1",)), pooled, np.ones(1), None)
 
-    def _add(self, what: Repeated, found: Squares, declared: Array, p_equal: Array | None) -> None:
-        lower, upper = found.interval()
-        reported = np.flatnonzero(found.freedom > 0)
+    def _add(self, what: Repeated, squares: Squares, declared: Array, p_equal: Array | None) -> None:
+        lower, upper = squares.interval()
+        reported = np.flatnonzero(squares.freedom > 0)
         if len(reported):
             self.repeats.add(
                 repeated=what.kind,
                 subject=[what.subjects[c] for c in reported],
-                pure_error=found.sigma[reported],
+                pure_error=squares.sigma[reported],
                 lower=lower[reported],
                 upper=upper[reported],
                 declared_sigma=declared[reported],
                 unit=[what.units[c] for c in reported],
-                freedom_of_error=found.freedom[reported],
+                freedom_of_error=squares.freedom[reported],
                 groups=len(self.groups),
                 told_by=self.how,
                 p_equal=None if p_equal is None else p_equal[reported],
             )
 
-    def add_fit(self, what: Repeated, model: str, found: LackOfFit) -> None:
+    def add_fit(self, what: Repeated, model: str, lack_of_fit: LackOfFit) -> None:
         """Add a row per subject whose model residuals can be compared with pure error."""
-        reported = np.flatnonzero(np.isfinite(found.p_value))
+        reported = np.flatnonzero(np.isfinite(lack_of_fit.p_value))
         if len(reported):
             self.fits.add(
                 repeated=what.kind,
                 contender=model,
                 subject=[what.subjects[c] for c in reported],
-                f_ratio=found.ratio[reported],
-                freedom_of_fit=found.of_fit[reported],
-                freedom_of_error=found.of_error[reported],
-                p_value=found.p_value[reported],
+                f_ratio=lack_of_fit.ratio[reported],
+                freedom_of_fit=lack_of_fit.of_fit[reported],
+                freedom_of_error=lack_of_fit.of_error[reported],
+                p_value=lack_of_fit.p_value[reported],
             )

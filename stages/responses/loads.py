@@ -74,15 +74,15 @@ def load_deformation(tables: Mapping[str, pa.Table], settings: Campaign, why: st
         return Outcome.not_evaluated({name: ARTIFACTS[name].empty() for name in LEAVES}, why)
     simulated = simulated_compliance(settings, tables.get("given_compliance"))
     loaded = loaded_steps(tables, settings.noise, simulated)
-    found = {form: with_spread(fitted_compliance(loaded, form), loaded.spread) for form in ("linear", "matrix")}
+    compliances = {form: with_spread(fitted_compliance(loaded, form), loaded.spread) for form in ("linear", "matrix")}
     against = {} if simulated is None else {form: compare(fit, simulated.entries, simulated.covariance)
-                                            for form, fit in found.items()}  # fmt: skip
+                                            for form, fit in compliances.items()}  # fmt: skip
     fits = reference_fits(loaded, None if simulated is None else simulated.entries)
-    fits |= {form: one.fit for form, one in found.items()}
-    compliance = _compliance_rows(found, loaded.spread, simulated, against).table()
+    fits |= {form: one.fit for form, one in compliances.items()}
+    compliance = _compliance_rows(compliances, loaded.spread, simulated, against).table()
     artifacts = {
         "compliance": compliance,
-        "deformation_errors": _error_rows(loaded, fits, found, simulated, against).table(),
+        "deformation_errors": _error_rows(loaded, fits, compliances, simulated, against).table(),
         "axis_curves": axis_curve_rows(tables["displacement"], simulated).table(),
     }
     artifacts |= neglected_effects(settings, simulated, compliance)
@@ -95,26 +95,26 @@ def load_deformation(tables: Mapping[str, pa.Table], settings: Campaign, why: st
 
 
 def _compliance_rows(
-    found: Mapping[str, Compliance],
+    compliances: Mapping[str, Compliance],
     spread: Array,
     simulated: SimulatedCompliance | None,
     against: Mapping[str, ComplianceComparison],
 ) -> Rows:
     rows = Rows("compliance")
-    for name, one in found.items():
-        factor = birge(one.fit)
-        sigma, p, significant = entry_tests(one.fit)
-        i, j = np.nonzero(one.known & (one.fit.free[:, :6]))
+    for name, compliance in compliances.items():
+        factor = birge(compliance.fit)
+        sigma, p, significant = entry_tests(compliance.fit)
+        i, j = np.nonzero(compliance.known & (compliance.fit.free[:, :6]))
         rows.add(
             model=name,
             response=[CHANNELS[k] for k in i],
             load=[LOADS[k] for k in j],
-            coefficient=one.entries[i, j],
+            coefficient=compliance.entries[i, j],
             sigma=np.hypot(sigma, spread)[i, j],
             unit=[_unit(a, b) for a, b in zip(i, j, strict=True)],
             p_value=p[i, j],
             significant=significant[i, j],
-            **_compared_with_simulation(one, factor, i, j, simulated, against.get(name)),
+            **_compared_with_simulation(compliance, factor, i, j, simulated, against.get(name)),
         )
     if simulated is not None:
         i, j = (index.ravel() for index in np.indices((6, 6)))
@@ -130,7 +130,7 @@ def _compliance_rows(
 
 
 def _compared_with_simulation(
-    one: Compliance,
+    compliance: Compliance,
     factor: float,
     i: Index,
     j: Index,
@@ -142,7 +142,7 @@ def _compared_with_simulation(
 
     if simulated is None or compared is None:
         return {"verdict": [NO_SIMULATION] * len(i)}
-    spread = np.hypot(factor * one.sigma[i, j], simulated.sigma[i, j])
+    spread = np.hypot(factor * compliance.sigma[i, j], simulated.sigma[i, j])
     pull = compared.difference[i, j] / spread
     differs = holm_significant(2.0 * ndtr(-np.abs(pull)), FALSE_ALARM)
     return {
@@ -160,20 +160,22 @@ def _unit(response: np.int64, load: np.int64) -> str:
 def _error_rows(
     loaded: Loaded,
     fits: Mapping[str, ResponseFit],
-    found: Mapping[str, Compliance],
+    compliances: Mapping[str, Compliance],
     simulated: SimulatedCompliance | None,
     against: Mapping[str, ComplianceComparison],
 ) -> Rows:
-    rows, held = Rows("deformation_errors"), loaded.steps.held_out
+    rows, is_held_out = Rows("deformation_errors"), loaded.steps.held_out
     run, load = loaded.steps.run, loaded.steps.load
     for name, fit in fits.items():
         sets = {"": residual_sets(fit)[""]}
-        if name in found:
-            own = loaded.fitted
-            by_others = left_out_runs(load[own], loaded.reading[own], loaded.variance[own], run[own], name)
+        if name in compliances:
+            used = loaded.fitted
+            by_others = left_out_runs(load[used], loaded.reading[used], loaded.variance[used], run[used], name)
             sets["cv_"] = by_others if np.isfinite(by_others).all(0).any() else np.full_like(by_others, np.nan)
-        entries = _entries(name, found, simulated)
-        sets["verification_"] = from_own_zero(loaded.reading[held] - load[held] @ entries.T, run[held])
+        entries = _entries(name, compliances, simulated)
+        sets["verification_"] = from_own_zero(
+            loaded.reading[is_held_out] - load[is_held_out] @ entries.T, run[is_held_out]
+        )
         for part, unit, scale in _PARTS:
             error_rows(rows, name, fit, sets, unit, scale, CHANNELS, part=part)
         for k, channel in enumerate(CHANNELS):
@@ -181,11 +183,11 @@ def _error_rows(
                 add_figures(rows, name, {"r_squared": share}, channel)
     gain = gain_p_value(fits["linear"], fits["matrix"])
     add_figures(rows, "matrix", {"p_value_over_linear": gain})
-    if found["matrix"].known.all():  # otherwise some of its entries are open, and so is its symmetry
+    if compliances["matrix"].known.all():  # otherwise some of its entries are open, and so is its symmetry
         add_figures(rows, "matrix", {"symmetry_p_value": symmetry(fits["matrix"]).p_value})
-    for name, one in against.items():
-        agreement = {"agreement_p_value": one.p_value, "agreement_chi_square": one.chi_square}
-        add_figures(rows, name, {**agreement, "entries_compared": one.dof})
+    for name, comparison in against.items():
+        agreement = {"agreement_p_value": comparison.p_value, "agreement_chi_square": comparison.chi_square}
+        add_figures(rows, name, {**agreement, "entries_compared": comparison.dof})
     for (axis, k), (gap, chance) in widest_gaps(load, run, loaded.reading, np.sqrt(loaded.variance)).items():
         subject = f"{CHANNELS[k]} under {LOADS[axis]}"
         widest, unit = gap / float(READING_SI[k]), READING_UNITS[k]
@@ -194,12 +196,12 @@ def _error_rows(
     return rows
 
 
-def _entries(name: str, found: Mapping[str, Compliance], simulated: SimulatedCompliance | None) -> Array:
+def _entries(name: str, compliances: Mapping[str, Compliance], simulated: SimulatedCompliance | None) -> Array:
     """Return the compliance entries (6, 6) of a model; zero for entries that it does not contain."""
     if name == "simulated":
         assert simulated is not None
         return simulated.entries
-    return found[name].entries if name in found else np.zeros((6, 6))
+    return compliances[name].entries if name in compliances else np.zeros((6, 6))
 
 
 def _left_out(tables: Mapping[str, pa.Table], loaded: Loaded) -> str:
@@ -258,32 +260,32 @@ def axis_curve_rows(displacement: pa.Table, simulated: SimulatedCompliance | Non
     return rows
 
 
-def with_positioning(found: Outcome, tables: Mapping[str, pa.Table], settings: Campaign) -> Outcome:
+def with_positioning(outcome: Outcome, tables: Mapping[str, pa.Table], settings: Campaign) -> Outcome:
     """Return the outcome of the loads with the positioning results of an axis, without runs that failed a check."""
     if "positions" not in tables or not tables["positions"].num_rows:
-        return found
+        return outcome
     positions, withheld = tables["positions"], withheld_runs(tables)
     rows = positioning_rows(positions, settings.interferometer, withheld).table(str(positions.schema.field("run").type))
     read, text = f"{count(positions.num_rows, 'approach')} of an axis", positioning_words(rows, withheld)
     return replace(
-        found,
-        artifacts={**found.artifacts, "positioning": rows},
-        read=read if found.read == "nothing" else f"{found.read}; {read}",
-        figure=text if found.read == "nothing" else f"{found.figure}; {text}",
+        outcome,
+        artifacts={**outcome.artifacts, "positioning": rows},
+        read=read if outcome.read == "nothing" else f"{outcome.read}; {read}",
+        figure=text if outcome.read == "nothing" else f"{outcome.figure}; {text}",
     )
 
 
-def with_tolerances(found: Outcome, settings: Campaign) -> Outcome:
+def with_tolerances(outcome: Outcome, settings: Campaign) -> Outcome:
     """Results of the loads, and the errors of the sensor as designed by its tolerances, which no data change.
 
     A sensor whose legs do not hold the platform, or do not close, has none; `truing design --tolerances` says why.
     """
     if not has_tolerances(settings):
-        return found
+        return outcome
     try:
-        return replace(found, artifacts={**found.artifacts, **tolerance_tables(settings)})
+        return replace(outcome, artifacts={**outcome.artifacts, **tolerance_tables(settings)})
     except CampaignFaults:
-        return found
+        return outcome
 
 
 def positioning_rows(positions: pa.Table, optics: Interferometer, withheld: Collection[str] = ()) -> Rows:
@@ -297,26 +299,37 @@ def positioning_rows(positions: pa.Table, optics: Interferometer, withheld: Coll
     for run in dict.fromkeys(names):
         if subject_of(run) in withheld:
             continue
-        own = positions.filter((runs == str(run)).tolist())
-        target, deviation = deviations(own)
-        found = positioning(deviation)
-        _of_targets(rows, run, target, found)
-        _of_axis(rows, run, found)
-        known = positioning_uncertainty(deviation, target * _UM, np.random.default_rng(SEED), instrument(own, optics))
-        for figure, one in known.items():
-            _add_position(rows, run, figure, None, one.value, sigma=one.sigma, low=one.low, high=one.high)
+        rows_of_run = positions.filter((runs == str(run)).tolist())
+        target, deviation = deviations(rows_of_run)
+        figures = positioning(deviation)
+        _add_target_figures(rows, run, target, figures)
+        _add_axis_figures(rows, run, figures)
+        known = positioning_uncertainty(
+            deviation, target * _UM, np.random.default_rng(SEED), instrument(rows_of_run, optics)
+        )
+        for figure, figure_value in known.items():
+            _add_position(
+                rows,
+                run,
+                figure,
+                None,
+                figure_value.value,
+                sigma=figure_value.sigma,
+                low=figure_value.low,
+                high=figure_value.high,
+            )
     return rows
 
 
 def positioning_words(rows: pa.Table, withheld: Mapping[str, str]) -> str:
     """Return the accuracy of each run in words, or the reason why it is not evaluated."""
-    found = [
+    sentences = [
         f"{row['run']}: A {row['value']:.3g} um, B {_value(rows, row['run'], 'B'):.3g} um"
         for row in rows.to_pylist()
         if row["figure"] == "A" and row["subject"] is None
     ]
-    found += [f"not evaluated: {why}" for why in withheld.values()]
-    return f"positioning by ISO 230-2: {'; '.join(found)}"
+    sentences += [f"not evaluated: {why}" for why in withheld.values()]
+    return f"positioning by ISO 230-2: {'; '.join(sentences)}"
 
 
 def _value(rows: pa.Table, run: int | str, figure: str) -> float:
@@ -329,23 +342,23 @@ def _value(rows: pa.Table, run: int | str, figure: str) -> float:
     )
 
 
-def _of_targets(rows: Rows, run: int | str, target: Array, found: Positioning) -> None:
+def _add_target_figures(rows: Rows, run: int | str, target: Array, figures: Positioning) -> None:
     for place, at in enumerate(target):
         subject = f"{at:g} mm"
         for way, name in enumerate(_WAYS):
-            _add_position(rows, run, f"mean_{name}", subject, found.mean[place, way])
-            _add_position(rows, run, f"s_{name}", subject, found.scatter[place, way])
-            _add_position(rows, run, f"R_{name}", subject, found.repeatability_at[place, way])
-        _add_position(rows, run, "B", subject, found.reversal_at[place])
-        _add_position(rows, run, "R", subject, found.bidirectional_at[place])
+            _add_position(rows, run, f"mean_{name}", subject, figures.mean[place, way])
+            _add_position(rows, run, f"s_{name}", subject, figures.scatter[place, way])
+            _add_position(rows, run, f"R_{name}", subject, figures.repeatability_at[place, way])
+        _add_position(rows, run, "B", subject, figures.reversal_at[place])
+        _add_position(rows, run, "R", subject, figures.bidirectional_at[place])
 
 
-def _of_axis(rows: Rows, run: int | str, found: Positioning) -> None:
-    _add_position(rows, run, "B_mean", None, float(found.mean_reversal))
+def _add_axis_figures(rows: Rows, run: int | str, figures: Positioning) -> None:
+    _add_position(rows, run, "B_mean", None, float(figures.mean_reversal))
     for way, name in enumerate(_WAYS):
-        _add_position(rows, run, f"R_{name}", None, found.repeatability[way])
-        _add_position(rows, run, f"E_{name}", None, found.systematic[way])
-        _add_position(rows, run, f"A_{name}", None, found.accuracy[way])
+        _add_position(rows, run, f"R_{name}", None, figures.repeatability[way])
+        _add_position(rows, run, f"E_{name}", None, figures.systematic[way])
+        _add_position(rows, run, f"A_{name}", None, figures.accuracy[way])
 
 
 def _add_position(rows: Rows, run: int | str, figure: str, subject: str | None, value: float, **more: float) -> None:

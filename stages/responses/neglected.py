@@ -36,14 +36,14 @@ def neglected_effects(
     elastic = elastic_parts(section)
     if elastic is None:
         return {}
-    found = dict(_plates(section, elastic))
+    effects = dict(_plates(section, elastic))
     weight = _weight(section, elastic, settings)
     if weight is not None:
-        found["own weight"] = weight.compliance
-    if not found:
+        effects["own weight"] = weight.compliance
+    if not effects:
         return {}
     uncertainty = np.hypot(simulated.sigma, _measured_sigma(compliance))
-    tables = {"neglected": _rows(found, elastic.compliance, uncertainty).table()}
+    tables = {"neglected": _rows(effects, elastic.compliance, uncertainty).table()}
     return tables if weight is None else tables | {"own_weight": _weight_rows(section, weight, settings).table()}
 
 
@@ -83,10 +83,10 @@ def _measured_sigma(compliance: pa.Table) -> Array:
     return sigma
 
 
-def _rows(found: Mapping[str, Array], plain: Array, uncertainty: Array) -> Rows:
+def _rows(neglected: Mapping[str, Array], plain: Array, uncertainty: Array) -> Rows:
     rows = Rows("neglected")
     i, j = (index.ravel() for index in np.indices((6, 6)))
-    for effect, changed in found.items():
+    for effect, changed in neglected.items():
         change = (changed - plain).ravel()
         with np.errstate(divide="ignore", invalid="ignore"):
             ratio = np.where(uncertainty.ravel() > 0.0, np.abs(change) / uncertainty.ravel(), np.nan)

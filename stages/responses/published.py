@@ -73,10 +73,10 @@ def _simulated(row: dict[str, object], simulated: SimulatedCompliance | None) ->
 
 
 def _curve(curves: pa.Table, load: str, channel: str) -> _Curve:
-    own = [row for row in curves.to_pylist() if (row["load"], row["channel"]) == (load, channel)]
-    applied = np.array([row["applied"] for row in own], float)
+    rows = [row for row in curves.to_pylist() if (row["load"], row["channel"]) == (load, channel)]
+    applied = np.array([row["applied"] for row in rows], float)
     at, place = np.unique(applied, return_inverse=True)
-    weight = np.array([row["sigma"] for row in own], float) ** -2.0
+    weight = np.array([row["sigma"] for row in rows], float) ** -2.0
     total = np.bincount(place, weight)
-    mean = np.bincount(place, weight * np.array([row["measured"] for row in own], float)) / total
+    mean = np.bincount(place, weight * np.array([row["measured"] for row in rows], float)) / total
     return _Curve(at, mean, np.asarray(total**-0.5))

@@ -122,12 +122,12 @@ def shift_uncertainty_tables(
         effect_um=shifts.effects[b, leg, parameter] * 1e6,
     )
     names = [*shifts.numbers, *_shift_numbers(np.arange(determined.shape[1]))]
-    one, other = np.nonzero(np.tri(len(names), dtype=bool))
+    first, other = np.nonzero(np.tri(len(names), dtype=bool))
     frames = Rows("survey_covariances")
     frames.add(
-        measured_number=[names[i] for i in one],
+        measured_number=[names[i] for i in first],
         other_number=[names[i] for i in other],
-        joint_covariance=shifts.of_frames[one, other],
+        joint_covariance=shifts.of_frames[first, other],
     )
     return {rows.artifact: rows.table(identifier) for rows in (covariances, sensitivities, frames)}
 
@@ -177,19 +177,19 @@ def attachment_deformation(tables: Mapping[str, pa.Table], rest_mm: Sequence[flo
     survey = survey_points(tables["survey"], "platform")
     platform = fitted_points(tables, "platform", poses, survey.targets)
     shifts = attachment_shifts(survey, platform, framed_points(tables, poses), len(rest_mm))
-    found = attachment_models(drive, shifts, heldout)
+    models = attachment_models(drive, shifts, heldout)
     errors, (read, left_out, figure) = (
-        _leg_error_rows(found, shifts, drive),
-        _leg_words(shifts, found.rejected, found.fits),
+        _leg_error_rows(models, shifts, drive),
+        _leg_words(shifts, models.rejected, models.fits),
     )
     identifier = "int64" if isinstance(poses[0], int) else "string"
     artifacts = {
-        "deformation": _deformation_rows(poses, drive, shifts, found.rejected).table(identifier),
-        "deformation_models": _leg_model_rows(found).table(),
+        "deformation": _deformation_rows(poses, drive, shifts, models.rejected).table(identifier),
+        "deformation_models": _leg_model_rows(models).table(),
     }
     if "given_deformation" in tables:
-        given = simulated_shifts.given_deformation(tables["given_deformation"])
-        figure += f"; {_compare_with_simulation(artifacts, errors, drive, found, shifts, given)}"
+        declared_deformation = simulated_shifts.given_deformation(tables["given_deformation"])
+        figure += f"; {_compare_with_simulation(artifacts, errors, drive, models, shifts, declared_deformation)}"
     artifacts["deformation_errors"] = errors.table()
     if shifts.together is not None:
         artifacts |= shift_uncertainty_tables(shifts.together, poses, np.isfinite(shifts.shift), identifier)
@@ -200,20 +200,20 @@ def _compare_with_simulation(
     artifacts: dict[str, pa.Table],
     errors: Rows,
     drive: Array,
-    found: AttachmentModels,
+    models: AttachmentModels,
     shifts: LegShifts,
-    given: tuple[Array, Array],
+    simulated: tuple[Array, Array],
 ) -> str:
     """Add the comparison with the simulated K, and its residuals of the shifts; the closing words."""
-    one = simulated_shifts.compared(found, shifts, given)
-    artifacts["simulated_deformation"] = simulated_shifts.entry_rows(one).table()
-    if one is not None:
-        simulated_shifts.add_comparison(errors, one)
-        fit = simulated_shifts.simulated_fit(drive, found, shifts, given[0])
-        held = found.kept[~found.fitted] - fit.offset.mean(0) - drive[~found.fitted] @ given[0].T
-        sets = {**residual_sets(fit), "verification_": held}
+    comparison = simulated_shifts.compared(models, shifts, simulated)
+    artifacts["simulated_deformation"] = simulated_shifts.entry_rows(comparison).table()
+    if comparison is not None:
+        simulated_shifts.add_comparison(errors, comparison)
+        fit = simulated_shifts.simulated_fit(drive, models, shifts, simulated[0])
+        held_out_errors = models.kept[~models.fitted] - fit.offset.mean(0) - drive[~models.fitted] @ simulated[0].T
+        sets = {**residual_sets(fit), "verification_": held_out_errors}
         error_rows(errors, simulated_shifts.SIMULATED, fit, sets, "um", 1e6, None)
-    return simulated_shifts.words(one)
+    return simulated_shifts.words(comparison)
 
 
 def _drives(
@@ -259,13 +259,13 @@ def _deformation_rows(poses: tuple[int | str, ...], drive: Array, shifts: LegShi
     return rows
 
 
-def _leg_model_rows(found: AttachmentModels) -> Rows:
+def _leg_model_rows(models: AttachmentModels) -> Rows:
     rows = Rows("deformation_models")
-    for name in [name for name in ("linear", "matrix") if name in found.fits]:
-        _coefficient_rows(rows, name, found.fits[name], found.determined[name], "z")
-    if found.in_plane:
-        every = np.ones(2 * len(found.determined["matrix"]), bool)
-        _coefficient_rows(rows, IN_PLANE, found.in_plane["matrix"], every, "xy")
+    for name in [name for name in ("linear", "matrix") if name in models.fits]:
+        _coefficient_rows(rows, name, models.fits[name], models.determined[name], "z")
+    if models.in_plane:
+        every = np.ones(2 * len(models.determined["matrix"]), bool)
+        _coefficient_rows(rows, IN_PLANE, models.in_plane["matrix"], every, "xy")
     return rows
 
 
@@ -286,21 +286,21 @@ def _coefficient_rows(rows: Rows, name: str, fit: ResponseFit, determined: Mask,
     )
 
 
-def _leg_error_rows(found: AttachmentModels, shifts: LegShifts, drive: Array) -> Rows:
+def _leg_error_rows(models: AttachmentModels, shifts: LegShifts, drive: Array) -> Rows:
     rows = Rows("deformation_errors")
-    for name, fit in found.fits.items():
-        error_rows(rows, name, fit, {**residual_sets(fit), "verification_": found.held[name]}, "um", 1e6, None)
-    if found.determined["matrix"].all():
+    for name, fit in models.fits.items():
+        error_rows(rows, name, fit, {**residual_sets(fit), "verification_": models.held[name]}, "um", 1e6, None)
+    if models.determined["matrix"].all():
         for name, below in (("linear", "none"), ("matrix", "linear")):
-            add_figures(rows, name, {f"p_value_over_{below}": found.gains[name]})
+            add_figures(rows, name, {f"p_value_over_{below}": models.gains[name]})
         add_figures(rows, "matrix", {"modulo_plane": shifts.modulo_plane})
         if not shifts.modulo_plane:  # else what is left of K has no structure of its own
-            _structure_rows(rows, found.fits["matrix"])
-    _shape_rows(rows, found.kept[found.fitted], shifts.attachments)
-    if found.in_plane:
-        _in_plane_rows(rows, **found.in_plane)
-        for name, fit in (("matrix", found.fits["matrix"]), (IN_PLANE, found.in_plane["matrix"])):
-            size = driven_shift(fit, drive[found.fitted])
+            _structure_rows(rows, models.fits["matrix"])
+    _shape_rows(rows, models.kept[models.fitted], shifts.attachments)
+    if models.in_plane:
+        _in_plane_rows(rows, **models.in_plane)
+        for name, fit in (("matrix", models.fits["matrix"]), (IN_PLANE, models.in_plane["matrix"])):
+            size = driven_shift(fit, drive[models.fitted])
             figures = {"rms_following": size.rms, "rms_following_upper": size.upper, "rms_detectable": size.detectable}
             for figure, value in figures.items():
                 if np.isfinite(value):
@@ -325,12 +325,12 @@ def _structure_rows(rows: Rows, matrix: ResponseFit) -> None:
         add_figures(rows, "matrix", {"coupling": strength, "coupling_p_value": p}, f"leg{i + 1} leg{j + 1}")
 
 
-def _shape_rows(rows: Rows, kept: Array, attachments: Array) -> None:
+def _shape_rows(rows: Rows, shifts: Array, attachments: Array) -> None:
     """Add the shares of lift, tilt and buckling in the shifts, and the dominant shape."""
-    whole = kept[np.isfinite(kept).all(axis=1)]
-    if not len(whole):
+    complete = shifts[np.isfinite(shifts).all(axis=1)]
+    if not len(complete):
         return
-    shape = ring_shape(whole, attachments)
+    shape = ring_shape(complete, attachments)
     shares = {"lift": shape.lift, "tilt": shape.tilt, "buckle": shape.buckle, "principal": shape.principal_share}
     add_figures(rows, "none", {f"share_{name}": share for name, share in shares.items()})
     rows.add(model="none", figure="principal_amplitude", value=shape.amplitude * 1e6, unit="um")
@@ -408,26 +408,26 @@ def _drive_values(
     return u - np.nanmean(u, axis=0), role == "verification"
 
 
-def _target_shift_rows(rows: Rows, found: BodyShifts) -> None:
-    b, t, axis = np.nonzero(np.isfinite(found.shift))
-    sigma = np.sqrt(np.einsum("bll->bl", found.noise)).reshape(found.shift.shape)
+def _target_shift_rows(rows: Rows, shifts: BodyShifts) -> None:
+    b, t, axis = np.nonzero(np.isfinite(shifts.shift))
+    sigma = np.sqrt(np.einsum("bll->bl", shifts.noise)).reshape(shifts.shift.shape)
     rows.add(
-        pose=[found.poses[i] for i in b],
-        body=found.body,
-        target=[found.targets[i] for i in t],
+        pose=[shifts.poses[i] for i in b],
+        body=shifts.body,
+        target=[shifts.targets[i] for i in t],
         axis=["xyz"[i] for i in axis],
-        displacement_um=found.shift[b, t, axis] * 1e6,
+        displacement_um=shifts.shift[b, t, axis] * 1e6,
         sigma_um=sigma[b, t, axis] * 1e6,
     )
 
 
-def _target_model_rows(rows: Rows, found: BodyShifts, fit: ResponseFit, drives: tuple[str, ...]) -> None:
+def _target_model_rows(rows: Rows, shifts: BodyShifts, fit: ResponseFit, drives: tuple[str, ...]) -> None:
     sigma, p, significant = entry_tests(fit)
     entry, drive = np.nonzero(fit.free & (sigma > 0.0))  # a drive that never moved says nothing
     rows.add(
         model="linear",
-        body=found.body,
-        target=[found.targets[i // 3] for i in entry],
+        body=shifts.body,
+        target=[shifts.targets[i // 3] for i in entry],
         axis=["xyz"[i % 3] for i in entry],
         drive=[drives[i] for i in drive],
         column=drive + 1,
@@ -439,13 +439,13 @@ def _target_model_rows(rows: Rows, found: BodyShifts, fit: ResponseFit, drives: 
     )
 
 
-def _target_error_rows(rows: Rows, found: BodyShifts, fits: Mapping[str, ResponseFit]) -> None:
+def _target_error_rows(rows: Rows, shifts: BodyShifts, fits: Mapping[str, ResponseFit]) -> None:
     for name, form in (("none", "none"), ("linear", "matrix")):
-        error_rows(rows, name, fits[form], residual_sets(fits[form]), "um", 1e6, (), whole=found.body)
+        error_rows(rows, name, fits[form], residual_sets(fits[form]), "um", 1e6, (), subject_of_all=shifts.body)
     gain = gain_p_value(fits["none"], fits["matrix"])
-    add_figures(rows, "linear", {"p_value_over_none": gain}, found.body)
+    add_figures(rows, "linear", {"p_value_over_none": gain}, shifts.body)
 
 
-def _target_words(found: BodyShifts, fits: Mapping[str, ResponseFit]) -> str:
+def _target_words(shifts: BodyShifts, fits: Mapping[str, ResponseFit]) -> str:
     rms = {name: 1e6 * float(np.sqrt(np.nanmean(fit.residuals**2))) for name, fit in fits.items()}
-    return f"{found.body} {rms['none']:.1f} um left at rest, {rms['matrix']:.1f} with the drives"
+    return f"{shifts.body} {rms['none']:.1f} um left at rest, {rms['matrix']:.1f} with the drives"

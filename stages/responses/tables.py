@@ -28,23 +28,23 @@ def error_rows(
     responses: tuple[str, ...] | None,
     *,
     part: slice = slice(None),
-    whole: str | None = None,
+    subject_of_all: str | None = None,
 ) -> None:
     """The error figures of one model, for all responses and for each.
 
     ``sets`` are residuals (N, L), of the fit and of what was held out, by what stands before a figure's name;
     `residual_sets` has those that every fit has. ``scale`` turns SI into ``unit``. Responses are legs counted from 1
     if ``responses`` is None, and named if it names them. If it is empty, they are reported together, with the subject
-    ``whole``.
+    ``subject_of_all``.
     """
     chosen = range(*part.indices(fit.residuals.shape[1])) if responses != () else ()
     for prefix, residual in sets.items():
-        _size_rows(rows, name, prefix, residual[:, part] * scale, unit, {"subject": whole})
+        _size_rows(rows, name, prefix, residual[:, part] * scale, unit, {"subject": subject_of_all})
         for k in chosen:
             where = {"leg": k + 1} if responses is None else {"subject": responses[k]}
             _size_rows(rows, name, prefix, residual[:, k] * scale, unit, where)
     ratio = float(np.sqrt(fit.chi_square / max(fit.dof, 1)))
-    add_figures(rows, name, {"noise_ratio": ratio, "degrees_of_freedom": fit.dof}, whole)
+    add_figures(rows, name, {"noise_ratio": ratio, "degrees_of_freedom": fit.dof}, subject_of_all)
 
 
 def _size_rows(rows: Rows, name: str, prefix: str, residual: Array, unit: str, where: dict[str, Any]) -> None:

@@ -46,10 +46,10 @@ def tolerance_tables(settings: Campaign, seed: int = _SEED) -> dict[str, pa.Tabl
         expected = f"at least one of {', '.join(f'{source}_um' for source in SOURCES)} above 0"
         raise CampaignFaults([Fault(FILE, expected, column="mechanism.tolerance")])
     try:
-        found = source_errors(sensor_joints(section), sigma_of(widths) * 1e-6, np.random.default_rng(seed))
+        errors = source_errors(sensor_joints(section), sigma_of(widths) * 1e-6, np.random.default_rng(seed))
     except ValueError as error:
         raise CampaignFaults([Fault(FILE, str(error), column="mechanism")]) from None
-    return {"tolerance_errors": _errors(found, widths), "tolerance_samples": _samples(found)}
+    return {"tolerance_errors": _errors(errors, widths), "tolerance_samples": _samples(errors)}
 
 
 def chain_tables(settings: Campaign) -> dict[str, pa.Table]:
@@ -96,30 +96,30 @@ def has_tolerances(settings: Campaign) -> bool:
     return any(getattr(tolerance, f"{source}_um") for source in SOURCES)
 
 
-def _errors(found: SourceErrors, widths: np.ndarray) -> pa.Table:
+def _errors(errors: SourceErrors, widths: np.ndarray) -> pa.Table:
     rows = Rows("tolerance_errors")
-    for k, source in enumerate(found.sources):
+    for k, source in enumerate(errors.sources):
         for j, (part, unit, scale) in enumerate(_PARTS):
             rows.add(
                 error_source=source,
                 pose_part=part,
                 tolerance_width_um=None if source == ALL else float(widths[SOURCES.index(source)]),
                 unit=unit,
-                first_order=scale * found.first_order[k, j],
-                sample_rms=scale * found.band.value[k, j],
-                low=scale * found.band.low[k, j],
-                high=scale * found.band.high[k, j],
-                error_95=scale * found.covered[k, j],
-                variance_share=min(1.0, found.shares[k, j]),
-                open_chains=scale * found.open_chains[k, j],
+                first_order=scale * errors.first_order[k, j],
+                sample_rms=scale * errors.band.value[k, j],
+                low=scale * errors.band.low[k, j],
+                high=scale * errors.band.high[k, j],
+                error_95=scale * errors.covered[k, j],
+                variance_share=min(1.0, errors.shares[k, j]),
+                open_chains=scale * errors.open_chains[k, j],
             )
     return rows.table()
 
 
-def _samples(found: SourceErrors) -> pa.Table:
+def _samples(errors: SourceErrors) -> pa.Table:
     rows = Rows("tolerance_samples")
-    for k, source in enumerate(found.sources):
-        position, attitude = (scale * found.samples[k, j] for j, (_, _, scale) in enumerate(_PARTS))
+    for k, source in enumerate(errors.sources):
+        position, attitude = (scale * errors.samples[k, j] for j, (_, _, scale) in enumerate(_PARTS))
         rows.add(
             error_source=source,
             sample=np.arange(len(position)) + 1,

@@ -63,22 +63,24 @@ def body_poses(tables: Mapping[str, Any], settings: Campaign, progress: Progress
     names = observed_names(tables["observations"])
     others = chain(*(pose_ids(tables[name]) for name in SOURCES if name != "observations"))
     names = replace(names, poses=tuple(dict.fromkeys((*names.poses, *others))))
-    errors, own = _common_errors(tables)
+    errors, common_sensitivity = _common_errors(tables)
     survey = tables.get("survey", ARTIFACTS["survey"].empty())
-    estimates = _estimates(tables["observations"], names, survey, own, settings, progress)
-    whole = None if errors is None else _correlated(estimates, whole_table(tables["observations"]), errors)
-    stream = _PoseStream(estimates, whole, (tables["scans"], tables["measured_poses"]), names.poses, settings)
+    estimates = _estimates(tables["observations"], names, survey, common_sensitivity, settings, progress)
+    correlated = None if errors is None else _correlated(estimates, whole_table(tables["observations"]), errors)
+    stream = _PoseStream(estimates, correlated, (tables["scans"], tables["measured_poses"]), names.poses, settings)
     artifacts = {"poses": stream.poses(), "residuals": stream.residuals()}
     if settings.exclude:
         effects = exclusion_rows([(body, survey_points(survey, body.name)) for body in estimates], settings)
         artifacts |= {"exclusion_effects": effects.table()} if effects.count else {}
-    if whole is not None and errors is not None:
-        artifacts |= _tables_of_errors(whole, errors, settings, stream.identifier)
+    if correlated is not None and errors is not None:
+        artifacts |= _tables_of_errors(correlated, errors, settings, stream.identifier)
     counts = [counted(tables[name].num_rows, what) for name, what in SOURCES.items() if tables[name].num_rows]
     read = f"{' and '.join(counts)} of {counted(len(stream.fits), 'body')} in {counted(len(names.poses), 'pose')}"
     unmeasured = f"; the instrument's frame is taken for that of {stream.frame}, which was not measured"
     figure = _figure(stream.fits) + _shapes(estimates) + (unmeasured if stream.frame != MEASUREMENT else "")
-    return Outcome(artifacts, read=read, left_out=_left_out(estimates if whole is None else whole), figure=figure)
+    return Outcome(
+        artifacts, read=read, left_out=_left_out(estimates if correlated is None else correlated), figure=figure
+    )
 
 
 def _common_errors(tables: Mapping[str, Any]) -> tuple[PointErrors | None, Array | None]:
@@ -97,28 +99,33 @@ def _estimates(
     observations: pa.Table | StoredTable,
     names: ObservedNames,
     survey: pa.Table,
-    own: Array | None,
+    unshared: Array | None,
     settings: Campaign,
     progress: Progress,
 ) -> list[BodyEstimate]:
-    """Return each body fitted alone; ``own`` (N, 3, 3): covariance of each observation without the errors common to all
-    poses."""
+    """Return each body fitted alone.
+
+    unshared (N, 3, 3): covariance of each observation without the errors common to all poses.
+    """
     bodies = []
     for done, (name, points) in enumerate(compact_points(observations, names).items()):
         progress(done, len(names.targets), name)
         out = decided_points(points, name, settings.exclude, "excluded")
         keep = decided_points(points, name, settings.keep, "kept")
         each = None
-        if own is not None:
-            each = own[observation_rows(whole_table(observations), name, names.poses, points.targets)]
+        if unshared is not None:
+            each = unshared[observation_rows(whole_table(observations), name, names.poses, points.targets)]
         bodies.append(estimate_body(points, name, survey_points(survey, name), out, keep, each))
     return bodies
 
 
 def _correlated(estimates: Sequence[BodyEstimate], observations: pa.Table, errors: PointErrors) -> list[BodyPoses]:
     """Return all poses of the bodies, fitted together with what their points have in common."""
-    rows = [observation_rows(observations, one.name, one.points.poses, one.points.targets) for one in estimates]
-    return with_correlations([one.poses(slice(None)) for one in estimates], rows, errors)
+    rows = [
+        observation_rows(observations, estimate.name, estimate.points.poses, estimate.points.targets)
+        for estimate in estimates
+    ]
+    return with_correlations([estimate.poses(slice(None)) for estimate in estimates], rows, errors)
 
 
 def _tables_of_errors(
@@ -126,10 +133,10 @@ def _tables_of_errors(
 ) -> dict[str, pa.Table]:
     reference = settings.reference_body
     between = covariances_table(bodies, reference, identifier)
-    found = {"pose_covariances": between} if between.num_rows else {}
+    tables = {"pose_covariances": between} if between.num_rows else {}
     if errors.parameters:
-        found["pose_sensitivities"] = sensitivities_table(bodies, reference, errors.parameters, identifier)
-    return found
+        tables["pose_sensitivities"] = sensitivities_table(bodies, reference, errors.parameters, identifier)
+    return tables
 
 
 @dataclass(frozen=True)
@@ -151,10 +158,10 @@ class _PoseStream:
     @cached_property
     def fits(self) -> dict[str, RigidFit]:
         """Default fit of each body over all poses."""
-        found = {one.name: one.common.fit for one in self.estimates}
-        found |= {} if self.whole is None else {body.name: body.fit for body in self.whole}
+        fits_by_name = {estimate.name: estimate.common.fit for estimate in self.estimates}
+        fits_by_name |= {} if self.whole is None else {body.name: body.fit for body in self.whole}
         others = {body.name: body.fit for body in self._with_others([], self.ids)}
-        return found | {name: fit for name, fit in others.items() if name not in found}
+        return fits_by_name | {name: fit for name, fit in others.items() if name not in fits_by_name}
 
     @property
     def frame(self) -> str:
@@ -177,16 +184,20 @@ class _PoseStream:
         self, name: str, table: Callable[[Sequence[BodyPoses]], pa.Table], *, every: bool = True
     ) -> pa.Table | pa.RecordBatchReader:
         """Return a table of all blocks of poses; ``every``: by every method, not only by the default one."""
-        targets = sum(len(one.points.targets) for one in self.estimates)
+        targets = sum(len(estimate.points.targets) for estimate in self.estimates)
         blocks = [slice(0, len(self.ids))] if self.whole is not None else pose_blocks(len(self.ids), targets)
         tables = in_order(lambda rows: table(self._bodies(rows, every)), blocks)
         if len(blocks) == 1:
             return plain_texts(next(tables))
         schema = table_schema(name, self.identifier)
-        return pa.RecordBatchReader.from_batches(schema, (batch for one in tables for batch in one.to_batches()))
+        return pa.RecordBatchReader.from_batches(
+            schema, (batch for batches in tables for batch in batches.to_batches())
+        )
 
     def _bodies(self, rows: slice, every: bool) -> list[BodyPoses]:
-        bodies = self.whole if self.whole is not None else [one.poses(rows, every=every) for one in self.estimates]
+        bodies = (
+            self.whole if self.whole is not None else [estimate.poses(rows, every=every) for estimate in self.estimates]
+        )
         return self._with_others(bodies, self.ids[rows])
 
     def _with_others(self, bodies: Sequence[BodyPoses], poses: tuple[int | str, ...]) -> list[BodyPoses]:
@@ -199,17 +210,17 @@ def _with_poses(
 ) -> list[BodyPoses]:
     """The bodies with the poses of a table, of scans or measured as such, as a further method; and bodies of which
     nothing else is known."""
-    found = {body.name: body for body in bodies}
+    by_name = {body.name: body for body in bodies}
     for name in dict.fromkeys(table.column("body").to_pylist()):
         rows = table.filter(pc.equal(table.column("body"), name))
         place, rejected = positions(rows.column("pose"), poses), np.zeros(len(poses), np.int64)
         rows, place = rows.filter(pa.array(place >= 0)), place[place >= 0]
         if method == SCAN:
             rejected[place] = number_column(rows, "n_rejected").astype(np.int64)
-        body = found.get(name) or without_targets(name, poses, method)
+        body = by_name.get(name) or without_targets(name, poses, method)
         fits = {**body.fits, method: _fit_of_rows(rows, place, len(poses))}
-        found[name] = replace(body, fits=fits, rejections={**body.rejections, method: rejected})
-    return list(found.values())
+        by_name[name] = replace(body, fits=fits, rejections={**body.rejections, method: rejected})
+    return list(by_name.values())
 
 
 def _fit_of_rows(rows: pa.Table, place: Index, count: int) -> RigidFit:
@@ -228,9 +239,9 @@ def _fit_of_rows(rows: pa.Table, place: Index, count: int) -> RigidFit:
         status[place], rms[place] = text_column(rows, "status"), 1e-3 * number_column(rows, "rms_mm")
         n_used[place] = number_column(rows, "n_used").astype(np.int64)
     ok = status == FitStatus.OK
-    one = np.where(ok, 1.0, np.nan)
+    ones = np.where(ok, 1.0, np.nan)
     rms = np.where(ok, rms, np.nan)
-    return RigidFit(R, t, one, covariance, 0.0 * one, rms, n_used, status.astype(str), np.zeros(count, np.int64))
+    return RigidFit(R, t, ones, covariance, 0.0 * ones, rms, n_used, status.astype(str), np.zeros(count, np.int64))
 
 
 def _left_out(bodies: Sequence[BodyEstimate | BodyPoses]) -> str:
@@ -239,9 +250,11 @@ def _left_out(bodies: Sequence[BodyEstimate | BodyPoses]) -> str:
     total = sum(map(len, places))
     if not total:
         return "no point"
-    first = [(body, *place) for body, found in zip(bodies, places, strict=True) for place in found[:3]][:3]
+    first = [
+        (body, *place) for body, place_of_point in zip(bodies, places, strict=True) for place in place_of_point[:3]
+    ][:3]
     more = f" and {total - 3} more" if total > 3 else ""
-    return f"{counted(total, 'point')}: {'; '.join(_named(*one) for one in first)}{more}"
+    return f"{counted(total, 'point')}: {'; '.join(_named(*place) for place in first)}{more}"
 
 
 def _named(body: BodyEstimate | BodyPoses, pose: int, target: int) -> str:
@@ -262,6 +275,6 @@ def _figure(fits: Mapping[str, RigidFit]) -> str:
 
 def _shapes(estimates: Sequence[BodyEstimate]) -> str:
     """Bodies whose shape was estimated from some of their poses, in words; empty for none."""
-    some = [one for one in estimates if 0 < one.common.shape_poses < len(one.points.poses)]
-    words = (f"{one.name} from {counted(one.common.shape_poses, 'pose')}" for one in some)
+    some = [estimate for estimate in estimates if 0 < estimate.common.shape_poses < len(estimate.points.poses)]
+    words = (f"{estimate.name} from {counted(estimate.common.shape_poses, 'pose')}" for estimate in some)
     return f"; shape without a survey: {', '.join(words)}" if some else ""

@@ -21,16 +21,16 @@ if TYPE_CHECKING:
 
 def exclusion_rows(bodies: Sequence[tuple[BodyEstimate, SurveyPoints]], settings: Campaign) -> Rows:
     """A row per [[exclude]] and body that it concerns; all exclusions of a body are taken back together."""
-    found = []
+    exclusions = []
     for body, survey in bodies:
         points, name = body.points, body.name
         named = [(n, rule, chosen_points(points, name, rule)) for n, rule in enumerate(settings.exclude, 1)]
-        named = [one for one in named if one[2].any()]
+        named = [entry for entry in named if entry[2].any()]
         if named:
             with_all = estimate_body(points, name, survey, None, body.keep)
-            found += [(number, _exclusion(number, rule, chosen, body, with_all)) for number, rule, chosen in named]
+            exclusions += [(number, _exclusion(number, rule, chosen, body, with_all)) for number, rule, chosen in named]
     rows = Rows("exclusion_effects")
-    for _, row in sorted(found, key=lambda one: one[0]):
+    for _, row in sorted(exclusions, key=lambda numbered_row: numbered_row[0]):
         rows.add(**row)
     return rows
 

@@ -108,12 +108,14 @@ def _relative_pose_rows(body: BodyPoses, other: BodyPoses, base: BodyPoses | Non
         return {}
     covariance = known
     if base is not None:
-        by_base, by_other = (one.cross.get((one.default, two.name)) for one, two in ((body, base), (base, other)))
+        by_base, by_other = (
+            member.cross.get((member.default, two.name)) for member, two in ((body, base), (base, other))
+        )
         if by_base is None or by_other is None:
             return {}
-        own, far = (relative_slope(base.fit.R, base.fit.t, one.fit.t) for one in (body, other))
-        whole = np.block([[base.fit.covariance, by_other], [by_base, known]])
-        covariance = own @ whole @ np.swapaxes(far, 1, 2)
+        own_slope, far = (relative_slope(base.fit.R, base.fit.t, member.fit.t) for member in (body, other))
+        points = np.block([[base.fit.covariance, by_other], [by_base, known]])
+        covariance = own_slope @ points @ np.swapaxes(far, 1, 2)
     reported = np.flatnonzero(np.isfinite(covariance).all(axis=(1, 2)))
     pose, i, j = (grid.ravel() for grid in np.meshgrid(reported, np.arange(6), np.arange(6), indexing="ij"))
     return {

@@ -47,8 +47,8 @@ def predicted_links(text: str, second: SecondCampaign) -> Iterator[PredictionErr
     names = [effect.cause.id for effect in extended.effects if effect.cause.is_persistent]
     words = f"with {', '.join(dict.fromkeys(names))}" if names else "zeros and links as identified"
     models = (NOMINAL, "as described", nominal), (EXTENDED, words, identified_conditions(extended, nominal))
-    for by, model, own in models:
-        errors = _errors(tree, measured, own, usable, second)
+    for by, model, measured_link in models:
+        errors = _errors(tree, measured, measured_link, usable, second)
         for turned, (quantity, unit, si) in enumerate(_QUANTITIES):
             for link in dict.fromkeys(measured.channels.links):
                 of_link = np.array([name == link for name in measured.channels.links])
@@ -68,9 +68,11 @@ def _check(extended: ExtendedChain, tree: Tree, second: SecondCampaign) -> None:
         raise second.refuse("mechanism.joints", ", ".join(extended.tree.readings), ", ".join(tree.readings))
     if tuple(tree.links) != tuple(extended.tree.links):
         raise second.refuse("mechanism", f"the links {', '.join(extended.tree.links)}", ", ".join(tree.links))
-    for own, other in zip(extended.tree.nodes, tree.nodes, strict=True):
-        if max(np.abs(own.t - other.t).max(), np.abs(own.R - other.R).max(), abs(own.shift - other.shift)) > _SAME:
-            raise second.refuse("mechanism", f"the same nominal place of joint {own.joint or own.link} as in the model")
+    for node, other in zip(extended.tree.nodes, tree.nodes, strict=True):
+        if max(np.abs(node.t - other.t).max(), np.abs(node.R - other.R).max(), abs(node.shift - other.shift)) > _SAME:
+            raise second.refuse(
+                "mechanism", f"the same nominal place of joint {node.joint or node.link} as in the model"
+            )
 
 
 def _check_columns(extended: ExtendedChain, conditions: ChainConditions) -> None:
@@ -102,12 +104,12 @@ def _errors(
 ) -> Array:
     """Return measured minus predicted (B, K, 3), m and rad, after the unknown places were fitted."""
     values, base = measured.values[usable], None
-    if (own := reference_link(second.settings, measured)) is not None:
-        R, t = pose_frames(measured, own, usable)
+    if (link := reference_link(second.settings, measured)) is not None:
+        R, t = pose_frames(measured, link, usable)
         values = np.einsum("bji,bkj->bki", R[usable], values - t[usable][:, None])
-        if measured.channels.node[own[0]] == 0 and np.isfinite(measured.surveyed[own]).all():
+        if measured.channels.node[link[0]] == 0 and np.isfinite(measured.surveyed[link]).all():
             base = np.eye(3)[None], np.zeros((1, 3))
     # The model holds the errors of a link's end only where no joint moves it against the joint below.
-    held = [node.parent < 0 or node.kind is JointKind.FIXED for node in tree.nodes]
-    surveyed = np.where(np.array(held)[measured.channels.node][:, None], measured.surveyed, np.nan)
+    is_fixed = [node.parent < 0 or node.kind is JointKind.FIXED for node in tree.nodes]
+    surveyed = np.where(np.array(is_fixed)[measured.channels.node][:, None], measured.surveyed, np.nan)
     return start_values(tree, measured.channels, conditions, values, measured.seen[usable], surveyed, base).errors

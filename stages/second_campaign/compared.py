@@ -30,10 +30,10 @@ class SecondCampaign:
     settings: Campaign
     tables: Mapping[str, pa.Table]
 
-    def refuse(self, key: str, expected: str, found: str | None = None) -> CampaignFaults:
+    def refuse(self, key: str, expected: str, actual: str | None = None) -> CampaignFaults:
         """The fault that a key of its campaign.toml describes another machine than the models."""
         same = f"{expected}: models predict a second campaign of the same machine alone"
-        return CampaignFaults([Fault(self.file, same, column=key, value=found)])
+        return CampaignFaults([Fault(self.file, same, column=key, value=actual)])
 
 
 @dataclass(frozen=True)

@@ -32,14 +32,14 @@ def second_campaign_errors(
     if why := reason_withheld(second.tables):
         raise ValueError(f"second campaign: {why}")
     rows, left_out = Rows(ARTIFACT), ""
-    for found in _predicted(text, second, tables):
-        add_errors(rows, second, found)
+    for errors in _predicted(text, second, tables):
+        add_errors(rows, second, errors)
     if settings is not None and settings.campaign.kind == "interferometer":
         from truing.stages.second_campaign.loads import predicted_by_matrix
 
         try:
-            for found in predicted_by_matrix(tables, settings, second):
-                add_errors(rows, second, found)
+            for errors in predicted_by_matrix(tables, settings, second):
+                add_errors(rows, second, errors)
         except ValueError as why:
             left_out = f"loads by signals: {why}"
     if not rows.count:

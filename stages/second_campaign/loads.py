@@ -62,15 +62,17 @@ def predicted_readings(text: str, second: SecondCampaign) -> Iterator[Prediction
 
 def _check(extended: ExtendedSensor, second: SecondCampaign) -> None:
     """Raise CampaignFaults where the simulated compliance is not that of the model."""
-    given = second.tables.get("given_compliance")
+    compliance = second.tables.get("given_compliance")
     section = cast("SensorMechanism", second.settings.mechanism)
-    own = None
+    own_value = None
     if section.type == "6-upur":
-        own = nominal_sensor(section, given if given is not None and given.num_rows else None).compliance
-    if own is None:
+        own_value = nominal_sensor(
+            section, compliance if compliance is not None and compliance.num_rows else None
+        ).compliance
+    if own_value is None:
         raise second.refuse("mechanism", "the elements of a leg, or a compliance_file, as the first campaign has them")
     scale = np.sqrt(np.abs(np.outer(np.diag(extended.nominal), np.diag(extended.nominal))))
-    if np.any(np.abs(own - extended.nominal) > _SAME * scale):
+    if np.any(np.abs(own_value - extended.nominal) > _SAME * scale):
         raise second.refuse("mechanism", "the sensor of the model, with the same simulated compliance")
 
 
@@ -78,8 +80,8 @@ def _conditions(model: ExtendedSensor, steps: RecordedSteps) -> ReadingCondition
     """Conditions of the steps; raises ValueError where a column is missing that an effect follows."""
     known = {name: values for name, values in steps.covariates.items() if np.isfinite(values).all()}
     needed = {name for cause in model.causes if cause.is_persistent for name in cause.needs(len(CHANNELS))}
-    own = {"time_s", *LOADS, *steps.covariates}
-    if missing := sorted(own_name(name) for name in needed - own):
+    used_columns = {"time_s", *LOADS, *steps.covariates}
+    if missing := sorted(own_name(name) for name in needed - used_columns):
         raise ValueError(f"the extended model follows {', '.join(missing)}, which the second campaign does not hold")
     span = (float(np.nanmin(steps.time_s)), float(np.nanmax(steps.time_s)))
     return ReadingConditions(run_names(steps), steps.step, steps.time_s, steps.load, known, span)
@@ -89,10 +91,10 @@ def _without_zeros(missed: np.ndarray, steps: RecordedSteps) -> np.ndarray:
     """Return errors (B, 6) minus the mean of their run and channel, which is the run's zero."""
     left = missed.copy()
     for run in np.unique(steps.run):
-        own = steps.run == run
-        seen = np.isfinite(left[own])
+        rows_of_run = steps.run == run
+        seen = np.isfinite(left[rows_of_run])
         count = np.maximum(seen.sum(0), 1)
-        left[own] -= np.where(seen, left[own], 0.0).sum(0) / count
+        left[rows_of_run] -= np.where(seen, left[rows_of_run], 0.0).sum(0) / count
     return left
 
 
@@ -104,19 +106,22 @@ def predicted_by_matrix(
     The latter is held against the loads that act by these findings, as far as they last. Raises CampaignFaults where
     the second campaign is of another sensor, ValueError, saying why, where G_B predicts nothing of it.
     """
-    if not all("signals" in held and held["signals"].num_rows for held in (tables, second.tables)):
+    if not all(
+        "signals" in tables_of_campaign and tables_of_campaign["signals"].num_rows
+        for tables_of_campaign in (tables, second.tables)
+    ):
         return
     main, beside = recorded(tables, settings), recorded_with_other_loads(tables, settings)
     models = _chosen_models(tables)
-    for found in (one for one in (main, beside) if one is not None):
-        name = models["main" if found is main else "beside"]
-        text = applied_findings(tables).text if found.causes else None
-        by = EXTENDED if found.causes else CALIBRATED
-        other = recorded_elsewhere(second.tables, second.settings, text, found.tared)
-        if other.signal.shape[1] != found.signal.shape[1]:
-            wanted = f"{found.signal.shape[1]} signals, as the first campaign has them"
+    for loads in (one for one in (main, beside) if one is not None):
+        name = models["main" if loads is main else "beside"]
+        text = applied_findings(tables).text if loads.causes else None
+        by = EXTENDED if loads.causes else CALIBRATED
+        other = recorded_elsewhere(second.tables, second.settings, text, loads.tared)
+        if other.signal.shape[1] != loads.signal.shape[1]:
+            wanted = f"{loads.signal.shape[1]} signals, as the first campaign has them"
             raise second.refuse("files.signals", wanted, f"{other.signal.shape[1]} signals")
-        yield from _by_matrix(found, other, name, by)
+        yield from _errors_by_matrix(loads, other, name, by)
 
 
 def _chosen_models(tables: Mapping[str, pa.Table]) -> dict[str, str]:
@@ -130,16 +135,24 @@ def _chosen_models(tables: Mapping[str, pa.Table]) -> dict[str, str]:
     return {"main": cast("str", main), "beside": cast("str", beside)}
 
 
-def _by_matrix(found: RecordedLoads, other: RecordedLoads, name: str, by: str) -> Iterator[PredictionErrors]:
-    model = next(model for model in contenders(found) if model.name == name)
-    if other.covariate_names != found.covariate_names:
+def _errors_by_matrix(
+    recorded_loads: RecordedLoads, other: RecordedLoads, name: str, by: str
+) -> Iterator[PredictionErrors]:
+    model = next(model for model in contenders(recorded_loads) if model.name == name)
+    if other.covariate_names != recorded_loads.covariate_names:
         if model.drift or model.gain:
-            raise ValueError(f"G_B follows {found.covariate_names[0]}, which the second campaign does not hold")
-        unused = np.zeros((len(other.steps.run), found.covariate.shape[1]))
-        other = replace(other, covariate=unused, covariate_names=found.covariate_names)
-    table = found.table(~found.steps.held_out, found.steps.run)
+            raise ValueError(
+                f"G_B follows {recorded_loads.covariate_names[0]}, which the second campaign does not hold"
+            )
+        unused = np.zeros((len(other.steps.run), recorded_loads.covariate.shape[1]))
+        other = replace(other, covariate=unused, covariate_names=recorded_loads.covariate_names)
+    table = recorded_loads.table(~recorded_loads.steps.held_out, recorded_loads.steps.run)
     asked = other.table(np.ones(len(other.steps.run), bool), other.steps.run)
     missed = asked.loads - predicted_loads(fit_calibration(table, model), asked).value
-    words = f"{name}, against the loads that act with {' and '.join(found.causes)}" if found.causes else name
+    words = (
+        f"{name}, against the loads that act with {' and '.join(recorded_loads.causes)}"
+        if recorded_loads.causes
+        else name
+    )
     for k, load in enumerate(table.load_names):
         yield PredictionErrors(by, words, load, _UNITS[load[0]], missed[:, k])

@@ -43,20 +43,20 @@ def predicted_poses(text: str, tables: Mapping[str, pa.Table], second: SecondCam
     model = persistent_part(read_model(text))
     if not second.settings.mechanism.is_legged:
         raise second.refuse("mechanism.type", model.model.nominal.closure.name, second.settings.mechanism.type)
-    found = assemble(second.tables, second.settings)
-    _check(model, found, second)
-    rigid, *_ = structures(found.machine)
-    noise = found.reading_sigma
+    data = assemble(second.tables, second.settings)
+    _check(model, data, second)
+    rigid, *_ = structures(data.machine)
+    noise = data.reading_sigma
     every: list[tuple[str, str, PoseErrors]] = [
-        (NOMINAL, rigid.name, machine_errors(rigid, found.machine, found.measured, noise))
+        (NOMINAL, rigid.name, machine_errors(rigid, data.machine, data.measured, noise))
     ]
-    calibrated = _calibrated(tables, found.machine)
+    calibrated = _calibrated(tables, data.machine)
     if calibrated is not None:
         name, structure, machine = calibrated
-        every.append((CALIBRATED, name, machine_errors(structure, machine, found.measured, noise)))
-    conditions = _conditions(model, found, second)
-    nowhere = np.zeros(len(found.measured.rho), bool)
-    every.append((EXTENDED, _causes(model), errors_at(model, conditions, found.measured, nowhere)))
+        every.append((CALIBRATED, name, machine_errors(structure, machine, data.measured, noise)))
+    conditions = _conditions(model, data, second)
+    nowhere = np.zeros(len(data.measured.rho), bool)
+    every.append((EXTENDED, _causes(model), errors_at(model, conditions, data.measured, nowhere)))
     for by, name, errors in every:
         expected = every[0][2].expected
         for quantity, size, first, unit, si in (
@@ -67,16 +67,16 @@ def predicted_poses(text: str, tables: Mapping[str, pa.Table], second: SecondCam
             yield PredictionErrors(by, name, quantity, unit, size / si, noise_rms)
 
 
-def _check(model: ExtendedModel, found: CalibrationData, second: SecondCampaign) -> None:
+def _check(model: ExtendedModel, data: CalibrationData, second: SecondCampaign) -> None:
     """Raise CampaignFaults where the nominal legs are not those of the model."""
-    own, other = model.model.nominal, found.machine.legs
-    if own.closure.name != other.closure.name:
-        raise second.refuse("mechanism.type", own.closure.name, other.closure.name)
-    if own.count != other.count:
-        raise second.refuse("mechanism.legs", f"{own.count} legs, as the model has", f"{other.count} legs")
+    nominal, other = model.model.nominal, data.machine.legs
+    if nominal.closure.name != other.closure.name:
+        raise second.refuse("mechanism.type", nominal.closure.name, other.closure.name)
+    if nominal.count != other.count:
+        raise second.refuse("mechanism.legs", f"{nominal.count} legs, as the model has", f"{other.count} legs")
     for name in ("a", "b", "l", "rho0"):
-        one, two = getattr(own, name), getattr(other, name)
-        apart = np.abs(one - two).reshape(own.count, -1).max(1)
+        first, two = getattr(nominal, name), getattr(other, name)
+        apart = np.abs(first - two).reshape(nominal.count, -1).max(1)
         if apart.max() > _SAME_M:
             leg = int(np.argmax(apart)) + 1
             key = {"l": "length_mm", "rho0": "rho0_mm"}.get(name, f"{name}_mm")
@@ -95,8 +95,8 @@ def _calibrated(tables: Mapping[str, pa.Table], nominal: Machine) -> tuple[str, 
     structure = next((one for one in structures(nominal) if chosen and one.name == chosen[0][0]), None)
     if structure is None or identified is None:
         return None
-    own = [row for row in identified.to_pylist() if (row["model"], row["deformation"]) == chosen[0]]
-    stood = {(row["parameter"], row["leg"]): row["identified"] for row in own}
+    rows_of_model = [row for row in identified.to_pylist() if (row["model"], row["deformation"]) == chosen[0]]
+    stood = {(row["parameter"], row["leg"]): row["identified"] for row in rows_of_model}
     count = nominal.legs.count
     start = replace(nominal, deformation=np.zeros((count, count)), in_plane=np.zeros((count, 2, count)))
     every = full_set(start, chosen[0][1], rho0=True)
@@ -105,16 +105,18 @@ def _calibrated(tables: Mapping[str, pa.Table], nominal: Machine) -> tuple[str, 
     return " ".join(chosen[0]), structure, parameters.machine(start, values)
 
 
-def _conditions(model: ExtendedModel, found: CalibrationData, second: SecondCampaign) -> Conditions:
+def _conditions(model: ExtendedModel, data: CalibrationData, second: SecondCampaign) -> Conditions:
     """Conditions of the measured poses; raises ValueError where a column is missing that an effect follows."""
     poses = pose_ids(second.tables["configurations"])
     legs, sigma = model.model.nominal.count, model.model.known.reading_sigma
-    whole = pose_conditions(second.tables["configurations"], poses, legs, sigma)
+    conditions = pose_conditions(second.tables["configurations"], poses, legs, sigma)
     needed = {name for cause in model.model.causes if acts_on_poses(cause) for name in cause.needs(legs)}
-    if missing := sorted(own_name(name) for name in needed - whole.covariates.keys() if not name.startswith("rho")):
+    if missing := sorted(
+        own_name(name) for name in needed - conditions.covariates.keys() if not name.startswith("rho")
+    ):
         raise ValueError(f"the extended model follows {', '.join(missing)}, which the second campaign does not hold")
     place = {pose: n for n, pose in enumerate(poses)}
-    return some_of(whole, np.array([place[pose] for pose in found.measured.poses], int))
+    return some_of(conditions, np.array([place[pose] for pose in data.measured.poses], int))
 
 
 def _causes(model: ExtendedModel) -> str:

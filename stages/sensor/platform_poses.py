@@ -39,34 +39,34 @@ def platform_poses(tables: Mapping[str, pa.Table], settings: Campaign) -> Outcom
     beams, geometry = settings.interferometer.beams, None
     if not beams.are_plain:
         geometry = BeamGeometry(beam_optics(beams), simulated_compliance(settings, tables.get("given_compliance")))
-    whole = load_steps({"readings": tables["readings"]})
-    steps, out = without_excluded(whole, settings)
+    steps_of_all = load_steps({"readings": tables["readings"]})
+    steps, out = without_excluded(steps_of_all, settings)
     kept = decided(steps, settings.keep, "kept")
-    found = find_poses(steps, geometry, kept.readings)
-    steps, identifier = found.steps, "int64" if isinstance(found.steps.runs[0], int) else "string"
+    poses = find_poses(steps, geometry, kept.readings)
+    steps, identifier = poses.steps, "int64" if isinstance(poses.steps.runs[0], int) else "string"
     artifacts = {
-        "displacement": _displacement_rows(found, out).table(identifier),
-        "reading_residuals": _residual_rows(found, whole, out, kept).table(identifier),
-        "run_terms": _term_rows(found).table(identifier),
+        "displacement": _displacement_rows(poses, out).table(identifier),
+        "reading_residuals": _residual_rows(poses, steps_of_all, out, kept).table(identifier),
+        "run_terms": _term_rows(poses).table(identifier),
     }
     if out.readings.any():
-        artifacts["exclusion_effects"] = _exclusion_rows(found, whole, geometry, settings).table()
+        artifacts["exclusion_effects"] = _exclusion_rows(poses, steps_of_all, geometry, settings).table()
     count = int(np.isfinite(steps.reading).sum())
     read = (
-        f"{counted(count, 'reading')} of {counted(len(steps.runs), 'run')} in {counted(len(found.value), 'load case')}"
+        f"{counted(count, 'reading')} of {counted(len(steps.runs), 'run')} in {counted(len(poses.value), 'load case')}"
     )
-    left_out = "; ".join(filter(None, (_left_out(found), excluded_words(out)))) or "no reading"
-    return Outcome(artifacts, read=read, left_out=left_out, figure=_figure(found))
+    left_out = "; ".join(filter(None, (_left_out(poses), excluded_words(out)))) or "no reading"
+    return Outcome(artifacts, read=read, left_out=left_out, figure=_figure(poses))
 
 
-def _displacement_rows(found: PlatformPoses, out: Decided) -> Rows:
-    cases, rows = found.cases, Rows("displacement")
+def _displacement_rows(platform: PlatformPoses, out: Decided) -> Rows:
+    cases, rows = platform.cases, Rows("displacement")
     used, rejected = (np.zeros(len(cases.load), np.int64) for _ in range(2))
-    seen = np.isfinite(found.steps.reading)
-    np.add.at(used, cases.of_step, (seen & ~found.curves.rejected).sum(1))
-    np.add.at(rejected, cases.of_step, (found.curves.rejected | out.readings).sum(1))
-    known = np.isfinite(found.value)
-    reported = np.where(known[:, :, None] & known[:, None] | np.eye(6, dtype=bool), found.covariance, np.nan)
+    seen = np.isfinite(platform.steps.reading)
+    np.add.at(used, cases.of_step, (seen & ~platform.curves.rejected).sum(1))
+    np.add.at(rejected, cases.of_step, (platform.curves.rejected | out.readings).sum(1))
+    known = np.isfinite(platform.value)
+    reported = np.where(known[:, :, None] & known[:, None] | np.eye(6, dtype=bool), platform.covariance, np.nan)
     reported = np.where(np.isfinite(reported), reported, np.nan)
     entries = {f"cov_{i}_{j}": reported[:, i, j] for i in range(6) for j in range(i, 6)}
     roles = {"role": np.where(cases.held_out, "verification", "calibration")} if cases.held_out.any() else {}
@@ -74,7 +74,7 @@ def _displacement_rows(found: PlatformPoses, out: Decided) -> Rows:
         case=np.arange(1, len(cases.load) + 1),
         branch=[BRANCHES[way] for way in cases.branch],
         **dict(zip(LOAD_COLUMNS, cases.load.T, strict=True)),
-        **dict(zip(MOVED_COLUMNS, (found.value / MOVED_SI).T, strict=True)),
+        **dict(zip(MOVED_COLUMNS, (platform.value / MOVED_SI).T, strict=True)),
         **entries,
         n_used=used,
         n_rejected=rejected,
@@ -83,10 +83,10 @@ def _displacement_rows(found: PlatformPoses, out: Decided) -> Rows:
     return rows
 
 
-def _residual_rows(found: PlatformPoses, whole: RecordedSteps, out: Decided, kept: Decided) -> Rows:
-    """Return one row per reading, including readings of ``whole`` that a person excluded."""
-    steps, curves, rows = found.steps, found.curves, Rows("reading_residuals")
-    at, k = np.nonzero(np.isfinite(whole.reading))
+def _residual_rows(platform: PlatformPoses, recorded: RecordedSteps, out: Decided, kept: Decided) -> Rows:
+    """Return one row per reading, including readings of ``recorded`` that a person excluded."""
+    steps, curves, rows = platform.steps, platform.curves, Rows("reading_residuals")
+    at, k = np.nonzero(np.isfinite(recorded.reading))
     rejected, residual = (curves.rejected | out.readings)[at, k], curves.residual[at, k] / READING_SI[k]
     sigma = curves.sigma[at, k] / READING_SI[k]
     spoken = out.words + kept.words
@@ -98,7 +98,7 @@ def _residual_rows(found: PlatformPoses, whole: RecordedSteps, out: Decided, kep
         run=[steps.runs[r] for r in steps.run[at]],
         step=steps.step[at],
         channel=[CHANNELS[j] for j in k],
-        branch=[BRANCHES[way] for way in found.cases.branch_of_step[at]],
+        branch=[BRANCHES[way] for way in platform.cases.branch_of_step[at]],
         residual=residual,
         sigma=sigma,
         unit=[READING_UNITS[j] for j in k],
@@ -106,21 +106,21 @@ def _residual_rows(found: PlatformPoses, whole: RecordedSteps, out: Decided, kep
         rejected=rejected,
         reason=reasons,
         decision=decisions(out.readings, kept.readings)[at, k],
-        **_geometry_columns(found, at, k),
+        **_geometry_columns(platform, at, k),
     )
     return rows
 
 
 def _exclusion_rows(
-    found: PlatformPoses, whole: RecordedSteps, geometry: BeamGeometry | None, settings: Campaign
+    platform: PlatformPoses, steps: RecordedSteps, geometry: BeamGeometry | None, settings: Campaign
 ) -> Rows:
     """Return the change of the displacements by a person's exclusions; one row per [[exclude]] and channel."""
-    with_all = find_poses(whole, geometry, decided(whole, settings.keep, "kept").readings)
-    change = np.abs(with_all.value - found.value) / READING_SI
-    over = np.abs(with_all.value - found.value) / np.sqrt(np.einsum("kii->ki", with_all.covariance))
+    with_all = find_poses(steps, geometry, decided(steps, settings.keep, "kept").readings)
+    change = np.abs(with_all.value - platform.value) / READING_SI
+    over = np.abs(with_all.value - platform.value) / np.sqrt(np.einsum("kii->ki", with_all.covariance))
     rows = Rows("exclusion_effects")
     for number, rule in enumerate(settings.exclude, 1):
-        chosen = matched(whole, rule)[:, : len(CHANNELS)] & np.isfinite(whole.reading)
+        chosen = matched(steps, rule)[:, : len(CHANNELS)] & np.isfinite(steps.reading)
         for k in np.flatnonzero(chosen.any(axis=0)):
             rows.add(
                 **exclusion_row(number, rule, f"channel {CHANNELS[k]}", change[:, k], over[:, k]),
@@ -131,25 +131,28 @@ def _exclusion_rows(
     return rows
 
 
-def _geometry_columns(found: PlatformPoses, at: Index, k: Index) -> dict[str, Array]:
-    if found.geometry is None:
+def _geometry_columns(platform: PlatformPoses, at: Index, k: Index) -> dict[str, Array]:
+    if platform.geometry is None:
         return {}
-    places = found.cases.of_step[at], k
-    parts = {"geometry": found.geometry.added, "geometry_sigma": found.geometry.added_sigma}
+    places = platform.cases.of_step[at], k
+    parts = {"geometry": platform.geometry.added, "geometry_sigma": platform.geometry.added_sigma}
     return {name: values[places] / READING_SI[k] for name, values in parts.items()}
 
 
-def _term_rows(found: PlatformPoses) -> Rows:
+def _term_rows(platform: PlatformPoses) -> Rows:
     from scipy.special import ndtr
 
     rows = Rows("run_terms")
-    parts = (("zero", found.zero, found.zero_sigma, 1.0, ""), ("drift", found.drift, found.drift_sigma, _HOUR, "/h"))
+    parts = (
+        ("zero", platform.zero, platform.zero_sigma, 1.0, ""),
+        ("drift", platform.drift, platform.drift_sigma, _HOUR, "/h"),
+    )
     for name, value, sigma, factor, per in parts:
         r, k = np.nonzero(np.isfinite(value))
         if len(r):
             scale = factor / READING_SI[k]
             rows.add(
-                run=[found.steps.runs[i] for i in r],
+                run=[platform.steps.runs[i] for i in r],
                 channel=[CHANNELS[j] for j in k],
                 term=name,
                 value=value[r, k] * scale,
@@ -160,25 +163,25 @@ def _term_rows(found: PlatformPoses) -> Rows:
     return rows
 
 
-def _left_out(found: PlatformPoses) -> str:
-    at, k = np.nonzero(found.curves.rejected)
+def _left_out(platform: PlatformPoses) -> str:
+    at, k = np.nonzero(platform.curves.rejected)
     if not len(at):
         return ""
-    steps = found.steps
+    steps = platform.steps
     places = zip(k, steps.run[at], steps.step[at], strict=True)
     named = [f"{CHANNELS[j]} of run {steps.runs[run]} step {step}" for j, run, step in places]
     more = f" and {len(named) - 3} more" if len(named) > 3 else ""
     return f"{gross_errors(len(named), 'reading')}: {', '.join(named[:3])}{more}"
 
 
-def _figure(found: PlatformPoses) -> str:
-    known = np.isfinite(found.value)
+def _figure(platform: PlatformPoses) -> str:
+    known = np.isfinite(platform.value)
     ever = np.asarray(known.any(axis=0))
     never = [name for name, seen in zip(CHANNELS, ever, strict=True) if not seen]
-    words = f"{int(known.all(1).sum())} of {len(known)} load cases in all six components{_corrected(found)}"
+    words = f"{int(known.all(1).sum())} of {len(known)} load cases in all six components{_corrected(platform)}"
     missing = [
         f"{axis} {' '.join(np.array(CHANNELS)[~seen])}"
-        for axis, seen in _by_axis(found).items()
+        for axis, seen in _steps_by_axis(platform).items()
         if not seen.all() and seen.any() and not never
     ]
     if never:
@@ -186,18 +189,18 @@ def _figure(found: PlatformPoses) -> str:
     return f"{words}; not measured under {'; '.join(missing)}" if missing else words
 
 
-def _corrected(found: PlatformPoses) -> str:
+def _corrected(platform: PlatformPoses) -> str:
     """Return the largest change of each channel by the declared beam geometry, in words."""
-    if found.geometry is None:
+    if platform.geometry is None:
         return ""
-    most = np.nanmax(np.abs(found.geometry.added / READING_SI), axis=0, initial=0.0)
+    most = np.nanmax(np.abs(platform.geometry.added / READING_SI), axis=0, initial=0.0)
     texts = [f"{name} by {m:.2g} {u}" for name, m, u in zip(CHANNELS, most, READING_UNITS, strict=True) if m > 0.0]
     return f"; corrected for the geometry of beams: {', '.join(texts)} at most" if texts else ""
 
 
-def _by_axis(found: PlatformPoses) -> dict[str, Mask]:
+def _steps_by_axis(platform: PlatformPoses) -> dict[str, Mask]:
     """Return the mask of known components by axis of load, for axes that were loaded alone."""
-    alone = found.cases.load != 0.0
+    alone = platform.cases.load != 0.0
     alone &= alone.sum(1, keepdims=True) == 1
-    known = np.isfinite(found.value)
+    known = np.isfinite(platform.value)
     return {LOADS[a]: known[alone[:, a]].any(0) for a in range(6) if alone[:, a].any()}

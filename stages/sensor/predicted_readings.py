@@ -32,7 +32,7 @@ def predicted_readings(extended: ExtendedSensor, table: pa.Table, file: str) -> 
     steps = {key: row for row, key in reversed(list(enumerate(keys)))}  # by a step's first row
     rows = np.array(sorted(steps.values(), key=lambda row: _order(table, keys, row)))
     place = {keys[row]: number for number, row in enumerate(rows)}
-    found = predict_readings(extended, _conditions(table, loads, rows))
+    readings = predict_readings(extended, _conditions(table, loads, rows))
     at = np.array([place[key] for key in keys])
     columns = {
         "run": table.column("run"),
@@ -40,9 +40,9 @@ def predicted_readings(extended: ExtendedSensor, table: pa.Table, file: str) -> 
         "time_s": table.column("time_s"),
         **{name: loads[:, n] for n, name in enumerate(LOAD_COLUMNS)},
         "channel": table.column("channel"),
-        "reading": found.value[at, channel] / READING_SI[channel],
+        "reading": readings.value[at, channel] / READING_SI[channel],
         "unit": [_UNITS[k] for k in channel],
-        "sigma": found.sigma[at, channel] / READING_SI[channel],
+        "sigma": readings.sigma[at, channel] / READING_SI[channel],
     }
     identifier = "int64" if pa.types.is_integer(table.schema.field("run").type) else "string"
     schema = ARTIFACTS["readings"].arrow_schema(identifier)

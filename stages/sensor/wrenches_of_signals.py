@@ -39,10 +39,10 @@ def wrenches_of_signals(sensor: CalibratedSensor, table: pa.Table, file: str) ->
     within = np.zeros(len(signals), bool)
     for rows, unloaded in _runs(sensor, table, columns, file):
         try:
-            found = sensor.wrench(signals[rows], covariates[rows], signals[unloaded])
+            wrenches = sensor.wrench(signals[rows], covariates[rows], signals[unloaded])
         except UnreachedSignalsError as error:
             raise CampaignFaults([Fault(file, f"signals of loads that the calibration can tell ({error})")]) from None
-        value[rows], covariance[rows], within[rows] = found.value, found.covariance, found.is_within
+        value[rows], covariance[rows], within[rows] = wrenches.value, wrenches.covariance, wrenches.is_within
     return _table(table, value, covariance, within)
 
 
@@ -65,9 +65,9 @@ def _checked(sensor: CalibratedSensor, table: pa.Table, file: str) -> dict[str, 
     columns = {name: _numbers(table.column(name)) for name in needed}
     first = 2 if file.endswith(".csv") else 1  # an editor counts the line of heads too
     for name, values in columns.items():
-        given = table.column(name)
+        column = table.column(name)
         faults += [
-            Fault(file, "a number", row=int(row) + first, column=name, value=str(given[int(row)].as_py()))
+            Fault(file, "a number", row=int(row) + first, column=name, value=str(column[int(row)].as_py()))
             for row in np.flatnonzero(~np.isfinite(values))
         ]
     if faults:
@@ -95,15 +95,15 @@ def _runs(sensor: CalibratedSensor, table: pa.Table, columns: dict[str, Array], 
     if not sensor.is_tared:
         return [(every, every)]
     runs = np.array(table.column("run").to_pylist()) if "run" in table.schema.names else np.zeros(table.num_rows, int)
-    found = [(runs == run, (runs == run) & (columns[UNLOADED] != 0.0)) for run in np.unique(runs)]
+    runs_of_signals = [(runs == run, (runs == run) & (columns[UNLOADED] != 0.0)) for run in np.unique(runs)]
     faults = [
         Fault(file, f"1 in one row at least of run {runs[rows][0]}", column=UNLOADED)
-        for rows, unloaded in found
+        for rows, unloaded in runs_of_signals
         if not unloaded.any()
     ]
     if faults:
         raise CampaignFaults(faults)
-    return found
+    return runs_of_signals
 
 
 def _table(table: pa.Table, value: Array, covariance: Array, within: Mask) -> pa.Table:

@@ -151,8 +151,8 @@ class ChainPlan:
         shared = plain.embedded(np.where(known.shared_known, drawn, 0.0), hidden)
         hidden.set_effects(shared, effects)
         tables = dict(self.tables)
-        parts = [self._measured(hidden.at(own.conditions), own, shared, rng) for own in self.epochs]
-        poses = [pose for own in self.epochs for pose in own.conditions.poses]
+        parts = [self._measured(hidden.at(epoch.conditions), epoch, shared, rng) for epoch in self.epochs]
+        poses = [pose for epoch in self.epochs for pose in epoch.conditions.poses]
         values, turned, lengths = (np.concatenate(part) for part in zip(*parts, strict=True))
         if "observations" in tables and tables["observations"].num_rows:
             tables["observations"] = self._points(tables["observations"], tuple(poses), values)
@@ -163,13 +163,13 @@ class ChainPlan:
         return tables
 
     def _measured(
-        self, model: ChainModel, own: Epochs[ChainConditions], shared: NDArray, rng: np.random.Generator
+        self, model: ChainModel, epochs: Epochs[ChainConditions], shared: NDArray, rng: np.random.Generator
     ) -> tuple[Array, Array, Array]:
         """Places (B, K, 3), m, in the frames of the measurement, orientations (B, K, 3, 3), and distances (B, D), m."""
-        count = len(own.conditions.readings)
+        count = len(epochs.conditions.readings)
         exact = model.points(shared, rng.standard_normal((count, model.local_size)))
-        moved = np.einsum("bij,bkj->bki", own.frames.R, exact) + own.frames.t[:, None]
-        noise = (np.linalg.cholesky(own.measured.covariance) @ rng.standard_normal((*exact.shape, 1)))[..., 0]
+        moved = np.einsum("bij,bkj->bki", epochs.frames.R, exact) + epochs.frames.t[:, None]
+        noise = (np.linalg.cholesky(epochs.measured.covariance) @ rng.standard_normal((*exact.shape, 1)))[..., 0]
         wrong = rng.random(exact.shape[:2]) < self.gross
         values = moved + noise + rng.normal(0.0, _GROSS_M, exact.shape) * wrong[..., None]
         local, lengths = exact + noise, np.zeros((count, 0))
@@ -178,10 +178,10 @@ class ChainPlan:
             lengths = values[:, size:, 0]
             values, local = (part[:, :size].reshape(count, -1, 3) for part in (values, local))
         channels = slice(0, values.shape[1])
-        if (coupling := own.conditions.coupling) is not None:
+        if (coupling := epochs.conditions.coupling) is not None:
             values[:, :-1] += np.einsum("bkij,bkj->bki", coupling[:, channels][:, :-1], local[:, 1:])
         # An orientation counts from the recorded one; its noise is a rotation in the frame of the measurement.
-        turned = exp_so3(local) @ own.conditions.reference[:, channels]
+        turned = exp_so3(local) @ epochs.conditions.reference[:, channels]
         return np.asarray(values), np.asarray(turned), np.asarray(lengths)
 
     def _distances(self, table: pa.Table, poses: tuple[int | str, ...], lengths: NDArray) -> pa.Table:
@@ -189,8 +189,8 @@ class ChainPlan:
         keys = list(zip(self.model.channels.links, self.model.channels.names, strict=True))
         places = {(keys[a], keys[b]): d for d, (a, b) in enumerate(self.model.ends)}
         ends = [
-            [(link or GROUND, name) for link, name in zip(*own, strict=True)]
-            for own in (
+            [(link or GROUND, name) for link, name in zip(*distances, strict=True)]
+            for distances in (
                 [table.column(f"{end}_{what}").to_pylist() for what in ("link", "end")] for end in ("from", "to")
             )
         ]
@@ -198,8 +198,8 @@ class ChainPlan:
             positions(table.column("pose"), poses),
             np.array([places[pair] for pair in zip(*ends, strict=True)]),
         )
-        kept = pose >= 0
-        return _with_columns(table.filter(kept), {"reading_mm": lengths[pose[kept], line[kept]] / _MM})
+        is_known = pose >= 0
+        return _with_columns(table.filter(is_known), {"reading_mm": lengths[pose[is_known], line[is_known]] / _MM})
 
     def _points(self, table: pa.Table, poses: tuple[int | str, ...], values: NDArray) -> pa.Table:
         names, links = self.model.channels.names, self.model.channels.links
@@ -207,21 +207,23 @@ class ChainPlan:
         pose = positions(table.column("pose"), poses)
         pairs = zip(table.column("body").to_pylist(), table.column("target").to_pylist(), strict=True)
         channel = np.array([places.get(pair, -1) for pair in pairs], int)
-        kept = (pose >= 0) & (channel >= 0)
-        found = values[pose[kept], channel[kept]] / _MM
-        return _with_columns(table.filter(kept), {f"{axis}_mm": found[:, k] for k, axis in enumerate("xyz")})
+        is_known = (pose >= 0) & (channel >= 0)
+        values_mm = values[pose[is_known], channel[is_known]] / _MM
+        return _with_columns(table.filter(is_known), {f"{axis}_mm": values_mm[:, k] for k, axis in enumerate("xyz")})
 
     def _poses(self, table: pa.Table, poses: tuple[int | str, ...], values: NDArray, turned: NDArray) -> pa.Table:
         links, names = self.model.channels.links, self.model.channels.names
-        own = [k for k, name in enumerate(names) if name in ("position", "orientation")]
-        places = {(links[k], names[k]): k for k in own}
+        channels = [k for k, name in enumerate(names) if name in ("position", "orientation")]
+        places = {(links[k], names[k]): k for k in channels}
         bodies, pose = table.column("body").to_pylist(), positions(table.column("pose"), poses)
-        kept = pose >= 0
-        at = [[places[body, name] for body in np.array(bodies, object)[kept]] for name in ("position", "orientation")]
-        shifts, turns = values[pose[kept], at[0]] / _MM, log_so3(turned[pose[kept], at[1]])
+        is_known = pose >= 0
+        at = [
+            [places[body, name] for body in np.array(bodies, object)[is_known]] for name in ("position", "orientation")
+        ]
+        shifts, turns = values[pose[is_known], at[0]] / _MM, log_so3(turned[pose[is_known], at[1]])
         columns = {name: shifts[:, k] for k, name in enumerate(_PLACE)}
         columns |= {name: turns[:, k] for k, name in enumerate(_TURN)}
-        return _with_columns(table.filter(kept), columns)
+        return _with_columns(table.filter(is_known), columns)
 
     @property
     def _is_rotation(self) -> NDArray:
@@ -239,9 +241,9 @@ def chain_plan(
     tables: Mapping[str, pa.Table], model: ChainModel, epochs: Sequence[Epochs[ChainConditions]]
 ) -> ChainPlan:
     """The plan of a campaign of a chain, as the diagnosis assembled it."""
-    kept = {
+    tables_kept = {
         name: tables[name]
         for name in ("observations", "measured_poses", "distances", "survey", "configurations", "joints")
         if name in tables
     }
-    return ChainPlan(model, tuple(epochs), kept, model.scene)
+    return ChainPlan(model, tuple(epochs), tables_kept, model.scene)

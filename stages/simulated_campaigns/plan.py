@@ -12,6 +12,7 @@ from numpy.typing import NDArray
 
 from truing.arrays import Array, Index
 from truing.estimation.interferometry.recorded_steps import CHANNELS, READING_SI, RecordedSteps
+from truing.estimation.rigid_poses.points import with_declared_noise
 from truing.schemas.artifacts import ARTIFACTS
 from truing.simulation.cause import Effect, Scene
 from truing.simulation.drawn_campaigns import CampaignLayout, draw_campaign, draw_readings
@@ -46,14 +47,14 @@ class _Bodies:
     cov: NDArray  # (B, K, 3, 3) m^2
     seen: NDArray  # (B, K)
 
-    def subset(self, kept: NDArray) -> _Bodies:
+    def subset(self, used: NDArray) -> _Bodies:
         """Some of the targets."""
         names, bodies = (
-            tuple(name for name, keep in zip(listed, kept, strict=True) if keep)
+            tuple(name for name, keep in zip(listed, used, strict=True) if keep)
             for listed in (self.targets.names, self.targets.bodies)
         )
-        targets = Targets(self.targets.body[kept], self.targets.leg[kept], names, bodies)
-        return _Bodies(targets, self.shape[kept], self.shape_cov[kept], self.cov[:, kept], self.seen[:, kept])
+        targets = Targets(self.targets.body[used], self.targets.leg[used], names, bodies)
+        return _Bodies(targets, self.shape[used], self.shape_cov[used], self.cov[:, used], self.seen[:, used])
 
 
 @dataclass(frozen=True)
@@ -85,16 +86,18 @@ class CampaignPlan:
 
     def drawn(self, effects: Sequence[Effect], rng: np.random.Generator) -> dict[str, pa.Table]:
         """The tables of a campaign drawn anew with effects hidden in it; raises ValueError where it cannot be."""
-        found = draw_campaign(self.layout, effects, rng)
+        points = draw_campaign(self.layout, effects, rng)
         targets = self.layout.model.targets
         pose = positions(self.observations.column("pose"), self.poses)
         place = _target_indices(self.observations, targets)
-        kept = (pose >= 0) & (place >= 0)
-        own = _target_indices(self.survey, targets)
-        surveyed = self.survey.filter(own >= 0)
+        is_known = (pose >= 0) & (place >= 0)
+        target_index = _target_indices(self.survey, targets)
+        surveyed = self.survey.filter(target_index >= 0)
         return {
-            "observations": _with_points(self.observations.filter(kept), found.points[pose[kept], place[kept]]),
-            "survey": _with_points(surveyed, found.survey[own[own >= 0]]),
+            "observations": _with_points(
+                self.observations.filter(is_known), points.points[pose[is_known], place[is_known]]
+            ),
+            "survey": _with_points(surveyed, points.survey[target_index[target_index >= 0]]),
             "configurations": self.configurations,
         }
 
@@ -115,21 +118,21 @@ def bare_plan(tables: Mapping[str, pa.Table], settings: Campaign) -> CampaignPla
         raise ValueError("needs surveyed targets on base and platform")
     model, bodies = _nominal_model(legs, bodies, conditions, settings.noise.actuator_mm * 1e-3)
     layout = CampaignLayout(model, bodies.cov, bodies.seen)
-    own = seen.take(np.arange(seen.num_rows))  # without the larger buffers that it was read from
+    thin = seen.take(np.arange(seen.num_rows))  # without the larger buffers that it was read from
     return CampaignPlan(
-        layout, own, tables["survey"], tables["configurations"], conditions.poses, measured, model.scene
+        layout, thin, tables["survey"], tables["configurations"], conditions.poses, measured, model.scene
     )
 
 
 def _with_readings(configurations: pa.Table, legs: int, settings: Campaign) -> Conditions:
     """Return the conditions of all poses with known readings."""
-    whole = pose_conditions(configurations, pose_ids(configurations), legs, settings.noise.actuator_mm * 1e-3)
-    rows = np.flatnonzero(np.isfinite(whole.readings).all(1))
+    conditions = pose_conditions(configurations, pose_ids(configurations), legs, settings.noise.actuator_mm * 1e-3)
+    rows = np.flatnonzero(np.isfinite(conditions.readings).all(1))
     if len(rows) < _FEWEST_POSES:
         raise ValueError(f"needs at least {_FEWEST_POSES} poses with readings, found {len(rows)}")
-    covariates = {name: values[rows] for name, values in whole.covariates.items()}
-    poses = tuple(whole.poses[row] for row in rows)
-    return replace(whole, readings=whole.readings[rows], covariates=covariates, poses=poses)
+    covariates = {name: values[rows] for name, values in conditions.covariates.items()}
+    poses = tuple(conditions.poses[row] for row in rows)
+    return replace(conditions, readings=conditions.readings[rows], covariates=covariates, poses=poses)
 
 
 def _nominal_model(
@@ -184,7 +187,7 @@ def _all_visible(survey: pa.Table, configurations: pa.Table, noise: float) -> pa
 def _bodies(survey: pa.Table, observations: pa.Table, poses: tuple[int | str, ...], legs: int, noise: float) -> _Bodies:
     kinds = [("base", BASE, -1), ("platform", PLATFORM, -1), *((f"leg{i + 1}", LEG, i) for i in range(legs))]
     surveys = [(body, kind, ridden, survey_points(survey, body)) for body, kind, ridden in kinds]
-    found = [pose_points(observations, body, poses, own.targets) for body, _, _, own in surveys]
+    points_of_body = [pose_points(observations, body, poses, own.targets) for body, _, _, own in surveys]
     legs_of = [own.leg - 1 if kind == PLATFORM else np.full(len(own.leg), ridden) for _, kind, ridden, own in surveys]
     targets = Targets(
         np.concatenate([np.full(len(own.targets), kind) for _, kind, _, own in surveys]),
@@ -195,16 +198,10 @@ def _bodies(survey: pa.Table, observations: pa.Table, poses: tuple[int | str, ..
     return _Bodies(
         targets,
         np.concatenate([own.points for *_, own in surveys]),
-        _with_declared_noise(np.concatenate([own.cov for *_, own in surveys]), noise),
-        _with_declared_noise(np.concatenate([points.cov for points in found], 1), noise),
-        np.concatenate([points.seen for points in found], 1),
+        with_declared_noise(np.concatenate([own.cov for *_, own in surveys]), noise),
+        with_declared_noise(np.concatenate([points.cov for points in points_of_body], 1), noise),
+        np.concatenate([points.seen for points in points_of_body], 1),
     )
-
-
-def _with_declared_noise(cov: NDArray, noise: float) -> NDArray:
-    """Return covariances, with the declared noise where unknown."""
-    known = np.isfinite(cov).all((-1, -2)) & (np.trace(np.nan_to_num(cov), axis1=-2, axis2=-1) > 0)
-    return np.where(known[..., None, None], cov, np.eye(3) * noise**2)
 
 
 def _target_indices(table: pa.Table, targets: Targets) -> NDArray:
@@ -248,18 +245,18 @@ class ReadingPlan:
 
     def drawn(self, effects: Sequence[Effect], rng: np.random.Generator) -> dict[str, pa.Table]:
         """The tables of a campaign drawn anew with effects hidden in it."""
-        found = draw_readings(self.model, effects, rng, self.gross)
+        readings = draw_readings(self.model, effects, rng, self.gross)
         place = {key: row for row, key in enumerate(_keys(self.steps))}
         tables = dict(self.tables)
         if "readings" in tables:
             table = tables["readings"]
             rows = _rows(table, place)
             channel = np.array([CHANNELS.index(name) for name in table.column("channel").to_pylist()])
-            tables["readings"] = _with_column(table, "reading", found[rows, channel] / READING_SI[channel])
+            tables["readings"] = _with_column(table, "reading", readings[rows, channel] / READING_SI[channel])
         if "signals" in tables:
             rows = _rows(tables["signals"], place)
             for number, name in enumerate(self.steps.signals):
-                values = found[rows, len(CHANNELS) + number] * _VOLT_MV
+                values = readings[rows, len(CHANNELS) + number] * _VOLT_MV
                 tables["signals"] = _with_column(tables["signals"], f"{name}_mv", values)
         return tables
 
@@ -267,8 +264,8 @@ class ReadingPlan:
 def reading_plan(tables: Mapping[str, pa.Table], model: BenchModel) -> ReadingPlan:
     """The plan of a loading campaign; model: its plain simulation at all load steps."""
     steps = load_steps(tables)
-    own = {name: tables[name] for name in ("readings", "signals", "given_compliance") if name in tables}
-    return ReadingPlan(model, steps, own, model.scene)
+    tables_of_readings = {name: tables[name] for name in ("readings", "signals", "given_compliance") if name in tables}
+    return ReadingPlan(model, steps, tables_of_readings, model.scene)
 
 
 def _keys(steps: RecordedSteps) -> list[tuple[int | str, int]]:
@@ -324,7 +321,7 @@ class RayPlan:
     def _scored(self, score: NDArray) -> pa.Table:
         table = self.tables["ray_statistics"]
         pose = positions(table.column("pose"), self.rays.poses)
-        number = positions(table.column("shared_number"), tuple(own.called for own in self.rays.parameters))
+        number = positions(table.column("shared_number"), tuple(parameter.called for parameter in self.rays.parameters))
         place = table.schema.get_field_index("score")
         return table.set_column(place, table.schema.field(place), pa.array(score[pose, number]))
 

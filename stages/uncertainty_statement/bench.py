@@ -49,14 +49,14 @@ def state_compliance(statement: Statement, tables: Mapping[str, pa.Table], setti
     loaded = loaded_steps(tables, settings.noise, simulated_compliance(settings, tables.get("given_compliance")))
     declared = settings.noise.linear_um is not None and settings.noise.angular_arcsec is not None
     try:
-        found = compliance_budgets(loaded, declared)
+        budgets = compliance_budgets(loaded, declared)
     except np.linalg.LinAlgError:  # one of the components is not determined by its own readings
-        found = None
+        budgets = None
     places = [(CHANNELS.index(row["response"]), LOADS.index(row["load"])) for row in rows]
-    whole = np.array([row["sigma"] for row in rows], float)
-    budget = None if found is None else budget_of_entries(found, loaded, places)
-    if budget is None or not np.allclose(budget.standard, whole, rtol=_CLOSES):
-        budget = Budget((Source("fit as a whole: readings, loads and geometry", "A"),), whole[None])
+    sigma = np.array([row["sigma"] for row in rows], float)
+    budget = None if budgets is None else budget_of_entries(budgets, loaded, places)
+    if budget is None or not np.allclose(budget.standard, sigma, rtol=_CLOSES):
+        budget = Budget((Source("fit as a whole: readings, loads and geometry", "A"),), sigma[None])
     estimate = np.array([row["coefficient"] for row in rows], float)
     budget = budget.with_source(CORRECTED, np.abs(estimate) * _corrected(tables)[[i for i, _ in places]])
     names, units = [f"{row['response']} per {row['load']}" for row in rows], [row["unit"] for row in rows]
@@ -166,9 +166,9 @@ def _state_loads(statement: Statement, made: Calibrated, ranges: Array) -> None:
 
 def _state_held_out(statement: Statement, made: Calibrated) -> None:
     """State the rms error of loads whose case was not used in the calibration."""
-    found = rms_of_held_out(made)
-    if found is None:
+    held_out_error = rms_of_held_out(made)
+    if held_out_error is None:
         statement.not_evaluated("accuracy", "all", "there is one load case alone, and none to hold out")
         return
     names = [f"{name}, rms" for name in made.table.load_names]
-    statement.state("accuracy", "held-out load cases", names, found[0], list(_LOAD_UNITS), found[1])
+    statement.state("accuracy", "held-out load cases", names, held_out_error[0], list(_LOAD_UNITS), held_out_error[1])

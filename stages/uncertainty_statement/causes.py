@@ -31,39 +31,43 @@ def state_causes(statement: Statement, tables: Mapping[str, pa.Table], settings:
         statement.not_evaluated("cause", "all", "the diagnosis was not evaluated")
         return
     rows = table.to_pylist()
-    found = [row for row in rows if row["verdict"] == "found" and row["cause"] != "unexplained"]
-    if not found:
+    found_rows = [row for row in rows if row["verdict"] == "found" and row["cause"] != "unexplained"]
+    if not found_rows:
         statement.not_evaluated("cause", "all", "no cause was found, and so none has a size")
     parts = _parts(tables.get("cause_uncertainty"))
-    for row in found:
+    for row in found_rows:
         _state_cause(statement, row, parts)
     open_ = [row for row in rows if row["cause"] == "unexplained" and row["verdict"] not in (None, "rejected")]
     for row in open_:
         statement.omitted("cause", f"unexplained, {row['subject'] or 'everywhere'}", str(row["explanation"]))
-    if found:
+    if found_rows:
         statement.omitted("cause", "which cause it is", "each budget holds if the cause is the one that was named")
 
 
 def _parts(table: pa.Table | None) -> Parts:
-    found: Parts = {}
+    parts: Parts = {}
     for row in [] if table is None else table.to_pylist():
         dof = row["degrees_of_freedom"]
         source = Source(row["input_source"], row["evaluation"], np.inf if dof is None else dof)
         key = row["cause"], row["subject"] or "", row["parameter"]
-        found.setdefault(key, {})[source] = row["contribution"]
-    return found
+        parts.setdefault(key, {})[source] = row["contribution"]
+    return parts
 
 
 def _state_cause(statement: Statement, row: dict[str, Any], parts: Parts) -> None:
     cause, concerned = row["cause"], row["subject"] or ""
     subject = f"{cause} {concerned}".strip()
     parameters = json.loads(row["parameters"] or "{}")
-    reported = {name: one for name, one in parameters.items() if isinstance(one, dict) and one.get("sigma") is not None}
+    reported = {
+        name: parameter
+        for name, parameter in parameters.items()
+        if isinstance(parameter, dict) and parameter.get("sigma") is not None
+    }
     for name in parameters.keys() - reported.keys():
         statement.not_evaluated("cause", name, "it is no measured number, or nothing bounds it", subject)
     for name, one in reported.items():
-        own = _budget_of_cause(parts.get((cause, concerned, name), {}), float(one["sigma"]))
-        statement.state("cause", subject, [name], np.array([float(one["value"])]), [one["unit"]], own)
+        budget = _budget_of_cause(parts.get((cause, concerned, name), {}), float(one["sigma"]))
+        statement.state("cause", subject, [name], np.array([float(one["value"])]), [one["unit"]], budget)
 
 
 def _budget_of_cause(parts: Mapping[Source, float], whole: float) -> Budget:
@@ -71,10 +75,10 @@ def _budget_of_cause(parts: Mapping[Source, float], whole: float) -> Budget:
     total = float(np.linalg.norm(list(parts.values()))) if parts else 0.0
     if not total > 0.0:
         return Budget((_WHOLE,), np.array([[whole]]))
-    found = {source: own * min(1.0, whole / total) for source, own in parts.items()}
+    parts_within = {source: part * min(1.0, whole / total) for source, part in parts.items()}
     if whole > total * (1.0 + _SMALL):
-        found[_BEYOND] = float(np.sqrt(whole**2 - total**2))
-    return Budget(tuple(found), np.array(list(found.values()))[:, None])
+        parts_within[_BEYOND] = float(np.sqrt(whole**2 - total**2))
+    return Budget(tuple(parts_within), np.array(list(parts_within.values()))[:, None])
 
 
 def found_causes(tables: Mapping[str, pa.Table]) -> dict[str, str]:

@@ -37,27 +37,27 @@ def state_calibration(statement: Statement, tables: Mapping[str, pa.Table], sett
     key = keys[0]
     rows = [row for row in tables["calibration"].to_pylist() if (row["model"], row["deformation"]) == key]
     names = [_name(row["parameter"], row["leg"], row.get("effect_of")) for row in rows]
-    held = {row.get("effect_of") for row in rows}
+    effects = {row.get("effect_of") for row in rows}
     reported = [row["sigma"] is not None and row["identified"] is not None for row in rows]
-    whole = np.array([row["sigma"] if known else 0.0 for row, known in zip(rows, reported, strict=True)], float)
+    sigma = np.array([row["sigma"] if known else 0.0 for row, known in zip(rows, reported, strict=True)], float)
     parts = _budget(tables, settings, key, rows)
-    if parts is None or not np.allclose(parts.standard, whole, rtol=_CLOSES):
-        parts = Budget((Source("fit as a whole: poses, readings and tolerances", "B"),), whole[None])
+    if parts is None or not np.allclose(parts.standard, sigma, rtol=_CLOSES):
+        parts = Budget((Source("fit as a whole: poses, readings and tolerances", "B"),), sigma[None])
     subject = f"{key[0]}, {key[1]} deformation"
-    kept = np.flatnonzero(reported)
+    places = np.flatnonzero(reported)
     statement.state(
         "calibration",
         subject,
-        [names[i] for i in kept],
-        np.array([rows[i]["identified"] for i in kept], float),
-        [rows[i]["unit"] for i in kept],
-        Budget(parts.sources, parts.contributions[:, kept]),
+        [names[i] for i in places],
+        np.array([rows[i]["identified"] for i in places], float),
+        [rows[i]["unit"] for i in places],
+        Budget(parts.sources, parts.contributions[:, places]),
     )
     for i in np.flatnonzero(~np.array(reported, bool)):
         statement.not_evaluated("calibration", names[i], "the data do not determine it", subject)
     statement.omitted("calibration", "the choice of the model", "each budget holds for the model that was chosen")
     for name, cause in found_causes(tables).items():
-        if name not in held and not (cause.startswith(DEFORMATION) and key[1] != "none"):
+        if name not in effects and not (cause.startswith(DEFORMATION) and key[1] != "none"):
             statement.omitted("calibration", name, NOT_HELD)
 
 
@@ -75,8 +75,8 @@ def _main(tables: Mapping[str, pa.Table]) -> list[tuple[str, str]]:
 
 
 def _name(parameter: str, leg: int | None, effect: str | None) -> str:
-    own = parameter if leg is None else f"{parameter} of leg {leg}"
-    return own if effect is None else f"{own}, {effect}"
+    name = parameter if leg is None else f"{parameter} of leg {leg}"
+    return name if effect is None else f"{name}, {effect}"
 
 
 def _budget(
@@ -91,8 +91,8 @@ def _budget(
         found = budget_of_answer(answered)
     except (ValueError, np.linalg.LinAlgError):
         return None
-    own = answered.question.problem.parameters
-    return budget(found, np.eye(len(own), len(answered.fit.values))).scaled(1.0 / own.units)
+    parameters = answered.question.problem.parameters
+    return budget(found, np.eye(len(parameters), len(answered.fit.values))).scaled(1.0 / parameters.units)
 
 
 def state_accuracy(statement: Statement, tables: Mapping[str, pa.Table], settings: Campaign) -> None:
@@ -104,10 +104,10 @@ def state_accuracy(statement: Statement, tables: Mapping[str, pa.Table], setting
         return
     rows = [row for row in table.to_pylist() if row["role"] == "verification"]
     for key in _quoted(tables):
-        own = [row for row in rows if (row["model"], row["deformation"]) == key]
+        rows_of_model = [row for row in rows if (row["model"], row["deformation"]) == key]
         subject = f"{key[0]}, {key[1]} deformation, held-out poses"
         for column, (quantity, unit) in _ERRORS.items():
-            errors = np.array([row[column] for row in own if row[column] is not None], float)
+            errors = np.array([row[column] for row in rows_of_model if row[column] is not None], float)
             if len(errors) < LEAST_POSES:
                 why = f"needs {LEAST_POSES} held-out poses, found {len(errors)}"
                 statement.not_evaluated("accuracy", quantity, why, subject)
@@ -138,21 +138,23 @@ def state_positioning(statement: Statement, tables: Mapping[str, pa.Table], sett
         return
     rows = [row for row in table.to_pylist() if row["subject"] is None]
     for run in dict.fromkeys(row["run"] for row in rows):
-        own = [row for row in rows if row["run"] == run and row.get("sigma") is not None]
-        if not own:
+        rows_of_run = [row for row in rows if row["run"] == run and row.get("sigma") is not None]
+        if not rows_of_run:
             statement.not_evaluated("positioning", "all", "too few cycles tell no uncertainty", f"run {run}")
             continue
-        taken = measured.filter([str(name) == str(run) for name in measured.column("run").to_pylist()])
-        target, deviation = deviations(taken)
+        rows_measured = measured.filter([str(name) == str(run) for name in measured.column("run").to_pylist()])
+        target, deviation = deviations(rows_measured)
         # the same draws without what the instrument leaves open
         repeated = positioning_uncertainty(deviation, target * 1e3, np.random.default_rng(SEED))
-        whole = np.array([row["sigma"] for row in own], float)
-        by_repeats = np.minimum([repeated[row["figure"]].sigma for row in own], whole)
+        sigma = np.array([row["sigma"] for row in rows_of_run], float)
+        by_repeats = np.minimum([repeated[row["figure"]].sigma for row in rows_of_run], sigma)
         reported = Budget((REPEATS,), by_repeats[None])
-        if instrument(taken, optics).stretch > 0.0:
-            reported = reported.with_source(LENGTH, np.sqrt(whole**2 - by_repeats**2))
-        half = np.array([max(row["high"] - row["value"], row["value"] - row["low"]) for row in own], float)
-        estimate = np.array([row["value"] for row in own], float)
-        statement.state("positioning", f"run {run}", [row["figure"] for row in own], estimate, "um", reported, half)
+        if instrument(rows_measured, optics).stretch > 0.0:
+            reported = reported.with_source(LENGTH, np.sqrt(sigma**2 - by_repeats**2))
+        half = np.array([max(row["high"] - row["value"], row["value"] - row["low"]) for row in rows_of_run], float)
+        estimate = np.array([row["value"] for row in rows_of_run], float)
+        statement.state(
+            "positioning", f"run {run}", [row["figure"] for row in rows_of_run], estimate, "um", reported, half
+        )
     why = "nothing in campaign.toml declares it for positions of an axis"
     statement.omitted("positioning", "wavelength and device, alignment of the beam, drift in a cycle", why)

@@ -67,26 +67,26 @@ def state_poses(statement: Statement, tables: Mapping[str, pa.Table], settings: 
 def _state(
     statement: Statement, tables: Mapping[str, pa.Table], body: str, parent: str, poses: tuple[int | str, ...]
 ) -> None:
-    found = body_poses(tables["poses"], body, poses, parent)
-    seen = np.flatnonzero(found.found)
+    poses_of_body = body_poses(tables["poses"], body, poses, parent)
+    seen = np.flatnonzero(poses_of_body.found)
     if not len(seen):
         statement.not_evaluated("pose", "all", "no pose of it was found", body)
         return
     try:
-        of_network = parts_of_network(tables, body, poses, found.covariance)
-        parts = of_network or _parts(tables, body, parent, poses, found) or _total(tables, found)
+        of_network = parts_of_network(tables, body, poses, poses_of_body.covariance)
+        parts = of_network or _parts(tables, body, parent, poses, poses_of_body) or _total(tables, poses_of_body)
     except np.linalg.LinAlgError:  # a point that is exact along an axis
-        parts = _total(tables, found)
-    vector = log_so3(found.R[seen])
+        parts = _total(tables, poses_of_body)
+    vector = log_so3(poses_of_body.R[seen])
     turn = np.linalg.inv(left_jacobian_so3(vector))  # of the rotation vector, by a small rotation before the pose
-    estimate = np.concatenate([found.p[seen] * 1e3, vector], 1)
+    estimate = np.concatenate([poses_of_body.p[seen] * 1e3, vector], 1)
     to_units = np.zeros((len(seen), 6, 6))
     to_units[:, :3, :3], to_units[:, 3:, 3:] = np.eye(3) * 1e3, turn
     reported = {
         source: np.einsum("bij,bjk,bik->bi", to_units, covariance[seen], to_units, optimize=True)
         for source, covariance in parts.items()
     }
-    contributions = np.sqrt(np.maximum(np.array([own.ravel() for own in reported.values()]), 0.0))
+    contributions = np.sqrt(np.maximum(np.array([row.ravel() for row in reported.values()]), 0.0))
     subject = [f"{body} in {parent}, pose {poses[n]}" for n in seen for _ in _COMPONENTS]
     statement.state(
         "pose",
@@ -98,24 +98,24 @@ def _state(
     )
 
 
-def _total(tables: Mapping[str, pa.Table], found: PosesWithCovariance) -> Parts:
+def _total(tables: Mapping[str, pa.Table], poses: PosesWithCovariance) -> Parts:
     """Return the total covariance as the only source, if its parts are unknown."""
     known = "observations" in tables and tables["observations"].column("sigma_x_mm").null_count == 0
-    return {Source("points and shape of the body, estimated together", "B" if known else "A"): found.covariance}
+    return {Source("points and shape of the body, estimated together", "B" if known else "A"): poses.covariance}
 
 
 def _parts(
-    tables: Mapping[str, pa.Table], body: str, parent: str, poses: tuple[int | str, ...], found: PosesWithCovariance
+    tables: Mapping[str, pa.Table], body: str, parent: str, poses: tuple[int | str, ...], measured: PosesWithCovariance
 ) -> Parts | None:
     """Return the contributions of points and surveys of a body and of its reference to the covariance of its poses;
     None unless the poses come from a fit to surveys with declared noise."""
-    own = _of_body(tables, body, poses)
+    own = _parts_of_body(tables, body, poses)
     if own is None:
         return None
     if parent == "measurement":
         parts = own
     else:
-        other = _of_body(tables, parent, poses)
+        other = _parts_of_body(tables, parent, poses)
         if other is None:
             return None
         (R, p), (Ra, pa_) = (default_motions(tables["poses"], name, poses) for name in (body, parent))
@@ -124,11 +124,11 @@ def _parts(
         parts |= {source: relative(Ra, pa_, covariance, R, p, none)[2] for source, covariance in other.items()}
     by_declared = [covariance for source, covariance in parts.items() if source.evaluation == "B"]
     declared = np.sum(by_declared, axis=0)
-    sigma, stated = (np.sqrt(np.diagonal(C[found.found], axis1=1, axis2=2)) for C in (declared, found.covariance))
+    sigma, stated = (np.sqrt(np.diagonal(C[measured.found], axis1=1, axis2=2)) for C in (declared, measured.covariance))
     return parts if np.allclose(sigma, stated, rtol=_CLOSES, atol=0.0) else None
 
 
-def _of_body(tables: Mapping[str, pa.Table], body: str, poses: tuple[int | str, ...]) -> Parts | None:
+def _parts_of_body(tables: Mapping[str, pa.Table], body: str, poses: tuple[int | str, ...]) -> Parts | None:
     """Return covariances (B, 6, 6) of a body in the measurement frame, from its points, its survey, and scatter beyond
     them."""
     if "survey" not in tables or "observations" not in tables:

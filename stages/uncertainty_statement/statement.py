@@ -52,13 +52,13 @@ class Statement:
             expanded_uncertainty=expanded,
             stated=True,
         )
-        for source, own, share in zip(budget.sources, budget.contributions, budget.shares, strict=True):
+        for source, contribution, share in zip(budget.sources, budget.contributions, budget.shares, strict=True):
             self.parts.add(
                 **names,
                 input_source=source.name,
                 evaluation=source.evaluation,
                 distribution=source.distribution,
-                contribution=own,
+                contribution=contribution,
                 degrees_of_freedom=None if np.isinf(source.dof) else source.dof,
                 share_of_variance=np.minimum(share, 1.0),
             )
@@ -72,5 +72,5 @@ class Statement:
         self.parts.add(result=result, quantity="all", input_source=source, evaluation="not evaluated", reason=why)
 
 
-def _one_per_result(given: Sequence[str] | str, count: int) -> list[str]:
-    return [given] * count if isinstance(given, str) else list(given)
+def _one_per_result(values: Sequence[str] | str, count: int) -> list[str]:
+    return [values] * count if isinstance(values, str) else list(values)

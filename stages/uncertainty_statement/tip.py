@@ -35,7 +35,7 @@ def state_tip(statement: Statement, tables: Mapping[str, pa.Table], settings: Ca
         key = row["pose"], row["quantity"]
         parts.setdefault(source, {})[key] = row["contribution"]
         results.setdefault(key, row)
-    contributions = np.array([[own.get(key, 0.0) for key in results] for own in parts.values()])
+    contributions = np.array([[part.get(key, 0.0) for key in results] for part in parts.values()])
     statement.state(
         "tip",
         [f"{row['body']} in {row['parent']}, pose {row['pose']}" for row in results.values()],

@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from truing.belonging.axis_rows import AxisRowSlip, RowSlipKind, slip_of_rows
+from truing.belonging.axis_rows import AxisRowSlip, RowSlipKind, slip_of_rows, unit_of_deviations
 
 UNITS = {"radians": 180.0 / np.pi, "deg with the opposite sign": -1.0}
 COUNT = 50
@@ -68,3 +68,11 @@ def test_copied_rows_are_told_from_a_misread_digit() -> None:
 
 def test_no_slip_is_named_where_most_rows_disagree() -> None:
     assert slip_of(np.random.default_rng(9).permutation(readings())) is None
+
+
+@pytest.mark.parametrize(("factor", "unit"), [(1.0, ""), (3600.0, "arc seconds"), (60.0, ""), (1e-3, "")])
+def test_deviations_in_another_unit_scatter_by_its_ratio(factor: float, unit: str) -> None:
+    turn = np.linspace(0.0, 2.0 * np.pi, 37)
+    noise = 8e-5 * np.random.default_rng(3).normal(size=74)
+    deviation = 2e-3 * np.sin(np.concatenate([turn, turn[::-1]])) + 1e-3 * (np.arange(74) > 40) + noise
+    assert unit_of_deviations(factor * deviation, 8e-5, {3600.0: "arc seconds"}) == unit

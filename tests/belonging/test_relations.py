@@ -6,6 +6,7 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
+from scipy.spatial.transform import Rotation
 
 from tests.tolerance import assert_close
 from truing.belonging import relation
@@ -218,3 +219,43 @@ def test_two_targets_of_a_body_with_equal_points_in_all_poses_are_copies() -> No
     assert same.slips[0].subjects == ("2", "4")
     points[5, 3, 0] += 1e-9
     assert copies(points, seen, 5e-6, poses, tuple(("tool", str(k)) for k in range(1, 5))).state is RelationState.OK
+
+
+def _seen(shift_of: str = "", euler: str = "") -> MeasuredMotion:
+    """Poses of a base that turns between poses and of a platform, with one slip: the measurements of a body one row too
+    far down, or rotation vectors that are Euler angles."""
+    motion, _ = _motion(_travel(30, 4e-2))
+    rng = np.random.default_rng(8)
+    turned = Rotation.from_rotvec(rng.normal(0.0, 0.4, (30, 3))).as_matrix()
+    t = rng.normal(0.0, 0.5, (30, 3))
+    place, platform = t + (turned @ motion.p[..., None])[..., 0], turned @ motion.R
+    earlier = np.r_[0, np.arange(29)]
+    if shift_of == "base":
+        turned, t = turned[earlier], t[earlier]
+    if shift_of == "platform":
+        platform, place = platform[earlier], place[earlier]
+    if euler:
+        turned, platform = (
+            Rotation.from_rotvec(Rotation.from_matrix(own).as_euler(euler)).as_matrix() for own in (turned, platform)
+        )
+    back = np.swapaxes(turned, -1, -2)
+    p = (back @ (place - t)[..., None])[..., 0]
+    return replace(motion, p=p, R=back @ platform, base=(t, turned), were_rotations_written=bool(euler))
+
+
+@pytest.mark.parametrize("body", ["base", "platform"])
+def test_measurements_of_one_body_a_row_too_far_down_are_named(body: str) -> None:
+    columns = tuple(f"rho{leg}_mm" for leg in range(1, 7))
+    found = relations(_seen(body), ReadingNames(columns, tuple(map(str, range(30)))))[-1]
+    assert found.state is RelationState.FAILS
+    assert [(one.kind, one.quantity, one.shift) for one in found.slips] == [
+        (SlipKind.ROWS_SHIFTED, f"measurements of {body}", 1)
+    ]
+
+
+@pytest.mark.parametrize("order", ["XYZ"])
+def test_euler_angles_that_were_read_as_rotation_vectors_are_named(order: str) -> None:
+    columns = tuple(f"rho{leg}_mm" for leg in range(1, 7))
+    found = relations(_seen(euler=order), ReadingNames(columns, tuple(map(str, range(30)))))[-1]
+    assert found.state is RelationState.FAILS
+    assert [(one.kind, one.subjects) for one in found.slips] == [(SlipKind.ROTATION, (order,))]

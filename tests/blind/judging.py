@@ -316,15 +316,6 @@ def _one_thread() -> dict[str, str]:
     return {**os.environ, "OMP_NUM_THREADS": "1", "OPENBLAS_NUM_THREADS": "1", "PYTHONPATH": PACKAGE}
 
 
-def through_the_command_line(folder: Path, stage: str) -> tuple[Path, str]:
-    """Runs one folder as far as a stage; where its artifacts are, and what it printed."""
-    out = folder.with_name(f"{folder.name}.run")
-    command = [*COMMAND, "run", str(folder), "--out", str(out), "--only", stage]
-    done = subprocess.run(command, cwd=PROJECT, env=_one_thread(), capture_output=True, text=True, check=False)
-    assert done.returncode == 0, f"{folder.name} ended with {done.returncode}:\n{done.stdout}{done.stderr}"
-    return out, done.stdout
-
-
 def _read(folder: Path, out: Path, seconds: float, said: str) -> Record:
     """All that is judged of one run, as plain values."""
     import pyarrow.parquet as pq

@@ -47,7 +47,7 @@ def interval(good: int, trials: int) -> tuple[float, float]:
 
 
 def _count(campaigns: Iterable[Judged], is_good: Callable[[Judged], bool], tell: Callable[[Judged], str]) -> Count:
-    judged = [(is_good(one), one) for one in campaigns]
+    judged = [(is_good(campaign), campaign) for campaign in campaigns]
     bad = tuple(tell(one) for good, one in judged if not good)
     return Count(sum(good for good, _ in judged), len(judged), bad)
 
@@ -78,12 +78,12 @@ def told(campaign: Judged) -> str:
 
 def alarms(campaigns: Sequence[Judged]) -> Count:
     """Campaigns with nothing hidden in which something is found, or an effect whose name is open."""
-    return _count([one for one in campaigns if not one.hidden], lambda one: one.detected, told)
+    return _count([campaign for campaign in campaigns if not campaign.hidden], lambda one: one.detected, told)
 
 
 def invented(campaigns: Sequence[Judged]) -> Count:
     """Campaigns in which more is found beside all that was hidden."""
-    right = [one for one in campaigns if one.hidden and not one.missed and not _strange(one)]
+    right = [campaign for campaign in campaigns if campaign.hidden and not campaign.missed and not _strange(campaign)]
     return _count(right, lambda one: bool(one.invented), told)
 
 
@@ -105,7 +105,7 @@ def placed(campaigns: Sequence[Judged]) -> Count:
 
 def both_named(campaigns: Sequence[Judged]) -> Count:
     """Campaigns with two effects of which both are named."""
-    return _count([one for one in campaigns if len(one.hidden) == 2], lambda one: not one.missed, told)
+    return _count([campaign for campaign in campaigns if len(campaign.hidden) == 2], lambda one: not one.missed, told)
 
 
 def driven(campaigns: Sequence[Judged]) -> Count:
@@ -147,15 +147,15 @@ def excesses(campaigns: Sequence[Judged]) -> Array:
 
 
 def _complete(campaigns: Sequence[Judged]) -> list[Judged]:
-    return [one for one in campaigns if one.hidden and not one.missed and one.found]
+    return [campaign for campaign in campaigns if campaign.hidden and not campaign.missed and campaign.found]
 
 
 def _of_one(campaigns: Sequence[Judged]) -> list[Judged]:
-    return [one for one in campaigns if len(one.hidden) == 1 and not _strange(one)]
+    return [campaign for campaign in campaigns if len(campaign.hidden) == 1 and not _strange(campaign)]
 
 
 def _strangers(campaigns: Sequence[Judged]) -> list[Judged]:
-    return [one for one in campaigns if _strange(one)]
+    return [campaign for campaign in campaigns if _strange(campaign)]
 
 
 def _strange(campaign: Judged) -> bool:

@@ -10,6 +10,7 @@ import numpy as np
 import pytest
 
 from tests.blind.generator.arms.case import CATALOGUE, draw_two, hide, layouts_for
+from tests.blind.generator.arms.effects import ADDED
 from tests.blind.generator.arms.foreign import FOREIGN
 from tests.blind.generator.folder import truth_path
 from tests.blind.judging import Judged, run_all
@@ -91,7 +92,7 @@ def test_two_effects_can_be_told_apart() -> None:
     pairs = [draw_two(rng) for _ in range(300)]
     assert not any("joints-exchanged" in pair for pair in pairs)
     assert {frozenset(p) for p in pairs}.isdisjoint([frozenset(("joint-sag", "joint-compliance"))])
-    assert {name for pair in pairs for name in pair} == set(CATALOGUE) - {"joints-exchanged", "joint-error-curve"}
+    assert {name for pair in pairs for name in pair} == set(CATALOGUE) - {"joints-exchanged", *ADDED}
     assert_between(len({frozenset(pair) for pair in pairs}), 70, 105, what="different pairs")
 
 

@@ -24,7 +24,7 @@ def _cloud(rng: np.random.Generator, points: int) -> NDArray:
     return rng.uniform(-0.1, 0.1, (points, 3))
 
 
-def _in_python(told: Names) -> Names:
+def _in_python(names: Names) -> Names:
     rng = np.random.default_rng(1)
     survey, hexapod = _cloud(rng, 8), telescope("ups")
     p, R = rng.uniform(-5e-3, 5e-3, (24, 3)) + HEIGHT, exp_so3(rng.uniform(-0.03, 0.03, (24, 3)))
@@ -42,7 +42,7 @@ def _in_python(told: Names) -> Names:
     }
 
 
-def _poses(told: Names) -> Names:
+def _poses(names: Names) -> Names:
     rng = np.random.default_rng(2)
     survey = _cloud(rng, 6)
     return {
@@ -54,7 +54,7 @@ def _poses(told: Names) -> Names:
     }
 
 
-def _sensor_calibration(told: Names) -> Names:
+def _sensor_calibration(names: Names) -> Names:
     rng = np.random.default_rng(3)
     loads = rng.uniform(-1e3, 1e3, (60, 6))
     signal_cov, load_cov = np.eye(6) * 0.01**2, np.eye(6) * 0.5**2
@@ -67,38 +67,38 @@ def _sensor_calibration(told: Names) -> Names:
         "load_cov": load_cov,
         "new_signals": signals[:4],
         "new_covariates": np.zeros((4, 0)),
-        "run_folder": _run_of_a_sensor(told),
+        "run_folder": _run_of_a_sensor(names),
         "signals_mv": signals[0],
     }
 
 
-def _run_of_a_sensor(told: Names) -> Path:
+def _run_of_a_sensor(names: Names) -> Path:
     """The run at hand, with the page's own calibration once it was made."""
     folder = Path("runs/telescope")
-    if "bench" in told:
-        held = hold_out(told["bench"], told["fit"].model)
-        text = sensor_text(calibrated_sensor(held, told["bench"], 20.0, is_tared=False), {})
+    if "bench" in names:
+        held = hold_out(names["bench"], names["fit"].model)
+        text = sensor_text(calibrated_sensor(held, names["bench"], 20.0, is_tared=False), {})
         (folder / "sensor.toml").write_text(text, encoding="utf-8")
     return folder
 
 
-def _unlabelled(told: Names) -> Names:
+def _unlabelled(names: Names) -> Names:
     rng = np.random.default_rng(4)
     base, platform = _cloud(rng, 7), _cloud(rng, 6)
     return {"base_survey_m": base, "platform_survey_m": platform, "points_m": np.concatenate([base, platform + 0.3])}
 
 
-def _own_cause(told: Names) -> Names:
+def _own_cause(names: Names) -> Names:
     rho = readings(np.random.default_rng(5), 4)
     damp = {"humidity_pct": np.array([30.0, 45.0, 60.0, 75.0])}
     state = State(telescope(), rho, np.zeros_like(rho), covariates=damp)
-    return {"cause": told["LegSwelling"](), "state": state, "values": np.array([1e-6]), "j": 0}
+    return {"cause": names["LegSwelling"](), "state": state, "values": np.array([1e-6]), "j": 0}
 
 
-def _own_mechanism(told: Names) -> Names:
+def _own_mechanism(names: Names) -> Names:
     legs = telescope("ups")
     upper = legs.b + HEIGHT
-    return {"closure": told["OffsetLeg"](), "legs": legs, "upper": upper, "rho": np.zeros(6), "axis": 2}
+    return {"closure": names["OffsetLeg"](), "legs": legs, "upper": upper, "rho": np.zeros(6), "axis": 2}
 
 
 GIVEN: dict[str, Callable[[Names], Names]] = {

@@ -3,16 +3,19 @@
 from __future__ import annotations
 
 from dataclasses import replace
+from types import SimpleNamespace
+from typing import cast
 
 import numpy as np
 import pytest
 
 from truing.inference.attribution import Attributed, _merged
 from truing.inference.campaign_inputs import InTime, is_copy
+from truing.inference.fitted_model import FittedModel
 from truing.inference.input_sets import sets_of_inputs
 from truing.inference.input_spectra import Spectra
 from truing.inference.random_functions import distinct_rows
-from truing.inference.residual_courses import courses
+from truing.inference.residual_courses import courses, residuals_of
 
 EPOCHS, LEVEL = 60, 0.005
 NAMES = ("temperature_c", "load_n", "rho1_mm", "rho2_mm")
@@ -68,6 +71,24 @@ def test_friction_is_told_by_the_history_of_its_input() -> None:
     history = _in_time().history(columns["rho2_mm"])
     assert history is not None
     assert _told(3.0 * history[:, 1:2] + rng.standard_normal((EPOCHS, 1)), columns) == {"rho2_mm"}
+
+
+def test_an_effect_in_one_run_is_attributed_though_it_passed_for_a_burst_of_noise() -> None:
+    rng = np.random.default_rng(8)
+    columns = _columns(rng)
+    in_run = np.arange(EPOCHS) >= 40
+    columns["load_n"] = np.where(in_run, columns["load_n"], 0.0)
+    burst = np.where(in_run, 9.0, 1.0)[:, None]
+    effect = 9.0 * np.sin(4.0 * columns["load_n"])[:, None]
+    own = SimpleNamespace(
+        measured=SimpleNamespace(values=np.zeros((EPOCHS, 1, 1)), seen=np.ones((EPOCHS, 1), bool), size=1),
+        standardised=((effect + rng.standard_normal((EPOCHS, 1))) / burst)[..., None],
+        fit=SimpleNamespace(whitened=None),
+    )
+    fitted = cast(FittedModel, own)
+    (hidden,), (shown,) = (list(residuals_of(fitted, fitted, factor)) for factor in (None, burst))
+    assert np.std(hidden.rows[in_run]) < 1.0
+    assert _told(shown.rows, columns) == {"load_n"}
 
 
 def test_a_walk_in_time_follows_time_and_no_input_that_walks_too() -> None:

@@ -119,3 +119,16 @@ def test_noise_taken_for_a_cause_seldom_pays() -> None:
     rng = np.random.default_rng(6)
     found = [gain(TEMPLATE, measured(TEMPLATE, rng, VALUE * [1, 1, 1, 0, 0])) for _ in range(40)]
     assert sum(own is not None and own.log_gain > np.log(20.0) for own in found) <= 4
+
+
+def test_a_gain_is_far_below_that_of_an_effect_only_if_blocks_do_not_share_it() -> None:
+    rng = np.random.default_rng(7)
+    shared = [gain(TEMPLATE, measured(TEMPLATE, rng)) for _ in range(20)]
+    assert not any(found.is_far_below for found in shared if found is not None)
+    sign = np.array([1.0, 0.0, 0.0, -1.0])[DAYS.numbers][:, None]
+    effect = 2.0 * TEMPLATE.by_shared[..., OWN] @ VALUE[OWN]
+    values = measured(TEMPLATE, rng, VALUE * [1, 1, 1, 1, 1]) + sign * effect
+    found = gain(TEMPLATE, values)
+    assert found is not None
+    assert found.squares > 4.0
+    assert found.is_far_below

@@ -9,8 +9,10 @@ from typing import Any
 
 import pytest
 
+from truing.inference.block_gain import BlockGain
+from truing.inference.blocks import BlockKind
 from truing.inference.forward_search import ForwardSearch
-from truing.inference.search_verdicts import SearchVerdicts, contradiction
+from truing.inference.search_verdicts import SearchVerdicts, contradiction, is_unconfirmed
 from truing.inference.verdicts import FOUND, SUSPECTED, Reason
 
 
@@ -44,10 +46,15 @@ class _Verdict:
 
 
 def _verdict(
-    name: str, after: float = 1.0, held: float | None = None, gain: float | None = None, count: int = 300
+    name: str,
+    after: float = 1.0,
+    held: float | None = None,
+    gain: float | None = None,
+    count: int = 300,
+    squares: float = 8.0,
 ) -> _Verdict:
     held_out = (None, None) if held is None else (_Error(2.0), _Error(held, count))
-    block_gain = None if gain is None else SimpleNamespace(log_gain=gain)
+    block_gain = None if gain is None else BlockGain(BlockKind.DAY, 3, gain, squares)
     return _Verdict(SimpleNamespace(key=name), _Error(after), held_out, block_gain=block_gain)
 
 
@@ -67,6 +74,16 @@ def _verdict(
 )
 def test_predictions_contradict_a_cause_with_a_reason(verdict: Any, reason: Reason | None) -> None:
     assert contradiction(verdict) is reason
+
+
+@pytest.mark.parametrize(
+    ("gain", "squares", "unconfirmed"), [(0.5, 100.0, True), (3.1, 100.0, False), (0.5, 9.0, False)]
+)
+def test_a_gain_far_below_that_of_an_effect_of_its_size_confirms_nothing(
+    gain: float, squares: float, unconfirmed: bool
+) -> None:
+    verdict: Any = _verdict("of blocks", gain=gain, squares=squares)
+    assert is_unconfirmed(verdict) is unconfirmed
 
 
 @dataclass(frozen=True)
@@ -111,6 +128,7 @@ class _Search:
     kept: list[_Step]
     plain: Any
     final: Any
+    given: tuple[()] = ()
 
 
 def _paid(own: dict[str, _Verdict]) -> tuple[list[str], list[str], dict[str, tuple[str, Reason | None]]]:

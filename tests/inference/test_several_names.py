@@ -8,9 +8,10 @@ from typing import Any
 from truing.inference.several_names import several_for_one
 
 
-def cause(name: str, subject: str, *, catalogued: bool = True, onset: int = 0) -> Any:
+def cause(name: str, subject: str, *, catalogued: bool = True, onset: int = 0, is_set: bool = False) -> Any:
     """Stand in for a cause."""
-    return SimpleNamespace(id=name, subject=subject, key=f"{name} {subject} {onset}", catalogued=catalogued)
+    key = f"{name} {subject} {onset}"
+    return SimpleNamespace(id=name, subject=subject, key=key, catalogued=catalogued, has_set_shape=is_set)
 
 
 def candidate(own: Any) -> Any:
@@ -72,3 +73,11 @@ def test_two_steps_of_one_zero_are_doubted_and_steps_of_two_are_not() -> None:
     assert len(steps("", first="")) == 2, "two jumps of a base, which is the only one"
     assert steps("run 5") == set()
     assert steps("run 4", never) == set(), "no course of one pattern is behind both"
+
+
+def test_periods_that_the_machine_sets_are_no_steps_of_a_course() -> None:
+    for is_set, names in ((False, {"wave axis 1", "wave axis 2"}), (True, set())):
+        first, second = (cause("wave", "axis", onset=order, is_set=is_set) for order in (1, 2))
+        rounds = scored({first.key: 40.0, second.key: 30.0}), scored({second.key: 30.0})
+        accepted = [(one, candidate(one), own) for one, own in zip((first, second), rounds, strict=True)]
+        assert several_for_one(accepted, SimpleNamespace(candidates=[]), always) == names

@@ -96,9 +96,9 @@ def write(folder: Path, hidden: Hidden, rng: np.random.Generator, poses: int = 8
     (folder / "delta.urdf").write_text(urdf(Delta()), encoding="utf-8")
     (folder / "campaign.toml").write_text(_TOML.format(tolerance=tolerance), encoding="utf-8")
     rows = ["pose,role,time_s,temperature_c,arm_1_deg,arm_2_deg,arm_3_deg"]
-    for n, own in enumerate(np.degrees(q)):
+    for n, degree in enumerate(np.degrees(q)):
         role = "verification" if n % 5 == 4 else "calibration"
-        rows.append(f"{n + 1},{role},{60 * n},{20 + heat[n]:.4f}," + ",".join(f"{value:.7f}" for value in own))
+        rows.append(f"{n + 1},{role},{60 * n},{20 + heat[n]:.4f}," + ",".join(f"{value:.7f}" for value in degree))
     (folder / "configurations.csv").write_text("\n".join(rows) + "\n", encoding="utf-8")
     lines = ["pose,body,target,x_mm,y_mm,z_mm"]
     for n, points in enumerate(seen * 1e3):

@@ -110,11 +110,6 @@ def photograph(field: Field, lens: Lens, view: View, sensor: Sensor, rng: np.ran
     return sensor.expose(radiance(lens, view, field.scene(), sensor.blur_px), lens, rng)
 
 
-def true_centres(field: Field, lens: Lens, view: View) -> Array:
-    """Where the circles' centres are imaged (N, 2), px."""
-    return _pixels(lens, view, np.array([target.decal.centre for target in field.shown]))
-
-
 def centres_of_images(field: Field, lens: Lens, view: View) -> Array:
     """The centres (N, 2) of the circles' images, px: centroids of the areas within the imaged outlines."""
     return np.array([_centroid(_pixels(lens, view, _outline(target))) for target in field.shown])

@@ -60,8 +60,8 @@ class UnstableCamera(CameraEffect):
             f"{self.parameter}_per_k": (self.per_k_px, "px/K"),
             self.parameter: (self.jump_px, "px"),
         }
-        told: dict[str, Parameter] = {name: amount for name, amount in amounts.items() if amount[0]}
-        return told | ({"from_pose": (self.from_pose, "")} if self.jump_px else {})
+        parameters: dict[str, Parameter] = {name: amount for name, amount in amounts.items() if amount[0]}
+        return parameters | ({"from_pose": (self.from_pose, "")} if self.jump_px else {})
 
     def change_px(self, schedule: Schedule) -> Array:
         """By how much the parameter is off in every pose (N,), px."""

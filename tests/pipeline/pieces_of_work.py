@@ -18,10 +18,6 @@ def late_if_first(number: int) -> int:
     return number
 
 
-def threads_of_a_product(_: int) -> str | None:
-    return os.environ.get("OPENBLAS_NUM_THREADS")
-
-
 def where(_: int) -> int:
     return os.getpid()
 

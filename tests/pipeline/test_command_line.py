@@ -11,13 +11,14 @@ import sys
 from pathlib import Path
 
 import pytest
+import typer
 from typer.completion import completion_init
 from typer.testing import CliRunner
 
 from tests.pipeline.fake_project import STAGES, FakeProject
 from tests.sentences import assert_says
 from truing.pipeline.command_line import app
-from truing.pipeline.completions import ANSWERS
+from truing.pipeline.completions import ANSWERS, campaigns, runs
 from truing.pipeline.console import JsonConsole
 from truing.pipeline.init_questions import parsed_answers
 from truing.pipeline.problems import ExitCode
@@ -240,6 +241,23 @@ def test_names_are_completed_by_what_the_line_says(
     assert expected <= found
     assert not absent & found
     assert all(name.startswith(begun) for name in found)
+
+
+def test_folders_of_campaigns_and_runs_are_completed_and_suggested(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    for folder in ("runs/first/.truing", "runs/notes", "data/first", "alone"):
+        (tmp_path / folder).mkdir(parents=True)
+    for folder in ("data/first", "alone"):
+        (tmp_path / folder / "campaign.toml").write_text("")
+    monkeypatch.chdir(tmp_path)
+    context = typer.Context(typer.main.get_command(app))
+    found = {begun: [name for name, _ in campaigns(context, begun)] for begun in ("", "da", "data/f", "x")}
+    assert found == {"": ["alone", "data/first"], "da": ["data/first"], "data/f": ["data/first"], "x": []}
+    assert [name for name, _ in runs(context, "")] == ["runs/first"]
+    for words in (["check", "data/frist"], ["init", "data/firs"], ["report", "runs/firts"]):
+        done = CliRunner().invoke(app, words)
+        assert f"did you mean {words[1].partition('/')[0]}/first?" in done.stderr
 
 
 def test_every_answer_that_is_completed_is_one_of_init() -> None:

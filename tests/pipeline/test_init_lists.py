@@ -212,3 +212,140 @@ def test_uncoded_targets_are_read_if_they_keep_their_names(tmp_path: Path, is_nu
     targets = {"CODE1", "CODE2", "CODE3"} | (set() if is_numbered_anew else {"TARGET3", "TARGET4", "TARGET5"})
     assert set(found.table.column("target").to_pylist()) == targets
     assert len(set(found.table.column("body").to_pylist())) == len(targets) // 3
+
+
+@pytest.mark.parametrize(
+    ("head", "scale"),
+    [
+        ("q1,q2,q3,x,y,z", 1e-3),
+        ("Nr;theta1;theta2;theta3;px [mm];py [mm];pz [mm]", 1.0),
+        ("pan_rad,lift_rad,twist_rad,x_mm,y_mm,z_mm", 1.0),
+        ("cmd_j1\tcmd_j2\tcmd_j3\tj1\tj2\tj3\ttcp_x\ttcp_y\ttcp_z\tLaserX\tLaserY\tLaserZ", 1.0),
+    ],
+    ids=["bare names", "numbered rows", "names of the contract", "commands beside readings"],
+)
+def test_joints_and_points_of_one_row_are_a_chain_campaign(tmp_path: Path, head: str, scale: float) -> None:
+    (tmp_path / "arm.urdf").write_text(URDF)
+    separator = next(mark for mark in ";\t," if mark in head)
+    kinds = {"t": JOINTS + 1.0, "J": JOINTS, "T": PATH + 50.0, "P": PATH * scale}
+    own = "JP" if len(head.split(separator)) < 8 else "tJTP"
+    rows = np.column_stack([kinds[kind] for kind in own])
+    first = 101 if head.startswith("Nr") else None
+    lines = [separator.join(map(str, row if first is None else (first + k, *row))) for k, row in enumerate(rows)]
+    (tmp_path / "arm.csv").write_text("\n".join([head, *lines]) + "\n")
+    _, document = init(tmp_path)
+    assert document["mechanism"]["joints"] == ["pan", "lift", "twist"]
+    assert document["measurement"] == {"frame": "campaign"}
+    points, joints = table(tmp_path, document, POINTS), table(tmp_path, document, CONFIGURATIONS)
+    assert set(points.table.column("body").to_pylist()) == {"hand"}
+    begin = 1 if first is None else first
+    for found in (points, joints):
+        assert [int(pose) for pose in found.table.column("pose").to_pylist()] == list(range(begin, begin + len(rows)))
+    assert_close(numbers(points, "x_mm", "y_mm", "z_mm"), PATH, atol=1e-9, what="places")
+    assert_close(numbers(joints, "pan_rad", "lift_rad", "twist_rad"), JOINTS, atol=0.0, what="joints")
+
+
+def test_several_targets_beside_joints_are_points_of_each_pose(tmp_path: Path) -> None:
+    head = "j1,j2,j3,x1,y1,z1,x2,y2,z2"
+    rows = [",".join(map(str, row)) for row in np.column_stack([np.degrees(JOINTS), PATH, PATH + 80.0])]
+    (tmp_path / "arm.csv").write_text("\n".join([head, *rows]) + "\n")
+    told, document = init(tmp_path)
+    assert "a description of the robot" in told
+    found = table(tmp_path, document, POINTS)
+    second = [target == "2" for target in found.table.column("target").to_pylist()]
+    assert_close(numbers(found, "x_mm", "y_mm", "z_mm")[second], PATH + 80.0, atol=0.0, what="second target")
+
+
+def test_coordinates_that_a_controller_computes_are_no_measurement(tmp_path: Path) -> None:
+    rows = [",".join(map(str, row)) for row in np.column_stack([JOINTS, PATH])]
+    (tmp_path / "log.csv").write_text("\n".join(["Joint 1,Joint 2,Joint 3,TCP X,TCP Y,TCP Z", *rows]) + "\n")
+    _, document = init(tmp_path)
+    assert list(document["files"]) == ["configurations"]
+    assert "# check: " in (text := (tmp_path / "campaign.toml").read_text())
+    assert "computed by the controller" in text
+
+
+def several_poses(head: str, row: str, mark: str = ",") -> str:
+    """Three poses of two bodies with four targets each, a row for each target."""
+    places = {(body, k): RNG.uniform(-500.0, 500.0, 3).round(3) for body in ("base", "plate") for k in range(1, 5)}
+    lines = [
+        row.format(pose=pose, body=body, k=k, x=x, y=y, z=z + (pose if body == "plate" else 0.0), mark=mark)
+        for pose in (1, 2, 3)
+        for (body, k), (x, y, z) in places.items()
+    ]
+    return "\n".join([head, *lines]) + "\n"
+
+
+@pytest.mark.parametrize(
+    ("head", "row"),
+    [
+        ("Setup,Group,Point,East,North,Height", "{pose},{body},p{k},{x},{y},{z}"),
+        ("Gruppe;Punkt;Stellung;X;Y;Z;", "{body};p{k};{pose};{x};{y};{z};"),
+        ("Collection::Gruppe::Punkt;X [mm];Y [mm];Z [mm]", "Pose{pose}::{body}::p{k};{x};{y};{z}"),
+        ("Tag Body Marke Rechtswert Hochwert Hoehe", "S{pose} {body} p{k} {x} {y} {z}"),
+    ],
+    ids=["setup and grid", "German, empty last column", "names in parts", "unnamed pose"],
+)
+def test_poses_bodies_and_coordinates_are_found_by_names_and_repeats(tmp_path: Path, head: str, row: str) -> None:
+    (tmp_path / "all.txt").write_text(several_poses(head, row))
+    _, document = init(tmp_path)
+    found = table(tmp_path, document, POINTS).table
+    assert len(set(found.column("pose").to_pylist())) == 3
+    assert set(found.column("body").to_pylist()) == {"base", "plate"}
+    assert found.num_rows == 24
+
+
+def test_a_column_that_differs_in_every_row_tells_no_poses(tmp_path: Path) -> None:
+    text = several_poses("Moment,Point,X,Y,Z", "{body}{pose}{k},p{k},{x},{y},{z}")
+    (tmp_path / "all.txt").write_text(text)
+    _, document = init(tmp_path)
+    assert "pose" not in document["files"]["points"]["columns"]
+
+
+def test_numbered_lengths_are_the_readings_of_legs(tmp_path: Path) -> None:
+    head = "Pose No.;" + ";".join(f"L{k} [mm]" for k in range(1, 7)) + ";Temperatur"
+    rows = [f"{pose};" + ";".join(f"{700 + pose + k},5" for k in range(6)) + ";20,5" for pose in (7, 8)]
+    (tmp_path / "legs.csv").write_text("\n".join([head, *rows]) + "\n")
+    (tmp_path / "points.csv").write_text("pose,body,target,x_mm,y_mm,z_mm\n7,base,P1,1,2,3\n8,base,P1,1,2,4\n")
+    _, document = init(tmp_path)
+    found = table(tmp_path, document, CONFIGURATIONS)
+    assert [int(pose) for pose in found.table.column("pose").to_pylist()] == [7, 8]
+    assert_close(numbers(found, "rho1_mm", "rho6_mm"), np.array([[707.5, 712.5], [708.5, 713.5]]), atol=0.0)
+
+
+def test_each_sheet_of_another_table_is_read(tmp_path: Path) -> None:
+    book = openpyxl.Workbook()
+    book.active.append(["Project", "hexapod"])
+    for name, first in (("Measured", ["Pose"]), ("Nominal", [])):
+        sheet = book.create_sheet(name)
+        sheet.append([*first, "Body", "Point", "X (mm)", "Y (mm)", "Z (mm)"])
+        for pose in (1, 2) if first else (1,):
+            for k in range(1, 4):
+                sheet.append([*([pose] if first else []), "base", f"p{k}", k * 10.0, k * k, 1.0])
+    book.save(tmp_path / "all.xlsx")
+    _, document = init(tmp_path)
+    assert {key: entry["sheet"] for key, entry in document["files"].items()} == {
+        "points": "Measured",
+        "targets": "Nominal",
+    }
+
+
+@pytest.mark.parametrize(
+    ("head", "what", "factor"),
+    [
+        ("Nominal [deg],Dir,Yaw [arcsec]", "deviation_deg", 1 / 3600.0),
+        ("Position command (mm),X1 (nm)", "measured_mm", 1e-6),
+    ],
+    ids=["autocollimator", "interferometer"],
+)
+def test_the_only_other_angle_or_length_beside_commands_is_the_instrument(
+    tmp_path: Path, head: str, what: str, factor: float
+) -> None:
+    commands = [*range(0, 100, 10), *range(100, -1, -10)]
+    shown = [0.3 if what.startswith("dev") else 1e6 * c + 30.0 for c in commands]
+    rows = [f"{c},{'+,' if 'Dir' in head else ''}{value}" for c, value in zip(commands, shown, strict=True)]
+    (tmp_path / "axis.csv").write_text("\n".join([head, *rows]) + "\n")
+    _, document = init(tmp_path)
+    assert document["mechanism"]["type"] == "axis"
+    found = table(tmp_path, document, CONFIGURATIONS)
+    assert_close(numbers(found, what)[:, 0], factor * np.array(shown), atol=1e-12, what=what)

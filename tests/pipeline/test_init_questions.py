@@ -8,7 +8,6 @@ import re
 import shlex
 import sys
 import threading
-import time
 import tomllib
 from collections.abc import Callable
 from contextlib import suppress
@@ -169,7 +168,7 @@ def _press_until_it_ends(terminal: int, key: bytes) -> None:
     """Press a key again and again: Python loses a signal between the prompt and the read."""
     with suppress(OSError):  # nobody is left at the other end
         while True:
-            time.sleep(0.5)
+            threading.Event().wait(0.5)  # other tests replace time.sleep
             os.write(terminal, key)
     os.close(terminal)
 

@@ -46,6 +46,7 @@ class _Watch:
 
 def _foreign(watch: _Watch, *allowed: Path) -> list[Path]:
     """What was touched that lies in no allowed place."""
+    allowed = (*allowed, Path("/proc/self"))  # counters of this process
     foreign = [path for path in watch.touched if not any(map(path.is_relative_to, allowed))]
     return [path for path in foreign if "__pycache__" not in path.parts and path != Path(os.devnull)]
 

@@ -329,13 +329,13 @@ _REPORTED = ("Ck, mm", "Xh, mm", "Yh, mm", "A1, mm^-2", "A2, mm^-4", "B1, mm^-1"
 def _items_table(key: AnswerKey) -> str:
     rows = [
         [
-            one.what,
-            str(one.numbers),
-            f"{one.step:g} {one.unit}".strip(),
-            f"{one.largest:.1g} {one.unit}".strip(),
-            one.relative,
+            item.what,
+            str(item.numbers),
+            f"{item.step:g} {item.unit}".strip(),
+            f"{item.largest:.1g} {item.unit}".strip(),
+            item.relative,
         ]
-        for one in items(key)
+        for item in items(key)
     ]
     return table(["", "numbers", "last digit of the report", "largest difference", "in standard deviations"], rows)
 

@@ -48,7 +48,7 @@ def _finding(row: pd.Series) -> dict[str, Any]:
         "settings": json.loads(row["settings"]),
         "before": float(row["rms_before"]),
         "after": float(row["rms_after"]),
-        "value": {name: told["value"] for name, told in json.loads(row["parameters"]).items()},
+        "value": {name: load["value"] for name, load in json.loads(row["parameters"]).items()},
     }
 
 

@@ -38,13 +38,13 @@ PUBLISHED = {
 def calibrations(tables: Tables) -> dict[str, dict[str, Any]]:
     """Of every calibration that contended: its number of parameters, errors fitted and held out, N and N m by load."""
     rows, found = tables["sensor_choice"], {}
-    for model, own in rows[rows["figure"] != "refused"].groupby("model", sort=False):
+    for model, group in rows[rows["figure"] != "refused"].groupby("model", sort=False):
         each = {
             figure: [float(part.set_index("subject")["value"].get(load, np.nan)) for load in LOADS]
-            for figure, part in own.groupby("figure")
+            for figure, part in group.groupby("figure")
             if figure in ("fitted_rms", "heldout_rms")
         }
-        alone = own[own["subject"].isna()].set_index("figure")["value"]
+        alone = group[group["subject"].isna()].set_index("figure")["value"]
         found[str(model)] = {
             "fitted": each.get("fitted_rms", [np.nan] * 6),
             "held_out": each["heldout_rms"],
@@ -95,7 +95,7 @@ def optical(tables: Tables) -> dict[str, Any]:
     for name, powers in ((LINEAR, "linear"), (SQUARES, "squares"), (PRODUCTS, "products")):
         models[name]["random"] = _random_rows(scaled, loads, CalibrationModel(zero="common", powers=powers))
     poses = tables["signals"]["run"].nunique()
-    chosen = next(name for name, own in models.items() if own["chosen"])
+    chosen = next(name for name, model in models.items() if model["chosen"])
     return {"rows": len(signals), "poses": poses, "models": models, "chosen": chosen}
 
 

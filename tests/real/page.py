@@ -46,5 +46,5 @@ def rendered(template: str, facts: dict[str, dict[str, Any]], raw: dict[str, Any
         loader=jinja2.FileSystemLoader(HERE), trim_blocks=True, lstrip_blocks=True, undefined=jinja2.StrictUndefined
     )
     environment.filters["sure_to"] = with_uncertainty
-    short = {_SHORT[name]: found for name, found in facts.items()}
+    short = {_SHORT[name]: fact for name, fact in facts.items()}
     return environment.get_template(template).render(short | _MODELS | {"raw": raw}).rstrip() + "\n"

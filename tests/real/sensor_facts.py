@@ -59,8 +59,8 @@ def six_axis(data: Path) -> dict[str, dict[str, Any]]:
 
 def _put_right(loads: NDArray, exchanges: list[RowExchange]) -> NDArray:
     right = loads.copy()
-    for one in exchanges:
-        rows, components = [one.first, one.second], list(one.components)
+    for exchange in exchanges:
+        rows, components = [exchange.first, exchange.second], list(exchange.components)
         right[np.ix_(rows, components)] = right[np.ix_(rows[::-1], components)]
     return right
 
@@ -154,19 +154,19 @@ def pier_of(moved: NDArray, force: NDArray) -> dict[str, Any]:
     small = (step > large[0]) & (step < large[1])  # the first reading, far off, was taken before the test
     loop = np.searchsorted(whole.step, step)
     table = load_table(moved[small], force[small], loop[small], signal_names=("x", "y", "z", "rx", "ry", "rz"))
-    held: HeldOutPredictions = hold_out(table, LINEAR)
+    predictions: HeldOutPredictions = hold_out(table, LINEAR)
     spread = force[small].std(0)
     scaled = (moved[small] - moved[small].mean(0)) / moved[small].std(0)
     gentle = whole.amplitude[:, 0] < 15.0
     few = Loops(whole.step[gentle], whole.gap[gentle], whole.amplitude[gentle])
     return {
         "steps": int(small.sum()),
-        "stiffness": held.fit.matrix,
-        "sigma": held.fit.sigma,
+        "stiffness": predictions.fit.matrix,
+        "sigma": predictions.fit.sigma,
         "sigma_by_loop": covariance_by_case(table, LINEAR).sigma,
         "weakest": float(np.linalg.svd(scaled, compute_uv=False)[-1] / np.sqrt(small.sum())),
-        "r2": 1.0 - np.mean(held.fit.residuals**2, 0) / spread**2,
-        "held_out_r2": 1.0 - held.rms**2 / spread**2,
+        "r2": 1.0 - np.mean(predictions.fit.residuals**2, 0) / spread**2,
+        "held_out_r2": 1.0 - predictions.rms**2 / spread**2,
         "loops": len(whole.step),
         "gentle": len(few.step),
         "hysteresis": few.mean,

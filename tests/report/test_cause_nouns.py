@@ -6,7 +6,14 @@ import re
 
 import pytest
 
-from truing.report.wordings.catalogue import WORDINGS, cause_words, noun_of_subject, parameter_of_cause
+from truing.report.error_figures import error_figure_words
+from truing.report.wordings.catalogue import (
+    WORDINGS,
+    cause_meaning,
+    cause_words,
+    noun_of_subject,
+    parameter_of_cause,
+)
 
 SUBJECTS = (
     "joint elbow",
@@ -46,3 +53,20 @@ def test_the_kind_of_the_subject_is_named_once(cause: str, subject: str) -> None
 )
 def test_a_parameter_that_its_cause_names_is_said_once(parameter: str, cause: str, subject: str, words: str) -> None:
     assert parameter_of_cause(parameter, cause, subject) == words
+
+
+def test_the_platform_deforms_in_its_plane_with_each_legs_own_actuator() -> None:
+    assert "at each leg with its own actuator" in cause_meaning("in-plane-deformation")
+
+
+@pytest.mark.parametrize(
+    ("figure", "words"),
+    [
+        ("rms_error", "rms error"),
+        ("verification_max_error", "largest error, held-out data"),
+        ("cv_mean_error", "mean absolute error, each pose or run predicted from the others"),
+        ("figure_of_a_package", "figure of a package"),
+    ],
+)
+def test_statistics_of_deformation_models_are_named_in_words(figure: str, words: str) -> None:
+    assert error_figure_words(figure) == words

@@ -30,6 +30,7 @@ from truing.report.similar_numbers_section import alike
 from truing.report.stopping_section import stop
 from truing.report.verdict import with_verdict
 from truing.schemas.needs import Need
+from truing.schemas.stage_cost import StageCost
 
 ABOUT = CampaignFacts(
     title="Wing 7, second campaign",
@@ -256,12 +257,15 @@ def test_a_bench_is_not_asked_for_a_requirement_that_does_not_apply_to_it() -> N
 
 def test_settings_software_files_and_persons_stand_in_the_provenance() -> None:
     declared, software, persons = (("noise.point_mm", "0.005"),), (("numpy", "2.4"),), (("A. Berg", "operator"),)
-    files = (RawFileFacts("points.csv", 12345, 1201, "ab" * 32), RawFileFacts("a.jpg", 7, None, "cd" * 32))
-    about = replace(ABOUT, declared=declared, software=software, persons=persons, files=files)
+    day = "2026-11-21 09:30"
+    files = (RawFileFacts("points.csv", 12345, 1201, "ab" * 32, day), RawFileFacts("a.jpg", 7, None, "cd" * 32))
+    costs = (StageCost("pose", 0.456, 200_400_000, 2), StageCost("diagnose", 10.0))
+    about = replace(ABOUT, declared=declared, software=software, persons=persons, files=files, costs=costs)
     section = {one.id: one for one in build_sections(campaign_tables(), {}, about)}["provenance"]
     shown = [listing.rows for listing in section.listings]
-    rows = (("points.csv", "12,345", "1,201", "ab" * 32), ("a.jpg", "7", "", "cd" * 32))
-    assert shown == [declared, software, rows, persons]
+    rows = (("points.csv", "12,345", day, "1,201", "ab" * 32), ("a.jpg", "7", "", "", "cd" * 32))
+    took = (("pose", "0.46", "200", "2"), ("diagnose", "10.00", "–", "1"))
+    assert shown == [declared, software, took, rows, persons]
 
 
 def test_comments_stand_in_their_section_and_are_escaped() -> None:

@@ -217,6 +217,25 @@ def test_readings_that_no_simulation_relates_to_poses_are_not_tested():
     assert campaign(tables).mark == GREEN
 
 
+def test_a_relation_is_tested_of_the_bodies_that_it_was_tested_of():
+    named = {"relation": ["points-against-survey"] * 2, "subject": ["tool0", "base"], "accepted": [None] * 2}
+    relations = pd.DataFrame(named | {"state": ["not tested", "ok"], "misfit": [np.nan, 0.1]})
+    said = section_verdicts(of(FOUND, belonging=relations))["belonging"].explanation
+    assert_says(said, "as far as tested", "(base)")
+    assert_says(said, "Not tested", "(tool0)")
+
+
+def test_an_arm_whose_tool_has_one_target_loses_no_pose():
+    fits = {"pose": [1, 1], "body": ["tool0", "base"], "method": "maximum_likelihood", "default": True}
+    fits |= {"n_used": [1, 4], "status": ["too-few-points", "ok"]}
+    tables = of(FOUND, poses=pd.DataFrame(fits), joints=pd.DataFrame({"pose": [1]}))
+    whole, alone = section_verdicts(tables)["poses"], tables | {"poses": tables["poses"][:1]}
+    assert (whole.state, whole.value) == (RelationState.OK, 0.0)
+    assert_says(whole.explanation, "tool0 has fewer than three targets", "points are used")
+    assert section_verdicts(alone)["poses"].state == RelationState.NOT_TESTED
+    assert section_verdicts({name: t for name, t in tables.items() if name != "joints"})["poses"].value == 1.0
+
+
 def test_what_no_campaign_of_its_kind_could_show_is_not_agreed_upon():
     hidden = [{**one, "verdict": "not testable"} for one in rejected()]
     verdict = section_verdicts(of(*hidden))["diagnosis"]

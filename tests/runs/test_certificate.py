@@ -222,7 +222,7 @@ def test_no_number_of_a_model_that_fails_is_certified(run: truing.Run, section: 
         for row in _measurements(_with_verdict(run, section, state, code))
     }
     assert kinds == {"Poses"}
-    assert {"Poses", "Numbers of the mechanism"} <= {
+    assert {"Poses", "Parameters of the mechanism"} <= {
         row.findtext("dcc:name/dcc:content", "", _NAMES) for row in _measurements(run)
     }
 
@@ -262,7 +262,7 @@ def test_the_command_says_what_was_not_certified(
     )
     done = _call(run.folder, "--to", "dcc", "--campaign", campaign, "--out", campaign / "out")
     assert done.exit_code == ExitCode.DONE
-    assert "not certified: Numbers of the mechanism" in " ".join(done.output.split())
+    assert "not certified: Parameters of the mechanism" in " ".join(done.output.split())
 
 
 def test_data_that_do_not_belong_together_are_not_certified(

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import io
 import json
+from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
@@ -130,6 +131,26 @@ def test_what_follows_a_column_without_a_name_is_told_and_predicted_from_that_co
     told = told[told["encoder"] == "measured"]
     moved = told["value"].to_numpy()[1] - told["value"].to_numpy()[0]
     assert abs(moved - 0.004 * 4.0) < 4.0 * told["sigma"].max() < 0.2 * moved
+
+
+def test_two_errors_per_turn_and_a_shifted_zero_are_named_together(tmp_path: Path) -> None:
+    """One curve of the command absorbs both errors; none of it is left for an effect without a name."""
+    sweep = np.linspace(0.0, 360.0, 25)
+    command, turn = np.tile(np.concatenate([sweep, sweep[::-1]]), 2), np.deg2rad(360.0) / 360.0
+    layout = _layout(command=command, channels=("measured",), noise={"command": 0.0, "measured": 1e-4}, event_row=50)
+    layout = replace(layout, held_out=np.arange(100) % 5 == 3)
+    sizes = {1: 2.4e-3, 2: 1.2e-3}
+    course = sum(size * np.sin(order * turn * command + 0.7) for order, size in sizes.items())
+    course = course + 1.8e-3 * (np.arange(100) >= 50)
+    folder = write(record(layout, (), np.random.default_rng(3), {"measured": course}), tmp_path / "campaign")
+    assert _truing("run", str(folder), "--only", "diagnose", "--out", str(tmp_path / "run"))[0] == 0
+    found = [row for row in pq.read_table(tmp_path / "run/diagnosis.parquet").to_pylist() if row["verdict"] == "found"]
+    assert sorted(row["cause"] for row in found) == ["periodic-error", "periodic-error", "zero-shift"]
+    told = [json.loads(row["parameters"]) for row in found if row["cause"] == "periodic-error"]
+    for one in told:
+        order = round(2.0 * np.pi / one["period"]["value"])
+        amplitude = one["amplitude"]
+        assert abs(amplitude["value"] - np.deg2rad(sizes[order])) < 4.0 * amplitude["sigma"] < 0.2 * amplitude["value"]
 
 
 def test_growth_with_temperature_is_named_and_predicted_about_its_fixed_point(tmp_path: Path) -> None:

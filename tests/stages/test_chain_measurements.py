@@ -20,6 +20,7 @@ from tests.blind.generator.arms import draw, write
 from tests.simulation.mechanisms.chains.made_arms import arm, campaign
 from tests.tolerance import assert_close
 from truing.pipeline.command_line import app
+from truing.simulation.mechanisms.chains.causes import DistanceOffset
 from truing.simulation.mechanisms.chains.distances import DistanceModel
 from truing.simulation.mechanisms.chains.motor_encoders import motor_terms
 from truing.stages.common.chain_measurements import MeasuredLinks, measured_links, reference_link
@@ -78,7 +79,7 @@ def test_derivatives_of_coordinates_and_distances_on_the_same_channels() -> None
         conditions,
         ends=np.array([[0, 1]]),
         coordinates=np.indices((3, 3)).reshape(2, -1).T,
-    )
+    ).with_causes([DistanceOffset("P1", 3, 3.0)])
     shared, local = 0.01 * rng.normal(size=mixed.shared_size), rng.normal(size=(6, 5))
     found = mixed.predict(shared, local)
     assert found.values.shape == (6, 10, 1)
@@ -87,6 +88,13 @@ def test_derivatives_of_coordinates_and_distances_on_the_same_channels() -> None
     assert len(set(mixed.channel_groups)) == 3
     plain = replace(model, known=mixed.known).at(conditions).points(shared, local)
     assert_close(found.values[:, :9, 0], plain.reshape(6, -1), atol=0)
+    off = mixed.points(np.zeros(mixed.shared_size), local)
+    one = DistanceOffset("P1", 3, 3.0)
+    longer = np.zeros(mixed.shared_size)
+    longer[mixed.layout[one.key]] = 1e-3 / mixed.effect_sigma(one)
+    assert_close(
+        (mixed.points(longer, local) - off)[:, :, 0], 1e-3 * np.outer(np.arange(6) >= 3, np.arange(10) == 9), atol=1e-12
+    )
     for j, step in enumerate(1e-4 * np.eye(mixed.shared_size)):
         slope = (mixed.points(shared + step, local) - mixed.points(shared - step, local)) / 2e-4
         assert_close(found.by_shared[..., j], slope, atol=2e-8)

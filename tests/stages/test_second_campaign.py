@@ -40,7 +40,7 @@ from truing.stages.common.nominal_sensor import nominal_sensor
 from truing.stages.common.recorded_signals import recorded
 from truing.stages.second_campaign.compared import SecondCampaign
 from truing.stages.second_campaign.errors import second_campaign_errors
-from truing.stages.second_campaign.loads import _by_matrix
+from truing.stages.second_campaign.loads import _errors_by_matrix
 
 UNLIKELY = 1e-4
 
@@ -170,9 +170,9 @@ def test_a_calibration_needs_of_the_next_series_what_it_follows(tmp_path: Path) 
     cold = replace(found, covariate=np.empty((len(found.signal), 0)), covariate_names=())
     follows = [model.name for model in contenders(warm) if model.drift]
     with pytest.raises(ValueError, match="G_B follows temperature, which the second campaign does not hold"):
-        list(_by_matrix(warm, cold, follows[0], "calibrated"))
+        list(_errors_by_matrix(warm, cold, follows[0], "calibrated"))
     plain = contenders(cold)[1].name
-    errors = [[one.errors for one in _by_matrix(own, cold, plain, "calibrated")] for own in (warm, cold)]
+    errors = [[one.errors for one in _errors_by_matrix(own, cold, plain, "calibrated")] for own in (warm, cold)]
     assert np.allclose(errors[0], errors[1])
 
 

@@ -71,9 +71,11 @@ def gathered(folder: Path) -> DiagnosisData:
     return assemble(tables, read_campaign(document))
 
 
-def fitted(found: DiagnosisData, *causes: Cause) -> FittedModel:
+def fitted(diagnosis_data: DiagnosisData, *causes: Cause) -> FittedModel:
     """The model with some causes, fitted to a campaign."""
-    return Fitter(found.model, found.calibration, found.held_out, 0).prepared((*found.given, *causes))
+    return Fitter(diagnosis_data.model, diagnosis_data.calibration, diagnosis_data.held_out, 0).prepared(
+        (*diagnosis_data.given, *causes)
+    )
 
 
 def model_text(stand: FittedModel, campaign: str) -> str:

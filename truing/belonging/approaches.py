@@ -64,7 +64,9 @@ def match_targets(target: Array, position: Array) -> TargetMatch:
     if best * _BETTER < misfit and best < _LEFT * travel:
         alike = [slips for left, slips in tried if left <= _AS_GOOD * best]
         explained = next(left for left, slips in tried if slips == alike[0])
-        return TargetMatch(misfit, explained, alike[0], rivals=tuple(one[0] for one in alike[1:] if len(one) == 1))
+        return TargetMatch(
+            misfit, explained, alike[0], rivals=tuple(match[0] for match in alike[1:] if len(match) == 1)
+        )
     centred = target - target.mean()
     if abs(float(centred @ position)) < _FOLLOWS * float(centred @ centred):
         return TargetMatch(misfit, _rms(position), deviations=True)

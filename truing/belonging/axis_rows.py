@@ -17,6 +17,9 @@ _FEWEST = 3  # fewest rows in another unit or shifted
 _MOST = 300  # most rows among which an exchange is sought
 _EXPLAINED = 0.9  # least share of the rows that a slip explains
 _SHIFTS = (1, -1, 2, -2)
+# Fewest readings that show a scatter; how near its ratio to the declared noise lies to that of another unit.
+_FEWEST_SCATTERED, _OF_UNIT = 10, 1.9
+_SECOND_DIFFERENCE = 1.652  # median of its absolute value, in standard deviations of a reading
 
 
 class RowSlipKind(StrEnum):
@@ -62,6 +65,19 @@ def slip_of_rows(command: Array, reading: Array, ratio: float, units: Mapping[st
             return AxisRowSlip(RowSlipKind.UNIT, apart, name)
     are_copies = len(apart) >= _FEWEST and all(np.sum(reading == reading[row]) > 1 for row in apart)
     return AxisRowSlip(RowSlipKind.COPIED if are_copies else RowSlipKind.STRAY, apart)
+
+
+def unit_of_deviations(deviation: Array, declared: float, units: Mapping[float, str]) -> str:
+    """Return the unit in which deviations (N,) in order of time were written, or else their noise was declared; empty
+    where their scatter has the declared size.
+
+    ``units``: names by size. Second differences hold little of errors that change slowly. No axis scatters by thousands
+    of times the noise of its instrument, and just by the ratio of two units.
+    """
+    if not declared > 0.0 or len(deviation) < _FEWEST_SCATTERED:
+        return ""
+    ratio = float(np.median(np.abs(np.diff(deviation, 2)))) / (_SECOND_DIFFERENCE * declared)
+    return next((name for size, name in units.items() if 1.0 / _OF_UNIT < ratio / size < _OF_UNIT), "")
 
 
 def _zero(difference: Array, limit: float) -> tuple[float, Mask]:

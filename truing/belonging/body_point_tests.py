@@ -85,8 +85,8 @@ class BodyPoints:
     def subset(self, rows: Index) -> BodyPoints:
         """Return the body in some poses."""
         names = tuple(self.poses[row] if self.poses else str(row) for row in rows.tolist())
-        groups = tuple((name, tuple(np.asarray(own)[rows].tolist())) for name, own in self.groups)
-        others = tuple(one.subset(rows) for one in self.others)
+        groups = tuple((name, tuple(np.asarray(labels)[rows].tolist())) for name, labels in self.groups)
+        others = tuple(other.subset(rows) for other in self.others)
         return replace(self, points=self.points[rows], seen=self.seen[rows], poses=names, groups=groups, others=others)
 
 
@@ -107,30 +107,36 @@ def slips_in_poses(body: BodyPoints, limit: float) -> tuple[tuple[RecordSlip, ..
     limit: largest misfit, m, of points that fit their survey. No slip where every pose, or none, is right as recorded,
     and none in poses with fewer than four targets.
     """
-    most_seen = np.max([one.sum(axis=1) for one in (body.seen, *(other.seen for other in body.others))], axis=0)
+    most_seen = np.max(
+        [seen_targets.sum(axis=1) for seen_targets in (body.seen, *(other.seen for other in body.others))], axis=0
+    )
     usable = np.flatnonzero(most_seen >= _enough(most_seen))
     concerned = np.zeros(len(body.seen), bool)
     if not len(usable):
         return (), concerned
-    own = body.subset(usable)
-    plain = _fitted(own.survey, own.points, own.seen)
-    mirrored = _fitted(own.survey * [-1.0, 1.0, 1.0], own.points, own.seen)
-    trials = [*_in_other_units(own), _Trial(SlipKind.MIRRORED, "points", 1.0, mirrored), *_of_other_bodies(own)]
-    exchanged = exchanged_names(own.targets, own.survey, own.points, own.seen, plain, limit)
+    subset = body.subset(usable)
+    plain = _fitted(subset.survey, subset.points, subset.seen)
+    mirrored = _fitted(subset.survey * [-1.0, 1.0, 1.0], subset.points, subset.seen)
+    trials = [
+        *_trials_in_other_units(subset),
+        _Trial(SlipKind.MIRRORED, "points", 1.0, mirrored),
+        *_trials_with_other_bodies(subset),
+    ]
+    exchanged = exchanged_names(subset.targets, subset.survey, subset.points, subset.seen, plain, limit)
     trials += [_Trial(SlipKind.PARTS_EXCHANGED, quantity, 1.0, misfit) for quantity, misfit in exchanged]
     after = np.stack([trial.misfit for trial in trials])
     best, least = after.argmin(axis=0), after.min(axis=0)
     is_better = (plain > limit) & (least < _FIFTH * plain)
     typical = float(np.median(np.where(is_better, least, plain)))
-    right = ~is_better & (plain <= max(limit, min(_AS_RIGHT * typical, _LARGEST_BEND * _size(own.survey))))
+    right = ~is_better & (plain <= max(limit, min(_AS_RIGHT * typical, _LARGEST_BEND * _size(subset.survey))))
     is_unit = np.array([trial.kind is SlipKind.UNIT for trial in trials])[best]
     # a factor of a thousand shows in the size alone: numbers in metres may be coarse
     slipped = is_better & (is_unit & (least <= _COARSE * plain) | (least <= max(_AS_OTHERS * typical, limit)))
     if not right.any() or not slipped.any():
         return (), concerned
-    named = tuple(_slips(own, trials, np.where(slipped, best, -1), plain, right))
-    concerned[usable] = np.any([one.rows for one in named], axis=0) if named else False
-    return tuple(one.slip for one in named), concerned
+    named = tuple(_slips(subset, trials, np.where(slipped, best, -1), plain, right))
+    concerned[usable] = np.any([slip.rows for slip in named], axis=0) if named else False
+    return tuple(slip.slip for slip in named), concerned
 
 
 @dataclass(frozen=True)
@@ -147,15 +153,15 @@ def _slips(body: BodyPoints, trials: Sequence[_Trial], which: Index, plain: Arra
         if not rows.any() or (trial.kind is SlipKind.MIRRORED and _labels_explain(body, rows, trial.misfit)):
             continue
         # a pose with a gross error fits neither way; it counts as slipped like its neighbours if it fits better then
-        kept = right | (trial.misfit > _HALF * plain) | ((which >= 0) & ~rows)
+        unexplained_rows = right | (trial.misfit > _HALF * plain) | ((which >= 0) & ~rows)
         axes = _changed_axes(body, rows, right) if trial.kind is SlipKind.MIRRORED else np.full(len(rows), -1)
         for change in dict.fromkeys(axes[rows].tolist()):
             slip = (
                 AXES_CHANGES[change].slip if change >= 0 else RecordSlip(trial.kind, trial.quantity, (), trial.factor)
             )
-            own = rows & (axes == change)
-            where = row_places(own, kept | (rows & ~own), body.poses, body.groups)
-            yield _Named(replace(slip, subjects=(*where, body.name)), own | (~kept & ~rows))
+            rows_of_axis = rows & (axes == change)
+            where = row_places(rows_of_axis, unexplained_rows | (rows & ~rows_of_axis), body.poses, body.groups)
+            yield _Named(replace(slip, subjects=(*where, body.name)), rows_of_axis | (~unexplained_rows & ~rows))
 
 
 def _enough(count: Index) -> int:
@@ -172,7 +178,7 @@ def _fitted(survey: Array, points: Array, seen: Mask) -> Array:
     return np.where(np.isfinite(rms) & (seen.sum(axis=1) >= _LEAST_TARGETS), rms, np.inf)
 
 
-def _in_other_units(body: BodyPoints) -> Iterator[_Trial]:
+def _trials_in_other_units(body: BodyPoints) -> Iterator[_Trial]:
     scaled = umeyama(body.survey, body.points, body.seen.astype(float), with_scale=True)
     enough = np.isfinite(scaled.rms) & (body.seen.sum(axis=1) >= _LEAST_TARGETS)
     with np.errstate(invalid="ignore", divide="ignore"):
@@ -181,7 +187,7 @@ def _in_other_units(body: BodyPoints) -> Iterator[_Trial]:
             yield _Trial(SlipKind.UNIT, "points", factor, np.where(enough & near, factor * scaled.rms, np.inf))
 
 
-def _of_other_bodies(body: BodyPoints) -> Iterator[_Trial]:
+def _trials_with_other_bodies(body: BodyPoints) -> Iterator[_Trial]:
     for other in body.others:
         quantity = f"points of body {other.name} in place of those of another body"
         yield _Trial(SlipKind.MISLABELLED, quantity, 1.0, _fitted(other.survey, other.points, other.seen))
@@ -195,8 +201,8 @@ def _labels_explain(body: BodyPoints, rows: Mask, mirrored: Array) -> bool:
         return False
     pairs = list(combinations(range(len(seen)), 2))
     order = np.tile(np.arange(len(seen)), (len(pairs), 1))
-    for at, (one, other) in enumerate(pairs):
-        order[at, [one, other]] = [other, one]
+    for at, (first, other) in enumerate(pairs):
+        order[at, [first, other]] = [other, first]
     fitted = umeyama(body.survey[seen][order], np.broadcast_to(body.points[row][seen], (*order.shape, 3)))
     return bool(np.nanmin(fitted.rms) <= _AS_OTHERS * mirrored[row])
 
@@ -204,7 +210,7 @@ def _labels_explain(body: BodyPoints, rows: Mask, mirrored: Array) -> bool:
 def _changed_axes(body: BodyPoints, rows: Mask, right: Mask) -> Index:
     """Return the change (B,) that brings mirrored poses to the place of the right ones; -1 where none clearly does.
     None does where the instrument was moved."""
-    found = np.full(len(rows), -1)
+    axis_of_row = np.full(len(rows), -1)
     points = np.where(body.seen[:, :, None], body.points, np.nan)
     known = np.isfinite(points[right]).any(axis=(0, 2))
     middle = np.full(points.shape[1:], np.nan)
@@ -214,12 +220,12 @@ def _changed_axes(body: BodyPoints, rows: Mask, right: Mask) -> Index:
     apart = np.array([_rms_distance(points[at] @ change.matrix, middle) for change in AXES_CHANGES]).T
     first, second = np.sort(apart, axis=1)[:, :2].T
     clear = (first <= spread) & (second > _NEARER * first)
-    found[at[clear]] = apart[clear].argmin(axis=1)
+    axis_of_row[at[clear]] = apart[clear].argmin(axis=1)
     if clear.any():
         # The other poses have the same change, unless it brings them clearly less near than another one.
-        most = int(np.bincount(found[at[clear]]).argmax())
-        found[at[~clear & (apart[:, most] <= _NEARLY * first)]] = most
-    return found
+        most = int(np.bincount(axis_of_row[at[clear]]).argmax())
+        axis_of_row[at[~clear & (apart[:, most] <= _NEARLY * first)]] = most
+    return axis_of_row
 
 
 def _rms_distance(points: Array, middle: Array) -> Array:
@@ -254,7 +260,7 @@ def relate_survey(body: BodyPoints) -> RelationTest:
         rounded = replace(tested, state=RelationState.ATTENTION, reason="rounded", misfit=float(error), limit=noise)
         return replace(rounded, slips=(slip,), tried=2)
     if before <= _MISFIT * body.sigma and _explains_most(scaled.rms, before, scaled.scale):
-        return _in_other_scale(tested, body, scaled)
+        return _test_other_scale(tested, body, scaled)
     if before <= _MISFIT * body.sigma:
         mirrored_slip = (RecordSlip(SlipKind.MIRRORED, "points or survey of body", (body.name,)),)
         return replace(tested, tried=2, hidden=mirrored_slip if is_flat(body.survey) else ())
@@ -263,9 +269,13 @@ def relate_survey(body: BodyPoints) -> RelationTest:
         trials.append((RecordSlip(SlipKind.UNIT, "points of body", (body.name,), factor), _typical(scaled.rms)))
     slip, after = min(trials, key=lambda trial: trial[1])
     if after > _FIFTH * before and _typical(scaled.rms) <= _FIFTH * before:
-        return _in_other_scale(tested, body, scaled)
-    if after > _FIFTH * before and body.named is not None and (found := _under_other_names(body.named)) is not None:
-        order, left = found
+        return _test_other_scale(tested, body, scaled)
+    if (
+        after > _FIFTH * before
+        and body.named is not None
+        and (other_names := _under_other_names(body.named)) is not None
+    ):
+        order, left = other_names
         if left <= _FIFTH * before:
             slip = RecordSlip(SlipKind.RELABELLED, "targets", (*renamed(body.named, order), body.name))
             named = replace(tested, state=RelationState.FAILS, reason="slip", slips=(slip,), tried=3)
@@ -278,7 +288,7 @@ def relate_survey(body: BodyPoints) -> RelationTest:
     )
 
 
-def _in_other_scale(tested: RelationTest, body: BodyPoints, scaled: RigidFit) -> RelationTest:
+def _test_other_scale(tested: RelationTest, body: BodyPoints, scaled: RigidFit) -> RelationTest:
     """Return the test with the scale of the survey over that of the points as its explanation."""
     slip = RecordSlip(SlipKind.SCALE, "points of body", (body.name,), 1.0 / float(np.nanmedian(scaled.scale)))
     as_large = replace(tested, state=RelationState.ATTENTION, reason="scale", tried=3)
@@ -307,7 +317,7 @@ def relate_poses(body: BodyPoints) -> RelationTest:
     tested = RelationTest(POSES, RelationState.OK, "agrees", body.name, 1e3 * before, unit="mm", limit=1e3 * limit)
     # A slip scatters all points alike where the shape comes from both sorts of poses: the declared noise shows it.
     if slips := _slips_of_some(body, limit / body.noise_factor, is_surveyed=False):
-        rivals = _of_the_others(body, slips, poses_with_slips(body))
+        rivals = _slips_of_the_others(body, slips, poses_with_slips(body))
         if rivals and slips[0].kind is SlipKind.UNIT and slips[0].factor < 1.0:  # most units are larger than mm
             slips, rivals = rivals, slips
         failed = replace(tested, state=RelationState.FAILS, reason="slip", misfit=None, tried=4)
@@ -321,7 +331,7 @@ def relate_poses(body: BodyPoints) -> RelationTest:
     return replace(tested, tried=4, hidden=alike)
 
 
-def _of_the_others(body: BodyPoints, slips: tuple[RecordSlip, ...], concerned: Mask) -> tuple[RecordSlip, ...]:
+def _slips_of_the_others(body: BodyPoints, slips: tuple[RecordSlip, ...], concerned: Mask) -> tuple[RecordSlip, ...]:
     """Return the same slip in all other poses: without a survey nothing tells which are right, unless these are most of
     them."""
     if len(slips) != 1 or concerned.mean() < _NO_MAJORITY:
@@ -384,18 +394,20 @@ def shifted_survey(
 def joined_results(tested: tuple[RelationTest, ...]) -> Iterator[RelationTest]:
     """Yield one result for all bodies of the same state, reason and slip: that of the body that fits worst."""
     groups: dict[tuple[object, ...], list[RelationTest]] = {}
-    for one in tested:
+    for test in tested:
         alike = tuple(
             (slip.kind, slip.quantity, slip.kind is SlipKind.SCALE or slip.factor, slip.subjects[:-1])
-            for slip in one.slips
+            for slip in test.slips
         )
-        groups.setdefault((one.state, one.reason, alike), []).append(one)
+        groups.setdefault((test.state, test.reason, alike), []).append(test)
     for group in groups.values():
         worst = max(group, key=lambda one: one.misfit or 0.0)
-        names = tuple(one.subject for one in group)
+        names = tuple(member.subject for member in group)
         slips = tuple(replace(slip, subjects=(*slip.subjects[:-1], *names)) for slip in worst.slips)
-        hidden = tuple(slip for one in group for slip in one.hidden)
-        yield replace(worst, subject=" ".join(names), slips=slips, hidden=hidden, tried=sum(one.tried for one in group))
+        hidden = tuple(slip for member in group for slip in member.hidden)
+        yield replace(
+            worst, subject=" ".join(names), slips=slips, hidden=hidden, tried=sum(member.tried for member in group)
+        )
 
 
 def _unit(scale: Array) -> float | None:

@@ -42,13 +42,13 @@ class ChanceEquality:
         """Return the statistics of columns (N, K), for the rows of each run, under loads (N, 6); declared
         noise (K,)."""
         shape = len(rows), value.shape[1]
-        seen = np.array([noise_of_neighbours(load[own], value[own]) for own in rows]).reshape(shape)
+        seen = np.array([noise_of_neighbours(load[run_rows], value[run_rows]) for run_rows in rows]).reshape(shape)
         return cls(
-            np.array([[resolution(own) for own in value[there].T] for there in rows]).reshape(shape),
+            np.array([[resolution(column) for column in value[there].T] for there in rows]).reshape(shape),
             np.where(np.isnan(seen), _UNSEEN * declared, np.minimum(declared, seen)),
             seen,
-            np.array([[_span(own) for own in value[there].T] for there in rows]).reshape(shape),
-            tuple(load[own] for own in rows),
+            np.array([[_span(column) for column in value[there].T] for there in rows]).reshape(shape),
+            tuple(load[run_rows] for run_rows in rows),
         )
 
     def between(self, first: int, second: int) -> Array:
@@ -122,7 +122,7 @@ def noise_of_neighbours(load: Array, value: Array) -> Array:
     at = np.arange(count)[:, None] + np.arange(5)
     place = way[0][at]
     steps = np.diff(place, axis=1)
-    at, place = (one[(steps > 0.0).all(axis=1) | (steps < 0.0).all(axis=1)] for one in (at, place))
+    at, place = (values[(steps > 0.0).all(axis=1) | (steps < 0.0).all(axis=1)] for values in (at, place))
     others = place[:, [0, 1, 3, 4]]
     weight = np.ones_like(others)
     for column in range(4):
@@ -136,8 +136,8 @@ def noise_of_neighbours(load: Array, value: Array) -> Array:
     )
 
 
-def _share(part: Array, whole: Array) -> Array:
-    return part / np.maximum(np.maximum(part, whole), 1e-300)
+def _share(part: Array, total: Array) -> Array:
+    return part / np.maximum(np.maximum(part, total), 1e-300)
 
 
 def _span(value: Array) -> float:

@@ -46,30 +46,30 @@ def copied_parts(
     """
     length = _rows_per_comparison(value)
     number = _numbered(np.nan_to_num(value))
-    keys = [_windows(ids, length) for ids in (number[own] for own in rows)]
+    keys = [_windows(ids, length) for ids in (number[run_rows] for run_rows in rows)]
     number = _numbered(np.concatenate(keys)) if len(keys) else np.zeros(0, np.int64)
-    windows = np.split(number, np.cumsum([len(one) for one in keys])[:-1])
+    windows = np.split(number, np.cumsum([len(key) for key in keys])[:-1])
     loads = _numbered(load)
-    found = []
+    copies = []
     pairs = list(_sharing(windows))
     for first, second in pairs:
         inside = [np.flatnonzero(np.isin(windows[a], windows[b])) for a, b in ((first, second), (second, first))]
-        covered = [np.unique(own[:, None] + np.arange(length)) for own in inside]
+        covered = [np.unique(start[:, None] + np.arange(length)) for start in inside]
         shorter = min(len(rows[first]), len(rows[second]))
-        share = min(len(own) for own in covered) / shorter
+        share = min(len(covered_rows) for covered_rows in covered) / shorter
         distinct = len(np.unique(windows[first][inside[0]]))
         if min(map(len, covered)) < FEWEST or distinct < FEWEST or share < SHARE:
             continue
-        there = [rows[run][own] for run, own in zip((first, second), covered, strict=True)]
+        there = [rows[run][run_rows] for run, run_rows in zip((first, second), covered, strict=True)]
         same = np.array_equal(np.unique(loads[there[0]]), np.unique(loads[there[1]]))
         under_equal = chance.under_equal_loads(first, second)
         likely = under_equal if same else np.maximum(under_equal, chance.between(first, second))
         tries = len(rows[first]) * len(rows[second])
         if _chance(value[there[0]], likely, distinct // length, length, tries) < np.log(_CHANCE / len(pairs)):
-            found.append(CopiedPart(first, second, covered[0], share))
-    longest = max((len(own) for own in rows), default=0)
+            copies.append(CopiedPart(first, second, covered[0], share))
+    longest = max((len(run_rows) for run_rows in rows), default=0)
     informative = bool(len(value)) and _chance(value, chance.typical(), max(FEWEST // length, 1), length, longest**2)
-    return found, bool(informative and informative < np.log(_CHANCE))
+    return copies, bool(informative and informative < np.log(_CHANCE))
 
 
 def _rows_per_comparison(value: Array) -> int:
@@ -95,14 +95,16 @@ def _sharing(windows: Sequence[Index]) -> Iterator[tuple[int, int]]:
     """Yield pairs of runs that share enough different windows."""
     from scipy.sparse import csr_array
 
-    own = [np.unique(one) for one in windows]
-    run = np.repeat(np.arange(len(own)), [len(one) for one in own])
-    ids = np.concatenate(own) if own else np.zeros(0, np.int64)
+    window_ids = [np.unique(window) for window in windows]
+    run = np.repeat(np.arange(len(window_ids)), [len(one) for one in window_ids])
+    ids = np.concatenate(window_ids) if window_ids else np.zeros(0, np.int64)
     often = np.bincount(ids, minlength=1)[ids] > 1
     if not often.any():
         return
-    held = csr_array((np.ones(int(often.sum())), (run[often], ids[often])), shape=(len(own), int(ids.max()) + 1))
-    shared = (held @ held.T).tocoo()
+    occurrence = csr_array(
+        (np.ones(int(often.sum())), (run[often], ids[often])), shape=(len(window_ids), int(ids.max()) + 1)
+    )
+    shared = (occurrence @ occurrence.T).tocoo()
     for first, second, count in zip(shared.row.tolist(), shared.col.tolist(), shared.data.tolist(), strict=True):
         if first < second and count >= FEWEST / 2:
             yield first, second
@@ -113,7 +115,7 @@ def _chance(value: Array, likely: Array, count: int, length: int, tries: int) ->
     possible ones."""
     from scipy.special import gammaln
 
-    moving = np.array([bool(np.isfinite(own).all()) and len(np.unique(own)) > 2 for own in value.T])
+    moving = np.array([bool(np.isfinite(column).all()) and len(np.unique(column)) > 2 for column in value.T])
     if value.shape[1] > 0 and not moving.any():
         return 0.0
     each = length * float(np.log(likely[moving]).sum()) + np.log(max(tries, 1))
@@ -134,8 +136,8 @@ def copied_runs(run: Index, runs: Sequence[str], load: Array, tables: Sequence[V
 
     Whole runs are compared row by row from their first rows, parts of them at any place.
     """
-    found, pairs, informative, parts_tell = dict[tuple[str, str], list[_Copy]](), 0, False, True
-    rows = [np.flatnonzero(run == one) for one in range(len(runs))]
+    copies, pairs, informative, parts_tell = dict[tuple[str, str], list[_Copy]](), 0, False, True
+    rows = [np.flatnonzero(run == number) for number in range(len(runs))]
     for table in map(_rounded, tables):
         chance = ChanceEquality.of_runs(table.value, rows, load, table.noise)
         informative |= any(
@@ -146,16 +148,16 @@ def copied_runs(run: Index, runs: Sequence[str], load: Array, tables: Sequence[V
             each = chance.between(first, second)
             share, likely = _equal(table.value[rows[first]], table.value[rows[second]], each)
             if share >= _EQUAL and likely < _CHANCE:
-                found.setdefault((runs[first], runs[second]), []).append(_Copy(table.name, share))
+                copies.setdefault((runs[first], runs[second]), []).append(_Copy(table.name, share))
         parts, tell = copied_parts(table.value, rows, load, chance)
         parts_tell &= tell
         for part in parts:
-            known = found.setdefault((runs[part.first], runs[part.second]), [])
-            if all(one.quantity != table.name for one in known):
+            known = copies.setdefault((runs[part.first], runs[part.second]), [])
+            if all(copy.quantity != table.name for copy in known):
                 known.append(_Copy(table.name, part.share, tuple((part.rows + 1).tolist())))
         pairs += len(runs) * (len(runs) - 1) // 2
-    if found:
-        return tuple(_relation_tests(found, pairs))
+    if copies:
+        return tuple(_relation_tests(copies, pairs))
     if not pairs or not informative:
         return (RelationTest(RELATION, RelationState.NOT_TESTED, "coarse" if pairs else "one-run"),)
     return (RelationTest(RELATION, RelationState.OK, "no-copies" if parts_tell else "no-whole-copies", tried=pairs),)
@@ -179,9 +181,9 @@ class _Copy:
 
 def _relation_tests(found: dict[tuple[str, str], list[_Copy]], pairs: int) -> Iterator[RelationTest]:
     for (first, second), copies in found.items():
-        rows = () if any(not one.rows for one in copies) else max((one.rows for one in copies), key=len)
-        slip = RecordSlip(SlipKind.COPIED, " and ".join(one.quantity for one in copies), (first, second), rows=rows)
-        share = 100.0 * max(one.share for one in copies)
+        rows = () if any(not copy.rows for copy in copies) else max((copy.rows for copy in copies), key=len)
+        slip = RecordSlip(SlipKind.COPIED, " and ".join(copy.quantity for copy in copies), (first, second), rows=rows)
+        share = 100.0 * max(copy.share for copy in copies)
         yield RelationTest(
             RELATION, RelationState.FAILS, "copied", f"{first}, {second}", share, None, None, "%", (slip,), tried=pairs
         )
@@ -201,7 +203,9 @@ def _equal(first: Array, second: Array, chance: Array) -> tuple[float, float]:
     count = min(len(first), len(second))
     both = np.isfinite(first[:count]) & np.isfinite(second[:count])
     equal = (first[:count] == second[:count]) & both
-    moving = np.array([len(np.unique(own[there])) > 2 for own, there in zip(first[:count].T, both.T, strict=True)])
+    moving = np.array(
+        [len(np.unique(column[there])) > 2 for column, there in zip(first[:count].T, both.T, strict=True)]
+    )
     both, equal = both[:, moving], equal[:, moving]
     if equal.sum() < _FEWEST:
         return 0.0, 1.0
@@ -210,15 +214,15 @@ def _equal(first: Array, second: Array, chance: Array) -> tuple[float, float]:
 
 def equal_columns(value: Array, columns: Sequence[RecordedColumn], relation: str, what: str) -> list[RelationTest]:
     """Return the columns (N, K) of one quantity that agree in every digit wherever one of them was recorded."""
-    found = []
-    for first, one in enumerate(columns):
+    tests = []
+    for first, column in enumerate(columns):
         for second in range(first + 1, len(columns)):
-            own, other = value[:, first], value[:, second]
-            same = one.quantity == columns[second].quantity and np.array_equal(own, other, equal_nan=True)
-            if same and len(np.unique(own[np.isfinite(own)])) >= _DIFFERENT:
-                names = (one.name, columns[second].name)
+            value_first, other = value[:, first], value[:, second]
+            same = column.quantity == columns[second].quantity and np.array_equal(value_first, other, equal_nan=True)
+            if same and len(np.unique(value_first[np.isfinite(value_first)])) >= _DIFFERENT:
+                names = (column.name, columns[second].name)
                 slip = RecordSlip(SlipKind.COPIED, what, names)
-                found.append(
+                tests.append(
                     RelationTest(
                         relation,
                         RelationState.FAILS,
@@ -232,4 +236,4 @@ def equal_columns(value: Array, columns: Sequence[RecordedColumn], relation: str
                         tried=1,
                     )
                 )
-    return found
+    return tests

@@ -27,8 +27,8 @@ def times_from_order(run: Index, step: Array, known: Array) -> Array:
     In a run without any known time, steps count one second each: only their order is known.
     """
     time = known.copy()
-    for one in np.unique(run):
-        rows = np.flatnonzero(run == one)
+    for number in np.unique(run):
+        rows = np.flatnonzero(run == number)
         rows = rows[np.argsort(step[rows], kind="stable")]
         seen = np.isfinite(known[rows])
         if not seen.any():

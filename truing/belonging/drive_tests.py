@@ -79,10 +79,10 @@ def relate_drive(driven: Sequence[DrivenBody]) -> RelationTest:
 
     Not tested where no body rotates about one axis by the angle of the drive in most poses: bodies need not follow.
     """
-    tested = [found for body in driven if (found := _relation(body)) is not None]
+    tested = [relation_test for body in driven if (relation_test := _relation(body)) is not None]
     if not tested:
         return RelationTest(DRIVES, RelationState.NOT_TESTED, "no-follower")
-    return min(tested, key=lambda one: (one.state == RelationState.FAILS, one.misfit or 0.0))
+    return min(tested, key=lambda test: (test.state == RelationState.FAILS, test.misfit or 0.0))
 
 
 def _relation(body: DrivenBody) -> RelationTest | None:
@@ -108,8 +108,8 @@ def _best_line(body: DrivenBody) -> _FollowedDrive | None:
     if len(body.readings) < _FEWEST_POSES:
         return None
     places = np.linspace(0, len(body.readings) - 1, _REFERENCES).astype(int)  # one of them may hold a slip
-    found = [line for at in places for line in _lines(body, int(at)) if _is_followed(body, line)]
-    return max(found, key=lambda line: (int(line.follows.sum()), -line.rms)) if found else None
+    lines = [line for at in places for line in _lines(body, int(at)) if _is_followed(body, line)]
+    return max(lines, key=lambda line: (int(line.follows.sum()), -line.rms)) if lines else None
 
 
 def _is_followed(body: DrivenBody, line: _FollowedDrive) -> bool:

@@ -25,8 +25,8 @@ class Physics:
 def physics(columns: Array) -> Physics:
     """Return effects (N, K), each column scaled by one standard deviation of its coefficient, in factored form."""
     left, size, _ = np.linalg.svd(columns, full_matrices=False)
-    kept = size > 1e-12 * max(float(size.max(initial=0.0)), 1e-300)
-    return Physics(left[:, kept], size[kept])
+    is_observable = size > 1e-12 * max(float(size.max(initial=0.0)), 1e-300)
+    return Physics(left[:, is_observable], size[is_observable])
 
 
 def log_evidence(misfit: Array, known: Physics, floor: float, ceiling: float = np.inf) -> Array:

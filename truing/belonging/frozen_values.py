@@ -41,12 +41,12 @@ def frozen(load: Array, run: Index, value: Array, matrix: Array, noise: Array) -
         most = float(np.abs(expected[seen]).max(initial=0.0))
         enough = max(_OF_RANGE * most, _OVER_STEP * _step(value[seen, column]))
         enough = max(enough, _OVER_NOISE * float(np.nan_to_num(noise[column])))
-        for one in np.unique(run[seen]):
-            rows = np.flatnonzero(seen & (run == one))
+        for number in np.unique(run[seen]):
+            rows = np.flatnonzero(seen & (run == number))
             still = _longest(value[rows, column])
             moves = float(np.ptp(expected[rows][still])) if still.stop - still.start >= _FEWEST else 0.0
             if most > 0.0 and moves > enough and not _is_limit(value[:, column], rows, expected, still):
-                yield Frozen(column, int(one), still.stop - still.start == len(rows), moves / most)
+                yield Frozen(column, int(number), still.stop - still.start == len(rows), moves / most)
 
 
 def constant_columns(load: Array, run: Index, value: Array) -> Iterator[Frozen]:
@@ -55,18 +55,24 @@ def constant_columns(load: Array, run: Index, value: Array) -> Iterator[Frozen]:
 
     Their noise in other runs gives the probability of this; a coarse converter may well show a constant value.
     """
-    for column, own in enumerate(value.T):
-        runs = [rows for one in np.unique(run) if len(rows := np.flatnonzero((run == one) & np.isfinite(own)))]
-        moving = [rows for rows in runs if np.ptp(own[rows]) > 0.0]
-        noise = [_noise_of_run(load[rows], own[rows]) for rows in moving]
-        step = _step(own[np.isfinite(own)])
-        least = min((one for one in noise if np.isfinite(one)), default=0.0)
-        if max((float(np.ptp(own[rows])) for rows in moving), default=0.0) <= _OVER_NOISE * step:
+    for column, column_values in enumerate(value.T):
+        runs = [
+            rows
+            for number in np.unique(run)
+            if len(rows := np.flatnonzero((run == number) & np.isfinite(column_values)))
+        ]
+        moving = [rows for rows in runs if np.ptp(column_values[rows]) > 0.0]
+        noise = [_noise_of_run(load[rows], column_values[rows]) for rows in moving]
+        step = _step(column_values[np.isfinite(column_values)])
+        least = min((noise_size for noise_size in noise if np.isfinite(noise_size)), default=0.0)
+        if max((float(np.ptp(column_values[rows])) for rows in moving), default=0.0) <= _OVER_NOISE * step:
             continue
         chance = float(chance_of_equality(*np.array([step, least, least])))
         for rows in runs:
-            alike = np.concatenate([other for other in runs if np.ptp(own[np.append(rows, other)]) == 0.0] or [rows])
-            still = np.ptp(own[rows]) == 0.0 and np.ptp(load[alike], axis=0).any()
+            alike = np.concatenate(
+                [other for other in runs if np.ptp(column_values[np.append(rows, other)]) == 0.0] or [rows]
+            )
+            still = np.ptp(column_values[rows]) == 0.0 and np.ptp(load[alike], axis=0).any()
             if still and chance ** (len(alike) - 1) < _CHANCE:
                 yield Frozen(column, int(run[rows[0]]), True, 1.0)
 

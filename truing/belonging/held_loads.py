@@ -16,7 +16,7 @@ from truing.arrays import Array, Mask
 from truing.belonging.plausible_slips import RecordedColumn
 from truing.belonging.relation import FORCE_UNITS, TORQUE_UNITS, RecordSlip, RelationState, RelationTest, SlipKind
 from truing.belonging.signal_tests import SignalSteps
-from truing.belonging.slips_in_rows import Agreement, row_places, slipped_rows
+from truing.belonging.slips_in_rows import Agreement, rms_of, row_places, slipped_rows
 from truing.estimation.interferometry.recorded_steps import LOADS
 
 _WINDOWS, _LENGTHS = 8, (0.5, 0.35)  # stretches of loads that a response is fitted to, and their share of all
@@ -52,13 +52,13 @@ def against_one_response(steps: SignalSteps, columns: Sequence[RecordedColumn], 
         relation,
         RelationState.OK,
         "agrees",
-        misfit=100.0 * _rms(distance),
+        misfit=100.0 * rms_of(distance),
         limit=100.0 * fit.limit,
         unit="%",
     )
     if len(agreed.apart) < _FEWEST_APART:
-        return replace(tested, misfit=100.0 * _rms(distance[near]))
-    found: list[tuple[float, RecordSlip]] = []
+        return replace(tested, misfit=100.0 * rms_of(distance[near]))
+    candidates: list[tuple[float, RecordSlip]] = []
     tried = 0
     for slip, other in _otherwise(holds, columns):
         tried += 1
@@ -68,11 +68,11 @@ def against_one_response(steps: SignalSteps, columns: Sequence[RecordedColumn], 
             after = fit.distance(other.load, other.signal)
             is_of_all = slip.kind is SlipKind.ROWS_SHIFTED and np.mean(after <= fit.limit) > _NEARLY_ALL
             where = () if is_of_all else row_places(*rows, holds.runs, (), "")
-            left = _rms(after[rows[0]])
-            found.append((left, replace(slip, subjects=(*slip.subjects, *where))))
-    if not found:
+            left = rms_of(after[rows[0]])
+            candidates.append((left, replace(slip, subjects=(*slip.subjects, *where))))
+    if not candidates:
         return None
-    left, slip = min(found, key=lambda one: one[0])
+    left, slip = min(candidates, key=lambda candidate: candidate[0])
     return replace(
         tested, state=RelationState.FAILS, reason="slip", slips=(slip,), misfit_explained=100.0 * left, tried=tried
     )
@@ -89,13 +89,13 @@ class _Holds:
 
 def _holds(steps: SignalSteps) -> _Holds:
     """Return the stretches of constant load of each run, without incomplete signals."""
-    whole = np.flatnonzero(np.isfinite(steps.value).all(axis=1))
-    load, run, value = steps.load[whole], steps.run[whole], steps.value[whole]
-    new = np.append(True, (np.diff(load, axis=0) != 0.0).any(axis=1) | (np.diff(run) != 0))[: len(whole)]
+    places = np.flatnonzero(np.isfinite(steps.value).all(axis=1))
+    load, run, value = steps.load[places], steps.run[places], steps.value[places]
+    new = np.append(True, (np.diff(load, axis=0) != 0.0).any(axis=1) | (np.diff(run) != 0))[: len(places)]
     first = np.flatnonzero(new)
-    count = np.diff(np.append(first, len(whole)))
+    count = np.diff(np.append(first, len(places)))
     mean = np.add.reduceat(value, first, axis=0) / count[:, None] if len(first) else value
-    return _Holds(load[first], mean, [steps.runs[one] for one in run[first].tolist()])
+    return _Holds(load[first], mean, [steps.runs[number] for number in run[first].tolist()])
 
 
 @dataclass(frozen=True)
@@ -130,10 +130,12 @@ def _most_common(holds: _Holds) -> _LinearResponse | None:
     rank = int(np.linalg.matrix_rank(_design(holds.load, size))) if count else 0
     if count < _TIMES * (rank + 1) / _TRIMMED:
         return None
-    kept = max(int(_TRIMMED * count), 2 * rank)
+    retained = max(int(_TRIMMED * count), 2 * rank)
     fitted = (_fitted(holds, size, window, rank) for window in _windows(count))
-    found = [own for start in fitted if start is not None for own in _settled(holds, size, start, rank, kept)]
-    return min(found, key=lambda one: one.typical, default=None)
+    responses = [
+        response for start in fitted if start is not None for response in _settled(holds, size, start, rank, retained)
+    ]
+    return min(responses, key=lambda candidate: candidate.typical, default=None)
 
 
 def _windows(count: int) -> Iterator[Mask]:
@@ -155,17 +157,17 @@ def _fitted(holds: _Holds, size: Array, rows: Mask, rank: int) -> _LinearRespons
     return _LinearResponse(np.asarray(np.linalg.lstsq(design, holds.signal[rows], rcond=None)[0], float), size, span)
 
 
-def _settled(holds: _Holds, size: Array, start: _LinearResponse, rank: int, kept: int) -> Iterator[_LinearResponse]:
-    """Yield the response of the ``kept`` loads that agree best, found again from those of the last one."""
+def _settled(holds: _Holds, size: Array, start: _LinearResponse, rank: int, retained: int) -> Iterator[_LinearResponse]:
+    """Yield the response of the ``retained`` loads that agree best, found again from those of the last one."""
     response: _LinearResponse | None = start
     for _ in range(3):
         if response is None:
             return
         best = np.zeros(len(holds.load), bool)
-        best[np.argsort(response.distance(holds.load, holds.signal))[:kept]] = True
+        best[np.argsort(response.distance(holds.load, holds.signal))[:retained]] = True
         response = _fitted(holds, size, best, rank)
     if response is not None:
-        yield replace(response, typical=_rms(response.distance(holds.load, holds.signal)[best]))
+        yield replace(response, typical=rms_of(response.distance(holds.load, holds.signal)[best]))
 
 
 def _design(load: Array, size: Array) -> Array:
@@ -175,7 +177,7 @@ def _design(load: Array, size: Array) -> Array:
 def _shifted(holds: _Holds, recorded: _LinearResponse, relation: str) -> RelationTest | None:
     """Return the test with all loads some rows too far up or down, if so they follow one response far better."""
     others = {shift: _most_common(replace(holds, load=np.roll(holds.load, -shift, axis=0))) for shift in _SHIFTS}
-    left = {shift: one.typical for shift, one in others.items() if one is not None}
+    left = {shift: other.typical for shift, other in others.items() if other is not None}
     best = min(left, key=lambda shift: left[shift], default=None)
     if best is None or left[best] > _CLEARLY * recorded.typical or recorded.typical < _LEAST:
         return None
@@ -191,16 +193,16 @@ def _frozen(holds: _Holds, columns: Sequence[RecordedColumn]) -> RecordSlip | No
 
     One that stays at an end of its range, beyond which these loads would lead, is clipped and not frozen.
     """
-    for column, own in zip(columns, holds.signal.T, strict=True):
-        ends = np.flatnonzero(np.concatenate([[True], np.diff(own) != 0.0, [True]]))
+    for column, signal in zip(columns, holds.signal.T, strict=True):
+        ends = np.flatnonzero(np.concatenate([[True], np.diff(signal) != 0.0, [True]]))
         length = np.diff(ends)
         at = int(np.argmax(length)) if len(length) else 0
-        still = np.zeros(len(own), bool)
+        still = np.zeros(len(signal), bool)
         still[ends[at] : ends[at] + (length[at] if len(length) else 0)] = True
-        _, often = np.unique(own[~still], return_counts=True)
+        _, often = np.unique(signal[~still], return_counts=True)
         alike = (1 + often.max(initial=0)) / (1 + np.sum(~still))  # chance that another load gives the same value
         kinds = len(np.unique(holds.load[still], axis=0))
-        if kinds < _FEWEST_APART or alike ** (kinds - 1) > _CHANCE or _is_clipped(holds, own, still):
+        if kinds < _FEWEST_APART or alike ** (kinds - 1) > _CHANCE or _is_clipped(holds, signal, still):
             continue
         return RecordSlip(
             SlipKind.FROZEN, column.quantity, (column.name, *row_places(still, ~still, holds.runs, (), ""))
@@ -208,13 +210,13 @@ def _frozen(holds: _Holds, columns: Sequence[RecordedColumn]) -> RecordSlip | No
     return None
 
 
-def _is_clipped(holds: _Holds, own: Array, still: Mask) -> bool:
+def _is_clipped(holds: _Holds, column: Array, still: Mask) -> bool:
     """True if the others' linear response puts most of the loads that are ``still`` beyond that end of the range."""
     size = np.maximum(np.abs(holds.load).max(axis=0), 1e-300)
-    design, level = _design(holds.load, size), own[still][0]
-    expected = design[still] @ np.linalg.lstsq(design[~still], own[~still], rcond=None)[0]
-    beyond = expected > level if level >= own.max() else expected < level
-    return bool(level in (own.min(), own.max()) and np.mean(beyond) > _BEYOND)
+    design, level = _design(holds.load, size), column[still][0]
+    expected = design[still] @ np.linalg.lstsq(design[~still], column[~still], rcond=None)[0]
+    beyond = expected > level if level >= column.max() else expected < level
+    return bool(level in (column.min(), column.max()) and np.mean(beyond) > _BEYOND)
 
 
 def _otherwise(holds: _Holds, columns: Sequence[RecordedColumn]) -> Iterator[tuple[RecordSlip, _Holds]]:
@@ -250,7 +252,3 @@ def _otherwise(holds: _Holds, columns: Sequence[RecordedColumn]) -> Iterator[tup
     for shift in _SHIFTS:
         slip = RecordSlip(SlipKind.ROWS_SHIFTED, "loads", shift=shift)
         yield slip, replace(holds, load=np.roll(holds.load, -shift, axis=0))
-
-
-def _rms(values: Array) -> float:
-    return float(np.sqrt(np.mean(values**2))) if len(values) else 0.0

@@ -87,10 +87,10 @@ class _JointTrial:
 def slips_in_poses(compared: ChainComparison) -> RowSlips | None:
     """Return the slips that explain the poses that disagree with most; stray poses where nothing does and they are few;
     None where all agree, where too few agree with one another, or where many disagree for no known reason."""
-    found = _agreement(compared)
-    if found is None:
+    agreement = _agreement(compared)
+    if agreement is None:
         return None
-    errors_at, agreed = found
+    errors_at, agreed = agreement
     labels = _exchanged_names(compared, errors_at, agreed)
     if labels is not None:
         return labels
@@ -129,8 +129,8 @@ def _agreement(compared: ChainComparison) -> tuple[ErrorsAt, Agreement] | None:
     errors_at = compared.errors_at(best)
     distance = _size(errors_at(compared.readings, compared.values))
     typical = float(np.median(distance[best]))
-    found = Agreement(np.zeros(1), distance, max(_FAR * typical, compared.limit), typical)
-    return errors_at, found
+    agreement = Agreement(np.zeros(1), distance, max(_FAR * typical, compared.limit), typical)
+    return errors_at, agreement
 
 
 def _windows(count: int, fewest: int) -> Iterator[Mask]:
@@ -170,10 +170,10 @@ def _exchanged_names(compared: ChainComparison, errors_at: ErrorsAt, agreed: Agr
             continue
         values = compared.values.copy()
         values[:, [i, j]] = compared.values[:, [j, i]]
-        own, other = (
+        own_names, other = (
             np.sqrt(np.mean(e[:, [i, j]] ** 2, axis=(1, 2))) for e in (before, errors_at(compared.readings, values))
         )
-        rows = (own > agreed.limit) & (other < np.minimum(_LEFT * own, agreed.limit))
+        rows = (own_names > agreed.limit) & (other < np.minimum(_LEFT * own_names, agreed.limit))
         if rows.sum() >= _FEWEST_APART:
             names = tuple(compared.targets[k][1] for k in (i, j))
             where = row_places(rows, ~rows, compared.poses, ())
@@ -191,7 +191,7 @@ def _frozen(compared: ChainComparison, agreed: Agreement) -> RowSlips | None:
         return None
     agree = np.ones(len(compared.values), bool)
     agree[agreed.apart] = False
-    what = [("readings", (name,), own) for name, own in zip(compared.columns, compared.readings.T, strict=True)]
+    what = [("readings", (name,), reading) for name, reading in zip(compared.columns, compared.readings.T, strict=True)]
     what += [(_measured(compared), (), compared.values.reshape(len(compared.values), -1))]
     for quantity, names, values in what:
         same = (np.diff(values, axis=0) == 0.0).reshape(len(values) - 1, -1).all(1)
@@ -213,26 +213,26 @@ def _repeated(compared: ChainComparison, agreed: Agreement) -> RowSlips | None:
     values = compared.values.reshape(len(compared.values), -1)
     if len(apart) < (_FEWEST_APART if compared.is_of_distances else 1) or not np.isfinite(values[apart]).any():
         return None
-    _, own, count = np.unique(np.nan_to_num(values), axis=0, return_inverse=True, return_counts=True)
-    own = np.ravel(own)
-    if not (count[own][apart] > 1).all():
+    _, raveled, count = np.unique(np.nan_to_num(values), axis=0, return_inverse=True, return_counts=True)
+    raveled = np.ravel(raveled)
+    if not (count[raveled][apart] > 1).all():
         return None
-    alike = np.flatnonzero(np.isin(own, own[apart]))
+    alike = np.flatnonzero(np.isin(raveled, raveled[apart]))
     names = _names(compared, alike if len(alike) <= _MOST_NAMED else apart)
     return RowSlips((RecordSlip(SlipKind.COPIED, f"{_measured(compared)} of", names),))
 
 
 def _changed(compared: ChainComparison, errors_at: ErrorsAt, agreed: Agreement) -> RowSlips | None:
     """Return the change of readings or of measured positions that explains the poses that disagree best."""
-    found = []
+    candidates = []
     for trial in _trials(compared):
         after = _size(errors_at(trial.readings, trial.values))
         rows = slipped_rows(after[:, None], np.zeros((len(after), 1)), agreed)
         if rows is not None:
-            found.append((_rms(after[rows[0]]), trial, rows))
-    if not found:
+            candidates.append((_rms(after[rows[0]]), trial, rows))
+    if not candidates:
         return None
-    left, trial, rows = min(found, key=lambda one: one[0])
+    left, trial, rows = min(candidates, key=lambda candidate: candidate[0])
     where = row_places(*rows, compared.poses, ())
     return RowSlips((replace(trial.slip, subjects=(*trial.slip.subjects, *where)),), left)
 
@@ -264,9 +264,9 @@ def _is_shift(apart: Index, columns: Index) -> bool:
 def _trials(compared: ChainComparison) -> Iterator[_JointTrial]:
     """Yield every slip with readings and values after its correction in all poses."""
     readings, values = compared.readings, compared.values
-    for kind, own, corrected in corrected_columns(readings, compared.is_revolute):
+    for kind, reading, corrected in corrected_columns(readings, compared.is_revolute):
         if kind not in (ColumnSlipKind.DOWN, ColumnSlipKind.UP, ColumnSlipKind.UPSIDE_DOWN):
-            yield _JointTrial(column_slip(kind, [compared.columns[k] for k in own]), corrected, values)
+            yield _JointTrial(column_slip(kind, [compared.columns[k] for k in reading]), corrected, values)
     for shift in _SHIFTS:
         yield _JointTrial(
             RecordSlip(SlipKind.ROWS_SHIFTED, "readings", shift=shift), np.roll(readings, -shift, axis=0), values
@@ -319,9 +319,9 @@ def slips_of_lines(ends: Sequence[tuple[str, str]], values: NDArray) -> Iterator
             slip = RecordSlip(SlipKind.PARTS_EXCHANGED, f"ends of {_DISTANCES}", (first, second))
             yield slip, values[:, [places[pair] for pair in exchanged]]
     for k, factor in product(range(len(ends)), both_ways(LENGTH_FACTORS)):
-        found = values.copy()
-        found[:, k] *= factor
-        yield RecordSlip(SlipKind.UNIT, _DISTANCES, (" to ".join(ends[k]),), factor=factor), found
+        changed_values = values.copy()
+        changed_values[:, k] *= factor
+        yield RecordSlip(SlipKind.UNIT, _DISTANCES, (" to ".join(ends[k]),), factor=factor), changed_values
 
 
 def _units(what: str, size: int) -> Iterator[MeasuredSlip]:

@@ -43,20 +43,20 @@ _SAME_SIZE = 1e-9  # tolerance of the logarithm of a factor
 
 def against_simulation(steps: SignalSteps, columns: Sequence[RecordedColumn], seen: Array) -> RelationTest:
     """Return the test of readings against loads, with the rows (K, 6) of the simulated compliance that columns show."""
-    found = clear_responses(responses(steps.load, steps.run, steps.value), len(columns))
-    if not len(found):
+    measured = clear_responses(responses(steps.load, steps.run, steps.value), len(columns))
+    if not len(measured):
         return RelationTest(READINGS, RelationState.NOT_TESTED, "no-response")
     expected = by_compliance(seen)
-    overall = [*slips_of_all_loads(found), *slips_of_columns(found, columns, steps.runs, expected, of_all=True)]
-    each = list(slips_of_run_loads(found, steps.runs, expected))
-    broad = [one for one in overall if not one.slip.subjects]
-    others = [one for one in overall if one.slip.subjects]
-    explained = explain(found, expected, [*others, *each], broad)
+    overall = [*slips_of_all_loads(measured), *slips_of_columns(measured, columns, steps.runs, expected, of_all=True)]
+    each = list(slips_of_run_loads(measured, steps.runs, expected))
+    broad = [trial for trial in overall if not trial.slip.subjects]
+    others = [trial for trial in overall if trial.slip.subjects]
+    explained = explain(measured, expected, [*others, *each], broad)
     if explained.slips:
         return explained.tested(READINGS, RelationState.FAILS, "slip", ())
-    of_all_runs = [one for one in overall if not any(name in steps.runs for name in one.slip.subjects)]
-    unseen = (*hidden(found, expected, of_all_runs), *_hardly_answering(found, expected, steps.runs))
-    return explained.tested(READINGS, *_departure(found, expected), unseen)
+    of_all_runs = [trial for trial in overall if not any(name in steps.runs for name in trial.slip.subjects)]
+    unseen = (*hidden(measured, expected, of_all_runs), *_hardly_answering(measured, expected, steps.runs))
+    return explained.tested(READINGS, *_departure(measured, expected), unseen)
 
 
 def by_compliance(seen: Array) -> ExpectedResponse:
@@ -90,30 +90,30 @@ def untested(reason: str) -> RelationTest:
     return RelationTest(READINGS, RelationState.NOT_TESTED, reason, hidden=unseen)
 
 
-def _hardly_answering(found: Responses, expected: ExpectedResponse, runs: Sequence[str]) -> tuple[RecordSlip, ...]:
+def _hardly_answering(measured: Responses, expected: ExpectedResponse, runs: Sequence[str]) -> tuple[RecordSlip, ...]:
     """Return the slips that cannot show in runs to which no recorded channel responds clearly."""
-    main = _main(found, expected)[0]
-    idle = tuple(runs[run] for run in np.unique(found.run).tolist() if not main[found.run == run].any())
+    main = _main(measured, expected)[0]
+    idle = tuple(runs[run] for run in np.unique(measured.run).tolist() if not main[measured.run == run].any())
     return tuple(RecordSlip(kind, "reading", idle) for kind in (SlipKind.UNIT, SlipKind.SIGN)) if idle else ()
 
 
-def _main(found: Responses, expected: ExpectedResponse) -> tuple[Mask, Array, Array]:
+def _main(measured: Responses, expected: ExpectedResponse) -> tuple[Mask, Array, Array]:
     """Return True for main responses (C,), and responses and expectations as shares of the largest possible ones."""
-    possible = expected.possible(found.column, found.direction)
-    wanted = expected.expected(found.column, found.direction) / possible
-    return np.abs(wanted) > _MAIN, found.size / possible, wanted
+    possible = expected.possible(measured.column, measured.direction)
+    wanted = expected.expected(measured.column, measured.direction) / possible
+    return np.abs(wanted) > _MAIN, measured.size / possible, wanted
 
 
-def _departure(found: Responses, expected: ExpectedResponse) -> tuple[RelationState, str]:
+def _departure(measured: Responses, expected: ExpectedResponse) -> tuple[RelationState, str]:
     """Return state and reason where no slip explains the data, from the deviation of main responses from
     expected ones."""
-    main, share, wanted = _main(found, expected)
+    main, share, wanted = _main(measured, expected)
     if not main.any():
         return RelationState.NOT_TESTED, "no-main-response"
     off = np.abs(np.arcsinh(share / _LINEAR) - np.arcsinh(wanted / _LINEAR))[main]
     if np.quantile(off, _EVERYWHERE) > _NO_SUCH:
         return RelationState.FAILS, "no-slip"
-    each = [np.median(off[found.run[main] == run]) for run in np.unique(found.run[main])]
+    each = [np.median(off[measured.run[main] == run]) for run in np.unique(measured.run[main])]
     return (RelationState.ATTENTION, "departs") if max(each) > _DEPARTS else (RelationState.OK, "agrees")
 
 
@@ -149,11 +149,11 @@ class _ValueTable:
     def recorded(self, steps: RecordedSteps, runs: Sequence[str], used: Mask, wrong: Sequence[RunPart]) -> _Used:
         """Return the rows (N,) used for responses, without runs of which a part is wrong, or that are constant."""
         places = range(self.first, self.first + len(self.columns))
-        apart = np.isin(steps.run, [one.run for one in wrong if part_concerns(one, places)])
+        apart = np.isin(steps.run, [fault.run for fault in wrong if part_concerns(fault, places)])
         value = np.where((used & ~apart)[:, None], self.value, np.nan)
         still = list(constant_columns(steps.load, steps.run, value))
-        for one in still:
-            value[steps.run == one.run, one.column] = np.nan
+        for place in still:
+            value[steps.run == place.run, place.column] = np.nan
         return _Used(SignalSteps(steps.load, steps.run, value, runs), still)
 
     def tests(
@@ -162,24 +162,24 @@ class _ValueTable:
         """Return the tests of responses, parts, columns and rows; responses without a slip are left out if the others
         find any."""
         response = _also_reversed(response, used.steps, self.name)
-        found = [
+        tests_made = [
             *of_parts(wrong, steps.step, used.steps.runs, self.columns, self.first, self.relation),
             *equal_columns(self.value, self.columns, self.relation, self.name),
             *self._of_rows(used, answers, steps.time_s),
         ]
-        return [*([] if found and not response.slips else [response]), *found]
+        return [*([] if tests_made and not response.slips else [response]), *tests_made]
 
     def _of_rows(self, used: _Used, answers: Array, time_s: Array) -> Iterator[RelationTest]:
         """Return the tests of constant columns, and of runs whose rows are in another order than their loads."""
         steps = used.steps
         still = [*used.still, *frozen(steps.load, steps.run, steps.value, answers, self.noise)]
-        share = 100.0 * max((one.share for one in still), default=0.0)
+        share = 100.0 * max((place.share for place in still), default=0.0)
         for slip in _frozen_slips(still, self.columns, steps.runs):
             reported = (named_shortly(slip.subjects), share, None, None, "%")
             yield RelationTest(self.relation, RelationState.FAILS, "frozen", *reported, (slip,), tried=len(still))
         if not still:
-            found, tried = row_slips(steps.load, steps.run, time_s, steps.value, steps.runs, self.name)
-            for row in found:
+            slips_of_rows, tried = row_slips(steps.load, steps.run, time_s, steps.value, steps.runs, self.name)
+            for row in slips_of_rows:
                 sizes = (named_shortly(row.slip.subjects), row.before, row.after, None, "% of the range")
                 yield RelationTest(self.relation, RelationState.FAILS, "rows", *sizes, (row.slip,), tried=tried)
 
@@ -196,30 +196,30 @@ def relate_loads(steps: RecordedSteps, known: KnownBench) -> tuple[RelationTest,
     """Return the tested relations of the loads, readings and signals of a bench, and between runs."""
     runs = [f"run {run}" for run in steps.runs]
     copies = copied_runs(steps.run, runs, steps.load, _values(steps, known))
-    alone = ~np.isin(steps.run, [runs.index(name) for one in copies for slip in one.slips for name in slip.subjects])
+    alone = ~np.isin(steps.run, [runs.index(name) for copy in copies for slip in copy.slips for name in slip.subjects])
     signals = [RecordedColumn(name, "signal", SIGNAL_FACTORS) for name in steps.signals]
     wrong = _parts(steps, [*known.channels, *signals], known.seen)
-    found: list[RelationTest] = []
+    tests: list[RelationTest] = []
     if np.isfinite(steps.reading).any():
         noise = _typical(steps.sigma)
         of = _ValueTable(READINGS, "readings", known.channels, 0, steps.reading, noise)
         used = of.recorded(steps, runs, alone, wrong)
-        response = _of_readings(used.steps, known)
+        response = _test_readings(used.steps, known)
         answers = signal_tests.responses_of(used.steps, len(known.channels)) if known.seen is None else known.seen
-        found += of.tests(response, used, answers, steps, wrong)
+        tests += of.tests(response, used, answers, steps, wrong)
     else:
         in_range = against_range(steps.load, known.largest)
-        found.append(in_range or untested("no-displacements"))
+        tests.append(in_range or untested("no-displacements"))
     if signals:
         noise = np.full(len(signals), known.signal_mv * MILLIVOLT)
         of = _ValueTable(signal_tests.RELATION, "signals", signals, len(known.channels), steps.signal, noise)
         used = of.recorded(steps, runs, alone, wrong)
         used = replace(used, steps=replace(used.steps, tared=known.tared))
-        found[0], response = _reconciled(found[0], _of_signals(used.steps, signals, known))
-        response = _test_with_load_slip(found[0], response, used.steps, signals, known)
+        tests[0], response = _reconciled(tests[0], _test_signals(used.steps, signals, known))
+        response = _test_with_load_slip(tests[0], response, used.steps, signals, known)
         answers = signal_tests.responses_of(used.steps, len(signals))
-        found += of.tests(response, used, answers, steps, wrong)
-    return (*found, *copies)
+        tests += of.tests(response, used, answers, steps, wrong)
+    return (*tests, *copies)
 
 
 def _reconciled(readings: RelationTest, signals: RelationTest) -> tuple[RelationTest, RelationTest]:
@@ -240,10 +240,10 @@ def _reconciled(readings: RelationTest, signals: RelationTest) -> tuple[Relation
     loads_right = signals.state == RelationState.OK and all(slip.quantity != "load" for slip in signals.hidden)
     if stiffness and loads_right:
         return _with_first_slip(readings, stiffness[0]), signals
-    own = [slip for slip in signals.rivals if slip.quantity == "signal"]
+    signal_slips = [slip for slip in signals.rivals if slip.quantity == "signal"]
     right = readings.state == RelationState.OK and all(slip.quantity != "load" for slip in readings.hidden)
-    if right and own and len(signals.slips) == 1 and signals.slips[0].quantity == "load":
-        return readings, _with_first_slip(signals, own[0])
+    if right and signal_slips and len(signals.slips) == 1 and signals.slips[0].quantity == "load":
+        return readings, _with_first_slip(signals, signal_slips[0])
     return readings, signals
 
 
@@ -265,7 +265,7 @@ def _test_with_load_slip(
         return signals
     load = recorded.load.copy()
     load[:, axes] *= -1.0 if slip.kind == SlipKind.SIGN else slip.factor
-    right = _of_signals(replace(recorded, load=load), columns, known)
+    right = _test_signals(replace(recorded, load=load), columns, known)
     if right.slips or right.misfit is None or right.misfit > (signals.misfit_explained or np.inf):
         return signals
     return replace(signals, slips=(slip,), rivals=(), misfit_explained=right.misfit)
@@ -275,7 +275,7 @@ def _with_first_slip(tested: RelationTest, slip: RecordSlip) -> RelationTest:
     """Return a test with one of its equally likely slips in first place."""
     if slip in tested.slips or abs(abs(np.log(slip.factor)) - abs(np.log(tested.slips[0].factor))) > _SAME_SIZE:
         return tested
-    others = tuple(one for one in (*tested.slips, *tested.rivals) if one != slip)
+    others = tuple(slip_or_rival for slip_or_rival in (*tested.slips, *tested.rivals) if slip_or_rival != slip)
     return replace(tested, slips=(slip,), rivals=others)
 
 
@@ -304,7 +304,7 @@ def _also_reversed(tested: RelationTest, steps: SignalSteps, table: str) -> Rela
     return replace(tested, rivals=tuple(rivals))
 
 
-def _of_readings(loaded: SignalSteps, known: KnownBench) -> RelationTest:
+def _test_readings(loaded: SignalSteps, known: KnownBench) -> RelationTest:
     alike = signal_tests.against_each_other(loaded, known.channels, READINGS)
     if known.seen is not None:
         predicted = against_simulation(loaded, known.channels, known.seen)
@@ -312,11 +312,11 @@ def _of_readings(loaded: SignalSteps, known: KnownBench) -> RelationTest:
     return alike if alike.slips else against_range(loaded.load, known.largest) or alike
 
 
-def _of_signals(recorded: SignalSteps, columns: Sequence[RecordedColumn], known: KnownBench) -> RelationTest:
+def _test_signals(recorded: SignalSteps, columns: Sequence[RecordedColumn], known: KnownBench) -> RelationTest:
     alike = signal_tests.against_each_other(recorded, columns, signal_tests.RELATION)
     if known.leg_forces is None:
-        held = against_one_response(recorded, columns, alike.relation) if alike.state == _UNTESTED else None
-        return alike if held is None else replace(held, hidden=alike.hidden)
+        test = against_one_response(recorded, columns, alike.relation) if alike.state == _UNTESTED else None
+        return alike if test is None else replace(test, hidden=alike.hidden)
     reported = signal_tests.against_geometry(recorded, columns, known.leg_forces, known.gain)
     if reported is None:
         return alike
@@ -390,5 +390,5 @@ def _typical(sigma: Array) -> Array:
     """Return the typical noise (K,) of columns (N, K); NaN where none is declared."""
     known = np.isfinite(sigma)
     return np.array(
-        [np.median(own[there]) if there.any() else np.nan for own, there in zip(sigma.T, known.T, strict=True)]
+        [np.median(column[there]) if there.any() else np.nan for column, there in zip(sigma.T, known.T, strict=True)]
     )

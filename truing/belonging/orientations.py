@@ -64,18 +64,18 @@ def turning_misfit(links: NDArray, measured: NDArray, euler: str | None) -> Turn
     if before <= notable:
         return TurningMisfit(before, limit, before, (), stray)
     enough = min(_EXPLAINED * before, limit)
-    found = [
+    misfits = [
         (_misfit(links, other, enough), slip)
-        for slip, other in _otherwise(measured, euler)
+        for slip, other in otherwise_written(measured, euler)
         if np.sqrt(np.mean((_turned(links) - _turned(other)) ** 2)) < _ALIKE * limit
     ]
-    found = [(after, slip) for after, slip in found if after < enough]
-    least = min((after for after, _ in found), default=before)
-    slips = tuple(slip for after, slip in found if after <= 2.0 * least)
+    misfits = [(after, slip) for after, slip in misfits if after < enough]
+    least = min((after for after, _ in misfits), default=before)
+    slips = tuple(slip for after, slip in misfits if after <= 2.0 * least)
     return TurningMisfit(before, notable if slips else limit, least, slips, stray)
 
 
-def _otherwise(measured: NDArray, euler: str | None) -> Iterator[tuple[RecordSlip, Array]]:
+def otherwise_written(measured: NDArray, euler: str | None) -> Iterator[tuple[RecordSlip, Array]]:
     """Yield slips with the orientations (B, 3, 3) without them.
 
     A slip that reverses an odd number of components of the quaternion, or exchanges two, is an orthogonal map of four
@@ -86,7 +86,7 @@ def _otherwise(measured: NDArray, euler: str | None) -> Iterator[tuple[RecordSli
     yield _slip("inversion" if euler is None else "inverse"), np.swapaxes(measured, -1, -2)
     read = Rotation.from_matrix(measured)
     angles = read.as_rotvec() if euler is None else read.as_euler(euler)
-    for order in (*_ORDERS, *(own.lower() for own in _ORDERS)):
+    for order in (*_ORDERS, *(letters.lower() for letters in _ORDERS)):
         if order != euler:
             yield _slip(order), Rotation.from_euler(order, angles).as_matrix()
 
@@ -104,13 +104,13 @@ def _places(links: NDArray, measured: NDArray, enough: float) -> tuple[Array, Ar
 
     The search ends with the first that leave at most ``enough``, rad.
     """
-    found: list[tuple[float, tuple[Array, Array]]] = []
+    candidates: list[tuple[float, tuple[Array, Array]]] = []
     for tool in _starts():
         places = _fitted(links, measured, tool)
-        found.append((_rms(_angles(places, links, measured)), places))
-        if found[-1][0] <= enough:
+        candidates.append((_rms(_angles(places, links, measured)), places))
+        if candidates[-1][0] <= enough:
             break
-    return min(found, key=lambda own: own[0])[1]
+    return min(candidates, key=lambda candidate: candidate[0])[1]
 
 
 def _angles(places: tuple[Array, Array], links: NDArray, measured: NDArray) -> Array:
@@ -144,12 +144,12 @@ def _fitted(links: NDArray, measured: NDArray, tool: Array) -> tuple[Array, Arra
 
 def _starts() -> list[Array]:
     """Return the 24 rotations of a cube."""
-    found = [
+    rotations = [
         np.array(signs)[:, None] * np.eye(3)[list(axes)]
         for axes in permutations(range(3))
         for signs in product((1.0, -1.0), repeat=3)
     ]
-    return [own for own in found if np.linalg.det(own) > 0.0]
+    return [rotation for rotation in rotations if np.linalg.det(rotation) > 0.0]
 
 
 def _nearest(total: NDArray) -> Array:

@@ -71,10 +71,10 @@ def _exchange_axes(concerns: Mask, pair: tuple[int, int]) -> Undo:
     return lambda read: replace(read, direction=np.where(concerns[:, None], read.direction[:, order], read.direction))
 
 
-def slips_of_all_loads(found: Responses) -> Iterator[SlipCandidate]:
+def slips_of_all_loads(responses: Responses) -> Iterator[SlipCandidate]:
     """Yield slips of the loads of all runs: all loads, forces, torques, one axis, or two axes exchanged."""
-    loaded = found.direction != 0.0
-    everything, every_axis = np.ones(len(found), bool), np.ones(6, bool)
+    loaded = responses.direction != 0.0
+    everything, every_axis = np.ones(len(responses), bool), np.ones(6, bool)
     for factor in FORCE_UNITS:
         yield SlipCandidate(_unit("load", factor), everything, _loads(everything, every_axis, factor))
     yield SlipCandidate(RecordSlip(SlipKind.SIGN, "load"), everything, _loads(everything, every_axis, -1.0))
@@ -97,31 +97,33 @@ def slips_of_all_loads(found: Responses) -> Iterator[SlipCandidate]:
         yield SlipCandidate(slip, mine, _exchange_axes(mine, pair), np.log(15.0))
 
 
-def slips_of_run_loads(found: Responses, runs: Sequence[str], expected: ExpectedResponse) -> Iterator[SlipCandidate]:
+def slips_of_run_loads(
+    responses: Responses, runs: Sequence[str], expected: ExpectedResponse
+) -> Iterator[SlipCandidate]:
     """Yield slips of the loads of single runs, and of all runs that the same slip explains."""
-    numbers = np.unique(found.run)
+    numbers = np.unique(responses.run)
     every_axis, many = np.ones(6, bool), np.log(max(len(numbers), 1))
-    torque = np.array([not np.any(found.direction[found.run == one][:, :3]) for one in numbers])
+    torque = np.array([not np.any(responses.direction[responses.run == number][:, :3]) for number in numbers])
     for factor in dict.fromkeys((-1.0, *FORCE_UNITS, *TORQUE_UNITS)):
         allowed = numbers[torque] if factor not in (-1.0, *FORCE_UNITS) else numbers
         alone = [
-            SlipCandidate(_of_runs("load", factor, [runs[one]]), mine, _loads(mine, every_axis, factor), many)
-            for one in allowed.tolist()
-            if (mine := found.run == one).any()
+            SlipCandidate(_factor_slip("load", factor, [runs[number]]), mine, _loads(mine, every_axis, factor), many)
+            for number in allowed.tolist()
+            if (mine := responses.run == number).any()
         ]
         yield from alone
         yield from _slip_of_all_runs(
-            found, expected, alone, partial(_loads, axes=every_axis, factor=factor), len(numbers)
+            responses, expected, alone, partial(_loads, axes=every_axis, factor=factor), len(numbers)
         )
-    yield from _exchanged_labels(found, runs)
+    yield from _exchanged_labels(responses, runs)
 
 
-def _exchanged_labels(found: Responses, runs: Sequence[str]) -> Iterator[SlipCandidate]:
+def _exchanged_labels(responses: Responses, runs: Sequence[str]) -> Iterator[SlipCandidate]:
     """Yield exchanged axes of runs with one axis each, or of one run alone."""
-    numbers = np.unique(found.run).tolist()
-    mine = {one: found.run == one for one in numbers}
-    axes = {one: np.flatnonzero(found.direction[mine[one]].any(axis=0)) for one in numbers}
-    single = {one: int(axes[one][0]) for one in numbers if len(axes[one]) == 1}
+    numbers = np.unique(responses.run).tolist()
+    mine = {number: responses.run == number for number in numbers}
+    axes = {number: np.flatnonzero(responses.direction[mine[number]].any(axis=0)) for number in numbers}
+    single = {number: int(axes[number][0]) for number in numbers if len(axes[number]) == 1}
     many = np.log(max(len(numbers), 1))
     for one, axis in single.items():
         for other in range(6):
@@ -138,7 +140,7 @@ def _exchanged_labels(found: Responses, runs: Sequence[str]) -> Iterator[SlipCan
 
 
 def slips_of_columns(
-    found: Responses,
+    responses: Responses,
     columns: Sequence[RecordedColumn],
     runs: Sequence[str],
     expected: ExpectedResponse,
@@ -147,50 +149,52 @@ def slips_of_columns(
 ) -> Iterator[SlipCandidate]:
     """Yield slips of recorded columns: of a quantity or a column, in all runs (of_all) or in single runs, and
     exchanges."""
-    many = np.log(max(len(np.unique(found.run)), 1))
+    many = np.log(max(len(np.unique(responses.run)), 1))
     if of_all:
         for quantity in dict.fromkeys(column.quantity for column in columns):
             places = [k for k, column in enumerate(columns) if column.quantity == quantity]
-            yield from _column_slips(found, columns, places, (), np.isin(found.column, places), 0.0)
+            yield from _column_slips(responses, columns, places, (), np.isin(responses.column, places), 0.0)
         for k, column in enumerate(columns):
-            yield from _column_slips(found, columns, [k], (column.name,), found.column == k, np.log(len(columns)))
-        yield from _columns_exchanged(found, columns, np.ones(len(found), bool), (), 2.0 * np.log(len(columns)))
+            yield from _column_slips(
+                responses, columns, [k], (column.name,), responses.column == k, np.log(len(columns))
+            )
+        yield from _columns_exchanged(responses, columns, np.ones(len(responses), bool), (), 2.0 * np.log(len(columns)))
         if len({column.quantity for column in columns}) == 1:
-            yield from exchanges_by_axis(found, columns)
-    for one in np.unique(found.run).tolist():
-        mine = found.run == one
-        yield from _columns_exchanged(found, columns, mine, (runs[one],), many + 2.0 * np.log(len(columns)))
+            yield from exchanges_by_axis(responses, columns)
+    for number in np.unique(responses.run).tolist():
+        mine = responses.run == number
+        yield from _columns_exchanged(responses, columns, mine, (runs[number],), many + 2.0 * np.log(len(columns)))
     for quantity in dict.fromkeys(column.quantity for column in columns):
         places = [k for k, column in enumerate(columns) if column.quantity == quantity]
         if len(places) > 1:
-            yield from _in_runs(found, columns, places, (), runs, expected, many)
+            yield from _slips_within_runs(responses, columns, places, (), runs, expected, many)
         for k in places:
             extra = np.log(len(columns))
-            yield from _in_runs(found, columns, [k], (columns[k].name,), runs, expected, many + extra)
+            yield from _slips_within_runs(responses, columns, [k], (columns[k].name,), runs, expected, many + extra)
 
 
 def exchanges_from_a_run(
-    found: Responses, columns: Sequence[RecordedColumn], runs: Sequence[str]
+    responses: Responses, columns: Sequence[RecordedColumn], runs: Sequence[str]
 ) -> Iterator[SlipCandidate]:
     """Yield exchanges of two columns from some run on, and up to it."""
-    numbers = np.unique(found.run).tolist()
+    numbers = np.unique(responses.run).tolist()
     penalty = np.log(2.0 * max(len(numbers), 1)) + 2.0 * np.log(len(columns))
     for before, start in pairwise(numbers):
-        later = found.run >= start
-        yield from _columns_exchanged(found, columns, later, (f"from {runs[start]} on",), penalty)
-        yield from _columns_exchanged(found, columns, ~later, (f"up to {runs[before]}",), penalty)
+        later = responses.run >= start
+        yield from _columns_exchanged(responses, columns, later, (f"from {runs[start]} on",), penalty)
+        yield from _columns_exchanged(responses, columns, ~later, (f"up to {runs[before]}",), penalty)
 
 
-def exchanges_by_axis(found: Responses, columns: Sequence[RecordedColumn]) -> Iterator[SlipCandidate]:
+def exchanges_by_axis(responses: Responses, columns: Sequence[RecordedColumn]) -> Iterator[SlipCandidate]:
     """Yield exchanges of two columns in all runs of one load axis."""
     for axis in range(6):
-        mine, penalty = _along_one_axis(found, axis), np.log(6.0) + 2.0 * np.log(len(columns))
+        mine, penalty = _along_one_axis(responses, axis), np.log(6.0) + 2.0 * np.log(len(columns))
         if mine.any():
-            yield from _columns_exchanged(found, columns, mine, (f"all runs of {LOADS[axis]}",), penalty)
+            yield from _columns_exchanged(responses, columns, mine, (f"all runs of {LOADS[axis]}",), penalty)
 
 
-def _in_runs(
-    found: Responses,
+def _slips_within_runs(
+    responses: Responses,
     columns: Sequence[RecordedColumn],
     places: Sequence[int],
     names: tuple[str, ...],
@@ -200,62 +204,62 @@ def _in_runs(
 ) -> Iterator[SlipCandidate]:
     """Yield one slip of some columns in single runs, and in all runs that it explains."""
     by_slip: dict[tuple[SlipKind, float], list[SlipCandidate]] = {}
-    numbers = np.unique(found.run).tolist()
-    for one in numbers:
-        mine = (found.run == one) & np.isin(found.column, places)
-        if len(np.unique(found.column[mine])) >= min(len(places), 2):
-            for candidate in _column_slips(found, columns, places, (*names, runs[one]), mine, penalty):
+    numbers = np.unique(responses.run).tolist()
+    for number in numbers:
+        mine = (responses.run == number) & np.isin(responses.column, places)
+        if len(np.unique(responses.column[mine])) >= min(len(places), 2):
+            for candidate in _column_slips(responses, columns, places, (*names, runs[number]), mine, penalty):
                 by_slip.setdefault((candidate.slip.kind, candidate.slip.factor), []).append(candidate)
     for (kind, factor), alone in by_slip.items():
         yield from alone
         value = -1.0 if kind == SlipKind.SIGN else factor
-        yield from _slip_of_all_runs(found, expected, alone, partial(_values, factor=value), len(numbers))
+        yield from _slip_of_all_runs(responses, expected, alone, partial(_values, factor=value), len(numbers))
 
 
 def _column_slips(
-    found: Responses,
+    responses: Responses,
     columns: Sequence[RecordedColumn],
     places: Sequence[int],
     subjects: tuple[str, ...],
     mine: Mask,
     penalty: float,
 ) -> Iterator[SlipCandidate]:
-    one = columns[places[0]]
-    for factor in one.factors:
-        slip = RecordSlip(SlipKind.UNIT, one.quantity, subjects, factor)
+    first_column = columns[places[0]]
+    for factor in first_column.factors:
+        slip = RecordSlip(SlipKind.UNIT, first_column.quantity, subjects, factor)
         yield SlipCandidate(slip, mine, _values(mine, factor), penalty)
-    for factor in one.fringes:
-        slip = RecordSlip(SlipKind.FRINGES, one.quantity, subjects, factor)
+    for factor in first_column.fringes:
+        slip = RecordSlip(SlipKind.FRINGES, first_column.quantity, subjects, factor)
         yield SlipCandidate(slip, mine, _values(mine, factor), penalty + 1.0)
-    yield SlipCandidate(RecordSlip(SlipKind.SIGN, one.quantity, subjects), mine, _values(mine, -1.0), penalty)
+    yield SlipCandidate(RecordSlip(SlipKind.SIGN, first_column.quantity, subjects), mine, _values(mine, -1.0), penalty)
 
 
 def _columns_exchanged(
-    found: Responses, columns: Sequence[RecordedColumn], mine: Mask, where: tuple[str, ...], penalty: float
+    responses: Responses, columns: Sequence[RecordedColumn], mine: Mask, where: tuple[str, ...], penalty: float
 ) -> Iterator[SlipCandidate]:
-    there = np.unique(found.column[mine])
+    there = np.unique(responses.column[mine])
     for first, second in combinations(range(len(columns)), 2):
         if first in there and second in there:
             factor = columns[second].unit_si / columns[first].unit_si
             slip = RecordSlip(SlipKind.COLUMNS, "columns", (columns[first].name, columns[second].name, *where))
-            concerns = mine & np.isin(found.column, [first, second])
+            concerns = mine & np.isin(responses.column, [first, second])
             yield SlipCandidate(slip, concerns, _exchange_columns(concerns, (first, second), factor), penalty)
 
 
 def _slip_of_all_runs(
-    found: Responses,
+    responses: Responses,
     expected: ExpectedResponse,
     alone: Sequence[SlipCandidate],
     undo: Callable[[Mask], Undo],
     runs: int,
 ) -> Iterator[SlipCandidate]:
     """Return one slip in all runs in which it at least halves the misfit."""
-    read = as_recorded(found)
-    before = misses_read(found, expected, read)
+    read = as_recorded(responses)
+    before = misses_read(responses, expected, read)
     if not alone or np.max(np.abs(before), initial=0.0) < 1.0:
         return
     every = np.logical_or.reduce([candidate.concerns for candidate in alone])
-    after = misses_read(found, expected, undo(every)(read))
+    after = misses_read(responses, expected, undo(every)(read))
     good = [
         candidate
         for candidate in alone
@@ -273,12 +277,12 @@ def _slip_of_all_runs(
         )
 
 
-def _along_one_axis(found: Responses, axis: int) -> Mask:
+def _along_one_axis(responses: Responses, axis: int) -> Mask:
     """Return True for responses (C,) to loads along one axis alone."""
-    return np.asarray((found.direction[:, axis] != 0.0) & (np.count_nonzero(found.direction, axis=1) == 1))
+    return np.asarray((responses.direction[:, axis] != 0.0) & (np.count_nonzero(responses.direction, axis=1) == 1))
 
 
-def _of_runs(quantity: str, factor: float, runs: Sequence[str]) -> RecordSlip:
+def _factor_slip(quantity: str, factor: float, runs: Sequence[str]) -> RecordSlip:
     if factor == -1.0:
         return RecordSlip(SlipKind.SIGN, quantity, tuple(runs))
     return _unit(quantity, factor, *runs)

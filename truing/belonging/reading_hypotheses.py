@@ -12,6 +12,7 @@ from scipy.special import gammaln
 from truing.arrays import Array, Index, Mask
 from truing.belonging.assignment import cheapest_columns
 from truing.belonging.evidence import Physics, log_evidence, physics
+from truing.belonging.orientations import otherwise_written
 from truing.belonging.relation import LENGTH_FACTORS, RecordSlip, SlipKind, both_ways
 from truing.simulation.mechanisms.legs.closures import Legs
 from truing.simulation.mechanisms.legs.kinematics import inverse
@@ -30,6 +31,7 @@ _GROSS = 0.05  # share of a leg's length
 # Least standard deviation of a joint or a length, relative to a leg's length: a declared tolerance may be ten times too
 # small.
 _LOOSE = 0.01
+_STANDS_STILL = 0.01  # way of the base relative to that of the platform
 _UNREACHED = 0.1  # share of the readings that poses require
 
 
@@ -39,7 +41,10 @@ class MeasuredMotion:
 
     ``tolerance``: one standard deviation of a, b, l (m) and u (1). ``noise``: one standard deviation of a reading minus
     the one required by the pose, m. ``drivers`` (B, C): other possible inputs (time, temperature), each scaled to unit
-    spread. ``measured``: what the poses come from, in words.
+    spread. ``measured``: what the poses come from, in words. ``base``: places (B, 3) and rotations (B, 3, 3) of the
+    base in the frame of the measurement; None where these, or poses before and after each, are not known.
+    ``were_rotations_written``: R comes from numbers of a table, read as Euler angles in the order ``euler``, or as
+    rotation vectors or quaternions if it is None.
     """
 
     legs: Legs
@@ -50,16 +55,19 @@ class MeasuredMotion:
     noise: float
     drivers: Array
     measured: str = "points and survey"
+    base: tuple[Array, Array] | None = None
+    were_rotations_written: bool = False
+    euler: str | None = None
 
     def every_nth(self, step: int) -> MeasuredMotion:
         """Return every ``step``-th pose."""
         thin = {name: getattr(self, name)[::step] for name in ("p", "R", "readings", "drivers")}
-        return replace(self, **thin)
+        return replace(self, **thin, base=None)
 
     def subset(self, rows: Index) -> MeasuredMotion:
         """Return some of the poses."""
         part = {name: getattr(self, name)[rows] for name in ("p", "R", "readings", "drivers")}
-        return replace(self, **part)
+        return replace(self, **part, base=None)
 
     def chosen_columns(self, legs: Index) -> MeasuredMotion:
         """Return the same poses with the readings of some legs alone, for comparisons of numbers without geometry."""
@@ -113,19 +121,54 @@ def descriptions(motion: MeasuredMotion) -> Iterator[Description]:
     yield from _other_lengths(motion)
     for factor in both_ways(LENGTH_FACTORS):
         yield Description((_unit("a_mm and b_mm", factor),), legs.replace(a=factor * legs.a, b=factor * legs.b), p, R)
-        whole = legs.replace(a=factor * legs.a, b=factor * legs.b, l=factor * legs.l, rho0=factor * legs.rho0)
-        yield Description((_unit("all lengths of [mechanism]", factor),), whole, p, R)
+        scaled = legs.replace(a=factor * legs.a, b=factor * legs.b, l=factor * legs.l, rho0=factor * legs.rho0)
+        yield Description((_unit("all lengths of [mechanism]", factor),), scaled, p, R)
         yield Description((_unit(motion.measured, factor),), legs, factor * p, R)
     for axis, name in enumerate(_AXES):
         mirror = np.where(np.arange(3) == axis, -1.0, 1.0)
         slip = RecordSlip(SlipKind.MIRRORED, f"{motion.measured}, or the joints of [mechanism],", (f"along {name}",))
         yield Description((slip,), legs, p * mirror, mirror[:, None] * R * mirror)
+    yield from _shifted_bodies(motion)
+    yield from _other_rotations(motion)
     back = np.swapaxes(R, -1, -2)
     slip = RecordSlip(SlipKind.PARTS_EXCHANGED, "bodies", ("base", "platform"))
     yield Description((slip,), legs, -(back @ p[..., None])[..., 0], back)
     for shift in (1, -1):
         slip = RecordSlip(SlipKind.COLUMNS, "b_mm of [mechanism] against a_mm", (f"legs moved on by {shift}",))
         yield Description((slip,), legs.replace(b=np.roll(legs.b, shift, axis=-2)), p, R)
+
+
+def _shifted_bodies(motion: MeasuredMotion) -> Iterator[Description]:
+    """Yield the poses with the measurements of one body from the row before or after.
+
+    The row at the end, which has none, is given the pose beside it. Where the base stands still in the measurements,
+    rows of the platform are as good as rows of readings, and only the latter are tried.
+    """
+    if motion.base is None or len(motion.p) < 2:
+        return
+    t, base = motion.base
+    if np.linalg.norm(t - t.mean(axis=0)) < _STANDS_STILL * np.linalg.norm(motion.p - motion.p.mean(axis=0)):
+        return
+    place, turned = t + (base @ motion.p[..., None])[..., 0], base @ motion.R
+    for body, shift in product(("platform", "base"), (1, -1)):
+        rows = np.clip(np.arange(len(motion.p)), max(0, -shift), len(motion.p) - 1 - max(0, shift))
+        moved = rows + shift
+        of_base, of_platform = (rows, moved) if body == "platform" else (moved, rows)
+        back = np.swapaxes(base[of_base], -1, -2)
+        p = (back @ (place[of_platform] - t[of_base])[..., None])[..., 0]
+        slip = RecordSlip(SlipKind.ROWS_SHIFTED, f"measurements of {body}", shift=shift)
+        yield Description((slip,), motion.legs, p, back @ turned[of_platform])
+
+
+def _other_rotations(motion: MeasuredMotion) -> Iterator[Description]:
+    """Yield the poses with both rotations read otherwise: as Euler angles in another order, or inverse."""
+    if motion.base is None or not motion.were_rotations_written:
+        return
+    (t, base), count = motion.base, len(motion.p)
+    place, turned = t + (base @ motion.p[..., None])[..., 0], base @ motion.R
+    for slip, read in otherwise_written(np.concatenate([base, turned]), motion.euler):
+        back = np.swapaxes(read[:count], -1, -2)
+        yield Description((slip,), motion.legs, (back @ (place - t)[..., None])[..., 0], back @ read[count:])
 
 
 def joint_descriptions(motion: MeasuredMotion) -> Iterator[Description]:
@@ -137,7 +180,7 @@ def joint_descriptions(motion: MeasuredMotion) -> Iterator[Description]:
     sides = {"a_mm": legs.a, "b_mm": legs.b}
 
     def described(slip: RecordSlip, **changed: Array) -> Description:
-        return Description((slip,), legs.replace(**{name[0]: own for name, own in changed.items()}), p, R)
+        return Description((slip,), legs.replace(**{name[0]: array for name, array in changed.items()}), p, R)
 
     for name, joints in sides.items():
         of = f"{name} of [mechanism]"
@@ -148,10 +191,10 @@ def joint_descriptions(motion: MeasuredMotion) -> Iterator[Description]:
                 mirror = np.where(np.arange(3) == axis, -1.0, 1.0)
                 yield described(RecordSlip(SlipKind.SIGN, f"{_AXES[axis]} of {of}"), **{name: joints * mirror})
         yield described(RecordSlip(SlipKind.REVERSED, f"rows of {of}"), **{name: joints[::-1]})
-        for one, other in combinations(range(legs.count), 2):
+        for first, other in combinations(range(legs.count), 2):
             order = np.arange(legs.count)
-            order[[one, other]] = other, one
-            slip = RecordSlip(SlipKind.PARTS_EXCHANGED, of, _legs_named((one, other)))
+            order[[first, other]] = other, first
+            slip = RecordSlip(SlipKind.PARTS_EXCHANGED, of, _legs_named((first, other)))
             yield described(slip, **{name: joints[order]})
     for leg, axis in product(range(legs.count), range(3)):
         flipped = {}
@@ -277,8 +320,8 @@ def best_written(motion: MeasuredMotion, description: Description, *, exchanged:
             scores[leg, column, _is_geometry(motion, motion.readings[:, column], asked[:, leg], changes)] = -np.inf
     if description.slips and np.isnan(description.required_readings()).mean() > _UNREACHED:
         scores[:] = -np.inf  # a description with poses out of reach explains nothing
-    own = np.arange(count)
-    plain = _written(motion, description, asked, own, [changes[0]] * count, float(scores[own, own, 0].sum()))
+    index = np.arange(count)
+    plain = _written(motion, description, asked, index, [changes[0]] * count, float(scores[index, index, 0].sum()))
     found = _most_likely(scores, changes, exchanged=exchanged)
     best = _written(motion, description, asked, found[0], [changes[k] for k in found[1]], found[2])
     # the fitted factor is none of those that are tried in every campaign
@@ -317,12 +360,12 @@ def _effects(motion: MeasuredMotion, description: Description, asked: Array) -> 
     geometry = np.nan_to_num(description.by_geometry()) * description.scales(loose)
     travel = asked - asked.mean(axis=0)
     widest = np.maximum(np.abs(travel).max(axis=0), 1e-12)
-    found = []
+    effects = []
     for leg in range(asked.shape[1]):
         reach = travel * np.where(np.arange(asked.shape[1]) == leg, _GAIN, _LEAK)
         curved = _CURVED * travel[:, leg, None] ** 2 / widest[leg]
-        found.append(physics(np.hstack([geometry[:, leg], reach, curved, _DRIVEN_M * motion.drivers])))
-    return found
+        effects.append(physics(np.hstack([geometry[:, leg], reach, curved, _DRIVEN_M * motion.drivers])))
+    return effects
 
 
 def _misfits(recorded: Array, asked: Array, changes: tuple[Changed, ...]) -> Array:
@@ -340,17 +383,17 @@ def _most_likely(scores: Array, changes: tuple[Changed, ...], *, exchanged: bool
     # all legs changed alike, with one penalty, or each by itself, with one penalty per leg
     alone = scores - np.log(count) * (penalty > 0.0) - penalty
     ways = [(scores[:, :, change] - penalty[change] / count, change) for change in range(len(changes))]
-    own = np.arange(count)
-    best: tuple[Index, list[int], float] = (own, [0] * count, -np.inf)
+    index = np.arange(count)
+    best: tuple[Index, list[int], float] = (index, [0] * count, -np.inf)
     for value, common in (*ways, (alone.max(axis=2), None)):
         for is_moved in (False, True) if exchanged else (False,):
             # No order of columns can be better than the best column of each leg.
             if is_moved and float(value.max(axis=1).sum()) - exchange <= best[2]:
                 continue
-            columns = _assigned(value) if is_moved else own
-            total = float(value[own, columns].sum()) - exchange * bool((columns != own).any())
+            columns = _assigned(value) if is_moved else index
+            total = float(value[index, columns].sum()) - exchange * bool((columns != index).any())
             if total > best[2]:
-                chosen = alone[own, columns].argmax(axis=1).tolist() if common is None else [common] * count
+                chosen = alone[index, columns].argmax(axis=1).tolist() if common is None else [common] * count
                 best = columns, chosen, total
     return best
 
@@ -385,16 +428,16 @@ def _column_slips(columns: Index, names: tuple[str, ...]) -> tuple[RecordSlip, .
 
 def _change_slips(written: Written, names: tuple[str, ...], offset_mm: Array) -> tuple[RecordSlip, ...]:
     """Return changes of readings by kind; columns with the same change are one slip."""
-    found: dict[tuple[SlipKind, float], list[int]] = {}
+    poses_of_slip: dict[tuple[SlipKind, float], list[int]] = {}
     for leg, change in enumerate(written.changes):
         if abs(change.factor) != 1.0:
-            found.setdefault((SlipKind.UNIT, abs(change.factor)), []).append(leg)
+            poses_of_slip.setdefault((SlipKind.UNIT, abs(change.factor)), []).append(leg)
         if change.factor < 0.0:
-            found.setdefault((SlipKind.SIGN, 1.0), []).append(leg)
+            poses_of_slip.setdefault((SlipKind.SIGN, 1.0), []).append(leg)
         if change.zero:
-            found.setdefault((SlipKind.ZERO, 1.0), []).append(leg)
+            poses_of_slip.setdefault((SlipKind.ZERO, 1.0), []).append(leg)
     slips = []
-    for (kind, factor), legs in found.items():
+    for (kind, factor), legs in poses_of_slip.items():
         subjects = () if len(legs) == len(names) else tuple(sorted(names[written.columns[leg]] for leg in legs))
         offset = float(np.median(offset_mm[legs])) if kind is SlipKind.ZERO else 0.0
         slips.append(RecordSlip(kind, "readings", subjects, factor, offset=offset))

@@ -74,10 +74,10 @@ def relate_readings(motion: MeasuredMotion, names: ReadingNames) -> tuple[Relati
         untested = RelationTest(READINGS, RelationState.NOT_TESTED, "legs-singular")
         return regular, _slip_of_joints(motion, names) or untested
     try:
-        found = _test(motion, names)
+        relation_test = _test(motion, names)
     except NotImplementedError:
-        found = RelationTest(READINGS, RelationState.NOT_TESTED, "no-inverse")
-    return (found,) if regular is None else (regular, found)
+        relation_test = RelationTest(READINGS, RelationState.NOT_TESTED, "no-inverse")
+    return (relation_test,) if regular is None else (regular, relation_test)
 
 
 def relate_legs(motion: MeasuredMotion) -> RelationTest | None:
@@ -85,7 +85,7 @@ def relate_legs(motion: MeasuredMotion) -> RelationTest | None:
     legs = motion.legs
     if legs.count < 6:
         return None
-    if (pair := _same_legs(motion)) is not None:
+    if (pair := _first_equal_legs(motion)) is not None:
         subject = " ".join(f"leg{leg + 1}" for leg in pair)
         return RelationTest(LEGS, RelationState.FAILS, "legs-alike", subject, misfit=0.0, limit=_SINGULAR, unit="1")
     with np.errstate(invalid="ignore", divide="ignore"):
@@ -104,7 +104,7 @@ def relate_legs(motion: MeasuredMotion) -> RelationTest | None:
     return RelationTest(LEGS, RelationState.FAILS, reason, misfit=worst, limit=_SINGULAR, unit="1")
 
 
-def _same_legs(motion: MeasuredMotion) -> tuple[int, int] | None:
+def _first_equal_legs(motion: MeasuredMotion) -> tuple[int, int] | None:
     """Return two legs with the same joints, which hold the platform as one."""
     joints = np.concatenate([motion.legs.a, motion.legs.b], axis=-1)
     apart = np.linalg.norm(joints[:, None] - joints[None], axis=-1)
@@ -126,14 +126,14 @@ def _test(motion: MeasuredMotion, names: ReadingNames) -> RelationTest:
         )
     if explained := _explained(search, motion, names, base):
         is_whole = 1e-3 * (explained.misfit_explained or 0.0) <= _MOVED * motion.noise
-        return explained if is_whole else _of_joints(motion, names, base) or explained
+        return explained if is_whole else _test_joints(motion, names, base) or explained
     if zero := _other_zero(motion, asked):
         return replace(base, state=RelationState.FAILS, reason="slip", misfit=abs(zero.offset), slips=(zero,))
     if frozen := _frozen(motion, asked, names):  # a wrong description asks readings to move that do not
-        found = replace(base, state=RelationState.FAILS, reason="slip", slips=frozen)
-        return _of_joints(motion, names, base) or found
+        failed = replace(base, state=RelationState.FAILS, reason="slip", slips=frozen)
+        return _test_joints(motion, names, base) or failed
     if not comparable:
-        return _of_joints(motion, names, base) or base
+        return _test_joints(motion, names, base) or base
     if moved <= 1e3 * _MOVED * motion.noise:
         return replace(base, state=RelationState.NOT_TESTED, reason="hardly-moved", misfit=None, limit=None)
     if strays := _single_slips(motion, asked, names):
@@ -142,7 +142,7 @@ def _test(motion: MeasuredMotion, names: ReadingNames) -> RelationTest:
     if misfit > _APART * moved or len(legs):
         return (
             _test_of_part(motion, asked, names, base)
-            or _of_joints(motion, names, base)
+            or _test_joints(motion, names, base)
             or _without_name(motion, asked, names, base, legs)
         )
     departs = misfit > _NOTED * moved
@@ -167,12 +167,12 @@ def _explained(search: _Found, motion: MeasuredMotion, names: ReadingNames, base
 def _slip_of_joints(motion: MeasuredMotion, names: ReadingNames) -> RelationTest | None:
     """Return the slip of the description that explains readings and poses, where its legs do not hold the platform."""
     try:
-        return _of_joints(motion, names, RelationTest(READINGS, RelationState.FAILS, "no-slip", unit="mm"))
+        return _test_joints(motion, names, RelationTest(READINGS, RelationState.FAILS, "no-slip", unit="mm"))
     except NotImplementedError:
         return None
 
 
-def _of_joints(motion: MeasuredMotion, names: ReadingNames, base: RelationTest) -> RelationTest | None:
+def _test_joints(motion: MeasuredMotion, names: ReadingNames, base: RelationTest) -> RelationTest | None:
     """Return the result if a slip in the joints of few legs, or of one side, explains the data."""
     if copied_columns(motion.readings):  # a leg that reads as its mirror image does is no mirrored leg
         return None
@@ -185,19 +185,19 @@ def _of_joints(motion: MeasuredMotion, names: ReadingNames, base: RelationTest) 
 def _test_of_part(motion: MeasuredMotion, asked: Array, names: ReadingNames, base: RelationTest) -> RelationTest | None:
     """Return the result if slips explain some rows of the table and the rest is right."""
     reachable = np.flatnonzero(np.isfinite(asked).all(axis=1))
-    whole, wanted = motion.subset(reachable), asked[reachable]
-    agreed = agreement(whole.readings, wanted, motion.noise)
+    subset, wanted = motion.subset(reachable), asked[reachable]
+    agreed = agreement(subset.readings, wanted, motion.noise)
     if agreed is None:
         return None
-    part = whole.subset(agreed.apart)
+    part = subset.subset(agreed.apart)
     for meant in _likely(_search(part)):
         slips = [slip for slip in meant.slips(names.columns, part.readings) if slip.kind is not SlipKind.ZERO]
-        undone = meant.undone(whole.readings)
+        undone = meant.undone(subset.readings)
         rows = slipped_rows(undone, wanted, agreed)
         if rows is not None and 0 < len(slips) <= _MOST_SLIPS:
             groups = [(name, [values[row] for row in reachable.tolist()]) for name, values in names.groups]
             where = row_places(*rows, [names.poses[row] for row in reachable.tolist()], groups)
-            left = np.where(rows[0][:, None], undone, whole.readings) - wanted
+            left = np.where(rows[0][:, None], undone, subset.readings) - wanted
             found = tuple(_with_named_rows(slip, tuple(where)) for slip in slips)
             after = 1e3 * _rms(left - left.mean(axis=0))
             return replace(
@@ -215,8 +215,8 @@ def _likely(search: _Found) -> list[Written]:
     """Return possible intended readings in some rows, the most likely first. The rest of the table decides between
     them, because it determines the geometry far better than tolerances do."""
     least = search.plain.evidence + _AS_LIKELY
-    found = [one for one in (search.meant, *search.rivals) if one.evidence > least and not one.description.slips]
-    return sorted(found, key=lambda one: -one.evidence)
+    likely = [one for one in (search.meant, *search.rivals) if one.evidence > least and not one.description.slips]
+    return sorted(likely, key=lambda hypothesis: -hypothesis.evidence)
 
 
 def _without_name(
@@ -233,8 +233,8 @@ def _without_name(
     failed = replace(base, state=RelationState.FAILS, reason="no-slip")
     if not 0 < len(legs) < len(names.columns):
         return failed
-    own = motion.chosen_columns(legs)
-    misfit, moved, _ = _plain_misfit(own, asked[:, legs])
+    measured_motion = motion.chosen_columns(legs)
+    misfit, moved, _ = _plain_misfit(measured_motion, asked[:, legs])
     return replace(failed, subject=" ".join(names.columns[leg] for leg in legs), misfit=misfit, limit=_APART * moved)
 
 
@@ -263,8 +263,8 @@ def _rounded(base: RelationTest, step: float, noise: float) -> RelationTest:
 
 def _calibrated_misfit(motion: MeasuredMotion) -> float:
     """Return the rms misfit, m, after a fit of geometry, gains, leaks and drivers; 0 where there are too few poses."""
-    own = next(descriptions(motion))
-    asked, geometry = reached(own), np.nan_to_num(own.by_geometry())
+    first_description = next(descriptions(motion))
+    asked, geometry = reached(first_description), np.nan_to_num(first_description.by_geometry())
     travel = asked - asked.mean(axis=0)
     left, freedom = 0.0, 0
     for leg in range(asked.shape[1]):
@@ -272,8 +272,8 @@ def _calibrated_misfit(motion: MeasuredMotion) -> float:
         known = np.hstack(columns)
         known = known / np.maximum(np.sqrt(np.mean(known**2, axis=0)), 1e-300)
         misfit = motion.readings[:, leg] - asked[:, leg]
-        found, _, rank, _ = np.linalg.lstsq(known, misfit, rcond=1e-9)
-        left += float(np.sum((misfit - known @ found) ** 2))
+        coefficients, _, rank, _ = np.linalg.lstsq(known, misfit, rcond=1e-9)
+        left += float(np.sum((misfit - known @ coefficients) ** 2))
         freedom += len(misfit) - int(rank)
     return float(np.sqrt(left / freedom)) if freedom >= _FREE_NUMBERS else 0.0
 
@@ -282,18 +282,20 @@ def _single_slips(motion: MeasuredMotion, asked: Array, names: ReadingNames) -> 
     """Return the pose and the column of single readings that do not belong to their pose."""
     determined = np.isfinite(asked).all(axis=1)
     at = np.flatnonzero(determined)
-    found = stray_readings(motion.readings[determined], asked[determined], motion.noise)
-    return [(names.poses[at[row]], names.columns[leg]) for row, leg in found.tolist()]
+    readings = stray_readings(motion.readings[determined], asked[determined], motion.noise)
+    return [(names.poses[at[row]], names.columns[leg]) for row, leg in readings.tolist()]
 
 
 def _stray_slips(strays: list[tuple[str, str]], names: ReadingNames) -> Iterator[RecordSlip]:
     """Yield the slip of poses of which most columns are stray, as the pose itself may be wrong; and of single
     readings."""
     poses = [pose for pose, _ in strays]
-    whole = [pose for pose in dict.fromkeys(poses) if poses.count(pose) > 0.5 * len(names.columns)]
-    cells = tuple(f"{column} in pose {pose}" for pose, column in strays if pose not in whole)
-    if whole:
-        yield RecordSlip(SlipKind.STRAY, "readings or measured position of", tuple(f"pose {pose}" for pose in whole))
+    poses_all_wrong = [pose for pose in dict.fromkeys(poses) if poses.count(pose) > 0.5 * len(names.columns)]
+    cells = tuple(f"{column} in pose {pose}" for pose, column in strays if pose not in poses_all_wrong)
+    if poses_all_wrong:
+        yield RecordSlip(
+            SlipKind.STRAY, "readings or measured position of", tuple(f"pose {pose}" for pose in poses_all_wrong)
+        )
     if cells:
         yield RecordSlip(SlipKind.STRAY, "readings", cells)
 
@@ -308,8 +310,8 @@ def _plain_misfit(motion: MeasuredMotion, asked: Array) -> tuple[float, float, I
         np.lexsort(motion.readings[rows_known].T)
     ]  # sorted, so that sums do not depend on the order of the rows in their last digits
     wanted, read = (values[rows_known] - values[rows_known].mean(axis=0) for values in (asked, motion.readings))
-    own, moved = np.sqrt(np.mean((read - wanted) ** 2, axis=0)), np.sqrt(np.mean(wanted**2, axis=0))
-    wrong = (own > _APART * moved) & (moved > _MOVED * motion.noise)
+    misfit, moved = np.sqrt(np.mean((read - wanted) ** 2, axis=0)), np.sqrt(np.mean(wanted**2, axis=0))
+    wrong = (misfit > _APART * moved) & (moved > _MOVED * motion.noise)
     return 1e3 * _rms(read - wanted), 1e3 * _rms(wanted), np.flatnonzero(wrong)
 
 
@@ -336,26 +338,26 @@ def _search(motion: MeasuredMotion, *, of_joints: bool = False) -> _Found:
     scored: list[tuple[Written, Description]] = []
     plain = None
     for description in chain(descriptions(motion), joint_descriptions(motion) if of_joints else ()):
-        own, meant, count = best_written(thin, description.every_nth(step), exchanged=False)
-        plain = plain or own
+        written, meant, count = best_written(thin, description.every_nth(step), exchanged=False)
+        plain = plain or written
         scored.append((meant, description))
         tried += count
     assert plain is not None  # the description as recorded is always among them
-    ahead = max(scored, key=lambda one: one[0].evidence)
-    for description in {id(one): one for one in (scored[0][1], ahead[1])}.values():
+    ahead = max(scored, key=lambda scored_row: scored_row[0].evidence)
+    for description in {id(description_of): description_of for description_of in (scored[0][1], ahead[1])}.values():
         _, meant, count = best_written(thin, description.every_nth(step), exchanged=True)
         scored.append((meant, description))
         tried += count
-    best, description = max(scored, key=lambda one: one[0].evidence)
+    best, description = max(scored, key=lambda pair: pair[0].evidence)
     if not _explains_enough(plain, best, motion.noise):
         best, description = plain, scored[0][1]
-    near = [_in_full(motion, own, whole) for own, whole in scored if best.evidence - own.evidence < _AS_LIKELY]
-    meant = _in_full(motion, best, description)
+    near = [_score_all_rows(motion, own, about) for own, about in scored if best.evidence - own.evidence < _AS_LIKELY]
+    meant = _score_all_rows(motion, best, description)
     asked = reached(description)
     return _Found(plain, meant, best_order(meant.misfit + asked, asked, motion.noise), tried, tuple(near))
 
 
-def _in_full(motion: MeasuredMotion, written: Written, description: Description) -> Written:
+def _score_all_rows(motion: MeasuredMotion, written: Written, description: Description) -> Written:
     """Return a hypothesis that was chosen on some of the poses, for all of them."""
     asked = reached(description)
     return replace(written, description=description, misfit=written.readings(motion.readings, asked) - asked)
@@ -367,16 +369,16 @@ def _explains_enough(plain: Written, best: Written, noise: float) -> bool:
         return False
     before, after = _halved(plain.misfit, best.misfit, noise)
     asked = reached(best.description)
-    left, moved = (_rms(one - one.mean(axis=0)) for one in (best.misfit, asked))
+    left, moved = (_rms(values - values.mean(axis=0)) for values in (best.misfit, asked))
     return before > _MOVED * noise and after <= _HALVES * before and left <= _APART * moved
 
 
 def _halved(before: Array, after: Array, noise: float) -> tuple[float, float]:
     """Return the rms misfit, m, before and after slips are undone: about the mean of each leg if it is clear and
     halved, or else in total, as where lengths are wrong."""
-    pairs = [(_rms(one - one.mean(axis=0)), _rms(one)) for one in (before, after)]
-    about, whole = zip(*pairs, strict=True)
-    return about if about[1] <= _HALVES * about[0] and about[0] > _MOVED * noise else whole
+    pairs = [(_rms(values - values.mean(axis=0)), _rms(values)) for values in (before, after)]
+    about, without_mean = zip(*pairs, strict=True)
+    return about if about[1] <= _HALVES * about[0] and about[0] > _MOVED * noise else without_mean
 
 
 def _rivals(
@@ -385,15 +387,21 @@ def _rivals(
     """Return single slips that explain the data as well as the chosen ones."""
     if not search.meant.slips(names.columns, motion.readings):  # an order of rows alone: no description explains it
         return ()
-    found = [rival.slips(names.columns, motion.readings) for rival in search.rivals]
-    return tuple(dict.fromkeys(one[0] for one in found if len(one) == 1 and one[0] not in slips))
+    record_slips = [rival.slips(names.columns, motion.readings) for rival in search.rivals]
+    return tuple(
+        dict.fromkeys(
+            slips_of_rival[0]
+            for slips_of_rival in record_slips
+            if len(slips_of_rival) == 1 and slips_of_rival[0] not in slips
+        )
+    )
 
 
 def _reordered(written: Written, order: RowOrder) -> Array:
     """Return the misfit with columns and rows in their right places."""
     asked = reached(written.description)
-    kept = order.rows >= 0
-    return np.asarray((written.misfit + asked)[order.rows[kept]] - asked[kept])
+    is_placed = order.rows >= 0
+    return np.asarray((written.misfit + asked)[order.rows[is_placed]] - asked[is_placed])
 
 
 def _row_slips(order: RowOrder, names: ReadingNames) -> tuple[RecordSlip, ...]:
@@ -439,7 +447,7 @@ def _other_zero(motion: MeasuredMotion, asked: Array) -> RecordSlip | None:
 
 def _frozen(motion: MeasuredMotion, asked: Array, names: ReadingNames) -> tuple[RecordSlip, ...]:
     """Return columns that repeat one number over poses which require clearly different ones."""
-    found = []
+    frozen_slips = []
     for leg, name in enumerate(names.columns):
         value = motion.readings[:, leg]
         ends = np.flatnonzero(np.diff(value) != 0.0)
@@ -448,9 +456,11 @@ def _frozen(motion: MeasuredMotion, asked: Array, names: ReadingNames) -> tuple[
         for first, last in zip(np.r_[0, ends + 1], np.r_[ends + 1, len(value)], strict=True):
             wanted = asked[first:last, leg]
             if last - first >= _FROZEN and np.ptp(np.nan_to_num(wanted)) > least:
-                found.append(RecordSlip(SlipKind.FROZEN, "readings", (f"{name} from pose {names.poses[first]} on",)))
+                frozen_slips.append(
+                    RecordSlip(SlipKind.FROZEN, "readings", (f"{name} from pose {names.poses[first]} on",))
+                )
                 break
-    return tuple(found)
+    return tuple(frozen_slips)
 
 
 def _hidden(motion: MeasuredMotion, plain: Written, names: ReadingNames) -> tuple[RecordSlip, ...]:

@@ -47,18 +47,18 @@ def responses(load: Array, run: Index, value: Array, *, has_zero: bool = True) -
 
     has_zero: every run has a zero of its own; otherwise there is none, and all runs are treated as one.
     """
-    groups = [np.flatnonzero(run == one) for one in np.unique(run)] if has_zero else [np.arange(len(run))]
-    found = [cell for rows in groups for cell in _of_rows(int(run[rows[0]]), load[rows], value[rows], has_zero)]
+    groups = [np.flatnonzero(run == number) for number in np.unique(run)] if has_zero else [np.arange(len(run))]
+    cells = [cell for rows in groups for cell in _fit_cells(int(run[rows[0]]), load[rows], value[rows], has_zero)]
     return Responses(
-        np.array([one[0] for one in found], np.int64),
-        np.array([one[1] for one in found], np.int64),
-        np.array([one[2] for one in found], float).reshape(-1, 6),
-        np.array([one[3] for one in found], float),
-        np.array([one[4] for one in found], float),
+        np.array([cell[0] for cell in cells], np.int64),
+        np.array([cell[1] for cell in cells], np.int64),
+        np.array([cell[2] for cell in cells], float).reshape(-1, 6),
+        np.array([cell[3] for cell in cells], float),
+        np.array([cell[4] for cell in cells], float),
     )
 
 
-def _of_rows(run: int, load: Array, value: Array, has_zero: bool) -> Iterator[_Cell]:
+def _fit_cells(run: int, load: Array, value: Array, has_zero: bool) -> Iterator[_Cell]:
     """Return the responses of each column over rows that share a zero, if there are any."""
     seen = np.isfinite(value)
     kinds, kind = np.unique(seen, axis=1, return_inverse=True)
@@ -101,16 +101,16 @@ def _fitted(way: Array, value: Array, has_zero: bool) -> tuple[Array, Array]:
     columns = np.column_stack([way, np.ones(len(way))]) if has_zero else way
     rank = way.shape[1]
     inverse = np.linalg.pinv(columns)
-    found = inverse @ value
-    left = value - columns @ found
+    coefficients = inverse @ value
+    left = value - columns @ coefficients
     spread = np.sqrt(np.sum(left**2, axis=0) / max(len(way) - columns.shape[1], 1))
     sigma = np.sqrt(np.sum(inverse**2, axis=1))[:, None] * spread
     out = np.abs(left) > _GROSS * _MEDIAN * np.median(np.abs(left), axis=0)
     for at in np.flatnonzero(out.any(axis=0) & (out.sum(axis=0) <= _MOST_OUT * len(way))):
-        kept = ~out[:, at]
-        again = np.linalg.lstsq(columns[kept], value[kept, at], rcond=None)[0]
-        if np.linalg.matrix_rank(columns[kept]) == columns.shape[1]:
-            rest = value[kept, at] - columns[kept] @ again
-            found[:, at] = again
+        is_used = ~out[:, at]
+        again = np.linalg.lstsq(columns[is_used], value[is_used, at], rcond=None)[0]
+        if np.linalg.matrix_rank(columns[is_used]) == columns.shape[1]:
+            rest = value[is_used, at] - columns[is_used] @ again
+            coefficients[:, at] = again
             sigma[:, at] *= np.sqrt(rest @ rest / max(len(rest) - columns.shape[1], 1)) / max(spread[at], 1e-300)
-    return found[:rank], sigma[:rank]
+    return coefficients[:rank], sigma[:rank]

@@ -75,11 +75,17 @@ def row_slips(
 ) -> tuple[list[RowSlip], int]:
     """Return the runs whose columns (N, K) follow loads (N, 6) in another order of rows, and the number of tests."""
     numbers = np.unique(run).tolist()
-    ranges = np.array([_range(value[run == one]) for one in numbers]).reshape(len(numbers), -1).max(axis=0, initial=0.0)
+    ranges = (
+        np.array([_range(value[run == number]) for number in numbers])
+        .reshape(len(numbers), -1)
+        .max(axis=0, initial=0.0)
+    )
     tried = [
-        one
+        trial
         for number in numbers
-        for one in _of_run(number, load[run == number], time_s[run == number], value[run == number], ranges)
+        for trial in _try_orders_of_run(
+            number, load[run == number], time_s[run == number], value[run == number], ranges
+        )
     ]
     return list(_row_slips(tried, runs, quantity)), len(tried)
 
@@ -95,33 +101,33 @@ def _row_slips(tried: Sequence[_Tried], runs: Sequence[str], quantity: str) -> I
             return
     clear = [one for one in tried if one.gain > limit and _halves([one])]
     best: dict[int, _Tried] = {}
-    for one in clear:
-        if one.run not in best or one.gain > best[one.run].gain:
-            best[one.run] = one
+    for trial in clear:
+        if trial.run not in best or trial.gain > best[trial.run].gain:
+            best[trial.run] = trial
     for order in _ORDERS:
         if same := [one for one in best.values() if one.order == order]:
             yield RowSlip(order.slip(quantity, tuple(runs[one.run] for one in same)), *_rms_percent(same))
 
 
-def _halves(found: Sequence[_Tried]) -> bool:
-    before, after = _rms_percent(found)
+def _halves(tried: Sequence[_Tried]) -> bool:
+    before, after = _rms_percent(tried)
     return after < min(0.5 * before, 100.0 * _MOST_LEFT)
 
 
-def _rms_percent(found: Sequence[_Tried]) -> tuple[float, float]:
+def _rms_percent(tried: Sequence[_Tried]) -> tuple[float, float]:
     return tuple(  # type: ignore[return-value]
-        100.0 * float(np.sqrt(np.mean([getattr(one, name) for one in found]))) for name in ("before", "after")
+        100.0 * float(np.sqrt(np.mean([getattr(trial, name) for trial in tried]))) for name in ("before", "after")
     )
 
 
 def can_reverse(load: Array, run: Index) -> tuple[bool, bool]:
     """Return if every run has the same loads backwards, and if it has the same with opposite signs."""
     even, odd = True, True
-    for one in np.unique(run):
-        own = load[run == one]
-        size = max(float(np.abs(own).max(initial=0.0)), 1e-300)
-        even &= bool(np.abs(own - own[::-1]).max(initial=0.0) <= (1.0 - _ALIKE) * size)
-        odd &= bool(np.abs(own + own[::-1]).max(initial=0.0) <= (1.0 - _ALIKE) * size)
+    for number in np.unique(run):
+        loads = load[run == number]
+        size = max(float(np.abs(loads).max(initial=0.0)), 1e-300)
+        even &= bool(np.abs(loads - loads[::-1]).max(initial=0.0) <= (1.0 - _ALIKE) * size)
+        odd &= bool(np.abs(loads + loads[::-1]).max(initial=0.0) <= (1.0 - _ALIKE) * size)
     return even, odd
 
 
@@ -130,7 +136,7 @@ def _range(value: Array) -> Array:
     return np.nan_to_num(np.ptp(value, axis=0))
 
 
-def _of_run(number: int, load: Array, time_s: Array, value: Array, ranges: Array) -> Iterator[_Tried]:
+def _try_orders_of_run(number: int, load: Array, time_s: Array, value: Array, ranges: Array) -> Iterator[_Tried]:
     """Return the tested orders of one run, by the columns that respond; ranges (K,): the largest of a run in the
     campaign."""
     columns = (ranges > 0.0) & (_range(value) > _CLEAR * ranges)

@@ -46,20 +46,20 @@ def parts(load: Array, run: Index, value: Array, columns: Sequence[RecordedColum
 
     answers (K, 6): responses of the columns by all runs or a simulation, which decide which of two parts is wrong.
     """
-    runs = [np.flatnonzero(run == one) for one in np.unique(run)]
+    runs = [np.flatnonzero(run == number) for number in np.unique(run)]
     ranges = [np.nan_to_num(np.ptp(value[rows], axis=0)) for rows in runs]
     most = np.max(ranges, axis=0, initial=0.0)
-    found = []
-    for rows, own in zip(runs, ranges, strict=True):
+    run_parts = []
+    for rows, range_of_run in zip(runs, ranges, strict=True):
         direction = directions(load[rows])[0]
-        main = np.flatnonzero((own > _MAIN * most) & (own > 0.0))
+        main = np.flatnonzero((range_of_run > _MAIN * most) & (range_of_run > 0.0))
         if len(direction) == 1 and len(main):
             way = load[rows] @ direction[0] / (direction[0] @ direction[0])
             line = _Line(way, value[rows][:, main], int(run[rows[0]]), rows, tuple(main.tolist()))
             kinds = FORCE_UNITS if direction[0, :3].any() else (*TORQUE_UNITS, *FORCE_UNITS)
             best = line.best([columns[k] for k in line.places], kinds, answers[main] @ direction[0])
-            found += [] if best is None else [best]
-    return found
+            run_parts += [] if best is None else [best]
+    return run_parts
 
 
 @dataclass(frozen=True)
@@ -78,27 +78,31 @@ class _Line:
 
     def best(self, columns: Sequence[RecordedColumn], units: Sequence[float], answers: Array) -> RunPart | None:
         """Return the part and the factor with the smallest residual; loads if they do as well as columns."""
-        found = [
-            one for second, sign in self._halves() for one in self._of_halves(second, sign, columns, units, answers)
+        parts_of_halves = [
+            one
+            for second, sign in self._halves()
+            for one in self._compare_halves(second, sign, columns, units, answers)
         ]
-        if not found:
+        if not parts_of_halves:
             return None
-        least = min(one.after for one in found)
-        loads = [one for one in found if not one.columns and one.after <= _AS_GOOD * least]
-        near = loads or found
-        least = min(one.after for one in near)
-        return min((one for one in near if one.after <= least * _TIE), key=lambda one: one.sign != 0)
+        least = min(one.after for one in parts_of_halves)
+        loads = [one for one in parts_of_halves if not one.columns and one.after <= _AS_GOOD * least]
+        near = loads or parts_of_halves
+        least = min(candidate.after for candidate in near)
+        return min(
+            (candidate for candidate in near if candidate.after <= least * _TIE), key=lambda part: part.sign != 0
+        )
 
-    def _of_halves(
+    def _compare_halves(
         self, second: Mask, sign: int, columns: Sequence[RecordedColumn], units: Sequence[float], answers: Array
     ) -> Iterator[RunPart]:
         """Yield the correction of one of two parts: the one whose slopes differ more from the expected responses."""
-        kept, one, other = self._slopes(second)
-        if not kept.any() or not _differs_from_one(other[kept] / one[kept]).any():
+        direction, one, other = self._slopes(second)
+        if not direction.any() or not _differs_from_one(other[direction] / one[direction]).any():
             return
-        place = np.flatnonzero(kept).tolist()
-        reported = replace(self, value=self.value[:, kept], places=tuple(self.places[k] for k in place))
-        one, other, answers = one[kept], other[kept], answers[kept]
+        place = np.flatnonzero(direction).tolist()
+        reported = replace(self, value=self.value[:, direction], places=tuple(self.places[k] for k in place))
+        one, other, answers = one[direction], other[direction], answers[direction]
         off = [
             np.sum(np.abs(_slope_deviation(slope, answers, np.minimum(np.abs(one), np.abs(other)))))
             for slope in (one, other)
@@ -107,13 +111,13 @@ class _Line:
         part, ratio = (~second, one / other) if first else (second, other / one)
         before = reported._line_residual(reported.way, reported.value)
         for mine, factor, after in reported._undone_slips(part, ratio, [columns[k] for k in place], units):
-            own = list(mine) if mine else slice(None)
-            known = _is_known(answers, np.minimum(np.abs(one), np.abs(other)))[own]
+            part_columns = list(mine) if mine else slice(None)
+            known = _is_known(answers, np.minimum(np.abs(one), np.abs(other)))[part_columns]
             if factor < 0.0 and not known.any() and (mine or len(known) < 2):
                 continue  # a single column may answer both signs of a load alike
-            if np.all(after[own] < _FIFTH * before[own]):
+            if np.all(after[part_columns] < _FIFTH * before[part_columns]):
                 concerned = tuple(reported.places[k] for k in mine)
-                left = float(before[own].max()), float(after[own].max())
+                left = float(before[part_columns].max()), float(after[part_columns].max())
                 yield RunPart(self.run, self.rows[part], first, -sign if first else sign, concerned, factor, *left)
 
     def _halves(self) -> Iterator[tuple[Mask, int]]:
@@ -149,8 +153,8 @@ class _Line:
                 yield (), factor, self._line_residual(way, self.value)
         for quantity in dict.fromkeys(column.quantity for column in columns):
             places = [k for k, column in enumerate(columns) if column.quantity == quantity]
-            own = columns[places[0]]
-            for factor in (-1.0, *own.factors):
+            first_column = columns[places[0]]
+            for factor in (-1.0, *first_column.factors):
                 mine = tuple(k for k in places if _is_unphysical_ratio(ratio[k : k + 1], 1.0 / factor).all())
                 others = np.isin(np.arange(len(columns)), mine, invert=True)
                 if mine and not _differs_from_one(ratio[others]).any():
@@ -161,9 +165,9 @@ class _Line:
     @staticmethod
     def _line_residual(way: Array, value: Array) -> Array:
         """Return the root mean square residual (K,) of lines through all rows, over the range."""
-        about, own = way - way.mean(), value - value.mean(axis=0)
-        left = own - about[:, None] * (about @ own / (about @ about))
-        return np.asarray(np.sqrt(np.mean(left**2, axis=0)) / np.ptp(own, axis=0))
+        about, centred = way - way.mean(), value - value.mean(axis=0)
+        left = centred - about[:, None] * (about @ centred / (about @ about))
+        return np.asarray(np.sqrt(np.mean(left**2, axis=0)) / np.ptp(centred, axis=0))
 
 
 def _differs_from_one(ratio: Array) -> Mask:
@@ -189,7 +193,7 @@ def _slope_deviation(slope: Array, answers: Array, least: Array) -> Array:
 
 
 def of_parts(
-    found: Sequence[RunPart],
+    run_parts: Sequence[RunPart],
     step: Index,
     runs: Sequence[str],
     columns: Sequence[RecordedColumn],
@@ -197,11 +201,11 @@ def of_parts(
     relation: str,
 ) -> Iterator[RelationTest]:
     """Yield one failed test of a relation for parts that concern its columns (indices from first) or their loads."""
-    mine = [one for one in found if part_concerns(one, range(first, first + len(columns)))]
+    mine = [part for part in run_parts if part_concerns(part, range(first, first + len(columns)))]
     if mine:
-        slips = merged([_slip(one, step, runs, columns, first) for one in mine])
-        before, after = (100.0 * max(getattr(one, name) for one in mine) for name in ("before", "after"))
-        subject = ", ".join(dict.fromkeys(runs[one.run] for one in mine)) if len(mine) <= 3 else ""
+        slips = merged([_slip(trial, step, runs, columns, first) for trial in mine])
+        before, after = (100.0 * max(getattr(trial, name) for trial in mine) for name in ("before", "after"))
+        subject = ", ".join(dict.fromkeys(runs[trial.run] for trial in mine)) if len(mine) <= 3 else ""
         sizes = (before, after, None, "% of the range")
         yield RelationTest(relation, RelationState.FAILS, "slip", subject, *sizes, slips, tried=len(mine))
 
@@ -212,10 +216,10 @@ def part_concerns(part: RunPart, columns: Container[int]) -> bool:
 
 
 def _slip(part: RunPart, step: Index, runs: Sequence[str], columns: Sequence[RecordedColumn], first: int) -> RecordSlip:
-    own = [columns[place - first] for place in part.columns]
-    quantity = own[0].quantity if own else "load"
-    every = len(own) == sum(column.quantity == quantity for column in columns)
-    names = () if every and len(own) > 1 else tuple(column.name for column in own)
+    part_columns = [columns[place - first] for place in part.columns]
+    quantity = part_columns[0].quantity if part_columns else "load"
+    every = len(part_columns) == sum(column.quantity == quantity for column in columns)
+    names = () if every and len(part_columns) > 1 else tuple(column.name for column in part_columns)
     kind = SlipKind.SIGN if part.factor == -1.0 else SlipKind.UNIT
     slip = RecordSlip(kind, quantity, (*names, _part_words(part, step, runs)))
     return slip if kind == SlipKind.SIGN else replace(slip, factor=part.factor)

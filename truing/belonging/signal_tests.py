@@ -37,16 +37,16 @@ _NO_BETTER = 1.0  # misfit over what is expected: an expectation of nothing woul
 _ABOVE_TYPICAL = 1.5  # the largest responses over the typical one of all legs
 
 
-def typical(found: Responses, count: int) -> tuple[ExpectedResponse, Mask]:
+def typical(measured: Responses, count: int) -> tuple[ExpectedResponse, Mask]:
     """Return the response of columns (count) by most runs, and True for responses (C,) confirmed by two other runs."""
-    of_load = 1.0 / np.maximum(np.abs(found.direction).max(axis=0, initial=0.0), 1e-300)
-    share = found.direction * of_load
-    matrix, vouched = np.zeros((count, 6)), np.zeros(len(found), bool)
+    of_load = 1.0 / np.maximum(np.abs(measured.direction).max(axis=0, initial=0.0), 1e-300)
+    share = measured.direction * of_load
+    matrix, vouched = np.zeros((count, 6)), np.zeros(len(measured), bool)
     for column in range(count):
-        mine = found.column == column
+        mine = measured.column == column
         if mine.any():
-            matrix[column] = _least_absolute(share[mine], found.size[mine])
-            vouched[mine] = _is_confirmed(share[mine], found.run[mine])
+            matrix[column] = _least_absolute(share[mine], measured.size[mine])
+            vouched[mine] = _is_confirmed(share[mine], measured.run[mine])
     of_column = np.maximum(np.abs(matrix).max(axis=1), 1e-300)
     expected = ExpectedResponse(
         matrix * of_load,
@@ -63,18 +63,18 @@ def _least_absolute(share: Array, size: Array) -> Array:
     """Coefficients (6,) of least absolute deviations of sizes (C,) by shares (C, 6), by reweighting."""
     weight = np.ones(len(size))
     floor = _CLOSE * max(float(np.median(np.abs(size))), 1e-300)
-    found: Array = np.zeros(6)
+    coefficients: Array = np.zeros(6)
     for _ in range(_ROUNDS):
-        found = np.asarray(np.linalg.lstsq(weight[:, None] * share, weight * size, rcond=_OPEN)[0])
-        weight = 1.0 / np.sqrt(np.maximum(np.abs(size - share @ found), floor))
-    return found
+        coefficients = np.asarray(np.linalg.lstsq(weight[:, None] * share, weight * size, rcond=_OPEN)[0])
+        weight = 1.0 / np.sqrt(np.maximum(np.abs(size - share @ coefficients), floor))
+    return coefficients
 
 
 def _is_confirmed(share: Array, run: Index) -> Mask:
     """Return True for responses that the other runs determine at least twice."""
     out = np.zeros(len(share), bool)
-    for one in np.unique(run):
-        mine, others = run == one, share[run != one]
+    for number in np.unique(run):
+        mine, others = run == number, share[run != number]
         if len(others):
             size, right = np.linalg.svd(others, full_matrices=False)[1:]
             good = size > _OPEN * max(size[0], 1.0)
@@ -107,13 +107,13 @@ def against_geometry(
 
     gain (S,): declared, V/N; without it, only differences between legs and between axes can be tested.
     """
-    found = _clear_responses(steps, len(columns))
-    if not len(found) or len(columns) != len(legs):
+    measured = _clear_responses(steps, len(columns))
+    if not len(measured) or len(columns) != len(legs):
         return None
     best: RelationTest | None = None
-    for expected in _by_legs(found, legs, gain):
-        explained, unseen = _explained(found, expected, steps, columns, gain)
-        if _rms_deviation(explained.misses, found, expected) <= _MATCHES:
+    for expected in _responses_by_legs(measured, legs, gain):
+        explained, unseen = _explained(measured, expected, steps, columns, gain)
+        if _rms_deviation(explained.misses, measured, expected) <= _MATCHES:
             tested = _tested(explained, RELATION, unseen)
             if not tested.slips:
                 return tested
@@ -139,23 +139,23 @@ def _reverses_most(tested: RelationTest, steps: SignalSteps) -> bool:
 
 
 def _explained(
-    found: Responses,
+    measured: Responses,
     expected: ExpectedResponse,
     steps: SignalSteps,
     columns: Sequence[RecordedColumn],
     gain: Array | None,
 ) -> tuple[Explained, tuple[RecordSlip, ...]]:
     """Return the slips that explain the responses, and the slips that would not show."""
-    each = [*slips_of_run_loads(found, steps.runs, expected), *exchanges_from_a_run(found, columns, steps.runs)]
-    overall = [*slips_of_all_loads(found), *slips_of_columns(found, columns, steps.runs, expected, of_all=True)]
+    each = [*slips_of_run_loads(measured, steps.runs, expected), *exchanges_from_a_run(measured, columns, steps.runs)]
+    overall = [*slips_of_all_loads(measured), *slips_of_columns(measured, columns, steps.runs, expected, of_all=True)]
     if gain is None:
-        overall = [one for one in overall if not _is_of_all(one, columns)]
-    broad = [one for one in overall if not one.slip.subjects]
-    explained = explain(found, expected, [*each, *(one for one in overall if one.slip.subjects)], broad)
+        overall = [trial for trial in overall if not _is_of_all(trial, columns)]
+    broad = [trial for trial in overall if not trial.slip.subjects]
+    explained = explain(measured, expected, [*each, *(trial for trial in overall if trial.slip.subjects)], broad)
     if explained.slips:
         return explained, ()
-    unseen = [one for one in overall if not any(name in steps.runs for name in one.slip.subjects)]
-    return explained, (*_blind(gain), *hidden(found, expected, unseen))
+    unseen = [trial for trial in overall if not any(name in steps.runs for name in trial.slip.subjects)]
+    return explained, (*_blind(gain), *hidden(measured, expected, unseen))
 
 
 def _reciprocal_alternatives(tested: RelationTest) -> tuple[RecordSlip, ...]:
@@ -170,27 +170,27 @@ def _reciprocal_alternatives(tested: RelationTest) -> tuple[RecordSlip, ...]:
 
 def against_each_other(steps: SignalSteps, columns: Sequence[RecordedColumn], relation: str) -> RelationTest:
     """Return the test of columns against the loads of each run, by comparison with the other runs."""
-    found = _clear_responses(steps, len(columns))
-    expected, vouched = typical(found, len(columns))
-    found = found.subset(vouched) if len(found) else found
-    alone = tuple(steps.runs[run] for run in np.unique(steps.run).tolist() if not np.any(found.run == run))
-    unseen = (*_of_all_runs(columns), *_of_single_runs(columns, alone))
-    if not len(found):
+    measured = _clear_responses(steps, len(columns))
+    expected, vouched = typical(measured, len(columns))
+    measured = measured.subset(vouched) if len(measured) else measured
+    alone = tuple(steps.runs[run] for run in np.unique(steps.run).tolist() if not np.any(measured.run == run))
+    unseen = (*_slips_of_all_runs(columns), *_slips_of_single_runs(columns, alone))
+    if not len(measured):
         return RelationTest(relation, RelationState.NOT_TESTED, "no-repeats", hidden=unseen)
     candidates = [
-        *slips_of_run_loads(found, steps.runs, expected),
-        *slips_of_columns(found, columns, steps.runs, expected, of_all=False),
+        *slips_of_run_loads(measured, steps.runs, expected),
+        *slips_of_columns(measured, columns, steps.runs, expected, of_all=False),
     ]
-    explained = explain(found, expected, candidates)
+    explained = explain(measured, expected, candidates)
     of_one_quantity = len({column.quantity for column in columns}) == 1  # so that any two may be exchanged
-    exchanges = [*exchanges_by_axis(found, columns)] if of_one_quantity else []
-    return _tested(explained, relation, (*unseen, *hidden(found, expected, exchanges)))
+    exchanges = [*exchanges_by_axis(measured, columns)] if of_one_quantity else []
+    return _tested(explained, relation, (*unseen, *hidden(measured, expected, exchanges)))
 
 
 def responses_of(steps: SignalSteps, columns: int) -> Array:
     """Return the responses of columns to loads, (S, 6), by most runs."""
-    found = _clear_responses(steps, columns)
-    return typical(found, columns)[0].matrix if len(found) else np.zeros((columns, 6))
+    measured = _clear_responses(steps, columns)
+    return typical(measured, columns)[0].matrix if len(measured) else np.zeros((columns, 6))
 
 
 def _clear_responses(steps: SignalSteps, count: int) -> Responses:
@@ -204,28 +204,30 @@ def _tested(explained: Explained, relation: str, unseen: Sequence[RecordSlip]) -
     return explained.tested(relation, state, reason, unseen)
 
 
-def _by_legs(found: Responses, legs: Array, gain: Array | None) -> Iterator[ExpectedResponse]:
+def _responses_by_legs(measured: Responses, legs: Array, gain: Array | None) -> Iterator[ExpectedResponse]:
     """Yield the expected response of signals with the declared gain, or with one gain common to all of them. The sign
     is positive for tension, negative, or separate for each signal."""
     of_load = np.sqrt(np.mean(legs**2, axis=0))
     if gain is not None:
         yield ExpectedResponse(legs * gain[:, None], _ABOVE_TYPICAL * np.abs(gain), of_load, _DECLARED)
         return
-    force = np.sum(legs[found.column] * found.direction, axis=1)
-    main = np.abs(force) > _MAIN * np.linalg.norm(found.direction * of_load, axis=1)
-    pushed = main & ~found.direction[:, 3:].any(axis=1)
+    force = np.sum(legs[measured.column] * measured.direction, axis=1)
+    main = np.abs(force) > _MAIN * np.linalg.norm(measured.direction * of_load, axis=1)
+    pushed = main & ~measured.direction[:, 3:].any(axis=1)
     by = pushed if pushed.any() else main
-    common = float(np.median(np.abs(found.size[by] / force[by]))) if by.any() else 1.0
-    wired = [np.sign(found.size[mine] @ force[mine]) or 1.0 for mine in (found.column == k for k in range(len(legs)))]
+    common = float(np.median(np.abs(measured.size[by] / force[by]))) if by.any() else 1.0
+    wired = [
+        np.sign(measured.size[mine] @ force[mine]) or 1.0 for mine in (measured.column == k for k in range(len(legs)))
+    ]
     of_column = np.full(len(legs), _ABOVE_TYPICAL * common)
     for signs in (np.ones(len(legs)), -np.ones(len(legs)), np.array(wired)):
         yield ExpectedResponse(common * legs * signs[:, None], of_column, of_load, _OWN_GAIN)
 
 
-def _rms_deviation(missed: Array, found: Responses, expected: ExpectedResponse) -> float:
+def _rms_deviation(missed: Array, measured: Responses, expected: ExpectedResponse) -> float:
     """Return the root mean square deviation of main responses."""
-    wanted = np.abs(expected.expected(found.column, found.direction))
-    main = wanted > _MAIN * expected.possible(found.column, found.direction)
+    wanted = np.abs(expected.expected(measured.column, measured.direction))
+    main = wanted > _MAIN * expected.possible(measured.column, measured.direction)
     return float(np.sqrt(np.mean(missed[main] ** 2))) if main.any() else np.inf
 
 
@@ -238,10 +240,12 @@ def _is_of_all(candidate: SlipCandidate, columns: Sequence[RecordedColumn]) -> b
     return names.issuperset(slip.subjects)
 
 
-def _of_single_runs(columns: Sequence[RecordedColumn], alone: tuple[str, ...]) -> tuple[RecordSlip, ...]:
+def _slips_of_single_runs(columns: Sequence[RecordedColumn], alone: tuple[str, ...]) -> tuple[RecordSlip, ...]:
     """Return the slips that cannot show in runs without confirmation by two others."""
     kinds = (SlipKind.UNIT, SlipKind.SIGN, SlipKind.FROZEN) if alone else ()
-    return tuple(RecordSlip(kind, of, alone) for of in dict.fromkeys(one.quantity for one in columns) for kind in kinds)
+    return tuple(
+        RecordSlip(kind, of, alone) for of in dict.fromkeys(column.quantity for column in columns) for kind in kinds
+    )
 
 
 def _blind(gain: Array | None) -> tuple[RecordSlip, ...]:
@@ -250,7 +254,7 @@ def _blind(gain: Array | None) -> tuple[RecordSlip, ...]:
     return (RecordSlip(SlipKind.UNIT, "load"), RecordSlip(SlipKind.UNIT, "signal"), RecordSlip(SlipKind.SIGN, "signal"))
 
 
-def _of_all_runs(columns: Sequence[RecordedColumn]) -> tuple[RecordSlip, ...]:
+def _slips_of_all_runs(columns: Sequence[RecordedColumn]) -> tuple[RecordSlip, ...]:
     """Return the slips that equal runs cannot show: the same one in all of them."""
     quantities = dict.fromkeys(("load", *(column.quantity for column in columns)))
     units = tuple(RecordSlip(SlipKind.UNIT, quantity, ("all runs",)) for quantity in quantities)

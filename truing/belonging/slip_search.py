@@ -139,29 +139,29 @@ class _ScaledResponses:
         return _ScaledResponses(self.share[rows], self.expected[rows], self.possible[rows], self.by)
 
 
-def clear_responses(found: Responses, count: int) -> Responses:
+def clear_responses(responses: Responses, count: int) -> Responses:
     """Return the responses of columns (count) that are clear of their scatter."""
     typical = np.array(
         [
-            np.quantile(np.abs(found.size[mine]), 0.75) if (mine := found.column == k).any() else 0.0
+            np.quantile(np.abs(responses.size[mine]), 0.75) if (mine := responses.column == k).any() else 0.0
             for k in range(count)
         ]
     )
-    return found.subset(found.sigma <= _CLEAR * np.maximum(typical[found.column], np.abs(found.size)))
+    return responses.subset(responses.sigma <= _CLEAR * np.maximum(typical[responses.column], np.abs(responses.size)))
 
 
-def as_recorded(found: Responses) -> ColumnReading:
+def as_recorded(responses: Responses) -> ColumnReading:
     """Return the interpretation of responses as recorded."""
-    return ColumnReading(found.direction, found.column, np.ones(len(found)))
+    return ColumnReading(responses.direction, responses.column, np.ones(len(responses)))
 
 
-def misses_read(found: Responses, expected: ExpectedResponse, read: ColumnReading) -> Array:
+def misses_read(responses: Responses, expected: ExpectedResponse, read: ColumnReading) -> Array:
     """Return the deviation (C,) of responses under an interpretation, in prior widths."""
-    return _compare(found, expected, read).deviations
+    return _compare(responses, expected, read).deviations
 
 
 def explain(
-    found: Responses,
+    responses: Responses,
     expected: ExpectedResponse,
     candidates: Sequence[SlipCandidate],
     broad: Sequence[SlipCandidate] = (),
@@ -170,30 +170,30 @@ def explain(
 
     broad: candidates that are also tried in pairs if no single one explains everything.
     """
-    read = as_recorded(found)
-    first = _compare(found, expected, read)
-    chosen, rivals, now = _one_by_one(found, expected, [*broad, *candidates])
+    read = as_recorded(responses)
+    first = _compare(responses, expected, read)
+    chosen, rivals, now = _add_one_by_one(responses, expected, [*broad, *candidates])
     tried = len(broad) + len(candidates)
-    if _root(_compare(found, expected, now).deviations) > _RIGHT or _penalty(chosen) > _MUCH:
+    if _root(_compare(responses, expected, now).deviations) > _RIGHT or _penalty(chosen) > _MUCH:
         tried += len(broad) * (len(broad) - 1) // 2
-        two = _best_of_two(found, expected, broad)
-        if two is not None and two[1] > _gain(found, expected, (read, first), now) - _penalty(chosen):
+        two = _best_of_two(responses, expected, broad)
+        if two is not None and two[1] > _gain(responses, expected, (read, first), now) - _penalty(chosen):
             chosen, now = two[0], two[2]
             rivals = ()
-    slips = merged([one.slip for one in chosen])
-    where = _readings_differ(read, now) if slips else np.ones(len(found), bool)
-    last = _compare(found, expected, now)
+    slips = merged([candidate.slip for candidate in chosen])
+    where = _readings_differ(read, now) if slips else np.ones(len(responses), bool)
+    last = _compare(responses, expected, now)
     return Explained(slips, rivals, _relative(first, where), _relative(last, where), tried, last.deviations)
 
 
-def _one_by_one(
-    found: Responses, expected: ExpectedResponse, candidates: Sequence[SlipCandidate]
+def _add_one_by_one(
+    responses: Responses, expected: ExpectedResponse, candidates: Sequence[SlipCandidate]
 ) -> tuple[list[SlipCandidate], tuple[RecordSlip, ...], ColumnReading]:
     """Return the clearest slips in turn, the rivals of the first, and the interpretation with them."""
-    read, chosen, rivals = as_recorded(found), list[SlipCandidate](), tuple[RecordSlip, ...]()
+    read, chosen, rivals = as_recorded(responses), list[SlipCandidate](), tuple[RecordSlip, ...]()
     for _ in range(_ROUNDS):
-        best = _best(found, expected, read, candidates)
-        if best is None or len(merged([*(one.slip for one in chosen), best[0].slip])) > _MOST_SLIPS:
+        best = _best(responses, expected, read, candidates)
+        if best is None or len(merged([*(candidate.slip for candidate in chosen), best[0].slip])) > _MOST_SLIPS:
             break
         rivals = rivals if chosen else best[2]
         chosen.append(best[0])
@@ -202,44 +202,46 @@ def _one_by_one(
 
 
 def _best_of_two(
-    found: Responses, expected: ExpectedResponse, broad: Sequence[SlipCandidate]
+    responses: Responses, expected: ExpectedResponse, broad: Sequence[SlipCandidate]
 ) -> tuple[list[SlipCandidate], float, ColumnReading] | None:
     """Return the pair of slips with the smallest deviation and its log evidence; None if no pair explains
     everything."""
-    read = as_recorded(found)
-    first = _compare(found, expected, read)
+    read = as_recorded(responses)
+    first = _compare(responses, expected, read)
     best: tuple[float, list[SlipCandidate], ColumnReading] | None = None
-    for at, one in enumerate(broad):
-        half = one.undo(read)
+    for at, trial in enumerate(broad):
+        half = trial.undo(read)
         for other in broad[at + 1 :]:
             now = other.undo(half)
-            left = _root(_compare(found, expected, now).deviations)
+            left = _root(_compare(responses, expected, now).deviations)
             if best is None or left < best[0]:
-                best = left, [one, other], now
+                best = left, [trial, other], now
     if best is None or best[0] > min(_RIGHT, 0.5 * _root(first.deviations)):
         return None
-    gain = _gain(found, expected, (read, first), best[2]) - _penalty(best[1])
+    gain = _gain(responses, expected, (read, first), best[2]) - _penalty(best[1])
     return (best[1], gain, best[2]) if gain > _MUCH else None
 
 
 def _penalty(chosen: Sequence[SlipCandidate]) -> float:
-    return sum(one.penalty for one in chosen) + np.log(2.0 * max(len(chosen), 1))
+    return sum(candidate.penalty for candidate in chosen) + np.log(2.0 * max(len(chosen), 1))
 
 
 def merged(slips: Sequence[RecordSlip]) -> tuple[RecordSlip, ...]:
     """Return slips of one kind, quantity and size as one of all their subjects."""
-    found: dict[RecordSlip, tuple[str, ...]] = {}
+    names_by_slip: dict[RecordSlip, tuple[str, ...]] = {}
     for slip in slips:
-        own = replace(slip, subjects=())
-        found[own] = tuple(dict.fromkeys((*found.get(own, ()), *slip.subjects)))
-    return tuple(replace(own, subjects=subjects) for own, subjects in found.items())
+        general = replace(slip, subjects=())
+        names_by_slip[general] = tuple(dict.fromkeys((*names_by_slip.get(general, ()), *slip.subjects)))
+    return tuple(replace(own, subjects=subjects) for own, subjects in names_by_slip.items())
 
 
-def hidden(found: Responses, expected: ExpectedResponse, candidates: Sequence[SlipCandidate]) -> tuple[RecordSlip, ...]:
+def hidden(
+    responses: Responses, expected: ExpectedResponse, candidates: Sequence[SlipCandidate]
+) -> tuple[RecordSlip, ...]:
     """Return the slips that would not show: with the slip undone, expected responses hardly deviate."""
-    read = as_recorded(found)
-    here = _compare(found, expected, read)
-    ideal = replace(found, size=here.expected * here.possible)
+    read = as_recorded(responses)
+    here = _compare(responses, expected, read)
+    ideal = replace(responses, size=here.expected * here.possible)
     perfect = _compare(ideal, expected, read)
     out = []
     for candidate in candidates:
@@ -252,27 +254,29 @@ def hidden(found: Responses, expected: ExpectedResponse, candidates: Sequence[Sl
     return tuple(slip for slip in out if not slip.subjects or replace(slip, subjects=()) not in broad)
 
 
-def _compare(found: Responses, expected: ExpectedResponse, read: ColumnReading) -> _ScaledResponses:
+def _compare(responses: Responses, expected: ExpectedResponse, read: ColumnReading) -> _ScaledResponses:
     possible = np.maximum(expected.possible(read.column, read.direction), 1e-300)
     wanted = expected.expected(read.column, read.direction)
-    return _ScaledResponses(found.size * read.factor / possible, wanted / possible, possible, expected)
+    return _ScaledResponses(responses.size * read.factor / possible, wanted / possible, possible, expected)
 
 
-def _readings_differ(one: ColumnReading, other: ColumnReading) -> Mask:
+def _readings_differ(first: ColumnReading, other: ColumnReading) -> Mask:
     return np.asarray(
-        (one.factor != other.factor) | (one.column != other.column) | np.any(one.direction != other.direction, axis=1)
+        (first.factor != other.factor)
+        | (first.column != other.column)
+        | np.any(first.direction != other.direction, axis=1)
     )
 
 
 def _best(
-    found: Responses, expected: ExpectedResponse, read: ColumnReading, candidates: Sequence[SlipCandidate]
+    responses: Responses, expected: ExpectedResponse, read: ColumnReading, candidates: Sequence[SlipCandidate]
 ) -> tuple[SlipCandidate, ColumnReading, tuple[RecordSlip, ...]] | None:
     """Return the best candidate, the interpretation with it, and equally likely ones; None if none is clear."""
-    here = _compare(found, expected, read)
-    near = sorted(_halving(found, expected, read, here, candidates), key=lambda one: one[0])[:_COMPARED]
+    here = _compare(responses, expected, read)
+    near = sorted(_halving(responses, expected, read, here, candidates), key=lambda trial: trial[0])[:_COMPARED]
     if not near:
         return None
-    gains = [_gain(found, expected, (read, here), now) - candidate.penalty for _, candidate, now in near]
+    gains = [_gain(responses, expected, (read, here), now) - candidate.penalty for _, candidate, now in near]
     top = int(np.argmax(gains))
     if gains[top] < _MUCH:
         return None
@@ -285,15 +289,15 @@ def _best(
     return chosen, now, others
 
 
-def _is_part(one: RecordSlip, whole: RecordSlip) -> bool:
+def _is_part(slip: RecordSlip, containing: RecordSlip) -> bool:
     """Return True if a slip is another one restricted to some places."""
-    return replace(one, subjects=()) == replace(whole, subjects=()) and (
-        not whole.subjects or set(whole.subjects) <= set(one.subjects)
+    return replace(slip, subjects=()) == replace(containing, subjects=()) and (
+        not containing.subjects or set(containing.subjects) <= set(slip.subjects)
     )
 
 
 def _halving(
-    found: Responses,
+    responses: Responses,
     expected: ExpectedResponse,
     read: ColumnReading,
     here: _ScaledResponses,
@@ -306,7 +310,7 @@ def _halving(
         if np.max(before[candidate.concerns], initial=0.0) < CLEARLY:
             continue
         now = candidate.undo(read)
-        there = _compare(found, expected, now)
+        there = _compare(responses, expected, now)
         changed = _informative(here, there, _readings_differ(read, now))
         if not changed.any() or _root(before[changed]) < CLEARLY:
             continue
@@ -326,15 +330,15 @@ def _root(values: Array) -> float:
 
 
 def _gain(
-    found: Responses, expected: ExpectedResponse, one: tuple[ColumnReading, _ScaledResponses], other: ColumnReading
+    responses: Responses, expected: ExpectedResponse, pair: tuple[ColumnReading, _ScaledResponses], other: ColumnReading
 ) -> float:
     """Return the gain in log evidence by another interpretation, from responses that are informative under
     either one."""
-    here, there = one[1], _compare(found, expected, other)
+    here, there = pair[1], _compare(responses, expected, other)
     informative = here.is_large | there.is_large
     if not informative.any():
         return -np.inf
-    return _evidence(other, there, expected, informative) - _evidence(one[0], here, expected, informative)
+    return _evidence(other, there, expected, informative) - _evidence(pair[0], here, expected, informative)
 
 
 def _evidence(read: ColumnReading, compared: _ScaledResponses, expected: ExpectedResponse, rows: Mask) -> float:
@@ -343,14 +347,14 @@ def _evidence(read: ColumnReading, compared: _ScaledResponses, expected: Expecte
     compared = compared.subset(rows)
     slope = compared.slope
     axis = np.argmax(np.abs(read.direction * expected.of_load), axis=1)
-    own = _BESIDE * compared.width * np.where(compared.expected < 0.0, -1.0, 1.0)
+    bound = _BESIDE * compared.width * np.where(compared.expected < 0.0, -1.0, 1.0)
     along = _SHARED * compared.expected * slope
     column = read.column
     known = [
         along[:, None],
         np.where(axis[:, None] == np.arange(6), along[:, None], 0.0),
         np.where(column[:, None] == np.unique(column), along[:, None] * expected.gain / _SHARED, 0.0),
-        np.where((6 * column + axis)[:, None] == np.unique(6 * column + axis), own[:, None], 0.0),
+        np.where((6 * column + axis)[:, None] == np.unique(6 * column + axis), bound[:, None], 0.0),
     ]
     scale = np.log(np.abs(read.factor) / (compared.possible * np.hypot(compared.share, expected.linear)))
     return float(log_evidence(compared.misfit, physics(np.column_stack(known)), _FLOOR, _CEILING)) + float(scale.sum())

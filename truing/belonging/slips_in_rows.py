@@ -70,8 +70,8 @@ def agreement(readings: Array, asked: Array, noise: float) -> Agreement | None:
     offset = np.median(misfit[members], axis=0)
     distance = _distance(misfit, offset)
     typical = max(float(np.median(distance[members])), noise)
-    found = Agreement(offset, distance, max(_FAR * typical, _CLEARLY * moved), typical)
-    return found if len(found.apart) >= _FEWEST_APART else None
+    agreed = Agreement(offset, distance, max(_FAR * typical, _CLEARLY * moved), typical)
+    return agreed if len(agreed.apart) >= _FEWEST_APART else None
 
 
 def _distance(misfit: Array, offset: Array) -> Array:
@@ -85,23 +85,24 @@ def slipped_rows(undone: Array, asked: Array, agreed: Agreement) -> tuple[Mask, 
     """
     after = _distance(undone - asked, agreed.offset)
     before = agreed.distance
-    slipped, kept = after < _HALF * before, before < _HALF * after
+    slipped, unslipped = after < _HALF * before, before < _HALF * after
     slipped &= before > _FAR * agreed.typical
-    if slipped.sum() < _FEWEST_APART or not kept.any():
+    if slipped.sum() < _FEWEST_APART or not unslipped.any():
         return None
-    least = max(_LEFT[0] * _rms(before[kept & (before <= agreed.limit)]), _LEFT[1] * _rms(before[slipped]))
+    least = max(_LEFT[0] * rms_of(before[unslipped & (before <= agreed.limit)]), _LEFT[1] * rms_of(before[slipped]))
     apart = before > agreed.limit
     explained = np.mean((slipped & (after <= agreed.limit))[apart])
-    return (slipped, kept) if _rms(after[slipped]) <= least and explained >= _EXPLAINED else None
+    return (slipped, unslipped) if rms_of(after[slipped]) <= least and explained >= _EXPLAINED else None
 
 
-def _rms(values: Array) -> float:
+def rms_of(values: Array) -> float:
+    """Root mean square of values; 0 without any."""
     return float(np.sqrt(np.mean(values**2))) if len(values) else 0.0
 
 
 def row_places(
     slipped: Mask,
-    kept: Mask,
+    unslipped: Mask,
     poses: Sequence[str],
     groups: Sequence[tuple[str, Sequence[str]]],
     noun: str = "pose ",
@@ -110,36 +111,42 @@ def row_places(
 
     groups: name of a column and its value in each row. ``noun``: before each name; empty where names have one.
     """
-    named = [one for name, values in groups for one in _complete_groups(name, np.asarray(values), slipped, kept)]
-    stretches = _stretches(slipped, kept)
+    named = [
+        group for name, values in groups for group in _complete_groups(name, np.asarray(values), slipped, unslipped)
+    ]
+    stretches = _stretches(slipped, unslipped)
     if len(stretches) <= _MOST_STRETCHES:
         return [*named, *(_stretch(first, last, poses, noun) for first, last in stretches)]
     at = np.flatnonzero(slipped)
     step = int(np.gcd.reduce(np.diff(at)))
-    if step > 1 and not kept[np.arange(at[0], at[-1] + 1, step)].any():
+    if step > 1 and not unslipped[np.arange(at[0], at[-1] + 1, step)].any():
         return [*named, f"every {_NTH.get(step, f'{step}th')} {noun or 'one '}from {poses[at[0]]} to {poses[at[-1]]}"]
     return named or [_stretch(first, last, poses, noun) for first, last in stretches]
 
 
-def _complete_groups(name: str, values: NDArray[np.str_], slipped: Mask, kept: Mask) -> list[str]:
+def _complete_groups(name: str, values: NDArray[np.str_], slipped: Mask, unslipped: Mask) -> list[str]:
     """Return the values of a column whose rows are exactly those that slipped."""
-    own = list(dict.fromkeys(values[slipped].tolist()))
-    inside = np.isin(values, own)
-    return [] if (inside & kept).any() or not (~inside & kept).any() else [f"{name} {one}" for one in own]
+    names = list(dict.fromkeys(values[slipped].tolist()))
+    inside = np.isin(values, names)
+    return (
+        []
+        if (inside & unslipped).any() or not (~inside & unslipped).any()
+        else [f"{name} {name_of_group}" for name_of_group in names]
+    )
 
 
 _NTH = {2: "second", 3: "third", 4: "fourth", 5: "fifth"}
 
 
-def _stretches(slipped: Mask, kept: Mask) -> list[tuple[int, int]]:
+def _stretches(slipped: Mask, unslipped: Mask) -> list[tuple[int, int]]:
     """Return first and last row of each stretch of slipped rows without right ones between them."""
-    found: list[tuple[int, int]] = []
+    stretches: list[tuple[int, int]] = []
     for row in np.flatnonzero(slipped).tolist():
-        if found and not kept[found[-1][1] : row].any():
-            found[-1] = (found[-1][0], row)
+        if stretches and not unslipped[stretches[-1][1] : row].any():
+            stretches[-1] = (stretches[-1][0], row)
         else:
-            found.append((row, row))
-    return found
+            stretches.append((row, row))
+    return stretches
 
 
 def _stretch(first: int, last: int, poses: Sequence[str], noun: str) -> str:
@@ -187,8 +194,8 @@ def best_order(readings: Array, asked: Array, noise: float) -> RowOrder:
 
 def _median_misfit(order: RowOrder, readings: Array, asked: Array) -> float:
     """Return the median misfit, m, of an order, about the median of each leg."""
-    kept = order.rows >= 0
-    misfit = readings[order.rows[kept]] - asked[kept]
+    is_placed = order.rows >= 0
+    misfit = readings[order.rows[is_placed]] - asked[is_placed]
     return float(np.median(np.abs(misfit - np.median(misfit, axis=0))))
 
 
@@ -208,9 +215,9 @@ def _shifted(readings: Array, asked: Array, noise: float, shift: int) -> RowOrde
     poses = np.arange(max(0, -shift), count - max(0, shift))
     rows = np.full(count, -1, np.int64)
     rows[poses] = poses + shift
-    kept = _log_likelihood(_minus_mean(readings, poses) - _minus_mean(asked, poses), noise)
+    likelihood = _log_likelihood(_minus_mean(readings, poses) - _minus_mean(asked, poses), noise)
     moved = _log_likelihood(_minus_mean(readings, poses + shift) - _minus_mean(asked, poses), noise)
-    return RowOrder(rows, moved - kept - np.log(len(_SHIFTS)), shift)
+    return RowOrder(rows, moved - likelihood - np.log(len(_SHIFTS)), shift)
 
 
 def _exchanged(readings: Array, asked: Array, noise: float) -> RowOrder:
@@ -256,15 +263,15 @@ def _consistent(after: Array, before: Array) -> bool:
 
 def _cycles(order: Index) -> list[list[int]]:
     """Return the cycles of a permutation that move anything."""
-    left, found = set(np.flatnonzero(order != np.arange(len(order))).tolist()), []
+    left, cycles = set(np.flatnonzero(order != np.arange(len(order))).tolist()), []
     while left:
         cycle, at = [], min(left)
         while at in left:
             left.remove(at)
             cycle.append(at)
             at = int(order[at])
-        found.append(cycle)
-    return found
+        cycles.append(cycle)
+    return cycles
 
 
 def stray_readings(readings: Array, asked: Array, noise: float) -> Index:
@@ -273,8 +280,8 @@ def stray_readings(readings: Array, asked: Array, noise: float) -> Index:
     misfit = misfit - np.median(misfit, axis=0)
     scatter = np.maximum(_MEDIAN * np.median(np.abs(misfit), axis=0), noise)
     limit = np.maximum(_STRAY * scatter, _SIZEABLE * np.ptp(asked, axis=0))
-    found = np.argwhere(np.abs(misfit) > limit)
-    return found if len(found) <= max(_FEW * misfit.size, 1.0) else found[:0]
+    strays = np.argwhere(np.abs(misfit) > limit)
+    return strays if len(strays) <= max(_FEW * misfit.size, 1.0) else strays[:0]
 
 
 def copied_columns(readings: Array) -> list[tuple[int, int]]:

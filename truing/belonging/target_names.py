@@ -48,13 +48,13 @@ def meant_order(targets: NamedTargets) -> Index | None:
 
 def _distances(targets: NamedTargets) -> Array:
     """Return the median distance (K, K) of each pair of points over the poses that see both; NaN where none does."""
-    found = np.full((len(targets.names),) * 2, np.nan)
-    for one in range(len(found)):
-        both = targets.seen & targets.seen[:, one, None]
-        apart = np.where(both, np.linalg.norm(targets.points - targets.points[:, one, None], axis=-1), np.nan)
+    distances = np.full((len(targets.names),) * 2, np.nan)
+    for row in range(len(distances)):
+        both = targets.seen & targets.seen[:, row, None]
+        apart = np.where(both, np.linalg.norm(targets.points - targets.points[:, row, None], axis=-1), np.nan)
         known = both.any(axis=0)
-        found[one, known] = np.nanmedian(apart[:, known], axis=0)
-    return found
+        distances[row, known] = np.nanmedian(apart[:, known], axis=0)
+    return distances
 
 
 def renamed(targets: NamedTargets, order: Index) -> Iterator[str]:

@@ -83,26 +83,26 @@ def rows_of_wrong_target(
     """
     if not _FEWEST_OTHERS < len(names) <= MOST_TARGETS:
         return None
-    found: list[tuple[float, TargetRows]] = []
+    candidates: list[tuple[float, TargetRows]] = []
     for target, name in enumerate(names):
         others = seen.astype(float)
         others[:, target] = 0.0
         fit = umeyama(source, points, others, calls=len(names))
         tested = seen[:, target] & (others.sum(axis=1) >= _FEWEST_OTHERS)
         agree = tested & fit.ok & (np.nan_to_num(fit.rms, nan=np.inf) <= limit)
-        own = (name, points[:, target], fit, source[target], agree, 3.0 * limit, poses, groups)
-        rows = TargetRows(*own, is_surveyed=is_surveyed)
+        arguments = (name, points[:, target], fit, source[target], agree, 3.0 * limit, poses, groups)
+        rows = TargetRows(*arguments, is_surveyed=is_surveyed)
         many = max(_FEWEST_POSES, _LEAST_SHARE * tested.sum())
         if agree.sum() >= _OTHERS_AGREE * tested.sum() and rows.apart.sum() >= many:
-            found.append((float(np.median(fit.rms[agree])), rows))
-    return min(found, key=lambda one: one[0])[1] if found else None
+            candidates.append((float(np.median(fit.rms[agree])), rows))
+    return min(candidates, key=lambda candidate: candidate[0])[1] if candidates else None
 
 
 def slip_of_target(rows: TargetRows) -> RecordSlip | None:
     """Return the slip that explains why a target is not at its expected place; None if none does."""
     slips = (*_scaled(rows), *_with_other_axes(rows), *_shifted(rows))
     explaining = [(after, slip) for found in slips if found is not None for after, slip in (found,)]
-    return min(explaining, key=lambda one: one[0])[1] if explaining else None
+    return min(explaining, key=lambda candidate: candidate[0])[1] if explaining else None
 
 
 Explained = tuple[float, RecordSlip]
@@ -141,8 +141,12 @@ def frozen_targets(
     """
     for target, name in enumerate(names):
         rows = np.flatnonzero(seen[:, target])
-        own = points[rows, target]
-        ends = np.flatnonzero(np.append(np.any(own[1:] != own[:-1], axis=1), True)).tolist() if len(rows) else []
+        points_of_target = points[rows, target]
+        ends = (
+            np.flatnonzero(np.append(np.any(points_of_target[1:] != points_of_target[:-1], axis=1), True)).tolist()
+            if len(rows)
+            else []
+        )
         frozen, first = np.zeros(len(seen), bool), 0
         for end in ends:
             stretch = rows[first : end + 1]
@@ -150,8 +154,8 @@ def frozen_targets(
                 frozen[stretch] = True
             first = end + 1
         if frozen.any():
-            kept = seen[:, target] & ~frozen
-            yield RecordSlip(SlipKind.FROZEN, f"points of target {name}", tuple(row_places(frozen, kept, poses, ())))
+            is_used = seen[:, target] & ~frozen
+            yield RecordSlip(SlipKind.FROZEN, f"points of target {name}", tuple(row_places(frozen, is_used, poses, ())))
 
 
 def _others_move(points: Array, seen: Mask, target: int, sigma: float) -> bool:
@@ -187,8 +191,8 @@ def _explained(
 
 
 def _placed(slip: RecordSlip, rows: TargetRows, concerned: Mask) -> RecordSlip:
-    kept = rows.known & ~concerned
-    where = row_places(concerned, kept, rows.poses, rows.groups) if kept.any() else ()
+    is_used = rows.known & ~concerned
+    where = row_places(concerned, is_used, rows.poses, rows.groups) if is_used.any() else ()
     return replace(slip, subjects=tuple(where))
 
 
@@ -212,18 +216,18 @@ def exchanged_names(
         return
     pairs = list(combinations(range(len(names)), 2))
     after = np.full((len(pairs), len(bad)), np.inf)
-    for at, (one, other) in enumerate(pairs):
+    for at, (first, other) in enumerate(pairs):
         order = np.arange(len(names))
-        order[[one, other]] = other, one
+        order[[first, other]] = other, first
         fitted = umeyama(source[order], points[bad], seen[bad].astype(float), calls=len(pairs)).rms
-        after[at] = np.where(np.isfinite(fitted) & seen[bad][:, [one, other]].all(axis=1), fitted, np.inf)
+        after[at] = np.where(np.isfinite(fitted) & seen[bad][:, [first, other]].all(axis=1), fitted, np.inf)
     best = after.argmin(axis=0)
     for at in np.unique(best):
         left = np.full(len(misfit), np.inf)
         left[bad[best == at]] = after[at][best == at]
-        one, other = (names[target] for target in pairs[at])
-        yield f"names of targets {one} and {other}", left
+        first, other = (names[target] for target in pairs[at])
+        yield f"names of targets {first} and {other}", left
 
 
-def _distance(one: Array, other: Array) -> Array:
-    return np.asarray(np.linalg.norm(one - other, axis=-1))
+def _distance(first: Array, other: Array) -> Array:
+    return np.asarray(np.linalg.norm(first - other, axis=-1))

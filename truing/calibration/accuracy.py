@@ -116,13 +116,13 @@ def _errors(
 ) -> PoseErrors:
     """Return the errors, with parameter covariance (B, P, P) and its covariance (B, P, K) with errors common to all
     poses."""
-    found = reached_poses(structure, under_load(machine, measured), measured.rho, change)
-    turned = log_so3(measured.platform.R @ np.swapaxes(found.R, -1, -2))
-    error = np.concatenate([measured.platform.p - found.p, turned], -1)
-    shared = found.by_parameter @ with_common @ np.swapaxes(common_effects(measured), -1, -2)
-    noise = measured.platform.covariance + found.covariance(reading_sigma, parameters)
+    poses = reached_poses(structure, under_load(machine, measured), measured.rho, change)
+    turned = log_so3(measured.platform.R @ np.swapaxes(poses.R, -1, -2))
+    error = np.concatenate([measured.platform.p - poses.p, turned], -1)
+    shared = poses.by_parameter @ with_common @ np.swapaxes(common_effects(measured), -1, -2)
+    noise = measured.platform.covariance + poses.covariance(reading_sigma, parameters)
     noise = noise + shared + np.swapaxes(shared, -1, -2)
-    return PoseErrors(np.where(found.converged[:, None], error, np.nan), noise)
+    return PoseErrors(np.where(poses.converged[:, None], error, np.nan), noise)
 
 
 def misfit(calibration: MachineCalibration, measured: MeasuredPlatform, reading_sigma: float) -> NDArray:
@@ -165,13 +165,15 @@ class Extended:
         )
 
 
-def errors_at(found: ExtendedModel, conditions: Conditions, measured: MeasuredPlatform, fitted: NDArray) -> PoseErrors:
+def errors_at(
+    extended: ExtendedModel, conditions: Conditions, measured: MeasuredPlatform, fitted: NDArray
+) -> PoseErrors:
     """Return measured minus predicted poses, with the instrument's effects in the prediction; NaN where an input is
     unknown."""
     error, noise = np.full((len(fitted), 6), np.nan), np.zeros((len(fitted), 6, 6))
-    rows = np.flatnonzero(_has_all_inputs(found, conditions))
+    rows = np.flatnonzero(_has_all_inputs(extended, conditions))
     if len(rows):
-        poses = predict_poses(found, some_of(conditions, rows), recorded=True)
+        poses = predict_poses(extended, some_of(conditions, rows), recorded=True)
         platform = measured.platform.subset(rows)
         turned = log_so3(platform.R @ np.swapaxes(poses.R, -1, -2))
         away = np.concatenate([platform.p - poses.p, turned], -1)
@@ -182,16 +184,17 @@ def errors_at(found: ExtendedModel, conditions: Conditions, measured: MeasuredPl
     return PoseErrors(error, noise)
 
 
-def _has_all_inputs(found: ExtendedModel, conditions: Conditions) -> NDArray:
+def _has_all_inputs(extended: ExtendedModel, conditions: Conditions) -> NDArray:
     """Return True for poses (B,) at which every input of the model's effects has a number."""
-    legs = found.model.nominal.count
-    needed = {name for cause in found.model.causes if acts_on_poses(cause) for name in cause.needs(legs)}
+    legs = extended.model.nominal.count
+    needed = {name for cause in extended.model.causes if acts_on_poses(cause) for name in cause.needs(legs)}
     columns = [conditions.covariates[name] for name in needed & conditions.covariates.keys()]
     known = [np.isfinite(column.reshape(len(column), -1)).all(1) for column in columns]
     return np.logical_and.reduce([np.ones(len(conditions.readings), bool), *known])
 
 
 def identifiable(geometry: IdentifiedGeometry) -> NDArray:
+    """Mask (P,) of parameters of whose prior variance the data remove at least the share IDENTIFIABLE."""
     return np.asarray(1.0 - geometry.sigma**2 / np.diag(geometry.prior) >= IDENTIFIABLE)
 
 
@@ -211,31 +214,31 @@ def choice(assessed: Sequence[AssessedCalibration]) -> ContenderChoice:
     return choose_model(
         [
             Contender(
-                one.squares,
-                one.equations,
-                one.calibration.log_evidence,
-                len(one.calibration.values),
-                one.calibration.status == "ok",
+                row.squares,
+                row.equations,
+                row.calibration.log_evidence,
+                len(row.calibration.values),
+                row.calibration.status == "ok",
             )
-            for one in assessed
+            for row in assessed
         ]
     )
 
 
-def _pull_p_value(calibration: MachineCalibration, own: NDArray) -> float:
+def _pull_p_value(calibration: MachineCalibration, pulls: NDArray) -> float:
     """Return the p-value of the shifts of selected parameters (P,), if the tolerances are right. The shift from nominal
     has the covariance of the tolerances minus that of the parameters, so shifts are correlated."""
     from scipy.special import chdtrc
 
-    spread = np.diag(calibration.tolerance[own] ** 2) - calibration.declared[np.ix_(own, own)]
-    shift = (calibration.values - calibration.nominal)[own]
+    spread = np.diag(calibration.tolerance[pulls] ** 2) - calibration.declared[np.ix_(pulls, pulls)]
+    shift = (calibration.values - calibration.nominal)[pulls]
     return float(chdtrc(len(shift), max(float(shift @ np.linalg.solve(spread, shift)), 0.0)))
 
 
-def shortcoming(one: AssessedCalibration) -> str:
+def shortcoming(assessed: AssessedCalibration) -> str:
     """Return in words what is wrong with a calibration and what to do; empty where it fits and predicts
     held-out poses."""
-    figures = {name: value for name, value, _ in fit_figures(one)}
+    figures = {name: value for name, value, _ in fit_figures(assessed)}
     missed = ""
     if "misfit_p_value" in figures:
         ratio = float(np.sqrt(figures["chi_square"] / figures["freedom"]))
@@ -246,9 +249,9 @@ def shortcoming(one: AssessedCalibration) -> str:
     return missed and f"the model misses {missed}; correct [noise], or find the cause that is missing"
 
 
-def doubts(one: AssessedCalibration) -> str:
+def doubts(assessed: AssessedCalibration) -> str:
     """Return in words an unlikely misfit or unlikely pulls of a calibration; empty where there are none."""
-    figures = {name: value for name, value, _ in fit_figures(one)}
+    figures = {name: value for name, value, _ in fit_figures(assessed)}
     texts = []
     if figures.get("misfit_p_value", 1.0) < _UNLIKELY:
         texts.append(f"misfit {np.sqrt(figures['chi_square'] / figures['freedom']):.1f} times the declared noise")
@@ -320,8 +323,8 @@ def deciding_pose_count(errors: NDArray, variances: NDArray, limit: float, spare
     errors, variances: as in `error_of_95_percent`; limit in their unit; spare: measured poses that no longer count once
     there are more. None where the question is decided, and where no pose was measured.
     """
-    found = error_of_95_percent(errors, variances)
-    if found is None or not found.lower <= limit < found.upper:
+    interval = error_of_95_percent(errors, variances)
+    if interval is None or not interval.lower <= limit < interval.upper:
         return None
     reported = np.isfinite(errors)
     mean = float(np.mean(errors[reported] ** 2))
@@ -333,6 +336,7 @@ def deciding_pose_count(errors: NDArray, variances: NDArray, limit: float, spare
 
 
 def error_figures(errors: PoseErrors | None, roles: NDArray) -> list[Figure]:
+    """Mean and largest errors of position, um, and orientation, arcsec, with the noise floor, by role of the pose."""
     if errors is None:
         return []
     figures: list[Figure] = []
@@ -350,10 +354,11 @@ def error_figures(errors: PoseErrors | None, roles: NDArray) -> list[Figure]:
     return figures
 
 
-def fit_figures(one: AssessedCalibration) -> list[Figure]:
+def fit_figures(assessed: AssessedCalibration) -> list[Figure]:
+    """Figures of the fit: misfit, pulls and their p-values."""
     from scipy.special import chdtrc
 
-    calibration = one.calibration
+    calibration = assessed.calibration
     geometry = [not is_deformation(entry) for entry in calibration.parameters.entries]
     reported = calibration.pull[np.isfinite(calibration.pull) & geometry]
     figures: list[Figure] = [
@@ -372,8 +377,8 @@ def fit_figures(one: AssessedCalibration) -> list[Figure]:
         figures.append(("pull_p_value", _pull_p_value(calibration, np.isfinite(calibration.pull) & geometry), "1"))
     if np.isfinite(calibration.log_evidence):
         figures.append(("log_evidence", calibration.log_evidence, "1"))
-    if len(one.squares):
-        expected = one.equations * len(one.squares)
-        figures.append(("heldout_ratio", float(np.sqrt(one.squares.sum() / expected)), "1"))
-        figures.append(("p_value", float(chdtrc(expected, one.squares.sum())), "1"))
+    if len(assessed.squares):
+        expected = assessed.equations * len(assessed.squares)
+        figures.append(("heldout_ratio", float(np.sqrt(assessed.squares.sum() / expected)), "1"))
+        figures.append(("p_value", float(chdtrc(expected, assessed.squares.sum())), "1"))
     return figures

@@ -53,18 +53,18 @@ def accuracy_map(problem: DesignProblem, accuracy: NDArray, rng: np.random.Gener
     corners, inside = problem.region.corners(), problem.region.draw(_INSIDE, rng)
     groups = {"reference": np.zeros((1, 6)), "corner": corners, "inside": inside}
     x = np.concatenate(list(groups.values()))
-    kept = problem.reached(x)
+    is_reached = problem.reached(x)
     part = [name for name, group in groups.items() for _ in group]
     errors = _errors_at(problem, accuracy)
-    found = errors(x[kept]).worst
-    ends = _climbed(problem, errors, x[kept][np.argmax(found, 0)], found.max(0), rng)
+    worst = errors(x[is_reached]).worst
+    ends = _climbed(problem, errors, x[is_reached][np.argmax(worst, 0)], worst.max(0), rng)
     sections = _sections(problem, corners)
-    whole = np.concatenate([x[kept], ends, *sections.values()])
-    names = [name for name, keep in zip(part, kept, strict=True) if keep] + ["climbed"] * len(ends)
+    poses = np.concatenate([x[is_reached], ends, *sections.values()])
+    names = [name for name, keep in zip(part, is_reached, strict=True) if keep] + ["climbed"] * len(ends)
     names += [name for name, group in sections.items() for _ in group]
-    placed = problem.regressors.at(whole)
-    moved = whole @ problem.regressors.scale.T
-    return AccuracyMap(placed, moved, tuple(names), errors(whole), accuracy, int(np.sum(~kept)))
+    placed = problem.regressors.at(poses)
+    moved = poses @ problem.regressors.scale.T
+    return AccuracyMap(placed, moved, tuple(names), errors(poses), accuracy, int(np.sum(~is_reached)))
 
 
 def _errors_at(problem: DesignProblem, accuracy: NDArray) -> Callable[[NDArray], ActuatorErrors]:
@@ -108,11 +108,11 @@ def _sections(problem: DesignProblem, corners: NDArray) -> dict[str, NDArray]:
     scale = problem.regressors.scale
     reach = np.abs(corners @ scale.T).max(0)
     steps = np.linspace(-1.0, 1.0, _GRID)
-    found = {}
+    sections = {}
     for first, second in _SECTIONS:
         moved = np.zeros((_GRID, _GRID, 6))
         moved[..., first], moved[..., second] = reach[first] * steps[:, None], reach[second] * steps
         x = np.linalg.solve(scale, moved.reshape(-1, 6).T).T
         x = x[problem.region.within(x) & problem.region.allowed(x)]
-        found[f"{QUANTITIES[first]} {QUANTITIES[second]}"] = x[problem.reached(x)]
-    return found
+        sections[f"{QUANTITIES[first]} {QUANTITIES[second]}"] = x[problem.reached(x)]
+    return sections

@@ -71,7 +71,7 @@ class MeasuredPlatform:
     def subset(self, rows: NDArray) -> MeasuredPlatform:
         """Return some of the poses, by mask (B,)."""
         return MeasuredPlatform(
-            tuple(pose for pose, kept in zip(self.poses, rows, strict=True) if kept),
+            tuple(pose for pose, is_kept in zip(self.poses, rows, strict=True) if is_kept),
             self.roles[rows],
             self.base.subset(rows),
             self.platform.subset(rows),

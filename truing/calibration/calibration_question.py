@@ -35,11 +35,14 @@ _FREE_DEFORMATION = 0.1
 def with_bodies(problem: CalibrationProblem, measured: MeasuredPlatform) -> CalibrationProblem:
     """Return the problem with the legs whose own targets determine their poses, if there are any and the structure
     allows."""
-    carrying = [leg for leg, found in measured.legs.items() if found.found.any()]
+    carrying = [leg for leg, leg_poses in measured.legs.items() if leg_poses.found.any()]
     if not carrying:
         return problem
     own = [measured.legs[leg] for leg in carrying]
-    R, t, seen = (np.stack(parts, 1) for parts in zip(*((one.R, one.p, one.found) for one in own), strict=True))
+    R, t, seen = (
+        np.stack(parts, 1)
+        for parts in zip(*((leg_poses.R, leg_poses.p, leg_poses.found) for leg_poses in own), strict=True)
+    )
     poses = LegPoses(np.array(carrying), R, t, seen)
     bodies = seated(problem.nominal.legs, problem.p, problem.R, problem.rho, poses)
     return replace(problem, leg_bodies=bodies) if bodies.fits(problem.structure, problem.nominal) else problem
@@ -51,17 +54,21 @@ def with_shifts(problem: CalibrationProblem, data: CalibrationData, measured: Me
         return problem
     seen = np.flatnonzero(np.isfinite(measured.shifts.shift).any(0))
     heights = np.array([data.surveyed.b[data.surveyed.legs == leg, 2].mean() for leg in seen])
-    found = AttachmentShifts(seen, np.nan_to_num(measured.shifts.shift[:, seen]), heights)
-    return replace(problem, shifts=found) if len(seen) else problem
+    shifts = AttachmentShifts(seen, np.nan_to_num(measured.shifts.shift[:, seen]), heights)
+    return replace(problem, shifts=shifts) if len(seen) else problem
 
 
 def with_common(problem: CalibrationProblem, measured: MeasuredPlatform) -> CalibrationProblem:
     """Return the problem with errors common to all poses among its unknowns, if there are any."""
-    found = None if measured.network is None else _in_common(problem, measured)[1]
-    return problem if found is None or not found.any() else replace(problem, common=CommonErrors(found))
+    common_derivative = None if measured.network is None else _common_effects(problem, measured)[1]
+    return (
+        problem
+        if common_derivative is None or not common_derivative.any()
+        else replace(problem, common=CommonErrors(common_derivative))
+    )
 
 
-def _in_common(problem: CalibrationProblem, measured: MeasuredPlatform) -> tuple[NDArray, NDArray]:
+def _common_effects(problem: CalibrationProblem, measured: MeasuredPlatform) -> tuple[NDArray, NDArray]:
     """Return the covariance (B, N, N) of the deviations by a network of rays, and effects (B, N, K) of common errors.
     The covariance is NaN where the network does not determine it."""
     legs, poses = measured.rho.shape[1], len(measured.rho)
@@ -82,46 +89,48 @@ def noise_of_all(problem: CalibrationProblem, measured: MeasuredPlatform, noise:
 
     Errors common to all poses are not included: they are unknowns of the problem.
     """
-    whole = np.zeros((len(noise), problem.deviations, problem.deviations))
-    whole[:, : noise.shape[-1], : noise.shape[-1]] = noise
+    covariance = np.zeros((len(noise), problem.deviations, problem.deviations))
+    covariance[:, : noise.shape[-1], : noise.shape[-1]] = noise
     if problem.leg_bodies is not None:
-        _fill_legs(whole, problem.leg_bodies, measured, noise.shape[-1])
+        _fill_legs(covariance, problem.leg_bodies, measured, noise.shape[-1])
     if problem.shifts is not None:
-        _fill_shifts(whole, problem, problem.shifts, measured)
+        _fill_shifts(covariance, problem, problem.shifts, measured)
     if measured.network is None:
-        return whole
-    together, effects = _in_common(problem, measured)
-    own = together - effects @ np.swapaxes(effects, -1, -2)
-    return np.where(np.isfinite(own), own, whole)
+        return covariance
+    together, effects = _common_effects(problem, measured)
+    unshared = together - effects @ np.swapaxes(effects, -1, -2)
+    return np.where(np.isfinite(unshared), unshared, covariance)
 
 
-def _fill_legs(whole: NDArray, bodies: LegBodies, measured: MeasuredPlatform, first: int) -> None:
+def _fill_legs(covariance: NDArray, bodies: LegBodies, measured: MeasuredPlatform, first: int) -> None:
     """Add the legs to a covariance: platform and legs are relative to the base, whose error moves all of
     them together."""
     places = np.concatenate([np.arange(6), first + np.arange(bodies.deviations)])
-    common = _of_base(measured, np.concatenate([measured.platform.p[:, None], bodies.t], 1))
-    platform = whole[:, :6, :6].copy()
-    whole[:, places[:, None], places] = common
-    whole[:, :6, :6] = platform
+    common = _base_effects(measured, np.concatenate([measured.platform.p[:, None], bodies.t], 1))
+    platform = covariance[:, :6, :6].copy()
+    covariance[:, places[:, None], places] = common
+    covariance[:, :6, :6] = platform
     for k, leg in enumerate(bodies.leg):
         own = slice(first + 6 * k, first + 6 * k + 6)
-        whole[:, own, own] = _leg_noise(measured.legs[int(leg)])
+        covariance[:, own, own] = _leg_noise(measured.legs[int(leg)])
 
 
 def _fill_shifts(
-    whole: NDArray, problem: CalibrationProblem, shifts: AttachmentShifts, measured: MeasuredPlatform
+    covariance: NDArray, problem: CalibrationProblem, shifts: AttachmentShifts, measured: MeasuredPlatform
 ) -> None:
     """Add the shifts to a covariance: they are relative to the measured platform, so its error enters with opposite
     sign."""
     found = measured.shifts.sigma[:, shifts.leg] if measured.shifts is not None else np.zeros((0, 0))
     seen = np.isfinite(found)
     rows = _heights_per_twist(problem, shifts) * seen[..., None]
-    platform = measured.platform.covariance - _of_base(measured, measured.platform.p[:, None])
-    own = slice(whole.shape[-1] - shifts.deviations, whole.shape[-1])
-    whole[:, own, :6] = -rows @ platform
-    whole[:, :6, own] = np.swapaxes(whole[:, own, :6], -1, -2)
+    platform = measured.platform.covariance - _base_effects(measured, measured.platform.p[:, None])
+    places = slice(covariance.shape[-1] - shifts.deviations, covariance.shape[-1])
+    covariance[:, places, :6] = -rows @ platform
+    covariance[:, :6, places] = np.swapaxes(covariance[:, places, :6], -1, -2)
     sigma = np.where(seen, found, FREE_LENGTH_M)
-    whole[:, own, own] = rows @ platform @ np.swapaxes(rows, -1, -2) + np.eye(shifts.deviations) * sigma[:, None] ** 2
+    covariance[:, places, places] = (
+        rows @ platform @ np.swapaxes(rows, -1, -2) + np.eye(shifts.deviations) * sigma[:, None] ** 2
+    )
 
 
 def _heights_per_twist(problem: CalibrationProblem, shifts: AttachmentShifts) -> NDArray:
@@ -131,16 +140,16 @@ def _heights_per_twist(problem: CalibrationProblem, shifts: AttachmentShifts) ->
     return np.concatenate([z, np.cross(arms, z)], -1)
 
 
-def _of_base(measured: MeasuredPlatform, places: NDArray) -> NDArray:
+def _base_effects(measured: MeasuredPlatform, places: NDArray) -> NDArray:
     """Return the covariance (B, 6 K, 6 K) of bodies at places (B, K, 3) that the error of the base's pose causes."""
     base = measured.base
     return shared_parent_covariance(base.R, np.nan_to_num(base.p), np.nan_to_num(base.covariance), places)
 
 
-def _leg_noise(found: PosesWithCovariance) -> NDArray:
+def _leg_noise(poses: PosesWithCovariance) -> NDArray:
     """Return the covariance (B, 6, 6) of a leg's poses; very wide where the leg was not found."""
     unknown = np.diag([FREE_LENGTH_M**2] * 3 + [FREE_ANGLE_RAD**2] * 3)
-    return np.where(found.found[:, None, None], np.nan_to_num(found.covariance), unknown)
+    return np.where(poses.found[:, None, None], np.nan_to_num(poses.covariance), unknown)
 
 
 def prior_of_all(problem: CalibrationProblem, prior: Prior) -> Prior:
@@ -149,8 +158,8 @@ def prior_of_all(problem: CalibrationProblem, prior: Prior) -> Prior:
     The survey frames have no prior knowledge; common errors have unit standard deviation.
     """
     size, common = len(prior.mean), len(problem.common.entries) if problem.common else 0
-    own = problem.entries[size : len(problem.entries) - common]
-    free = np.array([FREE_LENGTH_M if entry.name.startswith("c") else FREE_DIRECTION for entry in own])
+    entries = problem.entries[size : len(problem.entries) - common]
+    free = np.array([FREE_LENGTH_M if entry.name.startswith("c") else FREE_DIRECTION for entry in entries])
     information = np.diag(np.concatenate([np.zeros(size), free**-2.0, np.ones(common)]))
     information[:size, :size] = prior.information
     return Prior(np.concatenate([prior.mean, problem.start[size:]]), information)
@@ -253,7 +262,7 @@ def with_targets(
     if problem is calibration_question.problem:
         return None
     problem = with_common(problem, measured)
-    tolerance, prior = calibration_question.tolerance, _of_machine(calibration_question)
+    tolerance, prior = calibration_question.tolerance, _prior_of_machine(calibration_question)
     if problem.shifts is not None:
         entries = calibration_question.problem.parameters.entries  # shifts are measured along z alone
         bent = np.array([is_deformation(entry) and not is_in_plane(entry) for entry in entries])
@@ -262,7 +271,7 @@ def with_targets(
     return CalibrationQuestion(problem, noise, tolerance, prior_of_all(problem, prior))
 
 
-def _of_machine(calibration_question: CalibrationQuestion) -> Prior:
+def _prior_of_machine(calibration_question: CalibrationQuestion) -> Prior:
     """Return the prior of the machine's parameters alone; they are uncorrelated with the rest."""
     return Prior(
         calibration_question.prior.mean[: calibration_question.count],
@@ -293,18 +302,18 @@ def problem_of(case: Case, parameters: ParameterSet, measured: MeasuredPlatform)
 def observation_covariance(measured: MeasuredPlatform, reading_sigma: float) -> NDArray:
     """Return the covariance (B, 6 + L, 6 + L) of the platform's pose and of the readings."""
     legs = measured.rho.shape[1]
-    whole = np.zeros((len(measured.rho), 6 + legs, 6 + legs))
-    whole[:, :6, :6] = measured.platform.covariance
-    whole[:, 6:, 6:] = np.eye(legs) * reading_sigma**2
-    return whole
+    covariance = np.zeros((len(measured.rho), 6 + legs, 6 + legs))
+    covariance[:, :6, :6] = measured.platform.covariance
+    covariance[:, 6:, 6:] = np.eye(legs) * reading_sigma**2
+    return covariance
 
 
 def own_covariance(measured: MeasuredPlatform, reading_sigma: float) -> NDArray:
     """Return that covariance without errors common to all poses, which are unknowns of the problem."""
-    whole = observation_covariance(measured, reading_sigma)
+    covariance = observation_covariance(measured, reading_sigma)
     effects = common_effects(measured)
-    whole[:, :6, :6] -= effects @ np.swapaxes(effects, -1, -2)
-    return whole
+    covariance[:, :6, :6] -= effects @ np.swapaxes(effects, -1, -2)
+    return covariance
 
 
 def common_effects(measured: MeasuredPlatform) -> NDArray:
@@ -328,15 +337,15 @@ def kind(entry: LegParameter) -> str:
 def tolerances(data: CalibrationData, case: Case, parameters: ParameterSet) -> NDArray:
     """Return the prior sigma (P,) of each parameter; NaN where there is none."""
     known = data.deformations.get("matrix" if case.deformation == IN_PLANE else case.deformation)
-    found = np.full(len(parameters), np.nan)
+    spreads = np.full(len(parameters), np.nan)
     for i, entry in enumerate(parameters.entries):
         if kind(entry) in data.tolerance:
-            found[i] = data.tolerance[kind(entry)]
+            spreads[i] = data.tolerance[kind(entry)]
         elif data.in_plane is not None and is_in_plane(entry):
-            found[i] = data.in_plane.sigma[entry.leg, "xy".index(entry.name[1]), column_of(entry)]
+            spreads[i] = data.in_plane.sigma[entry.leg, "xy".index(entry.name[1]), column_of(entry)]
         elif known is not None and is_deformation(entry):
-            found[i] = known.sigma[entry.leg, entry.leg if entry.name == "kappa" else column_of(entry)]
-    return np.where(found > 0, found, np.nan)
+            spreads[i] = known.sigma[entry.leg, entry.leg if entry.name == "kappa" else column_of(entry)]
+    return np.where(spreads > 0, spreads, np.nan)
 
 
 def widest(parameters: ParameterSet) -> NDArray:
@@ -366,6 +375,6 @@ def survey_rows(surveyed: SurveyedAttachments, parameters: ParameterSet) -> NDAr
     rows = np.zeros((3 * len(surveyed.legs), len(parameters)))
     for i, entry in enumerate(parameters.entries):
         if entry.name.startswith("b_"):
-            own = np.flatnonzero(surveyed.legs == entry.leg)
-            rows[3 * own + "xyz".index(entry.name[2]), i] = 1.0
+            places = np.flatnonzero(surveyed.legs == entry.leg)
+            rows[3 * places + "xyz".index(entry.name[2]), i] = 1.0
     return rows

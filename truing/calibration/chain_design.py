@@ -103,35 +103,37 @@ def chain_unknowns(model: ChainModel) -> tuple[tuple[ChainUnknown, ...], Array]:
 
     A number of a link is named by the component of the joint's frame that it changes most.
     """
-    turn, found = np.eye(model.shared_size), list[ChainUnknown]()
+    turn, unknowns = np.eye(model.shared_size), list[ChainUnknown]()
     series = len(model.known.base_t)
     for s in range(series if model.layout["base"].stop > model.layout["base"].start else 0):
         called = "base" if series == 1 else f"base in series {s + 1}"
-        found += [_of_twist(UnknownKind.BASE, called, c, FREE_TWIST[c], False) for c in range(TWIST)]
+        unknowns += [_unknown_of_twist(UnknownKind.BASE, called, c, FREE_TWIST[c], False) for c in range(TWIST)]
     links, start = model.known.modes, model.layout["links"].start
     owner = np.argmax(np.abs(links).max(1), axis=0) if links.size else np.zeros(0, int)
     for node in dict.fromkeys(owner.tolist()):
-        own = np.flatnonzero(owner == node)
-        modes, rotation, chosen = _along_components(links[node][:, own])
-        turn[np.ix_(start + own, start + own)] = rotation
+        places = np.flatnonzero(owner == node)
+        modes, rotation, chosen = _along_components(links[node][:, places])
+        turn[np.ix_(start + places, start + places)] = rotation
         for place, c in enumerate(chosen):
             size = float(np.abs(modes[c, place]))
             joint = model.tree.nodes[node].joint or model.tree.nodes[node].link
-            found.append(_of_twist(UnknownKind.LINK, joint, c, size, model.known.modes_known))
+            unknowns.append(_unknown_of_twist(UnknownKind.LINK, joint, c, size, model.known.modes_known))
     for reading in model.free_offsets:
         c = 5 if model.tree.is_revolute[reading] else 0
-        zero = _of_twist(UnknownKind.OFFSET, model.tree.readings[reading], c, model.known.offsets[reading], True)
-        found.append(replace(zero, parameter="offset"))
-    found += _of_targets(model)
+        zero = _unknown_of_twist(
+            UnknownKind.OFFSET, model.tree.readings[reading], c, model.known.offsets[reading], True
+        )
+        unknowns.append(replace(zero, parameter="offset"))
+    unknowns += _unknowns_of_targets(model)
     for cause in model.causes:
         sigma = model.effect_sigma(cause)
         for p, size in zip(cause.parameters(model.part_count), sigma, strict=True):
             called = f"{cause.id} {cause.subject}".strip()
-            found.append(ChainUnknown(UnknownKind.CAUSE, called, p.name, p.unit, size / p.si, False))
-    return tuple(found), turn
+            unknowns.append(ChainUnknown(UnknownKind.CAUSE, called, p.name, p.unit, size / p.si, False))
+    return tuple(unknowns), turn
 
 
-def _of_twist(kind: UnknownKind, subject: str, component: int, size: float, is_known: bool) -> ChainUnknown:
+def _unknown_of_twist(kind: UnknownKind, subject: str, component: int, size: float, is_known: bool) -> ChainUnknown:
     unit, si = ("mm", _MM) if component < TWIST // 2 else ("rad", 1.0)
     return ChainUnknown(kind, subject, _COMPONENTS[component], unit, float(size) / si, is_known)
 
@@ -146,26 +148,26 @@ def _along_components(modes: NDArray) -> tuple[Array, Array, list[int]]:
     return modes @ rotation, rotation, chosen
 
 
-def _of_targets(model: ChainModel) -> list[ChainUnknown]:
-    found: list[ChainUnknown] = []
+def _unknowns_of_targets(model: ChainModel) -> list[ChainUnknown]:
+    unknowns: list[ChainUnknown] = []
     modes = model.known.shape_modes
     for w, known in enumerate(model.known.shape_known):
-        own = np.flatnonzero(np.abs(modes[..., w]).any(1))
-        if not len(own):  # a rotation about the only target of its link
-            found.append(_without_effect(model, w, bool(known)))
+        places = np.flatnonzero(np.abs(modes[..., w]).any(1))
+        if not len(places):  # a rotation about the only target of its link
+            unknowns.append(_without_effect(model, w, bool(known)))
             continue
-        k, axis = int(own[0]), int(np.argmax(np.abs(modes[own[0], :, w])))
+        k, axis = int(places[0]), int(np.argmax(np.abs(modes[places[0], :, w])))
         size, name, turned = float(np.linalg.norm(modes[k, :, w])), model.channels.names[k], model.channels.is_rotation
         unit, si = ("rad", 1.0) if turned[k] else ("mm", _MM)
         if w < 3 * len(model.channels.names):
             subject = f"target {name}" if name not in ("position", "orientation") else f"{name} of tool"
-            found.append(ChainUnknown(UnknownKind.TARGET, subject, "xyz"[axis], unit, size / si, bool(known)))
+            unknowns.append(ChainUnknown(UnknownKind.TARGET, subject, "xyz"[axis], unit, size / si, bool(known)))
             continue
         c = (w - 3 * len(model.channels.names)) % TWIST
         subject = f"targets of {model.channels.links[k]}"
         scale = size if c < TWIST // 2 else _angle_of(model, w, k)
-        found.append(_of_twist(UnknownKind.TARGET, subject, c, scale, bool(known)))
-    return found
+        unknowns.append(_unknown_of_twist(UnknownKind.TARGET, subject, c, scale, bool(known)))
+    return unknowns
 
 
 def _without_effect(model: ChainModel, w: int, known: bool) -> ChainUnknown:
@@ -173,7 +175,7 @@ def _without_effect(model: ChainModel, w: int, known: bool) -> ChainUnknown:
     twist = model.known.end_twists(model.tree.size)[..., w]
     node, c = np.unravel_index(int(np.argmax(np.abs(twist))), twist.shape)
     subject = f"targets of {model.tree.nodes[node].link}"
-    return _of_twist(UnknownKind.TARGET, subject, int(c), max(float(np.abs(twist[node, c])), 1e-300), known)
+    return _unknown_of_twist(UnknownKind.TARGET, subject, int(c), max(float(np.abs(twist[node, c])), 1e-300), known)
 
 
 def _angle_of(model: ChainModel, w: int, k: int) -> float:
@@ -212,9 +214,9 @@ def observability_of(poses: PlannedPoses) -> tuple[tuple[ChainUnknown, ...], Obs
 
 
 def _observed(rows: NDArray, unknowns: Sequence[ChainUnknown], turn: NDArray) -> Observability:
-    scale = np.array([own.scale for own in unknowns])
+    scale = np.array([unknown.scale for unknown in unknowns])
     flat = rows.reshape(-1, rows.shape[-1]) @ turn
-    return observe(flat / scale, scale, [own.label for own in unknowns])
+    return observe(flat / scale, scale, [unknown.label for unknown in unknowns])
 
 
 def hidden_combinations(poses: PlannedPoses, possible: PlannedPoses) -> list[HiddenCombination]:
@@ -232,7 +234,7 @@ def hidden_combinations(poses: PlannedPoses, possible: PlannedPoses) -> list[Hid
     ordered = [change for group in groups for change in group.changes]
     known = {label: k for k, label in enumerate(seen.labels)}
     members = [group.labels for group in groups for _ in group.changes]
-    found = []
+    combinations = []
     for text, change, labels in zip(texts, ordered, members, strict=True):
         direction = np.zeros(len(unknowns))
         direction[[known[label] for label in labels]] = change / seen.scales[[known[label] for label in labels]]
@@ -242,18 +244,18 @@ def hidden_combinations(poses: PlannedPoses, possible: PlannedPoses) -> list[Hid
             fitted = replace(offered, fitted=Fitted(poses.model, np.zeros(len(turn)), covariance))
             choice = narrowed(fitted, turn @ direction / np.linalg.norm(direction), 0.5, _MOST_TOLD)
             if choice.is_enough:
-                found.append(HiddenCombination(text, sigma, Remedy.POSES, choice.chosen, choice.times))
+                combinations.append(HiddenCombination(text, sigma, Remedy.POSES, choice.chosen, choice.times))
                 continue
-        found.append(HiddenCombination(text, sigma, _knowledge_that_shows(seen, unknowns, direction)))
-    return sorted(found, key=lambda one: -one.sigma)
+        combinations.append(HiddenCombination(text, sigma, _knowledge_that_shows(seen, unknowns, direction)))
+    return sorted(combinations, key=lambda combination: -combination.sigma)
 
 
 def _knowledge_that_shows(seen: Observability, unknowns: Sequence[ChainUnknown], direction: NDArray) -> Remedy:
     """Return the numbers that must be known before the rest of a direction (G,) shows."""
     for kind, remedy in ((UnknownKind.BASE, Remedy.BASE), (UnknownKind.TARGET, Remedy.TARGETS)):
-        own = np.array([unknown.kind is kind for unknown in unknowns])
-        rest = np.where(own, 0.0, direction)
-        if direction[own].any() and rest.any() and float(seen.sensitivity(rest)) > seen.least:
+        is_of_kind = np.array([unknown.kind is kind for unknown in unknowns])
+        rest = np.where(is_of_kind, 0.0, direction)
+        if direction[is_of_kind].any() and rest.any() and float(seen.sensitivity(rest)) > seen.least:
             return remedy
     return Remedy.NOTHING
 
@@ -283,19 +285,19 @@ def cause_sights(poses: PlannedPoses, causes: Sequence[ChainCause]) -> list[Caus
     at = np.zeros(model.shared_size), np.zeros((len(poses.conditions.readings), model.local_size))
     design, pathways = model.design_matrix(*at), model.pathways(*at)
     measured, frames = poses.instrument.observations(len(poses.conditions.readings))
-    shape, found = measured.values.shape, []
+    shape, sights = measured.values.shape, []
     for cause in causes:
         moved = sum(
             by.reshape(*shape, -1) if name == OBSERVED else pathways[name] @ by[:, None]
             for name, by in design(cause).items()
         )
         columns = seen.without_pose_unknowns(whitened_columns(measured, frames, np.asarray(moved)))
-        own = columns.reshape(-1, columns.shape[-1])
-        shift = covariance @ (flat.T @ own)
-        left = np.concatenate([own - flat @ shift, -shift])
-        total, visible = float(np.sum(own**2)), float(np.sum(left**2))
-        found.append(CauseSight(cause, _sigma(left), visible / total if total > 0.0 else 0.0, left))
-    return found
+        flat_columns = columns.reshape(-1, columns.shape[-1])
+        shift = covariance @ (flat.T @ flat_columns)
+        left = np.concatenate([flat_columns - flat @ shift, -shift])
+        total, visible = float(np.sum(flat_columns**2)), float(np.sum(left**2))
+        sights.append(CauseSight(cause, _sigma(left), visible / total if total > 0.0 else 0.0, left))
+    return sights
 
 
 def _sigma(left: NDArray) -> Array:
@@ -313,12 +315,12 @@ def rest_apart(sights: Sequence[CauseSight]) -> Array:
         np.linalg.qr(one.left / np.linalg.norm(one.left))[0] if one.visible > _LEAST_VISIBLE else 0.0 * one.left
         for one in sights
     ]
-    found = np.full((len(sights), len(sights)), np.inf)
-    for a, one in enumerate(sights):
+    apart = np.full((len(sights), len(sights)), np.inf)
+    for a, sight in enumerate(sights):
         for b, basis in enumerate(bases):
-            if a != b and not one.cause.excludes(sights[b].cause):
-                found[a, b] = np.linalg.norm(one.left - basis @ (basis.T @ one.left))
-    return found
+            if a != b and not sight.cause.excludes(sights[b].cause):
+                apart[a, b] = np.linalg.norm(sight.left - basis @ (basis.T @ sight.left))
+    return apart
 
 
 @dataclass(frozen=True)
@@ -338,33 +340,36 @@ class ChosenChainPoses:
 
 
 def choose_chain_poses(
-    rows: NDArray, count: int, kept: NDArray | None, method: str, rng: np.random.Generator
+    rows: NDArray, count: int, existing: NDArray | None, method: str, rng: np.random.Generator
 ) -> ChosenChainPoses:
     """Choose ``count`` of the candidates with rows (C, M, G), per prior sigma, by largest determinant.
 
-    ``kept`` (G, G): information of poses that are kept. ``method``: exchange, ioops or random. Priors count as known.
+    ``existing`` (G, G): information of the poses that stay in the plan. ``method``: exchange, ioops or random. Priors
+    count as known.
     """
-    given = (np.eye(rows.shape[-1]) + (0.0 if kept is None else kept))[None]
+    information = (np.eye(rows.shape[-1]) + (0.0 if existing is None else existing))[None]
     blocks = rows[:, None]
-    bound = bound_design(blocks, count, given, gap=1e-4)
+    bound = bound_design(blocks, count, information, gap=1e-4)
     start = rng.choice(len(rows), count, replace=len(rows) < count)
     if method == "random":
         chosen = start
     elif method == "ioops":
-        chosen = ioops(blocks, start, given).chosen
+        chosen = ioops(blocks, start, information).chosen
     else:
-        chosen = _exchanged(blocks, count, bound, given, rng)
-    return ChosenChainPoses(chosen, sum_log_det(information_of(blocks[chosen], given)), bound, rows.shape[-1])
+        chosen = _exchanged(blocks, count, bound, information, rng)
+    return ChosenChainPoses(chosen, sum_log_det(information_of(blocks[chosen], information)), bound, rows.shape[-1])
 
 
-def _exchanged(blocks: NDArray, count: int, bound: DesignBound, given: NDArray, rng: np.random.Generator) -> Index:
+def _exchanged(blocks: NDArray, count: int, bound: DesignBound, existing: NDArray, rng: np.random.Generator) -> Index:
     """Best exchange from the rounded optimum, from a greedy choice, and from random candidates."""
     support = np.flatnonzero(bound.weights > 1e-6)
     pool = np.union1d(support, np.argsort(bound.sensitivity)[::-1][:_POOL])
     place = np.full(len(blocks), -1)
     place[pool] = np.arange(len(pool))
-    own = blocks[pool]
-    starts = [place[rounded_design(bound, count)], one_by_one(own, count, bound, given)]
+    candidate_blocks = blocks[pool]
+    starts = [place[rounded_design(bound, count)], one_by_one(candidate_blocks, count, bound, existing)]
     starts += [rng.choice(len(pool), count, replace=len(pool) < count) for _ in range(_STARTS)]
-    best = max((exchange(own, start, given) for start in starts), key=lambda found: found.log_det)
+    best = max(
+        (exchange(candidate_blocks, start, existing) for start in starts), key=lambda selection: selection.log_det
+    )
     return np.asarray(pool[best.chosen])

@@ -87,9 +87,9 @@ class DesignProblem:
     def reached(self, x: NDArray) -> NDArray:
         """Return True for coordinates (B, 6) within the limits that readings reach without passing a singular pose."""
         regressors, placed = self.regressors, self.regressors.at(x)
-        found = poses_at(regressors.structure, regressors.machine, placed.rho)
-        away = np.abs(np.concatenate([found.p - placed.p, (found.R - placed.R).reshape(-1, 9)], -1)).max(-1)
-        return np.asarray(found.converged & (away < _SAME) & self.region.within(x))
+        forward = poses_at(regressors.structure, regressors.machine, placed.rho)
+        away = np.abs(np.concatenate([forward.p - placed.p, (forward.R - placed.R).reshape(-1, 9)], -1)).max(-1)
+        return np.asarray(forward.converged & (away < _SAME) & self.region.within(x))
 
     def placed_at(self, rho: NDArray) -> Placed:
         """Return configurations at readings rho (B, L), m; raises ValueError where they reach no pose."""
@@ -124,10 +124,10 @@ def identifiable_parameters(problem: DesignProblem) -> list[int]:
     labels = [f"{entry.name}{leg + 1}" for leg in range(problem.legs) for entry in problem.names]
     first = [0.0 if entry.name in REPORTED else 1.0 for entry in problem.names] * problem.legs
     groups = list(range(size)) * problem.legs
-    found = choose_identifiable(
+    chosen_set = choose_identifiable(
         jacobian, np.ones(len(labels)), labels, groups=groups, preference=first, unidentifiable=1.0 / SEPARABLE
     )
-    return [int(k) for k in np.flatnonzero(found.chosen[:size])]
+    return [int(k) for k in np.flatnonzero(chosen_set.chosen[:size])]
 
 
 @dataclass(frozen=True)
@@ -200,22 +200,22 @@ class Bounded:
         return len(self.x) - self.corners - self.dense
 
 
-def bounded(problem: DesignProblem, poses: int, given: NDArray | None, rng: np.random.Generator) -> Bounded:
+def bounded(problem: DesignProblem, poses: int, existing: NDArray | None, rng: np.random.Generator) -> Bounded:
     """Return candidates with an upper bound for any choice of poses; raises ValueError if forbidden regions leave no
     room."""
     corners, between = problem.region.corners(), problem.region.draw(_DENSE, rng)
-    kept = problem.reached(corners), problem.reached(between)
-    x = np.concatenate([corners[kept[0]], between[kept[1]]])
-    numbers = int(kept[0].sum()), int(kept[1].sum()), int(sum(np.sum(~mask) for mask in kept))
+    is_reached = problem.reached(corners), problem.reached(between)
+    x = np.concatenate([corners[is_reached[0]], between[is_reached[1]]])
+    numbers = int(is_reached[0].sum()), int(is_reached[1].sum()), int(sum(np.sum(~mask) for mask in is_reached))
     for _ in range(_ROUNDS):
-        bound = bound_design(problem.rows_at(x), poses, given)
+        bound = bound_design(problem.rows_at(x), poses, existing)
         top = np.argsort(bound.sensitivity)[::-1][: _CLIMBERS // 2]
         start = x[np.concatenate([top, rng.choice(len(x), _CLIMBERS // 2)])]
-        found = largest_sensitivity(problem.region, problem.rows_and_changes, bound, start)
-        result = Bounded(x, *numbers, bound, bound.with_sensitivity(found.value))
+        largest = largest_sensitivity(problem.region, problem.rows_and_changes, bound, start)
+        result = Bounded(x, *numbers, bound, bound.with_sensitivity(largest.value))
         if result.raised <= _RAISED * problem.size:
             break
-        x = np.concatenate([x, found.x[problem.reached(found.x)]])
+        x = np.concatenate([x, largest.x[problem.reached(largest.x)]])
     return result
 
 
@@ -224,18 +224,18 @@ def choose(
     candidates: Bounded,
     method: str,
     poses: int,
-    given: NDArray | None,
+    existing: NDArray | None,
     rng: np.random.Generator,
 ) -> NDArray:
     """Return the coordinates (N, 6) of the configurations that a method finds: exchange, direct, ioops or random."""
     if method == "exchange":
-        return _by_exchange(problem, candidates, poses, given, rng)
+        return _choose_by_exchange(problem, candidates, poses, existing, rng)
     start = _drawn(problem, poses, rng)
     if method == "direct":
-        return _ascended(problem, start, given, _ITERATIONS)
+        return _ascended(problem, start, existing, _ITERATIONS)
     if method == "ioops":
         pool = np.concatenate([start, candidates.x])
-        return pool[ioops(problem.rows_at(pool), np.arange(poses), given).chosen]
+        return pool[ioops(problem.rows_at(pool), np.arange(poses), existing).chosen]
     return start
 
 
@@ -245,14 +245,14 @@ def _drawn(problem: DesignProblem, count: int, rng: np.random.Generator) -> NDAr
     return x[np.argsort(~problem.reached(x), kind="stable")[:count]]
 
 
-def _ascended(problem: DesignProblem, x: NDArray, given: NDArray | None, iterations: int) -> NDArray:
+def _ascended(problem: DesignProblem, x: NDArray, existing: NDArray | None, iterations: int) -> NDArray:
     """Return configurations improved along the gradient, or unchanged if one would become unreachable."""
-    found = optimise_directly(problem.region, problem.rows_and_changes, x, given, iterations)
-    return found.x if problem.reached(found.x).all() else x
+    ascent = optimise_directly(problem.region, problem.rows_and_changes, x, existing, iterations)
+    return ascent.x if problem.reached(ascent.x).all() else x
 
 
-def _by_exchange(
-    problem: DesignProblem, candidates: Bounded, poses: int, given: NDArray | None, rng: np.random.Generator
+def _choose_by_exchange(
+    problem: DesignProblem, candidates: Bounded, poses: int, existing: NDArray | None, rng: np.random.Generator
 ) -> NDArray:
     """Return the best exchange from the rounded optimum and from random starts, improved to points between
     candidates."""
@@ -260,13 +260,15 @@ def _by_exchange(
     pool = np.flatnonzero(sensitivity >= _NEAR * sensitivity.max())
     rows, place = problem.rows_at(candidates.x[pool]), np.full(len(sensitivity), -1)
     place[pool] = np.arange(len(pool))
-    starts = [place[rounded_design(candidates.bound, poses)], one_by_one(rows, poses, candidates.bound, given)]
+    starts = [place[rounded_design(candidates.bound, poses)], one_by_one(rows, poses, candidates.bound, existing)]
     starts += [rng.choice(len(pool), poses, replace=len(pool) < poses) for _ in range(_STARTS)]
-    found = [exchange(rows, s, given) for s in starts if np.isfinite(sum_log_det(information_of(rows[s], given)))]
-    best = max(found, key=lambda selection: selection.log_det)
+    selections = [
+        exchange(rows, s, existing) for s in starts if np.isfinite(sum_log_det(information_of(rows[s], existing)))
+    ]
+    best = max(selections, key=lambda selection: selection.log_det)
     start = candidates.x[pool[best.chosen]]
-    moved = _ascended(problem, start, given, _POLISH)
-    gained = sum_log_det(information_of(problem.rows_at(moved), given)) > best.log_det
+    moved = _ascended(problem, start, existing, _POLISH)
+    gained = sum_log_det(information_of(problem.rows_at(moved), existing)) > best.log_det
     return moved if gained else start
 
 
@@ -284,8 +286,8 @@ def verification(problem: DesignProblem, x: NDArray, count: int, rng: np.random.
     if len(inside) < count:
         raise ValueError("enough reachable poses outside forbidden regions, between the chosen poses")
     near = np.full(len(inside), np.inf)
-    for one in x:  # pose by pose: all distances at once would not fit in memory
-        near = np.minimum(near, np.linalg.norm(inside - one, axis=-1))
+    for pose in x:  # pose by pose: all distances at once would not fit in memory
+        near = np.minimum(near, np.linalg.norm(inside - pose, axis=-1))
     chosen: list[int] = []
     for _ in range(count):
         chosen.append(int(np.argmax(near)))

@@ -95,17 +95,17 @@ class MachineCalibration:
 
 
 def maximum_likelihood(
-    data: CalibrationData, fitted: MeasuredPlatform, case: Case, kept: NDArray
+    data: CalibrationData, fitted: MeasuredPlatform, case: Case, chosen: NDArray
 ) -> MachineCalibration:
     """Return the calibration by errors in variables over the poses kept (B,), with tolerances and surveys as prior."""
-    used = fitted.subset(kept)
+    used = fitted.subset(chosen)
     calibration_question = question(data, used, case)
     fit = fit_question(calibration_question, robust=False)
     # All models are compared on the same data: poses, readings, and the deformation from the targets.
     evidence, count = _log_evidence(fit, calibration_question.prior), calibration_question.count
     if (more := with_targets(calibration_question, data, used, case)) is not None:
         fit = fit_question(more, fit.values[:count], robust=False)
-    found = _enlarged_covariance(data, fit, calibration_question)
+    covariance = _enlarged_covariance(data, fit, calibration_question)
     tolerance = (more or calibration_question).tolerance
     known = np.where(np.isfinite(tolerance), tolerance, widest(calibration_question.problem.parameters))
     last = len(fit.values) - calibration_question.common
@@ -116,13 +116,13 @@ def maximum_likelihood(
         replace(calibration_question.problem, common=None),
         calibration_question.problem.start[:count],
         fit.values[:count],
-        found,
+        covariance,
         fit.covariance[:count, :count],
         fit.values[last:],
         fit.covariance[np.ix_(places, places)],
         tolerance,
-        np.sqrt(np.diag(found)) < _IDENTIFIABLE * known,
-        kept,
+        np.sqrt(np.diag(covariance)) < _IDENTIFIABLE * known,
+        chosen,
         fit.leave_one_out.chi_square,
         float(fit.leave_one_out.freedom),
         evidence,
@@ -172,17 +172,17 @@ def _log_evidence(fit: ErrorsInVariablesFit, prior: Prior) -> float:
     return -0.5 * float(fit.cost + occam)
 
 
-def implicit(data: CalibrationData, fitted: MeasuredPlatform, case: Case, kept: NDArray) -> MachineCalibration:
+def implicit(data: CalibrationData, fitted: MeasuredPlatform, case: Case, chosen: NDArray) -> MachineCalibration:
     """Return the calibration by unweighted least squares on the closures over the poses kept (B,), as in the report."""
-    problem = problem_of(case, _implicit_set(data, fitted.subset(kept), case), fitted.subset(kept))
+    problem = problem_of(case, _implicit_set(data, fitted.subset(chosen), case), fitted.subset(chosen))
     nominal = problem.parameters.values(case.nominal)
-    still = np.zeros((int(kept.sum()), problem.deviations))
+    still = np.zeros((int(chosen.sum()), problem.deviations))
 
     def residuals(values: NDArray) -> tuple[NDArray, NDArray]:
-        found = [problem.constrain(one, still) for one in values]
+        equations = [problem.constrain(value, still) for value in values]
         return (
-            np.stack([one.value.ravel() for one in found]),
-            np.stack([one.by_values.reshape(-1, len(nominal)) for one in found]),
+            np.stack([equation.value.ravel() for equation in equations]),
+            np.stack([equation.by_values.reshape(-1, len(nominal)) for equation in equations]),
         )
 
     solution = least_squares(residuals, nominal, method="levenberg-marquardt", max_iterations=_ITERATIONS)
@@ -193,7 +193,7 @@ def implicit(data: CalibrationData, fitted: MeasuredPlatform, case: Case, kept: 
     # A fit without convergence, or without degrees of freedom, has no uncertainty.
     variance = np.sum(at.value**2) / freedom if ended == "ok" else np.nan
     covariance = solution.covariance[0] * variance
-    used = fitted.subset(kept)
+    used = fitted.subset(chosen)
     declared = _propagated(solution.covariance[0], at, own_covariance(used, data.reading_sigma))
     moved = _common_error_derivatives(solution.covariance[0], at, common_effects(used))
     declared = declared + moved @ moved.T
@@ -210,7 +210,7 @@ def implicit(data: CalibrationData, fitted: MeasuredPlatform, case: Case, kept: 
         np.block([[declared, moved], [moved.T, np.eye(moved.shape[1])]]),
         tolerance,
         np.isfinite(np.diag(covariance)),
-        kept,
+        chosen,
         float("nan"),
         float(max(freedom, 0)),
         float("nan"),

@@ -52,14 +52,14 @@ class DesignParameter:
 def flexure_knowledge(data: CalibrationData, fitted: MeasuredPlatform) -> list[DesignParameter]:
     """Return the design parameters of every model of flexures, each leg's own first; none without such a model."""
     every = list(cases(data, structures(data.machine)))
-    found = []
+    parameters = []
     for name in OF_FLEXURES:
-        own = [case for case in every if case.structure.name == name]
-        found += _of_model(data, fitted, own[-1]) if own else []
-    return found
+        cases_of_name = [case for case in every if case.structure.name == name]
+        parameters += _parameters_of_model(data, fitted, cases_of_name[-1]) if cases_of_name else []
+    return parameters
 
 
-def _of_model(data: CalibrationData, fitted: MeasuredPlatform, case: Case) -> list[DesignParameter]:
+def _parameters_of_model(data: CalibrationData, fitted: MeasuredPlatform, case: Case) -> list[DesignParameter]:
     parameters = _parameters(data.tolerance, case)
     problem = problem_of(case, parameters, fitted)
     at = problem.constrain(problem.start, np.zeros((len(fitted.rho), problem.deviations)))
@@ -73,14 +73,14 @@ def _of_model(data: CalibrationData, fitted: MeasuredPlatform, case: Case) -> li
     found = []
     for i, entry in enumerate(parameters.entries):
         if kind(entry) in _OF_DESIGN:
-            own = (
+            entries = (
                 slice(None)
                 if entry.leg == SHARED or case.structure.name != OF_FLEXURES[0]
                 else slice(entry.leg, entry.leg + 1)
             )
             information = 1.0 / left[i] - 1.0
             sigma = information**-0.5 if information > _ROUNDING else np.inf
-            sensitivity, floor = (float(np.sqrt(np.mean(part[own] ** 2))) for part in (size[:, i], spread))
+            sensitivity, floor = (float(np.sqrt(np.mean(part[entries] ** 2))) for part in (size[:, i], spread))
             nominal = float(problem.start[i])
             found.append(
                 DesignParameter(case.key[0], entry, nominal, float(scale[i]), sensitivity, floor, float(sigma))
@@ -96,9 +96,9 @@ def _left(rows: NDArray, kinds: list[str], declared: set[str]) -> NDArray:
     left = np.ones(len(kinds))
     for name in set(kinds) & set(_OF_DESIGN):
         free = np.array([one == name or one not in _OF_DESIGN or one in declared for one in kinds])
-        own = np.array([one == name for one in kinds])
+        is_of_name = np.array([one == name for one in kinds])
         spread = np.linalg.inv(rows[:, free].T @ rows[:, free] + np.eye(int(free.sum())))
-        left[own] = np.diag(spread)[own[free]]
+        left[is_of_name] = np.diag(spread)[is_of_name[free]]
     return left
 
 

@@ -158,8 +158,8 @@ def _scales(tolerance: Mapping[str, float], parameters: ParameterSet) -> NDArray
     the joints."""
     heads = [kind(entry) for entry in parameters.entries]
     known = {"rho0": tolerance.get("a", 0.0), "kappa": _PLAUSIBLE_KAPPA, **tolerance}
-    given = np.array([known.get(head, 0.0) for head in heads])
-    return np.where(given > 0, given, widest(parameters))
+    declared = np.array([known.get(head, 0.0) for head in heads])
+    return np.where(declared > 0, declared, widest(parameters))
 
 
 def _absorption(dataset: CalibrationData, fitted: MeasuredPlatform, calibration: MachineCalibration) -> Absorption:
@@ -183,24 +183,26 @@ def _absorption(dataset: CalibrationData, fitted: MeasuredPlatform, calibration:
     return absorb(seen.jacobian, -seen.by_K, labels, np.concatenate([scales, seats]))
 
 
-def _knowledge_difference(calibration: MachineCalibration, whole: MachineCalibration) -> NDArray:
+def _knowledge_difference(calibration: MachineCalibration, complete: MachineCalibration) -> NDArray:
     """Return the variance (P,) of the difference between two fits of the parameters that is due to their different
     data."""
-    place = dict(zip(whole.parameters.labels, np.diag(whole.declared), strict=True))
-    own = np.diag(calibration.declared)
-    more = [place.get(label, variance) for label, variance in zip(calibration.parameters.labels, own, strict=True)]
-    return np.abs(own - more) if calibration.estimator == MAXIMUM_LIKELIHOOD else np.zeros(len(own))
+    place = dict(zip(complete.parameters.labels, np.diag(complete.declared), strict=True))
+    knowledge = np.diag(calibration.declared)
+    more = [
+        place.get(label, variance) for label, variance in zip(calibration.parameters.labels, knowledge, strict=True)
+    ]
+    return np.abs(knowledge - more) if calibration.estimator == MAXIMUM_LIKELIHOOD else np.zeros(len(knowledge))
 
 
-def _counterparts(calibration: MachineCalibration, whole: MachineCalibration) -> NDArray:
+def _counterparts(calibration: MachineCalibration, complete: MachineCalibration) -> NDArray:
     """Return the values (P,) of the calibration's parameters in the one with the whole deformation. kappa has its
     nominal value, relative to which the omitted effect is given too."""
-    own, nominal = calibration.parameters, calibration.nominal
-    place = dict(zip(whole.parameters.labels, whole.values, strict=True))
+    parameters, nominal = calibration.parameters, calibration.nominal
+    place = dict(zip(complete.parameters.labels, complete.values, strict=True))
     return np.array(
         [
             nominal[i] if entry.name == "kappa" else place.get(entry.label, nominal[i])
-            for i, entry in enumerate(own.entries)
+            for i, entry in enumerate(parameters.entries)
         ]
     )
 
@@ -219,17 +221,17 @@ class Absorbed:
 
 
 def absorbed(
-    dataset: CalibrationData, fitted: MeasuredPlatform, calibration: MachineCalibration, whole: MachineCalibration
+    dataset: CalibrationData, fitted: MeasuredPlatform, calibration: MachineCalibration, complete: MachineCalibration
 ) -> Absorbed:
-    """Return the absorption of K by a calibration with less deformation; ``whole`` has all of K."""
+    """Return the absorption of K by a calibration with less deformation; ``complete`` has all of K."""
     known, count = dataset.deformations["matrix"], len(calibration.parameters.entries)
-    found = _absorption(dataset, fitted, calibration)
+    absorption = _absorption(dataset, fitted, calibration)
     size = (known.K - calibration.case.nominal.deformation).ravel()
-    spread = np.diag(found.comparison_covariance(np.diag(known.sigma.ravel() ** 2), "fit"))[:count]
+    spread = np.diag(absorption.comparison_covariance(np.diag(known.sigma.ravel() ** 2), "fit"))[:count]
     return Absorbed(
-        (found.shift @ size)[:count],
-        calibration.values - _counterparts(calibration, whole),
-        np.sqrt(np.maximum(spread, 0.0) + _knowledge_difference(calibration, whole)),
+        (absorption.shift @ size)[:count],
+        calibration.values - _counterparts(calibration, complete),
+        np.sqrt(np.maximum(spread, 0.0) + _knowledge_difference(calibration, complete)),
     )
 
 
@@ -255,8 +257,8 @@ def refitted_calibration(
         return None
     clean = screened_poses(dataset, dataset.measured.roles != "verification", every)
     calibration_question = _full_question(dataset, clean.measured.subset(clean.kept), case)
-    own = calibration_question.problem.parameters
-    start = np.array([stood[entry.name, entry.leg_number] for entry in own.entries], float) * own.units
+    parameters = calibration_question.problem.parameters
+    start = np.array([stood[entry.name, entry.leg_number] for entry in parameters.entries], float) * parameters.units
     fit = fit_question(calibration_question, start, robust=False)
     return RefittedCalibration(dataset, calibration_question, fit) if fit.ok else None
 
@@ -274,31 +276,31 @@ def budget_of_answer(answered: RefittedCalibration) -> dict[Source, Array]:
     readings[:, legs, legs] = calibration_question.noise[:, legs, legs]
     noise = {TARGETS: (calibration_question.noise - readings) * ratio**2, READINGS: readings * ratio**2}
     prior, surveyed = _prior(answered, ratio)
-    found = linear_estimate(at.by_values, noise, prior, at.by_deviation)
+    parts = linear_estimate(at.by_values, noise, prior, at.by_deviation)
     if ratio == 1.0:
-        return found
+        return parts
     beyond = Source("scatter of the closing beyond the declared noise", "A", float(fit.leave_one_out.freedom))
-    total = np.zeros_like(found[TARGETS])
+    total = np.zeros_like(parts[TARGETS])
     for source in (TARGETS, READINGS, *surveyed):
-        split = beyond_declared({source: found[source]}, source, ratio, beyond)
-        found[source], total = split[source], total + split[beyond]
-    return found | {beyond: total}
+        split = beyond_declared({source: parts[source]}, source, ratio, beyond)
+        parts[source], total = split[source], total + split[beyond]
+    return parts | {beyond: total}
 
 
 def _prior(answered: RefittedCalibration, ratio: float) -> tuple[dict[Source, Array], tuple[Source, ...]]:
     """Return the prior information (P, P) by source, and those of the sources that are measurements."""
     dataset, calibration_question = answered.data, answered.question
-    left, found = calibration_question.prior.information.copy(), {}
+    left, by_source = calibration_question.prior.information.copy(), {}
     if dataset.surveyed is not None:
         rows = survey_rows(dataset.surveyed, calibration_question.problem.parameters)
-        own = np.zeros_like(left)
-        own[: calibration_question.count, : calibration_question.count] = rows.T @ np.linalg.solve(
+        information = np.zeros_like(left)
+        information[: calibration_question.count, : calibration_question.count] = rows.T @ np.linalg.solve(
             dataset.surveyed.covariance, rows
         )
-        left, found[SURVEYED] = left - own, own / ratio**2
+        left, by_source[SURVEYED] = left - information, information / ratio**2
     for source, places in _kinds(calibration_question).items():
-        found[source] = np.diag(np.where(np.isin(np.arange(len(left)), places), np.diag(left), 0.0))
-    return found, tuple(source for source in found if source is SURVEYED)
+        by_source[source] = np.diag(np.where(np.isin(np.arange(len(left)), places), np.diag(left), 0.0))
+    return by_source, tuple(source for source in by_source if source is SURVEYED)
 
 
 def _kinds(calibration_question: CalibrationQuestion) -> dict[Source, list[int]]:

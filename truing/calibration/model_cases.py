@@ -57,8 +57,8 @@ def screened(data: CalibrationData, fitted: MeasuredPlatform, case: Case) -> Scr
     measured, legs = _without_bad_legs(calibration_question.problem, fit.values, fitted)
     if (more := with_targets(calibration_question, data, measured, case)) is not None:
         fit = fit_question(more, fit.values[: calibration_question.count], robust=True)
-    kept = fit.weight > 0
-    return ScreenedPoses(measured, kept if np.mean(~kept) <= _MOST_BAD_POSES else np.ones_like(kept), legs)
+    is_used = fit.weight > 0
+    return ScreenedPoses(measured, is_used if np.mean(~is_used) <= _MOST_BAD_POSES else np.ones_like(is_used), legs)
 
 
 def _without_bad_legs(
@@ -72,22 +72,22 @@ def _without_bad_legs(
     upper = upper_joints(machine.bent_legs(rho), problem.p, problem.R, machine.delta_bz(rho))
     joints = (machine.legs.closure.lower(machine.legs, rho), upper)
     good, out = dict(measured.legs), []
-    for leg, found in measured.legs.items():
-        away = _joint_deviation(found, *(joint[:, leg] for joint in joints))
+    for leg, poses_of_leg in measured.legs.items():
+        away = _joint_deviation(poses_of_leg, *(joint[:, leg] for joint in joints))
         off = away > OFF
-        good[leg] = replace(found, p=np.where(off[:, None], np.nan, found.p))
+        good[leg] = replace(poses_of_leg, p=np.where(off[:, None], np.nan, poses_of_leg.p))
         out += [OffLeg(measured.poses[n], leg, float(away[n])) for n in np.flatnonzero(off)]
     return replace(measured, legs=good), tuple(out)
 
 
-def _joint_deviation(found: PosesWithCovariance, lower: NDArray, upper: NDArray) -> NDArray:
+def _joint_deviation(poses: PosesWithCovariance, lower: NDArray, upper: NDArray) -> NDArray:
     """Return the deviation (B,) of the joints (B, 3) from their usual places on the leg, in robust standard
     deviations."""
-    places = [np.einsum("bji,bj->bi", found.R, joint - found.p) for joint in (lower, upper)]
-    own = np.where(found.found[:, None], np.concatenate(places, -1), np.nan)
-    if found.found.sum() < 3:
-        return np.zeros(len(own))
-    away = np.abs(own - np.nanmedian(own, 0))
+    places = [np.einsum("bji,bj->bi", poses.R, joint - poses.p) for joint in (lower, upper)]
+    deviation = np.where(poses.found[:, None], np.concatenate(places, -1), np.nan)
+    if poses.found.sum() < 3:
+        return np.zeros(len(deviation))
+    away = np.abs(deviation - np.nanmedian(deviation, 0))
     scatter = np.maximum(1.4826 * np.nanmedian(away, 0), _LEAST_SCATTER_M)
     return np.asarray(np.max(np.nan_to_num(away) / scatter, -1))
 
@@ -152,7 +152,7 @@ def assessed_calibration(
     """Return a calibration with its errors at all poses, where readings determine them, and its misfit at held-out
     poses."""
     measured, legs = data.measured, data.machine.legs.count
-    held = measured.subset(~fitted)
-    squares = misfit(calibration, held, data.reading_sigma) if len(held.poses) else np.zeros(0)
+    subset = measured.subset(~fitted)
+    squares = misfit(calibration, subset, data.reading_sigma) if len(subset.poses) else np.zeros(0)
     errors = pose_errors(calibration, measured, data.reading_sigma, fitted) if legs >= LEAST_LEGS else None
     return AssessedCalibration(calibration, errors, squares, legs)

@@ -44,12 +44,12 @@ def needed_configurations(structure: Structure, machine: Machine, placed: Placed
     rows = rows / np.where(size > 0.0, size, 1.0)
     names = [entry.name for entry in parameters.entries]
     chosen = _separable(rows.reshape(-1, len(names)), parameters)
-    own, equations = rows[::-1, :, chosen], rows.shape[1]
+    rows_last_first, equations = rows[::-1, :, chosen], rows.shape[1]
     least = -(-len(chosen) // equations)
-    count = next((n for n in range(least, len(rows)) if _rank(own[:n]) == len(chosen)), len(rows))
-    kept = tuple(dict.fromkeys(names[k] for k in chosen))
+    count = next((n for n in range(least, len(rows)) if _rank(rows_last_first[:n]) == len(chosen)), len(rows))
+    columns = tuple(dict.fromkeys(names[k] for k in chosen))
     shared = sum(parameters.entries[k].leg == SHARED for k in chosen)
-    return NeededConfigurations(structure.name, kept, len(chosen), shared, equations, count)
+    return NeededConfigurations(structure.name, columns, len(chosen), shared, equations, count)
 
 
 def model_set(structure: Structure, machine: Machine) -> ParameterSet:
@@ -64,7 +64,7 @@ def _separable(rows: NDArray, parameters: ParameterSet) -> NDArray:
     groups = [list(dict.fromkeys(names)).index(name) for name in names]
     first = [0.0 if name in REPORTED else 1.0 for name in names]
     triangle = np.asarray(np.linalg.qr(rows, mode="r"))
-    found = choose_identifiable(
+    chosen_set = choose_identifiable(
         triangle,
         np.ones(len(names)),
         list(parameters.labels),
@@ -72,7 +72,7 @@ def _separable(rows: NDArray, parameters: ParameterSet) -> NDArray:
         preference=first,
         unidentifiable=1.0 / SEPARABLE,
     )
-    return np.flatnonzero(found.chosen)
+    return np.flatnonzero(chosen_set.chosen)
 
 
 def _rank(rows: NDArray) -> int:

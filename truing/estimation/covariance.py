@@ -99,14 +99,14 @@ def compose(
     lever = apply_rotation(R_ab, p_bc)
     J_ab = _blocks(np.eye(3), -skew(lever), np.eye(3))
     J_bc = _blocks(R_ab, np.zeros((3, 3)), R_ab)
-    return R_ab @ R_bc, p_ab + lever, symmetric(_sandwich(J_ab, cov_ab) + _sandwich(J_bc, cov_bc))
+    return R_ab @ R_bc, p_ab + lever, symmetric(propagated(J_ab, cov_ab) + propagated(J_bc, cov_bc))
 
 
 def invert(R: NDArray, p: NDArray, cov: NDArray) -> tuple[NDArray, NDArray, NDArray]:
     """Return ``T^-1`` as R (..., 3, 3), p (..., 3) and covariance (..., 6, 6)."""
     Rt = np.swapaxes(R, -1, -2)
     J = _blocks(-Rt, -Rt @ skew(p), -Rt)
-    return Rt, -apply_rotation(Rt, p), symmetric(_sandwich(J, cov))
+    return Rt, -apply_rotation(Rt, p), symmetric(propagated(J, cov))
 
 
 def relative(
@@ -122,7 +122,7 @@ def relative_of_pair(
     """Return ``T_wa^-1 T_wb`` as `relative`, with the joint covariance cov (..., 12, 12) of a and b."""
     R, p, _ = relative(R_wa, p_wa, cov[..., :6, :6], R_wb, p_wb, cov[..., 6:, 6:])
     J = relative_slope(R_wa, p_wa, p_wb)
-    return R, p, symmetric(_sandwich(J, cov))
+    return R, p, symmetric(propagated(J, cov))
 
 
 def relative_slope(R_wa: NDArray, p_wa: NDArray, p_wb: NDArray) -> NDArray:
@@ -144,7 +144,7 @@ def shared_parent_covariance(R_wa: NDArray, p_wa: NDArray, cov_wa: NDArray, p_a:
     lever = p_a - p_aw[..., None, :]
     J = _blocks(np.eye(3), -skew(lever), np.eye(3))
     J = J.reshape(*J.shape[:-3], -1, 6)
-    return symmetric(_sandwich(J, cov_aw))
+    return symmetric(propagated(J, cov_aw))
 
 
 def in_inner_constraints(xyz: NDArray, cov: NDArray, *, with_scale: bool) -> NDArray:
@@ -167,8 +167,10 @@ def apply_rotation(R: NDArray, v: NDArray) -> NDArray:
 def extreme_variances(C: NDArray) -> tuple[NDArray, NDArray]:
     """Return the smallest and the largest eigenvalue (...) of symmetric matrices (..., 3, 3)."""
     if not any(np.any(C[..., i, j]) for i, j in ((0, 1), (0, 2), (1, 2), (1, 0), (2, 0), (2, 1))):
-        own = [C[..., i, i] for i in range(3)]
-        return np.minimum(np.minimum(own[0], own[1]), own[2]), np.maximum(np.maximum(own[0], own[1]), own[2])
+        diagonal = [C[..., i, i] for i in range(3)]
+        return np.minimum(np.minimum(diagonal[0], diagonal[1]), diagonal[2]), np.maximum(
+            np.maximum(diagonal[0], diagonal[1]), diagonal[2]
+        )
     eigenvalues = np.linalg.eigvalsh(C)
     return eigenvalues[..., 0], eigenvalues[..., 2]
 
@@ -178,7 +180,8 @@ def symmetric(C: NDArray) -> NDArray:
     return (C + np.swapaxes(C, -1, -2)) / 2
 
 
-def _sandwich(J: NDArray, C: NDArray) -> NDArray:
+def propagated(J: NDArray, C: NDArray) -> NDArray:
+    """Covariance J C J^T (..., m, m) of J x by the covariance C (..., n, n) of x, J (..., m, n)."""
     return J @ C @ np.swapaxes(J, -1, -2)
 
 

@@ -8,6 +8,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from truing.arrays import Array, Mask
+from truing.estimation.covariance import propagated
 from truing.estimation.measured_numbers import pose_numbers
 from truing.estimation.response import ResponseFit, consistent_responses, fit_models, fit_response, gain_p_value
 from truing.estimation.rigid_poses.body_frames import residual_covariance
@@ -63,7 +64,7 @@ def correlated_shifts(framed: FramedPoints, per_leg: Array, axes: Sequence[int] 
     names = [body.name for body in bodies if body.name not in {other.parent for other in bodies}]
     per_leg, towards = np.repeat(per_leg, len(axes), axis=1), np.tile(axes, per_leg.shape[1])
     legs, first = per_leg.shape[1], np.cumsum([0, *(len(body.targets) for body in bodies)])
-    whole, there = np.zeros((len(poses), legs, legs)), np.zeros(len(poses), bool)
+    covariance, there = np.zeros((len(poses), legs, legs)), np.zeros(len(poses), bool)
     with_poses = np.full((len(poses), legs, len(names), 6), np.nan)
     by_survey = np.zeros((len(poses), legs, first[-1], 3))
     of_frames = np.full((len(poses), len(names), 6, 3 * first[-1]), np.nan)
@@ -75,31 +76,31 @@ def correlated_shifts(framed: FramedPoints, per_leg: Array, axes: Sequence[int] 
             continue
         turns = np.array([body.R[p] for body in bodies])
         along = per_leg[p][:, :, None] * turns[platform][:, towards].T[:, None]
-        found = residual_gain(p, bodies, frame, platform, along)
-        rows = found.rows(p, bodies)
-        by_points = found.gain @ errors.covariance(rows)
-        whole[p], effects[p] = by_points @ found.gain.T, found.gain @ errors.effects(rows)
+        point_gain = residual_gain(p, bodies, frame, platform, along)
+        rows = point_gain.rows(p, bodies)
+        by_points = point_gain.gain @ errors.covariance(rows)
+        covariance[p], effects[p] = by_points @ point_gain.gain.T, point_gain.gain @ errors.effects(rows)
         seen, by_frame = relative_gain(p, bodies, frame, frame.gain)
         at = [names.index(name) for name in seen]
         with_poses[p][:, at] = (by_points[:, : by_frame.shape[1]] @ by_frame.T).reshape(legs, -1, 6)
         moved = survey_gain(p, bodies, frame).reshape(len(frame.gain), -1)
         of_frames[p, at] = relative_gain(p, bodies, frame, moved)[1].reshape(len(at), 6, -1)
         of_shifts[p] = -sums_by_motion(p, bodies[platform], along) @ moved[6 * frame.bodies.index(platform) :][:6]
-        turned = np.einsum("lni,nij->lnj", found.gain.reshape(legs, -1, 3), turns[found.body])
-        by_survey[p][:, first[found.body] + found.target] = turned
+        turned = np.einsum("lni,nij->lnj", point_gain.gain.reshape(legs, -1, 3), turns[point_gain.body])
+        by_survey[p][:, first[point_gain.body] + point_gain.target] = turned
         there[p] = True
     if not there.any():
         return None
     usual, cov = by_survey[there].mean(axis=0), np.concatenate([body.cov_source for body in bodies])
     of_survey = np.einsum("lni,nij,mnj->lm", usual, cov, usual)
-    own, alike = pose_and_common_parts(whole, effects, there, framed.correlation)
+    unshared, alike = pose_and_common_parts(covariance, effects, there, framed.correlation)
     varied = by_survey[there] - usual
-    own[there] += np.einsum("blni,nij,bmnj->blm", varied, cov, varied, optimize=True)
+    unshared[there] += np.einsum("blni,nij,bmnj->blm", varied, cov, varied, optimize=True)
     numbers = tuple(str(number) for name in names for number in pose_numbers(name))
     poses_by_leg = with_poses.reshape(len(poses), legs, -1)
     frames = _mean([of_frames.reshape(len(poses), len(numbers), -1), of_shifts], cov)
     return CorrelatedShifts(
-        own, of_survey + alike, there, whole, numbers, poses_by_leg, errors.parameters, effects, frames
+        unshared, of_survey + alike, there, covariance, numbers, poses_by_leg, errors.parameters, effects, frames
     )
 
 
@@ -115,12 +116,12 @@ def correlated_residuals(framed: FramedPoints) -> Callable[[str, tuple[str, ...]
     frames = [joint_frame(p, bodies, errors) for p in poses]
 
     def found(body: str, targets: tuple[str, ...]) -> tuple[Array, Mask]:
-        number = next((n for n, one in enumerate(bodies) if one.name == body), -1)
+        number = next((n for n, body_place in enumerate(bodies) if body_place.name == body), -1)
         known = {target: n for n, target in enumerate(bodies[number].targets)}
         at = np.array([known.get(target, -1) for target in targets])
-        whole, there = np.zeros((len(poses), 3 * len(at), 3 * len(at))), np.zeros(len(poses), bool)
+        total_covariance, there = np.zeros((len(poses), 3 * len(at), 3 * len(at))), np.zeros(len(poses), bool)
         effects = np.zeros((len(poses), 3 * len(at), len(errors.parameters)))
-        by_shape = np.zeros((len(poses), 3 * len(at), 3 * sum(len(one.targets) for one in bodies)))
+        by_shape = np.zeros((len(poses), 3 * len(at), 3 * sum(len(body_place.targets) for body_place in bodies)))
         for p, frame in enumerate(frames):
             if frame is None or number not in frame.bodies:
                 continue
@@ -130,16 +131,16 @@ def correlated_residuals(framed: FramedPoints) -> Callable[[str, tuple[str, ...]
             weight = each.reshape(3 * len(at), -1, 3)
             followed = residual_gain(p, bodies, frame, number, weight)
             rows = followed.rows(p, bodies)
-            whole[p] = followed.gain @ errors.covariance(rows) @ followed.gain.T
+            total_covariance[p] = followed.gain @ errors.covariance(rows) @ followed.gain.T
             effects[p] = followed.gain @ errors.effects(rows)
             by_shape[p] = by_shapes(p, bodies, frame, number, weight).reshape(len(weight), -1)
             there[p] = True
         if not there.any():
-            return whole, there
-        own, _ = pose_and_common_parts(whole, effects, there, correlation)
+            return total_covariance, there
+        unshared, _ = pose_and_common_parts(total_covariance, effects, there, correlation)
         varied = by_shape[there] - by_shape[there].mean(axis=0)
-        own[there] += varied @ np.swapaxes(varied, 1, 2)
-        return _without_rounding(own), there
+        unshared[there] += varied @ np.swapaxes(varied, 1, 2)
+        return _without_rounding(unshared), there
 
     return found
 
@@ -147,33 +148,31 @@ def correlated_residuals(framed: FramedPoints) -> Callable[[str, tuple[str, ...]
 def _without_rounding(covariance: Array) -> Array:
     """Return covariances (B, n, n) without directions that the frame's fit to the same points reduces to rounding."""
     values, vectors = np.linalg.eigh(covariance)
-    kept = np.where(values > _ROUNDING * values[:, -1:], values, 0.0)
-    return np.asarray((vectors * kept[:, None]) @ np.swapaxes(vectors, 1, 2))
+    significant = np.where(values > _ROUNDING * values[:, -1:], values, 0.0)
+    return np.asarray((vectors * significant[:, None]) @ np.swapaxes(vectors, 1, 2))
 
 
 def _mean(by_survey: Sequence[Array], cov: Array) -> Array:
     """Return the covariance of the pose mean of quantities with survey derivatives (B, Q, 3T), NaN for poses without.
     cov (T, 3, 3): covariance of the survey."""
-    found = np.concatenate(by_survey, axis=1)
-    there = np.isfinite(found)
-    mean = np.where(there, found, 0.0).sum(axis=0) / np.maximum(there.sum(axis=0), 1)
+    derivative = np.concatenate(by_survey, axis=1)
+    there = np.isfinite(derivative)
+    mean = np.where(there, derivative, 0.0).sum(axis=0) / np.maximum(there.sum(axis=0), 1)
     mean = mean.reshape(len(mean), -1, 3)
     return np.asarray(np.einsum("pni,nij,qnj->pq", mean, cov, mean, optimize=True))
 
 
-def pose_and_common_parts(whole: Array, effects: Array, there: Mask, correlation: Array) -> tuple[Array, Array]:
+def pose_and_common_parts(covariance: Array, effects: Array, there: Mask, correlation: Array) -> tuple[Array, Array]:
     """Split covariances (B, L, L) into a part that differs between poses and a part (L, L) common to all poses.
 
     effects (B, L, K): effects of errors common to all poses; their mean over poses is the common part.
     """
     alike = effects[there].mean(axis=0)
-    own = whole.copy()
-    own[there] += _sandwich(effects[there] - alike, correlation) - _sandwich(effects[there], correlation)
-    return own, _sandwich(alike, correlation)
-
-
-def _sandwich(J: Array, C: Array) -> Array:
-    return J @ C @ np.swapaxes(J, -1, -2)
+    changed_covariance = covariance.copy()
+    changed_covariance[there] += propagated(effects[there] - alike, correlation) - propagated(
+        effects[there], correlation
+    )
+    return changed_covariance, propagated(alike, correlation)
 
 
 @dataclass(frozen=True)
@@ -223,20 +222,22 @@ def attachment_models(drive: Array, shifts: LegShifts, heldout: Mask) -> Attachm
     fitted = ~heldout
     prior = {"offset_cov": shifts.survey}
     good = np.isfinite(shifts.shift) & _consistent_attachments(drive, shifts, fitted)
-    kept = np.where(good, shifts.shift, np.nan)
-    fits = fit_models(drive[fitted], kept[fitted], shifts.noise[fitted], ("none", "linear", "matrix"), **prior)
+    shifts_kept = np.where(good, shifts.shift, np.nan)
+    fits = fit_models(drive[fitted], shifts_kept[fitted], shifts.noise[fitted], ("none", "linear", "matrix"), **prior)
     # An F test needs the same weights for all three models.
     gains = {
         "linear": gain_p_value(fits["none"], fits["linear"]),
         "matrix": gain_p_value(fits["linear"], fits["matrix"]),
     }
-    fits["linear"] = _leg_by_leg(drive[fitted], kept[fitted], shifts.noise[fitted])
-    known_well = _determined(drive[fitted], kept[fitted])
+    fits["linear"] = _leg_by_leg(drive[fitted], shifts_kept[fitted], shifts.noise[fitted])
+    known_well = _determined(drive[fitted], shifts_kept[fitted])
     fits = {name: fit for name, fit in fits.items() if known_well[name].any()}
-    held = {name: kept[heldout] - fit.offset.mean(0) - fit.predict(drive[heldout]) for name, fit in fits.items()}
+    predicted_errors = {
+        name: shifts_kept[heldout] - fit.offset.mean(0) - fit.predict(drive[heldout]) for name, fit in fits.items()
+    }
     rejected = np.isfinite(shifts.shift) & ~good
     in_plane = _in_plane_models(drive[fitted], shifts, good, fitted) if known_well["matrix"].all() else {}
-    return AttachmentModels(fits, known_well, gains, held, rejected, kept, fitted, in_plane)
+    return AttachmentModels(fits, known_well, gains, predicted_errors, rejected, shifts_kept, fitted, in_plane)
 
 
 def _in_plane_models(drive: Array, shifts: LegShifts, good: Mask, fitted: Mask) -> dict[str, ResponseFit]:
@@ -304,28 +305,30 @@ def _averaged(
 ) -> tuple[Array, Array]:
     """Return covariances of the attachments' shifts along some axes: of the measurement (B, n, n) and of the survey (n,
     n)."""
-    of_points = _of_legs(per_leg, measured, axes)
+    of_points = _covariance_of_legs(per_leg, measured, axes)
     if together is None:
-        return of_points, _of_legs(typical[None], surveyed[None], axes)[0]
+        return of_points, _covariance_of_legs(typical[None], surveyed[None], axes)[0]
     # A pose without a joint fit keeps the covariance of independent points.
     return np.where(together.there[:, None, None], together.noise, of_points), together.shared
 
 
-def _of_legs(per_leg: Array, covariance: Array, axes: Sequence[int]) -> Array:
+def _covariance_of_legs(per_leg: Array, covariance: Array, axes: Sequence[int]) -> Array:
     """Return covariances (B, n, n) of averages (B, L, T) of targets along some axes, from those (B, 3T, 3T) of
     targets."""
     count, (batch, legs, targets) = len(axes), per_leg.shape
-    own = covariance.reshape(-1, targets, 3, targets, 3)[:, :, axes][..., axes]
-    found = np.einsum("blt,btasc,bms->blamc", per_leg, own, per_leg, optimize=True)
-    return np.asarray(found.reshape(batch, legs * count, legs * count))
+    covariance_of_targets = covariance.reshape(-1, targets, 3, targets, 3)[:, :, axes][..., axes]
+    covariance_of_legs = np.einsum("blt,btasc,bms->blamc", per_leg, covariance_of_targets, per_leg, optimize=True)
+    return np.asarray(covariance_of_legs.reshape(batch, legs * count, legs * count))
 
 
 def _consistent_attachments(drive: Array, shifts: LegShifts, fitted: Mask) -> Mask:
     """Return the attachments (B, L) whose shifts along z and across it agree with a matrix model of each direction. The
     noise along z is used across, too: a gross error is many times either."""
     directions = (shifts.shift, shifts.across[:, :, 0], shifts.across[:, :, 1])
-    kept = [consistent_responses(drive, y, shifts.noise, offset_cov=shifts.survey, fitted=fitted) for y in directions]
-    return np.logical_and.reduce(kept)
+    consistent = [
+        consistent_responses(drive, y, shifts.noise, offset_cov=shifts.survey, fitted=fitted) for y in directions
+    ]
+    return np.logical_and.reduce(consistent)
 
 
 def _survey_covariance(survey: SurveyPoints, used: Mask) -> Array:

@@ -31,8 +31,8 @@ class DrivenShift:
 def driven_shift(fit: ResponseFit, u: Array) -> DrivenShift:
     """Return the size of the motion that follows the drives u (N, D) of a matrix fit; NaN without degrees of freedom.
 
-    With Q the mean square of K u, Q less its expectation by noise has variance 2 tr (A C)^2 + 4 K' A C A K, where Q =
-    K' A K and C is the covariance of K. The limit takes A C at its mean eigenvalue in the second term.
+    Q = K' A K is the mean square of K u, and C the covariance of K. Q less its expectation by noise has the variance 2
+    tr (A C)^2 + 4 K' A C A K. The limit takes A C at its mean eigenvalue in the second term.
     """
     responses, rows = fit.free.shape[0], len(u)
     A = np.kron(np.eye(responses), u.T @ u) / (rows * responses)

@@ -55,11 +55,13 @@ def choose_model(contenders: Sequence[Contender]) -> ContenderChoice:
     if not contenders:
         raise ValueError("found no model to choose from, expected at least one")
     settled_state = np.array([contender.converged for contender in contenders])
-    evidence = np.array([one.log_evidence for one in contenders])
+    evidence = np.array([contender.log_evidence for contender in contenders])
     evidence = np.where(settled_state | ~settled_state.any(), evidence, np.nan)
-    possible = np.array([not np.isinf(one.squares).any() for one in contenders])
+    possible = np.array([not np.isinf(contender.squares).any() for contender in contenders])
     refuted = ~possible  # held-out poses are impossible under these models
-    refuted[possible] = _refuted([one for one, reported in zip(contenders, possible, strict=True) if reported])
+    refuted[possible] = _refuted(
+        [contender for contender, reported in zip(contenders, possible, strict=True) if reported]
+    )
     eligible = ~refuted & np.isfinite(evidence)
     if not eligible.any():
         eligible = np.isfinite(evidence) | ~np.isfinite(evidence).any()
@@ -81,7 +83,7 @@ def _refuted(contenders: Sequence[Contender]) -> NDArray:
     poses = squares.shape[1]
     if poses < 2:
         return np.zeros(len(contenders), bool)
-    freedom = np.array([np.broadcast_to(one.freedom, poses) for one in contenders])
+    freedom = np.array([np.broadcast_to(contender.freedom, poses) for contender in contenders])
     missed = chdtrc(freedom.sum(1), squares.sum(1)) < _UNLIKELY
     # in the freedom of each pose, so that a pose with many equations does not dominate
     worse = (squares - squares[np.argmin(squares.mean(1))]) / freedom

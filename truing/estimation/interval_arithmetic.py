@@ -87,8 +87,8 @@ class IntervalArray:
         inverse = IntervalArray(low, high)
         if apart.all():
             return self * inverse
-        found = self * IntervalArray(np.where(apart, low, 1.0), np.where(apart, high, 1.0))
-        return IntervalArray(np.where(apart, found.low, -np.inf), np.where(apart, found.high, np.inf))
+        quotient = self * IntervalArray(np.where(apart, low, 1.0), np.where(apart, high, 1.0))
+        return IntervalArray(np.where(apart, quotient.low, -np.inf), np.where(apart, quotient.high, np.inf))
 
     def __rtruediv__(self, other: ArrayLike) -> IntervalArray:
         return intervals(other) / self
@@ -198,8 +198,8 @@ def is_regular(matrices: IntervalArray) -> NDArray:
     """
     usable = np.isfinite(matrices.low).all((-2, -1)) & np.isfinite(matrices.high).all((-2, -1))
     rows, size = matrices.shape[-2:]
-    kept = usable[..., None, None]
-    bounded = IntervalArray(*(np.where(kept, part, np.eye(rows, size)) for part in (matrices.low, matrices.high)))
+    regular = usable[..., None, None]
+    bounded = IntervalArray(*(np.where(regular, part, np.eye(rows, size)) for part in (matrices.low, matrices.high)))
     middle = bounded.mid
     inverse = np.linalg.pinv(middle)
     rest = (product(intervals(inverse), bounded) - np.eye(size)).magnitude
@@ -207,5 +207,5 @@ def is_regular(matrices: IntervalArray) -> NDArray:
     for _ in range(20):  # towards the dominant eigenvector: any positive d is a proof
         d = np.maximum((rest @ d[..., None])[..., 0], 1e-6 * d.max(-1, keepdims=True))
         d = d / d.max(-1, keepdims=True)
-    found = product(intervals(rest), intervals(d[..., None])).high[..., 0]
-    return np.asarray(usable & (found < d).all(-1))
+    largest = product(intervals(rest), intervals(d[..., None])).high[..., 0]
+    return np.asarray(usable & (largest < d).all(-1))

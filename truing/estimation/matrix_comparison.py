@@ -92,9 +92,9 @@ def compare_matrices(
     free = joint_test(bent @ apart, bent @ total @ bent.T) if len(rows) >= _LEAST_OF_A_PLANE else None
 
     def spread(values: Array) -> Array:
-        found = np.full(measured.shape, np.nan)
-        found[rows] = values.reshape(len(rows), width)
-        return found
+        spreads = np.full(measured.shape, np.nan)
+        spreads[rows] = values.reshape(len(rows), width)
+        return spreads
 
     sizes = (np.sqrt(np.maximum(np.diag(of), 0.0)) for of in (of_own, of_model, total))
     own_sigma, model_sigma, sigma = (spread(size) for size in sizes)
@@ -145,14 +145,14 @@ def slopes_of_shifts(moved: Array, shifted: Array, noise: Array | None) -> tuple
     noise (N,): standard deviation of each row; None: sigma follows from what K leaves, zero for as many rows as drives.
     """
     weight = np.ones(len(moved)) if noise is None else 1.0 / noise
-    found = np.linalg.lstsq(moved * weight[:, None], shifted * weight[:, None], rcond=None)[0].T
+    coefficients = np.linalg.lstsq(moved * weight[:, None], shifted * weight[:, None], rcond=None)[0].T
     inverse = np.linalg.inv((moved * weight[:, None] ** 2).T @ moved)
     size = np.sqrt(np.diag(inverse))
     spare = len(moved) - moved.shape[1]
     if noise is not None:
-        scatter = np.ones(len(found))
+        scatter = np.ones(len(coefficients))
     elif spare:
-        scatter = np.sqrt(((shifted - moved @ found.T) ** 2).sum(axis=0) / spare)
+        scatter = np.sqrt(((shifted - moved @ coefficients.T) ** 2).sum(axis=0) / spare)
     else:
-        scatter = np.zeros(len(found))
-    return np.asarray(found), np.outer(scatter, size)
+        scatter = np.zeros(len(coefficients))
+    return np.asarray(coefficients), np.outer(scatter, size)

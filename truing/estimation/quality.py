@@ -85,17 +85,17 @@ class TargetStep:
     p_value: Array
 
 
-def find_steps(values: Array, sigma: Array, kept: Mask, shortest: int = 3) -> TargetStep:
+def find_steps(values: Array, sigma: Array, used: Mask, shortest: int = 3) -> TargetStep:
     """Return the most significant step in each target's residuals over poses in time order.
 
-    values, sigma (B, T, 3), kept (B, T). The statistic is the chi-square (3 degrees of freedom) of the difference of
+    values, sigma (B, T, 3), used (B, T). The statistic is the chi-square (3 degrees of freedom) of the difference of
     weighted means after and before; maximised over onsets with at least ``shortest`` poses on either side, with
     Bonferroni over the onsets.
     """
     from scipy.special import chdtrc
 
-    weight = kept[:, :, None] / np.where(kept[:, :, None], sigma, 1.0) ** 2
-    sums, weights, counts = (np.cumsum(a, axis=0) for a in (weight * values, weight, kept.astype(float)))
+    weight = used[:, :, None] / np.where(used[:, :, None], sigma, 1.0) ** 2
+    sums, weights, counts = (np.cumsum(a, axis=0) for a in (weight * values, weight, used.astype(float)))
     after, after_weight = sums[-1:] - sums, weights[-1:] - weights
     enough = (counts >= shortest) & (counts[-1:] - counts >= shortest)
     with np.errstate(divide="ignore", invalid="ignore"):
@@ -200,11 +200,11 @@ def repeated_groups(settings: Array, tolerance: Array) -> list[Index]:
     first = np.arange(len(settings))
     for start in range(0, len(order), _POSES_AT_ONCE):
         rows = slice(start, start + _POSES_AT_ONCE)
-        own, others = order[rows], order[begin[rows].min() : end[rows].max()]
-        alike = np.ones((len(own), len(others)), bool)
+        own_rows, others = order[rows], order[begin[rows].min() : end[rows].max()]
+        alike = np.ones((len(own_rows), len(others)), bool)
         for column, allowed in zip(settings.T, tolerance, strict=True):
-            alike &= np.abs(column[own, None] - column[others]) <= allowed
-        first[own] = np.minimum(own, np.where(alike, others, len(first)).min(axis=1, initial=len(first)))
+            alike &= np.abs(column[own_rows, None] - column[others]) <= allowed
+        first[own_rows] = np.minimum(own_rows, np.where(alike, others, len(first)).min(axis=1, initial=len(first)))
     number, count = np.unique(first, return_inverse=True, return_counts=True)[1:]
     return [np.nonzero(number == k)[0] for k in np.flatnonzero(count > 1)]
 
@@ -212,13 +212,13 @@ def repeated_groups(settings: Array, tolerance: Array) -> list[Index]:
 def _neighbours(settings: Array, tolerance: Array) -> tuple[Index, Index, Index]:
     """Return the order (B,) of poses along the setting with most distinct values. For each place there: the range
     [begin, end) of places that agree with it in this setting."""
-    found = []
+    pairs = []
     for column, allowed in zip(settings.T, tolerance * _WIDER, strict=True):
         order = np.argsort(column, kind="stable")
         values = column[order]
         begin = np.searchsorted(values, values - allowed, "left")
-        found.append((order, begin, np.searchsorted(values, values + allowed, "right")))
-    return min(found, key=lambda own: int(np.sum(own[2] - own[1])))
+        pairs.append((order, begin, np.searchsorted(values, values + allowed, "right")))
+    return min(pairs, key=lambda pair: int(np.sum(pair[2] - pair[1])))
 
 
 def successive_sigma(values: Array, mask: Mask) -> Array:

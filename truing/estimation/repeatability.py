@@ -45,11 +45,11 @@ def within_groups(values: ArrayLike, groups: Sequence[Index]) -> Squares:
     values = np.asarray(values, float)
     square, freedom = np.zeros((2, values.shape[1]))
     for rows in groups:
-        own = values[rows]
-        known = np.isfinite(own)
+        values_of_group = values[rows]
+        known = np.isfinite(values_of_group)
         count = known.sum(axis=0)
-        mean = np.where(known, own, 0.0).sum(axis=0) / np.maximum(count, 1)
-        square += (np.where(known, own - mean, 0.0) ** 2).sum(axis=0)
+        mean = np.where(known, values_of_group, 0.0).sum(axis=0) / np.maximum(count, 1)
+        square += (np.where(known, values_of_group - mean, 0.0) ** 2).sum(axis=0)
         freedom += np.maximum(count - 1, 0)
     return Squares(square, freedom)
 
@@ -62,12 +62,14 @@ def within_runs(values: ArrayLike, groups: Sequence[Index]) -> Squares:
     values = np.asarray(values, float)
     square, freedom = np.zeros((2, values.shape[1]))
     for rows in groups:
-        own = values[rows]
-        whole = np.isfinite(own).all(axis=0)
-        count = whole.sum(axis=0)
-        kept = np.where(whole, own, 0.0)
-        left = np.where(whole, kept - kept.sum(axis=1, keepdims=True) / np.maximum(count, 1), 0.0)
-        left = np.where(whole, left - left.mean(axis=0), 0.0)
+        group_values = values[rows]
+        is_complete = np.isfinite(group_values).all(axis=0)
+        count = is_complete.sum(axis=0)
+        complete_values = np.where(is_complete, group_values, 0.0)
+        left = np.where(
+            is_complete, complete_values - complete_values.sum(axis=1, keepdims=True) / np.maximum(count, 1), 0.0
+        )
+        left = np.where(is_complete, left - left.mean(axis=0), 0.0)
         square += (left**2).sum(axis=(0, 1))
         freedom += (len(rows) - 1) * np.maximum(count - 1, 0)
     return Squares(square, freedom)
@@ -163,8 +165,12 @@ def at_one_reading(values: Array, readings: Array, groups: Sequence[Index]) -> A
         return out
     slope = np.linalg.lstsq(design[known], values[known], rcond=None)[0][1:]
     for group in groups:
-        own = group[known[group]]
-        out[own] -= (readings[own] - readings[own].mean(axis=0)) @ slope if len(own) else 0.0
+        rows_at_reading = group[known[group]]
+        out[rows_at_reading] -= (
+            (readings[rows_at_reading] - readings[rows_at_reading].mean(axis=0)) @ slope
+            if len(rows_at_reading)
+            else 0.0
+        )
     return out
 
 
@@ -234,7 +240,7 @@ def orientation_repeatability(angles: Array) -> tuple[Figure, ...]:
     if len(angles) < FEWEST:
         raise ValueError(f"angles: found {len(angles)}, expected at least {FEWEST}")
     square = np.sum((angles - angles.mean(axis=0)) ** 2, axis=0)
-    return tuple(_interval(float(one), len(angles) - 1.0, 3.0) for one in square)
+    return tuple(_interval(float(angle), len(angles) - 1.0, 3.0) for angle in square)
 
 
 def _interval(square: float, freedom: float, times: float) -> Figure:
@@ -252,7 +258,7 @@ def turned_from_first(R: Array, rows: Index, groups: Sequence[Index]) -> Array:
     if np.linalg.norm(turned, axis=1).max() < _FAR_RAD:
         return turned
     for group in groups:
-        own = np.flatnonzero(np.isin(rows, group))
-        if len(own):
-            turned[own] = log_so3(R[own] @ R[own[0]].T)
+        places = np.flatnonzero(np.isin(rows, group))
+        if len(places):
+            turned[places] = log_so3(R[places] @ R[places[0]].T)
     return turned

@@ -62,12 +62,12 @@ class ResponseFit:
     def predicted_variance(self, u: Array) -> Array:
         """Return the variance (N, L) of offset + K u of the first group."""
         rows, columns = np.nonzero(self.free)
-        found = 2.0 * u @ self.offset_covariance[:, :-1].T + self.offset_covariance[:, -1]
+        variance = 2.0 * u @ self.offset_covariance[:, :-1].T + self.offset_covariance[:, -1]
         for k in range(len(self.free)):
             mask = rows == k
             drive = u[:, columns[mask]]
-            found[:, k] += np.einsum("np,pq,nq->n", drive, self.covariance[np.ix_(mask, mask)], drive)
-        return np.maximum(found, 0.0)
+            variance[:, k] += np.einsum("np,pq,nq->n", drive, self.covariance[np.ix_(mask, mask)], drive)
+        return np.maximum(variance, 0.0)
 
 
 def fit_response(
@@ -138,13 +138,13 @@ def _component_by_component(
         every = np.ones((1, len(drive)), bool)
         design = _design(u[np.ix_(rows, drive)], every, place)
         precision = _offset_precision(prior, len(drive), 1, len(met))
-        one = _solve("matrix", every, design, y[rows, k, None], np.ones((len(rows), 1), bool), weight, precision)
-        coefficients[k, drive], offset[met, k] = one.coefficients[0], one.offset[:, 0]
-        beside[k, [*drive, -1]] = one.offset_covariance[0]
-        residuals[rows, k], loo[rows, k] = one.residuals[:, 0], one.loo_residuals[:, 0]
-        covariance[ends[k] - len(drive) : ends[k], ends[k] - len(drive) : ends[k]] = one.covariance
-        deficient += one.deficient + (groups - len(met) if offset_cov is None else 0)
-        chi_square, dof = chi_square + one.chi_square, dof + one.dof
+        fit = _solve("matrix", every, design, y[rows, k, None], np.ones((len(rows), 1), bool), weight, precision)
+        coefficients[k, drive], offset[met, k] = fit.coefficients[0], fit.offset[:, 0]
+        beside[k, [*drive, -1]] = fit.offset_covariance[0]
+        residuals[rows, k], loo[rows, k] = fit.residuals[:, 0], fit.loo_residuals[:, 0]
+        covariance[ends[k] - len(drive) : ends[k], ends[k] - len(drive) : ends[k]] = fit.covariance
+        deficient += fit.deficient + (groups - len(met) if offset_cov is None else 0)
+        chi_square, dof = chi_square + fit.chi_square, dof + fit.dof
     return ResponseFit(form, coefficients, covariance, free, offset, residuals, loo, chi_square, dof, deficient, beside)
 
 
@@ -297,21 +297,21 @@ def _standardised(fit: ResponseFit, u: Array, y: Array, cov: Array) -> Array:
 
 def _spanned(u: Array, fitted: Mask) -> Mask:
     """Return the mask (N, L) of drives (N, D) that are combinations of those in the fit of each response."""
-    found = np.zeros(fitted.shape, bool)
+    spanned = np.zeros(fitted.shape, bool)
     for k, rows in enumerate(fitted.T):
         _, size, along = np.linalg.svd(u[rows], full_matrices=False)
         basis = along[size > _SPANNED * size.max(initial=0.0)]
         rest = u - u @ basis.T @ basis
-        found[:, k] = np.abs(rest).max(axis=1, initial=0.0) <= _SPANNED * np.abs(u).max(initial=0.0)
-    return found
+        spanned[:, k] = np.abs(rest).max(axis=1, initial=0.0) <= _SPANNED * np.abs(u).max(initial=0.0)
+    return spanned
 
 
-def _standardised_l1(u: Array, kept: Array, y: Array, cov: Array, offset_cov: Array | None) -> Array:
+def _standardised_l1(u: Array, rows_used: Array, y: Array, cov: Array, offset_cov: Array | None) -> Array:
     """Return |residual| (N, L) of all y in units of its standard deviation, after a least-absolute-deviation fit to the
     kept ones."""
     root = np.ones(y.shape)
     for _ in range(30):
-        fit = fit_response(u, kept, cov * root[:, :, None] * root[:, None, :], offset_cov=offset_cov)
+        fit = fit_response(u, rows_used, cov * root[:, :, None] * root[:, None, :], offset_cov=offset_cov)
         z = _standardised(fit, u, y, cov)
         before, root = root, np.sqrt(np.maximum(z, 1.0))
         if np.array_equal(root, before):  # the next fit is the same

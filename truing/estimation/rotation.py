@@ -82,13 +82,13 @@ def euler_axes(angles: NDArray, order: str) -> NDArray:
     """Return the rotation axes (N, 3, 3), in the parent frame, of three Euler angles (N, 3), rad: one column per
     angle."""
     inner = order if order.isupper() else order[::-1]  # intrinsic angles: the first one rotates the axes of the others
-    own = angles if order.isupper() else angles[:, ::-1]
+    angles_in_order = angles if order.isupper() else angles[:, ::-1]
     R = np.broadcast_to(np.eye(3), (len(angles), 3, 3))
     axes = []
     for number, axis in enumerate(inner.upper()):
         unit = np.eye(3)["XYZ".index(axis)]
         axes.append(R @ unit)
-        R = R @ exp_so3(own[:, number, None] * unit)
+        R = R @ exp_so3(angles_in_order[:, number, None] * unit)
     stacked = np.stack(axes, axis=-1)
     return stacked if order.isupper() else stacked[:, :, ::-1]
 

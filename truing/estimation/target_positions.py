@@ -90,10 +90,12 @@ def stray_places(
     for target, rows in _in_time(known, order):
         firsts = sorted(order[pose] for pose, changed in changes if changed == target)
         piece = np.searchsorted(firsts, order[rows], side="right")
-        for one in np.unique(piece):
-            own = rows[piece == one]
-            off = np.linalg.norm(places[own, target] - np.median(places[own, target], axis=0), axis=-1)
-            stray[own, target] = off > limits[own, target]
+        for piece_number in np.unique(piece):
+            rows_of_piece = rows[piece == piece_number]
+            off = np.linalg.norm(
+                places[rows_of_piece, target] - np.median(places[rows_of_piece, target], axis=0), axis=-1
+            )
+            stray[rows_of_piece, target] = off > limits[rows_of_piece, target]
     return stray
 
 

@@ -58,8 +58,8 @@ class Budget:
     @property
     def dof(self) -> NDArray:
         """Effective degrees of freedom (N,) by Welch and Satterthwaite (GUM G.4.1)."""
-        own = np.array([1.0 / source.dof for source in self.sources])
-        lost = own @ self.shares**2
+        inverse_dof = np.array([1.0 / source.dof for source in self.sources])
+        lost = inverse_dof @ self.shares**2
         return np.divide(1.0, lost, out=np.full(len(lost), np.inf), where=lost > 0.0)
 
     @property
@@ -83,7 +83,9 @@ class Budget:
     def filled(self) -> Budget:
         """Return the budget without sources that contribute nothing."""
         some = np.any(self.contributions > 0.0, axis=1)
-        return Budget(tuple(s for s, own in zip(self.sources, some, strict=True) if own), self.contributions[some])
+        return Budget(
+            tuple(s for s, is_used in zip(self.sources, some, strict=True) if is_used), self.contributions[some]
+        )
 
 
 def coverage_factor(dof: NDArray, probability: float = COVERAGE) -> NDArray:
@@ -112,11 +114,11 @@ def linear_estimate(
     known = dict(prior or {})
     precision = np.einsum("bmp,bmq->pq", jacobian, weighted) + sum(known.values(), np.zeros(()))
     covariance = _inverse(precision)
-    found = {
-        source: covariance @ np.einsum("bmp,bmn,bnq->pq", weighted, own, weighted, optimize=True) @ covariance
-        for source, own in seen.items()
+    parts = {
+        source: covariance @ np.einsum("bmp,bmn,bnq->pq", weighted, derivative, weighted, optimize=True) @ covariance
+        for source, derivative in seen.items()
     }
-    return found | {source: covariance @ own @ covariance for source, own in known.items()}
+    return parts | {source: covariance @ information @ covariance for source, information in known.items()}
 
 
 def _inverse(precision: NDArray) -> NDArray:
@@ -131,8 +133,8 @@ def beyond_declared(covariances: Covariances, noisy: Source, ratio: float, sourc
     The declared noise keeps its contribution; the excess scatter belongs to the source ``source``.
     """
     declared = 1.0 / max(ratio, 1.0) ** 2
-    whole = covariances[noisy]
-    return {**covariances, noisy: declared * whole, source: (1.0 - declared) * whole}
+    covariance = covariances[noisy]
+    return {**covariances, noisy: declared * covariance, source: (1.0 - declared) * covariance}
 
 
 def budget(covariances: Covariances, by_values: NDArray | None = None) -> Budget:
@@ -142,9 +144,12 @@ def budget(covariances: Covariances, by_values: NDArray | None = None) -> Budget
     """
     rows = np.eye(len(next(iter(covariances.values())))) if by_values is None else by_values
     variances = {
-        source: np.einsum("np,pq,nq->n", rows, own, rows, optimize=True) for source, own in covariances.items()
+        source: np.einsum("np,pq,nq->n", rows, covariance, rows, optimize=True)
+        for source, covariance in covariances.items()
     }
-    reported = {source: np.sqrt(np.maximum(own, 0.0)) for source, own in variances.items() if np.any(own > 0.0)}
+    reported = {
+        source: np.sqrt(np.maximum(variance, 0.0)) for source, variance in variances.items() if np.any(variance > 0.0)
+    }
     return Budget(tuple(reported), np.array(list(reported.values())).reshape(len(reported), len(rows)))
 
 
@@ -154,6 +159,6 @@ def root_mean_square(errors: Array) -> tuple[float, Budget]:
     squares = errors**2
     value = float(np.sqrt(np.mean(squares)))
     spread = float(np.std(squares, ddof=1) / np.sqrt(len(squares)))
-    own = spread / (2.0 * value) if value > 0.0 else 0.0
+    relative = spread / (2.0 * value) if value > 0.0 else 0.0
     source = Source("scatter from pose to pose, noise of the measurement included", "A", float(len(errors) - 1))
-    return value, Budget((source,), np.array([[own]]))
+    return value, Budget((source,), np.array([[relative]]))

@@ -42,7 +42,7 @@ class AiconCamera:
 def read_phc(raw: RawFile, path: Path, wanted: Wanted) -> Iterator[RawBatch]:
     """Yield the image points of a .phc file, in px; raises Unusable for a missing .ior or .eor file and for damaged
     ones."""
-    beside = {format_suffix(one): one for one in companion_files(raw.path)}
+    beside = {format_suffix(companion_file): companion_file for companion_file in companion_files(raw.path)}
     if ".ior" not in beside:
         raise Unusable("an .ior file of the same name next to it, whose pixel size converts mm to px")
     cameras = {str(camera.row["camera"]): camera for camera in _cameras(_lines(beside[".ior"], beside[".ior"].name))}

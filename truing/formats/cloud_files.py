@@ -112,11 +112,11 @@ class CloudLayout:
     @property
     def names(self) -> tuple[str, ...]:
         """A name for each number of a point; numbers of a field with several are counted from 0."""
-        found: list[str] = []
+        column_names: list[str] = []
         for name in self.record.names or ():
             width = int(np.prod(self.record[name].shape, dtype=int))
-            found += [name] if not self.record[name].shape else [f"{name}[{i}]" for i in range(width)]
-        return tuple(found)
+            column_names += [name] if not self.record[name].shape else [f"{name}[{i}]" for i in range(width)]
+        return tuple(column_names)
 
     def columns(self, records: NDArray[np.void]) -> list[NDArray]:
         """Return the points' numbers, one array per name in ``names``: integers as int64, others as float64."""
@@ -128,8 +128,8 @@ class CloudLayout:
 
 
 def _plain(values: NDArray) -> NDArray:
-    whole = values.dtype.kind in "iu" and values.dtype.str[1:] != "u8"  # uint64 exceeds int64
-    return np.ascontiguousarray(values, dtype=np.int64 if whole else np.float64)
+    is_whole_number = values.dtype.kind in "iu" and values.dtype.str[1:] != "u8"  # uint64 exceeds int64
+    return np.ascontiguousarray(values, dtype=np.int64 if is_whole_number else np.float64)
 
 
 def head_lines(path: Path) -> list[tuple[list[str], int]]:
@@ -141,11 +141,11 @@ def head_lines(path: Path) -> list[tuple[list[str], int]]:
         head = file.read(LONGEST_HEAD)
     first = min((at for at in (head.find(b"\n"), head.find(b"\r")) if at >= 0), default=len(head))
     end = b"\r\n" if head[first : first + 2] == b"\r\n" else head[first : first + 1] or b"\n"
-    found, at = [], 0
+    lines, at = [], 0
     while (stop := head.find(end, at)) >= 0:
-        found.append((head[at:stop].decode("latin-1").split(), stop + len(end)))
+        lines.append((head[at:stop].decode("latin-1").split(), stop + len(end)))
         at = stop + len(end)
-    return found
+    return lines
 
 
 def announced_number(words: list[str], kind: str, line: int) -> int:
@@ -218,9 +218,10 @@ def ply_vertices(layout: CloudLayout, data: NDArray[np.uint8]) -> NDArray[np.voi
     begin = _byte_after(layout.before, data, layout.begin, layout.points)
     end = begin + layout.points * layout.record.itemsize
     if end > len(data):
-        held = max(len(data) - begin, 0) // layout.record.itemsize
+        rows_in_file = max(len(data) - begin, 0) // layout.record.itemsize
         raise Unusable(
-            f"{_WHOLE_PLY}: {layout.points} vertices, as its header announces: export it anew", value=f"{held} vertices"
+            f"{_WHOLE_PLY}: {layout.points} vertices, as its header announces: export it anew",
+            value=f"{rows_in_file} vertices",
         )
     rest = data[_byte_after(layout.after, data, end, layout.points) :]
     if rest[:3].tobytes().strip(_LINE_ENDS):
@@ -345,15 +346,15 @@ def _record(reported: dict[str, tuple[int, list[str]]]) -> np.dtype:
 
 def pcd_points(layout: CloudLayout, data: NDArray[np.uint8]) -> NDArray[np.void]:
     """Return the points of a binary file; raises Unusable if its size differs from the announced one."""
-    held = data[layout.begin :]
+    compressed = data[layout.begin :]
     if layout.form == "binary_compressed":
-        return _by_fields(layout, _decompressed(layout, held))
+        return _decompress_by_fields(layout, _decompressed(layout, compressed))
     size = layout.points * layout.record.itemsize
-    if len(held) < size:
+    if len(compressed) < size:
         expected = f"{_WHOLE_PCD}: {layout.points} points, as its header announces: export it anew"
-        raise Unusable(expected, value=f"{len(held) // layout.record.itemsize} points")
-    _refuse_trailing_data(held[size:])
-    return held[:size].view(layout.record)
+        raise Unusable(expected, value=f"{len(compressed) // layout.record.itemsize} points")
+    _refuse_trailing_data(compressed[size:])
+    return compressed[:size].view(layout.record)
 
 
 def _refuse_trailing_data(rest: NDArray[np.uint8]) -> None:
@@ -362,23 +363,23 @@ def _refuse_trailing_data(rest: NDArray[np.uint8]) -> None:
         raise Unusable(f"{_WHOLE_PCD}, which ends where its header says", value=f"{len(rest)} more bytes")
 
 
-def _decompressed(layout: CloudLayout, held: NDArray[np.uint8]) -> NDArray[np.uint8]:
-    if len(held) < 8:
+def _decompressed(layout: CloudLayout, compressed: NDArray[np.uint8]) -> NDArray[np.uint8]:
+    if len(compressed) < 8:
         raise Unusable(f"{_WHOLE_PCD}; this one ends after its header")
-    packed, size = (int(number) for number in held[:8].view("<u4"))
+    packed, size = (int(number) for number in compressed[:8].view("<u4"))
     if size != layout.points * layout.record.itemsize:
         announced_size = f"{layout.points * layout.record.itemsize} bytes of points, as its header announces"
         raise Unusable(f"{_WHOLE_PCD}: {announced_size}: export it anew", value=f"{size} bytes")
-    if packed > len(held) - 8 or size > _LARGEST_RATIO * packed:
-        raise Unusable(f"{_WHOLE_PCD}: {packed} bytes of compressed points", value=f"{len(held) - 8} bytes")
-    _refuse_trailing_data(held[8 + packed :])
-    plain = lzf_decompressed(held[8 : 8 + packed].tobytes(), size)
+    if packed > len(compressed) - 8 or size > _LARGEST_RATIO * packed:
+        raise Unusable(f"{_WHOLE_PCD}: {packed} bytes of compressed points", value=f"{len(compressed) - 8} bytes")
+    _refuse_trailing_data(compressed[8 + packed :])
+    plain = lzf_decompressed(compressed[8 : 8 + packed].tobytes(), size)
     if plain is None:
         raise Unusable(f"{_WHOLE_PCD}; its compressed points are damaged")
     return np.frombuffer(plain, dtype=np.uint8)
 
 
-def _by_fields(layout: CloudLayout, plain: NDArray[np.uint8]) -> NDArray[np.void]:
+def _decompress_by_fields(layout: CloudLayout, plain: NDArray[np.uint8]) -> NDArray[np.void]:
     """Return the points of compressed data, which are stored field by field."""
     records = np.empty(layout.points, dtype=layout.record)
     at = 0

@@ -165,14 +165,14 @@ class _Bytes:
         end = self.content.find(b"\0", self.at, self.at + _LONGEST_NAME)
         if end < 0:
             raise self._truncated_file("a name")
-        found, self.at = self.content[self.at : end], end + 1
-        return found.decode(errors="replace")
+        text_read, self.at = self.content[self.at : end], end + 1
+        return text_read.decode(errors="replace")
 
     def array(self, layout: np.dtype[Any], count: int) -> NDArray[Any]:
         self.room_for(count, layout.itemsize, "rays")
-        found = np.frombuffer(self.content, layout, count, self.at)
+        array_read = np.frombuffer(self.content, layout, count, self.at)
         self.at += count * layout.itemsize
-        return found
+        return array_read
 
     def _truncated_file(self, what: str) -> Unusable:
         left = len(self.content) - self.at
@@ -217,8 +217,8 @@ def _camera_of_line(row: int, words: list[str]) -> ColmapCamera:
         raise Unusable(expected, row=row, value=" ".join(words)[:80])
     if len(words) != 4 + _PARAMETERS[words[1]]:
         raise Unusable(f"{_PARAMETERS[words[1]]} parameters of {words[1]}", row=row, value=f"{len(words) - 4} of them")
-    given = finite_numbers(" ".join([words[0], *words[2:4]]), expected, row)
-    number, width, height = integer_columns(given, "cameras and pixels", [row] * 3).tolist()
+    numbers = finite_numbers(" ".join([words[0], *words[2:4]]), expected, row)
+    number, width, height = integer_columns(numbers, "cameras and pixels", [row] * 3).tolist()
     return ColmapCamera(
         number, words[1], (width, height), tuple(finite_numbers(" ".join(words[4:]), expected, row).tolist()), row
     )
@@ -237,11 +237,11 @@ def _images_of_lines(path: Path) -> Iterator[ColmapImage]:
         second, rays = next(lines, (row + 1, None))
         if rays is None or len(rays) % 3:
             raise Unusable("the image's rays in threes, x y point", row=second, value=f"{len(rays or ())} numbers")
-        found = finite_numbers(" ".join(rays), "rays: x y point", second).reshape(-1, 3)
+        rays_of_image = finite_numbers(" ".join(rays), "rays: x y point", second).reshape(-1, 3)
         name, xy, point = (
             " ".join(words[9:]),
-            found[:, :2],
-            integer_columns(found[:, 2], "points", [second] * len(found)),
+            rays_of_image[:, :2],
+            integer_columns(rays_of_image[:, 2], "points", [second] * len(rays_of_image)),
         )
         yield ColmapImage(number, numbers[1:5], numbers[5:8], camera, name, xy, point, second)
 
@@ -293,16 +293,16 @@ def read_network(points_file: Path) -> ColmapNetwork | None:
     place_of_point = {point.number: place for place, point in enumerate(points)}
     R = np.array([_world_to_camera(image) for image in images]).reshape(-1, 3, 3).transpose(0, 2, 1)
     translation = np.array([image.translation for image in images]).reshape(-1, 3)
-    image = np.repeat(np.arange(len(images)), [len(one.point) for one in images])
-    number = np.concatenate([np.empty(0, np.int64), *(one.point for one in images)])
-    xy = np.concatenate([np.empty((0, 2)), *(one.xy for one in images)])
-    point = np.array([place_of_point.get(int(one), -1) for one in number], dtype=np.int64)
+    image = np.repeat(np.arange(len(images)), [len(image_of_rays.point) for image_of_rays in images])
+    number = np.concatenate([np.empty(0, np.int64), *(image_of_rays.point for image_of_rays in images)])
+    xy = np.concatenate([np.empty((0, 2)), *(image_of_rays.xy for image_of_rays in images)])
+    point = np.array([place_of_point.get(int(point_number), -1) for point_number in number], dtype=np.int64)
     return ColmapNetwork(
         [camera_of(camera) for camera in cameras],
-        np.array([place_of_camera.get(one.camera, 0) for one in images], dtype=np.int64),
+        np.array([place_of_camera.get(image_of_rays.camera, 0) for image_of_rays in images], dtype=np.int64),
         R,
         -np.einsum("nij,nj->ni", R, translation),
-        np.array([one.xyz for one in points]).reshape(-1, 3),
+        np.array([world_point.xyz for world_point in points]).reshape(-1, 3),
         image[point >= 0],
         point[point >= 0],
         xy[point >= 0] - CORNER,

@@ -20,8 +20,8 @@ from truing.formats.source import RawFile
 class Refused(Exception):
     """A compressed file that is valid but not supported: expected and found content."""
 
-    def __init__(self, expected: str, found: str | None = None) -> None:
-        self.expected, self.found = expected, found
+    def __init__(self, expected: str, actual: str | None = None) -> None:
+        self.expected, self.found = expected, actual
         super().__init__(f"expected {expected}")
 
 

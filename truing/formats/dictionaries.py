@@ -56,6 +56,6 @@ def renamed(text: str, patterns: Sequence[tuple[BoundedPattern[str], str]]) -> s
 
 def integers(texts: pa.Array) -> pa.Array:
     """Return the integers in texts, null for other texts."""
-    whole = pc.match_substring_regex(texts, r"^[+-]?\d{1,18}$")
-    digits = pc.replace_substring_regex(pc.if_else(whole, texts, pa.scalar(None, pa.string())), r"^\+", "")
+    is_integer = pc.match_substring_regex(texts, r"^[+-]?\d{1,18}$")
+    digits = pc.replace_substring_regex(pc.if_else(is_integer, texts, pa.scalar(None, pa.string())), r"^\+", "")
     return digits.cast(pa.int64())

@@ -59,21 +59,23 @@ def spread_arrays(plan: MappingPlan, batch: RawBatch) -> RawBatch:
     if not plan.entry.arrays or not batch.rows:
         return batch
     columns, faults = dict(batch.columns), list(batch.faults)
-    whole = np.ones(batch.rows, dtype=bool)
+    is_valid = np.ones(batch.rows, dtype=bool)
     for name, first, names in plan.arrays():
         position = plan.all_names.index(name)
         if position not in columns:
             continue
         cells = columns[position].cast("string")
-        found = [_NUMBER_IN_CELL.findall(cell or "") for cell in cells.to_pylist()]
-        wrong = np.array([len(numbers) != len(names) for numbers in found], dtype=bool)
+        numbers_of_cell = [_NUMBER_IN_CELL.findall(cell or "") for cell in cells.to_pylist()]
+        wrong = np.array([len(numbers) != len(names) for numbers in numbers_of_cell], dtype=bool)
         faults.append(CellFaults.where(wrong, batch.records, cells, name, f"{len(names)} numbers in the cell"))
-        whole &= ~wrong
+        is_valid &= ~wrong
         for offset in range(len(names)):
-            columns[first + offset] = strings([numbers[offset] if len(numbers) > offset else "" for numbers in found])
-    if not whole.all():
-        columns = {key: values.filter(whole) for key, values in columns.items()}
-    return RawBatch(columns, batch.records[whole], tuple(faults))
+            columns[first + offset] = strings(
+                [numbers[offset] if len(numbers) > offset else "" for numbers in numbers_of_cell]
+            )
+    if not is_valid.all():
+        columns = {key: values.filter(is_valid) for key, values in columns.items()}
+    return RawBatch(columns, batch.records[is_valid], tuple(faults))
 
 
 def widen(plan: MappingPlan, batch: RawBatch) -> RawBatch:
@@ -93,9 +95,9 @@ def widen(plan: MappingPlan, batch: RawBatch) -> RawBatch:
     records = np.repeat(batch.records, count)
     if plan.entry.wide_values is None:
         return RawBatch(columns, records, batch.faults)
-    given = _given(columns[plan.entry.wide_values])
-    kept = {key: values.filter(pa.array(given)) for key, values in columns.items()}
-    return RawBatch(kept, records[given], batch.faults)
+    has_value = _given(columns[plan.entry.wide_values])
+    values_given = {key: values.filter(pa.array(has_value)) for key, values in columns.items()}
+    return RawBatch(values_given, records[has_value], batch.faults)
 
 
 def _given(values: pa.Array) -> Mask:
@@ -211,12 +213,12 @@ class _Work:
 
     def texts(self, name: str) -> pa.DictionaryArray:
         """Return a column as renamed text; rows that do not match a regular expression are omitted."""
-        found = self._texts(name)
+        dictionary = self._texts(name)
         renames = self.plan.entry.rename.get(name)
         if renames is None:
-            return found
+            return dictionary
         patterns = [(bounded(pattern, f"rename.{name}"), text) for pattern, text in renames.items()]
-        return with_values(found, [renamed(text, patterns) for text in found.dictionary.to_pylist()])
+        return with_values(dictionary, [renamed(text, patterns) for text in dictionary.dictionary.to_pylist()])
 
     def _texts(self, name: str) -> pa.DictionaryArray:
         origin = self.plan.origin(name)
@@ -290,8 +292,8 @@ class _Work:
         self._checked(np.asarray(pc.not_equal(texts.dictionary, "")), texts, name, f"a {name} in every row")
         numbers = pc.add(integers(texts.dictionary), shift)
         if shift:
-            whole = np.asarray(numbers.is_valid())
-            self._checked(whole, texts, name, "a whole number, as an offset is to be added")
+            is_number = np.asarray(numbers.is_valid())
+            self._checked(is_number, texts, name, "a whole number, as an offset is to be added")
         if self.plan.poses_as_text or numbers.null_count:
             shifted = numbers.cast(pa.string()) if shift else texts.dictionary
             return pa.DictionaryArray.from_arrays(texts.indices, shifted)
@@ -380,8 +382,8 @@ class _Work:
         self._checked_range(plain != np.round(plain), values, name, "a whole number")
         self._checked_range(np.abs(plain) > _EXACT, values, name, f"at most {_EXACT} either way")
         # Larger or non-finite values are already reported.
-        whole = np.where(np.abs(plain) <= _EXACT, np.round(plain), 0.0)
-        return pa.array(whole.astype(np.int64), mask=np.asarray(values.is_null()))
+        rounded = np.where(np.abs(plain) <= _EXACT, np.round(plain), 0.0)
+        return pa.array(rounded.astype(np.int64), mask=np.asarray(values.is_null()))
 
     def _times(self, name: str) -> pa.Array:
         texts = self.texts(name)
@@ -417,13 +419,13 @@ class _Work:
         for triple in self.notation.missing_triples:
             raw = [self._raw_numbers(name) for name in COORDINATES]
             gone.append(np.logical_and.reduce([values == value for values, value in zip(raw, triple, strict=True)]))
-        whole = ~np.logical_or.reduce(self.broken) if self.broken else everything
+        is_whole = ~np.logical_or.reduce(self.broken) if self.broken else everything
         if not gone:
-            return whole
+            return is_whole
         there = ~np.logical_or.reduce(gone)
         sentence = ", ".join(repr(text) for text in self.plan.entry.missing)
-        self._leave_out(whole & ~there, f"a coordinate means missing ({sentence})")
-        return whole & there
+        self._leave_out(is_whole & ~there, f"a coordinate means missing ({sentence})")
+        return is_whole & there
 
     def _raw_numbers(self, name: str) -> Array:
         raw = self._raw(name)
@@ -440,7 +442,7 @@ class _Work:
         if not wrong.any():
             return
         self.reported[name] = self.reported.get(name, wrong) | wrong
-        found = CellFaults.where(wrong, self.batch.records, values, self.plan.raw_name(name), expected)
+        faults_of_cells = CellFaults.where(wrong, self.batch.records, values, self.plan.raw_name(name), expected)
         if value is not None:
-            found = found.changed(lambda row, _: (row, value))
-        self.faults.append(found)
+            faults_of_cells = faults_of_cells.changed(lambda row, _: (row, value))
+        self.faults.append(faults_of_cells)

@@ -34,5 +34,7 @@ class FileFormat:
 
 def installed_format(name: str) -> FileFormat | None:
     """Return the format of a name that a package has installed; None if there is none."""
-    own: tuple[FileFormat, ...] = ()
-    return with_installed(own, FORMAT_ENTRY_POINTS, "file format", lambda one: one.name).get(name)
+    file_formats: tuple[FileFormat, ...] = ()
+    return with_installed(file_formats, FORMAT_ENTRY_POINTS, "file format", lambda file_format: file_format.name).get(
+        name
+    )

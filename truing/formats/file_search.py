@@ -116,13 +116,13 @@ class _Search:
             status = os.stat(place)
         except OSError:
             return
-        own = (status.st_dev, status.st_ino)
-        if own in above:
+        identity = (status.st_dev, status.st_ino)
+        if identity in above:
             return
         yield from self.below(place, reached, rest)
         for entry in self._entries(place):
             if not entry.name.startswith(".") and _is_folder(entry):
-                yield from self._at_any_depth(entry.path, f"{reached}{entry.name}/", rest, above | {own})
+                yield from self._at_any_depth(entry.path, f"{reached}{entry.name}/", rest, above | {identity})
 
     def _entries(self, place: str) -> Iterator[os.DirEntry[str]]:
         try:
@@ -153,8 +153,8 @@ def companion_files(path: Path) -> tuple[Path, ...]:
     stem, ending = _parts(path)
     if stem.lower() == "points3d":
         return tuple(one for name in _OF_MODEL if is_raw_file(one := path.with_name(f"{name}{ending}")))
-    found = (_siblings(path.parent, stem, other) for other in _BESIDE.get(ending, ()))
-    return tuple(one for one in found if one is not None)
+    siblings = (_siblings(path.parent, stem, other) for other in _BESIDE.get(ending, ()))
+    return tuple(companion for companion in siblings if companion is not None)
 
 
 def format_suffix(path: Path) -> str:

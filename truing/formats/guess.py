@@ -134,17 +134,17 @@ def inspection(lines: Sequence[str]) -> Guess | None:
     """Return a guess for a report of an inspection program with a row for each coordinate."""
     from truing.formats.inspection import COLUMNS, inspected_points
 
-    found = inspected_points(lines)
-    if found is None:
+    points = inspected_points(lines)
+    if points is None:
         return None
-    cells = [value for row in found.rows for value in row[2:]]
+    cells = [value for row in points.rows for value in row[2:]]
     has_commas = any("," in cell for cell in cells) and not any("." in cell for cell in cells)
-    has_parts = len({row[0] for row in found.rows}) > 1
+    has_parts = len({row[0] for row in points.rows}) > 1
     keys: dict[str, Any] = {"decimal": ","} if has_commas else {}
     keys |= {"columns": {"pose": "part"}} if has_parts else {}
-    note = f"a report with a row for each coordinate, the measured ones of which are read{_unit_words(found.unit)}"
+    note = f"a report with a row for each coordinate, the measured ones of which are read{_unit_words(points.unit)}"
     guess = _points("inspection", COLUMNS if has_parts else COLUMNS[1:], note, **keys)
-    return replace(guess, answered=frozenset() if found.unit is None else frozenset({"unit"}))
+    return replace(guess, answered=frozenset() if points.unit is None else frozenset({"unit"}))
 
 
 def _unit_words(unit: str | None) -> str:
@@ -168,15 +168,19 @@ def _are_sigmas(records: Sequence[Sequence[str]]) -> bool:
 def wide_template(names: Sequence[str]) -> tuple[str, str | None] | None:
     """Return the name template of coordinates of several targets in one row, and their unit if the names end with
     one."""
-    found = [_UNIT_BEHIND.search(name) for name in names]
-    behind = {match[0] for name, match in zip(names, found, strict=True) if match and re.search(r"[xyzXYZ]", name)}
+    units_of_names = [_UNIT_BEHIND.search(name) for name in names]
+    behind = {
+        match[0] for name, match in zip(names, units_of_names, strict=True) if match and re.search(r"[xyzXYZ]", name)
+    }
     best: tuple[int, int, str, str | None] = (0, 0, "", None)
     for rank, between in enumerate(_BETWEEN):
         for ending in ("", *sorted(behind)):
             for template in (f"{{target}}{between}{{axis}}{ending}", f"{{axis}}{between}{{target}}{ending}"):
                 count = _targets_of(template, names)
                 unit = _UNIT_BEHIND.search(ending)
-                best = max(best, (count, -rank, template, unit[1] if unit else None), key=lambda one: one[:2])
+                best = max(
+                    best, (count, -rank, template, unit[1] if unit else None), key=lambda candidate: candidate[:2]
+                )
     if best[0] < _FEWEST or _NO_POINTS.search(" ".join(names)) or _are_of_one_point(best[2], names):
         return None
     with_bodies = best[2].replace("{target}", "{body}:{target}")  # Vicon's subject:marker
@@ -201,9 +205,9 @@ def _targets_of(template: str, names: Sequence[str]) -> int:
     axes: dict[str, set[str]] = {}
     for name in names:
         if match := re.fullmatch(pattern, name):
-            whole = f"{match.groupdict().get('body', '')}:{match['target']}"
-            axes.setdefault(whole, set()).add(match["axis"].lower())
-    return sum(len(found) == 3 for found in axes.values())
+            target_name = f"{match.groupdict().get('body', '')}:{match['target']}"
+            axes.setdefault(target_name, set()).add(match["axis"].lower())
+    return sum(len(axis) == 3 for axis in axes.values())
 
 
 def by_format(file_format: str, name: str) -> Guess | None:
@@ -247,12 +251,12 @@ def _positions_of_program(match: re.Match[str]) -> Guess:
     values = [rf"(?P<{joint}_deg>{_ANGLE})" for joint in joints]
     if match["kuka"] is not None:
         inner = r"\s*,\s*".join(rf"A{number}\s+{value}" for number, value in enumerate(values, start=1))
-        pattern, kept = rf".*E6AXIS\s+(?P<pose>\w+)\s*=\s*\{{\s*{inner}.*", "E6AXIS"
+        pattern, marker = rf".*E6AXIS\s+(?P<pose>\w+)\s*=\s*\{{\s*{inner}.*", "E6AXIS"
     else:
         inner = r"\s*,\s*".join(values)
-        pattern, kept = rf".*jointtarget\s+(?P<pose>\w+)\s*:?=\s*\[\[\s*{inner}.*", "jointtarget"
+        pattern, marker = rf".*jointtarget\s+(?P<pose>\w+)\s*:?=\s*\[\[\s*{inner}.*", "jointtarget"
     pattern = pattern.replace("(?P<pose>\\w+)", r"\w*?(?P<pose>\d+)")
-    keys = {"separator": "|", "quote": "", "header": False, "names": ["line"], "keep_lines": kept}
+    keys = {"separator": "|", "quote": "", "header": False, "names": ["line"], "keep_lines": marker}
     note = "positions of a robot's program, in degrees"
     doubt = "the numbers of the positions are assumed to be the poses"
     return Guess({**keys, "split": {"line": pattern}}, tuple(joints), "configurations", (note,), doubts=(doubt,))
@@ -264,14 +268,14 @@ def is_rig_file(name: str, head: str = "") -> bool:
 
 
 def _colmap(model: str, *, named: bool = False) -> Guess | None:
-    own = {"format": "colmap"} if named else {}
+    arguments = {"format": "colmap"} if named else {}
     if model == "images":
-        mapping = {**own, "constants": {"pose": 1}}
+        mapping = {**arguments, "constants": {"pose": 1}}
         return Guess(mapping, _RAYS, "image_points", (f"{_NO_SCALE}; {_ONE_POSE}",))
     if model == "cameras":
-        return Guess(own, _CAMERA, "cameras", ("COLMAP's cameras, to start from",))
+        return Guess(arguments, _CAMERA, "cameras", ("COLMAP's cameras, to start from",))
     note = f"{_NO_SCALE}; better read the images: their rays are adjusted with their covariance"
-    return Guess({**own, "constants": {"pose": 1, "body": "body"}}, _POINT, "points", (note,))
+    return Guess({**arguments, "constants": {"pose": 1, "body": "body"}}, _POINT, "points", (note,))
 
 
 def _is_photomodeler(lines: Sequence[str]) -> bool:
@@ -289,12 +293,12 @@ def parts_of_names(targets: Sequence[str], raw: str, known: Collection[str]) -> 
     """
     parts = [name.split("::") for name in targets]
     count = len(parts[0])
-    if count < 2 or any(len(own) != count or not all(own) for own in parts):
+    if count < 2 or any(len(part) != count or not all(part) for part in parts):
         return {}
     groups = ["target"]
     groups.insert(0, "body" if "body" not in known else "group")
     if count > 2:
-        differs = len({own[0] for own in parts}) > 1 and "pose" not in known
+        differs = len({part[0] for part in parts}) > 1 and "pose" not in known
         groups = ["pose" if differs else "collection", *(f"part{i}" for i in range(count - 3)), *groups]
     pattern = "::".join(f"(?P<{group}>.+)" if i == count - 1 else f"(?P<{group}>.+?)" for i, group in enumerate(groups))
     return {"split": {raw: pattern}}

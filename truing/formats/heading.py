@@ -42,8 +42,8 @@ def heading_of(records: Sequence[Row], is_number: Callable[[str], bool], comment
 
 def unit_in_words(lines: Sequence[str]) -> str | None:
     """Return the unit that lines such as ``Units: Inches`` state; None without one, or if they differ."""
-    found = {known_unit(match["unit"]) for line in lines if (match := _UNIT_LINE.search(line))} - {None}
-    return found.pop() if len(found) == 1 else None
+    units_found = {known_unit(match["unit"]) for line in lines if (match := _UNIT_LINE.search(line))} - {None}
+    return units_found.pop() if len(units_found) == 1 else None
 
 
 def _rows_of_names(records: Sequence[Row], is_number: Callable[[str], bool]) -> int:
@@ -51,7 +51,9 @@ def _rows_of_names(records: Sequence[Row], is_number: Callable[[str], bool]) -> 
     if len(records) < 2 or any(map(is_number, records[0])):
         return 0
     numbers = [sum(map(is_number, record)) for record in records]
-    usual = max(Counter(numbers[len(numbers) // 2 :]).items(), key=lambda one: (one[1], one[0]))[0]
+    usual = max(
+        Counter(numbers[len(numbers) // 2 :]).items(), key=lambda counted_number: (counted_number[1], counted_number[0])
+    )[0]
     data = next((i for i, count in enumerate(numbers) if 0 < usual <= 2 * count and _is_data(records[i], is_number)), 1)
     return data if 1 <= data <= _MOST_ROWS and data < len(records) else 1
 
@@ -112,11 +114,11 @@ def _is_serial(row: Row) -> bool:
 
 def _filled(row: Sequence[str]) -> list[str]:
     """Return a row whose empty cells hold the text before them, as merged cells are exported."""
-    held, found = "", []
+    last_name, filled = "", []
     for cell in row:
-        held = cell or held
-        found.append(held)
-    return found
+        last_name = cell or last_name
+        filled.append(last_name)
+    return filled
 
 
 def _names_in_comment(width: int, is_number: Callable[[str], bool], comments: Sequence[Row]) -> tuple[str, ...] | None:

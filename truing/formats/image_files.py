@@ -155,11 +155,11 @@ def _principal_distance(
         return focal * longer / sensor_width_mm, "focal length and sensor_width_mm"
     plane, unit = _number(exif.get(_PLANE_X)), _MM_PER_UNIT.get(int(_number(exif.get(_PLANE_UNIT)) or 2))
     if focal and plane and unit:
-        taken = _number(exif.get(_WIDTH_TAKEN)) or width
-        reduced = longer / max(taken, longer) if taken > longer else 1.0  # the image was reduced afterwards
-        found = focal * plane / unit * reduced
-        if 0.2 < found / longer < 50.0:  # such tags are sometimes wrong by powers of ten
-            return found, "focal length and resolution of the focal plane"
+        width_taken = _number(exif.get(_WIDTH_TAKEN)) or width
+        reduced = longer / max(width_taken, longer) if width_taken > longer else 1.0  # the image was reduced afterwards
+        distance_px = focal * plane / unit * reduced
+        if 0.2 < distance_px / longer < 50.0:  # such tags are sometimes wrong by powers of ten
+            return distance_px, "focal length and resolution of the focal plane"
     if focal_35:
         return focal_35 * math.hypot(width, height) / _DIAGONAL_35_MM, "focal length for 35 mm film"
     return None, None

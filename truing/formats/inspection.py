@@ -54,19 +54,19 @@ def read_inspection(path: Path, wanted: Wanted, entry: FileMapping) -> Iterator[
         raise Unusable(f"text of at most {_LARGEST >> 20} MB")
     with path.open("rb") as stream:
         text = b"".join(utf8_chunks(stream, entry.encoding)).decode()
-    found = inspected_points(text.splitlines())
-    if found is None:
+    points = inspected_points(text.splitlines())
+    if points is None:
         raise Unusable("a row for each coordinate: its axis X, Y or Z in one column, the measured value in another")
-    columns = dict(zip(COLUMNS, map(list, zip(*found.rows, strict=True)), strict=True))
-    yield from one_batch(columns, wanted, found.unit, found.lines)
+    columns = dict(zip(COLUMNS, map(list, zip(*points.rows, strict=True)), strict=True))
+    yield from one_batch(columns, wanted, points.unit, points.lines)
 
 
 def inspected_points(lines: Sequence[str]) -> InspectedPoints | None:
     """Return the points of a report's lines; None if it is none."""
-    return _of_blocks(lines) or _of_table(lines)
+    return _points_of_blocks(lines) or _points_of_table(lines)
 
 
-def _of_blocks(lines: Sequence[str]) -> InspectedPoints | None:
+def _points_of_blocks(lines: Sequence[str]) -> InspectedPoints | None:
     """Return the points of blocks as PC-DMIS writes them."""
     values: list[tuple[int, str, str, str]] = []
     units: set[str | None] = set()
@@ -84,17 +84,20 @@ def _of_blocks(lines: Sequence[str]) -> InspectedPoints | None:
     return _points(values, {name: "" for _, name, _, _ in values}, units.pop() if len(units) == 1 else None)
 
 
-def _of_table(lines: Sequence[str]) -> InspectedPoints | None:
+def _points_of_table(lines: Sequence[str]) -> InspectedPoints | None:
     """Return the points of a table with a row for each coordinate."""
     for separator in _SEPARATORS:
         cells = [[cell.strip().strip('"') for cell in line.split(separator)] for line in lines]
         head = next((i for i, row in enumerate(cells) if _first(row, _MEASURED) is not None and len(row) > 2), None)
-        if head is not None and (found := _of_rows(cells, head, unit_in_words(lines[:head]))) is not None:
-            return found
+        if (
+            head is not None
+            and (points_in_table := _points_of_rows(cells, head, unit_in_words(lines[:head]))) is not None
+        ):
+            return points_in_table
     return None
 
 
-def _of_rows(cells: Sequence[Sequence[str]], head: int, unit: str | None) -> InspectedPoints | None:
+def _points_of_rows(cells: Sequence[Sequence[str]], head: int, unit: str | None) -> InspectedPoints | None:
     names, rows = (
         cells[head],
         [(i + 1, row) for i, row in enumerate(cells) if i > head and len(row) == len(cells[head])],
@@ -107,12 +110,12 @@ def _of_rows(cells: Sequence[Sequence[str]], head: int, unit: str | None) -> Ins
     part, of_unit = _first(names, _PART), _first(names, _UNIT)
     values: list[tuple[int, str, str, str]] = []
     parts: dict[str, str] = {}
-    units, held = {bare_and_unit(names[measured])[1]}, ""
+    units, prefix = {bare_and_unit(names[measured])[1]}, ""
     for number, row in rows:
-        held = row[named] or held
+        prefix = row[named] or prefix
         if (match := _AXIS.fullmatch(row[axis])) is None:
             continue
-        bare = _OF_AXIS.sub("", held) or held if named != axis else held
+        bare = _OF_AXIS.sub("", prefix) or prefix if named != axis else prefix
         key = f"{row[part]}\0{bare}" if part is not None else bare
         parts[key] = row[part] if part is not None else ""
         values.append((number, key, match["axis"].lower(), row[measured]))
@@ -124,8 +127,8 @@ def _of_rows(cells: Sequence[Sequence[str]], head: int, unit: str | None) -> Ins
 def _axis_column(rows: Sequence[Sequence[str]], width: int) -> int | None:
     """Return the column whose cells name all three axes, one in each row that has a coordinate."""
     for place in range(width):
-        told = [match["axis"].lower() for row in rows if (match := _AXIS.fullmatch(row[place]))]
-        if set(told) == set("xyz") and 2 * len(told) >= len(rows):
+        axis_letters = [match["axis"].lower() for row in rows if (match := _AXIS.fullmatch(row[place]))]
+        if set(axis_letters) == set("xyz") and 2 * len(axis_letters) >= len(rows):
             return place
     return None
 
@@ -145,11 +148,11 @@ def _points(
             rows.append((key, parts[key], {}))
             lines.append(number)
         rows[-1][2][axis] = value
-    whole = sum(len(found) == len("xyz") for _, _, found in rows)
-    if whole < _FEWEST_POINTS or 2 * whole < len(rows):
+    complete = sum(len(coordinates) == len("xyz") for _, _, coordinates in rows)
+    if complete < _FEWEST_POINTS or 2 * complete < len(rows):
         return None
-    told = tuple(
-        (part, key.rpartition("\0")[2], found.get("x", ""), found.get("y", ""), found.get("z", ""))
-        for key, part, found in rows
+    points_told = tuple(
+        (part, key.rpartition("\0")[2], coordinates.get("x", ""), coordinates.get("y", ""), coordinates.get("z", ""))
+        for key, part, coordinates in rows
     )
-    return InspectedPoints(told, tuple(lines), unit)
+    return InspectedPoints(points_told, tuple(lines), unit)

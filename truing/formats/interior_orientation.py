@@ -99,5 +99,5 @@ def from_corrections(
     )
     scale = np.linalg.norm(design, axis=0)
     shift = np.concatenate([measured[:, 0] - x, measured[:, 1] - y])
-    found = np.linalg.lstsq(design / scale, shift, rcond=None)[0] / scale
-    return [c, *point, *found.tolist(), 0.0, 0.0]
+    coefficients = np.linalg.lstsq(design / scale, shift, rcond=None)[0] / scale
+    return [c, *point, *coefficients.tolist(), 0.0, 0.0]

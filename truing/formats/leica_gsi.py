@@ -44,10 +44,10 @@ def read_gsi(path: Path, wanted: Wanted) -> Iterator[RawBatch]:
 def _words(number: int, line: str) -> list[tuple[str, str, str, str]]:
     """Return index, information, sign and data of each word."""
     length = 16 if line.startswith("*") else 8
-    found = [_WORD.fullmatch(word) for word in line.lstrip("*").split()]
-    if not found or any(word is None or len(word[4]) != length for word in found):
+    words_of_line = [_WORD.fullmatch(word) for word in line.lstrip("*").split()]
+    if not words_of_line or any(word is None or len(word[4]) != length for word in words_of_line):
         raise Unusable(f"words of GSI-{length}: index, unit, sign, {length} characters", row=number, value=line[:80])
-    return [(word[1], word[2], word[3], word[4]) for word in found if word is not None]
+    return [(word[1], word[2], word[3], word[4]) for word in words_of_line if word is not None]
 
 
 def _point(number: int, words: list[tuple[str, str, str, str]]) -> dict[str, str | float | None]:

@@ -91,8 +91,8 @@ class MappingPlan:
             per["pose"] = 1 if is_side_by_side(entry, self.shape.name) else entry.rows_per_pose
         smallest = min(per.values(), default=1)
         anew = smallest if smallest > 1 else None
-        found = {name: RowNumber(first, 1, anew) for name, first in entry.number_rows.items() if name not in per}
-        return found | {name: RowNumber(entry.number_rows.get(name, 1), count) for name, count in per.items()}
+        row_numbers = {name: RowNumber(first, 1, anew) for name, first in entry.number_rows.items() if name not in per}
+        return row_numbers | {name: RowNumber(entry.number_rows.get(name, 1), count) for name, count in per.items()}
 
     @cached_property
     def groups(self) -> dict[str, PatternGroup]:
@@ -111,15 +111,15 @@ class MappingPlan:
                 (match, place) for place, name in enumerate(self.all_names) if (match := pattern.fullmatch(name))
             )
             return tuple(WideGroup(match.groupdict(), (place,)) for match, place in matches)
-        found: dict[tuple[tuple[str, str], ...], dict[str, int]] = {}
+        indices_of_targets: dict[tuple[tuple[str, str], ...], dict[str, int]] = {}
         for position, name in enumerate(self.all_names):
             if match := pattern.fullmatch(name):
                 labels = match.groupdict()
                 axis = labels.pop("axis").lower()
-                found.setdefault(tuple(sorted(labels.items())), {})[axis] = position
+                indices_of_targets.setdefault(tuple(sorted(labels.items())), {})[axis] = position
         return tuple(
             WideGroup(dict(labels), (axes["x"], axes["y"], axes["z"]))
-            for labels, axes in found.items()
+            for labels, axes in indices_of_targets.items()
             if len(axes) == 3
         )
 
@@ -170,8 +170,12 @@ class MappingPlan:
     @cached_property
     def columns(self) -> dict[str, Column]:
         """The table's columns that this file gives, with their definitions."""
-        given = [name for name in self.shape.known(self._nameable) if self.origin(name) is not None]
-        return {name: column for name in (*given, *self._covariate_names(given)) if (column := self.shape.column(name))}
+        given_names = [name for name in self.shape.known(self._nameable) if self.origin(name) is not None]
+        return {
+            name: column
+            for name in (*given_names, *self._covariate_names(given_names))
+            if (column := self.shape.column(name))
+        }
 
     @cached_property
     def _nameable(self) -> tuple[str, ...]:
@@ -195,16 +199,16 @@ class MappingPlan:
         carried = set(self.columns) - set(self.shape.known(self._nameable))
         return frozenset(carried - asked - set(arrays))
 
-    def _covariate_names(self, given: list[str]) -> Iterator[str]:
+    def _covariate_names(self, given_names: list[str]) -> Iterator[str]:
         """Yield the covariates: columns of the mapping beyond the contract, and the file's other columns."""
         if not self.shape.covariates:
             return
         passed_over = bounded(self.entry.ignore or r"(?!)", "ignore")
-        used = {origin.position for name in given if isinstance(origin := self.origin(name), RawColumn)}
+        used = {origin.position for name in given_names if isinstance(origin := self.origin(name), RawColumn)}
         helpers = {group.column for group in self.groups.values()} | set(self.entry.arrays)
         for name in self._nameable:
             origin = self.origin(name)
-            if name in given or name in helpers or not name or origin is None or passed_over.fullmatch(name):
+            if name in given_names or name in helpers or not name or origin is None or passed_over.fullmatch(name):
                 continue
             if isinstance(origin, RawColumn):
                 if origin.position in used:
@@ -215,15 +219,15 @@ class MappingPlan:
     @cached_property
     def kinds(self) -> dict[int, Kind]:
         """Raw columns to read, with their kinds."""
-        found: dict[int, Kind] = {}
+        kinds: dict[int, Kind] = {}
         for position in (position for group in self.wide for position in group.positions):
             cell = self._array_position(position)
-            found[cell] = "number" if cell == position else "text"
+            kinds[cell] = "number" if cell == position else "text"
         for name, column in self.columns.items():
-            self._require_columns(name, self._kind(name, column), found, ())
+            self._require_columns(name, self._kind(name, column), kinds, ())
         for name in (*self.entry.select, *self.entry.split):  # they select the rows to read
-            self._require_columns(name, "text", found, ())
-        return found
+            self._require_columns(name, "text", kinds, ())
+        return kinds
 
     def _kind(self, name: str, column: Column) -> Kind:
         if name in self.entry.split or name in self.unnamed_covariates:
@@ -364,9 +368,9 @@ class MappingPlan:
 
     def _unit_of(self, name: str) -> str | None:
         column = self.columns[name]
-        own = self.entry.units.get(name, self.entry.value(name).unit)
-        if own is not None:
-            return own
+        unit = self.entry.units.get(name, self.entry.value(name).unit)
+        if unit is not None:
+            return unit
         return self.entry.unit if column.unit == "mm" and self.shape.has_coordinates else None
 
     def is_given_unit(self, name: str) -> bool:

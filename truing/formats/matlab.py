@@ -62,8 +62,8 @@ def open_variables(path: Path) -> Iterator[Mapping[str, Variable]]:
         stream.seek(512)
         later = stream.read(len(_HDF5))
     if _HDF5 in (head[: len(_HDF5)], later):
-        with _open_hdf5(path) as found:
-            yield found
+        with _open_hdf5(path) as variables:
+            yield variables
         return
     yield _read_before_7_3(path)
 
@@ -74,7 +74,7 @@ def open_variables(path: Path) -> Iterator[Mapping[str, Variable]]:
 def _read_before_7_3(path: Path) -> dict[str, Variable]:
     from scipy.io import loadmat
 
-    held = _content(path)
+    content_size = _content(path)
     try:
         with warnings.catch_warnings():
             warnings.simplefilter("ignore")  # about duplicate names, such as several unnamed objects
@@ -82,20 +82,20 @@ def _read_before_7_3(path: Path) -> dict[str, Variable]:
     except OSError:
         raise
     except Exception as error:  # scipy passes on any exception that a damaged file causes
-        if held > FREE:  # below, a lack of memory means a wrong size in the file
+        if content_size > FREE:  # below, a lack of memory means a wrong size in the file
             raise_shortage(error)
         raise Unusable("an undamaged MATLAB file (.mat)", value=(str(error).splitlines() or [""])[0][:80]) from None
-    found: dict[str, Variable] = {}
+    variables: dict[str, Variable] = {}
     for name, value in content.items():
         if not name.startswith("__"):
-            found.update(_flat(name, value, 0))
-    return found
+            variables.update(_flat(name, value, 0))
+    return variables
 
 
 def _content(path: Path) -> int:
     """Return the number of bytes of a file with its elements decompressed; raises Unusable beyond the allowed ratio."""
     size = path.stat().st_size
-    held, most = size, max(FREE, LARGEST_RATIO * size)
+    content_size, most = size, max(FREE, LARGEST_RATIO * size)
     with path.open("rb") as stream:
         head = stream.read(_HEADER)
         order = "<" if head[126:128] == b"IM" else ">"
@@ -103,13 +103,13 @@ def _content(path: Path) -> int:
             kind, count = struct.unpack(f"{order}II", tag)
             after = stream.tell() + count
             if kind == _COMPRESSED:
-                held += _unpacked(stream.read(min(count, size)), most - held)
-                if held > most:
+                content_size += _unpacked(stream.read(min(count, size)), most - content_size)
+                if content_size > most:
                     raise Unusable(f"content of at most {LARGEST_RATIO} times the file's size")
             if after > size:
                 break
             stream.seek(after)
-    return held
+    return content_size
 
 
 def _unpacked(data: bytes, most: int) -> int:
@@ -173,16 +173,16 @@ def _open_hdf5(path: Path) -> Iterator[Mapping[str, Variable]]:
     left = max(FREE, LARGEST_RATIO * path.stat().st_size)
     try:
         with h5py.File(path, "r", locking=False) as file:
-            found = dict(_of_group(file, "", 0, left))
+            variables_of_file = dict(_variables_of_group(file, "", 0, left))
     except Unusable:
         raise
     except Exception as error:  # h5py passes on any exception that a damaged file causes
         raise_shortage(error)
         raise Unusable("an undamaged MATLAB file (.mat, version 7.3)", value=str(error)[:80]) from None
-    yield found
+    yield variables_of_file
 
 
-def _of_group(group: h5py.Group, above: str, depth: int, most: int) -> Iterator[tuple[str, Variable]]:
+def _variables_of_group(group: h5py.Group, above: str, depth: int, most: int) -> Iterator[tuple[str, Variable]]:
     import h5py
 
     for number, key in enumerate(group):
@@ -197,12 +197,12 @@ def _of_group(group: h5py.Group, above: str, depth: int, most: int) -> Iterator[
             if "MATLAB_sparse" in item.attrs:
                 yield name, Opaque("a sparse matrix", f"full({name})")
             else:
-                yield from _of_group(item, f"{name}.", depth + 1, most)
+                yield from _variables_of_group(item, f"{name}.", depth + 1, most)
         elif isinstance(item, h5py.Dataset):
-            yield name, _of_dataset(item, name, most)
+            yield name, _variable_of_dataset(item, name, most)
 
 
-def _of_dataset(item: h5py.Dataset, name: str, most: int) -> Variable:
+def _variable_of_dataset(item: h5py.Dataset, name: str, most: int) -> Variable:
     kind = item.attrs.get("MATLAB_class", b"")
     kind = kind.decode(errors="replace") if isinstance(kind, bytes) else str(kind)
     if item.is_virtual or item.external or not _FILTERS.issuperset(_filters(item)):
@@ -214,7 +214,7 @@ def _of_dataset(item: h5py.Dataset, name: str, most: int) -> Variable:
     if item.dtype.kind == "V":
         return Opaque("complex numbers", f"real({name}) and imag({name})")
     if item.dtype.kind == "O":
-        return _of_references(item, name, most)
+        return _variable_of_references(item, name, most)
     values = np.asarray(item[()])
     if "MATLAB_empty" in item.attrs:
         return np.empty((0, 0))
@@ -226,14 +226,14 @@ def _filters(item: h5py.Dataset) -> set[str]:
     return set(item._filters)
 
 
-def _of_references(item: h5py.Dataset, name: str, most: int) -> Variable:
+def _variable_of_references(item: h5py.Dataset, name: str, most: int) -> Variable:
     """Return the cells of a cell array, or a field of several structs: one number or one text each."""
     import h5py
 
     others = [item.file[reference] for reference in np.asarray(item[()]).ravel().tolist()]
     if not all(isinstance(other, h5py.Dataset) and other.dtype.kind != "O" for other in others):
         return Opaque("cells of mixed content", f"cell2mat({name}), or a matrix of its numbers")
-    inner = [_of_dataset(other, name, most) for other in others]
+    inner = [_variable_of_dataset(other, name, most) for other in others]
     if all(isinstance(value, list) and len(value) <= 1 for value in inner):
         return ["".join(value) for value in inner]  # type: ignore[arg-type]
     if all(isinstance(value, np.ndarray) and value.size == 1 for value in inner):
@@ -350,8 +350,8 @@ def _column(block: Block, column: int, rows: slice, kind: Kind) -> pa.Array:
     if kind in ("number", "seconds"):
         return pa.array(values.astype(np.float64))
     plain = values.astype(np.float64)
-    whole = bool(np.all(np.isfinite(plain)) and np.all(plain == np.round(plain)) and np.all(np.abs(plain) < _WHOLE))
-    if whole:
+    is_whole = bool(np.all(np.isfinite(plain)) and np.all(plain == np.round(plain)) and np.all(np.abs(plain) < _WHOLE))
+    if is_whole:
         numbers = pa.array(plain.astype(np.int64))
         return numbers if kind == "identifier" else as_dictionary(numbers)
     return as_dictionary(strings([repr(value) for value in plain.tolist()]))

@@ -74,17 +74,29 @@ def _stacks(name: str, value: Array, texts: list[list[str]]) -> Iterator[_Stack]
                 yield _Stack("poses", keys, names, count)
         elif columns == _AXES and rows >= _AXES and (change := _change(stack)) < _RIGID:
             named = _names(rows, texts)
-            own = [f"{target}_{axis}" for target in named for axis in "xyz"]
-            yield _Stack("points", {**keys, "names": own, "wide": "{target}_{axis}"}, tuple(own), count, change)
+            names_of_targets = [f"{target}_{axis}" for target in named for axis in "xyz"]
+            yield _Stack(
+                "points",
+                {**keys, "names": names_of_targets, "wide": "{target}_{axis}"},
+                tuple(names_of_targets),
+                count,
+                change,
+            )
         elif rows == _AXES and columns >= _AXES and (change := _change(np.swapaxes(stack, 1, 2))) < _RIGID:
             named = _names(columns, texts)
-            own = [f"{axis}_{target}" for axis in "xyz" for target in named]
-            yield _Stack("points", {**keys, "names": own, "wide": "{axis}_{target}"}, tuple(own), count, change)
+            names_of_targets = [f"{axis}_{target}" for axis in "xyz" for target in named]
+            yield _Stack(
+                "points",
+                {**keys, "names": names_of_targets, "wide": "{axis}_{target}"},
+                tuple(names_of_targets),
+                count,
+                change,
+            )
 
 
 def _names(count: int, texts: list[list[str]]) -> list[str]:
     """Return the names of targets: the only texts of that number, else numbers."""
-    fitting = [own for own in texts if len(own) == count and len(set(own)) == count]
+    fitting = [text for text in texts if len(text) == count and len(set(text)) == count]
     if len(fitting) == 1 and not any(_NO_NAME.search(name) for name in fitting[0]):
         return fitting[0]
     return [str(number) for number in range(1, count + 1)]
@@ -108,7 +120,7 @@ def _change(points: Array) -> float:
 
 def _readings(variables: Mapping[str, Variable], count: int, text: str) -> Iterator[Guess]:
     """Yield the proposal for variables with a row for each pose, as configurations; none without them."""
-    own = {
+    readings_of_stack = {
         name: value
         for name, value in variables.items()
         if isinstance(value, np.ndarray)
@@ -118,29 +130,33 @@ def _readings(variables: Mapping[str, Variable], count: int, text: str) -> Itera
     }
     columns: dict[str, str] = {}
     listed: list[str] = []
-    for name, value in own.items():
+    for name, value in readings_of_stack.items():
         short = name.rsplit(".", 1)[-1]
         width = 1 if 1 in value.shape else value.shape[1]
         raw = [short] if width == 1 else [f"{short}_{number}" for number in range(1, width + 1)]
-        if width == 1 and len(own) == 1:
+        if width == 1 and len(readings_of_stack) == 1:
             raw = [short]
-        elif len(own) == 1:
+        elif len(readings_of_stack) == 1:
             raw = [str(number) for number in range(1, width + 1)]
         listed += raw
         columns |= _meaning(short.casefold(), raw, columns, np.ravel(value))
-    if own:
-        keys = {"variable": list(own), **({"columns": columns} if columns else {}), "number_rows": {"pose": 1}}
+    if readings_of_stack:
+        keys = {
+            "variable": list(readings_of_stack),
+            **({"columns": columns} if columns else {}),
+            "number_rows": {"pose": 1},
+        }
         yield Guess(keys, tuple(listed), "configurations", (text,))
 
 
-def _meaning(word: str, raw: list[str], taken: Mapping[str, str], values: Array) -> dict[str, str]:
+def _meaning(word: str, raw: list[str], used_columns: Mapping[str, str], values: Array) -> dict[str, str]:
     """Return the columns that a variable means by its name; covariates keep theirs."""
     if len(raw) == 1:
         known = {"time_s": _TIMES, "temperature_c": _TEMPERATURES}
-        found = next((column for column, words in known.items() if re.fullmatch(words, word)), None)
-        if found == "time_s" and not np.all(np.diff(values) > 0.0):
+        column_of_word = next((column for column, words in known.items() if re.fullmatch(words, word)), None)
+        if column_of_word == "time_s" and not np.all(np.diff(values) > 0.0):
             return {}  # times increase
-        return {found: raw[0]} if found is not None and found not in taken else {}
+        return {column_of_word: raw[0]} if column_of_word is not None and column_of_word not in used_columns else {}
     if re.fullmatch(_ACTUATORS, word):
         return {f"rho{number}_mm": name for number, name in enumerate(raw, start=1)}
     return {}

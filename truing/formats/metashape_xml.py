@@ -28,10 +28,10 @@ def read_metashape_xml(path: Path, wanted: Wanted, table: str) -> Iterator[RawBa
         rays = _rays(root, lines)
         yield from one_batch(rays, wanted, lines=rays.pop("line"))
         return
-    found = [(row, lines[sensor]) for sensor in root.iter("sensor") if (row := _camera(sensor, lines)) is not None]
-    names = found[0][0] if found else {"camera": 0}
-    columns = {name: [row[name] for row, _ in found] for name in names}
-    yield from one_batch(columns, wanted, lines=[line for _, line in found])
+    cameras = [(row, lines[sensor]) for sensor in root.iter("sensor") if (row := _camera(sensor, lines)) is not None]
+    names = cameras[0][0] if cameras else {"camera": 0}
+    columns = {name: [row[name] for row, _ in cameras] for name in names}
+    yield from one_batch(columns, wanted, lines=[line for _, line in cameras])
 
 
 def _rays(root: ElementTree.Element, lines: Lines) -> dict[str, Any]:
@@ -44,12 +44,12 @@ def _rays(root: ElementTree.Element, lines: Lines) -> dict[str, Any]:
     rows = []
     for marker in root.iter("marker"):
         number = marker.get("marker_id", marker.get("id"))
-        for place in (one for name in _PLACES for one in marker.iter(name)):
+        for place in (place_node for name in _PLACES for place_node in marker.iter(name)):
             camera = cameras.get(place.get("camera_id"))
             if camera is None or number not in labels:
                 expected = "markers and cameras that the file lists, label by label"
-                found = f"marker {number}, camera {place.get('camera_id')}"
-                raise Unusable(expected, row=lines[place], value=found[:80])
+                where = f"marker {number}, camera {place.get('camera_id')}"
+                raise Unusable(expected, row=lines[place], value=where[:80])
             seen = place.get("valid", "true") != "false" and camera.get("enabled", "true") not in ("false", "0")
             rows.append(
                 (
@@ -83,8 +83,11 @@ def _finite(text: str, name: str, line: int) -> float:
 
 def _camera(sensor: ElementTree.Element, lines: Lines) -> Row | None:
     """Return a sensor with a calibration as a camera, preferring the adjusted one; None without calibration."""
-    found = sensor.findall("calibration")
-    calibration = next((one for one in found if one.get("class") == "adjusted"), found[0] if found else None)
+    calibrations = sensor.findall("calibration")
+    calibration = next(
+        (calibration_node for calibration_node in calibrations if calibration_node.get("class") == "adjusted"),
+        calibrations[0] if calibrations else None,
+    )
     resolution = sensor.find("resolution")
     if calibration is None or resolution is None:
         return None
@@ -102,7 +105,10 @@ def _camera(sensor: ElementTree.Element, lines: Lines) -> Row | None:
     width, height = integer_columns(sides, "pixels").tolist()
     radial = [value[f"k{i}"] / f ** (2 * i) for i in (1, 2, 3)]
     ten = [f, value["cx"], value["cy"], *radial, value["p1"] / f, value["p2"] / f, value["b1"] / f, value["b2"] / f]
-    pixel = next((one for one in sensor.findall("property") if one.get("name") == "pixel_width"), None)
+    pixel = next(
+        (property_node for property_node in sensor.findall("property") if property_node.get("name") == "pixel_width"),
+        None,
+    )
     pixel_um = None if pixel is None else 1e3 * _number(pixel, "value", lines)
     return {**camera_row(str(sensor.get("id")), (width, height), ten, pixel_um=pixel_um), "free": _FREE}
 

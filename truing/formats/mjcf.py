@@ -52,14 +52,14 @@ def of_model(model: Any) -> Urdf:
             if model.jnt_type[j] not in (_SLIDE, _HINGE):
                 raise Unusable("joints that turn or slide; no free or ball joint", value=_joint_name(model, j))
             anchor = np.array(model.jnt_pos[j])
-            own = _joint(model, j, mimics)
+            urdf_joint = _joint(model, j, mimics)
             is_last = j == first + int(model.body_jntnum[k]) - 1 and not anchor.any()
-            child = names[k] if is_last else f"{names[k]}:{own.name}"
+            child = names[k] if is_last else f"{names[k]}:{urdf_joint.name}"
             links.setdefault(child, UrdfLink(child))
             # The frame of the next joint keeps the body's axes, at the anchor of this one.
             rotated = Rotation.from_euler("xyz", turn).as_matrix()
             at = place + rotated @ anchor
-            joints[own.name] = replace(own, parent=below, child=child, xyz=_three(at), rpy=_three(turn))
+            joints[urdf_joint.name] = replace(urdf_joint, parent=below, child=child, xyz=_three(at), rpy=_three(turn))
             below, place, turn = child, -anchor, np.zeros(3)
         if below != names[k]:
             fixed = f"{names[k]}:fixed"
@@ -82,13 +82,13 @@ def _mimics(model: Any) -> Iterator[tuple[int, tuple[str, float, float]]]:
     for e in range(model.neq):
         if model.eq_type[e] != _EQUAL_JOINTS or not model.eq_active0[e] or model.eq_obj2id[e] < 0:
             continue
-        one, other = int(model.eq_obj1id[e]), int(model.eq_obj2id[e])
+        first, other = int(model.eq_obj1id[e]), int(model.eq_obj2id[e])
         shift, factor, *higher = map(float, model.eq_data[e][:5])
         if any(higher):
-            raise Unusable("joints that follow another one linearly", value=_joint_name(model, one))
+            raise Unusable("joints that follow another one linearly", value=_joint_name(model, first))
         # Both count from their values in the reference pose.
         start = float(model.qpos0[model.jnt_qposadr[other]])
-        yield one, (_joint_name(model, other), factor, shift - factor * start)
+        yield first, (_joint_name(model, other), factor, shift - factor * start)
 
 
 def _joint_name(model: Any, j: int) -> str:

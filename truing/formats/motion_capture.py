@@ -55,17 +55,20 @@ def read_trajectories(path: Path) -> Trajectories:
         raise Unusable("TRC or text here: C3D needs ezc3d, which this platform has no wheel of")
     announced = announced_frames(path)
     with tempfile.TemporaryDirectory(prefix="truing-") as place:
-        found = _read_in_process(path, Path(place))
-    if not found.xyz.size:
+        trajectories = _read_in_process(path, Path(place))
+    if not trajectories.xyz.size:
         raise Unusable("at least one marker and frame")
-    frames = found.xyz.shape[2]
-    if len(found.labels) < found.xyz.shape[1]:
-        raise Unusable("a label for every marker", value=f"{len(found.labels)} labels of {found.xyz.shape[1]} markers")
+    frames = trajectories.xyz.shape[2]
+    if len(trajectories.labels) < trajectories.xyz.shape[1]:
+        raise Unusable(
+            "a label for every marker",
+            value=f"{len(trajectories.labels)} labels of {trajectories.xyz.shape[1]} markers",
+        )
     if announced is not None and frames != announced:
         raise Unusable(f"{_WHOLE}; its header announces {announced} frames, {frames} could be read: export it anew")
-    if not (np.isfinite(found.rate) and found.rate > 0):
-        raise Unusable("a C3D file with a frame rate above 0 Hz", value=f"{found.rate:g}")
-    return found
+    if not (np.isfinite(trajectories.rate) and trajectories.rate > 0):
+        raise Unusable("a C3D file with a frame rate above 0 Hz", value=f"{trajectories.rate:g}")
+    return trajectories
 
 
 def announced_frames(path: Path) -> int | None:
@@ -124,16 +127,18 @@ def _read_in_process(path: Path, folder: Path) -> Trajectories:
 
 def read_c3d(path: Path, wanted: Wanted) -> Iterator[RawBatch]:
     """Yield one row per frame and marker, null for a marker not seen; raises Unusable for other files."""
-    found = read_trajectories(path)
-    kinds = wanted(_C3D_COLUMNS, found.unit)
+    trajectories = read_trajectories(path)
+    kinds = wanted(_C3D_COLUMNS, trajectories.unit)
     if kinds is None:
         return
-    _, count, frames = found.xyz.shape
-    xyz, residuals = found.xyz.transpose(2, 1, 0).reshape(-1, 3), found.residuals.T.ravel()
+    _, count, frames = trajectories.xyz.shape
+    xyz, residuals = trajectories.xyz.transpose(2, 1, 0).reshape(-1, 3), trajectories.residuals.T.ravel()
     seen = np.isfinite(xyz).all(axis=1) & (residuals >= 0)
-    frame = np.repeat(np.arange(found.first, found.first + frames), count)
-    names = pa.DictionaryArray.from_arrays(pa.array(np.tile(np.arange(count, dtype=np.int32), frames)), found.labels)
-    columns = [pa.array(frame), pa.array((frame - found.first) / found.rate), names]
+    frame = np.repeat(np.arange(trajectories.first, trajectories.first + frames), count)
+    names = pa.DictionaryArray.from_arrays(
+        pa.array(np.tile(np.arange(count, dtype=np.int32), frames)), trajectories.labels
+    )
+    columns = [pa.array(frame), pa.array((frame - trajectories.first) / trajectories.rate), names]
     columns += [pa.array(np.ascontiguousarray(xyz[:, axis]), mask=~seen) for axis in range(3)]
     columns.append(pa.array(residuals))
     yield RawBatch({position: columns[position] for position in kinds}, consecutive(0, frames * count))
@@ -147,7 +152,7 @@ def trc_as_delimited(stream: IO[bytes], entry: FileMapping) -> FileMapping:
     settings = dict(zip(head[1].split("\t"), head[2].split("\t"), strict=False))
     markers = [name.strip() for name in head[3].split("\t")[2:] if name.strip()]
     names = ("frame", "time_s", *(f"{marker}:{axis}" for marker in markers for axis in "xyz"))
-    found = {
+    columns_of_marker = {
         "separator": "\t",
         "header": False,
         "names": names,
@@ -155,4 +160,4 @@ def trc_as_delimited(stream: IO[bytes], entry: FileMapping) -> FileMapping:
         "wide": "{label}:{axis}",
         "unit": entry.unit or settings.get("Units", "mm").strip() or "mm",
     }
-    return entry.model_copy(update=found)
+    return entry.model_copy(update=columns_of_marker)

@@ -53,8 +53,9 @@ _DIRECTIONS = {
 }
 _COMMAND = (
     r"(command(ed)?|target|nominal|soll|ziel|set)([ _-]?(angle|position|pos|winkel|wert))?"
-    r"|setpoint|angle|winkel|position|.*pos[_-]?cmd"
+    r"|(angle|position|pos|winkel)[ _-](command|target|nominal|soll)|setpoint|angle|winkel|position|.*pos[_-]?cmd"
 )
+_COMMANDED = r"command|target|nominal|soll|ziel|set[ _-]?point"
 _MOTOR = (
     r"motor([ _-]?(encoder|angle|position|winkel))?|encoder|(dreh)?geber|messsystem|resolver|.*pos[_-]?(fb|feedback)"
 )
@@ -99,20 +100,24 @@ def readings_under_load(names: Sequence[str]) -> Proposal | None:
 
 def _meanings(names: Sequence[str], words: Mapping[str, str]) -> dict[str, str]:
     """Return the raw name of each column that a name means, first come first served."""
-    found: dict[str, str] = {}
+    meanings: dict[str, str] = {}
     for name in names:
         bare = bare_and_unit(name)[0].casefold()
         column = next((c for c, pattern in words.items() if re.fullmatch(pattern, bare)), None)
         if column is not None:
-            found.setdefault(column, name)
-    return found
+            meanings.setdefault(column, name)
+    return meanings
 
 
 def _units(columns: Mapping[str, str]) -> dict[str, str]:
     """Return units by names of columns other than the reading, if they differ from the column's own."""
-    own = {"time_s": "s", "load": "N", "air_pressure_hpa": "hPa", "relative_humidity_pct": "%"}
-    given = {column: bare_and_unit(name)[1] for column, name in columns.items() if column != "reading"}
-    return {column: unit for column, unit in given.items() if unit is not None and unit != own.get(column, "degC")}
+    unit_of_column = {"time_s": "s", "load": "N", "air_pressure_hpa": "hPa", "relative_humidity_pct": "%"}
+    unit_of_name = {column: bare_and_unit(name)[1] for column, name in columns.items() if column != "reading"}
+    return {
+        column: unit
+        for column, unit in unit_of_name.items()
+        if unit is not None and unit != unit_of_column.get(column, "degC")
+    }
 
 
 def _unit_of_readings(names: Iterable[str]) -> dict[str, str]:
@@ -123,22 +128,26 @@ def _unit_of_readings(names: Iterable[str]) -> dict[str, str]:
 
 def positions_of_axis(names: Sequence[str], data: Sequence[Sequence[str]], values: Array) -> Proposal | None:
     """Return approaches of an axis to its targets, a row each, with the direction and the deviation or position."""
-    found = _meanings(
+    meanings = _meanings(
         names, {"target_mm": _TARGET, "direction": _DIRECTION, "off": _DEVIATION, "at": _ACTUAL, "cycle": _CYCLE}
     )
-    if "target_mm" not in found or "direction" not in found or not {"off", "at"} & set(found):
+    if "target_mm" not in meanings or "direction" not in meanings or not {"off", "at"} & set(meanings):
         return None
-    cells = {row[list(names).index(found["direction"])].strip() for row in data}
+    cells = {row[list(names).index(meanings["direction"])].strip() for row in data}
     renames = {cell: _direction(cell) for cell in sorted(cells)}
     if not all(renames.values()):
         return None
-    place = ("position_mm", "at") if "at" in found else ("deviation_um", "off")
-    columns = {"target_mm": found["target_mm"], "direction": found["direction"], place[0]: found[place[1]]}
-    columns |= {"cycle": found["cycle"]} if "cycle" in found else {}
+    place = ("position_mm", "at") if "at" in meanings else ("deviation_um", "off")
+    columns = {"target_mm": meanings["target_mm"], "direction": meanings["direction"], place[0]: meanings[place[1]]}
+    columns |= {"cycle": meanings["cycle"]} if "cycle" in meanings else {}
     units = {column: bare_and_unit(columns[column])[1] for column in ("target_mm", place[0])}
-    given = {column: unit for column, unit in units.items() if unit not in (None, column.rsplit("_", 1)[-1])}
+    unit_of_column = {column: unit for column, unit in units.items() if unit not in (None, column.rsplit("_", 1)[-1])}
     words = {raw: word for raw, word in renames.items() if raw != word}
-    mapping: dict[str, Any] = {"columns": columns, "constants": {"run": "1"}, **({"units": given} if given else {})}
+    mapping: dict[str, Any] = {
+        "columns": columns,
+        "constants": {"run": "1"},
+        **({"units": unit_of_column} if unit_of_column else {}),
+    }
     mapping |= {"rename": {"direction": {re.escape(raw): word for raw, word in words.items()}}} if words else {}
     return Proposal("positioning", mapping, "approaches of an axis to its targets")
 
@@ -161,9 +170,13 @@ def positions_side_by_side(names: Sequence[str]) -> Proposal | None:
         return None
     ((head, between, tail),) = common
     units = {"target_mm": bare_and_unit(target)[1], "deviation_um": bare_and_unit(others[0])[1]}
-    given = {column: unit for column, unit in units.items() if unit not in (None, column.rsplit("_", 1)[-1])}
+    unit_of_column = {column: unit for column, unit in units.items() if unit not in (None, column.rsplit("_", 1)[-1])}
     mapping: dict[str, Any] = {"columns": {"target_mm": target}, "wide": f"{head}{{cycle}}{between}{{direction}}{tail}"}
-    mapping |= {"wide_values": "deviation_um", "constants": {"run": "1"}, **({"units": given} if given else {})}
+    mapping |= {
+        "wide_values": "deviation_um",
+        "constants": {"run": "1"},
+        **({"units": unit_of_column} if unit_of_column else {}),
+    }
     mapping |= {"rename": {"direction": {re.escape(raw): str(word) for raw, word in words.items() if raw != word}}}
     doubts = () if units["deviation_um"] else ("the numbers are deviations in um, which no head says",)
     return Proposal("positioning", mapping, "approaches of an axis to its targets, a column for each run", doubts)
@@ -178,11 +191,11 @@ def axis_rows(names: Sequence[str], values: Array) -> tuple[Proposal, ...]:
 
     Two proposals, in degrees and in millimetres, if no name gives a unit; none without such columns.
     """
-    given = {_kind(name) for name in names}
-    kinds = [kind for kind in ("angle", "length") if kind in given]
-    found = [axis for kind in kinds if (axis := _axis_of_kind(names, values, kind, kind)) is not None]
-    if found:
-        return tuple(found) if len(found) == 1 else ()
+    kinds_given = {_kind(name) for name in names}
+    kinds = [kind for kind in ("angle", "length") if kind in kinds_given]
+    axes = [axis for kind in kinds if (axis := _axis_of_kind(names, values, kind, kind)) is not None]
+    if axes:
+        return tuple(axes) if len(axes) == 1 else ()
     bare = [_axis_of_kind(names, values, None, kind) for kind in ("angle", "length")]
     return tuple(axis for axis in bare if axis is not None)
 
@@ -194,6 +207,9 @@ def _axis_of_kind(names: Sequence[str], values: Array, kind: str | None, meant: 
         return None
     motor, load = _first(names, _MOTOR, (command,), kind), _first(names, _LOAD_SIDE, (command,), kind)
     outside = _first(names, _OUTSIDE, (command, motor, load), kind)
+    if outside is None and motor is None and load is None and re.search(_COMMANDED, command, re.IGNORECASE):
+        own = [name for name in names if name != command and kind is not None and _kind(name) == kind]
+        outside = own[0] if len(own) == 1 else None
     if outside is None and (motor is None or load is None):
         return None
     unit = _UNITS_OF_AXES[meant]
@@ -205,16 +221,20 @@ def _axis_of_kind(names: Sequence[str], values: Array, kind: str | None, meant: 
         columns[f"{what}_{unit}"] = outside
         meaning = "the deviation from the command" if what == "deviation" else "the measured place of the axis"
         doubts = (f"{outside} is assumed to be {meaning}",)
-    units = {column: given for column, name in columns.items() if (given := bare_and_unit(name)[1]) not in (None, unit)}
+    units = {
+        column: unit_of_column
+        for column, name in columns.items()
+        if (unit_of_column := bare_and_unit(name)[1]) not in (None, unit)
+    }
     mapping = {"columns": columns, **({"units": units} if units else {})}
     return Proposal("configurations", mapping, "commands of an axis, and what recorded them", doubts)
 
 
-def _first(names: Sequence[str], pattern: str, taken: Sequence[str | None], kind: str | None) -> str | None:
+def _first(names: Sequence[str], pattern: str, used_names: Sequence[str | None], kind: str | None) -> str | None:
     """Return the first free name with such words and a unit of a kind, or without a unit."""
     for name in names:
         bare = _OF_AXIS.sub("", bare_and_unit(name)[0].casefold())
-        if name not in taken and re.fullmatch(pattern, bare) and _kind(name) == kind:
+        if name not in used_names and re.fullmatch(pattern, bare) and _kind(name) == kind:
             return name if kind is not None or bare_and_unit(name)[1] is None else None
     return None
 
@@ -224,14 +244,14 @@ def _kind(name: str) -> str | None:
     unit = bare_and_unit(name)[1]
     if unit is None:
         return None
-    return next((kind for kind, own in _UNITS_OF_AXES.items() if is_convertible(unit, own)), None)
+    return next((kind for kind, units_of_axis in _UNITS_OF_AXES.items() if is_convertible(unit, units_of_axis)), None)
 
 
-def _is_deviation(names: Sequence[str], values: Array, command: str, outside: str, own: str) -> bool:
+def _is_deviation(names: Sequence[str], values: Array, command: str, outside: str, own_column: str) -> bool:
     """True if an instrument's numbers span less than a hundredth of the commands', in the units of their names."""
     spans = []
     for name in (command, outside):
         column = values[:, list(names).index(name)]
-        unit = bare_and_unit(name)[1] or own
-        spans.append(float(np.nanmax(column) - np.nanmin(column)) * conversion(unit, own)[0])
+        unit = bare_and_unit(name)[1] or own_column
+        spans.append(float(np.nanmax(column) - np.nanmin(column)) * conversion(unit, own_column)[0])
     return spans[1] < 0.01 * spans[0]

@@ -27,6 +27,7 @@ _OF_PART = re.compile(
     r"(?P<before>.*?)[\W_]+(?P<part>rotation|orientation|quaternion|position|translation|location)[\W_]+(?P<axis>[wxyz])",
     re.IGNORECASE,
 )
+_COMPOUND = re.compile(r"([a-z])([XYZ])(?![a-z])")  # MeasuredX
 _PLACE = ("x_mm", "y_mm", "z_mm")
 _COMMANDED = re.compile(r"goal|command|cmd|desired|target|nominal|soll|set[ _]?point|planned|flange|reference", re.I)
 _SPREAD = re.compile(r"(?:^|[\W_])(?:std|sd|sigma|stdev|s|rms|unc|precision|prec|u|u95)(?:$|[\W_])", re.I)
@@ -54,8 +55,8 @@ def pose_columns(names: Sequence[str], values: Array) -> PoseMapping | None:
             turned = _groups(names, families).get(before)
             if turned is None or (kind == "quaternion" and not _is_unit(_selected_columns(names, turned, values))):
                 continue
-            found = (_COMMANDED.search(before) is not None, rank, kind, place, turned)
-            best = min(best or found, found, key=lambda one: one[:2])
+            candidate = (_COMMANDED.search(before) is not None, rank, kind, place, turned)
+            best = min(best or candidate, candidate, key=lambda one: one[:2])
     return None if best is None else _mapped(best[2], best[3], best[4], names, values)
 
 
@@ -66,7 +67,7 @@ def poses_side_by_side(names: Sequence[str], values: Array) -> list[PoseMapping]
     """
     plain = _without_words_of_parts(names)
     places = _groups(plain, _PLACES)
-    found = []
+    columns_of_poses = []
     for before, place in places.items():
         for kind, families in _FAMILIES.items():
             turned = _groups(plain, families).get(before)
@@ -74,10 +75,10 @@ def poses_side_by_side(names: Sequence[str], values: Array) -> list[PoseMapping]
                 continue
             raw = tuple(names[plain.index(name)] for name in (*place, *turned))
             if kind != "quaternion" or _is_unit(_selected_columns(names, raw[3:], values)):
-                found.append((kind, raw[:3], raw[3:], place[0]))
+                columns_of_poses.append((kind, raw[:3], raw[3:], place[0]))
                 break
-    bodies = _bodies_of([bare_and_unit(name)[0] for *_, name in found])
-    mapped = [_mapped(kind, place, turned, names, values) for kind, place, turned, _ in found]
+    bodies = _bodies_of([bare_and_unit(name)[0] for *_, name in columns_of_poses])
+    mapped = [_mapped(kind, place, turned, names, values) for kind, place, turned, _ in columns_of_poses]
     return [
         replace(poses, mapping={**poses.mapping, "constants": {"body": body}})
         for poses, body in zip(mapped, bodies, strict=True)
@@ -91,20 +92,20 @@ def _without_words_of_parts(names: Sequence[str]) -> list[str]:
     """
     matches = [_OF_PART.fullmatch(bare_and_unit(name)[0]) for name in names]
     real = {m["before"] for m in matches if m is not None and m["axis"] in "wW"}
-    found = []
+    names_left = []
     for name, match in zip(names, matches, strict=True):
         if match is None:
-            found.append(name)
+            names_left.append(name)
             continue
         letter = "" if match["part"][0] in "pPtTlL" else "q" if match["before"] in real else "r"
-        found.append(f"{match['before']}.{letter}{match['axis'].lower()}")
-    return found if len(set(found)) == len(found) else list(names)
+        names_left.append(f"{match['before']}.{letter}{match['axis'].lower()}")
+    return names_left if len(set(names_left)) == len(names_left) else list(names)
 
 
 def _bodies_of(names: Sequence[str]) -> list[str]:
     """Return the first word that differs in all names, without the last one; else the whole start of each name."""
     words = [[word for word in re.split(r"[\W_]+", name) if word][:-1] for name in names]
-    if len({len(own) for own in words}) == 1:
+    if len({len(word) for word in words}) == 1:
         for column in zip(*words, strict=True):
             if len(set(column)) == len(names):
                 return list(column)
@@ -139,12 +140,16 @@ def _mapped(
     spread, coverage, more = _spreads(names, place, turned, kind)
     columns |= spread
     if "unit" in mapping:  # uncertainties may have another unit than the coordinates
-        own = {column: bare_and_unit(raw)[1] for column, raw in spread.items() if column.endswith("_mm")}
-        units |= {column: one for column, one in own.items() if one not in (None, unit)}
+        unit_of_column = {column: bare_and_unit(raw)[1] for column, raw in spread.items() if column.endswith("_mm")}
+        units |= {
+            column: unit_of_column_name
+            for column, unit_of_column_name in unit_of_column.items()
+            if unit_of_column_name not in (None, unit)
+        }
     mapping |= ({"coverage": coverage} if coverage else {}) | ({"units": units} if units else {})
     mapping["constants"] = {"body": "tool"}
-    taken = (*place, *turned, *spread.values(), *(name for name in names if _COMMANDED.search(name)))
-    return PoseMapping(mapping, tuple(dict.fromkeys(taken)), (*notes, *more))
+    used_names = (*place, *turned, *spread.values(), *(name for name in names if _COMMANDED.search(name)))
+    return PoseMapping(mapping, tuple(dict.fromkeys(used_names)), (*notes, *more))
 
 
 def _range_words(values: Array) -> str:
@@ -156,7 +161,7 @@ def _spreads(
     names: Sequence[str], place: tuple[str, ...], turned: tuple[str, ...], kind: str
 ) -> tuple[dict[str, str], float | None, list[str]]:
     """Return columns of uncertainties: named like coordinates or angles with an additional word."""
-    found: dict[str, str] = {}
+    spreads: dict[str, str] = {}
     factors: dict[str, float] = {}
     notes: list[str] = []
     wanted = dict(zip(_PLACE, place, strict=True))
@@ -166,15 +171,15 @@ def _spreads(
         for name in names:
             if name == raw or not is_spread_of(name, raw):
                 continue
-            found[f"sigma_{column}"] = name
+            spreads[f"sigma_{column}"] = name
             if (reported := expanded(name)) is not None:
                 factors[name] = reported.coverage
     if factors:
         factor = next(iter(factors.values()))
         text = f"{', '.join(factors)}: expanded uncertainties, taken to have k = {factor:g}"
         notes.append(f"{text}; coverage = 1 for one sigma")
-        return found, factor, notes
-    return found, None, notes
+        return spreads, factor, notes
+    return spreads, None, notes
 
 
 def is_spread_of(name: str, raw: str) -> bool:
@@ -198,12 +203,20 @@ def _groups(names: Sequence[str], families: Sequence[tuple[str, ...]]) -> dict[s
         if match:
             by_word.setdefault(((match["before"] or "").casefold(), match["word"].casefold()), name)
     befores = dict.fromkeys(before for before, _ in by_word)
-    found: dict[str, tuple[str, ...]] = {}
+    groups: dict[str, tuple[str, ...]] = {}
     for before in befores:
         for family in families:
-            if before not in found and all((before, word) in by_word for word in family):
-                found[before] = tuple(by_word[before, word] for word in family)
-    return found
+            if before not in groups and all((before, word) in by_word for word in family):
+                groups[before] = tuple(by_word[before, word] for word in family)
+    return groups
+
+
+def place_columns(names: Sequence[str]) -> tuple[str, ...] | None:
+    """Return columns of coordinates by their names, such as ``laser_x`` or ``MeasuredX``; measured ones first."""
+    spelt = {_COMPOUND.sub(r"\1 \2", name): name for name in names}
+    found = _groups(tuple(spelt), _PLACES)
+    ranked = sorted(found.items(), key=lambda one: _COMMANDED.search(one[0]) is not None)
+    return tuple(spelt[name] for name in ranked[0][1]) if ranked else None
 
 
 def _selected_columns(names: Sequence[str], some: Sequence[str], values: Array) -> Array:
@@ -228,8 +241,8 @@ def bare_poses(values: Array) -> PoseMapping | None:
         )
         columns = {name: number + 1 for number, name in enumerate(names)}
         return PoseMapping({"columns": columns, **body, "number_rows": {"pose": 1}}, (), notes)
-    whole = values[: rows - rows % 4]
-    if width == 4 and len(whole) >= 4 * _FEWEST_ROWS and are_motions(whole.reshape(-1, 4, 4)):
+    whole_poses = values[: rows - rows % 4]
+    if width == 4 and len(whole_poses) >= 4 * _FEWEST_ROWS and are_motions(whole_poses.reshape(-1, 4, 4)):
         notes = ("4x4 matrices, four rows each; their translation is taken for mm, else unit",)
         return PoseMapping({"rows_per_pose": 4, **body}, (), notes)
     first = width - 7

@@ -17,7 +17,7 @@ _NOT_POSITIONS = re.compile(
     re.IGNORECASE,
 )
 _NUMBERED = re.compile(
-    r"(?P<family>.*?(?:actual_?q|joint\w*?|axis\w*?|achse|(?<![a-z])a|(?<![a-z])j|(?<![a-z])q|position)[ _.\[(-]*)"
+    r"(?P<family>.*?(?:actual_?q|joint\w*?|axis\w*?|achse|(?<![a-z])(?:a|j|q|th(?:eta)?)|position)[ _.\[(-]*)"
     r"(?P<number>\d+)(?P<rest>[\])]?.*)",
     re.IGNORECASE,
 )
@@ -64,7 +64,7 @@ def joint_columns(
 
     joints: names of the robot's joints from the base on; empty if no description is known.
     """
-    raw = _by_name(names, joints) or _by_cells(names, data, joints) or _by_number(names, len(joints))
+    raw = _match_by_name(names, joints) or _match_by_cells(names, data, joints) or _match_by_number(names, len(joints))
     named = tuple(joints) or tuple(f"joint{number}" for number in range(1, len(raw or ()) + 1))
     if raw is None and not joints:
         raw = _called_joints(names)
@@ -80,20 +80,22 @@ def joint_columns(
     return NamedJoints(named, raw, units, None in stated)
 
 
-def _by_name(names: Sequence[str], joints: Sequence[str]) -> tuple[str, ...] | None:
+def _match_by_name(names: Sequence[str], joints: Sequence[str]) -> tuple[str, ...] | None:
     """Return the columns whose names contain the joints as whole words, one for each joint."""
     free = [name for name in names if not _NOT_POSITIONS.search(name)]
-    found = [_holding(free, joint) for joint in joints]
-    return tuple(found) if found and all(found) and len(set(found)) == len(found) else None  # type: ignore[arg-type]
+    matches = [name for joint in joints if (name := _holding(free, joint))]
+    return tuple(matches) if matches and len(set(matches)) == len(joints) else None
 
 
 def _holding(names: Sequence[str], joint: str) -> str | None:
     pattern = re.compile(rf"(?:^|[^A-Za-z0-9]){re.escape(joint)}(?:$|[^A-Za-z0-9])", re.IGNORECASE)
-    own = [name for name in names if pattern.search(f" {name} ")]
-    return min(own, key=len) if own else None
+    matching = [name for name in names if pattern.search(f" {name} ")]
+    return min(matching, key=len) if matching else None
 
 
-def _by_cells(names: Sequence[str], data: Sequence[Sequence[str]], joints: Sequence[str]) -> tuple[str, ...] | None:
+def _match_by_cells(
+    names: Sequence[str], data: Sequence[Sequence[str]], joints: Sequence[str]
+) -> tuple[str, ...] | None:
     """Return columns ``position0 ..`` next to columns ``name0 ..`` whose cells name the joints."""
     said = {}
     for place, name in enumerate(names):
@@ -101,30 +103,30 @@ def _by_cells(names: Sequence[str], data: Sequence[Sequence[str]], joints: Seque
         if (number := re.search(r"name\D?(\d+)\D*$", name)) and len(cells) == 1:
             said[cells.pop()] = number[1]
     at = {match[1]: name for name in names if (match := re.search(r"position\D?(\d+)\D*$", name))}
-    found = [at.get(said.get(joint, "")) for joint in joints]
-    return tuple(found) if found and all(found) else None  # type: ignore[arg-type]
+    places_of_joints = [at.get(said.get(joint, "")) for joint in joints]
+    return tuple(places_of_joints) if places_of_joints and all(places_of_joints) else None  # type: ignore[arg-type]
 
 
-def _by_number(names: Sequence[str], count: int) -> tuple[str, ...] | None:
+def _match_by_number(names: Sequence[str], count: int) -> tuple[str, ...] | None:
     """Return the first family of names that differ in a number alone, as many as there are joints."""
     families: dict[tuple[str, str], dict[int, str]] = {}
     for name in names:
         if _NOT_POSITIONS.search(name) or not (match := _NUMBERED.fullmatch(name.strip())):
             continue
         families.setdefault((match["family"].casefold(), match["rest"].casefold()), {})[int(match["number"])] = name
-    for own in families.values():
-        numbers = sorted(own)
+    for family in families.values():
+        numbers = sorted(family)
         steady = numbers == list(range(numbers[0], numbers[0] + len(numbers))) and numbers[0] in (0, 1)
         size = len(numbers)
         if steady and (size == count or (count == 0 and _FEWEST <= size <= _MOST)):
-            return tuple(own[number] for number in numbers)
+            return tuple(family[number] for number in numbers)
     return None
 
 
 def _called_joints(names: Sequence[str]) -> tuple[str, ...] | None:
     """Return the columns whose names end in ``_joint``, as robots of ROS have them."""
-    found = [n for n in names if not _NOT_POSITIONS.search(n) and re.fullmatch(r"\w+_joint", bare_and_unit(n)[0])]
-    return tuple(found) if _FEWEST <= len(found) <= _MOST else None
+    called = [n for n in names if not _NOT_POSITIONS.search(n) and re.fullmatch(r"\w+_joint", bare_and_unit(n)[0])]
+    return tuple(called) if _FEWEST <= len(called) <= _MOST else None
 
 
 @dataclass(frozen=True)
@@ -140,28 +142,29 @@ def configurations_of_joints(
     names: Sequence[str], data: Sequence[Sequence[str]], values: Array, meant: Mapping[str, Any], joints: Sequence[str]
 ) -> JointReadings | None:
     """Return keys of [files.configurations] for joint readings; None without joints."""
-    found = joint_columns(names, data, values, joints)
-    if found is None:
+    joints_found = joint_columns(names, data, values, joints)
+    if joints_found is None:
         return None
-    own = {key: raw for key, raw in meant.items() if key in ("pose", "role", "time_s", "temperature_c")}
-    own |= _temperature(names, own)
-    units = found.other_units()
-    if "time_s" in own:
-        time = values[:, list(names).index(own["time_s"])]
-        if not np.isfinite(time).all() or len(set(time.tolist())) < len(time):
-            own.pop("time_s")  # texts, or repeated times that define no order
-        elif (unit := _unit_of_moments(float(np.nanmax(time)))) is not None:
+    columns_of_meaning = {key: raw for key, raw in meant.items() if key in ("pose", "role", "time_s", "temperature_c")}
+    columns_of_meaning |= _temperature(names, columns_of_meaning)
+    units = joints_found.other_units()
+    if "time_s" in columns_of_meaning:
+        place = list(names).index(columns_of_meaning["time_s"])
+        cells, time = [row[place] for row in data], values[:, place]
+        if not all(map(str.strip, cells)) or len(set(cells)) < len(cells):
+            columns_of_meaning.pop("time_s")  # repeated times define no order
+        elif np.isfinite(time).all() and (unit := _unit_of_moments(float(time.max()))) is not None:
             units["time_s"] = unit
-    columns = {column: raw for column, raw in {**own, **found.columns()}.items() if column != raw}
+    columns = {column: raw for column, raw in {**columns_of_meaning, **joints_found.columns()}.items() if column != raw}
     if not columns and not units:
         return None  # named by the contract
-    taken = {*own.values(), *found.raw}
-    ignore = "|".join(re.escape(name).replace("\\ ", " ") for name in names if name not in (*taken, *_CONTRACT))
+    used_names = {*columns_of_meaning.values(), *joints_found.raw}
+    ignore = "|".join(re.escape(name).replace("\\ ", " ") for name in names if name not in (*used_names, *_CONTRACT))
     mapping: dict[str, Any] = {"columns": columns, **({"units": units} if units else {})}
-    mapping |= {} if "pose" in own or "pose" in names else {"number_rows": {"pose": 1}}
+    mapping |= {} if "pose" in columns_of_meaning or "pose" in names else {"number_rows": {"pose": 1}}
     mapping |= {"ignore": ignore} if ignore else {}
-    doubts = (_doubt(found.units[0]),) if found.is_guess else ()
-    return JointReadings(mapping, f"joint readings of {', '.join(found.names)}", doubts)
+    doubts = (_doubt(joints_found.units[0]),) if joints_found.is_guess else ()
+    return JointReadings(mapping, f"joint readings of {', '.join(joints_found.names)}", doubts)
 
 
 def _doubt(unit: str) -> str:

@@ -78,24 +78,24 @@ def load_columns(names: Sequence[str]) -> LoadMapping | None:
     if applied:
         signals = {f"v{WRENCH.index(column) + 1}_mv": name for column, name in plain.items()}
         if not signals:
-            given, doubts = _of_applied(applied, channels, steps)
-            return replace(given, doubts=doubts)
+            load_columns_given, doubts = _map_applied_loads(applied, channels, steps)
+            return replace(load_columns_given, doubts=doubts)
         keys = {**_keys(applied), **steps}
         return LoadMapping(
             "signals", {**keys, "columns": {**signals, **applied}}, "known loads, beside the channels of a sensor"
         )
-    given, doubts = _of_applied(plain, channels, steps)
+    load_columns_given, doubts = _map_applied_loads(plain, channels, steps)
     shown_keys = _keys({f"shown_{column}": name for column, name in plain.items()})
     note = 'what a sensor shows; which load was applied no column says: constants = { load_axis = "fz", load = 10.0 }'
     shown = LoadMapping("signals", {**shown_keys, **steps}, note)
     if channels:
-        return replace(given, doubts=doubts, otherwise=shown)
+        return replace(load_columns_given, doubts=doubts, otherwise=shown)
     if not any(_TIME.fullmatch(name.strip()) for name in names):
-        return given
-    return replace(shown, otherwise=given)
+        return load_columns_given
+    return replace(shown, otherwise=load_columns_given)
 
 
-def _of_applied(
+def _map_applied_loads(
     plain: dict[str, str], channels: Sequence[str], steps: dict[str, Any]
 ) -> tuple[LoadMapping, tuple[str, ...]]:
     """Return the proposal for applied loads, and a doubt if channels are ratios of a bridge."""
@@ -109,18 +109,20 @@ def _of_applied(
 
 def _keys(columns: dict[str, str]) -> dict[str, Any]:
     """Return ``columns``, and ``units`` of names that give another unit than the column's."""
-    given = {column: _unit_for(column, name) for column, name in columns.items()}
-    units = {column: unit for column, unit in given.items() if unit is not None}
+    unit_of_column = {column: _unit_for(column, name) for column, name in columns.items()}
+    units = {column: unit for column, unit in unit_of_column.items() if unit is not None}
     return {"columns": columns, **({"units": units} if units else {})}
 
 
 def _unit_for(column: str, name: str) -> str | None:
     """Return the unit that a raw name gives, if a column may have it and has another one."""
-    own = "mV" if column.endswith("_mv") else _OWN[column.rsplit("_", 1)[-1]]
+    unit_of_load = "mV" if column.endswith("_mv") else _OWN[column.rsplit("_", 1)[-1]]
     match = next((m for p in (_LETTER, _SPELT, _BEHIND) if (m := p.fullmatch(_bare(name)))), None)
     text = re.sub(r"[\s·*.]", "", (match["unit"] if match else None) or "")
     unit = _LOWER.get(text) or (known_unit(text) if match else unit_of(name))
-    return None if unit in (None, own) or not may_be(unit, find_column(column.removeprefix("shown_"))) else unit
+    return (
+        None if unit in (None, unit_of_load) or not may_be(unit, find_column(column.removeprefix("shown_"))) else unit
+    )
 
 
 def unit_of(name: str) -> str | None:
@@ -138,7 +140,10 @@ def _channels(names: Sequence[str]) -> list[str]:
     """Return the channels of an amplifier: columns with a unit of voltage, or else columns with such names."""
     volts = [name for name in names if _is_voltage(name)]
     named = [name for name in names if _CHANNEL.fullmatch(bare_and_unit(_bare(name))[0])]
-    return next((found for found in (volts, named) if _FEWEST <= len(found) <= _MOST_CHANNELS), [])
+    return next(
+        (channels_of_kind for channels_of_kind in (volts, named) if _FEWEST <= len(channels_of_kind) <= _MOST_CHANNELS),
+        [],
+    )
 
 
 def _is_voltage(name: str) -> bool:

@@ -64,25 +64,27 @@ class RowCount:
             if kinds is None:
                 return None
             self._kinds = kinds
-            found: dict[int, Kind] = {}
+            kind_of_place: dict[int, Kind] = {}
             for place, kind in kinds.items():
-                known = found.setdefault(place % len(names), kind)
-                found[place % len(names)] = max(known, kind, key=lambda one: _WIDEST[one])
-            return found
+                known = kind_of_place.setdefault(place % len(names), kind)
+                kind_of_place[place % len(names)] = max(known, kind, key=lambda kind_of_cell: _WIDEST[kind_of_cell])
+            return kind_of_place
 
         return of_rows
 
     def through(self, batches: Iterator[RawBatch]) -> Iterator[RawBatch]:
         """Yield the joined batches; raises Unusable at the end if the last group of rows is incomplete."""
         rows = 0
-        held: RawBatch | None = None
+        pending: RawBatch | None = None
         for batch in batches:
             rows = max([rows, *(_implied_rows(batch))])
             if self._per == 1:
                 yield batch
                 continue
-            held, whole = self._split_last_record(batch if held is None else _joined_batches(held, batch))
-            yield whole
+            pending, complete_rows = self._split_last_record(
+                batch if pending is None else _joined_batches(pending, batch)
+            )
+            yield complete_rows
         if rows % self._whole:
             raise Unusable(f"a multiple of {self._whole} rows, as they belong together", value=f"{rows} rows")
 
@@ -99,13 +101,13 @@ class RowCount:
 
     def _rows_joined_to_records(self, batch: RawBatch, chosen: np.ndarray) -> RawBatch:
         groups, counts = np.unique(batch.records[chosen] // self._per, return_counts=True)
-        whole = groups[counts == self._per]  # incomplete groups had a faulty row, which is reported
-        rows = np.flatnonzero(chosen & np.isin(batch.records // self._per, whole)).reshape(-1, self._per)
+        complete_groups = groups[counts == self._per]  # incomplete groups had a faulty row, which is reported
+        rows = np.flatnonzero(chosen & np.isin(batch.records // self._per, complete_groups)).reshape(-1, self._per)
         columns = {
             place: batch.columns[place % self._width].take(rows[:, place // self._width]) for place in self._kinds
         }
         faults = tuple(fault.changed(lambda row, value: (row // self._per, value)) for fault in batch.faults)
-        return RawBatch(columns, whole, faults)
+        return RawBatch(columns, complete_groups, faults)
 
 
 def side_by_side_names(width: int, rows: int) -> tuple[str, ...]:
@@ -124,16 +126,20 @@ def _implied_rows(batch: RawBatch) -> Iterator[int]:
 
 def _joined_batches(first: RawBatch, second: RawBatch) -> RawBatch:
     """Return two batches as one; a column that is numeric in only one of them becomes text."""
-    columns = {place: _one_after_other(values, second.columns[place]) for place, values in first.columns.items()}
+    columns = {place: _concatenated(values, second.columns[place]) for place, values in first.columns.items()}
     records = np.concatenate([first.records, second.records])
     return RawBatch(columns or second.columns, records, second.faults)
 
 
-def _one_after_other(first: pa.Array, second: pa.Array) -> pa.Array:
+def _concatenated(first: pa.Array, second: pa.Array) -> pa.Array:
     if first.type == second.type and not pa.types.is_dictionary(first.type):
         return pa.concat_arrays([first, second])
     texts = pa.concat_arrays([first.cast(pa.string()), second.cast(pa.string())])
-    return texts.dictionary_encode() if any(pa.types.is_dictionary(one.type) for one in (first, second)) else texts
+    return (
+        texts.dictionary_encode()
+        if any(pa.types.is_dictionary(texts_of_column.type) for texts_of_column in (first, second))
+        else texts
+    )
 
 
 @dataclass(frozen=True)
@@ -179,6 +185,7 @@ Origin = Constant | RawColumn | PatternGroup | RowNumber | Joined | Spread
 
 
 def made_of(origin: Origin | None) -> tuple[str, ...]:
+    """Raw columns that are joined or searched for this value; none if it is read as it stands."""
     if isinstance(origin, PatternGroup):
         return (origin.column,)
     return origin.columns if isinstance(origin, Joined) else ()

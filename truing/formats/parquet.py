@@ -47,20 +47,20 @@ def _batches(file: pq.ParquetFile, size: int, wanted: Wanted) -> Iterator[RawBat
 
 def _check_proportion(metadata: pq.FileMetaData, size: int) -> None:
     """Refuse a table beyond the allowed ratio to the file size: a few bytes may encode any number of equal rows."""
-    whole = 8 * metadata.num_rows * metadata.num_columns
-    if whole > max(FREE, LARGEST_RATIO * size):
+    size_bound = 8 * metadata.num_rows * metadata.num_columns
+    if size_bound > max(FREE, LARGEST_RATIO * size):
         raise Unusable(f"a table of at most {LARGEST_RATIO} times the file's size", value=f"{metadata.num_rows} rows")
 
 
 def _column(values: pa.Array, kind: Kind, name: str) -> pa.Array:
     try:
-        return _as_kind(values, kind)
+        return _cast_to_kind(values, kind)
     except (pa.ArrowException, UnicodeError) as error:
         raise_shortage(error)
         raise Unusable("a column of numbers or of text", column=name, value=str(values.type)[:80]) from None
 
 
-def _as_kind(values: pa.Array, kind: Kind) -> pa.Array:
+def _cast_to_kind(values: pa.Array, kind: Kind) -> pa.Array:
     is_moment = pa.types.is_timestamp(values.type) or pa.types.is_duration(values.type)
     if is_moment and kind in ("number", "seconds"):
         return _seconds(values) if kind == "seconds" else _written(values)
@@ -70,9 +70,9 @@ def _as_kind(values: pa.Array, kind: Kind) -> pa.Array:
     if kind == "number" and _is_number(values.type):
         return values.cast(pa.float64())
     if _is_number(values.type) and not values.null_count:
-        whole = _as_integers(values)
-        if whole is not None:
-            return whole if kind == "identifier" else as_dictionary(whole)
+        as_integers = _cast_to_integers(values)
+        if as_integers is not None:
+            return as_integers if kind == "identifier" else as_dictionary(as_integers)
     if pa.types.is_timestamp(values.type):
         return values.cast(pa.timestamp("us")).cast(pa.int64()).cast(pa.string())
     return as_dictionary(values) if kind != "number" else values.cast(pa.string())
@@ -96,7 +96,7 @@ def _is_number(kind: pa.DataType) -> bool:
     return bool(pa.types.is_integer(kind) or pa.types.is_floating(kind) or pa.types.is_decimal(kind))
 
 
-def _as_integers(values: pa.Array) -> pa.Array | None:
+def _cast_to_integers(values: pa.Array) -> pa.Array | None:
     """Return the values as int64 if all are integers (pandas may store them as floats); else None."""
     plain = np.asarray(values.cast(pa.float64()))
     if not np.all(np.isfinite(plain)) or np.any(plain != np.round(plain)) or np.any(np.abs(plain) > 2**53):

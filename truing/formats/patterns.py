@@ -41,8 +41,8 @@ class BoundedPattern(Generic[AnyStr]):
     @property
     def groupindex(self) -> Mapping[str, int]:
         """Named groups with their numbers."""
-        found: Mapping[str, int] = self._found.groupindex
-        return found
+        groups: Mapping[str, int] = self._found.groupindex
+        return groups
 
     def search(self, text: AnyStr) -> re.Match[AnyStr] | None:
         """Return the first match anywhere; raises TooSlow."""

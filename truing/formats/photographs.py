@@ -50,35 +50,35 @@ class PhotographFiles:
     @property
     def poses_are_numbers(self) -> bool:
         """True if every pose is an integer."""
-        return all(re.fullmatch(r"[+-]?\d{1,18}", one.pose) for one in self.found)
+        return all(re.fullmatch(r"[+-]?\d{1,18}", photo.pose) for photo in self.found)
 
 
 def list_photographs(source: CampaignFiles, sensor_width_mm: float | None, log: FaultLog) -> PhotographFiles:
     """Return all photographs of the campaign with headers; a faulty one is reported in ``log`` and omitted."""
-    found, seen = PhotographFiles(), set[RawFile]()
+    files, seen = PhotographFiles(), set[RawFile]()
     for entry in source.entries("images"):
         for fault in _faults_of_entry(entry):
             log.add(fault)
         for pattern in entry.paths:
-            for raw in _files(source, pattern, found, log):
+            for raw in _files(source, pattern, files, log):
                 if raw in seen:  # two patterns may match the same file
                     continue
                 seen.add(raw)
-                if (one := _photograph(raw, pattern, entry, sensor_width_mm, log)) is not None:
-                    found.found.append(one)
+                if (photograph := _photograph(raw, pattern, entry, sensor_width_mm, log)) is not None:
+                    files.found.append(photograph)
     for other in skipped_files(source.folder, source.folders_of_photographs, {raw.name for raw in seen}):
-        _note_unread(other, found, log)
-    _check_names(found.found, log)
-    found.found = _with_camera_names(_without_copies(found, log))
-    return found
+        _note_unread(other, files, log)
+    _check_names(files.found, log)
+    files.found = _with_camera_names(_without_copies(files, log))
+    return files
 
 
-def _note_unread(one: SkippedFile, collected: PhotographFiles, log: FaultLog) -> None:
+def _note_unread(skipped_file: SkippedFile, collected: PhotographFiles, log: FaultLog) -> None:
     """Report a file that is meant as a photograph but not read; count all others."""
-    if one.is_fault:
-        log.add(Fault(one.name, one.why))
+    if skipped_file.is_fault:
+        log.add(Fault(skipped_file.name, skipped_file.why))
     else:
-        collected.left_out[(one.folder, one.why)] += 1
+        collected.left_out[(skipped_file.folder, skipped_file.why)] += 1
 
 
 def _faults_of_entry(entry: FileMapping) -> Iterator[Fault]:
@@ -173,29 +173,29 @@ def _usual(name: str) -> dict[str, str]:
 def _check_names(photographs: Iterable[Photograph], log: FaultLog) -> None:
     """Report duplicate names, which would count a photograph twice."""
     first: dict[str, RawFile] = {}
-    for one in photographs:
-        if one.image in first:
-            expected = f"one photograph of each name; {first[one.image].name} has it, too"
-            log.add(Fault(one.file.name, expected, value=one.image))
-        first.setdefault(one.image, one.file)
+    for photograph in photographs:
+        if photograph.image in first:
+            expected = f"one photograph of each name; {first[photograph.image].name} has it, too"
+            log.add(Fault(photograph.file.name, expected, value=photograph.image))
+        first.setdefault(photograph.image, photograph.file)
 
 
 def _without_copies(photographs: PhotographFiles, log: FaultLog) -> list[Photograph]:
     """Return the photographs without identical copies; a copy in another pose is a fault."""
-    kept: list[Photograph] = []
+    distinct: list[Photograph] = []
     alike: dict[tuple[int, bytes], list[Photograph]] = defaultdict(list)
-    for one in photographs.found:
-        others = alike[_fingerprint(one.file)]
-        same = next((other for other in others if filecmp.cmp(other.file.path, one.file.path, shallow=False)), None)
+    for photo in photographs.found:
+        others = alike[_fingerprint(photo.file)]
+        same = next((other for other in others if filecmp.cmp(other.file.path, photo.file.path, shallow=False)), None)
         if same is None:
-            others.append(one)
-            kept.append(one)
-        elif same.pose == one.pose:
-            photographs.left_out[(one.file.name, "a copy of another photograph of its pose")] += 1
+            others.append(photo)
+            distinct.append(photo)
+        elif same.pose == photo.pose:
+            photographs.left_out[(photo.file.name, "a copy of another photograph of its pose")] += 1
         else:
             expected = f"a photograph of its own; {same.file.name} of pose {same.pose} is the same"
-            log.add(Fault(one.file.name, expected, value=one.pose))
-    return kept
+            log.add(Fault(photo.file.name, expected, value=photo.pose))
+    return distinct
 
 
 def _fingerprint(raw: RawFile) -> tuple[int, bytes]:
@@ -210,16 +210,16 @@ def _with_camera_names(photographs: list[Photograph]) -> list[Photograph]:
     """Return the photographs with one camera name per format and focal length."""
     formats: dict[str, set[tuple[int, int]]] = defaultdict(set)
     focal: dict[str, set[float | None]] = defaultdict(set)
-    for one in photographs:
-        formats[one.camera].add((one.head.width_px, one.head.height_px))
-        focal[one.camera].add(one.head.focal_mm)
+    for photograph in photographs:
+        formats[photograph.camera].add((photograph.head.width_px, photograph.head.height_px))
+        focal[photograph.camera].add(photograph.head.focal_mm)
 
-    def name(one: Photograph) -> str:
-        words = [one.camera]
-        if len(focal[one.camera]) > 1:
-            words.append("unknown focal length" if one.head.focal_mm is None else f"{one.head.focal_mm:g} mm")
-        if len(formats[one.camera]) > 1:
-            words.append(f"{one.head.width_px} x {one.head.height_px}")
+    def name(photo: Photograph) -> str:
+        words = [photo.camera]
+        if len(focal[photo.camera]) > 1:
+            words.append("unknown focal length" if photo.head.focal_mm is None else f"{photo.head.focal_mm:g} mm")
+        if len(formats[photo.camera]) > 1:
+            words.append(f"{photo.head.width_px} x {photo.head.height_px}")
         return ", ".join(words)
 
     return [replace(one, camera=name(one)) for one in photographs]

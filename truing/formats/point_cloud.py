@@ -42,7 +42,7 @@ def read_point_cloud(path: Path, file_format: str, entry: FileMapping, wanted: W
 
 def cloud_as_delimited(layout: CloudLayout, entry: FileMapping) -> FileMapping:
     """Return the mapping that reads the points of a cloud written as text."""
-    found = {
+    columns_of_cloud = {
         "separator": "whitespace",
         "header": False,
         "names": layout.names,
@@ -51,24 +51,24 @@ def cloud_as_delimited(layout: CloudLayout, entry: FileMapping) -> FileMapping:
         "keep_lines": None,
         "quote": "",
     }
-    return entry.model_copy(update=found)
+    return entry.model_copy(update=columns_of_cloud)
 
 
 def _read_text(stream: IO[bytes], layout: CloudLayout, entry: FileMapping, wanted: Wanted) -> Iterator[RawBatch]:
     as_delimited = cloud_as_delimited(layout, entry)
     width = len(layout.names)
-    found: list[Mapping[int, Kind] | None] = []
+    kinds_of_rows: list[Mapping[int, Kind] | None] = []
 
     def kinds_of_columns(names: tuple[str, ...], unit: str | None) -> Mapping[int, Kind] | None:
         if names != layout.names:
             expected = f"{width} numbers in every row, as the header announces"
             raise Unusable(expected, row=as_delimited.skip_lines + 1, value=f"{len(names)} numbers")
-        found.append(wanted(names, unit))
-        return found[0]
+        kinds_of_rows.append(wanted(names, unit))
+        return kinds_of_rows[0]
 
     rows = _RowStream(stream, as_delimited.skip_lines, layout.points)
     yield from read_delimited(rows, as_delimited, kinds_of_columns)  # type: ignore[arg-type]
-    if found == [None]:
+    if kinds_of_rows == [None]:
         return
     if rows.held != layout.points:
         expected = f"{layout.points} points, as the header announces, each in a line with a line feed: export it anew"
@@ -102,20 +102,20 @@ class _RowStream:
 
     def read(self, size: int) -> bytes:
         """Return at least ``size`` bytes of complete lines, fewer at the end."""
-        found = io.BytesIO()
-        while self.held < self._rows and found.tell() < size and (lines := self._stream.readlines(_LINES)):
-            taken = 0
+        buffer = io.BytesIO()
+        while self.held < self._rows and buffer.tell() < size and (lines := self._stream.readlines(_LINES)):
+            size_read = 0
             for line in lines:
-                taken += 1
+                size_read += 1
                 if self._lines:
                     self._lines -= 1
                 elif line.strip():
                     self.held += 1
                     if self.held == self._rows:
                         break
-            found.writelines(lines[:taken])
-            self._rest = lines[taken:]
-        return found.getvalue()
+            buffer.writelines(lines[:size_read])
+            self._rest = lines[size_read:]
+        return buffer.getvalue()
 
     def remaining_lines(self) -> Iterator[bytes]:
         """Yield the remaining lines, except blank ones."""

@@ -36,11 +36,11 @@ class NameNumbers(Generic[T]):
 
     def number(self, value: T) -> int:
         """Return the number of a name; a new name gets the next one."""
-        found = self._numbers.get(value)
-        if found is None:
-            found = self._numbers[value] = len(self.values)
+        place = self._numbers.get(value)
+        if place is None:
+            place = self._numbers[value] = len(self.values)
             self.values.append(value)
-        return found
+        return place
 
 
 class PointIndex:
@@ -84,8 +84,8 @@ class PointIndex:
         """Return the index of each pose among the known ones, or their count if unknown."""
         if pa.types.is_dictionary(poses.type):
             known = self.poses.cast(pa.string())
-            found = pc.fill_null(pc.index_in(poses.dictionary, value_set=known), len(known))
-            return np.asarray(found)[codes(poses)]
+            numbers_of_poses = pc.fill_null(pc.index_in(poses.dictionary, value_set=known), len(known))
+            return np.asarray(numbers_of_poses)[codes(poses)]
         plain = np.asarray(poses)
         starts = np.flatnonzero(np.concatenate((np.ones(min(len(plain), 1), bool), plain[1:] != plain[:-1])))
         number = self._numbers_of(plain[starts])
@@ -147,10 +147,10 @@ class PointIndex:
     def seen(self) -> Mask:
         """Mask (poses, bodies) of poses with any point of a body; bodies in the order of :meth:`bodies`."""
         body = self.label_bodies()
-        found = np.zeros((len(self.poses) + 1, len(self.bodies())), dtype=bool)
+        is_seen = np.zeros((len(self.poses) + 1, len(self.bodies())), dtype=bool)
         for start, stop in self.steps():
-            found[self._spool.read("pose", start, stop), body[self._spool.read("label", start, stop)]] = True
-        return found
+            is_seen[self._spool.read("pose", start, stop), body[self._spool.read("label", start, stop)]] = True
+        return is_seen
 
     def bodies(self) -> tuple[str, ...]:
         """Bodies, in order of appearance."""
@@ -163,12 +163,12 @@ class PointIndex:
 
     def rows_of(self, body: str) -> tuple[int, int]:
         """Return the first row of a body with points, and its number of rows."""
-        own = np.array([name == body for name, _ in self.labels.values])
+        is_of_body = np.array([name == body for name, _ in self.labels.values])
         first, count = -1, 0
         for start, stop in self.steps():
-            found = np.flatnonzero(own[self._spool.read("label", start, stop)])
-            first = start + int(found[0]) if first < 0 and len(found) else first
-            count += len(found)
+            places = np.flatnonzero(is_of_body[self._spool.read("label", start, stop)])
+            first = start + int(places[0]) if first < 0 and len(places) else first
+            count += len(places)
         return first, count
 
     def duplicates(self) -> Iterator[Index]:

@@ -49,14 +49,14 @@ class Unusable(Exception):
 def finite_numbers(text: str, expected: str, row: int, count: int | None = None) -> Array:
     """Return the finite numbers (N,) of a line of text, N equal to ``count`` if given; raises Unusable otherwise."""
     try:
-        found = np.array(text.split(), dtype=np.float64)
+        values = np.array(text.split(), dtype=np.float64)
     except ValueError:
         raise Unusable(expected, row=row, value=text[:80]) from None
-    if count is not None and len(found) != count:
+    if count is not None and len(values) != count:
         raise Unusable(expected, row=row, value=text[:80])
-    if not np.isfinite(found).all():
+    if not np.isfinite(values).all():
         raise Unusable(f"{expected}, all of them finite", row=row, value=text[:80])
-    return found
+    return values
 
 
 def consecutive(first: int, count: int) -> Records:

@@ -147,8 +147,8 @@ def read_table(
     for entry in entries:
         for raw in _files(source, shape, entry, log):
             if _is_of_sheets(raw, entry):
-                for one in _one_sheet_each(raw, entry, log):
-                    yield from _read_file(raw, one, shape, log, poses_as_text, source, is_of_sheets=True)
+                for mapping in _split_by_sheet(raw, entry, log):
+                    yield from _read_file(raw, mapping, shape, log, poses_as_text, source, is_of_sheets=True)
             else:
                 yield from _read_file(raw, entry, shape, log, poses_as_text, source)
 
@@ -164,13 +164,13 @@ def prefetched(items: Iterator[T]) -> Iterator[T]:
 
 def _files(source: CampaignFiles, shape: TableShape, entry: FileMapping, log: FaultLog) -> Iterator[RawFile]:
     for pattern in entry.paths:
-        found = source.resolve(pattern)
-        if not found and not source.is_mapped(shape.name):
+        matching_files = source.resolve(pattern)
+        if not matching_files and not source.is_mapped(shape.name):
             log.add(Fault(pattern, "a regular file: no folder, no pipe or device, and no link that leads nowhere"))
-        elif not found:
+        elif not matching_files:
             expected = source.why_nothing(pattern)
             log.add(Fault("campaign.toml", expected, column=f"files.{shape.name}.path", value=pattern))
-        yield from found
+        yield from matching_files
 
 
 def _is_of_sheets(raw: RawFile, entry: FileMapping) -> bool:
@@ -178,20 +178,20 @@ def _is_of_sheets(raw: RawFile, entry: FileMapping) -> bool:
     return isinstance(entry.sheet, str) and "*" in entry.sheet and format_of(raw, entry) == "xlsx"
 
 
-def _one_sheet_each(raw: RawFile, entry: FileMapping, log: FaultLog) -> Iterator[FileMapping]:
+def _split_by_sheet(raw: RawFile, entry: FileMapping, log: FaultLog) -> Iterator[FileMapping]:
     """Yield the mapping for each sheet that its glob names."""
     from truing.formats.workbook import sheets_like
 
     try:
         with plain_path(raw) as path:
-            found = sheets_like(path, str(entry.sheet))
+            sheets = sheets_like(path, str(entry.sheet))
     except Unusable as error:
         log.add(Fault(raw.name, error.expected, error.row, error.column, error.value))
         return
     except (*DAMAGED, OSError) as error:
         log.add(_damage(raw.name, error, entry))
         return
-    yield from (entry.model_copy(update={"sheet": name}) for name in found)
+    yield from (entry.model_copy(update={"sheet": name}) for name in sheets)
 
 
 def _read_file(
@@ -229,10 +229,10 @@ def _read_file(
     try:
         counted = RowCount(completed, side_by_side)
         for batch in counted.through(_raw_batches(rows, counted.hint(wanted), shape.name, source.estimate)):
-            found = evaluate(plans[0], batch)
-            for faults in found.faults:
+            evaluated = evaluate(plans[0], batch)
+            for faults in evaluated.faults:
                 log.cells(raw.name, discreet_cells(faults) if outside else faults, rows.locate)
-            yield rows, found
+            yield rows, evaluated
     except Unusable as error:
         value = shareable_value(error.value) if outside else error.value
         log.add(Fault(raw.name, error.expected, error.row, error.column, value))
@@ -306,8 +306,8 @@ def _damage(file: str, error: Exception, entry: FileMapping) -> Fault:
     if isinstance(error, Refused):
         return Fault(file, error.expected, value=error.found)
     if isinstance(error, UnicodeError):
-        found = str(error.object[error.start])[:8] if isinstance(error, UnicodeDecodeError) else None
-        return Fault(file, f"text in {entry.encoding}; another encoding may fit", value=found)
+        bad_bytes = str(error.object[error.start])[:8] if isinstance(error, UnicodeDecodeError) else None
+        return Fault(file, f"text in {entry.encoding}; another encoding may fit", value=bad_bytes)
     if isinstance(error, EndlessLine):
         return Fault(file, f"lines of at most {error.longest >> 20} MB")
     if isinstance(error, OpenQuotation):

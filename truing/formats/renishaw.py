@@ -68,18 +68,18 @@ def _targets(lines: list[str]) -> list[float]:
     first = next((i + 1 for i, line in enumerate(lines) if re.match(r"Targets\s*:", line)), None)
     if first is None:
         raise Unusable("a list Targets :", row=lines.index("TARGET DATA::") + 1)
-    found: list[float] = []
+    targets_mm: list[float] = []
     for line in lines[first:]:
         if line and not re.match(r"[-+.\d]", line):
             break
-        found += [_number(word, first + 1) for word in line.split()]
+        targets_mm += [_number(word, first + 1) for word in line.split()]
     text = next((line for line in lines if line.startswith("Target-count")), "")
     count = re.search(r"\d+", text)
-    if count is not None and int(count[0]) != len(found):
-        raise Unusable(f"{count[0]} targets, as Target-count says", row=first + 1, value=f"{len(found)} targets")
-    if not found:
+    if count is not None and int(count[0]) != len(targets_mm):
+        raise Unusable(f"{count[0]} targets, as Target-count says", row=first + 1, value=f"{len(targets_mm)} targets")
+    if not targets_mm:
         raise Unusable("at least one target", row=first + 1)
-    return found
+    return targets_mm
 
 
 def _approaches(lines: list[str], targets: int) -> Iterator[_Approach]:
@@ -106,11 +106,11 @@ def _approach_of_pass(approaches: list[_Approach], targets: list[float]) -> dict
         passes.setdefault(approach.run, []).append(approach)
     done: Counter[str] = Counter()
     found = {}
-    for run, own in passes.items():
-        steps = np.diff([targets[a.number - 1] for a in own])
+    for run, passes_of_run in passes.items():
+        steps = np.diff([targets[a.number - 1] for a in passes_of_run])
         if not len(steps) or not (np.all(steps > 0) or np.all(steps < 0)):
             expected = "targets that follow each other upwards or downwards within a pass, two at least"
-            raise Unusable(expected, row=own[0].line, value=f"pass {run}")
+            raise Unusable(expected, row=passes_of_run[0].line, value=f"pass {run}")
         way = "forward" if steps[0] > 0 else "backward"
         done[way] += 1
         found[run] = way, done[way]

@@ -66,11 +66,11 @@ def collect_rows(
     """
     if not source.entries(shape.name):
         return None
-    batches, found = _read(source, shape, as_text=False)
+    batches, rows_collected = _read(source, shape, as_text=False)
     named = [batch.columns[identifier] for _, batch in batches if identifier in batch.columns]
     if any(pa.types.is_dictionary(column.type) for column in named):
-        batches, found = _read(source, shape, as_text=True)
-    log.absorb(found)
+        batches, rows_collected = _read(source, shape, as_text=True)
+    log.absorb(rows_collected)
     if not batches:
         return None
     left_out: Counter[tuple[str, str]] = Counter()
@@ -79,8 +79,10 @@ def collect_rows(
     parts = [(file, batch.records) for file, batch in batches]
     tables = [batch for _, batch in batches]
     table = _concatenated(tables)
-    kept = {name: marked(name) if shape.is_set_apart(name) else name for name in table.column_names}
-    return CollectedRows(table.rename_columns(list(kept.values())), parts, left_out, _faulty(tables, kept))
+    name_of_column = {name: marked(name) if shape.is_set_apart(name) else name for name in table.column_names}
+    return CollectedRows(
+        table.rename_columns(list(name_of_column.values())), parts, left_out, _faulty(tables, name_of_column)
+    )
 
 
 def _faulty(batches: list[TableBatch], new_names: Mapping[str, str]) -> dict[str, Mask]:

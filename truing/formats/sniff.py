@@ -107,7 +107,7 @@ def _cloud_size(path: Path) -> int:
 def _sniff_text(path: Path, joints: Sequence[str]) -> Guess:
     with open_plain(path) as stream:
         head = stream.read(_LOOK)
-    encoding, text = _decoded(head, whole=len(head) < _LOOK)
+    encoding, text = _decoded(head, is_complete=len(head) < _LOOK)
     if "\0" in text:
         cure = next((words for ending, words in _BINARY.items() if path.name.lower().endswith(ending)), None)
         return Guess(notes=("it holds no text that can be read" + ("" if cure is None else f"; {cure}"),))
@@ -125,8 +125,8 @@ def _sniff_text(path: Path, joints: Sequence[str]) -> Guess:
         return Guess(notes=(note,))
     comment = next((mark for mark in _COMMENTS if lines and lines[0].lstrip().startswith(mark)), None)
     numbered = [(number, line) for number, line in enumerate(text.splitlines()) if line.strip()]
-    whole = [(n, line) for n, line in numbered if comment is None or not line.lstrip().startswith(comment)]
-    if not whole:
+    lines_of_data = [(n, line) for n, line in numbered if comment is None or not line.lstrip().startswith(comment)]
+    if not lines_of_data:
         return Guess(notes=("it holds no lines",))
     mapping: dict[str, Any] = {} if encoding == "utf-8" else {"encoding": encoding}
     mapping |= {} if comment is None else {"comment": comment}
@@ -134,21 +134,21 @@ def _sniff_text(path: Path, joints: Sequence[str]) -> Guess:
         line.strip().lstrip(comment).strip() for _, line in numbered if comment and line.lstrip().startswith(comment)
     ]
     guess = _sniff_records(
-        whole[:_LINES], mapping, remarks, joints, is_of_joints=_OF_JOINTS.search(path.stem) is not None
+        lines_of_data[:_LINES], mapping, remarks, joints, is_of_joints=_OF_JOINTS.search(path.stem) is not None
     )
-    if guess.mapping.get("format") == "vstars" and (select := coded_alone([line for _, line in whole])):
+    if guess.mapping.get("format") == "vstars" and (select := coded_alone([line for _, line in lines_of_data])):
         note = "coded targets alone: the others are numbered anew in every bundle"
         return replace(guess, mapping=guess.mapping | select, notes=(*guess.notes, note))
     return guess
 
 
-def _decoded(head: bytes, *, whole: bool) -> tuple[str, str]:
+def _decoded(head: bytes, *, is_complete: bool) -> tuple[str, str]:
     if head.startswith((b"\xff\xfe", b"\xfe\xff")):
         return "utf-16", head.decode("utf-16", errors="ignore")
     try:
         return "utf-8", head.decode("utf-8-sig")
     except UnicodeDecodeError as error:
-        if not whole and error.start > len(head) - 4:
+        if not is_complete and error.start > len(head) - 4:
             return "utf-8", head[: error.start].decode("utf-8-sig")
     return "cp1252", head.decode("cp1252", errors="replace")
 
@@ -167,25 +167,25 @@ def _sniff_records(
     records = [split_record(line.encode(), separator, '"') for line in lines]
     width = len(records[-1])
     skipped = next((i for i, record in enumerate(records) if len(record) == width), 0)
-    kept = [i for i in range(skipped, len(records)) if len(records[i]) == width]
-    if width < 2 or len(kept) < 0.6 * (len(lines) - skipped):
+    records_kept = [i for i in range(skipped, len(records)) if len(records[i]) == width]
+    if width < 2 or len(records_kept) < 0.6 * (len(lines) - skipped):
         return Guess(mapping, notes=("its lines make no table",))
     comments = [split_record(remark.encode(), separator, '"') for remark in remarks]
-    whole = unit_in_words([*remarks, *lines[:skipped]])
+    unit_of_heading = unit_in_words([*remarks, *lines[:skipped]])
     return sniff_cells(
-        [records[i] for i in kept],
+        [records[i] for i in records_kept],
         mapping | ({"skip_lines": numbered[skipped][0]} if skipped else {}),
         separator,
-        first_lines=[numbered[i][0] for i in kept],
+        first_lines=[numbered[i][0] for i in records_kept],
         comments=comments,
-        unit=whole,
+        unit=unit_of_heading,
         joints=joints,
         is_of_joints=is_of_joints,
     )
 
 
 def _sniff_workbook(path: Path, joints: Sequence[str]) -> Guess:
-    """Return a proposal for the sheet with most content; a note names the others."""
+    """Return a proposal for the first sheet of a table and, beside it, of each other table; a note names the rest."""
     from truing.formats.workbook import first_rows, text_of
 
     try:
@@ -208,10 +208,12 @@ def _sniff_workbook(path: Path, joints: Sequence[str]) -> Guess:
         return Guess(notes=("no sheet holds anything",))
     if (alike := _alike_sheets(guesses)) is not None:
         return alike
-    name, best = next(((n, g) for n, g in guesses.items() if g.table is not None), next(iter(guesses.items())))
-    others = [other for other in guesses if other != name]
-    more = (f"sheet {name} is read; there are {', '.join(others[:_SHOWN])}",) if others else ()
-    return replace(best, notes=(*best.notes, *more))
+    firsts = {guess.table: name for name, guess in reversed(guesses.items()) if guess.table is not None}
+    read = [name for name in guesses if name in firsts.values()] or [next(iter(guesses))]
+    others = [other for other in guesses if other not in read]
+    more = (f"sheet {read[0]} is read; there are {', '.join(others[:_SHOWN])}",) if others else ()
+    best, *beside = (guesses[name] for name in read)
+    return replace(best, notes=(*best.notes, *more), beside=(*best.beside, *beside))
 
 
 def _alike_sheets(guesses: dict[str, Guess]) -> Guess | None:
@@ -220,7 +222,7 @@ def _alike_sheets(guesses: dict[str, Guess]) -> Guess | None:
     heads = {match["head"] for match in parts if match is not None}
     keys = [{**guess.mapping, "sheet": ""} for guess in guesses.values()]
     first = next(iter(guesses.values()))
-    is_like = len(parts) > 1 and all(parts) and len(heads) == 1 and all(one == keys[0] for one in keys)
+    is_like = len(parts) > 1 and all(parts) and len(heads) == 1 and all(key == keys[0] for key in keys)
     if (
         not is_like
         or first.table not in ("points", "targets")

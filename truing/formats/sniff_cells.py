@@ -28,6 +28,14 @@ from truing.formats.named_bench import (
     positions_side_by_side,
     readings_under_load,
 )
+from truing.formats.named_chain import (
+    LINK,
+    ChainRows,
+    bare_chain_rows,
+    chain_rows,
+    controller_columns,
+    is_within_metres,
+)
 from truing.formats.named_columns import (
     PoseMapping,
     bare_poses,
@@ -91,12 +99,12 @@ _KNOWN = {
     "pose": r"pose|frame|(pose?|position|measurement|meas|shot)[ _]?(nr|no|id|number|name|index)|measurement|epoche?"
     r"|station|piece|aufnahme|messung|stellung",
     "role": r"role|rolle",
-    "body": r"body|rigid[ _]?body|k(ö|oe)rper|corps|(point[ _]?)?group",
-    "target": r"((collection::)?group::)?(target|marker|point)([ _]?(id|name|no|nr))?|label"
+    "body": r"body|rigid[ _]?body|k(ö|oe)rper|corps|(point[ _]?)?group|(punkt)?gruppe",
+    "target": r"\w+(::\w+)+|(target|marker|point)([ _]?(id|name|no|nr))?|label"
     r"|(mess)?punkt([ _]?(nr|nummer|name))?|(ziel)?marke"
     r"|ziel(punkt)?|name|nom|cible|smr|reflector|reflektor|nest",
     **{f"{a}_mm": rf"{a}|{_MEASURED}[ _.]?{a}|{a}[ _.]?{_MEASURED}" for a in "xyz"},
-    **{f"sigma_{a}_mm": rf"(s|m{a}|{_SPREAD})[ _]?{a}|{a}[ _]?{_SPREAD}|{_EXPANDED}[ _]?{a}" for a in "xyz"},
+    **{f"sigma_{a}_mm": rf"(s0?|m{a}|{_SPREAD})[ _]?{a}|{a}[ _]?{_SPREAD}|{_EXPANDED}[ _]?{a}" for a in "xyz"},
     "time_s": r"t|%?_*time([ _]?stamp)?|time +\d+ - .*|zeit(stempel)?|temps|timestamp|(field\.)?header\.stamp",
     "temperature_c": r"temp(erature?|eratur)?",
     "leg": r"leg|bein|jambe",
@@ -106,7 +114,16 @@ _KNOWN = {
     "signal_y": r"signal[ _]?y|sin(e|us)?",
 }
 _OF_ALL_AXES = r"(mess|punkt)?unsicherheit|(coordinate |point )?uncertainty|incertitude|std(dev| dev)?|sigma|precision"
-_READING = re.compile(r"(?:rho|actuator|aktor|st(?:ö|oe)(?:ß|ss)el|v(?:é|e)rin)[ _]?([1-9]\d*)")
+_GRID = (  # of surveys: east, north, height
+    r"e(ast(ing)?)?|rechts(wert)?|ost(wert)?",
+    r"n(orth(ing)?)?|hoch(wert)?|nord(wert)?",
+    r"h|height|elev(ation)?|h(ö|oe)he|up|z",
+)
+_LENGTH = re.compile(r"[Ll](\d+)")
+_LEGS = 6
+_READING = re.compile(
+    r"(?:rho|leg|strut|bein|strebe|jambe|actuator|aktor|st(?:ö|oe)(?:ß|ss)el|v(?:é|e)rin)[ _]?([1-9]\d*)"
+)
 
 
 def sniff_cells(
@@ -131,11 +148,11 @@ def sniff_cells(
         joints = [f"joint{number}" for number in range(1, len(records[0]) + 1)]
     about = _Surroundings(lines, tuple(comments), unit, tuple(joints))
     notation = _notation(records[1:] or records)
-    guess = _by_notation(records, dict(mapping), separator, notation, about)
+    guess = _guess_by_notation(records, dict(mapping), separator, notation, about)
     if notation != _COMMA_DECIMAL or (cell := _open_cell(records)) is None:
         return guess
     text = f"Decimal mark of numbers such as {cell}; with . the comma separates thousands"
-    other = _by_notation(records, dict(mapping), separator, _COMMA_THOUSANDS, about)
+    other = _guess_by_notation(records, dict(mapping), separator, _COMMA_THOUSANDS, about)
     doubt = f"the comma of numbers such as {cell} is assumed to be the decimal mark"
     return replace(guess, ways=(*guess.ways, OtherWay("decimal", text, ",", ".", other, doubt)))
 
@@ -156,7 +173,7 @@ def _open_cell(records: list[list[str]]) -> str | None:
     return commas[0] if all(_OPEN_COMMA.fullmatch(cell.strip()) for cell in commas) else None
 
 
-def _by_notation(
+def _guess_by_notation(
     records: list[list[str]], mapping: dict[str, Any], separator: str, notation: Notation, about: _Surroundings
 ) -> Guess:
     """Return a proposal for records whose numbers are written in a notation."""
@@ -178,13 +195,13 @@ def _by_notation(
     values = notation.matrix(data)
     if not has_header:
         return _with_unit_in_words(_without_names(names, data, values, mapping, notation, about), about.unit)
-    guess = _with_times(_by_names(names, data, values, mapping, about.joints), names, data, notation)
+    guess = _with_times(_guess_by_names(names, data, values, mapping, about.joints), names, data, notation)
     return _with_unit_in_words(guess, about.unit)
 
 
 def _with_times(guess: Guess, names: tuple[str, ...], data: list[list[str]], notation: Notation) -> Guess:
     """Return a proposal that reads its column of times, in seconds or by a format; without it where none reads it."""
-    beside = tuple(_with_times(one, names, data, notation) for one in guess.beside)
+    beside = tuple(_with_times(following, names, data, notation) for following in guess.beside)
     ways = tuple(replace(way, guess=_with_times(way.guess, names, data, notation)) for way in guess.ways)
     guess = replace(guess, beside=beside, ways=ways)
     columns = dict(guess.mapping.get("columns", {}))
@@ -194,13 +211,13 @@ def _with_times(guess: Guess, names: tuple[str, ...], data: list[list[str]], not
     cells = [row[names.index(raw)] for row in data]
     if all(_is_number(cell, notation) for cell in cells if cell.strip()):
         return guess
-    found = time_format_of(cells)
-    if found is None:
+    time_format = time_format_of(cells)
+    if time_format is None:
         del columns["time_s"]
         rest = {key: value for key, value in guess.mapping.items() if key != "columns"}
         return replace(guess, mapping={**rest, **({"columns": columns} if columns else {})})
-    doubts = (*guess.doubts, found.doubt) if found.doubt else guess.doubts
-    return replace(guess, mapping={**guess.mapping, "time_format": found.form}, doubts=doubts)
+    doubts = (*guess.doubts, time_format.doubt) if time_format.doubt else guess.doubts
+    return replace(guess, mapping={**guess.mapping, "time_format": time_format.form}, doubts=doubts)
 
 
 def _with_parts_of_points(guess: Guess, records: list[list[str]]) -> Guess:
@@ -238,7 +255,9 @@ def _without_names(
     if is_one_motion(values):
         return Guess(mapping, names, None, (_ONE_MOTION,), known=True)
     if values.shape[1] == len(about.joints) and np.isfinite(values).all():
-        return _of_joints(bare_joints(values, about.joints), mapping, names)
+        return _guess_joints(bare_joints(values, about.joints), mapping, names)
+    if about.joints and (rows := bare_chain_rows(values, about.joints)) is not None:
+        return _chain(rows, mapping, names)
     found, notes = _positions(data, notation)
     table = table_of({*names, *found.get("columns", {})})
     raw = found.get("columns", {}).get("target")
@@ -247,30 +266,40 @@ def _without_names(
     return Guess(mapping | found, names, table, tuple(notes))
 
 
-def _by_names(
+def _guess_by_names(
     names: tuple[str, ...], data: list[list[str]], values: Array, mapping: dict[str, Any], joints: Sequence[str]
 ) -> Guess:
     """Return a proposal for rows of cells (N, W) and their numbers, by the names of the columns."""
-    if (markers := _of_markers(names, mapping)) is not None:
+    if (markers := _guess_markers(names, mapping)) is not None:
         return markers
-    if (several := _of_bodies(names, mapping, values)) is not None:
+    if (several := _guess_bodies(names, mapping, values)) is not None:
         return several
     if (poses := pose_columns(names, values)) is not None:
         return _poses(poses, names, mapping, data, values, joints)
     if is_polar(names):
         return Guess(mapping, names, None, (_POLAR,), known=True)
     found, notes = columns_by_names(names)
+    numbered = {**_counted(names, names, values), **found.get("columns", {})}
+    if (rows := chain_rows(names, data, values, numbered, joints)) is not None:
+        return _chain(rows, mapping, names)
     table = table_of({*names, *found.get("columns", {})})
     if table in _OF_COORDINATES:
         found, notes = columns_by_names(names, _OF_EACH_POSE)
-    if table == "targets" and _repeats_targets(names, data, found):
+    doubts: tuple[str, ...] = ()
+    if table in ("points", "targets") and _repeats_targets(names, data, found):
         table = "points"  # a survey has every target once
+        if (pose := _pose_column(names, data, found)) is not None:
+            found = {**found, "columns": {"pose": pose, **found.get("columns", {})}}
+            doubts = (f"column {pose} is assumed to tell the poses: in each of its values every target stands once",)
     if table == "quadrature" and "phase_deg" in found.get("columns", {}):
         steps = {"constants": {"run": "1", "channel": "dz", "load_axis": "fz", "load": 0}, "number_rows": {"step": 1}}
         notes = [*notes, "phases of one channel, a step per row"]
         return Guess(mapping | found | steps, names, table, tuple(notes))
     if table not in (None, "configurations", "signals"):
-        return Guess(mapping | _with_parts_of_names(names, data, found), names, table, tuple(notes))
+        keys = _with_parts_of_names(names, data, found)
+        if table == "targets" and any("(?P<pose>" in pattern for pattern in keys.get("split", {}).values()):
+            table = "points"  # a survey has no poses
+        return Guess(mapping | keys, names, table, tuple(notes), doubts=doubts)
     loads = load_columns(names) if table != "signals" else None
     meant = found.get("columns", {})
     proposals = readings_under_load(names), positions_of_axis(names, data, values), positions_side_by_side(names)
@@ -282,24 +311,28 @@ def _by_names(
             )
     if loads is None and table != "signals":
         if (read := configurations_of_joints(names, data, values, meant, joints)) is not None:
-            return _of_joints(read, mapping, names)
+            guess = _guess_joints(read, mapping, names)
+            return replace(guess, doubts=(*guess.doubts, *_not_measured(names)))
         if table is None and (found_axes := axis_rows(names, values)):
-            return _of_axis(found_axes, names, mapping, meant)
+            return _guess_axis(found_axes, names, mapping, meant)
     if loads is not None:
         return proposal_of_loads(loads, names, mapping, found)
     if table != "signals" and (template := wide_template(names)) is not None:
         return _side_by_side(template, names, mapping | found)
+    if table == "configurations" and "pose" not in {*names, *found.get("columns", {})}:
+        found = {**found, **({"columns": columns} if (columns := {**_counted(names, names, values), **meant}) else {})}
+        found |= {} if "pose" in found.get("columns", {}) else {"number_rows": {"pose": 1}}
     if table is None:
         return Guess(mapping | found, names, None, (_A_COORDINATE_PER_ROW,) if _has_axes_in_rows(data) else ())
     return Guess(mapping | found, names, table, tuple(notes))
 
 
-def _of_markers(names: tuple[str, ...], mapping: dict[str, Any]) -> Guess | None:
+def _guess_markers(names: tuple[str, ...], mapping: dict[str, Any]) -> Guess | None:
     """Return a proposal for markers of motion capture beside poses of rigid bodies; None without markers."""
-    found = [match["name"] for name in names if (match := _MARKER.fullmatch(name))]
-    if len(found) < _SEVERAL * _AXES or not any(name.startswith("Rigid Body.") for name in names):
+    markers = [match["name"] for name in names if (match := _MARKER.fullmatch(name))]
+    if len(markers) < _SEVERAL * _AXES or not any(name.startswith("Rigid Body.") for name in names):
         return None
-    has_body = all(":" in name for name in found)
+    has_body = all(":" in name for name in markers)
     wide = f"Marker.{'{body}:' if has_body else ''}{{target}}.{{id}}.Position.{{axis}}"
     keys: dict[str, Any] = {"wide": wide, "missing": [""], **({} if has_body else {"constants": {"body": "body"}})}
     keys |= {"columns": {"pose": names[0]}} if names[0].casefold() == "frame" else {"number_rows": {"pose": 1}}
@@ -321,7 +354,7 @@ def _has_axes_in_rows(data: list[list[str]]) -> bool:
     return any({"x", "y", "z"} == {cell.strip().casefold() for cell in column} for column in zip(*data, strict=True))
 
 
-def _of_axis(
+def _guess_axis(
     axes: Sequence[Proposal], names: tuple[str, ...], mapping: dict[str, Any], meant: Mapping[str, str]
 ) -> Guess:
     """Return the proposal of an axis; of two, in degrees and in millimetres, the first is taken."""
@@ -341,8 +374,33 @@ def _of_axis(
     return replace(guesses[0], ways=(OtherWay("axis", text, "deg", "mm", guesses[1], doubt),))
 
 
-def _of_joints(read: JointReadings, mapping: dict[str, Any], names: tuple[str, ...], **more: Any) -> Guess:
+def _guess_joints(read: JointReadings, mapping: dict[str, Any], names: tuple[str, ...], **more: Any) -> Guess:
     return Guess({**mapping, **read.mapping, **more}, names, "configurations", (read.note,), doubts=read.doubts)
+
+
+def _not_measured(names: tuple[str, ...]) -> tuple[str, ...]:
+    """Return the doubt on coordinates beside joint readings that are probably no measurement."""
+    if not (found := controller_columns(names)):
+        return ()
+    text = f"{', '.join(found)} are assumed to be computed by the controller from its joints, and are not read"
+    return (f"{text} (measured by an instrument: rename them x, y, z)",)
+
+
+def _chain(rows: ChainRows, mapping: dict[str, Any], names: tuple[str, ...]) -> Guess:
+    """Return the proposal for rows of joint readings beside points: points, and configurations of the same rows."""
+    beside = (_guess_joints(rows.joints, mapping, names),)
+    guess = Guess({**mapping, **rows.points}, names, "points", (rows.note,), beside=beside, doubts=rows.doubts)
+    return _perhaps_in_metres(guess, rows.in_metres)
+
+
+def _perhaps_in_metres(guess: Guess, in_metres: bool) -> Guess:
+    """Return a proposal whose coordinates without a unit are taken for m where that is more probable than mm."""
+    if not in_metres:
+        return guess
+    text = "Unit of the coordinates, which the file does not give"
+    doubt = "no unit is given; coordinates below 10 beside joints in rad are assumed to be in m"
+    taken = replace(guess, mapping={**guess.mapping, "unit": "m"})
+    return replace(taken, ways=(OtherWay("unit", text, "m", "mm", guess, doubt),))
 
 
 def _repeats_targets(names: tuple[str, ...], data: list[list[str]], keys: Mapping[str, Any]) -> bool:
@@ -350,6 +408,29 @@ def _repeats_targets(names: tuple[str, ...], data: list[list[str]], keys: Mappin
     places = [names.index(columns.get(name, name)) for name in ("body", "target") if columns.get(name, name) in names]
     rows = [tuple(row[place] for place in places) for row in data]
     return len(set(rows)) < len(rows)
+
+
+def _pose_column(names: tuple[str, ...], data: list[list[str]], keys: Mapping[str, Any]) -> str | None:
+    """Return the free column whose every value has each target at most once, as a pose has; None without a single one.
+
+    A column with another value in nearly every row, such as a time, tells no poses.
+    """
+    columns = keys.get("columns", {})
+    if "pose" in names or "pose" in columns or "target" not in {*names, *columns}:
+        return None
+    places = [names.index(columns.get(name, name)) for name in ("body", "target") if columns.get(name, name) in names]
+    free = [
+        place
+        for place, name in enumerate(names)
+        if name and name not in {*columns, *columns.values(), "body", "target"}
+    ]
+    found = []
+    for place in free:
+        values = [row[place].strip() for row in data]
+        rows = {(value, *(row[k] for k in places)) for value, row in zip(values, data, strict=True)}
+        if len(rows) == len(data) and all(values) and _SEVERAL <= len(set(values)) <= len(data) / _AXES:
+            found.append(names[place])
+    return found[0] if len(found) == 1 else None
 
 
 def _with_parts_of_names(names: tuple[str, ...], data: list[list[str]], keys: dict[str, Any]) -> dict[str, Any]:
@@ -360,13 +441,13 @@ def _with_parts_of_names(names: tuple[str, ...], data: list[list[str]], keys: di
     return keys | parts_of_names([row[names.index(raw)] for row in data], raw, {*names, *keys["columns"]})
 
 
-def _of_bodies(names: tuple[str, ...], mapping: dict[str, Any], values: Array) -> Guess | None:
+def _guess_bodies(names: tuple[str, ...], mapping: dict[str, Any], values: Array) -> Guess | None:
     """Return a proposal for the poses of several bodies side by side, an entry for each; None without them."""
     bodies = poses_side_by_side(names, values)
     if len(bodies) < _SEVERAL:
         return None
-    taken = {name for poses in bodies for name in poses.taken}
-    left = tuple(name for name in names if name not in taken)
+    names_used = {name for poses in bodies for name in poses.taken}
+    left = tuple(name for name in names if name not in names_used)
     meant = columns_by_names(left)[0].get("columns", {})
     number = {"pose": meant["pose"]} if "pose" in meant else _counted(left, names, values)
     more = {} if number or "pose" in names else {"number_rows": {"pose": 1}}
@@ -400,8 +481,10 @@ def _poses(
     if bodies is not None:
         keys["columns"] = {"body": bodies[0], **keys["columns"]}
         keys.pop("constants", None)
-    own = [name for name in others if name not in number.values() and np.isfinite(values[:, names.index(name)]).any()]
-    if not own:
+    input_names = [
+        name for name in others if name not in number.values() and np.isfinite(values[:, names.index(name)]).any()
+    ]
+    if not input_names:
         return Guess({**mapping, **keys}, names, "poses", poses.notes)
     own_rows = [record for record in records if bodies is None or record[names.index(bodies[0])].strip() == bodies[1]]
     time = [record[names.index(reported["time_s"])] for record in own_rows] if "time_s" in reported else []
@@ -411,12 +494,19 @@ def _poses(
     one_body = {"select": {bodies[0]: re.escape(bodies[1])}} if bodies is not None else {}  # a row for each pose
     entry = {**mapping, **({"columns": reported} if reported else {}), **numbered, **one_body, "ignore": ignore}
     if (
-        read := configurations_of_joints(others, *_of_columns(names, others, records, values), meant, joints)
+        read := configurations_of_joints(
+            others, *_guess_columns(names, others, records, values), {**meant, **number}, joints
+        )
     ) is not None:
         skipped = "|".join(filter(None, [ignore, read.mapping.get("ignore")]))
-        beside = _of_joints(read, mapping, names, ignore=skipped)
-        return Guess({**mapping, **keys}, names, "poses", poses.notes, beside=(beside,))
-    text = f"what else there is, pose by pose: {', '.join(own[:8])}{', ...' if len(own) > 8 else ''}"
+        beside = _guess_joints(read, mapping, names, ignore=skipped)
+        keys |= {"constants": {"body": LINK}} if "constants" in keys else {}
+        guess = Guess({**mapping, **keys}, names, "poses", poses.notes, beside=(beside,))
+        place = [names.index(keys["columns"][column]) for column in COORDINATES]
+        is_in_rad = any(column.endswith("_rad") for column in read.mapping["columns"])
+        is_bare = "unit" not in keys and bare_and_unit(keys["columns"][COORDINATES[0]])[1] is None
+        return _perhaps_in_metres(guess, is_bare and is_in_rad and is_within_metres(values[:, place]))
+    text = f"what else there is, pose by pose: {', '.join(input_names[:8])}{', ...' if len(input_names) > 8 else ''}"
     return Guess(
         {**mapping, **keys}, names, "poses", poses.notes, beside=(Guess(entry, names, "configurations", (text,)),)
     )
@@ -442,7 +532,7 @@ def _counted(others: Sequence[str], names: Sequence[str], values: Array) -> dict
     return {}
 
 
-def _of_columns(
+def _guess_columns(
     names: Sequence[str], some: Sequence[str], records: list[list[str]], values: Array
 ) -> tuple[list[list[str]], Array]:
     """Return the cells and numbers of some columns."""
@@ -476,9 +566,9 @@ def _side_by_side(template: tuple[str, str | None], names: tuple[str, ...], mapp
     more = {"wide": wide, **({} if unit in (None, "mm") else {"unit": unit}), **bodies, **numbered}
     note = "several targets side by side"
     note += "" if not bodies else ": say in wide which part of the names is the body, or name it under constants"
-    own = {"columns": {"pose": mapping["columns"]["pose"]}} if "pose" in mapping.get("columns", {}) else {}
-    kept = {key: value for key, value in mapping.items() if key not in ("columns", "units")}
-    return Guess({**kept, **own, **more}, names, "points", (note,))
+    arguments = {"columns": {"pose": mapping["columns"]["pose"]}} if "pose" in mapping.get("columns", {}) else {}
+    mapping_kept = {key: value for key, value in mapping.items() if key not in ("columns", "units")}
+    return Guess({**mapping_kept, **arguments, **more}, names, "points", (note,))
 
 
 def _notation(records: list[list[str]]) -> Notation:
@@ -498,12 +588,14 @@ def columns_by_names(names: tuple[str, ...], without: Collection[str] = ()) -> t
     """
     columns: dict[str, str] = {}
     units: dict[str, str] = {}
-    taken: list[str] = []
+    used_names: list[str] = []
+    grid = _grid_axes(names)
+    legs = _numbered_lengths(names)
     for name in names:
         bare, unit = bare_and_unit(name)
         if unit is not None and find_column(name) is not None:
             continue  # has the contract's name: target_mm is no target
-        known = _probable_column(bare) or _probable_column(name)
+        known = grid.get(name) or legs.get(name) or _probable_column(bare) or _probable_column(name)
         if (
             known is None
             or known in without
@@ -516,14 +608,14 @@ def columns_by_names(names: tuple[str, ...], without: Collection[str] = ()) -> t
         columns[known] = name
         if unit is not None and unit not in ("s", "degC"):
             units[known] = unit
-        taken.append(f"{name} is taken for {known}" + (f", in {unit}" if unit else ""))
+        used_names.append(f"{name} is taken for {known}" + (f", in {unit}" if unit else ""))
     if set(COORDINATES) <= {*names, *columns} and not any(map(is_uncertainty, (*names, *columns))):
         alike = next((name for name in names if _is_of_all_axes(name)), None)
         spread = {} if alike is None else dict.fromkeys(COORDINATE_SIGMAS, alike)
         columns |= spread
         units |= {column: unit for column in spread if (unit := bare_and_unit(alike or "")[1]) is not None}
-        taken += [f"{alike} is taken for the uncertainty of each coordinate"] if spread else []
-    notes = ["; ".join(taken)] if taken else []
+        used_names += [f"{alike} is taken for the uncertainty of each coordinate"] if spread else []
+    notes = ["; ".join(used_names)] if used_names else []
     mapping: dict[str, Any] = {"columns": columns} if columns else {}
     text = {
         raw: one for column, raw in columns.items() if is_uncertainty(column) and (one := expanded(raw)) is not None
@@ -532,18 +624,42 @@ def columns_by_names(names: tuple[str, ...], without: Collection[str] = ()) -> t
         factor = next(iter(text.values())).coverage
         mapping["coverage"] = factor
         notes.append(f"{', '.join(text)}: expanded uncertainties, k = {factor:g} is taken; coverage = 1 for one sigma")
-    own = {units.get(name) for name in COORDINATES}
-    whole = own.pop() if len(own) == 1 and not any(name in names for name in COORDINATES) else None
-    if whole not in (None, "mm"):
-        mapping["unit"] = whole  # of all coordinates, and of uncertainties without their own unit
+    units_of_coordinates = {units.get(name) for name in COORDINATES}
+    common_unit_name = (
+        units_of_coordinates.pop()
+        if len(units_of_coordinates) == 1 and not any(name in names for name in COORDINATES)
+        else None
+    )
+    if common_unit_name not in (None, "mm"):
+        mapping["unit"] = common_unit_name  # of all coordinates, and of uncertainties without their own unit
     else:
-        whole = None
+        common_unit_name = None
     left = {
         name: unit
         for name, unit in units.items()
-        if unit != (whole if whole and name.endswith("_mm") else _unit_suffix(name))
+        if unit != (common_unit_name if common_unit_name and name.endswith("_mm") else _unit_suffix(name))
     }
     return mapping | ({"units": left} if left else {}), notes
+
+
+def _grid_axes(names: Sequence[str]) -> dict[str, str]:
+    """Return the columns of east, north and height, of which x, y and z are right-handed, by their names."""
+    found = {}
+    for column, pattern in zip(COORDINATES, _GRID, strict=True):
+        own = [name for name in names if re.fullmatch(pattern, bare_and_unit(name)[0].casefold())]
+        if len(own) != 1:
+            return {}
+        found[own[0]] = column
+    return found
+
+
+def _numbered_lengths(names: Sequence[str]) -> dict[str, str]:
+    """Return the readings of six legs or more, ``L1 [mm]`` and so on, by their names; empty without such a family."""
+    matches = [(name, _LENGTH.fullmatch(bare_and_unit(name)[0])) for name in names]
+    found = {name: int(m[1]) for name, m in matches if m is not None and bare_and_unit(name)[1] in ("mm", "m", "in")}
+    numbers = sorted(found.values())
+    whole = len(numbers) >= _LEGS and numbers == list(range(1, len(numbers) + 1))
+    return {name: f"rho{number}_mm" for name, number in found.items()} if whole else {}
 
 
 def _is_of_all_axes(name: str) -> bool:
@@ -562,7 +678,8 @@ def _probable_column(bare: str) -> str | None:
     """Return the contract's column that a name without its unit seems to mean."""
     if reading := _READING.fullmatch(bare.lower()):
         return f"rho{reading[1]}_mm"
-    return next((column for column, pattern in _KNOWN.items() if re.fullmatch(pattern, bare.casefold())), None)
+    word = bare.casefold().rstrip(" .")
+    return next((column for column, pattern in _KNOWN.items() if re.fullmatch(pattern, word)), None)
 
 
 def _positions(records: list[list[str]], notation: Notation) -> tuple[dict[str, Any], list[str]]:
@@ -595,4 +712,5 @@ def _counts(records: list[list[str]]) -> bool:
 
 
 def table_of(names: set[str]) -> str | None:
+    """Table whose characteristic columns are all among these names."""
     return next((table for table, wanted in _SIGNS if wanted <= names), None)

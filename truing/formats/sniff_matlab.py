@@ -35,20 +35,20 @@ def sniff_matlab(path: Path) -> Guess:
     """Return a proposal for the variables of a MATLAB file; else the list of variables."""
     try:
         with open_variables(path) as variables:
-            return _of_variables(variables)
+            return _guess_variables(variables)
     except Unusable as error:
         return Guess(notes=(f"it cannot be read: expected {error.expected}",))
 
 
-def _of_variables(variables: Mapping[str, Variable]) -> Guess:
+def _guess_variables(variables: Mapping[str, Variable]) -> Guess:
     variables = {name: value for name, value in variables.items() if name != "None"}  # unnamed objects
     listed = tuple(f"{name} {shape_of(value)}" for name, value in variables.items())
     text = f"variables: {', '.join(listed[:_SHOWN])}{', ...' if len(listed) > _SHOWN else ''}"
     tables = [name for name, value in variables.items() if isinstance(value, np.ndarray) and min(value.shape) > 1]
     for name in tables if len(tables) == 1 else ():
-        if (guess := _of_one_table(variables, name, text)) is not None:
+        if (guess := _guess_table(variables, name, text)) is not None:
             return guess
-    if (guess := _of_loads(variables, text)) is not None:
+    if (guess := _guess_loads(variables, text)) is not None:
         return guess
     if (guess := guess_of_stacks(variables, text)) is not None:
         return guess
@@ -57,7 +57,7 @@ def _of_variables(variables: Mapping[str, Variable]) -> Guess:
     return Guess(columns=listed, notes=(note,))
 
 
-def _of_one_table(variables: Mapping[str, Variable], name: str, text: str) -> Guess | None:
+def _guess_table(variables: Mapping[str, Variable], name: str, text: str) -> Guess | None:
     keys = {} if len(variables) == 1 else {"variable": name}
     (block,) = blocks_of(variables, FileMapping(path="x.mat", variable=name))
     names = block.names
@@ -71,9 +71,9 @@ def _of_one_table(variables: Mapping[str, Variable], name: str, text: str) -> Gu
     return None
 
 
-def _of_loads(variables: Mapping[str, Variable], text: str) -> Guess | None:
+def _guess_loads(variables: Mapping[str, Variable], text: str) -> Guess | None:
     """Return a proposal for loads and signals, in variables named so and with equally many rows; None without them."""
-    blocks = _of_equal_length(variables)
+    blocks = _blocks_of_equal_length(variables)
     columns: dict[str, Any] = {}
     units: dict[str, str] = {}
     used: list[str] = []
@@ -99,15 +99,15 @@ def _of_loads(variables: Mapping[str, Variable], text: str) -> Guess | None:
     return Guess(mapping, tuple(columns.values()), "signals", (text,), doubts=(doubt,))
 
 
-def _of_equal_length(variables: Mapping[str, Variable]) -> list[Block]:
+def _blocks_of_equal_length(variables: Mapping[str, Variable]) -> list[Block]:
     """Return the numeric variables whose number of rows most of them share."""
-    found = []
+    blocks = []
     for name, value in variables.items():
         if isinstance(value, np.ndarray) and value.ndim == 2 and value.size > 1:
-            found += blocks_of(variables, FileMapping(path="x.mat", variable=(name,)))
-    rows = Counter(block.rows for block in found if block.rows >= _FEWEST_STEPS).most_common(1)
-    own = [block for block in found if rows and block.rows == rows[0][0]]
-    return [_prefixed(block) for block in own]
+            blocks += blocks_of(variables, FileMapping(path="x.mat", variable=(name,)))
+    rows = Counter(block.rows for block in blocks if block.rows >= _FEWEST_STEPS).most_common(1)
+    equal_blocks = [block for block in blocks if rows and block.rows == rows[0][0]]
+    return [_prefixed(block) for block in equal_blocks]
 
 
 def _prefixed(block: Block) -> Block:

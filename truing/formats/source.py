@@ -19,6 +19,7 @@ if TYPE_CHECKING:
     from truing.formats.colmap import Estimate
     from truing.schemas.campaign import Campaign
     from truing.schemas.mapping import FileMapping
+    from truing.schemas.stage_cost import StageCost
 
 OF_IMAGES = ("images", "image_points", "image_targets", "scale_bars", "known_points", "cameras")
 OTHERS = (
@@ -62,8 +63,11 @@ class RawFile:
 class CampaignFiles:
     """Raw files of one campaign, from its folder and its [files]; ``scratch``: folder for temporary files.
 
-    ``digests``: SHA-256 of the files that a stage depends on, by name; empty where nobody computed them.
+    ``digests``: SHA-256 of the files that a stage depends on, by name; empty where nobody computed them. ``costs``:
+    what stages took, for the page.
     """
+
+    costs: tuple[StageCost, ...] = ()
 
     def __init__(
         self, folder: Path, campaign: Campaign, scratch: Path | None = None, digests: Mapping[str, str] = NO_DIGESTS
@@ -83,7 +87,11 @@ class CampaignFiles:
             entries = mapped if isinstance(mapped, tuple) else (mapped,)
             if table == "images":
                 return tuple(_with_pictures_of_folders(self.folder, entry) for entry in entries)
-            return tuple(one for entry in entries for one in entry.by_channel) if table == _BY_CHANNEL else entries
+            return (
+                tuple(channel_entry for entry in entries for channel_entry in entry.by_channel)
+                if table == _BY_CHANNEL
+                else entries
+            )
         from truing.schemas.mapping import FileMapping
 
         if table == "images":
@@ -241,11 +249,11 @@ def _pictures_in(folder: str) -> tuple[str, ...]:
 
 def _pictures_of_folders(folder: Path, patterns: Iterable[str]) -> list[str]:
     """Return patterns of [files.images] with folders replaced by globs of their pictures."""
-    found: list[str] = []
+    pictures: list[str] = []
     for pattern in patterns:
         globs = _pictures_in(pattern.rstrip("/")) if os.path.isdir(folder / pattern) else ()
-        found += [one for one in globs if _expand(folder, one)] or [pattern]
-    return found
+        pictures += [picture for picture in globs if _expand(folder, picture)] or [pattern]
+    return pictures
 
 
 def _with_pictures_of_folders(folder: Path, entry: FileMapping) -> FileMapping:

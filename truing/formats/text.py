@@ -153,7 +153,7 @@ def line_numbers(
 ) -> list[int]:
     """Return the lines (from 1) at which records (from 0, ascending) begin; reads the file again."""
     wanted = iter(records)
-    found: list[int] = []
+    numbers: list[int] = []
     next_wanted = next(wanted, None)
     line_number, record = 1, -1
     passed = entry.skip_lines
@@ -161,7 +161,7 @@ def line_numbers(
     for block in record_blocks(utf8_chunks(stream, entry.encoding), lines.quote):
         for line in split_lines(block, lines.quote):
             if next_wanted is None:
-                return found
+                return numbers
             begins, line_number = line_number, line_number + max(line.count(b"\n"), 1)
             if passed:
                 passed -= 1
@@ -170,6 +170,6 @@ def line_numbers(
             elif lines.is_record(line):
                 record += 1
                 if record == next_wanted:
-                    found.append(begins)
+                    numbers.append(begins)
                     next_wanted = next(wanted, None)
-    return found
+    return numbers

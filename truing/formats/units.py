@@ -138,7 +138,7 @@ def conversion(unit: str, wanted: str) -> tuple[float, float]:
     dimension, factor, offset = _counted(unit)
     wanted_dimension, wanted_factor, wanted_offset = _counted(wanted)
     if dimension != wanted_dimension:
-        raise UnknownUnit(f"a unit of {wanted_dimension}: {', '.join(_of_dimension(wanted_dimension))}")
+        raise UnknownUnit(f"a unit of {wanted_dimension}: {', '.join(_units_of_dimension(wanted_dimension))}")
     return factor / wanted_factor, (offset - wanted_offset) / wanted_factor
 
 
@@ -162,8 +162,8 @@ def _parsed_unit(unit: str) -> tuple[str, float, float]:
     return _UNITS[name]
 
 
-def _of_dimension(dimension: str) -> list[str]:
-    return [unit for unit, (found, _, _) in _UNITS.items() if found == dimension]
+def _units_of_dimension(dimension: str) -> list[str]:
+    return [unit for unit, (kind_of_unit, _, _) in _UNITS.items() if kind_of_unit == dimension]
 
 
 @dataclass(frozen=True)

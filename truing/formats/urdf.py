@@ -62,14 +62,14 @@ class Urdf:
 
     def carried(self, base: str) -> list[UrdfJoint]:
         """Return the joints of all links that a base carries, each after the joint below it."""
-        found, waiting = [], [base]
+        joints, waiting = [], [base]
         while waiting:
-            own = [joint for joint in self.joints.values() if joint.parent == waiting[0]]
-            found += own
-            waiting = [*waiting[1:], *(joint.child for joint in own)]
-            if len(found) > len(self.joints):
-                raise Unusable("joints without a loop", row=own[0].line, value=own[0].name)
-        return found
+            joints_of_link = [joint for joint in self.joints.values() if joint.parent == waiting[0]]
+            joints += joints_of_link
+            waiting = [*waiting[1:], *(joint.child for joint in joints_of_link)]
+            if len(joints) > len(self.joints):
+                raise Unusable("joints without a loop", row=joints_of_link[0].line, value=joints_of_link[0].name)
+        return joints
 
     def ends(self, base: str) -> list[str]:
         """Return the links above a base that carry no other."""
@@ -79,13 +79,13 @@ class Urdf:
     def path(self, base: str, link: str) -> list[UrdfJoint]:
         """Return the joints from a base link to another link, in order; raises Unusable if there is no such way."""
         by_child = {joint.child: joint for joint in self.joints.values()}
-        found: list[UrdfJoint] = []
+        joints: list[UrdfJoint] = []
         while link != base:
-            if link not in by_child or len(found) > len(by_child):
+            if link not in by_child or len(joints) > len(by_child):
                 raise Unusable(f"a chain of joints from link {base}", value=link)
-            found.insert(0, by_child[link])
+            joints.insert(0, by_child[link])
             link = by_child[link].parent
-        return found
+        return joints
 
 
 def read_urdf(path: Path) -> Urdf:
@@ -129,8 +129,8 @@ def _joint(element: ElementTree.Element, lines: Lines) -> UrdfJoint:
         factor, shift = _number(mimic, "multiplier", 1.0, lines), _number(mimic, "offset", 0.0, lines)
     turn = _numbers(origin, "rpy", _XYZ, lines)
     if max(map(abs, turn)) > 2.0 * np.pi:
-        found = " ".join(f"{angle:g}" for angle in turn)
-        raise Unusable(f"rpy of joint {name} in rad, within a turn (degrees?)", row=line, value=found)
+        angles_text = " ".join(f"{angle:g}" for angle in turn)
+        raise Unusable(f"rpy of joint {name} in rad, within a turn (degrees?)", row=line, value=angles_text)
     limit = element.find("limit")
     limits = None
     if kind != "continuous" and limit is not None and {"lower", "upper"} <= set(limit.keys()):
@@ -138,8 +138,8 @@ def _joint(element: ElementTree.Element, lines: Lines) -> UrdfJoint:
     return UrdfJoint(
         name,
         "revolute" if kind == "continuous" else kind,
-        _of_link(element, "parent", lines),
-        _of_link(element, "child", lines),
+        _link_name(element, "parent", lines),
+        _link_name(element, "child", lines),
         _numbers(origin, "xyz", _XYZ, lines),
         turn,
         tuple(x / length for x in along) if length else along,
@@ -164,17 +164,17 @@ def _link(element: ElementTree.Element, lines: Lines) -> UrdfLink:
 
 
 def _attribute(element: ElementTree.Element, name: str, lines: Lines) -> str:
-    found = element.get(name)
-    if not found:
+    value = element.get(name)
+    if not value:
         raise Unusable(f"an attribute {name} of <{element.tag}>", row=lines[element])
-    return found
+    return value
 
 
-def _of_link(element: ElementTree.Element, which: str, lines: Lines) -> str:
-    found = element.find(which)
-    if found is None:
+def _link_name(element: ElementTree.Element, which: str, lines: Lines) -> str:
+    link_element = element.find(which)
+    if link_element is None:
         raise Unusable(f"a <{which} link=.../> of joint {element.get('name')}", row=lines[element])
-    return _attribute(found, "link", lines)
+    return _attribute(link_element, "link", lines)
 
 
 def _number(element: ElementTree.Element, name: str, default: float, lines: Lines) -> float:

@@ -82,30 +82,30 @@ def sheets_like(path: Path, pattern: str) -> list[str]:
     """Return the visible sheets whose names match a glob, in their order; raises Unusable if none does."""
     with _opened(path) as book:
         visible = _visible(book)
-    found = [name for name in visible if fnmatch.fnmatchcase(name, pattern)]
-    if not found:
+    names = [name for name in visible if fnmatch.fnmatchcase(name, pattern)]
+    if not names:
         raise Unusable(f"a name like that of one of its sheets: {_listed(visible)}", column="sheet", value=pattern)
-    return found
+    return names
 
 
 def rows_of_records(path: Path, entry: FileMapping, records: Sequence[int]) -> list[int]:
     """Return the rows of the sheet, from 1, of records (from 0, ascending); reads the sheet again."""
-    wanted, found = set(records), []
+    wanted, records_rows = set(records), []
     with _opened(path) as book:
         rows = _records(path, book, sheet_of(book, entry), entry)
         if entry.header is not False:
             next(rows, None)
         for number, record in enumerate(rows):
             if number in wanted:
-                found.append(record.row)
-            if len(found) == len(wanted):
+                records_rows.append(record.row)
+            if len(records_rows) == len(wanted):
                 break
-    return found
+    return records_rows
 
 
 def first_rows(path: Path, count: int) -> dict[str, list[tuple[int, Row]]]:
     """Return the first non-empty rows of every visible sheet that has any, with their numbers from 1."""
-    found: dict[str, list[tuple[int, Row]]] = {}
+    rows_of_sheets: dict[str, list[tuple[int, Row]]] = {}
     with _opened(path) as book:
         for name in _visible(book):
             rows: list[tuple[int, Row]] = []
@@ -114,8 +114,8 @@ def first_rows(path: Path, count: int) -> dict[str, list[tuple[int, Row]]]:
                 if len(rows) == count:
                     break
             if rows:
-                found[name] = rows
-    return found
+                rows_of_sheets[name] = rows
+    return rows_of_sheets
 
 
 def sheet_of(book: Workbook, entry: FileMapping) -> str:
@@ -129,12 +129,15 @@ def sheet_of(book: Workbook, entry: FileMapping) -> str:
         if entry.sheet not in names:
             raise Unusable(f"one of its sheets: {_listed(names)}", column="sheet", value=entry.sheet)
         return entry.sheet
-    held = [name for name in _visible(book) if _has_content(book, name)]
-    if not held:
+    filled_sheets = [name for name in _visible(book) if _has_content(book, name)]
+    if not filled_sheets:
         raise Unusable("a visible sheet that holds anything", value=_listed(names))
-    if len(held) > 1:
-        raise Unusable(f"which sheet to read, as {len(held)} hold something: sheet = {held[0]!r}", value=_listed(held))
-    return held[0]
+    if len(filled_sheets) > 1:
+        raise Unusable(
+            f"which sheet to read, as {len(filled_sheets)} hold something: sheet = {filled_sheets[0]!r}",
+            value=_listed(filled_sheets),
+        )
+    return filled_sheets[0]
 
 
 def _visible(book: Workbook) -> list[str]:
@@ -225,18 +228,18 @@ def _with_formulas(
 def _with_merged_cells(
     rows: Iterator[tuple[int, Row, tuple[int, ...]]], merged: dict[int, list[tuple[int, int]]], skip: int
 ) -> Iterator[_Record]:
-    held: dict[int, tuple[int, Cell]] = {}  # column: last row of its block, and its common value
+    block_of_column: dict[int, tuple[int, Cell]] = {}  # column: last row of its block, and its common value
     for row, cells, uncomputed in rows:
-        for column, (last, value) in list(held.items()):
+        for column, (last, value) in list(block_of_column.items()):
             if row > last:
-                del held[column]
+                del block_of_column[column]
             elif column < len(cells) and cells[column] is None:
                 cells[column] = value
             elif column >= len(cells):
                 cells += [None] * (column - len(cells)) + [value]
         for column, last in merged.get(row, ()):
             if column < len(cells):
-                held[column] = last, cells[column]
+                block_of_column[column] = last, cells[column]
         if row > skip and (uncomputed or any(cell is not None and cell != "" for cell in cells)):
             yield _Record(row, cells, uncomputed)
 
@@ -282,9 +285,9 @@ def _batch(records: list[_Record], kinds: Mapping[int, Kind], names: tuple[str, 
         if mask.any():
             faults.append(CellFaults.where(mask, numbers, None, names[place] or str(place + 1), _UNCOMPUTED))
     if faults:  # already reported: the cells are no second fault
-        whole = np.array([not set(kinds) & set(record.uncomputed) for record in records], dtype=bool)
-        columns = {place: column.filter(whole) for place, column in columns.items()}
-        numbers = numbers[whole]
+        is_computed = np.array([not set(kinds) & set(record.uncomputed) for record in records], dtype=bool)
+        columns = {place: column.filter(is_computed) for place, column in columns.items()}
+        numbers = numbers[is_computed]
     return RawBatch(columns, numbers, tuple(faults))
 
 

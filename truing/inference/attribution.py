@@ -40,15 +40,21 @@ class Attributed:
     p_value: float
 
 
-def attributed(models: Sequence[FittedModel[CauseT]], level: float, level_of_course: float) -> tuple[Attributed, ...]:
+def attributed(
+    plain: FittedModel[CauseT],
+    models: Sequence[FittedModel[CauseT]],
+    level: float,
+    level_of_course: float,
+    doubted_noise: Array | None = None,
+) -> tuple[Attributed, ...]:
     """Return the inputs that predict the residuals of models of one campaign, at a familywise p-value of ``level``.
 
     What a course follows is a question of its own, decided at ``level_of_course`` for each. Shares are of the squares
-    of the first model's residuals.
+    of the plain model's residuals. ``doubted_noise`` (B, K): factors on the noise of the fits that may be an effect.
     """
-    first = models[0]
-    columns = columns_of(first, first.model.error_groups)
-    tried = [one for own in models for one in residuals_of(own, first) if one.epochs.sum() >= FEWEST_EPOCHS]
+    columns = columns_of(plain, plain.model.error_groups)
+    residuals = (one for own in models for one in residuals_of(own, plain, doubted_noise))
+    tried = [one for one in residuals if one.epochs.sum() >= FEWEST_EPOCHS]
     known: dict[bytes, Spectra] = {}  # of the last epochs alone: all spectra of a long campaign take much memory
     found: list[Attributed] = []
     for one in sorted(tried, key=lambda one: one.group):
@@ -56,14 +62,14 @@ def attributed(models: Sequence[FittedModel[CauseT]], level: float, level_of_cou
         if (key := at.tobytes()) not in known:
             own = {name: values[at] for name, values in columns.items() if np.ptp(values[at]) > 0.0}
             known.clear()
-            known[key] = Spectra(own, in_time_of(first, at))
+            known[key] = Spectra(own, in_time_of(plain, at))
         tests, least = (1, level_of_course) if one.is_course else (len(tried), level / len(tried))
         for inputs, share, p_value in sets_of_inputs(one.rows, known[key], least):
             if one.share * share < _LEAST_SHARE:
                 continue
             found.append(Attributed(one.channels, inputs, one.share * share, min(1.0, max(p_value * tests, LEAST_P))))
     if level_of_course > level:  # the model is known not to hold
-        found += _frictions(first, columns, level_of_course)
+        found += _frictions(plain, columns, level_of_course)
     return tuple(_merged(found))
 
 
@@ -94,11 +100,12 @@ def p_value_of_dependence(rest: Array, own: Mask, fitted: FittedModel[CauseT]) -
 
 
 def _merged(found: Iterable[Attributed]) -> Iterator[Attributed]:
-    """Yield one entry for all entries of the same channels whose inputs are contained in it."""
-    left = sorted(found, key=lambda one: -len(one.inputs))
+    """Yield one entry for all entries whose inputs are contained in it, of the same channels or of no channel: what a
+    channel follows, the residuals follow."""
+    left = sorted(found, key=lambda one: (-len(one.inputs), not one.channels))
     while left:
         first = left[0]
-        alike = [one for one in left if one.channels == first.channels and set(one.inputs) <= set(first.inputs)]
+        alike = [one for one in left if one.channels in (first.channels, ()) and set(one.inputs) <= set(first.inputs)]
         share, p_value = max(one.share for one in alike), min(one.p_value for one in alike)
         left = [one for one in left if all(one is not other for other in alike)]
         yield Attributed(first.channels, first.inputs, share, p_value)

@@ -22,16 +22,24 @@ from truing.inference.model import CauseT
 # A block is informative if the effect there is at least this large (squares, in units of the noise) and larger than its
 # uncertainty from the other blocks. At least so many informative blocks are needed.
 _LEAST_EFFECT, FEWEST_TELLING = 4.0, 2
+_FAR_BELOW = 3.0  # standard deviations
 
 
 @dataclass(frozen=True)
 class BlockGain:
     """Log ratio of the densities of blocks with a cause and without it, predicted from the others, over informative
-    blocks."""
+    blocks; ``squares``: those of the effect there, in units of the noise."""
 
     kind: BlockKind
     blocks: int
     log_gain: float
+    squares: float
+
+    @property
+    def is_far_below(self) -> bool:
+        """True if an effect of this size would gain far more in these blocks: half its squares, with their root as the
+        standard deviation."""
+        return bool(self.log_gain < self.squares / 2.0 - _FAR_BELOW * np.sqrt(self.squares))
 
 
 def gain_in_blocks(
@@ -74,7 +82,8 @@ def block_gain(whitened: Whitened, place: slice, value: Array, possible: Sequenc
         gains = [_gain_of(whitened, gram, log_determinants, by_epoch, others, block) for block in epochs_of_blocks]
         informative = [gain for gain in gains if gain is not None]
         if len(informative) >= FEWEST_TELLING:
-            return BlockGain(blocks.kind, len(informative), float(np.sum(informative)))
+            gain, squares = np.sum(informative, axis=0)
+            return BlockGain(blocks.kind, len(informative), float(gain), float(squares))
     return None
 
 
@@ -92,8 +101,9 @@ def _gain_of(
     by_epoch: Sequence[Array],
     nuisances: Mask,
     block: Integers,
-) -> float | None:
-    """Return the gain in one block of epochs (b,); None where the block is not informative. ``by_epoch``: residuals
+) -> tuple[float, float] | None:
+    """Return the gain in one block of epochs (b,), and the squares of the effect there; None where the block is not
+    informative. ``by_epoch``: residuals
     (B, H) of fits to everything, with the cause and without, and its effect; ``nuisances`` (G,): unknowns except the
     cause's; ``log_determinants``: log determinants of the normal matrix, of all unknowns and of these."""
     residual, residual_without, effect = (each[block].ravel() for each in by_epoch)
@@ -107,9 +117,8 @@ def _gain_of(
     if float(np.sum(uncertain**2)) > size:
         return None
     within = np.linalg.cholesky(gram_without[np.ix_(nuisances, nuisances)])
-    return _log_density(rows, log_determinants[0], factor, residual) - _log_density(
-        rows[:, nuisances], log_determinants[1], within, residual_without
-    )
+    with_it = _log_density(rows, log_determinants[0], factor, residual)
+    return with_it - _log_density(rows[:, nuisances], log_determinants[1], within, residual_without), size
 
 
 def _log_density(rows: Array, log_determinant: float, factor: Array, residual: Array) -> float:

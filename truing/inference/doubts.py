@@ -5,25 +5,31 @@ from __future__ import annotations
 from collections.abc import Collection, Mapping, Sequence
 from dataclasses import dataclass, replace
 
+import numpy as np
+
 from truing.inference.fitted_model import FittedModel
-from truing.inference.forward_search import Accepted, ForwardSearch, Searched
-from truing.inference.free_course import CourseRival, course_rival, move_alike
+from truing.inference.forward_search import Accepted, ForwardSearch, Searched, names_of_one_effect
+from truing.inference.free_course import CourseRival, course_rival
 from truing.inference.model import CauseT
 from truing.inference.rounds import act_on_same, share_explained
-from truing.inference.search_verdicts import NAMED, contradiction
-from truing.inference.several_names import several_for_one
+from truing.inference.search_verdicts import NAMED, contradiction, is_unconfirmed
 from truing.inference.verdicts import FOUND, SUSPECTED, Reason, Verdict
+
+# Log odds over no effect below which a cause without any rival is not found.
+_LEAST_LOG_ODDS = float(np.log(NAMED / (1.0 - NAMED)))
 
 
 @dataclass(frozen=True)
 class Doubts:
     """Doubt of the whole model; accepted causes, by key, next to which or in place of which an effect without a name
-    may act; the random courses among these effects; and effects without a name that larger noise may have produced."""
+    may act; the random courses among these effects; effects without a name that larger noise may have produced; and
+    accepted causes from which another one is indistinguishable."""
 
     whole: Reason | None
     outdone: Collection[str]
     courses: Mapping[str, CourseRival]
     weak: Collection[str]
+    with_rivals: Collection[str]
 
     def checked(
         self, verdict: Verdict[CauseT], final: FittedModel[CauseT], given: Collection[CauseT]
@@ -33,8 +39,8 @@ class Doubts:
         Predictions may contradict it. A nonparametric effect is doubted that larger noise than declared may have
         produced. A catalogued cause is also doubted if the final model is inadequate or holds a nonparametric effect of
         which the cause may be a part. So it is if a nonparametric effect was more probable but refused, or still
-        explains something next to the cause; if random courses compete with it; or if other causes that explain the
-        same are too probable.
+        explains something next to the cause; if random courses compete with it; or if no effect, or other causes that
+        explain the same, are too probable.
         """
         if verdict.verdict != FOUND:
             return verdict
@@ -51,7 +57,10 @@ class Doubts:
             share = verdict.share_explained if course is None else course.share
             return replace(verdict, verdict=SUSPECTED, reason=reason, course=course, share_explained=share)
         if verdict.probability < NAMED:
-            return replace(verdict, verdict=SUSPECTED, reason=Reason.ALTERNATIVE)
+            is_weak = verdict.log_odds < _LEAST_LOG_ODDS and verdict.cause.key not in self.with_rivals
+            return replace(verdict, verdict=SUSPECTED, reason=Reason.WEAK if is_weak else Reason.ALTERNATIVE)
+        if is_unconfirmed(verdict):
+            return replace(verdict, verdict=SUSPECTED, reason=Reason.UNCONFIRMED)
         return verdict
 
 
@@ -66,7 +75,7 @@ def outdone_causes(
     random courses among these effects."""
     level = search.settings.dependence_level
     outdone = {step.cause.key for step in searched.kept if step.is_outdone or _is_incomplete(step, searched, level)}
-    outdone |= _several_for_one(searched)
+    outdone |= names_of_one_effect(searched.kept, searched.rounds[-1], searched.final)
     rivals = _course_rivals(search, searched, outdone) if compares_courses else {}
     outdone |= _beside_refused(searched, verdicts)
     return outdone | rivals.keys() | _smaller(searched, rivals.keys()), rivals
@@ -93,17 +102,6 @@ def _course_rivals(
             if rival is not None and not rival.is_clear:
                 found[step.cause.key] = rival
     return found
-
-
-def _several_for_one(searched: Searched[CauseT]) -> set[str]:
-    """Return the keys of accepted causes that may be a single effect without a name."""
-    sizes = {step.cause.key: step.candidate.signature.parameters for step in searched.kept}
-
-    def alike(first: CauseT, second: CauseT) -> bool:
-        return move_alike(searched.final, (first, sizes[first.key]), (second, sizes[second.key]))
-
-    accepted = [(step.cause, step.candidate, step.round) for step in searched.kept]
-    return several_for_one(accepted, searched.rounds[-1], alike)
 
 
 def _beside_refused(searched: Searched[CauseT], verdicts: Sequence[Verdict[CauseT]]) -> set[str]:

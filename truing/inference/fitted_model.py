@@ -114,6 +114,11 @@ class FittedModel(Generic[CauseT]):
         """Noise of the fit's residuals by component."""
         return components(self.fit.whitened, _height(self.measured), self.input_rows)
 
+    @cached_property
+    def input_residuals(self) -> InputResiduals:
+        """Residuals of the fit's inputs."""
+        return input_residuals(self.fit.whitened, _height(self.measured), self.input_rows)
+
     @property
     def noise_ratio(self) -> float:
         """Noise found over the noise used in the fit, with the declared noise as prior."""
@@ -429,7 +434,7 @@ class Fitter(Generic[CauseT]):
         known = self._input_factor > 1.0
         offered = [scatter for scatter in _scatters(fitted, kinds) if scatter.of_inputs]
         candidates = [candidate for candidate in offered if 2 * (known & candidate.own).sum() < candidate.own.sum()]
-        residuals = residuals_of_inputs(fitted)
+        residuals = fitted.input_residuals
         return scattering(residuals, candidates, level) if candidates and residuals.rest.size else None
 
     def widen(
@@ -444,7 +449,7 @@ class Fitter(Generic[CauseT]):
         self._restore_screened()
         wide = self._with_widened_inputs(fitted, candidate.own, start * self._ratios[0])
         near = overlapping_candidates([scatter for scatter in _scatters(fitted, kinds) if scatter.of_inputs], candidate)
-        best = likeliest_scatter(residuals_of_inputs(wide), near, self._input_factor)
+        best = likeliest_scatter(wide.input_residuals, near, self._input_factor)
         if best is not candidate:
             first = float(self._input_factor[candidate.own].max())
             self._input_factor = start
@@ -481,7 +486,7 @@ class Fitter(Generic[CauseT]):
             if abs(square / max(previous, 1e-300) - 1.0) < SETTLED:
                 break
             previous = square
-            factor = np.where(inputs, factor * residuals_of_inputs(fitted).factor(inputs)[0], factor)
+            factor = np.where(inputs, factor * fitted.input_residuals.factor(inputs)[0], factor)
         self._input_factor = factor
         return fitted
 
@@ -490,7 +495,7 @@ class Fitter(Generic[CauseT]):
     ) -> FoundScatter[CauseT]:
         """Return the scatter of a candidate's inputs beyond their declared sigmas, in a fit whose priors are already
         widened."""
-        more, share = residuals_of_inputs(fitted).factor(candidate.own)
+        more, share = fitted.input_residuals.factor(candidate.own)
         wide = more**2 * self._mean_square(self._input_factor, candidate.own)
         size = max(wide - self._mean_square(np.ones((1, 1)), candidate.own), 0.0) ** 0.5
         return FoundScatter(candidate, p_value, *unbiased(size, wide / max(size, wide**0.5 / 2) * share))
@@ -536,11 +541,6 @@ class Fitter(Generic[CauseT]):
 def _scatters(fitted: FittedModel[CauseT], kinds: Sequence[CauseT]) -> list[ScatterCandidate[CauseT]]:
     """Return the candidates that make inputs or observations scatter."""
     return [candidate for kind in kinds for candidate in fitted.scene.scatters(kind)]
-
-
-def residuals_of_inputs(fitted: FittedModel[CauseT]) -> InputResiduals:
-    """Return the residuals of a fit's inputs."""
-    return input_residuals(fitted.fit.whitened, _height(fitted.measured), fitted.input_rows)
 
 
 def _height(measured: Observations) -> int:

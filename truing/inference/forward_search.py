@@ -1,6 +1,6 @@
 """Search for causes from the plain model on: accept the most probable one, refit everything, repeat.
 
-Each accepted cause is dropped at the end if the others explain its effect.
+Each accepted cause, and each that was known before, is dropped at the end if the others explain its effect.
 """
 
 from __future__ import annotations
@@ -15,16 +15,21 @@ from truing.inference import search_end
 from truing.inference.arrays import Mask
 from truing.inference.choice import CandidateChoice, choose, confirmed, is_outdone, is_real
 from truing.inference.fitted_model import FittedModel, Fitter
+from truing.inference.free_course import move_alike
 from truing.inference.model import CauseT
 from truing.inference.prediction import predicts_worse
-from truing.inference.rounds import Round, score_round
+from truing.inference.rounds import RIVAL_FACTOR, Round, score_round
 from truing.inference.search import CauseCandidate, Search
 from truing.inference.search_end import EndOfSearch, FurtherCauses
-from truing.inference.verdicts import REJECTED, Reason, Verdict, first_order
+from truing.inference.several_names import several_for_one
+from truing.inference.verdicts import REJECTED, Reason, Verdict, first_order, verdict_on_known_cause
 
 # Shares of the declared false-alarm rate: search for causes, noise larger than declared, noise that depends on
 # something, and doubt of the whole model.
 _CAUSES, _NOISE, _DEPENDENCE, _DOUBTED = 0.45, 0.05, 0.1, 0.4
+# Most catalogued causes that are tried together in place of a nonparametric effect. A nonparametric effect may imitate
+# more of them, but so many would imitate it.
+_MOST_TOGETHER = 4
 
 
 @dataclass(frozen=True)
@@ -77,8 +82,9 @@ class Accepted(Generic[CauseT]):
 
 @dataclass(frozen=True)
 class Searched(Generic[CauseT]):
-    """Result of one search from the plain model on."""
+    """Result of one search from the plain model on; ``given`` are the known causes that the final model holds."""
 
+    given: tuple[CauseT, ...]
     plain: FittedModel[CauseT]
     kept: list[Accepted[CauseT]]
     refused: list[Verdict[CauseT]]  # they predict worse, or the others explain their effect
@@ -100,7 +106,7 @@ class Searched(Generic[CauseT]):
 
 @dataclass(frozen=True)
 class ForwardSearch(Generic[CauseT]):
-    """Forward search on the fits of a ``Fitter``; ``given`` causes are known before, and every model holds them."""
+    """Forward search on the fits of a ``Fitter``, in which every model holds the ``given`` causes, known before."""
 
     fitter: Fitter[CauseT]
     settings: Settings
@@ -118,28 +124,48 @@ class ForwardSearch(Generic[CauseT]):
         plain = rounds[0].fitted
         found, worse, end = self._forward(rounds, kinds)
         kept, dropped, final = self._dropped(found, plain)
-        return Searched(plain, kept, [*worse, *dropped], rounds, final, end)
+        return self._without_needless(Searched(self.given, plain, kept, [*worse, *dropped], rounds, final, end))
+
+    def _without_needless(self, searched: Searched[CauseT]) -> Searched[CauseT]:
+        """Return a search without the known causes whose size is not significant next to the accepted ones, the least
+        significant first."""
+        held_out = self.fitter.held_out
+        while searched.given:
+            verdicts = [
+                verdict_on_known_cause(cause, searched.plain, searched.final, held_out) for cause in searched.given
+            ]
+            last = max(verdicts, key=lambda verdict: verdict.p_value)
+            if last.p_value <= self.settings.level:
+                break
+            given = tuple(cause for cause in searched.given if cause is not last.cause)
+            refused = [*searched.refused, replace(last, verdict=REJECTED, reason=Reason.DROPPED, probability=0.0)]
+            plain = self.fitter.prepared(given, searched.plain)
+            searched = self._refitted(replace(searched, given=given, plain=plain, refused=refused), searched.kept)
+        return searched
 
     def without(self, searched: Searched[CauseT], key: str) -> Searched[CauseT]:
         """Return a search without one of its accepted causes; the others are fitted again in turn."""
+        return self._refitted(searched, [step for step in searched.kept if step.cause.key != key])
+
+    def _refitted(self, searched: Searched[CauseT], steps: Sequence[Accepted[CauseT]]) -> Searched[CauseT]:
+        """Return a search with some of its accepted causes, which are fitted again in turn."""
         kept: list[Accepted[CauseT]] = []
         final = searched.plain
-        for step in searched.kept:
-            if step.cause.key != key:
-                causes = (*self.given, *(other.cause for other in kept), step.cause)
-                before, final = final, self.fitter.prepared(causes, final)
-                kept.append(replace(step, before=before, after=final))
+        for step in steps:
+            causes = (*searched.given, *(other.cause for other in kept), step.cause)
+            before, final = final, self.fitter.prepared(causes, final)
+            kept.append(replace(step, before=before, after=final))
         return replace(searched, kept=kept, final=final)
 
     def without_cause(self, searched: Searched[CauseT], key: str) -> FittedModel[CauseT]:
         """Return the fit of the final model without one of its accepted causes."""
         others = (step.cause for step in searched.kept if step.cause.key != key)
-        return self.fitter.comparable((*self.given, *others), searched.final)
+        return self.fitter.comparable((*searched.given, *others), searched.final)
 
     def named_alone(self, searched: Searched[CauseT]) -> FittedModel[CauseT]:
         """Return the fit with the accepted causes of the catalogue alone."""
         named = searched.named()
-        return self.fitter.comparable((*self.given, *named), searched.final) if named else searched.plain
+        return self.fitter.comparable((*searched.given, *named), searched.final) if named else searched.plain
 
     def _round(self, fitted: FittedModel[CauseT], kinds: Sequence[CauseT], number: int) -> Round[CauseT]:
         self.progress(f"scoring the candidates of {len(kinds)} kinds of cause")
@@ -152,7 +178,7 @@ class ForwardSearch(Generic[CauseT]):
         rounds."""
         found: list[Accepted[CauseT]] = []
         worse: list[Verdict[CauseT]] = []
-        pairs, further = True, FurtherCauses[CauseT]()
+        pairs, further, together = True, FurtherCauses[CauseT](), True
         while True:
             current, known_worse = rounds[-1], {verdict.cause.id for verdict in worse}
             refused = known_worse | further.unpaid
@@ -162,6 +188,11 @@ class ForwardSearch(Generic[CauseT]):
                 left = chosen or choose(current, known_worse, self.settings.level, pairs=pairs)
                 cause_left = None if left is None else left.candidate.cause
                 return found, worse, further.end(limit, len(found), current, cause_left)
+            if together and not chosen.candidate.cause.catalogued:
+                together = False
+                if by_names := self._together(rounds, kinds, refused, chosen.candidate):
+                    found += by_names
+                    return found, worse, further.end(None, len(found), rounds[-1], None)
             chosen, cause, after = self._fitted(chosen, current)
             covered = self._covered(cause, after)
             if len(found) >= search_end.MANY_CAUSES and not further.pays(current.fitted, after, covered):
@@ -183,6 +214,45 @@ class ForwardSearch(Generic[CauseT]):
                 probability = closed.probability_of_name(chosen.candidate, next_round)
             found.append(Accepted(chosen.light(), closed, cause, closed.fitted, after, outdone, choice, probability))
             rounds.append(next_round)
+
+    def _together(
+        self,
+        rounds: list[Round[CauseT]],
+        kinds: Sequence[CauseT],
+        refused: set[str],
+        unnamed: CauseCandidate[CauseT],
+    ) -> list[Accepted[CauseT]]:
+        """Return catalogued causes that together explain more than a nonparametric effect does; adds their rounds.
+
+        A nonparametric effect of an input absorbs several causes that depend on it, though each of them has a form.
+        They are preferred if they leave nothing real, named or not, are clearly more probable, and are not several
+        names of one effect; else empty.
+        """
+        start, steps = rounds[-1], list[Accepted[CauseT]]()
+        branch, hidden = [start], {c.kind for c in start.candidates if not c.cause.catalogued}
+        while len(steps) < _MOST_TOGETHER:
+            current = branch[-1]
+            chosen = choose(current, refused | hidden, self.settings.level)
+            if chosen is None:
+                break
+            chosen, cause, after = self._fitted(chosen, current)
+            if predicts_worse(current.fitted.held_out, after.held_out, self._covered(cause, after)):
+                return []
+            choice, chosen = current.choice(chosen.candidate), chosen.light()
+            closed = start.closed() if current is start else self._closed(branch)
+            branch.append(self._round(after, kinds, len(rounds) - 1 + len(branch)))
+            probability = closed.probability_of_name(chosen.candidate, branch[-1], hidden)
+            steps.append(Accepted(chosen, closed, cause, closed.fitted, after, False, choice, probability))
+        lead = sum(step.round.posterior(step.candidate) for step in steps) - start.posterior(unnamed)
+        if len(steps) < 2 or lead < np.log(RIVAL_FACTOR):
+            return []
+        is_one = names_of_one_effect(steps, branch[-1], branch[-1].fitted)
+        if is_one or choose(branch[-1], refused, self.settings.level) is not None:
+            return []
+        self._closed(rounds)
+        rounds += branch[1:]
+        together = 1.0 / (1.0 + float(np.exp(-lead)))
+        return [replace(step, probability=together * step.probability) for step in steps]
 
     @staticmethod
     def _closed(rounds: list[Round[CauseT]]) -> Round[CauseT]:
@@ -245,3 +315,14 @@ class ForwardSearch(Generic[CauseT]):
         without = self.fitter.comparable((*self.given, *others), final)
         gained = float(np.sum(without.fit.whitened.rest**2) - np.sum(final.fit.whitened.rest**2))
         return bool(null.raw(gained / final.noise_ratio**2, group, 1.0) <= limit)
+
+
+def names_of_one_effect(steps: Sequence[Accepted[CauseT]], last: Round[CauseT], final: FittedModel[CauseT]) -> set[str]:
+    """Return the keys of accepted causes that may be a single effect without a name; ``last`` is the round after them,
+    ``final`` the model with all of them."""
+    sizes = {step.cause.key: step.candidate.signature.parameters for step in steps}
+
+    def alike(first: CauseT, second: CauseT) -> bool:
+        return move_alike(final, (first, sizes[first.key]), (second, sizes[second.key]))
+
+    return several_for_one([(step.cause, step.candidate, step.round) for step in steps], last, alike)

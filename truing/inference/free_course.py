@@ -19,7 +19,7 @@ from truing.inference.evidence import log_evidence
 from truing.inference.fitted_model import FittedModel
 from truing.inference.model import CauseT
 from truing.inference.random_courses import random_courses, random_factors
-from truing.inference.rounds import RIVAL_FACTOR, parts_of
+from truing.inference.rounds import NAMED, RIVAL_FACTOR, parts_of
 from truing.inference.search import total_of
 from truing.inference.signatures import Pathways, signatures_of
 
@@ -31,6 +31,9 @@ _MOST_LEFT = 4.0  # squares of patterns that are not tested, in units of the noi
 _MOST_PRODUCTS = 2e11  # of numbers, about a minute
 _ALIKE = 0.7  # cosine of two patterns from which on one course may be behind both
 
+# A name is found from odds of 9 on, as among names; beforehand it is three times as probable as a random course, as it
+# is in the search.
+_LEAST_LEAD = float(np.log(9.0)) - NAMED
 _SAME_COURSE = 0.01  # share of a name's squares that may differ from functions that are the same effect
 
 # Inputs that a course follows; none if it walks in time or has no order.
@@ -56,7 +59,7 @@ class _Moved(Generic[CauseT]):
     def evidences(self, designs: Sequence[Mapping[str, Array]]) -> list[tuple[float, float]]:
         """Return the log odds of random combinations of the columns of each design, and the squares that they explain
         beyond chance."""
-        along = self.pathways.along(self.fitted.fit.whitened.rest[None])[0]
+        along = self.pathways.residual
         total, freedom = total_of(self.fitted)
         found = []
         for own in signatures_of(self.pathways, designs):
@@ -81,8 +84,8 @@ class CourseRival:
 
     @property
     def is_clear(self) -> bool:
-        """True if no random course is nearly as probable as the name, or acts next to it."""
-        return not self.is_beside and bool(self.behind >= np.log(RIVAL_FACTOR))
+        """True if the name is clearly more probable than random courses, and none acts next to it."""
+        return not self.is_beside and bool(self.behind >= _LEAST_LEAD)
 
     @property
     def is_beside(self) -> bool:

@@ -113,7 +113,7 @@ class Whitened:
         """Return the rows (b, M + H, G) of the basis that belong to some epochs."""
         if self.whole is None:
             return self.compact.at(epochs) @ self._inverse
-        return self.basis[: self.own.shape[0] * self.own.shape[1]].reshape(self.own.shape)[epochs]
+        return self._known_basis[: self.own.shape[0] * self.own.shape[1]].reshape(self.own.shape)[epochs]
 
     @cached_property
     def _factor(self) -> Array:
@@ -162,13 +162,24 @@ class Whitened:
 
         It is large, so nothing keeps that of a compact problem: `basis_summed`, `rest` and `leverage` do without.
         """
+        nearly = self._nearly_orthonormal
+        self.__dict__.pop("_nearly_orthonormal")  # as large
+        return _times_upper(nearly, _inverse_of(np.linalg.cholesky(nearly.T @ nearly).T))
+
+    @cached_property
+    def _nearly_orthonormal(self) -> Array:
+        """The same basis, orthonormal to nine digits: enough for leverages, all that most fits are asked for."""
         nearly = _times_upper(self._informative_rows, self._inverse)
-        orthonormal = _times_upper(nearly, _inverse_of(np.linalg.cholesky(nearly.T @ nearly).T))
-        if len(orthonormal) == len(self.rows):
-            return orthonormal
+        if len(nearly) == len(self.rows):
+            return nearly
         basis = np.zeros_like(self.rows)
-        basis[self._is_informative] = orthonormal
+        basis[self._is_informative] = nearly
         return basis
+
+    @property
+    def _known_basis(self) -> Array:
+        """The basis (N, G) if it is known, or the nearly orthonormal one."""
+        return self.basis if "basis" in self.__dict__ else self._nearly_orthonormal
 
     @property
     def _informative_rows(self) -> Array:
@@ -219,10 +230,8 @@ class Whitened:
 
     def without_shared(self, rows: Array) -> Array:
         """Return rows (N,) without their projection on the space that the shared unknowns explain."""
-        if self.whole is not None:
-            return rows - self.basis @ (self.basis.T @ rows)
         for _ in range(2):  # the second projection removes what rounding left of the first
-            rows = rows - self.compact.times(self._inverse @ (self._inverse.T @ self.compact.products(rows)))
+            rows = rows - self.moved(self.fitted(rows))
         return rows
 
     def taken(self, rows: slice) -> Array:
@@ -272,7 +281,7 @@ class Whitened:
     def leverage_of_shared(self) -> Array:
         """Share (N,) of each row that the shared unknowns follow."""
         if self.whole is not None:
-            return np.asarray(np.sum(self.basis**2, -1))
+            return np.asarray(np.sum(self._known_basis**2, -1))
         covariance = self.covariance()
         of_epochs = self.compact.followed_squares(covariance)
         extra = self.problem.extra_by_shared

@@ -61,6 +61,10 @@ class CauseLike(Protocol):
     def has_law(self) -> bool:
         """True if it claims a law; False if it only claims which input something follows."""
 
+    @property
+    def has_set_shape(self) -> bool:
+        """True if the machine sets its shape, so that it was not searched among many."""
+
     def excludes(self, other: Self, /) -> bool:
         """True if a model that holds this cause cannot take up another."""
 
@@ -81,6 +85,9 @@ class CauseLike(Protocol):
 
     def narrowed(self, values: Array, covariance: Array, parts: int, /) -> Self:
         """Return the cause, after a fit, without the parts that clearly have no effect."""
+
+    def with_known_part(self, values: Array, /) -> Array:
+        """Return fitted values (P,) with the part that was known before the fit."""
 
     def covers(self, covariates: Mapping[str, Array], epochs: int, /) -> Mask:
         """Return True for the epochs (B,) at which the cause claims to hold."""

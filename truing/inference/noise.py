@@ -33,6 +33,8 @@ _LEAST_REDUNDANCY = 0.1
 _LEAST = 1e-3
 _ADDED = {1: 1.0}
 _FEWEST_VALUES = 20
+# Values of drivers that are compared at a time.
+_AT_ONCE = 2**20
 _LEAD = math.log(20.0)
 # Angles whose squared cosine is the common share, with equal prior probability (Jeffreys' prior of a share). At either
 # end a part keeps a thousandth of its prior sigma: invisible in data, but not zero, so a fit can still estimate it.
@@ -300,7 +302,7 @@ def noise_dependence(residuals: Array, candidates: Sequence[Driver], level: floa
     logs = np.where(known, np.log(squares) / follows, 0.0)
     within = {driver.within.tobytes(): driver.within for driver in candidates}
     centred = {key: _minus_group_means(logs, known, groups) for key, groups in within.items()}
-    scores = [_slope(centred[driver.within.tobytes()], known, driver, spread) for driver in candidates]
+    scores = _slopes(centred, known, candidates, spread)
     # By the log likelihood. A cause must be clearly likelier than a column, because a column may be correlated with it.
     gains = [_gain(score, driver) for score, driver in zip(scores, candidates, strict=True)]
     best = int(np.argmax(gains))
@@ -338,15 +340,29 @@ def _log_moments(size: int) -> tuple[float, float]:
     return slope, (second - first**2) / slope**2
 
 
-def _slope(y: Array, known: Mask, driver: Driver, spread: float) -> tuple[float, float]:
-    """Return the slope of logarithms (B, K), less their group means, along a driver, and its standard deviation. The
-    variance of the logarithms is taken to be at least ``spread``."""
-    x = _minus_group_means(driver.values, known, driver.within)
-    size = float(np.sum(x**2))
-    if size <= 1e-12 * max(float(np.sum(driver.values[known] ** 2)), 1e-300):
-        return 0.0, math.inf
-    variance = max(float(np.sum(y**2) / max(known.sum() - len(np.unique(driver.within)), 1)), spread)
-    return float(np.sum(x * y)) / size, math.sqrt(variance / size)
+def _slopes(
+    centred: Mapping[bytes, Array], known: Mask, candidates: Sequence[Driver], spread: float
+) -> list[tuple[float, float]]:
+    """Return the slope of logarithms along each driver, and its standard deviation. ``centred``: logarithms (B, K)
+    less their group means, by groups. The variance of the logarithms is taken to be at least ``spread``."""
+    scores = [(0.0, math.inf)] * len(candidates)
+    alike: dict[bytes, list[int]] = {}
+    for number, driver in enumerate(candidates):
+        alike.setdefault(driver.within.tobytes(), []).append(number)
+    for key, numbers in alike.items():
+        y, groups = centred[key], candidates[numbers[0]].within
+        variance = max(float(np.sum(y**2) / max(known.sum() - len(np.unique(groups)), 1)), spread)
+        at_once = max(_AT_ONCE // y.size, 1)
+        for first in range(0, len(numbers), at_once):
+            chunk = numbers[first : first + at_once]
+            values = np.stack([candidates[number].values for number in chunk])
+            x = _minus_group_means(values, known, groups).reshape(len(chunk), -1)
+            least = 1e-12 * np.maximum(np.sum(values**2, (1, 2), where=known), 1e-300)
+            along, sizes = x @ y.ravel(), np.sum(x**2, 1)
+            for number, product, size, lowest in zip(chunk, along, sizes, least, strict=True):
+                if size > lowest:
+                    scores[number] = float(product / size), math.sqrt(variance / size)
+    return scores
 
 
 def _strength(score: tuple[float, float], driver: Driver) -> float:
@@ -380,11 +396,12 @@ def _gain(score: tuple[float, float], driver: Driver) -> float:
 
 
 def _minus_group_means(values: Array, known: Mask, groups: Integers) -> Array:
-    """Return values (B, K) without the mean of their group of channels; zero where not known."""
+    """Return values (..., B, K) without the mean of their group of channels; zero where not known."""
     known_values = np.where(known, values, 0.0)
     number = np.unique(groups, return_inverse=True)[1]
-    mean = np.bincount(number, known_values.sum(0)) / np.maximum(np.bincount(number, known.sum(0)), 1)
-    return np.where(known, known_values - mean[number], 0.0)
+    members = np.eye(number.max(initial=0) + 1)[number]
+    mean = (known_values.sum(-2) @ members) / np.maximum(known.sum(0) @ members, 1)
+    return np.where(known, known_values - mean[..., None, number], 0.0)
 
 
 def larger_where(driver: Driver, residuals: Array, p_value: float) -> NoiseDependence:

@@ -14,7 +14,7 @@ from truing.inference.adequacy import is_unordered, p_value_of_order
 from truing.inference.arrays import Array, Mask
 from truing.inference.attribution import p_value_of_dependence
 from truing.inference.choice import is_real
-from truing.inference.fitted_model import FittedModel, Fitter, residuals_of_inputs
+from truing.inference.fitted_model import FittedModel, Fitter
 from truing.inference.heavy_tails import HEAVY, is_of_place, log_odds_of_tails, p_value_of_repeats
 from truing.inference.model import CauseT, ScatterCandidate
 from truing.inference.noise import NoiseDependence, NoiseLevel, noise_level, scale_gain, variance_gain
@@ -39,12 +39,7 @@ class NoiseSelection(Generic[CauseT]):
 
     def noisy_periods(self, first: Round[CauseT], kinds: Sequence[CauseT]) -> list[NoiseDependence]:
         """Weight observations that are noisier for some time, if this is far more probable than any cause with a mean
-        effect.
-
-        Returns no dependence where scatter of inputs could explain the larger residuals.
-        """
-        if self.scatter(first.fitted, kinds) is not None:
-            return []
+        effect."""
         noise_dependence = self.fitter.noise_dependence(first.fitted, kinds, self.dependence_level)
         if noise_dependence is None or noise_dependence.driver.cause is None:
             return []
@@ -55,13 +50,11 @@ class NoiseSelection(Generic[CauseT]):
         return [self._weighted(first.fitted, noise_dependence, kinds)]
 
     def outright_scatter(
-        self, first: Round[CauseT], kinds: Sequence[CauseT]
+        self, first: Round[CauseT], scatter: tuple[ScatterCandidate[CauseT], float]
     ) -> tuple[ScatterCandidate[CauseT], float] | None:
-        """Return the cause that makes inputs scatter, and its p-value, if it is far more probable than a cause with a
+        """Return a cause that makes inputs scatter, with its p-value, if it is far more probable than a cause with a
         mean effect."""
-        if (scatter := self.scatter(first.fitted, kinds)) is None:
-            return None
-        own, rest = scatter[0].own, residuals_of_inputs(first.fitted).standardised(scatter[0].own)
+        own, rest = scatter[0].own, first.fitted.input_residuals.standardised(scatter[0].own)
         # Next to the noise that serves the evidence of causes: it may be too large, as the effect is part of it.
         gain = scale_gain(rest[..., 0] ** 2, own)
         return scatter if self._outdoes_causes(rest, own, first, gain) else None
@@ -92,7 +85,7 @@ class NoiseSelection(Generic[CauseT]):
         input.
         """
         tried = self.fitter.scatter_count(fitted, kinds, of_inputs=True)
-        rest = residuals_of_inputs(fitted).standardised(own)
+        rest = fitted.input_residuals.standardised(own)
         of_order = p_value_of_order(rest, own, fitted)
         if of_order is not None and of_order <= _SURELY_NOISE:
             return Reason.NOT_RANDOM
@@ -102,7 +95,7 @@ class NoiseSelection(Generic[CauseT]):
     def doubt_of_tails(fitted: FittedModel[CauseT], own: Mask) -> str:
         """Return the reason to doubt that inputs ``own`` (B, H), whose prior is as wide as they scatter, do so in all
         epochs: a few large errors may have looked like gross errors before; empty where there is none."""
-        rest = residuals_of_inputs(fitted).standardised(own)
+        rest = fitted.input_residuals.standardised(own)
         return "" if log_odds_of_tails(rest[..., 0][own] ** 2, 1) < HEAVY else Reason.NOT_RANDOM
 
     def _doubt(self, rest: Array, mask: Mask, fitted: FittedModel[CauseT], tried: int, least: float) -> str:

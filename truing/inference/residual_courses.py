@@ -22,6 +22,7 @@ _FIELDS = 8  # smooth patterns over the places of a group, in addition to its co
 _SCALE_OF_FIELDS = 1.0  # length scale of the patterns, in standard deviations of the places
 _MOST_COURSES = 4  # of one group
 _DRAWS_OF_NOISE = 20
+_ROUNDING = 1e-6  # residuals of constant readings, in units of the noise
 _LEAST_SQUARES = 1e-300
 
 
@@ -41,16 +42,22 @@ class Residuals:
     is_course: bool
 
 
-def residuals_of(fitted: FittedModel[CauseT], first: FittedModel[CauseT]) -> Iterator[Residuals]:
+def residuals_of(
+    fitted: FittedModel[CauseT], first: FittedModel[CauseT], doubted_noise: Array | None = None
+) -> Iterator[Residuals]:
     """Yield the residuals to be explained. Where observations are numbers: one set per channel. In space: the courses
-    of each group. Shares are of the squares of a first model's residuals."""
+    of each group. Shares are of the squares of a first model's residuals.
+
+    ``doubted_noise`` (B, K): factors on the noise of the fits that may be an effect; residuals are without them.
+    """
     measured = fitted.measured
-    own = _groups_of_residuals(fitted)
-    squares = map(_squares, own if first is fitted else _groups_of_residuals(first))
+    factor = np.ones(measured.seen.shape) if doubted_noise is None else doubted_noise
+    own = _groups_of_residuals(fitted, factor)
+    squares = map(_squares, own if first is fitted else _groups_of_residuals(first, factor))
     for group, (rows, whole) in enumerate(zip(own, squares, strict=True)):
         if measured.size == 1:
             at = measured.seen[:, group] & np.isfinite(rows).all(1)
-            if at.any():
+            if at.any() and np.abs(rows[at]).max() > _ROUNDING:
                 share = min(1.0, _squares(rows) / max(whole, _LEAST_SQUARES))
                 yield Residuals((group,), at, rows[at], group, share, is_course=False)
             continue
@@ -59,21 +66,23 @@ def residuals_of(fitted: FittedModel[CauseT], first: FittedModel[CauseT]) -> Ite
             yield Residuals((), np.ones(len(rows), bool), course, group, share, is_course=True)
 
 
-def _groups_of_residuals(fitted: FittedModel[CauseT]) -> list[Array]:
+def _groups_of_residuals(fitted: FittedModel[CauseT], factor: Array) -> list[Array]:
     """Return residuals (B, q) by group. Where observations are numbers: those of each channel, NaN where unseen. In
     space: those of all inputs together, and for each group of channels those of the projection on smooth fields over
-    its places, along its own axes."""
+    its places, along its own axes. Residuals are multiplied by a factor (B, K)."""
     measured, whitened = fitted.measured, fitted.fit.whitened
     epochs, channels, size = measured.values.shape
     if size == 1:
-        return [fitted.standardised[:, channel] for channel in range(channels)]
+        scaled = fitted.standardised * factor[..., None]
+        return [scaled[:, channel] for channel in range(channels)]
     height = channels * size
     rest = whitened.rest[: epochs * (height + whitened.problem.local_value.shape[1])].reshape(epochs, -1)
     of_groups = [rest[:, height + fitted.input_rows.start : height + fitted.input_rows.stop]]
     axes = (
         measured.whitener @ fitted.fit.frames.R[:, None] @ fitted.model.rotations(fitted.fit.shared, fitted.fit.local)
     )
-    along = np.einsum("bkij,bki->bkj", axes, rest[:, :height].reshape(epochs, channels, size))
+    in_space = rest[:, :height].reshape(epochs, channels, size) * factor[..., None]
+    along = np.einsum("bkij,bki->bkj", axes, in_space)
     for group in np.unique(fitted.model.channel_groups):
         own = fitted.model.channel_groups == group
         fields = _fields(np.asarray(fitted.scene.shape, float)[own])

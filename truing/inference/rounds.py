@@ -2,7 +2,8 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Sequence
+from collections import Counter
+from collections.abc import Collection, Iterable, Sequence
 from dataclasses import dataclass, field, replace
 from functools import cached_property
 from itertools import combinations
@@ -135,12 +136,14 @@ class Round(Generic[CauseT]):
         """Return a candidate's log posterior odds against the model without it."""
         return self.scores[candidate.key].log_posterior
 
-    def probability_of_name(self, chosen: CauseCandidate[CauseT], later: Round[CauseT]) -> float:
+    def probability_of_name(
+        self, chosen: CauseCandidate[CauseT], later: Round[CauseT], ignored: Collection[str] = ()
+    ) -> float:
         """Return the probability of the kind of a candidate among all that explain the same, and none.
 
         ``later`` is the round after its acceptance. A candidate explains the same if it loses half of its squares
         there. Each kind has the sum of its candidates, since one of them is enough. A kind with as many parameters or
-        more that has the same effect is no alternative: no such campaign separates the two.
+        more that has the same effect is no alternative: no such campaign separates the two. Nor are ``ignored`` kinds.
         """
         squares = self.scores[chosen.key].squares
         odds: dict[str, list[float]] = {chosen.kind: [self.posterior(chosen)]}
@@ -152,6 +155,7 @@ class Round(Generic[CauseT]):
             )
             if (
                 key != chosen.key
+                and self.kinds[key] not in ignored
                 and squares_left <= _LOST * score.squares
                 and not (equal and self.kinds[key] != chosen.kind)
             ):
@@ -295,15 +299,16 @@ class Round(Generic[CauseT]):
         """Return the score of a candidate, also of one that is not yet proposed."""
         if candidate.key in self.scores or self.search is None:
             return self.scores[candidate.key]
-        along = self.search.pathways.along(self.fitted.fit.whitened.rest[None])[0]
-        return scores_of([candidate], self.fitted, along)[0]
+        return scores_of([candidate], self.fitted, self.search.pathways.residual)[0]
 
     @cached_property
     def _paired(self) -> list[CauseCandidate[CauseT]]:
         """Most probable candidates, a few of each kind."""
         taken: list[CauseCandidate[CauseT]] = []
+        of_kind: Counter[str] = Counter()
         for candidate in sorted(self.candidates, key=self.posterior, reverse=True):
-            if candidate.signature.rank and sum(c.kind == candidate.kind for c in taken) < _OF_A_KIND:
+            if candidate.signature.rank and of_kind[candidate.kind] < _OF_A_KIND:
+                of_kind[candidate.kind] += 1
                 taken.append(candidate)
         return taken[:_PAIRED]
 
@@ -365,8 +370,7 @@ def score_round(
 
 def scored(fitted: FittedModel[CauseT], search: Search[CauseT]) -> Round[CauseT]:
     """Return the round of a fitted model with the candidates of a search."""
-    along = search.pathways.along(fitted.fit.whitened.rest[None])[0]
-    scores = scores_of(search.candidates, fitted, along)
+    scores = scores_of(search.candidates, fitted, search.pathways.residual)
     by_key = {candidate.key: score for candidate, score in zip(search.candidates, scores, strict=True)}
     kinds = {candidate.key: candidate.kind for candidate in search.candidates}
     return Round(fitted, search.null, tuple(search.candidates), by_key, len(search.candidates), kinds, search)

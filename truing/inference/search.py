@@ -312,8 +312,7 @@ class Search(Generic[CauseT]):
     @cached_property
     def _best_rows(self) -> Array:
         """Directions (N, r) of the single candidate with the smallest p."""
-        along = self.pathways.along(self.pathways.whitened.rest[None])
-        squares, p_values = self.squares(along)[0], []
+        squares, p_values = self.squares(self.pathways.residual[None])[0], []
         for number, candidate in enumerate(self._visible_candidates):
             group = CandidateGroup(candidate.kind, candidate.signature.rank, candidate.signature.input_share)
             noise = self.noise.without(float(squares[number]), group.rank, group.input_share)
@@ -427,9 +426,8 @@ def search_of(
     """Return the search over all candidates of the kinds of cause, on the residuals of a fitted model."""
     pathways = fitted.pathways
     candidates, families = _proposed(fitted, pathways, kinds), _families(fitted, pathways, kinds)
-    along = pathways.along(fitted.fit.whitened.rest[None])[0]
     for family in families:
-        candidates += _best_members(fitted, pathways, family, along)
+        candidates += _best_members(fitted, pathways, family)
     shares = {kind.id: kind.share for kind in kinds}
     return Search(pathways, fitted.noise, candidates, families, shares, draws, rng, fitted.model.part_count)
 
@@ -481,11 +479,13 @@ def _families(fitted: FittedModel[CauseT], pathways: Pathways, kinds: Sequence[C
 
 
 def _best_members(
-    fitted: FittedModel[CauseT], pathways: Pathways, family: ChannelFamily[CauseT], along: Array
+    fitted: FittedModel[CauseT], pathways: Pathways, family: ChannelFamily[CauseT]
 ) -> list[CauseCandidate[CauseT]]:
     """Return the candidates over single channels with the most evidence, each channel at its best shape."""
     signatures = family.signatures
-    scores = signatures.scores(signatures.rotated.along(along[None][:, :, pathways.places[OBSERVED]]))[..., 0]
+    scores = signatures.scores(signatures.rotated.along(pathways.residual[None][:, :, pathways.places[OBSERVED]]))[
+        ..., 0
+    ]
     values, vectors = np.linalg.eigh(signatures.gram)
     strengths = np.sqrt(np.maximum(values, 1e-12))
     parts = np.einsum("stpr,stp->str", vectors, scores) / strengths

@@ -72,7 +72,7 @@ class SearchVerdicts(Generic[CauseT]):
         """Return one verdict per kind of cause, and one per further subject that was found. ``refuted``: verdicts on
         accepted causes that the final model no longer holds."""
         final, held_out = searched.final, self.search.fitter.held_out
-        verdicts = [verdict_on_known_cause(cause, searched.plain, held_out) for cause in self.search.given]
+        verdicts = [verdict_on_known_cause(cause, searched.plain, final, held_out) for cause in searched.given]
         for step in searched.kept:
             fits = step.before, step.after
             reported = accepted(step.round, step.candidate, step.cause, fits, final)
@@ -128,6 +128,12 @@ def contradiction(verdict: Verdict[CauseT]) -> Reason | None:
     left out are less probable with the cause (``ELSEWHERE``)."""
     is_elsewhere_worse = verdict.block_gain is not None and verdict.block_gain.log_gain < -np.log(RIVAL_FACTOR)
     return _unpaid(verdict) or (Reason.ELSEWHERE if is_elsewhere_worse else None)
+
+
+def is_unconfirmed(verdict: Verdict[CauseT]) -> bool:
+    """Return True if blocks left out gain next to nothing from a cause, though an effect of its size would show."""
+    gain = verdict.block_gain
+    return gain is not None and gain.log_gain < float(np.log(RIVAL_FACTOR)) and gain.is_far_below
 
 
 def _unpaid(verdict: Verdict[CauseT]) -> Reason | None:

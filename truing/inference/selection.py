@@ -8,7 +8,7 @@ on something, observations are weighted accordingly and the search is repeated.
 
 from __future__ import annotations
 
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Collection, Sequence
 from dataclasses import dataclass, field, replace
 from typing import Generic
 
@@ -37,6 +37,7 @@ _MOST_DEPENDENCES = 2
 _MOST_SCATTERS = 2
 _SEVERAL_PERIODS = 2
 _LEVEL_OF_COURSE = 0.05  # of a model that does not hold: odds of 20 to 1 that a course follows an input
+_OF_NAMES = (Reason.ALTERNATIVE, Reason.WEAK)  # doubts of a name, and not of the model
 _ADEQUACY = 8  # stream of random numbers
 
 
@@ -99,7 +100,7 @@ class _Left:
 class CauseSelection(Generic[CauseT]):
     """Search over a catalogue of causes for one campaign; ``run`` returns every verdict and the final model.
 
-    ``given`` are causes known before any search, such as exchanged labels; every model holds them.
+    ``given`` are causes known before any search, such as exchanged labels; every model of the search holds them.
     """
 
     def __init__(
@@ -124,25 +125,34 @@ class CauseSelection(Generic[CauseT]):
         holds, is_named = left.holds, found.is_named
         outdone, courses = outdone_causes(self._search, searched, verdicts, compares_courses=holds and is_named)
         is_clear = holds and is_named and not outdone and all(verdict.verdict != SUSPECTED for verdict in verdicts)
-        attributions = () if is_clear and searched.kept else self._attributed(searched, holds=holds)
+        attributions = (
+            ()
+            if is_clear and searched.kept
+            else self._attributed(
+                found, outdone if is_named else {step.cause.key for step in searched.kept}, holds=holds
+            )
+        )
         # What inputs predict is no scatter, though it may pass for one.
         is_named &= bool(searched.kept) or not attributions
         doubt = Reason.INADEQUATE if not holds else None if is_named else Reason.UNNAMED
         steps = {step.cause.key: step for step in searched.kept if not step.cause.catalogued}
         ratio, level = left.noise.ratio, self._search.settings.level
         weak = of_larger_noise(steps, verdicts, ratio, level) if left.is_noisier else set()
-        doubts = Doubts(doubt, outdone, courses, weak)
-        verdicts = [doubts.checked(verdict, searched.final, self._search.given) for verdict in verdicts]
+        with_rivals = {verdict.rival.key for verdict in verdicts if verdict.rival is not None}
+        doubts = Doubts(doubt, outdone, courses, weak, with_rivals)
+        verdicts = [doubts.checked(verdict, searched.final, searched.given) for verdict in verdicts]
         return self._diagnosis(kinds, found, left, verdicts, doubt, attributions)
 
     def _accounted(self, kinds: Sequence[CauseT]) -> _Accounted[CauseT]:
         """Return the search after noise that depends on something, and inputs that scatter, are accounted for."""
         search, noise = self._search, self._noise
         rounds = search.first_round(kinds)
-        noise_dependences = noise.noisy_periods(rounds[0], kinds)
+        scatter = noise.scatter(rounds[0].fitted, kinds)
+        outright = None if scatter is None else noise.outright_scatter(rounds[0], scatter)
+        # Scatter of inputs could explain the larger residuals of some time.
+        noise_dependences = noise.noisy_periods(rounds[0], kinds) if scatter is None else []
         if noise_dependences:
             rounds = search.first_round(kinds)
-        outright = None if noise_dependences else noise.outright_scatter(rounds[0], kinds)
         searched, scatters = self._searched_with_scatter(kinds, rounds, outright)
         before = len(noise_dependences)
         # A search that reached a limit leaves more than noise, so its residuals cannot show on what the noise depends.
@@ -180,7 +190,7 @@ class CauseSelection(Generic[CauseT]):
         """Return the diagnosis with the verdicts and a doubt of the whole model."""
         searched, fitter = found.searched, self._search.fitter
         # Where only the name is open the model is right all the same.
-        is_sure = doubt is None and all(v.verdict != SUSPECTED or v.reason is Reason.ALTERNATIVE for v in verdicts)
+        is_sure = doubt is None and all(v.verdict != SUSPECTED or v.reason in _OF_NAMES for v in verdicts)
         doubted = "" if is_sure else doubt or Reason.UNNAMED  # residuals of a doubtful model hold more than noise
         return CauseDiagnosis(
             tuple(sorted(verdicts, key=lambda verdict: verdict.rank)),
@@ -208,17 +218,27 @@ class CauseSelection(Generic[CauseT]):
         scene = searched.plain.scene
         return tuple(kind for kind in kinds if kind.id not in known and not scene.scatters(kind))
 
-    def _attributed(self, searched: Searched[CauseT], *, holds: bool) -> tuple[Attributed, ...]:
-        """Return the inputs that predict residuals of the plain model; a model with wrong causes may have absorbed
-        them. If the final model does not hold, the campaign is known to hold something else, and a larger level
-        suffices. Its own residuals are asked too: what it explains no longer hides the rest."""
+    def _attributed(
+        self, found: _Accounted[CauseT], outdone: Collection[str], *, holds: bool
+    ) -> tuple[Attributed, ...]:
+        """Return the inputs that predict residuals of the plain model with the causes that are not ``outdone`` (keys).
+
+        A model with wrong causes may have absorbed a dependence. If the final model does not hold, the campaign is
+        known to hold something else, and a larger level suffices. Its own residuals are asked too: what it explains no
+        longer hides the rest. Residuals are without a burst of noise that is only suspected: it may be an effect.
+        """
         self._search.progress("what the misfit follows")
+        searched, settings = found.searched, self._search.settings
+        bursts = [own.factor for own in found.noise_dependences if own.driver.cause and (own.doubt or not holds)]
+        doubted = np.prod(bursts, axis=0) if bursts else None
+        plain, level = searched.plain, settings.dependence_level
         if holds:
-            return attributed(
-                (searched.plain,), self._search.settings.dependence_level, self._search.settings.dependence_level
-            )
-        models = (searched.plain, searched.final) if searched.kept else (searched.plain,)
-        return attributed(models, self._search.settings.doubted_level, _LEVEL_OF_COURSE)
+            certain = [step.cause for step in searched.kept if step.cause.key not in outdone]
+            causes = (*searched.given, *certain)
+            model = self._search.fitter.comparable(causes, searched.final) if certain else plain
+            return attributed(plain, (model,), level, level, doubted)
+        models = (plain, searched.final) if searched.kept else (plain,)
+        return attributed(plain, models, settings.doubted_level, _LEVEL_OF_COURSE, doubted)
 
     def _searched_with_scatter(
         self,

@@ -24,13 +24,14 @@ def several_for_one(
     """Return the keys of accepted causes that share a subject and may be a single effect without a name.
 
     Together they are not clearly more probable than one nonparametric effect of their subject, among the candidates of
-    the ``last`` round. Or they are of one kind and ``move_alike``: a course has several steps.
+    the ``last`` round. Or they are of one kind and ``move_alike``: a course has several steps. Not so where the machine
+    sets their shapes, such as the periods of a turn.
     """
     named = [one for one in accepted if one[0].catalogued]
     found: set[str] = set()
     for first, second in combinations([cause for cause, _, _ in named], 2):
         is_one_kind = (first.subject, first.id) == (second.subject, second.id)
-        if is_one_kind and move_alike(first, second):
+        if is_one_kind and not (first.has_set_shape and second.has_set_shape) and move_alike(first, second):
             found |= {first.key, second.key}
     for subject in {cause.subject for cause, _, _ in named}:
         own = [one for one in named if one[0].subject == subject]

@@ -124,6 +124,11 @@ class Pathways:
         return np.ascontiguousarray(parts)  # else every bank of candidates would copy them
 
     @cached_property
+    def residual(self) -> Array:
+        """Parts (B, C) of the fit's residual along the pathways."""
+        return np.asarray(self.along(self.whitened.rest[None])[0])
+
+    @cached_property
     def _rough(self) -> Array:
         return self.columns.astype(np.float32)
 

@@ -36,10 +36,12 @@ class Reason(StrEnum):
     ENDED = "ended"  # significant, but the search reached a limit first
     INADEQUATE = "inadequate"  # the final model does not hold as a whole
     ALTERNATIVE = "alternative"  # another cause may explain the same
+    WEAK = "weak"  # significant, but hardly more probable than no effect
     UNNAMED = "unnamed"  # it may be a part of a nonparametric or unknown effect
     COURSE = "course"  # a random course of the same effect is as probable, or acts next to it
     NOT_RANDOM = "not-random"  # its errors repeat, depend on an input, or are a few large ones, unlike scatter
     UNPAID = "unpaid"  # predictions do not improve with it
+    UNCONFIRMED = "unconfirmed"  # blocks of epochs left out gain far less from it than from an effect of its size
     ELSEWHERE = "elsewhere"  # blocks of epochs left out are less probable with it
 
 
@@ -157,9 +159,13 @@ def accepted(
 
 
 def verdict_on_known_cause(
-    cause: CauseT, plain: FittedModel[CauseT], held_out: Epochs[ConditionsLike] | None
+    cause: CauseT, plain: FittedModel[CauseT], final: FittedModel[CauseT], held_out: Epochs[ConditionsLike] | None
 ) -> Verdict[CauseT]:
-    """Return the verdict on a cause that was known before any search and is part of the plain model."""
+    """Return the verdict on a cause that was known before any search and is part of the plain and the final model.
+
+    Errors are those of the plain model without and with it. Its size, and the p-value of that size among those of all
+    subjects of its kind, are those of the final model.
+    """
     others = tuple(other for other in plain.causes if other is not cause)
     model = plain.model.with_causes(others)
     shared = plain.model.embedded(plain.fit.shared, model)
@@ -169,11 +175,12 @@ def verdict_on_known_cause(
         there = plain.held_out.model.with_causes(others)
         held_out_error = prediction_error(there, held_out.measured, held_out.frames, shared)
     gain = float(np.sum(error_without.squares) - np.sum(plain.error.squares))
-    values, covariance = plain.values(cause)
+    values, covariance = final.values(cause)
+    candidates = max(len(final.scene.candidates(cause)), 1) if len(values) else 1
     return Verdict(
         cause,
         FOUND,
-        LEAST_P,
+        _p_value_of_size(cause, values, covariance, candidates),
         1.0,
         gain / 2.0,
         float(np.sqrt(max(gain, 0.0))),
@@ -184,9 +191,20 @@ def verdict_on_known_cause(
         plain.floor,
         values,
         covariance,
-        1,
+        candidates,
         own=plain,
     )
+
+
+def _p_value_of_size(cause: CauseT, values: Array, covariance: Array, candidates: int) -> float:
+    """Return the p-value of fitted values (P,) by Wald's test, corrected for the candidates; the least without any."""
+    if not len(values):
+        return LEAST_P
+    from scipy.special import chdtrc
+
+    whole = cause.with_known_part(values)
+    squares = float(whole @ np.linalg.solve(covariance, whole))
+    return float(np.clip(candidates * chdtrc(len(values), squares), LEAST_P, 1.0))
 
 
 def after_first_step(

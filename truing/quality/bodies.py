@@ -298,7 +298,7 @@ def repeated_positions(bodies: Sequence[BodyView], *, instrument_stood: bool) ->
         if len(body.survey.targets) < _LEAST_TARGETS:
             yield from _reflectors(reference, body)
         elif reference is not None:
-            position, cov = _in_frame(reference, body.fit.t, _measured_cov(body)[:, :3, :3])
+            position, cov = _points_in_frame(reference, body.fit.t, _measured_cov(body)[:, :3, :3])
             yield RepeatedPositions(body.name, position, cov, reference.fit.ok & body.fit.ok)
         elif instrument_stood:
             cov = np.nan_to_num(_measured_cov(body)[:, :3, :3])
@@ -309,7 +309,7 @@ def _reflectors(reference: BodyView | None, body: BodyView) -> Iterator[Repeated
     for k, target in enumerate(body.survey.targets):
         points, cov, known = body.points.points[:, k], body.points.cov[:, k], body.points.seen[:, k]
         if reference is not None:
-            points, cov = _in_frame(reference, points, cov)
+            points, cov = _points_in_frame(reference, points, cov)
             known = known & reference.fit.ok
         yield RepeatedPositions(f"{body.name} {target}", points, cov, known)
 
@@ -325,7 +325,7 @@ def _measured_cov(body: BodyView) -> Array:
     return np.asarray(body.fit.covariance * share[:, None, None])
 
 
-def _in_frame(reference: BodyView, points: Array, cov: Array) -> tuple[Array, Array]:
+def _points_in_frame(reference: BodyView, points: Array, cov: Array) -> tuple[Array, Array]:
     """Return points (B, 3) with covariances (B, 3, 3) in the frame of a body, with its own covariance to
     first order."""
     turn = np.swapaxes(np.nan_to_num(reference.fit.R), 1, 2)

@@ -50,27 +50,27 @@ def _collected(found: list[_Response], *, simulated: bool) -> RunResponses:
 
 def run_responses(view: LoadingView) -> RunResponses:
     """Return the responses of all runs and channels that are clear enough to be compared."""
-    found = []
+    runs = []
     for channel in view.channels:
         for own, run in zip(channel.of_runs, channel.runs.tolist(), strict=True):
             rows = channel.rows[own]
             drive, kind = _drive(view, channel, run, rows)
             if drive is not None and len(rows) >= FEWEST:
-                found.append((channel.name, run, *slope_of(drive, view.steps.reading[rows, channel.place]), kind))
-    return _collected(found, simulated=view.simulated is not None)
+                runs.append((channel.name, run, *slope_of(drive, view.steps.reading[rows, channel.place]), kind))
+    return _collected(runs, simulated=view.simulated is not None)
 
 
 def signal_responses(view: LoadingView) -> RunResponses:
     """Return the responses of signals to the loads of runs under one axis; a kind is an axis and a signal."""
-    steps, found = view.steps, []
+    steps, runs = view.steps, []
     for run in np.flatnonzero(view.loaded_alone).tolist():
         axis = int(view.axis[run])
         for at, name in enumerate(steps.signals):
             rows = np.flatnonzero((steps.run == run) & np.isfinite(steps.signal[:, at]))
             if len(rows) >= FEWEST:
                 kind = len(steps.signals) * axis + at
-                found.append((name, run, *slope_of(steps.load[rows, axis], steps.signal[rows, at]), kind))
-    return _collected(found, simulated=False)
+                runs.append((name, run, *slope_of(steps.load[rows, axis], steps.signal[rows, at]), kind))
+    return _collected(runs, simulated=False)
 
 
 def _drive(view: LoadingView, channel: ChannelView, run: int, rows: Index) -> tuple[Array | None, int]:
@@ -92,12 +92,12 @@ def slope_of(drive: Array, reading: Array) -> tuple[float, float]:
     return value, float(np.sqrt(left @ left / max(len(x) - 2, 1) / square))
 
 
-def beyond_simulation(found: RunResponses, excluded: Index) -> list[int]:
+def beyond_simulation(responses: RunResponses, excluded: Index) -> list[int]:
     """Return the responses whose size differs from the simulation by more than any sensor can."""
-    if not found.simulated:
+    if not responses.simulated:
         return []
-    size = np.abs(found.slope)
-    clear = found.sigma < _BEYOND_SIGMA * size
+    size = np.abs(responses.slope)
+    clear = responses.sigma < _BEYOND_SIGMA * size
     apart = clear & ((size > _BEYOND) | (size < 1.0 / _BEYOND))
     return [int(at) for at in np.flatnonzero(apart) if at not in excluded]
 
@@ -112,21 +112,21 @@ def typical_size(value: Array, kind: Index) -> Array:
     return out
 
 
-def sign_reversed(found: RunResponses, share: float) -> list[int]:
+def sign_reversed(responses: RunResponses, share: float) -> list[int]:
     """Return the responses with the opposite sign to the simulated one, or to most of their kind."""
-    slope, sigma, kind, count = found.slope, found.sigma, found.kind, len(found.slope)
-    if found.simulated:  # each by itself, because all of them may have the wrong sign
+    slope, sigma, kind, count = responses.slope, responses.sigma, responses.kind, len(responses.slope)
+    if responses.simulated:  # each by itself, because all of them may have the wrong sign
         slope, sigma = np.append(slope, np.ones(count)), np.append(sigma, np.full(count, _EXACT))
         kind = np.tile(np.arange(count), 2)
     return [int(at) for at in signs_flipped(slope, sigma, kind, share).where if at < count]
 
 
-def same_sign(found: RunResponses, share: float) -> Mask:
+def same_sign(responses: RunResponses, share: float) -> Mask:
     """Return the responses (G,) that clearly have the sign of the simulated one, or of another of their kind."""
-    sure = signs_sure(found.slope, found.sigma, share)
-    if found.simulated:
-        return sure & (found.slope > 0.0)
-    groups = np.unique(np.stack([found.kind, found.slope > 0.0]), axis=1, return_inverse=True)[1].ravel()
+    sure = signs_sure(responses.slope, responses.sigma, share)
+    if responses.simulated:
+        return sure & (responses.slope > 0.0)
+    groups = np.unique(np.stack([responses.kind, responses.slope > 0.0]), axis=1, return_inverse=True)[1].ravel()
     return sure & (np.bincount(groups, sure)[groups] > 1)
 
 

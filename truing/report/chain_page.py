@@ -182,13 +182,15 @@ def _on_repeats(repeated: pd.DataFrame | None) -> tuple[tuple[str, str], ...]:
         why = "Pose accuracy and repeatability by ISO 9283 are not tested: no measured pose was repeated."
         return (("none", f"{why} {_REPEAT}"),)
     fewest = int(repeated["attained"].min())
-    found = []
+    sentences = []
     if fewest < _REPEATS:
-        found.append(("warn", f"The fewest repeats of a pose are {fewest}; ISO 9283 asks for {_REPEATS}. {_REPEAT}"))
+        sentences.append(
+            ("warn", f"The fewest repeats of a pose are {fewest}; ISO 9283 asks for {_REPEATS}. {_REPEAT}")
+        )
     if not repeated["figure"].str.startswith("vAP").any():
         why = "Multi-directional variation vAP is not tested: no pose was repeated twice from each of two directions."
-        found.append(("none", why))
-    return tuple(found)
+        sentences.append(("none", why))
+    return tuple(sentences)
 
 
 _ISO_HEADS = (

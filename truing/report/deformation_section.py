@@ -10,6 +10,7 @@ import plotly.graph_objects as go
 
 from truing.belonging.relation import RelationState
 from truing.report.coefficient_map import cells_of, coefficient_map, matrix_axes, significant
+from truing.report.error_figures import error_figure_words
 from truing.report.figure_style import BAR, BLUE, GREEN, ORANGE, RED, label, panel_grid, style
 from truing.report.heads import FIGURE, VALUE, Head
 from truing.report.in_plane_section import directions, in_plane_maps, in_plane_sentence, in_plane_test
@@ -197,7 +198,7 @@ def _sentence(tables: Tables) -> str:
     if ("none", "share_buckle") in facts:
         lift, tilt, buckle = (100 * float(facts[("none", f"share_{s}")]) for s in ("lift", "tilt", "buckle"))
         words.append(
-            f"Of the mean square shift {lift:.0f} % is lift, {tilt:.0f} % tilt and {buckle:.0f} % buckling of the ring."
+            f"The mean square shift is {lift:.0f} % lift, {tilt:.0f} % tilt and {buckle:.0f} % buckling of the ring."
         )
     words += in_plane_sentence(_facts(tables))
     if ("matrix", "modulo_plane") in facts and float(facts[("matrix", "modulo_plane")]):
@@ -212,7 +213,7 @@ def _errors(tables: Tables) -> Listing:
             r.model,
             "all" if r.leg != r.leg else f"leg {int(r.leg)}",
             cell(getattr(r, "subject", None)),
-            r.figure.replace("_", " "),
+            error_figure_words(r.figure),
             p_value(r.value) if "p_value" in r.figure else quantity(r.value, r.unit),
         )
         for r in tables["deformation_errors"].itertuples()
@@ -225,7 +226,7 @@ def _errors(tables: Tables) -> Listing:
         VALUE,
     )
     return Listing(
-        heads, rows, caption="Error figures of every model", folded=True, held_by="deformation_errors.parquet"
+        heads, rows, caption="Errors and tests of every model", folded=True, held_by="deformation_errors.parquet"
     )
 
 

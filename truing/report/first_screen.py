@@ -37,6 +37,7 @@ def first_screen(tables: Tables, about: CampaignFacts) -> FirstScreen:
         ("data", counts(tables)),
         ("laboratory", about.laboratory),
         ("customer", about.customer),
+        ("operator", about.operator),
         ("page", ", ".join(filter(None, (about.made, f"truing {about.version}" if about.version else "")))),
     )
     shown = tuple((what, value) for what, value in facts if value)
@@ -124,7 +125,9 @@ def counts(tables: Tables) -> str:
     if configurations is not None:
         roles = ", ".join(f"{n:,} {role}" for role, n in configurations["role"].value_counts().items())
         unit = "pose" if table_or_none(tables, "axis_errors") is None else "row"
-        parts.append(f"{count(len(configurations), unit)} ({roles})")
+        out = gross_errors_of_axis(tables)
+        left = f"; {count(out, 'gross error')} left out" if out else ""
+        parts.append(f"{count(len(configurations), unit)} ({roles}){left}")
     elif points is not None:
         parts.append(count(points["pose"].nunique(), "pose"))
     if points is not None:
@@ -142,6 +145,12 @@ def counts(tables: Tables) -> str:
     return "; ".join(parts)
 
 
+def gross_errors_of_axis(tables: Tables) -> int:
+    """Return the number of readings of an axis that the diagnosis left out as gross errors; 0 for other campaigns."""
+    rows = table_or_none(tables, "diagnosis_left_out")
+    return 0 if rows is None or table_or_none(tables, "axis_errors") is None else len(rows)
+
+
 def _left_out(tables: Tables) -> str:
     residuals = table_or_none(tables, "residuals")
     out = 0 if residuals is None else int(residuals["rejected"].sum())
@@ -155,7 +164,8 @@ def _change(tables: Tables) -> ErrorChange | None:
     if not errors:
         return None
     one, of = errors[0], part_names(tables)
-    *sigma, note = _sigmas(one, of, tables, max(error.freedom for error in errors))
+    # Rows left out in turn have no rows of their own: their number is that of the fitted ones.
+    *sigma, note = _sigmas(one, of, tables, one.freedom or max(error.freedom for error in errors))
     before, after = (_size(size, s, one.unit) for size, s in zip((one.before, one.after), sigma, strict=True))
     what = f"rms of measured minus predicted, {of.held_out if one.held_out else of.fitted}"
     floor = "" if one.floor is None else _size(one.floor, None, one.unit)

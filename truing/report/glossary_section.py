@@ -47,7 +47,7 @@ def glossary_section(
     causes |= {NOISE_ALONE: ("The measurements scatter otherwise than declared, without a mean effect.", "unexplained")}
     listings = [
         defined(
-            "check", _CHECK_HEADS, {name: _of_check(one) for name, one in checks.items()}, named_in(every, "check")
+            "check", _CHECK_HEADS, {name: _of_check(check) for name, check in checks.items()}, named_in(every, "check")
         ),
         defined("cause", _CAUSE_HEADS, causes, named_in(every, "cause")),
         defined(

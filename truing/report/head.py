@@ -5,7 +5,7 @@ from __future__ import annotations
 from truing.belonging.relation import RelationState
 from truing.report.calibration.with_findings import choice_verdicts
 from truing.report.diagnosis.words import diagnosis_details
-from truing.report.first_screen import first_screen
+from truing.report.first_screen import first_screen, gross_errors_of_axis
 from truing.report.numbers import quantity
 from truing.report.page import NO_FACTS, CampaignFacts, PageHead, Verdict
 from truing.report.section_verdict import SectionVerdict, verdict_rows
@@ -46,10 +46,10 @@ def _lines(rows: dict[str, SectionVerdict], tables: Tables) -> list[Verdict]:
     details = diagnosis_details(tables)
     if lead.explanation == _explanation(rows, "diagnosis"):
         lines += details
-    for one in sorted(others, key=lambda one: _URGENCY[one.state]):
-        if _has_line(one):
-            lines.append((one.mark, one.explanation))
-        if one.section == "diagnosis":
+    for other in sorted(others, key=lambda one: _URGENCY[one.state]):
+        if _has_line(other):
+            lines.append((other.mark, other.explanation))
+        if other.section == "diagnosis":
             lines += details
     return [*lines, *choice_verdicts(tables), *_passed_sections(others)]
 
@@ -71,7 +71,9 @@ def _has_line(section_verdict: SectionVerdict) -> bool:
 
 
 def _passed_sections(others: list[SectionVerdict]) -> list[Verdict]:
-    named = [_TOGETHER[one.section] for one in others if one.section in _TOGETHER and one.state == RelationState.OK]
+    named = [
+        _TOGETHER[other.section] for other in others if other.section in _TOGETHER and other.state == RelationState.OK
+    ]
     return [("pass", f"Other tests passed: {', '.join(named)}.")] if named else []
 
 
@@ -83,4 +85,5 @@ def _positioning_tiles(tables: Tables) -> list[tuple[str, str]]:
     selected = rows[rows["subject"].isna() & rows["figure"].isin(list(_OF_AXES))]
     selected = selected[selected["run"].isin(selected["run"].unique()[:_FEW_AXES])]
     shown = zip(selected["run"], selected["figure"], selected["value"], selected["unit"], strict=True)
-    return [(f"{_OF_AXES[figure]}, {run}", quantity(value, unit)) for run, figure, value, unit in shown]
+    with_all = ", gross errors included" if gross_errors_of_axis(tables) else ""
+    return [(f"{_OF_AXES[figure]}, {run}{with_all}", quantity(value, unit)) for run, figure, value, unit in shown]

@@ -191,7 +191,7 @@ def _sigmas(legs: pd.DataFrame) -> Listing:
     cells: dict[str, dict[float, str]] = {}
     for r in reported.itertuples():
         cells.setdefault(str(r.combination).removesuffix(str(int(r.leg))), {})[r.leg] = plain(r.value)
-    rows = tuple((symbols(name), *(own.get(leg, "") for leg in numbers)) for name, own in cells.items())
+    rows = tuple((symbols(name), *(cell.get(leg, "") for leg in numbers)) for name, cell in cells.items())
     caption = "Standard deviation of each parameter from the data alone, in tolerances (a dash: not determined)"
     return Listing((PARAMETER, *(leg_head(int(leg)) for leg in numbers)), rows, caption=caption, folded=True)
 

@@ -7,6 +7,8 @@ from dataclasses import dataclass, field
 from enum import StrEnum
 from typing import TYPE_CHECKING
 
+from truing.schemas.stage_cost import StageCost
+
 if TYPE_CHECKING:
     import plotly.graph_objects as go
 
@@ -80,12 +82,14 @@ class ReportSection:
 
 @dataclass(frozen=True)
 class RawFileFacts:
-    """A raw file: name in the campaign's folder, size in bytes, lines (None of a file that is no text), and SHA-256."""
+    """A raw file: name in the campaign's folder, bytes, lines (None of a file that is no text), SHA-256, and when it
+    was last changed."""
 
     name: str
     size: int
     lines: int | None
     digest: str
+    changed: str = ""
 
 
 @dataclass(frozen=True)
@@ -100,6 +104,7 @@ class CampaignFacts:
     title: str = ""
     laboratory: str = ""
     customer: str = ""
+    operator: str = ""  # who measured
     logo: str = ""
     item: str = ""  # what is calibrated, as [certificate] names it
     machine: str = ""
@@ -112,6 +117,7 @@ class CampaignFacts:
     software: tuple[tuple[str, str], ...] = ()
     persons: tuple[tuple[str, str], ...] = ()
     files: tuple[RawFileFacts, ...] = ()
+    costs: tuple[StageCost, ...] = ()  # of the stages before the page
 
 
 NO_FACTS = CampaignFacts()

@@ -27,6 +27,7 @@ from truing.report.numbers import count, quantity, with_uncertainty
 from truing.report.page import Listing, ReportSection
 from truing.report.section_verdict import SectionVerdict
 from truing.report.tables import SIGMA, Tables, table_or_none
+from truing.report.wordings.claim import listed
 from truing.schemas.verdict import ReasonCode
 
 _METHODS = {
@@ -36,6 +37,7 @@ _METHODS = {
     "measured": "measurement of the poses themselves",
 }
 
+_FEWEST = 3  # points that determine a pose
 # From this number of poses on, boxes are drawn without points.
 _POINTS_SHOWN = 60
 
@@ -48,10 +50,10 @@ def poses(tables: Tables) -> ReportSection | None:
         return ReportSection("poses", "Poses", "The campaign has no object points.", state="not evaluated")
     chosen = tables["poses"][tables["poses"]["default"]]
     good = chosen[chosen["status"] == "ok"]
-    lost = chosen[chosen["status"] != "ok"]
+    lost = chosen[chosen["status"].ne("ok") & ~_used_as_points(tables, chosen)]
     listings = [_undetermined_poses(lost)] if len(lost) else []
     listings.append(_all_poses(chosen))
-    return ReportSection("poses", "Poses", _opening_sentences(chosen, good), _figures(tables, good), tuple(listings))
+    return ReportSection("poses", "Poses", _opening_sentences(tables, chosen), _figures(tables, good), tuple(listings))
 
 
 def poses_verdict(tables: Tables, _: Mapping[str, SectionVerdict]) -> SectionVerdict | None:
@@ -60,14 +62,35 @@ def poses_verdict(tables: Tables, _: Mapping[str, SectionVerdict]) -> SectionVer
     if table is None:
         return None
     chosen = table[table["default"]]
-    good = chosen[chosen["status"] == "ok"]
-    lost, text = float(len(chosen) - len(good)), _opening_sentences(chosen, good)
+    as_points = _used_as_points(tables, chosen)
+    text = _opening_sentences(tables, chosen)
+    if len(chosen) and as_points.all():
+        return SectionVerdict("poses", RelationState.NOT_TESTED, ReasonCode.NOT_EVALUATED, text)
+    lost = float((chosen["status"].ne("ok") & ~as_points).sum())
     if lost:
         return SectionVerdict("poses", RelationState.ATTENTION, ReasonCode.POSES_LOST, text, lost, "1")
     return SectionVerdict("poses", RelationState.OK, ReasonCode.COMPLETE, text, lost, "1")
 
 
-def _opening_sentences(chosen: pd.DataFrame, good: pd.DataFrame) -> str:
+def _used_as_points(tables: Tables, chosen: pd.DataFrame) -> pd.Series:
+    """Return True for rows of bodies of a chain that never show three targets: the chain is fitted to their points."""
+    if "joints" not in tables:
+        return pd.Series(data=False, index=chosen.index)
+    return chosen.groupby("body")["n_used"].transform("max") < _FEWEST
+
+
+def _opening_sentences(tables: Tables, chosen: pd.DataFrame) -> str:
+    as_points = _used_as_points(tables, chosen)
+    if not as_points.any():
+        return _of_fitted(chosen)
+    names = list(dict.fromkeys(chosen.loc[as_points, "body"]))
+    verb = "has" if len(names) == 1 else "have"
+    fewer = f"{listed(names)} {verb} fewer than three targets: no pose is computed, and the points are used directly."
+    return fewer if as_points.all() else f"{_of_fitted(chosen[~as_points])} {fewer}"
+
+
+def _of_fitted(chosen: pd.DataFrame) -> str:
+    good = chosen[chosen["status"] == "ok"]
     bodies = count(good["body"].nunique(), "body")
     methods = ", ".join(_METHODS.get(m, m) for m in good["method"].unique())
     lead = f"{count(len(good), 'pose')} of {bodies}" + (f" by {methods}" if methods else "")

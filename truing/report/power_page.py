@@ -64,9 +64,9 @@ def alarm_words(rates: pd.DataFrame) -> str:
     if not len(alarms):
         return ""
     row = alarms.iloc[0]
-    found, tried = round(row["found"] * row["campaigns"]), int(row["campaigns"])
+    watched, tried = round(row["found"] * row["campaigns"]), int(row["campaigns"])
     bounds = f"{100 * row['found_lower']:.1f} to {100 * row['found_upper']:.1f} %"
-    return f"False alarms: an effect was found in {found} of {tried} campaigns without any effect ({bounds})."
+    return f"False alarms: an effect was found in {watched} of {tried} campaigns without any effect ({bounds})."
 
 
 @figure_template()

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Collection, Mapping
 from typing import Any
 
 import pandas as pd
@@ -71,11 +71,13 @@ def belonging_verdict(tables: Tables, _: Mapping[str, SectionVerdict]) -> Sectio
         numbers = _number(first["misfit"]), cell(first["unit"]) or None, _number(first["limit"])
         return SectionVerdict("belonging", RelationState.ATTENTION, ReasonCode.DEPARTS, text, *numbers)
     untested = by_state[RelationState.NOT_TESTED]
-    rest = f" Not tested: {_relation_names(untested)}." if len(untested) else ""
+    partly = set(untested["relation"]) & set(by_state[RelationState.OK]["relation"])
+    rest = f" Not tested: {_relation_names(untested, partly)}." if len(untested) else ""
     if not len(by_state[RelationState.OK]):
         text = f"It was not tested whether the tables belong together.{rest}"
         return SectionVerdict("belonging", RelationState.NOT_TESTED, ReasonCode.NOT_EVALUATED, text)
-    text = f"The data belong together, as far as tested: {_relation_names(by_state[RelationState.OK])}.{rest}"
+    tested = _relation_names(by_state[RelationState.OK], partly)
+    text = f"The data belong together, as far as tested: {tested}.{rest}"
     return SectionVerdict("belonging", RelationState.OK, ReasonCode.BELONG, text)
 
 
@@ -103,8 +105,13 @@ def _contradicting_tables(failed: pd.DataFrame) -> SectionVerdict:
     return _of_checks("belonging", RelationState.FAILS, ReasonCode.DO_NOT_BELONG, " ".join(sentences), failed)
 
 
-def _relation_names(relations: pd.DataFrame) -> str:
-    return listed([RELATIONS[str(name)].lower() for name in dict.fromkeys(relations["relation"])], sep="; ")
+def _relation_names(relations: pd.DataFrame, partly: Collection[str] = ()) -> str:
+    """Return relations in words, those of ``partly``, which were tested for some subjects only, with their subjects."""
+    words = []
+    for name, rows in relations.groupby("relation", sort=False):
+        subjects = [str(subject) for subject in rows["subject"] if subject] if name in partly else []
+        words.append(RELATIONS[str(name)].lower() + (f" ({listed(subjects)})" if subjects else ""))
+    return listed(words, sep="; ")
 
 
 def _of_checks(

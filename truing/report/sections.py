@@ -14,6 +14,7 @@ from typing import TYPE_CHECKING
 from truing.report.heads import Head, term_head
 from truing.report.page import NO_FACTS, CampaignFacts, Depth, Listing, ReportSection
 from truing.schemas.installed import with_installed
+from truing.schemas.stage_cost import StageCost
 
 if TYPE_CHECKING:
     from truing.report.section_verdict import SectionVerdict
@@ -126,7 +127,11 @@ def build_sections(
 
     bench = is_bench(tables) or "displacement" in tables or ("positioning" in tables and "configurations" not in tables)
     absent = untested_sections(tables)
-    wanted = [one for one in page_sections() if one.bench in (None, bench) and one.name not in absent]
+    wanted = [
+        page_section
+        for page_section in page_sections()
+        if page_section.bench in (None, bench) and page_section.name not in absent
+    ]
     with figure_template():
         drawn = {section.name: _drawn(section, tables) for section in wanted}
     shown = [drawn[section.name] or _note_for_missing(section, drawn, tables) for section in wanted]
@@ -204,14 +209,27 @@ _ARTIFACT_HEADS = (
 _FILE_HEADS = (
     Head("file", "Raw file in the folder of the campaign."),
     Head("bytes", "Size of the file."),
+    Head("last change (UTC)", "When the file was last written, by the file system."),
     Head("lines", "Number of lines of a text file, heads and comments included."),
     Head("SHA-256", "Digest of the file's content; equal files have equal digests."),
+)
+_COST_HEADS = (
+    term_head("stage"),
+    Head("time (s)", "Time that the stage took when it last ran; a stage that is up to date does not run again."),
+    Head("memory (MB)", "Largest memory of the main process during the stage; – where the system does not say it."),
+    Head("processes", "Number of processes that the stage could use."),
 )
 _PERSON_HEADS = (
     Head("name", "Person as [[certificate.persons]] names it."),
     Head("role", "Role of the person in the laboratory."),
 )
 _OPEN = 12  # raw files that are not folded
+
+
+def _cost(cost: StageCost) -> tuple[str, ...]:
+    """Return the cells of what a stage took."""
+    memory = "–" if cost.memory_bytes is None else f"{cost.memory_bytes / 1e6:,.0f}"
+    return cost.stage, f"{cost.seconds:.2f}", memory, str(cost.workers)
 
 
 def _provenance(provenance: Mapping[str, Mapping[str, str]], about: CampaignFacts) -> ReportSection:
@@ -236,12 +254,13 @@ def _provenance(provenance: Mapping[str, Mapping[str, str]], about: CampaignFact
             about.software,
             caption="Software that made this page",
         ),
+        Listing(_COST_HEADS, tuple(map(_cost, about.costs)), caption="Run: time and memory of each stage"),
         Listing(_ARTIFACT_HEADS, rows, caption="Artifacts"),
         Listing(
             _FILE_HEADS,
             tuple(
-                (file.name, f"{file.size:,}", "" if file.lines is None else f"{file.lines:,}", file.digest)
-                for file in about.files
+                (one.name, f"{one.size:,}", one.changed, "" if one.lines is None else f"{one.lines:,}", one.digest)
+                for one in about.files
             ),
             caption=f"Raw files ({len(about.files):,})",
             folded=len(about.files) > _OPEN,

@@ -26,8 +26,8 @@ _HEADS = (
     Head("value", "Number with its unit, and its uncertainty where it has one."),
 )
 _Row = tuple[str, str, str, str]
-_ERRORS = "Errors: each row is another quantity, so the values need not agree"
-_SHAPES = "K by three estimates: of one quantity, from other data or with other free parameters"
+_ERRORS = "Errors: each row is a different quantity, so the values need not agree"
+_SHAPES = "K by three estimates of one quantity: from different data, or with different free parameters"
 _DEFORMATION = {"none": "without a model", "linear": "after the linear model", "matrix": "after the matrix model"}
 _OF_BENCH = {"none": "without a model", "linear": "after a diagonal compliance", "matrix": "after a full compliance"}
 _ESTIMATES = (

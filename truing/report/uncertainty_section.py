@@ -20,10 +20,10 @@ _TITLE = "Statement of uncertainty"
 KINDS = {
     "pose": "Poses",
     "tip": "Predicted poses of the tip",
-    "calibration": "Numbers of the mechanism",
+    "calibration": "Parameters of the mechanism",
     "cause": "Sizes of the causes that were found",
     "compliance": "Compliance",
-    "G_B": "Matrix of the sensor",
+    "G_B": "Calibration matrix of the sensor",
     "G_B'": "Matrix from forces of the cells to the wrench",
     "load": "Loads from one reading",
     "accuracy": "Held-out accuracy",

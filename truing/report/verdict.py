@@ -67,9 +67,9 @@ def leading(verdicts: Mapping[str, SectionVerdict]) -> SectionVerdict | None:
         *_verdicts_in_state(verdicts, RelationState.FAILS, SECTIONS),
         *_verdicts_in_state(verdicts, RelationState.ATTENTION, _attention_order(verdicts)),
         *(
-            one
-            for one in _verdicts_in_state(verdicts, RelationState.NOT_TESTED, _LEADS)
-            if one.reason_code in _TO_ACT_ON
+            verdict
+            for verdict in _verdicts_in_state(verdicts, RelationState.NOT_TESTED, _LEADS)
+            if verdict.reason_code in _TO_ACT_ON
         ),
         *_verdicts_in_state(verdicts, RelationState.OK, _OF_MACHINE),
         *_verdicts_in_state(verdicts, RelationState.ATTENTION, ("deformation",)),
@@ -89,7 +89,7 @@ def _verdicts_in_state(
 def _attention_order(verdicts: Mapping[str, SectionVerdict]) -> tuple[str, ...]:
     """Return the order of sections that need attention; the diagnosis comes first if noise is declared wrong. Tables
     that hardly match come before a model that is incomplete because of it."""
-    codes = {name: one.reason_code for name, one in verdicts.items()}
+    codes = {name: verdict.reason_code for name, verdict in verdicts.items()}
     incomplete = "adequacy" in verdicts and verdicts["adequacy"].state != RelationState.OK
     if codes.get("belonging") == ReasonCode.DEPARTS and incomplete:
         return ("belonging", *_LEADS)

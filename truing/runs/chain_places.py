@@ -33,18 +33,18 @@ def chain_places(frames: Mapping[str, pd.DataFrame]) -> dict[str, pd.DataFrame]:
     readings = _readings(tree, frames["configurations"])
     if readings is None or not len(readings):
         return {}
-    found, tip = tree.frames(readings.to_numpy(float)), _tip(tree, frames)
+    frames_found, tip = tree.frames(readings.to_numpy(float)), _tip(tree, frames)
     parts = [joints[["joint", "link", "below", "joint_kind"]].reset_index(drop=True)]
-    own = np.stack([found.R[0, k] @ node.axis for k, node in enumerate(tree.nodes)])
+    directions = np.stack([frames_found.R[0, k] @ node.axis for k, node in enumerate(tree.nodes)])
     for values, names in (
-        (found.t[0] * _MM, ["x_mm", "y_mm", "z_mm"]),
-        (found.origin[0] * _MM, ["ox_mm", "oy_mm", "oz_mm"]),
-        (own, ["ax", "ay", "az"]),
-        (found.R[0].reshape(tree.size, 9), _ENTRIES),
+        (frames_found.t[0] * _MM, ["x_mm", "y_mm", "z_mm"]),
+        (frames_found.origin[0] * _MM, ["ox_mm", "oy_mm", "oz_mm"]),
+        (directions, ["ax", "ay", "az"]),
+        (frames_found.R[0].reshape(tree.size, 9), _ENTRIES),
     ):
         parts.append(pd.DataFrame(values, columns=names))
     nodes = pd.concat(parts, axis=1).assign(pose=readings.index[0], is_tip=np.arange(tree.size) == tip)
-    places = pd.DataFrame(found.t[:, tip] * _MM, columns=["x_mm", "y_mm", "z_mm"]).assign(pose=readings.index)
+    places = pd.DataFrame(frames_found.t[:, tip] * _MM, columns=["x_mm", "y_mm", "z_mm"]).assign(pose=readings.index)
     return {"chain_nodes": nodes, "chain_tip": places}
 
 

@@ -90,8 +90,8 @@ def _as_artifact(name: str, rows: pd.DataFrame) -> pa.Table:
     from truing.schemas.artifacts import ARTIFACTS
 
     artifact, cells = ARTIFACTS[name], rows.astype(object)
-    found = cells.where(cells.notna(), None).to_dict("records")
-    return pa.Table.from_pylist(found, schema=artifact.arrow_schema(present=artifact.optional))
+    records = cells.where(cells.notna(), None).to_dict("records")
+    return pa.Table.from_pylist(records, schema=artifact.arrow_schema(present=artifact.optional))
 
 
 def _frames(tables: Mapping[str, pa.Table]) -> dict[str, pd.DataFrame]:
@@ -118,8 +118,8 @@ def _body_motions(frames: Mapping[str, pd.DataFrame]) -> pd.DataFrame | None:
 
     chosen = poses[poses["default"] & (poses["status"] == "ok")]
     turns = exp_so3(chosen[_TURN].to_numpy(dtype=float)).reshape(-1, 9)
-    found = chosen[["pose", "body", "parent", *_PLACE]].reset_index(drop=True)
-    return found.assign(**dict(zip(_ENTRIES, np.asarray(turns).T, strict=True)))
+    motions = chosen[["pose", "body", "parent", *_PLACE]].reset_index(drop=True)
+    return motions.assign(**dict(zip(_ENTRIES, np.asarray(turns).T, strict=True)))
 
 
 def target_places(frames: Mapping[str, pd.DataFrame]) -> pd.DataFrame | None:
@@ -136,15 +136,15 @@ def _averages(observations: pd.DataFrame, poses: pd.DataFrame, residuals: pd.Dat
     """Return the mean places of measured points in the frame of their body, without residuals."""
     chosen = poses[poses["default"] & (poses["status"] == "ok")]
     bases = chosen[["pose", "body", *_PLACE, *_TURN]].rename(columns={"body": "parent"})
-    kept = residuals[~residuals["rejected"]].dropna(subset=_SHIFT)
-    points = observations.merge(kept, on=["pose", "body", "target"]).merge(chosen, on=["pose", "body"])
+    residuals_used = residuals[~residuals["rejected"]].dropna(subset=_SHIFT)
+    points = observations.merge(residuals_used, on=["pose", "body", "target"]).merge(chosen, on=["pose", "body"])
     points = points.merge(bases, on=["pose", "parent"], how="left", suffixes=("", "_of_parent"))
     place = points[_XYZ].to_numpy(dtype=float)
     seen_directly = (points["parent"] == "measurement").to_numpy()
     place = np.where(seen_directly[:, None], place, _in_frames_of(place, points, "_of_parent"))
     place = _in_frames_of(place, points, "") - points[_SHIFT].to_numpy(dtype=float)
-    found = points[["body", "target"]].assign(**dict(zip(_XYZ, place.T, strict=True)))
-    means = found.groupby(["body", "target"], sort=False)[_XYZ].mean().reset_index().dropna()
+    shifts = points[["body", "target"]].assign(**dict(zip(_XYZ, place.T, strict=True)))
+    means = shifts.groupby(["body", "target"], sort=False)[_XYZ].mean().reset_index().dropna()
     return means.assign(leg=np.nan)[_TARGET_COLUMNS]
 
 

@@ -84,8 +84,8 @@ class Run(Mapping[str, "pd.DataFrame"]):
         """
         from truing.runs.run_frames import poses_of
 
-        found = poses_of(self["poses"])
-        return found if body is None else found.of(body)
+        motions = poses_of(self["poses"])
+        return motions if body is None else motions.of(body)
 
     def causes(self) -> pd.DataFrame:
         """Return the causes that were found or suspected, a row per parameter with value, sigma and unit.
@@ -178,18 +178,20 @@ def load(folder: str | Path) -> Run:
     version of truing.
     """
     folder = Path(folder)
-    found = {
+    artifacts = {
         name: (path, facts) for path in sorted(folder.glob("*.parquet")) for name, facts in _artifact_provenance(path)
     }
-    if not found:
-        beside = [one.name for one in folder.parent.iterdir() if one.is_dir()] if folder.parent.is_dir() else []
+    if not artifacts:
+        beside = (
+            [sibling.name for sibling in folder.parent.iterdir() if sibling.is_dir()] if folder.parent.is_dir() else []
+        )
         near = "" if folder.is_dir() else did_you_mean(folder.name, beside)
         raise FileNotFoundError(
             f"{folder}: found no table of a run, expected a folder that `truing run` has filled{near}"
         )
-    names = [name for name in ARTIFACTS if name in found]
-    campaigns = {found[name][1].get("campaign", "") for name in names}
-    return Run(folder, {name: found[name][0] for name in names}, ", ".join(sorted(campaigns)))
+    names = [name for name in ARTIFACTS if name in artifacts]
+    campaigns = {artifacts[name][1].get("campaign", "") for name in names}
+    return Run(folder, {name: artifacts[name][0] for name in names}, ", ".join(sorted(campaigns)))
 
 
 def _artifact_provenance(path: Path) -> Iterator[tuple[str, dict[str, str]]]:

@@ -56,13 +56,13 @@ class Poses:
 
     def of(self, body: str) -> Poses:
         """Return the poses of one body; raises KeyError for an unknown one."""
-        own = self.body == body
-        if not own.any():
+        is_of_body = self.body == body
+        if not is_of_body.any():
             known = list(dict.fromkeys(self.body.tolist()))
             raise KeyError(f"{body}: this run has poses of {', '.join(known)}{did_you_mean(body, known)}")
         arrays = (self.pose, self.body, self.parent, self.position, self.rotation_vector, self.covariance)
-        pose, bodies, parent, position, vectors, covariance = (part[own] for part in arrays)
-        return Poses(pose, bodies, parent, position, vectors, covariance, self.is_determined[own])
+        pose, bodies, parent, position, vectors, covariance = (part[is_of_body] for part in arrays)
+        return Poses(pose, bodies, parent, position, vectors, covariance, self.is_determined[is_of_body])
 
     def frame(self) -> pd.DataFrame:
         """Return a table with a row per pose: position, rotation vector, and standard uncertainty of each component."""
@@ -72,7 +72,7 @@ class Poses:
         names = [f"{a}_m" for a in _AXES] + [f"r{a}_rad" for a in _AXES]
         values = np.hstack([self.position, self.rotation_vector])
         columns = dict(zip(names, values.T, strict=True)) | {
-            f"sigma_{name}": own for name, own in zip(names, sigma.T, strict=True)
+            f"sigma_{name}": sigma_of_axis for name, sigma_of_axis in zip(names, sigma.T, strict=True)
         }
         named = {"pose": self.pose, "body": self.body, "parent": self.parent}
         return pd.DataFrame(named | columns | {"is_determined": self.is_determined})
@@ -114,14 +114,14 @@ class Poses:
 
 def poses_of(table: pd.DataFrame) -> Poses:
     """Return the poses that later stages use, from the rows of poses.parquet."""
-    own = table[table["default"]]
-    position = own[[f"p{a}_mm" for a in _AXES]].to_numpy(float) / 1e3
-    vectors = own[[f"r{a}_rad" for a in _AXES]].to_numpy(float)
-    covariance = np.empty((len(own), 6, 6))
-    upper = own[[f"cov_{i}_{j}" for i, j in zip(*_UPPER, strict=True)]].to_numpy(float)
+    default_rows = table[table["default"]]
+    position = default_rows[[f"p{a}_mm" for a in _AXES]].to_numpy(float) / 1e3
+    vectors = default_rows[[f"r{a}_rad" for a in _AXES]].to_numpy(float)
+    covariance = np.empty((len(default_rows), 6, 6))
+    upper = default_rows[[f"cov_{i}_{j}" for i, j in zip(*_UPPER, strict=True)]].to_numpy(float)
     covariance[:, _UPPER[0], _UPPER[1]] = covariance[:, _UPPER[1], _UPPER[0]] = upper
     determined = np.isfinite(position).all(1) & np.isfinite(vectors).all(1)
-    pose, body, parent = (own[name].to_numpy() for name in ("pose", "body", "parent"))
+    pose, body, parent = (default_rows[name].to_numpy() for name in ("pose", "body", "parent"))
     return Poses(pose, body, parent, position, vectors, covariance, determined)
 
 
@@ -134,9 +134,9 @@ def causes_of(table: pd.DataFrame) -> pd.DataFrame:
 
     rows: list[dict[str, Any]] = []
     for row in table[table["verdict"].isin(_TOLD)].to_dict("records"):
-        own = {name: row[name] for name in CAUSES[:5]} | {"subject": row["subject"] or ""}
-        given: Mapping[str, Any] = json.loads(row["parameters"] or "{}")
-        rows += [own | {"parameter": name, **number} for name, number in given.items()] or [own]
+        columns = {name: row[name] for name in CAUSES[:5]} | {"subject": row["subject"] or ""}
+        parameters: Mapping[str, Any] = json.loads(row["parameters"] or "{}")
+        rows += [columns | {"parameter": name, **number} for name, number in parameters.items()] or [columns]
     return pd.DataFrame(rows, columns=list(CAUSES))
 
 
@@ -149,15 +149,15 @@ def parameters_of(tables: Mapping[str, pd.DataFrame]) -> pd.DataFrame:
 
     parts: list[pd.DataFrame] = []
     if "uncertainty" in tables:
-        own = tables["uncertainty"]
-        own = own[~own["result"].isin(("pose", "tip", "load", "accuracy"))]
+        rows = tables["uncertainty"]
+        rows = rows[~rows["result"].isin(("pose", "tip", "load", "accuracy"))]
         names = {"result": "source", "quantity": "parameter", "estimate": "value", "standard_uncertainty": "sigma"}
-        parts.append(own.rename(columns=names).reindex(columns=PARAMETERS))
+        parts.append(rows.rename(columns=names).reindex(columns=PARAMETERS))
     if "chain_parameters" in tables:
-        own = tables["chain_parameters"].rename(columns={"joint": "subject", "identified": "value"})
-        parts.append(own.assign(source="chain").reindex(columns=PARAMETERS))
-    found = [part for part in parts if len(part)]
-    return pd.concat(found, ignore_index=True) if found else pd.DataFrame(columns=list(PARAMETERS))
+        rows = tables["chain_parameters"].rename(columns={"joint": "subject", "identified": "value"})
+        parts.append(rows.assign(source="chain").reindex(columns=PARAMETERS))
+    filled_parts = [part for part in parts if len(part)]
+    return pd.concat(filled_parts, ignore_index=True) if filled_parts else pd.DataFrame(columns=list(PARAMETERS))
 
 
 def verdict_html(campaign: str, verdict: pd.DataFrame, tables: int) -> str:

@@ -22,6 +22,7 @@ from truing.simulation.bench.causes.nonparametric import NonparametricReadingEff
 from truing.simulation.bench.causes.play_hysteresis import PlayHysteresis
 from truing.simulation.bench.causes.reading_causes import ReadingCause
 from truing.simulation.bench.causes.rows_exchanged import RowsExchanged
+from truing.simulation.bench.causes.signal_hysteresis import SignalHysteresis
 from truing.simulation.bench.causes.signal_nonlinear import SignalNonlinear
 from truing.simulation.bench.causes.stiffness import (
     Hysteresis,
@@ -56,6 +57,7 @@ from truing.simulation.mechanisms.chains.causes import (
     BaseJump,
     ChainCause,
     ChainTargetMoved,
+    DistanceOffset,
     JointBacklash,
     JointCompliance,
     JointGain,
@@ -65,9 +67,9 @@ from truing.simulation.mechanisms.chains.causes import (
     LinkBending,
     LinkGrowth,
 )
-from truing.simulation.mechanisms.chains.harmonics import JointEccentricity, JointHarmonic
+from truing.simulation.mechanisms.chains.harmonics import JointEccentricity, JointHarmonic, JointPitchError
 from truing.simulation.mechanisms.chains.joint_curves import JointErrorCurve
-from truing.simulation.mechanisms.chains.loads import ColumnTilt, JointSag
+from truing.simulation.mechanisms.chains.loads import ColumnTilt, GravityDirection, JointSag
 from truing.simulation.mechanisms.chains.nonparametric import NonparametricChainEffect
 from truing.simulation.mechanisms.chains.settling import JointSettling
 from truing.simulation.mechanisms.point_causes import PointCause
@@ -122,6 +124,7 @@ OWN_CAUSES_OF_READINGS: tuple[ReadingCause, ...] = (
     ZeroStep(),
     Crosstalk(),
     SignalNonlinear(),
+    SignalHysteresis(),
     RowsExchanged(),
     NoisyRun(),
     NonparametricReadingEffect(),
@@ -144,15 +147,18 @@ OWN_CAUSES_OF_CHAINS: tuple[ChainCause, ...] = (
     JointBacklash(),
     JointEccentricity(),
     JointHarmonic(),
+    JointPitchError(),
     JointSettling(),
     JointErrorCurve(),
     JointCompliance(),
     JointSag(),
+    GravityDirection(),
     LinkBending(),
     ColumnTilt(),
     LinkGrowth(),
     BaseDrift(),
     BaseJump(),
+    DistanceOffset(),
     ChainTargetMoved(),
     JointScatter(),
     JointsExchanged(),
@@ -233,7 +239,7 @@ OF_TYPES: dict[str, Callable[[], Mapping[str, Cause[Any]]]] = {"axis": catalogue
 """Catalogues by type of mechanism, for types other than legs and sensors on a bench."""
 
 
-def _with_installed(own: tuple[CauseT, ...], sort: type[CauseT]) -> dict[str, CauseT]:
+def _with_installed(built_in: tuple[CauseT, ...], sort: type[CauseT]) -> dict[str, CauseT]:
     """Return truing's own and the installed causes of a sort; raises ValueError if an installed cause is of no known
     sort."""
 
@@ -243,4 +249,4 @@ def _with_installed(own: tuple[CauseT, ...], sort: type[CauseT]) -> dict[str, Ca
             raise ValueError(f"cause {cause.id}: found a class of no sort, expected a {sorts}")
         return isinstance(cause, sort)
 
-    return with_installed(own, ENTRY_POINTS, "cause", lambda cause: cause.id, joins)
+    return with_installed(built_in, ENTRY_POINTS, "cause", lambda cause: cause.id, joins)

@@ -9,6 +9,7 @@ from __future__ import annotations
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field, fields, replace
 from enum import StrEnum
+from functools import cached_property
 from typing import TYPE_CHECKING, Any, ClassVar, Generic, Self, TypeVar
 
 import numpy as np
@@ -165,7 +166,7 @@ class Cause(Generic[SceneT_contra]):
         """True if the subject lists several legs or targets by name."""
         return False
 
-    @property
+    @cached_property
     def key(self) -> str:
         """Unique name of the candidate: id and settings."""
         text = " ".join(f"{name}={value}" for name, value in self.settings().items())
@@ -185,6 +186,11 @@ class Cause(Generic[SceneT_contra]):
     def has_law(self) -> bool:
         """True if the cause claims a law; False if it only claims which input something follows."""
         return True
+
+    @property
+    def has_set_shape(self) -> bool:
+        """True if the machine sets its shape, such as one period a turn; False if it was searched among many."""
+        return False
 
     @property
     def is_persistent(self) -> bool:
@@ -218,6 +224,11 @@ class Cause(Generic[SceneT_contra]):
         None if there is another reason, for example a machine to which the cause does not apply.
         """
         return self.lacking
+
+    def shared_with(self, scene: SceneT_contra) -> Mapping[str, Any]:
+        """Return the other subjects (``alike``) to which the effect may belong, because the same effect there changes
+        all predictions alike, and why; empty for most causes."""
+        return {}
 
     def channel_candidates(self, scene: SceneT_contra) -> Sequence[ChannelCandidates[Self]]:
         """Return candidates for single targets or channels, scored together because they are many; none for most
@@ -283,6 +294,10 @@ class Cause(Generic[SceneT_contra]):
         A large effect may need such parts while it is selected, because linearised effects only approximate it.
         """
         return self
+
+    def with_known_part(self, values: NDArray) -> NDArray:
+        """Return the values (P,), SI, with the part that was known before the fit."""
+        return values
 
     def reported(self, values: NDArray, covariance: NDArray, legs: int) -> tuple[ReportedParameter, ...]:
         """Return the parameters in the units of the tables, from values (P,) and covariance (P, P), SI."""

@@ -21,5 +21,5 @@ class Change:
 
     def get(self, name: str, shape: tuple[int, ...]) -> NDArray:
         """Return the derivative of a field, or zeros (*shape, P) if the field does not change."""
-        found = self.fields.get(name)
-        return np.zeros((*shape, self.size)) if found is None else found
+        variable = self.fields.get(name)
+        return np.zeros((*shape, self.size)) if variable is None else variable

@@ -6,7 +6,7 @@ from __future__ import annotations
 
 import re
 from collections import defaultdict
-from collections.abc import Iterable, Mapping, Sequence
+from collections.abc import Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, replace
 from functools import cached_property, lru_cache
 from typing import Any, Protocol
@@ -102,28 +102,41 @@ def _root_mean_squares(cause: Cause, size: float, legs: int) -> dict[tuple[str, 
 
     Parameters of several legs share one entry, named without the leg.
     """
-    found: dict[tuple[str, str], list[float]] = defaultdict(list)
+    squares: dict[tuple[str, str], list[float]] = defaultdict(list)
     names: dict[tuple[str, str], set[str]] = defaultdict(set)
-    scale = np.array([parameter.scale for parameter in cause.parameters(legs)])
-    for pattern, count in zip(*_patterns(len(scale)), strict=True):
+    for name, unit, values in _reported_values(cause, size, legs):
+        key = (name.rstrip("0123456789_"), unit)
+        squares[key] += values
+        names[key].add(name)
+    alone = {key: name.pop() if len(name) == 1 else key[0] for key, name in names.items()}
+    return {(alone[key], key[1]): float(np.sqrt(np.mean(np.square(errors)))) for key, errors in squares.items()}
+
+
+def _reported_values(cause: Cause, size: float, legs: int) -> Iterator[tuple[str, str, list[float]]]:
+    """Yield names, units and values of the reported parameters of an effect, over all patterns."""
+    parameters = cause.parameters(legs)
+    scale = np.array([parameter.scale for parameter in parameters])
+    patterns, counts = _patterns(len(scale))
+    if type(cause).reported is Cause.reported:  # which only changes the unit
+        values = np.repeat(size * scale * patterns, counts, 0) / [parameter.si for parameter in parameters]
+        for parameter, own in zip(parameters, values.T.tolist(), strict=True):
+            yield parameter.name, parameter.unit, own
+        return
+    for pattern, count in zip(patterns, counts, strict=True):
         for reported in cause.reported(size * scale * pattern, np.zeros((len(scale), len(scale))), legs):
             if isinstance(reported.value, (int, float)) and reported.sigma is not None:
-                key = (reported.name.rstrip("0123456789_"), reported.unit)
-                found[key] += [reported.value] * count
-                names[key].add(reported.name)
-    alone = {key: own.pop() if len(own) == 1 else key[0] for key, own in names.items()}
-    return {(alone[key], key[1]): float(np.sqrt(np.mean(np.square(own)))) for key, own in found.items()}
+                yield reported.name, reported.unit, [reported.value] * count
 
 
 def effect_kinds(kinds: Iterable[CauseT], scene: Scene[CauseT], parts: int) -> list[EffectKind]:
     """Return the kinds of effect that causes could bring into a campaign; those on the whole machine first."""
-    found: dict[tuple[str, ...], list[CauseT]] = {}
+    causes_of_kind: dict[tuple[str, ...], list[CauseT]] = {}
     for kind in kinds:
         for cause in (*scene.candidates(kind), *_members(kind, scene)):
             concerns = subject_class(cause.subject)
             if concerns is not None and cause.parameters(parts):
-                found.setdefault((kind.id, concerns, *_kind_of_parameters(cause, parts)), []).append(cause)
-    ordered = sorted(found.items(), key=lambda item: item[0][1] != _WHOLE)
+                causes_of_kind.setdefault((kind.id, concerns, *_kind_of_parameters(cause, parts)), []).append(cause)
+    ordered = sorted(causes_of_kind.items(), key=lambda item: item[0][1] != _WHOLE)
     return [EffectKind(key[0], key[1], tuple(causes), _weights(causes, scene)) for key, causes in ordered]
 
 
@@ -181,11 +194,11 @@ class DetectionQuestion:
 
     def rate(self, size: float) -> float:
         """Return the probability of detection that theory expects at a size."""
-        return float(np.mean([own.power(size) for own in self.seen])) if self.seen else 0.0
+        return float(np.mean([question.power(size) for question in self.seen])) if self.seen else 0.0
 
     def signal_to_noise(self, size: float) -> float:
         """Return the mean signal-to-noise ratio at a size."""
-        return float(np.mean([own.signal_to_noise(size) for own in self.seen])) if self.seen else 0.0
+        return float(np.mean([question.signal_to_noise(size) for question in self.seen])) if self.seen else 0.0
 
     def size_of(self, power: float) -> float | None:
         """Return the size, in plausible scales, at which theory expects this power; None if no size reaches it."""
@@ -253,7 +266,7 @@ def questions(
 
 def _question(sort: EffectKind, seen: Sequence[EffectSensitivity], legs: int) -> DetectionQuestion:
     parameters = _names(sort.causes[0], legs)
-    own = tuple(
+    fixed = tuple(
         sight
         for sight in seen
         if sight.kind == sort.kind
@@ -262,7 +275,7 @@ def _question(sort: EffectKind, seen: Sequence[EffectSensitivity], legs: int) ->
     )
     size = reported_size(sort.causes[0], 1.0, legs)
     parameter, beside = (re.sub(r"_\d+\b", "", names) for names in (size.parameter, size.beside))
-    return DetectionQuestion(sort, own, replace(size, parameter=parameter, beside=beside))
+    return DetectionQuestion(sort, fixed, replace(size, parameter=parameter, beside=beside))
 
 
 def _names(cause: Any, legs: int) -> list[tuple[str, str]]:
@@ -283,9 +296,9 @@ def trials(
             continue
         for step, factor in enumerate(FACTORS):
             for number in range(draws):
-                own = (seed, place + 1, step, number)
-                effect = question.kind.draw(factor * question.expected, legs, np.random.default_rng(own))
-                listed.append(Trial(place, factor, (effect,), (*own, 1)))
+                stream = (seed, place + 1, step, number)
+                effect = question.kind.draw(factor * question.expected, legs, np.random.default_rng(stream))
+                listed.append(Trial(place, factor, (effect,), (*stream, 1)))
     per_round = {_NOTHING: max(nothing // max(draws, 1), 1)}
     return sorted(listed, key=lambda trial: trial.seed[3] // per_round.get(trial.question, 1))
 
@@ -296,24 +309,24 @@ def trial_answer(trial: Trial, rows: Iterable[Mapping[str, Any]]) -> Answer:
     An effect of which only the name is open, among alternatives, is found.
     """
     listed = list(rows)
-    found = [row for row in listed if row["verdict"] == "found" or row.get("reason_code") == _OPEN]
+    found_rows = [row for row in listed if row["verdict"] == "found" or row.get("reason_code") == _OPEN]
     hidden = trial.effects[0].cause if trial.effects else None
-    alike = [*found, *(row for row in listed if row["verdict"] == "indistinguishable")] if found else []
-    own = [row for row in alike if hidden is not None and row["cause"] == hidden.id]
+    alike = [*found_rows, *(row for row in listed if row["verdict"] == "indistinguishable")] if found_rows else []
+    rows_of_cause = [row for row in alike if hidden is not None and row["cause"] == hidden.id]
     return Answer(
         trial.question,
         trial.factor,
-        bool(found),
-        bool(own),
-        any(hidden is not None and (row["subject"] or "") == hidden.subject for row in own),
-        tuple(f"{row['cause']} {row['subject'] or ''}".strip() for row in found),
+        bool(found_rows),
+        bool(rows_of_cause),
+        any(hidden is not None and (row["subject"] or "") == hidden.subject for row in rows_of_cause),
+        tuple(f"{row['cause']} {row['subject'] or ''}".strip() for row in found_rows),
     )
 
 
 def false_alarms(answers: Iterable[Answer]) -> Rate:
     """Return the rate of findings in campaigns without a hidden effect."""
-    own = [given for given in answers if given.question == _NOTHING]
-    return Rate(sum(given.found for given in own), len(own))
+    answers_of_nothing = [answer for answer in answers if answer.question == _NOTHING]
+    return Rate(sum(answer.found for answer in answers_of_nothing), len(answers_of_nothing))
 
 
 @dataclass(frozen=True)
@@ -339,15 +352,15 @@ class Curve:
 
 def curve(question: DetectionQuestion, place: int, answers: Iterable[Answer]) -> Curve:
     """Collect the answers to one question by size."""
-    own = [given for given in answers if given.question == place]
-    factors = tuple(sorted({given.factor for given in own}))
-    by_factor = [[given for given in own if given.factor == factor] for factor in factors]
+    answers_of_place = [answer for answer in answers if answer.question == place]
+    factors = tuple(sorted({answer.factor for answer in answers_of_place}))
+    by_factor = [[answer for answer in answers_of_place if answer.factor == factor] for factor in factors]
     others: dict[str, int] = {}
-    for text in (text for given in own if not given.named for text in given.others_found):
+    for text in (text for answer in answers_of_place if not answer.named for text in answer.others_found):
         others[text] = others.get(text, 0) + 1
 
     def rates(what: str) -> tuple[Rate, ...]:
-        return tuple(Rate(sum(getattr(given, what) for given in group), len(group)) for group in by_factor)
+        return tuple(Rate(sum(getattr(member, what) for member in group), len(group)) for group in by_factor)
 
     listed = tuple(sorted(others.items(), key=lambda item: -item[1]))
     return Curve(question, factors, rates("found"), rates("named"), rates("subject_right"), listed)

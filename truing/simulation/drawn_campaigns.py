@@ -94,10 +94,10 @@ def _measured(points: NDArray, layout: CampaignLayout, rng: np.random.Generator)
 
 def _survey(model: MechanismModel, shared: NDArray, rng: np.random.Generator) -> NDArray:
     """Return the survey of the drawn machine: targets on attachments at their true positions plus noise."""
-    survey, own = model.known.shape.copy(), model.targets.at_attachment
-    if own.any():
-        noise = model.known.survey.attachment_factor @ rng.standard_normal(3 * int(own.sum()))
-        survey[own] = model.legs(shared).b[model.targets.leg[own]] + noise.reshape(-1, 3)
+    survey, targets = model.known.shape.copy(), model.targets.at_attachment
+    if targets.any():
+        noise = model.known.survey.attachment_factor @ rng.standard_normal(3 * int(targets.sum()))
+        survey[targets] = model.legs(shared).b[model.targets.leg[targets]] + noise.reshape(-1, 3)
     return survey
 
 

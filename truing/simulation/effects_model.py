@@ -129,9 +129,9 @@ class EffectsModel(ABC, Generic[CauseT]):
 
     def with_causes(self, causes: Sequence[CauseT]) -> Self:
         """Return the model with the effects of these causes, and those of the prior campaign, among its unknowns."""
-        given = () if self.prior_campaign is None else self.prior_campaign.causes
-        keys = {cause.key for cause in given}
-        return replace(self, causes=(*given, *(cause for cause in causes if cause.key not in keys)))
+        prior_causes = () if self.prior_campaign is None else self.prior_campaign.causes
+        keys = {cause.key for cause in prior_causes}
+        return replace(self, causes=(*prior_causes, *(cause for cause in causes if cause.key not in keys)))
 
     def scale_of(self, name: str) -> NDArray:
         """Return the SI value of one unit of the unknowns of a part of the layout, (n,) or ()."""
@@ -258,5 +258,5 @@ class ChannelModel(EffectsModel[CauseT]):
         those of the first shared unknowns."""
         for effect in self.effects(shared):
             place = self.layout[effect.cause.key]
-            own = slopes(effect.cause, effect.values) * self.effect_sigma(effect.cause)
-            by_shared[..., place.start - first : place.stop - first] = own
+            derivative = slopes(effect.cause, effect.values) * self.effect_sigma(effect.cause)
+            by_shared[..., place.start - first : place.stop - first] = derivative

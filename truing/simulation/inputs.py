@@ -56,14 +56,14 @@ def drive_of(column: str) -> int | None:
 
 def varying_columns(covariates: Mapping[str, NDArray], seen: NDArray | None = None) -> dict[str, NDArray]:
     """Return the numeric columns (B,) that vary over the epochs ``seen`` (B,); the order only if there is no time."""
-    own = slice(None) if seen is None else seen
-    found = {
+    rows = slice(None) if seen is None else seen
+    varying = {
         name: values
         for name, values in covariates.items()
         if np.ndim(values) == 1 and np.asarray(values).dtype.kind in "fiu" and np.isfinite(values).all()
-        if np.size(values[own]) and np.ptp(values[own]) > 0
+        if np.size(values[rows]) and np.ptp(values[rows]) > 0
     }
-    return {name: values for name, values in found.items() if name != ORDER or TIME not in found}
+    return {name: values for name, values in varying.items() if name != ORDER or TIME not in varying}
 
 
 def between_neighbours(values: NDArray, time_s: NDArray) -> NDArray:
@@ -94,16 +94,16 @@ def ranks(order: NDArray) -> NDArray:
     return np.asarray(np.argsort(np.argsort(order, kind="stable")))
 
 
-def fading_sum(readings: NDArray, time: NDArray, kept: float) -> NDArray:
+def fading_sum(readings: NDArray, time: NDArray, share_left: float) -> NDArray:
     """Return the sum (B, L), m, of each actuator's movements up to a pose; 0 at the first pose in time.
 
-    Each movement is weighted by ``kept`` to the power of the number of later movements.
+    Each movement is weighted by ``share_left`` to the power of the number of later movements.
     """
     order = np.argsort(time, kind="stable")
     steps = np.nan_to_num(np.diff(readings[order], axis=0))
     total = np.zeros_like(readings)
     for before, now, step in zip(order[:-1], order[1:], steps, strict=True):
-        total[now] = kept * total[before] + step
+        total[now] = share_left * total[before] + step
     return total
 
 
@@ -126,20 +126,20 @@ def stop_states(steps: NDArray, extent: NDArray, stops: Sequence[float] = STOPS)
     (Visintin, Differential models of hysteresis, 1994, chapter III).
     """
     reach = np.maximum(extent[:, None] * np.array(stops), 1e-300)
-    state, found = np.zeros_like(reach), np.empty((len(steps), *reach.shape))
+    state, states = np.zeros_like(reach), np.empty((len(steps), *reach.shape))
     for place, step in enumerate(steps):
         state = np.clip(state + step[:, None] / reach, -1.0, 1.0)
-        found[place] = state
-    return found
+        states[place] = state
+    return states
 
 
 def histories(readings: NDArray, order: NDArray, stops: Sequence[float] = STOPS) -> NDArray:
     """Return the states (B, n, s) of s stop operators at readings (B, n), in order of time (B,); 0 where a reading is
     not finite."""
-    found = np.zeros((*readings.shape, len(stops)))
+    history = np.zeros((*readings.shape, len(stops)))
     read = np.flatnonzero(np.isfinite(readings).all(1))
-    own = read[np.argsort(order[read], kind="stable")]
-    if len(own):
-        steps = np.diff(readings[own], axis=0, prepend=readings[own][:1])
-        found[own] = stop_states(steps, np.ptp(readings[own], axis=0), stops)
-    return found
+    read_in_order = read[np.argsort(order[read], kind="stable")]
+    if len(read_in_order):
+        steps = np.diff(readings[read_in_order], axis=0, prepend=readings[read_in_order][:1])
+        history[read_in_order] = stop_states(steps, np.ptp(readings[read_in_order], axis=0), stops)
+    return history

@@ -76,7 +76,7 @@ class IdentifiedInSI(Generic[CauseT]):
 
 
 def model_text(
-    found: IdentifiedModel[CauseT],
+    model: IdentifiedModel[CauseT],
     numbers: Mapping[str, Any],
     tables: Sequence[str],
     after: Sequence[str],
@@ -89,12 +89,12 @@ def model_text(
 
     ``names`` are the unknowns before those of the effects; ``units`` is the unit of all unknowns.
     """
-    about = [f"{toml_key(key)} = {toml_value(value)}" for key, value in {**found.context, **numbers}.items()]
+    about = [f"{toml_key(key)} = {toml_value(value)}" for key, value in {**model.context, **numbers}.items()]
     lines = [f"format = {FORMAT}", "", "[model]", *about, *tables]
-    for effect in found.effects:
-        lines += _effect_lines(effect, found.covariance_of(effect.cause), legs)
-    every = [*names, *(p.name for effect in found.effects for p in effect.cause.parameters(legs))]
-    return "\n".join([*lines, *after, *_covariance_lines(every, found.covariance, units)]) + "\n"
+    for effect in model.effects:
+        lines += _effect_lines(effect, model.covariance_of(effect.cause), legs)
+    every = [*names, *(p.name for effect in model.effects for p in effect.cause.parameters(legs))]
+    return "\n".join([*lines, *after, *_covariance_lines(every, model.covariance, units)]) + "\n"
 
 
 def read_document(text: str, made: Callable[[dict[str, Any]], Read]) -> Read:
@@ -173,6 +173,7 @@ def exact(values: NDArray) -> list[float]:
 
 
 def toml_key(name: str) -> str:
+    """Name as a TOML key, quoted where it has to be."""
     return name if re.fullmatch(r"[A-Za-z0-9_-]+", name) else json.dumps(name, ensure_ascii=False)
 
 

@@ -100,7 +100,7 @@ class NonparametricEffect(Cause[SceneT_contra]):
         """Return one amplitude for each function and each independently moving part."""
         unit, si, scale = self._amplitude
         terms = [f"{self.letters[self.form]}{k}" for k in range(self.first, self.first + self._count(legs))]
-        return tuple(Parameter(f"{own}{term}", unit, scale, si) for own in self._owners(legs) for term in terms)
+        return tuple(Parameter(f"{owner}{term}", unit, scale, si) for owner in self._owners(legs) for term in terms)
 
     def scaled(self, value: Callable[[str], NDArray]) -> list[NDArray]:
         """Return the inputs scaled to -1 .. 1; ``value`` gives the values of a column."""

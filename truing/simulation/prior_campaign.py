@@ -91,7 +91,7 @@ class CampaignPrior(Generic[CauseT]):
     def places(self, model: PartitionedModel) -> NDArray:
         """Return the indices of the numbers (n,) among a model's shared unknowns."""
         slices = [model.layout[part.name] for part in self.parts]
-        return np.concatenate([np.arange(own.start, own.stop) for own in slices]) if slices else np.zeros(0, int)
+        return np.concatenate([np.arange(part.start, part.stop) for part in slices]) if slices else np.zeros(0, int)
 
     def values(self, model: PartitionedModel, shared: NDArray) -> NDArray:
         """Return the numbers (n,) at a model's shared unknowns (G,)."""
@@ -104,8 +104,8 @@ class CampaignPrior(Generic[CauseT]):
     def rows(self, model: PartitionedModel, shared: NDArray) -> tuple[NDArray, NDArray]:
         """Return the prior as whitened rows at shared unknowns (G,): residual (E,) and derivative (E, G)."""
         variances, directions = np.linalg.eigh(self.information)
-        kept = variances > 0
-        factor = directions[:, kept].T * np.sqrt(variances[kept])[:, None]
+        is_free = variances > 0
+        factor = directions[:, is_free].T * np.sqrt(variances[is_free])[:, None]
         derivative = np.zeros((len(factor), model.shared_size))
         derivative[:, self.places(model)] = factor @ self.slopes(model, shared)
         return factor @ (self.middle - self.values(model, shared)), derivative
@@ -121,15 +121,15 @@ class CampaignPrior(Generic[CauseT]):
 
 
 def persistent_causes(
-    causes: Sequence[CauseT], legs: int, covariates: Mapping[str, NDArray], given: Collection[str]
+    causes: Sequence[CauseT], legs: int, covariates: Mapping[str, NDArray], recorded: Collection[str]
 ) -> tuple[CauseT, ...]:
     """Return the persistent causes whose input columns the next campaign has.
 
-    A column is a covariate that is finite at every epoch, or is listed in ``given``.
+    A column is a covariate that is finite at every epoch, or is listed in ``recorded``.
     """
 
     def has(name: str) -> bool:
-        return name in given or (name in covariates and bool(np.isfinite(covariates[name]).all()))
+        return name in recorded or (name in covariates and bool(np.isfinite(covariates[name]).all()))
 
     return tuple(cause for cause in causes if cause.is_persistent and all(map(has, cause.needs(legs))))
 
@@ -137,10 +137,10 @@ def persistent_causes(
 def block_diagonal(*blocks: NDArray) -> NDArray:
     """Return the block-diagonal matrix of blocks (n, m)."""
     sizes = np.cumsum([(0, 0), *(block.shape for block in blocks)], 0)
-    whole = np.zeros(tuple(sizes[-1]))
+    matrix = np.zeros(tuple(sizes[-1]))
     for (row, column), block in zip(sizes[:-1], blocks, strict=True):
-        whole[row : row + block.shape[0], column : column + block.shape[1]] = block
-    return whole
+        matrix[row : row + block.shape[0], column : column + block.shape[1]] = block
+    return matrix
 
 
 def centred(information: NDArray, pull: NDArray) -> NDArray:
@@ -160,8 +160,8 @@ def marginal(information: NDArray, free: NDArray) -> NDArray:
     """Return the information (n, n) with the numbers at ``free`` marginalised; zero in their rows and columns."""
     if not len(free):
         return information
-    own = information[np.ix_(free, free)]
-    carried = information[:, free] @ np.linalg.pinv(own, rcond=1e-12, hermitian=True) @ information[free]
+    block = information[np.ix_(free, free)]
+    carried = information[:, free] @ np.linalg.pinv(block, rcond=1e-12, hermitian=True) @ information[free]
     left = information - carried
     left[free], left[:, free] = 0.0, 0.0
     return clipped(left)

@@ -39,18 +39,18 @@ class Number:
 
 def numbers_of(prior: CampaignPrior, model: Any) -> list[Number]:
     """Return the n numbers in their order; directions of actuators as tilts."""
-    causes, found = {cause.key: cause for cause in prior.causes}, []
+    causes, numbers = {cause.key: cause for cause in prior.causes}, []
     for part in prior.parts:
         if part.name in _AXES:
-            found += _geometry_numbers(part, model.part_count)
+            numbers += _geometry_numbers(part, model.part_count)
         elif part.name in _OF_SENSOR:
-            found += _sensor_numbers(part, model.known.sensor)
+            numbers += _sensor_numbers(part, model.known.sensor)
         else:
             cause = causes[part.name]
             for p, scale in zip(cause.parameters(model.part_count), part.scale, strict=True):
                 owner = f"{cause.id} {cause.subject}".strip()
-                found.append(Number(*name_and_leg(p.name), p.unit, float(scale) / p.si, owner))
-    return found
+                numbers.append(Number(*name_and_leg(p.name), p.unit, float(scale) / p.si, owner))
+    return numbers
 
 
 def _geometry_numbers(part: SharedUnknowns, legs: int) -> list[Number]:
@@ -89,23 +89,25 @@ def reported_numbers(
     if not isinstance(model, MechanismModel):
         rows = numbers_of(prior, model)
         return ReportedNumbers(tuple(rows), np.diag([row.scale for row in rows]), np.zeros(len(rows)))
-    geometry, own = identified_geometry(model, shared, covariance), prior.places(model)
+    geometry, places = identified_geometry(model, shared, covariance), prior.places(model)
     parts = {part.name for part in prior.parts}
-    kept = np.array([entry.name.partition("_")[0] in parts for entry in geometry.parameters], bool)
-    entries = [entry for entry, reported in zip(geometry.parameters, kept, strict=True) if reported]
+    is_geometry = np.array([entry.name.partition("_")[0] in parts for entry in geometry.parameters], bool)
+    entries = [entry for entry, reported in zip(geometry.parameters, is_geometry, strict=True) if reported]
     si = np.array([entry.si for entry in entries])
     effects = [number for number in numbers_of(prior, model) if number.effect_of is not None]
-    lower = np.zeros((len(effects), len(own)))
-    lower[:, len(own) - len(effects) :] = np.diag([number.scale for number in effects])
+    lower = np.zeros((len(effects), len(places)))
+    lower[:, len(places) - len(effects) :] = np.diag([number.scale for number in effects])
     rows = [Number(entry.name, entry.leg + 1, entry.unit, entry.si) for entry in entries]
-    by = np.concatenate([(geometry.by_shared[kept][:, own].T / si).T, lower])
-    return ReportedNumbers((*rows, *effects), by, np.concatenate([geometry.nominal[kept] / si, np.zeros(len(effects))]))
+    by = np.concatenate([(geometry.by_shared[is_geometry][:, places].T / si).T, lower])
+    return ReportedNumbers(
+        (*rows, *effects), by, np.concatenate([geometry.nominal[is_geometry] / si, np.zeros(len(effects))])
+    )
 
 
 def figures(
     prior: CampaignPrior,
     reported: ReportedNumbers,
-    found: NumberComparison,
+    comparison: NumberComparison,
     now: NDArray,
     covariance: NDArray,
     level: float = LEVEL,
@@ -115,7 +117,7 @@ def figures(
     ``now`` (n,) has the covariance (n, n).
     """
     by = reported.by_numbers
-    spread = np.sqrt(np.maximum(np.diag(by @ found.covariance @ by.T), 0.0))
+    spread = np.sqrt(np.maximum(np.diag(by @ comparison.covariance @ by.T), 0.0))
     beforehand = np.diag(by @ np.linalg.inv(prior.shared) @ by.T)
     measured = np.diag(by @ covariance @ by.T) < (1.0 - LEAST_REDUCTION) * beforehand
     return {
@@ -124,22 +126,22 @@ def figures(
         "now": reported.nominal + by @ now,
         "sigma_now": np.sqrt(np.diag(by @ covariance @ by.T)),
         "sigma_difference": spread,
-        "z": np.where(measured & (spread > 0), by @ found.difference / np.where(spread > 0, spread, 1.0), np.nan),
-        **_changed(reported, found, level),
+        "z": np.where(measured & (spread > 0), by @ comparison.difference / np.where(spread > 0, spread, 1.0), np.nan),
+        **_changed(reported, comparison, level),
     }
 
 
-def _changed(reported: ReportedNumbers, found: NumberComparison, level: float) -> dict[str, list[Any]]:
+def _changed(reported: ReportedNumbers, comparison: NumberComparison, level: float) -> dict[str, list[Any]]:
     """Return the columns that mark changed rows, the sizes of the changes, and rows that may have changed instead."""
     # A direction is reported by components, each of which depends mainly on one of its two tilts.
     row_of = {int(np.abs(reported.by_numbers[row]).argmax()): row for row in range(len(reported.rows))}
-    changed, count = found.changed(level), len(reported.rows)
+    changed, count = comparison.changed(level), len(reported.rows)
     if changed is None:
         return {"changed": [True] * count}
     columns: dict[str, list[Any]] = {"changed": [False] * count}
     columns |= {name: [None] * count for name in ("change", "sigma_change", "instead")}
-    sizes, sigmas = found.sizes(changed)
-    for (place, rivals), size, sigma in zip(alternatives(found, changed), sizes, sigmas, strict=True):
+    sizes, sigmas = comparison.sizes(changed)
+    for (place, rivals), size, sigma in zip(alternatives(comparison, changed), sizes, sigmas, strict=True):
         row, one = row_of[place], reported.by_numbers[row_of[place], place]  # a component may fall as its tilt grows
         others = " ".join(reported.rows[row_of[rival]].label for rival in rivals) or None
         values = {"changed": True, "change": size * one, "sigma_change": sigma * abs(one), "instead": others}

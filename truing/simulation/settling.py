@@ -12,7 +12,7 @@ def settling(passed: NDArray, rate: NDArray | complex) -> tuple[NDArray, NDArray
 
     passed: x (B,), 0 at the start and 1 at the end; rate: length of the interval over the time constant.
     """
-    whole = -np.expm1(-rate)
-    value = -np.expm1(-rate * passed) / whole
-    by_rate = (passed * np.exp(-rate * passed) - value * np.exp(-rate)) / whole
+    total = -np.expm1(-rate)
+    value = -np.expm1(-rate * passed) / total
+    by_rate = (passed * np.exp(-rate * passed) - value * np.exp(-rate)) / total
     return value, -rate * by_rate

@@ -59,19 +59,19 @@ def shape_unknowns(targets: Targets, survey: NDArray, covariance: NDArray) -> Sh
     ]
     modes = np.zeros((len(survey), 3, sum(factor.shape[1] for _, factor in blocks)))
     first = 0
-    for own, factor in blocks:
-        modes[own, :, first : first + factor.shape[1]] = factor.reshape(len(own), 3, -1)
+    for rows, factor in blocks:
+        modes[rows, :, first : first + factor.shape[1]] = factor.reshape(len(rows), 3, -1)
         first += factor.shape[1]
     framing = np.flatnonzero((targets.body == targets.body[seats[0]]) & ~targets.at_attachment) if len(seats) else seats
     return ShapeUnknowns(modes, _attachment_factor(survey, covariance, seats, framing))
 
 
-def _free_factor(survey: NDArray, covariance: NDArray, own: NDArray, rigid: bool) -> NDArray:
+def _free_factor(survey: NDArray, covariance: NDArray, rows: NDArray, rigid: bool) -> NDArray:
     """Return a square root (3n, W) of the covariance of a body's shape; without its rigid part if ``rigid``."""
-    full = _block_diagonal(covariance[own])
-    if not rigid or len(own) < 3:
+    full = _block_diagonal(covariance[rows])
+    if not rigid or len(rows) < 3:
         return np.linalg.cholesky(full)
-    motions = np.linalg.qr(_rigid_motions(survey[own]))[0]
+    motions = np.linalg.qr(_rigid_motions(survey[rows]))[0]
     left = np.eye(len(full)) - motions @ motions.T
     values, vectors = np.linalg.eigh(left @ full @ left)
     return vectors[:, 6:] * np.sqrt(np.maximum(values[6:], 0.0))

@@ -51,10 +51,10 @@ class Trace(Generic[CauseT, S]):
         later = self.effects
         if cause is not None:
             order = list(Step)
-            place = next((n for n, (own, _) in enumerate(later) if own.cause.key == cause.key), None)
-            passed = sum(order.index(own.cause.step) <= order.index(cause.step) for own, _ in later)
+            place = next((n for n, (effect, _) in enumerate(later) if effect.cause.key == cause.key), None)
+            passed = sum(order.index(effect.cause.step) <= order.index(cause.step) for effect, _ in later)
             later = later[passed if place is None else place + 1 :]
-        return tuple(one for one in later if one[0].cause.step in steps)
+        return tuple(effect for effect in later if effect[0].cause.step in steps)
 
     @cached_property
     def _state_by_key(self) -> dict[str, S]:

@@ -264,14 +264,14 @@ def write(campaign: AxisCampaign, folder: Path, name: str = "axis") -> Path:
     return folder
 
 
-def settings_text(own: AxisLayout, name: str) -> str:
+def settings_text(axis_layout: AxisLayout, name: str) -> str:
     """Return campaign.toml of a layout."""
-    encoders = [c for c in own.channels if c != "measured"]
-    noise = [f"{what}_{own.unit} = {float(sigma)!r}" for what, sigma in own.noise.items()]
+    encoders = [c for c in axis_layout.channels if c != "measured"]
+    noise = [f"{what}_{axis_layout.unit} = {float(sigma)!r}" for what, sigma in axis_layout.noise.items()]
     lines = [
         *("[campaign]", f'name = "{name}"', 'kind = "photogrammetry"', "[mechanism]", 'type = "axis"'),
-        *(f'kind = "{own.kind}"', f'loop = "{own.loop}"', f'command = "command_{own.unit}"'),
-        *(f'{c} = "{c}_{own.unit}"' for c in encoders),
+        *(f'kind = "{axis_layout.kind}"', f'loop = "{axis_layout.loop}"', f'command = "command_{axis_layout.unit}"'),
+        *(f'{c} = "{c}_{axis_layout.unit}"' for c in encoders),
         *("[noise]", *noise),
     ]
     return "\n".join(lines) + "\n"

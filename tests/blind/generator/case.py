@@ -40,7 +40,10 @@ class Case(HiddenCase):
 
     @property
     def told(self) -> Mapping[str, object]:
-        own = [{driver: round(value, 3) for driver, value in one.items()} for one in self.driver_strengths]
+        own = [
+            {driver: round(value, 3) for driver, value in driver_strength.items()}
+            for driver_strength in self.driver_strengths
+        ]
         return {**super().told, "driver_strengths": own}
 
     def put(self, campaign: Campaign, folder: Path) -> None:

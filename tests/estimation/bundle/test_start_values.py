@@ -7,7 +7,7 @@ import pytest
 
 from truing.estimation.bundle.adjustment import adjust
 from truing.estimation.bundle.network import Bars, Markers, Rays
-from truing.estimation.bundle.orientation import _from_all_points
+from truing.estimation.bundle.orientation import _resect_all_points
 from truing.estimation.bundle.start_values import find_start
 
 from .photographed import guess, off_by, shape_error, simulate
@@ -134,4 +134,4 @@ def test_a_pose_without_common_points_is_left_out_and_the_others_are_not():
 
 def test_points_that_all_lie_in_one_direction_orient_nothing():
     rng = np.random.default_rng(2)
-    assert _from_all_points(rng.normal(size=(6, 3)), 1e-9 * rng.normal(size=(6, 2))) == []
+    assert _resect_all_points(rng.normal(size=(6, 3)), 1e-9 * rng.normal(size=(6, 2))) == []

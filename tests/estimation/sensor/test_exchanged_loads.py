@@ -218,3 +218,35 @@ def test_right_loads_are_not_stray_and_many_wrong_ones_are_no_single_mistakes() 
     assert stray_loads(table) == []
     table.loads[:12] *= 3.0
     assert stray_loads(table) is None
+
+
+def test_noise_of_nearly_dependent_signals_indicates_no_stray_load() -> None:
+    """The recorded load explains the signals of every row, which hardly determine one component."""
+    rng = np.random.default_rng(3)
+    by_load = rng.normal(size=(6, 6))
+    by_load /= np.linalg.norm(by_load, axis=1)[:, None]  # condition 516
+    course = [
+        0.0,
+        0.2,
+        0.4,
+        0.6,
+        0.8,
+        1.0,
+        0.8,
+        0.6,
+        0.4,
+        0.2,
+        0.0,
+        -0.2,
+        -0.4,
+        -0.6,
+        -0.8,
+        -1.0,
+        -0.8,
+        -0.6,
+        -0.4,
+        -0.2,
+    ]
+    loads = np.concatenate([np.outer(course, axis) for axis in (*np.eye(6), *np.eye(6))])
+    signals = 2.0 * loads @ by_load.T + 0.002 * rng.normal(size=loads.shape)
+    assert stray_loads(load_table(signals, loads, np.repeat(np.arange(12), len(course)))) == []

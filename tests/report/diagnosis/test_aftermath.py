@@ -52,7 +52,7 @@ def test_one_wrong_number_of_the_description_is_named_with_its_size():
     alone = pulls_verdict(_with_far_numbers((2, "b_x", -40.0, -10.0)), {})
     assert alone is not None
     assert_says(alone.explanation, "does not fit the machine", "one wrong number")
-    assert_says(alone.explanation, "Did you mean", "b_x of leg 2 smaller by 10 mm?")
+    assert_says(alone.explanation, "Did you mean", "b_x of leg 2 smaller by 10.00 ±")
     assert "Equally likely" not in alone.explanation
     both = pulls_verdict(_with_far_numbers((2, "b_x", -40.0, -10.0), (5, "a_x", 30.0, 9.0)), {})
     assert both is not None

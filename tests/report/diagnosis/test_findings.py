@@ -41,7 +41,7 @@ def test_other_subjects_that_the_data_leave_open_are_told_with_their_odds():
     assert said.startswith(explanation(FACTS))
     assert_says(said, "odds", "all legs (1.2 to 1)", "legs 2 and 5 (6.0 to 1)", "target P07 (1.0 to 1)")
     whole = explanation(replace(FACTS, subject="body frame", subjects=(("", 2.0),)))
-    assert_says(whole, "odds", "the whole (2.0 to 1)")
+    assert_says(whole, "odds", "the whole machine (2.0 to 1)")
 
 
 def test_a_finding_says_what_where_how_large_and_how_sure():

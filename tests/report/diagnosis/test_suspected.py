@@ -84,6 +84,13 @@ def test_what_was_found_stands_before_what_is_suspected() -> None:
     assert "effects found" not in said
 
 
+def test_larger_noise_is_no_further_effect() -> None:
+    noise = row("unexplained", parameters={"noise_ratio": {"value": 2.0, "sigma": 0.1, "unit": "1"}})
+    _, said = head(rows(DRIFT, noise, *rejected()), HOLDS)
+    assert "effects found" not in said
+    assert said.index("Leg 4") < said.index("Besides, the noise")
+
+
 @pytest.mark.parametrize("found", [[], [DOUBTED | {"reason_code": "inadequate"}]])
 def test_where_the_model_does_not_hold_the_first_line_says_so_and_by_what(found: list[dict[str, object]]) -> None:
     assert reason(rows(*found, *rejected()), FAILS) == ReasonCode.LACK_OF_FIT

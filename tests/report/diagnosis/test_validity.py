@@ -75,3 +75,12 @@ def test_a_finding_that_blocks_contradict_is_suspected_for_that() -> None:
     section = diagnosis(diagnosis_tables(rows(doubted)))
     assert section is not None
     assert_says(section.statements[0][1], "left-out parts", "worse")
+
+
+def test_blocks_favour_a_form_that_was_searched_for_in_them_no_more_than_all_data_do() -> None:
+    weak = {"verdict": "suspected", "reason_code": "weak", "log_evidence": 0.5, "probability": 0.46}
+    (one,) = said(left_out_by="region", left_out_blocks=4, left_out_gain=20.0, **weak)
+    assert_says(one, "does not decide", "1.65 to 1 for it")
+    lead = part_of("evidence", diagnosis_tables(rows(row("actuator-gain", **weak)))).lead
+    assert_says(lead, "over no effect by only 1.65 to 1")
+    assert "less probable" not in lead

@@ -74,7 +74,7 @@ def test_deformation_names_the_entries_that_differ_and_draws_both(tables):
 def test_calibration_tells_the_choice_and_the_matrix(tables):
     section = calibration(tables)
     assert_says(section.lead, "Chosen", "weighted, forward", "zero common", "linear")
-    assert_says(section.lead, "Least squares", "without a zero")
+    assert_says(section.lead, "least squares", "no zero")
     tests, matrix = section.listings[:2]
     assert [row[0] for row in tests.rows] == ["pass", "not evaluated"]
     assert state_of("calibration", tables) == "ok"

@@ -21,6 +21,7 @@ from truing.simulation.bench.causes.load_history import Creep
 from truing.simulation.bench.causes.load_path import GROWTH, RATIO, LoadEccentricity, LoadImbalance
 from truing.simulation.bench.causes.nonparametric import BEYOND, GAIN, REST, NonparametricReadingEffect, fading_times
 from truing.simulation.bench.causes.play_hysteresis import PlayHysteresis
+from truing.simulation.bench.causes.signal_hysteresis import SignalHysteresis
 from truing.simulation.bench.causes.signal_nonlinear import CUBIC, QUADRATIC, SignalNonlinear
 from truing.simulation.bench.causes.stiffness import (
     Hysteresis,
@@ -50,6 +51,7 @@ MANY: tuple[Cause, ...] = (
     Creep("mz", 300.0),
     CosineError("dx"),
     AbbeOffset(),
+    SignalHysteresis("fz", 0.15),
     ZeroDrift("v2"),
     Crosstalk("v3", "v2"),
     SignalNonlinear("", (QUADRATIC, CUBIC), ("fx-fx", "fy-mz"), ("v2", "v5"), (0.01, 0.02)),

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
 from functools import cache
 
 import numpy as np
@@ -17,9 +18,11 @@ from truing.simulation.bench.causes.leg_stiffness import LegStiffness
 from truing.simulation.bench.causes.noise_burst import NoisyRun
 from truing.simulation.bench.causes.play_hysteresis import PlayHysteresis
 from truing.simulation.bench.causes.reading_causes import ReadingCause
+from truing.simulation.bench.causes.signal_hysteresis import SignalHysteresis
 from truing.simulation.bench.causes.signal_nonlinear import CUBIC, QUADRATIC, SignalNonlinear
 from truing.simulation.bench.causes.zero_step import ZeroStep
-from truing.simulation.bench.load_steps import CHANNELS
+from truing.simulation.bench.load_steps import CHANNELS, ReadingState
+from truing.simulation.bench.six_upur.loading import AXES
 from truing.simulation.catalogue import catalogue_of_readings
 
 SETTINGS = Settings(0.05, 100, 1)
@@ -77,6 +80,23 @@ def test_a_hidden_cause_is_found_under_its_name_with_its_size(name: str) -> None
         if one.name in told and told[one.name].sigma is not None:
             assert abs(told[one.name].value - one.value) < WITHIN * told[one.name].sigma
             assert told[one.name].sigma < 0.3 * abs(one.value)
+
+
+def test_hysteresis_of_signals_is_asked_where_no_deflection_is_read() -> None:
+    model = bench().model()
+    alone = model.scene.steps
+    assert not SignalHysteresis().candidates(model.scene)
+    recorded = np.ones((len(alone.run), len(alone.channels)), bool)
+    recorded[:, :6] = False
+    scene = replace(model.scene, seen=recorded)
+    loop, play = (SignalHysteresis("fz", threshold) for threshold in (0.0, 0.15))
+    assert {loop.key, play.key} <= {one.key for one in SignalHysteresis().candidates(scene)}
+    state = ReadingState(alone, alone.load, np.zeros((len(alone.run), 6, 0)), np.zeros((len(alone.run), 0)))
+    for cause in (loop, play):
+        felt = cause.slopes(state, np.zeros(1))[:, AXES.index("fz"), 0]
+        back = alone.unloading[:, AXES.index("fz")] & (alone.load[:, AXES.index("fz")] != 0.0)
+        assert np.all(felt[back] * np.sign(alone.load[back, AXES.index("fz")]) > -1e-12), "more on the way back"
+        assert np.abs(felt).max() <= 1.0001 * alone.largest[AXES.index("fz")]
 
 
 @pytest.mark.parametrize("seed", [3, 4])

@@ -42,3 +42,14 @@ def test_friction_of_a_leg_is_the_states_of_its_stops_and_ends_with_its_campaign
     assert friction.needs(6) == ("rho4_mm", "time_s")
     assert not friction.is_persistent
     assert [p.name for p in friction.parameters(6)] == ["leg4_stop1", "leg4_stop2", "leg4_stop3"]
+
+
+def test_friction_is_claimed_of_the_legs_alone_where_it_is_clear():
+    friction = NonparametricMechanismEffect(
+        columns=STOPPED, centres=(0.0,) * 3, half_ranges=(1.0,) * 3, form=HISTORY, degree=3
+    )
+    stops, sigma = np.zeros((6, 3)), 1e-6
+    stops[[1, 4]] = [[2e-5, -1e-5, 4e-6], [-1e-5, 3e-5, 1e-6]]
+    clear = friction.narrowed(stops.ravel(), np.eye(18) * sigma**2, 6)
+    assert (clear.subject, clear.inputs(6)) == ("leg2 leg5", ("rho2_mm", "rho5_mm"))
+    assert friction.narrowed(np.full(18, 1e-5), np.eye(18) * sigma**2, 6) == friction

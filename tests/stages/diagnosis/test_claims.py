@@ -23,6 +23,7 @@ from truing.simulation.bodies.causes.drift import BodyDrift
 from truing.simulation.cause import Cause
 from truing.simulation.mechanisms.causes.targets import TargetMoved, TargetsSwapped
 from truing.simulation.mechanisms.chains.causes import ChainCause, ChainTargetMoved, JointScatter, JointsExchanged
+from truing.simulation.mechanisms.chains.harmonics import JointPitchError
 from truing.simulation.mechanisms.point_causes import PointCause
 from truing.simulation.photographs.causes.camera_instability import CameraInstability
 from truing.simulation.photographs.causes.nonparametric import NonparametricRayEffect
@@ -54,6 +55,8 @@ MADE = (
     JointScatter("j2", 1),
     JointScatter(),
     JointScatter("j2", is_angle=False),
+    JointPitchError("j3", is_angle=False, order=2.0 * np.pi / 0.01),
+    JointPitchError("j3", is_angle=False, order=60.0, beside=2.0, free=True),
     TargetMoved("platform", "P07", 12, 11.0),
     TargetsSwapped("platform", ("P04", "P07"), (3, 4)),
     FringeSlip("dz", 4, 7),
@@ -106,6 +109,7 @@ def test_every_candidate_has_its_clause_and_its_advice(cause):
         for words in (said, advice):
             assert "None" not in words
             assert "  " not in words
+        assert "this joint" not in advice
         for name in (word for part in claim.subject.split() for word in [part.removeprefix("leg")] if word.isdigit()):
             assert name in said
 

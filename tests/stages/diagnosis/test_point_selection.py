@@ -112,3 +112,14 @@ def test_exchanged_labels_are_told_by_body_targets_and_poses(seen: Seen) -> None
     assert (
         {pose for pose, fine in zip(hidden.poses, whole, strict=True) if fine} <= set(found.poses) <= set(hidden.poses)
     )
+
+
+def test_every_point_left_out_is_told(seen: Seen) -> None:
+    """Those of the fit of poses stand in its residuals; all others are told here, gross errors at attachments."""
+    isolated = {(point.pose, point.subject) for point in seen.gathered.isolated}
+    targets, poses = seen.gathered.model.targets, seen.gathered.calibration.conditions.poses
+    rows, columns = np.nonzero(seen.gross & ~seen.kept)
+    gone = {(poses[b], f"{targets.bodies[k]} {targets.names[k]}") for b, k in zip(rows, columns, strict=True)}
+    attachments = {point for point in gone if point[1].startswith("platform A")}
+    assert attachments <= isolated
+    assert len(isolated - gone) <= 2

@@ -111,15 +111,10 @@ def adjust(
     and 0 asks for full convergence. Raises `UndeterminedNetworkError` for points and images with
     too few rays, points behind cameras at the start, and networks with free directions.
     """
-    count = network.rays.count
-    w = np.ones(count) if weights is None else np.asarray(weights, float)
-    factor = np.ones(count) if variance_factor is None else np.asarray(variance_factor, float)
-    on = (np.ones(count, bool) if used is None else np.asarray(used, bool)) & (w > 0)
-    bars, known = network.bars, datum == "known"
+    bars = network.bars
     start = replace(start, bar_length_m=np.where(bars.sigma_m > 0, start.bar_length_m, bars.length_m))
-    check_determined(network, on, known)
-    layout = equation_layout(network, on, known)
-    observed = observe(network, layout, w, factor)
+    is_used, weight, observed = _observed(network, datum == "known", used, weights, variance_factor)
+    layout = observed.layout
     near = freedoms(layout, start)
     held = tuple(conditions(free, datum) for free in near)
     converged_state = _minimise(observed, start, near, held, max_iterations, within)
@@ -135,8 +130,8 @@ def adjust(
         state,
         datum,
         residuals(network, state),
-        on,
-        w,
+        is_used,
+        weight,
         converged_state.iterations,
         converged_state.converged,
         observations - unknowns + int(defect.sum()),
@@ -146,6 +141,25 @@ def adjust(
         observed,
         converged_state.before,
     )
+
+
+def _observed(
+    network: Network,
+    known: bool,
+    used: ArrayLike | None,
+    weights: ArrayLike | None,
+    variance_factor: ArrayLike | None,
+) -> tuple[Mask, Array, Observed]:
+    """Mask (N,) of the rays to adjust, their weights (N,), and the observations; ``known``: known points are observed.
+
+    Raises `UndeterminedNetworkError` for points and images with too few rays.
+    """
+    count = network.rays.count
+    weight = np.ones(count) if weights is None else np.asarray(weights, float)
+    factor = np.ones(count) if variance_factor is None else np.asarray(variance_factor, float)
+    is_used = (np.ones(count, bool) if used is None else np.asarray(used, bool)) & (weight > 0)
+    check_determined(network, is_used, known)
+    return is_used, weight, observe(network, equation_layout(network, is_used, known), weight, factor)
 
 
 def _total(observed: Observed, state: NetworkState) -> float:

@@ -69,30 +69,30 @@ class BundleCovariance:
 
     def joint(self, pose: int, points: Index) -> Array:
         """Return the joint covariance (3 n, 3 n) in m^2 of some points of a pose (n,), by place in `point_numbers`."""
-        own = self._pose(pose)
-        by_common = own.points_by_common[coordinates(points)]
-        return own.joint(points) + by_common @ self.common @ by_common.T
+        pose_covariance = self._pose(pose)
+        by_common = pose_covariance.points_by_common[coordinates(points)]
+        return pose_covariance.joint(points) + by_common @ self.common @ by_common.T
 
     def combined(self, pose: int, rows: Array) -> Array:
         """Return the covariance (w, w) of linear combinations (w, 3 p) of the points of a pose."""
-        own = self._pose(pose)
-        by_common = rows @ own.points_by_common
-        return own.combined(rows) + by_common @ self.common @ by_common.T
+        pose_covariance = self._pose(pose)
+        by_common = rows @ pose_covariance.points_by_common
+        return pose_covariance.combined(rows) + by_common @ self.common @ by_common.T
 
     def points_given_common(self, pose: int) -> Array:
         """Return the covariance (3 p, 3 p) in m^2 of points without the part of the common unknowns."""
-        own = self._pose(pose)
-        return own.joint(np.arange(len(own.points_by_common) // 3))
+        pose_covariance = self._pose(pose)
+        return pose_covariance.joint(np.arange(len(pose_covariance.points_by_common) // 3))
 
     def sensitivities(self, pose: int) -> Array:
         """Return the derivatives of the points of a pose by the common unknowns (3 p, c), m per unit of each."""
         return self._pose(pose).points_by_common
 
-    def between(self, one: int, other: int) -> Array:
+    def between(self, first: int, other: int) -> Array:
         """Return the covariance (3 p, 3 p') in m^2 between the points of two poses."""
-        if one == other:
-            return self.points(one)
-        return self.sensitivities(one) @ self.common @ self.sensitivities(other).T
+        if first == other:
+            return self.points(first)
+        return self.sensitivities(first) @ self.common @ self.sensitivities(other).T
 
     def points_common(self, pose: int) -> Array:
         """Return the covariance (3 p, c) between the points of a pose and the common unknowns."""
@@ -100,30 +100,32 @@ class BundleCovariance:
 
     def images(self, pose: int) -> Array:
         """Return the covariance (i, 6, 6) of each image of a pose: centre in m, then theta in rad."""
-        own = self._pose(pose)
-        by_common = own.images_by_common.reshape(len(own.images), 6, len(self.common))
-        return own.images + by_common @ self.common @ by_common.transpose(0, 2, 1)
+        pose_covariance = self._pose(pose)
+        by_common = pose_covariance.images_by_common.reshape(len(pose_covariance.images), 6, len(self.common))
+        return pose_covariance.images + by_common @ self.common @ by_common.transpose(0, 2, 1)
 
     def images_common(self, pose: int) -> Array:
         """Return the covariance (i, 6, c) between the images of a pose and the common unknowns."""
-        own = self._pose(pose)
-        return (own.images_by_common @ self.common).reshape(len(own.images), 6, len(self.common))
+        pose_covariance = self._pose(pose)
+        return (pose_covariance.images_by_common @ self.common).reshape(
+            len(pose_covariance.images), 6, len(self.common)
+        )
 
     def _pose(self, pose: int) -> PoseCovariance:
-        own = self.poses[pose]
-        if own is None:
+        pose_covariance = self.poses[pose]
+        if pose_covariance is None:
             raise ValueError(f"found no used ray in pose {pose}, expected a pose with adjusted rays")
-        return own
+        return pose_covariance
 
     def point_blocks(self) -> Array:
         """Return the covariance (P, 3, 3) in m^2 of every point of the network, NaN for points that are not
         adjusted."""
         blocks = np.full((len(self.observed.network.point_pose), 3, 3), np.nan)
-        for pose, own in enumerate(self.poses):
-            if own is not None:
+        for pose, pose_covariance in enumerate(self.poses):
+            if pose_covariance is not None:
                 numbers = self.point_numbers(pose)
-                by_common = own.points_by_common.reshape(len(numbers), 3, -1)
-                blocks[numbers] = own.blocks() + by_common @ self.common @ by_common.transpose(0, 2, 1)
+                by_common = pose_covariance.points_by_common.reshape(len(numbers), 3, -1)
+                blocks[numbers] = pose_covariance.blocks() + by_common @ self.common @ by_common.transpose(0, 2, 1)
         return blocks
 
     def computed_px2(self) -> Array:
@@ -141,13 +143,13 @@ class BundleCovariance:
         i, p = image_slot[network.rays.image], point_slot[network.rays.point]
         pose_of = network.image_pose[network.rays.image]
         inside = (i >= 0) & (p >= 0) & (pose_of == network.point_pose[network.rays.point])
-        found = np.full((len(i), 2, 2), np.nan)
-        for pose, own in enumerate(self.poses):
+        covariance_px2 = np.full((len(i), 2, 2), np.nan)
+        for pose, pose_covariance in enumerate(self.poses):
             rows = np.flatnonzero(inside & (pose_of == pose))
-            if own is not None and len(rows):
+            if pose_covariance is not None and len(rows):
                 where = i[rows] - layout.image_start[pose], p[rows] - layout.point_start[pose]
-                found[rows] = self._computed(own, rows, *where)
-        return found
+                covariance_px2[rows] = self._computed(pose_covariance, rows, *where)
+        return covariance_px2
 
     def _computed(self, pose_covariance: PoseCovariance, rows: Index, image: Index, point: Index) -> Array:
         """Return the covariance (n, 2, 2) of computed image points of one pose; these do not depend on the datum."""
@@ -189,9 +191,9 @@ class BundleCovariance:
         Together with those of distances and priors they add up to the redundancy.
         """
         rows = self._layout.rays
-        found = np.full((self.observed.network.rays.count, 2), np.nan)
-        found[rows] = 1 - np.einsum("nij,nji->ni", self.computed_px2()[rows], self.observed.rays)
-        return found
+        redundancy = np.full((self.observed.network.rays.count, 2), np.nan)
+        redundancy[rows] = 1 - np.einsum("nij,nji->ni", self.computed_px2()[rows], self.observed.rays)
+        return redundancy
 
     def distance_variances(self) -> tuple[Array, Array]:
         """Return the variance (q,) in m^2 of every adjusted distance between ends of bars, and that of the distance
@@ -202,16 +204,16 @@ class BundleCovariance:
         direction = between / np.linalg.norm(between, axis=-1)[:, None]
         of_distance, of_misclosure = np.zeros(len(between)), np.zeros(len(between))
         for row, pose in enumerate(layout.distance_pose):
-            own, places = self._pose(int(pose)), np.array([layout.first[row], layout.second[row]])
+            pose_covariance, places = self._pose(int(pose)), np.array([layout.first[row], layout.second[row]])
             places -= layout.point_start[pose]
             along = np.concatenate([-direction[row], direction[row]])
-            given = along @ own.joint(places) @ along
-            by_common = along @ own.points_by_common[coordinates(places)]
-            of_distance[row] = given + by_common @ self.common @ by_common
+            variance = along @ pose_covariance.joint(places) @ along
+            by_common = along @ pose_covariance.points_by_common[coordinates(places)]
+            of_distance[row] = variance + by_common @ self.common @ by_common
             place = layout.bar[bars.bar[layout.distances[row]]]
             if place >= 0:
                 by_common[place] -= 1.0
-            of_misclosure[row] = given + by_common @ self.common @ by_common
+            of_misclosure[row] = variance + by_common @ self.common @ by_common
         return of_distance, of_misclosure
 
     def prior_redundancy_numbers(self) -> tuple[Array, Array, Array]:
@@ -249,28 +251,28 @@ def covariance(
     _check_pivots(layout, reduced)
     common = _inverse(layout, reduced)
     poses = tuple(
-        None if one is None else given_common(layout, pose, one, free[pose], held[pose])
-        for pose, one in enumerate(reduced.poses)
+        None if reduced_pose is None else given_common(layout, pose, reduced_pose, free[pose], held[pose])
+        for pose, reduced_pose in enumerate(reduced.poses)
     )
     draft = BundleCovariance(observed, state, layout.common, common, poses, np.empty(0))
     return replace(draft, distance_redundancy=_redundancy_of_distances(draft, reduced))
 
 
 def _redundancy_of_distances(bundle_covariance: BundleCovariance, reduced: Reduced) -> Array:
-    """Return the redundancy numbers (q,) of distances. With the block -q of a multiplier in the inverse, 1 - a Q a^T /
-    s^2 = (1 + r t) t q - r t, which stays accurate for small s."""
+    """Return the redundancy numbers (q,) of distances. The inverse has the block -q of a multiplier; so 1 - a Q a^T /
+    s^2 = (1 + r t) t q - r t. This stays accurate for small s."""
     weight = reduced.weight
     observed = bundle_covariance.observed
     variance = tie_variances(observed, weight)
     _, misclosure = bundle_covariance.distance_variances()
     with np.errstate(divide="ignore", invalid="ignore"):
         numbers = 1 - misclosure / observed.distance_variance
-    for pose, one in enumerate(reduced.poses):
+    for pose, reduced_pose in enumerate(reduced.poses):
         rows = np.flatnonzero(bundle_covariance.observed.layout.distance_pose == pose)
         by_multiplier = np.isfinite(variance[rows])
-        if one is not None and by_multiplier.any():
-            follow = one.multipliers[by_multiplier, :-1]
-            block = np.diagonal(np.linalg.inv(one.pinned) - follow @ bundle_covariance.common @ follow.T)
+        if reduced_pose is not None and by_multiplier.any():
+            follow = reduced_pose.multipliers[by_multiplier, :-1]
+            block = np.diagonal(np.linalg.inv(reduced_pose.pinned) - follow @ bundle_covariance.common @ follow.T)
             chosen = rows[by_multiplier]
             t = variance[chosen]
             numbers[chosen] = (1 + weight[chosen] * t) * t * block - weight[chosen] * t
@@ -297,10 +299,10 @@ def _check_pivots(layout: EquationLayout, reduced: Reduced, least: float = _SING
     `least`."""
     loose_images: list[int] = []
     loose_points: list[int] = []
-    for pose, one in enumerate(reduced.poses):
-        if one is None:
+    for pose, reduced_pose in enumerate(reduced.poses):
+        if reduced_pose is None:
             continue
-        left, places = _pivots(one)
+        left, places = _pivots(reduced_pose)
         bad = places[left < least]
         images = 6 * int(layout.image_start[pose + 1] - layout.image_start[pose])
         loose_images += layout.images[layout.image_start[pose] + np.unique(bad[bad < images] // 6)].tolist()
@@ -316,9 +318,13 @@ def _check_pivots(layout: EquationLayout, reduced: Reduced, least: float = _SING
 def _pivots(eliminated_pose: EliminatedPose) -> tuple[Array, Index]:
     """Return each unknown's share of information that the earlier unknowns of its pose leave, and its place."""
     blocks = eliminated_pose.blocks
-    own = np.diagonal(eliminated_pose.root, axis1=1, axis2=2) ** -2.0 / np.diagonal(blocks.own, axis1=1, axis2=2)
-    kept = np.diagonal(eliminated_pose.factor) ** 2 / eliminated_pose.kept_diagonal
-    return np.concatenate([own.ravel(), kept]), np.concatenate([blocks.own_places, blocks.kept_places])
+    pivot_of_points = np.diagonal(eliminated_pose.root, axis1=1, axis2=2) ** -2.0 / np.diagonal(
+        blocks.own, axis1=1, axis2=2
+    )
+    pivot_of_kept = np.diagonal(eliminated_pose.factor) ** 2 / eliminated_pose.kept_diagonal
+    return np.concatenate([pivot_of_points.ravel(), pivot_of_kept]), np.concatenate(
+        [blocks.own_places, blocks.kept_places]
+    )
 
 
 def _inverse(layout: EquationLayout, reduced: Reduced) -> Array:

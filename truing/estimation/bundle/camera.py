@@ -71,10 +71,10 @@ def derivatives(interior: Array, radius: Array, X: Array) -> tuple[Array, Array]
     x = [xx * per, xy * per, -(xx * u + xy * v) * per]
     y = [yx * per, yy * per, -(yx * u + yy * v) * per]
     by_direction = np.stack([np.stack(x, -1), np.stack(y, -1)], 1)
-    one, none = np.ones_like(xi), np.zeros_like(xi)
+    unit, none = np.ones_like(xi), np.zeros_like(xi)
     powers = [s - s0, s**2 - s0**2, s**3 - s0**3]
-    of_x = [xx * u + xy * v, one, none, *(xi * p for p in powers), s + 2 * xi * xi, 2 * xi * eta, xi, eta]
-    of_y = [yx * u + yy * v, none, one, *(eta * p for p in powers), 2 * xi * eta, s + 2 * eta * eta, none, none]
+    of_x = [xx * u + xy * v, unit, none, *(xi * p for p in powers), s + 2 * xi * xi, 2 * xi * eta, xi, eta]
+    of_y = [yx * u + yy * v, none, unit, *(eta * p for p in powers), 2 * xi * eta, s + 2 * eta * eta, none, none]
     return by_direction, np.stack([np.stack(of_x, -1), np.stack(of_y, -1)], 1)
 
 

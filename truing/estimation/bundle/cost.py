@@ -33,13 +33,13 @@ class AdjustmentCost:
 def adjustment_cost(images: Index, points: Index, rays: Index) -> AdjustmentCost:
     """Return the expected cost of a network with so many images, points and rays per pose (S,)."""
     i, p = 6.0 * images, 3.0 * points
-    kept = np.minimum(i, p)
+    smaller = np.minimum(i, p)
     by_ray = is_large(images, points)
-    step = np.where(by_ray, 0.0, np.maximum(i, p) * kept**2) + kept**3 / 3
-    whole = kept**3 + np.where(by_ray, 0.0, 2 * p**2 * kept)
+    step = np.where(by_ray, 0.0, np.maximum(i, p) * smaller**2) + smaller**3 / 3
+    operations = smaller**3 + np.where(by_ray, 0.0, 2 * p**2 * smaller)
     seconds = _STEPS * (_PER_RAY * float(rays.sum()) + float(step.sum()) / _RATE)
-    seconds += _COVARIANCES * float(whole.sum()) / _RATE
-    arrays = kept**2 * 3 + np.where(by_ray, 0.0, 3 * i * p + p**2)
+    seconds += _COVARIANCES * float(operations.sum()) / _RATE
+    arrays = smaller**2 * 3 + np.where(by_ray, 0.0, 3 * i * p + p**2)
     largest = float(np.max(np.where(by_ray, 0.0, 3 * p**2), initial=0.0))
     return AdjustmentCost(
         seconds, _BASE + _BYTES_PER_RAY * float(rays.sum()) + _DOUBLE * (float(arrays.sum()) + largest)

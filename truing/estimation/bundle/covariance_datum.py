@@ -31,13 +31,13 @@ class Datum:
         drawn = self.back @ covariance
         drawn -= (drawn @ self.back.T / 2) @ self.freedoms.T
         # The transposed matrix, equal by symmetry, is column-major as BLAS needs it.
-        taken = np.hstack([self.freedoms, drawn.T]), np.hstack([drawn.T, self.freedoms])
-        found = dgemm(-1.0, *taken, 1.0, covariance.T, trans_b=1, overwrite_c=1).T
-        found[self.certain] = found[:, self.certain] = 0.0
-        return found
+        factors = np.hstack([self.freedoms, drawn.T]), np.hstack([drawn.T, self.freedoms])
+        propagated_points = dgemm(-1.0, *factors, 1.0, covariance.T, trans_b=1, overwrite_c=1).T
+        propagated_points[self.certain] = propagated_points[:, self.certain] = 0.0
+        return propagated_points
 
     def by_common(self, by_common: Array) -> Array:
         """Return the derivatives of points (3 p, c) by the common unknowns in this datum."""
-        found = by_common - self.freedoms @ (self.back @ by_common)
-        found[self.certain] = 0.0
-        return found
+        reduced = by_common - self.freedoms @ (self.back @ by_common)
+        reduced[self.certain] = 0.0
+        return reduced

@@ -225,15 +225,15 @@ def _rescaled(tests: RayTests, before: VarianceComponents, after: VarianceCompon
 
 def _worst_failures(network: Network, used: Mask, tests: RayTests, fails: Mask) -> Mask:
     """Return the failing rays (N,) that fail by their own error. An error raises T of other rays by the square of their
-    correlation, about (3 / n)^2 among n rays of an image and (1.5 / n)^2 among those of a point. A T above four times
+    correlation: about (3 / n)^2 among n rays of an image, and (1.5 / n)^2 among those of a point. A T above four times
     that part of the worst one has its own cause."""
-    T, own = np.where(fails, tests.T, 0.0), fails
+    T, worst = np.where(fails, tests.T, 0.0), fails
     for index, part in ((network.rays.image, 6.0), (network.rays.point, 3.0)):
         most = np.zeros(int(index.max(initial=0)) + 1)
         np.maximum.at(most, index[fails], T[fails])
         many = np.maximum(np.bincount(index[used], minlength=len(most)), 1)
-        own = own & ((np.minimum(part / many, 1.0) ** 2 * most)[index] <= T)
-    return own
+        worst = worst & ((np.minimum(part / many, 1.0) ** 2 * most)[index] <= T)
+    return worst
 
 
 def relaxed(
@@ -329,10 +329,10 @@ def _two_directions(C: Array, A: Array, v: Array, used: Mask) -> tuple[Array, In
     x = v[:, 0] / l11
     y = (v[:, 1] - l21 * x) / l22
     half, mean = np.hypot((xx - yy) / 2, xy), (xx + yy) / 2
-    whole, along = x * x + y * y, (xx - yy) / 2 * (x * x - y * y) + 2 * xy * x * y
+    mean_square, along = x * x + y * y, (xx - yy) / 2 * (x * x - y * y) + 2 * xy * x * y
     along = np.divide(along, half, out=np.zeros_like(half), where=half > 0)
     T, freedom = np.zeros(len(v)), np.zeros(len(v), np.int64)
-    for share, square in ((mean + half, (whole + along) / 2), (mean - half, (whole - along) / 2)):
+    for share, square in ((mean + half, (mean_square + along) / 2), (mean - half, (mean_square - along) / 2)):
         rho = np.where(used, 1 - share, 1 / (1 + np.maximum(share, 0.0)))  # of the errors shows in the residuals
         checked = rho > _CHECKED
         T += np.where(checked, square * np.where(used, 1 / np.where(checked, rho, 1.0), rho), 0.0)
@@ -351,16 +351,16 @@ def p_values(T: Array, freedom: Index, redundancy: Array | None = None, used: Ma
     f = np.maximum(freedom, 1)
     if redundancy is None or used is None:
         # The tail of two degrees of freedom is elementary; the few of one need a special function.
-        p_value, one = np.exp(-T / 2), f == 1
-        p_value[one] = chdtrc(1, T[one])
+        p_value, is_single = np.exp(-T / 2), f == 1
+        p_value[is_single] = chdtrc(1, T[is_single])
         return np.where(freedom > 0, p_value, np.nan)
     r = np.maximum(redundancy, f + 1.0)
     with np.errstate(divide="ignore"):
         log_inside = (r / 2 - 1) * np.log1p(-np.minimum(T / r, 1.0))
-    p_value, one = np.exp(np.where(used, log_inside, -r / 2 * np.log1p(T / r))), f == 1
-    r, T, used = r[one], T[one], used[one]
+    p_value, is_single = np.exp(np.where(used, log_inside, -r / 2 * np.log1p(T / r))), f == 1
+    r, T, used = r[is_single], T[is_single], used[is_single]
     inside = betaincc(0.5, (r - 1) / 2, np.clip(T / r, 0.0, 1.0))
-    p_value[one] = np.where(used, inside, betainc(r / 2, 0.5, r / (r + T)))
+    p_value[is_single] = np.where(used, inside, betainc(r / 2, 0.5, r / (r + T)))
     return np.where(freedom > 0, p_value, np.nan)
 
 
@@ -371,9 +371,12 @@ def critical_values(alpha: float, freedom: Index, redundancy: Array | None, used
     if redundancy is None:
         return np.array([np.nan, *chdtri([1, 2], alpha)])[freedom]
     levels, which = np.unique(redundancy, return_inverse=True)
-    one, two = np.maximum(levels, 2.0), np.maximum(levels, 3.0)
+    at_least_two, two = np.maximum(levels, 2.0), np.maximum(levels, 3.0)
     none = np.full((2, len(levels)), np.nan)  # of used rays, then of the others
-    of_one = one * betainccinv(0.5, (one - 1) / 2, alpha), one * (1 / betaincinv(one / 2, 0.5, alpha) - 1)
+    of_one = (
+        at_least_two * betainccinv(0.5, (at_least_two - 1) / 2, alpha),
+        at_least_two * (1 / betaincinv(at_least_two / 2, 0.5, alpha) - 1),
+    )
     of_two = -two * np.expm1(2 / (two - 2) * np.log(alpha)), two * np.expm1(-2 / two * np.log(alpha))
     return np.stack([none, of_one, of_two])[freedom, np.where(used, 0, 1), which]
 
@@ -394,13 +397,13 @@ def _meeting_elsewhere(adjusted: Adjustment, components: VarianceComponents, rej
     with np.errstate(invalid="ignore"):
         rejected = rejected & (np.linalg.norm(adjusted.residuals_px, axis=1) > _APART_TOLERANCES * limit)
     rejected &= np.bincount(rays.point[rejected], minlength=len(network.point_pose))[rays.point] >= _FEWEST_MEETING
-    out, found = np.flatnonzero(rejected), np.zeros(rays.count, bool)
+    out, meets_elsewhere = np.flatnonzero(rejected), np.zeros(rays.count, bool)
     if len(out):
         X, agrees = meeting(network, state, out, np.array([limit]))
-        found[out] = (
+        meets_elsewhere[out] = (
             agrees & (np.bincount(rays.point[out], agrees, minlength=len(X)) >= _FEWEST_MEETING)[rays.point[out]]
         )
-    return found
+    return meets_elsewhere
 
 
 def rejected_rays(
@@ -479,9 +482,9 @@ def _intersected_again(
     active, points = active & ~suspect, state.points.copy()
     if len(again):
         X, agrees = meeting(network, state, again, tolerance_px(network, again, components))
-        found = np.isfinite(X[:, 0])
-        points[found] = X[found]
-        active[again] = np.where(found[rays.point[again]], agrees, active[again])
+        is_placed = np.isfinite(X[:, 0])
+        points[is_placed] = X[is_placed]
+        active[again] = np.where(is_placed[rays.point[again]], agrees, active[again])
     return replace(state, points=points), active
 
 
@@ -511,7 +514,7 @@ def _by_median(components: VarianceComponents, off: Array, used: Mask, redundanc
     factor = components.factor.copy()
     share = redundancy / (2.0 * max(int(used.sum()), 1))
     for g in range(len(factor)):
-        own = off[used & (components.component == g)]
-        if len(own):
-            factor[g] = max(float(np.median(own)) ** 2 / (2 * np.log(2)) / share, 1e-4)
+        of_group = off[used & (components.component == g)]
+        if len(of_group):
+            factor[g] = max(float(np.median(of_group)) ** 2 / (2 * np.log(2)) / share, 1e-4)
     return replace(components, factor=factor)

@@ -56,16 +56,24 @@ def freedoms(layout: EquationLayout, state: NetworkState) -> tuple[Freedom, ...]
     of_images[:, :3], of_images[:, 3:, 3:6] = movements(centres), np.eye(3) / size[of_image, None, None]
     mixtures, has_length = _orthonormal(points, layout.point_start), np.zeros(layout.poses, bool)
     has_length[layout.distance_pose] = True
-    found = []
+    kinds = []
     for pose, mixture in enumerate(mixtures):
         i = slice(layout.image_start[pose], layout.image_start[pose + 1])
         p = slice(layout.point_start[pose], layout.point_start[pose + 1])
-        own = mixture[:, : 6 if has_length[pose] else 7] if p.start < p.stop else mixture[:, :0]
+        freedoms_of_pose = mixture[:, : 6 if has_length[pose] else 7] if p.start < p.stop else mixture[:, :0]
         known = layout.known_slot[(layout.known_slot >= p.start) & (layout.known_slot < p.stop)]
         if len(known):
-            own = own @ _null_space(of_points[known].reshape(-1, 7) @ own)
-        found.append(Freedom(_mixed(of_images[i], own), _mixed(of_points[p], own), own, middle[pose], size[pose]))
-    return tuple(found)
+            freedoms_of_pose = freedoms_of_pose @ _null_space(of_points[known].reshape(-1, 7) @ freedoms_of_pose)
+        kinds.append(
+            Freedom(
+                _mixed(of_images[i], freedoms_of_pose),
+                _mixed(of_points[p], freedoms_of_pose),
+                freedoms_of_pose,
+                middle[pose],
+                size[pose],
+            )
+        )
+    return tuple(kinds)
 
 
 def _mixed(movements: Array, mixture: Array) -> Array:
@@ -103,19 +111,19 @@ def _orthonormal(points: Array, start: Index) -> Array:
     trace = np.trace(moments, axis1=1, axis2=2)
     inertia = trace[:, None, None] * np.eye(3) - moments
     inertia[trace == 0] = np.eye(3)
-    found = np.zeros((len(moments), 7, 7))
+    orthonormal = np.zeros((len(moments), 7, 7))
     shifts = 1 / np.sqrt(np.maximum(np.diff(start), 1))
-    found[:, [0, 1, 2, 6], [0, 1, 2, 6]] = shifts[:, None]
-    found[:, 3:6, 3:6] = np.linalg.inv(np.linalg.cholesky(inertia)).transpose(0, 2, 1)
-    return found
+    orthonormal[:, [0, 1, 2, 6], [0, 1, 2, 6]] = shifts[:, None]
+    orthonormal[:, 3:6, 3:6] = np.linalg.inv(np.linalg.cholesky(inertia)).transpose(0, 2, 1)
+    return orthonormal
 
 
 def movements(points: Array) -> Array:
     """Return the movements (n, 3, 7) of points by shifts, rotations and scale about the origin."""
-    found = np.zeros((*points.shape, 7))
-    put_rigid_motions(points, found[..., :6])
-    found[..., 6] = points
-    return found
+    derivative = np.zeros((*points.shape, 7))
+    put_rigid_motions(points, derivative[..., :6])
+    derivative[..., 6] = points
+    return derivative
 
 
 def _null_space(rows: Array) -> Array:
@@ -131,9 +139,9 @@ def conditions(free: Freedom, datum: Datum) -> Array:
         return rows
     # QR with pivoting picks the coordinates that fix the network most firmly.
     chosen = qr(rows.T, mode="r", pivoting=True)[1][: free.count]
-    held = np.zeros_like(rows)
-    held[chosen, np.arange(free.count)] = 1.0
-    return held
+    conditions_of_points = np.zeros_like(rows)
+    conditions_of_points[chosen, np.arange(free.count)] = 1.0
+    return conditions_of_points
 
 
 def in_datum(layout: EquationLayout, state: NetworkState, start: NetworkState, held: tuple[Array, ...]) -> NetworkState:
@@ -145,9 +153,9 @@ def in_datum(layout: EquationLayout, state: NetworkState, start: NetworkState, h
     for pose, free in enumerate(freedoms(layout, state)):
         if free.count:
             images = layout.images[layout.image_start[pose] : layout.image_start[pose + 1]]
-            own = layout.points[layout.point_start[pose] : layout.point_start[pose + 1]]
-            turn, scale, shift = _similarity(points[own], start.points[own], free, held[pose])
-            points[own] = scale * points[own] @ turn.T + shift
+            points_of_pose = layout.points[layout.point_start[pose] : layout.point_start[pose + 1]]
+            turn, scale, shift = _similarity(points[points_of_pose], start.points[points_of_pose], free, held[pose])
+            points[points_of_pose] = scale * points[points_of_pose] @ turn.T + shift
             centre[images] = scale * centre[images] @ turn.T + shift
             R[images] = turn @ R[images]
     return NetworkState(state.interior, R, centre, points, state.bar_length_m)
@@ -155,17 +163,17 @@ def in_datum(layout: EquationLayout, state: NetworkState, start: NetworkState, h
 
 def _similarity(points: Array, start: Array, free: Freedom, held: Array) -> tuple[Array, float, Array]:
     """Return rotation, scale and shift of points (p, 3) after which the conditions hold."""
-    whole, middle, size = np.eye(4), free.middle, free.size
+    motion, middle, size = np.eye(4), free.middle, free.size
     for _ in range(50):
-        now = (points - middle) @ whole[:3, :3].T + whole[:3, 3]
+        now = (points - middle) @ motion[:3, :3].T + motion[:3, 3]
         by = held.T @ (movements(now / size) @ free.mixture).reshape(-1, free.count)
         change = free.mixture @ np.linalg.solve(by, held.T @ (start - middle - now).ravel())
-        whole = _exponential(_generator(change, size)) @ whole  # along the freedoms only: known points stay fixed
+        motion = _exponential(_generator(change, size)) @ motion  # along the freedoms only: known points stay fixed
         if np.abs(change).max() <= _SQUARED * size:
             break
-    scale = float(np.cbrt(np.linalg.det(whole[:3, :3])))
-    turn = whole[:3, :3] / scale
-    return turn, scale, whole[:3, 3] + middle - scale * turn @ middle
+    scale = float(np.cbrt(np.linalg.det(motion[:3, :3])))
+    turn = motion[:3, :3] / scale
+    return turn, scale, motion[:3, 3] + middle - scale * turn @ middle
 
 
 def _generator(change: Array, size: float) -> Array:

@@ -76,7 +76,7 @@ def _ideal_ellipses(P: Array, n: Array, radius_m: Array) -> tuple[Array, Array, 
 def network_eccentricity(
     network: Network, state: NetworkState, image: Index, point: Index, normal: Array, radius_m: Array
 ) -> Array:
-    """Return the eccentricities (N, 2) in px of rays (N) to circles with normals (P, 3) in the frame of their pose and
+    """Return the eccentricities (N, 2) in px of rays (N) to circles; normals (P, 3) are in the frame of their pose,
     radii (P,) in m.
 
     NaN if normal or radius is NaN or there is no ellipse. Subtract it from the measured image point to get the image of
@@ -87,10 +87,12 @@ def network_eccentricity(
     n = np.einsum("nji,nj->ni", state.R[image], normal[point])
     P, radius = in_camera_axes(state, image, point), radius_m[point]
     known = np.isfinite(n).all(1) & np.isfinite(radius) & np.isfinite(P).all(1)
-    found = np.full((len(image), 2), np.nan)
+    eccentricity_px = np.full((len(image), 2), np.nan)
     of = camera[known]
-    found[known] = eccentricity(state.interior[of], centre[of], balancing[of], P[known], n[known], radius[known])
-    return found
+    eccentricity_px[known] = eccentricity(
+        state.interior[of], centre[of], balancing[of], P[known], n[known], radius[known]
+    )
+    return eccentricity_px
 
 
 @dataclass(frozen=True)
@@ -123,7 +125,7 @@ def facing(
     """Return the normals of circles from their ellipses in images.
 
     Rays (N) with semi-axes (N, 2), angles (N,) of the major axes and sigma_px (N,) of a semi-axis; NaN ellipses are
-    ignored. For a circle much smaller than its distance, M M^T = r^2 J (1 - n n^T) J^T, with J the derivative of image
+    ignored. A circle much smaller than its distance has M M^T = r^2 J (1 - n n^T) J^T; J is the derivative of image
     coordinates by the point. One image leaves two normals, mirrored at the line of sight; the one that fits all images
     is refined by Gauss-Newton on normal and radius.
     """

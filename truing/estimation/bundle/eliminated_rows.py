@@ -17,10 +17,10 @@ _BATCH = 4_000_000  # numbers of a batch of dense rows
 _NOT_DEFINITE = "found a block that is not positive definite"
 
 
-def add_products(whole: Array, rows: Array, factor: float) -> None:
+def add_products(total: Array, rows: Array, factor: float) -> None:
     """Add the products (w, w) of rows (r, w), times a factor, to the upper triangle."""
     if len(rows):
-        dsyrk(factor, rows.T, 1.0, whole.T, lower=1, overwrite_c=1)
+        dsyrk(factor, rows.T, 1.0, total.T, lower=1, overwrite_c=1)
 
 
 @dataclass(frozen=True)
@@ -34,13 +34,15 @@ class DenseRows:
         """Shape of the reduced rows."""
         return self.array.shape
 
-    def eliminate(self, own: Array, sides: Array, damping: float, reduced: Array) -> tuple[Array, ReducedDense, Array]:
+    def eliminate(
+        self, diagonal: Array, sides: Array, damping: float, reduced: Array
+    ) -> tuple[Array, ReducedDense, Array]:
         """Return the inverse Cholesky factors (b, d, d) of damped blocks, and their products with rows and sides (b d,
         .); overwrites reduced. Raises LinAlgError if a block is not positive definite."""
         from truing.estimation.bundle.kernels import forward
 
-        root, reduced_sides = np.empty_like(own), np.empty_like(sides)
-        if not forward(own, self.array, sides, damping, root, reduced, reduced_sides):
+        root, reduced_sides = np.empty_like(diagonal), np.empty_like(sides)
+        if not forward(diagonal, self.array, sides, damping, root, reduced, reduced_sides):
             raise np.linalg.LinAlgError(_NOT_DEFINITE)
         return root, ReducedDense(reduced), reduced_sides
 
@@ -81,8 +83,8 @@ class RayRows:
         from truing.estimation.bundle.ray_kernels import forward_rays
 
         rays, root, reduced_sides = self.rays, np.empty_like(own), np.empty_like(sides)
-        given = own, self.blocks, rays.rays, rays.first, sides, damping
-        if not forward_rays(*given, root, reduced, reduced_sides):
+        arguments = own, self.blocks, rays.rays, rays.first, sides, damping
+        if not forward_rays(*arguments, root, reduced, reduced_sides):
             raise np.linalg.LinAlgError(_NOT_DEFINITE)
         entries = Entries(reduced, rays.image_place, rays.first[:-1], rays.first[1:], rays.kept)
         return root, ReducedRays(entries, rays.images), reduced_sides

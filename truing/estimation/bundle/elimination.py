@@ -83,28 +83,28 @@ def blocks_of(
     freedoms = np.concatenate([near.images.reshape(m, near.count), near.points.reshape(n, near.count)])
     tied_rows = _rows(ties, m, n)
     if n <= m:
-        places, own = np.arange(m, m + n), np.arange(m)
-        kept = workspace.take(("kept", pose), (n, n))
-        _put_diagonal(points, kept)
+        places, index = np.arange(m, m + n), np.arange(m)
+        kept_block = workspace.take(("kept", pose), (n, n))
+        _put_diagonal(points, kept_block)
         return PoseBlocks(
-            *(images, DenseRows(between), of_images, kept, of_points),
-            *(own, places, freedoms[places], tied_rows[:, places]),
+            *(images, DenseRows(between), of_images, kept_block, of_points),
+            *(index, places, freedoms[places], tied_rows[:, places]),
         )
     ends = np.zeros(len(points), bool)
     ends[ties.first] = ends[ties.second] = True
     tied, loose = np.repeat(ends, 3), np.repeat(~ends, 3)
-    places, own = np.concatenate([np.arange(m), m + np.flatnonzero(tied)]), m + np.flatnonzero(loose)
+    places, index = np.concatenate([np.arange(m), m + np.flatnonzero(tied)]), m + np.flatnonzero(loose)
     k = len(places)
-    kept = workspace.take(("kept", pose), (k, k))
-    _put_diagonal(images, kept[:m, :m])
-    _put_diagonal(points[ends], kept[m:, m:])
-    kept[:m, m:] = between[:, tied]
-    beside = np.zeros((len(own), k))
+    kept_block = workspace.take(("kept", pose), (k, k))
+    _put_diagonal(images, kept_block[:m, :m])
+    _put_diagonal(points[ends], kept_block[m:, m:])
+    kept_block[:m, m:] = between[:, tied]
+    beside = np.zeros((len(index), k))
     beside[:, :m] = between[:, loose].T
     sides = np.concatenate([of_images, of_points[tied]])
     return PoseBlocks(
-        *(points[~ends], DenseRows(beside), of_points[loose], kept, sides),
-        *(own, places, freedoms[places], tied_rows[:, places]),
+        *(points[~ends], DenseRows(beside), of_points[loose], kept_block, sides),
+        *(index, places, freedoms[places], tied_rows[:, places]),
     )
 
 
@@ -121,18 +121,18 @@ def _blocks_by_ray(
     """Return the equations of a large pose, with points eliminated ray by ray; i, p: slots of its images and points."""
     images, points, between = equations.images[i], equations.points[p], equations.between[pose]
     m, k = 6 * rays.images, rays.kept
-    kept = workspace.take(("kept", pose), (k, k))
-    kept[:] = 0.0
-    _put_diagonal(images, kept[:m, :m])
-    _put_diagonal(points[rays.tied], kept[m:, m:])
-    put_tied_rows(rays, between, kept)
+    kept_block = workspace.take(("kept", pose), (k, k))
+    kept_block[:] = 0.0
+    _put_diagonal(images, kept_block[:m, :m])
+    _put_diagonal(points[rays.tied], kept_block[m:, m:])
+    put_tied_rows(rays, between, kept_block)
     of_points = equations.point_sides[p]
     width = of_points.shape[-1]
     sides = np.concatenate([equations.image_sides[i].reshape(m, width), of_points[rays.tied].reshape(k - m, width)])
     freedoms = near.images.reshape(m, near.count), near.points[rays.tied].reshape(k - m, near.count)
     local = replace(ties, first=np.searchsorted(rays.tied, ties.first), second=np.searchsorted(rays.tied, ties.second))
     return PoseBlocks(
-        *(points[rays.loose], RayRows(between, rays), of_points[rays.loose].reshape(-1, width), kept, sides),
+        *(points[rays.loose], RayRows(between, rays), of_points[rays.loose].reshape(-1, width), kept_block, sides),
         *(rays.own_places, rays.kept_places, np.concatenate(freedoms), _rows(local, m, k - m)),
     )
 
@@ -146,12 +146,12 @@ def _rows(ties: Ties, m: int, n: int) -> Array:
     return rows
 
 
-def _put_diagonal(blocks: Array, whole: Array) -> None:
+def _put_diagonal(blocks: Array, matrix: Array) -> None:
     """Fill a matrix (b d, b d) with blocks (b, d, d) on its diagonal and zeros elsewhere."""
     b, d, _ = blocks.shape
-    row, column = whole.strides
-    whole[:] = 0.0
-    as_strided(whole, (b, d, d), (d * (row + column), row, column))[:] = blocks
+    row, column = matrix.strides
+    matrix[:] = 0.0
+    as_strided(matrix, (b, d, d), (d * (row + column), row, column))[:] = blocks
 
 
 class EliminatedPose:
@@ -193,12 +193,12 @@ class EliminatedPose:
     def back(self, common: Array) -> tuple[Array, Array]:
         """Return the changes of the pose's unknowns, images before points, and the multipliers (q,)."""
         step = np.append(-common, 1.0)
-        kept = self.kept @ step
+        kept_step = self.kept @ step
         b, d, _ = self.blocks.own.shape
-        own = (self.reduced_sides @ step - self.reduced.times(kept)).reshape(b, d)
-        x = np.empty(len(self.blocks.own_places) + len(kept))
-        x[self.blocks.kept_places] = kept
-        x[self.blocks.own_places] = np.einsum("bji,bj->bi", self.root, own).ravel()
+        own_step = (self.reduced_sides @ step - self.reduced.times(kept_step)).reshape(b, d)
+        x = np.empty(len(self.blocks.own_places) + len(kept_step))
+        x[self.blocks.kept_places] = kept_step
+        x[self.blocks.own_places] = np.einsum("bji,bj->bi", self.root, own_step).ravel()
         return x, self.multipliers @ step
 
 
@@ -301,8 +301,8 @@ def solve(layout: EquationLayout, reduced: Reduced) -> UnknownsStep:
         if eliminated is None:
             continue
         x, multipliers[layout.distance_pose == pose] = eliminated.back(common)
-        own = slice(layout.image_start[pose], layout.image_start[pose + 1])
-        m = 6 * (own.stop - own.start)
-        images[own] = x[:m].reshape(-1, 6)
+        images_of_pose = slice(layout.image_start[pose], layout.image_start[pose + 1])
+        m = 6 * (images_of_pose.stop - images_of_pose.start)
+        images[images_of_pose] = x[:m].reshape(-1, 6)
         points[layout.point_start[pose] : layout.point_start[pose + 1]] = x[m:].reshape(-1, 3)
     return UnknownsStep(images, points, common, multipliers)

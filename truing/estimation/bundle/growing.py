@@ -54,10 +54,10 @@ class Grown:
         """Mask (I,) of oriented images."""
         return np.isfinite(self.rays.centre[:, 0])
 
-    def with_images(self, found: dict[int, tuple[Array, Array]]) -> Grown:
+    def with_images(self, oriented: dict[int, tuple[Array, Array]]) -> Grown:
         """Return a copy with some images oriented: (R, centre) by number."""
         R, centre = self.rays.R.copy(), self.rays.centre.copy()
-        for i, (turn, place) in found.items():
+        for i, (turn, place) in oriented.items():
             R[i], centre[i] = turn, place
         return replace(self, rays=replace(self.rays, R=R, centre=centre))
 
@@ -77,7 +77,9 @@ def grow(seed: Grown, rng: np.random.Generator, refine: Refine, most: int | None
         if not waiting:
             break
         tried = {i: _oriented(now, i) for i in waiting}
-        good = {i: (found.R, found.centre) for i, found in tried.items() if isinstance(found, Resection)}
+        good = {
+            i: (resection.R, resection.centre) for i, resection in tried.items() if isinstance(resection, Resection)
+        }
         now = replace(now, failed=now.failed | {i: t for i, t in tried.items() if not isinstance(t, Resection)})
         if good:
             now = intersected(now.with_images(good), rng)
@@ -111,11 +113,11 @@ def _oriented(now: Grown, image: int) -> Resection | tuple[int, int]:
     """Return the orientation of an image, or else the number of its points with coordinates and how many agree."""
     rays = now.rays
     here = np.flatnonzero((rays.image == image) & np.isfinite(now.X[rays.point, 0]) & np.isfinite(rays.direction[:, 0]))
-    found = resect(rays.direction[here], now.X[rays.point[here]], float(rays.scale_px[here[0]]), now.tolerance_px)
-    if found is None:
+    resection = resect(rays.direction[here], now.X[rays.point[here]], float(rays.scale_px[here[0]]), now.tolerance_px)
+    if resection is None:
         return len(here), 0
-    agreeing = int(found.agrees.sum())
-    return found if agreeing >= _LEAST_AGREEING * len(here) else (len(here), agreeing)
+    agreeing = int(resection.agrees.sum())
+    return resection if agreeing >= _LEAST_AGREEING * len(here) else (len(here), agreeing)
 
 
 def format_cells(xy_px: Array, width_px: Array, height_px: Array, per_side: int = _CELLS) -> Index:

@@ -53,10 +53,10 @@ def image_stability(adjusted: Adjustment, variance_factor: Array) -> list[ImageS
     Cameras with few images, or whose network does not determine them, are left out. variance_factor (N,): factor of the
     rays' covariances.
     """
-    found = [own for own in _by_pose(adjusted, variance_factor) if own is not None]
+    found = [setting for setting in _deviations_by_pose(adjusted, variance_factor) if setting is not None]
     network, stable = adjusted.network, []
     for camera in range(len(network.cameras)):
-        parts = [_camera_part(own, network.image_camera == camera) for own in found]
+        parts = [_camera_part(setting, network.image_camera == camera) for setting in found]
         images = np.concatenate([np.zeros(0, np.int64), *(images for images, _, _ in parts)])
         if len(images) >= _FEWEST:
             values = np.concatenate([values for _, values, _ in parts])
@@ -70,9 +70,9 @@ def _camera_part(distances: Distances, chosen: Mask) -> Distances:
     return images[mine], values[mine], covariance[np.ix_(mine, mine)]
 
 
-def _by_pose(adjusted: Adjustment, factor: Array) -> Iterator[Distances | None]:
+def _deviations_by_pose(adjusted: Adjustment, factor: Array) -> Iterator[Distances | None]:
     """Yield the principal distance of every image of each pose, None if the rays do not determine them."""
-    network = _one_camera_each(adjusted.network)
+    network = _with_camera_per_image(adjusted.network)
     state = replace(adjusted.state, interior=adjusted.state.interior[adjusted.network.image_camera])
     of_ray = network.image_pose[network.rays.image]
     for pose in np.unique(of_ray[adjusted.used]):
@@ -86,14 +86,14 @@ def _by_pose(adjusted: Adjustment, factor: Array) -> Iterator[Distances | None]:
 def _pose_by_itself(
     network: Network, state: NetworkState, adjusted: Adjustment, used: Mask, factor: Array
 ) -> Distances:
-    own = adjust(network, state, adjusted.datum, used=used, variance_factor=factor, max_iterations=_ITERATIONS)
-    names = own.covariance.names
+    adjustment = adjust(network, state, adjusted.datum, used=used, variance_factor=factor, max_iterations=_ITERATIONS)
+    names = adjustment.covariance.names
     places = [k for k, (_, parameter) in enumerate(names) if parameter == "c"]
     images = np.array([int(names[k][0]) for k in places], dtype=np.int64)
-    return images, own.state.interior[images, _C], own.covariance.common[np.ix_(places, places)]
+    return images, adjustment.state.interior[images, _C], adjustment.covariance.common[np.ix_(places, places)]
 
 
-def _one_camera_each(network: Network) -> Network:
+def _with_camera_per_image(network: Network) -> Network:
     """Return the network in which every image has its own camera with only the principal distance free."""
     cameras = tuple(
         replace(network.cameras[camera], name=str(image), free=("c",))
@@ -107,12 +107,12 @@ def _settings(camera: int, images: Index, values: Array, blocks: list[Array]) ->
     from scipy.linalg import block_diag
 
     covariance = block_diag(*blocks)
-    found = _sorted(camera, images, values, covariance)
-    if found.setting.max(initial=0) <= _SETTINGS:
-        return found
-    scatter = float(np.median(np.abs(found.off_px) / found.sigma_px)) / _MEDIAN_OF_NORMAL
+    stability = _sorted(camera, images, values, covariance)
+    if stability.setting.max(initial=0) <= _SETTINGS:
+        return stability
+    scatter = float(np.median(np.abs(stability.off_px) / stability.sigma_px)) / _MEDIAN_OF_NORMAL
     again = _sorted(camera, images, values, covariance * max(scatter, 1.0) ** 2)
-    return replace(again, p_value=found.p_value)
+    return replace(again, p_value=stability.p_value)
 
 
 def _sorted(camera: int, images: Index, values: Array, covariance: Array) -> ImageStability:
@@ -134,8 +134,8 @@ def _sorted(camera: int, images: Index, values: Array, covariance: Array) -> Ima
     off = values - reference
     apart = np.flatnonzero(setting > 0)
     if len(apart):  # the comparison within its pose is more precise than the value itself
-        found, cofactor, _ = _shifts(values, np.asarray(np.linalg.inv(covariance), np.float64), setting > 0)
-        off[apart], sigma[apart] = found[1:], np.sqrt(np.diagonal(cofactor)[1:])
+        deviations, cofactor, _ = _shifts(values, np.asarray(np.linalg.inv(covariance), np.float64), setting > 0)
+        off[apart], sigma[apart] = deviations[1:], np.sqrt(np.diagonal(cofactor)[1:])
     return ImageStability(camera, images, off, sigma, setting, p_value)
 
 
@@ -179,15 +179,15 @@ def _shifts(values: Array, P: Array, outside: Mask) -> tuple[Array, Array, Array
 
 def _tests(values: Array, P: Array, inside: Mask) -> tuple[Array, float]:
     """Return the test value (n,) of a shift of each value, next to shifts of those outside, and the shared value."""
-    found, cofactor, design = _shifts(values, P, ~inside)
+    deviations, cofactor, design = _shifts(values, P, ~inside)
     W = P - P @ design @ cofactor @ design.T @ P
     T = np.zeros(len(values))
-    T[~inside] = found[1:] ** 2 / np.diagonal(cofactor)[1:]
+    T[~inside] = deviations[1:] ** 2 / np.diagonal(cofactor)[1:]
     shown = np.diagonal(W)[inside]
     with np.errstate(divide="ignore", invalid="ignore"):
-        own = (W @ values)[inside] ** 2 / shown
-    T[inside] = np.where(shown > 1e-9 * np.diagonal(P)[inside], own, 0.0)
-    return T, float(found[0])
+        contribution = (W @ values)[inside] ** 2 / shown
+    T[inside] = np.where(shown > 1e-9 * np.diagonal(P)[inside], contribution, 0.0)
+    return T, float(deviations[0])
 
 
 def moved_by_settings(adjusted_network: AdjustedNetwork, stable: list[ImageStability]) -> Iterator[tuple[int, float]]:
@@ -208,14 +208,14 @@ def _adjusted_by_setting(adjusted_network: AdjustedNetwork, stable: list[ImageSt
     network, state = adjusted.network, adjusted.state
     cameras, image_camera = list(network.cameras), network.image_camera.copy()
     interior = [*state.interior]
-    for own in stable:
-        for setting in range(1, int(own.setting.max(initial=0)) + 1):
-            camera = network.cameras[own.camera]
+    for pose_shift in stable:
+        for setting in range(1, int(pose_shift.setting.max(initial=0)) + 1):
+            camera = network.cameras[pose_shift.camera]
             free = tuple(name for name in WATCHED if name in camera.free) or ("c",)
-            image_camera[own.images[own.setting == setting]] = len(cameras)
+            image_camera[pose_shift.images[pose_shift.setting == setting]] = len(cameras)
             cameras.append(replace(camera, name=f"{camera.name}, setting {setting}", free=free))
-            start = state.interior[own.camera].copy()
-            start[0] += np.median(own.off_px[own.setting == setting])
+            start = state.interior[pose_shift.camera].copy()
+            start[0] += np.median(pose_shift.off_px[pose_shift.setting == setting])
             interior.append(start)
     if len(cameras) == len(network.cameras):
         return None

@@ -1,7 +1,7 @@
 """Compiled kernels of intersections: the points of all rays, point by point.
 
-Rays (n) are sorted by point, from first (P + 1,). direction (n, 2) is X/Z, Y/Z in the camera's frame, scale (n,) the
-principal distance in px, R (n, 3, 3) and centre (n, 3) those of the ray's image.
+Rays (n) are sorted by point, from first (P + 1,). direction (n, 2): X/Z, Y/Z in the camera's frame; scale (n,):
+principal distance in px; R (n, 3, 3) and centre (n, 3): pose of the ray's image.
 """
 
 from __future__ import annotations

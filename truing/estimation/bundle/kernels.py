@@ -220,8 +220,8 @@ def accumulate(
                 add_to_sides(blocks[p], sides[p], row, place[k], flat, ray_row[n], stride[i])
             else:
                 add_to_point(sums[k, p], row, flat, ray_row[n], stride[i])
-        own = rows[: 2 * (first_ray[i + 1] - start)]
-        np.dot(own.T, own, square)
+        rows_of_image = rows[: 2 * (first_ray[i + 1] - start)]
+        np.dot(rows_of_image.T, rows_of_image, square)
         put_image(square, images[i], image_sides[i], place[k], common)
         total += square[MISCLOSURE, MISCLOSURE]
     put_points(sums, place, blocks, sides)
@@ -284,11 +284,11 @@ def image_points(
 
 
 @inner
-def lower_root(own: NDArray, damping: float, lower: NDArray) -> bool:
+def lower_root(block: NDArray, damping: float, lower: NDArray) -> bool:
     """Fill in the Cholesky factor of a block with its diagonal times 1 + damping; return whether it exists."""
-    for i in range(len(own)):
+    for i in range(len(block)):
         for j in range(i + 1):
-            value = own[i, j]
+            value = block[i, j]
             if i == j:
                 value *= 1.0 + damping
             for k in range(j):
@@ -329,16 +329,22 @@ def lower_times(root: NDArray, rows: NDArray, product: NDArray) -> None:
 
 @compiled(simd_arithmetic.__file__, __file__)
 def forward(
-    own: NDArray, rows: NDArray, sides: NDArray, damping: float, root: NDArray, reduced: NDArray, reduced_sides: NDArray
+    block: NDArray,
+    rows: NDArray,
+    sides: NDArray,
+    damping: float,
+    root: NDArray,
+    reduced: NDArray,
+    reduced_sides: NDArray,
 ) -> bool:
     """Fill in the inverse Cholesky factors (b, d, d) of damped blocks and their products (b d, .) with rows and sides.
 
     Returns whether all blocks are positive definite.
     """
-    count, d, _ = own.shape
+    count, d, _ = block.shape
     lower = np.zeros((d, d))
     for n in range(count):
-        if not lower_root(own[n], damping, lower):
+        if not lower_root(block[n], damping, lower):
             return False
         invert_lower(lower, root[n])
         at = slice(n * d, n * d + d)

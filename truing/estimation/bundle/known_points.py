@@ -62,20 +62,20 @@ def known_point_errors(points: Array, covariance: Array, known: Array, known_cov
     inside = _consensus(points, covariance, known, known_cov)
     level, seen = LEVEL / count, set()
     while True:
-        found = _tested(points, covariance, known, known_cov, inside)
+        tested = _tested(points, covariance, known, known_cov, inside)
         seen.add(inside.tobytes())
-        p_value = np.where(np.isfinite(found.T), chdtrc(3, np.nan_to_num(found.T)), np.nan)
+        p_value = np.where(np.isfinite(tested.T), chdtrc(3, np.nan_to_num(tested.T)), np.nan)
         fails = inside & (p_value < level)
         back = ~inside & (p_value >= level)
         following = inside.copy()
         if back.any():
             following |= back
         elif fails.any() and inside.sum() > _LEAST_FIT:
-            following[int(np.nanargmax(np.where(fails, found.T, np.nan)))] = False
+            following[int(np.nanargmax(np.where(fails, tested.T, np.nan)))] = False
         if np.array_equal(following, inside) or following.tobytes() in seen:
             break
         inside = following
-    overall = float(chdtrc(found.freedom, found.chi2)) if found.freedom else 1.0
+    overall = float(chdtrc(tested.freedom, tested.chi2)) if tested.freedom else 1.0
     resolved = (
         overall >= LEVEL
         and 2 * int(inside.sum()) > count
@@ -83,13 +83,13 @@ def known_point_errors(points: Array, covariance: Array, known: Array, known_cov
     )
     inflation = 1.0
     if not resolved:  # of exactly three points none can be tested alone: report their misfit
-        found = _tested(points, covariance, known, known_cov, np.ones(count, bool))
-        overall = float(chdtrc(found.freedom, found.chi2))
-        p_value = np.where(np.isfinite(found.T), chdtrc(3, np.nan_to_num(found.T)), overall)
-        inflation = max(found.chi2 / max(found.freedom, 1), 1.0)
-    wrong, untold = ~inside & resolved, ~np.isfinite(found.T) & (not resolved)
-    off = np.where(untold[:, None], found.misfit, found.off)
-    return KnownPointErrors(off, found.sigma, found.T, p_value, wrong, resolved, inflation)
+        tested = _tested(points, covariance, known, known_cov, np.ones(count, bool))
+        overall = float(chdtrc(tested.freedom, tested.chi2))
+        p_value = np.where(np.isfinite(tested.T), chdtrc(3, np.nan_to_num(tested.T)), overall)
+        inflation = max(tested.chi2 / max(tested.freedom, 1), 1.0)
+    wrong, untold = ~inside & resolved, ~np.isfinite(tested.T) & (not resolved)
+    off = np.where(untold[:, None], tested.misfit, tested.off)
+    return KnownPointErrors(off, tested.sigma, tested.T, p_value, wrong, resolved, inflation)
 
 
 def _is_ambiguous(points: Array, covariance: Array, known: Array, known_cov: Array, inside: Mask) -> bool:
@@ -114,11 +114,11 @@ def _consensus(points: Array, covariance: Array, known: Array, known_cov: Array)
     triples = np.array(every)[np.unique(np.linspace(0, len(every) - 1, min(_TRIPLES, len(every))).round().astype(int))]
     fit = umeyama(points[triples], known[triples], with_scale=True)
     placed = fit.scale[:, None, None] * np.einsum("bij,nj->bni", fit.R, points) + fit.t[:, None]
-    own = np.einsum("nini->n", covariance.reshape(count, 3, count, 3)) + np.einsum("nii->n", known_cov)
+    variance = np.einsum("nini->n", covariance.reshape(count, 3, count, 3)) + np.einsum("nii->n", known_cov)
     flat = np.linalg.svd(points[triples] - points[triples].mean(1, keepdims=True), compute_uv=False)
     usable = flat[:, 1] > 0.05 * np.linalg.norm(points - points.mean(0), axis=1).max()
     # Three points predict the others with their own noise, enlarged with distance.
-    square = np.sum((placed - known) ** 2, -1) / (own / 3.0)
+    square = np.sum((placed - known) ** 2, -1) / (variance / 3.0)
     cost = np.where(usable[:, None], np.minimum(square, _FITTING_SQUARE * 4.0), np.inf).sum(1)
     best = int(np.argmin(cost))
     inside = square[best] <= _FITTING_SQUARE * 4.0
@@ -158,16 +158,16 @@ def _tested(points: Array, covariance: Array, known: Array, known_cov: Array, in
     W = P - P @ design @ cofactor @ design.T @ P
     off, spread, T = np.full((count, 3), np.nan), np.full((count, 3), np.nan), np.full(count, np.nan)
     for place, n in enumerate(np.flatnonzero(~inside).tolist()):
-        own = slice(7 + 3 * place, 10 + 3 * place)
-        off[n], block = values[own], cofactor[own, own]
+        unknowns_of_point = slice(7 + 3 * place, 10 + 3 * place)
+        off[n], block = values[unknowns_of_point], cofactor[unknowns_of_point, unknowns_of_point]
         spread[n], T[n] = np.sqrt(np.diagonal(block)), off[n] @ np.linalg.solve(block, off[n])
     for n in np.flatnonzero(inside).tolist():
-        own = slice(3 * n, 3 * n + 3)
-        M = W[own, own]
-        if np.linalg.eigvals(np.linalg.solve(P[own, own], M)).real.min() < _TESTED:
+        unknowns_of_point = slice(3 * n, 3 * n + 3)
+        M = W[unknowns_of_point, unknowns_of_point]
+        if np.linalg.eigvals(np.linalg.solve(P[unknowns_of_point, unknowns_of_point], M)).real.min() < _TESTED:
             continue
         block = np.linalg.inv(M)
-        off[n] = block @ (P @ left)[own]
+        off[n] = block @ (P @ left)[unknowns_of_point]
         spread[n], T[n] = np.sqrt(np.diagonal(block)), off[n] @ M @ off[n]
     chi2, freedom = float(left @ P @ left), 3 * int(inside.sum()) - 7
     return _Tested(known - placed, off, spread, T, chi2, max(freedom, 0))
@@ -184,12 +184,15 @@ class KnownTested:
         """Return the network without wrong known points; if they cannot be identified, all are given larger
         covariances."""
         known = network.known
-        kept, cov = np.ones(len(known.point), bool), known.cov_m2.copy()
+        is_consistent, cov = np.ones(len(known.point), bool), known.cov_m2.copy()
         for pose, rows in self.rows.items():
-            kept[rows[self.errors[pose].wrong]] = False
+            is_consistent[rows[self.errors[pose].wrong]] = False
             cov[rows] *= self.errors[pose].inflation
         return replace(
-            network, known=replace(known, point=known.point[kept], xyz_m=known.xyz_m[kept], cov_m2=cov[kept])
+            network,
+            known=replace(
+                known, point=known.point[is_consistent], xyz_m=known.xyz_m[is_consistent], cov_m2=cov[is_consistent]
+            ),
         )
 
 

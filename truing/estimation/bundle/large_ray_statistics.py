@@ -45,22 +45,24 @@ def shared_sides(
     equations = normal_equations(observed, state, ArrayPool())
     images, points = np.zeros((len(layout.images), 6, width)), equations.point_sides[..., -1:]
     # Known points add to the right side only; the part of the rays is replaced.
-    points = np.concatenate([np.zeros((len(points), 3, width - 1)), points - _of_rays(observed, at, residuals)], -1)
-    whole = np.zeros((layout.poses, width - 1, width))
+    points = np.concatenate(
+        [np.zeros((len(points), 3, width - 1)), points - _statistics_of_rays(observed, at, residuals)], -1
+    )
+    sides = np.zeros((layout.poses, width - 1, width))
     pose = np.searchsorted(layout.image_start, layout.ray_image, side="right") - 1
     for first in range(0, len(layout.rays), _BATCH):
-        own = slice(first, first + _BATCH)
-        both = np.concatenate([by_numbers[own], residuals[own][..., None]], -1)
-        weighed = observed.rays[own] @ both
-        images += sums(layout.ray_image[own], at.by_image[own].transpose(0, 2, 1) @ weighed, len(images))
-        points += sums(layout.ray_point[own], at.by_point[own].transpose(0, 2, 1) @ weighed, len(points))
-        for number in np.unique(pose[own]):
-            here = pose[own] == number
-            whole[number] += np.tensordot(both[here, :, :-1], weighed[here], axes=([0, 1], [0, 1]))
-    return SharedSides(replace(equations, image_sides=images, point_sides=points), whole)
+        batch = slice(first, first + _BATCH)
+        both = np.concatenate([by_numbers[batch], residuals[batch][..., None]], -1)
+        weighed = observed.rays[batch] @ both
+        images += sums(layout.ray_image[batch], at.by_image[batch].transpose(0, 2, 1) @ weighed, len(images))
+        points += sums(layout.ray_point[batch], at.by_point[batch].transpose(0, 2, 1) @ weighed, len(points))
+        for number in np.unique(pose[batch]):
+            here = pose[batch] == number
+            sides[number] += np.tensordot(both[here, :, :-1], weighed[here], axes=([0, 1], [0, 1]))
+    return SharedSides(replace(equations, image_sides=images, point_sides=points), sides)
 
 
-def _of_rays(observed: Observed, at: LinearisedRays, residuals: Array) -> Array:
+def _statistics_of_rays(observed: Observed, at: LinearisedRays, residuals: Array) -> Array:
     """Return the right side (p, 3, 1) of the points that the rays alone give."""
     weighed = at.by_point.transpose(0, 2, 1) @ observed.rays @ residuals[..., None]
     return sums(observed.layout.ray_point, weighed, len(observed.layout.points))

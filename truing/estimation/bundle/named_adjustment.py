@@ -111,22 +111,26 @@ def adjust_network(
         named = replace(named, network=known.consistent(named.network))
     screened_network = _robustly(named.network, state, choices, agrees)
     progress(2, 4, "matching circles without code")
-    whole, state, unmatched, reason = _with_circles(named, table, screened_network)
-    if len(whole.points) > len(named.points):
+    network_used, state, unmatched, reason = _with_circles(named, table, screened_network)
+    if len(network_used.points) > len(named.points):
         agrees = np.concatenate(
-            [screened_network.used, np.ones(whole.network.rays.count - len(screened_network.used), bool)]
+            [screened_network.used, np.ones(network_used.network.rays.count - len(screened_network.used), bool)]
         )
-        screened_network = _robustly(whole.network, state, choices, agrees)
-    off, radii = np.zeros((whole.network.rays.count, 2)), choices.radii(whole.points)
+        screened_network = _robustly(network_used.network, state, choices, agrees)
+    off, radii = np.zeros((network_used.network.rays.count, 2)), choices.radii(network_used.points)
     seen_radii = np.full(len(radii), np.nan)
     if choices.eccentricity:
-        off, seen_radii = eccentricities(whole, table, screened_network.adjustment.state, screened_network.used, radii)
+        off, seen_radii = eccentricities(
+            network_used, table, screened_network.adjustment.state, screened_network.used, radii
+        )
     if off.any():
         progress(3, 4, "centres of circles")
-        centres = replace(whole.network.rays, xy_px=whole.network.rays.xy_px - off)
-        whole = replace(whole, network=replace(whole.network, rays=centres))
-        screened_network = _robustly(whole.network, screened_network.adjustment.state, choices, screened_network.used)
-    return AdjustedNetwork(whole, screened_network, off, unmatched, reason, start, seen_radii / radii, known)
+        centres = replace(network_used.network.rays, xy_px=network_used.network.rays.xy_px - off)
+        network_used = replace(network_used, network=replace(network_used.network, rays=centres))
+        screened_network = _robustly(
+            network_used.network, screened_network.adjustment.state, choices, screened_network.used
+        )
+    return AdjustedNetwork(network_used, screened_network, off, unmatched, reason, start, seen_radii / radii, known)
 
 
 def known_elsewhere(named: NamedNetwork, state: NetworkState) -> list[KnownPointMismatch]:
@@ -161,10 +165,10 @@ def _against_known(network: Network, start: Start, choices: Choices) -> tuple[Kn
         loose = _robustly(with_weak_known_points(network, start.state), start.state, choices, start.ray_agrees)
     except UndeterminedNetworkError:  # for example single photographs, which only known points orient
         return KnownTested(), start.ray_agrees, start.state
-    found = tested_known(network, loose)
+    known_tested = tested_known(network, loose)
     state, points = loose.adjustment.state, start.state.points
     state = replace(state, points=np.where(np.isfinite(points), state.points, points))
-    return found, loose.used if found.rows else start.ray_agrees, state
+    return known_tested, loose.used if known_tested.rows else start.ray_agrees, state
 
 
 def _robustly(network: Network, state: NetworkState, choices: Choices, agrees: Mask) -> ScreenedNetwork:
@@ -183,7 +187,7 @@ def _with_circles(
 ) -> tuple[NamedNetwork, NetworkState, Index, Names]:
     """Return the network with points from circles without a code, its state, and the rows without a point with the
     reason."""
-    adjusted, whole = screened_network.adjustment, named
+    adjusted, network_used = screened_network.adjustment, named
     state = adjusted.state
     nameless = np.flatnonzero(table.point == "")
     reason = np.full(len(nameless), "", dtype=object)
@@ -198,31 +202,31 @@ def _with_circles(
         good = matched.point >= 0
         names = np.array([f"circle-{number + 1}" for number in range(len(matched.xyz_m))], dtype=object)
         found_xyz.append(matched.xyz_m)
-        own = rows[good]
-        whole = whole.with_rays(table.image[own], matched.point[good], own, table, names)
+        good_rows = rows[good]
+        network_used = network_used.with_rays(table.image[good_rows], matched.point[good], good_rows, table, names)
     missed = reason != ""
     points = np.concatenate(found_xyz)
     state = replace(state, points=points)
-    return whole, state, nameless[missed], reason[missed]
+    return network_used, state, nameless[missed], reason[missed]
 
 
 def _oriented(screened_network: ScreenedNetwork, pose: int) -> tuple[OrientedImages, Index]:
     """Return the oriented images of a pose with their covariance, and their numbers in the network."""
     adjusted = screened_network.adjustment
     network, state, covariance = adjusted.network, adjusted.state, adjusted.covariance
-    own = np.flatnonzero(network.image_pose == pose)
+    places = np.flatnonzero(network.image_pose == pose)
     local = np.full(len(network.image_pose), -1, np.int64)
-    local[own] = np.arange(len(own))
-    cov, centre = np.full((len(own), 6, 6), np.nan), np.full((len(own), 3), np.nan)
+    local[places] = np.arange(len(places))
+    cov, centre = np.full((len(places), 6, 6), np.nan), np.full((len(places), 3), np.nan)
     there = covariance.image_numbers(pose)
     if len(there):
         cov[local[there]] = covariance.images(pose)
         centre[local[there]] = state.centre[there]
     points = state.points[covariance.point_numbers(pose)] if len(there) else np.zeros((0, 3))
     box = _box(points)
-    R = np.where(np.isfinite(centre)[:, :1, None], state.R[own], np.eye(3))
+    R = np.where(np.isfinite(centre)[:, :1, None], state.R[places], np.eye(3))
     images = OrientedImages(
-        network.cameras, state.interior, network.image_camera[own], R, centre, np.nan_to_num(cov), box
+        network.cameras, state.interior, network.image_camera[places], R, centre, np.nan_to_num(cov), box
     )
     return images, local
 
@@ -249,8 +253,8 @@ def eccentricities(
     if not np.isfinite(axes).all(axis=1).any():
         return np.zeros((rays.count, 2)), np.full(len(state.points), np.nan)
     sigma = np.sqrt(np.einsum("nii->n", rays.cov_px2) / 2)
-    found = facing(named.network, state, rays.image, rays.point, axes, table.angle_rad[named.row], sigma)
-    radius = np.where(np.isfinite(radius_m), radius_m, found.radius_m)
-    off = network_eccentricity(named.network, state, rays.image, rays.point, found.normal, radius)
+    eccentricity = facing(named.network, state, rays.image, rays.point, axes, table.angle_rad[named.row], sigma)
+    radius = np.where(np.isfinite(radius_m), radius_m, eccentricity.radius_m)
+    off = network_eccentricity(named.network, state, rays.image, rays.point, eccentricity.normal, radius)
     no_ellipse = np.isnan(table.semi_axes_px[named.row]).any(axis=1, keepdims=True)
-    return np.where(no_ellipse | ~np.isfinite(off), 0.0, off), found.radius_m
+    return np.where(no_ellipse | ~np.isfinite(off), 0.0, off), eccentricity.radius_m

@@ -130,10 +130,10 @@ class ArrayPool:
 
     def take(self, name: Hashable, shape: tuple[int, ...]) -> Array:
         """Return an array of a shape with undefined content."""
-        found = self._arrays.get(name)
-        if found is None or found.shape != shape:
-            found = self._arrays[name] = np.empty(shape)
-        return found
+        array = self._arrays.get(name)
+        if array is None or array.shape != shape:
+            array = self._arrays[name] = np.empty(shape)
+        return array
 
 
 @dataclass(frozen=True)
@@ -169,7 +169,7 @@ class Distances:
 class NormalEquations:
     """Blocks of the normal equations.
 
-    Images (i, 6, 6), points (p, 3, 3), images by points per pose (6 i, 3 p), or by ray (n, 6, 3) in large poses; sides
+    Images (i, 6, 6); points (p, 3, 3); images by points per pose (6 i, 3 p), or by ray (n, 6, 3) in large poses; sides
     of images (i, 6, c + 1), of points (p, 3, c + 1) and of the common unknowns (c, c + 1): the common unknowns, then
     the right side. chi2: weighted sum of squares without distances.
     """

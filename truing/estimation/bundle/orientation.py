@@ -90,7 +90,7 @@ def nearest_points(bundle: Bundle, weight: Array) -> tuple[Array, Array]:
 
 
 def _crossing(bundle: Bundle, weight: Array) -> tuple[Array, Array, Array]:
-    """Return the sums (P, 3, 3) of 1 - d d^T over the weighted rays of each point, their least eigenvalues (P,), and
+    """Return the sums (P, 3, 3) of 1 - d d^T over the weighted rays of each point; their least eigenvalues (P,); and
     the terms (N, 3, 3)."""
     d = bundle.lines()
     across = (np.eye(3) - d[:, :, None] * d[:, None, :]) * weight[:, None, None]
@@ -103,10 +103,10 @@ def refine_points(bundle: Bundle, X: Array, weight: Array) -> Array:
     from truing.estimation.bundle.intersection_kernels import refine_steps
 
     order = np.argsort(bundle.point, kind="stable")
-    found = np.array(X, float)
+    points = np.array(X, float)
     with np.errstate(all="ignore"):
-        refine_steps(*_by_point(bundle.of(order)), weight[order], _STEPS, found)
-    return found
+        refine_steps(*_by_point(bundle.of(order)), weight[order], _STEPS, points)
+    return points
 
 
 def _by_point(rays: Bundle) -> tuple[Array, Array, Array, Array, Index]:
@@ -145,9 +145,9 @@ def intersect(bundle: Bundle, tolerance_px: float, rng: np.random.Generator) -> 
     placed = np.isfinite(best[:, 0]) & (meet > 1 - np.cos(LEAST_ANGLE))
     placed &= np.bincount(rays.point, agrees, minlength=bundle.points) >= 2
     X[~placed] = np.nan
-    whole = np.zeros(len(bundle.image), bool)
-    whole[order] = agrees & placed[rays.point]
-    return X, whole
+    is_intersected = np.zeros(len(bundle.image), bool)
+    is_intersected[order] = agrees & placed[rays.point]
+    return X, is_intersected
 
 
 @dataclass(frozen=True)
@@ -173,18 +173,18 @@ def resect(direction: Array, X: Array, scale_px: float, tolerance_px: float) -> 
     image = np.ascontiguousarray(direction)
     limit = tolerance_px / scale_px
     try:
-        found, turn, shift, chosen = cv2.solvePnPRansac(
+        succeeded, turn, shift, chosen = cv2.solvePnPRansac(
             local, image, np.eye(3), None,
             iterationsCount=_SAMPLES, reprojectionError=limit, confidence=0.9999, flags=cv2.SOLVEPNP_AP3P,
         )  # fmt: skip
     except cv2.error:
         return None
-    if not found or chosen is None or len(chosen) < FEWEST:
+    if not succeeded or chosen is None or len(chosen) < FEWEST:
         return None
     best = _refined_motion(cv2.Rodrigues(turn)[0].T, shift.ravel(), image, local, limit)
     members = np.ravel(chosen)
     if len(members) > FEWEST:
-        for turn, shift in _from_all_points(local[members], image[members]):
+        for turn, shift in _resect_all_points(local[members], image[members]):
             other = _refined_motion(cv2.Rodrigues(turn)[0].T, shift.ravel(), image, local, limit)
             best = min(best, other, key=_bounded_misses)
     R, t, off, depth = best
@@ -194,21 +194,21 @@ def resect(direction: Array, X: Array, scale_px: float, tolerance_px: float) -> 
     return Resection(R, origin - R @ t * size, agrees)
 
 
-def _from_all_points(X: Array, direction: Array) -> list[tuple[Array, Array]]:
+def _resect_all_points(X: Array, direction: Array) -> list[tuple[Array, Array]]:
     """Return orientations from all points at once, as rotation vector and shift; empty if OpenCV reports that the
     points do not determine one."""
     import cv2
 
     try:
-        found, rotations, shifts, _ = cv2.solvePnPGeneric(X, direction, np.eye(3), None, flags=cv2.SOLVEPNP_SQPNP)
+        succeeded, rotations, shifts, _ = cv2.solvePnPGeneric(X, direction, np.eye(3), None, flags=cv2.SOLVEPNP_SQPNP)
     except cv2.error:
         return []
-    return list(zip(rotations, shifts, strict=True)) if found else []
+    return list(zip(rotations, shifts, strict=True)) if succeeded else []
 
 
-def _bounded_misses(found: tuple[Array, Array, Array, Array]) -> float:
+def _bounded_misses(relative_pose: tuple[Array, Array, Array, Array]) -> float:
     """Return the sum of an orientation's residuals, each limited to three times the median."""
-    off, depth = found[2], found[3]
+    off, depth = relative_pose[2], relative_pose[3]
     middle = np.median(off)
     return float(np.where(depth > 0, np.minimum(off, 3 * middle + 1e-12), 1e3).sum())
 
@@ -271,13 +271,13 @@ def relative_orientations(first: Array, second: Array, limit: float) -> list[Ima
     """
     if len(first) < FEWEST_COMMON:
         return []
-    found = [
+    orientations = [
         pair for R, t in _motions(first, second, limit) if (pair := _supporting_points(R, t, first, second, limit))
     ]
-    found.sort(key=lambda pair: -pair.agreeing)
+    orientations.sort(key=lambda pair: -pair.agreeing)
     image_pairs: list[ImagePair] = []
-    for pair in found:
-        strong = pair.agreeing >= max(FEWEST_COMMON, _RIVAL * found[0].agreeing)
+    for pair in orientations:
+        strong = pair.agreeing >= max(FEWEST_COMMON, _RIVAL * orientations[0].agreeing)
         if strong and all(np.abs(pair.R - image_pair.R).max() > 0.02 for image_pair in image_pairs):
             image_pairs.append(pair)
     return image_pairs

@@ -168,13 +168,13 @@ def _curve(
 ) -> tuple[tuple[int, float, float], ...]:
     """Return (number, worst, mean standard deviation in m) for growing numbers of stations. Starts at the first number
     that determines all targets that the full choice determines."""
-    found = [(n, predict(planned, stations.subset(order[:n]), seen[order[:n]])) for n in range(2, len(order) + 1)]
-    whole = [(n, one) for n, one in found if one is not None]
-    most = max((len(one.points) for _, one in whole), default=0)
+    predictions = [(n, predict(planned, stations.subset(order[:n]), seen[order[:n]])) for n in range(2, len(order) + 1)]
+    determined = [(n, predicted) for n, predicted in predictions if predicted is not None]
+    most = max((len(predicted.points) for _, predicted in determined), default=0)
     return tuple(
-        (n, float(np.nanmax(one.sigma)), float(np.sqrt(np.nanmean(one.sigma**2))))
-        for n, one in whole
-        if len(one.points) == most
+        (n, float(np.nanmax(predicted.sigma)), float(np.sqrt(np.nanmean(predicted.sigma**2))))
+        for n, predicted in determined
+        if len(predicted.points) == most
     )
 
 
@@ -191,8 +191,8 @@ def _with_the_better_worst(
     """Return the choice with the best worst target; exchanges look at the mean of all."""
 
     def worst(chosen: Index) -> float:
-        found = predict(planned, stations.subset(chosen), seen[chosen])
-        return np.inf if found is None or np.isnan(found.sigma).any() else float(found.sigma.max())
+        prediction = predict(planned, stations.subset(chosen), seen[chosen])
+        return np.inf if prediction is None or np.isnan(prediction.sigma).any() else float(prediction.sigma.max())
 
     return min(reversed(choices), key=worst)
 
@@ -262,11 +262,11 @@ def exchanged(candidates: StationCandidates, chosen: Index, progress: Progress) 
     return chosen
 
 
-def _costs(total: Array, information: Array, remove: Array, taken: set[int]) -> Array:
+def _costs(total: Array, information: Array, remove: Array, chosen: set[int]) -> Array:
     """Return the mean variance of the points (K,) with each station added; infinite for stations already chosen."""
     size = len(remove)
     costs = np.full(len(information), np.inf)
-    free = np.array([place for place in range(len(information)) if place not in taken])
+    free = np.array([place for place in range(len(information)) if place not in chosen])
     for first in range(0, len(free), _AT_ONCE):
         some = free[first : first + _AT_ONCE]
         covariance = np.linalg.inv(total + information[some])[:, :size, :size]

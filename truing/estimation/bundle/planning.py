@@ -94,8 +94,8 @@ def shells(middle: Array, distances: Array, directions: int, elevations: tuple[f
     away = np.stack([flat * np.cos(turn), flat * np.sin(turn), z], axis=-1)
     camera_rotation = _camera_axes(-away)
     c, s = np.cos(rolls), np.sin(rolls)
-    zero, one = np.zeros_like(c), np.ones_like(c)
-    about_view = np.stack([c, -s, zero, s, c, zero, zero, zero, one], axis=-1).reshape(-1, 3, 3)
+    zero, ones = np.zeros_like(c), np.ones_like(c)
+    about_view = np.stack([c, -s, zero, s, c, zero, zero, zero, ones], axis=-1).reshape(-1, 3, 3)
     shape = (len(away), len(distances), len(rolls))
     R = np.broadcast_to((camera_rotation[:, None] @ about_view)[:, None], (*shape, 3, 3)).reshape(-1, 3, 3)
     places = middle + distances[:, None] * away[:, None]
@@ -118,16 +118,16 @@ def visible(camera: Camera, interior: Array, stations: Stations, layout: Planned
     Obstacles between station and target are not considered.
     """
     arm = layout.points - stations.centre[:, None]
-    own = np.einsum("kji,kpj->kpi", stations.R, arm)
+    direction = np.einsum("kji,kpj->kpi", stations.R, arm)
     distance = np.linalg.norm(arm, axis=-1)
-    depth = np.where(own[..., 2] > 0.0, own[..., 2], np.nan)
+    depth = np.where(direction[..., 2] > 0.0, direction[..., 2], np.nan)
     size = np.array([camera.width_px, camera.height_px], dtype=float)
-    ideal = interior[0] * own[..., :2] / depth[..., None]
+    ideal = interior[0] * direction[..., :2] / depth[..., None]
     xy = image_coordinates(
         np.broadcast_to(interior, (depth.size, 10)),
         np.broadcast_to(camera.centre_px, (depth.size, 2)),
         np.full(depth.size, camera.balancing_radius_px),
-        np.concatenate([own[..., :2], depth[..., None]], axis=-1).reshape(-1, 3),
+        np.concatenate([direction[..., :2], depth[..., None]], axis=-1).reshape(-1, 3),
     ).reshape(*depth.shape, 2)
     slant = np.einsum("kpi,pi->kp", -arm, layout.normals) / distance
     foreshortened = np.where(np.isnan(slant), 1.0, slant)
@@ -162,9 +162,9 @@ class PlannedNetwork:
             np.broadcast_to(self.sigma_px**2 * np.eye(2), (len(image), 2, 2)),
             np.zeros(len(image), np.int64),
         )
-        one = np.zeros(stations.count, np.int64)
+        camera = np.zeros(stations.count, np.int64)
         poses = np.zeros(len(self.layout.points), np.int64)
-        network = Network((self.camera,), one, one, poses, rays, self.bars, KnownPoints.none())
+        network = Network((self.camera,), camera, camera, poses, rays, self.bars, KnownPoints.none())
         state = NetworkState(self.interior[None], stations.R, stations.centre, self.layout.points, self.bars.length_m)
         return replace(network, rays=replace(rays, xy_px=project(network, state, image, point))), state
 
@@ -175,8 +175,8 @@ def useful_stations(seen: Mask) -> Index:
 
 
 def station_information(planned: PlannedNetwork, stations: Stations, seen: Mask) -> Array:
-    """Return the information (K, n, n) of each station on points (3 P) and free elements of the camera, in 1/m^2 and
-    inverse squared units of the camera's elements."""
+    """Return the information (K, n, n) of each station on points (3 P) and free elements of the camera; in 1/m^2 and
+    inverse squared units of these elements."""
     network, state = planned.with_stations(stations, seen)
     rays = network.rays
     at = linearise(network, state, rays.image, rays.point)
@@ -187,8 +187,8 @@ def station_information(planned: PlannedNetwork, stations: Stations, seen: Mask)
     full[rays.image, rays.point] = np.concatenate([at.by_image, at.by_point, at.by_interior[..., free]], axis=-1)
     full = full.reshape(count, 2 * points, -1) / planned.sigma_px
     of_image, of_point, of_camera = full[..., :6], full[..., 6:9], full[..., 9:]
-    own = np.einsum("kpai,pq->kpaqi", of_point.reshape(count, points, 2, 3), np.eye(points))
-    other = np.concatenate([own.reshape(count, 2 * points, 3 * points), of_camera], axis=-1)
+    derivative = np.einsum("kpai,pq->kpaqi", of_point.reshape(count, points, 2, 3), np.eye(points))
+    other = np.concatenate([derivative.reshape(count, 2 * points, 3 * points), of_camera], axis=-1)
     scale = np.linalg.norm(of_image, axis=1, keepdims=True)
     basis, _ = np.linalg.qr(of_image / np.where(scale > 0.0, scale, 1.0))
     rest = other - basis @ (np.swapaxes(basis, 1, 2) @ other)
@@ -243,9 +243,9 @@ def largest_sigma(covariance: Array) -> Array:
     """Return the standard deviation (P,) of covariances (P, 3, 3) along their longest axis; NaN without a
     covariance."""
     known = np.isfinite(covariance).all(axis=(1, 2))
-    found = np.full(len(covariance), np.nan)
-    found[known] = np.sqrt(np.linalg.eigvalsh(covariance[known])[:, -1])
-    return found
+    sigma = np.full(len(covariance), np.nan)
+    sigma[known] = np.sqrt(np.linalg.eigvalsh(covariance[known])[:, -1])
+    return sigma
 
 
 def predict(planned: PlannedNetwork, stations: Stations, seen: Mask) -> PredictedPrecision | None:
@@ -255,8 +255,8 @@ def predict(planned: PlannedNetwork, stations: Stations, seen: Mask) -> Predicte
     if not part.points.any() or part.images.sum() < 2:
         return None
     try:
-        found = adjust(network, state, "free", used=part.rays, max_iterations=1)
-        covariance = found.covariance
+        adjustment = adjust(network, state, "free", used=part.rays, max_iterations=1)
+        covariance = adjustment.covariance
     except (ValueError, np.linalg.LinAlgError):
         return None
     count = len(planned.layout.points)
@@ -269,7 +269,7 @@ def predict(planned: PlannedNetwork, stations: Stations, seen: Mask) -> Predicte
         _blocks(_with_only(covariance, "bar", known=True), points, count),
         rays,
         _angles(stations, planned.layout.points, seen),
-        found.redundancy,
+        adjustment.redundancy,
         points,
         together,
     )
@@ -285,10 +285,10 @@ def _with_only(covariance: BundleCovariance, kind: str, *, known: bool) -> Array
 
 
 def _blocks(together: Array, points: Index, count: int) -> Array:
-    found = np.full((count, 3, 3), np.nan)
+    blocks = np.full((count, 3, 3), np.nan)
     each = np.arange(len(points))
-    found[points] = together.reshape(len(points), 3, len(points), 3)[each, :, each, :]
-    return found
+    blocks[points] = together.reshape(len(points), 3, len(points), 3)[each, :, each, :]
+    return blocks
 
 
 def _angles(stations: Stations, points: Array, seen: Mask) -> Array:
@@ -299,7 +299,7 @@ def _angles(stations: Stations, points: Array, seen: Mask) -> Array:
     return np.asarray(np.arcsin(np.clip(sine.max(axis=(0, 1)), 0.0, 1.0)))
 
 
-def body_motion(together: Array, points: Array, one: Index, other: Index | None, about: Array) -> Array:
+def body_motion(together: Array, points: Array, first: Index, other: Index | None, about: Array) -> Array:
     """Return the covariance (6, 6) of the motion of a body: translation of the place `about` (3,) in m, then rotation
     in rad.
 
@@ -307,8 +307,8 @@ def body_motion(together: Array, points: Array, one: Index, other: Index | None,
     body.
     """
     rows = np.zeros((6, len(together)))
-    for sign, body in ((1.0, one), (-1.0, other)):
+    for sign, body in ((1.0, first), (-1.0, other)):
         if body is not None:
-            own = rigid_motions(points[body] - about).reshape(-1, 6)
-            rows[:, (3 * body[:, None] + np.arange(3)).ravel()] += sign * np.linalg.pinv(own)
+            motion = rigid_motions(points[body] - about).reshape(-1, 6)
+            rows[:, (3 * body[:, None] + np.arange(3)).ravel()] += sign * np.linalg.pinv(motion)
     return rows @ together @ rows.T

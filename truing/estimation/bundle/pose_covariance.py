@@ -21,18 +21,24 @@ from truing.estimation.bundle.row_blocks import coordinates
 class PoseCovariance(Protocol):
     """Covariance of one pose given the common unknowns.
 
-    Each image (i, 6, 6) in the order (centre, theta), and the derivatives of points (3 p, c) and images (6 i, c) by the
-    common unknowns. Points are in m^2.
+    Each image (i, 6, 6) in the order (centre, theta); derivatives of points (3 p, c) and images (6 i, c) by the common
+    unknowns. Points are in m^2.
     """
 
     @property
-    def images(self) -> Array: ...
+    def images(self) -> Array:
+        """Covariance (i, 6, 6) of each image, given the common unknowns."""
+        ...
 
     @property
-    def points_by_common(self) -> Array: ...
+    def points_by_common(self) -> Array:
+        """Derivative (3 p, c) of the points by the common unknowns."""
+        ...
 
     @property
-    def images_by_common(self) -> Array: ...
+    def images_by_common(self) -> Array:
+        """Derivative (6 i, c) of the images by the common unknowns."""
+        ...
 
     def for_rays(self) -> PoseCovariance:
         """Return the covariance in any datum, for quantities that do not depend on it."""
@@ -90,11 +96,11 @@ def kept_covariance(eliminated_pose: EliminatedPose) -> Array:
     """Return the covariance (k, k) of the kept unknowns given the common ones."""
     from truing.estimation.bundle.kernels import mirror
 
-    kept = np.asarray(dpotri(eliminated_pose.factor, lower=1)[0].T)
-    mirror(kept)
+    covariance = np.asarray(dpotri(eliminated_pose.factor, lower=1)[0].T)
+    mirror(covariance)
     if len(eliminated_pose.pinned):
-        kept -= eliminated_pose.by_rows @ np.linalg.solve(eliminated_pose.pinned, eliminated_pose.by_rows.T)
-    return kept
+        covariance -= eliminated_pose.by_rows @ np.linalg.solve(eliminated_pose.pinned, eliminated_pose.by_rows.T)
+    return covariance
 
 
 def given_common(
@@ -138,7 +144,7 @@ def _ordered(
     eliminated_pose: EliminatedPose,
     kept: Array,
     cross: Array,
-    own: Array,
+    eliminated: Array,
     by_common: Array,
 ) -> DensePoseCovariance:
     """Return the covariance of a pose with its points sorted, if the points were eliminated."""
@@ -146,7 +152,7 @@ def _ordered(
     n = len(by_common) - m
     loose, tied = eliminated_pose.blocks.own_places - m, eliminated_pose.blocks.kept_places[m:] - m
     points, image_points = np.empty((n, n)), np.empty((m, n))
-    points[np.ix_(loose, loose)] = own
+    points[np.ix_(loose, loose)] = eliminated
     points[np.ix_(tied, tied)] = kept[m:, m:]
     points[np.ix_(loose, tied)] = cross[:, m:]
     points[np.ix_(tied, loose)] = cross[:, m:].T

@@ -59,8 +59,8 @@ class RayPoseCovariance:
     def drawn(self) -> Array:
         """D = F C (d, 3 p) of the points."""
         back = self.datum.back.reshape(-1, len(self.own), 3)
-        found = np.einsum("dpi,pij->pjd", back, self.own) + self.entries.times(self.across.T)
-        return found.reshape(3 * len(self.own), len(back)).T
+        covariance = np.einsum("dpi,pij->pjd", back, self.own) + self.entries.times(self.across.T)
+        return covariance.reshape(3 * len(self.own), len(back)).T
 
     @cached_property
     def spread(self) -> Array:
@@ -92,34 +92,34 @@ class RayPoseCovariance:
         """Return the joint covariance (3 n, 3 n) of points (n,)."""
         places, n = coordinates(points), len(points)
         rows = self.entries.dense(points)
-        found = rows @ self.kept @ rows.T
+        covariance = rows @ self.kept @ rows.T
         each = np.arange(n)
-        found.reshape(n, 3, n, 3)[each, :, each, :] += self.own[points]
+        covariance.reshape(n, 3, n, 3)[each, :, each, :] += self.own[points]
         moved, drawn = self.datum.freedoms[places], self.drawn[:, places]
         shift = moved @ (drawn - self.spread @ moved.T / 2)
-        found -= shift + shift.T
+        covariance -= shift + shift.T
         fixed = self.datum.certain[places]
-        found[fixed] = found[:, fixed] = 0.0
-        return found
+        covariance[fixed] = covariance[:, fixed] = 0.0
+        return covariance
 
     @cached_property
     def _blocks(self) -> Array:
         from truing.estimation.bundle.ray_kernels import point_covariances
 
-        found, entries = self.own.copy(), self.entries
+        blocks, entries = self.own.copy(), self.entries
         narrow, wide = entries.narrow_and_wide(len(self.moved_images))
-        point_covariances(*entries.places, narrow, self.kept, found)
+        point_covariances(*entries.places, narrow, self.kept, blocks)
         for points in entries.batches(wide):
             rows = entries.dense(points)
             shape = len(points), 3, entries.kept
-            found[points] += (rows @ self.kept).reshape(shape) @ rows.reshape(shape).transpose(0, 2, 1)
+            blocks[points] += (rows @ self.kept).reshape(shape) @ rows.reshape(shape).transpose(0, 2, 1)
         moved = self.moved_points
-        drawn = self.drawn.reshape(-1, len(found), 3).transpose(1, 0, 2)
+        drawn = self.drawn.reshape(-1, len(blocks), 3).transpose(1, 0, 2)
         shift = moved @ (drawn - self.spread @ moved.transpose(0, 2, 1) / 2)
-        found -= shift + shift.transpose(0, 2, 1)
+        blocks -= shift + shift.transpose(0, 2, 1)
         fixed = self.datum.certain.reshape(-1, 3)
-        found[np.broadcast_to(fixed[:, :, None] | fixed[:, None], found.shape)] = 0.0
-        return found
+        blocks[np.broadcast_to(fixed[:, :, None] | fixed[:, None], blocks.shape)] = 0.0
+        return blocks
 
     def blocks(self) -> Array:
         """Return the covariance (p, 3, 3) of each point."""
@@ -127,34 +127,34 @@ class RayPoseCovariance:
 
     def with_points(self, image: Index, point: Index) -> Array:
         """Return the covariance (n, 6, 3) of images (n,) with points (n,)."""
-        found = self._by_kept(image, point)
+        covariance = self._by_kept(image, point)
         if not self.datum.freedoms.shape[1]:
-            return found
+            return covariance
         moved, shifted, i = self.moved_points[point], self.moved_images[image], len(self.moved_images)
         across = self.across[:, : 6 * i].reshape(-1, i, 6).transpose(1, 2, 0)[image]
-        found -= shifted @ self.drawn.reshape(-1, len(self.own), 3).transpose(1, 0, 2)[point]
-        found -= (across - shifted @ self.spread) @ moved.transpose(0, 2, 1)
+        covariance -= shifted @ self.drawn.reshape(-1, len(self.own), 3).transpose(1, 0, 2)[point]
+        covariance -= (across - shifted @ self.spread) @ moved.transpose(0, 2, 1)
         fixed = self.datum.certain.reshape(-1, 3)[point]
-        found[np.broadcast_to(fixed[:, None], found.shape)] = 0.0
-        return found
+        covariance[np.broadcast_to(fixed[:, None], covariance.shape)] = 0.0
+        return covariance
 
     def _by_kept(self, image: Index, point: Index) -> Array:
         """Return the covariance (n, 6, 3) of images with points before the datum."""
         from truing.estimation.bundle.ray_kernels import image_covariances
 
-        found, entries, i = np.empty((len(image), 6, 3)), self.entries, len(self.moved_images)
+        covariance, entries, i = np.empty((len(image), 6, 3)), self.entries, len(self.moved_images)
         wide = entries.narrow_and_wide(i)[1]
         is_wide = np.zeros(len(self.own), bool)
         is_wide[wide] = True
-        image_covariances(*entries.places, point, image, np.flatnonzero(~is_wide[point]), self.kept, found)
+        image_covariances(*entries.places, point, image, np.flatnonzero(~is_wide[point]), self.kept, covariance)
         order = np.flatnonzero(is_wide[point])
         order = order[np.argsort(point[order], kind="stable")]
         for points in entries.batches(wide):
             low, high = np.searchsorted(point[order], [points[0], points[-1] + 1])
-            own, place = order[low:high], np.searchsorted(points, point[order[low:high]])
+            rows_in_range, place = order[low:high], np.searchsorted(points, point[order[low:high]])
             by_images = (entries.dense(points) @ self.kept[:, : 6 * i]).reshape(-1, 3, i, 6)
-            found[own] = by_images[place, :, image[own]].transpose(0, 2, 1)
-        return found
+            covariance[rows_in_range] = by_images[place, :, image[rows_in_range]].transpose(0, 2, 1)
+        return covariance
 
     def combined(self, rows: Array) -> Array:
         """Return the covariance (w, w) of linear combinations (w, 3 p) of all points."""
@@ -162,8 +162,8 @@ class RayPoseCovariance:
         free = free - (free @ self.datum.freedoms) @ self.datum.back
         by_point = free.reshape(len(rows), len(self.own), 3)
         by_kept = self.entries.transposed_times(by_point.transpose(1, 2, 0))
-        own = np.einsum("wpi,pij,vpj->wv", by_point, self.own, by_point, optimize=True)
-        return np.asarray(by_kept.T @ self.kept @ by_kept + own)
+        covariance = np.einsum("wpi,pij,vpj->wv", by_point, self.own, by_point, optimize=True)
+        return np.asarray(by_kept.T @ self.kept @ by_kept + covariance)
 
 
 def by_rays(
@@ -178,35 +178,37 @@ def by_rays(
     padded = np.zeros((entries.kept, entries.kept))
     padded[:k, :k] = kept
     by_common = unknowns_by_common(eliminated_pose, reduced)
-    given = padded, entries, own
+    arguments = padded, entries, own
     sides = by_common[6 * i :], by_common[: 6 * i]
     # Before the datum, the freedoms are held by the ties of the elimination.
     none = Datum(np.zeros((3 * p, 0)), np.zeros((0, 3 * p)), np.zeros(3 * p, bool))
-    before = RayPoseCovariance(*given, none, np.zeros((i, 6, 0)), np.zeros((p, 3, 0)), *sides)
-    return RayPoseCovariance(*given, datum, free.images, free.points, *sides, before) if d else before
+    before = RayPoseCovariance(*arguments, none, np.zeros((i, 6, 0)), np.zeros((p, 3, 0)), *sides)
+    return RayPoseCovariance(*arguments, datum, free.images, free.points, *sides, before) if d else before
 
 
 def _all_points(rays: PointRays, turned: Array, root: Array, reduced: ReducedRays) -> tuple[Entries, Array]:
     """Return the entries of all points, eliminated and kept, and their own covariance (p, 3, 3)."""
     n, count = len(rays.rays), len(rays.loose) + len(rays.tied)
     point = np.repeat(np.arange(len(rays.loose)), np.diff(rays.first))
-    kept = np.zeros((len(rays.tied), 3, _ENTRY))
-    kept[:, :, :3] = np.eye(3)
-    start, stop, own = np.empty(count, np.int64), np.empty(count, np.int64), np.zeros((count, 3, 3))
+    entries_of_tied = np.zeros((len(rays.tied), 3, _ENTRY))
+    entries_of_tied[:, :, :3] = np.eye(3)
+    start, stop, own_blocks = np.empty(count, np.int64), np.empty(count, np.int64), np.zeros((count, 3, 3))
     start[rays.loose], stop[rays.loose] = rays.first[:-1], rays.first[1:]
     start[rays.tied] = n + np.arange(len(rays.tied))
     stop[rays.tied] = start[rays.tied] + 1
-    own[rays.loose] = -turned @ root
-    blocks = np.concatenate([turned[point] @ reduced.entries.blocks, kept])
+    own_blocks[rays.loose] = -turned @ root
+    blocks = np.concatenate([turned[point] @ reduced.entries.blocks, entries_of_tied])
     place = np.concatenate([rays.image_place, 6 * rays.images + 3 * np.arange(len(rays.tied))])
-    return Entries(blocks, place, start, stop, rays.kept + _ENTRY), own
+    return Entries(blocks, place, start, stop, rays.kept + _ENTRY), own_blocks
 
 
 def unknowns_by_common(eliminated_pose: EliminatedPose, reduced: ReducedRays) -> Array:
     """Return the derivatives (6 i + 3 p, c) of images and points by the common unknowns, before the datum."""
-    turned, kept = -eliminated_pose.root.transpose(0, 2, 1), -eliminated_pose.kept[:, :-1]
-    own = eliminated_pose.reduced_sides[:, :-1] + reduced.times(kept)
-    found = np.empty((len(own) + len(kept), own.shape[1]))
-    found[eliminated_pose.blocks.kept_places] = kept
-    found[eliminated_pose.blocks.own_places] = (turned @ own.reshape(len(turned), 3, own.shape[1])).reshape(own.shape)
-    return found
+    turned, kept_by_common = -eliminated_pose.root.transpose(0, 2, 1), -eliminated_pose.kept[:, :-1]
+    by_own = eliminated_pose.reduced_sides[:, :-1] + reduced.times(kept_by_common)
+    derivative = np.empty((len(by_own) + len(kept_by_common), by_own.shape[1]))
+    derivative[eliminated_pose.blocks.kept_places] = kept_by_common
+    derivative[eliminated_pose.blocks.own_places] = (turned @ by_own.reshape(len(turned), 3, by_own.shape[1])).reshape(
+        by_own.shape
+    )
+    return derivative

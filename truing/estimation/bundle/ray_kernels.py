@@ -1,8 +1,8 @@
 """Compiled kernels of large poses: elimination of points ray by ray, and covariances of points from those of images.
 
-Entries (n) are small blocks (3, 6) of a point by the six unknowns of an image, which begin at a place among the kept
-unknowns. The entries of point p are those from start[p] to stop[p]. Own code because sparse libraries order and fill
-in general patterns; here the pattern is known, and the reduced system of the images is small and dense.
+Entries (n) are small blocks (3, 6) of a point by the six unknowns of an image. These begin at a place among the kept
+unknowns. The entries of point p are those from start[p] to stop[p]. Own code because sparse libraries order and fill in
+general patterns; here the pattern is known, and the reduced system of the images is small and dense.
 """
 
 from __future__ import annotations
@@ -39,8 +39,8 @@ def forward_rays(
     reduced: NDArray,
     reduced_sides: NDArray,
 ) -> bool:
-    """Fill in the inverse Cholesky factors (b, 3, 3) of damped blocks of points, and their products with the rays'
-    blocks, (n, 3, 6), and with the sides, (3 b, .).
+    """Fill in the inverse Cholesky factors (b, 3, 3) of damped blocks of points; their products with the rays' blocks
+    (n, 3, 6) and with the sides (3 b, .).
 
     blocks (., 6, 3): of all rays; rays (n,): those of the points, from first (b + 1,). Returns whether all blocks are
     positive definite.
@@ -65,30 +65,30 @@ def forward_rays(
 
 @compiled(*_SOURCES)
 def subtract_products(
-    entries: NDArray, place: NDArray, start: NDArray, stop: NDArray, chosen: NDArray, whole: NDArray
+    entries: NDArray, place: NDArray, start: NDArray, stop: NDArray, chosen: NDArray, total: NDArray
 ) -> None:
     """Subtract the products of the entries of each chosen point from the upper blocks of a matrix (k, k)."""
     for p in chosen:
         for r in range(start[p], stop[p]):
             for s in range(start[p], stop[p]):
                 if place[s] >= place[r]:
-                    one, other = entries[r], entries[s]
+                    first, other = entries[r], entries[s]
                     for a in range(6):
-                        x, y, z = one[0, a], one[1, a], one[2, a]
-                        row = whole[place[r] + a, place[s] : place[s] + 6]
+                        x, y, z = first[0, a], first[1, a], first[2, a]
+                        row = total[place[r] + a, place[s] : place[s] + 6]
                         for b in range(6):
                             row[b] -= x * other[0, b] + y * other[1, b] + z * other[2, b]
 
 
 @compiled(*_SOURCES)
 def times_kept(
-    entries: NDArray, place: NDArray, start: NDArray, stop: NDArray, values: NDArray, found: NDArray
+    entries: NDArray, place: NDArray, start: NDArray, stop: NDArray, values: NDArray, product: NDArray
 ) -> None:
     """Add the products of the entries with values (k, w) of the kept unknowns to those of the points (p, 3, w)."""
     for p in range(len(start)):
         for r in range(start[p], stop[p]):
             for a in range(3):
-                row = found[p, a]
+                row = product[p, a]
                 for j in range(6):
                     f, source = entries[r, a, j], values[place[r] + j]
                     for b in range(len(row)):
@@ -97,13 +97,13 @@ def times_kept(
 
 @compiled(*_SOURCES)
 def times_points(
-    entries: NDArray, place: NDArray, start: NDArray, stop: NDArray, values: NDArray, found: NDArray
+    entries: NDArray, place: NDArray, start: NDArray, stop: NDArray, values: NDArray, product: NDArray
 ) -> None:
     """Add the products of the transposed entries with values (p, 3, w) of the points to those of the kept (k, w)."""
     for p in range(len(start)):
         for r in range(start[p], stop[p]):
             for j in range(6):
-                row = found[place[r] + j]
+                row = product[place[r] + j]
                 for a in range(3):
                     f, source = entries[r, a, j], values[p, a]
                     for b in range(len(row)):
@@ -134,7 +134,7 @@ def add_times(total: NDArray, block: NDArray, kept: NDArray, row: int, column: i
 
 @compiled(*_SOURCES)
 def point_covariances(
-    entries: NDArray, place: NDArray, start: NDArray, stop: NDArray, chosen: NDArray, kept: NDArray, found: NDArray
+    entries: NDArray, place: NDArray, start: NDArray, stop: NDArray, chosen: NDArray, kept: NDArray, covariance: NDArray
 ) -> None:
     """Add the covariance that each chosen point has from the kept unknowns, with covariance (k, k), to (p, 3, 3)."""
     total = np.zeros((3, 6))
@@ -148,7 +148,7 @@ def point_covariances(
                     value = 0.0
                     for j in range(6):
                         value += total[a, j] * entries[s, b, j]
-                    found[p, a, b] += value
+                    covariance[p, a, b] += value
 
 
 @compiled(*_SOURCES)
@@ -161,7 +161,7 @@ def image_covariances(
     image: NDArray,
     chosen: NDArray,
     kept: NDArray,
-    found: NDArray,
+    covariance: NDArray,
 ) -> None:
     """Fill in the covariance (m, 6, 3) of each chosen pair of an image and a point, from that of the kept unknowns."""
     total = np.zeros((3, 6))
@@ -172,7 +172,7 @@ def image_covariances(
             add_times(total, entries[r], kept, place[r], 6 * image[m])
         for a in range(3):
             for b in range(6):
-                found[m, b, a] = total[a, b]
+                covariance[m, b, a] = total[a, b]
 
 
 @inner
@@ -242,9 +242,9 @@ def computed_covariances(
     images_by_common: NDArray,
     points_by_common: NDArray,
     common: NDArray,
-    found: NDArray,
+    covariance: NDArray,
 ) -> None:
-    """Fill in the covariance (n, 2, 2) of computed image points of one pose, NaN for a point that is not in front of
+    """Fill in the covariance (n, 2, 2) of computed image points of one pose; NaN for a point that is not in front of
     its camera.
 
     Image and point (n,) by number in the network and by slot in the pose; camera, R, centre of every image, points xyz;
@@ -258,13 +258,13 @@ def computed_covariances(
         i, p, k = image_slot[n], point_slot[n], camera[image[n]]
         direct(X, R[image[n]], xyz[point[n]], centre[image[n]])
         if not X[2] > 0.0:
-            found[n] = np.nan
+            covariance[n] = np.nan
             continue
         linearised(row, interior[k], radius[k], X, (1.0, 0.0, 1.0))
         turned(row, R[image[n]], xyz[point[n]], centre[image[n]])
         by_pose_unknowns(row, derivative)
         joined(images[i], points[p], cross[n], both)
         by_common_unknowns(row, place[k], derivative, images_by_common[i], points_by_common[p], by_common)
-        found[n] = 0.0
-        add_propagated(derivative, both, half, found[n])
-        add_propagated(by_common, common, spread, found[n])
+        covariance[n] = 0.0
+        add_propagated(derivative, both, half, covariance[n])
+        add_propagated(by_common, common, spread, covariance[n])

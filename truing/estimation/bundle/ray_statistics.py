@@ -1,7 +1,7 @@
 """Information of the rays of each pose about numbers that all poses share: cameras, bars, air.
 
-A pose has residuals v of its observations, weights W, derivatives A by its own unknowns (points, orientations of
-images), and B by the shared numbers theta. The sufficient statistics of theta are
+A pose has residuals v of its observations, with weights W. Their derivatives are A by its own unknowns (points,
+orientations of images) and B by the shared numbers theta. The sufficient statistics of theta are
 
     information N = B^T Q B,   score n = B^T Q v,   Q = W - W A (A^T W A)^-1 A^T W,
 
@@ -80,7 +80,7 @@ def ray_statistics(observed: Observed, state: NetworkState) -> RayStatistics:
     image, point = rays.image[layout.rays], rays.point[layout.rays]
     at = linearise(network, state, image, point)
     rows = _RayResiduals(
-        at, rays.xy_px[layout.rays] - at.xy_px, _by_numbers(observed, state, numbers, at, image, point)
+        at, rays.xy_px[layout.rays] - at.xy_px, _derivative_by_numbers(observed, state, numbers, at, image, point)
     )
     distances, free = distances_at(observed, state), freedoms(layout, state)
     pose_of_ray = np.searchsorted(layout.image_start, layout.ray_image, side="right") - 1
@@ -98,9 +98,9 @@ def ray_statistics(observed: Observed, state: NetworkState) -> RayStatistics:
                 ties = distances_as_ties(observed, pose, distances, by_bars, blocks, _RIGID)
                 found = information_of_pose(sides, observed, pose, free[pose], ties)
             else:
-                found = _of_pose(observed, state, numbers, rows, index, pose, distances, free[pose], by_bars)
+                found = _statistics_of_pose(observed, state, numbers, rows, index, pose, distances, free[pose], by_bars)
             information[pose], score[pose], moved = found
-            by_point[points] = _in_own_datum(moved, free[pose])
+            by_point[points] = _project_to_datum(moved, free[pose])
     return RayStatistics(numbers, information, score, by_point)
 
 
@@ -116,20 +116,24 @@ def _numbers(observed: Observed, state: NetworkState) -> tuple[SharedNumber, ...
     network, layout = observed.network, observed.layout
     cameras = np.unique(network.image_camera[layout.images]).tolist()
     bars, lengths = np.unique(network.bars.bar[layout.distances]).tolist(), network.bars
-    found = [SharedNumber(AIR, -1, name, "1/m^2", _CURVATURE, 0.0) for name in CURVATURES]
-    found += [SharedNumber(WINDOW, camera, "thickness", "m", _THICKNESS, 0.0) for camera in cameras]
+    shared_numbers = [SharedNumber(AIR, -1, name, "1/m^2", _CURVATURE, 0.0) for name in CURVATURES]
+    shared_numbers += [SharedNumber(WINDOW, camera, "thickness", "m", _THICKNESS, 0.0) for camera in cameras]
     sigma = lengths.sigma_m / lengths.length_m
     mean = lengths.length_m / state.bar_length_m - 1
-    found += [SharedNumber(BAR, bar, "strain", "1", _STRAIN, float(sigma[bar]), float(mean[bar])) for bar in bars]
+    shared_numbers += [
+        SharedNumber(BAR, bar, "strain", "1", _STRAIN, float(sigma[bar]), float(mean[bar])) for bar in bars
+    ]
     for k in (*range(3, len(PARAMETERS)), 1, 2, 0):
         for camera in cameras:
-            own, name = network.cameras[camera], PARAMETERS[k]
-            scale = (own.width_px / 2) ** _POWERS[k]
-            found.append(SharedNumber(CAMERA, camera, name, UNITS[k], scale, None if name in own.free else 0.0))
-    return tuple(found)
+            camera_of_number, name = network.cameras[camera], PARAMETERS[k]
+            scale = (camera_of_number.width_px / 2) ** _POWERS[k]
+            shared_numbers.append(
+                SharedNumber(CAMERA, camera, name, UNITS[k], scale, None if name in camera_of_number.free else 0.0)
+            )
+    return tuple(shared_numbers)
 
 
-def _by_numbers(
+def _derivative_by_numbers(
     observed: Observed,
     state: NetworkState,
     numbers: tuple[SharedNumber, ...],
@@ -143,30 +147,33 @@ def _by_numbers(
     air = at.by_point @ by_curvature(points, state.centre[image], origin)
     axis = state.R[image][:, :, 2]
     pane = np.einsum("nki,ni->nk", at.by_point, axis) * by_thickness(in_camera_axes(state, image, point))[:, None]
-    found = np.zeros((len(image), 2, len(numbers)))
+    derivative = np.zeros((len(image), 2, len(numbers)))
     for place, number in enumerate(numbers):
-        own = camera == number.owner
+        is_owned = camera == number.owner
         if number.kind == AIR:
-            found[..., place] = air[..., CURVATURES.index(number.name)]
+            derivative[..., place] = air[..., CURVATURES.index(number.name)]
         elif number.kind == WINDOW:
-            found[own, :, place] = pane[own]
+            derivative[is_owned, :, place] = pane[is_owned]
         elif number.kind == CAMERA:
-            found[own, :, place] = at.by_interior[own, :, PARAMETERS.index(number.name)]
-    return found
+            derivative[is_owned, :, place] = at.by_interior[is_owned, :, PARAMETERS.index(number.name)]
+    return derivative
 
 
-def _of_pose(
+def _statistics_of_pose(
     observed: Observed,
     state: NetworkState,
     numbers: tuple[SharedNumber, ...],
     rows: _RayResiduals,
-    own: Index,
+    rows_of_pose: Index,
     pose: int,
     distances: Distances,
     free: Freedom,
     by_bars: Array,
 ) -> tuple[Array, Array, Array]:
-    """Return information (T, T), score (T,) and derivatives of the points (p, 3, T) of a pose; own: its rays."""
+    """Return information (T, T), score (T,) and derivatives of the points (p, 3, T) of a pose.
+
+    rows_of_pose: indices of its rays.
+    """
     layout = observed.layout
     first_image, first_point = layout.image_start[pose], layout.point_start[pose]
     images, points = layout.image_start[pose + 1] - first_image, layout.point_start[pose + 1] - first_point
@@ -174,13 +181,13 @@ def _of_pose(
     # Rows of rays depend on nine unknowns: the image's six and the point's three.
     places = np.concatenate(
         [
-            6 * (layout.ray_image[own] - first_image)[:, None] + np.arange(6),
-            6 * images + 3 * (layout.ray_point[own] - first_point)[:, None] + np.arange(3),
+            6 * (layout.ray_image[rows_of_pose] - first_image)[:, None] + np.arange(6),
+            6 * images + 3 * (layout.ray_point[rows_of_pose] - first_point)[:, None] + np.arange(3),
         ],
         1,
     )
-    by_own = np.concatenate([rows.at.by_image[own], rows.at.by_point[own]], -1)
-    by_numbers, left, weight = rows.by_numbers[own], rows.left[own], observed.rays[own]
+    by_own = np.concatenate([rows.at.by_image[rows_of_pose], rows.at.by_point[rows_of_pose]], -1)
+    by_numbers, left, weight = rows.by_numbers[rows_of_pose], rows.left[rows_of_pose], observed.rays[rows_of_pose]
     weighed = np.einsum("nki,nkl->nil", by_own, weight)
     of_numbers = np.einsum("nkt,nkl->ntl", by_numbers, weight)
     normal, sides = np.zeros((size, size)), np.zeros((size, len(numbers) + 1))
@@ -204,7 +211,7 @@ def _of_pose(
     return information, reduced[:, -1], moved.reshape(points, 3, -1)
 
 
-def _in_own_datum(moved: Array, free: Freedom) -> Array:
+def _project_to_datum(moved: Array, free: Freedom) -> Array:
     """Return derivatives of points (p, 3, T) without shifts, rotations and scale of all points that the observations
     leave free."""
     flat, flattened = moved.reshape(3 * len(moved), moved.shape[-1]), _flattened(free.points)
@@ -215,10 +222,10 @@ def _distances_by_numbers(observed: Observed, numbers: tuple[SharedNumber, ...])
     """Return the derivatives (q, T) of distances minus the lengths of their bars by the shared numbers."""
     bars, bar = observed.network.bars, observed.network.bars.bar[observed.layout.distances]
     strain = {number.owner: place for place, number in enumerate(numbers) if number.kind == BAR}
-    found = np.zeros((len(bar), len(numbers)))
-    for row, own in enumerate(bar.tolist()):
-        found[row, strain[own]] = -bars.length_m[own]
-    return found
+    derivative = np.zeros((len(bar), len(numbers)))
+    for row, bar_number in enumerate(bar.tolist()):
+        derivative[row, strain[bar_number]] = -bars.length_m[bar_number]
+    return derivative
 
 
 def _add_known(observed: Observed, state: NetworkState, pose: int, normal: Array, sides: Array, first: int) -> None:
@@ -226,10 +233,10 @@ def _add_known(observed: Observed, state: NetworkState, pose: int, normal: Array
     layout, known = observed.layout, observed.network.known
     start, stop = layout.point_start[pose], layout.point_start[pose + 1]
     for row in np.flatnonzero((layout.known_slot >= start) & (layout.known_slot < stop)):
-        own = first + 3 * (layout.known_slot[row] - start) + np.arange(3)
+        unknowns = first + 3 * (layout.known_slot[row] - start) + np.arange(3)
         number = layout.known[row]
-        normal[np.ix_(own, own)] += observed.known[row]
-        sides[own, -1] += observed.known[row] @ (known.xyz_m[number] - state.points[known.point[number]])
+        normal[np.ix_(unknowns, unknowns)] += observed.known[row]
+        sides[unknowns, -1] += observed.known[row] @ (known.xyz_m[number] - state.points[known.point[number]])
 
 
 def _add_distances(
@@ -265,7 +272,7 @@ def _flattened(freedoms: Array) -> Array:
 
 
 def by_curvature(points: Array, centres: Array, origin: Array) -> Array:
-    """Return apparent movements (N, 3, 6) of points (N, 3) in m, seen from centres (N, 3), per second derivative of the
+    """Return apparent movements (N, 3, 6) of points (N, 3) in m, seen from centres (N, 3); per second derivative of the
     index, 1/m^2, in the order of CURVATURES.
 
     origin (3,): place without index gradient.
@@ -334,9 +341,9 @@ def shared_errors(covariance: Array, points: Array, most: int) -> SharedErrors:
     count = len(points)
     arms = points - points.mean(0)
     moved = rigid_motions(arms).reshape(3 * count, 6)
-    held = np.linalg.qr(moved / np.linalg.norm(moved, axis=0))[0]
-    left = covariance - held @ (held.T @ covariance)
-    left = left - (left @ held) @ held.T
+    orthonormal = np.linalg.qr(moved / np.linalg.norm(moved, axis=0))[0]
+    left = covariance - orthonormal @ (orthonormal.T @ covariance)
+    left = left - (left @ orthonormal) @ orthonormal.T
     sigma = np.sqrt(max(float(np.mean(np.diagonal(left))), 0.0))  # of a nearly singular network, only rounding remains
     values, vectors = np.linalg.eigh((left + left.T) / 2)
     usual = float(np.median(values[6:])) if count > 2 else sigma**2

@@ -84,8 +84,8 @@ def row_blocks(
 ) -> RowBlocks:
     """Return the layout of the blocks.
 
-    First slot of images and points of each pose (S + 1,), first ray of each image (i + 1,), image and point slot of
-    each ray (n,); tied (p,): ends of distances.
+    First slot of images and points of each pose (S + 1,); first ray of each image (i + 1,); image and point slot of
+    each ray (n,). tied (p,): ends of distances.
     """
     images, points, first = np.diff(image_start), np.diff(point_start), first_ray[image_start]
     rays = np.diff(first)
@@ -98,9 +98,9 @@ def row_blocks(
     place = start[pose] + np.where(by_ray[pose], 18 * (np.arange(len(pose)) - first[pose]), in_rows)
     shapes, by_point = [], []
     for s, large in enumerate(by_ray.tolist()):
-        own, of_points = slice(first[s], first[s + 1]), slice(point_start[s], point_start[s + 1])
+        images_of_pose, of_points = slice(first[s], first[s + 1]), slice(point_start[s], point_start[s + 1])
         shapes.append((int(rays[s]), *_BLOCK) if large else (6 * int(images[s]), 3 * int(points[s])))
-        local = ray_image[own] - image_start[s], ray_point[own] - point_start[s]
+        local = ray_image[images_of_pose] - image_start[s], ray_point[images_of_pose] - point_start[s]
         by_point.append(point_rays(*local, tied[of_points], int(images[s])) if large else None)
     return RowBlocks(start, tuple(shapes), place, length[image_pose], tuple(by_point))
 

@@ -29,7 +29,7 @@ def with_shared_errors(poses: Epochs, rows: Index, common: Array, errors: PointE
     measured, conditions = poses.measured, poses.conditions
     known = (rows >= 0)[..., None, None]
     shared = np.where(known, common[rows], 0.0)
-    own = measured.covariance - shared @ np.swapaxes(shared, -1, -2)
+    unshared = measured.covariance - shared @ np.swapaxes(shared, -1, -2)
     of_pose = None
     if errors is not None:
         of_pose = np.zeros((*rows.shape, 3, MOST_PATTERNS))
@@ -39,13 +39,13 @@ def with_shared_errors(poses: Epochs, rows: Index, common: Array, errors: PointE
                 continue
             by_common = shared[pose, seen].reshape(3 * len(seen), -1)
             covariance = errors.covariance(of_points[seen]) - by_common @ by_common.T
-            found = shared_errors(covariance, measured.values[pose, seen], MOST_PATTERNS)
-            of_pose[pose, seen, :, : found.patterns.shape[-1]] = found.patterns
-            own[pose, seen] = found.own
+            shared_patterns = shared_errors(covariance, measured.values[pose, seen], MOST_PATTERNS)
+            of_pose[pose, seen, :, : shared_patterns.patterns.shape[-1]] = shared_patterns.patterns
+            unshared[pose, seen] = shared_patterns.own
     turned = np.swapaxes(poses.frames.R, 1, 2)[:, None]
     return replace(
         poses,
-        measured=replace(measured, covariance=_at_least_a_share(own, measured.covariance, measured.seen)),
+        measured=replace(measured, covariance=_bounded_below(unshared, measured.covariance, measured.seen)),
         conditions=replace(
             conditions,
             common_errors=turned @ shared,
@@ -54,13 +54,13 @@ def with_shared_errors(poses: Epochs, rows: Index, common: Array, errors: PointE
     )
 
 
-def _at_least_a_share(own: Array, whole: NDArray[np.floating], seen: Mask) -> Array:
+def _bounded_below(variance: Array, total: NDArray[np.floating], seen: Mask) -> Array:
     """Return covariances (B, K, 3, 3) of single points, at least a share of the full one in each direction."""
-    factor = np.linalg.cholesky(np.where(seen[..., None, None], whole, np.eye(3)))
+    factor = np.linalg.cholesky(np.where(seen[..., None, None], total, np.eye(3)))
     inverse = np.linalg.inv(factor)
-    values, vectors = np.linalg.eigh(inverse @ own @ np.swapaxes(inverse, -1, -2))
+    values, vectors = np.linalg.eigh(inverse @ variance @ np.swapaxes(inverse, -1, -2))
     spread = factor @ vectors * np.sqrt(np.maximum(values, _LEAST_OWN))[..., None, :]
-    return np.where(seen[..., None, None], spread @ np.swapaxes(spread, -1, -2), whole)
+    return np.where(seen[..., None, None], spread @ np.swapaxes(spread, -1, -2), total)
 
 
 def independent_errors(by_shared: Array) -> Array:

@@ -83,15 +83,15 @@ def find_start(network: Network, interior: Array, markers: Markers | None = None
     grown_poses: list[Grown] = []
     values = interior.copy()
     for pose in poses:
-        own = np.isin(markers.corners, pose.point).all(axis=1)  # markers with all corners in the pose
-        corners = np.searchsorted(pose.point, markers.corners[own])
-        grown_poses.append(oriented_pose(pose.network, values, corners, markers.size_m[own]))
+        in_pose = np.isin(markers.corners, pose.point).all(axis=1)  # markers with all corners in the pose
+        corners = np.searchsorted(pose.point, markers.corners[in_pose])
+        grown_poses.append(oriented_pose(pose.network, values, corners, markers.size_m[in_pose]))
         used = np.unique(pose.network.image_camera[grown_poses[-1].oriented])
         values[used] = grown_poses[-1].interior[used]
     values[:, 0] = np.where(np.isnan(values[:, 0]), usual_distance(network), values[:, 0])
     grown_poses = _finished(network, poses, [replace(now, interior=values) for now in grown_poses])
-    whole = joined_poses(network, poses, grown_poses)
-    state, frame, scale = in_frame(network, whole, markers.corners, markers.size_m)
+    network_state = joined_poses(network, poses, grown_poses)
+    state, frame, scale = in_frame(network, network_state, markers.corners, markers.size_m)
     agrees = np.zeros(network.rays.count, bool)
     for pose, now in zip(poses, grown_poses, strict=True):
         agrees[pose.ray] = now.agrees
@@ -135,19 +135,19 @@ def in_frame(
 
 
 def _similarity(
-    network: Network, points: Array, own: Array, corners: Index, size_m: Array
+    network: Network, points: Array, in_pose: Array, corners: Index, size_m: Array
 ) -> tuple[Array, float, Array, str, str]:
     """Return rotation, factor and shift of a pose, and the sources of its frame and its scale."""
     known = network.known
-    here = own[known.point] & np.isfinite(points[known.point, 0])
+    here = in_pose[known.point] & np.isfinite(points[known.point, 0])
     there, target = points[known.point[here]], known.xyz_m[here]
     if len(target) >= 3 and np.linalg.svd(target - target.mean(0), compute_uv=False)[1] > 1e-6:
         return *robust_similarity(there, target), KNOWN, KNOWN
     bars = network.bars
-    chosen = own[bars.first]
+    chosen = in_pose[bars.first]
     lengths = [(bars.length_m[bars.bar[chosen]], bars.first[chosen], bars.second[chosen], BARS)]
-    sides = corners[own[corners[:, 0]]] if len(corners) else np.empty((0, 4), np.int64)
-    sizes = np.repeat(size_m[own[corners[:, 0]]] if len(corners) else size_m, 4)
+    sides = corners[in_pose[corners[:, 0]]] if len(corners) else np.empty((0, 4), np.int64)
+    sizes = np.repeat(size_m[in_pose[corners[:, 0]]] if len(corners) else size_m, 4)
     lengths.append((sizes, sides.ravel(), np.roll(sides, -1, axis=1).ravel(), MARKERS))
     if len(target) == 2:
         two = known.point[here]
@@ -157,7 +157,7 @@ def _similarity(
             ratio = length / np.linalg.norm(points[first] - points[second], axis=1)
         if np.isfinite(ratio).any():
             return np.eye(3), float(np.median(ratio[np.isfinite(ratio)])), np.zeros(3), FREE, source
-    placed = points[own & np.isfinite(points[:, 0])]
+    placed = points[in_pose & np.isfinite(points[:, 0])]
     size = float(np.sqrt(np.mean((placed - placed.mean(0)) ** 2) * 3)) if len(placed) > 1 else 1.0
     return np.eye(3), 1.0 / size, np.zeros(3), FREE, FREE
 
@@ -273,14 +273,14 @@ def _seeds(network: Network, empty: Grown, corners: Index, size_m: Array, rng: n
     """Return all seeds of a pose, the most reliable first."""
     known = np.full_like(empty.X, np.nan)
     known[network.known.point] = network.known.xyz_m
-    yield from _from_coordinates(empty, known)
-    yield from _from_pairs(empty, rng)
+    yield from _starts_from_coordinates(empty, known)
+    yield from _starts_from_pairs(empty, rng)
     square = np.array([[-0.5, -0.5, 0], [0.5, -0.5, 0], [0.5, 0.5, 0], [-0.5, 0.5, 0]])
     images = [_seeing(empty, four) for four in corners]
     for number in np.argsort([-len(seen) for seen in images], kind="stable")[:_BEST_PAIRS]:
-        own = np.full_like(empty.X, np.nan)
-        own[corners[number]] = square * size_m[number]
-        yield from _from_coordinates(empty, own)
+        placed = np.full_like(empty.X, np.nan)
+        placed[corners[number]] = square * size_m[number]
+        yield from _starts_from_coordinates(empty, placed)
 
 
 def _seeing(now: Grown, points: Index) -> Index:
@@ -289,14 +289,14 @@ def _seeing(now: Grown, points: Index) -> Index:
     return np.flatnonzero(np.bincount(now.rays.image[hit], minlength=len(now.rays.R)) >= len(points))
 
 
-def _from_coordinates(empty: Grown, given: Array) -> Iterator[Grown]:
+def _starts_from_coordinates(empty: Grown, known: Array) -> Iterator[Grown]:
     """Return the seed from coordinates (P, 3), if an image sees enough of them."""
-    seen = empty.rays.image[np.isfinite(given[empty.rays.point, 0])]
+    seen = empty.rays.image[np.isfinite(known[empty.rays.point, 0])]
     if len(seen) and np.bincount(seen).max() >= FEWEST:
-        yield replace(empty, given=given, X=given)
+        yield replace(empty, given=known, X=known)
 
 
-def _from_pairs(empty: Grown, rng: np.random.Generator) -> Iterator[Grown]:
+def _starts_from_pairs(empty: Grown, rng: np.random.Generator) -> Iterator[Grown]:
     """Return seeds from pairs of images, sorted by number of agreeing points and intersection angle."""
     sound = np.isfinite(empty.rays.direction[:, 0])
     rays = empty.rays.of(sound)
@@ -316,7 +316,7 @@ def _from_pairs(empty: Grown, rng: np.random.Generator) -> Iterator[Grown]:
             found.append((worth, int(i), int(j), pairs))
         if sum(one[0] > _GOOD_PAIR * shared[one[1], one[2]] for one in found) == _BEST_PAIRS:
             break
-    found.sort(key=lambda one: -one[0])
+    found.sort(key=lambda candidate: -candidate[0])
     for _, i, j, pairs in found[:_BEST_PAIRS]:
         for pair in pairs:
             two = empty.with_images({i: (np.eye(3), np.zeros(3)), j: (pair.R, pair.centre)})

@@ -70,9 +70,9 @@ def match_uncoded(circles: Circles, images: OrientedImages) -> Matched:
     sight = _circle_rays(some, images)
     pairs = _epipolar_pairs(sight, images)
     claims, paired = _hypotheses(pairs, sight, images)
-    kept, contested = _undisputed(claims, len(usable))
-    members = _members(kept)
-    X, cov = _intersected_points(sight, images, members, len(kept))
+    undisputed, contested = _undisputed(claims, len(usable))
+    members = _members(undisputed)
+    X, cov = _intersected_points(sight, images, members, len(undisputed))
     point = np.full(len(circles.image), -1, np.int64)
     reason = np.full(len(circles.image), NOT_ORIENTED, dtype=object)
     reason[usable] = np.where(contested, AMBIGUOUS, np.where(paired, TOO_FEW, NO_PARTNER))
@@ -106,8 +106,8 @@ def _circle_rays(circles: Circles, images: OrientedImages) -> _CircleRays:
     middle = images.box_m.mean(axis=0)
     depth = np.einsum("nij,ni->nj", images.R[circles.image], middle - images.centre[circles.image])[:, 2:]
     J = _orientation_slope(images.R[circles.image], d * depth)
-    own = circles.cov_px2 / images.interior[camera, 0][:, None, None] ** 2
-    return _CircleRays(circles.image, direction, own + J @ images.covariance[circles.image] @ J.transpose(0, 2, 1))
+    variance = circles.cov_px2 / images.interior[camera, 0][:, None, None] ** 2
+    return _CircleRays(circles.image, direction, variance + J @ images.covariance[circles.image] @ J.transpose(0, 2, 1))
 
 
 def _orientation_slope(R: Array, u: Array) -> Array:
@@ -140,22 +140,22 @@ def _epipolar_pairs(sight: _CircleRays, images: OrientedImages) -> Index:
     """Return pairs of circles (L, 2) of different images whose rays meet within their tolerance."""
     from scipy.special import chdtri
 
-    critical, found = float(chdtri(1, _ALPHA)), [np.empty((0, 2), np.int64)]
+    critical, pairs = float(chdtri(1, _ALPHA)), [np.empty((0, 2), np.int64)]
     groups = {int(i): np.flatnonzero(sight.image == i) for i in np.unique(sight.image)}
-    whole = np.concatenate([sight.direction, np.ones((len(sight.direction), 1))], axis=1)
+    homogeneous = np.concatenate([sight.direction, np.ones((len(sight.direction), 1))], axis=1)
     for i, j in _partners(images):
         if i not in groups or j not in groups:
             continue
         a, b = groups[i], groups[j]
         base = images.R[j].T @ (images.centre[i] - images.centre[j])
         E = skew(base) @ images.R[j].T @ images.R[i]
-        line, back = whole[a] @ E.T, whole[b] @ E  # epipolar lines of a in image j, of b in image i
-        miss = line @ whole[b].T
+        line, back = homogeneous[a] @ E.T, homogeneous[b] @ E  # epipolar lines of a in image j, of b in image i
+        miss = line @ homogeneous[b].T
         var = np.einsum("ai,bij,aj->ab", line[:, :2], sight.covariance[b], line[:, :2], optimize=True)
         var += np.einsum("bi,aij,bj->ab", back[:, :2], sight.covariance[a], back[:, :2], optimize=True)
         fits = np.argwhere(miss**2 < critical * var)
-        found.append(np.stack([a[fits[:, 0]], b[fits[:, 1]]], axis=1))
-    return np.concatenate(found)
+        pairs.append(np.stack([a[fits[:, 0]], b[fits[:, 1]]], axis=1))
+    return np.concatenate(pairs)
 
 
 def _rays(sight: _CircleRays, images: OrientedImages, members: _Members, points: int) -> Bundle:
@@ -262,6 +262,6 @@ def _undisputed(claims: Index, circles: int) -> tuple[Index, Mask]:
         contested[claims[falls][claims[falls] >= 0]] = True
         stands &= ~falls
     claimants = np.bincount(members.circle[stands[members.point]], minlength=circles)
-    kept = np.where((claims >= 0) & (claimants[np.maximum(claims, 0)] > 1), -1, claims)[stands]
+    undisputed = np.where((claims >= 0) & (claimants[np.maximum(claims, 0)] > 1), -1, claims)[stands]
     contested |= claimants > 1
-    return kept[(kept >= 0).sum(axis=1) >= _FEWEST], contested
+    return undisputed[(undisputed >= 0).sum(axis=1) >= _FEWEST], contested

@@ -88,12 +88,12 @@ def grouped(network: Network, used: Mask, redundancy: Array) -> VarianceComponen
             target[small] = large[np.argmax(weight[large])] if len(large) else small[0]
         else:
             target[small] = small[0]
-    kept, component = np.unique(target[component], return_inverse=True)
-    joint = [np.flatnonzero(target == k) for k in kept]
+    targets, component = np.unique(target[component], return_inverse=True)
+    joint = [np.flatnonzero(target == k) for k in targets]
     first, second = zip(*((_common(pairs[m, 0]), _common(pairs[m, 1])) for m in joint), strict=True)
-    ones, nothing = np.ones(len(kept)), np.zeros(len(kept))
+    ones, nothing = np.ones(len(targets)), np.zeros(len(targets))
     return VarianceComponents(
-        component, np.array(first), np.array(second), ones, np.full(len(kept), np.nan), nothing, nothing > 0
+        component, np.array(first), np.array(second), ones, np.full(len(targets), np.nan), nothing, nothing > 0
     )
 
 

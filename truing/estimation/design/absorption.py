@@ -1,8 +1,8 @@
 """Absorption map: the bias of each fitted parameter by an effect that the model leaves out.
 
-Where the effect changes the whitened residual by s and the parameters change it by the Jacobian N, the fit shifts by
--(N'N + Lambda^-1)^-1 N's. The part of s in the column space disappears from the residual; only the rest is visible.
-This is first order, with an error quadratic in the effect; `absorb_in_full` follows the curved model.
+The effect changes the whitened residual by s, the parameters by the Jacobian N. The fit then shifts by -(N'N +
+Lambda^-1)^-1 N's. The part of s in the column space disappears from the residual; only the rest is visible. This is
+first order, with an error quadratic in the effect; `absorb_in_full` follows the curved model.
 """
 
 from __future__ import annotations
@@ -52,8 +52,8 @@ class Absorption:
             raise ValueError("shifts from nominal values need their tolerances as prior")
         size = self.shift.shape[1]
         known = np.zeros((size, size)) if effects is None else np.asarray(effects, float).reshape(size, size)
-        own = {"fit": 0.0, "truth": self.covariance, "nominal": -self.covariance}[against]
-        return self.shift @ known @ self.shift.T + own + (self.prior if against == "nominal" else 0.0)
+        covariance = {"fit": 0.0, "truth": self.covariance, "nominal": -self.covariance}[against]
+        return self.shift @ known @ self.shift.T + covariance + (self.prior if against == "nominal" else 0.0)
 
 
 def absorb(jacobian: NDArray, signature: NDArray, labels: Sequence[str], scales: ArrayLike | None = None) -> Absorption:
@@ -70,14 +70,14 @@ def absorb(jacobian: NDArray, signature: NDArray, labels: Sequence[str], scales:
     shift = -root @ (root.T @ (N.T @ effects))
     left = effects + N @ shift
     total, rest = np.sum(effects**2, axis=0), np.sum(left**2, axis=0)
-    whole = np.where(total > 0, total, 1.0)
+    scale = np.where(total > 0, total, 1.0)
     pull = 0.0 if tolerance is None else np.sum((shift / tolerance[:, None]) ** 2, axis=0)
     return Absorption(
         tuple(labels),
         shift,
-        swallowed=-shift * (N.T @ effects) / whole,
+        swallowed=-shift * (N.T @ effects) / scale,
         left=left,
-        absorbed=(total - rest) / whole,
+        absorbed=(total - rest) / scale,
         visible=np.sqrt(rest + pull),
         covariance=root @ root.T,
         prior=None if tolerance is None else np.diag(tolerance**2),

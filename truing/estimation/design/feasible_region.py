@@ -86,12 +86,12 @@ class FeasibleRegion:
 
     def draw(self, count: int, rng: np.random.Generator) -> NDArray:
         """Return points (count, size) spread evenly over the region; raises ValueError if all of it is forbidden."""
-        found = np.empty((0, self.size))
+        points = np.empty((0, self.size))
         for _ in range(_DRAWS):
             x = self.pulled_in(self._hit_and_run(count, rng))
-            found = np.concatenate([found, x[self.allowed(x) & self.within(x)]])
-            if len(found) >= count:
-                return found[:count]
+            points = np.concatenate([points, x[self.allowed(x) & self.within(x)]])
+            if len(points) >= count:
+                return points[:count]
         raise ValueError("forbidden regions that do not cover the whole workspace")
 
     def _hit_and_run(self, count: int, rng: np.random.Generator) -> NDArray:
@@ -170,9 +170,9 @@ def _multipliers(at: NDArray, gram: NDArray) -> NDArray:
     for _ in range(_SWEEPS):
         before = pull.copy()
         for k in range(at.shape[1]):
-            own = gram[:, k, k]
-            free = at[:, k] + pull[:, k] * own
-            wanted = (free - np.minimum(np.maximum(free, -1.0), 1.0)) / own
+            curvature = gram[:, k, k]
+            free = at[:, k] + pull[:, k] * curvature
+            wanted = (free - np.minimum(np.maximum(free, -1.0), 1.0)) / curvature
             at = at - (wanted - pull[:, k])[:, None] * gram[:, k]
             pull[:, k] = wanted
         if np.abs(pull - before).max() <= _STEADY:
@@ -186,10 +186,10 @@ def _deepest(normals: NDArray, bound: NDArray) -> NDArray | None:
 
     size = normals.shape[1]
     aim = np.append(np.zeros(size), -1.0)
-    found = linprog(
+    solution = linprog(
         aim, np.column_stack([normals, np.ones(len(normals))]), bound, bounds=[(None, None)] * size + [(0, None)]
     )
-    return found.x[:size] if found.status == 0 and found.x[size] > 1e-9 * np.abs(bound).max() else None
+    return solution.x[:size] if solution.status == 0 and solution.x[size] > 1e-9 * np.abs(bound).max() else None
 
 
 def _distinct(x: NDArray) -> NDArray:

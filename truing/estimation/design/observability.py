@@ -201,24 +201,27 @@ def inseparable(observability: Observability) -> tuple[Inseparable, ...]:
 def sparse_directions(observability: Observability) -> NDArray:
     """Return the unidentifiable directions (k, P), in tolerances, each with a parameter that no other one has."""
     null = observability.directions[:, observability.singular_values <= observability.rounding]
-    first, own = _simplified(observability, null, [], observability.rounding)
+    first, pivots_of_null = _simplified(observability, null, [], observability.rounding)
     unseen = observability.unidentifiable
-    if own:  # weak directions, after removing null directions from them
-        rest = np.linalg.svd(unseen[own])[2][len(own) :]
+    if pivots_of_null:  # weak directions, after removing null directions from them
+        rest = np.linalg.svd(unseen[pivots_of_null])[2][len(pivots_of_null) :]
         unseen = unseen @ rest.T
-    second, _ = _simplified(observability, unseen, own, observability.least)
+    second, _ = _simplified(observability, unseen, pivots_of_null, observability.least)
     return np.concatenate([first, second])
 
 
 def _simplified(
-    observability: Observability, basis: NDArray, taken: list[int], least: float
+    observability: Observability, basis: NDArray, excluded: list[int], least: float
 ) -> tuple[NDArray, list[int]]:
     """Return k directions (k, P) for a basis (P, k), without parameters that are taken, and each one's own
     parameter."""
-    own = pivots(basis.T)
-    echelon = basis @ np.linalg.inv(basis[own]) if own else basis
-    found = [_shortest(observability, b, p, [*taken, *own], least) for b, p in zip(echelon.T, own, strict=True)]
-    return np.array(found).reshape(len(own), len(basis)), own
+    pivots_of_basis = pivots(basis.T)
+    echelon = basis @ np.linalg.inv(basis[pivots_of_basis]) if pivots_of_basis else basis
+    shortest = [
+        _shortest(observability, b, p, [*excluded, *pivots_of_basis], least)
+        for b, p in zip(echelon.T, pivots_of_basis, strict=True)
+    ]
+    return np.array(shortest).reshape(len(pivots_of_basis), len(basis)), pivots_of_basis
 
 
 def pivots(rows: NDArray) -> list[int]:
@@ -231,26 +234,28 @@ def pivots(rows: NDArray) -> list[int]:
     return result
 
 
-def _shortest(observability: Observability, direction: NDArray, pivot: int, own: list[int], least: float) -> NDArray:
+def _shortest(
+    observability: Observability, direction: NDArray, pivot: int, excluded: list[int], least: float
+) -> NDArray:
     """Return a direction (P,), 1 at its own parameter, with few others and no other direction's own parameter.
     Parameters are added one by one, each the one that hides most of the visible part, until it is small enough; then
     small unneeded ones are removed."""
-    kept, best = _compensating_parameters(observability, direction, pivot, own, least)
-    for j in sorted(kept, key=lambda i: abs(best[i])):
-        fewer = [other for other in kept if other != j]
+    used, best = _compensating_parameters(observability, direction, pivot, excluded, least)
+    for j in sorted(used, key=lambda i: abs(best[i])):
+        fewer = [other for other in used if other != j]
         shorter = _expressed(observability, best, pivot, fewer, least)
-        kept, best = (kept, best) if shorter is None else (fewer, shorter)
+        used, best = (used, best) if shorter is None else (fewer, shorter)
     return best
 
 
 def _compensating_parameters(
-    observability: Observability, direction: NDArray, pivot: int, own: list[int], least: float
+    observability: Observability, direction: NDArray, pivot: int, excluded: list[int], least: float
 ) -> tuple[list[int], NDArray]:
-    """Return parameters that hide a change of one, none of ``own``, and the change of all of them."""
+    """Return parameters that hide a change of one, none of ``excluded``, and the change of all of them."""
     R, chosen = observability.triangle, list[int]()
     left, seen = R.copy(), R[:, pivot].copy()
     free = np.ones(len(direction), bool)
-    free[own] = False
+    free[excluded] = False
     for _ in range(int(free.sum()) + 1):
         hidden = _expressed(observability, direction, pivot, chosen, least)
         if hidden is not None:
@@ -263,7 +268,7 @@ def _compensating_parameters(
         chosen.append(int(np.argmax(gain)))
         unit = left[:, chosen[-1]] / lengths[chosen[-1]]
         left, seen, free[chosen[-1]] = left - np.outer(unit, unit @ left), seen - unit * (unit @ seen), False
-    return [int(j) for j in np.flatnonzero(direction) if j not in own], direction
+    return [int(j) for j in np.flatnonzero(direction) if j not in excluded], direction
 
 
 def _expressed(
@@ -371,23 +376,28 @@ def choose_identifiable(
     by volume instead of length. Raises ValueError as `observe`, and for groups or preferences whose number is not that
     of the parameters.
     """
-    whole = observe(jacobian, scales, labels, unidentifiable=unidentifiable)
+    observability = observe(jacobian, scales, labels, unidentifiable=unidentifiable)
     members = _members(range(len(labels)) if groups is None else groups, len(labels))
     rank = np.zeros(len(labels)) if preference is None else np.asarray(preference, float)
-    if rank.shape != whole.scales.shape:
+    if rank.shape != observability.scales.shape:
         raise ValueError(f"found preferences of shape {rank.shape}, expected one for each of {len(labels)} parameters")
     order: list[int] = []
-    left = whole.triangle
+    left = observability.triangle
     while members:
         place, length = _next_group(left, members, rank)
         columns = members.pop(place)
         # Quick bound: the residual of a new column limits the least singular value, and refuses most columns.
-        if length > whole.least and _smallest_singular_value(whole, [*order, *columns]) > whole.least:
+        if (
+            length > observability.least
+            and _smallest_singular_value(observability, [*order, *columns]) > observability.least
+        ):
             order += columns
             left = _orthogonal_to(left, left[:, columns])
     chosen = np.isin(np.arange(len(labels)), order)
-    kept = [label for label, used in zip(labels, chosen, strict=True) if used]
-    part = observe(np.asarray(jacobian)[:, chosen], whole.scales[chosen], kept, unidentifiable=unidentifiable)
+    labels_kept = [label for label, used in zip(labels, chosen, strict=True) if used]
+    part = observe(
+        np.asarray(jacobian)[:, chosen], observability.scales[chosen], labels_kept, unidentifiable=unidentifiable
+    )
     return IdentifiableSet(tuple(order), chosen, part)
 
 
@@ -418,7 +428,7 @@ def _smallest_singular_value(observability: Observability, columns: Sequence[int
     return float(np.linalg.svd(observability.triangle[:, list(columns)], compute_uv=False)[-1])
 
 
-def _orthogonal_to(left: NDArray, taken: NDArray) -> NDArray:
+def _orthogonal_to(left: NDArray, chosen: NDArray) -> NDArray:
     """Return columns (P, P) minus their projection on the taken ones (P, m)."""
-    basis = np.linalg.qr(taken)[0]
+    basis = np.linalg.qr(chosen)[0]
     return left - basis @ (basis.T @ left)

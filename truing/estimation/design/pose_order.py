@@ -90,8 +90,8 @@ def _orthonormal(columns: NDArray) -> NDArray:
     centred = columns - columns.mean(0)
     norm = np.linalg.norm(columns, axis=0)
     basis, value, _ = np.linalg.svd(centred / np.where(norm > 0, norm, 1.0), full_matrices=False)
-    kept = basis * (value > 1e-9 * max(value[0], 1e-300))
-    return np.pad(kept, ((0, 0), (0, columns.shape[1] - kept.shape[1])))
+    significant = basis * (value > 1e-9 * max(value[0], 1e-300))
+    return np.pad(significant, ((0, 0), (0, columns.shape[1] - significant.shape[1])))
 
 
 def _travel(distance: NDArray, order: NDArray) -> NDArray:

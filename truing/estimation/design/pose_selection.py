@@ -85,15 +85,17 @@ def sum_log_det(information: NDArray) -> float:
     return float(np.sum(np.where(sign > 0, value, -np.inf)))
 
 
-def bound_design(rows: NDArray, count: float, given: NDArray | None = None, gap: float = 1e-6) -> DesignBound:
+def bound_design(
+    rows: NDArray, count: float, prior_information: NDArray | None = None, gap: float = 1e-6
+) -> DesignBound:
     """Return the optimal design of ``count`` measurements on candidates with rows (C, L, q) or (C, L, M, q), to a gap
     in log det.
 
-    given (L, q, q): prior information. Interior point method on the weights; candidates are added as the bound
-    requires. Raises ValueError if the candidates do not determine every leg.
+    prior_information (L, q, q). Interior point method on the weights; candidates are added as the bound requires.
+    Raises ValueError if the candidates do not determine every leg.
     """
     rows = _measurements(rows)
-    before = np.zeros((rows.shape[1], rows.shape[3], rows.shape[3])) if given is None else given
+    before = np.zeros((rows.shape[1], rows.shape[3], rows.shape[3])) if prior_information is None else prior_information
     if not np.isfinite(sum_log_det(before + np.einsum("clmq,clmr->lqr", rows, rows))):
         raise ValueError("candidates that determine every parameter")
     pool = _spanning(rows, before)
@@ -143,9 +145,9 @@ def _derivatives(rows: NDArray, w: NDArray, count: float, before: NDArray) -> tu
     known = float(np.sum((factor @ before) * factor))
     if rows.shape[2] > 1:  # a matrix for each candidate: curvature tr(W_c W_d), with W = X'X of whitened rows X
         white = rows @ np.swapaxes(factor, 1, 2)
-        own = count * np.swapaxes(white, 2, 3) @ white
-        flat = own.reshape(len(rows), -1)
-        return np.einsum("clqq->c", own), flat @ flat.T, known
+        derivative = count * np.swapaxes(white, 2, 3) @ white
+        flat = derivative.reshape(len(rows), -1)
+        return np.einsum("clqq->c", derivative), flat @ flat.T, known
     white = factor @ _columns(rows)
     products = count * np.swapaxes(white, 1, 2) @ white
     return np.einsum("lcc->c", products), np.einsum("lcd,lcd->cd", products, products), known
@@ -210,10 +212,10 @@ class PoseSelection:
     iterations: int
 
 
-def information_of(rows: NDArray, given: NDArray | None = None) -> NDArray:
+def information_of(rows: NDArray, prior_information: NDArray | None = None) -> NDArray:
     """Return A (L, q, q) of rows (N, L, q) or (N, L, M, q) and prior information."""
-    own = np.einsum("nlmq,nlmr->lqr", _measurements(rows), _measurements(rows))
-    return own if given is None else own + given
+    information = np.einsum("nlmq,nlmr->lqr", _measurements(rows), _measurements(rows))
+    return information if prior_information is None else information + prior_information
 
 
 def rounded_design(design: DesignBound, count: int) -> NDArray:
@@ -233,12 +235,14 @@ def rounded_design(design: DesignBound, count: int) -> NDArray:
     return np.repeat(support, times.astype(int))
 
 
-def one_by_one(rows: NDArray, count: int, design: DesignBound, given: NDArray | None = None) -> NDArray:
+def one_by_one(rows: NDArray, count: int, design: DesignBound, prior_information: NDArray | None = None) -> NDArray:
     """Return ``count`` candidates by greedy choice, each the best addition to those before it.
 
     Until the chosen candidates determine every parameter, a small share of the best design's information is added.
     """
-    information = _HINT * design.information if given is None else given + _HINT * design.information
+    information = (
+        _HINT * design.information if prior_information is None else prior_information + _HINT * design.information
+    )
     chosen = np.zeros(count, np.int64)
     for n in range(count):
         chosen[n] = np.argmax(_gains(rows, information))
@@ -246,7 +250,9 @@ def one_by_one(rows: NDArray, count: int, design: DesignBound, given: NDArray | 
     return chosen
 
 
-def exchange(rows: NDArray, start: NDArray, given: NDArray | None = None, max_iterations: int = 1000) -> PoseSelection:
+def exchange(
+    rows: NDArray, start: NDArray, prior_information: NDArray | None = None, max_iterations: int = 1000
+) -> PoseSelection:
     """Return a choice that no exchange of one configuration for one candidate improves.
 
     start (N,): initial candidates. Each step makes the best of all N C exchanges, whose gain follows from rank-one
@@ -255,12 +261,12 @@ def exchange(rows: NDArray, start: NDArray, given: NDArray | None = None, max_it
     """
     chosen = np.array(start)
     for iteration in range(max_iterations):
-        information = _determined(rows[chosen], given)
+        information = _determined(rows[chosen], prior_information)
         out, into, gain = _best_exchange(rows, chosen, information)
         if gain <= _LEAST_GAIN:
             return PoseSelection(chosen, sum_log_det(information), SelectionStatus.CONVERGED, iteration)
         chosen[out] = into
-    value = sum_log_det(information_of(rows[chosen], given))
+    value = sum_log_det(information_of(rows[chosen], prior_information))
     return PoseSelection(chosen, value, SelectionStatus.ITERATION_LIMIT, max_iterations)
 
 
@@ -272,10 +278,10 @@ def _best_exchange(rows: NDArray, chosen: NDArray, information: NDArray) -> tupl
         into, out = divmod(int(np.argmax(ratio)), len(chosen))
         return out, into, float(ratio[into, out])
     white = factor @ np.transpose(rows, (1, 2, 0))
-    own = white[:, :, chosen]
+    chosen_rows = white[:, :, chosen]
     come = 1.0 + np.sum(white * white, 1)
-    go = 1.0 - np.sum(own * own, 1)
-    both = np.swapaxes(white, 1, 2) @ own
+    go = 1.0 - np.sum(chosen_rows * chosen_rows, 1)
+    both = np.swapaxes(white, 1, 2) @ chosen_rows
     ratio = np.prod(come[:, :, None] * go[:, None] + both * both, 0)
     into, out = divmod(int(np.argmax(ratio)), len(chosen))
     return out, into, float(np.log(ratio[into, out]))
@@ -286,42 +292,44 @@ def _block_exchanges(white: NDArray, chosen: NDArray) -> NDArray:
 
     A -> A - Y'Y + X'X: log det (1 - Y Y') + log det (1 + X (1 - Y'Y)^-1 X').
     """
-    found = np.empty((len(white), len(chosen)))
-    one, unit = np.eye(white.shape[2]), np.eye(white.shape[3])
+    log_det_change = np.empty((len(white), len(chosen)))
+    identity, unit = np.eye(white.shape[2]), np.eye(white.shape[3])
     for place, out in enumerate(chosen):
         Y = white[out]
         turned = np.swapaxes(Y, 1, 2)
-        lost = sum_log_det(one - Y @ turned)
+        lost = sum_log_det(identity - Y @ turned)
         if not np.isfinite(lost):  # the others do not determine everything
-            found[:, place] = -np.inf
+            log_det_change[:, place] = -np.inf
             continue
         X = white @ np.linalg.cholesky(np.linalg.inv(unit - turned @ Y))
-        found[:, place] = lost + np.linalg.slogdet(one + X @ np.swapaxes(X, 2, 3))[1].sum(1)
-    return found
+        log_det_change[:, place] = lost + np.linalg.slogdet(identity + X @ np.swapaxes(X, 2, 3))[1].sum(1)
+    return log_det_change
 
 
-def ioops(rows: NDArray, start: NDArray, given: NDArray | None = None, max_iterations: int = 1000) -> PoseSelection:
+def ioops(
+    rows: NDArray, start: NDArray, prior_information: NDArray | None = None, max_iterations: int = 1000
+) -> PoseSelection:
     """Return a choice that is stable under removing its worst configuration and adding the best candidate.
 
     Removal and addition are decided one after the other, unlike in `exchange` (IOOPS, telescope report, section 6.3.2).
     Raises ValueError as `exchange`.
     """
     chosen = np.array(start)
-    value = sum_log_det(_determined(rows[chosen], given))
+    value = sum_log_det(_determined(rows[chosen], prior_information))
     for iteration in range(max_iterations):
-        trial = _without_worst(rows, chosen, given)
-        best = int(np.argmax(_gains(rows, information_of(rows[trial], given))))
+        trial = _without_worst(rows, chosen, prior_information)
+        best = int(np.argmax(_gains(rows, information_of(rows[trial], prior_information))))
         trial = np.append(trial, best)
-        reached = sum_log_det(information_of(rows[trial], given))
+        reached = sum_log_det(information_of(rows[trial], prior_information))
         if reached <= value + _LEAST_GAIN:
             return PoseSelection(chosen, value, SelectionStatus.CONVERGED, iteration)
         chosen, value = trial, reached
     return PoseSelection(chosen, value, SelectionStatus.ITERATION_LIMIT, max_iterations)
 
 
-def _without_worst(rows: NDArray, chosen: NDArray, given: NDArray | None) -> NDArray:
+def _without_worst(rows: NDArray, chosen: NDArray, prior_information: NDArray | None) -> NDArray:
     """Return the chosen candidates without the one whose loss costs least."""
-    inverse = np.linalg.inv(information_of(rows[chosen], given))
+    inverse = np.linalg.inv(information_of(rows[chosen], prior_information))
     measurements = _measurements(rows[chosen])
     left = np.eye(measurements.shape[2]) - measurements @ inverse @ np.swapaxes(measurements, 2, 3)
     return np.delete(chosen, int(np.argmax(np.sum(np.log(np.maximum(np.linalg.det(left), 1e-300)), -1))))
@@ -335,8 +343,8 @@ def _gains(rows: NDArray, information: NDArray) -> NDArray:
     ].sum(-1)
 
 
-def _determined(rows: NDArray, given: NDArray | None) -> NDArray:
-    information = information_of(rows, given)
+def _determined(rows: NDArray, prior_information: NDArray | None) -> NDArray:
+    information = information_of(rows, prior_information)
     if not np.isfinite(sum_log_det(information)):
         raise ValueError(f"a choice of {len(rows)} configurations that determines every parameter")
     return information
@@ -353,17 +361,21 @@ class AscentResult:
 
 
 def optimise_directly(
-    region: FeasibleRegion, rows_at: RowsAt, start: NDArray, given: NDArray | None = None, max_iterations: int = 1000
+    region: FeasibleRegion,
+    rows_at: RowsAt,
+    start: NDArray,
+    prior_information: NDArray | None = None,
+    max_iterations: int = 1000,
 ) -> AscentResult:
     """Return N configurations that no small move within the region improves, from a start (N, n) in it.
 
-    Maximises sum_l log det A_l with prior information given (L, q, q). Raises ValueError if the start does not
+    Maximises sum_l log det A_l with prior_information (L, q, q). Raises ValueError if the start does not
     determine every leg.
     """
 
     def objective(x: NDArray) -> tuple[float, NDArray]:
         rows, changes = rows_at(x)
-        information = information_of(rows, given)
+        information = information_of(rows, prior_information)
         value = sum_log_det(information)
         if not np.isfinite(value):
             return -np.inf, np.zeros_like(x)
@@ -392,8 +404,8 @@ def largest_sensitivity(
         value, gradient = each(x)
         return float(value.sum()), gradient
 
-    found = ascend(region, objective, start, max_iterations)
-    return AscentResult(found.x, float(each(found.x)[0].max()), found.status, found.iterations)
+    ascent = ascend(region, objective, start, max_iterations)
+    return AscentResult(ascent.x, float(each(ascent.x)[0].max()), ascent.status, ascent.iterations)
 
 
 def _solved(rows: NDArray, information: NDArray) -> NDArray:

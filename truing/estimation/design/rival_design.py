@@ -60,15 +60,15 @@ class Fitted:
     shared: NDArray
     covariance: NDArray
 
-    def propagated(self, own: NDArray) -> NDArray:
+    def propagated(self, columns: NDArray) -> NDArray:
         """Return the changes of all unknowns (G, P) per standard deviation of some (P,), with the others refitted."""
-        covariance = self.covariance[:, own]
-        return np.linalg.solve(np.linalg.cholesky(covariance[own]), covariance.T).T
+        covariance = self.covariance[:, columns]
+        return np.linalg.solve(np.linalg.cholesky(covariance[columns]), covariance.T).T
 
-    def conditional_covariance(self, own: NDArray) -> NDArray:
+    def conditional_covariance(self, columns: NDArray) -> NDArray:
         """Return the covariance (O, O) of the others if some of the unknowns were known."""
-        others = np.setdiff1d(np.arange(len(self.shared)), own)
-        follow = self.propagated(own)[others]
+        others = np.setdiff1d(np.arange(len(self.shared)), columns)
+        follow = self.propagated(columns)[others]
         return self.covariance[np.ix_(others, others)] - follow @ follow.T
 
 
@@ -116,24 +116,24 @@ class PoseCandidates:
 
     def sight(self, unknowns: NDArray, covariance: NDArray) -> CandidateSensitivity:
         """Return the sensitivity to some unknowns (G',) of covariance (G', G')."""
-        directions, along = self._seen_along(self.rows[..., unknowns], covariance)
+        directions, along = self._observable_directions(self.rows[..., unknowns], covariance)
         return CandidateSensitivity(self.without_pose_unknowns(along), directions)
 
     def information(self, covariance: NDArray) -> tuple[NDArray, NDArray]:
-        """Return the information (C, R, R) of each candidate relative to the present one, on all unknowns of covariance
-        (G, G), and its directions (G, R)."""
-        directions, along = self._seen_along(self.rows, covariance)
-        taken = np.swapaxes(self.basis[:, : along.shape[1]], 1, 2) @ along
-        return np.swapaxes(along, 1, 2) @ along - np.swapaxes(taken, 1, 2) @ taken, directions
+        """Return the information (C, R, R) of each candidate relative to the present one, and its directions (G, R).
+        covariance (G, G): of all unknowns."""
+        directions, along = self._observable_directions(self.rows, covariance)
+        absorbed = np.swapaxes(self.basis[:, : along.shape[1]], 1, 2) @ along
+        return np.swapaxes(along, 1, 2) @ along - np.swapaxes(absorbed, 1, 2) @ absorbed, directions
 
-    def _seen_along(self, rows: NDArray, covariance: NDArray) -> tuple[NDArray, NDArray]:
-        """Return the directions (G', R) of unknowns of covariance (G', G') that the candidates see by rows (C, M, G'),
-        per standard deviation, and the rows (C, M, R) along them."""
+    def _observable_directions(self, rows: NDArray, covariance: NDArray) -> tuple[NDArray, NDArray]:
+        """Return the directions (G', R) of unknowns that the candidates see by rows (C, M, G'), per standard deviation;
+        and the rows (C, M, R) along them. covariance (G', G'): of the unknowns."""
         size, width = rows.shape[1:]
         factor = np.linalg.cholesky(covariance)
-        own = (np.swapaxes(self.basis[:, :size], 1, 2) @ rows).reshape(-1, width)
+        rows_along = (np.swapaxes(self.basis[:, :size], 1, 2) @ rows).reshape(-1, width)
         flat = rows.reshape(-1, width)
-        values, vectors = np.linalg.eigh(factor.T @ (flat.T @ flat - own.T @ own) @ factor)
+        values, vectors = np.linalg.eigh(factor.T @ (flat.T @ flat - rows_along.T @ rows_along) @ factor)
         directions = factor @ vectors[:, values > _UNSEEN]
         return directions, (flat @ directions).reshape(self.count, size, -1)
 
@@ -185,35 +185,37 @@ def candidates(fitted: Fitted, conditions: Any, instrument: PointInstrument) -> 
     model = fitted.model.at(conditions)
     count = len(conditions.readings)
     origin, frames = instrument.observations(count)
-    found = linearise(model.predict, origin, frames, fitted.shared, np.zeros((count, model.local_size)))
-    own = found.by_local.shape[2]
-    priors = np.broadcast_to(np.eye(own), (count, own, own))
-    basis = np.linalg.qr(np.concatenate([found.by_local, priors], 1))[0]
-    return PoseCandidates(fitted, -found.residual, found.by_shared, basis)
+    linearised = linearise(model.predict, origin, frames, fitted.shared, np.zeros((count, model.local_size)))
+    size_of_local = linearised.by_local.shape[2]
+    priors = np.broadcast_to(np.eye(size_of_local), (count, size_of_local, size_of_local))
+    basis = np.linalg.qr(np.concatenate([linearised.by_local, priors], 1))[0]
+    return PoseCandidates(fitted, -linearised.residual, linearised.by_shared, basis)
 
 
 def discriminating_poses(
     rivals: tuple[PoseCandidates, PoseCandidates],
-    own: tuple[NDArray, NDArray],
+    columns_of_rivals: tuple[NDArray, NDArray],
     odds: float,
     most: int,
     log_odds: float = 0.0,
 ) -> ChosenPoses:
     """Return the poses that are expected to give odds of ``odds`` to 1 for whichever of two rivals is right.
 
-    own: unknowns (P,) of each rival's effect; the others are common to both. log_odds: of the first against the second
-    from earlier measurements. Values are expected odds.
+    columns_of_rivals: unknowns (P,) of each rival's effect; the others are common to both.
+    log_odds: of the first against the second from earlier measurements. Values are expected odds.
     """
     first, second = rivals
     gap = (first.predicted - second.predicted)[..., None]
-    effects = [rival.rows @ rival.fitted.propagated(which) for rival, which in zip(rivals, own, strict=True)]
+    effects = [
+        rival.rows @ rival.fitted.propagated(which) for rival, which in zip(rivals, columns_of_rivals, strict=True)
+    ]
     columns = first.without_pose_unknowns(np.concatenate([gap, *effects], -1))
-    others = np.setdiff1d(np.arange(first.rows.shape[2]), own[0])
-    sight = first.sight(others, first.fitted.conditional_covariance(own[0]))
+    others = np.setdiff1d(np.arange(first.rows.shape[2]), columns_of_rivals[0])
+    sight = first.sight(others, first.fitted.conditional_covariance(columns_of_rivals[0]))
     turned = np.swapaxes(sight.rows, 1, 2)
     sums = [np.swapaxes(columns, 1, 2) @ columns, turned @ columns, sight.information]
-    found = search(sums, _Odds(log_odds, len(own[0])), float(np.log(odds)), most)
-    return found.with_values(lambda value: float(np.exp(min(value, _LARGEST))))
+    selection = search(sums, _Odds(log_odds, len(columns_of_rivals[0])), float(np.log(odds)), most)
+    return selection.with_values(lambda value: float(np.exp(min(value, _LARGEST))))
 
 
 def narrowed(seen: PoseCandidates, direction: NDArray, factor: float, most: int) -> ChosenPoses:
@@ -298,9 +300,9 @@ def search(sums: Sums, aim: DesignCriterion, enough: float, most: int) -> Chosen
     if reached < enough:
         chosen, _ = _greedy_choice([_AGAIN * part for part in sums], aim, enough, most)
     rounds = _rounds(_sum(sums, chosen), aim, enough)
-    times = {own: count * (rounds or _MANY) for own, count in Counter(chosen).items()}
-    ordered, values = _in_order(sums, aim, times)
-    return ChosenPoses(tuple(ordered), tuple(times[own] for own in ordered), values, rounds is not None)
+    times = {pose: count * (rounds or _MANY) for pose, count in Counter(chosen).items()}
+    ordered, values = _order_of_gain(sums, aim, times)
+    return ChosenPoses(tuple(ordered), tuple(times[pose] for pose in ordered), values, rounds is not None)
 
 
 def _sum(sums: Sums, chosen: Sequence[int]) -> Sums:
@@ -323,18 +325,18 @@ def _greedy_choice(sums: Sums, aim: DesignCriterion, enough: float, most: int) -
 def _best_added(sums: Sums, aim: DesignCriterion, chosen: Sequence[int]) -> tuple[int, float]:
     there = _sum(sums, chosen)
     tried = np.argsort(-aim.promise(there, sums), kind="stable")[:_TRIED]
-    found = aim.reached([whole + part[tried] for whole, part in zip(there, sums, strict=True)])
-    best = int(np.argmax(found))
-    return int(tried[best]), float(found[best])
+    values = aim.reached([present + part[tried] for present, part in zip(there, sums, strict=True)])
+    best = int(np.argmax(values))
+    return int(tried[best]), float(values[best])
 
 
-def _in_order(sums: Sums, aim: DesignCriterion, times: Mapping[int, int]) -> tuple[list[int], tuple[float, ...]]:
+def _order_of_gain(sums: Sums, aim: DesignCriterion, times: Mapping[int, int]) -> tuple[list[int], tuple[float, ...]]:
     """Return candidates sorted so that each adds most to those before it, and the values on the way."""
     left, ordered, values = list(times), list[int](), list[float]()
     there = [np.zeros_like(part[:1]) for part in sums]
     while left:
-        count = np.array([times[own] for own in left])
-        further = [whole + part[left] * count[:, None, None] for whole, part in zip(there, sums, strict=True)]
+        count = np.array([times[pose] for pose in left])
+        further = [present + part[left] * count[:, None, None] for present, part in zip(there, sums, strict=True)]
         found = aim.reached(further)
         best = int(np.argmax(found))
         there = [part[best][None] for part in further]
@@ -389,23 +391,23 @@ class Runs:
         """Return values (R S, K, ...) regrouped by candidate (C, S N, ...)."""
         count, read = self.reads.shape
         of_runs = values.reshape(len(values) // self.steps, self.steps, *values.shape[1:])
-        found = of_runs[self.run[:, None, None], np.arange(self.steps)[:, None], self.reads[:, None]]
-        return np.asarray(found.reshape(count, self.steps * read, *values.shape[2:]))
+        of_run = of_runs[self.run[:, None, None], np.arange(self.steps)[:, None], self.reads[:, None]]
+        return np.asarray(of_run.reshape(count, self.steps * read, *values.shape[2:]))
 
 
 def run_candidates(fitted: Fitted, runs: Runs, readout: Readout) -> PoseCandidates:
     """Return runs as predicted by a fitted model; a run's own unknowns are its zeros and the load errors of its
     steps."""
     model = fitted.model.at(runs.conditions)
-    whole = len(runs.conditions.readings)
-    found = model.predict(fitted.shared, np.zeros((whole, model.local_size)))
+    count = len(runs.conditions.readings)
+    found = model.predict(fitted.shared, np.zeros((count, model.local_size)))
     weight = 1.0 / readout.sigma[:, None]
     predicted = runs.by_run((found.values[:, :, 0] * weight[:, 0])[..., None])[..., 0]
     rows = runs.by_run(found.by_shared[:, :, 0] * weight)
     of_steps = _step_columns(runs.by_run(found.by_local[:, :, 0] * weight), runs.steps)
-    own = np.concatenate([of_steps, _zero_columns(runs, readout)], -1)
-    priors = np.broadcast_to(np.eye(own.shape[2]), (len(own), *[own.shape[2]] * 2))
-    return PoseCandidates(fitted, predicted, rows, np.linalg.qr(np.concatenate([own, priors], 1))[0])
+    by_shared = np.concatenate([of_steps, _zero_columns(runs, readout)], -1)
+    priors = np.broadcast_to(np.eye(by_shared.shape[2]), (len(by_shared), *[by_shared.shape[2]] * 2))
+    return PoseCandidates(fitted, predicted, rows, np.linalg.qr(np.concatenate([by_shared, priors], 1))[0])
 
 
 def _step_columns(columns: NDArray, steps: int) -> NDArray:
@@ -418,6 +420,6 @@ def _step_columns(columns: NDArray, steps: int) -> NDArray:
 def _zero_columns(runs: Runs, readout: Readout) -> NDArray:
     """Return the derivatives of readings (C, S N) by the zeros of their channels, (C, S N, N)."""
     count, read = runs.reads.shape
-    own = (readout.zero / readout.sigma)[runs.reads]
-    each = own[:, None, :, None] * np.eye(read)
+    zero_columns = (readout.zero / readout.sigma)[runs.reads]
+    each = zero_columns[:, None, :, None] * np.eye(read)
     return np.broadcast_to(each, (count, runs.steps, read, read)).reshape(count, -1, read)

@@ -1,9 +1,9 @@
 """Minimisation of an eliminated implicit model: maximum of likelihood and prior for given weights of poses.
 
-The equations ``g(x, d) = 0`` of a pose depend on values x common to all poses and on deviations d of the truth from the
-measurement, with covariance C. With ``A = dg/dd``, ``B = dg/dx`` and ``V = A C A'`` the smallest deviations that
-satisfy the linearised equations are ``d = -C A' V^-1 e``, ``e = g - A d``, at the cost ``e' V^-1 e``; C is never
-inverted. Derivatives must be taken at the estimated deviations (Lenzmann and Lenzmann, 2004).
+The equations ``g(x, d) = 0`` of a pose depend on values x common to all poses. They also depend on deviations d of the
+truth from the measurement, with covariance C. Let ``A = dg/dd``, ``B = dg/dx``, ``V = A C A'`` and ``e = g - A d``. The
+smallest deviations that satisfy the linearised equations are ``d = -C A' V^-1 e``, at the cost ``e' V^-1 e``. C is
+never inverted. Derivatives must be taken at the estimated deviations (Lenzmann and Lenzmann, 2004).
 
 Levenberg-Marquardt. At every trial the deviations converge first, so that costs are comparable. Along curved valleys of
 the cost a second-order correction bends the step (acceleration of Transtrum and Sethna, 2012, for a full step).
@@ -114,11 +114,11 @@ def project(measured: ImplicitModel, values: NDArray, pull: NDArray, weight: NDA
     It has not converged if `distance_to_convergence` is larger.
     """
     for _ in range(_MAX_PROJECTIONS):
-        found = linearise(measured, values, pull)
-        if not weight @ found.distance_to_convergence > allowed:
+        eliminated = linearise(measured, values, pull)
+        if not weight @ eliminated.distance_to_convergence > allowed:
             break
-        pull = found.closing_pull
-    return found
+        pull = eliminated.closing_pull
+    return eliminated
 
 
 def _closing(rows: NDArray, residual: NDArray) -> NDArray:

@@ -130,35 +130,35 @@ class LeaveOneOutPrediction:
         return self.p_value >= FALSE_ALARM / len(self.p_value)
 
 
-def leave_one_out(residual: NDArray, follows: NDArray, kept: NDArray) -> LeaveOneOutPrediction:
-    """Return the test of each pose against the fitted set, kept (B,).
+def leave_one_out(residual: NDArray, follows: NDArray, used: NDArray) -> LeaveOneOutPrediction:
+    """Return the test of each pose against the fitted set, used (B,).
 
     residual (B, m): whitened; follows (B, m, m): covariance of each pose's equations due to the fitted values.
     """
-    sign = np.where(kept, -1.0, 1.0)[:, None, None]
+    sign = np.where(used, -1.0, 1.0)[:, None, None]
     spread, axes = np.linalg.eigh(np.eye(residual.shape[1]) + sign * follows)
     along = np.einsum("bmk,bm->bk", axes, residual) ** 2
     seen = spread > _REDUNDANT
     surprise = np.sum(np.divide(along, spread, out=np.zeros_like(along), where=seen), -1)
-    redundancy = residual.shape[1] - np.einsum("bmm->b", follows) * kept
-    chi_square, freedom = float(np.sum(residual[kept] ** 2)), float(redundancy[kept].sum())
+    redundancy = residual.shape[1] - np.einsum("bmm->b", follows) * used
+    chi_square, freedom = float(np.sum(residual[used] ** 2)), float(redundancy[used].sum())
     tested = seen.sum(-1)
     return LeaveOneOutPrediction(
         surprise,
         tested,
         redundancy,
-        _p_values(surprise, tested, kept, chi_square, freedom),
+        _p_values(surprise, tested, used, chi_square, freedom),
         chi_square,
         freedom,
     )
 
 
-def _p_values(surprise: NDArray, tested: NDArray, kept: NDArray, chi_square: float, freedom: float) -> NDArray:
+def _p_values(surprise: NDArray, tested: NDArray, used: NDArray, chi_square: float, freedom: float) -> NDArray:
     """Return the p-values (B,) of surprises relative to the noise of the set without the pose itself."""
     from scipy.special import fdtrc
 
-    others = np.maximum(chi_square - kept * surprise, np.finfo(float).tiny)
-    left = freedom - kept * tested
+    others = np.maximum(chi_square - used * surprise, np.finfo(float).tiny)
+    left = freedom - used * tested
     open_to_test = (left > 0.5) & (tested > 0)
     left, count = np.where(open_to_test, left, 1.0), np.maximum(tested, 1)
     with np.errstate(over="ignore"):  # the others have no residual: the ratio is infinite
@@ -307,8 +307,8 @@ def _fit(measured: ImplicitModel, at: Eliminated, prior: Prior, robust: bool) ->
     selection precedes the first fit, since gross errors would move that fit out of the linear range."""
     poses, iterations = _agreeing_poses(at, prior) if robust else np.ones(len(at.residual), bool), 0
     for selection in range(_SELECTIONS):
-        found = descend(Objective(measured, prior, poses.astype(float)), at)
-        at, iterations = _with_converged_deviations(measured, found.at, poses), iterations + found.iterations
+        descent = descend(Objective(measured, prior, poses.astype(float)), at)
+        at, iterations = _with_converged_deviations(measured, descent.at, poses), iterations + descent.iterations
         agree = _agreeing_poses(at, prior) if robust else poses
         # late in the search no pose may return, so that it ends
         agree = agree & poses if 2 * selection > _SELECTIONS else agree
@@ -316,16 +316,16 @@ def _fit(measured: ImplicitModel, at: Eliminated, prior: Prior, robust: bool) ->
             break
         used, poses = poses, agree
     else:
-        found, poses = replace(found, status=SolverStatus.ITERATION_LIMIT), used
-    return _result(measured, replace(found, at=at, iterations=iterations), prior, poses)
+        descent, poses = replace(descent, status=SolverStatus.ITERATION_LIMIT), used
+    return _result(measured, replace(descent, at=at, iterations=iterations), prior, poses)
 
 
-def _with_converged_deviations(measured: ImplicitModel, at: Eliminated, kept: NDArray) -> Eliminated:
+def _with_converged_deviations(measured: ImplicitModel, at: Eliminated, used: NDArray) -> Eliminated:
     """Return the model with the deviations of excluded poses converged, as far as possible."""
-    if kept.all():
+    if used.all():
         return at
     try:
-        return project(measured, at.values, at.closing_pull, np.ones(len(kept)), _NEARLY_SETTLED)
+        return project(measured, at.values, at.closing_pull, np.ones(len(used)), _NEARLY_SETTLED)
     except np.linalg.LinAlgError:
         return at
 
@@ -340,16 +340,16 @@ def _agreeing_poses(at: Eliminated, prior: Prior) -> NDArray:
     return agreeing_poses(LinearPoses(at.residual, at.jacobian / scale, known, prior.pull(at.values) / scale))
 
 
-def _result(measured: ImplicitModel, descent: Descent, prior: Prior, kept: NDArray) -> ErrorsInVariablesFit:
+def _result(measured: ImplicitModel, descent: Descent, prior: Prior, used: NDArray) -> ErrorsInVariablesFit:
     at = descent.at
-    rows = at.jacobian[kept].reshape(-1, len(at.values))
+    rows = at.jacobian[used].reshape(-1, len(at.values))
     information = rows.T @ rows
     covariance = _covariance(information + prior.information)
     deficient = descent.status == SolverStatus.CONVERGED and bool(np.isnan(covariance).any())
     return ErrorsInVariablesFit(
         values=at.values,
         deviations=times(measured.covariance, at.closing_pull),
-        weight=kept.astype(float),
+        weight=used.astype(float),
         chi_square=at.chi_square,
         residual=at.residual,
         jacobian=at.jacobian,
@@ -405,8 +405,8 @@ def _checked_prior(prior: Prior | None, size: int) -> Prior:
     if prior is None:
         return Prior(np.zeros(size), np.zeros((size, size)))
     if prior.mean.shape != (size,) or prior.information.shape != (size, size):
-        found = f"mean {prior.mean.shape} and information {prior.information.shape}"
-        raise ValueError(f"prior: found {found}, expected ({size},) and ({size}, {size})")
+        actual = f"mean {prior.mean.shape} and information {prior.information.shape}"
+        raise ValueError(f"prior: found {actual}, expected ({size},) and ({size}, {size})")
     return prior
 
 

@@ -1,8 +1,8 @@
 """Corners of chessboards and of chessboards with markers (ChArUco) in photographs.
 
 A corner, where four squares meet, is a saddle point of the image. Its model is the product of two crossing edges: a
-pixel shows (mean + contrast E(d1 / s) E(d2 / s)) (1 + slope . (x - start) / radius), with d1 and d2 its distances from
-the two edges, s the blur including the pixel's own area, and E(z) = erf(z / sqrt 2). The model is symmetric under half
+pixel shows (mean + contrast E(d1 / s) E(d2 / s)) (1 + slope . (x - start) / radius). Its distances from the two edges
+are d1 and d2; s is the blur, including the pixel's own area; E(z) = erf(z / sqrt 2). The model is symmetric under half
 a turn, so neither blur nor a wrong brightness of dark or light squares shifts its centre.
 """
 

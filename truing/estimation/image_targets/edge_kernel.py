@@ -413,5 +413,5 @@ def fit_edges(grey, start, ring, coded, outer, noise, top, held_share, most, res
         result = results[t]
         for i in range(UNKNOWNS):
             result[i] = start[t, i]
-        one = ring[t], coded[t], outer[t]
-        result[SETTLED] = _fit(grey, *one, noise, top, held_share, pixels, held, arcs, work, result)
+        arguments = ring[t], coded[t], outer[t]
+        result[SETTLED] = _fit(grey, *arguments, noise, top, held_share, pixels, held, arcs, work, result)

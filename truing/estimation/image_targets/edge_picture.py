@@ -1,9 +1,9 @@
 """Compiled image model of a blurred ellipse with derivatives, per pixel, as fitted by `edge_kernel`.
 
-M is the share of the inside's light in a pixel, T that of the segments of its code's ring. The first six unknowns are
-centre x and y, A xx, xy and yy with |A (x - centre)| = 1 on the edge, and the standard deviation of the blur. M is
-computed for a block of pixels at once, loop by loop, in registers of one flat array: the compiler vectorises such
-loops. Importing this module imports numba.
+M is the share of the inside's light in a pixel, T that of the segments of its code's ring. The first six unknowns:
+centre x and y; A xx, xy and yy, where |A (x - centre)| = 1 on the edge; standard deviation of the blur. M is computed
+for a block of pixels at once, loop by loop, in registers of one flat array: the compiler vectorises such loops.
+Importing this module imports numba.
 """
 
 from __future__ import annotations

@@ -64,11 +64,11 @@ def cells_across(family: str) -> int:
 def read_codes(plain: NDArray[np.uint8], corners: Array, families: tuple[str, ...]) -> Codes:
     """Return the codes of quadrangles with corners (Q, 4, 2) in px, clockwise as seen, in an image (h, w)."""
     bits = {cells: _bits(plain, corners, cells) for cells in sorted({cells_across(name) for name in families})}
-    found = [_of_family(*bits[cells_across(name)], name, number) for number, name in enumerate(families)]
-    return Codes(*(np.concatenate([getattr(part, name) for part in found]) for name in Codes.__dataclass_fields__))
+    readings = [_codes_of_family(*bits[cells_across(name)], name, number) for number, name in enumerate(families)]
+    return Codes(*(np.concatenate([getattr(part, name) for part in readings]) for name in Codes.__dataclass_fields__))
 
 
-def _of_family(
+def _codes_of_family(
     quad: NDArray[np.intp], bits: NDArray[np.float32], unclear: NDArray[np.float32], family: str, number: int
 ) -> Codes:
     """Return the quadrangles (B,) with bits (B, n), +1 or -1, that are codes of one family."""
@@ -134,7 +134,7 @@ def _cell_greys(
     grey = np.empty((len(corners), len(at), len(at)), np.float32)
     most = _MOST_ROWS // len(at)
     for first in range(0, len(corners), most):
-        x, y = _of_unit_square(corners[first : first + most], at)
+        x, y = _grid_in_quadrangles(corners[first : first + most], at)
         sampled = cv2.remap(plain, x, y, cv2.INTER_LINEAR, borderMode=cv2.BORDER_REPLICATE)
         grey[first : first + most] = sampled.reshape(-1, len(at), len(at))
     flat = grey.reshape(len(corners), len(at) ** 2)
@@ -144,9 +144,9 @@ def _cell_greys(
     return (weight.T @ (grey @ weight)).reshape(len(corners), cells * cells), variance
 
 
-def _of_unit_square(corners: Array, at: NDArray[np.float32]) -> tuple[NDArray[np.float32], NDArray[np.float32]]:
-    """Return columns and rows (Q * m, m) in px of a grid of m x m points of the unit square, mapped to quadrangles (Q,
-    4, 2) by homography (closed form: Heckbert, Fundamentals of Texture Mapping, 1989, 2.2.3)."""
+def _grid_in_quadrangles(corners: Array, at: NDArray[np.float32]) -> tuple[NDArray[np.float32], NDArray[np.float32]]:
+    """Return columns and rows (Q * m, m) in px of m x m points of the unit square, mapped to quadrangles (Q, 4, 2). The
+    homography has a closed form (Heckbert, Fundamentals of Texture Mapping, 1989, 2.2.3)."""
     p0, p1, p2, p3 = np.moveaxis(corners, 1, 0)
     one, two, rest = p1 - p2, p3 - p2, p0 - p1 + p2 - p3
     area = one[:, 0] * two[:, 1] - one[:, 1] * two[:, 0]

@@ -57,9 +57,9 @@ def fit_patches(equations: Equations, start: Array, pixels: Index) -> PatchFit:
         new_cost, new_normal, new_gradient = equations(trial, moving)
         fall = cost[moving] - new_cost
         better = fall >= 0.0
-        taken = moving[better]
-        values[taken], cost[taken] = trial[better], new_cost[better]
-        normal[taken], gradient[taken] = new_normal[better], new_gradient[better]
+        is_better = moving[better]
+        values[is_better], cost[is_better] = trial[better], new_cost[better]
+        normal[is_better], gradient[is_better] = new_normal[better], new_gradient[better]
         damping[moving] = np.where(better, 0.1, 10.0) * damping[moving]
         done = better & (fall <= np.maximum(_SMALL, _ROUNDING * new_cost))
         settled_state[moving[done]] = True
@@ -109,7 +109,7 @@ def _inverse(normal: Array) -> Array:
     scale = 1.0 / np.sqrt(np.where(diagonal > 0.0, diagonal, np.nan))
     scaled = normal * scale[:, :, None] * scale[:, None, :]
     good = np.asarray(np.isfinite(scaled).all((1, 2)))
-    found = np.full_like(normal, np.nan)
+    inverse = np.full_like(normal, np.nan)
     good[good] = np.linalg.cond(scaled[good]) < 1e12
-    found[good] = np.linalg.inv(scaled[good]) * (scale[:, :, None] * scale[:, None, :])[good]
-    return found
+    inverse[good] = np.linalg.inv(scaled[good]) * (scale[:, :, None] * scale[:, None, :])[good]
+    return inverse

@@ -205,9 +205,9 @@ def _pixels(grey: NDArray, edges: _Edges, chosen: NDArray, blur: Array) -> tuple
     t, d = np.zeros((2, len(chosen), most))
     count = np.zeros(len(chosen), np.int64)
     margin = np.maximum(_CLEAR, _CLEAR * blur)
-    own = (start, side, edges.end[chosen], edges.normal[chosen], edges.before[chosen], edges.after[chosen])
+    arguments = (start, side, edges.end[chosen], edges.normal[chosen], edges.before[chosen], edges.after[chosen])
     near = (first, np.round(middle).astype(int), height, steep, edges.half_width[chosen], margin)
-    edge_pixels(grey.shape, *own, *near, columns, rows, t, d, count)
+    edge_pixels(grey.shape, *arguments, *near, columns, rows, t, d, count)
     columns, rows, t, d = (values[:, : max(int(count.max()), 1)] for values in (columns, rows, t, d))
     picture = grey[rows, columns].astype(float)
     return picture, np.ascontiguousarray(t), np.ascontiguousarray(d), np.arange(d.shape[1]) < count[:, None]
@@ -316,8 +316,8 @@ def edge_pixels(
     d: NDArray,
     count: NDArray,
 ) -> None:
-    """Fill in columns, rows, t and d (n, M), and their number (n,), of the pixels in bands along n edges of an image
-    (h, w).
+    """Fill in columns, rows, t and d (n, M) of the pixels in bands along n edges of an image (h, w), and their number
+    (n,).
 
     Bands have half widths (n,) px and a margin (n,) px to the neighbours with normals before and after (n, 2), zero
     without one. ``middle`` (n, L): position of an edge in column (row, if steep) first (n,) and those that follow;

@@ -1,10 +1,9 @@
 """Ring codes of photogrammetric targets: valid code words, and decoding of rings in a photograph.
 
-A coded target is a dot of radius 1, a gap to radius 2 and a ring of n equal segments from radius 2 to 3. Segment k
-covers the angles 2 pi k/n to 2 pi (k+1)/n, counted clockwise as seen from the front: in the image of an upright target
-from x towards y, which points down. The word is read clockwise, the most significant bit first; a segment in the dot's
-colour is a one. A rotation of the target rotates the word: all rotations are the same code, named by the smallest of
-them.
+A coded target is a dot of radius 1, a gap to radius 2, and n equal ring segments from radius 2 to 3. Segment k covers
+the angles 2 pi k/n to 2 pi (k+1)/n, counted clockwise as seen from the front: in the image of an upright target from x
+towards y, which points down. The word is read clockwise, the most significant bit first; a segment in the dot's colour
+is a one. A rotation of the target rotates the word: all rotations are the same code, named by the smallest of them.
 """
 
 from __future__ import annotations
@@ -136,9 +135,9 @@ def read_rings(levels: Array, codes: tuple[RingCode, ...], soft: Array | None = 
     """Return the decoded rings from levels (N, ROUND) sampled clockwise at radius 2.5.
 
     Levels are in units of the dot's contrast; soft (N,): blur of edges between segments, in samples. Every number of
-    segments is fitted at every phase, and the best one is read. A ring is unreadable if another number of segments
-    also gives a code, a segment is neither set nor unset, or the word is no code. So is one with edges off the
-    segments' ends, or unset segments that differ as if partly hidden. A uniformly dark ring is no ring.
+    segments is fitted at every phase, and the best one is read. A ring is unreadable if another number of segments also
+    gives a code, if a segment is undecided, or if the word is no code. So is one with edges off the segments' ends, or
+    unset segments that differ as if partly hidden. A uniformly dark ring is no ring.
     """
     n = len(levels)
     if not codes or not n:

@@ -87,7 +87,7 @@ def _detected(grey: NDArray, families: tuple[str, ...]) -> tuple[Array, Codes]:
     read = Codes(*(getattr(read, name)[best] for name in Codes.__dataclass_fields__))
     corners = where_edges_meet(quads.corners[read.quad], [quads.outlines[k] for k in read.quad])
     corners = np.take_along_axis(corners, ((read.first[:, None] + np.arange(4)) % 4)[..., None], axis=1)
-    return _at_full_size(grey, 2.0 * corners + 0.5) if coarse else corners, read
+    return _refine_at_full_size(grey, 2.0 * corners + 0.5) if coarse else corners, read
 
 
 def _best(read: Codes, corners: Array) -> NDArray[np.intp]:
@@ -111,20 +111,20 @@ def _first_at_its_place(corners: Array, order: NDArray[np.intp], group: Index) -
     return keep
 
 
-def _at_full_size(grey: NDArray, corners: Array) -> Array:
+def _refine_at_full_size(grey: NDArray, corners: Array) -> Array:
     """Return corners (Q, 4, 2), found at half size, refined to a fraction of a pixel in the full image."""
     import cv2
 
     bits = eight_bits(grey)
     cell = np.linalg.norm(np.roll(corners, -1, axis=1) - corners, axis=2).min(1) / _MOST_CELLS
     window = np.clip(np.round(cell), 2, 5).astype(int)
-    found = corners.astype(np.float32)
+    refined = corners.astype(np.float32)
     stop = (cv2.TERM_CRITERIA_EPS + cv2.TERM_CRITERIA_COUNT, 20, 0.05)
     for size in np.unique(window).tolist():
-        own = np.flatnonzero(window == size)
-        points = np.ascontiguousarray(found[own].reshape(-1, 1, 2))
-        found[own] = cv2.cornerSubPix(bits, points, (size, size), (-1, -1), stop).reshape(-1, 4, 2)
-    return found.astype(float)
+        places = np.flatnonzero(window == size)
+        points = np.ascontiguousarray(refined[places].reshape(-1, 1, 2))
+        refined[places] = cv2.cornerSubPix(bits, points, (size, size), (-1, -1), stop).reshape(-1, 4, 2)
+    return refined.astype(float)
 
 
 def eight_bits(grey: NDArray) -> NDArray[np.uint8]:
@@ -166,7 +166,7 @@ def find_quadrangles(plain: NDArray[np.uint8], shortest_px: int) -> Quadrangles:
     repeatedly."""
     import cv2
 
-    found: list[NDArray[np.int32]] = []
+    quadrangles: list[NDArray[np.int32]] = []
     outlines: list[NDArray[np.int32]] = []
     for window in _WINDOWS:
         dark = cv2.adaptiveThreshold(
@@ -178,11 +178,11 @@ def find_quadrangles(plain: NDArray[np.uint8], shortest_px: int) -> Quadrangles:
                 continue
             corners = cv2.approxPolyDP(contour, _BENT_SHARE * len(contour), True)
             if len(corners) == 4 and cv2.isContourConvex(corners):
-                found.append(corners.reshape(4, 2))
+                quadrangles.append(corners.reshape(4, 2))
                 outlines.append(np.asarray(contour, np.int32).reshape(-1, 2))
-    if not found:
+    if not quadrangles:
         return Quadrangles(np.empty((0, 4, 2)), [])
-    corners = np.stack(found).astype(float)
+    corners = np.stack(quadrangles).astype(float)
     shortest = np.linalg.norm(np.roll(corners, -1, axis=1) - corners, axis=2).min(1)
     inside = (corners >= _MARGIN) & (corners <= np.array(plain.shape[::-1]) - 1.0 - _MARGIN)
     keep = inside.all((1, 2)) & (shortest >= _SHORTEST_SHARE * np.array([len(outline) for outline in outlines]))
@@ -191,8 +191,8 @@ def find_quadrangles(plain: NDArray[np.uint8], shortest_px: int) -> Quadrangles:
 
 def _clockwise(corners: Array) -> Array:
     """Return corners (Q, 4, 2) in clockwise order as seen, with the same first corner."""
-    one, two = corners[:, 1] - corners[:, 0], corners[:, 2] - corners[:, 0]
-    counter = one[:, 0] * two[:, 1] - one[:, 1] * two[:, 0] < 0.0
+    first, two = corners[:, 1] - corners[:, 0], corners[:, 2] - corners[:, 0]
+    counter = first[:, 0] * two[:, 1] - first[:, 1] * two[:, 0] < 0.0
     return np.where(counter[:, None, None], corners[:, [0, 3, 2, 1]], corners)
 
 
@@ -231,8 +231,8 @@ def _corner_indices(points: NDArray[np.int32], quad: NDArray[np.intp], corners: 
 
 
 def _lines(points: Array, edge: NDArray[np.intp], side: Array) -> Array:
-    """Return normals and distances (Q, 4, 3) of lines through the points (P, 2) of edges (P,), fitted across the axis
-    nearest to their sides (Q, 4, 2)."""
+    """Return normals and distances (Q, 4, 3) of lines through the points (P, 2) of edges (P,). They are fitted across
+    the axis nearest to their sides (Q, 4, 2)."""
     x, y = points.T
     sums = [np.bincount(edge, weight, side.shape[0] * 4).reshape(-1, 4) for weight in (None, x, y, x * x, x * y, y * y)]
     count, mean_x, mean_y = sums[0], sums[1] / sums[0], sums[2] / sums[0]

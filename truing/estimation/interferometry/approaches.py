@@ -179,13 +179,13 @@ def copied_series(position: Array) -> tuple[list[tuple[int, int]], float]:
     series = position.reshape(len(position), -1).T
     i, j = np.triu_indices(len(series), 1)
     equal = series[i] == series[j]
-    whole = equal.all(axis=1)
+    is_equal = equal.all(axis=1)
     across = (i < position.shape[-1]) != (j < position.shape[-1])
     chance = 0.0
     for side in (across, ~across):
-        if (side & whole).any():
-            chance = max(chance, int(side.sum()) * _equal_by_chance(equal[side & ~whole]))
-    return [(int(a), int(b)) for a, b in zip(i[whole], j[whole], strict=True)], chance
+        if (side & is_equal).any():
+            chance = max(chance, int(side.sum()) * _equal_by_chance(equal[side & ~is_equal]))
+    return [(int(a), int(b)) for a, b in zip(i[is_equal], j[is_equal], strict=True)], chance
 
 
 def _equal_by_chance(equal: Mask) -> float:

@@ -102,15 +102,17 @@ def left_out_runs(
     need.
     """
     u, y, run = np.asarray(wrench, float), np.asarray(displacement, float), np.asarray(run)
-    found = np.full(y.shape, np.nan)
+    residuals = np.full(y.shape, np.nan)
     for k in range(y.shape[1]):
         rows = np.flatnonzero(np.isfinite(y[:, k]))
         drives = np.array([k]) if form == "linear" else np.arange(u.shape[1])
-        found[rows, k] = _by_others(u[np.ix_(rows, drives)], y[rows, k], np.asarray(variance)[rows, k], run[rows])
-    return found
+        residuals[rows, k] = _predict_from_others(
+            u[np.ix_(rows, drives)], y[rows, k], np.asarray(variance)[rows, k], run[rows]
+        )
+    return residuals
 
 
-def _by_others(u: Array, y: Array, variance: Array, run: Index) -> Array:
+def _predict_from_others(u: Array, y: Array, variance: Array, run: Index) -> Array:
     """Return residuals (N,) of each run against the fit to all others; drives (N, D) and responses are relative to
     their run's mean."""
     runs, number = np.unique(run, return_inverse=True)
@@ -291,8 +293,8 @@ def with_spread(compliance: Compliance, spread: Array) -> Compliance:
 def from_own_zero(residual: Array, run: Index) -> Array:
     """Return residuals (N, 6) minus the mean of their run, which no model can predict."""
     left = np.array(residual)
-    for one in np.unique(run):
-        rows = run == one
+    for number in np.unique(run):
+        rows = run == number
         count = np.maximum(np.isfinite(left[rows]).sum(0), 1)
         left[rows] -= np.nansum(left[rows], axis=0) / count
     return left

@@ -122,18 +122,18 @@ def fit_channel(
     shared = _affordable(groups, len(reading) - 2 * count, len(reading))
     of_loads = _load_noise(reading, frame, load, load_sigma)
     noise = np.where(np.isfinite(sigma), np.hypot(sigma, of_loads), 1.0)
-    taken = np.zeros(count, dtype=bool)
+    is_jump = np.zeros(count, dtype=bool)
     jumps = _Jumps(np.full(count, -1), np.zeros(count), np.zeros(count), np.ones(count))
     for _ in range(_MOST_JUMPS + 1):  # the clearest first: it disturbs the residuals of other runs with its load
         residual, scale = _robust(frame, shared, reading, noise)
         single = _single_outliers(np.abs(residual) > _GROSS * scale * noise)
         now = _jumps(frame, shared, reading, scale * noise, ~single)
-        jumps = _Jumps(*(np.where(taken, old, new) for old, new in zip(jumps, now, strict=True)))
-        clear = np.where(~taken & (now.p_value < _JUMP), now.gain, 0.0)
+        jumps = _Jumps(*(np.where(is_jump, old, new) for old, new in zip(jumps, now, strict=True)))
+        clear = np.where(~is_jump & (now.p_value < _JUMP), now.gain, 0.0)
         worst = int(clear.argmax())
         if clear[worst] == 0.0:
             break
-        taken[worst] = True
+        is_jump[worst] = True
         step = (np.arange(len(run)) >= jumps.row[worst]) & (run == worst)
         shared = np.column_stack([shared, step.astype(float)])
     mask = np.abs(residual) <= _GROSS * scale * noise
@@ -150,13 +150,13 @@ def fit_channel(
 
 def _affordable(groups: list[Array], room: int, count: int) -> Array:
     """Return the first groups of columns (N, P) that leave enough readings for a test."""
-    taken = [np.zeros((count, 0))]
+    affordable = [np.zeros((count, 0))]
     for group in groups:
         moving = group[:, np.ptp(group, axis=0) > 0.0] if len(group) else group
-        if sum(one.shape[1] for one in taken) + moving.shape[1] > min(room, _MOST_COLUMNS * count):
+        if sum(one.shape[1] for one in affordable) + moving.shape[1] > min(room, _MOST_COLUMNS * count):
             break
-        taken.append(moving)
-    return np.column_stack(taken)
+        affordable.append(moving)
+    return np.column_stack(affordable)
 
 
 def _robust(frame: RunFrame, shared: Array, reading: Array, noise: Array) -> tuple[Array, float]:
@@ -172,8 +172,8 @@ def _robust(frame: RunFrame, shared: Array, reading: Array, noise: Array) -> tup
 
 def _scale(residual: Array, mask: Mask, dof: int) -> float:
     """Return the noise of the residuals, if none is declared."""
-    own = float(np.sqrt(np.sum(residual[mask] ** 2) / max(dof, 1)))
-    return own if own > 0.0 else 1.0
+    scatter = float(np.sqrt(np.sum(residual[mask] ** 2) / max(dof, 1)))
+    return scatter if scatter > 0.0 else 1.0
 
 
 def _load_noise(reading: Array, frame: RunFrame, load: Array, load_sigma: Array) -> Array:
@@ -225,7 +225,7 @@ def _jumps(frame: RunFrame, shared: Array, reading: Array, noise: Array, mask: M
     ]
     normal = sum((white.T @ white for white in whites), np.zeros((shared.shape[1], shared.shape[1])))
     inverse = np.asarray(np.linalg.pinv(normal, rcond=_OPEN, hermitian=True), np.float64)
-    found = _Jumps(np.full(len(runs), -1), np.zeros(len(runs)), np.zeros(len(runs)), np.ones(len(runs)))
+    jumps = _Jumps(np.full(len(runs), -1), np.zeros(len(runs)), np.zeros(len(runs)), np.ones(len(runs)))
     for here, (rows, basis, white) in enumerate(zip(runs, bases, whites, strict=True)):
         if len(rows) < _SHORTEST:
             continue
@@ -237,11 +237,11 @@ def _jumps(frame: RunFrame, shared: Array, reading: Array, noise: Array, mask: M
         before = np.cumsum(mask[rows])[:-1]
         gain = np.where((before >= _FEWEST) & (mask[rows].sum() - before >= _FEWEST), gain, 0.0)
         best = int(gain.argmax())
-        found.row[here], found.gain[here] = rows[best + 1], gain[best]
-        found.size[here] = gain[best] / along[best] if gain[best] > 0.0 else 0.0
+        jumps.row[here], jumps.gain[here] = rows[best + 1], gain[best]
+        jumps.size[here] = gain[best] / along[best] if gain[best] > 0.0 else 0.0
         if gain[best] > _BEYOND_ONE * _chi_square_gain(1.0 - np.sum(basis**2, axis=1), left, white, inverse).max():
-            found.p_value[here] = min(1.0, np.count_nonzero(gain) * float(chdtrc(1, gain[best])))
-    return found
+            jumps.p_value[here] = min(1.0, np.count_nonzero(gain) * float(chdtrc(1, gain[best])))
+    return jumps
 
 
 def _without_projection(basis: Array, columns: Array) -> Array:

@@ -146,22 +146,22 @@ def positioning_uncertainty(
     numbers are too large on average, which the intervals allow for.
     """
     x, at = np.asarray(deviation, float), np.asarray(target, float)
-    own = positioning(x)
+    figures = positioning(x)
     cycles = np.isfinite(x).sum(-1)
     if cycles.min() < 2:
         raise ValueError("deviation: expected two readings of every position from both sides")
     freedom = cycles - 1
     # simulated repetitions with the found values as truth show spread and bias
-    scatter = own.scatter * np.sqrt(rng.chisquare(freedom, (draws, *own.scatter.shape)) / freedom)
-    off = own.scatter / np.sqrt(cycles) * rng.standard_normal(scatter.shape)
+    scatter = figures.scatter * np.sqrt(rng.chisquare(freedom, (draws, *figures.scatter.shape)) / freedom)
+    off = figures.scatter / np.sqrt(cycles) * rng.standard_normal(scatter.shape)
     by_instrument = _by_instrument(at, instrument or InstrumentUncertainty(), rng, draws, cycles)
-    drawn = _positioning(own.mean + off + by_instrument, scatter)
+    drawn = _positioning(figures.mean + off + by_instrument, scatter)
     # the scatter of the means is estimated from few cycles: Student's distribution
     wider = off / np.sqrt(rng.chisquare(freedom, scatter.shape) / freedom)
-    apart = _positioning(own.mean + wider + by_instrument, scatter)
+    apart = _positioning(figures.mean + wider + by_instrument, scatter)
     out = {}
     for symbol, field in QUANTITIES.items():
-        value = float(getattr(own, field))
+        value = float(getattr(figures, field))
         low, high = np.quantile(getattr(apart, field), [0.025, 0.975])
         sigma = float(np.std(getattr(drawn, field)))
         out[symbol] = Uncertain(value, sigma, max(0.0, 2.0 * value - float(high)), 2.0 * value - float(low))

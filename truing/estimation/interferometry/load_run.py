@@ -30,13 +30,13 @@ _OPEN = 1e-8  # share of a column's square that the others have to leave
 def start_rows(steps: RecordedSteps) -> Index:
     """Return the row (R, 6) of the first reading of each run and channel; -1 if it was under load, or if there is
     none."""
-    found = np.full((len(steps.runs), 6), -1)
+    start = np.full((len(steps.runs), 6), -1)
     empty = np.asarray(~steps.load.any(axis=1))
     for k in range(6):
         rows = np.flatnonzero(np.isfinite(steps.reading[:, k]))
         run, first = np.unique(steps.run[rows], return_index=True)
-        found[run, k] = np.where(empty[rows[first]], rows[first], -1)
-    return found
+        start[run, k] = np.where(empty[rows[first]], rows[first], -1)
+    return start
 
 
 def at_starts(values: Array, rows: Index) -> Array:
@@ -72,10 +72,10 @@ class RunZeros:
         If the starts of a channel scatter, all its runs have this uncertainty; a single run far from zero has its own
         distance.
         """
-        own = np.where(self.far, np.abs(self.start), sigma)
+        scatter = np.where(self.far, np.abs(self.start), sigma)
         for k in np.flatnonzero(self.scatter):
-            own[:, k] = np.maximum(own[:, k], np.sqrt(np.nanmean(self.start[:, k] ** 2)))
-        return own
+            scatter[:, k] = np.maximum(scatter[:, k], np.sqrt(np.nanmean(self.start[:, k] ** 2)))
+        return scatter
 
 
 def zeros_of_runs(steps: RecordedSteps, reading: Array, sigma: Array) -> RunZeros:
@@ -156,11 +156,11 @@ def run_columns(
         "cubic": load * part**2,
         "hysteresis": (branches(load) < 0) * 4.0 * part * (1.0 - part) * np.sign(load),
     }
-    for name, given in (("material", material_c), ("air", air_c)):
+    for name, temperature in (("material", material_c), ("air", air_c)):
         if name in terms:
-            if given is None:
+            if temperature is None:
                 raise ValueError(f"{name}: found no temperatures, expected one per step ({len(load)})")
-            made[name] = np.asarray(given, float) - np.asarray(given, float)[0]
+            made[name] = np.asarray(temperature, float) - np.asarray(temperature, float)[0]
     return np.column_stack([made[term] for term in terms])
 
 
@@ -286,7 +286,7 @@ def _gap_of_run(load: Array, reading: Array, sigma: Array) -> BranchGap:
 def _widest(met: Sequence[BranchGap]) -> tuple[float, float]:
     from scipy.special import chdtrc
 
-    load, gap, sigma = (np.concatenate([getattr(one, name) for one in met]) for name in ("load", "gap", "sigma"))
+    load, gap, sigma = (np.concatenate([getattr(curve, name) for curve in met]) for name in ("load", "gap", "sigma"))
     _, at = np.unique(load, return_inverse=True)
     mean = np.bincount(at, gap / sigma**2) / np.bincount(at, sigma**-2.0)
     return float(mean[np.argmax(np.abs(mean))]), float(chdtrc(len(gap), np.sum((gap / sigma) ** 2)))

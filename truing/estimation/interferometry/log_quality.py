@@ -82,8 +82,8 @@ def _sigmas(count: int, false_alarm: float) -> float:
 def _typical(size: Array, kind: Index) -> Array:
     """Return the median (G,) of sizes (G,) of the same kind; NaN without one."""
     out = np.full(len(size), np.nan)
-    for one in np.unique(kind[np.isfinite(size)]):
-        out[kind == one] = np.nanmedian(size[kind == one])
+    for kind_number in np.unique(kind[np.isfinite(size)]):
+        out[kind == kind_number] = np.nanmedian(size[kind == kind_number])
     return out
 
 
@@ -133,7 +133,9 @@ def runs_cut_short(run: Index, step: Index, alike: Index) -> LogFaults:
     np.maximum.at(last, at, step)
     kind = np.zeros(len(runs), alike.dtype)
     kind[at] = alike
-    usual = np.array([np.median(last[kind == one]) for one in kind], float) if len(runs) else np.zeros(0)
+    usual = (
+        np.array([np.median(last[kind == kind_number]) for kind_number in kind], float) if len(runs) else np.zeros(0)
+    )
     fewer = np.where(step == last[at], usual[at] - last[at], 0.0)
     return _log_faults(fewer >= 1.0, fewer, 0.0)
 

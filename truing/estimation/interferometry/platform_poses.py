@@ -89,13 +89,13 @@ def platform_displacement(
     np.add.at(right, case, white * measured[:, None])
     inverse, known, rank = _inverse_where_known(information)
     # shared errors are eliminated last: residuals of the cases and prior knowledge determine them
-    held = inverse @ coupling
+    gain = inverse @ coupling
     prior = np.broadcast_to(np.asarray(shared_sigma, float), shared.shape[1:]) ** -2.0
-    shared_information = common.T @ common + np.diag(prior) - np.einsum("kiz,kiy->zy", coupling, held)
+    shared_information = common.T @ common + np.diag(prior) - np.einsum("kiz,kiy->zy", coupling, gain)
     shared_covariance = _inverse_of_shared(shared_information)
-    offset = shared_covariance @ (common.T @ measured - np.einsum("kiz,ki->z", held, right))
-    value = np.einsum("kij,kj->ki", inverse, right) - held @ offset
-    covariance = inverse + held @ shared_covariance @ np.swapaxes(held, 1, 2)
+    offset = shared_covariance @ (common.T @ measured - np.einsum("kiz,ki->z", gain, right))
+    value = np.einsum("kij,kj->ki", inverse, right) - gain @ offset
+    covariance = inverse + gain @ shared_covariance @ np.swapaxes(gain, 1, 2)
     left = measured - np.einsum("ni,ni->n", white, value[case]) - common @ offset
     both = known[:, :, None] & known[:, None, :]
     covariance = np.where(both, covariance, np.where(np.eye(6, dtype=bool), np.inf, 0.0))
@@ -105,7 +105,7 @@ def platform_displacement(
         known,
         offset,
         shared_covariance,
-        np.where(known[..., None], held, 0.0),
+        np.where(known[..., None], gain, 0.0),
         float(left @ left + np.sum(prior * offset**2)),
         int(seen.sum() - rank.sum() - np.sum(prior == 0.0)),
     )
@@ -191,11 +191,14 @@ def find_poses(steps: RecordedSteps, beams: DeclaredBeams | None, mask: Mask) ->
         covariance[:, k, k] = np.inf
         if not len(rows):
             continue
-        one, met, drifting = _from_channel(counted, cases, curves.sigma[rows, k], rows, k)
-        value[: len(one.value), k], covariance[: len(one.value), k, k] = one.value[:, k], one.covariance[:, k, k]
-        sigma = np.sqrt(np.diag(one.shared_covariance))
-        terms[0, met, k], terms[1, met, k] = origin[met, k] + one.shared[: len(met)], sigma[: len(met)]
-        terms[2, met[drifting], k], terms[3, met[drifting], k] = one.shared[len(met) :], sigma[len(met) :]
+        of_channel, met, drifting = _displacement_of_channel(counted, cases, curves.sigma[rows, k], rows, k)
+        value[: len(of_channel.value), k], covariance[: len(of_channel.value), k, k] = (
+            of_channel.value[:, k],
+            of_channel.covariance[:, k, k],
+        )
+        sigma = np.sqrt(np.diag(of_channel.shared_covariance))
+        terms[0, met, k], terms[1, met, k] = origin[met, k] + of_channel.shared[: len(met)], sigma[: len(met)]
+        terms[2, met[drifting], k], terms[3, met[drifting], k] = of_channel.shared[len(met) :], sigma[len(met) :]
     platform_poses = PlatformPoses(steps, cases, curves, value, covariance, *terms)
     if beams is None:
         return platform_poses
@@ -211,7 +214,7 @@ def _origins(steps: RecordedSteps, curves: RunCurves) -> Array:
     return np.where(starts_far_from_zero(start, at_starts(curves.sigma, rows)), start, 0.0)
 
 
-def _from_channel(
+def _displacement_of_channel(
     steps: RecordedSteps, cases: LoadCases, sigma: Array, rows: Index, k: int
 ) -> tuple[PlatformDisplacement, Index, Mask]:
     """Return displacements from one channel, its runs, and the mask of runs that determine their own drift by returning

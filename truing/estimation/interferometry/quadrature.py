@@ -115,7 +115,7 @@ def _distances(values: Array, signals: Array, weight: Array) -> tuple[Array, Arr
     point, along, _ = _curve(values, p)
     normal = np.stack([along[..., 1], -along[..., 0]], -1) / np.linalg.norm(along, axis=-1, keepdims=True)
     distance = np.sum(normal * (signals - point), -1)
-    by_value = _by_value(values, p)
+    by_value = _sort_by_value(values, p)
     return weight * distance, -weight[..., None] * np.einsum("bnk,bnkp->bnp", normal, by_value)
 
 
@@ -128,7 +128,7 @@ def _curve(values: Array, p: Array) -> tuple[Array, Array, Array]:
     return point, first, np.stack([-a * np.cos(p), -b * np.sin(turn)], -1)
 
 
-def _by_value(values: Array, p: Array) -> Array:
+def _sort_by_value(values: Array, p: Array) -> Array:
     """Return the derivatives (B, N, 2, 5) of the points at fixed phases."""
     b, lag = values[:, 3, None], values[:, 4, None]
     out = np.zeros((*p.shape, 2, 5))
@@ -195,7 +195,8 @@ def traced_arc(phase: Array, used: Mask) -> Array:
 
 
 def ellipse_start(signals: Array, weight: Array) -> Array:
-    """Return start values x0, y0, a, b, lag (B, 5) of ``x = x0 + a cos p, y = y0 + b sin(p + lag)``; NaN without a fit.
+    """Return start values (B, 5): x0, y0, a, b, lag of ``x = x0 + a cos p, y = y0 + b sin(p + lag)``; NaN without a
+    fit.
 
     signals (B, N, 2), weight (B, N) 0 or 1. A. Fitzgibbon, M. Pilu and R. Fisher (1999), solved as R. Halíř and J.
     Flusser (1998). Biased towards small ellipses on short arcs, so it is only a start.

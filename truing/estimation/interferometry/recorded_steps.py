@@ -49,9 +49,9 @@ class RecordedSteps:
 
     def subset(self, rows: Mask) -> RecordedSteps:
         """Return some of the steps; runs keep their numbers."""
-        own = ("run", "step", "time_s", "load", "reading", "sigma", "signal", "held_out")
+        names = ("run", "step", "time_s", "load", "reading", "sigma", "signal", "held_out")
         covariates = {name: values[rows] for name, values in self.covariates.items()}
-        return replace(self, **{name: getattr(self, name)[rows] for name in own}, covariates=covariates)
+        return replace(self, **{name: getattr(self, name)[rows] for name in names}, covariates=covariates)
 
 
 def repeated_runs(steps: RecordedSteps) -> list[Index]:

@@ -74,13 +74,13 @@ def curve_columns(load: Array, time_s: Array) -> Array:
         [share, F**3],
         [np.sign(F), (way < 0) * share * (1.0 - share) * np.sign(F)],
     ]
-    taken: list[Array] = []
+    columns_kept: list[Array] = []
     for kind in kinds:
-        more = np.concatenate([*taken, *kind], axis=1)
+        more = np.concatenate([*columns_kept, *kind], axis=1)
         if more.shape[1] > len(F) - _SPARE:
             break
-        taken = [more]
-    return taken[0] if taken else np.empty((len(F), 0))
+        columns_kept = [more]
+    return columns_kept[0] if columns_kept else np.empty((len(F), 0))
 
 
 def _padded(values: Array, width: int) -> Array:
@@ -101,15 +101,15 @@ class _Batch:
     def of(cls, pieces: list[tuple[Index, int]], columns: list[Array], reading: Array) -> _Batch:
         width = max((len(rows) for rows, _ in pieces), default=0)
         size = max((column.shape[1] for column in columns), default=0)
-        held, y = np.zeros((len(pieces), width, size)), np.zeros((len(pieces), width))
+        columns_of_curve, y = np.zeros((len(pieces), width, size)), np.zeros((len(pieces), width))
         seen = np.zeros(y.shape, bool)
         for piece, ((rows, k), one) in enumerate(zip(pieces, columns, strict=True)):
             length = np.linalg.norm(one, axis=0)
-            held[piece, : len(rows), : one.shape[1]] = one / np.where(length > 0.0, length, 1.0)
+            columns_of_curve[piece, : len(rows), : one.shape[1]] = one / np.where(length > 0.0, length, 1.0)
             y[piece, : len(rows)] = reading[rows, k]
             seen[piece, : len(rows)] = True
-        terms = np.array([one.shape[1] for one in columns], np.int64)
-        return cls(held, y, seen, terms, np.array([k for _, k in pieces], np.int64))
+        terms = np.array([column.shape[1] for column in columns], np.int64)
+        return cls(columns_of_curve, y, seen, terms, np.array([k for _, k in pieces], np.int64))
 
     @property
     def width(self) -> int:
@@ -159,8 +159,8 @@ def _noise(batch: _Batch, reading: Array, sigma: Array) -> Array:
     unit = np.where(spread > 0.0, spread, 1.0)
     scatter = batch.scatter(batch.robust(np.broadcast_to(unit[:, None], batch.y.shape))) * unit
     for k in range(reading.shape[1]):
-        own = scatter[(batch.channel == k) & batch.has_curve]
-        sigma_of_channel = float(np.median(own)) if len(own) else np.nan
+        scatter_of_channel = scatter[(batch.channel == k) & batch.has_curve]
+        sigma_of_channel = float(np.median(scatter_of_channel)) if len(scatter_of_channel) else np.nan
         if not sigma_of_channel > 0.0:
             sigma_of_channel = float(np.nanstd(reading[:, k])) or 1.0
         noise[open_channels[:, k], k] = sigma_of_channel
@@ -175,10 +175,10 @@ def _with_estimated_noise(
     spare = np.where(batch.has_curve, np.maximum(mask.sum(1) - batch.terms, 0), 0)
     squares = np.sum(np.where(mask, left, 0.0) ** 2, axis=1)
     for k in range(reading.shape[1]):
-        own = (batch.channel == k) & (spare > 0)
-        if squares[own].sum() > 0.0:
+        of_channel = (batch.channel == k) & (spare > 0)
+        if squares[of_channel].sum() > 0.0:
             unknown = np.isfinite(reading[:, k]) & ~np.isfinite(sigma[:, k])
-            noise[unknown, k] = np.sqrt(squares[own].sum() / spare[own].sum())
+            noise[unknown, k] = np.sqrt(squares[of_channel].sum() / spare[of_channel].sum())
     return noise
 
 
@@ -190,19 +190,19 @@ def _rejected(batch: _Batch, sigma: Array) -> Mask:
 
     limit = float(-ndtri(0.5 * _FALSE_REJECTIONS / max(int(batch.seen.sum()), 1)))
     assessed = batch.seen & batch.has_curve[:, None]
-    ways = [_from_robust_start(batch, sigma, limit, assessed), _one_by_one(batch, sigma, limit, assessed)]
+    ways = [_reject_from_robust_start(batch, sigma, limit, assessed), _reject_one_by_one(batch, sigma, limit, assessed)]
     cost = [
         np.sum((_weighted_residual(batch, way, sigma) / sigma) ** 2 * way, axis=1) + limit**2 * (assessed & ~way).sum(1)
         for way in ways
     ]
-    kept = np.where((cost[1] < cost[0])[:, None], ways[1], ways[0])
-    for piece in np.flatnonzero((assessed & ~kept).any(axis=1)).tolist():
+    is_kept = np.where((cost[1] < cost[0])[:, None], ways[1], ways[0])
+    for piece in np.flatnonzero((assessed & ~is_kept).any(axis=1)).tolist():
         if _with_a_jump(batch, sigma, piece) + limit**2 < min(cost[0][piece], cost[1][piece]):
-            kept[piece] = assessed[piece]
-    left = _weighted_residual(batch, kept, sigma)
-    wide = _rejection_limit(batch, left, sigma, kept, limit)
+            is_kept[piece] = assessed[piece]
+    left = _weighted_residual(batch, is_kept, sigma)
+    wide = _rejection_limit(batch, left, sigma, is_kept, limit)
     alone = np.abs(left - _neighbour_median(np.where(batch.seen, left, np.nan))) >= wide * sigma
-    return assessed & ~kept & alone & ~_in_long_runs(np.where(assessed & ~kept, np.sign(left), 0.0))
+    return assessed & ~is_kept & alone & ~_in_long_runs(np.where(assessed & ~is_kept, np.sign(left), 0.0))
 
 
 def _with_a_jump(batch: _Batch, sigma: Array, piece: int) -> float:
@@ -237,7 +237,7 @@ def _rejection_limit(batch: _Batch, left: Array, sigma: Array, mask: Mask, limit
     return np.asarray(limit * np.maximum(1.0, np.where(np.isfinite(scatter), scatter, 1.0)))[:, None]
 
 
-def _from_robust_start(batch: _Batch, sigma: Array, limit: float, assessed: Mask) -> Mask:
+def _reject_from_robust_start(batch: _Batch, sigma: Array, limit: float, assessed: Mask) -> Mask:
     start = batch.robust(sigma)
     wide = (limit * np.maximum(1.0, batch.scatter(start)))[:, None]
     mask = assessed & (start < 1.5 * wide)
@@ -249,26 +249,26 @@ def _from_robust_start(batch: _Batch, sigma: Array, limit: float, assessed: Mask
     return mask
 
 
-def _one_by_one(batch: _Batch, sigma: Array, limit: float, assessed: Mask) -> Mask:
-    kept, rows = assessed.copy(), np.arange(len(assessed))
+def _reject_one_by_one(batch: _Batch, sigma: Array, limit: float, assessed: Mask) -> Mask:
+    is_kept, rows = assessed.copy(), np.arange(len(assessed))
     for _ in range(_MOST):
-        far = np.where(kept, _standardised(batch, kept, sigma), 0.0)
+        far = np.where(is_kept, _standardised(batch, is_kept, sigma), 0.0)
         worst = far.argmax(axis=1)
-        without = kept.copy()
+        without = is_kept.copy()
         without[rows, worst] = False
         wide = _rejection_limit(batch, _weighted_residual(batch, without, sigma), sigma, without, limit)[:, 0]
         out = far[rows, worst] > wide
         if not out.any():
             break
-        kept[rows[out], worst[out]] = False
-    return kept
+        is_kept[rows[out], worst[out]] = False
+    return is_kept
 
 
 def _standardised(batch: _Batch, mask: Mask, sigma: Array) -> Array:
     """Return residuals (M, N) over their own standard deviation, for readings inside and outside the fit."""
     left, reach = batch.solved(np.where(mask, 1.0 / sigma**2, 0.0))
-    own = reach / sigma**2
-    return np.abs(left) / (sigma * np.sqrt(np.where(mask, np.maximum(1.0 - own, 1e-3), 1.0 + own)))
+    weight = reach / sigma**2
+    return np.abs(left) / (sigma * np.sqrt(np.where(mask, np.maximum(1.0 - weight, 1e-3), 1.0 + weight)))
 
 
 def _neighbour_median(left: Array) -> Array:

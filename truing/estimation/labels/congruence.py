@@ -152,19 +152,19 @@ def find_hypotheses(cloud: Constellation, survey: Constellation, keep: int = 24)
     from scipy.spatial import cKDTree
 
     tree = cKDTree(cloud.points)
-    found: dict[bytes, Hypothesis] = {}
+    hypotheses: dict[bytes, Hypothesis] = {}
     smaller = min(len(cloud), len(survey))
     tried, best = 0, 0
     for seeds in _seed_batches(cloud, survey):
         tried += seeds[0]
         for hypothesis in _explained_by(tree, cloud, survey, *_strongest(tree, cloud, survey, *seeds[1:])):
-            found.setdefault(hypothesis.match.tobytes(), hypothesis)
+            hypotheses.setdefault(hypothesis.match.tobytes(), hypothesis)
             best = max(best, hypothesis.n_consistent)
         if _chance_of_unseen(best, smaller, tried, 2 if survey.on_a_line else 3) < _UNSEEN:
             break
-    ranked = sorted(found.values(), key=_rank)[:keep]
+    ranked = sorted(hypotheses.values(), key=_rank)[:keep]
     for hypothesis in [h for first in ranked[:1] for h in _exchanged_neighbours(cloud, survey, first)]:
-        if hypothesis.match.tobytes() not in found:
+        if hypothesis.match.tobytes() not in hypotheses:
             ranked.append(hypothesis)
     return sorted(ranked, key=_rank)
 
@@ -415,12 +415,12 @@ def _exchanged_neighbours(cloud: Constellation, survey: Constellation, best: Hyp
     apart = np.linalg.norm(cloud.points[labelled, None] - predicted, axis=-1)
     gate = GATE * np.sqrt(cloud.variance[labelled, None] + survey.variance)
     for row, other in zip(*np.nonzero(apart <= gate), strict=True):
-        point, own = labelled[row], labels[labelled[row]]
-        if other == own:
+        point, label = labelled[row], labels[labelled[row]]
+        if other == label:
             continue
         match = best.match.copy()
         displaced = match[other]
-        match[own], match[other] = -1, point
-        if displaced >= 0 and np.linalg.norm(cloud.points[displaced] - predicted[own]) <= gate[row, own]:
-            match[own] = displaced
+        match[label], match[other] = -1, point
+        if displaced >= 0 and np.linalg.norm(cloud.points[displaced] - predicted[label]) <= gate[row, label]:
+            match[label] = displaced
         yield hypothesis_at(cloud, survey, match, best.R, best.t)

@@ -36,15 +36,15 @@ def exchanges(residual: NDArray, points: NDArray, seen: NDArray, shape: NDArray,
     residual (B, T, 3): measured minus surveyed places along the body's axes, m, from a robust fit; NaN if missing.
     points (B, T, 3) as measured, seen (B, T), shape (T, 3) the survey, sigma of a point, m.
     """
-    found = [] if len(shape) < _FEWEST else _exchanged_pairs(residual, seen, shape, sigma)
+    exchanged = [] if len(shape) < _FEWEST else _exchanged_pairs(residual, seen, shape, sigma)
     count = seen.sum(1)
     rows = np.flatnonzero((count >= _FEWEST) & (count <= _FEW))
     fit = umeyama(shape, points[rows], seen[rows].astype(float))
     bad = rows[~fit.ok | (np.nan_to_num(fit.rms) > _WORTH_LOOKING * sigma)]
-    for pose in bad[~np.isin(bad, [exchange.pose for exchange in found])]:
+    for pose in bad[~np.isin(bad, [exchange.pose for exchange in exchanged])]:
         exchange = _best_of_few(points[pose], seen[pose], shape, sigma, int(pose))
-        found += [] if exchange is None else [exchange]
-    return found
+        exchanged += [] if exchange is None else [exchange]
+    return exchanged
 
 
 def residuals_after_exchange(
@@ -55,16 +55,16 @@ def residuals_after_exchange(
     A body of few targets is fitted anew, since its first fit could not be right. Arguments as in `exchanges`.
     """
     right, anew = residual.copy(), np.zeros(len(residual), bool)
-    for one in found:
-        pair, other = [one.first, one.second], [one.second, one.first]
-        right[one.pose, pair] = residual[one.pose, other] + shape[other] - shape[pair]
-        if seen[one.pose].sum() <= _FEW:
-            places = points[one.pose].copy()
-            places[pair] = points[one.pose, other]
-            right[one.pose] = np.where(
-                seen[one.pose][:, None], _survey_deviation(places, seen[one.pose], shape), np.nan
+    for exchange in found:
+        pair, other = [exchange.first, exchange.second], [exchange.second, exchange.first]
+        right[exchange.pose, pair] = residual[exchange.pose, other] + shape[other] - shape[pair]
+        if seen[exchange.pose].sum() <= _FEW:
+            places = points[exchange.pose].copy()
+            places[pair] = points[exchange.pose, other]
+            right[exchange.pose] = np.where(
+                seen[exchange.pose][:, None], _survey_deviation(places, seen[exchange.pose], shape), np.nan
             )
-            anew[one.pose] = True
+            anew[exchange.pose] = True
     return right, anew
 
 
@@ -84,15 +84,15 @@ def _survey_deviation(places: NDArray, seen: NDArray, shape: NDArray) -> NDArray
 def _exchanged_pairs(residual: NDArray, seen: NDArray, shape: NDArray, sigma: float) -> list[Exchange]:
     """Return pairs of targets that lie at each other's places, for bodies whose other targets determine the pose."""
     off = np.sqrt(np.sum(np.nan_to_num(residual) ** 2, -1))
-    found = []
+    pairs = []
     for pose in np.flatnonzero((seen & (off > _WORTH_LOOKING * sigma)).sum(1) >= 2):
         suspects = np.flatnonzero(seen[pose] & (off[pose] > _WORTH_LOOKING * sigma))
         for first, second in combinations(suspects, 2):
             way = shape[second] - shape[first]
             miss = np.array([residual[pose, first] - way, residual[pose, second] + way])
             if np.sqrt(np.sum(miss**2, -1)).max() < min(_SHARE * np.sqrt(way @ way), _NEAR * sigma):
-                found.append(Exchange(int(pose), int(first), int(second)))
-    return found
+                pairs.append(Exchange(int(pose), int(first), int(second)))
+    return pairs
 
 
 def _best_of_few(points: NDArray, seen: NDArray, shape: NDArray, sigma: float, pose: int) -> Exchange | None:

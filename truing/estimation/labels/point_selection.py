@@ -33,8 +33,8 @@ def select_points(residuals: PointResiduals, pose_points: PosePoints, shape: NDA
     values, anew = residuals_after_exchange(residuals.values, pose_points.points, seen, shape, swapped)
     rejected = residuals.rejected.copy()
     rejected[anew] = False
-    for one in swapped:
-        rejected[one.pose, [one.first, one.second]] = False
+    for exchange in swapped:
+        rejected[exchange.pose, [exchange.first, exchange.second]] = False
     alone = alone_in_time(np.where(seen[..., None], values, np.nan), order, rejected & seen)
     unknown = rejected & ~np.isfinite(values).all(-1)
     return PointSelection(seen & ~alone & ~unknown, swapped)

@@ -113,8 +113,8 @@ def linearise(
     reduced = np.asarray(np.linalg.qr(augmented, mode="r"))
     left, singular, direction = np.linalg.svd(reduced[..., :size], full_matrices=False)
     along = np.einsum("bik,bi->bk", left, reduced[..., size])
-    kept = np.where(singular > tolerance * singular[:, :1], singular, 0.0)
-    return LinearResiduals(scale, column, kept, direction, along)
+    significant = np.where(singular > tolerance * singular[:, :1], singular, 0.0)
+    return LinearResiduals(scale, column, significant, direction, along)
 
 
 def _ratio(above: NDArray, below: NDArray) -> NDArray:
@@ -292,8 +292,10 @@ def least_squares(
 def _evaluate(residuals: Residuals, x: NDArray, data: tuple[NDArray, ...]) -> tuple[NDArray, NDArray]:
     residual, jacobian = residuals(x, *data)
     if residual.ndim != 2 or len(residual) != len(x) or jacobian.shape != (*residual.shape, x.shape[1]):
-        found = f"residual {residual.shape} and jacobian {jacobian.shape}"
-        raise ValueError(f"{found} for {x.shape[0]} problems of {x.shape[1]} parameters, expected (B, N) and (B, N, P)")
+        actual = f"residual {residual.shape} and jacobian {jacobian.shape}"
+        raise ValueError(
+            f"{actual} for {x.shape[0]} problems of {x.shape[1]} parameters, expected (B, N) and (B, N, P)"
+        )
     return residual, jacobian
 
 
@@ -335,13 +337,13 @@ def _advance(walk: _Walk, residuals: Residuals, rule: StepRule) -> NDArray:
     residual, jacobian = _evaluate(residuals, trial, walk.data)
     cost = np.where(_finite(residual, jacobian), np.sum(residual**2, -1), np.inf)
     gain = np.where(promised > 0.0, (walk.cost - cost) / np.where(promised > 0.0, promised, 1.0), -1.0)
-    taken = _accept(walk, np.isfinite(cost) & (fine | (gain > 0.0)), fine, trial, cost, residual, jacobian)
-    walk.noise = np.select([fine, taken], [walk.noise, 0.0], _noise(walk, cost, promised))
+    accepted = _accept(walk, np.isfinite(cost) & (fine | (gain > 0.0)), fine, trial, cost, residual, jacobian)
+    walk.noise = np.select([fine, accepted], [walk.noise, 0.0], _noise(walk, cost, promised))
     walk.memory = np.where(fine[:, None], walk.memory, rule.learn(walk.memory, gain, length))
     still = length <= EPS * np.sqrt(np.sum((walk.linear.scale * walk.x) ** 2, -1))
-    stuck = ~fine & ~taken & (still | np.all(trial == walk.x, -1))
+    stuck = ~fine & ~accepted & (still | np.all(trial == walk.x, -1))
     walk.fine = fine | (stuck & _cannot_decrease(walk, _NEARLY_BLIND, walk.noise))
-    return np.select([fine & ~taken, stuck & ~walk.fine], [SolverStatus.CONVERGED, SolverStatus.STALLED], "")
+    return np.select([fine & ~accepted, stuck & ~walk.fine], [SolverStatus.CONVERGED, SolverStatus.STALLED], "")
 
 
 def _cannot_decrease(walk: _Walk, share: float, noise: NDArray | float = 0.0) -> NDArray:
@@ -424,11 +426,11 @@ def distinct_minima(solution: Solution) -> Minima:
     return Minima(solution.x[lowest], solution.cost[lowest], np.array(reached, np.int64), failed)
 
 
-def _same_minimum(solution: Solution, one: int, others: NDArray) -> NDArray:
+def _same_minimum(solution: Solution, first: int, others: NDArray) -> NDArray:
     """Return the mask (n,) of other fits at the same minimum as one fit."""
-    normal = np.linalg.inv(solution.covariance[one])
-    gap = solution.x[others] - solution.x[one]
+    normal = np.linalg.inv(solution.covariance[first])
+    gap = solution.x[others] - solution.x[first]
     distance = np.sqrt(np.maximum(np.einsum("ni,ij,nj->n", gap, normal, gap), 0.0))
-    effect = np.sqrt(np.sum(np.diag(normal) * solution.x[one] ** 2))
-    same = distance <= _SAME_RESIDUAL * np.sqrt(solution.cost[one]) + _SAME_EFFECT * effect
-    return same | (others == one)
+    effect = np.sqrt(np.sum(np.diag(normal) * solution.x[first] ** 2))
+    same = distance <= _SAME_RESIDUAL * np.sqrt(solution.cost[first]) + _SAME_EFFECT * effect
+    return same | (others == first)

@@ -117,7 +117,7 @@ class BodyEstimate:
         """Return some of the poses with the state of their points; by the default estimator alone unless ``every``,
         without covariances then."""
         common, points = self.common, self.points.block(rows)
-        out, keep = (_decided(one, rows, points.seen.shape) for one in (self.out, self.keep))
+        out, keep = (_decided(decisions, rows, points.seen.shape) for decisions in (self.out, self.keep))
         usable = points.seen & common.frame & ~out.chosen
         fits, weights = self._fits(points, usable, rows, every)
         default = next(reversed(fits))
@@ -157,8 +157,12 @@ class BodyEstimate:
         return by_every_method(place, points.points, cov_source, cov, usable, (fit, agreed), common.frame)
 
 
-def _decided(given: PointDecisions | None, rows: slice | Index, shape: tuple[int, ...]) -> PointDecisions:
-    return PointDecisions.none(shape) if given is None else PointDecisions(given.chosen[rows], given.words[rows])
+def _decided(decisions: PointDecisions | None, rows: slice | Index, shape: tuple[int, ...]) -> PointDecisions:
+    return (
+        PointDecisions.none(shape)
+        if decisions is None
+        else PointDecisions(decisions.chosen[rows], decisions.words[rows])
+    )
 
 
 def _with_covariance_on_shape(fit: RigidFit, joint: JointShape, cov: Array, seen: Mask) -> RigidFit:
@@ -196,15 +200,15 @@ def estimate_body(
     allowed = points.seen if out is None else points.seen & ~out.chosen
     mask = np.zeros((1, 1), bool) if keep is None else keep.chosen
     if survey.targets:
-        return BodyEstimate(body, points, _by_survey(points, survey, allowed, mask), out, keep)
+        return BodyEstimate(body, points, _fit_to_survey(points, survey, allowed, mask), out, keep)
     each: Points = points
     if own is not None:
         block = points.block(slice(None))
         each = replace(block, cov=np.where(block.seen[..., None, None], own, block.cov))
-    return BodyEstimate(body, points, _by_itself(each, allowed, mask), out, keep)
+    return BodyEstimate(body, points, _fit_without_survey(each, allowed, mask), out, keep)
 
 
-def _by_survey(points: Points, survey: SurveyPoints, allowed: Mask, keep: Mask) -> CommonPart:
+def _fit_to_survey(points: Points, survey: SurveyPoints, allowed: Mask, keep: Mask) -> CommonPart:
     """Return the common part relative to the survey, from the targets of the body frame."""
     source, cov_source = _reference(points, survey)
     known: Mask = np.asarray(np.isfinite(source).all(axis=-1))
@@ -216,7 +220,7 @@ def _by_survey(points: Points, survey: SurveyPoints, allowed: Mask, keep: Mask) 
     return CommonPart(source, cov_source, known, frame, noise, _slim(fit), agreed, _has_consensus(fit, agreed), ratio)
 
 
-def _by_itself(points: Points, allowed: Mask, keep: Mask) -> CommonPart:
+def _fit_without_survey(points: Points, allowed: Mask, keep: Mask) -> CommonPart:
     """Return the common part relative to the shape that the poses share; poses and shape are estimated together."""
     usable = allowed
     richest = int(usable.sum(axis=1).argmax())
@@ -233,7 +237,7 @@ def _by_itself(points: Points, allowed: Mask, keep: Mask) -> CommonPart:
         fit, agreed, ratio = fit_robustly(_robust(place, exact, points, noise, usable, keep, tau))
     good = agreed & fit.ok[:, None]
     joint = generalised_procrustes(points.points[rows], noise.cov(rows), good[rows], shape=source)
-    on_shape, seen = _on_joint_shape(joint, fit, rows, points, noise, good)
+    on_shape, seen = _fit_to_joint_shape(joint, fit, rows, points, noise, good)
     shape = _shape_of(joint, known)
     source = np.where(np.isfinite(joint.shape), joint.shape, source)
     consensus = _has_consensus(fit, agreed)
@@ -258,7 +262,7 @@ def shape_rows(usable: Mask, most: int = SHAPE_POINTS) -> slice | Index:
     return np.flatnonzero(chosen)
 
 
-def _on_joint_shape(
+def _fit_to_joint_shape(
     joint: ProcrustesFit, robust: RigidFit, rows: slice | Index, points: Points, noise: PointNoise, good: Mask
 ) -> tuple[RigidFit, Mask]:
     """Return all poses on the joint shape, and the points (B, T) that determine them.
@@ -302,7 +306,7 @@ def _fit_on_shape(shape: JointShape, status: FitStatus, y: Array, cov: Array, se
 def largest_motion(body: BodyEstimate, other: BodyEstimate, rows: Index) -> Array:
     """Return the largest difference (b,) in m between two fits at the targets seen in some poses; NaN without both."""
     points, seen = body.points.points[rows], body.points.seen[rows]
-    fits = (one.common.fit.some(rows) for one in (body, other))
+    fits = (estimate.common.fit.some(rows) for estimate in (body, other))
     places = [np.einsum("bij,bti->btj", fit.R, points - fit.t[:, None]) for fit in fits]
     distance = np.linalg.norm(places[0] - places[1], axis=-1)
     return np.where(seen, distance, 0.0).max(axis=1)

@@ -65,10 +65,10 @@ def _mahalanobis(q: NDArray, A: NDArray, first: NDArray, r: NDArray, noise: NDAr
     """Return ``r^T (noise + sign (first + [q]x A [q]x^T))^-1 r`` (B, N), by Cramer's rule on components (B, N)."""
     x, y, z = np.moveaxis(q, -1, 0)
     a, b, c, d, e, f = (A[:, i, j, None] for i, j in ((0, 0), (0, 1), (0, 2), (1, 1), (1, 2), (2, 2)))
-    own = noise * (1 + FLOOR) + sign * first[:, None]
-    m00 = own + sign * (d * z * z - 2 * e * y * z + f * y * y)
-    m11 = own + sign * (a * z * z - 2 * c * x * z + f * x * x)
-    m22 = own + sign * (a * y * y - 2 * b * x * y + d * x * x)
+    covariance = noise * (1 + FLOOR) + sign * first[:, None]
+    m00 = covariance + sign * (d * z * z - 2 * e * y * z + f * y * y)
+    m11 = covariance + sign * (a * z * z - 2 * c * x * z + f * x * x)
+    m22 = covariance + sign * (a * y * y - 2 * b * x * y + d * x * x)
     m01 = sign * (c * y * z + e * x * z - b * z * z - f * x * y)
     m02 = sign * (b * y * z + e * x * y - c * y * y - d * x * z)
     m12 = sign * (b * x * z + c * x * y - a * y * z - e * x * x)

@@ -76,9 +76,9 @@ class JointMotions:
 
         Zero if the motions are relative to the points' own frame; rounding then causes no negative variance.
         """
-        found = symmetric(self.gain @ cov_target @ self.gain.T)
-        values, vectors = np.linalg.eigh(found)
-        return found if values[0] >= 0.0 else symmetric((vectors * np.maximum(values, 0.0)) @ vectors.T)
+        covariance = symmetric(self.gain @ cov_target @ self.gain.T)
+        values, vectors = np.linalg.eigh(covariance)
+        return covariance if values[0] >= 0.0 else symmetric((vectors * np.maximum(values, 0.0)) @ vectors.T)
 
 
 def joint_motions(points: PointsOfBodies, R: NDArray, t: NDArray) -> JointMotions:
@@ -144,10 +144,10 @@ def _tests(factor: tuple[NDArray, bool], weighted: NDArray, gain: NDArray, r: ND
     W = cho_solve(factor, np.eye(3 * count))
     Q = symmetric(W - weighted @ gain).reshape(count, 3, count, 3)
     rows = np.arange(count)
-    own, whole = Q[rows, :, rows, :], W.reshape(count, 3, count, 3)[rows, :, rows, :]
+    redundancy, weight = Q[rows, :, rows, :], W.reshape(count, 3, count, 3)[rows, :, rows, :]
     force = np.einsum("nikj,kj->ni", Q, r)
-    controlled = np.linalg.eigvalsh(own)[:, 0] > _CONTROLLED * np.linalg.eigvalsh(whole)[:, 0]
-    safe = np.where(controlled[:, None, None], own, np.eye(3))
+    controlled = np.linalg.eigvalsh(redundancy)[:, 0] > _CONTROLLED * np.linalg.eigvalsh(weight)[:, 0]
+    safe = np.where(controlled[:, None, None], redundancy, np.eye(3))
     value = np.einsum("ni,ni->n", force, np.linalg.solve(safe, force[..., None])[..., 0])
     return np.where(controlled, value, np.nan)
 
@@ -167,16 +167,16 @@ def by_survey(source: NDArray, body: NDArray, frame: NDArray, gain: NDArray, R: 
     As `survey_frame_covariance`: source (N, 3) of all surveyed points of all bodies, body (N,) by number, frame (N,):
     points that define the frames; gain (6B, 3N), zero for unused points.
     """
-    own = np.zeros((len(R), 6, len(source), 3))
+    derivative = np.zeros((len(R), 6, len(source), 3))
     for number, turn in enumerate(R):
         rows = np.flatnonzero(body == number)
         weights = frame[rows, None, None] * np.eye(3)
         within = fit_gain(source[rows][None], weights[None], np.ones(1, bool))[0]
         both = np.zeros((6, 6))
         both[:3, :3] = both[3:, 3:] = turn
-        own[number][:, rows] = np.swapaxes(both @ within, 0, 1)
+        derivative[number][:, rows] = np.swapaxes(both @ within, 0, 1)
     used = gain.reshape(6 * len(R), len(source), 3)
-    return np.asarray(own.reshape(6 * len(R), len(source), 3) - np.einsum("pni,nij->pnj", used, R[body]))
+    return np.asarray(derivative.reshape(6 * len(R), len(source), 3) - np.einsum("pni,nij->pnj", used, R[body]))
 
 
 @dataclass(frozen=True)
@@ -201,7 +201,7 @@ def with_correlations(bodies: Sequence[BodyPoses], rows: Sequence[Index], errors
     Points kept by the robust fit are fitted; those with gross errors by the correlated test are rejected too. The
     estimates of other methods stay, with covariances from the correlations.
     """
-    poses = [found for p in range(len(bodies[0].fit.ok)) if (found := _pose(p, bodies, rows)) is not None]
+    poses = [linked for p in range(len(bodies[0].fit.ok)) if (linked := _pose(p, bodies, rows)) is not None]
     first = [_motions(pose, bodies, errors) for pose in poses]
     limit = _limits(poses, first, bodies)
     solved = [_cleaned(pose, motions, bodies, errors, limit) for pose, motions in zip(poses, first, strict=True)]
@@ -215,17 +215,19 @@ def _pose(p: int, bodies: Sequence[BodyPoses], rows: Sequence[Index]) -> _Pose |
         return None
     targets = [np.flatnonzero(bodies[b].used[p]) for b in there]
     place = np.repeat(np.arange(len(there)), [len(target) for target in targets])
-    row = np.concatenate([rows[b][p][found] for b, found in zip(there, targets, strict=True)])
+    row = np.concatenate([rows[b][p][target] for b, target in zip(there, targets, strict=True)])
     return _Pose(p, there, place, np.concatenate(targets), row)
 
 
 def _motions(pose: _Pose, bodies: Sequence[BodyPoses], errors: PointErrors) -> JointMotions:
-    p, own = pose.number, [bodies[b] for b in pose.bodies]
-    source = np.array([own[k].source[t] for k, t in zip(pose.body, pose.target, strict=True)])
-    target = np.array([own[k].points.points[p, t] for k, t in zip(pose.body, pose.target, strict=True)])
-    cov_source = np.array([own[k].cov_source[t] for k, t in zip(pose.body, pose.target, strict=True)])
+    p, pose_bodies = pose.number, [bodies[b] for b in pose.bodies]
+    source = np.array([pose_bodies[k].source[t] for k, t in zip(pose.body, pose.target, strict=True)])
+    target = np.array([pose_bodies[k].points.points[p, t] for k, t in zip(pose.body, pose.target, strict=True)])
+    cov_source = np.array([pose_bodies[k].cov_source[t] for k, t in zip(pose.body, pose.target, strict=True)])
     points = PointsOfBodies(source, target, pose.body, cov_source, errors.covariance(pose.row))
-    return joint_motions(points, np.array([body.fit.R[p] for body in own]), np.array([body.fit.t[p] for body in own]))
+    return joint_motions(
+        points, np.array([body.fit.R[p] for body in pose_bodies]), np.array([body.fit.t[p] for body in pose_bodies])
+    )
 
 
 def _limits(poses: Sequence[_Pose], found: Sequence[JointMotions], bodies: Sequence[BodyPoses]) -> Array:
@@ -276,27 +278,27 @@ def _replaced(
         joint = _covariance(pose, motions, bodies, errors)
         effects = (motions.gain @ errors.effects(pose.row)).reshape(len(pose.bodies), 6, -1)
         for k, b in enumerate(pose.bodies):
-            own = slice(6 * k, 6 * k + 6)
-            new[b].take(pose, k, motions, joint[own, own], effects[k])
+            unknowns = slice(6 * k, 6 * k + 6)
+            new[b].take(pose, k, motions, joint[unknowns, unknowns], effects[k])
             for j, other in enumerate(pose.bodies):
-                new[b].with_other(bodies[other].name)[pose.number] = joint[own, 6 * j : 6 * j + 6]
+                new[b].with_other(bodies[other].name)[pose.number] = joint[unknowns, 6 * j : 6 * j + 6]
     return [filled.body_poses(body) for filled, body in zip(new, bodies, strict=True)]
 
 
 def _covariance(pose: _Pose, motions: JointMotions, bodies: Sequence[BodyPoses], errors: PointErrors) -> Array:
     """Return the joint covariance (6B, 6B) of the motions, due to errors of points and survey."""
     measured = motions.covariance(errors.covariance(pose.row))
-    own = [bodies[b] for b in pose.bodies]
-    known = [np.flatnonzero(body.frame) for body in own]
-    place = {(k, t): i for i, (k, t) in enumerate((k, t) for k, found in enumerate(known) for t in found.tolist())}
-    gain = np.zeros((6 * len(own), len(place), 3))
+    pose_bodies = [bodies[b] for b in pose.bodies]
+    known = [np.flatnonzero(body.frame) for body in pose_bodies]
+    place = {(k, t): i for i, (k, t) in enumerate((k, t) for k, targets in enumerate(known) for t in targets.tolist())}
+    gain = np.zeros((6 * len(pose_bodies), len(place), 3))
     at = [place[key] for key in zip(pose.body.tolist(), pose.target.tolist(), strict=True)]
-    gain[:, at] = motions.gain.reshape(6 * len(own), -1, 3)
-    source = np.concatenate([body.source[found] for body, found in zip(own, known, strict=True)])
-    cov = np.concatenate([body.cov_source[found] for body, found in zip(own, known, strict=True)])
+    gain[:, at] = motions.gain.reshape(6 * len(pose_bodies), -1, 3)
+    source = np.concatenate([body.source[targets] for body, targets in zip(pose_bodies, known, strict=True)])
+    cov = np.concatenate([body.cov_source[targets] for body, targets in zip(pose_bodies, known, strict=True)])
     body = np.array([k for k, _ in place])
     frame = np.ones(len(place), bool)
-    return measured + survey_part(source, cov, body, frame, gain.reshape(6 * len(own), -1), motions.R)
+    return measured + survey_part(source, cov, body, frame, gain.reshape(6 * len(pose_bodies), -1), motions.R)
 
 
 @dataclass
@@ -393,7 +395,7 @@ def with_other_methods(
                 cov[b][p] = both[6 * i : 6 * i + 6, 6 * i : 6 * i + 6]
                 for k, other in enumerate(there):
                     cross[b][bodies[other].name][p] = both[6 * i : 6 * i + 6, 6 * k : 6 * k + 6]
-        filled = [_with_measured_covariance(*one, method) for one in zip(filled, cov, cross, strict=True)]
+        filled = [_with_measured_covariance(*arguments, method) for arguments in zip(filled, cov, cross, strict=True)]
     return filled
 
 
@@ -419,15 +421,15 @@ def _stacked(
 ) -> tuple[list[int], Index, Array]:
     """Return the bodies of a pose with a method, or their default if they lack it; the rows (n,) of their points, and
     the gain (6b, 3n) of the motions."""
-    row = np.concatenate([own[p][own[p] >= 0] for own in rows])
+    row = np.concatenate([body_rows[p][body_rows[p] >= 0] for body_rows in rows])
     place = {r: n for n, r in enumerate(row.tolist())}
     there, parts = [], []
     for b, body in enumerate(bodies):
-        own, of_body = gains[b], np.zeros((6, len(row), 3))
-        if own is not None and body.fits[method].ok[p]:
+        gain_of_body, of_body = gains[b], np.zeros((6, len(row), 3))
+        if gain_of_body is not None and body.fits[method].ok[p]:
             seen = np.flatnonzero(rows[b][p] >= 0)
-            of_body[:, [place[r] for r in rows[b][p, seen].tolist()]] = np.swapaxes(own[p, seen], 0, 1)
-        elif own is None and joint is not None and b in joint.bodies:
+            of_body[:, [place[r] for r in rows[b][p, seen].tolist()]] = np.swapaxes(gain_of_body[p, seen], 0, 1)
+        elif gain_of_body is None and joint is not None and b in joint.bodies:
             first = 6 * joint.bodies.index(b)
             by_joint = joint.motions.gain[first : first + 6].reshape(6, -1, 3)
             of_body[:, [place[r] for r in joint.row.tolist()]] = by_joint

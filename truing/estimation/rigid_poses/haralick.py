@@ -118,13 +118,13 @@ def _iterate_weights(
         rows = np.flatnonzero(~converged)
         if not rows.size:
             break
-        own = base[rows]
-        robust[rows] = _reweighted(y[rows] - fitted[rows], own, noise[rows], tuning)
-        renewed, ok = _fitted(x[rows], y[rows], own * robust[rows])
+        base_weights = base[rows]
+        robust[rows] = _reweighted(y[rows] - fitted[rows], base_weights, noise[rows], tuning)
+        renewed, ok = _fitted(x[rows], y[rows], base_weights * robust[rows])
         moved = lengths(renewed - fitted[rows]) / noise[rows]
         fitted[rows] = renewed
         steps[rows] += 1
-        converged[rows] = ~ok | (np.max(np.where(own > 0, moved, 0.0), axis=-1) < _SETTLED)
+        converged[rows] = ~ok | (np.max(np.where(base_weights > 0, moved, 0.0), axis=-1) < _SETTLED)
     return robust, steps, converged
 
 

@@ -76,23 +76,25 @@ class PointGain:
 
 def joint_frame(p: int, bodies: Sequence[FramedBody], errors: PointErrors) -> JointFrame | None:
     """Return the joint fit of the bodies of a pose again; None if there was none."""
-    fitted = [b for b, own in enumerate(bodies) if np.isfinite(own.t[p]).all() and own.used[p].sum() >= _FEWEST]
+    fitted = [b for b, body in enumerate(bodies) if np.isfinite(body.t[p]).all() and body.used[p].sum() >= _FEWEST]
     if not fitted:
         return None
     each = [(bodies[b], np.flatnonzero(bodies[b].used[p])) for b in fitted]
-    place = np.repeat(np.arange(len(fitted)), [len(own) for _, own in each])
+    place = np.repeat(np.arange(len(fitted)), [len(targets) for _, targets in each])
     points = PointsOfBodies(
-        np.concatenate([body.source[own] for body, own in each]),
-        np.concatenate([body.points[p, own] for body, own in each]),
+        np.concatenate([body.source[targets] for body, targets in each]),
+        np.concatenate([body.points[p, targets] for body, targets in each]),
         place,
-        np.concatenate([body.cov_source[own] for body, own in each]),
-        errors.covariance(np.concatenate([body.row[p, own] for body, own in each])),
+        np.concatenate([body.cov_source[targets] for body, targets in each]),
+        errors.covariance(np.concatenate([body.row[p, targets] for body, targets in each])),
     )
     R, t = (np.array([getattr(body, name)[p] for body, _ in each]) for name in "Rt")
     motions = joint_motions(points, R, t)
     if not motions.converged:
         return None
-    return JointFrame(tuple(fitted), np.array(fitted)[place], np.concatenate([own for _, own in each]), motions.gain)
+    return JointFrame(
+        tuple(fitted), np.array(fitted)[place], np.concatenate([targets for _, targets in each]), motions.gain
+    )
 
 
 def residual_gain(p: int, bodies: Sequence[FramedBody], frame: JointFrame, body: int, weight: Array) -> PointGain:
@@ -101,9 +103,9 @@ def residual_gain(p: int, bodies: Sequence[FramedBody], frame: JointFrame, body:
 
     A residual depends on the error of its own point, and on those of all points that define its frame.
     """
-    own = bodies[body]
-    assessed = np.flatnonzero(weight.any(axis=(0, 2)) & ~own.used[p])
-    by_frame = sums_by_motion(p, own, weight) @ _rows(frame.gain, frame, body)
+    body_gain = bodies[body]
+    assessed = np.flatnonzero(weight.any(axis=(0, 2)) & ~body_gain.used[p])
+    by_frame = sums_by_motion(p, body_gain, weight) @ _rows(frame.gain, frame, body)
     weighed = len(frame.body)
     gain = np.zeros((len(weight), weighed + len(assessed), 3))
     gain[:, :weighed] = -by_frame.reshape(len(weight), -1, 3)
@@ -123,12 +125,14 @@ def sums_by_motion(p: int, body: FramedBody, weight: Array) -> Array:
 def by_shapes(p: int, bodies: Sequence[FramedBody], frame: JointFrame, body: int, weight: Array) -> Array:
     """Return the effect (Q, T, 3) on such sums, through the frame, of one standard deviation of each coordinate of all
     bodies' shapes."""
-    first = np.cumsum([0, *(len(one.targets) for one in bodies)])
+    first = np.cumsum([0, *(len(body_poses.targets) for body_poses in bodies)])
     by_frame = (sums_by_motion(p, bodies[body], weight) @ _rows(frame.gain, frame, body)).reshape(len(weight), -1, 3)
-    turned = by_frame[:, :, None] @ np.array([one.R[p] for one in bodies])[frame.body]
+    turned = by_frame[:, :, None] @ np.array([body_poses.R[p] for body_poses in bodies])[frame.body]
     moved = np.zeros((len(weight), first[-1], 3))
     moved[:, first[frame.body] + frame.target] = turned[:, :, 0]
-    return np.asarray((moved[:, :, None] @ np.concatenate([_shape_roots(one) for one in bodies]))[:, :, 0])
+    return np.asarray(
+        (moved[:, :, None] @ np.concatenate([_shape_roots(body_poses) for body_poses in bodies]))[:, :, 0]
+    )
 
 
 def _shape_roots(body: FramedBody) -> Array:
@@ -139,14 +143,14 @@ def _shape_roots(body: FramedBody) -> Array:
 
 def survey_gain(p: int, bodies: Sequence[FramedBody], frame: JointFrame) -> Array:
     """Return the derivative (6b, T, 3) of the motions (t, theta) of a pose's bodies by the survey errors of all their
-    targets, as in `by_survey`."""
+    targets."""
     first = np.cumsum([0, *(len(body.targets) for body in bodies)])
     gain = np.zeros((len(frame.gain), first[-1], 3))
     gain[:, first[frame.body] + frame.target] = frame.gain.reshape(len(gain), -1, 3)
     moved = np.zeros_like(gain)
     each = [(k, first[b] + np.arange(len(bodies[b].targets))) for k, b in enumerate(frame.bodies)]
-    rows = np.concatenate([own for _, own in each])
-    body = np.concatenate([np.full(len(own), k) for k, own in each])
+    rows = np.concatenate([targets for _, targets in each])
+    body = np.concatenate([np.full(len(targets), k) for k, targets in each])
     source, makes = (np.concatenate([getattr(bodies[b], name) for b in frame.bodies]) for name in ("source", "frame"))
     R = np.array([bodies[b].R[p] for b in frame.bodies])
     moved[:, rows] = by_survey(source, body, makes, gain[:, rows].reshape(len(gain), -1), R)
@@ -165,12 +169,12 @@ def relative_gain(
         above = place.get(bodies[b].parent)
         if name in parents or (above is None and bodies[b].parent in [body.name for body in bodies]):
             continue
-        own = _rows(gain, frame, b)
+        gain_of_body = _rows(gain, frame, b)
         if above is not None:
             slope = relative_slope(bodies[above].R[p], bodies[above].t[p], bodies[b].t[p])
-            own = slope @ np.concatenate([_rows(gain, frame, above), own])
+            gain_of_body = slope @ np.concatenate([_rows(gain, frame, above), gain_of_body])
         names.append(name)
-        rows.append(own)
+        rows.append(gain_of_body)
     return tuple(names), np.concatenate(rows) if rows else np.zeros((0, gain.shape[1]))
 
 

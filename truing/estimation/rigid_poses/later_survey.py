@@ -64,22 +64,22 @@ def compare_surveys(
     x, y = np.asarray(before, float), np.asarray(after, float)
     Vx, Vy, text = np.asarray(cov_before, float), np.asarray(cov_after, float), np.asarray(known, bool)
     worst = np.sqrt(np.linalg.eigvalsh(Vx + Vy)[:, -1])
-    kept, status = _largest_set(x, y, ~text, worst)
+    consistent, status = _largest_set(x, y, ~text, worst)
     if status != FitStatus.OK:
         return _without_result(len(x), str(status))
     for _ in range(_ROUNDS):
-        comparison = _comparison_with_others(x, Vx, y, Vy, kept, alarm, text)
-        if comparison.status != FitStatus.OK or (~comparison.moved == kept).all():
+        comparison = _comparison_with_others(x, Vx, y, Vy, consistent, alarm, text)
+        if comparison.status != FitStatus.OK or (~comparison.moved == consistent).all():
             break
-        kept = ~comparison.moved
+        consistent = ~comparison.moved
     return comparison
 
 
 def _largest_set(x: Array, y: Array, usable: Mask, sigma: Array) -> tuple[Mask, str]:
     if usable.sum() < 3:
         return usable, str(FitStatus.TOO_FEW_POINTS)
-    kept, status = consensus(x[None], y[None], usable[None], sigma[None])
-    return kept[0], str(status[0])
+    consistent, status = consensus(x[None], y[None], usable[None], sigma[None])
+    return consistent[0], str(status[0])
 
 
 def _without_result(count: int, status: str) -> SurveyComparison:
@@ -107,8 +107,8 @@ def _comparison_with_others(
     moved_frame = frame @ np.einsum("tia,tij,tj->a", arm, weight, off)
     left = off - arm @ moved_frame
     of_frame = arm @ frame @ np.swapaxes(arm, 1, 2)
-    own = V * (1.0 + _FLOOR) + np.where(mask, -1.0, 1.0)[:, None, None] * of_frame
-    inverse = np.linalg.inv(own)
+    covariance = V * (1.0 + _FLOOR) + np.where(mask, -1.0, 1.0)[:, None, None] * of_frame
+    inverse = np.linalg.inv(covariance)
     square = np.einsum("ti,tij,tj->t", left, inverse, left)
     chi_square = float(np.einsum("ti,tij,tj->", left, weight, left))
     freedom = 3 * int(mask.sum()) - 6
@@ -116,7 +116,7 @@ def _comparison_with_others(
     # the prediction of a kept target must not use it: restore its own part of the residual
     restored = np.where(mask[:, None, None], V @ inverse, np.eye(3))
     shift = (restored @ left[..., None])[..., 0]
-    cov = np.where(mask[:, None, None], V @ inverse @ V, own)
+    cov = np.where(mask[:, None, None], V @ inverse @ V, covariance)
     moved = is_stated.copy()
     moved[~is_stated] = holm_adjusted(p[~is_stated]) <= alarm
     small = moved_frame[3:]

@@ -62,8 +62,8 @@ def maximum_likelihood(
 def _covariances(cov_source: ArrayLike, cov_target: ArrayLike, used: NDArray) -> tuple[NDArray, NDArray]:
     """Return both covariances as (B, N, 3, 3), with the identity for unused points."""
     out, smallest = [], np.zeros(used.shape)
-    for name, given in (("cov_source", cov_source), ("cov_target", cov_target)):
-        C = np.asarray(given, np.float64)
+    for name, covariance in (("cov_source", cov_source), ("cov_target", cov_target)):
+        C = np.asarray(covariance, np.float64)
         if C.shape[-2:] != (3, 3):
             raise ValueError(f"{name}: found shape {C.shape}, expected (..., 3, 3)")
         C = np.where(used[..., None, None], np.broadcast_to(C, (*used.shape, 3, 3)), np.eye(3))
@@ -158,9 +158,9 @@ def _merged(
     distance = np.sum((y - x @ np.swapaxes(R, -1, -2) - t[:, None]) ** 2, axis=-1)
     rms = np.sqrt(np.sum(used * distance, axis=-1) / used.sum(-1))
     status = np.where(converged, closed.status[rows], str(FitStatus.NOT_CONVERGED))
-    found = {"R": R, "t": t, "covariance": symmetric(np.linalg.inv(H)), "rms": rms}
-    found |= {"status": status, "iterations": steps}
-    whole = {name: getattr(closed, name).copy() for name in found}
-    for name, part in found.items():
-        whole[name][rows] = part
-    return replace(closed, **whole).masked()
+    merged = {"R": R, "t": t, "covariance": symmetric(np.linalg.inv(H)), "rms": rms}
+    merged |= {"status": status, "iterations": steps}
+    closed_form = {name: getattr(closed, name).copy() for name in merged}
+    for name, part in merged.items():
+        closed_form[name][rows] = part
+    return replace(closed, **closed_form).masked()

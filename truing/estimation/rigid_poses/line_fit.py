@@ -73,8 +73,8 @@ def _covariance(
     p: NDArray, w: NDArray, total: NDArray, axes: NDArray, spread: NDArray, ok: NDArray, sigma: float
 ) -> NDArray:
     """Return the covariance (B, 6, 6) by first-order perturbation of the mean and of the scatter's leading eigenvector.
-    An error e of one point turns the axis z towards a transverse axis a by ``w (p_z e_a + p_a e_z) / (l_z - l_a)``.
-    The rotation vector is ``z x a`` times that."""
+    An error e of one point turns the axis z towards a transverse axis a. The angle is ``w (p_z e_a + p_a e_z) / (l_z -
+    l_a)``. The rotation vector is ``z x a`` times that."""
     z = axes[..., 2]
     C = np.zeros((len(p), 6, 6))
     along = np.einsum("bni,bi->bn", p, z)

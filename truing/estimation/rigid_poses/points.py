@@ -78,9 +78,11 @@ class CompactPoints:
         for i in range(3):
             cov[..., i, i] = np.where(seen, sigma[..., i] * sigma[..., i], 0.0)
         if self.correlation is not None:
-            own = self.correlation[rows]
+            correlation = self.correlation[rows]
             for k, (i, j) in enumerate(((0, 1), (0, 2), (1, 2))):
-                cov[..., i, j] = cov[..., j, i] = np.where(seen, own[..., k] * sigma[..., i] * sigma[..., j], 0.0)
+                cov[..., i, j] = cov[..., j, i] = np.where(
+                    seen, correlation[..., k] * sigma[..., i] * sigma[..., j], 0.0
+                )
         return PosePoints(some_poses(self.poses, rows), self.targets, self.points[rows], cov, seen)
 
 
@@ -173,9 +175,9 @@ class PointErrors:
 
         correlation (K, K) of these parameters. The result is the part that differs between poses.
         """
-        whole = self.own * self.sigma[:, :, None] * self.sigma[:, None, :]
-        values, vectors = np.linalg.eigh(whole - self.effect @ correlation @ np.swapaxes(self.effect, 1, 2))
-        least = _ROUNDING * np.trace(whole, axis1=1, axis2=2)
+        covariance = self.own * self.sigma[:, :, None] * self.sigma[:, None, :]
+        values, vectors = np.linalg.eigh(covariance - self.effect @ correlation @ np.swapaxes(self.effect, 1, 2))
+        least = _ROUNDING * np.trace(covariance, axis1=1, axis2=2)
         return np.asarray(vectors * np.maximum(values, least[:, None])[:, None, :] @ np.swapaxes(vectors, 1, 2))
 
 

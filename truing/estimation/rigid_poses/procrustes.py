@@ -102,9 +102,9 @@ def _add_agreeing_poses(
     source = np.broadcast_to(shape, points[rows].shape)
     inlier, status = consensus(source, points[rows], mask[rows] & known, sigma * np.sqrt(2.0))
     count = np.where(status == FitStatus.OK, inlier.sum(axis=1), 0)
-    taken = (count > 0) & (2 * count >= count.max())
-    agreed[rows[taken]] = inlier[taken]
-    return bool(taken.any())
+    agreeing = (count > 0) & (2 * count >= count.max())
+    agreed[rows[agreeing]] = inlier[agreeing]
+    return bool(agreeing.any())
 
 
 def _renewed(
@@ -320,9 +320,9 @@ def _normal(problem: _ObservedPoints, state: _State, W: NDArray, W_survey: NDArr
     pose, JW = pose_equations(state.shape, R, W, problem.seen)
     coupling = shape_coupling(JW, R)
     Rt = np.swapaxes(R, -1, -2)[:, None]
-    own = np.sum(Rt @ W @ R[:, None], axis=0) + W_survey
+    information = np.sum(Rt @ W @ R[:, None], axis=0) + W_survey
     carried = np.linalg.solve(pose, coupling)
-    reduced = block_diag(*own) - np.tensordot(coupling, carried, axes=([0, 1], [0, 1]))
+    reduced = block_diag(*information) - np.tensordot(coupling, carried, axes=([0, 1], [0, 1]))
     off_survey = np.where(problem.surveyed[:, None], state.shape - problem.survey, 0.0)
     pull = -np.sum(apply_rotation(Rt, apply_rotation(W, r)), axis=0) + apply_rotation(W_survey, off_survey)
     return _Normal(pose, carried, np.sum(apply_rotation(JW, r), axis=1), pull.ravel(), symmetric(reduced))
@@ -353,9 +353,9 @@ def _deformation(problem: _ObservedPoints, state: _State, normal: _Normal, covar
 
 
 def _fitted_share(state: _State, normal: _Normal, covariance: NDArray, arm: NDArray) -> NDArray:
-    """Return the trace (B, N), in m^2, of the covariance of the fitted points, by which the fit reduces residuals. With
-    poses ``dp = -X dxi + e``, cov(e) = pose^-1 independent of the shape's dxi, the fitted point moves by ``J e - (J X +
-    R E_k) dxi``."""
+    """Return the trace (B, N), in m^2, of the covariance of the fitted points, by which the fit reduces residuals.
+    Poses move by ``dp = -X dxi + e``; cov(e) = pose^-1, independent of the shape's dxi. The fitted point moves by ``J e
+    - (J X + R E_k) dxi``."""
     J = -rigid_motions(arm)
     through_poses = normal.carried @ covariance
     own = np.linalg.inv(normal.pose) + through_poses @ np.swapaxes(normal.carried, -1, -2)
@@ -381,8 +381,8 @@ def _result(
     count = problem.seen.sum(axis=1)
     rms = np.sqrt(np.sum(distance * problem.seen, axis=1) / np.maximum(count, 1))
     each = np.where(posed, str(status), str(FitStatus.TOO_FEW_POINTS))
-    one, steps = np.ones(len(posed)), np.full(len(posed), iterations)
-    poses = RigidFit(state.R, state.t, one, symmetric(pose_covariance), 0 * one, rms, count, each, steps).masked()
+    ones, steps = np.ones(len(posed)), np.full(len(posed), iterations)
+    poses = RigidFit(state.R, state.t, ones, symmetric(pose_covariance), 0 * ones, rms, count, each, steps).masked()
     shape = np.where(known[:, None], state.shape, np.nan)
     return ProcrustesFit(poses, shape, covariance, np.where(known, tau, np.nan), status, iterations)
 
@@ -392,8 +392,8 @@ def _undetermined_fit(problem: _ObservedPoints, posed: NDArray) -> ProcrustesFit
     count, targets = problem.seen.sum(axis=1), problem.y.shape[1]
     status = np.full(len(posed), str(FitStatus.TOO_FEW_POINTS))
     empty = np.full((len(posed), 6, 6), np.nan)
-    one, none = np.ones(len(posed)), np.zeros(len(posed), np.int64)
-    poses = RigidFit(empty[:, :3, :3], empty[:, 0, :3], one, empty, one, one, count, status, none).masked()
+    ones, none = np.ones(len(posed)), np.zeros(len(posed), np.int64)
+    poses = RigidFit(empty[:, :3, :3], empty[:, 0, :3], ones, empty, ones, ones, count, status, none).masked()
     return ProcrustesFit(
         poses,
         np.full((targets, 3), np.nan),

@@ -173,7 +173,7 @@ def weighted_square(points: NDArray, w: NDArray) -> NDArray:
 
 
 def _status(w: NDArray, is_one_place: NDArray, s: NDArray, handed: NDArray) -> NDArray:
-    """Return a status (B,) from weights (B, N), a mask (B,) of coincident clouds, and singular values s (B, 3) of the
+    """Return a status (B,) from weights (B, N), a mask (B,) of coincident clouds, and s (B, 3): singular values of the
     product of centred clouds."""
     gap, on_line = s[:, 1] + handed * s[:, 2], s[:, 1] <= _SINGULAR * s[:, 0]
     conditions = [np.count_nonzero(w, axis=-1) < 3, is_one_place, on_line, gap <= _SINGULAR * s[:, 0]]

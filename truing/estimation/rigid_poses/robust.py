@@ -59,15 +59,15 @@ def consensus(
     spread = np.where(seen, np.broadcast_to(np.asarray(sigma, np.float64), seen.shape), 1.0)
     if not np.all((spread > 0) & np.isfinite(spread)):
         raise ValueError("sigma: found a value that is not positive, expected a standard deviation in m")
-    clouds = Clouds(x, y, seen, spread, _chi_square_limit(seen))
-    kept, status = _trimmed_sets(clouds, _tools(seen.size >= _MANY_POINTS))
+    clouds = Clouds(x, y, seen, spread, chi_square_limit(FALSE_ALARM, seen))
+    members, status = _trimmed_sets(clouds, _tools(seen.size >= _MANY_POINTS))
     rows = np.flatnonzero(status == FitStatus.NO_CONSENSUS)
     tools = _tools(len(rows) * seen.shape[1] ** 2 >= _MANY_PAIRS)
     step = max(1, _PAIRS_AT_ONCE // seen.shape[1] ** 2)
     for first in range(0, len(rows), step):
         part = rows[first : first + step]
-        kept[part], status[part] = _search(clouds[part], tools)
-    return kept, status
+        members[part], status[part] = _search(clouds[part], tools)
+    return members, status
 
 
 def _tools(many: bool) -> Tools:
@@ -79,11 +79,12 @@ def _tools(many: bool) -> Tools:
     return Tools(kernel.statuses, kernel.squared_residuals, kernel.same_distances, kernel.grow)
 
 
-def _chi_square_limit(seen: NDArray) -> NDArray:
-    """Return the limits (B,) of squared residuals that all points of a pose pass with probability 1 - FALSE_ALARM."""
+def chi_square_limit(false_alarm: float, seen: NDArray) -> NDArray:
+    """Limits (B,) of squared residuals that all points of a pose pass with probability 1 - ``false_alarm``; seen
+    (B, N)."""
     from scipy.special import chdtri
 
-    return chdtri(3, FALSE_ALARM / np.maximum(seen.sum(-1), 1))
+    return chdtri(3, false_alarm / np.maximum(seen.sum(-1), 1))
 
 
 def _trimmed_sets(clouds: Clouds, tools: Tools) -> tuple[NDArray, NDArray]:
@@ -91,13 +92,13 @@ def _trimmed_sets(clouds: Clouds, tools: Tools) -> tuple[NDArray, NDArray]:
     points = clouds.seen.sum(-1)
     # two sets of more than (n + 4) / 2 of n points share four, and so the motion
     fewest = np.minimum(np.maximum(points, 3), (points + FEWEST + 1) // 2)
-    kept, _ = _fixpoints(clouds, clouds.seen, fewest, tools)
-    rest = np.flatnonzero(~kept.any(-1))
-    status = np.full(len(kept), str(FitStatus.OK), np.array([str(s) for s in FitStatus]).dtype)
+    members, _ = _fixpoints(clouds, clouds.seen, fewest, tools)
+    rest = np.flatnonzero(~members.any(-1))
+    status = np.full(len(members), str(FitStatus.OK), np.array([str(s) for s in FitStatus]).dtype)
     status[rest] = tools.statuses(clouds[rest])
     open_rows = rest[np.isin(status[rest], (FitStatus.OK, FitStatus.AMBIGUOUS))]
     status[open_rows] = FitStatus.NO_CONSENSUS
-    return kept, status
+    return members, status
 
 
 def _fixpoints(clouds: Clouds, members: NDArray, fewest: NDArray, tools: Tools) -> tuple[NDArray, NDArray]:
@@ -161,18 +162,18 @@ def _search(clouds: Clouds, tools: Tools) -> tuple[NDArray, NDArray]:
             break
         seed = np.where(worth[rows], degree[rows], -1.0).argmax(-1)
         proposed = tools.grow(graph[rows], seed, best.kept[rows])
-        found, cost = _fixpoints(clouds[rows], proposed, fewest[rows], tools)
-        seeds[rows] &= ~found
+        sets, cost = _fixpoints(clouds[rows], proposed, fewest[rows], tools)
+        seeds[rows] &= ~sets
         seeds[rows, seed] = False
-        best.offer(rows, found, cost)
-        split = np.flatnonzero(_may_have_rival(proposed, found, fewest[rows]))
+        best.offer(rows, sets, cost)
+        split = np.flatnonzero(_may_have_rival(proposed, sets, fewest[rows]))
         if len(split):
             part, members = rows[split], proposed[split]
-            found, cost = _among_triples(clouds[part], members, degree[part], fewest[part], tools)
-            best.offer(part, found, cost)
+            sets, cost = _among_triples(clouds[part], members, degree[part], fewest[part], tools)
+            best.offer(part, sets, cost)
             # any set with three points among the members would have been found: leave at most two of them as seeds
-            seeds[part] &= ~np.where(np.any(found, axis=-1, keepdims=True), found, members)
-            graph[part] *= ~found[:, :, None] & ~found[:, None]
+            seeds[part] &= ~np.where(np.any(sets, axis=-1, keepdims=True), sets, members)
+            graph[part] *= ~sets[:, :, None] & ~sets[:, None]
             degree[part] = graph[part].sum(-1)
     few = np.flatnonzero(~best.kept.any(-1))
     best.kept[few] = _only_few(clouds[few], tools)
@@ -193,14 +194,14 @@ def _among_triples(
     order = np.argsort(np.where(members, -degree, np.inf), axis=-1, kind="stable")
     most = int(members.sum(-1).max())
     blocks = -(-most // _TRIPLE_BLOCK)
-    found, cost = np.zeros_like(members), np.full(len(members), np.inf)
+    sets, cost = np.zeros_like(members), np.full(len(members), np.inf)
     for k in range(blocks):
         start = _near_best_triple(clouds, members, order[:, k:most:blocks])
         converged, spent = _fixpoints(clouds, start, fewest, tools)
-        more, size = converged.sum(-1), found.sum(-1)
+        more, size = converged.sum(-1), sets.sum(-1)
         better = (more > size) | (more == size) & (spent < cost)
-        found[better], cost[better] = converged[better], spent[better]
-    return found, cost
+        sets[better], cost[better] = converged[better], spent[better]
+    return sets, cost
 
 
 def _near_best_triple(clouds: Clouds, members: NDArray, block: NDArray) -> NDArray:
@@ -238,5 +239,5 @@ def _only_few(clouds: Clouds, tools: Tools) -> NDArray:
     corner = (edge @ edge) * edge
     triangles = corner.sum((-1, -2)) / 6
     pairs = edge.sum((-1, -2)) / 2
-    one = np.where((triangles == 1)[:, None], corner.any(-1), edge.any(-1))
-    return one & ((triangles == 1) | (triangles == 0) & (pairs == 1))[:, None]
+    is_few = np.where((triangles == 1)[:, None], corner.any(-1), edge.any(-1))
+    return is_few & ((triangles == 1) | (triangles == 0) & (pairs == 1))[:, None]

@@ -97,8 +97,8 @@ def measure(points: NDArray, n: int, lane: NDArray) -> None:
         r = mix(1.0, apply(transpose(get9(lane, ROTATION, j)), c), -1.0, q)
         variance, sign = points[n, 7 * LANES + j], -1.0 if points[n, 6 * LANES + j] > 0.0 else 1.0
         turn = rows_times(times(skew(q), get6(lane, TURN_INVERSE, j)), skew(q))
-        own = variance * (1.0 + consensus_steps.FLOOR) + sign / lane[WEIGHT * LANES + j]
-        M = combine(sign, turn, own, IDENTITY)
+        covariance = variance * (1.0 + consensus_steps.FLOOR) + sign / lane[WEIGHT * LANES + j]
+        M = combine(sign, turn, covariance, IDENTITY)
         K = cofactors(M)
         points[n, j] = dot(r, apply(K, r)) / dot(M[0], K[0])
         points[n, LANES + j] = dot(r, r) / variance

@@ -14,7 +14,7 @@ from truing.estimation.covariance import apply_rotation, extreme_variances, symm
 from truing.estimation.rigid_poses.haralick import MEDIAN_LENGTH, lengths, residual_scale
 from truing.estimation.rigid_poses.likelihood import maximum_likelihood
 from truing.estimation.rigid_poses.rigid import FitStatus, RigidFit, join_fits
-from truing.estimation.rigid_poses.robust import consensus
+from truing.estimation.rigid_poses.robust import chi_square_limit, consensus
 from truing.estimation.rotation import rigid_motions
 from truing.threads import in_order
 
@@ -50,23 +50,23 @@ def robust_pose(
     agrees; even then the mask shows the points that do. Raises ValueError as `maximum_likelihood`.
     """
     mask = np.asarray(mask, bool)
-    given = (source, target, cov_source, cov_target)
+    clouds = (source, target, cov_source, cov_target)
     sigma = noise_ratio * _largest_sigma(cov_source, cov_target, mask)
-    kept, status = consensus(np.broadcast_to(source, target.shape), target, mask, sigma)
+    members, status = consensus(np.broadcast_to(source, target.shape), target, mask, sigma)
     agreed = status == FitStatus.OK
-    limit = noise_ratio**2 * _chi_square_limit(false_alarm, mask)
-    fit = maximum_likelihood(*given, kept & agreed[:, None])
+    limit = noise_ratio**2 * chi_square_limit(false_alarm, mask)
+    fit = maximum_likelihood(*clouds, members & agreed[:, None])
     for _ in range(_ROUNDS):
-        passes = squared_residuals(fit, *given, kept) <= limit[:, None]
-        renewed = np.where(fit.ok[:, None], mask & passes, kept)
-        if np.array_equal(renewed, kept):
+        passes = squared_residuals(fit, *clouds, members) <= limit[:, None]
+        renewed = np.where(fit.ok[:, None], mask & passes, members)
+        if np.array_equal(renewed, members):
             break
-        kept = renewed
-        fit = maximum_likelihood(*given, kept & agreed[:, None], start=fit)
+        members = renewed
+        fit = maximum_likelihood(*clouds, members & agreed[:, None], start=fit)
     if keep is not None and keep.any():
-        kept = kept | keep & mask & agreed[:, None]
-        fit = maximum_likelihood(*given, kept & agreed[:, None], start=fit)
-    return replace(fit, status=np.where(agreed, fit.status, status)).masked(), kept
+        members = members | keep & mask & agreed[:, None]
+        fit = maximum_likelihood(*clouds, members & agreed[:, None], start=fit)
+    return replace(fit, status=np.where(agreed, fit.status, status)).masked(), members
 
 
 def squared_residuals(
@@ -116,8 +116,8 @@ class RobustBody:
 
     def sigma(self) -> NDArray:
         """Return the largest standard deviation (B, N) of each point."""
-        found = (_largest_sigma(self.cov_source, self.points(rows)[1], self.mask[rows]) for rows in self.blocks())
-        return np.concatenate(list(found))
+        sigmas = (_largest_sigma(self.cov_source, self.points(rows)[1], self.mask[rows]) for rows in self.blocks())
+        return np.concatenate(list(sigmas))
 
 
 @dataclass(frozen=True)
@@ -153,31 +153,31 @@ def fit_robustly(body: RobustBody) -> tuple[RigidFit, NDArray, float]:
     """Return the results of `robust_poses`."""
     ratio = 1.0
     for _ in range(_ROUNDS):
-        blocks = _in_blocks(body, body.blocks(), ratio)
+        blocks = _fit_in_blocks(body, body.blocks(), ratio)
         renewed = _noise_ratio(blocks, body)
         if renewed < _WORTH_ANOTHER_ROUND * ratio:
             break
         ratio = renewed
     wider = _ratio_that_most_poses_need(blocks.fit, body, ratio)
     if wider != ratio:
-        blocks = _in_blocks(body, body.blocks(), wider)
+        blocks = _fit_in_blocks(body, body.blocks(), wider)
     return blocks.fit, blocks.kept, wider
 
 
-def _in_blocks(body: RobustBody, blocks: Sequence[slice | NDArray], ratio: float) -> RobustFit:
+def _fit_in_blocks(body: RobustBody, blocks: Sequence[slice | NDArray], ratio: float) -> RobustFit:
     """Return the results of `robust_pose` in blocks of poses with limited memory."""
-    parts = list(in_order(lambda rows: _of_block(body, rows, ratio), blocks))
+    parts = list(in_order(lambda rows: _fit_block(body, rows, ratio), blocks))
     kept, scatter = (np.concatenate(values) for values in zip(*((p.kept, p.scatter) for p in parts), strict=True))
     return RobustFit(join_fits([part.fit for part in parts]), kept, scatter)
 
 
-def _of_block(body: RobustBody, rows: slice | NDArray, ratio: float) -> RobustFit:
+def _fit_block(body: RobustBody, rows: slice | NDArray, ratio: float) -> RobustFit:
     target, cov_target = body.points(rows)
-    mask, given = body.mask[rows], (body.source, target, body.cov_source, cov_target)
-    fit, kept = robust_pose(*given, mask, keep=body.keep[rows], noise_ratio=ratio)
+    mask, clouds = body.mask[rows], (body.source, target, body.cov_source, cov_target)
+    fit, members = robust_pose(*clouds, mask, keep=body.keep[rows], noise_ratio=ratio)
     distance = lengths(target - fit.apply(body.source))
     scatter = residual_scale(distance / _largest_sigma(body.cov_source, cov_target, mask), mask)
-    return RobustFit(fit, kept, scatter)
+    return RobustFit(fit, members, scatter)
 
 
 def _ratio_that_most_poses_need(fit: RigidFit, body: RobustBody, ratio: float) -> float:
@@ -189,7 +189,7 @@ def _ratio_that_most_poses_need(fit: RigidFit, body: RobustBody, ratio: float) -
     if len(without) <= allowed:
         return ratio
     for wider in ratio * _WIDER:
-        again = _in_blocks(body, body.blocks(without), wider)
+        again = _fit_in_blocks(body, body.blocks(without), wider)
         if np.sum(~again.fit.ok) <= allowed:
             return float(wider)
     return ratio
@@ -252,9 +252,3 @@ def _largest_sigma(cov_source: NDArray, cov_target: NDArray, mask: NDArray) -> N
     """Return the standard deviations (B, N) along the worst direction, both clouds together."""
     used = mask[..., None, None]
     return np.sqrt(sum(extreme_variances(np.where(used, C, np.eye(3)))[1] for C in (cov_source, cov_target)))
-
-
-def _chi_square_limit(false_alarm: float, mask: NDArray) -> NDArray:
-    from scipy.special import chdtri
-
-    return chdtri(3, false_alarm / np.maximum(mask.sum(-1), 1))

@@ -36,7 +36,7 @@ def umeyama(
     if calls * points >= _WORTH_COMPILED_CODE and not with_scale:
         from truing.estimation.rigid_poses.batched_kernel import solve
 
-        found = solve(source, target, weight, sigma=sigma)
+        rigid_fit = solve(source, target, weight, sigma=sigma)
     else:
-        found = solve_weighted(*check_correspondences(source, target, weight), with_scale=with_scale, sigma=sigma)
-    return found.only if are_single else found
+        rigid_fit = solve_weighted(*check_correspondences(source, target, weight), with_scale=with_scale, sigma=sigma)
+    return rigid_fit.only if are_single else rigid_fit

@@ -147,11 +147,11 @@ def _scene(scan: NDArray, surface: NDArray, sigma: float | None) -> tuple[ScanPa
     scan_centre, surface_centre = scan.mean(0), surface.mean(0)
     inside, outside = surface - surface_centre, scan - scan_centre
     known = Surface(inside, cKDTree(inside))
-    found, radius = _scatter(known)
-    noise = (sigma, sigma) if sigma else (found, _scatter(Surface(outside, cKDTree(outside)))[0])
-    kept = int(len(inside) * min(1.0, (radius / (_LEAST_RADIUS * noise[0])) ** 2))
-    if kept < len(inside):
-        inside = inside[_sample(len(inside), max(kept, _TRIAL_POINTS))]
+    points, radius = _scatter(known)
+    noise = (sigma, sigma) if sigma else (points, _scatter(Surface(outside, cKDTree(outside)))[0])
+    sample_size = int(len(inside) * min(1.0, (radius / (_LEAST_RADIUS * noise[0])) ** 2))
+    if sample_size < len(inside):
+        inside = inside[_sample(len(inside), max(sample_size, _TRIAL_POINTS))]
         known = Surface(inside, cKDTree(inside))
     return ScanPair(known, outside, *noise), scan_centre, surface_centre
 
@@ -206,12 +206,12 @@ def _concluded(
 ) -> ScanFit:
     status = _status(fit, rivals)
     unobservable = tuple(_motion_words(fit, surface_centre, scene.size)) if status == ScanStatus.DEGENERATE else ()
-    moved = np.array([_from_centroids(T, scan_centre, surface_centre) for T in rivals]).reshape(-1, 4, 4)
+    moved = np.array([_motion_between_centroids(T, scan_centre, surface_centre) for T in rivals]).reshape(-1, 4, 4)
     T, covariance = None, None
     if status == ScanStatus.OK and fit.covariance is not None:
         shift = np.eye(6)
         shift[:3, 3:] = skew(fit.R @ surface_centre)
-        T = _from_centroids(_homogeneous(fit.R, fit.t), scan_centre, surface_centre)
+        T = _motion_between_centroids(_homogeneous(fit.R, fit.t), scan_centre, surface_centre)
         covariance = shift @ fit.covariance @ shift.T
     return ScanFit(
         T,
@@ -237,7 +237,7 @@ def _status(fit: SurfaceFit, rivals: list[NDArray]) -> ScanStatus:
     return ScanStatus.OK if fit.converged else ScanStatus.NOT_CONVERGED
 
 
-def _from_centroids(T: NDArray, scan_centre: NDArray, surface_centre: NDArray) -> NDArray:
+def _motion_between_centroids(T: NDArray, scan_centre: NDArray, surface_centre: NDArray) -> NDArray:
     moved = T.copy()
     moved[:3, 3] = T[:3, 3] + scan_centre - T[:3, :3] @ surface_centre
     return moved
@@ -276,8 +276,8 @@ def coarse_poses(reference: NDArray, scan: NDArray, keep: int = 12) -> list[NDAr
     thin_reference, thin_scan = (_with_normals(o3d, cloud, voxel) for cloud in (reference, scan))
     fewer = thin_scan.uniform_down_sample(max(1, len(thin_scan.points) // _FEWER))
     with o3d.utility.VerbosityContextManager(o3d.utility.VerbosityLevel.Error):
-        matched = list(_by_features(o3d, thin_reference, thin_scan, voxel))
-    starts = [*matched, *_nearest_starts(o3d, thin_reference, fewer, _by_axes(reference, scan), voxel)]
+        matched = list(_starts_by_features(o3d, thin_reference, thin_scan, voxel))
+    starts = [*matched, *_nearest_starts(o3d, thin_reference, fewer, _starts_by_axes(reference, scan), voxel)]
     converged = _refined_starts(o3d, thin_reference, fewer, starts, voxel)
     turned = _nearest_starts(o3d, thin_reference, fewer, _symmetric(reference, converged[0][1]), voxel)
     alike = _refined_starts(o3d, thin_reference, fewer, turned, voxel)
@@ -311,7 +311,7 @@ def _with_normals(o3d: Any, points: NDArray, voxel: float) -> Any:
     return cloud
 
 
-def _by_features(o3d: Any, reference: Any, scan: Any, voxel: float) -> Iterator[NDArray]:
+def _starts_by_features(o3d: Any, reference: Any, scan: Any, voxel: float) -> Iterator[NDArray]:
     """Yield poses from matched fast point feature histograms (Rusu et al., ICRA 2009), by two search methods."""
     search = o3d.geometry.KDTreeSearchParamHybrid(6 * voxel, 100)
     registration = o3d.pipelines.registration
@@ -337,7 +337,7 @@ def _by_features(o3d: Any, reference: Any, scan: Any, voxel: float) -> Iterator[
         ).transformation
 
 
-def _by_axes(reference: NDArray, scan: NDArray) -> Iterator[NDArray]:
+def _starts_by_axes(reference: NDArray, scan: NDArray) -> Iterator[NDArray]:
     """Yield the 24 poses that align the principal axes."""
     axes = [np.linalg.eigh(np.cov(cloud.T))[1] for cloud in (reference, scan)]
     for turn in _cube_rotations():
@@ -416,11 +416,11 @@ def _icp(o3d: Any, source: Any, target: Any, T: NDArray, reach: float) -> Any:
 
 
 def _distinct(converged: list[tuple[float, NDArray]], voxel: float) -> list[tuple[float, NDArray]]:
-    kept: list[tuple[float, NDArray]] = []
+    distinct: list[tuple[float, NDArray]] = []
     for cost, T in converged:
-        if not any(same_pose(T, other, _SAME_SHIFT * voxel) for _, other in kept):
-            kept.append((cost, T))
-    return kept
+        if not any(same_pose(T, other, _SAME_SHIFT * voxel) for _, other in distinct):
+            distinct.append((cost, T))
+    return distinct
 
 
 def same_pose(T: NDArray, other: NDArray, shift: float) -> bool:

@@ -1,8 +1,8 @@
 """Least-squares fit of a scan to a reference surface, with covariance: last step of a registration.
 
-Chen and Medioni, Image and Vision Computing 10 (1992) 145, with paraboloids instead of tangent planes: a curved
-surface departs from its tangent plane by more than the remaining noise of a dense scan, but not from a paraboloid
-through the neighbours. The paraboloid fit is a linear smoother, so the weight of each neighbour in a height is known.
+Chen and Medioni, Image and Vision Computing 10 (1992) 145, with paraboloids instead of tangent planes: a curved surface
+departs from its tangent plane by more than the remaining noise of a dense scan; from a paraboloid through the
+neighbours it does not. The paraboloid fit is a linear smoother, so the weight of each neighbour in a height is known.
 The noise of both clouds is independent from point to point. Its propagation through the smoothing is exact, including
 the correlation of neighbouring heights, which share neighbours.
 """
@@ -190,8 +190,8 @@ def _noise_ratio(scan: NDArray, J: NDArray, height: NDArray, middle: NDArray) ->
     inverse = np.linalg.inv(middle)
     size = np.bincount(block, np.einsum("ni,ij,nj->n", J, inverse, J))
     size = size / size.sum()
-    found = float(np.einsum("bi,ij,bj->", sums, inverse, sums)) / 6 / (1 - np.sum(size**2))
-    return float(np.sqrt(found)) if found > 1 + 4 * np.sqrt(np.sum(size**2) / 3) else 1.0
+    ratio_squared = float(np.einsum("bi,ij,bj->", sums, inverse, sums)) / 6 / (1 - np.sum(size**2))
+    return float(np.sqrt(ratio_squared)) if ratio_squared > 1 + 4 * np.sqrt(np.sum(size**2) / 3) else 1.0
 
 
 def _motions(scene: ScanPair, view: _View, t: NDArray) -> tuple[NDArray, NDArray]:
@@ -240,11 +240,11 @@ class Patches:
 
     def at(self, rows: NDArray) -> Patches:
         """Return the patches of some rows."""
-        return Patches(*(getattr(self, own.name)[rows] for own in fields(self)))
+        return Patches(*(getattr(self, patch_field.name)[rows] for patch_field in fields(self)))
 
     def joined_with(self, others: Patches) -> Patches:
         """Return these patches followed by others."""
-        pairs = ((getattr(self, own.name), getattr(others, own.name)) for own in fields(self))
+        pairs = ((getattr(self, patch_field.name), getattr(others, patch_field.name)) for patch_field in fields(self))
         return Patches(*(np.concatenate(pair) for pair in pairs))
 
 
@@ -299,11 +299,11 @@ def heights_over(patches: Patches, which: NDArray, points: NDArray, sigma: float
     u, v, w = np.einsum("ni,nij->jn", points - patches.centre[which], patches.frame[which])
     u, v = u / radius, v / radius
     c = patches.coefficients[which]
-    one, zero = np.ones_like(u), np.zeros_like(u)
-    basis = np.stack([one, u, v, u * u, u * v, v * v], -1)
-    along_u = np.stack([zero, one, zero, 2 * u, v, zero], -1) / radius[:, None]
-    along_v = np.stack([zero, zero, one, zero, u, 2 * v], -1) / radius[:, None]
-    slope = np.stack([-np.sum(along_u * c, -1), -np.sum(along_v * c, -1), one], -1)
+    ones, zero = np.ones_like(u), np.zeros_like(u)
+    basis = np.stack([ones, u, v, u * u, u * v, v * v], -1)
+    along_u = np.stack([zero, ones, zero, 2 * u, v, zero], -1) / radius[:, None]
+    along_v = np.stack([zero, zero, ones, zero, u, 2 * v], -1) / radius[:, None]
+    slope = np.stack([-np.sum(along_u * c, -1), -np.sum(along_v * c, -1), ones], -1)
     secant = np.linalg.norm(slope, axis=1)
     smoother = patches.smoother[which]
     share = np.einsum("ni,nik->nk", basis, smoother) / secant[:, None]

@@ -53,7 +53,7 @@ def coefficient_parts(fit: Calibration, table: LoadTable, signals: Source) -> di
     dof = fit.dof * (1.0 if model.estimator == "least squares" else 1.0 / len(fit.matrix))
     if model.estimator == "least squares" or model.ridge is not None or model.shrink is not None:
         return {Source("scatter of the loads about the calibration", "A", max(dof, 1.0)): fit.covariance}
-    x, own = (table.signals, table.load_cov) if direct else (table.loads, table.signal_cov)
+    x, covariance = (table.signals, table.load_cov) if direct else (table.loads, table.signal_cov)
     columns = fit.columns(x, table.covariates)
     of_own, of_other = (BY_LOADS, signals) if direct else (signals, BY_LOADS)
     if model.estimator == "weighted":
@@ -65,14 +65,16 @@ def coefficient_parts(fit: Calibration, table: LoadTable, signals: Source) -> di
     else:
         slope = fit.matrix @ fit.terms.by_inputs(x, table.covariates)
         other = table.signal_cov if direct else table.load_cov
-        assert own is not None, "errors in both need a covariance of either"
+        assert covariance is not None, "errors in both need a covariance of either"
         assert other is not None
         jacobian = np.einsum("wi,nq->nwiq", np.eye(len(fit.matrix)), columns).reshape(len(x), len(fit.matrix), -1)
         rows = np.zeros((len(x), 1, 1))
-        parts = linear_estimate(jacobian, {of_own: rows + own, of_other: slope @ other @ np.swapaxes(slope, 1, 2)})
-        whole = sum(parts.values(), np.zeros(()))
+        parts = linear_estimate(
+            jacobian, {of_own: rows + covariance, of_other: slope @ other @ np.swapaxes(slope, 1, 2)}
+        )
+        total = sum(parts.values(), np.zeros(()))
         # Scales the linear result to the fit with estimated deviations.
-        size = np.sqrt(np.diag(fit.covariance) / np.diag(whole))
+        size = np.sqrt(np.diag(fit.covariance) / np.diag(total))
         parts = {source: part * np.outer(size, size) for source, part in parts.items()}
     if fit.dof > 0 and chdtrc(fit.dof, fit.chi_square) < _BY_CHANCE:
         beyond = Source("scatter of the calibration beyond that", "A", fit.dof)
@@ -117,19 +119,19 @@ def budget_of_loads(made: Calibrated, loads: Array, axes: Index) -> tuple[Array,
     else:
         signals = loads @ np.linalg.pinv(fit.matrix[:, : len(fit.terms.inputs)]).T
     noise = np.zeros((signals.shape[1],) * 2) if table.signal_cov is None else table.signal_cov
-    found = wrenches(fit, signals, none, noise)
-    own = np.arange(len(axes)), axes, axes
+    estimated = wrenches(fit, signals, none, noise)
+    diagonal = np.arange(len(axes)), axes, axes
     reading = Source("noise of the signals, in the one reading", made.signals.evaluation, made.signals.dof)
-    parts = {reading: found.own[own]}
+    parts = {reading: estimated.own[diagonal]}
     for source, part in made.parts.items():
-        by_part = replace(found, own=np.zeros_like(found.own), coefficients=part).covariance
-        parts[Source(f"calibration: {source.name}", source.evaluation, source.dof)] = by_part[own]
+        by_part = replace(estimated, own=np.zeros_like(estimated.own), coefficients=part).covariance
+        parts[Source(f"calibration: {source.name}", source.evaluation, source.dof)] = by_part[diagonal]
     stated = Budget(tuple(parts), np.sqrt(np.maximum(np.array(list(parts.values())), 0.0)))
     width = made.by_case.value.shape[1]
     blocks = made.by_case.covariance.reshape(-1, width, len(table.load_names), width)
     by_case = np.einsum("nc,ncd,nd->n", signals, blocks[axes, :, axes], signals)
     more = made.beyond_chance(by_case, stated.standard**2 - parts[reading])
-    return found.value[own[:2]], stated.with_source(made.cases, more).filled()
+    return estimated.value[diagonal[:2]], stated.with_source(made.cases, more).filled()
 
 
 def rms_of_held_out(made: Calibrated) -> tuple[Array, Budget] | None:
@@ -139,6 +141,6 @@ def rms_of_held_out(made: Calibrated) -> tuple[Array, Budget] | None:
         return None
     share = np.stack([np.sum(errors[made.table.case == case] ** 2, 0) for case in cases]) * len(cases) / len(errors)
     value = np.sqrt(share.mean(0))
-    own = np.std(share, axis=0, ddof=1) / np.sqrt(len(cases)) / (2.0 * np.where(value > 0.0, value, 1.0))
+    standard_error = np.std(share, axis=0, ddof=1) / np.sqrt(len(cases)) / (2.0 * np.where(value > 0.0, value, 1.0))
     source = Source("scatter from load case to load case", "A", float(len(cases) - 1))
-    return value, Budget((source,), own[None])
+    return value, Budget((source,), standard_error[None])

@@ -279,11 +279,11 @@ class TermEquations:
         x = self.inputs + deviation[:, width:]
         columns = np.concatenate([self.terms.at(x, self.covariates), self.zeros], axis=1)
         slope = matrix[:, : columns.shape[1] - self.zeros.shape[1]] @ self.terms.by_inputs(x, self.covariates)
-        own = np.broadcast_to(np.eye(width), (rows, width, width))
-        by_values = -own[..., None] * columns[:, None, None]
+        identity = np.broadcast_to(np.eye(width), (rows, width, width))
+        by_values = -identity[..., None] * columns[:, None, None]
         return Equations(
             self.response + deviation[:, :width] - columns @ matrix.T,
-            np.concatenate([own, -slope], axis=2),
+            np.concatenate([identity, -slope], axis=2),
             by_values.reshape(rows, width, -1),
         )
 
@@ -334,23 +334,23 @@ def weighted_fit(columns: NDArray, response: NDArray, cov: NDArray, prior: Prior
     if prior is None and cov.ndim == 2:
         return least_squares_fit(columns, response, cov)
     # With equal weights, all that the rows tell is the triangular factor, and the response along its basis.
-    basis, told = np.linalg.qr(columns) if cov.ndim == 2 else (None, columns)
+    basis, orthonormal = np.linalg.qr(columns) if cov.ndim == 2 else (None, columns)
     along = response if basis is None else basis.T @ response
-    factor = np.linalg.inv(np.linalg.cholesky(np.broadcast_to(cov, (len(told), width, width))))
-    whole = np.einsum("nwi,nq->nwiq", factor, told).reshape(len(told) * width, -1)
+    factor = np.linalg.inv(np.linalg.cholesky(np.broadcast_to(cov, (len(orthonormal), width, width))))
+    products = np.einsum("nwi,nq->nwiq", factor, orthonormal).reshape(len(orthonormal) * width, -1)
     target = np.einsum("nwi,ni->nw", factor, along).ravel()
     beyond = 0.0 if basis is None else float(np.sum(((response - basis @ along) @ factor[0].T) ** 2))
-    own = rows * width
+    equations = rows * width
     if prior is not None:
         root = _root(prior.information)
-        whole, target = np.concatenate([whole, root]), np.concatenate([target, root @ prior.mean])
-        own += len(root)
-    covariance, solve = _scaled_inverse(whole)
+        products, target = np.concatenate([products, root]), np.concatenate([target, root @ prior.mean])
+        equations += len(root)
+    covariance, solve = _scaled_inverse(products)
     values = solve @ target
     matrix = values.reshape(width, -1)
     residual = response - columns @ matrix.T
-    squares = float(np.sum((target - whole @ values) ** 2)) + beyond
-    dof = float(own - len(values))
+    squares = float(np.sum((target - products @ values) ** 2)) + beyond
+    dof = float(equations - len(values))
     return LinearFit(matrix, covariance, residual.T @ residual / max(dof / width, 1.0), squares, dof)
 
 

@@ -83,9 +83,9 @@ class CalibratedSensor:
         rows = _rows(signals, len(self.signal_names), "signals")
         known = self._covariates(covariates, len(rows))
         zero, spread = self._zero(unloaded)
-        found = wrenches(self.fit, rows - zero, known, self.signal_cov * spread)
-        within = np.all(np.abs(found.value) <= BEYOND * self.largest, axis=1)
-        return Wrench(found.value, found.covariance, within)
+        estimated = wrenches(self.fit, rows - zero, known, self.signal_cov * spread)
+        within = np.all(np.abs(estimated.value) <= BEYOND * self.largest, axis=1)
+        return Wrench(estimated.value, estimated.covariance, within)
 
     def _covariates(self, given: ArrayLike | None, count: int) -> Array:
         names = self.covariate_names
@@ -205,17 +205,17 @@ def _sensor(own: Mapping[str, Any]) -> CalibratedSensor:
     direct = model.direction == "direct"
     inputs, responses = (signals, loads) if direct else (loads, signals)
     terms = Terms(inputs, tuple(own["covariates"]), model.drift, model.gain, model.powers)
-    whole = np.array(own["coefficients"], float).reshape(len(responses), -1)
+    coefficients = np.array(own["coefficients"], float).reshape(len(responses), -1)
     count = len(terms.labels)
-    if whole.shape[1] != count + (model.zero == "common"):
-        raise ValueError(f"{whole.shape[1]} coefficients in a row, expected {count} terms")
-    size = whole.size
+    if coefficients.shape[1] != count + (model.zero == "common"):
+        raise ValueError(f"{coefficients.shape[1]} coefficients in a row, expected {count} terms")
+    size = coefficients.size
     fit = Calibration(
         model,
         terms,
         responses,
-        whole[:, :count],
-        whole[:, count:],
+        coefficients[:, :count],
+        coefficients[:, count:],
         np.array(own["covariance"], float).reshape(size, size),
         np.empty((0, len(responses))),
         np.array(own["noise"], float).reshape(len(responses), len(responses)),

@@ -168,7 +168,7 @@ class MatrixEstimate:
 def calibration_matrix(fit: Calibration, signal_cov: NDArray | None = None) -> MatrixEstimate:
     """Return G_B (W, C), N or N m per unit of signal, of the terms linear in signals or loads.
 
-    A forward fit V = A F is inverted with least noise, ``G = (A^T S^-1 A)^-1 A^T S^-1``, S = signal_cov (C, C), by
+    A forward fit V = A F is inverted with least noise: ``G = (A^T S^-1 A)^-1 A^T S^-1``. S = signal_cov (C, C), by
     default the fit's own noise. Error propagation: ``dG = -G dA G + (A^T S^-1 A)^-1 dA^T S^-1 (1 - A G)``.
     """
     if fit.model.direction == "direct":
@@ -236,8 +236,8 @@ def wrenches(fit: Calibration, signals: NDArray, covariates: NDArray, signal_cov
     slope = fit.matrix @ fit.terms.by_inputs(signals, covariates)
     value = fit.predict(signals, covariates)
     gain = np.broadcast_to(np.eye(value.shape[1]), (*value.shape, value.shape[1]))
-    own = slope @ signal_cov @ np.swapaxes(slope, 1, 2)
-    return Wrenches(value, own, gain, fit.columns(signals, covariates), fit.covariance)
+    signal_part = slope @ signal_cov @ np.swapaxes(slope, 1, 2)
+    return Wrenches(value, signal_part, gain, fit.columns(signals, covariates), fit.covariance)
 
 
 def _inverted(fit: Calibration, signals: NDArray, covariates: NDArray, signal_cov: NDArray) -> Wrenches:
@@ -253,8 +253,8 @@ def _inverted(fit: Calibration, signals: NDArray, covariates: NDArray, signal_co
             break
     else:
         raise UnreachedSignalsError(f"found signals that no load produces, while inverting {fit.model.name!r}")
-    own = gain @ signal_cov @ np.swapaxes(gain, 1, 2)
-    return Wrenches(loads, own, gain, fit.columns(loads, covariates), fit.covariance)
+    signal_part = gain @ signal_cov @ np.swapaxes(gain, 1, 2)
+    return Wrenches(loads, signal_part, gain, fit.columns(loads, covariates), fit.covariance)
 
 
 @dataclass(frozen=True)
@@ -283,8 +283,8 @@ def leg_force_matrix(
     factor = np.broadcast_to(amplification / np.asarray(newton_per_mv, float), matrix.value.shape)
     value = factor * matrix.value
     rows, cells = value.shape
-    own = relative_sigma**2 * np.einsum("ic,jd,cd->icjd", value, value, np.eye(cells)).reshape(rows * cells, -1)
-    return MatrixEstimate(value, np.outer(factor, factor) * matrix.covariance + own)
+    covariance = relative_sigma**2 * np.einsum("ic,jd,cd->icjd", value, value, np.eye(cells)).reshape(rows * cells, -1)
+    return MatrixEstimate(value, np.outer(factor, factor) * matrix.covariance + covariance)
 
 
 def condition_number(matrix: MatrixEstimate) -> Figures:
@@ -323,7 +323,8 @@ def angles_to_theory(theory: NDArray, matrix: MatrixEstimate) -> Figures:
 
 
 def _inverted_matrix(G: NDArray) -> tuple[NDArray, NDArray]:
-    """Return J = G^+ (C, W) of a G (W, C) of full row rank, and its derivative (C, W, W, C) by the entries of G."""
+    """Return J = G^+ (C, W) of G (W, C), which has full row rank; and its derivative (C, W, W, C) by the entries of
+    G."""
     J = np.linalg.pinv(G)
     rest, spread = np.eye(G.shape[1]) - J @ G, J.T @ J  # the second: (G G^T)^-1
     change = -np.einsum("ai,bj->ajib", J, J) + np.einsum("ab,ij->ajib", rest, spread)

@@ -134,13 +134,13 @@ def choose_calibration(table: LoadTable, models: Sequence[CalibrationModel]) -> 
     undeclared = None if table.load_cov is not None else _smallest(held)
     contenders = [
         Contender(
-            one.squares if undeclared is None else _by_case(table, one.errors, undeclared),
-            one.freedom,
-            one.log_density,
-            one.fit.matrix.size + one.fit.zeros.size,
-            one.fit.status == SolverStatus.CONVERGED,
+            contender.squares if undeclared is None else _errors_by_case(table, contender.errors, undeclared),
+            contender.freedom,
+            contender.log_density,
+            contender.fit.matrix.size + contender.fit.zeros.size,
+            contender.fit.status == SolverStatus.CONVERGED,
         )
-        for one in held
+        for contender in held
     ]
     return CalibrationChoice(held, choose_model(contenders), refused)
 
@@ -192,21 +192,21 @@ class _Spread:
 
         by_own = apart(self.common)
         inner = np.eye(self.common.shape[1]) + self.common.T @ by_own
-        found = apart(values)
-        found = found - by_own @ np.linalg.solve(inner, self.common.T @ found)
+        whitened_values = apart(values)
+        whitened_values = whitened_values - by_own @ np.linalg.solve(inner, self.common.T @ whitened_values)
         log_det = 2.0 * float(np.log(np.einsum("nii->ni", root)).sum()) + float(np.linalg.slogdet(inner)[1])
-        return found, log_det
+        return whitened_values, log_det
 
 
 def _spread(fit: Calibration, found: Wrenches, table: LoadTable) -> _Spread:
     """Return the covariance of predicted minus applied loads."""
     rows, width = found.value.shape
     noise = np.zeros((width, width)) if table.load_cov is None else table.load_cov
-    own = found.own + noise
+    variance = found.own + noise
     if fit.model.direction == "direct" and (fit.model.estimator == "least squares" or table.load_cov is None):
-        own = np.broadcast_to(fit.noise, (rows, width, width))  # residuals include the signals' errors
+        variance = np.broadcast_to(fit.noise, (rows, width, width))  # residuals include the signals' errors
     by = np.einsum("nwr,nq->nwrq", found.gain, found.columns).reshape(rows * width, -1)
-    return _Spread(own, by @ _factor(found.coefficients))
+    return _Spread(variance, by @ _factor(found.coefficients))
 
 
 def _factor(covariance: NDArray) -> NDArray:
@@ -243,11 +243,11 @@ def _smallest(held_out_predictions: Sequence[HeldOutPredictions]) -> NDArray:
     reported = [prediction for prediction in held_out_predictions if np.isfinite(prediction.log_density)]
     if not reported:
         raise ValueError("found no model with fewer terms than rows, expected one, to estimate the noise")
-    spreads = [one.errors.T @ one.errors / len(one.errors) for one in reported]
+    spreads = [row.errors.T @ row.errors / len(row.errors) for row in reported]
     return min(spreads, key=lambda spread: float(np.linalg.slogdet(spread)[1]))
 
 
-def _by_case(table: LoadTable, errors: NDArray, noise: NDArray) -> NDArray:
+def _errors_by_case(table: LoadTable, errors: NDArray, noise: NDArray) -> NDArray:
     """Return the chi-square (B,) of each case's errors (N, W) for one noise (W, W)."""
     rows = np.einsum("ni,ij,nj->n", errors, np.linalg.inv(noise), errors)
     return np.array([rows[table.case == case].sum() for case in table.cases])
@@ -370,7 +370,7 @@ def errors_by_run(recorded_loads: RecordedLoads, fitted: SensorCalibrations) -> 
     else:
         rows, errors = ~rows, fitted.choice.chosen.errors
     run = recorded_loads.steps.run[rows]
-    return np.array([np.sqrt(np.mean(errors[run == one] ** 2, axis=0)) for one in np.unique(run)])
+    return np.array([np.sqrt(np.mean(errors[run == number] ** 2, axis=0)) for number in np.unique(run)])
 
 
 def _verified(recorded_loads: RecordedLoads, fit: Calibration) -> Array:

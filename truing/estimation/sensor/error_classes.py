@@ -108,7 +108,7 @@ def error_classes(series: AxisSeries) -> list[ErrorClass]:
     """
     axis = series.axis
     scale = series.full_scale[axis]
-    found = [
+    classes = [
         _largest("nonlinearity", series, axis, *_curve(series, 1, absolute=True), scale),
         _largest("interpolation", series, axis, *_curve(series, 3, absolute=False), 1.0),
         _largest("hysteresis", series, axis, *_branches(series), scale),
@@ -117,8 +117,8 @@ def error_classes(series: AxisSeries) -> list[ErrorClass]:
     ]
     combinations, loads = _largest_load_means(series)
     for other in np.flatnonzero(np.arange(series.reading.shape[1]) != axis):
-        found.append(_largest("crosstalk", series, int(other), combinations, loads, series.full_scale[other]))
-    return [one for one in found if one is not None]
+        classes.append(_largest("crosstalk", series, int(other), combinations, loads, series.full_scale[other]))
+    return [error for error in classes if error is not None]
 
 
 def reading_sigma(series: AxisSeries) -> NDArray:
@@ -151,7 +151,7 @@ def creep(
 
 
 def _interpolating(time_s: NDArray, at: float) -> NDArray:
-    return np.array([np.interp(at, time_s, one) for one in np.eye(len(time_s))])
+    return np.array([np.interp(at, time_s, unit_row) for unit_row in np.eye(len(time_s))])
 
 
 def _curve(series: AxisSeries, degree: int, *, absolute: bool) -> Combinations:
@@ -224,8 +224,8 @@ def _largest(
     deviation = series.sigma[component] * np.linalg.norm(combinations, axis=1) / scale
     worst = int(np.argmax(np.abs(value)))
     limit = float(_two_sided(deviation))
-    found = abs(float(value[worst]))
-    return ErrorClass(name, series.axis, component, found, float(deviation[worst]), limit, float(loads[worst]))
+    size = abs(float(value[worst]))
+    return ErrorClass(name, series.axis, component, size, float(deviation[worst]), limit, float(loads[worst]))
 
 
 def _two_sided(deviation: NDArray) -> float:
@@ -259,7 +259,7 @@ def axis_errors(
 def _classes_of(series: AxisSeries) -> list[ErrorClass]:
     """Return the classes of a series; components without a range have no crosstalk."""
     classes = error_classes(series) if len(series.levels) else []
-    return [one for one in classes if np.isfinite(one.value)]
+    return [error for error in classes if np.isfinite(error.value)]
 
 
 def _series(
@@ -271,10 +271,10 @@ def _series(
     runs = [
         run
         for run in np.unique(steps.run)
-        if (own := steps.run == run).any()
-        and not other[own].any()
-        and np.any(steps.load[own, axis])
-        and steps.load[np.flatnonzero(own)[0], axis] == 0.0
+        if (of_run := steps.run == run).any()
+        and not other[of_run].any()
+        and np.any(steps.load[of_run, axis])
+        and steps.load[np.flatnonzero(of_run)[0], axis] == 0.0
     ]
     rows = np.isin(steps.run, runs)
     if not rows.any():
@@ -297,6 +297,6 @@ def _creeps(
             continue
         age = steps.time_s[part] - steps.time_s[first - 1]
         if age[0] <= CREEP_S[0] and age[-1] >= CREEP_S[1]:
-            one = creep(age, indicated[part, axis], float(sigma[axis]), float(ranges[axis]), *CREEP_S)
-            creeps.append(replace(one, axis=axis, component=axis, load=float(steps.load[first, axis])))
-    return [max(creeps, key=lambda one: abs(one.value))] if creeps else []
+            error_class = creep(age, indicated[part, axis], float(sigma[axis]), float(ranges[axis]), *CREEP_S)
+            creeps.append(replace(error_class, axis=axis, component=axis, load=float(steps.load[first, axis])))
+    return [max(creeps, key=lambda error: abs(error.value))] if creeps else []

@@ -65,26 +65,26 @@ def search_exchanges(table: LoadTable, false_alarm: float = _FALSE_ALARM) -> tup
     same as exchanged rows of loads.
     """
     applied = np.flatnonzero(np.ptp(table.loads, axis=0) > 0)
-    loads, found, unseen = table.loads[:, applied], list[RowExchange](), 0
+    loads, exchanged, unseen = table.loads[:, applied], list[RowExchange](), 0
     zeros = _zeros(table, loads)
     columns, cubes, rest, sigma = _calibrated(table.signals, loads, zeros)
     written, is_fitted = loads / sigma, True
     for _ in range(_ROUNDS):
-        one, left_out = _best(loads, rest / sigma, sigma, false_alarm, table.case)
+        exchange, left_out = _best(loads, rest / sigma, sigma, false_alarm, table.case)
         unseen = max(unseen, left_out)
-        if one is None and is_fitted:
+        if exchange is None and is_fitted:
             break
-        if one is not None:
-            before = loads[[one.first, one.second]]
-            _exchange(loads, one)
-            rest[[one.first, one.second]] += loads[[one.first, one.second]] - before
-            found.append(replace(one, components=tuple(applied[list(one.components)].tolist())))
-        is_fitted = one is None or len(loads) <= _LARGE
+        if exchange is not None:
+            before = loads[[exchange.first, exchange.second]]
+            _exchange(loads, exchange)
+            rest[[exchange.first, exchange.second]] += loads[[exchange.first, exchange.second]] - before
+            exchanged.append(replace(exchange, components=tuple(applied[list(exchange.components)].tolist())))
+        is_fitted = exchange is None or len(loads) <= _LARGE
         if is_fitted:
             rest, sigma = _robust_residuals(columns, loads, zeros)
-    if found and _is_smooth((columns, cubes), (written, loads / sigma), zeros):
+    if exchanged and _is_smooth((columns, cubes), (written, loads / sigma), zeros):
         return [], unseen
-    return found, unseen
+    return exchanged, unseen
 
 
 def _calibrated(signals: NDArray, loads: NDArray, zeros: _Zeros) -> tuple[NDArray, NDArray, NDArray, NDArray]:
@@ -93,10 +93,10 @@ def _calibrated(signals: NDArray, loads: NDArray, zeros: _Zeros) -> tuple[NDArra
     calibration if these are fewer. Outlying rows do not influence which terms are significant."""
     rest, sigma = _robust_residuals(signals, loads, zeros)
     near = np.all(np.abs(rest) < _GROSS * sigma, axis=1)
-    own = _Zeros.of(np.unique(zeros.of_row[near], return_inverse=True)[1])
+    zeros_near = _Zeros.of(np.unique(zeros.of_row[near], return_inverse=True)[1])
     inputs = signals if signals.shape[1] <= loads.shape[1] else loads - rest
     forms = list(nonlinear_terms(inputs))
-    clear = detected_form(signals[near], inputs[near], loads[near] / sigma, own.without_mean, own.count)
+    clear = detected_form(signals[near], inputs[near], loads[near] / sigma, zeros_near.without_mean, zeros_near.count)
     if clear is None:
         return signals, forms[-1], rest, sigma
     columns = np.hstack([signals, forms[clear]])
@@ -130,7 +130,7 @@ def least_difference(table: LoadTable, false_alarm: float = _FALSE_ALARM) -> NDA
     sizes = np.sort(np.max(np.abs(rest / sigma), axis=1))
     tried = np.maximum(least, 1.0) * 1.05 ** np.arange(300)
     rows = np.searchsorted(sizes, tried * _ALIKE, "right") - np.searchsorted(sizes, tried / _ALIKE, "left") + 2
-    # as `_by_chance` counts for two rows that are one sigma off after the exchange
+    # as `_chance_probability` counts for two rows that are one sigma off after the exchange
     place = np.sqrt(2.0 * np.pi * np.e) / (2.0 * (_ALIKE - 1.0 / _ALIKE) * tried)
     refused = np.flatnonzero(0.5 * (rows * place) ** 2 > _BY_CHANCE)
     if len(refused):
@@ -153,14 +153,15 @@ class StrayLoad:
 
 
 def stray_loads(table: LoadTable, exchanged: Collection[int] = ()) -> list[StrayLoad] | None:
-    """Return the rows, except those ``exchanged``, whose load differs from that indicated by the signals far beyond
-    noise, and by a clear share of its range; None where these are so many that they are no single mistakes.
+    """Return the rows whose load differs from that indicated by the signals, far beyond noise and by a clear share of
+    its range. Rows ``exchanged`` are skipped; None where these are so many that they are no single mistakes.
 
-    By the fit of `search_exchanges`, without any exchange. One disturbed signal looks like a wrong load.
+    By the fit of `search_exchanges`, without any exchange. One disturbed signal looks like a wrong load. Where signals
+    are nearly dependent, their noise alone indicates other loads; then the recorded load explains them.
     """
     applied = np.flatnonzero(np.ptp(table.loads, axis=0) > 0)
-    loads = table.loads[:, applied]
-    *_, rest, sigma = _calibrated(table.signals, loads, _zeros(table, loads))
+    loads, zeros = table.loads[:, applied], _zeros(table, table.loads[:, applied])
+    *_, rest, sigma = _calibrated(table.signals, loads, zeros)
     span = np.quantile(loads, 1.0 - _FEW_STRAY, axis=0) - np.quantile(loads, _FEW_STRAY, axis=0)
     share = np.abs(rest) / np.where(span > 0.0, span, np.inf)
     worst = np.argmax(share, axis=1)
@@ -168,12 +169,24 @@ def stray_loads(table: LoadTable, exchanged: Collection[int] = ()) -> list[Stray
     size = np.abs(rest / sigma)[every, worst]
     single = ~np.isin(every, list(exchanged))
     rows = np.flatnonzero((share[every, worst] > _STRAY_SHARE) & (size > _STRAY) & single)
+    rows = rows[_is_unexplained(table.signals, loads, zeros, rows)]
     if len(rows) > max(1.0, _FEW_STRAY * len(loads)):
         return None
     return [
-        StrayLoad(int(row), int(applied[at]), float(loads[row, at]), float(loads[row, at] - rest[row, at]), float(one))
-        for row, at, one in zip(rows, worst[rows], size[rows], strict=True)
+        StrayLoad(
+            int(row), int(applied[at]), float(loads[row, at]), float(loads[row, at] - rest[row, at]), float(size_of_row)
+        )
+        for row, at, size_of_row in zip(rows, worst[rows], size[rows], strict=True)
     ]
+
+
+def _is_unexplained(signals: NDArray, loads: NDArray, zeros: _Zeros, rows: NDArray) -> NDArray:
+    """Return True for rows (N,) whose signals their loads do not explain, by a fit to all other rows."""
+    others = np.ones(signals.shape)
+    others[rows] = 0.0
+    rest = _weighted_residuals(loads, signals, others, zeros)
+    noise = _scatter(np.delete(rest, rows, axis=0), loads.shape[1] + zeros.count)
+    return np.asarray((np.abs(rest[rows]) > _GROSS * noise).any(axis=1))
 
 
 def _exchange(loads: NDArray, row_exchange: RowExchange) -> None:
@@ -242,9 +255,9 @@ def _robust_residuals(signals: NDArray, loads: NDArray, zeros: _Zeros) -> tuple[
 def _weighted_residuals(columns: NDArray, loads: NDArray, weight: NDArray, zeros: _Zeros) -> NDArray:
     """Return residuals (N, W) of a fit to columns (N, Q) and zeros, with weights (N, W)."""
     rest = np.empty_like(loads)
-    for k, own in enumerate(weight.T):
-        within = zeros.without(np.column_stack([columns, loads[:, k]]), own)
-        weighed = own[:, None] * within[:, :-1]
+    for k, weights in enumerate(weight.T):
+        within = zeros.without(np.column_stack([columns, loads[:, k]]), weights)
+        weighed = weights[:, None] * within[:, :-1]
         # channels may be dependent
         inverse = np.linalg.pinv(weighed.T @ within[:, :-1], rcond=_OPEN, hermitian=True)
         rest[:, k] = within[:, -1] - within[:, :-1] @ (inverse @ (weighed.T @ within[:, -1]))
@@ -266,8 +279,8 @@ def _suspected(whitened: NDArray, needed: float) -> tuple[NDArray, NDArray, int]
     rows = rows[np.argsort(-size[rows], kind="stable")]
     place = np.arange(len(rows))
     partners = np.maximum(np.searchsorted(-size[rows], size[rows] - needed, side="right") - place - 1, 0)
-    taken = np.cumsum(partners) <= _MOST_PAIRS
-    unseen, partners = int(partners[~taken].sum()), np.where(taken, partners, 0)
+    is_taken = np.cumsum(partners) <= _MOST_PAIRS
+    unseen, partners = int(partners[~is_taken].sum()), np.where(is_taken, partners, 0)
     first = np.repeat(place, partners)
     second = first + 1 + np.arange(len(first)) - np.repeat(np.cumsum(partners) - partners, partners)
     pairs = np.sort(np.stack([rows[first], rows[second]]), axis=0)
@@ -292,12 +305,12 @@ def _best(
     way = (loads[first] - loads[second]) / sigma
     one_way, other_way = (_compare(whitened, (first, second), sign * way) for sign in (1.0, -1.0))
     valid, p_value = one_way.valid(pairs, trials, false_alarm)
-    before, taken, count, total, left = one_way.before, one_way.taken, one_way.count, one_way.total, one_way.left
+    before, used, count, total, left = one_way.before, one_way.taken, one_way.count, one_way.total, one_way.left
     # by chance as many pairs have the opposite difference; without any, other pairs are not gross errors
     is_chance = unseen or other_way.valid(pairs, trials, false_alarm)[0].any()
     explained = np.array([], int) if is_chance else np.unique(np.concatenate([first[valid], second[valid]]))
     near = np.flatnonzero(valid)
-    expected = _by_chance(whitened, (first[near], second[near]), way[near], taken[near], explained)
+    expected = _chance_probability(whitened, (first[near], second[near]), way[near], used[near], explained)
     valid[near] = expected <= _BY_CHANCE
     if not valid.any():
         return None, unseen
@@ -309,8 +322,8 @@ def _best(
     row_exchange = RowExchange(
         int(first[best]),
         int(second[best]),
-        tuple(np.flatnonzero(taken[best]).tolist()),
-        float(np.sqrt(np.sum(before[best, taken[best]]) / (2 * count[best]))),
+        tuple(np.flatnonzero(used[best]).tolist()),
+        float(np.sqrt(np.sum(before[best, used[best]]) / (2 * count[best]))),
         float(np.sqrt(left[best] / (2 * count[best]))),
         float(p_value[best]),
     )
@@ -347,15 +360,15 @@ class _ExchangedPairs:
 
 
 def _compare(whitened: NDArray, rows: tuple[NDArray, NDArray], way: NDArray) -> _ExchangedPairs:
-    one, other = whitened[rows[0]], whitened[rows[1]]
-    before, after = one**2 + other**2, (one - way) ** 2 + (other + way) ** 2
+    first, other = whitened[rows[0]], whitened[rows[1]]
+    before, after = first**2 + other**2, (first - way) ** 2 + (other + way) ** 2
     gain = np.where(np.isfinite(before - after), before - after, 0.0)
     # each row has to improve, or one gross error would pair with any outlying row
-    is_right = (one**2 > (one - way) ** 2) & (other**2 > (other + way) ** 2)
+    is_right = (first**2 > (first - way) ** 2) & (other**2 > (other + way) ** 2)
     return _ExchangedPairs(before, after, (gain > _TELLS) & is_right)
 
 
-def _by_chance(
+def _chance_probability(
     whitened: NDArray, rows: tuple[NDArray, NDArray], way: NDArray, taken: NDArray, explained: NDArray
 ) -> NDArray:
     """Return the expected number of accidental exchanges as good as each of P pairs, among rows that are equally far

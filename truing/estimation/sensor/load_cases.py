@@ -1,6 +1,6 @@
 """Choice of loads for the best calibration: the design methods of poses, with wrenches as configurations.
 
-All channels see the same loads, so the determinant of the information about the sensitivities A (V = A F) is a power of
+All channels see the same loads. So the determinant of the information about the sensitivities A (V = A F) is a power of
 that about one row: a candidate's row is its terms, with one "leg" for all channels. Loads are in units of their limits,
 and may be limited by the capacity of each measuring leg.
 """
@@ -117,8 +117,8 @@ def choose_loads(
     bound = bound_design(rows, count)
     starts = [rounded_design(bound, count), one_by_one(rows, count, bound)]
     starts += [rng.choice(len(rows), count, replace=len(rows) < count) for _ in range(_STARTS)]
-    found = [exchange(rows, s) for s in starts if _determines(rows[s])]
-    best = max(found, key=lambda one: one.log_det)
+    selections = [exchange(rows, s) for s in starts if _determines(rows[s])]
+    best = max(selections, key=lambda selection: selection.log_det)
     share = efficiency(best.log_det, bound.upper, rows.shape[2])
     return LoadDesign(candidates[best.chosen], best.log_det, bound.upper, share)
 

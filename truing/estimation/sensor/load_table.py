@@ -111,13 +111,13 @@ def _covariance(cov: NDArray | None, size: int, rows: int, what: str) -> NDArray
 
 
 def _names(names: Sequence[str] | None, default: list[str], what: str) -> tuple[str, ...]:
-    found = tuple(default if names is None else names)
-    if len(found) != len(default):
-        raise ValueError(f"found {len(found)} {what} names, expected {len(default)}")
-    twice = [name for name in dict.fromkeys(found) if found.count(name) > 1]
+    channel_names = tuple(default if names is None else names)
+    if len(channel_names) != len(default):
+        raise ValueError(f"found {len(channel_names)} {what} names, expected {len(default)}")
+    twice = [name for name in dict.fromkeys(channel_names) if channel_names.count(name) > 1]
     if twice:
         raise ValueError(f"found {what} {twice[0]!r} twice, expected different names")
-    return found
+    return channel_names
 
 
 @dataclass(frozen=True)

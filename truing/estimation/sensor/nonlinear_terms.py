@@ -62,6 +62,7 @@ class ResidualSum:
 
     @property
     def mean_square(self) -> float:
+        """Squares per degree of freedom."""
         return self.squares / max(self.spare, 1)
 
 

@@ -179,7 +179,8 @@ def geometry_picture(fits: Mapping[str, pd.DataFrame]) -> go.Figure:
     ``fits``: parameters by name of the estimator, a panel each.
     """
     panels = [
-        {joint: found for joint in _JOINTS if len(found := _joint_positions(fit, joint))} for fit in fits.values()
+        {joint: positions for joint in _JOINTS if len(positions := _joint_positions(fit, joint))}
+        for fit in fits.values()
     ]
     every = [place for places in panels for place in places.values()]
     gain, extent = _gain(every), _extent(every)
@@ -204,9 +205,9 @@ def geometry_picture(fits: Mapping[str, pd.DataFrame]) -> go.Figure:
 def _traces(places: dict[str, pd.DataFrame], deformations: list[str], gain: float) -> list[go.Scatter]:
     """Return all traces of one panel: legs, nominal joints with tolerances, and identified joints."""
     drawn = _legs(places)
-    for joint, found in places.items():
-        circles = _tolerances(found, gain)
-        drawn += [_nominal(found, joint), *(c.update(showlegend=joint == next(iter(places))) for c in circles)]
+    for joint, place in places.items():
+        circles = _tolerances(place, gain)
+        drawn += [_nominal(place, joint), *(c.update(showlegend=joint == next(iter(places))) for c in circles)]
     return drawn + [trace for d in deformations for trace in _joint_lines(list(places.values()), d, gain)]
 
 

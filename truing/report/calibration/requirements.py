@@ -48,7 +48,7 @@ def requirements(tables: Tables) -> ReportSection | None:
     key = _main_key(tables, assessed) or displayed_calibration(tables, assessed)
     rows = rows_of(assessed, key)
     figures = []
-    if rows["error"].notna().any() and rows["requirement"].notna().any():
+    if (rows["verdict"].isin(_DRAWN_AS) & rows["error"].notna() & rows["requirement"].notna()).any():
         words = "A requirement is undecided if its interval crosses the limit; more or better poses would decide it."
         figures.append((_requirement_bars(rows, key), words))
     listings = [_requirement_listing(rows, key)]

@@ -344,12 +344,12 @@ def _gain(tables: Tables, chosen: Key, facts: pd.Series) -> str:
         before = nominal.dropna(subset=_HELD_OUT).iloc[0]
         times = plain(before[_HELD_OUT] / facts[_HELD_OUT])
         texts.append(
-            f"The nominal parameters give {_error_words(before, 'verification')} there; "
-            f"the position error is {times} times as large."
+            f"With nominal parameters, the mean error on these poses is {_error_words(before, 'verification')}; "
+            f"the position error is {times} times that of the chosen calibration."
         )
     if reported is not None and chosen in reported.index and _is_known(reported.loc[chosen], _HELD_OUT):
         size = _error_words(reported.loc[chosen], "verification")
-        texts.append(f"The same model, fitted by the implicit objectives, gives {size}.")
+        texts.append(f"The same model, fitted by the implicit objectives, has a mean error of {size}.")
     return " ".join(texts)
 
 
@@ -360,7 +360,7 @@ def _rivals(figures: pd.DataFrame, chosen: Key) -> str:
     texts = []
     if equal.any():
         named = " and ".join(calibration_name((str(m), str(d))) for m, d in others.index[equal])
-        texts.append(f"Equally good by these data: {named}; the simplest is chosen.")
+        texts.append(f"These data do not distinguish the chosen calibration from {named}; the simplest is chosen.")
     rest = others[~equal]
     if len(rest) and "heldout_ratio" in rest and rest["heldout_ratio"].notna().any():
         pulls = f", rms pull {_from_to(rest['rms_pull'])}" if "rms_pull" in rest else ""
@@ -376,7 +376,7 @@ def _extended(tables: Tables) -> str:
     if figures is None or not _is_known(figures.iloc[0], _HELD_OUT):
         return ""
     errors = _error_words(figures.iloc[0], "verification")
-    return f"The extended model of the diagnosis gives {errors} on the held-out poses."
+    return f"The mean error of the extended model of the diagnosis on the held-out poses is {errors}."
 
 
 def _from_to(values: pd.Series) -> str:

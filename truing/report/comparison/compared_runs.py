@@ -123,7 +123,9 @@ def quality_words(comparison: RunComparison) -> list[tuple[str, str]]:
     bad = [
         f"{run.label} ({count['fail']})" for run, count in zip(comparison.runs, counts, strict=True) if count["fail"]
     ]
-    looks = [f"{run.label} ({own['warn']})" for run, own in zip(comparison.runs, counts, strict=True) if own["warn"]]
+    looks = [
+        f"{run.label} ({count['warn']})" for run, count in zip(comparison.runs, counts, strict=True) if count["warn"]
+    ]
     texts = []
     if bad:
         texts.append(("fail", f"Quality checks failed in {', '.join(bad)}: check these before trusting a change."))
@@ -150,7 +152,7 @@ def quality(comparison: RunComparison) -> ReportSection:
         qa = table_or_none(run.tables, "qa")
         for r in () if qa is None else qa.itertuples():
             checks.setdefault((r.check, r.subject or ""), {})[place] = _check(r)
-    differing = {key: own for key, own in checks.items() if _LOOKED_AT & {verdict for verdict, _ in own.values()}}
+    differing = {key: check for key, check in checks.items() if _LOOKED_AT & {verdict for verdict, _ in check.values()}}
     rows = [(*key, *(own.get(k, _MISSING)[1] for k in range(len(comparison.runs)))) for key, own in differing.items()]
     marks = [_mark({verdict for verdict, _ in own.values()}, "fail", "warn", "none") for own in differing.values()]
     listings = (
@@ -208,7 +210,7 @@ def accuracy(comparison: RunComparison) -> ReportSection | None:
     tables = [chosen_requirements(run.tables) for run in comparison.runs]
     components = dict.fromkeys(c for table in tables if table is not None for c in table["component"])
     assessed = {f"requirement {c}": [_requirement(table, c) for table in tables] for c in components}
-    required = [{_REQUIRED.get(verdict, "pass") for verdict, _ in own} for own in assessed.values()]
+    required = [{_REQUIRED.get(verdict, "pass") for verdict, _ in row} for row in assessed.values()]
     marks = ["none"] * len(rows) + [_mark(own, "fail", "warn", "pass") for own in required]
     heads = ("", *comparison.heads("Result of this run in the quantity of the row."))
     chosen = [(name, *(words for _, words in own)) for name, own in assessed.items()]

@@ -34,6 +34,8 @@ _OTHERS = {
 _SPANS = ((5400.0, 1.0 / 3600.0, "h"), (120.0, 1.0 / 60.0, "min"))
 # Lengths that come from a drawing or a ruler, not from an instrument.
 _DRAWN = r"pitch|period|flexure_length|dead_path|(offset|arm)_[xyz]"
+# Angles below this size, in rad, are given in arc seconds: 0.01 degrees.
+_ARCSEC, _FEW_ARCSEC = 648e3 / math.pi, math.radians(0.01)
 # Angles between a beam and an axis, not of an oscillation.
 _SMALL_ANGLE = r"angle|tilt_\w+"
 
@@ -54,6 +56,8 @@ def handy_unit(parameter: str, unit: str, size: float) -> tuple[float, str]:
         return (1e3, "um") if abs(size) < 1.0 and not re.fullmatch(_DRAWN, own) else (1.0, "mm")
     if unit == "rad" and re.fullmatch(_SMALL_ANGLE, own):
         return 1e3, "mrad"
+    if unit == "rad" and own != "phase" and 0.0 < abs(size) < _FEW_ARCSEC:
+        return _ARCSEC, "arcsec"
     if unit == "s":
         return next(((factor, span) for least, factor, span in _SPANS if abs(size) >= least), (1.0, "s"))
     return _OTHERS.get(unit, (1.0, unit))

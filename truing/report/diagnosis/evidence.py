@@ -76,6 +76,11 @@ def _opening_sentences(rows: list[AssessedCause]) -> str:
     if rivals:
         lies = "lies" if len(rivals) == 1 else "lie"
         text = f"{count(len(rivals), 'alternative')} {lies} within a factor of {EQUAL_ODDS:g} in probability."
+    elif weak := [row for row in accepted if row.evidence is not None and row.evidence < math.log(EQUAL_ODDS)]:
+        text = " ".join(
+            f"The data favour {row.in_sentence} over no effect by only {plain(math.exp(row.evidence or 0.0))} to 1."
+            for row in weak
+        )
     else:
         which = "alternative" if nearest and len(accepted) == 1 else "alternative that passes the other tests"
         text = f"Every {which} is at least {EQUAL_ODDS:g} times less probable."

@@ -15,7 +15,10 @@ DOUBTS = {
     "inadequate": "the model with all accepted causes leaves more than noise, so it is incomplete",
     "unnamed": "an effect that no catalogued cause explains acts as well, and this may be a part of it",
     "alternative": "other causes, or an effect without a name, may explain the same",
+    "weak": "the evidence is weak: it is hardly more probable than no effect, and more measurements would decide",
     "held-out": "it predicts held-out data worse than the model without it",
+    "unconfirmed": "left-out parts of the campaign (runs, days, regions) that should show it are predicted no better "
+    "with it",
     "elsewhere": "it predicts left-out parts of the campaign (runs, days, regions) worse than the model without it",
     "course": "an effect without a name on the same parts explains the data as well, or acts next to it",
     "not-random": "these errors are not random: they repeat, depend on an input, or a few large ones are most of them",
@@ -158,7 +161,7 @@ def _other_subjects(facts: Facts) -> str:
     """Return the other possible subjects that the data leave open."""
     if not facts.subjects:
         return ""
-    whole = next((words for kind, words in _ALL.items() if facts.subject.startswith(kind)), "the whole")
+    whole = next((words for kind, words in _ALL.items() if facts.subject.startswith(kind)), "the whole machine")
     texts = [f"{subject_words(subject) or whole} ({max(odds, 1.0):.1f} to 1)" for subject, odds in facts.subjects]
     return f" Other possible subjects, with the odds against each: {', '.join(texts)}."
 

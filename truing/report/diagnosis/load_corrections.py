@@ -61,8 +61,8 @@ def _used_corrected_loads(tables: Tables) -> bool:
 
 
 def _other_load_text(row: AssessedCause, steps: pd.DataFrame) -> list[str]:
-    """Return the load in words, ``the z load caused up to 108 N·m about y and 72 N·m about x``; empty for other
-    causes."""
+    """Return the load in words, ``the z load also applied an unrecorded moment of up to 108 N·m about y and 72 N·m
+    about x``; empty for other causes."""
     axis = re.fullmatch(r"load ([fm][xyz])", row.subject)
     if row.cause not in ("load-eccentricity", "load-imbalance") or axis is None:
         return []
@@ -78,9 +78,9 @@ def _other_load_text(row: AssessedCause, steps: pd.DataFrame) -> list[str]:
         else:
             component, share = name[2], _SHARE[name[3] or ""] * abs(size.number)
         found[component] = found.get(component, 0.0) + share * largest
-    unit, way = ("N·m", "about") if axis[1][0] == "f" else ("N", "along")
+    kind, unit, way = ("moment", "N·m", "about") if axis[1][0] == "f" else ("force", "N", "along")
     parts = sorted(((size, c) for c, size in found.items() if size > 0.0), reverse=True)
     if not parts:
         return []
     words = " and ".join(f"{rough(size)} {unit} {way} {c}" for size, c in parts)
-    return [f"{load_words(axis[1])} caused up to {words}"]
+    return [f"{load_words(axis[1])} also applied an unrecorded {kind} of up to {words}"]

@@ -52,7 +52,7 @@ def pulls(tables: Tables) -> ReportSection | None:
     sums = _sums(tables)
     axis = "shift / √(tolerance² − sigma²)"
     figure = pull_figure(rows, _COLUMNS, f"Pulls of the identified {of.built}, before and after", axis)
-    words = "Effects that a model leaves out bias its other parameters, which shows as large pulls."
+    words = "An effect that the model leaves out biases other parameters: their pulls are then large."
     left = len(table) - len(rows)
     words += f" Not shown: {count(left, 'parameter')} that the data do not determine." if left else ""
     return ReportSection(
@@ -96,7 +96,7 @@ def _one_number(table: pd.DataFrame | None, last: Any) -> str:
     if known["offset_after"].isna().any() or not 0.0 <= left <= last.upper:
         return _one_leg(known)
     first, *others = known.itertuples()
-    near = [own for own in others if first.explained_after - own.explained_after < _AS_LIKELY][:_NAMED]
+    near = [other for other in others if first.explained_after - other.explained_after < _AS_LIKELY][:_NAMED]
     meant, *also = [_other_by(own) for own in (first, *near)]
     text = f"The description does not fit the machine: one wrong number explains it. Did you mean {meant}?"
     return f"{text} Equally likely: {'; or '.join(also)}." if also else text
@@ -112,10 +112,15 @@ def _one_leg(known: pd.DataFrame) -> str:
 
 
 def _other_by(row: Any) -> str:
-    """Return a parameter with its correction: ``l of leg 3 larger by 20.0 mm``."""
+    """Return a parameter with its correction: ``l of leg 3 larger by 20.00 ± 0.12 mm``.
+
+    Next to it all other numbers keep their tolerances, so the squares that it explains are those of its offset over its
+    standard deviation.
+    """
     factor, unit = print_unit(row.parameter, row.unit)
-    way = "larger" if row.offset_after > 0.0 else "smaller"
-    return f"{name_of(row.parameter, row.leg)} {way} by {rough(abs(factor * row.offset_after))} {unit}".strip()
+    way, offset = "larger" if row.offset_after > 0.0 else "smaller", abs(factor * row.offset_after)
+    sigma = offset / math.sqrt(row.explained_after) if row.explained_after > 0.0 else None
+    return f"{name_of(row.parameter, row.leg)} {way} by {with_uncertainty(offset, sigma, unit)}"
 
 
 def _sums(tables: Tables) -> dict[str, Any]:

@@ -43,20 +43,30 @@ def _of_blocks(rows: list[AssessedCause], of: PartNames) -> list[str]:
     """Return in words the effect of findings on blocks that are predicted from the others, one text for each kind."""
     alike: dict[tuple[str, str], list[AssessedCause]] = {}
     for row in rows:
-        gain = row.left_out_gain or 0.0
+        gain = _gain(row)
         says = "supports" if gain > 0.0 else "contradicts"
         says = "does not decide about" if abs(gain) < math.log(EQUAL_ODDS) else says
         parts = f"{row.left_out_blocks} {_PARTS.get(row.left_out_by, _REGIONS[of.single])}"
         alike.setdefault((says, parts), []).append(row)
     texts = []
     for (says, parts), own in alike.items():
-        names = "; ".join(f"{row.in_sentence}, {_odds(row.left_out_gain or 0.0)}" for row in own)
+        names = "; ".join(f"{row.in_sentence}, {_odds(_gain(row))}" for row in own)
         each = "it" if len(own) == 1 else "each of them"
         texts.append(
             f"Cross-validation {says} {names}: {parts} that are sensitive to {each} were left out in turn and "
             "predicted from the others."
         )
     return texts
+
+
+def _gain(row: AssessedCause) -> float:
+    """Return the log odds by blocks, at most those of all data.
+
+    The form of a cause (an order, a time) may have been searched for in all data, the blocks included; only the
+    evidence of all data is charged for this search.
+    """
+    gain = row.left_out_gain or 0.0
+    return gain if row.evidence is None else min(gain, max(row.evidence, 0.0))
 
 
 def _odds(gain: float) -> str:

@@ -117,12 +117,17 @@ def _found_words(causes: list[AssessedCause], tables: Tables) -> str:
     """Return the findings, and the gain by modelling them."""
     effects, noise = [row for row in causes if not row.is_noise], [row for row in causes if row.is_noise]
     brings = gain(causes, tables)
-    sure = [row for row in [*effects, *noise] if row.verdict != SUSPECTED]
+    sure = [row for row in effects if row.verdict != SUSPECTED]
     doubted = [row for row in effects if row.verdict == SUSPECTED]
     texts = [_listed([clause(row, tables) for row in sure[:_TOLD]], len(sure)) + _more_findings(sure)] if sure else []
     if doubted:
         names = "; ".join(lower(clause(row, tables)) for row in doubted[:_TOLD])
         texts.append(f"Suspected, not confirmed: {names}{_more_findings(doubted)}")
+    # Larger noise, and inputs that predict residuals, are no further effects.
+    beside = [row for row in noise if row.verdict != SUSPECTED]
+    if beside:
+        names = "; ".join(lower(clause(row, tables)) for row in beside[:_TOLD])
+        texts.append(f"{'Besides, ' if texts else ''}{names}{_more_findings(beside)}")
     modelling = "Modelling it" if len(effects) == 1 else f"Modelling {'both' if len(effects) == 2 else 'all of them'}"
     return ". ".join([*texts, f"{modelling} {brings}"] if brings else texts) + "."
 

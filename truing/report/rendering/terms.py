@@ -115,5 +115,5 @@ def _pattern() -> re.Pattern[str]:
     spellings = sorted(_by_spelling(), key=len, reverse=True)
     symbols = {term.symbol for term in glossary()}
     names = "|".join(re.escape(spelling) for spelling in spellings if spelling not in symbols)
-    signs = "|".join(re.escape(one) for one in spellings if one in symbols)
+    signs = "|".join(re.escape(spelling) for spelling in spellings if spelling in symbols)
     return re.compile(rf"^(?P<symbol>{signs})(?=$| \()|(?<![\w-])(?P<term>(?i:{names}))s?(?![\w-])")

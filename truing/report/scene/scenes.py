@@ -111,11 +111,11 @@ def _motions(tables: Tables, bodies: list[str], poses: list[Any]) -> _Motions:
     known = table_or_none(tables, "motions")
     if known is None:
         return {}
-    found = {}
+    motions = {}
     for name in bodies:
         own = known[known["body"] == name].set_index("pose").reindex(poses)
-        found[name] = own[_PLACE].to_numpy(dtype=float), own[_ENTRIES].to_numpy(dtype=float).reshape(-1, 3, 3)
-    return found
+        motions[name] = own[_PLACE].to_numpy(dtype=float), own[_ENTRIES].to_numpy(dtype=float).reshape(-1, 3, 3)
+    return motions
 
 
 def _in_frame_of(
@@ -266,11 +266,11 @@ def _load_case_name(row: dict) -> str:
 
 def _covariance(cases: pd.DataFrame) -> NDArray[np.float64]:
     """Return the covariance (S, 6, 6) of the displacement, m and rad."""
-    found = np.zeros((len(cases), 6, 6))
+    covariance = np.zeros((len(cases), 6, 6))
     for i in range(6):
         for j in range(i, 6):
-            found[:, i, j] = found[:, j, i] = cases[f"cov_{i}_{j}"].to_numpy(dtype=float)
-    return found
+            covariance[:, i, j] = covariance[:, j, i] = cases[f"cov_{i}_{j}"].to_numpy(dtype=float)
+    return covariance
 
 
 def _sigma_along(

@@ -152,7 +152,7 @@ def _opening_sentences(
     share = {load: 100.0 * float(value[load]) / largest[load] for load in largest if load in value}
     worst = max(share, key=lambda load: share[load])
     texts = [
-        f"Chosen calibration (estimator, direction, zero, terms): {chosen}. "
+        f"Chosen calibration: {chosen} (estimator, direction of the fit, zero, terms). "
         f"The rms error on held-out loads is {plain(min(share.values()))} to {plain(share[worst])} % "
         f"of the largest load; it is largest for {worst}, {plain(value[worst])} {LOAD_UNITS[worst]}."
     ]
@@ -160,12 +160,14 @@ def _opening_sentences(
     if len(printed) and chosen != printed["model"].iloc[0]:
         other = 100.0 * float(printed.set_index("subject")["value"][worst]) / largest[worst]
         if other > 1.5 * share[worst]:
-            texts.append(f"Least squares without a zero gives {plain(other)} % for {worst}.")
+            texts.append(f"With ordinary least squares and no zero, it is {plain(other)} % for {worst}.")
     texts += _verified(rows)
     texts += filter(None, [data_words(tables)])
     equal = choice[(choice["figure"] == "indistinguishable") & (choice["value"] == 1.0)]["model"]
     if len(equal):
-        texts.append(f"Equally good by these data: {', '.join(equal)}; the simplest is chosen.")
+        texts.append(
+            f"These data do not distinguish the chosen calibration from: {', '.join(equal)}. The simplest is chosen."
+        )
     if (rows["figure"] == "tared").any() and float(rows.loc[rows["figure"] == "tared", "value"].iloc[0]):
         texts.append(
             "Unloaded signals differ between runs by more than noise, so signals are relative to each run's zero."
@@ -314,13 +316,13 @@ def _types(merit: pd.DataFrame) -> list[Listing]:
         return _without_types(merit)
     subjects = [*LOADS, "condition"]
     rows = []
-    for (figure, model), own in types.groupby(["figure", "model"], sort=False):
-        cells = own.set_index("subject")
+    for (figure, model), group in types.groupby(["figure", "model"], sort=False):
+        cells = group.set_index("subject")
         words = f"{_TYPES[figure]}{', elastic joints' if model == 'elastic joints' else ''}"
         rows.append((words, *(with_uncertainty(cells.loc[s, "value"], cells.loc[s, "sigma"]) for s in subjects)))
     angles = merit[merit["figure"].isin(_ANGLES)]
-    for (figure, model), own in angles.groupby(["figure", "model"], sort=False):
-        cells = own.set_index("subject")
+    for (figure, model), group in angles.groupby(["figure", "model"], sort=False):
+        cells = group.set_index("subject")
         words = f"{_ANGLES[figure]}{', elastic joints' if model == 'elastic joints' else ''}"
         rows.append((words, *(with_uncertainty(cells.loc[s, "value"], cells.loc[s, "sigma"]) for s in LOADS), ""))
     heads = (

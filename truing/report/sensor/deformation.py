@@ -13,6 +13,7 @@ from plotly.subplots import make_subplots
 from truing.belonging.relation import RelationState
 from truing.report.comparison_map import comparison_map
 from truing.report.deformation_section import compliance_map
+from truing.report.error_figures import error_figure_words
 from truing.report.figure_style import BAR, BLUE, GREY, ORANGE, RED, panel_grid, style
 from truing.report.heads import FIGURE, LOAD, UNIT, VALUE, Head
 from truing.report.model_tests import CONTRADICTED, REJECTED, ModelTest, by_p, listing_of
@@ -231,7 +232,7 @@ def _errors(errors: pd.DataFrame) -> Listing:
         (
             r.model,
             cell(getattr(r, "subject", None)) or "all",
-            printed(r.figure.replace("_", " ")),
+            printed(error_figure_words(r.figure)),
             p_value(r.value) if "p_value" in r.figure else quantity(r.value, r.unit),
         )
         for r in errors.itertuples()
@@ -242,7 +243,7 @@ def _errors(errors: pd.DataFrame) -> Listing:
         FIGURE,
         VALUE,
     )
-    caption = "Error figures of every model; cv: whole runs left out; verification: held-out runs"
+    caption = "Errors and tests of every model. Predicted from the others: whole runs left out in turn"
     return Listing(heads, rows, (), caption, True, "deformation_errors.parquet")
 
 

@@ -5,9 +5,11 @@ from __future__ import annotations
 import math
 from collections.abc import Mapping
 
+import numpy as np
 import pandas as pd
 import plotly.graph_objects as go
 
+from truing.arrays import Array
 from truing.belonging.relation import RelationState
 from truing.report.axis_page import ENCODERS
 from truing.report.figure_style import BLUE, ORANGE, label, style
@@ -28,6 +30,7 @@ _MEANING = {
 }
 _WAYS = (("forward", BLUE, "triangle-right"), ("backward", ORANGE, "triangle-left"))
 _TOLD = {"A": "accuracy A", "R": "repeatability R", "B": "reversal B"}
+_HIDES = 10.0  # common deviation over the range of the deviations
 _DRAWN = 6  # most runs in figures
 _COLUMNS = ["run", "figure", "subject", "value", "sigma", "low", "high", "unit"]
 _AT_TARGETS = {
@@ -143,12 +146,14 @@ def deviations(rows: pd.DataFrame) -> go.Figure:
     unit, at = sign(str(rows["unit"].iloc[0])), str(rows["subject"].iloc[0]).partition(" ")[2]
     wide = rows.pivot(index="subject", columns="figure", values="value")
     wide = wide.set_index(wide.index.str.partition(" ").get_level_values(0).astype(float)).sort_index()
+    means = {way: wide[f"mean_{way}"].to_numpy() for way, *_ in _WAYS}
+    common = _common(np.concatenate(list(means.values())))
     figure = go.Figure()
     for way, colour, symbol in _WAYS:
         figure.add_trace(
             go.Scatter(
                 x=wide.index.to_numpy(),
-                y=wide[f"mean_{way}"].to_numpy(),
+                y=means[way] - common,
                 error_y={"array": 2.0 * _column(wide, f"s_{way}").to_numpy(), "thickness": 1},
                 mode="lines+markers",
                 name=way,
@@ -158,13 +163,21 @@ def deviations(rows: pd.DataFrame) -> go.Figure:
             )
         )
     run = label(rows["run"].iloc[0])
-    style(
-        figure, f"Deviation at the targets, {run}", "Mean of the cycles; bars are twice their standard deviation", 380
-    )
+    less = f", less {common:.6g} {unit} that all targets share" if common else ""
+    words = f"Mean of the cycles{less}; bars are twice their standard deviation"
+    style(figure, f"Deviation at the targets, {run}", words, 380)
     figure.update_xaxes(title_text=f"target ({at})")
     figure.update_yaxes(title_text=f"deviation ({unit})")
     figure.update_layout(legend={"orientation": "h", "y": 1.0, "yanchor": "bottom", "x": 0.0}, margin={"t": 110})
     return figure
+
+
+def _common(means: Array) -> float:
+    """Return the deviation that all targets share, where it would hide their differences; else 0."""
+    known = means[np.isfinite(means)]
+    if not len(known):
+        return 0.0
+    return float(f"{known.mean():.6g}") if abs(known.mean()) > _HIDES * np.ptp(known) else 0.0
 
 
 def _of_axis(rows: pd.DataFrame) -> Listing:

@@ -125,10 +125,10 @@ def _figure(errors: pd.DataFrame, samples: pd.DataFrame, part: str) -> go.Figure
 def _shares(errors: pd.DataFrame) -> go.Figure:
     figure = go.Figure()
     each = errors[errors["error_source"] != _ALL]
-    for (source, own), colour in zip(each.groupby("error_source", sort=False), _COLOURS, strict=False):
-        name, shares = _NAMES[str(source)], 100.0 * own["variance_share"]
+    for (source, group), colour in zip(each.groupby("error_source", sort=False), _COLOURS, strict=False):
+        name, shares = _NAMES[str(source)], 100.0 * group["variance_share"]
         bar = {"orientation": "h", "marker": {"color": colour}}
-        figure.add_trace(go.Bar(y=own["pose_part"], x=shares, name=name, **bar))
+        figure.add_trace(go.Bar(y=group["pose_part"], x=shares, name=name, **bar))
     style(figure, "Share of each tolerance in the variance of the error", "per cent", 280)
     figure.update_layout(barmode="stack", legend={"traceorder": "normal"})
     return figure

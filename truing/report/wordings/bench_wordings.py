@@ -194,6 +194,15 @@ def _drag(claim: Claim) -> str:
     )
 
 
+def _signals_lag(claim: Claim) -> str:
+    size, more = largest_of_kind(claim, "width")
+    way = "larger" if more else "smaller"
+    differ = f" are {way} on the way back, by {size} of the largest signal" if size else " differ on the way back"
+    closes = claim.settings.get("threshold") == 0.0
+    keeps = "without load the difference vanishes" if closes else "a remainder stays without load"
+    return f"the signals {_under_loads(claim)}{differ} (hysteresis); {keeps}"
+
+
 def _play(claim: Claim) -> str:
     size, _ = largest_of_kind(claim, "clearance")
     jumps = f"jumps by {size}" if size else "jumps"
@@ -400,6 +409,11 @@ BENCH = {
         _drag,
         "Load and unload with increasing largest loads, with a pause at zero: a hysteresis remainder stays constant "
         "and has the sign of the last load.",
+    ),
+    "signal-hysteresis": Wording(
+        "hysteresis of the signals",
+        _signals_lag,
+        "Load and unload three times, with pauses of different length: hysteresis does not depend on time, creep does.",
     ),
     "joint-clearance": Wording("joint clearance", _play, _through_zero),
     "creep": Wording(

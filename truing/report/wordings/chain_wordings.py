@@ -2,7 +2,11 @@
 
 from __future__ import annotations
 
+import math
+from collections.abc import Callable
+
 from truing.report.diagnosis.findings import subject_words
+from truing.report.numbers import listed
 from truing.report.wordings.claim import (
     Claim,
     Wording,
@@ -20,9 +24,21 @@ def _whose(claim: Claim) -> str:
     return f"a {words}" if words in ("joint", "link") else words or "the chain"
 
 
+def _joint(claim: Claim) -> str:
+    return _whose(claim) if claim.subject else "each joint"
+
+
+def _of_joint(advice: str) -> Callable[[Claim], str]:
+    """Return an advice with the joints that a claim concerns in place of ``{}``."""
+    return lambda claim: advice.format(_joint(claim))
+
+
 def _offset(claim: Claim) -> str:
     size, _ = largest_of_kind(claim, "offset")
-    return f"the zero of {_whose(claim)} deviates by more than its tolerance{by_words(size)}"
+    others = claim.fact("alike")
+    whose = " or ".join([_whose(claim), *(others or ())])
+    same = " (one motion belongs to either)" if others else ""
+    return f"the zero of {whose} deviates by more than its tolerance{same}{by_words(size)}"
 
 
 def _gain(claim: Claim) -> str:
@@ -59,6 +75,18 @@ def _bending(claim: Claim) -> str:
     return with_sizes(f"{_whose(claim)} bends under the weight that it carries", claim)
 
 
+def _other_gravity(claim: Claim) -> str:
+    direction = str(claim.fact("direction") or "")
+    if not direction:
+        return "joints deflect as if gravity acted along another direction than declared"
+    joints = listed([str(name) for name in claim.settings.get("joints") or ()])
+    whose = f"of {joints} " if joints else ""
+    return (
+        f"the deflection {whose}follows weight along {direction} of the base, and not along the declared gravity (did "
+        f"you mean gravity along {direction}?)"
+    )
+
+
 def _tilt(claim: Claim) -> str:
     about = f" about its {claim.fact('about')} axis" if claim.fact("about") else ""
     return with_sizes(f"the column that carries {_whose(claim)} tilts{about} under the moment of its load", claim)
@@ -69,8 +97,22 @@ def _sag(claim: Claim) -> str:
 
 
 def _growth(claim: Claim) -> str:
-    who = f"{_whose(claim)} grows" if claim.subject else "all links grow"
-    return with_sizes(f"{who} with temperature", claim)
+    if not claim.subject:
+        return with_sizes("all links grow with temperature", claim)
+    who = " or ".join([_whose(claim), *(claim.fact("alike") or ())])
+    return with_sizes(f"{who} grows with temperature{_which_length(claim)}", claim)
+
+
+def _which_length(claim: Claim) -> str:
+    """Return which length grows, if it is not the whole of one link."""
+    others, between = claim.fact("alike"), subject_words(" ".join(claim.fact("between") or ()))
+    if not others:
+        return f" along the axis of joint {claim.fact('along')}" if claim.fact("along") else ""
+    if not between:
+        return " (they are parts of one rigid link)"
+    axes = "axes" if between.startswith("joints") else "axis"
+    which = f"along the {axes} of" if claim.fact("turns") else "not turned by"
+    return f" (a length {which} {between} belongs to {'either' if len(others) == 1 else 'any of them'})"
 
 
 def _eccentric(claim: Claim) -> str:
@@ -94,6 +136,30 @@ def _harmonic(claim: Claim) -> str:
     return with_sizes(f"the motion of {_whose(claim)} has an error {times} per turn{_or_another(claim)}", claim)
 
 
+def _pitch(claim: Claim) -> str:
+    period = _period_mm(claim)
+    every = f"every {period:.4g} mm" if period is not None else "along its travel"
+    open_ = ", or every other length that these readings do not distinguish" if claim.fact("aliased") else ""
+    return with_sizes(f"the motion of {_whose(claim)} has an error that repeats {every}{open_}", claim)
+
+
+def _period_mm(claim: Claim) -> float | None:
+    """Return the fitted or the known period; None of a searched one that is not fitted yet."""
+    size, order = claim.size("period"), claim.fact("order")
+    if size is not None:
+        return size.number
+    return None if order is None or claim.fact("beside") else 2e3 * math.pi / float(order)
+
+
+def _pitch_advice(claim: Claim) -> str:
+    period = _period_mm(claim)
+    step = "a tenth of its pitch" if period is None else f"{period / 10.0:.2g} mm"
+    return (
+        f"Move {_joint(claim)} alone in 40 steps of {step}, and measure a target or an interferometer's reflector on "
+        "it. The error repeats with its period."
+    )
+
+
 def _curve(claim: Claim) -> str:
     size = largest(tuple(size for size in claim.sizes if size.name.startswith("largest")))
     who, up_to = _whose(claim), f", by up to {size_in_words(size)}" if size else ""
@@ -110,14 +176,23 @@ def _jump(claim: Claim) -> str:
     return with_sizes(f"the base is displaced from pose {claim.fact('from_pose')} on", claim)
 
 
+def _longer(claim: Claim) -> str:
+    size, long = largest_of_kind(claim, "shift")
+    end, onset = claim.fact("end"), claim.fact("from_pose")
+    which = f"distances of {end}" if end else "all distances"
+    much = f" by {size}" if size else ""
+    since = f" from pose {onset} on" if onset not in (None, "") else ""
+    return f"{which} are read too {'long' if long else 'short'}{much}{since}"
+
+
 def _exchanged(claim: Claim) -> str:
     names = [part for part in claim.subject.split() if part != "joint"]
     return f"the readings of joints {' and '.join(names)} are in each other's column"
 
 
 _LOADED = "Repeat the same poses with another known payload. The deflection changes in proportion to the load."
-_TURNING = (
-    "Move this joint alone through its range in steps of 10 degrees, and measure a target far from its axis. "
+_TURNING = _of_joint(
+    "Move {} alone through its range in steps of 10 degrees, and measure a target far from its axis. "
     "The error repeats with every turn."
 )
 
@@ -126,32 +201,39 @@ def _turning_advice(claim: Claim) -> str:
     order = _order(claim)
     step = 10.0 if order is None else min(10.0, 36.0 / order)
     return (
-        f"Move this joint alone in 40 steps of {step:.2g} degrees, and measure a target far from its axis. "
+        f"Move {_joint(claim)} alone in 40 steps of {step:.2g} degrees, and measure a target far from its axis. "
         "The error repeats with its period."
     )
 
 
-_CURVE = (
-    "Move this joint alone through its range in steps of 2 degrees, and measure a target far from its axis; repeat it "
+_CURVE = _of_joint(
+    "Move {} alone through its range in steps of 2 degrees, and measure a target far from its axis; repeat it "
     "after a full turn. A curve that does not repeat has another cause than the encoder's scale."
 )
 CHAIN = {
     "joint-offset": Wording(
-        "joint offset", _offset, "Move this joint to its zero mark, and compare its reading with a level or a pin."
+        "joint offset",
+        _offset,
+        _of_joint("Move {} to its zero mark, and compare its reading with a level or a pin."),
     ),
     "joint-gain": Wording(
-        "joint gain", _gain, "Turn this joint alone by a known angle, and compare the angle with its reading."
+        "joint gain",
+        _gain,
+        _of_joint("Turn {} alone by a known angle, and compare the angle with its reading."),
     ),
     "joint-backlash": Wording(
-        "joint backlash", _backlash, "Send this joint to the same readings from both sides, ten times each."
+        "joint backlash",
+        _backlash,
+        _of_joint("Send {} to the same readings from both sides, ten times each."),
     ),
     "joint-settling": Wording(
         "settling of a joint",
         _settling,
-        "Move this joint alone by a large angle, and measure one target 1, 2, 5, 10, 30 and 60 s after it stops.",
+        _of_joint("Move {} alone by a large angle, and measure one target 1, 2, 5, 10, 30 and 60 s after it stops."),
     ),
     "joint-eccentricity": Wording("eccentricity of a joint", _eccentric, _TURNING),
     "joint-harmonic": Wording("harmonic error of a joint", _harmonic, _turning_advice),
+    "joint-pitch-error": Wording("periodic error of a slide", _pitch, _pitch_advice),
     "joint-error-curve": Wording("error curve of a joint", _curve, _CURVE),
     "joint-compliance": Wording("compliance of a joint", _compliance, _LOADED),
     "link-bending": Wording("bending of a link", _bending, _LOADED),
@@ -160,6 +242,11 @@ CHAIN = {
         _sag,
         "Give the masses of the links in the description, or repeat the same poses with two known payloads: "
         "only these separate the compliance from the weight.",
+    ),
+    "gravity-direction": Wording(
+        "direction of gravity",
+        _other_gravity,
+        "Check how the machine is mounted, and write the direction of gravity in the frame of its base to [mechanism].",
     ),
     "column-tilt": Wording(
         "tilt of a column",
@@ -172,6 +259,12 @@ CHAIN = {
     ),
     "base-jump": Wording(
         "jump of the base", _jump, "Measure three targets on the base at every tenth pose, and check its bolts."
+    ),
+    "distance-offset": Wording(
+        "offset of distances",
+        _longer,
+        "Measure one known length, or one pose, before and after each series; note when the instrument was switched or "
+        "a reflector exchanged.",
     ),
     "joints-exchanged": Wording(
         "exchanged joints", _exchanged, "Compare the columns with the robot's own display, in one pose."

@@ -77,7 +77,7 @@ def _deforms_with_all(claim: Claim) -> str:
 def _in_plane(claim: Claim) -> str:
     """Return the clause that attachments shift across the platform's z with their own actuators."""
     where, verb = subject_words(claim.subject), _verb(claim, "its own actuator", "their own actuators")
-    text = f"the platform deforms in its plane at {where or 'each leg'} with {verb if where else 'its verb actuator'}"
+    text = f"the platform deforms in its plane at {where or 'each leg'} with {verb if where else 'its own actuator'}"
     size = largest((*claim.sizes_of("kappa_x"), *claim.sizes_of("kappa_y")))
     if size is None:
         return text

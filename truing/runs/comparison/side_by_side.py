@@ -67,8 +67,8 @@ def side_by_side(runs: Sequence[Run]) -> SideBySide:
         for (before, now), tables in zip(pairwise(runs), pairwise(numbers), strict=True)
     )
     parts = [_first(numbers[0])]
-    for own, before, assessed in zip(numbers[1:], numbers, steps, strict=False):
-        parts.append(_with_changes(own, before, [step.rows for step in assessed if len(step.rows)]))
+    for number, before, assessed in zip(numbers[1:], numbers, steps, strict=False):
+        parts.append(_with_changes(number, before, [step.rows for step in assessed if len(step.rows)]))
     reported = [
         part.assign(place=place, folder=str(run.folder), campaign=run.campaign)
         for place, (part, run) in enumerate(zip(parts, runs, strict=True), start=1)
@@ -76,11 +76,11 @@ def side_by_side(runs: Sequence[Run]) -> SideBySide:
     return SideBySide(pd.concat(reported, ignore_index=True).reindex(columns=ARTIFACTS["compared"].columns), steps)
 
 
-def compared_table(found: SideBySide) -> pa.Table:
+def compared_table(comparison: SideBySide) -> pa.Table:
     """Return the rows as the artifact ``compared``."""
     schema = ARTIFACTS["compared"].arrow_schema()
     columns = {
-        name: [None if _missing(value) else _plain(value, schema.field(name).type) for value in found.table[name]]
+        name: [None if _missing(value) else _plain(value, schema.field(name).type) for value in comparison.table[name]]
         for name in schema.names
     }
     return pa.table(columns, schema)
@@ -173,7 +173,7 @@ def _with_changes(own: pd.DataFrame, before: pd.DataFrame, assessed: list[pd.Dat
     table = _numbered(own).merge(_numbered(before)[[*on, "value"]], on=on, how="left", suffixes=("", "_before"))
     table["difference"] = table["value"] - table.pop("value_before")
     if assessed:
-        rows = pd.concat([one.astype(dict.fromkeys(NAMES, object)) for one in assessed], ignore_index=True)
+        rows = pd.concat([row.astype(dict.fromkeys(NAMES, object)) for row in assessed], ignore_index=True)
         table = table.merge(_numbered(rows), on=on, how="left")
     table = table.reindex(columns=[*dict.fromkeys([*table.columns, "z", "changed", "reason"])])
     table["changed"] = table["changed"].eq(True)

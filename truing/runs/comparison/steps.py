@@ -77,15 +77,15 @@ def beyond_chance(z: NDArray) -> NDArray:
     return assessed & (2.0 * ndtr(-np.abs(np.where(assessed, z, 0.0))) * max(int(assessed.sum()), 1) < LEVEL)
 
 
-def mechanism_numbers(found: ExtendedModel) -> pd.DataFrame:
+def mechanism_numbers(extended: ExtendedModel) -> pd.DataFrame:
     """Return all numbers of a model: NAMES, value and sigma in the tables' units."""
-    model, sigma = found.model, np.sqrt(np.diag(found.covariance))
-    geometry = identified_geometry(model, found.shared, found.covariance)
+    model, sigma = extended.model, np.sqrt(np.diag(extended.covariance))
+    geometry = identified_geometry(model, extended.shared, extended.covariance)
     rows = [
         ("geometry", None, entry.leg + 1, entry.name, value / entry.si, spread / entry.si, entry.unit)
         for entry, value, spread in zip(geometry.parameters, geometry.values, geometry.sigma, strict=True)
     ]
-    for effect in model.effects(found.shared):
+    for effect in model.effects(extended.shared):
         spreads = sigma[model.layout[effect.cause.key]] * model.effect_sigma(effect.cause)
         rows += _effect_rows(effect.cause, effect.values, spreads, model.part_count)
     return pd.DataFrame(rows, columns=[*NAMES, "value", "sigma", "unit"])
@@ -118,14 +118,14 @@ def mechanism_step(before: ExtendedModel, now: ExtendedModel) -> RunStep:
     prior = mechanism_prior(before, _surveyed(now), common)
     then_at, now_at = (prior.places(one.model) for one in (before, now))
     apart = prior.frames + sum(
-        shift_without_effects(one.shared, one.covariance, own, _unshared_effects(one.model, common))
-        for one, own in ((before, then_at), (now, now_at))
+        shift_without_effects(one.shared, one.covariance, places, _unshared_effects(one.model, common))
+        for one, places in ((before, then_at), (now, now_at))
     )
     value, covariance = now.shared[now_at], now.covariance[np.ix_(now_at, now_at)]
-    found = compare(prior.mean, prior.covariance, value, covariance, prior.shared, apart)
+    compared = compare(prior.mean, prior.covariance, value, covariance, prior.shared, apart)
     reported = reported_numbers(prior, now.model, now.shared, now.covariance)
-    columns = {**reported.columns, **figures(prior, reported, found, value, covariance, LEVEL)}
-    if len(found.observable) == 0:
+    columns = {**reported.columns, **figures(prior, reported, compared, value, covariance, LEVEL)}
+    if len(compared.observable) == 0:
         return not_assessed("neither campaign tells more of the machine than its tolerances")
     known = _is_informed(reported, prior.covariance, np.linalg.inv(prior.shared)) & ~np.isnan(columns["z"])
     return _step(columns, known)
@@ -152,8 +152,10 @@ def _is_informed(reported: ReportedNumbers, covariance: NDArray, prior: NDArray)
 def _unshared_effects(model: MechanismModel, common: tuple[Cause, ...]) -> list[NDArray]:
     """Return the places of persistent effects that the other model does not have."""
     keys = {cause.key for cause in common}
-    own = [model.layout[cause.key] for cause in model.causes if cause.is_persistent and cause.key not in keys]
-    return [np.arange(part.start, part.stop) for part in own]
+    places_of_causes = [
+        model.layout[cause.key] for cause in model.causes if cause.is_persistent and cause.key not in keys
+    ]
+    return [np.arange(part.start, part.stop) for part in places_of_causes]
 
 
 def _stated_otherwise(before: MechanismModel, now: MechanismModel) -> str:
@@ -167,34 +169,34 @@ def _stated_otherwise(before: MechanismModel, now: MechanismModel) -> str:
     return ""
 
 
-def _surveyed(found: ExtendedModel) -> MechanismModel:
+def _surveyed(extended: ExtendedModel) -> MechanismModel:
     """Return the model with the noise of its survey, which its text holds as one sigma per target."""
-    model, sigma = found.model, found.survey_sigma
+    model, sigma = extended.model, extended.survey_sigma
     if not len(sigma) or sigma.min() <= 0.0:
         return model
     survey = shape_unknowns(model.targets, model.known.shape, sigma[:, None, None] ** 2 * np.eye(3))
     return replace(model, known=replace(model.known, survey=survey))
 
 
-def sensor_numbers(found: ExtendedSensor) -> pd.DataFrame:
+def sensor_numbers(extended: ExtendedSensor) -> pd.DataFrame:
     """Return all numbers of a sensor's model: NAMES, value and sigma in SI, those of effects in the tables' units."""
-    sigma = np.sqrt(np.diag(found.covariance))
+    sigma = np.sqrt(np.diag(extended.covariance))
     names = [(f"{channel} {load}", _unit(channel, load)) for channel in CHANNELS for load in LOADS]
     rows = [
         ("compliance", None, None, name, value, spread, unit)
-        for (name, unit), value, spread in zip(names, found.compliance.ravel(), sigma, strict=False)
+        for (name, unit), value, spread in zip(names, extended.compliance.ravel(), sigma, strict=False)
     ]
-    for effect in found.effects:
-        rows += _effect_rows(effect.cause, effect.values, sigma[found.layout[effect.cause.key]], _LEGS)
+    for effect in extended.effects:
+        rows += _effect_rows(effect.cause, effect.values, sigma[extended.layout[effect.cause.key]], _LEGS)
     return pd.DataFrame(rows, columns=[*NAMES, "value", "sigma", "unit"])
 
 
 def matrix_numbers(table: pd.DataFrame) -> pd.DataFrame:
     """Return the entries of the chosen G_B; empty where none was chosen."""
-    own = table[table["chosen"] & (table["matrix"] == "G_B")]
-    named = own["row"] + " " + own["column_name"]
+    chosen_rows = table[table["chosen"] & (table["matrix"] == "G_B")]
+    named = chosen_rows["row"] + " " + chosen_rows["column_name"]
     columns = {"group": "G_B", "effect_of": None, "leg": None, "parameter": named}
-    return own.assign(**columns)[[*NAMES, "value", "sigma", "unit"]]
+    return chosen_rows.assign(**columns)[[*NAMES, "value", "sigma", "unit"]]
 
 
 def sensor_step(before: ExtendedSensor, now: ExtendedSensor, simulated: NDArray) -> RunStep:
@@ -245,33 +247,38 @@ def _unit(channel: str, load: str) -> str:
     return f"{'m' if channel[0] == 'd' else 'rad'}/{'N' if load[0] == 'f' else '(N m)'}"
 
 
-def _common(found: ExtendedSensor, keys: set[str]) -> tuple[NDArray, NDArray]:
+def _common(extended: ExtendedSensor, keys: set[str]) -> tuple[NDArray, NDArray]:
     """Return compliance and common effects, by key, with sigmas that include the possible bias by other effects."""
-    every = np.concatenate([found.compliance.ravel(), *(effect.values for effect in found.effects)])
-    rest = [cause for cause in sorted(found.causes, key=_key) if cause.key not in keys and cause.is_persistent]
-    own, others = found.places(_common_causes(found, keys)), [np.r_[found.layout[cause.key]] for cause in rest]
-    spread = found.covariance[np.ix_(own, own)] + shift_without_effects(every, found.covariance, own, others)
-    return every[own], np.sqrt(np.diag(spread))
+    every = np.concatenate([extended.compliance.ravel(), *(effect.values for effect in extended.effects)])
+    rest = [cause for cause in sorted(extended.causes, key=_key) if cause.key not in keys and cause.is_persistent]
+    places, others = (
+        extended.places(_common_causes(extended, keys)),
+        [np.r_[extended.layout[cause.key]] for cause in rest],
+    )
+    spread = extended.covariance[np.ix_(places, places)] + shift_without_effects(
+        every, extended.covariance, places, others
+    )
+    return every[places], np.sqrt(np.diag(spread))
 
 
-def _number_names(found: ExtendedSensor, keys: set[str]) -> list[tuple[object, ...]]:
+def _number_names(extended: ExtendedSensor, keys: set[str]) -> list[tuple[object, ...]]:
     """Return the names of the numbers of ``_common`` in their order."""
     names = (f"{channel} {load}" for channel in CHANNELS for load in LOADS)
     rows: list[tuple[object, ...]] = [("compliance", None, None, name) for name in names]
-    for cause in _common_causes(found, keys):
+    for cause in _common_causes(extended, keys):
         none = np.zeros(len(cause.parameters(_LEGS)))
         rows += [row[:4] for row in _effect_rows(cause, none, none, _LEGS)]
     return rows
 
 
-def _scales(found: ExtendedSensor, keys: set[str]) -> NDArray:
+def _scales(extended: ExtendedSensor, keys: set[str]) -> NDArray:
     """Return the unit of each number of ``_common`` in SI."""
-    si = [p.si for cause in _common_causes(found, keys) for p in cause.parameters(_LEGS)]
+    si = [p.si for cause in _common_causes(extended, keys) for p in cause.parameters(_LEGS)]
     return np.concatenate([np.ones(_ENTRIES), np.array(si, float)])
 
 
-def _common_causes(found: ExtendedSensor, keys: set[str]) -> list[ReadingCause]:
-    return sorted((cause for cause in found.causes if cause.key in keys), key=_key)
+def _common_causes(extended: ExtendedSensor, keys: set[str]) -> list[ReadingCause]:
+    return sorted((cause for cause in extended.causes if cause.key in keys), key=_key)
 
 
 def _key(cause: ReadingCause) -> str:

@@ -119,11 +119,11 @@ def si_unit(unit: str) -> tuple[float, str] | None:
     factor, written = 1.0, []
     for place, part in enumerate(parts):
         for token in part.strip().strip("()").replace("*", " ").split():
-            found = _PART.match(token)
-            if found is None or found[1] not in _BASE:
+            match = _PART.match(token)
+            if match is None or match[1] not in _BASE:
                 return None
-            power = int(found[2] or 1) * (-1 if place else 1)
-            scale, name = _BASE[found[1]]
+            power = int(match[2] or 1) * (-1 if place else 1)
+            scale, name = _BASE[match[1]]
             factor *= scale**power
             if name:
                 written.append(name if power == 1 else rf"{name}\tothe{{{power}}}")
@@ -157,8 +157,10 @@ def doubts(run: Run) -> list[str]:
     doubted = rows["state"].eq(RelationState.FAILS.value) | rows["reason_code"].isin(
         [code.value for code in INCOMPLETE]
     )
-    own = rows[rows["section"].isin(OF_MODEL) & doubted]
-    return [f"{row.section}: {row.state} ({_size(row)}). {row.explanation} {_TO_DO}" for row in own.itertuples()]
+    doubted_rows = rows[rows["section"].isin(OF_MODEL) & doubted]
+    return [
+        f"{row.section}: {row.state} ({_size(row)}). {row.explanation} {_TO_DO}" for row in doubted_rows.itertuples()
+    ]
 
 
 def _size(row: Any) -> str:
@@ -202,7 +204,7 @@ def valid_results(run: Run) -> _Qualified:
 def _biasing_causes(parts: pd.DataFrame) -> dict[str, list[str]]:
     """Return by kind of result the causes that bias its estimates and that its uncertainty does not cover."""
     rows = parts[parts["reason"] == NOT_HELD]
-    return {str(kind): list(dict.fromkeys(own["input_source"])) for kind, own in rows.groupby("result", sort=False)}
+    return {str(kind): list(dict.fromkeys(group["input_source"])) for kind, group in rows.groupby("result", sort=False)}
 
 
 def temperature(run: Run) -> tuple[float, float] | None:
@@ -220,10 +222,10 @@ def temperature(run: Run) -> tuple[float, float] | None:
 
 def certificate(run: Run, document: Certificate) -> Iterator[tuple[str, bytes]]:
     """Yield the certificate of a run; ``document`` must have all keys that a certificate needs."""
-    found = valid_results(run)
+    qualified = valid_results(run)
     root = Element(f"{{{DCC}}}digitalCalibrationCertificate", {"schemaVersion": _VERSION})
     root.set(f"{{{_INSTANCE}}}schemaLocation", f"{DCC} {DCC}/v{_VERSION}/dcc.xsd")
-    _administration(dcc(root, "administrativeData"), run, document, found)
+    _administration(dcc(root, "administrativeData"), run, document, qualified)
     results = dcc(root, "measurementResults")
 
     def circumstances(result: Element) -> None:
@@ -235,7 +237,7 @@ def certificate(run: Run, document: Certificate) -> Iterator[tuple[str, bytes]]:
                 _item(dcc(equipment, "measuringEquipment"), one)
         _conditions(result, run, document)
 
-    _add_results(results, found.results, document.methods, circumstances)
+    _add_results(results, qualified.results, document.methods, circumstances)
     indent(root)
     yield FILE, tostring(root, encoding="utf-8", xml_declaration=True) + b"\n"
 
@@ -347,22 +349,22 @@ def _add_results(
 ) -> None:
     """Append a measurement result per kind, in the order of the page; ``circumstances`` appends its conditions."""
     for kind, title in KINDS.items():
-        own = results[results["result"] == kind]
-        if len(own):
-            _kind(parent, kind, title, own, methods, circumstances)
+        rows_of_kind = results[results["result"] == kind]
+        if len(rows_of_kind):
+            _kind(parent, kind, title, rows_of_kind, methods, circumstances)
 
 
 def _kind(
     parent: Element,
     kind: str,
     title: str,
-    own: pd.DataFrame,
+    rows_of_kind: pd.DataFrame,
     methods: tuple[str, ...],
     circumstances: Callable[[Element], None],
 ) -> None:
     result = dcc(parent, "measurementResult")
     text(result, "name", title)
-    text(result, "description", statement(own))
+    text(result, "description", statement(rows_of_kind))
     used = dcc(result, "usedMethods")
     _method(used, "Evaluation of uncertainty: Guide to the expression of uncertainty in measurement", "JCGM 100:2008")
     if kind in _NORMS:
@@ -370,18 +372,20 @@ def _kind(
     for name in methods:
         _method(used, name)
     circumstances(result)
-    found = dcc(result, "results")
-    for subject, rows in own.groupby("subject", sort=False, dropna=False) if kind != "pose" else _by_body(own):
-        one = dcc(found, "result")
-        text(one, "name", str(subject) if isinstance(subject, str) and subject.strip() else title)
-        data = dcc(one, "data")
+    results_node = dcc(result, "results")
+    for subject, rows in (
+        rows_of_kind.groupby("subject", sort=False, dropna=False) if kind != "pose" else _by_body(rows_of_kind)
+    ):
+        result_node = dcc(results_node, "result")
+        text(result_node, "name", str(subject) if isinstance(subject, str) and subject.strip() else title)
+        data = dcc(result_node, "data")
         for quantity, alike in rows.groupby("quantity", sort=False):
             _quantity(data, str(quantity), alike)
 
 
-def _by_body(own: pd.DataFrame) -> Any:
+def _by_body(rows_of_bodies: pd.DataFrame) -> Any:
     """Group poses by body, which precedes the pose in their subject."""
-    return own.groupby(own["subject"].str.partition(", pose ")[0], sort=False)
+    return rows_of_bodies.groupby(rows_of_bodies["subject"].str.partition(", pose ")[0], sort=False)
 
 
 def _method(parent: Element, name: str, norm: str | None = None) -> None:
@@ -401,9 +405,9 @@ def _quantity(parent: Element, name: str, rows: pd.DataFrame) -> None:
 
 
 def _unit(unit: Any) -> tuple[float, str]:
-    found = si_unit(unit if isinstance(unit, str) else "1")
-    assert found is not None, unit
-    return found
+    unit_si = si_unit(unit if isinstance(unit, str) else "1")
+    assert unit_si is not None, unit
+    return unit_si
 
 
 def _number(row: Any) -> tuple[str, str, str, str]:
@@ -421,8 +425,8 @@ def _numbers(parent: Element, labels: list[str], unit: str, reported: list[tuple
     real = si(parent, f"realList{many}" if many else "real")
     for tag, content in (("label", words(labels)), ("value", values), ("unit", unit)):
         si(real, f"{tag}{many}", content)
-    own = si(si(real, f"measurementUncertaintyUnivariate{many}"), f"expandedMU{many}")
+    uncertainty_node = si(si(real, f"measurementUncertaintyUnivariate{many}"), f"expandedMU{many}")
     for tag, content in (("valueExpandedMU", uncertainties), ("coverageFactor", factors)):
-        si(own, f"{tag}{many}", content)
-    si(own, f"coverageProbability{many}", _PROBABILITY)
-    si(own, f"distribution{many}", laws)
+        si(uncertainty_node, f"{tag}{many}", content)
+    si(uncertainty_node, f"coverageProbability{many}", _PROBABILITY)
+    si(uncertainty_node, f"distribution{many}", laws)

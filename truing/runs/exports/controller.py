@@ -57,29 +57,29 @@ def reasons_for_caution(run: Mapping[str, pd.DataFrame]) -> dict[tuple[str, str]
     They reproduce poses together with all others, but mislead if used alone, for example as masses and stiffnesses of a
     dynamic controller. A name of "" concerns all numbers of an effect, or of the model.
     """
-    found: dict[tuple[str, str], str] = {}
+    reasons: dict[tuple[str, str], str] = {}
     if "pulls" in run:
         pulls = run["pulls"].dropna(subset=["leg"])
         limit = -float(ndtri(_UNLIKELY / 2 / max(len(pulls), 1)))
         for row in pulls.itertuples():
             of = f"leg{int(row.leg)}", "length" if row.parameter == "l" else str(row.parameter)
             if not row.identifiable:
-                found[of] = "not-determined"
+                reasons[of] = "not-determined"
             elif abs(row.pull_after) > limit:
-                found[of] = "far-from-nominal"
+                reasons[of] = "far-from-nominal"
     if "chain_parameters" in run:
         for row in run["chain_parameters"].itertuples():
             if not row.identifiable:
-                found[f"joint {row.joint}", row.parameter] = "not-determined"
+                reasons[f"joint {row.joint}", row.parameter] = "not-determined"
             elif abs(row.pull) > FAR:
-                found[f"joint {row.joint}", row.parameter] = "far-from-nominal"
+                reasons[f"joint {row.joint}", row.parameter] = "far-from-nominal"
     if "diagnosis" in run:
         rows = run["diagnosis"]
         for row in rows[rows["verdict"] == "suspected"].itertuples():
-            found[f"{row.cause} {row.subject or ''}".strip(), ""] = "suspected"
+            reasons[f"{row.cause} {row.subject or ''}".strip(), ""] = "suspected"
     if "adequacy" in run and (run["adequacy"]["state"] == "fails").any():
-        found["model", ""] = "inadequate"
-    return found
+        reasons["model", ""] = "inadequate"
+    return reasons
 
 
 def _caution_text(warned: dict[tuple[str, str], str]) -> Iterator[str]:
@@ -135,14 +135,14 @@ def _text(document: dict[str, Any]) -> Iterator[str]:
 
 def _leg_numbers(document: dict[str, Any]) -> Iterator[_Number]:
     for number, leg in enumerate(document.get("legs", ()), start=1):
-        found, sigma, name = leg["identified"], leg.get("sigma", {}), f"leg{number}"
+        identified, sigma, name = leg["identified"], leg.get("sigma", {}), f"leg{number}"
         for point in _LENGTHS:
-            for axis, value, spread in zip(_XYZ, found[point], sigma.get(point, [None] * 3), strict=True):
+            for axis, value, spread in zip(_XYZ, identified[point], sigma.get(point, [None] * 3), strict=True):
                 yield name, f"{point.removesuffix('_mm')}_{axis}", value, spread, "mm"
-        for axis, value in zip(_XYZ, found.get("u", ()), strict=False):
+        for axis, value in zip(_XYZ, identified.get("u", ()), strict=False):
             yield name, f"u_{axis}", value, None, "1"
         for length in ("length_mm", "rho0_mm"):
-            yield name, length.removesuffix("_mm"), found[length], sigma.get(length), "mm"
+            yield name, length.removesuffix("_mm"), identified[length], sigma.get(length), "mm"
 
 
 def _joint_numbers(run: Run) -> Iterator[_Number]:

@@ -19,7 +19,7 @@ from truing.schemas.faults import CampaignFaults, Fault
 from truing.simulation.cause import Effect
 from truing.simulation.mechanisms.chains.causes import ChainCause, JointCause, JointOffset
 from truing.simulation.mechanisms.chains.extended_model import ExtendedChain
-from truing.simulation.mechanisms.chains.harmonics import JointEccentricity, JointHarmonic
+from truing.simulation.mechanisms.chains.harmonics import JointEccentricity, JointHarmonic, JointPitchError
 from truing.simulation.mechanisms.chains.joint_curves import JointErrorCurve
 from truing.simulation.mechanisms.chains.joint_table import joint_column
 from truing.simulation.mechanisms.chains.loads import JointSag
@@ -45,8 +45,8 @@ def urdf(run: Run) -> Iterator[tuple[str, bytes]]:
     model = run.model
     if not isinstance(model, ExtendedChain):
         expected = 'the run of an open chain ([mechanism] type = "chain") whose diagnosis gave a model'
-        found = "no model" if model is None else "the model of another machine"
-        raise CampaignFaults([Fault(str(run.folder), expected, value=found)])
+        missing_model = "no model" if model is None else "the model of another machine"
+        raise CampaignFaults([Fault(str(run.folder), expected, value=missing_model)])
     limits = _limits(run, model.tree)
     warned = reasons_for_caution(run)
     yield "robot.urdf", urdf_text(model, limits, _notes(model, run.get("chain_parameters"), warned)).encode()
@@ -62,15 +62,15 @@ def _limits(run: Mapping[str, pd.DataFrame], tree: Tree) -> dict[str, tuple[floa
     """
     joints, readings = run.get("joints"), run.get("configurations")
     known = {} if joints is None else {row.joint: (row.lower_si, row.upper_si) for row in joints.itertuples()}
-    found = {joint: limit for joint, limit in known.items() if all(map(math.isfinite, limit))}
+    limits = {joint: limit for joint, limit in known.items() if all(map(math.isfinite, limit))}
     if readings is None:
-        return found
+        return limits
     for joint, turns in zip(tree.readings, tree.is_revolute, strict=True):
         column = joint_column(tree, joint, map(str, readings.columns))
-        if column is not None and not turns and joint not in found:
-            own = readings[column.name].dropna() * column.si
-            found[joint] = float(own.min()), float(own.max())
-    return found
+        if column is not None and not turns and joint not in limits:
+            readings_si = readings[column.name].dropna() * column.si
+            limits[joint] = float(readings_si.min()), float(readings_si.max())
+    return limits
 
 
 def urdf_text(
@@ -85,29 +85,29 @@ def urdf_text(
     tree, notes = model.identified, notes or {}
     names = _joint_names(tree)
     lines = ['<?xml version="1.0" encoding="utf-8"?>']
-    lines += [f"<!-- {_of_comment(note)} -->" for note in notes.get("", ())]
+    lines += [f"<!-- {_comment_text(note)} -->" for note in notes.get("", ())]
     lines += [f"<robot name={quoteattr(model.context.get('campaign') or 'robot')}>"]
     for k, node in enumerate(tree.nodes):
         if k and node.parent < 0:
             continue  # the ground of measuring stations is no link of the robot
         lines += _link_lines(node)
         if node.parent >= 0:
-            lines += [f"  <!-- {_of_comment(note)} -->" for note in notes.get(node.joint, ()) if node.joint]
+            lines += [f"  <!-- {_comment_text(note)} -->" for note in notes.get(node.joint, ()) if node.joint]
             lines += _joint_lines(tree, k, names, (limits or {}).get(node.joint))
     return "\n".join([*lines, "</robot>", ""])
 
 
 def _joint_names(tree: Tree) -> list[str]:
     """Return a name for every node's joint; a fixed end without one is named after its link."""
-    taken = {node.joint for node in tree.nodes}
-    found = []
+    used_names = {node.joint for node in tree.nodes}
+    names = []
     for node in tree.nodes:
         name = node.joint or f"{node.link}_fixed"
-        while not node.joint and name in taken:
+        while not node.joint and name in used_names:
             name += "_"
-        taken.add(name)
-        found.append(name)
-    return found
+        used_names.add(name)
+        names.append(name)
+    return names
 
 
 def _link_lines(node: Node) -> list[str]:
@@ -163,7 +163,7 @@ def _three(values: NDArray) -> str:
     return " ".join(repr(float(value) + 0.0) for value in values)
 
 
-def _of_comment(words: str) -> str:
+def _comment_text(words: str) -> str:
     """Return words as XML allows them in a comment: without two hyphens in sequence."""
     while "--" in words:
         words = words.replace("--", "- -")
@@ -192,12 +192,14 @@ def _notes(
     lasting = [cause for cause in model.causes if cause.is_persistent and not isinstance(cause, JointOffset)]
     if left := [f"{cause.id} {cause.subject}".strip() for cause in lasting]:
         notes[""].append(f"Found and not in this file, because no origin expresses it: {'; '.join(left)}.")
-    for joint, own in parameters.groupby("joint", sort=False) if parameters is not None else ():
-        far = own["identifiable"] & (own["pull"].abs() > FAR)
+    for joint, rows_of_joint in parameters.groupby("joint", sort=False) if parameters is not None else ():
+        if not joint:
+            continue  # the place of the base in the measurement is not in the file
+        far = rows_of_joint["identifiable"] & (rows_of_joint["pull"].abs() > FAR)
         for words, rows in (
-            ("determined by the data", own[own["identifiable"] & ~far]),
-            (f"determined, but more than {FAR:g} standard deviations from nominal, no physics", own[far]),
-            ("not determined by the data, no physics", own[~own["identifiable"]]),
+            ("determined by the data", rows_of_joint[rows_of_joint["identifiable"] & ~far]),
+            (f"determined, but more than {FAR:g} standard deviations from nominal, no physics", rows_of_joint[far]),
+            ("not determined by the data, no physics", rows_of_joint[~rows_of_joint["identifiable"]]),
         ):
             if len(rows):
                 notes.setdefault(str(joint), []).append(f"{joint}, {words}: {', '.join(rows['parameter'])}")
@@ -242,14 +244,14 @@ def _offsets(model: ExtendedChain, warned: Mapping[tuple[str, str], str]) -> Ite
         for effect in model.effects:
             if isinstance(cause := effect.cause, JointOffset) and cause.joint == joint:
                 causes.append(cause)
-                value += cause.offset(effect.values)
+                value += float(cause.with_known_part(effect.values)[0])
                 slope[model.layout[cause.key]] = 1.0
         sigma = float(np.sqrt(max(slope @ model.covariance @ slope, 0.0)))
         if not sigma > _EXACT:
             continue
         # Data determine a zero that is found, though not its part within the tolerance alone.
-        own = [] if causes else [warned.get((f"joint {joint}", _OFFSET))]
-        codes = [*own, *(_caution_of(cause, warned) for cause in causes)]
+        cautions = [] if causes else [warned.get((f"joint {joint}", _OFFSET))]
+        codes = [*cautions, *(_caution_of(cause, warned) for cause in causes)]
         caution = next(filter(None, codes), "")
         unit, si = ("rad", 1.0) if tree.is_revolute[k] else ("mm", _MM)
         yield joint, _OFFSET, "", repr(value / si), repr(sigma / si), unit, "yes", caution
@@ -276,7 +278,10 @@ def _deviations(model: ExtendedChain, warned: Mapping[tuple[str, str], str]) -> 
 
 
 def _order(effect: Effect[ChainCause]) -> str:
-    """Return the order of a harmonic, 1 of an eccentricity; empty for other effects."""
+    """Return the order of a harmonic, 1 of an eccentricity, 2 pi over the period in mm of a slide; empty for other
+    effects."""
+    if isinstance(effect.cause, JointPitchError):
+        return repr(_MM * effect.cause.order_at(effect.values))
     if isinstance(effect.cause, JointHarmonic):
         order = effect.cause.order_at(effect.values)
         return str(int(order)) if order == int(order) else repr(order)

@@ -115,8 +115,8 @@ class ScaleError(AxisCause):
         if not np.ptp(scene.rows.command) > 0.0:
             return ()
         size = scene.axis.spread / float(np.ptp(scene.rows.command))
-        own = replace(self, kind_of_axis=scene.axis.kind, plausible=size)
-        return [replace(own, element=name) for name in shown_elements(scene.axis)]
+        with_axis = replace(self, kind_of_axis=scene.axis.kind, plausible=size)
+        return [replace(with_axis, element=name) for name in shown_elements(scene.axis)]
 
     def parameters(self, legs: int) -> tuple[Parameter, ...]:
         """Return the factor minus one."""
@@ -171,15 +171,15 @@ class AxisGrowth(AxisCause):
         if not travel > 0.0:
             return ()
         points = [low + share * travel for share in _FIXED_POINTS] + [0.0] * (low <= 0.0 <= low + travel)
-        found = []
+        growths = []
         for column, values in varying_columns(scene.rows.covariates).items():
             if is_temperature(column):
                 per_k = max(scene.axis.spread, _PLAUSIBLE[scene.axis.kind]) / float(np.ptp(values))
                 own = replace(self, kind_of_axis=scene.axis.kind, column=column, reference_c=float(np.mean(values)))
                 own = replace(own, plausible=per_k / travel, plausible_shift=per_k)
                 elements = shown_elements(scene.axis)
-                found += [replace(own, element=name, fixed=point) for name in elements for point in points]
-        return found
+                growths += [replace(own, element=name, fixed=point) for name in elements for point in points]
+        return growths
 
     def refined(self) -> Self:
         """Return the form with a fitted fixed point."""
@@ -245,13 +245,13 @@ class ZeroShift(AxisCause):
 
     def candidates(self, scene: AxisScene) -> Sequence[ZeroShift]:
         """Return every element whose zero is observable, after each event; `channel_candidates` has other onsets."""
-        found: list[ZeroShift] = []
+        zero_shifts: list[ZeroShift] = []
         for event, start in scene.rows.events:
             late: Mask = np.greater_equal(scene.rows.time_s, start)
             first = int(np.argmin(np.where(late, scene.rows.time_s, np.inf)))
             if late.any() and _both_sides(scene, late[None])[0].any():
-                found += [self._shift_of(scene, name, first, start, event) for name in shown_elements(scene.axis)]
-        return found
+                zero_shifts += [self._shift_of(scene, name, first, start, event) for name in shown_elements(scene.axis)]
+        return zero_shifts
 
     def channel_candidates(self, scene: AxisScene) -> Sequence[ChannelCandidates[ZeroShift]]:
         """Return every element from every row on that has enough rows on either side."""
@@ -272,8 +272,8 @@ class ZeroShift(AxisCause):
 
     def _shift_of(self, scene: AxisScene, element: str, row: int, start: float, event: str) -> ZeroShift:
         pose = scene.rows.poses[row]
-        own = replace(self, kind_of_axis=scene.axis.kind, plausible=scene.axis.spread)
-        return replace(own, element=element, from_pose=pose, from_s=start, event=event)
+        shift = replace(self, kind_of_axis=scene.axis.kind, plausible=scene.axis.spread)
+        return replace(shift, element=element, from_pose=pose, from_s=start, event=event)
 
     def parameters(self, legs: int) -> tuple[Parameter, ...]:
         """Return the shift."""

@@ -53,25 +53,25 @@ def predict_axis(extended: ExtendedAxis, rows: AxisRows) -> tuple[NDArray, NDArr
     """
     count, encoders = len(rows.command), len(extended.axis.encoders)
     slopes = [np.broadcast_to(np.eye(encoders), (count, encoders, encoders))]
-    found = rows.command[:, None] + extended.zeros
+    reading = rows.command[:, None] + extended.zeros
     for effect in extended.effects:
-        own = effect.cause.slopes_at(rows, extended.axis, effect.values)
-        slopes.append(own if effect.cause.is_persistent else np.zeros_like(own))
+        derivative = effect.cause.slopes_at(rows, extended.axis, effect.values)
+        slopes.append(derivative if effect.cause.is_persistent else np.zeros_like(derivative))
         if effect.cause.is_persistent:
-            found = found + effect.cause.shift(rows, extended.axis, effect.values)
+            reading = reading + effect.cause.shift(rows, extended.axis, effect.values)
     design = np.concatenate(slopes, -1)
     variance = np.einsum("bki,ij,bkj->bk", design, extended.covariance, design)
-    return found, np.sqrt(np.maximum(variance, 0.0))
+    return reading, np.sqrt(np.maximum(variance, 0.0))
 
 
 def write_axis(extended: ExtendedAxis) -> str:
     """Return the model as TOML text."""
-    own = extended.axis
-    numbers: dict[str, Any] = {"mechanism": MECHANISM, "kind": own.kind, "loop": own.loop}
-    numbers |= {"least_move": own.least_move, "encoders": own.encoders}
-    zeros = zip(own.encoders, exact(extended.zeros), strict=True)
+    axis = extended.axis
+    numbers: dict[str, Any] = {"mechanism": MECHANISM, "kind": axis.kind, "loop": axis.loop}
+    numbers |= {"least_move": axis.least_move, "encoders": axis.encoders}
+    zeros = zip(axis.encoders, exact(extended.zeros), strict=True)
     tables = ["", "[zeros]  # reading minus command, rad or m", *(f"{name} = {toml_value(z)}" for name, z in zeros)]
-    return model_text(extended, numbers, tables, (), names=own.encoders, units="SI", legs=0)
+    return model_text(extended, numbers, tables, (), names=axis.encoders, units="SI", legs=0)
 
 
 def is_axis(document: dict[str, Any]) -> bool:

@@ -53,8 +53,8 @@ class AxisModel(ChannelModel[AxisCause]):
         """
         response = self.axis.response(TRANSMISSION)
         moves = self.stop_sigma > 0.0 and bool(response.any())
-        whole = self.command_sigma > 0.0
-        return ("",) * whole + (TRANSMISSION,) * (moves and not (whole and np.ptp(response) == 0.0))
+        has_noise = self.command_sigma > 0.0
+        return ("",) * has_noise + (TRANSMISSION,) * (moves and not (has_noise and np.ptp(response) == 0.0))
 
     @property
     def input_scale(self) -> NDArray:
@@ -100,11 +100,11 @@ class AxisModel(ChannelModel[AxisCause]):
 
     def points(self, shared: NDArray, local: NDArray) -> NDArray:
         """Return readings minus commands (B, K, 1) at shared (G,) and local (B, H) unknowns."""
-        found = np.tile(shared[self.layout["zero"]] * self.zero_sigma, (len(self.rows.command), 1))
-        found = found + np.einsum("bkh,bh->bk", self._by_stops, local)
+        values = np.tile(shared[self.layout["zero"]] * self.zero_sigma, (len(self.rows.command), 1))
+        values = values + np.einsum("bkh,bh->bk", self._by_stops, local)
         for effect in self.effects(shared):
-            found = found + effect.cause.shift(self.rows, self.axis, effect.values)
-        return found[..., None]
+            values = values + effect.cause.shift(self.rows, self.axis, effect.values)
+        return values[..., None]
 
     def predict(self, shared: NDArray, local: NDArray, by_shared: bool = True) -> Prediction:
         """Return readings minus commands and derivatives at shared (G,) and local (B, H) unknowns."""

@@ -105,13 +105,13 @@ class NonparametricAxisEffect(NonparametricEffect[AxisScene], AxisCause):
 
     def candidates(self, scene: AxisScene) -> Sequence[NonparametricAxisEffect]:
         """Return all dependences of distinguishable elements for which there are enough readings."""
-        found: list[NonparametricAxisEffect] = []
+        effects: list[NonparametricAxisEffect] = []
         for bare, count in self._distinguishable(scene):
             for columns, form, degree in _dependences(scene.rows):
                 if count >= PER_FUNCTION * degree:
                     settings = dependence(columns, partial(_range_of, scene.rows), form, degree)
-                    found.append(replace(bare, **settings))
-        return found
+                    effects.append(replace(bare, **settings))
+        return effects
 
     def channel_candidates(self, scene: AxisScene) -> Sequence[ChannelCandidates[NonparametricAxisEffect]]:
         """Return every period of time during which a distinguishable element may have an offset."""
@@ -135,10 +135,10 @@ class NonparametricAxisEffect(NonparametricEffect[AxisScene], AxisCause):
 
     def parameters(self, legs: int) -> tuple[Parameter, ...]:
         """Return one amplitude per function; those of faster waves are smaller, as in a random walk."""
-        own = super().parameters(legs)
+        base_parameters = super().parameters(legs)
         if self.form != WAVES:
-            return own
-        return tuple(replace(p, scale=_OF_A_WALK * p.scale / k) for k, p in enumerate(own, self.first))
+            return base_parameters
+        return tuple(replace(p, scale=_OF_A_WALK * p.scale / k) for k, p in enumerate(base_parameters, self.first))
 
     def slopes(self, rows: AxisRows, axis: Axis) -> NDArray:
         """Return the values of the functions, for the encoders that respond."""
@@ -216,13 +216,13 @@ def _stretches(rows: AxisRows) -> tuple[Index, Index]:
     longest = max(int(_LONGEST * len(in_time)), _FEWEST)
     place = np.empty(len(in_time), int)
     place[in_time] = np.arange(len(in_time))
-    found = [
+    stretches = [
         (start, in_time[end - 1])
         for start in starts
         for end in place[starts]
         if _FEWEST <= end - place[start] <= longest
     ]
-    first, last = zip(*found, strict=True) if found else ((), ())
+    first, last = zip(*stretches, strict=True) if stretches else ((), ())
     return np.array(first, int), np.array(last, int)
 
 

@@ -52,11 +52,16 @@ class AxisPeriodicError(AxisCause):
         """Encoder, instrument, or the axis for its transmission."""
         return SUBJECTS[self.element]
 
+    @property
+    def has_set_shape(self) -> bool:
+        """True for a period of the turn, or a declared one."""
+        return self.frequency_sigma == 0.0
+
     def candidates(self, scene: AxisScene) -> Sequence[AxisPeriodicError]:
         """Return every observable element at the declared period, or at each period that the commands distinguish."""
-        own = replace(self, kind_of_axis=scene.axis.kind, plausible=scene.axis.spread)
+        with_axis = replace(self, kind_of_axis=scene.axis.kind, plausible=scene.axis.spread)
         return [
-            replace(own, element=name, period=period, frequency_sigma=sigma, aliased=aliased)
+            replace(with_axis, element=name, period=period, frequency_sigma=sigma, aliased=aliased)
             for period, sigma, aliased in _periods(scene.axis, scene.rows.command)
             for name in shown_elements(scene.axis)
         ]
@@ -141,13 +146,15 @@ def _searched(command: NDArray, travel: float) -> list[tuple[float, float, bool]
     # Slower waves are no candidates, but exclude those that they equal at the commands.
     frequencies = np.arange(spacing, _WIDER / step, spacing)
     spans = _spans(_TURN * frequencies[:, None] * command)
-    found: list[tuple[float, float, bool]] = []
-    for own in np.flatnonzero(frequencies <= 1.0 / step)[:_MOST]:
-        alike = _same_span(spans[own], spans) & (np.abs(np.arange(len(frequencies)) - own) > _OVERSAMPLING)
-        is_first = bool(spans[own].any()) and not alike[:own].any()
-        if is_first and frequencies[own] * travel >= _FEWEST_PERIODS:
-            found.append((1.0 / float(frequencies[own]), _GRID_DISTANCE * spacing, bool(alike.any())))
-    return found
+    periods: list[tuple[float, float, bool]] = []
+    for frequency_place in np.flatnonzero(frequencies <= 1.0 / step)[:_MOST]:
+        alike = _same_span(spans[frequency_place], spans) & (
+            np.abs(np.arange(len(frequencies)) - frequency_place) > _OVERSAMPLING
+        )
+        is_first = bool(spans[frequency_place].any()) and not alike[:frequency_place].any()
+        if is_first and frequencies[frequency_place] * travel >= _FEWEST_PERIODS:
+            periods.append((1.0 / float(frequencies[frequency_place]), _GRID_DISTANCE * spacing, bool(alike.any())))
+    return periods
 
 
 def _spans(turns: NDArray) -> NDArray:
@@ -157,7 +164,7 @@ def _spans(turns: NDArray) -> NDArray:
     return np.asarray(directions * (sizes > 0.05 * math.sqrt(turns.shape[1]))[:, None])
 
 
-def _same_span(own: NDArray, spans: NDArray) -> NDArray:
+def _same_span(span: NDArray, spans: NDArray) -> NDArray:
     """Return the mask (F,) of spans (F, B, 2) within which a span (B, 2) lies."""
-    within = np.sum((spans.swapaxes(1, 2) @ own) ** 2, 1)
-    return np.asarray((np.sum(own**2, 0) - within < _ALIKE**2).all(1))
+    within = np.sum((spans.swapaxes(1, 2) @ span) ** 2, 1)
+    return np.asarray((np.sum(span**2, 0) - within < _ALIKE**2).all(1))

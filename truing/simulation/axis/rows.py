@@ -101,7 +101,7 @@ class AxisRows:
     def subset(self, rows: Mask) -> AxisRows:
         """Return some of the rows."""
         return AxisRows(
-            tuple(pose for pose, own in zip(self.poses, rows, strict=True) if own),
+            tuple(pose for pose, is_used in zip(self.poses, rows, strict=True) if is_used),
             self.time_s[rows],
             self.command[rows],
             self.direction[rows],
@@ -137,7 +137,7 @@ def approaches(command: NDArray, order: NDArray, least: float) -> tuple[NDArray,
 
 def path_travelled(command: NDArray, order: NDArray) -> NDArray:
     """Return the path (N,) since the first row in order of time; rows without a command add nothing."""
-    in_time, found = np.argsort(order, kind="stable"), np.zeros(len(command))
+    in_time, path = np.argsort(order, kind="stable"), np.zeros(len(command))
     known = in_time[np.isfinite(command[in_time])]
-    found[known] = np.cumsum(np.abs(np.diff(command[known], prepend=command[known[:1]])))
-    return found
+    path[known] = np.cumsum(np.abs(np.diff(command[known], prepend=command[known[:1]])))
+    return path

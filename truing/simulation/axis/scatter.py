@@ -47,9 +47,9 @@ class AxisScatter(AxisCause):
         sides = [(way, scene.rows.direction == way) for way in (1, -1)]
         if min(came.sum() for _, came in sides) < _FEWEST:
             return ()
-        own = replace(self, kind_of_axis=scene.axis.kind)
+        with_axis = replace(self, kind_of_axis=scene.axis.kind)
         return [
-            ScatterCandidate(replace(own, element=name, direction=way), came[:, None] & mark, True)
+            ScatterCandidate(replace(with_axis, element=name, direction=way), came[:, None] & mark, True)
             for name, mark in zip(scene.stops, np.eye(len(scene.stops), dtype=bool), strict=True)
             for way, came in sides
         ]

@@ -50,9 +50,9 @@ class EncodersDisagree(AxisCause):
         axis = scene.axis
         if not {MOTOR, LOAD} <= set(axis.encoders) or _distinct(scene.rows) < _DISTINCT:
             return ()
-        own = replace(self, kind_of_axis=axis.kind, is_witnessed=MEASURED in axis.encoders)
-        own = replace(own, plausible=axis.spread / float(np.ptp(scene.rows.travelled)))
-        return [replace(own, element=name) for name in shown_elements(axis, _ELEMENTS)]
+        with_axis = replace(self, kind_of_axis=axis.kind, is_witnessed=MEASURED in axis.encoders)
+        with_axis = replace(with_axis, plausible=axis.spread / float(np.ptp(scene.rows.travelled)))
+        return [replace(with_axis, element=name) for name in shown_elements(axis, _ELEMENTS)]
 
     def parameters(self, legs: int) -> tuple[Parameter, ...]:
         """Return the change of the difference per path."""
@@ -68,7 +68,7 @@ def _distinct(rows: AxisRows) -> float:
     movement."""
     path = rows.travelled
     columns = [np.ones_like(path), rows.command, rows.order, rows.time_s]
-    scaled = [(own - own.mean()) / (np.std(own) or 1.0) for own in columns[1:] if np.isfinite(own).all()]
+    scaled = [(column - column.mean()) / (np.std(column) or 1.0) for column in columns[1:] if np.isfinite(column).all()]
     design = np.stack([columns[0], *scaled], 1)
     left = path - design @ np.linalg.lstsq(design, path, rcond=None)[0]
     return float(np.std(left) / (np.std(path) or 1.0))

@@ -71,9 +71,9 @@ def extended_sensor(model: BenchModel, shared: NDArray, covariance: NDArray, con
     effects = tuple(one for one in found if not (concerns_signals(one.cause) or is_of_compliance(one.cause)))
     sigmas = [np.zeros((_AXES * _AXES, len(shared)))]
     for effect in effects:
-        own = np.zeros((len(effect.values), len(shared)))
-        own[:, model.layout[effect.cause.key]] = np.diag(model.effect_sigma(effect.cause))
-        sigmas.append(own)
+        derivative = np.zeros((len(effect.values), len(shared)))
+        derivative[:, model.layout[effect.cause.key]] = np.diag(model.effect_sigma(effect.cause))
+        sigmas.append(derivative)
     by_unknown = np.concatenate(sigmas)
     sensor = known.sensor
     stiffness = shared[model.layout["stiffness"]]
@@ -83,9 +83,9 @@ def extended_sensor(model: BenchModel, shared: NDArray, covariance: NDArray, con
     for one in found:
         if isinstance(one.cause, LegStiffness) and (legs := model.steps.legs) is not None:
             ratio, slope = one.cause.ratios(legs, one.values)
-            own = slope @ identified * model.effect_sigma(one.cause)
+            derivative = slope @ identified * model.effect_sigma(one.cause)
             by_unknown[: _AXES * _AXES] = _multiplied(ratio, by_unknown[: _AXES * _AXES])
-            by_unknown[: _AXES * _AXES, model.layout[one.cause.key]] = own.reshape(-1, 1)
+            by_unknown[: _AXES * _AXES, model.layout[one.cause.key]] = derivative.reshape(-1, 1)
             identified = ratio @ identified
     rows = known.optics.rows_at(shared[model.layout["optics"]])
     # Angles and arms change readings in the same way as a change of the compliance.
@@ -127,7 +127,9 @@ def predict_readings(extended: ExtendedSensor, conditions: ReadingConditions) ->
     causes = tuple(cause for cause in extended.causes if cause.is_persistent)
     model, shared = _model_at(extended, causes, conditions)
     value = model.points(shared, np.zeros((len(conditions.load), 0)))[..., 0]
-    slopes = np.concatenate([_by_compliance(extended, conditions, causes, shared), _by_effects(model, shared)], -1)
+    slopes = np.concatenate(
+        [_derivative_by_compliance(extended, conditions, causes, shared), _derivative_by_effects(model, shared)], -1
+    )
     places = extended.places(causes)
     covariance = extended.covariance[np.ix_(places, places)]
     variance = np.einsum("bkp,pq,bkq->bk", slopes, covariance, slopes)
@@ -160,7 +162,7 @@ def _model_at(
     return model, shared
 
 
-def _by_compliance(
+def _derivative_by_compliance(
     extended: ExtendedSensor, conditions: ReadingConditions, causes: Sequence[ReadingCause], shared: NDArray
 ) -> NDArray:
     """Return the derivatives (B, 6, 36) of readings by the compliance; the readings are linear in it, so differences
@@ -168,16 +170,16 @@ def _by_compliance(
     local = np.zeros((len(conditions.load), 0))
     size = np.sqrt(np.abs(np.outer(np.diag(extended.compliance), np.diag(extended.compliance))))
     whole = _model(extended, extended.compliance, conditions).with_causes(causes).points(shared, local)[..., 0]
-    found = []
+    derivatives = []
     for i, j in np.ndindex(_AXES, _AXES):
         changed = extended.compliance.copy()
         changed[i, j] += size[i, j]
         moved = _model(extended, changed, conditions).with_causes(causes).points(shared, local)[..., 0]
-        found.append((moved - whole) / size[i, j])
-    return np.stack(found, -1)
+        derivatives.append((moved - whole) / size[i, j])
+    return np.stack(derivatives, -1)
 
 
-def _by_effects(model: BenchModel, shared: NDArray) -> NDArray:
+def _derivative_by_effects(model: BenchModel, shared: NDArray) -> NDArray:
     """Return the derivatives (B, 6, P) of readings by the effects' parameters, SI."""
     by_shared = model.predict(shared, np.zeros((len(model.conditions.load), 0))).by_shared[:, :, 0]
     parts = [by_shared[..., model.layout[cause.key]] / model.effect_sigma(cause) for cause in model.causes]
@@ -258,7 +260,7 @@ def _from_document(document: dict[str, Any]) -> ExtendedSensor:
 
 
 def _matrix(rows: Any) -> NDArray:
-    found = np.array(rows, float)
-    if found.shape != (_AXES, _AXES):
-        raise ValueError(f"model: found a matrix of shape {found.shape}, expected (6, 6)")
-    return found
+    matrix = np.array(rows, float)
+    if matrix.shape != (_AXES, _AXES):
+        raise ValueError(f"model: found a matrix of shape {matrix.shape}, expected (6, 6)")
+    return matrix

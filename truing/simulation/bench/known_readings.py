@@ -89,8 +89,8 @@ class BeamGeometry:
         missing = ~seen & ~np.isfinite(expected)
         known = seen & ~np.einsum("kij,kj->ki", np.abs(inverse) > _NOTHING, missing)
         by_angle = np.where(seen[:, :, None], np.einsum("uij,kj->kiu", self.optics.by_angle, filled), 0.0)
-        own = np.where(seen, np.einsum("kii->ki", covariance), np.nan_to_num(spread))
-        inner = own[:, :, None] * np.eye(6) + by_angle @ np.swapaxes(by_angle, 1, 2)
+        variance = np.where(seen, np.einsum("kii->ki", covariance), np.nan_to_num(spread))
+        inner = variance[:, :, None] * np.eye(6) + by_angle @ np.swapaxes(by_angle, 1, 2)
         whole = inverse @ inner @ np.swapaxes(inverse, 1, 2)
         both = known[:, :, None] & known[:, None, :]
         more = self.optics.rows - np.eye(6)
@@ -234,18 +234,18 @@ def zeros_of_steps(
     seen (B, K) at steps that may be fitted (B,); typical (K,) noise of a channel, SI; tared: standard deviation of a
     signal's zero, V.
     """
-    found = zeros_of(run_names(steps)[fitted], seen[fitted], typical, signals=steps.signal.shape[1])
+    zeros = zeros_of(run_names(steps)[fitted], seen[fitted], typical, signals=steps.signal.shape[1])
     noise = typical[: len(CHANNELS)]
     spread = zeros_of_runs(steps, steps.reading, noise).spread(noise)
     place = {label: number for number, label in enumerate(np.array(steps.runs).tolist())}
-    own = np.flatnonzero(found.channel < len(CHANNELS))
-    sigma = found.sigma.copy()
-    sigma[own] = spread[[place[label] for label in found.run[own].tolist()], found.channel[own]]
-    found = replace(found, sigma=sigma)
+    places = np.flatnonzero(zeros.channel < len(CHANNELS))
+    sigma = zeros.sigma.copy()
+    sigma[places] = spread[[place[label] for label in zeros.run[places].tolist()], zeros.channel[places]]
+    zeros = replace(zeros, sigma=sigma)
     if tared is None:
-        return found
-    signal = found.channel >= len(CHANNELS)
-    return replace(found, sigma=np.where(signal, tared, found.sigma), known=found.known | signal)
+        return zeros
+    signal = zeros.channel >= len(CHANNELS)
+    return replace(zeros, sigma=np.where(signal, tared, zeros.sigma), known=zeros.known | signal)
 
 
 def gains_of_steps(
@@ -269,8 +269,8 @@ def gains_of_steps(
         gains = np.broadcast_to(declared, (count,)).copy()
         return SignalGains(gains, np.abs(gains) * max(tolerance or 0.0, 1e-6), True)
     columns = np.linalg.solve(influence_matrix(sensor.joints), steps.load.T).T[..., None]
-    own = [_slopes(columns[:, j], steps.signal[:, j], steps.run, seen[:, j])[0] for j in range(count)]
-    gains = np.array(own)
+    slopes = [_slopes(columns[:, j], steps.signal[:, j], steps.run, seen[:, j])[0] for j in range(count)]
+    gains = np.array(slopes)
     return SignalGains(gains, _wide_sigmas(gains), False)
 
 
@@ -283,5 +283,5 @@ def _slopes(columns: NDArray, values: NDArray, run: NDArray[np.int64], seen: NDA
     """Return the slopes (W,) of values (B,) along columns (B, W), with one zero per run."""
     at = np.unique(run[seen], return_inverse=True)[1]
     zeros = np.eye(int(at.max()) + 1)[at] if seen.any() else np.zeros((0, 0))
-    whole = np.hstack([columns[seen], zeros])
-    return np.asarray(np.linalg.lstsq(whole, values[seen], rcond=None)[0][: columns.shape[1]])
+    design = np.hstack([columns[seen], zeros])
+    return np.asarray(np.linalg.lstsq(design, values[seen], rcond=None)[0][: columns.shape[1]])

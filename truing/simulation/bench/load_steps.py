@@ -119,9 +119,9 @@ class LoadSteps:
 
         A break is a pause of several usual ones.
         """
-        held = self.held_s
-        usual = float(np.median(held[held > 0.0])) if np.any(held > 0.0) else np.inf
-        last = np.where(held > _BREAK * usual, self.time_s, -np.inf)
+        hold_times = self.held_s
+        usual = float(np.median(hold_times[hold_times > 0.0])) if np.any(hold_times > 0.0) else np.inf
+        last = np.where(hold_times > _BREAK * usual, self.time_s, -np.inf)
         for place in self._in_run[1:]:
             last[place] = np.maximum(last[place], last[self.before[place]])
         return np.asarray(self.time_s - last)
@@ -140,27 +140,27 @@ class LoadSteps:
     def unloading(self) -> NDArray:
         """Mask (B, 6) of loads smaller in size than at the previous step; a held load keeps the previous value."""
         size = np.abs(self.load)
-        found = size < size[self.before]
-        held = size == size[self.before]
+        is_unloading = size < size[self.before]
+        is_equal = size == size[self.before]
         for place in self._in_run[1:]:
-            found[place] |= held[place] & found[self.before[place]]
-        return found
+            is_unloading[place] |= is_equal[place] & is_unloading[self.before[place]]
+        return is_unloading
 
     @cached_property
     def direction(self) -> NDArray:
         """Sign (B, 6) of the last change of each load in its run, -1 or 1; 0 before any change."""
-        found = np.sign(self.load - self.load[self.before])
+        sign = np.sign(self.load - self.load[self.before])
         for place in self._in_run[1:]:
-            found[place] = np.where(found[place] == 0.0, found[self.before[place]], found[place])
-        return found
+            sign[place] = np.where(sign[place] == 0.0, sign[self.before[place]], sign[place])
+        return sign
 
     @cached_property
     def largest_so_far(self) -> NDArray:
         """Largest size (B, 6) of each load so far in its run, N and N m."""
-        found = np.abs(self.load)
+        largest = np.abs(self.load)
         for place in self._in_run[1:]:
-            found[place] = np.maximum(found[place], found[self.before[place]])
-        return found
+            largest[place] = np.maximum(largest[place], largest[self.before[place]])
+        return largest
 
     @property
     def loaded(self) -> NDArray:
@@ -212,12 +212,15 @@ class LoadSteps:
         share = self.share
         ahead, slope = np.zeros(share.shape), np.zeros(share.shape)
         for again in (False, True) if exercised else (False,):
-            for place, own in enumerate(self._in_run):
-                before, at_rest = self.before[own] if place else self._last_in_run[own], not (place or again)
-                free = share[own] if at_rest else ahead[before] + share[own] - share[before]
-                kept = 0.0 if at_rest else slope[before]
-                slope[own] = np.where(np.abs(free) < threshold, kept, np.sign(free))
-                ahead[own] = np.clip(free, -threshold, threshold)
+            for place, rows_of_step in enumerate(self._in_run):
+                before, at_rest = (
+                    self.before[rows_of_step] if place else self._last_in_run[rows_of_step],
+                    not (place or again),
+                )
+                free = share[rows_of_step] if at_rest else ahead[before] + share[rows_of_step] - share[before]
+                slope_before = 0.0 if at_rest else slope[before]
+                slope[rows_of_step] = np.where(np.abs(free) < threshold, slope_before, np.sign(free))
+                ahead[rows_of_step] = np.clip(free, -threshold, threshold)
         return ahead / threshold, slope - ahead / threshold
 
     @cached_property
@@ -228,17 +231,18 @@ class LoadSteps:
         last[self.code[order]] = order
         return last[self.code]
 
-    def filtered(self, values: NDArray, kept: NDArray) -> NDArray:
-        """Return values (B, ...) after a first-order lag within each run: y = kept y_before + (1 - kept) value, from 0.
+    def filtered(self, values: NDArray, decay: NDArray) -> NDArray:
+        """Return values (B, ...) after a first-order lag within each run: y = decay y_before + (1 - decay) value,
+        from 0.
 
-        kept (B,) is the factor of the previous state at each step.
+        decay (B,) is the factor of the previous state at each step.
         """
-        follows = np.zeros(values.shape, np.result_type(values, kept))
-        wide = kept.reshape(-1, *([1] * (values.ndim - 1)))
+        follows = np.zeros(values.shape, np.result_type(values, decay))
+        wide = decay.reshape(-1, *([1] * (values.ndim - 1)))
         gain = (1.0 - wide) * values
         for place in self._in_run:
-            own = follows[self.before[place]] if place is not self._in_run[0] else 0.0
-            follows[place] = wide[place] * own + gain[place]
+            state_before = follows[self.before[place]] if place is not self._in_run[0] else 0.0
+            follows[place] = wide[place] * state_before + gain[place]
         return follows
 
 

@@ -58,7 +58,7 @@ class BenchForwardPass(Trace[ReadingCause, ReadingState]):
 
     def bent(self, wrench: NDArray) -> NDArray:
         """Return the derivatives of the motion (B, 6, 36) by the entries of the compliance, after the effects on the
-        deflection. These are linear in it and act on the response to each load separately, so that unit responses pass
+        deflection. These are linear in it and act on the response to each load separately. So unit responses pass
         through them once, however many parameters the compliance has."""
         unit = np.eye(_AXES)[:, None] * wrench[:, None, :, None]
         for effect, state in self.subsequent_effects(None, Step.STRUCTURE):
@@ -171,8 +171,8 @@ class BenchModel(ChannelModel[ReadingCause]):
     @cached_property
     def zero_groups(self) -> NDArray:
         """Number (B, K) of the run and channel whose zero a reading has; -1 for tared signals."""
-        count, own = len(self.known.channels), self.known.zeros
-        tared = np.isin(np.arange(count), own.channel[own.known & (own.channel >= len(CHANNELS))])
+        count, zeros = len(self.known.channels), self.known.zeros
+        tared = np.isin(np.arange(count), zeros.channel[zeros.known & (zeros.channel >= len(CHANNELS))])
         return np.where(tared, -1, self.steps.code[:, None] * count + np.arange(count))
 
     @property
@@ -188,25 +188,35 @@ class BenchModel(ChannelModel[ReadingCause]):
     @cached_property
     def steps(self) -> LoadSteps:
         """Load steps, with the predictions of the plain simulation."""
-        known, own = self.known, self.conditions
-        order = ranks(own.time_s).astype(float)
+        known, conditions = self.known, self.conditions
+        order = ranks(conditions.time_s).astype(float)
         sensor, shared = known.sensor, np.zeros(self.shared_size)
         response = self._response(shared)
         bare = LoadSteps(
-            own.run, own.step, own.time_s, own.load, known.largest, own.covariates, known.channels, known.sigma,
-            own.load @ response.compliance.T, own.load @ self._rows(shared, response).T, known.wavelength_m,
-            sensor.legs, known.arms,
-        )  # fmt: skip
-        loads = {name: own.load[:, n] for n, name in enumerate(LOADS) if bare.loaded[n]}
-        columns = {**own.covariates, TIME: own.time_s, IN_RUN: bare.in_run_s, ORDER: order, **loads}
+            conditions.run,
+            conditions.step,
+            conditions.time_s,
+            conditions.load,
+            known.largest,
+            conditions.covariates,
+            known.channels,
+            known.sigma,
+            conditions.load @ response.compliance.T,
+            conditions.load @ self._rows(shared, response).T,
+            known.wavelength_m,
+            sensor.legs,
+            known.arms,
+        )
+        loads = {name: conditions.load[:, n] for n, name in enumerate(LOADS) if bare.loaded[n]}
+        columns = {**conditions.covariates, TIME: conditions.time_s, IN_RUN: bare.in_run_s, ORDER: order, **loads}
         return replace(bare, covariates=columns)
 
     @property
     def split(self) -> Split | None:
         """Elastic parameters, split into a part common to all legs and one per leg."""
-        own = self.known.sensor
-        common = np.array([leg is None for leg, _ in own.unknowns[own.geometry_size :]])
-        return Split(np.r_[self.layout["stiffness"]], common, own.share) if own.is_split else None
+        sensor = self.known.sensor
+        common = np.array([leg is None for leg, _ in sensor.unknowns[sensor.geometry_size :]])
+        return Split(np.r_[self.layout["stiffness"]], common, sensor.share) if sensor.is_split else None
 
     def with_share(self, share: float) -> Self:
         """Return the model with another common share of the elastic parameters' variance."""
@@ -248,21 +258,21 @@ class BenchModel(ChannelModel[ReadingCause]):
         forward_pass = self._forward_pass(shared, local)
         points = self._with_zeros(forward_pass.state.readings, shared)[..., None]
         slopes = self._by_shared(shared, forward_pass)[:, :, None] if by_shared else None
-        found = self._prediction(shared, points, slopes, forward_pass.from_wrench(self._load_errors)[:, :, None])
-        return replace(found, zero_columns=self._zero_columns) if by_shared else found
+        prediction = self._prediction(shared, points, slopes, forward_pass.from_wrench(self._load_errors)[:, :, None])
+        return replace(prediction, zero_columns=self._zero_columns) if by_shared else prediction
 
     def partial_designs(
         self, shared: NDArray, local: NDArray
     ) -> Callable[[ReadingCause], Mapping[str, NDArray | PartialDesign]]:
         """Return the function from a candidate to its design; one that the load steps determine holds its channels
         only."""
-        whole, steps = self.design_matrix(shared, local), self.steps
+        designs, steps = self.design_matrix(shared, local), self.steps
 
         def found(cause: ReadingCause) -> Mapping[str, NDArray | PartialDesign]:
-            own = None if cause.key in self.layout else cause.channel_slopes(steps)
-            if own is None:
-                return whole(cause)
-            channels, along = np.flatnonzero(own[0]), own[1] * self.effect_scale(cause)
+            derivative = None if cause.key in self.layout else cause.channel_slopes(steps)
+            if derivative is None:
+                return designs(cause)
+            channels, along = np.flatnonzero(derivative[0]), derivative[1] * self.effect_scale(cause)
             return {OBSERVED: PartialDesign(channels, np.repeat(along[:, None], len(channels), 1))}
 
         return found
@@ -310,8 +320,8 @@ class BenchModel(ChannelModel[ReadingCause]):
         return self.known.sensor.at(shared[self.layout["geometry"]], shared[self.layout["stiffness"]])
 
     def _gains(self, shared: NDArray) -> NDArray:
-        own = self.known.gains
-        return own.start + own.sigma * shared[self.layout["gain"]].reshape(own.start.shape)
+        gains = self.known.gains
+        return gains.start + gains.sigma * shared[self.layout["gain"]].reshape(gains.start.shape)
 
     def _mixed(self, forces: NDArray, shared: NDArray) -> NDArray:
         """Return the leg forces (..., 6, 6) between their two models (..., M, 6, 6)."""
@@ -339,7 +349,7 @@ class BenchModel(ChannelModel[ReadingCause]):
     def _by_shared(self, shared: NDArray, forward_pass: BenchForwardPass) -> NDArray:
         """Return the readings' derivatives (B, K, G - Z) by the shared unknowns after the zeros."""
         first = self.layout["zero"].stop
-        layout = {name: slice(own.start - first, own.stop - first) for name, own in self.layout.items()}
+        layout = {name: slice(place.start - first, place.stop - first) for name, place in self.layout.items()}
         slopes = np.zeros((*forward_pass.state.readings.shape, self.shared_size - first))
         sensor, wrench = self.known.sensor, forward_pass.after[Step.DRIVE].wrench
         by_stiffness = sensor.by_stiffness(shared[self.layout["stiffness"]])
@@ -374,19 +384,19 @@ class BenchModel(ChannelModel[ReadingCause]):
     def _by_signals(self, shared: NDArray) -> dict[str, NDArray]:
         """Return the derivatives (S, 6, n) of the signals' rows by gains, and by the mixture of the models of leg
         forces."""
-        own = self.known.gains
+        gains = self.known.gains
         if not self.known.signals:
             return {}
-        if not own.are_of_legs:
-            count = own.start.size
-            return {"gain": np.eye(count).reshape(*own.start.shape, count) * own.sigma.ravel()}
+        if not gains.are_of_legs:
+            count = gains.start.size
+            return {"gain": np.eye(count).reshape(*gains.start.shape, count) * gains.sigma.ravel()}
         forces = self._response(shared).forces
-        each = np.eye(self.known.signals) * own.sigma
-        found = {"gain": self._mixed(forces, shared)[..., None] * each[:, None]}
+        each = np.eye(self.known.signals) * gains.sigma
+        parts = {"gain": self._mixed(forces, shared)[..., None] * each[:, None]}
         if self._has_two_models:
             apart = forces[1] - forces[0]
-            found["legforce"] = (self._gains(shared)[:, None] * apart)[..., None]
-        return found
+            parts["legforce"] = (self._gains(shared)[:, None] * apart)[..., None]
+        return parts
 
 
 _BLOCKS = 5  # number of blocks that are left out in turn

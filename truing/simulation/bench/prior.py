@@ -58,10 +58,10 @@ class SensorPrior(CampaignPrior[ReadingCause]):
     def slopes(self, model: PartitionedModel, shared: NDArray) -> NDArray:
         """Return the derivative (n, n) of the numbers by their unknowns."""
         sensor, _, stiffness = _sensor_and_stiffness(model, shared)
-        own = np.diag(self._ratio(sensor))
-        reported = self.back @ _by_unknowns(sensor, stiffness)
-        own = own + self.along.T @ (reported - self.along @ own)
-        return block_diagonal(own, super().slopes(model, shared)[len(own) :, len(own) :])
+        ratios = np.diag(self._ratio(sensor))
+        reported = self.back @ _derivative_by_unknowns(sensor, stiffness)
+        ratios = ratios + self.along.T @ (reported - self.along @ ratios)
+        return block_diagonal(ratios, super().slopes(model, shared)[len(ratios) :, len(ratios) :])
 
     def _ratio(self, sensor: UncertainSensor) -> NDArray:
         """Return the present sigma of each length and stiffness (m,) over the former: the common share of legs may
@@ -69,28 +69,28 @@ class SensorPrior(CampaignPrior[ReadingCause]):
         return np.asarray(sensor.scales / self.counted)
 
 
-def sensor_prior(found: ExtendedSensor, model: BenchModel) -> SensorPrior:
+def sensor_prior(extended: ExtendedSensor, model: BenchModel) -> SensorPrior:
     """Return the prior that an identified sensor gives for the model of the next campaign.
 
     Its tolerances are assumed to be those of the next campaign. Effects that this cannot predict, because a column is
     missing, are omitted.
     """
-    causes = persistent_causes(found.causes, model.part_count, model.steps.covariates, model.known.channels)
-    sensor = replace(model.known.sensor, share=found.share)
-    start, rows = _smallest_unknowns(sensor, found.compliance)
+    causes = persistent_causes(extended.causes, model.part_count, model.steps.covariates, model.known.channels)
+    sensor = replace(model.known.sensor, share=extended.share)
+    start, rows = _smallest_unknowns(sensor, extended.compliance)
     left, size, right = np.linalg.svd(rows, full_matrices=False)
     seen = size > _LEAST * size.max(initial=0.0)
     along = right[seen]  # (r, n): combinations of the unknowns, each with a prior sigma of one
-    back = (left[:, seen] / size[seen]).T / _scale(found.compliance)
+    back = (left[:, seen] / size[seen]).T / _scale(extended.compliance)
     sigmas = [model.effect_sigma(cause) for cause in causes]
-    places = found.places(causes)
+    places = extended.places(causes)
     turn = block_diagonal(back, *(np.diag(1.0 / sigma) for sigma in sigmas))
-    precision = np.linalg.inv(turn @ found.covariance[np.ix_(places, places)] @ turn.T)
+    precision = np.linalg.inv(turn @ extended.covariance[np.ix_(places, places)] @ turn.T)
     spread = block_diagonal(along, np.eye(len(precision) - len(along)))
     information = clipped(spread.T @ clipped(precision - np.eye(len(precision))) @ spread)
-    values = [effect.values / model.effect_sigma(effect.cause) for effect in found.effects if effect.cause in causes]
+    values = [effect.values / model.effect_sigma(effect.cause) for effect in extended.effects if effect.cause in causes]
     mean, identity = np.concatenate([along.T @ (along @ start), *values]), np.eye(len(information))
-    behind = {"along": along, "back": back, "compliance": found.compliance.ravel(), "start": along @ start}
+    behind = {"along": along, "back": back, "compliance": extended.compliance.ravel(), "start": along @ start}
     return SensorPrior.of(
         causes,
         _parts(sensor, causes, sigmas),
@@ -115,13 +115,13 @@ def _smallest_unknowns(sensor: UncertainSensor, compliance: NDArray) -> tuple[ND
     rows = np.zeros((_ENTRIES, len(unknowns)))
     for _ in range(_ROUNDS):
         geometry, stiffness = np.split(unknowns, [sensor.geometry_size])
-        rows = _by_unknowns(sensor, stiffness) / scale[:, None]
+        rows = _derivative_by_unknowns(sensor, stiffness) / scale[:, None]
         gap = (compliance - sensor.at(geometry, stiffness).compliance).ravel() / scale
         unknowns = np.linalg.lstsq(rows, gap + rows @ unknowns, rcond=_LEAST)[0]
     return unknowns, rows
 
 
-def _by_unknowns(sensor: UncertainSensor, stiffness: NDArray) -> NDArray:
+def _derivative_by_unknowns(sensor: UncertainSensor, stiffness: NDArray) -> NDArray:
     """Return the derivatives (36, n) of the compliance by lengths and stiffnesses."""
     slopes = np.concatenate([sensor.by_geometry.compliance, sensor.by_stiffness(stiffness).compliance])
     return np.asarray(slopes.reshape(-1, _ENTRIES).T)
@@ -137,5 +137,5 @@ def _parts(
     sensor: UncertainSensor, causes: tuple[ReadingCause, ...], effects: list[NDArray]
 ) -> tuple[SharedUnknowns, ...]:
     geometry, stiffness = np.split(sensor.scales, [sensor.geometry_size])
-    own = [SharedUnknowns("geometry", geometry), SharedUnknowns("stiffness", stiffness)]
-    return (*own, *(SharedUnknowns(cause.key, sigma) for cause, sigma in zip(causes, effects, strict=True)))
+    unknowns = [SharedUnknowns("geometry", geometry), SharedUnknowns("stiffness", stiffness)]
+    return (*unknowns, *(SharedUnknowns(cause.key, sigma) for cause, sigma in zip(causes, effects, strict=True)))

@@ -125,7 +125,7 @@ def _position_looseness(body: str, targets: Sequence[str], shape: Array, trusted
     It is one except for corners of markers, which move together: only the rest of the body determines their position.
     """
     loose = np.ones(trusted.shape)
-    corners = [k for own in markers_of([body] * len(targets), targets).values() for k in own]
+    corners = [k for corner in markers_of([body] * len(targets), targets).values() for k in corner]
     loose[:, corners] = looseness(shape, trusted)[:, corners]
     return loose
 
@@ -142,8 +142,8 @@ def evident_displacements(
         for pose in sorted({b for b, k in changes if k == corners[0]}):
             if all((pose, k) in at for k in corners):
                 at -= {(pose, k) for k in corners}
-                one = TargetMoved(body, name, points.poses[pose], float(order[pose]))
-                found.append(one.of_corners([points.targets[k] for k in corners], shape[list(corners)]))
+                displaced = TargetMoved(body, name, points.poses[pose], float(order[pose]))
+                found.append(displaced.of_corners([points.targets[k] for k in corners], shape[list(corners)]))
     single = [
         TargetMoved(body, points.targets[k], points.poses[b], float(order[b])) for b, k in changes if (b, k) in at
     ]
@@ -154,10 +154,12 @@ def _relabelled(points: PosePoints, residuals: PointResiduals, assessed: PointSe
     """Return points (B, k, 3) under their true labels, and the mask (B, k) of those that determine the pose."""
     right = points.points.copy()
     trusted = points.seen & residuals.fitted
-    for one in assessed.exchanges:
-        right[one.pose, [one.first, one.second]] = points.points[one.pose, [one.second, one.first]]
-        few = trusted[one.pose].sum() < FEWEST_TARGETS
-        trusted[one.pose] |= points.seen[one.pose] if few else False
+    for exchange in assessed.exchanges:
+        right[exchange.pose, [exchange.first, exchange.second]] = points.points[
+            exchange.pose, [exchange.second, exchange.first]
+        ]
+        few = trusted[exchange.pose].sum() < FEWEST_TARGETS
+        trusted[exchange.pose] |= points.seen[exchange.pose] if few else False
     return right, trusted
 
 
@@ -205,7 +207,7 @@ class MeasuredBodies:
         stands still."""
         names = [body.name for body in bodies]
         lead = names.index(reference) if reference in names else int(np.argmax([body.ok.sum() for body in bodies]))
-        return cls(bodies, places, -1 if any(one.levels for one in places) else lead)
+        return cls(bodies, places, -1 if any(place.levels for place in places) else lead)
 
     @property
     def targets(self) -> Targets:
@@ -251,18 +253,21 @@ class MeasuredBodies:
                 return {}
             seen = self.bodies[names.index(reference)].ok
             down = self.body_places[names.index(reference)].R @ down
-        found = {}
+        columns = {}
         for body in self.bodies:
             known = seen & body.ok
-            own = np.einsum("bji,bj->bi", body.R, np.broadcast_to(down, (len(seen), 3)))
-            found[gravity_column(body.name)] = (
-                np.where(known[:, None], own, own[known].mean(0)) if known.any() else 0 * own
+            direction = np.einsum("bji,bj->bi", body.R, np.broadcast_to(down, (len(seen), 3)))
+            columns[gravity_column(body.name)] = (
+                np.where(known[:, None], direction, direction[known].mean(0)) if known.any() else 0 * direction
             )
-        return found
+        return columns
 
     def conditions(self, covariates: Mapping[str, Array], poses: tuple[int | str, ...]) -> BodyConditions:
         """Return the pose of each body in the model's frame: that of the leading body, otherwise as measured."""
-        R, t = np.stack([one.R for one in self.body_places], 1), np.stack([one.t for one in self.body_places], 1)
+        R, t = (
+            np.stack([body_place.R for body_place in self.body_places], 1),
+            np.stack([body_place.t for body_place in self.body_places], 1),
+        )
         if self.lead >= 0:
             back = np.swapaxes(R[:, self.lead], 1, 2)[:, None]
             t = (back @ (t - t[:, [self.lead]])[..., None])[..., 0]
@@ -270,7 +275,7 @@ class MeasuredBodies:
         time = covariates.get("time_s")
         known = time is not None and bool(np.isfinite(time).all())
         span = (float(np.min(time)), float(np.max(time))) if time is not None and known else None
-        level = np.stack([one.level for one in self.body_places], 1)
+        level = np.stack([body_place.level for body_place in self.body_places], 1)
         return BodyConditions(np.zeros((len(poses), 0)), dict(covariates), poses, span, R, t, level)
 
     def epochs(self, conditions: BodyConditions, rows: Mask) -> Epochs:

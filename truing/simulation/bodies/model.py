@@ -61,7 +61,7 @@ class BodyConditions(Conditions):
             self,
             readings=self.readings[rows],
             covariates={name: values[rows] for name, values in self.covariates.items()},
-            poses=tuple(pose for pose, kept in zip(self.poses, rows, strict=True) if kept),
+            poses=tuple(pose for pose, is_kept in zip(self.poses, rows, strict=True) if is_kept),
             R=self.R[rows],
             t=self.t[rows],
             level=self.level[rows],
@@ -184,10 +184,10 @@ class BodyModel(RecordedModel):
         """Return points and derivatives at shared (G,) and local (B, H) unknowns; by the shared ones on request."""
         recording = self._recording(shared, local)
         by_local = np.zeros((*recording.state.points.shape, self.local_size))
-        for body, own, slope in self._by_pose(shared, local, recording):
+        for body, channels, slope in self._by_pose(shared, local, recording):
             if body in self._local:
                 factor = self._pose_factor(body) * self._jittered(body)[:, None]
-                by_local[:, own, :, self._local[body]] = slope @ factor[:, None]
+                by_local[:, channels, :, self._local[body]] = slope @ factor[:, None]
         by_local = recording.recorded(by_local)
         self._fill_pose_errors(by_local)
         slopes = self._by_shared(shared, local, recording) if by_shared else None
@@ -199,10 +199,10 @@ class BodyModel(RecordedModel):
         turn = recording.state.turn
         follows = moved_by_shape(recording.forward_pass.before_recording(), turn.shape)
         slopes[..., self.layout["shape"]] = (turn + turn @ follows) @ self.known.survey.modes
-        for body, own, slope in self._by_pose(shared, local, recording):
+        for body, channels, slope in self._by_pose(shared, local, recording):
             for level in range(self.known.levels[body]):
                 there = (self.conditions.level[:, body] == level)[:, None, None, None]
-                slopes[:, own, :, self._pose_slice(body, level)] = np.where(there, slope @ _FREE_POSE, 0.0)
+                slopes[:, channels, :, self._pose_slice(body, level)] = np.where(there, slope @ _FREE_POSE, 0.0)
         self._fill_structure(slopes, shared, recording)
         slopes = recording.recorded(slopes)
         self._fill_instruments(slopes, shared, recording)
@@ -243,21 +243,21 @@ class BodyModel(RecordedModel):
 
     def _pose(self, body: int, shared: NDArray, local: NDArray) -> NDArray:
         """Return the deviation (B, 6) of a body's pose from its start value: shift of its centre, rotation vector."""
-        found = np.zeros((len(self.conditions.t), _POSE), np.result_type(shared, local))
+        pose = np.zeros((len(self.conditions.t), _POSE), np.result_type(shared, local))
         if body in self._local:
-            found = found + (local[:, self._local[body]] * self._jittered(body)) @ self._pose_factor(body).T
+            pose = pose + (local[:, self._local[body]] * self._jittered(body)) @ self._pose_factor(body).T
         if self.known.is_stationary[body]:
             levels = int(self.known.levels[body])
             first = self._pose_slice(body).start
             seats = shared[first : first + _POSE * levels].reshape(levels, _POSE) @ _FREE_POSE
-            found = found + seats[self.conditions.level[:, body]]
-        return found
+            pose = pose + seats[self.conditions.level[:, body]]
+        return pose
 
     @cached_property
     def _centres(self) -> NDArray:
         """Mean position (N, 3) of each body's targets in its frame."""
-        own = (self.channel_groups == body for body in range(len(self.known.levels)))
-        return np.stack([self.known.shape[there].mean(0) for there in own])
+        in_group = (self.channel_groups == body for body in range(len(self.known.levels)))
+        return np.stack([self.known.shape[there].mean(0) for there in in_group])
 
     def _recording(self, shared: NDArray, local: NDArray) -> Recording:
         """Return the recorded points of the bodies with the effects in force."""
@@ -266,12 +266,12 @@ class BodyModel(RecordedModel):
         kind = np.result_type(places, shared, local)
         points, turn = np.empty(places.shape, kind), np.empty((*places.shape, 3), kind)
         for body, centre in enumerate(self._centres):
-            own, pose = self.channel_groups == body, self._pose(body, shared, local)
+            channels, pose = self.channel_groups == body, self._pose(body, shared, local)
             start = self.conditions.R[:, body]
             R = exp_so3(pose[:, 3:]) @ start
             middle = self.conditions.t[:, body] + start @ centre + pose[:, :3]
-            points[:, own] = middle[:, None] + (places[:, own] - centre) @ np.swapaxes(R, -1, -2)
-            turn[:, own] = R[:, None]
+            points[:, channels] = middle[:, None] + (places[:, channels] - centre) @ np.swapaxes(R, -1, -2)
+            turn[:, channels] = R[:, None]
         return record(forward_pass, self.targets, _NO_FRAMES, self.effects(shared), points, turn)
 
     def _forward_pass(self, shared: NDArray) -> ForwardPass:
@@ -301,18 +301,18 @@ class BodyModel(RecordedModel):
         pose."""
         turn, places = recording.state.turn, self._target_positions(recording.forward_pass)
         for body, centre in enumerate(self._centres):
-            own = self.channel_groups == body
-            arms = np.einsum("bkij,bkj->bki", turn[:, own], places[:, own] - centre)
+            channels = self.channel_groups == body
+            arms = np.einsum("bkij,bkj->bki", turn[:, channels], places[:, channels] - centre)
             jacobian = left_jacobian_so3(self._pose(body, shared, local)[:, 3:])
             slope = rigid_motions(arms)
             slope[..., 3:] = slope[..., 3:] @ jacobian[:, None]
-            yield body, own, slope
+            yield body, channels, slope
 
     def _fill_structure(self, by_shared: NDArray, shared: NDArray, recording: Recording) -> None:
         for effect in self.effects(shared):
             cause = effect.cause
             if cause.step is Step.STRUCTURE and len(effect.values):
                 slope = cause.change(recording.forward_pass.at(cause), effect.values).fields.get("moved", _NOT_MOVED)
-                own = np.flatnonzero(np.any(slope != 0.0, (0, 2, 3)))  # few targets of many
-                motion = recording.state.turn[:, own] @ (slope[:, own] * self.effect_sigma(cause))
-                by_shared[:, own, :, self.layout[cause.key]] = motion
+                places = np.flatnonzero(np.any(slope != 0.0, (0, 2, 3)))  # few targets of many
+                motion = recording.state.turn[:, places] @ (slope[:, places] * self.effect_sigma(cause))
+                by_shared[:, places, :, self.layout[cause.key]] = motion

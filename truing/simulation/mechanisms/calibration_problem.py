@@ -117,9 +117,9 @@ class CalibrationProblem:
     @property
     def start(self) -> NDArray:
         """Nominal values (P,), SI."""
-        own = [self.leg_bodies.start] if self.leg_bodies else []
+        start_of_bodies = [self.leg_bodies.start] if self.leg_bodies else []
         none = [np.zeros(len(self.common.entries))] if self.common else []
-        return np.concatenate([self.parameters.values(self.nominal), *own, *none])
+        return np.concatenate([self.parameters.values(self.nominal), *start_of_bodies, *none])
 
     @property
     def deviations(self) -> int:
@@ -146,9 +146,9 @@ class CalibrationProblem:
         if self.common is None:
             return self._constrain(values, deviation)
         first = len(self.entries) - len(self.common.entries)
-        found = self._constrain(values[..., :first], self.common.corrected(deviation, values[..., first:]))
-        by_values = np.concatenate([found.by_values, self.common.slopes(found.by_deviation)], -1)
-        return PoseEquations(found.value, found.by_deviation, by_values)
+        pose_equations = self._constrain(values[..., :first], self.common.corrected(deviation, values[..., first:]))
+        by_values = np.concatenate([pose_equations.by_values, self.common.slopes(pose_equations.by_deviation)], -1)
+        return PoseEquations(pose_equations.value, pose_equations.by_deviation, by_values)
 
     def _constrain(self, values: NDArray, deviation: NDArray) -> PoseEquations:
         machine, readings = self.machine(values), 6 + self.rho.shape[-1]
@@ -159,16 +159,16 @@ class CalibrationProblem:
         carried = None
         if self.leg_bodies is not None:
             joints = joints_of(self.leg_bodies.leg, machine, p, R, rho, change)
-            own = _leading(values)[..., len(self.parameters) :]
+            body_values = _leading(values)[..., len(self.parameters) :]
             carried = self.leg_bodies.with_end_closures(
-                own, deviation[..., readings : self._before_shifts], closing, joints
+                body_values, deviation[..., readings : self._before_shifts], closing, joints
             )
             closing = carried.closing
-        found = _constrained(closing, deviation, change, carried)
+        equations = _constrained(closing, deviation, change, carried)
         if self.shifts is None:
-            return found
+            return equations
         shifted = self.shifts.close(machine, rho, change, deviation[..., self._before_shifts :])
-        return _with_shifts(found, shifted, change)
+        return _with_shifts(equations, shifted, change)
 
 
 def _leading(values: NDArray) -> NDArray:
@@ -180,26 +180,26 @@ def _constrained(
 ) -> PoseEquations:
     """Join the derivatives by the platform's pose and the readings, by the parameters, and by the legs' own poses."""
     by_pose = [by_deviation(closing.by_twist, deviation[..., 3:6]), closing.by_rho]
-    by_values = [closing.by_parameter + _by_rho0(closing, change)]
+    by_values = [closing.by_parameter + _derivative_by_rho0(closing, change)]
     if carried is not None:
         by_pose, by_values = [*by_pose, carried.by_deviation], [*by_values, carried.by_values]
     return PoseEquations(closing.value, np.concatenate(by_pose, -1), np.concatenate(by_values, -1))
 
 
-def _with_shifts(found: PoseEquations, shifted: ShiftClosing, change: Change) -> PoseEquations:
+def _with_shifts(equations: PoseEquations, shifted: ShiftClosing, change: Change) -> PoseEquations:
     """Append the equations of the shifts, and their deviations."""
     count, legs = shifted.by_rho.shape[-2:]
-    batch = found.value.shape[:-1]
-    below = np.zeros((*batch, count, found.by_deviation.shape[-1] + count), shifted.by_rho.dtype)
+    batch = equations.value.shape[:-1]
+    below = np.zeros((*batch, count, equations.by_deviation.shape[-1] + count), shifted.by_rho.dtype)
     below[..., 6 : 6 + legs], below[..., -count:] = shifted.by_rho, np.eye(count)
-    values = np.zeros((*batch, count, found.by_values.shape[-1]), shifted.by_parameter.dtype)
+    values = np.zeros((*batch, count, equations.by_values.shape[-1]), shifted.by_parameter.dtype)
     moved = change.get("rho0", (legs,))
     values[..., : change.size] = shifted.by_parameter + shifted.by_rho @ moved
-    beside = np.zeros((*found.by_deviation.shape[:-1], count))
+    beside = np.zeros((*equations.by_deviation.shape[:-1], count))
     return PoseEquations(
-        np.concatenate([found.value, shifted.value], -1),
-        np.concatenate([np.concatenate([found.by_deviation, beside], -1), below], -2),
-        np.concatenate([found.by_values, values], -2),
+        np.concatenate([equations.value, shifted.value], -1),
+        np.concatenate([np.concatenate([equations.by_deviation, beside], -1), below], -2),
+        np.concatenate([equations.by_values, values], -2),
     )
 
 
@@ -210,7 +210,7 @@ def by_deviation(by_twist: NDArray, theta: NDArray) -> NDArray:
     return np.concatenate([np.broadcast_to(by_twist[..., :3], turned.shape), turned], -1)
 
 
-def _by_rho0(closing: Closing, change: Change) -> NDArray:
+def _derivative_by_rho0(closing: Closing, change: Change) -> NDArray:
     """Return the derivatives (..., M, P) by parameters that move the reference of the readings."""
     moved = change.fields.get("rho0")
     return np.zeros_like(closing.by_parameter) if moved is None else closing.by_rho @ moved

@@ -79,22 +79,22 @@ class PredictedPoses:
 
 def extended(model: MechanismModel, shared: NDArray, covariance: NDArray, context: dict[str, str]) -> ExtendedModel:
     """Return the extended model of a fit over targets: geometry and effects with their joint covariance."""
-    own = model.targets.body != LEG
+    on_body = model.targets.body != LEG
     parts = [part for name, part in model.layout.items() if name not in ("shape", "seat", COMMON)]
-    kept = np.concatenate([np.arange(part.start, part.stop) for part in parts])
-    smaller = with_targets(model, own)
-    sigma = survey_noise(model)[own]
-    return ExtendedModel(smaller, shared[kept], covariance[np.ix_(kept, kept)], sigma, context)
+    columns_kept = np.concatenate([np.arange(part.start, part.stop) for part in parts])
+    smaller = with_targets(model, on_body)
+    sigma = survey_noise(model)[on_body]
+    return ExtendedModel(smaller, shared[columns_kept], covariance[np.ix_(columns_kept, columns_kept)], sigma, context)
 
 
-def with_targets(model: MechanismModel, own: NDArray) -> MechanismModel:
+def with_targets(model: MechanismModel, targets_on_body: NDArray) -> MechanismModel:
     """Return the model with some of its targets (K,), none on a leg, at their surveyed positions."""
     found, known = model.targets, model.known
-    kept = np.flatnonzero(own)
-    names, bodies = (tuple(reported[k] for k in kept) if reported else () for reported in (found.names, found.bodies))
-    targets = Targets(found.body[kept], found.leg[kept], names, bodies)
+    places = np.flatnonzero(targets_on_body)
+    names, bodies = (tuple(reported[k] for k in places) if reported else () for reported in (found.names, found.bodies))
+    targets = Targets(found.body[places], found.leg[places], names, bodies)
     # The covariance already contains the prior knowledge.
-    surveyed = replace(known, shape=known.shape[kept], survey=exact_survey(targets), carrying_legs=np.arange(0))
+    surveyed = replace(known, shape=known.shape[places], survey=exact_survey(targets), carrying_legs=np.arange(0))
     conditions = replace(model.conditions, common_errors=None, pose_errors=None)
     alone = replace(model, photographed=None, prior_campaign=None)
     return replace(alone, targets=targets, known=surveyed, conditions=conditions)
@@ -110,9 +110,9 @@ def survey_noise(model: MechanismModel) -> NDArray:
     squares = np.sum(model.known.survey.modes**2, (1, 2))
     sigma = np.zeros(len(squares))
     for body in np.unique(model.channel_groups):
-        own = (model.channel_groups == body) & ~model.targets.at_attachment
-        free = 3 * own.sum() - 6 * (body < LEG and own.sum() >= LEAST_FRAME)
-        sigma[model.channel_groups == body] = np.sqrt(squares[own].sum() / max(free, 1))
+        channels = (model.channel_groups == body) & ~model.targets.at_attachment
+        free = 3 * channels.sum() - 6 * (body < LEG and channels.sum() >= LEAST_FRAME)
+        sigma[model.channel_groups == body] = np.sqrt(squares[channels].sum() / max(free, 1))
     return sigma
 
 
@@ -129,10 +129,10 @@ def acts_on_poses(cause: PointCause) -> bool:
 
 def persistent_part(extended_model: ExtendedModel) -> ExtendedModel:
     """Return the model with only the persistent effects, which do not end with their campaign."""
-    smaller = extended_model.model.with_causes([one for one in extended_model.model.causes if one.is_persistent])
-    kept = np.concatenate([np.arange(part.start, part.stop) for part in _parts(extended_model.model, smaller)])
-    covariance = extended_model.covariance[np.ix_(kept, kept)]
-    return replace(extended_model, model=smaller, shared=extended_model.shared[kept], covariance=covariance)
+    smaller = extended_model.model.with_causes([cause for cause in extended_model.model.causes if cause.is_persistent])
+    columns_kept = np.concatenate([np.arange(part.start, part.stop) for part in _parts(extended_model.model, smaller)])
+    covariance = extended_model.covariance[np.ix_(columns_kept, columns_kept)]
+    return replace(extended_model, model=smaller, shared=extended_model.shared[columns_kept], covariance=covariance)
 
 
 def predict_poses(extended_model: ExtendedModel, conditions: Conditions, *, recorded: bool = False) -> PredictedPoses:
@@ -141,15 +141,18 @@ def predict_poses(extended_model: ExtendedModel, conditions: Conditions, *, reco
     recorded: include errors of the campaign's instrument, such as a wrong scale; otherwise return true poses.
     """
     every = extended_model.model.causes
-    causes = [one for one in every if acts_on_poses(one) or (recorded and not concerns_targets(one))]
-    own = extended_model.model.targets
-    framing = with_targets(extended_model.model, (own.leg < 0) & (own.body != LEG)).with_causes(causes)
-    kept = np.concatenate([np.arange(part.start, part.stop) for part in _parts(extended_model.model, framing)])
-    shared, covariance = extended_model.shared[kept], extended_model.covariance[np.ix_(kept, kept)]
+    causes = [cause for cause in every if acts_on_poses(cause) or (recorded and not concerns_targets(cause))]
+    targets = extended_model.model.targets
+    framing = with_targets(extended_model.model, (targets.leg < 0) & (targets.body != LEG)).with_causes(causes)
+    columns_kept = np.concatenate([np.arange(part.start, part.stop) for part in _parts(extended_model.model, framing)])
+    shared, covariance = (
+        extended_model.shared[columns_kept],
+        extended_model.covariance[np.ix_(columns_kept, columns_kept)],
+    )
     count = len(conditions.readings)
     rows = [np.arange(first, min(first + _AT_ONCE, count)) for first in range(0, max(count, 1), _AT_ONCE)]
-    found = [_predicted(framing.at(some_of(conditions, own)), shared, covariance) for own in rows]
-    return PredictedPoses(*(np.concatenate(parts) for parts in zip(*found, strict=True)))
+    predictions = [_predicted(framing.at(some_of(conditions, part)), shared, covariance) for part in rows]
+    return PredictedPoses(*(np.concatenate(parts) for parts in zip(*predictions, strict=True)))
 
 
 def _parts(model: MechanismModel, smaller: MechanismModel) -> list[slice]:
@@ -160,10 +163,12 @@ def _parts(model: MechanismModel, smaller: MechanismModel) -> list[slice]:
 def some_of(conditions: Conditions, rows: NDArray) -> Conditions:
     """Return the conditions of some poses, given by indices or a mask (B,)."""
     rows = np.arange(len(conditions.readings))[rows]
-    own = {name: value[rows] for name, value in conditions.covariates.items()}
+    covariates = {name: value[rows] for name, value in conditions.covariates.items()}
     poses = tuple(conditions.poses[row] for row in rows) if conditions.poses else ()
     factor = None if conditions.input_factor is None else conditions.input_factor[rows]
-    return replace(conditions, readings=conditions.readings[rows], covariates=own, poses=poses, input_factor=factor)
+    return replace(
+        conditions, readings=conditions.readings[rows], covariates=covariates, poses=poses, input_factor=factor
+    )
 
 
 def _predicted(
@@ -176,9 +181,11 @@ def _predicted(
     if min(np.sum(model.targets.body == body) for body in (BASE, PLATFORM)) < LEAST_FRAME:
         by_shared, by_local = model.pose_derivatives(shared, local)
     else:
-        found = model.predict(shared, local)
-        p, R = _framed(model, found.values)
-        by_shared, by_local = (_twists(model, found.values, p, by) for by in (found.by_shared, found.by_local))
+        predicted = model.predict(shared, local)
+        p, R = _framed(model, predicted.values)
+        by_shared, by_local = (
+            _twists(model, predicted.values, p, by) for by in (predicted.by_shared, predicted.by_local)
+        )
     of_model = by_shared @ covariance @ np.swapaxes(by_shared, 1, 2)
     return p, R, of_model + by_local @ np.swapaxes(by_local, 1, 2), of_model, state.converged
 
@@ -265,22 +272,22 @@ def _leg_sigma(model: MechanismModel, sigma: NDArray, leg: int) -> str:
     parts: dict[str, Any] = {}
     for name, size, key in (("a", 3, "a_mm"), ("b", 3, "b_mm"), ("u", 2, "tilt_rad"), ("l", 1, "length_mm")):
         if name in model.layout:
-            own = sigma[model.layout[name]].reshape(-1, size)[leg] * model.known.geometry[name]
-            own = [float(f"{value:.4g}") for value in own * (1.0 if name == "u" else 1e3)]
-            parts[key] = own if size > 1 else own[0]
+            leg_sigma = sigma[model.layout[name]].reshape(-1, size)[leg] * model.known.geometry[name]
+            leg_sigma = [float(f"{value:.4g}") for value in leg_sigma * (1.0 if name == "u" else 1e3)]
+            parts[key] = leg_sigma if size > 1 else leg_sigma[0]
     return toml_value(parts)
 
 
 def _targets(extended_model: ExtendedModel) -> list[str]:
     """Return the lines of the table with the surveyed targets of base and platform."""
     model, bodies = extended_model.model, {kind: body for body, kind in _BODIES.items()}
-    found, lines = model.targets, []
+    targets, lines = model.targets, []
     for k, place in enumerate(model.known.shape):
         reported: dict[str, Any] = {
-            "body": bodies[int(found.body[k])],
-            "target": found.names[k] if found.names else str(k),
+            "body": bodies[int(targets.body[k])],
+            "target": targets.names[k] if targets.names else str(k),
         }
-        reported |= {"leg": int(found.leg[k]) + 1} if found.leg[k] >= 0 else {}
+        reported |= {"leg": int(targets.leg[k]) + 1} if targets.leg[k] >= 0 else {}
         reported |= {"place_mm": _mm(place), "sigma_mm": _mm(extended_model.survey_sigma[k])}
         lines.append(f"  {toml_value(reported)},")
     return ["", "[survey]", "targets = [", *lines, "]"]
@@ -316,12 +323,12 @@ def _from_document(document: dict[str, Any]) -> ExtendedModel:
 def _model(document: dict[str, Any], nominal: Legs, causes: tuple[PointCause, ...]) -> MechanismModel:
     about, listed = document["model"], document["survey"]["targets"]
     targets = Targets(
-        np.array([_BODIES[one["body"]] for one in listed], int),
-        np.array([one.get("leg", 0) - 1 for one in listed], int),
-        tuple(str(one["target"]) for one in listed),
-        tuple(str(one["body"]) for one in listed),
+        np.array([_BODIES[entry["body"]] for entry in listed], int),
+        np.array([entry.get("leg", 0) - 1 for entry in listed], int),
+        tuple(str(entry["target"]) for entry in listed),
+        tuple(str(entry["body"]) for entry in listed),
     )
-    places = np.array([one["place_mm"] for one in listed], float).reshape(-1, 3) * 1e-3
+    places = np.array([entry["place_mm"] for entry in listed], float).reshape(-1, 3) * 1e-3
     prior = dict(document["prior"])
     opened = tuple(prior.pop("open"))
     geometry = {name: float(sigma) for name, sigma in prior.items() if sigma > 0}
@@ -334,10 +341,10 @@ def _legs(kind: str, legs: list[dict[str, Any]]) -> Legs:
     def lengths(name: str) -> NDArray:
         return np.array([leg[name] for leg in legs]) * 1e-3
 
-    found = mechanism(
+    legs_of_model = mechanism(
         kind, lengths("a_mm"), lengths("b_mm"), [leg["u"] for leg in legs], lengths("length_mm"), lengths("rho0_mm")
     )
-    return found.replace(u=np.array([leg["u"] for leg in legs], float))
+    return legs_of_model.replace(u=np.array([leg["u"] for leg in legs], float))
 
 
 _TINY = 1e-30

@@ -169,14 +169,14 @@ def _nudged(state: State, driven: Mapping[str, NDArray], size: int) -> State:
         return many.reshape(size * poses, *many.shape[2:])
 
     posed = ("p", "R") if len(state.p) else ()
-    own: dict[str, Any] = {
+    nudged: dict[str, Any] = {
         name: copies(getattr(state, name), driven.get(name)) for name in ("indicated", "rho", "delta_bz", *posed)
     }
-    own |= {name: copies(getattr(state, name)[None], driven[name]) for name in REFERENCE if name in driven}
+    nudged |= {name: copies(getattr(state, name)[None], driven[name]) for name in REFERENCE if name in driven}
     joints = {}
     for name in _OF_LEGS:
         array, rank = getattr(state.legs, name), 1 if name == "l" else 2
         if name in driven or array.ndim > rank:
             joints[name] = copies(array if array.ndim > rank else array[None], driven.get(name))
     covariates = {name: copies(value) for name, value in state.covariates.items()}
-    return replace(state, **own, covariates=covariates, legs=state.legs.replace(**joints))
+    return replace(state, **nudged, covariates=covariates, legs=state.legs.replace(**joints))

@@ -31,18 +31,18 @@ class MeasuredTargets:
     seen: NDArray  # (B, K)
     swapped: tuple[TargetsSwapped, ...]
 
-    def subset(self, kept: NDArray) -> MeasuredTargets:
+    def subset(self, used: NDArray) -> MeasuredTargets:
         """Return some of the targets (mask K)."""
         own = self.targets
-        names = [tuple(np.array(values, object)[kept]) for values in (own.names, own.bodies)]
-        targets = Targets(own.body[kept], own.leg[kept], names[0], names[1])
+        names = [tuple(np.array(values, object)[used]) for values in (own.names, own.bodies)]
+        targets = Targets(own.body[used], own.leg[used], names[0], names[1])
         return MeasuredTargets(
             targets,
-            self.shape[kept],
-            self.shape_cov[kept],
-            self.points[:, kept],
-            self.cov[:, kept],
-            self.seen[:, kept],
+            self.shape[used],
+            self.shape_cov[used],
+            self.points[:, used],
+            self.cov[:, used],
+            self.seen[:, used],
             tuple(cause for cause in self.swapped if cause.body in targets.bodies),
         )
 
@@ -95,13 +95,15 @@ def _leg_motions(
 ) -> dict[int, tuple[int, NDArray, NDArray]]:
     """Return, by leg, its best measured pose and the motion from its survey to the base there."""
     in_base = (measured.points - np.nan_to_num(frames.t)[:, None]) @ frames.R
-    found = {}
+    motions = {}
     for leg in range(legs.count):
-        own = (measured.targets.body == LEG) & (measured.targets.leg == leg)
-        if own.sum() < _FEWEST_TARGETS:
+        on_leg = (measured.targets.body == LEG) & (measured.targets.leg == leg)
+        if on_leg.sum() < _FEWEST_TARGETS:
             continue
-        fit = umeyama(measured.shape[own], in_base[:, own], (measured.seen[:, own] & fitted[:, None]).astype(float))
+        fit = umeyama(
+            measured.shape[on_leg], in_base[:, on_leg], (measured.seen[:, on_leg] & fitted[:, None]).astype(float)
+        )
         best = int(np.argmax(np.where(fit.ok, fit.n_used - np.nan_to_num(fit.rms), -1.0)))
         if fit.ok[best]:
-            found[leg] = best, fit.R[best], fit.t[best]
-    return found
+            motions[leg] = best, fit.R[best], fit.t[best]
+    return motions

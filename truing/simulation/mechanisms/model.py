@@ -215,22 +215,22 @@ class MechanismModel(RecordedModel):
         """Return the derivative of the geometry by its unknowns: part of the layout, and change per prior sigma."""
         count, sigma, layout = self.nominal.count, self.known.geometry, self.layout
         identity = np.eye(3 * count).reshape(1, count, 3, 3 * count)
-        found: list[tuple[str, Change]] = []
-        found += [(name, Change({name: identity * sigma[name]}, 3 * count)) for name in ("a", "b") if name in layout]
+        changes: list[tuple[str, Change]] = []
+        changes += [(name, Change({name: identity * sigma[name]}, 3 * count)) for name in ("a", "b") if name in layout]
         if "u" in layout:
-            found.append(("u", Change({"u": self._direction_change(shared)[None]}, 2 * count)))
+            changes.append(("u", Change({"u": self._direction_change(shared)[None]}, 2 * count)))
         if "l" in layout:
-            found.append(("l", Change({"l": np.eye(count)[None] * sigma["l"]}, count)))
-        return found
+            changes.append(("l", Change({"l": np.eye(count)[None] * sigma["l"]}, count)))
+        return changes
 
     def _direction_change(self, shared: NDArray) -> NDArray:
         """Return the derivative (L, 3, 2L) of the actuators' unit directions."""
         tilted = self._tilted(shared)
         u, length = unit(tilted), np.sqrt(np.sum(tilted * tilted, -1))[:, None, None]
-        own = (
+        derivative = (
             self.transverse_directions - u[..., None] * np.einsum("li,lij->lj", u, self.transverse_directions)[:, None]
         ) / length
-        spread = np.einsum("lij,lm->limj", own, np.eye(len(u)))
+        spread = np.einsum("lij,lm->limj", derivative, np.eye(len(u)))
         return spread.reshape(len(u), 3, -1) * self.known.geometry["u"]
 
     def _seat_of_legs(self, shared: NDArray) -> tuple[NDArray, NDArray]:
@@ -253,16 +253,16 @@ class MechanismModel(RecordedModel):
 
     def survey_rows(self, shared: NDArray) -> tuple[NDArray, NDArray]:
         """Return the survey of targets on attachments as whitened residuals and derivatives of b."""
-        own = np.flatnonzero(self.targets.at_attachment)
-        carrying_legs, factor = self.targets.leg[own], self.known.survey.attachment_factor
-        gap = self.known.shape[own] - self.legs(shared).b[carrying_legs]
-        derivative = np.zeros((len(own), 3, self.shared_size))
+        places = np.flatnonzero(self.targets.at_attachment)
+        carrying_legs, factor = self.targets.leg[places], self.known.survey.attachment_factor
+        gap = self.known.shape[places] - self.legs(shared).b[carrying_legs]
+        derivative = np.zeros((len(places), 3, self.shared_size))
         if "b" in self.layout:
             sigma, first = self.known.geometry["b"], self.layout["b"].start
             for axis in range(3):
-                derivative[np.arange(len(own)), axis, first + 3 * carrying_legs + axis] = sigma
+                derivative[np.arange(len(places)), axis, first + 3 * carrying_legs + axis] = sigma
         return np.linalg.solve(factor, gap.ravel()), np.linalg.solve(
-            factor, derivative.reshape(3 * len(own), self.shared_size)
+            factor, derivative.reshape(3 * len(places), self.shared_size)
         )
 
     @property
@@ -332,18 +332,18 @@ class MechanismModel(RecordedModel):
     def pathways(self, shared: NDArray, local: NDArray) -> dict[str, NDArray]:
         """Return the derivatives (B, K, 3, n) of recorded points, m, by each pathway of causes, per SI unit.
 
-        Pathways are ``rho``, ``l``, ``delta_bz`` (n = L) and a, b, u (n = 3 L, leg by leg), as far as the closure has
-        them. A cause on a pathway acts after all effects in force of its step: drive for rho, structure for the others.
+        Pathways: ``rho``, ``l``, ``delta_bz`` (n = L), and a, b, u (n = 3 L, leg by leg); those that the closure has. A
+        cause on a pathway acts after all effects in force of its step: drive for rho, structure for the others.
         """
         recording, count = self._recording(shared, local), self.nominal.count
         structure = recording.forward_pass.subsequent_effects(None, Step.STRUCTURE)
-        found = {}
+        derivatives = {}
         for name in ("rho", "delta_bz", *self.nominal.closure.geometry):
             shape = (1, count, 3) if name in "abu" else (1, count)
             size = int(np.prod(shape))
             change = Change({name: np.eye(size).reshape(*shape, size)}, size)
-            found[name] = recording.recorded(recording.motion(change, structure if name == "rho" else ()))
-        return found
+            derivatives[name] = recording.recorded(recording.motion(change, structure if name == "rho" else ()))
+        return derivatives
 
     def design_matrix(self, shared: NDArray, local: NDArray) -> Callable[[PointCause], dict[str, NDArray]]:
         """Return the function from a cause to its change of each pathway, (B or 1, n, P), per plausible scale.
@@ -370,7 +370,7 @@ class MechanismModel(RecordedModel):
 
     def _forward_pass(self, shared: NDArray, local: NDArray) -> ForwardPass:
         """Pass the readings through drive and structure."""
-        stands, read = (self.conditions.readings + self._actuators(local) * own for own in self._reading_sigma)
+        stands, read = (self.conditions.readings + self._actuators(local) * sigma for sigma in self._reading_sigma)
         shape, legs = self.shape(shared), self.legs(shared)
         reference = reference_pose(legs)
         start = State(
@@ -415,7 +415,7 @@ class MechanismModel(RecordedModel):
         if self.known.reading_sigma <= 0:
             return None
         count = self.nominal.count
-        stands, read = (np.eye(count)[None] * own[..., None] for own in self._reading_sigma)
+        stands, read = (np.eye(count)[None] * sigma[..., None] for sigma in self._reading_sigma)
         return Change({"indicated": read, "rho": stands}, count)
 
     def _with_reference(self, shared: NDArray, change: Change) -> Change:
@@ -438,30 +438,30 @@ class MechanismModel(RecordedModel):
         pulls = self._part(shared, "seat").reshape(-1, 6)
         jacobian = left_jacobian_so3(pulls[:, 3:] * FREE_ANGLE_RAD) * FREE_ANGLE_RAD
         for place, leg in enumerate(self.known.carrying_legs):
-            own, seat = self._targets_of_leg(leg), seat_rotation[leg]
+            of_leg, seat = self._targets_of_leg(leg), seat_rotation[leg]
             first = self.layout["seat"].start + 6 * place
-            seated = turn[:, own] @ seat.T
-            pushed = follows[:, own] @ seat.T
-            arms = self._arms(recording.state, own) @ seat.T - offset[leg]
+            seated = turn[:, of_leg] @ seat.T
+            pushed = follows[:, of_leg] @ seat.T
+            arms = self._arms(recording.state, of_leg) @ seat.T - offset[leg]
             turned = (pushed @ skew(offset[leg]) - seated @ skew(arms)) @ jacobian[place]
-            by_shared[:, own, :, first : first + 3] = (seated + pushed) * FREE_LENGTH_M
-            by_shared[:, own, :, first + 3 : first + 6] = turned
+            by_shared[:, of_leg, :, first : first + 3] = (seated + pushed) * FREE_LENGTH_M
+            by_shared[:, of_leg, :, first + 3 : first + 6] = turned
 
     def _fill_rolls(self, by_local: NDArray, recording: Recording) -> None:
         first = self._rolls.start
         frames, state = recording.frames, recording.state
         for place, leg in enumerate(self.known.carrying_legs):
-            own = self._targets_of_leg(leg)
-            arms = np.einsum("bij,bkj->bki", frames.rotation[:, leg], self._arms(state, own))
-            by_local[..., first + place][:, own] = np.cross(frames.z[:, leg, None], arms) * FREE_ANGLE_RAD
+            of_leg = self._targets_of_leg(leg)
+            arms = np.einsum("bij,bkj->bki", frames.rotation[:, leg], self._arms(state, of_leg))
+            by_local[..., first + place][:, of_leg] = np.cross(frames.z[:, leg, None], arms) * FREE_ANGLE_RAD
 
     def _targets_of_leg(self, leg: int) -> NDArray:
         return np.flatnonzero((self.targets.body == LEG) & (self.targets.leg == leg))
 
-    def _arms(self, state: State, own: NDArray) -> NDArray:
+    def _arms(self, state: State, targets: NDArray) -> NDArray:
         """Return the positions (B, k, 3) of some targets relative to the body's origin, along the axes of their
         survey."""
-        return np.broadcast_to(state.shape + state.moved, (len(state.rho), *state.shape.shape))[:, own]
+        return np.broadcast_to(state.shape + state.moved, (len(state.rho), *state.shape.shape))[:, targets]
 
 
 def nominal_leg_frames(legs: Legs, readings: NDArray) -> LegFrames:

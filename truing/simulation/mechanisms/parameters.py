@@ -36,8 +36,8 @@ class LegParameter:
     @property
     def label(self) -> str:
         """Name with the leg's number, from 1: a_x3; K14 already contains the leg."""
-        own = self.leg == SHARED or self.name.startswith("K")
-        return self.name if own else f"{self.name}{self.leg + 1}"
+        is_whole = self.leg == SHARED or self.name.startswith("K")
+        return self.name if is_whole else f"{self.name}{self.leg + 1}"
 
     @property
     def leg_number(self) -> int | None:
@@ -76,12 +76,12 @@ class ParameterSet:
     def _slots(self) -> dict[str, tuple[NDArray, tuple[Any, ...]]]:
         """Positions among the parameters, and indices into the array, by field."""
         slots = [_slot(entry) for entry in self.entries]
-        found: dict[str, tuple[NDArray, tuple[Any, ...]]] = {}
+        slot_of: dict[str, tuple[NDArray, tuple[Any, ...]]] = {}
         for field in dict.fromkeys(slot.field for slot in slots):
             chosen = [i for i, slot in enumerate(slots) if slot.field == field]
             places = np.array([slots[i].place for i in chosen])
-            found[field] = np.array(chosen), tuple(places.T)
-        return found
+            slot_of[field] = np.array(chosen), tuple(places.T)
+        return slot_of
 
     def values(self, machine: Machine) -> NDArray:
         """Return the values (..., P) of the parameters in a machine."""
@@ -176,10 +176,14 @@ def column_of(parameter: LegParameter) -> int:
 
 def _array(machine: Machine, field: str) -> NDArray:
     """Return a field of the machine; raises ValueError if the machine lacks it."""
-    held = getattr(machine.legs if field in _OF_LEGS else machine, field)
-    if held is None:
+    value = getattr(machine.legs if field in _OF_LEGS else machine, field)
+    if value is None:
         raise ValueError(f"machine: found no {field}, expected values for its parameters")
-    return np.stack([held.bending, held.axial, held.torsion], -1) if isinstance(held, BeamSection) else np.asarray(held)
+    return (
+        np.stack([value.bending, value.axial, value.torsion], -1)
+        if isinstance(value, BeamSection)
+        else np.asarray(value)
+    )
 
 
 def _with_arrays(machine: Machine, arrays: dict[str, NDArray]) -> Machine:

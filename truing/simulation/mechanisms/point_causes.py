@@ -74,8 +74,8 @@ class PointScene(Scene["PointCause"]):
 
     def varies(self, column: str) -> bool:
         """True if a covariate exists and takes more than one value."""
-        found = self.covariates.get(column)
-        return found is not None and bool(np.ptp(found) > 0)
+        covariate = self.covariates.get(column)
+        return covariate is not None and bool(np.ptp(covariate) > 0)
 
 
 class PointCause(Cause[PointScene]):

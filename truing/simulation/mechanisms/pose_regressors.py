@@ -97,14 +97,16 @@ def leg_by_leg(machine: Machine, parameters: ParameterSet) -> Change:
     Raises ValueError for shared parameters, and for different numbers of parameters per leg.
     """
     owners = np.array([entry.leg for entry in parameters.entries])
-    own = [np.flatnonzero(owners == leg) for leg in range(machine.legs.count)]
-    if np.any(owners < 0) or len({len(columns) for columns in own}) != 1:
+    places = [np.flatnonzero(owners == leg) for leg in range(machine.legs.count)]
+    if np.any(owners < 0) or len({len(columns) for columns in places}) != 1:
         raise ValueError(
             "parameters: found shared ones, or different numbers per leg; expected the same number of each"
         )
     fields = parameters.change(machine).fields
-    legs = {name: np.stack([field[i, ..., columns] for i, columns in enumerate(own)]) for name, field in fields.items()}
-    return Change({name: np.moveaxis(field, 1, -1) for name, field in legs.items()}, len(own[0]))
+    legs = {
+        name: np.stack([field[i, ..., columns] for i, columns in enumerate(places)]) for name, field in fields.items()
+    }
+    return Change({name: np.moveaxis(field, 1, -1) for name, field in legs.items()}, len(places[0]))
 
 
 def pose_regressors(

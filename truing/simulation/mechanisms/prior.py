@@ -32,14 +32,14 @@ _GEOMETRY = ("a", "b", "u", "l")
 
 
 def mechanism_prior(
-    found: ExtendedModel, model: MechanismModel, common: tuple[PointCause, ...] | None = None
+    extended: ExtendedModel, model: MechanismModel, common: tuple[PointCause, ...] | None = None
 ) -> CampaignPrior[PointCause]:
     """Return the prior that an identified model gives for the model of the next campaign.
 
     Effects that the next campaign cannot predict, because a column is missing, are omitted; ``common``: effects of
     both.
     """
-    old, causes = found.model, common
+    old, causes = extended.model, common
     if causes is None:
         drives = {f"rho{leg}_mm" for leg in range(1, model.part_count + 1)}
         causes = persistent_causes(old.causes, model.part_count, model.conditions.covariates, drives)
@@ -48,15 +48,18 @@ def mechanism_prior(
     names += [cause.key for cause in causes]
     parts = tuple(SharedUnknowns(name, np.broadcast_to(wider.scale_of(name), _size(old, name))) for name in names)
     bridge = _bridge(old, wider, names)
-    own, others = _split(old, names)
-    information = clipped(np.linalg.inv(found.covariance) - np.eye(len(found.shared)))
+    old_own, others = _split(old, names)
+    information = clipped(np.linalg.inv(extended.covariance) - np.eye(len(extended.shared)))
     information = marginal(information + np.diag(np.isin(np.arange(len(information)), others).astype(float)), others)[
-        np.ix_(own, own)
+        np.ix_(old_own, old_own)
     ]
     back, nominal = np.linalg.inv(bridge), _offset(old, wider, names)
-    estimate = bridge @ found.shared[own] + nominal, bridge @ found.covariance[np.ix_(own, own)] @ bridge.T
+    estimate = (
+        bridge @ extended.shared[old_own] + nominal,
+        bridge @ extended.covariance[np.ix_(old_own, old_own)] @ bridge.T,
+    )
     prior = CampaignPrior.of(causes, parts, estimate, clipped(back.T @ information @ back), back.T @ back, nominal)
-    return _by_survey(prior, found, wider)
+    return _by_survey(prior, extended, wider)
 
 
 def _size(model: MechanismModel, name: str) -> int:
@@ -67,8 +70,8 @@ def _size(model: MechanismModel, name: str) -> int:
 def _split(model: MechanismModel, names: Sequence[str]) -> tuple[NDArray, NDArray]:
     """Return the indices of the named parts among a model's unknowns, in that order, and those of all others."""
     slices = [model.layout[name] for name in names]
-    own = np.concatenate([np.arange(part.start, part.stop) for part in slices]) if slices else np.zeros(0, int)
-    return own, np.setdiff1d(np.arange(model.shared_size), own)
+    places = np.concatenate([np.arange(part.start, part.stop) for part in slices]) if slices else np.zeros(0, int)
+    return places, np.setdiff1d(np.arange(model.shared_size), places)
 
 
 def _bridge(old: MechanismModel, new: MechanismModel, names: Sequence[str]) -> NDArray:
@@ -79,8 +82,8 @@ def _bridge(old: MechanismModel, new: MechanismModel, names: Sequence[str]) -> N
         ratio = np.broadcast_to(old.scale_of(name), size) / np.broadcast_to(new.scale_of(name), size)
         turn = np.eye(size)
         if name == "u":
-            own = np.einsum("lim,lin->lmn", new.transverse_directions, old.transverse_directions)
-            turn = np.einsum("lmn,lk->lmkn", own, np.eye(len(own))).reshape(size, size)
+            product = np.einsum("lim,lin->lmn", new.transverse_directions, old.transverse_directions)
+            turn = np.einsum("lmn,lk->lmkn", product, np.eye(len(product))).reshape(size, size)
         blocks.append(turn * ratio)
     return block_diagonal(*blocks)
 
@@ -88,21 +91,21 @@ def _bridge(old: MechanismModel, new: MechanismModel, names: Sequence[str]) -> N
 def _offset(old: MechanismModel, new: MechanismModel, names: Sequence[str]) -> NDArray:
     """Return the difference of the nominal values in units of the next model's unknowns."""
     away = new.unknowns(old.nominal, {cause.key: np.zeros_like(new.effect_sigma(cause)) for cause in new.causes})
-    own, _ = _split(new, names)
-    return away[own]
+    new_own, _ = _split(new, names)
+    return away[new_own]
 
 
 def _by_survey(
-    prior: CampaignPrior[PointCause], found: ExtendedModel, model: MechanismModel
+    prior: CampaignPrior[PointCause], extended: ExtendedModel, model: MechanismModel
 ) -> CampaignPrior[PointCause]:
     """Remove information that a common survey would give twice, or add the covariance between two surveys."""
-    if _same_survey(found, model):
+    if _same_survey(extended, model):
         away, slopes = model.survey_rows(np.zeros(model.shared_size))
         rows = slopes[:, prior.places(model)]
         common, information = rows.T @ rows, clipped(prior.information - rows.T @ rows)
         pull = prior.information @ prior.middle - rows.T @ away
         return replace(prior, shared=prior.shared + common, information=information, middle=centred(information, pull))
-    moves, spread = _frames(prior, found, model)
+    moves, spread = _frames(prior, extended, model)
     if not len(spread):
         return prior
     carried = moves.T @ prior.information
@@ -114,9 +117,9 @@ def _by_survey(
     )
 
 
-def _same_survey(found: ExtendedModel, model: MechanismModel) -> bool:
+def _same_survey(extended: ExtendedModel, model: MechanismModel) -> bool:
     """True if both surveys have the same targets of base and platform at the same positions."""
-    before, now = (_attached_positions(one) for one in (found.model, model))
+    before, now = (_attached_positions(one) for one in (extended.model, model))
     return before.keys() == now.keys() and all(
         np.abs(before[key] - place).max() < _SAME_M for key, place in now.items()
     )
@@ -124,11 +127,13 @@ def _same_survey(found: ExtendedModel, model: MechanismModel) -> bool:
 
 def _attached_positions(model: MechanismModel) -> dict[tuple[int, str], NDArray]:
     targets = model.targets
-    own = np.flatnonzero(np.isin(targets.body, (BASE, PLATFORM)))
-    return {(int(targets.body[k]), targets.names[k] if targets.names else str(k)): model.known.shape[k] for k in own}
+    places = np.flatnonzero(np.isin(targets.body, (BASE, PLATFORM)))
+    return {(int(targets.body[k]), targets.names[k] if targets.names else str(k)): model.known.shape[k] for k in places}
 
 
-def _frames(prior: CampaignPrior[PointCause], found: ExtendedModel, model: MechanismModel) -> tuple[NDArray, NDArray]:
+def _frames(
+    prior: CampaignPrior[PointCause], extended: ExtendedModel, model: MechanismModel
+) -> tuple[NDArray, NDArray]:
     """Return the derivative (n, 12) of the numbers by motions of the two frames, and the motions' covariance (12, 12),
     m, rad.
 
@@ -137,11 +142,11 @@ def _frames(prior: CampaignPrior[PointCause], found: ExtendedModel, model: Mecha
     covariances = []
     for body in (BASE, PLATFORM):
         total = np.zeros((6, 6))
-        for one, sigma in ((found.model, found.survey_sigma), (model, survey_noise(model))):
-            own = (one.targets.body == body) & (one.targets.leg < 0)
-            if own.sum() < LEAST_FRAME:
+        for one, sigma in ((extended.model, extended.survey_sigma), (model, survey_noise(model))):
+            on_body = (one.targets.body == body) & (one.targets.leg < 0)
+            if on_body.sum() < LEAST_FRAME:
                 return np.zeros((len(prior.mean), 0)), np.zeros((0, 0))
-            total += sigma[own].mean() ** 2 * np.linalg.inv(_rigid_information(one.known.shape[own]))
+            total += sigma[on_body].mean() ** 2 * np.linalg.inv(_rigid_information(one.known.shape[on_body]))
         covariances.append(total)
     spread = np.zeros((12, 12))
     spread[:6, :6], spread[6:, 6:] = covariances
@@ -165,11 +170,11 @@ def _moved_by_frames(prior: CampaignPrior[PointCause], model: MechanismModel) ->
         "b": (6, rigid_motions(legs.b)),
         "u": (0, np.einsum("lim,lij->lmj", across, np.concatenate([np.zeros_like(turned), turned], -1))),
     }
-    found = []
+    shifts = []
     for part in prior.parts:
         rows = np.zeros((len(part.scale), 12))
         if part.name in blocks:
             first, moved = blocks[part.name]
             rows[:, first : first + 6] = moved.reshape(-1, 6)
-        found.append(rows / part.scale[:, None])
-    return np.concatenate(found)
+        shifts.append(rows / part.scale[:, None])
+    return np.concatenate(shifts)

@@ -88,11 +88,11 @@ def recalibrate(
 
 def nominal_values(machine: Machine, parameters: ParameterSet) -> NDArray:
     """Return the machine's values (L, P) of the parameters, leg by leg; errors as for `recalibrate`."""
-    own = [_leg_parameters(parameters, leg) for leg in range(machine.legs.count)]
-    counts = [len(entries) for entries in own]
+    parameter_sets = [_leg_parameters(parameters, leg) for leg in range(machine.legs.count)]
+    counts = [len(entries) for entries in parameter_sets]
     if len(set(counts)) != 1:
         raise ValueError(f"parameters: found {counts} per leg, expected the same number for each leg")
-    return np.stack([entries.values(_single(machine, leg))[0, 0] for leg, entries in enumerate(own)])
+    return np.stack([entries.values(_single(machine, leg))[0, 0] for leg, entries in enumerate(parameter_sets)])
 
 
 def minima_from(
@@ -127,8 +127,10 @@ def leg_draws(machine: Machine, parameters: ParameterSet, leg: int, p: NDArray, 
     others = machine.deformation[leg].copy()
     others[leg] = 0.0
     seen = p + R[..., 2] * ((rho - machine.legs.rho0) @ others)[..., None] if others.any() else p
-    single, own = _single(machine, leg), _leg_parameters(parameters, leg)
-    return LegDraws(own.machine(single, own.values(single)), own, seen, R, rho[..., leg : leg + 1])
+    single, parameter_set = _single(machine, leg), _leg_parameters(parameters, leg)
+    return LegDraws(
+        parameter_set.machine(single, parameter_set.values(single)), parameter_set, seen, R, rho[..., leg : leg + 1]
+    )
 
 
 def _single(machine: Machine, leg: int) -> Machine:
@@ -159,8 +161,8 @@ def calibrate_leg_compiled(leg: LegDraws, start: NDArray, threads: int | None = 
     """Calibrate one leg of fixed length from starts (D, P), compiled; draws without convergence are repeated by QR."""
     from truing.simulation.mechanisms.recalibration_kernel import solve
 
-    legs, own = leg.machine.legs, leg.machine.deformation[0, 0, 0]
-    parts = (legs.a[0, 0, 0], legs.b[0, 0, 0], legs.u[0, 0, 0], legs.l[0, 0], own, legs.rho0[0, 0])
+    legs, deformation = leg.machine.legs, leg.machine.deformation[0, 0, 0]
+    parts = (legs.a[0, 0, 0], legs.b[0, 0, 0], legs.u[0, 0, 0], legs.l[0, 0], deformation, legs.rho0[0, 0])
     slots = np.array([_NUMBERS.index(entry.name) for entry in leg.parameters.entries])
     fits = solve(np.concatenate(parts), slots, start, leg.p, leg.R, leg.rho[..., 0], threads=threads)
     status = np.full(len(start), str(SolverStatus.CONVERGED), np.array([str(s) for s in SolverStatus]).dtype)

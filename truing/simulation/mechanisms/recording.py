@@ -221,15 +221,15 @@ def designs(recording: Recording, cause: PointCause, scale: NDArray) -> dict[str
 
     The index within a pathway is leg, or 3 leg + axis; within the observations 3 target + axis.
     """
-    found: dict[str, NDArray] = {}
+    design_columns: dict[str, NDArray] = {}
     for name, slope in cause.change(recording.forward_pass.at(cause), np.zeros(len(scale))).fields.items():
         slope = slope * scale
         if name == "moved":
             slope = recording.turn @ slope
         pathway = OBSERVED if name in ("moved", "points") else name
         flat = slope.reshape(len(slope), -1, len(scale))
-        found[pathway] = found[pathway] + flat if pathway in found else flat
-    return found
+        design_columns[pathway] = design_columns[pathway] + flat if pathway in design_columns else flat
+    return design_columns
 
 
 # Part of the shared unknowns with the errors common to all photographs.
@@ -299,8 +299,8 @@ class RecordedModel(EffectsModel[PointCause]):
         if conditions.common_errors is not None:
             points = points + conditions.common_errors @ shared[self.layout[COMMON]]
         if conditions.pose_errors is not None:
-            own = local[:, None, local.shape[1] - self._pose_size :, None]
-            points = points + (conditions.pose_errors @ own)[..., 0]
+            errors = local[:, None, local.shape[1] - self._pose_size :, None]
+            points = points + (conditions.pose_errors @ errors)[..., 0]
         return points
 
     def _fill_pose_errors(self, by_local: NDArray) -> None:

@@ -62,6 +62,8 @@ class State:
 
     def shifted(self, shifts: Mapping[str, NDArray]) -> State:
         """Return the state with the given shifts added to the named fields."""
-        own = {name: getattr(self, name) + shift for name, shift in shifts.items() if name in _OF_STATE}
-        joints = {name: getattr(self.legs, name) + shift for name, shift in shifts.items() if name not in own}
-        return replace(self, **own, legs=self.legs.replace(**joints) if joints else self.legs)
+        shifted_arrays = {name: getattr(self, name) + shift for name, shift in shifts.items() if name in _OF_STATE}
+        joints = {
+            name: getattr(self.legs, name) + shift for name, shift in shifts.items() if name not in shifted_arrays
+        }
+        return replace(self, **shifted_arrays, legs=self.legs.replace(**joints) if joints else self.legs)

@@ -57,8 +57,8 @@ class PoseBox:
     @property
     def half(self) -> NDArray:
         """Half widths (6,) in position, m, and in Cayley's parameters, rounded up."""
-        whole = float(np.nextafter(np.linalg.norm(self.rotation) * (1.0 + _ROUNDING), np.inf))
-        stretch = tangent_of_half(whole) / (whole * (1.0 - _ROUNDING)) if whole else 0.5
+        size = float(np.nextafter(np.linalg.norm(self.rotation) * (1.0 + _ROUNDING), np.inf))
+        stretch = tangent_of_half(size) / (size * (1.0 - _ROUNDING)) if size else 0.5
         return np.concatenate([self.position, self.rotation * stretch]) * (1.0 + _ROUNDING)
 
 
@@ -115,12 +115,12 @@ class _Rows:
         one_pose: whether they hold no singular pose, where g is as long as the leg.
         """
         g, moment = self._parts(low, high, one_pose)
-        found = is_regular(concatenate([g, moment]) - self.extra)
+        regular = is_regular(concatenate([g, moment]) - self.extra)
         distance = _length(g)
         out = distance.low > self.length.high
         if one_pose:
             out = out | (distance.high < self.length.low)
-        return np.asarray(found | out.any(-1))
+        return np.asarray(regular | out.any(-1))
 
     def at(self, low: NDArray, high: NDArray, *, one_pose: bool = False) -> IntervalArray:
         """Return rows (N, L, 6) over boxes low, high (N, 6); one_pose: of the Jacobian, where both poses are equal."""
@@ -163,7 +163,7 @@ def _proof(legs: Legs, box: PoseBox, flexures: Flexures | None, most: int) -> Un
     return UniquenessProof(decided, regular, boxes, undecided, slope, singular)
 
 
-def _prepared(legs: Legs, box: PoseBox, whole: IntervalArray, flexures: Flexures | None) -> tuple[_Rows, NDArray]:
+def _prepared(legs: Legs, box: PoseBox, motion: IntervalArray, flexures: Flexures | None) -> tuple[_Rows, NDArray]:
     """Return the rows with the terms common to all midpoints, and the slopes by the readings."""
     size = float(np.abs(legs.b).max())
     turned = legs.b @ box.R.T
@@ -171,10 +171,10 @@ def _prepared(legs: Legs, box: PoseBox, whole: IntervalArray, flexures: Flexures
     rho = hull(legs.rho0 - box.readings, legs.rho0 + box.readings)
     driven = "u" in legs.closure.geometry
     c = intervals(legs.a) + rho[:, None] * intervals(legs.u) if driven else intervals(legs.a)
-    squared = whole[3:].squared().sum(-1)
+    squared = motion[3:].squared().sum(-1)
     kappa = float((2.0 * squared / (1.0 + squared)).high)
-    arm = _turned(whole[3:], b)
-    g = intervals(box.p) + whole[:3] + arm - c
+    arm = _turned(motion[3:], b)
+    g = intervals(box.p) + motion[:3] + arm - c
     length = _length(g)
     z = g / length[:, None]
     along = dot(z, intervals(legs.u)) if driven else intervals(np.ones(legs.count))
@@ -183,7 +183,7 @@ def _prepared(legs: Legs, box: PoseBox, whole: IntervalArray, flexures: Flexures
     if flexures is not None:  # 0 to 3/2 l_b at each end, less l_b
         reach = reach + intervals(flexures.length) * hull(-1.0, 2.0)
     if flexures is not None:
-        extra, change = _bending(legs, box, whole, (arm, length, z), flexures)
+        extra, change = _bending(legs, box, motion, (arm, length, z), flexures)
         along = along + change if driven else along
     return _Rows(legs, box, b, c, reach, kappa, extra), np.stack([along.low, along.high], -1)
 
@@ -196,7 +196,7 @@ def _length(vectors: IntervalArray) -> IntervalArray:
 def _bending(
     legs: Legs,
     box: PoseBox,
-    whole: IntervalArray,
+    motion: IntervalArray,
     seen: tuple[IntervalArray, IntervalArray, IntervalArray],
     flexures: Flexures,
 ) -> tuple[IntervalArray, IntervalArray]:
@@ -210,8 +210,8 @@ def _bending(
     straight = box.p + legs.b @ box.R.T - lower
     straight = straight / np.linalg.norm(straight, axis=-1, keepdims=True)
     start = hull(straight - _ROUNDING, straight + _ROUNDING)
-    turned = _turned(whole[3:], start)
-    own: list[IntervalArray] = []
+    turned = _turned(motion[3:], start)
+    terms: list[IntervalArray] = []
     beta = intervals(flexures.beta)
     share = 1.0 - 2.0 * beta
     for direction in (start, turned):
@@ -219,10 +219,10 @@ def _bending(
         lean = share * cosine
         root = (lean.squared() + (3.0 - 4.0 * beta)).root()
         change = intervals(-flexures.length) * share * ((root - lean) / 2.0) / root
-        own.append((direction - cosine[:, None] * z) * (change / length)[:, None])
+        terms.append((direction - cosine[:, None] * z) * (change / length)[:, None])
         by_turn = change
-    sideways = own[0] + own[1]
-    squared = whole[3:].squared().sum(-1)
+    sideways = terms[0] + terms[1]
+    squared = motion[3:].squared().sum(-1)
     faster = 1.0 + squared  # angle / sine = (1 + t^2) arctan(t) / t for t = tan(angle / 2), at most |g|
     turning = (cross(arm, sideways) + by_turn[:, None] * cross(turned, z)) * hull(1.0, faster.high)
     extra = concatenate([sideways, turning]) * length[:, None]

@@ -45,8 +45,8 @@ class RayModel(ChannelModel[RayCause]):
     @cached_property
     def _common_sigma(self) -> NDArray:
         """Prior sigma of each common parameter, in units of its scale."""
-        own = [self.conditions.parameters[n] for n in self._common]
-        return np.array([_WIDE if p.sigma is None else p.sigma / p.scale for p in own])
+        parameters = [self.conditions.parameters[n] for n in self._common]
+        return np.array([_WIDE if p.sigma is None else p.sigma / p.scale for p in parameters])
 
     @property
     def _sizes(self) -> dict[str, int]:
@@ -83,22 +83,22 @@ class RayModel(ChannelModel[RayCause]):
     def offsets(self, shared: NDArray) -> NDArray:
         """Return the deviation of each ray parameter (B, T), SI, from its value in the adjustment, pose by pose."""
         rays = self.conditions
-        found = np.zeros((len(rays.poses), len(rays.parameters)), np.result_type(shared, float))
+        offset = np.zeros((len(rays.poses), len(rays.parameters)), np.result_type(shared, float))
         mean = np.array([rays.parameters[n].mean for n in self._common])
-        found[:, self._common] = mean + shared[self.layout["common"]] * self._common_sigma * self._scale[self._common]
+        offset[:, self._common] = mean + shared[self.layout["common"]] * self._common_sigma * self._scale[self._common]
         for effect in self.effects(shared):
-            found = found + effect.cause.moved(rays, effect.values)
-        return found
+            offset = offset + effect.cause.moved(rays, effect.values)
+        return offset
 
     def by_shared(self, shared: NDArray) -> NDArray:
         """Return the derivatives (B, T, G) of the offsets, in units of each parameter's scale, by the shared
         unknowns."""
         rays = self.conditions
-        found = np.zeros((len(rays.poses), len(rays.parameters), self.shared_size))
+        derivative = np.zeros((len(rays.poses), len(rays.parameters), self.shared_size))
         place = np.arange(self.layout["common"].start, self.layout["common"].stop)
-        found[:, self._common, place] = self._common_sigma
-        self._fill_effects(found, shared, self._number_slopes)
-        return found
+        derivative[:, self._common, place] = self._common_sigma
+        self._fill_effects(derivative, shared, self._number_slopes)
+        return derivative
 
     def predict(self, shared: NDArray, local: NDArray, by_shared: bool = True) -> Prediction:
         """Return channels and derivatives at shared (G,) unknowns; derivatives on request."""

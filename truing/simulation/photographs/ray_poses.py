@@ -90,8 +90,8 @@ class RayPoses:
 
     def poses_of(self, kind: str, owner: str) -> NDArray:
         """Return the mask (B,) of poses with information on one owner of a kind."""
-        own = [n for n, p in enumerate(self.parameters) if p.kind == kind and p.owner == owner]
-        return np.any(self.root[:, :, own] != 0.0, (1, 2))
+        numbers = [n for n, p in enumerate(self.parameters) if p.kind == kind and p.owner == owner]
+        return np.any(self.root[:, :, numbers] != 0.0, (1, 2))
 
     def places(self, kind: str, owner: str, names: tuple[str, ...]) -> list[int]:
         """Return the indices of named parameters of an owner; raises KeyError if one is missing."""

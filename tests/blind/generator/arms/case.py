@@ -11,12 +11,12 @@ from pathlib import Path
 import numpy as np
 
 from tests.blind.generator.arms.draw import ArmCampaign, draw
-from tests.blind.generator.arms.effects import CAUSES, OF_GRAVITY, OF_MANY_POSES, Effect, parameters
+from tests.blind.generator.arms.effects import ADDED, CAUSES, OF_GRAVITY, OF_MANY_POSES, OF_SLIDES, Effect, parameters
 from tests.blind.generator.arms.folder import joint_columns, truth, write
 from tests.blind.generator.arms.layouts import LAYOUTS
 from tests.blind.generator.folder import truth_path
 
-CATALOGUE = (*CAUSES, *OF_MANY_POSES)
+CATALOGUE = (*CAUSES, *ADDED)
 MANY_POSES = 400
 WITHOUT_SIZE = frozenset({"joints-exchanged"})
 # Names and units of the tables that a diagnosis writes.
@@ -58,7 +58,9 @@ def hide(names: Sequence[str], layout: str, wanted: float, seed: int) -> Case:
 def layouts_for(names: Sequence[str]) -> list[str]:
     """The layouts in which effects of these names can be hidden."""
     # A joint whose load nobody knows has to turn, to carry no slide and to be in no loop.
-    return [layout for layout in LAYOUTS if layout not in ("cylindrical", "delta") or "joint-sag" not in names]
+    without = {"cylindrical", "delta"} if "joint-sag" in names else set[str]()
+    slide = {"scara", "cylindrical", "gantry", "rail-6r", "column-lift"}
+    return [own for own in LAYOUTS if own not in without and (own in slide or not set(OF_SLIDES) & set(names))]
 
 
 def draw_two(rng: np.random.Generator) -> tuple[str, str]:

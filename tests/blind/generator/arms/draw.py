@@ -9,7 +9,7 @@ import numpy as np
 
 from tests.blind.generator.arms import effects as hidden
 from tests.blind.generator.arms.arm import Arm, Link, modified, serial
-from tests.blind.generator.arms.effects import CAUSES, LINK_CAUSES, OF_MANY_POSES, Effect, draw_effect, hide
+from tests.blind.generator.arms.effects import ADDED, CAUSES, LINK_CAUSES, Effect, draw_effect, hide
 from tests.blind.generator.arms.foreign import FOREIGN, draw_foreign
 from tests.blind.generator.arms.geometry import NOTATIONS, Design, Tolerance
 from tests.blind.generator.arms.instrument import BOTH, INSTRUMENTS, Instrument, Seen, draw_instrument, see
@@ -70,7 +70,7 @@ def draw(
     _expect("notation", notation, NOTATIONS)
     _expect("instrument", instrument, (*INSTRUMENTS, BOTH, "points"))
     for cause in causes or ():
-        _expect("cause", cause, (*CAUSES, *OF_MANY_POSES, *FOREIGN))
+        _expect("cause", cause, (*CAUSES, *ADDED, *FOREIGN))
     if instrument == "points-pose" and any(cause in hidden.BASE_CAUSES for cause in causes or ()):
         raise ValueError(f"causes {causes} cannot be shown where every pose has a frame of its own")
     for attempt in range(ATTEMPTS):

@@ -26,12 +26,17 @@ JOINT_CAUSES = (
 )
 LINK_CAUSES = ("link-bending", "link-growth")
 BASE_CAUSES = ("base-drift", "base-jump", "column-tilt")
-# Needs several hundred poses, so that it is hidden only on request.
+# Needs several hundred poses.
 OF_MANY_POSES = ("joint-error-curve",)
 CAUSES = (*JOINT_CAUSES, *LINK_CAUSES, *BASE_CAUSES, "target-moved", "joints-exchanged")
 OF_GRAVITY = ("joint-compliance", "joint-sag", "link-bending", "column-tilt")
 # Revolute joints alone.
 OF_ANGLE = ("joint-eccentricity", "joint-harmonic", "joint-compliance", "joint-sag", "joint-error-curve")
+# Of slides alone: the pitches, m, of screws and racks.
+OF_SLIDES = ("joint-pitch-error",)
+ADDED = (*OF_MANY_POSES, *OF_SLIDES)  # hidden only on request
+PITCHES = (0.005, 0.01, 0.016, 0.02, 0.04, 0.0785)
+MOST_TURNS = 120  # over the travel
 SIX = ("dx", "dy", "dz", "rx", "ry", "rz")
 
 
@@ -86,7 +91,7 @@ def draw_effect(
     cause: str, arm: Arm, schedule: Schedule, instrument: Instrument, rng: np.random.Generator
 ) -> list[Effect]:
     """Effects of one cause at every subject that can carry it, in random order; sizes are one unit."""
-    if cause in (*JOINT_CAUSES, *OF_MANY_POSES):
+    if cause in (*JOINT_CAUSES, *ADDED):
         found = [_of_joint(cause, k, arm, schedule, rng) for k in range(len(arm.actuated)) if _fits(cause, arm, k)]
     elif cause in LINK_CAUSES:
         shape = schedule.warmth if cause == "link-growth" else np.zeros(0)
@@ -98,7 +103,7 @@ def draw_effect(
     elif cause == "joints-exchanged":
         found = _exchanges(arm, schedule)
     else:
-        raise ValueError(f"cause {cause!r}: expected one of {', '.join((*CAUSES, *OF_MANY_POSES))}")
+        raise ValueError(f"cause {cause!r}: expected one of {', '.join((*CAUSES, *ADDED))}")
     return [found[n] for n in rng.permutation(len(found))]
 
 
@@ -108,7 +113,8 @@ def _fits(cause: str, arm: Arm, column: int) -> bool:
         return False
     if cause == "joint-sag" and any(j.kind == "prismatic" for j in arm.joints if j.child in arm.outboard(own)):
         return False
-    return cause not in OF_ANGLE or arm.joints[own].kind == "revolute"
+    slides = arm.joints[own].kind == "prismatic"
+    return slides if cause in OF_SLIDES else not (slides and cause in OF_ANGLE)
 
 
 def _of_joint(cause: str, column: int, arm: Arm, schedule: Schedule, rng: np.random.Generator) -> Effect:
@@ -133,6 +139,10 @@ def _of_joint(cause: str, column: int, arm: Arm, schedule: Schedule, rng: np.ran
         if cause == "joint-harmonic" and rng.random() < 0.5:
             order = round(float(rng.uniform(20.0, 180.0)), 1)
         shape, fixed = np.sin(order * angle + phase), {"order": order, "phase": phase}
+    elif cause == "joint-pitch-error":
+        travel = float(np.ptp(angle))
+        pitch = float(rng.choice([own for own in PITCHES if 3.0 * own < travel < MOST_TURNS * own]))
+        shape, fixed = np.sin(2.0 * np.pi * angle / pitch + phase), {"period": pitch, "phase": phase}
     elif cause == "joint-error-curve":
         shape = _teeth(angle, rng)
     return Effect(cause, f"joint {arm.names()[column]}", column, shape, fixed=fixed)
@@ -216,6 +226,10 @@ def parameters(effect: Effect, arm: Arm) -> dict[str, dict[str, float | str]]:
         named = {"sine": (size * np.cos(phase), "rad"), "cosine": (size * np.sin(phase), "rad")}
         if effect.cause == "joint-harmonic":
             named = {"order": (float(fixed["order"]), "1"), "amplitude": (abs(size), "rad"), **named}
+    elif effect.cause == "joint-pitch-error":
+        phase = float(fixed["phase"])
+        named = {"period": (float(fixed["period"]), "m")}
+        named |= {"sine": (size * np.cos(phase), "m"), "cosine": (size * np.sin(phase), "m")}
     elif effect.cause == "joint-error-curve":
         named = {"largest": (abs(size) * float(np.ptp(effect.shape)), "rad")}
     elif effect.cause == "joint-settling":

@@ -93,10 +93,10 @@ class Answer:
     signals: Array
 
 
-def as_made(layout: Layout, given: Machine, errors: Errors) -> Machine:
-    """The sensor as made, of one ``given`` as designed; a compliance that was given is off as a whole."""
+def as_made(layout: Layout, machine: Machine, errors: Errors) -> Machine:
+    """The sensor as made, of the ``machine`` as designed; a compliance that was given is off as a whole."""
     if layout.compliance_given:
-        return Machine(given.legs, given.compliance * errors.softer[0, 0], given.tension)
+        return Machine(machine.legs, machine.compliance * errors.softer[0, 0], machine.tension)
     return build(layout.sensor, errors)
 
 

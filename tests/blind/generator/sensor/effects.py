@@ -103,13 +103,13 @@ class LoadImbalance(PerLoad):
     id = "load-imbalance"
 
     def parameters(self) -> Mapping[str, Parameter]:
-        told: dict[str, Parameter] = {}
+        parameters: dict[str, Parameter] = {}
         for suffix, values in (("", self.ratio), ("_asymmetry", self.apart), ("_growth", self.growth)):
             for place, value in enumerate(values):
                 if value:
                     name = f"{'force' if place < 3 else 'moment'}_{XYZ[place % 3]}{suffix}"
-                    told[name] = (value, ("1/m", "1", "1", "m")[2 * (self.axis < 3) + (place >= 3)])
-        return told
+                    parameters[name] = (value, ("1/m", "1", "1", "m")[2 * (self.axis < 3) + (place >= 3)])
+        return parameters
 
     def drive(self, wrench: Array, setting: Setting) -> Array:
         F, size = self.load(setting)[:, None], np.abs(self.share(setting))[:, None]

@@ -70,8 +70,8 @@ def runs_of(layout: Layout, rng: np.random.Generator) -> list[Run]:
     for repeat in range(programme.repeats):
         held = repeat >= programme.repeats - programme.held_out
         role = "" if not programme.held_out else "verification" if held else "calibration"
-        for own in loads:
-            out += [Run(own, channels, role) for channels in _watched(layout, own)]
+        for load in loads:
+            out += [Run(load, channels, role) for channels in _watched(layout, load)]
     return out
 
 
@@ -93,17 +93,17 @@ def plan(layout: Layout, rng: np.random.Generator) -> Schedule:
     """All steps with their times and weather; each of these from a stream of its own."""
     loading, clock, weather = rng.spawn(3)
     runs = runs_of(layout, loading)
-    count = [len(one.loads) for one in runs]
+    count = [len(run.loads) for run in runs]
     time = _times(layout.programme, count, clock)
-    load = np.concatenate([one.loads for one in runs])
+    load = np.concatenate([run.loads for run in runs])
     largest = np.abs(load).max(axis=0)
     return Schedule(
         run=np.repeat(np.arange(1, len(runs) + 1), count),
         step=np.concatenate([np.arange(n) for n in count]),
-        role=tuple(one.role for one in runs for _ in one.loads),
+        role=tuple(run.role for run in runs for _ in run.loads),
         time_s=time,
         load=load,
-        watched=np.concatenate([np.tile(np.isin(CHANNELS, one.channels), (len(one.loads), 1)) for one in runs]),
+        watched=np.concatenate([np.tile(np.isin(CHANNELS, run.channels), (len(run.loads), 1)) for run in runs]),
         air=_weather(layout.surroundings, time, weather),
         limit=np.array(layout.range) if layout.stated_range else np.where(largest > 0, largest, 1.0),
     )

@@ -7,12 +7,14 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
+from numpy.typing import NDArray
 
 from tests.simulation.mechanisms.chains.made_arms import campaign
 from tests.tolerance import assert_close
 from truing.estimation.rotation import exp_so3
 from truing.inference.observations import Epochs, Frames, Observations
 from truing.inference.selection import CauseDiagnosis, CauseSelection, Settings
+from truing.inference.verdicts import Reason
 from truing.simulation.catalogue import catalogue_of_chains
 from truing.simulation.cause import Effect, ReportedParameter
 from truing.simulation.inputs import Missing
@@ -20,6 +22,7 @@ from truing.simulation.mechanisms.chains.causes import (
     BaseDrift,
     BaseJump,
     ChainCause,
+    ChainScene,
     ChainTargetMoved,
     JointBacklash,
     JointCompliance,
@@ -30,8 +33,8 @@ from truing.simulation.mechanisms.chains.causes import (
     LinkGrowth,
 )
 from truing.simulation.mechanisms.chains.conditions import BETWEEN, movements
-from truing.simulation.mechanisms.chains.harmonics import JointEccentricity, JointHarmonic
-from truing.simulation.mechanisms.chains.loads import ColumnTilt, JointSag
+from truing.simulation.mechanisms.chains.harmonics import JointEccentricity, JointHarmonic, JointPitchError
+from truing.simulation.mechanisms.chains.loads import ColumnTilt, GravityDirection, JointSag
 from truing.simulation.mechanisms.chains.model import ChainModel
 from truing.simulation.mechanisms.chains.settling import SIDE, JointSettling
 from truing.simulation.mechanisms.chains.tree import JointKind, Tree
@@ -45,10 +48,12 @@ EVERY: tuple[ChainCause, ...] = (
     JointEccentricity("j4"),
     JointHarmonic("j2", order=3),
     JointHarmonic("j4", order=50, beside=0.75, free=True),
+    JointPitchError("j3", is_angle=False, order=60, beside=2.0, free=True),
     JointSettling("j3", column="since_motion_s", start_s=2.0, tau_s=9.0),
     JointSettling("j1", form=SIDE, column="time_s", start_s=20.0, tau_s=9.0, free=True),
     JointCompliance("j3", load=20.0),
     JointSag("j2", parts=("link2 x", "link3 x")),
+    GravityDirection("-x", ("j2", "j3"), (True, True), (30.0, 10.0)),
     ColumnTilt("base", load=50.0),
     LinkGrowth("link2"),
     LinkBending("link2", load=10.0),
@@ -80,6 +85,25 @@ def test_derivatives_are_those_of_the_channels(orientation: bool) -> None:
         assert_close(found.by_local[..., j], slope, atol=1e-9)
 
 
+def test_another_direction_of_gravity_deflects_as_compliance_does_under_it() -> None:
+    machine = campaign(np.random.default_rng(1), 20).machine
+    other = replace(machine.under(np.array([-1.0, 0.0, 0.0])))
+    found = GravityDirection("-x", ("j2", "j3"), (True, True), (30.0, 10.0)).deviations(machine)
+    for place, joint in enumerate(("j2", "j3")):
+        assert_close(found[..., place], JointCompliance(joint, load=1.0).deviations(other)[..., 0], atol=0)
+    assert_close(machine.under(machine.gravity).moment, machine.moment, atol=0)
+    tried = {cause.direction for cause in GravityDirection().candidates(ChainScene(machine))}
+    assert tried == {"+x", "-x", "+y", "-y", "+z"}, "all but the declared one"
+
+
+def test_a_wrong_direction_of_gravity_is_named() -> None:
+    made = GravityDirection("-x", ("j2",), (True,), (30.0,))
+    found = diagnosed([Effect(made, np.array([6e-5]))], 4)
+    (cause,) = (v.cause for v in found.verdicts if v.verdict == "found")
+    assert isinstance(cause, GravityDirection)
+    assert (cause.direction, cause.joints) == ("-x", ("j2",))
+
+
 def test_a_scatter_is_an_angle_or_a_length() -> None:
     model = campaign(np.random.default_rng(1), 20)
     nodes = list(model.tree.nodes)
@@ -96,11 +120,12 @@ def diagnosed(
     orientation: bool = False,
     gears: bool = False,
     tells_masses: bool = True,
+    given: Sequence[ChainCause] = (),
 ) -> CauseDiagnosis:
     """What a search says of a campaign whose geometry and zeros are drawn from their tolerances.
 
     Orders of ``gears`` are searched only where a test is about them, because that takes time. Without ``tells_masses``
-    the search knows no mass.
+    the search knows no mass. ``given`` causes are in the model from the start.
     """
     rng = np.random.default_rng(seed)
     model = campaign(rng, 60, 1 if orientation else 2, orientation)
@@ -128,7 +153,8 @@ def diagnosed(
     if not tells_masses:
         model = weightless(model)
     epochs = Epochs(measured, model.conditions, frames)
-    return CauseSelection(model, epochs, None, Settings(0.05, 200, 1)).run(list(catalogue_of_chains().values()))
+    search = CauseSelection(model, epochs, None, Settings(0.05, 200, 1), given=given)
+    return search.run(list(catalogue_of_chains().values()))
 
 
 def weightless(model: ChainModel) -> ChainModel:
@@ -194,6 +220,49 @@ def test_known_orders_of_gears_replace_the_search() -> None:
     assert found[-1].refined() == found[-1]
 
 
+def sliding(readings: NDArray, orders: dict[str, tuple[float, ...]]) -> ChainScene:
+    """A scene in which j3 slides with some readings (30,), m."""
+    model = campaign(np.random.default_rng(2), 30)
+    nodes = [replace(node, kind=JointKind.PRISMATIC) if node.joint == "j3" else node for node in model.tree.nodes]
+    conditions = replace(model.conditions, readings=model.conditions.readings.copy())
+    conditions.readings[:, 2] = readings
+    machine = replace(model.machine, tree=Tree(tuple(nodes), model.tree.readings), conditions=conditions)
+    return ChainScene(replace(machine, gear_orders=orders))
+
+
+def test_periods_of_a_slide_are_known_or_searched_within_its_travel() -> None:
+    anywhere = np.random.default_rng(3).uniform(0.0, 0.4, 30)
+    known = JointPitchError().candidates(sliding(anywhere, {"j3": (2.0 * np.pi / 0.016,)}))
+    assert [(cause.joint, cause.beside, cause.aliased) for cause in known] == [("j3", 0.0, False)]
+    assert 2.0 * np.pi / known[0].order == pytest.approx(0.016)
+    searched = JointPitchError().candidates(sliding(anywhere, {}))
+    periods = np.array([2.0 * np.pi / cause.order for cause in searched])
+    travel = np.diff(np.quantile(anywhere, (0.01, 0.99)))[0]
+    assert {cause.joint for cause in searched} == {"j3"}
+    assert periods.max() == pytest.approx(travel / 2.0)
+    assert periods.min() == pytest.approx(travel / 200.0)
+    assert all(abs(2.0 * np.pi / 0.016 - searched[k].order) < 0.75 * 2.0 * np.pi / travel for k in [_nearest(periods)])
+    even = JointPitchError().candidates(sliding(np.repeat(np.linspace(0.0, 0.4, 10), 3), {}))
+    assert even
+    assert all(cause.aliased and not cause.is_persistent for cause in even)
+    assert not any(cause.joint == "j3" for cause in JointHarmonic().candidates(sliding(anywhere, {})))
+
+
+def _nearest(periods: NDArray) -> int:
+    return int(np.argmin(np.abs(1.0 / periods - 1.0 / 0.016)))
+
+
+def test_a_period_is_reported_with_the_uncertainty_of_its_wave() -> None:
+    cause = JointPitchError("j3", is_angle=False, order=2.0 * np.pi / 0.02, beside=5.0, free=True)
+    values, covariance = np.array([3e-6, 4e-6, 0.1]), np.diag([1e-12, 1e-12, 0.04])
+    sine, cosine, period = cause.reported(values, covariance, 5)
+    assert (sine.value, cosine.value, sine.sigma) == pytest.approx((3e-3, 4e-3, 1e-3))
+    assert period.value == pytest.approx(2e3 * np.pi / (2.0 * np.pi / 0.02 + 0.1), rel=1e-4)
+    later = cause.reported(values + np.array([0.0, 0.0, 1e-4]), covariance, 5)[2]
+    shorter = float(period.value) - float(later.value)
+    assert period.sigma == pytest.approx(0.2 * shorter / 1e-4, rel=1e-3)
+
+
 def test_under_unknown_masses_the_sag_of_a_joint_is_found_with_its_course() -> None:
     soft, rng = Effect(JointCompliance("j2", load=40.0), np.array([8e-6])), np.random.default_rng(5)
     diagnosis = diagnosed([soft], 5, tells_masses=False)
@@ -228,6 +297,33 @@ def test_settling_needs_waits_that_differ() -> None:
     for waits in (np.full(30, 5.0), np.full(30, np.nan)):
         even = replace(model.conditions, covariates={**model.conditions.covariates, "since_motion_s": waits})
         assert not JointSettling().candidates(model.at(even).scene)
+
+
+@pytest.mark.parametrize(
+    ("hidden", "is_offset"),
+    [
+        (Effect(JointCompliance("j2", load=40.0), np.array([8e-6])), False),
+        (Effect(JointOffset("j3"), np.array([3e-3])), True),
+    ],
+    ids=["compliance", "offset"],
+)
+def test_a_zero_that_was_named_before_the_search_stays_only_with_a_significant_size(
+    hidden: Effect[ChainCause], is_offset: bool
+) -> None:
+    diagnosis = diagnosed([hidden], 6, given=[JointOffset("j3")])
+    offset = next(verdict for verdict in diagnosis.verdicts if verdict.cause.id == "joint-offset")
+    assert names(diagnosis) == [(hidden.cause.id, hidden.cause.subject)]
+    pull, least = abs(offset.values[0]) / np.sqrt(offset.covariance[0, 0]), 2.84  # of five joints, at p = 0.0225
+    if is_offset:
+        assert (offset.verdict, offset.reason, offset.candidates) == ("found", None, 5)
+        assert abs(offset.values[0] - 3e-3) < 3.5 * np.sqrt(offset.covariance[0, 0])
+        assert pull > least
+    else:
+        assert (offset.verdict, offset.reason) == ("rejected", Reason.DROPPED)
+        assert offset.p_value > 0.0225
+        assert pull < least
+    assert any(cause.id == "joint-offset" for cause in diagnosis.final.causes) is is_offset
+    assert any(cause.id == "joint-offset" for cause in diagnosis.plain.causes) is is_offset
 
 
 @pytest.mark.parametrize(

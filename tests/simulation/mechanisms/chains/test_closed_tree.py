@@ -135,6 +135,13 @@ def test_work_of_weight_is_the_slope_of_the_potential_energy(tmp_path: Path) -> 
             assert_close(own, np.zeros(5), atol=1e-12, what=f"no load on {node.joint}, which is free")
 
 
+def test_loops_of_unknown_masses_carry_no_known_load() -> None:
+    force, moment = four_bar().gravity_load(np.zeros((3, 1)), np.array([0.0, 0.0, -1.0]), {})
+    assert force.shape == moment.shape == (3, four_bar().size, 3)
+    assert not force.any()
+    assert not moment.any()
+
+
 def test_readings_at_which_two_circles_do_not_meet_are_told() -> None:
     crank, coupler, rocker = 0.2, 0.3, 0.1
     tree, q = four_bar(crank, coupler, rocker), np.linspace(-1.5, 1.5, 61)[:, None]

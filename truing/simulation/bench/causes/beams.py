@@ -46,12 +46,12 @@ class CosineError(ChannelCause):
 
         Return the loss along it, if all motion across is proportional to the motion along it.
         """
-        found = []
+        errors = []
         for channel in (c for c in read_channels(scene) if c in CHANNELS):
             across, beside = self._is_observable(scene, channel)
-            found += [CosineError(channel)] if across else []
-            found += [] if beside else [CosineError(channel, along=True)]
-        return found
+            errors += [CosineError(channel)] if across else []
+            errors += [] if beside else [CosineError(channel, along=True)]
+        return errors
 
     def parameters(self, legs: int) -> tuple[Parameter, ...]:
         """Return the tilts, rad, or the loss along the axis."""
@@ -73,15 +73,15 @@ class CosineError(ChannelCause):
 
     def slopes(self, state: ReadingState, values: NDArray) -> NDArray:
         """Return d readings / d tilts, or / d loss."""
-        own = state.readings[:, self._channel_index]
-        found = np.zeros((*state.readings.shape, len(values)), np.result_type(state.readings, values))
+        readings = state.readings[:, self._channel_index]
+        derivative = np.zeros((*state.readings.shape, len(values)), np.result_type(state.readings, values))
         if self.along:
-            found[:, self._channel_index, 0] = -own
-            return found
+            derivative[:, self._channel_index, 0] = -readings
+            return derivative
         _, lost_by, _, across_by = _cosine_and_sines(values)
         motion = state.readings[:, self._other_channels]
-        found[:, self._channel_index] = -own[:, None] * lost_by + motion @ across_by
-        return found
+        derivative[:, self._channel_index] = -readings[:, None] * lost_by + motion @ across_by
+        return derivative
 
     def moved(self, state: ReadingState, values: NDArray) -> NDArray:
         """Return the change of the channel's readings."""
@@ -93,15 +93,15 @@ class CosineError(ChannelCause):
 
     def _linear(self, readings: NDArray, values: NDArray) -> NDArray:
         """Return the change of readings (B, K, ...), which is proportional to them."""
-        found = np.zeros(readings.shape, np.result_type(readings, values))
+        slope = np.zeros(readings.shape, np.result_type(readings, values))
         if self.along:
-            found[:, self._channel_index] = -values[0] * readings[:, self._channel_index]
-            return found
+            slope[:, self._channel_index] = -values[0] * readings[:, self._channel_index]
+            return slope
         lost, _, across, _ = _cosine_and_sines(values)
-        found[:, self._channel_index] = -lost * readings[:, self._channel_index]
+        slope[:, self._channel_index] = -lost * readings[:, self._channel_index]
         for other, share in zip(self._other_channels, across, strict=True):
-            found[:, self._channel_index] += share * readings[:, other]
-        return found
+            slope[:, self._channel_index] += share * readings[:, other]
+        return slope
 
     def reported(self, values: NDArray, covariance: NDArray, legs: int) -> tuple[ReportedParameter, ...]:
         """Return the angle between beam and axis, and its tilts towards the other channels' axes if these are
@@ -116,18 +116,18 @@ class CosineError(ChannelCause):
             )
         angle = float(np.linalg.norm(values))
         along = values / max(angle, 1e-12)
-        whole = ReportedParameter("angle", angle, float(np.sqrt(along @ covariance @ along)), "rad")
-        return (whole, *super().reported(values, covariance, legs))
+        parameter = ReportedParameter("angle", angle, float(np.sqrt(along @ covariance @ along)), "rad")
+        return (parameter, *super().reported(values, covariance, legs))
 
     def _is_observable(self, scene: BenchScene, channel: str) -> tuple[bool, bool]:
         """True if motion across a channel is observable in it, and next to motion along the channel."""
-        steps, own = scene.steps, CHANNELS.index(channel)
-        seen = scene.recorded[:, own]
+        steps, place = scene.steps, CHANNELS.index(channel)
+        seen = scene.recorded[:, place]
         if seen.sum() < FEWEST:
             return False, False
-        along, across = steps.motion[seen, own], steps.motion[seen][:, _other_channels(own)]
+        along, across = steps.motion[seen, place], steps.motion[seen][:, _other_channels(place)]
         beside = across - np.outer(along, along @ across) / max(float(along @ along), _TINY)
-        least = _SHOWS * (steps.sigma[own] / _PLAUSIBLE_RAD) ** 2
+        least = _SHOWS * (steps.sigma[place] / _PLAUSIBLE_RAD) ** 2
         return bool(np.sum(across**2) > least), bool(np.sum(beside**2) > least)
 
 
@@ -162,17 +162,17 @@ class AbbeOffset(ChannelCause):
 
     def _by_arm(self, readings: NDArray) -> NDArray:
         """Return the rotations of readings (B, K, ...) crossed with each direction, at its channels: (B, K, ..., 3)."""
-        own = [float(not self.channel or CHANNELS[n] == self.channel) for n in range(LINEAR)]
-        found = np.zeros((*readings.shape, LINEAR), readings.dtype)
-        crossed = np.array(own)[:, None, None] * -skew(np.eye(LINEAR)).transpose(1, 2, 0)
-        found[:, :LINEAR] = np.einsum("nia,bi...->bn...a", crossed, readings[:, LINEAR : 2 * LINEAR])
-        return found
+        acts_on = [float(not self.channel or CHANNELS[n] == self.channel) for n in range(LINEAR)]
+        by_arm_rows = np.zeros((*readings.shape, LINEAR), readings.dtype)
+        crossed = np.array(acts_on)[:, None, None] * -skew(np.eye(LINEAR)).transpose(1, 2, 0)
+        by_arm_rows[:, :LINEAR] = np.einsum("nia,bi...->bn...a", crossed, readings[:, LINEAR : 2 * LINEAR])
+        return by_arm_rows
 
 
-def _other_channels(own: int) -> list[int]:
+def _other_channels(channel: int) -> list[int]:
     """Return the two other channels of the same kind."""
-    first = own // LINEAR * LINEAR
-    return [n for n in range(first, first + LINEAR) if n != own]
+    first = channel // LINEAR * LINEAR
+    return [n for n in range(first, first + LINEAR) if n != channel]
 
 
 def _cosine_and_sines(tilts: NDArray) -> tuple[NDArray, NDArray, NDArray, NDArray]:

@@ -78,8 +78,8 @@ class ChannelCourse(ChannelCause):
 
     def slopes(self, state: ReadingState, values: NDArray) -> NDArray:
         """Return the same derivative of all readings, zero for other channels."""
-        own, along = self.channel_slopes(state.steps)
-        return np.asarray(along[:, None] * own[:, None])
+        response, along = self.channel_slopes(state.steps)
+        return np.asarray(along[:, None] * response[:, None])
 
 
 class RunChannelCause(ChannelCourse):
@@ -136,7 +136,7 @@ class ZeroDrift(RunChannelCause):
         steps, seen = scene.steps, scene.recorded
         if not np.isfinite(steps.time_s).all() or steps.longest_s <= 0.0:
             return ()
-        found: list[ZeroDrift] = [
+        zero_drifts: list[ZeroDrift] = [
             ZeroDrift(channel, scale_per_s=_rate(channel, steps)) for channel in read_channels(scene)
         ]
         runs = np.flatnonzero(steps.rank == 0)
@@ -145,8 +145,8 @@ class ZeroDrift(RunChannelCause):
             read = [channel for channel, count in within.items() if count and not is_signal(channel)]
             label = steps.run[first].item()
             known = [channel for channel, count in within.items() if count > FEWEST and not is_signal(channel)]
-            found += [ZeroDrift(c, label, True, read == [c], _rate(c, steps)) for c in known]
-        return found
+            zero_drifts += [ZeroDrift(c, label, True, read == [c], _rate(c, steps)) for c in known]
+        return zero_drifts
 
     def prior(self, scene: BenchScene) -> float:
         """Return the weight: all runs of a channel together are as probable as the single runs together."""

@@ -60,22 +60,22 @@ class FringeSlip(RunChannelCause):
     def candidates(self, scene: BenchScene) -> Sequence[FringeSlip]:
         """Return every run, linear channel and step with three readings on either side."""
         steps, seen = scene.steps, scene.recorded
-        half, found = steps.wavelength_m / 2.0, []
+        half, slips = steps.wavelength_m / 2.0, []
         for code, first in enumerate(np.flatnonzero(steps.rank == 0)):
-            own = np.flatnonzero(steps.code == code)
-            read = [steps.channels[place] for place in np.flatnonzero(seen[own].any(0))]
+            places = np.flatnonzero(steps.code == code)
+            read = [steps.channels[place] for place in np.flatnonzero(seen[places].any(0))]
             lone = sum(not is_signal(name) for name in read) == 1
             for place, channel in enumerate(steps.channels):
-                rows = own[seen[own, place]]
+                rows = places[seen[places, place]]
                 rows = rows[np.argsort(steps.rank[rows])]
                 if is_linear(channel):
-                    found += [
+                    slips += [
                         FringeSlip(
                             channel, steps.run[first].item(), steps.step[row].item(), int(steps.rank[row]), lone, half
                         )
                         for row in rows[FEWEST : len(rows) - FEWEST + 1]
                     ]
-        return found[:: 1 + len(found) // _MOST_ONSETS]
+        return slips[:: 1 + len(slips) // _MOST_ONSETS]
 
     def parameters(self, legs: int) -> tuple[Parameter, ...]:
         """Return the number of half wavelengths."""
@@ -116,7 +116,7 @@ class Crosstalk(ReadingCause):
     def candidates(self, scene: BenchScene) -> Sequence[Crosstalk]:
         """Return every pair of signals."""
         signals = [channel for channel in read_channels(scene) if is_signal(channel)]
-        return [Crosstalk(own, other) for own in signals for other in signals if own != other]
+        return [Crosstalk(signal, other) for signal in signals for other in signals if signal != other]
 
     def parameters(self, legs: int) -> tuple[Parameter, ...]:
         """Return the fraction."""
@@ -136,7 +136,7 @@ class Crosstalk(ReadingCause):
 
     def _leaks(self, state: ReadingState, readings: NDArray) -> NDArray:
         names = state.steps.channels
-        found = np.zeros(readings.shape, readings.dtype)
+        leaks = np.zeros(readings.shape, readings.dtype)
         if self.signal in names and self.source in names:
-            found[:, names.index(self.signal)] = readings[:, names.index(self.source)]
-        return found
+            leaks[:, names.index(self.signal)] = readings[:, names.index(self.source)]
+        return leaks

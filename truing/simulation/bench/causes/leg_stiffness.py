@@ -75,12 +75,12 @@ class LegStiffness(ReadingCause):
         parts = legs.parts[self.leg - 1]
         softer = np.exp(-values[0])
         which = np.array([not self.part or name == self.part for name in legs.names])
-        whole = np.linalg.inv(parts.sum(0))
-        own = parts[which].sum(0)
-        changed = np.linalg.inv(parts[~which].sum(0) + softer * own)
+        compliance = np.linalg.inv(parts.sum(0))
+        compliance_of_leg = parts[which].sum(0)
+        changed = np.linalg.inv(parts[~which].sum(0) + softer * compliance_of_leg)
         # derivative of the leg's compliance, then factor of the sensor's compliance
-        slope = changed @ (softer * own) @ changed
-        ratio = np.linalg.inv(np.eye(len(whole)) + legs.compliance @ (changed - whole))
+        slope = changed @ (softer * compliance_of_leg) @ changed
+        ratio = np.linalg.inv(np.eye(len(compliance)) + legs.compliance @ (changed - compliance))
         return ratio, -ratio @ legs.compliance @ slope @ ratio
 
     def reported(self, values: NDArray, covariance: NDArray, legs: int) -> tuple[ReportedParameter, ...]:

@@ -48,8 +48,8 @@ class Creep(LoadCause):
         steps = scene.steps
         if not np.isfinite(steps.time_s).all():
             return ()
-        held, longest = steps.held_s[steps.held_s > 0.0], steps.longest_s
-        shortest = max(_SHORTEST_S, _LEAST_TAU * float(np.median(held))) if len(held) else longest
+        hold_times, longest = steps.held_s[steps.held_s > 0.0], steps.longest_s
+        shortest = max(_SHORTEST_S, _LEAST_TAU * float(np.median(hold_times))) if len(hold_times) else longest
         if not shortest < longest:
             return ()
         count = min(_MOST_CONSTANTS, 1 + int(np.ceil(np.log(longest / shortest) / np.log(_RATIO))))
@@ -112,10 +112,10 @@ class Creep(LoadCause):
     def _lagged(self, deflection: NDArray, steps: LoadSteps, values: NDArray) -> NDArray:
         """Return lagged deflections (B, 6, 6, ...), zero under loads that are not concerned."""
         tau: Any = self.tau_s * np.exp(values[1] if self.free else 0.0)
-        kept = np.exp(-steps.held_s / tau)
+        remaining = np.exp(-steps.held_s / tau)
         if not self.axis:
-            return steps.filtered(deflection, kept)
-        own = np.s_[:, :, AXES.index(self.axis)]
-        followed = np.zeros(deflection.shape, np.result_type(deflection, kept))
-        followed[own] = steps.filtered(deflection[own], kept)
+            return steps.filtered(deflection, remaining)
+        columns = np.s_[:, :, AXES.index(self.axis)]
+        followed = np.zeros(deflection.shape, np.result_type(deflection, remaining))
+        followed[columns] = steps.filtered(deflection[columns], remaining)
         return followed

@@ -115,14 +115,14 @@ class LoadImbalance(LoadCause):
         """Return subsets of components and the shares of declared units, with asymmetry for axes loaded in both
         directions, and with growth for several levels."""
         load = scene.steps.load
-        found: list[LoadImbalance] = []
+        imbalances: list[LoadImbalance] = []
         for axis in loaded_axes(scene):
-            own = load[:, AXES.index(axis)]
+            loads = load[:, AXES.index(axis)]
             bases = self._of_axis(axis, tuple(scene.steps.arms.get(axis, ())))
-            forms = [ASYMMETRY] if own.min() < 0.0 < own.max() else []
-            forms += [GROWTH] if len(np.unique(np.abs(own))) > 2 else []
-            found += [replace(one, forms=(*more, form)) for form in forms for one in bases for more in _MEAN]
-        return found
+            forms = [ASYMMETRY] if loads.min() < 0.0 < loads.max() else []
+            forms += [GROWTH] if len(np.unique(np.abs(loads))) > 2 else []
+            imbalances += [replace(base, forms=(*more, form)) for form in forms for base in bases for more in _MEAN]
+        return imbalances
 
     @staticmethod
     def _of_axis(axis: str, arm: tuple[float, ...]) -> list[LoadImbalance]:
@@ -159,12 +159,12 @@ class LoadImbalance(LoadCause):
 
     def reported(self, values: NDArray, covariance: NDArray, legs: int) -> tuple[ReportedParameter, ...]:
         """Return the parameters; those of declared units are followed by the parasitic load that they bring."""
-        own = super().reported(values, covariance, legs)
+        base_parameters = super().reported(values, covariance, legs)
         if not self.arm:
-            return own
+            return base_parameters
         what, unit = ("moment", "m") if is_force(self.axis) else ("force", "1/m")
         brought = share_wrench(self.axis, self.arm)
-        return own + tuple(
+        return base_parameters + tuple(
             ReportedParameter(
                 f"{what}_{_XYZ[place % 3]}{form}",
                 float(brought[place] * value),

@@ -41,17 +41,17 @@ class NoisyRun(ReadingCause):
         run."""
         steps, names = scene.steps, np.array(scene.steps.channels)
         signals = np.array([is_signal(name) for name in names])
-        found: list[ScatterCandidate[NoisyRun]] = []
+        candidates_of_runs: list[ScatterCandidate[NoisyRun]] = []
         for code in np.unique(steps.code) if np.ptp(steps.code) > 0 else ():
             within = steps.code == code
             read = scene.recorded[within].sum(0) >= FEWEST
             parts = {str(name): names == name for name in names[read]}
             kinds = {DISPLACEMENTS: read & ~signals, SIGNALS: read & signals}
-            parts |= {kind: own for kind, own in kinds.items() if own.sum() > 1}
+            parts |= {kind: is_in_part for kind, is_in_part in kinds.items() if is_in_part.sum() > 1}
             run = steps.run[int(np.argmax(within))]
-            for channel, own in parts.items():
-                found.append(ScatterCandidate(NoisyRun(run, channel), within[:, None] & own, False))
-        return found
+            for channel, part in parts.items():
+                candidates_of_runs.append(ScatterCandidate(NoisyRun(run, channel), within[:, None] & part, False))
+        return candidates_of_runs
 
     def parameters(self, legs: int) -> tuple[Parameter, ...]:
         """Return the ratio of the noise to that of the other runs."""

@@ -107,24 +107,28 @@ class NonparametricReadingEffect(NonparametricEffect[BenchScene], ReadingCause):
     def candidates(self, scene: BenchScene) -> Sequence[NonparametricReadingEffect]:
         """Return all dependences of each channel for which there are enough readings."""
         steps, seen = scene.steps, scene.recorded
-        found: list[NonparametricReadingEffect] = []
+        effects: list[NonparametricReadingEffect] = []
         for channel in read_channels(scene):
-            own = seen[:, place := steps.channels.index(channel)]
+            is_seen = seen[:, place := steps.channels.index(channel)]
             bare = NonparametricReadingEffect(channel=channel, scale=_PLAUSIBLE_SIGMAS * float(steps.sigma[place]))
-            for columns, form, degree in _dependences(steps, own, channel):
-                if own.sum() >= PER_FUNCTION * degree:
-                    found.append(replace(bare, **dependence(columns, partial(_range_of, steps), form, degree)))
-            found += _jump_candidates(bare, steps, own)
-            fades = fading_times(steps, own)
+            for columns, form, degree in _dependences(steps, is_seen, channel):
+                if is_seen.sum() >= PER_FUNCTION * degree:
+                    effects.append(replace(bare, **dependence(columns, partial(_range_of, steps), form, degree)))
+            effects += _jump_candidates(bare, steps, is_seen)
+            fades = fading_times(steps, is_seen)
             rest = replace(bare, form=REST, weight=1.0 / max(len(fades), 1))
-            found += [replace(rest, half_ranges=(float(tau),)) for tau in fades]
-        return found
+            effects += [replace(rest, half_ranges=(float(tau),)) for tau in fades]
+        return effects
 
     def channel_candidates(self, scene: BenchScene) -> Sequence[ChannelCandidates[NonparametricReadingEffect]]:
         """Return periodic dependences of each channel on time and on loads, for all periods that the campaign can
         distinguish."""
         steps, seen = scene.steps, scene.recorded
-        return [own for column in (TIME, *_applied(steps)) for own in _periodic_candidates(steps, seen, column)]
+        return [
+            periodic_candidate
+            for column in (TIME, *_applied(steps))
+            for periodic_candidate in _periodic_candidates(steps, seen, column)
+        ]
 
     def prior(self, scene: BenchScene) -> float:
         """Return the relative prior weight: proportionality to one input is more probable than the other forms."""
@@ -136,8 +140,8 @@ class NonparametricReadingEffect(NonparametricEffect[BenchScene], ReadingCause):
 
     def slopes(self, state: ReadingState, values: NDArray) -> NDArray:
         """Return the values of the functions at the channel's readings."""
-        own, basis = self.channel_slopes(state.steps)
-        return np.asarray(basis[:, None] * own[:, None])
+        response, basis = self.channel_slopes(state.steps)
+        return np.asarray(basis[:, None] * response[:, None])
 
     def functions(self, steps: LoadSteps) -> NDArray:
         """Return the values (B, m) of the functions, the same for all channels."""
@@ -206,7 +210,7 @@ def _jump_candidates(
 ) -> list[NonparametricReadingEffect]:
     """Return jumps of a channel, seen at steps (B,), beyond several sizes of each load, if there are enough
     readings."""
-    found: list[NonparametricReadingEffect] = []
+    effects: list[NonparametricReadingEffect] = []
     for load in _applied(steps):
         values, sizes = _values_of(steps, load)[seen], _sizes_between(steps, load, seen)
         for size in sizes:
@@ -214,14 +218,14 @@ def _jump_candidates(
             sides = _SIDES if min(beyond) else 1
             if beyond[0] >= PER_FUNCTION and len(values) >= PER_FUNCTION * sides:
                 jump = replace(bare, columns=(load,), half_ranges=(float(size),), form=BEYOND, degree=sides)
-                found.append(replace(jump, weight=1.0 / len(sizes)))
-    return found
+                effects.append(replace(jump, weight=1.0 / len(sizes)))
+    return effects
 
 
 def _dependences(steps: LoadSteps, seen: NDArray, channel: str) -> Iterator[tuple[tuple[str, ...], str, int]]:
     """Yield columns, form and degree of dependences of a channel, seen at steps (B,)."""
     loads = _applied(steps)
-    own = LOADS[CHANNELS.index(channel)] if channel in CHANNELS else ""
+    main_load = LOADS[CHANNELS.index(channel)] if channel in CHANNELS else ""
     others = [name for name in varying_columns(steps.covariates, seen) if name not in LOADS]
 
     def levels(*columns: str) -> int:
@@ -229,11 +233,11 @@ def _dependences(steps: LoadSteps, seen: NDArray, channel: str) -> Iterator[tupl
         return len(np.unique(np.round(values, 12)))
 
     for load in loads:
-        first = 2 if load == own or is_signal(channel) else 1
+        first = 2 if load == main_load or is_signal(channel) else 1
         for degree in range(first, _SMOOTH + 1):
             if levels(load) > degree:
                 yield (load,), POLYNOMIAL, degree
-        if load != own and levels(UNLOADING + load, load) > 1:
+        if load != main_load and levels(UNLOADING + load, load) > 1:
             yield (UNLOADING + load, load), POLYNOMIAL, 1
         if levels(UNLOADING + load) > 1:
             yield (UNLOADING + load,), POLYNOMIAL, 1
@@ -277,10 +281,10 @@ def fading_times(steps: LoadSteps, seen: NDArray) -> NDArray:
 
     They range from a usual pause to the longest run.
     """
-    held = steps.held_s[steps.held_s > 0.0]
+    hold_times = steps.held_s[steps.held_s > 0.0]
     if np.isfinite(steps.since_break_s[seen]).sum() < FEWEST:
         return np.zeros(0)
-    shortest, longest = float(np.median(held)), steps.longest_s
+    shortest, longest = float(np.median(hold_times)), steps.longest_s
     count = min(_MOST_FADES, 1 + int(np.ceil(np.log(longest / shortest) / np.log(_FADES))))
     return np.geomspace(shortest, longest, count)
 
@@ -323,10 +327,10 @@ def _periods_of(steps: LoadSteps, column: str) -> NDArray:
         return np.zeros(0)
     if column != TIME:
         return periods_of_levels(np.unique(np.round(values / (_ONE_LEVEL * span))) * (_ONE_LEVEL * span))
-    held = steps.held_s[steps.held_s > 0.0]
-    if not len(held):
+    hold_times = steps.held_s[steps.held_s > 0.0]
+    if not len(hold_times):
         return np.zeros(0)
-    fastest = 1.0 / (_STEPS_PER_PERIOD * float(np.median(held)))
+    fastest = 1.0 / (_STEPS_PER_PERIOD * float(np.median(hold_times)))
     frequencies = np.arange(_PERIODS_AT_LEAST / span, fastest, _APART / span)
     return np.asarray(1.0 / frequencies[:_MOST_PERIODS])
 
@@ -338,5 +342,5 @@ def periods_of_levels(levels: NDArray) -> NDArray:
     periods = span / counted[:_MOST_PERIODS]
     nearly = 0.5 * _ONE_LEVEL * span
     within = np.searchsorted(levels, levels + periods[:, None] - nearly) - np.arange(count)
-    whole = levels + periods[:, None] <= levels[-1] + nearly
-    return np.asarray(periods[np.all((within >= _LEVELS_PER_PERIOD) | ~whole, axis=1)])
+    is_complete = levels + periods[:, None] <= levels[-1] + nearly
+    return np.asarray(periods[np.all((within >= _LEVELS_PER_PERIOD) | ~is_complete, axis=1)])

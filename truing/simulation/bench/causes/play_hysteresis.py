@@ -85,11 +85,11 @@ class PlayHysteresis(LoadCause):
     def slopes(self, state: ReadingState, values: NDArray) -> NDArray:
         """Return d deflection / d width, and by the logarithm of the threshold."""
         lag, by_log = self._lags(state.steps, values)
-        whole = _at_largest(state.steps, state.deflection)
-        found = [whole * lag[:, None]]
+        response = _at_largest(state.steps, state.deflection)
+        derivatives = [response * lag[:, None]]
         if self.free:
-            found.append(values[0] * whole * by_log[:, None])
-        return np.stack(found, -1)
+            derivatives.append(values[0] * response * by_log[:, None])
+        return np.stack(derivatives, -1)
 
     def moved(self, state: ReadingState, values: NDArray) -> NDArray:
         """Return the lag of the deflection."""
@@ -119,8 +119,8 @@ class PlayHysteresis(LoadCause):
         lag, by_log = steps.lagging(self.threshold * float(np.exp(np.real(shape))), exercised=self.exercised)
         by_log = by_log - by_log[steps.first]
         lag = lag - lag[steps.first] + by_log * (shape - np.real(shape))
-        own = np.array([not self.axis or axis == self.axis for axis in AXES])
-        return -0.5 * lag * own, -0.5 * by_log * own
+        is_on_axis = np.array([not self.axis or axis == self.axis for axis in AXES])
+        return -0.5 * lag * is_on_axis, -0.5 * by_log * is_on_axis
 
 
 def _at_largest(steps: LoadSteps, deflection: NDArray) -> NDArray:
@@ -128,10 +128,10 @@ def _at_largest(steps: LoadSteps, deflection: NDArray) -> NDArray:
     largest step."""
     step, axis = np.argmax(np.abs(steps.share), 0), np.arange(len(AXES))
     share = steps.share[step, axis]
-    whole = np.moveaxis(deflection[step, :, axis], 0, 1) / np.where(share != 0.0, share, np.inf).reshape(
+    response = np.moveaxis(deflection[step, :, axis], 0, 1) / np.where(share != 0.0, share, np.inf).reshape(
         -1, *([1] * (deflection.ndim - 3))
     )
-    return np.asarray(whole[None])
+    return np.asarray(response[None])
 
 
 def _reversals(steps: LoadSteps, axis: int) -> int:

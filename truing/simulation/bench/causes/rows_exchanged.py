@@ -88,18 +88,18 @@ class SignalsExchanged(RowsExchanged):
 
     def _exchanged(self, state: ReadingState, values: NDArray) -> NDArray:
         """Return values (B, K, ...) with the signals of the two rows exchanged."""
-        found = np.array(values)
+        exchanged = np.array(values)
         places = [_row_index(state.steps, row) for row in self.rows]
         if len(places) == 2 and None not in places:
             signal = np.array([is_signal(name) for name in state.steps.channels])
-            found[np.ix_(places, signal)] = values[np.ix_(places[::-1], signal)]  # type: ignore[arg-type]
-        return found
+            exchanged[np.ix_(places, signal)] = values[np.ix_(places[::-1], signal)]  # type: ignore[arg-type]
+        return exchanged
 
 
 def _row_index(steps: LoadSteps, row: Row) -> int | None:
     """Return the index of a row among the load steps; None if it is absent."""
-    found = np.flatnonzero((steps.run == row[0]) & (steps.step == row[1]))
-    return int(found[0]) if len(found) else None
+    places = np.flatnonzero((steps.run == row[0]) & (steps.step == row[1]))
+    return int(places[0]) if len(places) else None
 
 
 # Least number of distinct loads per regressor: with fewer, any signals would fit.
@@ -118,20 +118,23 @@ def exchanged_rows(steps: RecordedSteps, rows: NDArray[np.bool_]) -> tuple[RowsE
         return ()
     names = [(steps.runs[run], int(step)) for run, step in zip(steps.run[rows], steps.step[rows], strict=True)]
     return tuple(
-        RowsExchanged((names[one.first], names[one.second]), tuple(LOADS[k] for k in one.components))
-        for one in exchanged_loads(load_table(signal, load, steps.run[rows]))
+        RowsExchanged(
+            (names[exchanged_load.first], names[exchanged_load.second]),
+            tuple(LOADS[k] for k in exchanged_load.components),
+        )
+        for exchanged_load in exchanged_loads(load_table(signal, load, steps.run[rows]))
     )
 
 
 def with_corrected_loads(steps: RecordedSteps, exchanges: Sequence[RowsExchanged]) -> RecordedSteps:
     """Return the steps with the loads of exchanged rows restored."""
     load = steps.load.copy()
-    for one in exchanges:
+    for exchange in exchanges:
         rows = [
             int(np.flatnonzero((steps.run == steps.runs.index(run)) & (steps.step == step))[0])
-            for run, step in one.rows
+            for run, step in exchange.rows
         ]
-        places = [LOADS.index(name) for name in one.components]
+        places = [LOADS.index(name) for name in exchange.components]
         load[np.ix_(rows, places)] = load[np.ix_(rows[::-1], places)]
     return replace(steps, load=load)
 
@@ -143,16 +146,20 @@ def confirmed_by_readings(
     plain = np.zeros(sensor.geometry_size), np.zeros(sensor.stiffness_size)
     compliance = sensor.at(*plain).compliance
     return tuple(
-        one if _agrees_with_exchange(one, steps, compliance) else SignalsExchanged(one.rows, one.components)
-        for one in exchanged
+        exchange
+        if _agrees_with_exchange(exchange, steps, compliance)
+        else SignalsExchanged(exchange.rows, exchange.components)
+        for exchange in exchanged
     )
 
 
-def _agrees_with_exchange(one: RowsExchanged, steps: RecordedSteps, compliance: NDArray) -> bool:
+def _agrees_with_exchange(exchange: RowsExchanged, steps: RecordedSteps, compliance: NDArray) -> bool:
     """True if readings agree better with the exchanged loads; also if there are no readings."""
     names: list[Row] = [(steps.runs[run], int(step)) for run, step in zip(steps.run, steps.step, strict=True)]
-    rows = [names.index(row) for row in one.rows]
-    motion, other = (loads[rows] @ compliance.T for loads in (steps.load, with_corrected_loads(steps, (one,)).load))
+    rows = [names.index(row) for row in exchange.rows]
+    motion, other = (
+        loads[rows] @ compliance.T for loads in (steps.load, with_corrected_loads(steps, (exchange,)).load)
+    )
     size = np.maximum(np.abs(motion), np.abs(other)).max(0)
     misses = [(steps.reading[rows] - expected) / np.where(size > 0.0, size, 1.0) for expected in (motion, other)]
     return bool(np.nansum(misses[1] ** 2) <= np.nansum(misses[0] ** 2))
@@ -163,9 +170,11 @@ def scatter_of_signals(steps: RecordedSteps, rows: NDArray[np.bool_], exchanged:
 
     Rows with exchanged loads are omitted; NaN if there are too few rows.
     """
-    wrong = {row for one in exchanged for row in one.rows}
-    own = np.array([(steps.runs[run], int(step)) not in wrong for run, step in zip(steps.run, steps.step, strict=True)])
-    rows = rows & own & np.isfinite(steps.signal).all(1)
+    wrong = {row for exchange in exchanged for row in exchange.rows}
+    is_right = np.array(
+        [(steps.runs[run], int(step)) not in wrong for run, step in zip(steps.run, steps.step, strict=True)]
+    )
+    rows = rows & is_right & np.isfinite(steps.signal).all(1)
     if not rows.any():
         return np.full(steps.signal.shape[1], np.nan)
     zero = steps.run[rows, None] == np.unique(steps.run[rows])

@@ -73,8 +73,8 @@ class SignalNonlinear(ReadingCause):
     def candidates(self, scene: BenchScene) -> Sequence[SignalNonlinear]:
         """Return every signal, and all, with square, cube or both, and with squares, products and cubes of loads."""
         steps = scene.steps
-        own = [name for name in steps.channels if is_signal(name)]
-        size = dict(zip(own, np.abs(steps.signals).max(0, initial=0.0).tolist(), strict=True))
+        signals = [name for name in steps.channels if is_signal(name)]
+        size = dict(zip(signals, np.abs(steps.signals).max(0, initial=0.0).tolist(), strict=True))
         names = [name for name in read_channels(scene) if size.get(name, 0.0) > 0.0]
         if not names or not _has_levels(steps):
             return ()
@@ -83,13 +83,15 @@ class SignalNonlinear(ReadingCause):
         forms: list[tuple[tuple[str, ...], tuple[str, ...]]] = [(powers, ()) for powers in own_powers]
         forms += [((), squares), ((), squares + _cubes(steps))]
         chosen = [(name, (name,)) for name in names] + ([("", tuple(names))] if len(names) > 1 else [])
-        found = [
-            SignalNonlinear(signal, powers, loads, those, tuple(size[name] for name in those))
-            for signal, those in chosen
+        candidates_of_signals = [
+            SignalNonlinear(signal, powers, loads, signals_of_form, tuple(size[name] for name in signals_of_form))
+            for signal, signals_of_form in chosen
             for powers, loads in forms
         ]
         return [
-            one for one in found if one.size <= min(_MOST_PARAMETERS, _reading_count(scene, one) // _ROWS_PER_PARAMETER)
+            candidate
+            for candidate in candidates_of_signals
+            if candidate.size <= min(_MOST_PARAMETERS, _reading_count(scene, candidate) // _ROWS_PER_PARAMETER)
         ]
 
     @property
@@ -103,15 +105,15 @@ class SignalNonlinear(ReadingCause):
 
     def parameters(self, legs: int) -> tuple[Parameter, ...]:
         """Return the powers, then the products of loads over their largest, for each signal."""
-        found: list[Parameter] = []
+        parameters: list[Parameter] = []
         for name, scale in zip(self.signals, self.full_scale, strict=True):
             ending = "" if self.signal else f"_{name}"
             for power, unit in self._units:
                 si = MV ** (1 - _POWERS[power])
-                found.append(Parameter(f"{power}{ending}", unit, _PLAUSIBLE * scale ** (1 - _POWERS[power]), si))
+                parameters.append(Parameter(f"{power}{ending}", unit, _PLAUSIBLE * scale ** (1 - _POWERS[power]), si))
             terms = [term.replace("-", "_") for term in self.loads]
-            found += [Parameter(f"{term}{ending}", "mV", _PLAUSIBLE * scale, MV) for term in terms]
-        return tuple(found)
+            parameters += [Parameter(f"{term}{ending}", "mV", _PLAUSIBLE * scale, MV) for term in terms]
+        return tuple(parameters)
 
     @property
     def _units(self) -> list[tuple[str, str]]:
@@ -122,20 +124,20 @@ class SignalNonlinear(ReadingCause):
         names = state.steps.channels
         by_loads = np.stack([_product(state.steps, term) for term in self.loads], -1) if self.loads else None
         each = len(self.powers) + len(self.loads)
-        found = np.zeros((*state.readings.shape, each * len(self.signals)), np.result_type(state.readings, values))
+        derivative = np.zeros((*state.readings.shape, each * len(self.signals)), np.result_type(state.readings, values))
         for place, name in enumerate(self.signals):
             if name not in names:
                 continue
             channel, first = names.index(name), each * place
             for n, power in enumerate(self.powers):
-                found[:, channel, first + n] = state.readings[:, channel] ** _POWERS[power]
+                derivative[:, channel, first + n] = state.readings[:, channel] ** _POWERS[power]
             if by_loads is not None:
-                found[:, channel, first + len(self.powers) : first + each] = by_loads
-        return found
+                derivative[:, channel, first + len(self.powers) : first + each] = by_loads
+        return derivative
 
     def passed_on(self, slopes: NDArray, state: ReadingState, values: NDArray) -> NDArray:
         """Return changes of the readings, times the slopes of the signals' curves."""
-        found = np.array(slopes, np.result_type(slopes, state.readings, values))
+        carried = np.array(slopes, np.result_type(slopes, state.readings, values))
         each, names = len(self.powers) + len(self.loads), state.steps.channels
         for place, name in enumerate(self.signals):
             if name not in names:
@@ -143,8 +145,8 @@ class SignalNonlinear(ReadingCause):
             channel = names.index(name)
             for n, power in enumerate(self.powers):
                 steep = _POWERS[power] * state.readings[:, channel] ** (_POWERS[power] - 1)
-                found[:, channel] += values[each * place + n] * steep[:, None] * slopes[:, channel]
-        return found
+                carried[:, channel] += values[each * place + n] * steep[:, None] * slopes[:, channel]
+        return carried
 
 
 def _reading_count(scene: BenchScene, cause: SignalNonlinear) -> int:
@@ -153,7 +155,7 @@ def _reading_count(scene: BenchScene, cause: SignalNonlinear) -> int:
 
 def _has_levels(steps: LoadSteps) -> bool:
     """True if some axis was loaded by several amounts, which a square needs to differ from a slope."""
-    return any(len(np.unique(np.round(own, 9))) > _POWERS[QUADRATIC] for own in steps.share.T)
+    return any(len(np.unique(np.round(share_of_axis, 9))) > _POWERS[QUADRATIC] for share_of_axis in steps.share.T)
 
 
 def _products(steps: LoadSteps) -> tuple[str, ...]:

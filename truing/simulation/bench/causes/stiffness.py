@@ -45,12 +45,14 @@ class Deflection(LoadCause):
     def candidates(self, scene: BenchScene) -> Sequence[Deflection]:
         """Return all axes together, each axis that can show it, and its own component only if others were read."""
         axes = [axis for axis in loaded_axes(scene) if self.shows(scene.steps, AXES.index(axis))]
-        found: list[Deflection] = [replace(self, axis="")] if len(axes) > 1 else []
+        deflections: list[Deflection] = [replace(self, axis="")] if len(axes) > 1 else []
         for axis in axes:
-            found.append(replace(self, axis=axis))
-            if _is_observable(scene, AXES.index(axis), own=False) and _is_observable(scene, AXES.index(axis), own=True):
-                found.append(replace(self, axis=axis, own=True))
-        return found
+            deflections.append(replace(self, axis=axis))
+            if _is_observable(scene, AXES.index(axis), own_component=False) and _is_observable(
+                scene, AXES.index(axis), own_component=True
+            ):
+                deflections.append(replace(self, axis=axis, own=True))
+        return deflections
 
     def shows(self, steps: LoadSteps, axis: int) -> bool:
         """True if loads of an axis could show it."""
@@ -183,8 +185,12 @@ class JointClearance(LoadCause):
     def candidates(self, scene: BenchScene) -> Sequence[JointClearance]:
         """Return every axis that was loaded by several amounts, if its own component was read."""
         steps = scene.steps
-        return [JointClearance(axis) for axis in loaded_axes(scene) if _is_observable(scene, AXES.index(axis), own=True)
-                and len(np.unique(steps.load[:, AXES.index(axis)])) > _LEVELS]  # fmt: skip
+        return [
+            JointClearance(axis)
+            for axis in loaded_axes(scene)
+            if _is_observable(scene, AXES.index(axis), own_component=True)
+            and len(np.unique(steps.load[:, AXES.index(axis)])) > _LEVELS
+        ]
 
     def one_sided(self, legs: int) -> tuple[int, ...]:
         """Return the clearance: it cannot be negative."""
@@ -198,12 +204,12 @@ class JointClearance(LoadCause):
 
     def slopes(self, state: ReadingState, values: NDArray) -> NDArray:
         """Return d deflection / d clearance: half the load's sign, in its own component."""
-        found = np.zeros((*state.deflection.shape, 1))
-        found[:, self._axis_index, self._axis_index, 0] = 0.5 * np.sign(state.steps.load[:, self._axis_index])
-        return found
+        derivative = np.zeros((*state.deflection.shape, 1))
+        derivative[:, self._axis_index, self._axis_index, 0] = 0.5 * np.sign(state.steps.load[:, self._axis_index])
+        return derivative
 
 
-def _is_observable(scene: BenchScene, axis: int, *, own: bool) -> bool:
+def _is_observable(scene: BenchScene, axis: int, *, own_component: bool) -> bool:
     """True if, under loads of an axis, its own component was read, or any other of the platform's."""
     under_load = scene.recorded[scene.steps.load[:, axis] != 0.0][:, : len(CHANNELS)].any(0)
-    return bool(under_load[axis] if own else np.delete(under_load, axis).any())
+    return bool(under_load[axis] if own_component else np.delete(under_load, axis).any())

@@ -102,8 +102,10 @@ class ZeroStep(ReadingCause):
     def slopes(self, state: ReadingState, values: NDArray) -> NDArray:
         """Return d readings / d amount: one, from the step on."""
         late = (state.steps.run == self.run) & (state.steps.rank >= self.from_rank)
-        own = np.array([[name == one for one in self.channels] for name in state.steps.channels], float)
-        return np.asarray(late[:, None, None] * own)
+        is_on_channel = np.array(
+            [[name == channel for channel in self.channels] for name in state.steps.channels], float
+        )
+        return np.asarray(late[:, None, None] * is_on_channel)
 
     def reported(self, values: NDArray, covariance: NDArray, legs: int) -> tuple[ReportedParameter, ...]:
         """Return the amounts, and the first affected step."""
@@ -113,10 +115,10 @@ class ZeroStep(ReadingCause):
 def _groups(steps: LoadSteps) -> Iterator[NDArray]:
     """Yield indices of channels of equal noise: (T, 1) to try one by one, and (1, n) to try together."""
     single = [place for place, name in enumerate(steps.channels) if not is_linear(name)]
-    for _, own in groupby(
+    for _, group in groupby(
         sorted(single, key=lambda place: float(steps.sigma[place])), lambda place: steps.sigma[place]
     ):
-        yield np.array(list(own))[:, None]
+        yield np.array(list(group))[:, None]
     for signals in (False, True):
         together = [place for place, name in enumerate(steps.channels) if is_signal(name) == signals]
         if len(together) > 1:
@@ -133,11 +135,11 @@ def _channel_steps(
     def member(target: int, shape: int) -> ZeroStep:
         row = onsets[shape]
         names = tuple(steps.channels[place] for place in places[target])
-        own = tuple(float(one) for one in scales[target])
-        return ZeroStep(names, steps.run[row].item(), steps.step[row].item(), int(steps.rank[row]), own)
+        scales_of_target = tuple(float(value) for value in scales[target])
+        return ZeroStep(names, steps.run[row].item(), steps.step[row].item(), int(steps.rank[row]), scales_of_target)
 
     values, reported = late[..., None].astype(float), usable[:, places]
     if places.shape[1] == 1:
         return ChannelCandidates(values, places[:, 0], reported[..., 0], scale, member)
-    patterns = np.stack([np.diag(own / scale) for own in scales])[:, :, None, :]
+    patterns = np.stack([np.diag(scale_of_step / scale) for scale_of_step in scales])[:, :, None, :]
     return ChannelCandidates(values, places, np.asarray(reported.all(-1)), scale, member, patterns)

@@ -82,7 +82,7 @@ def sensor_chains(joints: JointCentres) -> DhChain:
     """Return the chains (..., 6) of an unloaded sensor: each leads from the fixed frame to the platform's origin."""
     axes, length = leg_axes(joints.direction), joints.length
     s1, s3 = axes[..., 0], axes[..., 2]
-    zero, one = np.zeros_like(length), np.ones_like(length)
+    zero, ones = np.zeros_like(length), np.ones_like(length)
     radii = [_radius(points) for points in (joints.lower, joints.arm)]
     a = np.stack([radii[0], zero, zero, zero, zero, zero, radii[1]], -1)
     S = np.stack([zero, zero, length, zero, zero, zero, zero], -1)
@@ -93,8 +93,8 @@ def sensor_chains(joints: JointCentres) -> DhChain:
         start,
         a,
         S,
-        one[..., None] * ANGLES,
-        one[..., None] * TWISTS,
+        ones[..., None] * ANGLES,
+        ones[..., None] * TWISTS,
         joints.lower * up,
         _in_axes(start, outward(joints.lower)),
         -_in_axes(end, outward(joints.arm)),
@@ -105,15 +105,15 @@ def sensor_chains(joints: JointCentres) -> DhChain:
 def joined_links(chain: DhChain) -> DhLinks:
     """Return the links of chains, joined one after the other (eq. 5-9)."""
     T, O = chain.frame, chain.origin  # noqa: E741
-    found: list[tuple[NDArray, NDArray, NDArray, NDArray]] = []
+    links: list[tuple[NDArray, NDArray, NDArray, NDArray]] = []
     for j in range(LINKS):
         towards = {0: chain.first, LINKS - 1: chain.last}.get(j, _ALONG_X)
         shift, normal = _rotated_vectors(T, towards), T[..., 0]
         corner = O + chain.a[..., j, None] * shift
         T = T @ _about_x(chain.alpha[..., j]) @ _about_z(chain.theta[..., j])
         O = corner + chain.S[..., j, None] * T[..., 2]  # noqa: E741
-        found.append((normal, shift, T[..., 2], corner))
-    normal, shift, axis, corner = (np.stack(np.broadcast_arrays(*each), -2) for each in zip(*found, strict=True))
+        links.append((normal, shift, T[..., 2], corner))
+    normal, shift, axis, corner = (np.stack(np.broadcast_arrays(*each), -2) for each in zip(*links, strict=True))
     return DhLinks(normal, shift, axis, corner, O + _rotated_vectors(T, chain.tail), T)
 
 
@@ -153,13 +153,13 @@ def _rotated_vectors(axes: NDArray, vectors: NDArray) -> NDArray:
 
 
 def _about_x(angle: NDArray) -> NDArray:
-    c, s, zero, one = np.cos(angle), np.sin(angle), 0.0 * angle, 1.0 + 0.0 * angle
-    return _matrix((one, zero, zero), (zero, c, -s), (zero, s, c))
+    c, s, zero, ones = np.cos(angle), np.sin(angle), 0.0 * angle, 1.0 + 0.0 * angle
+    return _matrix((ones, zero, zero), (zero, c, -s), (zero, s, c))
 
 
 def _about_z(angle: NDArray) -> NDArray:
-    c, s, zero, one = np.cos(angle), np.sin(angle), 0.0 * angle, 1.0 + 0.0 * angle
-    return _matrix((c, -s, zero), (s, c, zero), (zero, zero, one))
+    c, s, zero, ones = np.cos(angle), np.sin(angle), 0.0 * angle, 1.0 + 0.0 * angle
+    return _matrix((c, -s, zero), (s, c, zero), (zero, zero, ones))
 
 
 def _matrix(*rows: tuple[NDArray, NDArray, NDArray]) -> NDArray:
@@ -218,13 +218,13 @@ def closed_loop_error(joints: JointCentres, chains: NDArray) -> NDArray:
 
 def open_chain_map(joints: JointCentres) -> NDArray:
     """Return the platform's error (..., 6, 6, 5) by leg and source, as the mean of open chains."""
-    return np.moveaxis(_by_source(joints), -3, -2) / 6.0
+    return np.moveaxis(_derivative_by_source(joints), -3, -2) / 6.0
 
 
 def closed_loop_map(joints: JointCentres) -> NDArray:
     """Return the platform's error (..., 6, 6, 5), m and rad per m, by leg and source, for closed loops."""
     G = influence_matrix(joints)
-    along = np.einsum("...qi,...iqk->...ik", G, _by_source(joints))
+    along = np.einsum("...qi,...iqk->...ik", G, _derivative_by_source(joints))
     return np.swapaxes(np.linalg.inv(G), -1, -2)[..., None] * along[..., None, :, :]
 
 
@@ -233,7 +233,7 @@ def comprehensive(error: NDArray) -> tuple[NDArray, NDArray]:
     return np.sqrt(np.sum(error[..., :3] ** 2, -1)), np.sqrt(np.sum(error[..., 3:] ** 2, -1))
 
 
-def _by_source(joints: JointCentres) -> NDArray:
+def _derivative_by_source(joints: JointCentres) -> NDArray:
     """Return the error at the end of each leg by each of its sources, (..., 6 legs, 6, 5)."""
     return length_of_source(coefficients_of(joints))
 
@@ -258,9 +258,9 @@ def motion_of_sources(joints: JointCentres) -> JointMotion:
     upper, base = SOURCES.index("platform_radius"), SOURCES.index("base_radius")
     moved = closed_loop_map(joints).reshape(6, legs * sources)
     lower, arm = np.zeros((2, legs, 3, legs, sources))
-    own = np.arange(legs)
-    lower[own, :, own, base] = outward(joints.lower)
-    arm[own, :, own, upper] = outward(joints.arm)
+    index = np.arange(legs)
+    lower[index, :, index, base] = outward(joints.lower)
+    arm[index, :, index, upper] = outward(joints.arm)
     turned = -skew(joints.arm) @ moved[3:]
     flat = (legs, 3, legs * sources)
     return JointMotion(lower.reshape(flat), arm.reshape(flat) + turned, moved[:3])

@@ -109,12 +109,12 @@ def notch_compliance(width: float, web: float, radius: float, youngs_pa: float, 
     return cantilever(Flexibility(float(axial), float(torsion), *_soft_first(soft, thin, wide)))
 
 
-def rectangle_torsion(one: NDArray, other: NDArray) -> NDArray:
+def rectangle_torsion(first: NDArray, other: NDArray) -> NDArray:
     """Return the torsion constants (...), m^4, of rectangles: a b^3 / 3 (1 - 0.63 b / a), a the longer side.
 
     The error is 0.1 % for b < a / 2; the value is 12 % too small for a square.
     """
-    a, b = np.maximum(one, other), np.minimum(one, other)
+    a, b = np.maximum(first, other), np.minimum(first, other)
     return a * b**3 / 3.0 * (1.0 - 0.63 * b / a)
 
 
@@ -283,8 +283,8 @@ def leg_parts(elements: Sequence[LegElement], length: NDArray) -> LegParts:
 def _distance_to_end(elements: Sequence[LegElement], length: NDArray) -> list[NDArray]:
     """Return the distance (..., 6), m, of each element's outer end from the leg's."""
     lengths = [element.length for element in elements]
-    given = sum(value for value in lengths if value is not None)
-    rest = length - given
+    total = sum(value for value in lengths if value is not None)
+    rest = length - total
     if lengths.count(None) > 1:
         raise Unfit(
             "elements",
@@ -292,9 +292,9 @@ def _distance_to_end(elements: Sequence[LegElement], length: NDArray) -> list[ND
             "at most one, which takes the remaining length",
         )
     if None in lengths and rest.real.min() < 0.0:
-        raise Unfit("elements", f"a total length of {given} m", f"at most the shortest leg, {length.min()} m")
+        raise Unfit("elements", f"a total length of {total} m", f"at most the shortest leg, {length.min()} m")
     if None not in lengths and np.abs(rest).max() > _TYPED * length.max():
-        raise Unfit("elements", f"a total length of {given} m", f"the length of each leg, {length.ravel().tolist()} m")
+        raise Unfit("elements", f"a total length of {total} m", f"the length of each leg, {length.ravel().tolist()} m")
     filled = [rest if value is None else np.full_like(length, value) for value in lengths]
     outer = [np.zeros_like(length)]
     for value in filled[:0:-1]:
@@ -320,6 +320,6 @@ def _slope(at_end: NDArray) -> NDArray:
 
 
 def _unit_entry(place: int) -> NDArray:
-    found = np.zeros((6, 6))
-    found[place, place] = 1.0
-    return found
+    entry = np.zeros((6, 6))
+    entry[place, place] = 1.0
+    return entry

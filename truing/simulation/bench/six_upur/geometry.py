@@ -57,10 +57,10 @@ def joint_centres(lower: NDArray, upper: NDArray, height: float) -> JointCentres
     lower, upper = np.asarray(lower, float), np.asarray(upper, float)
     if lower.shape != (6, 3) or upper.shape != (6, 3):
         raise Unfit("joint centres", f"shapes {lower.shape} and {upper.shape}", "shape (6, 3) of both")
-    found = JointCentres(lower, upper, height * _UP)
-    if np.any(found.length == 0.0):
-        raise Unfit("legs", f"lengths {found.length.tolist()} m", "joints B and b at different points")
-    return found
+    centres = JointCentres(lower, upper, height * _UP)
+    if np.any(centres.length == 0.0):
+        raise Unfit("legs", f"lengths {centres.length.tolist()} m", "joints B and b at different points")
+    return centres
 
 
 def outward(points: NDArray) -> NDArray:

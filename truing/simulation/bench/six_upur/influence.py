@@ -50,8 +50,8 @@ def sensitivities(G: NDArray) -> NDArray:
 def force_bound(sensitivity: NDArray) -> NDArray:
     """Return the sum (...) of 1/S^2 over the forces, of sensitivities (..., 6): at most the number of legs.
 
-    The rows of G times the columns of its inverse are 1, and the squared force rows of unit screws add up to the number
-    of legs; so the sum is at most 6 for six unit screws.
+    The rows of G times the columns of its inverse are 1. The squared force rows of unit screws add up to the number of
+    legs; so the sum is at most 6 for six unit screws.
     """
     return np.sum(sensitivity[..., :3] ** -2.0, -1)
 
@@ -71,8 +71,8 @@ class Merit:
 def merit(G: NDArray, length_m: float = 1.0) -> Merit:
     """Return the merit of G (..., 6, 6); raises LinAlgError if six legs do not hold the platform."""
     scaled = per_length(G, length_m)
-    whole, force, torque = (_isotropy(rows) for rows in (scaled, scaled[..., :3, :], scaled[..., 3:, :]))
-    return Merit(length_m, 1.0 / whole, whole, force, torque, sensitivities(scaled))
+    total, force, torque = (_isotropy(rows) for rows in (scaled, scaled[..., :3, :], scaled[..., 3:, :]))
+    return Merit(length_m, 1.0 / total, total, force, torque, sensitivities(scaled))
 
 
 def _isotropy(rows: NDArray) -> NDArray:

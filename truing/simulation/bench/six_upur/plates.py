@@ -52,9 +52,9 @@ def sector_angles(joints: Array) -> Array:
     gaps = np.diff(angle[order], append=angle[order[0]] + 2.0 * np.pi)
     if gaps.min() < _NARROWEST:
         raise Unfit("plate", "two joints in the same direction from the middle", "a sector for each joint")
-    found = np.empty(len(angle))
-    found[order] = 0.5 * (gaps + np.roll(gaps, 1))
-    return found
+    angles = np.empty(len(angle))
+    angles[order] = 0.5 * (gaps + np.roll(gaps, 1))
+    return angles
 
 
 def sector_compliances(plate: Plate, joints: Array) -> Array:
@@ -84,8 +84,8 @@ def _sector(plate: Plate, radius: float, angle: float) -> Flexibility:
     out_of_plane, in_plane = 12.0 / (width * thickness**3), 12.0 / (thickness * width**3)
 
     def integrals(curvature: Array) -> tuple[float, float, float]:
-        own = step * curvature / plate.youngs_pa
-        return float(own.sum()), float((own * beyond).sum()), float((own * beyond**2).sum())
+        integrand = step * curvature / plate.youngs_pa
+        return float(integrand.sum()), float((integrand * beyond).sum()), float((integrand * beyond**2).sum())
 
     return Flexibility(float(axial), float(torsion), integrals(out_of_plane), integrals(in_plane))
 
@@ -97,8 +97,8 @@ def at_platform(plate: Plate, joints: JointCentres) -> Array:
 
 def at_base(plate: Plate, joints: JointCentres) -> Array:
     """Return the sectors' compliances (6, 6, 6) of a base at the outer ends of the legs, in their axes."""
-    own = _turned(sector_compliances(plate, joints.lower), np.swapaxes(leg_axes(joints.direction), -1, -2))
-    return moved_along(own, joints.length)
+    compliance = _turned(sector_compliances(plate, joints.lower), np.swapaxes(leg_axes(joints.direction), -1, -2))
+    return moved_along(compliance, joints.length)
 
 
 def with_plate(sensor: ElasticSensor, added: Array) -> Array:

@@ -52,7 +52,7 @@ def source_errors(joints: JointCentres, sigma: NDArray, rng: np.random.Generator
     try:
         by_source = closed_loop_map(joints)
         only = [np.where(np.arange(len(sigma)) == k, sigma, 0.0) for k in active]
-        drawn = [sampled_errors(joints, one, _MANY, rng) for one in (*only, sigma)]
+        drawn = [sampled_errors(joints, source_sigma, _MANY, rng) for source_sigma in (*only, sigma)]
     except np.linalg.LinAlgError:
         raise ValueError("six legs that hold the platform") from None
     norms = np.stack([comprehensive(errors) for errors in drawn])

@@ -75,14 +75,14 @@ def end_transport(arm: NDArray, axes: NDArray) -> NDArray:
 
 def _leg_compliance(parts: LegParts, joints: JointCentres) -> NDArray:
     """Return the legs' compliance (..., 6, 6, 6), which must be positive definite for its inverse to exist."""
-    found = parts.compliance.sum(-3)
+    compliance = parts.compliance.sum(-3)
     lever = np.ones((*joints.length.shape, 6))
     lever[..., 3:] = joints.length[..., None].real
-    scaled = lever[..., None] * found.real * lever[..., None, :]
+    scaled = lever[..., None] * compliance.real * lever[..., None, :]
     values = np.linalg.eigvalsh(scaled)
     if np.any(values[..., 0] <= _RIGID * values[..., -1]):
         raise ValueError(
             f"elements: found a direction in which a leg of {', '.join(parts.names)} is rigid, "
             "expected elements that together give along and about all three axes"
         )
-    return found
+    return compliance

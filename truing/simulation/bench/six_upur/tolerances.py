@@ -171,16 +171,16 @@ def sampled_errors(
     samples have their own stream. bounded: errors beyond T / 2 = 3 sigma are drawn again.
     """
     plan, widths = plan_of(joints), np.asarray(sigma, float)
-    found = np.empty((count, 6))
+    errors = np.empty((count, 6))
 
     def fill(start: int, stream: np.random.Generator) -> None:
         for block in _blocks(start, min(start + _STREAM, count)):
-            found[block] = platform_errors(plan, _drawn(widths, block.stop - block.start, stream, bounded)).T
+            errors[block] = platform_errors(plan, _drawn(widths, block.stop - block.start, stream, bounded)).T
 
     starts = range(0, count, _STREAM)
     with ThreadPoolExecutor(workers) as pool:
         list(pool.map(fill, starts, rng.spawn(len(starts))))
-    return found
+    return errors
 
 
 def _blocks(start: int, stop: int) -> Iterator[slice]:

@@ -163,10 +163,10 @@ class UncertainSensor:
             moved(self.joints.origin, motion.origin),
         )
         sigma = np.tile(self.geometry_sigma, _LEGS)[self.sources]
-        found = _imaginary(self._response(joints, self._lengthened()))
+        response = _imaginary(self._response(joints, self._lengthened()))
         return Response(
-            found.compliance[self.sources] * sigma[:, None, None],
-            found.forces[self.sources] * sigma[:, None, None, None],
+            response.compliance[self.sources] * sigma[:, None, None],
+            response.forces[self.sources] * sigma[:, None, None, None],
         )
 
     def _elastic_response(self, stiffness: NDArray) -> Response:
@@ -187,8 +187,8 @@ class UncertainSensor:
     def _each_leg(self, stiffness: NDArray) -> NDArray:
         """Return the logarithms (..., 6, P) of each leg's relative parameters from unknowns (..., 7, P), common ones
         first."""
-        common, own = self.stiffness_sigma * np.sqrt([self.share, 1.0 - self.share])
-        return np.asarray(common * stiffness[..., :1, :] + own * stiffness[..., 1:, :])
+        common, own_sigma = self.stiffness_sigma * np.sqrt([self.share, 1.0 - self.share])
+        return np.asarray(common * stiffness[..., :1, :] + own_sigma * stiffness[..., 1:, :])
 
     def _softened(self, stiffness: NDArray) -> NDArray:
         """Return a given compliance (..., 6, 6) with other elastic parameters (..., stiffness_size)."""
@@ -203,11 +203,11 @@ class UncertainSensor:
         if self.elastic is None:
             return None
         parts = self.elastic.parts
-        found = np.broadcast_to(parts.compliance.sum(-3), (_LEGS, len(SOURCES), _LEGS, 6, 6)).astype(complex)
+        compliance = np.broadcast_to(parts.compliance.sum(-3), (_LEGS, len(SOURCES), _LEGS, 6, 6)).astype(complex)
         legs = np.arange(_LEGS)
         for source, slope in ((_MIDDLE, parts.by_middle), (_INSTALLED, parts.by_installed)):
-            found[legs, source, legs] += 1j * _TINY * slope.sum(-3)
-        return found.reshape(-1, _LEGS, 6, 6)
+            compliance[legs, source, legs] += 1j * _TINY * slope.sum(-3)
+        return compliance.reshape(-1, _LEGS, 6, 6)
 
     def _response(self, joints: JointCentres | None, giving: NDArray | None) -> Response:
         """Return the response of joints with legs of compliances (..., 6, 6, 6), or without."""
@@ -285,7 +285,7 @@ def compliance_covariance(change: NDArray, sigma: ArrayLike) -> NDArray:
 
 def _stacked(forces: list[NDArray], lead: tuple[int, ...]) -> NDArray:
     """Stack the models of the leg forces (..., M, 6, 6)."""
-    return np.stack([np.broadcast_to(one, (*lead, 6, 6)) for one in forces], -3)
+    return np.stack([np.broadcast_to(force, (*lead, 6, 6)) for force in forces], -3)
 
 
 def _imaginary(response: Response) -> Response:
@@ -304,10 +304,10 @@ def equal_legs(stiffness: NDArray, joints: JointCentres) -> NDArray:
     kinds = _kinds(stiffness, joints)
     design = (kinds.sum(1) * scaled).reshape(_KINDS, -1).T
     sizes = np.linalg.lstsq(design, (stiffness * scaled).ravel(), rcond=None)[0]
-    own = np.tensordot(sizes, kinds, 1)
-    if np.linalg.eigvalsh(own * scaled).min() < -_NEARLY_PASSIVE:
-        own = np.zeros_like(own)
-    return own + _by_axial_forces(stiffness - own.sum(0), joints)
+    sizes_of_legs = np.tensordot(sizes, kinds, 1)
+    if np.linalg.eigvalsh(sizes_of_legs * scaled).min() < -_NEARLY_PASSIVE:
+        sizes_of_legs = np.zeros_like(sizes_of_legs)
+    return sizes_of_legs + _derivative_by_axial_forces(stiffness - sizes_of_legs.sum(0), joints)
 
 
 def _kinds(stiffness: NDArray, joints: JointCentres) -> NDArray:
@@ -317,17 +317,17 @@ def _kinds(stiffness: NDArray, joints: JointCentres) -> NDArray:
     length = np.sqrt(moments / forces)
     along = joints.direction[:, :, None] * joints.direction[:, None, :]
     turned = np.cross(joints.direction[:, None, :], np.eye(3)).swapaxes(-1, -2) * length
-    own = np.zeros((_KINDS, _LEGS, 6, 6))
-    own[0, :, :3, :3] = along
-    own[1, :, :3, :3] = np.eye(3) - along
-    own[2, :, 3:, 3:] = along * length**2
-    own[3, :, 3:, 3:] = (np.eye(3) - along) * length**2
-    own[4, :, :3, 3:], own[4, :, 3:, :3] = turned, turned.swapaxes(-1, -2)
+    kinds_of_legs = np.zeros((_KINDS, _LEGS, 6, 6))
+    kinds_of_legs[0, :, :3, :3] = along
+    kinds_of_legs[1, :, :3, :3] = np.eye(3) - along
+    kinds_of_legs[2, :, 3:, 3:] = along * length**2
+    kinds_of_legs[3, :, 3:, 3:] = (np.eye(3) - along) * length**2
+    kinds_of_legs[4, :, :3, 3:], kinds_of_legs[4, :, 3:, :3] = turned, turned.swapaxes(-1, -2)
     transport = end_transport(joints.arm, np.broadcast_to(np.eye(3), (_LEGS, 3, 3)))
-    return np.asarray(transport @ own @ transport.swapaxes(-1, -2))
+    return np.asarray(transport @ kinds_of_legs @ transport.swapaxes(-1, -2))
 
 
-def _by_axial_forces(stiffness: NDArray, joints: JointCentres) -> NDArray:
+def _derivative_by_axial_forces(stiffness: NDArray, joints: JointCentres) -> NDArray:
     """Return the parts (6, 6, 6) of a stiffness by the force along each leg; exact if legs carry only such forces."""
     G = influence_matrix(joints)
     shares = G.T[:, :, None] * np.linalg.inv(G)[:, None, :] @ stiffness

@@ -152,12 +152,12 @@ class BodyDeformation(BodyCause):
             return ()
         proposed = list(proposed_terms(scene))
         return [
-            BodyDeformation(*own, whole, terms, *column_scaling(scene, terms), runs_with_time(scene, terms))
+            BodyDeformation(*own, whole_body_option, terms, *column_scaling(scene, terms), runs_with_time(scene, terms))
             for own in bodies_of(scene)
-            for whole in whole_body_options(scene, own[0])
+            for whole_body_option in whole_body_options(scene, own[0])
             for terms in proposed
             if terms != place_columns(own[0])
-            if whole or not is_large(own[1]) or (len(terms) == 1 and TIMES not in terms[0])
+            if whole_body_option or not is_large(own[1]) or (len(terms) == 1 and TIMES not in terms[0])
         ]
 
     def prior(self, scene: PointScene) -> float:
@@ -180,8 +180,8 @@ class BodyDeformation(BodyCause):
 
     def reported(self, values: NDArray, covariance: NDArray, legs: int) -> tuple[ReportedParameter, ...]:
         """Return the pattern, and the columns that drive it."""
-        found = super().reported(*self._free_of_motion(values, covariance), legs)
-        return (*found, ReportedParameter("driver", " ".join(map(named_term, self.terms)), None, ""))
+        parameters = super().reported(*self._free_of_motion(values, covariance), legs)
+        return (*parameters, ReportedParameter("driver", " ".join(map(named_term, self.terms)), None, ""))
 
     def _functions(self, state: State) -> NDArray:
         """Return the values (B, m) of the terms."""
@@ -201,6 +201,7 @@ def bodies_of(scene: PointScene) -> Iterator[tuple[str, tuple[str, ...], tuple[f
 
 
 def is_large(targets: tuple[str, ...]) -> bool:
+    """True for a body with so many targets that only simple forms of its deformation are searched."""
     return len(targets) > _MANY_TARGETS
 
 

@@ -83,8 +83,8 @@ class BodyDrift(BodyCause):
         return [
             form
             for own in bodies_of(scene)
-            for whole in whole_body_options(scene, own[0])
-            for form in _forms(BodyDrift(*own, whole, column), scene)
+            for whole_body_option in whole_body_options(scene, own[0])
+            for form in _forms(BodyDrift(*own, whole_body_option, column), scene)
         ]
 
     def prior(self, scene: PointScene) -> float:
@@ -140,14 +140,14 @@ class BodyDrift(BodyCause):
         size, plain = self._pattern.shape[1], replace(self, tau_is_fitted=False, waves=0)
         whole = np.kron(np.arange(1, self.waves + 1) % 2 * -1.0, np.eye(size)) if self.waves else np.eye(size)
         end = whole @ values[: whole.shape[1]], whole @ covariance[: whole.shape[1], : whole.shape[1]] @ whole.T
-        found = super(BodyDrift, plain).reported(*self._free_of_motion(*end), legs)
+        parameters = super(BodyDrift, plain).reported(*self._free_of_motion(*end), legs)
         if self.jumps:
-            return (*found, ReportedParameter("from_pose", self.from_pose, None, ""))
+            return (*parameters, ReportedParameter("from_pose", self.from_pose, None, ""))
         if not self.tau_is_fitted:
-            return found
+            return parameters
         tau = self.tau * float(np.exp(np.clip(values[size], *_LOG_RATIOS)))
         unit = "s" if self.column == TIME else "poses"
-        return (*found, ReportedParameter("tau", tau, tau * float(np.sqrt(covariance[size, size])), unit))
+        return (*parameters, ReportedParameter("tau", tau, tau * float(np.sqrt(covariance[size, size])), unit))
 
     def _course(self, state: State, log_ratio: Any) -> tuple[NDArray, NDArray]:
         """Return the course of the drift (B,), 0 at the start and 1 at the end, and its derivative by the log of
@@ -159,27 +159,33 @@ class BodyDrift(BodyCause):
         return settling(x, self.span / self.tau * np.exp(-bounded))
 
 
-def _forms(own: BodyDrift, scene: PointScene) -> list[BodyDrift]:
+def _forms(body_drift: BodyDrift, scene: PointScene) -> list[BodyDrift]:
     """Return the forms of drift of a body; only a linear one for the shape of a body with many targets."""
-    start, end = _time_range(scene, own.column)
-    own, many = replace(own, start=start, span=end - start), is_large(own.targets) and not own.whole
+    start, end = _time_range(scene, body_drift.column)
+    body_drift, many = (
+        replace(body_drift, start=start, span=end - start),
+        is_large(body_drift.targets) and not body_drift.whole,
+    )
     waves = min(_WAVES, len(scene.poses) // _POSES_PER_WAVE)
-    forms = [own]
+    forms = [body_drift]
     if not many:
-        forms += [replace(own, tau=tau * own.span) for tau in _TAUS]
-        forms += [replace(own, start=start + s * own.span, span=(1.0 - s) * own.span, late=True) for s in _STARTS]
-        forms += [replace(own, waves=waves)] if waves > 1 else []
-    if (own.whole or len(own.targets) <= _MOST_JUMPING) and ORDER in scene.covariates:
+        forms += [replace(body_drift, tau=tau * body_drift.span) for tau in _TAUS]
+        forms += [
+            replace(body_drift, start=start + s * body_drift.span, span=(1.0 - s) * body_drift.span, late=True)
+            for s in _STARTS
+        ]
+        forms += [replace(body_drift, waves=waves)] if waves > 1 else []
+    if (body_drift.whole or len(body_drift.targets) <= _MOST_JUMPING) and ORDER in scene.covariates:
         order = np.asarray(scene.covariates[ORDER])
         in_time = np.argsort(order, kind="stable")
-        at = [int(in_time[onset]) for onset in _onsets(len(order), own.whole)]
-        forms += [replace(own, from_pose=scene.poses[pose], from_order=float(order[pose])) for pose in at]
+        at = [int(in_time[onset]) for onset in _onsets(len(order), body_drift.whole)]
+        forms += [replace(body_drift, from_pose=scene.poses[pose], from_order=float(order[pose])) for pose in at]
     return forms
 
 
-def _onsets(poses: int, whole: bool) -> range:
+def _onsets(poses: int, whole_campaign: bool) -> range:
     """Return the ranks in time of possible jumps: with three poses on either side."""
-    most = _MOST_ONSETS if whole else _MOST_OF_SHAPE
+    most = _MOST_ONSETS if whole_campaign else _MOST_OF_SHAPE
     return range(FEWEST, poses - FEWEST + 1, -(-poses // most))
 
 

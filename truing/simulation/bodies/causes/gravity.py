@@ -65,19 +65,19 @@ class GravitySag(BodyCause):
 
     def candidates(self, scene: PointScene) -> Sequence[GravitySag]:
         """Return every body in whose frame gravity turns, as a whole, and each of its targets."""
-        found = []
+        sags = []
         for body, targets, places in bodies_of(scene):
             down = scene.covariates.get(gravity_column(body))
             if down is None or np.ptp(down, axis=0).max() < _LEAST_TURN:
                 continue
             middle, up = np.mean(down, axis=0).tolist(), () if scene.weight is None else scene.weight.up
             own = GravitySag(body, targets, places, middle=tuple(middle), up=up)
-            found += [own._with_form(form) for form in (ALONG, *(() if is_large(targets) or up else (FREE,)))]
-            found += [own._with_form(ALONG, target) for target in targets]
-        return found
+            sags += [own._with_form(form) for form in (ALONG, *(() if is_large(targets) or up else (FREE,)))]
+            sags += [own._with_form(ALONG, target) for target in targets]
+        return sags
 
-    def _with_form(self, form: str, one: str = "") -> GravitySag:
-        return replace(self, form=form, one=one)
+    def _with_form(self, form: str, target: str = "") -> GravitySag:
+        return replace(self, form=form, one=target)
 
     def prior(self, scene: PointScene) -> float:
         """Return the share of this form: a single soft holder is as probable as individual sags of all."""

@@ -85,8 +85,8 @@ class InPlanePlatformDeformation(PerLeg):
 
     def change(self, state: State, values: NDArray) -> Change:
         """Return d b_i / d kappa_i = delta_rho_i along x and along y of the platform."""
-        own = self.spread(state.delta_rho)[..., None, :]
-        rows = np.concatenate([own * np.eye(3)[axis][:, None] for axis in (0, 1)], -1)
+        spread = self.spread(state.delta_rho)[..., None, :]
+        rows = np.concatenate([spread * np.eye(3)[axis][:, None] for axis in (0, 1)], -1)
         return Change({"b": rows}, rows.shape[-1])
 
 
@@ -121,11 +121,11 @@ class NonlinearPlatformDeformation(PerLeg):
 
     def parameters(self, legs: int) -> tuple[Parameter, ...]:
         """Return kappa of each leg concerned, then their higher-order terms."""
-        found = [Parameter(name, "1", _PLAUSIBLE) for name in self.numbered("kappa", legs)]
+        parameters = [Parameter(name, "1", _PLAUSIBLE) for name in self.numbered("kappa", legs)]
         for power in self.powers:
             name, unit, si = _TERMS[power]
-            found += [Parameter(each, unit, _PLAUSIBLE_TERM[power], si) for each in self.numbered(name, legs)]
-        return tuple(found)
+            parameters += [Parameter(each, unit, _PLAUSIBLE_TERM[power], si) for each in self.numbered(name, legs)]
+        return tuple(parameters)
 
     def change(self, state: State, values: NDArray) -> Change:
         """Return d delta_bz_i / d term_i: the power of delta_rho_i."""
@@ -254,6 +254,6 @@ class FlexureShift(PointCause):
         z = unit(leg_vectors(state.legs, state.p, state.R, state.rho, state.delta_bz))
         seen = np.einsum("...ij,...kj,...lk->...li", state.R, state.reference_rotation, state.reference_direction)
         low, high = np.sum(z * state.reference_direction, -1), np.sum(z * seen, -1)
-        one = np.ones_like(low)
-        shift = circle_distance(one, low).value + circle_distance(one, high).value - 1.0
+        ones = np.ones_like(low)
+        shift = circle_distance(ones, low).value + circle_distance(ones, high).value - 1.0
         return Change({"l": shift[..., None]}, 1)

@@ -151,9 +151,9 @@ class PeriodicError(PerLeg):
 
     def reported(self, values: NDArray, covariance: NDArray, legs: int) -> tuple[ReportedParameter, ...]:
         """Return amplitude and phase of each leg concerned, with the pitch between them, and sigmas to first order."""
-        own = self.leg_numbers(legs)
+        numbers = self.leg_numbers(legs)
         amplitudes, phases = [], []
-        for place, leg in enumerate(own):
+        for place, leg in enumerate(numbers):
             size, phase, by_both = _polar(values[2 * place], values[2 * place + 1])
             part = slice(2 * place, 2 * place + 2)
             # Rounding may make the variance of an unobserved direction slightly negative.
@@ -231,11 +231,11 @@ def distinct_pitches(moved: NDArray) -> list[float]:
     first = 1 / LONGEST_M + pitch_spacing(moved) / 2
     frequencies = np.linspace(first, 1 / SHORTEST_M, grid_size(moved))[:MOST_PITCHES]
     alike = _has_same_span(_spans(2 * np.pi * frequencies[:, None, None] * moved))
-    kept: list[int] = []
+    distinct: list[int] = []
     for wave in range(len(frequencies)):
-        if not alike[wave, kept].any():
-            kept.append(wave)
-    return [1 / float(frequency) for frequency in frequencies[kept]]
+        if not alike[wave, distinct].any():
+            distinct.append(wave)
+    return [1 / float(frequency) for frequency in frequencies[distinct]]
 
 
 def _spans(turns: NDArray) -> NDArray:

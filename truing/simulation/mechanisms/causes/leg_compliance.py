@@ -52,12 +52,12 @@ class LegCompliance(SharedOrPerLeg):
         if weight is None or scene.legs != _DETERMINATE:
             return ()
         if column is not None and np.isfinite(column).all() and np.any(column != 0.0):
-            own = replace(self, up=weight.up, centre=weight.centre)
+            with_weight = replace(self, up=weight.up, centre=weight.centre)
         elif weight.mass_kg:
-            own = replace(self, up=weight.up, mass_kg=weight.mass_kg, centre=weight.centre)
+            with_weight = replace(self, up=weight.up, mass_kg=weight.mass_kg, centre=weight.centre)
         else:
             return ()
-        return super(LegCompliance, own).candidates(scene)
+        return super(LegCompliance, with_weight).candidates(scene)
 
     def needs(self, legs: int) -> tuple[str, ...]:
         """Return the mass column, if the mass is given for each pose."""

@@ -10,7 +10,7 @@ from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, replace
 from enum import StrEnum
 from itertools import combinations
-from typing import ClassVar
+from typing import ClassVar, Self
 
 import numpy as np
 from numpy.typing import NDArray
@@ -32,7 +32,7 @@ from truing.simulation.inputs import (
     middle_and_half,
     varying_columns,
 )
-from truing.simulation.mechanisms.causes.per_leg import choice_share, choices
+from truing.simulation.mechanisms.causes.per_leg import choice_share, choices, legs_with_effect
 from truing.simulation.mechanisms.point_causes import PointCause, PointScene
 from truing.simulation.mechanisms.state import State
 from truing.simulation.nonparametric import (
@@ -121,14 +121,14 @@ class NonparametricMechanismEffect(NonparametricEffect[PointScene], PointCause):
 
     def candidates(self, scene: PointScene) -> Sequence[NonparametricMechanismEffect]:
         """Return all dependences of legs, bodies and the scale that a campaign could show."""
-        return [NonparametricMechanismEffect(**found) for found in _dependences(scene)]
+        return [NonparametricMechanismEffect(**settings) for settings in _dependences(scene)]
 
     def channel_candidates(self, scene: PointScene) -> Sequence[ChannelCandidates[NonparametricMechanismEffect]]:
         """Return dependences of single targets: on one function of drives and columns, and on several slow waves of
         time."""
         inputs = _Inputs(scene)
         shapes = [list(inputs.target_dependences()), list(inputs.waves())]
-        return [_profiles(scene, inputs, found) for found in shapes if found and len(scene.shape)]
+        return [_profiles(scene, inputs, shape) for shape in shapes if shape and len(scene.shape)]
 
     def higher_order_terms(self, scene: PointScene) -> Sequence[NonparametricMechanismEffect]:
         """Return the candidates with the next terms, for all legs concerned or for single ones, as far as the poses
@@ -137,9 +137,9 @@ class NonparametricMechanismEffect(NonparametricEffect[PointScene], PointCause):
         chosen = (self.legs, *((leg,) for leg in several))
         most = len(scene.poses) // PER_FUNCTION
         return [
-            replace(own, legs=legs)
-            for own in super().higher_order_terms(scene)
-            if isinstance(own, NonparametricMechanismEffect) and own.degree <= most
+            replace(term, legs=legs)
+            for term in super().higher_order_terms(scene)
+            if isinstance(term, NonparametricMechanismEffect) and term.degree <= most
             for legs in chosen
         ]
 
@@ -152,11 +152,11 @@ class NonparametricMechanismEffect(NonparametricEffect[PointScene], PointCause):
         concerned = self._leg_numbers(legs)
         if self.form == ALL_DRIVES:
             return tuple(f"rho{leg}_mm" for leg in range(1, legs + 1))
-        found: list[str] = []
+        columns: list[str] = []
         for column in self.columns:
-            own = column in PER_ACTUATOR
-            found += [f"rho{leg}_mm" for leg in concerned] if own else [TIME if column == ORDER else column]
-        return tuple(dict.fromkeys(found))
+            is_actuator = column in PER_ACTUATOR
+            columns += [f"rho{leg}_mm" for leg in concerned] if is_actuator else [TIME if column == ORDER else column]
+        return tuple(dict.fromkeys(columns))
 
     def needs(self, legs: int) -> tuple[str, ...]:
         """Return the columns that a prediction of the platform needs; the time too, if it depends on previous
@@ -172,6 +172,14 @@ class NonparametricMechanismEffect(NonparametricEffect[PointScene], PointCause):
             return ()
         functions = self._count(legs)
         return tuple(range(functions - 1, len(self._leg_numbers(legs)) * functions, functions))
+
+    def narrowed(self, values: NDArray, covariance: NDArray, legs: int) -> Self:
+        """Return a dependence of several legs on their own drives without the legs of zero effect."""
+        concerned = self._leg_numbers(legs)
+        if self.quantity not in _ALONG or len(concerned) == 1 or not set(self.columns) & set(PER_ACTUATOR):
+            return self
+        leg_of = np.repeat(concerned, self._count(legs))
+        return replace(self, legs=legs_with_effect(values, covariance, leg_of, self.legs, legs))
 
     def functions(self, state: State) -> NDArray:
         """Return the values (B, L or 1, m) of the functions at the poses of a state."""
@@ -193,11 +201,11 @@ class NonparametricMechanismEffect(NonparametricEffect[PointScene], PointCause):
                 {} if state.targets is None else {"moved": self._target_derivatives(state, basis[:, 0])}, size
             )
         rows = np.eye(state.legs.count)[:, np.array(self._leg_numbers(state.legs.count)) - 1]
-        own = rows[:, :, None] * basis[:, :, None, :]
+        derivative = rows[:, :, None] * basis[:, :, None, :]
         if self.quantity == Quantity.ATTACHMENTS_SIDEWAYS:
-            sideways = own[:, :, None, :, None, :] * np.eye(3)[:, None, :2, None]
+            sideways = derivative[:, :, None, :, None, :] * np.eye(3)[:, None, :2, None]
             return Change({"b": sideways.reshape(*sideways.shape[:3], size)}, size)
-        return Change({_ALONG[Quantity(self.quantity)]: own.reshape(*own.shape[:2], size)}, size)
+        return Change({_ALONG[Quantity(self.quantity)]: derivative.reshape(*derivative.shape[:2], size)}, size)
 
     def recorded(self, points: NDArray, state: State, values: NDArray) -> NDArray:
         """Return points, or their motions, (B, K, 3, ...), as an instrument with this scale records them."""
@@ -208,12 +216,12 @@ class NonparametricMechanismEffect(NonparametricEffect[PointScene], PointCause):
 
     def _target_derivatives(self, state: State, basis: NDArray) -> NDArray:
         """Return the derivative of ``moved`` (B, K, 3, P), for each target or pattern, axis and function."""
-        own = tuple(zip(state.targets.bodies, state.targets.names, strict=True)) if state.targets is not None else ()
+        names = tuple(zip(state.targets.bodies, state.targets.names, strict=True)) if state.targets is not None else ()
         shares = _patterns(np.reshape(self.places, (-1, 2))) if self.places else np.eye(len(self.targets))
-        over = np.zeros((len(own), shares.shape[1]))
+        over = np.zeros((len(names), shares.shape[1]))
         for place, target in enumerate(self.targets):
-            if (self.body, target) in own:
-                over[own.index((self.body, target))] = shares[place]
+            if (self.body, target) in names:
+                over[names.index((self.body, target))] = shares[place]
         moved = np.einsum("kq,ij,bm->bkiqjm", over, np.eye(3), basis)
         return moved.reshape(*moved.shape[:3], -1)
 
@@ -275,16 +283,16 @@ def _dependences(scene: PointScene) -> Iterator[Dependence]:
         Quantity.ATTACHMENTS_SIDEWAYS: inputs.sideways_attachment_dependences,
     }
     for legs in choices(scene.legs, 1) if scene.legs else []:
-        for quantity, found in kinds.items():
-            yield from ({"quantity": str(quantity), "legs": legs, **one} for one in found(legs))
+        for quantity, kind in kinds.items():
+            yield from ({"quantity": str(quantity), "legs": legs, **settings} for settings in kind(legs))
     for legs in [chosen for chosen in choices(scene.legs, 2) if len(chosen) == 2]:
-        yield from ({"quantity": "readings", "legs": legs, **one} for one in inputs.columns(1))
+        yield from ({"quantity": "readings", "legs": legs, **column} for column in inputs.columns(1))
         if scene.lengths_apart:
             apart = inputs.columns(1, apart_from=(TIME, TEMPERATURE))
-            yield from ({"quantity": "lengths", "legs": legs, **one} for one in apart)
-    yield from ({"quantity": "scale", **one} for one in inputs.scale_dependences())
+            yield from ({"quantity": "lengths", "legs": legs, **settings} for settings in apart)
+    yield from ({"quantity": "scale", **settings} for settings in inputs.scale_dependences())
     for body in _patterned(scene) if scene.legs else ():
-        yield from ({"quantity": "targets", **body, **one} for one in (*inputs.columns(1), *inputs.drives(1)))
+        yield from ({"quantity": "targets", **body, **settings} for settings in (*inputs.columns(1), *inputs.drives(1)))
 
 
 class _Inputs:
@@ -401,8 +409,8 @@ def _profiles(
     scene: PointScene, inputs: _Inputs, shapes: list[Dependence]
 ) -> ChannelCandidates[NonparametricMechanismEffect]:
     def member(target: int, shape: int) -> NonparametricMechanismEffect:
-        own = scene.targets
-        whose = {"quantity": "targets", "body": own.bodies[target], "targets": (own.names[target],)}
+        targets = scene.targets
+        whose = {"quantity": "targets", "body": targets.bodies[target], "targets": (targets.names[target],)}
         return NonparametricMechanismEffect(**(shapes[shape] | whose))
 
     def value(column: str) -> NDArray:
@@ -417,11 +425,11 @@ def _profiles(
 def _patterned(scene: PointScene) -> Iterator[Dependence]:
     """Yield the bodies, except legs, whose targets may move together, with positions along their two longest axes."""
     for body in dict.fromkeys(scene.targets.bodies):
-        own = [n for n, other in enumerate(scene.targets.bodies) if other == body]
-        own = [n for n in own if not scene.targets.at_attachment[n]]
-        if len(own) >= _FEWEST_PATTERNED and not body.startswith("leg"):
-            away = scene.shape[own] - scene.shape[own].mean(0)
+        members = [n for n, other in enumerate(scene.targets.bodies) if other == body]
+        members = [n for n in members if not scene.targets.at_attachment[n]]
+        if len(members) >= _FEWEST_PATTERNED and not body.startswith("leg"):
+            away = scene.shape[members] - scene.shape[members].mean(0)
             along = away @ np.linalg.svd(away, full_matrices=False)[2][:2].T
             places = along / np.maximum(np.abs(along).max(0), 1e-9)
-            names = tuple(scene.targets.names[n] for n in own)
+            names = tuple(scene.targets.names[n] for n in members)
             yield {"body": body, "targets": names, "places": tuple(float(value) for value in places.ravel())}

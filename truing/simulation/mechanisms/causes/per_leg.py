@@ -63,25 +63,11 @@ class PerLeg(PointCause):
         return not self.legs or not other.legs or bool(set(self.legs) & set(other.legs))
 
     def narrowed(self, values: NDArray, covariance: NDArray, legs: int) -> Self:
-        """Return the cause without the legs of zero effect, if that is clearly more probable.
-
-        A participating leg is expected to have an effect of the same size as the others.
-        """
-        parameters, concerned = self.parameters(legs), self.leg_numbers(legs)
-        scale = np.array([parameter.scale for parameter in parameters])
-        values, covariance = values / scale, covariance / np.outer(scale, scale)
-        leg_of = np.array([int(parameter.name.rpartition("_")[2]) for parameter in parameters])
-        odds = {}
-        for kept in choices(legs)[1:]:
-            if set(kept) < set(concerned):
-                out = ~np.isin(leg_of, kept)
-                shares = choice_share(len(kept), legs), choice_share(len(self.legs), legs)
-                size = max(float(np.sqrt(np.mean(values[~out] ** 2))), 1e-300)
-                odds[kept] = _log_odds_of_zero(values[out], covariance[np.ix_(out, out)], size) + np.log(
-                    shares[0] / shares[1]
-                )
-        best = max(odds, key=lambda kept: odds[kept], default=())
-        return replace(self, legs=best) if best and odds[best] > _CLEARLY else self
+        """Return the cause without the legs of zero effect, if that is clearly more probable."""
+        leg_of = np.array([int(parameter.name.rpartition("_")[2]) for parameter in self.parameters(legs)])
+        scale = np.array([parameter.scale for parameter in self.parameters(legs)])
+        fitted = values / scale, covariance / np.outer(scale, scale)
+        return replace(self, legs=legs_with_effect(*fitted, leg_of, self.legs, legs))
 
     def candidates(self, scene: PointScene) -> Sequence[PerLeg]:
         """Return the cause for all legs and for every choice of some."""
@@ -133,6 +119,26 @@ class SharedOrPerLeg(PerLeg):
     def _leg_choices(self, scene: PointScene) -> list[tuple[int, ...]]:
         """Return the choices of legs: all of them (empty), single ones, pairs."""
         return choices(scene.legs, len(_SHARE_OF_LEGS) - 1)
+
+
+def legs_with_effect(
+    values: NDArray, covariance: NDArray, leg_of: NDArray, concerned: tuple[int, ...], legs: int
+) -> tuple[int, ...]:
+    """Return the legs whose amplitudes (P,) differ from zero, if that is clearly more probable than all ``concerned``.
+
+    ``leg_of`` (P,): leg of each amplitude, from 1; legs: number of all legs, meant by an empty tuple. A leg with an
+    effect is expected to have one of the same size as the others.
+    """
+    odds = {}
+    for kept in choices(legs)[1:]:
+        if set(kept) < set(concerned or range(1, legs + 1)):
+            out = ~np.isin(leg_of, kept)
+            shares = choice_share(len(kept), legs), choice_share(len(concerned), legs)
+            size = max(float(np.sqrt(np.mean(values[~out] ** 2))), 1e-300)
+            log_odds = _log_odds_of_zero(values[out], covariance[np.ix_(out, out)], size)
+            odds[kept] = log_odds + np.log(shares[0] / shares[1])
+    best = max(odds, key=lambda kept: odds[kept], default=None)
+    return concerned if best is None or odds[best] <= _CLEARLY else best
 
 
 def _log_odds_of_zero(values: NDArray, covariance: NDArray, size: float) -> float:

@@ -45,8 +45,8 @@ def groups_in_time(scene: PointScene) -> Iterator[PoseGroup]:
         length = max(length + 1, round(length * _GROWTH))
     for length in lengths:
         for first in sorted({*range(0, count - length, max(length // 8, 1)), count - length}):
-            own = (rank >= first) & (rank < first + length)
-            yield PoseGroup(own, scene.poses[in_time[first]], scene.poses[in_time[first + length - 1]])
+            in_group = (rank >= first) & (rank < first + length)
+            yield PoseGroup(in_group, scene.poses[in_time[first]], scene.poses[in_time[first + length - 1]])
 
 
 @dataclass(frozen=True)
@@ -106,15 +106,15 @@ def _leg_candidates(scene: PointScene) -> Iterator[ScatterCandidate[ApproachScat
         cause = ApproachScatter(from_pose=group.from_pose, to_pose=group.to_pose)
         yield ScatterCandidate(cause, group.own[:, None] & every, True)
     alone = [every & (np.arange(legs) == leg) for leg in range(legs)] if legs > 1 else []
-    for leg, own in enumerate(alone, 1):
-        yield ScatterCandidate(ApproachScatter((leg,)), own, True)
+    for leg, rows_of_leg in enumerate(alone, 1):
+        yield ScatterCandidate(ApproachScatter((leg,)), rows_of_leg, True)
     came = scene.covariates.get(APPROACH)
     for direction in (1, -1) if came is not None and np.ptp(came) > 0 else ():
         from_there = np.asarray(came) == direction
         yield ScatterCandidate(ApproachScatter(direction=direction), from_there & every, True)
-        for leg, own in enumerate(alone, 1):
+        for leg, rows_of_leg in enumerate(alone, 1):
             if 0 < from_there[:, leg - 1].sum() < poses:
-                yield ScatterCandidate(ApproachScatter((leg,), direction=direction), from_there & own, True)
+                yield ScatterCandidate(ApproachScatter((leg,), direction=direction), from_there & rows_of_leg, True)
 
 
 def _body_candidates(scene: PointScene) -> Iterator[ScatterCandidate[ApproachScatter]]:

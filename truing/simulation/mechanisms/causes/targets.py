@@ -73,8 +73,8 @@ class TargetMoved(PointCause):
         onsets = [0, *range(FEWEST, len(order) - FEWEST + 1, 1 + len(order) // _MOST_ONSETS)]
         late = np.stack([order >= order[in_time[onset]] for onset in onsets])[..., None].astype(float)
         usable = _usable(onsets, in_time, scene)
-        own = scene.targets
-        found = markers_of(own.bodies, own.names) if scene.photographed else {}
+        targets = scene.targets
+        found = markers_of(targets.bodies, targets.names) if scene.photographed else {}
         markers, corners = list(found), list(found.values())
         alone = np.setdiff1d(np.arange(len(scene.shape)), [k for of_one in corners for k in of_one])
 
@@ -83,11 +83,11 @@ class TargetMoved(PointCause):
             return TargetMoved(body, name, scene.poses[pose], float(order[pose]))
 
         def member(target: int, onset: int) -> TargetMoved:
-            return moved(own.bodies[alone[target]], own.names[alone[target]], onset)
+            return moved(targets.bodies[alone[target]], targets.names[alone[target]], onset)
 
         def marker(number: int, onset: int) -> TargetMoved:
             which = list(corners[number])
-            return moved(*markers[number], onset).of_corners([own.names[k] for k in which], scene.shape[which])
+            return moved(*markers[number], onset).of_corners([targets.names[k] for k in which], scene.shape[which])
 
         single = ChannelCandidates(late, alone, usable[:, alone], _PLAUSIBLE_M, member)
         if not found:
@@ -141,9 +141,9 @@ class TargetMoved(PointCause):
             return {}
         late = np.asarray(state.covariates[ORDER]) >= self.from_order
         moved = np.zeros((len(state.rho), len(state.shape), *by.shape[1:]), by.dtype)
-        for place, own in zip(places, by, strict=True):
+        for place, derivative in zip(places, by, strict=True):
             if place is not None:
-                moved[late, place] = own
+                moved[late, place] = derivative
         return {"moved": moved}
 
     def reported(self, values: NDArray, covariance: NDArray, legs: int) -> tuple[ReportedParameter, ...]:
@@ -260,28 +260,28 @@ def rigid_patterns(markers: Sequence[Sequence[int]], places: NDArray) -> tuple[N
     The motions are shifts along the axes, and rotations scaled to the same rms displacement of the corners. A marker of
     three corners repeats its first, with zero motion.
     """
-    corners = np.array([[*own, *own[:1]][: len(_CORNERS)] for own in markers])
+    corners = np.array([[*corner_numbers, *corner_numbers[:1]][: len(_CORNERS)] for corner_numbers in markers])
     patterns = np.zeros((*corners.shape, 3, 6))
-    for number, own in enumerate(markers):
-        arms, radius = arms_of(places[list(own)])
-        patterns[number, : len(own), :, :3] = np.eye(3)
-        patterns[number, : len(own), :, 3:] = -skew(arms) / radius
+    for number, marker in enumerate(markers):
+        arms, radius = arms_of(places[list(marker)])
+        patterns[number, : len(marker), :, :3] = np.eye(3)
+        patterns[number, : len(marker), :, 3:] = -skew(arms) / radius
     return corners, patterns
 
 
 def swapped_targets(
-    body: str, targets: Sequence[str], poses: Sequence[int | str], order: NDArray, found: Sequence[Exchange]
+    body: str, targets: Sequence[str], poses: Sequence[int | str], order: NDArray, exchanges: Sequence[Exchange]
 ) -> list[TargetsSwapped]:
     """Return one cause per pair of exchanged targets, with all poses in which they are exchanged."""
     rows: dict[tuple[int, int], list[int]] = {}
-    for one in found:
-        rows.setdefault((one.first, one.second), []).append(one.pose)
+    for exchange in exchanges:
+        rows.setdefault((exchange.first, exchange.second), []).append(exchange.pose)
     return [
         TargetsSwapped(
             body,
             (targets[first], targets[second]),
-            tuple(poses[row] for row in own),
-            tuple(float(order[row]) for row in own),
+            tuple(poses[row] for row in rows_of_pair),
+            tuple(float(order[row]) for row in rows_of_pair),
         )
-        for (first, second), own in rows.items()
+        for (first, second), rows_of_pair in rows.items()
     ]

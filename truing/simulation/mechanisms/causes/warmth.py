@@ -112,23 +112,25 @@ class LegThermal(SharedOrPerLeg):
         """Return the derivatives of legs and their targets by alpha."""
         fields = grown(state, ("legs",))
         if self.legs:
-            own = np.array(self.legs) - 1
-            fields = {"l": self.of_legs(fields["l"][..., 0]), **_targets_on_legs(state, fields, own)}
+            leg_numbers = np.array(self.legs) - 1
+            fields = {"l": self.of_legs(fields["l"][..., 0]), **_targets_on_legs(state, fields, leg_numbers)}
         return Change(fields, len(values))
 
 
-def _targets_on_legs(state: State, fields: dict[str, NDArray], own: NDArray) -> dict[str, NDArray]:
-    """Return the displacement (B, K, 3, P) of the targets on each of the legs ``own`` (P,), from 0, by its
+def _targets_on_legs(state: State, fields: dict[str, NDArray], legs: NDArray) -> dict[str, NDArray]:
+    """Return the displacement (B, K, 3, P) of the targets on each of the legs ``legs`` (P,), from 0, by its
     expansion."""
     if state.targets is None or "moved" not in fields:
         return {}
-    return {"moved": fields["moved"] * (state.targets.leg[:, None] == own)[:, None]}
+    return {"moved": fields["moved"] * (state.targets.leg[:, None] == legs)[:, None]}
 
 
 def warms(scene: PointScene) -> bool:
     """True if the temperature is known at all poses and departs from the reference at any."""
-    found = scene.covariates.get(TEMPERATURE)
-    return found is not None and bool(np.isfinite(found).all() and np.any(found != scene.reference_temperature_c))
+    temperature = scene.covariates.get(TEMPERATURE)
+    return temperature is not None and bool(
+        np.isfinite(temperature).all() and np.any(temperature != scene.reference_temperature_c)
+    )
 
 
 def grown(state: State, parts: Sequence[str]) -> dict[str, NDArray]:
@@ -149,8 +151,8 @@ def grown(state: State, parts: Sequence[str]) -> dict[str, NDArray]:
 def _grown_bodies(state: State, body: str) -> dict[str, NDArray]:
     """Return the derivatives (B, K, 3, 1) of the targets' positions by the expansion of all bodies, or of one."""
     bodies = () if state.targets is None else state.targets.bodies
-    own = np.array([not body or other == body for other in bodies], float)
-    return {"moved": (state.shape * own[:, None] * state.heat[:, None, None])[..., None]}
+    is_grown = np.array([not body or other == body for other in bodies], float)
+    return {"moved": (state.shape * is_grown[:, None] * state.heat[:, None, None])[..., None]}
 
 
 def _shares(targets: Targets, column: dict[str, NDArray]) -> NDArray:
@@ -160,5 +162,5 @@ def _shares(targets: Targets, column: dict[str, NDArray]) -> NDArray:
 
     none = np.zeros(len(next(iter(column.values()))))
     of_kind = {BASE: "base", PLATFORM: "platform", LEG: "legs"}
-    found = np.array([column.get(of_kind[int(kind)], none) for kind in targets.body])
-    return np.where(targets.at_attachment[:, None], 0.0, found)
+    shares = np.array([column.get(of_kind[int(kind)], none) for kind in targets.body])
+    return np.where(targets.at_attachment[:, None], 0.0, shares)

@@ -2,9 +2,10 @@
 
 from __future__ import annotations
 
+from collections import Counter
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
-from typing import ClassVar, Self
+from typing import Any, ClassVar, Self
 
 import numpy as np
 from numpy.typing import NDArray
@@ -12,15 +13,21 @@ from numpy.typing import NDArray
 from truing.inference.model import ChannelCandidates, ScatterCandidate
 from truing.simulation.cause import Cause, Parameter, ReportedParameter, Scene, Step
 from truing.simulation.inputs import LAST_STEP, ORDER, PATH, TIME, Missing
+from truing.simulation.mechanisms.chains.closed_tree import ClosedTree
 from truing.simulation.mechanisms.chains.conditions import ChainInputs
+from truing.simulation.mechanisms.chains.passing import nodes_moved_alike
+from truing.simulation.mechanisms.chains.tree import JointKind, Node, axis_twist
 
 _ANGLE, _LENGTH = 5e-4, 3e-4  # plausible errors of a joint, rad and m
 _GAIN = 5e-4
 _GROWTH = 1e-5
+_OFF_M = 1e-4  # plausible offset of an instrument of distances, m
 # Deflection that a plausible compliance gives under the largest load, rad or m.
 _MM = 1e-3
 # A load that varies by a smaller share of the largest load on the chain is constant, apart from rounding.
 _LEAST_LOAD = 1e-6
+# Parts of a length that are smaller by this factor are rounding of the description.
+_ROUNDED = 1e-4
 # Least number of poses before an onset, and from it; in a long campaign not every pose is tried as an onset.
 _FEWEST, _MOST_ONSETS = 4, 60
 _FEW_ONSETS = 2  # of these, every so many for targets seen by distances
@@ -31,11 +38,13 @@ _FEWEST_POSES = 12  # of a group that may scatter
 class ChainScene(Scene["ChainCause"]):
     """Scene of causes that act on a chain: its joints, links, inputs and targets.
 
-    ``places`` (K, 0): instead of the targets' places, of observations that have none.
+    ``places`` (K, 0): instead of the targets' places, of observations that have none. ``distances``: names of both ends
+    of each measured distance.
     """
 
     inputs_of_machine: ChainInputs
     places: NDArray | None = None
+    distances: tuple[tuple[str, str], ...] = ()
 
     @property
     def covariates(self) -> Mapping[str, NDArray]:
@@ -104,6 +113,11 @@ class ChainCause(Cause[ChainScene]):
         moves."""
         return None
 
+    def excess(self, machine: ChainInputs, distances: Sequence[tuple[str, str]]) -> NDArray | None:
+        """Return by how much distances between named ends are read too long (B, D, P) per unit of the parameters, m;
+        None if they are not."""
+        return None
+
 
 @dataclass(frozen=True)
 class JointCause(ChainCause):
@@ -166,19 +180,32 @@ class JointOffset(JointCause):
         """Return one."""
         return np.ones((len(machine.readings), 1))
 
+    def shared_with(self, scene: ChainScene) -> Mapping[str, Any]:
+        """Return the joints whose zeros are the same: about one axis, or slides along parallel ones without a turn
+        between that changes their direction."""
+        tree = scene.inputs_of_machine.tree
+        own = tree.node_of(tree.readings.index(self.joint))
+        if sum(node.reading == self.joint for node in tree.nodes) > 1:  # others follow it
+            return {}
+        alike = _moved_alike(scene.inputs_of_machine, own, axis_twist(tree.nodes[own]))
+        followed = [node.reading for node in tree.nodes if node.reading != node.joint]
+        same = [tree.nodes[k].joint for k, twist in alike if _is_motion_of(tree.nodes[k], twist)]
+        others = [name for name in same if name != self.joint and name in tree.readings and name not in followed]
+        return {"alike": [f"joint {name}" for name in others]} if others else {}
+
     def corrected(self, readings: NDArray, names: Sequence[str]) -> NDArray:
         """Return readings (B, n) with the known part of the offset."""
         found = readings.copy()
         found[:, names.index(self.joint)] += self.start
         return found
 
-    def offset(self, values: NDArray) -> float:
-        """Return the whole offset, rad or m."""
-        return self.start + float(values[0])
+    def with_known_part(self, values: NDArray) -> NDArray:
+        """Return the whole offset (1,), rad or m."""
+        return self.start + values
 
     def reported(self, values: NDArray, covariance: NDArray, legs: int) -> tuple[ReportedParameter, ...]:
         """Return the whole offset."""
-        return super().reported(np.array([self.offset(values)]), covariance, legs)
+        return super().reported(self.with_known_part(values), covariance, legs)
 
 
 @dataclass(frozen=True)
@@ -282,7 +309,13 @@ class LinkCause(ChainCause):
 
 @dataclass(frozen=True)
 class LinkGrowth(LinkCause):
-    """A link grows by growth x temperature difference, from the joint that moves it to those that it carries."""
+    """A link grows by growth x temperature difference, from the joint that moves it to those that it carries.
+
+    ``along``: a joint at one end of the link; only the length along its axis grows. Where on this axis a link ends is a
+    choice of the description, so that another link may have this length.
+    """
+
+    along: str = ""
 
     id = "link-growth"
     lacking = Missing.TEMPERATURE
@@ -293,13 +326,37 @@ class LinkGrowth(LinkCause):
         return f"link {self.link}" if self.link else ""
 
     def candidates(self, scene: ChainScene) -> Sequence[LinkGrowth]:
-        """Return every link with a length, and all of them together, if the temperature varies."""
+        """Return all links together, every link with a length, and the lengths along axes that no link is made of; none
+        if the temperature does not vary."""
         machine = scene.inputs_of_machine
         heat = machine.heat
         if heat is None or not np.isfinite(heat).all() or not np.ptp(heat) > 0.0:
             return ()
-        long = [name for name in machine.tree.links if replace(self, link=name).twists(machine).any()]
-        return [self, *(replace(self, link=name) for name in long)] if long else ()
+        links = [replace(self, link=name) for name in machine.tree.links]
+        long = [cause for cause in links if cause.twists(machine).any()]
+        return [self, *long, *_lengths_along(long, machine)] if long else ()
+
+    def shared_with(self, scene: ChainScene) -> Mapping[str, Any]:
+        """Return the links to which the length may belong as well, and the joints between, which do not turn it."""
+        machine, nodes = scene.inputs_of_machine, scene.inputs_of_machine.tree.nodes
+        ends = self._children(machine) if self.link else []
+        if len(ends) != 1:
+            return {}
+        alike = _moved_alike(machine, ends[0], np.r_[self._vector(machine, ends[0]), np.zeros(3)])
+        of_link = {nodes[k].parent: nodes[k] for k, _ in alike if nodes[k].parent >= 0}
+        named = [
+            nodes[link].link
+            for link, far in of_link.items()  # a further frame of a rigid link has no length of its own
+            if link == 0 or nodes[link].kind is not JointKind.FIXED or np.any(far.t)
+        ]
+        between = [nodes[k] for k, _ in alike[:-1] if nodes[k].kind is not JointKind.FIXED]
+        if len(named) < 2:
+            return {}
+        return {
+            "alike": [f"link {name}" for name in named if name != self.link],
+            "between": [f"joint {node.joint}" for node in between],
+            "turns": all(node.kind is JointKind.REVOLUTE for node in between),
+        }
 
     def needs(self, legs: int) -> tuple[str, ...]:
         """Return the temperature."""
@@ -315,9 +372,36 @@ class LinkGrowth(LinkCause):
         assert machine.heat is not None
         nodes = range(1, machine.tree.size) if not self.link else self._children(machine)
         for k in nodes:
-            node = machine.tree.nodes[k]
-            found[:, k, :3, 0] = np.multiply.outer(machine.heat, node.R.T @ node.t)
+            found[:, k, :3, 0] = np.multiply.outer(machine.heat, self._vector(machine, k))
         return found
+
+    def _vector(self, machine: ChainInputs, k: int) -> NDArray:
+        """Return the vector (3,), m, that grows, from the link's joint to that of node k, in the frame of node k."""
+        node = machine.tree.nodes[k]
+        vector = node.R.T @ node.t
+        if not self.along:
+            return vector
+        axis = node.axis if node.joint == self.along else node.R.T @ machine.tree.nodes[node.parent].axis
+        return np.asarray((vector @ axis) * axis)
+
+
+def _lengths_along(links: Sequence[LinkGrowth], machine: ChainInputs) -> list[LinkGrowth]:
+    """Return, for each axis of a turning joint, the growth of the longest part along it of a link; none for an axis
+    along which a whole link lies."""
+    longest: dict[str, tuple[float, LinkGrowth]] = {}
+    for cause in links:
+        ends = cause._children(machine)
+        if len(ends) != 1:
+            continue
+        whole = float(np.sqrt(np.sum(cause._vector(machine, ends[0]) ** 2)))
+        for node in (machine.tree.nodes[ends[0]], machine.tree.nodes[machine.tree.links[cause.link]]):
+            if node.kind is JointKind.REVOLUTE:
+                own = replace(cause, along=node.joint)
+                part = float(np.sqrt(np.sum(own._vector(machine, ends[0]) ** 2)))
+                size = np.inf if part > (1.0 - _ROUNDED) * whole else part
+                if part > _ROUNDED * whole and size > longest.get(node.joint, (0.0, own))[0]:
+                    longest[node.joint] = (size, own)
+    return [cause for part, cause in longest.values() if part < np.inf]
 
 
 @dataclass(frozen=True)
@@ -430,6 +514,49 @@ class BaseJump(ChainCause):
 
     def reported(self, values: NDArray, covariance: NDArray, legs: int) -> tuple[ReportedParameter, ...]:
         """Return the motion, and the first pose after it."""
+        return (
+            *super().reported(values, covariance, legs),
+            ReportedParameter("from_pose", str(self.from_pose), None, ""),
+        )
+
+
+@dataclass(frozen=True)
+class DistanceOffset(ChainCause):
+    """Distances are read too long by a constant from some pose on: all of them, or those of one ``end``."""
+
+    end: str = ""
+    from_pose: int | str = ""
+    from_order: float = -np.inf
+
+    id = "distance-offset"
+    step = Step.INSTRUMENT
+    is_persistent = False
+
+    @property
+    def subject(self) -> str:
+        """The end of the distances; empty for all."""
+        return f"distance {self.end}" if self.end else ""
+
+    def candidates(self, scene: ChainScene) -> Sequence[DistanceOffset]:
+        """Return an onset at every pose, or at every few poses, for all distances and for those of each station."""
+        onsets = _onsets(scene.inputs_of_machine) if scene.distances else []
+        counts = Counter(end for pair in scene.distances for end in set(pair))
+        ends = [end for end, number in counts.items() if number < len(scene.distances)]
+        return [
+            replace(self, end=end, from_pose=pose, from_order=order) for end in ("", *ends) for pose, order in onsets
+        ]
+
+    def parameters(self, legs: int) -> tuple[Parameter, ...]:
+        """Return the shift of the readings."""
+        return (Parameter("shift", "mm", _OFF_M, _MM),)
+
+    def excess(self, machine: ChainInputs, distances: Sequence[tuple[str, str]]) -> NDArray:
+        """Return one for the distances concerned, from the pose on."""
+        own = np.array([not self.end or self.end in pair for pair in distances], float)
+        return ((machine.order >= self.from_order)[:, None] * own)[..., None]
+
+    def reported(self, values: NDArray, covariance: NDArray, legs: int) -> tuple[ReportedParameter, ...]:
+        """Return the shift, and the first pose with it."""
         return (
             *super().reported(values, covariance, legs),
             ReportedParameter("from_pose", str(self.from_pose), None, ""),
@@ -594,6 +721,20 @@ class JointsExchanged(ChainCause):
         a, b = (names.index(name) for name in self.joints)
         found[:, [a, b]] = readings[:, [b, a]]
         return found
+
+
+def _is_motion_of(node: Node, twist: NDArray) -> bool:
+    """Return True if a joint moves by this motion (6,) of unit size, to either side."""
+    unit = axis_twist(node)
+    return bool(np.abs(twist - (twist @ unit) * unit).max() < _ROUNDED)
+
+
+def _moved_alike(machine: ChainInputs, node: int, twist: NDArray) -> list[tuple[int, NDArray]]:
+    """Return the nodes, with their motions (6,), at which a motion has the same effect; that node alone in loops, which
+    also hold links together that no joint between them moves."""
+    if isinstance(machine.tree, ClosedTree):
+        return [(node, twist)]
+    return nodes_moved_alike(machine.tree, node, twist, {int(k) for k in machine.channels.node})
 
 
 def _onsets(machine: ChainInputs) -> list[tuple[int | str, float]]:

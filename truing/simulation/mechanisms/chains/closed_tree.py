@@ -200,10 +200,12 @@ class ClosedTree(Tree):
         Arguments, axes and origins are those of `Tree.gravity_load`.
         """
         frames, weights = self.frames(readings), self.weights(payload)
+        if not weights:
+            return np.zeros((len(readings), self.size, 3)), np.zeros((len(readings), self.size, 3))
         down = STANDARD_GRAVITY * gravity / np.sqrt(np.sum(gravity**2))
         nodes = np.array([k for k, _, _ in weights], int)
-        coms = np.stack([com for *_, com in weights]) if weights else np.zeros((0, 3))
-        masses = np.stack([np.broadcast_to(mass, len(readings)) for _, mass, _ in weights] or [np.zeros(0)], -1)
+        coms = np.stack([com for *_, com in weights])
+        masses = np.stack([np.broadcast_to(mass, len(readings)) for _, mass, _ in weights], -1)
         places = frames.t[:, nodes] + np.einsum("bkij,kj->bki", frames.R[:, nodes], coms)
         work = np.einsum("bk,i,bkinc->bnc", masses, down, self.point_slopes(frames, nodes, places))
         return work[..., :3], work[..., 3:]

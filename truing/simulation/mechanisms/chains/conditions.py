@@ -88,7 +88,8 @@ class ChainInputs:
     ``force``, ``moment`` (B, N, 3) are those of weight at each joint's origin, along the axes of its frame, N and N m;
     zero where no mass is known. ``shape`` (K, 3) are the targets in their links, m; ``noisy`` are the readings with
     noise. ``gravity`` (3,): its direction in the base's frame; None if it is unknown. ``gear_orders``: known orders of
-    errors by joint, per turn.
+    errors by joint, per turn; of a slide rad/m. ``payload``: node that carries the payload, and its centre of mass (3,)
+    in that link, m.
     """
 
     tree: Tree
@@ -101,6 +102,7 @@ class ChainInputs:
     noisy: Index = field(default_factory=lambda: np.zeros(0, int))
     gravity: NDArray | None = None
     gear_orders: Mapping[str, tuple[float, ...]] = field(default_factory=dict)
+    payload: tuple[int, NDArray] = field(default_factory=lambda: (0, np.zeros(3)))
 
     @classmethod
     def of(
@@ -121,9 +123,14 @@ class ChainInputs:
         if gravity is None:
             force, moment = np.zeros((2, len(conditions.readings), tree.size, 3))
         else:
-            carried = {payload[0]: (conditions.payload_kg, payload[1])} if conditions.payload_kg.any() else {}
-            force, moment = tree.gravity_load(conditions.readings, gravity, carried)
-        return cls(tree, channels, conditions, force, moment, reference_temperature_c, shape, noisy, gravity)
+            force, moment = _loads(tree, conditions, gravity, payload)
+        rest = reference_temperature_c, shape, noisy, gravity
+        return cls(tree, channels, conditions, force, moment, *rest, payload=payload)
+
+    def under(self, gravity: NDArray) -> ChainInputs:
+        """Return the inputs under weight along another direction (3,) in the base's frame."""
+        force, moment = _loads(self.tree, self.conditions, gravity, self.payload)
+        return replace(self, force=force, moment=moment, gravity=gravity)
 
     @property
     def readings(self) -> NDArray:
@@ -168,6 +175,14 @@ class ChainInputs:
         found = np.zeros((len(twists), self.tree.size, *twists.shape[1:]))
         found[:, node] = twists
         return found
+
+
+def _loads(
+    tree: Tree, conditions: ChainConditions, gravity: NDArray, payload: tuple[int, NDArray]
+) -> tuple[NDArray, NDArray]:
+    """Return force and moment (B, N, 3) of weight at each joint's origin, along the axes of its frame, N and N m."""
+    carried = {payload[0]: (conditions.payload_kg, payload[1])} if conditions.payload_kg.any() else {}
+    return tree.gravity_load(conditions.readings, gravity, carried)
 
 
 def usual_range(values: NDArray) -> Array:

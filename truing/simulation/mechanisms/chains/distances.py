@@ -9,8 +9,9 @@ import numpy as np
 from numpy.typing import NDArray
 
 from truing.arrays import Array, Index
+from truing.simulation.cause import OBSERVED
 from truing.simulation.effects_model import Prediction
-from truing.simulation.mechanisms.chains.causes import ChainScene
+from truing.simulation.mechanisms.chains.causes import ChainCause, ChainScene
 from truing.simulation.mechanisms.chains.model import ChainModel
 
 
@@ -55,22 +56,55 @@ class DistanceModel(ChainModel):
     @property
     def scene(self) -> ChainScene:
         """Scene from which causes propose candidates; single targets cannot be shifted in it."""
-        return replace(super().scene, places=np.zeros((len(self.ends) + len(self.coordinates), 0)))
+        return replace(
+            super().scene, places=np.zeros((len(self.ends) + len(self.coordinates), 0)), distances=self._named_ends
+        )
+
+    @property
+    def _named_ends(self) -> tuple[tuple[str, str], ...]:
+        names = self.channels.names
+        return tuple((names[a], names[b]) for a, b in self.ends)
 
     def predict(self, shared: NDArray, local: NDArray, by_shared: bool = True) -> Prediction:
         """Return the numbers (B, M + D, 1), m and rad, and derivatives at shared (G,) and local (B, H) unknowns."""
         found = super().predict(shared, local, by_shared)
         unit, _ = self._directions(found.values)
+        slopes = self._along(unit, found.by_shared)
+        for effect in self.effects(shared) if by_shared else ():
+            if (excess := effect.cause.excess(self.machine, self._named_ends)) is not None:
+                own = self.layout[effect.cause.key]
+                slopes[:, len(self.coordinates) :, 0, own] += excess * self.effect_sigma(effect.cause)
         return replace(
             found,
-            values=self._numbers(found.values),
-            by_shared=self._along(unit, found.by_shared),
+            values=self._read(found.values, shared),
+            by_shared=slopes,
             by_local=self._along(unit, found.by_local),
         )
 
     def points(self, shared: NDArray, local: NDArray) -> Array:
         """Return the numbers (B, M + D, 1), m and rad, at shared (G,) and local (B, H) unknowns."""
-        return self._numbers(super().points(shared, local))
+        return self._read(super().points(shared, local), shared)
+
+    def _read(self, points: NDArray, shared: NDArray) -> Array:
+        """Return coordinates and distances (B, M + D, 1) as read: with what is read too long."""
+        numbers = self._numbers(points)
+        for effect in self.effects(shared):
+            if (excess := effect.cause.excess(self.machine, self._named_ends)) is not None:
+                numbers[:, len(self.coordinates) :, 0] += excess @ effect.values
+        return numbers
+
+    def design_matrix(self, shared: NDArray, local: NDArray) -> Callable[[ChainCause], dict[str, NDArray]]:
+        """Return the function from a cause to its changes (B, C, P) per plausible scale, of readings too."""
+        moved = super().design_matrix(shared, local)
+
+        def found(cause: ChainCause) -> dict[str, NDArray]:
+            by = moved(cause)
+            if (excess := cause.excess(self.machine, self._named_ends)) is not None:
+                none = np.zeros((len(excess), len(self.coordinates), excess.shape[-1]))
+                by[OBSERVED] = np.concatenate([none, excess], 1) * self.effect_scale(cause)
+            return by
+
+        return found
 
     def pathways(self, shared: NDArray, local: NDArray) -> dict[str, NDArray]:
         """Return the derivatives (B, M + D, 1, C) of the numbers by the twists of all nodes and by joints."""

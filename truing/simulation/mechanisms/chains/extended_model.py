@@ -72,9 +72,8 @@ class ExtendedChain(IdentifiedInSI[ChainCause]):
         twists = self.twists.copy()
         for effect in self.effects:
             if isinstance(effect.cause, JointOffset):
-                twists += self.tree.axis_twists[self.tree.readings.index(effect.cause.joint)] * effect.cause.offset(
-                    effect.values
-                )
+                unit = self.tree.axis_twists[self.tree.readings.index(effect.cause.joint)]
+                twists += unit * effect.cause.with_known_part(effect.values)
         return self.tree.with_twists(twists)
 
 

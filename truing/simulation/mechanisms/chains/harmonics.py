@@ -1,4 +1,4 @@
-"""Causes of an error that repeats with the turn of a joint: eccentricity, and harmonics up to the mesh of gears."""
+"""Causes of an error that repeats along a joint: eccentricity, harmonics up to the mesh of gears, pitch of a screw."""
 
 from __future__ import annotations
 
@@ -16,6 +16,7 @@ from truing.simulation.mechanisms.chains.causes import ChainScene, JointCause
 from truing.simulation.mechanisms.chains.conditions import ChainInputs, usual_range
 
 _PLAUSIBLE, _OF_GEARS = 5e-4, 5e-5  # rad: an error once per turn, and the least of any order
+_OF_SCREWS, _MM = 2e-5, 1e-3  # m: an error of a screw, rack or scale
 LOW, HIGHEST = (2, 3, 4, 5, 6, 7, 8), 200
 # Fewest poses for a search above the low orders.
 _FEWEST = 30
@@ -31,7 +32,7 @@ _VANISHING = 0.05  # a wave of this rms size at the readings shows nothing
 
 @dataclass(frozen=True)
 class TurningError(JointCause):
-    """Base class of errors that repeat with the angle of a joint.
+    """Base class of errors that repeat with the reading of a joint, of one that turns unless a class says otherwise.
 
     If ``aliased``, other orders give the same waves at the readings; the effect then ends with its campaign, because no
     other reading can be predicted.
@@ -100,7 +101,7 @@ class JointHarmonic(TurningError):
         found: list[Self] = []
         for cause in super().candidates(scene):
             angle = machine.readings[:, machine.tree.readings.index(cause.joint)]
-            for order, beside, aliased in _orders(angle, machine.gear_orders.get(cause.joint)):
+            for order, beside, aliased in _orders(angle, LOW, machine.gear_orders.get(cause.joint)):
                 found.append(replace(cause, order=order, beside=beside, aliased=aliased))
         return found
 
@@ -153,6 +154,57 @@ class JointHarmonic(TurningError):
         return np.column_stack([waves, angle * by_phase / np.cosh(values[2] / self.beside) ** 2])
 
 
+@dataclass(frozen=True)
+class JointPitchError(JointHarmonic):
+    """A slide moves by sine x sin(order q) + cosine x cos(order q) more than it reads: screws, racks, scales.
+
+    ``order`` is 2 pi over the period, rad/m.
+    """
+
+    id = "joint-pitch-error"
+
+    def applies(self, machine: ChainInputs) -> bool:
+        """True if the joint slides."""
+        return not self.is_angle
+
+    def candidates(self, scene: ChainScene) -> Sequence[Self]:
+        """Return every slide with its known periods or, where none are given, up to 200 periods over its travel."""
+        machine = scene.inputs_of_machine
+        found: list[Self] = []
+        for cause in JointCause.candidates(self, scene):
+            reading = machine.readings[:, machine.tree.readings.index(cause.joint)]
+            unit, known = _once_over_travel(reading), machine.gear_orders.get(cause.joint)
+            scaled = None if known is None else [order / unit for order in known]
+            for order, beside, aliased in _orders(reading * unit, (), scaled):
+                found.append(replace(cause, order=order * unit, beside=beside * unit, aliased=aliased))
+        return found
+
+    def prior(self, scene: ChainScene) -> float:
+        """Return the weight of the period: all searched ones of a joint together have that of two known ones."""
+        machine = scene.inputs_of_machine
+        unit = _once_over_travel(machine.readings[:, machine.tree.readings.index(self.joint)])
+        return 1.0 if not self.beside else _SEARCHED * self.beside / (_BESIDE * HIGHEST * unit)
+
+    def parameters(self, legs: int) -> tuple[Parameter, ...]:
+        """Return the two amplitudes, then the distance of 2 pi over the period if it is free."""
+        waves = Parameter("sine", "mm", _OF_SCREWS, _MM), Parameter("cosine", "mm", _OF_SCREWS, _MM)
+        return (*waves, Parameter("order_distance", "1/m", self.beside)) if self.free else waves
+
+    def reported(self, values: NDArray, covariance: NDArray, legs: int) -> tuple[ReportedParameter, ...]:
+        """Return the amplitudes, and the period."""
+        *waves, order = super().reported(values, covariance, legs)
+        number = self.order_at(values)
+        period = 2.0 * np.pi / number / _MM
+        sigma = None if order.sigma is None else period * order.sigma / number
+        return (*waves, ReportedParameter("period", period, sigma, "mm"))
+
+
+def _once_over_travel(reading: NDArray) -> float:
+    """Return 2 pi over the range of a slide's readings (B,), rad/m."""
+    low, high = usual_range(reading)
+    return 2.0 * np.pi / max(float(high - low), 1e-9)
+
+
 def _waves(angle: NDArray, order: float) -> NDArray:
     return np.stack([np.sin(order * angle), np.cos(order * angle)], -1)
 
@@ -186,10 +238,13 @@ class _Waves:
         return bool(self.same[k].any())
 
 
-def _orders(angle: NDArray, known: Sequence[float] | None) -> Iterator[tuple[float, float, bool]]:
-    """Yield orders worth trying, the range of each about it (0 if exact), and whether the readings leave it open."""
+def _orders(angle: NDArray, low: Sequence[float], known: Sequence[float] | None) -> Iterator[tuple[float, float, bool]]:
+    """Yield orders worth trying, the range of each about it (0 if exact), and whether the readings leave it open.
+
+    ``low`` orders are always tried, as they are, ``known`` ones in place of a search.
+    """
     waves = _Waves.of(angle, known or ())
-    exact = {float(order) for order in (*LOW, *(known or ()))}
+    exact = {float(order) for order in (*low, *(known or ()))}
     for k, order in enumerate(map(float, waves.orders)):
         is_searched = order not in exact
         halves = _HALVES_SEARCHED if is_searched else _HALVES

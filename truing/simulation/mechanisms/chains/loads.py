@@ -2,16 +2,16 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, replace
 from typing import Self
 
 import numpy as np
 from numpy.typing import NDArray
 
-from truing.simulation.cause import Parameter
+from truing.simulation.cause import Parameter, Step
 from truing.simulation.inputs import Missing
-from truing.simulation.mechanisms.chains.causes import ChainScene, JointCause, LinkCause
+from truing.simulation.mechanisms.chains.causes import ChainCause, ChainScene, JointCause, LinkCause
 from truing.simulation.mechanisms.chains.closed_tree import ClosedTree
 from truing.simulation.mechanisms.chains.conditions import ChainInputs
 from truing.simulation.mechanisms.chains.tree import JointKind
@@ -23,6 +23,13 @@ _AXES = "xyz"
 _VARIES = 1e-6  # N m
 # A function of the pose is a further one if this share of its rms size is independent of the others and of a constant.
 _INDEPENDENT = 1e-3
+# Axes of the base along which gravity may act; cosine from which on two directions are the same.
+_DIRECTIONS = {
+    f"{sign}{axis}": way * np.eye(3)[k] for k, axis in enumerate(_AXES) for sign, way in (("+", 1.0), ("-", -1.0))
+}
+_SAME_WAY = 0.9
+# Share of the largest load by which a load varies; plausible deflections under the largest load, rad and m.
+_VARIES_LOAD, _DEFLECTED, _DEFLECTED_M = 1e-6, 5e-4, 3e-4
 _DEPTHS = (1, 2, 0)  # nearest moving links with an unknown centre of mass; 0: all
 
 
@@ -143,6 +150,83 @@ class JointSag(JointCause):
         """Return the lever of the weight about the axis (B, P), per unit of mass times distance in each direction."""
         levers = _levers(machine, reading)
         return np.stack([levers[part] for part in self.parts], -1)
+
+
+@dataclass(frozen=True)
+class GravityDirection(ChainCause):
+    """Joints deflect under weight along another axis of the base than the declared gravity.
+
+    ``loads``: largest torque of each of the ``joints`` then, N m, or force, N; each has a compliance.
+    """
+
+    direction: str = "-z"
+    joints: tuple[str, ...] = ()
+    are_angles: tuple[bool, ...] = ()
+    loads: tuple[float, ...] = ()
+
+    id = "gravity-direction"
+    lacking = Missing.WEIGHT
+    step = Step.DRIVE
+
+    @property
+    def family(self) -> str:
+        """One for all directions."""
+        return self.id
+
+    def candidates(self, scene: ChainScene) -> Sequence[Self]:
+        """Return all other axes of the base, with every joint whose load varies, and with all of them."""
+        machine = scene.inputs_of_machine
+        if machine.gravity is None:
+            return ()
+        declared = machine.gravity / np.sqrt(np.sum(machine.gravity**2))
+        found: list[Self] = []
+        for name, down in _DIRECTIONS.items():
+            if down @ declared > _SAME_WAY:
+                continue
+            single = list(self._of_single_joints(name, machine.under(down)))
+            found += single
+            if len(single) > 1:
+                found.append(
+                    replace(
+                        single[0],
+                        joints=tuple(joint for cause in single for joint in cause.joints),
+                        are_angles=tuple(is_angle for cause in single for is_angle in cause.are_angles),
+                        loads=tuple(load for cause in single for load in cause.loads),
+                    )
+                )
+        return found
+
+    def _of_single_joints(self, direction: str, machine: ChainInputs) -> Iterator[Self]:
+        for k, joint in enumerate(machine.tree.readings):
+            torque, is_angle = machine.torque(k), bool(machine.tree.is_revolute[k])
+            if np.ptp(torque) > _VARIES_LOAD * machine.largest_load(is_angle):
+                largest = float(np.abs(torque).max())
+                yield replace(self, direction=direction, joints=(joint,), are_angles=(is_angle,), loads=(largest,))
+
+    def prior(self, scene: ChainScene) -> float:
+        """Return the relative prior weight: all joints are as probable as all single ones together."""
+        return float(len(self.joints))
+
+    def one_sided(self, legs: int) -> tuple[int, ...]:
+        """Return all compliances: they cannot be negative."""
+        return tuple(range(len(self.joints)))
+
+    def parameters(self, legs: int) -> tuple[Parameter, ...]:
+        """Return the compliance of each joint."""
+        return tuple(
+            Parameter(f"compliance {joint}", "rad/(N m)", _DEFLECTED / load)
+            if is_angle
+            else Parameter(f"compliance {joint}", "mm/N", _DEFLECTED_M / load, _MM)
+            for joint, is_angle, load in zip(self.joints, self.are_angles, self.loads, strict=True)
+        )
+
+    def deviations(self, machine: ChainInputs) -> NDArray:
+        """Return the torque about the axis of each joint, or the force along it."""
+        other, names = machine.under(_DIRECTIONS[self.direction]), machine.tree.readings
+        found = np.zeros((len(machine.readings), len(names), len(self.joints)))
+        for place, joint in enumerate(self.joints):
+            found[:, names.index(joint), place] = other.torque(names.index(joint))
+        return found
 
 
 def _levers(machine: ChainInputs, reading: int) -> dict[str, NDArray]:

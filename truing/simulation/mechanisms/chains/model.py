@@ -35,8 +35,8 @@ class KnownChain:
     links; ``shape_modes`` (K, 3, W) their errors per prior sigma, ``shape_known`` (W,) if surveyed. ``tool`` (K, 3, 3):
     start values of the orientations. ``reading_sigma`` (n,): noise of the readings. ``gravity`` (3,): its direction
     in the base's frame; ``payload``: the node that carries it, and its centre of mass, m. ``gear_orders``: known orders
-    of errors by joint, per turn. ``end_modes`` (N, 6, W): twists of nodes without motion to which those errors of the
-    places amount that move all targets of a link's end.
+    of errors by joint, per turn, or rad/m of a slide. ``end_modes`` (N, 6, W): twists of nodes without motion to which
+    those errors of the places amount that move all targets of a link's end.
     """
 
     base_R: NDArray

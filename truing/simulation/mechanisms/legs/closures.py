@@ -180,8 +180,8 @@ def mechanism(
     Shapes as in `Legs`. Without u, which a ups does not need, the actuators point along z of the base. Raises
     ValueError for an unknown type or arrays of wrong shape.
     """
-    own = {closure.name: closure for closure in OWN_CLOSURES}
-    known = own if kind in own else closures()  # searching installed packages is slow
+    built_in = {closure.name: closure for closure in OWN_CLOSURES}
+    known = built_in if kind in built_in else closures()  # searching installed packages is slow
     if kind not in known:
         raise ValueError(f"mechanism type: found {kind!r}, expected one of {', '.join(known)}")
     joints = np.asarray(a, float)

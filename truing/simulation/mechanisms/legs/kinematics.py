@@ -77,8 +77,8 @@ def is_batched(legs: Legs) -> bool:
 def in_pieces(solve: Callable[..., Forward], *arrays: NDArray) -> Forward:
     """Solve arrays (B, ...) piece by piece: same result, but faster for many poses."""
     parts = [slice(first, first + _PIECE) for first in range(0, max(len(arrays[0]), 1), _PIECE)]
-    found = [solve(*(array[part] for array in arrays)) for part in parts]
-    return Forward(*(np.concatenate([getattr(piece, name) for piece in found]) for name in ("p", "R", "converged")))
+    solutions = [solve(*(array[part] for array in arrays)) for part in parts]
+    return Forward(*(np.concatenate([getattr(piece, name) for piece in solutions]) for name in ("p", "R", "converged")))
 
 
 def _newton(legs: Legs, rho: NDArray, delta_bz: NDArray | float) -> Forward:

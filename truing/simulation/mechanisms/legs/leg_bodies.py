@@ -58,11 +58,11 @@ class LegBodies:
     @property
     def entries(self) -> tuple[LegParameter, ...]:
         """Additional parameters to identify, leg by leg: c0, then two components of w."""
-        found: list[LegParameter] = []
+        parameters: list[LegParameter] = []
         for leg, axes in zip(self.leg, self._free(), strict=True):
-            found += [LegParameter(f"c_{axis}", int(leg), "mm", 1e-3) for axis in "xyz"]
-            found += [LegParameter(f"w_{'xyz'[axis]}", int(leg), "1", 1.0) for axis in axes]
-        return tuple(found)
+            parameters += [LegParameter(f"c_{axis}", int(leg), "mm", 1e-3) for axis in "xyz"]
+            parameters += [LegParameter(f"w_{'xyz'[axis]}", int(leg), "1", 1.0) for axis in axes]
+        return tuple(parameters)
 
     @property
     def start(self) -> NDArray:
@@ -124,11 +124,11 @@ def _with_end_rows(
     slopes = np.concatenate([stacked(closing)[..., others, :], rows], -2)
     values = np.concatenate([closing.value[..., others], value.reshape(*value.shape[:-3], -1)], -1)
     parts = np.split(slopes, [6, 6 + closing.by_rho.shape[-1]], -1)
-    own = (
+    rows_of_ends = (
         _columns_per_leg(array.reshape(*array.shape[:-4], -1, array.shape[-1]), len(others))
         for array in (by_pose, by_seat)
     )
-    return LegEndClosing(Closing(values, *parts), *own)
+    return LegEndClosing(Closing(values, *parts), *rows_of_ends)
 
 
 def _columns_per_leg(rows: NDArray, others: int) -> NDArray:

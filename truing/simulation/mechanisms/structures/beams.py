@@ -39,13 +39,13 @@ def element_stiffness(length: NDArray, beam: BeamSection) -> NDArray:
 
 def element_change(length: NDArray, beam: BeamSection) -> NDArray:
     """Return the derivatives (..., 4, 12, 12) of K by length and by bending, axial and torsion stiffness."""
-    k1, k2, k3, zero, one = beam.bending, beam.axial, beam.torsion, 0.0 * length, 1.0 + 0.0 * length
+    k1, k2, k3, zero, ones = beam.bending, beam.axial, beam.torsion, 0.0 * length, 1.0 + 0.0 * length
     turn, couple, shear = _bending_stiffness(k1, length)
     rows = (
         (-k2 / length**2, -k3 / length**2, -turn / length, -2 * couple / length, -3 * shear / length),
-        (zero, zero, *_bending_stiffness(one, length)),
-        (one / length, zero, zero, zero, zero),
-        (zero, one / length, zero, zero, zero),
+        (zero, zero, *_bending_stiffness(ones, length)),
+        (ones / length, zero, zero, zero, zero),
+        (zero, ones / length, zero, zero, zero),
     )
     share = np.stack([np.stack(row, -1) for row in rows], -2)
     return np.tensordot(share, _PATTERNS, 1)

@@ -38,8 +38,10 @@ class KinematicModel:
         upper = p[..., None, :] + arms
         value, towards = legs.closure.close(legs, upper, rho)
         along = towards @ R  # of the closing by the attachments, platform frame
-        own = reading_change(machine, upper, rho)
-        by_rho = own[..., None] * np.eye(legs.count) + np.einsum("...li,...lij->...lj", along, machine.by_readings())
+        reading = reading_change(machine, upper, rho)
+        by_rho = reading[..., None] * np.eye(legs.count) + np.einsum(
+            "...li,...lij->...lj", along, machine.by_readings()
+        )
         bent = along[..., 2, None] * shift_change(machine, rho, change)
         bent = bent + np.einsum("...li,...lip->...lp", along[..., :2], in_plane_change(machine, rho, change))
         by_twist = np.concatenate([towards, np.cross(arms, towards)], -1)
@@ -124,10 +126,10 @@ class JacobianModel:
         turned = reference.by_twist[..., 3:] @ turn
         by_twist = np.concatenate([np.broadcast_to(reference.by_twist[..., :3], turned.shape), turned], -1)
         by_rho = np.broadcast_to(reference.by_rho, (*value.shape, value.shape[-1]))
-        return Closing(value, by_twist, by_rho, _by_parameter(machine, reference, away, turn, moved, change))
+        return Closing(value, by_twist, by_rho, _derivative_by_parameter(machine, reference, away, turn, moved, change))
 
 
-def _by_parameter(
+def _derivative_by_parameter(
     machine: Machine, reference: _Reference, away: NDArray, turn: NDArray, moved: NDArray, change: Change
 ) -> NDArray:
     """Return the derivative (..., L, P) through the rows at the reference, the pose there, and the readings there."""
@@ -152,8 +154,8 @@ def _rows(machine: Machine, p: NDArray, R: NDArray) -> _Reference:
     """Return the rows of the residuals at a reference pose with unshifted attachments."""
     rho0 = machine.legs.rho0
     closing = KinematicModel(machine.legs.closure.name).close(machine, p, R, rho0, NO_CHANGE)
-    own = reading_change(machine, upper_joints(machine.legs, p, R), rho0)[..., None]
-    return _Reference(p, R, closing.by_twist / own, closing.by_rho / own)
+    derivative = reading_change(machine, upper_joints(machine.legs, p, R), rho0)[..., None]
+    return _Reference(p, R, closing.by_twist / derivative, closing.by_rho / derivative)
 
 
 def _reference_slope(machine: Machine, reference: _Reference, twist: NDArray, change: Change) -> _Reference:
@@ -174,11 +176,11 @@ def _nudged(machine: Machine, change: Change, batch: int) -> Machine:
     L, 3)."""
     arrays = {}
     for name, rank in {"a": 2, "b": 2, "u": 2, "l": 1, "rho0": 1, "deformation": 2}.items():
-        held = machine.deformation if name == "deformation" else getattr(machine.legs, name)
+        value = machine.deformation if name == "deformation" else getattr(machine.legs, name)
         if name in change.fields:
             slope = np.moveaxis(change.fields[name], -1, 0)
             missing = tuple(range(1, 2 + batch + rank - slope.ndim))
-            held = held + 1j * _STEP * np.expand_dims(slope, missing)
-        arrays[name] = held
+            value = value + 1j * _STEP * np.expand_dims(slope, missing)
+        arrays[name] = value
     deformation = arrays.pop("deformation")
     return replace(machine, legs=machine.legs.replace(**arrays), deformation=deformation)

@@ -210,22 +210,27 @@ class StiffnessModel:
         rest = at_rest(machine)
         if self.follows:
             rest = followed(machine, rest, p, R, rho, self.follows)
-        found = balance(machine, rest, p, R, rho)
-        response = _response(rest, found)
+        equilibrium = balance(machine, rest, p, R, rho)
+        response = _response(rest, equilibrium)
         by_shift = np.einsum("...lmi,...i->...ml", response.node, R[..., :, 2])
         by_parameter = by_shift @ shifting(machine, rho, change).fields["delta_bz"]
         if change.size:
-            by_parameter = by_parameter + _by_parameter(machine, rest, found, response, R, change, self.follows)
+            by_parameter = by_parameter + _derivative_by_parameter(
+                machine, rest, equilibrium, response, R, change, self.follows
+            )
         closing = Closing(
-            found.excess, _by_twist(found, response), np.eye(6) + by_shift @ machine.deformation, by_parameter
+            equilibrium.excess,
+            _derivative_by_twist(equilibrium, response),
+            np.eye(6) + by_shift @ machine.deformation,
+            by_parameter,
         )
         if not self.follows:
             return closing
         turned = _direction_changes(machine, p, R, rho, change)
-        by_turn = _by_axis(found, response, rest) @ _turns(machine, rest, p, R, rho, self.follows)
+        by_turn = _derivative_by_axis(equilibrium, response, rest) @ _turns(machine, rest, p, R, rho, self.follows)
         slopes = (np.sum(by_turn @ part, -3) for part in turned)
         parts = (closing.by_twist, closing.by_rho, closing.by_parameter)
-        return Closing(found.excess, *(part + slope for part, slope in zip(parts, slopes, strict=True)))
+        return Closing(equilibrium.excess, *(part + slope for part, slope in zip(parts, slopes, strict=True)))
 
 
 def compliance(machine: Machine, p: NDArray, R: NDArray, rho: NDArray) -> NDArray:
@@ -234,8 +239,8 @@ def compliance(machine: Machine, p: NDArray, R: NDArray, rho: NDArray) -> NDArra
     Rows m and rad, columns per N and per N m, base frame.
     """
     rest = at_rest(machine)
-    found = balance(machine, rest, p, R, rho)
-    return np.linalg.solve(_by_twist(found, _response(rest, found)), found.inverse)
+    equilibrium = balance(machine, rest, p, R, rho)
+    return np.linalg.solve(_derivative_by_twist(equilibrium, _response(rest, equilibrium)), equilibrium.inverse)
 
 
 def _direction_changes(
@@ -275,25 +280,25 @@ class _Response:
     turn: NDArray
 
 
-def _response(rest: ReferenceLegs, found: Balance) -> _Response:
-    force, moment = found.inverse[..., None, :, :3], found.inverse[..., None, :, 3:]
-    by_force = force + moment @ skew(found.arm)
+def _response(rest: ReferenceLegs, equilibrium: Balance) -> _Response:
+    force, moment = equilibrium.inverse[..., None, :, :3], equilibrium.inverse[..., None, :, 3:]
+    by_force = force + moment @ skew(equilibrium.arm)
     wrench = np.concatenate([by_force, np.broadcast_to(moment, by_force.shape)], -1)
     strain = wrench @ rest.stiffness
-    node = strain[..., :3] - moment @ skew(found.load[..., :3])
-    turn = strain[..., 3:].sum(-3) @ inverse_left_jacobian_so3(found.theta)
+    node = strain[..., :3] - moment @ skew(equilibrium.load[..., :3])
+    turn = strain[..., 3:].sum(-3) @ inverse_left_jacobian_so3(equilibrium.theta)
     return _Response(wrench, strain, node, turn)
 
 
-def _by_twist(found: Balance, response: _Response) -> NDArray:
-    turned = response.turn - np.sum(response.node @ skew(found.arm), -3)
+def _derivative_by_twist(equilibrium: Balance, response: _Response) -> NDArray:
+    turned = response.turn - np.sum(response.node @ skew(equilibrium.arm), -3)
     return np.concatenate([response.strain[..., :3].sum(-3), turned], -1)
 
 
-def _by_parameter(
+def _derivative_by_parameter(
     machine: Machine,
     rest: ReferenceLegs,
-    found: Balance,
+    equilibrium: Balance,
     response: _Response,
     R: NDArray,
     change: Change,
@@ -305,9 +310,9 @@ def _by_parameter(
     answers = (
         response.node @ R[..., None, :, :],
         -response.strain[..., :3],
-        -response.strain[..., :3] * found.balanced[..., None, None],
-        _by_axis(found, response, rest),
-        _by_stiffness(machine, found, response, rest),
+        -response.strain[..., :3] * equilibrium.balanced[..., None, None],
+        _derivative_by_axis(equilibrium, response, rest),
+        _derivative_by_stiffness(machine, equilibrium, response, rest),
     )
     changes = (
         *_node_changes(machine, rest, moved, change),
@@ -356,19 +361,21 @@ def _drive_change(machine: Machine, moved: ReferenceChange, change: Change) -> N
     return carried + along[..., None, None] * moved.z
 
 
-def _by_axis(found: Balance, response: _Response, rest: ReferenceLegs) -> NDArray:
+def _derivative_by_axis(equilibrium: Balance, response: _Response, rest: ReferenceLegs) -> NDArray:
     """Return the derivative (B, L, 6, 3) by a rotation of the legs' stiffness: W ([w]x K e - K [w]x e)."""
-    strain = np.concatenate([skew(found.strain[..., :3]), skew(found.strain[..., 3:])], -2)
-    load = np.concatenate([skew(found.load[..., :3]), skew(found.load[..., 3:])], -2)
+    strain = np.concatenate([skew(equilibrium.strain[..., :3]), skew(equilibrium.strain[..., 3:])], -2)
+    load = np.concatenate([skew(equilibrium.load[..., :3]), skew(equilibrium.load[..., 3:])], -2)
     return response.strain @ strain - response.wrench @ load
 
 
-def _by_stiffness(machine: Machine, found: Balance, response: _Response, rest: ReferenceLegs) -> NDArray:
+def _derivative_by_stiffness(
+    machine: Machine, equilibrium: Balance, response: _Response, rest: ReferenceLegs
+) -> NDArray:
     """Return the derivative (B, L, 6, 8) by the inputs of a chain's stiffness, in the order of `assembled_change`."""
     chain = chain_of(machine)
     local = condensed_change(assembled(chain), assembled_change(chain))[..., PLATFORM_END, PLATFORM_END]
     slope = in_frame(local, beam_axes(rest.axis)[..., None, :, :])
-    load = np.einsum("...lqij,...lj->...liq", slope, found.strain)
+    load = np.einsum("...lqij,...lj->...liq", slope, equilibrium.strain)
     return response.wrench @ load
 
 

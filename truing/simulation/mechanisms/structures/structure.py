@@ -196,10 +196,10 @@ def reached_poses(structure: Structure, machine: Machine, rho: NDArray, change: 
 
     Raises ValueError for fewer than six legs, whose readings do not determine the pose.
     """
-    found = poses_at(structure, machine, rho)
-    closing = structure.close(machine, found.p, found.R, rho, change)
-    fixed = found.converged & (np.linalg.cond(closing.by_twist / _LENGTHS) < _SINGULAR)
+    poses = poses_at(structure, machine, rho)
+    closing = structure.close(machine, poses.p, poses.R, rho, change)
+    fixed = poses.converged & (np.linalg.cond(closing.by_twist / _LENGTHS) < _SINGULAR)
     rows = np.where(fixed[:, None, None], closing.by_twist, np.eye(rho.shape[-1], 6))
     twist = -solve_rows(rows, np.concatenate([closing.by_rho, closing.by_parameter], -1))
     legs = rho.shape[-1]
-    return ReachedPoses(found.p, found.R, twist[..., :legs], twist[..., legs:], fixed)
+    return ReachedPoses(poses.p, poses.R, twist[..., :legs], twist[..., legs:], fixed)

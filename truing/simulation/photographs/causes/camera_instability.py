@@ -90,9 +90,9 @@ class CameraInstability(RayCause):
     def prior(self, scene: RayScene) -> float:
         """Return the share of this form and of the changing parameters; all jumps together have one share."""
         rays = scene.rays
-        own = {JUMP: len(_onsets(rays, self.camera)), SETTLES: len(_SETTLING)}
+        forms = {JUMP: len(_onsets(rays, self.camera)), SETTLES: len(_SETTLING)}
         of_what = _SHARE_OF_WHAT[_WHAT.index(self.what)]
-        return of_what * _SHARE_OF_FORM[self.form] / max(own.get(self.form, 1), 1)
+        return of_what * _SHARE_OF_FORM[self.form] / max(forms.get(self.form, 1), 1)
 
     def covers(self, covariates: Mapping[str, NDArray], poses: int) -> NDArray:
         """Return the mask (B,) of poses where the cause is valid; none for independent changes, which predict no
@@ -115,8 +115,8 @@ class CameraInstability(RayCause):
             return tuple(
                 Parameter(f"{name}_pose_{pose}", "px", _PLAUSIBLE_PX) for name in self.what for pose in self.poses
             )
-        own = tuple(Parameter(name, "px", _PLAUSIBLE_PX) for name in self.what)
-        return (*own, Parameter("log_tau", "1", _PLAUSIBLE_LOG)) if self.free else own
+        parameters_of_jump = tuple(Parameter(name, "px", _PLAUSIBLE_PX) for name in self.what)
+        return (*parameters_of_jump, Parameter("log_tau", "1", _PLAUSIBLE_LOG)) if self.free else parameters_of_jump
 
     def reported(self, values: NDArray, covariance: NDArray, legs: int) -> tuple[ReportedParameter, ...]:
         """Return the changes, then the pose of a jump or the time constant; for independent changes their scatter."""
@@ -142,11 +142,11 @@ class CameraInstability(RayCause):
         if self.form == SCATTER:
             return self._independent_changes(rays, places)
         course, by_log = self._course(rays, values)
-        found = at_numbers(rays, places, course)
+        derivative = at_numbers(rays, places, course)
         if self.free:
             bent = at_numbers(rays, places, by_log) @ values[:-1]
-            found = np.concatenate([found, bent[..., None]], -1)
-        return found
+            derivative = np.concatenate([derivative, bent[..., None]], -1)
+        return derivative
 
     def moved(self, rays: RayPoses, values: NDArray) -> NDArray:
         """Return the errors (B, T) of the parameters, px."""
@@ -168,51 +168,53 @@ class CameraInstability(RayCause):
     def _independent_changes(self, rays: RayPoses, places: list[int]) -> NDArray:
         """Return the slopes of independent changes in each pose; zero in other poses."""
         at = {pose: n for n, pose in enumerate(self.poses)}
-        own = np.array([at.get(pose, -1) for pose in rays.poses])
-        found = np.zeros((len(own), len(rays.parameters), len(places), len(self.poses)))
+        place_of_pose = np.array([at.get(pose, -1) for pose in rays.poses])
+        derivative = np.zeros((len(place_of_pose), len(rays.parameters), len(places), len(self.poses)))
         for number, place in enumerate(places):
-            found[own >= 0, place, number, own[own >= 0]] = 1.0
-        return found.reshape(len(own), len(rays.parameters), -1)
+            derivative[place_of_pose >= 0, place, number, place_of_pose[place_of_pose >= 0]] = 1.0
+        return derivative.reshape(len(place_of_pose), len(rays.parameters), -1)
 
     def _scatter(self, values: NDArray, covariance: NDArray) -> list[ReportedParameter]:
         """Return the scatter of each camera parameter about its mean, without its noise, and one sigma of it."""
-        count, found = len(self.poses), []
+        count, parameters = len(self.poses), []
         for number, name in enumerate(self.what):
-            own = slice(number * count, (number + 1) * count)
+            numbers = slice(number * count, (number + 1) * count)
             apart = np.eye(count) - 1.0 / count
-            noise = apart @ covariance[own, own] @ apart
+            noise = apart @ covariance[numbers, numbers] @ apart
             freedom = max(count - 1.0, 1.0)
-            square = float(np.sum((apart @ values[own]) ** 2))
+            square = float(np.sum((apart @ values[numbers]) ** 2))
             variance = max((square - float(np.trace(noise))) / freedom, 0.0)
             spread = variance * apart + noise
             sigma = float(np.sqrt(2.0 * np.sum(spread * spread))) / freedom  # sigma of the variance
             size = float(np.sqrt(variance))
-            found.append(
+            parameters.append(
                 ReportedParameter(f"{name}_scatter", size, sigma / (2.0 * max(size, 0.5 * np.sqrt(sigma))), "px")
             )
-        return found
+        return parameters
 
 
 def _onsets(rays: RayPoses, camera: str) -> list[int]:
     """Return the poses at which a camera may jump: with enough of its poses on either side."""
-    own = np.flatnonzero(rays.poses_of(CAMERA, camera))
-    in_time = own[np.argsort(rays.rank[own], kind="stable")]
+    places = np.flatnonzero(rays.poses_of(CAMERA, camera))
+    in_time = places[np.argsort(rays.rank[places], kind="stable")]
     return in_time[FEWEST : len(in_time) - FEWEST + 1].tolist() if len(in_time) >= 2 * FEWEST else []
 
 
 def _forms(plain: CameraInstability, rays: RayPoses) -> list[CameraInstability]:
     """Return the forms for which a campaign has poses and columns."""
-    found = [
+    forms = [
         replace(plain, form=JUMP, since=float(rays.covariates["order"][row]), from_pose=rays.poses[row])
         for row in _onsets(rays, plain.camera)
     ]
     if rays.span_s is not None and rays.varies(TIME):
         start, duration = rays.span_s[0], rays.span_s[1] - rays.span_s[0]
         timed = replace(plain, form=DRIFT, start_s=start, duration_s=duration)
-        found += [timed, *(replace(timed, form=SETTLES, tau_s=share * duration) for share in _SETTLING)]
+        forms += [timed, *(replace(timed, form=SETTLES, tau_s=share * duration) for share in _SETTLING)]
     if rays.varies(TEMPERATURE):
-        found.append(replace(plain, form=WARMTH))
-    own = rays.poses_of(CAMERA, plain.camera)
-    if 2 * FEWEST <= own.sum() <= _MOST_APART:
-        found.append(replace(plain, form=SCATTER, poses=tuple(rays.poses[row] for row in np.flatnonzero(own))))
-    return found
+        forms.append(replace(plain, form=WARMTH))
+    poses_of_camera = rays.poses_of(CAMERA, plain.camera)
+    if 2 * FEWEST <= poses_of_camera.sum() <= _MOST_APART:
+        forms.append(
+            replace(plain, form=SCATTER, poses=tuple(rays.poses[row] for row in np.flatnonzero(poses_of_camera)))
+        )
+    return forms

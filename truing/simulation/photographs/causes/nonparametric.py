@@ -45,18 +45,18 @@ class NonparametricRayEffect(NonparametricEffect[RayScene], RayCause):
         rays = scene.rays
         columns = varying_columns(rays.covariates)
         ranges = {column: middle_and_half(values) for column, values in columns.items()}
-        found: list[NonparametricRayEffect] = []
+        effects: list[NonparametricRayEffect] = []
         for place, number in enumerate(rays.parameters):
             if number.name not in _PLAUSIBLE or number.kind not in (CAMERA, BAR) or not rays.determinable[place]:
                 continue
             count = int(rays.poses_of(number.kind, number.owner).sum())
             owner = {"owner_kind": number.kind, "owner": number.owner, "name": number.name, "unit": number.unit}
-            found += [
+            effects += [
                 NonparametricRayEffect(**(dependence(inputs, ranges.__getitem__, form, degree) | owner))
                 for inputs, form, degree in _dependences(list(columns))
                 if count >= PER_FUNCTION * degree and not _is_catalogued(number.kind, inputs, degree)
             ]
-        return found
+        return effects
 
     def slopes(self, rays: RayPoses, values: NDArray) -> NDArray:
         """Return the values of the functions at every pose."""
@@ -75,11 +75,11 @@ class NonparametricRayEffect(NonparametricEffect[RayScene], RayCause):
 
 def _dependences(columns: list[str]) -> list[tuple[tuple[str, ...], str, int]]:
     """Return inputs, form and degree of all dependences."""
-    found = [((column,), POLYNOMIAL, degree) for column in columns for degree in _POLYNOMIALS]
-    found += [((column,), WAVES, count) for column in columns if column in (TIME, ORDER) for count in _WAVES]
+    dependences = [((column,), POLYNOMIAL, degree) for column in columns for degree in _POLYNOMIALS]
+    dependences += [((column,), WAVES, count) for column in columns if column in (TIME, ORDER) for count in _WAVES]
     drives = [column for column in columns if column not in (TIME, ORDER, TEMPERATURE)]
     pairs = combinations(drives, 2) if len(drives) <= _MOST_DRIVES else ()
-    return found + [(pair, POLYNOMIAL, 1) for pair in pairs]
+    return dependences + [(pair, POLYNOMIAL, 1) for pair in pairs]
 
 
 def _is_catalogued(kind: str, columns: tuple[str, ...], degree: int) -> bool:

@@ -48,6 +48,6 @@ class RayCause(Cause[RayScene]):
 
 def at_numbers(rays: RayPoses, places: list[int], course: NDArray) -> NDArray:
     """Return slopes (B, T, n) of n ray parameters with a common course (B,) and separate amplitudes."""
-    found = np.zeros((len(course), len(rays.parameters), len(places)))
-    found[:, places, np.arange(len(places))] = course[:, None]
-    return found
+    derivative = np.zeros((len(course), len(rays.parameters), len(places)))
+    derivative[:, places, np.arange(len(places))] = course[:, None]
+    return derivative

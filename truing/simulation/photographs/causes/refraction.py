@@ -77,11 +77,11 @@ class Refraction(RayCause):
         if self.camera:
             return at_numbers(rays, rays.places(WINDOW, self.camera, ("thickness",)), np.ones(len(rays.poses)))
         assert rays.up is not None
-        found = np.zeros((len(rays.poses), len(rays.parameters), 1))
+        derivative = np.zeros((len(rays.poses), len(rays.parameters), 1))
         for name in CURVATURES:
             first, second = (rays.up[:, "xyz".index(axis)] for axis in name)
-            found[:, rays.places(AIR, "", (name,)), 0] = (first * second)[:, None]
-        return found
+            derivative[:, rays.places(AIR, "", (name,)), 0] = (first * second)[:, None]
+        return derivative
 
 
 @dataclass(frozen=True)
@@ -123,6 +123,6 @@ def _ray_displacement(points: NDArray, scale_height_m: float) -> NDArray:
     """Return the displacement (B, K, 3) of points (B, K, 3) per gradient."""
     arms = points - points.mean(1, keepdims=True)
     arms[..., 2] = points[..., 2] - scale_height_m
-    found = arms[..., 2:] * arms
-    found[..., 2] -= 0.5 * np.sum(arms**2, -1)
-    return np.asarray(found)
+    displacement = arms[..., 2:] * arms
+    displacement[..., 2] -= 0.5 * np.sum(arms**2, -1)
+    return np.asarray(displacement)

@@ -1,0 +1,15 @@
+"""Time and memory that a stage of a run took."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+
+@dataclass(frozen=True)
+class StageCost:
+    """What the last run of a stage took: time, largest memory of the main process (None where unknown), processes."""
+
+    stage: str
+    seconds: float
+    memory_bytes: int | None = None
+    workers: int = 1
