@@ -209,7 +209,7 @@ def left_out(adjusted: AdjustedNetwork, unseen: Sequence[str]) -> str:
     """Rejected rays with reasons, fixed camera parameters, and bars that no pose shows, in words."""
     reasons = Counter([*adjusted.screened.rejected.reason, *adjusted.unmatched_reason])
     texts = [f"{counted(count, 'ray')}: {reason}" for reason, count in reasons.most_common()]
-    fixed_elements = ", ".join(f"{camera} {element}" for camera, element in adjusted.screened.held)
+    fixed_elements = ", ".join(f"{camera} {element}" for camera, element in adjusted.screened.fixed_elements)
     texts += [f"kept fixed, because these images do not determine them: {fixed_elements}"] if fixed_elements else []
     return "; ".join([*texts, *unseen]) or "nothing"
 

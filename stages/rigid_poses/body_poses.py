@@ -108,14 +108,14 @@ def _estimates(
     unshared (N, 3, 3): covariance of each observation without the errors common to all poses.
     """
     bodies = []
-    for done, (name, points) in enumerate(compact_points(observations, names).items()):
-        progress(done, len(names.targets), name)
-        out = decided_points(points, name, settings.exclude, "excluded")
-        keep = decided_points(points, name, settings.keep, "kept")
-        each = None
+    for index, (name, points) in enumerate(compact_points(observations, names).items()):
+        progress(index, len(names.targets), name)
+        excluded = decided_points(points, name, settings.exclude, "excluded")
+        kept = decided_points(points, name, settings.keep, "kept")
+        cov_independent = None
         if unshared is not None:
-            each = unshared[observation_rows(whole_table(observations), name, names.poses, points.targets)]
-        bodies.append(estimate_body(points, name, survey_points(survey, name), out, keep, each))
+            cov_independent = unshared[observation_rows(whole_table(observations), name, names.poses, points.targets)]
+        bodies.append(estimate_body(points, name, survey_points(survey, name), excluded, kept, cov_independent))
     return bodies
 
 
@@ -213,17 +213,17 @@ def _with_poses(
     by_name = {body.name: body for body in bodies}
     for name in dict.fromkeys(table.column("body").to_pylist()):
         rows = table.filter(pc.equal(table.column("body"), name))
-        place, rejected = positions(rows.column("pose"), poses), np.zeros(len(poses), np.int64)
-        rows, place = rows.filter(pa.array(place >= 0)), place[place >= 0]
+        pose_index, rejected = positions(rows.column("pose"), poses), np.zeros(len(poses), np.int64)
+        rows, pose_index = rows.filter(pa.array(pose_index >= 0)), pose_index[pose_index >= 0]
         if method == SCAN:
-            rejected[place] = number_column(rows, "n_rejected").astype(np.int64)
+            rejected[pose_index] = number_column(rows, "n_rejected").astype(np.int64)
         body = by_name.get(name) or without_targets(name, poses, method)
-        fits = {**body.fits, method: _fit_of_rows(rows, place, len(poses))}
+        fits = {**body.fits, method: _fit_of_rows(rows, pose_index, len(poses))}
         by_name[name] = replace(body, fits=fits, rejections={**body.rejections, method: rejected})
     return list(by_name.values())
 
 
-def _fit_of_rows(rows: pa.Table, place: Index, count: int) -> RigidFit:
+def _fit_of_rows(rows: pa.Table, pose_index: Index, count: int) -> RigidFit:
     """The poses of one body as a batch over all poses; a pose that is not in the table has too few points.
 
     Scans have an rms, a number of points and a status; poses that were measured as such have none of them.
@@ -231,13 +231,13 @@ def _fit_of_rows(rows: pa.Table, place: Index, count: int) -> RigidFit:
     R, t, covariance = np.full((count, 3, 3), np.nan), np.full((count, 3), np.nan), np.full((count, 6, 6), np.nan)
     rms, n_used = np.full(count, np.nan), np.zeros(count, np.int64)
     status = np.full(count, str(FitStatus.TOO_FEW_POINTS), dtype=object)
-    vector, covariance[place] = pose_vectors(rows), pose_covariances(rows)
+    vector, covariance[pose_index] = pose_vectors(rows), pose_covariances(rows)
     known = np.isfinite(vector[:, 3:]).all(axis=1)
-    t[place], R[place[known]] = vector[:, :3], exp_so3(vector[known, 3:])
-    status[place] = str(FitStatus.OK)
+    t[pose_index], R[pose_index[known]] = vector[:, :3], exp_so3(vector[known, 3:])
+    status[pose_index] = str(FitStatus.OK)
     if "status" in rows.column_names:
-        status[place], rms[place] = text_column(rows, "status"), 1e-3 * number_column(rows, "rms_mm")
-        n_used[place] = number_column(rows, "n_used").astype(np.int64)
+        status[pose_index], rms[pose_index] = text_column(rows, "status"), 1e-3 * number_column(rows, "rms_mm")
+        n_used[pose_index] = number_column(rows, "n_used").astype(np.int64)
     ok = status == FitStatus.OK
     ones = np.where(ok, 1.0, np.nan)
     rms = np.where(ok, rms, np.nan)
@@ -246,15 +246,17 @@ def _fit_of_rows(rows: pa.Table, place: Index, count: int) -> RigidFit:
 
 def _left_out(bodies: Sequence[BodyEstimate | BodyPoses]) -> str:
     """Return the number of rejected points in words, with the first three names."""
-    places = [np.argwhere(body.rejected) for body in bodies]
-    total = sum(map(len, places))
+    rejected_points = [np.argwhere(body.rejected) for body in bodies]
+    total = sum(map(len, rejected_points))
     if not total:
         return "no point"
     first = [
-        (body, *place) for body, place_of_point in zip(bodies, places, strict=True) for place in place_of_point[:3]
+        (body, *point_index)
+        for body, place_of_point in zip(bodies, rejected_points, strict=True)
+        for point_index in place_of_point[:3]
     ][:3]
-    more = f" and {total - 3} more" if total > 3 else ""
-    return f"{counted(total, 'point')}: {'; '.join(_named(*place) for place in first)}{more}"
+    remainder = f" and {total - 3} more" if total > 3 else ""
+    return f"{counted(total, 'point')}: {'; '.join(_named(*point_index) for point_index in first)}{remainder}"
 
 
 def _named(body: BodyEstimate | BodyPoses, pose: int, target: int) -> str:

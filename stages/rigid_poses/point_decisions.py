@@ -27,7 +27,7 @@ def exclusion_rows(bodies: Sequence[tuple[BodyEstimate, SurveyPoints]], settings
         named = [(n, rule, chosen_points(points, name, rule)) for n, rule in enumerate(settings.exclude, 1)]
         named = [entry for entry in named if entry[2].any()]
         if named:
-            with_all = estimate_body(points, name, survey, None, body.keep)
+            with_all = estimate_body(points, name, survey, None, body.kept)
             exclusions += [(number, _exclusion(number, rule, chosen, body, with_all)) for number, rule, chosen in named]
     rows = Rows("exclusion_effects")
     for _, row in sorted(exclusions, key=lambda numbered_row: numbered_row[0]):
@@ -38,10 +38,10 @@ def exclusion_rows(bodies: Sequence[tuple[BodyEstimate, SurveyPoints]], settings
 def _exclusion(
     number: int, rule: Overrule, chosen: Mask, body: BodyEstimate, with_all: BodyEstimate
 ) -> dict[str, object]:
-    off = largest_motion(body, with_all, np.flatnonzero(chosen.any(axis=1)))  # NaN: lost without these points
+    motion_m = largest_motion(body, with_all, np.flatnonzero(chosen.any(axis=1)))  # NaN: lost without these points
     sigma = float(np.sqrt(np.median(body.points.variance[body.points.seen]) / 3.0))
     return {
-        **exclusion_row(number, rule, body.name, 1e3 * off, off / sigma),
+        **exclusion_row(number, rule, body.name, 1e3 * motion_m, motion_m / sigma),
         "rows": int(chosen.sum()),
         "gross_anyway": int((with_all.rejected & chosen).sum()),
         "unit": "mm",

@@ -103,19 +103,19 @@ def covariances_table(bodies: Sequence[BodyPoses], reference: str | None, identi
 
 def _relative_pose_rows(body: BodyPoses, other: BodyPoses, base: BodyPoses | None) -> dict[str, Any]:
     """Rows for one pair of bodies, of the poses in which they, and the reference, were fitted together."""
-    known = body.cross.get((body.default, other.name))
-    if known is None:
+    cross_cov = body.cross.get((body.default, other.name))
+    if cross_cov is None:
         return {}
-    covariance = known
+    covariance = cross_cov
     if base is not None:
         by_base, by_other = (
-            member.cross.get((member.default, two.name)) for member, two in ((body, base), (base, other))
+            member.cross.get((member.default, partner.name)) for member, partner in ((body, base), (base, other))
         )
         if by_base is None or by_other is None:
             return {}
-        own_slope, far = (relative_slope(base.fit.R, base.fit.t, member.fit.t) for member in (body, other))
-        points = np.block([[base.fit.covariance, by_other], [by_base, known]])
-        covariance = own_slope @ points @ np.swapaxes(far, 1, 2)
+        own_slope, other_slope = (relative_slope(base.fit.R, base.fit.t, member.fit.t) for member in (body, other))
+        joint_cov = np.block([[base.fit.covariance, by_other], [by_base, cross_cov]])
+        covariance = own_slope @ joint_cov @ np.swapaxes(other_slope, 1, 2)
     reported = np.flatnonzero(np.isfinite(covariance).all(axis=(1, 2)))
     pose, i, j = (grid.ravel() for grid in np.meshgrid(reported, np.arange(6), np.arange(6), indexing="ij"))
     return {

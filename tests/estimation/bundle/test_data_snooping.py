@@ -69,10 +69,10 @@ def test_data_snooping_ends_where_full_adjustments_run_out_of_steps(monkeypatch)
     made = simulate(seed=3, images=6, points=15)
     whole, full = adjust_robustly(made.network, made.truth), []
 
-    def out_of_steps(*network, within=0.0, **options):
-        full.append(not within)
+    def out_of_steps(*network, decrease_tolerance=0.0, **options):
+        full.append(not decrease_tolerance)
         assert sum(full) < 10, "the last adjustment is repeated without end"
-        return replace(adjust(*network, within=within, **options), converged=False)
+        return replace(adjust(*network, decrease_tolerance=decrease_tolerance, **options), converged=False)
 
     monkeypatch.setattr(data_snooping, "adjust", out_of_steps)
     found = adjust_robustly(made.network, made.truth)
@@ -118,7 +118,7 @@ def test_rays_that_were_doubted_come_back():
     made = simulate(seed=12, images=8, points=30, gross=0.02)
     agrees = np.ones(made.network.rays.count, bool)
     agrees[::7] = False
-    found = adjust_robustly(made.network, made.truth, agrees=agrees)
+    found = adjust_robustly(made.network, made.truth, inliers=agrees)
     assert (found.used | made.gross).sum() >= len(agrees) - 3
     assert found.returned > 20
 
@@ -157,7 +157,7 @@ def test_what_the_images_do_not_determine_is_held_and_said():
     corners = np.array([[-0.1, -0.1, 0], [0.1, -0.1, 0], [0.1, 0.1, 0], [-0.1, 0.1, 0]])
     made = simulate(seed=4, images=4, points=4, body=corners, missed=0.0)
     found = adjust_robustly(made.network, made.truth)
-    held = [name for _, name in found.held]
+    held = [name for _, name in found.fixed_elements]
     free = [name for camera, name in found.adjustment.covariance.names if camera == "camera0"]
     assert "A3" in held  # 32 coordinates do not tell ten elements beside 36 other unknowns less six of the datum
     assert sorted([*held, *free]) == sorted(PARAMETERS)

@@ -133,7 +133,7 @@ def test_poses_on_the_shape_of_some_are_those_of_all_within_the_noise_of_the_sha
         tuple(range(poses)), NAMES, points, np.full((1, 1, 3), SIGMA), None, np.ones((poses, TARGETS), bool)
     )
     joint = fit_body(with_matrices(compact), "plate", NO_SURVEY)
-    monkeypatch.setattr(body_estimate, "shape_rows", partial(shape_rows, most=some * TARGETS))
+    monkeypatch.setattr(body_estimate, "shape_rows", partial(shape_rows, max_points=some * TARGETS))
     monkeypatch.setattr(body_estimate, "_SEEN_OFTEN", 1)
     estimate = estimate_body(compact, "plate", NO_SURVEY)
     found = estimate.poses(slice(None))

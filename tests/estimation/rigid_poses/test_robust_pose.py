@@ -123,7 +123,7 @@ def test_studentised_residuals_of_kept_and_left_out_points_are_chi_square():
 def test_a_point_that_a_person_keeps_is_kept():
     x, y, _, _, bad = campaign(np.random.default_rng(56), 20, 10, 1, size=1e-4)
     _, without = estimate(x, y)
-    fit, kept = estimate(x, y, keep=bad)
+    fit, kept = estimate(x, y, always_used=bad)
     assert not without[bad].any()
     assert kept.all()
     assert_close(fit.t, umeyama(x, y).t, atol=1e-12)

@@ -51,7 +51,7 @@ class Adjustment:
     """An adjusted network: state, residuals and statistics.
 
     residuals_px (N, 2): measured minus computed, NaN for points that are not in front of the camera. used (N,): rays in
-    the adjustment, with their weights (N,). defect (S,): datum defect per pose, with the conditions held, B (3 p, d)
+    the adjustment, with their weights (N,). defect (S,): datum defect per pose, with the constraints B (3 p, d)
     per pose. chi2: weighted sum of squares. before: state and reduced equations of the last step, if they are accurate
     enough for the covariance.
     """
@@ -66,7 +66,7 @@ class Adjustment:
     converged: bool
     redundancy: int
     defect: Index
-    held: tuple[Array, ...]
+    constraints: tuple[Array, ...]
     chi2: float
     observed: Observed
     before: tuple[NetworkState, Reduced] | None
@@ -86,7 +86,7 @@ class Adjustment:
     def covariance(self) -> BundleCovariance:
         """Covariance of all unknowns for sigma0 = 1; multiply by `variance_factor` to scale it by the residuals."""
         state, reduced = self.before or (self.state, None)
-        return covariance(self.observed, state, self.held, reduced)
+        return covariance(self.observed, state, self.constraints, reduced)
 
 
 @on_one_thread
@@ -99,29 +99,29 @@ def adjust(
     weights: ArrayLike | None = None,
     variance_factor: ArrayLike | None = None,
     max_iterations: int = 50,
-    within: float = 0.0,
+    decrease_tolerance: float = 0.0,
 ) -> Adjustment:
     """Return the adjusted network.
 
     used (N,): rays to adjust, by default all. Images and points without a used ray keep their start values. weights
     (N,) in [0, 1] multiply the information of rays, variance_factor (N,) their covariance. datum: "free" and "minimal"
     ignore known points; with "known" they are observations, and freedoms that they leave are treated as in "free". A
-    bar length with uncertainty 0 keeps its stated value. within: from a start near the minimum, stop after the first
-    undamped step that lowers the sum of squares as predicted, up to so much; the result then counts as not converged,
-    and 0 asks for full convergence. Raises `UndeterminedNetworkError` for points and images with
-    too few rays, points behind cameras at the start, and networks with free directions.
+    bar length with uncertainty 0 keeps its stated value. decrease_tolerance: from a start near the minimum, stop after
+    the first undamped step that lowers the sum of squares as predicted, up to so much; the result then counts as not
+    converged, and 0 asks for full convergence. Raises `UndeterminedNetworkError` for points and images with too few
+    rays, points behind cameras at the start, and networks with free directions.
     """
     bars = network.bars
     start = replace(start, bar_length_m=np.where(bars.sigma_m > 0, start.bar_length_m, bars.length_m))
     is_used, weight, observed = _observed(network, datum == "known", used, weights, variance_factor)
     layout = observed.layout
-    near = freedoms(layout, start)
-    held = tuple(conditions(free, datum) for free in near)
-    converged_state = _minimise(observed, start, near, held, max_iterations, within)
-    state = in_datum(layout, converged_state.state, start, held)
+    start_freedoms = freedoms(layout, start)
+    constraints = tuple(conditions(free, datum) for free in start_freedoms)
+    converged_state = _minimise(observed, start, start_freedoms, constraints, max_iterations, decrease_tolerance)
+    state = in_datum(layout, converged_state.state, start, constraints)
     if datum != "minimal":  # inner constraints are those of the adjusted network
-        held = tuple(conditions(free, datum) for free in freedoms(layout, state))
-    defect = np.array([one.shape[1] for one in held])
+        constraints = tuple(conditions(free, datum) for free in freedoms(layout, state))
+    defect = np.array([constraint.shape[1] for constraint in constraints])
     observations = 2 * len(layout.rays) + 3 * len(layout.known) + len(layout.distances) + int(np.sum(layout.bar >= 0))
     unknowns = 6 * len(layout.images) + 3 * len(layout.points) + len(layout.common)
     chi2 = _total(observed, state)
@@ -136,7 +136,7 @@ def adjust(
         converged_state.converged,
         observations - unknowns + int(defect.sum()),
         defect,
-        held,
+        constraints,
         chi2,
         observed,
         converged_state.before,
@@ -165,8 +165,8 @@ def _observed(
 def _total(observed: Observed, state: NetworkState) -> float:
     """Return the weighted sum of squares of all observations; a rigid distance contributes nothing."""
     misclosure, variance = distances_at(observed, state).misclosure, observed.distance_variance
-    soft = variance > 0
-    return sum_of_squares(observed, state) + float(np.sum(misclosure[soft] ** 2 / variance[soft]))
+    is_uncertain = variance > 0
+    return sum_of_squares(observed, state) + float(np.sum(misclosure[is_uncertain] ** 2 / variance[is_uncertain]))
 
 
 @dataclass(frozen=True)
@@ -182,49 +182,59 @@ class _ConvergedState:
 def _minimise(
     observed: Observed,
     start: NetworkState,
-    near: tuple[Freedom, ...],
-    held: tuple[Array, ...],
-    most: int,
-    within: float,
+    start_freedoms: tuple[Freedom, ...],
+    constraints: tuple[Array, ...],
+    max_iterations: int,
+    decrease_tolerance: float,
 ) -> _ConvergedState:
-    """Return the state with the least sum of squares. near: freedoms at the start; held: conditions B (3 p, d) of the
-    datum per pose; within: as in `adjust`. The last steps are undamped, because a damped step underestimates the
-    remaining way along a weak direction."""
-    layout, state, placed, workspace = observed.layout, start, True, ArrayPool()
+    """Return the state with the least sum of squares. start_freedoms: freedoms at the start; constraints: conditions B
+    (3 p, d) of the datum per pose; decrease_tolerance: as in `adjust`. The last steps are undamped, because a damped
+    step underestimates the remaining way along a weak direction."""
+    layout, state, is_in_datum, workspace = observed.layout, start, True, ArrayPool()
     equations = normal_equations(observed, state, workspace)
     if not np.isfinite(equations.chi2):
         raise UndeterminedNetworkError(_behind_cameras(observed, state))
     weight = tie_weights(observed, equations)
-    damping, growth, iteration, last, least = 0.0 if within else _START_DAMPING, 2.0, 0, 0.0, 0.0
-    for iteration in range(1, most + 1):
+    damping, growth, iteration, last_length, least_damping = (
+        0.0 if decrease_tolerance else _START_DAMPING,
+        2.0,
+        0,
+        0.0,
+        0.0,
+    )
+    for iteration in range(1, max_iterations + 1):
         try:
-            reduced = eliminate_poses(observed, equations, near, weight, damping, workspace)
+            reduced = eliminate_poses(observed, equations, start_freedoms, weight, damping, workspace)
             step = solve(layout, reduced)
         except np.linalg.LinAlgError:
             singular = damping < _START_DAMPING  # a direction is free; the iteration still reaches the minimum
-            damping, growth, last = max(damping, _LEAST_DAMPING) * growth, growth * 2, 0.0
-            least = damping if singular else least
+            damping, growth, last_length = max(damping, _LEAST_DAMPING) * growth, growth * 2, 0.0
+            least_damping = damping if singular else least_damping
             continue
-        tried = stepped_state(layout, state, step)
-        before, foreseen, length = _predicted(observed, equations, weight, step, damping)
-        gain = before - _merit(observed, tried, weight, step.multipliers)
-        if not damping and abs(gain - foreseen) < within:
-            return _ConvergedState(tried, iteration, False, (state, reduced))
-        left = length * (min(length / last, 1.0) if last else 1.0)  # assumes the contraction of the last two steps
-        converged_state = left <= _CONVERGED_STEP + _ROUNDING * before
-        if converged_state and damping <= least:
-            same = placed and not damping and length <= _REUSED_STEP
-            return _ConvergedState(tried if gain > 0 else state, iteration, True, (state, reduced) if same else None)
-        if converged_state or gain > 1e-4 * foreseen:
+        trial = stepped_state(layout, state, step)
+        merit, predicted, length = _predicted(observed, equations, weight, step, damping)
+        gain = merit - _merit(observed, trial, weight, step.multipliers)
+        if not damping and abs(gain - predicted) < decrease_tolerance:
+            return _ConvergedState(trial, iteration, False, (state, reduced))
+        remaining_length = length * (
+            min(length / last_length, 1.0) if last_length else 1.0
+        )  # assumes the contraction of the last two steps
+        converged_state = remaining_length <= _CONVERGED_STEP + _ROUNDING * merit
+        if converged_state and damping <= least_damping:
+            is_reusable = is_in_datum and not damping and length <= _REUSED_STEP
+            return _ConvergedState(
+                trial if gain > 0 else state, iteration, True, (state, reduced) if is_reusable else None
+            )
+        if converged_state or gain > 1e-4 * predicted:
             if gain > 0:
-                placed = left <= _DATUM_STEP
-                state = in_datum(layout, tried, start, held) if placed else tried
+                is_in_datum = remaining_length <= _DATUM_STEP
+                state = in_datum(layout, trial, start, constraints) if is_in_datum else trial
                 equations = normal_equations(observed, state, workspace)
-            growth, last = 2.0, length
-            damping *= 0.0 if converged_state else max(1e-3, 1 - (2 * min(gain / foreseen, 1.0) - 1) ** 3)
-            damping = damping if damping >= _LEAST_DAMPING else least
+            growth, last_length = 2.0, length
+            damping *= 0.0 if converged_state else max(1e-3, 1 - (2 * min(gain / predicted, 1.0) - 1) ** 3)
+            damping = damping if damping >= _LEAST_DAMPING else least_damping
             continue
-        damping, growth, last = max(damping, _LEAST_DAMPING) * growth, growth * 2, 0.0
+        damping, growth, last_length = max(damping, _LEAST_DAMPING) * growth, growth * 2, 0.0
         if damping > _MOST_DAMPING:
             break
     return _ConvergedState(state, iteration, False, None)
@@ -249,28 +259,28 @@ def _predicted(
     """Return the merit before a step, its predicted decrease, and the squared length of the step in standard
     deviations."""
     misclosure = equations.distances.misclosure
-    before = equations.chi2 + _distance_merit(observed, misclosure, weight, step.multipliers)
+    merit = equations.chi2 + _distance_merit(observed, misclosure, weight, step.multipliers)
     layout = observed.layout
-    along = np.sum(step.images * equations.image_sides[..., -1]) + step.common @ equations.common[:, -1]
-    along += np.sum(step.points * equations.point_sides[..., -1])
-    stretch = np.einsum(
+    gradient_step = np.sum(step.images * equations.image_sides[..., -1]) + step.common @ equations.common[:, -1]
+    gradient_step += np.sum(step.points * equations.point_sides[..., -1])
+    distance_change = np.einsum(
         "qi,qi->q", equations.distances.direction, step.points[layout.second] - step.points[layout.first]
     )
-    place = layout.bar[observed.network.bars.bar[layout.distances]]
-    stretch[place >= 0] -= step.common[place[place >= 0]]
-    along += np.sum(stretch * (weight * misclosure - step.multipliers))
+    column = layout.bar[observed.network.bars.bar[layout.distances]]
+    distance_change[column >= 0] -= step.common[column[column >= 0]]
+    gradient_step += np.sum(distance_change * (weight * misclosure - step.multipliers))
     damped = damping * (
         np.einsum("nii,ni,ni", equations.images, step.images, step.images)
         + np.einsum("nii,ni,ni", equations.points, step.points, step.points)
         + np.diagonal(equations.common) @ step.common**2
     )
-    return before, float(along + damped), float(along - damped)
+    return merit, float(gradient_step + damped), float(gradient_step - damped)
 
 
 def _behind_cameras(observed: Observed, state: NetworkState) -> str:
     """Return the error message that lists the rays whose point is not in front of the camera."""
     rays, rows = observed.network.rays, observed.layout.rays
     xy = project(observed.network, state, rays.image[rows], rays.point[rows])
-    bad = rows[~np.isfinite(xy).all(-1)]
-    text = ", ".join(f"ray {ray} (image {rays.image[ray]}, point {rays.point[ray]})" for ray in bad[:20])
-    return f"the start has {len(bad)} points behind their cameras, expected none: {text}"
+    behind = rows[~np.isfinite(xy).all(-1)]
+    text = ", ".join(f"ray {ray} (image {rays.image[ray]}, point {rays.point[ray]})" for ray in behind[:20])
+    return f"the start has {len(behind)} points behind their cameras, expected none: {text}"

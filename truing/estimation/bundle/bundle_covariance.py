@@ -141,14 +141,14 @@ class BundleCovariance:
             np.arange(len(layout.points)),
         )
         i, p = image_slot[network.rays.image], point_slot[network.rays.point]
-        pose_of = network.image_pose[network.rays.image]
-        inside = (i >= 0) & (p >= 0) & (pose_of == network.point_pose[network.rays.point])
+        pose_of_ray = network.image_pose[network.rays.image]
+        is_adjusted = (i >= 0) & (p >= 0) & (pose_of_ray == network.point_pose[network.rays.point])
         covariance_px2 = np.full((len(i), 2, 2), np.nan)
         for pose, pose_covariance in enumerate(self.poses):
-            rows = np.flatnonzero(inside & (pose_of == pose))
+            rows = np.flatnonzero(is_adjusted & (pose_of_ray == pose))
             if pose_covariance is not None and len(rows):
-                where = i[rows] - layout.image_start[pose], p[rows] - layout.point_start[pose]
-                covariance_px2[rows] = self._computed(pose_covariance, rows, *where)
+                indices = i[rows] - layout.image_start[pose], p[rows] - layout.point_start[pose]
+                covariance_px2[rows] = self._computed(pose_covariance, rows, *indices)
         return covariance_px2
 
     def _computed(self, pose_covariance: PoseCovariance, rows: Index, image: Index, point: Index) -> Array:
@@ -200,21 +200,21 @@ class BundleCovariance:
         minus the length of its bar."""
         layout, bars = self._layout, self.observed.network.bars
         ends = self.state.points[layout.points]
-        between = ends[layout.second] - ends[layout.first]
-        direction = between / np.linalg.norm(between, axis=-1)[:, None]
-        of_distance, of_misclosure = np.zeros(len(between)), np.zeros(len(between))
+        bar_vector = ends[layout.second] - ends[layout.first]
+        direction = bar_vector / np.linalg.norm(bar_vector, axis=-1)[:, None]
+        distance_variance, misclosure_variance = np.zeros(len(bar_vector)), np.zeros(len(bar_vector))
         for row, pose in enumerate(layout.distance_pose):
-            pose_covariance, places = self._pose(int(pose)), np.array([layout.first[row], layout.second[row]])
-            places -= layout.point_start[pose]
-            along = np.concatenate([-direction[row], direction[row]])
-            variance = along @ pose_covariance.joint(places) @ along
-            by_common = along @ pose_covariance.points_by_common[coordinates(places)]
-            of_distance[row] = variance + by_common @ self.common @ by_common
-            place = layout.bar[bars.bar[layout.distances[row]]]
-            if place >= 0:
-                by_common[place] -= 1.0
-            of_misclosure[row] = variance + by_common @ self.common @ by_common
-        return of_distance, of_misclosure
+            pose_covariance, end_points = self._pose(int(pose)), np.array([layout.first[row], layout.second[row]])
+            end_points -= layout.point_start[pose]
+            gradient = np.concatenate([-direction[row], direction[row]])
+            variance = gradient @ pose_covariance.joint(end_points) @ gradient
+            by_common = gradient @ pose_covariance.points_by_common[coordinates(end_points)]
+            distance_variance[row] = variance + by_common @ self.common @ by_common
+            column = layout.bar[bars.bar[layout.distances[row]]]
+            if column >= 0:
+                by_common[column] -= 1.0
+            misclosure_variance[row] = variance + by_common @ self.common @ by_common
+        return distance_variance, misclosure_variance
 
     def prior_redundancy_numbers(self) -> tuple[Array, Array, Array]:
         """Return the redundancy numbers of distances (q,), of bar lengths (K,) (NaN if they are not unknowns) and of
@@ -229,9 +229,9 @@ class BundleCovariance:
 
 @on_one_thread
 def covariance(
-    observed: Observed, state: NetworkState, held: tuple[Array, ...], reduced: Reduced | None = None
+    observed: Observed, state: NetworkState, constraints: tuple[Array, ...], reduced: Reduced | None = None
 ) -> BundleCovariance:
-    """Return the covariance of a network at its least sum of squares, in the datum of the conditions held, B (3 p, d)
+    """Return the covariance of a network at its least sum of squares, in the datum of the constraints B (3 p, d)
     per pose.
 
     reduced: undamped equations at this state, if available. Raises `UndeterminedNetworkError` if the datum leaves
@@ -251,7 +251,7 @@ def covariance(
     _check_pivots(layout, reduced)
     common = _inverse(layout, reduced)
     poses = tuple(
-        None if reduced_pose is None else given_common(layout, pose, reduced_pose, free[pose], held[pose])
+        None if reduced_pose is None else given_common(layout, pose, reduced_pose, free[pose], constraints[pose])
         for pose, reduced_pose in enumerate(reduced.poses)
     )
     draft = BundleCovariance(observed, state, layout.common, common, poses, np.empty(0))
@@ -271,8 +271,11 @@ def _redundancy_of_distances(bundle_covariance: BundleCovariance, reduced: Reduc
         rows = np.flatnonzero(bundle_covariance.observed.layout.distance_pose == pose)
         by_multiplier = np.isfinite(variance[rows])
         if reduced_pose is not None and by_multiplier.any():
-            follow = reduced_pose.multipliers[by_multiplier, :-1]
-            block = np.diagonal(np.linalg.inv(reduced_pose.pinned) - follow @ bundle_covariance.common @ follow.T)
+            multiplier_by_common = reduced_pose.multipliers[by_multiplier, :-1]
+            block = np.diagonal(
+                np.linalg.inv(reduced_pose.pinned)
+                - multiplier_by_common @ bundle_covariance.common @ multiplier_by_common.T
+            )
             chosen = rows[by_multiplier]
             t = variance[chosen]
             numbers[chosen] = (1 + weight[chosen] * t) * t * block - weight[chosen] * t
@@ -290,29 +293,31 @@ def _raise_with_free_items(observed: Observed, state: NetworkState, free: tuple[
             reduced = eliminate_poses(observed, equations, free, weight, damping, workspace)
         except np.linalg.LinAlgError:
             continue
-        left = [_pivots(pose)[0].min(initial=1.0) for pose in reduced.poses if pose is not None]
-        _check_pivots(observed.layout, reduced, 10.0 * min(left, default=0.0))
+        least_pivots = [_pivots(pose)[0].min(initial=1.0) for pose in reduced.poses if pose is not None]
+        _check_pivots(observed.layout, reduced, 10.0 * min(least_pivots, default=0.0))
 
 
 def _check_pivots(layout: EquationLayout, reduced: Reduced, least: float = _SINGULAR) -> None:
     """Raise `UndeterminedNetworkError` with the images and points whose remaining share of information is below
     `least`."""
-    loose_images: list[int] = []
-    loose_points: list[int] = []
+    free_images: list[int] = []
+    free_points: list[int] = []
     for pose, reduced_pose in enumerate(reduced.poses):
         if reduced_pose is None:
             continue
-        left, places = _pivots(reduced_pose)
-        bad = places[left < least]
+        pivots, unknowns = _pivots(reduced_pose)
+        undetermined = unknowns[pivots < least]
         images = 6 * int(layout.image_start[pose + 1] - layout.image_start[pose])
-        loose_images += layout.images[layout.image_start[pose] + np.unique(bad[bad < images] // 6)].tolist()
-        rest = (bad[bad >= images] - images) // 3
-        loose_points += layout.points[layout.point_start[pose] + np.unique(rest)].tolist()
-    faults = [f"image {n}" for n in loose_images] + [f"point {n}" for n in loose_points]
+        free_images += layout.images[
+            layout.image_start[pose] + np.unique(undetermined[undetermined < images] // 6)
+        ].tolist()
+        point_offsets = (undetermined[undetermined >= images] - images) // 3
+        free_points += layout.points[layout.point_start[pose] + np.unique(point_offsets)].tolist()
+    faults = [f"image {n}" for n in free_images] + [f"point {n}" for n in free_points]
     if faults:
         more = f" and {len(faults) - 20} more" if len(faults) > 20 else ""
         text = f"free directions are left, seen at {', '.join(faults[:20])}{more}"
-        raise UndeterminedNetworkError(text, images=loose_images, points=loose_points)
+        raise UndeterminedNetworkError(text, images=free_images, points=free_points)
 
 
 def _pivots(eliminated_pose: EliminatedPose) -> tuple[Array, Index]:
@@ -323,7 +328,7 @@ def _pivots(eliminated_pose: EliminatedPose) -> tuple[Array, Index]:
     )
     pivot_of_kept = np.diagonal(eliminated_pose.factor) ** 2 / eliminated_pose.kept_diagonal
     return np.concatenate([pivot_of_points.ravel(), pivot_of_kept]), np.concatenate(
-        [blocks.own_places, blocks.kept_places]
+        [blocks.eliminated_indices, blocks.kept_indices]
     )
 
 
@@ -336,7 +341,9 @@ def _inverse(layout: EquationLayout, reduced: Reduced) -> Array:
     values, vectors = np.linalg.eigh(scale[:, None] * common * scale)
     if not values[0] > _SINGULAR:
         share = np.abs(vectors[:, 0])
-        open_ = [(a, str(b)) for (a, b), part in zip(layout.common, share, strict=True) if part > 0.1 * share.max()]
-        text = f"these images do not determine {', '.join(f'{a} {b}' for a, b in open_)}: hold one of them fixed"
-        raise UndeterminedNetworkError(text, elements=open_)
+        undetermined = [
+            (a, str(b)) for (a, b), part in zip(layout.common, share, strict=True) if part > 0.1 * share.max()
+        ]
+        text = f"these images do not determine {', '.join(f'{a} {b}' for a, b in undetermined)}: hold one of them fixed"
+        raise UndeterminedNetworkError(text, elements=undetermined)
     return scale[:, None] * (vectors / values) @ vectors.T * scale

@@ -21,10 +21,12 @@ class Datum:
     certain: Mask
 
     @classmethod
-    def of(cls, free: Freedom, held: Array) -> Datum:
+    def of(cls, free: Freedom, constraints: Array) -> Datum:
         """Return the datum with conditions B (3 p, d)."""
         # A condition on a single coordinate fixes it.
-        return cls(free.points.reshape(held.shape), into_datum(free, held), np.any(held == 1.0, axis=1))
+        return cls(
+            free.points.reshape(constraints.shape), into_datum(free, constraints), np.any(constraints == 1.0, axis=1)
+        )
 
     def points(self, covariance: Array) -> Array:
         """Return the covariance (3 p, 3 p) of points in this datum; overwrites the input."""

@@ -54,10 +54,9 @@ class ScreenedNetwork:
     one of the `tested` tests; family_level: probability that at least one of so many good rays is rejected; critical:
     critical value of T (two degrees of freedom). returned: number of rays rejected and used again. sigma0: test with
     the stated covariances, corrected for the squares that data snooping removes from good rays. covariance_factor
-    multiplies the covariances of the adjustment: one if variance components give the scale. held: elements (camera,
-    name) that the network does not determine; they keep their start values. by_rays: adjustment in which several bars
-    of a pose have little weight, so that contradicting bars do not bend the points.
-    """
+    multiplies the covariances of the adjustment: one if variance components give the scale. fixed_elements: elements
+    (camera, name) that the network does not determine; they keep their start values. by_rays: adjustment in which
+    several bars of a pose have little weight, so that contradicting bars do not bend the points."""
 
     adjustment: Adjustment
     used: Mask
@@ -73,7 +72,7 @@ class ScreenedNetwork:
     tests: RayTests
     sigma0: GlobalTest
     covariance_factor: float
-    held: tuple[tuple[str, str], ...]
+    fixed_elements: tuple[tuple[str, str], ...]
     by_rays: Adjustment
 
 
@@ -82,26 +81,26 @@ def adjust_robustly(
     start: NetworkState,
     datum: Datum = "free",
     *,
-    agrees: Mask | None = None,
+    inliers: Mask | None = None,
     alpha: float = 0.001,
     with_components: bool = True,
 ) -> ScreenedNetwork:
     """Return the network adjusted with all rays that pass their test at level alpha.
 
-    start: NaN for images and points without start values. agrees (N,): rays consistent with the start; others begin
+    start: NaN for images and points without start values. inliers (N,): rays consistent with the start; others begin
     rejected. Without components the stated covariances of the rays are used (sigma0 = 1). Raises
     `UndeterminedNetworkError` if too little is left.
     """
     possible = possible_rays(network, start)
-    held: tuple[tuple[str, str], ...] = ()
-    doubtful = np.zeros(network.rays.count, bool) if agrees is None else ~agrees
+    fixed_elements: tuple[tuple[str, str], ...] = ()
+    outliers = np.zeros(network.rays.count, bool) if inliers is None else ~inliers
     while True:
         try:
-            screened = _screened(network, start, datum, possible, possible & ~doubtful, alpha, with_components)
-            return replace(screened, held=held)
+            screened = _screened(network, start, datum, possible, possible & ~outliers, alpha, with_components)
+            return replace(screened, fixed_elements=fixed_elements)
         except UndeterminedNetworkError as error:
-            network, possible, more = relaxed(network, possible, error)
-            held = (*held, *more)
+            network, possible, newly_fixed = relaxed(network, possible, error)
+            fixed_elements = (*fixed_elements, *newly_fixed)
 
 
 @dataclass(frozen=True)
@@ -132,29 +131,31 @@ def _screened(
     with_components: bool,
 ) -> ScreenedNetwork:
     """Return the network adjusted with the possible rays (N,) that pass, starting from the active ones (N,)."""
-    loose = _with_loose_bars(network)
-    end = _screening_end(loose, start, datum, possible, active, alpha, with_components)
-    adjusted, tests, used = end.adjusted, end.tests, end.used
-    if loose is not network:
-        adjusted = adjust(network, adjusted.state, datum, used=used, variance_factor=end.components.of_rays())
-        tests = ray_tests(adjusted, end.components)
+    weak_bars_network = _with_loose_bars(network)
+    screening = _screening_end(weak_bars_network, start, datum, possible, active, alpha, with_components)
+    adjusted, tests, used = screening.adjusted, screening.tests, screening.used
+    if weak_bars_network is not network:
+        adjusted = adjust(network, adjusted.state, datum, used=used, variance_factor=screening.components.of_rays())
+        tests = ray_tests(adjusted, screening.components)
     tested = int((used & (tests.freedom > 0)).sum())
     stated = adjust(network, adjusted.state, datum, used=used) if with_components else adjusted
     return ScreenedNetwork(
         adjustment=adjusted,
         used=used,
-        rejected=rejected_rays(network, start, adjusted, end.components, end.active, tests),
+        rejected=rejected_rays(network, start, adjusted, screening.components, screening.active, tests),
         untested=np.flatnonzero(used & (tests.freedom == 0)),
         alpha=alpha,
         tested=tested,
         family_level=float(-np.expm1(tested * np.log1p(-alpha))),
         critical=-2 * float(np.log(alpha)),
-        rounds=end.rounds,
-        returned=int(((end.returns > 0) & used).sum()),
-        components=replace(end.latest, factor=end.components.factor) if with_components else end.components,
+        rounds=screening.rounds,
+        returned=int(((screening.returns > 0) & used).sum()),
+        components=replace(screening.latest, factor=screening.components.factor)
+        if with_components
+        else screening.components,
         tests=tests,
-        held=(),
-        by_rays=end.adjusted,
+        fixed_elements=(),
+        by_rays=screening.adjusted,
         covariance_factor=1.0 if with_components else adjusted.variance_factor / passing_share(alpha),
         sigma0=global_test(stated.chi2 / passing_share(alpha), stated.redundancy),
     )
@@ -174,10 +175,17 @@ def _screening_end(
     if not with_components:
         components = replace(components, factor=np.ones_like(components.factor), sigma=np.zeros_like(components.sigma))
     returns = np.zeros(network.rays.count, np.int64)
-    rounds, within = 1, 0.0
+    rounds, decrease_tolerance = 1, 0.0
     while True:
         used = determinable(network, active, known=datum == "known").rays
-        adjusted = adjust(network, state, datum, used=used, variance_factor=components.of_rays(), within=within)
+        adjusted = adjust(
+            network,
+            state,
+            datum,
+            used=used,
+            variance_factor=components.of_rays(),
+            decrease_tolerance=decrease_tolerance,
+        )
         state, tests = adjusted.state, ray_tests(adjusted, components)
         latest = updated(components, adjusted, tests.redundancy_blocks, passing_share(alpha))
         if with_components:
@@ -185,13 +193,13 @@ def _screening_end(
         fails, passes = _verdicts(network, used, tests, alpha)
         passes &= possible & ~active & (returns < _RETURNS)
         converged = not with_components or bool(np.all(np.abs(latest.factor / components.factor - 1) < _STEADY))
-        passed = converged and not fails.any() and not passes.any()
-        if passed or rounds >= _MOST_ROUNDS:
-            if adjusted.converged or not within:
+        has_settled = converged and not fails.any() and not passes.any()
+        if has_settled or rounds >= _MOST_ROUNDS:
+            if adjusted.converged or not decrease_tolerance:
                 return _ScreeningEnd(adjusted, tests, components, latest, used, active, returns, rounds)
-            within = 0.0  # what passes after one step is adjusted to the end, and tested once more
+            decrease_tolerance = 0.0  # what passes after one step is adjusted to the end, and tested once more
             continue
-        rounds, within = rounds + 1, _WITHIN
+        rounds, decrease_tolerance = rounds + 1, _WITHIN
         components = latest if with_components else components
         returns += passes
         active = (active | passes) & ~fails
@@ -212,14 +220,14 @@ def _with_loose_bars(network: Network) -> Network:
     pose = network.point_pose[bars.first]
     if not len(pose) or np.bincount(pose).max() < 2:
         return network
-    loose = np.maximum(bars.repeat_sigma_m, _LOOSE * bars.length_m[bars.bar])
-    return replace(network, bars=replace(bars, repeat_sigma_m=loose))
+    enlarged_sigma_m = np.maximum(bars.repeat_sigma_m, _LOOSE * bars.length_m[bars.bar])
+    return replace(network, bars=replace(bars, repeat_sigma_m=enlarged_sigma_m))
 
 
-def _rescaled(tests: RayTests, before: VarianceComponents, after: VarianceComponents) -> RayTests:
+def _rescaled(tests: RayTests, components: VarianceComponents, latest: VarianceComponents) -> RayTests:
     """Return the tests rescaled to the latest components, which are estimated from the same residuals."""
-    ratio = after.of_rays() / before.of_rays()
-    scale = after.redundancy[after.component]
+    ratio = latest.of_rays() / components.of_rays()
+    scale = latest.redundancy[latest.component]
     return replace(tests, T=tests.T / ratio, w=tests.w / np.sqrt(ratio)[:, None], scale_redundancy=scale)
 
 
@@ -227,35 +235,37 @@ def _worst_failures(network: Network, used: Mask, tests: RayTests, fails: Mask) 
     """Return the failing rays (N,) that fail by their own error. An error raises T of other rays by the square of their
     correlation: about (3 / n)^2 among n rays of an image, and (1.5 / n)^2 among those of a point. A T above four times
     that part of the worst one has its own cause."""
-    T, worst = np.where(fails, tests.T, 0.0), fails
-    for index, part in ((network.rays.image, 6.0), (network.rays.point, 3.0)):
-        most = np.zeros(int(index.max(initial=0)) + 1)
-        np.maximum.at(most, index[fails], T[fails])
-        many = np.maximum(np.bincount(index[used], minlength=len(most)), 1)
-        worst = worst & ((np.minimum(part / many, 1.0) ** 2 * most)[index] <= T)
-    return worst
+    T, own_failures = np.where(fails, tests.T, 0.0), fails
+    for index, correlation_bound in ((network.rays.image, 6.0), (network.rays.point, 3.0)):
+        largest_T = np.zeros(int(index.max(initial=0)) + 1)
+        np.maximum.at(largest_T, index[fails], T[fails])
+        count = np.maximum(np.bincount(index[used], minlength=len(largest_T)), 1)
+        own_failures = own_failures & ((np.minimum(correlation_bound / count, 1.0) ** 2 * largest_T)[index] <= T)
+    return own_failures
 
 
 def relaxed(
-    network: Network, possible: Mask, error: UndeterminedNetworkError
+    network: Network, candidates: Mask, error: UndeterminedNetworkError
 ) -> tuple[Network, Mask, tuple[tuple[str, str], ...]]:
     """Return the network with one undetermined interior element held fixed. Also: the rays (N,) without images and
-    points in free directions, and the elements held now, (camera, element) or none.
+    points in free directions, and the elements fixed now, (camera, element) or none.
 
     Raises the error again if neither helps.
     """
-    open_ = [(camera, name) for name in RELEASE_ORDER for camera, known in error.elements if known == name]
-    if open_:
-        camera, element = open_[0]
+    free_elements = [(camera, name) for name in RELEASE_ORDER for camera, known in error.elements if known == name]
+    if free_elements:
+        camera, element = free_elements[0]
         cameras = tuple(
-            replace(one, free=tuple(name for name in one.free if name != element)) if one.name == camera else one
-            for one in network.cameras
+            replace(other_camera, free=tuple(name for name in other_camera.free if name != element))
+            if other_camera.name == camera
+            else other_camera
+            for other_camera in network.cameras
         )
-        return replace(network, cameras=cameras), possible, (open_[0],)
-    loose = np.isin(network.rays.image, error.images) | np.isin(network.rays.point, error.points)
-    if not (possible & loose).any():
+        return replace(network, cameras=cameras), candidates, (free_elements[0],)
+    undetermined = np.isin(network.rays.image, error.images) | np.isin(network.rays.point, error.points)
+    if not (candidates & undetermined).any():
         raise error
-    return network, possible & ~loose, ()
+    return network, candidates & ~undetermined, ()
 
 
 @dataclass(frozen=True)
@@ -295,18 +305,18 @@ def ray_tests(adjusted: Adjustment, components: VarianceComponents) -> RayTests:
     """Return the tests of all rays of an adjustment with the components' variance factors."""
     C = adjusted.network.rays.cov_px2 * components.of_rays()[:, None, None]
     A, used, v = adjusted.covariance.computed_px2(), adjusted.used, adjusted.residuals_px
-    sound = np.asarray(np.isfinite(A).all(axis=(1, 2)) & np.isfinite(v).all(axis=1))
-    A, v = np.where(sound[:, None, None], A, 0.0), np.where(sound[:, None], v, 0.0)
+    is_finite = np.asarray(np.isfinite(A).all(axis=(1, 2)) & np.isfinite(v).all(axis=1))
+    A, v = np.where(is_finite[:, None, None], A, 0.0), np.where(is_finite[:, None], v, 0.0)
     # Q_vv P of a used ray, else the same as it would be if the ray were used: (1 + A P)^-1 = C (C + A)^-1.
     P, R = _inverse(C), np.where(used[:, None, None], C - A, C + A)
-    inside = P @ R @ P
-    S = np.where(used[:, None, None], inside, _inverse(np.where(used[:, None, None], C, R)))
+    weight_redundancy = P @ R @ P
+    S = np.where(used[:, None, None], weight_redundancy, _inverse(np.where(used[:, None, None], C, R)))
     blocks = np.where(used[:, None, None], R @ P, C @ S)
     with np.errstate(divide="ignore", invalid="ignore"):
-        spread = np.sqrt(np.maximum(S[:, [0, 1], [0, 1]], 0))
-        w = (np.where(used[:, None, None], P, S) @ v[..., None])[..., 0] / spread
+        sigma = np.sqrt(np.maximum(S[:, [0, 1], [0, 1]], 0))
+        w = (np.where(used[:, None, None], P, S) @ v[..., None])[..., 0] / sigma
     T, freedom = _two_directions(C, A, v, used)
-    T[~sound], w[~sound], blocks[~sound], freedom[~sound] = np.nan, np.nan, np.nan, 0
+    T[~is_finite], w[~is_finite], blocks[~is_finite], freedom[~is_finite] = np.nan, np.nan, np.nan, 0
     return RayTests(T, freedom, w, blocks[:, [0, 1], [0, 1]], blocks, used)
 
 
@@ -328,15 +338,20 @@ def _two_directions(C: Array, A: Array, v: Array, used: Mask) -> tuple[Array, In
     yy = (A[:, 1, 1] / l22 - l21 * (2 * xy + l21 * xx / l22)) / l22
     x = v[:, 0] / l11
     y = (v[:, 1] - l21 * x) / l22
-    half, mean = np.hypot((xx - yy) / 2, xy), (xx + yy) / 2
-    mean_square, along = x * x + y * y, (xx - yy) / 2 * (x * x - y * y) + 2 * xy * x * y
-    along = np.divide(along, half, out=np.zeros_like(half), where=half > 0)
+    half_difference, mean = np.hypot((xx - yy) / 2, xy), (xx + yy) / 2
+    mean_square, difference = x * x + y * y, (xx - yy) / 2 * (x * x - y * y) + 2 * xy * x * y
+    difference = np.divide(difference, half_difference, out=np.zeros_like(half_difference), where=half_difference > 0)
     T, freedom = np.zeros(len(v)), np.zeros(len(v), np.int64)
-    for share, square in ((mean + half, (mean_square + along) / 2), (mean - half, (mean_square - along) / 2)):
-        rho = np.where(used, 1 - share, 1 / (1 + np.maximum(share, 0.0)))  # of the errors shows in the residuals
-        checked = rho > _CHECKED
-        T += np.where(checked, square * np.where(used, 1 / np.where(checked, rho, 1.0), rho), 0.0)
-        freedom += checked
+    for eigenvalue, square in (
+        (mean + half_difference, (mean_square + difference) / 2),
+        (mean - half_difference, (mean_square - difference) / 2),
+    ):
+        redundancy = np.where(
+            used, 1 - eigenvalue, 1 / (1 + np.maximum(eigenvalue, 0.0))
+        )  # of the errors shows in the residuals
+        is_tested = redundancy > _CHECKED
+        T += np.where(is_tested, square * np.where(used, 1 / np.where(is_tested, redundancy, 1.0), redundancy), 0.0)
+        freedom += is_tested
     return T, freedom
 
 
@@ -370,15 +385,18 @@ def critical_values(alpha: float, freedom: Index, redundancy: Array | None, used
 
     if redundancy is None:
         return np.array([np.nan, *chdtri([1, 2], alpha)])[freedom]
-    levels, which = np.unique(redundancy, return_inverse=True)
-    at_least_two, two = np.maximum(levels, 2.0), np.maximum(levels, 3.0)
-    none = np.full((2, len(levels)), np.nan)  # of used rays, then of the others
-    of_one = (
-        at_least_two * betainccinv(0.5, (at_least_two - 1) / 2, alpha),
-        at_least_two * (1 / betaincinv(at_least_two / 2, 0.5, alpha) - 1),
+    levels, level_index = np.unique(redundancy, return_inverse=True)
+    r_single, r_double = np.maximum(levels, 2.0), np.maximum(levels, 3.0)
+    no_freedom = np.full((2, len(levels)), np.nan)  # of used rays, then of the others
+    single = (
+        r_single * betainccinv(0.5, (r_single - 1) / 2, alpha),
+        r_single * (1 / betaincinv(r_single / 2, 0.5, alpha) - 1),
     )
-    of_two = -two * np.expm1(2 / (two - 2) * np.log(alpha)), two * np.expm1(-2 / two * np.log(alpha))
-    return np.stack([none, of_one, of_two])[freedom, np.where(used, 0, 1), which]
+    double = (
+        -r_double * np.expm1(2 / (r_double - 2) * np.log(alpha)),
+        r_double * np.expm1(-2 / r_double * np.log(alpha)),
+    )
+    return np.stack([no_freedom, single, double])[freedom, np.where(used, 0, 1), level_index]
 
 
 @dataclass(frozen=True)
@@ -397,11 +415,14 @@ def _meeting_elsewhere(adjusted: Adjustment, components: VarianceComponents, rej
     with np.errstate(invalid="ignore"):
         rejected = rejected & (np.linalg.norm(adjusted.residuals_px, axis=1) > _APART_TOLERANCES * limit)
     rejected &= np.bincount(rays.point[rejected], minlength=len(network.point_pose))[rays.point] >= _FEWEST_MEETING
-    out, meets_elsewhere = np.flatnonzero(rejected), np.zeros(rays.count, bool)
-    if len(out):
-        X, agrees = meeting(network, state, out, np.array([limit]))
-        meets_elsewhere[out] = (
-            agrees & (np.bincount(rays.point[out], agrees, minlength=len(X)) >= _FEWEST_MEETING)[rays.point[out]]
+    rejected_numbers, meets_elsewhere = np.flatnonzero(rejected), np.zeros(rays.count, bool)
+    if len(rejected_numbers):
+        X, is_inlier = meeting(network, state, rejected_numbers, np.array([limit]))
+        meets_elsewhere[rejected_numbers] = (
+            is_inlier
+            & (np.bincount(rays.point[rejected_numbers], is_inlier, minlength=len(X)) >= _FEWEST_MEETING)[
+                rays.point[rejected_numbers]
+            ]
         )
     return meets_elsewhere
 
@@ -416,20 +437,22 @@ def rejected_rays(
 ) -> RejectedRays:
     """Return all unused rays with the reason."""
     rays, used = network.rays, adjusted.used
-    placed, oriented = np.isfinite(start.points[rays.point, 0]), np.isfinite(start.centre[rays.image, 0])
-    on_point = np.bincount(rays.point[used], minlength=len(network.point_pose))[rays.point]
-    of_point = np.bincount(rays.point[placed & oriented], minlength=len(network.point_pose))[rays.point]
-    gone = np.bincount(rays.point[~active & placed & oriented], minlength=len(network.point_pose))[rays.point] > 0
+    has_point, has_image = np.isfinite(start.points[rays.point, 0]), np.isfinite(start.centre[rays.image, 0])
+    used_count = np.bincount(rays.point[used], minlength=len(network.point_pose))[rays.point]
+    observed_count = np.bincount(rays.point[has_point & has_image], minlength=len(network.point_pose))[rays.point]
+    has_rejected = (
+        np.bincount(rays.point[~active & has_point & has_image], minlength=len(network.point_pose))[rays.point] > 0
+    )
     reason = np.where(active, NOT_DETERMINED, np.where(np.isnan(tests.T), NOT_PREDICTED, GROSS))
-    reason = np.where((of_point == 2) & (on_point < 2) & gone, ONE_OF_TWO, reason)
+    reason = np.where((observed_count == 2) & (used_count < 2) & has_rejected, ONE_OF_TWO, reason)
     reason = np.where(possible_rays(network, start), reason, BEHIND)
     reason = np.where(
-        _meeting_elsewhere(adjusted, components, ~used & ~active & placed & oriented), SECOND_TARGET, reason
+        _meeting_elsewhere(adjusted, components, ~used & ~active & has_point & has_image), SECOND_TARGET, reason
     )
-    reason = np.where(placed, reason, NO_POINT)
-    reason = np.where(oriented, reason, NO_IMAGE)
-    out = np.flatnonzero(~used)
-    return RejectedRays(out, tuple(reason[out].tolist()))
+    reason = np.where(has_point, reason, NO_POINT)
+    reason = np.where(has_image, reason, NO_IMAGE)
+    unused = np.flatnonzero(~used)
+    return RejectedRays(unused, tuple(reason[unused].tolist()))
 
 
 def possible_rays(network: Network, start: NetworkState) -> Mask:
@@ -450,23 +473,23 @@ def robust_start(
     weights, state = np.ones(network.rays.count), start
     inverse = np.linalg.inv(network.rays.cov_px2)
     for step in range(_ROBUST_ROUNDS):
-        adjust_from = partial(adjust, max_iterations=3, within=_WITHIN) if step else adjust
+        adjust_from = partial(adjust, max_iterations=3, decrease_tolerance=_WITHIN) if step else adjust
         adjusted = adjust_from(network, state, datum, used=used, weights=weights)
         v = adjusted.residuals_px
-        off = np.sqrt(np.einsum("ni,nij,nj->n", v, inverse, v))
+        residual_length = np.sqrt(np.einsum("ni,nij,nj->n", v, inverse, v))
         if step == 0:
-            each = np.full(network.rays.count, adjusted.redundancy / max(int(used.sum()), 1))
-            components = grouped(network, used, each)
-        components = _by_median(components, off, used, adjusted.redundancy)
-        off = off / np.sqrt(components.of_rays())
+            redundancy = np.full(network.rays.count, adjusted.redundancy / max(int(used.sum()), 1))
+            components = grouped(network, used, redundancy)
+        components = _by_median(components, residual_length, used, adjusted.redundancy)
+        residual_length = residual_length / np.sqrt(components.of_rays())
         with np.errstate(divide="ignore", invalid="ignore"):
-            bounded = np.minimum(1.0, _BOUND / off)
+            bounded = np.minimum(1.0, _BOUND / residual_length)
         latest = np.maximum(np.nan_to_num(bounded if step < 3 else bounded**3), 1e-9)
         change = np.abs(latest - weights)[used].max(initial=0.0)
         weights, state = latest, adjusted.state
         if change < 0.05:
             break
-    return *_intersected_again(network, state, active, off > _SUSPECT, components), components
+    return *_intersected_again(network, state, active, residual_length > _SUSPECT, components), components
 
 
 def _intersected_again(
@@ -475,16 +498,16 @@ def _intersected_again(
     """Return the state and the active rays without suspects. Points with many suspects are intersected again from a
     majority of their rays: least squares, even bounded, may place such a point between two groups of rays."""
     rays, count = network.rays, len(network.point_pose)
-    many = np.bincount(rays.point[active & suspect], minlength=count) > _MANY * np.bincount(
+    is_suspect_point = np.bincount(rays.point[active & suspect], minlength=count) > _MANY * np.bincount(
         rays.point[active], minlength=count
     )
-    again = np.flatnonzero(active & many[rays.point])
+    reintersected = np.flatnonzero(active & is_suspect_point[rays.point])
     active, points = active & ~suspect, state.points.copy()
-    if len(again):
-        X, agrees = meeting(network, state, again, tolerance_px(network, again, components))
+    if len(reintersected):
+        X, is_inlier = meeting(network, state, reintersected, tolerance_px(network, reintersected, components))
         is_placed = np.isfinite(X[:, 0])
         points[is_placed] = X[is_placed]
-        active[again] = np.where(is_placed[rays.point[again]], agrees, active[again])
+        active[reintersected] = np.where(is_placed[rays.point[reintersected]], is_inlier, active[reintersected])
     return replace(state, points=points), active
 
 
@@ -506,7 +529,9 @@ def meeting(network: Network, state: NetworkState, rays: Index, tolerance_px: Ar
     return intersect(lines, float(np.median(tolerance_px)), np.random.default_rng(0))
 
 
-def _by_median(components: VarianceComponents, off: Array, used: Mask, redundancy: int) -> VarianceComponents:
+def _by_median(
+    components: VarianceComponents, residual_length: Array, used: Mask, redundancy: int
+) -> VarianceComponents:
     """Return components whose factors give the median of normalised residual lengths (N,) that two normal errors
     have."""
     if redundancy <= 0:  # no redundancy: the residuals do not show the noise
@@ -514,7 +539,7 @@ def _by_median(components: VarianceComponents, off: Array, used: Mask, redundanc
     factor = components.factor.copy()
     share = redundancy / (2.0 * max(int(used.sum()), 1))
     for g in range(len(factor)):
-        of_group = off[used & (components.component == g)]
-        if len(of_group):
-            factor[g] = max(float(np.median(of_group)) ** 2 / (2 * np.log(2)) / share, 1e-4)
+        group_lengths = residual_length[used & (components.component == g)]
+        if len(group_lengths):
+            factor[g] = max(float(np.median(group_lengths)) ** 2 / (2 * np.log(2)) / share, 1e-4)
     return replace(components, factor=factor)

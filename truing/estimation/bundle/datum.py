@@ -49,31 +49,34 @@ def freedoms(layout: EquationLayout, state: NetworkState) -> tuple[Freedom, ...]
     """Return the freedoms that the observations leave each pose: bars fix the scale, known points more."""
     points, centres = state.points[layout.points], state.centre[layout.images]
     middle, size = _middles(points, layout.point_start)
-    of_point, of_image = _pose_numbers(layout.point_start), _pose_numbers(layout.image_start)
-    points = (points - middle[of_point]) / size[of_point, None]
-    centres = (centres - middle[of_image]) / size[of_image, None]
-    of_points, of_images = movements(points), np.zeros((len(centres), 6, 7))
-    of_images[:, :3], of_images[:, 3:, 3:6] = movements(centres), np.eye(3) / size[of_image, None, None]
+    pose_of_point, pose_of_image = _pose_numbers(layout.point_start), _pose_numbers(layout.image_start)
+    points = (points - middle[pose_of_point]) / size[pose_of_point, None]
+    centres = (centres - middle[pose_of_image]) / size[pose_of_image, None]
+    point_movements, image_movements = movements(points), np.zeros((len(centres), 6, 7))
+    image_movements[:, :3], image_movements[:, 3:, 3:6] = (
+        movements(centres),
+        np.eye(3) / size[pose_of_image, None, None],
+    )
     mixtures, has_length = _orthonormal(points, layout.point_start), np.zeros(layout.poses, bool)
     has_length[layout.distance_pose] = True
-    kinds = []
+    freedoms_by_pose = []
     for pose, mixture in enumerate(mixtures):
         i = slice(layout.image_start[pose], layout.image_start[pose + 1])
         p = slice(layout.point_start[pose], layout.point_start[pose + 1])
         freedoms_of_pose = mixture[:, : 6 if has_length[pose] else 7] if p.start < p.stop else mixture[:, :0]
         known = layout.known_slot[(layout.known_slot >= p.start) & (layout.known_slot < p.stop)]
         if len(known):
-            freedoms_of_pose = freedoms_of_pose @ _null_space(of_points[known].reshape(-1, 7) @ freedoms_of_pose)
-        kinds.append(
+            freedoms_of_pose = freedoms_of_pose @ _null_space(point_movements[known].reshape(-1, 7) @ freedoms_of_pose)
+        freedoms_by_pose.append(
             Freedom(
-                _mixed(of_images[i], freedoms_of_pose),
-                _mixed(of_points[p], freedoms_of_pose),
+                _mixed(image_movements[i], freedoms_of_pose),
+                _mixed(point_movements[p], freedoms_of_pose),
                 freedoms_of_pose,
                 middle[pose],
                 size[pose],
             )
         )
-    return tuple(kinds)
+    return tuple(freedoms_by_pose)
 
 
 def _mixed(movements: Array, mixture: Array) -> Array:
@@ -89,9 +92,9 @@ def _pose_numbers(start: Index) -> Index:
 
 def _sums(values: Array, start: Index) -> Array:
     """Return the sum (S, ...) of values (n, ...) of each pose, zero for an empty pose."""
-    sums, some = np.zeros((len(start) - 1, *values.shape[1:])), start[:-1] < start[1:]
+    sums, has_items = np.zeros((len(start) - 1, *values.shape[1:])), start[:-1] < start[1:]
     if len(values):
-        sums[some] = np.add.reduceat(values, start[:-1][some])
+        sums[has_items] = np.add.reduceat(values, start[:-1][has_items])
     return sums
 
 
@@ -144,7 +147,9 @@ def conditions(free: Freedom, datum: Datum) -> Array:
     return conditions_of_points
 
 
-def in_datum(layout: EquationLayout, state: NetworkState, start: NetworkState, held: tuple[Array, ...]) -> NetworkState:
+def in_datum(
+    layout: EquationLayout, state: NetworkState, start: NetworkState, constraints: tuple[Array, ...]
+) -> NetworkState:
     """Return a state moved and scaled to satisfy the conditions B (3 p, d) of each pose relative to the start.
 
     The similarity is exact, not linearised: Newton's method on its seven numbers.
@@ -154,26 +159,28 @@ def in_datum(layout: EquationLayout, state: NetworkState, start: NetworkState, h
         if free.count:
             images = layout.images[layout.image_start[pose] : layout.image_start[pose + 1]]
             points_of_pose = layout.points[layout.point_start[pose] : layout.point_start[pose + 1]]
-            turn, scale, shift = _similarity(points[points_of_pose], start.points[points_of_pose], free, held[pose])
-            points[points_of_pose] = scale * points[points_of_pose] @ turn.T + shift
-            centre[images] = scale * centre[images] @ turn.T + shift
-            R[images] = turn @ R[images]
+            rotation, scale, shift = _similarity(
+                points[points_of_pose], start.points[points_of_pose], free, constraints[pose]
+            )
+            points[points_of_pose] = scale * points[points_of_pose] @ rotation.T + shift
+            centre[images] = scale * centre[images] @ rotation.T + shift
+            R[images] = rotation @ R[images]
     return NetworkState(state.interior, R, centre, points, state.bar_length_m)
 
 
-def _similarity(points: Array, start: Array, free: Freedom, held: Array) -> tuple[Array, float, Array]:
+def _similarity(points: Array, start: Array, free: Freedom, constraints: Array) -> tuple[Array, float, Array]:
     """Return rotation, scale and shift of points (p, 3) after which the conditions hold."""
     motion, middle, size = np.eye(4), free.middle, free.size
     for _ in range(50):
-        now = (points - middle) @ motion[:3, :3].T + motion[:3, 3]
-        by = held.T @ (movements(now / size) @ free.mixture).reshape(-1, free.count)
-        change = free.mixture @ np.linalg.solve(by, held.T @ (start - middle - now).ravel())
+        transformed = (points - middle) @ motion[:3, :3].T + motion[:3, 3]
+        derivative = constraints.T @ (movements(transformed / size) @ free.mixture).reshape(-1, free.count)
+        change = free.mixture @ np.linalg.solve(derivative, constraints.T @ (start - middle - transformed).ravel())
         motion = _exponential(_generator(change, size)) @ motion  # along the freedoms only: known points stay fixed
         if np.abs(change).max() <= _SQUARED * size:
             break
     scale = float(np.cbrt(np.linalg.det(motion[:3, :3])))
-    turn = motion[:3, :3] / scale
-    return turn, scale, motion[:3, 3] + middle - scale * turn @ middle
+    rotation = motion[:3, :3] / scale
+    return rotation, scale, motion[:3, 3] + middle - scale * rotation @ middle
 
 
 def _generator(change: Array, size: float) -> Array:
@@ -196,8 +203,8 @@ def _exponential(generator: Array) -> Array:
     return part + np.eye(len(generator))
 
 
-def into_datum(free: Freedom, held: Array) -> Array:
+def into_datum(free: Freedom, constraints: Array) -> Array:
     """Return F (d, 3 p), which projects a change of the points onto the freedoms."""
     if not free.count:
-        return held.T
-    return np.asarray(np.linalg.solve(held.T @ free.points.reshape(-1, free.count), held.T), np.float64)
+        return constraints.T
+    return np.asarray(np.linalg.solve(constraints.T @ free.points.reshape(-1, free.count), constraints.T), np.float64)

@@ -50,26 +50,26 @@ def determinable(network: Network, used: Mask | None = None, *, known: bool = Fa
     its normal equations.
     """
     rays = network.rays
-    on = np.ones(rays.count, bool) if used is None else np.asarray(used, bool).copy()
-    on &= network.image_pose[rays.image] == network.point_pose[rays.point]
-    needed = np.full(len(network.point_pose), RAYS_OF_A_POINT)
+    active = np.ones(rays.count, bool) if used is None else np.asarray(used, bool).copy()
+    active &= network.image_pose[rays.image] == network.point_pose[rays.point]
+    required = np.full(len(network.point_pose), RAYS_OF_A_POINT)
     if known:
-        needed[network.known.point] = 1
+        required[network.known.point] = 1
     while True:
-        points, images = ray_counts(network, on)
-        stays = on & (points >= needed)[rays.point] & (images >= RAYS_OF_AN_IMAGE)[rays.image]
-        if np.array_equal(stays, on):
-            return Determinable(on, points >= needed, images >= RAYS_OF_AN_IMAGE)
-        on = stays
+        points, images = ray_counts(network, active)
+        remaining = active & (points >= required)[rays.point] & (images >= RAYS_OF_AN_IMAGE)[rays.image]
+        if np.array_equal(remaining, active):
+            return Determinable(active, points >= required, images >= RAYS_OF_AN_IMAGE)
+        active = remaining
 
 
 def ray_counts(network: Network, used: Mask) -> tuple[Index, Index]:
     """Return the number of images that see each point (P,) and of points that each image (I,) sees, from the used
     rays."""
     rays = network.rays
-    seen = np.zeros((len(network.image_pose), len(network.point_pose)), bool)
-    seen[rays.image[used], rays.point[used]] = True
-    return seen.sum(0), seen.sum(1)
+    observed = np.zeros((len(network.image_pose), len(network.point_pose)), bool)
+    observed[rays.image[used], rays.point[used]] = True
+    return observed.sum(0), observed.sum(1)
 
 
 def check_determined(network: Network, used: Mask, known: bool) -> None:
@@ -78,29 +78,29 @@ def check_determined(network: Network, used: Mask, known: bool) -> None:
     The error also lists rays and distances that join different poses, and covariances that are not positive definite.
     """
     rays, faults = network.rays, []
-    astray = np.flatnonzero(used & (network.image_pose[rays.image] != network.point_pose[rays.point]))
-    if len(astray):
-        faults.append(f"rays {_listed(astray)} join an image and a point of different poses")
+    mismatched_rays = np.flatnonzero(used & (network.image_pose[rays.image] != network.point_pose[rays.point]))
+    if len(mismatched_rays):
+        faults.append(f"rays {_listed(mismatched_rays)} join an image and a point of different poses")
     bars = network.bars
-    apart = np.flatnonzero(network.point_pose[bars.first] != network.point_pose[bars.second])
-    if len(apart):
-        faults.append(f"distances {_listed(apart)} join points of different poses")
-    bad = np.flatnonzero(used & ~_definite(rays.cov_px2))
-    if len(bad):
-        faults.append(f"rays {_listed(bad)} have a covariance that is not positive definite")
-    bad = np.flatnonzero(~_definite(network.known.cov_m2)) if known else bad[:0]
-    if len(bad):
-        faults.append(f"known points {_listed(bad)} have a covariance that is not positive definite")
+    mismatched_bars = np.flatnonzero(network.point_pose[bars.first] != network.point_pose[bars.second])
+    if len(mismatched_bars):
+        faults.append(f"distances {_listed(mismatched_bars)} join points of different poses")
+    indefinite = np.flatnonzero(used & ~_definite(rays.cov_px2))
+    if len(indefinite):
+        faults.append(f"rays {_listed(indefinite)} have a covariance that is not positive definite")
+    indefinite = np.flatnonzero(~_definite(network.known.cov_m2)) if known else indefinite[:0]
+    if len(indefinite):
+        faults.append(f"known points {_listed(indefinite)} have a covariance that is not positive definite")
     points, images = ray_counts(network, used)
-    needed = np.full(len(points), RAYS_OF_A_POINT)
+    required = np.full(len(points), RAYS_OF_A_POINT)
     if known:
-        needed[network.known.point] = 1
-    few = np.flatnonzero((points > 0) & (points < needed))
-    if len(few):
-        faults.append(f"points {_listed(few)} have one ray, expected at least {RAYS_OF_A_POINT}")
-    few = np.flatnonzero((images > 0) & (images < RAYS_OF_AN_IMAGE))
-    if len(few):
-        faults.append(f"images {_listed(few)} have fewer than {RAYS_OF_AN_IMAGE} rays")
+        required[network.known.point] = 1
+    underdetermined = np.flatnonzero((points > 0) & (points < required))
+    if len(underdetermined):
+        faults.append(f"points {_listed(underdetermined)} have one ray, expected at least {RAYS_OF_A_POINT}")
+    underdetermined = np.flatnonzero((images > 0) & (images < RAYS_OF_AN_IMAGE))
+    if len(underdetermined):
+        faults.append(f"images {_listed(underdetermined)} have fewer than {RAYS_OF_AN_IMAGE} rays")
     if not used.any():
         faults.append("found no ray, expected a network")
     if faults:
@@ -116,7 +116,7 @@ def _definite(covariance: Array) -> Mask:
     return np.all(np.array(minors) > 0, axis=0)
 
 
-def _listed(numbers: Index, most: int = 20) -> str:
-    """Return numbers as text, shortened after `most` with the count of the rest."""
-    text = ", ".join(map(str, numbers[:most]))
-    return f"{text} and {len(numbers) - most} more" if len(numbers) > most else text
+def _listed(numbers: Index, max_shown: int = 20) -> str:
+    """Return numbers as text, shortened after `max_shown` with the count of the rest."""
+    text = ", ".join(map(str, numbers[:max_shown]))
+    return f"{text} and {len(numbers) - max_shown} more" if len(numbers) > max_shown else text

@@ -31,26 +31,26 @@ def eccentricity(interior: Array, centre: Array, balancing: Array, P: Array, n: 
     either sign; P and n in camera axes. NaN if there is no ellipse: the camera lies in the circle's plane, or part of
     the circle is behind it.
     """
-    middle, along, across = _ideal_ellipses(P, n, radius_m)
-    turn = 2 * np.pi * np.arange(_ROUND) / _ROUND
-    cosine, sine = np.cos(turn), np.sin(turn)
-    points = middle[:, None] + along[:, None] * cosine[:, None] + across[:, None] * sine[:, None]
+    ideal_centre, radius_1, radius_2 = _ideal_ellipses(P, n, radius_m)
+    angle = 2 * np.pi * np.arange(_ROUND) / _ROUND
+    cosine, sine = np.cos(angle), np.sin(angle)
+    points = ideal_centre[:, None] + radius_1[:, None] * cosine[:, None] + radius_2[:, None] * sine[:, None]
 
     def distorted(directions: Array) -> Array:
         """Return image coordinates (N, k, 2) of undistorted directions (N, k, 2), at unit distance."""
         k = directions.shape[1]
         X = np.concatenate([directions, np.ones((*directions.shape[:2], 1))], -1).reshape(-1, 3)
-        of_interior, of_centre, of_balancing = (np.repeat(v, k, axis=0) for v in (interior, centre, balancing))
-        return image_coordinates(of_interior, of_centre, of_balancing, X).reshape(-1, k, 2)
+        interiors, centres, balancing_radii = (np.repeat(v, k, axis=0) for v in (interior, centre, balancing))
+        return image_coordinates(interiors, centres, balancing_radii, X).reshape(-1, k, 2)
 
-    seen_at = distorted(points)
-    mean = seen_at.mean(1)
+    distorted_points = distorted(points)
+    mean = distorted_points.mean(1)
     # conjugate radii of the distorted ellipse: its first harmonic
-    basis = 2 / _ROUND * np.einsum("nki,jk->nij", seen_at, np.stack([cosine, sine]))
-    flat = np.linalg.solve(basis[:, None], (seen_at - mean[:, None])[..., None])[..., 0]
+    basis = 2 / _ROUND * np.einsum("nki,jk->nij", distorted_points, np.stack([cosine, sine]))
+    normalised = np.linalg.solve(basis[:, None], (distorted_points - mean[:, None])[..., None])[..., 0]
     # the first harmonic of the radius error is a shift of the centre
-    bump = np.hypot(flat[..., 0], flat[..., 1]) - 1
-    shift = 2 / _ROUND * bump @ np.stack([cosine, sine], 1)
+    radius_error = np.hypot(normalised[..., 0], normalised[..., 1]) - 1
+    shift = 2 / _ROUND * radius_error @ np.stack([cosine, sine], 1)
     return mean + np.einsum("nij,nj->ni", basis, shift) - image_coordinates(interior, centre, balancing, P)
 
 
@@ -58,19 +58,19 @@ def _ideal_ellipses(P: Array, n: Array, radius_m: Array) -> tuple[Array, Array, 
     """Return centres and two conjugate radii (N, 2) each of the images of circles at unit principal distance."""
     d = np.einsum("ni,ni->n", n, P)[:, None, None]
     nP = n[:, :, None] * P[:, None, :]
-    rest = (np.einsum("ni,ni->n", P, P) - radius_m**2)[:, None, None]
-    C = d**2 * np.eye(3) - d * (nP + nP.swapaxes(1, 2)) + rest * n[:, :, None] * n[:, None, :]
-    front = np.abs(P[:, 2]) - radius_m * np.sqrt(np.maximum(1 - n[:, 2] ** 2, 0)) > 0
-    imaged = (np.abs(d[:, 0, 0]) > 1e-9 * np.linalg.norm(P, axis=1)) & front & (P[:, 2] > 0)
-    C = np.where(imaged[:, None, None], C, np.nan)
+    squared_distance = (np.einsum("ni,ni->n", P, P) - radius_m**2)[:, None, None]
+    C = d**2 * np.eye(3) - d * (nP + nP.swapaxes(1, 2)) + squared_distance * n[:, :, None] * n[:, None, :]
+    is_in_front = np.abs(P[:, 2]) - radius_m * np.sqrt(np.maximum(1 - n[:, 2] ** 2, 0)) > 0
+    has_image = (np.abs(d[:, 0, 0]) > 1e-9 * np.linalg.norm(P, axis=1)) & is_in_front & (P[:, 2] > 0)
+    C = np.where(has_image[:, None, None], C, np.nan)
     A, b = C[:, :2, :2], C[:, :2, 2]
-    middle = np.full((len(P), 2), np.nan)
+    centres = np.full((len(P), 2), np.nan)
     radii = np.full((len(P), 2, 2), np.nan)
-    middle[imaged] = -np.linalg.solve(A[imaged], b[imaged][..., None])[..., 0]
-    size = -(C[imaged, 2, 2] + np.einsum("ni,ni->n", b[imaged], middle[imaged]))
-    values, vectors = np.linalg.eigh(A[imaged])
-    radii[imaged] = vectors * np.sqrt(size[:, None] / values)[:, None, :]
-    return middle, radii[..., 0], radii[..., 1]
+    centres[has_image] = -np.linalg.solve(A[has_image], b[has_image][..., None])[..., 0]
+    size = -(C[has_image, 2, 2] + np.einsum("ni,ni->n", b[has_image], centres[has_image]))
+    values, vectors = np.linalg.eigh(A[has_image])
+    radii[has_image] = vectors * np.sqrt(size[:, None] / values)[:, None, :]
+    return centres, radii[..., 0], radii[..., 1]
 
 
 def network_eccentricity(
@@ -88,9 +88,14 @@ def network_eccentricity(
     P, radius = in_camera_axes(state, image, point), radius_m[point]
     known = np.isfinite(n).all(1) & np.isfinite(radius) & np.isfinite(P).all(1)
     eccentricity_px = np.full((len(image), 2), np.nan)
-    of = camera[known]
+    camera_of_ray = camera[known]
     eccentricity_px[known] = eccentricity(
-        state.interior[of], centre[of], balancing[of], P[known], n[known], radius[known]
+        state.interior[camera_of_ray],
+        centre[camera_of_ray],
+        balancing[camera_of_ray],
+        P[known],
+        n[known],
+        radius[known],
     )
     return eccentricity_px
 
@@ -130,24 +135,24 @@ def facing(
     is refined by Gauss-Newton on normal and radius.
     """
     count = len(state.points)
-    use = np.isfinite(semi_axes_px).all(1) & np.isfinite(axis_angle_rad)
-    image, point, sigma = image[use], point[use], sigma_px[use]
+    is_measured = np.isfinite(semi_axes_px).all(1) & np.isfinite(axis_angle_rad)
+    image, point, sigma = image[is_measured], point[is_measured], sigma_px[is_measured]
     J = linearise(network, state, image, point).by_point
-    Q = _shapes(semi_axes_px[use], axis_angle_rad[use])
+    Q = _shapes(semi_axes_px[is_measured], axis_angle_rad[is_measured])
     L = np.linalg.cholesky(J @ J.swapaxes(1, 2))
     E = np.linalg.solve(L, J)
     W = np.linalg.solve(L, np.linalg.solve(L, Q).swapaxes(1, 2))  # r^2 (1 - m m^T), m = E n
-    weight = semi_axes_px[use].mean(1) / (2 * sigma)  # of W / r^2
-    n, r2, clear = _best_start(E, W, weight, point, count)
+    weight = semi_axes_px[is_measured].mean(1) / (2 * sigma)  # of W / r^2
+    n, r2, is_unique = _best_start(E, W, weight, point, count)
     n, r2, information = _refined(n, r2, E, W, weight, point)
-    several = clear & np.isfinite(n).all(1)
+    is_determined = is_unique & np.isfinite(n).all(1)
     sigma_rad = np.full(count, np.nan)
-    sigma_rad[several] = 1 / np.sqrt(np.maximum(np.linalg.eigvalsh(information[several])[:, 0], 1e-300))
-    towards = np.zeros((count, 3))
-    np.add.at(towards, point, state.centre[image] - state.points[point])
-    n = np.where(np.einsum("pi,pi->p", n, towards)[:, None] < 0, -n, n)
-    keep = several[:, None]
-    return Facing(np.where(keep, n, np.nan), sigma_rad, np.where(several, np.sqrt(r2), np.nan))
+    sigma_rad[is_determined] = 1 / np.sqrt(np.maximum(np.linalg.eigvalsh(information[is_determined])[:, 0], 1e-300))
+    to_cameras = np.zeros((count, 3))
+    np.add.at(to_cameras, point, state.centre[image] - state.points[point])
+    n = np.where(np.einsum("pi,pi->p", n, to_cameras)[:, None] < 0, -n, n)
+    mask = is_determined[:, None]
+    return Facing(np.where(mask, n, np.nan), sigma_rad, np.where(is_determined, np.sqrt(r2), np.nan))
 
 
 def _shapes(semi_axes: Array, angle: Array) -> Array:
@@ -162,11 +167,11 @@ def _best_start(E: Array, W: Array, weight: Array, point: Index, count: int) -> 
     image."""
     values, vectors = np.linalg.eigh(W)
     m = vectors[:, :, 0] * np.sqrt(np.maximum(1 - values[:, 0] / values[:, 1], 0))[:, None]
-    sight = np.cross(E[:, 0], E[:, 1])
+    line_of_sight = np.cross(E[:, 0], E[:, 1])
     level = np.einsum("nki,nk->ni", E, m)
-    depth = np.sqrt(np.maximum(1 - np.einsum("nk,nk->n", m, m), 0))[:, None] * sight
+    depth = np.sqrt(np.maximum(1 - np.einsum("nk,nk->n", m, m), 0))[:, None] * line_of_sight
     n, r2 = np.full((count, 3), np.nan), np.full(count, np.nan)
-    clear = np.zeros(count, bool)
+    is_unique = np.zeros(count, bool)
     order = np.argsort(point, kind="stable")
     starts = np.searchsorted(point[order], np.arange(count + 1))
     for p in np.flatnonzero(np.diff(starts)):
@@ -178,12 +183,12 @@ def _best_start(E: Array, W: Array, weight: Array, point: Index, count: int) -> 
         cost = np.square(residual).sum((1, 2))
         best = int(cost.argmin())
         n[p], r2[p] = candidates[best], size
-        apart = np.abs(candidates @ candidates[best]) < np.cos(0.1)
-        other = cost[apart].min(initial=np.inf)
-        clear[p] = len(rays) > 1 and other - cost[best] > _UNIQUE_EXCESS
-        if len(rays) > 1 and not apart.any():
-            clear[p] = True
-    return n, r2, clear
+        is_rival = np.abs(candidates @ candidates[best]) < np.cos(0.1)
+        rival_cost = cost[is_rival].min(initial=np.inf)
+        is_unique[p] = len(rays) > 1 and rival_cost - cost[best] > _UNIQUE_EXCESS
+        if len(rays) > 1 and not is_rival.any():
+            is_unique[p] = True
+    return n, r2, is_unique
 
 
 def _residuals(n: Array, r2: Array, E: Array, W: Array, weight: Array) -> Array:
@@ -201,13 +206,20 @@ def _refined(n: Array, r2: Array, E: Array, W: Array, weight: Array, point: Inde
     for _ in range(_STEPS):
         tangent = _tangents(n)
         T, N = tangent[point], n[point]
-        m, by = np.einsum("nki,ni->nk", E, N), np.einsum("nki,nij->nkj", E, T)
+        m, by_tangent = np.einsum("nki,ni->nk", E, N), np.einsum("nki,nij->nkj", E, T)
         r = _residuals(N, r2[point], E, W, weight)
         x, y = m[:, :1], m[:, 1:]
-        of_n = np.stack([2 * x * by[:, 0], np.sqrt(2) * (x * by[:, 1] + y * by[:, 0]), 2 * y * by[:, 1]], 1)
+        by_normal = np.stack(
+            [
+                2 * x * by_tangent[:, 0],
+                np.sqrt(2) * (x * by_tangent[:, 1] + y * by_tangent[:, 0]),
+                2 * y * by_tangent[:, 1],
+            ],
+            1,
+        )
         V = W / r2[point][:, None, None]
-        of_size = -np.stack([V[:, 0, 0], np.sqrt(2) * V[:, 0, 1], V[:, 1, 1]], 1)
-        D = np.concatenate([of_n, of_size[..., None]], -1) * weight[:, None, None]
+        by_log_size = -np.stack([V[:, 0, 0], np.sqrt(2) * V[:, 0, 1], V[:, 1, 1]], 1)
+        D = np.concatenate([by_normal, by_log_size[..., None]], -1) * weight[:, None, None]
         normal, rhs = np.zeros((count, 3, 3)), np.zeros((count, 3))
         np.add.at(normal, point, np.einsum("nki,nkj->nij", D, D))
         np.add.at(rhs, point, -np.einsum("nki,nk->ni", D, r))

@@ -52,59 +52,68 @@ class Ties:
 class PoseBlocks:
     """Equations of a pose, split into eliminated and kept unknowns.
 
-    own (b, d, d): independent blocks to eliminate, with own_rows by the kept unknowns and own_sides (b d, c +
-    1): common unknowns and right side. kept (k, k): upper triangle of the kept system, with kept_sides (k, c + 1).
-    own_places (b d,) and kept_places (k,): places within the pose's unknowns, images before points. freedoms (k, f):
-    directions near the freedoms; rows (q, k): distances.
-    """
+    own (b, d, d): independent blocks to eliminate, with own_rows by the kept unknowns and own_sides (b d, c + 1):
+    common unknowns and right side. kept (k, k): upper triangle of the kept system, with kept_sides (k, c + 1).
+    eliminated_indices (b d,) and kept_indices (k,): places within the pose's unknowns, images before points. freedoms
+    (k, f): directions near the freedoms; rows (q, k): distances."""
 
     own: Array
     own_rows: DenseRows | RayRows
     own_sides: Array
     kept: Array
     kept_sides: Array
-    own_places: Index
-    kept_places: Index
+    eliminated_indices: Index
+    kept_indices: Index
     freedoms: Array
     rows: Array
 
 
 def blocks_of(
-    equations: NormalEquations, layout: EquationLayout, pose: int, near: Freedom, ties: Ties, workspace: ArrayPool
+    equations: NormalEquations,
+    layout: EquationLayout,
+    pose: int,
+    near_freedoms: Freedom,
+    ties: Ties,
+    workspace: ArrayPool,
 ) -> PoseBlocks:
     """Return the equations of a pose, split into eliminated and kept unknowns."""
     i = slice(layout.image_start[pose], layout.image_start[pose + 1])
     p = slice(layout.point_start[pose], layout.point_start[pose + 1])
     if (rays := layout.rows.by_point[pose]) is not None:
-        return _blocks_by_ray(equations, i, p, pose, rays, near, ties, workspace)
+        return _blocks_by_ray(equations, i, p, pose, rays, near_freedoms, ties, workspace)
     images, points, between = equations.images[i], equations.points[p], equations.between[pose]
     m, n = between.shape
-    of_images, of_points = equations.image_sides[i].reshape(m, -1), equations.point_sides[p].reshape(n, -1)
-    freedoms = np.concatenate([near.images.reshape(m, near.count), near.points.reshape(n, near.count)])
+    image_sides, point_sides = equations.image_sides[i].reshape(m, -1), equations.point_sides[p].reshape(n, -1)
+    freedoms = np.concatenate(
+        [near_freedoms.images.reshape(m, near_freedoms.count), near_freedoms.points.reshape(n, near_freedoms.count)]
+    )
     tied_rows = _rows(ties, m, n)
     if n <= m:
-        places, index = np.arange(m, m + n), np.arange(m)
+        kept_indices, eliminated_indices = np.arange(m, m + n), np.arange(m)
         kept_block = workspace.take(("kept", pose), (n, n))
         _put_diagonal(points, kept_block)
         return PoseBlocks(
-            *(images, DenseRows(between), of_images, kept_block, of_points),
-            *(index, places, freedoms[places], tied_rows[:, places]),
+            *(images, DenseRows(between), image_sides, kept_block, point_sides),
+            *(eliminated_indices, kept_indices, freedoms[kept_indices], tied_rows[:, kept_indices]),
         )
-    ends = np.zeros(len(points), bool)
-    ends[ties.first] = ends[ties.second] = True
-    tied, loose = np.repeat(ends, 3), np.repeat(~ends, 3)
-    places, index = np.concatenate([np.arange(m), m + np.flatnonzero(tied)]), m + np.flatnonzero(loose)
-    k = len(places)
+    is_end = np.zeros(len(points), bool)
+    is_end[ties.first] = is_end[ties.second] = True
+    end_rows, other_rows = np.repeat(is_end, 3), np.repeat(~is_end, 3)
+    kept_indices, eliminated_indices = (
+        np.concatenate([np.arange(m), m + np.flatnonzero(end_rows)]),
+        m + np.flatnonzero(other_rows),
+    )
+    k = len(kept_indices)
     kept_block = workspace.take(("kept", pose), (k, k))
     _put_diagonal(images, kept_block[:m, :m])
-    _put_diagonal(points[ends], kept_block[m:, m:])
-    kept_block[:m, m:] = between[:, tied]
-    beside = np.zeros((len(index), k))
-    beside[:, :m] = between[:, loose].T
-    sides = np.concatenate([of_images, of_points[tied]])
+    _put_diagonal(points[is_end], kept_block[m:, m:])
+    kept_block[:m, m:] = between[:, end_rows]
+    eliminated_by_kept = np.zeros((len(eliminated_indices), k))
+    eliminated_by_kept[:, :m] = between[:, other_rows].T
+    sides = np.concatenate([image_sides, point_sides[end_rows]])
     return PoseBlocks(
-        *(points[~ends], DenseRows(beside), of_points[loose], kept_block, sides),
-        *(index, places, freedoms[places], tied_rows[:, places]),
+        *(points[~is_end], DenseRows(eliminated_by_kept), point_sides[other_rows], kept_block, sides),
+        *(eliminated_indices, kept_indices, freedoms[kept_indices], tied_rows[:, kept_indices]),
     )
 
 
@@ -114,7 +123,7 @@ def _blocks_by_ray(
     p: slice,
     pose: int,
     rays: PointRays,
-    near: Freedom,
+    near_freedoms: Freedom,
     ties: Ties,
     workspace: ArrayPool,
 ) -> PoseBlocks:
@@ -126,23 +135,28 @@ def _blocks_by_ray(
     _put_diagonal(images, kept_block[:m, :m])
     _put_diagonal(points[rays.tied], kept_block[m:, m:])
     put_tied_rows(rays, between, kept_block)
-    of_points = equations.point_sides[p]
-    width = of_points.shape[-1]
-    sides = np.concatenate([equations.image_sides[i].reshape(m, width), of_points[rays.tied].reshape(k - m, width)])
-    freedoms = near.images.reshape(m, near.count), near.points[rays.tied].reshape(k - m, near.count)
-    local = replace(ties, first=np.searchsorted(rays.tied, ties.first), second=np.searchsorted(rays.tied, ties.second))
+    point_sides = equations.point_sides[p]
+    width = point_sides.shape[-1]
+    sides = np.concatenate([equations.image_sides[i].reshape(m, width), point_sides[rays.tied].reshape(k - m, width)])
+    freedoms = (
+        near_freedoms.images.reshape(m, near_freedoms.count),
+        near_freedoms.points[rays.tied].reshape(k - m, near_freedoms.count),
+    )
+    renumbered = replace(
+        ties, first=np.searchsorted(rays.tied, ties.first), second=np.searchsorted(rays.tied, ties.second)
+    )
     return PoseBlocks(
-        *(points[rays.loose], RayRows(between, rays), of_points[rays.loose].reshape(-1, width), kept_block, sides),
-        *(rays.own_places, rays.kept_places, np.concatenate(freedoms), _rows(local, m, k - m)),
+        *(points[rays.loose], RayRows(between, rays), point_sides[rays.loose].reshape(-1, width), kept_block, sides),
+        *(rays.eliminated_indices, rays.kept_indices, np.concatenate(freedoms), _rows(renumbered, m, k - m)),
     )
 
 
 def _rows(ties: Ties, m: int, n: int) -> Array:
     """Return the rows (q, m + n) of distances over the unknowns of the pose."""
     rows = np.zeros((len(ties.first), m + n))
-    each = np.arange(len(ties.first))[:, None]
-    rows[each, m + 3 * ties.second[:, None] + np.arange(3)] += ties.by_point
-    rows[each, m + 3 * ties.first[:, None] + np.arange(3)] -= ties.by_point
+    row = np.arange(len(ties.first))[:, None]
+    rows[row, m + 3 * ties.second[:, None] + np.arange(3)] += ties.by_point
+    rows[row, m + 3 * ties.first[:, None] + np.arange(3)] -= ties.by_point
     return rows
 
 
@@ -168,10 +182,10 @@ class EliminatedPose:
         self.root, self.reduced, self.reduced_sides = eliminated
         kept.flat[:: k + 1] *= 1 + damping
         self.reduced.subtract_products(kept)
-        weighed = ties.weight[:, None] * blocks.rows
+        weighted_rows = ties.weight[:, None] * blocks.rows
         add_products(kept, np.concatenate([np.sqrt(ties.weight)[:, None] * blocks.rows, _tied_freedoms(blocks)]), 1.0)
         tie_sides = np.concatenate([ties.by_common, ties.misclosure[:, None]], -1)
-        sides = blocks.kept_sides - self.reduced.transposed_times(self.reduced_sides) + weighed.T @ tie_sides
+        sides = blocks.kept_sides - self.reduced.transposed_times(self.reduced_sides) + weighted_rows.T @ tie_sides
         # LAPACK is column-major: there the upper triangle is the lower one.
         self.factor, fault = dpotrf(kept.T, lower=1, clean=0, overwrite_a=1)
         if fault:
@@ -186,9 +200,9 @@ class EliminatedPose:
         self.kept = solved[:, :width] - self.by_rows @ multipliers
         self.multipliers = np.zeros((len(ties.variance), width))
         self.multipliers[by_multiplier] = multipliers
-        direct = ties.by_common.T @ (ties.weight[:, None] * tie_sides)
-        direct -= self.reduced_sides[:, :-1].T @ self.reduced_sides
-        self.common = direct - sides[:, :-1].T @ self.kept - pinned_sides[:, :-1].T @ multipliers
+        weighted_products = ties.by_common.T @ (ties.weight[:, None] * tie_sides)
+        weighted_products -= self.reduced_sides[:, :-1].T @ self.reduced_sides
+        self.common = weighted_products - sides[:, :-1].T @ self.kept - pinned_sides[:, :-1].T @ multipliers
 
     def back(self, common: Array) -> tuple[Array, Array]:
         """Return the changes of the pose's unknowns, images before points, and the multipliers (q,)."""
@@ -196,9 +210,9 @@ class EliminatedPose:
         kept_step = self.kept @ step
         b, d, _ = self.blocks.own.shape
         own_step = (self.reduced_sides @ step - self.reduced.times(kept_step)).reshape(b, d)
-        x = np.empty(len(self.blocks.own_places) + len(kept_step))
-        x[self.blocks.kept_places] = kept_step
-        x[self.blocks.own_places] = np.einsum("bji,bj->bi", self.root, own_step).ravel()
+        x = np.empty(len(self.blocks.eliminated_indices) + len(kept_step))
+        x[self.blocks.kept_indices] = kept_step
+        x[self.blocks.eliminated_indices] = np.einsum("bji,bj->bi", self.root, own_step).ravel()
         return x, self.multipliers @ step
 
 
@@ -225,9 +239,9 @@ class Reduced:
 def tie_weights(observed: Observed, equations: NormalEquations) -> Array:
     """Return the weights (q,) in m^-2 with which distances enter directly."""
     layout = observed.layout
-    of_ends = np.trace(equations.points[layout.first] + equations.points[layout.second], axis1=1, axis2=2) / 6
+    end_information = np.trace(equations.points[layout.first] + equations.points[layout.second], axis1=1, axis2=2) / 6
     with np.errstate(divide="ignore"):
-        return np.minimum(1 / observed.distance_variance, _DIRECT * of_ends)
+        return np.minimum(1 / observed.distance_variance, _DIRECT * end_information)
 
 
 def tie_variances(observed: Observed, weight: Array) -> Array:
@@ -242,8 +256,8 @@ def ties_of(observed: Observed, equations: NormalEquations, weight: Array, pose:
     layout, distances = observed.layout, equations.distances
     rows = np.flatnonzero(layout.distance_pose == pose)
     by_common = np.zeros((len(rows), len(layout.common)))
-    place = layout.bar[observed.network.bars.bar[layout.distances[rows]]]
-    by_common[place >= 0, place[place >= 0]] = -1.0
+    column = layout.bar[observed.network.bars.bar[layout.distances[rows]]]
+    by_common[column >= 0, column[column >= 0]] = -1.0
     start = layout.point_start[pose]
     return Ties(
         layout.first[rows] - start,
@@ -259,31 +273,31 @@ def ties_of(observed: Observed, equations: NormalEquations, weight: Array, pose:
 def eliminate_poses(
     observed: Observed,
     equations: NormalEquations,
-    near: tuple[Freedom, ...],
+    near_freedoms: tuple[Freedom, ...],
     weight: Array,
     damping: float,
     workspace: ArrayPool,
 ) -> Reduced:
     """Return the normal equations with all poses eliminated; valid until the next call with the same workspace.
 
-    near: freedoms at a state close to that of the equations. Raises LinAlgError if the equations are singular.
+    near_freedoms: freedoms at a state close to that of the equations. Raises LinAlgError if the equations are singular.
     """
     layout = observed.layout
     common = equations.common.copy()
-    each = np.arange(len(common))
-    common[each, each] *= 1 + damping
+    diagonal = np.arange(len(common))
+    common[diagonal, diagonal] *= 1 + damping
     poses: list[EliminatedPose | None] = []
     for pose in range(layout.poses):
         if layout.image_start[pose] == layout.image_start[pose + 1]:
             poses.append(None)
             continue
         ties = ties_of(observed, equations, weight, pose)
-        blocks = blocks_of(equations, layout, pose, near[pose], ties, workspace)
+        blocks = blocks_of(equations, layout, pose, near_freedoms[pose], ties, workspace)
         eliminated = EliminatedPose(blocks, ties, damping, workspace.take(("reduced", pose), blocks.own_rows.shape))
         common += eliminated.common
         poses.append(eliminated)
-    alone = np.diagonal(equations.common)
-    return Reduced(tuple(poses), common[:, :-1], common[:, -1], alone, weight)
+    information = np.diagonal(equations.common)
+    return Reduced(tuple(poses), common[:, :-1], common[:, -1], information, weight)
 
 
 def solve(layout: EquationLayout, reduced: Reduced) -> UnknownsStep:

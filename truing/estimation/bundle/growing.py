@@ -57,67 +57,82 @@ class Grown:
     def with_images(self, oriented: dict[int, tuple[Array, Array]]) -> Grown:
         """Return a copy with some images oriented: (R, centre) by number."""
         R, centre = self.rays.R.copy(), self.rays.centre.copy()
-        for i, (turn, place) in oriented.items():
-            R[i], centre[i] = turn, place
+        for i, (rotation, position) in oriented.items():
+            R[i], centre[i] = rotation, position
         return replace(self, rays=replace(self.rays, R=R, centre=centre))
 
 
 Refine = Callable[[Grown], Grown]
 
 
-def grow(seed: Grown, rng: np.random.Generator, refine: Refine, most: int | None = None) -> Grown:
-    """Return the pose with all images oriented that see enough points; stop after `most` images if given.
+def grow(seed: Grown, rng: np.random.Generator, refine: Refine, max_images: int | None = None) -> Grown:
+    """Return the pose with all images oriented that see enough points; stop after `max_images` images if given.
 
     Images with the most points with coordinates, spread over most of the format, come first. `refine` adjusts the
     current state whenever the number of images has grown by half.
     """
-    now, refined = seed, int(seed.oriented.sum())
-    while most is None or now.oriented.sum() < most:
-        waiting = _next_images(now)
-        if not waiting:
+    grown, refined = seed, int(seed.oriented.sum())
+    while max_images is None or grown.oriented.sum() < max_images:
+        next_images = _next_images(grown)
+        if not next_images:
             break
-        tried = {i: _oriented(now, i) for i in waiting}
-        good = {
-            i: (resection.R, resection.centre) for i, resection in tried.items() if isinstance(resection, Resection)
+        resections = {i: _oriented(grown, i) for i in next_images}
+        orientations = {
+            i: (resection.R, resection.centre)
+            for i, resection in resections.items()
+            if isinstance(resection, Resection)
         }
-        now = replace(now, failed=now.failed | {i: t for i, t in tried.items() if not isinstance(t, Resection)})
-        if good:
-            now = intersected(now.with_images(good), rng)
-        if now.oriented.sum() >= max(3, 1.5 * refined):
-            now, refined = refine(now), int(now.oriented.sum())
-    return refine(now) if now.oriented.sum() > refined else now
+        grown = replace(
+            grown,
+            failed=grown.failed
+            | {i: failure for i, failure in resections.items() if not isinstance(failure, Resection)},
+        )
+        if orientations:
+            grown = intersected(grown.with_images(orientations), rng)
+        if grown.oriented.sum() >= max(3, 1.5 * refined):
+            grown, refined = refine(grown), int(grown.oriented.sum())
+    return refine(grown) if grown.oriented.sum() > refined else grown
 
 
-def intersected(now: Grown, rng: np.random.Generator) -> Grown:
+def intersected(grown: Grown, rng: np.random.Generator) -> Grown:
     """Return the pose with all points that are given or on which rays of two oriented images agree."""
-    X, agrees = intersect(now.rays, now.tolerance_px, rng)
-    as_given = np.isnan(X[:, 0]) & np.isfinite(now.given[:, 0])
-    X = np.where(as_given[:, None], now.given, X)
-    return replace(now, X=X, agrees=agrees | (as_given[now.rays.point] & now.rays.agreeing_rays(X, now.tolerance_px)))
+    X, inliers = intersect(grown.rays, grown.tolerance_px, rng)
+    as_given = np.isnan(X[:, 0]) & np.isfinite(grown.given[:, 0])
+    X = np.where(as_given[:, None], grown.given, X)
+    return replace(
+        grown, X=X, agrees=inliers | (as_given[grown.rays.point] & grown.rays.agreeing_rays(X, grown.tolerance_px))
+    )
 
 
-def _next_images(now: Grown) -> list[int]:
+def _next_images(grown: Grown) -> list[int]:
     """Return the images to orient next: the best by number and spread of points with coordinates."""
-    rays = now.rays
-    usable = np.isfinite(now.X[rays.point, 0]) & np.isfinite(rays.direction[:, 0]) & ~now.oriented[rays.image]
+    rays = grown.rays
+    usable = np.isfinite(grown.X[rays.point, 0]) & np.isfinite(rays.direction[:, 0]) & ~grown.oriented[rays.image]
     count = np.bincount(rays.image[usable], minlength=len(rays.R))
-    cells = np.unique(np.stack([rays.image[usable], now.cell[usable]]), axis=1)[0]
+    cells = np.unique(np.stack([rays.image[usable], grown.cell[usable]]), axis=1)[0]
     spread = np.bincount(cells, minlength=len(rays.R))
-    tried = np.zeros(len(rays.R), int)
-    tried[list(now.failed)] = [seen for seen, _ in now.failed.values()]
-    score = np.where((count >= FEWEST) & (count > tried), np.sqrt(count) * spread, 0.0)
+    tried_count = np.zeros(len(rays.R), int)
+    tried_count[list(grown.failed)] = [count_at_failure for count_at_failure, _ in grown.failed.values()]
+    score = np.where((count >= FEWEST) & (count > tried_count), np.sqrt(count) * spread, 0.0)
     return [int(i) for i in np.flatnonzero((score > 0) & (score >= _SAME_ROUND_SHARE * score.max(initial=0.0)))]
 
 
-def _oriented(now: Grown, image: int) -> Resection | tuple[int, int]:
+def _oriented(grown: Grown, image: int) -> Resection | tuple[int, int]:
     """Return the orientation of an image, or else the number of its points with coordinates and how many agree."""
-    rays = now.rays
-    here = np.flatnonzero((rays.image == image) & np.isfinite(now.X[rays.point, 0]) & np.isfinite(rays.direction[:, 0]))
-    resection = resect(rays.direction[here], now.X[rays.point[here]], float(rays.scale_px[here[0]]), now.tolerance_px)
+    rays = grown.rays
+    ray_numbers = np.flatnonzero(
+        (rays.image == image) & np.isfinite(grown.X[rays.point, 0]) & np.isfinite(rays.direction[:, 0])
+    )
+    resection = resect(
+        rays.direction[ray_numbers],
+        grown.X[rays.point[ray_numbers]],
+        float(rays.scale_px[ray_numbers[0]]),
+        grown.tolerance_px,
+    )
     if resection is None:
-        return len(here), 0
-    agreeing = int(resection.agrees.sum())
-    return resection if agreeing >= _LEAST_AGREEING * len(here) else (len(here), agreeing)
+        return len(ray_numbers), 0
+    inlier_count = int(resection.agrees.sum())
+    return resection if inlier_count >= _LEAST_AGREEING * len(ray_numbers) else (len(ray_numbers), inlier_count)
 
 
 def format_cells(xy_px: Array, width_px: Array, height_px: Array, per_side: int = _CELLS) -> Index:
@@ -138,8 +153,8 @@ def prepare(network: Network, interior: Array) -> Grown:
     rays, camera = network.rays, network.image_camera
     images, points = len(camera), len(network.point_pose)
     size = np.array([[c.width_px, c.height_px] for c in network.cameras], float)[camera[rays.image]]
-    nothing = np.full((points, 3), np.nan)
-    sight = Bundle(
+    unknown_points = np.full((points, 3), np.nan)
+    bundle = Bundle(
         rays.image,
         rays.point,
         np.empty((rays.count, 2)),
@@ -149,10 +164,10 @@ def prepare(network: Network, interior: Array) -> Grown:
         points,
     )
     empty = Grown(
-        rays=sight,
+        rays=bundle,
         cell=format_cells(rays.xy_px, size[:, 0], size[:, 1]),
-        given=nothing,
-        X=nothing,
+        given=unknown_points,
+        X=unknown_points,
         agrees=np.zeros(rays.count, bool),
         tolerance_px=_FIRST_TOLERANCE * _side(network),
         interior=interior,
@@ -166,86 +181,93 @@ def _side(network: Network) -> float:
     return float(longer_sides(network)[network.image_camera].max(initial=1.0))
 
 
-def reopened(network: Network, now: Grown) -> Grown:
+def reopened(network: Network, grown: Grown) -> Grown:
     """Return the pose with the first tolerance, so that rays rejected before the lens was known can agree."""
-    wide = _FIRST_TOLERANCE * _side(network)
-    return replace(now, tolerance_px=wide, agrees=now.rays.agreeing_rays(now.X, wide))
+    tolerance_px = _FIRST_TOLERANCE * _side(network)
+    return replace(grown, tolerance_px=tolerance_px, agrees=grown.rays.agreeing_rays(grown.X, tolerance_px))
 
 
-def with_interior(network: Network, now: Grown, interior: Array) -> Grown:
+def with_interior(network: Network, grown: Grown, interior: Array) -> Grown:
     """Return the pose with ray directions from another interior."""
-    camera = network.image_camera[now.rays.image]
+    camera = network.image_camera[grown.rays.image]
     towards = directions(network.cameras, interior, camera, network.rays.xy_px)
-    return replace(now, rays=replace(now.rays, direction=towards, scale_px=interior[camera, 0]), interior=interior)
+    return replace(grown, rays=replace(grown.rays, direction=towards, scale_px=interior[camera, 0]), interior=interior)
 
 
-def refined(network: Network, now: Grown) -> Grown:
+def refined(network: Network, grown: Grown) -> Grown:
     """Return the adjusted pose, alone in its network, with a tolerance narrowed to the spread of its rays."""
-    state = NetworkState(now.interior, now.rays.R, now.rays.centre, now.X, np.empty(0))
-    done = _adjusted(network, state, now.agrees)
-    return now if done is None else refreshed_pose(network, now, done.state)
+    state = NetworkState(grown.interior, grown.rays.R, grown.rays.centre, grown.X, np.empty(0))
+    adjustment = _adjusted(network, state, grown.agrees)
+    return grown if adjustment is None else refreshed_pose(network, grown, adjustment.state)
 
 
 def refined_together(network: Network, poses: Sequence[PoseNetwork], grown_poses: Sequence[Grown]) -> list[Grown]:
     """Return all poses after one joint adjustment with common cameras, starting with the interior of the first pose."""
     used, state = np.zeros(network.rays.count, bool), joined_poses(network, poses, grown_poses)
-    for pose, now in zip(poses, grown_poses, strict=True):
-        used[pose.ray] = now.agrees
-    done = _adjusted(network, state, used)
-    state = state if done is None else done.state
-    return [refreshed_pose(p.network, now, p.part_of(state)) for p, now in zip(poses, grown_poses, strict=True)]
+    for pose, grown in zip(poses, grown_poses, strict=True):
+        used[pose.ray] = grown.agrees
+    adjustment = _adjusted(network, state, used)
+    state = state if adjustment is None else adjustment.state
+    return [refreshed_pose(p.network, grown, p.part_of(state)) for p, grown in zip(poses, grown_poses, strict=True)]
 
 
 def joined_poses(network: Network, poses: Sequence[PoseNetwork], grown_poses: Sequence[Grown]) -> NetworkState:
     """Return all poses as one state of the whole network."""
     images, points = len(network.image_pose), len(network.point_pose)
     R, centre, X = np.full((images, 3, 3), np.nan), np.full((images, 3), np.nan), np.full((points, 3), np.nan)
-    for pose, now in zip(poses, grown_poses, strict=True):
-        R[pose.image], centre[pose.image], X[pose.point] = now.rays.R, now.rays.centre, now.X
+    for pose, grown in zip(poses, grown_poses, strict=True):
+        R[pose.image], centre[pose.image], X[pose.point] = grown.rays.R, grown.rays.centre, grown.X
     return NetworkState(grown_poses[0].interior, R, centre, X, np.empty(0))
 
 
-def refreshed_pose(network: Network, now: Grown, state: NetworkState) -> Grown:
+def refreshed_pose(network: Network, grown: Grown, state: NetworkState) -> Grown:
     """Return the pose with the values of a state and with agreeing rays selected again."""
-    interior = with_interior(network, now, state.interior)
-    mine = now.oriented
-    R, centre = now.rays.R.copy(), now.rays.centre.copy()
-    R[mine], centre[mine] = state.R[mine], state.centre[mine]
-    X = np.where(np.isfinite(now.X), state.points, np.nan)
-    rays = replace(interior.rays, R=R, centre=centre)
-    off = np.linalg.norm(rays.ray_distances(X)[0], axis=1)
-    spread = 1.4826 * float(np.median(off[now.agrees])) / 1.1774 if now.agrees.any() else np.inf
+    with_new_interior = with_interior(network, grown, state.interior)
+    oriented = grown.oriented
+    R, centre = grown.rays.R.copy(), grown.rays.centre.copy()
+    R[oriented], centre[oriented] = state.R[oriented], state.centre[oriented]
+    X = np.where(np.isfinite(grown.X), state.points, np.nan)
+    rays = replace(with_new_interior.rays, R=R, centre=centre)
+    residual_px = np.linalg.norm(rays.ray_distances(X)[0], axis=1)
+    sigma_px = 1.4826 * float(np.median(residual_px[grown.agrees])) / 1.1774 if grown.agrees.any() else np.inf
     side = _side(network)
-    tolerance = float(np.clip(_TOLERANCE_SPREADS * spread, _LEAST_TOLERANCE * side, now.tolerance_px))
-    return replace(interior, rays=rays, X=X, tolerance_px=tolerance, agrees=rays.agreeing_rays(X, tolerance))
+    tolerance = float(np.clip(_TOLERANCE_SPREADS * sigma_px, _LEAST_TOLERANCE * side, grown.tolerance_px))
+    return replace(with_new_interior, rays=rays, X=X, tolerance_px=tolerance, agrees=rays.agreeing_rays(X, tolerance))
 
 
 def _adjusted(network: Network, state: NetworkState, used: Mask) -> Adjustment | None:
     """Return the robust free adjustment of the used rays, or None if it fails."""
-    bare = replace(network, bars=Bars.none(), known=KnownPoints.none())
-    used = determinable(bare, used).rays
-    images = np.unique(bare.rays.image[used])
+    rays_only = replace(network, bars=Bars.none(), known=KnownPoints.none())
+    used = determinable(rays_only, used).rays
+    images = np.unique(rays_only.rays.image[used])
     count = np.bincount(network.image_camera[images], minlength=len(network.cameras))
     for free in (count, np.zeros_like(count)):
-        released = replace(bare, cameras=_released(network, free))
+        released = replace(rays_only, cameras=_released(network, free))
         try:
             with np.errstate(all="ignore"):  # a wrong start may diverge; such a result is discarded
-                done = _bounded(released, state, used)
+                adjustment = _bounded(released, state, used)
         except (UndeterminedNetworkError, np.linalg.LinAlgError):
             continue
-        change = (done.state.interior[:, 0] / state.interior[:, 0])[count > 0]
-        finite = np.isfinite(done.state.centre[images]).all() and np.isfinite(done.residuals_px[used]).all()
-        if finite and ((change > _PLAUSIBLE_DISTANCE_RATIO[0]) & (change < _PLAUSIBLE_DISTANCE_RATIO[1])).all():
-            return done
+        distance_ratio = (adjustment.state.interior[:, 0] / state.interior[:, 0])[count > 0]
+        is_finite = (
+            np.isfinite(adjustment.state.centre[images]).all() and np.isfinite(adjustment.residuals_px[used]).all()
+        )
+        if (
+            is_finite
+            and (
+                (distance_ratio > _PLAUSIBLE_DISTANCE_RATIO[0]) & (distance_ratio < _PLAUSIBLE_DISTANCE_RATIO[1])
+            ).all()
+        ):
+            return adjustment
     return None
 
 
 def _released(network: Network, images: Index) -> tuple:
     """Return the cameras with as many free interior elements as the number of images (C,) determines."""
-    names = [next((names for least, names in reversed(_FREE) if n >= least), ()) for n in images]
+    names = [next((names for min_images, names in reversed(_FREE) if n >= min_images), ()) for n in images]
     return tuple(
-        replace(camera, free=tuple(name for name in wanted if name in camera.free))
-        for camera, wanted in zip(network.cameras, names, strict=True)
+        replace(camera, free=tuple(name for name in free_names if name in camera.free))
+        for camera, free_names in zip(network.cameras, names, strict=True)
     )
 
 
@@ -253,12 +275,14 @@ def _bounded(network: Network, state: NetworkState, used: Mask) -> Adjustment:
     """Return the adjustment with Huber weights beyond some spreads, after a few rounds."""
     weights = np.ones(len(used))
     for step in range(_ROUNDS):
-        within = _WITHIN if step else 0.0
-        done = adjust(network, state, "free", used=used, weights=weights, max_iterations=30, within=within)
-        off = np.linalg.norm(done.residuals_px, axis=1)
+        decrease_tolerance = _WITHIN if step else 0.0
+        adjustment = adjust(
+            network, state, "free", used=used, weights=weights, max_iterations=30, decrease_tolerance=decrease_tolerance
+        )
+        residual_px = np.linalg.norm(adjustment.residuals_px, axis=1)
         # Spread of one coordinate, from the median of a Rayleigh distribution.
-        spread = np.median(off[used]) / 1.1774 + 1e-9
+        sigma_px = np.median(residual_px[used]) / 1.1774 + 1e-9
         with np.errstate(divide="ignore", invalid="ignore"):
-            weights = np.where(used, np.minimum(1.0, _BOUND * spread / off), 1.0)
-        weights, state = np.nan_to_num(weights, nan=1e-6), done.state
-    return done
+            weights = np.where(used, np.minimum(1.0, _BOUND * sigma_px / residual_px), 1.0)
+        weights, state = np.nan_to_num(weights, nan=1e-6), adjustment.state
+    return adjustment

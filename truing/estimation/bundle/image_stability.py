@@ -53,21 +53,21 @@ def image_stability(adjusted: Adjustment, variance_factor: Array) -> list[ImageS
     Cameras with few images, or whose network does not determine them, are left out. variance_factor (N,): factor of the
     rays' covariances.
     """
-    found = [setting for setting in _deviations_by_pose(adjusted, variance_factor) if setting is not None]
+    pose_distances = [setting for setting in _deviations_by_pose(adjusted, variance_factor) if setting is not None]
     network, stable = adjusted.network, []
     for camera in range(len(network.cameras)):
-        parts = [_camera_part(setting, network.image_camera == camera) for setting in found]
-        images = np.concatenate([np.zeros(0, np.int64), *(images for images, _, _ in parts)])
+        camera_parts = [_camera_part(setting, network.image_camera == camera) for setting in pose_distances]
+        images = np.concatenate([np.zeros(0, np.int64), *(images for images, _, _ in camera_parts)])
         if len(images) >= _FEWEST:
-            values = np.concatenate([values for _, values, _ in parts])
-            stable.append(_settings(camera, images, values, [block for _, _, block in parts]))
+            values = np.concatenate([values for _, values, _ in camera_parts])
+            stable.append(_settings(camera, images, values, [block for _, _, block in camera_parts]))
     return stable
 
 
 def _camera_part(distances: Distances, chosen: Mask) -> Distances:
     images, values, covariance = distances
-    mine = chosen[images]
-    return images[mine], values[mine], covariance[np.ix_(mine, mine)]
+    is_of_camera = chosen[images]
+    return images[is_of_camera], values[is_of_camera], covariance[np.ix_(is_of_camera, is_of_camera)]
 
 
 def _deviations_by_pose(adjusted: Adjustment, factor: Array) -> Iterator[Distances | None]:

@@ -59,27 +59,27 @@ def known_point_errors(points: Array, covariance: Array, known: Array, known_cov
     from scipy.special import chdtrc
 
     count = len(points)
-    inside = _consensus(points, covariance, known, known_cov)
-    level, seen = LEVEL / count, set()
+    inliers = _consensus(points, covariance, known, known_cov)
+    level, tried_sets = LEVEL / count, set()
     while True:
-        tested = _tested(points, covariance, known, known_cov, inside)
-        seen.add(inside.tobytes())
+        tested = _tested(points, covariance, known, known_cov, inliers)
+        tried_sets.add(inliers.tobytes())
         p_value = np.where(np.isfinite(tested.T), chdtrc(3, np.nan_to_num(tested.T)), np.nan)
-        fails = inside & (p_value < level)
-        back = ~inside & (p_value >= level)
-        following = inside.copy()
-        if back.any():
-            following |= back
-        elif fails.any() and inside.sum() > _LEAST_FIT:
-            following[int(np.nanargmax(np.where(fails, tested.T, np.nan)))] = False
-        if np.array_equal(following, inside) or following.tobytes() in seen:
+        fails = inliers & (p_value < level)
+        returning = ~inliers & (p_value >= level)
+        next_inliers = inliers.copy()
+        if returning.any():
+            next_inliers |= returning
+        elif fails.any() and inliers.sum() > _LEAST_FIT:
+            next_inliers[int(np.nanargmax(np.where(fails, tested.T, np.nan)))] = False
+        if np.array_equal(next_inliers, inliers) or next_inliers.tobytes() in tried_sets:
             break
-        inside = following
+        inliers = next_inliers
     overall = float(chdtrc(tested.freedom, tested.chi2)) if tested.freedom else 1.0
     resolved = (
         overall >= LEVEL
-        and 2 * int(inside.sum()) > count
-        and not _is_ambiguous(points, covariance, known, known_cov, inside)
+        and 2 * int(inliers.sum()) > count
+        and not _is_ambiguous(points, covariance, known, known_cov, inliers)
     )
     inflation = 1.0
     if not resolved:  # of exactly three points none can be tested alone: report their misfit
@@ -87,20 +87,20 @@ def known_point_errors(points: Array, covariance: Array, known: Array, known_cov
         overall = float(chdtrc(tested.freedom, tested.chi2))
         p_value = np.where(np.isfinite(tested.T), chdtrc(3, np.nan_to_num(tested.T)), overall)
         inflation = max(tested.chi2 / max(tested.freedom, 1), 1.0)
-    wrong, untold = ~inside & resolved, ~np.isfinite(tested.T) & (not resolved)
-    off = np.where(untold[:, None], tested.misfit, tested.off)
-    return KnownPointErrors(off, tested.sigma, tested.T, p_value, wrong, resolved, inflation)
+    wrong, is_untested = ~inliers & resolved, ~np.isfinite(tested.T) & (not resolved)
+    error = np.where(is_untested[:, None], tested.misfit, tested.off)
+    return KnownPointErrors(error, tested.sigma, tested.T, p_value, wrong, resolved, inflation)
 
 
-def _is_ambiguous(points: Array, covariance: Array, known: Array, known_cov: Array, inside: Mask) -> bool:
+def _is_ambiguous(points: Array, covariance: Array, known: Array, known_cov: Array, inliers: Mask) -> bool:
     """True if the points fit as well if another point is left out instead. Example: if one of four corners of a square
     is off its plane, any of them may be the wrong one."""
     from scipy.special import chdtrc
 
-    for wrong in np.flatnonzero(~inside).tolist():
-        for other in np.flatnonzero(inside).tolist()[:_SWAPPED]:
-            swapped = inside.copy()
-            swapped[[wrong, other]] = True, False
+    for outlier in np.flatnonzero(~inliers).tolist():
+        for inlier in np.flatnonzero(inliers).tolist()[:_SWAPPED]:
+            swapped = inliers.copy()
+            swapped[[outlier, inlier]] = True, False
             tested = _tested(points, covariance, known, known_cov, swapped)
             if tested.freedom and chdtrc(tested.freedom, tested.chi2) >= LEVEL:
                 return True
@@ -110,20 +110,22 @@ def _is_ambiguous(points: Array, covariance: Array, known: Array, known_cov: Arr
 def _consensus(points: Array, covariance: Array, known: Array, known_cov: Array) -> Mask:
     """Return the points (m,) that the best similarity through three of them fits, at least these three."""
     count = len(points)
-    every = list(islice(combinations(range(count), 3), 20_000))
-    triples = np.array(every)[np.unique(np.linspace(0, len(every) - 1, min(_TRIPLES, len(every))).round().astype(int))]
+    all_triples = list(islice(combinations(range(count), 3), 20_000))
+    triples = np.array(all_triples)[
+        np.unique(np.linspace(0, len(all_triples) - 1, min(_TRIPLES, len(all_triples))).round().astype(int))
+    ]
     fit = umeyama(points[triples], known[triples], with_scale=True)
-    placed = fit.scale[:, None, None] * np.einsum("bij,nj->bni", fit.R, points) + fit.t[:, None]
+    transformed = fit.scale[:, None, None] * np.einsum("bij,nj->bni", fit.R, points) + fit.t[:, None]
     variance = np.einsum("nini->n", covariance.reshape(count, 3, count, 3)) + np.einsum("nii->n", known_cov)
-    flat = np.linalg.svd(points[triples] - points[triples].mean(1, keepdims=True), compute_uv=False)
-    usable = flat[:, 1] > 0.05 * np.linalg.norm(points - points.mean(0), axis=1).max()
+    singular_values = np.linalg.svd(points[triples] - points[triples].mean(1, keepdims=True), compute_uv=False)
+    usable = singular_values[:, 1] > 0.05 * np.linalg.norm(points - points.mean(0), axis=1).max()
     # Three points predict the others with their own noise, enlarged with distance.
-    square = np.sum((placed - known) ** 2, -1) / (variance / 3.0)
-    cost = np.where(usable[:, None], np.minimum(square, _FITTING_SQUARE * 4.0), np.inf).sum(1)
+    normalised_square = np.sum((transformed - known) ** 2, -1) / (variance / 3.0)
+    cost = np.where(usable[:, None], np.minimum(normalised_square, _FITTING_SQUARE * 4.0), np.inf).sum(1)
     best = int(np.argmin(cost))
-    inside = square[best] <= _FITTING_SQUARE * 4.0
-    inside[triples[best]] = True
-    return inside
+    inliers = normalised_square[best] <= _FITTING_SQUARE * 4.0
+    inliers[triples[best]] = True
+    return inliers
 
 
 @dataclass(frozen=True)
@@ -138,39 +140,39 @@ class _Tested:
     freedom: int
 
 
-def _tested(points: Array, covariance: Array, known: Array, known_cov: Array, inside: Mask) -> _Tested:
-    """Return the error of every known point, with a similarity fitted by covariance to those inside (m,)."""
+def _tested(points: Array, covariance: Array, known: Array, known_cov: Array, inliers: Mask) -> _Tested:
+    """Return the error of every known point, with a similarity fitted by covariance to the inliers (m,)."""
     count = len(points)
-    fit = umeyama(points[inside], known[inside], with_scale=True)
+    fit = umeyama(points[inliers], known[inliers], with_scale=True)
     R, scale, shift = fit.R, float(fit.scale), fit.t
-    turned = np.kron(np.eye(count), scale * R)
-    sigma = turned @ covariance @ turned.T
+    rotation = np.kron(np.eye(count), scale * R)
+    sigma = rotation @ covariance @ rotation.T
     for n in range(count):
         sigma[3 * n : 3 * n + 3, 3 * n : 3 * n + 3] += known_cov[n]
-    placed = scale * points @ R.T + shift
-    A = [movements(placed - placed[inside].mean(0)).reshape(3 * count, 7)]
-    A += [np.eye(3 * count)[:, 3 * n : 3 * n + 3] for n in np.flatnonzero(~inside).tolist()]
+    transformed = scale * points @ R.T + shift
+    A = [movements(transformed - transformed[inliers].mean(0)).reshape(3 * count, 7)]
+    A += [np.eye(3 * count)[:, 3 * n : 3 * n + 3] for n in np.flatnonzero(~inliers).tolist()]
     design, P = np.concatenate(A, 1), np.linalg.inv(sigma)
-    apart = (known - placed).ravel()
+    misclosure = (known - transformed).ravel()
     cofactor = np.linalg.inv(design.T @ P @ design)
-    values = cofactor @ design.T @ P @ apart
-    left = apart - design @ values
+    values = cofactor @ design.T @ P @ misclosure
+    residual = misclosure - design @ values
     W = P - P @ design @ cofactor @ design.T @ P
-    off, spread, T = np.full((count, 3), np.nan), np.full((count, 3), np.nan), np.full(count, np.nan)
-    for place, n in enumerate(np.flatnonzero(~inside).tolist()):
-        unknowns_of_point = slice(7 + 3 * place, 10 + 3 * place)
-        off[n], block = values[unknowns_of_point], cofactor[unknowns_of_point, unknowns_of_point]
-        spread[n], T[n] = np.sqrt(np.diagonal(block)), off[n] @ np.linalg.solve(block, off[n])
-    for n in np.flatnonzero(inside).tolist():
+    error, error_sigma, T = np.full((count, 3), np.nan), np.full((count, 3), np.nan), np.full(count, np.nan)
+    for column, n in enumerate(np.flatnonzero(~inliers).tolist()):
+        unknowns_of_point = slice(7 + 3 * column, 10 + 3 * column)
+        error[n], block = values[unknowns_of_point], cofactor[unknowns_of_point, unknowns_of_point]
+        error_sigma[n], T[n] = np.sqrt(np.diagonal(block)), error[n] @ np.linalg.solve(block, error[n])
+    for n in np.flatnonzero(inliers).tolist():
         unknowns_of_point = slice(3 * n, 3 * n + 3)
         M = W[unknowns_of_point, unknowns_of_point]
         if np.linalg.eigvals(np.linalg.solve(P[unknowns_of_point, unknowns_of_point], M)).real.min() < _TESTED:
             continue
         block = np.linalg.inv(M)
-        off[n] = block @ (P @ left)[unknowns_of_point]
-        spread[n], T[n] = np.sqrt(np.diagonal(block)), off[n] @ M @ off[n]
-    chi2, freedom = float(left @ P @ left), 3 * int(inside.sum()) - 7
-    return _Tested(known - placed, off, spread, T, chi2, max(freedom, 0))
+        error[n] = block @ (P @ residual)[unknowns_of_point]
+        error_sigma[n], T[n] = np.sqrt(np.diagonal(block)), error[n] @ M @ error[n]
+    chi2, freedom = float(residual @ P @ residual), 3 * int(inliers.sum()) - 7
+    return _Tested(known - transformed, error, error_sigma, T, chi2, max(freedom, 0))
 
 
 @dataclass(frozen=True)
@@ -207,21 +209,24 @@ def with_weak_known_points(network: Network, state: NetworkState) -> Network:
     return replace(network, known=replace(known, cov_m2=cov))
 
 
-def tested_known(network: Network, loose: ScreenedNetwork) -> KnownTested:
+def tested_known(network: Network, screened_network: ScreenedNetwork) -> KnownTested:
     """Return the test of the known points, from an adjustment with weak known points."""
-    adjusted = loose.adjustment
-    covariance, factor = adjusted.covariance, loose.covariance_factor if np.isfinite(loose.covariance_factor) else 1.0
+    adjusted = screened_network.adjustment
+    covariance, factor = (
+        adjusted.covariance,
+        screened_network.covariance_factor if np.isfinite(screened_network.covariance_factor) else 1.0,
+    )
     tested: dict[int, Index] = {}
     errors: dict[int, KnownPointErrors] = {}
-    seen = np.bincount(network.rays.point[adjusted.used], minlength=len(network.point_pose))
+    ray_count = np.bincount(network.rays.point[adjusted.used], minlength=len(network.point_pose))
     for pose, rows in _rows_by_pose(network, adjusted.state).items():
         number = network.known.point[rows]
-        rows = rows[seen[number] >= 2]
+        rows = rows[ray_count[number] >= 2]
         if len(rows) < _FEWEST or _is_line(network.known.xyz_m[rows]):
             continue
         number = network.known.point[rows]
-        place = np.searchsorted(covariance.point_numbers(pose), number)  # in ascending order
-        cov = covariance.joint(pose, place) * factor
+        index = np.searchsorted(covariance.point_numbers(pose), number)  # in ascending order
+        cov = covariance.joint(pose, index) * factor
         known = network.known
         tested[pose] = rows
         errors[pose] = known_point_errors(adjusted.state.points[number], cov, known.xyz_m[rows], known.cov_m2[rows])
@@ -229,11 +234,11 @@ def tested_known(network: Network, loose: ScreenedNetwork) -> KnownTested:
 
 
 def _is_line(xyz: NDArray[np.float64]) -> bool:
-    sizes = np.linalg.svd(xyz - xyz.mean(0), compute_uv=False)
-    return bool(sizes[1] < _LEAST_WIDTH * sizes[0])
+    singular_values = np.linalg.svd(xyz - xyz.mean(0), compute_uv=False)
+    return bool(singular_values[1] < _LEAST_WIDTH * singular_values[0])
 
 
 def _rows_by_pose(network: Network, state: NetworkState) -> dict[int, Index]:
     known = network.known
-    pose, there = network.point_pose[known.point], np.isfinite(state.points[known.point, 0])
-    return {int(number): np.flatnonzero((pose == number) & there) for number in np.unique(pose[there])}
+    pose, is_estimated = network.point_pose[known.point], np.isfinite(state.points[known.point, 0])
+    return {int(number): np.flatnonzero((pose == number) & is_estimated) for number in np.unique(pose[is_estimated])}

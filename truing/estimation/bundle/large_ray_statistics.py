@@ -38,7 +38,7 @@ class SharedSides:
 
 
 def shared_sides(
-    observed: Observed, state: NetworkState, at: LinearisedRays, residuals: Array, by_numbers: Array
+    observed: Observed, state: NetworkState, linearised: LinearisedRays, residuals: Array, by_numbers: Array
 ) -> SharedSides:
     """Return the equations; rays at the state, their residuals (n, 2) in px and derivatives (n, 2, T)."""
     layout, width = observed.layout, by_numbers.shape[-1] + 1
@@ -46,26 +46,28 @@ def shared_sides(
     images, points = np.zeros((len(layout.images), 6, width)), equations.point_sides[..., -1:]
     # Known points add to the right side only; the part of the rays is replaced.
     points = np.concatenate(
-        [np.zeros((len(points), 3, width - 1)), points - _statistics_of_rays(observed, at, residuals)], -1
+        [np.zeros((len(points), 3, width - 1)), points - _statistics_of_rays(observed, linearised, residuals)], -1
     )
     sides = np.zeros((layout.poses, width - 1, width))
     pose = np.searchsorted(layout.image_start, layout.ray_image, side="right") - 1
     for first in range(0, len(layout.rays), _BATCH):
         batch = slice(first, first + _BATCH)
-        both = np.concatenate([by_numbers[batch], residuals[batch][..., None]], -1)
-        weighed = observed.rays[batch] @ both
-        images += sums(layout.ray_image[batch], at.by_image[batch].transpose(0, 2, 1) @ weighed, len(images))
-        points += sums(layout.ray_point[batch], at.by_point[batch].transpose(0, 2, 1) @ weighed, len(points))
+        numbers_and_residuals = np.concatenate([by_numbers[batch], residuals[batch][..., None]], -1)
+        weighted = observed.rays[batch] @ numbers_and_residuals
+        images += sums(layout.ray_image[batch], linearised.by_image[batch].transpose(0, 2, 1) @ weighted, len(images))
+        points += sums(layout.ray_point[batch], linearised.by_point[batch].transpose(0, 2, 1) @ weighted, len(points))
         for number in np.unique(pose[batch]):
-            here = pose[batch] == number
-            sides[number] += np.tensordot(both[here, :, :-1], weighed[here], axes=([0, 1], [0, 1]))
+            in_pose = pose[batch] == number
+            sides[number] += np.tensordot(
+                numbers_and_residuals[in_pose, :, :-1], weighted[in_pose], axes=([0, 1], [0, 1])
+            )
     return SharedSides(replace(equations, image_sides=images, point_sides=points), sides)
 
 
-def _statistics_of_rays(observed: Observed, at: LinearisedRays, residuals: Array) -> Array:
+def _statistics_of_rays(observed: Observed, linearised: LinearisedRays, residuals: Array) -> Array:
     """Return the right side (p, 3, 1) of the points that the rays alone give."""
-    weighed = at.by_point.transpose(0, 2, 1) @ observed.rays @ residuals[..., None]
-    return sums(observed.layout.ray_point, weighed, len(observed.layout.points))
+    weighted = linearised.by_point.transpose(0, 2, 1) @ observed.rays @ residuals[..., None]
+    return sums(observed.layout.ray_point, weighted, len(observed.layout.points))
 
 
 def information_of_pose(
@@ -76,9 +78,9 @@ def information_of_pose(
     blocks = blocks_of(sides.equations, observed.layout, pose, free, ties, ArrayPool())
     eliminated_pose = EliminatedPose(blocks, ties, 0.0, np.empty(blocks.own_rows.shape))
     assert isinstance(eliminated_pose.reduced, ReducedRays)
-    left = sides.whole[pose] + eliminated_pose.common
-    moved = unknowns_by_common(eliminated_pose, eliminated_pose.reduced)[6 * len(free.images) :]
-    return (left[:, :-1] + left[:, :-1].T) / 2, left[:, -1], moved.reshape(len(free.points), 3, -1)
+    reduced = sides.whole[pose] + eliminated_pose.common
+    points_by_numbers = unknowns_by_common(eliminated_pose, eliminated_pose.reduced)[6 * len(free.images) :]
+    return (reduced[:, :-1] + reduced[:, :-1].T) / 2, reduced[:, -1], points_by_numbers.reshape(len(free.points), 3, -1)
 
 
 def distances_as_ties(
@@ -100,8 +102,8 @@ def distances_as_ties(
     weight = np.empty(len(rows))
     for n, row in enumerate(rows):
         ends = [first[n], second[n]]
-        most = rigid * float(np.sum(diagonal[ends])) / diagonal[ends].size
-        weight[n] = min(1 / max(float(observed.distance_variance[row]), 1e-300), most)
+        weight_limit = rigid * float(np.sum(diagonal[ends])) / diagonal[ends].size
+        weight[n] = min(1 / max(float(observed.distance_variance[row]), 1e-300), weight_limit)
         diagonal[ends] += weight[n] * distances.direction[row] ** 2
-    misclosure, none = distances.misclosure[rows], np.full(len(rows), np.inf)
-    return Ties(first, second, distances.direction[rows], by_numbers[rows], misclosure, weight, none)
+    misclosure, no_multiplier = distances.misclosure[rows], np.full(len(rows), np.inf)
+    return Ties(first, second, distances.direction[rows], by_numbers[rows], misclosure, weight, no_multiplier)

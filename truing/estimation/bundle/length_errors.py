@@ -68,50 +68,54 @@ def length_errors(
     """
     from scipy.special import chdtrc
 
-    growth = 1 + np.asarray(expansion_per_k) * (np.asarray(temperature_c) - reference_c)
-    error = measured_m / growth - calibrated_m
+    expansion = 1 + np.asarray(expansion_per_k) * (np.asarray(temperature_c) - reference_c)
+    error = measured_m / expansion - calibrated_m
     cov = cov_m2 + np.diag(np.square(sigma_calibrated_m))
     sigma = np.sqrt(np.diag(cov))
     permitted = np.full(len(error), np.nan) if permissible is None else permissible.at(calibrated_m)
     weighted = np.linalg.solve(cov, np.stack([error, calibrated_m], axis=1))
     information = float(calibrated_m @ weighted[:, 1])
     chi2 = float(error @ weighted[:, 0])
-    some = len(error) > 0
+    has_lengths = len(error) > 0
     return LengthErrors(
         error_m=error,
         sigma_m=sigma,
         permitted_m=permitted,
         verdict=_verdicts(error, sigma, permitted),
         chi2=chi2,
-        p_value=float(chdtrc(len(error), chi2)) if some else float("nan"),
-        scale=float(calibrated_m @ weighted[:, 0]) / information if some else float("nan"),
-        sigma_scale=information**-0.5 if some else float("nan"),
+        p_value=float(chdtrc(len(error), chi2)) if has_lengths else float("nan"),
+        scale=float(calibrated_m @ weighted[:, 0]) / information if has_lengths else float("nan"),
+        sigma_scale=information**-0.5 if has_lengths else float("nan"),
         lacks=_unmet_requirements(calibrated_m, line, volume_m),
     )
 
 
 def _verdicts(error: Array, sigma: Array, permitted: Array) -> tuple[str, ...]:
-    size, doubt = np.abs(error), 2 * sigma
-    stated = np.isfinite(permitted) | np.isposinf(permitted)
-    word = np.where(size + doubt <= permitted, CONFORMS, np.where(size - doubt > permitted, FAILS, UNDECIDED))
-    return tuple(np.where(stated, word, "").tolist())
+    error_size, expanded_uncertainty = np.abs(error), 2 * sigma
+    has_limit = np.isfinite(permitted) | np.isposinf(permitted)
+    verdict = np.where(
+        error_size + expanded_uncertainty <= permitted,
+        CONFORMS,
+        np.where(error_size - expanded_uncertainty > permitted, FAILS, UNDECIDED),
+    )
+    return tuple(np.where(has_limit, verdict, "").tolist())
 
 
 def _unmet_requirements(calibrated_m: Array, line: Index | None, volume_m: Array | None) -> tuple[str, ...]:
     """Return the requirements of the guideline that these lengths do not meet: lines, lengths per line, their
     extent."""
-    lacks: list[str] = []
-    many: NDArray = np.bincount(line) if line is not None and len(line) else np.ones(len(calibrated_m), int)
-    many = many[many > 0]
-    if len(many) < LINES:
-        lacks.append(f"{len(many)} measuring lines of {LINES}")
-    short = int((many < LENGTHS_PER_LINE).sum())
-    if short:
-        lacks.append(f"{short} measuring lines with fewer than {LENGTHS_PER_LINE} lengths")
+    unmet: list[str] = []
+    lengths_per_line: NDArray = np.bincount(line) if line is not None and len(line) else np.ones(len(calibrated_m), int)
+    lengths_per_line = lengths_per_line[lengths_per_line > 0]
+    if len(lengths_per_line) < LINES:
+        unmet.append(f"{len(lengths_per_line)} measuring lines of {LINES}")
+    short_lines = int((lengths_per_line < LENGTHS_PER_LINE).sum())
+    if short_lines:
+        unmet.append(f"{short_lines} measuring lines with fewer than {LENGTHS_PER_LINE} lengths")
     if volume_m is not None and len(calibrated_m):
         diagonal = float(np.linalg.norm(volume_m))
         if calibrated_m.max() < 2 / 3 * diagonal:
-            lacks.append(
+            unmet.append(
                 f"the longest is {calibrated_m.max():.3g} m, two thirds of the diagonal {2 / 3 * diagonal:.3g} m"
             )
-    return tuple(lacks)
+    return tuple(unmet)

@@ -162,21 +162,21 @@ def known_elsewhere(named: NamedNetwork, state: NetworkState) -> list[KnownPoint
 def _against_known(network: Network, start: Start, choices: Choices) -> tuple[KnownTested, Mask, NetworkState]:
     """Return the test of weak known points, the rays that agree with each other, and the state."""
     try:
-        loose = _robustly(with_weak_known_points(network, start.state), start.state, choices, start.ray_agrees)
+        screened = _robustly(with_weak_known_points(network, start.state), start.state, choices, start.ray_agrees)
     except UndeterminedNetworkError:  # for example single photographs, which only known points orient
         return KnownTested(), start.ray_agrees, start.state
-    known_tested = tested_known(network, loose)
-    state, points = loose.adjustment.state, start.state.points
+    known_tested = tested_known(network, screened)
+    state, points = screened.adjustment.state, start.state.points
     state = replace(state, points=np.where(np.isfinite(points), state.points, points))
-    return known_tested, loose.used if known_tested.rows else start.ray_agrees, state
+    return known_tested, screened.used if known_tested.rows else start.ray_agrees, state
 
 
-def _robustly(network: Network, state: NetworkState, choices: Choices, agrees: Mask) -> ScreenedNetwork:
+def _robustly(network: Network, state: NetworkState, choices: Choices, inliers: Mask) -> ScreenedNetwork:
     return adjust_robustly(
         network,
         state,
         choices.datum,
-        agrees=agrees,
+        inliers=inliers,
         alpha=choices.false_alarm,
         with_components=choices.variance_components,
     )
@@ -191,42 +191,44 @@ def _with_circles(
     state = adjusted.state
     nameless = np.flatnonzero(table.point == "")
     reason = np.full(len(nameless), "", dtype=object)
-    found_xyz = [state.points]
+    coordinates = [state.points]
     for pose in range(len(named.poses)):
-        here = np.flatnonzero(table.pose[nameless] == pose)
-        if not len(here):
+        in_pose = np.flatnonzero(table.pose[nameless] == pose)
+        if not len(in_pose):
             continue
-        rows, (images, local) = nameless[here], _oriented(screened_network, pose)
+        rows, (images, local) = nameless[in_pose], _oriented(screened_network, pose)
         matched = match_uncoded(Circles(local[table.image[rows]], table.xy_px[rows], table.cov_px2[rows]), images)
-        reason[here] = matched.reason
-        good = matched.point >= 0
+        reason[in_pose] = matched.reason
+        is_matched = matched.point >= 0
         names = np.array([f"circle-{number + 1}" for number in range(len(matched.xyz_m))], dtype=object)
-        found_xyz.append(matched.xyz_m)
-        good_rows = rows[good]
-        network_used = network_used.with_rays(table.image[good_rows], matched.point[good], good_rows, table, names)
-    missed = reason != ""
-    points = np.concatenate(found_xyz)
+        coordinates.append(matched.xyz_m)
+        good_rows = rows[is_matched]
+        network_used = network_used.with_rays(
+            table.image[good_rows], matched.point[is_matched], good_rows, table, names
+        )
+    is_unmatched = reason != ""
+    points = np.concatenate(coordinates)
     state = replace(state, points=points)
-    return network_used, state, nameless[missed], reason[missed]
+    return network_used, state, nameless[is_unmatched], reason[is_unmatched]
 
 
 def _oriented(screened_network: ScreenedNetwork, pose: int) -> tuple[OrientedImages, Index]:
     """Return the oriented images of a pose with their covariance, and their numbers in the network."""
     adjusted = screened_network.adjustment
     network, state, covariance = adjusted.network, adjusted.state, adjusted.covariance
-    places = np.flatnonzero(network.image_pose == pose)
+    images_of_pose = np.flatnonzero(network.image_pose == pose)
     local = np.full(len(network.image_pose), -1, np.int64)
-    local[places] = np.arange(len(places))
-    cov, centre = np.full((len(places), 6, 6), np.nan), np.full((len(places), 3), np.nan)
-    there = covariance.image_numbers(pose)
-    if len(there):
-        cov[local[there]] = covariance.images(pose)
-        centre[local[there]] = state.centre[there]
-    points = state.points[covariance.point_numbers(pose)] if len(there) else np.zeros((0, 3))
+    local[images_of_pose] = np.arange(len(images_of_pose))
+    cov, centre = np.full((len(images_of_pose), 6, 6), np.nan), np.full((len(images_of_pose), 3), np.nan)
+    adjusted_images = covariance.image_numbers(pose)
+    if len(adjusted_images):
+        cov[local[adjusted_images]] = covariance.images(pose)
+        centre[local[adjusted_images]] = state.centre[adjusted_images]
+    points = state.points[covariance.point_numbers(pose)] if len(adjusted_images) else np.zeros((0, 3))
     box = _box(points)
-    R = np.where(np.isfinite(centre)[:, :1, None], state.R[places], np.eye(3))
+    R = np.where(np.isfinite(centre)[:, :1, None], state.R[images_of_pose], np.eye(3))
     images = OrientedImages(
-        network.cameras, state.interior, network.image_camera[places], R, centre, np.nan_to_num(cov), box
+        network.cameras, state.interior, network.image_camera[images_of_pose], R, centre, np.nan_to_num(cov), box
     )
     return images, local
 
@@ -255,6 +257,6 @@ def eccentricities(
     sigma = np.sqrt(np.einsum("nii->n", rays.cov_px2) / 2)
     eccentricity = facing(named.network, state, rays.image, rays.point, axes, table.angle_rad[named.row], sigma)
     radius = np.where(np.isfinite(radius_m), radius_m, eccentricity.radius_m)
-    off = network_eccentricity(named.network, state, rays.image, rays.point, eccentricity.normal, radius)
+    offset_px = network_eccentricity(named.network, state, rays.image, rays.point, eccentricity.normal, radius)
     no_ellipse = np.isnan(table.semi_axes_px[named.row]).any(axis=1, keepdims=True)
-    return np.where(no_ellipse | ~np.isfinite(off), 0.0, off), eccentricity.radius_m
+    return np.where(no_ellipse | ~np.isfinite(offset_px), 0.0, offset_px), eccentricity.radius_m

@@ -38,14 +38,16 @@ def intersections(network: Network, state: NetworkState, used: Mask) -> Intersec
     d = state.points[point] - state.centre[image]
     distance = np.linalg.norm(d, axis=1, keepdims=True)
     d = d / distance
-    across = (np.eye(3) - d[:, :, None] * d[:, None, :]) / distance[:, :, None] ** 2
+    weighted_projector = (np.eye(3) - d[:, :, None] * d[:, None, :]) / distance[:, :, None] ** 2
     count = len(network.point_pose)
-    values = np.linalg.eigvalsh(sums(point, across, count))
+    values = np.linalg.eigvalsh(sums(point, weighted_projector, count))
     with np.errstate(divide="ignore", invalid="ignore"):
         condition = np.sqrt(values[:, 2] / values[:, 0])
-    weak = ~(values[:, 0] > 1e-12 * values[:, 2])
+    is_undetermined = ~(values[:, 0] > 1e-12 * values[:, 2])
     return Intersections(
-        np.bincount(point, minlength=count), _largest_angles(point, d, count), np.where(weak, np.inf, condition)
+        np.bincount(point, minlength=count),
+        _largest_angles(point, d, count),
+        np.where(is_undetermined, np.inf, condition),
     )
 
 
@@ -53,16 +55,16 @@ def _largest_angles(point: Index, d: Array, count: int) -> Array:
     """Return the largest angle (P,) between two unit vectors d (N, 3) of a point; 0 for a single ray."""
     order = np.argsort(point, kind="stable")
     point, d = point[order], d[order]
-    many = np.bincount(point, minlength=count)
-    first = np.cumsum(many) - many
-    least = np.ones(count)
+    count_of_point = np.bincount(point, minlength=count)
+    first = np.cumsum(count_of_point) - count_of_point
+    least_cosine = np.ones(count)
     # Pairs each ray with the one `step` places on, and so covers all pairs.
-    for step in range(1, int(many.max(initial=1))):
-        other = np.arange(len(point)) + step
-        with_other = other < (first + many)[point]
-        cosine = np.einsum("ni,ni->n", d[with_other], d[other[with_other]])
-        np.minimum.at(least, point[with_other], cosine)
-    return np.arccos(np.clip(least, -1.0, 1.0))
+    for step in range(1, int(count_of_point.max(initial=1))):
+        partner = np.arange(len(point)) + step
+        has_partner = partner < (first + count_of_point)[point]
+        cosine = np.einsum("ni,ni->n", d[has_partner], d[partner[has_partner]])
+        np.minimum.at(least_cosine, point[has_partner], cosine)
+    return np.arccos(np.clip(least_cosine, -1.0, 1.0))
 
 
 @dataclass(frozen=True)
@@ -129,12 +131,12 @@ def residual_regions(network: Network, residuals_px: Array, cofactor_px2: Array,
     camera, size = _cameras(network, used)
     cell = format_cells(network.rays.xy_px[used], size[:, 0], size[:, 1], per_side)
     number = camera * per_side**2 + cell
-    every = len(network.cameras) * per_side**2
-    rays = np.bincount(number, minlength=every)
+    region_count = len(network.cameras) * per_side**2
+    rays = np.bincount(number, minlength=region_count)
     index = np.flatnonzero(rays)
-    mean = sums(number, residuals_px[used], every)[index] / rays[index, None]
-    cov = sums(number, cofactor_px2[used], every)[index] / rays[index, None, None] ** 2
+    mean = sums(number, residuals_px[used], region_count)[index] / rays[index, None]
+    cov = sums(number, cofactor_px2[used], region_count)[index] / rays[index, None, None] ** 2
     chi2 = np.einsum("gi,gi->g", mean, np.linalg.solve(cov, mean[..., None])[..., 0])
-    of_camera, cell = np.divmod(index, per_side**2)
+    camera_of_region, cell = np.divmod(index, per_side**2)
     p_value = holm_adjusted(chdtrc(2, chi2))
-    return ResidualRegions(of_camera, cell // per_side, cell % per_side, rays[index], mean, chi2, p_value)
+    return ResidualRegions(camera_of_region, cell // per_side, cell % per_side, rays[index], mean, chi2, p_value)

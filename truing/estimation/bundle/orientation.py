@@ -51,15 +51,15 @@ class Bundle:
     def ray_distances(self, X: Array) -> tuple[Array, Array]:
         """Return the distance (N, 2) of rays from their points X (P, 3) in ideal pixels, and the depths (N,) of the
         points."""
-        seen, _ = self._in_camera_frame(X)
+        in_camera, _ = self._in_camera_frame(X)
         with np.errstate(all="ignore"):
-            return (seen[:, :2] / seen[:, 2:] - self.direction) * self.scale_px[:, None], seen[:, 2]
+            return (in_camera[:, :2] / in_camera[:, 2:] - self.direction) * self.scale_px[:, None], in_camera[:, 2]
 
     def agreeing_rays(self, X: Array, tolerance_px: float | Array) -> Mask:
         """Return the rays (N,) that pass their points within the tolerance, with the point in front of the camera."""
-        off, depth = self.ray_distances(X)
+        residual_px, depth = self.ray_distances(X)
         with np.errstate(invalid="ignore"):
-            return (depth > 0) & (np.einsum("ni,ni->n", off, off) < np.square(tolerance_px))
+            return (depth > 0) & (np.einsum("ni,ni->n", residual_px, residual_px) < np.square(tolerance_px))
 
     def _in_camera_frame(self, X: Array) -> tuple[Array, Array]:
         R = self.R[self.image]
@@ -81,21 +81,21 @@ def nearest_points(bundle: Bundle, weight: Array) -> tuple[Array, Array]:
 
     The quality is the least eigenvalue of the sum of 1 - d d^T, which is 1 - cos(angle) for two rays.
     """
-    A, meet, across = _crossing(bundle, weight)
-    b = sums(bundle.point, np.einsum("nij,nj->ni", across, bundle.centre[bundle.image]), bundle.points)
-    solvable = meet > 1e-9
+    A, quality, projector = _crossing(bundle, weight)
+    b = sums(bundle.point, np.einsum("nij,nj->ni", projector, bundle.centre[bundle.image]), bundle.points)
+    solvable = quality > 1e-9
     X = np.full((bundle.points, 3), np.nan)
     X[solvable] = np.linalg.solve(A[solvable], b[solvable][..., None])[..., 0]
-    return X, meet
+    return X, quality
 
 
 def _crossing(bundle: Bundle, weight: Array) -> tuple[Array, Array, Array]:
     """Return the sums (P, 3, 3) of 1 - d d^T over the weighted rays of each point; their least eigenvalues (P,); and
     the terms (N, 3, 3)."""
     d = bundle.lines()
-    across = (np.eye(3) - d[:, :, None] * d[:, None, :]) * weight[:, None, None]
-    A = sums(bundle.point, across, bundle.points)
-    return A, np.asarray(np.linalg.eigvalsh(A)[:, 0], float), across
+    projector = (np.eye(3) - d[:, :, None] * d[:, None, :]) * weight[:, None, None]
+    A = sums(bundle.point, projector, bundle.points)
+    return A, np.asarray(np.linalg.eigvalsh(A)[:, 0], float), projector
 
 
 def refine_points(bundle: Bundle, X: Array, weight: Array) -> Array:
@@ -130,23 +130,32 @@ def intersect(bundle: Bundle, tolerance_px: float, rng: np.random.Generator) -> 
     rays = bundle.of(order)
     count = np.bincount(rays.point, minlength=bundle.points)
     first = np.cumsum(count) - count
-    many = np.flatnonzero(count >= 2)
+    intersectable = np.flatnonzero(count >= 2)
     best, cost = np.full((bundle.points, 3), np.nan), np.full(bundle.points, np.inf)
-    line, sorted_rays = rays.lines(), _by_point(rays)
+    unit_rays, sorted_rays = rays.lines(), _by_point(rays)
     for _ in range(_TRIALS if (count > 2).any() else 1):
-        a = rng.integers(0, count[many])
-        b = (a + 1 + rng.integers(0, count[many] - 1)) % count[many]
-        try_pairs(line, *sorted_rays, many, first[many] + a, first[many] + b, tolerance_px, best, cost)
-    agrees = rays.agreeing_rays(best, tolerance_px)
+        a = rng.integers(0, count[intersectable])
+        b = (a + 1 + rng.integers(0, count[intersectable] - 1)) % count[intersectable]
+        try_pairs(
+            unit_rays,
+            *sorted_rays,
+            intersectable,
+            first[intersectable] + a,
+            first[intersectable] + b,
+            tolerance_px,
+            best,
+            cost,
+        )
+    inliers = rays.agreeing_rays(best, tolerance_px)
     for _ in range(2):
-        X = refine_points(rays, np.nan_to_num(best), agrees.astype(float))
-        agrees = rays.agreeing_rays(X, tolerance_px)
-    meet = _crossing(rays, agrees.astype(float))[1]
-    placed = np.isfinite(best[:, 0]) & (meet > 1 - np.cos(LEAST_ANGLE))
-    placed &= np.bincount(rays.point, agrees, minlength=bundle.points) >= 2
-    X[~placed] = np.nan
+        X = refine_points(rays, np.nan_to_num(best), inliers.astype(float))
+        inliers = rays.agreeing_rays(X, tolerance_px)
+    quality = _crossing(rays, inliers.astype(float))[1]
+    is_determined = np.isfinite(best[:, 0]) & (quality > 1 - np.cos(LEAST_ANGLE))
+    is_determined &= np.bincount(rays.point, inliers, minlength=bundle.points) >= 2
+    X[~is_determined] = np.nan
     is_intersected = np.zeros(len(bundle.image), bool)
-    is_intersected[order] = agrees & placed[rays.point]
+    is_intersected[order] = inliers & is_determined[rays.point]
     return X, is_intersected
 
 
@@ -173,25 +182,25 @@ def resect(direction: Array, X: Array, scale_px: float, tolerance_px: float) -> 
     image = np.ascontiguousarray(direction)
     limit = tolerance_px / scale_px
     try:
-        succeeded, turn, shift, chosen = cv2.solvePnPRansac(
+        succeeded, rotation_vector, shift, ransac_inliers = cv2.solvePnPRansac(
             local, image, np.eye(3), None,
             iterationsCount=_SAMPLES, reprojectionError=limit, confidence=0.9999, flags=cv2.SOLVEPNP_AP3P,
         )  # fmt: skip
     except cv2.error:
         return None
-    if not succeeded or chosen is None or len(chosen) < FEWEST:
+    if not succeeded or ransac_inliers is None or len(ransac_inliers) < FEWEST:
         return None
-    best = _refined_motion(cv2.Rodrigues(turn)[0].T, shift.ravel(), image, local, limit)
-    members = np.ravel(chosen)
+    best = _refined_motion(cv2.Rodrigues(rotation_vector)[0].T, shift.ravel(), image, local, limit)
+    members = np.ravel(ransac_inliers)
     if len(members) > FEWEST:
-        for turn, shift in _resect_all_points(local[members], image[members]):
-            other = _refined_motion(cv2.Rodrigues(turn)[0].T, shift.ravel(), image, local, limit)
-            best = min(best, other, key=_bounded_misses)
-    R, t, off, depth = best
-    agrees = (depth > 0) & (off < limit)
-    if agrees.sum() < FEWEST:
+        for rotation_vector, shift in _resect_all_points(local[members], image[members]):
+            candidate = _refined_motion(cv2.Rodrigues(rotation_vector)[0].T, shift.ravel(), image, local, limit)
+            best = min(best, candidate, key=_bounded_misses)
+    R, t, residual, depth = best
+    inliers = (depth > 0) & (residual < limit)
+    if inliers.sum() < FEWEST:
         return None
-    return Resection(R, origin - R @ t * size, agrees)
+    return Resection(R, origin - R @ t * size, inliers)
 
 
 def _resect_all_points(X: Array, direction: Array) -> list[tuple[Array, Array]]:
@@ -208,37 +217,37 @@ def _resect_all_points(X: Array, direction: Array) -> list[tuple[Array, Array]]:
 
 def _bounded_misses(relative_pose: tuple[Array, Array, Array, Array]) -> float:
     """Return the sum of an orientation's residuals, each limited to three times the median."""
-    off, depth = relative_pose[2], relative_pose[3]
-    middle = np.median(off)
-    return float(np.where(depth > 0, np.minimum(off, 3 * middle + 1e-12), 1e3).sum())
+    residual, depth = relative_pose[2], relative_pose[3]
+    median = np.median(residual)
+    return float(np.where(depth > 0, np.minimum(residual, 3 * median + 1e-12), 1e3).sum())
 
 
 def _refined_motion(R: Array, t: Array, direction: Array, X: Array, limit: float) -> tuple[Array, Array, Array, Array]:
     """Return R, t of u = R^T X + t after Gauss-Newton on the points within the limit, the residuals (n,) and depths
     (n,)."""
     for step in range(_RESECTION_STEPS + 1):
-        u = X @ R + t
+        in_camera = X @ R + t
         with np.errstate(all="ignore"):
-            a = u[:, :2] / u[:, 2:]
-            off = np.nan_to_num(np.linalg.norm(a - direction, axis=1), nan=1e3, posinf=1e3)
+            a = in_camera[:, :2] / in_camera[:, 2:]
+            residual = np.nan_to_num(np.linalg.norm(a - direction, axis=1), nan=1e3, posinf=1e3)
         if step == _RESECTION_STEPS:
             break
-        w = ((off < limit) & (u[:, 2] > 0)).astype(float)
+        w = ((residual < limit) & (in_camera[:, 2] > 0)).astype(float)
         if w.sum() < 3:
             break
         P = np.zeros((len(X), 2, 3))
         with np.errstate(all="ignore"):
-            P[:, 0, 0] = P[:, 1, 1] = 1 / u[:, 2]
-            P[:, :, 2] = -a / u[:, 2:]
+            P[:, 0, 0] = P[:, 1, 1] = 1 / in_camera[:, 2]
+            P[:, :, 2] = -a / in_camera[:, 2:]
         P[w == 0] = 0.0
-        J = np.concatenate([P, -P @ skew(u - t)], axis=2)
+        J = np.concatenate([P, -P @ skew(in_camera - t)], axis=2)
         N = np.einsum("nki,nkj->ij", J, J)
         step_ = np.linalg.lstsq(
             N, np.einsum("nki,nk->i", J, np.where(w[:, None] > 0, direction - a, 0.0)), rcond=1e-12
         )[0]
         t = t + step_[:3]
         R = R @ exp_so3(step_[3:]).T
-    return R, t, off, u[:, 2]
+    return R, t, residual, in_camera[:, 2]
 
 
 @dataclass(frozen=True)
@@ -256,11 +265,11 @@ def common_points(image: Index, point: Index, images: int, points: int) -> Array
     """Return the number of common points (I, I) of each pair of images."""
     from scipy.sparse import csr_array
 
-    seen = csr_array((np.ones(len(image)), (image, point)), shape=(images, points))
-    seen.data[:] = 1.0  # a point measured twice in an image counts once
-    shared = (seen @ seen.T).toarray()
-    np.fill_diagonal(shared, 0.0)
-    return shared
+    incidence = csr_array((np.ones(len(image)), (image, point)), shape=(images, points))
+    incidence.data[:] = 1.0  # a point measured twice in an image counts once
+    counts = (incidence @ incidence.T).toarray()
+    np.fill_diagonal(counts, 0.0)
+    return counts
 
 
 def relative_orientations(first: Array, second: Array, limit: float) -> list[ImagePair]:
@@ -277,8 +286,8 @@ def relative_orientations(first: Array, second: Array, limit: float) -> list[Ima
     orientations.sort(key=lambda pair: -pair.agreeing)
     image_pairs: list[ImagePair] = []
     for pair in orientations:
-        strong = pair.agreeing >= max(FEWEST_COMMON, _RIVAL * orientations[0].agreeing)
-        if strong and all(np.abs(pair.R - image_pair.R).max() > 0.02 for image_pair in image_pairs):
+        is_supported = pair.agreeing >= max(FEWEST_COMMON, _RIVAL * orientations[0].agreeing)
+        if is_supported and all(np.abs(pair.R - image_pair.R).max() > 0.02 for image_pair in image_pairs):
             image_pairs.append(pair)
     return image_pairs
 
@@ -294,8 +303,8 @@ def _motions(first: Array, second: Array, limit: float) -> list[tuple[Array, Arr
     except cv2.error:
         essential = None
     for E in [] if essential is None else np.split(essential, len(essential) // 3):
-        one, other, t = cv2.decomposeEssentialMat(E)
-        motions += [(R, sign * t.ravel()) for R in (one, other) for sign in (1.0, -1.0)]
+        R1, R2, t = cv2.decomposeEssentialMat(E)
+        motions += [(R, sign * t.ravel()) for R in (R1, R2) for sign in (1.0, -1.0)]
     return motions + _motions_of_a_plane(a, b, limit)
 
 
@@ -317,14 +326,14 @@ def _supporting_points(R: Array, t: Array, first: Array, second: Array, limit: f
     if not base > 1e-9:
         return None
     n = len(first)
-    turn, centre = R.T, -R.T @ t / base
+    R_second, centre = R.T, -R.T @ t / base
     rays = Bundle(
         np.repeat([0, 1], n), np.tile(np.arange(n), 2), np.concatenate([first, second]), np.ones(2 * n),
-        np.stack([np.eye(3), turn]), np.stack([np.zeros(3), centre]), n,
+        np.stack([np.eye(3), R_second]), np.stack([np.zeros(3), centre]), n,
     )  # fmt: skip
-    X, meet = nearest_points(rays, np.ones(2 * n))
-    agrees = rays.agreeing_rays(X, limit).reshape(2, n).all(axis=0)
-    if not agrees.any():
+    X, quality = nearest_points(rays, np.ones(2 * n))
+    inliers = rays.agreeing_rays(X, limit).reshape(2, n).all(axis=0)
+    if not inliers.any():
         return None
-    angle = float(np.median(np.arccos(np.clip(1 - meet[agrees], -1.0, 1.0))))
-    return ImagePair(turn, centre, int(agrees.sum()), angle)
+    angle = float(np.median(np.arccos(np.clip(1 - quality[inliers], -1.0, 1.0))))
+    return ImagePair(R_second, centre, int(inliers.sum()), angle)

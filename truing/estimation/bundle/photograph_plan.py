@@ -86,14 +86,14 @@ class PhotographPlan:
     @cached_property
     def undetermined(self) -> tuple[str, ...]:
         """Targets that fewer than two stations see."""
-        lost = np.flatnonzero(np.isnan(self.prediction.sigma))
-        return tuple(f"{self.targets.body[i]}/{self.targets.name[i]}" for i in lost)
+        unseen = np.flatnonzero(np.isnan(self.prediction.sigma))
+        return tuple(f"{self.targets.body[i]}/{self.targets.name[i]}" for i in unseen)
 
     @property
     def reaches(self) -> bool:
         """True if every target reaches the wanted precision."""
-        wanted = self.options.target_sigma_mm
-        return not self.undetermined and (wanted is None or self.worst_mm <= wanted)
+        required_mm = self.options.target_sigma_mm
+        return not self.undetermined and (required_mm is None or self.worst_mm <= required_mm)
 
 
 def plan_photographs(
@@ -104,32 +104,42 @@ def plan_photographs(
     nearest = 0.0 if settings.nearest_mm is None else 1e-3 * settings.nearest_mm
     farthest = np.inf if settings.farthest_mm is None else 1e-3 * settings.farthest_mm
     limits = CameraLimits(nearest, farthest, np.radians(settings.incidence_deg), settings.least_px)
-    seen = visible(planned.camera, planned.interior, stations, planned.layout, limits)
-    of_use = useful_stations(seen)
-    if len(of_use) < 2:
+    visibility = visible(planned.camera, planned.interior, stations, planned.layout, limits)
+    useful = useful_stations(visibility)
+    if len(useful) < 2:
         raise ValueError(
-            f"found {len(of_use)} of {stations.count:,} stations with four visible targets, expected 2 or more"
+            f"found {len(useful)} of {stations.count:,} stations with four visible targets, expected 2 or more"
         )
-    stations, seen = stations.subset(of_use), seen[of_use]
-    some = spread_points(planned.layout.points)
-    search = _restricted(planned, some)
+    stations, visibility = stations.subset(useful), visibility[useful]
+    search_targets = spread_points(planned.layout.points)
+    search_network = _restricted(planned, search_targets)
     candidates = StationCandidates(
-        station_information(search, stations, seen[:, some]),
-        weak_prior(search),
-        search.layout.points,
-        len(search.bars.bar) > 0,
+        station_information(search_network, stations, visibility[:, search_targets]),
+        weak_prior(search_network),
+        search_network.layout.points,
+        len(search_network.bars.bar) > 0,
     )
     order = one_by_one(candidates, settings.stations, progress)
-    curve = _curve(planned, stations, seen, order)
-    first = order[: _sufficient_stations(curve, settings, len(order))]
-    chosen = _with_the_better_worst(planned, stations, seen, (first, exchanged(candidates, first, progress)))
+    curve = _curve(planned, stations, visibility, order)
+    greedy_choice = order[: _sufficient_stations(curve, settings, len(order))]
+    chosen = _with_the_better_worst(
+        planned, stations, visibility, (greedy_choice, exchanged(candidates, greedy_choice, progress))
+    )
     chosen = _in_order_round(stations, chosen, planned.layout.middle)
-    prediction = predict(planned, stations.subset(chosen), seen[chosen])
+    prediction = predict(planned, stations.subset(chosen), visibility[chosen])
     if prediction is None:
-        made_by = "1 station" if len(chosen) == 1 else f"{len(chosen):,} stations"
-        raise ValueError(f"{made_by} determine no network, expected more stations or more common targets")
+        stations_text = "1 station" if len(chosen) == 1 else f"{len(chosen):,} stations"
+        raise ValueError(f"{stations_text} determine no network, expected more stations or more common targets")
     return PhotographPlan(
-        planned, targets, stations.subset(chosen), seen[chosen], prediction, curve, len(of_use), settings, reference
+        planned,
+        targets,
+        stations.subset(chosen),
+        visibility[chosen],
+        prediction,
+        curve,
+        len(useful),
+        settings,
+        reference,
     )
 
 
@@ -144,37 +154,39 @@ def _candidates(planned: PlannedNetwork, settings: PlanOptions) -> Stations:
     return shells(layout.middle, distances, settings.directions, (bounds[0], bounds[1]), np.radians([0.0, 90.0]))
 
 
-def _restricted(planned: PlannedNetwork, some: Index) -> PlannedNetwork:
+def _restricted(planned: PlannedNetwork, chosen: Index) -> PlannedNetwork:
     """Return the network of some targets, for the search; it keeps the bars between them."""
-    own = planned.layout
-    place = np.full(len(own.points), -1)
-    place[some] = np.arange(len(some))
+    layout_of_all = planned.layout
+    new_index = np.full(len(layout_of_all.points), -1)
+    new_index[chosen] = np.arange(len(chosen))
     bars = planned.bars
-    mask = (place[bars.first] >= 0) & (place[bars.second] >= 0)
-    fewer = Bars(
+    mask = (new_index[bars.first] >= 0) & (new_index[bars.second] >= 0)
+    kept_bars = Bars(
         bars.bar[mask],
-        place[bars.first[mask]],
-        place[bars.second[mask]],
+        new_index[bars.first[mask]],
+        new_index[bars.second[mask]],
         bars.repeat_sigma_m[mask],
         bars.length_m,
         bars.sigma_m,
     )
-    layout = PlannedObject(own.points[some], own.normals[some], own.diameters[some])
-    return PlannedNetwork(planned.camera, planned.interior, planned.sigma_px, layout, fewer)
+    layout = PlannedObject(layout_of_all.points[chosen], layout_of_all.normals[chosen], layout_of_all.diameters[chosen])
+    return PlannedNetwork(planned.camera, planned.interior, planned.sigma_px, layout, kept_bars)
 
 
 def _curve(
-    planned: PlannedNetwork, stations: Stations, seen: Mask, order: Index
+    planned: PlannedNetwork, stations: Stations, visibility: Mask, order: Index
 ) -> tuple[tuple[int, float, float], ...]:
     """Return (number, worst, mean standard deviation in m) for growing numbers of stations. Starts at the first number
     that determines all targets that the full choice determines."""
-    predictions = [(n, predict(planned, stations.subset(order[:n]), seen[order[:n]])) for n in range(2, len(order) + 1)]
+    predictions = [
+        (n, predict(planned, stations.subset(order[:n]), visibility[order[:n]])) for n in range(2, len(order) + 1)
+    ]
     determined = [(n, predicted) for n, predicted in predictions if predicted is not None]
-    most = max((len(predicted.points) for _, predicted in determined), default=0)
+    max_points = max((len(predicted.points) for _, predicted in determined), default=0)
     return tuple(
         (n, float(np.nanmax(predicted.sigma)), float(np.sqrt(np.nanmean(predicted.sigma**2))))
         for n, predicted in determined
-        if len(predicted.points) == most
+        if len(predicted.points) == max_points
     )
 
 
@@ -186,12 +198,12 @@ def _sufficient_stations(curve: tuple[tuple[int, float, float], ...], settings: 
 
 
 def _with_the_better_worst(
-    planned: PlannedNetwork, stations: Stations, seen: Mask, choices: tuple[Index, ...]
+    planned: PlannedNetwork, stations: Stations, visibility: Mask, choices: tuple[Index, ...]
 ) -> Index:
     """Return the choice with the best worst target; exchanges look at the mean of all."""
 
     def worst(chosen: Index) -> float:
-        prediction = predict(planned, stations.subset(chosen), seen[chosen])
+        prediction = predict(planned, stations.subset(chosen), visibility[chosen])
         return np.inf if prediction is None or np.isnan(prediction.sigma).any() else float(prediction.sigma.max())
 
     return min(reversed(choices), key=worst)
@@ -199,9 +211,9 @@ def _with_the_better_worst(
 
 def _in_order_round(stations: Stations, chosen: Index, middle: Array) -> Index:
     """Return stations in the order of a walk around the object, with both rolls of one place together."""
-    away = stations.centre[chosen] - middle
-    around = np.round(np.arctan2(away[:, 1], away[:, 0]), 6)
-    return chosen[np.lexsort((stations.roll_rad[chosen], away[:, 2], around))]
+    outward = stations.centre[chosen] - middle
+    azimuth = np.round(np.arctan2(outward[:, 1], outward[:, 0]), 6)
+    return chosen[np.lexsort((stations.roll_rad[chosen], outward[:, 2], azimuth))]
 
 
 def spread_points(points: Array, most: int = _MOST_POINTS) -> Index:
@@ -209,10 +221,10 @@ def spread_points(points: Array, most: int = _MOST_POINTS) -> Index:
     if len(points) <= most:
         return np.arange(len(points))
     chosen = [int(np.argmax(np.linalg.norm(points - points.mean(axis=0), axis=1)))]
-    nearest = np.full(len(points), np.inf)
+    distance = np.full(len(points), np.inf)
     while len(chosen) < most:
-        nearest = np.minimum(nearest, np.linalg.norm(points - points[chosen[-1]], axis=1))
-        chosen.append(int(np.argmax(nearest)))
+        distance = np.minimum(distance, np.linalg.norm(points - points[chosen[-1]], axis=1))
+        chosen.append(int(np.argmax(distance)))
     return np.sort(chosen)
 
 
@@ -235,11 +247,11 @@ class StationCandidates:
 
 def one_by_one(candidates: StationCandidates, count: int, progress: Progress) -> Index:
     """Return ``count`` stations, each with the least mean variance of the points in the free datum when added."""
-    information, remove = candidates.information, candidates.movements
+    information, free_movements = candidates.information, candidates.movements
     total, chosen = candidates.prior.copy(), list[int]()
     while len(chosen) < min(count, len(information)):
         progress(len(chosen), count)
-        best = int(np.argmin(_costs(total, information, remove, set(chosen))))
+        best = int(np.argmin(_costs(total, information, free_movements, set(chosen))))
         chosen.append(best)
         total = total + information[best]
     return np.array(chosen, dtype=np.int64)
@@ -247,29 +259,29 @@ def one_by_one(candidates: StationCandidates, count: int, progress: Progress) ->
 
 def exchanged(candidates: StationCandidates, chosen: Index, progress: Progress) -> Index:
     """Return the stations after replacing each in turn, once, by the one that helps most, if it saves enough."""
-    information, remove, chosen = candidates.information, candidates.movements, chosen.copy()
+    information, free_movements, chosen = candidates.information, candidates.movements, chosen.copy()
     total = candidates.prior + information[chosen].sum(axis=0)
-    cost = float(_costs(total, np.zeros((1, *total.shape)), remove, set())[0])
-    for place in range(len(chosen)):
-        progress(place, len(chosen))
-        without = total - information[chosen[place]]
-        others = set(np.delete(chosen, place).tolist())
-        costs = _costs(without, information, remove, others)
+    cost = float(_costs(total, np.zeros((1, *total.shape)), free_movements, set())[0])
+    for position in range(len(chosen)):
+        progress(position, len(chosen))
+        reduced_total = total - information[chosen[position]]
+        others = set(np.delete(chosen, position).tolist())
+        costs = _costs(reduced_total, information, free_movements, others)
         best = int(np.argmin(costs))
         if costs[best] < (1.0 - _LEAST_SAVING) * cost:
-            chosen[place], cost = best, float(costs[best])
-            total = without + information[best]
+            chosen[position], cost = best, float(costs[best])
+            total = reduced_total + information[best]
     return chosen
 
 
-def _costs(total: Array, information: Array, remove: Array, chosen: set[int]) -> Array:
+def _costs(total: Array, information: Array, free_movements: Array, chosen: set[int]) -> Array:
     """Return the mean variance of the points (K,) with each station added; infinite for stations already chosen."""
-    size = len(remove)
+    size = len(free_movements)
     costs = np.full(len(information), np.inf)
-    free = np.array([place for place in range(len(information)) if place not in chosen])
-    for first in range(0, len(free), _AT_ONCE):
-        some = free[first : first + _AT_ONCE]
-        covariance = np.linalg.inv(total + information[some])[:, :size, :size]
-        moved = np.sum(remove * (covariance @ remove), axis=(1, 2))
-        costs[some] = (np.trace(covariance, axis1=1, axis2=2) - moved) / size
+    unchosen = np.array([station for station in range(len(information)) if station not in chosen])
+    for start in range(0, len(unchosen), _AT_ONCE):
+        batch = unchosen[start : start + _AT_ONCE]
+        covariance = np.linalg.inv(total + information[batch])[:, :size, :size]
+        movement_trace = np.sum(free_movements * (covariance @ free_movements), axis=(1, 2))
+        costs[batch] = (np.trace(covariance, axis1=1, axis2=2) - movement_trace) / size
     return costs

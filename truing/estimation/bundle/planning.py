@@ -89,17 +89,17 @@ def shells(middle: Array, distances: Array, directions: int, elevations: tuple[f
     """
     low, high = np.sin(elevations)
     z = low + (np.arange(directions) + 0.5) / directions * (high - low)
-    turn = _GOLDEN * np.arange(directions)
-    flat = np.sqrt(1.0 - z**2)
-    away = np.stack([flat * np.cos(turn), flat * np.sin(turn), z], axis=-1)
-    camera_rotation = _camera_axes(-away)
+    azimuth = _GOLDEN * np.arange(directions)
+    cosine = np.sqrt(1.0 - z**2)
+    outward = np.stack([cosine * np.cos(azimuth), cosine * np.sin(azimuth), z], axis=-1)
+    camera_rotation = _camera_axes(-outward)
     c, s = np.cos(rolls), np.sin(rolls)
     zero, ones = np.zeros_like(c), np.ones_like(c)
     about_view = np.stack([c, -s, zero, s, c, zero, zero, zero, ones], axis=-1).reshape(-1, 3, 3)
-    shape = (len(away), len(distances), len(rolls))
+    shape = (len(outward), len(distances), len(rolls))
     R = np.broadcast_to((camera_rotation[:, None] @ about_view)[:, None], (*shape, 3, 3)).reshape(-1, 3, 3)
-    places = middle + distances[:, None] * away[:, None]
-    centre = np.broadcast_to(places[:, :, None], (*shape, 3)).reshape(-1, 3)
+    positions = middle + distances[:, None] * outward[:, None]
+    centre = np.broadcast_to(positions[:, :, None], (*shape, 3)).reshape(-1, 3)
     return Stations(R, centre, np.broadcast_to(rolls, shape).reshape(-1))
 
 
@@ -117,9 +117,9 @@ def visible(camera: Camera, interior: Array, stations: Stations, layout: Planned
 
     Obstacles between station and target are not considered.
     """
-    arm = layout.points - stations.centre[:, None]
-    direction = np.einsum("kji,kpj->kpi", stations.R, arm)
-    distance = np.linalg.norm(arm, axis=-1)
+    ray_vector = layout.points - stations.centre[:, None]
+    direction = np.einsum("kji,kpj->kpi", stations.R, ray_vector)
+    distance = np.linalg.norm(ray_vector, axis=-1)
     depth = np.where(direction[..., 2] > 0.0, direction[..., 2], np.nan)
     size = np.array([camera.width_px, camera.height_px], dtype=float)
     ideal = interior[0] * direction[..., :2] / depth[..., None]
@@ -129,16 +129,16 @@ def visible(camera: Camera, interior: Array, stations: Stations, layout: Planned
         np.full(depth.size, camera.balancing_radius_px),
         np.concatenate([direction[..., :2], depth[..., None]], axis=-1).reshape(-1, 3),
     ).reshape(*depth.shape, 2)
-    slant = np.einsum("kpi,pi->kp", -arm, layout.normals) / distance
-    foreshortened = np.where(np.isnan(slant), 1.0, slant)
+    incidence_cosine = np.einsum("kpi,pi->kp", -ray_vector, layout.normals) / distance
+    foreshortened = np.where(np.isnan(incidence_cosine), 1.0, incidence_cosine)
     image_px = interior[0] * layout.diameters * foreshortened / distance
     with np.errstate(invalid="ignore"):
         inside = np.all(np.abs(xy - camera.centre_px) < 0.5 * size * (1.0 - 2.0 * _MARGIN), axis=-1)
         inside &= np.all(np.abs(ideal) < _VALID_HALF_FORMATS * 0.5 * size, axis=-1)
-        sharp = (distance >= limits.nearest) & (distance <= limits.farthest)
-        faced = np.isnan(slant) | (slant >= np.cos(limits.incidence))
-        large = np.isnan(image_px) | (image_px >= limits.least_px)
-    return np.asarray(inside & sharp & faced & large)
+        in_focus = (distance >= limits.nearest) & (distance <= limits.farthest)
+        is_facing = np.isnan(incidence_cosine) | (incidence_cosine >= np.cos(limits.incidence))
+        is_large = np.isnan(image_px) | (image_px >= limits.least_px)
+    return np.asarray(inside & in_focus & is_facing & is_large)
 
 
 @dataclass(frozen=True)
@@ -152,9 +152,9 @@ class PlannedNetwork:
     layout: PlannedObject
     bars: Bars
 
-    def with_stations(self, stations: Stations, seen: Mask) -> tuple[Network, NetworkState]:
+    def with_stations(self, stations: Stations, visibility: Mask) -> tuple[Network, NetworkState]:
         """Return the network of stations (K) that see targets (K, P), and its state; rays are without error."""
-        image, point = (index.astype(np.int64) for index in np.nonzero(seen))
+        image, point = (index.astype(np.int64) for index in np.nonzero(visibility))
         rays = Rays(
             image,
             point,
@@ -169,30 +169,32 @@ class PlannedNetwork:
         return replace(network, rays=replace(rays, xy_px=project(network, state, image, point))), state
 
 
-def useful_stations(seen: Mask) -> Index:
+def useful_stations(visibility: Mask) -> Index:
     """Return the stations that see enough targets to be worth a photograph."""
-    return np.flatnonzero(seen.sum(axis=1) >= _FEWEST)
+    return np.flatnonzero(visibility.sum(axis=1) >= _FEWEST)
 
 
-def station_information(planned: PlannedNetwork, stations: Stations, seen: Mask) -> Array:
+def station_information(planned: PlannedNetwork, stations: Stations, visibility: Mask) -> Array:
     """Return the information (K, n, n) of each station on points (3 P) and free elements of the camera; in 1/m^2 and
     inverse squared units of these elements."""
-    network, state = planned.with_stations(stations, seen)
+    network, state = planned.with_stations(stations, visibility)
     rays = network.rays
-    at = linearise(network, state, rays.image, rays.point)
+    linearised = linearise(network, state, rays.image, rays.point)
     free = [PARAMETERS.index(name) for name in planned.camera.free]
     count, points = stations.count, len(planned.layout.points)
     # every station has a row for every target; rows of unseen targets are zero
-    full = np.zeros((count, points, 2, 6 + 3 + len(free)))
-    full[rays.image, rays.point] = np.concatenate([at.by_image, at.by_point, at.by_interior[..., free]], axis=-1)
-    full = full.reshape(count, 2 * points, -1) / planned.sigma_px
-    of_image, of_point, of_camera = full[..., :6], full[..., 6:9], full[..., 9:]
-    derivative = np.einsum("kpai,pq->kpaqi", of_point.reshape(count, points, 2, 3), np.eye(points))
-    other = np.concatenate([derivative.reshape(count, 2 * points, 3 * points), of_camera], axis=-1)
-    scale = np.linalg.norm(of_image, axis=1, keepdims=True)
-    basis, _ = np.linalg.qr(of_image / np.where(scale > 0.0, scale, 1.0))
-    rest = other - basis @ (np.swapaxes(basis, 1, 2) @ other)
-    return np.swapaxes(rest, 1, 2) @ rest
+    jacobian = np.zeros((count, points, 2, 6 + 3 + len(free)))
+    jacobian[rays.image, rays.point] = np.concatenate(
+        [linearised.by_image, linearised.by_point, linearised.by_interior[..., free]], axis=-1
+    )
+    jacobian = jacobian.reshape(count, 2 * points, -1) / planned.sigma_px
+    by_image, by_point, by_camera = jacobian[..., :6], jacobian[..., 6:9], jacobian[..., 9:]
+    derivative = np.einsum("kpai,pq->kpaqi", by_point.reshape(count, points, 2, 3), np.eye(points))
+    by_others = np.concatenate([derivative.reshape(count, 2 * points, 3 * points), by_camera], axis=-1)
+    scale = np.linalg.norm(by_image, axis=1, keepdims=True)
+    basis, _ = np.linalg.qr(by_image / np.where(scale > 0.0, scale, 1.0))
+    reduced = by_others - basis @ (np.swapaxes(basis, 1, 2) @ by_others)
+    return np.swapaxes(reduced, 1, 2) @ reduced
 
 
 def weak_prior(planned: PlannedNetwork) -> Array:
@@ -202,17 +204,17 @@ def weak_prior(planned: PlannedNetwork) -> Array:
     size = 2.0 * planned.layout.radius
     half = 0.5 * max(planned.camera.width_px, planned.camera.height_px)
     powers = {"c": 0, "x0": 0, "y0": 0, "A1": 3, "A2": 5, "A3": 7, "B1": 2, "B2": 2, "C1": 1, "C2": 1}
-    of_camera = [half ** powers[name] / (0.1 * half) for name in planned.camera.free]
-    prior = np.diag(np.concatenate([np.full(points.size, 1.0 / size), of_camera]) ** 2)
+    camera_weights = [half ** powers[name] / (0.1 * half) for name in planned.camera.free]
+    prior = np.diag(np.concatenate([np.full(points.size, 1.0 / size), camera_weights]) ** 2)
     bars = planned.bars
-    between = points[bars.second] - points[bars.first]
+    bar_vector = points[bars.second] - points[bars.first]
     sigma = np.sqrt(bars.sigma_m[bars.bar] ** 2 + bars.repeat_sigma_m**2)
-    row = np.zeros((len(bars.bar), len(prior)))
-    direction = between / np.linalg.norm(between, axis=1, keepdims=True) / np.maximum(sigma, 1e-9)[:, None]
+    design = np.zeros((len(bars.bar), len(prior)))
+    direction = bar_vector / np.linalg.norm(bar_vector, axis=1, keepdims=True) / np.maximum(sigma, 1e-9)[:, None]
     for axis in range(3):
-        np.add.at(row, (np.arange(len(row)), 3 * bars.second + axis), direction[:, axis])
-        np.add.at(row, (np.arange(len(row)), 3 * bars.first + axis), -direction[:, axis])
-    return prior + row.T @ row
+        np.add.at(design, (np.arange(len(design)), 3 * bars.second + axis), direction[:, axis])
+        np.add.at(design, (np.arange(len(design)), 3 * bars.first + axis), -direction[:, axis])
+    return prior + design.T @ design
 
 
 @dataclass(frozen=True)
@@ -248,67 +250,67 @@ def largest_sigma(covariance: Array) -> Array:
     return sigma
 
 
-def predict(planned: PlannedNetwork, stations: Stations, seen: Mask) -> PredictedPrecision | None:
+def predict(planned: PlannedNetwork, stations: Stations, visibility: Mask) -> PredictedPrecision | None:
     """Return the predicted precision of stations (K) that see targets (K, P); None if they form no network."""
-    network, state = planned.with_stations(stations, seen)
-    part = determinable(network)
-    if not part.points.any() or part.images.sum() < 2:
+    network, state = planned.with_stations(stations, visibility)
+    adjustable = determinable(network)
+    if not adjustable.points.any() or adjustable.images.sum() < 2:
         return None
     try:
-        adjustment = adjust(network, state, "free", used=part.rays, max_iterations=1)
+        adjustment = adjust(network, state, "free", used=adjustable.rays, max_iterations=1)
         covariance = adjustment.covariance
     except (ValueError, np.linalg.LinAlgError):
         return None
     count = len(planned.layout.points)
     points = covariance.point_numbers(0)
-    together = covariance.points(0)
-    rays = np.bincount(network.rays.point[part.rays], minlength=count)
+    joint_covariance = covariance.points(0)
+    rays = np.bincount(network.rays.point[adjustable.rays], minlength=count)
     return PredictedPrecision(
-        _blocks(together, points, count),
+        _blocks(joint_covariance, points, count),
         _blocks(_with_only(covariance, "bar", known=False), points, count),
         _blocks(_with_only(covariance, "bar", known=True), points, count),
         rays,
-        _angles(stations, planned.layout.points, seen),
+        _angles(stations, planned.layout.points, visibility),
         adjustment.redundancy,
         points,
-        together,
+        joint_covariance,
     )
 
 
 def _with_only(covariance: BundleCovariance, kind: str, *, known: bool) -> Array:
     """Return the covariance (3 p, 3 p) of points if common unknowns of one kind are known, or those of all other
     kinds."""
-    left = [place for place, (name, _) in enumerate(covariance.names) if (name == kind) != known]
-    information = np.linalg.inv(covariance.common)[np.ix_(left, left)]
-    by_common = covariance.sensitivities(0)[:, left]
+    columns = [column for column, (name, _) in enumerate(covariance.names) if (name == kind) != known]
+    information = np.linalg.inv(covariance.common)[np.ix_(columns, columns)]
+    by_common = covariance.sensitivities(0)[:, columns]
     return covariance.points_given_common(0) + by_common @ np.linalg.inv(information) @ by_common.T
 
 
-def _blocks(together: Array, points: Index, count: int) -> Array:
+def _blocks(joint_covariance: Array, points: Index, count: int) -> Array:
     blocks = np.full((count, 3, 3), np.nan)
-    each = np.arange(len(points))
-    blocks[points] = together.reshape(len(points), 3, len(points), 3)[each, :, each, :]
+    diagonal = np.arange(len(points))
+    blocks[points] = joint_covariance.reshape(len(points), 3, len(points), 3)[diagonal, :, diagonal, :]
     return blocks
 
 
-def _angles(stations: Stations, points: Array, seen: Mask) -> Array:
+def _angles(stations: Stations, points: Array, visibility: Mask) -> Array:
     """Return the largest angle (P,) in rad between two rays to a target, up to a right angle; 0 with fewer than two."""
-    way = points - stations.centre[:, None]
-    way = np.where(seen[..., None], way / np.linalg.norm(way, axis=-1, keepdims=True), 0.0)
-    sine = np.linalg.norm(np.cross(way[:, None], way[None]), axis=-1)
+    direction = points - stations.centre[:, None]
+    direction = np.where(visibility[..., None], direction / np.linalg.norm(direction, axis=-1, keepdims=True), 0.0)
+    sine = np.linalg.norm(np.cross(direction[:, None], direction[None]), axis=-1)
     return np.asarray(np.arcsin(np.clip(sine.max(axis=(0, 1)), 0.0, 1.0)))
 
 
-def body_motion(together: Array, points: Array, first: Index, other: Index | None, about: Array) -> Array:
-    """Return the covariance (6, 6) of the motion of a body: translation of the place `about` (3,) in m, then rotation
+def body_motion(joint_covariance: Array, points: Array, first: Index, other: Index | None, origin: Array) -> Array:
+    """Return the covariance (6, 6) of the motion of a body: translation of the `origin` (3,) in m, then rotation
     in rad.
 
-    one, other: indices of the bodies' points among those of ``together``; with `other` the motion is relative to that
-    body.
+    one, other: indices of the bodies' points among those of ``joint_covariance``; with `other` the motion is relative
+    to that body.
     """
-    rows = np.zeros((6, len(together)))
+    design = np.zeros((6, len(joint_covariance)))
     for sign, body in ((1.0, first), (-1.0, other)):
         if body is not None:
-            motion = rigid_motions(points[body] - about).reshape(-1, 6)
-            rows[:, (3 * body[:, None] + np.arange(3)).ravel()] += sign * np.linalg.pinv(motion)
-    return rows @ together @ rows.T
+            motion = rigid_motions(points[body] - origin).reshape(-1, 6)
+            design[:, (3 * body[:, None] + np.arange(3)).ravel()] += sign * np.linalg.pinv(motion)
+    return design @ joint_covariance @ design.T

@@ -104,20 +104,24 @@ def kept_covariance(eliminated_pose: EliminatedPose) -> Array:
 
 
 def given_common(
-    layout: EquationLayout, pose: int, eliminated_pose: EliminatedPose, free: Freedom, held: Array
+    layout: EquationLayout, pose: int, eliminated_pose: EliminatedPose, free: Freedom, constraints: Array
 ) -> PoseCovariance:
-    """Return the covariance of a pose given the common unknowns, in the datum of the conditions `held`."""
+    """Return the covariance of a pose given the common unknowns, in the datum of the conditions `constraints`."""
     if isinstance(eliminated_pose.reduced, ReducedRays):
         return by_rays(
-            eliminated_pose, eliminated_pose.reduced, kept_covariance(eliminated_pose), free, Datum.of(free, held)
+            eliminated_pose,
+            eliminated_pose.reduced,
+            kept_covariance(eliminated_pose),
+            free,
+            Datum.of(free, constraints),
         )
     blocks, reduced = eliminated_pose.blocks, eliminated_pose.reduced.array
     b, d, _ = blocks.own.shape
-    k = len(blocks.kept_places)
+    k = len(blocks.kept_indices)
     covariance = kept_covariance(eliminated_pose)
     kept_by_common = -eliminated_pose.kept[:, :-1]
     if d == 6:
-        datum = Datum.of(free, held)
+        datum = Datum.of(free, constraints)
         covariance, kept_by_common = datum.points(covariance), datum.by_common(kept_by_common)
     turned = -eliminated_pose.root.transpose(0, 2, 1)
     follow = (turned @ reduced.reshape(b, d, k)).reshape(b * d, k)
@@ -132,9 +136,9 @@ def given_common(
     own = cross @ follow.T
     own.reshape(b, 3, b, 3)[np.arange(b), :, np.arange(b), :] -= alone
     by_common = np.empty((len(own) + k, own_by_common.shape[1]))
-    by_common[blocks.kept_places], by_common[blocks.own_places] = kept_by_common, own_by_common
+    by_common[blocks.kept_indices], by_common[blocks.eliminated_indices] = kept_by_common, own_by_common
     return _in_datum(
-        _ordered(layout, pose, eliminated_pose, covariance, cross, own, by_common), free, Datum.of(free, held)
+        _ordered(layout, pose, eliminated_pose, covariance, cross, own, by_common), free, Datum.of(free, constraints)
     )
 
 
@@ -150,7 +154,7 @@ def _ordered(
     """Return the covariance of a pose with its points sorted, if the points were eliminated."""
     m = 6 * int(layout.image_start[pose + 1] - layout.image_start[pose])
     n = len(by_common) - m
-    loose, tied = eliminated_pose.blocks.own_places - m, eliminated_pose.blocks.kept_places[m:] - m
+    loose, tied = eliminated_pose.blocks.eliminated_indices - m, eliminated_pose.blocks.kept_indices[m:] - m
     points, image_points = np.empty((n, n)), np.empty((m, n))
     points[np.ix_(loose, loose)] = eliminated
     points[np.ix_(tied, tied)] = kept[m:, m:]

@@ -52,15 +52,15 @@ class RayPoseCovariance:
     @cached_property
     def across(self) -> Array:
         """F C (d, k) of the kept unknowns."""
-        back = self.datum.back.reshape(-1, len(self.own), 3)
-        return np.asarray(self.kept @ self.entries.transposed_times(back.transpose(1, 2, 0))).T
+        projection = self.datum.back.reshape(-1, len(self.own), 3)
+        return np.asarray(self.kept @ self.entries.transposed_times(projection.transpose(1, 2, 0))).T
 
     @cached_property
     def drawn(self) -> Array:
         """D = F C (d, 3 p) of the points."""
-        back = self.datum.back.reshape(-1, len(self.own), 3)
-        covariance = np.einsum("dpi,pij->pjd", back, self.own) + self.entries.times(self.across.T)
-        return covariance.reshape(3 * len(self.own), len(back)).T
+        projection = self.datum.back.reshape(-1, len(self.own), 3)
+        covariance = np.einsum("dpi,pij->pjd", projection, self.own) + self.entries.times(self.across.T)
+        return covariance.reshape(3 * len(self.own), len(projection)).T
 
     @cached_property
     def spread(self) -> Array:
@@ -75,30 +75,30 @@ class RayPoseCovariance:
     @cached_property
     def images_by_common(self) -> Array:
         """Derivatives (6 i, c) of the images by the common unknowns, in the datum."""
-        moved = self.moved_images.reshape(len(self.images_before), -1)
-        return self.images_before - moved @ (self.datum.back @ self.points_before)
+        movements = self.moved_images.reshape(len(self.images_before), -1)
+        return self.images_before - movements @ (self.datum.back @ self.points_before)
 
     @cached_property
     def images(self) -> Array:
         """Covariance (i, 6, 6) of each image."""
-        i, moved = len(self.moved_images), self.moved_images
-        each = np.arange(i)
-        alone = self.kept[: 6 * i, : 6 * i].reshape(i, 6, i, 6)[each, :, each, :]
-        mixed = np.einsum("nia,anj->nij", moved, self.across[:, : 6 * i].reshape(-1, i, 6))
-        turned = moved @ self.spread @ moved.transpose(0, 2, 1)
-        return np.asarray(alone - mixed - mixed.transpose(0, 2, 1) + turned)
+        i, movements = len(self.moved_images), self.moved_images
+        diagonal = np.arange(i)
+        before_datum = self.kept[: 6 * i, : 6 * i].reshape(i, 6, i, 6)[diagonal, :, diagonal, :]
+        mixed = np.einsum("nia,anj->nij", movements, self.across[:, : 6 * i].reshape(-1, i, 6))
+        quadratic = movements @ self.spread @ movements.transpose(0, 2, 1)
+        return np.asarray(before_datum - mixed - mixed.transpose(0, 2, 1) + quadratic)
 
     def joint(self, points: Index) -> Array:
         """Return the joint covariance (3 n, 3 n) of points (n,)."""
-        places, n = coordinates(points), len(points)
+        coordinates_of_points, n = coordinates(points), len(points)
         rows = self.entries.dense(points)
         covariance = rows @ self.kept @ rows.T
         each = np.arange(n)
         covariance.reshape(n, 3, n, 3)[each, :, each, :] += self.own[points]
-        moved, drawn = self.datum.freedoms[places], self.drawn[:, places]
-        shift = moved @ (drawn - self.spread @ moved.T / 2)
+        movements, drawn = self.datum.freedoms[coordinates_of_points], self.drawn[:, coordinates_of_points]
+        shift = movements @ (drawn - self.spread @ movements.T / 2)
         covariance -= shift + shift.T
-        fixed = self.datum.certain[places]
+        fixed = self.datum.certain[coordinates_of_points]
         covariance[fixed] = covariance[:, fixed] = 0.0
         return covariance
 
@@ -113,9 +113,9 @@ class RayPoseCovariance:
             rows = entries.dense(points)
             shape = len(points), 3, entries.kept
             blocks[points] += (rows @ self.kept).reshape(shape) @ rows.reshape(shape).transpose(0, 2, 1)
-        moved = self.moved_points
+        movements = self.moved_points
         drawn = self.drawn.reshape(-1, len(blocks), 3).transpose(1, 0, 2)
-        shift = moved @ (drawn - self.spread @ moved.transpose(0, 2, 1) / 2)
+        shift = movements @ (drawn - self.spread @ movements.transpose(0, 2, 1) / 2)
         blocks -= shift + shift.transpose(0, 2, 1)
         fixed = self.datum.certain.reshape(-1, 3)
         blocks[np.broadcast_to(fixed[:, :, None] | fixed[:, None], blocks.shape)] = 0.0
@@ -130,10 +130,10 @@ class RayPoseCovariance:
         covariance = self._by_kept(image, point)
         if not self.datum.freedoms.shape[1]:
             return covariance
-        moved, shifted, i = self.moved_points[point], self.moved_images[image], len(self.moved_images)
+        point_movements, image_movements, i = self.moved_points[point], self.moved_images[image], len(self.moved_images)
         across = self.across[:, : 6 * i].reshape(-1, i, 6).transpose(1, 2, 0)[image]
-        covariance -= shifted @ self.drawn.reshape(-1, len(self.own), 3).transpose(1, 0, 2)[point]
-        covariance -= (across - shifted @ self.spread) @ moved.transpose(0, 2, 1)
+        covariance -= image_movements @ self.drawn.reshape(-1, len(self.own), 3).transpose(1, 0, 2)[point]
+        covariance -= (across - image_movements @ self.spread) @ point_movements.transpose(0, 2, 1)
         fixed = self.datum.certain.reshape(-1, 3)[point]
         covariance[np.broadcast_to(fixed[:, None], covariance.shape)] = 0.0
         return covariance
@@ -151,9 +151,9 @@ class RayPoseCovariance:
         order = order[np.argsort(point[order], kind="stable")]
         for points in entries.batches(wide):
             low, high = np.searchsorted(point[order], [points[0], points[-1] + 1])
-            rows_in_range, place = order[low:high], np.searchsorted(points, point[order[low:high]])
+            rows_in_range, index = order[low:high], np.searchsorted(points, point[order[low:high]])
             by_images = (entries.dense(points) @ self.kept[:, : 6 * i]).reshape(-1, 3, i, 6)
-            covariance[rows_in_range] = by_images[place, :, image[rows_in_range]].transpose(0, 2, 1)
+            covariance[rows_in_range] = by_images[index, :, image[rows_in_range]].transpose(0, 2, 1)
         return covariance
 
     def combined(self, rows: Array) -> Array:
@@ -172,8 +172,8 @@ def by_rays(
     """Return the covariance of a pose whose points were eliminated ray by ray; kept (k, k): that of its kept unknowns
     given the common ones."""
     rays = eliminated_pose.blocks.own_rows.rays  # type: ignore[union-attr]
-    turned = -eliminated_pose.root.transpose(0, 2, 1)
-    entries, own = _all_points(rays, turned, eliminated_pose.root, reduced)
+    negative_root_transposed = -eliminated_pose.root.transpose(0, 2, 1)
+    entries, own = _all_points(rays, negative_root_transposed, eliminated_pose.root, reduced)
     k, i, p, d = rays.kept, rays.images, len(own), free.count
     padded = np.zeros((entries.kept, entries.kept))
     padded[:k, :k] = kept
@@ -186,7 +186,9 @@ def by_rays(
     return RayPoseCovariance(*arguments, datum, free.images, free.points, *sides, before) if d else before
 
 
-def _all_points(rays: PointRays, turned: Array, root: Array, reduced: ReducedRays) -> tuple[Entries, Array]:
+def _all_points(
+    rays: PointRays, negative_root_transposed: Array, root: Array, reduced: ReducedRays
+) -> tuple[Entries, Array]:
     """Return the entries of all points, eliminated and kept, and their own covariance (p, 3, 3)."""
     n, count = len(rays.rays), len(rays.loose) + len(rays.tied)
     point = np.repeat(np.arange(len(rays.loose)), np.diff(rays.first))
@@ -196,19 +198,19 @@ def _all_points(rays: PointRays, turned: Array, root: Array, reduced: ReducedRay
     start[rays.loose], stop[rays.loose] = rays.first[:-1], rays.first[1:]
     start[rays.tied] = n + np.arange(len(rays.tied))
     stop[rays.tied] = start[rays.tied] + 1
-    own_blocks[rays.loose] = -turned @ root
-    blocks = np.concatenate([turned[point] @ reduced.entries.blocks, entries_of_tied])
-    place = np.concatenate([rays.image_place, 6 * rays.images + 3 * np.arange(len(rays.tied))])
-    return Entries(blocks, place, start, stop, rays.kept + _ENTRY), own_blocks
+    own_blocks[rays.loose] = -negative_root_transposed @ root
+    blocks = np.concatenate([negative_root_transposed[point] @ reduced.entries.blocks, entries_of_tied])
+    column = np.concatenate([rays.image_place, 6 * rays.images + 3 * np.arange(len(rays.tied))])
+    return Entries(blocks, column, start, stop, rays.kept + _ENTRY), own_blocks
 
 
 def unknowns_by_common(eliminated_pose: EliminatedPose, reduced: ReducedRays) -> Array:
     """Return the derivatives (6 i + 3 p, c) of images and points by the common unknowns, before the datum."""
-    turned, kept_by_common = -eliminated_pose.root.transpose(0, 2, 1), -eliminated_pose.kept[:, :-1]
+    negative_root_transposed, kept_by_common = -eliminated_pose.root.transpose(0, 2, 1), -eliminated_pose.kept[:, :-1]
     by_own = eliminated_pose.reduced_sides[:, :-1] + reduced.times(kept_by_common)
     derivative = np.empty((len(by_own) + len(kept_by_common), by_own.shape[1]))
-    derivative[eliminated_pose.blocks.kept_places] = kept_by_common
-    derivative[eliminated_pose.blocks.own_places] = (turned @ by_own.reshape(len(turned), 3, by_own.shape[1])).reshape(
-        by_own.shape
-    )
+    derivative[eliminated_pose.blocks.kept_indices] = kept_by_common
+    derivative[eliminated_pose.blocks.eliminated_indices] = (
+        negative_root_transposed @ by_own.reshape(len(negative_root_transposed), 3, by_own.shape[1])
+    ).reshape(by_own.shape)
     return derivative

@@ -78,17 +78,19 @@ def ray_statistics(observed: Observed, state: NetworkState) -> RayStatistics:
     numbers = _numbers(observed, state)
     rays = network.rays
     image, point = rays.image[layout.rays], rays.point[layout.rays]
-    at = linearise(network, state, image, point)
+    linearised = linearise(network, state, image, point)
     rows = _RayResiduals(
-        at, rays.xy_px[layout.rays] - at.xy_px, _derivative_by_numbers(observed, state, numbers, at, image, point)
+        linearised,
+        rays.xy_px[layout.rays] - linearised.xy_px,
+        _derivative_by_numbers(observed, state, numbers, linearised, image, point),
     )
     distances, free = distances_at(observed, state), freedoms(layout, state)
     pose_of_ray = np.searchsorted(layout.image_start, layout.ray_image, side="right") - 1
     information = np.zeros((layout.poses, len(numbers), len(numbers)))
     score, by_point = np.zeros(information.shape[:2]), np.full((len(state.points), 3, len(numbers)), np.nan)
     by_bars = _distances_by_numbers(observed, numbers)
-    is_large = [one is not None for one in layout.rows.by_point]
-    sides = shared_sides(observed, state, at, rows.left, rows.by_numbers) if any(is_large) else None
+    is_large = [rows_by_point is not None for rows_by_point in layout.rows.by_point]
+    sides = shared_sides(observed, state, linearised, rows.left, rows.by_numbers) if any(is_large) else None
     for pose in range(layout.poses):
         index = np.flatnonzero(pose_of_ray == pose)
         if len(index):
@@ -96,11 +98,13 @@ def ray_statistics(observed: Observed, state: NetworkState) -> RayStatistics:
             if sides is not None and is_large[pose]:
                 blocks = sides.equations.points[layout.point_start[pose] : layout.point_start[pose + 1]]
                 ties = distances_as_ties(observed, pose, distances, by_bars, blocks, _RIGID)
-                found = information_of_pose(sides, observed, pose, free[pose], ties)
+                statistics = information_of_pose(sides, observed, pose, free[pose], ties)
             else:
-                found = _statistics_of_pose(observed, state, numbers, rows, index, pose, distances, free[pose], by_bars)
-            information[pose], score[pose], moved = found
-            by_point[points] = _project_to_datum(moved, free[pose])
+                statistics = _statistics_of_pose(
+                    observed, state, numbers, rows, index, pose, distances, free[pose], by_bars
+                )
+            information[pose], score[pose], points_by_numbers = statistics
+            by_point[points] = _project_to_datum(points_by_numbers, free[pose])
     return RayStatistics(numbers, information, score, by_point)
 
 
@@ -137,25 +141,27 @@ def _derivative_by_numbers(
     observed: Observed,
     state: NetworkState,
     numbers: tuple[SharedNumber, ...],
-    at: LinearisedRays,
+    linearised: LinearisedRays,
     image: Index,
     point: Index,
 ) -> Array:
     """Return the derivatives of rays (n, 2, T) by the numbers, zero for bars."""
     camera, points = observed.network.image_camera[image], state.points[point]
     origin = points.mean(0) if len(points) else np.zeros(3)
-    air = at.by_point @ by_curvature(points, state.centre[image], origin)
+    air = linearised.by_point @ by_curvature(points, state.centre[image], origin)
     axis = state.R[image][:, :, 2]
-    pane = np.einsum("nki,ni->nk", at.by_point, axis) * by_thickness(in_camera_axes(state, image, point))[:, None]
+    pane = (
+        np.einsum("nki,ni->nk", linearised.by_point, axis) * by_thickness(in_camera_axes(state, image, point))[:, None]
+    )
     derivative = np.zeros((len(image), 2, len(numbers)))
-    for place, number in enumerate(numbers):
+    for column, number in enumerate(numbers):
         is_owned = camera == number.owner
         if number.kind == AIR:
-            derivative[..., place] = air[..., CURVATURES.index(number.name)]
+            derivative[..., column] = air[..., CURVATURES.index(number.name)]
         elif number.kind == WINDOW:
-            derivative[is_owned, :, place] = pane[is_owned]
+            derivative[is_owned, :, column] = pane[is_owned]
         elif number.kind == CAMERA:
-            derivative[is_owned, :, place] = at.by_interior[is_owned, :, PARAMETERS.index(number.name)]
+            derivative[is_owned, :, column] = linearised.by_interior[is_owned, :, PARAMETERS.index(number.name)]
     return derivative
 
 
@@ -179,7 +185,7 @@ def _statistics_of_pose(
     images, points = layout.image_start[pose + 1] - first_image, layout.point_start[pose + 1] - first_point
     size = 6 * images + 3 * points
     # Rows of rays depend on nine unknowns: the image's six and the point's three.
-    places = np.concatenate(
+    unknowns = np.concatenate(
         [
             6 * (layout.ray_image[rows_of_pose] - first_image)[:, None] + np.arange(6),
             6 * images + 3 * (layout.ray_point[rows_of_pose] - first_point)[:, None] + np.arange(3),
@@ -187,41 +193,44 @@ def _statistics_of_pose(
         1,
     )
     by_own = np.concatenate([rows.at.by_image[rows_of_pose], rows.at.by_point[rows_of_pose]], -1)
-    by_numbers, left, weight = rows.by_numbers[rows_of_pose], rows.left[rows_of_pose], observed.rays[rows_of_pose]
-    weighed = np.einsum("nki,nkl->nil", by_own, weight)
-    of_numbers = np.einsum("nkt,nkl->ntl", by_numbers, weight)
+    by_numbers, residual, weight = rows.by_numbers[rows_of_pose], rows.left[rows_of_pose], observed.rays[rows_of_pose]
+    weighted_by_own = np.einsum("nki,nkl->nil", by_own, weight)
+    weighted_by_numbers = np.einsum("nkt,nkl->ntl", by_numbers, weight)
     normal, sides = np.zeros((size, size)), np.zeros((size, len(numbers) + 1))
-    np.add.at(normal, (places[:, :, None], places[:, None]), weighed @ by_own)
-    both = np.concatenate([by_numbers, left[..., None]], -1)
-    np.add.at(sides, places, weighed @ both)
-    whole = np.einsum("ntl,nls->ts", of_numbers, both)
+    np.add.at(normal, (unknowns[:, :, None], unknowns[:, None]), weighted_by_own @ by_own)
+    by_numbers_and_residual = np.concatenate([by_numbers, residual[..., None]], -1)
+    np.add.at(sides, unknowns, weighted_by_own @ by_numbers_and_residual)
+    shared_normal = np.einsum("ntl,nls->ts", weighted_by_numbers, by_numbers_and_residual)
     _add_known(observed, state, pose, normal, sides, 6 * images)
-    whole += _add_distances(observed, by_bars, pose, distances, normal, sides, 6 * images)
+    shared_normal += _add_distances(observed, by_bars, pose, distances, normal, sides, 6 * images)
     scale = 1 / np.sqrt(np.diagonal(normal))
     normal *= scale * scale[:, None]
     sides *= scale[:, None]
     # Rows of unit weight along the datum's freedoms fix what no observation determines.
-    loose = np.concatenate([_flattened(free.images), _flattened(free.points)]) / scale[:, None]
-    loose = np.linalg.qr(loose)[0]
-    normal += loose @ loose.T
+    datum_rows = np.concatenate([_flattened(free.images), _flattened(free.points)]) / scale[:, None]
+    datum_rows = np.linalg.qr(datum_rows)[0]
+    normal += datum_rows @ datum_rows.T
     solved = cho_solve(cho_factor(normal, lower=True), sides)
-    reduced = whole - sides[:, :-1].T @ solved
+    reduced = shared_normal - sides[:, :-1].T @ solved
     information = (reduced[:, :-1] + reduced[:, :-1].T) / 2
-    moved = -(solved[:, :-1] * scale[:, None])[6 * images :]
-    return information, reduced[:, -1], moved.reshape(points, 3, -1)
+    points_by_numbers = -(solved[:, :-1] * scale[:, None])[6 * images :]
+    return information, reduced[:, -1], points_by_numbers.reshape(points, 3, -1)
 
 
-def _project_to_datum(moved: Array, free: Freedom) -> Array:
+def _project_to_datum(points_by_numbers: Array, free: Freedom) -> Array:
     """Return derivatives of points (p, 3, T) without shifts, rotations and scale of all points that the observations
     leave free."""
-    flat, flattened = moved.reshape(3 * len(moved), moved.shape[-1]), _flattened(free.points)
-    return (flat - flattened @ (flattened.T @ flat)).reshape(moved.shape)
+    flat, movements = (
+        points_by_numbers.reshape(3 * len(points_by_numbers), points_by_numbers.shape[-1]),
+        _flattened(free.points),
+    )
+    return (flat - movements @ (movements.T @ flat)).reshape(points_by_numbers.shape)
 
 
 def _distances_by_numbers(observed: Observed, numbers: tuple[SharedNumber, ...]) -> Array:
     """Return the derivatives (q, T) of distances minus the lengths of their bars by the shared numbers."""
     bars, bar = observed.network.bars, observed.network.bars.bar[observed.layout.distances]
-    strain = {number.owner: place for place, number in enumerate(numbers) if number.kind == BAR}
+    strain = {number.owner: column for column, number in enumerate(numbers) if number.kind == BAR}
     derivative = np.zeros((len(bar), len(numbers)))
     for row, bar_number in enumerate(bar.tolist()):
         derivative[row, strain[bar_number]] = -bars.length_m[bar_number]
@@ -253,16 +262,16 @@ def _add_distances(
     layout, start = observed.layout, observed.layout.point_start[pose]
     added = np.zeros((by_bars.shape[1], by_bars.shape[1] + 1))
     for row in np.flatnonzero(layout.distance_pose == pose):
-        ends = np.array([layout.first[row], layout.second[row]]) - start
-        flat = (first + 3 * ends[:, None] + np.arange(3)).ravel()
-        along = np.concatenate([-distances.direction[row], distances.direction[row]])
-        most = _RIGID * float(np.sum(np.diagonal(normal)[flat])) / len(flat)
-        weight = min(1 / max(float(observed.distance_variance[row]), 1e-300), most)
+        end_points = np.array([layout.first[row], layout.second[row]]) - start
+        flat = (first + 3 * end_points[:, None] + np.arange(3)).ravel()
+        gradient = np.concatenate([-distances.direction[row], distances.direction[row]])
+        weight_limit = _RIGID * float(np.sum(np.diagonal(normal)[flat])) / len(flat)
+        weight = min(1 / max(float(observed.distance_variance[row]), 1e-300), weight_limit)
         # The observation is zero: the distance minus the bar's length.
-        both = np.append(by_bars[row], distances.misclosure[row])
-        normal[np.ix_(flat, flat)] += weight * np.outer(along, along)
-        sides[flat] += weight * np.outer(along, both)
-        added += weight * np.outer(both[:-1], both)
+        by_bar_and_misclosure = np.append(by_bars[row], distances.misclosure[row])
+        normal[np.ix_(flat, flat)] += weight * np.outer(gradient, gradient)
+        sides[flat] += weight * np.outer(gradient, by_bar_and_misclosure)
+        added += weight * np.outer(by_bar_and_misclosure[:-1], by_bar_and_misclosure)
     return added
 
 
@@ -277,9 +286,9 @@ def by_curvature(points: Array, centres: Array, origin: Array) -> Array:
 
     origin (3,): place without index gradient.
     """
-    away = centres - points
-    length = np.linalg.norm(away, axis=-1, keepdims=True)
-    moment = (points - origin) * length**2 / 2 + away * length**2 / 3
+    to_camera = centres - points
+    length = np.linalg.norm(to_camera, axis=-1, keepdims=True)
+    moment = (points - origin) * length**2 / 2 + to_camera * length**2 / 3
     result = np.zeros((*points.shape, len(PLACES)))
     for number, (i, j) in enumerate(PLACES):
         result[:, i, number] -= moment[:, j]
@@ -288,9 +297,9 @@ def by_curvature(points: Array, centres: Array, origin: Array) -> Array:
     return result
 
 
-def by_thickness(seen: Array) -> Array:
+def by_thickness(in_camera: Array) -> Array:
     """Return the apparent movement (N,) of points (N, 3) in a camera's axes along its axis, per thickness of a pane."""
-    cosine = seen[:, 2] / np.linalg.norm(seen, axis=-1)
+    cosine = in_camera[:, 2] / np.linalg.norm(in_camera, axis=-1)
     return np.asarray(cosine / np.sqrt(GLASS**2 - 1 + cosine**2) - 1)
 
 
@@ -309,18 +318,18 @@ class RayChannels:
 def ray_channels(information: Array, score: Array) -> RayChannels:
     """Return the channels of information (S, T, T) and scores (S, T) by a Cholesky factor per pose, skipping
     undetermined numbers."""
-    left, rest = information.copy(), score.copy()
-    whole = np.diagonal(information, axis1=1, axis2=2)
+    remaining, remaining_score = information.copy(), score.copy()
+    total = np.diagonal(information, axis1=1, axis2=2)
     root, value = np.zeros_like(information), np.zeros_like(score)
     determined = np.zeros(score.shape, bool)
     for k in range(score.shape[1]):
-        pivot = left[:, k, k]
-        determined[:, k] = pivot > _LEFT * whole[:, k]
+        pivot = remaining[:, k, k]
+        determined[:, k] = pivot > _LEFT * total[:, k]
         factor = np.where(determined[:, k], 1 / np.sqrt(np.where(determined[:, k], pivot, 1.0)), 0.0)
-        root[:, k, k:] = left[:, k, k:] * factor[:, None]
-        value[:, k] = rest[:, k] * factor
-        left -= root[:, k, :, None] * root[:, k, None]
-        rest -= root[:, k] * value[:, k, None]
+        root[:, k, k:] = remaining[:, k, k:] * factor[:, None]
+        value[:, k] = remaining_score[:, k] * factor
+        remaining -= root[:, k, :, None] * root[:, k, None]
+        remaining_score -= root[:, k] * value[:, k, None]
     return RayChannels(value, root, determined)
 
 
@@ -332,24 +341,27 @@ class SharedErrors:
     own: Array
 
 
-def shared_errors(covariance: Array, points: Array, most: int) -> SharedErrors:
-    """Return the patterns, at most `most`, of a covariance (3 p, 3 p) in m^2 of points (p, 3) with common errors.
+def shared_errors(covariance: Array, points: Array, max_patterns: int) -> SharedErrors:
+    """Return the patterns, at most `max_patterns`, of a covariance (3 p, 3 p) in m^2 of points (p, 3) with common
+    errors.
 
     Shifts and rotations of all points, which a pose leaves free, are removed. Patterns are the largest eigenvectors of
     the rest, in units of the points' own standard deviations.
     """
     count = len(points)
     arms = points - points.mean(0)
-    moved = rigid_motions(arms).reshape(3 * count, 6)
-    orthonormal = np.linalg.qr(moved / np.linalg.norm(moved, axis=0))[0]
-    left = covariance - orthonormal @ (orthonormal.T @ covariance)
-    left = left - (left @ orthonormal) @ orthonormal.T
-    sigma = np.sqrt(max(float(np.mean(np.diagonal(left))), 0.0))  # of a nearly singular network, only rounding remains
-    values, vectors = np.linalg.eigh((left + left.T) / 2)
-    usual = float(np.median(values[6:])) if count > 2 else sigma**2
-    chosen = np.arange(len(values))[::-1][:most]
-    chosen = chosen[values[chosen] > _TOGETHER * usual]
-    patterns = vectors[:, chosen] * np.sqrt(values[chosen] - usual)
-    each = np.arange(count)
-    blocks = (left - patterns @ patterns.T).reshape(count, 3, count, 3)[each, :, each]
+    rigid = rigid_motions(arms).reshape(3 * count, 6)
+    orthonormal = np.linalg.qr(rigid / np.linalg.norm(rigid, axis=0))[0]
+    remaining = covariance - orthonormal @ (orthonormal.T @ covariance)
+    remaining = remaining - (remaining @ orthonormal) @ orthonormal.T
+    sigma = np.sqrt(
+        max(float(np.mean(np.diagonal(remaining))), 0.0)
+    )  # of a nearly singular network, only rounding remains
+    values, vectors = np.linalg.eigh((remaining + remaining.T) / 2)
+    noise_variance = float(np.median(values[6:])) if count > 2 else sigma**2
+    chosen = np.arange(len(values))[::-1][:max_patterns]
+    chosen = chosen[values[chosen] > _TOGETHER * noise_variance]
+    patterns = vectors[:, chosen] * np.sqrt(values[chosen] - noise_variance)
+    diagonal = np.arange(count)
+    blocks = (remaining - patterns @ patterns.T).reshape(count, 3, count, 3)[diagonal, :, diagonal]
     return SharedErrors(patterns.reshape(count, 3, -1), blocks)

@@ -43,12 +43,12 @@ class PointRays:
         return 6 * self.images + 3 * len(self.tied)
 
     @property
-    def own_places(self) -> Index:
+    def eliminated_indices(self) -> Index:
         """Places (3 b,) of the eliminated unknowns among those of the pose."""
         return 6 * self.images + coordinates(self.loose)
 
     @property
-    def kept_places(self) -> Index:
+    def kept_indices(self) -> Index:
         """Places (k,) of the kept unknowns among those of the pose."""
         return np.concatenate([np.arange(6 * self.images), 6 * self.images + coordinates(self.tied)])
 
@@ -89,31 +89,41 @@ def row_blocks(
     """
     images, points, first = np.diff(image_start), np.diff(point_start), first_ray[image_start]
     rays = np.diff(first)
-    by_ray = is_large(images, points)
-    length = np.where(by_ray, _BLOCK[1], 3 * points)
-    start = np.concatenate([[0], np.cumsum(np.where(by_ray, 18 * rays, 18 * images * points))])
+    is_by_ray = is_large(images, points)
+    length = np.where(is_by_ray, _BLOCK[1], 3 * points)
+    start = np.concatenate([[0], np.cumsum(np.where(is_by_ray, 18 * rays, 18 * images * points))])
     image_pose = np.repeat(np.arange(len(images)), images)
     pose = image_pose[ray_image]
-    in_rows = 6 * (ray_image - image_start[pose]) * length[pose] + 3 * (ray_point - point_start[pose])
-    place = start[pose] + np.where(by_ray[pose], 18 * (np.arange(len(pose)) - first[pose]), in_rows)
+    offset_in_rows = 6 * (ray_image - image_start[pose]) * length[pose] + 3 * (ray_point - point_start[pose])
+    first_entry = start[pose] + np.where(is_by_ray[pose], 18 * (np.arange(len(pose)) - first[pose]), offset_in_rows)
     shapes, by_point = [], []
-    for s, large in enumerate(by_ray.tolist()):
-        images_of_pose, of_points = slice(first[s], first[s + 1]), slice(point_start[s], point_start[s + 1])
-        shapes.append((int(rays[s]), *_BLOCK) if large else (6 * int(images[s]), 3 * int(points[s])))
-        local = ray_image[images_of_pose] - image_start[s], ray_point[images_of_pose] - point_start[s]
-        by_point.append(point_rays(*local, tied[of_points], int(images[s])) if large else None)
-    return RowBlocks(start, tuple(shapes), place, length[image_pose], tuple(by_point))
+    for s, is_large_pose in enumerate(is_by_ray.tolist()):
+        images_of_pose, points_of_pose = slice(first[s], first[s + 1]), slice(point_start[s], point_start[s + 1])
+        shapes.append((int(rays[s]), *_BLOCK) if is_large_pose else (6 * int(images[s]), 3 * int(points[s])))
+        slots = ray_image[images_of_pose] - image_start[s], ray_point[images_of_pose] - point_start[s]
+        by_point.append(point_rays(*slots, tied[points_of_pose], int(images[s])) if is_large_pose else None)
+    return RowBlocks(start, tuple(shapes), first_entry, length[image_pose], tuple(by_point))
 
 
 def point_rays(image: Index, point: Index, tied: Mask, images: int) -> PointRays:
     """Return the rays (n,) of a pose by point; image and point (n,) within the pose; tied (p,): ends of distances."""
     order = np.argsort(point, kind="stable")
-    free = order[~tied[point[order]]]
-    pinned = order[tied[point[order]]]
-    loose, ends = np.flatnonzero(~tied), np.flatnonzero(tied)
-    first = np.searchsorted(point[free], np.append(loose, len(tied)))
-    place = 6 * images + 3 * np.searchsorted(ends, point[pinned])
-    return PointRays(loose, free, first, 6 * image[free], ends, pinned, 6 * image[pinned], place, images)
+    eliminated_rays = order[~tied[point[order]]]
+    end_rays = order[tied[point[order]]]
+    eliminated, ends = np.flatnonzero(~tied), np.flatnonzero(tied)
+    first = np.searchsorted(point[eliminated_rays], np.append(eliminated, len(tied)))
+    point_index = 6 * images + 3 * np.searchsorted(ends, point[end_rays])
+    return PointRays(
+        eliminated,
+        eliminated_rays,
+        first,
+        6 * image[eliminated_rays],
+        ends,
+        end_rays,
+        6 * image[end_rays],
+        point_index,
+        images,
+    )
 
 
 def put_tied_rows(rays: PointRays, blocks: Array, kept: Array) -> None:

@@ -89,30 +89,32 @@ def find_start(network: Network, interior: Array, markers: Markers | None = None
         used = np.unique(pose.network.image_camera[grown_poses[-1].oriented])
         values[used] = grown_poses[-1].interior[used]
     values[:, 0] = np.where(np.isnan(values[:, 0]), usual_distance(network), values[:, 0])
-    grown_poses = _finished(network, poses, [replace(now, interior=values) for now in grown_poses])
+    grown_poses = _finished(network, poses, [replace(grown, interior=values) for grown in grown_poses])
     network_state = joined_poses(network, poses, grown_poses)
     state, frame, scale = in_frame(network, network_state, markers.corners, markers.size_m)
-    agrees = np.zeros(network.rays.count, bool)
-    for pose, now in zip(poses, grown_poses, strict=True):
-        agrees[pose.ray] = now.agrees
+    inliers = np.zeros(network.rays.count, bool)
+    for pose, grown in zip(poses, grown_poses, strict=True):
+        inliers[pose.ray] = grown.agrees
     oriented, placed = np.isfinite(state.centre[:, 0]), np.isfinite(state.points[:, 0])
-    return Start(state, oriented, placed, agrees, tuple(frame), tuple(scale))
+    return Start(state, oriented, placed, inliers, tuple(frame), tuple(scale))
 
 
 def _finished(network: Network, poses: Sequence[PoseNetwork], grown_poses: Sequence[Grown]) -> list[Grown]:
     """Return all poses after a joint adjustment with the first tolerance, another attempt at failed images, and a
     second adjustment."""
-    together = refined_together(
-        network, poses, [reopened(p.network, now) for p, now in zip(poses, grown_poses, strict=True)]
+    adjusted_poses = refined_together(
+        network, poses, [reopened(p.network, grown) for p, grown in zip(poses, grown_poses, strict=True)]
     )
-    again = []
-    for pose, now in zip(poses, together, strict=True):
+    regrown_poses = []
+    for pose, grown in zip(poses, adjusted_poses, strict=True):
         rng = np.random.default_rng(0)
-        if now.oriented.any() and not now.oriented.all():
-            wide = replace(reopened(pose.network, now), failed={})
-            now = grow(intersected(wide, rng), rng, partial(refined, pose.network))
-        again.append(intersected(replace(now, interior=together[0].interior), rng) if now.oriented.any() else now)
-    return refined_together(network, poses, again)
+        if grown.oriented.any() and not grown.oriented.all():
+            restarted = replace(reopened(pose.network, grown), failed={})
+            grown = grow(intersected(restarted, rng), rng, partial(refined, pose.network))
+        regrown_poses.append(
+            intersected(replace(grown, interior=adjusted_poses[0].interior), rng) if grown.oriented.any() else grown
+        )
+    return refined_together(network, poses, regrown_poses)
 
 
 def in_frame(
@@ -123,14 +125,16 @@ def in_frame(
     R, centre, points = state.R.copy(), state.centre.copy(), state.points.copy()
     frames, scales = [FREE] * network.poses, [FREE] * network.poses
     for pose in range(network.poses):
-        images, own = network.image_pose == pose, network.point_pose == pose
+        images, points_of_pose = network.image_pose == pose, network.point_pose == pose
         if not np.isfinite(centre[images]).any():
             frames[pose] = scales[pose] = NOTHING
             continue
-        turn, factor, shift, frames[pose], scales[pose] = _similarity(network, points, own, corners, size_m)
-        points[own] = factor * points[own] @ turn.T + shift
-        centre[images] = factor * centre[images] @ turn.T + shift
-        R[images] = turn @ R[images]
+        rotation, factor, shift, frames[pose], scales[pose] = _similarity(
+            network, points, points_of_pose, corners, size_m
+        )
+        points[points_of_pose] = factor * points[points_of_pose] @ rotation.T + shift
+        centre[images] = factor * centre[images] @ rotation.T + shift
+        R[images] = rotation @ R[images]
     return NetworkState(state.interior, R, centre, points, network.bars.length_m.copy()), frames, scales
 
 
@@ -139,10 +143,10 @@ def _similarity(
 ) -> tuple[Array, float, Array, str, str]:
     """Return rotation, factor and shift of a pose, and the sources of its frame and its scale."""
     known = network.known
-    here = in_pose[known.point] & np.isfinite(points[known.point, 0])
-    there, target = points[known.point[here]], known.xyz_m[here]
+    is_usable = in_pose[known.point] & np.isfinite(points[known.point, 0])
+    estimated, target = points[known.point[is_usable]], known.xyz_m[is_usable]
     if len(target) >= 3 and np.linalg.svd(target - target.mean(0), compute_uv=False)[1] > 1e-6:
-        return *robust_similarity(there, target), KNOWN, KNOWN
+        return *robust_similarity(estimated, target), KNOWN, KNOWN
     bars = network.bars
     chosen = in_pose[bars.first]
     lengths = [(bars.length_m[bars.bar[chosen]], bars.first[chosen], bars.second[chosen], BARS)]
@@ -150,15 +154,15 @@ def _similarity(
     sizes = np.repeat(size_m[in_pose[corners[:, 0]]] if len(corners) else size_m, 4)
     lengths.append((sizes, sides.ravel(), np.roll(sides, -1, axis=1).ravel(), MARKERS))
     if len(target) == 2:
-        two = known.point[here]
-        lengths.append((np.linalg.norm(target[:1] - target[1:], axis=1), two[:1], two[1:], KNOWN))
+        known_pair = known.point[is_usable]
+        lengths.append((np.linalg.norm(target[:1] - target[1:], axis=1), known_pair[:1], known_pair[1:], KNOWN))
     for length, first, second, source in lengths:
         with np.errstate(divide="ignore"):
             ratio = length / np.linalg.norm(points[first] - points[second], axis=1)
         if np.isfinite(ratio).any():
             return np.eye(3), float(np.median(ratio[np.isfinite(ratio)])), np.zeros(3), FREE, source
-    placed = points[in_pose & np.isfinite(points[:, 0])]
-    size = float(np.sqrt(np.mean((placed - placed.mean(0)) ** 2) * 3)) if len(placed) > 1 else 1.0
+    positions = points[in_pose & np.isfinite(points[:, 0])]
+    size = float(np.sqrt(np.mean((positions - positions.mean(0)) ** 2) * 3)) if len(positions) > 1 else 1.0
     return np.eye(3), 1.0 / size, np.zeros(3), FREE, FREE
 
 
@@ -169,21 +173,21 @@ def robust_similarity(source: Array, target: Array) -> tuple[Array, float, Array
     for _ in range(_ROUNDS):
         fit = umeyama(source[None], target[None], weight[None], with_scale=True)
         R, scale, shift = fit.R[0], float(fit.scale[0]), fit.t[0]
-        off = np.linalg.norm(scale * source @ R.T + shift - target, axis=1)
-        weight = 1 / np.maximum(off, 1e-9 + 1e-3 * np.median(off))
+        residual = np.linalg.norm(scale * source @ R.T + shift - target, axis=1)
+        weight = 1 / np.maximum(residual, 1e-9 + 1e-3 * np.median(residual))
         weight /= weight.max()
     return R, scale, shift
 
 
-def scale_ratio(seen: Array, stated: Array) -> tuple[float, float] | None:
+def scale_ratio(observed: Array, stated: Array) -> tuple[float, float] | None:
     """Return the ratio of stated to observed lengths of points (n, 3), with sigma from the residuals; None if they are
     nearly on one line."""
     extent = np.linalg.svd(stated - stated.mean(0), compute_uv=False)
     if extent[1] < _FLAT * extent[0]:
         return None
-    R, scale, shift = robust_similarity(seen, stated)
-    off = np.linalg.norm(scale * seen @ R.T + shift - stated, axis=1)
-    return scale, float(np.median(off) / (_MEDIAN_OF_NORMAL * extent[0]))
+    R, scale, shift = robust_similarity(observed, stated)
+    residual = np.linalg.norm(scale * observed @ R.T + shift - stated, axis=1)
+    return scale, float(np.median(residual) / (_MEDIAN_OF_NORMAL * extent[0]))
 
 
 def usual_distance(network: Network) -> Array:
@@ -197,15 +201,15 @@ def oriented_pose(network: Network, interior: Array, corners: Index, size_m: Arr
     Principal distances are tried at several field widths if the given ones (C,) are NaN, or if they are free and fail.
     """
     best, best_score = prepare(network, np.nan_to_num(interior, nan=1.0)), -1.0
-    for values, most in _interiors(network, interior):
+    for values, max_seeds in _interiors(network, interior):
         rng = np.random.default_rng(0)  # a fixed seed makes the start reproducible
-        trial, score = _best_seed(network, prepare(network, values), corners, size_m, rng, most)
-        clear = _is_clear(network, trial)
-        if clear or score > best_score:
+        trial, score = _best_seed(network, prepare(network, values), corners, size_m, rng, max_seeds)
+        is_clear = _is_clear(network, trial)
+        if is_clear or score > best_score:
             best, best_score = trial, score
-        if clear:
+        if is_clear:
             break
-    return grow(best, np.random.default_rng(0), lambda now: refined(network, now))
+    return grow(best, np.random.default_rng(0), lambda grown: refined(network, grown))
 
 
 def _interiors(network: Network, interior: Array) -> Iterator[tuple[Array, int | None]]:
@@ -216,57 +220,60 @@ def _interiors(network: Network, interior: Array) -> Iterator[tuple[Array, int |
     free = np.array(["c" in network.cameras[k].free for k in cameras], dtype=bool)
     if not unknown.any():
         yield interior, None
-    doubtful = cameras[unknown] if unknown.any() else cameras[free]
-    for most in (_FEW_SEEDS, None):
-        for width in _FIELD_WIDTHS if len(doubtful) else ():
+    uncertain_cameras = cameras[unknown] if unknown.any() else cameras[free]
+    for max_seeds in (_FEW_SEEDS, None):
+        for width in _FIELD_WIDTHS if len(uncertain_cameras) else ():
             values = interior.copy()
-            values[doubtful, 0] = width * longer_sides(network)[doubtful]
-            yield np.nan_to_num(values, nan=1.0), most
+            values[uncertain_cameras, 0] = width * longer_sides(network)[uncertain_cameras]
+            yield np.nan_to_num(values, nan=1.0), max_seeds
 
 
 def _best_seed(
-    network: Network, empty: Grown, corners: Index, size_m: Array, rng: np.random.Generator, most: int | None
+    network: Network, empty: Grown, corners: Index, size_m: Array, rng: np.random.Generator, max_seeds: int | None
 ) -> tuple[Grown, float]:
-    """Return the best of all seeds, or of the first `most`, grown to a few images, and its score."""
+    """Return the best of all seeds, or of the first `max_seeds`, grown to a few images, and its score."""
     best, best_score = empty, 0.0
-    for seed in islice(_seeds(network, empty, corners, size_m, rng), most):
-        trial = grow(seed, rng, lambda now: refined(network, now), _TRIAL_IMAGES)
+    for seed in islice(_seeds(network, empty, corners, size_m, rng), max_seeds):
+        trial = grow(seed, rng, lambda grown: refined(network, grown), _TRIAL_IMAGES)
         score = _score(network, trial)
-        clear = _is_clear(network, trial)
-        if clear or score > best_score:
+        is_clear = _is_clear(network, trial)
+        if is_clear or score > best_score:
             best, best_score = trial, score
-        if clear:
+        if is_clear:
             break
     return best, best_score
 
 
-def _ray_distance(now: Grown) -> Array:
-    off, depth = now.rays.ray_distances(now.X)
+def _ray_distance(grown: Grown) -> Array:
+    residual_px, depth = grown.rays.ray_distances(grown.X)
     with np.errstate(invalid="ignore"):
-        return np.where(depth > 0, np.linalg.norm(off, axis=1), np.nan)
+        return np.where(depth > 0, np.linalg.norm(residual_px, axis=1), np.nan)
 
 
-def _score(network: Network, now: Grown) -> float:
+def _score(network: Network, grown: Grown) -> float:
     """Return the number of rays that a seed explains; rays with large residuals count less."""
-    several = np.bincount(now.rays.point[now.agrees], minlength=now.rays.points) >= 2
-    many = (several | np.isfinite(now.given[:, 0]))[now.rays.point]
+    is_intersected = np.bincount(grown.rays.point[grown.agrees], minlength=grown.rays.points) >= 2
+    has_determined_point = (is_intersected | np.isfinite(grown.given[:, 0]))[grown.rays.point]
     limit = _SCORED_PER_SIDE * float(longer_sides(network).max())
-    share = 1 - (np.nan_to_num(_ray_distance(now), nan=np.inf) / limit) ** 2
-    return float(np.maximum(share, 0.0)[many & now.agrees].sum())
+    share = 1 - (np.nan_to_num(_ray_distance(grown), nan=np.inf) / limit) ** 2
+    return float(np.maximum(share, 0.0)[has_determined_point & grown.agrees].sum())
 
 
-def _is_clear(network: Network, now: Grown) -> bool:
+def _is_clear(network: Network, grown: Grown) -> bool:
     """True if a seed explains nearly all rays of enough images closely."""
-    image, oriented = now.rays.image, now.oriented
+    image, oriented = grown.rays.image, grown.oriented
     count = np.bincount(image, minlength=len(oriented))
-    mine = oriented[image] & (
-        np.bincount(now.rays.point[oriented[image]], minlength=now.rays.points)[now.rays.point] > 1
+    is_testable = oriented[image] & (
+        np.bincount(grown.rays.point[oriented[image]], minlength=grown.rays.points)[grown.rays.point] > 1
     )
-    wanted = _CLEAR_IMAGES * min(_TRIAL_IMAGES, int((count >= FEWEST_COMMON).sum()))
-    if not mine.any() or oriented.sum() < max(wanted, 2):
+    required_images = _CLEAR_IMAGES * min(_TRIAL_IMAGES, int((count >= FEWEST_COMMON).sum()))
+    if not is_testable.any() or oriented.sum() < max(required_images, 2):
         return False
-    close = float(np.median(_ray_distance(now)[now.agrees])) if now.agrees.any() else np.inf
-    return bool(now.agrees[mine].mean() > _CLEAR_SHARE and close < _CLEAR_PER_SIDE * longer_sides(network).max())
+    median_residual_px = float(np.median(_ray_distance(grown)[grown.agrees])) if grown.agrees.any() else np.inf
+    return bool(
+        grown.agrees[is_testable].mean() > _CLEAR_SHARE
+        and median_residual_px < _CLEAR_PER_SIDE * longer_sides(network).max()
+    )
 
 
 def _seeds(network: Network, empty: Grown, corners: Index, size_m: Array, rng: np.random.Generator) -> Iterator[Grown]:
@@ -276,35 +283,35 @@ def _seeds(network: Network, empty: Grown, corners: Index, size_m: Array, rng: n
     yield from _starts_from_coordinates(empty, known)
     yield from _starts_from_pairs(empty, rng)
     square = np.array([[-0.5, -0.5, 0], [0.5, -0.5, 0], [0.5, 0.5, 0], [-0.5, 0.5, 0]])
-    images = [_seeing(empty, four) for four in corners]
-    for number in np.argsort([-len(seen) for seen in images], kind="stable")[:_BEST_PAIRS]:
-        placed = np.full_like(empty.X, np.nan)
-        placed[corners[number]] = square * size_m[number]
-        yield from _starts_from_coordinates(empty, placed)
+    images = [_seeing(empty, corner_points) for corner_points in corners]
+    for marker in np.argsort([-len(seeing_images) for seeing_images in images], kind="stable")[:_BEST_PAIRS]:
+        marker_points = np.full_like(empty.X, np.nan)
+        marker_points[corners[marker]] = square * size_m[marker]
+        yield from _starts_from_coordinates(empty, marker_points)
 
 
-def _seeing(now: Grown, points: Index) -> Index:
+def _seeing(grown: Grown, points: Index) -> Index:
     """Return the images that see all of the given points."""
-    hit = np.isin(now.rays.point, points)
-    return np.flatnonzero(np.bincount(now.rays.image[hit], minlength=len(now.rays.R)) >= len(points))
+    is_observed = np.isin(grown.rays.point, points)
+    return np.flatnonzero(np.bincount(grown.rays.image[is_observed], minlength=len(grown.rays.R)) >= len(points))
 
 
 def _starts_from_coordinates(empty: Grown, known: Array) -> Iterator[Grown]:
     """Return the seed from coordinates (P, 3), if an image sees enough of them."""
-    seen = empty.rays.image[np.isfinite(known[empty.rays.point, 0])]
-    if len(seen) and np.bincount(seen).max() >= FEWEST:
+    observing_images = empty.rays.image[np.isfinite(known[empty.rays.point, 0])]
+    if len(observing_images) and np.bincount(observing_images).max() >= FEWEST:
         yield replace(empty, given=known, X=known)
 
 
 def _starts_from_pairs(empty: Grown, rng: np.random.Generator) -> Iterator[Grown]:
     """Return seeds from pairs of images, sorted by number of agreeing points and intersection angle."""
-    sound = np.isfinite(empty.rays.direction[:, 0])
-    rays = empty.rays.of(sound)
-    shared = np.triu(common_points(rays.image, rays.point, len(rays.R), rays.points))
-    order = np.argsort(-shared, axis=None, kind="stable")[:_PAIRS]
-    found: list[tuple[float, int, int, list[ImagePair]]] = []
-    for i, j in zip(*np.unravel_index(order, shared.shape), strict=True):
-        if shared[i, j] < FEWEST_COMMON:
+    is_finite = np.isfinite(empty.rays.direction[:, 0])
+    rays = empty.rays.of(is_finite)
+    common_count = np.triu(common_points(rays.image, rays.point, len(rays.R), rays.points))
+    order = np.argsort(-common_count, axis=None, kind="stable")[:_PAIRS]
+    candidates: list[tuple[float, int, int, list[ImagePair]]] = []
+    for i, j in zip(*np.unravel_index(order, common_count.shape), strict=True):
+        if common_count[i, j] < FEWEST_COMMON:
             break
         a, b = np.flatnonzero(rays.image == i), np.flatnonzero(rays.image == j)
         _, at_a, at_b = np.intersect1d(rays.point[a], rays.point[b], return_indices=True)
@@ -312,12 +319,12 @@ def _starts_from_pairs(empty: Grown, rng: np.random.Generator) -> Iterator[Grown
         pairs = relative_orientations(rays.direction[a[at_a]], rays.direction[b[at_b]], limit)
         pairs = [pair for pair in pairs if pair.angle > _LEAST_ANGLE]
         if pairs:
-            worth = max(pair.agreeing * min(pair.angle / _GOOD_ANGLE, 1.0) for pair in pairs)
-            found.append((worth, int(i), int(j), pairs))
-        if sum(one[0] > _GOOD_PAIR * shared[one[1], one[2]] for one in found) == _BEST_PAIRS:
+            score = max(pair.agreeing * min(pair.angle / _GOOD_ANGLE, 1.0) for pair in pairs)
+            candidates.append((score, int(i), int(j), pairs))
+        if sum(scored[0] > _GOOD_PAIR * common_count[scored[1], scored[2]] for scored in candidates) == _BEST_PAIRS:
             break
-    found.sort(key=lambda candidate: -candidate[0])
-    for _, i, j, pairs in found[:_BEST_PAIRS]:
+    candidates.sort(key=lambda candidate: -candidate[0])
+    for _, i, j, pairs in candidates[:_BEST_PAIRS]:
         for pair in pairs:
-            two = empty.with_images({i: (np.eye(3), np.zeros(3)), j: (pair.R, pair.centre)})
-            yield intersected(two, rng)
+            oriented_pair = empty.with_images({i: (np.eye(3), np.zeros(3)), j: (pair.R, pair.centre)})
+            yield intersected(oriented_pair, rng)

@@ -66,16 +66,16 @@ class Matched:
 def match_uncoded(circles: Circles, images: OrientedImages) -> Matched:
     """Return the points of circles without a code, for one pose."""
     usable = np.flatnonzero(np.isfinite(images.centre[circles.image, 0]))
-    some = Circles(circles.image[usable], circles.xy_px[usable], circles.cov_px2[usable])
-    sight = _circle_rays(some, images)
-    pairs = _epipolar_pairs(sight, images)
-    claims, paired = _hypotheses(pairs, sight, images)
+    usable_circles = Circles(circles.image[usable], circles.xy_px[usable], circles.cov_px2[usable])
+    rays = _circle_rays(usable_circles, images)
+    pairs = _epipolar_pairs(rays, images)
+    claims, has_partner = _hypotheses(pairs, rays, images)
     undisputed, contested = _undisputed(claims, len(usable))
     members = _members(undisputed)
-    X, cov = _intersected_points(sight, images, members, len(undisputed))
+    X, cov = _intersected_points(rays, images, members, len(undisputed))
     point = np.full(len(circles.image), -1, np.int64)
     reason = np.full(len(circles.image), NOT_ORIENTED, dtype=object)
-    reason[usable] = np.where(contested, AMBIGUOUS, np.where(paired, TOO_FEW, NO_PARTNER))
+    reason[usable] = np.where(contested, AMBIGUOUS, np.where(has_partner, TOO_FEW, NO_PARTNER))
     point[usable[members.circle]] = members.point
     reason[usable[members.circle]] = MATCHED
     return Matched(point, X, cov, tuple(reason.tolist()))
@@ -127,81 +127,90 @@ def _projection_slope(u: Array) -> Array:
 
 def _partners(images: OrientedImages) -> list[tuple[int, int]]:
     """Return the pairs of images (i, j) whose rays meet at a good angle, a few per image."""
-    towards: Array = images.box_m.mean(axis=0) - images.centre
-    towards = towards / np.linalg.norm(towards, axis=1, keepdims=True)
-    angle = np.arccos(np.clip(np.nan_to_num(towards @ towards.T, nan=1.0), -1.0, 1.0))
-    good = (angle > _GOOD_ANGLE[0]) & (angle < _GOOD_ANGLE[1])
-    order = np.argsort(np.where(good, angle, np.inf), axis=1)[:, :_PARTNERS]
-    chosen = {(min(i, int(j)), max(i, int(j))) for i in range(len(order)) for j in order[i] if good[i, j]}
+    view_direction: Array = images.box_m.mean(axis=0) - images.centre
+    view_direction = view_direction / np.linalg.norm(view_direction, axis=1, keepdims=True)
+    angle = np.arccos(np.clip(np.nan_to_num(view_direction @ view_direction.T, nan=1.0), -1.0, 1.0))
+    has_good_angle = (angle > _GOOD_ANGLE[0]) & (angle < _GOOD_ANGLE[1])
+    order = np.argsort(np.where(has_good_angle, angle, np.inf), axis=1)[:, :_PARTNERS]
+    chosen = {(min(i, int(j)), max(i, int(j))) for i in range(len(order)) for j in order[i] if has_good_angle[i, j]}
     return sorted(chosen)
 
 
-def _epipolar_pairs(sight: _CircleRays, images: OrientedImages) -> Index:
+def _epipolar_pairs(rays: _CircleRays, images: OrientedImages) -> Index:
     """Return pairs of circles (L, 2) of different images whose rays meet within their tolerance."""
     from scipy.special import chdtri
 
     critical, pairs = float(chdtri(1, _ALPHA)), [np.empty((0, 2), np.int64)]
-    groups = {int(i): np.flatnonzero(sight.image == i) for i in np.unique(sight.image)}
-    homogeneous = np.concatenate([sight.direction, np.ones((len(sight.direction), 1))], axis=1)
+    groups = {int(i): np.flatnonzero(rays.image == i) for i in np.unique(rays.image)}
+    homogeneous = np.concatenate([rays.direction, np.ones((len(rays.direction), 1))], axis=1)
     for i, j in _partners(images):
         if i not in groups or j not in groups:
             continue
         a, b = groups[i], groups[j]
-        base = images.R[j].T @ (images.centre[i] - images.centre[j])
-        E = skew(base) @ images.R[j].T @ images.R[i]
-        line, back = homogeneous[a] @ E.T, homogeneous[b] @ E  # epipolar lines of a in image j, of b in image i
-        miss = line @ homogeneous[b].T
-        var = np.einsum("ai,bij,aj->ab", line[:, :2], sight.covariance[b], line[:, :2], optimize=True)
-        var += np.einsum("bi,aij,bj->ab", back[:, :2], sight.covariance[a], back[:, :2], optimize=True)
-        fits = np.argwhere(miss**2 < critical * var)
-        pairs.append(np.stack([a[fits[:, 0]], b[fits[:, 1]]], axis=1))
+        baseline = images.R[j].T @ (images.centre[i] - images.centre[j])
+        E = skew(baseline) @ images.R[j].T @ images.R[i]
+        lines_in_j, lines_in_i = (
+            homogeneous[a] @ E.T,
+            homogeneous[b] @ E,
+        )  # epipolar lines of a in image j, of b in image i
+        misclosure = lines_in_j @ homogeneous[b].T
+        variance = np.einsum("ai,bij,aj->ab", lines_in_j[:, :2], rays.covariance[b], lines_in_j[:, :2], optimize=True)
+        variance += np.einsum("bi,aij,bj->ab", lines_in_i[:, :2], rays.covariance[a], lines_in_i[:, :2], optimize=True)
+        passing = np.argwhere(misclosure**2 < critical * variance)
+        pairs.append(np.stack([a[passing[:, 0]], b[passing[:, 1]]], axis=1))
     return np.concatenate(pairs)
 
 
-def _rays(sight: _CircleRays, images: OrientedImages, members: _Members, points: int) -> Bundle:
-    image = sight.image[members.circle]
+def _rays(circle_rays: _CircleRays, images: OrientedImages, members: _Members, points: int) -> Bundle:
+    image = circle_rays.image[members.circle]
     scale = images.interior[images.camera[image], 0]
     return Bundle(
-        image, members.point, sight.direction[members.circle], scale, images.R, np.nan_to_num(images.centre), points
+        image,
+        members.point,
+        circle_rays.direction[members.circle],
+        scale,
+        images.R,
+        np.nan_to_num(images.centre),
+        points,
     )
 
 
 def _intersected_points(
-    sight: _CircleRays, images: OrientedImages, members: _Members, points: int
+    circle_rays: _CircleRays, images: OrientedImages, members: _Members, points: int
 ) -> tuple[Array, Array]:
     """Return points (K, 3) from their members' rays and their covariance (K, 3, 3)."""
-    rays = _rays(sight, images, members, points)
+    rays = _rays(circle_rays, images, members, points)
     ones = np.ones(len(members.circle))
     X = refine_points(rays, np.nan_to_num(nearest_points(rays, ones)[0]), ones)
     u = np.einsum("nji,nj->ni", rays.R[rays.image], X[rays.point] - rays.centre[rays.image])
     with np.errstate(all="ignore"):
         J = _projection_slope(u) @ rays.R[rays.image].transpose(0, 2, 1)
-    W = np.linalg.inv(sight.covariance[members.circle])
+    W = np.linalg.inv(circle_rays.covariance[members.circle])
     N = sums(rays.point, np.nan_to_num(J.transpose(0, 2, 1) @ W @ J), points)
-    size = np.einsum("pii->p", N)[:, None, None]
-    flat = ~(np.linalg.det(N / np.where(size > 0, size, 1.0)) > 1e-15)
-    N[flat] = np.eye(3)
+    trace = np.einsum("pii->p", N)[:, None, None]
+    is_singular = ~(np.linalg.det(N / np.where(trace > 0, trace, 1.0)) > 1e-15)
+    N[is_singular] = np.eye(3)
     cov = np.asarray(np.linalg.inv(N), float)
-    X[flat] = np.nan
+    X[is_singular] = np.nan
     return X, cov
 
 
-def _hypotheses(pairs: Index, sight: _CircleRays, images: OrientedImages) -> tuple[Index, Mask]:
+def _hypotheses(pairs: Index, rays: _CircleRays, images: OrientedImages) -> tuple[Index, Mask]:
     """Return the circle (H, I) of each hypothetical point in each image (-1: none), with duplicates merged, and the
     circles (M,) that have any partner."""
-    paired = np.zeros(len(sight.image), bool)
+    has_partner = np.zeros(len(rays.image), bool)
     members = _Members(pairs.ravel(), np.repeat(np.arange(len(pairs)), 2))
-    X, cov = _intersected_points(sight, images, members, len(pairs))
+    X, cov = _intersected_points(rays, images, members, len(pairs))
     with np.errstate(invalid="ignore"):
-        inside = np.all((X - images.box_m[0]) * (images.box_m[1] - X) >= 0, axis=1)
-    paired[pairs[inside].ravel()] = True
-    claims = _found_in_all(X[inside], cov[inside], sight, images)
+        is_in_box = np.all((X - images.box_m[0]) * (images.box_m[1] - X) >= 0, axis=1)
+    has_partner[pairs[is_in_box].ravel()] = True
+    claims = _found_in_all(X[is_in_box], cov[is_in_box], rays, images)
     for _ in range(2):
         claims = np.unique(claims[(claims >= 0).sum(axis=1) >= _FEWEST], axis=0)
-        X, cov = _intersected_points(sight, images, _members(claims), len(claims))
-        claims = _found_in_all(X, cov, sight, images)
+        X, cov = _intersected_points(rays, images, _members(claims), len(claims))
+        claims = _found_in_all(X, cov, rays, images)
     claims = np.unique(claims[(claims >= 0).sum(axis=1) >= _FEWEST], axis=0)
-    return claims, paired
+    return claims, has_partner
 
 
 def _members(claims: Index) -> _Members:
@@ -209,25 +218,25 @@ def _members(claims: Index) -> _Members:
     return _Members(claims[point, image], point.astype(np.int64))
 
 
-def _found_in_all(X: Array, cov: Array, sight: _CircleRays, images: OrientedImages) -> Index:
+def _found_in_all(X: Array, cov: Array, rays: _CircleRays, images: OrientedImages) -> Index:
     """Return the circle (H, I) found in each image at the predicted position of the points (H, 3), -1 if none."""
     from scipy.spatial import cKDTree
     from scipy.special import chdtri
 
     critical = float(chdtri(2, _ALPHA))
     claims = np.full((len(X), len(images.R)), -1, np.int64)
-    for i in np.unique(sight.image):
-        here = np.flatnonzero(sight.image == i)
+    for i in np.unique(rays.image):
+        circles_of_image = np.flatnonzero(rays.image == i)
         u = (X - images.centre[i]) @ images.R[i]
-        front = np.flatnonzero(u[:, 2] > 0)
-        predicted = u[front, :2] / u[front, 2:]
-        _, nearest = cKDTree(sight.direction[here]).query(predicted)
-        circle = here[nearest]
-        J = _projection_slope(u[front]) @ images.R[i].T
-        S = J @ cov[front] @ J.transpose(0, 2, 1) + sight.covariance[circle]
-        off = sight.direction[circle] - predicted
-        fits = np.einsum("hi,hi->h", off, np.linalg.solve(S, off[..., None])[..., 0]) < critical
-        claims[front[fits], i] = circle[fits]
+        in_front = np.flatnonzero(u[:, 2] > 0)
+        predicted = u[in_front, :2] / u[in_front, 2:]
+        _, nearest = cKDTree(rays.direction[circles_of_image]).query(predicted)
+        circle = circles_of_image[nearest]
+        J = _projection_slope(u[in_front]) @ images.R[i].T
+        S = J @ cov[in_front] @ J.transpose(0, 2, 1) + rays.covariance[circle]
+        residual = rays.direction[circle] - predicted
+        passing = np.einsum("hi,hi->h", residual, np.linalg.solve(S, residual[..., None])[..., 0]) < critical
+        claims[in_front[passing], i] = circle[passing]
     return claims
 
 
@@ -242,26 +251,26 @@ def _undisputed(claims: Index, circles: int) -> tuple[Index, Mask]:
     claims, support = claims[order], support[order]
     members = _members(claims)
     B = csr_array((np.ones(len(members.circle)), (members.point, members.circle)), shape=(len(claims), circles))
-    shared = (B @ B.T).tocoo()
-    same = (shared.data >= 2) & (shared.row > shared.col)  # the other one has priority
-    stands = np.ones(len(claims), bool)
-    stands[shared.row[same]] = False
+    common_circles = (B @ B.T).tocoo()
+    is_duplicate = (common_circles.data >= 2) & (common_circles.row > common_circles.col)  # the other one has priority
+    is_accepted = np.ones(len(claims), bool)
+    is_accepted[common_circles.row[is_duplicate]] = False
     contested = np.zeros(circles, bool)
     while True:
-        open_ = stands[members.point]
-        weight = np.where(open_, support[members.point], 0)
-        most = np.zeros(circles, np.int64)
-        np.maximum.at(most, members.circle, weight)
-        wins = open_ & (weight == most[members.circle])
-        alone = np.bincount(members.circle[wins], minlength=circles)[members.circle] == 1
-        has = np.bincount(members.point[wins & alone], minlength=len(claims))
-        falls = stands & (has < _FEWEST)
-        if not falls.any():
+        is_candidate = is_accepted[members.point]
+        weight = np.where(is_candidate, support[members.point], 0)
+        best_support = np.zeros(circles, np.int64)
+        np.maximum.at(best_support, members.circle, weight)
+        is_best = is_candidate & (weight == best_support[members.circle])
+        is_sole = np.bincount(members.circle[is_best], minlength=circles)[members.circle] == 1
+        circle_count = np.bincount(members.point[is_best & is_sole], minlength=len(claims))
+        is_rejected = is_accepted & (circle_count < _FEWEST)
+        if not is_rejected.any():
             break
-        falls &= support == support[falls].min()
-        contested[claims[falls][claims[falls] >= 0]] = True
-        stands &= ~falls
-    claimants = np.bincount(members.circle[stands[members.point]], minlength=circles)
-    undisputed = np.where((claims >= 0) & (claimants[np.maximum(claims, 0)] > 1), -1, claims)[stands]
+        is_rejected &= support == support[is_rejected].min()
+        contested[claims[is_rejected][claims[is_rejected] >= 0]] = True
+        is_accepted &= ~is_rejected
+    claimants = np.bincount(members.circle[is_accepted[members.point]], minlength=circles)
+    undisputed = np.where((claims >= 0) & (claimants[np.maximum(claims, 0)] > 1), -1, claims)[is_accepted]
     contested |= claimants > 1
     return undisputed[(undisputed >= 0).sum(axis=1) >= _FEWEST], contested

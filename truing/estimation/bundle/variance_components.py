@@ -89,11 +89,11 @@ def grouped(network: Network, used: Mask, redundancy: Array) -> VarianceComponen
         else:
             target[small] = small[0]
     targets, component = np.unique(target[component], return_inverse=True)
-    joint = [np.flatnonzero(target == k) for k in targets]
-    first, second = zip(*((_common(pairs[m, 0]), _common(pairs[m, 1])) for m in joint), strict=True)
-    ones, nothing = np.ones(len(targets)), np.zeros(len(targets))
+    members = [np.flatnonzero(target == k) for k in targets]
+    first, second = zip(*((_common(pairs[m, 0]), _common(pairs[m, 1])) for m in members), strict=True)
+    ones, zeros = np.ones(len(targets)), np.zeros(len(targets))
     return VarianceComponents(
-        component, np.array(first), np.array(second), ones, np.full(len(targets), np.nan), nothing, nothing > 0
+        component, np.array(first), np.array(second), ones, np.full(len(targets), np.nan), zeros, zeros > 0
     )
 
 
@@ -102,13 +102,13 @@ def _common(numbers: Index) -> int:
 
 
 def updated(
-    components: VarianceComponents, adjusted: Adjustment, redundancy: Array, cut: float = 1.0
+    components: VarianceComponents, adjusted: Adjustment, redundancy: Array, accepted_share: float = 1.0
 ) -> VarianceComponents:
     """Return the components after one step from the residuals of an adjustment with the present factors.
 
-    redundancy (N, 2, 2): Q_vv C^-1 of every ray, C with its factor. cut: mean square of good rays that a test accepts,
-    over that of all good rays. The standard deviations neglect the correlation between groups: exact for one group;
-    what several share is distributed by size.
+    redundancy (N, 2, 2): Q_vv C^-1 of every ray, C with its factor. accepted_share: mean square of good rays that a
+    test accepts, over that of all good rays. The standard deviations neglect the correlation between groups: exact for
+    one group; what several share is distributed by size.
     """
     used, group = adjusted.used, components.component[adjusted.used]
     G = len(components.factor)
@@ -116,18 +116,20 @@ def updated(
     P = np.linalg.inv(adjusted.network.rays.cov_px2[used]) / components.of_rays()[used][:, None, None]
     squares = np.bincount(group, np.einsum("ni,nij,nj->n", v, P, v), minlength=G)
     r = np.bincount(group, np.einsum("nii->n", redundancy[used]), minlength=G).astype(float)
-    own = np.bincount(group, np.einsum("nij,nji->n", redundancy[used], redundancy[used]), minlength=G)
-    enough = r > 1e-6
-    ratio = np.where(enough, squares / np.where(enough, r, 1.0) / cut, 1.0)
+    trace_of_squares = np.bincount(group, np.einsum("nij,nji->n", redundancy[used], redundancy[used]), minlength=G)
+    is_determined = r > 1e-6
+    ratio = np.where(is_determined, squares / np.where(is_determined, r, 1.0) / accepted_share, 1.0)
     factor = np.clip(components.factor * ratio, *_BOUNDS)
-    shared = np.maximum(r - own, 0.0)
-    S = np.diag(np.where(enough, own, 1.0)) + np.outer(shared, shared) / max(float(shared.sum()), 1e-12)
-    spread = np.sqrt(2 * np.diag(np.linalg.inv(S)))
+    shared = np.maximum(r - trace_of_squares, 0.0)
+    S = np.diag(np.where(is_determined, trace_of_squares, 1.0)) + np.outer(shared, shared) / max(
+        float(shared.sum()), 1e-12
+    )
+    relative_sigma = np.sqrt(2 * np.diag(np.linalg.inv(S)))
     bounded = (factor <= _BOUNDS[0]) | (factor >= _BOUNDS[1])
     return replace(
         components,
         factor=factor,
-        sigma=np.where(enough, factor * spread, np.inf),
+        sigma=np.where(is_determined, factor * relative_sigma, np.inf),
         redundancy=r,
         bounded=bounded,
     )

@@ -88,26 +88,26 @@ class CommonPart:
 class BodyEstimate:
     """One body over B poses and T targets: its common part, and its poses on request.
 
-    out, keep: points that a person excluded, or marked as valid; None for none.
+    excluded, kept: points that a person excluded, or marked as valid; None for none.
     """
 
     name: str
     points: Points
     common: CommonPart
-    out: PointDecisions | None = None
-    keep: PointDecisions | None = None
+    excluded: PointDecisions | None = None
+    kept: PointDecisions | None = None
 
     @property
     def usable(self) -> Mask:
         """Points (B, T) of the body frame that nobody excluded."""
         usable = self.points.seen & self.common.frame
-        return usable if self.out is None else usable & ~self.out.chosen
+        return usable if self.excluded is None else usable & ~self.excluded.chosen
 
     @property
     def rejected(self) -> Mask:
         """Points (B, T) left out: gross errors, and those that a person excluded."""
         gross = self.usable & ~self.common.agreed & self.common.has_consensus[:, None]
-        return gross if self.out is None else gross | self.points.seen & self.out.chosen
+        return gross if self.excluded is None else gross | self.points.seen & self.excluded.chosen
 
     def reason(self, pose: int, target: int) -> str:
         """Return the reason for not using a point, in words; empty if used."""
@@ -117,30 +117,32 @@ class BodyEstimate:
         """Return some of the poses with the state of their points; by the default estimator alone unless ``every``,
         without covariances then."""
         common, points = self.common, self.points.block(rows)
-        out, keep = (_decided(decisions, rows, points.seen.shape) for decisions in (self.out, self.keep))
-        usable = points.seen & common.frame & ~out.chosen
+        excluded_points, kept_points = (
+            _decided(decisions, rows, points.seen.shape) for decisions in (self.excluded, self.kept)
+        )
+        usable = points.seen & common.frame & ~excluded_points.chosen
         fits, weights = self._fits(points, usable, rows, every)
         default = next(reversed(fits))
         fit = fits[default]
         used = common.agreed[rows] & fit.ok[:, None]
-        rejected = self._rejected(points, usable, out, rows)
-        place = np.nan_to_num(common.source)
-        there = (points.seen & common.known)[..., None]
-        residual = np.where(there, fit.residuals(place, points.points), np.nan)
-        why = reasons(fit, residual, common.known, common.frame, used, rejected)
-        mask, excluded = used & keep.chosen, out.chosen & points.seen
-        why = np.where(mask, keep.words, np.where(excluded, out.words, why))
-        left = {method: usable.sum(axis=1) - f.n_used + excluded.sum(axis=1) for method, f in fits.items()}
-        left[default] = rejected.sum(axis=1)
+        rejected = self._rejected(points, usable, excluded_points, rows)
+        source = np.nan_to_num(common.source)
+        has_reference = (points.seen & common.known)[..., None]
+        residual = np.where(has_reference, fit.residuals(source, points.points), np.nan)
+        reason = reasons(fit, residual, common.known, common.frame, used, rejected)
+        mask, is_excluded = used & kept_points.chosen, excluded_points.chosen & points.seen
+        reason = np.where(mask, kept_points.words, np.where(is_excluded, excluded_points.words, reason))
+        rejections = {method: usable.sum(axis=1) - f.n_used + is_excluded.sum(axis=1) for method, f in fits.items()}
+        rejections[default] = rejected.sum(axis=1)
         return BodyPoses(
-            *(self.name, points, fits, default, residual, used, rejected, left, why, common.noise_ratio),
-            *(place, np.nan_to_num(common.cov_source), common.frame, mask, excluded),
+            *(self.name, points, fits, default, residual, used, rejected, rejections, reason, common.noise_ratio),
+            *(source, np.nan_to_num(common.cov_source), common.frame, mask, is_excluded),
             weights=weights,
         )
 
-    def _rejected(self, points: PosePoints, usable: Mask, out: PointDecisions, rows: slice | Index) -> Mask:
+    def _rejected(self, points: PosePoints, usable: Mask, excluded: PointDecisions, rows: slice | Index) -> Mask:
         gross = usable & ~self.common.agreed[rows] & self.common.has_consensus[rows][:, None]
-        return np.asarray(gross | points.seen & out.chosen)
+        return np.asarray(gross | points.seen & excluded.chosen)
 
     def _fits(
         self, points: PosePoints, usable: Mask, rows: slice | Index, every: bool
@@ -153,8 +155,8 @@ class BodyEstimate:
         cov = common.noise.cov(rows)
         if common.joint is not None and common.seen is not None:
             return {"procrustes": _with_covariance_on_shape(fit, common.joint, cov, common.seen[rows])}, {}
-        place, cov_source = np.nan_to_num(common.source), np.nan_to_num(common.cov_source)
-        return by_every_method(place, points.points, cov_source, cov, usable, (fit, agreed), common.frame)
+        source, cov_source = np.nan_to_num(common.source), np.nan_to_num(common.cov_source)
+        return by_every_method(source, points.points, cov_source, cov, usable, (fit, agreed), common.frame)
 
 
 def _decided(decisions: PointDecisions | None, rows: slice | Index, shape: tuple[int, ...]) -> PointDecisions:
@@ -165,9 +167,9 @@ def _decided(decisions: PointDecisions | None, rows: slice | Index, shape: tuple
     )
 
 
-def _with_covariance_on_shape(fit: RigidFit, joint: JointShape, cov: Array, seen: Mask) -> RigidFit:
+def _with_covariance_on_shape(fit: RigidFit, joint: JointShape, cov: Array, observed: Mask) -> RigidFit:
     covariance, ok = np.full((len(fit.R), 6, 6), np.nan), fit.ok
-    covariance[ok] = covariance_on_shape(joint, cov[ok], seen[ok], fit.R[ok])
+    covariance[ok] = covariance_on_shape(joint, cov[ok], observed[ok], fit.R[ok])
     return replace(fit, covariance=covariance)
 
 
@@ -175,95 +177,99 @@ def fit_body(
     points: PosePoints,
     body: str,
     survey: SurveyPoints,
-    out: PointDecisions | None = None,
-    keep: PointDecisions | None = None,
-    own: Array | None = None,
+    excluded: PointDecisions | None = None,
+    kept: PointDecisions | None = None,
+    cov_independent: Array | None = None,
 ) -> BodyPoses:
     """Return the poses of a body at once, see `estimate_body`."""
-    return estimate_body(points, body, survey, out, keep, own).poses(slice(None))
+    return estimate_body(points, body, survey, excluded, kept, cov_independent).poses(slice(None))
 
 
 def estimate_body(
     points: Points,
     body: str,
     survey: SurveyPoints,
-    out: PointDecisions | None = None,
-    keep: PointDecisions | None = None,
-    own: Array | None = None,
+    excluded: PointDecisions | None = None,
+    kept: PointDecisions | None = None,
+    cov_independent: Array | None = None,
 ) -> BodyEstimate:
     """Return the poses of a body relative to its survey, or to the shape common to its poses if it has none.
 
-    out, keep: points that a person excluded, or marked as valid. own (B, T, 3, 3): covariances without errors common to
-    all poses. They are used to find the common shape, since a common scale error would otherwise make it uncertain
-    along the line to each point.
+    excluded, kept: points that a person excluded, or marked as valid. cov_independent (B, T, 3, 3): covariances without
+    errors common to all poses. They are used to find the common shape, since a common scale error would otherwise make
+    it uncertain along the line to each point.
     """
-    allowed = points.seen if out is None else points.seen & ~out.chosen
-    mask = np.zeros((1, 1), bool) if keep is None else keep.chosen
+    allowed = points.seen if excluded is None else points.seen & ~excluded.chosen
+    always_used = np.zeros((1, 1), bool) if kept is None else kept.chosen
     if survey.targets:
-        return BodyEstimate(body, points, _fit_to_survey(points, survey, allowed, mask), out, keep)
-    each: Points = points
-    if own is not None:
+        return BodyEstimate(body, points, _fit_to_survey(points, survey, allowed, always_used), excluded, kept)
+    independent_points: Points = points
+    if cov_independent is not None:
         block = points.block(slice(None))
-        each = replace(block, cov=np.where(block.seen[..., None, None], own, block.cov))
-    return BodyEstimate(body, points, _fit_without_survey(each, allowed, mask), out, keep)
+        independent_points = replace(block, cov=np.where(block.seen[..., None, None], cov_independent, block.cov))
+    return BodyEstimate(body, points, _fit_without_survey(independent_points, allowed, always_used), excluded, kept)
 
 
-def _fit_to_survey(points: Points, survey: SurveyPoints, allowed: Mask, keep: Mask) -> CommonPart:
+def _fit_to_survey(points: Points, survey: SurveyPoints, allowed: Mask, always_used: Mask) -> CommonPart:
     """Return the common part relative to the survey, from the targets of the body frame."""
     source, cov_source = _reference(points, survey)
     known: Mask = np.asarray(np.isfinite(source).all(axis=-1))
     frame = known & _in_frame(points, survey)
     usable = allowed & frame
-    place, exact = np.nan_to_num(source), np.nan_to_num(cov_source)
-    noise = _noise(place, points, usable)
-    fit, agreed, ratio = fit_robustly(_robust(place, exact, points, noise, usable, keep))
+    reference, cov_reference = np.nan_to_num(source), np.nan_to_num(cov_source)
+    noise = _noise(reference, points, usable)
+    fit, agreed, ratio = fit_robustly(_robust(reference, cov_reference, points, noise, usable, always_used))
     return CommonPart(source, cov_source, known, frame, noise, _slim(fit), agreed, _has_consensus(fit, agreed), ratio)
 
 
-def _fit_without_survey(points: Points, allowed: Mask, keep: Mask) -> CommonPart:
+def _fit_without_survey(points: Points, allowed: Mask, always_used: Mask) -> CommonPart:
     """Return the common part relative to the shape that the poses share; poses and shape are estimated together."""
     usable = allowed
-    richest = int(usable.sum(axis=1).argmax())
-    sigma = _typical_sigma(_noise(points.points[richest], points, usable & usable[richest]), usable)
+    reference_pose = int(usable.sum(axis=1).argmax())
+    sigma = _typical_sigma(_noise(points.points[reference_pose], points, usable & usable[reference_pose]), usable)
     rows = shape_rows(usable)
     source = common_shape(points.points[rows], usable[rows], sigma)
     known: Mask = np.asarray(np.isfinite(source).all(axis=-1))
-    place, usable = np.nan_to_num(source), usable & known
-    noise, exact = _noise(place, points, usable), np.zeros((len(place), 3, 3))
-    body = _robust(place, exact, points, noise, usable, keep)
+    reference, usable = np.nan_to_num(source), usable & known
+    noise, cov_reference = _noise(reference, points, usable), np.zeros((len(reference), 3, 3))
+    body = _robust(reference, cov_reference, points, noise, usable, always_used)
     fit, agreed, ratio = fit_robustly(body)
     tau = _movement(fit, ratio, body, noise, usable)
     if tau.any():
-        fit, agreed, ratio = fit_robustly(_robust(place, exact, points, noise, usable, keep, tau))
-    good = agreed & fit.ok[:, None]
-    joint = generalised_procrustes(points.points[rows], noise.cov(rows), good[rows], shape=source)
-    on_shape, seen = _fit_to_joint_shape(joint, fit, rows, points, noise, good)
+        fit, agreed, ratio = fit_robustly(_robust(reference, cov_reference, points, noise, usable, always_used, tau))
+    inliers = agreed & fit.ok[:, None]
+    joint = generalised_procrustes(points.points[rows], noise.cov(rows), inliers[rows], shape=source)
+    on_shape, observed = _fit_to_joint_shape(joint, fit, rows, points, noise, inliers)
     shape = _shape_of(joint, known)
     source = np.where(np.isfinite(joint.shape), joint.shape, source)
     consensus = _has_consensus(fit, agreed)
     return CommonPart(
-        *(source, exact, known, known, noise, _slim(on_shape), agreed, consensus, ratio, shape, seen),
-        shape_poses=len(seen[rows]),
+        *(source, cov_reference, known, known, noise, _slim(on_shape), agreed, consensus, ratio, shape, observed),
+        shape_poses=len(observed[rows]),
     )
 
 
-def shape_rows(usable: Mask, most: int = SHAPE_POINTS) -> slice | Index:
+def shape_rows(usable: Mask, max_points: int = SHAPE_POINTS) -> slice | Index:
     """Return the poses from which the shape of a body is estimated: all, or some evenly spaced ones that show every
     target often."""
     poses, targets = usable.shape
-    some = max(1, most // max(targets, 1))
-    if poses <= some:
+    max_poses = max(1, max_points // max(targets, 1))
+    if poses <= max_poses:
         return slice(None)
     chosen = np.zeros(poses, bool)
-    chosen[np.linspace(0, poses - 1, some).astype(np.int64)] = True
+    chosen[np.linspace(0, poses - 1, max_poses).astype(np.int64)] = True
     for k in np.flatnonzero((usable & chosen[:, None]).sum(axis=0) < _SEEN_OFTEN):
-        seen = np.flatnonzero(usable[:, k])
-        chosen[seen[np.linspace(0, len(seen) - 1, min(len(seen), _SEEN_OFTEN)).astype(np.int64)]] = True
+        observing_poses = np.flatnonzero(usable[:, k])
+        chosen[
+            observing_poses[
+                np.linspace(0, len(observing_poses) - 1, min(len(observing_poses), _SEEN_OFTEN)).astype(np.int64)
+            ]
+        ] = True
     return np.flatnonzero(chosen)
 
 
 def _fit_to_joint_shape(
-    joint: ProcrustesFit, robust: RigidFit, rows: slice | Index, points: Points, noise: PointNoise, good: Mask
+    joint: ProcrustesFit, robust: RigidFit, rows: slice | Index, points: Points, noise: PointNoise, inliers: Mask
 ) -> tuple[RigidFit, Mask]:
     """Return all poses on the joint shape, and the points (B, T) that determine them.
 
@@ -271,15 +277,15 @@ def _fit_to_joint_shape(
     """
     known = np.isfinite(joint.shape).all(axis=-1)
     if isinstance(rows, slice):
-        return joint.poses, good & known & joint.poses.ok[:, None]
+        return joint.poses, inliers & known & joint.poses.ok[:, None]
     shape = _shape_of(joint, known)
 
     def fitted(block: slice) -> RigidFit:
-        seen = good[block] & known
-        return _fit_on_shape(shape, joint.status, points.points[block], noise.cov(block), seen, robust.some(block))
+        observed = inliers[block] & known
+        return _fit_on_shape(shape, joint.status, points.points[block], noise.cov(block), observed, robust.some(block))
 
-    fit = join_fits(list(in_order(fitted, pose_blocks(*good.shape))))
-    return fit, good & known & fit.ok[:, None]
+    fit = join_fits(list(in_order(fitted, pose_blocks(*inliers.shape))))
+    return fit, inliers & known & fit.ok[:, None]
 
 
 def _shape_of(joint: ProcrustesFit, known: Mask) -> JointShape:
@@ -288,47 +294,49 @@ def _shape_of(joint: ProcrustesFit, known: Mask) -> JointShape:
     return JointShape(shape, covariance, np.nan_to_num(joint.deformation), known)
 
 
-def _fit_on_shape(shape: JointShape, status: FitStatus, y: Array, cov: Array, seen: Mask, start: RigidFit) -> RigidFit:
-    closed = umeyama(shape.shape, np.where(seen[..., None], y, 0.0), seen)
-    fit = replace(closed, covariance=np.zeros((len(y), 6, 6)), scale_sigma=np.zeros(len(y)))
-    ok = np.flatnonzero(closed.ok)
+def _fit_on_shape(
+    shape: JointShape, status: FitStatus, y: Array, cov: Array, observed: Mask, start: RigidFit
+) -> RigidFit:
+    closed_form = umeyama(shape.shape, np.where(observed[..., None], y, 0.0), observed)
+    fit = replace(closed_form, covariance=np.zeros((len(y), 6, 6)), scale_sigma=np.zeros(len(y)))
+    ok = np.flatnonzero(closed_form.ok)
     if not ok.size:
         return fit
-    R, t, converged = poses_on_shape(shape, y[ok], cov[ok], seen[ok], start.R[ok], start.t[ok])
+    R, t, converged = poses_on_shape(shape, y[ok], cov[ok], observed[ok], start.R[ok], start.t[ok])
     fit.R[ok], fit.t[ok], fit.scale[ok] = R, t, 1.0
-    square = np.sum((y[ok] - shape.shape @ np.swapaxes(R, -1, -2) - t[:, None]) ** 2, axis=-1)
-    fit.rms[ok] = np.sqrt(np.sum(square * seen[ok], axis=1) / seen[ok].sum(axis=1))
-    named = closed.status.astype(object)
-    named[ok] = np.where(converged, str(status), str(FitStatus.NOT_CONVERGED))
-    return replace(fit, status=named.astype(str)).masked()
+    squared_residual = np.sum((y[ok] - shape.shape @ np.swapaxes(R, -1, -2) - t[:, None]) ** 2, axis=-1)
+    fit.rms[ok] = np.sqrt(np.sum(squared_residual * observed[ok], axis=1) / observed[ok].sum(axis=1))
+    status_of_pose = closed_form.status.astype(object)
+    status_of_pose[ok] = np.where(converged, str(status), str(FitStatus.NOT_CONVERGED))
+    return replace(fit, status=status_of_pose.astype(str)).masked()
 
 
 def largest_motion(body: BodyEstimate, other: BodyEstimate, rows: Index) -> Array:
     """Return the largest difference (b,) in m between two fits at the targets seen in some poses; NaN without both."""
-    points, seen = body.points.points[rows], body.points.seen[rows]
+    points, observed = body.points.points[rows], body.points.seen[rows]
     fits = (estimate.common.fit.some(rows) for estimate in (body, other))
-    places = [np.einsum("bij,bti->btj", fit.R, points - fit.t[:, None]) for fit in fits]
-    distance = np.linalg.norm(places[0] - places[1], axis=-1)
-    return np.where(seen, distance, 0.0).max(axis=1)
+    positions = [np.einsum("bij,bti->btj", fit.R, points - fit.t[:, None]) for fit in fits]
+    distance = np.linalg.norm(positions[0] - positions[1], axis=-1)
+    return np.where(observed, distance, 0.0).max(axis=1)
 
 
 def _robust(
-    place: Array,
+    source: Array,
     cov_source: Array,
     points: Points,
     noise: PointNoise,
     usable: Mask,
-    keep: Mask,
+    always_used: Mask,
     tau: Array | None = None,
 ) -> RobustBody:
     """Return the input of the robust fits; tau (T,), in m: own movement of each target, as further noise."""
-    further = None if tau is None else (tau**2)[:, None, None] * np.eye(3)
+    movement_cov = None if tau is None else (tau**2)[:, None, None] * np.eye(3)
 
-    def some(rows: slice | NDArray) -> tuple[NDArray, NDArray]:
+    def noisy_points(rows: slice | NDArray) -> tuple[NDArray, NDArray]:
         cov = noise.cov(rows)
-        return points.points[rows], cov if further is None else cov + further
+        return points.points[rows], cov if movement_cov is None else cov + movement_cov
 
-    return RobustBody(place, cov_source, usable, np.broadcast_to(keep, usable.shape), some)
+    return RobustBody(source, cov_source, usable, np.broadcast_to(always_used, usable.shape), noisy_points)
 
 
 def _slim(fit: RigidFit) -> RigidFit:
@@ -359,8 +367,8 @@ def _typical_sigma(noise: PointNoise, mask: Mask) -> float:
 
 def _reference(points: Points, survey: SurveyPoints) -> tuple[Array, Array]:
     """Return the survey (T, 3) with covariance (T, 3, 3) in the order of the observed targets; NaN if not surveyed."""
-    place = {target: k for k, target in enumerate(survey.targets)}
-    rows = np.array([place.get(target, -1) for target in points.targets], dtype=np.int64)
+    survey_row = {target: k for k, target in enumerate(survey.targets)}
+    rows = np.array([survey_row.get(target, -1) for target in points.targets], dtype=np.int64)
     known = rows >= 0
     source, cov = np.full((len(rows), 3), np.nan), np.zeros((len(rows), 3, 3))
     source[known], cov[known] = survey.points[rows[known]], survey.cov[rows[known]]
@@ -378,7 +386,7 @@ def _noise(source: Array, points: Points, usable: Mask) -> PointNoise:
     if not (~(points.variance > 0.0) & usable).any():
         return PointNoise(points, 1.0)
     rounding = _ROUNDING * float(np.abs(points.points).max(initial=1e-3))
-    none = np.zeros((1, 1))
-    body = RobustBody(source, none, usable, none, lambda rows: (points.points[rows], none))
+    zero = np.zeros((1, 1))
+    body = RobustBody(source, zero, usable, zero, lambda rows: (points.points[rows], zero))
     sigma = max(sigma_of_some_poses(body), rounding)
     return PointNoise(points, sigma**2)

@@ -92,10 +92,10 @@ def reasons(
     return np.select(conditions, ["", gross, NOT_SURVEYED, NOT_A_REFERENCE], no_pose)
 
 
-def _filled_words(word: Callable[[float], str], values: Array, where: Mask) -> NDArray[np.object_]:
-    out = np.full(values.shape, "", dtype=object)
-    out[where] = [word(v) for v in values[where]]
-    return out
+def _filled_words(wording: Callable[[float], str], values: Array, mask: Mask) -> NDArray[np.object_]:
+    texts = np.full(values.shape, "", dtype=object)
+    texts[mask] = [wording(v) for v in values[mask]]
+    return texts
 
 
 def by_every_method(
@@ -109,8 +109,8 @@ def by_every_method(
 ) -> tuple[dict[str, RigidFit], dict[str, tuple[Array, Array]]]:
     """Return the plain, the reweighted and the default fit (last), with covariances in the survey's frame, and the
     weights of the first two."""
-    spread = [np.sqrt(np.trace(C, axis1=-2, axis2=-1) / 3) for C in (cov_source, cov_target)]
-    sigma = np.where(usable, np.hypot(spread[0], spread[1]), 1.0)
+    sigmas = [np.sqrt(np.trace(C, axis1=-2, axis2=-1) / 3) for C in (cov_source, cov_target)]
+    sigma = np.where(usable, np.hypot(sigmas[0], sigmas[1]), 1.0)
     reweighted, weight, loss = reweighted_fit(source, target, sigma, usable)
     plain = umeyama(source, target, usable / sigma**2, sigma=sigma)
     fit, inlier = default
@@ -154,23 +154,29 @@ def seen_from(
     if cross is None:
         R, p, covariance = relative(other.R, other.t, other.covariance, fit.R, fit.t, fit.covariance)
     else:
-        between = np.where(np.isfinite(cross), cross, 0.0)
-        above = np.concatenate([other.covariance, np.swapaxes(between, 1, 2)], axis=2)
-        both = np.concatenate([above, np.concatenate([between, fit.covariance], axis=2)], axis=1)
-        R, p, covariance = relative_of_pair(other.R, other.t, fit.R, fit.t, both)
-    of_base = np.array([f"{base.name}: {s}" for s in other.status], dtype=object)
-    return R, p, covariance, np.where(~fit.ok, fit.status, np.where(other.ok, str(FitStatus.OK), of_base))
+        cross_cov = np.where(np.isfinite(cross), cross, 0.0)
+        first_rows = np.concatenate([other.covariance, np.swapaxes(cross_cov, 1, 2)], axis=2)
+        joint_cov = np.concatenate([first_rows, np.concatenate([cross_cov, fit.covariance], axis=2)], axis=1)
+        R, p, covariance = relative_of_pair(other.R, other.t, fit.R, fit.t, joint_cov)
+    base_status = np.array([f"{base.name}: {s}" for s in other.status], dtype=object)
+    return R, p, covariance, np.where(~fit.ok, fit.status, np.where(other.ok, str(FitStatus.OK), base_status))
 
 
 def without_targets(name: str, poses: tuple[int | str, ...], default: str) -> BodyPoses:
     """Return a body without any observed target; ``default``: the method of its poses."""
     count = len(poses)
-    none = np.zeros((count, 0), bool)
-    points = PosePoints(poses, (), np.zeros((count, 0, 3)), np.zeros((count, 0, 3, 3)), none)
+    no_targets = np.zeros((count, 0), bool)
+    points = PosePoints(poses, (), np.zeros((count, 0, 3)), np.zeros((count, 0, 3, 3)), no_targets)
     residual, reason = np.zeros((count, 0, 3)), np.zeros((count, 0), dtype=object)
-    nothing = np.zeros((none.shape[1], 3))
-    known = (nothing, np.zeros((none.shape[1], 3, 3)), np.zeros(none.shape[1], bool), none, none)
-    return BodyPoses(name, points, {}, default, residual, none, none, {}, reason, 1.0, *known)
+    no_positions = np.zeros((no_targets.shape[1], 3))
+    known = (
+        no_positions,
+        np.zeros((no_targets.shape[1], 3, 3)),
+        np.zeros(no_targets.shape[1], bool),
+        no_targets,
+        no_targets,
+    )
+    return BodyPoses(name, points, {}, default, residual, no_targets, no_targets, {}, reason, 1.0, *known)
 
 
 def _scatter(residual: Array, used: Mask, R: Array, points: PosePoints) -> tuple[float, float]:
@@ -181,9 +187,9 @@ def _scatter(residual: Array, used: Mask, R: Array, points: PosePoints) -> tuple
     mask = used & np.isfinite(residual).all(-1)
     count = mask.sum(0)
     mean = np.where(mask[..., None], residual, 0.0).sum(0) / np.maximum(count, 1)[:, None]
-    apart = np.einsum("bij,bnj->bni", R, np.where(mask[..., None], residual - mean, 0.0))
+    deviation = np.einsum("bij,bnj->bni", R, np.where(mask[..., None], residual - mean, 0.0))
     cov = np.where(mask[..., None, None], points.cov, np.eye(3))
-    squares = float(np.einsum("bni,bni->", apart, np.linalg.solve(cov, apart[..., None])[..., 0]))
+    squares = float(np.einsum("bni,bni->", deviation, np.linalg.solve(cov, deviation[..., None])[..., 0]))
     poses = int(mask.any(1).sum())
     dof = float(3 * mask.sum() - 6 * poses - max(3 * int((count > 0).sum()) - 6, 0))
     if dof <= 0 or chdtrc(dof, squares) > _BY_CHANCE:
@@ -201,19 +207,19 @@ def body_parts(name: str, survey: SurveyPoints, fitted_points: FittedPoints) -> 
     declared = np.trace(points.cov, axis1=-2, axis2=-1) > 0.0
     if not used.any() or not declared[used].all() or not np.isfinite(points.cov[used]).all():
         return None
-    turn, source_cov = fitted_points.rotation, np.nan_to_num(survey.cov)
+    rotation, source_cov = fitted_points.rotation, np.nan_to_num(survey.cov)
     target_cov = np.where(used[..., None, None], points.cov, np.eye(3))
-    turned = turn[:, None] @ source_cov @ np.swapaxes(turn, 1, 2)[:, None]
-    noise = target_cov + np.where(used[..., None, None], turned, 0.0)
+    rotated_survey_cov = rotation[:, None] @ source_cov @ np.swapaxes(rotation, 1, 2)[:, None]
+    noise = target_cov + np.where(used[..., None, None], rotated_survey_cov, 0.0)
     W = used[..., None, None] * np.linalg.inv(noise)
-    none = np.zeros_like(source_cov), np.zeros_like(target_cov)
-    by_points = survey_frame_covariance(turn, survey.points, W, none[0], target_cov, survey.frame, ok)
-    by_survey = survey_frame_covariance(turn, survey.points, W, source_cov, none[1], survey.frame, ok)
+    zero_cov = np.zeros_like(source_cov), np.zeros_like(target_cov)
+    by_points = survey_frame_covariance(rotation, survey.points, W, zero_cov[0], target_cov, survey.frame, ok)
+    by_survey = survey_frame_covariance(rotation, survey.points, W, source_cov, zero_cov[1], survey.frame, ok)
     parts = {
         Source(f"points of {name}, as declared", "B"): by_points,
         Source(f"survey of {name}, as declared", "B"): by_survey,
     }
-    ratio, dof = _scatter(fitted_points.residual, used, turn, points)
+    ratio, dof = _scatter(fitted_points.residual, used, rotation, points)
     if ratio > 1.0:
         parts[Source(f"scatter of the points of {name} beyond that", "A", dof)] = (ratio**2 - 1.0) * by_points
     return parts

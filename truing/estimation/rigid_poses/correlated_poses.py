@@ -50,10 +50,12 @@ class PointsOfBodies:
 
     def without(self, row: int) -> PointsOfBodies:
         """Return a copy without one of the points."""
-        keep = np.arange(len(self.source)) != row
-        place = np.repeat(keep, 3)
-        cov_target = self.cov_target[np.ix_(place, place)]
-        return PointsOfBodies(self.source[keep], self.target[keep], self.body[keep], self.cov_source[keep], cov_target)
+        is_kept = np.arange(len(self.source)) != row
+        coordinates = np.repeat(is_kept, 3)
+        cov_target = self.cov_target[np.ix_(coordinates, coordinates)]
+        return PointsOfBodies(
+            self.source[is_kept], self.target[is_kept], self.body[is_kept], self.cov_source[is_kept], cov_target
+        )
 
 
 @dataclass(frozen=True)
@@ -87,25 +89,25 @@ def joint_motions(points: PointsOfBodies, R: NDArray, t: NDArray) -> JointMotion
     Returns the starts, not converged, if the points leave more than motions free: a common scale.
     """
     R, t = R.copy(), t.copy()
-    each = points.body
+    body_of_point = points.body
     converged = False
     start = JointMotions(
-        R.copy(), t.copy(), np.zeros((6 * len(R), points.target.size)), np.full(len(each), np.nan), False
+        R.copy(), t.copy(), np.zeros((6 * len(R), points.target.size)), np.full(len(body_of_point), np.nan), False
     )
     for _ in range(_MOST_STEPS):
-        turned = R[each] @ points.cov_source @ np.swapaxes(R[each], -1, -2)
-        arm = apply_rotation(R[each], points.source)
-        r = points.target - arm - t[each]
-        J = _slopes(arm, each, len(R))
+        rotated_cov = R[body_of_point] @ points.cov_source @ np.swapaxes(R[body_of_point], -1, -2)
+        arm = apply_rotation(R[body_of_point], points.source)
+        r = points.target - arm - t[body_of_point]
+        J = _slopes(arm, body_of_point, len(R))
         try:
-            factor = _factor(points.cov_target, turned, J)
+            factor = _factor(points.cov_target, rotated_cov, J)
         except LinAlgError:
             return start
-        force = cho_solve(factor, r.ravel()).reshape(-1, 3)
-        J = _slopes(arm + apply_rotation(turned, force), each, len(R))
+        weighted_residual = cho_solve(factor, r.ravel()).reshape(-1, 3)
+        J = _slopes(arm + apply_rotation(rotated_cov, weighted_residual), body_of_point, len(R))
         weighted = cho_solve(factor, J)
         normal = symmetric(J.T @ weighted)
-        step = np.linalg.solve(normal, J.T @ force.ravel())
+        step = np.linalg.solve(normal, J.T @ weighted_residual.ravel())
         t += step.reshape(-1, 6)[:, :3]
         R = exp_so3(step.reshape(-1, 6)[:, 3:]) @ R
         converged = bool(step @ normal @ step < _SETTLED)
@@ -124,18 +126,18 @@ def _slopes(arm: NDArray, body: NDArray, bodies: int) -> NDArray:
     return J.reshape(3 * len(arm), 6 * bodies)
 
 
-def _factor(cov_target: NDArray, turned: NDArray, J: NDArray) -> tuple[NDArray, bool]:
+def _factor(cov_target: NDArray, rotated_cov: NDArray, J: NDArray) -> tuple[NDArray, bool]:
     """Return the Cholesky factor of S + J K J', with K scaled so that both terms have the same size."""
-    count = len(turned)
+    count = len(rotated_cov)
     S = symmetric(cov_target)
     rows = np.arange(count)
     blocks = S.reshape(count, 3, count, 3)
-    blocks[rows, :, rows, :] += turned
-    size = np.einsum("ij,ij->j", J, J) / count
+    blocks[rows, :, rows, :] += rotated_cov
+    column_norm = np.einsum("ij,ij->j", J, J) / count
     variance = np.trace(S) / (3 * count)
     # Other exact combinations, such as the size of points without scale, must not make the matrix singular.
     S[np.diag_indices(3 * count)] += _EXACT * variance
-    return cho_factor(S + (J * (variance / size)) @ J.T, lower=True)
+    return cho_factor(S + (J * (variance / column_norm)) @ J.T, lower=True)
 
 
 def _tests(factor: tuple[NDArray, bool], weighted: NDArray, gain: NDArray, r: NDArray) -> NDArray:
@@ -145,11 +147,13 @@ def _tests(factor: tuple[NDArray, bool], weighted: NDArray, gain: NDArray, r: ND
     Q = symmetric(W - weighted @ gain).reshape(count, 3, count, 3)
     rows = np.arange(count)
     redundancy, weight = Q[rows, :, rows, :], W.reshape(count, 3, count, 3)[rows, :, rows, :]
-    force = np.einsum("nikj,kj->ni", Q, r)
-    controlled = np.linalg.eigvalsh(redundancy)[:, 0] > _CONTROLLED * np.linalg.eigvalsh(weight)[:, 0]
-    safe = np.where(controlled[:, None, None], redundancy, np.eye(3))
-    value = np.einsum("ni,ni->n", force, np.linalg.solve(safe, force[..., None])[..., 0])
-    return np.where(controlled, value, np.nan)
+    weighted_residual = np.einsum("nikj,kj->ni", Q, r)
+    is_controlled = np.linalg.eigvalsh(redundancy)[:, 0] > _CONTROLLED * np.linalg.eigvalsh(weight)[:, 0]
+    invertible = np.where(is_controlled[:, None, None], redundancy, np.eye(3))
+    statistic = np.einsum(
+        "ni,ni->n", weighted_residual, np.linalg.solve(invertible, weighted_residual[..., None])[..., 0]
+    )
+    return np.where(is_controlled, statistic, np.nan)
 
 
 def survey_part(
@@ -157,8 +161,8 @@ def survey_part(
 ) -> NDArray:
     """Return the covariance (6B, 6B) of the motions due to the survey; cov_source (N, 3, 3), other arguments as
     `by_survey`."""
-    moved = by_survey(source, body, frame, gain, R)
-    return symmetric(np.einsum("pni,nij,qnj->pq", moved, cov_source, moved, optimize=True))
+    derivative = by_survey(source, body, frame, gain, R)
+    return symmetric(np.einsum("pni,nij,qnj->pq", derivative, cov_source, derivative, optimize=True))
 
 
 def by_survey(source: NDArray, body: NDArray, frame: NDArray, gain: NDArray, R: NDArray) -> NDArray:
@@ -168,15 +172,17 @@ def by_survey(source: NDArray, body: NDArray, frame: NDArray, gain: NDArray, R: 
     points that define the frames; gain (6B, 3N), zero for unused points.
     """
     derivative = np.zeros((len(R), 6, len(source), 3))
-    for number, turn in enumerate(R):
+    for number, rotation in enumerate(R):
         rows = np.flatnonzero(body == number)
         weights = frame[rows, None, None] * np.eye(3)
-        within = fit_gain(source[rows][None], weights[None], np.ones(1, bool))[0]
-        both = np.zeros((6, 6))
-        both[:3, :3] = both[3:, 3:] = turn
-        derivative[number][:, rows] = np.swapaxes(both @ within, 0, 1)
-    used = gain.reshape(6 * len(R), len(source), 3)
-    return np.asarray(derivative.reshape(6 * len(R), len(source), 3) - np.einsum("pni,nij->pnj", used, R[body]))
+        frame_gain = fit_gain(source[rows][None], weights[None], np.ones(1, bool))[0]
+        rotation_6x6 = np.zeros((6, 6))
+        rotation_6x6[:3, :3] = rotation_6x6[3:, 3:] = rotation
+        derivative[number][:, rows] = np.swapaxes(rotation_6x6 @ frame_gain, 0, 1)
+    gain_by_point = gain.reshape(6 * len(R), len(source), 3)
+    return np.asarray(
+        derivative.reshape(6 * len(R), len(source), 3) - np.einsum("pni,nij->pnj", gain_by_point, R[body])
+    )
 
 
 @dataclass(frozen=True)
@@ -191,8 +197,8 @@ class _Pose:
     row: Index
 
     def without(self, point: int) -> _Pose:
-        keep = np.arange(len(self.body)) != point
-        return replace(self, body=self.body[keep], target=self.target[keep], row=self.row[keep])
+        is_kept = np.arange(len(self.body)) != point
+        return replace(self, body=self.body[is_kept], target=self.target[is_kept], row=self.row[is_kept])
 
 
 def with_correlations(bodies: Sequence[BodyPoses], rows: Sequence[Index], errors: PointErrors) -> list[BodyPoses]:
@@ -202,21 +208,27 @@ def with_correlations(bodies: Sequence[BodyPoses], rows: Sequence[Index], errors
     estimates of other methods stay, with covariances from the correlations.
     """
     poses = [linked for p in range(len(bodies[0].fit.ok)) if (linked := _pose(p, bodies, rows)) is not None]
-    first = [_motions(pose, bodies, errors) for pose in poses]
-    limit = _limits(poses, first, bodies)
-    solved = [_cleaned(pose, motions, bodies, errors, limit) for pose, motions in zip(poses, first, strict=True)]
-    joint = {pose.number: JointFit(pose.bodies, pose.row, found) for pose, found in solved if found.converged}
-    return with_other_methods(_replaced(bodies, solved, errors), rows, errors, joint)
+    initial_motions = [_motions(pose, bodies, errors) for pose in poses]
+    limit = _limits(poses, initial_motions, bodies)
+    screened_poses = [
+        _cleaned(pose, motions, bodies, errors, limit) for pose, motions in zip(poses, initial_motions, strict=True)
+    ]
+    joint = {
+        pose.number: JointFit(pose.bodies, pose.row, final_motions)
+        for pose, final_motions in screened_poses
+        if final_motions.converged
+    }
+    return with_other_methods(_replaced(bodies, screened_poses, errors), rows, errors, joint)
 
 
 def _pose(p: int, bodies: Sequence[BodyPoses], rows: Sequence[Index]) -> _Pose | None:
-    there = tuple(b for b, body in enumerate(bodies) if body.fit.ok[p] and body.used[p].sum() >= _FEWEST)
-    if not there:
+    fitted_bodies = tuple(b for b, body in enumerate(bodies) if body.fit.ok[p] and body.used[p].sum() >= _FEWEST)
+    if not fitted_bodies:
         return None
-    targets = [np.flatnonzero(bodies[b].used[p]) for b in there]
-    place = np.repeat(np.arange(len(there)), [len(target) for target in targets])
-    row = np.concatenate([rows[b][p][target] for b, target in zip(there, targets, strict=True)])
-    return _Pose(p, there, place, np.concatenate(targets), row)
+    targets = [np.flatnonzero(bodies[b].used[p]) for b in fitted_bodies]
+    body_index = np.repeat(np.arange(len(fitted_bodies)), [len(target) for target in targets])
+    row = np.concatenate([rows[b][p][target] for b, target in zip(fitted_bodies, targets, strict=True)])
+    return _Pose(p, fitted_bodies, body_index, np.concatenate(targets), row)
 
 
 def _motions(pose: _Pose, bodies: Sequence[BodyPoses], errors: PointErrors) -> JointMotions:
@@ -230,14 +242,14 @@ def _motions(pose: _Pose, bodies: Sequence[BodyPoses], errors: PointErrors) -> J
     )
 
 
-def _limits(poses: Sequence[_Pose], found: Sequence[JointMotions], bodies: Sequence[BodyPoses]) -> Array:
+def _limits(poses: Sequence[_Pose], motions_of_poses: Sequence[JointMotions], bodies: Sequence[BodyPoses]) -> Array:
     """Return the limit (B,) of each body's tests that noise explains, including the body's excess scatter over all
     poses."""
     ratio = np.ones(len(bodies))
     for b in range(len(bodies)):
         tests = [
             motions.tests[pose.body == pose.bodies.index(b)]
-            for pose, motions in zip(poses, found, strict=True)
+            for pose, motions in zip(poses, motions_of_poses, strict=True)
             if b in pose.bodies
         ]
         finite = np.concatenate([t[np.isfinite(t)] for t in tests]) if tests else np.zeros(0)
@@ -254,50 +266,53 @@ def _cleaned(
     """Return a pose without points that fail the correlated test, the worst first, and without bodies that keep too few
     points."""
     while True:
-        over = np.nan_to_num(motions.tests) / limit[np.array(pose.bodies)[pose.body]]
-        spare = np.bincount(pose.body)[pose.body] > _FEWEST
-        decided = np.array(
+        relative_test = np.nan_to_num(motions.tests) / limit[np.array(pose.bodies)[pose.body]]
+        is_removable = np.bincount(pose.body)[pose.body] > _FEWEST
+        is_kept_by_person = np.array(
             [bodies[pose.bodies[k]].kept[pose.number, t] for k, t in zip(pose.body, pose.target, strict=True)]
         )
-        over = np.where(spare & ~decided, over, 0.0)
-        if over.max(initial=0.0) <= 1.0:
+        relative_test = np.where(is_removable & ~is_kept_by_person, relative_test, 0.0)
+        if relative_test.max(initial=0.0) <= 1.0:
             return pose, motions
-        pose = pose.without(int(over.argmax()))
+        pose = pose.without(int(relative_test.argmax()))
         motions = _motions(pose, bodies, errors)
 
 
 def _replaced(
     bodies: Sequence[BodyPoses],
-    solved: Sequence[tuple[_Pose, JointMotions]],
+    screened_poses: Sequence[tuple[_Pose, JointMotions]],
     errors: PointErrors,
 ) -> list[BodyPoses]:
-    new = [_Filled.of(body, len(errors.parameters)) for body in bodies]
-    for pose, motions in solved:
+    filled_bodies = [_Filled.of(body, len(errors.parameters)) for body in bodies]
+    for pose, motions in screened_poses:
         if not motions.converged:
             continue
-        joint = _covariance(pose, motions, bodies, errors)
+        joint_cov = _covariance(pose, motions, bodies, errors)
         effects = (motions.gain @ errors.effects(pose.row)).reshape(len(pose.bodies), 6, -1)
         for k, b in enumerate(pose.bodies):
             unknowns = slice(6 * k, 6 * k + 6)
-            new[b].take(pose, k, motions, joint[unknowns, unknowns], effects[k])
+            filled_bodies[b].take(pose, k, motions, joint_cov[unknowns, unknowns], effects[k])
             for j, other in enumerate(pose.bodies):
-                new[b].with_other(bodies[other].name)[pose.number] = joint[unknowns, 6 * j : 6 * j + 6]
-    return [filled.body_poses(body) for filled, body in zip(new, bodies, strict=True)]
+                filled_bodies[b].with_other(bodies[other].name)[pose.number] = joint_cov[unknowns, 6 * j : 6 * j + 6]
+    return [filled.body_poses(body) for filled, body in zip(filled_bodies, bodies, strict=True)]
 
 
 def _covariance(pose: _Pose, motions: JointMotions, bodies: Sequence[BodyPoses], errors: PointErrors) -> Array:
     """Return the joint covariance (6B, 6B) of the motions, due to errors of points and survey."""
     measured = motions.covariance(errors.covariance(pose.row))
     pose_bodies = [bodies[b] for b in pose.bodies]
-    known = [np.flatnonzero(body.frame) for body in pose_bodies]
-    place = {(k, t): i for i, (k, t) in enumerate((k, t) for k, targets in enumerate(known) for t in targets.tolist())}
-    gain = np.zeros((6 * len(pose_bodies), len(place), 3))
-    at = [place[key] for key in zip(pose.body.tolist(), pose.target.tolist(), strict=True)]
-    gain[:, at] = motions.gain.reshape(6 * len(pose_bodies), -1, 3)
-    source = np.concatenate([body.source[targets] for body, targets in zip(pose_bodies, known, strict=True)])
-    cov = np.concatenate([body.cov_source[targets] for body, targets in zip(pose_bodies, known, strict=True)])
-    body = np.array([k for k, _ in place])
-    frame = np.ones(len(place), bool)
+    frame_targets = [np.flatnonzero(body.frame) for body in pose_bodies]
+    column = {
+        (k, t): i
+        for i, (k, t) in enumerate((k, t) for k, targets in enumerate(frame_targets) for t in targets.tolist())
+    }
+    gain = np.zeros((6 * len(pose_bodies), len(column), 3))
+    columns = [column[key] for key in zip(pose.body.tolist(), pose.target.tolist(), strict=True)]
+    gain[:, columns] = motions.gain.reshape(6 * len(pose_bodies), -1, 3)
+    source = np.concatenate([body.source[targets] for body, targets in zip(pose_bodies, frame_targets, strict=True)])
+    cov = np.concatenate([body.cov_source[targets] for body, targets in zip(pose_bodies, frame_targets, strict=True)])
+    body = np.array([k for k, _ in column])
+    frame = np.ones(len(column), bool)
     return measured + survey_part(source, cov, body, frame, gain.reshape(6 * len(pose_bodies), -1), motions.R)
 
 
@@ -336,20 +351,20 @@ class _Filled:
         """Store the result of the joint fit for this body, the k-th of a pose."""
         p = pose.number
         self.R[p], self.t[p], self.covariance[p], self.effects[p] = motions.R[k], motions.t[k], covariance, effects
-        stays = np.zeros(self.used.shape[1], bool)
-        stays[pose.target[pose.body == k]] = True
-        self.dropped[p], self.used[p], self.n_used[p] = self.used[p] & ~stays, stays, stays.sum()
+        is_used = np.zeros(self.used.shape[1], bool)
+        is_used[pose.target[pose.body == k]] = True
+        self.dropped[p], self.used[p], self.n_used[p] = self.used[p] & ~is_used, is_used, is_used.sum()
 
     def body_poses(self, body: BodyPoses) -> BodyPoses:
         """Return the body with the stored results, and the residuals and reasons that follow."""
         fit = replace(body.fit, R=self.R, t=self.t, covariance=self.covariance, n_used=self.n_used)
-        there: Mask = np.asarray(np.isfinite(body.residual).all(axis=-1))
-        residual = np.where(there[..., None], fit.residuals(body.source, body.points.points), np.nan)
-        square = np.where(self.used, np.sum(np.nan_to_num(residual) ** 2, axis=-1), 0.0).sum(axis=1)
-        rms = np.where(fit.status == FitStatus.OK, np.sqrt(square / np.maximum(self.n_used, 1)), fit.rms)
+        has_residual: Mask = np.asarray(np.isfinite(body.residual).all(axis=-1))
+        residual = np.where(has_residual[..., None], fit.residuals(body.source, body.points.points), np.nan)
+        sum_of_squares = np.where(self.used, np.sum(np.nan_to_num(residual) ** 2, axis=-1), 0.0).sum(axis=1)
+        rms = np.where(fit.status == FitStatus.OK, np.sqrt(sum_of_squares / np.maximum(self.n_used, 1)), fit.rms)
         reason = body.reason.copy()
-        off = 1e3 * np.linalg.norm(np.nan_to_num(residual[self.dropped]), axis=-1)
-        reason[self.dropped] = [f"gross error: {mm:.3f} mm off" for mm in off]
+        residual_mm = 1e3 * np.linalg.norm(np.nan_to_num(residual[self.dropped]), axis=-1)
+        reason[self.dropped] = [f"gross error: {mm:.3f} mm off" for mm in residual_mm]
         rejections = body.rejections | {body.default: body.rejections[body.default] + self.dropped.sum(axis=1)}
         return replace(
             body,
@@ -387,14 +402,14 @@ def with_other_methods(
         cov = [np.full((len(body.fit.t), 6, 6), np.nan) for body in bodies]
         cross = [{other.name: np.full_like(cov[0], np.nan) for other in bodies} for _ in bodies]
         for p in range(len(bodies[0].fit.t)):
-            there, row, gain = _stacked(p, method, bodies, rows, gains, joint.get(p))
-            if not there:
+            fitted_bodies, row, gain = _stacked(p, method, bodies, rows, gains, joint.get(p))
+            if not fitted_bodies:
                 continue
-            both = gain @ errors.covariance(row) @ gain.T
-            for i, b in enumerate(there):
-                cov[b][p] = both[6 * i : 6 * i + 6, 6 * i : 6 * i + 6]
-                for k, other in enumerate(there):
-                    cross[b][bodies[other].name][p] = both[6 * i : 6 * i + 6, 6 * k : 6 * k + 6]
+            joint_cov = gain @ errors.covariance(row) @ gain.T
+            for i, b in enumerate(fitted_bodies):
+                cov[b][p] = joint_cov[6 * i : 6 * i + 6, 6 * i : 6 * i + 6]
+                for k, other in enumerate(fitted_bodies):
+                    cross[b][bodies[other].name][p] = joint_cov[6 * i : 6 * i + 6, 6 * k : 6 * k + 6]
         filled = [_with_measured_covariance(*arguments, method) for arguments in zip(filled, cov, cross, strict=True)]
     return filled
 
@@ -406,8 +421,8 @@ def _gain(body: BodyPoses, method: str) -> Array | None:
         return None
     weight, factor = body.weights[method]
     fit = body.fits[method]
-    turn = np.where(fit.ok[:, None, None], fit.R, np.eye(3))
-    gain = fit_gain(body.source @ np.swapaxes(turn, -1, -2), weight[..., None, None] * np.eye(3), fit.ok)
+    rotation = np.where(fit.ok[:, None, None], fit.R, np.eye(3))
+    gain = fit_gain(body.source @ np.swapaxes(rotation, -1, -2), weight[..., None, None] * np.eye(3), fit.ok)
     return np.asarray(gain * np.sqrt(np.where(fit.ok, factor, 1.0))[:, None, None, None])
 
 
@@ -422,32 +437,34 @@ def _stacked(
     """Return the bodies of a pose with a method, or their default if they lack it; the rows (n,) of their points, and
     the gain (6b, 3n) of the motions."""
     row = np.concatenate([body_rows[p][body_rows[p] >= 0] for body_rows in rows])
-    place = {r: n for n, r in enumerate(row.tolist())}
-    there, parts = [], []
+    column = {r: n for n, r in enumerate(row.tolist())}
+    fitted_bodies, gains_of_bodies = [], []
     for b, body in enumerate(bodies):
-        gain_of_body, of_body = gains[b], np.zeros((6, len(row), 3))
+        gain_of_body, padded_gain = gains[b], np.zeros((6, len(row), 3))
         if gain_of_body is not None and body.fits[method].ok[p]:
-            seen = np.flatnonzero(rows[b][p] >= 0)
-            of_body[:, [place[r] for r in rows[b][p, seen].tolist()]] = np.swapaxes(gain_of_body[p, seen], 0, 1)
+            observed = np.flatnonzero(rows[b][p] >= 0)
+            padded_gain[:, [column[r] for r in rows[b][p, observed].tolist()]] = np.swapaxes(
+                gain_of_body[p, observed], 0, 1
+            )
         elif gain_of_body is None and joint is not None and b in joint.bodies:
             first = 6 * joint.bodies.index(b)
             by_joint = joint.motions.gain[first : first + 6].reshape(6, -1, 3)
-            of_body[:, [place[r] for r in joint.row.tolist()]] = by_joint
+            padded_gain[:, [column[r] for r in joint.row.tolist()]] = by_joint
         else:
             continue
-        there.append(b)
-        parts.append(of_body.reshape(6, -1))
-    return there, row, np.concatenate(parts) if parts else np.zeros((0, 3 * len(row)))
+        fitted_bodies.append(b)
+        gains_of_bodies.append(padded_gain.reshape(6, -1))
+    return fitted_bodies, row, np.concatenate(gains_of_bodies) if gains_of_bodies else np.zeros((0, 3 * len(row)))
 
 
 def _with_measured_covariance(body: BodyPoses, measured: Array, cross: Mapping[str, Array], method: str) -> BodyPoses:
-    updated = {(method, other): found for other, found in cross.items()}
+    updated = {(method, other): covariance_with_other for other, covariance_with_other in cross.items()}
     if method not in body.weights:
         return replace(body, cross={**body.cross, **updated})
     weight, factor = body.weights[method]
-    fit, exact = body.fits[method], np.zeros((*weight.shape, 3, 3))
+    fit, zero_cov = body.fits[method], np.zeros((*weight.shape, 3, 3))
     W = weight[..., None, None] * np.eye(3)
-    by_survey = survey_frame_covariance(fit.R, body.source, W, body.cov_source, exact, body.frame, fit.ok)
+    by_survey = survey_frame_covariance(fit.R, body.source, W, body.cov_source, zero_cov, body.frame, fit.ok)
     covariance = symmetric(measured + by_survey * factor[:, None, None])
     covariance = np.where(np.isfinite(covariance), covariance, fit.covariance)
     return replace(

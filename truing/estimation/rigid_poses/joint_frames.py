@@ -79,21 +79,24 @@ def joint_frame(p: int, bodies: Sequence[FramedBody], errors: PointErrors) -> Jo
     fitted = [b for b, body in enumerate(bodies) if np.isfinite(body.t[p]).all() and body.used[p].sum() >= _FEWEST]
     if not fitted:
         return None
-    each = [(bodies[b], np.flatnonzero(bodies[b].used[p])) for b in fitted]
-    place = np.repeat(np.arange(len(fitted)), [len(targets) for _, targets in each])
+    body_targets = [(bodies[b], np.flatnonzero(bodies[b].used[p])) for b in fitted]
+    body_index = np.repeat(np.arange(len(fitted)), [len(targets) for _, targets in body_targets])
     points = PointsOfBodies(
-        np.concatenate([body.source[targets] for body, targets in each]),
-        np.concatenate([body.points[p, targets] for body, targets in each]),
-        place,
-        np.concatenate([body.cov_source[targets] for body, targets in each]),
-        errors.covariance(np.concatenate([body.row[p, targets] for body, targets in each])),
+        np.concatenate([body.source[targets] for body, targets in body_targets]),
+        np.concatenate([body.points[p, targets] for body, targets in body_targets]),
+        body_index,
+        np.concatenate([body.cov_source[targets] for body, targets in body_targets]),
+        errors.covariance(np.concatenate([body.row[p, targets] for body, targets in body_targets])),
     )
-    R, t = (np.array([getattr(body, name)[p] for body, _ in each]) for name in "Rt")
+    R, t = (np.array([getattr(body, name)[p] for body, _ in body_targets]) for name in "Rt")
     motions = joint_motions(points, R, t)
     if not motions.converged:
         return None
     return JointFrame(
-        tuple(fitted), np.array(fitted)[place], np.concatenate([targets for _, targets in each]), motions.gain
+        tuple(fitted),
+        np.array(fitted)[body_index],
+        np.concatenate([targets for _, targets in body_targets]),
+        motions.gain,
     )
 
 
@@ -106,13 +109,13 @@ def residual_gain(p: int, bodies: Sequence[FramedBody], frame: JointFrame, body:
     body_gain = bodies[body]
     assessed = np.flatnonzero(weight.any(axis=(0, 2)) & ~body_gain.used[p])
     by_frame = sums_by_motion(p, body_gain, weight) @ _rows(frame.gain, frame, body)
-    weighed = len(frame.body)
-    gain = np.zeros((len(weight), weighed + len(assessed), 3))
-    gain[:, :weighed] = -by_frame.reshape(len(weight), -1, 3)
+    frame_points = len(frame.body)
+    gain = np.zeros((len(weight), frame_points + len(assessed), 3))
+    gain[:, :frame_points] = -by_frame.reshape(len(weight), -1, 3)
     at_body = np.concatenate([frame.body, np.full(len(assessed), body)])
     target = np.concatenate([frame.target, assessed])
-    mine = np.flatnonzero(at_body == body)
-    gain[:, mine] += weight[:, target[mine]]
+    own_points = np.flatnonzero(at_body == body)
+    gain[:, own_points] += weight[:, target[own_points]]
     return PointGain(at_body, target, gain.reshape(len(weight), -1))
 
 
@@ -125,13 +128,13 @@ def sums_by_motion(p: int, body: FramedBody, weight: Array) -> Array:
 def by_shapes(p: int, bodies: Sequence[FramedBody], frame: JointFrame, body: int, weight: Array) -> Array:
     """Return the effect (Q, T, 3) on such sums, through the frame, of one standard deviation of each coordinate of all
     bodies' shapes."""
-    first = np.cumsum([0, *(len(body_poses.targets) for body_poses in bodies)])
+    offset = np.cumsum([0, *(len(body_poses.targets) for body_poses in bodies)])
     by_frame = (sums_by_motion(p, bodies[body], weight) @ _rows(frame.gain, frame, body)).reshape(len(weight), -1, 3)
-    turned = by_frame[:, :, None] @ np.array([body_poses.R[p] for body_poses in bodies])[frame.body]
-    moved = np.zeros((len(weight), first[-1], 3))
-    moved[:, first[frame.body] + frame.target] = turned[:, :, 0]
+    rotated = by_frame[:, :, None] @ np.array([body_poses.R[p] for body_poses in bodies])[frame.body]
+    by_shape = np.zeros((len(weight), offset[-1], 3))
+    by_shape[:, offset[frame.body] + frame.target] = rotated[:, :, 0]
     return np.asarray(
-        (moved[:, :, None] @ np.concatenate([_shape_roots(body_poses) for body_poses in bodies]))[:, :, 0]
+        (by_shape[:, :, None] @ np.concatenate([_shape_roots(body_poses) for body_poses in bodies]))[:, :, 0]
     )
 
 
@@ -144,17 +147,19 @@ def _shape_roots(body: FramedBody) -> Array:
 def survey_gain(p: int, bodies: Sequence[FramedBody], frame: JointFrame) -> Array:
     """Return the derivative (6b, T, 3) of the motions (t, theta) of a pose's bodies by the survey errors of all their
     targets."""
-    first = np.cumsum([0, *(len(body.targets) for body in bodies)])
-    gain = np.zeros((len(frame.gain), first[-1], 3))
-    gain[:, first[frame.body] + frame.target] = frame.gain.reshape(len(gain), -1, 3)
-    moved = np.zeros_like(gain)
-    each = [(k, first[b] + np.arange(len(bodies[b].targets))) for k, b in enumerate(frame.bodies)]
-    rows = np.concatenate([targets for _, targets in each])
-    body = np.concatenate([np.full(len(targets), k) for k, targets in each])
-    source, makes = (np.concatenate([getattr(bodies[b], name) for b in frame.bodies]) for name in ("source", "frame"))
+    offset = np.cumsum([0, *(len(body.targets) for body in bodies)])
+    gain = np.zeros((len(frame.gain), offset[-1], 3))
+    gain[:, offset[frame.body] + frame.target] = frame.gain.reshape(len(gain), -1, 3)
+    by_survey_errors = np.zeros_like(gain)
+    rows_of_bodies = [(k, offset[b] + np.arange(len(bodies[b].targets))) for k, b in enumerate(frame.bodies)]
+    rows = np.concatenate([targets for _, targets in rows_of_bodies])
+    body = np.concatenate([np.full(len(targets), k) for k, targets in rows_of_bodies])
+    source, in_frame = (
+        np.concatenate([getattr(bodies[b], name) for b in frame.bodies]) for name in ("source", "frame")
+    )
     R = np.array([bodies[b].R[p] for b in frame.bodies])
-    moved[:, rows] = by_survey(source, body, makes, gain[:, rows].reshape(len(gain), -1), R)
-    return moved
+    by_survey_errors[:, rows] = by_survey(source, body, in_frame, gain[:, rows].reshape(len(gain), -1), R)
+    return by_survey_errors
 
 
 def relative_gain(
@@ -162,17 +167,17 @@ def relative_gain(
 ) -> tuple[tuple[str, ...], Array]:
     """Return the bodies of a pose that have a parent; and the derivative (6c, n) of their poses relative to it, from
     the gain (6b, n) of the motions."""
-    place = {bodies[b].name: b for b in frame.bodies}
+    number_of_body = {bodies[b].name: b for b in frame.bodies}
     parents = {bodies[b].parent for b in frame.bodies}
     names, rows = [], []
-    for name, b in place.items():
-        above = place.get(bodies[b].parent)
-        if name in parents or (above is None and bodies[b].parent in [body.name for body in bodies]):
+    for name, b in number_of_body.items():
+        parent = number_of_body.get(bodies[b].parent)
+        if name in parents or (parent is None and bodies[b].parent in [body.name for body in bodies]):
             continue
         gain_of_body = _rows(gain, frame, b)
-        if above is not None:
-            slope = relative_slope(bodies[above].R[p], bodies[above].t[p], bodies[b].t[p])
-            gain_of_body = slope @ np.concatenate([_rows(gain, frame, above), gain_of_body])
+        if parent is not None:
+            slope = relative_slope(bodies[parent].R[p], bodies[parent].t[p], bodies[b].t[p])
+            gain_of_body = slope @ np.concatenate([_rows(gain, frame, parent), gain_of_body])
         names.append(name)
         rows.append(gain_of_body)
     return tuple(names), np.concatenate(rows) if rows else np.zeros((0, gain.shape[1]))
@@ -193,5 +198,5 @@ def mean_shape(R: Array, t: Array, used: Mask, points: PosePoints, residual: Arr
     reported = used & np.isfinite(local).all(axis=-1)
     count = np.maximum(reported.sum(axis=0), 1)
     mean = np.where(reported[..., None], np.nan_to_num(local), 0.0).sum(axis=0) / count[:, None]
-    turned = np.einsum("bji,btjk,bkl->btil", np.nan_to_num(R), points.cov, np.nan_to_num(R))
-    return mean, np.where(reported[..., None, None], turned, 0.0).sum(axis=0) / count[:, None, None] ** 2
+    rotated_cov = np.einsum("bji,btjk,bkl->btil", np.nan_to_num(R), points.cov, np.nan_to_num(R))
+    return mean, np.where(reported[..., None, None], rotated_cov, 0.0).sum(axis=0) / count[:, None, None] ** 2

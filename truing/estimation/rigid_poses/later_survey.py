@@ -47,9 +47,11 @@ class SurveyComparison:
 
         cov (N, 3, 3): of the points.
         """
-        at = (np.asarray(points, float) - self.t) @ self.R
-        arm = rigid_motions(at)
-        return at, self.R.T @ np.asarray(cov, float) @ self.R + arm @ self.frame_cov @ np.swapaxes(arm, 1, 2)
+        in_first_frame = (np.asarray(points, float) - self.t) @ self.R
+        jacobian = rigid_motions(in_first_frame)
+        return in_first_frame, self.R.T @ np.asarray(cov, float) @ self.R + jacobian @ self.frame_cov @ np.swapaxes(
+            jacobian, 1, 2
+        )
 
 
 def compare_surveys(
@@ -62,13 +64,13 @@ def compare_surveys(
     ``alarm``. The noise is the declared one, unless the unmoved others contradict it.
     """
     x, y = np.asarray(before, float), np.asarray(after, float)
-    Vx, Vy, text = np.asarray(cov_before, float), np.asarray(cov_after, float), np.asarray(known, bool)
-    worst = np.sqrt(np.linalg.eigvalsh(Vx + Vy)[:, -1])
-    consistent, status = _largest_set(x, y, ~text, worst)
+    Vx, Vy, is_stated = np.asarray(cov_before, float), np.asarray(cov_after, float), np.asarray(known, bool)
+    largest_sigma = np.sqrt(np.linalg.eigvalsh(Vx + Vy)[:, -1])
+    consistent, status = _largest_set(x, y, ~is_stated, largest_sigma)
     if status != FitStatus.OK:
         return _without_result(len(x), str(status))
     for _ in range(_ROUNDS):
-        comparison = _comparison_with_others(x, Vx, y, Vy, consistent, alarm, text)
+        comparison = _comparison_with_others(x, Vx, y, Vy, consistent, alarm, is_stated)
         if comparison.status != FitStatus.OK or (~comparison.moved == consistent).all():
             break
         consistent = ~comparison.moved
@@ -83,9 +85,9 @@ def _largest_set(x: Array, y: Array, usable: Mask, sigma: Array) -> tuple[Mask, 
 
 
 def _without_result(count: int, status: str) -> SurveyComparison:
-    nothing, none = np.full((count, 3), np.nan), np.full((count, 3, 3), np.nan)
+    no_shift, no_cov = np.full((count, 3), np.nan), np.full((count, 3, 3), np.nan)
     return SurveyComparison(
-        nothing, none, np.ones(count), np.zeros(count, bool), status, 0.0, 0, *(np.full(s, np.nan) for s in _SHAPES)
+        no_shift, no_cov, np.ones(count), np.zeros(count, bool), status, 0.0, 0, *(np.full(s, np.nan) for s in _SHAPES)
     )
 
 
@@ -100,49 +102,49 @@ def _comparison_with_others(
     if not fit.ok[0]:
         return _without_result(len(x), str(fit.status[0]))
     R, t = fit.R[0], fit.t[0]
-    off = (y - t) @ R - x
+    difference = (y - t) @ R - x
     V = Vx + R.T @ Vy @ R
-    arm, weight = rigid_motions(x), np.linalg.inv(V) * mask[:, None, None]
-    frame = np.linalg.inv(np.einsum("tia,tij,tjb->ab", arm, weight, arm))
-    moved_frame = frame @ np.einsum("tia,tij,tj->a", arm, weight, off)
-    left = off - arm @ moved_frame
-    of_frame = arm @ frame @ np.swapaxes(arm, 1, 2)
-    covariance = V * (1.0 + _FLOOR) + np.where(mask, -1.0, 1.0)[:, None, None] * of_frame
+    jacobian, weight = rigid_motions(x), np.linalg.inv(V) * mask[:, None, None]
+    motion_cov = np.linalg.inv(np.einsum("tia,tij,tjb->ab", jacobian, weight, jacobian))
+    motion = motion_cov @ np.einsum("tia,tij,tj->a", jacobian, weight, difference)
+    residual = difference - jacobian @ motion
+    cov_of_motion = jacobian @ motion_cov @ np.swapaxes(jacobian, 1, 2)
+    covariance = V * (1.0 + _FLOOR) + np.where(mask, -1.0, 1.0)[:, None, None] * cov_of_motion
     inverse = np.linalg.inv(covariance)
-    square = np.einsum("ti,tij,tj->t", left, inverse, left)
-    chi_square = float(np.einsum("ti,tij,tj->", left, weight, left))
+    square = np.einsum("ti,tij,tj->t", residual, inverse, residual)
+    chi_square = float(np.einsum("ti,tij,tj->", residual, weight, residual))
     freedom = 3 * int(mask.sum()) - 6
     p = _p_values(square, chi_square - np.where(mask, square, 0.0), freedom - 3 * mask)
     # the prediction of a kept target must not use it: restore its own part of the residual
     restored = np.where(mask[:, None, None], V @ inverse, np.eye(3))
-    shift = (restored @ left[..., None])[..., 0]
+    shift = (restored @ residual[..., None])[..., 0]
     cov = np.where(mask[:, None, None], V @ inverse @ V, covariance)
-    moved = is_stated.copy()
-    moved[~is_stated] = holm_adjusted(p[~is_stated]) <= alarm
-    small = moved_frame[3:]
-    turn = R @ (np.eye(3) + skew(small))
+    is_moved = is_stated.copy()
+    is_moved[~is_stated] = holm_adjusted(p[~is_stated]) <= alarm
+    small_rotation = motion[3:]
+    rotation = R @ (np.eye(3) + skew(small_rotation))
     return SurveyComparison(
         shift,
         cov,
         p,
-        moved,
+        is_moved,
         str(FitStatus.OK),
         chi_square,
         freedom,
-        _nearest_rotation(turn),
-        t + R @ moved_frame[:3],
-        frame,
+        _nearest_rotation(rotation),
+        t + R @ motion[:3],
+        motion_cov,
     )
 
 
-def _p_values(square: Array, others: Array, freedom: Index) -> Array:
+def _p_values(square: Array, sum_of_others: Array, freedom: Index) -> Array:
     """Return p-values (T,) by the declared noise, or by the scatter of the others if that contradicts it."""
     from scipy.special import chdtrc, fdtrc
 
-    safe = np.maximum(freedom, 1)
-    scatter = np.maximum(others, 0.0) / safe
-    contradicted = (freedom > 0) & (chdtrc(safe, np.maximum(others, 0.0)) < _CONTRADICTED)
-    return np.where(contradicted, fdtrc(3, safe, square / 3.0 / np.maximum(scatter, 1.0)), chdtrc(3, square))
+    freedom_or_one = np.maximum(freedom, 1)
+    scatter = np.maximum(sum_of_others, 0.0) / freedom_or_one
+    contradicted = (freedom > 0) & (chdtrc(freedom_or_one, np.maximum(sum_of_others, 0.0)) < _CONTRADICTED)
+    return np.where(contradicted, fdtrc(3, freedom_or_one, square / 3.0 / np.maximum(scatter, 1.0)), chdtrc(3, square))
 
 
 def _nearest_rotation(matrix: Array) -> Array:

@@ -50,18 +50,18 @@ def maximum_likelihood(
     C_x, C_y = _covariances(cov_source, cov_target, used)
     variance = (np.trace(C_x, axis1=-2, axis2=-1) + np.trace(C_y, axis1=-2, axis2=-1)) / 3
     sigma = np.sqrt(np.where(used, variance, 1.0))
-    closed = solve_weighted(x, y, used / sigma**2, sigma=sigma)
-    rows = np.flatnonzero(closed.ok & ~_all_isotropic(C_x, C_y, used))
+    closed_form = solve_weighted(x, y, used / sigma**2, sigma=sigma)
+    rows = np.flatnonzero(closed_form.ok & ~_all_isotropic(C_x, C_y, used))
     if not rows.size:
-        return closed
-    R, t = _starting_motion(closed, start, rows)
+        return closed_form
+    R, t = _starting_motion(closed_form, start, rows)
     solved = _damped_gauss_newton(x[rows], y[rows], C_x[rows], C_y[rows], used[rows], R, t)
-    return _merged(closed, rows, solved, x[rows], y[rows], used[rows])
+    return _merged(closed_form, rows, solved, x[rows], y[rows], used[rows])
 
 
 def _covariances(cov_source: ArrayLike, cov_target: ArrayLike, used: NDArray) -> tuple[NDArray, NDArray]:
     """Return both covariances as (B, N, 3, 3), with the identity for unused points."""
-    out, smallest = [], np.zeros(used.shape)
+    covariances, smallest = [], np.zeros(used.shape)
     for name, covariance in (("cov_source", cov_source), ("cov_target", cov_target)):
         C = np.asarray(covariance, np.float64)
         if C.shape[-2:] != (3, 3):
@@ -69,27 +69,27 @@ def _covariances(cov_source: ArrayLike, cov_target: ArrayLike, used: NDArray) ->
         C = np.where(used[..., None, None], np.broadcast_to(C, (*used.shape, 3, 3)), np.eye(3))
         if not np.allclose(C, np.swapaxes(C, -1, -2), rtol=1e-9, atol=0.0):
             raise ValueError(f"{name}: found an asymmetric or non-finite matrix, expected covariances")
-        least, most = extreme_variances(C)
-        if np.any(least < -1e-9 * most):
+        smallest_variance, largest_variance = extreme_variances(C)
+        if np.any(smallest_variance < -1e-9 * largest_variance):
             raise ValueError(f"{name}: found a negative variance, expected covariances")
-        smallest = smallest + np.maximum(least, 1e-15 * most)
-        out.append(C)
+        smallest = smallest + np.maximum(smallest_variance, 1e-15 * largest_variance)
+        covariances.append(C)
     if np.any(smallest <= 0):
         raise ValueError("cov_source, cov_target: found a point with noise on neither cloud, expected some")
-    return out[0], out[1]
+    return covariances[0], covariances[1]
 
 
 def _all_isotropic(C_x: NDArray, C_y: NDArray, used: NDArray) -> NDArray:
     """Return the mask (B,) of entries whose used covariances are all multiples of the identity."""
-    different = np.zeros(used.shape)
+    anisotropy = np.zeros(used.shape)
     for C in (C_x, C_y):
         mean = np.trace(C, axis1=-2, axis2=-1)[..., None, None] / 3
-        different = np.maximum(different, np.max(np.abs(C - mean * np.eye(3)) - _ISOTROPIC * mean, axis=(-1, -2)))
-    return np.all((different <= 0) | ~used, axis=-1)
+        anisotropy = np.maximum(anisotropy, np.max(np.abs(C - mean * np.eye(3)) - _ISOTROPIC * mean, axis=(-1, -2)))
+    return np.all((anisotropy <= 0) | ~used, axis=-1)
 
 
-def _starting_motion(closed: RigidFit, start: RigidFit | None, rows: NDArray) -> tuple[NDArray, NDArray]:
-    R, t = closed.R[rows], closed.t[rows]
+def _starting_motion(closed_form: RigidFit, start: RigidFit | None, rows: NDArray) -> tuple[NDArray, NDArray]:
+    R, t = closed_form.R[rows], closed_form.t[rows]
     if start is None:
         return R, t
     ok = start.ok[rows]
@@ -105,20 +105,24 @@ def _damped_gauss_newton(
     damping, steps = np.zeros(len(R)), np.zeros(len(R), np.int64)
     converged = np.zeros(len(R), bool)
     for _ in range(MAX_ITERATIONS):
-        a = np.flatnonzero(~converged)
-        if not a.size:
+        active = np.flatnonzero(~converged)
+        if not active.size:
             break
-        step = -np.linalg.solve(_damped(H[a], damping[a]), g[a, :, None])[..., 0]
-        R_new, t_new = exp_so3(step[:, 3:]) @ R[a], t[a] + step[:, :3]
-        H_new, g_new, cost_new = _normal_equations(x[a], y[a], C_x[a], C_y[a], used[a], R_new, t_new)
-        small = np.einsum("bi,bij,bj->b", step, H[a], step) < _SETTLED
-        better = (cost_new <= cost[a]) | small
-        b = a[better]
-        R[b], t[b], H[b], g[b], cost[b] = (v[better] for v in (R_new, t_new, H_new, g_new, cost_new))
-        damping[a] = np.where(better, damping[a] / 10, np.maximum(10 * damping[a], 1e-3))
+        step = -np.linalg.solve(_damped(H[active], damping[active]), g[active, :, None])[..., 0]
+        R_new, t_new = exp_so3(step[:, 3:]) @ R[active], t[active] + step[:, :3]
+        H_new, g_new, cost_new = _normal_equations(
+            x[active], y[active], C_x[active], C_y[active], used[active], R_new, t_new
+        )
+        is_small = np.einsum("bi,bij,bj->b", step, H[active], step) < _SETTLED
+        is_accepted = (cost_new <= cost[active]) | is_small
+        accepted = active[is_accepted]
+        R[accepted], t[accepted], H[accepted], g[accepted], cost[accepted] = (
+            v[is_accepted] for v in (R_new, t_new, H_new, g_new, cost_new)
+        )
+        damping[active] = np.where(is_accepted, damping[active] / 10, np.maximum(10 * damping[active], 1e-3))
         damping[damping < 1e-6] = 0.0
-        steps[a] += 1
-        converged[a] = small
+        steps[active] += 1
+        converged[active] = is_small
     return R, t, H, steps, converged
 
 
@@ -134,19 +138,23 @@ def _normal_equations(
     on R through the estimated true points ``xi = x + cov_source R' S^-1 r``: the gradient is ``sum J' S^-1 r`` with ``J
     = [-I, [R xi]x]``, without approximation."""
     Rt = np.swapaxes(R, -1, -2)[:, None]
-    turned = R[:, None] @ C_x @ Rt
+    rotated_cov = R[:, None] @ C_x @ Rt
     r = np.where(used[..., None], y - x @ Rt[:, 0] - t[:, None], 0.0)
-    W = np.linalg.inv(symmetric(C_y + turned)) * used[..., None, None]
-    force = apply_rotation(W, r)
+    W = np.linalg.inv(symmetric(C_y + rotated_cov)) * used[..., None, None]
+    weighted_residual = apply_rotation(W, r)
     J = np.zeros((*r.shape, 6))
     J[..., :3] = -np.eye(3)
-    J[..., 3:] = skew(x @ Rt[:, 0] + apply_rotation(turned, force))
+    J[..., 3:] = skew(x @ Rt[:, 0] + apply_rotation(rotated_cov, weighted_residual))
     H = np.einsum("bnki,bnkl,bnlj->bij", J, W, J, optimize=True)
-    return symmetric(H), np.einsum("bnki,bnk->bi", J, force), np.einsum("bni,bni->b", r, force) / 2
+    return (
+        symmetric(H),
+        np.einsum("bnki,bnk->bi", J, weighted_residual),
+        np.einsum("bni,bni->b", r, weighted_residual) / 2,
+    )
 
 
 def _merged(
-    closed: RigidFit,
+    analytic: RigidFit,
     rows: NDArray,
     solved: tuple[NDArray, NDArray, NDArray, NDArray, NDArray],
     x: NDArray,
@@ -155,12 +163,12 @@ def _merged(
 ) -> RigidFit:
     """Return the closed-form fits with iterated results in their rows."""
     R, t, H, steps, converged = solved
-    distance = np.sum((y - x @ np.swapaxes(R, -1, -2) - t[:, None]) ** 2, axis=-1)
-    rms = np.sqrt(np.sum(used * distance, axis=-1) / used.sum(-1))
-    status = np.where(converged, closed.status[rows], str(FitStatus.NOT_CONVERGED))
+    squared_residual = np.sum((y - x @ np.swapaxes(R, -1, -2) - t[:, None]) ** 2, axis=-1)
+    rms = np.sqrt(np.sum(used * squared_residual, axis=-1) / used.sum(-1))
+    status = np.where(converged, analytic.status[rows], str(FitStatus.NOT_CONVERGED))
     merged = {"R": R, "t": t, "covariance": symmetric(np.linalg.inv(H)), "rms": rms}
     merged |= {"status": status, "iterations": steps}
-    closed_form = {name: getattr(closed, name).copy() for name in merged}
-    for name, part in merged.items():
-        closed_form[name][rows] = part
-    return replace(closed, **closed_form).masked()
+    closed_form = {name: getattr(analytic, name).copy() for name in merged}
+    for name, values in merged.items():
+        closed_form[name][rows] = values
+    return replace(analytic, **closed_form).masked()

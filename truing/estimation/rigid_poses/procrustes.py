@@ -50,17 +50,17 @@ def common_shape(points: NDArray, mask: NDArray, sigma: float) -> NDArray:
     All NaN if no pose has three targets.
     """
     points = np.where(mask[..., None], points, 0.0)
-    shared = mask.astype(float) @ mask.sum(axis=0)  # targets in common with each pose, summed over all poses
-    possible = np.flatnonzero((mask.sum(axis=1) >= 3) & (shared > 0.0))
-    if not possible.size or sigma <= 0.0:
+    common_targets = mask.astype(float) @ mask.sum(axis=0)  # targets in common with each pose, summed over all poses
+    connectable = np.flatnonzero((mask.sum(axis=1) >= 3) & (common_targets > 0.0))
+    if not connectable.size or sigma <= 0.0:
         return np.full(points.shape[1:], np.nan)
-    richest = possible[np.argsort(-shared[possible], kind="stable")]
-    starts = richest[np.unique(np.linspace(0, min(len(richest), _ALIKE) - 1, _STARTS).astype(int))]
+    by_common_targets = connectable[np.argsort(-common_targets[connectable], kind="stable")]
+    starts = by_common_targets[np.unique(np.linspace(0, min(len(by_common_targets), _ALIKE) - 1, _STARTS).astype(int))]
     best: _Agreeing | None = None
     for first in starts:  # a gross error in the first pose would make all others disagree
         agreeing = _agreeing_from(int(first), points, mask, sigma)
         best = agreeing if best is None or agreeing.agreed.sum() > best.agreed.sum() else best
-        if 2 * best.agreed.any(axis=1).sum() > len(possible):
+        if 2 * best.agreed.any(axis=1).sum() > len(connectable):
             break
     assert best is not None
     shape, known = best.shape, best.known
@@ -78,17 +78,17 @@ class _Agreeing:
     needed: float
 
 
-def _agreeing_from(first: int, points: NDArray, mask: NDArray, sigma: float) -> _Agreeing:
+def _agreeing_from(start: int, points: NDArray, mask: NDArray, sigma: float) -> _Agreeing:
     """Return the shape of one pose, renewed with all poses that agree."""
-    known, needed = mask[first].copy(), sigma
-    shape = np.where(known[:, None], points[first] - points[first][known].mean(axis=0), 0.0)
+    known, required_sigma = mask[start].copy(), sigma
+    shape = np.where(known[:, None], points[start] - points[start][known].mean(axis=0), 0.0)
     agreed = np.zeros_like(mask)
-    agreed[first] = known
+    agreed[start] = known
     for ratio in _RATIOS:
         while _add_agreeing_poses(shape, known, points, mask, agreed, ratio * sigma):
-            needed = ratio * sigma
-            shape, known = _renewed(shape, known, points, mask, agreed, needed)
-    return _Agreeing(shape, known, agreed, needed)
+            required_sigma = ratio * sigma
+            shape, known = _renewed(shape, known, points, mask, agreed, required_sigma)
+    return _Agreeing(shape, known, agreed, required_sigma)
 
 
 def _add_agreeing_poses(
@@ -114,15 +114,15 @@ def _renewed(
     Updates agreed (B, N)."""
     rows = np.flatnonzero(agreed.any(axis=1))
     fit, agreed[rows] = _agreeing_motions(shape, points[rows], mask[rows] & known, agreed[rows], sigma)
-    seen = mask[rows] & fit.ok[:, None]
-    back = (points[rows] - fit.t[:, None]) @ fit.R
+    observed = mask[rows] & fit.ok[:, None]
+    in_body = (points[rows] - fit.t[:, None]) @ fit.R
     renewed = shape.copy()
-    for k in np.flatnonzero(seen.any(axis=0)):
-        values = back[seen[:, k], k]
+    for k in np.flatnonzero(observed.any(axis=0)):
+        values = in_body[observed[:, k], k]
         # an odd number of values, so that the median is one of them, not the middle between two places
         renewed[k] = np.median(values[: len(values) - 1 + len(values) % 2], axis=0)
-    onto, _ = _agreeing_motions(renewed, shape[None], known[None], known[None], sigma)
-    return (onto.apply(renewed)[0] if onto.ok[0] else renewed), known | seen.any(axis=0)
+    alignment, _ = _agreeing_motions(renewed, shape[None], known[None], known[None], sigma)
+    return (alignment.apply(renewed)[0] if alignment.ok[0] else renewed), known | observed.any(axis=0)
 
 
 def _agreeing_motions(
@@ -131,8 +131,8 @@ def _agreeing_motions(
     """Return the motions of the agreeing points, and the mask (B, N) of these, by turns."""
     for _ in range(_TURNS):
         fit = umeyama(shape, points, agreed)
-        off = np.linalg.norm(points - fit.apply(shape), axis=-1)
-        agreed = np.where(fit.ok[:, None], usable & (off <= _LIMIT * sigma), agreed)
+        residual = np.linalg.norm(points - fit.apply(shape), axis=-1)
+        agreed = np.where(fit.ok[:, None], usable & (residual <= _LIMIT * sigma), agreed)
     return umeyama(shape, points, agreed), agreed
 
 
@@ -211,23 +211,25 @@ def generalised_procrustes(
     movement, which reduces the weight of targets that deform. Mask gross errors beforehand. Raises ValueError for
     shapes that do not match.
     """
-    problem, state, posed, known = _prepare(points, cov, mask, survey, survey_cov, shape)
-    if not posed.any():
-        return _undetermined_fit(problem, posed)
-    free = not problem.surveyed.any()
+    problem, state, has_pose, known = _prepare(points, cov, mask, survey, survey_cov, shape)
+    if not has_pose.any():
+        return _undetermined_fit(problem, has_pose)
+    is_datum_free = not problem.surveyed.any()
     tau = np.zeros(problem.y.shape[1])
     noise = np.sqrt(np.trace(problem.cov[problem.seen].mean(axis=0)) / 3)
-    total = 0
+    iterations = 0
     for _ in range(MAX_VARIANCE_ROUNDS):
-        state, normal, covariance, steps, converged = _solve(problem, state, tau, known, free)
-        total += steps
+        state, normal, covariance, steps, converged = _solve(problem, state, tau, known, is_datum_free)
+        iterations += steps
         renewed = _deformation(problem, state, normal, covariance) if deforming else tau
-        done = bool(np.all(np.abs(renewed - tau) < _VARIANCE_SETTLED * np.hypot(noise, np.maximum(tau, renewed))))
-        if done or not converged:
+        has_settled = bool(
+            np.all(np.abs(renewed - tau) < _VARIANCE_SETTLED * np.hypot(noise, np.maximum(tau, renewed)))
+        )
+        if has_settled or not converged:
             break
         tau = renewed
-    status = FitStatus.OK if converged and done else FitStatus.NOT_CONVERGED
-    return _result(problem, state, normal, covariance, tau, posed, known, status, total)
+    status = FitStatus.OK if converged and has_settled else FitStatus.NOT_CONVERGED
+    return _result(problem, state, normal, covariance, tau, has_pose, known, status, iterations)
 
 
 def _prepare(
@@ -256,24 +258,24 @@ def _prepare(
         shape, known = _extended(survey, surveyed, points, mask)
     mask = mask & known & _connected(mask & known, surveyed)[:, None]
     fit = umeyama(shape, np.where(mask[..., None], points, 0.0), mask)
-    seen = mask & fit.ok[:, None]
-    known = known & (seen.any(axis=0) | surveyed)
+    observed = mask & fit.ok[:, None]
+    known = known & (observed.any(axis=0) | surveyed)
     R = np.where(fit.ok[:, None, None], fit.R, np.eye(3))
     state = _State(R, np.where(fit.ok[:, None], fit.t, 0.0), shape)
-    y, C = np.where(seen[..., None], points, 0.0), np.where(seen[..., None, None], cov, np.eye(3))
-    return _ObservedPoints(y, C, seen, survey, survey_cov, surveyed), state, fit.ok, known
+    y, C = np.where(observed[..., None], points, 0.0), np.where(observed[..., None, None], cov, np.eye(3))
+    return _ObservedPoints(y, C, observed, survey, survey_cov, surveyed), state, fit.ok, known
 
 
-def _connected(seen: NDArray, surveyed: NDArray) -> NDArray:
+def _connected(observed: NDArray, surveyed: NDArray) -> NDArray:
     """Return the poses (B,) connected by three common targets each, starting from the survey or from the pose with most
     targets."""
-    reached = surveyed if surveyed.any() else seen[int(np.argmax(seen.sum(axis=1)))]
+    connected = surveyed if surveyed.any() else observed[int(np.argmax(observed.sum(axis=1)))]
     while True:
-        poses = (seen & reached).sum(axis=1) >= 3
-        grown = reached | (seen & poses[:, None]).any(axis=0)
-        if np.array_equal(grown, reached):
+        poses = (observed & connected).sum(axis=1) >= 3
+        extended = connected | (observed & poses[:, None]).any(axis=0)
+        if np.array_equal(extended, connected):
             return poses
-        reached = grown
+        connected = extended
 
 
 def typical_sigma(cov: NDArray, mask: NDArray) -> float:
@@ -285,31 +287,31 @@ def typical_sigma(cov: NDArray, mask: NDArray) -> float:
 def _extended(survey: NDArray, surveyed: NDArray, points: NDArray, mask: NDArray) -> tuple[NDArray, NDArray]:
     """Return the survey extended by targets that only the poses have seen, and the mask of known targets."""
     fit = umeyama(survey, np.where(mask[..., None], points, 0.0), (mask & surveyed).astype(np.float64))
-    seen = mask & fit.ok[:, None]
-    added = seen.any(axis=0) & ~surveyed
+    observed = mask & fit.ok[:, None]
+    added = observed.any(axis=0) & ~surveyed
     shape = survey.copy()
     if added.any():
-        back = np.where(seen[..., None], (points - fit.t[:, None]) @ fit.R, np.nan)
-        shape[added] = np.nanmedian(back[:, added], axis=0)
+        in_body = np.where(observed[..., None], (points - fit.t[:, None]) @ fit.R, np.nan)
+        shape[added] = np.nanmedian(in_body[:, added], axis=0)
     return shape, surveyed | added
 
 
 def _solve(
-    problem: _ObservedPoints, state: _State, tau: NDArray, known: NDArray, free: bool
+    problem: _ObservedPoints, state: _State, tau: NDArray, known: NDArray, is_datum_free: bool
 ) -> tuple[_State, _Normal, NDArray, int, bool]:
     """Return the Gauss-Newton solution for given tau, its normal equations and the shape's covariance (3N, 3N)."""
     W, W_survey = problem.weights(tau)
     unknown = np.repeat(~known, 3)
     for step in range(1, MAX_ITERATIONS + 1):
         normal = _normal(problem, state, W, W_survey)
-        covariance = _shape_covariance(normal.reduced, state.shape, known, unknown, free)
-        drive = normal.shape_gradient - np.einsum("bi,bij->j", normal.pose_gradient, normal.carried)
-        d_shape = -covariance @ drive
+        covariance = _shape_covariance(normal.reduced, state.shape, known, unknown, is_datum_free)
+        gradient = normal.shape_gradient - np.einsum("bi,bij->j", normal.pose_gradient, normal.carried)
+        d_shape = -covariance @ gradient
         pose_step = np.linalg.solve(normal.pose, normal.pose_gradient[..., None])[..., 0]
         d_pose = -pose_step - normal.carried @ d_shape
-        length = np.einsum("bi,bij,bj->", pose_step, normal.pose, pose_step) + drive @ covariance @ drive
+        squared_step = np.einsum("bi,bij,bj->", pose_step, normal.pose, pose_step) + gradient @ covariance @ gradient
         state = _State(exp_so3(d_pose[:, 3:]) @ state.R, state.t + d_pose[:, :3], state.shape + d_shape.reshape(-1, 3))
-        if length < _SETTLED:
+        if squared_step < _SETTLED:
             return state, normal, covariance, step, True
     return state, normal, covariance, MAX_ITERATIONS, False
 
@@ -323,22 +325,24 @@ def _normal(problem: _ObservedPoints, state: _State, W: NDArray, W_survey: NDArr
     information = np.sum(Rt @ W @ R[:, None], axis=0) + W_survey
     carried = np.linalg.solve(pose, coupling)
     reduced = block_diag(*information) - np.tensordot(coupling, carried, axes=([0, 1], [0, 1]))
-    off_survey = np.where(problem.surveyed[:, None], state.shape - problem.survey, 0.0)
-    pull = -np.sum(apply_rotation(Rt, apply_rotation(W, r)), axis=0) + apply_rotation(W_survey, off_survey)
-    return _Normal(pose, carried, np.sum(apply_rotation(JW, r), axis=1), pull.ravel(), symmetric(reduced))
+    survey_residual = np.where(problem.surveyed[:, None], state.shape - problem.survey, 0.0)
+    gradient = -np.sum(apply_rotation(Rt, apply_rotation(W, r)), axis=0) + apply_rotation(W_survey, survey_residual)
+    return _Normal(pose, carried, np.sum(apply_rotation(JW, r), axis=1), gradient.ravel(), symmetric(reduced))
 
 
-def _shape_covariance(reduced: NDArray, shape: NDArray, known: NDArray, unknown: NDArray, free: bool) -> NDArray:
+def _shape_covariance(
+    reduced: NDArray, shape: NDArray, known: NDArray, unknown: NDArray, is_datum_free: bool
+) -> NDArray:
     """Return the inverse (3N, 3N) of the reduced normal matrix, with inner constraints if the datum is free."""
-    typical = np.trace(reduced) / max(3 * known.sum(), 1)
-    regular = reduced + np.diag(np.where(unknown, typical, 0.0))
-    inner = np.zeros((len(reduced), len(reduced)))
-    if free:
+    mean_information = np.trace(reduced) / max(3 * known.sum(), 1)
+    regular = reduced + np.diag(np.where(unknown, mean_information, 0.0))
+    inner_constraints = np.zeros((len(reduced), len(reduced)))
+    if is_datum_free:
         G = rigid_motions(shape)
         G = np.where(unknown[:, None], 0.0, G.reshape(-1, 6))
         basis = np.linalg.svd(G / np.linalg.norm(G, axis=0), full_matrices=False)[0]
-        inner = basis @ basis.T
-    inverse = np.linalg.inv(regular + typical * inner) - inner / typical
+        inner_constraints = basis @ basis.T
+    inverse = np.linalg.inv(regular + mean_information * inner_constraints) - inner_constraints / mean_information
     return symmetric(np.where(unknown[:, None] | unknown, 0.0, inverse))
 
 
@@ -358,11 +362,11 @@ def _fitted_share(state: _State, normal: _Normal, covariance: NDArray, arm: NDAr
     - (J X + R E_k) dxi``."""
     J = -rigid_motions(arm)
     through_poses = normal.carried @ covariance
-    own = np.linalg.inv(normal.pose) + through_poses @ np.swapaxes(normal.carried, -1, -2)
-    crossed = through_poses.reshape(len(arm), 6, -1, 3)
-    pose_share = np.einsum("bnij,bjk,bnik->bn", J, own, J, optimize=True)
-    both = np.einsum("bij,bknj,bnik->bn", state.R, crossed, J, optimize=True)
-    return pose_share + np.diagonal(covariance).reshape(-1, 3).sum(-1) + 2 * both
+    pose_cov = np.linalg.inv(normal.pose) + through_poses @ np.swapaxes(normal.carried, -1, -2)
+    pose_shape_cov = through_poses.reshape(len(arm), 6, -1, 3)
+    pose_share = np.einsum("bnij,bjk,bnik->bn", J, pose_cov, J, optimize=True)
+    cross_share = np.einsum("bij,bknj,bnik->bn", state.R, pose_shape_cov, J, optimize=True)
+    return pose_share + np.diagonal(covariance).reshape(-1, 3).sum(-1) + 2 * cross_share
 
 
 def _result(
@@ -371,29 +375,31 @@ def _result(
     normal: _Normal,
     covariance: NDArray,
     tau: NDArray,
-    posed: NDArray,
+    has_pose: NDArray,
     known: NDArray,
     status: FitStatus,
     iterations: int,
 ) -> ProcrustesFit:
     pose_covariance = np.linalg.inv(normal.pose) + normal.carried @ covariance @ np.swapaxes(normal.carried, -1, -2)
-    distance = np.sum((problem.y - state.shape @ np.swapaxes(state.R, -1, -2) - state.t[:, None]) ** 2, axis=-1)
+    squared_residual = np.sum((problem.y - state.shape @ np.swapaxes(state.R, -1, -2) - state.t[:, None]) ** 2, axis=-1)
     count = problem.seen.sum(axis=1)
-    rms = np.sqrt(np.sum(distance * problem.seen, axis=1) / np.maximum(count, 1))
-    each = np.where(posed, str(status), str(FitStatus.TOO_FEW_POINTS))
-    ones, steps = np.ones(len(posed)), np.full(len(posed), iterations)
-    poses = RigidFit(state.R, state.t, ones, symmetric(pose_covariance), 0 * ones, rms, count, each, steps).masked()
+    rms = np.sqrt(np.sum(squared_residual * problem.seen, axis=1) / np.maximum(count, 1))
+    status_of_pose = np.where(has_pose, str(status), str(FitStatus.TOO_FEW_POINTS))
+    ones, steps = np.ones(len(has_pose)), np.full(len(has_pose), iterations)
+    poses = RigidFit(
+        state.R, state.t, ones, symmetric(pose_covariance), 0 * ones, rms, count, status_of_pose, steps
+    ).masked()
     shape = np.where(known[:, None], state.shape, np.nan)
     return ProcrustesFit(poses, shape, covariance, np.where(known, tau, np.nan), status, iterations)
 
 
-def _undetermined_fit(problem: _ObservedPoints, posed: NDArray) -> ProcrustesFit:
+def _undetermined_fit(problem: _ObservedPoints, has_pose: NDArray) -> ProcrustesFit:
     """Return the result if no pose shares three targets with any other."""
     count, targets = problem.seen.sum(axis=1), problem.y.shape[1]
-    status = np.full(len(posed), str(FitStatus.TOO_FEW_POINTS))
-    empty = np.full((len(posed), 6, 6), np.nan)
-    ones, none = np.ones(len(posed)), np.zeros(len(posed), np.int64)
-    poses = RigidFit(empty[:, :3, :3], empty[:, 0, :3], ones, empty, ones, ones, count, status, none).masked()
+    status = np.full(len(has_pose), str(FitStatus.TOO_FEW_POINTS))
+    empty = np.full((len(has_pose), 6, 6), np.nan)
+    ones, zeros = np.ones(len(has_pose)), np.zeros(len(has_pose), np.int64)
+    poses = RigidFit(empty[:, :3, :3], empty[:, 0, :3], ones, empty, ones, ones, count, status, zeros).masked()
     return ProcrustesFit(
         poses,
         np.full((targets, 3), np.nan),

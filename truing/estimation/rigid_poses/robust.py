@@ -55,18 +55,18 @@ def consensus(
     at a time. Raises ValueError as `umeyama`, and for a sigma that is not positive.
     """
     x, y, w = check_correspondences(source, target, None if mask is None else np.asarray(mask, bool))
-    seen = w > 0
-    spread = np.where(seen, np.broadcast_to(np.asarray(sigma, np.float64), seen.shape), 1.0)
-    if not np.all((spread > 0) & np.isfinite(spread)):
+    observed = w > 0
+    sigma_of_point = np.where(observed, np.broadcast_to(np.asarray(sigma, np.float64), observed.shape), 1.0)
+    if not np.all((sigma_of_point > 0) & np.isfinite(sigma_of_point)):
         raise ValueError("sigma: found a value that is not positive, expected a standard deviation in m")
-    clouds = Clouds(x, y, seen, spread, chi_square_limit(FALSE_ALARM, seen))
-    members, status = _trimmed_sets(clouds, _tools(seen.size >= _MANY_POINTS))
+    clouds = Clouds(x, y, observed, sigma_of_point, chi_square_limit(FALSE_ALARM, observed))
+    members, status = _trimmed_sets(clouds, _tools(observed.size >= _MANY_POINTS))
     rows = np.flatnonzero(status == FitStatus.NO_CONSENSUS)
-    tools = _tools(len(rows) * seen.shape[1] ** 2 >= _MANY_PAIRS)
-    step = max(1, _PAIRS_AT_ONCE // seen.shape[1] ** 2)
+    tools = _tools(len(rows) * observed.shape[1] ** 2 >= _MANY_PAIRS)
+    step = max(1, _PAIRS_AT_ONCE // observed.shape[1] ** 2)
     for first in range(0, len(rows), step):
-        part = rows[first : first + step]
-        members[part], status[part] = _search(clouds[part], tools)
+        batch = rows[first : first + step]
+        members[batch], status[batch] = _search(clouds[batch], tools)
     return members, status
 
 
@@ -79,45 +79,49 @@ def _tools(many: bool) -> Tools:
     return Tools(kernel.statuses, kernel.squared_residuals, kernel.same_distances, kernel.grow)
 
 
-def chi_square_limit(false_alarm: float, seen: NDArray) -> NDArray:
+def chi_square_limit(false_alarm: float, observed: NDArray) -> NDArray:
     """Limits (B,) of squared residuals that all points of a pose pass with probability 1 - ``false_alarm``; seen
     (B, N)."""
     from scipy.special import chdtri
 
-    return chdtri(3, false_alarm / np.maximum(seen.sum(-1), 1))
+    return chdtri(3, false_alarm / np.maximum(observed.sum(-1), 1))
 
 
 def _trimmed_sets(clouds: Clouds, tools: Tools) -> tuple[NDArray, NDArray]:
     """Return the sets (B, N) and statuses (B,) of poses in which trimming leaves a majority; else NO_CONSENSUS."""
     points = clouds.seen.sum(-1)
     # two sets of more than (n + 4) / 2 of n points share four, and so the motion
-    fewest = np.minimum(np.maximum(points, 3), (points + FEWEST + 1) // 2)
-    members, _ = _fixpoints(clouds, clouds.seen, fewest, tools)
-    rest = np.flatnonzero(~members.any(-1))
+    min_size = np.minimum(np.maximum(points, 3), (points + FEWEST + 1) // 2)
+    members, _ = _fixpoints(clouds, clouds.seen, min_size, tools)
+    unsolved = np.flatnonzero(~members.any(-1))
     status = np.full(len(members), str(FitStatus.OK), np.array([str(s) for s in FitStatus]).dtype)
-    status[rest] = tools.statuses(clouds[rest])
-    open_rows = rest[np.isin(status[rest], (FitStatus.OK, FitStatus.AMBIGUOUS))]
-    status[open_rows] = FitStatus.NO_CONSENSUS
+    status[unsolved] = tools.statuses(clouds[unsolved])
+    unresolved = unsolved[np.isin(status[unsolved], (FitStatus.OK, FitStatus.AMBIGUOUS))]
+    status[unresolved] = FitStatus.NO_CONSENSUS
     return members, status
 
 
-def _fixpoints(clouds: Clouds, members: NDArray, fewest: NDArray, tools: Tools) -> tuple[NDArray, NDArray]:
-    """Return the fixpoints (B, N) reached from members, empty if fewer than fewest (B,) remain, and their cost. At
+def _fixpoints(clouds: Clouds, members: NDArray, min_size: NDArray, tools: Tools) -> tuple[NDArray, NDArray]:
+    """Return the fixpoints (B, N) reached from members, empty if fewer than min_size (B,) remain, and their cost. At
     first only the worst points are removed (down to a quarter of the largest squared residual), since they bend all the
     others."""
     members, cost = members.copy(), np.zeros(len(members))
     rows = np.arange(len(members))
-    for turn in range(_FREE_ROUNDS + members.shape[1]):
-        part, old = clouds[rows], members[rows]
-        studentised, plain = tools.squared_residuals(part, old)
-        worst = np.max(studentised, axis=-1, where=old, initial=0.0)
-        bar = np.maximum(part.limit, worst / 4)
-        new = part.seen & np.isfinite(studentised) & (studentised <= np.where(old, bar[:, None], part.limit[:, None]))
-        free = (worst <= part.limit) & (turn < _FREE_ROUNDS)
-        new &= old | free[:, None]
-        new &= (new.sum(-1) >= fewest[rows])[:, None]
-        members[rows], cost[rows] = new, np.sum(plain, axis=-1, where=new)
-        rows = rows[np.any(new != old, axis=-1) & new.any(-1)]
+    for iteration in range(_FREE_ROUNDS + members.shape[1]):
+        batch, previous = clouds[rows], members[rows]
+        studentised, squared_residual = tools.squared_residuals(batch, previous)
+        largest = np.max(studentised, axis=-1, where=previous, initial=0.0)
+        limit = np.maximum(batch.limit, largest / 4)
+        renewed = (
+            batch.seen
+            & np.isfinite(studentised)
+            & (studentised <= np.where(previous, limit[:, None], batch.limit[:, None]))
+        )
+        may_return = (largest <= batch.limit) & (iteration < _FREE_ROUNDS)
+        renewed &= previous | may_return[:, None]
+        renewed &= (renewed.sum(-1) >= min_size[rows])[:, None]
+        members[rows], cost[rows] = renewed, np.sum(squared_residual, axis=-1, where=renewed)
+        rows = rows[np.any(renewed != previous, axis=-1) & renewed.any(-1)]
         if len(rows) == 0:
             break
     return members, cost
@@ -132,20 +136,24 @@ class _Best:
     regular: NDArray  # (B,) whether the scatter of the fit is no larger than that of noise
     rival: NDArray  # (B,) whether another set is as good
 
-    def offer(self, rows: NDArray, found: NDArray, cost: NDArray) -> None:
+    def offer(self, rows: NDArray, sets: NDArray, cost: NDArray) -> None:
         """Update with found sets (b, N) of rows (b,), given the sums of squared residuals of their fits."""
         from scipy.special import chdtri
 
-        size = found.sum(-1)
+        size = sets.sum(-1)
         regular = cost <= chdtri(np.maximum(3 * size - 6, 1), FALSE_ALARM)
-        rank, best = 2 * size + regular, 2 * self.size[rows] + self.regular[rows]
-        shared = np.count_nonzero(found & self.kept[rows], axis=-1)
-        other = (shared < 3) | (2 * shared < size)
-        self.rival[rows[(rank == best) & other & (size > 0)]] = True
-        better = rank > best
-        won = rows[better]
-        self.kept[won], self.size[won], self.regular[won] = found[better], size[better], regular[better]
-        self.rival[won] = False
+        rank, best_rank = 2 * size + regular, 2 * self.size[rows] + self.regular[rows]
+        common_points = np.count_nonzero(sets & self.kept[rows], axis=-1)
+        is_other_motion = (common_points < 3) | (2 * common_points < size)
+        self.rival[rows[(rank == best_rank) & is_other_motion & (size > 0)]] = True
+        is_better = rank > best_rank
+        improved = rows[is_better]
+        self.kept[improved], self.size[improved], self.regular[improved] = (
+            sets[is_better],
+            size[is_better],
+            regular[is_better],
+        )
+        self.rival[improved] = False
 
 
 def _search(clouds: Clouds, tools: Tools) -> tuple[NDArray, NDArray]:
@@ -153,54 +161,55 @@ def _search(clouds: Clouds, tools: Tools) -> tuple[NDArray, NDArray]:
     graph, seeds, count = tools.same_distances(clouds), clouds.seen.copy(), len(clouds.seen)
     best = _Best(np.zeros_like(seeds), np.zeros(count, int), np.zeros(count, bool), np.zeros(count, bool))
     degree = graph.sum(-1)
-    enough = np.clip(clouds.seen.sum(-1) - 1, 3, FEWEST)
+    least_size = np.clip(clouds.seen.sum(-1) - 1, 3, FEWEST)
     while True:
-        fewest = np.maximum(best.size, enough)
-        worth = seeds & (degree >= fewest[:, None] - 1)
-        rows = np.flatnonzero(worth.any(-1))
+        min_size = np.maximum(best.size, least_size)
+        is_seed = seeds & (degree >= min_size[:, None] - 1)
+        rows = np.flatnonzero(is_seed.any(-1))
         if len(rows) == 0:
             break
-        seed = np.where(worth[rows], degree[rows], -1.0).argmax(-1)
+        seed = np.where(is_seed[rows], degree[rows], -1.0).argmax(-1)
         proposed = tools.grow(graph[rows], seed, best.kept[rows])
-        sets, cost = _fixpoints(clouds[rows], proposed, fewest[rows], tools)
+        sets, cost = _fixpoints(clouds[rows], proposed, min_size[rows], tools)
         seeds[rows] &= ~sets
         seeds[rows, seed] = False
         best.offer(rows, sets, cost)
-        split = np.flatnonzero(_may_have_rival(proposed, sets, fewest[rows]))
-        if len(split):
-            part, members = rows[split], proposed[split]
-            sets, cost = _among_triples(clouds[part], members, degree[part], fewest[part], tools)
-            best.offer(part, sets, cost)
+        may_have_rival = np.flatnonzero(_may_have_rival(proposed, sets, min_size[rows]))
+        if len(may_have_rival):
+            rival_rows, members = rows[may_have_rival], proposed[may_have_rival]
+            sets, cost = _among_triples(clouds[rival_rows], members, degree[rival_rows], min_size[rival_rows], tools)
+            best.offer(rival_rows, sets, cost)
             # any set with three points among the members would have been found: leave at most two of them as seeds
-            seeds[part] &= ~np.where(np.any(sets, axis=-1, keepdims=True), sets, members)
-            graph[part] *= ~sets[:, :, None] & ~sets[:, None]
-            degree[part] = graph[part].sum(-1)
-    few = np.flatnonzero(~best.kept.any(-1))
-    best.kept[few] = _only_few(clouds[few], tools)
-    won = np.where(best.rival, str(FitStatus.AMBIGUOUS), str(FitStatus.OK))
-    return best.kept & ~best.rival[:, None], np.where(best.size > 0, won, str(FitStatus.NO_CONSENSUS))
+            seeds[rival_rows] &= ~np.where(np.any(sets, axis=-1, keepdims=True), sets, members)
+            graph[rival_rows] *= ~sets[:, :, None] & ~sets[:, None]
+            degree[rival_rows] = graph[rival_rows].sum(-1)
+    without_set = np.flatnonzero(~best.kept.any(-1))
+    best.kept[without_set] = _only_few(clouds[without_set], tools)
+    status = np.where(best.rival, str(FitStatus.AMBIGUOUS), str(FitStatus.OK))
+    return best.kept & ~best.rival[:, None], np.where(best.size > 0, status, str(FitStatus.NO_CONSENSUS))
 
 
-def _may_have_rival(proposed: NDArray, found: NDArray, fewest: NDArray) -> NDArray:
-    """Return the mask of poses in which a candidate may hide a larger set than found (B, N), with another motion."""
-    members, left = proposed.sum(-1), found.sum(-1)
-    return (members >= fewest) & (left < members) & (2 * left < members + FEWEST)
+def _may_have_rival(proposed: NDArray, sets: NDArray, min_size: NDArray) -> NDArray:
+    """Return the mask of poses in which a candidate may hide a larger set than the found sets (B, N), with another
+    motion."""
+    members, remaining = proposed.sum(-1), sets.sum(-1)
+    return (members >= min_size) & (remaining < members) & (2 * remaining < members + FEWEST)
 
 
 def _among_triples(
-    clouds: Clouds, members: NDArray, degree: NDArray, fewest: NDArray, tools: Tools
+    clouds: Clouds, members: NDArray, degree: NDArray, min_size: NDArray, tools: Tools
 ) -> tuple[NDArray, NDArray]:
     """Return the largest sets (B, N) reached from motions of triples of members (B, N), and their costs (B,)."""
     order = np.argsort(np.where(members, -degree, np.inf), axis=-1, kind="stable")
-    most = int(members.sum(-1).max())
-    blocks = -(-most // _TRIPLE_BLOCK)
+    max_members = int(members.sum(-1).max())
+    blocks = -(-max_members // _TRIPLE_BLOCK)
     sets, cost = np.zeros_like(members), np.full(len(members), np.inf)
     for k in range(blocks):
-        start = _near_best_triple(clouds, members, order[:, k:most:blocks])
-        converged, spent = _fixpoints(clouds, start, fewest, tools)
-        more, size = converged.sum(-1), sets.sum(-1)
-        better = (more > size) | (more == size) & (spent < cost)
-        sets[better], cost[better] = converged[better], spent[better]
+        start = _near_best_triple(clouds, members, order[:, k:max_members:blocks])
+        converged, set_cost = _fixpoints(clouds, start, min_size, tools)
+        set_size, size = converged.sum(-1), sets.sum(-1)
+        is_better = (set_size > size) | (set_size == size) & (set_cost < cost)
+        sets[is_better], cost[is_better] = converged[is_better], set_cost[is_better]
     return sets, cost
 
 
@@ -208,12 +217,12 @@ def _near_best_triple(clouds: Clouds, members: NDArray, block: NDArray) -> NDArr
     """Return the points (B, N) near the motion of the triple of members in a block (B, K) that has most points near
     it."""
     triples = np.array(list(combinations(range(block.shape[1]), 3)), int).reshape(-1, 3)
-    out = np.zeros_like(members)
+    near_points = np.zeros_like(members)
     step = max(1, _TRIPLES_AT_ONCE // max(1, len(triples) * members.shape[1]))
     for first in range(0, len(members) if len(triples) else 0, step):
         rows = slice(first, first + step)
-        out[rows] = _near_one_of(clouds[rows], members[rows], block[rows][:, triples])
-    return out
+        near_points[rows] = _near_one_of(clouds[rows], members[rows], block[rows][:, triples])
+    return near_points
 
 
 def _near_one_of(clouds: Clouds, members: NDArray, triples: NDArray) -> NDArray:
@@ -223,14 +232,14 @@ def _near_one_of(clouds: Clouds, members: NDArray, triples: NDArray) -> NDArray:
     x, y, w = (a[index] for a in (clouds.x, clouds.y, members))
     fit = solve_weighted(x.reshape(-1, 3, 3), y.reshape(-1, 3, 3), w.reshape(-1, 3).astype(float))
     motions = np.concatenate([fit.R, fit.t[..., None]], -1).reshape(len(rows), -1, 4)
-    ahead = np.concatenate([np.swapaxes(clouds.x, 1, 2), np.ones((len(rows), 1, clouds.x.shape[1]))], 1)
-    gap = (motions @ ahead).reshape(*triples.shape, -1)  # (B, T, 3, N)
-    gap -= np.swapaxes(clouds.y, 1, 2)[:, None]
-    square = np.sum(np.square(gap, out=gap), axis=2) / np.square(clouds.sigma)[:, None]
-    near = 4 * clouds.limit[:, None, None]  # includes the error of a triple's motion
-    cost = (np.minimum(square, near) @ clouds.seen[..., None].astype(float))[..., 0]
+    homogeneous = np.concatenate([np.swapaxes(clouds.x, 1, 2), np.ones((len(rows), 1, clouds.x.shape[1]))], 1)
+    residual = (motions @ homogeneous).reshape(*triples.shape, -1)  # (B, T, 3, N)
+    residual -= np.swapaxes(clouds.y, 1, 2)[:, None]
+    normalised_square = np.sum(np.square(residual, out=residual), axis=2) / np.square(clouds.sigma)[:, None]
+    limit = 4 * clouds.limit[:, None, None]  # includes the error of a triple's motion
+    cost = (np.minimum(normalised_square, limit) @ clouds.seen[..., None].astype(float))[..., 0]
     best = np.where(np.isnan(cost), np.inf, cost).argmin(-1)
-    return clouds.seen & (square[rows, best] <= near[:, 0])
+    return clouds.seen & (normalised_square[rows, best] <= limit[:, 0])
 
 
 def _only_few(clouds: Clouds, tools: Tools) -> NDArray:

@@ -38,7 +38,7 @@ def robust_pose(
     cov_target: NDArray,
     mask: NDArray,
     *,
-    keep: NDArray | None = None,
+    always_used: NDArray | None = None,
     noise_ratio: float = 1.0,
     false_alarm: float = FALSE_ALARM,
 ) -> tuple[RigidFit, NDArray]:
@@ -46,27 +46,27 @@ def robust_pose(
 
     source (N, 3) or (B, N, 3) and target (B, N, 3) in m; their covariances (N, 3, 3) and (B, N, 3, 3) in m^2, mask (B,
     N). A point is kept while its studentised residual passes a chi-square test with the declared noise times
-    ``noise_ratio``; points of ``keep`` (B, N) always enter the last fit. Status as of `consensus` if no set of points
-    agrees; even then the mask shows the points that do. Raises ValueError as `maximum_likelihood`.
+    ``noise_ratio``; points of ``always_used`` (B, N) always enter the last fit. Status as of `consensus` if no set of
+    points agrees; even then the mask shows the points that do. Raises ValueError as `maximum_likelihood`.
     """
     mask = np.asarray(mask, bool)
     clouds = (source, target, cov_source, cov_target)
     sigma = noise_ratio * _largest_sigma(cov_source, cov_target, mask)
     members, status = consensus(np.broadcast_to(source, target.shape), target, mask, sigma)
-    agreed = status == FitStatus.OK
+    has_consensus = status == FitStatus.OK
     limit = noise_ratio**2 * chi_square_limit(false_alarm, mask)
-    fit = maximum_likelihood(*clouds, members & agreed[:, None])
+    fit = maximum_likelihood(*clouds, members & has_consensus[:, None])
     for _ in range(_ROUNDS):
-        passes = squared_residuals(fit, *clouds, members) <= limit[:, None]
-        renewed = np.where(fit.ok[:, None], mask & passes, members)
+        passes_test = squared_residuals(fit, *clouds, members) <= limit[:, None]
+        renewed = np.where(fit.ok[:, None], mask & passes_test, members)
         if np.array_equal(renewed, members):
             break
         members = renewed
-        fit = maximum_likelihood(*clouds, members & agreed[:, None], start=fit)
-    if keep is not None and keep.any():
-        members = members | keep & mask & agreed[:, None]
-        fit = maximum_likelihood(*clouds, members & agreed[:, None], start=fit)
-    return replace(fit, status=np.where(agreed, fit.status, status)).masked(), members
+        fit = maximum_likelihood(*clouds, members & has_consensus[:, None], start=fit)
+    if always_used is not None and always_used.any():
+        members = members | always_used & mask & has_consensus[:, None]
+        fit = maximum_likelihood(*clouds, members & has_consensus[:, None], start=fit)
+    return replace(fit, status=np.where(has_consensus, fit.status, status)).masked(), members
 
 
 def squared_residuals(
@@ -75,7 +75,7 @@ def squared_residuals(
     target: NDArray,
     cov_source: NDArray,
     cov_target: NDArray,
-    kept: NDArray,
+    inliers: NDArray,
 ) -> NDArray:
     """Return the squared studentised residuals (B, N), chi-square with 3 degrees of freedom for pure noise.
 
@@ -89,10 +89,10 @@ def squared_residuals(
     noise = cov_target + R[:, None] @ cov_source @ np.swapaxes(R, -1, -2)[:, None]
     J = rigid_motions(arm)
     pose = J @ np.where(ok[:, None, None], fit.covariance, 0.0)[:, None] @ np.swapaxes(J, -1, -2)
-    spread = symmetric(noise + np.where(kept, -1.0, 1.0)[..., None, None] * pose)
+    residual_cov = symmetric(noise + np.where(inliers, -1.0, 1.0)[..., None, None] * pose)
     floor = 1e-6 * np.trace(noise, axis1=-2, axis2=-1)
     floor = np.where(floor > 0, floor, 1.0)[..., None, None] * np.eye(3)
-    return np.einsum("bni,bni->bn", r, apply_rotation(np.linalg.inv(spread + floor), r))
+    return np.einsum("bni,bni->bn", r, apply_rotation(np.linalg.inv(residual_cov + floor), r))
 
 
 @dataclass(frozen=True)
@@ -136,7 +136,7 @@ def robust_poses(
     cov_target: NDArray,
     mask: NDArray,
     *,
-    keep: NDArray | None = None,
+    always_used: NDArray | None = None,
 ) -> tuple[RigidFit, NDArray, float]:
     """Return the results of `robust_pose` for one body over many poses, and the ratio of its scatter to the declared
     noise.
@@ -145,8 +145,10 @@ def robust_poses(
     rigid, is not a gross error: if the poses together scatter more than declared, that scatter is the criterion for
     points. The covariances stay those of the declared noise.
     """
-    keep = np.zeros_like(mask) if keep is None else keep
-    return fit_robustly(RobustBody(source, cov_source, mask, keep, lambda rows: (target[rows], cov_target[rows])))
+    always_used = np.zeros_like(mask) if always_used is None else always_used
+    return fit_robustly(
+        RobustBody(source, cov_source, mask, always_used, lambda rows: (target[rows], cov_target[rows]))
+    )
 
 
 def fit_robustly(body: RobustBody) -> tuple[RigidFit, NDArray, float]:
@@ -154,14 +156,14 @@ def fit_robustly(body: RobustBody) -> tuple[RigidFit, NDArray, float]:
     ratio = 1.0
     for _ in range(_ROUNDS):
         blocks = _fit_in_blocks(body, body.blocks(), ratio)
-        renewed = _noise_ratio(blocks, body)
-        if renewed < _WORTH_ANOTHER_ROUND * ratio:
+        new_ratio = _noise_ratio(blocks, body)
+        if new_ratio < _WORTH_ANOTHER_ROUND * ratio:
             break
-        ratio = renewed
-    wider = _ratio_that_most_poses_need(blocks.fit, body, ratio)
-    if wider != ratio:
-        blocks = _fit_in_blocks(body, body.blocks(), wider)
-    return blocks.fit, blocks.kept, wider
+        ratio = new_ratio
+    enlarged_ratio = _ratio_that_most_poses_need(blocks.fit, body, ratio)
+    if enlarged_ratio != ratio:
+        blocks = _fit_in_blocks(body, body.blocks(), enlarged_ratio)
+    return blocks.fit, blocks.kept, enlarged_ratio
 
 
 def _fit_in_blocks(body: RobustBody, blocks: Sequence[slice | NDArray], ratio: float) -> RobustFit:
@@ -174,7 +176,7 @@ def _fit_in_blocks(body: RobustBody, blocks: Sequence[slice | NDArray], ratio: f
 def _fit_block(body: RobustBody, rows: slice | NDArray, ratio: float) -> RobustFit:
     target, cov_target = body.points(rows)
     mask, clouds = body.mask[rows], (body.source, target, body.cov_source, cov_target)
-    fit, members = robust_pose(*clouds, mask, keep=body.keep[rows], noise_ratio=ratio)
+    fit, members = robust_pose(*clouds, mask, always_used=body.keep[rows], noise_ratio=ratio)
     distance = lengths(target - fit.apply(body.source))
     scatter = residual_scale(distance / _largest_sigma(body.cov_source, cov_target, mask), mask)
     return RobustFit(fit, members, scatter)
@@ -184,14 +186,14 @@ def _ratio_that_most_poses_need(fit: RigidFit, body: RobustBody, ratio: float) -
     """Return the least larger noise ratio with which nearly all poses have a consensus, or the given one. A flexing
     body has longer tails than noise, and three or four targets in one pose do not separate these from gross errors.
     Gross errors stay gross at any moderate ratio."""
-    without = np.flatnonzero(np.isin(fit.status, [str(FitStatus.NO_CONSENSUS), str(FitStatus.AMBIGUOUS)]))
-    allowed = max(1.0, _WITHOUT_AGREEMENT * (body.mask.sum(-1) >= 3).sum())
-    if len(without) <= allowed:
+    without_consensus = np.flatnonzero(np.isin(fit.status, [str(FitStatus.NO_CONSENSUS), str(FitStatus.AMBIGUOUS)]))
+    max_failures = max(1.0, _WITHOUT_AGREEMENT * (body.mask.sum(-1) >= 3).sum())
+    if len(without_consensus) <= max_failures:
         return ratio
-    for wider in ratio * _WIDER:
-        again = _fit_in_blocks(body, body.blocks(without), wider)
-        if np.sum(~again.fit.ok) <= allowed:
-            return float(wider)
+    for enlarged_ratio in ratio * _WIDER:
+        refitted = _fit_in_blocks(body, body.blocks(without_consensus), enlarged_ratio)
+        if np.sum(~refitted.fit.ok) <= max_failures:
+            return float(enlarged_ratio)
     return ratio
 
 
@@ -218,11 +220,11 @@ def target_scatter(fit: RigidFit, source: NDArray, target: NDArray, cov_target: 
     return scatter_of_lengths(length, np.trace(cov_target, axis1=-2, axis2=-1) / 3, mask & fit.ok[:, None])
 
 
-def scatter_of_lengths(length: NDArray, variance: NDArray, seen: NDArray) -> NDArray:
+def scatter_of_lengths(length: NDArray, variance: NDArray, observed: NDArray) -> NDArray:
     """Return the result of `target_scatter` from residual lengths (B, N), m, and variances (B, N) per coordinate."""
-    tau = np.zeros(seen.shape[1])
-    for k in np.flatnonzero(seen.sum(axis=0) >= _FEWEST_POSES):
-        rows = seen[:, k]
+    tau = np.zeros(observed.shape[1])
+    for k in np.flatnonzero(observed.sum(axis=0) >= _FEWEST_POSES):
+        rows = observed[:, k]
         noise = np.median(variance[rows, k]) * MEDIAN_LENGTH**2
         tau[k] = np.sqrt(max(np.median(length[rows, k]) ** 2 - noise, 0.0)) / _MEDIAN_ABSOLUTE
     return tau
@@ -231,8 +233,8 @@ def scatter_of_lengths(length: NDArray, variance: NDArray, seen: NDArray) -> NDA
 def sigma_of_some_poses(body: RobustBody) -> float:
     """Return the result of `sigma_from_distances`, of evenly spaced poses if there are too many pairs of points."""
     poses, targets = body.mask.shape
-    some = min(poses, max(1, 2 * _MOST_PAIRS // max(targets * (targets - 1), 1)))
-    rows = np.linspace(0, poses - 1, some).astype(np.int64)
+    max_poses = min(poses, max(1, 2 * _MOST_PAIRS // max(targets * (targets - 1), 1)))
+    rows = np.linspace(0, poses - 1, max_poses).astype(np.int64)
     return sigma_from_distances(body.source, body.points(rows)[0], body.mask[rows])
 
 
@@ -244,8 +246,8 @@ def sigma_from_distances(source: NDArray, target: NDArray, mask: NDArray) -> flo
     """
     i, j = np.triu_indices(source.shape[-2], 1)
     change = np.linalg.norm(target[:, i] - target[:, j], axis=-1) - np.linalg.norm(source[i] - source[j], axis=-1)
-    both = mask[:, i] & mask[:, j]
-    return float(np.median(np.abs(change[both])) / _MEDIAN_ABSOLUTE / np.sqrt(2)) if both.any() else 0.0
+    is_observed = mask[:, i] & mask[:, j]
+    return float(np.median(np.abs(change[is_observed])) / _MEDIAN_ABSOLUTE / np.sqrt(2)) if is_observed.any() else 0.0
 
 
 def _largest_sigma(cov_source: NDArray, cov_target: NDArray, mask: NDArray) -> NDArray:
