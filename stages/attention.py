@@ -200,9 +200,9 @@ def _surveyed(contents: CampaignContents, body: object) -> list[object]:
     """Targets of a body in the survey."""
     survey = contents.tables.get("survey")
     pairs = zip(_column(survey, "body"), _column(survey, "target"), strict=True)
-    return [target for of, target in pairs if of == body]
+    return [target for owner, target in pairs if owner == body]
 
 
-def _listed(what: str, names: list[str]) -> str:
-    many = {"body": "bodies", "surveyed body": "surveyed bodies"}.get(what, f"{what}s")
-    return f"{what if len(names) == 1 else many} {listed(names)}"
+def _listed(noun: str, names: list[str]) -> str:
+    many = {"body": "bodies", "surveyed body": "surveyed bodies"}.get(noun, f"{noun}s")
+    return f"{noun if len(names) == 1 else many} {listed(names)}"

@@ -72,7 +72,9 @@ def positioning_rows(table: pa.Table, columns: AxisColumns, settings: Campaign) 
 
 def _arranged(readings: Array, group: Index, direction: Array, targets: int) -> Array:
     """Return readings (P, 2, C) by target, direction and repeat, NaN where there are fewer repeats."""
-    cells = {(k, w): readings[(group == k) & (direction == way)] for k in range(targets) for w, way in enumerate(_WAYS)}
+    cells = {
+        (k, w): readings[(group == k) & (direction == sign)] for k in range(targets) for w, sign in enumerate(_WAYS)
+    }
     cells = {place: own[np.isfinite(own)] for place, own in cells.items()}
     found = np.full((targets, 2, max(2, *(len(own) for own in cells.values()))), np.nan)
     for place, cell in cells.items():
@@ -91,16 +93,16 @@ def _add(rows: Rows, run: str, names: list[str], deviation: Array, unit: str, ta
             rows.add(run=run, figure=figure, subject=subject, value=float(value), unit=own, **more)
 
     for place, name in enumerate(names):
-        for way, words in enumerate(_WAYS.values()):
-            add(f"mean_{words}", name, found.mean[place, way])
-            add(f"s_{words}", name, found.scatter[place, way])
-            add(f"R_{words}", name, found.repeatability_at[place, way])
-            add(f"n_{words}", name, float(repeats[place, way]))
+        for direction_index, words in enumerate(_WAYS.values()):
+            add(f"mean_{words}", name, found.mean[place, direction_index])
+            add(f"s_{words}", name, found.scatter[place, direction_index])
+            add(f"R_{words}", name, found.repeatability_at[place, direction_index])
+            add(f"n_{words}", name, float(repeats[place, direction_index]))
         add("B", name, found.reversal_at[place])
         add("R", name, found.bidirectional_at[place])
-    for way, words in enumerate(_WAYS.values()):
+    for direction_index, words in enumerate(_WAYS.values()):
         for symbol, field in _OF_AXIS.items():
-            add(f"{symbol}_{words}", None, getattr(found, field)[way])
+            add(f"{symbol}_{words}", None, getattr(found, field)[direction_index])
     known = {}
     if repeats.min() > 1:
         known = positioning_uncertainty(deviation, target, np.random.default_rng(SEED))

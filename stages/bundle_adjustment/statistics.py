@@ -175,8 +175,8 @@ def _lengths_of_survey(places: dict[str, Array], survey: SurveyedPoints | None) 
 def _known_point_lengths(adjusted: AdjustedNetwork, state: NetworkState, pose: int) -> list[tuple[str, float, float]]:
     """Known points whose shape agrees with the rays."""
     network = adjusted.adjustment.network
-    here = network.point_pose[network.known.point] == pose
-    rows = np.flatnonzero(here & np.isfinite(state.points[network.known.point, 0]))
+    is_of_pose = network.point_pose[network.known.point] == pose
+    rows = np.flatnonzero(is_of_pose & np.isfinite(state.points[network.known.point, 0]))
     if adjusted.adjustment.datum != "known" or len(rows) < _FEWEST:
         return []
     reported = scale_ratio(state.points[network.known.point[rows]], network.known.xyz_m[rows])

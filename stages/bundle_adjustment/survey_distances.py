@@ -65,8 +65,8 @@ def unobserved_bars(bars: pa.Table | None, rays: pa.Table) -> list[str]:
         ends = {row["first"], row["second"]}
         if not any(ends <= points for points in seen.values()):
             lost = ", ".join(sorted(ends - every))
-            what = f"no image shows {lost}" if lost else "no pose shows both ends"
-            text[row["bar"]] = f"scale bar {row['bar']}: {what}"
+            reason = f"no image shows {lost}" if lost else "no pose shows both ends"
+            text[row["bar"]] = f"scale bar {row['bar']}: {reason}"
     return list(text.values())
 
 
@@ -116,14 +116,14 @@ def _markers(
 def _board(board: Any, seen: Sequence[frozenset[str]], noise_mm: float | None) -> list[dict[str, object]]:
     """Rows of scale_bars: two longest diagonals of a board of known squares, between corners in all poses with the
     board; seen: points of each pose."""
-    there = [points for points in seen if any(name.startswith(f"{board.label}-") for name in points)]
-    if board.square_mm is None or not there:
+    points_of_pose = [points for points in seen if any(name.startswith(f"{board.label}-") for name in points)]
+    if board.square_mm is None or not points_of_pose:
         return []
     for inset in range(min(board.columns, board.rows) // 2):
         left, right, top, bottom = inset, board.columns - 1 - inset, inset, board.rows - 1 - inset
         ends = ((left, top), (right, bottom)), ((right, top), (left, bottom))
         names = [tuple(f"{board.label}-{y * board.columns + x}" for x, y in pair) for pair in ends]
-        if all(set(names[0]) | set(names[1]) <= points for points in there):
+        if all(set(names[0]) | set(names[1]) <= points for points in points_of_pose):
             length = board.square_mm * float(np.hypot(right - left, bottom - top))
             sigma = 2**0.5 * noise_mm if noise_mm else PRINTED_TO * length
             return [_bar(f"{FROM_MARKER}{a} to {b}", (a, b), length, sigma) for a, b in names]
@@ -141,9 +141,9 @@ def _surveyed(settings: Any, survey: SurveyedPoints | None) -> list[dict[str, ob
         places = np.flatnonzero(known & (survey.bodies == body))
         name, xyz, variance = survey.names[places], survey.xyz_mm[places], survey.variance_mm2[places]
         for first, second in _distant_pairs(xyz):
-            apart = xyz[second] - xyz[first]
-            length = float(np.linalg.norm(apart))
-            sigma = float(np.sqrt((variance[first] + variance[second]) @ (apart / length) ** 2))
+            difference = xyz[second] - xyz[first]
+            length = float(np.linalg.norm(difference))
+            sigma = float(np.sqrt((variance[first] + variance[second]) @ (difference / length) ** 2))
             bar = f"{FROM_SURVEY}{name[first]} to {name[second]}"
             rows.append(_bar(bar, (name[first], name[second]), length, sigma))
     return rows

@@ -47,8 +47,12 @@ class NetworkTables:
         self.common_sigma = np.sqrt(np.diagonal(self.common))
         self.parameters = tuple(self._parameter(*name) for name in self.covariance.names)
 
-    def _parameter(self, of: str, what: str | int) -> str:
-        return f"bar {self.named.bars[int(what)]}" if of == "bar" and not isinstance(what, str) else f"{of} {what}"
+    def _parameter(self, owner: str, element: str | int) -> str:
+        return (
+            f"bar {self.named.bars[int(element)]}"
+            if owner == "bar" and not isinstance(element, str)
+            else f"{owner} {element}"
+        )
 
     def all(self, bars: pa.Table | None) -> dict[str, pa.Table]:
         """All tables by artifact name."""
@@ -243,10 +247,10 @@ class NetworkTables:
             length, sigma = self._distance(pose, first, second)
             reported = {key: bar_rows[row][key] for key in ARTIFACTS["scale_bars"].columns}
             alone = np.hypot(reported["sigma_mm"], reported["repeat_sigma_mm"])
-            apart = self._deviation_sigma(reported, sigma, alone)
+            deviation_sigma = self._deviation_sigma(reported, sigma, alone)
             rows.append(
                 {"pose": self.named.poses[pose], **reported, "adjusted_mm": length, "adjusted_sigma_mm": sigma}
-                | {"deviation_mm": length - reported["length_mm"], "deviation_sigma_mm": apart}
+                | {"deviation_mm": length - reported["length_mm"], "deviation_sigma_mm": deviation_sigma}
             )
         return table_of_rows("scale_bar_lengths", rows, self.named)
 
@@ -262,9 +266,9 @@ class NetworkTables:
         numbers = self.covariance.point_numbers(pose)
         place = np.array([int(np.flatnonzero(numbers == point)[0]) for point in (first, second)])
         cov = self.covariance.joint(pose, place) * self.factor
-        apart = self.adjusted.state.points[second] - self.adjusted.state.points[first]
-        length = float(np.linalg.norm(apart))
-        along = np.concatenate([-apart, apart]) / length
+        difference = self.adjusted.state.points[second] - self.adjusted.state.points[first]
+        length = float(np.linalg.norm(difference))
+        along = np.concatenate([-difference, difference]) / length
         return 1e3 * length, 1e3 * max(float(along @ cov @ along), 0.0) ** 0.5
 
 

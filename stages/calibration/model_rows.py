@@ -133,8 +133,8 @@ def _moved_by_load(structure: Structure, machine: Machine, measured: MeasuredPla
     calibration of the geometry cannot take up.
     """
     loaded = under_load(machine, measured)
-    free, held = (poses_at(structure, one, measured.rho) for one in (machine, loaded))
-    moved = (held.p - free.p)[free.converged & held.converged] * 1e6
+    free, loaded_poses = (poses_at(structure, one, measured.rho) for one in (machine, loaded))
+    moved = (loaded_poses.p - free.p)[free.converged & loaded_poses.converged] * 1e6
     if not len(moved):
         return []
     sizes = {"load_shift_rms": moved, "load_shift_varying": moved - moved.mean(axis=0)}
@@ -151,7 +151,7 @@ def accuracy_rows(artifact: str, reported: Sequence[tuple[Key, PoseErrors]], mea
         rows.add(
             model=model,
             deformation=deformation,
-            pose=[pose for pose, good in zip(measured.poses, is_finite, strict=True) if good],
+            pose=[pose for pose, finite in zip(measured.poses, is_finite, strict=True) if finite],
             role=measured.roles[is_finite],
             position_error_um=map_errors.position[is_finite] * 1e6,
             orientation_error_arcsec=map_errors.orientation[is_finite] / ARCSEC,
@@ -184,14 +184,14 @@ def limit_rows(
     variances: NDArray,
     held_out: NDArray,
     why_not: Mapping[str, str] = MappingProxyType({}),
-    what: str = "poses",
+    requirement: str = "poses",
 ) -> Rows:
     """One row per component (K units by name) with a limit, as `requirement_rows`; errors (B, K) in these units.
 
-    ``why_not``: by component, why no model meets its requirement; ``what``: that whose errors are compared, in words.
+    ``why_not``: by component, why no model meets its requirement; ``requirement``: name of the compared errors.
     """
     rows, assessed = Rows("requirements"), held_out if held_out.any() else ~held_out
-    by = "" if held_out.any() else f", evaluated at the fitted {what}"
+    by = "" if held_out.any() else f", evaluated at the fitted {requirement}"
     for i, ((component, unit), limit) in enumerate(zip(components.items(), limits, strict=True)):
         if limit is None:
             continue
@@ -201,7 +201,7 @@ def limit_rows(
         decision = deciding_pose_count(
             errors_of_axis, noise, limit, 0 if held_out.any() else int(np.isfinite(errors_of_axis).sum())
         )
-        words = _requirement_words(interval, verdict, limit, unit, what) + (by if interval else "")
+        words = _requirement_words(interval, verdict, limit, unit, requirement) + (by if interval else "")
         if (why := why_not.get(component)) and verdict in ("meets", "undecided"):
             verdict, words = "not evaluated", f"not tested: {why}"
         rows.add(
@@ -242,11 +242,11 @@ def _verdict(interval: Interval | None, limit: float) -> str:
     return "fails" if interval.lower > limit else "undecided"
 
 
-def _requirement_words(interval: Interval | None, verdict: str, limit: float, unit: str, what: str) -> str:
+def _requirement_words(interval: Interval | None, verdict: str, limit: float, unit: str, requirement: str) -> str:
     if interval is None:
-        return f"not measured at any of the {what}"
+        return f"not measured at any of the {requirement}"
     bounds = f"between {interval.lower:.2g} and {interval.upper:.2g}"
-    text = f"95 of 100 {what} stay below {interval.value:.2g} {unit} ({bounds})"
+    text = f"95 of 100 {requirement} stay below {interval.value:.2g} {unit} ({bounds})"
     if interval.value == 0:
         text = f"no error above the measurement noise (at most {interval.upper:.2g} {unit})"
     return f"{text}, required {limit:g} {unit}: {verdict}"

@@ -135,8 +135,8 @@ def _reason_unreachable(data: CalibrationData) -> str:
         return ""
     if not reaches(legs, legs.rho0[None]).all():
         return "the legs of [mechanism] cannot meet the platform at their reference readings"
-    count, of = int((~reaches(legs, rho)).sum()), counted(len(rho), "pose")
-    text = f"the legs of [mechanism] cannot meet the platform at the readings of {count} of {of}"
+    count, poses_text = int((~reaches(legs, rho)).sum()), counted(len(rho), "pose")
+    text = f"the legs of [mechanism] cannot meet the platform at the readings of {count} of {poses_text}"
     return text if 2 * count > len(rho) else ""
 
 

@@ -99,7 +99,7 @@ def matrix_rows(
     theory: Theory | None,
     sensor_calibrations: SensorCalibrations | None,
     legs: LegMatrix | None,
-    beside: OtherCalibrations | None,
+    other_calibrations: OtherCalibrations | None,
 ) -> Rows:
     """Every matrix entry by entry."""
     rows = Rows("sensor_matrix")
@@ -113,10 +113,10 @@ def matrix_rows(
             chosen = k == sensor_calibrations.choice.choice.chosen
             more = {"sigma_by_case": sensor_calibrations.by_case.sigma.ravel()} if chosen else {}
             _entries(rows, ("G_B", matrix_name.fit.model.name), matrix, names, _PER_MV, chosen=chosen, **more)
-        if beside is not None:
-            loads = "loads as written" if not beside.found.causes else "findings applied"
-            name = "G_B", f"{beside.fitted.chosen.model.name}, {loads}"
-            _entries(rows, name, beside.fitted.matrix, names, _PER_MV)
+        if other_calibrations is not None:
+            loads = "loads as written" if not other_calibrations.found.causes else "findings applied"
+            name = "G_B", f"{other_calibrations.fitted.chosen.model.name}, {loads}"
+            _entries(rows, name, other_calibrations.fitted.matrix, names, _PER_MV)
         _term_rows(rows, sensor_calibrations)
     if legs is not None:
         _entries(rows, ("G_B'", legs.model), legs.estimate, _names_of(legs.estimate), ("1", "m"), chosen=True)
@@ -240,8 +240,8 @@ def _theory_errors(
         angle = figure.replace("error", "angle")
         _merit_row(rows, name, None, angle, float(value), float(sigma), load, "deg")
     for length in lengths:
-        theirs = condition_number(per_length(estimate, length)).value
-        value, sigma = _pair(relative_errors(theirs, condition_number(per_length(legs.estimate, length))))
+        condition = condition_number(per_length(estimate, length)).value
+        value, sigma = _pair(relative_errors(condition, condition_number(per_length(legs.estimate, length))))
         _merit_row(rows, name, length, figure, 100 * value, 100 * sigma, "condition", "%")
 
 
@@ -273,22 +273,22 @@ def calibrate_sensor(tables: Mapping[str, pa.Table], settings: Campaign, progres
         return outcome_without_sensor(why)
     sensitivity, tolerance = settings.signals.sensitivity_mv_per_n, settings.signals.sensitivity_tolerance
     legs = None if fitted is None else leg_matrix(fitted, sensitivity, tolerance)
-    beside = None if fitted is None else _with_other_loads(tables, settings)
+    other_calibrations = None if fitted is None else _with_other_loads(tables, settings)
     artifacts = {
-        "sensor_matrix": matrix_rows(drawn, fitted, legs, beside).table(),
+        "sensor_matrix": matrix_rows(drawn, fitted, legs, other_calibrations).table(),
         "sensor_merit": merit_rows(drawn, fitted, legs).table(),
     }
     if recorded_loads is None or fitted is None:
         empty = {name: ARTIFACTS[name].empty() for name in ("sensor_choice", "error_classes")}
         figure = f"G by [mechanism]; G_B not evaluated: {why}"
         return Outcome(artifacts | empty, "the drawing", "nothing", figure, why_not=why)
-    if beside is not None:
-        artifacts["calibrations_compared"] = compared_rows(recorded_loads, fitted, beside).table()
+    if other_calibrations is not None:
+        artifacts["calibrations_compared"] = compared_rows(recorded_loads, fitted, other_calibrations).table()
     ranges = ranges_of(settings, recorded_loads)
     artifacts["sensor_choice"] = choice_rows(recorded_loads, fitted).table()
     artifacts["error_classes"] = error_class_rows(recorded_loads, fitted, ranges).table()
     about = {"calibration": fitted.chosen.model.name, "data": WITH_FINDINGS if recorded_loads.causes else AS_RECORDED}
-    requirements = requirement_rows_of_loads(settings, recorded_loads, fitted, beside)
+    requirements = requirement_rows_of_loads(settings, recorded_loads, fitted, other_calibrations)
     if requirements.count:
         artifacts["requirements"] = requirements.table()
     sensor = calibrated_sensor(
@@ -310,7 +310,10 @@ def calibrate_sensor(tables: Mapping[str, pa.Table], settings: Campaign, progres
 
 
 def requirement_rows_of_loads(
-    settings: Campaign, recorded_loads: RecordedLoads, fitted: SensorCalibrations, beside: OtherCalibrations | None
+    settings: Campaign,
+    recorded_loads: RecordedLoads,
+    fitted: SensorCalibrations,
+    other_calibrations: OtherCalibrations | None,
 ) -> Rows:
     """One row per required component of the load, by errors of runs that were not fitted."""
     keys = {name: f"{name}_{'n' if name.startswith('f') else 'nm'}" for name in fitted.table.load_names}
@@ -319,18 +322,21 @@ def requirement_rows_of_loads(
     errors = errors_by_run(recorded_loads, fitted)
     variances = np.broadcast_to(recorded_loads.load_sigma**2, errors.shape)
     every = np.ones(len(errors), bool)
-    key, why = (fitted.chosen.model.name, "none"), dict.fromkeys(_misrecorded(recorded_loads, beside), _NOT_AS_RECORDED)
+    key, why = (
+        (fitted.chosen.model.name, "none"),
+        dict.fromkeys(_misrecorded(recorded_loads, other_calibrations), _NOT_AS_RECORDED),
+    )
     return limit_rows(units, limits, key, errors, variances, every, why, "runs")
 
 
-def _misrecorded(recorded_loads: RecordedLoads, beside: OtherCalibrations | None) -> list[str]:
+def _misrecorded(recorded_loads: RecordedLoads, other_calibrations: OtherCalibrations | None) -> list[str]:
     """Components of the load that acted otherwise than recorded by a finding that the calibration leaves out.
 
     Every run has the same bias then, so that held-out errors do not show it.
     """
-    if beside is None or recorded_loads.causes:
+    if other_calibrations is None or recorded_loads.causes:
         return []
-    differs = (beside.found.load != beside.found.steps.load).any(axis=0)
+    differs = (other_calibrations.found.load != other_calibrations.found.steps.load).any(axis=0)
     return [name for name, is_other in zip(LOADS, differs, strict=True) if is_other]
 
 
@@ -343,14 +349,19 @@ def _with_other_loads(tables: Mapping[str, pa.Table], settings: Campaign) -> Oth
         return None
 
 
-def compared_rows(recorded_loads: RecordedLoads, fitted: SensorCalibrations, beside: OtherCalibrations) -> Rows:
+def compared_rows(
+    recorded_loads: RecordedLoads, fitted: SensorCalibrations, other_calibrations: OtherCalibrations
+) -> Rows:
     """Errors of held-out loads of the main calibration and of the alternative one.
 
     ``rms_unchanged`` is over the load steps of both that no finding changes.
     """
-    rows, both = Rows("calibrations_compared"), ((recorded_loads, fitted), (beside.found, beside.fitted))
+    rows, both = (
+        Rows("calibrations_compared"),
+        ((recorded_loads, fitted), (other_calibrations.found, other_calibrations.fitted)),
+    )
     moved = {name for one, _ in both for name in compress(_steps(one), one.moved.tolist())}
-    same = set(_held_out_steps(recorded_loads)) & set(_held_out_steps(beside.found)) - moved
+    same = set(_held_out_steps(recorded_loads)) & set(_held_out_steps(other_calibrations.found)) - moved
     for calibration_data, own in both:
         errors, names = own.choice.chosen.errors, own.table.load_names
         errors_used = errors[[name in same for name in _held_out_steps(calibration_data)]]

@@ -72,15 +72,15 @@ def fit_of_distances(tree: Tree, measured: MeasuredLinks, conditions: ChainCondi
     tools = np.tile(np.eye(3), (len(node), 1, 1))
 
     def start_of(chosen: Mask, given: ChainConditions, other: Array | None = None) -> StartValues:
-        used, of = fitted & chosen, measured.values if other is None else other
-        lines = lines_at(tree, node, ends, given.subset(used), of[used, :, 0], measured.seen[used])
+        used, observations = fitted & chosen, measured.values if other is None else other
+        lines = lines_at(tree, node, ends, given.subset(used), observations[used, :, 0], measured.seen[used])
         shape = fitted_places(lines, np.nan_to_num(measured.surveyed), free, is_station(measured))
         errors = lines.errors(shape)[..., None]
         rms = float(np.sqrt(np.nanmean(errors**2)))
         return StartValues(np.eye(3)[None], np.zeros((1, 3)), shape, tools, rms, lines.spread(shape), errors)
 
-    def errors_at(places: StartValues, given: ChainConditions, of: Array) -> Array:
-        lines = lines_at(tree, node, ends, given, of[..., 0], measured.seen)
+    def errors_at(places: StartValues, given: ChainConditions, observations: Array) -> Array:
+        lines = lines_at(tree, node, ends, given, observations[..., 0], measured.seen)
         return lines.errors(places.shape)[..., None]
 
     R, t = np.tile(np.eye(3), (count, 1, 1)), np.zeros((count, 3))

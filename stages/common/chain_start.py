@@ -86,10 +86,10 @@ def nominal_fit(
             base = np.eye(3)[None], np.zeros((1, 3))
 
     def start_of(chosen: Mask, given: ChainConditions, other: Array | None = None) -> StartValues:
-        used, of = fitted & chosen, values if other is None else other
-        return start_values(tree, channels, given.subset(used), of[used], measured.seen[used], surveyed, base)
+        used, observations = fitted & chosen, values if other is None else other
+        return start_values(tree, channels, given.subset(used), observations[used], measured.seen[used], surveyed, base)
 
-    def errors(places: StartValues, given: ChainConditions, of: Array) -> Array:
-        return errors_at(tree, channels, given, of, measured.seen, places)
+    def errors(places: StartValues, given: ChainConditions, observations: Array) -> Array:
+        return errors_at(tree, channels, given, observations, measured.seen, places)
 
     return NominalFit(R, t, reference, base is not None, start_of, errors, values, measured.is_position)

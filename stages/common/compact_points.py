@@ -107,9 +107,11 @@ def compact_points(
     for batch in table_batches(observations, ("pose", "body", "target", *_POINT, *_SIGMA, *_CORRELATION)):
         pose, labels = positions(batch.column("pose"), names.poses), _labels(batch)
         at = np.array([place.get(pair, -1) for pair in labels.names], np.int64)[labels.number]
-        of = np.array([wanted.index(body) if body in filling else -1 for body, _ in labels.names])[labels.number]
+        body_number = np.array([wanted.index(body) if body in filling else -1 for body, _ in labels.names])[
+            labels.number
+        ]
         for number, body in enumerate(wanted):
-            rows = np.flatnonzero(of == number)
+            rows = np.flatnonzero(body_number == number)
             if len(rows):
                 filling[body].add(pose[rows], at[rows], batch.take(rows))
     return {

@@ -69,8 +69,8 @@ def exclusion_row(number: int, rule: Overrule, subject: str, change: Array, over
 
 def decided(steps: RecordedSteps, rules: Sequence[Overrule], verb: str) -> Decided:
     """Readings and signals that rules match; verb: excluded, or kept."""
-    there = np.isfinite(np.concatenate([steps.reading, steps.signal], 1))
-    return Decided(*chosen_by(there.shape, rules, verb, lambda rule: matched(steps, rule) & there))
+    is_recorded = np.isfinite(np.concatenate([steps.reading, steps.signal], 1))
+    return Decided(*chosen_by(is_recorded.shape, rules, verb, lambda rule: matched(steps, rule) & is_recorded))
 
 
 def matched(steps: RecordedSteps, rule: Overrule) -> Mask:
@@ -94,5 +94,5 @@ def without_excluded(steps: RecordedSteps, settings: Campaign) -> tuple[Recorded
 def excluded_words(out: Decided) -> str:
     """Number of excluded readings and signals in words; empty for none."""
     counts = {"reading": int(out.readings.sum()), "signal": int(out.signals.sum())}
-    text = " and ".join(f"{n} {what}{'s' * (n > 1)}" for what, n in counts.items() if n)
+    text = " and ".join(f"{n} {noun}{'s' * (n > 1)}" for noun, n in counts.items() if n)
     return f"{text} excluded by a person" if text else ""

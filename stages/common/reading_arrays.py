@@ -66,8 +66,8 @@ def _common(tables: Mapping[str, pa.Table], at: Mapping[str, Index], count: int)
             _complete(arrays, name, rows, number_column(table, name), count)
         for name, column in covariates.items():
             values = number_column(table, name)
-            apart = _columns_differ(arrays.get(column), rows, values)
-            _complete(arrays, f"{kind}.{column}" if apart else column, rows, values, count)
+            differing = _columns_differ(arrays.get(column), rows, values)
+            _complete(arrays, f"{kind}.{column}" if differing else column, rows, values, count)
         if "role" in table.schema.names:
             arrays["held_out"][rows] = np.asarray(table.column("role").to_pylist(), object) == "verification"
     for name in LOAD_COLUMNS:

@@ -74,26 +74,26 @@ def _recorded(
     declared_range = np.full(signal.shape, np.nan if declared is None else declared)
     curves = run_curves(steps.load, steps.time_s, steps.run, signal, declared_range)
     by_person = decided(steps, settings.keep, "kept").signals
-    good = np.asarray(~(curves.rejected & ~by_person).any(axis=1))
+    is_accepted = np.asarray(~(curves.rejected & ~by_person).any(axis=1))
     sigma = np.full(signal.shape[1], declared) if declared is not None else np.nanmedian(curves.sigma, axis=0)
     covariate, names = _covariates(steps, settings.mechanism.reference_temperature_c)
-    zero, apart = zeros_of_runs(steps, signal, sigma, covariate, good)
+    zero, apart = zeros_of_runs(steps, signal, sigma, covariate, is_accepted)
     apart = apart if tared is None else tared
-    subset = steps.subset(good)
+    subset = steps.subset(is_accepted)
     noise = settings.noise
     load, causes = _acting(model, subset)
     return RecordedLoads(
         subset,
         load,
         (*dict.fromkeys(f"{cause.id} of {cause.subject}" for cause in exchanged), *causes),
-        (load != plain[good]).any(axis=1),
-        (signal - zero[steps.run] if apart else signal)[good],
+        (load != plain[is_accepted]).any(axis=1),
+        (signal - zero[steps.run] if apart else signal)[is_accepted],
         sigma,
         np.repeat([noise.load_n, noise.load_nm], 3),
-        covariate[good],
+        covariate[is_accepted],
         names,
         apart,
-        int((~good).sum()),
+        int((~is_accepted).sum()),
         int(out.signals.any(axis=1).sum()),
     )
 

@@ -30,13 +30,17 @@ def repeated_poses(configurations: pa.Table, drives: tuple[str, ...], actuator_m
 def declared_repeats(configurations: pa.Table) -> list[Index]:
     """Rows of the configurations, by group, that the column ``repeat_of`` joins."""
     poses = [str(pose) for pose in configurations.column("pose").to_pylist()]
-    first = {pose: of for pose, of in zip(poses, configurations.column(DECLARED).to_pylist(), strict=True) if of}
+    first = {
+        pose: repeated_pose
+        for pose, repeated_pose in zip(poses, configurations.column(DECLARED).to_pylist(), strict=True)
+        if repeated_pose
+    }
     root = []
     for pose in poses:
         met = {pose}
-        while (of := first.get(pose)) is not None and of not in met:
-            pose = of
-            met.add(of)
+        while (repeated_pose := first.get(pose)) is not None and repeated_pose not in met:
+            pose = repeated_pose
+            met.add(repeated_pose)
         root.append(pose)
     rows = np.array(root, dtype=object)
     groups = (np.flatnonzero(rows == pose) for pose in dict.fromkeys(root))

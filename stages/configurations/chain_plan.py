@@ -21,11 +21,11 @@ if TYPE_CHECKING:
 
 def verification_poses(drawn: NDArray, chosen: NDArray, ranges: JointRanges, count: int) -> Array:
     """Return candidates far from the chosen poses and from each other, in shares of the ranges of the joints."""
-    apart = np.abs((drawn[:, None] - chosen) / ranges.width).max(-1).min(1)
+    distance = np.abs((drawn[:, None] - chosen) / ranges.width).max(-1).min(1)
     chosen_poses: list[int] = []
     for _ in range(count):
-        chosen_poses.append(int(np.argmax(apart)))
-        apart = np.minimum(apart, np.abs((drawn - drawn[chosen_poses[-1]]) / ranges.width).max(-1))
+        chosen_poses.append(int(np.argmax(distance)))
+        distance = np.minimum(distance, np.abs((drawn - drawn[chosen_poses[-1]]) / ranges.width).max(-1))
     return np.asarray(drawn[chosen_poses])
 
 

@@ -63,16 +63,16 @@ def _cause_table(poses: PlannedPoses, probes: PlannedPoses, causes: Sequence[Cha
     """A row per parameter of each cause: its expected sigma, and the cause most like it with what would separate
     them."""
     sights = cause_sights(poses, causes)
-    apart = rest_apart(sights)
-    nearest = apart.argmin(1) if len(sights) > 1 else np.zeros(len(sights), int)
-    alike = [k for k in range(len(sights)) if sights[k].signal >= APART > apart[k, nearest[k]]]
+    separability = rest_apart(sights)
+    nearest = separability.argmin(1) if len(sights) > 1 else np.zeros(len(sights), int)
+    alike = [k for k in range(len(sights)) if sights[k].signal >= APART > separability[k, nearest[k]]]
     scale = np.sqrt(len(poses.conditions.readings) / len(probes.conditions.readings))
     remedies = _remedies(probes, [(causes[k], causes[nearest[k]]) for k in alike], float(scale))
     remedy = dict(zip(alike, remedies, strict=True))
     rows: list[dict[str, Any]] = []
     for k, sight in enumerate(sights):
         rows += _cause_rows(
-            sight, poses.model.part_count, sights[nearest[k]].cause, float(apart[k, nearest[k]]), remedy.get(k)
+            sight, poses.model.part_count, sights[nearest[k]].cause, float(separability[k, nearest[k]]), remedy.get(k)
         )
     schema = pa.schema(
         [
@@ -88,14 +88,14 @@ def _cause_table(poses: PlannedPoses, probes: PlannedPoses, causes: Sequence[Cha
 
 
 def _cause_rows(
-    sight: CauseSight, parts: int, other: ChainCause, apart: float, remedy: Remedy | None
+    sight: CauseSight, parts: int, other: ChainCause, separability: float, remedy: Remedy | None
 ) -> list[dict[str, Any]]:
     cause = sight.cause
     common = {"cause": cause.id, "subject": cause.subject, "signal": sight.signal}
     common |= {"visible_share": sight.visible}
     common |= {"order": _order_of(cause)}
     if other is not cause:
-        common |= {"most_like": other.id, "most_like_subject": other.subject, "apart": apart}
+        common |= {"most_like": other.id, "most_like_subject": other.subject, "apart": separability}
         common |= {"most_like_order": _order_of(other)}
     common |= {"separated_by": None if remedy is None else str(remedy)}
     return [
@@ -134,7 +134,8 @@ def _remedies(probes: PlannedPoses, pairs: Sequence[tuple[ChainCause, ChainCause
     sights_by_remedy = [(remedy, scale * rest_apart(cause_sights(poses, causes))) for remedy, poses in tried]
     return [
         next(
-            (remedy for remedy, apart in sights_by_remedy if apart[place[a.key], place[b.key]] >= APART), Remedy.NOTHING
+            (remedy for remedy, separability in sights_by_remedy if separability[place[a.key], place[b.key]] >= APART),
+            Remedy.NOTHING,
         )
         for a, b in pairs
     ]

@@ -141,9 +141,9 @@ def _parameter_indices(names: tuple[LegParameter, ...], wanted: Sequence[str]) -
     known = [entry.name for entry in names]
     strange = [name for name in wanted if name not in known]
     if strange:
-        listed = ", ".join(known)
+        known_text = ", ".join(known)
         raise CampaignFaults(
-            Fault("--parameters", f"parameters of a leg: {listed}{did_you_mean(name, known)}", value=name)
+            Fault("--parameters", f"parameters of a leg: {known_text}{did_you_mean(name, known)}", value=name)
             for name in strange
         )
     return [k for k, name in enumerate(known) if name in wanted]

@@ -99,10 +99,10 @@ def _sigma_line(design: Design, k: int, entry: LegParameter) -> str:
 
 def _needed(design: Design) -> list[str]:
     """Return the least number of configurations of each model."""
-    said = [f"{need.model} {need.configurations} ({_counted_parameters(need)})" for need in design.needed]
-    if not said:
+    model_texts = [f"{need.model} {need.configurations} ({_counted_parameters(need)})" for need in design.needed]
+    if not model_texts:
         return []
-    return [f"least number of configurations by model, for what its limits separate: {', '.join(said)}"]
+    return [f"least number of configurations by model, for what its limits separate: {', '.join(model_texts)}"]
 
 
 def _counted_parameters(needed: NeededConfigurations) -> str:

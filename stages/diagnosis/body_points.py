@@ -118,8 +118,8 @@ def _targets(
         if body is None:
             words.append(f"body {name} (no three targets seen together in three poses)")
             continue
-        gone = int((~body.ok & body.seen.any(1)).sum())
-        words += [f"{counted(gone, 'pose')} of body {name}, not determined by its targets"] if gone else []
+        lost_poses = int((~body.ok & body.seen.any(1)).sum())
+        words += [f"{counted(lost_poses, 'pose')} of body {name}, not determined by its targets"] if lost_poses else []
         found.append(body)
     return found, words
 

@@ -102,9 +102,9 @@ def _row(sensitivity: EffectSensitivity, legs: int) -> dict[str, Any]:
 
 def _ordered(rows: Iterable[dict[str, Any]]) -> list[dict[str, Any]]:
     """Causes in their order, the whole before single subjects."""
-    listed = list(rows)
-    causes = list(dict.fromkeys(row["cause"] for row in listed))
-    return sorted(listed, key=lambda row: (causes.index(row["cause"]), bool(row["subject"])))
+    ordered_rows = list(rows)
+    causes = list(dict.fromkeys(row["cause"] for row in ordered_rows))
+    return sorted(ordered_rows, key=lambda row: (causes.index(row["cause"]), bool(row["subject"])))
 
 
 def adequacy_table(diagnosis: CauseDiagnosis, rule: Settings, subject: str) -> pa.Table:

@@ -155,10 +155,10 @@ def _filled(measured: MeasuredLinks) -> MeasuredLinks:
 def _shown(model: ChainModel) -> ReportedRms | Channels:
     turned = model.is_angle
     if not turned.any():
-        what = "point"
+        noun = "point"
         if isinstance(model, DistanceModel):
-            what = "measured number" if len(model.coordinates) else "distance"
-        return ReportedRms(drive=_DRIVE, what=what)
+            noun = "measured number" if len(model.coordinates) else "distance"
+        return ReportedRms(drive=_DRIVE, what=noun)
     return Channels(
         tuple("arcsec" if own else "um" for own in turned),
         np.where(turned, _ARCSEC, 1e-6),

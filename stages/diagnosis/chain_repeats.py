@@ -156,8 +156,8 @@ def _of_orientation(attained: _Attained, k: int, rows: Index) -> Iterator[tuple[
 def _by_approach(attained: _Attained, rows: Index, off: Array) -> Array:
     """Mean deviations (D, 3) of the poses that came the same way, by the last movement of each joint; at least two of
     each."""
-    ways, number = np.unique(np.sign(attained.approach[rows]), axis=0, return_inverse=True)
-    alike = [off[number.ravel() == way] for way in range(len(ways))]
+    approaches, number = np.unique(np.sign(attained.approach[rows]), axis=0, return_inverse=True)
+    alike = [off[number.ravel() == approach_number] for approach_number in range(len(approaches))]
     return np.array([part.mean(0) for part in alike if len(part) > 1]).reshape(-1, 3)
 
 

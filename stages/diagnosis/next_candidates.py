@@ -154,8 +154,10 @@ def conditions_at(measured: Any, readings: NDArray, covariates: Mapping[str, NDA
     """
     count, rows = len(readings), np.arange(len(readings)) % len(measured.readings)
     others = {f.name: getattr(measured, f.name) for f in fields(measured) if f.name not in ("readings", "covariates")}
-    there = {name: value[rows] for name, value in others.items() if isinstance(value, np.ndarray)}
-    return replace(measured, readings=readings, covariates=dict(covariates), poses=tuple(range(count)), **there)
+    values_at_rows = {name: value[rows] for name, value in others.items() if isinstance(value, np.ndarray)}
+    return replace(
+        measured, readings=readings, covariates=dict(covariates), poses=tuple(range(count)), **values_at_rows
+    )
 
 
 def _configurations(
@@ -248,8 +250,8 @@ def _attitudes(body: str, down: NDArray) -> list[Level]:
     """
     chosen = [int(np.argmin(np.sum((down - np.median(down, axis=0)) ** 2, axis=1)))]
     for _ in range(min(_ATTITUDES, len(np.unique(down, axis=0)) - 1)):
-        apart = np.min(np.sum((down[:, None] - down[chosen]) ** 2, axis=-1), axis=1)
-        chosen.append(int(np.argmax(apart)))
+        squared_distance = np.min(np.sum((down[:, None] - down[chosen]) ** 2, axis=-1), axis=1)
+        chosen.append(int(np.argmax(squared_distance)))
     words = [
         f"with gravity along ({', '.join(f'{x + 0.0:.2f}' for x in down[row])}) in the frame of {body}"
         for row in chosen
@@ -271,14 +273,14 @@ def _movements(name: str, legs: int, step: float) -> list[Level]:
         return [Level(np.zeros(legs))]
     size = 1.0 if is_state else step
     turns = np.where(np.arange(legs) % 2 == 0, 1.0, -1.0)
-    ways = {
+    directions = {
         "growing readings of all legs": np.ones(legs),
         "falling readings of all legs": -np.ones(legs),
         "growing readings of the odd legs and falling readings of the even legs": turns,
         "growing readings of the even legs and falling readings of the odd legs": -turns,
     }
     by = f" by {step * 1e3:.3f} mm" if step else ""
-    return [Level(way * size, f"approached with {words}{by}") for words, way in ways.items()]
+    return [Level(direction * size, f"approached with {words}{by}") for words, direction in directions.items()]
 
 
 def _relevant_covariates(
@@ -306,9 +308,9 @@ def _drawn(
 
     All covariates on the approach to a pose come from one movement.
     """
-    ways = rng.integers(4, size=count)
+    direction_numbers = rng.integers(4, size=count)
     drawn = {}
     for name, found in levels.items():
-        places = ways if name in LOOKING_BACK else rng.integers(len(found), size=count)
+        places = direction_numbers if name in LOOKING_BACK else rng.integers(len(found), size=count)
         drawn[name] = [found[k % len(found)] if name in matters else replace(found[0], words="") for k in places]
     return drawn

@@ -174,8 +174,8 @@ def _reads(model: BenchModel, seen: NDArray[np.bool_]) -> NDArray[np.int64]:
 def _as_measured(run: _Run, model: BenchModel, least: Array) -> _Run:
     """A run with the names of measured runs that contain all its loads, within the uncertainty of loads."""
     measured, runs = model.conditions.load, model.conditions.run
-    apart = np.abs(run.load[:, None] - measured) <= np.maximum(_SAME * least, _ROUNDED * np.abs(run.load[:, None]))
-    same = apart.all(-1)[run.load.any(1)]
+    difference = np.abs(run.load[:, None] - measured) <= np.maximum(_SAME * least, _ROUNDED * np.abs(run.load[:, None]))
+    same = difference.all(-1)[run.load.any(1)]
     if not len(same) or not same.any(1).all():
         return run
     by_run = {name: same[:, runs == name].any(1) for name in dict.fromkeys(runs.tolist())}
@@ -206,8 +206,8 @@ def _plain_runs(settings: Campaign, model: BenchModel, least: Array) -> Iterator
             for share in (_LARGE, _SMALL):
                 if share * load.sum() <= _SAME * least[load > 0.0].sum():
                     continue
-                way = _words(share * load, "{axis} 0 .. {peak:+g} .. {other:+g} .. 0 {unit}")
-                yield _Run(_BOTH[:, None] * share * load, way, pace)
+                description = _words(share * load, "{axis} 0 .. {peak:+g} .. {other:+g} .. 0 {unit}")
+                yield _Run(_BOTH[:, None] * share * load, description, pace)
 
 
 def _round(load: Array) -> Array:

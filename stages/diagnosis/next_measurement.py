@@ -127,8 +127,8 @@ class MeasurementPlan:
     def request(self, first: str) -> str:
         """Return sentences that begin with some words: measurement, repeats, duration, result."""
         count_of, (singular, plural) = len(self.choice.chosen), self.options.what
-        what = f"this {singular}" if count_of == 1 else f"these {count_of} {plural}"
-        return f"{first} {self.options.do} {what}{self._repeats()}. {self._duration()}{self.given}"
+        noun = f"this {singular}" if count_of == 1 else f"these {count_of} {plural}"
+        return f"{first} {self.options.do} {noun}{self._repeats()}. {self._duration()}{self.given}"
 
     def _repeats(self) -> str:
         """``, 13 times each (78 measurements in all)`` or ``, 3 measurements in all (1 to 2 of each)``; nothing where
@@ -328,8 +328,10 @@ def _separation_advice(plan: MeasurementPlan, proposal: Any, other: Any, legs: i
 
 def _cause_noun(cause: Any, legs: int) -> str:
     """The noun of a cause with its subject and its inputs, for a sentence."""
-    of, follows = subject_words(cause.subject), columns_words(cause.inputs(legs))
-    return f"{cause_words(cause.id)}{f' of {of}' if of else ''}{f' with {follows}' if follows else ''}"
+    subject_text, follows = subject_words(cause.subject), columns_words(cause.inputs(legs))
+    return (
+        f"{cause_words(cause.id)}{f' of {subject_text}' if subject_text else ''}{f' with {follows}' if follows else ''}"
+    )
 
 
 def _confirming(cause: Any, legs: int) -> Advice:

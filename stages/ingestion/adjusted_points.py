@@ -101,11 +101,13 @@ def _bodies(
         of_board = [name.rpartition("-")[0] for name in target]
         body_of_board = np.array([name if name in boards else ONE_BODY for name in of_board], dtype=object)
         return np.where(nameless, body_of_board, body), np.zeros(len(body), bool)
-    of: dict[str, list[str]] = {}
+    points_by_body: dict[str, list[str]] = {}
     for name, targets in surveyed.items():
         for one in targets:
-            of.setdefault(one, []).append(name)
-    bodies_of_target = [of.get(one, []) if unknown else [] for one, unknown in zip(target, nameless, strict=True)]
+            points_by_body.setdefault(one, []).append(name)
+    bodies_of_target = [
+        points_by_body.get(one, []) if unknown else [] for one, unknown in zip(target, nameless, strict=True)
+    ]
     several = np.array([len(names) > 1 for names in bodies_of_target], dtype=bool)
     single = np.array([names[0] if len(names) == 1 else "" for names in bodies_of_target], dtype=object)
     return np.where(nameless, single, body), several

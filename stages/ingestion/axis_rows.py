@@ -82,10 +82,10 @@ def _with_deviations(collected: CollectedRows, command: str, log: FaultLog) -> C
 def _check_columns(collected: CollectedRows, columns: AxisColumns, settings: Any, log: FaultLog) -> None:
     """Report missing columns, commands without a number, and encoders without noise or readings."""
     names, file = collected.table.column_names, collected.first_file
-    for what, column in settings.mechanism.columns.items():
+    for quantity, column in settings.mechanism.columns.items():
         if column not in names:
             hint = did_you_mean(column, names) or f"; there are {', '.join(names)}"
-            log.add(Fault(file, f"this column, which [mechanism] {what} names{hint}", column=column))
+            log.add(Fault(file, f"this column, which [mechanism] {quantity} names{hint}", column=column))
     if columns.command in names:
         collected.fault(
             log, np.isnan(numbers(collected, columns.command)), columns.command, "a number: the command of the row"

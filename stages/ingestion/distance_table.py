@@ -43,9 +43,9 @@ def read_distances(source: CampaignFiles, settings: Any, poses: pa.ChunkedArray,
     rows.fault(log, both, "to", "a target at one end at least: the distance of two stations tells nothing of the chain")
     is_number = pa.types.is_int64(poses.type) and pa.types.is_int64(pose.type)
     columns: dict[str, Any] = {"pose": pose if is_number else pose.cast(pa.string())}
-    for what, end in zip(("from", "to"), ends, strict=True):
-        columns[f"{what}_link"] = [None if name.startswith(STATION) else links.get(name, tip) for name in end]
-        columns[f"{what}_end"] = list(end)
+    for key, end in zip(("from", "to"), ends, strict=True):
+        columns[f"{key}_link"] = [None if name.startswith(STATION) else links.get(name, tip) for name in end]
+        columns[f"{key}_end"] = list(end)
     columns |= {"reading_mm": length, "sigma_mm": sigma}
     schema = ARTIFACTS["distances"].arrow_schema("int64" if is_number else "string")
     return pa.table({name: columns[name] for name in schema.names}).cast(schema)

@@ -94,18 +94,20 @@ def check_one_load(collected: CollectedRows, step: Index, loads: Array, log: Fau
     """Report rows whose load differs from the first row of their step; ``step`` (N,): step numbers."""
     rows = np.flatnonzero(collected.without_faults("run", "step", "load_axis", "load", *WRENCH))
     _, first, at = np.unique(step[rows], return_index=True, return_inverse=True)
-    known, apart = loads[rows], np.zeros(len(loads), dtype=bool)
+    known, is_different = loads[rows], np.zeros(len(loads), dtype=bool)
     with np.errstate(invalid="ignore"):
-        apart[rows] = np.any(np.abs(known - known[first[at]]) > _allowed(known), axis=1)
-    collected.fault(log, apart, _load_column(collected), "one load per step, on the same axis in all of its rows")
+        is_different[rows] = np.any(np.abs(known - known[first[at]]) > _allowed(known), axis=1)
+    collected.fault(
+        log, is_different, _load_column(collected), "one load per step, on the same axis in all of its rows"
+    )
 
 
 def check_same_loads(collected: CollectedRows, loads: Array, other: Array, log: FaultLog) -> None:
     """Report rows whose loads (N, 6) differ from those (N, 6) of the readings in the same step; NaN: unknown."""
     with np.errstate(invalid="ignore"):
-        apart = np.any(np.abs(loads - other) > _allowed(np.concatenate([loads, other])), axis=1)
-    apart &= collected.without_faults("run", "step", "load_axis", "load", *WRENCH)
-    collected.fault(log, apart, _load_column(collected), "the load that the readings of this run and step have")
+        is_different = np.any(np.abs(loads - other) > _allowed(np.concatenate([loads, other])), axis=1)
+    is_different &= collected.without_faults("run", "step", "load_axis", "load", *WRENCH)
+    collected.fault(log, is_different, _load_column(collected), "the load that the readings of this run and step have")
 
 
 def _allowed(loads: Array) -> Array:
@@ -182,8 +184,8 @@ def _is_averaged(table: pa.Table, name: str) -> bool:
 
 def _with_reading(collected: CollectedRows, at: Index) -> Mask:
     """Return the mask (N,) of samples with a reading; all samples of a step without any, to keep its row."""
-    there = np.isfinite(numbers(collected, "reading"))
-    return np.asarray(there | (np.bincount(at, there)[at] == 0.0), dtype=bool)
+    is_finite = np.isfinite(numbers(collected, "reading"))
+    return np.asarray(is_finite | (np.bincount(at, is_finite)[at] == 0.0), dtype=bool)
 
 
 def _sampled(collected: CollectedRows, name: str) -> Array:

@@ -71,9 +71,9 @@ def _is_symmetric(file: RawFile, matrix: Array, rows: list[int], log: FaultLog) 
     """Return True if the matrix is symmetric; otherwise report the largest asymmetry."""
     size = np.sqrt(np.abs(np.diag(matrix)))
     size = np.where(size > 0.0, size, 1.0)
-    apart = np.abs(matrix - matrix.T) / np.outer(size, size)
-    i, j = np.unravel_index(int(np.argmax(apart)), (6, 6))
-    if apart[i, j] <= _TYPED:
+    asymmetry = np.abs(matrix - matrix.T) / np.outer(size, size)
+    i, j = np.unravel_index(int(np.argmax(asymmetry)), (6, 6))
+    if asymmetry[i, j] <= _TYPED:
         return True
     text = f"{matrix[j, i]:g}, as in row {rows[j]}, column {LOADS[i]}: a compliance is symmetric"
     log.add(Fault(file.name, text, row=rows[i], column=LOADS[j], value=f"{matrix[i, j]:g}"))
@@ -218,9 +218,11 @@ def _check_compliance(compliance: Array, loaded: Sequence[pa.Table]) -> None:
     """Raise Unfit for a compliance that is not positive, or that moves the platform by metres under the applied
     loads."""
     diagonal = np.diag(compliance)
-    if still := [WRENCH[k] for k in np.flatnonzero(diagonal <= 0.0)]:
+    if without_stiffness := [WRENCH[k] for k in np.flatnonzero(diagonal <= 0.0)]:
         raise Unfit(
-            "compliance_file", f"zero or negative compliance under {', '.join(still)}", "positive diagonal entries"
+            "compliance_file",
+            f"zero or negative compliance under {', '.join(without_stiffness)}",
+            "positive diagonal entries",
         )
     size = np.sqrt(diagonal)
     lowest = float(np.linalg.eigvalsh(compliance / np.outer(size, size))[0])
@@ -257,11 +259,11 @@ def read_positions(source: CampaignFiles, settings: Any, log: FaultLog) -> Posit
     rows, corrections = positions_at_reference(rows, settings.interferometer, log)
     if log:
         return None
-    way = np.array([_WAYS.index(name) for name in texts(rows, "direction")])
-    table = rows.table.append_column("row_order", pa.array(np.arange(1, len(way) + 1)))
+    direction = np.array([_WAYS.index(name) for name in texts(rows, "direction")])
+    table = rows.table.append_column("row_order", pa.array(np.arange(1, len(direction) + 1)))
     if corrections.rows:
         table = table.append_column("position_read_mm", pa.array(read))
-    order = np.lexsort((numbers(rows, "cycle"), way, numbers(rows, "target_mm"), numbered(rows, "run")))
+    order = np.lexsort((numbers(rows, "cycle"), direction, numbers(rows, "target_mm"), numbered(rows, "run")))
     return PositionTable(as_artifact("positions", table.take(order)), dict(rows.left_out), corrections)
 
 
@@ -295,11 +297,12 @@ def _check_complete(collected: CollectedRows, log: FaultLog) -> None:
             texts(collected, "direction")[rows_of_run],
             numbers(collected, "cycle")[rows_of_run],
         )
-        targets, ways, cycles = (set(column.tolist()) for column in columns)
+        targets, directions, cycles = (set(column.tolist()) for column in columns)
         missing = len(targets) * len(cycles) * len(_WAYS) - int(rows_of_run.sum())
-        if missing or ways != set(_WAYS) or len(cycles) < _FEWEST_CYCLES:
+        if missing or directions != set(_WAYS) or len(cycles) < _FEWEST_CYCLES:
             text = (
-                f"run {run}: {count(len(targets), 'target')}, {count(len(cycles), 'cycle')}, {', '.join(sorted(ways))}"
+                f"run {run}: {count(len(targets), 'target')}, {count(len(cycles), 'cycle')}, "
+                f"{', '.join(sorted(directions))}"
             )
             text += f", {count(missing, 'approach')} missing" if missing else ""
             expected = f"every target approached from both sides in every cycle, {_FEWEST_CYCLES} cycles at least"

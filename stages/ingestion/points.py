@@ -99,8 +99,8 @@ def _size(points: Array) -> float:
     if len(points) < 2:
         return 0.0
     some = points[np.linspace(0, len(points) - 1, min(len(points), 40)).astype(int)]
-    apart = np.linalg.norm(some[:, None] - some[None], axis=-1)
-    return float(np.median(apart[np.triu_indices(len(some), 1)]))
+    distance = np.linalg.norm(some[:, None] - some[None], axis=-1)
+    return float(np.median(distance[np.triu_indices(len(some), 1)]))
 
 
 @dataclass(frozen=True)

@@ -95,9 +95,9 @@ def _rotations_of_quaternions(collected: CollectedRows, q: Array, log: FaultLog)
     norm = np.linalg.norm(q, axis=1)
     wrong = np.abs(norm - 1.0) > _ROUNDED
     collected.fault(log, wrong, "qw", "a unit quaternion: qw² + qx² + qy² + qz² = 1")
-    good = np.isfinite(norm) & ~wrong
+    is_valid = np.isfinite(norm) & ~wrong
     R = np.full((len(q), 3, 3), np.nan)
-    R[good] = Rotation.from_quat(q[good], scalar_first=True).as_matrix()
+    R[is_valid] = Rotation.from_quat(q[is_valid], scalar_first=True).as_matrix()
     return R
 
 
@@ -110,8 +110,8 @@ def _rotations_of_vectors(collected: CollectedRows, vectors: Array, log: FaultLo
     for number, name in enumerate(ROTATION_VECTOR):
         collected.fault(log, np.asarray(wrong & (at == number)), name, expected)
     R = np.full((len(vectors), 3, 3), np.nan)
-    good = np.isfinite(length) & ~wrong
-    R[good] = exp_so3(vectors[good])
+    is_valid = np.isfinite(length) & ~wrong
+    R[is_valid] = exp_so3(vectors[is_valid])
     return R
 
 
@@ -126,8 +126,8 @@ def _rotations_of_euler(collected: CollectedRows, angles: Array, order: str | No
     wrong: Mask = np.abs(angles) > 360.0 * (1.0 + 1e-9)
     for angle, name in zip(wrong.T, EULER, strict=True):
         collected.fault(log, angle, name, "an angle of at most 360 deg either way")
-    good = np.isfinite(angles).all(axis=1) & ~wrong.any(axis=1)
-    R[good] = Rotation.from_euler(order, angles[good], degrees=True).as_matrix()
+    is_valid = np.isfinite(angles).all(axis=1) & ~wrong.any(axis=1)
+    R[is_valid] = Rotation.from_euler(order, angles[is_valid], degrees=True).as_matrix()
     return R
 
 
@@ -143,8 +143,8 @@ def _rotations_of_matrices(collected: CollectedRows, M: Array, log: FaultLog) ->
         log, mirrored, "m00", "a rotation: this matrix mirrors (determinant -1); an axis has the wrong sign"
     )
     U, _, Vt = np.linalg.svd(M)
-    good = known & ~crooked & ~mirrored
-    return np.where(good[:, None, None], U @ Vt, np.nan)
+    is_valid = known & ~crooked & ~mirrored
+    return np.where(is_valid[:, None, None], U @ Vt, np.nan)
 
 
 def check_last_row(collected: CollectedRows, log: FaultLog) -> None:
@@ -247,8 +247,8 @@ def _without_missing(collected: CollectedRows, columns: tuple[str, ...], log: Fa
     declared = declared_missing(collected)
     for name, where in empty.items():
         collected.fault(log, where & ~declared, name, "a number; an empty cell has to be declared by missing")
-    gone = np.logical_or.reduce(list(empty.values()))
-    return without_rows(collected, gone, "a number of the pose means missing")
+    is_missing = np.logical_or.reduce(list(empty.values()))
+    return without_rows(collected, is_missing, "a number of the pose means missing")
 
 
 # -- covariance -------------------------------------------------------------------------------------------

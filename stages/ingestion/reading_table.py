@@ -135,8 +135,8 @@ def _channel_lengths(signals: Array, run: Index, settings: Any) -> _ChannelLengt
     cut = np.zeros(len(signals), dtype=bool)
     for side in (0, 1):
         cut[saturated(signals[:, side]).where] = True
-    there = np.asarray(np.isfinite(signals).all(-1))
-    is_kept = there & ~cut
+    is_finite = np.asarray(np.isfinite(signals).all(-1))
+    is_kept = is_finite & ~cut
     ellipse_fit, fit = fit_ellipse(signals), fit_ellipse(signals, is_kept[None])
     phase = corrected_phase(signals[None], fit.values)
     sigma = phase_sigma(fit, phase)[0]
@@ -153,7 +153,7 @@ def _channel_lengths(signals: Array, run: Index, settings: Any) -> _ChannelLengt
         "samples": len(signals),
         **dict(zip(("x0", "y0", "amplitude_x", "amplitude_y", "lag_rad"), fit.values[0].tolist(), strict=True)),
         "radius_before": float(np.nanstd(np.linalg.norm(signals, axis=-1))),
-        "radius_after": float(residual_radius(signals[None], ellipse_fit.values, there[None])[0]),
+        "radius_after": float(residual_radius(signals[None], ellipse_fit.values, is_finite[None])[0]),
         "radius_uncut": float(residual_radius(signals[None], fit.values, is_kept[None])[0]),
         "radius_mean": float(np.nanmean(np.linalg.norm(signals, axis=-1))),
         "cut_share": float(cut.mean()),
@@ -259,8 +259,8 @@ def reading_table(collected: CollectedRows, settings: Any, log: FaultLog, *, by_
     check_one_load(collected, numbered(collected, "run", "step"), loads, log)
     readings = (_interferometer_readings if by_channel else _displacement_readings)(collected, settings, log)
     left_out = dict(collected.left_out)
-    if gone := len(collected.table) - len(np.unique(readings.row)):
-        left_out[(collected.first_file, "rows without any reading")] = gone
+    if missing_rows := len(collected.table) - len(np.unique(readings.row)):
+        left_out[(collected.first_file, "rows without any reading")] = missing_rows
     if log:
         return None
     table = as_artifact("readings", _table(collected, loads, readings))
@@ -269,7 +269,7 @@ def reading_table(collected: CollectedRows, settings: Any, log: FaultLog, *, by_
 
 def _interferometer_readings(collected: CollectedRows, settings: Any, log: FaultLog) -> _Readings:
     channel, readings = texts(collected, "channel"), numbers(collected, "reading")
-    there = ~np.isnan(readings)
+    is_recorded = ~np.isnan(readings)
     empty = np.asarray(collected.table.column("reading").is_null())
     collected.fault(log, empty & ~declared_missing(collected), "reading", _EMPTY)
     value = readings * unit_factors(collected, "reading", "channel", UNITS, log)
@@ -283,7 +283,9 @@ def _interferometer_readings(collected: CollectedRows, settings: Any, log: Fault
         for name, unit in UNITS.items():
             check_sigma(collected, np.where(channel == name, sigmas, np.nan), "sigma", unit, log)
         sigma = np.where(np.isnan(sigmas), sigma, sigmas)
-    return _Readings(np.flatnonzero(there), channel[there], value[there], sigma[there], corrections)
+    return _Readings(
+        np.flatnonzero(is_recorded), channel[is_recorded], value[is_recorded], sigma[is_recorded], corrections
+    )
 
 
 def _declared_sigmas(noise: Any) -> dict[str, float]:

@@ -86,12 +86,12 @@ class Relabelling:
         bodies, names = body.dictionary.to_pylist(), target.dictionary.to_pylist()
         old, new = codes(target), codes(target).copy()
         for at, rule in rules:
-            here = (codes(body) == bodies.index(rule.body)) & (old == names.index(rule.called))
-            here &= (place >= rule.first) & (place <= rule.last)
+            is_renamed = (codes(body) == bodies.index(rule.body)) & (old == names.index(rule.called))
+            is_renamed &= (place >= rule.first) & (place <= rule.last)
             if rule.target not in names:
                 names.append(rule.target)
-            new[here] = names.index(rule.target)
-            self.count[at] += int(here.sum())
+            new[is_renamed] = names.index(rule.target)
+            self.count[at] += int(is_renamed.sum())
         target = pa.DictionaryArray.from_arrays(pa.array(new, pa.int32()), pa.array(names, pa.string()))
         return replace(batch, columns={**batch.columns, "body": body, "target": target})
 
@@ -107,9 +107,9 @@ class Relabelling:
         """Report rules that matched no point; ``seen``: body and target of all points."""
         for rule, count in zip(self.rules, self.count, strict=True):
             if not count:
-                there = [target for body, target in seen if body == rule.body and target != rule.target]
+                other_targets = [target for body, target in seen if body == rule.body and target != rule.target]
                 text = f"a target that body {rule.body} has under this name in these poses"
-                text += did_you_mean(rule.called, there)
+                text += did_you_mean(rule.called, other_targets)
                 log.add(Fault(_FILE, text, column=f"{rule.column}.called", value=rule.called))
 
 

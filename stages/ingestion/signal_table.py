@@ -89,8 +89,8 @@ def _same_step(collected: CollectedRows, readings: pa.Table | None) -> Index:
     columns = (readings.column(name).to_pylist() for name in ("run", "step"))
     for row, (run, step) in enumerate(zip(*columns, strict=True)):
         place.setdefault((str(run), step), row)
-    mine = zip(texts(collected, "run"), texts(collected, "step"), strict=True)
-    return np.array([place.get((str(run), step), -1) for run, step in mine], dtype=np.int64)
+    step_keys = zip(texts(collected, "run"), texts(collected, "step"), strict=True)
+    return np.array([place.get((str(run), step), -1) for run, step in step_keys], dtype=np.int64)
 
 
 def _where_known(values: Array, same: Index) -> Array:
@@ -107,8 +107,8 @@ def _times(collected: CollectedRows, readings: pa.Table | None, same: Index) -> 
         else np.full(len(collected.table), np.nan)
     )
     if readings is not None and len(readings):
-        theirs = _where_known(readings.column("time_s").to_numpy(), same)
-        times = np.where(np.isnan(theirs), times, theirs)
+        reading_times = _where_known(readings.column("time_s").to_numpy(), same)
+        times = np.where(np.isnan(reading_times), times, reading_times)
     return times_from_order(numbered(collected, "run"), numbers(collected, "step"), times)
 
 

@@ -115,9 +115,9 @@ class Unlabelled:
                 self.left_out[(f"pose {pose}, {name}", self.refused[name])] += 0
                 continue
             self.labelled.add(name)
-            mine = labelling.assignment >= 0
-            body[rows[mine]] = name
-            target[rows[mine]] = np.asarray(survey[name].names, dtype=object)[labelling.assignment[mine]]
+            is_assigned = labelling.assignment >= 0
+            body[rows[is_assigned]] = name
+            target[rows[is_assigned]] = np.asarray(survey[name].names, dtype=object)[labelling.assignment[is_assigned]]
         if nameless := int(np.count_nonzero(target[rows] == "")):
             self.left_out[(f"pose {pose}", "points without a name that fit no target of the survey")] += nameless
 

@@ -129,9 +129,12 @@ def encoders_in_place(columns: AxisColumns, deviations: Mapping[str, Array]) -> 
     motor, load, measured = (deviations[each][known] for each in ENCODERS)
     of_loop, other = (motor, load) if columns.loop == MOTOR else (load, motor)
     is_astray = max(_larger_variance(measured - load, measured - motor), _larger_variance(of_loop, other)) < _UNLIKELY
-    apart = [f"{np.std(measured - own) / unit[1]:.3g}" for own in (load, motor)]
+    scatter = [f"{np.std(measured - own) / unit[1]:.3g}" for own in (load, motor)]
     named = {each: columns.encoders[each] for each in ENCODERS}
-    text = f"{named[MEASURED]} departs from {named[LOAD]} by {apart[0]} {unit[0]} and from {named[MOTOR]} by {apart[1]}"
+    text = (
+        f"{named[MEASURED]} departs from {named[LOAD]} by {scatter[0]} {unit[0]} and from {named[MOTOR]} by "
+        f"{scatter[1]}"
+    )
     if is_astray:
         follows = named[LOAD if columns.loop == MOTOR else MOTOR]
         actual = LOAD if columns.loop == MOTOR else MOTOR
@@ -243,11 +246,11 @@ def _repeated(table: pa.Table, columns: AxisColumns, poses: NDArray[np.object_],
     """Check for rows equal to an earlier row in command and all encoders, beyond those that the resolution repeats by
     chance."""
     raw = np.column_stack([number_column(table, name) for name in (columns.command, *columns.encoders.values())])
-    whole = np.isfinite(raw).all(1)
-    _, first, inverse = np.unique(raw[whole], axis=0, return_index=True, return_inverse=True)
-    again = np.flatnonzero(whole)[first[np.ravel(inverse)] != np.arange(int(whole.sum()))]
+    is_complete = np.isfinite(raw).all(1)
+    _, first, inverse = np.unique(raw[is_complete], axis=0, return_index=True, return_inverse=True)
+    again = np.flatnonzero(is_complete)[first[np.ravel(inverse)] != np.arange(int(is_complete.sum()))]
     # Readings relative to the command of rows sent elsewhere that are equal as well: as many repeat by chance.
-    away = np.round(raw[whole][:, 1:] - raw[whole][:, :1], 9)
+    away = np.round(raw[is_complete][:, 1:] - raw[is_complete][:, :1], 9)
     share = 1.0 - len(np.unique(away, axis=0)) / max(len(away), 1)
     expected = share * len(again)
     beyond = max(len(again) - expected, 0.0) if share < _COARSE else 0.0

@@ -79,10 +79,12 @@ def belonging_checks(tested: Iterable[RelationTest]) -> Iterator[Check]:
 
 def without_contradiction(checks: Iterable[Check], tested: Iterable[RelationTest]) -> Iterator[Check]:
     """Yield the checks; where signals contradict loads, the check for exchanged rows is not evaluated."""
-    apart = any(test.relation == "signals-against-loads" and test.state == RelationState.FAILS for test in tested)
+    is_contradictory = any(
+        test.relation == "signals-against-loads" and test.state == RelationState.FAILS for test in tested
+    )
     deferred = False
     for check in checks:
-        if not apart or check.check != "exchanged-rows":
+        if not is_contradictory or check.check != "exchanged-rows":
             yield check
         elif not deferred:
             deferred = True

@@ -50,9 +50,9 @@ class CheckResults:
     why_not: str = ""
 
 
-def not_evaluated(what: str, check: str, subject: str, why: str) -> Check:
+def not_evaluated(check_text: str, check: str, subject: str, why: str) -> Check:
     """Return a check without a verdict, because the campaign lacks the data for it."""
-    return Check(check, subject, None, None, "", NOT_EVALUATED, f"Not evaluated ({what}): {why}.")
+    return Check(check, subject, None, None, "", NOT_EVALUATED, f"Not evaluated ({check_text}): {why}.")
 
 
 def reported_check(check: Check) -> Check:

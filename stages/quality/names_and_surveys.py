@@ -48,7 +48,7 @@ def likely_names(
     """
     names_found, names = [], _names(observations)
     for body in bodies:
-        known = {*body.survey.targets, *(name for of, name in declared if of == body.name)}
+        known = {*body.survey.targets, *(name for owner, name in declared if owner == body.name)}
         unknown = tuple(name for name in names[body.name] if name not in known)
         if unknown:
             points = pose_points(observations, body.name, around.poses, unknown)
@@ -101,15 +101,15 @@ def names_known(
     """Yield one row per body, or one warning per unknown name at the position of a missing target."""
     names = _names(observations)
     for body in bodies:
-        here = [candidate for candidate in likely if candidate.body == body.name]
-        for likely_name in here:
+        likely_of_body = [candidate for candidate in likely if candidate.body == body.name]
+        for likely_name in likely_of_body:
             since = "" if likely_name.from_pose is None else f" from pose {likely_name.from_pose}"
             until = "" if likely_name.to_pose is None else f" to pose {likely_name.to_pose}"
             text = f"{body.name}: {likely_name.called} lies {likely_name.off_mm:.3f} mm from the place of "
             text += f"{likely_name.target}, which was not seen"
             text += f"{since}{until}: is it the same target? Nothing was renamed; add [[renamed]] if so."
             yield Check("names-known", f"target {likely_name.called}", float(likely_name.poses), 0.0, "1", WARN, text)
-        if here:
+        if likely_of_body:
             continue
         if not body.is_surveyed:
             yield not_evaluated(
@@ -155,7 +155,7 @@ def expected_visible(resurveys: pa.Table | None, body: BodyView, around: PoseSur
     place = {name: at for at, name in enumerate(body.survey.targets)}
     since = {str(pose): at for at, pose in enumerate(around.poses)}
     rows = [] if resurveys is None else resurveys.to_pylist()
-    held = {name: name for name in place}
+    carried_name = {name: name for name in place}
     for row in rows:
         if row["body"] != body.name or not row["holds_as"]:
             continue
@@ -164,9 +164,9 @@ def expected_visible(resurveys: pa.Table | None, body: BodyView, around: PoseSur
             start = 0 if new is None else int(body.points.seen[:, new].argmax())
         if new is not None:
             out[:start, new] = False
-        if row["holds_as"] != row["target"] and (old := place.get(held.get(row["target"], ""))) is not None:
+        if row["holds_as"] != row["target"] and (old := place.get(carried_name.get(row["target"], ""))) is not None:
             out[start:, old] = False
-        held[row["target"]] = row["holds_as"]
+        carried_name[row["target"]] = row["holds_as"]
     return out
 
 

@@ -211,25 +211,26 @@ def _changed(images: pa.Table) -> dict[str, list[Row]]:
 def _deviating_images_check(camera: str, rows: list[Row], figures: Figures) -> Check:
     """Return the check of images with another principal distance: size, effect on points, entry that gives them a
     camera of their own."""
-    apart = [row for row in rows if row["setting"]]
+    changed = [row for row in rows if row["setting"]]
     p_value = figures[SHARED].get(camera, 0.0)
     moved = figures[BENT]
     worst = max(moved, key=lambda pose: moved[pose], default="")
     text = (
-        f"Camera {camera}: {len(apart)} of {len(rows)} photographs have a different principal distance from the others "
+        f"Camera {camera}: {len(changed)} of {len(rows)} photographs have a different principal distance from "
+        "the others "
     )
-    text += f"(p = {p_value:.2g}): {'; '.join(_reported_settings(apart, rows))}."
+    text += f"(p = {p_value:.2g}): {'; '.join(_reported_settings(changed, rows))}."
     if moved:
         text += f" Points of {worst} move by {moved[worst]:.1f} standard deviations if these have a camera of their "
         text += "own."
-    text += f' Declare it: [[cameras]] name = "{camera} 2", of = "{camera}", {_setting_keys(apart, rows)}.'
+    text += f' Declare it: [[cameras]] name = "{camera} 2", of = "{camera}", {_setting_keys(changed, rows)}.'
     fails = not moved or moved[worst] > _MOVES_POINTS
     return Check("camera-stability", f"camera {camera}", p_value, _BEYOND_CHANCE, "1", FAIL if fails else WARN, text)
 
 
-def _reported_settings(apart: list[Row], rows: list[Row]) -> Iterator[str]:
-    for setting in sorted({row["setting"] for row in apart}):
-        rows_of_setting = [row for row in apart if row["setting"] == setting]
+def _reported_settings(deviating: list[Row], rows: list[Row]) -> Iterator[str]:
+    for setting in sorted({row["setting"] for row in deviating}):
+        rows_of_setting = [row for row in deviating if row["setting"] == setting]
         off = np.array([row["principal_distance_off_px"] for row in rows_of_setting])
         sigma = np.array([row["principal_distance_sigma_px"] for row in rows_of_setting])
         poses = _complete_poses(rows_of_setting, rows)
@@ -244,9 +245,9 @@ def _complete_poses(body_rows: list[Row], rows: list[Row]) -> list[object]:
     return [pose for pose, number in Counter(row["pose"] for row in body_rows).items() if number == count[pose]]
 
 
-def _setting_keys(apart: list[Row], rows: list[Row]) -> str:
+def _setting_keys(deviating: list[Row], rows: list[Row]) -> str:
     """Return the keys of campaign.toml that select the images of the first different setting."""
-    rows_of_setting = [row for row in apart if row["setting"] == apart[0]["setting"]]
+    rows_of_setting = [row for row in deviating if row["setting"] == deviating[0]["setting"]]
     poses = _complete_poses(rows_of_setting, rows)
     if len({row["pose"] for row in rows_of_setting}) == len(poses):
         return f"poses = [{', '.join(map(_toml, poses))}]"

@@ -236,7 +236,7 @@ def _errors(run: PositioningRun) -> Check:
 
 def _copied(run: PositioningRun) -> Check:
     pairs, chance = copied_series(run.read)
-    still = _unchanged_approaches(run)
+    unchanged = _unchanged_approaches(run)
     alike = float(np.ptp(run.read, axis=2).max()) == 0.0
     count = len(pairs) if chance < _COPIED or alike else 0
     text = f"Run {run.name}: no two series of approaches are equal in every digit, and no reading is frozen."
@@ -248,15 +248,15 @@ def _copied(run: PositioningRun) -> Check:
     elif count:
         named = [f"{_series(run, i)} and {_series(run, j)}" for i, j in pairs]
         text = f"Run {run.name}: series are equal in every digit: {listed(named, 3)}."
-    elif len(still):
-        text = f"Run {run.name}: the reading does not change from one target to another: {listed(still, 3)}."
-    verdict = FAIL if alike or count or len(still) else PASS
-    return Check("copied-approaches", run.subject, float(max(count, len(still))), 0.0, "1", verdict, text)
+    elif len(unchanged):
+        text = f"Run {run.name}: the reading does not change from one target to another: {listed(unchanged, 3)}."
+    verdict = FAIL if alike or count or len(unchanged) else PASS
+    return Check("copied-approaches", run.subject, float(max(count, len(unchanged))), 0.0, "1", verdict, text)
 
 
 def _series(run: PositioningRun, number: int) -> str:
-    way, cycle = divmod(number, len(run.cycles))
-    return f"{WAYS[way]} in cycle {run.cycles[cycle]}"
+    direction, cycle = divmod(number, len(run.cycles))
+    return f"{WAYS[direction]} in cycle {run.cycles[cycle]}"
 
 
 def _unchanged_approaches(run: PositioningRun) -> list[str]:
@@ -305,9 +305,9 @@ def _movements(run: PositioningRun) -> tuple[Array, Array]:
     """Return the signs of the steps between successive rows that are both forward, and both backward."""
     order = np.argsort(run.row_order, axis=None)
     target = np.broadcast_to(run.target[:, None, None], run.position.shape).ravel()[order]
-    way = np.broadcast_to(np.arange(2)[:, None], run.position.shape).ravel()[order]
-    going, same = np.sign(np.diff(target)), np.diff(way) == 0
-    return going[same & (way[1:] == 0)], going[same & (way[1:] == 1)]
+    direction = np.broadcast_to(np.arange(2)[:, None], run.position.shape).ravel()[order]
+    going, same = np.sign(np.diff(target)), np.diff(direction) == 0
+    return going[same & (direction[1:] == 0)], going[same & (direction[1:] == 1)]
 
 
 def _drift(run: PositioningRun) -> Check:

@@ -57,10 +57,10 @@ def units(view: LoadingView, responses: RunResponses) -> Iterator[Check]:
         yield Check("units", "", 1.0, 1.0, "1", PASS, text)
 
 
-def signs(view: LoadingView, responses: RunResponses, of: str, share: float) -> Iterator[Check]:
-    """Yield the check for runs that respond with the opposite sign; ``of``: readings or signals."""
+def signs(view: LoadingView, responses: RunResponses, quantity: str, share: float) -> Iterator[Check]:
+    """Yield the check for runs that respond with the opposite sign; ``quantity``: readings or signals."""
     if not responses.channel:
-        yield not_evaluated("signs", "signs", of, _NOTHING_TO_COMPARE)
+        yield not_evaluated("signs", "signs", quantity, _NOTHING_TO_COMPARE)
         return
     flipped = sign_reversed(responses, share)
     for number in dict.fromkeys(responses.run[flipped].tolist()):
@@ -70,14 +70,14 @@ def signs(view: LoadingView, responses: RunResponses, of: str, share: float) -> 
     alike, count = int(np.count_nonzero(same_sign(responses, share))), len(responses.slope)
     if not flipped and not alike:
         why = "no run with a clear response can be compared with another run under the same axis or with a simulation"
-        yield not_evaluated("signs", "signs", of, why)
+        yield not_evaluated("signs", "signs", quantity, why)
     elif not flipped:
         against = "the simulation" if responses.simulated else "each other"
         some = f"{count}" if alike == count else f"{alike} of {count}"
-        text = f"{of}: {some} runs and channels have the same sign as {against}."
+        text = f"{quantity}: {some} runs and channels have the same sign as {against}."
         if alike < count:
             text += " The others respond too little, or have no similar run to compare with."
-        yield Check("signs", of, 1.0, 0.0, "1", PASS, text)
+        yield Check("signs", quantity, 1.0, 0.0, "1", PASS, text)
 
 
 def noise(channel: ChannelView, share: float) -> Check:
@@ -165,11 +165,13 @@ def repeatability(view: LoadingView, channel: ChannelView, share: float) -> Chec
     noted |= bool((scatter.p_above(_REPEATS_NOTED) < 0.5 * share / len(groups)).any())
     ratio = float(pooled.ratio[0])
     text = f"{channel.name}: runs of the same loads scatter by {ratio:.2f} times the declared noise"
-    apart = equal_scatter(scatter.chi_square, scatter.dof)
-    if apart is not None and apart.p_value < _UNEQUAL:
-        ratio, noted = float(scatter.ratio[apart.worst]), True
-        text = f"{channel.name}: repeats of {groups[apart.worst].run} scatter by {ratio:.2f} times the declared noise, "
-        text += f"those of all other loads by {apart.others:.2f} times"
+    equality = equal_scatter(scatter.chi_square, scatter.dof)
+    if equality is not None and equality.p_value < _UNEQUAL:
+        ratio, noted = float(scatter.ratio[equality.worst]), True
+        text = (
+            f"{channel.name}: repeats of {groups[equality.worst].run} scatter by {ratio:.2f} times the declared noise, "
+        )
+        text += f"those of all other loads by {equality.others:.2f} times"
     text += f" ({counted(round(pooled.dof[0]), 'degree')} of freedom)."
     return Check("repeatability", name, ratio, _REPEATS_NOTED, "1", WARN if noted else PASS, text)
 
@@ -200,11 +202,11 @@ def run_zeros(view: LoadingView) -> Iterator[Check]:
 def zero_return(view: LoadingView, channel: ChannelView, share: float) -> Check:
     """Does a channel come back to its zero once the load is taken off?"""
     steps = view.steps
-    good = [channel.rows[rows_of_run[channel.fit.kept[rows_of_run]]] for rows_of_run in channel.of_runs]
-    empty = [rows[~steps.load[rows].any(axis=1)] for rows in good]
+    accepted_rows = [channel.rows[rows_of_run[channel.fit.kept[rows_of_run]]] for rows_of_run in channel.of_runs]
+    empty = [rows[~steps.load[rows].any(axis=1)] for rows in accepted_rows]
     back = [
         place_of_run
-        for place_of_run, (rows, at) in enumerate(zip(good, empty, strict=True))
+        for place_of_run, (rows, at) in enumerate(zip(accepted_rows, empty, strict=True))
         if _has_load_between(rows, at)
     ]
     if not back:

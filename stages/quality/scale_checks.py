@@ -129,7 +129,7 @@ def scale(figures: Figures, lengths: pa.Table | None, *, surveyed: bool) -> Iter
         return
     columns = [] if lengths is None else [lengths.column(name).to_pylist() for name in ("bar", "serves")]
     serving = dict(zip(*columns, strict=True)) if columns else {}
-    known = {what: len(figures[f"scale from {what}"]) for what in ("scale bars", "known points", "markers")}
+    known = {source: len(figures[f"scale from {source}"]) for source in ("scale bars", "known points", "markers")}
     if (contradiction := scale_contradiction(figures)) is not None:
         yield Check("scale", "", 1e3 * abs(contradiction.by), 0.0, "mm/m", FAIL, contradiction.sentence)
         return

@@ -121,12 +121,12 @@ def surroundings_checks(
     """Every check of temperatures, pressure and the air along the beams."""
     known = view.steps.covariates
     for name in (*TEMPERATURES, "air_pressure_hpa"):
-        what = name.rsplit("_", 1)[0].replace("_", " ")
+        quantity = name.rsplit("_", 1)[0].replace("_", " ")
         if name not in known or not np.isfinite(known[name]).any():
-            yield not_evaluated(what, "surroundings", what, "it was not recorded")
+            yield not_evaluated(quantity, "surroundings", quantity, "it was not recorded")
             continue
-        yield _likely(view, name, what)
-        yield _steady(view, name, what, limits)
+        yield _likely(view, name, quantity)
+        yield _steady(view, name, quantity, limits)
     recorded = {name: known[name] for name in temperature_columns(known)}
     order = np.argsort(view.steps.time_s, kind="stable")
     yield from temperature_units(recorded, reference_c, view.places(range(len(order))), order)
@@ -134,7 +134,7 @@ def surroundings_checks(
     yield _air(view, optics, limits)
 
 
-def _likely(view: LoadingView, name: str, what: str) -> Check:
+def _likely(view: LoadingView, name: str, quantity: str) -> Check:
     """Values that no laboratory has: another unit, or a sensor that is off."""
     value = view.steps.covariates[name]
     is_temperature = name in TEMPERATURES
@@ -143,15 +143,15 @@ def _likely(view: LoadingView, name: str, what: str) -> Check:
     worst = float(np.nanmax(np.abs(value)))
     unit = "degC" if is_temperature else "hPa"
     limit = out_of_reach.limit if is_temperature else out_of_reach.limit / _HPA
-    text = f"The {what} is within the range of a laboratory."
+    text = f"The {quantity} is within the range of a laboratory."
     likely = "" if is_temperature else likely_pressure_unit(float(np.nanmedian(value)))
     if places:
         meant = f"; did you mean {likely}?" if likely else "; is the unit right?"
-        text = f"The {what} is outside the range of a laboratory{meant} {listed(places)}."
+        text = f"The {quantity} is outside the range of a laboratory{meant} {listed(places)}."
     elif likely:
-        text = f"The {what} is within the range of a laboratory at high altitude; did you mean {likely}?"
+        text = f"The {quantity} is within the range of a laboratory at high altitude; did you mean {likely}?"
     verdict = FAIL if places else WARN if likely else PASS
-    return Check("surroundings", what, worst, limit, unit, verdict, text)
+    return Check("surroundings", quantity, worst, limit, unit, verdict, text)
 
 
 def _humidity(view: LoadingView) -> Iterator[Check]:
@@ -166,7 +166,7 @@ def _humidity(view: LoadingView) -> Iterator[Check]:
     yield Check("surroundings", "relative humidity", largest, 1.0, "%", WARN if is_share else PASS, text)
 
 
-def _steady(view: LoadingView, name: str, what: str, limits: CampaignLimits) -> Check:
+def _steady(view: LoadingView, name: str, quantity: str, limits: CampaignLimits) -> Check:
     """Check the range of a quantity within runs and over the campaign."""
     value = view.steps.covariates[name]
     went = surroundings(value, view.steps.run)
@@ -177,12 +177,14 @@ def _steady(view: LoadingView, name: str, what: str, limits: CampaignLimits) -> 
     unit = "K" if is_temperature else "hPa"
     read = np.isfinite(view.steps.reading).any(axis=1)
     missing = float(1.0 - np.isfinite(value[read]).mean())
-    text = f"The {what} changed by {over_all:.3g} {unit} in total, within a run by {span[worst]:.3g} {unit} at most "
+    text = (
+        f"The {quantity} changed by {over_all:.3g} {unit} in total, within a run by {span[worst]:.3g} {unit} at most "
+    )
     text += f"({view.run_name(worst)})."
     if missing:
         text += f" It is missing in {100.0 * missing:.0f} % of the steps."
     limit = limits.of("temperature-span") if is_temperature else limits.of("pressure-span")
-    row = limit.row(what, float(span[worst]), unit, text)
+    row = limit.row(quantity, float(span[worst]), unit, text)
     return replace(row, verdict=WARN) if missing and row.verdict == PASS else row
 
 

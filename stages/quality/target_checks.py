@@ -182,22 +182,22 @@ def noise_size(bodies: Sequence[BodyView], relations: Sequence[RelationTest]) ->
     rounded = {
         name for relation in relations if relation.reason in ("rounded", "slip") for name in relation.subject.split()
     }
-    apart = [body for body in bodies if body.noise_factor > 1.0 and body.name not in rounded]
+    noisy = [body for body in bodies if body.noise_factor > 1.0 and body.name not in rounded]
     elsewhere = [body.name for body in bodies if body.gross_share > MOST_GROSS or body.noise_factor > 1.0]
-    if not apart and elsewhere:
+    if not noisy and elsewhere:
         why = (
             f"most points of {listed(elsewhere)} are outside the declared noise, but by less than 10 times, or not by "
         )
         why += "scatter"
         return not_evaluated("size of the noise", "noise-size", "", why)
-    if not apart:
+    if not noisy:
         return Check(
             "noise-size", "", 1.0, 1.0, "1", PASS, "Most points of every body agree within the declared noise."
         )
-    worst, least = (choose(apart, key=lambda body: body.noise_factor) for choose in (max, min))
+    worst, least = (choose(noisy, key=lambda body: body.noise_factor) for choose in (max, min))
     declared_mm = 1e3 * float(np.median(worst.measured_sigma[worst.points.seen])) / worst.noise_factor
     times = " to ".join(dict.fromkeys(f"{body.noise_factor:.0f}" for body in (least, worst)))
-    text = f"{listed([body.name for body in apart])}: all points scatter alike, by {times} times the declared noise "
+    text = f"{listed([body.name for body in noisy])}: all points scatter alike, by {times} times the declared noise "
     text += f"of {declared_mm:.3g} mm; by the declared noise most of them would be gross errors."
     text += unit_slip(least.noise_factor, declared_mm, "mm")
     return Check("noise-size", worst.name, worst.noise_factor, 1.0, "1", FAIL, text)
@@ -206,11 +206,11 @@ def noise_size(bodies: Sequence[BodyView], relations: Sequence[RelationTest]) ->
 def noise(body: BodyView, around: PoseSurroundings, share: float) -> Iterator[Check]:
     """Check the estimated noise per axis, without dependence on actuators, time and temperature, against the declared
     one."""
-    good = body.good & body.frame & ~odd_poses(scatter_by_pose(body))[:, None]
-    if good.sum() < 12:
+    is_used = body.good & body.frame & ~odd_poses(scatter_by_pose(body))[:, None]
+    if is_used.sum() < 12:
         yield not_evaluated(f"noise of {body.name}", "noise", body.name, "too few readings")
         return
-    part = redundancy(body.survey.points[body.frame], good[:, body.frame])
+    part = redundancy(body.survey.points[body.frame], is_used[:, body.frame])
     declared_sigma = body.measured_sigma / body.noise_factor
     scatter = residual_scatter(body.residuals[:, body.frame], declared_sigma[:, body.frame], part, around.covariates)
     pooled = scatter.pooled
@@ -218,7 +218,7 @@ def noise(body: BodyView, around: PoseSurroundings, share: float) -> Iterator[Ch
         why = "a single pose without a survey has no residual"
         yield not_evaluated(f"noise of {body.name}", "noise", body.name, why)
         return
-    declared = 1e3 * float(np.median(declared_sigma[good]))
+    declared = 1e3 * float(np.median(declared_sigma[is_used]))
     first = _noise_check(body.name, "", pooled, _NOISE_TOLERATED, share / 2, around.shared)
     slip = unit_slip(float(pooled.ratio[0]), declared, "mm")
     verdict = FAIL if slip else first.verdict
@@ -317,12 +317,12 @@ def _check(name: str, scatter: Scatter, poses: Sequence[str], how: str, share: f
     ]
     verdict = FAIL if verdicts[1] else WARN if verdicts[0] else PASS
     ratio, repeats = float(pooled.ratio[0]), int(pooled.dof[0] / 3)
-    apart = equal_scatter(scatter.chi_square, scatter.dof)
+    scatter_test = equal_scatter(scatter.chi_square, scatter.dof)
     text = f"{name}: repeated poses scatter {ratio:.2f} times as much as their noise "
-    if apart is not None and apart.p_value < _UNEQUAL:
-        ratio = float(scatter.ratio[apart.worst])
+    if scatter_test is not None and scatter_test.p_value < _UNEQUAL:
+        ratio = float(scatter.ratio[scatter_test.worst])
         verdict = WARN if verdict == PASS else verdict
-        text = f"{name}: repeats of pose {poses[apart.worst]} scatter {ratio:.2f} times as much as their noise, "
-        text += f"those of all others {apart.others:.2f} times: no single value represents all "
+        text = f"{name}: repeats of pose {poses[scatter_test.worst]} scatter {ratio:.2f} times as much as their noise, "
+        text += f"those of all others {scatter_test.others:.2f} times: no single value represents all "
     text += f"({count(repeats, 'repeat')} of {count(len(poses), 'pose')}, known by {how})."
     return Check("repeatability", name, ratio, _TOLERATED, "1", verdict, text)

@@ -73,8 +73,8 @@ def time_gaps(around: PoseSurroundings, limits: CampaignLimits) -> Check:
     )
 
 
-def time_unit(time: Array, run: Index | None, table: str, what: str, *, is_counted: bool) -> Check:
-    """Check that times (N,) of runs (N,), or without runs, are in seconds; ``table``, ``what``: table and name of a
+def time_unit(time: Array, run: Index | None, table: str, quantity: str, *, is_counted: bool) -> Check:
+    """Check that times (N,) of runs (N,), or without runs, are in seconds; ``table``, ``quantity``: table and name of a
     row."""
     if is_counted:
         return not_evaluated("unit of times", "time-unit", "", COUNTED)
@@ -85,7 +85,7 @@ def time_unit(time: Array, run: Index | None, table: str, what: str, *, is_count
         text = f"The times of {table} are plausible in seconds."
         return Check("time-unit", table, 1.0, 1.0, "s", PASS, text)
     factor = SECONDS[mistaken.unit]
-    text = f"time_s of {table} increases by {mistaken.pace:.3g} from {what} to {what}, and is likely in "
+    text = f"time_s of {table} increases by {mistaken.pace:.3g} from {quantity} to {quantity}, and is likely in "
     text += f"{_UNITS.get(mistaken.unit, mistaken.unit)} ({_paced(mistaken, mistaken.unit)})"
     text += "".join(f", or in {_UNITS[unit]} ({_paced(mistaken, unit)})" for unit in mistaken.others)
     return Check(

@@ -161,8 +161,8 @@ def repeats_of_poses(tables: Mapping[str, pa.Table], settings: Campaign) -> tupl
     bodies = {}
     for body, values, sigma in _relative_poses(tables.get("poses"), poses, groups, settings.is_frame_fixed):
         bodies[body] = at_one_reading(values, readings, groups) if how == DECLARED else values
-        what = Repeated("pose", tuple(f"{body} {name}" for name in _COMPONENTS), _UNITS)
-        repeats.add(what, bodies[body] / _SI, sigma / _SI)
+        repeated = Repeated("pose", tuple(f"{body} {name}" for name in _COMPONENTS), _UNITS)
+        repeats.add(repeated, bodies[body] / _SI, sigma / _SI)
     _add_points(repeats, tables.get("residuals"), poses, settings.noise.point_mm)
     fitted = np.array(configurations.column("role").to_pylist(), dtype=object) != "verification"
     inside = [group[fitted[group]] for group in groups]
@@ -216,9 +216,9 @@ def _add_points(repeats: Repeats, table: pa.Table | None, poses: Ids, declared_m
         spread = within_groups(1e6 * left.reshape(len(poses), -1), repeats.groups)
         motions = sum(max(int(used[group].any(axis=1).sum()) - 1, 0) for group in repeats.groups)
         square[at], freedom[at] = spread.square.sum(), spread.freedom.sum() - 6.0 * motions
-    what = Repeated("point", tuple(f"{body} targets" for body in names), ("um",) * len(names))
+    repeated = Repeated("point", tuple(f"{body} targets" for body in names), ("um",) * len(names))
     stated = np.nan if declared_mm is None else 1e3 * declared_mm
-    repeats.add_squares(what, Squares(square, np.maximum(freedom, 0.0)), np.full(len(names), stated))
+    repeats.add_squares(repeated, Squares(square, np.maximum(freedom, 0.0)), np.full(len(names), stated))
 
 
 def _add_attachments(
@@ -238,8 +238,8 @@ def _add_attachments(
     stated = "scatter_sigma_um" if "scatter_sigma_um" in table.column_names else "own_sigma_um"
     variance[at] = number_column(table, stated)[is_kept] ** 2
     subjects = tuple(f"leg {number + 1}" for number in range(legs))
-    what = Repeated("attachment", subjects, ("um",) * legs)
-    repeats.add(what, shift, np.sqrt(known_mean(variance)))
+    repeated = Repeated("attachment", subjects, ("um",) * legs)
+    repeats.add(repeated, shift, np.sqrt(known_mean(variance)))
     # Of every leg, for a matrix takes also those whose attachments carry no targets; their zero is of no account.
     drive = _readings(tables["configurations"])
     for model, left in _deformation_left(tables.get("deformation_models"), shift, drive):
@@ -248,7 +248,7 @@ def _add_attachments(
         spent = 1.0 + (1.0 if model == "linear" else drive.shape[1])
         centred = left - known_mean(left)
         all_left = Squares(np.nansum(centred**2, axis=0), count - spent)
-        repeats.add_fit(what, model, lack_of_fit(all_left, within_groups(left, inside)))
+        repeats.add_fit(repeated, model, lack_of_fit(all_left, within_groups(left, inside)))
 
 
 def _readings(configurations: pa.Table) -> Array:
@@ -282,14 +282,14 @@ def _add_calibrations(repeats: Repeats, tables: Mapping[str, pa.Table], poses: I
     parts = number_columns(accuracy, _PARTS)
     place = positions(accuracy.column("pose"), poses)
     spent = _parameters(tables.get("calibration"))
-    what = Repeated("pose", tuple(f"platform {name}" for name in _COMPONENTS), _UNITS)
+    repeated = Repeated("pose", tuple(f"platform {name}" for name in _COMPONENTS), _UNITS)
     for name in dict.fromkeys(model.tolist()):
         rows = (model == name) & fitted & (place >= 0)
         left = np.full((len(poses), 6), np.nan)
         left[place[rows]] = parts[rows]
         count = np.isfinite(left).sum(axis=0)
         all_left = Squares(np.nansum(left**2, axis=0), count - spent.get(name, 0.0) / 6.0)
-        repeats.add_fit(what, name, lack_of_fit(all_left, within_groups(left, groups)))
+        repeats.add_fit(repeated, name, lack_of_fit(all_left, within_groups(left, groups)))
 
 
 def _model_names(table: pa.Table) -> NDArray[np.object_]:

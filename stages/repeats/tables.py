@@ -36,7 +36,7 @@ class Repeats:
     repeats: Rows = field(default_factory=lambda: Rows("repeats"))
     fits: Rows = field(default_factory=lambda: Rows("lack_of_fit"))
 
-    def add(self, what: Repeated, values: Array, declared: Array) -> None:
+    def add(self, repeated: Repeated, values: Array, declared: Array) -> None:
         """Add values (B, C) in their units, with the stated sigma (C,) of one value, NaN if none.
 
         Equality of the groups' variances is tested.
@@ -44,44 +44,44 @@ class Repeats:
         each = [self.within(values, [group]) for group in self.groups]
         alike = [equal_scatter([g.square[c] for g in each], [g.freedom[c] for g in each]) for c in range(len(declared))]
         p = np.array([np.nan if test is None else test.p_value for test in alike])
-        self.add_squares(what, self.within(values, self.groups), declared, p)
+        self.add_squares(repeated, self.within(values, self.groups), declared, p)
 
-    def add_squares(self, what: Repeated, squares: Squares, declared: Array, p_equal: Array | None = None) -> None:
+    def add_squares(self, repeated: Repeated, squares: Squares, declared: Array, p_equal: Array | None = None) -> None:
         """Add a row per repeated subject and one for all, relative to the stated sigma (C,); ``p_equal`` (C,):
         probability of equal variance in all groups."""
-        self._add(what, squares, declared, p_equal)
+        self._add(repeated, squares, declared, p_equal)
         stated = (squares.freedom > 0) & (np.nan_to_num(declared) > 0.0)
         if stated.sum() > 1:
             square = np.array([np.sum(squares.square[stated] / declared[stated] ** 2)])
             pooled = Squares(square, np.array([squares.freedom[stated].sum()]))
-            self._add(Repeated(what.kind, (POOLED,), ("1",)), pooled, np.ones(1), None)
+            self._add(Repeated(repeated.kind, (POOLED,), ("1",)), pooled, np.ones(1), None)
 
-    def _add(self, what: Repeated, squares: Squares, declared: Array, p_equal: Array | None) -> None:
+    def _add(self, repeated: Repeated, squares: Squares, declared: Array, p_equal: Array | None) -> None:
         lower, upper = squares.interval()
         reported = np.flatnonzero(squares.freedom > 0)
         if len(reported):
             self.repeats.add(
-                repeated=what.kind,
-                subject=[what.subjects[c] for c in reported],
+                repeated=repeated.kind,
+                subject=[repeated.subjects[c] for c in reported],
                 pure_error=squares.sigma[reported],
                 lower=lower[reported],
                 upper=upper[reported],
                 declared_sigma=declared[reported],
-                unit=[what.units[c] for c in reported],
+                unit=[repeated.units[c] for c in reported],
                 freedom_of_error=squares.freedom[reported],
                 groups=len(self.groups),
                 told_by=self.how,
                 p_equal=None if p_equal is None else p_equal[reported],
             )
 
-    def add_fit(self, what: Repeated, model: str, lack_of_fit: LackOfFit) -> None:
+    def add_fit(self, repeated: Repeated, model: str, lack_of_fit: LackOfFit) -> None:
         """Add a row per subject whose model residuals can be compared with pure error."""
         reported = np.flatnonzero(np.isfinite(lack_of_fit.p_value))
         if len(reported):
             self.fits.add(
-                repeated=what.kind,
+                repeated=repeated.kind,
                 contender=model,
-                subject=[what.subjects[c] for c in reported],
+                subject=[repeated.subjects[c] for c in reported],
                 f_ratio=lack_of_fit.ratio[reported],
                 freedom_of_fit=lack_of_fit.of_fit[reported],
                 freedom_of_error=lack_of_fit.of_error[reported],

@@ -345,20 +345,20 @@ def _value(rows: pa.Table, run: int | str, figure: str) -> float:
 def _add_target_figures(rows: Rows, run: int | str, target: Array, figures: Positioning) -> None:
     for place, at in enumerate(target):
         subject = f"{at:g} mm"
-        for way, name in enumerate(_WAYS):
-            _add_position(rows, run, f"mean_{name}", subject, figures.mean[place, way])
-            _add_position(rows, run, f"s_{name}", subject, figures.scatter[place, way])
-            _add_position(rows, run, f"R_{name}", subject, figures.repeatability_at[place, way])
+        for direction, name in enumerate(_WAYS):
+            _add_position(rows, run, f"mean_{name}", subject, figures.mean[place, direction])
+            _add_position(rows, run, f"s_{name}", subject, figures.scatter[place, direction])
+            _add_position(rows, run, f"R_{name}", subject, figures.repeatability_at[place, direction])
         _add_position(rows, run, "B", subject, figures.reversal_at[place])
         _add_position(rows, run, "R", subject, figures.bidirectional_at[place])
 
 
 def _add_axis_figures(rows: Rows, run: int | str, figures: Positioning) -> None:
     _add_position(rows, run, "B_mean", None, float(figures.mean_reversal))
-    for way, name in enumerate(_WAYS):
-        _add_position(rows, run, f"R_{name}", None, figures.repeatability[way])
-        _add_position(rows, run, f"E_{name}", None, figures.systematic[way])
-        _add_position(rows, run, f"A_{name}", None, figures.accuracy[way])
+    for direction, name in enumerate(_WAYS):
+        _add_position(rows, run, f"R_{name}", None, figures.repeatability[direction])
+        _add_position(rows, run, f"E_{name}", None, figures.systematic[direction])
+        _add_position(rows, run, f"A_{name}", None, figures.accuracy[direction])
 
 
 def _add_position(rows: Rows, run: int | str, figure: str, subject: str | None, value: float, **more: float) -> None:

@@ -76,11 +76,11 @@ def _check(model: ExtendedModel, data: CalibrationData, second: SecondCampaign) 
         raise second.refuse("mechanism.legs", f"{nominal.count} legs, as the model has", f"{other.count} legs")
     for name in ("a", "b", "l", "rho0"):
         first, two = getattr(nominal, name), getattr(other, name)
-        apart = np.abs(first - two).reshape(nominal.count, -1).max(1)
-        if apart.max() > _SAME_M:
-            leg = int(np.argmax(apart)) + 1
+        difference = np.abs(first - two).reshape(nominal.count, -1).max(1)
+        if difference.max() > _SAME_M:
+            leg = int(np.argmax(difference)) + 1
             key = {"l": "length_mm", "rho0": "rho0_mm"}.get(name, f"{name}_mm")
-            expected = f"the nominal {key} of the model: that of leg {leg} differs by {1e3 * apart.max():.4g} mm"
+            expected = f"the nominal {key} of the model: that of leg {leg} differs by {1e3 * difference.max():.4g} mm"
             raise second.refuse(f"mechanism.legs.{leg}.{key}", expected)
 
 

@@ -95,5 +95,5 @@ def _nothing_row(alarms: Rate) -> dict[str, Any]:
     return {**nothing, "campaigns": alarms.of, **_rate_columns("found", alarms)}
 
 
-def _rate_columns(what: str, rate: Rate) -> dict[str, Any]:
-    return {what: rate.value, f"{what}_lower": rate.bounds[0], f"{what}_upper": rate.bounds[1]}
+def _rate_columns(outcome: str, rate: Rate) -> dict[str, Any]:
+    return {outcome: rate.value, f"{outcome}_lower": rate.bounds[0], f"{outcome}_upper": rate.bounds[1]}

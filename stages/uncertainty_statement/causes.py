@@ -70,14 +70,14 @@ def _state_cause(statement: Statement, row: dict[str, Any], parts: Parts) -> Non
         statement.state("cause", subject, [name], np.array([float(one["value"])]), [one["unit"]], budget)
 
 
-def _budget_of_cause(parts: Mapping[Source, float], whole: float) -> Budget:
+def _budget_of_cause(parts: Mapping[Source, float], total_variance: float) -> Budget:
     """Return the budget of one parameter; variance beyond the named sources is a source of its own."""
     total = float(np.linalg.norm(list(parts.values()))) if parts else 0.0
     if not total > 0.0:
-        return Budget((_WHOLE,), np.array([[whole]]))
-    parts_within = {source: part * min(1.0, whole / total) for source, part in parts.items()}
-    if whole > total * (1.0 + _SMALL):
-        parts_within[_BEYOND] = float(np.sqrt(whole**2 - total**2))
+        return Budget((_WHOLE,), np.array([[total_variance]]))
+    parts_within = {source: part * min(1.0, total_variance / total) for source, part in parts.items()}
+    if total_variance > total * (1.0 + _SMALL):
+        parts_within[_BEYOND] = float(np.sqrt(total_variance**2 - total**2))
     return Budget(tuple(parts_within), np.array(list(parts_within.values()))[:, None])
 
 

@@ -111,15 +111,15 @@ def _bias(r: Any) -> str:
         beside.append(f"{r.size:.0f} times its tolerance" if r.size >= 9.5 else f"{r.size:.1f} times its tolerance")
     if r.observed == r.observed:
         beside.append(f"the fit gave {with_uncertainty(factor * r.observed, factor * r.sigma, unit)}")
-    said = f"{name_of(r.parameter, r.leg)} by about {plain(factor * r.predicted)} {unit}".strip()
-    return f"{said} ({'; '.join(beside)})" if beside else said
+    bias_text = f"{name_of(r.parameter, r.leg)} by about {plain(factor * r.predicted)} {unit}".strip()
+    return f"{bias_text} ({'; '.join(beside)})" if beside else bias_text
 
 
 def agreement(absorbed: pd.DataFrame) -> str:
     """Return in words the agreement of the fit with the linear prediction."""
     both = absorbed.dropna(subset=["predicted", "observed", "sigma"])
-    off = ((both["observed"] - both["predicted"]) / both["sigma"]).abs()
-    within = int((off <= 1.96).sum())
+    standardised = ((both["observed"] - both["predicted"]) / both["sigma"]).abs()
+    within = int((standardised <= 1.96).sum())
     text = f"{within} of {count(len(both), 'parameter')} agree with the line within their bars."
     return f"{text} Parameters far from the line are biased too much for a linear prediction, or by another cause."
 

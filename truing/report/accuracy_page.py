@@ -52,12 +52,13 @@ def accuracy_words(frames: Mapping[str, pd.DataFrame]) -> list[str]:
     """Return the results in sentences, the main one first. frames: worst, legs and map."""
     worst, legs = frames["worst"].set_index("quantity"), frames["legs"]
     sizes = {name: worst.loc[name] for name in ("position", "orientation")}
-    said = [f"the {name} by at most {_value(row, 'worst')}" for name, row in sizes.items()]
-    lines = [f"Actuators within {_accuracy(legs)}: over the workspace they move {' and '.join(said)}."]
-    there = ", ".join(_value(row, "at_reference") for row in sizes.values())
+    largest_errors = [f"the {name} by at most {_value(row, 'worst')}" for name, row in sizes.items()]
+    lines = [f"Actuators within {_accuracy(legs)}: over the workspace they move {' and '.join(largest_errors)}."]
+    at_reference = ", ".join(_value(row, "at_reference") for row in sizes.values())
     sigma = ", ".join(_value(row, "sigma") for row in sizes.values())
     lines.append(
-        f"At the reference pose: {there}. With errors spread evenly over these limits, one standard deviation at the "
+        f"At the reference pose: {at_reference}. With errors spread evenly over these limits, one "
+        "standard deviation at the "
         f"worst pose: {sigma}."
     )
     lines += [f"Worst {name}: {_place(row)}; {_legs_of(legs, name)}." for name, row in sizes.items()]

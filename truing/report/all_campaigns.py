@@ -62,10 +62,10 @@ def _state(row: Row) -> str:
 
 def _verdicts(rows: Sequence[Row]) -> Iterator[Verdict]:
     """Yield one sentence per state that occurs, with the names of its first campaigns."""
-    for state, said in _SAID.items():
+    for state, state_text in _SAID.items():
         names = [row["campaign"] for row in rows if _state(row) == state]
         if names:
-            yield _MARKS[state], f"{count(len(names), 'campaign')} {said}: {listed(names, _NAMED)}."
+            yield _MARKS[state], f"{count(len(names), 'campaign')} {state_text}: {listed(names, _NAMED)}."
 
 
 def _campaigns(rows: Sequence[Row], links: Sequence[str]) -> ReportSection:

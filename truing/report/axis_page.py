@@ -76,8 +76,8 @@ def _drawn(errors: pd.DataFrame, column: str, title: str) -> go.Figure:
         subplot_titles=[ENCODERS[name] for name in encoders],
     )
     for place, name in enumerate(encoders, 1):
-        for way, colour, symbol, words in _WAYS:
-            rows = errors[(errors["encoder"] == name) & (errors["approach"] == way)]
+        for direction, colour, symbol, words in _WAYS:
+            rows = errors[(errors["encoder"] == name) & (errors["approach"] == direction)]
             figure.add_trace(
                 go.Scatter(
                     x=rows["command"].to_numpy(),

@@ -149,9 +149,9 @@ def message(tested: RelationTest) -> str:
     if tested.reason == "strays":
         return f"{sides} belong together{_size(tested)}, except {'; '.join(map(slip_words, tested.slips))}."
     if tested.reason == "scale":
-        by = 1.0 / tested.slips[0].factor - 1.0
-        text = f"{sides} agree in shape, but lengths between points are {1e3 * abs(by):.2g} mm/m "
-        text += f"{'larger' if by > 0.0 else 'smaller'} than in the survey{_size(tested)}. With the survey in this "
+        ratio = 1.0 / tested.slips[0].factor - 1.0
+        text = f"{sides} agree in shape, but lengths between points are {1e3 * abs(ratio):.2g} mm/m "
+        text += f"{'larger' if ratio > 0.0 else 'smaller'} than in the survey{_size(tested)}. With the survey in this "
         text += f"scale, the misfit is {two_decimals(tested.misfit_explained or 0.0)} {tested.unit}. "
         return f"{text}Compare scale bars, refraction, and the temperatures of survey and measurement."
     if tested.slips and tested.state == RelationState.FAILS:
@@ -205,17 +205,17 @@ def _unit(slip: RecordSlip) -> str:
     if slip.factor == 1.0:
         return f"{_slip_subject(slip)} in another unit"
     quantity = slip.quantity if slip.quantity in _FACTORS else slip.dimension
-    dimension = next((of for ending, of in _ENDINGS if slip.quantity.endswith(ending)), quantity)
+    dimension = next((meaning for ending, meaning in _ENDINGS if slip.quantity.endswith(ending)), quantity)
     known = _FACTORS.get(dimension, {})
     named = [name for factor, name in known.items() if abs(slip.factor / factor - 1.0) < _SAME_FACTOR]
-    what = f" ({named[0]})" if named else ""
+    name_text = f" ({named[0]})" if named else ""
     fault = "in another unit" if named else "off by a factor"
-    return f"{_slip_subject(slip)} {fault}: multiply by {slip.factor:.7g}{what}"
+    return f"{_slip_subject(slip)} {fault}: multiply by {slip.factor:.7g}{name_text}"
 
 
 def _zero(slip: RecordSlip) -> str:
-    by = f": add {slip.offset:.4g}" if slip.offset else ""
-    return f"{_slip_subject(slip)} with another zero{by}"
+    correction = f": add {slip.offset:.4g}" if slip.offset else ""
+    return f"{_slip_subject(slip)} with another zero{correction}"
 
 
 def _copied(slip: RecordSlip) -> str:

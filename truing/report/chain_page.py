@@ -60,8 +60,8 @@ _ISO = ("AP", "RP", "vAP", "AP_a", "AP_b", "AP_c", "RP_a", "RP_b", "RP_c", "vAP_
 def _iso_words(name: str) -> str:
     """Return the meaning of a figure of ISO 9283: ``RP_a``."""
     figure, _, turn = name.partition("_")
-    of = f"rotation about {'xyz'['abc'.index(turn)]}" if turn else "position"
-    return f"{_ISO_WORDS[figure]} of the {of} by ISO 9283."
+    quantity = f"rotation about {'xyz'['abc'.index(turn)]}" if turn else "position"
+    return f"{_ISO_WORDS[figure]} of the {quantity} by ISO 9283."
 
 
 _ISO_WORDS = {"AP": "Accuracy", "RP": "Repeatability", "vAP": "Multi-directional variation of the accuracy"}
@@ -119,12 +119,12 @@ def chain(tables: Tables) -> ReportSection | None:
 
 def _opening_sentences(joints: pd.DataFrame, numbers: pd.DataFrame | None) -> str:
     read = joints[joints["input"] >= 0]
-    what = f"An open chain of {count(len(read), 'joint')} on {joints['link'].iloc[0]}."
+    chain_text = f"An open chain of {count(len(read), 'joint')} on {joints['link'].iloc[0]}."
     if numbers is None:
-        return f"{what} Its geometry was not identified."
+        return f"{chain_text} Its geometry was not identified."
     known = numbers[numbers["identifiable"]]
     left, far = numbers[~numbers["identifiable"]], known[known["pull"].abs() > FAR]
-    words = [what, f"The data determine {len(known)} of {count(len(numbers), 'number')} of its geometry."]
+    words = [chain_text, f"The data determine {len(known)} of {count(len(numbers), 'number')} of its geometry."]
     if len(left):
         words.append(f"Not determined: {_named(left)}.")
     if len(far):
@@ -242,9 +242,9 @@ def _of_motors(motors: pd.DataFrame) -> Listing:
         known = row.sigma == row.sigma
         size = with_uncertainty(factor * row.value, factor * row.sigma if known else None, unit)
         beyond = known and row.parameter != "ratio" and abs(row.value) > _SURE * row.sigma
-        says = "–" if not known or row.parameter == "ratio" else "yes" if beyond else "no"
+        verdict_text = "–" if not known or row.parameter == "ratio" else "yes" if beyond else "no"
         name = _MOTOR_WORDS.get(row.parameter, row.parameter)
-        rows.append((row.joint, name, size if row.identifiable else "not determined", says))
+        rows.append((row.joint, name, size if row.identifiable else "not determined", verdict_text))
         marks.append("warn" if beyond else "none")
     heads = (
         _JOINT,
@@ -301,7 +301,7 @@ def _curves(curves: pd.DataFrame, joints: pd.DataFrame) -> go.Figure:
     titles = [label(name) for name in names]
     figure = make_subplots(rows=rows, cols=2, subplot_titles=titles, vertical_spacing=0.35 / rows)
     for place, name in enumerate(names):
-        where = {"row": place // 2 + 1, "col": place % 2 + 1}
+        panel = {"row": place // 2 + 1, "col": place % 2 + 1}
         along, size = (1e3, 1e6) if name in slides else (180.0 / math.pi, 180e3 / math.pi)
         units = ("mm", "µm") if name in slides else ("deg", "mdeg")
         own = curves[curves["joint"] == name]
@@ -311,9 +311,9 @@ def _curves(curves: pd.DataFrame, joints: pd.DataFrame) -> go.Figure:
         for values, width, colour in lines:
             drawn = np.where(shown, values, np.nan)
             line = {"width": width, "color": colour}
-            figure.add_trace(go.Scatter(x=readings, y=drawn, mode="lines", line=line, showlegend=False), **where)
-        figure.update_xaxes(title={"text": f"reading ({units[0]})", "standoff": 2}, **where)
-        figure.update_yaxes(title_text=units[1], **where)
+            figure.add_trace(go.Scatter(x=readings, y=drawn, mode="lines", line=line, showlegend=False), **panel)
+        figure.update_xaxes(title={"text": f"reading ({units[0]})", "standoff": 2}, **panel)
+        figure.update_yaxes(title_text=units[1], **panel)
     return style(figure, "Error curves of the joints", "Motion minus reading", 120 + 240 * rows)
 
 

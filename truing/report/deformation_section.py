@@ -87,9 +87,9 @@ def _tests(tables: Tables) -> list[ModelTest]:
         "linear": "no target moves with its own drive (linear model against none)",
         "matrix": "no target moves with the other drives (matrix model against linear)",
     }
-    says = ("The model explains no more than chance.", "The model explains significantly more than chance.")
+    meanings = ("The model explains no more than chance.", "The model explains significantly more than chance.")
     why = "This campaign does not allow the model: too few poses, or no attachment for each actuator."
-    models = [by_p(words, found[model], _UNLIKELY, says, why, REJECTED) for model, words in asked.items()]
+    models = [by_p(words, found[model], _UNLIKELY, meanings, why, REJECTED) for model, words in asked.items()]
     return [rigid, *models, *in_plane_test(_facts(tables)), *simulated_test(_facts(tables))]
 
 
@@ -240,10 +240,10 @@ def shift_against_drive(deformation: pd.DataFrame, models: pd.DataFrame) -> go.F
     low, high = _range(rows)
     for leg, place in zip(legs, places, strict=True):
         grid.add_trace(_measured(rows[rows["leg"] == leg]), **place)
-        out = deformation.drop(rows.index)
-        out = out[out["leg"] == leg]
-        if len(out):
-            grid.add_trace(_left_out(out, low, high), **place)
+        excluded = deformation.drop(rows.index)
+        excluded = excluded[excluded["leg"] == leg]
+        if len(excluded):
+            grid.add_trace(_left_out(excluded, low, high), **place)
         if leg in linear.index and (rows["leg"] == leg).any():
             grid.add_trace(_slope(rows[rows["leg"] == leg], 1e3 * float(linear.loc[leg, "coefficient"])), **place)
     subtitle = "Bars: 95 % of the point noise; line: linear model; cross: left out as gross error"

@@ -52,8 +52,10 @@ def _opening_sentences(tables: Tables) -> str:
     if repeats is not None:
         kinds = ", ".join(f"{kind}s" for kind in repeats["repeated"].unique())
         words.append(f"repeated measurements of {kinds}, identified by {repeats['told_by'].iloc[0]}")
-    said = "; ".join(words)
-    return f"{said[:1].upper()}{said[1:]}." if said else "Points with names that no survey contains."
+    events_text = "; ".join(words)
+    return (
+        f"{events_text[:1].upper()}{events_text[1:]}." if events_text else "Points with names that no survey contains."
+    )
 
 
 def _statements(tables: Tables) -> list[tuple[str, str]]:
@@ -61,21 +63,21 @@ def _statements(tables: Tables) -> list[tuple[str, str]]:
     texts = []
     names = table_or_none(tables, "likely_names")
     if names is not None:
-        which = ", ".join(f"{r.called} at {r.target}" for r in names.head(8).itertuples())
-        texts.append(("warn", f"Points with unknown names lie at missing targets: {which}. Nothing was renamed."))
+        names_ = ", ".join(f"{r.called} at {r.target}" for r in names.head(8).itertuples())
+        texts.append(("warn", f"Points with unknown names lie at missing targets: {names_}. Nothing was renamed."))
     surveys = table_or_none(tables, "resurveys")
     if surveys is not None:
         lost = surveys[surveys["relocated"] & surveys["holds_as"].isna()]
         if len(lost):
-            which = ", ".join(f"{r.body} {r.target}" for r in lost.head(8).itertuples())
-            texts.append(("warn", f"Targets moved, but campaign.toml does not declare from which pose on: {which}."))
-    apart = _repeats_that_differ(table_or_none(tables, "repeats"))
-    if apart:
-        which = ", ".join(list(apart.values())[:8])
+            names_ = ", ".join(f"{r.body} {r.target}" for r in lost.head(8).itertuples())
+            texts.append(("warn", f"Targets moved, but campaign.toml does not declare from which pose on: {names_}."))
+    differing_repeats = _repeats_that_differ(table_or_none(tables, "repeats"))
+    if differing_repeats:
+        names_ = ", ".join(list(differing_repeats.values())[:8])
         texts.append(
             (
                 "warn",
-                f"Groups of repeats scatter differently, so their pooled scatter represents none of them: {which}.",
+                f"Groups of repeats scatter differently, so their pooled scatter represents none of them: {names_}.",
             )
         )
     return texts
@@ -98,14 +100,14 @@ def _surveys(table: pd.DataFrame) -> list[Listing]:
         rows.append((r.status, r.later_survey, r.body, r.target, *shift, p_value(r.p_value), holds))
         marks.append("none" if not r.relocated else "warn" if cell(r.holds_as) == "" else "pass")
     caption = "new minus earlier position, without the common motion of targets that did not move, ± one sigma"
-    moved = [at for at, there in enumerate(table["relocated"]) if there]
+    moved = [at for at, is_moved in enumerate(table["relocated"]) if is_moved]
     listing = Listing(
         heads, tuple(rows[k] for k in moved), tuple(marks[k] for k in moved), f"Targets that moved: {caption}"
     )
-    whole = Listing(
+    surveys_listing = Listing(
         heads, tuple(rows), tuple(marks), f"All targets surveyed again: {caption}", True, "resurveys.parquet"
     )
-    return [listing, whole] if moved else [whole]
+    return [listing, surveys_listing] if moved else [surveys_listing]
 
 
 def _shift(r: object, axis: str) -> str:

@@ -92,12 +92,12 @@ def _decisions(tables: Tables) -> Listing:
     )
     for name, start, *keys, noun in (points, readings):
         if (table := table_or_none(tables, name)) is not None:
-            for (reason, *of), part in table[_by_person(table)].groupby(["reason", *keys], sort=False):
-                where = f"{count(len(part), noun)}: {_pose_names(part[noun])}"
-                rows.append((reason, f"{start}{' '.join(map(str, of))}", where))
+            for (reason, *key_values), part in table[_by_person(table)].groupby(["reason", *keys], sort=False):
+                rows_text = f"{count(len(part), noun)}: {_pose_names(part[noun])}"
+                rows.append((reason, f"{start}{' '.join(map(str, key_values))}", rows_text))
     for r in each_row(tables, "qa"):
-        if by := cell(getattr(r, "accepted", None)):
-            rows.append((f"accepted by {by}", f"{r.check} {cell(r.subject)}".strip(), f"{r.verdict}: {r.message}"))
+        if person := cell(getattr(r, "accepted", None)):
+            rows.append((f"accepted by {person}", f"{r.check} {cell(r.subject)}".strip(), f"{r.verdict}: {r.message}"))
     heads = (
         Head("decision, by whom, and why", "Decision of a person in campaign.toml, with name and reason."),
         Head("of what", "Target, channel or check that the decision concerns."),
@@ -131,16 +131,16 @@ def _by_rule(tables: Tables, name: str) -> pd.DataFrame:
 
 def _points_by_target(tables: Tables) -> Listing:
     """Return the targets with excluded points, the most frequent first, where there are many."""
-    out = _by_rule(tables, "residuals")
+    excluded = _by_rule(tables, "residuals")
     heads = (
         BODY,
         TARGET,
         Head("left out in poses", "Number of poses in which it was left out, of those that show it."),
     )
-    if len(out) <= _OPEN:
+    if len(excluded) <= _OPEN:
         return Listing(heads, ())
     seen = tables["residuals"].groupby(["body", "target"]).size()
-    number = out.groupby(["body", "target"], sort=False).size().sort_values(ascending=False, kind="stable")
+    number = excluded.groupby(["body", "target"], sort=False).size().sort_values(ascending=False, kind="stable")
     rows = tuple((*key, f"{n} of {seen[key]}") for key, n in number.items())
     return Listing(heads, rows, caption=f"Points left out of the poses, for {count(len(rows), 'target')}", folded=True)
 
@@ -202,8 +202,8 @@ def _no_part(tables: Tables) -> Listing:
 
 def _scans(tables: Tables) -> Listing:
     """Return dense scans that gave no pose, with the remarks of the registration."""
-    out = [r for r in each_row(tables, "scans") if r.status != "ok"]
-    rows = tuple((str(r.pose), r.body, r.status, cell(r.message)) for r in out)
+    failed = [r for r in each_row(tables, "scans") if r.status != "ok"]
+    rows = tuple((str(r.pose), r.body, r.status, cell(r.message)) for r in failed)
     caption = f"{count(len(rows), 'dense scan')} that gave no pose"
     heads = (POSE, BODY, Head("status", "End of the registration of the scan."), _WHY)
     return Listing(heads, rows, (), caption, len(rows) > _OPEN, "scans.parquet")
@@ -237,8 +237,8 @@ def _row_subject(r: Any) -> str:
 
 
 def _attachments(tables: Tables) -> Listing:
-    out = [r for r in each_row(tables, "deformation") if getattr(r, "rejected", False)]
-    rows = tuple((str(r.pose), f"leg {r.leg}", quantity(r.delta_bz_um, "um"), cell(r.reason)) for r in out)
+    rejected = [r for r in each_row(tables, "deformation") if getattr(r, "rejected", False)]
+    rows = tuple((str(r.pose), f"leg {r.leg}", quantity(r.delta_bz_um, "um"), cell(r.reason)) for r in rejected)
     heads = (
         POSE,
         Head("attachment", "Attachment of a leg on the platform, by the number of the leg."),

@@ -40,7 +40,7 @@ def first_screen(tables: Tables, about: CampaignFacts) -> FirstScreen:
         ("operator", about.operator),
         ("page", ", ".join(filter(None, (about.made, f"truing {about.version}" if about.version else "")))),
     )
-    shown = tuple((what, value) for what, value in facts if value)
+    shown = tuple((quantity, value) for quantity, value in facts if value)
     return FirstScreen(shown, machine_drawing(tables), _change(tables), _links(tables))
 
 
@@ -83,8 +83,8 @@ def _instrument(tables: Tables, about: CampaignFacts) -> str:
     images, readings, signals = (table_or_none(tables, n) for n in ("image_orientations", "readings", "signals"))
     if images is not None:
         cameras = table_or_none(tables, "cameras")
-        of = "" if cameras is None else f" by {count(cameras['camera'].nunique(), 'camera')}"
-        kinds.append(f"{count(len(images), 'photograph')}{of}, bundle adjustment")
+        cameras_text = "" if cameras is None else f" by {count(cameras['camera'].nunique(), 'camera')}"
+        kinds.append(f"{count(len(images), 'photograph')}{cameras_text}, bundle adjustment")
     elif table_or_none(tables, "observations") is not None:
         kinds.append("3-D points of targets")
     if table_or_none(tables, "scans") is not None:
@@ -125,8 +125,8 @@ def counts(tables: Tables) -> str:
     if configurations is not None:
         roles = ", ".join(f"{n:,} {role}" for role, n in configurations["role"].value_counts().items())
         unit = "pose" if table_or_none(tables, "axis_errors") is None else "row"
-        out = gross_errors_of_axis(tables)
-        left = f"; {count(out, 'gross error')} left out" if out else ""
+        gross_errors = gross_errors_of_axis(tables)
+        left = f"; {count(gross_errors, 'gross error')} left out" if gross_errors else ""
         parts.append(f"{count(len(configurations), unit)} ({roles}){left}")
     elif points is not None:
         parts.append(count(points["pose"].nunique(), "pose"))
@@ -153,8 +153,8 @@ def gross_errors_of_axis(tables: Tables) -> int:
 
 def _left_out(tables: Tables) -> str:
     residuals = table_or_none(tables, "residuals")
-    out = 0 if residuals is None else int(residuals["rejected"].sum())
-    return f", {out:,} left out" if out else ""
+    rejected = 0 if residuals is None else int(residuals["rejected"].sum())
+    return f", {rejected:,} left out" if rejected else ""
 
 
 def _change(tables: Tables) -> ErrorChange | None:
@@ -163,20 +163,22 @@ def _change(tables: Tables) -> ErrorChange | None:
     errors = errors_of_models(rows, modelled_of(rows), tables) if rows else []
     if not errors:
         return None
-    one, of = errors[0], part_names(tables)
+    one, parts = errors[0], part_names(tables)
     # Rows left out in turn have no rows of their own: their number is that of the fitted ones.
-    *sigma, note = _sigmas(one, of, tables, one.freedom or max(error.freedom for error in errors))
+    *sigma, note = _sigmas(one, parts, tables, one.freedom or max(error.freedom for error in errors))
     before, after = (_size(size, s, one.unit) for size, s in zip((one.before, one.after), sigma, strict=True))
-    what = f"rms of measured minus predicted, {of.held_out if one.held_out else of.fitted}"
+    quantity = f"rms of measured minus predicted, {parts.held_out if one.held_out else parts.fitted}"
     floor = "" if one.floor is None else _size(one.floor, None, one.unit)
-    return ErrorChange(what, before if modelled_of(rows) else "", after, floor, note)
+    return ErrorChange(quantity, before if modelled_of(rows) else "", after, floor, note)
 
 
 def _size(size: float, sigma: float | None, unit: str) -> str:
     return with_uncertainty(size, sigma, sign(unit)) if sigma is not None else f"{plain(size)} {sign(unit)}".rstrip()
 
 
-def _sigmas(overall: Overall, of: PartNames, tables: Tables, freedom: float) -> tuple[float | None, float | None, str]:
+def _sigmas(
+    overall: Overall, parts: PartNames, tables: Tables, freedom: float
+) -> tuple[float | None, float | None, str]:
     """Return the standard deviations of both rms, and what they are: by the scatter of the poses' mean squares; without
     poses by noise, from ``freedom``, the least number of independent values that were predicted."""
     poses = table_or_none(tables, "prediction")
@@ -188,7 +190,7 @@ def _sigmas(overall: Overall, of: PartNames, tables: Tables, freedom: float) -> 
         return (
             float(before),
             float(after),
-            f"± one standard deviation, by the scatter of {count(len(squares), of.single)}",
+            f"± one standard deviation, by the scatter of {count(len(squares), parts.single)}",
         )
     if not freedom > 0.0:
         return None, None, "without ±: the number of independent values is not known"

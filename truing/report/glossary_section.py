@@ -60,10 +60,10 @@ def glossary_section(
 def _of_check(check: QualityCheck) -> tuple[str, ...]:
     """Return question, reason, conditions and remedy of a check."""
     limits = (("warns", check.criterion.warns), ("fails", check.criterion.fails))
-    of = getattr(check.criterion, "of", "")
-    told = "; ".join(f"{verb}: {words}" for verb, words in limits if words)
-    told = f"{of}: {told}" if of else told
-    return tuple(words.replace("`", "") for words in (check.question, check.why, told, check.to_do))
+    criterion_quantity = getattr(check.criterion, "of", "")
+    limits_text = "; ".join(f"{verb}: {words}" for verb, words in limits if words)
+    limits_text = f"{criterion_quantity}: {limits_text}" if criterion_quantity else limits_text
+    return tuple(words.replace("`", "") for words in (check.question, check.why, limits_text, check.to_do))
 
 
 def named_in(listings: Iterable[Listing], head: str) -> set[str]:

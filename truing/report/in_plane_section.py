@@ -61,9 +61,9 @@ def in_plane_test(facts: Facts) -> list[ModelTest]:
         return []
     found = quantity(facts.get((_MODEL, "rms_detectable")), "um")
     power = f" A shift of {found} rms would be found with a probability of 95 %." if found != "–" else ""
-    says = (f"No shift in the plane exceeds chance.{power}", "Attachments shift in the plane with the actuators.")
+    meanings = (f"No shift in the plane exceeds chance.{power}", "Attachments shift in the plane with the actuators.")
     asked = "attachments shift only along z, not in the platform's plane"
-    return [by_p(asked, p, _UNLIKELY, says, "", REJECTED)]
+    return [by_p(asked, p, _UNLIKELY, meanings, "", REJECTED)]
 
 
 def in_plane_maps(tables: Tables) -> Drawn:

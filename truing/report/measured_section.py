@@ -86,13 +86,13 @@ def _bodies(points: pd.DataFrame, survey: pd.DataFrame | None, known: pd.Series)
     rows = []
     for body, number in known.items():
         part = points[points["body"] == body]
-        mine = survey[survey["body"] == body] if survey is not None else None
+        survey_of_body = survey[survey["body"] == body] if survey is not None else None
         rows.append(
             (
                 str(body),
                 str(number),
-                "–" if mine is None else str(len(mine)),
-                "–" if mine is None else str(int(mine["leg"].notna().sum())),
+                "–" if survey_of_body is None else str(len(survey_of_body)),
+                "–" if survey_of_body is None else str(int(survey_of_body["leg"].notna().sum())),
                 f"{part['pose'].nunique():,}",
                 f"{len(part):,}",
                 ", ".join(quantity(s, "mm") for s in part[SIGMA].median()),
@@ -302,8 +302,8 @@ def _time_words_of_loads(steps: pd.DataFrame) -> str:
 def _is_counted(steps: pd.DataFrame) -> bool:
     """Return True if times merely count the steps of every run."""
     run = steps.groupby("run", sort=False).ngroup()
-    whole = steps.assign(of_run=run).sort_values(["of_run", "time_s"], kind="stable")
-    return merely_counts(*(whole[name].to_numpy() for name in ("time_s", "step", "of_run")))
+    ordered = steps.assign(of_run=run).sort_values(["of_run", "time_s"], kind="stable")
+    return merely_counts(*(ordered[name].to_numpy() for name in ("time_s", "step", "of_run")))
 
 
 def _at_once(steps: pd.DataFrame) -> str:
@@ -362,9 +362,9 @@ def _broken_line(table: pd.DataFrame, axis: str) -> tuple[list[float], list[floa
 
 def _readings_by_load(steps: pd.DataFrame, read: pd.DataFrame) -> go.Figure:
     """Return the number of readings of each channel under each load."""
-    whole = read.merge(steps, on=["run", "step"], how="left")
-    channels, axes = in_channel_order(whole["channel"].unique()), axes_of(steps)
-    number = np.array([[int(whole.loc[whole["channel"] == c, a].ne(0.0).sum()) for a in axes] for c in channels])
+    merged = read.merge(steps, on=["run", "step"], how="left")
+    channels, axes = in_channel_order(merged["channel"].unique()), axes_of(steps)
+    number = np.array([[int(merged.loc[merged["channel"] == c, a].ne(0.0).sum()) for a in axes] for c in channels])
     figure = go.Figure(
         go.Heatmap(
             z=np.where(number > 0, number, np.nan),
@@ -405,10 +405,10 @@ def _load_row(steps: pd.DataFrame, axis: str) -> tuple[str, ...]:
     unit = LOAD_UNITS[axis]
     back = int((is_unloading(steps, axis) & steps[axis].ne(0.0)).sum())
     both = rows[axis].min() < 0.0 < rows[axis].max()
-    ways = ["up and down" if back else "up only", "both signs" if both else "one sign"]
+    coverage = ["up and down" if back else "up only", "both signs" if both else "one sign"]
     levels = rows[axis].nunique()
     low, high = (f"{value:,.6g} {unit}" for value in (steps[axis].min(), steps[axis].max()))
-    return (axis, str(rows["run"].nunique()), f"{len(rows):,}", str(levels), low, high, ", ".join(ways))
+    return (axis, str(rows["run"].nunique()), f"{len(rows):,}", str(levels), low, high, ", ".join(coverage))
 
 
 def _channels(tables: Tables, read: pd.DataFrame) -> Listing:

@@ -33,12 +33,12 @@ class ModelTest:
 
 
 def by_p(
-    asked: str, p: float | None, least: float, says: tuple[str, str], why_not: str, otherwise: str = _FAIL
+    asked: str, p: float | None, least: float, meanings: tuple[str, str], why_not: str, otherwise: str = _FAIL
 ) -> ModelTest:
-    """Return a test that holds if its p-value is at least ``least``; ``says``: meaning if it holds and if not."""
+    """Return a test that holds if its p-value is at least ``least``; ``meanings``: if it holds, and if not."""
     if p is None or p != p:
         return ModelTest(asked, None, why_not)
-    return ModelTest(asked, p >= least, says[0] if p >= least else says[1], p, otherwise)
+    return ModelTest(asked, p >= least, meanings[0] if p >= least else meanings[1], p, otherwise)
 
 
 def below_noise(asked: str, chi_square: float, freedom: float, why: str) -> ModelTest | None:

@@ -159,15 +159,15 @@ def listed(names: Sequence[str], most: int = 8) -> str:
     return shown if len(names) <= most else f"{shown} and {len(names) - most} more"
 
 
-def reasons(what: str, *left_out: Mapping[tuple[str, str], int]) -> list[str]:
+def reasons(noun: str, *left_out: Mapping[tuple[str, str], int]) -> list[str]:
     """Return the number of exclusions by reason, the most frequent first; given by (file, reason)."""
     total: Counter[str] = Counter()
     for one in left_out:
         for (_, reason), number in one.items():
             total[reason] += number
-    return [f"{count(number, what)}: {reason}" for reason, number in total.most_common()]
+    return [f"{count(number, noun)}: {reason}" for reason, number in total.most_common()]
 
 
-def gross_errors(number: int, what: str) -> str:
+def gross_errors(number: int, noun: str) -> str:
     """Return ``1 reading as a gross error``, ``2 readings as gross errors``, for the exclusions of a stage."""
-    return f"{count(number, what)} as {'a gross error' if number == 1 else 'gross errors'}"
+    return f"{count(number, noun)} as {'a gross error' if number == 1 else 'gross errors'}"

@@ -47,8 +47,8 @@ class Listing:
         total = max(self.total, len(self.rows))
         if total <= MOST_ROWS:
             return ""
-        where = f"; all are in {self.held_by}" if self.held_by else ""
-        return f"The first {MOST_ROWS:,} of {total:,} rows{where}."
+        file_text = f"; all are in {self.held_by}" if self.held_by else ""
+        return f"The first {MOST_ROWS:,} of {total:,} rows{file_text}."
 
 
 class Depth(StrEnum):

@@ -92,14 +92,14 @@ def plan_sections(
         tuple(map(tuple, _station_rows(stations))),
         caption="Stations in the order of a walk around the object",
     )
-    where = ReportSection(
+    stations_section = ReportSection(
         "stations",
         "Where to stand",
         "Positions are in the frame of the targets. Each camera points at their centre. Azimuth and elevation are the "
         "directions of the station from this centre.",
         listings=(listing,),
     )
-    return [network, where, _numbers(frames["curve"], len(stations), wanted_mm), _limits_section(frames)]
+    return [network, stations_section, _numbers(frames["curve"], len(stations), wanted_mm), _limits_section(frames)]
 
 
 def _network(
@@ -195,7 +195,7 @@ def _station_rows(stations: pd.DataFrame) -> list[list[str]]:
     ]
 
 
-def _numbers(curve: pd.DataFrame, taken: int, wanted_mm: float | None) -> ReportSection:
+def _numbers(curve: pd.DataFrame, chosen_number: int, wanted_mm: float | None) -> ReportSection:
     figure = go.Figure()
     for column, name, colour in (("worst_mm", "worst target", ORANGE), ("mean_mm", "mean of all", BLUE)):
         look = {"mode": "lines+markers", "line": {"color": colour}}
@@ -212,7 +212,10 @@ def _numbers(curve: pd.DataFrame, taken: int, wanted_mm: float | None) -> Report
     )
     figure.update_xaxes(title={"text": "photographs"})
     figure.update_yaxes(type="log", title={"text": "σ, µm"})
-    lead = f"This plan takes {taken}. Fewer than four rays to a target cannot show which of them has a gross error."
+    lead = (
+        f"This plan takes {chosen_number}. Fewer than four rays to a target cannot show which of them has a "
+        "gross error."
+    )
     return ReportSection(
         "number",
         "How many photographs",

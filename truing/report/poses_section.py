@@ -49,11 +49,13 @@ def poses(tables: Tables) -> ReportSection | None:
     if not len(tables["poses"]):
         return ReportSection("poses", "Poses", "The campaign has no object points.", state="not evaluated")
     chosen = tables["poses"][tables["poses"]["default"]]
-    good = chosen[chosen["status"] == "ok"]
+    fitted = chosen[chosen["status"] == "ok"]
     lost = chosen[chosen["status"].ne("ok") & ~_used_as_points(tables, chosen)]
     listings = [_undetermined_poses(lost)] if len(lost) else []
     listings.append(_all_poses(chosen))
-    return ReportSection("poses", "Poses", _opening_sentences(tables, chosen), _figures(tables, good), tuple(listings))
+    return ReportSection(
+        "poses", "Poses", _opening_sentences(tables, chosen), _figures(tables, fitted), tuple(listings)
+    )
 
 
 def poses_verdict(tables: Tables, _: Mapping[str, SectionVerdict]) -> SectionVerdict | None:
@@ -90,23 +92,23 @@ def _opening_sentences(tables: Tables, chosen: pd.DataFrame) -> str:
 
 
 def _of_fitted(chosen: pd.DataFrame) -> str:
-    good = chosen[chosen["status"] == "ok"]
-    bodies = count(good["body"].nunique(), "body")
-    methods = ", ".join(_METHODS.get(m, m) for m in good["method"].unique())
-    lead = f"{count(len(good), 'pose')} of {bodies}" + (f" by {methods}" if methods else "")
-    lost = len(chosen) - len(good)
-    if not lost and (good["method"] == "measured").all():
+    fitted = chosen[chosen["status"] == "ok"]
+    bodies = count(fitted["body"].nunique(), "body")
+    methods = ", ".join(_METHODS.get(m, m) for m in fitted["method"].unique())
+    lead = f"{count(len(fitted), 'pose')} of {bodies}" + (f" by {methods}" if methods else "")
+    lost = len(chosen) - len(fitted)
+    if not lost and (fitted["method"] == "measured").all():
         return f"{lead}, taken as given: nothing was fitted."
     return f"{lead}; {lost:,} could not be determined." if lost else f"{lead}; every one could be determined."
 
 
-def _figures(tables: Tables, good: pd.DataFrame) -> tuple[tuple[Any, str], ...]:
-    if not len(good):
+def _figures(tables: Tables, fitted: pd.DataFrame) -> tuple[tuple[Any, str], ...]:
+    if not len(fitted):
         return ()
-    uncertainty = (_pose_uncertainty(good), "Box: the middle half of the poses; points: single poses.")
-    if (good["method"] == "measured").all():
+    uncertainty = (_pose_uncertainty(fitted), "Box: the middle half of the poses; points: single poses.")
+    if (fitted["method"] == "measured").all():
         return (uncertainty,)  # nothing was fitted
-    shown = good.assign(expected_um=_expected(tables, good))
+    shown = fitted.assign(expected_um=_expected(tables, fitted))
     return (
         (
             _pose_residuals(shown),
@@ -116,7 +118,7 @@ def _figures(tables: Tables, good: pd.DataFrame) -> tuple[tuple[Any, str], ...]:
     )
 
 
-def _expected(tables: Tables, good: pd.DataFrame) -> Any:
+def _expected(tables: Tables, fitted: pd.DataFrame) -> Any:
     """Return per pose, in um, the rms expected from the declared noise of points and survey after six unknowns."""
     points = table_or_none(tables, "observations")
     if points is None:
@@ -125,8 +127,8 @@ def _expected(tables: Tables, good: pd.DataFrame) -> Any:
     survey = table_or_none(tables, "survey")
     if survey is not None:
         variance = variance.add(_mean_variance(survey), fill_value=0.0)
-    free = np.clip(1.0 - 6.0 / (3.0 * np.maximum(good["n_used"], 1)), 0.0, None)
-    return 1e3 * np.sqrt(good["body"].map(variance) * free)
+    free = np.clip(1.0 - 6.0 / (3.0 * np.maximum(fitted["n_used"], 1)), 0.0, None)
+    return 1e3 * np.sqrt(fitted["body"].map(variance) * free)
 
 
 def _mean_variance(points: pd.DataFrame) -> pd.Series:

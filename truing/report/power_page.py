@@ -145,8 +145,8 @@ def _curve(rates: pd.DataFrame, concerns: str) -> go.Figure:
     figure.add_trace(
         go.Scatter(x=places, y=100 * rates["expected"], name="theory", line={"color": GREY, "dash": "dot"})
     )
-    for what, colour, aside in (("found", BLUE, 0.99), ("named", ORANGE, 1.01)):  # one would hide the other
-        figure.add_trace(_rates(places * aside, rates, what, colour))
+    for outcome, colour, shift in (("found", BLUE, 0.99), ("named", ORANGE, 1.01)):  # one would hide the other
+        figure.add_trace(_rates(places * shift, rates, outcome, colour))
     beside = f" with {first['beside']}" if first["beside"] else ""
     style(figure, label(f"{first['parameter']}{beside}, {concerns}"), "Rate of detection, and of the correct name", 340)
     axis = f"{first['parameter']}, root mean square, {printed(unit)}".rstrip(", ")
@@ -155,12 +155,12 @@ def _curve(rates: pd.DataFrame, concerns: str) -> go.Figure:
     return figure
 
 
-def _rates(places: pd.Series, rates: pd.DataFrame, what: str, colour: str) -> go.Scatter:
-    value, lower, upper = (100 * rates[f"{what}{bound}"] for bound in ("", "_lower", "_upper"))
+def _rates(places: pd.Series, rates: pd.DataFrame, outcome: str, colour: str) -> go.Scatter:
+    value, lower, upper = (100 * rates[f"{outcome}{bound}"] for bound in ("", "_lower", "_upper"))
     return go.Scatter(
         x=places,
         y=value,
-        name=what,
+        name=outcome,
         mode="markers",
         marker={"color": colour, "size": 8},
         error_y={"type": "data", "symmetric": False, "array": upper - value, "arrayminus": value - lower},

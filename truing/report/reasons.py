@@ -14,8 +14,8 @@ def why_no_quality(tables: Tables) -> str:
     """Return the reason why nothing was checked."""
     if text := reason(tables, "qa"):
         return text
-    what = "readings or signals of load steps" if is_bench(tables) else "object points"
-    return f"The campaign holds no {what}."
+    quantities = "readings or signals of load steps" if is_bench(tables) else "object points"
+    return f"The campaign holds no {quantities}."
 
 
 def why_no_diagnosis(tables: Tables) -> str:

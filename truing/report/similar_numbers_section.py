@@ -57,15 +57,15 @@ def alike(tables: Tables) -> ReportSection | None:
 
 def _predictions(tables: Tables) -> Iterator[_Row]:
     """Yield the errors of the predictions without and with the causes that were found."""
-    rows, of = assessed_causes(tables), part_names(tables)
+    rows, parts = assessed_causes(tables), part_names(tables)
     modelled = modelled_of(rows)
     for one in errors_of_models(rows, modelled, tables) if rows else ():
-        what = "measured minus predicted, rms"
+        quantity = "measured minus predicted, rms"
         has_targets = not is_bench(tables) and "axis_errors" not in tables
-        what = f"coordinates of targets, {what}" if has_targets else what
-        over = of.held_out if one.held_out else of.fitted
+        quantity = f"coordinates of targets, {quantity}" if has_targets else quantity
+        over = parts.held_out if one.held_out else parts.fitted
         for words, size in (("without causes", one.before), ("with causes", one.after))[0 if modelled else 1 :]:
-            yield ("Before and after", f"{what}, {words}", over, f"{plain(size)} {sign(one.unit)}")
+            yield ("Before and after", f"{quantity}, {words}", over, f"{plain(size)} {sign(one.unit)}")
 
 
 def _deformation(tables: Tables) -> Iterator[_Row]:
@@ -76,11 +76,11 @@ def _deformation(tables: Tables) -> Iterator[_Row]:
     subject = errors["subject"] if "subject" in errors else errors["leg"]
     rows = errors[errors["figure"].eq("rms_error") & errors["leg"].isna() & subject.isna()]
     bench = is_bench(tables)
-    what = "motion of the platform under load, rms" if bench else "shift of the attachments along z, rms"
+    compared_quantity = "motion of the platform under load, rms" if bench else "shift of the attachments along z, rms"
     for row in rows.itertuples():
         words = (_OF_BENCH if bench else _DEFORMATION).get(str(row.model), f"after model {row.model}")
         over = "all load steps" if bench else "all poses"
-        yield ("Deformation", f"{what}, {words}", over, quantity(float(str(row.value)), str(row.unit)))
+        yield ("Deformation", f"{compared_quantity}, {words}", over, quantity(float(str(row.value)), str(row.unit)))
 
 
 def _calibrated(tables: Tables) -> Iterator[_Row]:
@@ -92,8 +92,8 @@ def _calibrated(tables: Tables) -> Iterator[_Row]:
     for name, unit in (("position", "um"), ("orientation", "arcsec")):
         size = facts.get(f"{name}_mean_verification")
         if size is not None and pd.notna(size):
-            what = f"{name} of the platform, mean size of the error vector, {calibration_name(key)}"
-            yield ("Calibration", what, "held-out poses", quantity(float(size), unit))
+            compared_quantity = f"{name} of the platform, mean size of the error vector, {calibration_name(key)}"
+            yield ("Calibration", compared_quantity, "held-out poses", quantity(float(size), unit))
 
 
 def _entries(tables: Tables) -> Iterator[tuple[str, ...]]:

@@ -36,8 +36,8 @@ def simulated_sentence(tables: Tables, facts: Facts) -> list[str]:
         f"Of {len(entries)} entries of K, {within} agree with the simulated ones within two standard deviations "
         f"(all together: p {p_equals(p)})."
     ]
-    apart = entries[entries["verdict"] == "differs"]
-    worst = apart.reindex(apart["pull"].abs().sort_values(ascending=False).index)
+    differing = entries[entries["verdict"] == "differs"]
+    worst = differing.reindex(differing["pull"].abs().sort_values(ascending=False).index)
     named = [
         f"K{r.leg}{r.column} by {with_uncertainty(_PER_MM * r.difference, abs(_PER_MM * r.difference / r.pull), _UNIT)}"
         for r in worst.head(_NAMED).itertuples()
@@ -70,9 +70,9 @@ def _explained(facts: Facts) -> list[str]:
 def simulated_test(facts: Facts) -> list[ModelTest]:
     """Return the test of the measured K against the simulated one, where both are known."""
     p = facts.get(("matrix", "agreement_p_value"))
-    says = ("Noise explains the differences.", "The simulation predicts another deformation than the measured one.")
+    meanings = ("Noise explains the differences.", "The simulation predicts another deformation than the measured one.")
     asked = "the platform deforms as simulated (all entries of K together)"
-    return [] if p is None else [by_p(asked, p, UNLIKELY, says, "", CONTRADICTED)]
+    return [] if p is None else [by_p(asked, p, UNLIKELY, meanings, "", CONTRADICTED)]
 
 
 def simulated_map(tables: Tables) -> Drawn:

@@ -70,11 +70,11 @@ def load_steps(tables: Tables) -> pd.DataFrame:
     if not known:
         return pd.DataFrame(columns=[*STEP, "time_s", *LOADS, "role"])
     parts = [table[[*columns, *(["role"] if "role" in table else [])]] for table in known]
-    whole = pd.concat(parts, ignore_index=True).drop_duplicates(STEP)
-    whole = whole.rename(columns={column: axis for axis, column in LOADS.items()})
-    if "role" not in whole:
-        whole = whole.assign(role=None)
-    return whole.fillna(dict.fromkeys(LOADS, 0.0)).reset_index(drop=True)
+    all_steps = pd.concat(parts, ignore_index=True).drop_duplicates(STEP)
+    all_steps = all_steps.rename(columns={column: axis for axis, column in LOADS.items()})
+    if "role" not in all_steps:
+        all_steps = all_steps.assign(role=None)
+    return all_steps.fillna(dict.fromkeys(LOADS, 0.0)).reset_index(drop=True)
 
 
 def axes_of(steps: pd.DataFrame) -> list[str]:

@@ -35,13 +35,13 @@ def _opening_sentences(errors: pd.DataFrame) -> str:
 
 
 def _listing(errors: pd.DataFrame) -> Listing:
-    of = errors.drop_duplicates(["quantity", "unit"])
-    columns = list(zip(of["quantity"], of["unit"], strict=True))
+    quantities = errors.drop_duplicates(["quantity", "unit"])
+    columns = list(zip(quantities["quantity"], quantities["unit"], strict=True))
     rows = []
-    for (by, model), group in errors.groupby(["prediction_by", "model"], sort=False):
+    for (prediction, model), group in errors.groupby(["prediction_by", "model"], sort=False):
         cells = {r.quantity: f"{plain(r.rms_error)} / {plain(r.largest_error)}" for r in group.itertuples()}
-        rows.append((str(by), cell(model), *(cells.get(name, "") for name, _ in columns)))
-    reported = of[of["noise_rms"].notna()].set_index("quantity")["noise_rms"]
+        rows.append((str(prediction), cell(model), *(cells.get(name, "") for name, _ in columns)))
+    reported = quantities[quantities["noise_rms"].notna()].set_index("quantity")["noise_rms"]
     rows.append(("noise alone", "", *(plain(reported[name]) if name in reported else "" for name, _ in columns)))
     error = "Rms / largest of measured minus predicted in the second campaign."
     heads = (

@@ -156,13 +156,13 @@ def _budget(groups: _Grouped) -> Listing:
         for source in groups.sources
         if groups.share[group, source] >= 5e-4
     )
-    of = ", rms of the results" if groups.several else ""
+    rms_text = ", rms of the results" if groups.several else ""
     heads = (
         Head("result", "Result, or group of results of one kind."),
         Head("source", "Source of uncertainty."),
         Head("type", "A: from observations of this campaign; B: declared, from other knowledge."),
         Head("distribution", "Assumed distribution of the source."),
-        Head(f"standard uncertainty{of}", "Standard uncertainty of the result by this source alone."),
+        Head(f"standard uncertainty{rms_text}", "Standard uncertainty of the result by this source alone."),
         Head("ν", "Degrees of freedom of the source's standard uncertainty; ∞ if it is taken as exactly known."),
         Head("share of the variance", "Part of the squared uncertainty of the result that this source gives."),
     )

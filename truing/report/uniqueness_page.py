@@ -69,13 +69,13 @@ def _where(table: pd.DataFrame) -> str:
 
 def _range(table: pd.DataFrame) -> str:
     units = {"mm": "mm", "deg": "°"}
-    said = []
+    ranges = []
     for row in table[~table["coordinate"].str.startswith("rho")].itertuples():
         name, _, unit = str(row.coordinate).partition("_")
         source = "" if row.given_by == "workspace" else " (as far as the other limits let it)"
-        said.append(f"{name} ±{plain(row.half_range)} {units[unit]}{source}")
+        ranges.append(f"{name} ±{plain(row.half_range)} {units[unit]}{source}")
     readings = table[table["coordinate"].str.startswith("rho")]["half_range"]
-    return f"{', '.join(said)}, readings ±{plain(readings.max())} mm"
+    return f"{', '.join(ranges)}, readings ±{plain(readings.max())} mm"
 
 
 def uniqueness_head(campaign: str, frames: Mapping[str, pd.DataFrame]) -> PageHead:
@@ -170,12 +170,12 @@ def flexure_drawing(path: pd.DataFrame) -> go.Figure:
     bend, steps = np.radians(_DRAWN_BEND), np.linspace(0.0, 1.0, _DRAWN_POINTS)
     # root at the origin, straight flexure along x
     beam = length / bend * np.stack([np.sin(bend * steps), 1.0 - np.cos(bend * steps)])
-    end, way = beam[:, -1], np.array([np.cos(bend), np.sin(bend)])
+    end, direction = beam[:, -1], np.array([np.cos(bend), np.sin(bend)])
     pivot, radius = np.array([0.5 * length, 0.0]), (1.0 - beta) * length
     about = np.linspace(-0.5, 1.6, _DRAWN_POINTS) * bend
     sphere = np.array([[beta * length], [0.0]]) + radius * np.stack([np.cos(about), np.sin(about)])
-    leg = np.stack([end, end + 0.4 * length * way], -1)
-    lever = np.stack([pivot, pivot + 0.5 * length * way], -1)
+    leg = np.stack([end, end + 0.4 * length * direction], -1)
+    lever = np.stack([pivot, pivot + 0.5 * length * direction], -1)
     figure = go.Figure()
     for (across, along), line, name in (
         (np.array([[0.0, length], [0.0, 0.0]])[::-1], {"color": GREY, "width": 6}, "straight flexure"),

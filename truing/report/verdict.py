@@ -105,8 +105,8 @@ def verdict_frame(tables: Tables) -> pd.DataFrame:
     nothing = SectionVerdict(
         CAMPAIGN, RelationState.NOT_TESTED, ReasonCode.NOT_EVALUATED, "This run holds nothing that could be assessed."
     )
-    whole = nothing if lead is None else replace(lead, section=CAMPAIGN)
-    rows = [{**_cells(whole), "decided_by": None if lead is None else lead.section}]
+    campaign_verdict = nothing if lead is None else replace(lead, section=CAMPAIGN)
+    rows = [{**_cells(campaign_verdict), "decided_by": None if lead is None else lead.section}]
     return pd.DataFrame([*rows, *({**_cells(verdict), "decided_by": None} for verdict in verdicts.values())])
 
 

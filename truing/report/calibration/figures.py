@@ -84,9 +84,9 @@ def _legend() -> dict[str, Any]:
 
 def _mean_and_largest(accuracy: pd.DataFrame) -> pd.DataFrame:
     columns = [error for error, *_ in _ERRORS]
-    by = accuracy.groupby(["deformation", "model", "role"], sort=False)[columns].agg(["mean", "max"])
+    statistics = accuracy.groupby(["deformation", "model", "role"], sort=False)[columns].agg(["mean", "max"])
     order = in_order(accuracy["deformation"])
-    return by.loc[order]
+    return statistics.loc[order]
 
 
 def _bars(sizes: pd.DataFrame, error: str, role: str, unit: str, named: bool) -> list[go.Bar]:

@@ -65,11 +65,11 @@ def _row(key: Any, figures: dict[str, float], status: str) -> tuple[str, ...]:
     chosen = next((word for name, word in _SAID.items() if figures.get(name) == 1.0), "")
     ended = status if status and status not in GOOD else ""
     pairs = [
-        f"{plain(figures.get(f'{what}_mean_{role}'))} / {plain(figures.get(f'{what}_max_{role}'))}".replace(
+        f"{plain(figures.get(f'{kind}_mean_{role}'))} / {plain(figures.get(f'{kind}_max_{role}'))}".replace(
             " ", UNBROKEN
         )
         for role in ("calibration", "verification")
-        for what in ("position", "orientation")
+        for kind in ("position", "orientation")
     ]
     return (
         ended or chosen,

@@ -176,9 +176,12 @@ def _opening_sentences(requirements: pd.DataFrame, key: Key) -> str:
 
 def _open_or_failed(r: Any, noun: str) -> str:
     """Return one failed or undecided requirement in words, with its numbers."""
-    what, asked, error, interval, _ = _sizes(r)
+    quantity, required, error, interval, _ = _sizes(r)
     words = "not met" if r.verdict == "fails" else "undecided"
-    return f"Error of {what}: 95 % of {noun}s stay below {error} (95 % interval: {interval}); limit {asked}: {words}."
+    return (
+        f"Error of {quantity}: 95 % of {noun}s stay below {error} (95 % interval: {interval}); limit "
+        f"{required}: {words}."
+    )
 
 
 def tally(requirements: pd.DataFrame) -> str:
@@ -260,12 +263,12 @@ def _requirement_bars(requirements: pd.DataFrame, key: Key) -> go.Figure:
     ratio = {c: (shown[c] / shown["requirement"]).to_numpy(dtype=float) for c in ("error", "lower", "upper")}
     figure = go.Figure()
     for verdict, (colour, symbol) in _DRAWN_AS.items():
-        mine = (shown["verdict"] == verdict).to_numpy()
-        if not mine.any():
+        has_verdict = (shown["verdict"] == verdict).to_numpy()
+        if not has_verdict.any():
             continue
-        rows, error = shown[mine], ratio["error"][mine]
+        rows, error = shown[has_verdict], ratio["error"][has_verdict]
         bars = {"type": "data", "symmetric": False, "thickness": 3, "width": 6}
-        bars |= {"array": ratio["upper"][mine] - error, "arrayminus": error - ratio["lower"][mine]}
+        bars |= {"array": ratio["upper"][has_verdict] - error, "arrayminus": error - ratio["lower"][has_verdict]}
         figure.add_trace(
             go.Scatter(
                 x=error,

@@ -407,8 +407,8 @@ def _cost_of_models(tables: Tables) -> str:
     same = figures.xs(chosen[1], level="deformation").dropna(subset=_HELD_OUT)
     sizes = ", ".join(f"{model} {quantity(size, 'um')}" for model, size in same[_HELD_OUT].items())
     text = f"Held-out position error with the same deformation: {sizes}.{_departures(tables)}"
-    apart = same[(same["chosen"] != 1.0) & (same.get("indistinguishable", 0.0) != 1.0)]
-    if not len(apart):
+    distinguishable = same[(same["chosen"] != 1.0) & (same.get("indistinguishable", 0.0) != 1.0)]
+    if not len(distinguishable):
         return text
     return f"{text} Over this range the models are not equivalent."
 
@@ -427,22 +427,22 @@ def _load(nominal: pd.DataFrame) -> str:
     """Return the motion of the platform by the external load, from the stiffness model."""
     if "load_shift_rms" not in nominal or not nominal["load_shift_rms"].notna().any():
         return ""
-    whole, varying = (
+    constant, varying = (
         quantity(float(nominal[name].dropna().iloc[0]), "um") for name in ("load_shift_rms", "load_shift_varying")
     )
     return (
-        f" By the stiffness model, the external load moves the platform by {whole} rms, of which {varying} differ "
+        f" By the stiffness model, the external load moves the platform by {constant} rms, of which {varying} differ "
         "between poses."
     )
 
 
 def _method_words(tables: Tables) -> str:
     """Return in words the effect of errors in variables and of tolerances as prior on the chosen calibration."""
-    ours, theirs = figures_by_calibration(tables), figures_by_calibration(tables, IMPLICIT)
+    main_figures, implicit_figures = figures_by_calibration(tables), figures_by_calibration(tables, IMPLICIT)
     chosen = chosen_calibration(tables)
-    if ours is None or theirs is None or chosen is None or chosen not in theirs.index:
+    if main_figures is None or implicit_figures is None or chosen is None or chosen not in implicit_figures.index:
         return ""
-    a, b = theirs.loc[chosen], ours.loc[chosen]
+    a, b = implicit_figures.loc[chosen], main_figures.loc[chosen]
     parts = [
         f"{words} {plain(a[figure])} against {plain(b[figure])}"
         for figure, words in (("heldout_ratio", "held out / noise"), ("rms_pull", "rms pull"))

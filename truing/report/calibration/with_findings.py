@@ -24,8 +24,8 @@ def compared_calibrations(tables: Tables) -> list[Listing]:
     table = table_or_none(tables, "calibrations_compared")
     if table is None:
         return []
-    of = table.drop_duplicates(["quantity", "unit"])
-    columns = list(zip(of["quantity"], of["unit"], strict=True))
+    quantities = table.drop_duplicates(["quantity", "unit"])
+    columns = list(zip(quantities["quantity"], quantities["unit"], strict=True))
     rows = [row for main in (True, False) for row in _rows(table[table["is_main"] == main], columns)]
     heads = (
         Head("calibration", "Whether the calibration is the main one, which all other tables of the page show."),
@@ -41,21 +41,21 @@ def compared_calibrations(tables: Tables) -> list[Listing]:
 def _rows(errors: pd.DataFrame, columns: list[tuple[str, str]]) -> list[tuple[str, ...]]:
     result = []
     for tested_on, part in errors.groupby("tested_on", sort=False):
-        first, by = part.iloc[0], part.set_index("quantity")
+        first, by_quantity = part.iloc[0], part.set_index("quantity")
         model = " ".join(filter(None, (first["model"], cell(first.get("deformation")))))
         names = "main" if first["is_main"] else "for comparison"
         head = (f"{first['data']}, {names}", cell(first["findings"]) or "none", model)
-        result.append((*head, str(tested_on), *(_size(by, name) for name, _ in columns)))
+        result.append((*head, str(tested_on), *(_size(by_quantity, name) for name, _ in columns)))
         if part["rms_unchanged"].notna().any() and not part["rms_unchanged"].equals(part["rms_error"]):
             unchanged = f"{tested_on} that no finding changes"
-            result.append((*head, unchanged, *(plain(by["rms_unchanged"].get(name)) for name, _ in columns)))
+            result.append((*head, unchanged, *(plain(by_quantity["rms_unchanged"].get(name)) for name, _ in columns)))
     return result
 
 
-def _size(by: pd.DataFrame, name: str) -> str:
-    if name not in by.index:
+def _size(by_quantity: pd.DataFrame, name: str) -> str:
+    if name not in by_quantity.index:
         return ""
-    rms, largest = by.loc[name, "rms_error"], by.loc[name, "largest_error"]
+    rms, largest = by_quantity.loc[name, "rms_error"], by_quantity.loc[name, "largest_error"]
     return plain(rms) if largest != largest else f"{plain(rms)} / {plain(largest)}"
 
 
@@ -90,8 +90,8 @@ def choice_verdicts(tables: Tables) -> list[Verdict]:
     names = {outcome: group["cause"].tolist() for outcome, group in table.groupby("outcome", sort=False)}
     reported: list[Verdict] = []
     if missed := names.get("not found"):
-        which = f"{count(len(missed), 'cause')} that the diagnosis did not find"
-        reported.append(("warn", f"[diagnosis] apply names {which}: {listed(missed)}. It was not applied."))
+        missed_text = f"{count(len(missed), 'cause')} that the diagnosis did not find"
+        reported.append(("warn", f"[diagnosis] apply names {missed_text}: {listed(missed)}. It was not applied."))
     if idle := names.get("no effect"):
         reported.append(("warn", f"[diagnosis] apply names {listed(idle)}: found, but {_NO_EFFECT}."))
     if applied := names.get("applied"):

@@ -92,18 +92,18 @@ def _change_verdicts(comparison: RunComparison) -> list[Verdict]:
     steps = range(len(comparison.between))
     loud = [("found", _step_words(comparison, step)) for step in steps if has_changed(comparison, step)]
     effects = {step: _effect_verdicts(comparison, step) for step in steps}
-    still = [step for step in steps if not has_changed(comparison, step) and len(comparison.assessed(step))]
-    silent = [step for step in still if not effects[step]]
+    unchanged_steps = [step for step in steps if not has_changed(comparison, step) and len(comparison.assessed(step))]
+    silent = [step for step in unchanged_steps if not effects[step]]
     of_numbers = [
         ("pass", f"{comparison.pair(k)}: no change beyond chance in {_assessed(comparison, [k])} that both runs have.")
-        for k in still
+        for k in unchanged_steps
         if effects[k]
     ]
     texts = [*loud, *(effect for step in steps for effect in effects[step]), *of_numbers]
     if silent:
-        where = f" ({', '.join(map(comparison.pair, silent))})" if texts or len(silent) < len(steps) else ""
+        pairs_text = f" ({', '.join(map(comparison.pair, silent))})" if texts or len(silent) < len(steps) else ""
         numbers = _assessed(comparison, silent)
-        texts.append(("pass", f"Nothing has changed beyond chance{where}: {numbers} compared from run to run."))
+        texts.append(("pass", f"Nothing has changed beyond chance{pairs_text}: {numbers} compared from run to run."))
     return texts + [
         ("none", f"{comparison.pair(step)}: {_why_words(comparison, step)}")
         for step in steps
@@ -119,8 +119,8 @@ def _assessed(comparison: RunComparison, steps: Sequence[int]) -> str:
 
 def _why_words(comparison: RunComparison, step: int) -> str:
     """Return in words the reason that numbers of a step were not assessed."""
-    what = "some numbers were not compared" if len(comparison.assessed(step)) else "no number was compared"
-    return f"{what}: {'; '.join(comparison.between[step].why)}."
+    reason = "some numbers were not compared" if len(comparison.assessed(step)) else "no number was compared"
+    return f"{reason}: {'; '.join(comparison.between[step].why)}."
 
 
 def has_changed(comparison: RunComparison, step: int) -> bool:
@@ -134,8 +134,8 @@ def _step_words(comparison: RunComparison, step: int) -> str:
     changed = _largest_first(assessed[assessed["changed"]])
     if comparison.between[step].rebuilt:
         more = f" Beyond chance individually: {_largest_changes(changed)}." if len(changed) else ""
-        what = "changed in too many places to name: it was rebuilt, or is another machine."
-        return f"{comparison.pair(step)}: {what}{more}"
+        change_text = "changed in too many places to name: it was rebuilt, or is another machine."
+        return f"{comparison.pair(step)}: {change_text}{more}"
     sizes = f"{len(changed)} of {count(len(assessed), 'number')} changed: {_largest_changes(changed)}"
     return f"{comparison.pair(step)}: {sizes}."
 
@@ -159,8 +159,8 @@ def _alternatives(row: object) -> str:
 
 def _effect_verdicts(comparison: RunComparison, step: int) -> list[Verdict]:
     """Return the effects that only one of two runs found."""
-    before, now = (_effects_found(comparison, place) for place in (step, step + 1))
-    texts = [("new", [name for name in now if name not in before]), ("gone", [n for n in before if n not in now])]
+    before, after = (_effects_found(comparison, place) for place in (step, step + 1))
+    texts = [("new", [name for name in after if name not in before]), ("gone", [n for n in before if n not in after])]
     words = {"new": "found for the first time", "gone": "no longer found"}
     return [("found", f"{comparison.pair(step)}: {words[kind]}: {', '.join(names)}.") for kind, names in texts if names]
 

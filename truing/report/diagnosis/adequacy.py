@@ -187,10 +187,10 @@ def _limit_words(row: Any) -> str:
         accepted = count(round(row.value), "cause")
         return f"the search accepted {accepted}, and so many may only describe residuals piece by piece"
     accepted = count(round(row.value), "accepted cause")
-    of = f" of {subject_words(row.left_subject)}" if cell(row.left_subject) else ""
+    subject_text = f" of {subject_words(row.left_subject)}" if cell(row.left_subject) else ""
     return (
         f"the search ended after {accepted},{_WHY_ENDED[row.search_end]} but another effect remains; its best "
-        f"candidate is {cause_words(row.left_cause)}{of}"
+        f"candidate is {cause_words(row.left_cause)}{subject_text}"
     )
 
 

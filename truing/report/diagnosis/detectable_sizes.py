@@ -31,8 +31,8 @@ def hidden(rows: list[AssessedCause], tables: Tables) -> ReportSection:
             "hidden", _TITLE, why, listings=(reported,) if reported.rows else (), state="not evaluated"
         )
     table = table.assign(subject=table["subject"].map(cell), told=size_words(table))
-    held = {row.cause for row in rows if row.reason_code == "contained"}
-    table.loc[table["cause"].isin(held) & table["size"].isna(), "told"] = _HELD
+    contained_causes = {row.cause for row in rows if row.reason_code == "contained"}
+    table.loc[table["cause"].isin(contained_causes) & table["size"].isna(), "told"] = _HELD
     found = {row.cause for row in rows if row.verdict in (FOUND, SUSPECTED)}
     table.loc[table["cause"].isin(found) & table["size"].isna(), "told"] = _BEYOND
     return ReportSection(

@@ -82,8 +82,10 @@ def _opening_sentences(rows: list[AssessedCause]) -> str:
             for row in weak
         )
     else:
-        which = "alternative" if nearest and len(accepted) == 1 else "alternative that passes the other tests"
-        text = f"Every {which} is at least {EQUAL_ODDS:g} times less probable."
+        alternative_text = (
+            "alternative" if nearest and len(accepted) == 1 else "alternative that passes the other tests"
+        )
+        text = f"Every {alternative_text} is at least {EQUAL_ODDS:g} times less probable."
     text += nearest
     assessed = [row for row in accepted if row.holds]
     changed = list(dict.fromkeys(row.name for row in assessed if row.holds != HOLDS))
@@ -161,8 +163,8 @@ def _axis(positions: np.ndarray) -> dict[str, object]:
     kept: list[int] = [0]
     for decades in (*_DECADES, *(-d for d in _DECADES)):
         place = _position(decades * math.log(10.0))
-        apart = min(abs(place - _position(d * math.log(10.0))) for d in kept)
-        if low - 0.05 <= place <= high + 0.05 and apart > _APART * reach:
+        distance = min(abs(place - _position(d * math.log(10.0))) for d in kept)
+        if low - 0.05 <= place <= high + 0.05 and distance > _APART * reach:
             kept.append(decades)
     return {
         "tickvals": [_position(d * math.log(10.0)) for d in sorted(kept)],

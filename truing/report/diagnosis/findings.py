@@ -161,8 +161,10 @@ def _other_subjects(facts: Facts) -> str:
     """Return the other possible subjects that the data leave open."""
     if not facts.subjects:
         return ""
-    whole = next((words for kind, words in _ALL.items() if facts.subject.startswith(kind)), "the whole machine")
-    texts = [f"{subject_words(subject) or whole} ({max(odds, 1.0):.1f} to 1)" for subject, odds in facts.subjects]
+    all_subjects = next((words for kind, words in _ALL.items() if facts.subject.startswith(kind)), "the whole machine")
+    texts = [
+        f"{subject_words(subject) or all_subjects} ({max(odds, 1.0):.1f} to 1)" for subject, odds in facts.subjects
+    ]
     return f" Other possible subjects, with the odds against each: {', '.join(texts)}."
 
 
@@ -199,8 +201,8 @@ def _rejected(facts: Facts) -> str:
         )
     if facts.reason_code == "contained":
         sizes = _sizes(facts)
-        alone = f"; alone{sizes}" if sizes else ""
-        return f"The data show that {facts.clause}. This is part of an accepted cause and explains less{alone}."
+        sizes_alone = f"; alone{sizes}" if sizes else ""
+        return f"The data show that {facts.clause}. This is part of an accepted cause and explains less{sizes_alone}."
     if facts.reason_code == "ended":
         return f"It is undecided whether {facts.clause}: the search ended without it (p = {facts.p_value:.2g})."
     shown = (

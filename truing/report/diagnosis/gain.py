@@ -77,27 +77,27 @@ def gain_section(rows: list[AssessedCause], tables: Tables) -> ReportSection:
     ``rows``: all candidates; where none was found, the errors of the plain simulation.
     """
     modelled = modelled_of(rows)
-    of = part_names(tables)
+    parts = part_names(tables)
     missed = [
-        _Missed(_words_of(errors_of_model, of), errors_of_model, bool(modelled))
+        _Missed(_words_of(errors_of_model, parts), errors_of_model, bool(modelled))
         for errors_of_model in errors_of_models(rows, modelled, tables)
     ]
-    reported = [*_errors_by_cause(modelled, of), *_parts(missed, tables), *_plain(tables)]
+    reported = [*_errors_by_cause(modelled, parts), *_parts(missed, tables), *_plain(tables)]
     misses = reading_misses(tables)
     by_part = _by_role(tables) if misses is None else by_channel(misses)
     listings = [listing for listing in (by_part, _calibrations(tables)) if listing.rows]
     title = "Before and after" if modelled else "Errors of the predictions"
     lead = " ".join(
-        [_opening_sentences(missed, of, rows, whole=not shortcoming(tables)), *held_out_sentences(modelled, of)]
+        [_opening_sentences(missed, parts, rows, whole=not shortcoming(tables)), *held_out_sentences(modelled, parts)]
     )
-    return ReportSection("gain", title, lead, tuple(reported), tuple(listings), see=not_elsewhere(modelled, of))
+    return ReportSection("gain", title, lead, tuple(reported), tuple(listings), see=not_elsewhere(modelled, parts))
 
 
-def _words_of(overall: Overall, of: PartNames) -> str:
-    return f"{of.held_out} ({of.not_fitted})" if overall.held_out else of.fitted
+def _words_of(overall: Overall, parts: PartNames) -> str:
+    return f"{parts.held_out} ({parts.not_fitted})" if overall.held_out else parts.fitted
 
 
-def _opening_sentences(missed: list[_Missed], of: PartNames, rows: list[AssessedCause], *, whole: bool) -> str:
+def _opening_sentences(missed: list[_Missed], parts: PartNames, rows: list[AssessedCause], *, whole: bool) -> str:
     """Return in words the remaining held-out errors against noise, and the share of the excess removed. ``whole``:
     whether no test of the final model fails."""
     if not missed:
@@ -108,7 +108,7 @@ def _opening_sentences(missed: list[_Missed], of: PartNames, rows: list[Assessed
     else:
         texts = [words for pair in zip(texts, removed, strict=True) for words in pair]
     if not any(row.held_out[0] is not None for row in rows):
-        texts.append(f"No {of.single} was held out, so no prediction was tested on data that no fit had used.")
+        texts.append(f"No {parts.single} was held out, so no prediction was tested on data that no fit had used.")
     return " ".join(filter(None, texts))
 
 
@@ -147,15 +147,15 @@ def _removed(missed: _Missed, whole: bool) -> str:
     return f"The causes explain {100.0 * share:.3g} % of the variance beyond noise."
 
 
-def _errors_by_cause(findings: list[AssessedCause], of: PartNames) -> Drawn:
+def _errors_by_cause(findings: list[AssessedCause], parts: PartNames) -> Drawn:
     rows = [row for row in findings if row.rms[0] is not None and row.rms[1] is not None]
     units = dict.fromkeys(row.unit for row in rows)
-    words = of.fitted_or_not
-    if not of.is_of_points:
+    words = parts.fitted_or_not
+    if not parts.is_of_points:
         # Each cause is assessed over the channels that it moves, so errors after one are not those before the next.
         start = "with what was found before"
-        return [(misfit_figure([row], of, *([start] if k else [])), words) for k, row in enumerate(rows)]
-    return [(misfit_figure([row for row in rows if row.unit == unit], of), words) for unit in units]
+        return [(misfit_figure([row], parts, *([start] if k else [])), words) for k, row in enumerate(rows)]
+    return [(misfit_figure([row for row in rows if row.unit == unit], parts), words) for unit in units]
 
 
 def _parts(missed: list[_Missed], tables: Tables) -> Drawn:
@@ -258,14 +258,14 @@ def _calibrations(tables: Tables) -> Listing:
 
 
 def misfit_figure(
-    findings: list[AssessedCause], of: PartNames = POINTS, start: str = "simulation without changes"
+    findings: list[AssessedCause], parts: PartNames = POINTS, start: str = "simulation without changes"
 ) -> go.Figure:
     """Return the rms of measured minus predicted before and after each accepted cause of one unit, with the noise
     floor."""
     stages = [f"{start} ", *(f"+ {label(row.name)} " for row in findings)]
     figure = go.Figure()
     fitted, held_out = [row.rms for row in findings], [row.held_out for row in findings]
-    for name, colour, sizes in ((of.fitted, BLUE, fitted), (of.held_out, ORANGE, held_out)):
+    for name, colour, sizes in ((parts.fitted, BLUE, fitted), (parts.held_out, ORANGE, held_out)):
         heights = [sizes[0][0], *(after for _, after in sizes)]
         if all(height is None for height in heights):
             continue

@@ -44,15 +44,15 @@ def gain(causes: list[AssessedCause], tables: Tables) -> str:
     if told_of is None:
         return ""
     parts = part_names(tables)
-    what = f"the rms error on {parts.held_out if told_of.held_out else parts.fitted}"
-    return _change(what, told_of) + _against_noise(told_of, _whose_noise(tables))
+    quantity = f"the rms error on {parts.held_out if told_of.held_out else parts.fitted}"
+    return _change(quantity, told_of) + _against_noise(told_of, _whose_noise(tables))
 
 
-def _change(what: str, one: Overall) -> str:
+def _change(quantity: str, one: Overall) -> str:
     before, after = (f"{rough(size)} {sign(one.unit)}".rstrip() for size in (one.before, one.after))
     if before == after:
-        return f"leaves {what} at {after}"
-    return f"{'lowers' if one.after < one.before else 'raises'} {what} from {before} to {after}"
+        return f"leaves {quantity} at {after}"
+    return f"{'lowers' if one.after < one.before else 'raises'} {quantity} from {before} to {after}"
 
 
 def _whose_noise(tables: Tables) -> str:
@@ -61,15 +61,15 @@ def _whose_noise(tables: Tables) -> str:
     return "noise and the scatter found here" if raised else "the measurement noise"
 
 
-def _against_noise(one: Overall, whose: str) -> str:
-    """Return the rms error after all findings with the noise floor, if known; ``whose`` noise that is."""
+def _against_noise(one: Overall, noise_owner: str) -> str:
+    """Return the rms error after all findings with the noise floor, if known; ``noise_owner``: whose noise."""
     if one.floor is None:
         return ""
     floor = f"{rough(one.floor)} {sign(one.unit)}".rstrip()
     if one.is_below_noise:
-        return f", significantly below {whose} ({floor}): {one.why_below}"
+        return f", significantly below {noise_owner} ({floor}): {one.why_below}"
     near = 1.0 / AT_THE_FLOOR <= one.after / one.floor <= AT_THE_FLOOR
-    return f", consistent with {whose} ({floor})" if near else f"; {whose} alone would give {floor}"
+    return f", consistent with {noise_owner} ({floor})" if near else f"; {noise_owner} alone would give {floor}"
 
 
 def _noise(row: AssessedCause) -> str:
@@ -77,14 +77,15 @@ def _noise(row: AssessedCause) -> str:
     times = with_uncertainty(size.number or 0.0, size.sigma) if size is not None else "–"
     place = row.settings.get("place")
     if row.follows or place:
-        where = str(place) if place else columns_words(row.follows)
+        input_text = str(place) if place else columns_words(row.follows)
         return (
-            f"The noise depends on {where}: where it is largest, it is {times} times as large as where it is smallest"
+            f"The noise depends on {input_text}: where it is largest, it is {times} times as large as where "
+            "it is smallest"
         )
-    whose = f" of {subject_words(row.subject)}" if row.subject else ""
+    subject_text = f" of {subject_words(row.subject)}" if row.subject else ""
     if row.settings.get("over") == "others":
-        return f"The noise{whose} is {times} times that of the others"
-    return f"The noise{whose} is {times} times the declared noise"
+        return f"The noise{subject_text} is {times} times that of the others"
+    return f"The noise{subject_text} is {times} times the declared noise"
 
 
 def _largest_shift(row: AssessedCause, tables: Tables) -> Reach | None:

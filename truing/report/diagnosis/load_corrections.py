@@ -78,9 +78,9 @@ def _other_load_text(row: AssessedCause, steps: pd.DataFrame) -> list[str]:
         else:
             component, share = name[2], _SHARE[name[3] or ""] * abs(size.number)
         found[component] = found.get(component, 0.0) + share * largest
-    kind, unit, way = ("moment", "N·m", "about") if axis[1][0] == "f" else ("force", "N", "along")
+    kind, unit, preposition = ("moment", "N·m", "about") if axis[1][0] == "f" else ("force", "N", "along")
     parts = sorted(((size, c) for c, size in found.items() if size > 0.0), reverse=True)
     if not parts:
         return []
-    words = " and ".join(f"{rough(size)} {unit} {way} {c}" for size, c in parts)
+    words = " and ".join(f"{rough(size)} {unit} {preposition} {c}" for size, c in parts)
     return [f"{load_words(axis[1])} also applied an unrecorded {kind} of up to {words}"]

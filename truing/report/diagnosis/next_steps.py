@@ -90,11 +90,11 @@ def _requirements(tables: Tables) -> Iterator[NextStep]:
     noun = assessed_noun(requirements)
     for row in undecided.itertuples():
         if pd.isna(row.measurements):
-            now, _, asked = interval_words(row)
+            present, _, required = interval_words(row)
             words = (
                 f"No practical number of {noun}s decides it: the error of {row.component} is too close to its limit. "
             )
-            words += f"Its 95 % interval is {now}; the limit is {asked}."
+            words += f"Its 95 % interval is {present}; the limit is {required}."
             yield NextStep(Need.REQUIREMENT, f"requirement {row.component}", words)
         else:
             yield _deciding_measurements(row, pace_s, several, "row" if "axis_errors" in tables else noun)
@@ -102,10 +102,10 @@ def _requirements(tables: Tables) -> Iterator[NextStep]:
 
 def _measurement_of(components: list[str], *, is_axis: bool) -> str:
     """Return the measurement that shows errors in components of the tip of a chain, or of an axis."""
-    what = "the axis by an outside instrument" if is_axis else "a target or a pose of the tip"
+    quantity = "the axis by an outside instrument" if is_axis else "a target or a pose of the tip"
     if not is_axis and any(name.startswith("r") for name in components):
-        what = "poses of the tip, or three targets on it that are not on one line"
-    return f"To evaluate the requirement on {', '.join(components)}, measure {what}."
+        quantity = "poses of the tip, or three targets on it that are not on one line"
+    return f"To evaluate the requirement on {', '.join(components)}, measure {quantity}."
 
 
 _ALL_OVER = {"row": "the travel", "pose": "the workspace", "run": "the range"}
@@ -125,9 +125,11 @@ def _deciding_measurements(row: Any, pace_s: float | None, several: int, noun: s
     )
     text += f"{_ALL_OVER[noun]}{_ROLES[noun]}{takes}."
     text += f" The same {noun}s also decide the other requirements." if several > 1 else ""
-    now, then, asked = interval_words(row)
-    given = f"The 95 % interval of its error is now {now}; the limit is {asked}. "
-    given += f"The interval becomes {then} if errors are as large as in the {int(row.poses_judged)} {noun}s so far."
+    present, predicted, required = interval_words(row)
+    given = f"The 95 % interval of its error is now {present}; the limit is {required}. "
+    given += (
+        f"The interval becomes {predicted} if errors are as large as in the {int(row.poses_judged)} {noun}s so far."
+    )
     figures = {"measurements": float(total)} | ({} if pace_s is None else {"duration_s": total * pace_s})
     return NextStep(Need.REQUIREMENT, f"requirement {row.component}", f"{text} {given}", figures=figures)
 

@@ -273,9 +273,15 @@ def plain_errors(rows: list[AssessedCause], tables: Tables, *, held_out: bool) -
 def errors_of_models(rows: list[AssessedCause], findings: list[AssessedCause], tables: Tables) -> list[Overall]:
     """Return the errors at held-out data, then the rest; ``findings``: the modelled ones of all candidates."""
     missed: list[Overall] = []
-    for held in (True, False):
-        whole = overall(findings, tables, held_out=held) if findings else None
-        missed += [whole] if whole is not None else [] if findings else plain_errors(rows, tables, held_out=held)
+    for is_held_out in (True, False):
+        overall_errors = overall(findings, tables, held_out=is_held_out) if findings else None
+        missed += (
+            [overall_errors]
+            if overall_errors is not None
+            else []
+            if findings
+            else plain_errors(rows, tables, held_out=is_held_out)
+        )
     return missed
 
 

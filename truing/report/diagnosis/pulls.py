@@ -44,40 +44,44 @@ def pulls(tables: Tables) -> ReportSection | None:
     there are none."""
     if "pulls" not in tables:
         return None
-    table, of = table_or_none(tables, "pulls"), part_names(tables)
-    title = f"Pulls: {of.built_question}"
+    table, parts = table_or_none(tables, "pulls"), part_names(tables)
+    title = f"Pulls: {parts.built_question}"
     rows = table[table["identifiable"].astype(bool)] if table is not None else None
     if table is None or rows is None or not len(rows):
-        return ReportSection("pulls", title, _unknown(of))
+        return ReportSection("pulls", title, _unknown(parts))
     sums = _sums(tables)
     axis = "shift / √(tolerance² − sigma²)"
-    figure = pull_figure(rows, _COLUMNS, f"Pulls of the identified {of.built}, before and after", axis)
+    figure = pull_figure(rows, _COLUMNS, f"Pulls of the identified {parts.built}, before and after", axis)
     words = "An effect that the model leaves out biases other parameters: their pulls are then large."
     left = len(table) - len(rows)
     words += f" Not shown: {count(left, 'parameter')} that the data do not determine." if left else ""
     return ReportSection(
-        "pulls", title, _opening_sentences(sums, of), ((figure, words),), (_summary_listing(sums), _pull_listing(rows))
+        "pulls",
+        title,
+        _opening_sentences(sums, parts),
+        ((figure, words),),
+        (_summary_listing(sums), _pull_listing(rows)),
     )
 
 
-def _unknown(of: PartNames) -> str:
-    return f"The data determine no parameter of the {of.built} better than its tolerance."
+def _unknown(parts: PartNames) -> str:
+    return f"The data determine no parameter of the {parts.built} better than its tolerance."
 
 
 def pulls_verdict(tables: Tables, _: Mapping[str, SectionVerdict]) -> SectionVerdict | None:
     """Return the verdict on all pulls together against realistic tolerances; None where there are none."""
     if "pulls" not in tables:
         return None
-    table, of = table_or_none(tables, "pulls"), part_names(tables)
+    table, parts = table_or_none(tables, "pulls"), part_names(tables)
     known = table is not None and bool(table["identifiable"].any())
     sums = _sums(tables) if known else {}
     if not sums:
-        why = _opening_sentences(sums, of) if known else _unknown(of)
+        why = _opening_sentences(sums, parts) if known else _unknown(parts)
         return SectionVerdict("pulls", RelationState.NOT_TESTED, ReasonCode.NOT_EVALUATED, f"Pulls not tested: {why}")
     last = _final_sums(sums)
     size, limit = (_rms(chi_square, last.freedom) for chi_square in (last.chi_square, last.upper))
-    text = f"Pulls of the {of.built}: rms {rough(size)}; upper limit (95 %) if tolerances are realistic: "
-    text += f"{rough(limit)} (p {p_equals(last.p_value)}). {_one_number(table, last) or _verdict(last, of)}"
+    text = f"Pulls of the {parts.built}: rms {rough(size)}; upper limit (95 %) if tolerances are realistic: "
+    text += f"{rough(limit)} (p {p_equals(last.p_value)}). {_one_number(table, last) or _verdict(last, parts)}"
     if last.chi_square <= last.upper:
         return SectionVerdict("pulls", RelationState.OK, ReasonCode.WITHIN_TOLERANCE, text, size, "1", limit)
     state = RelationState.FAILS if last.p_value < _UNLIKELY else RelationState.ATTENTION
@@ -118,9 +122,9 @@ def _other_by(row: Any) -> str:
     standard deviation.
     """
     factor, unit = print_unit(row.parameter, row.unit)
-    way, offset = "larger" if row.offset_after > 0.0 else "smaller", abs(factor * row.offset_after)
+    direction, offset = "larger" if row.offset_after > 0.0 else "smaller", abs(factor * row.offset_after)
     sigma = offset / math.sqrt(row.explained_after) if row.explained_after > 0.0 else None
-    return f"{name_of(row.parameter, row.leg)} {way} by {with_uncertainty(offset, sigma, unit)}"
+    return f"{name_of(row.parameter, row.leg)} {direction} by {with_uncertainty(offset, sigma, unit)}"
 
 
 def _sums(tables: Tables) -> dict[str, Any]:
@@ -142,7 +146,7 @@ def _final_sums(sums: dict[str, Any]) -> Any:
     return sums[_AFTER] if _AFTER in sums else next(iter(sums.values()))
 
 
-def _opening_sentences(sums: dict[str, Any], of: PartNames) -> str:
+def _opening_sentences(sums: dict[str, Any], parts: PartNames) -> str:
     if not sums:
         return "The sum of all pulls could not be tested: see each of them."
     last = _final_sums(sums)
@@ -151,16 +155,16 @@ def _opening_sentences(sums: dict[str, Any], of: PartNames) -> str:
     size = _rms(last.chi_square, last.freedom)
     if _BEFORE in sums and _AFTER in sums:
         was = rough(_rms(sums[_BEFORE].chi_square, sums[_BEFORE].freedom))
-        return f"Rms pull: {was} without the causes, {rough(size)} with them. {band}. {_verdict(last, of)}"
-    return f"Rms pull: {rough(size)}. {band}. {_verdict(last, of)}"
+        return f"Rms pull: {was} without the causes, {rough(size)} with them. {band}. {_verdict(last, parts)}"
+    return f"Rms pull: {rough(size)}. {band}. {_verdict(last, parts)}"
 
 
-def _verdict(row: Any, of: PartNames) -> str:
+def _verdict(row: Any, parts: PartNames) -> str:
     if row.chi_square > row.upper:
         return "Parts are farther from nominal than tolerances allow: tolerances are too small, or a cause is missing."
     if row.chi_square < row.lower:
         return "Parts are closer to nominal than tolerances suggest: tolerances may be too large."
-    return of.as_built
+    return parts.as_built
 
 
 def _summary_listing(sums: dict[str, Any]) -> Listing:

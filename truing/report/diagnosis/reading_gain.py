@@ -160,7 +160,7 @@ def in_order(misses: pd.DataFrame, modelled: bool) -> list[go.Figure]:
     return [_in_order(misses, modelled, part, words) for part, words in zip(parts, texts, strict=True)]
 
 
-def _in_order(misses: pd.DataFrame, modelled: bool, channels: list[str], which: str) -> go.Figure:
+def _in_order(misses: pd.DataFrame, modelled: bool, channels: list[str], title: str) -> go.Figure:
     """Return a figure with a panel per channel and separate runs."""
     figure = make_subplots(len(channels), 1, vertical_spacing=0.3 / max(len(channels), 2))
     shapes: list[dict[str, Any]] = []
@@ -188,7 +188,7 @@ def _in_order(misses: pd.DataFrame, modelled: bool, channels: list[str], which: 
         figure.update_yaxes(title_text=f"{label(channel)} ({unit})", zerolinecolor=GREY, row=row, col=1)
         figure.update_xaxes(**_run_axis(own), row=row, col=1)
     words = "Measured − predicted, run after run; grey: 95 % range of the noise"
-    style(figure, f"Errors of the predictions in order of measurement{which}", words, 140 + 130 * len(channels))
+    style(figure, f"Errors of the predictions in order of measurement{title}", words, 140 + 130 * len(channels))
     figure.update_layout(legend=_LEGEND, margin={"t": 110}, shapes=shapes)
     return figure
 

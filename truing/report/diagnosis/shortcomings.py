@@ -94,7 +94,7 @@ def _of_cause_left(cause: str) -> str:
 
 def _revealing_measurement(columns: tuple[str, ...], several: str) -> str:
     """Return the measurement that shows why residuals are correlated along columns."""
-    what = columns_words(columns)
+    quantities = columns_words(columns)
     if set(columns) <= OF_TIME:
         text = f"Repeat five of the first {several} at the end, and measure the others in random order."
         return f"{text} If the repeats differ, something drifts with time. If not, the errors depend on the {several}."
@@ -107,4 +107,4 @@ def _revealing_measurement(columns: tuple[str, ...], several: str) -> str:
     if len(columns) > 1:
         text = f"Repeat the five {several} with the largest errors on another day."
         return f"{text} If the errors are the same, measure more {several} near them, to find the form of the error."
-    return f"Measure at five values of {what}, increasing and decreasing, with everything else unchanged."
+    return f"Measure at five values of {quantities}, increasing and decreasing, with everything else unchanged."

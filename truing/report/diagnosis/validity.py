@@ -21,39 +21,40 @@ _REGIONS = {"pose": "regions of the workspace", "run": "ranges of the loads", "r
 _MOST = 6.0  # largest power of ten of odds that is given
 
 
-def held_out_sentences(findings: Iterable[AssessedCause], of: PartNames) -> list[str]:
+def held_out_sentences(findings: Iterable[AssessedCause], parts: PartNames) -> list[str]:
     """Return the sentences on blocks left out, and on findings without informative blocks."""
     rows = [row for row in findings if row.left_out_by]
-    texts = _of_blocks([row for row in rows if row.left_out_gain is not None], of)
-    if lone := dict.fromkeys(row.name for row in rows if row.left_out_by == ONE_BLOCK):
+    texts = _of_blocks([row for row in rows if row.left_out_gain is not None], parts)
+    if one_block := dict.fromkeys(row.name for row in rows if row.left_out_by == ONE_BLOCK):
         texts.append(
-            f"Not cross-validated: {'; '.join(lone)}. The effect shows in only one series, run, day or region, or too "
+            f"Not cross-validated: {'; '.join(one_block)}. The effect shows in only one series, run, day "
+            "or region, or too "
             "weakly in each. A repetition on another day would test it."
         )
     if unknown := dict.fromkeys(row.name for row in rows if row.left_out_by == NONE):
         texts.append(
             f"Not cross-validated: {'; '.join(unknown)}. The campaign has fewer than three series, runs, days or "
-            f"regions to leave out as a whole, and single {of.single}s left out do not test whether "
-            f"an effect holds elsewhere. {_to_measure(of)}"
+            f"regions to leave out as a whole, and single {parts.single}s left out do not test whether "
+            f"an effect holds elsewhere. {_to_measure(parts)}"
         )
     return texts
 
 
-def _of_blocks(rows: list[AssessedCause], of: PartNames) -> list[str]:
+def _of_blocks(rows: list[AssessedCause], part_names_of_model: PartNames) -> list[str]:
     """Return in words the effect of findings on blocks that are predicted from the others, one text for each kind."""
     alike: dict[tuple[str, str], list[AssessedCause]] = {}
     for row in rows:
         gain = _gain(row)
-        says = "supports" if gain > 0.0 else "contradicts"
-        says = "does not decide about" if abs(gain) < math.log(EQUAL_ODDS) else says
-        parts = f"{row.left_out_blocks} {_PARTS.get(row.left_out_by, _REGIONS[of.single])}"
-        alike.setdefault((says, parts), []).append(row)
+        verb = "supports" if gain > 0.0 else "contradicts"
+        verb = "does not decide about" if abs(gain) < math.log(EQUAL_ODDS) else verb
+        parts = f"{row.left_out_blocks} {_PARTS.get(row.left_out_by, _REGIONS[part_names_of_model.single])}"
+        alike.setdefault((verb, parts), []).append(row)
     texts = []
-    for (says, parts), own in alike.items():
+    for (verb, parts), own in alike.items():
         names = "; ".join(f"{row.in_sentence}, {_odds(_gain(row))}" for row in own)
         each = "it" if len(own) == 1 else "each of them"
         texts.append(
-            f"Cross-validation {says} {names}: {parts} that are sensitive to {each} were left out in turn and "
+            f"Cross-validation {verb} {names}: {parts} that are sensitive to {each} were left out in turn and "
             "predicted from the others."
         )
     return texts
@@ -76,13 +77,15 @@ def _odds(gain: float) -> str:
     return f"with odds of {size} to 1 {'for' if gain >= 0.0 else 'against'} it"
 
 
-def _to_measure(of: PartNames) -> str:
-    if of.is_of_readings:
+def _to_measure(parts: PartNames) -> str:
+    if parts.is_of_readings:
         return "To test it, apply loads in three runs or more, or in four ranges of loads, at least four steps each."
-    return f"To test it, measure at least four {of.single}s on each of three days, or in each quarter of the workspace."
+    return (
+        f"To test it, measure at least four {parts.single}s on each of three days, or in each quarter of the workspace."
+    )
 
 
-def not_elsewhere(findings: Iterable[AssessedCause], of: PartNames) -> tuple[tuple[str, str], ...]:
+def not_elsewhere(findings: Iterable[AssessedCause], parts: PartNames) -> tuple[tuple[str, str], ...]:
     """Return the section with measurements that would test findings without informative blocks."""
-    untested = not of.is_of_readings and any(row.left_out_by == NONE for row in findings)
+    untested = not parts.is_of_readings and any(row.left_out_by == NONE for row in findings)
     return (("next", "What to measure next"),) if untested else ()

@@ -55,8 +55,8 @@ def diagnosis_verdict(tables: Tables, before: Mapping[str, SectionVerdict]) -> S
     """Return the verdict on the search for causes: found, suspected, nothing among the tested ones, or not tested."""
     rows = assessed_causes(tables)
     if not rows:
-        apart = "belonging" in before and before["belonging"].state == RelationState.FAILS
-        code = ReasonCode.WITHHELD if apart else ReasonCode.NOT_EVALUATED
+        is_contradictory = "belonging" in before and before["belonging"].state == RelationState.FAILS
+        code = ReasonCode.WITHHELD if is_contradictory else ReasonCode.NOT_EVALUATED
         return _diagnosed(RelationState.NOT_TESTED, code, f"Diagnosis not evaluated: {lower(why_no_diagnosis(tables))}")
     accepted = accepted_of(rows)
     effects = [row for row in accepted if not row.is_noise]
@@ -182,8 +182,8 @@ def _listed(clauses: list[str], several: int) -> str:
 
 
 def _agreement(rows: list[AssessedCause], tables: Tables) -> str:
-    of = tested_words(rows)
-    text = f"{_upper(of)} agree to within the noise" if of else "The residuals are noise"
+    tested_text = tested_words(rows)
+    text = f"{_upper(tested_text)} agree to within the noise" if tested_text else "The residuals are noise"
     text = f"{text}: {_nothing_found(rows)}."
     sizes = _hidden_sizes(table_or_none(tables, "detectable"))
     if not sizes:
@@ -215,8 +215,11 @@ def _rivals(causes: list[AssessedCause], rows: list[AssessedCause], tables: Tabl
         return []
     texts = [lower(clause(row, tables)) for row in rivals[:_TOLD]]
     more = f", or one of {len(rivals) - _TOLD} more" if len(rivals) > _TOLD else ""
-    which = "this finding" if len(causes) == 1 else "one of these findings"
-    words = f"Equally good explanation of {which}: {', or '.join(texts)}{more}. This campaign cannot distinguish them."
+    finding_text = "this finding" if len(causes) == 1 else "one of these findings"
+    words = (
+        f"Equally good explanation of {finding_text}: {', or '.join(texts)}{more}. This campaign cannot "
+        "distinguish them."
+    )
     return [("warn", words)]
 
 
@@ -263,8 +266,11 @@ def _probability(p: float) -> str:
 
 def counted(rows: list[AssessedCause], tables: Tables) -> str:
     """Return the number of assessed candidates and their results; bodies without legs have no model."""
-    rivals, out = (sum(row.verdict == verdict for row in rows) for verdict in (RIVAL, REJECTED))
-    idle, of = sum(row.verdict == NOT_TESTABLE for row in rows), tested_words(rows) or "what was measured"
+    rivals, rejected = (sum(row.verdict == verdict for row in rows) for verdict in (RIVAL, REJECTED))
+    untestable, tested_text = (
+        sum(row.verdict == NOT_TESTABLE for row in rows),
+        tested_words(rows) or "what was measured",
+    )
     accepted = [row for row in accepted_of(rows) if not row.is_noise]
     refuted = sum(not row.in_model for row in accepted)
     found, suspected = len(accepted) - refuted, sum(row.verdict == SUSPECTED and row.in_model for row in accepted)
@@ -275,16 +281,16 @@ def counted(rows: list[AssessedCause], tables: Tables) -> str:
             return f"{assessed}, none found, but the model does not fit as a whole: {short}."
         noisy = any(row.is_noise and not row.is_remainder for row in rows)
         noise = "; the noise is not as declared" if noisy else ""
-        return f"{assessed} by comparing {of}: {_nothing_found(rows)}{noise}."
+        return f"{assessed} by comparing {tested_text}: {_nothing_found(rows)}{noise}."
     other = f", {rivals} equally good as one of them and not distinguishable from it" if rivals else ""
-    unseen = f", {idle} not testable with these data" if idle else ""
+    unseen = f", {untestable} not testable with these data" if untestable else ""
     into = "included in the results below"
     if is_bench(tables) or any(name in tables for name in ("pulls", "axis_errors")):
         into = "added to the extended model (model.toml)"
     worse = f", {refuted} suspected but not {into} because predictions are not better with it" if refuted else ""
     kept = f"{_accepted_words(found - suspected, suspected)} and {into}" if found else "none found"
     return (
-        f"{assessed}: {kept}{worse}{other}, {out} rejected{unseen}. "
+        f"{assessed}: {kept}{worse}{other}, {rejected} rejected{unseen}. "
         f"All causes were compared on the same data, re-estimating every other parameter."
     )
 

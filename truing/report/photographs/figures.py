@@ -142,14 +142,14 @@ def _frusta(R: Array, centre: Array, images: pd.DataFrame, cameras: pd.DataFrame
     """Return edges of each camera's field of view (M, 3), separated by NaN."""
     about = cameras.pivot(index="camera", columns="parameter", values="value")
     form = cameras.groupby("camera")[["width_px", "height_px"]].first()
-    out = []
+    lines = []
     for k, camera in enumerate(images["camera"]):
         half = form.loc[camera].to_numpy(dtype=float) / 2.0 / about.loc[camera, "c"]
         corners = np.array([[a * half[0], b * half[1], 1.0] for a, b in ((-1, -1), (1, -1), (1, 1), (-1, 1))]) * size
         tip, gap = np.zeros(3), np.full(3, np.nan)
         edges = [e for corner in corners for e in (tip, corner, gap)] + [*corners, corners[0], gap]
-        out.append(np.array(edges) @ R[k].T + centre[k])
-    return np.concatenate(out)
+        lines.append(np.array(edges) @ R[k].T + centre[k])
+    return np.concatenate(lines)
 
 
 def _ellipsoids(points: pd.DataFrame, gain: float) -> Array:
@@ -230,13 +230,13 @@ def residual_picture(residuals: pd.DataFrame, cameras: pd.DataFrame) -> go.Figur
         for trace in traces:
             trace.visible = number == 0
             figure.add_trace(trace)
-    by = round_gain(width / 10.0)
+    enlargement = round_gain(width / 10.0)
     total = reported.groupby(["pose", "image"]).ngroups
     more = f" The {len(images)} of {total} images with the largest residuals." if len(images) < total else ""
     style(
         figure,
         "Residuals of the rays",
-        f"Measured minus adjusted: {by:g} px on the axes = {by / gain:.2g} px of residual.{more}",
+        f"Measured minus adjusted: {enlargement:g} px on the axes = {enlargement / gain:.2g} px of residual.{more}",
         620,
     )
     height = float(formats["height_px"].max())
@@ -279,12 +279,15 @@ def _cell_means(table: pd.DataFrame, formats: pd.DataFrame, gain: float) -> list
 
 
 def _of_image(table: pd.DataFrame, gain: float) -> list[Any]:
-    good, wrong = table[~table["rejected"]], table[table["rejected"]]
-    drawn = [*_vectors(good, gain, BLUE, "residual"), _ray_ends(good, _words(good), BLUE, "ray")]
-    if len(wrong):
+    accepted, rejected = table[~table["rejected"]], table[table["rejected"]]
+    drawn = [*_vectors(accepted, gain, BLUE, "residual"), _ray_ends(accepted, _words(accepted), BLUE, "ray")]
+    if len(rejected):
         drawn.append(
             _ray_ends(
-                wrong, [f"{w}; {r}" for w, r in zip(_words(wrong), wrong["reason"], strict=True)], RED, "rejected"
+                rejected,
+                [f"{w}; {r}" for w, r in zip(_words(rejected), rejected["reason"], strict=True)],
+                RED,
+                "rejected",
             )
         )
     return drawn
@@ -319,10 +322,10 @@ def _ray_ends(rays: pd.DataFrame, words: list[str], colour: str, name: str) -> A
     )
 
 
-def _slider(what: str, names: list[Any], owner: list[int]) -> dict[str, Any]:
-    """Return a slider that shows the traces of one ``what``; ``owner``: index of the name of each trace."""
+def _slider(noun: str, names: list[Any], owner: list[int]) -> dict[str, Any]:
+    """Return a slider that shows the traces of one ``noun``; ``owner``: index of the name of each trace."""
     steps = [
         {"label": label(name), "method": "restyle", "args": [{"visible": [number == k for number in owner]}]}
         for k, name in enumerate(names)
     ]
-    return {"steps": steps, "currentvalue": {"prefix": f"{what} "}, "pad": {"t": 10, "b": 20, "l": 60, "r": 60}}
+    return {"steps": steps, "currentvalue": {"prefix": f"{noun} "}, "pad": {"t": 10, "b": 20, "l": 60, "r": 60}}

@@ -91,12 +91,12 @@ def _cameras(cameras: pd.DataFrame, tables: Tables) -> Listing:
     for r in cameras.itertuples():
         sigma = float(r.sigma) if r.free and np.isfinite(r.sigma) else None
         unit = "" if r.unit == "1" else r.unit
-        held = "" if r.free else ", held"
+        fixed_text = "" if r.free else ", held"
         rows.append(
             (
                 r.camera,
                 r.parameter,
-                with_uncertainty(float(r.value), sigma, unit) + held,
+                with_uncertainty(float(r.value), sigma, unit) + fixed_text,
                 strongest.get(f"{r.camera} {r.parameter}", ""),
             )
         )
@@ -140,14 +140,14 @@ def _bars(tables: Tables) -> Iterator[Listing]:
     if len(bars):
         rows = tuple((str(r.pose), r.bar, r.serves, *_length(r)) for r in bars.itertuples())
         yield Listing(heads, rows, caption="Scale bars", folded=len(rows) > _OPEN, held_by=_LENGTHS)
-    for start, what in ((FROM_SURVEY, "Distances of the survey"), (FROM_MARKER, "Diagonals of markers and boards")):
+    for start, title in ((FROM_SURVEY, "Distances of the survey"), (FROM_MARKER, "Diagonals of markers and boards")):
         own = table[table["bar"].str.startswith(start)]
         if not len(own):
             continue
-        off = (own["deviation_mm"] / own["deviation_sigma_mm"]).abs().fillna(0.0)
-        worst = own.loc[off.groupby(own["bar"], sort=False).idxmax()]
+        standardised = (own["deviation_mm"] / own["deviation_sigma_mm"]).abs().fillna(0.0)
+        worst = own.loc[standardised.groupby(own["bar"], sort=False).idxmax()]
         each = tuple((r.bar.removeprefix(start), str(r.pose), *_length(r)) for r in worst.itertuples())
-        caption = f"{what} that define the scale ({len(each)}), each in the pose with its largest deviation"
+        caption = f"{title} that define the scale ({len(each)}), each in the pose with its largest deviation"
         yield Listing((_DISTANCE, POSE, *heads[3:]), each, (), caption, len(each) > _OPEN, _LENGTHS)
 
 
@@ -207,8 +207,8 @@ def _rejected(residuals: pd.DataFrame) -> Iterator[Listing]:
 
 
 def _ray(r: Any) -> tuple[str, ...]:
-    off = f"{r.vx_px:+.2f}, {r.vy_px:+.2f}" if np.isfinite(r.vx_px) else "–"
-    return str(r.pose), r.image, r.point or f"a {r.kind}", f"{r.x_px:.1f}, {r.y_px:.1f}", off
+    residual_text = f"{r.vx_px:+.2f}, {r.vy_px:+.2f}" if np.isfinite(r.vx_px) else "–"
+    return str(r.pose), r.image, r.point or f"a {r.kind}", f"{r.x_px:.1f}, {r.y_px:.1f}", residual_text
 
 
 def _points(points: pd.DataFrame) -> Listing:

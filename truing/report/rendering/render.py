@@ -138,9 +138,9 @@ def _figure(figure: go.Figure, caption: str, name: str, campaign: str) -> _Figur
     scene = data.get("scene", {"gains": [], "gain": None, "legs": []})
     gains = tuple(f"{gain:g} times" for gain in scene["gains"])
     first = scene["gains"].index(scene["gain"]) if gains else 0
-    held = embedded(data)
+    embedded_data = embedded(data)
     return _Figure(
-        *(name, caption, title, subtitle, f"{spoken}.", height, held, step_of, tuple(steps), gains, first),
+        *(name, caption, title, subtitle, f"{spoken}.", height, embedded_data, step_of, tuple(steps), gains, first),
         legs=tuple(scene["legs"]),
         file=file,
     )

@@ -44,10 +44,10 @@ def _shifts(shifts: pd.DataFrame) -> list[tuple]:
         # Contribution of the points' noise to the rms of these shifts, to first order.
         noise = float(np.sqrt(np.sum((shift * sigma) ** 2))) / (len(shift) * rms) if rms > 0.0 else float(sigma.max())
         most = int(np.argmax(np.abs(shift)))
-        where = f"largest shift of the attachment along z, pose {group['pose'].iloc[most]}"
+        caption = f"largest shift of the attachment along z, pose {group['pose'].iloc[most]}"
         text = f"rms shift of the attachment along z over {count(len(group), 'pose')}"
         rows.append((int(leg), text, with_uncertainty(rms, noise, "µm"), "–", "–"))
-        rows.append((int(leg), where, with_uncertainty(float(shift[most]), float(sigma[most]), "µm"), "–", "–"))
+        rows.append((int(leg), caption, with_uncertainty(float(shift[most]), float(sigma[most]), "µm"), "–", "–"))
     return rows
 
 

@@ -102,12 +102,12 @@ def _axes(table: pd.DataFrame, size: float) -> Iterator[go.Scatter3d]:
         hidden = (of_leg and not frame.endswith(" 1")) or frame == "measurement"
         length = size * _LENGTHS.get(frame, _OF_LEGS)
         colour = _COLOURS.get(frame, GREEN if frame.startswith("leg") else "#7b3294")
-        start, way = group[XYZ].to_numpy(dtype=float), group[_ALONG].to_numpy(dtype=float)
-        places = np.concatenate([_arrow(a, length * w) for a, w in zip(start, way, strict=True)])
+        start, direction = group[XYZ].to_numpy(dtype=float), group[_ALONG].to_numpy(dtype=float)
+        places = np.concatenate([_arrow(a, length * w) for a, w in zip(start, direction, strict=True)])
         visible = "legendonly" if hidden else True
         yield _line(places, frame, colour, 5.0, visible=visible, legendgroup=frame)
         yield go.Scatter3d(
-            **dict(zip("xyz", (start + 1.12 * length * way).T, strict=True)),
+            **dict(zip("xyz", (start + 1.12 * length * direction).T, strict=True)),
             mode="text",
             text=[_tip(frame, str(axis)) for axis in group["axis_name"]],
             textfont={"color": colour, "size": 13},
@@ -126,12 +126,14 @@ def _tip(frame: str, axis: str) -> str:
     return f"{axis} {frame.split()[-1]}" if frame.startswith("leg") else label(axis)
 
 
-def _arrow(start: NDArray[np.float64], way: NDArray[np.float64]) -> NDArray[np.float64]:
+def _arrow(start: NDArray[np.float64], direction: NDArray[np.float64]) -> NDArray[np.float64]:
     """Return the points (7, 3) of an arrow: shaft and head, each ended by a gap."""
-    side = np.cross(way, [0.0, 0.0, 1.0] if abs(way[2]) < 0.9 * np.linalg.norm(way) else [1.0, 0.0, 0.0])
-    side *= 0.4 * _HEAD * np.linalg.norm(way) / np.linalg.norm(side)
-    end, gap = start + way, np.full(3, np.nan)
-    return np.stack([start, end, gap, end - _HEAD * way + side, end, end - _HEAD * way - side, gap])
+    side = np.cross(
+        direction, [0.0, 0.0, 1.0] if abs(direction[2]) < 0.9 * np.linalg.norm(direction) else [1.0, 0.0, 0.0]
+    )
+    side *= 0.4 * _HEAD * np.linalg.norm(direction) / np.linalg.norm(side)
+    end, gap = start + direction, np.full(3, np.nan)
+    return np.stack([start, end, gap, end - _HEAD * direction + side, end, end - _HEAD * direction - side, gap])
 
 
 def _line(points: NDArray[np.float64], name: str, colour: str, width: float, **more: object) -> go.Scatter3d:

@@ -138,12 +138,12 @@ def _chain(tables: Tables, named: Named) -> _Shape | None:
     shape.lines += [("leg", points) for points in links]
     moves = (nodes["joint_kind"] != "fixed").to_numpy()
     size = 0.05 * max(float(np.ptp(places, axis=0).max()), 1.0)
-    ways = nodes[_AXIS].to_numpy(float)
+    axes = nodes[_AXIS].to_numpy(float)
     for joint_node in np.flatnonzero(moves):
         joint = cell(nodes["joint"].iloc[joint_node])
         is_failing = bool(joint) and joint in named
         shape.lines.append(
-            (f"base{_FAILING * is_failing}", origins[joint_node] + size * np.outer([-1.0, 1.0], ways[joint_node]))
+            (f"base{_FAILING * is_failing}", origins[joint_node] + size * np.outer([-1.0, 1.0], axes[joint_node]))
         )
         if is_failing:
             shape.labels.append((joint, origins[joint_node], places.mean(axis=0)))
@@ -276,7 +276,7 @@ def _svg(shape: _Shape, points: _Points) -> str:
 def _apart(texts: list[tuple[str, _Points, _Points]]) -> Iterator[tuple[str, float, float]]:
     """Yield each text with the middle of its base line, px, beside its point on the side away from another point; the
     nearest place where it covers no text before it."""
-    taken: list[_Points] = []
+    drawn: list[_Points] = []
     for words, point, middle in texts:
         half = np.array([0.5 * _LETTER * len(words), 0.5 * _TEXT])
         away = point - middle
@@ -284,12 +284,12 @@ def _apart(texts: list[tuple[str, _Points, _Points]]) -> Iterator[tuple[str, flo
         boxes = []
         for distance in _NEAR:
             for turn in angle + _ASIDE:
-                way = np.array([np.cos(turn), np.sin(turn)])
-                centre = point + distance * way + np.abs(way) * np.sign(way) * half * [1.0, 0.0]
+                direction = np.array([np.cos(turn), np.sin(turn)])
+                centre = point + distance * direction + np.abs(direction) * np.sign(direction) * half * [1.0, 0.0]
                 boxes.append(np.stack([centre - half, centre + half]))
         inside = [box for box in boxes if (box[0] > 0.0).all() and (box[1] < [_WIDTH, _HEIGHT]).all()]
-        box = next((box for box in inside if not any(_overlap(box, other) for other in taken)), (inside or boxes)[0])
-        taken.append(box)
+        box = next((box for box in inside if not any(_overlap(box, other) for other in drawn)), (inside or boxes)[0])
+        drawn.append(box)
         x, y = box.mean(axis=0)
         yield words, float(x), float(y + 0.33 * _TEXT)
 
@@ -310,5 +310,5 @@ def _words(shape: _Shape) -> str:
     failing = sum(name.endswith(_FAILING) for name, _ in shape.lines)
     failing += sum(len(own) for name, own in shape.dots if name.endswith(_FAILING))
     numbers = ((legs, "lines for legs or links"), (targets, "targets"), (failing, "of them named by a failed check"))
-    parts = [f"frames of {names}"] * bool(names) + [f"{number} {what}" for number, what in numbers if number]
+    parts = [f"frames of {names}"] * bool(names) + [f"{number} {noun}" for number, noun in numbers if number]
     return f"Drawing of the machine: {'; '.join(parts)}"

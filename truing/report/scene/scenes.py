@@ -36,17 +36,17 @@ def pose_scene(tables: Tables, residuals: pd.DataFrame, body: str) -> DrawnScene
     poses = _slider_poses(residuals, len(own) + len(legs))
     motion = _motions(tables, [body, *legs["body"].unique()], poses)
     place, shift = _points(own, residuals, poses)
-    theirs, their_shift = _points(legs, tables["residuals"], poses)
-    _in_frame_of(theirs, their_shift, legs, body, motion)
-    whole, targets = np.concatenate([place, theirs], axis=1), _with_legs(own, legs)
-    moved = np.concatenate([shift, their_shift], axis=1)
+    leg_points, leg_shift = _points(legs, tables["residuals"], poses)
+    _in_frame_of(leg_points, leg_shift, legs, body, motion)
+    all_points, targets = np.concatenate([place, leg_points], axis=1), _with_legs(own, legs)
+    moved = np.concatenate([shift, leg_shift], axis=1)
     numbers, lower, upper = _joints(tables, body, motion, len(poses))
     attached = targets["at"].to_numpy(dtype=float)
     return DrawnScene(
         step="pose",
         labels=tuple(map(str, poses)),
         names=tuple(targets["target"].astype(str)),
-        place=whole,
+        place=all_points,
         shift=moved,
         leg=np.nan_to_num(targets["leg"].to_numpy(dtype=float)).astype(int),
         attached=np.isfinite(attached),
@@ -205,9 +205,9 @@ def _of_leg(shifts: pd.DataFrame, pose: Any, leg: int) -> str:
         return f"Leg {leg}: its attachment was not measured in this pose."
     row = shifts.loc[(pose, leg)]
     shift = with_uncertainty(float(row["delta_bz_um"]), float(row["sigma_um"]), "µm")
-    out = " (left out as gross error)" if bool(row.get("rejected", False)) else ""
+    rejected_text = " (left out as gross error)" if bool(row.get("rejected", False)) else ""
     drive = f"; displacement of its actuator {row['delta_rho_mm']:+.3f} mm" if np.isfinite(row["delta_rho_mm"]) else ""
-    return f"Leg {leg}: shift of its attachment along z {shift}{out}{drive}."
+    return f"Leg {leg}: shift of its attachment along z {shift}{rejected_text}{drive}."
 
 
 def load_scene(tables: Tables) -> DrawnScene | None:
@@ -274,10 +274,11 @@ def _covariance(cases: pd.DataFrame) -> NDArray[np.float64]:
 
 
 def _sigma_along(
-    place: NDArray[np.float64], way: NDArray[np.float64], covariance: NDArray[np.float64]
+    place: NDArray[np.float64], direction: NDArray[np.float64], covariance: NDArray[np.float64]
 ) -> NDArray[np.float64]:
-    """Return the standard uncertainty (S, N) in um of the motion of points along unit vectors ``way`` (S, N, 3)."""
-    pull = np.concatenate([way, np.cross(1e-3 * place, way)], axis=-1)
+    """Return the standard uncertainty (S, N) in um of the motion of points along unit vectors ``direction`` (S, N,
+    3)."""
+    pull = np.concatenate([direction, np.cross(1e-3 * place, direction)], axis=-1)
     return 1e6 * np.sqrt(np.maximum(np.einsum("sni,sij,snj->sn", pull, covariance, pull), 0.0))
 
 

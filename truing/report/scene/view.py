@@ -107,10 +107,10 @@ def picture(scene: DrawnScene, title: str, subtitle: str) -> go.Figure:
 def drawn(scene: DrawnScene, step: int, gain: float, chosen: tuple[int, ...] = ()) -> list[dict[str, Any]]:
     """Return coordinates and texts of all traces with the chosen legs, as the script of the page computes them too."""
     start, end = scene.place[step], scene.place[step] + gain * scene.shift[step]
-    there = np.isfinite(start).all(-1) & np.isfinite(end).all(-1)
-    there &= ~scene.own | np.isin(scene.leg, chosen)
-    lit = there & (np.isin(scene.leg, chosen) if chosen else True)
-    ring = scene.ring[there[scene.ring]]
+    is_finite = np.isfinite(start).all(-1) & np.isfinite(end).all(-1)
+    is_finite &= ~scene.own | np.isin(scene.leg, chosen)
+    lit = is_finite & (np.isin(scene.leg, chosen) if chosen else True)
+    ring = scene.ring[is_finite[scene.ring]]
     legs = [k for k, leg in enumerate(scene.legs) if leg in chosen or (scene.all_legs and not chosen)]
     legs = legs if scene.lower is not None else []
     gap = np.full((1, 3), np.nan)
@@ -119,7 +119,7 @@ def drawn(scene: DrawnScene, step: int, gain: float, chosen: tuple[int, ...] = (
     rods = np.concatenate([joints, np.broadcast_to(gap, (len(legs), 1, 3))], axis=1).reshape(-1, 3)
     arrow = scene.arrow[step] if scene.arrow is not None else np.zeros((0, 3))
     words = np.array([label(word) for word in scene.words[step]], dtype=object)
-    plain, attached = there & ~scene.attached, there & scene.attached
+    plain, attached = is_finite & ~scene.attached, is_finite & scene.attached
     shown = [
         (start[plain], words[plain]),
         (start[attached], words[attached]),

@@ -90,38 +90,38 @@ def calibration_verdict(tables: Tables, _: Mapping[str, SectionVerdict]) -> Sect
         return SectionVerdict("calibration", RelationState.OK, ReasonCode.FITS, text)
     text = f"The calibration {chosen} fails the test whether {failed[0].question}. {failed[0].statement}"
     value = choice[choice["model"] == chosen].drop_duplicates("figure").set_index("figure")["value"]
-    ratio = max(filter(None, (_ratio(value, what) for what in ("heldout", "verification"))))
+    ratio = max(filter(None, (_ratio(value, role) for role in ("heldout", "verification"))))
     state = RelationState.FAILS if ratio > BY_A_FACTOR else RelationState.ATTENTION
     return SectionVerdict("calibration", state, ReasonCode.HELD_OUT_MISSED, text, ratio, "1", _AT_NOISE)
 
 
 def _tests(choice: pd.DataFrame | None) -> list[ModelTest]:
     """Return the test of the chosen calibration: are its held-out errors within noise?"""
-    held = "errors of held-out loads agree with the noise"
+    agreement_text = "errors of held-out loads agree with the noise"
     verified = "errors in the verification runs agree with the noise"
     if choice is None:
-        return [ModelTest(asked, None, "G_B was not evaluated.") for asked in (held, verified)]
+        return [ModelTest(asked, None, "G_B was not evaluated.") for asked in (agreement_text, verified)]
     rows = choice[choice["model"] == _chosen_model(choice)]
     facts = rows.drop_duplicates("figure").set_index("figure")["value"]
     return [
-        _misfit_test(held, facts, "heldout", "Nothing was held out."),
+        _misfit_test(agreement_text, facts, "heldout", "Nothing was held out."),
         _misfit_test(verified, facts, "verification", "No run has role verification, or its noise is not known."),
     ]
 
 
-def _misfit_test(asked: str, facts: pd.Series, what: str, why_not: str) -> ModelTest:
-    times = _ratio(facts, what)
+def _misfit_test(question: str, facts: pd.Series, role: str, why_not: str) -> ModelTest:
+    times = _ratio(facts, role)
     if times is None:
-        return ModelTest(asked, None, why_not)
-    chi_square, freedom = (float(facts[f"{what}_{name}"]) for name in ("chi_square", "freedom"))
-    if (small := below_noise(asked, chi_square, freedom, "the declared noise is too large")) is not None:
+        return ModelTest(question, None, why_not)
+    chi_square, freedom = (float(facts[f"{role}_{name}"]) for name in ("chi_square", "freedom"))
+    if (small := below_noise(question, chi_square, freedom, "the declared noise is too large")) is not None:
         return small
-    return ModelTest(asked, times <= _AT_NOISE, f"The rms error is {plain(times)} times that of noise.")
+    return ModelTest(question, times <= _AT_NOISE, f"The rms error is {plain(times)} times that of noise.")
 
 
-def _ratio(facts: pd.Series, what: str) -> float | None:
+def _ratio(facts: pd.Series, role: str) -> float | None:
     """Return the rms error over noise; None where unknown."""
-    chi_square, freedom = facts.get(f"{what}_chi_square"), facts.get(f"{what}_freedom")
+    chi_square, freedom = facts.get(f"{role}_chi_square"), facts.get(f"{role}_freedom")
     if chi_square is None or freedom is None or not freedom > 0.0:
         return None
     return float(np.sqrt(chi_square / freedom))

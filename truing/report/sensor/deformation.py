@@ -164,19 +164,19 @@ def _wrong_entries(measured: pd.DataFrame) -> list[str]:
     """Return the number of entries that the simulation reproduces, and those that it misses, the worst first."""
     if "pull" not in measured or not measured["pull"].notna().any():
         return ["There is no simulation to compare with."]
-    apart = measured[measured["verdict"] == "differs"]
+    differing = measured[measured["verdict"] == "differs"]
     some = f"{count(len(measured), 'measured entry')} of the compliance"
-    if not len(apart):
+    if not len(differing):
         every = f"the {some}" if len(measured) == 1 else f"all {some}"
         return [f"The simulation reproduces {every} within noise and tolerances."]
-    worst = apart.reindex(apart["pull"].abs().sort_values(ascending=False).index)
+    worst = differing.reindex(differing["pull"].abs().sort_values(ascending=False).index)
     named = ", ".join(f"{r.response} under {r.load} ({r.pull:+.1f} sigma)" for r in worst.head(6).itertuples())
     more = f" and {len(worst) - 6} more" if len(worst) > 6 else ""
-    if len(apart) == len(measured):
+    if len(differing) == len(measured):
         return [f"The simulation reproduces none of the {some}: it misses {named}{more}."]
-    others = len(measured) - len(apart)
+    others = len(measured) - len(differing)
     return [
-        f"The simulation misses {len(apart)} of the {some}: {named}{more}. "
+        f"The simulation misses {len(differing)} of the {some}: {named}{more}. "
         f"It reproduces the other {others} within noise and tolerances."
     ]
 

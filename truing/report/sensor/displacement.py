@@ -38,10 +38,10 @@ def displacement(tables: Tables) -> ReportSection | None:
 def _opening_sentences(cases: pd.DataFrame, residuals: pd.DataFrame) -> str:
     known = cases[list(_COMPONENTS.values())].notna().to_numpy()
     read = f"{count(len(residuals), 'reading')} of {count(residuals['run'].nunique(), 'run')}"
-    whole = int(known.all(axis=1).sum())
-    those = "all" if whole == len(cases) else f"{whole:,} of them"
-    where = f"{count(len(cases), 'load case')}, {those} in all six components"
-    texts = [f"{read} give the displacement of the platform in {where}."]
+    complete = int(known.all(axis=1).sum())
+    those = "all" if complete == len(cases) else f"{complete:,} of them"
+    cases_text = f"{count(len(cases), 'load case')}, {those} in all six components"
+    texts = [f"{read} give the displacement of the platform in {cases_text}."]
     never = [channel for channel, seen in zip(_COMPONENTS, known.any(axis=0), strict=True) if not seen]
     if never:
         texts.append(f"Never measured, and therefore unknown: {', '.join(never)}.")
@@ -134,25 +134,25 @@ def _bound(value: float, panel: str) -> dict[str, object]:
 
 def _points(part: pd.DataFrame, sigma: float, many: bool) -> list[go.Scatter]:
     kind = go.Scattergl if many else go.Scatter
-    out = part["rejected"].to_numpy()
+    is_rejected = part["rejected"].to_numpy()
     text = np.array([f"run {label(r)} step {s}" for r, s in zip(part["run"], part["step"], strict=True)], object)
     value = part["residual"].to_numpy(dtype=float)
     kept = kind(
-        x=part.index[~out],
-        y=value[~out],
+        x=part.index[~is_rejected],
+        y=value[~is_rejected],
         mode="markers",
         marker={"color": BLUE, "size": 3 if many else 4},
-        text=text[~out],
+        text=text[~is_rejected],
         hovertemplate="%{text}: %{y:.3g}<extra></extra>",
     )
-    if not out.any():
+    if not is_rejected.any():
         return [kept]
     gross = kind(
-        x=part.index[out],
-        y=np.clip(value[out], -_REACH * sigma, _REACH * sigma),
+        x=part.index[is_rejected],
+        y=np.clip(value[is_rejected], -_REACH * sigma, _REACH * sigma),
         mode="markers",
         marker={"color": RED, "size": 10, "symbol": "x-thin", "line": {"color": RED, "width": 2}},
-        text=[f"{one}: {size:.4g}" for one, size in zip(text[out], value[out], strict=True)],
+        text=[f"{one}: {size:.4g}" for one, size in zip(text[is_rejected], value[is_rejected], strict=True)],
         hovertemplate="left out, %{text}<extra></extra>",
     )
     return [kept, gross]

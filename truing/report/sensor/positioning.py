@@ -115,8 +115,8 @@ def positioning_verdict(tables: Tables, _: Mapping[str, SectionVerdict]) -> Sect
     several = rows["run"].nunique()
     withheld = len(not_stated(tables))
     also = f" Not evaluated: {count(withheld, 'further run')} (see Positioning)." if withheld else ""
-    which = f"the worst of {several} runs, {worst.iloc[0]}" if several > 1 else str(worst.iloc[0])
-    text = printed(f"By ISO 230-2, {which}: {', '.join(texts)}, each with one standard deviation.{also}")
+    run_text = f"the worst of {several} runs, {worst.iloc[0]}" if several > 1 else str(worst.iloc[0])
+    text = printed(f"By ISO 230-2, {run_text}: {', '.join(texts)}, each with one standard deviation.{also}")
     size, unit = float(figures.loc["A", "value"]), str(figures.loc["A", "unit"])
     return SectionVerdict("positioning", RelationState.OK, ReasonCode.MEASURED, text, size, unit)
 
@@ -146,20 +146,20 @@ def deviations(rows: pd.DataFrame) -> go.Figure:
     unit, at = sign(str(rows["unit"].iloc[0])), str(rows["subject"].iloc[0]).partition(" ")[2]
     wide = rows.pivot(index="subject", columns="figure", values="value")
     wide = wide.set_index(wide.index.str.partition(" ").get_level_values(0).astype(float)).sort_index()
-    means = {way: wide[f"mean_{way}"].to_numpy() for way, *_ in _WAYS}
+    means = {direction: wide[f"mean_{direction}"].to_numpy() for direction, *_ in _WAYS}
     common = _common(np.concatenate(list(means.values())))
     figure = go.Figure()
-    for way, colour, symbol in _WAYS:
+    for direction, colour, symbol in _WAYS:
         figure.add_trace(
             go.Scatter(
                 x=wide.index.to_numpy(),
-                y=means[way] - common,
-                error_y={"array": 2.0 * _column(wide, f"s_{way}").to_numpy(), "thickness": 1},
+                y=means[direction] - common,
+                error_y={"array": 2.0 * _column(wide, f"s_{direction}").to_numpy(), "thickness": 1},
                 mode="lines+markers",
-                name=way,
+                name=direction,
                 marker={"color": colour, "symbol": symbol, "size": 9},
                 line={"color": colour},
-                hovertemplate=f"{way}, %{{x:.6g}} {at}: %{{y:.3g}} {unit}<extra></extra>",
+                hovertemplate=f"{direction}, %{{x:.6g}} {at}: %{{y:.3g}} {unit}<extra></extra>",
             )
         )
     run = label(rows["run"].iloc[0])
@@ -225,7 +225,7 @@ def _of_targets(rows: pd.DataFrame) -> Listing:
     shown = (
         RUN,
         Head("target", "Commanded position of the axis."),
-        *(Head(f"{what}, {unit}", words) for what, words in _AT_TARGETS.items()),
+        *(Head(f"{quantity}, {unit}", words) for quantity, words in _AT_TARGETS.items()),
     )
     return Listing(
         shown, reported, caption="Target by target", folded=len(reported) > 12, held_by="positioning.parquet"

@@ -103,14 +103,14 @@ def published_sentence(tables: Tables) -> list[str]:
     not_compared = f" Not compared: {count(left, 'published value')}." if left else ""
     if not len(compared):
         return [not_compared.strip()]
-    apart = compared[compared["verdict"] == "differs"]
-    if not len(apart):
+    differing = compared[compared["verdict"] == "differs"]
+    if not len(differing):
         return [f"This campaign reproduces all {count(len(compared), 'published value')} compared.{not_compared}"]
-    over = (apart["published"] - apart["own"]).abs() / apart["allowed_difference"]
-    worst = apart.reindex(over.sort_values(ascending=False, kind="stable").index)
+    over = (differing["published"] - differing["own"]).abs() / differing["allowed_difference"]
+    worst = differing.reindex(over.sort_values(ascending=False, kind="stable").index)
     named = ", ".join(f"{_called(row)} ({row.source})" for row in worst.head(_NAMED).itertuples())
-    more = f" and {len(apart) - _NAMED} more" if len(apart) > _NAMED else ""
-    agree = "none" if len(apart) == len(compared) else f"{len(compared) - len(apart)}"
+    more = f" and {len(differing) - _NAMED} more" if len(differing) > _NAMED else ""
+    agree = "none" if len(differing) == len(compared) else f"{len(compared) - len(differing)}"
     values = count(len(compared), "published value")
     return [f"This campaign reproduces {agree} of {values} compared; it differs in {named}{more}.{not_compared}"]
 

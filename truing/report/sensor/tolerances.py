@@ -71,7 +71,7 @@ def tolerances(tables: Tables) -> ReportSection | None:
 
 def tolerance_words(errors: pd.DataFrame) -> list[str]:
     """Return the main results in sentences, from tolerance_errors."""
-    said = []
+    clauses = []
     for part in _SAMPLES:
         rows = errors[errors["pose_part"] == part]
         row, each = rows[rows["error_source"] == _ALL].iloc[0], rows[rows["error_source"] != _ALL]
@@ -80,9 +80,9 @@ def tolerance_words(errors: pd.DataFrame) -> list[str]:
         text = f"All tolerances together: rms {part} error {plain(row['first_order'])} {unit}, "
         text += f"below {plain(row['error_95'])} {unit} for 95 % of sensors."
         name, share = _NAMES[largest["error_source"]], percent(100.0 * largest["variance_share"])
-        said += [text, f"Largest share in the {part} variance: {name}, {share}."]
+        clauses += [text, f"Largest share in the {part} variance: {name}, {share}."]
     return [
-        *said,
+        *clauses,
         "These errors follow from the design alone, without load and without measurements; the legs are closed loops.",
     ]
 

@@ -101,9 +101,9 @@ def _shift_load(claim: Claim) -> str:
     axis = _axis(claim)
     if axis.startswith("m"):
         return f"Measure the force beside the torque {axis} with a load cell, or turn the torque unit by 180 degrees."
-    what = f"the load {axis}" if axis else "the loading frame"
+    load_text = f"the load {axis}" if axis else "the loading frame"
     turns = " and ".join(f"r{c}" for c in "xyz" if c != axis[1:]) if axis else "all rotations"
-    return f"Shift {what} sideways by a known millimetre and repeat the run, with {turns} measured."
+    return f"Shift {load_text} sideways by a known millimetre and repeat the run, with {turns} measured."
 
 
 def _imbalance(claim: Claim) -> str:
@@ -119,8 +119,8 @@ def _imbalance(claim: Claim) -> str:
     if share := next((size for size in claim.sizes if size.name in _SHARES and size.number is not None), None):
         more = "more" if (share.number or 0.0) > 0.0 else "less"
         return f"the first unit takes {size_in_words(positive(share))} of {who} {more} {_SHARES[share.name]}"
-    what, component = shown.name.split("_")[:2]
-    brought = f"a parasitic {what} {'about' if what == 'moment' else 'along'} {component}"
+    load, component = shown.name.split("_")[:2]
+    brought = f"a parasitic {load} {'about' if load == 'moment' else 'along'} {component}"
     size = size_in_words(positive(shown))
     if shown.name.endswith("_growth"):
         return f"{who} causes {brought} that grows nonlinearly, by {size} at the largest load"
@@ -146,10 +146,10 @@ def _stiffness(claim: Claim) -> str:
 def _soft_leg(claim: Claim) -> str:
     size, more = largest_of_kind(claim, "scale")
     part = claim.fact("part")
-    what = f"{part} of {subject_words(claim.subject)}" if part else subject_words(claim.subject)
+    part_text = f"{part} of {subject_words(claim.subject)}" if part else subject_words(claim.subject)
     if not size:
-        return f"the stiffness of {what} differs from the simulated one"
-    return f"{what} is {size} {'stiffer' if more else 'softer'} than simulated"
+        return f"the stiffness of {part_text} differs from the simulated one"
+    return f"{part_text} is {size} {'stiffer' if more else 'softer'} than simulated"
 
 
 def _swap_legs(claim: Claim) -> str:
@@ -176,8 +176,8 @@ def _hysteresis(claim: Claim) -> str:
     size, more = largest_of_kind(claim, "width")
     if not size:
         return f"the deflection {_under_loads(claim)} differs between loading and unloading"
-    way = "lags" if more else "leads"
-    return f"the deflection {_under_loads(claim)} {way} on unloading, by {size} of the largest at half load"
+    verb = "lags" if more else "leads"
+    return f"the deflection {_under_loads(claim)} {verb} on unloading, by {size} of the largest at half load"
 
 
 def _drag(claim: Claim) -> str:
@@ -196,8 +196,10 @@ def _drag(claim: Claim) -> str:
 
 def _signals_lag(claim: Claim) -> str:
     size, more = largest_of_kind(claim, "width")
-    way = "larger" if more else "smaller"
-    differ = f" are {way} on the way back, by {size} of the largest signal" if size else " differ on the way back"
+    comparative = "larger" if more else "smaller"
+    differ = (
+        f" are {comparative} on the way back, by {size} of the largest signal" if size else " differ on the way back"
+    )
     closes = claim.settings.get("threshold") == 0.0
     keeps = "without load the difference vanishes" if closes else "a remainder stays without load"
     return f"the signals {_under_loads(claim)}{differ} (hysteresis); {keeps}"
@@ -218,15 +220,15 @@ def _creep(claim: Claim) -> str:
     size, more = largest_of_kind(claim, "fraction")
     tau = claim.size("tau")
     pace = f", with a time constant of {size_in_words(tau)}" if tau is not None else ""
-    of = f", by {size} of its deflection" if size else ""
+    size_text = f", by {size} of its deflection" if size else ""
     moves = "creeps" if not size else "creeps on" if more else "creeps back"
-    return f"the sensor {moves} under {_loads(claim)}{of}{pace}"
+    return f"the sensor {moves} under {_loads(claim)}{size_text}{pace}"
 
 
 def _zero_drift_clause(claim: Claim) -> str:
     size, up = largest_of_kind(claim, "rate")
-    way = f" {'up' if up else 'down'}, by {size}" if size else " linearly with time"
-    return f"the zero of {_subject_words(claim, 'the channels')} drifts{way}"
+    drift_text = f" {'up' if up else 'down'}, by {size}" if size else " linearly with time"
+    return f"the zero of {_subject_words(claim, 'the channels')} drifts{drift_text}"
 
 
 def _unloaded(claim: Claim) -> str:
@@ -307,8 +309,8 @@ def _shifted(claim: Claim) -> str:
     run = _parts(claim).get("run", "")
     several = next((word for word in ("displacements", "signals") if word in claim.subject.split()), "")
     if not several:
-        by = f" by {size_in_words(size)}" if size is not None else ""
-        return f"the zero of {_subject_words(claim, 'a channel')} shifts{by}{since}"
+        size_text = f" by {size_in_words(size)}" if size is not None else ""
+        return f"the zero of {_subject_words(claim, 'a channel')} shifts{size_text}{since}"
     most = f", {size.name.removeprefix('shift_')} by {size_in_words(size)}" if size is not None else ""
     return f"the zeros of all {several} shift together in run {run}{since}{most}"
 

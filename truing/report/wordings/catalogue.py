@@ -121,8 +121,8 @@ _AXIS = {
 
 
 def _unstable(claim: Claim) -> str:
-    what = set(claim.fact("what") or ("c",))
-    parts = ["principal distance"] * ("c" in what) + ["principal point"] * bool(what - {"c"})
+    elements = set(claim.fact("what") or ("c",))
+    parts = ["principal distance"] * ("c" in elements) + ["principal point"] * bool(elements - {"c"})
     several = len(parts) > 1
     jumps = f"{'change' if several else 'changes'} at pose {claim.fact('from_pose')}"
     one, many = _FORMS.get(str(claim.fact("form")), (jumps, jumps))
@@ -162,10 +162,13 @@ def _warm_bars(claim: Claim) -> str:
 
 def _calibrate_bars(claim: Claim) -> str:
     if claim.fact("bar"):
-        which, it = f"bar {claim.fact('bar')}", "it"
+        bars_text, them = f"bar {claim.fact('bar')}", "it"
     else:
-        which, it = "the bars", "one"
-    return f"Calibrate {which} at two temperatures, or photograph {it} together with a bar of known expansion at both."
+        bars_text, them = "the bars", "one"
+    return (
+        f"Calibrate {bars_text} at two temperatures, or photograph {them} together with a bar of known "
+        "expansion at both."
+    )
 
 
 RAYS = {
@@ -189,20 +192,20 @@ def cause_of_subject(cause: str, subject: str) -> str:
 
 def noun_of_subject(noun: str, subject: str) -> str:
     """Return a noun with its subject; a noun that names the kind of its subject takes the subject instead."""
-    of = subject_words(subject)
-    kind = of.split()[0].removesuffix("s") if of else ""
+    subject_text = subject_words(subject)
+    kind = subject_text.split()[0].removesuffix("s") if subject_text else ""
     if found := re.fullmatch(rf"(.+) of (?:an? |the )?{re.escape(kind)}s?", noun) if kind else None:
-        return f"{found[1]} of {of}"
+        return f"{found[1]} of {subject_text}"
     head, _, rest = noun.partition(" ")
     if head == kind and rest in _OF_KINDS:
-        return f"{rest} of {of}"
-    return f"{noun}, {of}" if of else noun
+        return f"{rest} of {subject_text}"
+    return f"{noun}, {subject_text}" if subject_text else noun
 
 
 def parameter_of_cause(parameter: str, cause: str, subject: str) -> str:
     """Return a parameter with its cause and subject: ``amplitude (periodic error, axis)``, ``drift of leg 3``."""
-    whole = cause_of_subject(cause, subject)
-    return whole if set(parameter.split()) <= set(cause_words(cause).split()) else f"{parameter} ({whole})"
+    cause_name = cause_of_subject(cause, subject)
+    return cause_name if set(parameter.split()) <= set(cause_words(cause).split()) else f"{parameter} ({cause_name})"
 
 
 # Quantities in nouns such as "joint gain" and "leg drift".
@@ -217,9 +220,9 @@ def clause(claim: Claim) -> str:
     return with_sizes(claim.words or cause_words(claim.cause), claim)
 
 
-def own_clause(says: str, subject: str) -> str:
+def own_clause(clause: str, subject: str) -> str:
     """Return the clause that a cause from a package brings, with its subject."""
-    return f"{says} ({subject_words(subject)})" if subject else says
+    return f"{clause} ({subject_words(subject)})" if subject else clause
 
 
 def confirming(claim: Claim, otherwise: str = "") -> Advice:

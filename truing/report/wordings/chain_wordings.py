@@ -36,9 +36,9 @@ def _of_joint(advice: str) -> Callable[[Claim], str]:
 def _offset(claim: Claim) -> str:
     size, _ = largest_of_kind(claim, "offset")
     others = claim.fact("alike")
-    whose = " or ".join([_whose(claim), *(others or ())])
+    owners = " or ".join([_whose(claim), *(others or ())])
     same = " (one motion belongs to either)" if others else ""
-    return f"the zero of {whose} deviates by more than its tolerance{same}{by_words(size)}"
+    return f"the zero of {owners} deviates by more than its tolerance{same}{by_words(size)}"
 
 
 def _gain(claim: Claim) -> str:
@@ -59,10 +59,11 @@ def _settling(claim: Claim) -> str:
     text = f"{_whose(claim)} still settles after its movements when it is measured"
     if size is None or tau is None or wait is None:
         return text
-    of = " of the movement" if named == "share" else ""
+    share_text = " of the movement" if named == "share" else ""
     short = "short of" if (size.number or 0.0) > 0.0 else "beyond"
     return (
-        f"{text}: {size_in_words(wait)} after a movement it is {size_in_words(positive(size))}{of} {short} its end, "
+        f"{text}: {size_in_words(wait)} after a movement it is "
+        f"{size_in_words(positive(size))}{share_text} {short} its end, "
         f"and approaches it with a time constant of {size_in_words(tau)}"
     )
 
@@ -80,9 +81,9 @@ def _other_gravity(claim: Claim) -> str:
     if not direction:
         return "joints deflect as if gravity acted along another direction than declared"
     joints = listed([str(name) for name in claim.settings.get("joints") or ()])
-    whose = f"of {joints} " if joints else ""
+    owner = f"of {joints} " if joints else ""
     return (
-        f"the deflection {whose}follows weight along {direction} of the base, and not along the declared gravity (did "
+        f"the deflection {owner}follows weight along {direction} of the base, and not along the declared gravity (did "
         f"you mean gravity along {direction}?)"
     )
 
@@ -111,8 +112,8 @@ def _which_length(claim: Claim) -> str:
     if not between:
         return " (they are parts of one rigid link)"
     axes = "axes" if between.startswith("joints") else "axis"
-    which = f"along the {axes} of" if claim.fact("turns") else "not turned by"
-    return f" (a length {which} {between} belongs to {'either' if len(others) == 1 else 'any of them'})"
+    direction_text = f"along the {axes} of" if claim.fact("turns") else "not turned by"
+    return f" (a length {direction_text} {between} belongs to {'either' if len(others) == 1 else 'any of them'})"
 
 
 def _eccentric(claim: Claim) -> str:
@@ -179,10 +180,10 @@ def _jump(claim: Claim) -> str:
 def _longer(claim: Claim) -> str:
     size, long = largest_of_kind(claim, "shift")
     end, onset = claim.fact("end"), claim.fact("from_pose")
-    which = f"distances of {end}" if end else "all distances"
+    distances_text = f"distances of {end}" if end else "all distances"
     much = f" by {size}" if size else ""
     since = f" from pose {onset} on" if onset not in (None, "") else ""
-    return f"{which} are read too {'long' if long else 'short'}{much}{since}"
+    return f"{distances_text} are read too {'long' if long else 'short'}{much}{since}"
 
 
 def _exchanged(claim: Claim) -> str:

@@ -141,8 +141,8 @@ def sure_of(sizes: tuple[ParameterSize, ...]) -> list[ParameterSize]:
     """Return sizes beyond two of their sigmas, the largest first; where there are none, the largest alone."""
     known = [size for size in sizes if size.number is not None]
     sure = [size for size in known if size.sigma is None or abs(size.number or 0.0) > _SURE * size.sigma]
-    alone = largest(tuple(known))
-    return sorted(sure or ([alone] if alone else []), key=lambda size: -abs(size.number or 0.0))
+    largest_alone = largest(tuple(known))
+    return sorted(sure or ([largest_alone] if largest_alone else []), key=lambda size: -abs(size.number or 0.0))
 
 
 def _leg_of(size: ParameterSize, subject: str) -> str:

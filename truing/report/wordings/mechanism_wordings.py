@@ -55,14 +55,14 @@ def _up_to(claim: Claim) -> str:
 
 def _deforms(claim: Claim) -> str:
     """Return the clause that the platform follows each leg's own actuator."""
-    where = subject_words(claim.subject)
-    out = " nonlinearly with" if claim.cause == "platform-deformation-nonlinear" else " with"
+    subject_text = subject_words(claim.subject)
+    preposition = " nonlinearly with" if claim.cause == "platform-deformation-nonlinear" else " with"
     along = "" if claim.sizes else " along its z"
-    if where:
+    if subject_text:
         verb = _verb(claim, "its own actuator", "their own actuators")
-        return f"the platform deforms{along} at {where}{out} {verb}{_up_to(claim)}"
+        return f"the platform deforms{along} at {subject_text}{preposition} {verb}{_up_to(claim)}"
     most = f", most at leg {claim.reach.legs[0]}" if claim.reach is not None else ""
-    return f"the platform deforms{along} at each leg{out} that leg's actuator{most}{_up_to(claim)}"
+    return f"the platform deforms{along} at each leg{preposition} that leg's actuator{most}{_up_to(claim)}"
 
 
 def _deforms_with_all(claim: Claim) -> str:
@@ -76,8 +76,10 @@ def _deforms_with_all(claim: Claim) -> str:
 
 def _in_plane(claim: Claim) -> str:
     """Return the clause that attachments shift across the platform's z with their own actuators."""
-    where, verb = subject_words(claim.subject), _verb(claim, "its own actuator", "their own actuators")
-    text = f"the platform deforms in its plane at {where or 'each leg'} with {verb if where else 'its own actuator'}"
+    subject, verb = subject_words(claim.subject), _verb(claim, "its own actuator", "their own actuators")
+    text = (
+        f"the platform deforms in its plane at {subject or 'each leg'} with {verb if subject else 'its own actuator'}"
+    )
     size = largest((*claim.sizes_of("kappa_x"), *claim.sizes_of("kappa_y")))
     if size is None:
         return text
@@ -178,12 +180,14 @@ def _approach_scatter_clause(claim: Claim) -> str:
     if claim.fact("element") is not None:
         how = "at each approach"
         who = "the load behind the motor" if claim.subject else "the axis about its command"
-    way = {1: " when approached from below", -1: " when approached from above"}.get(claim.fact("direction") or 0, "")
+    approach_text = {1: " when approached from below", -1: " when approached from above"}.get(
+        claim.fact("direction") or 0, ""
+    )
     poses = [claim.fact(name) for name in ("from_pose", "to_pose")]
     when = "" if poses[0] in (None, "") else f" from pose {poses[0]} to pose {poses[1]}"
     size, _ = largest_of_kind(claim, "scatter")
     far = by_words(f"{size} (standard deviation)") if size else ""
-    return f"the position of {who} scatters {how}{way}{when}{far}"
+    return f"the position of {who} scatters {how}{approach_text}{when}{far}"
 
 
 MECHANISM = {
@@ -255,9 +259,9 @@ def _displacement_clause(claim: Claim) -> str:
     parts = [size for name in ("dx", "dy", "dz") if (size := claim.size(name)) is not None]
     if not parts:
         return f"{who} is displaced{_from_pose_words(claim)}"
-    apart = math.hypot(*(size.number or 0.0 for size in parts))
+    distance = math.hypot(*(size.number or 0.0 for size in parts))
     sigma = max(size.sigma or 0.0 for size in parts)
-    return f"{who} is displaced by {size_text('dx', apart, sigma or None, parts[0].unit)}{_from_pose_words(claim)}"
+    return f"{who} is displaced by {size_text('dx', distance, sigma or None, parts[0].unit)}{_from_pose_words(claim)}"
 
 
 def _check_target_advice(claim: Claim) -> str:
@@ -268,8 +272,8 @@ def _check_target_advice(claim: Claim) -> str:
 def _swapped(claim: Claim) -> str:
     poses = claim.fact("poses") or ()
     names = poses.split() if isinstance(poses, str) else poses
-    where = f" in poses {', '.join(map(str, names))}" if names else ""
-    return f"{subject_words(claim.subject) or 'two targets'}{_on_body(claim)} have exchanged labels{where}"
+    poses_text = f" in poses {', '.join(map(str, names))}" if names else ""
+    return f"{subject_words(claim.subject) or 'two targets'}{_on_body(claim)} have exchanged labels{poses_text}"
 
 
 def _check_images_advice(claim: Claim) -> str:
@@ -286,8 +290,8 @@ def _body_deforms(claim: Claim) -> str:
         return with_sizes(f"{_body(claim)} deforms", claim)
     if terms[0].startswith(_CAME_FROM):
         column = own_name(terms[0].removeprefix(_CAME_FROM))
-        what = "position" if fact else "shape"
-        text = f"the {what} of {_body(claim)} depends on whether {column} went up or down before (hysteresis)"
+        quantity = "position" if fact else "shape"
+        text = f"the {quantity} of {_body(claim)} depends on whether {column} went up or down before (hysteresis)"
     elif fact:
         text = f"{_body(claim)}, declared still, moves as a whole with {_terms(claim)}"
     else:
@@ -318,8 +322,10 @@ def _single_change_advice(claim: Claim) -> str:
 def _drifts(claim: Claim) -> str:
     fact = claim.fact("whole")
     if _from_pose_words(claim):
-        said = f"{_body(claim)}, declared still, is displaced" if fact else f"the shape of {_body(claim)} changed"
-        return with_sizes(f"{said}{_from_pose_words(claim)}", claim)
+        change_text = (
+            f"{_body(claim)}, declared still, is displaced" if fact else f"the shape of {_body(claim)} changed"
+        )
+        return with_sizes(f"{change_text}{_from_pose_words(claim)}", claim)
     of_time = claim.fact("column") in (None, "time_s")
     how = (
         ", in smooth waves" if claim.fact("waves") else ", fast at first and slower later" if claim.fact("tau") else ""

@@ -66,9 +66,9 @@ def remainder_clause(columns: tuple[str, ...], subject: str, share: float) -> st
 
     They are those of the model without causes or of the final one; the share is of the former's variance.
     """
-    whose = f" of {subject_words(subject)}" if subject else ""
+    subject_text = f" of {subject_words(subject)}" if subject else ""
     most = f"{'' if subject else 'up to '}{percent(100.0 * share)}"
-    text = f"The residuals{whose} depend on {columns_words(columns)}"
+    text = f"The residuals{subject_text} depend on {columns_words(columns)}"
     return f"{text}, which explains {most} of the variance that the model without causes leaves"
 
 
@@ -82,9 +82,9 @@ def remainder_advice(columns: tuple[str, ...]) -> str:
 
 def remainder_explanation(columns: tuple[str, ...], subject: str, share: float, p_value: float) -> str:
     """Return the explanation of inputs that predict the residuals where no model of causes holds."""
-    where = "" if subject else " (for the actuator or body with the largest share)"
+    largest_text = "" if subject else " (for the actuator or body with the largest share)"
     return (
-        f"{remainder_clause(columns, subject, share)}{where}, by smooth functions of this input or its history. "
+        f"{remainder_clause(columns, subject, share)}{largest_text}, by smooth functions of this input or its history. "
         f"Probability by chance: at most {p_value:.2g}, corrected for all inputs. "
         "The extended model does not hold this dependence, and no cause is named for it."
     )
@@ -158,8 +158,8 @@ def _dependent_quantity(claim: Claim) -> str:
     if quantity == "scale":
         return "the scale of the measurement"
     if quantity == "targets":
-        which = f"target {targets[0]}" if len(targets) == 1 else "the targets"
-        return f"{which} on {claim.fact('body')}"
+        targets_text = f"target {targets[0]}" if len(targets) == 1 else "the targets"
+        return f"{targets_text} on {claim.fact('body')}"
     if quantity in _WHOSE:
         return _WHOSE[quantity].format(subject_words(claim.subject) or "the legs")
     number = f"{claim.fact('name')} of " if claim.fact("name") else ""
@@ -167,14 +167,14 @@ def _dependent_quantity(claim: Claim) -> str:
 
 
 def _advice(claim: Claim) -> str:
-    what, other = "poses", "pose"
+    plural, singular = "poses", "pose"
     if claim.fact("channel"):
-        what, other = "load steps", "load"
+        plural, singular = "load steps", "load"
     if claim.fact("element"):
-        what, other = "commands", "command"
+        plural, singular = "commands", "command"
     if set(claim.fact("columns") or ()) <= OF_TIME:
-        return f"Repeat some {what} in another order, to see whether the effect depends on time or on the {other}."
-    return f"Repeat some {what} with another value of {_inputs_in_words(claim)}, everything else unchanged."
+        return f"Repeat some {plural} in another order, to see whether the effect depends on time or on the {singular}."
+    return f"Repeat some {plural} with another value of {_inputs_in_words(claim)}, everything else unchanged."
 
 
 FOLLOWED = {"unexplained": Wording("nonparametric effect", _clause, _advice)}
