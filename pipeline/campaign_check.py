@@ -211,9 +211,9 @@ def _is_read_otherwise(campaign: CampaignFolder, corrected: CampaignFolder) -> b
 def _remove(document: Mapping[str, Any], dotted: str) -> bool:
     """Remove the value at a fault's dotted path (list indices count from 1); False if it is missing."""
     place: Any = document
-    *way, last = dotted.split(".")
+    *parents, last = dotted.split(".")
     try:
-        for part in way:
+        for part in parents:
             place = place[int(part) - 1] if isinstance(place, list) else place[part]
         del place[int(last) - 1 if isinstance(place, list) else last]
     except (KeyError, IndexError, ValueError, TypeError):
@@ -226,24 +226,24 @@ def report_check(place: Path, console: RunConsole) -> ExitCode:
     campaign = open_campaign(place)
     campaign_check = check_campaign(campaign)
     unrelated = campaign.has_photographs or campaign_check.rows > _MOST_ROWS
-    apart, doubtful = ((), ()) if unrelated else _contradictions(place, campaign_check.ingested)
+    contradictions, doubtful = ((), ()) if unrelated else _contradictions(place, campaign_check.ingested)
     verdict = "no fault" if campaign_check.is_evaluated else "only the quality checks can be evaluated"
-    if apart:
+    if contradictions:
         verdict = "the files can be read, but the data contradict the campaign's description"
     attention = (*campaign_check.attention, *doubtful)
-    told = {
+    facts = {
         "file": str(campaign.file),
         "result": verdict,
-        "contradictions": apart,
+        "contradictions": contradictions,
         "prospects": campaign_check.prospects,
     }
-    console.tell("campaigns", {**told, "attention": attention})
+    console.tell("campaigns", {**facts, "attention": attention})
     console.line(f"{campaign.file}: {verdict}; {campaign_check.read}")
-    for line in apart or campaign_check.prospects:
+    for line in contradictions or campaign_check.prospects:
         console.line(line)
     for sentence in attention:
         console.line(f"attention: {sentence}")
-    return ExitCode.FAILED_CHECK if apart else ExitCode.DONE
+    return ExitCode.FAILED_CHECK if contradictions else ExitCode.DONE
 
 
 def _contradictions(place: Path, ingested: Mapping[str, Any] | None) -> tuple[tuple[str, ...], tuple[str, ...]]:

@@ -122,7 +122,7 @@ def init_campaign(
     return ExitCode.DONE
 
 
-def _settled(folder: Path, guesses: list[_File], said: Answers, console: RunConsole) -> list[_File]:
+def _settled(folder: Path, guesses: list[_File], answers: Answers, console: RunConsole) -> list[_File]:
     """Show each file as it is understood, and settle its open points."""
     has_points = any(guess.table == "points" for _, guess in guesses)
     found = []
@@ -136,7 +136,7 @@ def _settled(folder: Path, guesses: list[_File], said: Answers, console: RunCons
         if is_shown:
             _show(folder, group, guess, console)
         is_survey = has_points or group.glob == "targets.csv"
-        settled = said.settled(group.glob, guess, is_only_table=not is_survey)
+        settled = answers.settled(group.glob, guess, is_only_table=not is_survey)
         if is_shown and (settled.mapping, settled.table) != (guess.mapping, guess.table):
             console.line("by these answers:")
             _show(folder, group, settled, console)

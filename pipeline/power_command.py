@@ -162,9 +162,9 @@ def check_causes(names: Sequence[str], settings: Campaign) -> None:
     known = [kind.id for kind in searched_for(settings, kinds_of(settings).values()) if kind.catalogued]
     strange = [name for name in names if name not in known]
     if strange:
-        listed = ", ".join(known)
+        known_text = ", ".join(known)
         raise CampaignFaults(
-            Fault("--causes", f"one of {listed}{did_you_mean(name, known)}", value=name) for name in strange
+            Fault("--causes", f"one of {known_text}{did_you_mean(name, known)}", value=name) for name in strange
         )
 
 
@@ -368,14 +368,16 @@ def of_photographs(campaign: CampaignFolder, run: Path) -> PhotographNote | None
         return None
     catalogues: tuple[Mapping[str, Cause], ...] = (catalogue_of_rays(), catalogue_of_photographed_points())
     names = list(dict.fromkeys(name for catalogue in catalogues for name, kind in catalogue.items() if kind.catalogued))
-    listed = f"{', '.join(map(cause_words, names[:-1]))} and {cause_words(names[-1])}"
+    cause_text = f"{', '.join(map(cause_words, names[:-1]))} and {cause_words(names[-1])}"
     table = table_of(run, "detectable")
     own = None if table is None else table.to_pandas().query("cause in @names")
     if own is None or not len(own):
-        why = f"{listed.capitalize()} are not tested here: `truing run` gives their detectable sizes."
+        why = f"{cause_text.capitalize()} are not tested here: `truing run` gives their detectable sizes."
         return PhotographNote(_DRAWN + why)
-    what = f"{listed.capitalize()} are not simulated either: the sizes that the run in {run.as_posix()} would show "
-    return PhotographNote(_DRAWN + what + "with a probability of 80 % follow from theory alone." + _ASKED, _rows(own))
+    reason = (
+        f"{cause_text.capitalize()} are not simulated either: the sizes that the run in {run.as_posix()} would show "
+    )
+    return PhotographNote(_DRAWN + reason + "with a probability of 80 % follow from theory alone." + _ASKED, _rows(own))
 
 
 def _rows(table: pd.DataFrame) -> tuple[tuple[str, ...], ...]:

@@ -106,9 +106,9 @@ def export_run(
     """
     unknown = [form for form in forms if form not in ALL_FORMS]
     if unknown:
-        listed = ", ".join(ALL_FORMS)
+        formats_text = ", ".join(ALL_FORMS)
         raise CampaignFaults(
-            Fault("--to", f"one of {listed}{did_you_mean(form, ALL_FORMS)}", value=form) for form in unknown
+            Fault("--to", f"one of {formats_text}{did_you_mean(form, ALL_FORMS)}", value=form) for form in unknown
         )
     run, place = opened_run(folder), out or folder / _EXPORTS
     check_folder(place)

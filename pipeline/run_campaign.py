@@ -225,8 +225,8 @@ def show_all_stages(console: RunConsole) -> ExitCode:
             only = " (only with photographs)" if name in OF_PHOTOGRAPHS else ""
             only = " (only if [diagnosis] judge_on names a second campaign)" if name in OF_SECOND_CAMPAIGNS else only
             read = (*(("raw files",) if name in RAW_READERS else ()), *stage.reads)
-            told = {"kind": kind, "stage": name, "summary": stage.summary, "reads": read, "writes": stage.leaves}
-            console.tell("stages", told)
+            facts = {"kind": kind, "stage": name, "summary": stage.summary, "reads": read, "writes": stage.leaves}
+            console.tell("stages", facts)
             console.line(f"  {name:<12} {stage.summary}{only}")
             console.line(f"  {'':<12} reads {', '.join(read)}; writes {', '.join(stage.leaves)}")
     return ExitCode.DONE

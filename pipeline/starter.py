@@ -120,9 +120,9 @@ def _axis(columns: Sequence[str]) -> Iterator[tuple[str, str]]:
     yield 'type = "axis"', ""
     yield f'kind = "{"rotary" if columns[0].endswith("_deg") else "linear"}"', "rotary or linear"
     for column in columns:
-        what = column.partition("_")[0]
-        if what != "measured":
-            yield f'{what} = "{column}"', "" if what != "command" else "column of the command"
+        quantity = column.partition("_")[0]
+        if quantity != "measured":
+            yield f'{quantity} = "{column}"', "" if quantity != "command" else "column of the command"
     yield 'loop = "motor"', "encoder in the controller's feedback loop: motor or load"
 
 
@@ -148,8 +148,10 @@ def _noise(guesses: Sequence[Guess], tables: set[str], kind: str) -> Iterator[tu
     if tables & {"images", "image_points"}:
         yield "image_px = 0.05", "one standard deviation of an image coordinate, if a file gives none"
     for column in _axis_columns(guesses):
-        what = "one standard deviation of the axis from its command; absent: 0" if column.startswith("command") else ""
-        yield f"{column} = 0.001", what or f"{_NEEDED} that encoder"
+        meaning = (
+            "one standard deviation of the axis from its command; absent: 0" if column.startswith("command") else ""
+        )
+        yield f"{column} = 0.001", meaning or f"{_NEEDED} that encoder"
     if _any_file_has(guesses, "rho"):
         yield "actuator_mm = 0.001", "one standard deviation of an actuator's reading; absent: exact"
     done: set[str] = set()
@@ -226,8 +228,8 @@ def unconfirmed(file: Path) -> str:
         return ""
     shown = ", ".join(found[:_SHOWN]) + (f" and {len(found) - _SHOWN} more" if len(found) > _SHOWN else "")
     many = len(found) > 1
-    what = f"line{'s' * many} {shown} of {file.name} mark{'s' * (not many)} {'guesses' if many else 'a guess'}"
-    return f"{what} of truing init ({MARK}): correct what is wrong, then delete the remark"
+    lines_text = f"line{'s' * many} {shown} of {file.name} mark{'s' * (not many)} {'guesses' if many else 'a guess'}"
+    return f"{lines_text} of truing init ({MARK}): correct what is wrong, then delete the remark"
 
 
 def _of_constants(constants: Mapping[str, Any]) -> Iterator[str]:

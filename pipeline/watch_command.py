@@ -129,16 +129,18 @@ class _KeptLooks:
     def read(self) -> tuple[Look, ...]:
         """Return the looks; none if the file is missing, damaged, or about other requirements."""
         try:
-            told = json.loads(self.file.read_text(encoding="utf-8"))
-            found = tuple(Look(int(one["count"]), str(one["decision"]), float(one["p_value"])) for one in told["looks"])
-            return found if told["requirement"] == self.asked else ()
+            stored = json.loads(self.file.read_text(encoding="utf-8"))
+            found = tuple(
+                Look(int(one["count"]), str(one["decision"]), float(one["p_value"])) for one in stored["looks"]
+            )
+            return found if stored["requirement"] == self.asked else ()
         except (OSError, ValueError, KeyError, TypeError):
             return ()
 
     def write(self, looks: Sequence[Look]) -> None:
         """Keep these looks instead."""
-        told = {"requirement": self.asked, "looks": [asdict(look) for look in looks]}
-        write_atomically(self.file, json.dumps(told).encode())
+        stored = {"requirement": self.asked, "looks": [asdict(look) for look in looks]}
+        write_atomically(self.file, json.dumps(stored).encode())
 
 
 def watch_campaign(place: Path, out: Path | None, options: WatchOptions, console: RunConsole) -> ExitCode:

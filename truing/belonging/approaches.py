@@ -51,12 +51,12 @@ def match_targets(target: Array, position: Array) -> TargetMatch:
     """
     misfit = _rms(position - target)
     places = np.unique(target)
-    apart = _apart(target, position) if len(places) > 1 else np.empty(0, int)
-    if not len(apart):
+    distant_rows = _apart(target, position) if len(places) > 1 else np.empty(0, int)
+    if not len(distant_rows):
         return TargetMatch(misfit)
     if np.ptp(position) == 0.0:
         return TargetMatch(misfit, 0.0, (RecordSlip(SlipKind.FROZEN, "position_mm"),), still=True)
-    if (exchanged := _exchanged(target, position, apart)) is not None:
+    if (exchanged := _exchanged(target, position, distant_rows)) is not None:
         return TargetMatch(misfit, _rms(position[exchanged] - target), (_exchange(exchanged),))
     travel = float(np.ptp(places))
     tried = list(_misfit_by_slip(target, position))
@@ -70,7 +70,9 @@ def match_targets(target: Array, position: Array) -> TargetMatch:
     centred = target - target.mean()
     if abs(float(centred @ position)) < _FOLLOWS * float(centred @ centred):
         return TargetMatch(misfit, _rms(position), deviations=True)
-    return TargetMatch(misfit, single=tuple((apart + 1).tolist()) if len(apart) <= _FEW * len(target) else ())
+    return TargetMatch(
+        misfit, single=tuple((distant_rows + 1).tolist()) if len(distant_rows) <= _FEW * len(target) else ()
+    )
 
 
 def _apart(target: Array, position: Array) -> Index:

@@ -50,21 +50,21 @@ def slip_of_rows(command: Array, reading: Array, ratio: float, units: Mapping[st
     expected = ratio * command
     limit = _NEAR * float(np.ptp(expected))
     zero, near = _zero(reading - expected, limit)
-    apart = np.flatnonzero(~near)
-    if near.mean() < _LEAST_SHARE or not len(apart) or _is_zero_shift((reading - expected)[apart], limit):
+    distant_rows = np.flatnonzero(~near)
+    if near.mean() < _LEAST_SHARE or not len(distant_rows) or _is_zero_shift((reading - expected)[distant_rows], limit):
         return None
     off = reading - zero
-    if 1 < len(apart) <= _MOST and _are_exchanged(off[apart], expected[apart], limit):
-        return AxisRowSlip(RowSlipKind.EXCHANGED, apart)
+    if 1 < len(distant_rows) <= _MOST and _are_exchanged(off[distant_rows], expected[distant_rows], limit):
+        return AxisRowSlip(RowSlipKind.EXCHANGED, distant_rows)
     for shift in _SHIFTS:
-        rows = apart[(apart + shift >= 0) & (apart + shift < len(off))]
+        rows = distant_rows[(distant_rows + shift >= 0) & (distant_rows + shift < len(off))]
         if _explains(np.abs(off[rows + shift] - expected[rows]) <= limit):
-            return AxisRowSlip(RowSlipKind.SHIFTED, apart, str(shift))
+            return AxisRowSlip(RowSlipKind.SHIFTED, distant_rows, str(shift))
     for name, factor in units.items():
-        if _explains(np.abs(factor * reading[apart] - zero - expected[apart]) <= limit):
-            return AxisRowSlip(RowSlipKind.UNIT, apart, name)
-    are_copies = len(apart) >= _FEWEST and all(np.sum(reading == reading[row]) > 1 for row in apart)
-    return AxisRowSlip(RowSlipKind.COPIED if are_copies else RowSlipKind.STRAY, apart)
+        if _explains(np.abs(factor * reading[distant_rows] - zero - expected[distant_rows]) <= limit):
+            return AxisRowSlip(RowSlipKind.UNIT, distant_rows, name)
+    are_copies = len(distant_rows) >= _FEWEST and all(np.sum(reading == reading[row]) > 1 for row in distant_rows)
+    return AxisRowSlip(RowSlipKind.COPIED if are_copies else RowSlipKind.STRAY, distant_rows)
 
 
 def unit_of_deviations(deviation: Array, declared: float, units: Mapping[float, str]) -> str:

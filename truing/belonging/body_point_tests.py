@@ -217,14 +217,14 @@ def _changed_axes(body: BodyPoints, rows: Mask, right: Mask) -> Index:
     middle[known] = np.nanmedian(points[right][:, known], axis=0)
     spread = _WITHIN * float(np.nanmax(_rms_distance(points[right], middle)))
     at = np.flatnonzero(rows)
-    apart = np.array([_rms_distance(points[at] @ change.matrix, middle) for change in AXES_CHANGES]).T
-    first, second = np.sort(apart, axis=1)[:, :2].T
+    rms_distance = np.array([_rms_distance(points[at] @ change.matrix, middle) for change in AXES_CHANGES]).T
+    first, second = np.sort(rms_distance, axis=1)[:, :2].T
     clear = (first <= spread) & (second > _NEARER * first)
-    axis_of_row[at[clear]] = apart[clear].argmin(axis=1)
+    axis_of_row[at[clear]] = rms_distance[clear].argmin(axis=1)
     if clear.any():
         # The other poses have the same change, unless it brings them clearly less near than another one.
         most = int(np.bincount(axis_of_row[at[clear]]).argmax())
-        axis_of_row[at[~clear & (apart[:, most] <= _NEARLY * first)]] = most
+        axis_of_row[at[~clear & (rms_distance[:, most] <= _NEARLY * first)]] = most
     return axis_of_row
 
 

@@ -80,14 +80,14 @@ class ChanceEquality:
     def _equal_loads(self, first: int, second: int) -> bool:
         """Return True if the loads of two runs differ by less than readings resolve."""
         count = min(len(self.loads[first]), len(self.loads[second]))
-        apart = np.abs(self.loads[first][:count] - self.loads[second][:count]).max(initial=0.0)
-        if apart == 0.0:
+        difference = np.abs(self.loads[first][:count] - self.loads[second][:count]).max(initial=0.0)
+        if difference == 0.0:
             return True
         pair = [first, second]
         moved = max(float(np.ptp(self.loads[run], axis=0).max(initial=0.0)) for run in pair)
         noise = np.nan_to_num(self.declared[pair]).max(axis=0)
         resolved = self.step[pair].max(axis=0) + _NOISES * noise
-        return moved > 0.0 and bool(np.all(self.span[pair].max(axis=0) * apart / moved <= resolved))
+        return moved > 0.0 and bool(np.all(self.span[pair].max(axis=0) * difference / moved <= resolved))
 
 
 def resolution(value: Array) -> float:
@@ -95,12 +95,14 @@ def resolution(value: Array) -> float:
     levels = np.unique(_finite_values(value))
     if len(levels) < 2:
         return 0.0
-    apart, least = levels - levels[0], float(np.diff(levels).min())
+    distance, least = levels - levels[0], float(np.diff(levels).min())
     decimals = (part * 10.0**-place for place in range(-_PLACES, _PLACES) for part in (5.0, 2.5, 2.0, 1.0))
     fitting = (
         step for step in (*(least / part for part in range(1, _PARTS)), *decimals) if step <= least * (1.0 + _OFF_GRID)
     )
-    return next((step for step in fitting if np.abs(apart / step - np.round(apart / step)).max() < _OFF_GRID), least)
+    return next(
+        (step for step in fitting if np.abs(distance / step - np.round(distance / step)).max() < _OFF_GRID), least
+    )
 
 
 def chance_of_equality(step: Array, first: Array, second: Array) -> Array:

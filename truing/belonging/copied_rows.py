@@ -60,12 +60,14 @@ def copied_parts(
         distinct = len(np.unique(windows[first][inside[0]]))
         if min(map(len, covered)) < FEWEST or distinct < FEWEST or share < SHARE:
             continue
-        there = [rows[run][run_rows] for run, run_rows in zip((first, second), covered, strict=True)]
-        same = np.array_equal(np.unique(loads[there[0]]), np.unique(loads[there[1]]))
+        rows_of_part = [rows[run][run_rows] for run, run_rows in zip((first, second), covered, strict=True)]
+        same = np.array_equal(np.unique(loads[rows_of_part[0]]), np.unique(loads[rows_of_part[1]]))
         under_equal = chance.under_equal_loads(first, second)
-        likely = under_equal if same else np.maximum(under_equal, chance.between(first, second))
+        equality_chance = under_equal if same else np.maximum(under_equal, chance.between(first, second))
         tries = len(rows[first]) * len(rows[second])
-        if _chance(value[there[0]], likely, distinct // length, length, tries) < np.log(_CHANCE / len(pairs)):
+        if _chance(value[rows_of_part[0]], equality_chance, distinct // length, length, tries) < np.log(
+            _CHANCE / len(pairs)
+        ):
             copies.append(CopiedPart(first, second, covered[0], share))
     longest = max((len(run_rows) for run_rows in rows), default=0)
     informative = bool(len(value)) and _chance(value, chance.typical(), max(FEWEST // length, 1), length, longest**2)
@@ -110,7 +112,7 @@ def _sharing(windows: Sequence[Index]) -> Iterator[tuple[int, int]]:
             yield first, second
 
 
-def _chance(value: Array, likely: Array, count: int, length: int, tries: int) -> float:
+def _chance(value: Array, equality_chance: Array, count: int, length: int, tries: int) -> float:
     """Return the log probability that ``count`` windows of a pair of runs are equal by chance, among all
     possible ones."""
     from scipy.special import gammaln
@@ -118,7 +120,7 @@ def _chance(value: Array, likely: Array, count: int, length: int, tries: int) ->
     moving = np.array([bool(np.isfinite(column).all()) and len(np.unique(column)) > 2 for column in value.T])
     if value.shape[1] > 0 and not moving.any():
         return 0.0
-    each = length * float(np.log(likely[moving]).sum()) + np.log(max(tries, 1))
+    each = length * float(np.log(equality_chance[moving]).sum()) + np.log(max(tries, 1))
     return float(count * each - gammaln(count + 1)) if each < 0.0 else 0.0
 
 
@@ -146,8 +148,8 @@ def copied_runs(run: Index, runs: Sequence[str], load: Array, tables: Sequence[V
         )
         for first, second in _similar_runs(table.value, rows):
             each = chance.between(first, second)
-            share, likely = _equal(table.value[rows[first]], table.value[rows[second]], each)
-            if share >= _EQUAL and likely < _CHANCE:
+            share, equality_chance = _equal(table.value[rows[first]], table.value[rows[second]], each)
+            if share >= _EQUAL and equality_chance < _CHANCE:
                 copies.setdefault((runs[first], runs[second]), []).append(_Copy(table.name, share))
         parts, tell = copied_parts(table.value, rows, load, chance)
         parts_tell &= tell

@@ -165,10 +165,12 @@ def _slip(body: DrivenBody, line: _FollowedDrive) -> RecordSlip:
         right = _best_line(replace(body, rotations=undone))
         if right is not None and right.follows.all():
             return replace(slip, subjects=(*where, body.body))
-    apart = np.flatnonzero(~line.follows)
-    expected, recorded = line.expected[apart], body.readings[apart]
-    if len(apart) == _TWO and (np.abs(expected - recorded[::-1]) <= line.limit).all():
-        return RecordSlip(SlipKind.ROWS_EXCHANGED, body.column, tuple(body.poses[row] for row in apart.tolist()))
-    if len(apart) > _TWO and np.ptp(recorded) == 0.0 and np.ptp(expected) > 2.0 * line.limit:
+    deviating_rows = np.flatnonzero(~line.follows)
+    expected, recorded = line.expected[deviating_rows], body.readings[deviating_rows]
+    if len(deviating_rows) == _TWO and (np.abs(expected - recorded[::-1]) <= line.limit).all():
+        return RecordSlip(
+            SlipKind.ROWS_EXCHANGED, body.column, tuple(body.poses[row] for row in deviating_rows.tolist())
+        )
+    if len(deviating_rows) > _TWO and np.ptp(recorded) == 0.0 and np.ptp(expected) > 2.0 * line.limit:
         return RecordSlip(SlipKind.FROZEN, body.column, where)
     return RecordSlip(SlipKind.STRAY, f"{body.column} or points", where)

@@ -43,10 +43,14 @@ def frozen(load: Array, run: Index, value: Array, matrix: Array, noise: Array) -
         enough = max(enough, _OVER_NOISE * float(np.nan_to_num(noise[column])))
         for number in np.unique(run[seen]):
             rows = np.flatnonzero(seen & (run == number))
-            still = _longest(value[rows, column])
-            moves = float(np.ptp(expected[rows][still])) if still.stop - still.start >= _FEWEST else 0.0
-            if most > 0.0 and moves > enough and not _is_limit(value[:, column], rows, expected, still):
-                yield Frozen(column, int(number), still.stop - still.start == len(rows), moves / most)
+            constant_slice = _longest(value[rows, column])
+            moves = (
+                float(np.ptp(expected[rows][constant_slice]))
+                if constant_slice.stop - constant_slice.start >= _FEWEST
+                else 0.0
+            )
+            if most > 0.0 and moves > enough and not _is_limit(value[:, column], rows, expected, constant_slice):
+                yield Frozen(column, int(number), constant_slice.stop - constant_slice.start == len(rows), moves / most)
 
 
 def constant_columns(load: Array, run: Index, value: Array) -> Iterator[Frozen]:
@@ -72,8 +76,8 @@ def constant_columns(load: Array, run: Index, value: Array) -> Iterator[Frozen]:
             alike = np.concatenate(
                 [other for other in runs if np.ptp(column_values[np.append(rows, other)]) == 0.0] or [rows]
             )
-            still = np.ptp(column_values[rows]) == 0.0 and np.ptp(load[alike], axis=0).any()
-            if still and chance ** (len(alike) - 1) < _CHANCE:
+            is_constant = np.ptp(column_values[rows]) == 0.0 and np.ptp(load[alike], axis=0).any()
+            if is_constant and chance ** (len(alike) - 1) < _CHANCE:
                 yield Frozen(column, int(run[rows[0]]), True, 1.0)
 
 
@@ -101,14 +105,14 @@ def _longest(value: Array) -> slice:
     return slice(int(ends[at]), int(ends[at + 1]))
 
 
-def _is_limit(value: Array, rows: Index, expected: Array, still: slice) -> bool:
+def _is_limit(value: Array, rows: Index, expected: Array, constant_slice: slice) -> bool:
     """Return True if values stay at an end of their column's range beyond which the expected values lead."""
     rest = np.ones(len(rows), bool)
-    rest[still] = False
-    level = value[rows][still][0]
+    rest[constant_slice] = False
+    level = value[rows][constant_slice][0]
     low, high = np.nanmin(value), np.nanmax(value)
     if rest.sum() < 2 or min(level - low, high - level) > _AT_END * (high - low):
         return False
     zero = np.median((value - expected)[rows][rest])
-    beyond = expected[rows][still] + zero - level
+    beyond = expected[rows][constant_slice] + zero - level
     return max(float(np.mean(beyond > 0.0)), float(np.mean(beyond < 0.0))) > _BEYOND

@@ -197,24 +197,24 @@ def _frozen(holds: _Holds, columns: Sequence[RecordedColumn]) -> RecordSlip | No
         ends = np.flatnonzero(np.concatenate([[True], np.diff(signal) != 0.0, [True]]))
         length = np.diff(ends)
         at = int(np.argmax(length)) if len(length) else 0
-        still = np.zeros(len(signal), bool)
-        still[ends[at] : ends[at] + (length[at] if len(length) else 0)] = True
-        _, often = np.unique(signal[~still], return_counts=True)
-        alike = (1 + often.max(initial=0)) / (1 + np.sum(~still))  # chance that another load gives the same value
-        kinds = len(np.unique(holds.load[still], axis=0))
-        if kinds < _FEWEST_APART or alike ** (kinds - 1) > _CHANCE or _is_clipped(holds, signal, still):
+        is_constant = np.zeros(len(signal), bool)
+        is_constant[ends[at] : ends[at] + (length[at] if len(length) else 0)] = True
+        _, often = np.unique(signal[~is_constant], return_counts=True)
+        alike = (1 + often.max(initial=0)) / (1 + np.sum(~is_constant))  # chance that another load gives the same value
+        kinds = len(np.unique(holds.load[is_constant], axis=0))
+        if kinds < _FEWEST_APART or alike ** (kinds - 1) > _CHANCE or _is_clipped(holds, signal, is_constant):
             continue
         return RecordSlip(
-            SlipKind.FROZEN, column.quantity, (column.name, *row_places(still, ~still, holds.runs, (), ""))
+            SlipKind.FROZEN, column.quantity, (column.name, *row_places(is_constant, ~is_constant, holds.runs, (), ""))
         )
     return None
 
 
-def _is_clipped(holds: _Holds, column: Array, still: Mask) -> bool:
-    """True if the others' linear response puts most of the loads that are ``still`` beyond that end of the range."""
+def _is_clipped(holds: _Holds, column: Array, is_constant: Mask) -> bool:
+    """True if the others' linear response puts most loads of the rows ``is_constant`` beyond that end of the range."""
     size = np.maximum(np.abs(holds.load).max(axis=0), 1e-300)
-    design, level = _design(holds.load, size), column[still][0]
-    expected = design[still] @ np.linalg.lstsq(design[~still], column[~still], rcond=None)[0]
+    design, level = _design(holds.load, size), column[is_constant][0]
+    expected = design[is_constant] @ np.linalg.lstsq(design[~is_constant], column[~is_constant], rcond=None)[0]
     beyond = expected > level if level >= column.max() else expected < level
     return bool(level in (column.min(), column.max()) and np.mean(beyond) > _BEYOND)
 

@@ -354,11 +354,11 @@ def _or_stiffness(tested: RelationTest) -> RelationTest:
 
 
 def _frozen_slips(
-    still: Sequence[Frozen], columns: Sequence[RecordedColumn], runs: Sequence[str]
+    constant: Sequence[Frozen], columns: Sequence[RecordedColumn], runs: Sequence[str]
 ) -> Iterator[RecordSlip]:
     """Return one slip for all runs in which the same columns of a quantity are constant."""
     by_run: dict[tuple[int, str], list[int]] = {}
-    for one in still:
+    for one in constant:
         by_run.setdefault((one.run, columns[one.column].quantity), []).append(one.column)
     alike: dict[tuple[str, tuple[int, ...]], list[str]] = {}
     for (run, quantity), places in by_run.items():

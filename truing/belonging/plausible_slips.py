@@ -79,22 +79,22 @@ def slips_of_all_loads(responses: Responses) -> Iterator[SlipCandidate]:
         yield SlipCandidate(_unit("load", factor), everything, _loads(everything, every_axis, factor))
     yield SlipCandidate(RecordSlip(SlipKind.SIGN, "load"), everything, _loads(everything, every_axis, -1.0))
     for quantity, axes, factors in (("force", _FORCES, FORCE_UNITS), ("torque", _TORQUES, TORQUE_UNITS)):
-        mine = (loaded & axes).any(axis=1)
+        concerned = (loaded & axes).any(axis=1)
         for factor in factors:
-            yield SlipCandidate(_unit(quantity, factor), mine, _loads(mine, axes, factor), 1.0)
-        yield SlipCandidate(RecordSlip(SlipKind.SIGN, quantity), mine, _loads(mine, axes, -1.0), 1.0)
+            yield SlipCandidate(_unit(quantity, factor), concerned, _loads(concerned, axes, factor), 1.0)
+        yield SlipCandidate(RecordSlip(SlipKind.SIGN, quantity), concerned, _loads(concerned, axes, -1.0), 1.0)
     for axis in np.flatnonzero(loaded.any(axis=0)).tolist():
-        axes, mine = np.arange(6) == axis, loaded[:, axis]
+        axes, concerned = np.arange(6) == axis, loaded[:, axis]
         quantity = "force" if axis < 3 else "torque"
         for factor in FORCE_UNITS if axis < 3 else TORQUE_UNITS:
             slip = _unit(quantity, factor, LOADS[axis])
-            yield SlipCandidate(slip, mine, _loads(mine, axes, factor), np.log(6.0))
+            yield SlipCandidate(slip, concerned, _loads(concerned, axes, factor), np.log(6.0))
         slip = RecordSlip(SlipKind.SIGN, quantity, (LOADS[axis],))
-        yield SlipCandidate(slip, mine, _loads(mine, axes, -1.0), np.log(6.0))
+        yield SlipCandidate(slip, concerned, _loads(concerned, axes, -1.0), np.log(6.0))
     for pair in combinations(range(6), 2):
-        mine = loaded[:, list(pair)].any(axis=1)
+        concerned = loaded[:, list(pair)].any(axis=1)
         slip = RecordSlip(SlipKind.COLUMNS, "load axes", (LOADS[pair[0]], LOADS[pair[1]]))
-        yield SlipCandidate(slip, mine, _exchange_axes(mine, pair), np.log(15.0))
+        yield SlipCandidate(slip, concerned, _exchange_axes(concerned, pair), np.log(15.0))
 
 
 def slips_of_run_loads(
@@ -162,8 +162,8 @@ def slips_of_columns(
         if len({column.quantity for column in columns}) == 1:
             yield from exchanges_by_axis(responses, columns)
     for number in np.unique(responses.run).tolist():
-        mine = responses.run == number
-        yield from _columns_exchanged(responses, columns, mine, (runs[number],), many + 2.0 * np.log(len(columns)))
+        concerned = responses.run == number
+        yield from _columns_exchanged(responses, columns, concerned, (runs[number],), many + 2.0 * np.log(len(columns)))
     for quantity in dict.fromkeys(column.quantity for column in columns):
         places = [k for k, column in enumerate(columns) if column.quantity == quantity]
         if len(places) > 1:
@@ -188,9 +188,9 @@ def exchanges_from_a_run(
 def exchanges_by_axis(responses: Responses, columns: Sequence[RecordedColumn]) -> Iterator[SlipCandidate]:
     """Yield exchanges of two columns in all runs of one load axis."""
     for axis in range(6):
-        mine, penalty = _along_one_axis(responses, axis), np.log(6.0) + 2.0 * np.log(len(columns))
-        if mine.any():
-            yield from _columns_exchanged(responses, columns, mine, (f"all runs of {LOADS[axis]}",), penalty)
+        concerned, penalty = _along_one_axis(responses, axis), np.log(6.0) + 2.0 * np.log(len(columns))
+        if concerned.any():
+            yield from _columns_exchanged(responses, columns, concerned, (f"all runs of {LOADS[axis]}",), penalty)
 
 
 def _slips_within_runs(
@@ -206,9 +206,9 @@ def _slips_within_runs(
     by_slip: dict[tuple[SlipKind, float], list[SlipCandidate]] = {}
     numbers = np.unique(responses.run).tolist()
     for number in numbers:
-        mine = (responses.run == number) & np.isin(responses.column, places)
-        if len(np.unique(responses.column[mine])) >= min(len(places), 2):
-            for candidate in _column_slips(responses, columns, places, (*names, runs[number]), mine, penalty):
+        concerned = (responses.run == number) & np.isin(responses.column, places)
+        if len(np.unique(responses.column[concerned])) >= min(len(places), 2):
+            for candidate in _column_slips(responses, columns, places, (*names, runs[number]), concerned, penalty):
                 by_slip.setdefault((candidate.slip.kind, candidate.slip.factor), []).append(candidate)
     for (kind, factor), alone in by_slip.items():
         yield from alone
@@ -221,28 +221,30 @@ def _column_slips(
     columns: Sequence[RecordedColumn],
     places: Sequence[int],
     subjects: tuple[str, ...],
-    mine: Mask,
+    concerned: Mask,
     penalty: float,
 ) -> Iterator[SlipCandidate]:
     first_column = columns[places[0]]
     for factor in first_column.factors:
         slip = RecordSlip(SlipKind.UNIT, first_column.quantity, subjects, factor)
-        yield SlipCandidate(slip, mine, _values(mine, factor), penalty)
+        yield SlipCandidate(slip, concerned, _values(concerned, factor), penalty)
     for factor in first_column.fringes:
         slip = RecordSlip(SlipKind.FRINGES, first_column.quantity, subjects, factor)
-        yield SlipCandidate(slip, mine, _values(mine, factor), penalty + 1.0)
-    yield SlipCandidate(RecordSlip(SlipKind.SIGN, first_column.quantity, subjects), mine, _values(mine, -1.0), penalty)
+        yield SlipCandidate(slip, concerned, _values(concerned, factor), penalty + 1.0)
+    yield SlipCandidate(
+        RecordSlip(SlipKind.SIGN, first_column.quantity, subjects), concerned, _values(concerned, -1.0), penalty
+    )
 
 
 def _columns_exchanged(
-    responses: Responses, columns: Sequence[RecordedColumn], mine: Mask, where: tuple[str, ...], penalty: float
+    responses: Responses, columns: Sequence[RecordedColumn], concerned: Mask, where: tuple[str, ...], penalty: float
 ) -> Iterator[SlipCandidate]:
-    there = np.unique(responses.column[mine])
+    there = np.unique(responses.column[concerned])
     for first, second in combinations(range(len(columns)), 2):
         if first in there and second in there:
             factor = columns[second].unit_si / columns[first].unit_si
             slip = RecordSlip(SlipKind.COLUMNS, "columns", (columns[first].name, columns[second].name, *where))
-            concerns = mine & np.isin(responses.column, [first, second])
+            concerns = concerned & np.isin(responses.column, [first, second])
             yield SlipCandidate(slip, concerns, _exchange_columns(concerns, (first, second), factor), penalty)
 
 
@@ -260,20 +262,23 @@ def _slip_of_all_runs(
         return
     every = np.logical_or.reduce([candidate.concerns for candidate in alone])
     after = misses_read(responses, expected, undo(every)(read))
-    good = [
+    gaining = [
         candidate
         for candidate in alone
         if np.max(np.abs(before[candidate.concerns])) > CLEARLY
         and np.sum(after[candidate.concerns] ** 2) < 0.25 * np.sum(before[candidate.concerns] ** 2)
     ]
-    if 1 < len(good) <= runs:
+    if 1 < len(gaining) <= runs:
         from scipy.special import gammaln
 
-        mine = np.logical_or.reduce([candidate.concerns for candidate in good])
-        subjects = tuple(dict.fromkeys(name for candidate in good for name in candidate.slip.subjects))
-        some = float(gammaln(runs + 1) - gammaln(len(good) + 1) - gammaln(runs - len(good) + 1))
+        concerned = np.logical_or.reduce([candidate.concerns for candidate in gaining])
+        subjects = tuple(dict.fromkeys(name for candidate in gaining for name in candidate.slip.subjects))
+        some = float(gammaln(runs + 1) - gammaln(len(gaining) + 1) - gammaln(runs - len(gaining) + 1))
         yield SlipCandidate(
-            replace(good[0].slip, subjects=subjects), mine, undo(mine), some + alone[0].penalty - float(np.log(runs))
+            replace(gaining[0].slip, subjects=subjects),
+            concerned,
+            undo(concerned),
+            some + alone[0].penalty - float(np.log(runs)),
         )
 
 

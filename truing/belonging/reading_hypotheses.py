@@ -183,18 +183,20 @@ def joint_descriptions(motion: MeasuredMotion) -> Iterator[Description]:
         return Description((slip,), legs.replace(**{name[0]: array for name, array in changed.items()}), p, R)
 
     for name, joints in sides.items():
-        of = f"{name} of [mechanism]"
+        quantity_text = f"{name} of [mechanism]"
         for factor in (*both_ways(LENGTH_FACTORS), 2.0, 0.5):
-            yield described(_unit(of, factor), **{name: factor * joints})
+            yield described(_unit(quantity_text, factor), **{name: factor * joints})
         for axis in range(3):
             if np.any(joints[:, axis] != 0.0):
                 mirror = np.where(np.arange(3) == axis, -1.0, 1.0)
-                yield described(RecordSlip(SlipKind.SIGN, f"{_AXES[axis]} of {of}"), **{name: joints * mirror})
-        yield described(RecordSlip(SlipKind.REVERSED, f"rows of {of}"), **{name: joints[::-1]})
+                yield described(
+                    RecordSlip(SlipKind.SIGN, f"{_AXES[axis]} of {quantity_text}"), **{name: joints * mirror}
+                )
+        yield described(RecordSlip(SlipKind.REVERSED, f"rows of {quantity_text}"), **{name: joints[::-1]})
         for first, other in combinations(range(legs.count), 2):
             order = np.arange(legs.count)
             order[[first, other]] = other, first
-            slip = RecordSlip(SlipKind.PARTS_EXCHANGED, of, _legs_named((first, other)))
+            slip = RecordSlip(SlipKind.PARTS_EXCHANGED, quantity_text, _legs_named((first, other)))
             yield described(slip, **{name: joints[order]})
     for leg, axis in product(range(legs.count), range(3)):
         flipped = {}

@@ -107,8 +107,8 @@ def relate_legs(motion: MeasuredMotion) -> RelationTest | None:
 def _first_equal_legs(motion: MeasuredMotion) -> tuple[int, int] | None:
     """Return two legs with the same joints, which hold the platform as one."""
     joints = np.concatenate([motion.legs.a, motion.legs.b], axis=-1)
-    apart = np.linalg.norm(joints[:, None] - joints[None], axis=-1)
-    pairs = np.argwhere(np.triu(apart < _SAME_M, 1)).tolist()
+    distance = np.linalg.norm(joints[:, None] - joints[None], axis=-1)
+    pairs = np.argwhere(np.triu(distance < _SAME_M, 1)).tolist()
     return (pairs[0][0], pairs[0][1]) if pairs else None
 
 
@@ -469,8 +469,8 @@ def _hidden(motion: MeasuredMotion, plain: Written, names: ReadingNames) -> tupl
     travel = asked - asked.mean(axis=0)
     level = max(_rms(plain.misfit - plain.misfit.mean(axis=0)), motion.noise)
     needed = 2.0 * (_CLEAR + PENALTY) / len(asked)
-    apart = np.mean((travel[:, :, None] - travel[:, None, :]) ** 2, axis=0)
-    pairs = [(i, j) for i, j in np.argwhere(apart < needed * level**2).tolist() if i < j]
+    squared_distance = np.mean((travel[:, :, None] - travel[:, None, :]) ** 2, axis=0)
+    pairs = [(i, j) for i, j in np.argwhere(squared_distance < needed * level**2).tolist() if i < j]
     return tuple(
         RecordSlip(SlipKind.COLUMNS, "columns of readings", (names.columns[i], names.columns[j])) for i, j in pairs
     )

@@ -65,9 +65,9 @@ def _fit_cells(run: int, load: Array, value: Array, has_zero: bool) -> Iterator[
     for number, rows in enumerate(kinds.T):
         columns = np.flatnonzero(kind.ravel() == number)
         if rows.sum() >= _FEWEST:
-            direction, way = directions(load[rows], has_zero)
+            direction, load_coordinates = directions(load[rows], has_zero)
             if len(direction) and rows.sum() >= len(direction) + 3:
-                size, sigma = _fitted(way, value[rows][:, columns], has_zero)
+                size, sigma = _fitted(load_coordinates, value[rows][:, columns], has_zero)
                 for at, column in enumerate(columns.tolist()):
                     for axis in range(len(direction)):
                         yield run, column, direction[axis], float(size[axis, at]), float(sigma[axis, at])
@@ -90,23 +90,23 @@ def directions(load: Array, has_zero: bool = True) -> tuple[Array, Array]:
     if rank == len(used):
         most = np.abs(load[:, used]).max(axis=0)
         return np.eye(6)[used] * most[:, None], load[:, used] / most
-    direction, way = np.zeros((rank, 6)), left[:, :rank] * size[:rank]
+    direction, load_coordinates = np.zeros((rank, 6)), left[:, :rank] * size[:rank]
     direction[:, used] = right[:rank] * largest[used]
-    most = np.abs(way).max(axis=0)
-    return direction * most[:, None], way / most
+    most = np.abs(load_coordinates).max(axis=0)
+    return direction * most[:, None], load_coordinates / most
 
 
-def _fitted(way: Array, value: Array, has_zero: bool) -> tuple[Array, Array]:
+def _fitted(load_coordinates: Array, value: Array, has_zero: bool) -> tuple[Array, Array]:
     """Return the responses (D, K) of columns (N, K) and their standard deviations, without single gross errors."""
-    columns = np.column_stack([way, np.ones(len(way))]) if has_zero else way
-    rank = way.shape[1]
+    columns = np.column_stack([load_coordinates, np.ones(len(load_coordinates))]) if has_zero else load_coordinates
+    rank = load_coordinates.shape[1]
     inverse = np.linalg.pinv(columns)
     coefficients = inverse @ value
     left = value - columns @ coefficients
-    spread = np.sqrt(np.sum(left**2, axis=0) / max(len(way) - columns.shape[1], 1))
+    spread = np.sqrt(np.sum(left**2, axis=0) / max(len(load_coordinates) - columns.shape[1], 1))
     sigma = np.sqrt(np.sum(inverse**2, axis=1))[:, None] * spread
     out = np.abs(left) > _GROSS * _MEDIAN * np.median(np.abs(left), axis=0)
-    for at in np.flatnonzero(out.any(axis=0) & (out.sum(axis=0) <= _MOST_OUT * len(way))):
+    for at in np.flatnonzero(out.any(axis=0) & (out.sum(axis=0) <= _MOST_OUT * len(load_coordinates))):
         is_used = ~out[:, at]
         again = np.linalg.lstsq(columns[is_used], value[is_used, at], rcond=None)[0]
         if np.linalg.matrix_rank(columns[is_used]) == columns.shape[1]:

@@ -93,8 +93,8 @@ def row_slips(
 def _row_slips(tried: Sequence[_Tried], runs: Sequence[str], quantity: str) -> Iterator[RowSlip]:
     limit = _MUCH + np.log(max(len(tried), 1))
     for order in _ORDERS:
-        mine = [one for one in tried if one.order == order]
-        informative = [one for one in mine if abs(one.gain) > _MUCH]
+        slips_of_order = [one for one in tried if one.order == order]
+        informative = [one for one in slips_of_order if abs(one.gain) > _MUCH]
         better = [one for one in informative if one.gain > 0.0]
         if len(better) > 1 and len(better) >= _MOST_RUNS * len(informative) and _halves(better):
             yield RowSlip(order.slip(quantity, ()), *_rms_percent(better))
@@ -140,12 +140,16 @@ def _try_orders_of_run(number: int, load: Array, time_s: Array, value: Array, ra
     """Return the tested orders of one run, by the columns that respond; ranges (K,): the largest of a run in the
     campaign."""
     columns = (ranges > 0.0) & (_range(value) > _CLEAR * ranges)
-    way = directions(load)[1]
-    if not columns.any() or not way.shape[1] or len(load) < max(_FEWEST, 3 * way.shape[1] + 4):
+    load_coordinates = directions(load)[1]
+    if (
+        not columns.any()
+        or not load_coordinates.shape[1]
+        or len(load) < max(_FEWEST, 3 * load_coordinates.shape[1] + 4)
+    ):
         return
     own = value[:, columns]
     own = ((own - own.mean(axis=0)) / ranges[columns]).T
-    causes = _causes(way, time_s)
+    causes = _causes(load_coordinates, time_s)
     for order in _ORDERS:
         values, loads = order.rows(len(load))
         part = own[:, values]
@@ -169,30 +173,30 @@ def _with_single_rows(value: Array, columns: Array) -> Array:
     return columns
 
 
-def _causes(way: Array, time_s: Array) -> Array:
+def _causes(load_coordinates: Array, time_s: Array) -> Array:
     """Return columns (N, P) that a run may follow, scaled by their prior widths: loads, their history and time."""
-    size = np.abs(way)
+    size = np.abs(load_coordinates)
     back = np.vstack([np.zeros_like(size[:1]), np.diff(size, axis=0) < 0.0])
     span = max(float(np.ptp(time_s)), 1e-300)
     return np.column_stack(
         [
-            _FREE * np.ones(len(way)),
-            _FREE * way,
+            _FREE * np.ones(len(load_coordinates)),
+            _FREE * load_coordinates,
             _SIZEABLE * size,
-            _SIZEABLE * way * size**2,
-            _SIZEABLE * back * way,
-            _SIZEABLE * back * way * size,
-            _SMALL * np.sign(way),
-            *(_SIZEABLE * _minus_shifted(way, pace) for pace in _PACES),
+            _SIZEABLE * load_coordinates * size**2,
+            _SIZEABLE * back * load_coordinates,
+            _SIZEABLE * back * load_coordinates * size,
+            _SMALL * np.sign(load_coordinates),
+            *(_SIZEABLE * _minus_shifted(load_coordinates, pace) for pace in _PACES),
             _SMALL * (time_s - time_s[0]) / span,
         ]
     )
 
 
-def _minus_shifted(way: Array, pace: float) -> Array:
+def _minus_shifted(load_coordinates: Array, pace: float) -> Array:
     """Return loads (N, D) minus the same with a lag of some steps."""
-    out, state = np.zeros_like(way), way[0].copy()
-    for n in range(len(way)):
-        state = state + (way[n] - state) * (1.0 - np.exp(-1.0 / pace))
-        out[n] = way[n] - state
+    out, state = np.zeros_like(load_coordinates), load_coordinates[0].copy()
+    for n in range(len(load_coordinates)):
+        state = state + (load_coordinates[n] - state) * (1.0 - np.exp(-1.0 / pace))
+        out[n] = load_coordinates[n] - state
     return out

@@ -54,8 +54,8 @@ def parts(load: Array, run: Index, value: Array, columns: Sequence[RecordedColum
         direction = directions(load[rows])[0]
         main = np.flatnonzero((range_of_run > _MAIN * most) & (range_of_run > 0.0))
         if len(direction) == 1 and len(main):
-            way = load[rows] @ direction[0] / (direction[0] @ direction[0])
-            line = _Line(way, value[rows][:, main], int(run[rows[0]]), rows, tuple(main.tolist()))
+            load_coordinate = load[rows] @ direction[0] / (direction[0] @ direction[0])
+            line = _Line(load_coordinate, value[rows][:, main], int(run[rows[0]]), rows, tuple(main.tolist()))
             kinds = FORCE_UNITS if direction[0, :3].any() else (*TORQUE_UNITS, *FORCE_UNITS)
             best = line.best([columns[k] for k in line.places], kinds, answers[main] @ direction[0])
             run_parts += [] if best is None else [best]
@@ -134,11 +134,11 @@ class _Line:
         """Return the columns (K,) that follow a line in both parts, and their slopes about a zero of each part."""
         follows, slopes = np.ones(self.value.shape[1], bool), []
         for rows in (~second, second):
-            way = self.way[rows] - self.way[rows].mean()
+            centred = self.way[rows] - self.way[rows].mean()
             value = self.value[rows] - self.value[rows].mean(axis=0)
-            power = float(way @ way)
-            slope = way @ value / power if power > 0.0 else np.zeros(len(follows))
-            left = np.sqrt(np.mean((value - way[:, None] * slope) ** 2, axis=0))
+            power = float(centred @ centred)
+            slope = centred @ value / power if power > 0.0 else np.zeros(len(follows))
+            left = np.sqrt(np.mean((value - centred[:, None] * slope) ** 2, axis=0))
             follows &= (slope != 0.0) & (left <= _FOLLOWS * np.ptp(value, axis=0))
             slopes.append(slope)
         return follows, slopes[0], slopes[1]
@@ -149,23 +149,23 @@ class _Line:
         """Return columns (none: the loads), factor and residual (K,), where slopes differ by about that factor."""
         for factor in (-1.0, *units):
             if _is_unphysical_ratio(ratio, factor).all():
-                way = np.where(part, factor, 1.0) * self.way
-                yield (), factor, self._line_residual(way, self.value)
+                corrected = np.where(part, factor, 1.0) * self.way
+                yield (), factor, self._line_residual(corrected, self.value)
         for quantity in dict.fromkeys(column.quantity for column in columns):
             places = [k for k, column in enumerate(columns) if column.quantity == quantity]
             first_column = columns[places[0]]
             for factor in (-1.0, *first_column.factors):
-                mine = tuple(k for k in places if _is_unphysical_ratio(ratio[k : k + 1], 1.0 / factor).all())
-                others = np.isin(np.arange(len(columns)), mine, invert=True)
-                if mine and not _differs_from_one(ratio[others]).any():
+                slipped = tuple(k for k in places if _is_unphysical_ratio(ratio[k : k + 1], 1.0 / factor).all())
+                others = np.isin(np.arange(len(columns)), slipped, invert=True)
+                if slipped and not _differs_from_one(ratio[others]).any():
                     value = self.value.copy()
-                    value[:, list(mine)] *= np.where(part, factor, 1.0)[:, None]
-                    yield mine, factor, self._line_residual(self.way, value)
+                    value[:, list(slipped)] *= np.where(part, factor, 1.0)[:, None]
+                    yield slipped, factor, self._line_residual(self.way, value)
 
     @staticmethod
-    def _line_residual(way: Array, value: Array) -> Array:
+    def _line_residual(load_coordinate: Array, value: Array) -> Array:
         """Return the root mean square residual (K,) of lines through all rows, over the range."""
-        about, centred = way - way.mean(), value - value.mean(axis=0)
+        about, centred = load_coordinate - load_coordinate.mean(), value - value.mean(axis=0)
         left = centred - about[:, None] * (about @ centred / (about @ about))
         return np.asarray(np.sqrt(np.mean(left**2, axis=0)) / np.ptp(centred, axis=0))
 
@@ -201,13 +201,19 @@ def of_parts(
     relation: str,
 ) -> Iterator[RelationTest]:
     """Yield one failed test of a relation for parts that concern its columns (indices from first) or their loads."""
-    mine = [part for part in run_parts if part_concerns(part, range(first, first + len(columns)))]
-    if mine:
-        slips = merged([_slip(trial, step, runs, columns, first) for trial in mine])
-        before, after = (100.0 * max(getattr(trial, name) for trial in mine) for name in ("before", "after"))
-        subject = ", ".join(dict.fromkeys(runs[trial.run] for trial in mine)) if len(mine) <= 3 else ""
+    parts_of_columns = [part for part in run_parts if part_concerns(part, range(first, first + len(columns)))]
+    if parts_of_columns:
+        slips = merged([_slip(trial, step, runs, columns, first) for trial in parts_of_columns])
+        before, after = (
+            100.0 * max(getattr(trial, name) for trial in parts_of_columns) for name in ("before", "after")
+        )
+        subject = (
+            ", ".join(dict.fromkeys(runs[trial.run] for trial in parts_of_columns))
+            if len(parts_of_columns) <= 3
+            else ""
+        )
         sizes = (before, after, None, "% of the range")
-        yield RelationTest(relation, RelationState.FAILS, "slip", subject, *sizes, slips, tried=len(mine))
+        yield RelationTest(relation, RelationState.FAILS, "slip", subject, *sizes, slips, tried=len(parts_of_columns))
 
 
 def part_concerns(part: RunPart, columns: Container[int]) -> bool:

@@ -43,10 +43,10 @@ def typical(measured: Responses, count: int) -> tuple[ExpectedResponse, Mask]:
     share = measured.direction * of_load
     matrix, vouched = np.zeros((count, 6)), np.zeros(len(measured), bool)
     for column in range(count):
-        mine = measured.column == column
-        if mine.any():
-            matrix[column] = _least_absolute(share[mine], measured.size[mine])
-            vouched[mine] = _is_confirmed(share[mine], measured.run[mine])
+        of_this_column = measured.column == column
+        if of_this_column.any():
+            matrix[column] = _least_absolute(share[of_this_column], measured.size[of_this_column])
+            vouched[of_this_column] = _is_confirmed(share[of_this_column], measured.run[of_this_column])
     of_column = np.maximum(np.abs(matrix).max(axis=1), 1e-300)
     expected = ExpectedResponse(
         matrix * of_load,
@@ -74,14 +74,14 @@ def _is_confirmed(share: Array, run: Index) -> Mask:
     """Return True for responses that the other runs determine at least twice."""
     out = np.zeros(len(share), bool)
     for number in np.unique(run):
-        mine, others = run == number, share[run != number]
+        in_run, others = run == number, share[run != number]
         if len(others):
             size, right = np.linalg.svd(others, full_matrices=False)[1:]
-            good = size > _OPEN * max(size[0], 1.0)
-            along = share[mine] @ right[good].T
-            leverage = np.sum((along / size[good]) ** 2, axis=1)
-            outside = np.sum(share[mine] ** 2, axis=1) - np.sum(along**2, axis=1)
-            out[mine] = (leverage <= _MOST_LEVERAGE) & (outside <= _OPEN)
+            is_large = size > _OPEN * max(size[0], 1.0)
+            along = share[in_run] @ right[is_large].T
+            leverage = np.sum((along / size[is_large]) ** 2, axis=1)
+            outside = np.sum(share[in_run] ** 2, axis=1) - np.sum(along**2, axis=1)
+            out[in_run] = (leverage <= _MOST_LEVERAGE) & (outside <= _OPEN)
     return out
 
 

@@ -38,8 +38,8 @@ def meant_order(targets: NamedTargets) -> Index | None:
     profiles = np.sort(measured, axis=1), np.sort(surveyed, axis=1)
     order = cheapest_columns(np.sum((profiles[0][:, None] - profiles[1]) ** 2, axis=-1))
     for _ in range(_ROUNDS):
-        apart = measured[:, None] - surveyed[:, order]
-        again = cheapest_columns(np.sum(apart**2, axis=-1))
+        difference = measured[:, None] - surveyed[:, order]
+        again = cheapest_columns(np.sum(difference**2, axis=-1))
         if np.array_equal(again, order):
             break
         order = again
@@ -51,9 +51,9 @@ def _distances(targets: NamedTargets) -> Array:
     distances = np.full((len(targets.names),) * 2, np.nan)
     for row in range(len(distances)):
         both = targets.seen & targets.seen[:, row, None]
-        apart = np.where(both, np.linalg.norm(targets.points - targets.points[:, row, None], axis=-1), np.nan)
+        distance = np.where(both, np.linalg.norm(targets.points - targets.points[:, row, None], axis=-1), np.nan)
         known = both.any(axis=0)
-        distances[row, known] = np.nanmedian(apart[:, known], axis=0)
+        distances[row, known] = np.nanmedian(distance[:, known], axis=0)
     return distances
 
 

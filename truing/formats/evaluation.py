@@ -273,8 +273,8 @@ class _Work:
             self._checked(known, texts, name, f"one of {', '.join(column.choices)}")
         return texts
 
-    def _checked(self, good: Mask, texts: pa.DictionaryArray, name: str, expected: str) -> None:
-        wrong = ~good[codes(texts)]
+    def _checked(self, is_valid: Mask, texts: pa.DictionaryArray, name: str, expected: str) -> None:
+        wrong = ~is_valid[codes(texts)]
         if wrong.any():
             self._fault(wrong, texts, name, expected)
 
@@ -374,8 +374,8 @@ class _Work:
         if not self._markers:
             return values
         plain = np.asarray(values.fill_null(np.nan) if values.null_count else values)
-        gone = np.logical_or.reduce([np.isnan(plain) if np.isnan(m) else plain == m for m in self._markers])
-        return pa.array(plain, mask=gone | np.asarray(values.is_null()))
+        is_missing = np.logical_or.reduce([np.isnan(plain) if np.isnan(m) else plain == m for m in self._markers])
+        return pa.array(plain, mask=is_missing | np.asarray(values.is_null()))
 
     def _integers(self, name: str, values: pa.Array) -> pa.Array:
         plain = np.asarray(values.fill_null(0.0))
@@ -388,8 +388,8 @@ class _Work:
     def _times(self, name: str) -> pa.Array:
         texts = self.texts(name)
         seconds = [_seconds(text, self.plan.entry.time_format or "") for text in texts.dictionary.to_pylist()]
-        good = np.array([second is not None for second in seconds], dtype=bool)
-        self._checked(good, texts, name, f"a time written as {self.plan.entry.time_format}")
+        is_valid = np.array([second is not None for second in seconds], dtype=bool)
+        self._checked(is_valid, texts, name, f"a time written as {self.plan.entry.time_format}")
         return pa.array(np.array([np.nan if s is None else s for s in seconds], dtype=float)[codes(texts)])
 
     # -- rows ---------------------------------------------------------------------------------------------
@@ -405,9 +405,9 @@ class _Work:
         for name, sentence, key, texts in columns:
             pattern = bounded(sentence, key)
             fits = [pattern.fullmatch(text or "") is not None for text in texts.dictionary.to_pylist()]
-            gone = keep & ~np.array(fits, dtype=bool)[codes(texts)]
-            self._leave_out(gone, f"no {name}" if sentence == _ANYTHING else f"{name} is not like {sentence}")
-            keep &= ~gone
+            unselected = keep & ~np.array(fits, dtype=bool)[codes(texts)]
+            self._leave_out(unselected, f"no {name}" if sentence == _ANYTHING else f"{name} is not like {sentence}")
+            keep &= ~unselected
         return keep
 
     def present(self) -> Mask:
@@ -433,8 +433,8 @@ class _Work:
             raw, _ = self.notation.parse(raw.cast(pa.string()))
         return np.asarray(raw.cast(pa.float64()).fill_null(np.nan))
 
-    def _leave_out(self, gone: Mask, reason: str) -> None:
-        if count := int(np.count_nonzero(gone)):
+    def _leave_out(self, mask: Mask, reason: str) -> None:
+        if count := int(np.count_nonzero(mask)):
             self.left_out[reason] += count
 
     def _fault(self, wrong: Mask, values: pa.Array | None, name: str, expected: str, value: str | None = None) -> None:

@@ -280,8 +280,8 @@ def blocks_of(variables: Mapping[str, Variable], entry: FileMapping) -> list[Blo
     lengths = {block.rows for block in blocks}
     if len(lengths) > 1:
         sizes = ", ".join(f"{block.variable} {block.rows}" for block in blocks)
-        way = "" if entry.transpose else "; transpose = true where rows of the file are columns of the table"
-        raise Unusable(f"variables with equally many rows{way}", column="variable", value=sizes)
+        hint = "" if entry.transpose else "; transpose = true where rows of the file are columns of the table"
+        raise Unusable(f"variables with equally many rows{hint}", column="variable", value=sizes)
     if not blocks[0].rows:
         raise Unusable("at least one row", column="variable", value=", ".join(named))
     return blocks

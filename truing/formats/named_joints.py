@@ -97,13 +97,13 @@ def _match_by_cells(
     names: Sequence[str], data: Sequence[Sequence[str]], joints: Sequence[str]
 ) -> tuple[str, ...] | None:
     """Return columns ``position0 ..`` next to columns ``name0 ..`` whose cells name the joints."""
-    said = {}
+    read_by_cells = {}
     for place, name in enumerate(names):
         cells = {row[place].strip() for row in data}
         if (number := re.search(r"name\D?(\d+)\D*$", name)) and len(cells) == 1:
-            said[cells.pop()] = number[1]
+            read_by_cells[cells.pop()] = number[1]
     at = {match[1]: name for name in names if (match := re.search(r"position\D?(\d+)\D*$", name))}
-    places_of_joints = [at.get(said.get(joint, "")) for joint in joints]
+    places_of_joints = [at.get(read_by_cells.get(joint, "")) for joint in joints]
     return tuple(places_of_joints) if places_of_joints and all(places_of_joints) else None  # type: ignore[arg-type]
 
 

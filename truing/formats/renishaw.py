@@ -38,15 +38,15 @@ def read_rtl(path: Path, wanted: Wanted, entry: FileMapping) -> Iterator[RawBatc
         return
     targets = _targets(lines)
     approaches = list(_approaches(lines, len(targets)))
-    ways = _approach_of_pass(approaches, targets)
+    directions = _approach_of_pass(approaches, targets)
     at = np.array([targets[a.number - 1] for a in approaches])
     off = np.array([a.deviation for a in approaches])
     values = (
         [a.run for a in approaches],
         [a.number for a in approaches],
         at,
-        [ways[a.run][0] for a in approaches],
-        [ways[a.run][1] for a in approaches],
+        [directions[a.run][0] for a in approaches],
+        [directions[a.run][1] for a in approaches],
         off,
         at + off * _UM,
     )
@@ -111,9 +111,9 @@ def _approach_of_pass(approaches: list[_Approach], targets: list[float]) -> dict
         if not len(steps) or not (np.all(steps > 0) or np.all(steps < 0)):
             expected = "targets that follow each other upwards or downwards within a pass, two at least"
             raise Unusable(expected, row=passes_of_run[0].line, value=f"pass {run}")
-        way = "forward" if steps[0] > 0 else "backward"
-        done[way] += 1
-        found[run] = way, done[way]
+        direction = "forward" if steps[0] > 0 else "backward"
+        done[direction] += 1
+        found[run] = direction, done[direction]
     return found
 
 

@@ -80,8 +80,8 @@ def confirmed(
     if not any(is_real(next_round, c, level) for c in remaining):
         return True
     alone = max(current.posterior(c) for kind, c in current.best.items() if kind not in refused)
-    beside = max((next_round.posterior(c) for c in remaining), default=0.0)
-    return bool(current.posterior(choice.candidate) + beside >= alone + np.log(RIVAL_FACTOR))
+    next_posterior = max((next_round.posterior(c) for c in remaining), default=0.0)
+    return bool(current.posterior(choice.candidate) + next_posterior >= alone + np.log(RIVAL_FACTOR))
 
 
 def is_real(current: Round[CauseT], candidate: CauseCandidate[CauseT], level: float) -> bool:

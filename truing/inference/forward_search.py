@@ -280,10 +280,10 @@ class ForwardSearch(Generic[CauseT]):
 
     def _covered(self, cause: CauseT, after: FittedModel[CauseT]) -> Mask:
         """Return True for held-out epochs (B,) at which a cause claims to hold."""
-        held = self.fitter.held_out
-        if held is None:
+        held_out = self.fitter.held_out
+        if held_out is None:
             return np.ones(len(after.measured.seen), bool)
-        return np.asarray(cause.covers(held.conditions.covariates, len(held.measured.seen)))
+        return np.asarray(cause.covers(held_out.conditions.covariates, len(held_out.measured.seen)))
 
     def _dropped(
         self, found: list[Accepted[CauseT]], plain: FittedModel[CauseT]

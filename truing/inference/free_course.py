@@ -119,13 +119,13 @@ def course_rival(
     moved_beside, moved = (_Moved(own, own.pathways.combined(motions)) for own in (final, without))
     factors = random_factors(final)
     varied = [_with_varied(courses, pattern.course, factors) for pattern in patterns]
-    beside = [_likeliest(moved_beside, place, varied[place]) for place in places]
+    likeliest = [_likeliest(moved_beside, place, varied[place]) for place in places]
     instead = [_likeliest(moved, place, courses) for place in places]
     named, behind = _lead(moved, patterns, instead)
     behind += _gained_by_refit(final, without, named, len(patterns))
     if left > _MOST_LEFT:  # random courses would absorb patterns that are not tested
         behind = np.inf
-    next_to_it = max(beside, key=lambda one: one.odds)
+    next_to_it = max(likeliest, key=lambda one: one.odds)
     odds = next_to_it.odds - np.log(len(patterns))
     is_beside = odds > np.log(RIVAL_FACTOR)
     chosen = next_to_it if is_beside else max(instead, key=lambda one: one.odds)

@@ -113,9 +113,9 @@ def means_against_scatter(residuals: EpochResiduals, groups: Integers, fewest: f
         redundancy = np.where(count > 1, residuals.redundancy[index], 0.0)
         weight = np.where(count > 1, 1.0 / np.maximum(count, 1), 0.0)  # sum of squares of a mean over the squared sum
         of_mean = weight * residuals.values[index].sum(0) ** 2
-        whole = np.where(count > 1, residuals.values[index] ** 2, 0.0).sum()
+        sum_of_squares = np.where(count > 1, residuals.values[index] ** 2, 0.0).sum()
         explained = residuals.explained[index][:, count > 1].sum()
-        squares += of_mean.sum(), whole - of_mean.sum()
+        squares += of_mean.sum(), sum_of_squares - of_mean.sum()
         own_freedom = (weight * redundancy).sum() - (weight @ residuals.summed(index) ** 2).sum()
         freedom += own_freedom, redundancy.sum() - explained - own_freedom
         beyond += len(index) - 1

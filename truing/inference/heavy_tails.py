@@ -75,9 +75,9 @@ def log_odds_of_place(square: Array, size: int, selected: Mask) -> float:
     inside, outside = square[known & selected], square[known & ~selected]
     if not len(inside) or not len(outside):
         return 0.0
-    apart = [log_likelihood(inside, size, nu) + log_likelihood(outside, size, nu) for nu in _FREEDOMS]
+    separate = [log_likelihood(inside, size, nu) + log_likelihood(outside, size, nu) for nu in _FREEDOMS]
     together = [log_likelihood(square[known], size, nu) for nu in _FREEDOMS]
-    return max(apart) - max(together)
+    return max(separate) - max(together)
 
 
 def log_odds_of_tails(square: Array, size: int) -> float:

@@ -73,8 +73,8 @@ class Spectra:
 
     def beyond(self, functions: Array) -> Spectra:
         """Return the spectra free of further functions (n, m)."""
-        held = functions if self.held is None else np.column_stack([self.held, functions])
-        return Spectra(self.columns, self.in_time, orthonormal(held), self.made)
+        columns = functions if self.held is None else np.column_stack([self.held, functions])
+        return Spectra(self.columns, self.in_time, orthonormal(columns), self.made)
 
     def free(self, rows: Array) -> Array:
         """Return rows (n, m), centred, without the functions that are held fixed."""

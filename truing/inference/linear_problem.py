@@ -259,8 +259,8 @@ class Whitened:
             return self._leverage.reshape(len(self.own), -1)[:, :count, None, None]
         if self.whole is None:
             each = np.arange(count)
-            whole = self.taken(slice(0, count * size)).reshape(-1, count, size, count, size)
-            return np.moveaxis(whole[:, each, :, each], 0, 1)
+            matrix = self.taken(slice(0, count * size)).reshape(-1, count, size, count, size)
+            return np.moveaxis(matrix[:, each, :, each], 0, 1)
         rows = (self.local_basis, self.basis_at(slice(None)))
         parts = (row[:, : count * size].reshape(len(row), count, size, -1) for row in rows)
         return np.asarray(sum(part @ np.swapaxes(part, -1, -2) for part in parts))
@@ -452,10 +452,10 @@ def rows_by_source(whitened: Whitened, layout: Mapping[str, slice], causes: Set[
     }
     known = np.concatenate([np.zeros(first + extra, bool), problem.shared_known])
     for name, own in layout.items():
-        mine = (shared >= own.start) & (shared < own.stop)
+        is_owned = (shared >= own.start) & (shared < own.stop)
         if name in causes:
-            found[PLAUSIBLE] |= mine
+            found[PLAUSIBLE] |= is_owned
         else:
-            found[name] = mine & known
+            found[name] = is_owned & known
     found[WIDE] = ~np.any(list(found.values()), axis=0)
     return {name: own for name, own in found.items() if own.any()}

@@ -51,14 +51,14 @@ def pulls(shift: Array, prior: Array, posterior: Array) -> Pulls:
     determined = np.diag(gained) >= IDENTIFIABLE
     moved = shift / scale
     each = np.where(determined, moved / np.sqrt(np.where(determined, np.diag(gained), 1.0)), np.nan)
-    told = np.where(np.diag(gained) >= _TOLD, np.diag(gained), np.nan)
+    informed = np.where(np.diag(gained) >= _TOLD, np.diag(gained), np.nan)
     variances, directions = np.linalg.eigh(gained[np.ix_(determined, determined)])
     mask = variances >= IDENTIFIABLE
     total = float(np.sum((directions[:, mask].T @ moved[determined]) ** 2 / variances[mask]))
     return Pulls(
         each,
-        moved * scale / told,
-        moved**2 / told,
+        moved * scale / informed,
+        moved**2 / informed,
         determined,
         total,
         int(mask.sum()),

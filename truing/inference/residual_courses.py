@@ -54,15 +54,15 @@ def residuals_of(
     factor = np.ones(measured.seen.shape) if doubted_noise is None else doubted_noise
     own = _groups_of_residuals(fitted, factor)
     squares = map(_squares, own if first is fitted else _groups_of_residuals(first, factor))
-    for group, (rows, whole) in enumerate(zip(own, squares, strict=True)):
+    for group, (rows, sum_of_squares) in enumerate(zip(own, squares, strict=True)):
         if measured.size == 1:
             at = measured.seen[:, group] & np.isfinite(rows).all(1)
             if at.any() and np.abs(rows[at]).max() > _ROUNDING:
-                share = min(1.0, _squares(rows) / max(whole, _LEAST_SQUARES))
+                share = min(1.0, _squares(rows) / max(sum_of_squares, _LEAST_SQUARES))
                 yield Residuals((group,), at, rows[at], group, share, is_course=False)
             continue
         for course in courses(rows):
-            share = min(1.0, float(np.sum(course**2)) / max(whole, _LEAST_SQUARES))
+            share = min(1.0, float(np.sum(course**2)) / max(sum_of_squares, _LEAST_SQUARES))
             yield Residuals((), np.ones(len(rows), bool), course, group, share, is_course=True)
 
 

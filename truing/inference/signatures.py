@@ -308,9 +308,9 @@ class Signature:
 
     def share_on(self, pathways: Pathways, other: Signature) -> float:
         """Return the share of its squared changes that lies where another candidate acts too."""
-        mine, theirs = self._moved_squares(pathways), other._moved_squares(pathways)
-        shared = mine[theirs > _MOVED * theirs.max(initial=0.0)].sum()
-        return float(shared / max(float(mine.sum()), 1e-300))
+        own_squares, other_squares = self._moved_squares(pathways), other._moved_squares(pathways)
+        shared = own_squares[other_squares > _MOVED * other_squares.max(initial=0.0)].sum()
+        return float(shared / max(float(own_squares.sum()), 1e-300))
 
     def _moved_squares(self, pathways: Pathways) -> Array:
         """Return its squared change of each coordinate of the observations at every epoch, (B, d K)."""

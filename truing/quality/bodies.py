@@ -240,16 +240,16 @@ def _fitted_with(body: BodyView, factor: float, around: PoseSurroundings) -> Bod
 
 def _scatter_of_good(body: BodyView) -> float:
     """Return the scatter of the good points of the frame over the noise of the fit; 0 if nothing is left over."""
-    good = body.good & body.frame
-    freedom = 3 * int(good.sum()) - 6 * int(good.any(axis=1).sum())
-    square = float(np.sum((body.residuals[good] / body.sigma[good]) ** 2))
+    is_used = body.good & body.frame
+    freedom = 3 * int(is_used.sum()) - 6 * int(is_used.any(axis=1).sum())
+    square = float(np.sum((body.residuals[is_used] / body.sigma[is_used]) ** 2))
     return float(np.sqrt(square / freedom)) if freedom > 0 else 0.0
 
 
 def _scatters_alike(body: BodyView) -> bool:
     """Return True if the good points scatter like noise of one size: targets that moved have far longer tails."""
-    good = body.good & body.frame
-    square = np.sum((body.residuals[good] / body.sigma[good]) ** 2, axis=1)
+    is_used = body.good & body.frame
+    square = np.sum((body.residuals[is_used] / body.sigma[is_used]) ** 2, axis=1)
     return bool(square.size) and float(np.mean(square)) <= _LONG_TAILS * float(np.median(square))
 
 
@@ -270,8 +270,8 @@ def _scatter_over_declared(body: BodyView) -> float:
     mean = residuals.sum(axis=0) / np.maximum(often, 1)[:, None]
     freedom = 1.0 - 1.0 / often[np.nonzero(used)[1]]
     about = (((residuals - mean)[used] / body.measured_sigma[used]) ** 2).sum(axis=1) / freedom
-    whole = ((residuals[used] / body.sigma[used]) ** 2).sum(axis=1)
-    scatter, size = (float(np.sqrt(np.median(square) / _MEDIAN_OF_THREE)) for square in (about, whole))
+    sum_of_squares = ((residuals[used] / body.sigma[used]) ** 2).sum(axis=1)
+    scatter, size = (float(np.sqrt(np.median(square) / _MEDIAN_OF_THREE)) for square in (about, sum_of_squares))
     return scatter if scatter > _OWN_SCATTER * size else 0.0
 
 
@@ -346,9 +346,9 @@ def chi_square_about_mean(values: Array, cov: Array) -> float:
 
 def scatter_by_pose(body: BodyView) -> Scatter:
     """Return the median chi-square of each pose's residuals, in units of the body's ordinary scatter."""
-    good = body.good & body.frame
-    dof = np.maximum(3.0 * good.sum(axis=1) - 6.0, 0.0)
-    square = np.where(good[..., None], (body.residuals / body.sigma) ** 2, 0.0).sum(axis=(1, 2))
+    is_used = body.good & body.frame
+    dof = np.maximum(3.0 * is_used.sum(axis=1) - 6.0, 0.0)
+    square = np.where(is_used[..., None], (body.residuals / body.sigma) ** 2, 0.0).sum(axis=(1, 2))
     assessed = dof > 0.0
     level = max(1.0, float(np.median(square[assessed] / dof[assessed]))) if assessed.any() else 1.0
     return Scatter(np.where(assessed, square / level, 0.0), dof)

@@ -139,12 +139,12 @@ def most_similar_channels(
     """
     found, count = [], 0
     for channel in view.channels:
-        beside = [k for k in range(6) if k // 3 == channel.place // 3 and k != channel.place]
+        candidates = [k for k in range(6) if k // 3 == channel.place // 3 and k != channel.place]
         for own, run in zip(channel.of_runs, channel.runs.tolist(), strict=True):
             rows = channel.rows[own]  # all: a run of another channel's readings may stand out as gross
-            asked = [_nearness(view, channel, expected, rows, other) for other in beside]
+            asked = [_nearness(view, channel, expected, rows, other) for other in candidates]
             count += any(one is not None for one in asked)
-            for other, one in zip(beside, asked, strict=True):
+            for other, one in zip(candidates, asked, strict=True):
                 if one is not None and one[0] < _ITS_OWN:
                     found.append((run, channel.place, other, one[1]))
     return found, count
@@ -160,15 +160,15 @@ def _nearness(
     response = expected.value[rows][:, [channel.place, other]]
     response = response - response.mean(axis=0)
     size = np.sqrt(np.mean(response**2, axis=0))
-    apart = float(np.sqrt(np.mean((response[:, 0] - response[:, 1]) ** 2)))
+    rms_difference = float(np.sqrt(np.mean((response[:, 0] - response[:, 1]) ** 2)))
     larger = int(size.argmax())
-    if not apart > _APART * size[larger]:
+    if not rms_difference > _APART * size[larger]:
         return None
     if not expected.is_clear((channel.place, other)[larger], rows, channel.sigma):
         return None
     off = view.steps.reading[rows, channel.place] - response[:, 1]
     square = np.sort((off - np.median(off)) ** 2)[: int(np.ceil(_REGULAR * len(rows)))]
-    return float(np.sqrt(np.mean(square))) / apart, larger == 1
+    return float(np.sqrt(np.mean(square))) / rms_difference, larger == 1
 
 
 def as_others(view: LoadingView) -> ExpectedReadings:

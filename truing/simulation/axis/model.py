@@ -69,8 +69,8 @@ class AxisModel(ChannelModel[AxisCause]):
     @property
     def _by_stops(self) -> NDArray:
         """Derivatives (B, K, H) of the readings by the stops in prior sigmas."""
-        ways = [self.axis.response(name) if name else np.ones(len(self.axis.encoders)) for name in self.stops]
-        unit = np.array(ways).reshape(-1, len(self.axis.encoders)).T * self.input_scale
+        responses = [self.axis.response(name) if name else np.ones(len(self.axis.encoders)) for name in self.stops]
+        unit = np.array(responses).reshape(-1, len(self.axis.encoders)).T * self.input_scale
         return np.broadcast_to(unit, (len(self.rows.command), *unit.shape)) * self.input_factor[:, None]
 
     @property

@@ -44,14 +44,14 @@ class AxisScatter(AxisCause):
 
     def scatters(self, scene: AxisScene) -> Sequence[ScatterCandidate[AxisScatter]]:
         """Return each input of the rows, from each side."""
-        sides = [(way, scene.rows.direction == way) for way in (1, -1)]
+        sides = [(direction, scene.rows.direction == direction) for direction in (1, -1)]
         if min(came.sum() for _, came in sides) < _FEWEST:
             return ()
         with_axis = replace(self, kind_of_axis=scene.axis.kind)
         return [
-            ScatterCandidate(replace(with_axis, element=name, direction=way), came[:, None] & mark, True)
+            ScatterCandidate(replace(with_axis, element=name, direction=direction), came[:, None] & mark, True)
             for name, mark in zip(scene.stops, np.eye(len(scene.stops), dtype=bool), strict=True)
-            for way, came in sides
+            for direction, came in sides
         ]
 
     def parameters(self, legs: int) -> tuple[Parameter, ...]:

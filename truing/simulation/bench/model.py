@@ -363,8 +363,8 @@ class BenchModel(ChannelModel[ReadingCause]):
         if self.known.optics.size:
             motion = forward_pass.after[Step.STRUCTURE].deflection.sum(-1)
             seen = self.known.optics.slopes(self.steps, motion)
-            still = np.zeros((len(wrench), self.known.signals, self.known.optics.size))
-            slopes[..., layout["optics"]] = forward_pass.from_readings(np.concatenate([seen, still], 1))
+            zero_columns = np.zeros((len(wrench), self.known.signals, self.known.optics.size))
+            slopes[..., layout["optics"]] = forward_pass.from_readings(np.concatenate([seen, zero_columns], 1))
         self._fill_effects(slopes, shared, forward_pass.of_cause, first)
         return slopes
 
@@ -394,8 +394,8 @@ class BenchModel(ChannelModel[ReadingCause]):
         each = np.eye(self.known.signals) * gains.sigma
         parts = {"gain": self._mixed(forces, shared)[..., None] * each[:, None]}
         if self._has_two_models:
-            apart = forces[1] - forces[0]
-            parts["legforce"] = (self._gains(shared)[:, None] * apart)[..., None]
+            force_difference = forces[1] - forces[0]
+            parts["legforce"] = (self._gains(shared)[:, None] * force_difference)[..., None]
         return parts
 
 

@@ -57,8 +57,12 @@ class ChannelCause(ReadingCause):
         """True if the other cause is of the same kind and shares a channel with this one."""
         if not isinstance(other, ChannelCause) or self.id != other.id:
             return False
-        mine, theirs = self.channel, other.channel
-        return mine == theirs or (not mine and is_linear(theirs)) or (not theirs and is_linear(mine))
+        own_channel, other_channel = self.channel, other.channel
+        return (
+            own_channel == other_channel
+            or (not own_channel and is_linear(other_channel))
+            or (not other_channel and is_linear(own_channel))
+        )
 
     def prior(self, scene: BenchScene) -> float:
         """Return the relative prior weight of a channel, or of all linear ones together."""

@@ -64,14 +64,19 @@ class FringeSlip(RunChannelCause):
         for code, first in enumerate(np.flatnonzero(steps.rank == 0)):
             places = np.flatnonzero(steps.code == code)
             read = [steps.channels[place] for place in np.flatnonzero(seen[places].any(0))]
-            lone = sum(not is_signal(name) for name in read) == 1
+            is_single_channel = sum(not is_signal(name) for name in read) == 1
             for place, channel in enumerate(steps.channels):
                 rows = places[seen[places, place]]
                 rows = rows[np.argsort(steps.rank[rows])]
                 if is_linear(channel):
                     slips += [
                         FringeSlip(
-                            channel, steps.run[first].item(), steps.step[row].item(), int(steps.rank[row]), lone, half
+                            channel,
+                            steps.run[first].item(),
+                            steps.step[row].item(),
+                            int(steps.rank[row]),
+                            is_single_channel,
+                            half,
                         )
                         for row in rows[FEWEST : len(rows) - FEWEST + 1]
                     ]

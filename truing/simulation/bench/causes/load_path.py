@@ -162,11 +162,11 @@ class LoadImbalance(LoadCause):
         base_parameters = super().reported(values, covariance, legs)
         if not self.arm:
             return base_parameters
-        what, unit = ("moment", "m") if is_force(self.axis) else ("force", "1/m")
+        quantity, unit = ("moment", "m") if is_force(self.axis) else ("force", "1/m")
         brought = share_wrench(self.axis, self.arm)
         return base_parameters + tuple(
             ReportedParameter(
-                f"{what}_{_XYZ[place % 3]}{form}",
+                f"{quantity}_{_XYZ[place % 3]}{form}",
                 float(brought[place] * value),
                 float(abs(brought[place]) * np.sqrt(variance)),
                 unit,

@@ -270,8 +270,8 @@ def _sizes_between(steps: LoadSteps, load: str, seen: NDArray) -> NDArray:
     sizes = np.sort(np.abs(_values_of(steps, load)[seen]))
     one_level = _ONE_LEVEL * sizes.max(initial=0.0)
     sizes = sizes[sizes > one_level]
-    apart = np.flatnonzero(np.diff(sizes) > one_level)
-    between = (sizes[apart] + sizes[apart + 1]) / 2.0
+    gaps = np.flatnonzero(np.diff(sizes) > one_level)
+    between = (sizes[gaps] + sizes[gaps + 1]) / 2.0
     chosen = np.linspace(0, max(len(between) - 1, 0), min(_MOST_SIZES, len(between))).round().astype(int)
     return np.asarray(between[chosen])
 

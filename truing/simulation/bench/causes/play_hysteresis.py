@@ -135,8 +135,8 @@ def _at_largest(steps: LoadSteps, deflection: NDArray) -> NDArray:
 
 
 def _reversals(steps: LoadSteps, axis: int) -> int:
-    way = steps.direction[:, axis]
-    return int(np.sum(way * way[steps.before] < 0.0))
+    direction = steps.direction[:, axis]
+    return int(np.sum(direction * direction[steps.before] < 0.0))
 
 
 def _usual_step(steps: LoadSteps) -> float:

@@ -81,8 +81,8 @@ class UnitForces:
     def imbalance(self, axis: str) -> Imbalance:
         """Return the parasitic part of these units' load on the axis."""
         per_load = [_wrench_per_load(self.at, force) for force in (self.pushing, self.pulling)]
-        mean, apart = 0.5 * (per_load[0] + per_load[1]), per_load[0] - per_load[1]
-        return imbalance(mean - wrench_of(axis, 1.0), apart)
+        mean, difference = 0.5 * (per_load[0] + per_load[1]), per_load[0] - per_load[1]
+        return imbalance(mean - wrench_of(axis, 1.0), difference)
 
 
 def two_units(axis: str, arm_m: ArrayLike, pushing: float = 0.0, pulling: float = 0.0) -> UnitForces:

@@ -129,12 +129,12 @@ class DistanceModel(ChainModel):
 
     def _directions(self, points: NDArray) -> tuple[Array, Array]:
         """Return unit vectors (B, D, 3) from the second to the first end, and distances (B, D)."""
-        apart = points[:, self.ends[:, 0]] - points[:, self.ends[:, 1]]
-        length = np.sqrt(np.sum(apart**2, -1))
-        return apart / length[..., None], length
+        difference = points[:, self.ends[:, 0]] - points[:, self.ends[:, 1]]
+        length = np.sqrt(np.sum(difference**2, -1))
+        return difference / length[..., None], length
 
     def _along(self, unit: NDArray, slopes: NDArray) -> Array:
         """Return the derivatives (B, M + D, 1, P) of the numbers from those of the points (B, K, 3, P)."""
-        apart = slopes[:, self.ends[:, 0]] - slopes[:, self.ends[:, 1]]
+        difference = slopes[:, self.ends[:, 0]] - slopes[:, self.ends[:, 1]]
         places, axes = self.coordinates.T
-        return np.concatenate([slopes[:, places, axes], np.einsum("bdi,bdip->bdp", unit, apart)], 1)[:, :, None]
+        return np.concatenate([slopes[:, places, axes], np.einsum("bdi,bdip->bdp", unit, difference)], 1)[:, :, None]

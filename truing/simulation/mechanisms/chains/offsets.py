@@ -54,5 +54,5 @@ def _pulls(model: ChainModel, fit: Fit) -> Array:
     own = np.r_[model.layout["zeros"]]
     spread = np.diag(np.linalg.inv(fit.whitened.normal_matrix))[own]
     misfit = np.sqrt(np.sum(fit.whitened.rest**2) / max(fit.whitened.freedom, 1.0))
-    told = (spread < _REDUCED**2) & bool(misfit < _MOST_MISFIT)
-    return np.asarray(np.where(told, fit.shared[own] / np.sqrt(np.maximum(1.0 - spread, 1e-12)), 0.0), float)
+    is_determined = (spread < _REDUCED**2) & bool(misfit < _MOST_MISFIT)
+    return np.asarray(np.where(is_determined, fit.shared[own] / np.sqrt(np.maximum(1.0 - spread, 1e-12)), 0.0), float)

@@ -243,5 +243,5 @@ def _tool(
 def _spread(values: NDArray, seen: Mask) -> float:
     """Return the root mean square of positions (B, K, 3) about the mean of each channel."""
     count = np.maximum(seen.sum(0), 1)[:, None]
-    apart = np.where(seen[..., None], values - np.sum(values * seen[..., None], 0) / count, 0.0)
-    return float(np.sqrt(np.sum(apart**2) / max(3 * int(seen.sum()), 1)))
+    deviation = np.where(seen[..., None], values - np.sum(values * seen[..., None], 0) / count, 0.0)
+    return float(np.sqrt(np.sum(deviation**2) / max(3 * int(seen.sum()), 1)))

@@ -135,8 +135,8 @@ def _columns_per_leg(rows: NDArray, others: int) -> NDArray:
     """Return rows (..., 6 K, own) with separate columns for each leg, (..., M, K own); zero for the other legs."""
     legs = rows.shape[-2] // 6
     wide = np.zeros((*rows.shape[:-2], others + rows.shape[-2], legs * rows.shape[-1]), rows.dtype)
-    apart = np.repeat(np.eye(legs), 6, 0)[:, :, None] * rows[..., :, None, :]
-    wide[..., others:, :] = apart.reshape(*rows.shape[:-1], -1)
+    by_leg = np.repeat(np.eye(legs), 6, 0)[:, :, None] * rows[..., :, None, :]
+    wide[..., others:, :] = by_leg.reshape(*rows.shape[:-1], -1)
     return wide
 
 

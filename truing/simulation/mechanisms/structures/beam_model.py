@@ -208,14 +208,14 @@ def flexure_bending(
     """
     legs, l_b = machine.legs, _flexure_length(machine)
     g = leg_vectors(legs, p, R, rho, machine.delta_bz(rho))
-    apart = np.sqrt(np.sum(g * g, -1))
-    z, turned = g / apart[..., None], reference.z @ reference.R @ np.swapaxes(R, -1, -2)
+    bend_angle = np.sqrt(np.sum(g * g, -1))
+    z, turned = g / bend_angle[..., None], reference.z @ reference.R @ np.swapaxes(R, -1, -2)
     cos_a, cos_b = np.sum(z * reference.z, -1), np.sum(z * turned, -1)
     beta = BETA if machine.beta is None else machine.beta
     a, b = distance(l_b, cos_a, beta), distance(l_b, cos_b, beta)
     sideways = _times(a.by_cosine, reference.z - _times(cos_a, z)) + _times(b.by_cosine, turned - _times(cos_b, z))
-    value = legs.closure.length(legs, rho) - l_b + a.value + b.value - apart
-    return LegBending(value, z, turned, a, b, z - sideways / apart[..., None])
+    value = legs.closure.length(legs, rho) - l_b + a.value + b.value - bend_angle
+    return LegBending(value, z, turned, a, b, z - sideways / bend_angle[..., None])
 
 
 def _joint_derivative(legs: Legs, R: NDArray, rho: NDArray, bend: LegBending, change: Change) -> NDArray:

@@ -166,8 +166,8 @@ def _reference_slope(machine: Machine, reference: _Reference, twist: NDArray, ch
     nudge = 1j * _STEP * np.moveaxis(twist, -1, 0)
     with np.errstate(invalid="ignore"):  # NaN if there is no reference pose
         turned = exp_so3(nudge[..., 3:]) @ reference.R
-        there = _rows(_nudged(machine, change, reference.p.ndim - 1), reference.p + nudge[..., :3], turned)
-    slopes = (np.moveaxis(rows.imag, 0, -1) / _STEP for rows in (there.by_twist, there.by_rho))
+        moved_rows = _rows(_nudged(machine, change, reference.p.ndim - 1), reference.p + nudge[..., :3], turned)
+    slopes = (np.moveaxis(rows.imag, 0, -1) / _STEP for rows in (moved_rows.by_twist, moved_rows.by_rho))
     return _Reference(reference.p, reference.R, *slopes)
 
 

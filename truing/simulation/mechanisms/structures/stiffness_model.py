@@ -164,14 +164,14 @@ def _displaced(
     at_reference = nodes(legs.a, legs.b, rest.half, reference.R).b
     now = nodes(legs.a, attachments(legs, machine.delta_bz(rho)), rest.half, reference.R).b
     arm = now @ np.swapaxes(R, -1, -2)
-    gone = (p - reference.p)[..., None, :] + arm - at_reference @ np.swapaxes(reference.R, -1, -2)
-    return arm, log_so3(R @ np.swapaxes(reference.R, -1, -2)), gone
+    displacement = (p - reference.p)[..., None, :] + arm - at_reference @ np.swapaxes(reference.R, -1, -2)
+    return arm, log_so3(R @ np.swapaxes(reference.R, -1, -2)), displacement
 
 
 def _loads(rest: ReferenceLegs, shift: NDArray, theta: NDArray, moved: NDArray) -> tuple[NDArray, NDArray]:
     """Return strain and load of the legs (B, L, 6) at displacements of their ends and of the readings."""
-    apart = shift - moved[..., None] * rest.drive
-    strain = np.concatenate([apart, np.broadcast_to(theta[..., None, :], apart.shape)], -1)
+    deflection = shift - moved[..., None] * rest.drive
+    strain = np.concatenate([deflection, np.broadcast_to(theta[..., None, :], deflection.shape)], -1)
     return strain, np.einsum("...ij,...j->...i", rest.stiffness, strain)
 
 

@@ -179,12 +179,12 @@ class CameraInstability(RayCause):
         count, parameters = len(self.poses), []
         for number, name in enumerate(self.what):
             numbers = slice(number * count, (number + 1) * count)
-            apart = np.eye(count) - 1.0 / count
-            noise = apart @ covariance[numbers, numbers] @ apart
+            centring = np.eye(count) - 1.0 / count
+            noise = centring @ covariance[numbers, numbers] @ centring
             freedom = max(count - 1.0, 1.0)
-            square = float(np.sum((apart @ values[numbers]) ** 2))
+            square = float(np.sum((centring @ values[numbers]) ** 2))
             variance = max((square - float(np.trace(noise))) / freedom, 0.0)
-            spread = variance * apart + noise
+            spread = variance * centring + noise
             sigma = float(np.sqrt(2.0 * np.sum(spread * spread))) / freedom  # sigma of the variance
             size = float(np.sqrt(variance))
             parameters.append(
