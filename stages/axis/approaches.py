@@ -47,19 +47,18 @@ def why_no_diagnosis_of_approaches(positions: pa.Table) -> str:
     return ""
 
 
-def axis_of_approaches(
-    tables: Mapping[str, pa.Table], settings: Campaign
-) -> tuple[dict[str, pa.Table], Campaign]:
+def axis_of_approaches(tables: Mapping[str, pa.Table], settings: Campaign) -> tuple[dict[str, pa.Table], Campaign]:
     """Tables with configurations, and settings, of a linear axis whose targets are commands.
 
-    The noise is the scatter of the approaches within target and direction, without the mean of each cycle. Gross errors
-    have no reading. A row without a reading goes before each approach, on the side from which it came. Raises ValueError
-    with the reason if the noise cannot be determined.
+    The noise is the scatter of the approaches within target and direction, without the mean of each cycle. Gross
+    errors have no reading. A row without a reading goes before each approach, on the side from which it came. Raises
+    ValueError with the reason if the noise cannot be determined.
     """
     positions = tables["positions"]
     if why := why_no_diagnosis_of_approaches(positions):
         raise ValueError(why)
-    own = _AxisSettings(settings, Noise(measured_mm=noise_mm(positions)))
+    mechanism = AxisMechanism(type="axis", kind="linear", command=COMMAND)
+    own = _AxisSettings(settings, Noise(measured_mm=noise_mm(positions)), mechanism)
     return {**tables, "configurations": _configurations(positions)}, cast("Campaign", own)
 
 
@@ -69,7 +68,7 @@ class _AxisSettings:
 
     recorded: Campaign
     noise: Noise
-    mechanism: AxisMechanism = AxisMechanism(type="axis", kind="linear", command=COMMAND)
+    mechanism: AxisMechanism
 
     def __getattr__(self, name: str) -> object:
         return getattr(self.recorded, name)

@@ -36,8 +36,8 @@ class ReportedRms:
     """Root mean squares over some targets (all of them: every coordinate of every point), in a unit of so much SI.
 
     Words for the page: ``what`` was measured, an ``epoch``, ``fitted`` and ``held_out`` data, the ``drive``
-    of the predictions, the expected ``noise``, and a measurement of the ``scatter`` by itself. ``is_length``: whether an effect moves anything
-    by a length or an angle.
+    of the predictions, the expected ``noise``, and a measurement of the ``scatter`` by itself. ``is_length``: whether
+    an effect moves anything by a length or an angle.
     """
 
     unit: str = "um"

@@ -302,8 +302,8 @@ def noise_explanation(
     """Return the explanation of noise that is larger than declared, or that differs between places; rms and floor in a
     unit.
 
-    ``expected``: which noise that is; ``ratio``: residuals over it; with ``follows``, the largest noise over the smallest; with ``alone``,
-    the name of a channel, its noise over that of the others.
+    ``expected``: which noise that is. ``ratio``: residuals over it; with ``follows``, the largest noise over the
+    smallest; with ``alone``, the name of a channel, its noise over that of the others.
     """
     used = "the noise as estimated here"
     sizes = "" if rms is None else f"{two_decimals(rms)} {unit}; {used} gives {two_decimals(floor)} {unit}"
