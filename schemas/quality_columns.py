@@ -11,8 +11,8 @@ QUALITY_COLUMNS = (
     text(
         "relation",
         "tested relation between two parts of the campaign: the name of its check. For a cause, the relation that "
-        "its search uses: readings-poses, loads-readings, loads-signals, commands-encoders, bodies-survey or "
-        "rays-points",
+        "its search uses: readings-poses, loads-readings, loads-signals, commands-encoders, targets-positions, "
+        "joints-links, bodies-survey or rays-points",
         nullable=True,
     ),
     text("section", "section of the report, or campaign"),

@@ -132,6 +132,7 @@ class Relation(StrEnum):
     LOADS_READINGS = "loads-readings"
     LOADS_SIGNALS = "loads-signals"
     COMMANDS_ENCODERS = "commands-encoders"
+    TARGETS_POSITIONS = "targets-positions"
     JOINTS_LINKS = "joints-links"
     BODIES_SURVEY = "bodies-survey"
     RAYS_POINTS = "rays-points"

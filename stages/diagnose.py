@@ -20,7 +20,7 @@ if TYPE_CHECKING:
     from truing.schemas.campaign import Campaign
 
 _POINTS = ("observations?", "survey?", "configurations?", "poses?", "residuals?")
-_LOADS = ("readings?", "signals?", "given_compliance?")
+_LOADS = ("readings?", "signals?", "given_compliance?", "positions?")
 _RAYS = ("ray_statistics?", "ray_information?", "ray_effects?", "point_correlations?", "object_points?", "scale_bars?")
 _MECHANISM = (
     *("type", "legs", "tolerance", "reference_temperature_c", "actuator_pitch_mm", "payload_kg", "payload_com_mm"),
@@ -60,6 +60,7 @@ def run(tables: Mapping[str, pa.Table], settings: Campaign, progress: Progress) 
     """Search the catalogue for causes of the campaign's departure from its simulation."""
     import numpy as np
 
+    from truing.stages.axis.approaches import axis_of_approaches, has_approaches_alone
     from truing.stages.common.belonging import reason_withheld
     from truing.stages.diagnosis.artifacts import not_evaluated, outcome, outcome_of_rays
     from truing.stages.diagnosis.ray_findings import corrected, ray_findings, with_shared_errors
@@ -70,6 +71,8 @@ def run(tables: Mapping[str, pa.Table], settings: Campaign, progress: Progress) 
         return not_evaluated(why, settings)
     rays = ray_findings(tables, settings, progress) if has_rays(tables) else None
     try:
+        if has_approaches_alone(tables):
+            tables, settings = axis_of_approaches(tables, settings)
         data = assembled_data(tables if rays is None else corrected(tables, rays), settings)
     except ValueError as error:
         return not_evaluated(str(error), settings) if rays is None else outcome_of_rays(rays, str(error), settings)

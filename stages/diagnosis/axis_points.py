@@ -12,11 +12,13 @@ from numpy.typing import NDArray
 
 from truing.inference.blocks import group_numbers
 from truing.inference.observations import Epochs, Frames, Observations
-from truing.report.diagnosis.findings import IN_TURN
+from truing.report.diagnosis.findings import IN_TURN, SCATTER_OF_REPEATS
+from truing.report.numbers import count as counted
 from truing.schemas.verdict import Relation
 from truing.simulation.axis.extended_model import extended_axis, write_axis
 from truing.simulation.axis.model import AxisModel
 from truing.simulation.axis.rows import ENCODERS, MEASURED
+from truing.stages.axis.approaches import gross_approaches
 from truing.stages.common.axis_columns import (
     SI,
     TOLD,
@@ -43,6 +45,7 @@ Mask = NDArray[np.bool_]
 _WIDE = 1e3
 # Prior of the load's stop behind the motor, as a share of the encoders' noise: hardly any, but it may prove larger.
 _HARDLY = 0.2
+_SCATTER_AT_TARGET = "Approach one target ten times over from the same side: the scatter is the true noise."
 _SCATTER = "Send the axis to one command ten times over from the same side: the scatter is the true noise."
 
 
@@ -75,18 +78,31 @@ def assemble(tables: Mapping[str, pa.Table], settings: Campaign) -> DiagnosisDat
         keep = np.broadcast_to(kept[rows_of_role][:, None], seen[rows_of_role].shape)
         return Epochs(measured, rows.subset(rows_of_role), Frames.of_numbers(int(rows_of_role.sum())), keep)
 
+    shown = _encoder_channels(columns, "held-out rows" if held_out.any() else IN_TURN)
     subset, known = rows.subset(fitted), selected_groupings(labels_of(table, rows.poses), fitted)
     groupings = groupings_of(subset.readings, subset.time_s, subset.direction[:, None], known)
     return DiagnosisData(
         model,
         replace(poses(fitted), repeats=group_numbers(np.round(subset.readings, 12)), groupings=groupings),
         poses(held_out) if held_out.any() else None,
-        f"{int(out.sum())} rows excluded by a person" if out.any() else "",
+        _left_out(tables, int(out.sum())),
         _results,
         model_text=_model_text,
-        shown=_encoder_channels(columns, "held-out rows" if held_out.any() else IN_TURN),
-        relation=Relation.COMMANDS_ENCODERS,
+        shown=_of_approaches(shown) if "positions" in tables else shown,
+        relation=Relation.TARGETS_POSITIONS if "positions" in tables else Relation.COMMANDS_ENCODERS,
     )
+
+
+def _left_out(tables: Mapping[str, pa.Table], excluded: int) -> str:
+    """Rows and approaches that are not compared, in words; empty without any."""
+    gross = int(gross_approaches(tables["positions"]).sum()) if "positions" in tables else 0
+    words = [f"{counted(excluded, 'row')} excluded by a person"] if excluded else []
+    return "; ".join([*words, *([f"{counted(gross, 'approach')} that check position-errors names"] if gross else [])])
+
+
+def _of_approaches(shown: Channels) -> Channels:
+    """Words of the page for approaches, whose noise is their own scatter."""
+    return replace(shown, epoch="approach", scatter=_SCATTER_AT_TARGET, noise=SCATTER_OF_REPEATS)
 
 
 def _encoder_channels(columns: AxisColumns, held_out: str) -> Channels:

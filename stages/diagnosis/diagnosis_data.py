@@ -9,6 +9,7 @@ from typing import TYPE_CHECKING, Any, Generic, TypeVar
 import numpy as np
 from numpy.typing import NDArray
 
+from truing.report.diagnosis.findings import DECLARED_NOISE
 from truing.schemas.verdict import Relation
 from truing.simulation.effects_model import EffectsModel
 
@@ -35,8 +36,8 @@ class ReportedRms:
     """Root mean squares over some targets (all of them: every coordinate of every point), in a unit of so much SI.
 
     Words for the page: ``what`` was measured, an ``epoch``, ``fitted`` and ``held_out`` data, the ``drive``
-    of the predictions, and a measurement of the ``scatter`` by itself. ``is_length``: whether an effect moves anything
-    by a length or an angle.
+    of the predictions, the expected ``noise``, and a measurement of the ``scatter`` by itself. ``is_length``: whether
+    an effect moves anything by a length or an angle.
     """
 
     unit: str = "um"
@@ -48,6 +49,7 @@ class ReportedRms:
     scatter: str = "Measure one pose ten times over without moving anything: the scatter is the true noise."
     what: str = "point"
     epoch: str = "pose"
+    noise: str = DECLARED_NOISE
     is_length: bool = True
 
     def rms(self, error: PredictionError | None) -> float | None:
@@ -107,6 +109,7 @@ class Channels:
     drive: str = "the loads"
     scatter: str = _SCATTER
     what: str = "reading"
+    noise: str = DECLARED_NOISE
 
     def of_effect(self, before: PredictionError, after: PredictionError) -> ReportedRms:
         """Reporting of an effect: over the channels of one unit that it moves; signals if it moves no reading."""
@@ -133,7 +136,7 @@ class Channels:
         if total[self.units[0]] * _RATHER**2 >= total[unit]:
             unit = self.units[0]
         members = np.flatnonzero((units == unit) & ((weight > 0.0) | (weight.max() == 0.0)))
-        words = (self.fitted, self.held_out, self.drive, self.scatter, self.what, self.epoch)
+        words = (self.fitted, self.held_out, self.drive, self.scatter, self.what, self.epoch, self.noise)
         return ReportedRms(unit, float(self.si[members[0]]), members, *words)
 
 

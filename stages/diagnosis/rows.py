@@ -284,7 +284,7 @@ def _attributed_rows(
 def _larger_row(level: NoiseLevel, final: FittedModel, shown: ReportedRms) -> dict[str, Any]:
     """Noise larger than declared is structure too: an unknown effect moves the measurements."""
     missed = shown.rms(final.error), shown.floor(final.floor)
-    text = noise_explanation(level.ratio, level.sigma, *missed, unit=shown.unit)
+    text = noise_explanation(level.ratio, level.sigma, *missed, unit=shown.unit, expected=shown.noise)
     return _of_noise(level, final, shown) | {"explanation": text, "next_measurement": shown.scatter}
 
 

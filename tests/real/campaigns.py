@@ -32,7 +32,7 @@ BRIEF = {
     "optical-ft-ur3e": ("calibrate",),
     "sps01-stewart-force": ("calibrate",),
     "sios-nmm-quadrature": ("qa",),
-    "ess-slit-iso230": ("deformation",),
+    "ess-slit-iso230": ("deformation", "diagnose"),
 }
 NAMES = tuple(sorted(path.parent.name for path in HERE.glob("*/campaign.toml")))
 

@@ -209,4 +209,12 @@ def positioning(tables: Tables) -> dict[str, Any]:
     return {
         "ours": {name: 1e-3 * float(axis.loc[figure, "value"]) for name, figure in LINES.items()},
         "sigma_a": 1e-3 * float(axis.loc["A", "sigma"]),
+        "causes": _found_causes(tables["diagnosis"]),
     }
+
+
+def _found_causes(diagnosis: Any) -> list[dict[str, Any]]:
+    """Causes found in the positions: what they follow, and rms errors (um) of approaches left out in turn."""
+    found = diagnosis[diagnosis["verdict"] == "found"]
+    keys = ("cause", "subject", "follows", "heldout_rms_before", "heldout_rms_after", "noise_floor")
+    return [{key: row[key] for key in keys} for row in found.to_dict("records")]

@@ -205,6 +205,13 @@ def test_a_positioning_test_agrees_with_its_report_but_in_one_line(facts, real_d
     assert ours["E"] == pytest.approx(0.01294, abs=0.5e-5)
 
 
+def test_positions_at_five_targets_depend_on_the_target_and_on_nothing_else(facts):
+    (found,) = facts["ess-slit-iso230"]["causes"]
+    assert (found["cause"], found["subject"], found["follows"]) == ("unexplained", "axis", "command")
+    assert found["heldout_rms_after"] < 0.7 * found["heldout_rms_before"]
+    assert 0.9 * found["noise_floor"] < found["heldout_rms_after"] < 1.4 * found["noise_floor"]
+
+
 def test_the_page_says_what_the_data_say(facts, real_data):
     """All words, and all numbers to a unit of the last digit or a twentieth: processors round differently."""
     shown, made = PAGE.read_text(encoding="utf-8"), render(facts, raw_facts(real_data))

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import re
 
-from truing.report.tables import Tables, has_positions_alone, is_bench, reason, table_or_none
+from truing.report.tables import Tables, is_bench, reason, table_or_none
 from truing.schemas.columns import COLUMNS
 
 _READING = re.compile(r"_(mm|um|deg|rad|mrad|arcsec|counts)$")
@@ -20,11 +20,6 @@ def why_no_quality(tables: Tables) -> str:
 
 def why_no_diagnosis(tables: Tables) -> str:
     """Return the reason why no cause was assessed."""
-    if has_positions_alone(tables):
-        return (
-            "Positions alone show no cause. To search for causes, record commands and encoders beside them, with "
-            '[mechanism] type = "axis".'
-        )
     if text := reason(tables, "diagnosis"):
         return text
     if is_bench(tables):

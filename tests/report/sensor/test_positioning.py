@@ -9,7 +9,7 @@ from tests.tolerance import assert_close
 from truing.report.head import build_head
 from truing.report.measured_section import measured_loads
 from truing.report.sensor.positioning import positioning
-from truing.report.tables import untested_sections
+from truing.report.tables import WHY_NOT, untested_sections
 from truing.report.verdict import section_verdicts
 
 
@@ -62,9 +62,10 @@ def test_positions_alone_say_nothing_of_loads_or_machines_that_were_never_measur
     axis = pd.DataFrame({"run": ["X"], "figure": ["A"], "value": [22.0], "subject": [None], "unit": ["um"]})
     positions = pd.DataFrame({"run": ["X"] * 2, "target_mm": [15.0, 25.0]})
     empty = {name: pd.DataFrame() for name in ("sensor_matrix", "displacement", "compliance", "diagnosis")}
+    empty["diagnosis"].attrs[WHY_NOT] = "the noise is unknown: 2 targets in 3 cycles leave 4 degrees of freedom"
     tables = {"positioning": axis.assign(sigma=1.3), "positions": positions, **empty}
     assert set(section_verdicts(tables)) == {"positioning", "diagnosis"}
-    assert_says(section_verdicts(tables)["diagnosis"].explanation, "record", "commands", "encoders")
+    assert_says(section_verdicts(tables)["diagnosis"].explanation, "not evaluated", "noise", "4 degrees of freedom")
     signals = pd.DataFrame({"run": ["1"], "v1": [0.1]})
     assert "calibration" in untested_sections(tables)
     assert not untested_sections({**tables, "signals": signals})

@@ -8,7 +8,7 @@ from typing import Any
 
 from truing.belonging.relation import RelationState
 from truing.report.diagnosis.assessed_causes import accepted_of, assessed_causes, modelled_of
-from truing.report.diagnosis.findings import subject_words
+from truing.report.diagnosis.findings import expected_noise, subject_words
 from truing.report.diagnosis.prediction_errors import AT_THE_FLOOR, Overall, errors_of_models
 from truing.report.heads import CORRECTED_P, Head
 from truing.report.numbers import count, p_value, rough, sign
@@ -162,11 +162,17 @@ def shortcoming(tables: Tables) -> str:
     if failed is None or not len(failed):
         return ""
     ended = failed[failed["test"] == CAUSES_LEFT]
-    return shortcoming_words(next((ended if len(ended) else failed).itertuples()))
+    return shortcoming_words(next((ended if len(ended) else failed).itertuples()), noise_compared(tables))
 
 
-def shortcoming_words(worst: Any) -> str:
-    """Return in words the shortcoming found by one failed test, without a full stop."""
+def noise_compared(tables: Tables) -> str:
+    """Return the noise that the search compared residuals with."""
+    rows = table_or_none(tables, "diagnosis")
+    return expected_noise("" if rows is None or "relation" not in rows else cell(rows["relation"].iloc[0]))
+
+
+def shortcoming_words(worst: Any, noise: str) -> str:
+    """Return in words the shortcoming found by one failed test against a noise, without a full stop."""
     if worst.test == CAUSES_LEFT:
         return _limit_words(worst)
     if worst.test == "like-neighbours":
@@ -178,7 +184,7 @@ def shortcoming_words(worst: Any) -> str:
         return f"mean errors of repeated measurements exceed what their scatter explains (F = {rough(worst.value)})"
     if worst.test == "by-region":
         return f"mean residuals differ between regions of {_column_words(worst)} (F = {rough(worst.value)})"
-    return f"the {_LOOKED_FOR[worst.test]} is {rough(worst.value)} times the declared noise"
+    return f"the {_LOOKED_FOR[worst.test]} is {rough(worst.value)} times {noise}"
 
 
 def _limit_words(row: Any) -> str:

@@ -8,7 +8,9 @@ from typing import Any
 
 from truing.report.diagnosis.effect_units import plain_size, size_text
 from truing.report.numbers import plain, two_decimals, with_uncertainty
+from truing.schemas.verdict import Relation
 
+DECLARED_NOISE, SCATTER_OF_REPEATS = "the declared noise", "the scatter of repeated approaches"
 UNNAMED = ", and no cause of the catalogue explains it better"
 # Reasons why a cause is only suspected, by reason code.
 DOUBTS = {
@@ -244,7 +246,12 @@ def _improvement(facts: Facts) -> str:
 
 
 def _sizes(facts: Facts) -> str:
-    """Return the parameters after a colon, the most significant first where there are many."""
+    """Return the parameters after a colon, the most significant first where there are many.
+
+    Coefficients of an effect without a name say nothing by themselves.
+    """
+    if facts.unnamed:
+        return ""
     ordered = list(facts.parameters.items())
     if len(ordered) > _NAMED and max(_significance(value) for _, value in ordered) < _DETERMINED:
         largest = max(ordered, key=lambda item: _significance(item[1]))
@@ -292,12 +299,13 @@ def noise_explanation(
     unit: str = "um",
     *,
     alone: str = "",
+    expected: str = DECLARED_NOISE,
 ) -> str:
     """Return the explanation of noise that is larger than declared, or that differs between places; rms and floor in a
     unit.
 
-    ``ratio``: residuals over the declared noise; with ``follows``, the largest noise over the smallest; with ``alone``,
-    the name of a channel, its noise over that of the others.
+    ``expected``: which noise that is. ``ratio``: residuals over it; with ``follows``, the largest noise over the
+    smallest; with ``alone``, the name of a channel, its noise over that of the others.
     """
     used = "the noise as estimated here"
     sizes = "" if rms is None else f"{two_decimals(rms)} {unit}; {used} gives {two_decimals(floor)} {unit}"
@@ -311,7 +319,13 @@ def noise_explanation(
             f"The noise is not uniform: it depends on {_joined_names(follows)}. Where it is largest, it is {size} "
             f"times as large as where it is smallest. {weighted}{missed}"
         )
+    noisier = "the instrument is noisier than declared" if expected == DECLARED_NOISE else "repeats share errors"
     return (
-        f"The residuals are {size} times the declared noise, which is more than the uncertainty of that noise "
-        f"explains. Either the instrument is noisier than declared, or an effect outside the catalogue acts.{missed}"
+        f"The residuals are {size} times {expected}, which is more than the uncertainty of that noise "
+        f"explains. Either {noisier}, or an effect outside the catalogue acts.{missed}"
     )
+
+
+def expected_noise(relation: str) -> str:
+    """Return the noise that a search compared residuals with, by the relation that it tested."""
+    return SCATTER_OF_REPEATS if relation == Relation.TARGETS_POSITIONS else DECLARED_NOISE

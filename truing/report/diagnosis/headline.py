@@ -10,7 +10,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from truing.report.diagnosis.assessed_causes import FOUND, RIVAL, AssessedCause, accepted_of, assessed_causes
-from truing.report.diagnosis.findings import UNNAMED, subject_words
+from truing.report.diagnosis.findings import UNNAMED, expected_noise, subject_words
 from truing.report.diagnosis.prediction_errors import AT_THE_FLOOR, Overall, overall, part_names
 from truing.report.numbers import printed, rough, sign, with_uncertainty
 from truing.report.tables import Tables, table_or_none
@@ -85,7 +85,7 @@ def _noise(row: AssessedCause) -> str:
     subject_text = f" of {subject_words(row.subject)}" if row.subject else ""
     if row.settings.get("over") == "others":
         return f"The noise{subject_text} is {times} times that of the others"
-    return f"The noise{subject_text} is {times} times the declared noise"
+    return f"The noise{subject_text} is {times} times {expected_noise(row.relation)}"
 
 
 def _largest_shift(row: AssessedCause, tables: Tables) -> Reach | None:

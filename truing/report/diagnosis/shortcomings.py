@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Iterator
 from typing import Any
 
-from truing.report.diagnosis.adequacy import CAUSES_LEFT, LOOKS_BACK, columns_along, shortcoming_words
+from truing.report.diagnosis.adequacy import CAUSES_LEFT, LOOKS_BACK, columns_along, noise_compared, shortcoming_words
 from truing.report.diagnosis.assessed_causes import FOUND, SUSPECTED, AssessedCause
 from truing.report.section_verdict import verdict_rows
 from truing.report.tables import Tables, cell, table_or_none
@@ -34,12 +34,20 @@ _COMMAND = (
     "Read every encoder ten times at one command, without moving.",
     "Send the axis ten times to one command, from the same side.",
 )
+_APPROACH = (
+    "target",
+    "targets",
+    "Read the instrument ten times at one target, without moving.",
+    "Approach one target ten times from the same side.",
+)
 _EPOCHS = {
     Relation.LOADS_READINGS: _LOAD,
     Relation.LOADS_SIGNALS: _LOAD,
     Relation.COMMANDS_ENCODERS: _COMMAND,
+    Relation.TARGETS_POSITIONS: _APPROACH,
 }
 _IF_NOISE = "If the scatter differs from [noise], correct [noise]. If it agrees, an effect is missing in the model."
+_IF_SCATTER = "If the scatter is as small as before, an effect is missing in the model."
 # Shortcoming and remedy by reason code, where no test of the model fails.
 _OF_VERDICT = {
     ReasonCode.BEYOND_NOISE: ("the errors of predictions exceed the declared noise", _IF_NOISE),
@@ -61,8 +69,8 @@ def decisive_measurements(rows: list[AssessedCause], tables: Tables) -> Iterator
     if any(row.is_noise and row.verdict in (FOUND, SUSPECTED) for row in rows):  # its own advice requests repeats
         failed = failed[failed["test"] != _NOISE]
     for row in failed.itertuples():
-        reported.setdefault(_decisive_measurement(row, epochs), shortcoming_words(row))
-    if not (table["state"] == "fails").any() and verdict.reason_code in _OF_VERDICT:
+        reported.setdefault(_decisive_measurement(row, epochs), shortcoming_words(row, noise_compared(tables)))
+    if epochs is not _APPROACH and not (table["state"] == "fails").any() and verdict.reason_code in _OF_VERDICT:
         why, then = _OF_VERDICT[verdict.reason_code]
         reported[f"{epochs[2]} {then}"] = why
     for words, why in list(reported.items())[:_MOST]:
@@ -75,7 +83,7 @@ def _decisive_measurement(row: Any, epochs: tuple[str, str, str, str]) -> str:
     if row.test == CAUSES_LEFT:
         return _of_cause_left(cell(row.left_cause))
     if row.test == _NOISE:
-        return f"{again} {_IF_NOISE}"
+        return f"{again} {_IF_SCATTER if epochs is _APPROACH else _IF_NOISE}"
     if row.test == "input-noise":
         return f"{anew} {_IF_NOISE}"
     if row.test == "pure-error":  # a mean of repeats depends on the command, whatever the noise

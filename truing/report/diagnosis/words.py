@@ -7,7 +7,7 @@ from collections.abc import Mapping
 import pandas as pd
 
 from truing.belonging.relation import RelationState
-from truing.report.diagnosis.adequacy import shortcoming
+from truing.report.diagnosis.adequacy import noise_compared, shortcoming
 from truing.report.diagnosis.assessed_causes import (
     CHANGES,
     HOLDS,
@@ -73,7 +73,7 @@ def diagnosis_verdict(tables: Tables, before: Mapping[str, SectionVerdict]) -> S
         return _diagnosed(RelationState.NOT_TESTED, ReasonCode.NOT_TESTABLE, text)
     adequacy = before.get("adequacy")
     if adequacy is not None and adequacy.state in (RelationState.ATTENTION, RelationState.FAILS):
-        text = f"{_upper(_nothing_found(rows))}, but the residuals are not the declared noise."
+        text = f"{_upper(_nothing_found(rows))}, but the residuals are not {noise_compared(tables)}."
         return _diagnosed(RelationState.ATTENTION, ReasonCode.NOTHING_FOUND, text)
     return _diagnosed(RelationState.OK, ReasonCode.AGREES, _agreement(rows, tables))
 
@@ -159,6 +159,7 @@ _RELATED = {
     Relation.LOADS_SIGNALS: "loads and signals (through the equations of the sensor)",
     Relation.JOINTS_LINKS: "joint readings and measured links (through the kinematics)",
     Relation.COMMANDS_ENCODERS: "commands and encoders of the axis",
+    Relation.TARGETS_POSITIONS: "targets and positions of the axis",
     Relation.BODIES_SURVEY: "the shapes of bodies as measured in all poses",
     Relation.RAYS_POINTS: "rays of photographs and the points where they meet",
 }

@@ -115,7 +115,8 @@ def positioning_verdict(tables: Tables, _: Mapping[str, SectionVerdict]) -> Sect
     several = rows["run"].nunique()
     withheld = len(not_stated(tables))
     also = f" Not evaluated: {count(withheld, 'further run')} (see Positioning)." if withheld else ""
-    run_text = f"the worst of {several} runs, {worst.iloc[0]}" if several > 1 else str(worst.iloc[0])
+    name = f"run {worst.iloc[0]}" if str(worst.iloc[0]).isdigit() else str(worst.iloc[0])
+    run_text = f"the worst of {several} runs, {name}" if several > 1 else name
     text = printed(f"By ISO 230-2, {run_text}: {', '.join(texts)}, each with one standard deviation.{also}")
     size, unit = float(figures.loc["A", "value"]), str(figures.loc["A", "unit"])
     return SectionVerdict("positioning", RelationState.OK, ReasonCode.MEASURED, text, size, unit)

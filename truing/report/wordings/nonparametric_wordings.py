@@ -30,6 +30,7 @@ _COLUMNS = {
     "travel since the turn": "the travel of the axis since it reversed",
 }
 OF_TIME = {"time_s", "order", "time_in_run_s"}
+_OF_AXIS = {"command", "direction of approach"}
 PARTS_OF_AXES = {
     "axis": "the transmission of the axis (or an encoder that these readings cannot distinguish from it)",
     "encoder load": "the encoder at the load",
@@ -172,6 +173,8 @@ def _advice(claim: Claim) -> str:
         plural, singular = "load steps", "load"
     if claim.fact("element"):
         plural, singular = "commands", "command"
+    if claim.fact("element") and set(claim.fact("columns") or ()) <= _OF_AXIS:
+        return "Approach more commands, also between the present ones, five times from either side."
     if set(claim.fact("columns") or ()) <= OF_TIME:
         return f"Repeat some {plural} in another order, to see whether the effect depends on time or on the {singular}."
     return f"Repeat some {plural} with another value of {_inputs_in_words(claim)}, everything else unchanged."

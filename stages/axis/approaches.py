@@ -1,0 +1,142 @@
+"""Approaches of a positioning run as rows of an axis: targets are commands, positions the outside instrument."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import dataclass
+from typing import TYPE_CHECKING, cast
+
+import numpy as np
+import pyarrow as pa
+
+from truing.arrays import Array, Index, Mask
+from truing.estimation.interferometry.approaches import gross_errors, resolution
+from truing.schemas.mechanism import AxisMechanism
+from truing.schemas.sections import Noise
+from truing.stages.common.point_arrays import number_column
+
+if TYPE_CHECKING:
+    from truing.schemas.campaign import Campaign
+
+COMMAND, MEASURED = "command_mm", "measured_mm"
+_FEWEST_FREEDOM = 8  # degrees of freedom of the noise
+_CHANCE = 1e-3
+_AHEAD = 0.5  # of the smallest distance between targets: start of the movement to a target
+_TEMPERATURE = "material_temperature_c"
+_ROUNDED = 0.289  # standard deviation of rounding, in steps of the readings
+_ITERATIONS = 20
+
+
+def has_approaches_alone(tables: Mapping[str, pa.Table]) -> bool:
+    """True if positions of an axis were recorded, and no load, reading or signal."""
+    recorded = [name for name in ("positions", "readings", "signals") if name in tables and tables[name].num_rows]
+    return recorded == ["positions"]
+
+
+def why_no_diagnosis_of_approaches(positions: pa.Table) -> str:
+    """Reason why the approaches (positions.parquet) allow no diagnosis; else empty."""
+    runs = dict.fromkeys(map(str, positions.column("run").to_pylist()))
+    if len(runs) > 1:
+        return f"needs one run, the same axis throughout, found {len(runs)}: give each a campaign of its own"
+    targets, _, cycles = _deviations(positions).shape
+    if (freedom := _freedom(targets, cycles)) < _FEWEST_FREEDOM:
+        return (
+            f"the noise is unknown: {targets} targets in {cycles} cycles leave {freedom} degrees of freedom, "
+            f"{_FEWEST_FREEDOM} are needed"
+        )
+    return ""
+
+
+def axis_of_approaches(tables: Mapping[str, pa.Table], settings: Campaign) -> tuple[dict[str, pa.Table], Campaign]:
+    """Tables with configurations, and settings, of a linear axis whose targets are commands.
+
+    The noise is the scatter of the approaches within target and direction, without the mean of each cycle. Gross
+    errors have no reading. A row without a reading goes before each approach, on the side from which it came. Raises
+    ValueError with the reason if the noise cannot be determined.
+    """
+    positions = tables["positions"]
+    if why := why_no_diagnosis_of_approaches(positions):
+        raise ValueError(why)
+    mechanism = AxisMechanism(type="axis", kind="linear", command=COMMAND)
+    own = _AxisSettings(settings, Noise(measured_mm=noise_mm(positions)), mechanism)
+    return {**tables, "configurations": _configurations(positions)}, cast("Campaign", own)
+
+
+@dataclass(frozen=True)
+class _AxisSettings:
+    """Settings of a campaign whose mechanism is an axis, with the noise of its instrument; all else as recorded."""
+
+    recorded: Campaign
+    noise: Noise
+    mechanism: AxisMechanism
+
+    def __getattr__(self, name: str) -> object:
+        return getattr(self.recorded, name)
+
+
+def noise_mm(positions: pa.Table) -> float:
+    """One standard deviation of an approach, mm, without drift between cycles and without gross errors."""
+    deviation, gross = _deviations(positions), gross_approaches(positions)
+    kept = np.where(gross, np.nan, deviation)
+    for _ in range(_ITERATIONS):  # of alternating means: exact at once without gaps
+        kept = kept - np.nanmean(kept, axis=2, keepdims=True)
+        kept = kept - np.nanmean(kept, axis=0, keepdims=True)
+    targets, _, cycles = deviation.shape
+    freedom = _freedom(targets, cycles) - int(gross.sum())
+    step = resolution(number_column(positions, "position_mm"))
+    return float(np.hypot(np.sqrt(np.nansum(kept**2) / max(freedom, 1)), _ROUNDED * step))
+
+
+def gross_approaches(positions: pa.Table) -> Mask:
+    """Approaches (P, 2, C) far from the others of their target and direction, as check position-errors names them."""
+    step = resolution(number_column(positions, "position_mm"))
+    return gross_errors(_deviations(positions), _CHANCE, 0.5 * step).where
+
+
+def _freedom(targets: int, cycles: int) -> int:
+    return 2 * (targets - 1) * (cycles - 1)
+
+
+def _deviations(positions: pa.Table) -> Array:
+    """Position minus target (P, 2, C), mm, of the only run, whose rows are in order of target, direction and cycle."""
+    deviation = number_column(positions, "position_mm") - number_column(positions, "target_mm")
+    return deviation.reshape(len(np.unique(number_column(positions, "target_mm"))), 2, -1)
+
+
+def _configurations(positions: pa.Table) -> pa.Table:
+    """Rows in order of time: before each approach one without a reading, on the side from which it came."""
+    order = _order(positions)
+    taken = positions.take(order)
+    measured = np.where(gross_approaches(positions).ravel(), np.nan, number_column(positions, "position_mm"))[order]
+    target, count = number_column(taken, "target_mm"), taken.num_rows
+    side = np.where(np.array(taken.column("direction").to_pylist()) == "forward", -1.0, 1.0)
+    before = target + side * _AHEAD * float(np.diff(np.unique(target)).min())
+    pose = np.arange(1, count + 1) if "row_order" not in taken.column_names else number_column(taken, "row_order")
+
+    def doubled(first: Array, second: Array) -> Array:
+        return np.column_stack([first, second]).ravel()
+
+    columns = {
+        "pose": doubled(-pose, pose).astype(np.int64),
+        "role": ["calibration"] * (2 * count),
+        "time_s": 0.5 * np.arange(2.0 * count),
+        "run": [f"cycle {cycle}" for cycle in taken.column("cycle").to_pylist() for _ in range(2)],
+        COMMAND: doubled(before, target),
+        MEASURED: doubled(np.full(count, np.nan), measured),
+    }
+    if _TEMPERATURE in taken.column_names:
+        warmth = number_column(taken, _TEMPERATURE)
+        columns[_TEMPERATURE] = doubled(warmth, warmth)
+    return pa.table(columns)
+
+
+def _order(positions: pa.Table) -> Index:
+    """Order of measurement: of the rows, if the axis moved in it as recorded, else cycle by cycle, up and down."""
+    target, cycle = number_column(positions, "target_mm"), number_column(positions, "cycle")
+    way = np.where(np.array(positions.column("direction").to_pylist()) == "forward", 1.0, -1.0)
+    if "row_order" in positions.column_names:
+        rows = np.argsort(number_column(positions, "row_order"))
+        steps = np.diff(target[rows])
+        if np.all((steps == 0.0) | (np.sign(steps) == way[rows][1:])):
+            return rows
+    return np.lexsort((way * target, -way, cycle))
