@@ -98,8 +98,8 @@ class ChainCause(Cause[ChainScene]):
         return self.deviations(machine)
 
     def joint_motion(self, machine: ChainInputs, values: NDArray, by_joint: NDArray) -> NDArray | None:
-        """Return the derivatives (B, 3 K, P) of channels by the parameters at values (P,), SI, from those by the motion
-        of each joint (B, K, 3, n); None if no joint deviates."""
+        """Return the derivatives (B, 3 K, P) of channels by the parameters at values (P,), SI, from those (B, K, 3, n)
+        by joint motion; None if no joint deviates."""
         own = self.deviation_slopes(machine, values)
         return None if own is None else by_joint.reshape(len(by_joint), -1, by_joint.shape[-1]) @ own
 
@@ -114,8 +114,8 @@ class ChainCause(Cause[ChainScene]):
         return None
 
     def excess(self, machine: ChainInputs, distances: Sequence[tuple[str, str]]) -> NDArray | None:
-        """Return by how much distances between named ends are read too long (B, D, P) per unit of the parameters, m;
-        None if they are not."""
+        """Return the excess (B, D, P) of read distances between named ends, in m per unit of the parameters; None
+        without excess."""
         return None
 
 
