@@ -47,7 +47,7 @@ class Durations:
         return sum(one.seconds for one in each if one) if each and all(map(self._is_like, each)) else None
 
     def costs(self, stages: Iterable[str]) -> tuple[StageCost, ...]:
-        """Return what the last runs of stages took here, of those that are known."""
+        """Return the known durations of the last runs of stages in this folder."""
         known = self._known()
         return tuple(
             StageCost(name, one.seconds, one.memory_bytes, one.workers)

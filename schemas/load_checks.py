@@ -120,9 +120,11 @@ _OF_READINGS: Checks = {
 }
 _OF_SURROUNDINGS: Checks = {
     "surroundings": QualityCheck(
-        "Are temperatures from -10 to 50 °C and pressures from 600 to 1100 hPa?",
+        "Are temperatures from -10 to 50 °C, pressures from 600 to 1100 hPa and humidities above 1 %?",
         "Other values indicate another unit and would make the compensation wrong.",
-        VerdictRule(fails="any outside"),
+        VerdictRule(
+            warns="a humidity or pressure that looks like another unit", fails="a temperature or pressure outside"
+        ),
         "Correct the unit in the table or its mapping; compare the sensor with another one.",
         withholds="models",
     ),

@@ -72,9 +72,9 @@ def signs(view: LoadingView, responses: RunResponses, quantity: str, share: floa
         why = "no run with a clear response can be compared with another run under the same axis or with a simulation"
         yield not_evaluated("signs", "signs", quantity, why)
     elif not flipped:
-        against = "the simulation" if responses.simulated else "each other"
+        against = "in the simulation" if responses.simulated else "in other runs"
         some = f"{count}" if alike == count else f"{alike} of {count}"
-        text = f"{quantity}: {some} runs and channels have the same sign as {against}."
+        text = f"{quantity}: in {some} cases (channel and run), the response has the same sign as {against}."
         if alike < count:
             text += " The others respond too little, or have no similar run to compare with."
         yield Check("signs", quantity, 1.0, 0.0, "1", PASS, text)
@@ -255,5 +255,5 @@ def exchanged_channels(view: LoadingView) -> Iterator[Check]:
         why = "no run has channels with sufficiently different expected responses"
         yield not_evaluated("labels of channels", "channels-exchanged", "", why)
     elif not wrong:
-        text = f"{count} runs and channels read their own expected response, not that of another channel."
+        text = f"In {count} cases (channel and run), the response is the one expected of this channel, not of another."
         yield Check("channels-exchanged", "", 0.0, 0.0, "1", PASS, text)

@@ -161,8 +161,13 @@ def _humidity(view: LoadingView) -> Iterator[Check]:
         return
     largest = float(np.nanmax(value))
     is_share = 0.0 < largest <= 1.0
-    text = f"The relative humidity is {largest:.3g} % at most"
-    text += "; is it a fraction of 1, that is " + f"{100.0 * largest:.3g} %?" if is_share else "."
+    text = f"The largest relative humidity is {largest:.3g} %"
+    if is_share:
+        text += (
+            f", less than in any laboratory; if it is a fraction of 1 ({100.0 * largest:.3g} %), give it in per cent."
+        )
+    else:
+        text += "; only values up to 1 % would indicate fractions of 1 in place of per cent."
     yield Check("surroundings", "relative humidity", largest, 1.0, "%", WARN if is_share else PASS, text)
 
 

@@ -324,5 +324,5 @@ def _check(name: str, scatter: Scatter, poses: Sequence[str], how: str, share: f
         verdict = WARN if verdict == PASS else verdict
         text = f"{name}: repeats of pose {poses[scatter_test.worst]} scatter {ratio:.2f} times as much as their noise, "
         text += f"those of all others {scatter_test.others:.2f} times: no single value represents all "
-    text += f"({count(repeats, 'repeat')} of {count(len(poses), 'pose')}, known by {how})."
+    text += f"({count(repeats, 'repeat')} of {count(len(poses), 'pose')}, recognised by {how})."
     return Check("repeatability", name, ratio, _TOLERATED, "1", verdict, text)

@@ -82,7 +82,7 @@ def time_unit(time: Array, run: Index | None, table: str, quantity: str, *, is_c
         return not_evaluated("unit of times", "time-unit", "", "too few rows with times")
     mistaken = mistaken_times(time, run)
     if mistaken is None:
-        text = f"The times of {table} are plausible in seconds."
+        text = f"The times of {table} are plausible as seconds."
         return Check("time-unit", table, 1.0, 1.0, "s", PASS, text)
     factor = SECONDS[mistaken.unit]
     text = f"time_s of {table} increases by {mistaken.pace:.3g} from {quantity} to {quantity}, and is likely in "

@@ -17,17 +17,11 @@ from tests.real.campaigns import HERE, PROJECT, data_folder, prepare, run
 from truing.inference.fitted_model import Fitter
 from truing.pipeline.in_memory import stage_line
 from truing.schemas.campaign import read_campaign
-from truing.simulation.mechanisms.chains.causes import (
-    ChainCause,
-    ChainScene,
-    JointCompliance,
-    JointGain,
-    JointOffset,
-    LinkBending,
-)
+from truing.simulation.mechanisms.chains.causes import ChainCause, ChainScene, JointCompliance, JointGain, JointOffset
 from truing.simulation.mechanisms.chains.extended_model import read_chain, write_chain
 from truing.simulation.mechanisms.chains.harmonics import JointEccentricity, JointHarmonic
 from truing.simulation.mechanisms.chains.joint_curves import JointErrorCurve
+from truing.simulation.mechanisms.chains.link_causes import LinkBending
 from truing.stages.diagnosis.chain_points import assemble
 from truing.stages.diagnosis.chain_results import text_of_model
 from truing.stages.second_campaign.compared import SecondCampaign

@@ -20,9 +20,9 @@ from tests.blind.generator.arms import draw, write
 from tests.simulation.mechanisms.chains.made_arms import arm, campaign
 from tests.tolerance import assert_close
 from truing.pipeline.command_line import app
-from truing.simulation.mechanisms.chains.causes import DistanceOffset
 from truing.simulation.mechanisms.chains.distances import DistanceModel
 from truing.simulation.mechanisms.chains.motor_encoders import motor_terms
+from truing.simulation.mechanisms.chains.target_causes import DistanceOffset
 from truing.stages.common.chain_measurements import MeasuredLinks, measured_links, reference_link
 
 COUNT = 4

@@ -240,7 +240,7 @@ def _first(names: Sequence[str], pattern: str, used_names: Sequence[str | None],
 
 
 def _kind(name: str) -> str | None:
-    """Return whether the unit of a name is one of angles or of lengths; None without a unit, or with another one."""
+    """Return the kind of a name's unit, angle or length; None without a unit, or with another one."""
     unit = bare_and_unit(name)[1]
     if unit is None:
         return None

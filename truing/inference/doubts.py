@@ -71,8 +71,8 @@ def outdone_causes(
     *,
     compares_courses: bool,
 ) -> tuple[set[str], dict[str, CourseRival]]:
-    """Return the keys of accepted causes beside or in place of which an effect without a name may act, and the
-    random courses among these effects."""
+    """Return the keys of accepted causes next to which, or in place of which, an effect without a name may act. Also
+    return the random courses among these effects."""
     level = search.settings.dependence_level
     outdone = {step.cause.key for step in searched.kept if step.is_outdone or _is_incomplete(step, searched, level)}
     outdone |= names_of_one_effect(searched.kept, searched.rounds[-1], searched.final)
@@ -105,8 +105,8 @@ def _course_rivals(
 
 
 def _beside_refused(searched: Searched[CauseT], verdicts: Sequence[Verdict[CauseT]]) -> set[str]:
-    """Return the keys of accepted causes that act on the same as a nonparametric effect which is significant next
-    to them, but predicts held-out epochs worse: something is there, in another form."""
+    """Return the keys of accepted causes that act on the same data as a refused nonparametric effect. That effect is
+    significant next to them, but predicts held-out epochs worse: something is there, in another form."""
     worse = [own for own in searched.refused if own.reason is Reason.HELD_OUT]
     worse += [own for own in verdicts if own.verdict == SUSPECTED]
     refused = [own.cause for own in worse if not own.cause.catalogued]

@@ -71,8 +71,8 @@ class _Moved(Generic[CauseT]):
 
 @dataclass(frozen=True)
 class CourseRival:
-    """The most probable random course against a name: the inputs that it ``follows``, its log odds ``beside`` the name,
-    and the log odds by which it is ``behind`` in its place, infinite where the name has too many patterns.
+    """The most probable random course against a name: the inputs that it ``follows``, and its log odds ``beside`` the
+    name. ``behind``: log odds lost in place of the name, infinite where the name has too many patterns.
 
     ``share``: squares that the name explains, over those that it and the course next to it explain beyond chance.
     """

@@ -44,8 +44,8 @@ def input_errors(fitted: FittedModel[CauseT]) -> Array | None:
 def own_histories(
     errors: Array, names: tuple[str, ...], spectra: Spectra, level: float
 ) -> Iterator[tuple[str, float, float]]:
-    """Yield the inputs whose errors (B, n) follow their own input and its history, the share of squares predicted, and
-    the p-value of a dependence on anything."""
+    """Yield the inputs whose errors (B, n) depend on their own input and its history. Also yield the share of squares
+    predicted, and the p-value of any dependence."""
     for name, course in zip(names, errors.T, strict=True):
         rest, others = clipped(centred(course[:, None])), np.log1p(-_OWN_HISTORY)
         evidence = [float(log_evidence_of_spectrum(rest, one, spectra.freedom)[0]) for one in spectra.histories(name)]

@@ -103,8 +103,8 @@ class Whitened:
         return self.own[epochs] if self.whole is not None else self.compact.at(epochs)
 
     def basis_summed(self, epochs: Integers, turned: Callable[[Array], Array]) -> Array:
-        """Return the sum (n, G) over some epochs of the rows of the basis, turned from rows (b, M + H, ...) to
-        (b, n, ...)."""
+        """Return the sum (n, G) of the basis' rows over some epochs, transformed from rows (b, M + H, ...) to (b, n,
+        ...)."""
         if self.whole is None:
             return np.asarray(self.compact.summed(turned(self.own[epochs]), epochs) @ self._inverse)
         return np.asarray(turned(self.basis_at(epochs)).sum(0))

@@ -1,10 +1,9 @@
 """Test of the residuals within an epoch: are those of neighbouring places of a group more alike than noise?
 
-A group that bends, or an instrument with errors of its own by place, moves neighbouring places alike, by another amount
-in every epoch. Spread over all places, this passes for a little more noise. The statistic is the sum over pairs of
-places of the products of their residuals, weighted by nearness: the score test of a random field's variance.
-Its mean and variance under noise follow from the projection that the fit applies to noise, whose size each place has of
-its own.
+A bending group, or an instrument with errors by place, moves neighbouring places alike; the amount differs between
+epochs. Spread over all places, this passes for a little more noise. The statistic is the sum over pairs of places of
+the products of their residuals, weighted by nearness: the score test of a random field's variance. Its mean and
+variance under noise follow from the projection that the fit applies to noise, whose size each place has of its own.
 """
 
 from __future__ import annotations

@@ -122,9 +122,9 @@ _REASONS = {
     "one-pose": "were not compared: there is only one",
     "one-run": "were not compared: there is only one",
     "trace-of-range": "were not compared: the loads are only a very small part of the range in [loading]",
-    "distinct": "are all different measurements",
-    "no-copies": "differ: no two share rows that are equal in every digit (tested: at least eight rows and a fifth of "
-    "the shorter run)",
+    "distinct": "contain no copy of another",
+    "no-copies": "contain no copied rows (equal in every digit; tested: at least eight rows and a fifth of the shorter "
+    "run)",
     "no-whole-copies": "differ: no two are equal in every digit. Copies of a part cannot be detected in these data",
     "coarse": "were not compared: the resolution of the file is coarser than the noise",
 }

@@ -52,26 +52,23 @@ from truing.simulation.mechanisms.causes.nonparametric import NonparametricMecha
 from truing.simulation.mechanisms.causes.scatter import ApproachScatter, NoiseBurst
 from truing.simulation.mechanisms.causes.targets import TargetMoved, TargetsSwapped
 from truing.simulation.mechanisms.causes.warmth import LegThermal, ThermalExpansion
+from truing.simulation.mechanisms.chains.base_causes import BaseDrift, BaseJump
 from truing.simulation.mechanisms.chains.causes import (
-    BaseDrift,
-    BaseJump,
     ChainCause,
-    ChainTargetMoved,
-    DistanceOffset,
     JointBacklash,
     JointCompliance,
     JointGain,
     JointOffset,
     JointScatter,
     JointsExchanged,
-    LinkBending,
-    LinkGrowth,
 )
 from truing.simulation.mechanisms.chains.harmonics import JointEccentricity, JointHarmonic, JointPitchError
 from truing.simulation.mechanisms.chains.joint_curves import JointErrorCurve
+from truing.simulation.mechanisms.chains.link_causes import LinkBending, LinkGrowth
 from truing.simulation.mechanisms.chains.loads import ColumnTilt, GravityDirection, JointSag
 from truing.simulation.mechanisms.chains.nonparametric import NonparametricChainEffect
 from truing.simulation.mechanisms.chains.settling import JointSettling
+from truing.simulation.mechanisms.chains.target_causes import ChainTargetMoved, DistanceOffset
 from truing.simulation.mechanisms.point_causes import PointCause
 from truing.simulation.photographs.causes.camera_instability import CameraInstability
 from truing.simulation.photographs.causes.nonparametric import NonparametricRayEffect

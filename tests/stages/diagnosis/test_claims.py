@@ -22,8 +22,9 @@ from truing.simulation.bodies.causes.deformation import BodyDeformation
 from truing.simulation.bodies.causes.drift import BodyDrift
 from truing.simulation.cause import Cause
 from truing.simulation.mechanisms.causes.targets import TargetMoved, TargetsSwapped
-from truing.simulation.mechanisms.chains.causes import ChainCause, ChainTargetMoved, JointScatter, JointsExchanged
+from truing.simulation.mechanisms.chains.causes import ChainCause, JointScatter, JointsExchanged
 from truing.simulation.mechanisms.chains.harmonics import JointPitchError
+from truing.simulation.mechanisms.chains.target_causes import ChainTargetMoved
 from truing.simulation.mechanisms.point_causes import PointCause
 from truing.simulation.photographs.causes.camera_instability import CameraInstability
 from truing.simulation.photographs.causes.nonparametric import NonparametricRayEffect

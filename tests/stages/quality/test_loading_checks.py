@@ -160,6 +160,10 @@ def in_kelvin(readings, signals):
     readings["air_temperature_c"] = 293.15
 
 
+def humidity_as_fraction(readings, signals):
+    readings["relative_humidity_pct"] = 0.48
+
+
 def warming(readings, signals):
     readings["air_temperature_c"] = 19.0 + 0.2 * readings["step"]
     readings["air_pressure_hpa"] = 1000.0
@@ -215,6 +219,7 @@ def moment_with_force(readings, signals):
         (walked, "warn", "zero-return channel dy", "the zero return after run 6 is +"),
         (gross, "warn", "gross-errors channel rz", "15 of 204 readings are gross errors (run 1 step 3"),
         (in_kelvin, "fail", "surroundings air temperature", "is the unit right?"),
+        (humidity_as_fraction, "warn", "surroundings relative humidity", "if it is a fraction of 1 (48 %)"),
         (warming, "warn", "temperature-span air temperature", "within a run by 3.2 K at most"),
         (cut, "fail", "saturated signal v2", "samples are cut at "),
         (repeated_channel, "fail", "signals-independent", "V V^T is singular; only v1 + v5 is determined"),
@@ -277,7 +282,7 @@ def test_a_single_run_per_axis_does_not_confirm_signs_and_axes(tmp_path):
     assert "in whole runs cannot be detected" in messages(qa, "pass")["exchanged-rows"]
     (tmp_path / "2").mkdir()
     qa = quality_of(tmp_path / "2", change, repeats=2)
-    assert "runs and channels have the same sign as each other" in messages(qa, "pass")["signs signals"]
+    assert "has the same sign as in other runs" in messages(qa, "pass")["signs signals"]
 
 
 def test_noise_at_the_bound_fails_as_rarely_as_stated():

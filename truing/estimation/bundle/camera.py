@@ -8,8 +8,8 @@ x to the right and y down, the centre of the first pixel at (0, 0). With X = (X,
     x = x_centre + x0 + xi  + xi  radial + B1 (r^2 + 2 xi^2)  + 2 B2 xi eta + C1 xi + C2 eta
     y = y_centre + y0 + eta + eta radial + B2 (r^2 + 2 eta^2) + 2 B1 xi eta
 
-where the centre is that of the format, ((width - 1) / 2, (height - 1) / 2). Brown (1971), with affinity C1 and shear C2
-and balanced radial distortion as in Luhmann et al., Close-Range Photogrammetry and 3D Imaging (3rd ed.), section 3.3.3.
+where the centre is that of the format, ((width - 1) / 2, (height - 1) / 2). Brown (1971), with affinity C1 and shear
+C2. Balanced radial distortion as in Luhmann et al., Close-Range Photogrammetry and 3D Imaging (3rd ed.), section 3.3.3.
 All functions take one point per row. Image coordinates are analytic, so complex steps differentiate them.
 """
 

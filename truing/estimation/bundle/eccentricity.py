@@ -5,10 +5,10 @@ A circle about P with unit normal n and radius r is seen by an ideal camera in t
 
     C = d^2 1 - d (n P^T + P n^T) + (P^T P - r^2) n n^T,        d = n^T P
 
-This cone cuts the image plane in an ellipse, whose centre is off the image of P by the eccentricity. Distortion bends
-the ellipse; its centre is then that of the best-fitting ellipse. Directions are in camera axes. Dold (dissertation,
-Univ. der Bundeswehr Muenchen, 1997) derives the same from the ellipse's extrema; the cone is that of Kanatani,
-Geometric Computation for Machine Vision (1993), chapter 8.
+This cone cuts the image plane in an ellipse. The eccentricity is the offset of its centre from the image of P.
+Distortion bends the ellipse; its centre is then that of the best-fitting ellipse. Directions are in camera axes. Dold
+(dissertation, Univ. der Bundeswehr Muenchen, 1997) derives the same from the ellipse's extrema; the cone is that of
+Kanatani, Geometric Computation for Machine Vision (1993), chapter 8.
 """
 
 from __future__ import annotations

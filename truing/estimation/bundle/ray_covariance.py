@@ -1,7 +1,7 @@
 """Covariance of a large pose: every point alone, and any of them jointly, without the joint covariance of all.
 
 Given the common unknowns, the kept unknowns (images, and ends of distances) have the covariance K. A point that was
-eliminated with block N and rays W is x = x0 - N^-1 W^T k, so that with the entries f = -N^-1 W^T of its rays
+eliminated with block N and rays W is x = x0 - N^-1 W^T k. With the entries f = -N^-1 W^T of its rays,
 
     cov(x_p, x_q) = [p = q] N_p^-1 + f_p K f_q^T,    cov(k, x_p) = K f_p^T.
 

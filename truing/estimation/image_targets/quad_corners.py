@@ -316,8 +316,7 @@ def edge_pixels(
     d: NDArray,
     count: NDArray,
 ) -> None:
-    """Fill in columns, rows, t and d (n, M) of the pixels in bands along n edges of an image (h, w), and their number
-    (n,).
+    """Fill in columns, rows, t and d (n, M) of the pixels in bands along n edges, and their number (n,); image (h, w).
 
     Bands have half widths (n,) px and a margin (n,) px to the neighbours with normals before and after (n, 2), zero
     without one. ``middle`` (n, L): position of an edge in column (row, if steep) first (n,) and those that follow;

@@ -250,8 +250,8 @@ def _without_projection(basis: Array, columns: Array) -> Array:
 
 
 def _chi_square_gain(whole: Array, along: Array, beside: Array, inverse: Array) -> Array:
-    """Return the decrease of chi-square by each of K columns: from its square (K,) within its run, its product (K,)
-    with the residuals and those (K, P) with the shared columns, whose normal matrix over all runs has the given
+    """Return the decrease of chi-square by each of K columns: from its square (K,) within its run and its product (K,)
+    with the residuals. Products (K, P) are with the shared columns, whose normal matrix over all runs has the given
     inverse."""
     energy = whole - np.sum((beside @ inverse) * beside, axis=1)
     reported = energy > _LITTLE * np.maximum(whole, np.finfo(float).tiny)

@@ -1,6 +1,6 @@
 """Joint estimate of a body's poses and its shape: generalised Procrustes analysis with covariances, and start values.
 
-``y_bk = R_b (xi_k + u_bk) + t_b + f_bk`` with cov(f) any 3x3 and u the deformation of target k, of unknown variance
+``y_bk = R_b (xi_k + u_bk) + t_b + f_bk`` with any 3x3 cov(f). u is the deformation of target k, of unknown variance
 tau_k^2 per coordinate. A survey is one observation of the shape. Without a survey, inner constraints keep the frame of
 the first approximation (Baarda's S-transformation; Goodall, J. R. Stat. Soc. B 53 (1991) 285).
 """

@@ -149,7 +149,7 @@ def _odds_figure(rows: list[AssessedCause]) -> go.Figure:
     shown = _best(rows)
     figure = _bars(shown, [_position(row.evidence or 0.0) for row in shown], [_odds(row) for row in shown])
     positions = np.array([_position(row.evidence or 0.0) for row in shown])
-    subtitle = "Found causes next to those found before, others alone. Hatched: depends on the assumed effect size"
+    subtitle = "Found causes: with those found before; others: alone. Hatched: depends on the assumed effect size"
     _finish(figure, "Odds of the model with each cause over the model without it", subtitle, len(shown))
     figure.update_xaxes(title_text="odds (powers of ten, compressed scale)", **_axis(positions))
     figure.add_vline(x=0.0, line={"color": GREY, "width": 1})

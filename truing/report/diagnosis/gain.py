@@ -222,7 +222,10 @@ def _plain(tables: Tables) -> Drawn:
     errors = _compared_calibrations(tables)
     if errors is None:
         return []
-    words = "Plain calibrations, for comparison: each fits the geometry and models no cause but a deforming platform."
+    words = (
+        "Plain calibrations, for comparison: they fit the geometry; the only cause they may model is a "
+        "deforming platform."
+    )
     return [(_errors_of_calibrations(errors), words)]
 
 

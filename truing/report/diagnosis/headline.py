@@ -56,7 +56,8 @@ def _change(quantity: str, one: Overall) -> str:
 
 
 def _whose_noise(tables: Tables) -> str:
-    """Return what the noise floor holds: noise alone, or also scatter that was estimated from the same residuals."""
+    """Return the content of the noise floor in words: noise alone, or also scatter estimated from the same
+    residuals."""
     raised = any(row.raises_floor for row in accepted_of(assessed_causes(tables)))
     return "noise and the scatter found here" if raised else "the measurement noise"
 

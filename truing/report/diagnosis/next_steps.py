@@ -121,7 +121,8 @@ def _deciding_measurements(row: Any, pace_s: float | None, several: int, noun: s
     total = int(row.measurements)
     takes = "" if pace_s is None else f" ({approximate_duration(total * pace_s)} at the pace of this campaign)"
     text = (
-        f"To decide whether {row.component} meets its requirement, measure {count(total, f'further {noun}')} all over "
+        f"To decide whether {row.component} meets its requirement, measure {count(total, f'further {noun}')} "
+        "spread over "
     )
     text += f"{_ALL_OVER[noun]}{_ROLES[noun]}{takes}."
     text += f" The same {noun}s also decide the other requirements." if several > 1 else ""

@@ -241,7 +241,7 @@ def certainty(row: AssessedCause) -> str:
     """Return the certainty of a finding: p-value, signal-to-noise, probability among the candidates, prediction."""
     reported = []
     if row.p_value is not None:
-        reported.append(f"chance alone gives so clear an effect in {_share(row.p_value)} campaigns")
+        reported.append(f"noise alone would show an effect as clear as this in {_share(row.p_value)} campaigns")
     if row.signal_to_noise is not None:
         reported.append(f"signal-to-noise ratio {rough(row.signal_to_noise)}")
     if row.probability is not None and not row.is_noise:

@@ -83,9 +83,10 @@ def published_listing(tables: Tables) -> Listing | None:
         Head("verdict", "Whether both values agree within the allowed difference."),
     )
     caption = (
-        "Published values compared with this campaign: theory with the simulation, a measurement with that at the same "
+        "Published values compared with this campaign: theory with the simulation; measured values with "
+        "those measured here "
     )
-    caption += "load. Allowed: 95 %, by noise and tolerances"
+    caption += "at the same load. Allowed: 95 %, by noise and tolerances"
     return Listing(heads, tuple(rows), tuple(marks), caption, held_by="published_compared.parquet")
 
 

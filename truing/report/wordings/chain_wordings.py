@@ -105,7 +105,7 @@ def _growth(claim: Claim) -> str:
 
 
 def _which_length(claim: Claim) -> str:
-    """Return which length grows, if it is not the whole of one link."""
+    """Return the growing length in words, if it is not the whole of one link."""
     others, between = claim.fact("alike"), subject_words(" ".join(claim.fact("between") or ()))
     if not others:
         return f" along the axis of joint {claim.fact('along')}" if claim.fact("along") else ""

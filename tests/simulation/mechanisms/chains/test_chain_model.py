@@ -18,25 +18,23 @@ from truing.inference.verdicts import Reason
 from truing.simulation.catalogue import catalogue_of_chains
 from truing.simulation.cause import Effect, ReportedParameter
 from truing.simulation.inputs import Missing
+from truing.simulation.mechanisms.chains.base_causes import BaseDrift, BaseJump
 from truing.simulation.mechanisms.chains.causes import (
-    BaseDrift,
-    BaseJump,
     ChainCause,
     ChainScene,
-    ChainTargetMoved,
     JointBacklash,
     JointCompliance,
     JointGain,
     JointOffset,
     JointScatter,
-    LinkBending,
-    LinkGrowth,
 )
 from truing.simulation.mechanisms.chains.conditions import BETWEEN, movements
 from truing.simulation.mechanisms.chains.harmonics import JointEccentricity, JointHarmonic, JointPitchError
+from truing.simulation.mechanisms.chains.link_causes import LinkBending, LinkGrowth
 from truing.simulation.mechanisms.chains.loads import ColumnTilt, GravityDirection, JointSag
 from truing.simulation.mechanisms.chains.model import ChainModel
 from truing.simulation.mechanisms.chains.settling import SIDE, JointSettling
+from truing.simulation.mechanisms.chains.target_causes import ChainTargetMoved
 from truing.simulation.mechanisms.chains.tree import JointKind, Tree
 
 NOISE_M, NOISE_RAD = 2e-5, 5e-5

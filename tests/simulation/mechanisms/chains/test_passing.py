@@ -13,8 +13,9 @@ from tests.simulation.mechanisms.chains.test_tree import UR10
 from tests.tolerance import assert_close
 from truing.report.wordings.catalogue import clause
 from truing.report.wordings.claim import Claim
-from truing.simulation.mechanisms.chains.causes import ChainScene, JointOffset, LinkGrowth
+from truing.simulation.mechanisms.chains.causes import ChainScene, JointOffset
 from truing.simulation.mechanisms.chains.conditions import ChainInputs
+from truing.simulation.mechanisms.chains.link_causes import LinkGrowth
 from truing.simulation.mechanisms.chains.notations import Screw, tree_of_rows, tree_of_screws
 from truing.simulation.mechanisms.chains.passing import nodes_moved_alike
 from truing.simulation.mechanisms.chains.tree import JointKind, Tree, axis_twist

@@ -25,7 +25,7 @@ _FEWEST = 2
 
 @dataclass(frozen=True)
 class SignalHysteresis(LoadCause):
-    """Signals under loads along ``axis``, or all, show more on the way back, as if the load lagged by up to half of
+    """Signals under loads along ``axis``, or all, are larger during unloading. The load seems to lag by up to half of
     ``width`` times the largest load.
 
     The lag reverses over twice the ``threshold``, a share of the largest load, whenever the load turns back
