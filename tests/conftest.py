@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import gc
 import os
+import sys
 from functools import cache
 from pathlib import Path
 
@@ -14,6 +15,10 @@ from tests.cpu_time import CpuTime
 from tests.made_once import made_once
 
 PROJECT = Path(__file__).resolve().parents[1]
+
+# Each worker, and each of some hundred processes that tests start, would otherwise compile the same sources again.
+sys.dont_write_bytecode = False
+os.environ.pop("PYTHONDONTWRITEBYTECODE", None)
 
 settings.register_profile(
     "project",

@@ -42,8 +42,8 @@ if TYPE_CHECKING:
 _AGAIN, _NEW = 40, 60
 _NEW_PAYLOAD_KG = 1.0  # beside none, where the campaign has no payload
 _WARMER_K = 5.0
-# A change that moves no measurement by so many sigma does not matter to a model.
-_MATTERS = 0.1
+# A change that moves no measurement of some poses by so many sigma does not matter to a model.
+_MATTERS, _POSES_OF_A_TEST = 0.1, 12
 _DIGITS = 4
 _PAYLOAD = "payload_kg"
 
@@ -137,19 +137,17 @@ def possible_poses(ranges: JointRanges, instrument: PointInstrument, models: Seq
     new = drawn_readings(model.tree, ranges, forbidden_poses(model.tree, ranges, None, ""), _NEW, rng)
     readings = np.concatenate([measured.readings[again], new])
     repeats = tuple(measured.poses[k] for k in again) + (None,) * len(new)
-    usual = _conditions(model, readings, {})
-    levels = {name: values_of_column for name, values_of_column in _levels(model).items() if values_of_column}
-    matters = tuple(
-        name
-        for name, values_of_column in levels.items()
-        if _does_matter(models, model, readings, values_of_column[-1][0], name, instrument)
-    )
+    levels, few = _levels(model), readings[:: max(1, len(readings) // _POSES_OF_A_TEST)]
+    usual = _conditions(model, few, {})
+    seen = [candidates(fitted, usual, instrument) for fitted in models]
+    changed = {name: _conditions(model, few, {name: np.array([own[-1][0]] * len(few))}) for name, own in levels.items()}
+    matters = tuple(name for name, conditions in changed.items() if _does_matter(seen, conditions, instrument))
     choice = {name: rng.integers(len(levels[name]), size=len(readings)) for name in matters}
     drawn = {name: np.array([levels[name][k][0] for k in own]) for name, own in choice.items()}
     words = tuple(
         ", ".join(filter(None, (levels[name][choice[name][c]][1] for name in matters))) for c in range(len(readings))
     )
-    conditions = _conditions(model, readings, drawn) if matters else usual
+    conditions = _conditions(model, readings, drawn)
     return PossibleChainPoses(conditions, ranges, words, matters, repeats, instrument, _pace(measured))
 
 
@@ -202,21 +200,14 @@ def _usual(values: NDArray, count: int) -> Array:
     return np.broadcast_to(middle, (count, *values.shape[1:])).copy()
 
 
-def _does_matter(
-    models: Sequence[Fitted],
-    model: ChainModel,
-    readings: NDArray,
-    value: Any,
-    name: str,
-    instrument: PointInstrument,
-) -> bool:
-    """True if another value of a quantity changes what any of the models predicts by more than a share of the noise."""
-    few = readings[:: max(1, len(readings) // 12)]
-    there = _conditions(model, few, {name: np.array([value] * len(few))})
-    usual = _conditions(model, few, {})
-    for fitted in models:
-        seen = [candidates(fitted, own, instrument) for own in (usual, there)]
-        gap = seen[0].without_pose_unknowns((seen[1].predicted - seen[0].predicted)[..., None])
+def _does_matter(usual: Sequence[PoseCandidates], changed: ChainConditions, instrument: PointInstrument) -> bool:
+    """True if changed conditions change what a model predicts at candidates by more than a share of the noise.
+
+    ``usual``: these candidates at usual conditions, by each model.
+    """
+    for own in usual:
+        there = candidates(own.fitted, changed, instrument)
+        gap = own.without_pose_unknowns((there.predicted - own.predicted)[..., None])
         if float(np.sqrt(np.max(np.sum(gap**2, (1, 2))))) > _MATTERS:
             return True
     return False

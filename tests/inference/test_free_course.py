@@ -9,7 +9,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from tests.inference.toy_campaign import DRIVES, POINTS, POSES, READINGS, TEMPLATE, channels, measured
-from truing.inference.free_course import CourseRival, course_rival
+from truing.inference.free_course import CourseRival, course_rival, spans_more
 from truing.inference.noise import components
 
 ASKED = np.random.default_rng(1).uniform(-1, 1, (POSES, DRIVES))
@@ -118,3 +118,13 @@ def test_a_name_is_told_its_share_of_what_acts() -> None:
     assert shares
     assert all(0.2 < share < 1.0 for share in shares)
     assert all(rival.share == 1.0 for rival in _rivals(GAIN, GAIN) if not rival.is_beside)
+
+
+def test_functions_span_more_than_their_rank_only() -> None:
+    """Also where they differ in size by a thousand, or there are fewer epochs than functions."""
+    rng = np.random.default_rng(7)
+    for epochs, count in ((40, 12), (8, 12)):
+        for rank in (1, 2, 5):
+            sizes = np.geomspace(1.0, 1e-3, rank)
+            functions = rng.normal(size=(epochs, rank)) * sizes @ np.linalg.qr(rng.normal(size=(count, rank)))[0].T
+            assert [spans_more(functions, most) for most in range(1, 7)] == [rank > most for most in range(1, 7)]

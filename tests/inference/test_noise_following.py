@@ -5,10 +5,12 @@ from __future__ import annotations
 from dataclasses import replace
 
 import numpy as np
+import pytest
 from numpy.typing import NDArray
+from scipy import stats
 
 from tests.tolerance import assert_between, assert_close
-from truing.inference.noise import Driver, drivers, merged_by_driver, noise_dependence, standardised
+from truing.inference.noise import Driver, drivers, log_moments, merged_by_driver, noise_dependence, standardised
 
 POSES, TARGETS = 40, 30
 LEVEL = 0.01
@@ -91,3 +93,12 @@ def test_numbers_tell_of_their_noise_as_points_do() -> None:
     assert len(told) >= 19  # 6.4 standard deviations are expected, 3.2 needed
     pulls = np.array([(one.ratio - np.exp(0.7)) / one.sigma for one in told])
     assert_between(float(np.sqrt(np.mean(pulls**2))), 0.6, 1.5, what="pulls of the ratio")
+
+
+@pytest.mark.parametrize(("size", "added"), [(1, 1.0), (2, 0.0), (3, 0.0)])
+def test_moments_of_a_logarithm_are_its_integrals_over_chi_square(size: int, added: float) -> None:
+    """Of the squares of ``size`` values; to that of a single value one is added."""
+    q = stats.chi2(size)
+    follows = q.expect(lambda square: square / (square + added))
+    first, second = (q.expect(lambda square, n=n: np.log(square + added) ** n) for n in (1, 2))
+    assert_close(log_moments(size), (follows, (second - first**2) / follows**2), atol=1e-6)

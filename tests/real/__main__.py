@@ -6,7 +6,7 @@ import sys
 import tempfile
 from pathlib import Path
 
-from tests.real.campaigns import data_folder, run_all
+from tests.real.campaigns import data_folder, run_all, tables_of
 from tests.real.facts import FACTS
 from tests.real.figures import write_figures
 from tests.real.page import PAGE, render
@@ -19,7 +19,8 @@ def main() -> int:
         return 4
     with tempfile.TemporaryDirectory() as folder:
         sys.stdout.write(f"{', '.join(FACTS)}\n")
-        facts = {name: FACTS[name](tables) for name, tables in run_all(tuple(FACTS), Path(folder)).items()}
+        run_all(tuple(FACTS), Path(folder))
+        facts = {name: FACTS[name](tables) for name, tables in tables_of(tuple(FACTS), Path(folder)).items()}
     raw = raw_facts(data_folder())
     PAGE.write_text(render(facts, raw), encoding="utf-8")
     write_figures(facts, raw, drawn_signals(data_folder()))

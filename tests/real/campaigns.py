@@ -51,19 +51,19 @@ def prepare(name: str, folder: Path) -> Path:
     return copy
 
 
-def run_all(names: Sequence[str], folder: Path) -> dict[str, dict[str, pd.DataFrame]]:
-    """The tables of every campaign, two calls at a time, the longest first."""
+def run_all(names: Sequence[str], folder: Path) -> None:
+    """Run every campaign, two calls at a time, the longest first."""
     calls = [[name] for name in LONG if name in names]
     calls.append([name for name in names if name not in (*LONG, *BRIEF)])
     with ThreadPoolExecutor(2) as pool:
-        done = pool.map(lambda own: run(own, folder) if own else {}, calls)
-        tables = {name: found for call in done for name, found in call.items()}
-    tables |= {name: run_here(name, folder, BRIEF[name]) for name in names if name in BRIEF}
-    return {name: tables[name] for name in names}
+        list(pool.map(lambda own: run(own, folder), filter(None, calls)))
+    for name in names:
+        if name in BRIEF:
+            run_here(name, folder, BRIEF[name])
 
 
-def run_here(name: str, folder: Path, stages: Sequence[str]) -> dict[str, pd.DataFrame]:
-    """Bring some stages of a campaign about, and what they need, and read every table that they left."""
+def run_here(name: str, folder: Path, stages: Sequence[str]) -> None:
+    """Bring some stages of a campaign about, and what they need."""
     from truing.pipeline.console import RunConsole
     from truing.pipeline.run_campaign import RunOptions, StageSelection, run_campaign, usable_campaign
 
@@ -71,21 +71,25 @@ def run_here(name: str, folder: Path, stages: Sequence[str]) -> dict[str, pd.Dat
     for stage in stages:
         wish = RunOptions(StageSelection(only=stage), accept_failed_checks=True)
         run_campaign(campaign, out, wish, RunConsole(quiet=True))
-    return _tables(out)
 
 
-def _tables(out: Path) -> dict[str, pd.DataFrame]:
-    return {path.stem: pd.read_parquet(path) for path in out.glob("*.parquet")}
+def tables_of(names: Sequence[str], folder: Path) -> dict[str, dict[str, pd.DataFrame]]:
+    """Every table that the runs of campaigns left in a folder."""
+    files = {name: _place(name, folder).glob("*.parquet") for name in names}
+    return {name: {path.stem: pd.read_parquet(path) for path in own} for name, own in files.items()}
 
 
-def run(names: Sequence[str], folder: Path) -> dict[str, dict[str, pd.DataFrame]]:
-    """Run campaigns in one call, from their raw files to their reports, and read every table that they left."""
+def _place(name: str, folder: Path) -> Path:
+    several = folder / "runs" / "several" / name
+    return several if several.is_dir() else folder / "runs" / name
+
+
+def run(names: Sequence[str], folder: Path) -> None:
+    """Run campaigns in one call, from their raw files to their reports."""
     out = folder / "runs" / (names[0] if len(names) == 1 else "several")
     places = [str(prepare(name, folder)) for name in names]
     command = [sys.executable, "-m", "pipeline", "run", *places, "--out", str(out), "--qa=warn", "--quiet"]
     done = subprocess.run(command, cwd=PROJECT, env=os.environ | FRUGAL, capture_output=True, text=True, check=False)
     if done.returncode != 0:
         raise RuntimeError(f"{', '.join(names)} ended with {done.returncode}:\n{done.stderr}")
-    ran = {name: out if len(names) == 1 else out / name for name in names}
-    assert all((place / "report.html").is_file() for place in ran.values())
-    return {name: _tables(place) for name, place in ran.items()}
+    assert all((_place(name, folder) / "report.html").is_file() for name in names)

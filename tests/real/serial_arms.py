@@ -13,7 +13,7 @@ import jinja2
 import numpy as np
 import pandas as pd
 
-from tests.real.campaigns import HERE, PROJECT, data_folder, prepare, run
+from tests.real.campaigns import HERE, PROJECT, data_folder, prepare, run, tables_of
 from truing.inference.fitted_model import Fitter
 from truing.pipeline.in_memory import stage_line
 from truing.schemas.campaign import read_campaign
@@ -178,7 +178,8 @@ def facts(folder: Path) -> dict[str, Any]:
     found["some"] = with_some_poses(folder / "some")
     curves = {}
     for key, name in (("random", RANDOM), ("grid", GRID), ("irb", "irb120-faro-chain")):
-        tables = run([name], folder / key)[name]
+        run([name], folder / key)
+        tables = tables_of([name], folder / key)[name]
         found[key] = _said(tables)
         if name in of:
             curves[name] = tables["joint_curves"]

@@ -8,8 +8,9 @@ import numpy as np
 import pandas as pd
 import pytest
 
+from tests.made_once import made_once
 from tests.real import force_facts
-from tests.real.campaigns import prepare, run_all
+from tests.real.campaigns import prepare, run_all, tables_of
 from tests.real.facts import FACTS
 from tests.real.interferometer_logs import slit_report
 from tests.real.page import PAGE, render
@@ -23,8 +24,8 @@ _NUMBER = re.compile(r"[-+]?\d+(?:\.\d+)?")
 
 @pytest.fixture(scope="session")
 def facts(real_data, tmp_path_factory):
-    folder = tmp_path_factory.mktemp("real")
-    return {name: FACTS[name](tables) for name, tables in run_all(tuple(FACTS), folder).items()}
+    folder = made_once(tmp_path_factory, "real", lambda place: run_all(tuple(FACTS), place))
+    return {name: FACTS[name](tables) for name, tables in tables_of(tuple(FACTS), folder).items()}
 
 
 def test_tracker_dropouts_and_wrong_targets_are_found_and_nothing_else(facts):

@@ -26,6 +26,7 @@ from truing.inference.signatures import Pathways, signatures_of
 # Patterns that hold less than this share of an effect's squares are not tested, nor more than so many.
 _LEAST_PATTERN, _MOST_PATTERNS = 0.1, 3
 _LEAST_LOADING = 1e-6  # of a pathway in a pattern of unit length
+_CLEAR_LOADING = 1e-4  # its square is far above the rounding of products
 _FEWEST_EPOCHS = 12
 _MOST_LEFT = 4.0  # squares of patterns that are not tested, in units of the noise
 _MOST_PRODUCTS = 2e11  # of numbers, about a minute
@@ -149,10 +150,21 @@ def _are_alike(functions: Array, courses: Array) -> bool:
     """Return True if functions (B, m) of an input are no more than the courses (B, n) of a name, as those of an input
     with two values are those of a name that has one: then both are the same effect."""
     about, own = functions - functions.mean(axis=0), courses - courses.mean(axis=0)
+    if spans_more(about, own.shape[1]):
+        return False
     basis, sizes, _ = np.linalg.svd(about, full_matrices=False)
     basis = basis[:, sizes > _LEAST_LOADING * max(float(sizes[0]), 1e-300)]
     left = own - basis @ (basis.T @ own)
     return basis.shape[1] <= own.shape[1] and bool(np.sum(left**2) < _SAME_COURSE * np.sum(own**2))
+
+
+def spans_more(functions: Array, most: int) -> bool:
+    """Return True if functions (B, m) clearly span more than ``most`` dimensions: by the eigenvalues of their products,
+    which a singular value decomposition takes far longer to refine."""
+    if min(functions.shape) <= most:
+        return False
+    sizes = np.linalg.eigvalsh(functions.T @ functions)[::-1]  # largest first; the squares of the singular values
+    return bool(sizes[most] > _CLEAR_LOADING**2 * sizes[0])
 
 
 def move_alike(final: FittedModel[CauseT], first: tuple[CauseT, int], second: tuple[CauseT, int]) -> bool:

@@ -39,7 +39,7 @@ def figure_template() -> Iterator[None]:
 
 def style(figure: go.Figure, title: str, subtitle: str, height: int) -> go.Figure:
     """Set title, subtitle (the reading of the figure) and layout of a figure."""
-    if pio.templates.default != _TEMPLATE:  # made outside of `common_look`
+    if pio.templates.default != _TEMPLATE:  # made outside of `figure_template`
         figure.update_layout(template=_TEMPLATE)
     figure.update_layout(
         title={
