@@ -59,7 +59,7 @@ def _pays_compiled(stream: IO[bytes], entry: FileMapping) -> bool:
         return False
     try:
         size = os.fstat(stream.fileno()).st_size
-    except OSError:  # a compressed file has none
+    except (OSError, AttributeError):  # text that is decompressed, or cut out of another file, has no number
         return False
     if size < COMPILED_FROM:
         return False
