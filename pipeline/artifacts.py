@@ -1,8 +1,9 @@
 """Artifacts on disk: schema enforced on write and read, provenance in the metadata, all files of a stage revealed
 together.
 
-Parquet is written with Snappy, in row groups of 2**18 rows. It holds no private schema of pyarrow, so that pandas,
-DuckDB and polars read the columns unchanged. Files contain no time and no path: equal inputs give equal bytes.
+Parquet is written with Snappy, in row groups of 2**18 rows, measured columns with BYTE_STREAM_SPLIT. It holds no
+private schema of pyarrow, so that pandas, DuckDB and polars read the columns unchanged. Files contain no time and no
+path: equal inputs give equal bytes.
 """
 
 from __future__ import annotations
