@@ -24,6 +24,7 @@ from pathlib import Path
 import numpy as np
 
 from benchmarks.rows import Row, leave
+from benchmarks.timing import as_installed
 
 STAGES = ("ingest", "qa", "pose")
 TARGETS, OF_BASE = 60, 20
@@ -110,7 +111,7 @@ def measure(campaign: Path, out: Path, points: int) -> Iterator[Cost]:
     for stage in STAGES:
         command = [sys.executable, "-m", "truing.pipeline", "run", str(campaign), "--out", str(out), "--only", stage]
         started = time.perf_counter()
-        with subprocess.Popen(command, stdout=subprocess.DEVNULL) as process:
+        with subprocess.Popen(command, stdout=subprocess.DEVNULL, env=as_installed()) as process:
             _, status, used = os.wait4(process.pid, 0)
             process.returncode = os.waitstatus_to_exitcode(status)
         if process.returncode:

@@ -21,7 +21,7 @@ from pathlib import Path
 import numpy as np
 
 from benchmarks.rows import Row, leave, timed_row
-from benchmarks.timing import PROCESSOR_TIME, thread_counts
+from benchmarks.timing import PROCESSOR_TIME, as_installed, thread_counts
 
 SMALLEST = ("--rows", "600", "--repeats", "1")
 _OURS = "truing ingest"
@@ -104,7 +104,7 @@ def measure(name: str, folder: Path, threads: int) -> tuple[float, float, float,
     """Wall and processor seconds, peak memory in MB and rows written, of one run in a process of its own."""
     with tempfile.TemporaryDirectory(dir=folder) as out:
         program = _MEASURE.format(body=textwrap.dedent(_PROGRAMS[name]))
-        environment = {**os.environ, "POLARS_MAX_THREADS": str(threads), "OMP_NUM_THREADS": str(threads)}
+        environment = {**as_installed(), "POLARS_MAX_THREADS": str(threads), "OMP_NUM_THREADS": str(threads)}
         command = [sys.executable, "-c", program, str(folder), str(Path(out) / "observations.parquet")]
         if hasattr(os, "sched_setaffinity"):
             command = [sys.executable, "-c", _pinned(threads), *command]

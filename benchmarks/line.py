@@ -9,7 +9,6 @@ from __future__ import annotations
 
 import argparse
 import json
-import os
 import resource
 import subprocess
 import sys
@@ -23,6 +22,7 @@ from pathlib import Path
 import numpy as np
 
 from benchmarks.rows import Row, leave
+from benchmarks.timing import as_installed
 from tests.blind.generator.sensor.campaign import draw_campaign
 from tests.blind.generator.sensor.effects import LoadEccentricity
 from tests.blind.generator.sensor.folder import write_campaign
@@ -64,7 +64,7 @@ def measure(campaign: Path, out: Path) -> Line:
     """Run a campaign in a process of its own, every stage anew."""
     command = [sys.executable, "-m", "benchmarks.line", "--one", str(campaign), "--out", str(out)]
     # As `truing run` sets before it loads numpy, which this module has loaded.
-    environment = {**os.environ, "OPENBLAS_NUM_THREADS": "1"}
+    environment = {**as_installed(), "OPENBLAS_NUM_THREADS": "1"}
     done = subprocess.run(command, capture_output=True, text=True, check=True, env=environment)
     return Line(**json.loads(done.stdout.splitlines()[-1]))
 

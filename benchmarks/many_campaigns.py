@@ -22,6 +22,7 @@ import numpy as np
 import pyarrow.parquet as pq
 
 from benchmarks.rows import Row, leave
+from benchmarks.timing import as_installed
 from truing.pipeline.run_campaign import JobPlan, RunOptions, run_job
 
 SMALLEST = ("--campaigns", "2", "--singles", "1", "--workers", "1", "--scheduler", "")
@@ -72,7 +73,7 @@ def call(places: Sequence[Path], out: Path, *words: str) -> Call:
     """Run campaigns by the command line; raises CalledProcessError."""
     before = resource.getrusage(resource.RUSAGE_CHILDREN)
     command = [sys.executable, "-m", "truing.pipeline", "run", *map(str, places), "--out", str(out), "-q", *words]
-    subprocess.run(command, check=True)
+    subprocess.run(command, check=True, env=as_installed())
     after = resource.getrusage(resource.RUSAGE_CHILDREN)
     spent = after.ru_utime + after.ru_stime - before.ru_utime - before.ru_stime
     return Call(spent, after.ru_maxrss / 1024.0)

@@ -144,15 +144,23 @@ def _bound_faults(file: str, column: Column, name: str, values: pa.ChunkedArray 
     if column.kind == "real" and not pc.all(pc.is_finite(values), min_count=0).as_py():
         infinite = pc.filter(values, pc.invert(pc.fill_null(pc.is_finite(values), True)))
         yield Fault(file, "finite numbers", column=name, value=str(infinite[0]), more=len(infinite) - 1)
-    for bound, extreme, outside, word in (
-        (column.minimum, pc.min, pc.less, "at least"),
-        (column.maximum, pc.max, pc.greater, "at most"),
-    ):
-        # The extreme tells whether any value is outside; most columns have none.
-        if bound is None or (most := extreme(values)).as_py() is None or not outside(most, bound).as_py():
+    for bound, outside, word in ((column.minimum, pc.less, "at least"), (column.maximum, pc.greater, "at most")):
+        if bound is None or _is_within(values, bound, word == "at least"):
             continue
         wrong = pc.filter(values, pc.fill_null(outside(values, bound), False))
-        yield Fault(file, f"{word} {bound:g}", column=name, value=str(wrong[0]), more=len(wrong) - 1)
+        if len(wrong):
+            yield Fault(file, f"{word} {bound:g}", column=name, value=str(wrong[0]), more=len(wrong) - 1)
+
+
+def _is_within(values: pa.ChunkedArray | pa.Array, bound: float, is_minimum: bool) -> bool:
+    """True if the extreme of a column without empty cells tells that no value is outside; NumPy finds it much faster
+    than Arrow."""
+    import numpy as np
+
+    if values.null_count:
+        return False
+    parts = [np.asarray(part) for part in getattr(values, "chunks", (values,)) if len(part)]
+    return all(bool(part.min() >= bound if is_minimum else part.max() <= bound) for part in parts)
 
 
 def parquet(

@@ -59,6 +59,11 @@ def test_pandas_duckdb_and_polars_read_them_as_they_are(tmp_path: Path) -> None:
     assert pd.read_parquet(path)["target"].tolist() == expected
     assert pl.read_parquet(path)["target"].to_list() == expected
     assert [row[0] for row in duckdb.sql(f"select target from '{path}' order by pose").fetchall()] == expected
+    measured = observations(9)["x_mm"].to_pylist()
+    assert "BYTE_STREAM_SPLIT" in pq.read_metadata(path).row_group(0).column(3).encodings
+    assert pd.read_parquet(path)["x_mm"].tolist() == measured
+    assert pl.read_parquet(path)["x_mm"].to_list() == measured
+    assert [row[0] for row in duckdb.sql(f"select x_mm from '{path}' order by pose").fetchall()] == measured
 
 
 def test_a_stream_becomes_full_row_groups_and_the_same_bytes_as_the_table(tmp_path: Path) -> None:

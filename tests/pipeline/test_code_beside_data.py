@@ -128,7 +128,7 @@ def test_settings_of_numba_beside_the_data_say_nothing(tmp_path: Path) -> None:
     """They name, among other things, the folder that compiled code is loaded from."""
     (tmp_path / ".numba_config.yaml").write_text("cache_dir: .\ndisable_jit: 1\n")
     reading = "numba.core.config as c; print([c.CACHE_DIR, c.DISABLE_JIT])"
-    program = f"import truing.estimation.simd_arithmetic, {reading}"
+    program = f"import truing.compiled_code, {reading}"
     assert _python(["-c", program], tmp_path).stdout == "['', 0]\n"
 
 

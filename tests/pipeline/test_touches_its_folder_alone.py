@@ -124,7 +124,7 @@ def test_every_other_command_writes_where_it_says(places: Path, workplace: Path)
 
 def test_compiled_code_is_kept_beside_its_source_or_not_at_all(monkeypatch: pytest.MonkeyPatch) -> None:
     """Not in the home of whoever runs what an administrator has installed."""
-    from truing.estimation.simd_arithmetic import compiled
+    from truing.compiled_code import compiled
 
     def same(value: float) -> float:
         return value

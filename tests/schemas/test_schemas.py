@@ -41,6 +41,18 @@ def test_an_empty_table_of_every_artifact_keeps_its_schema(artifact):
         assert not artifact.faults(artifact.empty(identifier))
 
 
+@pytest.mark.parametrize("beside", [[], [None], [float("nan")], [0.0, 2.0]], ids=["alone", "null", "nan", "good"])
+def test_a_value_below_its_bound_is_found_beside_any_others(beside):
+    for parts in ([[*beside, -1.5]], [[-1.5], beside], [beside, [], [-1.5, 1.0]]):
+        values = pa.chunked_array(parts, pa.float64())
+        faults = list(ARTIFACTS["observations"].column_faults("sigma_x_mm", values))
+        assert "at least 0" in assert_fault(faults, column="sigma_x_mm", value="-1.5").expected
+        good = pa.chunked_array([part for part in parts if part is beside], pa.float64())
+        assert not any(
+            "at least" in fault.expected for fault in ARTIFACTS["observations"].column_faults("sigma_x_mm", good)
+        )
+
+
 def test_departures_are_named():
     table = pa.table(
         {"pose": [1, 2], "leg": [0, 2], "delta_rho_mm": [0.1, float("inf")], "sigma_um": [1.0, None], "more": [1, 2]}

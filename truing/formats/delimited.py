@@ -4,10 +4,12 @@ from __future__ import annotations
 
 import csv
 import io
+import os
 import re
 from collections.abc import Callable, Iterator, Mapping
 from dataclasses import dataclass
 from itertools import chain
+from pathlib import Path
 from typing import IO
 
 import numpy as np
@@ -23,6 +25,7 @@ from truing.threads import in_order
 
 _SEPARATORS = ("\t", ";", "|", ",")
 _NUMBERS_SIDE_BY_SIDE = re.compile(r"\s*[-+\d.,eE]+(\s+[-+\d.,eE]+)+\s*")
+COMPILED_FROM = 96 << 20  # bytes
 _GROUPED = re.compile(Notation(",", " ").pattern + "|" + Notation(".", " ").pattern)
 
 
@@ -40,7 +43,7 @@ def read_delimited(stream: IO[bytes], entry: FileMapping, wanted: Wanted) -> Ite
     kinds = wanted(names, None)
     if kinds is None:
         return
-    parser = _Parser(lines, separator, entry, len(names), kinds)
+    parser = _Parser(lines, separator, entry, len(names), kinds, _pays_compiled(stream, entry))
     done = 0
     for batch, count in in_order(parser.parse, chain(filter(None, [rest if has_header else first]), blocks)):
         if count:  # a block may consist of blank lines and comments
@@ -48,6 +51,21 @@ def read_delimited(stream: IO[bytes], entry: FileMapping, wanted: Wanted) -> Ite
         done += count
     if done == 0:
         raise Unusable("at least one record below the header")
+
+
+def _pays_compiled(stream: IO[bytes], entry: FileMapping) -> bool:
+    """True for a file so large that the compiled parser saves more time than loading it takes."""
+    if entry.missing or entry.thousands is not None:
+        return False
+    try:
+        size = os.fstat(stream.fileno()).st_size
+    except (OSError, AttributeError):  # text that is decompressed, or cut out of another file, has no number
+        return False
+    if size < COMPILED_FROM:
+        return False
+    from truing.compiled_code import can_cache
+
+    return can_cache(Path(__file__).parent)  # compiling anew takes longer than it saves
 
 
 def separator_of(entry: FileMapping, block: bytes) -> str:
@@ -110,6 +128,7 @@ class _Parser:
     entry: FileMapping
     width: int
     kinds: Mapping[int, Kind]
+    is_compiled: bool
 
     def parse(self, block: bytes) -> tuple[RawBatch, int]:
         """Return one block's records, and their number, including those with too few or too many fields."""
@@ -121,6 +140,9 @@ class _Parser:
         return self._as_text(self.lines.records(block))
 
     def _typed(self, text: bytes) -> tuple[RawBatch, int]:
+        if self.is_compiled and (plain := self._plain(text)) is not None:
+            columns, rows = plain
+            return RawBatch(columns, consecutive(0, rows)), rows
         number = pa.float64()
         types = {
             "number": number,
@@ -132,6 +154,18 @@ class _Parser:
         if any(table[str(i)].null_count for i, kind in self.kinds.items() if kind != "text"):
             raise pa.ArrowInvalid("an empty cell may be one that means missing, or stand in a blank line")
         return self._batch(table, []), table.num_rows
+
+    def _plain(self, text: bytes) -> tuple[dict[int, pa.Array], int] | None:
+        from truing.formats.plain_text import plain_columns
+
+        entry = self.entry
+        if (
+            len(self.separator.encode()) != 1
+            or self.separator == entry.decimal
+            or (entry.quote and entry.quote.encode() in text)
+        ):
+            return None
+        return plain_columns(text, self.separator, entry.decimal, self.kinds, self.width)
 
     def _as_text(self, text: bytes) -> tuple[RawBatch, int]:
         if not text:

@@ -9,8 +9,8 @@ from __future__ import annotations
 import numpy as np
 from numpy.typing import NDArray
 
+from truing.compiled_code import compiled, inner
 from truing.estimation import simd_arithmetic
-from truing.estimation.simd_arithmetic import compiled, inner
 
 _PARALLEL = 1e-9  # least 1 - cos of the angle of two rays
 _SINGULAR = 1e-12  # least determinant of a matrix of trace one

@@ -14,8 +14,8 @@ from __future__ import annotations
 import numpy as np
 from numpy.typing import NDArray
 
+from truing.compiled_code import compiled, inner
 from truing.estimation import simd_arithmetic
-from truing.estimation.simd_arithmetic import compiled, inner
 
 INTERIOR, MISCLOSURE = 6, 16  # first columns of these parts of a row, after point and rotation
 WIDTH = 17  # columns of a row

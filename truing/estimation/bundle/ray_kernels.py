@@ -10,6 +10,7 @@ from __future__ import annotations
 import numpy as np
 from numpy.typing import NDArray
 
+from truing.compiled_code import compiled, inner
 from truing.estimation import simd_arithmetic
 from truing.estimation.bundle import kernels
 from truing.estimation.bundle.kernels import (
@@ -22,7 +23,6 @@ from truing.estimation.bundle.kernels import (
     lower_times,
     turned,
 )
-from truing.estimation.simd_arithmetic import compiled, inner
 
 _SOURCES = (simd_arithmetic.__file__, kernels.__file__, __file__)
 

@@ -12,7 +12,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from truing.arrays import Array, Mask
-from truing.estimation.simd_arithmetic import compiled
+from truing.compiled_code import compiled
 
 # A pixel is compared with the mean of a square window of this size. This finds edges at any size of target and under
 # any

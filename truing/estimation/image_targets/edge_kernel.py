@@ -20,6 +20,7 @@ import math
 
 import numpy as np
 
+from truing.compiled_code import compiled, inner, summing
 from truing.estimation import simd_arithmetic
 from truing.estimation.image_targets import edge_picture
 from truing.estimation.image_targets.edge_picture import (
@@ -37,7 +38,7 @@ from truing.estimation.image_targets.edge_picture import (
     set_spokes,
     upper_tail,
 )
-from truing.estimation.simd_arithmetic import LANES, compiled, inner, summing
+from truing.estimation.simd_arithmetic import LANES
 
 # Unknowns: centre x, y; A xx, xy, yy; blur s; ground; contrast; slope x, y
 UNKNOWNS = 10

@@ -10,7 +10,8 @@ from __future__ import annotations
 
 import math
 
-from truing.estimation.simd_arithmetic import LANES, inner, summing
+from truing.compiled_code import inner, summing
+from truing.estimation.simd_arithmetic import LANES
 
 BLOCK = 8 * LANES  # length of a register: a block of pixels that fits the processor's cache
 CX, CY, AXX, AXY, AYY, BLUR = range(6)

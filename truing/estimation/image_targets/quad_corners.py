@@ -20,12 +20,12 @@ from numpy.typing import NDArray
 from scipy.special import ndtr
 
 from truing.arrays import Array, Mask
+from truing.compiled_code import compiled, inner, summing
 from truing.estimation import simd_arithmetic
 from truing.estimation.image_targets import edge_picture
 from truing.estimation.image_targets.edge_picture import INV_SQRT2PI, decay, upper_tail
 from truing.estimation.image_targets.image_noise import ImageNoise
 from truing.estimation.image_targets.patch_fit import SHARPEST, SOFTEST, PatchFit, fit_patches
-from truing.estimation.simd_arithmetic import compiled, inner, summing
 
 _REACH = 48.0  # px
 _CLEAR = 3.0  # blurs between a pixel and the other edges

@@ -12,7 +12,8 @@ from __future__ import annotations
 import numpy as np
 from numpy.typing import NDArray
 
-from truing.estimation.simd_arithmetic import LANES, inner
+from truing.compiled_code import inner
+from truing.estimation.simd_arithmetic import LANES
 
 MOST = 12  # parameters
 _PACKED = MOST * (MOST + 1) // 2

@@ -19,6 +19,7 @@ from dataclasses import fields
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
+from truing.compiled_code import compiled, inner
 from truing.estimation import simd_arithmetic
 from truing.estimation.rigid_poses.rigid import FitStatus, RigidFit, check_correspondences, solve_weighted
 from truing.estimation.simd_arithmetic import (
@@ -31,14 +32,12 @@ from truing.estimation.simd_arithmetic import (
     apply,
     cofactors,
     combine,
-    compiled,
     cross,
     dot,
     get3,
     get6,
     get9,
     information,
-    inner,
     inverse,
     mix,
     outer,

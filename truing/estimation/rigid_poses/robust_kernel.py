@@ -10,6 +10,7 @@ from __future__ import annotations
 import numpy as np
 from numpy.typing import NDArray
 
+from truing.compiled_code import compiled, inner
 from truing.estimation import simd_arithmetic
 from truing.estimation.rigid_poses import batched_kernel, consensus_steps
 from truing.estimation.rigid_poses.batched_kernel import (
@@ -31,12 +32,10 @@ from truing.estimation.simd_arithmetic import (
     apply,
     cofactors,
     combine,
-    compiled,
     dot,
     get3,
     get6,
     get9,
-    inner,
     mix,
     point3,
     rows_times,

@@ -13,6 +13,7 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
+from truing.compiled_code import compiled, inner
 from truing.estimation import simd_arithmetic
 from truing.estimation.least_squares import simd_batches
 from truing.estimation.least_squares.simd_batches import (
@@ -35,7 +36,7 @@ from truing.estimation.least_squares.simd_batches import (
     start,
 )
 from truing.estimation.rigid_poses.batched_kernel import run_in_threads
-from truing.estimation.simd_arithmetic import LANES, apply, compiled, dot, get3, get9, inner, mix, scale, transpose
+from truing.estimation.simd_arithmetic import LANES, apply, dot, get3, get9, mix, scale, transpose
 
 _FIELDS = 13  # per pose and draw: p, R, rho
 # Index of the numbers of a leg: a, b, u, l, kappa, rho0.
