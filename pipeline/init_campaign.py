@@ -40,6 +40,7 @@ from truing.pipeline.init_robot import (
     on_tip,
     robot_of,
     with_reflector,
+    with_tip,
 )
 from truing.pipeline.init_survey import with_lost_points, with_survey
 from truing.pipeline.problems import ExitCode, environment
@@ -104,6 +105,7 @@ def init_campaign(
     guesses = [(group, one) for (group, _), one in zip(guesses, with_reflector(guesses, robot), strict=True)]
     guesses = [(group, one) for (group, _), one in zip(guesses, on_tip([g for _, g in guesses], robot), strict=True)]
     guesses = with_bodies_of_targets(folder, guesses)
+    guesses = [(group, one) for (group, _), one in zip(guesses, with_tip(folder, guesses, robot), strict=True)]
     guesses = _settled(folder, guesses, said, console)
     said.raise_faults()
     name = folder.resolve().name
