@@ -61,6 +61,7 @@ def test_a_mark_of_arc_seconds_opens_no_quotation_and_degrees_are_a_rotary_axis(
     _, document = init(tmp_path)
     found = table(tmp_path, document, CONFIGURATIONS)
     assert_close(numbers(found, "command_deg", "measured_deg"), np.column_stack([at, np.add(at, 1e-3)]), atol=1e-9)
+    assert not [name for name in found.table.column_names if name.startswith("Abweichung")], "computed from the others"
 
 
 def test_two_encoders_without_a_command_are_compared_and_microseconds_are_seconds(tmp_path: Path) -> None:

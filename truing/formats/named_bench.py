@@ -245,6 +245,12 @@ def _axis_of_kind(names: Sequence[str], values: Array, kind: str | None, meant: 
         if (unit_of_column := bare_and_unit(name)[1]) not in (None, unit)
     }
     mapping = {"columns": columns, **({"units": units} if units else {})}
+    computed = [
+        re.escape(name).replace("\\ ", " ")
+        for name in names
+        if name not in columns.values() and re.fullmatch(_DEVIATION, bare_and_unit(name)[0].casefold())
+    ]  # from command and measured place: no condition on which an error may depend
+    mapping |= {"ignore": "|".join(computed)} if computed else {}
     return Proposal("configurations", mapping, "commands of an axis, and what recorded them", doubts)
 
 

@@ -322,13 +322,21 @@ def _guess_by_names(
     if loads is not None:
         return proposal_of_loads(loads, names, mapping, found)
     if table != "signals" and (template := wide_template(names)) is not None:
-        return _side_by_side(template, names, mapping | found)
+        hidden = (
+            {"missing": [""]} if any(not cell.strip() for row in data for cell in row) or _has_frames(names) else {}
+        )
+        return _side_by_side(template, names, mapping | found | hidden)
     if table == "configurations" and "pose" not in {*names, *found.get("columns", {})}:
         found = {**found, **({"columns": columns} if (columns := {**_counted(names, names, values), **meant}) else {})}
         found |= {} if "pose" in found.get("columns", {}) else {"number_rows": {"pose": 1}}
     if table is None:
         return Guess(mapping | found, names, None, (_A_COORDINATE_PER_ROW,) if _has_axes_in_rows(data) else ())
     return Guess(mapping | found, names, table, tuple(notes))
+
+
+def _has_frames(names: Sequence[str]) -> bool:
+    """True if rows are frames of motion capture, in any of which a marker may be hidden."""
+    return names[0].strip().casefold() == "frame"
 
 
 def _guess_markers(names: tuple[str, ...], mapping: dict[str, Any]) -> Guess | None:
@@ -339,7 +347,7 @@ def _guess_markers(names: tuple[str, ...], mapping: dict[str, Any]) -> Guess | N
     has_body = all(":" in name for name in markers)
     wide = f"Marker.{'{body}:' if has_body else ''}{{target}}.{{id}}.Position.{{axis}}"
     keys: dict[str, Any] = {"wide": wide, "missing": [""], **({} if has_body else {"constants": {"body": "body"}})}
-    keys |= {"columns": {"pose": names[0]}} if names[0].casefold() == "frame" else {"number_rows": {"pose": 1}}
+    keys |= {"columns": {"pose": names[0]}} if _has_frames(names) else {"number_rows": {"pose": 1}}
     note = "markers of motion capture; poses of rigid bodies in the same file are not read, because markers give them"
     return Guess({**mapping, **keys}, names, "points", (note,))
 
