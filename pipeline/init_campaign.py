@@ -40,9 +40,8 @@ from truing.pipeline.init_robot import (
     on_tip,
     robot_of,
     with_reflector,
-    with_tip,
 )
-from truing.pipeline.init_survey import with_lost_points, with_survey
+from truing.pipeline.init_survey import with_lost_points, with_survey, with_tip
 from truing.pipeline.problems import ExitCode, environment
 from truing.pipeline.run_folder import PRIVATE
 from truing.pipeline.starter import guess_lines

@@ -112,29 +112,6 @@ def on_tip(guesses: Sequence[Guess], robot: Robot | None) -> list[Guess]:
     ]
 
 
-def with_tip(folder: Path, files: Sequence[tuple[RawGroup, Guess]], robot: Robot | None) -> list[Guess]:
-    """Return the guesses, targets without a body beside a robot's joints on the last link, in m if all are below 10."""
-    guesses = [guess for _, guess in files]
-    if robot is None or not has_joints(robot, guesses):
-        return guesses
-    return [_on_last_link(folder, group, guess, robot) for group, guess in files]
-
-
-def _on_last_link(folder: Path, group: RawGroup, guess: Guess, robot: Robot) -> Guess:
-    from truing.formats.named_chain import is_within_metres
-    from truing.formats.sniff_cells import perhaps_in_metres
-    from truing.pipeline.init_questions import PLACEHOLDER, is_body_open
-    from truing.pipeline.init_survey import rows_of
-    from truing.pipeline.starter import assumed_unit
-
-    if guess.table != "points" or guess.known or not is_body_open(guess):
-        return guess
-    rows = rows_of(folder, group, guess, {"body": PLACEHOLDER})
-    in_metres = rows is not None and assumed_unit("x_mm", guess) == "mm" and is_within_metres(rows.places)
-    constants = {**guess.mapping.get("constants", {}), "body": robot.tip}
-    return perhaps_in_metres(replace(guess, mapping={**guess.mapping, "constants": constants}), in_metres)
-
-
 def _of_reflector(guess: Guess, robot: Robot) -> Guess:
     columns = {key: raw for key, raw in guess.mapping.get("columns", {}).items() if key not in ("target", "body")}
     names = [raw for key, raw in guess.mapping.get("columns", {}).items() if key in ("target", "body")]

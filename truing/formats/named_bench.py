@@ -244,7 +244,7 @@ def _axis_of_kind(names: Sequence[str], values: Array, kind: str | None, meant: 
         for column, name in columns.items()
         if (unit_of_column := bare_and_unit(name)[1]) not in (None, unit)
     }
-    mapping = {"columns": columns, **({"units": units} if units else {})}
+    mapping: dict[str, Any] = {"columns": columns, **({"units": units} if units else {})}
     computed = [
         re.escape(name).replace("\\ ", " ")
         for name in names
