@@ -16,7 +16,8 @@ COPY --from=build /opt/truing /opt/truing
 RUN useradd --create-home --uid 1000 truing
 # Compiled kernels are kept where every user may write: the user's number is often that of the host.
 ENV PATH="/opt/truing/bin:$PATH" NUMBA_CACHE_DIR=/tmp/truing-kernels
-USER truing
+# By number, so that a host can tell that it is not root.
+USER 1000
 WORKDIR /data
 ENTRYPOINT ["truing"]
 CMD ["--help"]

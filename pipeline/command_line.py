@@ -157,6 +157,8 @@ def watch(
     interval: option.WatchInterval = 2.0,
     port: option.WatchPort = None,
     page: option.WatchPage = True,
+    quiet: option.Quiet = False,
+    verbose: option.WatchVerbose = False,
     json: option.WatchJson = False,
 ) -> None:
     """Run a campaign again whenever its files change, while it is measured, and say whether it is enough.
@@ -167,14 +169,14 @@ def watch(
 
     Example: truing watch my-campaign --interval 5
     """
-    console = _console()
+    console = _console(quiet=quiet, verbose=verbose)
 
     def act() -> ExitCode:
         from truing.pipeline.watch_command import WatchOptions, watch_campaign
 
         return watch_campaign(campaign, out, WatchOptions(interval, once, json, port, page), console)
 
-    _end(act, console=console)
+    _end(act, console=console, says_reason=not json)
 
 
 @app.command(short_help="Show whether each stage is fresh, stale or never run.")
@@ -182,6 +184,7 @@ def stages(
     campaign: option.StagesCampaign = None,
     out: option.RunFolder = None,
     check: option.ReadAnew = False,
+    quiet: option.Quiet = False,
     json: option.Json = False,
 ) -> None:
     """Show the state of each stage of a campaign: fresh, stale (with the reason) or never run.
@@ -192,7 +195,7 @@ def stages(
     """
     from truing.pipeline.run_campaign import show_all_stages, show_status
 
-    console = _console(json=json)
+    console = _console(quiet=quiet, json=json)
     if campaign is None:
         _end(lambda: show_all_stages(console), console=console)
     else:
@@ -242,6 +245,7 @@ def predict(
     model: option.PredictModel,
     inputs: option.PredictInputs,
     out: option.OutTable = None,
+    quiet: option.Quiet = False,
     json: option.Json = False,
 ) -> None:
     """Predict poses or readings with the extended model, or test its predictions on a second campaign.
@@ -259,7 +263,7 @@ def predict(
     Example: truing predict runs/telescope/model.toml configurations.csv --out predicted.parquet
     """
 
-    console = _console(json=json)
+    console = _console(quiet=quiet, json=json)
 
     def act() -> ExitCode:
         from truing.pipeline.predict_command import predict_file
@@ -287,6 +291,7 @@ def design(
     tolerances: option.DesignTolerances = False,
     seed: option.Seed = 0,
     out: option.OutTable = None,
+    quiet: option.Quiet = False,
     json: option.Json = False,
 ) -> None:
     """Choose configurations that give the most information for a calibration, and report their D-efficiency.
@@ -305,7 +310,7 @@ def design(
     Example: truing design sample_data/force-sensor --causes hysteresis,creep --out loads.csv
     """
 
-    console = _console(json=json)
+    console = _console(quiet=quiet, json=json)
 
     def act() -> ExitCode:
         from truing.pipeline.design_command import DesignFiles, design_campaign
@@ -486,10 +491,13 @@ def _console(*, quiet: bool = False, json: bool = False, verbose: bool = False) 
     return JsonConsole() if json else RunConsole(quiet=quiet, verbose=verbose)
 
 
-def _end(*actions: Callable[[], ExitCode], console: RunConsole | None = None) -> None:
+def _end(*actions: Callable[[], ExitCode], console: RunConsole | None = None, says_reason: bool = True) -> None:
+    """End the call with an exit code; the last line gives the reason of another code than 0."""
     from truing.pipeline.exit_status import end_all
 
     shown = console or _console()
     code = end_all(list(actions), shown)
+    if code and says_reason:
+        shown.line(f"exit code {code:d}: {code.meaning}")
     shown.close(code)
     raise typer.Exit(code)

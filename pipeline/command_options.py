@@ -102,6 +102,7 @@ WatchPort = Annotated[
     typer.Option("--port", min=1, max=65535, help="Port of the page; default: 8765, or any free one."),
 ]
 WatchPage = Annotated[bool, typer.Option("--page/--no-page", help="Serve the page.")]
+WatchVerbose = Annotated[bool, typer.Option("--verbose", "-v", help="Print also what each stage of a round did.")]
 WatchJson = Annotated[bool, typer.Option("--json", help="Print one JSON object per round, on one line.")]
 
 # `truing stages`.

@@ -41,7 +41,7 @@ from truing.pipeline.init_robot import (
     robot_of,
     with_reflector,
 )
-from truing.pipeline.init_survey import with_lost_points, with_survey
+from truing.pipeline.init_survey import with_lost_points, with_survey, with_tip
 from truing.pipeline.problems import ExitCode, environment
 from truing.pipeline.run_folder import PRIVATE
 from truing.pipeline.starter import guess_lines
@@ -104,6 +104,7 @@ def init_campaign(
     guesses = [(group, one) for (group, _), one in zip(guesses, with_reflector(guesses, robot), strict=True)]
     guesses = [(group, one) for (group, _), one in zip(guesses, on_tip([g for _, g in guesses], robot), strict=True)]
     guesses = with_bodies_of_targets(folder, guesses)
+    guesses = [(group, one) for (group, _), one in zip(guesses, with_tip(folder, guesses, robot), strict=True)]
     guesses = _settled(folder, guesses, said, console)
     said.raise_faults()
     name = folder.resolve().name

@@ -81,7 +81,8 @@ def _read_as_poses(folder: Path, group: RawGroup, guess: Guess, log: _Log, body:
     found = replace(guess, table="points", mapping={**_of_one_target(guess, body), **keys})
     if body != PLACEHOLDER:  # the log has these poses, and moves this body
         return replace(found, doubts=(*guess.doubts, doubt), answered=guess.answered | {"body"})
-    way = OtherWay("numbers", f"Numbers in names such as {stem}", "poses", "targets", guess, doubt)
+    question = f"{stem}: its number is that of the pose, or part of the name of the target"
+    way = OtherWay("numbers", question, "poses", "targets", guess, doubt)
     return replace(found, ways=(*guess.ways, way))
 
 

@@ -35,6 +35,8 @@ _OF_TARGETS = (  # P3_base12, base12_P3
 _PREFIX = r"(?P<body>[^\W\d_]+)[\s_.\-]*\d.*"
 _OF_BODIES = (_PREFIX, r"(?P<body>[^\W_]*[^\W\d_])[\s_.:\-]+(?P<target>\S.*)")  # base12 or base_12, base B12
 _RIGID = 0.01  # change of distances, of their size: more is no body
+_OF_SIGMA = 2.5631  # from the 10 % to the 90 % quantile of a normal distribution
+_ROUNDED = 1e-6  # changes of distances that rounding makes, of their size
 _APART = 5.0  # ratio of changes between and within bodies
 _MOST_TARGETS = 60
 _FEWEST, _MOST_PAIRS, _MOST_ROWS, _MOST_FILES = 3, 200, 20_000, 60
@@ -95,8 +97,10 @@ def _by_groups(guess: Guess, rows: SurveyRows) -> Guess:
         raw = "group"
     keys = {**guess.mapping, "columns": columns, "split": {**split, raw: f"(?i){pattern}"}}
     doubt = f"numbers in groups such as {rows.bodies[0]} are assumed to be poses"
-    question = f"Numbers in names of groups such as {rows.bodies[0]}"
+    question = f"{rows.bodies[0]}: its number is that of the pose, or part of the name of the body"
     as_poses = replace(guess, table="points", mapping=keys, notes=(*guess.notes, note))
+    if found.pattern != _OF_GROUPS[-1]:  # the names say pose, and distances agree
+        return as_poses
     if found.pattern == _OF_GROUPS[-1] and len(set(found.bodies)) == 1:  # leg1, leg2, ...: bodies of the same shape
         doubt = f"numbers in groups such as {rows.bodies[0]} are assumed to name bodies"
         return replace(guess, ways=(*guess.ways, OtherWay("numbers", question, "bodies", "poses", as_poses, doubt)))
@@ -112,7 +116,7 @@ def _by_targets(guess: Guess, rows: SurveyRows, raw: str) -> Guess:
     split = {**guess.mapping.get("split", {}), raw: found.pattern}
     note = f"names such as {rows.targets[0]} are read as pose and target: {found.words}"
     doubt = f"numbers in names such as {rows.targets[0]} are assumed to be poses"
-    question = f"Numbers in names of targets such as {rows.targets[0]}"
+    question = f"{rows.targets[0]}: its number is that of the pose, or part of the name of the target"
     way = OtherWay("numbers", question, "poses", "targets", guess, doubt)
     keys = {**guess.mapping, "columns": columns, "split": split}
     return replace(guess, table="points", mapping=keys, notes=(*guess.notes, note), ways=(*guess.ways, way))
@@ -220,15 +224,19 @@ def _rigid_groups(rows: SurveyRows) -> list[list[str]]:
     """
     names = list(dict.fromkeys(rows.targets))
     poses = list(dict.fromkeys(rows.poses))
-    if len(poses) < 2 or not 2 * _FEWEST <= len(names) <= _MOST_TARGETS or len(rows.targets) != len(names) * len(poses):
+    rows_at = [(poses.index(pose), names.index(name)) for pose, name in zip(rows.poses, rows.targets, strict=True)]
+    if len(poses) < 2 or not 2 * _FEWEST <= len(names) <= _MOST_TARGETS or len(set(rows_at)) < len(rows_at):
         return []
-    order = np.lexsort([[names.index(name) for name in rows.targets], [poses.index(pose) for pose in rows.poses]])
-    places = rows.places[order].reshape(len(poses), len(names), 3)
+    places = np.full((len(poses), len(names), 3), np.nan)
+    places[tuple(np.transpose(rows_at))] = rows.places
     distances = np.linalg.norm(places[:, :, None] - places[:, None], axis=-1)
-    changes = distances.std(axis=0, ddof=1)
+    if (np.isfinite(distances).sum(axis=0) < 2).any():
+        return []
+    low, high = np.nanquantile(distances, (0.1, 0.9), axis=0)  # gross errors of single points are outside
+    changes = (high - low) / _OF_SIGMA
     pairs = np.sort(changes[np.triu_indices(len(names), 1)])
-    jumps = pairs[1:] / np.maximum(pairs[:-1], np.finfo(float).tiny)
-    if not len(jumps) or jumps.max() < _APART or pairs[jumps.argmax()] > _RIGID * np.median(distances):
+    jumps = pairs[1:] / np.maximum(pairs[:-1], _ROUNDED * np.nanmedian(distances))
+    if not len(jumps) or jumps.max() < _APART or pairs[jumps.argmax()] > _RIGID * np.nanmedian(distances):
         return []
     is_rigid = changes <= pairs[jumps.argmax()]
     rigid = [tuple(np.flatnonzero(row)) for row in is_rigid]
@@ -264,7 +272,7 @@ def _by_words(guess: Guess, rows: SurveyRows, raw: str | int, pattern: str) -> G
     note = f"bodies {shown} by the names of targets: distances within change by {change:.2g}, between by {between:.2g}"
     doubt = f"the words {shown} before the numbers of targets are assumed to be bodies"
     mapping = {**without_placeholder(guess.mapping), "split": {**split, str(raw): pattern}}
-    question = f"The words {shown} before the numbers of targets"
+    question = f"Words {shown} in names of targets: bodies, each with poses of its own, or parts of the names"
     way = OtherWay("words", question, "bodies", "names", guess, doubt)
     return replace(guess, mapping=mapping, notes=(*guess.notes, note), ways=(*guess.ways, way))
 

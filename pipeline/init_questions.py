@@ -23,12 +23,12 @@ OPTION = "--answer"
 PLACEHOLDER = "body"  # name of a body that no file names
 _LOAD_AXES = ("fx", "fy", "fz", "mx", "my", "mz")
 _CONSTANTS = {
-    "body": "Body that carries these targets",
+    "body": "Name of the rigid body that carries all these targets",
     "channel": "Channel of these readings",
     "load_axis": "Component of the load",
     "load": "Load of all rows, N or N m",
-    "run": "Run of all rows",
-    "pose": "Pose of all rows",
+    "run": "Name of the run that all rows belong to",
+    "pose": "Number of the pose that all rows belong to",
 }
 _EULER = {"rx_rad": "euler_a_deg", "ry_rad": "euler_b_deg", "rz_rad": "euler_c_deg"}
 _KEYS = ("decimal", "loads", "numbers", "words", "groups", "axis", "table", "unit", "rotation", "coverage", *_CONSTANTS)
@@ -158,13 +158,14 @@ def questions(guess: Guess, is_only_table: bool) -> Iterator[Question]:
             "table", "A survey of the targets, or their points in one pose", "targets", ("targets", "points")
         )
     if (unit := _open_unit(guess)) is not None:
-        yield Question("unit", "Unit of the coordinates, which the file does not give", unit)
+        yield Question("unit", "Unit of the coordinates, which the file does not give; it scales all lengths", unit)
     if has_open_rotation(mapping):
         yield Question(
             "rotation", "Three angles in rad: a rotation vector, or Euler angles", "vector", ("vector", "euler")
         )
     if "coverage" in mapping:
-        yield Question("coverage", "Factor k of the uncertainties; 1: one sigma", f"{mapping['coverage']:g}")
+        text = "Coverage factor k of the uncertainties, which are divided by it; 1: one sigma"
+        yield Question("coverage", text, f"{mapping['coverage']:g}")
     for key, text in _CONSTANTS.items():
         if key in mapping.get("constants", {}):
             yield Question(key, text, str(mapping["constants"][key]), _values(key))

@@ -11,10 +11,13 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
+from truing.formats.named_chain import is_within_metres
 from truing.formats.presets import target_column
+from truing.formats.sniff_cells import perhaps_in_metres
 from truing.formats.units import conversion
 from truing.pipeline.init_preview import batches
 from truing.pipeline.init_questions import PLACEHOLDER, is_body_open, names_a_body, without_placeholder
+from truing.pipeline.init_robot import Robot, has_joints
 from truing.pipeline.starter import assumed_unit
 from truing.schemas.faults import CampaignFaults
 
@@ -133,6 +136,23 @@ def _without_zeros(folder: Path, group: RawGroup, guess: Guess) -> Guess:
         return guess
     doubt = "rows with coordinates 0 0 0 are assumed to be lost targets"
     return replace(guess, mapping={**guess.mapping, "missing": [_LOST]}, doubts=(*guess.doubts, doubt))
+
+
+def with_tip(folder: Path, files: Sequence[tuple[RawGroup, Guess]], robot: Robot | None) -> list[Guess]:
+    """Return the guesses, targets without a body beside a robot's joints on the last link, in m if all are below 10."""
+    guesses = [guess for _, guess in files]
+    if robot is None or not has_joints(robot, guesses):
+        return guesses
+    return [_on_last_link(folder, group, guess, robot) for group, guess in files]
+
+
+def _on_last_link(folder: Path, group: RawGroup, guess: Guess, robot: Robot) -> Guess:
+    if guess.table != "points" or guess.known or not is_body_open(guess):
+        return guess
+    rows = rows_of(folder, group, guess, {"body": PLACEHOLDER})
+    in_metres = rows is not None and assumed_unit("x_mm", guess) == "mm" and is_within_metres(rows.places)
+    constants = {**guess.mapping.get("constants", {}), "body": robot.tip}
+    return perhaps_in_metres(replace(guess, mapping={**guess.mapping, "constants": constants}), in_metres)
 
 
 @dataclass(frozen=True)

@@ -131,7 +131,7 @@ def _noise(guesses: Sequence[Guess], tables: set[str], kind: str) -> Iterator[tu
     if not tables and kind == "photogrammetry":
         yield "point_mm = 0.005", f"{_NEEDED} a coordinate of a point"
     if tables & {"points", "scans", "surfaces"}:
-        own = [guess for guess in guesses if guess.table == "points"]
+        own = [guess for guess in guesses if guess.table in ("points", "targets")]
         known = own and all(
             "sigma_x_mm" in (*guess.columns, *guess.mapping.get("columns", {}))
             or guess.mapping.get("format") in _WITH_SIGMAS
@@ -252,7 +252,7 @@ def _of_units(mapping: Mapping[str, Any], guess: Guess) -> Iterator[str]:
         if unit := _taken_unit(column, raw, mapping):
             by_unit.setdefault(unit, []).append(f"column {raw}" if isinstance(raw, int) else raw)
     whole = _common_unit(mapping, guess)
-    if whole:
+    if whole and "unit" not in guess.answered:
         yield f'no unit is given; coordinates are assumed to be in {whole} (else: unit = "in")'
     elif by_unit:
         words = ", ".join(f"{unit} for {_span(names)}" for unit, names in by_unit.items())

@@ -69,6 +69,7 @@ class _Watch:
     number: int = 0
     state: Watched | None = None
     code: ExitCode = ExitCode.DONE
+    lines: tuple[str, ...] = ()  # what the stages of the last round did
     options: RunOptions = field(default_factory=lambda: RunOptions(workers=processors()))
 
     @property
@@ -90,6 +91,7 @@ class _Watch:
         self.number += 1
         recorder = Recorder()
         self.code = end(lambda: self._run(recorder), recorder)
+        self.lines = tuple(line for is_warning, line in recorder.lines if not is_warning)
         unusable = self.code not in (ExitCode.DONE, ExitCode.FAILED_CHECK)
         faults = tuple(line for is_warning, line in recorder.lines if is_warning) if unusable else ()
         run = self.run
@@ -160,6 +162,9 @@ def watch_campaign(place: Path, out: Path | None, options: WatchOptions, console
                 state = watch.round()
             if server is not None:
                 server.show(state, watch.run)
+            if not options.as_json:
+                for line in watch.lines:
+                    console.detail(line)
             console.line(json.dumps(state.facts(), ensure_ascii=False) if options.as_json else state.line)
             if options.once or state.enough is Enough.ENOUGH:
                 if server is not None:

@@ -77,7 +77,8 @@ def test_the_container_copies_what_exists_and_is_let_through() -> None:
 
 
 def test_the_container_does_not_run_as_root() -> None:
-    assert re.findall(r"^USER (\w+)$", _text("Dockerfile"), re.MULTILINE) == ["truing"]
+    (number,) = re.findall(r"--uid (\d+) truing$", _text("Dockerfile"), re.MULTILINE)
+    assert re.findall(r"^USER (\w+)$", _text("Dockerfile"), re.MULTILINE) == [number]
 
 
 def test_the_development_container_is_json() -> None:
@@ -88,3 +89,5 @@ def test_the_documentation_host_builds_the_site_of_make_docs() -> None:
     told = yaml.safe_load(_text(".readthedocs.yaml"))
     assert (PROJECT / told["sphinx"]["configuration"]).is_file()
     assert told["sphinx"]["fail_on_warning"] is True
+    steps = told["build"]["jobs"]["install"]
+    assert all(isinstance(step, str) for step in steps), "a colon and a space make a mapping of a command"

@@ -6,9 +6,12 @@ import shutil
 from pathlib import Path
 
 import pytest
+from typer.testing import CliRunner
 
 from tests.pipeline.fake_project import STAGES, FakeProject
 from tests.sentences import assert_says
+from truing.pipeline.command_line import app
+from truing.pipeline.problems import ExitCode
 from truing.schemas.faults import Fault
 
 
@@ -154,3 +157,18 @@ def test_check_says_that_a_campaign_can_be_used_and_writes_nothing(fake: FakePro
 def test_quiet_says_nothing_when_nothing_went_wrong(fake: FakeProject) -> None:
     done = fake.call("run", str(fake.campaign), "--quiet")
     assert (done.returncode, done.stdout, done.stderr) == (0, "", "")
+
+
+@pytest.mark.parametrize("command", ["run", "check", "stages", "watch", "design", "power", "plan", "report", "export"])
+def test_every_command_that_fails_ends_with_the_reason_of_its_exit_code(tmp_path: Path, command: str) -> None:
+    words = [command, str(tmp_path / "none")]
+    done = CliRunner().invoke(app, words)
+    assert done.exit_code == ExitCode.UNUSABLE_CAMPAIGN
+    assert lines(done.stdout)[-1] == f"exit code 2: {ExitCode.UNUSABLE_CAMPAIGN.meaning}"
+    assert done.stderr
+    assert CliRunner().invoke(app, [*words, "--quiet"]).stdout == ""
+
+
+def test_rounds_of_json_are_json_alone(tmp_path: Path) -> None:
+    done = CliRunner().invoke(app, ["watch", str(tmp_path / "none"), "--json"])
+    assert (done.exit_code, done.stdout) == (ExitCode.UNUSABLE_CAMPAIGN, "")

@@ -23,7 +23,7 @@ from truing.report.head import build_head
 from truing.report.numbers import plain
 from truing.report.page import CampaignFacts, Depth, RawFileFacts
 from truing.report.rendering.render import render_page
-from truing.report.scene.machine_drawing import machine_drawing
+from truing.report.scene.machine_drawing import _apart, machine_drawing
 from truing.report.section_verdict import verdict_rows
 from truing.report.sections import build_sections, section_names
 from truing.report.similar_numbers_section import alike
@@ -191,6 +191,17 @@ def test_numbers_and_letters_in_the_drawing_do_not_cover_each_other() -> None:
         for u, v, others in texts[:k]:
             wide = 2.6 * (len(words) + len(others)) * 0.9
             assert abs(float(x) - float(u)) > wide or abs(float(y) - float(v)) > 8.0, (words, others)
+
+
+def test_a_letter_stands_beside_lines_where_there_is_space() -> None:
+    """A line leads to the right of the point, on the side away from its middle: the letter goes elsewhere."""
+    drawn = np.stack([np.linspace(100.0, 200.0, 200), np.full(200, 100.0)], axis=1)
+    text = ("z base", np.array([100.0, 100.0]), np.array([50.0, 100.0]))
+    ((_, x, y),) = _apart([text], np.empty((0, 2)))
+    ((_, u, v),) = _apart([text], drawn)
+    assert (x > 100.0, abs(y - 100.0) < 5.0) == (True, True)
+    box = np.array([[u - 15.0, v - 9.0], [u + 15.0, v + 1.0]])
+    assert not ((drawn > box[0]) & (drawn < box[1])).all(axis=1).any()
 
 
 def test_names_in_the_drawing_are_text() -> None:

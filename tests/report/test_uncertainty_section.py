@@ -42,13 +42,23 @@ def test_results_budgets_and_what_is_in_none_stand_side_by_side() -> None:
     section = uncertainty(_tables())
     poses, cause = section.parts
     budget, results, omitted = poses.listings
-    assert results.rows[0][2:] == ("1.235 ± 0.020 mm", "0.010", "1.96", "∞")
+    assert results.rows[0][2:] == ("1.235 ± 0.020 mm", "0.010 mm", "1.96", "∞")
     assert [(row[1], row[2], row[6]) for row in budget.rows] == [("scatter", "A", "64.0 %"), ("points", "B", "36.0 %")]
     assert omitted.rows == (("not evaluated", "scale", "nobody declared it"),)
     assert cause.state == "not evaluated"
     assert cause.listings[0].rows[0][-1] == "no cause was found"
     (figure, _), *_ = poses.figures
     assert [list(bar.x) for bar in figure.data] == [pytest.approx([64.0]), pytest.approx([36.0])]
+
+
+def test_parameters_have_the_units_of_the_other_sections() -> None:
+    tables = _tables()
+    tables = {
+        name: table.assign(result="calibration", quantity="K12 of leg 1", unit="1") for name, table in tables.items()
+    }
+    budget, results, *_ = uncertainty(tables).parts[0].listings
+    assert results.rows[0][2:4] == ("1235 ± 20 µm/mm", "10 µm/mm")
+    assert budget.rows[0][4].endswith(" µm/mm")
 
 
 def test_a_run_without_it_says_so_and_names_inject_nothing() -> None:

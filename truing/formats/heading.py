@@ -76,6 +76,7 @@ def _composed(rows: Sequence[Row], is_number: Callable[[str], bool]) -> tuple[st
     *others, base = above
     telling = [_filled(row) for row in others if _names_groups(row)] if _repeats(base) else []
     tells = [base.count(name) > 1 or not name for name in base]  # a name of its own needs no words above it
+    telling = [row for row in telling if len({cell for cell, needed in zip(row, tells, strict=True) if needed}) > 1]
     names = [
         ".".join(dict.fromkeys(filter(None, cells))) if needed else cells[-1]
         for needed, cells in zip(tells, zip(*telling, base, strict=True), strict=True)
@@ -109,7 +110,9 @@ def _names_groups(row: Sequence[str]) -> bool:
 
 
 def _is_serial(row: Row) -> bool:
-    return all(_SERIAL_NUMBER.fullmatch(cell.strip()) for cell in row if cell.strip())
+    """True if all cells are serial numbers, but for the word that says so."""
+    cells = [cell.strip() for cell in row if cell.strip()]
+    return all(_SERIAL_NUMBER.fullmatch(cell) for cell in (cells[1:] if cells and cells[0].upper() == "ID" else cells))
 
 
 def _filled(row: Sequence[str]) -> list[str]:

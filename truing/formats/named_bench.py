@@ -66,6 +66,9 @@ _OUTSIDE = (
     r"(reference|measured|autocollimator|autokollimator|akf|interferometer|laser|polygon|ist|error|deviation|abweichung)"
     r".*|(ron|rod|rpn|rcn|ecn|ern|lip|lida|lif) ?\d{3,4}"
 )
+_NUMBERED = re.compile(
+    r"(axis|achse|channel|kanal|encoder|counter|z(ä|ae)hler)[ _]?\d([ _](position|pos|angle|winkel))?", re.I
+)
 _UNITS_OF_AXES = {"angle": "deg", "length": "mm"}
 _OF_AXIS = re.compile(r"[ _](axis|achse|axe)?[ _]?[xyzabcuvw]\d?$")  # the axis behind a name
 
@@ -133,6 +136,8 @@ def positions_of_axis(names: Sequence[str], data: Sequence[Sequence[str]], value
     )
     if "target_mm" not in meanings or "direction" not in meanings or not {"off", "at"} & set(meanings):
         return None
+    if _kind(meanings["target_mm"]) == "angle":
+        return None  # a rotary axis: its order of commands gives the direction of approach
     cells = {row[list(names).index(meanings["direction"])].strip() for row in data}
     renames = {cell: _direction(cell) for cell in sorted(cells)}
     if not all(renames.values()):
@@ -197,7 +202,20 @@ def axis_rows(names: Sequence[str], values: Array) -> tuple[Proposal, ...]:
     if axes:
         return tuple(axes) if len(axes) == 1 else ()
     bare = [_axis_of_kind(names, values, None, kind) for kind in ("angle", "length")]
-    return tuple(axis for axis in bare if axis is not None)
+    return tuple(axis for axis in bare if axis is not None) or _encoders_alone(names)
+
+
+def _encoders_alone(names: Sequence[str]) -> tuple[Proposal, ...]:
+    """Return the recorded positions of two encoders, the first of which is taken for the reference of the second."""
+    for kind, unit in _UNITS_OF_AXES.items():
+        own = [name for name in names if _kind(name) == kind and _NUMBERED.fullmatch(bare_and_unit(name)[0])]
+        if len(own) == 2:
+            columns = {f"command_{unit}": own[0], f"measured_{unit}": own[1]}
+            units = {column: given for column, name in columns.items() if (given := bare_and_unit(name)[1]) != unit}
+            doubt = f"{own[0]} is assumed to be the reference with which {own[1]} is compared"
+            mapping = {"columns": columns, **({"units": units} if units else {})}
+            return (Proposal("configurations", mapping, "positions of two encoders of an axis", (doubt,)),)
+    return ()
 
 
 def _axis_of_kind(names: Sequence[str], values: Array, kind: str | None, meant: str) -> Proposal | None:
@@ -226,7 +244,13 @@ def _axis_of_kind(names: Sequence[str], values: Array, kind: str | None, meant: 
         for column, name in columns.items()
         if (unit_of_column := bare_and_unit(name)[1]) not in (None, unit)
     }
-    mapping = {"columns": columns, **({"units": units} if units else {})}
+    mapping: dict[str, Any] = {"columns": columns, **({"units": units} if units else {})}
+    computed = [
+        re.escape(name).replace("\\ ", " ")
+        for name in names
+        if name not in columns.values() and re.fullmatch(_DEVIATION, bare_and_unit(name)[0].casefold())
+    ]  # from command and measured place: no condition on which an error may depend
+    mapping |= {"ignore": "|".join(computed)} if computed else {}
     return Proposal("configurations", mapping, "commands of an axis, and what recorded them", doubts)
 
 

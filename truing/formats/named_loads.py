@@ -15,7 +15,8 @@ _UNIT = r"(?:[\s_]*[\[(/]\s*(?P<unit>[^\])]+?)\s*[\])]?)?"
 _REFERENCE = "known|applied|nominal|ref|reference|soll|vorgabe"  # loads that are no readings
 _BEHIND_NAME = rf"(?:[ _.-](?P<after>{_REFERENCE}))?"
 _LETTER = re.compile(
-    rf"(?P<of>{_REFERENCE})?[ _.-]?(?P<what>[fm])_?(?P<axis>[xyz]){_BEHIND_NAME}{_UNIT}",
+    rf"(?:(?:kraft|moment|force|torque|last|load)[ _.-])?(?P<of>{_REFERENCE})?[ _.-]?(?P<what>[fm])_?(?P<axis>[xyz])"
+    rf"{_BEHIND_NAME}{_UNIT}",
     re.I,
 )
 _SPELT = re.compile(
@@ -69,10 +70,11 @@ class LoadMapping:
 def load_columns(names: Sequence[str]) -> LoadMapping | None:
     """Return a proposal for a table of loads; None if no names say it."""
     plain, applied = _components(names)
-    if len(plain) + len(applied) < _FEWEST or not any(column[0] in "fm" for column in (*plain, *applied)):
+    channels = _channels(names)
+    fewest = 1 if any(map(_is_voltage, channels)) else _FEWEST
+    if len(plain) + len(applied) < fewest or not any(column[0] in "fm" for column in (*plain, *applied)):
         return None
     steps: dict[str, Any] = {"number_rows": {"step": 1}, "constants": {"run": "1"}}
-    channels = _channels(names)
     if any(column[0] in "dr" for column in plain):
         return LoadMapping("displacement", {**_keys(plain), **steps}, "displacements under load")
     if applied:

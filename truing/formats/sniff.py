@@ -130,6 +130,7 @@ def _sniff_text(path: Path, joints: Sequence[str]) -> Guess:
         return Guess(notes=("it holds no lines",))
     mapping: dict[str, Any] = {} if encoding == "utf-8" else {"encoding": encoding}
     mapping |= {} if comment is None else {"comment": comment}
+    mapping |= {"quote": ""} if _has_bare_quote([line for _, line in lines_of_data]) else {}
     remarks = [
         line.strip().lstrip(comment).strip() for _, line in numbered if comment and line.lstrip().startswith(comment)
     ]
@@ -140,6 +141,12 @@ def _sniff_text(path: Path, joints: Sequence[str]) -> Guess:
         note = "coded targets alone: the others are numbered anew in every bundle"
         return replace(guess, mapping=guess.mapping | select, notes=(*guess.notes, note))
     return guess
+
+
+def _has_bare_quote(lines: Sequence[str]) -> bool:
+    """True if a quotation mark is a unit, as in ``Deviation ["]``, and none quotes a cell."""
+    marks = [line for line in lines if line.count('"') % 2]
+    return bool(marks) and not any(re.search(r'(^|[,;\t ])"[^"]*"([,;\t ]|$)', line) for line in lines)
 
 
 def _decoded(head: bytes, *, is_complete: bool) -> tuple[str, str]:

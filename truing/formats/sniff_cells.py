@@ -93,8 +93,9 @@ _SIGNS = (
     ("points", {"x_mm", "y_mm", "z_mm"}),
 )
 _MEASURED = r"(meas(ured)?|actual|act|mess|gemessen|ist)"  # beside nominal coordinates
+_OF_MEASURED = rf"{_MEASURED}[ _.]?{{0}}|{{0}}[ _.]?{_MEASURED}"
 _SPREAD = r"(sigma|std|sd|prec(ision)?)"
-_EXPANDED = r"(u|u[ _]?\(?95\)?|[23][ _]?(σ|sigma))"
+_EXPANDED = r"(u|u[ _]?\(?95\)?|[23][ _-]?(σ|sigma))"
 _KNOWN = {
     "pose": r"pose|frame|(pose?|position|measurement|meas|shot)[ _]?(nr|no|id|number|name|index)|measurement|epoche?"
     r"|station|piece|aufnahme|messung|stellung",
@@ -103,7 +104,7 @@ _KNOWN = {
     "target": r"\w+(::\w+)+|(target|marker|point)([ _]?(id|name|no|nr))?|label"
     r"|(mess)?punkt([ _]?(nr|nummer|name))?|(ziel)?marke"
     r"|ziel(punkt)?|name|nom|cible|smr|reflector|reflektor|nest",
-    **{f"{a}_mm": rf"{a}|{_MEASURED}[ _.]?{a}|{a}[ _.]?{_MEASURED}" for a in "xyz"},
+    **{f"{a}_mm": f"{a}|{_OF_MEASURED.format(a)}" for a in "xyz"},
     **{f"sigma_{a}_mm": rf"(s0?|m{a}|{_SPREAD})[ _]?{a}|{a}[ _]?{_SPREAD}|{_EXPANDED}[ _]?{a}" for a in "xyz"},
     "time_s": r"t|%?_*time([ _]?stamp)?|time +\d+ - .*|zeit(stempel)?|temps|timestamp|(field\.)?header\.stamp",
     "temperature_c": r"temp(erature?|eratur)?",
@@ -113,6 +114,7 @@ _KNOWN = {
     "signal_x": r"signal[ _]?x|cos(ine|inus)?",
     "signal_y": r"signal[ _]?y|sin(e|us)?",
 }
+_TEMPERATURES = ("t", "temp.", "t_mat", "t_machine")  # with a unit of temperature alone: t is also a time
 _OF_ALL_AXES = r"(mess|punkt)?unsicherheit|(coordinate |point )?uncertainty|incertitude|std(dev| dev)?|sigma|precision"
 _GRID = (  # of surveys: east, north, height
     r"e(ast(ing)?)?|rechts(wert)?|ost(wert)?",
@@ -210,7 +212,9 @@ def _with_times(guess: Guess, names: tuple[str, ...], data: list[list[str]], not
         return guess
     cells = [row[names.index(raw)] for row in data]
     if all(_is_number(cell, notation) for cell in cells if cell.strip()):
-        return guess
+        unit, units = bare_and_unit(raw)[1], guess.mapping.get("units", {})
+        is_known = unit in (None, "s") or "time_s" in units
+        return guess if is_known else replace(guess, mapping={**guess.mapping, "units": {**units, "time_s": unit}})
     time_format = time_format_of(cells)
     if time_format is None:
         del columns["time_s"]
@@ -318,13 +322,21 @@ def _guess_by_names(
     if loads is not None:
         return proposal_of_loads(loads, names, mapping, found)
     if table != "signals" and (template := wide_template(names)) is not None:
-        return _side_by_side(template, names, mapping | found)
+        hidden = (
+            {"missing": [""]} if any(not cell.strip() for row in data for cell in row) or _has_frames(names) else {}
+        )
+        return _side_by_side(template, names, mapping | found | hidden)
     if table == "configurations" and "pose" not in {*names, *found.get("columns", {})}:
         found = {**found, **({"columns": columns} if (columns := {**_counted(names, names, values), **meant}) else {})}
         found |= {} if "pose" in found.get("columns", {}) else {"number_rows": {"pose": 1}}
     if table is None:
         return Guess(mapping | found, names, None, (_A_COORDINATE_PER_ROW,) if _has_axes_in_rows(data) else ())
     return Guess(mapping | found, names, table, tuple(notes))
+
+
+def _has_frames(names: Sequence[str]) -> bool:
+    """True if rows are frames of motion capture, in any of which a marker may be hidden."""
+    return names[0].strip().casefold() == "frame"
 
 
 def _guess_markers(names: tuple[str, ...], mapping: dict[str, Any]) -> Guess | None:
@@ -335,7 +347,7 @@ def _guess_markers(names: tuple[str, ...], mapping: dict[str, Any]) -> Guess | N
     has_body = all(":" in name for name in markers)
     wide = f"Marker.{'{body}:' if has_body else ''}{{target}}.{{id}}.Position.{{axis}}"
     keys: dict[str, Any] = {"wide": wide, "missing": [""], **({} if has_body else {"constants": {"body": "body"}})}
-    keys |= {"columns": {"pose": names[0]}} if names[0].casefold() == "frame" else {"number_rows": {"pose": 1}}
+    keys |= {"columns": {"pose": names[0]}} if _has_frames(names) else {"number_rows": {"pose": 1}}
     note = "markers of motion capture; poses of rigid bodies in the same file are not read, because markers give them"
     return Guess({**mapping, **keys}, names, "points", (note,))
 
@@ -390,15 +402,15 @@ def _chain(rows: ChainRows, mapping: dict[str, Any], names: tuple[str, ...]) -> 
     """Return the proposal for rows of joint readings beside points: points, and configurations of the same rows."""
     beside = (_guess_joints(rows.joints, mapping, names),)
     guess = Guess({**mapping, **rows.points}, names, "points", (rows.note,), beside=beside, doubts=rows.doubts)
-    return _perhaps_in_metres(guess, rows.in_metres)
+    return perhaps_in_metres(guess, rows.in_metres)
 
 
-def _perhaps_in_metres(guess: Guess, in_metres: bool) -> Guess:
+def perhaps_in_metres(guess: Guess, in_metres: bool) -> Guess:
     """Return a proposal whose coordinates without a unit are taken for m where that is more probable than mm."""
     if not in_metres:
         return guess
-    text = "Unit of the coordinates, which the file does not give"
-    doubt = "no unit is given; coordinates below 10 beside joints in rad are assumed to be in m"
+    text = "Unit of the coordinates, which the file does not give; it scales all lengths"
+    doubt = "no unit is given; coordinates below 10 beside joints of a robot are assumed to be in m"
     taken = replace(guess, mapping={**guess.mapping, "unit": "m"})
     return replace(taken, ways=(OtherWay("unit", text, "m", "mm", guess, doubt),))
 
@@ -505,7 +517,7 @@ def _poses(
         place = [names.index(keys["columns"][column]) for column in COORDINATES]
         is_in_rad = any(column.endswith("_rad") for column in read.mapping["columns"])
         is_bare = "unit" not in keys and bare_and_unit(keys["columns"][COORDINATES[0]])[1] is None
-        return _perhaps_in_metres(guess, is_bare and is_in_rad and is_within_metres(values[:, place]))
+        return perhaps_in_metres(guess, is_bare and is_in_rad and is_within_metres(values[:, place]))
     text = f"what else there is, pose by pose: {', '.join(input_names[:8])}{', ...' if len(input_names) > 8 else ''}"
     return Guess(
         {**mapping, **keys}, names, "poses", poses.notes, beside=(Guess(entry, names, "configurations", (text,)),)
@@ -591,13 +603,15 @@ def columns_by_names(names: tuple[str, ...], without: Collection[str] = ()) -> t
     used_names: list[str] = []
     grid = _grid_axes(names)
     legs = _numbered_lengths(names)
+    nominal = _nominal_beside_measured(names)
     for name in names:
         bare, unit = bare_and_unit(name)
         if unit is not None and find_column(name) is not None:
             continue  # has the contract's name: target_mm is no target
-        known = grid.get(name) or legs.get(name) or _probable_column(bare) or _probable_column(name)
+        known = grid.get(name) or legs.get(name) or _probable_column(bare, unit) or _probable_column(name)
         if (
             known is None
+            or name in nominal
             or known in without
             or name == known
             or known in columns
@@ -642,6 +656,13 @@ def columns_by_names(names: tuple[str, ...], without: Collection[str] = ()) -> t
     return mapping | ({"units": left} if left else {}), notes
 
 
+def _nominal_beside_measured(names: Sequence[str]) -> set[str]:
+    """Return the columns ``X``, ``Y``, ``Z`` that are nominal, because others are called measured."""
+    bare = {name: bare_and_unit(name)[0].casefold() for name in names}
+    measured = {axis for axis in "xyz" for name in bare.values() if re.fullmatch(_OF_MEASURED.format(axis), name)}
+    return {name for name, axis in bare.items() if axis in measured}
+
+
 def _grid_axes(names: Sequence[str]) -> dict[str, str]:
     """Return the columns of east, north and height, of which x, y and z are right-handed, by their names."""
     found = {}
@@ -674,8 +695,10 @@ def _unit_suffix(column: str) -> str | None:
     return column.rsplit("_", 1)[-1] if "_" in column else None
 
 
-def _probable_column(bare: str) -> str | None:
+def _probable_column(bare: str, unit: str | None = None) -> str | None:
     """Return the contract's column that a name without its unit seems to mean."""
+    if unit == "degC" and bare.casefold() in _TEMPERATURES:
+        return "temperature_c"
     if reading := _READING.fullmatch(bare.lower()):
         return f"rho{reading[1]}_mm"
     word = bare.casefold().rstrip(" .")

@@ -87,6 +87,7 @@ _SPELT_OUT = {
     "radian": "rad",
     "radians": "rad",
     "celsius": "degC",
+    "c": "degC",
     "inches": "in",
     "feet": "ft",
     "foot": "ft",
@@ -119,7 +120,7 @@ _SPELT_OUT = {
     "''": "arcsec",
 }
 _K = {"1": 1.0, "2": 2.0, "3": 3.0}
-_SIGMAS = re.compile(r"(?<![\d.])(?P<k>[123])[\s_*·]*(?:σ|sigma|s|sd|std)(?![a-z])", re.IGNORECASE)
+_SIGMAS = re.compile(r"(?<![\d.])(?P<k>[123])[\s_*·-]*(?:σ|sigma|s|sd|std)(?![a-z])", re.IGNORECASE)
 _FACTOR = re.compile(r"\bk\s*=\s*(?P<k>\d+(?:[.,]\d+)?)", re.IGNORECASE)
 _EXPANDED = re.compile(r"(?<![A-Za-z])U(?:[\s_]?\(?\s*(?:95|0[.,]95)\s*%?\s*\)?)?[\s_]*(?:[XYZxyz]|pos|P)?(?![A-Za-z])")
 _LIMIT = re.compile(r"(?<![A-Za-z])MPE(?![a-z])")

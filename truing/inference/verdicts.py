@@ -151,7 +151,7 @@ def accepted(
         without.error,
         with_cause.error,
         (without.held_out, with_cause.held_out),
-        with_cause.floor,
+        final.floor,  # of this data there is one: that of ``with_cause`` counts what is not found yet as noise
         *final.values(cause),
         current.tried,
         own=with_cause,

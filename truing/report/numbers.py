@@ -99,13 +99,14 @@ def in_one_unit(values: Sequence[float | None], unit: str) -> list[str]:
 
 def sign(unit: str) -> str:
     """Return the printed form of a unit."""
-    return _SIGNS.get(unit, unit)
+    return _SIGNS.get(unit, unit.replace("N m", "N·m"))
 
 
 def printed(sentence: str) -> str:
     """Return a sentence with units, uncertainties and negative numbers in their printed form."""
     sentence = re.sub(r"(?<![\w.+-])-(?=\d)", "−", sentence.replace(" +- ", " ± "))
-    return re.sub(r"(?<=/mm)[23]\b", lambda power: "²³"[int(power[0]) - 2], re.sub(r"\bu(m|rad)\b", r"µ\1", sentence))
+    sentence = re.sub(r"\bN m\b", "N·m", re.sub(r"\bu(m|rad)\b", r"µ\1", sentence))
+    return re.sub(r"(?<=/mm)[23]\b", lambda power: "²³"[int(power[0]) - 2], sentence)
 
 
 def p_value(p: float | None) -> str:

@@ -13,6 +13,7 @@ from truing.report.figure_style import BLUE, GREEN, GREY, ORANGE, RED, label, st
 from truing.report.heads import Head, term_head
 from truing.report.numbers import count, plain, rough, sign, with_uncertainty
 from truing.report.page import Listing, ReportSection
+from truing.report.parameter_names import print_unit
 from truing.report.reasons import why_absent
 from truing.report.tables import Tables, cell, reason, table_or_none
 
@@ -33,6 +34,7 @@ _OPEN = 12  # longer listings are folded
 _DRAWN = "For positioning, the distribution is simulated: U reaches the farther end of its 95 % interval, and k is U/u."
 _MANY = 1000.0  # degrees of freedom above which the normal distribution applies
 _WHERE = "uncertainty.parquet"
+_SIZES = ("estimate", "standard_uncertainty", "expanded_uncertainty", "contribution")
 
 _OF_LEG, _NUMBERED = re.compile(r" of leg \d+$"), re.compile(r"_\d+$|(?<=^K)\d+(_\d+)?$")
 
@@ -47,7 +49,8 @@ def uncertainty(tables: Tables) -> ReportSection:
     if stated is None:
         why = reason(tables, "uncertainty") or why_absent("uncertainty", tables)
         return ReportSection("uncertainty", _TITLE, why, state="not evaluated")
-    budget = tables.get("uncertainty_budget")
+    stated, budget = _as_printed(stated), tables.get("uncertainty_budget")
+    budget = None if budget is None else _as_printed(budget)
     parts = []
     for kind, title in KINDS.items():
         rows = stated[stated["result"] == kind]
@@ -59,6 +62,16 @@ def uncertainty(tables: Tables) -> ReportSection:
         )
     kinds = "A: evaluated from the observations of this campaign; B: declared before it (GUM 4.2, 4.3)."
     return ReportSection("uncertainty", _TITLE, f"{statement(stated)} {kinds}", parts=tuple(parts))
+
+
+def _as_printed(table: pd.DataFrame) -> pd.DataFrame:
+    """Return the rows in the units of the other sections: directions in mrad, K in µm/mm."""
+    pairs = zip(table["quantity"], table["unit"], strict=True)
+    units = [print_unit(group_of("", cell(quantity)), cell(unit)) for quantity, unit in pairs]
+    scaled = [name for name in _SIZES if name in table]
+    factors = pd.Series([factor for factor, _ in units], index=table.index)
+    shown = [unit if factor == 1.0 else printed for (factor, printed), unit in zip(units, table["unit"], strict=True)]
+    return table.assign(**{name: table[name] * factors for name in scaled}, unit=shown)
 
 
 def statement(stated: pd.DataFrame) -> str:
@@ -118,7 +131,7 @@ def _stated(reported: pd.DataFrame) -> Listing:
             cell(r.subject),
             cell(r.quantity),
             with_uncertainty(r.estimate, r.expanded_uncertainty, sign(cell(r.unit))),
-            rough(r.standard_uncertainty),
+            f"{rough(r.standard_uncertainty)} {sign(cell(r.unit))}".strip(),
             _factor(r.coverage_factor),
             freedom(r.degrees_of_freedom),
         )

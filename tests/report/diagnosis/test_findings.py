@@ -50,7 +50,7 @@ def test_a_finding_says_what_where_how_large_and_how_sure():
         "It changes measured values by up to 61.2 um. "
         "The rms error of predictions from the readings is 4.77 um with it and 12.41 um without "
         "(held-out poses: 4.65 and 7.80 um); noise alone gives 4.78 um. "
-        "Probability by chance: at most 0.0005, corrected for 1377 candidates."
+        "Probability by chance: at most 0.0005, corrected for 1377 tests."
     )
 
 
@@ -115,7 +115,7 @@ def test_many_parameters_are_told_by_the_most_certain():
 def test_what_was_not_evaluated_is_left_out():
     bare = replace(FACTS, rms_before=None, rms_after=None, largest=None, held_out=(None, None), parameters={})
     assert_says(explanation(bare), "actuator moves further")
-    assert_says(explanation(bare), "chance", "0.0005", "1377 candidates")
+    assert_says(explanation(bare), "chance", "0.0005", "1377 tests")
     assert not says(explanation(bare), "gain_3")
     assert not says(explanation(bare), "um")
     assert "held-out" not in explanation(replace(FACTS, held_out=(None, 3.0)))

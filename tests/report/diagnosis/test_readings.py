@@ -277,7 +277,7 @@ def test_the_loads_to_apply_next_stand_in_a_row_per_run_with_all_steps_to_take_a
     part = part_of("next", tables)
     assert_says(part.lead, "1 finding", "confirmed", "refined")
     (listing,) = part.listings
-    assert_says(listing.caption, "creep load fz", "hysteresis load fz", "2 runs", "6 runs")
+    assert_says(listing.caption, "creep load fz", "hysteresis load fz", "2 different runs", "6 runs")
     first = ("1", "3", "fz 0, 5000, 10000, 5000, 0 N", "dx dz", "a step every 8 min", "–", "odds of 5:1")
     assert listing.rows[0] == first
     assert listing.csv.splitlines()[2] == "1,1,480,0,0,5000,0,0,0,dx dz"

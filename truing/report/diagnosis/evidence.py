@@ -271,8 +271,11 @@ _HEADS = (
     Head("verdict", "Decision on the candidate: found, suspected, indistinguishable, rejected or not testable."),
     Head("p", "Probability of so clear an effect by chance, corrected for the number of candidates."),
     Head("signal / noise", "Size of the effect over its noise, after other free parameters have absorbed their part."),
-    Head("log10 odds", "Decimal logarithm of the odds of the model with this cause over the model without it."),
-    Head("probability", "Probability among the candidates, given the data."),
+    Head(
+        "log10 odds",
+        "Decimal log of the odds with this cause over those without it; found causes next to those before.",
+    ),
+    Head("probability", "Probability among the candidates and no effect, in the round that decided on it."),
     Head("ranking, sizes × 3", "Whether the rank holds if the assumed sizes of all effects are tripled."),
     Head("rms", "Rms of measured minus predicted on fitted data, before → after the cause is accepted."),
     Head(

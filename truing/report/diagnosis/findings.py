@@ -155,7 +155,7 @@ def _found_clause(facts: Facts) -> str:
     return (
         f"The data show that {facts.clause}{unnamed}{_sizes(facts)}.{_largest_change(facts)}{_share(facts)} "
         f"{_improvement(facts)} Probability by chance: at most {facts.p_value:.2g}, "
-        f"corrected for {facts.candidates} candidates.{_other_subjects(facts)}"
+        f"corrected for {facts.candidates} tests.{_other_subjects(facts)}"
     )
 
 
@@ -208,8 +208,7 @@ def _rejected(facts: Facts) -> str:
     if facts.reason_code == "ended":
         return f"It is undecided whether {facts.clause}: the search ended without it (p = {facts.p_value:.2g})."
     shown = (
-        f"The data do not show that {facts.clause} "
-        f"(p = {facts.p_value:.2g}, corrected for {facts.candidates} candidates)"
+        f"The data do not show that {facts.clause} (p = {facts.p_value:.2g}, corrected for {facts.candidates} tests)"
     )
     if facts.detectable:
         return f"{shown}; {facts.detectable} would have been found with a probability of 80 %."

@@ -147,7 +147,7 @@ def _csv(heads: Sequence[str], rows: Iterable[Sequence[object]]) -> str:
 
 def _listing_of_loads(purpose: str, table: pd.DataFrame) -> Listing:
     rows = tuple(_row(run) for _, run in table.groupby("run", sort=False))
-    caption = f"{purpose}: {count(len(rows), 'run')}{_in_all(table, 'run')}"
+    caption = f"{purpose}: {count(len(rows), 'different run')}{_in_all(table, 'run')}"
     return Listing(_HEADS, rows, caption=caption, held_by="next_loads.parquet", csv=_csv(_STEPS, _steps(table)))
 
 

@@ -6,6 +6,7 @@ What a failed check names is ringed. Bodies without poses stand as designed, or 
 from __future__ import annotations
 
 import html
+import itertools
 import json
 import re
 from collections.abc import Iterator
@@ -266,17 +267,35 @@ def _svg(shape: _Shape, points: _Points) -> str:
             words = f"{axis} {name}".strip() if axis == "z" else axis
             texts.append((words, np.array([u, v]), np.array([x, y])))
     texts += [(words, *at(np.stack([place, middle]))) for words, place, middle in shape.labels]
-    parts += [f'<text x="{x:.1f}" y="{y:.1f}">{html.escape(words)}</text>' for words, x, y in _apart(texts)]
+    drawn = [_along(at(own)) for _, own in shape.lines] + [at(own) for _, own in shape.dots]
+    drawn += [
+        _along(at(np.stack([origin, end])))
+        for (_, origin, _), tip in zip(shape.frames, tips, strict=True)
+        for end in tip
+    ]
+    parts += [
+        f'<text x="{x:.1f}" y="{y:.1f}">{html.escape(words)}</text>'
+        for words, x, y in _apart(texts, np.concatenate([np.empty((0, 2)), *drawn]))
+    ]
     if any(name.endswith(_FAILING) for name, _ in (*shape.lines, *shape.dots)):
         parts.append(f'<text class="key" x="4" y="{_HEIGHT - 4:.0f}">{_KEY}</text>')
     size = f"{_WIDTH:.0f} {_HEIGHT:.0f}"
     return f'<svg class="machine" viewBox="0 0 {size}" role="img" aria-label="{_words(shape)}">{"".join(parts)}</svg>'
 
 
-def _apart(texts: list[tuple[str, _Points, _Points]]) -> Iterator[tuple[str, float, float]]:
-    """Yield each text with the middle of its base line, px, beside its point on the side away from another point; the
-    nearest place where it covers no text before it."""
-    drawn: list[_Points] = []
+def _along(line: _Points) -> _Points:
+    """Return points (N, 2) along a line, at most a pixel and a half apart."""
+    steps = [np.linspace(a, b, 2 + int(np.linalg.norm(b - a) / 1.5)) for a, b in itertools.pairwise(line)]
+    return np.concatenate(steps) if steps else line
+
+
+def _apart(texts: list[tuple[str, _Points, _Points]], drawn: _Points) -> Iterator[tuple[str, float, float]]:
+    """Yield each text with the middle of its base line, px, beside its point on the side away from another point.
+
+    drawn: points (N, 2) of lines and dots. Of the places that cover no text before, the nearest that covers the fewest
+    of these is taken.
+    """
+    taken: list[_Points] = []
     for words, point, middle in texts:
         half = np.array([0.5 * _LETTER * len(words), 0.5 * _TEXT])
         away = point - middle
@@ -288,14 +307,19 @@ def _apart(texts: list[tuple[str, _Points, _Points]]) -> Iterator[tuple[str, flo
                 centre = point + distance * direction + np.abs(direction) * np.sign(direction) * half * [1.0, 0.0]
                 boxes.append(np.stack([centre - half, centre + half]))
         inside = [box for box in boxes if (box[0] > 0.0).all() and (box[1] < [_WIDTH, _HEIGHT]).all()]
-        box = next((box for box in inside if not any(_overlap(box, other) for other in drawn)), (inside or boxes)[0])
-        drawn.append(box)
+        free = [box for box in inside if not any(_overlap(box, other) for other in taken)]
+        box = min(free or inside or boxes, key=lambda box: _covered(box, drawn))
+        taken.append(box)
         x, y = box.mean(axis=0)
         yield words, float(x), float(y + 0.33 * _TEXT)
 
 
 def _overlap(one: _Points, other: _Points) -> bool:
     return bool((one[0] < other[1]).all() and (other[0] < one[1]).all())
+
+
+def _covered(box: _Points, drawn: _Points) -> int:
+    return int(((drawn > box[0]) & (drawn < box[1])).all(axis=1).sum())
 
 
 def _listed(points: _Points) -> str:
