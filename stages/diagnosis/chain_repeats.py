@@ -4,7 +4,6 @@ from __future__ import annotations
 
 from collections.abc import Iterator, Mapping
 from dataclasses import dataclass, replace
-from functools import partial
 from typing import Any
 
 import numpy as np
@@ -84,7 +83,7 @@ def accuracy_table(data: DiagnosisData[Any], tables: Mapping[str, pa.Table]) -> 
         for group in groups:
             if len(seen := group[attained.seen[group, k]]) < 2:
                 continue
-            figures = [*(_of_orientation(attained, k, seen) if turned else _of_position(attained, k, seen, rng))]
+            figures = [*_of_pose(attained, k, seen, rng)]
             if len(seen) >= 2 * _OF_LOOK:
                 figures += _drift(attained, k, _in_time(attained, seen), rng)
             rows += _rows(subject, (attained.poses[int(group[0])], None), len(seen), figures)
@@ -193,11 +192,14 @@ def _of_distance(attained: _Attained, k: int, first: Index, second: Index) -> _F
 def _drift(attained: _Attained, k: int, rows: Index, rng: np.random.Generator) -> _Figures:
     """Largest change of AP and RP between the first look, of ten repeats, and a later one; rows in order of time."""
     looks = [rows[start : start + _OF_LOOK] for start in range(0, len(rows) - _OF_LOOK + 1, _OF_LOOK)]
-    of_look = _of_orientation if attained.is_rotation[k] else partial(_of_position, rng=rng)
-    found = [{name: figure.value for name, figure in of_look(attained, k, look)} for look in looks]
+    found = [{name: figure.value for name, figure in _of_pose(attained, k, look, rng)} for look in looks]
     for name in found[0]:
         if not name.startswith("v"):
             yield f"d{name}", _alone(largest_change([own[name] for own in found]))
+
+
+def _of_pose(attained: _Attained, k: int, rows: Index, rng: np.random.Generator) -> _Figures:
+    return _of_orientation(attained, k, rows) if attained.is_rotation[k] else _of_position(attained, k, rows, rng)
 
 
 def _of_position(attained: _Attained, k: int, rows: Index, rng: np.random.Generator) -> _Figures:
