@@ -273,10 +273,10 @@ _CALIBRATION = (
     ),
     parquet(
         "arm_accuracy",
-        "ISO 9283 figures of an arm at each repeated pose (named by its first): AP, RP, vAP, and those of angles about "
-        "x, y, z (a, b, c)",
+        "ISO 9283 figures of an arm at each repeated pose (named by its first): AP, RP, vAP, drift dAP and dRP, "
+        "distance to another pose AD and RD, and those of angles about x, y, z (a, b, c)",
         "subject* pose* figure* value unit attained",
-        optional="low high",
+        optional="other_pose* low high",
     ),
     parquet(
         "series_errors",

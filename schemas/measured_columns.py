@@ -112,6 +112,7 @@ MEASURED_COLUMNS = (
         nullable=True,
     ),
     integer("attained", "number of measurements of the pose", minimum=2),
+    text("other_pose", "other pose of a distance; empty: the figure is of one pose", nullable=True),
     text("contender", "model that is tested against pure error"),
     size("f_ratio", "", "mean square of the model's residuals beyond pure error, over that of pure error"),
     # Points.

@@ -14,12 +14,16 @@ from truing.estimation.quality import repeated_groups
 from truing.estimation.repeatability import (
     FEWEST,
     Figure,
+    distance_figures,
+    largest_change,
     largest_distance,
+    orientation_distance_figures,
     orientation_repeatability,
     position_repeatability,
     turned_from_first,
 )
 from truing.inference.observations import Epochs
+from truing.simulation.inputs import ORDER
 from truing.simulation.mechanisms.chains.conditions import APPROACH
 from truing.simulation.mechanisms.chains.distances import DistanceModel
 from truing.simulation.mechanisms.chains.model import ChainModel
@@ -33,6 +37,9 @@ _SEED = 9283
 _AXES = "abc"
 # Readings of one command: they differ by less than this many standard deviations, or by rounding.
 _SAME, _ROUNDING = 5.0, 1e-6
+# Repeats of one look at a pose for its drift, as in the standard's test.
+_OF_LOOK = 10
+_Figures = Iterator[tuple[str, Figure]]
 
 
 @dataclass(frozen=True)
@@ -44,12 +51,15 @@ class _Attained:
 
     poses: tuple[int | str, ...]
     series: Index
+    order: Array
     readings: Array
     approach: Array
     attained: Array
+    commanded: Array
     deviation: Array
     turned: Array
     seen: Mask
+    is_rotation: Mask
 
 
 def accuracy_table(data: DiagnosisData[Any], tables: Mapping[str, pa.Table]) -> pa.Table | None:
@@ -63,7 +73,7 @@ def accuracy_table(data: DiagnosisData[Any], tables: Mapping[str, pa.Table]) -> 
     parts = [_attained(model, attained) for attained in (data.calibration, data.held_out) if attained is not None]
     attained = _joined(parts)
     groups = _groups(attained, model, tables)
-    rng, rows = np.random.default_rng(_SEED), []
+    rng, rows = np.random.default_rng(_SEED), list[dict[str, Any]]()
     channels = model.channels
     for k, turned in enumerate(channels.is_rotation):
         if turned and data.calibration.frames.free:
@@ -71,22 +81,32 @@ def accuracy_table(data: DiagnosisData[Any], tables: Mapping[str, pa.Table]) -> 
         name = channels.links[k] if channels.names[k] in ("position", "orientation") else ""
         subject = name or f"{channels.links[k]} {channels.names[k]}"
         for group in groups:
-            seen = group[attained.seen[group, k]]
-            if len(seen) > 1:
-                figures = _of_orientation(attained, k, seen) if turned else _of_position(attained, k, seen, rng)
-                unit, si = ("arcsec", _ARCSEC) if turned else ("um", _UM)
-                first = {"subject": subject, "pose": attained.poses[int(group[0])], "attained": len(seen), "unit": unit}
-                rows += [
-                    {
-                        **first,
-                        "figure": figure,
-                        "value": value.value / si,
-                        "low": None if np.isnan(value.low) else value.low / si,
-                        "high": None if np.isnan(value.high) else value.high / si,
-                    }
-                    for figure, value in figures
-                ]
-    return identified_table("arm_accuracy", rows, "pose") if rows else None
+            if len(seen := group[attained.seen[group, k]]) < 2:
+                continue
+            figures = [*_of_pose(attained, k, seen, rng)]
+            if len(seen) >= 2 * _OF_LOOK:
+                figures += _drift(attained, k, _in_time(attained, seen), rng)
+            rows += _rows(subject, (attained.poses[int(group[0])], None), len(seen), figures)
+        for pair in _far_pairs(attained, groups):
+            first, second = (_in_time(attained, group[attained.seen[group, k]]) for group in pair)
+            count = min(len(first), len(second))
+            if count >= FEWEST:
+                figures = [*_of_distance(attained, k, first[:count], second[:count])]
+                poses = attained.poses[int(pair[0][0])], attained.poses[int(pair[1][0])]
+                rows += _rows(subject, poses, count, figures)
+    return identified_table("arm_accuracy", rows, "pose", ("other_pose", "low", "high")) if rows else None
+
+
+def _rows(
+    subject: str, poses: tuple[int | str, int | str | None], attained: int, figures: list[tuple[str, Figure]]
+) -> Iterator[dict[str, Any]]:
+    """Rows of the figures of a pose, or of the distance of two; those about an axis are angles."""
+    for figure, value in figures:
+        unit, si = ("arcsec", _ARCSEC) if "_" in figure else ("um", _UM)
+        other = None if poses[1] is None else str(poses[1])
+        first = {"subject": subject, "pose": poses[0], "other_pose": other, "attained": attained, "unit": unit}
+        low, high = (None if np.isnan(end) else end / si for end in (value.low, value.high))
+        yield {**first, "figure": figure, "value": value.value / si, "low": low, "high": high}
 
 
 def _attained(model: ChainModel, epochs: Epochs[Any]) -> _Attained:
@@ -98,23 +118,28 @@ def _attained(model: ChainModel, epochs: Epochs[Any]) -> _Attained:
     turned = model.channels.is_rotation
     deviation = np.where(turned[:, None], -commanded, values - commanded)
     conditions = epochs.conditions
-    approach = conditions.covariates.get(APPROACH, np.ones_like(conditions.readings))
+    covariates = conditions.covariates
+    approach = covariates.get(APPROACH, np.ones_like(conditions.readings))
     return _Attained(
         conditions.poses,
         conditions.series,
+        np.asarray(covariates[ORDER], float),
         conditions.readings,
         approach,
         values,
+        commanded,
         deviation,
         conditions.reference,
         measured.seen,
+        turned,
     )
 
 
 def _joined(parts: list[_Attained]) -> _Attained:
-    names = ("series", "readings", "approach", "attained", "deviation", "turned", "seen")
+    names = ("series", "order", "readings", "approach", "attained", "commanded", "deviation", "turned", "seen")
     poses = tuple(pose for part in parts for pose in part.poses)
-    return _Attained(poses, **{name: np.concatenate([getattr(part, name) for part in parts]) for name in names})
+    joined = {name: np.concatenate([getattr(part, name) for part in parts]) for name in names}
+    return _Attained(poses, **joined, is_rotation=parts[0].is_rotation)
 
 
 def _groups(attained: _Attained, model: ChainModel, tables: Mapping[str, pa.Table]) -> list[Index]:
@@ -132,7 +157,52 @@ def _groups(attained: _Attained, model: ChainModel, tables: Mapping[str, pa.Tabl
     return [part for part in parts if len(part) > 1]
 
 
-def _of_position(attained: _Attained, k: int, rows: Index, rng: np.random.Generator) -> Iterator[tuple[str, Figure]]:
+def _in_time(attained: _Attained, rows: Index) -> Index:
+    return rows[np.argsort(attained.order[rows], kind="stable")]
+
+
+def _far_pairs(attained: _Attained, groups: list[Index]) -> list[tuple[Index, Index]]:
+    """Pairs of repeated poses for distances: each with the one of its series whose commanded position is farthest."""
+    enough = [group for group in groups if len(group) >= FEWEST]
+    if not enough or attained.is_rotation.all():
+        return []
+    first = np.array([group[0] for group in enough])
+    places, series = attained.commanded[first][:, ~attained.is_rotation].mean(1), attained.series[first]
+    apart = np.linalg.norm(places[:, None] - places, axis=-1) * (series[:, None] == series)
+    farthest = apart.argmax(1)
+    pairs = {(min(one, other), max(one, other)) for one, other in enumerate(farthest.tolist()) if apart[one, other]}
+    return [(enough[one], enough[other]) for one, other in sorted(pairs)]
+
+
+def _of_distance(attained: _Attained, k: int, first: Index, second: Index) -> _Figures:
+    """AD and RD of two repeated poses, the n-th repeat of one with the n-th of the other."""
+    if attained.is_rotation[k]:
+        figures = orientation_distance_figures(attained.deviation[first, k], attained.deviation[second, k])
+        for axis, (accuracy, repeatability) in zip(_AXES, figures, strict=True):
+            yield f"AD_{axis}", accuracy
+            yield f"RD_{axis}", repeatability
+        return
+    commanded = np.linalg.norm(attained.commanded[second, k] - attained.commanded[first, k], axis=1)
+    places = attained.attained[:, k]
+    accuracy, repeatability = distance_figures(places[first], places[second], float(commanded.mean()))
+    yield "AD", accuracy
+    yield "RD", repeatability
+
+
+def _drift(attained: _Attained, k: int, rows: Index, rng: np.random.Generator) -> _Figures:
+    """Largest change of AP and RP between the first look, of ten repeats, and a later one; rows in order of time."""
+    looks = [rows[start : start + _OF_LOOK] for start in range(0, len(rows) - _OF_LOOK + 1, _OF_LOOK)]
+    found = [{name: figure.value for name, figure in _of_pose(attained, k, look, rng)} for look in looks]
+    for name in found[0]:
+        if not name.startswith("v"):
+            yield f"d{name}", _alone(largest_change([own[name] for own in found]))
+
+
+def _of_pose(attained: _Attained, k: int, rows: Index, rng: np.random.Generator) -> _Figures:
+    return _of_orientation(attained, k, rows) if attained.is_rotation[k] else _of_position(attained, k, rows, rng)
+
+
+def _of_position(attained: _Attained, k: int, rows: Index, rng: np.random.Generator) -> _Figures:
     off, places = attained.deviation[rows, k], attained.attained[rows, k]
     yield "AP", _alone(float(np.linalg.norm(off.mean(0))))
     if len(rows) >= FEWEST:
@@ -142,7 +212,7 @@ def _of_position(attained: _Attained, k: int, rows: Index, rng: np.random.Genera
         yield "vAP", _alone(largest_distance(means))
 
 
-def _of_orientation(attained: _Attained, k: int, rows: Index) -> Iterator[tuple[str, Figure]]:
+def _of_orientation(attained: _Attained, k: int, rows: Index) -> _Figures:
     off = attained.deviation[rows, k]
     yield from ((f"AP_{axis}", _alone(float(value))) for axis, value in zip(_AXES, off.mean(0), strict=True))
     if len(rows) >= FEWEST:

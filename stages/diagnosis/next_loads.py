@@ -67,7 +67,7 @@ class PossibleRuns:
     readout: Readout
     channels: tuple[str, ...]
 
-    what: ClassVar[tuple[str, str]] = ("sequence of loads", "sequences of loads")
+    what: ClassVar[tuple[str, str]] = ("load programme", "load programmes")
     unit: ClassVar[str] = "run"
     each: ClassVar[str] = "run"
     do: ClassVar[str] = "apply"

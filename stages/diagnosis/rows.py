@@ -19,6 +19,8 @@ from truing.report.diagnosis.findings import (
     missing_explanation,
     noise_explanation,
     scatter_explanation,
+    single_errors_advice,
+    single_errors_explanation,
 )
 from truing.report.wordings.catalogue import cause_words, clause, confirming, own_clause
 from truing.report.wordings.claim import Advice, Claim, ParameterSize
@@ -35,6 +37,7 @@ if TYPE_CHECKING:
     from truing.inference.noise import NoiseDependence, NoiseLevel
     from truing.inference.scatter import FoundScatter
     from truing.inference.selection import CauseDiagnosis
+    from truing.inference.single_errors import SingleErrors
     from truing.inference.verdicts import Verdict
     from truing.simulation.cause import Cause
 
@@ -240,7 +243,11 @@ def _noise_rows(diagnosis: CauseDiagnosis, shown: ReportedRms | Channels, level:
     final = diagnosis.final
     overall = shown.overall(final.error)
     repeated = diagnosis.has_repeats
-    rows = [_scatter_row(scatter, final, overall, is_repeated=repeated) for scatter in diagnosis.scatters]
+    single = diagnosis.single_errors
+    same = {single.candidate.cause.subject} if single else set()
+    scatters = [own for own in diagnosis.scatters if not (own.doubt and own.candidate.cause.subject in same)]
+    rows = [_scatter_row(scatter, final, overall, is_repeated=repeated) for scatter in scatters]
+    rows += [_single_errors_row(single, final, overall)] if single else []
     rows += [_noise_dependence_row(one, final, overall) for one in merged_by_driver(diagnosis.noise_dependences)]
     for target, own in diagnosis.noisy:
         subject = f"{final.model.channel_word} {_name(final, target)}"
@@ -328,6 +335,18 @@ def _scatter_row(scatter: FoundScatter, final: FittedModel, shown: ReportedRms, 
     row = _row_of_cause(cause, size, scatter.p_value, scatter.doubt, final, shown)
     text = scatter_explanation(row["clause"], scatter.p_value, scatter.doubt, is_repeated=is_repeated)
     return row | {"explanation": text}
+
+
+def _single_errors_row(single: SingleErrors, final: FittedModel, shown: ReportedRms) -> dict[str, Any]:
+    """Single large errors of one input, whose other errors are small."""
+    subject = single.candidate.cause.subject
+    ratio = {"value": single.ratio, "sigma": None, "unit": "1"}
+    return _without_mean_effect(single.p_value, final, shown) | {
+        "subject": subject,
+        "parameters": json.dumps({"noise_ratio": ratio}),
+        "explanation": single_errors_explanation(subject, single.count, single.ratio, single.p_value),
+        "next_measurement": single_errors_advice(subject),
+    }
 
 
 def _row_of_cause(

@@ -92,7 +92,7 @@ def checks(tables: Mapping[str, pa.Table], settings: Campaign) -> CheckResults:
     relations = (*tested, *(relation for relation in results.relations if relation.relation != READINGS))
     read = results.read or f"{len(tables['configurations'])} poses of a chain"
     single = set() if results.why_not else _single(tables["observations"])
-    own = () if results.why_not else _without_frames(results, single)
+    own = () if results.why_not else _without_frames(results, single, _framing(tables, settings))
     return replace(results, checks=chain(belonging_checks(tested), own), read=read, relations=relations, why_not="")
 
 
@@ -401,9 +401,18 @@ def _single(observations: pa.Table) -> set[str]:
     return {link for link in links if links.count(link) < _FEWEST}
 
 
-def _without_frames(check_results: CheckResults, single: set[str]) -> Iterator[Check]:
+def _framing(tables: Mapping[str, pa.Table], settings: Campaign) -> str:
+    """Link whose targets define the frame of each pose; empty if none does."""
+    links = tree_of(tables["joints"]).links if "joints" in tables else {}
+    measured = {link for link in tables["observations"].column("body").to_pylist() if link in links}
+    return "" if settings.is_frame_fixed or len(measured) < 2 else min(measured, key=links.__getitem__)
+
+
+def _without_frames(check_results: CheckResults, single: set[str], framing: str) -> Iterator[Check]:
+    """Checks that concern a chain: it uses each target by itself, but for those that define the frame of a pose."""
     for check in check_results.checks:
         is_target = check.check == "geometry-leverage"
-        of_frame = check.check in _OF_FRAMES and (check.subject in single or is_target)
-        if check.check != READINGS and not (of_frame and single):
+        of_frame = check.check in _OF_FRAMES and bool(single) and (check.subject in single or is_target)
+        is_needless = check.check == "poses-determined" and check.subject != framing
+        if check.check != READINGS and not of_frame and not is_needless:
             yield check

@@ -132,3 +132,15 @@ def test_a_gain_is_far_below_that_of_an_effect_only_if_blocks_do_not_share_it() 
     assert found is not None
     assert found.squares > 4.0
     assert found.is_far_below
+
+
+def test_an_effect_that_a_tolerance_hides_is_not_asked_to_gain_by_its_whole_size() -> None:
+    """Next to an unknown that moves nearly the same, only the tolerance of that unknown tells a large effect."""
+    slopes = TEMPLATE.by_shared.copy()
+    slopes[..., OWN] = slopes[..., :2] + 0.01 * slopes[..., OWN]
+    alike = replace(TEMPLATE, by_shared=slopes)
+    values = measured(alike, np.random.default_rng(8), np.array([0.3, -1.0, 0.7, 7.0, -7.0]))
+    found = gain(alike, values)
+    assert found is not None
+    assert found.log_gain < np.log(20.0), "the other unknown predicts the blocks nearly as well"
+    assert not found.is_far_below

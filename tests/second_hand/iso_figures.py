@@ -92,3 +92,21 @@ def multidirectional(groups: Sequence[Sequence[Pose]], command: Pose) -> dict[st
     for place, name in enumerate("abc", 3):
         found[f"vAP_{name}"] = max(abs(one[place] - other[place]) for one, other in pairs)
     return found
+
+
+def distances(first: Sequence[Pose], second: Sequence[Pose], commands: tuple[Pose, Pose]) -> dict[str, float]:
+    """AD and RD of two commands that were attained in turn, and the same of the angles."""
+    lengths = [math.dist(one[:3], other[:3]) for one, other in zip(first, second, strict=True)]
+    found = {"AD": mean(lengths) - math.dist(commands[0][:3], commands[1][:3]), "RD": 3 * spread(lengths)}
+    for place, name in enumerate("abc", 3):
+        commanded = nearest(commands[1][place] - commands[0][place])
+        turns = [nearest(other[place] - one[place] - commanded) for one, other in zip(first, second, strict=True)]
+        found |= {f"AD_{name}": mean(turns), f"RD_{name}": 3 * spread(turns)}
+    return found
+
+
+def drift(attained: Sequence[Pose], command: Pose, cycles: int) -> dict[str, float]:
+    """dAP and dRP: largest change of AP and RP from the first cycles on."""
+    looks = [attained[n : n + cycles] for n in range(0, len(attained) - cycles + 1, cycles)]
+    each = [pose_accuracy(own, command) | pose_repeatability(own, command) for own in looks]
+    return {f"d{name}": max(abs(own[name] - each[0][name]) for own in each) for name in each[0]}

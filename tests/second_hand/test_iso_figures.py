@@ -10,7 +10,10 @@ from scipy.spatial.transform import Rotation
 from tests.second_hand import iso_figures as second
 from truing.estimation.interferometry.iso230 import BACKWARD, FORWARD, positioning
 from truing.estimation.repeatability import (
+    distance_figures,
+    largest_change,
     largest_distance,
+    orientation_distance_figures,
     orientation_repeatability,
     position_repeatability,
     turned_from_first,
@@ -71,3 +74,33 @@ def test_repeated_poses_of_a_random_arm(command: tuple[float, ...]) -> None:
     varied = second.multidirectional(groups, command)
     means = np.array([own.mean(0) for own in moved])
     assert_allclose(largest_distance(means), varied["vAP"], rtol=1e-10)
+
+
+@pytest.mark.parametrize("count", [5, 30])
+def test_distances_of_two_random_poses(count: int) -> None:
+    """Small rotations about the axes are angles, to second order."""
+    rng = np.random.default_rng(count)
+    commands = (0.3, 0.1, 0.9, 0.0, 0.0, 0.0), (-0.4, 0.5, 0.2, 0.0, 0.0, 0.0)
+    scatter = np.array([3e-5] * 3 + [2e-5] * 3)
+    one, other = (np.array(own) + rng.normal(0.0, scatter) + rng.normal(0.0, scatter, (count, 6)) for own in commands)
+    expected = second.distances(one.tolist(), other.tolist(), commands)
+    commanded = float(np.linalg.norm(np.subtract(*commands)[:3]))
+    accuracy, repeatability = distance_figures(one[:, :3], other[:, :3], commanded)
+    assert_allclose(accuracy.value, expected["AD"], rtol=1e-9)
+    assert_allclose(repeatability.value, expected["RD"], rtol=1e-9)
+    assert repeatability.low < repeatability.value < repeatability.high
+    for name, (off, spread) in zip("abc", orientation_distance_figures(one[:, 3:], other[:, 3:]), strict=True):
+        assert_allclose([off.value, spread.value], [expected[f"AD_{name}"], expected[f"RD_{name}"]], rtol=1e-9)
+
+
+def test_drift_is_the_largest_change_from_the_first_cycles() -> None:
+    rng, command = np.random.default_rng(3), (0.3, 0.1, 0.9, 0.0, 0.0, 0.0)
+    attained = np.array(command) + rng.normal(0.0, 3e-5, (34, 6)) + np.linspace(0.0, 3e-4, 34)[:, None]
+    expected = second.drift(attained.tolist(), command, 10)
+    looks = [attained[n : n + 10, :3] for n in (0, 10, 20)]
+    accuracy = [np.linalg.norm(own.mean(0) - command[:3]) for own in looks]
+    assert_allclose(largest_change(accuracy), expected["dAP"], rtol=1e-9)
+    repeatability = [position_repeatability(own, rng).value for own in looks]
+    assert_allclose(largest_change(repeatability), expected["dRP"], rtol=1e-9)
+    angles = [own - command[3:] for own in (attained[n : n + 10, 3:] for n in (0, 10, 20))]
+    assert_allclose(largest_change([own.mean(0)[0] for own in angles]), expected["dAP_a"], rtol=1e-9)

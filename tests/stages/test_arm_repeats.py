@@ -14,6 +14,7 @@ from scipy.spatial.transform import Rotation
 from typer.testing import CliRunner
 
 from tests.report.explained import unexplained
+from tests.second_hand import iso_figures as second
 from tests.tolerance import assert_between, assert_close
 from truing.pipeline.command_line import app
 
@@ -94,12 +95,14 @@ def _run(folder: Path) -> Path:
 
 
 @pytest.mark.slow
-@pytest.mark.parametrize("named", [False, True])
-def test_figures_are_those_of_the_standard(tmp_path: Path, named: bool) -> None:
-    made = _campaign(tmp_path / "arm", REPEATS, named)
+@pytest.mark.parametrize(("named", "repeats"), [(False, REPEATS), (True, REPEATS), (False, 20)])
+def test_figures_are_those_of_the_standard(tmp_path: Path, named: bool, repeats: int) -> None:
+    made = _campaign(tmp_path / "arm", repeats, named)
     run = _run(tmp_path / "arm")
     table = pq.read_table(run / "arm_accuracy.parquet").to_pylist()
-    found = {(row["pose"], row["figure"]): row for row in table}
+    found = {(row["pose"], row["figure"]): row for row in table if row["other_pose"] is None}
+    _assert_distances(table, made, atol=3.0 if named else 1e-3)
+    assert ((1, "dAP") in found) is (repeats == 20)
     assert {row["subject"] for row in table} == {"tip"}
     for command in range(COMMANDS):
         first = next(n for n, row in enumerate(made, 1) if row[0] == command)
@@ -108,7 +111,13 @@ def test_figures_are_those_of_the_standard(tmp_path: Path, named: bool) -> None:
         centre = tuple(mean(c) for c in zip(*x, strict=True))
         lengths = [dist(one, centre) for one in x]
         assert_close(found[first, "RP"]["value"], mean(lengths) + 3.0 * stdev(lengths), atol=1e-3)
-        assert found[first, "RP"]["attained"] == REPEATS
+        assert found[first, "RP"]["attained"] == repeats
+        assert found[first, "RP"]["low"] < found[first, "RP"]["value"] < found[first, "RP"]["high"]
+        if repeats == 20:
+            looks = [
+                second.pose_repeatability([(*p, 0.0, 0.0, 0.0) for p in part], (0.0,) * 6) for part in (x[:10], x[10:])
+            ]
+            assert_close(found[first, "dRP"]["value"], abs(looks[0]["RP"] - looks[1]["RP"]), atol=1e-3)
         # angles to first order about the axes of the frame
         turns = [Rotation.from_matrix(row[3] @ own[0][3].T).as_rotvec(degrees=True) * 3600.0 for row in own]
         for axis, angles in zip("abc", zip(*turns, strict=True), strict=True):
@@ -118,7 +127,7 @@ def test_figures_are_those_of_the_standard(tmp_path: Path, named: bool) -> None:
             means = [np.mean([row[2] for row in own if row[1] == side], 0) * 1e3 for side in sorted(sides)]
             # 1e-4 deg over 0.9 m moves a command by 1.6 um
             assert_close(found[first, "vAP"]["value"], dist(*means), atol=3.0 if named else 1e-3)
-    noise = 1e3 * NOISE * np.sqrt(3.0 / REPEATS)
+    noise = 1e3 * NOISE * np.sqrt(3.0 / repeats)
     # base and tool take a part of an error that one pose has alone
     first = next(n for n, row in enumerate(made, 1) if row[0] == 0)
     assert_between(
@@ -127,6 +136,21 @@ def test_figures_are_those_of_the_standard(tmp_path: Path, named: bool) -> None:
     page = (run / "report.html").read_text(encoding="utf-8")
     assert not unexplained(page)
     assert "ISO 9283 asks for 30" in page
+
+
+def _assert_distances(table: list[dict], made: list, atol: float) -> None:
+    """Each pose goes with the one whose commanded place is farthest, whatever base and tool are fitted."""
+    found = [row for row in table if row["other_pose"] is not None and row["figure"] in ("AD", "RD")]
+    firsts = [next(n for n, row in enumerate(made, 1) if row[0] == command) for command in range(COMMANDS)]
+    assert {row["pose"] for row in found} | {int(row["other_pose"]) for row in found} == set(firsts)
+    for row in found:
+        ends = [made[int(row[name]) - 1][0] for name in ("pose", "other_pose")]
+        own = [[one[2] for one in made if one[0] == end] for end in ends]
+        lengths = [1e3 * dist(one, other) for one, other in zip(*own, strict=True)]
+        if row["figure"] == "RD":
+            assert_close(row["value"], 3.0 * stdev(lengths), atol=atol)
+        else:  # the tool's place is fitted: it moves a commanded distance
+            assert abs(row["value"]) < 2.0 * 1e3 * OFF
 
 
 @pytest.mark.slow

@@ -237,10 +237,47 @@ def orientation_repeatability(angles: Array) -> tuple[Figure, ...]:
 
     angles: small rotations from one orientation; N of at least FEWEST. Source: ISO 9283:1998, equations for RP_a..RP_c.
     """
-    if len(angles) < FEWEST:
-        raise ValueError(f"angles: found {len(angles)}, expected at least {FEWEST}")
-    square = np.sum((angles - angles.mean(axis=0)) ** 2, axis=0)
-    return tuple(_interval(float(angle), len(angles) - 1.0, 3.0) for angle in square)
+    return _three_sigma(angles)
+
+
+def distance_figures(first: Array, second: Array, commanded: float) -> tuple[Figure, Figure]:
+    """Return AD and RD of the distances between positions (N, 3) attained in turn, in their unit.
+
+    AD is the mean distance minus the commanded one; RD = 3 S of the distances. N of at least FEWEST. Source: ISO
+    9283:1998, distance accuracy and repeatability.
+    """
+    distance = np.linalg.norm(second - first, axis=1)[:, None]
+    repeatability, *_ = _three_sigma(distance)
+    return Figure(float(distance.mean()) - commanded, np.nan, np.nan), repeatability
+
+
+def orientation_distance_figures(first: Array, second: Array) -> tuple[tuple[Figure, Figure], ...]:
+    """Return AD and RD about each axis, from angles (N, 3) by which orientations attained in turn are off, in their
+    unit.
+
+    AD is the mean rotation by which the second is farther off than the first; RD = 3 S of it. N of at least FEWEST.
+    Source: ISO 9283:1998, orientation distance accuracy and repeatability.
+    """
+    off = second - first
+    accuracy = (Figure(float(value), np.nan, np.nan) for value in off.mean(axis=0))
+    return tuple(zip(accuracy, _three_sigma(off), strict=True))
+
+
+def largest_change(values: ArrayLike) -> float:
+    """Return the largest change of values (T, ...) from the first one: the drift of a characteristic.
+
+    Source: ISO 9283:1998, drift of pose characteristics: of AP and of RP over time.
+    """
+    values = np.asarray(values, float)
+    return float(np.abs(values - values[0]).max())
+
+
+def _three_sigma(values: Array) -> tuple[Figure, ...]:
+    """Return 3 S of each column of values (N, C), with its interval."""
+    if len(values) < FEWEST:
+        raise ValueError(f"values: found {len(values)}, expected at least {FEWEST}")
+    square = np.sum((values - values.mean(axis=0)) ** 2, axis=0)
+    return tuple(_interval(float(own), len(values) - 1.0, 3.0) for own in square)
 
 
 def _interval(square: float, freedom: float, times: float) -> Figure:

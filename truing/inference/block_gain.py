@@ -28,7 +28,7 @@ _FAR_BELOW = 3.0  # standard deviations
 @dataclass(frozen=True)
 class BlockGain:
     """Log ratio of the densities of blocks with a cause and without it, predicted from the others, over informative
-    blocks; ``squares``: those of the effect there, in units of the noise."""
+    blocks; ``squares``: those of the part of the effect there that no other unknown explains, in units of the noise."""
 
     kind: BlockKind
     blocks: int
@@ -102,10 +102,12 @@ def _gain_of(
     nuisances: Mask,
     block: Integers,
 ) -> tuple[float, float] | None:
-    """Return the gain in one block of epochs (b,), and the squares of the effect there; None where the block is not
-    informative. ``by_epoch``: residuals
-    (B, H) of fits to everything, with the cause and without, and its effect; ``nuisances`` (G,): unknowns except the
-    cause's; ``log_determinants``: log determinants of the normal matrix, of all unknowns and of these."""
+    """Return the gain in one block of epochs (b,), and the squares of what no other unknown explains of the effect
+    there; None where the block is not informative.
+
+    ``by_epoch``: residuals (B, H) of fits to everything, with the cause and without, and its effect; ``nuisances``
+    (G,): unknowns except the cause's; ``log_determinants``: log determinants of the normal matrix, of all unknowns and
+    of these."""
     residual, residual_without, effect = (each[block].ravel() for each in by_epoch)
     size = float(np.sum(effect**2))
     if size < _LEAST_EFFECT:
@@ -118,7 +120,8 @@ def _gain_of(
         return None
     within = np.linalg.cholesky(gram_without[np.ix_(nuisances, nuisances)])
     with_it = _log_density(rows, log_determinants[0], factor, residual)
-    return with_it - _log_density(rows[:, nuisances], log_determinants[1], within, residual_without), size
+    gain = with_it - _log_density(rows[:, nuisances], log_determinants[1], within, residual_without)
+    return gain, float(np.sum((residual_without - residual) ** 2))
 
 
 def _log_density(rows: Array, log_determinant: float, factor: Array, residual: Array) -> float:

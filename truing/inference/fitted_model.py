@@ -525,6 +525,11 @@ class Fitter(Generic[CauseT]):
                 break
         return dependence
 
+    @property
+    def input_factor(self) -> Array:
+        """Factors (B, H), or (1, 1), by which scatter widened the prior sigmas of inputs."""
+        return self._input_factor
+
     def known_residuals(self, fitted: FittedModel[CauseT]) -> Array:
         """Return the standardised residuals (B, K, d) of a fit, NaN where nothing was observed."""
         return np.where(self.calibration.measured.seen[..., None], fitted.standardised, np.nan)

@@ -87,6 +87,19 @@ def log_odds_of_tails(square: Array, size: int) -> float:
     return max(likelihoods) - likelihoods[-1]
 
 
+def log_odds_of_large(square: Array, size: int) -> float:
+    """Return the log likelihood ratio of heavy tails over a normal distribution of the scale that most errors have.
+
+    Large errors count whole, so that ratios of errors of different sizes compare."""
+    known = square[np.isfinite(square)]
+    if not len(known):
+        return 0.0
+    # Median of chi-square by Wilson and Hilferty, Proc. Natl. Acad. Sci. 17 (1931) 684.
+    scale = max(float(np.median(known)) / (size * (1.0 - 2.0 / (9.0 * size)) ** 3), 1e-300)
+    normal = -len(known) * size / 2.0 * math.log(2.0 * scale) - float(np.sum(known)) / (2.0 * scale)
+    return max(log_likelihood(known, size, nu) for nu in _FREEDOMS) - normal
+
+
 def log_likelihood(square: Array, size: int, freedom: float) -> float:
     """Return the log likelihood of errors of Student's t at the likeliest scale, up to a constant of their number."""
     scale = float(np.mean(square)) / size

@@ -173,6 +173,9 @@ class SceneLike(Protocol[CauseT]):
     def scatters(self, kind: CauseT, /) -> Sequence[ScatterCandidate[CauseT]]:
         """Return the candidates of a kind that make inputs or observations scatter."""
 
+    def single_errors(self, kind: CauseT, /) -> Sequence[ScatterCandidate[CauseT]]:
+        """Return single inputs, at all epochs, whose errors may be mostly small and sometimes large."""
+
 
 @dataclass(frozen=True)
 class PartialDesign:

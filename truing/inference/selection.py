@@ -29,6 +29,7 @@ from truing.inference.scatter import FoundScatter
 from truing.inference.search import Search
 from truing.inference.search_end import EndOfSearch
 from truing.inference.search_verdicts import SearchVerdicts
+from truing.inference.single_errors import SingleErrors, single_errors
 from truing.inference.verdicts import SUSPECTED, Reason, Verdict
 
 __all__ = ("CauseDiagnosis", "CauseSelection", "Settings")
@@ -62,6 +63,7 @@ class CauseDiagnosis(Generic[CauseT]):
     unasked: tuple[CauseT, ...] = ()  # kinds that have no candidate in this campaign
     blocks: tuple[EpochBlocks, ...] = ()  # groupings of epochs that can be left out block by block
     attributed: tuple[Attributed, ...] = ()  # inputs that predict the residuals, where no model of causes holds
+    single_errors: SingleErrors[CauseT] | None = None  # of one input, which has heavy tails
     has_repeats: bool = True  # whether inputs were repeated, so that scatter differs from an effect of fine pattern
 
 
@@ -209,8 +211,19 @@ class CauseSelection(Generic[CauseT]):
             self._untestable_kinds(kinds, searched),
             tuple(fitter.blocks or ()),
             attributions,
+            self._single_errors(kinds, searched),
             fitter.repeats is not None,
         )
+
+    def _single_errors(self, kinds: Sequence[CauseT], searched: Searched[CauseT]) -> SingleErrors[CauseT] | None:
+        """Return the single errors of one input of a complete search, whose subject has no other effect."""
+        final = searched.final
+        if not searched.end.is_complete:
+            return None
+        subjects = {cause.subject for cause in final.causes}
+        inputs = [one for kind in kinds for one in final.scene.single_errors(kind)]
+        found = single_errors(final, inputs, self._search.fitter.input_factor)
+        return None if found is None or found.candidate.cause.subject in subjects else found
 
     def _untestable_kinds(self, kinds: Sequence[CauseT], searched: Searched[CauseT]) -> tuple[CauseT, ...]:
         """Return the kinds of cause without any candidate in this campaign, neither of an effect nor of scatter."""

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Iterator
+from collections.abc import Iterator, Sequence
 from typing import Any
 
 import numpy as np
@@ -54,7 +54,7 @@ _CURVES = (
     "Motion of the joint minus its reading, as the extended model holds it, with two standard deviations. The curve is "
     "drawn where the data determine it. Elsewhere predictions rest on the assumption that it is small."
 )
-_ISO = ("AP", "RP", "vAP", "AP_a", "AP_b", "AP_c", "RP_a", "RP_b", "RP_c", "vAP_a", "vAP_b", "vAP_c")
+_OF_POSE, _OF_DISTANCE = ("AP", "RP", "vAP", "dAP", "dRP"), ("AD", "RD")
 
 
 def _iso_words(name: str) -> str:
@@ -64,11 +64,23 @@ def _iso_words(name: str) -> str:
     return f"{_ISO_WORDS[figure]} of the {quantity} by ISO 9283."
 
 
-_ISO_WORDS = {"AP": "Accuracy", "RP": "Repeatability", "vAP": "Multi-directional variation of the accuracy"}
+_ISO_WORDS = {
+    "AP": "Accuracy",
+    "RP": "Repeatability",
+    "vAP": "Multi-directional variation of the accuracy",
+    "dAP": "Drift of the accuracy",
+    "dRP": "Drift of the repeatability",
+    "AD": "Accuracy of the distance between two poses: mean minus commanded,",
+    "RD": "Repeatability of the distance between two poses",
+}
 _ISO_CAPTION = (
-    "Pose accuracy AP, repeatability RP (from five repeats on) and multi-directional variation vAP by ISO 9283; a, b, "
-    "c: small rotations about x, y, z. A command is the nominal chain at the readings, with places of base and tool "
-    "fitted to all poses: AP contains no error of these places"
+    "Pose accuracy AP, repeatability RP (from five repeats on), multi-directional variation vAP, and drift dAP and dRP "
+    "(from twenty repeats on) by ISO 9283; a, b, c: small rotations about x, y, z. A command is the nominal chain at "
+    "the readings, with places of base and tool fitted to all poses: AP contains no error of these places"
+)
+_ISO_DISTANCES = (
+    "Distance accuracy AD and repeatability RD by ISO 9283, from five repeats on: each pose and the one whose "
+    "commanded position is farthest. Places of base and tool cancel, except for errors of the tool's place in its link"
 )
 _REPEATS, _OPEN = 30, 12  # repeats of the standard; rows that are not folded
 _REPEAT = (
@@ -103,7 +115,7 @@ def chain(tables: Tables) -> ReportSection | None:
     motors = table_or_none(tables, "motor_encoders")
     listings += [_of_motors(motors)] if motors is not None else []
     repeated = table_or_none(tables, "arm_accuracy")
-    listings += [_of_repeats(repeated)] if repeated is not None else []
+    listings += _of_repeats(repeated) if repeated is not None else []
     statements = () if numbers is None else _on_repeats(repeated)
     see = (("gain", "Errors of each pose, before and after"),) if prediction is not None else ()
     return ReportSection(
@@ -187,28 +199,53 @@ def _on_repeats(repeated: pd.DataFrame | None) -> tuple[tuple[str, str], ...]:
         sentences.append(
             ("warn", f"The fewest repeats of a pose are {fewest}; ISO 9283 asks for {_REPEATS}. {_REPEAT}")
         )
-    if not repeated["figure"].str.startswith("vAP").any():
-        why = "Multi-directional variation vAP is not tested: no pose was repeated twice from each of two directions."
-        sentences.append(("none", why))
+    untested = (
+        (
+            "vAP",
+            "Multi-directional variation vAP is not tested: no pose was repeated twice from each of two directions.",
+        ),
+        ("AD", "Distance accuracy AD and repeatability RD are not tested: no two poses were repeated five times."),
+        ("dAP", "Drift of accuracy and repeatability is not tested: no pose was repeated twenty times."),
+    )
+    figures = repeated["figure"].str
+    sentences += [("none", why) for name, why in untested if not figures.startswith(name).any()]
     return tuple(sentences)
 
 
-_ISO_HEADS = (
-    Head("subject", "Body or point that was measured repeatedly."),
-    POSE,
-    Head("repeats", "Number of measurements of the pose."),
-    *(Head(name, _iso_words(name)) for name in _ISO),
-)
+_REPEATED = Head("subject", "Body or point that was measured repeatedly.")
 
 
-def _of_repeats(repeated: pd.DataFrame) -> Listing:
-    """Return a row per subject and pose with the figures of ISO 9283, and 95 % intervals of repeatability."""
+def _of_repeats(repeated: pd.DataFrame) -> list[Listing]:
+    """Return the figures of ISO 9283 of each subject and pose, and of distances, with 95 % intervals of
+    repeatability."""
+    other = repeated["other_pose"] if "other_pose" in repeated else pd.Series(None, repeated.index, dtype=object)
+    parts = (
+        (repeated[other.isna()], ["subject", "pose"], _OF_POSE, (POSE,), _ISO_CAPTION),
+        (
+            repeated[other.notna()],
+            ["subject", "pose", "other_pose"],
+            _OF_DISTANCE,
+            (POSE, Head("other pose", "Other commanded pose of the distance.")),
+            _ISO_DISTANCES,
+        ),
+    )
+    return [_iso_listing(*part) for part in parts if len(part[0])]
+
+
+def _iso_listing(
+    repeated: pd.DataFrame, keys: list[str], figures: Sequence[str], poses: tuple[Head, ...], caption: str
+) -> Listing:
+    """Return a row per value of the keys, and a column per figure that a row has."""
+    wanted = [f"{name}{turn}" for turn in ("", "_a", "_b", "_c") for name in figures]
+    known = set(repeated["figure"])
+    names = [name for name in wanted if name in known]
     rows = []
-    for (subject, pose), group in repeated.groupby(["subject", "pose"], sort=False):
+    for key, group in repeated.groupby(keys, sort=False):
         cells = {r.figure: _figure_cell(r) for r in group.itertuples()}
-        rows.append((str(subject), str(pose), str(group["attained"].max()), *(cells.get(name, "–") for name in _ISO)))
-    return Listing(_ISO_HEADS, tuple(rows), caption=_ISO_CAPTION, folded=len(rows) > _OPEN,
-                   held_by="arm_accuracy.parquet")  # fmt: skip
+        rows.append((*map(str, key), str(group["attained"].max()), *(cells.get(name, "–") for name in names)))
+    repeats = Head("repeats", "Number of measurements of the pose.")
+    heads = (_REPEATED, *poses, repeats, *(Head(name, _iso_words(name)) for name in names))
+    return Listing(heads, tuple(rows), caption=caption, folded=len(rows) > _OPEN, held_by="arm_accuracy.parquet")
 
 
 def _figure_cell(row: Any) -> str:

@@ -104,6 +104,10 @@ class Scene(Generic[CauseT]):
         """Return the candidates of a kind that enlarge the scatter of inputs or observations."""
         return kind.scatters(self)
 
+    def single_errors(self, kind: CauseT) -> Sequence[ScatterCandidate[CauseT]]:
+        """Return the inputs whose errors may be mostly small and sometimes large."""
+        return kind.single_errors(self)
+
 
 @dataclass(frozen=True)
 class ChannelScene(Scene[CauseT]):
@@ -237,6 +241,11 @@ class Cause(Generic[SceneT_contra]):
 
     def scatters(self, scene: SceneT_contra) -> Sequence[ScatterCandidate[Self]]:
         """Return candidates that enlarge the scatter of inputs or observations without moving their mean; none for most
+        causes."""
+        return ()
+
+    def single_errors(self, scene: SceneT_contra) -> Sequence[ScatterCandidate[Self]]:
+        """Return single inputs, at all epochs, whose errors may be mostly small and sometimes large; none for most
         causes."""
         return ()
 

@@ -370,7 +370,7 @@ def test_attitudes_are_proposed_of_those_that_were_measured_and_called_so() -> N
         (PossibleMeasurements, (13,) * 6, "measure these 6 configurations, 13 times each (78 measurements in all)."),
         (PossibleChainPoses, (1, 1), "measure these 2 poses."),
         (PossibleChainPoses, (1, 2), "measure these 2 poses, 3 measurements in all (1 to 2 of each)."),
-        (PossibleRuns, (15, 30), "apply these 2 sequences of loads, 45 runs in all (15 to 30 of each)."),
+        (PossibleRuns, (15, 30), "apply these 2 load programmes, 45 runs in all (15 to 30 of each)."),
     ],
 )
 def test_a_request_says_how_many_measurements_it_takes(

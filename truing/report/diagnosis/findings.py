@@ -7,7 +7,7 @@ from dataclasses import dataclass
 from typing import Any
 
 from truing.report.diagnosis.effect_units import plain_size, size_text
-from truing.report.numbers import plain, two_decimals, with_uncertainty
+from truing.report.numbers import count, plain, rough, two_decimals, with_uncertainty
 from truing.schemas.verdict import Relation
 
 DECLARED_NOISE, SCATTER_OF_REPEATS = "the declared noise", "the scatter of repeated approaches"
@@ -287,6 +287,20 @@ def scatter_explanation(clause: str, p_value: float, doubt: str = "", *, is_repe
         "these measurements have less weight in all other findings, and no model predicts the scatter."
         f"{'' if is_repeated else _FINE_PATTERN}"
     )
+
+
+def single_errors_explanation(subject: str, number: int, ratio: float, p_value: float) -> str:
+    """Return the sentences on single large errors of one input: their number, the largest over a typical one."""
+    return (
+        f"The errors of {subject} are mostly small, but large in {count(number, 'pose')}: up to {rough(ratio)} times a "
+        f"typical one (p = {p_value:.1g} if they were normal). They depend on nothing that was recorded. "
+        "No cause of the catalogue describes them, and no model predicts them."
+    )
+
+
+def single_errors_advice(subject: str) -> str:
+    """Return the measurement that tells more of single large errors of one input."""
+    return f"Move {subject} to one reading ten times over, from both sides, with its encoder read at each stop."
 
 
 def noise_explanation(

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 from numpy.typing import NDArray
@@ -179,6 +181,25 @@ def test_geometry_zeros_base_and_tool_explain_every_error_of_any_frame(screws: b
     revolute = sum(node.kind is JointKind.REVOLUTE for node in tree.nodes)
     prismatic = len(rows) - revolute
     assert rank == 4 * revolute + 2 * prismatic + 6
+
+
+@pytest.mark.parametrize("kind", [JointKind.REVOLUTE, JointKind.PRISMATIC])
+@pytest.mark.parametrize("follower", [1, 2, 3])
+def test_errors_of_a_joint_that_follows_another_are_among_those_of_the_geometry(kind: JointKind, follower: int) -> None:
+    """A follower, such as the wrist of a palletiser, is made with errors of its own, its zero among them."""
+    tree, rng = tree_of_rows(random_rows(np.random.default_rng(9), STANDARD), NAMES[:4]), np.random.default_rng(8)
+    lead = NAMES[3] if follower < 3 else NAMES[0]
+    nodes = [replace(node, kind=kind, reading=lead, factor=-0.7) if k == follower else node
+             for k, node in enumerate(tree.nodes)]  # fmt: skip
+    tree = Tree(tuple(nodes), tuple(name for k, name in enumerate(NAMES[:4], 1) if k != follower))
+    q = rng.uniform(-2, 2, (60, 3))
+    every = np.eye(6 * tree.size).reshape(tree.size, 6, -1)
+    ends = np.concatenate([every[..., :6], every[..., -6:]], -1)
+    zeros = np.moveaxis(tree.axis_twists, 0, -1)
+    for known in (None, np.ones(6, bool)):
+        own = np.concatenate([geometry_modes(tree, np.ones(6), True, known), zeros, ends], -1)
+        rank = np.linalg.matrix_rank(sensitivity(tree, every, q), tol=1e-9)
+        assert np.linalg.matrix_rank(sensitivity(tree, own, q), tol=1e-9) == rank
 
 
 def test_errors_of_geometry_leave_the_zero_of_each_joint_to_its_offset() -> None:

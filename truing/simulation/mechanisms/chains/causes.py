@@ -222,10 +222,31 @@ class JointGain(JointCause):
 
 @dataclass(frozen=True)
 class JointBacklash(JointCause):
-    """A joint stops at its reading minus backlash x direction of approach; the full gap is twice the backlash."""
+    """A joint stops at its reading minus backlash x direction of approach; the full gap is twice the backlash.
+
+    ``first``: direction at the poses before any movement. Nothing is known of it, so both are candidates.
+    """
+
+    first: int = 1
 
     id = "joint-backlash"
     lacking = Missing.APPROACH
+
+    @property
+    def family(self) -> str:
+        """One family for both directions."""
+        return f"{self.id} {self.joint}"
+
+    def candidates(self, scene: ChainScene) -> Sequence[Self]:
+        """Return every joint that was approached from both sides, with both directions of its first poses."""
+        found, step = super().candidates(scene), scene.covariates.get(LAST_STEP)
+        readings = scene.inputs_of_machine.tree.readings
+        return [
+            replace(cause, first=way)
+            for cause in found
+            for way in (1, -1)
+            if way == self.first or (step is not None and not step[:, readings.index(cause.joint)].all())
+        ]
 
     def applies(self, machine: ChainInputs) -> bool:
         """True if the joint was approached from both sides."""
@@ -243,7 +264,8 @@ class JointBacklash(JointCause):
     def motion(self, machine: ChainInputs, reading: int) -> NDArray:
         """Return minus the direction of approach."""
         assert machine.approach is not None
-        return -machine.approach[:, reading, None]
+        came, step = machine.approach[:, reading], machine.conditions.covariates.get(LAST_STEP)
+        return -(came if step is None else np.where(step[:, reading] == 0.0, self.first, came))[:, None]
 
     def needs(self, legs: int) -> tuple[str, ...]:
         """Return no column: the direction follows from the order of the readings."""

@@ -16,6 +16,7 @@ from itertools import combinations
 import numpy as np
 from numpy.typing import NDArray
 
+from truing.inference.model import ScatterCandidate
 from truing.simulation.cause import Parameter, Step
 from truing.simulation.inputs import MEMORY, ORDER, STOPS, TEMPERATURE, TIME, middle_and_half, varying_columns
 from truing.simulation.mechanisms.chains.causes import ChainCause, ChainScene
@@ -93,6 +94,18 @@ class NonparametricChainEffect(NonparametricEffect[ChainScene], ChainCause):
                 if MEMORY in machine.conditions.covariates:
                     found += self._of(bare, iter([((own,), HISTORY, len(STOPS))]), columns, len(machine.readings))
         return found + self._of(replace(self, joint=""), _of_base(columns), columns, len(machine.readings))
+
+    def single_errors(self, scene: ChainScene) -> Sequence[ScatterCandidate[NonparametricChainEffect]]:
+        """Return each joint whose readings have errors, in all poses."""
+        machine = scene.inputs_of_machine
+        return [
+            ScatterCandidate(
+                replace(self, joint=machine.tree.readings[k], is_angle=bool(machine.tree.is_revolute[k])),
+                np.ones((len(machine.readings), 1), bool) & (machine.noisy == k),
+                True,
+            )
+            for k in machine.noisy
+        ]
 
     def _of(
         self,

@@ -242,7 +242,8 @@ def geometry_modes(tree: Tree, sigma: NDArray, is_base_free: bool, known: Mask |
     also for parallel axes: of the six numbers of each joint's frame it leaves out those that another number stands for,
     along whatever direction that is. These are the joint's own zero (its offset); motions that pass along the joint's
     axis into the next link, and the zero of the joint below. Where a link carries several joints, the first one leaves
-    out that zero; the others may be turned against it. Without ``is_base_free`` the base's place is known.
+    out that zero; the others may be turned against it. A joint that follows another has no offset: its zero is among
+    its errors. Without ``is_base_free`` the base's place is known.
 
     ``known`` (6,) marks the entries of ``sigma`` that are tolerances. Of these only the joint's own zero is left out.
     What two numbers do alike then has the tolerances of both: a number left out would take its tolerance with it, and
@@ -253,17 +254,18 @@ def geometry_modes(tree: Tree, sigma: NDArray, is_base_free: bool, known: Mask |
     is_base_left, free = is_base_free, np.ones(TWIST, bool) if known is None else ~known
     for j, node in enumerate(tree.nodes):
         below = tree.moving_parent(j)
-        if node.kind is JointKind.FIXED or node.reading != node.joint or node.joint not in tree.readings:
+        if node.kind is JointKind.FIXED or node.reading not in tree.readings:
             continue
         if below < 0 and is_base_left:  # the base's place stands for the frame of one joint on it, not of others
             is_base_left = False
             continue
-        same = [axis_twist(node), *(way for way in _passing(node) if way[free].any())]
+        zero, passing = axis_twist(node), [way for way in _passing(node) if way[free].any()]
+        same = [zero, *passing] if node.reading == node.joint else [way - (way @ zero) * zero for way in passing]
         if below >= 0 and below not in carried and free.all():
             same.append(_seen_from(tree, below, j))
             carried.add(below)
         wide = sigma > 0.0
-        scaled = np.stack(same)[:, wide] / sigma[wide]
+        scaled = np.reshape(same, (-1, TWIST))[:, wide] / sigma[wide]
         rest = _complement(scaled)
         modes = np.zeros((tree.size, TWIST, rest.shape[1]))
         modes[j, wide] = sigma[wide, None] * rest
