@@ -206,8 +206,9 @@ def _rows(encoder: str, columns: AxisColumns, command: Array, reading: Array, po
     slip = slip_of_rows(command[both], reading[both], ratio, units)
     if slip is None:
         return Check("axis-rows", encoder, 0.0, 0.0, "1", PASS, "Every reading belongs to the command of its row.")
-    named = listed([str(pose) for pose in poses[both][slip.rows]])
-    text = f"Readings of {encoder} do not belong to the commands of {count(len(slip.rows), 'row')}: {named}."
+    own = f"{count(len(slip.rows), 'row')}: {listed([str(pose) for pose in poses[both][slip.rows]])}"
+    whose = "their rows" if len(slip.rows) == both.sum() else own
+    text = f"Readings of {encoder} do not belong to the commands of {whose}."
     meant = {
         RowSlipKind.EXCHANGED: " Did you mean: readings of these rows exchanged?",
         RowSlipKind.SHIFTED: f" Did you mean: readings of these rows shifted by {slip.name} rows?",

@@ -55,6 +55,23 @@ def test_a_lost_row_shifts_later_ones() -> None:
     assert (slip.kind, slip.name) == (RowSlipKind.SHIFTED, "-1")
 
 
+@pytest.mark.parametrize("late", [1, 2, -1])
+def test_a_column_that_is_shifted_as_a_whole_is_named(late: int) -> None:
+    sweep = np.linspace(-100.0, 100.0, 11)
+    command = np.concatenate([sweep, sweep[::-1]] * 3)
+    noise = 1e-3 * np.random.default_rng(8).normal(size=len(command))
+    slip = slip_of_rows(command, np.roll(command, late) + noise, 1.0, UNITS)
+    assert slip is not None
+    assert (slip.kind, slip.name, len(slip.rows)) == (RowSlipKind.SHIFTED, str(late), len(command))
+
+
+def test_lost_motion_as_large_as_a_step_is_no_shift() -> None:
+    sweep = np.linspace(-100.0, 100.0, 11)
+    command = np.concatenate([sweep, sweep[::-1]] * 3)
+    behind = np.repeat([-10.0, 10.0] * 3, len(sweep))  # a full gap of one step
+    assert slip_of_rows(command, command + behind, 1.0, UNITS) is None
+
+
 def test_copied_rows_are_told_from_a_misread_digit() -> None:
     own = readings()
     own[20:26] = own[10:16]

@@ -51,7 +51,9 @@ def slip_of_rows(command: Array, reading: Array, ratio: float, units: Mapping[st
     limit = _NEAR * float(np.ptp(expected))
     zero, near = _zero(reading - expected, limit)
     apart = np.flatnonzero(~near)
-    if near.mean() < _LEAST_SHARE or not len(apart) or _is_zero_shift((reading - expected)[apart], limit):
+    if near.mean() < _LEAST_SHARE:
+        return _whole_shift(reading, expected, limit)
+    if not len(apart) or _is_zero_shift((reading - expected)[apart], limit):
         return None
     off = reading - zero
     if 1 < len(apart) <= _MOST and _are_exchanged(off[apart], expected[apart], limit):
@@ -87,6 +89,16 @@ def _zero(difference: Array, limit: float) -> tuple[float, Mask]:
     first = np.abs(difference - centres[int(np.argmax(counts))]) <= limit
     zero = float(np.median(difference[first]))
     return zero, np.abs(difference - zero) <= limit
+
+
+def _whole_shift(reading: Array, expected: Array, limit: float) -> AxisRowSlip | None:
+    """Return the slip of a column that is shifted as a whole; None where no shift brings it to its commands."""
+    for shift in _SHIFTS:
+        first, last = max(shift, 0), len(reading) + min(shift, 0)
+        difference = reading[first:last] - expected[first - shift : last - shift]
+        if len(difference) > _FEWEST and _explains(_zero(difference, limit)[1]):
+            return AxisRowSlip(RowSlipKind.SHIFTED, np.arange(len(reading)), str(shift))
+    return None
 
 
 def _is_zero_shift(difference: Array, limit: float) -> bool:
