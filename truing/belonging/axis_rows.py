@@ -16,6 +16,8 @@ _LEAST_SHARE = 0.5  # least share of the rows that agree
 _FEWEST = 3  # fewest rows in another unit or shifted
 _MOST = 300  # most rows among which an exchange is sought
 _EXPLAINED = 0.9  # least share of the rows that a slip explains
+# Fewest angles; the share of the misfit that remains if they were written with minutes; and their decimals.
+_FEWEST_ANGLES, _FAR_BETTER, _SIXTY, _DIGITS = 20, 0.1, 0.6, 8
 _SHIFTS = (1, -1, 2, -2)
 # Fewest readings that show a scatter; how near its ratio to the declared noise lies to that of another unit.
 _FEWEST_SCATTERED, _OF_UNIT = 10, 1.9
@@ -80,6 +82,41 @@ def unit_of_deviations(deviation: Array, declared: float, units: Mapping[float, 
         return ""
     ratio = float(np.median(np.abs(np.diff(deviation, 2)))) / (_SECOND_DIFFERENCE * declared)
     return next((name for size, name in units.items() if 1.0 / _OF_UNIT < ratio / size < _OF_UNIT), "")
+
+
+def sexagesimal(command: Array, reading: Array) -> tuple[bool, str]:
+    """Return whether the commands (True) or the readings (N,), deg, have minutes in place of decimals, and their name;
+    empty where neither does.
+
+    Such decimals never reach 60, and as minutes they agree with the other column far better.
+    """
+    apart = float(np.std(reading - command))
+    if len(command) < _FEWEST_ANGLES or not apart > 0.0:
+        return False, ""
+    left = {(False, ""): _FAR_BETTER * apart}
+    for of_command, angles, others in ((False, reading, command), (True, command, reading)):
+        for name, read in _SEXAGESIMAL.items():
+            if (found := read(angles)) is not None:
+                left[of_command, name] = float(np.std(found - others))
+    return min(left, key=lambda one: left[one])
+
+
+def _of_minutes(angles: Array) -> Array | None:
+    """Return decimal degrees of numbers D.MM with decimals of minutes; None where there are none such."""
+    whole, minutes = np.divmod(np.round(np.abs(angles), _DIGITS), 1.0)
+    return None if minutes.max() >= _SIXTY else np.sign(angles) * (whole + minutes / _SIXTY)
+
+
+def _of_seconds(angles: Array) -> Array | None:
+    """Return decimal degrees of numbers D.MMSS with decimals of seconds; None where there are none such."""
+    minutes, seconds = np.divmod(np.round(np.abs(angles) * 100.0, _DIGITS), 1.0)
+    whole, minutes = np.divmod(minutes, 100.0)
+    if max(seconds.max(), minutes.max() / 100.0) >= _SIXTY:
+        return None
+    return np.sign(angles) * (whole + (minutes + seconds / _SIXTY) / 60.0)
+
+
+_SEXAGESIMAL = {"degrees and minutes (D.MM)": _of_minutes, "degrees, minutes and seconds (D.MMSS)": _of_seconds}
 
 
 def _zero(difference: Array, limit: float) -> tuple[float, Mask]:
