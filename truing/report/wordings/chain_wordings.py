@@ -73,7 +73,7 @@ def _compliance(claim: Claim) -> str:
     text = with_sizes(clause, replace(claim, sizes=claim.sizes[:1]))
     parts = [size.name for size in claim.sizes if size.name.startswith("centre ")]
     links = dict.fromkeys(part.split(" ", 1)[1].rpartition(" ")[0] for part in parts)
-    return f"{text}, next to unknown centres of mass of {listed(links)}" if links else text
+    return f"{text}, next to unknown centres of mass of {listed(list(links))}" if links else text
 
 
 def _bending(claim: Claim) -> str:
