@@ -25,7 +25,9 @@ class HartenbergRow(Section):
         description="standard: theta, d, a, alpha; modified (Craig): alpha, a before theta, d",
     )
     mass_kg: NotNegative = Field(0.0, description="mass of the link that the joint moves; 0: unknown")
-    com_mm: Vector = Field((0.0, 0.0, 0.0), description="its centre of mass, in the frame of the joint")
+    com_mm: Vector | None = Field(
+        None, description="its centre of mass, in the frame of the joint; absent: unknown, and fitted"
+    )
 
 
 class ScrewRow(Section):
@@ -35,7 +37,9 @@ class ScrewRow(Section):
     point_mm: Vector = Field((0.0, 0.0, 0.0), description="a point on the axis, base frame")
     kind: Literal["revolute", "prismatic"] = Field("revolute", description="motion of the joint")
     mass_kg: NotNegative = Field(0.0, description="mass of the link that the joint moves; 0: unknown")
-    com_mm: Vector = Field((0.0, 0.0, 0.0), description="its centre of mass, from that point, base axes")
+    com_mm: Vector | None = Field(
+        None, description="its centre of mass, from that point, base axes; absent: unknown, and fitted"
+    )
 
     @model_validator(mode="after")
     def _axis_is_a_direction(self) -> ScrewRow:
@@ -88,7 +92,9 @@ class ChainMechanism(MechanismSection):
     payload_kg: NotNegative = Field(
         0.0, description="mass at the tip; a column payload_kg of configurations.csv has precedence"
     )
-    payload_com_mm: Vector = Field((0.0, 0.0, 0.0), description="centre of this mass, frame of the tip")
+    payload_com_mm: Vector | None = Field(
+        None, description="centre of this mass, frame of the tip; absent: unknown, and fitted"
+    )
     gear_orders: dict[Name, tuple[Positive, ...]] = Field(
         {},
         description="periods per turn of errors by gears, by joint; for other joints orders up to 200 are searched",

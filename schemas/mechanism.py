@@ -45,7 +45,10 @@ NOISE_OF_ENCODERS = tuple(f"noise.{name}_{unit}" for name in ("motor", "load", "
 # Settings of stages that evaluate points on a chain.
 OF_CHAINS = tuple(
     f"mechanism.{name}"
-    for name in ("base", "tip", "gravity", "payload_kg", "payload_com_mm", "tolerance", "gear_orders", "pitch_mm")
+    for name in (
+        *("dh", "screws", "base", "tip", "gravity", "payload_kg", "payload_com_mm", "tolerance"),
+        *("gear_orders", "pitch_mm"),
+    )
 )
 NOISE_OF_JOINTS = ("noise.joint_deg", "noise.joint_mm")
 

@@ -355,11 +355,23 @@ def _known(
         start.tool,
         noise.astype(float),
         None if section.gravity is None else np.array(section.gravity, float),
-        (tip, np.array(section.payload_com_mm, float) * _MM),
+        (tip, np.array(section.payload_com_mm or (0.0, 0.0, 0.0), float) * _MM),
+        _without_centre(tree, tip, section),
         section.reference_temperature_c,
         {**section.gear_orders, **_of_pitches(section.pitch_mm)},
         ends,
     )
+
+
+def _without_centre(tree: Tree, tip: int, section: ChainMechanism) -> tuple[str, ...]:
+    """Links of which campaign.toml gives a mass without its centre; the tip, unless that of the payload is given."""
+    rows = section.dh or section.screws
+    links = [
+        node.link
+        for node, row in zip(tree.nodes[1 : 1 + len(rows)], rows, strict=True)
+        if row.mass_kg > 0.0 and row.com_mm is None
+    ]
+    return (*links, tree.nodes[tip].link) if section.payload_com_mm is None else tuple(links)
 
 
 def _of_pitches(pitches: Mapping[str, Sequence[float]]) -> dict[str, tuple[float, ...]]:

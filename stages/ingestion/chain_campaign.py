@@ -128,7 +128,7 @@ def _tree_of_screws(section: Any) -> Tree:
 
 def _with_masses(tree: Tree, rows: Any) -> Tree:
     moved = [
-        replace(node, mass=row.mass_kg, com=np.array(row.com_mm) * _MM)
+        replace(node, mass=row.mass_kg, com=np.array(row.com_mm or (0.0, 0.0, 0.0)) * _MM)
         for node, row in zip(tree.nodes[1:-1], rows, strict=True)
     ]
     return replace(tree, nodes=(tree.nodes[0], *moved, tree.nodes[-1]))

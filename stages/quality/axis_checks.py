@@ -12,7 +12,7 @@ from numpy.typing import NDArray
 from scipy.special import chdtr, stdtr
 
 from truing.arrays import Array
-from truing.belonging.axis_rows import RowSlipKind, slip_of_rows, unit_of_deviations
+from truing.belonging.axis_rows import RowSlipKind, sexagesimal, slip_of_rows, unit_of_deviations
 from truing.report.numbers import count, listed
 from truing.simulation.axis.rows import ENCODERS, LOAD, MEASURED, MOTOR
 from truing.stages.common.axis_columns import AxisColumns, columns_of, command_sigma, encoder_sigma
@@ -204,13 +204,16 @@ def _rows(encoder: str, columns: AxisColumns, command: Array, reading: Array, po
     ratio = float(np.median(np.diff(reading[both])[moved] / moves[moved]))
     if not 1.0 / _WRONG <= ratio <= _WRONG:
         return not_evaluated("another unit", "axis-rows", encoder, "the encoder moves unlike the command")
+    if columns.unit == "deg" and (written := _minutes(encoder, command[both], reading[both])) is not None:
+        return written
     units = {f"{words}{sign}": factor / at for at, words in _SLIPS[columns.unit].items() for sign, factor in _SIGNS}
     units |= {f"{columns.unit}{sign}": factor for sign, factor in _SIGNS if factor < 0.0}
     slip = slip_of_rows(command[both], reading[both], ratio, units)
     if slip is None:
         return Check("axis-rows", encoder, 0.0, 0.0, "1", PASS, "Every reading belongs to the command of its row.")
-    named = listed([str(pose) for pose in poses[both][slip.rows]])
-    text = f"Readings of {encoder} do not belong to the commands of {count(len(slip.rows), 'row')}: {named}."
+    own = f"{count(len(slip.rows), 'row')}: {listed([str(pose) for pose in poses[both][slip.rows]])}"
+    whose = "their rows" if len(slip.rows) == both.sum() else own
+    text = f"Readings of {encoder} do not belong to the commands of {whose}."
     meant = {
         RowSlipKind.EXCHANGED: " Did you mean: readings of these rows exchanged?",
         RowSlipKind.SHIFTED: f" Did you mean: readings of these rows shifted by {slip.name} rows?",
@@ -220,6 +223,16 @@ def _rows(encoder: str, columns: AxisColumns, command: Array, reading: Array, po
     }[slip.kind]
     verdict = WARN if slip.kind is RowSlipKind.STRAY and len(slip.rows) <= _FEW * both.sum() else FAIL
     return Check("axis-rows", encoder, float(len(slip.rows)), 0.0, "1", verdict, f"{text}{meant}")
+
+
+def _minutes(encoder: str, command: Array, reading: Array) -> Check | None:
+    """Check for angles, rad, that were written with minutes in place of decimals; None where there are none such."""
+    of_command, notation = sexagesimal(np.degrees(command), np.degrees(reading))
+    if not notation:
+        return None
+    whose = "Commands" if of_command else f"Readings of {encoder}"
+    text = f"{whose} have no decimals from .60 to .99. Did you mean: {notation}? Write decimal degrees."
+    return Check("axis-rows", encoder, float(len(reading)), 0.0, "1", FAIL, text)
 
 
 def _repeated_readings(

@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from truing.belonging.axis_rows import AxisRowSlip, RowSlipKind, slip_of_rows, unit_of_deviations
+from truing.belonging.axis_rows import AxisRowSlip, RowSlipKind, sexagesimal, slip_of_rows, unit_of_deviations
 
 UNITS = {"radians": 180.0 / np.pi, "deg with the opposite sign": -1.0}
 COUNT = 50
@@ -55,6 +55,23 @@ def test_a_lost_row_shifts_later_ones() -> None:
     assert (slip.kind, slip.name) == (RowSlipKind.SHIFTED, "-1")
 
 
+@pytest.mark.parametrize("late", [1, 2, -1])
+def test_a_column_that_is_shifted_as_a_whole_is_named(late: int) -> None:
+    sweep = np.linspace(-100.0, 100.0, 11)
+    command = np.concatenate([sweep, sweep[::-1]] * 3)
+    noise = 1e-3 * np.random.default_rng(8).normal(size=len(command))
+    slip = slip_of_rows(command, np.roll(command, late) + noise, 1.0, UNITS)
+    assert slip is not None
+    assert (slip.kind, slip.name, len(slip.rows)) == (RowSlipKind.SHIFTED, str(late), len(command))
+
+
+def test_lost_motion_as_large_as_a_step_is_no_shift() -> None:
+    sweep = np.linspace(-100.0, 100.0, 11)
+    command = np.concatenate([sweep, sweep[::-1]] * 3)
+    behind = np.repeat([-10.0, 10.0] * 3, len(sweep))  # a full gap of one step
+    assert slip_of_rows(command, command + behind, 1.0, UNITS) is None
+
+
 def test_copied_rows_are_told_from_a_misread_digit() -> None:
     own = readings()
     own[20:26] = own[10:16]
@@ -76,3 +93,31 @@ def test_deviations_in_another_unit_scatter_by_its_ratio(factor: float, unit: st
     noise = 8e-5 * np.random.default_rng(3).normal(size=74)
     deviation = 2e-3 * np.sin(np.concatenate([turn, turn[::-1]])) + 1e-3 * (np.arange(74) > 40) + noise
     assert unit_of_deviations(factor * deviation, 8e-5, {3600.0: "arc seconds"}) == unit
+
+
+def _in_minutes(angles: np.ndarray, with_seconds: bool) -> np.ndarray:
+    """Angles as a person copies them from a display: degrees, then minutes (and seconds) as decimals."""
+    written = []
+    for angle in angles:
+        seconds = round(abs(angle) * 3600.0, 1)
+        degrees, minutes, seconds = int(seconds // 3600), int(seconds % 3600 // 60), seconds % 60
+        decimals = minutes / 100.0 + (seconds / 1e4 if with_seconds else seconds / 6e3)
+        written.append(np.sign(angle) * (degrees + decimals))
+    return np.array(written)
+
+
+@pytest.mark.parametrize("with_seconds", [False, True])
+@pytest.mark.parametrize("of_command", [False, True])
+def test_angles_with_minutes_as_decimals_are_named(with_seconds: bool, of_command: bool) -> None:
+    command = COMMAND + np.random.default_rng(3).uniform(-1.0, 1.0, COUNT)
+    reading = command + 1e-3 * np.random.default_rng(4).normal(size=COUNT)
+    written = _in_minutes(command if of_command else reading, with_seconds)
+    columns = (written, reading) if of_command else (command, written)
+    found, name = sexagesimal(*columns)
+    assert (found, "MMSS" in name, bool(name)) == (of_command, with_seconds, True)
+
+
+def test_small_errors_are_no_minutes() -> None:
+    rng = np.random.default_rng(5)
+    command = np.round(rng.uniform(-100.0, 100.0, COUNT)) + rng.uniform(0.0, 0.5, COUNT)
+    assert sexagesimal(command, command + 0.01 * np.sin(command)) == (False, "")

@@ -191,3 +191,21 @@ def test_distinct_rows_are_those_of_numpy() -> None:
     rows = np.random.default_rng(3).integers(-2, 3, (40, 3)).astype(float)
     assert len(np.unique(rows, axis=0)) < len(rows)
     assert np.array_equal(distinct_rows(rows), np.unique(rows, axis=0))
+
+
+def test_noise_that_is_correlated_in_time_follows_time_alone() -> None:
+    wrong = 0
+    for seed in range(25):
+        rng = np.random.default_rng([seed, 11])
+        sweep = np.linspace(-1.0, 1.0, 11)
+        command = np.concatenate([sweep, sweep[::-1]] * 4)
+        count, kept = len(command), np.exp(-1.0 / rng.uniform(4.0, 40.0))
+        course = np.zeros(count)
+        for row in range(1, count):
+            course[row] = kept * course[row - 1] + np.sqrt(1.0 - kept**2) * rng.standard_normal()
+        direction = np.where(np.diff(command, prepend=-2.0) >= 0.0, 1.0, -1.0)
+        columns = {"time_s": 20.0 * np.arange(count), "command": command, "direction": direction}
+        rows = (4.0 * course + rng.standard_normal(count))[:, None]
+        sets = sets_of_inputs(rows, Spectra(columns, InTime(np.arange(count, dtype=float), None)), LEVEL)
+        wrong += any(set(inputs) != {"time_s"} for inputs, _, _ in sets)
+    assert wrong <= 3  # 1 in 8; smooth functions of time alone give more than 6

@@ -57,6 +57,15 @@ def test_three_poses_before_a_target_was_moved_are_enough() -> None:
     assert np.argwhere(alone).tolist() == [[5, 1]]
 
 
+def test_a_point_where_it_is_expected_is_kept_next_to_neighbours_that_are_not() -> None:
+    rng = np.random.default_rng(6)
+    values = 1e-6 * rng.normal(size=(POSES, 1, 3))
+    values[[7, 8, 9, 11, 12, 13]] += np.array([1.0, -1.0, 1.0, -1.0, 1.0, -1.0])[:, None, None] * 1e-3
+    alone = alone_in_time(values, np.arange(POSES) * 1.0, np.zeros((POSES, 1), bool))
+    assert not alone[10, 0]
+    assert alone[8, 0]
+
+
 def test_a_target_that_moves_in_all_poses_is_not_alone_in_time() -> None:
     rng = np.random.default_rng(3)
     values = _noise(rng)

@@ -16,6 +16,8 @@ _LEAST_SHARE = 0.5  # least share of the rows that agree
 _FEWEST = 3  # fewest rows in another unit or shifted
 _MOST = 300  # most rows among which an exchange is sought
 _EXPLAINED = 0.9  # least share of the rows that a slip explains
+# Fewest angles; the share of the misfit that remains if they were written with minutes; and their decimals.
+_FEWEST_ANGLES, _FAR_BETTER, _SIXTY, _DIGITS = 20, 0.1, 0.6, 8
 _SHIFTS = (1, -1, 2, -2)
 # Fewest readings that show a scatter; how near its ratio to the declared noise lies to that of another unit.
 _FEWEST_SCATTERED, _OF_UNIT = 10, 1.9
@@ -51,7 +53,9 @@ def slip_of_rows(command: Array, reading: Array, ratio: float, units: Mapping[st
     limit = _NEAR * float(np.ptp(expected))
     zero, near = _zero(reading - expected, limit)
     distant_rows = np.flatnonzero(~near)
-    if near.mean() < _LEAST_SHARE or not len(distant_rows) or _is_zero_shift((reading - expected)[distant_rows], limit):
+    if near.mean() < _LEAST_SHARE:
+        return _whole_shift(reading, expected, limit)
+    if not len(distant_rows) or _is_zero_shift((reading - expected)[distant_rows], limit):
         return None
     off = reading - zero
     if 1 < len(distant_rows) <= _MOST and _are_exchanged(off[distant_rows], expected[distant_rows], limit):
@@ -80,6 +84,41 @@ def unit_of_deviations(deviation: Array, declared: float, units: Mapping[float, 
     return next((name for size, name in units.items() if 1.0 / _OF_UNIT < ratio / size < _OF_UNIT), "")
 
 
+def sexagesimal(command: Array, reading: Array) -> tuple[bool, str]:
+    """Return whether the commands (True) or the readings (N,), deg, have minutes in place of decimals, and their name;
+    empty where neither does.
+
+    Such decimals never reach 60, and as minutes they agree with the other column far better.
+    """
+    apart = float(np.std(reading - command))
+    if len(command) < _FEWEST_ANGLES or not apart > 0.0:
+        return False, ""
+    left = {(False, ""): _FAR_BETTER * apart}
+    for of_command, angles, others in ((False, reading, command), (True, command, reading)):
+        for name, read in _SEXAGESIMAL.items():
+            if (found := read(angles)) is not None:
+                left[of_command, name] = float(np.std(found - others))
+    return min(left, key=lambda one: left[one])
+
+
+def _of_minutes(angles: Array) -> Array | None:
+    """Return decimal degrees of numbers D.MM with decimals of minutes; None where there are none such."""
+    whole, minutes = np.divmod(np.round(np.abs(angles), _DIGITS), 1.0)
+    return None if minutes.max() >= _SIXTY else np.sign(angles) * (whole + minutes / _SIXTY)
+
+
+def _of_seconds(angles: Array) -> Array | None:
+    """Return decimal degrees of numbers D.MMSS with decimals of seconds; None where there are none such."""
+    minutes, seconds = np.divmod(np.round(np.abs(angles) * 100.0, _DIGITS), 1.0)
+    whole, minutes = np.divmod(minutes, 100.0)
+    if max(seconds.max(), minutes.max() / 100.0) >= _SIXTY:
+        return None
+    return np.sign(angles) * (whole + (minutes + seconds / _SIXTY) / 60.0)
+
+
+_SEXAGESIMAL = {"degrees and minutes (D.MM)": _of_minutes, "degrees, minutes and seconds (D.MMSS)": _of_seconds}
+
+
 def _zero(difference: Array, limit: float) -> tuple[float, Mask]:
     """Return the zero with which most rows agree, and these rows."""
     centres = difference[:: -(-len(difference) // _MOST)]
@@ -87,6 +126,16 @@ def _zero(difference: Array, limit: float) -> tuple[float, Mask]:
     first = np.abs(difference - centres[int(np.argmax(counts))]) <= limit
     zero = float(np.median(difference[first]))
     return zero, np.abs(difference - zero) <= limit
+
+
+def _whole_shift(reading: Array, expected: Array, limit: float) -> AxisRowSlip | None:
+    """Return the slip of a column that is shifted as a whole; None where no shift brings it to its commands."""
+    for shift in _SHIFTS:
+        first, last = max(shift, 0), len(reading) + min(shift, 0)
+        difference = reading[first:last] - expected[first - shift : last - shift]
+        if len(difference) > _FEWEST and _explains(_zero(difference, limit)[1]):
+            return AxisRowSlip(RowSlipKind.SHIFTED, np.arange(len(reading)), str(shift))
+    return None
 
 
 def _is_zero_shift(difference: Array, limit: float) -> bool:

@@ -162,6 +162,13 @@ class ForwardSearch(Generic[CauseT]):
         others = (step.cause for step in searched.kept if step.cause.key != key)
         return self.fitter.comparable((*searched.given, *others), searched.final)
 
+    def without_drifts(self, searched: Searched[CauseT]) -> FittedModel[CauseT]:
+        """Return the final fit without the accepted nonparametric effects that end with the campaign."""
+        kept = [step.cause for step in searched.kept if step.cause.catalogued or step.cause.is_persistent]
+        if len(kept) == len(searched.kept):
+            return searched.final
+        return self.fitter.comparable((*searched.given, *kept), searched.final) if kept else searched.plain
+
     def named_alone(self, searched: Searched[CauseT]) -> FittedModel[CauseT]:
         """Return the fit with the accepted causes of the catalogue alone."""
         named = searched.named()

@@ -23,6 +23,7 @@ _PROBABLE_PAIRS = 6  # pairs to which third inputs are added
 INCLUDED = 0.9  # probability from which on an input is named
 _MOST_SETS = 3  # sets of inputs that are named in turn
 _MOST_HELD = 0.5  # largest number of functions held fixed, as a share of the epochs
+_LEAST = 1e-300  # squares of noise
 _CLIPPED = 4.0  # residuals beyond so many robust standard deviations are clipped
 
 
@@ -105,13 +106,14 @@ def explained(rest: Array, spectra: Spectra, inputs: tuple[str, ...]) -> tuple[A
     evidence = [log_evidence_of_spectrum(rest, own, spectra.freedom) for own in spectra.of(inputs)]
     best = spectra.of(inputs)[int(np.argmax(np.sum(np.maximum(evidence, 0.0), 1)))]
     along = best.along(rest)
-    strongest = np.argsort(-best.strengths)
-    # A direction counts if noise of one unit leaves the effect visible there.
-    count = int(np.clip(np.sum(best.strengths > 1.0), 1, max(spectra.freedom // 3, 1)))
-    basis = spectra.vectors(best, strongest[:count])
-    squares = float(np.sum(along[strongest[:count]] ** 2))
-    left = float(np.sum(rest**2)) - squares
-    return basis, squares - count * left / max(spectra.freedom - count, 1)
+    strongest, size = np.argsort(-best.strengths), 1.0
+    for _ in range(2):
+        # A direction counts if noise leaves the effect visible there, first of one unit, then of the size found.
+        count = int(np.clip(np.sum(size * best.strengths > 1.0), 1, max(spectra.freedom // 3, 1)))
+        squares = float(np.sum(along[strongest[:count]] ** 2))
+        noise = (float(np.sum(rest**2)) - squares) / max(spectra.freedom - count, 1)
+        size = max(1.0, float(np.sqrt(squares / spectra.freedom / max(noise, _LEAST))))
+    return spectra.vectors(best, strongest[:count]), squares - count * noise
 
 
 def clipped(rows: Array) -> Array:

@@ -16,6 +16,7 @@ from truing.inference.random_functions import (
     centred,
     level_functions,
     orthonormal,
+    rough_functions,
     smooth_functions,
     standard,
 )
@@ -92,6 +93,8 @@ class Spectra:
         is_time = len(inputs) == 1 and inputs[0] in self._timed
         smooth = list(smooth_functions(own, MOST_FUNCTIONS, _SCALES_OF_TIME if is_time else SCALES))
         yield from smooth
+        if is_time and self.in_time.order is not None:
+            yield from rough_functions(self.in_time.order, MOST_FUNCTIONS)
         if not is_time and (levels := level_functions(own)) is not None:
             yield levels
         if len(inputs) == 1 and not is_time and (history := self.in_time.history(own[:, 0])) is not None:

@@ -58,6 +58,10 @@ class CauseLike(Protocol):
         """True if this adds higher-order terms to a cause that must be accepted first."""
 
     @property
+    def is_persistent(self) -> bool:
+        """True if the effect stays with the machine; False if it ends with the campaign, as drifts do."""
+
+    @property
     def has_law(self) -> bool:
         """True if it claims a law; False if it only claims which input something follows."""
 

@@ -10,6 +10,7 @@ from truing.inference.arrays import Array, Integers
 
 MOST_FUNCTIONS = 60  # of one set of inputs
 SCALES = 0.5, 0.9, 1.6  # length scales, in standard deviations of the inputs
+_CORRELATED = 0.02, 0.1  # lengths of correlation in time, as shares of the epochs
 _DISTINCT = 1e-2  # functions below this share of the strongest are dropped
 _REPEATED = 0.7  # fewer distinct values than this share: functions of any form can be told from chance
 
@@ -25,6 +26,22 @@ def smooth_functions(columns: Array, most: int, scales: Sequence[float]) -> Iter
         values, vectors = np.linalg.eigh(np.exp(among / scale**2))
         kept = values > 1e-4 * values[-1]
         yield np.asarray(np.exp(beside / scale**2) @ (vectors[:, kept] / np.sqrt(values[kept])))
+
+
+def rough_functions(order: Array, most: int) -> Iterator[Array]:
+    """Yield functions (n, m) of the rank in time of n epochs, whose random combinations are stationary noise that is
+    correlated over a share of the epochs, and a random walk.
+
+    Cosines have the spectrum of an autoregressive process of first order. Smooth functions cannot take its place: their
+    combinations are too smooth, so that those of time and another input would be more probable.
+    """
+    count = len(order)
+    rank = np.argsort(np.argsort(order, kind="stable"))
+    number = np.arange(1, min(most, count - 1) + 1)
+    waves = np.cos(np.pi * number * (rank[:, None] + 0.5) / count)
+    for share in _CORRELATED:
+        yield waves / np.sqrt(1.0 + (np.pi * share * number) ** 2)
+    yield waves / number
 
 
 def level_functions(columns: Array) -> Array | None:

@@ -115,7 +115,8 @@ def alone_in_time(values: Array, order: Array | Integers, suspect: Mask, least: 
 
 
 def _is_isolated(values: Array, doubted: Mask, least: float) -> Mask:
-    """Return True for a channel's observations (N, d), in time order, that agree with no neighbours."""
+    """Return True for a channel's observations (N, d), in time order, that agree with no neighbours, nor with their
+    expected place."""
     from scipy.special import chdtri
 
     steps = _lengths(np.diff(values, axis=0))
@@ -131,7 +132,8 @@ def _is_isolated(values: Array, doubted: Mask, least: float) -> Mask:
         if distance == 1:
             between |= agree.all(0)
     between[2:-2] = False
-    return np.asarray((agree < _AGREE).all(0) & ~between)
+    expected = ~doubted & (_lengths(values) <= np.sqrt(2.0) * spread * _SUSPECT_REACH)
+    return np.asarray((agree < _AGREE).all(0) & ~between & ~expected)
 
 
 def _lengths(vectors: Array) -> Array:

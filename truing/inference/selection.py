@@ -250,7 +250,9 @@ class CauseSelection(Generic[CauseT]):
             causes = (*searched.given, *certain)
             model = self._search.fitter.comparable(causes, searched.final) if certain else plain
             return attributed(plain, (model,), level, level, doubted)
-        models = (plain, searched.final) if searched.kept else (plain,)
+        # A drift that is accounted for in part leaves residuals that no function of time alone explains.
+        final = self._search.without_drifts(searched)
+        models = (plain,) if final is plain else (plain, final)
         return attributed(plain, models, settings.doubted_level, _LEVEL_OF_COURSE, doubted)
 
     def _searched_with_scatter(

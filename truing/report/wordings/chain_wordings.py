@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Callable
+from dataclasses import replace
 
 from truing.report.diagnosis.findings import subject_words
 from truing.report.numbers import listed
@@ -69,7 +70,11 @@ def _settling(claim: Claim) -> str:
 
 
 def _compliance(claim: Claim) -> str:
-    return with_sizes(f"{_whose(claim)} deflects under the weight that it carries", claim)
+    clause = f"{_whose(claim)} deflects under the weight that it carries"
+    text = with_sizes(clause, replace(claim, sizes=claim.sizes[:1]))
+    parts = [size.name for size in claim.sizes if size.name.startswith("centre ")]
+    links = dict.fromkeys(part.split(" ", 1)[1].rpartition(" ")[0] for part in parts)
+    return f"{text}, next to unknown centres of mass of {listed(list(links))}" if links else text
 
 
 def _bending(claim: Claim) -> str:

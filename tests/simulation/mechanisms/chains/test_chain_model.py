@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import replace
 
 import numpy as np
@@ -50,6 +50,7 @@ EVERY: tuple[ChainCause, ...] = (
     JointSettling("j3", column="since_motion_s", start_s=2.0, tau_s=9.0),
     JointSettling("j1", form=SIDE, column="time_s", start_s=20.0, tau_s=9.0, free=True),
     JointCompliance("j3", load=20.0),
+    JointCompliance("j2", True, 20.0, ("link3 x", "tip z"), (0.2, 0.1), free=True),
     JointSag("j2", parts=("link2 x", "link3 x")),
     GravityDirection("-x", ("j2", "j3"), (True, True), (30.0, 10.0)),
     ColumnTilt("base", load=50.0),
@@ -126,13 +127,13 @@ def diagnosed(
     seed: int,
     orientation: bool = False,
     gears: bool = False,
-    tells_masses: bool = True,
+    told: Callable[[ChainModel], ChainModel] = lambda model: model,
     given: Sequence[ChainCause] = (),
 ) -> CauseDiagnosis:
     """What a search says of a campaign whose geometry and zeros are drawn from their tolerances.
 
-    Orders of ``gears`` are searched only where a test is about them, because that takes time. Without ``tells_masses``
-    the search knows no mass. ``given`` causes are in the model from the start.
+    Orders of ``gears`` are searched only where a test is about them, because that takes time. The search knows the
+    model as ``told``. ``given`` causes are in the model from the start.
     """
     rng = np.random.default_rng(seed)
     model = campaign(rng, 60, 1 if orientation else 2, orientation)
@@ -157,8 +158,7 @@ def diagnosed(
     covariance = np.broadcast_to((sigma**2)[..., None] * np.eye(3), (*values.shape, 3))
     measured = Observations(values, covariance, np.ones(values.shape[:2], bool))
     frames = Frames(np.tile(np.eye(3), (60, 1, 1)), np.zeros((60, 3)), free=False)
-    if not tells_masses:
-        model = weightless(model)
+    model = told(model)
     epochs = Epochs(measured, model.conditions, frames)
     search = CauseSelection(model, epochs, None, Settings(0.05, 200, 1), given=given)
     return search.run(list(catalogue_of_chains().values()))
@@ -168,6 +168,21 @@ def weightless(model: ChainModel) -> ChainModel:
     """The model of a description without masses."""
     tree = replace(model.tree, nodes=tuple(replace(node, mass=0.0) for node in model.tree.nodes))
     return replace(model, tree=tree, conditions=replace(model.conditions, payload_kg=np.zeros(len(model.blocks))))
+
+
+def without_centres(model: ChainModel) -> ChainModel:
+    """The model of a description with masses, and with the centre of none: all are a decimetre or two away."""
+    away = np.array([0.0, 0.08, 0.15])
+    nodes = tuple(replace(node, com=node.com - away) for node in model.tree.nodes)
+    links = tuple(node.link for node in nodes if node.mass > 0.0 or node.link == "tip")
+    known = replace(model.known, payload=(6, np.zeros(3)), without_centre=links)
+    return replace(model, tree=replace(model.tree, nodes=nodes), known=known)
+
+
+def assuming_centres(model: ChainModel) -> ChainModel:
+    """The same, with the centres taken as known."""
+    model = without_centres(model)
+    return replace(model, known=replace(model.known, without_centre=()))
 
 
 def names(diagnosis: CauseDiagnosis) -> list[tuple[str, str]]:
@@ -272,7 +287,7 @@ def test_a_period_is_reported_with_the_uncertainty_of_its_wave() -> None:
 
 def test_under_unknown_masses_the_sag_of_a_joint_is_found_with_its_course() -> None:
     soft, rng = Effect(JointCompliance("j2", load=40.0), np.array([8e-6])), np.random.default_rng(5)
-    diagnosis = diagnosed([soft], 5, tells_masses=False)
+    diagnosis = diagnosed([soft], 5, told=weightless)
     assert names(diagnosis) == [("joint-sag", "joint j2")]
     (found,) = (verdict for verdict in diagnosis.verdicts if verdict.verdict == "found")
     true = soft.values[0] * campaign(rng, 60, 2).machine.torque(1)
@@ -280,6 +295,29 @@ def test_under_unknown_masses_the_sag_of_a_joint_is_found_with_its_course() -> N
     true, sag = true - true.mean(), sag - sag.mean()  # a constant is the joint's zero
     assert np.sqrt(np.mean(true**2)) > 1e-5
     assert np.sqrt(np.mean((sag - true) ** 2)) < 0.2 * np.sqrt(np.mean(true**2))
+
+
+def test_a_compliance_under_weights_of_unknown_centre_is_right_within_its_uncertainty() -> None:
+    soft = Effect(JointCompliance("j2", load=40.0), np.array([3e-5]))
+    diagnosis = diagnosed([soft], 5, told=without_centres)
+    assert names(diagnosis) == [("joint-compliance", "joint j2")]
+    own = next(v for v in diagnosis.verdicts if v.cause.id == "joint-compliance")
+    sigma = float(np.sqrt(own.covariance[0, 0]))
+    assert abs(own.values[0] - soft.values[0]) < 3.0 * sigma < 1.5 * soft.values[0]
+    assert names(diagnosed([soft], 5, told=assuming_centres)) != names(diagnosis)
+
+
+def test_weights_act_off_their_joints_as_far_as_their_centres_are() -> None:
+    model = without_centres(campaign(np.random.default_rng(1), 30))
+    (found,) = (cause for cause in JointCompliance().candidates(model.scene) if cause.joint == "j2")
+    centre = np.array([0.2, 0.0, 0.0])
+    nodes = tuple(replace(node, com=centre) if node.link == "link3" else node for node in model.tree.nodes)
+    away = replace(model, tree=replace(model.tree, nodes=nodes))
+    values = np.zeros(1 + len(found.parts))
+    values[[0, 1 + found.parts.index("link3 x")]] = 1e-5, 0.2
+    known = found.deviation(away.machine, values[:1] * np.ones(1))
+    assert_close(found.refined().deviation(model.machine, values), known, atol=1e-12)
+    assert not any(cause.parts for cause in JointCompliance().candidates(campaign(np.random.default_rng(1), 30).scene))
 
 
 def test_a_sag_is_a_candidate_only_under_unknown_masses() -> None:

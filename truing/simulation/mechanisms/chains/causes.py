@@ -12,6 +12,7 @@ from numpy.typing import NDArray
 from truing.inference.model import ScatterCandidate
 from truing.simulation.cause import Cause, Parameter, ReportedParameter, Scene, Step
 from truing.simulation.inputs import LAST_STEP, PATH, Missing
+from truing.simulation.mechanisms.chains.centres import moments_off_centre, off_centre
 from truing.simulation.mechanisms.chains.closed_tree import ClosedTree
 from truing.simulation.mechanisms.chains.conditions import ChainInputs
 from truing.simulation.mechanisms.chains.passing import nodes_moved_alike
@@ -274,36 +275,70 @@ class JointBacklash(JointCause):
 
 @dataclass(frozen=True)
 class JointCompliance(JointCause):
-    """A joint deflects under the torque of weight about its axis."""
+    """A joint deflects under the torque of weight about its axis.
+
+    ``parts``: directions in links whose centres of mass are unknown, and ``distances`` (m) by which a centre may be
+    off. If ``free``, each distance is a parameter next to the compliance.
+    """
 
     load: float = 1.0  # largest torque, N m, or force, N
+    parts: tuple[str, ...] = ()
+    distances: tuple[float, ...] = ()
+    free: bool = False
 
     id = "joint-compliance"
     lacking = Missing.WEIGHT
+
+    @property
+    def family(self) -> str:
+        """Compliance of one joint, whether centres of mass are free or not."""
+        return f"{self.id} {self.joint}"
 
     def candidates(self, scene: ChainScene) -> Sequence[Self]:
         """Return every joint whose load by weight varies."""
         machine = scene.inputs_of_machine
         found: list[Self] = []
         for cause in super().candidates(scene):
-            torque = machine.torque(machine.tree.readings.index(cause.joint))
-            if np.ptp(torque) > _LEAST_LOAD * machine.largest_load(cause.is_angle):
-                found.append(replace(cause, load=float(np.abs(torque).max())))
+            reading = machine.tree.readings.index(cause.joint)
+            if machine.load_varies(reading):
+                load = float(np.abs(machine.torque(reading)).max())
+                away = off_centre(machine, reading, load)
+                found.append(replace(cause, load=load, parts=tuple(away), distances=tuple(away.values())))
         return found
 
     def one_sided(self, legs: int) -> tuple[int, ...]:
         """Return the compliance: it cannot be negative."""
         return (0,)
 
+    def refined(self) -> Self:
+        """Return the form in which unknown centres of mass are fitted."""
+        return replace(self, free=True) if self.parts else self
+
     def parameters(self, legs: int) -> tuple[Parameter, ...]:
-        """Return the compliance."""
-        if self.is_angle:
-            return (Parameter("compliance", "rad/(N m)", _ANGLE / self.load),)
-        return (Parameter("compliance", "mm/N", _LENGTH / self.load, _MM),)
+        """Return the compliance; then the distances, if they are free."""
+        if not self.is_angle:
+            return (Parameter("compliance", "mm/N", _LENGTH / self.load, _MM),)
+        compliance = Parameter("compliance", "rad/(N m)", _ANGLE / self.load)
+        own = zip(self.parts, self.distances, strict=True) if self.free else ()
+        # A plausible distance is a limit too: centres far away would take the place of the compliance.
+        return (compliance, *(Parameter(f"centre {part}", "mm", away / self.reach, _MM) for part, away in own))
 
     def motion(self, machine: ChainInputs, reading: int) -> NDArray:
-        """Return the torque about the axis, or the force along it."""
-        return machine.torque(reading)[:, None]
+        """Return the torque about the axis, or the force along it, with all centres where they are assumed; zero by
+        distances, which act only on a compliant joint."""
+        torque = machine.torque(reading)
+        return np.column_stack([torque, np.zeros((len(torque), len(self.parts) * self.free))])
+
+    def deviation_slopes(self, machine: ChainInputs, values: NDArray) -> NDArray:
+        """Return the derivatives of the deviations by the compliance and the distances."""
+        reading = machine.tree.readings.index(self.joint)
+        moments = moments_off_centre(machine, reading, self.parts if self.free else ())
+        torque = machine.torque(reading) + moments @ values[1:]
+        return machine.of_joint(reading, np.column_stack([torque, values[0] * moments]))
+
+    def deviation(self, machine: ChainInputs, values: NDArray) -> NDArray:
+        """Return the deviations at a compliance and, if they are free, distances."""
+        return np.asarray(values[0] * self.deviation_slopes(machine, values)[..., 0])
 
 
 @dataclass(frozen=True)

@@ -25,6 +25,8 @@ from truing.simulation.mechanisms.chains.tree import Tree
 APPROACH = "approach"
 # Seconds since a joint stopped: (B,) as the campaign has it, and (B, n) by the times of the poses.
 SINCE_MOTION, BETWEEN = "since_motion_s", "time since the pose before the last movement"
+# A load that varies by a smaller share of the largest load on the chain is constant, apart from rounding.
+_LEAST_LOAD = 1e-6
 # Share of the poses beyond either end of the usual range of an input.
 _BEYOND = 0.01
 
@@ -89,7 +91,7 @@ class ChainInputs:
     zero where no mass is known. ``shape`` (K, 3) are the targets in their links, m; ``noisy`` are the readings with
     noise. ``gravity`` (3,): its direction in the base's frame; None if it is unknown. ``gear_orders``: known orders of
     errors by joint, per turn; of a slide rad/m. ``payload``: node that carries the payload, and its centre of mass (3,)
-    in that link, m.
+    in that link, m. ``without_centre``: links with a mass whose centre is unknown, and assumed at the link's origin.
     """
 
     tree: Tree
@@ -103,6 +105,7 @@ class ChainInputs:
     gravity: NDArray | None = None
     gear_orders: Mapping[str, tuple[float, ...]] = field(default_factory=dict)
     payload: tuple[int, NDArray] = field(default_factory=lambda: (0, np.zeros(3)))
+    without_centre: tuple[str, ...] = ()
 
     @classmethod
     def of(
@@ -163,6 +166,11 @@ class ChainInputs:
     def largest_load(self, turns: bool) -> float:
         """Return the largest moment, N m, or force, N, that weight puts on any joint."""
         return float(np.abs(self.moment if turns else self.force).max(initial=0.0))
+
+    def load_varies(self, reading: int) -> bool:
+        """True if the load by weight on a joint varies by more than rounding of the largest load on the chain."""
+        largest = self.largest_load(bool(self.tree.is_revolute[reading]))
+        return bool(np.ptp(self.torque(reading)) > _LEAST_LOAD * largest)
 
     def of_joint(self, reading: int, motion: NDArray) -> Array:
         """Return the deviations (B, n, P) of all joints from that (B, P) of one joint's motion, rad or m."""

@@ -12,6 +12,7 @@ from numpy.typing import NDArray
 from truing.simulation.cause import Parameter, Step
 from truing.simulation.inputs import Missing
 from truing.simulation.mechanisms.chains.causes import ChainCause, ChainScene, JointCause
+from truing.simulation.mechanisms.chains.centres import AXES, independent, levers, weights_off_centre
 from truing.simulation.mechanisms.chains.closed_tree import ClosedTree
 from truing.simulation.mechanisms.chains.conditions import ChainInputs
 from truing.simulation.mechanisms.chains.link_causes import LinkCause
@@ -20,13 +21,10 @@ from truing.simulation.mechanisms.chains.tree import JointKind
 _TILT, _PIVOT_M = 2e-4, 0.5  # plausible tilt under the largest moment, and height above the place that it turns about
 _SAG = 5e-4  # rad
 _MM = 1e-3
-_AXES = "xyz"
 _VARIES = 1e-6  # N m
-# A function of the pose is a further one if this share of its rms size is independent of the others and of a constant.
-_INDEPENDENT = 1e-3
 # Axes of the base along which gravity may act; cosine from which on two directions are the same.
 _DIRECTIONS = {
-    f"{sign}{axis}": way * np.eye(3)[k] for k, axis in enumerate(_AXES) for sign, way in (("+", 1.0), ("-", -1.0))
+    f"{sign}{axis}": way * np.eye(3)[k] for k, axis in enumerate(AXES) for sign, way in (("+", 1.0), ("-", -1.0))
 }
 _SAME_WAY = 0.9
 # Share of the largest load by which a load varies; plausible deflections under the largest load, rad and m.
@@ -57,7 +55,7 @@ class ColumnTilt(LinkCause):
             if not (k == 0 or slides):
                 continue
             varying = np.ptp(self._moment(machine, k), axis=0) > _VARIES
-            axes = ["", *(axis for axis, own in zip(_AXES, varying, strict=True) if own)] if varying.any() else []
+            axes = ["", *(axis for axis, own in zip(AXES, varying, strict=True) if own)] if varying.any() else []
             for about in axes if sum(varying) > 1 else axes[:1]:
                 own = replace(self, link=node.link, about=about)
                 found.append(replace(own, load=float(np.abs(own._moment(machine, k)).max())))
@@ -92,7 +90,7 @@ class ColumnTilt(LinkCause):
     def _moment(self, machine: ChainInputs, k: int) -> NDArray:
         """Return the moment (B, 3), N m, about the link's origin, along the axes of the joint's frame."""
         moment = machine.moment[:, k] - np.cross(self._way(machine, k), machine.force[:, k])
-        return moment * np.array([self.about in ("", axis) for axis in _AXES], float)
+        return moment * np.array([self.about in ("", axis) for axis in AXES], float)
 
 
 @dataclass(frozen=True)
@@ -130,16 +128,21 @@ class JointSag(JointCause):
         return list(found.values())
 
     def applies(self, machine: ChainInputs) -> bool:
-        """True if gravity is known and no mass that the joint carries, except a payload that changes.
+        """True if gravity is known and no mass that the joint carries, except a payload that changes, or masses of
+        unknown centre that are assumed on its axis.
 
         Never in loops: there a joint also carries links that no joint above it moves.
         """
         if isinstance(machine.tree, ClosedTree):
             return False
-        own = machine.tree.node_of(machine.tree.readings.index(self.joint))
+        reading = machine.tree.readings.index(self.joint)
+        own, without_centre = machine.tree.node_of(reading), weights_off_centre(machine, reading)
         carried = [node for k, node in enumerate(machine.tree.nodes) if machine.tree.above[k, own]]
         payload = machine.conditions.payload_kg
-        weighed = any(node.mass > 0.0 for node in carried) or bool(payload.any() and not np.ptp(payload) > 0.0)
+        tip = machine.tree.nodes[machine.payload[0]].link
+        weighed = any(node.mass > 0.0 and node.link not in without_centre for node in carried)
+        weighed |= bool(payload.any() and not np.ptp(payload) > 0.0) and tip not in without_centre
+        weighed |= bool(without_centre) and machine.load_varies(reading)
         slides = any(node.kind is JointKind.PRISMATIC for node in carried)
         return machine.gravity is not None and self.is_angle and not weighed and not slides
 
@@ -149,8 +152,8 @@ class JointSag(JointCause):
 
     def motion(self, machine: ChainInputs, reading: int) -> NDArray:
         """Return the lever of the weight about the axis (B, P), per unit of mass times distance in each direction."""
-        levers = _levers(machine, reading)
-        return np.stack([levers[part] for part in self.parts], -1)
+        found = _levers(machine, reading)
+        return np.stack([found[part] for part in self.parts], -1)
 
 
 @dataclass(frozen=True)
@@ -230,31 +233,14 @@ class GravityDirection(ChainCause):
         return found
 
 
-def _levers(machine: ChainInputs, reading: int) -> dict[str, NDArray]:
-    """Return the levers (B,) of unit vectors fixed in each moving link that a joint carries, the nearest link first."""
-    assert machine.gravity is not None
-    tree, frames = machine.tree, machine.tree.frames(machine.readings)
-    own = tree.node_of(reading)
-    down = machine.gravity / np.sqrt(np.sum(machine.gravity**2))
-    axis = frames.R_before[:, own] @ tree.nodes[own].axis
-    across = np.cross(down, axis)  # axis . (arm x down) = arm . (down x axis)
-    moving = [k for k in np.flatnonzero(tree.above[:, own]) if tree.nodes[k].kind is not JointKind.FIXED]
-    return {
-        f"{tree.nodes[k].link} {name}": np.einsum("bi,bi->b", frames.R[:, k, :, c], across)
-        for k in moving
-        for c, name in enumerate(_AXES)
-    }
-
-
 def _independent_parts(machine: ChainInputs, joint: str, depth: int) -> tuple[str, ...]:
     """Return the directions of the nearest links whose levers the poses distinguish from each other and a constant."""
-    levers = _levers(machine, machine.tree.readings.index(joint))
-    basis = np.full((len(machine.readings), 1), 1.0 / np.sqrt(len(machine.readings)))
-    found: list[str] = []
-    for part, lever in list(levers.items())[: len(_AXES) * depth or None]:
-        rest = lever - basis @ (basis.T @ lever)
-        size = float(np.sqrt(np.sum(rest**2)))
-        if size > _INDEPENDENT * np.sqrt(len(lever)):
-            basis = np.column_stack([basis, rest / size])
-            found.append(part)
-    return tuple(found)
+    found = _levers(machine, machine.tree.readings.index(joint))
+    return independent(dict(list(found.items())[: len(AXES) * depth or None]), 1.0)
+
+
+def _levers(machine: ChainInputs, reading: int) -> dict[str, NDArray]:
+    """Return the levers (B,) of unit vectors fixed in each moving link that a joint carries, the nearest link first."""
+    tree, own = machine.tree, machine.tree.node_of(reading)
+    moving = [k for k in np.flatnonzero(tree.above[:, own]) if tree.nodes[k].kind is not JointKind.FIXED]
+    return levers(machine, reading, moving)

@@ -34,9 +34,10 @@ class KnownChain:
     prior sigma of each joint's zero, 0 if exact. ``shape`` (K, 3): start values of the channels' places in their
     links; ``shape_modes`` (K, 3, W) their errors per prior sigma, ``shape_known`` (W,) if surveyed. ``tool`` (K, 3, 3):
     start values of the orientations. ``reading_sigma`` (n,): noise of the readings. ``gravity`` (3,): its direction
-    in the base's frame; ``payload``: the node that carries it, and its centre of mass, m. ``gear_orders``: known orders
-    of errors by joint, per turn, or rad/m of a slide. ``end_modes`` (N, 6, W): twists of nodes without motion to which
-    those errors of the places amount that move all targets of a link's end.
+    in the base's frame; ``payload``: the node that carries it, and its centre of mass, m; ``without_centre``: links
+    with a mass whose centre is unknown. ``gear_orders``: known orders of errors by joint, per turn, or rad/m of a
+    slide. ``end_modes`` (N, 6, W): twists of nodes without motion to which those errors of the places amount that move
+    all targets of a link's end.
     """
 
     base_R: NDArray
@@ -52,6 +53,7 @@ class KnownChain:
     reading_sigma: NDArray
     gravity: NDArray | None = None
     payload: tuple[int, NDArray] = (0, np.zeros(3))
+    without_centre: tuple[str, ...] = ()
     reference_temperature_c: float = 20.0
     gear_orders: Mapping[str, tuple[float, ...]] = field(default_factory=dict)
     end_modes: NDArray | None = None
@@ -181,7 +183,7 @@ class ChainModel(EffectsModel[ChainCause]):
             known.shape,
             self.noisy,
         )
-        return replace(inputs, gear_orders=known.gear_orders)
+        return replace(inputs, gear_orders=known.gear_orders, without_centre=known.without_centre)
 
     @property
     def scene(self) -> ChainScene:

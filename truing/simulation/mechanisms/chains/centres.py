@@ -1,0 +1,89 @@
+"""Levers of weight about a joint's axis, and masses whose centres are unknown."""
+
+from __future__ import annotations
+
+from collections.abc import Iterable, Mapping
+
+import numpy as np
+from numpy.typing import NDArray
+
+from truing.simulation.mechanisms.chains.closed_tree import ClosedTree
+from truing.simulation.mechanisms.chains.conditions import ChainInputs
+from truing.simulation.mechanisms.chains.tree import STANDARD_GRAVITY
+
+AXES = "xyz"
+# Least rms size, relative to the scale, of what is independent of the other functions and of a constant.
+_INDEPENDENT = 1e-3
+_OFF_CENTRE_M = 0.1  # plausible distance of a centre of mass from a joint, unless half of the link is longer
+
+
+def levers(machine: ChainInputs, reading: int, nodes: Iterable[int]) -> dict[str, NDArray]:
+    """Return the levers (B,) of unit vectors fixed in the links of nodes, under weight about the axis of a joint."""
+    assert machine.gravity is not None
+    tree, frames = machine.tree, machine.tree.frames(machine.readings)
+    own = tree.node_of(reading)
+    down = machine.gravity / np.sqrt(np.sum(machine.gravity**2))
+    axis = frames.R_before[:, own] @ tree.nodes[own].axis
+    across = np.cross(down, axis)  # axis . (arm x down) = arm . (down x axis)
+    return {
+        f"{tree.nodes[k].link} {name}": np.einsum("bi,bi->b", frames.R[:, k, :, c], across)
+        for k in nodes
+        for c, name in enumerate(AXES)
+    }
+
+
+def independent(functions: Mapping[str, NDArray], scale: float) -> tuple[str, ...]:
+    """Return the names of functions (B,) of the pose, of size ``scale``, that differ from each other and from a
+    constant, in their order."""
+    basis: list[NDArray] = []
+    found: list[str] = []
+    for name, values in functions.items():
+        rest = values - values.mean()
+        for other in basis:
+            rest = rest - other * (other @ rest)
+        size = float(np.sqrt(np.sum(rest**2)))
+        if size > _INDEPENDENT * scale * np.sqrt(len(values)):
+            basis.append(rest / size)
+            found.append(name)
+    return tuple(found)
+
+
+def weight_of(machine: ChainInputs, node: int) -> NDArray:
+    """Return the weight (B,), N, of a node's link and its payload."""
+    payload = machine.conditions.payload_kg if node == machine.payload[0] else np.zeros(len(machine.readings))
+    return np.asarray(STANDARD_GRAVITY * (machine.tree.nodes[node].mass + payload))
+
+
+def weights_off_centre(machine: ChainInputs, reading: int) -> dict[str, NDArray]:
+    """Return by link the weight (B,), N, that a turning joint carries and whose centre of mass is unknown.
+
+    Empty in loops, and for a joint that slides: where a weight acts does not change the force along it.
+    """
+    tree = machine.tree
+    if machine.gravity is None or isinstance(tree, ClosedTree) or not tree.is_revolute[reading]:
+        return {}
+    own = tree.node_of(reading)
+    weights = {link: weight_of(machine, tree.links[link]) for link in machine.without_centre}
+    return {link: weight for link, weight in weights.items() if tree.above[tree.links[link], own] and weight.any()}
+
+
+def moments_off_centre(machine: ChainInputs, reading: int, parts: Iterable[str]) -> NDArray:
+    """Return the torque (B, P), N m, about a joint per metre by which a centre of mass is off in each direction."""
+    links, found = machine.tree.links, []
+    for part in parts:
+        k = links[part.rpartition(" ")[0]]
+        found.append(weight_of(machine, k) * levers(machine, reading, [k])[part])
+    return np.stack(found, -1) if found else np.zeros((len(machine.readings), 0))
+
+
+def off_centre(machine: ChainInputs, reading: int, load: float) -> dict[str, float]:
+    """Return a plausible distance, m, by which each unknown centre of mass is off, by its direction in the link; only
+    directions that the poses distinguish under the largest ``load``, N m."""
+    distances = {}
+    for link in weights_off_centre(machine, reading):
+        k = machine.tree.links[link]
+        ends = [float(np.sqrt(node.t @ node.t)) for node in machine.tree.nodes if node.parent == k]
+        distances |= {f"{link} {axis}": max(_OFF_CENTRE_M, max(ends, default=0.0) / 2.0) for axis in AXES}
+    moments = moments_off_centre(machine, reading, distances).T * np.array(list(distances.values()))[:, None]
+    kept = independent(dict(zip(distances, moments, strict=True)), load)
+    return {part: distances[part] for part in kept}
