@@ -60,6 +60,14 @@ DIAGNOSIS_COLUMNS = (
     text("next_purpose", "purpose of its rows in next_poses or next_loads; empty if it has none", nullable=True),
     text("next_measurement", "measurement that confirms it, or separates it from its rivals", nullable=True),
     flag("in_model", "whether the extended model holds the effect; empty in rows on noise or residuals", nullable=True),
+    size(
+        "rms_without_any",
+        "unit",
+        "rms of measured minus predicted on fitted data without any accepted cause; empty if a cause is known before "
+        "the search",
+        nullable=True,
+    ),
+    size("heldout_rms_without_any", "unit", "the same on data that the fit did not use", nullable=True),
     text("determined", "linear combination of the parameters of a cause, with its largest coefficients"),
     text("coefficients", "JSON: coefficient of each parameter in a combination; their squares sum to 1"),
     real("combined_value", "unit", "value of the combination, in the unit of the parameters"),

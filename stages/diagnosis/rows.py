@@ -112,6 +112,7 @@ def _row(verdict: Verdict, diagnosis: CauseDiagnosis, words: DetectionAdvice) ->
         "parameters": json.dumps(facts.parameters),
         "follows": listed(claim.follows),
         **_errors(shown, verdict),
+        **_errors_without_any(shown, diagnosis),
         "explanation": explanation(facts),
         **_advised(advice),
         "reason_code": facts.reason_code,
@@ -138,6 +139,15 @@ def _errors(shown: ReportedRms, verdict: Verdict) -> dict[str, Any]:
         "noise_floor": shown.floor(verdict.floor),
         "unit": shown.unit,
     }
+
+
+def _errors_without_any(shown: ReportedRms, diagnosis: CauseDiagnosis) -> dict[str, Any]:
+    """Return the prediction errors of the plain model, which errors without one cause do not tell: a cause may be
+    compared next to all others. Causes known before the search are in the plain model: then nothing is returned."""
+    plain, accepted = diagnosis.plain, diagnosis.final.model.layout
+    if any(cause.key in accepted for cause in plain.causes):
+        return {}
+    return {"rms_without_any": shown.rms(plain.error), "heldout_rms_without_any": shown.rms(plain.held_out)}
 
 
 def _left_out(verdict: Verdict, diagnosis: CauseDiagnosis) -> dict[str, Any]:

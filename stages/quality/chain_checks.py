@@ -31,6 +31,7 @@ from truing.simulation.mechanisms.chains.column_slips import (
     likely_slip,
 )
 from truing.simulation.mechanisms.chains.conditions import ChainConditions
+from truing.simulation.mechanisms.chains.joint_senses import JointSenses, senses_that_join
 from truing.simulation.mechanisms.chains.measured_lines import with_ground
 from truing.simulation.mechanisms.chains.start_values import StartValues
 from truing.simulation.mechanisms.chains.tree import Tree
@@ -291,6 +292,8 @@ def _tested(compared: ComparedChain, settings: Campaign) -> RelationTest:
     if slip is None:
         if whole := [*slips_of_single_lines(compared, fit), *bodies]:
             return _failed_as_a_whole(tested, whole)
+        if (senses := senses_that_join(compared.tree, conditions, fit.start_of)) is not None:
+            return _failed(tested, _recorded_senses(senses, compared), senses.after)
         return _failed(tested, _constant(compared) or (() if in_poses is None else in_poses.slips), None)
     # The diagnosis corrects an exchange and zeros, as findings; no other slip.
     corrected = slip.kind in (ColumnSlipKind.EXCHANGED, ColumnSlipKind.ZEROS)
@@ -392,6 +395,14 @@ def _recorded(slip: ColumnSlip, tree: Tree, names: list[str]) -> Iterator[Record
             yield RecordSlip(SlipKind.ZERO, "readings", (column.name,), offset=offset / column.si)
     else:
         yield column_slip(slip.kind, [column.name for column in columns])
+
+
+def _recorded_senses(senses: JointSenses, compared: ComparedChain) -> tuple[RecordSlip, ...]:
+    """The slips of senses and coupling, in the order of their correction."""
+    columns = [column.name for column in joint_columns(compared.tree, compared.table.schema.names)]
+    slips = () if senses.coupling is None else (column_slip(senses.coupling, [columns[k] for k in senses.coupled]),)
+    own = [columns[k] for k in senses.reversed_readings]
+    return (*slips, *((column_slip(ColumnSlipKind.REVERSED, own),) if own else ()))
 
 
 def _single(observations: pa.Table) -> set[str]:

@@ -109,6 +109,17 @@ def test_several_findings_are_numbered_and_their_gain_is_that_of_all():
     assert_says(said, "both", "lowers", "held-out poses", "34 µm", "5.5 µm")
 
 
+def test_the_gain_of_all_findings_starts_without_any_of_them():
+    """The first finding was compared next to the second: its error without it holds the second already."""
+    beside = {"rms_without_any": 33.1, "heldout_rms_without_any": 34.2}
+    first = row(
+        "actuator-gain", subject="leg3", parameters=GAIN_3, heldout_rms_before=5.9, heldout_rms_after=5.5, **beside
+    )
+    second = row("target-moved", subject="target P07", parameters=MOVED, heldout_rms_after=5.5, **beside)
+    _, said = first_line(rows(first, second, *rejected()))
+    assert_says(said, "both", "lowers", "held-out poses", "34 µm", "5.5 µm")
+
+
 @pytest.mark.parametrize(
     ("after", "words"), [(34.3, "leaves the rms error on held-out poses at 34 µm"), (41.0, "raises the rms error")]
 )

@@ -40,6 +40,7 @@ class AssessedCause(Claim):
     relation: str  # quantities that its search relates; empty where the run is older than the column
     rms: tuple[float | None, float | None]
     held_out: tuple[float | None, float | None]
+    without_any: tuple[float | None, float | None]  # fitted and held-out data, without all accepted causes
     floor: float | None
     explanation: str
     then: str
@@ -124,6 +125,7 @@ def _assessed_cause(row: Mapping[Any, Any]) -> AssessedCause:
         relation=cell(row.get("relation")),
         rms=(_number(row["rms_before"]), _number(row["rms_after"])),
         held_out=(_number(row["heldout_rms_before"]), _number(row["heldout_rms_after"])),
+        without_any=(_number(row.get("rms_without_any")), _number(row.get("heldout_rms_without_any"))),
         floor=_number(row["noise_floor"]),
         unit=cell(row["unit"]),
         explanation=cell(row["explanation"]),
@@ -164,7 +166,9 @@ def total_gain(causes: list[AssessedCause], held_out: bool) -> tuple[float, floa
     if not effects or len({row.unit for row in effects}) > 1:
         return None
     pairs = [row.held_out if held_out else row.rms for row in effects]
-    before, after = pairs[0][0], pairs[-1][1]
+    # A cause that was compared next to all others has, before it, the errors with the others.
+    without_any = effects[0].without_any[held_out]
+    before, after = pairs[0][0] if without_any is None else without_any, pairs[-1][1]
     return None if before is None or after is None else (before, after)
 
 
