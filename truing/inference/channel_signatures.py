@@ -14,7 +14,7 @@ from truing.inference.model import OBSERVED
 from truing.inference.signatures import INFORMATIVE, Pathways
 
 if TYPE_CHECKING:
-    from scipy.sparse import csc_array
+    from scipy.sparse import csr_array
 
 # Shapes are multiplied as a sparse matrix if fewer than this share of their values is not zero.
 _SPARSE = 0.05
@@ -52,7 +52,7 @@ class RotatedChannels:
         )
 
     @cached_property
-    def _few(self) -> list[csc_array]:
+    def _few(self) -> list[csr_array]:
         """The part ``few_of`` of each of the T q products with a compact problem's columns; all families share it."""
         compact = self.whitened.compact
         own = self.shared.reshape(len(self.shared), -1, self.shared.shape[-1])

@@ -16,7 +16,7 @@ import numpy as np
 from truing.inference.arrays import Array, Integers
 
 if TYPE_CHECKING:
-    from scipy.sparse import csc_array, csr_array
+    from scipy.sparse import csr_array
 
 # Epochs whose products are formed at a time.
 _AT_ONCE = 64
@@ -84,7 +84,7 @@ class SharedRows:
         return self.combined(self.own, rows, few=self._few_of_own)
 
     def combined(
-        self, products: Array, designs: Array, during: slice = slice(None), few: csc_array | None = None
+        self, products: Array, designs: Array, during: slice = slice(None), few: csr_array | None = None
     ) -> Array:
         """Sums (G, P) over some epochs of products (b, n, C) with each epoch's own columns, weighted by designs
         (b, n, P). ``few``: the part of the products that `few_of` returns, if known."""
@@ -97,7 +97,7 @@ class SharedRows:
             sums += (self.few_of(products, during) if few is None else few) @ designs
         return sums[: self.size]
 
-    def weighted(self, products: Array, weights: Array, few: Sequence[csc_array]) -> Array:
+    def weighted(self, products: Array, weights: Array, few: Sequence[csr_array]) -> Array:
         """Sums (W, n, G) over epochs of products (B, n, C) with each epoch's own columns, weighted by (W, B). ``few``:
         the part of each of the n products that `few_of` returns."""
         epochs, count, _ = products.shape
@@ -116,27 +116,24 @@ class SharedRows:
         sums[:, self.columns[0, : self.common]] = rows[..., : self.common].sum(0)
         return sums[:, : self.size]
 
-    def few_of(self, products: Array, during: slice = slice(None)) -> csc_array:
+    def few_of(self, products: Array, during: slice = slice(None)) -> csr_array:
         """Sparse matrix (G + 1, b n) of products (b, n, C) with those columns of some epochs that act in few. Most are
         zero: a reading has the zero of its own run and channel."""
-        from scipy.sparse import csc_array
+        from scipy.sparse import csr_array
 
         columns, values = self.columns[during, self.common :], products[..., self.common :]
-        acts = values != 0.0
-        ends = np.concatenate([[0], np.cumsum(np.count_nonzero(acts, axis=2).ravel())])
-        at = np.broadcast_to(columns[:, None], values.shape)[acts]
-        found = csc_array((values[acts], at, ends), shape=(self.size + 1, len(ends) - 1))
-        found.sort_indices()
-        return found
+        epoch, row, place = np.nonzero(values)
+        at = columns[epoch, place], epoch * values.shape[1] + row
+        return csr_array((values[epoch, row, place], at), shape=(self.size + 1, values.shape[0] * values.shape[1]))
 
     @cached_property
-    def _few_of_own(self) -> csc_array:
+    def _few_of_own(self) -> csr_array:
         return self.few_of(self.own)
 
     @cached_property
     def _rows_of_few(self) -> csr_array:
         """The same, a row (G + 1,) for each row of the epochs."""
-        return self._few_of_own.T
+        return self._few_of_own.T.tocsr()
 
     @property
     def _wide(self) -> Array:
@@ -181,7 +178,7 @@ class SharedRows:
             return None
         wide = np.concatenate([wide, few[kept].toarray().T], 1)
         kept = np.concatenate([self.columns[0, : self.common], kept])
-        squares, beside = 1.0 + few.power(2).tocsr().sum(1)[: self.size], (few @ wide)[: self.size]
+        squares, beside = 1.0 + few.power(2).sum(1)[: self.size], (few @ wide)[: self.size]
         squares[kept], beside[kept] = 1.0, 0.0
         return kept, squares, beside, np.eye(len(kept)) + wide.T @ wide - beside.T @ (beside / squares[:, None])
 

@@ -20,7 +20,7 @@ from truing.inference.model import OBSERVED, PartialDesign
 from truing.inference.observations import Frames, Observations, whitened_columns
 
 if TYPE_CHECKING:
-    from scipy.sparse import csc_array
+    from scipy.sparse import csr_array
 
 # Directions in which a plausible effect stays below this many sigma are not tested.
 INFORMATIVE = 0.3
@@ -93,7 +93,7 @@ class Pathways:
         shared = self.explained(index, during)
         return np.asarray((design.reshape(-1, size).T @ shared.reshape(-1, shared.shape[-1])).T)
 
-    def _few_of(self, index: Integers) -> csc_array:
+    def _few_of(self, index: Integers) -> csr_array:
         """Return the products of some pathways with columns that act in few epochs, as `SharedRows.few_of` does."""
         key = index.tobytes()
         if key not in self._known_few:
@@ -101,7 +101,7 @@ class Pathways:
         return self._known_few[key]
 
     @cached_property
-    def _known_few(self) -> dict[bytes, csc_array]:
+    def _known_few(self) -> dict[bytes, csr_array]:
         return {}
 
     @property
