@@ -8,6 +8,7 @@ exact: at most 2**53 as a whole number over a power of ten up to 10**22, so that
 from __future__ import annotations
 
 from collections.abc import Mapping
+from typing import Any
 
 import numpy as np
 import pyarrow as pa
@@ -64,7 +65,7 @@ def plain_columns(
 
 
 @inner
-def _after_digits(text: NDArray, at: int, whole: int) -> tuple[int, int]:
+def _after_digits(text: NDArray, at: Any, whole: Any) -> tuple[Any, Any]:
     """End of the digits from a place on, and the whole number that they continue."""
     while True:
         digit = np.uint8(text[at] - np.uint8(48))
