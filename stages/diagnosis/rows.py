@@ -353,7 +353,8 @@ def _single_errors_row(single: SingleErrors, final: FittedModel, shown: Reported
     ratio = {"value": single.ratio, "sigma": None, "unit": "1"}
     return _without_mean_effect(single.p_value, final, shown) | {
         "subject": subject,
-        "parameters": json.dumps({"noise_ratio": ratio}),
+        "parameters": json.dumps({"largest_ratio": ratio}),
+        "settings": json.dumps({"large": single.count}),
         "explanation": single_errors_explanation(subject, single.count, single.ratio, single.p_value),
         "next_measurement": single_errors_advice(subject),
     }

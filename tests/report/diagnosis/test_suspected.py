@@ -71,6 +71,14 @@ def test_why_a_search_ended_is_said(end: str, left: str | None, words: tuple[str
     assert ("remains" in said) == (left is not None)
 
 
+def test_single_large_errors_of_a_joint_are_no_ratio_of_noise() -> None:
+    ratio = {"largest_ratio": {"value": 10.94, "sigma": None, "unit": "1"}}
+    large = row("unexplained", subject="joint j6", parameters=ratio, reason_code="noise", settings='{"large": 5}')
+    (own,) = assessed_causes(of(rows(large), HOLDS))
+    assert_says(clause(own, {}), "errors of joint j6", "large in 5 poses", "times a typical one")
+    assert not says(clause(own, {}), "declared")
+
+
 def test_a_suspected_cause_leads_as_suspected() -> None:
     mark, said = head(rows(DOUBTED, *rejected()), HOLDS)
     assert mark == "warn"
