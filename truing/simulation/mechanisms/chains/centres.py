@@ -79,7 +79,7 @@ def moments_off_centre(machine: ChainInputs, reading: int, parts: Iterable[str])
 def off_centre(machine: ChainInputs, reading: int, load: float) -> dict[str, float]:
     """Return a plausible distance, m, by which each unknown centre of mass is off, by its direction in the link; only
     directions that the poses distinguish under the largest ``load``, N m."""
-    distances = {}
+    distances: dict[str, float] = {}
     for link in weights_off_centre(machine, reading):
         k = machine.tree.links[link]
         ends = [float(np.sqrt(node.t @ node.t)) for node in machine.tree.nodes if node.parent == k]
