@@ -5,6 +5,7 @@ from __future__ import annotations
 import re
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
+from itertools import groupby
 from typing import Any
 
 import numpy as np
@@ -23,6 +24,7 @@ _NUMBERED = re.compile(
 )
 _LINEAR = ("m", "mm", "cm", "um", "in", "nm")
 _FEWEST, _MOST = 3, 9
+_ORIENTATION = 3  # angles of an orientation
 _LARGEST_RAD = 2.0 * np.pi + 0.1
 _MOMENTS = 1e8  # seconds since 1970 and larger: a date
 _CONTRACT = ("pose", "role", "time_s", "temperature_c", "series", "payload_kg", "since_motion_s", "repeat_of")
@@ -65,10 +67,12 @@ def joint_columns(
     joints: names of the robot's joints from the base on; empty if no description is known.
     """
     raw = _match_by_name(names, joints) or _match_by_cells(names, data, joints) or _match_by_number(names, len(joints))
+    called = None if raw is not None or joints else _called_joints(names)
+    if raw is None and called is None and not joints:
+        raw = _in_angles(names)
     named = tuple(joints) or tuple(f"joint{number}" for number in range(1, len(raw or ()) + 1))
-    if raw is None and not joints:
-        raw = _called_joints(names)
-        named = tuple(bare_and_unit(name)[0] for name in raw or ())
+    if called is not None:
+        raw, named = called, tuple(bare_and_unit(name)[0] for name in called)
     if raw is None:
         return None
     stated = [bare_and_unit(name)[1] for name in raw]
@@ -127,6 +131,20 @@ def _called_joints(names: Sequence[str]) -> tuple[str, ...] | None:
     """Return the columns whose names end in ``_joint``, as robots of ROS have them."""
     called = [n for n in names if not _NOT_POSITIONS.search(n) and re.fullmatch(r"\w+_joint", bare_and_unit(n)[0])]
     return tuple(called) if _FEWEST <= len(called) <= _MOST else None
+
+
+def _in_angles(names: Sequence[str]) -> tuple[str, ...] | None:
+    """Return the run of columns in angles that is longer than an orientation, such as ``S [rad]``, ``L [rad]``.
+
+    Some makers call their joints by letters. None if other columns hold angles too.
+    """
+
+    def is_angle(name: str) -> bool:
+        bare, unit = bare_and_unit(name)
+        return unit in ("rad", "deg") and bare.isidentifier() and not _NOT_POSITIONS.search(name)
+
+    runs = [tuple(run) for turns, run in groupby(names, is_angle) if turns]
+    return runs[0] if len(runs) == 1 and _ORIENTATION < len(runs[0]) <= _MOST else None
 
 
 @dataclass(frozen=True)

@@ -1,0 +1,36 @@
+"""Columns of joints that are called by letters are known by their unit: an orientation has three angles."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+
+from truing.formats.named_joints import joint_columns
+
+PLACES = ("X [m]", "Y [m]", "Z [m]")
+LETTERS = ("S [rad]", "L [rad]", "U [rad]", "R [rad]", "B [rad]", "T [rad]")
+
+
+def found(*names: str) -> tuple[str, ...] | None:
+    joints = joint_columns(names, [["0.1"] * len(names)], np.full((1, len(names)), 0.1))
+    return None if joints is None else joints.raw
+
+
+def test_a_run_of_angles_beside_a_place_is_joints_in_its_order() -> None:
+    joints = joint_columns((*LETTERS, *PLACES), [["0.1"] * 9], np.full((1, 9), 0.1))
+    assert joints is not None
+    assert joints.columns() == {f"joint{k}_rad": name for k, name in enumerate(LETTERS, 1)}
+    assert not joints.is_guess
+
+
+@pytest.mark.parametrize(
+    "names",
+    [
+        ("A [deg]", "B [deg]", "C [deg]", *PLACES),  # an orientation
+        (*LETTERS, *PLACES, "A [rad]", "B [rad]", "C [rad]"),  # which of the runs are joints?
+        ("S velocity [rad]", "L velocity [rad]", "U velocity [rad]", "R velocity [rad]"),
+        ("S", "L", "U", "R", "B", "T"),  # no unit says that these are angles
+    ],
+)
+def test_other_angles_are_no_joints(names: tuple[str, ...]) -> None:
+    assert found(*names) is None
