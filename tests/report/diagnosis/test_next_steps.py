@@ -10,6 +10,7 @@ from tests.report.diagnosis.test_suspected import adequacy
 from tests.report.diagnosis_parts import part_of, text_of
 from tests.report.diagnosis_tables import NOISE, diagnosis_tables, rejected, row, rows
 from tests.sentences import assert_says, says
+from truing.report.diagnosis.adequacy import adequacy as adequacy_section
 from truing.report.diagnosis.assessed_causes import assessed_causes
 from truing.report.diagnosis.next_steps import NextStep, next_measurements_frame, next_steps
 from truing.report.head import build_head
@@ -151,6 +152,17 @@ def test_errors_beyond_noise_that_no_test_explains_ask_for_repeats() -> None:
     tables = _tables(row("platform-deformation-linear", rms_after=30.0, heldout_rms_after=30.0))
     told = [step for step in _steps(tables) if step.purpose.startswith("the errors of predictions exceed")]
     assert [says(step.words, "one pose", "ten times") for step in told] == [True]
+
+
+def test_errors_beyond_noise_stand_beside_tests_that_all_passed() -> None:
+    passed = adequacy(("observation-noise", "", 1.0, 0.5, "ok"))
+    far = _tables(row("platform-deformation-linear", rms_after=30.0, heldout_rms_after=30.0), tests=passed)
+    near = _tables(row("platform-deformation-linear"), tests=passed)
+    said, unsaid = adequacy_section(far), adequacy_section(near)
+    assert said is not None
+    assert unsaid is not None
+    assert_says(said.lead, "none finds more than noise", "error of predictions", "times")
+    assert "predictions" not in unsaid.lead
 
 
 def test_noise_that_was_found_asks_for_repeats_once() -> None:

@@ -7,7 +7,7 @@ from collections.abc import Mapping
 from typing import Any
 
 from truing.belonging.relation import RelationState
-from truing.report.diagnosis.assessed_causes import accepted_of, assessed_causes, modelled_of
+from truing.report.diagnosis.assessed_causes import AssessedCause, accepted_of, assessed_causes, modelled_of
 from truing.report.diagnosis.findings import expected_noise, subject_words
 from truing.report.diagnosis.prediction_errors import AT_THE_FLOOR, Overall, errors_of_models
 from truing.report.heads import CORRECTED_P, Head
@@ -57,7 +57,7 @@ def adequacy(tables: Tables) -> ReportSection | None:
     tested = sum(row.state != "not tested" for row in rows)
     failed = shortcoming(tables)
     lead = f"{count(tested, 'test')} of the final model: "
-    lead += f"{failed}." if failed else "none finds more than noise."
+    lead += f"{failed}." if failed else f"none finds more than noise{_but_beyond(tables)}."
     lead += "".join(_untested(rows, why, words) for why, words in _WHY_UNTESTED.items())
     cells = tuple(
         (_LOOKED_FOR[row.test], _column_words(row), _value(row), p_value(row.p_value), row.state) for row in rows
@@ -85,17 +85,27 @@ def _untested(rows: list[Any], why: str, words: str) -> str:
     return f" Not tested ({words}): {', '.join(dict.fromkeys(_LOOKED_FOR[row.test] for row in own))}." if own else ""
 
 
+def _errors_with_floor(rows: list[AssessedCause], tables: Tables) -> list[Overall]:
+    """Return the errors of the model where noise is declared for them."""
+    return [one for one in errors_of_models(rows, modelled_of(rows), tables) if one.floor]
+
+
+def _but_beyond(tables: Tables) -> str:
+    """Return that predictions err by more than noise although no test of residuals fails; empty where they do not."""
+    beyond = [one for one in _errors_with_floor(assessed_causes(tables), tables) if _is_beyond(one)]
+    if not beyond:
+        return ""
+    worst = max(beyond, key=_times_noise)
+    return f", but the rms error of predictions is {rough(_times_noise(worst))} times what noise alone gives"
+
+
 def adequacy_verdict(tables: Tables, _: Mapping[str, SectionVerdict]) -> SectionVerdict | None:
     """Return the verdict on the final model as a whole; None where nothing was diagnosed."""
     rows = assessed_causes(tables)
     if not rows:
         return None
     found = [row for row in accepted_of(rows) if not row.is_noise]
-    missed = [
-        errors_of_model
-        for errors_of_model in errors_of_models(rows, modelled_of(rows), tables)
-        if errors_of_model.floor
-    ]
+    missed = _errors_with_floor(rows, tables)
     beyond, below = [one for one in missed if _is_beyond(one)], [one for one in missed if one.is_below_noise]
     none = "" if found else f"none of {count(len(rows), 'candidate')} was found, but "
     if beyond:
