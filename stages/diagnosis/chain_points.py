@@ -365,7 +365,7 @@ def _known(
 
 def _without_centre(tree: Tree, tip: int, section: ChainMechanism) -> tuple[str, ...]:
     """Links of which campaign.toml gives a mass without its centre; the tip, unless that of the payload is given."""
-    rows = section.dh or section.screws
+    rows: Sequence[Any] = section.dh or section.screws
     links = [
         node.link
         for node, row in zip(tree.nodes[1 : 1 + len(rows)], rows, strict=True)
