@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import replace
 from functools import partial
-from typing import TYPE_CHECKING, cast
+from typing import TYPE_CHECKING, Any, cast
 
 import numpy as np
 import pyarrow as pa
@@ -365,7 +365,7 @@ def _known(
 
 def _without_centre(tree: Tree, tip: int, section: ChainMechanism) -> tuple[str, ...]:
     """Links of which campaign.toml gives a mass without its centre; the tip, unless that of the payload is given."""
-    rows = section.dh or section.screws
+    rows: Sequence[Any] = section.dh or section.screws
     links = [
         node.link
         for node, row in zip(tree.nodes[1 : 1 + len(rows)], rows, strict=True)

@@ -242,5 +242,5 @@ def _independent_parts(machine: ChainInputs, joint: str, depth: int) -> tuple[st
 def _levers(machine: ChainInputs, reading: int) -> dict[str, NDArray]:
     """Return the levers (B,) of unit vectors fixed in each moving link that a joint carries, the nearest link first."""
     tree, own = machine.tree, machine.tree.node_of(reading)
-    moving = [k for k in np.flatnonzero(tree.above[:, own]) if tree.nodes[k].kind is not JointKind.FIXED]
+    moving = [int(k) for k in np.flatnonzero(tree.above[:, own]) if tree.nodes[k].kind is not JointKind.FIXED]
     return levers(machine, reading, moving)
