@@ -11,6 +11,7 @@ import pytest
 
 from truing.inference.block_gain import BlockGain
 from truing.inference.blocks import BlockKind
+from truing.inference.doubts import Doubts
 from truing.inference.forward_search import ForwardSearch
 from truing.inference.search_verdicts import SearchVerdicts, contradiction, is_unconfirmed
 from truing.inference.verdicts import FOUND, SUSPECTED, Reason
@@ -43,6 +44,7 @@ class _Verdict:
     signal_to_noise: float = 9.0
     block_gain: Any = None
     floor: Any = None
+    probability: float = 1.0
 
 
 def _verdict(
@@ -84,6 +86,16 @@ def test_a_gain_far_below_that_of_an_effect_of_its_size_confirms_nothing(
 ) -> None:
     verdict: Any = _verdict("of blocks", gain=gain, squares=squares)
     assert is_unconfirmed(verdict) is unconfirmed
+
+
+@pytest.mark.parametrize(("probability", "state"), [(0.009, SUSPECTED), (0.26, FOUND), (0.99, FOUND)])
+def test_an_effect_without_a_name_is_suspected_where_other_causes_are_far_more_probable(
+    probability: float, state: str
+) -> None:
+    unnamed: Any = replace(_verdict("of time"), cause=SimpleNamespace(key="of time", catalogued=False))
+    unnamed = replace(unnamed, probability=probability)
+    checked = Doubts(None, (), {}, (), ()).checked(unnamed, SimpleNamespace(), ())  # type: ignore[arg-type]
+    assert checked.verdict == state
 
 
 @dataclass(frozen=True)

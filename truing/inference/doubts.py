@@ -37,10 +37,10 @@ class Doubts:
         """Return a verdict after checks on the final model: a found cause that fails one is only suspected.
 
         Predictions may contradict it. A nonparametric effect is doubted that larger noise than declared may have
-        produced. A catalogued cause is also doubted if the final model is inadequate or holds a nonparametric effect of
-        which the cause may be a part. So it is if a nonparametric effect was more probable but refused, or still
-        explains something next to the cause; if random courses compete with it; or if no effect, or other causes that
-        explain the same, are too probable.
+        produced, or in place of which other causes are far more probable. A catalogued cause is also doubted if the
+        final model is inadequate or holds a nonparametric effect of which the cause may be a part. So it is if a
+        nonparametric effect was more probable but refused, or still explains something next to the cause; if random
+        courses compete with it; or if no effect, or other causes that explain the same, are too probable.
         """
         if verdict.verdict != FOUND:
             return verdict
@@ -48,8 +48,11 @@ class Doubts:
             return replace(verdict, verdict=SUSPECTED, reason=reason)
         if verdict.cause.key in self.weak:
             return replace(verdict, verdict=SUSPECTED, reason=Reason.INADEQUATE)
-        if not verdict.cause.catalogued or verdict.cause in given:
+        if verdict.cause in given:
             return verdict
+        if not verdict.cause.catalogued:
+            is_improbable = verdict.probability < 1.0 - NAMED
+            return replace(verdict, verdict=SUSPECTED, reason=Reason.ALTERNATIVE) if is_improbable else verdict
         verdict = replace(verdict, share_explained=share_explained(final, verdict.cause))
         if self.whole is not None or verdict.cause.key in self.outdone:
             course = self.courses.get(verdict.cause.key)
