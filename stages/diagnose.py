@@ -60,7 +60,7 @@ def run(tables: Mapping[str, pa.Table], settings: Campaign, progress: Progress) 
     """Search the catalogue for causes of the campaign's departure from its simulation."""
     import numpy as np
 
-    from truing.stages.axis.approaches import axis_of_approaches, has_approaches_alone
+    from truing.stages.common.approaches import axis_of_approaches, has_approaches_alone
     from truing.stages.common.belonging import reason_withheld
     from truing.stages.diagnosis.artifacts import not_evaluated, outcome, outcome_of_rays
     from truing.stages.diagnosis.ray_findings import corrected, ray_findings, with_shared_errors

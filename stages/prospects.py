@@ -236,7 +236,7 @@ def _prospects_of_loads(settings: Campaign, contents: CampaignContents) -> Itera
 
 
 def _diagnosis_of_loads(settings: Campaign, tables: Mapping[str, pa.Table]) -> str:
-    from truing.stages.axis.approaches import has_approaches_alone, why_no_diagnosis_of_approaches
+    from truing.stages.common.approaches import has_approaches_alone, why_no_diagnosis_of_approaches
 
     if has_approaches_alone(tables):
         return why_no_diagnosis_of_approaches(tables["positions"])

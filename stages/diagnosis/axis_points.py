@@ -18,7 +18,7 @@ from truing.schemas.verdict import Relation
 from truing.simulation.axis.extended_model import extended_axis, write_axis
 from truing.simulation.axis.model import AxisModel
 from truing.simulation.axis.rows import ENCODERS, MEASURED
-from truing.stages.axis.approaches import gross_approaches
+from truing.stages.common.approaches import gross_approaches
 from truing.stages.common.axis_columns import (
     SI,
     TOLD,

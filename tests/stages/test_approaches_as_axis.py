@@ -13,7 +13,7 @@ from tests.sentences import assert_says
 from truing.inference.selection import CauseDiagnosis
 from truing.schemas.campaign import read_campaign
 from truing.schemas.settings_text import parsed_toml
-from truing.stages.axis.approaches import axis_of_approaches, has_approaches_alone, noise_mm
+from truing.stages.common.approaches import axis_of_approaches, has_approaches_alone, noise_mm
 from truing.stages.diagnosis.search import assembled_data, decided
 
 SETTINGS = """
