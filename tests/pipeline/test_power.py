@@ -195,4 +195,6 @@ def test_points_without_a_survey_cannot_be_drawn_again(measured: Path, tmp_path:
         if path.name != "targets.csv":
             (tmp_path / path.name).write_bytes(path.read_bytes())
     code, said = call(tmp_path, "--draws", 0)
-    assert (code, said) == (2, "targets.csv: expected the survey of the targets, or their planned places\n")
+    told, reason = said.splitlines()
+    assert (code, told) == (2, "targets.csv: expected the survey of the targets, or their planned places")
+    assert reason.startswith("exit code 2:")

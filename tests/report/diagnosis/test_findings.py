@@ -119,7 +119,7 @@ def test_what_was_not_evaluated_is_left_out():
     assert not says(explanation(bare), "gain_3")
     assert not says(explanation(bare), "um")
     assert "held-out" not in explanation(replace(FACTS, held_out=(None, 3.0)))
-    assert explanation(replace(FACTS, remark="Provisional.")).endswith("candidates. Provisional.")
+    assert explanation(replace(FACTS, remark="Provisional.")).endswith("tests. Provisional.")
 
 
 def test_noise_says_where_it_is_larger_where_that_is_known():

@@ -311,7 +311,7 @@ def test_weights_act_off_their_joints_as_far_as_their_centres_are() -> None:
     model = without_centres(campaign(np.random.default_rng(1), 30))
     (found,) = (cause for cause in JointCompliance().candidates(model.scene) if cause.joint == "j2")
     centre = np.array([0.2, 0.0, 0.0])
-    nodes = tuple(replace(node, com=centre) if node.link == "link3" else node for node in model.tree.nodes)
+    nodes = tuple(replace(node, com=node.com + centre) if node.link == "link3" else node for node in model.tree.nodes)
     away = replace(model, tree=replace(model.tree, nodes=nodes))
     values = np.zeros(1 + len(found.parts))
     values[[0, 1 + found.parts.index("link3 x")]] = 1e-5, 0.2
