@@ -72,8 +72,8 @@ def _settling(claim: Claim) -> str:
 def _compliance(claim: Claim) -> str:
     clause = f"{_whose(claim)} deflects under the weight that it carries"
     text = with_sizes(clause, replace(claim, sizes=claim.sizes[:1]))
-    parts = [size.name for size in claim.sizes if size.name.startswith("centre ")]
-    links = dict.fromkeys(part.split(" ", 1)[1].rpartition(" ")[0] for part in parts)
+    parts = claim.fact("parts") if claim.fact("free") else ()  # a link and an axis each
+    links = dict.fromkeys(part[: -len(" x")] for part in parts or ())
     return f"{text}, next to unknown centres of mass of {listed(list(links))}" if links else text
 
 
