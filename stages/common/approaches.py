@@ -11,6 +11,7 @@ import pyarrow as pa
 
 from truing.arrays import Array, Index, Mask
 from truing.estimation.interferometry.approaches import gross_errors, resolution
+from truing.schemas.column import LEAST_SIGMA_MM, MOST_SIGMA_MM
 from truing.schemas.mechanism import AxisMechanism
 from truing.schemas.sections import Noise
 from truing.stages.common.point_arrays import number_column
@@ -44,6 +45,10 @@ def why_no_diagnosis_of_approaches(positions: pa.Table) -> str:
             f"the noise is unknown: {targets} targets in {cycles} cycles leave {freedom} degrees of freedom, "
             f"{_FEWEST_FREEDOM} are needed"
         )
+    if (noise := noise_mm(positions)) < LEAST_SIGMA_MM:
+        return "the noise is unknown: approaches of a target repeat in every digit"
+    if noise > MOST_SIGMA_MM:
+        return f"approaches of a target scatter by {noise:.3g} mm, more than the noise of any instrument"
     return ""
 
 

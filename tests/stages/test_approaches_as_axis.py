@@ -139,6 +139,15 @@ def test_several_runs_and_too_few_approaches_are_refused_with_the_reason() -> No
         axis_of_approaches({"positions": short}, settings)
 
 
+def test_cycles_that_are_equal_in_every_digit_tell_no_noise() -> None:
+    table = Axis().measured(np.random.default_rng(1))
+    position = table.column("position_mm").to_numpy().reshape(-1, 5)  # rows of a target and direction
+    copied = np.repeat(position[:, :1], 5, axis=1).ravel()
+    same = table.set_column(table.column_names.index("position_mm"), "position_mm", pa.array(copied))
+    with pytest.raises(ValueError, match="the noise is unknown: approaches of a target repeat"):
+        axis_of_approaches({"positions": same}, read_campaign(parsed_toml(SETTINGS)))
+
+
 def test_positions_beside_readings_are_no_axis_alone() -> None:
     table = Axis().measured(np.random.default_rng(1))
     assert has_approaches_alone({"positions": table})
