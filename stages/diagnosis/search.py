@@ -91,6 +91,8 @@ def cause_faults(settings: Campaign, file: str) -> Iterator[Fault]:
     kinds: dict[str, Cause] = {**kinds_of(settings, photographed=True)}
     if settings.campaign.kind == "photogrammetry" and settings.mechanism.type not in OF_TYPES:
         kinds |= catalogue_of_rays()
+    if settings.campaign.kind == "interferometer" and settings.mechanism.type == "none":
+        kinds |= OF_TYPES["axis"]()  # of positions alone
     known = [name for name, cause in kinds.items() if cause.catalogued]
     for key in ("apply", "ignore"):
         for number, name in enumerate(getattr(settings.diagnosis, key), 1):

@@ -14,7 +14,7 @@ from truing.inference.selection import CauseDiagnosis
 from truing.schemas.campaign import read_campaign
 from truing.schemas.settings_text import parsed_toml
 from truing.stages.common.approaches import axis_of_approaches, has_approaches_alone, noise_mm
-from truing.stages.diagnosis.search import assembled_data, decided
+from truing.stages.diagnosis.search import assembled_data, cause_faults, decided
 
 SETTINGS = """
 [campaign]
@@ -146,6 +146,15 @@ def test_cycles_that_are_equal_in_every_digit_tell_no_noise() -> None:
     same = table.set_column(table.column_names.index("position_mm"), "position_mm", pa.array(copied))
     with pytest.raises(ValueError, match="the noise is unknown: approaches of a target repeat"):
         axis_of_approaches({"positions": same}, read_campaign(parsed_toml(SETTINGS)))
+
+
+def test_a_cause_of_an_axis_can_be_ignored() -> None:
+    settings = read_campaign(parsed_toml(SETTINGS + '[diagnosis]\nignore = ["lost-motion"]\n'))
+    assert not list(cause_faults(settings, "campaign.toml"))
+    table = Axis(backlash=5e-4).measured(np.random.default_rng(5))
+    tables, own = axis_of_approaches({"positions": table}, settings)
+    diagnosis = decided(assembled_data(tables, own), own, lambda done, total, what: None)
+    assert "lost-motion" not in {verdict.cause.id for verdict in diagnosis.verdicts}
 
 
 def test_positions_beside_readings_are_no_axis_alone() -> None:
