@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import re
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
 from typing import Any
 
@@ -29,6 +29,11 @@ _OF_PART = re.compile(
 )
 _COMPOUND = re.compile(r"([a-z])([XYZ])(?![a-z])")  # MeasuredX
 _PLACE = ("x_mm", "y_mm", "z_mm")
+# Elements of a matrix, such as m_00, r12, T[0][3], H1_4: both numbers of one digit.
+_ELEMENT = re.compile(r"(?P<before>.*?)(?P<row>[0-4])(?:[\W_]+)?(?P<column>[0-4])[\])]?")
+_AXES = 3
+_MATRICES = ((3, 3), (3, 4), (4, 4))
+SHIFTS = ("m03", "m13", "m23")
 _COMMANDED = re.compile(r"goal|command|cmd|desired|target|nominal|soll|set[ _]?point|planned|flange|reference", re.I)
 _SPREAD = re.compile(r"(?:^|[\W_])(?:std|sd|sigma|stdev|s|rms|unc|precision|prec|u|u95)(?:$|[\W_])", re.I)
 _UNIT_NORM = 0.02
@@ -57,7 +62,69 @@ def pose_columns(names: Sequence[str], values: Array) -> PoseMapping | None:
                 continue
             candidate = (_COMMANDED.search(before) is not None, rank, kind, place, turned)
             best = min(best or candidate, candidate, key=lambda one: one[:2])
-    return None if best is None else _mapped(best[2], best[3], best[4], names, values)
+    if best is None:
+        return _matrix_columns(names, values, places)
+    return _mapped(best[2], best[3], best[4], names, values)
+
+
+def _matrix_columns(names: Sequence[str], values: Array, places: Mapping[str, tuple[str, ...]]) -> PoseMapping | None:
+    """Return the poses of columns that are numbered as elements of a matrix, such as ``T_00`` to ``T_23``; else None.
+
+    A rotation of 3 x 3 needs coordinates beside it. The first number is the row, or the column if only that gives
+    rigid motions.
+    """
+    for before, elements in _elements(names).items():
+        size, width = 1 + max(row for row, _ in elements), 1 + max(column for _, column in elements)
+        place = places.get(before) or next(iter(places.values()), ())
+        if (size, width) not in _MATRICES or len(elements) != size * width or (width == _AXES and not place):
+            continue
+        raw = [[elements[row, column] for column in range(width)] for row in range(size)]
+        cells = np.stack([_selected_columns(names, row, values) for row in raw], 1)
+        known = cells[np.isfinite(cells).all(axis=(1, 2))]
+        by_columns = size == width > _AXES and len(known) > 0 and are_motions(np.swapaxes(known, 1, 2))
+        if by_columns:
+            raw = [list(row) for row in zip(*raw, strict=True)]
+        if len(known) and (by_columns or are_motions(known)):
+            return _mapped_matrix(raw, place, names, values, by_columns=by_columns)
+    return None
+
+
+def _elements(names: Sequence[str]) -> dict[str, dict[tuple[int, int], str]]:
+    """Return the columns whose names end in two numbers, by what is before them and by these, counted from 0."""
+    numbered: dict[str, dict[tuple[int, int], str]] = {}
+    for name in names:
+        if match := _ELEMENT.fullmatch(name.strip()) or _ELEMENT.fullmatch(bare_and_unit(name)[0]):
+            before = match["before"].rstrip(" _.-[(").casefold()
+            numbered.setdefault(before, {})[int(match["row"]), int(match["column"])] = name
+    counted = {}
+    for before, elements in numbered.items():
+        first = min(row for row, _ in elements)
+        if first == min(column for _, column in elements):
+            counted[before] = {(row - first, column - first): name for (row, column), name in elements.items()}
+    return counted
+
+
+def _mapped_matrix(
+    raw: Sequence[Sequence[str]], place: tuple[str, ...], names: Sequence[str], values: Array, *, by_columns: bool
+) -> PoseMapping:
+    """Return the keys for matrices with raw columns ``raw`` (rows of 3 or 4), and coordinates beside those of 3."""
+    columns = {f"m{i}{j}": name for i, row in enumerate(raw) for j, name in enumerate(row)}
+    beside = () if "m03" in columns else place
+    columns |= dict(zip(_PLACE, beside, strict=False))
+    shifts = beside or tuple(columns[name] for name in SHIFTS)
+    unit = bare_and_unit(shifts[0])[1]
+    notes = [f"matrices of poses: {raw[0][0]} to {raw[-1][-1]}"]
+    if by_columns:
+        notes.append("the first number of their names is the column")
+    if unit is None:
+        notes.append(_range_words(_selected_columns(names, shifts, values)))
+    mapping: dict[str, Any] = {"columns": columns, **({} if unit in (None, "mm") else {"unit": unit})}
+    mapping["constants"] = {"body": "tool"}
+    return PoseMapping(mapping, tuple(dict.fromkeys((*columns.values(), *_commanded(names)))), tuple(notes))
+
+
+def _commanded(names: Sequence[str]) -> list[str]:
+    return [name for name in names if _COMMANDED.search(name)]
 
 
 def poses_side_by_side(names: Sequence[str], values: Array) -> list[PoseMapping]:
@@ -148,7 +215,7 @@ def _mapped(
         }
     mapping |= ({"coverage": coverage} if coverage else {}) | ({"units": units} if units else {})
     mapping["constants"] = {"body": "tool"}
-    used_names = (*place, *turned, *spread.values(), *(name for name in names if _COMMANDED.search(name)))
+    used_names = (*place, *turned, *spread.values(), *_commanded(names))
     return PoseMapping(mapping, tuple(dict.fromkeys(used_names)), (*notes, *more))
 
 

@@ -17,6 +17,8 @@ _NOT_POSITIONS = re.compile(
     r"veloc|speed|effort|torque|current|accel|moment|target|command|cmd|goal|desired|soll|set[ _]?point|tcp|force|temp",
     re.IGNORECASE,
 )
+# What errors of a robot may depend on besides its joints.
+_INPUTS = re.compile(r"torque|effort|current|(?<![a-z])tau|temp|humid|pressure|payload|speed|veloc", re.IGNORECASE)
 _NUMBERED = re.compile(
     r"(?P<family>.*?(?:actual_?q|joint\w*?|axis\w*?|achse|(?<![a-z])(?:a|j|q|th(?:eta)?)|position)[ _.\[(-]*)"
     r"(?P<number>\d+)(?P<rest>[\])]?.*)",
@@ -182,6 +184,8 @@ def configurations_of_joints(
     mapping |= {} if "pose" in columns_of_meaning or "pose" in names else {"number_rows": {"pose": 1}}
     mapping |= {"ignore": ignore} if ignore else {}
     doubts = (_doubt(joints_found.units[0]),) if joints_found.is_guess else ()
+    if inputs := [name for name in names if name not in used_names and _INPUTS.search(name)]:
+        doubts += (f"not read: {', '.join(inputs)}; errors are compared with each one that is taken out of ignore",)
     return JointReadings(mapping, f"joint readings of {', '.join(joints_found.names)}", doubts)
 
 

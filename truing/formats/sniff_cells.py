@@ -37,6 +37,7 @@ from truing.formats.named_chain import (
     is_within_metres,
 )
 from truing.formats.named_columns import (
+    SHIFTS,
     PoseMapping,
     bare_poses,
     is_one_motion,
@@ -514,9 +515,10 @@ def _poses(
         beside = _guess_joints(read, mapping, names, ignore=skipped)
         keys |= {"constants": {"body": LINK}} if "constants" in keys else {}
         guess = Guess({**mapping, **keys}, names, "poses", poses.notes, beside=(beside,))
-        place = [names.index(keys["columns"][column]) for column in COORDINATES]
+        shifts = COORDINATES if COORDINATES[0] in keys["columns"] else SHIFTS
+        place = [names.index(keys["columns"][column]) for column in shifts]
         is_in_rad = any(column.endswith("_rad") for column in read.mapping["columns"])
-        is_bare = "unit" not in keys and bare_and_unit(keys["columns"][COORDINATES[0]])[1] is None
+        is_bare = "unit" not in keys and bare_and_unit(keys["columns"][shifts[0]])[1] is None
         return perhaps_in_metres(guess, is_bare and is_in_rad and is_within_metres(values[:, place]))
     text = f"what else there is, pose by pose: {', '.join(input_names[:8])}{', ...' if len(input_names) > 8 else ''}"
     return Guess(
@@ -537,7 +539,7 @@ def _counted(others: Sequence[str], names: Sequence[str], values: Array) -> dict
     """Return the column that numbers the rows from its own start, by its name and its numbers."""
     for name in others:
         column = values[:, names.index(name)]
-        if re.fullmatch(r"no|nr|index|#|id|i", name.strip(" .").casefold()) and np.array_equal(
+        if re.fullmatch(r"no|nr|number|index|#|id|i", name.strip(" .").casefold()) and np.array_equal(
             np.diff(column), np.ones(len(column) - 1)
         ):
             return {"pose": name}
