@@ -183,7 +183,7 @@ def configurations_of_joints(
     mapping: dict[str, Any] = {"columns": columns, **({"units": units} if units else {})}
     mapping |= {} if "pose" in columns_of_meaning or "pose" in names else {"number_rows": {"pose": 1}}
     mapping |= {"ignore": ignore} if ignore else {}
-    doubts = (_doubt(joints_found.units[0]),) if joints_found.is_guess else ()
+    doubts: tuple[str, ...] = (_doubt(joints_found.units[0]),) if joints_found.is_guess else ()
     if inputs := [name for name in names if name not in used_names and _INPUTS.search(name)]:
         doubts += (f"not read: {', '.join(inputs)}; errors are compared with each one that is taken out of ignore",)
     return JointReadings(mapping, f"joint readings of {', '.join(joints_found.names)}", doubts)
