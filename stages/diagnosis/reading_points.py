@@ -105,10 +105,15 @@ def assemble_readings(tables: Mapping[str, pa.Table], settings: Campaign) -> Dia
             units,
             np.concatenate([READING_SI, np.full(steps.signal.shape[1], _MILLIVOLT)]),
             np.arange(len(units)) >= len(CHANNELS),
-            held_out="held-out runs" if held_out.any() else "runs left out in turn",
+            held_out="held-out runs" if held_out.any() else _left_out_in_turn(steps.run[fitted]),
         ),
         relation=Relation.LOADS_READINGS if seen[:, : len(CHANNELS)].any() else Relation.LOADS_SIGNALS,
     )
+
+
+def _left_out_in_turn(runs: NDArray[np.str_]) -> str:
+    """Return the words for what cross-validation leaves out: runs, or parts of the only one."""
+    return f"{'runs' if len(set(runs)) > 1 else 'load steps'} left out in turn"
 
 
 def why_no_diagnosis_of_readings(tables: Mapping[str, pa.Table], settings: Campaign) -> str:

@@ -16,7 +16,7 @@ from tests.sentences import assert_says
 from tests.tolerance import assert_close
 from truing.report.diagnosis.assessed_causes import assessed_causes
 from truing.report.diagnosis.load_corrections import load_warning, unwritten_loads
-from truing.report.diagnosis.prediction_errors import reading_misses
+from truing.report.diagnosis.prediction_errors import part_names, reading_misses
 from truing.report.diagnosis.reading_gain import against_load, where_missed
 from truing.report.head import build_head
 from truing.report.measured_section import measured
@@ -172,6 +172,16 @@ def test_a_page_of_a_bench_speaks_of_no_poses(tables):
     assert not re.findall(r"\b[Pp]oses?\b", text.partition("Provenance The digest")[0])
     assert_says(text, "runs left out in turn", "4.2 arcsec", "0.22 arcsec", "consistent")
     assert_says(text, "No loads", "computed")
+
+
+def test_a_single_run_is_left_out_by_load_steps():
+    tables = bench_tables()
+    first = tables["reading_errors"]["run"].iloc[0]
+    several = part_names(tables)
+    alone = part_names({**tables, "reading_errors": tables["reading_errors"].assign(run=first)})
+    assert several.held_out.startswith("runs")
+    assert alone.held_out.startswith("load steps")
+    assert "Runs" not in alone.fitted_or_not
 
 
 def test_measured_tells_loads_channels_and_surroundings(tables):

@@ -111,6 +111,13 @@ _READINGS_IN_TURN = replace(
 )
 
 
+_STEPS_IN_TURN = replace(  # of a single run
+    _READINGS_IN_TURN,
+    held_out="load steps left out in turn",
+    fitted_or_not="Load steps left out in turn are predicted by fits that did not use them.",
+)
+
+
 def part_names(tables: Tables) -> PartNames:
     """Return the names for a campaign's kind, and for whether it holds data out."""
     axis = table_or_none(tables, "axis_errors")
@@ -118,7 +125,9 @@ def part_names(tables: Tables) -> PartNames:
         return _AXIS if axis["role"].eq("verification").any() else _AXIS_IN_TURN
     if is_bench(tables):
         errors = table_or_none(tables, "reading_errors")
-        return READINGS if errors is None or errors["role"].eq("verification").any() else _READINGS_IN_TURN
+        if errors is None or errors["role"].eq("verification").any():
+            return READINGS
+        return _READINGS_IN_TURN if errors["run"].nunique() > 1 else _STEPS_IN_TURN
     poses = table_or_none(tables, "prediction")
     return POINTS if poses is None or poses["role"].eq("verification").any() else _POINTS_IN_TURN
 
