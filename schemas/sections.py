@@ -170,6 +170,10 @@ class Signals(Section):
     range_mv: Positive | None = Field(
         None, description="range of the amplifier, in both directions; signals at its ends are clipped"
     )
+    average_samples: bool = Field(
+        False,
+        description="rows of one step, or in succession with equal loads, are samples, and their mean is used",
+    )
     chain: SignalChain | None = Field(
         None, description="cells and amplifier, in place of sensitivity_mv_per_n and sensitivity_tolerance"
     )

@@ -169,8 +169,8 @@ def _why_too_little(steps: RecordedSteps, fitted: NDArray[np.bool_], settings: C
     if fitted.sum() < _FEWEST_STEPS:
         return f"needs at least {_FEWEST_STEPS} load steps with readings, found {int(fitted.sum())}"
     if not (settings.signals.zero_mv is not None and steps.signal.size) and not _loads_change(steps, fitted):
-        tared = "or signals tared before each run: [signals] zero_mv"
-        return f"needs loads that change within a run, whose zero is free, {tared}"
+        cures = "signals tared before each run ([signals] zero_mv), or one run for all files between two tarings"
+        return f"needs loads that change within a run, because the zero of each run is unknown; else: {cures}"
     return ""
 
 

@@ -166,7 +166,37 @@ def averaged(collected: CollectedRows, log: FaultLog) -> CollectedRows:
     _check_samples(collected, log)
     _, first, at = np.unique(numbered(collected, *_OF_A_STEP), return_index=True, return_inverse=True)
     _check_constant(collected, first[at], log)
-    counts = _with_reading(collected, at)
+    return _means(collected, first, at, _with_reading(collected, at))
+
+
+def averaged_signals(collected: CollectedRows, loading: Any, log: FaultLog) -> CollectedRows:
+    """Return one row per load step of a recording: mean of each real column over the samples of the step.
+
+    Samples are rows of a run in succession with equal loads; rows that share a step's number are another step than
+    those of the next number. Steps are numbered anew where several have the same number, as in files that each begin
+    with 1.
+    """
+    collected = with_known_loads(without_transit(collected))
+    loads = six_loads(collected, loading, log)
+    run, step = numbered(collected, "run"), numbers(collected, "step")
+    in_files = np.argsort(run, kind="stable")
+    of_run, of_step = np.diff(run[in_files]) != 0, np.diff(step[in_files]) != 0
+    changes = np.any(np.diff(loads[in_files], axis=0) != 0.0, axis=1) | of_run
+    if not of_step.all():  # else every row has a number of its own
+        changes |= of_step
+    block = np.empty(len(run), dtype=np.int64)
+    block[in_files] = np.concatenate([[0], np.cumsum(changes)])[: len(run)]
+    _, first, at = np.unique(block, return_index=True, return_inverse=True)
+    _check_constant(collected, first[at], log)
+    made = _means(collected, first, at, np.ones(len(at), dtype=bool))
+    if len(np.unique(numbered(made, "run", "step"))) == len(made.table):
+        return made
+    anew = pa.array(np.arange(len(made.table)), type=made.table.schema.field("step").type)
+    return replace(made, table=made.table.set_column(made.table.column_names.index("step"), "step", anew))
+
+
+def _means(collected: CollectedRows, first: Index, at: Index, counts: Mask) -> CollectedRows:
+    """Return the first rows (S,) of the steps, with means over the counted samples (N,) of each step ``at`` (N,)."""
     further = np.ones(len(at), dtype=bool)
     further[first] = False
     rows = without_rows(collected, further, "")

@@ -19,6 +19,7 @@ from truing.schemas.columns import COLUMNS
 from truing.schemas.faults import Fault
 from truing.stages.common.table_arrays import SmallTable, numbered, numbers, texts
 from truing.stages.ingestion.load_steps import (
+    averaged_signals,
     check_same_loads,
     checked_steps,
 )
@@ -42,6 +43,10 @@ def signal_table(
     collected: CollectedRows, settings: Any, readings: pa.Table | None, log: FaultLog
 ) -> SmallTable | None:
     """Return the signals of an assembled table with one row per step; None after a fault."""
+    if settings.signals.average_samples:
+        collected = averaged_signals(collected, settings.loading, log)
+        if log:
+            return None
     collected, loads = checked_steps(collected, ("run", "step"), settings.loading, log)
     if any(name in collected.table.column_names for name in SHOWN):
         collected = with_leg_signals(collected, settings, log)

@@ -47,12 +47,13 @@ from truing.formats.named_columns import (
 from truing.formats.named_joints import JointReadings, bare_joints, configurations_of_joints
 from truing.formats.named_loads import LoadMapping, load_columns
 from truing.formats.numbers import Notation
-from truing.formats.shapes import COORDINATE_SIGMAS, COORDINATES
+from truing.formats.shapes import COORDINATE_SIGMAS, COORDINATES, WRENCH
 from truing.formats.times import time_format_of
 from truing.formats.units import LONGEST_NAME, bare_and_unit, expanded, may_be
 from truing.schemas.columns import find_column
 from truing.schemas.mapping import is_uncertainty
 
+_SAMPLES = 10  # rows per load from which on they are probably samples of one load step
 _ONE_MOTION = "a single rigid motion (4x4): how two frames lie to each other, no measurement; it is not read"
 _A_COORDINATE_PER_ROW = "a row for each coordinate; export a table of points with columns X, Y and Z"
 _MARKER = re.compile(r"Marker\.(?P<name>.+)\.[^.]*\.Position\.[XYZ](?: \[.*\])?")
@@ -321,7 +322,8 @@ def _guess_by_names(
         if table is None and (found_axes := axis_rows(names, values)):
             return _guess_axis(found_axes, names, mapping, meant)
     if loads is not None:
-        return proposal_of_loads(loads, names, mapping, found)
+        guess = proposal_of_loads(loads, names, mapping, found)
+        return replace(guess, doubts=(*guess.doubts, *_sampled_loads(guess, names, values)))
     if table != "signals" and (template := wide_template(names)) is not None:
         hidden = (
             {"missing": [""]} if any(not cell.strip() for row in data for cell in row) or _has_frames(names) else {}
@@ -570,6 +572,20 @@ def proposal_of_loads(
     )
     other = proposal_of_loads(loads.otherwise, names, mapping, meant)
     return replace(guess, ways=(OtherWay("loads", text, taken, value, other, doubt),))
+
+
+def _sampled_loads(guess: Guess, names: tuple[str, ...], values: Array) -> tuple[str, ...]:
+    """Return the doubt on rows of signals that are samples of one load, rather than load steps."""
+    columns = [guess.mapping["columns"].get(load, load) for load in WRENCH]
+    loads = values[:, [names.index(name) for name in columns if name in names]]
+    if guess.table != "signals" or len(loads) < _SAMPLES or not loads.shape[1]:
+        return ()
+    steps = 1 + int(np.any(np.diff(loads, axis=0) != 0.0, axis=1).sum())
+    if len(loads) < _SAMPLES * steps:
+        return ()
+    return (
+        "many rows have the load of the row before: if they are samples, [signals] average_samples = true takes means",
+    )
 
 
 def _side_by_side(template: tuple[str, str | None], names: tuple[str, ...], mapping: dict[str, Any]) -> Guess:
