@@ -111,7 +111,7 @@ def assemble_readings(tables: Mapping[str, pa.Table], settings: Campaign) -> Dia
     )
 
 
-def _left_out_in_turn(runs: NDArray[np.str_]) -> str:
+def _left_out_in_turn(runs: NDArray[np.int_]) -> str:
     """Return the words for what cross-validation leaves out: runs, or parts of the only one."""
     return f"{'runs' if len(set(runs)) > 1 else 'load steps'} left out in turn"
 
