@@ -109,7 +109,7 @@ def calibrations(data: DiagnosisData[Any], settings: Any, steps: int | None) -> 
     soft = [JointCompliance(name, load=100.0) for name in model.tree.readings[1:]]
 
     def geometry() -> Calibrated:
-        local = np.zeros((len(measured.seen), model.local_size))
+        local = np.zeros((len(measured.is_observed), model.local_size))
         fit = fit_model(model.predict, measured, frames, np.zeros(model.shared_size), local)
         return Calibrated(predictor(model, fit.shared), "")
 
@@ -141,11 +141,11 @@ def _by_scipy(data: DiagnosisData[Any], causes: Sequence[ChainCause], steps: int
     from scipy.optimize import least_squares
 
     model, measured = data.model.with_causes(causes), data.calibration.measured
-    local = np.zeros((len(measured.seen), model.local_size))
+    local = np.zeros((len(measured.is_observed), model.local_size))
 
     def residuals(shared: np.ndarray) -> np.ndarray:
         away = np.einsum("bkij,bkj->bki", measured.whitener, measured.values - model.points(shared, local))
-        return np.concatenate([away[measured.seen].ravel(), shared])
+        return np.concatenate([away[measured.is_observed].ravel(), shared])
 
     found = least_squares(residuals, np.zeros(model.shared_size), method="trf", x_scale="jac", max_nfev=steps)
     effects = model.effects(found.x)

@@ -64,7 +64,7 @@ def complete_plan(bare: CampaignPlan, data: DiagnosisData, poses: pa.Table) -> C
     """Return the plan with the prior knowledge of the diagnosis: tolerances, and positions of targets on legs."""
     from truing.stages.simulated_campaigns.plan import full_plan
 
-    return full_plan(bare, data.model, data.calibration.measured.seen, poses)
+    return full_plan(bare, data.model, data.calibration.measured.is_observed, poses)
 
 
 def reading_plan_of(tables: Mapping[str, pa.Table], settings: Campaign) -> ReadingPlan:

@@ -164,7 +164,7 @@ def seen(bare: bool) -> Seen:
     gathered = _gathered()
     model, poses = gathered.model, gathered.calibration
     own = (model.targets.leg < 0) | (not bare)
-    measured = replace(poses.measured, seen=poses.measured.seen & own)
+    measured = replace(poses.measured, is_observed=poses.measured.is_observed & own)
     start = np.zeros(model.shared_size), np.zeros((len(poses.frames.t), model.local_size))
     return Seen(model, measured, fit_model(model.predict, measured, poses.frames, *start))
 

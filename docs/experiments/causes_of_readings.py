@@ -107,7 +107,7 @@ def _campaign() -> Seen:
 
 
 def _fitted(model: object, measured: object) -> Seen:
-    steps = len(measured.seen)  # type: ignore[attr-defined]
+    steps = len(measured.is_observed)  # type: ignore[attr-defined]
     start = np.zeros(model.shared_size), np.zeros((steps, model.local_size))  # type: ignore[attr-defined]
     frames = Frames.of_numbers(steps)
     return Seen(model, measured, fit_model(model.predict, measured, frames, *start))
@@ -119,11 +119,11 @@ def likeness(*, own: bool) -> Likeness:
     its own channel alone."""
     campaign = _campaign()
     if own:
-        alone = campaign.measured.seen.copy()
+        alone = campaign.measured.is_observed.copy()
         load = campaign.model.conditions.readings
         alone[:, : len(CHANNELS)] &= load != 0.0
         alone[:, len(CHANNELS) :] = False
-        campaign = _fitted(campaign.model, replace(campaign.measured, seen=alone))
+        campaign = _fitted(campaign.model, replace(campaign.measured, is_observed=alone))
     effects = [campaign.effect(cause) for cause in COMPARED]
     signal = np.array([np.linalg.norm(of) for of in effects])
     shares = np.array([[left(of, rival) if _shows(of) else np.nan for rival in effects] for of in effects])

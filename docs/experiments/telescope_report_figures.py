@@ -87,8 +87,8 @@ def _legend(y: float) -> list[str]:
     ]
 
 
-def _scatter(name: str, full: NDArray, first: NDArray, seen: NDArray) -> list[str]:
-    values = np.concatenate([full, first, seen])
+def _scatter(name: str, full: NDArray, first: NDArray, is_observed: NDArray) -> list[str]:
+    values = np.concatenate([full, first, is_observed])
     margin = 0.09 * (values.max() - values.min())
     low, high = values.min() - margin, values.max() + margin
 
@@ -96,7 +96,7 @@ def _scatter(name: str, full: NDArray, first: NDArray, seen: NDArray) -> list[st
         return LEFT + (x - low) / (high - low) * SIDE, TOP + (high - y) / (high - low) * SIDE
 
     unit = f", {UNITS[name]}" if UNITS[name] else ""
-    correlation = np.corrcoef(full, seen)[0, 1]
+    correlation = np.corrcoef(full, is_observed)[0, 1]
     out = [_text(LEFT + SIDE / 2, TOP - 8, f"{SIGNS[name]}{unit} — r = {correlation:.3f}", more='font-weight="bold"')]
     for tick in _ticks(low, high):
         (u, _), (_, v) = at(tick, low), at(low, tick)
@@ -105,8 +105,8 @@ def _scatter(name: str, full: NDArray, first: NDArray, seen: NDArray) -> list[st
     out.append(f'<rect x="{LEFT}" y="{TOP}" width="{SIDE}" height="{SIDE}" fill="none" stroke="#666"/>')
     out.append(_line(*at(low, low), *at(high, high), GREY, 'stroke-dasharray="4 3"'))
     for leg in range(6):
-        out.append(_cross(*at(first[leg], seen[leg]), ORANGE))
-        u, v = at(full[leg], seen[leg])
+        out.append(_cross(*at(first[leg], is_observed[leg]), ORANGE))
+        u, v = at(full[leg], is_observed[leg])
         out += [_dot(u, v, BLUE), _text(u + 6, v - 5, str(leg + 1), "start", f'fill="{BLUE}" font-size="11"')]
     out.append(_text(LEFT + SIDE / 2, TOP + SIDE + 32, "predicted"))
     out.append(f'<g transform="translate(11,{TOP + SIDE / 2}) rotate(-90)">{_text(0, 0, "identified")}</g>')

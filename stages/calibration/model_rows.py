@@ -285,7 +285,7 @@ def _observed_rows(
         rows.add(**common, figure="singular_value", value=float(value))
     for group in inseparable(observability):
         # one sentence for the group if sufficient, else one per unobservable change
-        texts = group.texts if len(group.seen) > 1 else (group.text,)
+        texts = group.texts if len(group.determined) > 1 else (group.text,)
         for text, sigma in zip(texts, group.sigma, strict=False):
             value = float(sigma) if np.isfinite(sigma) else None
             rows.add(**common, figure="unidentifiable", value=value, combination=text)

@@ -36,11 +36,11 @@ def measured_distances(tables: Mapping[str, pa.Table], tree: Tree, poses: tuple[
     at = positions(table.column("pose"), poses)
     known = at >= 0
     values, cov = np.zeros((len(poses), len(lines), 1)), np.zeros((len(poses), len(lines), 1, 1))
-    seen = np.zeros((len(poses), len(lines)), bool)
+    is_observed = np.zeros((len(poses), len(lines)), bool)
     place = at[known], number.ravel()[known]
     values[place] = number_column(table, "reading_mm")[known, None] * _MM
     cov[place] = (number_column(table, "sigma_mm")[known, None, None] * _MM) ** 2
-    seen[place] = True
+    is_observed[place] = True
     surveys = {link: {} if survey is None else survey_of(survey, link) for link, _ in ends}
     nowhere = np.full(3, np.nan), np.full((3, 3), np.nan)
     surveyed = [surveys[link].get(name, nowhere) for link, name in ends]
@@ -52,7 +52,7 @@ def measured_distances(tables: Mapping[str, pa.Table], tree: Tree, poses: tuple[
     )
     reference = np.tile(np.eye(3), (len(poses), len(ends), 1, 1))
     places, covs = (np.stack(part) for part in zip(*surveyed, strict=True))
-    return MeasuredLinks(channels, values, cov, seen, places, covs, reference, lines)
+    return MeasuredLinks(channels, values, cov, is_observed, places, covs, reference, lines)
 
 
 def is_station(measured: MeasuredLinks) -> Mask:
@@ -73,14 +73,14 @@ def fit_of_distances(tree: Tree, measured: MeasuredLinks, conditions: ChainCondi
 
     def start_of(chosen: Mask, given: ChainConditions, other: Array | None = None) -> StartValues:
         used, observations = fitted & chosen, measured.values if other is None else other
-        lines = lines_at(tree, node, ends, given.subset(used), observations[used, :, 0], measured.seen[used])
+        lines = lines_at(tree, node, ends, given.subset(used), observations[used, :, 0], measured.is_observed[used])
         shape = fitted_places(lines, np.nan_to_num(measured.surveyed), free, is_station(measured))
         errors = lines.errors(shape)[..., None]
         rms = float(np.sqrt(np.nanmean(errors**2)))
         return StartValues(np.eye(3)[None], np.zeros((1, 3)), shape, tools, rms, lines.spread(shape), errors)
 
     def errors_at(places: StartValues, given: ChainConditions, observations: Array) -> Array:
-        lines = lines_at(tree, node, ends, given, observations[..., 0], measured.seen)
+        lines = lines_at(tree, node, ends, given, observations[..., 0], measured.is_observed)
         return lines.errors(places.shape)[..., None]
 
     R, t = np.tile(np.eye(3), (count, 1, 1)), np.zeros((count, 3))

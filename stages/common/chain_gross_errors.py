@@ -21,10 +21,10 @@ def gross_errors(tables: Mapping[str, pa.Table], body: str, points: PosePoints) 
     """
     table = tables.get("residuals")
     if table is None or not table.num_rows:
-        return np.zeros(points.seen.shape, bool)
+        return np.zeros(points.is_observed.shape, bool)
     residuals = point_residuals(table, body, points.poses, points.targets)
     rows = tables["configurations"]
     time = number_column(rows, "time_s") if "time_s" in rows.schema.names else None
-    values = np.where(points.seen[..., None], residuals.values, np.nan)
-    alone = alone_in_time(values, order_in_time(time, len(points.poses)), residuals.rejected & points.seen)
+    values = np.where(points.is_observed[..., None], residuals.values, np.nan)
+    alone = alone_in_time(values, order_in_time(time, len(points.poses)), residuals.rejected & points.is_observed)
     return np.asarray(residuals.excluded | alone | (residuals.rejected & ~np.isfinite(residuals.values).all(-1)))

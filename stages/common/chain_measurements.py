@@ -55,7 +55,7 @@ class MeasuredLinks:
     channels: MeasuredChannels
     values: Array
     cov: Array
-    seen: Mask
+    is_observed: Mask
     surveyed: Array
     survey_cov: Array
     reference: Array
@@ -91,7 +91,7 @@ def measured_links(
     parts = [*_targets(tables, tree, poses, wrong), *_poses(tables, tree, poses)]
     if not parts:
         raise ValueError("needs points or poses of links of the chain")
-    names, links, turned, values, cov, seen, surveyed, survey_cov, reference, coupling = zip(*parts, strict=True)
+    names, links, turned, values, cov, is_observed, surveyed, survey_cov, reference, coupling = zip(*parts, strict=True)
     channels = MeasuredChannels(
         tuple(names), tuple(links), np.array([tree.links[link] for link in links]), np.array(turned, bool)
     )
@@ -99,7 +99,7 @@ def measured_links(
         channels,
         np.stack(values, 1),
         np.stack(cov, 1),
-        np.stack(seen, 1),
+        np.stack(is_observed, 1),
         np.stack(surveyed),
         np.stack(survey_cov),
         np.stack(reference, 1),
@@ -128,19 +128,19 @@ def _targets(
         if body not in tree.links:
             raise ValueError(f"body {body} is no link of the chain; there are {', '.join(tree.links)}")
         points = pose_points(observations, body, poses)
-        usable = points.seen if wrong is None else points.seen & ~wrong(tables, body, points)
+        usable = points.is_observed if wrong is None else points.is_observed & ~wrong(tables, body, points)
         known = {} if survey is None else survey_of(survey, body)
         for k, name in enumerate(points.targets):
             place, cov = known.get(name, (np.full(3, np.nan), np.full((3, 3), np.nan)))
-            seen = usable[:, k] & np.isfinite(points.points[:, k]).all(1)
+            is_observed = usable[:, k] & np.isfinite(points.points[:, k]).all(1)
             parts.append(
                 (
                     name,
                     body,
                     False,
-                    np.where(seen[:, None], points.points[:, k], 0.0),
+                    np.where(is_observed[:, None], points.points[:, k], 0.0),
                     points.cov[:, k],
-                    seen,
+                    is_observed,
                     place,
                     cov,
                     identity,
@@ -172,17 +172,17 @@ def _poses(tables: Mapping[str, pa.Table], tree: Tree, poses: tuple[int | str, .
         at = at[at >= 0]
         values, cov = np.zeros((2, len(poses), 3)), np.zeros((2, len(poses), 3, 3))
         coupling = np.zeros((len(poses), 3, 3))
-        reference, seen = np.tile(np.eye(3), (len(poses), 1, 1)), np.zeros(len(poses), bool)
+        reference, is_observed = np.tile(np.eye(3), (len(poses), 1, 1)), np.zeros(len(poses), bool)
         good = np.isfinite(vectors).all(1)
         at, vectors, covs = at[good], vectors[good], covs[good]
         values[0, at], cov[0, at], cov[1, at] = vectors[:, :3], covs[:, :3, :3], covs[:, 3:, 3:]
         coupling[at] = covs[:, :3, 3:] @ np.linalg.inv(covs[:, 3:, 3:])
-        reference[at], seen[at] = exp_so3(vectors[:, 3:]), True
+        reference[at], is_observed[at] = exp_so3(vectors[:, 3:]), True
         nowhere = np.full(3, np.nan), np.full((3, 3), np.nan)
         identity = np.tile(np.eye(3), (len(poses), 1, 1))
-        parts.append(("position", body, False, values[0], cov[0], seen, *nowhere, identity, coupling))
+        parts.append(("position", body, False, values[0], cov[0], is_observed, *nowhere, identity, coupling))
         none = np.zeros_like(coupling)
-        parts.append(("orientation", body, True, values[1], cov[1], seen, *nowhere, reference, none))
+        parts.append(("orientation", body, True, values[1], cov[1], is_observed, *nowhere, reference, none))
     return parts
 
 
@@ -260,25 +260,25 @@ def reference_link(settings: Campaign, measured: MeasuredLinks) -> Index | None:
 
 def is_framed(measured: MeasuredLinks, link_channels: Index | None) -> Mask:
     """Mask (B,) of the poses whose frame the targets of the reference link determine; all if there is none."""
-    count = len(measured.seen)
+    count = len(measured.is_observed)
     return (
         np.ones(count, bool)
         if link_channels is None
-        else np.asarray(measured.seen[:, link_channels].sum(1) >= LEAST_TARGETS)
+        else np.asarray(measured.is_observed[:, link_channels].sum(1) >= LEAST_TARGETS)
     )
 
 
 def pose_frames(measured: MeasuredLinks, link_channels: Index, fitted: Mask) -> tuple[Array, Array]:
     """Return R (B, 3, 3), t (B, 3) m of the poses' frames, from the reference link's targets; NaN where those leave it
     open."""
-    points, seen = measured.values[:, link_channels], measured.seen[:, link_channels]
+    points, is_observed = measured.values[:, link_channels], measured.is_observed[:, link_channels]
     shape = measured.surveyed[link_channels]
     if not np.isfinite(shape).all():
-        places = np.flatnonzero(seen.all(1) & fitted)
+        places = np.flatnonzero(is_observed.all(1) & fitted)
         if not len(places):
             raise ValueError("needs one pose that shows all targets of the reference link")
         fit = umeyama(points[places], points[places[0]][None])
         shape = np.median(np.einsum("bij,bkj->bki", fit.R, points[places]) + fit.t[:, None], axis=0)
-    fit = umeyama(np.broadcast_to(shape, points.shape), points, seen.astype(float))
+    fit = umeyama(np.broadcast_to(shape, points.shape), points, is_observed.astype(float))
     ok = np.isfinite(fit.t).all(1) & is_framed(measured, link_channels)
     return np.where(ok[:, None, None], fit.R, np.nan), np.where(ok[:, None], fit.t, np.nan)

@@ -87,9 +87,11 @@ def nominal_fit(
 
     def start_of(chosen: Mask, given: ChainConditions, other: Array | None = None) -> StartValues:
         used, observations = fitted & chosen, values if other is None else other
-        return start_values(tree, channels, given.subset(used), observations[used], measured.seen[used], surveyed, base)
+        return start_values(
+            tree, channels, given.subset(used), observations[used], measured.is_observed[used], surveyed, base
+        )
 
     def errors(places: StartValues, given: ChainConditions, observations: Array) -> Array:
-        return errors_at(tree, channels, given, observations, measured.seen, places)
+        return errors_at(tree, channels, given, observations, measured.is_observed, places)
 
     return NominalFit(R, t, reference, base is not None, start_of, errors, values, measured.is_position)

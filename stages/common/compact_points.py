@@ -68,13 +68,13 @@ class _Filling:
     """Arrays of one body while the table is read."""
 
     points: Array
-    seen: Mask
+    is_observed: Mask
     sigma: Array = field(default_factory=lambda: np.full((1, 1, 3), np.nan))
     correlation: Array | None = None
 
     def add(self, pose: Index, target: Index, rows: pa.Table) -> None:
         self.points[pose, target] = number_columns(rows, _POINT) * 1e-3
-        self.seen[pose, target] = True
+        self.is_observed[pose, target] = True
         self._add_sigma(pose, target, number_columns(rows, _SIGMA) * 1e-3)
         named = [name for name in _CORRELATION if name in rows.column_names]
         if named:
@@ -116,7 +116,7 @@ def compact_points(
                 filling[body].add(pose[rows], at[rows], batch.take(rows))
     return {
         body: CompactPoints(
-            names.poses, names.targets[body], points.points, points.sigma, points.correlation, points.seen
+            names.poses, names.targets[body], points.points, points.sigma, points.correlation, points.is_observed
         )
         for body, points in filling.items()
     }

@@ -69,7 +69,7 @@ def pose_points(
     points, cov = points_and_cov(rows)
     shape = (len(poses), len(targets))
     dense = PosePoints(poses, targets, np.zeros((*shape, 3)), np.zeros((*shape, 3, 3)), np.zeros(shape, bool))
-    dense.points[place], dense.cov[place], dense.seen[place] = points[known], cov[known], True
+    dense.points[place], dense.cov[place], dense.is_observed[place] = points[known], cov[known], True
     return dense
 
 

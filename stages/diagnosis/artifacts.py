@@ -117,7 +117,7 @@ def _remark(data: DiagnosisData[Any], final: FittedModel) -> str:
 
 def _read(data: DiagnosisData[Any], shown: ReportedRms) -> str:
     held_out_count = 0 if data.held_out is None else len(data.held_out.conditions.readings)
-    seen = int(data.calibration.measured.seen.sum())
+    seen = int(data.calibration.measured.is_observed.sum())
     used = counted(len(data.calibration.conditions.readings), shown.epoch)
     return f"{counted(seen, shown.what)} of {used}, {counted(held_out_count, shown.epoch)} held out"
 

@@ -58,24 +58,24 @@ def assemble(tables: Mapping[str, pa.Table], settings: Campaign) -> DiagnosisDat
     off = command_sigma(settings)
     rows, deviations = columns.rows(table, off), columns.deviations(table)
     out, kept = (excluded_rows(rules, rows) for rules in (settings.exclude, settings.keep))
-    seen = np.isfinite(deviations) & ~out[:, None]
+    is_observed = np.isfinite(deviations) & ~out[:, None]
     held_out = is_held_out(table)
-    fitted = seen.any(1) & ~held_out
-    held_out &= seen.any(1)
-    largest = float(np.abs(np.where(seen, deviations, 0.0)).max())
+    fitted = is_observed.any(1) & ~held_out
+    held_out &= is_observed.any(1)
+    largest = float(np.abs(np.where(is_observed, deviations, 0.0)).max())
     sigma = np.array([encoder_sigma(settings, name) for name in columns.encoders], float)
-    middle = np.nanmedian(np.where(seen, deviations, np.nan), axis=0)
-    spread = float(np.abs(np.where(seen, deviations - middle, 0.0)).max())
+    middle = np.nanmedian(np.where(is_observed, deviations, np.nan), axis=0)
+    spread = float(np.abs(np.where(is_observed, deviations - middle, 0.0)).max())
     axis = replace(columns.axis(off), spread=spread, noise=float(np.hypot(off, np.median(sigma))))
     zero, stop = _WIDE * max(largest, float(sigma.max())), _HARDLY * float(np.median(sigma))
     model = AxisModel(axis, rows.subset(fitted), zero, off, stop)
 
     def poses(rows_of_role: Mask) -> Epochs:
-        covariance = np.broadcast_to(sigma**2, seen[rows_of_role].shape)[..., None, None]
+        covariance = np.broadcast_to(sigma**2, is_observed[rows_of_role].shape)[..., None, None]
         measured = Observations(
-            np.where(seen, deviations, 0.0)[rows_of_role][..., None], covariance, seen[rows_of_role]
+            np.where(is_observed, deviations, 0.0)[rows_of_role][..., None], covariance, is_observed[rows_of_role]
         )
-        keep = np.broadcast_to(kept[rows_of_role][:, None], seen[rows_of_role].shape)
+        keep = np.broadcast_to(kept[rows_of_role][:, None], is_observed[rows_of_role].shape)
         return Epochs(measured, rows.subset(rows_of_role), Frames.of_numbers(int(rows_of_role.sum())), keep)
 
     shown = _encoder_channels(columns, "held-out rows" if held_out.any() else IN_TURN)
@@ -180,6 +180,6 @@ def _errors(diagnosis: CauseDiagnosis, channels: Channels, unit: str) -> pa.Tabl
                 "unit": channels.units[k],
                 "noise_floor": float(floor[k]),
             }
-            for b, k in np.argwhere(before.seen & after.seen)
+            for b, k in np.argwhere(before.is_observed & after.is_observed)
         ]
     return identified_table("axis_errors", rows, "pose")

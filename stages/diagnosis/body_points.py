@@ -118,7 +118,7 @@ def _targets(
         if body is None:
             words.append(f"body {name} (no three targets seen together in three poses)")
             continue
-        lost_poses = int((~body.ok & body.seen.any(1)).sum())
+        lost_poses = int((~body.ok & body.is_observed.any(1)).sum())
         words += [f"{counted(lost_poses, 'pose')} of body {name}, not determined by its targets"] if lost_poses else []
         found.append(body)
     return found, words
@@ -135,7 +135,7 @@ def _body(
         shape, cov = survey.points, survey.cov
     else:
         shape = _measured_shape(tables, name, points)
-    enough = np.asarray(np.isfinite(shape).all(1) & points.seen.any(0))
+    enough = np.asarray(np.isfinite(shape).all(1) & points.is_observed.any(0))
     if enough.sum() < FEWEST_TARGETS:
         return None
     points = PosePoints(
@@ -143,7 +143,7 @@ def _body(
         tuple(t for t, kept in zip(points.targets, enough, strict=True) if kept),
         points.points[:, enough],
         points.cov[:, enough],
-        points.seen[:, enough],
+        points.is_observed[:, enough],
     )
     residuals = point_residuals(tables["residuals"], name, poses, points.targets)
     return measured_body(name, points, residuals, shape[enough], None if cov is None else cov[enough], order, noise)
@@ -154,7 +154,7 @@ def _measured_shape(tables: Mapping[str, pa.Table], name: str, points: PosePoint
     R, t = default_motions(tables["poses"], name, points.poses)
     ok = np.isfinite(t[:, 0]) & np.isfinite(R[:, 0, 0])
     places = np.einsum("bji,bkj->bki", np.nan_to_num(R), points.points - np.nan_to_num(t)[:, None])
-    known = points.seen & ok[:, None]
+    known = points.is_observed & ok[:, None]
     trusted = known & point_residuals(tables["residuals"], name, points.poses, points.targets).fitted
     return median_places(places, np.where(trusted.any(0), trusted, known))
 

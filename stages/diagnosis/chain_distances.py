@@ -42,7 +42,7 @@ def with_distances(points: MeasuredLinks | None, lines: MeasuredLinks | None) ->
         ),
         np.concatenate([points.values.reshape(poses, -1, 1), lines.values], 1),
         np.concatenate([variances[..., None, None], lines.cov], 1),
-        np.concatenate([np.repeat(points.seen, _AXES, axis=1), lines.seen], 1),
+        np.concatenate([np.repeat(points.is_observed, _AXES, axis=1), lines.is_observed], 1),
         np.concatenate([points.surveyed, lines.surveyed[extra]]),
         np.concatenate([points.survey_cov, lines.survey_cov[extra]]),
         np.concatenate([points.reference, lines.reference[:, extra]], 1),

@@ -86,7 +86,7 @@ def assemble(tables: Mapping[str, pa.Table], settings: Campaign) -> DiagnosisDat
     reference = None if points is None else reference_link(settings, points)
     out, read = excluded_poses(settings.exclude, poses), np.asarray(np.isfinite(readings).all(1))
     framed = is_framed(points or measured, reference)
-    usable = read & measured.seen.any(1) & ~out & framed
+    usable = read & measured.is_observed.any(1) & ~out & framed
     if usable.sum() < LEAST_POSES_OF_CHAIN:
         raise ValueError(f"needs at least {LEAST_POSES_OF_CHAIN} poses with readings of all joints and measured links")
     conditions = chain_conditions(tree, table, settings, measured.reference, readings, usable, measured.coupling)
@@ -102,7 +102,7 @@ def assemble(tables: Mapping[str, pa.Table], settings: Campaign) -> DiagnosisDat
         frames, model, certain = build(tree, settings, measured, conditions, fitted)
 
     def epochs(mask: Mask) -> Epochs[ChainConditions]:
-        observed = Observations(measured.values[mask], measured.cov[mask], measured.seen[mask])
+        observed = Observations(measured.values[mask], measured.cov[mask], measured.is_observed[mask])
         return Epochs(observed, conditions.subset(mask), Frames(frames.R[mask], frames.t[mask], frames.free))
 
     subset = conditions.subset(fitted)
@@ -146,9 +146,9 @@ def _omissions(out: Mask, read: Mask, framed: Mask, thinned: str) -> str:
 def _filled(measured: MeasuredLinks) -> MeasuredLinks:
     """The channels, whose unseen observations have the mean covariance of their channel: it must not be singular."""
     cov = measured.cov.copy()
-    for k, seen in enumerate(measured.seen.T):
-        if seen.any():
-            cov[~seen, k] = cov[seen, k].mean(0)
+    for k, is_observed in enumerate(measured.is_observed.T):
+        if is_observed.any():
+            cov[~is_observed, k] = cov[is_observed, k].mean(0)
     return replace(measured, cov=cov)
 
 
@@ -231,7 +231,7 @@ def _mixed_model(
         measured.ends,
         subset,
         measured.values[fitted, first:, 0],
-        measured.seen[fitted, first:],
+        measured.is_observed[fitted, first:],
         (known.base_R, known.base_t),
     )
     unknown = np.flatnonzero(~np.isfinite(measured.surveyed).all(1))
@@ -392,10 +392,10 @@ def _geometry(tree: Tree, sigma: NDArray, is_base_free: bool, known: Mask) -> Ar
 def _least_noise(tree: Tree, measured: MeasuredLinks, start: StartValues) -> Array:
     """Noise (n,) of the readings, rad or m, that hardly shows in the measured places: the scale of joint scatter."""
     positions = measured.is_position
-    seen = measured.seen[:, positions]
-    if not seen.any():
+    is_observed = measured.is_observed[:, positions]
+    if not is_observed.any():
         return np.zeros(len(tree.readings))
-    variance = np.trace(measured.cov[:, positions][seen], axis1=-2, axis2=-1) / measured.values.shape[-1]
+    variance = np.trace(measured.cov[:, positions][is_observed], axis1=-2, axis2=-1) / measured.values.shape[-1]
     size = _HARDLY * float(np.sqrt(np.median(variance)))
     return np.where(tree.is_revolute, size / max(start.spread, size), size)
 

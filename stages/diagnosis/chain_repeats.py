@@ -58,7 +58,7 @@ class _Attained:
     commanded: Array
     deviation: Array
     turned: Array
-    seen: Mask
+    is_observed: Mask
     is_rotation: Mask
 
 
@@ -81,14 +81,14 @@ def accuracy_table(data: DiagnosisData[Any], tables: Mapping[str, pa.Table]) -> 
         name = channels.links[k] if channels.names[k] in ("position", "orientation") else ""
         subject = name or f"{channels.links[k]} {channels.names[k]}"
         for group in groups:
-            if len(seen := group[attained.seen[group, k]]) < 2:
+            if len(is_observed := group[attained.is_observed[group, k]]) < 2:
                 continue
-            figures = [*_of_pose(attained, k, seen, rng)]
-            if len(seen) >= 2 * _OF_LOOK:
-                figures += _drift(attained, k, _in_time(attained, seen), rng)
-            rows += _rows(subject, (attained.poses[int(group[0])], None), len(seen), figures)
+            figures = [*_of_pose(attained, k, is_observed, rng)]
+            if len(is_observed) >= 2 * _OF_LOOK:
+                figures += _drift(attained, k, _in_time(attained, is_observed), rng)
+            rows += _rows(subject, (attained.poses[int(group[0])], None), len(is_observed), figures)
         for pair in _far_pairs(attained, groups):
-            first, second = (_in_time(attained, group[attained.seen[group, k]]) for group in pair)
+            first, second = (_in_time(attained, group[attained.is_observed[group, k]]) for group in pair)
             count = min(len(first), len(second))
             if count >= FEWEST:
                 figures = [*_of_distance(attained, k, first[:count], second[:count])]
@@ -130,13 +130,13 @@ def _attained(model: ChainModel, epochs: Epochs[Any]) -> _Attained:
         commanded,
         deviation,
         conditions.reference,
-        measured.seen,
+        measured.is_observed,
         turned,
     )
 
 
 def _joined(parts: list[_Attained]) -> _Attained:
-    names = ("series", "order", "readings", "approach", "attained", "commanded", "deviation", "turned", "seen")
+    names = ("series", "order", "readings", "approach", "attained", "commanded", "deviation", "turned", "is_observed")
     poses = tuple(pose for part in parts for pose in part.poses)
     joined = {name: np.concatenate([getattr(part, name) for part in parts]) for name in names}
     return _Attained(poses, **joined, is_rotation=parts[0].is_rotation)

@@ -81,9 +81,9 @@ def positions_alone(error: PredictionError[Any]) -> PredictionError[Any]:
     turned = error.model.is_angle
     if not turned.any():
         return error
-    seen = error.measured.seen & ~turned
+    is_observed = error.measured.is_observed & ~turned
     gap = np.where(turned[:, None], 0.0, error.gap)
-    return replace(error, gap=gap, measured=replace(error.measured, seen=seen))
+    return replace(error, gap=gap, measured=replace(error.measured, is_observed=is_observed))
 
 
 def series_table(diagnosis: CauseDiagnosis, data: DiagnosisData[Any], series: Mapping[int | str, str]) -> pa.Table:
@@ -117,7 +117,7 @@ def motors_table(terms: Sequence[MotorTerm]) -> pa.Table:
 
 def _rms(error: PredictionError[Any], errors: NDArray) -> float | None:
     """Root mean square per coordinate of some poses (B,), um; None where nothing was seen."""
-    count = error.measured.size * int(error.seen[errors].sum())
+    count = error.measured.size * int(error.is_observed[errors].sum())
     return float(np.sqrt(np.sum(error.gap[errors] ** 2) / count)) * _UM if count else None
 
 

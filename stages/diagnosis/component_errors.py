@@ -37,14 +37,14 @@ class _Channels:
 
     gap: Array
     cov: Array
-    seen: Mask
+    is_observed: Mask
     places: Array
     turned: Mask  # (K,) orientations
     node: Array  # (K,) the joint that moves the link
 
     def of(self, rows: Mask) -> _Channels:
         """Some of the channels (K,)."""
-        every = {name: getattr(self, name)[:, rows] for name in ("gap", "cov", "seen", "places")}
+        every = {name: getattr(self, name)[:, rows] for name in ("gap", "cov", "is_observed", "places")}
         return replace(self, **every, turned=self.turned[rows], node=self.node[rows])
 
 
@@ -100,14 +100,14 @@ def _channels(error: PredictionError[Any], model: ChainModel, declared: Observat
     """Positions and orientations with their whole error, whatever was decoupled or measured beside them."""
     count, channels = len(declared.values), model.channels
     gap, values, cov = error.gap, declared.values, declared.covariance
-    seen: Mask = np.asarray(error.seen)
+    is_observed: Mask = np.asarray(error.is_observed)
     to_frame, origin = error.frames.R, error.frames.t
     if isinstance(model, DistanceModel):  # numbers have no frames of single poses
         to_frame, origin = np.eye(3)[None], np.zeros((1, 3))
         size = len(model.coordinates)
         gap, values = (part[:, :size].reshape(count, -1, 3) for part in (gap, values))
         cov = cov[:, :size, 0, 0].reshape(count, -1, 3)[..., None] * np.eye(3)
-        seen = np.asarray(seen[:, :size].reshape(count, -1, 3).all(-1))
+        is_observed = np.asarray(is_observed[:, :size].reshape(count, -1, 3).all(-1))
     some = slice(0, gap.shape[1])
     conditions = model.own_conditions
     if (coupling := conditions.coupling) is not None:
@@ -121,7 +121,7 @@ def _channels(error: PredictionError[Any], model: ChainModel, declared: Observat
     return _Channels(
         (to_base @ gap[..., None])[..., 0],
         to_base @ cov @ np.swapaxes(to_base, -1, -2),
-        seen,
+        is_observed,
         places,
         channels.is_rotation[some],
         movers,
@@ -143,12 +143,14 @@ def _motion(channels: _Channels, centre: Array) -> tuple[Array, Array]:
     by[..., 3:] = -skew(levers)
     by[..., :3] = np.where(channels.turned[:, None, None], 0.0, np.eye(3))
     by[:, channels.turned, :, 3:] = np.eye(3)
-    weights = np.linalg.inv(np.where(channels.seen[..., None, None], channels.cov, np.eye(3)))
-    weights = weights * channels.seen[..., None, None]
+    weights = np.linalg.inv(np.where(channels.is_observed[..., None, None], channels.cov, np.eye(3)))
+    weights = weights * channels.is_observed[..., None, None]
     weighted = np.swapaxes(by, -1, -2) @ weights
     normal, right = np.sum(weighted @ by, 1), np.sum(weighted @ channels.gap[..., None], 1)
     placed = _placed(channels).any(1, keepdims=True)
-    turns = channels.seen[:, channels.turned].any(1, keepdims=True) | _is_wide(levers, _placed(channels))[:, None]
+    turns = (
+        channels.is_observed[:, channels.turned].any(1, keepdims=True) | _is_wide(levers, _placed(channels))[:, None]
+    )
     known = np.concatenate([placed, placed, placed, turns, turns, turns], 1)
     normal = np.where(known[:, :, None] & known[:, None], normal, np.eye(6))
     cov = np.linalg.inv(normal)
@@ -157,12 +159,12 @@ def _motion(channels: _Channels, centre: Array) -> tuple[Array, Array]:
 
 def _placed(channels: _Channels) -> Mask:
     """Mask (B, K) of the positions seen."""
-    return np.asarray(channels.seen & ~channels.turned, bool)
+    return np.asarray(channels.is_observed & ~channels.turned, bool)
 
 
-def _is_wide(levers: Array, seen: Mask) -> Mask:
+def _is_wide(levers: Array, is_observed: Mask) -> Mask:
     """Mask (B,) of the poses whose targets span a plane, so that they show rotations about all axes."""
-    weight = np.where(seen, 1.0, 0.0)[..., None]
+    weight = np.where(is_observed, 1.0, 0.0)[..., None]
     weighted_levers = levers * weight
     weighted_levers = (
         weighted_levers - weighted_levers.sum(1, keepdims=True) / np.maximum(weight.sum(1, keepdims=True), 1.0)

@@ -65,7 +65,7 @@ class ReportedRms:
         """Largest change of any prediction by an effect; None if it is no length."""
         if not self.is_length:
             return None
-        moved = np.where(before.seen[..., None], after.gap - before.gap, 0.0)[:, self.targets]
+        moved = np.where(before.is_observed[..., None], after.gap - before.gap, 0.0)[:, self.targets]
         return float(np.sqrt(np.max(np.sum(moved**2, -1)))) / self.si
 
     def of_effect(self, before: PredictionError, after: PredictionError) -> ReportedRms:
@@ -114,7 +114,7 @@ class Channels:
     def of_effect(self, before: PredictionError, after: PredictionError) -> ReportedRms:
         """Reporting of an effect: over the channels of one unit that it moves; signals if it moves no reading."""
         moved = after.whitened - before.whitened
-        size = np.sqrt(np.sum(np.where(before.seen, np.sum(moved**2, -1), 0.0), 0))
+        size = np.sqrt(np.sum(np.where(before.is_observed, np.sum(moved**2, -1), 0.0), 0))
         size = np.where(size >= _CONCERNED * size.max(), size, 0.0)
         readings = np.where(self.signal, 0.0, size)
         return self._reported_rms(readings if readings.any() else size)
@@ -125,7 +125,7 @@ class Channels:
 
     def overall(self, error: PredictionError) -> ReportedRms:
         """Reporting of all readings: those of the most frequent unit."""
-        seen = error.seen.sum(0).astype(float)
+        seen = error.is_observed.sum(0).astype(float)
         readings = np.where(self.signal, 0.0, seen)
         return self._reported_rms(readings if readings.any() else seen)
 

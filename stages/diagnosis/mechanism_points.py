@@ -131,7 +131,9 @@ def _targets(
     """Targets of all bodies, and the points left out that the fit of poses did not reject before."""
     noise = (settings.noise.point_mm or 0.0) * 1e-3
     kinds = [("base", BASE, -1), ("platform", PLATFORM, -1), *((f"leg{i + 1}", LEG, i) for i in range(legs))]
-    parts: dict[str, list[Any]] = {name: [] for name in ("body", "leg", "shape", "shape_cov", "points", "cov", "seen")}
+    parts: dict[str, list[Any]] = {
+        name: [] for name in ("body", "leg", "shape", "shape_cov", "points", "cov", "is_observed")
+    }
     named: list[tuple[str, str]] = []
     swapped: list[TargetsSwapped] = []
     isolated: list[IsolatedPoint] = []
@@ -150,7 +152,7 @@ def _targets(
             ("shape_cov", with_declared_noise(survey.cov, noise)),
             ("points", points.points),
             ("cov", with_declared_noise(points.cov, noise)),
-            ("seen", assessed.kept),
+            ("is_observed", assessed.kept),
         ):
             parts[name].append(value)
     joined = {
@@ -166,7 +168,7 @@ def _isolated_points(
     body: str, points: PosePoints, residuals: PointResiduals, kept: NDArray
 ) -> Iterator[IsolatedPoint]:
     """Yield the points (B, T) that are neither kept nor rejected by the fit of poses nor excluded by a person."""
-    for pose, target in np.argwhere(points.seen & ~kept & ~residuals.rejected & ~residuals.excluded):
+    for pose, target in np.argwhere(points.is_observed & ~kept & ~residuals.rejected & ~residuals.excluded):
         distance = float(np.linalg.norm(residuals.values[pose, target]))
         yield IsolatedPoint(points.poses[pose], f"{body} {points.targets[target]}", distance)
 

@@ -136,14 +136,14 @@ def possible_runs(settings: Campaign, current: FittedModel, models: Sequence[Fit
     """Return the possible next runs on the bench of a fit, to compare models."""
     model = current.model
     assert isinstance(model, BenchModel)
-    readout, seen = _readout(current, model), current.measured.seen
+    readout, is_observed = _readout(current, model), current.measured.is_observed
     least = np.repeat([settings.noise.load_n, settings.noise.load_nm], 3)
     plain = [_as_measured(run, model, least) for run in _plain_runs(settings, model, least)]
     made = list(plain)
     for condition in _runs_under_other_conditions(model, plain):
         if any(_predicts_difference(fitted, plain, condition, readout.sigma) for fitted in models):
             made += condition
-    reads = _reads(model, seen)
+    reads = _reads(model, is_observed)
     run, read = (index.ravel() for index in np.indices((len(made), len(reads))))
     return PossibleRuns(
         Runs(_conditions(model, made), _STEPS, run, reads[read]), tuple(made), readout, model.known.channels
@@ -152,20 +152,22 @@ def possible_runs(settings: Campaign, current: FittedModel, models: Sequence[Fit
 
 def _readout(fitted: FittedModel, model: BenchModel) -> Readout:
     """Noise of readings in the fit, and prior of the zeros of runs."""
-    known, seen = model.known, fitted.measured.seen
-    variance = np.where(seen, fitted.measured.covariance[..., 0, 0], 0.0).sum(0) / np.maximum(seen.sum(0), 1)
-    sigma = np.where(seen.any(0), np.sqrt(variance), known.sigma)
+    known, is_observed = model.known, fitted.measured.is_observed
+    variance = np.where(is_observed, fitted.measured.covariance[..., 0, 0], 0.0).sum(0) / np.maximum(
+        is_observed.sum(0), 1
+    )
+    sigma = np.where(is_observed.any(0), np.sqrt(variance), known.sigma)
     zero = sigma.copy()
     zero[known.zeros.channel] = known.zeros.sigma
     return Readout(sigma, zero)
 
 
-def _reads(model: BenchModel, seen: NDArray[np.bool_]) -> NDArray[np.int64]:
+def _reads(model: BenchModel, is_observed: NDArray[np.bool_]) -> NDArray[np.int64]:
     """Channels read in a run (N', N): all at once as in the campaign, or one of them with all signals."""
-    ever = np.flatnonzero(seen.any(0))
+    ever = np.flatnonzero(is_observed.any(0))
     platform, signals = ever[ever < len(CHANNELS)], ever[ever >= len(CHANNELS)]
     in_run = np.zeros((int(model.steps.code.max()) + 1, len(platform)), bool)
-    np.logical_or.at(in_run, model.steps.code, seen[:, platform])
+    np.logical_or.at(in_run, model.steps.code, is_observed[:, platform])
     if len(platform) and in_run.sum(1).max() == 1:
         return np.array([[channel, *signals] for channel in platform])
     return ever[None]

@@ -168,9 +168,9 @@ class MeasuredPoints:
     def instrument(self) -> PointInstrument:
         """Return the instrument for further poses, with the mean noise of each target."""
         turned = np.swapaxes(self.frames.R, 1, 2)[:, None] @ self.points.covariance @ self.frames.R[:, None]
-        seen = self.points.seen[..., None, None]
-        count = seen.sum(0)
-        mean = np.sum(np.where(seen, turned, 0.0), 0) / np.maximum(count, 1)
+        is_observed = self.points.is_observed[..., None, None]
+        count = is_observed.sum(0)
+        mean = np.sum(np.where(is_observed, turned, 0.0), 0) / np.maximum(count, 1)
         return PointInstrument(np.where(count > 0, mean, np.eye(mean.shape[-1]) * _UNSEEN_M2), self.frames.free)
 
 

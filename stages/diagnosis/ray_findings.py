@@ -142,7 +142,7 @@ def with_shared_errors(
         if poses is None:
             return None
         rows = np.array([[row.get((pose, *name), -1) for name in names] for pose in poses.conditions.poses], int)
-        return points_with_shared_errors(poses, np.where(poses.measured.seen, rows, -1), common, errors)
+        return points_with_shared_errors(poses, np.where(poses.measured.is_observed, rows, -1), common, errors)
 
     calibration = with_errors(dataset.calibration)
     assert calibration is not None

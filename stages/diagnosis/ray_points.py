@@ -85,7 +85,7 @@ def some_poses(rays: RayPoses, rows: NDArray[np.bool_]) -> RayPoses:
         rays,
         poses=tuple(pose for pose, row in zip(rays.poses, rows, strict=True) if row),
         root=rays.root[rows],
-        seen=rays.seen[rows],
+        is_observed=rays.is_observed[rows],
         covariates={name: values[rows] for name, values in rays.covariates.items()},
         up=None if rays.up is None else rays.up[rows],
     )
@@ -120,7 +120,7 @@ def scale_height(tables: Mapping[str, pa.Table], poses: Epochs) -> float:
             return float(np.sum(height * weight) / weight.sum())
     measured = poses.measured
     inside = np.einsum("bkd,bde->bke", np.nan_to_num(measured.values) - poses.frames.t[:, None], poses.frames.R)
-    return float(inside[..., 2][measured.seen].mean())
+    return float(inside[..., 2][measured.is_observed].mean())
 
 
 def _of_bars(points: pa.Table, bars: pa.Table, poses: Epochs) -> tuple[NDArray, NDArray]:
@@ -140,5 +140,5 @@ def _of_bars(points: pa.Table, bars: pa.Table, poses: Epochs) -> tuple[NDArray, 
     scaling = np.array([serves == "scale" for serves in bars.column("serves").to_pylist()])
     known = (ends[0] >= 0) & (ends[1] >= 0) & scaling & np.isfinite(weight)
     height = 0.5 * (inside[:, ends[0][known], 2] + inside[:, ends[1][known], 2])
-    seen = np.isfinite(height)
-    return height[seen], np.broadcast_to(weight[known], height.shape)[seen]
+    is_observed = np.isfinite(height)
+    return height[is_observed], np.broadcast_to(weight[known], height.shape)[is_observed]

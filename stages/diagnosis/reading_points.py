@@ -60,10 +60,10 @@ def reading_model(tables: Mapping[str, pa.Table], settings: Campaign) -> BenchMo
     steps = load_steps(tables)
     sensor = simulated_sensor(tables, settings, steps)
     sigma, _ = _noise(steps, settings, ())
-    points, seen = _points(steps, sigma)
-    determined = seen.any(1) & np.isfinite(steps.time_s)
+    points, is_observed = _points(steps, sigma)
+    determined = is_observed.any(1) & np.isfinite(steps.time_s)
     return BenchModel(
-        _known_readings(sensor, steps, points, seen, sigma, determined, settings), _conditions(steps, determined)
+        _known_readings(sensor, steps, points, is_observed, sigma, determined, settings), _conditions(steps, determined)
     )
 
 
@@ -74,15 +74,15 @@ def assemble_readings(tables: Mapping[str, pa.Table], settings: Campaign) -> Dia
     exchanged = confirmed_by_readings(exchanged_rows(steps, ~steps.held_out), steps, sensor)
     sigma, words = _noise(steps, settings, exchanged)
     words += [text for text in (excluded_words(out),) if text]
-    points, seen = _points(steps, sigma)
+    points, is_observed = _points(steps, sigma)
     protected = decided(steps, settings.keep, "kept").chosen
     # the load of an excluded step was still applied
-    determined = (seen | out.chosen).any(1) & np.isfinite(steps.time_s)
+    determined = (is_observed | out.chosen).any(1) & np.isfinite(steps.time_s)
     fitted, held_out = determined & ~steps.held_out, determined & steps.held_out
     if why := _why_too_little(steps, fitted, settings):
         raise ValueError(why)
     model = BenchModel(
-        _known_readings(sensor, steps, points, seen, sigma, fitted, settings), _conditions(steps, fitted)
+        _known_readings(sensor, steps, points, is_observed, sigma, fitted, settings), _conditions(steps, fitted)
     )
     applied, loaded = np.round(steps.load[fitted], 9) + 0.0, {BlockKind.RUN: steps.run[fitted]}
     groupings = groupings_of(applied, steps.time_s[fitted], None, loaded)
@@ -90,12 +90,14 @@ def assemble_readings(tables: Mapping[str, pa.Table], settings: Campaign) -> Dia
     return DiagnosisData(
         model,
         replace(
-            _poses(steps, points, seen, sigma, fitted),
+            _poses(steps, points, is_observed, sigma, fitted),
             kept=protected[fitted],
             repeats=group_numbers(applied),
             groupings=groupings,
         ),
-        replace(_poses(steps, points, seen, sigma, held_out), kept=protected[held_out]) if held_out.any() else None,
+        replace(_poses(steps, points, is_observed, sigma, held_out), kept=protected[held_out])
+        if held_out.any()
+        else None,
         "; ".join(words),
         _results,
         exchanged,
@@ -107,7 +109,7 @@ def assemble_readings(tables: Mapping[str, pa.Table], settings: Campaign) -> Dia
             np.arange(len(units)) >= len(CHANNELS),
             held_out="held-out runs" if held_out.any() else _left_out_in_turn(steps.run[fitted]),
         ),
-        relation=Relation.LOADS_READINGS if seen[:, : len(CHANNELS)].any() else Relation.LOADS_SIGNALS,
+        relation=Relation.LOADS_READINGS if is_observed[:, : len(CHANNELS)].any() else Relation.LOADS_SIGNALS,
     )
 
 
@@ -199,21 +201,21 @@ def _noise(steps: RecordedSteps, settings: Campaign, exchanged: tuple[RowsExchan
 
 def _points(steps: RecordedSteps, sigma: Array) -> tuple[Array, NDArray[np.bool_]]:
     values = np.concatenate([steps.reading, steps.signal], 1)
-    seen = np.isfinite(values) & np.isfinite(sigma)
-    return np.where(seen, values, 0.0), seen
+    is_observed = np.isfinite(values) & np.isfinite(sigma)
+    return np.where(is_observed, values, 0.0), is_observed
 
 
 def _known_readings(
     sensor: UncertainSensor,
     steps: RecordedSteps,
     points: Array,
-    seen: NDArray[np.bool_],
+    is_observed: NDArray[np.bool_],
     sigma: Array,
     fitted: NDArray[np.bool_],
     settings: Campaign,
 ) -> KnownReadings:
     typical = np.array(
-        [np.median(own[there]) if there.any() else 1.0 for own, there in zip(sigma.T, seen.T, strict=True)]
+        [np.median(own[there]) if there.any() else 1.0 for own, there in zip(sigma.T, is_observed.T, strict=True)]
     )
     noise, signals = settings.noise, settings.signals
     tared, sensitivity = signals.zero_mv, signals.sensitivity_mv_per_n
@@ -224,8 +226,10 @@ def _known_readings(
         typical,
         largest_loads(steps, settings),
         np.array([noise.load_n] * 3 + [noise.load_nm] * 3),
-        zeros_of_steps(steps, seen, fitted, typical, None if tared is None else tared * _MILLIVOLT),
-        gains_of_steps(sensor, steps, seen[:, len(CHANNELS) :] & fitted[:, None], gains, signals.sensitivity_tolerance),
+        zeros_of_steps(steps, is_observed, fitted, typical, None if tared is None else tared * _MILLIVOLT),
+        gains_of_steps(
+            sensor, steps, is_observed[:, len(CHANNELS) :] & fitted[:, None], gains, signals.sensitivity_tolerance
+        ),
         settings.interferometer.wavelength_nm * 1e-9,
         settings.mechanism.reference_temperature_c,
         declared_optics(settings.interferometer),
@@ -249,10 +253,10 @@ def _conditions(steps: RecordedSteps, rows: NDArray[np.bool_]) -> ReadingConditi
 
 
 def _poses(
-    steps: RecordedSteps, points: Array, seen: NDArray[np.bool_], sigma: Array, rows: NDArray[np.bool_]
+    steps: RecordedSteps, points: Array, is_observed: NDArray[np.bool_], sigma: Array, rows: NDArray[np.bool_]
 ) -> Epochs:
     covariance = np.where(np.isfinite(sigma), sigma, 1.0)[rows] ** 2
-    measured = Observations(points[rows][..., None], covariance[..., None, None], seen[rows])
+    measured = Observations(points[rows][..., None], covariance[..., None, None], is_observed[rows])
     return Epochs(measured, _conditions(steps, rows), Frames.of_numbers(int(rows.sum())))
 
 
@@ -296,7 +300,7 @@ def _errors_table(diagnosis: CauseDiagnosis, channels: Channels, settings: Campa
                 "unit": channels.units[k],
                 "noise_floor": floor.get(names[k]),
             }
-            for b, k in np.argwhere(before.seen)
+            for b, k in np.argwhere(before.is_observed)
         ]
     return identified_table("reading_errors", rows, "run", ("noise_floor",))
 
@@ -312,4 +316,4 @@ def _floors(diagnosis: CauseDiagnosis, channels: Channels, settings: Campaign) -
     declared = ~channels.signal | (settings.noise.signal_mv is not None)
     size = np.sqrt(floor.square) / channels.si
     names = diagnosis.final.model.channel_names
-    return {names[k]: float(size[k]) for k in np.flatnonzero(declared & (floor.seen > 0))}
+    return {names[k]: float(size[k]) for k in np.flatnonzero(declared & (floor.observations > 0))}

@@ -82,8 +82,8 @@ def read_later_surveys(
     surveys, bodies = texts(rows, "survey"), texts(rows, "body")
     pairs = [(name, body) for name in _in_time(resurveys) for body in dict.fromkeys(bodies[surveys == name].tolist())]
     for name, body in pairs:
-        seen = _visible_targets(rows, cov, (surveys == name) & (bodies == body))
-        _compare(out, places.setdefault(body, {}), seen, (name, body), resurveys[name], FALSE_ALARM / len(pairs))
+        is_observed = _visible_targets(rows, cov, (surveys == name) & (bodies == body))
+        _compare(out, places.setdefault(body, {}), is_observed, (name, body), resurveys[name], FALSE_ALARM / len(pairs))
     _check_names(out, first.table, rows.first_file, log)
     return out
 

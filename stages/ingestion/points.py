@@ -343,8 +343,8 @@ class Points:
                 self.log.cells(file.raw.name, faults, file.locate)
 
     def _check_bodies(self) -> None:
-        seen, bodies = self._ledger.seen()[: len(self.expected.poses)], self._ledger.bodies()
-        self.poses = int(np.count_nonzero(seen.any(axis=1)))
+        is_observed, bodies = self._ledger.seen()[: len(self.expected.poses)], self._ledger.bodies()
+        self.poses = int(np.count_nonzero(is_observed.any(axis=1)))
         if not self.rows:
             return
         file = next(iter(self.files))
@@ -360,7 +360,7 @@ class Points:
                 text = f"points of body {body}; there are points of {', '.join(bodies)}{did_you_mean(body, bodies)}"
                 self.log.add(Fault(file, text, column="body"))
             elif body in self.expected.always and not self.unlabelled.parts:
-                self._check_every_pose(file, body, seen.any(axis=1) & ~seen[:, bodies.index(body)])
+                self._check_every_pose(file, body, is_observed.any(axis=1) & ~is_observed[:, bodies.index(body)])
         self._check_names(file)
 
     def _check_names(self, file: str) -> None:

@@ -104,7 +104,7 @@ class Relabelling:
         return ""
 
     def check(self, log: FaultLog, seen: Sequence[tuple[str, str]]) -> None:
-        """Report rules that matched no point; ``seen``: body and target of all points."""
+        """Report rules that matched no point; ``is_observed``: body and target of all points."""
         for rule, count in zip(self.rules, self.count, strict=True):
             if not count:
                 other_targets = [target for body, target in seen if body == rule.body and target != rule.target]

@@ -26,7 +26,7 @@ def stations_table(plan: PhotographPlan) -> pa.Table:
     columns |= {
         "roll_deg": np.round(np.degrees(stations.roll_rad), 1),
         "distance_mm": np.round(1e3 * distance, 1),
-        "targets": plan.seen.sum(axis=1),
+        "targets": plan.is_observed.sum(axis=1),
     }
     return pa.table(columns)
 

@@ -150,13 +150,13 @@ def _points(
 ) -> BodyPoints:
     """Return the points of the targets that define the body's frame, with poses in the order of the file."""
     frame = body.frame
-    seen = body.points.seen[:, frame]
-    sigma = body.sigma[:, frame][seen]
+    is_observed = body.points.is_observed[:, frame]
+    sigma = body.sigma[:, frame][is_observed]
     return BodyPoints(
         body.name,
         body.survey.points[frame] / body.survey_scale,
         body.points.points[:, frame][order],
-        seen[order],
+        is_observed[order],
         float(np.median(sigma)) if sigma.size else 0.0,
         tuple(str(around.poses[pose]) for pose in order),
         groups,
@@ -167,7 +167,7 @@ def _points(
             tuple(body.survey.targets),
             body.survey.points / body.survey_scale,
             body.points.points[order],
-            body.points.seen[order],
+            body.points.is_observed[order],
         ),
     )
 
@@ -180,20 +180,22 @@ def _points_as_other_bodies(
     for other in bodies:
         if other is not body:
             named = pose_points(observed, body.name, around.poses, other.survey.targets)
-            other_bodies.append(AsOtherBody(other.name, other.survey.points, named.points[order], named.seen[order]))
+            other_bodies.append(
+                AsOtherBody(other.name, other.survey.points, named.points[order], named.is_observed[order])
+            )
             count = min(len(body.survey.targets), len(other.survey.targets))
-            points, seen = body.points.points[order, :count], body.points.seen[order, :count]
-            other_bodies.append(AsOtherBody(other.name, other.survey.points[:count], points, seen))
+            points, is_observed = body.points.points[order, :count], body.points.is_observed[order, :count]
+            other_bodies.append(AsOtherBody(other.name, other.survey.points[:count], points, is_observed))
     return tuple(other_bodies)
 
 
 def _copies(bodies: Sequence[BodyView], around: PoseSurroundings) -> RelationTest:
     points = np.concatenate([body.points.points for body in bodies], axis=1)
-    seen = np.concatenate([body.points.seen for body in bodies], axis=1)
+    is_observed = np.concatenate([body.points.is_observed for body in bodies], axis=1)
     sigma = np.concatenate([body.measured_sigma.mean(axis=2) for body in bodies], axis=1)
-    least = float(sigma[seen].min()) if seen.any() else 0.0
+    least = float(sigma[is_observed].min()) if is_observed.any() else 0.0
     targets = tuple((body.name, str(target)) for body in bodies for target in body.survey.targets)
-    return relate_copies(points, seen, least, tuple(map(str, around.poses)), targets)
+    return relate_copies(points, is_observed, least, tuple(map(str, around.poses)), targets)
 
 
 def _readings(
@@ -367,7 +369,7 @@ def _drivers(around: PoseSurroundings, at: Index) -> Array:
 
 
 def relations_of_loads(steps: RecordedSteps, seen: Array | None, settings: Campaign) -> tuple[RelationTest, ...]:
-    """Return the tested relations of a loading campaign; ``seen``: simulated compliance (6, 6) in terms of the
+    """Return the tested relations of a loading campaign; ``is_observed``: simulated compliance (6, 6) in terms of the
     channels."""
     count, sensitivity = len(steps.signals), settings.signals.sensitivity_mv_per_n
     gain = leg_forces = None

@@ -135,7 +135,7 @@ def _test_orientations(compared: ComparedChain, settings: Campaign) -> RelationT
     channels = measured.channels
     for k in np.flatnonzero(channels.is_rotation):
         for series in np.unique(compared.conditions.series):
-            own = compared.usable & measured.seen[:, k] & (compared.conditions.series == series)
+            own = compared.usable & measured.is_observed[:, k] & (compared.conditions.series == series)
             if own.sum() < FEWEST_POSES:
                 continue
             found = turning_misfit(
@@ -174,7 +174,7 @@ def _out_of_place(tables: Mapping[str, pa.Table], body: str, points: PosePoints)
         points.poses, np.arange(float(len(points.poses))), np.zeros((len(points.poses), 0)), (), None, is_counted=True
     )
     view = point_checks.viewed(tables["observations"], tables.get("survey"), body, alone)
-    is_out_of_place = np.zeros(points.seen.shape, bool)
+    is_out_of_place = np.zeros(points.is_observed.shape, bool)
     is_out_of_place[:, [points.targets.index(name) for name in view.survey.targets]] = view.gross
     return is_out_of_place
 
@@ -242,7 +242,7 @@ def _not_tested(reason: str, subject: str = "") -> RelationTest:
 
 def _usable(tree: Tree, table: pa.Table, measured: MeasuredLinks) -> Mask:
     """Mask (B,) of the poses with readings of all joints, and a measurement."""
-    return np.asarray(np.isfinite(joint_readings(tree, table)).all(1) & measured.seen.any(1))
+    return np.asarray(np.isfinite(joint_readings(tree, table)).all(1) & measured.is_observed.any(1))
 
 
 def _conditions(

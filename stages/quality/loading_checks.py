@@ -82,7 +82,7 @@ def checks(tables: Mapping[str, pa.Table], settings: Campaign) -> CheckResults:
 def _view(
     tables: Mapping[str, pa.Table], settings: Campaign, compliance: Array | None, seen: Array | None
 ) -> LoadingView:
-    """Return readings and signals with the simulated readings; ``seen``: compliance in terms of the channels."""
+    """Return readings and signals with the simulated readings; ``is_observed``: compliance in terms of the channels."""
     steps, noise = load_steps(tables), settings.noise
     load_sigma = np.array([noise.load_n] * 3 + [noise.load_nm] * 3)
     if compliance is None or seen is None:

@@ -69,19 +69,19 @@ def _names(observations: pa.Table) -> dict[str, list[str]]:
 
 
 def _likely(body: BodyView, points: PosePoints, at: int) -> LikelyName | None:
-    rows = np.flatnonzero(points.seen[:, at] & body.fit.ok)
+    rows = np.flatnonzero(points.is_observed[:, at] & body.fit.ok)
     if not len(rows):
         return None
     seen = np.einsum("bij,bi->bj", body.fit.R[rows], points.points[rows, at] - body.fit.t[rows])
     off = np.linalg.norm(body.survey.points - np.median(seen, axis=0), axis=1)
-    off[body.points.seen[rows].any(axis=0)] = np.inf  # both in one pose: two targets
+    off[body.points.is_observed[rows].any(axis=0)] = np.inf  # both in one pose: two targets
     nearest = int(off.argmin())
     sigma = float(np.sqrt(np.trace(points.cov[rows[0], at]) + np.trace(body.survey.cov[nearest])))
     others = np.delete(body.survey.points, nearest, axis=0)
     apart = float(np.linalg.norm(others - body.survey.points[nearest], axis=1).min(initial=np.inf))
     if not off[nearest] < max(_NEAR * sigma, _NEAR_SHARE * apart):
         return None
-    places = np.flatnonzero(body.points.seen[:, nearest])
+    places = np.flatnonzero(body.points.is_observed[:, nearest])
     before, after = (places < rows[0]).any(), (places > rows[-1]).any()
     poses = body.points.poses
     return LikelyName(
@@ -151,7 +151,7 @@ def likely_table(likely: Sequence[LikelyName]) -> pa.Table:
 def expected_visible(resurveys: pa.Table | None, body: BodyView, around: PoseSurroundings) -> Mask:
     """Return the mask (B, T) of targets that should be observed: a target at a new position from its pose on, the
     former one until then."""
-    out = np.ones(body.points.seen.shape, bool)
+    out = np.ones(body.points.is_observed.shape, bool)
     place = {name: at for at, name in enumerate(body.survey.targets)}
     since = {str(pose): at for at, pose in enumerate(around.poses)}
     rows = [] if resurveys is None else resurveys.to_pylist()
@@ -161,7 +161,7 @@ def expected_visible(resurveys: pa.Table | None, body: BodyView, around: PoseSur
             continue
         new, start = place.get(row["holds_as"]), since.get(str(row["from_pose"]))
         if start is None:  # no point of that very pose: since it was seen first
-            start = 0 if new is None else int(body.points.seen[:, new].argmax())
+            start = 0 if new is None else int(body.points.is_observed[:, new].argmax())
         if new is not None:
             out[:start, new] = False
         if row["holds_as"] != row["target"] and (old := place.get(carried_name.get(row["target"], ""))) is not None:

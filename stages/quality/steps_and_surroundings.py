@@ -69,15 +69,15 @@ def runs_complete(view: LoadingView) -> Check:
 def missing_readings_checks(view: LoadingView, limits: CampaignLimits) -> Iterator[Check]:
     """Per channel, the share of readings missing in the runs that it was watched in."""
     steps = view.steps
-    seen = np.isfinite(steps.reading)
+    is_observed = np.isfinite(steps.reading)
     for k, channel in enumerate(CHANNELS):
-        watched = np.isin(steps.run, np.unique(steps.run[seen[:, k]]))
+        watched = np.isin(steps.run, np.unique(steps.run[is_observed[:, k]]))
         if not watched.any():
             continue
-        share = float(1.0 - seen[watched, k].mean())
+        share = float(1.0 - is_observed[watched, k].mean())
         text = f"{channel}: {100.0 * share:.1f} % of the readings are missing in the runs that have this channel."
         yield limits.of("completeness").row(f"channel {channel}", share, "1", text)
-    if never := [channel for k, channel in enumerate(CHANNELS) if not seen[:, k].any()]:
+    if never := [channel for k, channel in enumerate(CHANNELS) if not is_observed[:, k].any()]:
         yield not_evaluated("never read", "completeness", f"channels {' '.join(never)}", "their response stays unknown")
 
 

@@ -78,15 +78,15 @@ def attachment_labels(bodies: Sequence[BodyView], attachments: Array) -> Iterato
 
 def completeness(body: BodyView, due: Mask, limits: CampaignLimits) -> Iterator[Check]:
     """Check the share of expected targets (B, T) that were observed, and the poses without a frame."""
-    seen = body.points.seen
-    missing = due & ~seen
+    is_observed = body.points.is_observed
+    missing = due & ~is_observed
     text = f"{body.name}: {int(missing.sum())} of {int(due.sum())} target readings are missing "
-    text += f"({count(seen.shape[1], 'target')}, {count(seen.shape[0], 'pose')})."
+    text += f"({count(is_observed.shape[1], 'target')}, {count(is_observed.shape[0], 'pose')})."
     yield limits.of("completeness").row(body.name, float(missing.sum()) / max(int(due.sum()), 1), "1", text)
     lost = [str(p) for p, ok in zip(body.points.poses, body.fit.ok, strict=True) if not ok]
     text = f"{count(len(lost), 'pose')} with too few usable targets ({listed(lost)})" if lost else ""
     text = f"{body.name}: {text or 'every pose can be determined'}."
-    yield limits.of("poses-determined", per=len(seen)).row(body.name, float(len(lost)), "1", text)
+    yield limits.of("poses-determined", per=len(is_observed)).row(body.name, float(len(lost)), "1", text)
 
 
 def geometry(body: BodyView, limits: CampaignLimits) -> Iterator[Check]:
@@ -120,7 +120,7 @@ def gross_errors(body: BodyView, limits: CampaignLimits) -> Iterator[Check]:
     if why := body.why_no_places:
         yield not_evaluated("gross errors", "gross-errors", body.name, why)
         return
-    seen, gross = int(body.points.seen[body.framed].sum()), body.gross[body.framed]
+    seen, gross = int(body.points.is_observed[body.framed].sum()), body.gross[body.framed]
     share = float(gross.sum()) / max(seen, 1)
     per_target = gross.sum(axis=0)
     often = [f"{body.survey.targets[t]} ({per_target[t]})" for t in np.argsort(-per_target)[:5] if per_target[t] > 0]
@@ -150,9 +150,9 @@ def exchanged_labels(body: BodyView, around: PoseSurroundings) -> Iterator[Check
 
 def moved_targets(body: BodyView, around: PoseSurroundings, share: float) -> Iterator[Check]:
     """Check for targets that moved at a pose, with pose and shift."""
-    seen = body.points.seen & body.fit.ok[:, None]
-    sigma = np.maximum(body.sigma, successive_sigma(body.residuals, seen)[None])
-    is_used = seen & ~isolated_values(body.residuals, sigma, seen, limit=4.0)
+    is_observed = body.points.is_observed & body.fit.ok[:, None]
+    sigma = np.maximum(body.sigma, successive_sigma(body.residuals, is_observed)[None])
+    is_used = is_observed & ~isolated_values(body.residuals, sigma, is_observed, limit=4.0)
     assessed = is_used.sum(axis=0) >= 2 * _EITHER_SIDE
     if not assessed.any():
         why = f"{body.name}: no target was seen in three poses before and three after a step"
@@ -195,7 +195,7 @@ def noise_size(bodies: Sequence[BodyView], relations: Sequence[RelationTest]) ->
             "noise-size", "", 1.0, 1.0, "1", PASS, "Most points of every body agree within the declared noise."
         )
     worst, least = (choose(noisy, key=lambda body: body.noise_factor) for choose in (max, min))
-    declared_mm = 1e3 * float(np.median(worst.measured_sigma[worst.points.seen])) / worst.noise_factor
+    declared_mm = 1e3 * float(np.median(worst.measured_sigma[worst.points.is_observed])) / worst.noise_factor
     times = " to ".join(dict.fromkeys(f"{body.noise_factor:.0f}" for body in (least, worst)))
     text = f"{listed([body.name for body in noisy])}: all points scatter alike, by {times} times the declared noise "
     text += f"of {declared_mm:.3g} mm; by the declared noise most of them would be gross errors."

@@ -117,7 +117,7 @@ def _reflectors(tables: Mapping[str, pa.Table], poses: Ids) -> Iterator[tuple[st
         if len(points_of_body.targets) >= _FRAME or str(body).startswith("leg"):
             continue
         for k, target in enumerate(points_of_body.targets):
-            place = np.where(points_of_body.seen[:, k, None], points_of_body.points[:, k], np.nan)
+            place = np.where(points_of_body.is_observed[:, k, None], points_of_body.points[:, k], np.nan)
             if reference is not None:
                 place = np.einsum("bji,bj->bi", reference[0], place - reference[1])
             yield f"{body} {target}", place, None

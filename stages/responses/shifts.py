@@ -89,11 +89,11 @@ def framed_bodies(tables: Mapping[str, pa.Table], poses: tuple[int | str, ...]) 
 def _framed(tables: Mapping[str, pa.Table], name: str, parent: str, poses: tuple[int | str, ...]) -> FramedBody:
     surveyed = survey_points(tables["survey"], name) if "survey" in tables else None
     found = fitted_points(tables, name, poses, (surveyed and surveyed.targets) or None)
-    points, used = found.points, found.used & found.points.seen
+    points, used = found.points, found.used & found.points.is_observed
     frame: Mask = np.ones(len(points.targets), bool)
     if surveyed is not None and surveyed.targets:
         source, cov, cov_shape = surveyed.points, surveyed.cov, surveyed.cov
-        frame = points.seen.any(axis=0) & surveyed.frame
+        frame = points.is_observed.any(axis=0) & surveyed.frame
     else:
         source, cov_shape = mean_shape(found.R, found.t, used, points, found.residual)
         cov = np.zeros_like(cov_shape)
@@ -104,12 +104,12 @@ def _framed(tables: Mapping[str, pa.Table], name: str, parent: str, poses: tuple
 
 
 def shift_uncertainty_tables(
-    shifts: CorrelatedShifts, poses: tuple[int | str, ...], seen: Mask, identifier: str
+    shifts: CorrelatedShifts, poses: tuple[int | str, ...], is_observed: Mask, identifier: str
 ) -> dict[str, pa.Table]:
-    """Return artifacts with the correlations of the shifts ``seen`` (B, L) with poses, with each other and between
-    poses."""
+    """Return artifacts with the correlations of the shifts ``is_observed`` (B, L) with poses, with each other and
+    between poses."""
     covariances, sensitivities = Rows("shift_covariances"), Rows("shift_sensitivities")
-    determined = seen & shifts.there[:, None]
+    determined = is_observed & shifts.there[:, None]
     b, leg, number = np.nonzero(determined[:, :, None] & np.isfinite(shifts.with_poses))
     _covariance_rows(covariances, poses, b, leg, [shifts.numbers[i] for i in number], shifts.with_poses[b, leg, number])
     b, leg, other = np.nonzero(determined[:, :, None] & determined[:, None] & np.tri(determined.shape[1], dtype=bool))

@@ -39,7 +39,7 @@ def _exclusion(
     number: int, rule: Overrule, chosen: Mask, body: BodyEstimate, with_all: BodyEstimate
 ) -> dict[str, object]:
     motion_m = largest_motion(body, with_all, np.flatnonzero(chosen.any(axis=1)))  # NaN: lost without these points
-    sigma = float(np.sqrt(np.median(body.points.variance[body.points.seen]) / 3.0))
+    sigma = float(np.sqrt(np.median(body.points.variance[body.points.is_observed]) / 3.0))
     return {
         **exclusion_row(number, rule, body.name, 1e3 * motion_m, motion_m / sigma),
         "rows": int(chosen.sum()),
@@ -53,14 +53,16 @@ def decided_points(points: Points, body: str, rules: Iterable[Overrule], verb: s
     rules = list(rules)
     if not rules:
         return None
-    return PointDecisions(*chosen_by(points.seen.shape, rules, verb, lambda rule: chosen_points(points, body, rule)))
+    return PointDecisions(
+        *chosen_by(points.is_observed.shape, rules, verb, lambda rule: chosen_points(points, body, rule))
+    )
 
 
 def chosen_points(points: Points, body: str, rule: Overrule) -> Mask:
     """Return the mask (B, T) of points of a body that a rule matches; an absent key matches all, and a run matches
     none."""
     if rule.body not in (None, body):
-        return np.zeros(points.seen.shape, bool)
+        return np.zeros(points.is_observed.shape, bool)
     at_pose = np.array([rule.pose is None or str(rule.pose) == str(pose) for pose in points.poses], dtype=bool)
     at_target = np.array([rule.target in (None, target) for target in points.targets], dtype=bool)
-    return np.asarray(at_pose[:, None] & at_target & points.seen)
+    return np.asarray(at_pose[:, None] & at_target & points.is_observed)

@@ -127,7 +127,7 @@ def _relative_pose_rows(body: BodyPoses, other: BodyPoses, base: BodyPoses | Non
 
 
 def _residual_columns(body: BodyPoses) -> dict[str, Any]:
-    at_pose, at_target = np.nonzero(body.points.seen)
+    at_pose, at_target = np.nonzero(body.points.is_observed)
     residual = 1e3 * body.residual[at_pose, at_target]
     reason = body.reason[at_pose, at_target]
     reason[reason == ""] = None

@@ -55,11 +55,11 @@ def predicted_links(text: str, second: SecondCampaign) -> Iterator[PredictionErr
                 chosen = of_link & (measured.channels.is_rotation == bool(turned))
                 if not chosen.any():
                     continue
-                seen = measured.seen[usable][:, chosen]
+                is_observed = measured.is_observed[usable][:, chosen]
                 variance = np.trace(measured.cov[usable][:, chosen], axis1=-2, axis2=-1)
-                noise = float(np.sqrt(variance[seen].mean())) / si if seen.any() else None
+                noise = float(np.sqrt(variance[is_observed].mean())) / si if is_observed.any() else None
                 size = np.sqrt(np.sum(errors[:, chosen] ** 2, -1))
-                yield PredictionErrors(by, model, f"{quantity} of {link}", unit, size[seen] / si, noise)
+                yield PredictionErrors(by, model, f"{quantity} of {link}", unit, size[is_observed] / si, noise)
 
 
 def _check(extended: ExtendedChain, tree: Tree, second: SecondCampaign) -> None:
@@ -88,7 +88,7 @@ def _usable(second: SecondCampaign, tree: Tree) -> tuple[MeasuredLinks, ChainCon
     table = second.tables["configurations"]
     measured = measured_links(second.tables, tree, pose_ids(table), gross_errors)
     readings = joint_readings(tree, table)
-    usable = np.isfinite(readings).all(1) & measured.seen.any(1)
+    usable = np.isfinite(readings).all(1) & measured.is_observed.any(1)
     usable &= is_framed(measured, reference_link(second.settings, measured))
     if not usable.any():
         raise ValueError("needs poses with readings of all joints and measured links")
@@ -112,4 +112,6 @@ def _errors(
     # The model holds the errors of a link's end only where no joint moves it against the joint below.
     is_fixed = [node.parent < 0 or node.kind is JointKind.FIXED for node in tree.nodes]
     surveyed = np.where(np.array(is_fixed)[measured.channels.node][:, None], measured.surveyed, np.nan)
-    return start_values(tree, measured.channels, conditions, values, measured.seen[usable], surveyed, base).errors
+    return start_values(
+        tree, measured.channels, conditions, values, measured.is_observed[usable], surveyed, base
+    ).errors

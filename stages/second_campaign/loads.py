@@ -92,9 +92,9 @@ def _without_zeros(missed: np.ndarray, steps: RecordedSteps) -> np.ndarray:
     left = missed.copy()
     for run in np.unique(steps.run):
         rows_of_run = steps.run == run
-        seen = np.isfinite(left[rows_of_run])
-        count = np.maximum(seen.sum(0), 1)
-        left[rows_of_run] -= np.where(seen, left[rows_of_run], 0.0).sum(0) / count
+        is_observed = np.isfinite(left[rows_of_run])
+        count = np.maximum(is_observed.sum(0), 1)
+        left[rows_of_run] -= np.where(is_observed, left[rows_of_run], 0.0).sum(0) / count
     return left
 
 

@@ -62,8 +62,8 @@ def platform_poses(tables: Mapping[str, pa.Table], settings: Campaign) -> Outcom
 def _displacement_rows(platform: PlatformPoses, out: Decided) -> Rows:
     cases, rows = platform.cases, Rows("displacement")
     used, rejected = (np.zeros(len(cases.load), np.int64) for _ in range(2))
-    seen = np.isfinite(platform.steps.reading)
-    np.add.at(used, cases.of_step, (seen & ~platform.curves.rejected).sum(1))
+    is_observed = np.isfinite(platform.steps.reading)
+    np.add.at(used, cases.of_step, (is_observed & ~platform.curves.rejected).sum(1))
     np.add.at(rejected, cases.of_step, (platform.curves.rejected | out.readings).sum(1))
     known = np.isfinite(platform.value)
     reported = np.where(known[:, :, None] & known[:, None] | np.eye(6, dtype=bool), platform.covariance, np.nan)

@@ -45,7 +45,7 @@ class _Bodies:
     shape: NDArray  # (K, 3) m
     shape_cov: NDArray  # (K, 3, 3) m^2
     cov: NDArray  # (B, K, 3, 3) m^2
-    seen: NDArray  # (B, K)
+    is_observed: NDArray  # (B, K)
 
     def subset(self, used: NDArray) -> _Bodies:
         """Some of the targets."""
@@ -54,7 +54,7 @@ class _Bodies:
             for listed in (self.targets.names, self.targets.bodies)
         )
         targets = Targets(self.targets.body[used], self.targets.leg[used], names, bodies)
-        return _Bodies(targets, self.shape[used], self.shape_cov[used], self.cov[:, used], self.seen[:, used])
+        return _Bodies(targets, self.shape[used], self.shape_cov[used], self.cov[:, used], self.is_observed[:, used])
 
 
 @dataclass(frozen=True)
@@ -117,7 +117,7 @@ def bare_plan(tables: Mapping[str, pa.Table], settings: Campaign) -> CampaignPla
     if not np.any(bodies.targets.body == BASE) or not np.any(bodies.targets.body == PLATFORM):
         raise ValueError("needs surveyed targets on base and platform")
     model, bodies = _nominal_model(legs, bodies, conditions, settings.noise.actuator_mm * 1e-3)
-    layout = CampaignLayout(model, bodies.cov, bodies.seen)
+    layout = CampaignLayout(model, bodies.cov, bodies.is_observed)
     thin = seen.take(np.arange(seen.num_rows))  # without the larger buffers that it was read from
     return CampaignPlan(
         layout, thin, tables["survey"], tables["configurations"], conditions.poses, measured, model.scene
@@ -150,20 +150,20 @@ def _nominal_model(
     return MechanismModel(bodies.targets, conditions, legs, known), bodies
 
 
-def full_plan(bare: CampaignPlan, model: MechanismModel, seen: NDArray, poses_table: pa.Table) -> CampaignPlan:
+def full_plan(bare: CampaignPlan, model: MechanismModel, is_observed: NDArray, poses_table: pa.Table) -> CampaignPlan:
     """Return the plan with the prior knowledge of the diagnosis: tolerances, and positions of targets on legs.
 
-    ``model``: plain simulation; ``seen`` (B, K): observed targets in fitted poses.
+    ``model``: plain simulation; ``is_observed`` (B, K): observed targets in fitted poses.
     """
     known = {name: k for k, name in enumerate(_body_target_pairs(bare.layout.model.targets))}
     order = [known[name] for name in _body_target_pairs(model.targets)]
     layout = CampaignLayout(
         model.at(bare.layout.model.conditions),
         bare.layout.covariance[:, order],
-        bare.layout.seen[:, order],
+        bare.layout.is_observed[:, order],
         default_rotations(poses_table, "base", bare.poses) if bare.was_measured else None,
     )
-    scene = replace(model.scene, seen=seen)
+    scene = replace(model.scene, is_observed=is_observed)
     return replace(bare, layout=layout, scene=scene)
 
 
@@ -200,7 +200,7 @@ def _bodies(survey: pa.Table, observations: pa.Table, poses: tuple[int | str, ..
         np.concatenate([own.points for *_, own in surveys]),
         with_declared_noise(np.concatenate([own.cov for *_, own in surveys]), noise),
         with_declared_noise(np.concatenate([points.cov for points in points_of_body], 1), noise),
-        np.concatenate([points.seen for points in points_of_body], 1),
+        np.concatenate([points.is_observed for points in points_of_body], 1),
     )
 
 

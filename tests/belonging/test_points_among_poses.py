@@ -29,11 +29,11 @@ def _points(seed: int = 0, targets: int = 5) -> np.ndarray:
 
 def _body(points: np.ndarray) -> BodyPoints:
     poses, targets = points.shape[:2]
-    seen = np.ones((poses, targets), bool)
+    is_observed = np.ones((poses, targets), bool)
     cov = np.broadcast_to(SIGMA**2 * np.eye(3), (poses, targets, 3, 3)).copy()
-    shape = shape_of_poses(PosePoints(tuple(range(poses)), NAMES[:targets], points, cov, seen))
+    shape = shape_of_poses(PosePoints(tuple(range(poses)), NAMES[:targets], points, cov, is_observed))
     names = tuple(f"P{pose}" for pose in range(poses))
-    return BodyPoints("frame", shape.points, points, seen, SIGMA, names, targets=shape.targets)
+    return BodyPoints("frame", shape.points, points, is_observed, SIGMA, names, targets=shape.targets)
 
 
 def _scaled(points: np.ndarray) -> None:

@@ -115,7 +115,7 @@ def test_what_a_good_campaign_may_hold_is_no_slip(
     for seed in range(10):
         body = _changed(_body(seed, targets), rows, change)
         other = AsOtherBody(
-            "base", np.random.default_rng([seed, 1]).uniform(-0.2, 0.2, (targets, 3)), body.points, body.seen
+            "base", np.random.default_rng([seed, 1]).uniform(-0.2, 0.2, (targets, 3)), body.points, body.is_observed
         )
         found = relate_survey(replace(body, others=(other,)))
         assert found.state is not RelationState.FAILS
@@ -127,7 +127,7 @@ def test_two_labels_exchanged_on_a_symmetric_body_are_no_mirror_image() -> None:
     survey = np.array([[0.2, 0.0, 0.0], [-0.2, 0.0, 0.0], [0.0, 0.1, 0.0], [0.0, -0.1, 0.15], [0.0, 0.15, 0.1]])
     points = survey + AWAY + SIGMA * np.random.default_rng(1).normal(size=(20, 5, 3))
     points[5:9] = points[5:9][:, [1, 0, 2, 3, 4]]
-    found = relate_survey(replace(body, survey=survey, points=points, seen=np.ones((20, 5), bool)))
+    found = relate_survey(replace(body, survey=survey, points=points, is_observed=np.ones((20, 5), bool)))
     assert not found.slips
 
 

@@ -109,14 +109,16 @@ def test_names_of_targets_in_any_order_are_found() -> None:
     survey = rng.uniform(-0.2, 0.2, (9, 3))
     names, order = tuple(f"P{k}" for k in range(9)), rng.permutation(9)
     points = survey[order] + 1e-5 * rng.standard_normal((6, 9, 3))
-    seen = rng.random((6, 9)) > 0.2
-    body = BodyPoints("platform", survey, points, seen, 1e-5, named=NamedTargets(names, survey, points, seen))
+    is_observed = rng.random((6, 9)) > 0.2
+    body = BodyPoints(
+        "platform", survey, points, is_observed, 1e-5, named=NamedTargets(names, survey, points, is_observed)
+    )
     found = survey_of(body)
     moved = [f"P{k} is P{place}" for k, place in enumerate(order) if k != place]
     assert (found.state, [slip.kind for slip in found.slips]) == (RelationState.FAILS, [SlipKind.RELABELLED])
     assert found.slips[0].subjects == (*moved, "platform")
     other = rng.uniform(-0.2, 0.2, (6, 1, 3)) * np.ones((9, 1)) + rng.uniform(-0.2, 0.2, (9, 3))
-    foreign = replace(body, points=other, named=NamedTargets(names, survey, other, seen))
+    foreign = replace(body, points=other, named=NamedTargets(names, survey, other, is_observed))
     assert not survey_of(foreign).slips, "points of another body are in no order"
 
 
@@ -191,8 +193,8 @@ def test_evidence_is_the_gaussian_marginal_likelihood() -> None:
 
 def test_a_mirrored_flat_body_is_said_to_be_hidden() -> None:
     flat = np.array([[0.0, 0.0, 0.0], [1.0, 0.0, 0.0], [0.0, 1.0, 0.0], [1.3, 1.0, 0.0], [0.4, 0.2, 0.0]])
-    seen = np.ones((2, 5), bool)
-    found = survey_of(BodyPoints("platform", flat * [1.0, 1.0, -1.0], np.stack([flat, flat]), seen, 1e-5))
+    is_observed = np.ones((2, 5), bool)
+    found = survey_of(BodyPoints("platform", flat * [1.0, 1.0, -1.0], np.stack([flat, flat]), is_observed, 1e-5))
     assert found.state is RelationState.OK
     assert found.hidden[0].kind is SlipKind.MIRRORED
 
@@ -211,14 +213,18 @@ def test_equal_points_are_a_copy_only_where_the_file_resolves_the_noise(step: fl
 def test_two_targets_of_a_body_with_equal_points_in_all_poses_are_copies() -> None:
     points = np.random.default_rng(4).normal(size=(10, 4, 3))
     points[:, 3] = points[:, 1]
-    seen, poses = np.ones((10, 4), bool), tuple("abcdefghij")
+    is_observed, poses = np.ones((10, 4), bool), tuple("abcdefghij")
     apart = [("base", "1"), ("base", "2"), ("tool", "1"), ("tool", "2")]
-    assert copies(points, seen, 5e-6, poses, tuple(apart)).state is RelationState.OK  # one target, listed on two bodies
-    same = copies(points, seen, 5e-6, poses, tuple(("tool", str(k)) for k in range(1, 5)))
+    assert (
+        copies(points, is_observed, 5e-6, poses, tuple(apart)).state is RelationState.OK
+    )  # one target, listed on two bodies
+    same = copies(points, is_observed, 5e-6, poses, tuple(("tool", str(k)) for k in range(1, 5)))
     assert same.state is RelationState.FAILS
     assert same.slips[0].subjects == ("2", "4")
     points[5, 3, 0] += 1e-9
-    assert copies(points, seen, 5e-6, poses, tuple(("tool", str(k)) for k in range(1, 5))).state is RelationState.OK
+    assert (
+        copies(points, is_observed, 5e-6, poses, tuple(("tool", str(k)) for k in range(1, 5))).state is RelationState.OK
+    )
 
 
 def _seen(shift_of: str = "", euler: str = "") -> MeasuredMotion:

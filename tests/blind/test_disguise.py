@@ -66,7 +66,7 @@ def test_points_without_names_get_their_own_back(tmp_path: Path, bodies_known: b
 
 def _excused(campaign: Campaign) -> set[tuple[object, ...]]:
     marks, record = campaign.marks, campaign.record
-    good, bodies = record.seen & ~record.gross, np.array(marks.body)
+    good, bodies = record.is_observed & ~record.gross, np.array(marks.body)
     few = np.stack([good[:, bodies == body].sum(axis=1) < 4 for body in marks.body], axis=1)
     poses, columns = np.nonzero(record.gross | few)
     return {(campaign.schedule.pose[n], marks.body[k], marks.name[k]) for n, k in zip(poses, columns, strict=True)}

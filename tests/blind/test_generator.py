@@ -246,7 +246,7 @@ def test_noise_gross_errors_and_losses_are_as_many_and_as_large_as_asked() -> No
     error = draw(noisy).record.points - draw(EXACT).record.points
     record = draw(noisy).record
     assert record.gross.sum() == round(0.02 * record.gross.size)
-    assert (~record.seen).sum() == round(0.03 * record.seen.size)
+    assert (~record.is_observed).sum() == round(0.03 * record.is_observed.size)
     assert_close(np.linalg.norm(error[record.gross], axis=-1), np.ones(record.gross.sum()), atol=0.05)
     clean = error[~record.gross]
     spread = 4 / np.sqrt(2 * len(clean))
@@ -259,7 +259,7 @@ def test_an_effect_leaves_every_other_draw_as_it_was() -> None:
     noisy = Layout(name="noisy")
     plain, gained = draw(noisy), draw(noisy, [hidden.ActuatorGain(0.02 * np.ones(6))])
     assert_close(gained.readings, plain.readings, atol=0.0, what="readings")
-    assert np.array_equal(gained.record.seen, plain.record.seen)
+    assert np.array_equal(gained.record.is_observed, plain.record.is_observed)
     assert gained.schedule.temperature_c.tolist() == plain.schedule.temperature_c.tolist()
 
 
@@ -276,7 +276,7 @@ def test_shuffled_poses_keep_their_ids_and_readings() -> None:
 def test_the_folder_holds_what_was_drawn(tmp_path: Path) -> None:
     campaign = draw(Layout(name="written"), [hidden.LinearDeformation(KAPPA)])
     folder = write_campaign(campaign, tmp_path / "written", 7)
-    assert len(_rows(folder / "points.csv")) == campaign.record.seen.sum()
+    assert len(_rows(folder / "points.csv")) == campaign.record.is_observed.sum()
     assert sorted(path.name for path in folder.iterdir()) == [
         "campaign.toml", "configurations.csv", "points.csv", "targets.csv",
     ]  # fmt: skip

@@ -50,7 +50,7 @@ def _poses(names: Names) -> Names:
         "points": survey + rng.normal(0.0, 5e-6, (9, 6, 3)),
         "cov_survey": np.broadcast_to(np.eye(3) * 5e-6**2, (6, 3, 3)),
         "cov_points": np.broadcast_to(np.eye(3) * 5e-6**2, (9, 6, 3, 3)),
-        "seen": np.ones((9, 6), bool),
+        "is_observed": np.ones((9, 6), bool),
     }
 
 

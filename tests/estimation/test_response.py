@@ -64,8 +64,10 @@ def test_leave_one_out_is_what_a_fit_without_the_row_predicts():
         others = np.arange(len(u)) != row
         rest = fit_response(u[others], y[others], cov[others], offset_cov=survey)
         predicted = rest.offset[0] + rest.predict(u[row : row + 1])[0]
-        seen = np.isfinite(y[row])
-        np.testing.assert_allclose(fit.loo_residuals[row][seen], (y[row] - predicted)[seen], rtol=1e-6, atol=1e-13)
+        is_observed = np.isfinite(y[row])
+        np.testing.assert_allclose(
+            fit.loo_residuals[row][is_observed], (y[row] - predicted)[is_observed], rtol=1e-6, atol=1e-13
+        )
 
 
 @given(st.floats(1e-6, 1e6), st.floats(1e-6, 1e6), st.integers(0, 1000))

@@ -49,7 +49,7 @@ def test_duplicates_unknown_poses_and_origins(parts, as_text, cells, step):
     try:
         numbers = [ledger.add(file(f"f{i}"), batch(rows, 7 * i, as_text))[0] for i, rows in enumerate(parts)]
         found = np.concatenate([*ledger.duplicates(), np.zeros(0, int)])
-        seen = ledger.seen()
+        is_observed = ledger.seen()
     finally:
         point_index._CELLS, point_index.STEP = before
     rows = [row for part in parts for row in part]
@@ -66,7 +66,7 @@ def test_duplicates_unknown_poses_and_origins(parts, as_text, cells, step):
     bodies = ledger.bodies()
     own = {body: [row for row, (_, name, _) in enumerate(rows) if name == body] for body in bodies}
     assert {body: ledger.rows_of(body) for body in bodies} == {body: (own[body][0], len(own[body])) for body in bodies}
-    assert {(n, bodies[b]) for n, b in zip(*np.nonzero(seen), strict=True)} == {(n, body) for n, body, _ in keys}
+    assert {(n, bodies[b]) for n, b in zip(*np.nonzero(is_observed), strict=True)} == {(n, body) for n, body, _ in keys}
     ledger.close()
 
 

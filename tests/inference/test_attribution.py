@@ -81,7 +81,7 @@ def test_an_effect_in_one_run_is_attributed_though_it_passed_for_a_burst_of_nois
     burst = np.where(in_run, 9.0, 1.0)[:, None]
     effect = 9.0 * np.sin(4.0 * columns["load_n"])[:, None]
     own = SimpleNamespace(
-        measured=SimpleNamespace(values=np.zeros((EPOCHS, 1, 1)), seen=np.ones((EPOCHS, 1), bool), size=1),
+        measured=SimpleNamespace(values=np.zeros((EPOCHS, 1, 1)), is_observed=np.ones((EPOCHS, 1), bool), size=1),
         standardised=((effect + rng.standard_normal((EPOCHS, 1))) / burst)[..., None],
         fit=SimpleNamespace(whitened=None),
     )

@@ -100,10 +100,13 @@ def test_the_p_value_is_independent_of_the_measurement_frame_of_each_pose() -> N
 
 def test_observations_without_a_repeat_count_for_nothing() -> None:
     found = residuals(np.random.default_rng(6))
-    seen = found.seen.copy()
-    seen[1::3] = seen[2::3] = False
+    is_observed = found.is_observed.copy()
+    is_observed[1::3] = is_observed[2::3] = False
     gone = replace(
-        found, seen=seen, values=np.where(seen, found.values, 0.0), redundancy=np.where(seen, found.redundancy, 0.0)
+        found,
+        is_observed=is_observed,
+        values=np.where(is_observed, found.values, 0.0),
+        redundancy=np.where(is_observed, found.redundancy, 0.0),
     )
     assert not list(pure_error(gone, GROUPS))
 

@@ -76,7 +76,7 @@ def test_a_target_that_moves_in_all_poses_is_not_alone_in_time() -> None:
 def test_after_a_fit_a_target_moved_late_is_kept_and_a_gross_error_is_not() -> None:
     rng = np.random.default_rng(4)
     turn = np.linalg.qr(rng.normal(size=(POSES, TARGETS, 3, 3)))[0]
-    axes, order, seen = turn / NOISE_M, np.arange(POSES) * 1.0, rng.random((POSES, TARGETS)) > 0.05
+    axes, order, is_observed = turn / NOISE_M, np.arange(POSES) * 1.0, rng.random((POSES, TARGETS)) > 0.05
     rest = rng.normal(size=(POSES, TARGETS, 3))
     rest[35:, 6] += (
         axes[35:, 6]
@@ -89,8 +89,8 @@ def test_after_a_fit_a_target_moved_late_is_kept_and_a_gross_error_is_not() -> N
         )[:, None]
     )[..., 0]
     rest[12, 8] += 30.0
-    seen[12, 8] = True
-    found = gross_errors(rest, seen, axes, order)
+    is_observed[12, 8] = True
+    found = gross_errors(rest, is_observed, axes, order)
     assert found[12, 8]
     assert found.sum() == 1
-    assert gross_errors(rest, seen)[35:, 6].any()  # each pose for itself, they would be gross
+    assert gross_errors(rest, is_observed)[35:, 6].any()  # each pose for itself, they would be gross

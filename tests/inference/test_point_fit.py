@@ -93,7 +93,7 @@ def test_a_problem_without_epochs_is_that_of_observations_without_them() -> None
     values = model.predict(np.array([TRUE / PRIOR]), np.zeros((9, 0))).values
     measured = Observations(values, np.full((9, 1, 1, 1), 1e-10), np.ones((9, 1), bool))
     own = np.arange(9) < 3
-    others = replace(measured, seen=measured.seen & ~own[:, None])
+    others = replace(measured, is_observed=measured.is_observed & ~own[:, None])
     found = linearise(model.predict, measured, *unknowns).without(own)
     expected = linearise(model.predict, others, *unknowns)
     assert np.abs(expected.residual[own]).max() == 0.0 < np.abs(expected.residual[~own]).min()

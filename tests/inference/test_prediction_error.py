@@ -19,8 +19,8 @@ MODEL = SimpleNamespace(error_groups=None, zero_groups=None)
 
 def _error(gap: NDArray, sigma: float = 1.0) -> PredictionError:
     poses, whitened = len(gap), gap / sigma
-    seen = np.ones(gap.shape[:2], bool)
-    measured = Observations(gap, np.broadcast_to(sigma**2 * np.eye(3), (*gap.shape, 3)), seen)
+    is_observed = np.ones(gap.shape[:2], bool)
+    measured = Observations(gap, np.broadcast_to(sigma**2 * np.eye(3), (*gap.shape, 3)), is_observed)
     frames = Frames(np.broadcast_to(np.eye(3), (poses, 3, 3)), np.zeros((poses, 3)))
     none = np.zeros((poses, 0))
     return PredictionError(gap, measured, whitened, frames, none, none[..., None], MODEL, none[0])
@@ -63,7 +63,9 @@ def test_growth_counts_what_both_errors_see() -> None:
     gap = np.random.default_rng(1).standard_normal((5, TARGETS, 3))
     wild = gap.copy()
     wild[2, 3] = 1e3
-    seen = np.ones(gap.shape[:2], bool)
-    seen[2, 3] = False
+    is_observed = np.ones(gap.shape[:2], bool)
+    is_observed[2, 3] = False
     whole = _error(wild)
-    assert_close(replace(whole, measured=replace(whole.measured, seen=seen)).growth_over(whole), 1.0, atol=1e-12)
+    assert_close(
+        replace(whole, measured=replace(whole.measured, is_observed=is_observed)).growth_over(whole), 1.0, atol=1e-12
+    )

@@ -9,11 +9,11 @@ from truing.inference.screening import gross_errors
 
 def test_gross_errors_are_taken_out_and_little_else() -> None:
     rng = np.random.default_rng(1)
-    rest, seen = rng.normal(size=(40, 50, 3)), rng.random((40, 50)) > 0.05
-    wrong = np.zeros(seen.shape, bool)
+    rest, is_observed = rng.normal(size=(40, 50, 3)), rng.random((40, 50)) > 0.05
+    wrong = np.zeros(is_observed.shape, bool)
     wrong[rng.integers(0, 40, 20), rng.integers(0, 50, 20)] = True
-    found = gross_errors(np.where(wrong[..., None], rest + 12.0, rest), seen)
-    assert (found == (wrong & seen)).all()
+    found = gross_errors(np.where(wrong[..., None], rest + 12.0, rest), is_observed)
+    assert (found == (wrong & is_observed)).all()
 
 
 def test_a_target_that_moves_with_an_effect_is_kept() -> None:
@@ -36,8 +36,8 @@ def test_readings_of_a_run_are_held_against_that_run() -> None:
     rest = rng.normal(size=(210, 2, 1))
     rest[run == 4, 0, 0] += 30.0 * load[run == 4]
     rest[100, 1] += 12.0
-    zeros, seen = run[:, None] * 2 + np.arange(2), rng.random((210, 2)) > 0.05
-    seen[100, 1] = True
+    zeros, is_observed = run[:, None] * 2 + np.arange(2), rng.random((210, 2)) > 0.05
+    is_observed[100, 1] = True
     axes, order = np.ones((210, 2, 1, 1)), np.arange(210.0)
-    assert gross_errors(rest, seen, axes, order)[run == 4, 0].any()
-    assert np.argwhere(gross_errors(rest, seen, axes, order, zeros)).tolist() == [[100, 1]]
+    assert gross_errors(rest, is_observed, axes, order)[run == 4, 0].any()
+    assert np.argwhere(gross_errors(rest, is_observed, axes, order, zeros)).tolist() == [[100, 1]]

@@ -37,10 +37,12 @@ def _found_verdicts(
     shared = rng.normal(size=truth.shared_size)
     if cause is not None:
         shared[truth.layout[cause.key]] = values / truth.effect_sigma(cause)
-    seen = own.seen[:, :6]
-    points = truth.points(shared, np.zeros((len(seen), 0))) + SIGMA[:6, None] * rng.normal(size=(*seen.shape, 1))
+    is_observed = own.is_observed[:, :6]
+    points = truth.points(shared, np.zeros((len(is_observed), 0))) + SIGMA[:6, None] * rng.normal(
+        size=(*is_observed.shape, 1)
+    )
     covariance = np.broadcast_to(SIGMA[:6, None, None] ** 2, (*points.shape, 1)).copy()
-    poses = Epochs(Observations(points, covariance, seen), own.conditions, Frames.of_numbers(len(seen)))
+    poses = Epochs(Observations(points, covariance, is_observed), own.conditions, Frames.of_numbers(len(is_observed)))
     model = own.model(signals=False)
     known = model.known if declared is None else replace(model.known, optics=declared)
     known = replace(known, arms=arms or {})

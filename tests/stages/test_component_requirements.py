@@ -46,8 +46,8 @@ def test_the_variances_are_those_of_repeated_measurements() -> None:
 
 @pytest.mark.parametrize(("kept", "shown"), [((0, 1, 2), 6), ((0, 1), 3), ((2,), 3), ((), 0)])
 def test_fewer_than_three_targets_show_no_rotation(kept: tuple[int, ...], shown: int) -> None:
-    seen = np.isin(np.arange(4), kept)[None]
-    found, _ = _motion(_channels(np.full((1, 6), 1e-3), np.zeros((1, 4, 3)), seen), np.zeros((1, 3)))
+    is_observed = np.isin(np.arange(4), kept)[None]
+    found, _ = _motion(_channels(np.full((1, 6), 1e-3), np.zeros((1, 4, 3)), is_observed), np.zeros((1, 3)))
     assert np.isfinite(found).sum() == shown
 
 

@@ -41,10 +41,10 @@ def test_memory_grows_with_the_poses_and_not_with_their_square(what: str) -> Non
     shape = rng.uniform(-0.2, 0.2, (6, 3))
 
     def peak(poses: int) -> int:
-        points, seen = shape + 5e-6 * rng.normal(size=(poses, 6, 3)), np.ones((poses, 6), bool)
+        points, is_observed = shape + 5e-6 * rng.normal(size=(poses, 6, 3)), np.ones((poses, 6), bool)
         tracemalloc.start()
         try:
-            _ = find_drift(points, seen) if what == "drift" else common_shape(points, seen, 5e-6)
+            _ = find_drift(points, is_observed) if what == "drift" else common_shape(points, is_observed, 5e-6)
             return tracemalloc.get_traced_memory()[1]
         finally:
             tracemalloc.stop()

@@ -172,11 +172,13 @@ def test_the_covariance_is_that_of_the_frame_which_the_survey_defines():
         survey = shape + sigma * rng.normal(size=(8, 3))
         R, t = random_motions(rng, 50)
         points = move(R, t, shape) + sigma * rng.normal(size=(50, 8, 3)) * [1.0, 1.0, 4.0]
-        seen = rng.uniform(size=(50, 8)) < 0.8
-        seen[:, :4] = True
+        is_observed = rng.uniform(size=(50, 8)) < 0.8
+        is_observed[:, :4] = True
         names, poses = {"b": list("abcdefgh")}, list(range(50))
         campaign = {
-            "observations": points_table({"b": points}, names, poses, (SIGMA_MM, SIGMA_MM, 4 * SIGMA_MM), {"b": seen}),
+            "observations": points_table(
+                {"b": points}, names, poses, (SIGMA_MM, SIGMA_MM, 4 * SIGMA_MM), {"b": is_observed}
+            ),
             "survey": points_table({"b": survey}, names),
         }
         frame = umeyama(survey, shape)

@@ -111,11 +111,11 @@ def test_a_campaign_without_points_is_planned_with_all_targets_seen(
 ) -> None:
     bare = bare_plan({name: tables[name] for name in ("survey", "configurations")}, settings)
     assert not bare.was_measured
-    assert bare.layout.seen.all()
+    assert bare.layout.is_observed.all()
     first = _posed(bare.drawn((), np.random.default_rng(1)), settings)
     found = complete_plan(bare, assemble(first, settings), first["poses"])
     assert found.layout.model.known.geometry["a"] == pytest.approx(5e-4)
-    assert found.drawn((), np.random.default_rng(2))["observations"].num_rows == bare.layout.seen.size
+    assert found.drawn((), np.random.default_rng(2))["observations"].num_rows == bare.layout.is_observed.size
 
 
 def test_poses_without_readings_are_not_drawn(tables: dict[str, pa.Table], settings: Campaign) -> None:

@@ -45,7 +45,8 @@ _CHANCE = 1e-6  # probability that two measurements of one campaign agree in eve
 
 @dataclass(frozen=True)
 class AsOtherBody:
-    """Points (B, K, 3), m, of a body in each pose, seen (B, K), paired with the survey (K, 3) of another body ``name``.
+    """Points (B, K, 3), m, of a body in each pose, is_observed (B, K), paired with the survey (K, 3) of another
+    body ``name``.
 
     They are paired by the names of targets, or by their places in the file.
     """
@@ -53,17 +54,17 @@ class AsOtherBody:
     name: str
     survey: Array
     points: Array
-    seen: Mask
+    is_observed: Mask
 
     def subset(self, rows: Index) -> AsOtherBody:
         """Return them in some poses."""
-        return replace(self, points=self.points[rows], seen=self.seen[rows])
+        return replace(self, points=self.points[rows], is_observed=self.is_observed[rows])
 
 
 @dataclass(frozen=True)
 class BodyPoints:
-    """One body: survey (T, 3) and points (B, T, 3) in m, seen (B, T), sigma of a coordinate in m: that of the scatter,
-    which is noise_factor times the declared one.
+    """One body: survey (T, 3) and points (B, T, 3) in m, is_observed (B, T), sigma of a coordinate in m: that of
+    the scatter, which is noise_factor times the declared one.
 
     ``poses`` (B,) in the order of the file; ``groups``: columns that group poses, with their values; ``others``: the
     recorded points paired with the surveys of other bodies; ``targets`` (T,): their names; ``named``: all targets, also
@@ -73,7 +74,7 @@ class BodyPoints:
     name: str
     survey: Array
     points: Array
-    seen: Mask
+    is_observed: Mask
     sigma: float
     poses: tuple[str, ...] = ()
     groups: tuple[tuple[str, tuple[str, ...]], ...] = ()
@@ -87,7 +88,14 @@ class BodyPoints:
         names = tuple(self.poses[row] if self.poses else str(row) for row in rows.tolist())
         groups = tuple((name, tuple(np.asarray(labels)[rows].tolist())) for name, labels in self.groups)
         others = tuple(other.subset(rows) for other in self.others)
-        return replace(self, points=self.points[rows], seen=self.seen[rows], poses=names, groups=groups, others=others)
+        return replace(
+            self,
+            points=self.points[rows],
+            is_observed=self.is_observed[rows],
+            poses=names,
+            groups=groups,
+            others=others,
+        )
 
 
 @dataclass(frozen=True)
@@ -108,21 +116,25 @@ def slips_in_poses(body: BodyPoints, limit: float) -> tuple[tuple[RecordSlip, ..
     and none in poses with fewer than four targets.
     """
     most_seen = np.max(
-        [seen_targets.sum(axis=1) for seen_targets in (body.seen, *(other.seen for other in body.others))], axis=0
+        [
+            seen_targets.sum(axis=1)
+            for seen_targets in (body.is_observed, *(other.is_observed for other in body.others))
+        ],
+        axis=0,
     )
     usable = np.flatnonzero(most_seen >= _enough(most_seen))
-    concerned = np.zeros(len(body.seen), bool)
+    concerned = np.zeros(len(body.is_observed), bool)
     if not len(usable):
         return (), concerned
     subset = body.subset(usable)
-    plain = _fitted(subset.survey, subset.points, subset.seen)
-    mirrored = _fitted(subset.survey * [-1.0, 1.0, 1.0], subset.points, subset.seen)
+    plain = _fitted(subset.survey, subset.points, subset.is_observed)
+    mirrored = _fitted(subset.survey * [-1.0, 1.0, 1.0], subset.points, subset.is_observed)
     trials = [
         *_trials_in_other_units(subset),
         _Trial(SlipKind.MIRRORED, "points", 1.0, mirrored),
         *_trials_with_other_bodies(subset),
     ]
-    exchanged = exchanged_names(subset.targets, subset.survey, subset.points, subset.seen, plain, limit)
+    exchanged = exchanged_names(subset.targets, subset.survey, subset.points, subset.is_observed, plain, limit)
     trials += [_Trial(SlipKind.PARTS_EXCHANGED, quantity, 1.0, misfit) for quantity, misfit in exchanged]
     after = np.stack([trial.misfit for trial in trials])
     best, least = after.argmin(axis=0), after.min(axis=0)
@@ -172,15 +184,15 @@ def _enough(count: Index) -> int:
     )
 
 
-def _fitted(survey: Array, points: Array, seen: Mask) -> Array:
+def _fitted(survey: Array, points: Array, is_observed: Mask) -> Array:
     """Return the misfit (B,), m, of points to their survey; infinite where fewer than four were seen."""
-    rms = umeyama(survey, points, seen.astype(float)).rms
-    return np.where(np.isfinite(rms) & (seen.sum(axis=1) >= _LEAST_TARGETS), rms, np.inf)
+    rms = umeyama(survey, points, is_observed.astype(float)).rms
+    return np.where(np.isfinite(rms) & (is_observed.sum(axis=1) >= _LEAST_TARGETS), rms, np.inf)
 
 
 def _trials_in_other_units(body: BodyPoints) -> Iterator[_Trial]:
-    scaled = umeyama(body.survey, body.points, body.seen.astype(float), with_scale=True)
-    enough = np.isfinite(scaled.rms) & (body.seen.sum(axis=1) >= _LEAST_TARGETS)
+    scaled = umeyama(body.survey, body.points, body.is_observed.astype(float), with_scale=True)
+    enough = np.isfinite(scaled.rms) & (body.is_observed.sum(axis=1) >= _LEAST_TARGETS)
     with np.errstate(invalid="ignore", divide="ignore"):
         for factor in both_ways(LENGTH_FACTORS):
             near = np.abs(np.log(scaled.scale * factor)) < _SCALE
@@ -190,13 +202,13 @@ def _trials_in_other_units(body: BodyPoints) -> Iterator[_Trial]:
 def _trials_with_other_bodies(body: BodyPoints) -> Iterator[_Trial]:
     for other in body.others:
         quantity = f"points of body {other.name} in place of those of another body"
-        yield _Trial(SlipKind.MISLABELLED, quantity, 1.0, _fitted(other.survey, other.points, other.seen))
+        yield _Trial(SlipKind.MISLABELLED, quantity, 1.0, _fitted(other.survey, other.points, other.is_observed))
 
 
 def _labels_explain(body: BodyPoints, rows: Mask, mirrored: Array) -> bool:
     """Return True if two exchanged labels explain a pose as well as a mirror image does, as for symmetric bodies."""
     row = int(np.flatnonzero(rows)[0])
-    seen = np.flatnonzero(body.seen[row])
+    seen = np.flatnonzero(body.is_observed[row])
     if len(seen) > _MOST_TARGETS:
         return False
     pairs = list(combinations(range(len(seen)), 2))
@@ -211,7 +223,7 @@ def _changed_axes(body: BodyPoints, rows: Mask, right: Mask) -> Index:
     """Return the change (B,) that brings mirrored poses to the place of the right ones; -1 where none clearly does.
     None does where the instrument was moved."""
     axis_of_row = np.full(len(rows), -1)
-    points = np.where(body.seen[:, :, None], body.points, np.nan)
+    points = np.where(body.is_observed[:, :, None], body.points, np.nan)
     known = np.isfinite(points[right]).any(axis=(0, 2))
     middle = np.full(points.shape[1:], np.nan)
     middle[known] = np.nanmedian(points[right][:, known], axis=0)
@@ -237,11 +249,11 @@ def _rms_distance(points: Array, middle: Array) -> Array:
 
 def relate_survey(body: BodyPoints) -> RelationTest:
     """Return the test of a body's points against its survey: not mirrored, and in the same unit."""
-    count = body.seen.sum(axis=1)
+    count = body.is_observed.sum(axis=1)
     usable = count >= _enough(count)
     if not usable.any():
         return RelationTest(SURVEY, RelationState.NOT_TESTED, "few-targets", body.name)
-    points, weight = body.points[usable], body.seen[usable].astype(float)
+    points, weight = body.points[usable], body.is_observed[usable].astype(float)
     plain = umeyama(body.survey, points, weight)
     scaled = umeyama(body.survey, points, weight, with_scale=True)
     mirrored = umeyama(body.survey * [-1.0, 1.0, 1.0], points, weight)
@@ -254,7 +266,9 @@ def relate_survey(body: BodyPoints) -> RelationTest:
     if slips := _slips_of_some(body, _MISFIT * body.sigma, is_surveyed=True):
         return replace(tested, state=RelationState.FAILS, reason="slip", misfit=None, slips=slips, tried=2)
     declared = body.sigma / body.noise_factor
-    if (step := rounding(points[body.seen[usable]], before, declared)) is not None and before < _ALL_ROUNDED * step:
+    if (
+        step := rounding(points[body.is_observed[usable]], before, declared)
+    ) is not None and before < _ALL_ROUNDED * step:
         slip = RecordSlip(SlipKind.ROUNDED, "points of body", (body.name,), offset=1e3 * step)
         error, noise = 1e3 * step / np.sqrt(12.0), 1e3 * declared
         rounded = replace(tested, state=RelationState.ATTENTION, reason="rounded", misfit=float(error), limit=noise)
@@ -308,12 +322,12 @@ def _explains_most(after: Array, before: float, scales: Array) -> bool:
 def relate_poses(body: BodyPoints) -> RelationTest:
     """Return the test of the points of a body without a survey: does one shape, that of most poses (``survey``), fit
     all poses? A slip that all poses share changes the shape alike, and is hidden."""
-    count = body.seen.sum(axis=1)
+    count = body.is_observed.sum(axis=1)
     usable = count >= _enough(count)
     if usable.sum() < _FEWEST_COMPARED:
         reason = "few-poses" if usable.any() else "few-targets"
         return RelationTest(POSES, RelationState.NOT_TESTED, reason, body.name)
-    before, limit = _typical(_fitted(body.survey, body.points, body.seen)[usable]), _MISFIT * body.sigma
+    before, limit = _typical(_fitted(body.survey, body.points, body.is_observed)[usable]), _MISFIT * body.sigma
     tested = RelationTest(POSES, RelationState.OK, "agrees", body.name, 1e3 * before, unit="mm", limit=1e3 * limit)
     # A slip scatters all points alike where the shape comes from both sorts of poses: the declared noise shows it.
     if slips := _slips_of_some(body, limit / body.noise_factor, is_surveyed=False):
@@ -344,9 +358,9 @@ def _slips_of_some(body: BodyPoints, limit: float, *, is_surveyed: bool) -> tupl
     """Return the slips in some poses of a body, or in the rows of one of its targets."""
     if slips := slips_in_poses(body, limit)[0]:
         return slips
-    if frozen := tuple(frozen_targets(body.targets, body.points, body.seen, limit / _MISFIT, body.poses)):
+    if frozen := tuple(frozen_targets(body.targets, body.points, body.is_observed, limit / _MISFIT, body.poses)):
         return tuple(replace(slip, subjects=(*slip.subjects, body.name)) for slip in frozen)
-    points = (body.targets, body.survey, body.points, body.seen)
+    points = (body.targets, body.survey, body.points, body.is_observed)
     rows = rows_of_wrong_target(*points, limit, body.poses, body.groups, is_surveyed=is_surveyed)
     slip = None if rows is None else slip_of_target(rows)
     return () if slip is None else (replace(slip, subjects=(*slip.subjects, body.name)),)
@@ -361,7 +375,7 @@ def _under_other_names(targets: NamedTargets) -> tuple[Index, float] | None:
     """Return the order of a body's targets in which its points fit the survey best, and their misfit, m."""
     if (order := meant_order(targets)) is None:
         return None
-    return order, _typical(umeyama(targets.survey[order], targets.points, targets.seen.astype(float)).rms)
+    return order, _typical(umeyama(targets.survey[order], targets.points, targets.is_observed.astype(float)).rms)
 
 
 def poses_with_slips(body: BodyPoints) -> Mask:
@@ -380,7 +394,7 @@ def shifted_survey(
         places = dict(zip(names, np.roll(survey, -shift, axis=0), strict=True))
         before, after = [], []
         for body in bodies:
-            weight = body.seen.astype(float)
+            weight = body.is_observed.astype(float)
             moved = np.array([places[body.name, target] for target in body.targets])
             before.append(_typical(umeyama(body.survey, body.points, weight).rms))
             after.append(_typical(umeyama(moved, body.points, weight).rms))
@@ -433,7 +447,7 @@ def _typical(rms: Array) -> float:
 
 
 def relate_copies(
-    points: Array, seen: Mask, sigma: float, poses: tuple[str, ...], targets: tuple[tuple[str, str], ...] = ()
+    points: Array, is_observed: Mask, sigma: float, poses: tuple[str, ...], targets: tuple[tuple[str, str], ...] = ()
 ) -> RelationTest:
     """Return the test of copied poses and targets: no two agree in every digit of points (B, T, 3), m.
 
@@ -441,22 +455,22 @@ def relate_copies(
     single pose; poses also with a file so coarse, relative to the noise sigma, that equal points occur by chance.
     """
     groups: dict[bytes, list[int]] = {}
-    measured = np.flatnonzero(seen.any(axis=1))
+    measured = np.flatnonzero(is_observed.any(axis=1))
     if len(measured) < _POSES_TO_COMPARE:
         return RelationTest(COPIES, RelationState.NOT_TESTED, "one-pose")
-    if twins := _copied_targets(points, seen, targets):
+    if twins := _copied_targets(points, is_observed, targets):
         copied = tuple(RecordSlip(SlipKind.COPIED, "points of targets", names) for names in twins)
         return RelationTest(
             COPIES, RelationState.FAILS, "slip", misfit=float(sum(map(len, twins))), limit=0.0, unit="1", slips=copied
         )
     for pose in measured:
-        key = points[pose][seen[pose]].round(12).tobytes() + seen[pose].tobytes()
+        key = points[pose][is_observed[pose]].round(12).tobytes() + is_observed[pose].tobytes()
         groups.setdefault(key, []).append(int(pose))
     alike = [group for group in groups.values() if len(group) > 1]
     if not alike:
         return RelationTest(COPIES, RelationState.OK, "distinct", misfit=0.0, limit=0.0, unit="1")
-    coordinates = 3 * int(min(seen[group[0]].sum() for group in alike))
-    chance = min(_resolution(points[seen]) / (2.0 * np.sqrt(np.pi) * max(sigma, 1e-300)), 1.0) ** coordinates
+    coordinates = 3 * int(min(is_observed[group[0]].sum() for group in alike))
+    chance = min(_resolution(points[is_observed]) / (2.0 * np.sqrt(np.pi) * max(sigma, 1e-300)), 1.0) ** coordinates
     if chance * len(points) ** 2 > _CHANCE:
         return RelationTest(COPIES, RelationState.NOT_TESTED, "coarse")
     slips = tuple(
@@ -467,12 +481,12 @@ def relate_copies(
     )
 
 
-def _copied_targets(points: Array, seen: Mask, targets: tuple[tuple[str, str], ...]) -> list[tuple[str, ...]]:
+def _copied_targets(points: Array, is_observed: Mask, targets: tuple[tuple[str, str], ...]) -> list[tuple[str, ...]]:
     """Return groups of one body's targets whose points (B, T, 3) are equal in every digit, and in the same poses."""
     groups: dict[tuple[str, bytes], list[str]] = {}
     for k, (body, target) in enumerate(targets):
-        if seen[:, k].sum() >= _POSES_TO_COMPARE:
-            key = body, points[seen[:, k], k].round(12).tobytes() + seen[:, k].tobytes()
+        if is_observed[:, k].sum() >= _POSES_TO_COMPARE:
+            key = body, points[is_observed[:, k], k].round(12).tobytes() + is_observed[:, k].tobytes()
             groups.setdefault(key, []).append(target)
     return [tuple(group) for group in groups.values() if len(group) > 1]
 

@@ -33,7 +33,7 @@ class ChanceEquality:
 
     step: Array
     declared: Array
-    seen: Array
+    noise: Array
     span: Array
     loads: tuple[Array, ...]
 
@@ -42,11 +42,11 @@ class ChanceEquality:
         """Return the statistics of columns (N, K), for the rows of each run, under loads (N, 6); declared
         noise (K,)."""
         shape = len(rows), value.shape[1]
-        seen = np.array([noise_of_neighbours(load[run_rows], value[run_rows]) for run_rows in rows]).reshape(shape)
+        noise = np.array([noise_of_neighbours(load[run_rows], value[run_rows]) for run_rows in rows]).reshape(shape)
         return cls(
             np.array([[resolution(column) for column in value[there].T] for there in rows]).reshape(shape),
-            np.where(np.isnan(seen), _UNSEEN * declared, np.minimum(declared, seen)),
-            seen,
+            np.where(np.isnan(noise), _UNSEEN * declared, np.minimum(declared, noise)),
+            noise,
             np.array([[_span(column) for column in value[there].T] for there in rows]).reshape(shape),
             tuple(load[run_rows] for run_rows in rows),
         )
@@ -59,7 +59,7 @@ class ChanceEquality:
         span = np.minimum(self.span[first], self.span[second])
         by_range = _share(_RANGE * np.maximum(self.step[first], self.step[second]), span)
         # a symmetric machine answers two axes alike; then readings differ by noise only
-        noise = np.where(np.isnan(self.declared), self.seen, self.declared)
+        noise = np.where(np.isnan(self.declared), self.noise, self.declared)
         return np.maximum(by_range, self._by_noise(noise, first, second, unknown=0.0))
 
     def under_equal_loads(self, first: int, second: int) -> Array:
@@ -143,8 +143,8 @@ def _share(part: Array, total: Array) -> Array:
 
 
 def _span(value: Array) -> float:
-    seen = _finite_values(value)
-    return float(np.ptp(seen)) if len(seen) else 0.0
+    finite = _finite_values(value)
+    return float(np.ptp(finite)) if len(finite) else 0.0
 
 
 def _finite_values(value: Array) -> Array:

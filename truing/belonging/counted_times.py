@@ -30,19 +30,19 @@ def times_from_order(run: Index, step: Array, known: Array) -> Array:
     for number in np.unique(run):
         rows = np.flatnonzero(run == number)
         rows = rows[np.argsort(step[rows], kind="stable")]
-        seen = np.isfinite(known[rows])
-        if not seen.any():
+        is_observed = np.isfinite(known[rows])
+        if not is_observed.any():
             time[rows] = np.arange(len(rows), dtype=float)
-        elif not seen.all():
-            time[rows] = _between_known(step[rows], known[rows], seen)
+        elif not is_observed.all():
+            time[rows] = _between_known(step[rows], known[rows], is_observed)
     return time
 
 
-def _between_known(step: Array, time: Array, seen: Mask) -> Array:
+def _between_known(step: Array, time: Array, is_observed: Mask) -> Array:
     """Return times interpolated by step between known ones, extrapolated at the mean pace (1 s if only
     one is known)."""
-    first, last = np.flatnonzero(seen)[[0, -1]]
+    first, last = np.flatnonzero(is_observed)[[0, -1]]
     pace = (time[last] - time[first]) / (step[last] - step[first]) if last > first else 1.0
-    filled = np.interp(step, step[seen], time[seen])
+    filled = np.interp(step, step[is_observed], time[is_observed])
     filled = filled + pace * (np.minimum(step - step[first], 0.0) + np.maximum(step - step[last], 0.0))
     return np.asarray(filled)

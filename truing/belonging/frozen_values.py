@@ -36,13 +36,13 @@ def frozen(load: Array, run: Index, value: Array, matrix: Array, noise: Array) -
     of the instrument, and is not reported.
     """
     for column, answer in enumerate(matrix):
-        seen = np.isfinite(value[:, column])
+        is_observed = np.isfinite(value[:, column])
         expected = load @ answer
-        most = float(np.abs(expected[seen]).max(initial=0.0))
-        enough = max(_OF_RANGE * most, _OVER_STEP * _step(value[seen, column]))
+        most = float(np.abs(expected[is_observed]).max(initial=0.0))
+        enough = max(_OF_RANGE * most, _OVER_STEP * _step(value[is_observed, column]))
         enough = max(enough, _OVER_NOISE * float(np.nan_to_num(noise[column])))
-        for number in np.unique(run[seen]):
-            rows = np.flatnonzero(seen & (run == number))
+        for number in np.unique(run[is_observed]):
+            rows = np.flatnonzero(is_observed & (run == number))
             constant_slice = _longest(value[rows, column])
             moves = (
                 float(np.ptp(expected[rows][constant_slice]))

@@ -41,12 +41,12 @@ _UNTESTED = RelationState.NOT_TESTED
 _SAME_SIZE = 1e-9  # tolerance of the logarithm of a factor
 
 
-def against_simulation(steps: SignalSteps, columns: Sequence[RecordedColumn], seen: Array) -> RelationTest:
+def against_simulation(steps: SignalSteps, columns: Sequence[RecordedColumn], compliance: Array) -> RelationTest:
     """Return the test of readings against loads, with the rows (K, 6) of the simulated compliance that columns show."""
     measured = clear_responses(responses(steps.load, steps.run, steps.value), len(columns))
     if not len(measured):
         return RelationTest(READINGS, RelationState.NOT_TESTED, "no-response")
-    expected = by_compliance(seen)
+    expected = by_compliance(compliance)
     overall = [*slips_of_all_loads(measured), *slips_of_columns(measured, columns, steps.runs, expected, of_all=True)]
     each = list(slips_of_run_loads(measured, steps.runs, expected))
     broad = [trial for trial in overall if not trial.slip.subjects]
@@ -59,11 +59,11 @@ def against_simulation(steps: SignalSteps, columns: Sequence[RecordedColumn], se
     return explained.tested(READINGS, *_departure(measured, expected), unseen)
 
 
-def by_compliance(seen: Array) -> ExpectedResponse:
+def by_compliance(compliance: Array) -> ExpectedResponse:
     """Return the expected response of columns, from rows (K, 6) of a compliance (6, 6) whose diagonal
     bounds the rest."""
-    gives = np.sqrt(np.maximum(np.abs(np.diag(seen)), 1e-300))
-    return ExpectedResponse(seen, np.maximum(gives, np.abs(seen / gives).max(axis=1)), gives)
+    gives = np.sqrt(np.maximum(np.abs(np.diag(compliance)), 1e-300))
+    return ExpectedResponse(compliance, np.maximum(gives, np.abs(compliance / gives).max(axis=1)), gives)
 
 
 def against_range(load: Array, largest: Array) -> RelationTest | None:
@@ -121,13 +121,13 @@ def _departure(measured: Responses, expected: ExpectedResponse) -> tuple[Relatio
 class KnownBench:
     """Declared properties of a bench and its sensor.
 
-    ``seen``: rows (6, 6) of the simulated compliance that channels see. ``leg_forces`` (6, 6): forces along the legs
-    per load. ``gain`` (S,) of signals, V/N. ``largest`` (6,) loads, N and N m, and ``signal_mv``, the noise of signals,
-    are NaN where not declared. ``tared``: signals are zero at no load.
+    ``compliance``: rows (6, 6) of the simulated compliance that channels see. ``leg_forces`` (6, 6): forces along the
+    legs per load. ``gain`` (S,) of signals, V/N. ``largest`` (6,) loads, N and N m, and ``signal_mv``, the noise of
+    signals, are NaN where not declared. ``tared``: signals are zero at no load.
     """
 
     channels: Sequence[RecordedColumn]
-    seen: Array | None
+    compliance: Array | None
     leg_forces: Array | None
     gain: Array | None
     largest: Array
@@ -198,14 +198,16 @@ def relate_loads(steps: RecordedSteps, known: KnownBench) -> tuple[RelationTest,
     copies = copied_runs(steps.run, runs, steps.load, _values(steps, known))
     alone = ~np.isin(steps.run, [runs.index(name) for copy in copies for slip in copy.slips for name in slip.subjects])
     signals = [RecordedColumn(name, "signal", SIGNAL_FACTORS) for name in steps.signals]
-    wrong = _parts(steps, [*known.channels, *signals], known.seen)
+    wrong = _parts(steps, [*known.channels, *signals], known.compliance)
     tests: list[RelationTest] = []
     if np.isfinite(steps.reading).any():
         noise = _typical(steps.sigma)
         of = _ValueTable(READINGS, "readings", known.channels, 0, steps.reading, noise)
         used = of.recorded(steps, runs, alone, wrong)
         response = _test_readings(used.steps, known)
-        answers = signal_tests.responses_of(used.steps, len(known.channels)) if known.seen is None else known.seen
+        answers = (
+            signal_tests.responses_of(used.steps, len(known.channels)) if known.compliance is None else known.compliance
+        )
         tests += of.tests(response, used, answers, steps, wrong)
     else:
         in_range = against_range(steps.load, known.largest)
@@ -279,12 +281,12 @@ def _with_first_slip(tested: RelationTest, slip: RecordSlip) -> RelationTest:
     return replace(tested, slips=(slip,), rivals=others)
 
 
-def _parts(steps: RecordedSteps, columns: Sequence[RecordedColumn], seen: Array | None) -> list[RunPart]:
+def _parts(steps: RecordedSteps, columns: Sequence[RecordedColumn], compliance: Array | None) -> list[RunPart]:
     """Return the parts of runs in another unit or with the opposite sign, from channels and signals together."""
     value = np.column_stack([steps.reading, steps.signal])
     answers = signal_tests.responses_of(SignalSteps(steps.load, steps.run, value, ()), len(columns))
-    if seen is not None:
-        answers[: len(seen)] = seen
+    if compliance is not None:
+        answers[: len(compliance)] = compliance
     return parts(steps.load, steps.run, value, columns, answers)
 
 
@@ -306,8 +308,8 @@ def _also_reversed(tested: RelationTest, steps: SignalSteps, table: str) -> Rela
 
 def _test_readings(loaded: SignalSteps, known: KnownBench) -> RelationTest:
     alike = signal_tests.against_each_other(loaded, known.channels, READINGS)
-    if known.seen is not None:
-        predicted = against_simulation(loaded, known.channels, known.seen)
+    if known.compliance is not None:
+        predicted = against_simulation(loaded, known.channels, known.compliance)
         return _or_stiffness(_prediction_or_run_test(predicted, alike, loaded.runs))
     return alike if alike.slips else against_range(loaded.load, known.largest) or alike
 
@@ -372,13 +374,13 @@ def _frozen_slips(
 def _values(steps: RecordedSteps, known: KnownBench) -> list[Values]:
     """Return the tables whose runs are compared, in the units of their files."""
     tables = list[Values]()
-    seen = np.isfinite(steps.reading)
-    if seen.any():
+    is_observed = np.isfinite(steps.reading)
+    if is_observed.any():
         reading, sigma = steps.reading / READING_SI, steps.sigma / READING_SI
-        if seen.sum(axis=1).max() == 1:  # one channel at a time: a copy may have the name of another channel
-            reading = np.where(seen, reading, 0.0).sum(axis=1, keepdims=True)
-            reading[~seen.any(axis=1)] = np.nan
-            sigma = np.where(seen, sigma, np.inf).min(axis=1, keepdims=True)
+        if is_observed.sum(axis=1).max() == 1:  # one channel at a time: a copy may have the name of another channel
+            reading = np.where(is_observed, reading, 0.0).sum(axis=1, keepdims=True)
+            reading[~is_observed.any(axis=1)] = np.nan
+            sigma = np.where(is_observed, sigma, np.inf).min(axis=1, keepdims=True)
         tables.append(Values("readings", reading, _typical(sigma)))
     if steps.signals:
         hiss = np.full(len(steps.signals), known.signal_mv)

@@ -60,8 +60,8 @@ def responses(load: Array, run: Index, value: Array, *, has_zero: bool = True) -
 
 def _fit_cells(run: int, load: Array, value: Array, has_zero: bool) -> Iterator[_Cell]:
     """Return the responses of each column over rows that share a zero, if there are any."""
-    seen = np.isfinite(value)
-    kinds, kind = np.unique(seen, axis=1, return_inverse=True)
+    is_observed = np.isfinite(value)
+    kinds, kind = np.unique(is_observed, axis=1, return_inverse=True)
     for number, rows in enumerate(kinds.T):
         columns = np.flatnonzero(kind.ravel() == number)
         if rows.sum() >= _FEWEST:

@@ -16,12 +16,12 @@ _ROUNDS = 10
 
 @dataclass(frozen=True)
 class NamedTargets:
-    """All targets of a body: names (K,), survey (K, 3) and points (B, K, 3) in m, seen (B, K)."""
+    """All targets of a body: names (K,), survey (K, 3) and points (B, K, 3) in m, is_observed (B, K)."""
 
     names: tuple[str, ...]
     survey: Array
     points: Array
-    seen: Mask
+    is_observed: Mask
 
 
 def meant_order(targets: NamedTargets) -> Index | None:
@@ -50,7 +50,7 @@ def _distances(targets: NamedTargets) -> Array:
     """Return the median distance (K, K) of each pair of points over the poses that see both; NaN where none does."""
     distances = np.full((len(targets.names),) * 2, np.nan)
     for row in range(len(distances)):
-        both = targets.seen & targets.seen[:, row, None]
+        both = targets.is_observed & targets.is_observed[:, row, None]
         distance = np.where(both, np.linalg.norm(targets.points - targets.points[:, row, None], axis=-1), np.nan)
         known = both.any(axis=0)
         distances[row, known] = np.nanmedian(distance[:, known], axis=0)

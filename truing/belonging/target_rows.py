@@ -69,7 +69,7 @@ def rows_of_wrong_target(
     names: Sequence[str],
     source: Array,
     points: Array,
-    seen: Mask,
+    is_observed: Mask,
     limit: float,
     poses: Sequence[str],
     groups: Sequence[tuple[str, Sequence[str]]],
@@ -79,16 +79,16 @@ def rows_of_wrong_target(
     """Return the rows of the target that does not fit a body in many poses in which all others do; None if there is
     none.
 
-    source (T, 3) and points (B, T, 3) in m, seen (B, T); limit: largest rms misfit, m, of points that fit.
+    source (T, 3) and points (B, T, 3) in m, is_observed (B, T); limit: largest rms misfit, m, of points that fit.
     """
     if not _FEWEST_OTHERS < len(names) <= MOST_TARGETS:
         return None
     candidates: list[tuple[float, TargetRows]] = []
     for target, name in enumerate(names):
-        others = seen.astype(float)
+        others = is_observed.astype(float)
         others[:, target] = 0.0
         fit = umeyama(source, points, others, calls=len(names))
-        tested = seen[:, target] & (others.sum(axis=1) >= _FEWEST_OTHERS)
+        tested = is_observed[:, target] & (others.sum(axis=1) >= _FEWEST_OTHERS)
         agree = tested & fit.ok & (np.nan_to_num(fit.rms, nan=np.inf) <= limit)
         arguments = (name, points[:, target], fit, source[target], agree, 3.0 * limit, poses, groups)
         rows = TargetRows(*arguments, is_surveyed=is_surveyed)
@@ -133,33 +133,33 @@ def _shifted(rows: TargetRows) -> Iterator[Explained | None]:
 
 
 def frozen_targets(
-    names: Sequence[str], points: Array, seen: Mask, sigma: float, poses: Sequence[str]
+    names: Sequence[str], points: Array, is_observed: Mask, sigma: float, poses: Sequence[str]
 ) -> Iterator[RecordSlip]:
     """Yield targets whose numbers stay equal over successive poses while the other targets of the body move.
 
-    points (B, T, 3) in m with noise sigma, m; seen (B, T).
+    points (B, T, 3) in m with noise sigma, m; is_observed (B, T).
     """
     for target, name in enumerate(names):
-        rows = np.flatnonzero(seen[:, target])
+        rows = np.flatnonzero(is_observed[:, target])
         points_of_target = points[rows, target]
         ends = (
             np.flatnonzero(np.append(np.any(points_of_target[1:] != points_of_target[:-1], axis=1), True)).tolist()
             if len(rows)
             else []
         )
-        frozen, first = np.zeros(len(seen), bool), 0
+        frozen, first = np.zeros(len(is_observed), bool), 0
         for end in ends:
             stretch = rows[first : end + 1]
-            if len(stretch) >= _FEWEST_EQUAL and _others_move(points[stretch], seen[stretch], target, sigma):
+            if len(stretch) >= _FEWEST_EQUAL and _others_move(points[stretch], is_observed[stretch], target, sigma):
                 frozen[stretch] = True
             first = end + 1
         if frozen.any():
-            is_used = seen[:, target] & ~frozen
+            is_used = is_observed[:, target] & ~frozen
             yield RecordSlip(SlipKind.FROZEN, f"points of target {name}", tuple(row_places(frozen, is_used, poses, ())))
 
 
-def _others_move(points: Array, seen: Mask, target: int, sigma: float) -> bool:
-    others: Mask = np.asarray(seen.all(axis=0))
+def _others_move(points: Array, is_observed: Mask, target: int, sigma: float) -> bool:
+    others: Mask = np.asarray(is_observed.all(axis=0))
     others[target] = False
     moved = np.ptp(points[:, others], axis=0).max(axis=1)
     return bool(others.any() and moved.min() > _MOVED * sigma)
@@ -200,7 +200,7 @@ def exchanged_names(
     names: Sequence[str],
     source: Array,
     points: Array,
-    seen: Mask,
+    is_observed: Mask,
     misfit: Array,
     limit: float,
 ) -> Iterator[tuple[str, Array]]:
@@ -208,19 +208,21 @@ def exchanged_names(
 
     Each comes with the misfit (B,), m, after the exchange is undone, infinite in other poses.
 
-    source (T, 3) and points (B, T, 3) in m, seen (B, T); misfit (B,), m, as recorded, and the limit of what fits. Few
-    poses are left to the test of single labels.
+    source (T, 3) and points (B, T, 3) in m, is_observed (B, T); misfit (B,), m, as recorded, and the limit of what
+    fits. Few poses are left to the test of single labels.
     """
     bad = np.flatnonzero(misfit > limit)
-    if not _FEWEST_OTHERS <= len(names) <= MOST_TARGETS or len(bad) < max(_FEWEST_POSES, _LEAST_SHARE * len(seen)):
+    if not _FEWEST_OTHERS <= len(names) <= MOST_TARGETS or len(bad) < max(
+        _FEWEST_POSES, _LEAST_SHARE * len(is_observed)
+    ):
         return
     pairs = list(combinations(range(len(names)), 2))
     after = np.full((len(pairs), len(bad)), np.inf)
     for at, (first, other) in enumerate(pairs):
         order = np.arange(len(names))
         order[[first, other]] = other, first
-        fitted = umeyama(source[order], points[bad], seen[bad].astype(float), calls=len(pairs)).rms
-        after[at] = np.where(np.isfinite(fitted) & seen[bad][:, [first, other]].all(axis=1), fitted, np.inf)
+        fitted = umeyama(source[order], points[bad], is_observed[bad].astype(float), calls=len(pairs)).rms
+        after[at] = np.where(np.isfinite(fitted) & is_observed[bad][:, [first, other]].all(axis=1), fitted, np.inf)
     best = after.argmin(axis=0)
     for at in np.unique(best):
         left = np.full(len(misfit), np.inf)

@@ -39,11 +39,11 @@ def with_bodies(problem: CalibrationProblem, measured: MeasuredPlatform) -> Cali
     if not carrying:
         return problem
     own = [measured.legs[leg] for leg in carrying]
-    R, t, seen = (
+    R, t, is_observed = (
         np.stack(parts, 1)
         for parts in zip(*((leg_poses.R, leg_poses.p, leg_poses.found) for leg_poses in own), strict=True)
     )
-    poses = LegPoses(np.array(carrying), R, t, seen)
+    poses = LegPoses(np.array(carrying), R, t, is_observed)
     bodies = seated(problem.nominal.legs, problem.p, problem.R, problem.rho, poses)
     return replace(problem, leg_bodies=bodies) if bodies.fits(problem.structure, problem.nominal) else problem
 
@@ -121,13 +121,13 @@ def _fill_shifts(
     """Add the shifts to a covariance: they are relative to the measured platform, so its error enters with opposite
     sign."""
     found = measured.shifts.sigma[:, shifts.leg] if measured.shifts is not None else np.zeros((0, 0))
-    seen = np.isfinite(found)
-    rows = _heights_per_twist(problem, shifts) * seen[..., None]
+    is_observed = np.isfinite(found)
+    rows = _heights_per_twist(problem, shifts) * is_observed[..., None]
     platform = measured.platform.covariance - _base_effects(measured, measured.platform.p[:, None])
     places = slice(covariance.shape[-1] - shifts.deviations, covariance.shape[-1])
     covariance[:, places, :6] = -rows @ platform
     covariance[:, :6, places] = np.swapaxes(covariance[:, places, :6], -1, -2)
-    sigma = np.where(seen, found, FREE_LENGTH_M)
+    sigma = np.where(is_observed, found, FREE_LENGTH_M)
     covariance[:, places, places] = (
         rows @ platform @ np.swapaxes(rows, -1, -2) + np.eye(shifts.deviations) * sigma[:, None] ** 2
     )

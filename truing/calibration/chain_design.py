@@ -46,14 +46,14 @@ _LEAST_VISIBLE = 1e-8
 
 @dataclass(frozen=True)
 class PlannedPoses:
-    """B poses of a plain model, as an instrument would measure them; ``seen``: their whitened derivatives."""
+    """B poses of a plain model, as an instrument would measure them; ``candidates``: their whitened derivatives."""
 
     model: ChainModel
     conditions: ChainConditions
     instrument: PointInstrument
 
     @property
-    def seen(self) -> PoseCandidates:
+    def candidates(self) -> PoseCandidates:
         """The poses linearised about the nominal chain."""
         size = self.model.shared_size
         return candidates(Fitted(self.model, np.zeros(size), np.eye(size)), self.conditions, self.instrument)
@@ -61,8 +61,8 @@ class PlannedPoses:
     @property
     def rows(self) -> Array:
         """Derivatives (B, M, G) per prior sigma, without what the poses' own unknowns explain."""
-        seen = self.seen
-        return np.asarray(seen.without_pose_unknowns(seen.rows))
+        candidates = self.candidates
+        return np.asarray(candidates.without_pose_unknowns(candidates.rows))
 
     @property
     def information(self) -> Array:
@@ -225,37 +225,39 @@ def hidden_combinations(poses: PlannedPoses, possible: PlannedPoses) -> list[Hid
     ``possible`` are candidates that could be measured in addition.
     """
     unknowns, turn = chain_unknowns(poses.model)
-    seen, offered = _observed(poses.rows, unknowns, turn), possible.seen
+    observability, offered = _observed(poses.rows, unknowns, turn), possible.candidates
     every = _observed(offered.without_pose_unknowns(offered.rows), unknowns, turn)
     covariance = np.linalg.inv(np.eye(len(unknowns)) + poses.information)
     with np.errstate(divide="ignore", invalid="ignore"):  # of what the groups determine, which is not used here
-        groups = inseparable(seen)
+        groups = inseparable(observability)
     texts = [text for group in groups for text in group.texts]
     ordered = [change for group in groups for change in group.changes]
-    known = {label: k for k, label in enumerate(seen.labels)}
+    known = {label: k for k, label in enumerate(observability.labels)}
     members = [group.labels for group in groups for _ in group.changes]
     combinations = []
     for text, change, labels in zip(texts, ordered, members, strict=True):
         direction = np.zeros(len(unknowns))
-        direction[[known[label] for label in labels]] = change / seen.scales[[known[label] for label in labels]]
-        sight = float(seen.sensitivity(direction))
-        sigma = 1.0 / sight if sight > seen.rounding else np.inf
+        direction[[known[label] for label in labels]] = (
+            change / observability.scales[[known[label] for label in labels]]
+        )
+        sight = float(observability.sensitivity(direction))
+        sigma = 1.0 / sight if sight > observability.rounding else np.inf
         if float(every.sensitivity(direction)) > every.least:
             fitted = replace(offered, fitted=Fitted(poses.model, np.zeros(len(turn)), covariance))
             choice = narrowed(fitted, turn @ direction / np.linalg.norm(direction), 0.5, _MOST_TOLD)
             if choice.is_enough:
                 combinations.append(HiddenCombination(text, sigma, Remedy.POSES, choice.chosen, choice.times))
                 continue
-        combinations.append(HiddenCombination(text, sigma, _knowledge_that_shows(seen, unknowns, direction)))
+        combinations.append(HiddenCombination(text, sigma, _knowledge_that_shows(observability, unknowns, direction)))
     return sorted(combinations, key=lambda combination: -combination.sigma)
 
 
-def _knowledge_that_shows(seen: Observability, unknowns: Sequence[ChainUnknown], direction: NDArray) -> Remedy:
+def _knowledge_that_shows(observability: Observability, unknowns: Sequence[ChainUnknown], direction: NDArray) -> Remedy:
     """Return the numbers that must be known before the rest of a direction (G,) shows."""
     for kind, remedy in ((UnknownKind.BASE, Remedy.BASE), (UnknownKind.TARGET, Remedy.TARGETS)):
         is_of_kind = np.array([unknown.kind is kind for unknown in unknowns])
         rest = np.where(is_of_kind, 0.0, direction)
-        if direction[is_of_kind].any() and rest.any() and float(seen.sensitivity(rest)) > seen.least:
+        if direction[is_of_kind].any() and rest.any() and float(observability.sensitivity(rest)) > observability.least:
             return remedy
     return Remedy.NOTHING
 
@@ -278,8 +280,8 @@ class CauseSight:
 
 def cause_sights(poses: PlannedPoses, causes: Sequence[ChainCause]) -> list[CauseSight]:
     """Return the visibility of causes in the poses, one at a time, with all unknowns of the plain chain free."""
-    seen, model = poses.seen, poses.model.at(poses.conditions)
-    rows = seen.without_pose_unknowns(seen.rows)
+    candidates, model = poses.candidates, poses.model.at(poses.conditions)
+    rows = candidates.without_pose_unknowns(candidates.rows)
     flat = rows.reshape(-1, rows.shape[-1])
     covariance = np.linalg.inv(np.eye(flat.shape[1]) + flat.T @ flat)
     at = np.zeros(model.shared_size), np.zeros((len(poses.conditions.readings), model.local_size))
@@ -291,7 +293,7 @@ def cause_sights(poses: PlannedPoses, causes: Sequence[ChainCause]) -> list[Caus
             by.reshape(*shape, -1) if name == OBSERVED else pathways[name] @ by[:, None]
             for name, by in design(cause).items()
         )
-        columns = seen.without_pose_unknowns(whitened_columns(measured, frames, np.asarray(moved)))
+        columns = candidates.without_pose_unknowns(whitened_columns(measured, frames, np.asarray(moved)))
         flat_columns = columns.reshape(-1, columns.shape[-1])
         shift = covariance @ (flat.T @ flat_columns)
         left = np.concatenate([flat_columns - flat @ shift, -shift])

@@ -126,8 +126,8 @@ def correlated_residuals(framed: FramedPoints) -> Callable[[str, tuple[str, ...]
             if frame is None or number not in frame.bodies:
                 continue
             each = np.zeros((len(at), 3, len(bodies[number].targets), 3))
-            seen = (at >= 0) & (bodies[number].row[p, at] >= 0)
-            each[np.flatnonzero(seen), :, at[seen]] = bodies[number].R[p].T
+            is_observed = (at >= 0) & (bodies[number].row[p, at] >= 0)
+            each[np.flatnonzero(is_observed), :, at[is_observed]] = bodies[number].R[p].T
             weight = each.reshape(3 * len(at), -1, 3)
             followed = residual_gain(p, bodies, frame, number, weight)
             rows = followed.rows(p, bodies)
@@ -272,9 +272,9 @@ def attachment_shifts(
     framed: common errors of points, None if they are independent.
     """
     residual, used, noise = platform.residual, platform.used, platform.noise
-    seen = np.isfinite(residual[:, :, 2])
-    per_leg = _leg_average(survey, seen, noise, n_legs)
-    measured, surveyed = residual_covariance(survey.points, noise, used, seen), _survey_covariance(survey, used)
+    is_observed = np.isfinite(residual[:, :, 2])
+    per_leg = _leg_average(survey, is_observed, noise, n_legs)
+    measured, surveyed = residual_covariance(survey.points, noise, used, is_observed), _survey_covariance(survey, used)
     shift = np.einsum("blt,bta->bla", per_leg, np.nan_to_num(residual))
     shift[~per_leg.any(axis=2)] = np.nan
     typical = _typical_average(survey, n_legs)
@@ -338,12 +338,12 @@ def _survey_covariance(survey: SurveyPoints, used: Mask) -> Array:
     return residual_covariance(survey.points, survey.cov[None], usual[None], everywhere)[0]
 
 
-def _leg_average(survey: SurveyPoints, seen: Mask, noise: Array, n_legs: int) -> Array:
+def _leg_average(survey: SurveyPoints, is_observed: Mask, noise: Array, n_legs: int) -> Array:
     """Return weights (B, L, T) that average the targets of each attachment by their noise along z; zero rows if none
     was seen."""
     member = survey.leg[None, :] == np.arange(1, n_legs + 1)[:, None]
     variance = np.where(noise[:, :, 2, 2] > 0.0, noise[:, :, 2, 2], np.inf)
-    weight = member[None] * np.where(seen, 1.0 / variance, 0.0)[:, None, :]
+    weight = member[None] * np.where(is_observed, 1.0 / variance, 0.0)[:, None, :]
     total = weight.sum(axis=2, keepdims=True)
     return np.divide(weight, total, out=np.zeros_like(weight), where=total > 0.0)
 
@@ -372,9 +372,9 @@ class BodyShifts:
 def body_shifts(body: str, fitted_points: FittedPoints) -> BodyShifts:
     """Return the shifts of a body's targets with the covariance of independent points and of the frame."""
     points, shift = fitted_points.points, fitted_points.residual
-    seen = np.isfinite(shift[:, :, 2])
-    place = _mean_shape(points.points, points.seen & seen, fitted_points.rotation, shift)
-    covariance = residual_covariance(place, fitted_points.noise, fitted_points.used & seen, seen)
+    is_observed = np.isfinite(shift[:, :, 2])
+    place = _mean_shape(points.points, points.is_observed & is_observed, fitted_points.rotation, shift)
+    covariance = residual_covariance(place, fitted_points.noise, fitted_points.used & is_observed, is_observed)
     return BodyShifts(body, points.poses, points.targets, shift, covariance)
 
 
@@ -384,10 +384,10 @@ def with_common_errors(shifts: BodyShifts, every: tuple[int | str, ...], noise: 
     return replace(shifts, noise=np.where(there[rows, None, None], noise[rows], shifts.noise))
 
 
-def _mean_shape(points: Array, seen: Mask, rotation: Array, shift: Array) -> Array:
+def _mean_shape(points: Array, is_observed: Mask, rotation: Array, shift: Array) -> Array:
     """Return targets (T, 3) in the body's axes up to a common shift, enough for the effect of a frame's error on
     them."""
-    weight = seen.astype(float)
+    weight = is_observed.astype(float)
     local = np.einsum("bji,btj->bti", rotation, points) - np.nan_to_num(shift)
     centre = (local * weight[..., None]).sum(axis=1) / np.maximum(weight.sum(axis=1), 1.0)[:, None]
     centred = (local - centre[:, None]) * weight[..., None]

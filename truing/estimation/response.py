@@ -107,10 +107,10 @@ def fit_response(
     return _solve(form, free, design, np.nan_to_num(y), np.isfinite(y), weight, prior)
 
 
-def _separate(cov: Array, seen: Mask, offset_cov: Array | None) -> bool:
+def _separate(cov: Array, is_observed: Mask, offset_cov: Array | None) -> bool:
     """True if components have independent errors, so that each can be fitted separately."""
     apart = ~np.eye(cov.shape[1], dtype=bool)
-    both = seen[:, :, None] & seen[:, None, :] & apart
+    both = is_observed[:, :, None] & is_observed[:, None, :] & apart
     return not np.any(cov[both]) and (offset_cov is None or not np.any(offset_cov[apart]))
 
 
@@ -160,9 +160,11 @@ def _design(u: Array, free: Mask, group: Index) -> Array:
     return design
 
 
-def _precision(cov: Array, seen: Mask) -> Array:
+def _precision(cov: Array, is_observed: Mask) -> Array:
     """Return the pseudo-inverse (N, L, L) of the covariance of observed values; zero for others."""
-    masked = np.where(seen[:, :, None] & seen[:, None, :], cov, 0.0)  # the covariance of missing values may be infinite
+    masked = np.where(
+        is_observed[:, :, None] & is_observed[:, None, :], cov, 0.0
+    )  # the covariance of missing values may be infinite
     # Single numbers need no decomposition: this function is called in thirty reweightings of every component.
     if masked.shape[1] == 1:
         return np.divide(1.0, masked, out=np.zeros_like(masked), where=masked > 0.0)
@@ -189,7 +191,9 @@ def _offset_precision(offset_cov: Array | None, n_free: int, width: int, groups:
     return precision
 
 
-def _solve(form: Form, free: Mask, design: Array, y: Array, seen: Mask, weight: Array, prior: Array) -> ResponseFit:
+def _solve(
+    form: Form, free: Mask, design: Array, y: Array, is_observed: Mask, weight: Array, prior: Array
+) -> ResponseFit:
     weighted = (weight.transpose(0, 2, 1) @ design).reshape(-1, design.shape[-1])  # matrix products for BLAS: (N M, P)
     normal = weighted.T @ design.reshape(weighted.shape) + prior
     covariance, deficient = _scaled_inverse(normal, np.sqrt((design**2).sum(axis=(0, 1))))
@@ -213,8 +217,8 @@ def _solve(form: Form, free: Mask, design: Array, y: Array, seen: Mask, weight: 
         covariance=covariance[:n_free, :n_free],
         free=free,
         offset=theta[n_free:].reshape(-1, width),
-        residuals=np.where(seen, residuals, np.nan),
-        loo_residuals=np.where(seen, loo, np.nan),
+        residuals=np.where(is_observed, residuals, np.nan),
+        loo_residuals=np.where(is_observed, loo, np.nan),
         chi_square=chi_square,
         dof=informative - (len(theta) - deficient),
         deficient=deficient,
@@ -267,15 +271,15 @@ def consistent_responses(
     """
     from scipy.special import ndtri
 
-    seen = np.isfinite(y)
-    limit = -ndtri(0.5 * min(1.0, false_rejections / max(seen.sum(), 1)))
-    basis = seen if fitted is None else seen & fitted[:, None]
+    is_observed = np.isfinite(y)
+    limit = -ndtri(0.5 * min(1.0, false_rejections / max(is_observed.sum(), 1)))
+    basis = is_observed if fitted is None else is_observed & fitted[:, None]
     start = _standardised_l1(u, np.where(basis, y, np.nan), y, cov, offset_cov)
     limit *= max(1.0, float(np.median(start[basis])) / _NORMAL_MEDIAN) if basis.any() else 1.0
-    mask = seen & (start < 1.5 * limit)
+    mask = is_observed & (start < 1.5 * limit)
     for _ in range(20):
         fit = fit_response(u, np.where(mask & basis, y, np.nan), cov, offset_cov=offset_cov)
-        again = seen & (_standardised(fit, u, y, cov) < limit)
+        again = is_observed & (_standardised(fit, u, y, cov) < limit)
         if (again == mask).all():
             break
         mask = again

@@ -112,10 +112,12 @@ def _change(points: Array) -> float:
     pairs = list(combinations(range(points.shape[1]), 2))
     first, second = np.array(pairs[:: max(1, len(pairs) // _MOST_PAIRS)]).T
     distances = np.linalg.norm(points[:, first] - points[:, second], axis=2)
-    seen = np.isfinite(distances).all(axis=0) & (distances > 0.0).all(axis=0)
-    if not seen.any():
+    is_observed = np.isfinite(distances).all(axis=0) & (distances > 0.0).all(axis=0)
+    if not is_observed.any():
         return np.inf
-    return float(np.quantile(np.std(distances[:, seen], axis=0) / np.mean(distances[:, seen], axis=0), _SMALLEST))
+    return float(
+        np.quantile(np.std(distances[:, is_observed], axis=0) / np.mean(distances[:, is_observed], axis=0), _SMALLEST)
+    )
 
 
 def _readings(variables: Mapping[str, Variable], count: int, text: str) -> Iterator[Guess]:

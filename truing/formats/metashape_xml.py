@@ -50,7 +50,7 @@ def _rays(root: ElementTree.Element, lines: Lines) -> dict[str, Any]:
                 expected = "markers and cameras that the file lists, label by label"
                 where = f"marker {number}, camera {place.get('camera_id')}"
                 raise Unusable(expected, row=lines[place], value=where[:80])
-            seen = place.get("valid", "true") != "false" and camera.get("enabled", "true") not in ("false", "0")
+            is_observed = place.get("valid", "true") != "false" and camera.get("enabled", "true") not in ("false", "0")
             rows.append(
                 (
                     camera.get("label") or f"camera {camera.get('id')}",
@@ -59,7 +59,7 @@ def _rays(root: ElementTree.Element, lines: Lines) -> dict[str, Any]:
                     _number(place, "x", lines) - CORNER,
                     _number(place, "y", lines) - CORNER,
                     place.get("pinned", "true"),
-                    "1" if seen else "0",
+                    "1" if is_observed else "0",
                     lines[place],
                 )
             )

@@ -133,13 +133,13 @@ def read_c3d(path: Path, wanted: Wanted) -> Iterator[RawBatch]:
         return
     _, count, frames = trajectories.xyz.shape
     xyz, residuals = trajectories.xyz.transpose(2, 1, 0).reshape(-1, 3), trajectories.residuals.T.ravel()
-    seen = np.isfinite(xyz).all(axis=1) & (residuals >= 0)
+    is_observed = np.isfinite(xyz).all(axis=1) & (residuals >= 0)
     frame = np.repeat(np.arange(trajectories.first, trajectories.first + frames), count)
     names = pa.DictionaryArray.from_arrays(
         pa.array(np.tile(np.arange(count, dtype=np.int32), frames)), trajectories.labels
     )
     columns = [pa.array(frame), pa.array((frame - trajectories.first) / trajectories.rate), names]
-    columns += [pa.array(np.ascontiguousarray(xyz[:, axis]), mask=~seen) for axis in range(3)]
+    columns += [pa.array(np.ascontiguousarray(xyz[:, axis]), mask=~is_observed) for axis in range(3)]
     columns.append(pa.array(residuals))
     yield RawBatch({position: columns[position] for position in kinds}, consecutive(0, frames * count))
 

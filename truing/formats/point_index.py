@@ -101,10 +101,10 @@ class PointIndex:
     def _label_numbers(self, body: pa.DictionaryArray, target: pa.DictionaryArray) -> NDArray[np.int32]:
         bodies, targets = body.dictionary.to_pylist(), target.dictionary.to_pylist()
         key = codes(body) * np.int32(len(targets)) + codes(target)
-        seen = np.zeros(len(bodies) * len(targets), dtype=bool)
-        seen[key] = True
-        numbers = np.empty(len(seen), dtype=np.int32)
-        for pair in np.flatnonzero(seen):
+        is_observed = np.zeros(len(bodies) * len(targets), dtype=bool)
+        is_observed[key] = True
+        numbers = np.empty(len(is_observed), dtype=np.int32)
+        for pair in np.flatnonzero(is_observed):
             numbers[pair] = self.labels.number((bodies[pair // len(targets)], targets[pair % len(targets)]))
         return numbers[key]
 

@@ -227,11 +227,11 @@ def like_neighbours(
 def _products(rows: Array) -> Array:
     """Return the mean products (B, B) of two epochs' residuals (B, C), scaled to unit variance, over channels seen in
     both."""
-    seen = np.isfinite(rows)
-    count = np.maximum(seen.sum(0), 1)
-    centred = np.where(seen, rows - np.where(seen, rows, 0.0).sum(0) / count, 0.0)
+    is_observed = np.isfinite(rows)
+    count = np.maximum(is_observed.sum(0), 1)
+    centred = np.where(is_observed, rows - np.where(is_observed, rows, 0.0).sum(0) / count, 0.0)
     centred = centred / np.maximum(np.sqrt((centred**2).sum(0) / count), 1e-12)
-    return np.asarray(centred @ centred.T / np.maximum(seen.astype(float) @ seen.T, 1.0))
+    return np.asarray(centred @ centred.T / np.maximum(is_observed.astype(float) @ is_observed.T, 1.0))
 
 
 def _orders(count: int, groups: Integers | None, rng: np.random.Generator) -> list[Integers]:

@@ -95,8 +95,8 @@ class NumberComparison:
         basis = np.linalg.qr(answers[:, free])[0]
         remainder, columns = (part - basis @ (basis.T @ part) for part in (away, answers))
         size = np.sqrt(np.sum(columns**2, 0))
-        seen = size > 1e-3 * np.sqrt(np.sum(answers**2, 0)).max(initial=0.0)
-        score = np.where(seen, np.abs(columns.T @ remainder) / np.where(seen, size, 1.0), 0.0)
+        is_observed = size > 1e-3 * np.sqrt(np.sum(answers**2, 0)).max(initial=0.0)
+        score = np.where(is_observed, np.abs(columns.T @ remainder) / np.where(is_observed, size, 1.0), 0.0)
         score[free] = 0.0
         return score, float(remainder @ remainder)
 

@@ -66,10 +66,10 @@ class RotatedChannels:
     @cached_property
     def live(self) -> list[tuple[Integers, Integers]]:
         """Channels that were seen at the same epochs, and these epochs."""
-        seen = np.trace(self.gram, axis1=2, axis2=3) > 0.0
-        if seen.mean() > _MOSTLY_LIVE:  # then a single product is faster
-            return [(np.arange(seen.shape[1]), np.arange(len(seen)))]
-        patterns, number = np.unique(seen, axis=1, return_inverse=True)
+        is_observed = np.trace(self.gram, axis1=2, axis2=3) > 0.0
+        if is_observed.mean() > _MOSTLY_LIVE:  # then a single product is faster
+            return [(np.arange(is_observed.shape[1]), np.arange(len(is_observed)))]
+        patterns, number = np.unique(is_observed, axis=1, return_inverse=True)
         return [
             (np.flatnonzero(number.ravel() == n), np.flatnonzero(seen_then)) for n, seen_then in enumerate(patterns.T)
         ]
@@ -124,15 +124,15 @@ class ChannelSignatures:
         return int(self.gram.shape[-1])
 
     @cached_property
-    def seen(self) -> Mask:
+    def is_observed(self) -> Mask:
         """True for candidates (S, T) that the campaign sees in all directions."""
         return np.asarray(np.linalg.eigvalsh(self.gram)[..., 0] > INFORMATIVE**2) & self.usable
 
     @cached_property
     def inverse(self) -> Array:
         """Inverse of the gram (S, T, d m, d m); zero where a candidate is not seen."""
-        safe = np.where(self.seen[..., None, None], self.gram, np.eye(self.parameters))
-        return np.linalg.inv(safe) * self.seen[..., None, None]
+        safe = np.where(self.is_observed[..., None, None], self.gram, np.eye(self.parameters))
+        return np.linalg.inv(safe) * self.is_observed[..., None, None]
 
     def scores(self, along: Array) -> Array:
         """Return the scores (S, T, d m, D) of residuals, from their parts (B, T, d, D) along the observations' axes."""

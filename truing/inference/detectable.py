@@ -172,7 +172,7 @@ def _of_families(search: Search[CauseT], level: float) -> Iterator[EffectSensiti
     """Yield the sensitivity to single channels, each at its shape of median strength."""
     for family in search.families:
         signatures = family.signatures
-        if signatures.seen.any():
+        if signatures.is_observed.any():
             rule = _rule(search, family.kind, signatures.parameters, level)
             sensitivities = (_of_channel(family, channel, rule) for channel in range(len(signatures.rotated.channels)))
             yield from (
@@ -182,7 +182,7 @@ def _of_families(search: Search[CauseT], level: float) -> Iterator[EffectSensiti
 
 def _of_channel(family: ChannelFamily[CauseT], channel: int, rule: AcceptanceRule) -> EffectSensitivity[CauseT] | None:
     signatures = family.signatures
-    shapes = np.flatnonzero(signatures.seen[:, channel])
+    shapes = np.flatnonzero(signatures.is_observed[:, channel])
     if not len(shapes):
         return None
     strength = np.trace(signatures.gram[shapes, channel], axis1=-2, axis2=-1)

@@ -153,7 +153,7 @@ def linearise(
         shared_value=shared,
         extra_residual=prediction.known_residual,
         extra_by_shared=prediction.known_by_shared,
-        present=np.repeat(measured.seen, measured.size, axis=1),
+        present=np.repeat(measured.is_observed, measured.size, axis=1),
         local_known=np.concatenate([np.zeros(frames.size, bool), prediction.local_known]),
         shared_known=prediction.shared_known,
         columns=columns,

@@ -91,7 +91,7 @@ class FittedModel(Generic[CauseT]):
     @cached_property
     def scene(self) -> SceneLike[CauseT]:
         """Candidates that the campaign offers, restricted to its measurements."""
-        return self.model.scene.with_seen(self.measured.seen)
+        return self.model.scene.with_observed(self.measured.is_observed)
 
     @cached_property
     def design_matrix(self) -> Callable[[CauseT], Mapping[str, Array]]:
@@ -129,7 +129,7 @@ class FittedModel(Generic[CauseT]):
     def standardised(self) -> Array:
         """Residuals (B, K, d) scaled to unit noise, NaN where unseen or where the redundancy is too small."""
         residuals, redundancy = informative_residuals(self.fit.whitened, self.measured.values.shape)
-        return np.where(self.measured.seen[..., None], standardised(residuals, redundancy), np.nan)
+        return np.where(self.measured.is_observed[..., None], standardised(residuals, redundancy), np.nan)
 
     @property
     def input_noise(self) -> tuple[float, float]:
@@ -206,7 +206,7 @@ class Fitter(Generic[CauseT]):
         self._ratios = 1.0, 1.0
         self._input_factor: Array = np.ones((1, 1))
         self._seed, self._progress = seed, progress
-        self._recorded = calibration.measured.seen, None if held_out is None else held_out.measured.seen
+        self._recorded = calibration.measured.is_observed, None if held_out is None else held_out.measured.is_observed
         self.screened: list[ScreenedValue] = []  # observations taken out as gross errors
 
     @property
@@ -218,7 +218,7 @@ class Fitter(Generic[CauseT]):
     def blocks(self) -> list[EpochBlocks] | None:
         """Groupings of epochs that can be left out block by block; None where the campaign declares no groupings."""
         groupings = self.calibration.groupings
-        return None if groupings is None else possible_blocks(groupings, len(self.calibration.measured.seen))
+        return None if groupings is None else possible_blocks(groupings, len(self.calibration.measured.is_observed))
 
     def prepared(
         self, causes: tuple[CauseT, ...] = (), start: FittedModel[CauseT] | None = None
@@ -283,7 +283,7 @@ class Fitter(Generic[CauseT]):
         """Return the prediction error of blocks of epochs, each left out of a fit in turn; for campaigns without
         held-out epochs. None where blocks would have too few epochs, or fits take too long."""
         measured, numbers = fitted.measured, fitted.model.blocks
-        if numbers is None or len(numbers) < _BLOCKS * _FEWEST_IN_BLOCK or measured.seen.size > _MOST_VALUES:
+        if numbers is None or len(numbers) < _BLOCKS * _FEWEST_IN_BLOCK or measured.is_observed.size > _MOST_VALUES:
             return None
         rank = np.unique(numbers, return_inverse=True)[1]
         count = min(_BLOCKS, int(rank.max()) + 1)
@@ -295,7 +295,7 @@ class Fitter(Generic[CauseT]):
     def _predicted_block(self, fitted: FittedModel[CauseT], block: Mask) -> PredictionError[CauseT]:
         """Return the error of the prediction by a fit without the epochs ``block`` (B,)."""
         model, measured, fit = fitted.model, fitted.measured, fitted.fit
-        others = replace(measured, seen=measured.seen & ~block[:, None])
+        others = replace(measured, is_observed=measured.is_observed & ~block[:, None])
         local = np.where(block[:, None], 0.0, fit.local)
         start = fit.whitened.problem.without(block)
         without = fit_model(model.predict, others, fit.frames, fit.shared, local, start)
@@ -303,17 +303,22 @@ class Fitter(Generic[CauseT]):
 
     def screen(self, fitted: FittedModel[CauseT]) -> bool:
         """Exclude gross errors of a fit, on held-out epochs too; return True if there were any."""
-        seen, residuals = self.calibration.measured.seen, _own_residuals(fitted.fit, self.calibration.measured)
+        is_observed, residuals = (
+            self.calibration.measured.is_observed,
+            _own_residuals(fitted.fit, self.calibration.measured),
+        )
         axes = self.calibration.measured.whitener @ fitted.fit.frames.R[:, None]
         axes = axes @ fitted.model.rotations(fitted.fit.shared, fitted.fit.local)
         order = fitted.scene.covariates.get("order")
-        wrong = gross_errors(residuals, seen, axes, order, fitted.model.zero_groups)
+        wrong = gross_errors(residuals, is_observed, axes, order, fitted.model.zero_groups)
         wrong = self.calibration.removable(wrong)
         self.calibration = self.calibration.without(wrong)
         screened = _screened(wrong, residuals, held_out=False)
         if self.held_out is not None and fitted.held_out is not None:
             unseen = gross_errors(
-                fitted.held_out.whitened, self.held_out.measured.seen, zero_groups=fitted.held_out.model.zero_groups
+                fitted.held_out.whitened,
+                self.held_out.measured.is_observed,
+                zero_groups=fitted.held_out.model.zero_groups,
             )
             unseen = self.held_out.removable(unseen)
             self.held_out = self.held_out.without(unseen)
@@ -343,32 +348,34 @@ class Fitter(Generic[CauseT]):
     def _explained_in_fit(self, fitted: FittedModel[CauseT]) -> Mask:
         """Return the excluded observations (B, K) of calibration epochs that a fit explains."""
         measured, fit = fitted.measured, fitted.fit
-        excluded = self._recorded[0] & ~self.calibration.measured.seen
+        excluded = self._recorded[0] & ~self.calibration.measured.is_observed
         if not excluded.any():
             return excluded
-        predicted = prediction_error(fitted.model, measured.with_seen(measured.seen | excluded), fit.frames, fit.shared)
+        predicted = prediction_error(
+            fitted.model, measured.with_observed(measured.is_observed | excluded), fit.frames, fit.shared
+        )
         near = excluded & (
             _lengths(predicted.whitened) < _FAR_BETTER * self._screened_lengths(excluded.shape, held_out=False)
         )
         if not near.any():
             return near
-        enlarged = measured.with_seen(measured.seen | near)
+        enlarged = measured.with_observed(measured.is_observed | near)
         residuals = _own_residuals(
             fit_model(fitted.model.predict, enlarged, fit.frames, fit.shared, fit.local), enlarged
         )
-        return near & ~gross_errors(residuals, enlarged.seen, zero_groups=fitted.model.zero_groups)
+        return near & ~gross_errors(residuals, enlarged.is_observed, zero_groups=fitted.model.zero_groups)
 
     def _explained_in_prediction(self, fitted: FittedModel[CauseT]) -> Mask:
         """Return the excluded observations (B, K) of held-out epochs that a fit predicts."""
         if self.held_out is None or fitted.held_out is None or self._recorded[1] is None:
             return np.zeros((0, 0), bool)
-        epochs, excluded = self.held_out, self._recorded[1] & ~self.held_out.measured.seen
+        epochs, excluded = self.held_out, self._recorded[1] & ~self.held_out.measured.is_observed
         if not excluded.any():
             return excluded
-        model, measured = fitted.held_out.model, epochs.measured.with_seen(self._recorded[1])
+        model, measured = fitted.held_out.model, epochs.measured.with_observed(self._recorded[1])
         residuals = prediction_error(model, measured, epochs.frames, fitted.fit.shared).whitened
         near = excluded & (_lengths(residuals) < _FAR_BETTER * self._screened_lengths(excluded.shape, held_out=True))
-        return near & ~gross_errors(residuals, measured.seen, zero_groups=model.zero_groups)
+        return near & ~gross_errors(residuals, measured.is_observed, zero_groups=model.zero_groups)
 
     def _screened_lengths(self, shape: tuple[int, ...], *, held_out: bool) -> Array:
         """Return the lengths of whitened residuals for which observations were excluded, zero for all others."""
@@ -465,11 +472,11 @@ class Fitter(Generic[CauseT]):
     def _restore_screened(self) -> None:
         """Restore all screened observations: they may have looked wrong only because inputs or noise were trusted too
         much."""
-        seen, unseen = self._recorded
+        is_observed, unseen = self._recorded
         self.screened = []
-        self.calibration = replace(self.calibration, measured=self.calibration.measured.with_seen(seen))
+        self.calibration = replace(self.calibration, measured=self.calibration.measured.with_observed(is_observed))
         if self.held_out is not None and unseen is not None:
-            self.held_out = replace(self.held_out, measured=self.held_out.measured.with_seen(unseen))
+            self.held_out = replace(self.held_out, measured=self.held_out.measured.with_observed(unseen))
 
     def _with_widened_inputs(
         self, fitted: FittedModel[CauseT], inputs: Mask, factor: Array | float
@@ -532,7 +539,7 @@ class Fitter(Generic[CauseT]):
 
     def known_residuals(self, fitted: FittedModel[CauseT]) -> Array:
         """Return the standardised residuals (B, K, d) of a fit, NaN where nothing was observed."""
-        return np.where(self.calibration.measured.seen[..., None], fitted.standardised, np.nan)
+        return np.where(self.calibration.measured.is_observed[..., None], fitted.standardised, np.nan)
 
     def reweight(self, factor: Array) -> None:
         """Multiply the observations' noise by factors (B, K)."""
@@ -550,7 +557,7 @@ def _scatters(fitted: FittedModel[CauseT], kinds: Sequence[CauseT]) -> list[Scat
 
 def _height(measured: Observations) -> int:
     """Return the number of rows of an epoch's observations."""
-    return int(measured.seen.shape[1]) * measured.size
+    return int(measured.is_observed.shape[1]) * measured.size
 
 
 def _lengths(residuals: Array) -> Array:
@@ -559,10 +566,10 @@ def _lengths(residuals: Array) -> Array:
 
 def _own_residuals(fit: Fit, measured: Observations) -> Array:
     """Return the whitened residuals (B, K, d) of the observations of a fit, without those of its inputs."""
-    epochs, height_observed = len(measured.seen), _height(measured)
+    epochs, height_observed = len(measured.is_observed), _height(measured)
     height = height_observed + fit.whitened.problem.local_value.shape[1]
     rows = fit.whitened.rest[: epochs * height].reshape(epochs, height)[:, :height_observed]
-    return rows.reshape(*measured.seen.shape, -1)
+    return rows.reshape(*measured.is_observed.shape, -1)
 
 
 def _screened(wrong: Mask, rest: Array, *, held_out: bool) -> list[ScreenedValue]:

@@ -289,8 +289,8 @@ class ForwardSearch(Generic[CauseT]):
         """Return True for held-out epochs (B,) at which a cause claims to hold."""
         held_out = self.fitter.held_out
         if held_out is None:
-            return np.ones(len(after.measured.seen), bool)
-        return np.asarray(cause.covers(held_out.conditions.covariates, len(held_out.measured.seen)))
+            return np.ones(len(after.measured.is_observed), bool)
+        return np.asarray(cause.covers(held_out.conditions.covariates, len(held_out.measured.is_observed)))
 
     def _dropped(
         self, found: list[Accepted[CauseT]], plain: FittedModel[CauseT]

@@ -23,14 +23,14 @@ Rows = TypeVar("Rows", Array, Mask)
 class EpochResiduals:
     """Residuals (B, N) of unit noise in axes that all epochs share: of observations, then of inputs.
 
-    ``seen`` (B, N) marks valid residuals; ``redundancy`` (B, N) is the share of each that its epoch's own unknowns
-    leave. Rows (B, N, G), orthonormal over all epochs, span what the shared unknowns explain: ``explained`` (B, N) are
-    their squares before the rotation, which leaves the sum over a place as it is; ``summed`` returns their sums (N, G)
-    over some epochs.
+    ``is_observed`` (B, N) marks valid residuals; ``redundancy`` (B, N) is the share of each that its epoch's own
+    unknowns leave. Rows (B, N, G), orthonormal over all epochs, span what the shared unknowns explain: ``explained``
+    (B, N) are their squares before the rotation, which leaves the sum over a place as it is; ``summed`` returns their
+    sums (N, G) over some epochs.
     """
 
     values: Array
-    seen: Mask
+    is_observed: Mask
     redundancy: Array
     explained: Array
     summed: Callable[[Integers], Array]
@@ -61,19 +61,19 @@ def epoch_residuals(whitened: Whitened, measured: Observations, frames: Frames, 
     rest = whitened.rest[rows].reshape(epochs, height, 1)
     present = whitened.present[rows].reshape(epochs, height)
     local = np.sum((_rotated_rows(turn, whitened.local_basis, inputs, count * size)) ** 2, -1)
-    seen = _observed_and_inputs(present, inputs, count * size)
+    is_observed = _observed_and_inputs(present, inputs, count * size)
     explained = _observed_and_inputs(whitened.leverage_of_shared[rows].reshape(epochs, height), inputs, count * size)
 
     def summed(own: Integers) -> Array:
         return whitened.basis_summed(
-            own, lambda basis: _rotated_rows(turn[own], basis, inputs, count * size) * seen[own, :, None]
+            own, lambda basis: _rotated_rows(turn[own], basis, inputs, count * size) * is_observed[own, :, None]
         )
 
     return EpochResiduals(
-        np.where(seen, _rotated_rows(turn, rest, inputs, count * size)[..., 0], 0.0),
-        seen,
-        np.where(seen, 1.0 - local, 0.0),
-        np.where(seen, explained, 0.0),
+        np.where(is_observed, _rotated_rows(turn, rest, inputs, count * size)[..., 0], 0.0),
+        is_observed,
+        np.where(is_observed, 1.0 - local, 0.0),
+        np.where(is_observed, explained, 0.0),
         summed,
     )
 
@@ -108,8 +108,8 @@ def means_against_scatter(residuals: EpochResiduals, groups: Integers, fewest: f
     squares, freedom, beyond = np.zeros(2), np.zeros(2), 0
     for number in np.unique(groups[groups >= 0]):
         index = np.flatnonzero(groups == number)
-        seen = residuals.seen[index]
-        count = seen.sum(0)
+        is_observed = residuals.is_observed[index]
+        count = is_observed.sum(0)
         redundancy = np.where(count > 1, residuals.redundancy[index], 0.0)
         weight = np.where(count > 1, 1.0 / np.maximum(count, 1), 0.0)  # sum of squares of a mean over the squared sum
         of_mean = weight * residuals.values[index].sum(0) ** 2

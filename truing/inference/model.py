@@ -159,8 +159,8 @@ class SceneLike(Protocol[CauseT]):
     def shape(self) -> Array:
         """Places (K, 0 to 3) of the channels on their groups, m."""
 
-    def with_seen(self, seen: Mask) -> Self:
-        """Return the scene in which only the observations ``seen`` (B, K) were seen."""
+    def with_observed(self, is_observed: Mask) -> Self:
+        """Return the scene in which only the observations ``is_observed`` (B, K) were seen."""
 
     def candidates(self, kind: CauseT, /) -> Sequence[CauseT]:
         """Return the candidates of a kind worth testing."""

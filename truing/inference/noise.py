@@ -127,14 +127,16 @@ def rescaled_noise(whitened: Whitened, measured: Observations, groups: Integers)
     """
     rest, redundancy = informative_residuals(whitened, measured.values.shape)
     axes = np.eye(measured.size)
-    scatter = _scatter(rest[measured.seen], redundancy[measured.seen], axes)
+    scatter = _scatter(rest[measured.is_observed], redundancy[measured.is_observed], axes)
     observations = []
     for group in range(groups.max() + 1):
-        rows = measured.seen & (groups == group)
+        rows = measured.is_observed & (groups == group)
         observations.append(_scatter(rest[rows], redundancy[rows], scatter))
-    declared = np.linalg.inv(measured.whitener + axes * ~measured.seen[..., None, None])
+    declared = np.linalg.inv(measured.whitener + axes * ~measured.is_observed[..., None, None])
     covariance = declared @ np.stack(observations)[groups] @ np.swapaxes(declared, -1, -2)
-    return replace(measured, covariance=np.where(measured.seen[..., None, None], covariance, measured.covariance))
+    return replace(
+        measured, covariance=np.where(measured.is_observed[..., None, None], covariance, measured.covariance)
+    )
 
 
 def informative_residuals(whitened: Whitened, shape: tuple[int, int, int]) -> tuple[Array, Array]:
@@ -197,16 +199,16 @@ def noise_level(
     ``channels`` (K,) selects channels; ``measured`` holds the covariances used in the fit. The log of the ratio is
     tested, one-sided.
     """
-    epochs, count = measured.seen.shape
-    seen = measured.seen if channels is None else measured.seen & channels
+    epochs, count = measured.is_observed.shape
+    is_observed = measured.is_observed if channels is None else measured.is_observed & channels
     size = measured.size
     height = size * count + whitened.problem.local_value.shape[1]
 
     def of_observations(rows: Array) -> Array:
         own = rows[: epochs * height].reshape(epochs, height)[:, : size * count]
-        return np.asarray(own.reshape(epochs, count, size)[seen])
+        return np.asarray(own.reshape(epochs, count, size)[is_observed])
 
-    used, promised = measured.covariance[seen], declared[seen]
+    used, promised = measured.covariance[is_observed], declared[is_observed]
     change = np.linalg.solve(np.linalg.cholesky(promised), np.linalg.cholesky(used))
     rest = np.einsum("nij,nj->ni", change, of_observations(whitened.rest))
     freedom = float(np.sum(1.0 - of_observations(whitened.leverage)))

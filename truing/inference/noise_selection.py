@@ -141,9 +141,9 @@ class NoiseSelection(Generic[CauseT]):
 
         Nothing is tested where observations are in space: each channel has too few of them.
         """
-        index = np.flatnonzero(final.measured.seen.any(0)) if final.measured.size == 1 else ()
+        index = np.flatnonzero(final.measured.is_observed.any(0)) if final.measured.size == 1 else ()
         for channel in index:
-            only = np.arange(final.measured.seen.shape[1]) == channel
+            only = np.arange(final.measured.is_observed.shape[1]) == channel
             level = noise_level(final.fit.whitened, final.measured, self.fitter.declared, only)
             if (p_value := min(1.0, level.p_value * len(index))) <= self.noise_level:
                 yield int(channel), replace(level, p_value=p_value)

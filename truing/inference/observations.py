@@ -21,11 +21,11 @@ _FRAME_SIGMA = np.array([0.1] * 3 + [0.1] * 3)  # m, rad
 
 @dataclass(frozen=True)
 class Observations:
-    """Observations (B, K, d), SI, each epoch in its own frame, with covariance (B, K, d, d); ``seen`` (B, K)."""
+    """Observations (B, K, d), SI, each epoch in its own frame, with covariance (B, K, d, d); ``is_observed`` (B, K)."""
 
     values: Array
     covariance: Array
-    seen: Mask
+    is_observed: Mask
 
     @property
     def size(self) -> int:
@@ -35,12 +35,12 @@ class Observations:
     @cached_property
     def whitener(self) -> Array:
         """Matrices (B, K, d, d) that make the noise unit and white; zero where an observation is missing."""
-        covariance = np.where(self.seen[..., None, None], self.covariance, np.eye(self.size))
-        return np.linalg.inv(np.linalg.cholesky(covariance)) * self.seen[..., None, None]
+        covariance = np.where(self.is_observed[..., None, None], self.covariance, np.eye(self.size))
+        return np.linalg.inv(np.linalg.cholesky(covariance)) * self.is_observed[..., None, None]
 
-    def with_seen(self, seen: Mask) -> Observations:
-        """Return them with other observations marked as seen (B, K)."""
-        return replace(self, seen=seen)
+    def with_observed(self, is_observed: Mask) -> Observations:
+        """Return them with other observations marked as is_observed (B, K)."""
+        return replace(self, is_observed=is_observed)
 
 
 @dataclass(frozen=True)
@@ -104,14 +104,14 @@ class Epochs(Generic[ConditionsT_co]):
 
     def without(self, wrong: Mask) -> Self:
         """Return the epochs without some observations (B, K)."""
-        return replace(self, measured=self.measured.with_seen(self.measured.seen & ~wrong))
+        return replace(self, measured=self.measured.with_observed(self.measured.is_observed & ~wrong))
 
     def with_kept(self, more: Mask) -> Self:
         """Return the epochs with some more observations (B, K), which are never screened again."""
         if not more.any():
             return self
         kept = more if self.kept is None else self.kept | more
-        return replace(self, measured=self.measured.with_seen(self.measured.seen | more), kept=kept)
+        return replace(self, measured=self.measured.with_observed(self.measured.is_observed | more), kept=kept)
 
 
 def whitened_columns(measured: Observations, frames: Frames, columns: Array) -> Array:

@@ -68,9 +68,9 @@ class PredictionError(Generic[CauseT]):
             self.__dict__.pop(name, None)
 
     @property
-    def seen(self) -> Mask:
+    def is_observed(self) -> Mask:
         """True for observations (B, K) that were measured."""
-        return self.measured.seen
+        return self.measured.is_observed
 
     def after_step(self, columns: Array) -> PredictionError[CauseT]:
         """Return the error after the prediction moves by whitened columns (B, M) and each epoch is fitted anew."""
@@ -83,14 +83,14 @@ class PredictionError(Generic[CauseT]):
 
         Both are weighted by the other error's noise, because the noise estimate changes with the model.
         """
-        weights = other.measured.whitener * (self.seen & other.seen)[..., None, None]
+        weights = other.measured.whitener * (self.is_observed & other.is_observed)[..., None, None]
         own, before = (float(np.sum((weights @ error.gap[..., None]) ** 2)) for error in (self, other))
         return float(np.sqrt(own / before)) if before > 0.0 else 1.0
 
     def log_odds_over(self, other: PredictionError[CauseT]) -> float:
         """Return the log likelihood ratio of this error to another one, over observations seen by both, each with a
         noise of its own."""
-        count = self.measured.size * int(np.sum(self.seen & other.seen))
+        count = self.measured.size * int(np.sum(self.is_observed & other.is_observed))
         return -count * float(np.log(max(self.growth_over(other), 1e-300)))
 
     @property
@@ -101,7 +101,9 @@ class PredictionError(Generic[CauseT]):
     @property
     def rms_by_epoch(self) -> Array:
         """Root mean square per coordinate of each epoch (B,), SI, zero where nothing was seen."""
-        return np.asarray(np.sqrt(np.sum(self.gap**2, (1, 2)) / np.maximum(self.measured.size * self.seen.sum(1), 1)))
+        return np.asarray(
+            np.sqrt(np.sum(self.gap**2, (1, 2)) / np.maximum(self.measured.size * self.is_observed.sum(1), 1))
+        )
 
     @property
     def largest_by_epoch(self) -> Array:
@@ -115,13 +117,13 @@ class PredictionError(Generic[CauseT]):
 
     def rms_of(self, channels: Integers | slice) -> float | None:
         """Return the root mean square per coordinate of some channels; None where none of them was seen."""
-        count = self.measured.size * int(self.seen[:, channels].sum())
+        count = self.measured.size * int(self.is_observed[:, channels].sum())
         return float(np.sqrt(np.sum(self.gap[:, channels] ** 2) / count)) if count else None
 
     @property
     def largest(self) -> float | None:
         """Length of the largest error, SI; None where nothing was seen."""
-        return float(self.largest_by_epoch.max()) if self.seen.any() else None
+        return float(self.largest_by_epoch.max()) if self.is_observed.any() else None
 
 
 def merged(
@@ -191,7 +193,7 @@ def predicts_worse(
     if not len(groups) or groups.max() < 1:
         return False
     whitener = (
-        without.measured.whitener * with_cause.seen[..., None, None]
+        without.measured.whitener * with_cause.is_observed[..., None, None]
     )  # one weighting for both: refits change the noise
     former, latter = (np.einsum("bkij,bkj->bki", whitener, error.gap)[covered] for error in (without, with_cause))
     worse = np.bincount(groups, np.sum(latter**2 - former**2, (1, 2)))
@@ -204,20 +206,20 @@ def predicts_worse(
 def _unwhitened(measured: Observations, rows: Array) -> Array:
     """Return whitened rows (B, M) as distances (B, K, d), SI, zero where an observation is missing."""
     gap = np.linalg.solve(_square(measured), rows.reshape(*measured.values.shape, 1))[..., 0]
-    return np.where(measured.seen[..., None], gap, 0.0)
+    return np.where(measured.is_observed[..., None], gap, 0.0)
 
 
 @dataclass(frozen=True)
 class NoiseFloor:
     """Mean square (K,) per coordinate of each channel that noise alone causes in a prediction error, SI; counts
-    ``seen`` (K,)."""
+    ``observations`` (K,)."""
 
     square: Array
-    seen: Integers
+    observations: Integers
 
     def rms_of(self, channels: Integers | slice = slice(None)) -> float:
         """Return the root mean square per coordinate of some channels."""
-        count = self.seen[channels]
+        count = self.observations[channels]
         return float(np.sqrt(np.sum(self.square[channels] * count) / max(count.sum(), 1)))
 
 
@@ -236,9 +238,9 @@ def noise_floor(model: Model[CauseT], fit: Fit, measured: Observations, rng: np.
     left -= problem.by_local[..., inputs] @ prior[:, inputs]
     freed = _without_epoch_unknowns(left, problem.by_local[..., ~inputs], measured, model.zero_groups)
     gap = np.linalg.solve(_square(measured), freed.reshape(*measured.values.shape, _FLOOR_DRAWS))
-    seen = measured.seen.sum(0)
-    square = np.sum(np.mean(gap**2, (2, 3)) * measured.seen, 0) / np.maximum(seen, 1)
-    return NoiseFloor(square, seen)
+    observations = measured.is_observed.sum(0)
+    square = np.sum(np.mean(gap**2, (2, 3)) * measured.is_observed, 0) / np.maximum(observations, 1)
+    return NoiseFloor(square, observations)
 
 
 def _without_epoch_unknowns(rows: Array, columns: Array, measured: Observations, zero_groups: Integers | None) -> Array:
@@ -246,7 +248,7 @@ def _without_epoch_unknowns(rows: Array, columns: Array, measured: Observations,
     zeros of runs."""
     if zero_groups is None:
         return np.asarray(rows - columns @ _fit(columns, rows))
-    weight = np.where(measured.seen & (zero_groups >= 0), measured.whitener[..., 0, 0], 0.0).ravel()
+    weight = np.where(measured.is_observed & (zero_groups >= 0), measured.whitener[..., 0, 0], 0.0).ravel()
     return _without_zeros(rows.reshape(len(weight), -1), weight, np.maximum(zero_groups, 0).ravel()).reshape(rows.shape)
 
 
@@ -279,4 +281,4 @@ def _fit(columns: Array, rows: Array) -> Array:
 
 def _square(measured: Observations) -> Array:
     """Return the whitener (B, K, d, d) with the identity where an observation is missing."""
-    return np.where(measured.seen[..., None, None], measured.whitener, np.eye(measured.size))
+    return np.where(measured.is_observed[..., None, None], measured.whitener, np.eye(measured.size))

@@ -51,12 +51,12 @@ def residuals_of(
     ``doubted_noise`` (B, K): factors on the noise of the fits that may be an effect; residuals are without them.
     """
     measured = fitted.measured
-    factor = np.ones(measured.seen.shape) if doubted_noise is None else doubted_noise
+    factor = np.ones(measured.is_observed.shape) if doubted_noise is None else doubted_noise
     own = _groups_of_residuals(fitted, factor)
     squares = map(_squares, own if first is fitted else _groups_of_residuals(first, factor))
     for group, (rows, sum_of_squares) in enumerate(zip(own, squares, strict=True)):
         if measured.size == 1:
-            at = measured.seen[:, group] & np.isfinite(rows).all(1)
+            at = measured.is_observed[:, group] & np.isfinite(rows).all(1)
             if at.any() and np.abs(rows[at]).max() > _ROUNDING:
                 share = min(1.0, _squares(rows) / max(sum_of_squares, _LEAST_SQUARES))
                 yield Residuals((group,), at, rows[at], group, share, is_course=False)

@@ -22,7 +22,7 @@ _ALIKE = 0.25
 
 def gross_errors(
     rest: Array,
-    seen: Mask,
+    is_observed: Mask,
     axes: Array | None = None,
     order: Array | Integers | None = None,
     zero_groups: Integers | None = None,
@@ -38,11 +38,11 @@ def gross_errors(
     own: an effect widens only the runs that show it.
     """
     if zero_groups is not None:
-        return _by_run(rest, seen, axes, order, zero_groups)
-    far = _is_beyond_limit(rest, seen)
+        return _by_run(rest, is_observed, axes, order, zero_groups)
+    far = _is_beyond_limit(rest, is_observed)
     if axes is None or order is None or not far.any():
         return far
-    known = seen & (np.abs(np.linalg.det(axes)) > 0)
+    known = is_observed & (np.abs(np.linalg.det(axes)) > 0)
     values = np.linalg.solve(np.where(known[..., None, None], axes, np.eye(rest.shape[-1])), rest[..., None])[..., 0]
     return far & alone_in_time(np.where(known[..., None], values, np.nan), order, far, 0.0)
 
@@ -55,9 +55,11 @@ def least_gross(size: int) -> float:
     return float(np.sqrt(chdtri(size, _BY_CHANCE)))
 
 
-def _by_run(rest: Array, seen: Mask, axes: Array | None, order: Array | Integers | None, zero_groups: Integers) -> Mask:
+def _by_run(
+    rest: Array, is_observed: Mask, axes: Array | None, order: Array | Integers | None, zero_groups: Integers
+) -> Mask:
     """Return the gross errors (B, K) with each run's values of a channel treated as a channel of its own."""
-    step, channel = np.nonzero(seen & (zero_groups >= 0))
+    step, channel = np.nonzero(is_observed & (zero_groups >= 0))
     in_time = np.lexsort((step if order is None else order[step], zero_groups[step, channel]))
     step, channel = step[in_time], channel[in_time]
     group = np.unique(zero_groups[step, channel], return_inverse=True)[1]
@@ -70,30 +72,30 @@ def _by_run(rest: Array, seen: Mask, axes: Array | None, order: Array | Integers
     unit = np.ones((*shape, 1, 1))
     if axes is not None:
         unit[place, group] = axes[step, channel]
-    wrong = np.zeros(seen.shape, bool)
+    wrong = np.zeros(is_observed.shape, bool)
     if known.any():
         in_run = None if order is None else np.arange(shape[0])
         wrong[step, channel] = gross_errors(values, known, None if axes is None else unit, in_run)[place, group]
     return wrong
 
 
-def _is_beyond_limit(residuals: Array, seen: Mask) -> Mask:
-    length, limit = lengths(residuals, seen)
+def _is_beyond_limit(residuals: Array, is_observed: Mask) -> Mask:
+    length, limit = lengths(residuals, is_observed)
     return np.asarray(np.nan_to_num(length) > limit)
 
 
-def lengths(residuals: Array, seen: Mask) -> tuple[Array, Array]:
+def lengths(residuals: Array, is_observed: Mask) -> tuple[Array, Array]:
     """Return the lengths (B, K) of whitened residuals rest (B, K, d), NaN where unseen, and their limits (K,)."""
-    length = np.where(seen, np.sqrt(np.sum(residuals**2, -1)), np.nan)
-    if not seen.any():
-        return length, np.full(seen.shape[1], np.inf)
+    length = np.where(is_observed, np.sqrt(np.sum(residuals**2, -1)), np.nan)
+    if not is_observed.any():
+        return length, np.full(is_observed.shape[1], np.inf)
     from scipy.special import chdtri
 
     size = residuals.shape[-1]
     gross, middle = np.sqrt(chdtri(size, [_BY_CHANCE, 0.5]))
     common = np.nanmedian(length)
     medians = np.array([np.nanmedian(column) if np.isfinite(column).any() else common for column in length.T])
-    spread = np.where(seen.sum(0) >= _ENOUGH, medians, np.maximum(medians, common)) / middle
+    spread = np.where(is_observed.sum(0) >= _ENOUGH, medians, np.maximum(medians, common)) / middle
     return length, gross * np.maximum(spread, 1.0)
 
 

@@ -89,7 +89,7 @@ class ChannelFamily(Generic[CauseT]):
     @property
     def prior(self) -> float:
         """Prior probability of each candidate in its kind."""
-        return 1.0 / max(int(self.signatures.seen.sum()), 1)
+        return 1.0 / max(int(self.signatures.is_observed.sum()), 1)
 
 
 @dataclass(frozen=True)
@@ -473,7 +473,7 @@ def _families(fitted: FittedModel[CauseT], pathways: Pathways, kinds: Sequence[C
             signatures = channel_signatures(
                 rotated[key], channel_candidate.values * channel_candidate.scale, channel_candidate.usable
             )
-            if signatures.seen.any():
+            if signatures.is_observed.any():
                 families.append(ChannelFamily(channel_candidate, kind.id, signatures))
     return families
 
@@ -490,14 +490,14 @@ def _best_members(
     strengths = np.sqrt(np.maximum(values, 1e-12))
     parts = np.einsum("stpr,stp->str", vectors, scores) / strengths
     total, freedom = total_of(fitted)
-    odds = np.where(signatures.seen, log_evidence(parts, strengths, total, freedom), -np.inf)
+    odds = np.where(signatures.is_observed, log_evidence(parts, strengths, total, freedom), -np.inf)
     members = []
     for channel in np.argsort(-odds.max(0), kind="stable")[:_BEST_MEMBERS]:
         shape = int(np.argmax(odds[:, channel]))
         cause = family.cause.member(int(channel), shape) if np.isfinite(odds[shape, channel]) else None
         if cause is not None and cause.key not in fitted.model.layout:
             best = candidate_of(fitted, pathways, cause, family.kind, family.prior)
-            members.append(replace(best, chosen_from=int(signatures.seen.sum())))
+            members.append(replace(best, chosen_from=int(signatures.is_observed.sum())))
     return members
 
 

@@ -92,11 +92,11 @@ def _residuals(whitened: Whitened, epochs: int, observed: int, chosen: Integers)
     height = observed + whitened.problem.local_value.shape[1]
     rows = slice(0, epochs * height)
     residuals = whitened.rest[rows].reshape(epochs, height)[chosen, :observed]
-    seen: Mask = whitened.present[rows].reshape(epochs, height)[chosen, :observed]
+    is_observed: Mask = whitened.present[rows].reshape(epochs, height)[chosen, :observed]
     local = whitened.local_basis[chosen, :observed]
     shared = whitened.basis_at(chosen)[:, :observed]
     projection = np.eye(observed) - local @ np.swapaxes(local, 1, 2) - shared @ np.swapaxes(shared, 1, 2)
-    return np.where(seen, residuals, 0.0), projection * (seen[:, :, None] & seen[:, None])
+    return np.where(is_observed, residuals, 0.0), projection * (is_observed[:, :, None] & is_observed[:, None])
 
 
 def _noise_of_places(residuals: Array, projection: Array, count: int) -> Array | None:

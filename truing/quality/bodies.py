@@ -93,12 +93,12 @@ class BodyView:
     @property
     def gross_share(self) -> float:
         """Share of gross errors among the points of the poses with enough targets."""
-        return float(self.gross[self.framed].sum()) / max(int(self.points.seen[self.framed].sum()), 1)
+        return float(self.gross[self.framed].sum()) / max(int(self.points.is_observed[self.framed].sum()), 1)
 
     @property
     def framed(self) -> Mask:
         """True for poses (B,) in which enough targets of the frame were seen to determine the body's pose."""
-        return np.asarray((self.points.seen & self.frame).sum(axis=1) >= _LEAST_TARGETS)
+        return np.asarray((self.points.is_observed & self.frame).sum(axis=1) >= _LEAST_TARGETS)
 
     @property
     def why_no_places(self) -> str:
@@ -112,7 +112,7 @@ class BodyView:
     @property
     def good(self) -> Mask:
         """True for points (B, T) that were seen, are in their place, and belong to a pose with a valid fit."""
-        return self.points.seen & ~self.gross & self.fit.ok[:, None]
+        return self.points.is_observed & ~self.gross & self.fit.ok[:, None]
 
 
 def shape_of_poses(points: PosePoints) -> SurveyPoints:
@@ -121,27 +121,27 @@ def shape_of_poses(points: PosePoints) -> SurveyPoints:
     Where no poses agree it is the pose that shows most targets: then nothing tells which pose is right.
     """
     variance = np.einsum("btii->bt", points.cov) / 3.0
-    sigma = float(np.sqrt(np.median(variance[points.seen]))) if points.seen.any() else 0.0
-    place = common_shape(points.points, points.seen, sigma)
+    sigma = float(np.sqrt(np.median(variance[points.is_observed]))) if points.is_observed.any() else 0.0
+    place = common_shape(points.points, points.is_observed, sigma)
     known = np.isfinite(place).all(axis=-1)
     if known.sum() < _LEAST_TARGETS:
-        richest = int(points.seen.sum(axis=1).argmax())
-        known, place = points.seen[richest], points.points[richest]
+        richest = int(points.is_observed.sum(axis=1).argmax())
+        known, place = points.is_observed[richest], points.points[richest]
         cov = points.cov[richest]
     else:
-        often = points.seen.sum(axis=0)
-        mean = np.where(points.seen, variance, 0.0).sum(axis=0) / np.maximum(often, 1)
+        often = points.is_observed.sum(axis=0)
+        mean = np.where(points.is_observed, variance, 0.0).sum(axis=0) / np.maximum(often, 1)
         cov = (mean * np.minimum(_OF_MEDIAN / np.maximum(often, 1), 1.0))[:, None, None] * np.eye(3)
     names = tuple(name for name, own in zip(points.targets, known, strict=True) if own)
     return SurveyPoints(names, place[known], cov[known], np.zeros(len(names), np.int64))
 
 
-def _gross_attachments(residuals: Array, sigma: Array, seen: Mask, covariates: Array) -> Mask:
+def _gross_attachments(residuals: Array, sigma: Array, is_observed: Mask, covariates: Array) -> Mask:
     """Return gross errors of attachments, which may follow the actuators: points far from their own regression on
     these."""
-    gross = np.zeros(seen.shape, bool)
-    for target in np.nonzero(seen.any(axis=0))[0]:
-        rows = seen[:, target]
+    gross = np.zeros(is_observed.shape, bool)
+    for target in np.nonzero(is_observed.any(axis=0))[0]:
+        rows = is_observed[:, target]
         if rows.sum() < covariates.shape[1] + 4:
             continue
         cov = sigma[rows, target][:, :, None] ** 2 * np.eye(3)
@@ -158,14 +158,14 @@ def body_view(
     if frame.sum() < 3:
         frame = np.ones_like(frame)
     sigma = np.sqrt(np.einsum("btii->bti", points.cov) + np.einsum("tii->ti", place.cov)[None])
-    usable = points.seen & frame
-    mean_sigma = np.where(points.seen, np.sqrt((sigma**2).mean(axis=2)), 1.0)
+    usable = points.is_observed & frame
+    mean_sigma = np.where(points.is_observed, np.sqrt((sigma**2).mean(axis=2)), 1.0)
     source = np.broadcast_to(place.points, points.points.shape)
     inlier, _ = consensus(source, points.points, usable, mean_sigma)
     fit = umeyama(source, points.points, (usable & inlier) / mean_sigma**2, sigma=mean_sigma)
-    residuals = np.where((points.seen & fit.ok[:, None])[..., None], fit.residuals(source, points.points), 0.0)
+    residuals = np.where((points.is_observed & fit.ok[:, None])[..., None], fit.residuals(source, points.points), 0.0)
     gross = usable & ~inlier
-    gross |= _gross_attachments(residuals, sigma, points.seen & ~frame & fit.ok[:, None], around.covariates)
+    gross |= _gross_attachments(residuals, sigma, points.is_observed & ~frame & fit.ok[:, None], around.covariates)
     return BodyView(body, place, points, fit, np.nan_to_num(residuals), sigma, frame, gross, is_surveyed)
 
 
@@ -191,9 +191,9 @@ def with_most_points(body: BodyView, around: PoseSurroundings) -> BodyView:
 
 def _scales_of_poses(body: BodyView) -> Array:
     """Return the scale of the measured points over the survey in each pose that shows it."""
-    seen = body.points.seen & body.frame & body.framed[:, None]
+    is_observed = body.points.is_observed & body.frame & body.framed[:, None]
     source = np.broadcast_to(body.survey.points, body.points.points.shape)
-    fitted = umeyama(source, body.points.points, seen.astype(float), with_scale=True).scale
+    fitted = umeyama(source, body.points.points, is_observed.astype(float), with_scale=True).scale
     return np.asarray(fitted[np.isfinite(fitted)])
 
 
@@ -258,10 +258,10 @@ def _scatter_over_declared(body: BodyView) -> float:
 
     It is 0 if the means differ from the places by more than that scatter, or if there is nothing to average.
     """
-    seen, source = body.points.seen & body.frame & body.framed[:, None], body.survey.points
-    mean_sigma = np.where(seen, np.sqrt((body.sigma**2).mean(axis=2)), 1.0)
-    fit = umeyama(np.broadcast_to(source, body.points.points.shape), body.points.points, seen / mean_sigma**2)
-    used = seen & fit.ok[:, None]
+    is_observed, source = body.points.is_observed & body.frame & body.framed[:, None], body.survey.points
+    mean_sigma = np.where(is_observed, np.sqrt((body.sigma**2).mean(axis=2)), 1.0)
+    fit = umeyama(np.broadcast_to(source, body.points.points.shape), body.points.points, is_observed / mean_sigma**2)
+    used = is_observed & fit.ok[:, None]
     often = used.sum(axis=0)
     used &= often >= _LEAST_TARGETS
     if not used.any():
@@ -307,7 +307,7 @@ def repeated_positions(bodies: Sequence[BodyView], *, instrument_stood: bool) ->
 
 def _reflectors(reference: BodyView | None, body: BodyView) -> Iterator[RepeatedPositions]:
     for k, target in enumerate(body.survey.targets):
-        points, cov, known = body.points.points[:, k], body.points.cov[:, k], body.points.seen[:, k]
+        points, cov, known = body.points.points[:, k], body.points.cov[:, k], body.points.is_observed[:, k]
         if reference is not None:
             points, cov = _points_in_frame(reference, points, cov)
             known = known & reference.fit.ok

@@ -114,18 +114,20 @@ class LoadingView:
         around = np.column_stack(
             [self.steps.covariates[name] for name in known] or [np.zeros((len(self.steps.run), 0))]
         )
-        seen = np.isfinite(self.steps.reading)
-        return tuple(self._channel(k, seen[:, k], around) for k in range(6) if seen[:, k].sum() >= _FEWEST)
+        is_observed = np.isfinite(self.steps.reading)
+        return tuple(
+            self._channel(k, is_observed[:, k], around) for k in range(6) if is_observed[:, k].sum() >= _FEWEST
+        )
 
-    def _channel(self, k: int, seen: Mask, around: Array) -> ChannelView:
-        steps = self.steps.subset(seen)
+    def _channel(self, k: int, is_observed: Mask, around: Array) -> ChannelView:
+        steps = self.steps.subset(is_observed)
         runs, run = np.unique(steps.run, return_inverse=True)
-        groups = response_columns(steps.load, run, steps.time_s, around[seen])
+        groups = response_columns(steps.load, run, steps.time_s, around[is_observed])
         reading, sigma = steps.reading[:, k], steps.sigma[:, k]
         fit = fit_channel(reading, sigma, groups, run, steps.time_s, steps.load, self.load_sigma)
         known = np.isfinite(sigma)
         declared = float(np.median(sigma[known])) if known.any() else float("nan")
-        return ChannelView(k, np.flatnonzero(seen), runs, run, declared, fit)
+        return ChannelView(k, np.flatnonzero(is_observed), runs, run, declared, fit)
 
     def run_name(self, run: int) -> str:
         """Return the name of a run in the campaign."""

@@ -64,11 +64,11 @@ CauseT = TypeVar("CauseT", bound="Cause[Any]")
 class Scene(Generic[CauseT]):
     """Inputs, geometry and visibility of a campaign, from which causes of one sort propose candidates.
 
-    ``seen`` (B, K) marks the observations that exist; None means all. General code calls the methods of the scene,
-    which passes itself to the cause: thus a cause only meets scenes of its own sort.
+    ``is_observed`` (B, K) marks the observations that exist; None means all. General code calls the methods of the
+    scene, which passes itself to the cause: thus a cause only meets scenes of its own sort.
     """
 
-    seen: NDArray | None = field(default=None, kw_only=True)
+    is_observed: NDArray | None = field(default=None, kw_only=True)
 
     @property
     def inputs(self) -> Mapping[str, NDArray]:
@@ -80,9 +80,9 @@ class Scene(Generic[CauseT]):
         """History (B, m) of inputs by name, from all rows of the campaign; empty where only these rows are known."""
         return {}
 
-    def with_seen(self, seen: NDArray) -> Self:
-        """Return the scene with the mask ``seen`` (B, K) of existing observations."""
-        return replace(self, seen=seen)
+    def with_observed(self, is_observed: NDArray) -> Self:
+        """Return the scene with the mask ``is_observed`` (B, K) of existing observations."""
+        return replace(self, is_observed=is_observed)
 
     def candidates(self, kind: CauseT) -> Sequence[CauseT]:
         """Return the candidates of a kind of cause that are worth testing."""
@@ -125,8 +125,8 @@ class ChannelScene(Scene[CauseT]):
 
     @property
     def recorded(self) -> NDArray:
-        """Mask (B, K) of the existing readings: ``seen``, or all."""
-        return np.ones(self.size, bool) if self.seen is None else self.seen
+        """Mask (B, K) of the existing readings: ``is_observed``, or all."""
+        return np.ones(self.size, bool) if self.is_observed is None else self.is_observed
 
 
 @dataclass(frozen=True)

@@ -186,19 +186,24 @@ class RepeatableCampaign(Protocol):
 
 @dataclass(frozen=True)
 class DetectionQuestion:
-    """Kind of effect whose detectable size is asked for; ``seen`` holds the theoretical sensitivity to its members."""
+    """Kind of effect whose detectable size is asked for; ``sensitivities`` holds the theoretical sensitivity to its
+    members."""
 
     kind: EffectKind
-    seen: tuple[EffectSensitivity, ...]
+    sensitivities: tuple[EffectSensitivity, ...]
     unit: EffectSize  # one plausible scale of the effect, in the unit of the tables
 
     def rate(self, size: float) -> float:
         """Return the probability of detection that theory expects at a size."""
-        return float(np.mean([question.power(size) for question in self.seen])) if self.seen else 0.0
+        return float(np.mean([question.power(size) for question in self.sensitivities])) if self.sensitivities else 0.0
 
     def signal_to_noise(self, size: float) -> float:
         """Return the mean signal-to-noise ratio at a size."""
-        return float(np.mean([question.signal_to_noise(size) for question in self.seen])) if self.seen else 0.0
+        return (
+            float(np.mean([question.signal_to_noise(size) for question in self.sensitivities]))
+            if self.sensitivities
+            else 0.0
+        )
 
     def size_of(self, power: float) -> float | None:
         """Return the size, in plausible scales, at which theory expects this power; None if no size reaches it."""
@@ -253,22 +258,22 @@ class Rate:
 
 
 def questions(
-    plan: RepeatableCampaign, seen: Sequence[EffectSensitivity], wanted: Sequence[str], known: Iterable[Cause]
+    plan: RepeatableCampaign, sensitivities: Sequence[EffectSensitivity], wanted: Sequence[str], known: Iterable[Cause]
 ) -> list[DetectionQuestion]:
     """Return one question for each kind of effect of the wanted causes (all causes if none is named), in catalogue
     order."""
     kinds: list[Cause] = [kind for kind in known if kind.catalogued]
     kinds = [kind for kind in kinds if not wanted or kind.id in wanted]
     legs = plan.part_count
-    asked = [_question(sort, seen, legs) for sort in effect_kinds(kinds, plan.scene, legs)]
+    asked = [_question(sort, sensitivities, legs) for sort in effect_kinds(kinds, plan.scene, legs)]
     return sorted(asked, key=lambda question: [kind.id for kind in kinds].index(question.kind.kind))
 
 
-def _question(sort: EffectKind, seen: Sequence[EffectSensitivity], legs: int) -> DetectionQuestion:
+def _question(sort: EffectKind, sensitivities: Sequence[EffectSensitivity], legs: int) -> DetectionQuestion:
     parameters = _names(sort.causes[0], legs)
     fixed = tuple(
         sight
-        for sight in seen
+        for sight in sensitivities
         if sight.kind == sort.kind
         and subject_class(sight.cause.subject) == sort.concerns
         and _names(sight.cause, legs) == parameters

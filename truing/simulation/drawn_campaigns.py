@@ -34,7 +34,7 @@ class CampaignLayout:
 
     model: MechanismModel
     covariance: NDArray
-    seen: NDArray  # (B, K)
+    is_observed: NDArray  # (B, K)
     rotations: NDArray | None = None
     gross: float = 0.0
 

@@ -54,9 +54,10 @@ def drive_of(column: str) -> int | None:
     return int(number) if column == f"rho{number}_mm" and number.isdigit() else None
 
 
-def varying_columns(covariates: Mapping[str, NDArray], seen: NDArray | None = None) -> dict[str, NDArray]:
-    """Return the numeric columns (B,) that vary over the epochs ``seen`` (B,); the order only if there is no time."""
-    rows = slice(None) if seen is None else seen
+def varying_columns(covariates: Mapping[str, NDArray], is_observed: NDArray | None = None) -> dict[str, NDArray]:
+    """Return the numeric columns (B,) that vary over the epochs ``is_observed`` (B,); the order only if there is no
+    time."""
+    rows = slice(None) if is_observed is None else is_observed
     varying = {
         name: values
         for name, values in covariates.items()

@@ -72,7 +72,7 @@ class Drawn:
     names: list[tuple[str, str]]
     places: Array
     points: Array
-    seen: Array
+    is_observed: Array
     columns: dict[str, Array]
     truth: dict[str, object]
 
@@ -84,8 +84,8 @@ def draw(layout: Layout, hidden: tuple[Hidden, ...], rng: np.random.Generator) -
     columns = _columns(layout, rng)
     poses = {body.name: _poses(body, layout.poses, rng) for body in layout.bodies}
     noise = rng.normal(size=(layout.poses, len(names), 3)) * layout.noise
-    seen = rng.random((layout.poses, len(names))) >= layout.missing
-    wrong = rng.random(seen.shape) < layout.gross
+    is_observed = rng.random((layout.poses, len(names))) >= layout.missing
+    wrong = rng.random(is_observed.shape) < layout.gross
     noise += wrong[..., None] * rng.normal(size=noise.shape) * 200 * layout.noise
     own = np.broadcast_to(places, noise.shape).copy()
     truth: list[dict[str, object]] = []
@@ -104,7 +104,7 @@ def draw(layout: Layout, hidden: tuple[Hidden, ...], rng: np.random.Generator) -
         points[:, rows] = rotate(turn[:, None], own[:, rows]) + at[:, None]
     points = points + noise
     _swap(points, names, hidden, truth, rng)
-    return Drawn(layout, names, places, points, seen, columns, {"effects": truth})
+    return Drawn(layout, names, places, points, is_observed, columns, {"effects": truth})
 
 
 def write(drawn: Drawn, folder: Path, rng: np.random.Generator) -> Path:
@@ -122,7 +122,7 @@ def write(drawn: Drawn, folder: Path, rng: np.random.Generator) -> Path:
         f"{n + 1},{body},{name},{_numbers(drawn.points[n, k])}"
         for n in range(layout.poses)
         for k, (body, name) in enumerate(drawn.names)
-        if drawn.seen[n, k]
+        if drawn.is_observed[n, k]
     ]
     _write(folder / "points.csv", ["pose,body,target,x_mm,y_mm,z_mm", *rows])
     if layout.surveyed:

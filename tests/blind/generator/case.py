@@ -62,7 +62,7 @@ class Measure(PlannedMeasure):
 
     def strength(self, effect: Effect) -> float:
         """Root of the effect's non-centrality after all that a fit does not know."""
-        scatter = effect.scatter(np.ones(self.plain.record.seen.shape), self._setting)
+        scatter = effect.scatter(np.ones(self.plain.record.is_observed.shape), self._setting)
         if np.any(scatter != 1.0):
             return strength_of_noise(self.plain, scatter)
         return strength(self._fit, change(self.exact, self.plan.campaign([effect], exact=True)))

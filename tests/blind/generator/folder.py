@@ -43,7 +43,7 @@ def _points(campaign: Campaign) -> Iterable[str]:
     yield "pose,body,target,x_mm,y_mm,z_mm" + (",sigma_x_mm,sigma_y_mm,sigma_z_mm" if sigmas else "")
     marks = list(zip(campaign.marks.body, campaign.marks.name, strict=True))
     for n, pose in enumerate(campaign.schedule.pose):
-        for k in np.flatnonzero(campaign.record.seen[n]):
+        for k in np.flatnonzero(campaign.record.is_observed[n]):
             body, name = marks[k]
             yield f"{pose},{body},{name},{_numbers(campaign.record.points[n, k], decimals)}{sigmas}"
 

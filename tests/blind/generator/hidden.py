@@ -63,7 +63,7 @@ def _stroke(campaign: Campaign) -> float:
 def _in_time(campaign: Campaign, *targets: int) -> list[int]:
     """Rows of the poses that are fitted and show the targets, in time order."""
     role = np.array(campaign.schedule.role)
-    shown = campaign.record.seen[:, list(targets)] & ~campaign.record.gross[:, list(targets)]
+    shown = campaign.record.is_observed[:, list(targets)] & ~campaign.record.gross[:, list(targets)]
     usable = (role != "verification") & shown.all(axis=1)
     return [n for n in np.argsort(campaign.schedule.time_s) if usable[n]]
 

@@ -21,7 +21,7 @@ class Record:
     """
 
     points: Array
-    seen: Array
+    is_observed: Array
     gross: Array
     turn: Array
 
@@ -60,12 +60,12 @@ def _hit(shape: tuple[int, ...], share: float, rng: np.random.Generator) -> Arra
 
 
 def _seen(shape: tuple[int, ...], marks: Marks, faults: DataFaults, rng: np.random.Generator) -> Array:
-    seen = ~_hit(shape, faults.missing_share, rng)
+    is_observed = ~_hit(shape, faults.missing_share, rng)
     for body in ("base", "platform"):
         columns = marks.framing(body)
-        short = seen[:, columns].sum(axis=1) < FEWEST_SEEN
-        seen[np.ix_(short, columns)] = True
-    return seen
+        short = is_observed[:, columns].sum(axis=1) < FEWEST_SEEN
+        is_observed[np.ix_(short, columns)] = True
+    return is_observed
 
 
 def survey(marks: Marks, layout: Layout, rng: np.random.Generator) -> Array:

@@ -103,7 +103,7 @@ def fit_of(campaign: Campaign) -> Fit:
 
 def _fitted(campaign: Campaign) -> Array:
     held = np.array(campaign.schedule.role) == "verification"
-    return campaign.record.seen & ~campaign.record.gross & ~held[:, None]
+    return campaign.record.is_observed & ~campaign.record.gross & ~held[:, None]
 
 
 def _weight(campaign: Campaign) -> Array:

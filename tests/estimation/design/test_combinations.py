@@ -33,7 +33,7 @@ def test_the_telescopes_heights_and_length_cannot_be_told_apart(leg):
     assert texts == [f"only a_z{n} − b_z{n} + 1.03 l{n} is determined"]
     slope = directions(*poses(), DRHO_MM[:, leg], leg)[:, 2]
     (group,) = inseparable(leg_observability(["az", "bz", "l"], leg))
-    assert_close(group.seen[0], [1.0, -1.0, 1.0 / slope.mean()], atol=np.ptp(1.0 / slope))
+    assert_close(group.determined[0], [1.0, -1.0, 1.0 / slope.mean()], atol=np.ptp(1.0 / slope))
     assert f"only a_z{n} − b_z{n} + 1.03 l{n} is determined" in [
         group.text for group in inseparable(leg_observability(NINE, leg))
     ]
@@ -101,7 +101,9 @@ def test_directions_stay_unidentifiable_span_what_is_unseen_and_each_has_its_own
     assert all(len(found) for found in own)
     for group in inseparable(found):
         assert np.all(group.sigma >= 1.0 - 1e-12)
-        assert_close(group.seen @ group.changes.T, np.zeros((len(group.seen), len(group.changes))), atol=1e-6)
+        assert_close(
+            group.determined @ group.changes.T, np.zeros((len(group.determined), len(group.changes))), atol=1e-6
+        )
         used = [list("abcdefgh").index(label) for label in group.labels]
         spread = np.zeros((len(group.changes), 8))
         spread[:, used] = group.changes

@@ -105,7 +105,7 @@ class Case:
         fitted = self.seen[right].fitted
         truth = rng.multivariate_normal(fitted.shared, fitted.covariance)
         more, where = _measured(fitted.model.at(Conditions(readings)), truth, rng)
-        names = ("values", "covariance", "seen")
+        names = ("values", "covariance", "is_observed")
         both = Observations(*(np.concatenate([getattr(self.measured, n), getattr(more, n)]) for n in names))
         frames = Frames(np.concatenate([self.frames.R, where.R]), np.concatenate([self.frames.t, where.t]))
         known = np.concatenate([self.seen[0].fitted.model.conditions.readings, readings])
@@ -188,7 +188,7 @@ def _sigma(case: Case, readings: np.ndarray) -> float:
     rng = np.random.default_rng(0)
     model = case.seen[0].fitted.model
     more, where = _measured(model.at(Conditions(readings)), case.fits[0].shared, rng)
-    names = ("values", "covariance", "seen")
+    names = ("values", "covariance", "is_observed")
     both = Observations(*(np.concatenate([getattr(case.measured, n), getattr(more, n)]) for n in names))
     frames = Frames(np.concatenate([case.frames.R, where.R]), np.concatenate([case.frames.t, where.t]))
     known = Conditions(np.concatenate([model.conditions.readings, readings]))

@@ -37,10 +37,10 @@ def test_exchanges_are_found_and_no_others(count: int) -> None:
         _exchange(points, residual, shape, one)
     if count < 6:  # no pose of few targets can be found with two of them exchanged
         residual[[2, 7]] = np.nan
-    seen = np.ones((POSES, count), bool)
-    found = exchanges(residual, points, seen, shape, NOISE_M)
+    is_observed = np.ones((POSES, count), bool)
+    found = exchanges(residual, points, is_observed, shape, NOISE_M)
     assert sorted(found, key=lambda one: one.pose) == hidden
-    again, anew = residuals_after_exchange(residual, points, seen, shape, found)
+    again, anew = residuals_after_exchange(residual, points, is_observed, shape, found)
     assert anew.any() == (count < 6)
     assert_close(again, right, atol=4e-5, what="residuals once exchanged, m")
 
@@ -66,10 +66,10 @@ def test_in_a_pose_of_few_targets_with_labels_exchanged_a_moved_one_is_still_tol
     shift = np.array([3e-4, -2e-4, 1e-4])
     points[3, 1] += turn[3] @ shift
     _exchange(points, residual, shape, Exchange(3, 0, 2))
-    seen = np.ones((POSES, 4), bool)
-    found = exchanges(np.full_like(residual, np.nan), points, seen, shape, NOISE_M)
+    is_observed = np.ones((POSES, 4), bool)
+    found = exchanges(np.full_like(residual, np.nan), points, is_observed, shape, NOISE_M)
     assert found == [Exchange(3, 0, 2)]
-    right, _ = residuals_after_exchange(residual, points, seen, shape, found)
+    right, _ = residuals_after_exchange(residual, points, is_observed, shape, found)
     assert_close(right[3, 1], shift, atol=8e-5, what="its shift, m")
     assert_close(right[3, [0, 2, 3]], np.zeros((3, 3)), atol=4e-5, what="the others, m")
 

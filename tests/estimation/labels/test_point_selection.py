@@ -20,14 +20,14 @@ def measured() -> np.ndarray:
 
 
 def _selection(points: np.ndarray, excluded: tuple[int, int] | None = None):
-    seen = np.ones(points.shape[:2], bool)
+    is_observed = np.ones(points.shape[:2], bool)
     cov = np.broadcast_to(np.eye(3) * SIGMA**2, (*points.shape, 3))
     values = points - SHAPE
     rejected = np.linalg.norm(values, axis=-1) > 10.0 * SIGMA
-    by_person = np.zeros_like(seen)
+    by_person = np.zeros_like(is_observed)
     if excluded is not None:
         by_person[excluded] = True
-    found = PosePoints(tuple(range(POSES)), NAMES, points, cov, seen)
+    found = PosePoints(tuple(range(POSES)), NAMES, points, cov, is_observed)
     return select_points(PointResiduals(values, rejected, by_person), found, SHAPE, np.arange(float(POSES)))
 
 

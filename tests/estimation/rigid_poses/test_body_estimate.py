@@ -26,22 +26,22 @@ def measured(seed: int, poses: int = POSES) -> tuple[CompactPoints, SurveyPoints
     shape, sigma = body(rng, TARGETS), SIGMA * rng.uniform(0.5, 2.0, (poses, TARGETS, 3))
     points = move(*random_motions(rng, poses), shape) + sigma * rng.normal(size=(poses, TARGETS, 3))
     points[rng.random((poses, TARGETS)) < 0.02] += 3e-3
-    seen = rng.random((poses, TARGETS)) < 0.95
+    is_observed = rng.random((poses, TARGETS)) < 0.95
     survey = shape + SIGMA * rng.normal(size=shape.shape)
     cov = np.broadcast_to(SIGMA**2 * np.eye(3), (TARGETS, 3, 3))
-    points = np.where(seen[..., None], points, 0.0)
-    compact = CompactPoints(tuple(range(poses)), NAMES, points, sigma, None, seen)
+    points = np.where(is_observed[..., None], points, 0.0)
+    compact = CompactPoints(tuple(range(poses)), NAMES, points, sigma, None, is_observed)
     return compact, SurveyPoints(NAMES, survey, cov, np.zeros(TARGETS, np.int64))
 
 
 def with_matrices(compact: CompactPoints) -> PosePoints:
-    sigma, seen = np.broadcast_to(compact.sigma, compact.points.shape), compact.seen
-    correlation = np.broadcast_to(np.eye(3), (*seen.shape, 3, 3)).copy()
+    sigma, is_observed = np.broadcast_to(compact.sigma, compact.points.shape), compact.is_observed
+    correlation = np.broadcast_to(np.eye(3), (*is_observed.shape, 3, 3)).copy()
     if compact.correlation is not None:
         for k, (i, j) in enumerate(((0, 1), (0, 2), (1, 2))):
             correlation[..., i, j] = correlation[..., j, i] = compact.correlation[..., k]
-    cov = correlation * sigma[..., :, None] * sigma[..., None, :] * seen[..., None, None]
-    return PosePoints(compact.poses, compact.targets, compact.points, cov, seen)
+    cov = correlation * sigma[..., :, None] * sigma[..., None, :] * is_observed[..., None, None]
+    return PosePoints(compact.poses, compact.targets, compact.points, cov, is_observed)
 
 
 @pytest.mark.parametrize("common", [True, False])
@@ -60,7 +60,7 @@ def test_compact_points_have_the_covariances_of_their_sigmas_and_correlations(co
         assert block.poses == tuple(np.arange(POSES)[rows].tolist())
         assert_close(block.cov, whole.cov[rows], atol=1e-14 * SIGMA**2)
         assert_close(points.variance[rows], np.trace(whole.cov[rows], axis1=-2, axis2=-1), atol=1e-14 * SIGMA**2)
-        assert np.array_equal(block.seen, whole.seen[rows])
+        assert np.array_equal(block.is_observed, whole.is_observed[rows])
 
 
 @pytest.mark.parametrize("surveyed", [True, False])
@@ -106,14 +106,14 @@ def test_without_all_methods_the_default_poses_stay() -> None:
 
 
 def test_the_shape_is_taken_from_poses_that_show_every_target_often() -> None:
-    seen = np.ones((10_000, 5), bool)
-    assert shape_rows(seen, 50_000) == slice(None)
-    seen[:, 4] = False
-    seen[7001:7301, 4] = True
-    rows = shape_rows(seen, 1000)
+    is_observed = np.ones((10_000, 5), bool)
+    assert shape_rows(is_observed, 50_000) == slice(None)
+    is_observed[:, 4] = False
+    is_observed[7001:7301, 4] = True
+    rows = shape_rows(is_observed, 1000)
     assert 200 <= len(rows) <= 200 + 200
     assert len(np.unique(rows)) == len(rows)
-    assert seen[rows, 4].sum() >= 200
+    assert is_observed[rows, 4].sum() >= 200
     assert np.diff(rows[rows < 7001]).max() <= 51
 
 

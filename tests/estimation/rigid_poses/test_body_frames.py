@@ -53,8 +53,8 @@ def test_what_the_frame_swallows_is_gone_from_the_residuals_it_was_fitted_to(sim
 
 def test_targets_not_seen_have_no_covariance(simulated):
     points, noise, used, _, _ = simulated
-    seen = np.ones_like(used)
-    seen[0, 8] = False
-    cov = residual_covariance(points, np.where(seen[..., None, None], noise, 0.0), used, seen)[0]
+    is_observed = np.ones_like(used)
+    is_observed[0, 8] = False
+    cov = residual_covariance(points, np.where(is_observed[..., None, None], noise, 0.0), used, is_observed)[0]
     assert not cov[24:].any()
     assert not cov[:, 24:].any()

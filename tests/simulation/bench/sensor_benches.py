@@ -31,7 +31,7 @@ class Bench:
 
     sensor: ElasticSensor
     conditions: ReadingConditions
-    seen: NDArray
+    is_observed: NDArray
     load_sigma: NDArray
     stiffness_sigma: float = 0.02
 
@@ -39,7 +39,7 @@ class Bench:
         """Return the model of the bench."""
         count = len(CHANNELS) + 6 * signals
         names = (*CHANNELS, *(f"v{n}" for n in range(1, 7)))[:count]
-        sigma, seen = SIGMA[:count], self.seen[:, :count]
+        sigma, is_observed = SIGMA[:count], self.is_observed[:, :count]
         tolerance = np.array(TOLERANCES_UM) * 1e-6 / 6.0
         known = KnownReadings(
             UncertainSensor(self.sensor.joints, self.sensor, None, tolerance, self.stiffness_sigma),
@@ -47,7 +47,7 @@ class Bench:
             sigma,
             LARGEST,
             self.load_sigma,
-            zeros_of(self.conditions.run, seen, sigma, signals=6 * signals),
+            zeros_of(self.conditions.run, is_observed, sigma, signals=6 * signals),
             SignalGains(GAINS, 10.0 * GAINS) if signals else SignalGains.none(),
             WAVELENGTH_M,
         )
@@ -85,6 +85,6 @@ def bench(seed: int = 0, *, lone: bool = False, together: int = 0, load_sigma: f
         surroundings,
         (0.0, float(time[-1])),
     )
-    seen = np.concatenate([np.repeat(watched, size, 0), np.ones((count * size, 6), bool)], 1)
+    is_observed = np.concatenate([np.repeat(watched, size, 0), np.ones((count * size, 6), bool)], 1)
     errors = load_sigma * LARGEST
-    return Bench(sensor_of("A"), conditions, seen, errors)
+    return Bench(sensor_of("A"), conditions, is_observed, errors)

@@ -123,7 +123,7 @@ def test_a_plain_sensor_answers_in_proportion() -> None:
     for k in range(12):  # less the run's zero, which is what it reads without load
         plain = load @ own.sensor.compliance[k] if k < 6 else GAINS[k - 6] * forces[k - 6]
         gap = points[:, k] - plain - first[own.conditions.run - 1, k]
-        assert np.abs(gap[own.seen[:, k]]).max() < 1e-9 * SIGMA[k] + 1e-12 * np.abs(plain).max()
+        assert np.abs(gap[own.is_observed[:, k]]).max() < 1e-9 * SIGMA[k] + 1e-12 * np.abs(plain).max()
     shared[model.layout["legforce"]] = -0.5  # joints that resist nothing
     forces = np.linalg.solve(influence_matrix(own.sensor.joints), load.T)
     found = model.points(shared, np.zeros((len(load), 0)))[:, 6, 0] - first[own.conditions.run - 1, 6]
@@ -235,7 +235,7 @@ def test_no_block_takes_all_readings_of_a_channel_or_of_an_axis() -> None:
     blocks, load = own.model(signals=False).blocks, own.conditions.load != 0.0
     for block in np.unique(blocks):
         left = blocks != block
-        assert own.seen[left][:, :6].any(0).all(), "a channel is left out altogether"
+        assert own.is_observed[left][:, :6].any(0).all(), "a channel is left out altogether"
         assert load[left].any(0).all(), "an axis is left out altogether"
     assert all(len(np.unique(blocks[own.conditions.run == run])) == 1 for run in (1, 18, 36))
 
@@ -245,11 +245,11 @@ def test_an_angle_is_told_by_what_is_lost_where_nothing_else_tells_it() -> None:
     scene = own.model().scene
     fz, dz = LOADS.index("fz_n"), CHANNELS.index("dz")
     along = scene.steps.load[:, fz] != 0.0
-    only = np.zeros_like(own.seen)
-    only[along, dz] = own.seen[along, dz]
-    alone = CosineError().candidates(replace(scene, seen=only))
+    only = np.zeros_like(own.is_observed)
+    only[along, dz] = own.is_observed[along, dz]
+    alone = CosineError().candidates(replace(scene, is_observed=only))
     assert CosineError("dz", along=True) in alone
-    assert CosineError("dz", along=True) not in CosineError().candidates(replace(scene, seen=own.seen))
+    assert CosineError("dz", along=True) not in CosineError().candidates(replace(scene, is_observed=own.is_observed))
 
 
 def test_fading_times_exist_only_after_a_break() -> None:

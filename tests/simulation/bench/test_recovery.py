@@ -57,7 +57,7 @@ def read(
     noisier = np.broadcast_to(noisier, exact.shape[:2])
     noise = np.random.default_rng(seed).normal(size=exact.shape) * SIGMA[:, None] * noisier[..., None]
     covariance = np.broadcast_to(SIGMA[:, None, None] ** 2, (*exact.shape, 1)).copy()
-    return Epochs(Observations(exact + noise, covariance, own.seen), own.conditions, Frames.of_numbers(steps))
+    return Epochs(Observations(exact + noise, covariance, own.is_observed), own.conditions, Frames.of_numbers(steps))
 
 
 @cache
@@ -88,7 +88,7 @@ def test_hysteresis_of_signals_is_asked_where_no_deflection_is_read() -> None:
     assert not SignalHysteresis().candidates(model.scene)
     recorded = np.ones((len(alone.run), len(alone.channels)), bool)
     recorded[:, :6] = False
-    scene = replace(model.scene, seen=recorded)
+    scene = replace(model.scene, is_observed=recorded)
     loop, play = (SignalHysteresis("fz", threshold) for threshold in (0.0, 0.15))
     assert {loop.key, play.key} <= {one.key for one in SignalHysteresis().candidates(scene)}
     state = ReadingState(alone, alone.load, np.zeros((len(alone.run), 6, 0)), np.zeros((len(alone.run), 0)))

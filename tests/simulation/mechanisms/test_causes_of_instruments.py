@@ -167,9 +167,9 @@ def test_pitches_that_few_levels_cannot_tell_apart_are_tried_once() -> None:
 
 def test_targets_are_tried_from_every_pose_that_has_three_on_either_side() -> None:
     scene = _model([]).scene
-    seen = np.ones((POSES, len(scene.shape)), bool)
-    seen[:5, 2] = seen[9, 3] = False
-    (found,) = TargetMoved().channel_candidates(replace(scene, seen=seen))
+    is_observed = np.ones((POSES, len(scene.shape)), bool)
+    is_observed[:5, 2] = is_observed[9, 3] = False
+    (found,) = TargetMoved().channel_candidates(replace(scene, is_observed=is_observed))
     onsets = [int(np.argmax(values[:, 0])) for values in found.values]
     assert onsets == [0, *range(3, POSES - 2)]
     assert found.usable[:, 0].all()

@@ -116,8 +116,8 @@ def test_seats_are_found_where_they_are() -> None:
     bodies = problem.leg_bodies
     assert bodies is not None
     rigid = Machine(problem.nominal.legs, np.zeros((6, 6)))
-    seen = np.ones((4, 3), bool)
-    found = seated(rigid.legs, problem.p, problem.R, problem.rho, LegPoses(RIDDEN, bodies.R, bodies.t, seen))
+    is_observed = np.ones((4, 3), bool)
+    found = seated(rigid.legs, problem.p, problem.R, problem.rho, LegPoses(RIDDEN, bodies.R, bodies.t, is_observed))
     assert_close(found.c, bodies.c, atol=1e-15, what="c, m")
     assert_close(found.w, bodies.w, atol=2e-4, what="w: the platform's deformation over the leg's length")
 
@@ -126,10 +126,12 @@ def test_a_pose_without_a_leg_is_filled_with_one_that_fits() -> None:
     problem, _ = _exact()
     bodies = problem.leg_bodies
     assert bodies is not None
-    seen = np.array([[False, True, True], [True, True, False], [True, True, True], [False, True, True]])
-    hidden = np.where(seen[..., None], bodies.t, np.nan)
-    turned = np.where(seen[..., None, None], bodies.R, np.nan)
-    found = seated(problem.nominal.legs, problem.p, problem.R, problem.rho, LegPoses(RIDDEN, turned, hidden, seen))
+    is_observed = np.array([[False, True, True], [True, True, False], [True, True, True], [False, True, True]])
+    hidden = np.where(is_observed[..., None], bodies.t, np.nan)
+    turned = np.where(is_observed[..., None, None], bodies.R, np.nan)
+    found = seated(
+        problem.nominal.legs, problem.p, problem.R, problem.rho, LegPoses(RIDDEN, turned, hidden, is_observed)
+    )
     there = replace(problem, leg_bodies=found)
     value = there.constrain(there.start, np.zeros((4, there.deviations))).value
     assert_close(value, np.zeros_like(value), atol=2e-4, what="equations, m, at the scale of the deformation")

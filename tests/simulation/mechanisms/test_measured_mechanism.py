@@ -27,8 +27,8 @@ def _measured(kind: str, targets: int = len(SHAPE)):
     names = tuple(f"T{k}" for k in range(targets))
     of = Targets(np.full(targets, LEG), np.full(targets, LEG_NUMBER), names, (f"leg{LEG_NUMBER + 1}",) * targets)
     cov = np.zeros((targets, 3, 3))
-    seen = np.ones((POSES, targets), bool)
-    return legs, rho, MeasuredTargets(of, SHAPE[:targets], cov, points, cov[None].repeat(POSES, 0), seen, ())
+    is_observed = np.ones((POSES, targets), bool)
+    return legs, rho, MeasuredTargets(of, SHAPE[:targets], cov, points, cov[None].repeat(POSES, 0), is_observed, ())
 
 
 def _seated(kind: str, targets: int = len(SHAPE)):

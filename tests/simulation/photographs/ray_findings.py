@@ -27,8 +27,8 @@ def ray_poses(seed: int) -> RayPoses:
     bars = [place for place, number in enumerate(NUMBERS) if number.kind == "bar"]
     root[:, :, bars[1]] = -root[:, :, bars[0]]
     root[:, bars[1]] = 0.0
-    seen = np.ones(root.shape[:2], bool)
-    seen[:, bars[1]] = False
+    is_observed = np.ones(root.shape[:2], bool)
+    is_observed[:, bars[1]] = False
     warm = 20.0 + np.cumsum(rng.normal(0.0, 0.3, POSES))
     time = 240.0 * np.arange(POSES)
     columns = {
@@ -39,14 +39,16 @@ def ray_poses(seed: int) -> RayPoses:
     }
     up = np.tile([0.0, 0.0, 1.0], (POSES, 1))
     names = tuple(number.called for number in NUMBERS)
-    return RayPoses(tuple(range(1, POSES + 1)), NUMBERS, names, root, seen, columns, (0.0, float(time[-1])), 20.0, up)
+    return RayPoses(
+        tuple(range(1, POSES + 1)), NUMBERS, names, root, is_observed, columns, (0.0, float(time[-1])), 20.0, up
+    )
 
 
 def told(rays: RayPoses, off: NDArray, seed: int) -> Epochs:
     """What rays tell where the numbers (B, T) are off by so many of their scales."""
     noise = np.random.default_rng([seed, 1]).standard_normal(rays.root.shape[:2])
-    values = np.einsum("bkt,bt->bk", rays.root, off) + noise * rays.seen
-    measured = Observations(values[..., None], np.ones((*values.shape, 1, 1)), rays.seen)
+    values = np.einsum("bkt,bt->bk", rays.root, off) + noise * rays.is_observed
+    measured = Observations(values[..., None], np.ones((*values.shape, 1, 1)), rays.is_observed)
     return Epochs(measured, rays, Frames.of_numbers(len(rays.poses)))
 
 

@@ -18,7 +18,7 @@ def _fitted(share: float, seed: int) -> FittedModel:
     model = own.model(signals=False)
     readings = draw_readings(model.with_share(share), (), np.random.default_rng(seed))[..., None]
     covariance = np.broadcast_to(SIGMA[:6, None, None] ** 2, (*readings.shape, 1)).copy()
-    measured = Observations(readings, covariance, own.seen[:, :6])
+    measured = Observations(readings, covariance, own.is_observed[:, :6])
     return Fitter(model, Epochs(measured, own.conditions, Frames.of_numbers(len(readings))), None, 0).prepared()
 
 

@@ -160,7 +160,7 @@ def _odds_after(
     more = Observations(
         read[..., None], np.broadcast_to(sigma[:, None, None] ** 2, (*read.shape, 1, 1)), np.ones(read.shape, bool)
     )
-    names = ("values", "covariance", "seen")
+    names = ("values", "covariance", "is_observed")
     both = Observations(*(np.concatenate([getattr(measured, name), getattr(more, name)]) for name in names))
     after = [_fit(stand.model, _joined(stand.model.conditions, further), both) for stand in stands]
     return _log_odds(*after) if right == 0 else -_log_odds(*after)
@@ -173,7 +173,7 @@ def _joined(first: ReadingConditions, second: ReadingConditions) -> ReadingCondi
 
 
 def _fit(model: BenchModel, conditions: ReadingConditions, measured: Observations) -> Fit:
-    zeros = zeros_of(conditions.run, measured.seen, model.known.sigma)
+    zeros = zeros_of(conditions.run, measured.is_observed, model.known.sigma)
     whole = replace(model, known=replace(model.known, zeros=zeros), conditions=conditions)
     local = np.zeros((len(conditions.load), whole.local_size))
     return fit_model(whole.predict, measured, Frames.of_numbers(len(local)), np.zeros(whole.shared_size), local)

@@ -94,7 +94,7 @@ class Case:
 
 
 def _both(first: MeasuredPoints, second: MeasuredPoints) -> tuple[Observations, Frames]:
-    names = ("values", "covariance", "seen")
+    names = ("values", "covariance", "is_observed")
     points = Observations(*(np.concatenate([getattr(first.points, n), getattr(second.points, n)]) for n in names))
     return points, Frames(*(np.concatenate([getattr(first.frames, n), getattr(second.frames, n)]) for n in "Rt"))
 

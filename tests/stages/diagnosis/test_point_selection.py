@@ -35,17 +35,17 @@ class Seen:
 
     @property
     def kept(self) -> NDArray:
-        return self.gathered.calibration.measured.seen
+        return self.gathered.calibration.measured.is_observed
 
     @property
     def gross(self) -> NDArray:
         record = self.campaign.record
-        return (record.gross & record.seen)[self.rows][:, self.columns]
+        return (record.gross & record.is_observed)[self.rows][:, self.columns]
 
     @property
     def good(self) -> NDArray:
         record = self.campaign.record
-        return (~record.gross & record.seen)[self.rows][:, self.columns]
+        return (~record.gross & record.is_observed)[self.rows][:, self.columns]
 
     def column(self, body: str, target: str) -> int:
         targets = self.gathered.model.targets
@@ -108,7 +108,7 @@ def test_exchanged_labels_are_told_by_body_targets_and_poses(seen: Seen) -> None
     assert isinstance(found, Swapped)
     assert (found.body, found.targets) == (hidden.body, hidden.targets)
     poses = np.array([seen.campaign.schedule.pose.index(pose) for pose in hidden.poses])
-    whole = (record.seen & ~record.gross)[np.ix_(poses, pair)].all(1)
+    whole = (record.is_observed & ~record.gross)[np.ix_(poses, pair)].all(1)
     assert (
         {pose for pose, fine in zip(hidden.poses, whole, strict=True) if fine} <= set(found.poses) <= set(hidden.poses)
     )

@@ -146,12 +146,12 @@ def _together(first: DiagnosisData, second: DiagnosisData) -> DiagnosisData:
     }
     covariates = {n: np.concatenate([v, later.covariates[n]]) for n, v in one.conditions.covariates.items()}
     conditions = replace(one.conditions, covariates=covariates, **arrays)
-    names = ("values", "covariance", "seen")
+    names = ("values", "covariance", "is_observed")
     points = Observations(*(np.concatenate([getattr(c.measured, n) for c in (one, two)]) for n in names))
     known = first.model.known
     model = replace(
         first.model,
-        known=replace(known, zeros=zeros_of(conditions.run, points.seen, known.sigma)),
+        known=replace(known, zeros=zeros_of(conditions.run, points.is_observed, known.sigma)),
         conditions=conditions,
     )
     return replace(first, model=model, calibration=Epochs(points, conditions, Frames.of_numbers(len(conditions.load))))

@@ -20,10 +20,10 @@ NAMES = ("S1", "S2", "T1", "T2", "P1", "P2")
 
 def poses() -> Epochs:
     points = MEASURED[:, 4:].copy()
-    seen = np.array([[True, True], [True, True], [True, False]])
-    points[~seen] = np.nan
+    is_observed = np.array([[True, True], [True, True], [True, False]])
+    points[~is_observed] = np.nan
     conditions = Conditions(np.zeros((3, 0)), poses=(1, 2, 3))
-    measured = Observations(points, np.ones((3, 2, 1, 1)) * np.eye(3), seen)
+    measured = Observations(points, np.ones((3, 2, 1, 1)) * np.eye(3), is_observed)
     return Epochs(measured, conditions, Frames(TURN, SHIFT))
 
 

@@ -102,7 +102,7 @@ def test_constant_loads_say_nothing_where_each_run_has_a_zero_of_its_own(rng):
     table = table[table["step"].isin([1])]
     with pytest.raises(ValueError, match="needs loads that change within a run"):
         gathered(table, WITHOUT)
-    assert gathered(table, {**WITHOUT, "signals": {"zero_mv": 0.05}}).calibration.measured.seen.any()
+    assert gathered(table, {**WITHOUT, "signals": {"zero_mv": 0.05}}).calibration.measured.is_observed.any()
 
 
 def drawn(**known):

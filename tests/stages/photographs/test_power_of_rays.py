@@ -51,7 +51,7 @@ def test_channels_of_drawn_rays_are_off_by_noise_alone(adjusted: Any, plan: RayP
     effect, root, squares = _jump(plan, 0.7), plan.rays.root, []
     moved = np.einsum("bkt,bt->bk", root, effect.cause.moved(plan.rays, effect.values) / scale)
     assert np.abs(moved).max() > 3
-    told = plan.rays.seen.ravel()
+    told = plan.rays.is_observed.ravel()
     expected = (moved + root[:, :, known] @ (mean / scale[known])).ravel()[told]
     by_known = (root[:, :, known] * (sigma / scale[known])).reshape(-1, len(known))[told]
     inverse = np.linalg.inv(np.eye(len(expected)) + by_known @ by_known.T)

@@ -29,8 +29,8 @@ def _body(factor: float, *, survey_of: Array | None = None, gross: float = 0.0, 
     cov = DECLARED_M**2 * np.eye(3)
     around = PoseSurroundings(tuple(range(POSES)), np.arange(POSES) * 60.0, np.zeros((POSES, 0)), (), None)
     survey = SurveyPoints(names, place, np.tile(cov, (TARGETS, 1, 1)), np.zeros(TARGETS, np.int64))
-    seen = np.ones((POSES, TARGETS), bool)
-    measured = PosePoints(around.poses, names, points, np.tile(cov, (POSES, TARGETS, 1, 1)), seen)
+    is_observed = np.ones((POSES, TARGETS), bool)
+    measured = PosePoints(around.poses, names, points, np.tile(cov, (POSES, TARGETS, 1, 1)), is_observed)
     return with_most_points(body_view("body", survey, measured, around, is_surveyed=True), around)
 
 

@@ -95,7 +95,10 @@ def test_sigmas_are_those_of_rows_drawn_anew(channel):
         drawn.append(channel_rows(Interferometer.model_validate({"beams": {channel: other}}).beams)[k])
     expected = found.by_angle[:, k].T @ found.by_angle[:, k]
     scatter = np.cov(np.array(drawn).T)
-    seen = np.diag(expected) > 1e-12
-    assert_between(float(np.mean(np.diag(scatter)[seen] / np.diag(expected)[seen])), 0.9, 1.1)
+    is_observed = np.diag(expected) > 1e-12
+    assert_between(float(np.mean(np.diag(scatter)[is_observed] / np.diag(expected)[is_observed])), 0.9, 1.1)
     spread = np.sqrt(np.outer(np.diag(expected), np.diag(expected)))
-    assert np.abs(scatter - expected)[np.ix_(seen, seen)].max() < 0.2 * spread[np.ix_(seen, seen)].max()
+    assert (
+        np.abs(scatter - expected)[np.ix_(is_observed, is_observed)].max()
+        < 0.2 * spread[np.ix_(is_observed, is_observed)].max()
+    )

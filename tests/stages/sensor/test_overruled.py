@@ -73,7 +73,7 @@ def test_what_is_excluded_enters_nothing_and_is_counted(measured: Path, tmp_path
 def test_the_diagnosis_leaves_it_out_and_knows_that_the_load_was_there(measured: Path, tmp_path: Path) -> None:
     found = gathered(ruled(measured, tmp_path, "exclude: run = 1\nstep = 3", 'exclude: run = 2\nchannel = "v4"'))
     plain = gathered(measured)
-    gone = plain.calibration.measured.seen & ~found.calibration.measured.seen
+    gone = plain.calibration.measured.is_observed & ~found.calibration.measured.is_observed
     assert np.array_equal(np.argwhere(gone)[:12], [[3, k] for k in range(12)])
     assert np.array_equal(np.argwhere(gone)[12:], [[21 + step, 9] for step in range(21)])
     assert np.array_equal(found.calibration.conditions.load, plain.calibration.conditions.load)

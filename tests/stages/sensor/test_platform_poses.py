@@ -56,7 +56,7 @@ def test_gross_errors_are_kept_out_and_counted(faulty):
     true, found = set(), set()
     for number, one in enumerate(faulty):
         drawn, left = one.drawn, one.frame("reading_residuals")
-        steps, channels = np.nonzero(drawn.gross & drawn.seen)
+        steps, channels = np.nonzero(drawn.gross & drawn.is_observed)
         schedule = drawn.schedule
         true |= {(number, schedule.run[n], schedule.step[n], CHANNELS[k]) for n, k in zip(steps, channels, strict=True)}
         out = left[left["rejected"]]

@@ -71,7 +71,7 @@ class PhotographPlan:
     planned: PlannedNetwork
     targets: PlannedTargets
     stations: Stations
-    seen: Mask
+    is_observed: Mask
     prediction: PredictedPrecision
     curve: tuple[tuple[int, float, float], ...]
     candidates: int

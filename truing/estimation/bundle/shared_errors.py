@@ -45,7 +45,7 @@ def with_shared_errors(poses: Epochs, rows: Index, common: Array, errors: PointE
     turned = np.swapaxes(poses.frames.R, 1, 2)[:, None]
     return replace(
         poses,
-        measured=replace(measured, covariance=_bounded_below(unshared, measured.covariance, measured.seen)),
+        measured=replace(measured, covariance=_bounded_below(unshared, measured.covariance, measured.is_observed)),
         conditions=replace(
             conditions,
             common_errors=turned @ shared,
@@ -54,13 +54,13 @@ def with_shared_errors(poses: Epochs, rows: Index, common: Array, errors: PointE
     )
 
 
-def _bounded_below(variance: Array, total: NDArray[np.floating], seen: Mask) -> Array:
+def _bounded_below(variance: Array, total: NDArray[np.floating], is_observed: Mask) -> Array:
     """Return covariances (B, K, 3, 3) of single points, at least a share of the full one in each direction."""
-    factor = np.linalg.cholesky(np.where(seen[..., None, None], total, np.eye(3)))
+    factor = np.linalg.cholesky(np.where(is_observed[..., None, None], total, np.eye(3)))
     inverse = np.linalg.inv(factor)
     values, vectors = np.linalg.eigh(inverse @ variance @ np.swapaxes(inverse, -1, -2))
     spread = factor @ vectors * np.sqrt(np.maximum(values, _LEAST_OWN))[..., None, :]
-    return np.where(seen[..., None, None], spread @ np.swapaxes(spread, -1, -2), total)
+    return np.where(is_observed[..., None, None], spread @ np.swapaxes(spread, -1, -2), total)
 
 
 def independent_errors(by_shared: Array) -> Array:

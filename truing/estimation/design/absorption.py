@@ -132,5 +132,5 @@ def _root_without_prior(N: NDArray) -> NDArray:
     length = np.linalg.norm(N, axis=0)
     length = np.where(length > 0, length, 1.0)
     _, s, rows = np.linalg.svd(N / length, full_matrices=False)
-    seen = s > np.finfo(float).eps * max(N.shape) * s[0]
-    return rows[seen].T / s[seen] / length[:, None]
+    is_observed = s > np.finfo(float).eps * max(N.shape) * s[0]
+    return rows[is_observed].T / s[is_observed] / length[:, None]

@@ -165,22 +165,22 @@ class Inseparable:
 
     changes (k, G): changes of the parameters, in their own units, that the data do not see; each is 1 at its own
     parameter, others are rounded as far as it stays unseen. sigma (k,): standard deviation of each from the data alone,
-    in tolerances; infinite if null to rounding. seen (G - k, G): combinations that the data determine.
+    in tolerances; infinite if null to rounding. determined (G - k, G): combinations that the data determine.
     """
 
     labels: tuple[str, ...]
     changes: NDArray
     sigma: NDArray
-    seen: NDArray
+    determined: NDArray
 
     @property
     def text(self) -> str:
         """Return the combination in words: ``only a_z3 − b_z3 + 1.03 l3 is determined``."""
-        if len(self.seen) == 0:
+        if len(self.determined) == 0:
             verb = "is" if len(self.labels) == 1 else "are"
             return f"{' and '.join(self.labels)} {verb} unobservable"
-        if len(self.seen) == 1:
-            return f"only {_sum(self.labels, self.seen[0])} is determined"
+        if len(self.determined) == 1:
+            return f"only {_sum(self.labels, self.determined[0])} is determined"
         return "; ".join(self.texts)
 
     @property

@@ -138,11 +138,11 @@ def leave_one_out(residual: NDArray, follows: NDArray, used: NDArray) -> LeaveOn
     sign = np.where(used, -1.0, 1.0)[:, None, None]
     spread, axes = np.linalg.eigh(np.eye(residual.shape[1]) + sign * follows)
     along = np.einsum("bmk,bm->bk", axes, residual) ** 2
-    seen = spread > _REDUNDANT
-    surprise = np.sum(np.divide(along, spread, out=np.zeros_like(along), where=seen), -1)
+    is_observed = spread > _REDUNDANT
+    surprise = np.sum(np.divide(along, spread, out=np.zeros_like(along), where=is_observed), -1)
     redundancy = residual.shape[1] - np.einsum("bmm->b", follows) * used
     chi_square, freedom = float(np.sum(residual[used] ** 2)), float(redundancy[used].sum())
-    tested = seen.sum(-1)
+    tested = is_observed.sum(-1)
     return LeaveOneOutPrediction(
         surprise,
         tested,
@@ -377,9 +377,9 @@ def _inverse_where_determined(information: NDArray) -> tuple[NDArray, NDArray]:
     if (inverse := _plain_inverse(scaled)) is not None:
         return inverse / np.outer(scale, scale), np.ones(len(scale), bool)
     strength, axes = np.linalg.eigh(scaled)
-    seen = strength > _UNDETERMINED
-    root = axes[:, seen] / scale[:, None]
-    return (root / strength[seen]) @ root.T, np.abs(axes[:, ~seen]).max(-1, initial=0.0) < _LEAST_SHARE
+    is_observed = strength > _UNDETERMINED
+    root = axes[:, is_observed] / scale[:, None]
+    return (root / strength[is_observed]) @ root.T, np.abs(axes[:, ~is_observed]).max(-1, initial=0.0) < _LEAST_SHARE
 
 
 def _plain_inverse(matrix: NDArray) -> NDArray | None:

@@ -73,9 +73,9 @@ def fit_compliance(
     )
 
 
-def _determined(u: Array, seen: Mask, run: Index, form: str, free_zero: bool) -> Mask:
+def _determined(u: Array, is_observed: Mask, run: Index, form: str, free_zero: bool) -> Mask:
     """Return the entries (6, D) that the drives determine: for each component, from the steps in which it was read."""
-    weight = seen.T.astype(float)  # (6, N)
+    weight = is_observed.T.astype(float)  # (6, N)
     moved = np.broadcast_to(u, (len(weight), *u.shape))
     if free_zero:
         member = (run[:, None] == np.arange(int(run.max(initial=-1)) + 1)).astype(float)  # (N, G)

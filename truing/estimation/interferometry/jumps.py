@@ -34,9 +34,9 @@ def find_jump(values: Array, sigma: ArrayLike, design: Array, shortest: int = 2)
 
     values = np.atleast_2d(np.asarray(values, float))
     count, length = values.shape
-    seen = np.isfinite(values)
-    weight = np.where(seen, 1.0 / np.broadcast_to(np.asarray(sigma, float), values.shape), 0.0)
-    white = weight * np.where(seen, values, 0.0)
+    is_observed = np.isfinite(values)
+    weight = np.where(is_observed, 1.0 / np.broadcast_to(np.asarray(sigma, float), values.shape), 0.0)
+    white = weight * np.where(is_observed, values, 0.0)
     columns = weight[..., None] * np.broadcast_to(design, (count, length, np.shape(design)[-1]))
     basis, size, _ = np.linalg.svd(columns, full_matrices=False)
     basis = basis * (size > 1e-10 * size[:, :1])[:, None, :]
@@ -45,9 +45,11 @@ def find_jump(values: Array, sigma: ArrayLike, design: Array, shortest: int = 2)
     steps = steps - basis @ (np.swapaxes(basis, 1, 2) @ steps)
     residual = white - np.einsum("gnp,gp->gn", basis, np.einsum("gnp,gn->gp", basis, white))
     energy = np.sum(steps**2, axis=1)
-    before = np.cumsum(seen, axis=1)[:, :-1]
+    before = np.cumsum(is_observed, axis=1)[:, :-1]
     information = np.sum(weight[..., None] ** 2 * after, axis=1)
-    open_ = (before >= shortest) & (seen.sum(1, keepdims=True) - before >= shortest) & (energy > 1e-9 * information)
+    open_ = (
+        (before >= shortest) & (is_observed.sum(1, keepdims=True) - before >= shortest) & (energy > 1e-9 * information)
+    )
     along = np.einsum("gnk,gn->gk", steps, residual)
     gain = np.where(open_, along**2 / np.where(open_, energy, 1.0), -1.0)
     best = gain.argmax(1)
@@ -58,7 +60,7 @@ def find_jump(values: Array, sigma: ArrayLike, design: Array, shortest: int = 2)
     p_value = np.minimum(1.0, open_.sum(1) * chdtrc(1, np.maximum(gain[row, best], 0.0)))
     left = residual - size_at[:, None] * steps[row, :, best]
     with np.errstate(divide="ignore", invalid="ignore"):
-        left = np.where(seen, left / weight, np.nan)
+        left = np.where(is_observed, left / weight, np.nan)
     return Jump(best + 1, size_at, spread, np.where(mask, p_value, 1.0), left)
 
 

@@ -203,8 +203,8 @@ def fit_run(reading: ArrayLike, sigma: ArrayLike, columns: Array, terms: tuple[T
     Only a load that comes back separates time and load: a run that only goes up leaves drift and response open.
     """
     y = np.asarray(reading, float)
-    seen = np.isfinite(y)
-    weight = np.where(seen, 1.0 / np.broadcast_to(np.asarray(sigma, float), y.shape), 0.0)
+    is_observed = np.isfinite(y)
+    weight = np.where(is_observed, 1.0 / np.broadcast_to(np.asarray(sigma, float), y.shape), 0.0)
     design = columns * weight[:, None]
     size = np.linalg.norm(design, axis=0)
     scaled = design / np.where(size > 0.0, size, 1.0)
@@ -214,14 +214,14 @@ def fit_run(reading: ArrayLike, sigma: ArrayLike, columns: Array, terms: tuple[T
     lost = np.sqrt(np.sum(vectors[:, ~mask] ** 2, axis=1))
     determined = (lost < np.sqrt(_OPEN)) & (size > 0.0)
     scale = np.where(size > 0.0, size, 1.0)
-    white = weight * np.where(seen, y, 0.0)
+    white = weight * np.where(is_observed, y, 0.0)
     theta = inverse @ (scaled.T @ white)
     left = white - scaled @ theta
     both = determined[:, None] & determined[None]
     covariance = np.where(both, inverse / np.outer(scale, scale), 0.0)
     covariance[~determined, ~determined] = np.inf
     with np.errstate(divide="ignore", invalid="ignore"):
-        residuals = np.where(seen, left / weight, np.nan)
+        residuals = np.where(is_observed, left / weight, np.nan)
     return RunFit(
         terms,
         np.where(determined, theta / scale, np.nan),
@@ -229,7 +229,7 @@ def fit_run(reading: ArrayLike, sigma: ArrayLike, columns: Array, terms: tuple[T
         tuple(term for term, known in zip(terms, determined, strict=True) if not known),
         residuals,
         float(left @ left),
-        int(seen.sum() - mask.sum()),
+        int(is_observed.sum() - mask.sum()),
     )
 
 
@@ -248,13 +248,13 @@ def branch_gap(load: ArrayLike, reading: ArrayLike, sigma: float) -> BranchGap:
     It includes drift, unless that was removed first.
     """
     load, reading = np.asarray(load, float), np.asarray(reading, float)
-    seen = np.isfinite(reading)
+    is_observed = np.isfinite(reading)
     levels, at = np.unique(load, return_inverse=True)
     way = branches(load)
     means, counts = [], []
     for side in (-1, 1):
-        count = np.bincount(at, seen & (way == side), minlength=len(levels))
-        total = np.bincount(at, np.where(seen & (way == side), reading, 0.0), minlength=len(levels))
+        count = np.bincount(at, is_observed & (way == side), minlength=len(levels))
+        total = np.bincount(at, np.where(is_observed & (way == side), reading, 0.0), minlength=len(levels))
         means.append(total / np.maximum(count, 1.0))
         counts.append(count)
     met = (counts[0] > 0.0) & (counts[1] > 0.0) & (levels != 0.0)
@@ -279,8 +279,8 @@ def widest_gaps(load: Array, run: Index, reading: Array, sigma: Array) -> dict[t
 
 
 def _gap_of_run(load: Array, reading: Array, sigma: Array) -> BranchGap:
-    seen = np.isfinite(reading)
-    return branch_gap(load, reading, float(np.sqrt(np.mean(sigma[seen] ** 2))) if seen.any() else 1.0)
+    is_observed = np.isfinite(reading)
+    return branch_gap(load, reading, float(np.sqrt(np.mean(sigma[is_observed] ** 2))) if is_observed.any() else 1.0)
 
 
 def _widest(met: Sequence[BranchGap]) -> tuple[float, float]:

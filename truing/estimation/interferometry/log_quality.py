@@ -243,17 +243,17 @@ def surroundings(value: ArrayLike, run: Index) -> RunSurroundings:
     """Return the course of a temperature, pressure or humidity (N,) in the runs 0 .. G-1 of its rows (N,), in order."""
     value = np.asarray(value, float)
     count = int(run.max(initial=-1)) + 1
-    seen = np.isfinite(value)
+    is_observed = np.isfinite(value)
     rows = np.bincount(run, minlength=count)
     low, high, first = np.full(count, np.inf), np.full(count, -np.inf), np.full(count, np.nan)
-    np.minimum.at(low, run[seen], value[seen])
-    np.maximum.at(high, run[seen], value[seen])
-    begin, at = np.unique(run[seen], return_index=True)
-    first[begin] = value[seen][at]
+    np.minimum.at(low, run[is_observed], value[is_observed])
+    np.maximum.at(high, run[is_observed], value[is_observed])
+    begin, at = np.unique(run[is_observed], return_index=True)
+    first[begin] = value[is_observed][at]
     change = np.zeros(count)
-    np.maximum.at(change, run[seen], np.abs(value[seen] - first[run[seen]]))
+    np.maximum.at(change, run[is_observed], np.abs(value[is_observed] - first[run[is_observed]]))
     with np.errstate(invalid="ignore"):
-        missing = 1.0 - np.bincount(run, seen, minlength=count) / np.where(rows > 0, rows, 1)
+        missing = 1.0 - np.bincount(run, is_observed, minlength=count) / np.where(rows > 0, rows, 1)
     known = np.isfinite(first)
     span = np.where(known, np.where(known, high, 0.0) - np.where(known, low, 0.0), np.nan)
     return RunSurroundings(first, span, np.where(known, change, np.nan), missing)

@@ -78,10 +78,10 @@ def platform_displacement(
             f"found rows {rows.shape}, case {case.shape} and shared {shared.shape} of {len(y)} readings: "
             f"expected (N, 6), (N,) and (N, Z)"
         )
-    seen = np.isfinite(y)
+    is_observed = np.isfinite(y)
     cases = int(case.max(initial=-1)) + 1
-    weight = np.where(seen, 1.0 / np.broadcast_to(np.asarray(sigma, float), y.shape), 0.0)
-    white, measured, common = rows * weight[:, None], weight * np.where(seen, y, 0.0), shared * weight[:, None]
+    weight = np.where(is_observed, 1.0 / np.broadcast_to(np.asarray(sigma, float), y.shape), 0.0)
+    white, measured, common = rows * weight[:, None], weight * np.where(is_observed, y, 0.0), shared * weight[:, None]
     information, coupling = np.zeros((cases, 6, 6)), np.zeros((cases, 6, shared.shape[1]))
     right = np.zeros((cases, 6))
     np.add.at(information, case, white[:, :, None] * white[:, None, :])
@@ -107,7 +107,7 @@ def platform_displacement(
         shared_covariance,
         np.where(known[..., None], gain, 0.0),
         float(left @ left + np.sum(prior * offset**2)),
-        int(seen.sum() - rank.sum() - np.sum(prior == 0.0)),
+        int(is_observed.sum() - rank.sum() - np.sum(prior == 0.0)),
     )
 
 

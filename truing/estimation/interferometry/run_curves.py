@@ -48,7 +48,7 @@ def run_curves(load: Array, time_s: Array, run: Index, reading: Array, sigma: Ar
     batch = _Batch.of(pieces, columns, reading)
     noise = _noise(batch, reading, sigma)
     rejected_of = _rejected(batch, np.stack([_padded(noise[rows, k], batch.width) for rows, k in pieces]))
-    left, _ = batch.solved(np.where(batch.seen & ~rejected_of, 1.0, 0.0))
+    left, _ = batch.solved(np.where(batch.is_observed & ~rejected_of, 1.0, 0.0))
     noise = _with_estimated_noise(batch, left, rejected_of, reading, sigma, noise)
     residual, rejected = np.full(reading.shape, np.nan), np.zeros(reading.shape, bool)
     for piece, (rows, k) in enumerate(pieces):
@@ -93,7 +93,7 @@ class _Batch:
 
     columns: Array
     y: Array
-    seen: Mask
+    is_observed: Mask
     terms: Index
     channel: Index
 
@@ -102,14 +102,14 @@ class _Batch:
         width = max((len(rows) for rows, _ in pieces), default=0)
         size = max((column.shape[1] for column in columns), default=0)
         columns_of_curve, y = np.zeros((len(pieces), width, size)), np.zeros((len(pieces), width))
-        seen = np.zeros(y.shape, bool)
+        is_observed = np.zeros(y.shape, bool)
         for piece, ((rows, k), one) in enumerate(zip(pieces, columns, strict=True)):
             length = np.linalg.norm(one, axis=0)
             columns_of_curve[piece, : len(rows), : one.shape[1]] = one / np.where(length > 0.0, length, 1.0)
             y[piece, : len(rows)] = reading[rows, k]
-            seen[piece, : len(rows)] = True
+            is_observed[piece, : len(rows)] = True
         terms = np.array([column.shape[1] for column in columns], np.int64)
-        return cls(columns_of_curve, y, seen, terms, np.array([k for _, k in pieces], np.int64))
+        return cls(columns_of_curve, y, is_observed, terms, np.array([k for _, k in pieces], np.int64))
 
     @property
     def width(self) -> int:
@@ -128,12 +128,12 @@ class _Batch:
         normal = normal + _RIDGE * size[:, None, None] * np.eye(normal.shape[1])
         inverse = np.linalg.inv(normal)
         beta = inverse @ np.einsum("mnp,mn->mp", weighted, self.y)[..., None]
-        left = np.where(self.seen, self.y - (self.columns @ beta)[..., 0], 0.0)
+        left = np.where(self.is_observed, self.y - (self.columns @ beta)[..., 0], 0.0)
         return left, np.einsum("mnp,mpq,mnq->mn", self.columns, inverse, self.columns, optimize=True)
 
     def robust(self, sigma: Array) -> Array:
         """Return residuals (M, N) of least absolute deviations, over sigma (M, N)."""
-        weight = self.seen / sigma**2
+        weight = self.is_observed / sigma**2
         far = np.abs(self.solved(weight)[0]) / sigma
         for _ in range(_L1_ROUNDS):
             far = np.abs(self.solved(weight / np.maximum(far, _CLOSE))[0]) / sigma
@@ -142,9 +142,9 @@ class _Batch:
     def scatter(self, far: Array) -> Array:
         """Return the robust scatter (M,) of each piece's residuals, without as many of the smallest as its curve can
         interpolate."""
-        rest = np.sort(np.where(self.seen, far, np.inf), axis=1)
-        spare = np.maximum(self.seen.sum(1) - self.terms, 1)
-        middle = np.minimum(self.terms + spare // 2, self.seen.sum(1) - 1)
+        rest = np.sort(np.where(self.is_observed, far, np.inf), axis=1)
+        spare = np.maximum(self.is_observed.sum(1) - self.terms, 1)
+        middle = np.minimum(self.terms + spare // 2, self.is_observed.sum(1) - 1)
         return np.asarray(np.take_along_axis(rest, middle[:, None], axis=1)[:, 0] / _NORMAL_MEDIAN)
 
 
@@ -154,8 +154,8 @@ def _noise(batch: _Batch, reading: Array, sigma: Array) -> Array:
     noise = np.array(sigma, float)
     if not open_channels.any():
         return noise
-    plain = np.where(batch.seen, 1.0, 0.0)
-    spread = np.sqrt(np.sum(batch.solved(plain)[0] ** 2, axis=1) / np.maximum(batch.seen.sum(1), 1))
+    plain = np.where(batch.is_observed, 1.0, 0.0)
+    spread = np.sqrt(np.sum(batch.solved(plain)[0] ** 2, axis=1) / np.maximum(batch.is_observed.sum(1), 1))
     unit = np.where(spread > 0.0, spread, 1.0)
     scatter = batch.scatter(batch.robust(np.broadcast_to(unit[:, None], batch.y.shape))) * unit
     for k in range(reading.shape[1]):
@@ -171,7 +171,7 @@ def _with_estimated_noise(
     batch: _Batch, left: Array, rejected: Mask, reading: Array, sigma: Array, first: Array
 ) -> Array:
     """Return the noise, with undeclared values estimated from all runs of a channel without gross errors."""
-    noise, mask = np.array(first), batch.seen & ~rejected & batch.has_curve[:, None]
+    noise, mask = np.array(first), batch.is_observed & ~rejected & batch.has_curve[:, None]
     spare = np.where(batch.has_curve, np.maximum(mask.sum(1) - batch.terms, 0), 0)
     squares = np.sum(np.where(mask, left, 0.0) ** 2, axis=1)
     for k in range(reading.shape[1]):
@@ -188,8 +188,8 @@ def _rejected(batch: _Batch, sigma: Array) -> Mask:
     the curve would follow them."""
     from scipy.special import ndtri
 
-    limit = float(-ndtri(0.5 * _FALSE_REJECTIONS / max(int(batch.seen.sum()), 1)))
-    assessed = batch.seen & batch.has_curve[:, None]
+    limit = float(-ndtri(0.5 * _FALSE_REJECTIONS / max(int(batch.is_observed.sum()), 1)))
+    assessed = batch.is_observed & batch.has_curve[:, None]
     ways = [_reject_from_robust_start(batch, sigma, limit, assessed), _reject_one_by_one(batch, sigma, limit, assessed)]
     cost = [
         np.sum((_weighted_residual(batch, way, sigma) / sigma) ** 2 * way, axis=1) + limit**2 * (assessed & ~way).sum(1)
@@ -201,14 +201,14 @@ def _rejected(batch: _Batch, sigma: Array) -> Mask:
             is_kept[piece] = assessed[piece]
     left = _weighted_residual(batch, is_kept, sigma)
     wide = _rejection_limit(batch, left, sigma, is_kept, limit)
-    alone = np.abs(left - _neighbour_median(np.where(batch.seen, left, np.nan))) >= wide * sigma
+    alone = np.abs(left - _neighbour_median(np.where(batch.is_observed, left, np.nan))) >= wide * sigma
     return assessed & ~is_kept & alone & ~_in_long_runs(np.where(assessed & ~is_kept, np.sign(left), 0.0))
 
 
 def _with_a_jump(batch: _Batch, sigma: Array, piece: int) -> float:
     """Return the chi-square of all readings of a run with a jump at each place, a least number of readings on either
     side."""
-    at = np.flatnonzero(batch.seen[piece])
+    at = np.flatnonzero(batch.is_observed[piece])
     if len(at) < 2 * _LASTS:
         return float("inf")
     white = 1.0 / sigma[piece, at]

@@ -125,8 +125,8 @@ class Hypothesis:
     def assignment(self) -> NDArray:
         """Target (N,) of each point, -1 without one."""
         labels = np.full(len(self.gain), -1)
-        seen = self.match >= 0
-        labels[self.match[seen]] = np.flatnonzero(seen)
+        is_observed = self.match >= 0
+        labels[self.match[is_observed]] = np.flatnonzero(is_observed)
         return labels
 
 
@@ -139,9 +139,13 @@ def contradict(cloud: Constellation, survey: Constellation, best: Hypothesis, ot
     both = (best.match >= 0) & (other.match >= 0)
     if np.any(both & (best.match != other.match)) or np.any((mine >= 0) & (theirs >= 0) & (mine != theirs)):
         return True
-    seen = (other.match >= 0) & (best.match < 0)
-    apart = np.linalg.norm(survey.points[seen] @ best.R.T + best.t - cloud.points[other.match[seen]], axis=1)
-    return bool(np.any(apart > 2 * GATE * np.sqrt(cloud.variance[other.match[seen]] + survey.variance[seen])))
+    is_observed = (other.match >= 0) & (best.match < 0)
+    apart = np.linalg.norm(
+        survey.points[is_observed] @ best.R.T + best.t - cloud.points[other.match[is_observed]], axis=1
+    )
+    return bool(
+        np.any(apart > 2 * GATE * np.sqrt(cloud.variance[other.match[is_observed]] + survey.variance[is_observed]))
+    )
 
 
 def find_hypotheses(cloud: Constellation, survey: Constellation, keep: int = 24) -> list[Hypothesis]:
@@ -269,8 +273,8 @@ def _motions(
 ) -> tuple[NDArray, NDArray]:
     """Return R (B, 3, 3), t (B, 3) of targets (B, k) onto points (B, k), -1 for no point; a line's roll is fixed
     arbitrarily."""
-    seen = points >= 0
-    weight = np.where(seen, 1.0 / (cloud.variance[points] + survey.variance[targets]), 0.0)
+    is_observed = points >= 0
+    weight = np.where(is_observed, 1.0 / (cloud.variance[points] + survey.variance[targets]), 0.0)
     source, target = survey.points[targets], cloud.points[points]
     if survey.on_a_line:
         source, target, weight = _with_roll(source, target, weight, roll)

@@ -30,25 +30,25 @@ class Exchange:
     second: int
 
 
-def exchanges(residual: NDArray, points: NDArray, seen: NDArray, shape: NDArray, sigma: float) -> list[Exchange]:
+def exchanges(residual: NDArray, points: NDArray, is_observed: NDArray, shape: NDArray, sigma: float) -> list[Exchange]:
     """Return the exchanges among a body's targets.
 
     residual (B, T, 3): measured minus surveyed places along the body's axes, m, from a robust fit; NaN if missing.
-    points (B, T, 3) as measured, seen (B, T), shape (T, 3) the survey, sigma of a point, m.
+    points (B, T, 3) as measured, is_observed (B, T), shape (T, 3) the survey, sigma of a point, m.
     """
-    exchanged = [] if len(shape) < _FEWEST else _exchanged_pairs(residual, seen, shape, sigma)
-    count = seen.sum(1)
+    exchanged = [] if len(shape) < _FEWEST else _exchanged_pairs(residual, is_observed, shape, sigma)
+    count = is_observed.sum(1)
     rows = np.flatnonzero((count >= _FEWEST) & (count <= _FEW))
-    fit = umeyama(shape, points[rows], seen[rows].astype(float))
+    fit = umeyama(shape, points[rows], is_observed[rows].astype(float))
     bad = rows[~fit.ok | (np.nan_to_num(fit.rms) > _WORTH_LOOKING * sigma)]
     for pose in bad[~np.isin(bad, [exchange.pose for exchange in exchanged])]:
-        exchange = _best_of_few(points[pose], seen[pose], shape, sigma, int(pose))
+        exchange = _best_of_few(points[pose], is_observed[pose], shape, sigma, int(pose))
         exchanged += [] if exchange is None else [exchange]
     return exchanged
 
 
 def residuals_after_exchange(
-    residual: NDArray, points: NDArray, seen: NDArray, shape: NDArray, found: list[Exchange]
+    residual: NDArray, points: NDArray, is_observed: NDArray, shape: NDArray, found: list[Exchange]
 ) -> tuple[NDArray, NDArray]:
     """Return the residuals (B, T, 3) after correcting exchanged labels, and the mask (B,) of poses fitted anew.
 
@@ -58,22 +58,24 @@ def residuals_after_exchange(
     for exchange in found:
         pair, other = [exchange.first, exchange.second], [exchange.second, exchange.first]
         right[exchange.pose, pair] = residual[exchange.pose, other] + shape[other] - shape[pair]
-        if seen[exchange.pose].sum() <= _FEW:
+        if is_observed[exchange.pose].sum() <= _FEW:
             places = points[exchange.pose].copy()
             places[pair] = points[exchange.pose, other]
             right[exchange.pose] = np.where(
-                seen[exchange.pose][:, None], _survey_deviation(places, seen[exchange.pose], shape), np.nan
+                is_observed[exchange.pose][:, None],
+                _survey_deviation(places, is_observed[exchange.pose], shape),
+                np.nan,
             )
             anew[exchange.pose] = True
     return right, anew
 
 
-def _survey_deviation(places: NDArray, seen: NDArray, shape: NDArray) -> NDArray:
+def _survey_deviation(places: NDArray, is_observed: NDArray, shape: NDArray) -> NDArray:
     """Return a pose's points (T, 3) minus the survey, along the body's axes; from a fit without one of the points if
     that agrees far better than any other."""
-    weights = np.repeat(seen[None].astype(float), len(shape) + 1, 0)
+    weights = np.repeat(is_observed[None].astype(float), len(shape) + 1, 0)
     weights[np.arange(len(shape)), np.arange(len(shape))] = 0.0
-    tried = np.flatnonzero((weights.sum(1) >= _FEWEST) & np.r_[seen, True])
+    tried = np.flatnonzero((weights.sum(1) >= _FEWEST) & np.r_[is_observed, True])
     fit = umeyama(shape, np.repeat(places[None], len(tried), 0), weights[tried])
     rms = np.where(fit.ok, np.nan_to_num(fit.rms, nan=np.inf), np.inf)
     ranked = np.argsort(rms)
@@ -81,12 +83,12 @@ def _survey_deviation(places: NDArray, seen: NDArray, shape: NDArray) -> NDArray
     return np.asarray((places - fit.t[best]) @ fit.R[best] - shape)
 
 
-def _exchanged_pairs(residual: NDArray, seen: NDArray, shape: NDArray, sigma: float) -> list[Exchange]:
+def _exchanged_pairs(residual: NDArray, is_observed: NDArray, shape: NDArray, sigma: float) -> list[Exchange]:
     """Return pairs of targets that lie at each other's places, for bodies whose other targets determine the pose."""
     off = np.sqrt(np.sum(np.nan_to_num(residual) ** 2, -1))
     pairs = []
-    for pose in np.flatnonzero((seen & (off > _WORTH_LOOKING * sigma)).sum(1) >= 2):
-        suspects = np.flatnonzero(seen[pose] & (off[pose] > _WORTH_LOOKING * sigma))
+    for pose in np.flatnonzero((is_observed & (off > _WORTH_LOOKING * sigma)).sum(1) >= 2):
+        suspects = np.flatnonzero(is_observed[pose] & (off[pose] > _WORTH_LOOKING * sigma))
         for first, second in combinations(suspects, 2):
             way = shape[second] - shape[first]
             miss = np.array([residual[pose, first] - way, residual[pose, second] + way])
@@ -95,14 +97,14 @@ def _exchanged_pairs(residual: NDArray, seen: NDArray, shape: NDArray, sigma: fl
     return pairs
 
 
-def _best_of_few(points: NDArray, seen: NDArray, shape: NDArray, sigma: float, pose: int) -> Exchange | None:
+def _best_of_few(points: NDArray, is_observed: NDArray, shape: NDArray, sigma: float, pose: int) -> Exchange | None:
     """Return the one exchange, if any, with which a pose's few points (T, 3) agree with the survey."""
-    present = np.flatnonzero(seen)
+    present = np.flatnonzero(is_observed)
     pairs = list(combinations(present, 2))
     tried = np.repeat(points[None], len(pairs) + 1, 0)
     for number, (first, second) in enumerate(pairs, 1):
         tried[number, [first, second]] = points[[second, first]]
-    fit = umeyama(shape, tried, np.repeat(seen[None].astype(float), len(tried), 0))
+    fit = umeyama(shape, tried, np.repeat(is_observed[None].astype(float), len(tried), 0))
     rms = np.where(fit.ok, np.nan_to_num(fit.rms, nan=np.inf), np.inf)
     best = int(np.argmin(rms))
     others = np.delete(rms, best).min()

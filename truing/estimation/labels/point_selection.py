@@ -27,22 +27,24 @@ class PointSelection:
 def select_points(residuals: PointResiduals, pose_points: PosePoints, shape: NDArray, order: NDArray) -> PointSelection:
     """Return the selection of a body's points (B, T) from their residuals; shape (T, 3) m, order (B,): rank of the
     poses in time."""
-    seen = pose_points.seen & ~residuals.excluded
-    sigma = _typical_sigma(pose_points, residuals.values, seen)
-    swapped = exchanges(residuals.values, pose_points.points, seen, shape, sigma)
-    values, anew = residuals_after_exchange(residuals.values, pose_points.points, seen, shape, swapped)
+    is_observed = pose_points.is_observed & ~residuals.excluded
+    sigma = _typical_sigma(pose_points, residuals.values, is_observed)
+    swapped = exchanges(residuals.values, pose_points.points, is_observed, shape, sigma)
+    values, anew = residuals_after_exchange(residuals.values, pose_points.points, is_observed, shape, swapped)
     rejected = residuals.rejected.copy()
     rejected[anew] = False
     for exchange in swapped:
         rejected[exchange.pose, [exchange.first, exchange.second]] = False
-    alone = alone_in_time(np.where(seen[..., None], values, np.nan), order, rejected & seen)
+    alone = alone_in_time(np.where(is_observed[..., None], values, np.nan), order, rejected & is_observed)
     unknown = rejected & ~np.isfinite(values).all(-1)
-    return PointSelection(seen & ~alone & ~unknown, swapped)
+    return PointSelection(is_observed & ~alone & ~unknown, swapped)
 
 
-def _typical_sigma(pose_points: PosePoints, values: NDArray, seen: NDArray) -> float:
+def _typical_sigma(pose_points: PosePoints, values: NDArray, is_observed: NDArray) -> float:
     """Return the standard deviation of a point, m: as declared, or that of most residuals if larger."""
-    declared = np.sqrt(np.median(np.trace(pose_points.cov[seen], axis1=-2, axis2=-1)) / 3) if seen.any() else 0.0
-    length = np.sqrt(np.sum(values[seen & np.isfinite(values).all(-1)] ** 2, -1))
+    declared = (
+        np.sqrt(np.median(np.trace(pose_points.cov[is_observed], axis1=-2, axis2=-1)) / 3) if is_observed.any() else 0.0
+    )
+    length = np.sqrt(np.sum(values[is_observed & np.isfinite(values).all(-1)] ** 2, -1))
     scatter = np.median(length) / 1.538 if len(length) else 0.0  # the median length of three unit normals
     return float(max(np.nan_to_num(declared), scatter, 1e-9))

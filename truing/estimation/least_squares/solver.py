@@ -282,8 +282,8 @@ def least_squares(
             linear = linearise(residual[rows], jacobian[rows])
             memory = RULES[method].start(linear, x[rows])
             begin = x[rows], solution.cost[rows]
-            seen = np.zeros(len(rows), bool), np.zeros(len(rows))
-            walk = _Walk(rows, tuple(d[rows] for d in data), *begin, linear, memory, *seen)
+            is_observed = np.zeros(len(rows), bool), np.zeros(len(rows))
+            walk = _Walk(rows, tuple(d[rows] for d in data), *begin, linear, memory, *is_observed)
             for finished, status, iteration in _steps(walk, residuals, RULES[method], max_iterations):
                 _record(solution, finished, residuals, status, iteration, rank_tolerance)
     return solution

@@ -66,8 +66,8 @@ class CommonPart:
     source (T, 3) in m, NaN if unknown, with cov_source (T, 3, 3) of the survey; known (T,): with reference position;
     frame (T,): defines the body frame; agreed (B, T): agreeing points; has_consensus (B,): poses with agreeing points,
     in which other points are gross errors even if there is no pose; fit: default poses, without covariances; joint:
-    shape with its covariance, without a survey; seen (B, T): points that determine the poses on it; shape_poses: number
-    of poses from which it was estimated.
+    shape with its covariance, without a survey; is_observed (B, T): points that determine the poses on it;
+    shape_poses: number of poses from which it was estimated.
     """
 
     source: Array
@@ -80,7 +80,7 @@ class CommonPart:
     has_consensus: Mask
     noise_ratio: float
     joint: JointShape | None = None
-    seen: Mask | None = None
+    is_observed: Mask | None = None
     shape_poses: int = 0
 
 
@@ -100,14 +100,14 @@ class BodyEstimate:
     @property
     def usable(self) -> Mask:
         """Points (B, T) of the body frame that nobody excluded."""
-        usable = self.points.seen & self.common.frame
+        usable = self.points.is_observed & self.common.frame
         return usable if self.excluded is None else usable & ~self.excluded.chosen
 
     @property
     def rejected(self) -> Mask:
         """Points (B, T) left out: gross errors, and those that a person excluded."""
         gross = self.usable & ~self.common.agreed & self.common.has_consensus[:, None]
-        return gross if self.excluded is None else gross | self.points.seen & self.excluded.chosen
+        return gross if self.excluded is None else gross | self.points.is_observed & self.excluded.chosen
 
     def reason(self, pose: int, target: int) -> str:
         """Return the reason for not using a point, in words; empty if used."""
@@ -118,19 +118,19 @@ class BodyEstimate:
         without covariances then."""
         common, points = self.common, self.points.block(rows)
         excluded_points, kept_points = (
-            _decided(decisions, rows, points.seen.shape) for decisions in (self.excluded, self.kept)
+            _decided(decisions, rows, points.is_observed.shape) for decisions in (self.excluded, self.kept)
         )
-        usable = points.seen & common.frame & ~excluded_points.chosen
+        usable = points.is_observed & common.frame & ~excluded_points.chosen
         fits, weights = self._fits(points, usable, rows, every)
         default = next(reversed(fits))
         fit = fits[default]
         used = common.agreed[rows] & fit.ok[:, None]
         rejected = self._rejected(points, usable, excluded_points, rows)
         source = np.nan_to_num(common.source)
-        has_reference = (points.seen & common.known)[..., None]
+        has_reference = (points.is_observed & common.known)[..., None]
         residual = np.where(has_reference, fit.residuals(source, points.points), np.nan)
         reason = reasons(fit, residual, common.known, common.frame, used, rejected)
-        mask, is_excluded = used & kept_points.chosen, excluded_points.chosen & points.seen
+        mask, is_excluded = used & kept_points.chosen, excluded_points.chosen & points.is_observed
         reason = np.where(mask, kept_points.words, np.where(is_excluded, excluded_points.words, reason))
         rejections = {method: usable.sum(axis=1) - f.n_used + is_excluded.sum(axis=1) for method, f in fits.items()}
         rejections[default] = rejected.sum(axis=1)
@@ -142,7 +142,7 @@ class BodyEstimate:
 
     def _rejected(self, points: PosePoints, usable: Mask, excluded: PointDecisions, rows: slice | Index) -> Mask:
         gross = usable & ~self.common.agreed[rows] & self.common.has_consensus[rows][:, None]
-        return np.asarray(gross | points.seen & excluded.chosen)
+        return np.asarray(gross | points.is_observed & excluded.chosen)
 
     def _fits(
         self, points: PosePoints, usable: Mask, rows: slice | Index, every: bool
@@ -153,8 +153,8 @@ class BodyEstimate:
         if not every:
             return {"maximum_likelihood" if common.joint is None else "procrustes": fit}, {}
         cov = common.noise.cov(rows)
-        if common.joint is not None and common.seen is not None:
-            return {"procrustes": _with_covariance_on_shape(fit, common.joint, cov, common.seen[rows])}, {}
+        if common.joint is not None and common.is_observed is not None:
+            return {"procrustes": _with_covariance_on_shape(fit, common.joint, cov, common.is_observed[rows])}, {}
         source, cov_source = np.nan_to_num(common.source), np.nan_to_num(common.cov_source)
         return by_every_method(source, points.points, cov_source, cov, usable, (fit, agreed), common.frame)
 
@@ -199,14 +199,16 @@ def estimate_body(
     errors common to all poses. They are used to find the common shape, since a common scale error would otherwise make
     it uncertain along the line to each point.
     """
-    allowed = points.seen if excluded is None else points.seen & ~excluded.chosen
+    allowed = points.is_observed if excluded is None else points.is_observed & ~excluded.chosen
     always_used = np.zeros((1, 1), bool) if kept is None else kept.chosen
     if survey.targets:
         return BodyEstimate(body, points, _fit_to_survey(points, survey, allowed, always_used), excluded, kept)
     independent_points: Points = points
     if cov_independent is not None:
         block = points.block(slice(None))
-        independent_points = replace(block, cov=np.where(block.seen[..., None, None], cov_independent, block.cov))
+        independent_points = replace(
+            block, cov=np.where(block.is_observed[..., None, None], cov_independent, block.cov)
+        )
     return BodyEstimate(body, points, _fit_without_survey(independent_points, allowed, always_used), excluded, kept)
 
 
@@ -313,7 +315,7 @@ def _fit_on_shape(
 
 def largest_motion(body: BodyEstimate, other: BodyEstimate, rows: Index) -> Array:
     """Return the largest difference (b,) in m between two fits at the targets seen in some poses; NaN without both."""
-    points, observed = body.points.points[rows], body.points.seen[rows]
+    points, observed = body.points.points[rows], body.points.is_observed[rows]
     fits = (estimate.common.fit.some(rows) for estimate in (body, other))
     positions = [np.einsum("bij,bti->btj", fit.R, points - fit.t[:, None]) for fit in fits]
     distance = np.linalg.norm(positions[0] - positions[1], axis=-1)

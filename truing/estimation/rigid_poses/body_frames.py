@@ -22,12 +22,12 @@ def frame_covariance(points: Array, noise: Array, used: Mask) -> Array:
     return np.linalg.pinv(information, rcond=1e-12, hermitian=True)
 
 
-def residual_covariance(points: Array, noise: Array, used: Mask, seen: Mask) -> Array:
+def residual_covariance(points: Array, noise: Array, used: Mask, is_observed: Mask) -> Array:
     """Return the covariance (B, 3T, 3T) of the residuals of all targets, both used and not used for the frame.
 
-    points (T, 3), noise (B, T, 3, 3) in body axes, used and seen (B, T). A residual is ``e_a - J_a delta`` with delta
-    the frame's error; delta contains the errors of used targets, which reduces their residuals. Rows of targets not
-    seen are zero.
+    points (T, 3), noise (B, T, 3, 3) in body axes, used and is_observed (B, T). A residual is ``e_a - J_a delta``
+    with delta the frame's error; delta contains the errors of used targets, which reduces their residuals. Rows of
+    targets not seen are zero.
     """
     batch, count = used.shape
     lever = rigid_motions(points)
@@ -37,7 +37,7 @@ def residual_covariance(points: Array, noise: Array, used: Mask, seen: Mask) -> 
     covariance = swallowed * sign[:, :, None, :, None]
     index = np.arange(count)
     covariance[:, index, :, index, :] += np.moveaxis(noise, 1, 0)
-    both = seen[:, :, None] & seen[:, None, :]
+    both = is_observed[:, :, None] & is_observed[:, None, :]
     return (covariance * both[:, :, None, :, None]).reshape(batch, 3 * count, 3 * count)
 
 
@@ -55,6 +55,6 @@ def redundancy(points: Array, used: Mask) -> Array:
 
 def _inverse_of_seen(noise: Array) -> Array:
     """Return the inverses (..., 3, 3); zero for unseen targets with zero covariance."""
-    seen = np.einsum("...ii->...", noise) > 0.0
-    safe = np.where(seen[..., None, None], noise, np.eye(3))
-    return np.linalg.inv(safe) * seen[..., None, None]
+    is_observed = np.einsum("...ii->...", noise) > 0.0
+    safe = np.where(is_observed[..., None, None], noise, np.eye(3))
+    return np.linalg.inv(safe) * is_observed[..., None, None]

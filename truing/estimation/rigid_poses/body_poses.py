@@ -27,12 +27,12 @@ _BY_CHANCE = 0.01  # p-value of a scatter below which it counts as larger than t
 class BodyPoses:
     """One body over B poses and T targets: fits in the measurement frame by method, and the state of its points.
 
-    residual (B, T, 3) in m, body frame, NaN if missing; used, rejected and seen (B, T); reason (B, T) of str, empty if
-    used; rejections (B,) by method; noise_ratio: scatter over declared noise. source (T, 3) in m, zero if unknown, with
-    cov_source (T, 3, 3): reference of the fits; frame (T,): targets that define the body frame; kept and excluded (B,
-    T): by a person. For correlated point errors: cross (B, 6, 6) by method and other body, covariance with that body's
-    pose by the same method (or by its default); effects (B, 6, K): of one standard deviation of each parameter common
-    to all poses on the default pose; weights as in `BodyFit`.
+    residual (B, T, 3) in m, body frame, NaN if missing; used, rejected and is_observed (B, T); reason (B, T) of str,
+    empty if used; rejections (B,) by method; noise_ratio: scatter over declared noise. source (T, 3) in m, zero if
+    unknown, with cov_source (T, 3, 3): reference of the fits; frame (T,): targets that define the body frame; kept
+    and excluded (B, T): by a person. For correlated point errors: cross (B, 6, 6) by method and other body,
+    covariance with that body's pose by the same method (or by its default); effects (B, 6, K): of one standard
+    deviation of each parameter common to all poses on the default pose; weights as in `BodyFit`.
     """
 
     name: str

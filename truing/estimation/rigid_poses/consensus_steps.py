@@ -21,22 +21,23 @@ FLOOR = 1e-6
 
 @dataclass(frozen=True)
 class Clouds:
-    """A batch of poses in the search: x, y (B, N, 3) in m, seen (B, N), sigma (B, N) in m, limit (B,) of chi-square."""
+    """A batch of poses in the search: x, y (B, N, 3) in m, is_observed (B, N), sigma (B, N) in m, limit (B,) of
+    chi-square."""
 
     x: NDArray
     y: NDArray
-    seen: NDArray
+    is_observed: NDArray
     sigma: NDArray
     limit: NDArray
 
     def __getitem__(self, rows: NDArray | slice) -> Clouds:
-        return Clouds(self.x[rows], self.y[rows], self.seen[rows], self.sigma[rows], self.limit[rows])
+        return Clouds(self.x[rows], self.y[rows], self.is_observed[rows], self.sigma[rows], self.limit[rows])
 
 
 def statuses(clouds: Clouds) -> NDArray:
     """Return the statuses (B,) of plain fits to all points, which show defects that no selection of points can
     repair."""
-    return solve_weighted(clouds.x, clouds.y, clouds.seen / clouds.sigma**2).status
+    return solve_weighted(clouds.x, clouds.y, clouds.is_observed / clouds.sigma**2).status
 
 
 def squared_residuals(clouds: Clouds, members: NDArray) -> tuple[NDArray, NDArray]:
@@ -84,20 +85,20 @@ def same_distances(clouds: Clouds) -> NDArray:
 
     An edge has weight 1 plus a small amount for better agreement, so that choices do not depend on the order of points.
     """
-    a, b = _squared_distances(clouds.x, clouds.seen), _squared_distances(clouds.y, clouds.seen)
+    a, b = _squared_distances(clouds.x, clouds.is_observed), _squared_distances(clouds.y, clouds.is_observed)
     change = np.square(a - b) / np.maximum(a + b + 2 * np.sqrt(a * b), np.finfo(float).tiny)  # (root a - root b)^2
     variance = np.square(PAIR_LIMIT * clouds.sigma)
     share = (1 - change / (variance[:, :, None] + variance[:, None])).astype(np.float32)
-    graph = np.where(share > 0, 1 + np.float32(0.5 / clouds.seen.shape[1]) * share, np.float32(0))
-    graph *= clouds.seen[:, :, None] & clouds.seen[:, None]
-    index = np.arange(clouds.seen.shape[1])
+    graph = np.where(share > 0, 1 + np.float32(0.5 / clouds.is_observed.shape[1]) * share, np.float32(0))
+    graph *= clouds.is_observed[:, :, None] & clouds.is_observed[:, None]
+    index = np.arange(clouds.is_observed.shape[1])
     graph[:, index, index] = 0.0
     return graph
 
 
-def _squared_distances(points: NDArray, seen: NDArray) -> NDArray:
+def _squared_distances(points: NDArray, is_observed: NDArray) -> NDArray:
     """Return the squared distances (B, N, N) between points (B, N, 3), from their products about their centre."""
-    centre = np.einsum("bn,bni->bi", seen, points) / np.maximum(seen.sum(-1), 1)[:, None]
+    centre = np.einsum("bn,bni->bi", is_observed, points) / np.maximum(is_observed.sum(-1), 1)[:, None]
     p = points - centre[:, None]
     square = np.einsum("bni,bni->bn", p, p)
     return np.maximum(square[:, :, None] + square[:, None] - 2 * (p @ np.swapaxes(p, 1, 2)), 0.0)

@@ -33,13 +33,13 @@ class SurveyPoints:
 @dataclass(frozen=True)
 class PosePoints:
     """One body over all poses: poses (B ids), targets (T names), points (B, T, 3) in m as measured, zero if not seen;
-    cov (B, T, 3, 3) in m^2; seen (B, T)."""
+    cov (B, T, 3, 3) in m^2; is_observed (B, T)."""
 
     poses: tuple[int | str, ...]
     targets: tuple[str, ...]
     points: Array
     cov: Array
-    seen: Mask
+    is_observed: Mask
 
     @property
     def variance(self) -> Array:
@@ -49,7 +49,7 @@ class PosePoints:
     def block(self, rows: slice | Index) -> PosePoints:
         """Return the points of some poses."""
         return PosePoints(
-            some_poses(self.poses, rows), self.targets, self.points[rows], self.cov[rows], self.seen[rows]
+            some_poses(self.poses, rows), self.targets, self.points[rows], self.cov[rows], self.is_observed[rows]
         )
 
 
@@ -63,27 +63,27 @@ class CompactPoints:
     points: Array
     sigma: Array
     correlation: Array | None
-    seen: Mask
+    is_observed: Mask
 
     @property
     def variance(self) -> Array:
         """Sum (B, T) of the variances of the three coordinates, in m^2."""
-        return np.where(self.seen, np.sum(self.sigma * self.sigma, axis=-1), 0.0)
+        return np.where(self.is_observed, np.sum(self.sigma * self.sigma, axis=-1), 0.0)
 
     def block(self, rows: slice | Index) -> PosePoints:
         """Return the points of some poses, with their covariances."""
-        seen = self.seen[rows]
-        sigma = np.broadcast_to(self.sigma if len(self.sigma) == 1 else self.sigma[rows], (*seen.shape, 3))
-        cov = np.zeros((*seen.shape, 3, 3))
+        is_observed = self.is_observed[rows]
+        sigma = np.broadcast_to(self.sigma if len(self.sigma) == 1 else self.sigma[rows], (*is_observed.shape, 3))
+        cov = np.zeros((*is_observed.shape, 3, 3))
         for i in range(3):
-            cov[..., i, i] = np.where(seen, sigma[..., i] * sigma[..., i], 0.0)
+            cov[..., i, i] = np.where(is_observed, sigma[..., i] * sigma[..., i], 0.0)
         if self.correlation is not None:
             correlation = self.correlation[rows]
             for k, (i, j) in enumerate(((0, 1), (0, 2), (1, 2))):
                 cov[..., i, j] = cov[..., j, i] = np.where(
-                    seen, correlation[..., k] * sigma[..., i] * sigma[..., j], 0.0
+                    is_observed, correlation[..., k] * sigma[..., i] * sigma[..., j], 0.0
                 )
-        return PosePoints(some_poses(self.poses, rows), self.targets, self.points[rows], cov, seen)
+        return PosePoints(some_poses(self.poses, rows), self.targets, self.points[rows], cov, is_observed)
 
 
 def some_poses(poses: tuple[int | str, ...], rows: slice | Index) -> tuple[int | str, ...]:

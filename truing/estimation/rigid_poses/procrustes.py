@@ -161,18 +161,18 @@ class ProcrustesFit:
 
 @dataclass(frozen=True)
 class _ObservedPoints:
-    """Observations: y (B, N, 3) with cov (B, N, 3, 3) if seen (B, N), and the survey's weight (N, 3, 3)."""
+    """Observations: y (B, N, 3) with cov (B, N, 3, 3) if is_observed (B, N), and the survey's weight (N, 3, 3)."""
 
     y: NDArray
     cov: NDArray
-    seen: NDArray
+    is_observed: NDArray
     survey: NDArray
     survey_cov: NDArray
     surveyed: NDArray
 
     def weights(self, tau: NDArray) -> tuple[NDArray, NDArray]:
         """Return inverse covariances (B, N, 3, 3) and (N, 3, 3), zero without an observation."""
-        return inverse_noise(self.cov, tau, self.seen), inverse_noise(self.survey_cov, tau, self.surveyed)
+        return inverse_noise(self.cov, tau, self.is_observed), inverse_noise(self.survey_cov, tau, self.surveyed)
 
 
 @dataclass(frozen=True)
@@ -216,7 +216,7 @@ def generalised_procrustes(
         return _undetermined_fit(problem, has_pose)
     is_datum_free = not problem.surveyed.any()
     tau = np.zeros(problem.y.shape[1])
-    noise = np.sqrt(np.trace(problem.cov[problem.seen].mean(axis=0)) / 3)
+    noise = np.sqrt(np.trace(problem.cov[problem.is_observed].mean(axis=0)) / 3)
     iterations = 0
     for _ in range(MAX_VARIANCE_ROUNDS):
         state, normal, covariance, steps, converged = _solve(problem, state, tau, known, is_datum_free)
@@ -318,8 +318,8 @@ def _solve(
 
 def _normal(problem: _ObservedPoints, state: _State, W: NDArray, W_survey: NDArray) -> _Normal:
     R = state.R
-    r = residuals_on_shape(problem.y, problem.seen, state.shape, R, state.t)
-    pose, JW = pose_equations(state.shape, R, W, problem.seen)
+    r = residuals_on_shape(problem.y, problem.is_observed, state.shape, R, state.t)
+    pose, JW = pose_equations(state.shape, R, W, problem.is_observed)
     coupling = shape_coupling(JW, R)
     Rt = np.swapaxes(R, -1, -2)[:, None]
     information = np.sum(Rt @ W @ R[:, None], axis=0) + W_survey
@@ -349,11 +349,11 @@ def _shape_covariance(
 def _deformation(problem: _ObservedPoints, state: _State, normal: _Normal, covariance: NDArray) -> NDArray:
     """Return tau (N,): scatter of each target beyond its noise, corrected for the redundancy of the fit."""
     arm = state.shape @ np.swapaxes(state.R, -1, -2)
-    r = residuals_on_shape(problem.y, problem.seen, state.shape, state.R, state.t)
+    r = residuals_on_shape(problem.y, problem.is_observed, state.shape, state.R, state.t)
     noise = np.trace(problem.cov, axis1=-2, axis2=-1)
     excess = np.sum(r**2, axis=-1) - noise + _fitted_share(state, normal, covariance, arm)
-    count = np.maximum(3 * problem.seen.sum(axis=0), 1)
-    return np.sqrt(np.maximum(np.sum(excess * problem.seen, axis=0) / count, 0.0))
+    count = np.maximum(3 * problem.is_observed.sum(axis=0), 1)
+    return np.sqrt(np.maximum(np.sum(excess * problem.is_observed, axis=0) / count, 0.0))
 
 
 def _fitted_share(state: _State, normal: _Normal, covariance: NDArray, arm: NDArray) -> NDArray:
@@ -382,8 +382,8 @@ def _result(
 ) -> ProcrustesFit:
     pose_covariance = np.linalg.inv(normal.pose) + normal.carried @ covariance @ np.swapaxes(normal.carried, -1, -2)
     squared_residual = np.sum((problem.y - state.shape @ np.swapaxes(state.R, -1, -2) - state.t[:, None]) ** 2, axis=-1)
-    count = problem.seen.sum(axis=1)
-    rms = np.sqrt(np.sum(squared_residual * problem.seen, axis=1) / np.maximum(count, 1))
+    count = problem.is_observed.sum(axis=1)
+    rms = np.sqrt(np.sum(squared_residual * problem.is_observed, axis=1) / np.maximum(count, 1))
     status_of_pose = np.where(has_pose, str(status), str(FitStatus.TOO_FEW_POINTS))
     ones, steps = np.ones(len(has_pose)), np.full(len(has_pose), iterations)
     poses = RigidFit(
@@ -395,7 +395,7 @@ def _result(
 
 def _undetermined_fit(problem: _ObservedPoints, has_pose: NDArray) -> ProcrustesFit:
     """Return the result if no pose shares three targets with any other."""
-    count, targets = problem.seen.sum(axis=1), problem.y.shape[1]
+    count, targets = problem.is_observed.sum(axis=1), problem.y.shape[1]
     status = np.full(len(has_pose), str(FitStatus.TOO_FEW_POINTS))
     empty = np.full((len(has_pose), 6, 6), np.nan)
     ones, zeros = np.ones(len(has_pose)), np.zeros(len(has_pose), np.int64)

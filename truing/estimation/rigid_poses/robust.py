@@ -89,10 +89,10 @@ def chi_square_limit(false_alarm: float, observed: NDArray) -> NDArray:
 
 def _trimmed_sets(clouds: Clouds, tools: Tools) -> tuple[NDArray, NDArray]:
     """Return the sets (B, N) and statuses (B,) of poses in which trimming leaves a majority; else NO_CONSENSUS."""
-    points = clouds.seen.sum(-1)
+    points = clouds.is_observed.sum(-1)
     # two sets of more than (n + 4) / 2 of n points share four, and so the motion
     min_size = np.minimum(np.maximum(points, 3), (points + FEWEST + 1) // 2)
-    members, _ = _fixpoints(clouds, clouds.seen, min_size, tools)
+    members, _ = _fixpoints(clouds, clouds.is_observed, min_size, tools)
     unsolved = np.flatnonzero(~members.any(-1))
     status = np.full(len(members), str(FitStatus.OK), np.array([str(s) for s in FitStatus]).dtype)
     status[unsolved] = tools.statuses(clouds[unsolved])
@@ -113,7 +113,7 @@ def _fixpoints(clouds: Clouds, members: NDArray, min_size: NDArray, tools: Tools
         largest = np.max(studentised, axis=-1, where=previous, initial=0.0)
         limit = np.maximum(batch.limit, largest / 4)
         renewed = (
-            batch.seen
+            batch.is_observed
             & np.isfinite(studentised)
             & (studentised <= np.where(previous, limit[:, None], batch.limit[:, None]))
         )
@@ -158,10 +158,10 @@ class _Best:
 
 def _search(clouds: Clouds, tools: Tools) -> tuple[NDArray, NDArray]:
     """Return the largest sets (B, N) that agree, and statuses (B,)."""
-    graph, seeds, count = tools.same_distances(clouds), clouds.seen.copy(), len(clouds.seen)
+    graph, seeds, count = tools.same_distances(clouds), clouds.is_observed.copy(), len(clouds.is_observed)
     best = _Best(np.zeros_like(seeds), np.zeros(count, int), np.zeros(count, bool), np.zeros(count, bool))
     degree = graph.sum(-1)
-    least_size = np.clip(clouds.seen.sum(-1) - 1, 3, FEWEST)
+    least_size = np.clip(clouds.is_observed.sum(-1) - 1, 3, FEWEST)
     while True:
         min_size = np.maximum(best.size, least_size)
         is_seed = seeds & (degree >= min_size[:, None] - 1)
@@ -237,9 +237,9 @@ def _near_one_of(clouds: Clouds, members: NDArray, triples: NDArray) -> NDArray:
     residual -= np.swapaxes(clouds.y, 1, 2)[:, None]
     normalised_square = np.sum(np.square(residual, out=residual), axis=2) / np.square(clouds.sigma)[:, None]
     limit = 4 * clouds.limit[:, None, None]  # includes the error of a triple's motion
-    cost = (np.minimum(normalised_square, limit) @ clouds.seen[..., None].astype(float))[..., 0]
+    cost = (np.minimum(normalised_square, limit) @ clouds.is_observed[..., None].astype(float))[..., 0]
     best = np.where(np.isnan(cost), np.inf, cost).argmin(-1)
-    return clouds.seen & (normalised_square[rows, best] <= limit[:, 0])
+    return clouds.is_observed & (normalised_square[rows, best] <= limit[:, 0])
 
 
 def _only_few(clouds: Clouds, tools: Tools) -> NDArray:

@@ -49,13 +49,13 @@ _SOURCES = (simd_arithmetic.__file__, batched_kernel.__file__, consensus_steps._
 
 def statuses(clouds: consensus_steps.Clouds) -> NDArray:
     """Same as `consensus_steps.statuses`."""
-    return batched_kernel.solve(clouds.x, clouds.y, clouds.seen / clouds.sigma**2, threads=1).status
+    return batched_kernel.solve(clouds.x, clouds.y, clouds.is_observed / clouds.sigma**2, threads=1).status
 
 
 def squared_residuals(clouds: consensus_steps.Clouds, members: NDArray) -> tuple[NDArray, NDArray]:
     """Same as `consensus_steps.squared_residuals`."""
     student, plain, clear = np.empty(members.shape), np.empty(members.shape), np.empty(len(members), bool)
-    residuals_of_poses(clouds.x, clouds.y, clouds.seen, clouds.sigma, members, student, plain, clear)
+    residuals_of_poses(clouds.x, clouds.y, clouds.is_observed, clouds.sigma, members, student, plain, clear)
     rest = np.flatnonzero(~clear)
     if len(rest):
         student[rest], plain[rest] = consensus_steps.squared_residuals(clouds[rest], members[rest])
@@ -64,8 +64,8 @@ def squared_residuals(clouds: consensus_steps.Clouds, members: NDArray) -> tuple
 
 def same_distances(clouds: consensus_steps.Clouds) -> NDArray:
     """Same as `consensus_steps.same_distances`."""
-    graph = np.empty((*clouds.seen.shape, clouds.seen.shape[1]), np.float32)
-    edges_of_poses(clouds.x, clouds.y, clouds.seen, np.square(consensus_steps.PAIR_LIMIT * clouds.sigma), graph)
+    graph = np.empty((*clouds.is_observed.shape, clouds.is_observed.shape[1]), np.float32)
+    edges_of_poses(clouds.x, clouds.y, clouds.is_observed, np.square(consensus_steps.PAIR_LIMIT * clouds.sigma), graph)
     return graph
 
 
@@ -107,7 +107,7 @@ def measure(points: NDArray, n: int, lane: NDArray) -> None:
 def residuals_of_poses(
     x: NDArray,
     y: NDArray,
-    seen: NDArray,
+    is_observed: NDArray,
     sigma: NDArray,
     members: NDArray,
     student: NDArray,
@@ -118,7 +118,7 @@ def residuals_of_poses(
     points, lane = np.empty((x.shape[1], FIELDS * LANES)), np.empty(ROWS * LANES)
     none = np.empty((0, 1))
     for first in range(0, len(members), LANES):
-        load_block(x, y, seen, none, first, len(members), points, lane)
+        load_block(x, y, is_observed, none, first, len(members), points, lane)
         load_members(sigma, members, first, points)
         accumulate_moments(points, lane)
         solve_rotations(lane)
@@ -132,7 +132,7 @@ def residuals_of_poses(
 
 
 @inner
-def edges_of_point(p: NDArray, seen: NDArray, variance: NDArray, i: int, count: int, out: NDArray) -> None:
+def edges_of_point(p: NDArray, is_observed: NDArray, variance: NDArray, i: int, count: int, out: NDArray) -> None:
     """Fill in the edges of one point; p holds the coordinates of both clouds as six rows of count numbers."""
     for j in range(count):
         u, v, w = p[j] - p[i], p[count + j] - p[count + i], p[2 * count + j] - p[2 * count + i]
@@ -147,11 +147,11 @@ def edges_of_point(p: NDArray, seen: NDArray, variance: NDArray, i: int, count: 
         change = (a - b) * (a - b) / (total if total > 0.0 else 1.0)
         share = np.float32(1.0 - change / (variance[i] + variance[j]))
         edge = np.float32(1.0) + np.float32(0.5 / count) * share
-        out[j] = edge if (share > np.float32(0.0)) & seen[i] & seen[j] & (i != j) else np.float32(0.0)
+        out[j] = edge if (share > np.float32(0.0)) & is_observed[i] & is_observed[j] & (i != j) else np.float32(0.0)
 
 
 @compiled(*_SOURCES)
-def edges_of_poses(x: NDArray, y: NDArray, seen: NDArray, variance: NDArray, graph: NDArray) -> None:
+def edges_of_poses(x: NDArray, y: NDArray, is_observed: NDArray, variance: NDArray, graph: NDArray) -> None:
     """Fill in the graphs (B, N, N) of points with equal distances in both clouds."""
     count = x.shape[1]
     p = np.empty(6 * count)
@@ -160,7 +160,7 @@ def edges_of_poses(x: NDArray, y: NDArray, seen: NDArray, variance: NDArray, gra
             for n in range(count):
                 p[i * count + n], p[(3 + i) * count + n] = x[b, n, i], y[b, n, i]
         for i in range(count):
-            edges_of_point(p, seen[b], variance[b], i, count, graph[b, i])
+            edges_of_point(p, is_observed[b], variance[b], i, count, graph[b, i])
 
 
 @compiled(*_SOURCES)

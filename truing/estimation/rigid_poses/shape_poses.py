@@ -35,17 +35,17 @@ def inverse_noise(cov: NDArray, tau: NDArray, used: NDArray) -> NDArray:
     return np.linalg.inv(symmetric(regular)) * used[..., None, None]
 
 
-def residuals_on_shape(y: NDArray, seen: NDArray, shape: NDArray, R: NDArray, t: NDArray) -> NDArray:
+def residuals_on_shape(y: NDArray, is_observed: NDArray, shape: NDArray, R: NDArray, t: NDArray) -> NDArray:
     """Return measured minus fitted points (B, N, 3) in the target frame, zero if not seen."""
-    return np.where(seen[..., None], y - shape @ np.swapaxes(R, -1, -2) - t[:, None], 0.0)
+    return np.where(is_observed[..., None], y - shape @ np.swapaxes(R, -1, -2) - t[:, None], 0.0)
 
 
-def pose_equations(shape: NDArray, R: NDArray, W: NDArray, seen: NDArray) -> tuple[NDArray, NDArray]:
+def pose_equations(shape: NDArray, R: NDArray, W: NDArray, is_observed: NDArray) -> tuple[NDArray, NDArray]:
     """Return the normal matrices (B, 6, 6) of poses, the identity without points, and ``J' W`` (B, N, 6, 3) of each
     point's residual."""
     J = -rigid_motions(shape @ np.swapaxes(R, -1, -2))
     JW = np.swapaxes(J, -1, -2) @ W
-    free = np.where(seen.any(axis=1), 0.0, 1.0)
+    free = np.where(is_observed.any(axis=1), 0.0, 1.0)
     return np.sum(JW @ J, axis=1) + free[:, None, None] * np.eye(6), JW
 
 
@@ -55,20 +55,20 @@ def shape_coupling(JW: NDArray, R: NDArray) -> NDArray:
 
 
 def poses_on_shape(
-    joint: JointShape, y: NDArray, cov: NDArray, seen: NDArray, R: NDArray, t: NDArray
+    joint: JointShape, y: NDArray, cov: NDArray, is_observed: NDArray, R: NDArray, t: NDArray
 ) -> tuple[NDArray, NDArray, NDArray]:
     """Return R (B, 3, 3), t (B, 3) and the mask (B,) of converged poses, from a start.
 
-    y (B, N, 3) in m with cov (B, N, 3, 3), of the points seen (B, N), which must determine each pose.
+    y (B, N, 3) in m with cov (B, N, 3, 3), of the points is_observed (B, N), which must determine each pose.
     """
     R, t, converged = R.copy(), t.copy(), np.zeros(len(R), bool)
-    W = inverse_noise(cov, joint.tau, seen)
+    W = inverse_noise(cov, joint.tau, is_observed)
     for _ in range(MAX_ITERATIONS):
         a = np.flatnonzero(~converged)
         if not a.size:
             break
-        normal, JW = pose_equations(joint.shape, R[a], W[a], seen[a])
-        r = residuals_on_shape(y[a], seen[a], joint.shape, R[a], t[a])
+        normal, JW = pose_equations(joint.shape, R[a], W[a], is_observed[a])
+        r = residuals_on_shape(y[a], is_observed[a], joint.shape, R[a], t[a])
         gradient = np.sum(apply_rotation(JW, r), axis=1)
         step = -np.linalg.solve(normal, gradient[..., None])[..., 0]
         small = np.einsum("bi,bij,bj->b", step, normal, step) < _SETTLED
@@ -78,9 +78,9 @@ def poses_on_shape(
     return R, t, converged
 
 
-def covariance_on_shape(joint: JointShape, cov: NDArray, seen: NDArray, R: NDArray) -> NDArray:
+def covariance_on_shape(joint: JointShape, cov: NDArray, is_observed: NDArray, R: NDArray) -> NDArray:
     """Return the covariance (B, 6, 6) of poses, from the noise of their own points and that of the shape."""
-    normal, JW = pose_equations(joint.shape, R, inverse_noise(cov, joint.tau, seen), seen)
+    normal, JW = pose_equations(joint.shape, R, inverse_noise(cov, joint.tau, is_observed), is_observed)
     inverse = np.linalg.inv(normal)
     carried = inverse @ shape_coupling(JW, R)
     return symmetric(inverse + carried @ joint.covariance @ np.swapaxes(carried, -1, -2))

@@ -183,11 +183,13 @@ def _noise(tables: Tables, targets: pd.DataFrame, poses: list[Any]) -> NDArray[n
         return np.full((len(poses), len(targets), 3), np.nan)
     wanted = [(pose, *key) for pose in poses for key in keys]
     found = points.set_index(["pose", "body", "target"])[SIGMA]
-    seen = found[~found.index.duplicated()].reindex(wanted).to_numpy(dtype=float).reshape(len(poses), len(keys), 3)
+    is_observed = (
+        found[~found.index.duplicated()].reindex(wanted).to_numpy(dtype=float).reshape(len(poses), len(keys), 3)
+    )
     if survey is None or not set(SIGMA) <= set(survey.columns):
-        return seen
+        return is_observed
     placed = survey.set_index(["body", "target"])[SIGMA].reindex(keys).to_numpy(dtype=float)
-    return np.sqrt(seen**2 + np.nan_to_num(placed) ** 2)
+    return np.sqrt(is_observed**2 + np.nan_to_num(placed) ** 2)
 
 
 def _pose_captions(tables: Tables, poses: list[Any], legs: tuple[int, ...]) -> tuple[tuple[str, ...], ...]:

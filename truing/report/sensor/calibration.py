@@ -254,13 +254,21 @@ def _classes(classes: pd.DataFrame) -> Listing:
             rows.append((r.load, r.error_class, "", "not evaluated", "", "", cell(getattr(r, "reason", None))))
             marks.append("none")
             continue
-        seen = abs(r.value) > r.limit
+        is_observed = abs(r.value) > r.limit
         at = "" if r.applied != r.applied else f"{plain(r.applied)} {LOAD_UNITS[r.load]}"
         value = with_uncertainty(r.value, r.sigma)
         rows.append(
-            (r.load, r.error_class, r.indicated, value, plain(r.limit), at, "significant" if seen else "within noise")
+            (
+                r.load,
+                r.error_class,
+                r.indicated,
+                value,
+                plain(r.limit),
+                at,
+                "significant" if is_observed else "within noise",
+            )
         )
-        marks.append("warn" if seen else "")
+        marks.append("warn" if is_observed else "")
     heads = (
         LOAD,
         Head("class", "Name of the error in laboratory terms."),

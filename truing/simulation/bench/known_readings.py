@@ -82,19 +82,19 @@ class BeamGeometry:
         A component that no channel read is simulated to correct the others, and remains unknown itself. Without a
         simulation, components that depend on it are unknown too.
         """
-        seen = np.isfinite(read)
+        is_observed = np.isfinite(read)
         expected, spread = self._expected(load)
-        inverse = np.linalg.inv(np.where(seen[:, :, None], self.optics.rows, np.eye(6)))
-        filled = np.einsum("kij,kj->ki", inverse, np.where(seen, read, np.nan_to_num(expected)))
-        missing = ~seen & ~np.isfinite(expected)
-        known = seen & ~np.einsum("kij,kj->ki", np.abs(inverse) > _NOTHING, missing)
-        by_angle = np.where(seen[:, :, None], np.einsum("uij,kj->kiu", self.optics.by_angle, filled), 0.0)
-        variance = np.where(seen, np.einsum("kii->ki", covariance), np.nan_to_num(spread))
+        inverse = np.linalg.inv(np.where(is_observed[:, :, None], self.optics.rows, np.eye(6)))
+        filled = np.einsum("kij,kj->ki", inverse, np.where(is_observed, read, np.nan_to_num(expected)))
+        missing = ~is_observed & ~np.isfinite(expected)
+        known = is_observed & ~np.einsum("kij,kj->ki", np.abs(inverse) > _NOTHING, missing)
+        by_angle = np.where(is_observed[:, :, None], np.einsum("uij,kj->kiu", self.optics.by_angle, filled), 0.0)
+        variance = np.where(is_observed, np.einsum("kii->ki", covariance), np.nan_to_num(spread))
         inner = variance[:, :, None] * np.eye(6) + by_angle @ np.swapaxes(by_angle, 1, 2)
         whole = inverse @ inner @ np.swapaxes(inverse, 1, 2)
         both = known[:, :, None] & known[:, None, :]
         more = self.optics.rows - np.eye(6)
-        common = np.where(seen, 0.0, np.nan_to_num(spread)) @ (more**2).T + np.sum(by_angle**2, -1)
+        common = np.where(is_observed, 0.0, np.nan_to_num(spread)) @ (more**2).T + np.sum(by_angle**2, -1)
         return EstimatedMotion(
             np.where(known, filled, np.nan),
             np.where(both, whole, np.where(np.eye(6, dtype=bool), np.inf, 0.0)),
@@ -135,13 +135,15 @@ class ChannelZeros:
         )
 
 
-def zeros_of(run: NDArray, seen: NDArray, sigma: NDArray, *, signals: int = 0) -> ChannelZeros:
-    """Return the zeros of readings seen (B, K) in runs (B,), one per run and channel, with prior sigma of the noise
-    (K,).
+def zeros_of(run: NDArray, is_observed: NDArray, sigma: NDArray, *, signals: int = 0) -> ChannelZeros:
+    """Return the zeros of readings is_observed (B, K) in runs (B,), one per run and channel, with prior sigma of
+    the noise (K,).
 
     Zeros of signals, which come last, are free.
     """
-    found = [(label, k) for label in dict.fromkeys(run.tolist()) for k in np.flatnonzero(seen[run == label].any(0))]
+    found = [
+        (label, k) for label in dict.fromkeys(run.tolist()) for k in np.flatnonzero(is_observed[run == label].any(0))
+    ]
     labels = np.array([label for label, _ in found], run.dtype)
     channel = np.array([k for _, k in found], int)
     known = channel < len(sigma) - signals
@@ -227,14 +229,18 @@ def run_names(steps: RecordedSteps) -> NDArray:
 
 
 def zeros_of_steps(
-    steps: RecordedSteps, seen: NDArray[np.bool_], fitted: NDArray[np.bool_], typical: NDArray, tared: float | None
+    steps: RecordedSteps,
+    is_observed: NDArray[np.bool_],
+    fitted: NDArray[np.bool_],
+    typical: NDArray,
+    tared: float | None,
 ) -> ChannelZeros:
     """Return the zeros of runs, with the uncertainty that their starts show; zeros of signals are free, unless tared.
 
-    seen (B, K) at steps that may be fitted (B,); typical (K,) noise of a channel, SI; tared: standard deviation of a
-    signal's zero, V.
+    is_observed (B, K) at steps that may be fitted (B,); typical (K,) noise of a channel, SI; tared: standard
+    deviation of a signal's zero, V.
     """
-    zeros = zeros_of(run_names(steps)[fitted], seen[fitted], typical, signals=steps.signal.shape[1])
+    zeros = zeros_of(run_names(steps)[fitted], is_observed[fitted], typical, signals=steps.signal.shape[1])
     noise = typical[: len(CHANNELS)]
     spread = zeros_of_runs(steps, steps.reading, noise).spread(noise)
     place = {label: number for number, label in enumerate(np.array(steps.runs).tolist())}
@@ -251,25 +257,26 @@ def zeros_of_steps(
 def gains_of_steps(
     sensor: UncertainSensor,
     steps: RecordedSteps,
-    seen: NDArray[np.bool_],
+    is_observed: NDArray[np.bool_],
     declared: NDArray | None,
     tolerance: float | None,
 ) -> SignalGains:
     """Return the prior of the signals' gains: by leg if there is one channel per leg, otherwise by load.
 
-    seen (B, S) signals at steps that may be fitted; declared () or (S,) gains, V/N, with their relative tolerance.
+    is_observed (B, S) signals at steps that may be fitted; declared () or (S,) gains, V/N, with their relative
+    tolerance.
     """
-    count = seen.shape[1]
-    if not seen.any():
+    count = is_observed.shape[1]
+    if not is_observed.any():
         return SignalGains.none() if not count else SignalGains(np.zeros((count, 6)), np.ones((count, 6)), False)
     if sensor.joints is None or count != len(LOADS):
-        rows = np.stack([_slopes(steps.load, steps.signal[:, j], steps.run, seen[:, j]) for j in range(count)])
+        rows = np.stack([_slopes(steps.load, steps.signal[:, j], steps.run, is_observed[:, j]) for j in range(count)])
         return SignalGains(rows, _wide_sigmas(rows, axis=1), False)
     if declared is not None:
         gains = np.broadcast_to(declared, (count,)).copy()
         return SignalGains(gains, np.abs(gains) * max(tolerance or 0.0, 1e-6), True)
     columns = np.linalg.solve(influence_matrix(sensor.joints), steps.load.T).T[..., None]
-    slopes = [_slopes(columns[:, j], steps.signal[:, j], steps.run, seen[:, j])[0] for j in range(count)]
+    slopes = [_slopes(columns[:, j], steps.signal[:, j], steps.run, is_observed[:, j])[0] for j in range(count)]
     gains = np.array(slopes)
     return SignalGains(gains, _wide_sigmas(gains), False)
 
@@ -279,9 +286,9 @@ def _wide_sigmas(values: NDArray, axis: int | None = None) -> NDArray:
     return np.broadcast_to(_WIDE * np.where(size > 0.0, size, 1.0), values.shape).copy()
 
 
-def _slopes(columns: NDArray, values: NDArray, run: NDArray[np.int64], seen: NDArray[np.bool_]) -> NDArray:
+def _slopes(columns: NDArray, values: NDArray, run: NDArray[np.int64], is_observed: NDArray[np.bool_]) -> NDArray:
     """Return the slopes (W,) of values (B,) along columns (B, W), with one zero per run."""
-    at = np.unique(run[seen], return_inverse=True)[1]
-    zeros = np.eye(int(at.max()) + 1)[at] if seen.any() else np.zeros((0, 0))
-    design = np.hstack([columns[seen], zeros])
-    return np.asarray(np.linalg.lstsq(design, values[seen], rcond=None)[0][: columns.shape[1]])
+    at = np.unique(run[is_observed], return_inverse=True)[1]
+    zeros = np.eye(int(at.max()) + 1)[at] if is_observed.any() else np.zeros((0, 0))
+    design = np.hstack([columns[is_observed], zeros])
+    return np.asarray(np.linalg.lstsq(design, values[is_observed], rcond=None)[0][: columns.shape[1]])

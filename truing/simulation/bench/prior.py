@@ -79,9 +79,9 @@ def sensor_prior(extended: ExtendedSensor, model: BenchModel) -> SensorPrior:
     sensor = replace(model.known.sensor, share=extended.share)
     start, rows = _smallest_unknowns(sensor, extended.compliance)
     left, size, right = np.linalg.svd(rows, full_matrices=False)
-    seen = size > _LEAST * size.max(initial=0.0)
-    along = right[seen]  # (r, n): combinations of the unknowns, each with a prior sigma of one
-    back = (left[:, seen] / size[seen]).T / _scale(extended.compliance)
+    is_observed = size > _LEAST * size.max(initial=0.0)
+    along = right[is_observed]  # (r, n): combinations of the unknowns, each with a prior sigma of one
+    back = (left[:, is_observed] / size[is_observed]).T / _scale(extended.compliance)
     sigmas = [model.effect_sigma(cause) for cause in causes]
     places = extended.places(causes)
     turn = block_diagonal(back, *(np.diag(1.0 / sigma) for sigma in sigmas))

@@ -63,7 +63,7 @@ class BodyTargets:
     surveyed: bool
     points: Array
     cov: Array
-    seen: Mask
+    is_observed: Mask
     R: Array
     t: Array
     ok: Mask
@@ -72,7 +72,7 @@ class BodyTargets:
     @property
     def sigma(self) -> float:
         """Typical standard deviation of a coordinate, m."""
-        return float(np.sqrt(np.median(np.trace(self.cov[self.seen], axis1=-2, axis2=-1)) / 3))
+        return float(np.sqrt(np.median(np.trace(self.cov[self.is_observed], axis1=-2, axis2=-1)) / 3))
 
 
 def measured_body(
@@ -104,19 +104,21 @@ def measured_body(
         sits = np.broadcast_to(np.eye(3) * max(FREE_LENGTH_M, _FREE_SHAPE * radius) ** 2, (len(shape), 3, 3))
     else:
         sits = with_declared_noise(shape_cov, max(noise, _ROUNDING_M))
-    known = points.seen & fit.ok[:, None]
+    known = points.is_observed & fit.ok[:, None]
     places = np.where(known[..., None], np.einsum("bji,bkj->bki", R, right - t[:, None]), 0.0)
     sigma = float(np.sqrt(np.median(np.trace(cov[known], axis1=-2, axis2=-1)) / 3))
     loose = _position_looseness(name, points.targets, shape, trusted)
-    seen = assessed.kept & known & (trusted | ~lonely_places(places, known, order, sigma, loose))
-    changes = changes_of_place(places, seen, order, sigma, loose)
-    seen &= ~stray_places(places, seen, order, sigma, changes, loose)
+    is_observed = assessed.kept & known & (trusted | ~lonely_places(places, known, order, sigma, loose))
+    changes = changes_of_place(places, is_observed, order, sigma, loose)
+    is_observed &= ~stray_places(places, is_observed, order, sigma, changes, loose)
     moved = evident_displacements(name, points, shape, order, changes)
-    ok = fit.ok & (seen.sum(1) >= FEWEST_TARGETS)
+    ok = fit.ok & (is_observed.sum(1) >= FEWEST_TARGETS)
     swapped = tuple(swapped_targets(name, points.targets, points.poses, order, assessed.exchanges))
     certain: tuple[TargetsSwapped | TargetMoved, ...] = (*swapped, *moved)
     is_surveyed = shape_cov is not None
-    return BodyTargets(name, points.targets, shape, sits, is_surveyed, points.points, cov, seen, R, t, ok, certain)
+    return BodyTargets(
+        name, points.targets, shape, sits, is_surveyed, points.points, cov, is_observed, R, t, ok, certain
+    )
 
 
 def _position_looseness(body: str, targets: Sequence[str], shape: Array, trusted: Mask) -> Array:
@@ -153,13 +155,13 @@ def evident_displacements(
 def _relabelled(points: PosePoints, residuals: PointResiduals, assessed: PointSelection) -> tuple[Array, Mask]:
     """Return points (B, k, 3) under their true labels, and the mask (B, k) of those that determine the pose."""
     right = points.points.copy()
-    trusted = points.seen & residuals.fitted
+    trusted = points.is_observed & residuals.fitted
     for exchange in assessed.exchanges:
         right[exchange.pose, [exchange.first, exchange.second]] = points.points[
             exchange.pose, [exchange.second, exchange.first]
         ]
         few = trusted[exchange.pose].sum() < FEWEST_TARGETS
-        trusted[exchange.pose] |= points.seen[exchange.pose] if few else False
+        trusted[exchange.pose] |= points.is_observed[exchange.pose] if few else False
     return right, trusted
 
 
@@ -247,16 +249,16 @@ class MeasuredBodies:
         """
         names = [body.name for body in self.bodies]
         down = -np.asarray(up, float) / np.linalg.norm(up)
-        seen = np.ones(len(self.bodies[0].ok), bool)
+        is_observed = np.ones(len(self.bodies[0].ok), bool)
         if reference is not None:
             if reference not in names:
                 return {}
-            seen = self.bodies[names.index(reference)].ok
+            is_observed = self.bodies[names.index(reference)].ok
             down = self.body_places[names.index(reference)].R @ down
         columns = {}
         for body in self.bodies:
-            known = seen & body.ok
-            direction = np.einsum("bji,bj->bi", body.R, np.broadcast_to(down, (len(seen), 3)))
+            known = is_observed & body.ok
+            direction = np.einsum("bji,bj->bi", body.R, np.broadcast_to(down, (len(is_observed), 3)))
             columns[gravity_column(body.name)] = (
                 np.where(known[:, None], direction, direction[known].mean(0)) if known.any() else 0 * direction
             )
@@ -283,7 +285,7 @@ class MeasuredBodies:
         measured = Observations(
             np.concatenate([body.points[rows] for body in self.bodies], 1),
             np.concatenate([body.cov[rows] for body in self.bodies], 1),
-            np.concatenate([body.seen[rows] & body.ok[rows, None] for body in self.bodies], 1),
+            np.concatenate([body.is_observed[rows] & body.ok[rows, None] for body in self.bodies], 1),
         )
         count = int(rows.sum())
         frames = Frames(np.tile(np.eye(3), (count, 1, 1)), np.zeros((count, 3)), free=False)
@@ -296,8 +298,8 @@ class MeasuredBodies:
 def frame_is_common(body: BodyTargets, order: Array) -> bool:
     """True if a body hardly moves from one pose to the next, so that the measurement has one frame for the campaign."""
     in_time = np.argsort(order, kind="stable")
-    points, seen = body.points[in_time], (body.seen & body.ok[:, None])[in_time]
-    both = seen[1:] & seen[:-1]
+    points, is_observed = body.points[in_time], (body.is_observed & body.ok[:, None])[in_time]
+    both = is_observed[1:] & is_observed[:-1]
     if both.sum() < _FEWEST:
         return False
     steps = np.linalg.norm(np.diff(points, axis=0), axis=-1)[both]

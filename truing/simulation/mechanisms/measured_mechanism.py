@@ -28,7 +28,7 @@ class MeasuredTargets:
     shape_cov: NDArray  # (K, 3, 3)
     points: NDArray  # (B, K, 3)
     cov: NDArray  # (B, K, 3, 3)
-    seen: NDArray  # (B, K)
+    is_observed: NDArray  # (B, K)
     swapped: tuple[TargetsSwapped, ...]
 
     def subset(self, used: NDArray) -> MeasuredTargets:
@@ -42,13 +42,13 @@ class MeasuredTargets:
             self.shape_cov[used],
             self.points[:, used],
             self.cov[:, used],
-            self.seen[:, used],
+            self.is_observed[:, used],
             tuple(cause for cause in self.swapped if cause.body in targets.bodies),
         )
 
     def epochs(self, conditions: Conditions, frames: Frames, rows: NDArray) -> Epochs:
         """Return the measurements at some poses (mask B)."""
-        measured = Observations(self.points[rows], self.cov[rows], self.seen[rows])
+        measured = Observations(self.points[rows], self.cov[rows], self.is_observed[rows])
         return Epochs(measured, some_of(conditions, rows), Frames(frames.R[rows], frames.t[rows]))
 
 
@@ -101,7 +101,9 @@ def _leg_motions(
         if on_leg.sum() < _FEWEST_TARGETS:
             continue
         fit = umeyama(
-            measured.shape[on_leg], in_base[:, on_leg], (measured.seen[:, on_leg] & fitted[:, None]).astype(float)
+            measured.shape[on_leg],
+            in_base[:, on_leg],
+            (measured.is_observed[:, on_leg] & fitted[:, None]).astype(float),
         )
         best = int(np.argmax(np.where(fit.ok, fit.n_used - np.nan_to_num(fit.rms), -1.0)))
         if fit.ok[best]:

@@ -38,8 +38,8 @@ class PointScene(Scene["PointCause"]):
 
     ``covariates`` are columns known at every pose, (B,) or (B, L): ``time_s``, ``temperature_c``, others, ``order``
     (rank of the pose in time over the whole campaign) and ``approach``. ``span_s`` is the first and last time of the
-    whole campaign; ``seen`` (B, K) the mask of seen targets, None for all. ``lengths_apart``: the length of a leg and
-    the displacement of its actuator act differently.
+    whole campaign; ``is_observed`` (B, K) the mask of seen targets, None for all. ``lengths_apart``: the length of a
+    leg and the displacement of its actuator act differently.
 
     Bodies without a mechanism have no legs. ``drives`` are columns that may deform them, and ``still`` the bodies that
     should stand still. ``placed`` are bodies whose positions x, y, z relative to another body are known as columns.

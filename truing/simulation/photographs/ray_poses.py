@@ -42,15 +42,15 @@ class RayPoses:
     """B poses and the T parameters that their rays determine, pose by pose.
 
     ``root`` (B, K, T) is the derivative of a pose's K whitened channels by the parameters, in units of their scale;
-    ``seen`` (B, K) the mask of channels with information. Covariates (B,) are the columns known at each pose, with
-    ``order``.
+    ``is_observed`` (B, K) the mask of channels with information. Covariates (B,) are the columns known at each pose,
+    with ``order``.
     """
 
     poses: tuple[int | str, ...]
     parameters: tuple[RayParameter, ...]
     channels: tuple[str, ...]
     root: NDArray
-    seen: NDArray
+    is_observed: NDArray
     covariates: Mapping[str, NDArray]
     span_s: tuple[float, float] | None = None
     reference_temperature_c: float = 20.0

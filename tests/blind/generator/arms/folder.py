@@ -152,28 +152,28 @@ def _points(campaign: ArmCampaign) -> Lines:
     yield ["pose", "body", "target", "x_mm", "y_mm", "z_mm"]
     for n, points in enumerate(campaign.recorded.points):
         for m, target in enumerate(instrument.targets):
-            if instrument.seen[n, m]:
+            if instrument.is_observed[n, m]:
                 yield [n + 1, arm.links[target.link].name, target.name, *(f"{1e3 * v:.5f}" for v in points[m])]
 
 
 def _poses(campaign: ArmCampaign) -> Lines:
-    arm, instrument, seen = campaign.bench.design.arm, campaign.bench.instrument, campaign.recorded
-    heads, turns = rotation_columns(seen.turned, instrument.rotations, instrument.euler)
+    arm, instrument, is_observed = campaign.bench.design.arm, campaign.bench.instrument, campaign.recorded
+    heads, turns = rotation_columns(is_observed.turned, instrument.rotations, instrument.euler)
     sigmas = [f"{1e3 * instrument.noise:.6f}"] * 3 + [f"{instrument.turn_noise:.9f}"] * 3
     names = ["sigma_x_mm", "sigma_y_mm", "sigma_z_mm", "sigma_rx_rad", "sigma_ry_rad", "sigma_rz_rad"]
     yield ["pose", "body", "x_mm", "y_mm", "z_mm", *heads, *names]
-    for n, place in enumerate(seen.moved):
+    for n, place in enumerate(is_observed.moved):
         values = [*(f"{1e3 * v:.5f}" for v in place), *(f"{v:.10f}" for v in turns[n])]
         yield [n + 1, arm.links[arm.tips[0]].name, *values, *sigmas]
 
 
 def _distances(campaign: ArmCampaign) -> Lines:
-    instrument, seen = campaign.bench.instrument, campaign.recorded
+    instrument, is_observed = campaign.bench.instrument, campaign.recorded
     count = len(instrument.targets)
     yield ["pose", "from", "to", "distance_mm", "sigma_mm"]
-    for n, distances in enumerate(seen.distances):
+    for n, distances in enumerate(is_observed.distances):
         for k, distance in enumerate(distances):
-            if instrument.seen[n, k % count]:
+            if instrument.is_observed[n, k % count]:
                 ends = [f"station:S{k // count + 1}", instrument.targets[k % count].name]
                 yield [n + 1, *ends, f"{1e3 * distance:.5f}", f"{1e3 * instrument.noise:.6f}"]
 

@@ -33,7 +33,7 @@ class Instrument:
     """An instrument: ``frame`` says within what it stands still; ``noise`` is in m, ``turn_noise`` in rad.
 
     ``base`` holds rotation and place of the base frame in each measurement frame; ``stations`` (S, 3) are in the
-    measurement frame. ``seen`` (N, M) marks the targets seen of each pose.
+    measurement frame. ``is_observed`` (N, M) marks the targets seen of each pose.
     """
 
     kind: str
@@ -43,7 +43,7 @@ class Instrument:
     turn_noise: float
     base: tuple[Array, Array]
     stations: Array
-    seen: NDArray[np.bool_]
+    is_observed: NDArray[np.bool_]
     rotations: str = "quaternion"
     euler: str = "XYZ"
 
@@ -89,9 +89,9 @@ def draw_instrument(kind: str, arm: Arm, schedule: Schedule, rng: np.random.Gene
         rng.uniform(-3.0, 3.0, 3) + rng.normal(0.0, spread, (shared, 3)),
     )
     stations = base[1][0] + rng.uniform(-1.0, 1.0, (int(rng.choice([1, 3])) if "distances" in kind else 0, 3)) * 2.0
-    seen = rng.random((count, len(targets))) >= (rng.choice([0.0, 0.02]) if len(targets) > 1 else 0.0)
+    is_observed = rng.random((count, len(targets))) >= (rng.choice([0.0, 0.02]) if len(targets) > 1 else 0.0)
     if frame == "pose":  # else a pose could lose the frame that it is measured in
-        seen[:, [target.link == 0 for target in targets]] = True
+        is_observed[:, [target.link == 0 for target in targets]] = True
     return Instrument(
         family,
         frame,
@@ -100,7 +100,7 @@ def draw_instrument(kind: str, arm: Arm, schedule: Schedule, rng: np.random.Gene
         round(float(np.exp(rng.uniform(np.log(1e-5), np.log(1e-4)))), 7),
         base,
         stations,
-        seen,
+        is_observed,
         str(rng.choice(ROTATIONS)),
         str(rng.choice(EULER)),
     )
@@ -138,10 +138,10 @@ def rows(instrument: Instrument, seen: Seen, reference: Seen) -> Array:
         turn = small_vector(seen.turned @ np.swapaxes(reference.turned, -1, -2))
         return np.concatenate([(seen.moved - reference.moved) / instrument.noise, turn / instrument.turn_noise], axis=1)
     if instrument.kind == "distances":
-        shown = np.tile(instrument.seen, (1, len(instrument.stations)))
+        shown = np.tile(instrument.is_observed, (1, len(instrument.stations)))
         return (seen.distances - reference.distances) / instrument.noise * shown
-    change = (seen.points - reference.points) * instrument.seen[:, :, None] / instrument.noise
-    shown = np.tile(instrument.seen, (1, len(instrument.stations)))
+    change = (seen.points - reference.points) * instrument.is_observed[:, :, None] / instrument.noise
+    shown = np.tile(instrument.is_observed, (1, len(instrument.stations)))
     along = (seen.distances - reference.distances) / instrument.noise * shown
     return np.concatenate([change.reshape(len(change), -1), along], axis=1)
 

@@ -45,7 +45,7 @@ class Campaign:
     schedule: Schedule
     given: Machine
     readings: Array
-    seen: Array
+    is_observed: Array
     gross: Array
     signals: Array
     truth: Truth
@@ -73,7 +73,7 @@ def draw_campaign(layout: Layout, effects: Sequence[Effect], rng: np.random.Gene
         schedule=schedule,
         given=given,
         readings=readings if layout.interferometer.compensated else _in_air(layout, schedule, readings),
-        seen=lose(schedule, layout, stream["losses"]),
+        is_observed=lose(schedule, layout, stream["losses"]),
         gross=gross != 0,
         signals=answered.signals + (0.0 if layout.noise.exact else layout.noise.signal_mv) * hiss,
         truth=truth,
@@ -184,7 +184,7 @@ def bridges(layout: Layout) -> Array:
 def truth_record(campaign: Campaign, seed: int) -> dict[str, object]:
     """The truth as plain values, for the file beside the campaign folder."""
     truth, schedule, noise = campaign.truth, campaign.schedule, campaign.layout.noise
-    rows, columns = np.nonzero(campaign.gross & campaign.seen)
+    rows, columns = np.nonzero(campaign.gross & campaign.is_observed)
     errors = {name: (1e6 * value).tolist() for name, value in vars(truth.errors).items() if name != "softer"}
     return {
         "seed": seed,

@@ -51,7 +51,7 @@ class Measure(PlannedMeasure):
 
     def strength(self, effect: Effect) -> float:
         """Root of the effect's non-centrality after all that a fit does not know."""
-        scatter = effect.scatter(np.ones(self.plain.seen.shape), self._setting)
+        scatter = effect.scatter(np.ones(self.plain.is_observed.shape), self._setting)
         if np.any(scatter != 1.0):
             return strength_of_noise(self.plain, scatter)
         changed = self.plan.campaign([effect], exact=True)

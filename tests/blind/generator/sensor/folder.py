@@ -43,7 +43,7 @@ def _interferometer(campaign: Campaign) -> Iterable[str]:
     heads, roles, air = _common(campaign)
     yield f"run,step,time_s,{heads}channel,reading{_role_head(campaign)}{_air_head(campaign)}"
     for n in range(len(campaign.schedule.run)):
-        for k in np.flatnonzero(campaign.seen[n]):
+        for k in np.flatnonzero(campaign.is_observed[n]):
             reading = f"{campaign.readings[n, k] / FILE_UNIT[k]:.4f}"
             yield f"{_step(campaign, n)},{_load(campaign, n)},{CHANNELS[k]},{reading}{roles[n]}{air[n]}"
 
@@ -51,9 +51,12 @@ def _interferometer(campaign: Campaign) -> Iterable[str]:
 def _displacement(campaign: Campaign) -> Iterable[str]:
     heads, roles, air = _common(campaign)
     yield f"run,step,time_s,{heads}{','.join(SIX)}{_role_head(campaign)}{_air_head(campaign)}"
-    for n in np.flatnonzero(campaign.seen.any(axis=1)):
+    for n in np.flatnonzero(campaign.is_observed.any(axis=1)):
         values = campaign.readings[n] * ([1e3] * 3 + [1.0] * 3)
-        six = (f"{value:.8f}" if seen else "" for value, seen in zip(values, campaign.seen[n], strict=True))
+        six = (
+            f"{value:.8f}" if is_observed else ""
+            for value, is_observed in zip(values, campaign.is_observed[n], strict=True)
+        )
         yield f"{_step(campaign, n)},{_load(campaign, n)},{','.join(six)}{roles[n]}{air[n]}"
 
 

@@ -85,7 +85,7 @@ Draw = Callable[[Campaign, np.random.Generator], OfSize]
 
 def _of(build: Callable[[Campaign, np.random.Generator, int, int], Foreign]) -> Draw:
     def draw(campaign: Campaign, rng: np.random.Generator) -> OfSize:
-        channel = int(rng.choice(np.flatnonzero(campaign.seen.any(axis=0))))
+        channel = int(rng.choice(np.flatnonzero(campaign.is_observed.any(axis=0))))
         noise = float(campaign.layout.noise.channels[channel])
         effect = build(campaign, rng, channel, int(rng.integers(2**31)))
         return lambda size: replace(effect, amount=size * noise)

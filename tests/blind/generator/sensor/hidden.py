@@ -36,7 +36,7 @@ def _axis(campaign: Campaign, rng: np.random.Generator) -> int:
 
 def _channel(campaign: Campaign, rng: np.random.Generator, first: int = 6) -> int:
     """A channel that is watched, of the ``first`` ones."""
-    return int(rng.choice(np.flatnonzero(campaign.seen.any(axis=0)[:first])))
+    return int(rng.choice(np.flatnonzero(campaign.is_observed.any(axis=0)[:first])))
 
 
 def _noise(campaign: Campaign, channel: int) -> float:
@@ -109,7 +109,7 @@ def _creeping(campaign: Campaign, rng: np.random.Generator) -> OfSize:
 
 def _noisy(campaign: Campaign, rng: np.random.Generator) -> OfSize:
     run = int(rng.choice(np.unique(campaign.schedule.run)))
-    read = np.flatnonzero(campaign.seen[campaign.schedule.run == run].any(axis=0))
+    read = np.flatnonzero(campaign.is_observed[campaign.schedule.run == run].any(axis=0))
     return lambda size: recording.NoisyRun(run, 1 + size, int(read[0]) if len(read) == 1 else None)
 
 
@@ -117,7 +117,7 @@ def _drifting(campaign: Campaign, rng: np.random.Generator) -> OfSize:
     channel, sign = _channel(campaign, rng), _sign(rng)
     run = None
     if campaign.layout.programme.channels != "all" and rng.random() < 0.4:
-        run = int(rng.choice(np.unique(campaign.schedule.run[campaign.seen[:, channel]])))
+        run = int(rng.choice(np.unique(campaign.schedule.run[campaign.is_observed[:, channel]])))
     rate = 10 * sign * _noise(campaign, channel) / HOUR_S
     return lambda size: recording.ZeroDrift(channel, size * rate, run)
 
@@ -150,7 +150,7 @@ def _slipped(campaign: Campaign, rng: np.random.Generator) -> OfSize:
     schedule, sign = campaign.schedule, _sign(rng)
     while True:
         channel, run = _channel(campaign, rng, 3), int(rng.integers(1, schedule.run[-1] + 1))
-        shown = schedule.step[(schedule.run == run) & campaign.seen[:, channel]]
+        shown = schedule.step[(schedule.run == run) & campaign.is_observed[:, channel]]
         if len(shown) > 2 * EITHER_SIDE:
             break
     start = int(rng.choice(shown[EITHER_SIDE:-EITHER_SIDE]))
@@ -167,7 +167,7 @@ def _knocked(campaign: Campaign, rng: np.random.Generator) -> OfSize:
     chosen = np.ones(count, bool)
     if alone:
         chosen = np.arange(count) == (rng.integers(count) if of_signals else _channel_of_six(campaign, rng))
-    shown = np.ones(len(schedule.run), bool) if of_signals else campaign.seen[:, chosen].all(axis=1)
+    shown = np.ones(len(schedule.run), bool) if of_signals else campaign.is_observed[:, chosen].all(axis=1)
     runs = [run for run in np.unique(schedule.run) if np.sum(shown & (schedule.run == run)) > 2 * EITHER_SIDE]
     if not runs:
         raise ValueError("no run shows a step of the zero")
@@ -184,7 +184,7 @@ def _knocked(campaign: Campaign, rng: np.random.Generator) -> OfSize:
 
 def _channel_of_six(campaign: Campaign, rng: np.random.Generator) -> int:
     """A rotation that is watched: of a displacement alone nobody could tell it from fringes."""
-    return int(rng.choice([k for k in range(3, len(AXES)) if campaign.seen[:, k].any()]))
+    return int(rng.choice([k for k in range(3, len(AXES)) if campaign.is_observed[:, k].any()]))
 
 
 def _talking(campaign: Campaign, rng: np.random.Generator) -> OfSize:
@@ -246,7 +246,7 @@ CATALOGUE: Mapping[str, Kind] = {
 def _own_or_any(campaign: Campaign, axis: int, rng: np.random.Generator) -> int:
     """A channel that is watched while the axis is loaded."""
     loaded = campaign.schedule.load[:, axis] != 0
-    return int(rng.choice(np.flatnonzero(campaign.seen[loaded].any(axis=0))))
+    return int(rng.choice(np.flatnonzero(campaign.is_observed[loaded].any(axis=0))))
 
 
 def _of_load(kind: type[strange.StrangeOfLoad], *, across_it: bool = False) -> Draw:

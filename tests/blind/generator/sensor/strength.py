@@ -56,7 +56,7 @@ def fit_of(campaign: Campaign) -> Fit:
 def fitted(campaign: Campaign) -> Array:
     """Which readings (S, 6) a fit may use."""
     held = np.array(campaign.schedule.role) == "verification"
-    return campaign.seen & ~campaign.gross & ~held[:, None]
+    return campaign.is_observed & ~campaign.gross & ~held[:, None]
 
 
 def strength_of_noise(campaign: Campaign, scatter: Array) -> float:

@@ -137,7 +137,7 @@ class ZeroDrift(RunChannelCause):
 
     def candidates(self, scene: BenchScene) -> Sequence[ZeroDrift]:
         """Return every channel and signal, and every channel of every run, with at least three readings."""
-        steps, seen = scene.steps, scene.recorded
+        steps, is_observed = scene.steps, scene.recorded
         if not np.isfinite(steps.time_s).all() or steps.longest_s <= 0.0:
             return ()
         zero_drifts: list[ZeroDrift] = [
@@ -145,7 +145,7 @@ class ZeroDrift(RunChannelCause):
         ]
         runs = np.flatnonzero(steps.rank == 0)
         for code, first in enumerate(runs if len(runs) > 1 else ()):
-            within = dict(zip(steps.channels, seen[steps.code == code].sum(0).tolist(), strict=True))
+            within = dict(zip(steps.channels, is_observed[steps.code == code].sum(0).tolist(), strict=True))
             read = [channel for channel, count in within.items() if count and not is_signal(channel)]
             label = steps.run[first].item()
             known = [channel for channel, count in within.items() if count > FEWEST and not is_signal(channel)]

@@ -59,14 +59,14 @@ class FringeSlip(RunChannelCause):
 
     def candidates(self, scene: BenchScene) -> Sequence[FringeSlip]:
         """Return every run, linear channel and step with three readings on either side."""
-        steps, seen = scene.steps, scene.recorded
+        steps, is_observed = scene.steps, scene.recorded
         half, slips = steps.wavelength_m / 2.0, []
         for code, first in enumerate(np.flatnonzero(steps.rank == 0)):
             places = np.flatnonzero(steps.code == code)
-            read = [steps.channels[place] for place in np.flatnonzero(seen[places].any(0))]
+            read = [steps.channels[place] for place in np.flatnonzero(is_observed[places].any(0))]
             is_single_channel = sum(not is_signal(name) for name in read) == 1
             for place, channel in enumerate(steps.channels):
-                rows = places[seen[places, place]]
+                rows = places[is_observed[places, place]]
                 rows = rows[np.argsort(steps.rank[rows])]
                 if is_linear(channel):
                     slips += [

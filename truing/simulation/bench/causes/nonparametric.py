@@ -106,10 +106,10 @@ class NonparametricReadingEffect(NonparametricEffect[BenchScene], ReadingCause):
 
     def candidates(self, scene: BenchScene) -> Sequence[NonparametricReadingEffect]:
         """Return all dependences of each channel for which there are enough readings."""
-        steps, seen = scene.steps, scene.recorded
+        steps, is_observed = scene.steps, scene.recorded
         effects: list[NonparametricReadingEffect] = []
         for channel in read_channels(scene):
-            is_seen = seen[:, place := steps.channels.index(channel)]
+            is_seen = is_observed[:, place := steps.channels.index(channel)]
             bare = NonparametricReadingEffect(channel=channel, scale=_PLAUSIBLE_SIGMAS * float(steps.sigma[place]))
             for columns, form, degree in _dependences(steps, is_seen, channel):
                 if is_seen.sum() >= PER_FUNCTION * degree:
@@ -123,11 +123,11 @@ class NonparametricReadingEffect(NonparametricEffect[BenchScene], ReadingCause):
     def channel_candidates(self, scene: BenchScene) -> Sequence[ChannelCandidates[NonparametricReadingEffect]]:
         """Return periodic dependences of each channel on time and on loads, for all periods that the campaign can
         distinguish."""
-        steps, seen = scene.steps, scene.recorded
+        steps, is_observed = scene.steps, scene.recorded
         return [
             periodic_candidate
             for column in (TIME, *_applied(steps))
-            for periodic_candidate in _periodic_candidates(steps, seen, column)
+            for periodic_candidate in _periodic_candidates(steps, is_observed, column)
         ]
 
     def prior(self, scene: BenchScene) -> float:
@@ -182,11 +182,11 @@ def _applied(steps: LoadSteps) -> list[str]:
     return [name for name, loaded in zip(LOADS, steps.loaded, strict=True) if loaded]
 
 
-def _periodic_candidates(steps: LoadSteps, seen: NDArray, column: str) -> list[ChannelCandidates]:
-    """Return periodic dependences of channels, seen (B, K), on a column, grouped by noise."""
+def _periodic_candidates(steps: LoadSteps, is_observed: NDArray, column: str) -> list[ChannelCandidates]:
+    """Return periodic dependences of channels, is_observed (B, K), on a column, grouped by noise."""
     periods = _periods_of(steps, column)
     start = float(steps.time_s[0]) if column == TIME else 0.0
-    moved = seen & (_values_of(steps, column) != start)[:, None]
+    moved = is_observed & (_values_of(steps, column) != start)[:, None]
     read = np.flatnonzero(moved.sum(0) >= PER_FUNCTION * _SINE_AND_COSINE)
     if not len(periods) or not len(read):
         return []
@@ -206,13 +206,13 @@ def _periodic_candidates(steps: LoadSteps, seen: NDArray, column: str) -> list[C
 
 
 def _jump_candidates(
-    bare: NonparametricReadingEffect, steps: LoadSteps, seen: NDArray
+    bare: NonparametricReadingEffect, steps: LoadSteps, is_observed: NDArray
 ) -> list[NonparametricReadingEffect]:
     """Return jumps of a channel, seen at steps (B,), beyond several sizes of each load, if there are enough
     readings."""
     effects: list[NonparametricReadingEffect] = []
     for load in _applied(steps):
-        values, sizes = _values_of(steps, load)[seen], _sizes_between(steps, load, seen)
+        values, sizes = _values_of(steps, load)[is_observed], _sizes_between(steps, load, is_observed)
         for size in sizes:
             beyond = int(np.sum(values > size)), int(np.sum(values < -size))
             sides = _SIDES if min(beyond) else 1
@@ -222,14 +222,14 @@ def _jump_candidates(
     return effects
 
 
-def _dependences(steps: LoadSteps, seen: NDArray, channel: str) -> Iterator[tuple[tuple[str, ...], str, int]]:
+def _dependences(steps: LoadSteps, is_observed: NDArray, channel: str) -> Iterator[tuple[tuple[str, ...], str, int]]:
     """Yield columns, form and degree of dependences of a channel, seen at steps (B,)."""
     loads = _applied(steps)
     main_load = LOADS[CHANNELS.index(channel)] if channel in CHANNELS else ""
-    others = [name for name in varying_columns(steps.covariates, seen) if name not in LOADS]
+    others = [name for name in varying_columns(steps.covariates, is_observed) if name not in LOADS]
 
     def levels(*columns: str) -> int:
-        values = np.prod([_values_of(steps, column)[seen] for column in columns], axis=0)
+        values = np.prod([_values_of(steps, column)[is_observed] for column in columns], axis=0)
         return len(np.unique(np.round(values, 12)))
 
     for load in loads:
@@ -262,12 +262,12 @@ def _dependences(steps: LoadSteps, seen: NDArray, channel: str) -> Iterator[tupl
                 yield (load, column), GAIN, _FACTORS
 
 
-def _sizes_between(steps: LoadSteps, load: str, seen: NDArray) -> NDArray:
-    """Return sizes of a load, N or N m, between the levels applied while a channel was seen (B,).
+def _sizes_between(steps: LoadSteps, load: str, is_observed: NDArray) -> NDArray:
+    """Return sizes of a load, N or N m, between the levels applied while a channel was is_observed (B,).
 
     No size is below the smallest level: a jump there would only mean that the load is applied.
     """
-    sizes = np.sort(np.abs(_values_of(steps, load)[seen]))
+    sizes = np.sort(np.abs(_values_of(steps, load)[is_observed]))
     one_level = _ONE_LEVEL * sizes.max(initial=0.0)
     sizes = sizes[sizes > one_level]
     gaps = np.flatnonzero(np.diff(sizes) > one_level)
@@ -276,13 +276,13 @@ def _sizes_between(steps: LoadSteps, load: str, seen: NDArray) -> NDArray:
     return np.asarray(between[chosen])
 
 
-def fading_times(steps: LoadSteps, seen: NDArray) -> NDArray:
-    """Return time constants, s, of decays after a break while a channel was seen (B,); none without a break.
+def fading_times(steps: LoadSteps, is_observed: NDArray) -> NDArray:
+    """Return time constants, s, of decays after a break while a channel was is_observed (B,); none without a break.
 
     They range from a usual pause to the longest run.
     """
     hold_times = steps.held_s[steps.held_s > 0.0]
-    if np.isfinite(steps.since_break_s[seen]).sum() < FEWEST:
+    if np.isfinite(steps.since_break_s[is_observed]).sum() < FEWEST:
         return np.zeros(0)
     shortest, longest = float(np.median(hold_times)), steps.longest_s
     count = min(_MOST_FADES, 1 + int(np.ceil(np.log(longest / shortest) / np.log(_FADES))))

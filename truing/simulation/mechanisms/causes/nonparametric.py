@@ -417,7 +417,7 @@ def _profiles(
         return _value(column, inputs.moved, scene.covariates)[:, 0]
 
     values = np.stack([NonparametricMechanismEffect(**shape).basis(value) for shape in shapes])
-    seen = np.full(len(scene.shape), len(scene.poses)) if scene.seen is None else scene.seen.sum(0)
+    seen = np.full(len(scene.shape), len(scene.poses)) if scene.is_observed is None else scene.is_observed.sum(0)
     enough = np.broadcast_to(seen >= _FEWEST_SEEN * values.shape[-1], (len(shapes), len(scene.shape)))
     return ChannelCandidates(values, np.arange(len(scene.shape)), enough, _PLAUSIBLE[Quantity.TARGETS], member)
 

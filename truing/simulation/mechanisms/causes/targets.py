@@ -93,10 +93,10 @@ class TargetMoved(PointCause):
         if not found:
             return [single]
         together, patterns = rigid_patterns(corners, scene.shape)
-        seen = np.asarray(usable[:, together].all(-1))
+        is_observed = np.asarray(usable[:, together].all(-1))
         return [
             *([single] if len(alone) else []),
-            ChannelCandidates(late, together, seen, _PLAUSIBLE_M, marker, patterns),
+            ChannelCandidates(late, together, is_observed, _PLAUSIBLE_M, marker, patterns),
         ]
 
     def of_corners(self, corners: Sequence[str], places: NDArray) -> TargetMoved:
@@ -218,10 +218,10 @@ def _usable(onsets: Sequence[int], in_time: NDArray, scene: PointScene) -> NDArr
 
     The first onset needs no poses before it.
     """
-    seen = np.ones((len(in_time), len(scene.shape)), bool) if scene.seen is None else scene.seen
-    until = np.concatenate([np.zeros((1, seen.shape[1]), int), np.cumsum(seen[in_time], 0)])
+    is_observed = np.ones((len(in_time), len(scene.shape)), bool) if scene.is_observed is None else scene.is_observed
+    until = np.concatenate([np.zeros((1, is_observed.shape[1]), int), np.cumsum(is_observed[in_time], 0)])
     before = until[list(onsets)]
-    enough = (before >= FEWEST) & (until[-1] - before >= FEWEST) & seen[in_time[list(onsets)]]
+    enough = (before >= FEWEST) & (until[-1] - before >= FEWEST) & is_observed[in_time[list(onsets)]]
     enough[0] = until[-1] >= FEWEST
     return enough
 

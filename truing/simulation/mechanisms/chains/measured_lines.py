@@ -33,7 +33,7 @@ class MeasuredLines:
     t: NDArray
     ends: Index
     lengths: NDArray
-    seen: Mask
+    is_observed: Mask
 
     def points(self, shape: NDArray) -> Array:
         """Return the channels (B, K, 3) at places (K, 3) in their links."""
@@ -46,7 +46,7 @@ class MeasuredLines:
 
     def errors(self, shape: NDArray) -> Array:
         """Return measured less predicted distances (B, D); NaN where not seen."""
-        return np.where(self.seen, self.lengths - np.linalg.norm(self.apart(shape), axis=-1), np.nan)
+        return np.where(self.is_observed, self.lengths - np.linalg.norm(self.apart(shape), axis=-1), np.nan)
 
     def slopes(self, shape: NDArray, modes: NDArray) -> Array:
         """Return the derivatives (B, D, W) of the distances by errors of the places (K, 3, W)."""
@@ -57,10 +57,10 @@ class MeasuredLines:
 
     def spread(self, shape: NDArray) -> float:
         """Return the root mean square of distances about their means, and of one end as seen from the other."""
-        seen = self.seen[..., None]
+        is_observed = self.is_observed[..., None]
         moved = np.concatenate([self.lengths[..., None], self.apart(shape)], -1)
-        mean = np.sum(moved * seen, 0) / np.maximum(np.sum(seen, 0), 1)
-        return float(np.sqrt(np.mean(((moved - mean) ** 2)[self.seen])))
+        mean = np.sum(moved * is_observed, 0) / np.maximum(np.sum(is_observed, 0), 1)
+        return float(np.sqrt(np.mean(((moved - mean) ** 2)[self.is_observed])))
 
 
 def lines_at(
@@ -69,7 +69,7 @@ def lines_at(
     ends: Index,
     conditions: ChainConditions,
     lengths: NDArray,
-    seen: Mask,
+    is_observed: Mask,
     base: tuple[NDArray, NDArray] | None = None,
 ) -> MeasuredLines:
     """Return distances (B, D) between channels of nodes (K,), by the nominal chain at its readings.
@@ -78,7 +78,7 @@ def lines_at(
     """
     own = None if base is None else (base[0][conditions.series], base[1][conditions.series])
     frames = tree.frames(conditions.readings, conditions.deviations, own)
-    return MeasuredLines(frames.R[:, node], frames.t[:, node], ends, lengths, seen)
+    return MeasuredLines(frames.R[:, node], frames.t[:, node], ends, lengths, is_observed)
 
 
 def fitted_places(lines: MeasuredLines, shape: NDArray, free: Index, stations: Mask) -> Array:
@@ -98,7 +98,7 @@ def _station(lines: MeasuredLines, k: int, shape: NDArray) -> Array:
     rows, squares, nominal = [], [], lines.points(shape)
     for d, (a, b) in enumerate(lines.ends):
         if k in (a, b):
-            own = lines.seen[:, d]
+            own = lines.is_observed[:, d]
             points = nominal[own, b if a == k else a]
             rows.append(np.concatenate([-2.0 * points, np.ones((len(points), 1))], 1))
             squares.append(lines.lengths[own, d] ** 2 - np.sum(points**2, -1))
@@ -110,9 +110,11 @@ def _settled(lines: MeasuredLines, shape: NDArray, modes: NDArray) -> Array:
     """Return the places (K, 3) of the least-squares fit, by damped steps over their errors (K, 3, W)."""
     damping, best = 1e-6, float(np.nansum(lines.errors(shape) ** 2))
     for _ in range(_ROUNDS if modes.shape[-1] else 0):
-        rows = lines.slopes(shape, modes)[lines.seen]
+        rows = lines.slopes(shape, modes)[lines.is_observed]
         normal = rows.T @ rows + _WEAK**2 * np.eye(modes.shape[-1])
-        step = np.linalg.solve(normal + damping * np.diag(np.diag(normal)), rows.T @ lines.errors(shape)[lines.seen])
+        step = np.linalg.solve(
+            normal + damping * np.diag(np.diag(normal)), rows.T @ lines.errors(shape)[lines.is_observed]
+        )
         moved = shape + modes @ step
         now = float(np.nansum(lines.errors(moved) ** 2))
         if now > best:

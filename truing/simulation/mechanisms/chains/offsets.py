@@ -33,7 +33,7 @@ def offsets_beyond_tolerance(model: ChainModel, measured: Observations, frames: 
     least = -float(ndtri(_FALSE / 2.0 / max(len(readings), 1)))
     for _ in range(len(readings)):
         own = model.with_causes([*model.causes, *found])
-        fit = fit_model(own.predict, measured, frames, np.zeros(own.shared_size), _no_errors(own, measured.seen))
+        fit = fit_model(own.predict, measured, frames, np.zeros(own.shared_size), _no_errors(own, measured.is_observed))
         pulls = _pulls(own, fit)
         known = {cause.joint for cause in own.causes if isinstance(cause, JointOffset)}
         pulls[[k for k, r in enumerate(readings) if model.tree.readings[r] in known]] = 0.0
@@ -45,8 +45,8 @@ def offsets_beyond_tolerance(model: ChainModel, measured: Observations, frames: 
     return tuple(found)
 
 
-def _no_errors(model: ChainModel, seen: Mask) -> Array:
-    return np.zeros((len(seen), model.local_size))
+def _no_errors(model: ChainModel, is_observed: Mask) -> Array:
+    return np.zeros((len(is_observed), model.local_size))
 
 
 def _pulls(model: ChainModel, fit: Fit) -> Array:

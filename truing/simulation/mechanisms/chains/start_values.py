@@ -43,7 +43,7 @@ def start_values(
     channels: MeasuredChannels,
     conditions: ChainConditions,
     values: NDArray,
-    seen: Mask,
+    is_observed: Mask,
     surveyed: NDArray,
     base: tuple[NDArray, NDArray] | None = None,
 ) -> StartValues:
@@ -54,10 +54,10 @@ def start_values(
     is_known = np.isfinite(surveyed).all(1)
     shape = np.where(is_known[:, None], surveyed, 0.0)
     tool = np.tile(np.eye(3), (len(shape), 1, 1))
-    R, t = _aligned(tree, channels, conditions, values, seen, shape) if base is None else base
+    R, t = _aligned(tree, channels, conditions, values, is_observed, shape) if base is None else base
     for k in np.flatnonzero(channels.is_rotation):
-        tool[k] = _tool(tree, channels, conditions, R, seen, int(k))
-    problem = _Problem(tree, channels, conditions, values, seen, np.flatnonzero(~is_known), base is None)
+        tool[k] = _tool(tree, channels, conditions, R, is_observed, int(k))
+    problem = _Problem(tree, channels, conditions, values, is_observed, np.flatnonzero(~is_known), base is None)
     return problem.refined(_Places(R, t, shape, tool))
 
 
@@ -66,12 +66,12 @@ def errors_at(
     channels: MeasuredChannels,
     conditions: ChainConditions,
     values: NDArray,
-    seen: Mask,
+    is_observed: Mask,
     places: StartValues,
 ) -> Array:
     """Errors (B, K, 3), m and rad, of channels at places that were fitted to other poses; NaN where not seen."""
     own = _Places(places.base_R, places.base_t, places.shape, places.tool)
-    problem = _Problem(tree, channels, conditions, values, seen, np.arange(0), False)
+    problem = _Problem(tree, channels, conditions, values, is_observed, np.arange(0), False)
     return problem.refined(own).errors
 
 
@@ -93,14 +93,14 @@ class _Problem:
     channels: MeasuredChannels
     conditions: ChainConditions
     values: NDArray
-    seen: Mask
+    is_observed: Mask
     free: Index
     is_base_free: bool
 
     @property
     def _weight(self) -> Array:
         lever = np.where(self.channels.is_rotation, _LEVER_M, 1.0)
-        return np.asarray(self.seen[..., None] * lever[:, None], float)
+        return np.asarray(self.is_observed[..., None] * lever[:, None], float)
 
     @cached_property
     def _on_base(self) -> TreeFrames:
@@ -194,11 +194,11 @@ class _Problem:
             if np.abs(step).max() < _SETTLED or damping > 1e6:
                 break
         turned = self.channels.is_rotation
-        left = np.where(self.seen[..., None], self.values - self._predicted(places, self._links(places)), np.nan)
-        count = max(3 * int(self.seen[:, ~turned].sum()), 1)
-        misfit = float(np.sqrt(np.sum(left[:, ~turned][self.seen[:, ~turned]] ** 2) / count))
+        left = np.where(self.is_observed[..., None], self.values - self._predicted(places, self._links(places)), np.nan)
+        count = max(3 * int(self.is_observed[:, ~turned].sum()), 1)
+        misfit = float(np.sqrt(np.sum(left[:, ~turned][self.is_observed[:, ~turned]] ** 2) / count))
         misfit = misfit if np.isfinite(misfit) else np.inf
-        spread = _spread(self.values[:, ~turned], self.seen[:, ~turned])
+        spread = _spread(self.values[:, ~turned], self.is_observed[:, ~turned])
         shape = np.where(turned[:, None], 0.0, places.shape)
         return StartValues(places.R, places.t, shape, places.tool, misfit, spread, left)
 
@@ -208,7 +208,7 @@ def _aligned(
     channels: MeasuredChannels,
     conditions: ChainConditions,
     values: NDArray,
-    seen: Mask,
+    is_observed: Mask,
     shape: NDArray,
 ) -> tuple[Array, Array]:
     """Return R (S, 3, 3), t (S, 3) of the base that align the nominal positions with the measured ones."""
@@ -218,7 +218,7 @@ def _aligned(
     places = frames.t[:, nodes] + np.einsum("bkij,kj->bki", frames.R[:, nodes], shape[own])
     R, t = np.empty((conditions.series.max() + 1, 3, 3)), np.empty((conditions.series.max() + 1, 3))
     for s in range(len(R)):
-        used = seen[:, own] & (conditions.series == s)[:, None]
+        used = is_observed[:, own] & (conditions.series == s)[:, None]
         if used.sum() < 3:
             raise ValueError(f"needs at least 3 measured positions in each frame, found {int(used.sum())}")
         fit = umeyama(places[used][None], values[:, own][used][None])
@@ -230,18 +230,18 @@ def _aligned(
 
 
 def _tool(
-    tree: Tree, channels: MeasuredChannels, conditions: ChainConditions, base: NDArray, seen: Mask, k: int
+    tree: Tree, channels: MeasuredChannels, conditions: ChainConditions, base: NDArray, is_observed: Mask, k: int
 ) -> Array:
     """Return the mean orientation (3, 3) of a measured tool in its link."""
     turned = tree.frames(conditions.readings, conditions.deviations).R[:, channels.node[k]]
     inner = np.swapaxes(base[conditions.series] @ turned, -1, -2)
-    total = np.sum((inner @ conditions.reference[:, k])[seen[:, k]], 0)
+    total = np.sum((inner @ conditions.reference[:, k])[is_observed[:, k]], 0)
     left, _, right = np.linalg.svd(total)
     return np.asarray(left @ np.diag([1.0, 1.0, np.linalg.det(left @ right)]) @ right)
 
 
-def _spread(values: NDArray, seen: Mask) -> float:
+def _spread(values: NDArray, is_observed: Mask) -> float:
     """Return the root mean square of positions (B, K, 3) about the mean of each channel."""
-    count = np.maximum(seen.sum(0), 1)[:, None]
-    deviation = np.where(seen[..., None], values - np.sum(values * seen[..., None], 0) / count, 0.0)
-    return float(np.sqrt(np.sum(deviation**2) / max(3 * int(seen.sum()), 1)))
+    count = np.maximum(is_observed.sum(0), 1)[:, None]
+    deviation = np.where(is_observed[..., None], values - np.sum(values * is_observed[..., None], 0) / count, 0.0)
+    return float(np.sqrt(np.sum(deviation**2) / max(3 * int(is_observed.sum()), 1)))

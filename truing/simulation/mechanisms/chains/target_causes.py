@@ -104,8 +104,8 @@ class ChainTargetMoved(ChainCause):
         late = np.stack([machine.order >= order for _, order in onsets])
         seen = (
             np.ones((len(machine.order), len(targets)), int)
-            if scene.seen is None
-            else scene.seen[:, targets].astype(int)
+            if scene.is_observed is None
+            else scene.is_observed[:, targets].astype(int)
         )
         after = late.astype(int) @ seen
         usable = (after >= FEWEST) & (seen.sum(0) - after >= FEWEST)

@@ -29,7 +29,7 @@ class LegPoses:
     leg: NDArray
     R: NDArray  # (B, K, 3, 3)
     t: NDArray  # (B, K, 3) m
-    seen: NDArray  # (B, K) bool
+    is_observed: NDArray  # (B, K) bool
 
 
 @dataclass(frozen=True)
@@ -148,13 +148,15 @@ def seated(legs: Legs, p: NDArray, R: NDArray, rho: NDArray, measured: LegPoses)
     """
     lower = legs.closure.lower(legs, rho)[:, measured.leg]
     z = unit(upper_joints(legs, p, R)[:, measured.leg] - lower)
-    first = np.argmax(measured.seen, 0), np.arange(len(measured.leg))
-    turned = np.where(measured.seen[..., None, None], measured.R, shortest_turn(z[first], z) @ measured.R[first])
+    first = np.argmax(measured.is_observed, 0), np.arange(len(measured.leg))
+    turned = np.where(measured.is_observed[..., None, None], measured.R, shortest_turn(z[first], z) @ measured.R[first])
     back = np.swapaxes(turned, -1, -2)
-    weight = measured.seen / measured.seen.sum(0)
-    c = np.einsum("bk,bki->ki", weight, _rotated(back, lower - np.where(measured.seen[..., None], measured.t, 0.0)))
+    weight = measured.is_observed / measured.is_observed.sum(0)
+    c = np.einsum(
+        "bk,bki->ki", weight, _rotated(back, lower - np.where(measured.is_observed[..., None], measured.t, 0.0))
+    )
     w = unit(np.einsum("bk,bki->ki", weight, _rotated(back, z)))
-    t = np.where(measured.seen[..., None], measured.t, lower - _rotated(turned, c))
+    t = np.where(measured.is_observed[..., None], measured.t, lower - _rotated(turned, c))
     return LegBodies(measured.leg, turned, t, c, w)
 
 
