@@ -72,7 +72,8 @@ class NoiseComponents:
         freedom = self.freedom(input_share)
         ratios = self.inputs_total / self.inputs, self.observed_total / self.observed
         level = input_share * ratios[0] + (1.0 - input_share) * ratios[1]
-        return np.maximum((level * freedom - squares) / np.maximum(freedom - rank, 1.0), _LEAST_NOISE)
+        variance: Value = np.maximum((level * freedom - squares) / np.maximum(freedom - rank, 1.0), _LEAST_NOISE)
+        return variance
 
 
 def components(whitened: Whitened, observed: int, inputs: slice) -> NoiseComponents:
