@@ -2,9 +2,12 @@
 
 from __future__ import annotations
 
+from types import SimpleNamespace
+
 import numpy as np
 import pytest
 
+from tests.tolerance import assert_between
 from truing.inference.adequacy import Adequacy, AdequacyTest, MisfitKind, like_neighbours, noise_excess
 
 EPOCHS, CHANNELS = 40, 6
@@ -23,6 +26,30 @@ def test_white_noise_is_rejected_as_often_as_its_level_says(tails: str) -> None:
     p_values = np.array([_worst(draw((EPOCHS, CHANNELS, 1)), seed) for seed in range(120)])
     assert 0.005 <= np.mean(p_values <= 0.05) <= 0.11
     assert np.min(p_values) > 1e-5
+
+
+def test_p_values_of_white_noise_are_uniform_though_permutations_end_early() -> None:
+    rng = np.random.default_rng(7)
+    columns = {"time_s": np.arange(EPOCHS) * 60.0}
+    rests = rng.standard_normal((400, EPOCHS, CHANNELS, 1))
+    p_values = np.array([next(iter(like_neighbours(rest, columns, rng))).p_value for rest in rests])
+    for level in (0.1, 0.3, 0.5, 0.8):
+        assert_between(np.mean(p_values <= level), level - 0.075, level + 0.075)  # three standard deviations
+
+
+def test_permutations_end_once_a_misfit_is_far_from_significant() -> None:
+    rng = np.random.default_rng(8)
+    drawn = []
+    monitored = SimpleNamespace(permutation=lambda count: drawn.append(count) or rng.permutation(count))
+    time = {"time_s": np.arange(EPOCHS) * 1.0}
+    anticorrelated = (-1.0) ** np.arange(EPOCHS)[:, None, None] + 0.1 * rng.standard_normal((EPOCHS, CHANNELS, 1))
+    course = np.linspace(-2.0, 2.0, EPOCHS)[:, None, None] + rng.standard_normal((EPOCHS, CHANNELS, 1))
+    (test,) = like_neighbours(anticorrelated, time, monitored)
+    assert test.p_value > 0.5
+    assert len(drawn) < 50
+    (test,) = like_neighbours(course, time, monitored)
+    assert test.p_value < 1e-6
+    assert len(drawn) >= 499
 
 
 def test_a_slow_course_is_seen_along_time_and_not_along_inputs() -> None:

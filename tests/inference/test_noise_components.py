@@ -59,3 +59,11 @@ def test_components_count_what_was_declared() -> None:
     found = components(toy.measured(np.random.default_rng(7)), 3 * toy.POINTS, toy.READINGS)
     assert min(found.observed, found.inputs) > 50
     assert found.without(0.0, 1, 1.0) == found.inputs_total / found.inputs * found.inputs / (found.inputs - 1)
+
+
+def test_noise_without_each_of_several_effects_is_that_without_this_one_alone() -> None:
+    found = components(toy.measured(np.random.default_rng(8)), 3 * toy.POINTS, toy.READINGS)
+    squares, shares = np.array([0.0, 7.5, 1e9]), np.array([0.0, 0.3, 1.0])
+    alone = [found.without(float(s), 2, float(share)) for s, share in zip(squares, shares, strict=True)]
+    assert found.without(squares, 2, shares).tolist() == alone
+    assert alone[0] > 0.5 > alone[2] > 0.0  # an effect cannot explain more than there is

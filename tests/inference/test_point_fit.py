@@ -10,7 +10,7 @@ import pytest
 from numpy.typing import NDArray
 
 from tests.tolerance import assert_close
-from truing.inference.fit import FitState, fit_model, linearise
+from truing.inference.fit import FitState, fit_model, linearise, shared_without
 from truing.inference.observations import Frames, Observations
 
 TRUE, STEEP, PRIOR = 0.4, 30.0, 1e4
@@ -99,3 +99,49 @@ def test_a_problem_without_epochs_is_that_of_observations_without_them() -> None
     assert np.abs(expected.residual[own]).max() == 0.0 < np.abs(expected.residual[~own]).min()
     for name in ("residual", "by_local", "by_shared", "local_value", "present"):
         assert np.array_equal(getattr(found, name), getattr(expected, name)), name
+
+
+@dataclass
+class Counted:
+    """A model that counts how often it was asked for derivatives by the shared unknowns, and for values alone."""
+
+    model: Saturating
+    slopes: int = 0
+    values: int = 0
+
+    def predict(self, shared: NDArray, local: NDArray, by_shared: bool = True) -> SimpleNamespace:
+        self.slopes += by_shared
+        self.values += not by_shared
+        return self.model.predict(shared, local, by_shared)
+
+
+def _noisy(sigma: float) -> tuple[Saturating, Observations]:
+    model = Saturating(TRUE + np.linspace(-0.02, 0.02, 9))
+    truth = model.predict(np.array([TRUE / PRIOR]), np.zeros((9, 0))).values
+    values = truth + sigma * np.random.default_rng(3).normal(size=truth.shape)
+    return model, Observations(values, np.full((9, 1, 1, 1), sigma**2), np.ones((9, 1), bool))
+
+
+def test_near_the_optimum_derivatives_are_formed_only_before_and_after() -> None:
+    model, measured = _noisy(1e-3)
+    counted = Counted(model)
+    start = np.array([(TRUE + 1e-4) / PRIOR])  # ten standard deviations away
+    fit = fit_model(counted.predict, measured, Frames.of_numbers(9), start, np.zeros((9, 0)))
+    assert fit.state == FitState.SETTLED
+    assert fit.whitened.explained < 1e-4
+    assert (counted.slopes, fit.iterations) == (2, 1)
+    assert counted.values > 0
+
+
+def test_shared_unknowns_without_epochs_are_those_of_a_fit_to_the_others() -> None:
+    model, measured = _noisy(1e-3)
+    frames, out = Frames.of_numbers(9), np.arange(9) < 4
+    fit = fit_model(model.predict, measured, frames, np.array([0.3 / PRIOR]), np.zeros((9, 0)))
+    others = replace(measured, seen=measured.seen & ~out[:, None])
+    counted = Counted(model)
+    found = shared_without(counted.predict, others, fit, out)
+    expected = fit_model(model.predict, others, frames, fit.shared, np.zeros((9, 0)))
+    sigma = float(np.sqrt(expected.whitened.covariance()[0, 0]))
+    assert abs(fit.shared[0] - expected.shared[0]) > 0.3 * sigma
+    assert_close(found, expected.shared, atol=0.02 * sigma)
+    assert counted.slopes == 0

@@ -200,3 +200,31 @@ def test_products_and_solutions_of_compact_rows_are_those_of_all_rows(overlappin
     assert rows.gram == pytest.approx(whole.T @ whole, abs=1e-12)
     variances = np.diagonal(rows.followed(covariance, slice(None)), axis1=1, axis2=2)
     assert rows.followed_squares(covariance) == pytest.approx(variances, abs=1e-12)
+
+
+@pytest.mark.parametrize("few", [False, True])
+def test_without_epochs_nothing_is_eliminated_anew_and_all_is_as_if_it_were(few: bool) -> None:
+    problem = compact(of_few_poses(draw(8, missing=True))) if few else draw(8, missing=True)
+    out = np.array([True, False, False, True, False])
+    found, expected = whiten(problem).without(out), whiten(problem.without(out))
+    assert_close(found.normal_matrix, expected.normal_matrix, atol=1e-12, what="normal matrix")
+    assert_close(found.explained, expected.explained, atol=1e-12, what="explained")
+    for own, other, what in zip(found.step(), expected.step(), ("shared", "local"), strict=True):
+        assert_close(own, other, atol=1e-12, what=what)
+    assert not found.local_step(np.zeros(SHARED))[out].any()  # these epochs stay where they are
+
+
+@pytest.mark.parametrize("few", [False, True])
+def test_other_residuals_need_no_elimination(few: bool) -> None:
+    rng = np.random.default_rng(9)
+    problem = compact(of_few_poses(draw(9))) if few else draw(9)
+    residual, local, shared = (rng.normal(size=v.shape) for v in (problem.residual, problem.local_value, np.ones(4)))
+    moved = problem.at(residual, local, shared)
+    left = problem.extra_residual - problem.extra_by_shared @ (shared - problem.shared_value)
+    assert_close(moved.extra_residual, left, atol=1e-12, what="extra rows")
+    whitened = whiten(problem)
+    _ = whitened.explained  # its factor is kept
+    found, expected = whitened.with_residuals(moved), whiten(moved)
+    assert_close(found.rest, expected.rest, atol=1e-12, what="rest")
+    assert_close(found.explained, expected.explained, atol=1e-12, what="explained")
+    assert_close(found.step()[0], expected.step()[0], atol=1e-12, what="step")

@@ -137,12 +137,10 @@ class ChannelSignatures:
     def scores(self, along: Array) -> Array:
         """Return the scores (S, T, d m, D) of residuals, from their parts (B, T, d, D) along the observations' axes."""
         epochs, channels, size, draws = along.shape
-        shapes = self._shapes.astype(along.dtype, copy=False)
         if self._is_sparse:
-            from scipy.sparse import csr_array
-
-            found = csr_array(shapes) @ along.reshape(epochs, -1)
+            found = self._sparse_shapes.astype(along.dtype, copy=False) @ along.reshape(epochs, -1)
         else:
+            shapes = self._shapes.astype(along.dtype, copy=False)
             found = np.empty((len(shapes), channels, size, draws), along.dtype)
             for own, during in self.rotated.live:
                 part = along[np.ix_(during, own)]
@@ -159,6 +157,12 @@ class ChannelSignatures:
     @cached_property
     def _is_sparse(self) -> bool:
         return bool(np.count_nonzero(self._shapes) < _SPARSE * self._shapes.size)
+
+    @cached_property
+    def _sparse_shapes(self) -> csr_array:
+        from scipy.sparse import csr_array
+
+        return csr_array(self._shapes)
 
     def squares(self, along: Array) -> Array:
         """Return the reduction of the sum of squares by each candidate, (D, S, T); ``along`` as in `scores`."""

@@ -21,7 +21,7 @@ from truing.inference.verdicts import NOT_TESTABLE, REJECTED, Reason, Verdict
 POWER = 0.8
 # Number of random patterns of an effect's parameters over which its power is averaged.
 _PATTERNS = 64
-_HALVINGS = 40
+_HALVINGS = 28  # of the logarithm of the size, to seven digits
 # A candidate that is found only at more than this many times its plausible scale is not testable.
 _IMPLAUSIBLE = 10.0
 _SMALLEST, _LARGEST = 1e-6, 1e4  # in plausible scales; an effect that needs more counts as never found

@@ -12,7 +12,7 @@ import numpy as np
 
 from truing.inference.arrays import Array, Integers, Mask
 from truing.inference.blocks import EpochBlocks, possible_blocks
-from truing.inference.fit import Fit, fit_model
+from truing.inference.fit import Fit, fit_model, shared_without
 from truing.inference.linear_problem import Contribution, rows_by_source
 from truing.inference.model import (
     CampaignModel,
@@ -296,10 +296,8 @@ class Fitter(Generic[CauseT]):
         """Return the error of the prediction by a fit without the epochs ``block`` (B,)."""
         model, measured, fit = fitted.model, fitted.measured, fitted.fit
         others = replace(measured, is_observed=measured.is_observed & ~block[:, None])
-        local = np.where(block[:, None], 0.0, fit.local)
-        start = fit.whitened.problem.without(block)
-        without = fit_model(model.predict, others, fit.frames, fit.shared, local, start)
-        return prediction_error(model, measured, fit.frames, without.shared)
+        shared = shared_without(model.predict, others, fit, block)
+        return prediction_error(model, measured, fit.frames, shared)
 
     def screen(self, fitted: FittedModel[CauseT]) -> bool:
         """Exclude gross errors of a fit, on held-out epochs too; return True if there were any."""

@@ -67,6 +67,19 @@ class LinearisedModel:
             present=self.present & mask,
         )
 
+    def at(self, residual: Array, local_value: Array, shared_value: Array) -> LinearisedModel:
+        """Return the problem with the residuals at other unknowns, and these derivatives.
+
+        Rows that concern no epoch move along their derivatives."""
+        moved = self.extra_by_shared @ (shared_value - self.shared_value)
+        return replace(
+            self,
+            residual=residual,
+            local_value=local_value,
+            shared_value=shared_value,
+            extra_residual=self.extra_residual - moved,
+        )
+
     @property
     def squares(self) -> float:
         """Sum of squares of all rows, priors included."""
@@ -114,6 +127,32 @@ class Whitened:
         if self.whole is None:
             return self.compact.at(epochs) @ self._inverse
         return self._known_basis[: self.own.shape[0] * self.own.shape[1]].reshape(self.own.shape)[epochs]
+
+    def with_residuals(self, problem: LinearisedModel) -> Whitened:
+        """Return the whitened problem with the residuals of another one, which has the same derivatives."""
+        found = replace(self, problem=problem, residual=_stacked(problem, self.without_local))
+        for name in ("_gram", "_factor", "_inverse", "compact"):
+            if name in self.__dict__:
+                found.__dict__[name] = self.__dict__[name]
+        return found
+
+    def without(self, epochs: Mask) -> Whitened:
+        """Return the whitened problem without the measurements of some epochs (B,), whose local unknowns are zero.
+
+        Nothing is eliminated anew: the other epochs keep their basis, and products lose the rows of these."""
+        problem, (_, tall, count) = self.problem.without(epochs), self.local_basis.shape
+        left, of_priors = epochs[:, None, None], np.eye(tall, count, count - tall)
+        basis, factor = np.where(left, of_priors, self.local_basis), np.where(left, np.eye(count), self.local_factor)
+        residual = self.residual.copy()
+        residual[: len(epochs) * tall].reshape(len(epochs), tall)[epochs] = 0.0
+        if self.whole is None:
+            return Whitened(problem, basis, factor, np.where(left, 0.0, self.own), residual)
+        whole, out = self.whole.copy(), self.own[epochs].reshape(-1, self.own.shape[2])
+        own = whole[: len(epochs) * tall].reshape(self.own.shape)
+        own[epochs] = 0.0
+        found = Whitened(problem, basis, factor, own, residual, whole)
+        found.__dict__["_gram"] = self._gram - out.T @ out
+        return found
 
     @cached_property
     def _factor(self) -> Array:
@@ -349,14 +388,19 @@ def whiten(problem: LinearisedModel) -> Whitened:
     identity = np.broadcast_to(np.eye(count), (epochs, count, count))
     basis, factor = np.linalg.qr(np.concatenate([problem.by_local, identity], 1))
     bare = Whitened(problem, basis, factor, np.empty(0), np.empty(0))
-    residual = _with_priors(problem.residual, -problem.local_value)[..., None]
-    stacked = np.concatenate([bare.without_local(residual).ravel(), problem.extra_residual, -problem.shared_value])
+    stacked = _stacked(problem, bare.without_local)
     if problem.columns is None:
         rows = _shared_rows(problem, basis)
         own = rows[: basis.shape[0] * basis.shape[1]].reshape(*basis.shape[:2], -1)
         return Whitened(problem, basis, factor, own, stacked, rows)
     own = bare.without_local(_padded(problem.by_shared, count)) if count else problem.by_shared
     return Whitened(problem, basis, factor, own, stacked)
+
+
+def _stacked(problem: LinearisedModel, without_local: Callable[[Array], Array]) -> Array:
+    """Return the residuals (N,) of all rows, without their projection on the local unknowns."""
+    own = without_local(_with_priors(problem.residual, -problem.local_value)[..., None])
+    return np.concatenate([own.ravel(), problem.extra_residual, -problem.shared_value])
 
 
 def _shared_rows(problem: LinearisedModel, basis: Array) -> Array:

@@ -10,6 +10,7 @@ import math
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
 from functools import lru_cache
+from typing import TypeVar
 
 import numpy as np
 
@@ -17,6 +18,8 @@ from truing.inference.arrays import Array, Integers, Mask
 from truing.inference.linear_problem import Whitened
 from truing.inference.model import CauseLike
 from truing.inference.observations import Observations
+
+Value = TypeVar("Value", float, Array)
 
 # Number of observations for which the declared noise level counts: it is known to about 10 %.
 NOISE_PRIOR_FREEDOM = 50.0
@@ -58,17 +61,19 @@ class NoiseComponents:
     observed_total: float
     inputs_total: float
 
-    def freedom(self, input_share: float) -> float:
+    def freedom(self, input_share: Value) -> Value:
         """Return the degrees of freedom of a noise estimate of which the share ``input_share`` rests on inputs
-        (Satterthwaite)."""
+        (Satterthwaite); of several estimates from their shares (n,)."""
         return 1.0 / (input_share**2 / self.inputs + (1.0 - input_share) ** 2 / self.observed)
 
-    def without(self, squares: float, rank: int, input_share: float) -> float:
-        """Return the variance of the noise, in units of the one used, without the squares that a candidate explains."""
+    def without(self, squares: Value, rank: int, input_share: Value) -> Value:
+        """Return the variance of the noise, in units of the one used, without the squares that a candidate explains;
+        of several candidates of a rank from arrays (n,)."""
         freedom = self.freedom(input_share)
         ratios = self.inputs_total / self.inputs, self.observed_total / self.observed
         level = input_share * ratios[0] + (1.0 - input_share) * ratios[1]
-        return max((level * freedom - squares) / max(freedom - rank, 1.0), _LEAST_NOISE)
+        variance: Value = np.maximum((level * freedom - squares) / np.maximum(freedom - rank, 1.0), _LEAST_NOISE)
+        return variance
 
 
 def components(whitened: Whitened, observed: int, inputs: slice) -> NoiseComponents:

@@ -337,6 +337,8 @@ class Round(Generic[CauseT]):
 
     def _like_size_log_evidence(self, candidate: CauseCandidate[CauseT]) -> float:
         """Return the part of a candidate's log evidence that is due to parameters of like size."""
+        if not candidate.cause.like_sized(self.fitted.model.part_count):
+            return 0.0
         score, (total, freedom) = self._score(candidate), total_of(self.fitted)
         owed = score.log_evidence - score.log_signs
         return owed - float(log_evidence(score.along, candidate.signature.strengths, total, freedom))

@@ -244,7 +244,7 @@ class Search(Generic[CauseT]):
         for number, group in enumerate(self.groups):
             level = (1.0 - group.input_share) * noise[0] + group.input_share * noise[1]
             column = kinds.index(group.kind)
-            p_values = f_test(maxima[:, number], group, level, self.noise)
+            p_values = f_test(maxima[:, number], group.rank, level, self.noise.freedom(group.input_share))
             smallest[:, column] = np.minimum(smallest[:, column], p_values)
         return smallest
 
@@ -312,14 +312,16 @@ class Search(Generic[CauseT]):
     @cached_property
     def _best_rows(self) -> Array:
         """Directions (N, r) of the single candidate with the smallest p."""
-        squares, p_values = self.squares(self.pathways.residual[None])[0], []
-        for number, candidate in enumerate(self._visible_candidates):
-            group = CandidateGroup(candidate.kind, candidate.signature.rank, candidate.signature.input_share)
-            noise = self.noise.without(float(squares[number]), group.rank, group.input_share)
-            p_values.append(float(f_test(squares[number], group, noise, self.noise)))
-        if not p_values:
+        if not self._visible_candidates:
             return np.zeros((len(self.pathways.whitened.rest), 0))
-        best = min(range(len(p_values)), key=lambda number: (p_values[number], -squares[number]))
+        squares, p_values = self.squares(self.pathways.residual[None])[0], np.ones(len(self._visible_candidates))
+        shares = np.array([candidate.signature.input_share for candidate in self._visible_candidates])
+        ranks = np.array([candidate.signature.rank for candidate in self._visible_candidates])
+        for rank in np.unique(ranks):
+            alike = ranks == rank
+            noise = self.noise.without(squares[alike], int(rank), shares[alike])
+            p_values[alike] = f_test(squares[alike], int(rank), noise, self.noise.freedom(shares[alike]))
+        best = int(np.lexsort((-squares, p_values))[0])
         return self._visible_candidates[best].signature.rows(self.pathways)
 
     @cached_property
@@ -363,7 +365,7 @@ class NullDistribution:
 
     def raw(self, squares: Array | float, group: CandidateGroup, noise: Array | float) -> Array:
         """Return the p of the F test of squares (...) of a group, at a noise level estimated without them."""
-        return f_test(squares, group, noise, self.noise)
+        return f_test(squares, group.rank, noise, self.noise.freedom(group.input_share))
 
     @cached_property
     def cost(self) -> Array:
@@ -401,12 +403,12 @@ def kinds_of(groups: Sequence[CandidateGroup]) -> tuple[str, ...]:
     return tuple(dict.fromkeys(group.kind for group in groups))
 
 
-def f_test(squares: Array | float, group: CandidateGroup, noise: Array | float, components: NoiseComponents) -> Array:
-    """Return the p of the F test of squares (...) of a group's candidates, at a noise level."""
+def f_test(squares: Array | float, rank: int, noise: Array | float, freedom: Array | float) -> Array:
+    """Return the p of the F test of squares (...) of candidates of a rank, at a noise level that is known with
+    degrees of freedom."""
     from scipy.special import fdtrc
 
-    freedom = components.freedom(group.input_share)
-    return np.asarray(fdtrc(group.rank, max(freedom - group.rank, 1.0), np.asarray(squares) / group.rank / noise))
+    return np.asarray(fdtrc(rank, np.maximum(freedom - rank, 1.0), np.asarray(squares) / rank / noise))
 
 
 def _share(minima: Array, statistic: float) -> float:

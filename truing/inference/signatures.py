@@ -372,7 +372,8 @@ def _acting(pathways: Pathways, designs: Mapping[str, Array | PartialDesign]) ->
             if not isinstance(partial, PartialDesign):
                 partial = PartialDesign(np.arange(place.stop - place.start), partial)
             places.append(place.start + partial.places)
-            parts.append(np.broadcast_to(partial.values, (epochs, *partial.values.shape[1:])))
+            values = partial.values
+            parts.append(values if len(values) == epochs else np.broadcast_to(values, (epochs, *values.shape[1:])))
     if not parts:
         return None
     index, design = (places[0], parts[0]) if len(parts) == 1 else (np.concatenate(places), np.concatenate(parts, 1))
