@@ -1,4 +1,4 @@
-"""Nonparametric effects on a chain: a joint's motion, or the place of a link or of the base, depends smoothly on inputs.
+"""Nonparametric effects on a chain: a joint's motion, or the place of a link or the base, depends smoothly on inputs.
 
 A joint may also depend on two readings, and on the history of its own: friction remembers turning points. Beyond the
 inputs at which nearly all poses were measured a dependence is held at its value there: few poses outside
@@ -101,7 +101,9 @@ class NonparametricChainEffect(NonparametricEffect[ChainScene], ChainCause):
                     found += self._of(bare, iter([((own,), HISTORY, len(STOPS))]), columns, len(machine.readings))
         others = {name: values for name, values in columns.items() if name not in machine.conditions.columns}
         for link in ("", *_moving_links(machine)):
-            found += self._of(replace(self, joint="", link=link), _of_place(others, link), others, len(machine.readings))
+            found += self._of(
+                replace(self, joint="", link=link), _of_place(others, link), others, len(machine.readings)
+            )
         return found
 
     def single_errors(self, scene: ChainScene) -> Sequence[ScatterCandidate[NonparametricChainEffect]]:
@@ -210,7 +212,9 @@ def _of_two(readings: Sequence[str]) -> Iterator[tuple[tuple[str, ...], str, int
 def _moving_links(machine: ChainInputs) -> list[str]:
     """Return the measured links that move with the joints."""
     nodes, links = machine.channels.node, machine.channels.links
-    moving = [link for node, link in zip(nodes, links, strict=True) if node > 0 and machine.tree.nodes[node].parent >= 0]
+    moving = [
+        link for node, link in zip(nodes, links, strict=True) if node > 0 and machine.tree.nodes[node].parent >= 0
+    ]
     return list(dict.fromkeys(moving))
 
 
