@@ -38,7 +38,7 @@ _MOST_DEPENDENCES = 2
 _MOST_SCATTERS = 2
 _SEVERAL_PERIODS = 2
 _LEVEL_OF_COURSE = 0.05  # of a model that does not hold: odds of 20 to 1 that a course follows an input
-_OF_NAMES = (Reason.ALTERNATIVE, Reason.WEAK)  # doubts of a name, and not of the model
+_OF_NAMES = (Reason.ALTERNATIVE, Reason.ASSUMED, Reason.WEAK)  # doubts of a name, and not of the model
 _ADEQUACY = 8  # stream of random numbers
 
 

@@ -117,6 +117,19 @@ class ChainCause(Cause[ChainScene]):
 
 
 @dataclass(frozen=True)
+class AssumedCentres(ChainCause):
+    """Base class of causes by weight that take unknown centres of mass at the origins of their links, if there are
+    any."""
+
+    centres_assumed: bool = False
+
+    @property
+    def is_assumed(self) -> bool:
+        """True if the load has a centre of mass that is unknown."""
+        return self.centres_assumed
+
+
+@dataclass(frozen=True)
 class JointCause(ChainCause):
     """Base class of causes that change the motion of one joint, named as in the description of the robot."""
 
