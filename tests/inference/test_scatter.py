@@ -9,7 +9,14 @@ from numpy.typing import NDArray
 
 from tests.tolerance import assert_between
 from truing.inference.model import ScatterCandidate
-from truing.inference.scatter import InputResiduals, likeliest_scatter, overlapping_candidates, scattering, unbiased
+from truing.inference.scatter import (
+    FoundScatter,
+    InputResiduals,
+    likeliest_scatter,
+    overlapping_candidates,
+    scattering,
+    unbiased,
+)
 
 EPOCHS, INPUTS, NOISE = 40, 6, 3.0
 LEVEL = 0.01
@@ -102,3 +109,9 @@ def test_scatter_is_told_without_bias_and_as_surely_as_it_is_known() -> None:
         assert_between(float(np.mean(found[:, 0]) / size), 1 - 3 * known, 1 + 3 * known, what="mean over truth")
         inside = np.abs(found[:, 0] - size) < 1.96 * found[:, 1]
         assert_between(float(inside.mean()), 0.93 - 2 / np.sqrt(trials) / 4, 0.98, what="share of 95 % intervals")
+
+
+def test_a_scatter_of_nothing_does_not_remain() -> None:
+    sizes = [(0.0, 3900.0, False), (1e-4, 9e-5, False), (1e-4, 2e-5, True)]
+    for size, sigma, remains in sizes:
+        assert FoundScatter(_candidates()[0], 1e-4, size, sigma).remains is remains

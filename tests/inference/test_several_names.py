@@ -5,7 +5,9 @@ from __future__ import annotations
 from types import SimpleNamespace
 from typing import Any
 
-from truing.inference.several_names import several_for_one
+import numpy as np
+
+from truing.inference.several_names import cancel, several_for_one
 
 
 def cause(name: str, subject: str, *, catalogued: bool = True, onset: int = 0, is_set: bool = False) -> Any:
@@ -81,3 +83,13 @@ def test_periods_that_the_machine_sets_are_no_steps_of_a_course() -> None:
         rounds = scored({first.key: 40.0, second.key: 30.0}), scored({second.key: 30.0})
         accepted = [(one, candidate(one), own) for one, own in zip((first, second), rounds, strict=True)]
         assert several_for_one(accepted, SimpleNamespace(candidates=[]), always) == names
+
+
+def test_what_is_displaced_and_put_back_cancels_and_the_steps_of_a_course_do_not() -> None:
+    there, sure = np.array([3e-4, -2e-4, 1e-4]), 36e-12 * np.eye(3)
+    noise = 6e-6 * np.random.default_rng(1).normal(size=(2, 3))
+    assert cancel((there + noise[0], sure), (noise[1] - there, sure))
+    assert not cancel((there, sure), (there, sure))
+    assert not cancel((there, sure), (-0.8 * there, sure))
+    assert not cancel((there, 1e4 * sure), (-there, 1e4 * sure))
+    assert not cancel((there, sure), (-there[:2], sure[:2, :2]))

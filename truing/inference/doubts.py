@@ -40,7 +40,8 @@ class Doubts:
         produced, or in place of which other causes are far more probable. A catalogued cause is also doubted if the
         final model is inadequate or holds a nonparametric effect of which the cause may be a part. So it is if a
         nonparametric effect was more probable but refused, or still explains something next to the cause; if random
-        courses compete with it; or if no effect, or other causes that explain the same, are too probable.
+        courses compete with it; if no effect, or other causes that explain the same, are too probable; or if it rests
+        on an assumption that nobody declared.
         """
         if verdict.verdict != FOUND:
             return verdict
@@ -59,6 +60,8 @@ class Doubts:
             reason = self.whole or (Reason.UNNAMED if course is None else Reason.COURSE)
             share = verdict.share_explained if course is None else course.share
             return replace(verdict, verdict=SUSPECTED, reason=reason, course=course, share_explained=share)
+        if verdict.cause.is_assumed:
+            return replace(verdict, verdict=SUSPECTED, reason=Reason.ASSUMED)
         if verdict.probability < NAMED:
             is_weak = verdict.log_odds < _LEAST_LOG_ODDS and verdict.cause.key not in self.with_rivals
             return replace(verdict, verdict=SUSPECTED, reason=Reason.WEAK if is_weak else Reason.ALTERNATIVE)

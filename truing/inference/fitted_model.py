@@ -40,7 +40,14 @@ from truing.inference.noise import (
     survey_ratio,
 )
 from truing.inference.observations import Epochs, Observations
-from truing.inference.prediction import NoiseFloor, PredictionError, merged, noise_floor, prediction_error
+from truing.inference.prediction import (
+    DeclaredNoise,
+    NoiseFloor,
+    PredictionError,
+    merged,
+    noise_floor,
+    prediction_error,
+)
 from truing.inference.scatter import (
     SETTLED,
     FoundScatter,
@@ -77,6 +84,7 @@ class FittedModel(Generic[CauseT]):
     held_out: PredictionError[CauseT] | None
     seed: int
     learned: tuple[float, float] = (1.0, 1.0)  # noise of inputs and survey used in the fit, over the declared one
+    declared: Array | None = None  # declared covariance of the observations, if the fit's is estimated
 
     @cached_property
     def error(self) -> PredictionError[CauseT]:
@@ -85,8 +93,10 @@ class FittedModel(Generic[CauseT]):
 
     @cached_property
     def floor(self) -> NoiseFloor:
-        """Part of that error that noise alone explains."""
-        return noise_floor(self.model, self.fit, self.measured, np.random.default_rng(self.seed))
+        """Part of that error that the declared noise alone explains."""
+        covariance = self.measured.covariance if self.declared is None else self.declared
+        declared = DeclaredNoise(covariance, 1.0 / self.learned[0])
+        return noise_floor(self.model, self.fit, self.measured, declared, np.random.default_rng(self.seed))
 
     @cached_property
     def scene(self) -> SceneLike[CauseT]:
@@ -268,7 +278,8 @@ class Fitter(Generic[CauseT]):
             shared, local = start.model.embedded(start.fit.shared, model), start.fit.local
             frames = start.fit.frames
         fit = fit_model(model.predict, measured, frames, shared, local)
-        return FittedModel(causes, model, measured, fit, self._predicted(causes, fit, ratios), self._seed, ratios)
+        held_out = self._predicted(causes, fit, ratios)
+        return FittedModel(causes, model, measured, fit, held_out, self._seed, ratios, self.declared)
 
     def _predicted(
         self, causes: tuple[CauseT, ...], fit: Fit, ratios: tuple[float, float]
@@ -461,9 +472,9 @@ class Fitter(Generic[CauseT]):
             self._with_widened_inputs(wide, best.own, first)
         return best
 
-    def narrow(self) -> None:
-        """Reset the prior sigmas of all inputs to the declared ones."""
-        self._input_factor = np.ones_like(self._input_factor)
+    def narrow(self, factor: Array | None = None) -> None:
+        """Reset the prior sigmas of all inputs to the declared ones, or to those widened by factors (B, H)."""
+        self._input_factor = np.ones_like(self._input_factor) * (1.0 if factor is None else factor)
         self._declared = self._declared.with_input_factor(self._input_factor)
         self.model = self._declared.rescaled(*self._ratios)
 

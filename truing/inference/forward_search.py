@@ -21,7 +21,7 @@ from truing.inference.prediction import predicts_worse
 from truing.inference.rounds import RIVAL_FACTOR, Round, score_round
 from truing.inference.search import CauseCandidate, Search
 from truing.inference.search_end import EndOfSearch, FurtherCauses
-from truing.inference.several_names import several_for_one
+from truing.inference.several_names import cancel, several_for_one
 from truing.inference.verdicts import REJECTED, Reason, Verdict, first_order, verdict_on_known_cause
 
 # Shares of the declared false-alarm rate: search for causes, noise larger than declared, noise that depends on
@@ -330,6 +330,8 @@ def names_of_one_effect(steps: Sequence[Accepted[CauseT]], last: Round[CauseT], 
     sizes = {step.cause.key: step.candidate.signature.parameters for step in steps}
 
     def alike(first: CauseT, second: CauseT) -> bool:
+        if cancel(final.values(first), final.values(second)):
+            return False
         return move_alike(final, (first, sizes[first.key]), (second, sizes[second.key]))
 
     return several_for_one([(step.cause, step.candidate, step.round) for step in steps], last, alike)

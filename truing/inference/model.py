@@ -66,6 +66,10 @@ class CauseLike(Protocol):
         """True if it claims a law; False if it only claims which input something follows."""
 
     @property
+    def is_assumed(self) -> bool:
+        """True if it takes for known what was not declared, and fits no deviation of it."""
+
+    @property
     def has_set_shape(self) -> bool:
         """True if the machine sets its shape, so that it was not searched among many."""
 

@@ -223,18 +223,32 @@ class NoiseFloor:
         return float(np.sqrt(np.sum(self.square[channels] * count) / max(count.sum(), 1)))
 
 
-def noise_floor(model: Model[CauseT], fit: Fit, measured: Observations, rng: np.random.Generator) -> NoiseFloor:
+@dataclass(frozen=True)
+class DeclaredNoise:
+    """Covariance (B, K, d, d) of the observations, SI, and noise of the inputs over that of the fit."""
+
+    covariance: Array
+    inputs: float = 1.0
+
+
+def noise_floor(
+    model: Model[CauseT], fit: Fit, measured: Observations, declared: DeclaredNoise, rng: np.random.Generator
+) -> NoiseFloor:
     """Return the prediction error of a fitted model that declared noise alone causes.
 
-    Draws of all noise (of observations, inputs and known shared unknowns) go through the linearised fit.
+    Draws of all noise (of observations, inputs and known shared unknowns) go through the linearised fit, whose own
+    noise may be estimated from the same residuals.
     """
     whitened, problem = fit.whitened, fit.whitened.problem
     epochs, count = problem.residual.shape
-    noise = rng.standard_normal((epochs, count, _FLOOR_DRAWS)) * problem.present[..., None]
+    root = _square(measured) @ np.linalg.cholesky(declared.covariance)
+    drawn = rng.standard_normal((epochs, count, _FLOOR_DRAWS)).reshape(*measured.values.shape, _FLOOR_DRAWS)
+    noise = (root @ drawn).reshape(epochs, count, _FLOOR_DRAWS) * problem.present[..., None]
     prior = rng.standard_normal((*problem.local_value.shape, _FLOOR_DRAWS)) * problem.local_known[:, None]
+    inputs = np.concatenate([np.zeros(fit.frames.size, bool), ~model.unpredicted])
+    prior[:, inputs] *= declared.inputs
     error = _shared_error(whitened, noise, prior, rng)
     left = noise - problem.moved(error)
-    inputs = np.concatenate([np.zeros(fit.frames.size, bool), ~model.unpredicted])
     left -= problem.by_local[..., inputs] @ prior[:, inputs]
     freed = _without_epoch_unknowns(left, problem.by_local[..., ~inputs], measured, model.zero_groups)
     gap = np.linalg.solve(_square(measured), freed.reshape(*measured.values.shape, _FLOOR_DRAWS))

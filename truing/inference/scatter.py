@@ -25,6 +25,8 @@ _TINY = 1e-12
 _LEAST, _MOST = 0.5, 1e4
 # Largest relative uncertainty for which the first-order correction of a scatter is valid; it is limited to this.
 _ROUGH = 0.5
+# A scatter remains if it is larger than this many standard deviations.
+_REMAINS = 2.0
 
 
 @dataclass(frozen=True)
@@ -40,6 +42,11 @@ class FoundScatter(Generic[CauseT]):
     size: float
     sigma: float
     doubt: str = ""
+
+    @property
+    def remains(self) -> bool:
+        """True if the inputs still scatter next to the causes found after their prior was widened."""
+        return self.size > _REMAINS * self.sigma
 
 
 @dataclass(frozen=True)

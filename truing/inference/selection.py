@@ -38,7 +38,7 @@ _MOST_DEPENDENCES = 2
 _MOST_SCATTERS = 2
 _SEVERAL_PERIODS = 2
 _LEVEL_OF_COURSE = 0.05  # of a model that does not hold: odds of 20 to 1 that a course follows an input
-_OF_NAMES = (Reason.ALTERNATIVE, Reason.WEAK)  # doubts of a name, and not of the model
+_OF_NAMES = (Reason.ALTERNATIVE, Reason.ASSUMED, Reason.WEAK)  # doubts of a name, and not of the model
 _ADEQUACY = 8  # stream of random numbers
 
 
@@ -268,8 +268,12 @@ class CauseSelection(Generic[CauseT]):
             first = rounds[0].fitted
             doubt = self._noise.doubt_of_inputs(first, outright[0].own, kinds)
             searched, scatter = self._with_input_scatter(*outright, first, kinds, doubt)
-            scatters.append(scatter)
-        else:
+            if scatter.remains:
+                scatters.append(scatter)
+            else:  # an effect that was found next to it looked like scatter
+                self._search.fitter.narrow()
+                rounds = self._search.first_round(kinds)
+        if not scatters:
             searched = self._search.searched(kinds, rounds)
             # A model that leaves more than noise cannot tell an effect from a gross error.
             if searched.kept and searched.end.is_complete and self._search.fitter.readmit(searched.final):
@@ -281,7 +285,12 @@ class CauseSelection(Generic[CauseT]):
             doubt = self._noise.doubt_of_inputs(self._search.named_alone(searched), more[0].own, kinds)
             if doubt and self._holds_unnamed(searched, more[0].cause.subject):
                 break
-            searched, scatter = self._with_input_scatter(*more, searched.plain, kinds, doubt)
+            before = self._search.fitter.input_factor
+            wider, scatter = self._with_input_scatter(*more, searched.plain, kinds, doubt)
+            if not scatter.remains:
+                self._search.fitter.narrow(before)
+                return self._search.searched(kinds), scatters
+            searched = wider
             scatters.append(scatter)
         return searched, scatters
 

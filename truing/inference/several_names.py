@@ -8,10 +8,13 @@ from typing import TypeAlias
 
 import numpy as np
 
+from truing.inference.arrays import Array
 from truing.inference.model import CauseT
 from truing.inference.rounds import RIVAL_FACTOR, Round
 from truing.inference.search import CauseCandidate
 
+# p-value above which two steps cancel, and least signal-to-noise of each.
+_CANCEL, _CLEAR_STEP = 0.01, 8.0
 # An accepted cause, its candidate, and the round that accepted it.
 AcceptedCause: TypeAlias = tuple[CauseT, CauseCandidate[CauseT], Round[CauseT]]
 
@@ -38,6 +41,20 @@ def several_for_one(
         if len(own) > 1 and _odds_of_one(own, last) > -np.log(RIVAL_FACTOR):
             found |= {cause.key for cause, _, _ in own}
     return found
+
+
+def cancel(first: tuple[Array, Array], second: tuple[Array, Array]) -> bool:
+    """Return True if two clear effects, each with values (P,) and covariance (P, P), cancel where both act: something
+    was displaced and put back. The steps of a course do not return to its start in every component."""
+    from scipy.stats import chi2
+
+    if len(first[0]) != len(second[0]) or min(_squares(*first), _squares(*second)) < _CLEAR_STEP**2:
+        return False
+    return bool(chi2.sf(_squares(first[0] + second[0], first[1] + second[1]), len(first[0])) > _CANCEL)
+
+
+def _squares(values: Array, covariance: Array) -> float:
+    return float(values @ np.linalg.solve(covariance, values))
 
 
 def _odds_of_one(accepted: Sequence[AcceptedCause[CauseT]], last: Round[CauseT]) -> float:

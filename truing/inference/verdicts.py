@@ -36,6 +36,7 @@ class Reason(StrEnum):
     ENDED = "ended"  # significant, but the search reached a limit first
     INADEQUATE = "inadequate"  # the final model does not hold as a whole
     ALTERNATIVE = "alternative"  # another cause may explain the same
+    ASSUMED = "assumed"  # it takes for known what was not declared
     WEAK = "weak"  # significant, but hardly more probable than no effect
     UNNAMED = "unnamed"  # it may be a part of a nonparametric or unknown effect
     COURSE = "course"  # a random course of the same effect is as probable, or acts next to it

@@ -192,6 +192,11 @@ class Cause(Generic[SceneT_contra]):
         return True
 
     @property
+    def is_assumed(self) -> bool:
+        """True if the cause takes for known what was not declared, and fits no deviation of it."""
+        return False
+
+    @property
     def has_set_shape(self) -> bool:
         """True if the machine sets its shape, such as one period a turn; False if it was searched among many."""
         return False

@@ -17,6 +17,7 @@ DOUBTS = {
     "inadequate": "the model with all accepted causes leaves more than noise, so it is incomplete",
     "unnamed": "an effect that no catalogued cause explains acts as well, and this may be a part of it",
     "alternative": "other causes, or an effect without a name, may explain the same",
+    "assumed": "it takes unknown centres of mass at the origins of their links; declare com_mm or payload_com_mm",
     "weak": "the evidence is weak: it is hardly more probable than no effect, and more measurements would decide",
     "held-out": "it predicts held-out data worse than the model without it",
     "unconfirmed": "left-out parts of the campaign (runs, days, regions) that should show it are predicted no better "

@@ -154,7 +154,14 @@ def _dependent_quantity(claim: Claim) -> str:
     if claim.fact("element"):
         return PARTS_OF_AXES.get(claim.subject, claim.subject)
     if (joint := claim.fact("joint")) is not None:
-        return f"the motion of joint {joint}" if joint else "the place of the base"
+        link = claim.fact("link")
+        return (
+            f"the motion of joint {joint}"
+            if joint
+            else f"the place of link {link}"
+            if link
+            else "the place of the base"
+        )
     quantity, targets = claim.fact("quantity"), list(claim.fact("targets") or ())
     if quantity == "scale":
         return "the scale of the measurement"

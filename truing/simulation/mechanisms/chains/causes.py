@@ -27,7 +27,7 @@ _LEAST_LOAD = 1e-6
 # Parts of a length that are smaller by this factor are rounding of the description.
 ROUNDED = 1e-4
 # Least number of poses before an onset, and from it; in a long campaign not every pose is tried as an onset.
-FEWEST, _MOST_ONSETS = 4, 60
+FEWEST, MOST_ONSETS = 4, 120
 _FEWEST_POSES = 12  # of a group that may scatter
 
 
@@ -114,6 +114,19 @@ class ChainCause(Cause[ChainScene]):
         """Return the excess (B, D, P) of read distances between named ends, in m per unit of the parameters; None
         without excess."""
         return None
+
+
+@dataclass(frozen=True)
+class AssumedCentres(ChainCause):
+    """Base class of causes by weight that take unknown centres of mass at the origins of their links, if there are
+    any."""
+
+    centres_assumed: bool = False
+
+    @property
+    def is_assumed(self) -> bool:
+        """True if the load has a centre of mass that is unknown."""
+        return self.centres_assumed
 
 
 @dataclass(frozen=True)
@@ -440,9 +453,9 @@ def moved_alike(machine: ChainInputs, node: int, twist: NDArray) -> list[tuple[i
     return nodes_moved_alike(machine.tree, node, twist, {int(k) for k in machine.channels.node})
 
 
-def onsets_of_change(machine: ChainInputs) -> list[tuple[int | str, float]]:
-    """Return the poses, and their ranks in time, from which something may have changed."""
+def onsets_of_change(machine: ChainInputs, most: int = MOST_ONSETS) -> list[tuple[int | str, float]]:
+    """Return the poses, and their ranks in time, from which something may have changed; every one of up to ``most``."""
     in_time = np.argsort(machine.order, kind="stable")
-    step = 1 + len(in_time) // _MOST_ONSETS
+    step = 1 + len(in_time) // most
     chosen = in_time[FEWEST : len(in_time) - FEWEST + 1 : step]
     return [(machine.conditions.poses[b], float(machine.order[b])) for b in chosen]

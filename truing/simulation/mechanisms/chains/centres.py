@@ -54,6 +54,13 @@ def weight_of(machine: ChainInputs, node: int) -> NDArray:
     return np.asarray(STANDARD_GRAVITY * (machine.tree.nodes[node].mass + payload))
 
 
+def carries_off_centre(machine: ChainInputs, node: int) -> bool:
+    """Return True if a node's link or one that it carries has a weight whose centre of mass is unknown."""
+    tree = machine.tree
+    beyond = [k for k in map(tree.links.__getitem__, machine.without_centre) if k == node or tree.above[k, node]]
+    return any(weight_of(machine, k).any() for k in beyond)
+
+
 def weights_off_centre(machine: ChainInputs, reading: int) -> dict[str, NDArray]:
     """Return by link the weight (B,), N, that a turning joint carries and whose centre of mass is unknown.
 

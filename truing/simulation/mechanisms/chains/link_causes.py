@@ -11,7 +11,8 @@ from numpy.typing import NDArray
 
 from truing.simulation.cause import Parameter, Step
 from truing.simulation.inputs import Missing
-from truing.simulation.mechanisms.chains.causes import ROUNDED, ChainCause, ChainScene, moved_alike
+from truing.simulation.mechanisms.chains.causes import ROUNDED, AssumedCentres, ChainCause, ChainScene, moved_alike
+from truing.simulation.mechanisms.chains.centres import carries_off_centre
 from truing.simulation.mechanisms.chains.conditions import ChainInputs
 from truing.simulation.mechanisms.chains.tree import JointKind
 
@@ -138,7 +139,7 @@ def _lengths_along(links: Sequence[LinkGrowth], machine: ChainInputs) -> list[Li
 
 
 @dataclass(frozen=True)
-class LinkBending(LinkCause):
+class LinkBending(AssumedCentres, LinkCause):
     """A link bends as a beam of one flexibility 1/(E I) under the weight that it carries."""
 
     load: float = 1.0  # largest rotation of its end per unit of flexibility, N m2
@@ -152,7 +153,8 @@ class LinkBending(LinkCause):
         for name in machine.tree.links:
             turned = replace(self, link=name).twists(machine)[:, :, 3:, 0]
             if np.ptp(turned, axis=0).max(initial=0.0) > _LEAST_LOAD * np.abs(turned).max(initial=0.0):
-                found.append(replace(self, link=name, load=float(np.abs(turned).max())))
+                assumed = carries_off_centre(machine, machine.tree.links[name])
+                found.append(replace(self, link=name, load=float(np.abs(turned).max()), centres_assumed=assumed))
         return found
 
     def one_sided(self, legs: int) -> tuple[int, ...]:

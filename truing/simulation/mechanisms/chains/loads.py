@@ -11,8 +11,14 @@ from numpy.typing import NDArray
 
 from truing.simulation.cause import Parameter, Step
 from truing.simulation.inputs import Missing
-from truing.simulation.mechanisms.chains.causes import ChainCause, ChainScene, JointCause
-from truing.simulation.mechanisms.chains.centres import AXES, independent, levers, weights_off_centre
+from truing.simulation.mechanisms.chains.causes import AssumedCentres, ChainScene, JointCause
+from truing.simulation.mechanisms.chains.centres import (
+    AXES,
+    carries_off_centre,
+    independent,
+    levers,
+    weights_off_centre,
+)
 from truing.simulation.mechanisms.chains.closed_tree import ClosedTree
 from truing.simulation.mechanisms.chains.conditions import ChainInputs
 from truing.simulation.mechanisms.chains.link_causes import LinkCause
@@ -33,7 +39,7 @@ _DEPTHS = (1, 2, 0)  # nearest moving links with an unknown centre of mass; 0: a
 
 
 @dataclass(frozen=True)
-class ColumnTilt(LinkCause):
+class ColumnTilt(AssumedCentres, LinkCause):
     """A column or rail under the chain tilts by tilt x moment of the weight on it, and shifts by shift x moment.
 
     The link is the base, or one that slides; the moment acts at its origin. ``shift`` is tilt x height of that origin
@@ -57,7 +63,7 @@ class ColumnTilt(LinkCause):
             varying = np.ptp(self._moment(machine, k), axis=0) > _VARIES
             axes = ["", *(axis for axis, own in zip(AXES, varying, strict=True) if own)] if varying.any() else []
             for about in axes if sum(varying) > 1 else axes[:1]:
-                own = replace(self, link=node.link, about=about)
+                own = replace(self, link=node.link, about=about, centres_assumed=carries_off_centre(machine, k))
                 found.append(replace(own, load=float(np.abs(own._moment(machine, k)).max())))
         return found
 
@@ -157,7 +163,7 @@ class JointSag(JointCause):
 
 
 @dataclass(frozen=True)
-class GravityDirection(ChainCause):
+class GravityDirection(AssumedCentres):
     """Joints deflect under weight along another axis of the base than the declared gravity.
 
     ``loads``: largest torque of each of the ``joints`` then, N m, or force, N; each has a compliance.
@@ -196,6 +202,7 @@ class GravityDirection(ChainCause):
                         joints=tuple(joint for cause in single for joint in cause.joints),
                         are_angles=tuple(is_angle for cause in single for is_angle in cause.are_angles),
                         loads=tuple(load for cause in single for load in cause.loads),
+                        centres_assumed=any(cause.centres_assumed for cause in single),
                     )
                 )
         return found
@@ -205,7 +212,8 @@ class GravityDirection(ChainCause):
             torque, is_angle = machine.torque(k), bool(machine.tree.is_revolute[k])
             if np.ptp(torque) > _VARIES_LOAD * machine.largest_load(is_angle):
                 largest = float(np.abs(torque).max())
-                yield replace(self, direction=direction, joints=(joint,), are_angles=(is_angle,), loads=(largest,))
+                own = replace(self, direction=direction, joints=(joint,), are_angles=(is_angle,), loads=(largest,))
+                yield replace(own, centres_assumed=is_angle and carries_off_centre(machine, machine.tree.node_of(k)))
 
     def prior(self, scene: ChainScene) -> float:
         """Return the relative prior weight: all joints are as probable as all single ones together."""

@@ -1,4 +1,4 @@
-"""Nonparametric effects on a chain: a joint's motion, or the place of the base, depends smoothly on inputs.
+"""Nonparametric effects on a chain: a joint's motion, or the place of a link or the base, depends smoothly on inputs.
 
 A joint may also depend on two readings, and on the history of its own: friction remembers turning points. Beyond the
 inputs at which nearly all poses were measured a dependence is held at its value there: few poses outside
@@ -18,7 +18,7 @@ from numpy.typing import NDArray
 
 from truing.inference.model import ScatterCandidate
 from truing.simulation.cause import Parameter, Step
-from truing.simulation.inputs import MEMORY, ORDER, STOPS, TEMPERATURE, TIME, middle_and_half, varying_columns
+from truing.simulation.inputs import MEMORY, ORDER, STOPS, TIME, middle_and_half, varying_columns
 from truing.simulation.mechanisms.chains.causes import ChainCause, ChainScene
 from truing.simulation.mechanisms.chains.conditions import ChainInputs, usual_range
 from truing.simulation.nonparametric import (
@@ -48,10 +48,14 @@ _OF_BASE = ("x", "y", "z", "turn_x", "turn_y", "turn_z")
 @dataclass(frozen=True)
 class NonparametricChainEffect(NonparametricEffect[ChainScene], ChainCause):
     """The motion of one joint, or the place of the base, depends on columns of the configurations, or on a product of
-    two."""
+    two.
+
+    With a ``link`` it is the place of that measured link in its own frame, such as a tool on its flange.
+    """
 
     joint: str = ""
     is_angle: bool = True
+    link: str = ""
 
     reach = 10.0
     boundless = frozenset({POLYNOMIAL, WAVES, SURFACE, HISTORY})
@@ -59,13 +63,14 @@ class NonparametricChainEffect(NonparametricEffect[ChainScene], ChainCause):
 
     @property
     def step(self) -> Step:  # type: ignore[override]
-        """A joint's deviation belongs to the drive, that of the base to the instrument."""
-        return Step.DRIVE if self.joint else Step.INSTRUMENT
+        """A joint's deviation belongs to the drive, that of a link to the structure, that of the base to the
+        instrument."""
+        return Step.DRIVE if self.joint else Step.STRUCTURE if self.link else Step.INSTRUMENT
 
     @property
     def subject(self) -> str:
-        """The joint; empty for the base."""
-        return f"joint {self.joint}" if self.joint else ""
+        """The joint or the link; empty for the base."""
+        return f"joint {self.joint}" if self.joint else f"link {self.link}" if self.link else ""
 
     def prior(self, scene: ChainScene) -> float:
         """Return the relative prior weight: larger of friction, and of the joint's own place."""
@@ -80,7 +85,8 @@ class NonparametricChainEffect(NonparametricEffect[ChainScene], ChainCause):
         return tuple(column for column in self.columns if column not in (TIME, ORDER))
 
     def candidates(self, scene: ChainScene) -> Sequence[NonparametricChainEffect]:
-        """Return all dependences of all joints that moved, and of the base, for which there are enough poses."""
+        """Return all dependences of all joints that moved, of measured links and of the base, for which there are
+        enough poses."""
         machine = scene.inputs_of_machine
         columns = varying_columns(scene.covariates)
         found: list[NonparametricChainEffect] = []
@@ -93,7 +99,12 @@ class NonparametricChainEffect(NonparametricEffect[ChainScene], ChainCause):
                 found += self._of(bare, _of_two(read), columns, len(machine.readings))
                 if MEMORY in machine.conditions.covariates:
                     found += self._of(bare, iter([((own,), HISTORY, len(STOPS))]), columns, len(machine.readings))
-        return found + self._of(replace(self, joint=""), _of_base(columns), columns, len(machine.readings))
+        others = {name: values for name, values in columns.items() if name not in machine.conditions.columns}
+        for link in ("", *_moving_links(machine)):
+            found += self._of(
+                replace(self, joint="", link=link), _of_place(others, link), others, len(machine.readings)
+            )
+        return found
 
     def single_errors(self, scene: ChainScene) -> Sequence[ScatterCandidate[NonparametricChainEffect]]:
         """Return each joint whose readings have errors, in all poses."""
@@ -143,7 +154,7 @@ class NonparametricChainEffect(NonparametricEffect[ChainScene], ChainCause):
         return np.stack([first[..., i] * second[..., j] for i, j in _TERMS[: self.degree]], -1)
 
     def deviations(self, machine: ChainInputs) -> NDArray | None:
-        """Return the functions' values as deviations of the joint; None for the base."""
+        """Return the functions' values as deviations of the joint; None for a link or the base."""
         if not self.joint:
             return None
         reading = machine.tree.readings.index(self.joint)
@@ -152,16 +163,17 @@ class NonparametricChainEffect(NonparametricEffect[ChainScene], ChainCause):
         return machine.of_joint(reading, self.basis(partial(_values_of, machine)))
 
     def twists(self, machine: ChainInputs) -> NDArray | None:
-        """Return the functions' values as motions of the base; None for a joint."""
+        """Return the functions' values as motions of the link or the base; None for a joint."""
         if self.joint:
             return None
+        node = next(k for k, own in enumerate(machine.tree.nodes) if own.link == self.link) if self.link else 0
         values = self.basis(partial(_values_of, machine))
         count = values.shape[-1]
         moved = np.einsum("bm,ij->bijm", values, np.eye(6)).reshape(len(values), 6, 6 * count)
-        return machine.at_node(0, moved)
+        return machine.at_node(node, moved)
 
     def parameters(self, legs: int) -> tuple[Parameter, ...]:
-        """Return one amplitude per function, for the base one of each of six motions."""
+        """Return one amplitude per function, for a link or the base one of each of six motions."""
         own = super().parameters(legs)
         if self.joint:
             return own
@@ -171,7 +183,7 @@ class NonparametricChainEffect(NonparametricEffect[ChainScene], ChainCause):
 
     @property
     def _in_key(self) -> tuple[tuple[str, ...], tuple[str, ...]]:
-        return (self.joint or BASE,), ()
+        return (self.joint or (f"link {self.link}" if self.link else BASE),), ()
 
     @property
     def _amplitude(self) -> tuple[str, float, float]:
@@ -197,13 +209,24 @@ def _of_two(readings: Sequence[str]) -> Iterator[tuple[tuple[str, ...], str, int
     yield from ((pair, SURFACE, terms) for pair in combinations(readings, 2) for terms in _SURFACES)
 
 
-def _of_base(columns: dict[str, NDArray]) -> Iterator[tuple[tuple[str, ...], str, int]]:
-    """Yield inputs, form and degree of all dependences of the base's place."""
-    for column in (TIME, ORDER, TEMPERATURE):
-        if column in columns:
-            # In proportion to time is a drift.
-            yield from (((column,), POLYNOMIAL, degree) for degree in _SMOOTH if column == TEMPERATURE or degree > 1)
-            yield from (((column,), WAVES, count) for count in _WAVES_OF_TIME if column != TEMPERATURE)
+def _moving_links(machine: ChainInputs) -> list[str]:
+    """Return the measured links that move with the joints."""
+    nodes, links = machine.channels.node, machine.channels.links
+    moving = [
+        link for node, link in zip(nodes, links, strict=True) if node > 0 and machine.tree.nodes[node].parent >= 0
+    ]
+    return list(dict.fromkeys(moving))
+
+
+def _of_place(columns: dict[str, NDArray], link: str) -> Iterator[tuple[tuple[str, ...], str, int]]:
+    """Yield inputs, form and degree of all dependences of the place of a link, or of the base if it is empty, on
+    ``columns`` that are no readings."""
+    for column in columns:
+        is_time = column in (TIME, ORDER)
+        # In proportion to time the base drifts.
+        yield from (((column,), POLYNOMIAL, degree) for degree in _SMOOTH if link or not is_time or degree > 1)
+        if is_time:
+            yield from (((column,), WAVES, count) for count in _WAVES_OF_TIME)
 
 
 def _values_of(machine: ChainInputs, column: str) -> NDArray:

@@ -16,6 +16,7 @@ from truing.simulation.mechanisms.chains.conditions import ChainInputs
 
 _MM = 1e-3  # metres of a millimetre
 _OFF_M = 1e-4  # plausible offset of an instrument of distances, m
+_ONSETS_OF_TARGETS = 600  # most onsets of single targets, which are scored together
 _FEW_ONSETS = 2  # of the onsets, every so many for targets seen by distances
 
 
@@ -98,7 +99,7 @@ class ChainTargetMoved(ChainCause):
     def channel_candidates(self, scene: ChainScene) -> Sequence[ChannelCandidates[ChainTargetMoved]]:
         """Return every target displaced from each possible pose on, if it is seen often enough before and after."""
         machine = scene.inputs_of_machine
-        targets, onsets = np.flatnonzero(~machine.channels.is_rotation), onsets_of_change(machine)
+        targets, onsets = np.flatnonzero(~machine.channels.is_rotation), onsets_of_change(machine, _ONSETS_OF_TARGETS)
         if not onsets or not len(targets) or scene.places is not None:
             return ()
         late = np.stack([machine.order >= order for _, order in onsets])
