@@ -137,7 +137,7 @@ def test_shared_unknowns_without_epochs_are_those_of_a_fit_to_the_others() -> No
     model, measured = _noisy(1e-3)
     frames, out = Frames.of_numbers(9), np.arange(9) < 4
     fit = fit_model(model.predict, measured, frames, np.array([0.3 / PRIOR]), np.zeros((9, 0)))
-    others = replace(measured, seen=measured.seen & ~out[:, None])
+    others = replace(measured, is_observed=measured.is_observed & ~out[:, None])
     counted = Counted(model)
     found = shared_without(counted.predict, others, fit, out)
     expected = fit_model(model.predict, others, frames, fit.shared, np.zeros((9, 0)))
