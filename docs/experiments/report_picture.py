@@ -28,6 +28,9 @@ _SHOWN = ("figure-deformation-0", "figure-deformation-2")
 # Leaves the verdict and two figures, side by side; what is operated has no place in a picture.
 _ARRANGED = """
 (async () => {
+  const BELOW = { "margin.l": 0, "margin.t": 8, "margin.b": 80, "legend.y": -0.02, "legend.yanchor": "top" };
+  // From farther away than on the page, which is twice as wide, so that axes and machine stay whole.
+  const farther = (eye) => Object.fromEntries(Object.entries(eye).map(([axis, at]) => [axis, 1.25 * at]));
   const figures = %s.map((id) => document.getElementById(id).closest("figure"));
   const row = document.createElement("div");
   row.style.cssText = "display:grid;grid-template-columns:1fr 1fr;gap:24px;padding:18px 24px";
@@ -44,7 +47,9 @@ _ARRANGED = """
     figure.querySelectorAll(".modebar-container").forEach((part) => part.remove());
     const plot = figure.querySelector(".plot");
     plot.style.height = "480px";
-    await Plotly.relayout(plot, { height: 480, width: plot.clientWidth, "margin.l": plot.layout.scene ? 0 : 100 });
+    const scene = plot.layout.scene;
+    const fit = scene ? { ...BELOW, "scene.camera.eye": farther(scene.camera.eye) } : { "margin.l": 100 };
+    await Plotly.relayout(plot, { height: 480, width: plot.clientWidth, ...fit });
     figure.querySelectorAll(".modebar-container").forEach((part) => part.remove());
   }
   scrollTo(0, 0);

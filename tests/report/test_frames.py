@@ -171,7 +171,12 @@ def test_the_figure_names_every_axis_and_ends_its_arrows_there():
     found = table()
     figure = frames_figure(found)
     tips = [text for trace in figure.data for text in (trace.text or ()) if trace.mode == "text"]
-    assert {"x base", "z platform", "x 1", "z 6", "S1", "S6", "dz", "rz", "leg 4"} <= set(tips)
+    assert {"x base", "z platform", "x 1", "z 6", "S1", "S6", "dz", "rz", "4"} <= set(tips)
+    numbers = next(trace for trace in figure.data if trace.text and trace.text[0] == "1")
+    assert numbers.text == tuple("123456")
+    ring = LOWER - LOWER.mean(axis=0)
+    beyond = np.stack([numbers.x, numbers.y, numbers.z], -1) - LOWER
+    assert np.all(np.sum(ring * beyond, axis=1) > 0.1 * np.sum(ring * ring, axis=1)), "not outside the ring"
     arrows = {trace.name: trace for trace in figure.data if trace.mode == "lines" and trace.legendgroup}
     assert set(arrows) == set(found["frame"])
     base = np.stack([arrows["base"].x, arrows["base"].y, arrows["base"].z], -1)

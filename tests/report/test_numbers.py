@@ -10,9 +10,12 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from truing.report.numbers import (
+    LEAST_P,
     count,
     duration,
     in_suitable_unit,
+    p_at_most,
+    p_equals,
     p_value,
     plain,
     printed,
@@ -88,6 +91,12 @@ def test_three_digits_stay_right(value):
 
 def test_a_missing_number_is_shown_as_a_dash():
     assert plain(None) == plain(math.nan) == plain(math.inf) == p_value(None) == "–"
+
+
+@given(st.floats(min_value=0.0, max_value=1.0))
+def test_every_form_of_a_probability_has_the_same_least_value(p: float) -> None:
+    least = p < LEAST_P
+    assert (p_value(p) == p_value(0.0)) == (p_at_most(p) == p_at_most(0.0)) == (p_equals(p) == p_equals(0.0)) == least
 
 
 @pytest.mark.parametrize(

@@ -86,4 +86,9 @@ def _positioning_tiles(tables: Tables) -> list[tuple[str, str]]:
     selected = selected[selected["run"].isin(selected["run"].unique()[:_FEW_AXES])]
     shown = zip(selected["run"], selected["figure"], selected["value"], selected["unit"], strict=True)
     with_all = ", gross errors included" if gross_errors_of_axis(tables) else ""
-    return [(f"{_OF_AXES[figure]}, {run}{with_all}", quantity(value, unit)) for run, figure, value, unit in shown]
+    return [(f"{_OF_AXES[figure]}, {_run(run)}{with_all}", quantity(value, unit)) for run, figure, value, unit in shown]
+
+
+def _run(name: str) -> str:
+    """Return the name of a run in words: ``run 1`` of a mere number."""
+    return f"run {name}" if name.isdigit() else name

@@ -14,7 +14,7 @@ _HANDIER = {
     "urad": (1e3, math.inf, "mrad", 1e-3),
 }
 _SIGNS = {"um": "µm", "urad": "µrad", "1": "", "N m": "N·m"}
-_LEAST_P = 1e-6
+LEAST_P = 1e-6  # smaller probabilities rest on tails of distributions that no data confirm
 
 
 def with_uncertainty(value: float, sigma: float | None, unit: str = "") -> str:
@@ -113,12 +113,17 @@ def p_value(p: float | None) -> str:
     """Return the text of a p-value."""
     if p is None or not math.isfinite(p):
         return "–"
-    return "< 1e-6" if p < _LEAST_P else f"{p:.2g}"
+    return "< 1e-6" if p < LEAST_P else f"{p:.2g}"
 
 
 def p_equals(p: float) -> str:
     """Return a p-value with its relation: ``= 0.02``, ``< 1e-6``."""
-    return p_value(p) if p < _LEAST_P else f"= {p_value(p)}"
+    return p_value(p) if p < LEAST_P else f"= {p_value(p)}"
+
+
+def p_at_most(p: float) -> str:
+    """Return the bound of a probability in words: ``at most 0.02``, ``below 1e-6``."""
+    return f"at most {p:.2g}" if p >= LEAST_P else f"below {p_value(p).removeprefix('< ')}"
 
 
 def percent(value: float) -> str:

@@ -15,7 +15,10 @@ from truing.report.verdict import with_verdict
 from truing.schemas.needs import Need
 from truing.schemas.verdict import GATES, ReasonCode
 
+_TITLE = "Can I stop measuring?"
 _NOT_DECIDED = "Whether the machine is accurate enough is not decided."
+_TO_MEASURE = (("next", "What to measure next"),)
+_OPEN = {Need.REQUIREMENT: "Undecided", Need.RIVAL: "Open question"}
 _MODEL = ("adequacy", "pulls", "calibration")
 
 
@@ -29,13 +32,14 @@ def stop(tables: Tables) -> ReportSection | None:
     more = " ".join(_remaining(steps))
     if open_points:
         lead = "Not yet: the points below are open."
-        return ReportSection("stop", "Can I stop measuring?", f"{lead} {more}".strip(), statements=open_points)
+        see = _TO_MEASURE if steps else ()
+        return ReportSection("stop", _TITLE, f"{lead} {more}".strip(), statements=open_points, see=see)
     requirement = verdicts.get("requirements")
     lead = "Yes: every requirement is decided, and no open question needs a measurement."
     if requirement is None or requirement.reason_code not in (ReasonCode.MET, ReasonCode.NOT_MET):
         why = requirement.explanation if requirement else ""
         lead = f"No open point needs a measurement. {_NOT_DECIDED} {why}".strip()
-    return ReportSection("stop", "Can I stop measuring?", f"{lead} {more}".strip())
+    return ReportSection("stop", _TITLE, f"{lead} {more}".strip())
 
 
 def _remaining(steps: list[NextStep]) -> Iterator[str]:
@@ -52,5 +56,4 @@ def _open_points(verdicts: dict[str, SectionVerdict], steps: list[NextStep]) -> 
     """Return the open points of a campaign: failed data, a model that does not fit, undecided requirements, rivals."""
     failed = [verdicts[name] for name in (*GATES, *_MODEL) if name in verdicts]
     points = [(one.mark, one.explanation) for one in failed if one.state == RelationState.FAILS]
-    asked = [step for step in steps if step.need in (Need.REQUIREMENT, Need.RIVAL)]
-    return (*points, *(("next", f"{step.purpose[:1].upper()}{step.purpose[1:]}: {step.short_text}") for step in asked))
+    return (*points, *(("next", f"{_OPEN[step.need]}: {step.purpose}.") for step in steps if step.need in _OPEN))

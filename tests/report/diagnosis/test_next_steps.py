@@ -14,6 +14,7 @@ from truing.report.diagnosis.adequacy import adequacy as adequacy_section
 from truing.report.diagnosis.assessed_causes import assessed_causes
 from truing.report.diagnosis.next_steps import NextStep, next_measurements_frame, next_steps
 from truing.report.head import build_head
+from truing.report.stopping_section import stop
 from truing.schemas.needs import Need
 
 Frames = dict[str, pd.DataFrame]
@@ -70,7 +71,19 @@ def test_an_undecided_requirement_leads_with_the_poses_that_decide_it() -> None:
     assert_says(first.words, "14 further poses", "workspace", "role verification")
     assert_says(first.words, "as large", "6 poses")
     said = next(words for mark, words in build_head("c", tables).verdicts if mark == "next")
-    assert said == f"Next: {first.words[0].lower()}{first.words[1:]}"
+    assert_says(said, "14 further measurements", "about 47 min", first.purpose)
+
+
+def test_the_words_of_a_planned_measurement_stand_once_on_the_page() -> None:
+    tables = _planned(_tables(row("platform-deformation-linear", **SHARPEN)))
+    steps = [step for step in _steps(tables) if step.figures]
+    assert {step.need for step in steps} == {Need.REQUIREMENT, Need.PRECISION}
+    stopping = stop(tables)
+    assert stopping is not None
+    sentences = [*build_head("c", tables).verdicts, *stopping.statements, *part_of("next", tables).statements]
+    text = " ".join([stopping.lead, *(words.lower() for _, words in sentences)])
+    assert [text.count(step.short_text.lower()) for step in steps] == [1] * len(steps)
+    assert says([words for _, words in stopping.statements], steps[0].purpose)
 
 
 def test_a_requirement_at_its_limit_asks_for_no_poses() -> None:

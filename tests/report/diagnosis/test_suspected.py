@@ -8,16 +8,17 @@ import pytest
 from tests.report.diagnosis_parts import part_of, state_of
 from tests.report.diagnosis_tables import GAIN_3, diagnosis_tables, rejected, row, rows
 from tests.sentences import assert_says, says
+from truing.report.diagnosis.adequacy import adequacy as adequacy_section
 from truing.report.diagnosis.adequacy import shortcoming
 from truing.report.diagnosis.assessed_causes import assessed_causes
-from truing.report.diagnosis.findings import DOUBTS, scatter_explanation
+from truing.report.diagnosis.findings import DECLARED_NOISE, DOUBTS, SCATTER_OF_REPEATS, scatter_explanation
 from truing.report.diagnosis.headline import clause
 from truing.report.diagnosis.section import diagnosis
 from truing.report.head import build_head
 from truing.report.section_verdict import verdict_rows
 from truing.report.verdict import with_verdict
 from truing.report.wordings.nonparametric_wordings import remainder_advice
-from truing.schemas.verdict import ReasonCode
+from truing.schemas.verdict import ReasonCode, Relation
 
 GAIN = row("actuator-gain", subject="leg3", parameters=GAIN_3)
 DOUBTED = GAIN | {"verdict": "suspected", "reason_code": "unnamed"}
@@ -128,6 +129,17 @@ def test_every_test_of_the_model_is_listed_and_what_was_not_tested_is_said() -> 
     failed = part_of("adequacy", diagnosis_tables() | {"adequacy": FAILS})
     assert state_of("adequacy", diagnosis_tables() | {"adequacy": FAILS}) == "attention"
     assert "neighbouring residuals" in failed.lead
+
+
+@pytest.mark.parametrize(
+    ("relation", "noise"),
+    [(Relation.READINGS_POSES, DECLARED_NOISE), (Relation.TARGETS_POSITIONS, SCATTER_OF_REPEATS)],
+)
+def test_a_ratio_of_noise_names_the_noise_that_it_was_compared_with(relation: Relation, noise: str) -> None:
+    tables = diagnosis_tables(rows(*rejected()).assign(relation=relation.value)) | {"adequacy": HOLDS}
+    section = adequacy_section(tables)
+    assert section is not None
+    assert section.listings[0].rows[0][2] == f"1.0 times {noise}"
 
 
 def test_what_nobody_repeated_is_said_to_be_that() -> None:

@@ -23,6 +23,8 @@ def test_accuracy_and_reversal_of_an_axis_stand_at_the_top():
     columns = ["check", "subject", "value", "limit", "unit", "verdict", "message", "accepted"]
     head = build_head("stage", {"positioning": table, "qa": pd.DataFrame(failed, columns=columns)})
     assert dict(head.tiles) == {"accuracy A, X": "2.52 µm", "reversal B, X": "0.590 µm"}
+    head = build_head("stage", {"positioning": table.assign(run="1"), "qa": pd.DataFrame(failed, columns=columns)})
+    assert set(dict(head.tiles)) == {"accuracy A, run 1", "reversal B, run 1"}
 
 
 def test_every_run_is_drawn_with_its_means_and_twice_their_scatter():

@@ -44,7 +44,6 @@ _WHY_UNTESTED = {"too-few": "too few data", "no-repeats": "no command was repeat
 _UNITS = {
     **dict.fromkeys(("like-neighbours", "like-places"), "(correlation)"),
     **dict.fromkeys(("pure-error", "by-region"), "(F)"),
-    **dict.fromkeys(("observation-noise", "input-noise"), "times declared"),
 }
 
 
@@ -59,8 +58,9 @@ def adequacy(tables: Tables) -> ReportSection | None:
     lead = f"{count(tested, 'test')} of the final model: "
     lead += f"{failed}." if failed else f"none finds more than noise{_but_beyond(tables)}."
     lead += "".join(_untested(rows, why, words) for why, words in _WHY_UNTESTED.items())
+    noise = noise_compared(tables)
     cells = tuple(
-        (_LOOKED_FOR[row.test], _column_words(row), _value(row), p_value(row.p_value), row.state) for row in rows
+        (_LOOKED_FOR[row.test], _column_words(row), _value(row, noise), p_value(row.p_value), row.state) for row in rows
     )
     marks = tuple({"fails": "fail", "ok": "pass"}.get(row.state, "none") for row in rows)
     heads = (
@@ -220,7 +220,7 @@ def columns_along(row: Any) -> tuple[str, ...]:
     return (along,) if LOOKS_BACK.fullmatch(along) else names_in(along)
 
 
-def _value(row: Any) -> str:
+def _value(row: Any, noise: str) -> str:
     if row.test == CAUSES_LEFT:
         return f"{count(round(row.value), 'accepted cause')}"
-    return "–" if row.state == "not tested" else f"{rough(row.value)} {_UNITS[row.test]}"
+    return "–" if row.state == "not tested" else f"{rough(row.value)} {_UNITS.get(row.test, f'times {noise}')}"

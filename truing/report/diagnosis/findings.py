@@ -7,7 +7,7 @@ from dataclasses import dataclass
 from typing import Any
 
 from truing.report.diagnosis.effect_units import plain_size, size_text
-from truing.report.numbers import count, plain, rough, two_decimals, with_uncertainty
+from truing.report.numbers import count, p_at_most, plain, rough, two_decimals, with_uncertainty
 from truing.schemas.verdict import Relation
 
 DECLARED_NOISE, SCATTER_OF_REPEATS = "the declared noise", "the scatter of repeated approaches"
@@ -155,7 +155,7 @@ def _found_clause(facts: Facts) -> str:
     unnamed = UNNAMED if facts.unnamed else ""
     return (
         f"The data show that {facts.clause}{unnamed}{_sizes(facts)}.{_largest_change(facts)}{_share(facts)} "
-        f"{_improvement(facts)} Probability by chance: at most {facts.p_value:.2g}, "
+        f"{_improvement(facts)} Probability by chance: {p_at_most(facts.p_value)}, "
         f"corrected for {facts.candidates} tests.{_other_subjects(facts)}"
     )
 

@@ -30,6 +30,11 @@ _OF_ADVICE: dict[str, Need] = {AdviceKind.SEPARATE: Need.RIVAL, AdviceKind.ANOTH
 _UNNAMED = "unexplained"
 _PLANS = ("next_poses", "next_loads")
 _FIGURES = ("measurements", "duration_s", "sigma_now", "sigma_expected", "odds_expected")
+_AIMS = {
+    Need.REQUIREMENT: "to decide {}",
+    Need.RIVAL: "to separate {} from its rivals",
+    Need.PRECISION: "to determine {} more precisely",
+}
 
 
 @dataclass(frozen=True)
@@ -51,6 +56,15 @@ class NextStep:
     def short_text(self) -> str:
         """Short words, or the full ones."""
         return self.short or self.words
+
+    @property
+    def aim_text(self) -> str:
+        """Number, duration and aim of the measurements where they were computed, or else the short words."""
+        total, duration_s = self.figures.get("measurements"), self.figures.get("duration_s")
+        if total is None or self.need not in _AIMS:
+            return self.short_text
+        takes = "" if duration_s is None else f" ({approximate_duration(duration_s)})"
+        return f"Make {count(int(total), 'further measurement')}{takes} {_AIMS[self.need].format(self.purpose)}."
 
 
 def next_steps(rows: list[AssessedCause], tables: Tables) -> list[NextStep]:

@@ -22,7 +22,7 @@ from truing.report.diagnosis.assessed_causes import (
 from truing.report.diagnosis.effect_units import plain_size
 from truing.report.diagnosis.headline import clause, gain
 from truing.report.diagnosis.next_steps import next_steps
-from truing.report.numbers import count, printed, rough
+from truing.report.numbers import LEAST_P, count, printed, rough
 from truing.report.numbers import listed as listed_shortly
 from truing.report.page import Verdict
 from truing.report.parameter_names import UNBROKEN
@@ -230,11 +230,11 @@ def lower(sentence: str) -> str:
 
 
 def _most_urgent_step(rows: list[AssessedCause], tables: Tables) -> list[Verdict]:
-    """Return the most urgent next step, in short if a table on the page holds the rest."""
+    """Return the aim of the most urgent next step; the section of next measurements has the rest."""
     steps = [step for step in next_steps(rows, tables) if step.need != Need.TESTABLE]
     if not steps:
         return []
-    return [("next", f"Next: {lower(steps[0].short_text)}")]
+    return [("next", f"Next: {lower(steps[0].aim_text)}")]
 
 
 def certainty(row: AssessedCause) -> str:
@@ -252,7 +252,7 @@ def certainty(row: AssessedCause) -> str:
 
 
 def _share(p: float) -> str:
-    return f"at most {100.0 * p:.2g}{UNBROKEN}% of" if p >= 1e-5 else "fewer than 1 of 100,000"
+    return f"at most {100.0 * p:.2g}{UNBROKEN}% of" if p >= LEAST_P else f"fewer than 1 of {1.0 / LEAST_P:,.0f}"
 
 
 def _probability(p: float) -> str:

@@ -18,6 +18,7 @@ _ALONG = ["along_x", "along_y", "along_z"]
 _COLOURS = {"base": BLUE, "platform": ORANGE, "measurement": RED}
 _LENGTHS = {"base": 0.35, "platform": 0.35, "measurement": 0.25}  # of an axis, as a share of the largest radius
 _OF_LEGS = 0.18
+_OUTWARD = 0.15  # of a leg's number from its joint, as a share of the radius there
 _HEAD = 0.2  # of an axis: length of its arrow head
 
 
@@ -87,11 +88,12 @@ def _legs(lower: NDArray[np.float64], upper: NDArray[np.float64]) -> Iterator[go
         ring = points[np.append(order, order[0])]
         colour = _COLOURS[name.split()[0]]
         yield _line(ring, name, colour, 2.0)
-    numbers = [f"leg {k}" for k in range(1, len(lower) + 1)]
+    numbers = [str(k) for k in range(1, len(lower) + 1)]
+    # Outside the ring, so that numbers of two neighbours do not cover each other on a small screen.
+    outside = lower + _OUTWARD * (lower - lower.mean(axis=0))
     yield go.Scatter3d(
-        **dict(zip("xyz", lower.T, strict=True)), mode="text", text=numbers, textposition="bottom center",
-        showlegend=False, hoverinfo="skip",
-    )  # fmt: skip
+        **dict(zip("xyz", outside.T, strict=True)), mode="text", text=numbers, showlegend=False, hoverinfo="skip"
+    )
 
 
 def _axes(table: pd.DataFrame, size: float) -> Iterator[go.Scatter3d]:

@@ -6,7 +6,7 @@ import re
 from collections.abc import Iterable
 
 from truing.report.diagnosis.findings import subject_words
-from truing.report.numbers import percent
+from truing.report.numbers import p_at_most, percent
 from truing.report.wordings.claim import Claim, Wording, largest_change_words
 from truing.schemas.covariates import own_name
 
@@ -86,7 +86,7 @@ def remainder_explanation(columns: tuple[str, ...], subject: str, share: float, 
     largest_text = "" if subject else " (for the actuator or body with the largest share)"
     return (
         f"{remainder_clause(columns, subject, share)}{largest_text}, by smooth functions of this input or its history. "
-        f"Probability by chance: at most {p_value:.2g}, corrected for all inputs. "
+        f"Probability by chance: {p_at_most(p_value)}, corrected for all inputs. "
         "The extended model does not hold this dependence, and no cause is named for it."
     )
 
