@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import itertools
 import re
-from collections.abc import Collection, Mapping, Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
 from typing import Any
 
@@ -47,11 +47,11 @@ from truing.formats.named_columns import (
 from truing.formats.named_joints import JointReadings, bare_joints, configurations_of_joints
 from truing.formats.named_loads import LoadMapping, load_columns
 from truing.formats.numbers import Notation
-from truing.formats.shapes import COORDINATE_SIGMAS, COORDINATES, WRENCH
+from truing.formats.probable_columns import columns_by_names
+from truing.formats.shapes import COORDINATES, WRENCH
 from truing.formats.times import time_format_of
-from truing.formats.units import LONGEST_NAME, bare_and_unit, expanded, may_be
+from truing.formats.units import LONGEST_NAME, bare_and_unit, may_be
 from truing.schemas.columns import find_column
-from truing.schemas.mapping import is_uncertainty
 
 _SAMPLES = 10  # rows per load from which on they are probably samples of one load step
 _ONE_MOTION = "a single rigid motion (4x4): how two frames lie to each other, no measurement; it is not read"
@@ -93,40 +93,6 @@ _SIGNS = (
     ("points", {"pose", "x_mm", "y_mm", "z_mm"}),
     ("targets", {"target", "x_mm", "y_mm", "z_mm"}),
     ("points", {"x_mm", "y_mm", "z_mm"}),
-)
-_MEASURED = r"(meas(ured)?|actual|act|mess|gemessen|ist)"  # beside nominal coordinates
-_OF_MEASURED = rf"{_MEASURED}[ _.]?{{0}}|{{0}}[ _.]?{_MEASURED}"
-_SPREAD = r"(sigma|std|sd|prec(ision)?)"
-_EXPANDED = r"(u|u[ _]?\(?95\)?|[23][ _-]?(σ|sigma))"
-_KNOWN = {
-    "pose": r"pose|frame|(pose?|position|measurement|meas|shot)[ _]?(nr|no|id|number|name|index)|measurement|epoche?"
-    r"|station|piece|aufnahme|messung|stellung",
-    "role": r"role|rolle",
-    "body": r"body|rigid[ _]?body|k(ö|oe)rper|corps|(point[ _]?)?group|(punkt)?gruppe",
-    "target": r"\w+(::\w+)+|(target|marker|point)([ _]?(id|name|no|nr))?|label"
-    r"|(mess)?punkt([ _]?(nr|nummer|name))?|(ziel)?marke"
-    r"|ziel(punkt)?|name|nom|cible|smr|reflector|reflektor|nest",
-    **{f"{a}_mm": f"{a}|{_OF_MEASURED.format(a)}" for a in "xyz"},
-    **{f"sigma_{a}_mm": rf"(s0?|m{a}|{_SPREAD})[ _]?{a}|{a}[ _]?{_SPREAD}|{_EXPANDED}[ _]?{a}" for a in "xyz"},
-    "time_s": r"t|%?_*time([ _]?stamp)?|time +\d+ - .*|zeit(stempel)?|temps|timestamp|(field\.)?header\.stamp",
-    "temperature_c": r"temp(erature?|eratur)?",
-    "leg": r"leg|bein|jambe",
-    "phase_deg": r"phase",
-    "radius": r"radius",
-    "signal_x": r"signal[ _]?x|cos(ine|inus)?",
-    "signal_y": r"signal[ _]?y|sin(e|us)?",
-}
-_TEMPERATURES = ("t", "temp.", "t_mat", "t_machine")  # with a unit of temperature alone: t is also a time
-_OF_ALL_AXES = r"(mess|punkt)?unsicherheit|(coordinate |point )?uncertainty|incertitude|std(dev| dev)?|sigma|precision"
-_GRID = (  # of surveys: east, north, height
-    r"e(ast(ing)?)?|rechts(wert)?|ost(wert)?",
-    r"n(orth(ing)?)?|hoch(wert)?|nord(wert)?",
-    r"h|height|elev(ation)?|h(ö|oe)he|up|z",
-)
-_LENGTH = re.compile(r"[Ll](\d+)")
-_LEGS = 6
-_READING = re.compile(
-    r"(?:rho|leg|strut|bein|strebe|jambe|actuator|aktor|st(?:ö|oe)(?:ß|ss)el|v(?:é|e)rin)[ _]?([1-9]\d*)"
 )
 
 
@@ -609,118 +575,6 @@ def _notation(records: list[list[str]]) -> Notation:
 
 def _is_number(cell: str, notation: Notation) -> bool:
     return re.match(notation.pattern, cell.strip()) is not None
-
-
-def columns_by_names(names: tuple[str, ...], without: Collection[str] = ()) -> tuple[dict[str, Any], list[str]]:
-    """Return the probable meaning and unit of each column whose name is not the contract's.
-
-    without: columns that the table does not have.
-    """
-    columns: dict[str, str] = {}
-    units: dict[str, str] = {}
-    used_names: list[str] = []
-    grid = _grid_axes(names)
-    legs = _numbered_lengths(names)
-    nominal = _nominal_beside_measured(names)
-    for name in names:
-        bare, unit = bare_and_unit(name)
-        if unit is not None and find_column(name) is not None:
-            continue  # has the contract's name: target_mm is no target
-        known = grid.get(name) or legs.get(name) or _probable_column(bare, unit) or _probable_column(name)
-        if (
-            known is None
-            or name in nominal
-            or known in without
-            or name == known
-            or known in columns
-            or known in names
-            or not may_be(unit, find_column(known))
-        ):
-            continue
-        columns[known] = name
-        if unit is not None and unit not in ("s", "degC"):
-            units[known] = unit
-        used_names.append(f"{name} is taken for {known}" + (f", in {unit}" if unit else ""))
-    if set(COORDINATES) <= {*names, *columns} and not any(map(is_uncertainty, (*names, *columns))):
-        alike = next((name for name in names if _is_of_all_axes(name)), None)
-        spread = {} if alike is None else dict.fromkeys(COORDINATE_SIGMAS, alike)
-        columns |= spread
-        units |= {column: unit for column in spread if (unit := bare_and_unit(alike or "")[1]) is not None}
-        used_names += [f"{alike} is taken for the uncertainty of each coordinate"] if spread else []
-    notes = ["; ".join(used_names)] if used_names else []
-    mapping: dict[str, Any] = {"columns": columns} if columns else {}
-    text = {
-        raw: one for column, raw in columns.items() if is_uncertainty(column) and (one := expanded(raw)) is not None
-    }
-    if text:
-        factor = next(iter(text.values())).coverage
-        mapping["coverage"] = factor
-        notes.append(f"{', '.join(text)}: expanded uncertainties, k = {factor:g} is taken; coverage = 1 for one sigma")
-    units_of_coordinates = {units.get(name) for name in COORDINATES}
-    common_unit_name = (
-        units_of_coordinates.pop()
-        if len(units_of_coordinates) == 1 and not any(name in names for name in COORDINATES)
-        else None
-    )
-    if common_unit_name not in (None, "mm"):
-        mapping["unit"] = common_unit_name  # of all coordinates, and of uncertainties without their own unit
-    else:
-        common_unit_name = None
-    left = {
-        name: unit
-        for name, unit in units.items()
-        if unit != (common_unit_name if common_unit_name and name.endswith("_mm") else _unit_suffix(name))
-    }
-    return mapping | ({"units": left} if left else {}), notes
-
-
-def _nominal_beside_measured(names: Sequence[str]) -> set[str]:
-    """Return the columns ``X``, ``Y``, ``Z`` that are nominal, because others are called measured."""
-    bare = {name: bare_and_unit(name)[0].casefold() for name in names}
-    measured = {axis for axis in "xyz" for name in bare.values() if re.fullmatch(_OF_MEASURED.format(axis), name)}
-    return {name for name, axis in bare.items() if axis in measured}
-
-
-def _grid_axes(names: Sequence[str]) -> dict[str, str]:
-    """Return the columns of east, north and height, of which x, y and z are right-handed, by their names."""
-    found = {}
-    for column, pattern in zip(COORDINATES, _GRID, strict=True):
-        own = [name for name in names if re.fullmatch(pattern, bare_and_unit(name)[0].casefold())]
-        if len(own) != 1:
-            return {}
-        found[own[0]] = column
-    return found
-
-
-def _numbered_lengths(names: Sequence[str]) -> dict[str, str]:
-    """Return the readings of six legs or more, ``L1 [mm]`` and so on, by their names; empty without such a family."""
-    matches = [(name, _LENGTH.fullmatch(bare_and_unit(name)[0])) for name in names]
-    found = {name: int(m[1]) for name, m in matches if m is not None and bare_and_unit(name)[1] in ("mm", "m", "in")}
-    numbers = sorted(found.values())
-    whole = len(numbers) >= _LEGS and numbers == list(range(1, len(numbers) + 1))
-    return {name: f"rho{number}_mm" for name, number in found.items()} if whole else {}
-
-
-def _is_of_all_axes(name: str) -> bool:
-    """True if a name means one uncertainty for all three coordinates, in a unit of length."""
-    bare, unit = bare_and_unit(name)
-    bare = re.sub(r"\(.*?\)|\bU\b", "", bare).strip(" _.,-").casefold()
-    return unit is not None and may_be(unit, find_column("x_mm")) and re.fullmatch(_OF_ALL_AXES, bare) is not None
-
-
-def _unit_suffix(column: str) -> str | None:
-    """Return the unit at the end of a column's name."""
-    return column.rsplit("_", 1)[-1] if "_" in column else None
-
-
-def _probable_column(bare: str, unit: str | None = None) -> str | None:
-    """Return the contract's column that a name without its unit seems to mean."""
-    if unit == "degC" and bare.casefold() in _TEMPERATURES:
-        return "temperature_c"
-    if reading := _READING.fullmatch(bare.lower()):
-        return f"rho{reading[1]}_mm"
-    word = bare.casefold().rstrip(" .")
-    return next((column for column, pattern in _KNOWN.items() if re.fullmatch(pattern, word)), None)
 
 
 def _positions(records: list[list[str]], notation: Notation) -> tuple[dict[str, Any], list[str]]:
