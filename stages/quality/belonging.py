@@ -270,6 +270,7 @@ def related_readings(
         (base.t[at], base.R[at]),
         were_rotations_written,
         settings.poses.euler,
+        None if around.is_counted else around.time[at],
     )
     poses = tuple(str(around.poses[pose]) for pose in at)
     return relate_readings(motion, ReadingNames(columns, poses, _groups(configurations, found.row[usable])))
@@ -368,8 +369,8 @@ def _drivers(around: PoseSurroundings, at: Index) -> Array:
     return np.column_stack(scaled) if scaled else np.zeros((len(at), 0))
 
 
-def relations_of_loads(steps: RecordedSteps, seen: Array | None, settings: Campaign) -> tuple[RelationTest, ...]:
-    """Return the tested relations of a loading campaign; ``is_observed``: simulated compliance (6, 6) in terms of the
+def relations_of_loads(steps: RecordedSteps, compliance: Array | None, settings: Campaign) -> tuple[RelationTest, ...]:
+    """Return the tested relations of a loading campaign; ``compliance`` (6, 6): as simulated, in terms of the
     channels."""
     count, sensitivity = len(steps.signals), settings.signals.sensitivity_mv_per_n
     gain = leg_forces = None
@@ -379,7 +380,7 @@ def relations_of_loads(steps: RecordedSteps, seen: Array | None, settings: Campa
         leg_forces = _leg_forces(settings.mechanism)  # type: ignore[arg-type]
     largest = np.array([getattr(settings.loading, name) or np.nan for name in LOAD_COLUMNS], float)
     noise, tared = settings.noise.signal_mv or np.nan, settings.signals.zero_mv is not None
-    return relate_loads(steps, KnownBench(_channels(settings), seen, leg_forces, gain, largest, noise, tared))
+    return relate_loads(steps, KnownBench(_channels(settings), compliance, leg_forces, gain, largest, noise, tared))
 
 
 def _leg_forces(section: SensorMechanism) -> Array | None:

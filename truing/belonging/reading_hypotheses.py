@@ -44,7 +44,7 @@ class MeasuredMotion:
     spread. ``measured``: what the poses come from, in words. ``base``: places (B, 3) and rotations (B, 3, 3) of the
     base in the frame of the measurement; None where these, or poses before and after each, are not known.
     ``were_rotations_written``: R comes from numbers of a table, read as Euler angles in the order ``euler``, or as
-    rotation vectors or quaternions if it is None.
+    rotation vectors or quaternions if it is None. ``time_s`` (B,): None where no times were recorded.
     """
 
     legs: Legs
@@ -58,16 +58,17 @@ class MeasuredMotion:
     base: tuple[Array, Array] | None = None
     were_rotations_written: bool = False
     euler: str | None = None
+    time_s: Array | None = None
 
     def every_nth(self, step: int) -> MeasuredMotion:
         """Return every ``step``-th pose."""
         thin = {name: getattr(self, name)[::step] for name in ("p", "R", "readings", "drivers")}
-        return replace(self, **thin, base=None)
+        return replace(self, **thin, base=None, time_s=None)
 
     def subset(self, rows: Index) -> MeasuredMotion:
         """Return some of the poses."""
         part = {name: getattr(self, name)[rows] for name in ("p", "R", "readings", "drivers")}
-        return replace(self, **part, base=None)
+        return replace(self, **part, base=None, time_s=None)
 
     def chosen_columns(self, legs: Index) -> MeasuredMotion:
         """Return the same poses with the readings of some legs alone, for comparisons of numbers without geometry."""
@@ -310,7 +311,7 @@ def best_written(motion: MeasuredMotion, description: Description, *, exchanged:
     asked = reached(description)
     changes = _with_fitted(own_changes(), motion, asked)
     count = asked.shape[1]
-    effects = _effects(motion, description, asked)
+    effects = physical_effects(motion, description, asked)
     source = range(count)
     scores = np.full((count, count, len(changes)), -np.inf)
     for leg in range(count):
@@ -355,8 +356,11 @@ def _with_fitted(changes: tuple[Changed, ...], motion: MeasuredMotion, asked: Ar
     return (*changes, *(Changed(float(f"{slope:.4g}"), zero) for zero in (False, True)))
 
 
-def _effects(motion: MeasuredMotion, description: Description, asked: Array) -> list[Physics]:
-    """Return the physical effects on each leg's readings: geometry, travel of all legs, recorded drivers."""
+def physical_effects(
+    motion: MeasuredMotion, description: Description, asked: Array, movement: Array | None = None
+) -> list[Physics]:
+    """Return the physical effects on each leg's readings: geometry, travel of all legs, recorded drivers, and what
+    follows the columns ``movement`` (B, L, C) of each leg, if given."""
     least = _LOOSE * float(np.abs(motion.legs.l).mean())
     loose = {name: max(sigma, _LOOSE if name == "u" else least) for name, sigma in motion.tolerance.items()}
     geometry = np.nan_to_num(description.by_geometry()) * description.scales(loose)
@@ -366,7 +370,8 @@ def _effects(motion: MeasuredMotion, description: Description, asked: Array) -> 
     for leg in range(asked.shape[1]):
         reach = travel * np.where(np.arange(asked.shape[1]) == leg, _GAIN, _LEAK)
         curved = _CURVED * travel[:, leg, None] ** 2 / widest[leg]
-        effects.append(physics(np.hstack([geometry[:, leg], reach, curved, _DRIVEN_M * motion.drivers])))
+        following = [] if movement is None else [_DRIVEN_M * movement[:, leg]]
+        effects.append(physics(np.hstack([geometry[:, leg], reach, curved, _DRIVEN_M * motion.drivers, *following])))
     return effects
 
 

@@ -9,6 +9,7 @@ from itertools import chain
 import numpy as np
 
 from truing.arrays import Array, Index
+from truing.belonging.clock_lag import Courses, clock_lag
 from truing.belonging.reading_hypotheses import (
     PENALTY,
     Description,
@@ -17,6 +18,7 @@ from truing.belonging.reading_hypotheses import (
     best_written,
     descriptions,
     joint_descriptions,
+    physical_effects,
     reached,
 )
 from truing.belonging.relation import RecordSlip, RelationState, RelationTest, SlipKind
@@ -240,6 +242,8 @@ def _without_name(
 
 def _agreement_test(motion: MeasuredMotion, search: _Found, names: ReadingNames, base: RelationTest) -> RelationTest:
     """Return the result if readings and poses agree within what a calibration explains."""
+    if late := _late(motion, base):
+        return late
     hidden = _hidden(motion, search.plain, names)
     misfit, moved = base.misfit or 0.0, (base.limit or 0.0) / _APART
     if misfit <= _NOTED * moved:
@@ -276,6 +280,24 @@ def _calibrated_misfit(motion: MeasuredMotion) -> float:
         left += float(np.sum((misfit - known @ coefficients) ** 2))
         freedom += len(misfit) - int(rank)
     return float(np.sqrt(left / freedom)) if freedom >= _FREE_NUMBERS else 0.0
+
+
+def _late(motion: MeasuredMotion, base: RelationTest) -> RelationTest | None:
+    """Return the result if readings are late by a common time against the poses, on a machine that moves."""
+    description = next(descriptions(motion))
+    asked = reached(description)
+    courses = None if motion.time_s is None else Courses.of(asked, motion.time_s)
+    if courses is None:
+        return None
+    movements = courses.ways, np.concatenate([courses.ways, courses.last[..., None]], axis=-1)
+    effects, settling = (physical_effects(motion, description, asked, movement) for movement in movements)
+    lag = clock_lag(motion.readings - asked, courses, effects, settling, motion.noise)
+    if lag is None:
+        return None
+    slip = RecordSlip(SlipKind.LATE, "readings", offset=lag.seconds)
+    size = 1e3 * abs(lag.seconds) * _rms(courses.rate)
+    late = replace(base, state=RelationState.ATTENTION, reason="late", misfit=size, unit="mm", slips=(slip,))
+    return replace(late, state=RelationState.FAILS, reason="slip") if lag.is_clear else late
 
 
 def _single_slips(motion: MeasuredMotion, asked: Array, names: ReadingNames) -> list[tuple[str, str]]:

@@ -48,6 +48,7 @@ class SlipKind(StrEnum):
     FRAME = "frame-moved"  # from the first subject on, places are in another frame of the instrument
     PLACED = "survey-placed"  # the survey of a body is in another frame than that of its link
     REVERSED = "rows-reversed"  # from the last to the first
+    LATE = "late"  # recorded by another clock, or following late
 
 
 @dataclass(frozen=True)
@@ -56,8 +57,8 @@ class RecordSlip:
 
     ``factor``: recorded numbers multiplied by it are right (kind unit), 1 for other kinds. ``shift``: number of rows by
     which the recorded values are too far down (kind rows-shifted). ``offset``: to be added, in the unit of the column
-    (kind zero). ``rows``: rows of the first subject, from 1 (kind copied; none: all). ``dimension`` of the quantity:
-    length, angle, force, torque or voltage.
+    (kind zero); the delay in s (kind late). ``rows``: rows of the first subject, from 1 (kind copied; none: all).
+    ``dimension`` of the quantity: length, angle, force, torque or voltage.
     """
 
     kind: SlipKind

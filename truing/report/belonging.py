@@ -103,6 +103,7 @@ _REASONS = {
     "no-frame": "were not compared: the targets fix no frame",
     "no-slip": "do not belong together, and no tested recording error explains it",
     "rounded": "belong together, but values were recorded in coarse steps",
+    "late": "agree better if all readings are taken at another time",
     "strays": "belong together",
     "departs": "differ by more than a calibration usually explains",
     "legs-parallel": "are all parallel: they do not constrain sideways motion of the platform",
@@ -248,6 +249,12 @@ def _rotation(slip: RecordSlip) -> str:
     return f"{slip.quantity} {otherwise.get(written, read)}"
 
 
+def _late(slip: RecordSlip) -> str:
+    cure = "use times of one clock, or measure at standstill"
+    causes = "clocks of two logs, or actuators that follow late"
+    return f"{slip.quantity} {'late' if slip.offset > 0.0 else 'early'} by {abs(slip.offset):.3g} s ({causes}): {cure}"
+
+
 _MIRROR = "mirrored (left-handed frame, one axis with the opposite sign, or two axes exchanged)"
 _WORDS = {
     SlipKind.UNIT: _unit,
@@ -286,5 +293,6 @@ _WORDS = {
         f"{_slip_subject(slip)} in another frame than that of the link: its targets lie elsewhere on the link "
         "(without a survey of this body, truing finds where)"
     ),
+    SlipKind.LATE: _late,
     SlipKind.REVERSED: lambda slip: f"{_slip_subject(slip)} in reversed order, the last row first",
 }
