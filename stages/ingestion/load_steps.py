@@ -172,8 +172,8 @@ def averaged(collected: CollectedRows, log: FaultLog) -> CollectedRows:
 def averaged_signals(collected: CollectedRows, loading: Any, log: FaultLog) -> CollectedRows:
     """Return one row per load step of a recording: mean of each real column over the samples of the step.
 
-    Samples are rows of a run in succession with equal loads; rows that share a step's number are another step than
-    those of the next number. Steps are numbered anew where several have the same number, as in files that each begin
+    Samples are rows of a run in succession with equal loads. Where rows share the number of a step, another number
+    begins another step. Steps are numbered anew where several have the same number, as in files that each begin
     with 1.
     """
     collected = with_known_loads(without_transit(collected))

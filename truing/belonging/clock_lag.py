@@ -26,8 +26,11 @@ class ClockLag:
 
 @dataclass(frozen=True)
 class Courses:
-    """Rates of the required readings (B, L) in time, directions (B, L, 2) of the movements before and after each pose,
-    0 or of size 1, and the movement (B, L) before it, scaled to unit spread."""
+    """Movement of the required readings in time.
+
+    rate (B, L): per s. ways (B, L, 2): directions of the movements before and after each pose, 0 or of size 1. last
+    (B, L): the movement before, scaled to unit spread.
+    """
 
     rate: Array
     ways: Array

@@ -359,8 +359,10 @@ def _with_fitted(changes: tuple[Changed, ...], motion: MeasuredMotion, asked: Ar
 def physical_effects(
     motion: MeasuredMotion, description: Description, asked: Array, movement: Array | None = None
 ) -> list[Physics]:
-    """Return the physical effects on each leg's readings: geometry, travel of all legs, recorded drivers, and what
-    follows the columns ``movement`` (B, L, C) of each leg, if given."""
+    """Return the physical effects on each leg's readings: geometry, travel of all legs, and recorded drivers.
+
+    ``movement`` (B, L, C): further columns of each leg.
+    """
     least = _LOOSE * float(np.abs(motion.legs.l).mean())
     loose = {name: max(sigma, _LOOSE if name == "u" else least) for name, sigma in motion.tolerance.items()}
     geometry = np.nan_to_num(description.by_geometry()) * description.scales(loose)
