@@ -31,7 +31,7 @@ def test_the_numbers_of_the_page_follow_from_its_block():
     share = (diagonal["effect_change"] / diagonal["coefficient"]).groupby("effect").agg(["min", "max"])
     ratio = effects.groupby("effect")["effect_over_sigma"].max()
     platform = 100.0 * share.loc["elastic platform"].to_numpy()
-    assert f"by {platform[0]:.0f} to {platform[1]:.0f} % on its diagonal" in page
+    assert f"the diagonal of this sample's compliance by {platform[0]:.0f} to {platform[1]:.0f} %" in page
     sigmas = diagonal.loc["elastic platform", "effect_over_sigma"]
     assert f"{sigmas.min():.0f} to {sigmas.max():.0f} standard deviations" in page
     assert np.round(100.0 * share.loc["elastic base"].max(), 1) == 0.5

@@ -120,7 +120,7 @@ def test_a_campaign_on_it_is_calibrated_to_its_noise_and_as_another_kind_it_is_n
     file.write_text(file.read_text(encoding="utf-8").replace(f'type = "{KIND}"', 'type = "ups"'), encoding="utf-8")
     taken = _rigid(folder, "ups")
     assert taken["p_value"] < 1e-9
-    shown = re.search(r"mean position error of (\d+) µm .* as `ups` (\d+) µm", PAGE, re.S)
+    shown = re.search(r"leaves (\d+) µm mean position error .* as `ups` (\d+) µm", PAGE, re.S)
     assert shown
     for text, found in zip(shown.groups(), (own, taken), strict=True):
         assert float(text) == pytest.approx(found["position_mean_verification"], rel=0.2)  # a unit of the digit shown

@@ -196,7 +196,9 @@ def linearise(
     return LinearisedModel(
         residual=(measured.whitener @ gap[..., None]).reshape(epochs, -1),
         by_local=by_local.reshape(epochs, height, by_local.shape[-1]),
-        by_shared=_rotated_slopes(turned, slopes).reshape(epochs, height, -1 if by_shared else 0),
+        by_shared=_rotated_slopes(turned, slopes).reshape(epochs, height, -1)
+        if by_shared
+        else np.zeros((epochs, height, 0)),
         local_value=np.concatenate([np.zeros((epochs, frames.size)), local], 1),
         shared_value=shared,
         extra_residual=prediction.known_residual,

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, field, replace
 from typing import Any, ClassVar, Self
 
 import numpy as np
@@ -121,7 +121,7 @@ class AssumedCentres(ChainCause):
     """Base class of causes by weight that take unknown centres of mass at the origins of their links, if there are
     any."""
 
-    centres_assumed: bool = False
+    centres_assumed: bool = field(default=False, kw_only=True)
 
     @property
     def is_assumed(self) -> bool:
