@@ -288,8 +288,7 @@ def _guess_by_names(
         if table is None and (found_axes := axis_rows(names, values)):
             return _guess_axis(found_axes, names, mapping, meant)
     if loads is not None:
-        guess = proposal_of_loads(loads, names, mapping, found)
-        return replace(guess, doubts=(*guess.doubts, *_sampled_loads(guess, names, values)))
+        return _with_samples(proposal_of_loads(loads, names, mapping, found), names, values)
     if table != "signals" and (template := wide_template(names)) is not None:
         hidden = (
             {"missing": [""]} if any(not cell.strip() for row in data for cell in row) or _has_frames(names) else {}
@@ -540,18 +539,17 @@ def proposal_of_loads(
     return replace(guess, ways=(OtherWay("loads", text, taken, value, other, doubt),))
 
 
-def _sampled_loads(guess: Guess, names: tuple[str, ...], values: Array) -> tuple[str, ...]:
-    """Return the doubt on rows of signals that are samples of one load, rather than load steps."""
+def _with_samples(guess: Guess, names: tuple[str, ...], values: Array) -> Guess:
+    """Return a proposal, with the doubt whether rows of signals are samples of one load rather than load steps."""
     columns = [guess.mapping["columns"].get(load, load) for load in WRENCH]
     loads = values[:, [names.index(name) for name in columns if name in names]]
-    if guess.table != "signals" or len(loads) < _SAMPLES or not loads.shape[1]:
-        return ()
     steps = 1 + int(np.any(np.diff(loads, axis=0) != 0.0, axis=1).sum())
-    if len(loads) < _SAMPLES * steps:
-        return ()
-    return (
-        "many rows have the load of the row before: if they are samples, [signals] average_samples = true takes means",
+    if guess.table != "signals" or not loads.shape[1] or len(loads) < _SAMPLES * steps:
+        return guess
+    doubt = (
+        "many rows have the load of the row before: if they are samples, [signals] average_samples = true takes means"
     )
+    return replace(guess, doubts=(*guess.doubts, doubt))
 
 
 def _side_by_side(template: tuple[str, str | None], names: tuple[str, ...], mapping: dict[str, Any]) -> Guess:
