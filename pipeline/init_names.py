@@ -28,8 +28,9 @@ _OF_GROUPS = (  # Base_pose01, pose01 Base, Base 1
     rf"{_WORD}{_BETWEEN}(?P<pose>\d+)[\s_.\-]+(?P<body>.*[^\W\d].*)",
     rf"(?P<body>.*[^\W\d]){_BETWEEN}(?P<pose>\d+)",
 )
-_OF_TARGETS = (  # P3_base12, base12_P3
+_OF_TARGETS = (  # P3_base12, P003_1, base12_P3
     r"[^\W\d]*?(?P<pose>\d+)[\s_.\-]+(?P<target>.*[^\W\d].*)",
+    r"[^\W\d]*?(?P<pose>\d+)[\s_.\-]+(?P<target>\d+)",
     r"(?P<target>.*\d)[\s_.\-]+[^\W\d]*?(?P<pose>\d+)",
 )
 _PREFIX = r"(?P<body>[^\W\d_]+)[\s_.\-]*\d.*"

@@ -11,7 +11,10 @@ from truing.formats.units import known_unit
 
 _MOST_ROWS = 8  # of a heading
 _NO_UNIT = {"", "-", "--", "[-]", "[]"}
-_UNIT_LINE = re.compile(r"\bunits?\s*[:=;,]?\s*[\"'\[(]?(?P<unit>[A-Za-zµμ]+)", re.IGNORECASE)
+_UNIT_LINE = re.compile(
+    r"\bunits?(?:\s+(?:are|in|is|of (?:measure(?:ment)?|length)))*[\s:=;,]*[\"'\[(]?(?P<unit>[A-Za-zµμ]+)",
+    re.IGNORECASE,
+)
 _SERIAL_NUMBER = re.compile(r"[\dA-Fa-f-]{8,}|\d+")
 Row = Sequence[str]
 
@@ -124,10 +127,23 @@ def _filled(row: Sequence[str]) -> list[str]:
     return filled
 
 
+def _with_units_behind(cells: Sequence[str]) -> list[str]:
+    """Return cells in which a unit in brackets belongs to the name before it, as blanks part them."""
+    joined: list[str] = []
+    for cell in cells:
+        if joined and cell.startswith(("[", "(")):
+            joined[-1] += f" {cell}"
+        else:
+            joined.append(cell)
+    return joined
+
+
 def _names_in_comment(width: int, is_number: Callable[[str], bool], comments: Sequence[Row]) -> tuple[str, ...] | None:
     """Return the cells of the last comment that has a name for each column."""
     for cells in reversed(comments):
         named = [cell.strip() for cell in cells]
+        if len(named) > width:
+            named = _with_units_behind(named)
         if len(named) == width and all(named) and len(set(named)) == width and not any(map(is_number, named)):
             return tuple(named)
     return None

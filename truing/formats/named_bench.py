@@ -54,10 +54,12 @@ _DIRECTIONS = {
 _COMMAND = (
     r"(command(ed)?|target|nominal|soll|ziel|set)([ _-]?(angle|position|pos|winkel|wert))?"
     r"|(angle|position|pos|winkel)[ _-](command|target|nominal|soll)|setpoint|angle|winkel|position|.*pos[_-]?cmd"
+    r"|.*[ _.]set[ _]?pos(ition)?"
 )
 _COMMANDED = r"command|target|nominal|soll|ziel|set[ _-]?point"
 _MOTOR = (
     r"motor([ _-]?(encoder|angle|position|winkel))?|encoder|(dreh)?geber|messsystem|resolver|.*pos[_-]?(fb|feedback)"
+    r"|.*[ _.]act[ _]?pos(ition)?"
 )
 _LOAD_SIDE = (
     r"(load|second|direct|output)([ _-]?(encoder|angle|position|winkel))|abtrieb|encoder[._ ]?\d+([._ ]?pos(ition)?)?"

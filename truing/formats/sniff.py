@@ -21,6 +21,7 @@ from truing.formats.guess import (
     metashape,
 )
 from truing.formats.heading import unit_in_words
+from truing.formats.key_value_heading import NUMBERS_ALONE, HeadedTable, headed_table
 from truing.formats.named_loads import load_columns
 from truing.formats.presets import format_of
 from truing.formats.probable_columns import columns_by_names
@@ -124,8 +125,10 @@ def _sniff_text(path: Path, joints: Sequence[str]) -> Guess:
     if sum(_INDEXED.match(line) is not None for line in lines) > len(lines) // 2:
         note = 'lines of name[i,j]=number: docs/own-files.md has such a file under "Positioning runs of an axis"'
         return Guess(notes=(note,))
-    comment = next((mark for mark in _COMMENTS if lines and lines[0].lstrip().startswith(mark)), None)
     numbered = [(number, line) for number, line in enumerate(text.splitlines()) if line.strip()]
+    if (headed := headed_table(numbered)) is not None:
+        return _sniff_headed(headed, {} if encoding == "utf-8" else {"encoding": encoding}, joints)
+    comment = next((mark for mark in _COMMENTS if lines and lines[0].lstrip().startswith(mark)), None)
     lines_of_data = [(n, line) for n, line in numbered if comment is None or not line.lstrip().startswith(comment)]
     if not lines_of_data:
         return Guess(notes=("it holds no lines",))
@@ -142,6 +145,28 @@ def _sniff_text(path: Path, joints: Sequence[str]) -> Guess:
         note = "coded targets alone: the others are numbered anew in every bundle"
         return replace(guess, mapping=guess.mapping | select, notes=(*guess.notes, note))
     return guess
+
+
+def _sniff_headed(table: HeadedTable, mapping: dict[str, Any], joints: Sequence[str]) -> Guess:
+    """Return a proposal for a table below a heading of keys and values."""
+    lines = table.lines[:_LINES]
+    separator = guess_separator([line for _, line in lines], '"')
+    records = [split_record(line.encode(), separator, '"') for _, line in lines]
+    kept = [place for place, record in enumerate(records) if len(record) == len(table.names)]
+    mapping |= {"skip_lines": lines[0][0], "keep_lines": NUMBERS_ALONE}
+    guess = sniff_cells([records[i] for i in kept], mapping, separator, comments=[table.names], joints=joints)
+    return _without_columns(guess, table.repeated) if table.repeated else guess
+
+
+def _without_columns(guess: Guess, names: Sequence[str]) -> Guess:
+    """Return a proposal, in each of its ways, that leaves out some columns."""
+    ignore = "|".join(filter(None, [guess.mapping.get("ignore"), *(re.escape(n).replace("\\ ", " ") for n in names)]))
+    return replace(
+        guess,
+        mapping={**guess.mapping, "ignore": ignore},
+        beside=tuple(_without_columns(one, names) for one in guess.beside),
+        ways=tuple(replace(way, guess=_without_columns(way.guess, names)) for way in guess.ways),
+    )
 
 
 def _has_bare_quote(lines: Sequence[str]) -> bool:
@@ -178,7 +203,7 @@ def _sniff_records(
     records_kept = [i for i in range(skipped, len(records)) if len(records[i]) == width]
     if width < 2 or len(records_kept) < 0.6 * (len(lines) - skipped):
         return Guess(mapping, notes=("its lines make no table",))
-    comments = [split_record(remark.encode(), separator, '"') for remark in remarks]
+    comments = [split_record(line.encode(), separator, '"') for line in [*remarks, *lines[:skipped][-1:]]]
     unit_of_heading = unit_in_words([*remarks, *lines[:skipped]])
     return sniff_cells(
         [records[i] for i in records_kept],

@@ -11,6 +11,7 @@ from typing import Any
 import numpy as np
 
 from truing.arrays import Array
+from truing.formats.deviation_units import with_unit_of_deviations
 from truing.formats.guess import (
     Guess,
     OtherWay,
@@ -50,7 +51,7 @@ from truing.formats.numbers import Notation
 from truing.formats.probable_columns import columns_by_names
 from truing.formats.shapes import COORDINATES, WRENCH
 from truing.formats.times import time_format_of
-from truing.formats.units import LONGEST_NAME, bare_and_unit, may_be
+from truing.formats.units import LONGEST_NAME, bare_and_unit, known_unit, may_be
 from truing.schemas.columns import find_column
 
 _SAMPLES = 10  # rows per load from which on they are probably samples of one load step
@@ -62,6 +63,7 @@ _HORIZONTAL = re.compile(r"hz|ha|h(orizontal)?[ _]?(angle|dir(ection)?|winkel|ri
 _VERTICAL = re.compile(r"v|va|v(ertical)?[ _]?(angle|winkel)|zenith([ _]?angle)?|zenitwinkel|elevation", re.I)
 _DISTANCE = re.compile(r"sd|d|s(lope|lant)?[ _]?dist(ance)?|(schr(ä|ae)g)?(strecke|distanz)|range|distance", re.I)
 _OF_COORDINATES = ("points", "targets", "poses", "scans", "surfaces")
+_OF_UNITS = r"units?|einheit|unité"
 _OF_EACH_POSE = ("time_s", "temperature_c")  # columns that tables of coordinates do not have
 _AXES = 3
 _SEVERAL = 2
@@ -114,9 +116,7 @@ def sniff_cells(
     is_of_joints: whether the file's name says that it holds joint readings.
     """
     lines = tuple(first_lines) or tuple(range(len(records)))
-    if is_of_joints and not joints:
-        joints = [f"joint{number}" for number in range(1, len(records[0]) + 1)]
-    about = _Surroundings(lines, tuple(comments), unit, tuple(joints))
+    about = _Surroundings(lines, tuple(comments), unit, tuple(joints), is_of_joints)
     notation = _notation(records[1:] or records)
     guess = _guess_by_notation(records, dict(mapping), separator, notation, about)
     if notation != _COMMA_DECIMAL or (cell := _open_cell(records)) is None:
@@ -129,12 +129,18 @@ def sniff_cells(
 
 @dataclass(frozen=True)
 class _Surroundings:
-    """Lines before each record, cells of comments, unit of coordinates by words of the file, and a robot's joints."""
+    """Lines before each record, cells of comments, unit of lengths by words of the file, and a robot's joints."""
 
     first_lines: tuple[int, ...]
     comments: tuple[Sequence[str], ...]
     unit: str | None
     joints: tuple[str, ...]
+    is_of_joints: bool
+
+    def joints_of(self, columns: int) -> tuple[str, ...]:
+        """Return the names of the joints in so many columns without names: numbers if only the file's name tells."""
+        numbered = tuple(f"joint{number}" for number in range(1, columns + 1)) if self.is_of_joints else ()
+        return self.joints or numbered
 
 
 def _open_cell(records: list[list[str]]) -> str | None:
@@ -166,7 +172,8 @@ def _guess_by_notation(
     if not has_header:
         return _with_unit_in_words(_without_names(names, data, values, mapping, notation, about), about.unit)
     guess = _with_times(_guess_by_names(names, data, values, mapping, about.joints), names, data, notation)
-    return _with_unit_in_words(guess, about.unit)
+    guess = with_unit_of_deviations(guess, names, values, about.unit)
+    return _with_unit_in_words(with_unit_of_rows(guess, names, data), about.unit)
 
 
 def _with_times(guess: Guess, names: tuple[str, ...], data: list[list[str]], notation: Notation) -> Guess:
@@ -210,7 +217,16 @@ def _with_unit_in_words(guess: Guess, unit: str | None) -> Guess:
     if any(bare_and_unit(name)[1] is not None for name in raw) or not may_be(unit, find_column("x_mm")):
         return guess
     note = f"the file's words give the unit of coordinates: {unit}"
-    return replace(guess, mapping={**guess.mapping, "unit": unit}, notes=(*guess.notes, note))
+    answered = guess.answered | {"unit"}
+    return replace(guess, mapping={**guess.mapping, "unit": unit}, notes=(*guess.notes, note), answered=answered)
+
+
+def with_unit_of_rows(guess: Guess, names: Sequence[str], data: list[list[str]]) -> Guess:
+    """Return a proposal for coordinates with the unit that a column names in every row alike."""
+    places = [place for place, name in enumerate(names) if re.fullmatch(_OF_UNITS, name.strip(), re.IGNORECASE)]
+    stated = {row[place].strip() for place in places for row in data}
+    unit = known_unit(stated.pop()) if len(places) == 1 and len(stated) == 1 else None
+    return _with_unit_in_words(guess, unit)
 
 
 def _without_names(
@@ -222,13 +238,14 @@ def _without_names(
     about: _Surroundings,
 ) -> Guess:
     """Return a proposal for rows of cells (N, W) and their numbers, without names of columns."""
+    joints = about.joints_of(values.shape[1])
     if (poses := bare_poses(values)) is not None:
-        return _poses(poses, names, mapping, data, values, about.joints)
+        return _poses(poses, names, mapping, data, values, joints)
     if is_one_motion(values):
         return Guess(mapping, names, None, (_ONE_MOTION,), known=True)
-    if values.shape[1] == len(about.joints) and np.isfinite(values).all():
-        return _guess_joints(bare_joints(values, about.joints), mapping, names)
-    if about.joints and (rows := bare_chain_rows(values, about.joints)) is not None:
+    if values.shape[1] == len(joints) and np.isfinite(values).all():
+        return _guess_joints(bare_joints(values, joints), mapping, names)
+    if joints and (rows := bare_chain_rows(values, joints)) is not None:
         return _chain(rows, mapping, names)
     found, notes = _positions(data, notation)
     table = table_of({*names, *found.get("columns", {})})

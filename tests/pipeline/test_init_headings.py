@@ -1,0 +1,116 @@
+"""`truing init` on exports whose heading is no single row of names: keys and values, comments, units in words."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+import numpy as np
+import pytest
+from scipy.spatial.transform import Rotation
+
+from tests.pipeline.test_init_exports import JOINTS, init, numbers, table
+from tests.tolerance import assert_close
+from truing.formats.shapes import CONFIGURATIONS, POINTS, POSITIONING, SIGNALS
+
+RNG = np.random.default_rng(12)
+FORCES, SIGNALS_MV = RNG.normal(size=(6, 3)).round(4), RNG.normal(size=(6, 4)).round(6)
+
+
+def labview(decimal: str) -> str:
+    """A LabVIEW measurement file with three forces and four bridges; its names end in an empty column of comments."""
+    names = ["X_Value", "Fx", "Fy", "Fz", *(f"Bridge_{k}" for k in range(4)), "Comment"]
+    units = ["Y_Unit_Label", "N", "N", "N", *["mV/V"] * 4]
+    heads = [
+        ["LabVIEW Measurement", ""], ["Separator", "Tab"], ["Decimal_Separator", decimal], ["X_Columns", "One"],
+        ["***End_of_Header***", ""], ["Channels", "7", ""], ["Samples", *["6"] * 7], units,
+        ["Delta_X", *["0.5"] * 7], ["***End_of_Header***", *[""] * 7], names,
+    ]  # fmt: skip
+    rows = [
+        [f"{0.5 * k:.6f}", *(f"{value:.6f}" for value in (*force, *signals))]
+        for k, (force, signals) in enumerate(zip(FORCES, SIGNALS_MV, strict=True))
+    ]
+    rows = [[cell.replace(".", decimal) for cell in row] for row in rows]
+    return "\n".join("\t".join(row) for row in [*heads, *rows]) + "\n"
+
+
+@pytest.mark.parametrize("decimal", [".", ","])
+def test_a_labview_measurement_file_has_names_and_units_of_its_channels(tmp_path: Path, decimal: str) -> None:
+    (tmp_path / "bridge.lvm").write_text(labview(decimal))
+    found = table(tmp_path, init(tmp_path)[1], SIGNALS)
+    assert_close(numbers(found, "fx_n", "fy_n", "fz_n"), FORCES, atol=1e-9, what="forces")
+    assert_close(numbers(found, *(f"v{k}_mv" for k in range(1, 5))), SIGNALS_MV, atol=1e-9, what="signals")
+    assert_close(numbers(found, "time_s")[:, 0], 0.5 * np.arange(6), atol=1e-12, what="time")
+
+
+@pytest.mark.parametrize(("last_line", "separator"), [("EOF\n", "\t"), ("", ";")])
+def test_channels_of_twincat_scope_are_pairs_of_time_and_value(tmp_path: Path, last_line: str, separator: str) -> None:
+    names = ["Axis1_ActPos", "Axis1_SetPos", "Laser_Pos"]
+    keys = {"Name": names, "SampleTime[ms]": ["2"] * 3, "Data-Type": ["REAL64"] * 3}
+    heads = [
+        ["Name", "Scope01"],
+        ["File", "axis.svdx"],
+        [],
+        *([key for v in row for key in (name, v)] for name, row in keys.items()),
+    ]
+    places = [(k + 0.0005, float(k), k - 0.0025) for k in (0, 10, 20, 10, 0, 30)]
+    rows = [[cell for value in row for cell in (str(2 * k), f"{value:.4f}")] for k, row in enumerate(places)]
+    text = "\n".join(separator.join(row) for row in [*heads, *rows]) + f"\n{last_line}"
+    (tmp_path / "scope.csv").write_text(text)
+    document = init(tmp_path)[1]
+    unit = "deg" if "command_deg" in document["files"]["configurations"]["columns"] else "mm"
+    found = table(tmp_path, document, CONFIGURATIONS)
+    columns = numbers(found, f"motor_{unit}", f"command_{unit}", f"measured_{unit}")
+    assert_close(columns, places, atol=1e-9, what="positions")
+    assert_close(numbers(found, "time_s")[:, 0], 0.002 * np.arange(6), atol=1e-12, what="time")
+    assert not any(name.startswith("time 2") for name in found.table.column_names)
+
+
+@pytest.mark.parametrize("name", ["joint_states.csv", "log.csv"])
+def test_the_name_of_a_file_does_not_hide_the_names_of_its_joints(tmp_path: Path, name: str) -> None:
+    rows = [f"{100.0 + k},{','.join(map(str, row))}" for k, row in enumerate(JOINTS)]
+    (tmp_path / name).write_text("\n".join(["timestamp,actual_q_0,actual_q_1,actual_q_2", *rows]) + "\n")
+    found = table(tmp_path, init(tmp_path)[1], CONFIGURATIONS)
+    assert_close(numbers(found, *(f"joint{k}_rad" for k in (1, 2, 3))), JOINTS, atol=0.0, what="joints")
+
+
+def test_numbers_of_pose_and_target_in_names_and_a_column_of_units(tmp_path: Path) -> None:
+    body, rows = RNG.uniform(-50.0, 50.0, (3, 3)), ["Feature,Type,Actual X,Actual Y,Actual Z,Unit"]
+    turns = Rotation.random(8, rng=RNG).as_matrix()
+    places = np.einsum("pij,kj->pki", turns, body) + RNG.uniform(-900.0, 900.0, (8, 1, 3))
+    for pose, points in enumerate(places, 1):
+        rows += [f"PT{pose:03d}_{k},Point,{x:.4f},{y:.4f},{z:.4f},in" for k, (x, y, z) in enumerate(points / 25.4, 1)]
+    (tmp_path / "report.csv").write_text("\n".join(rows) + "\n")
+    document = init(tmp_path)[1]
+    document["files"]["points"]["constants"] = {"body": "tool"}
+    found = table(tmp_path, document, POINTS)
+    assert document["files"]["points"]["unit"] == "in"
+    assert [int(pose) for pose in found.table.column("pose").to_pylist()[::3]] == list(range(1, 9))
+    assert_close(numbers(found, "x_mm", "y_mm", "z_mm"), places.reshape(-1, 3), atol=2e-3, what="points")
+
+
+@pytest.mark.parametrize("mark", ["# ", ""])
+def test_names_with_units_above_columns_that_blanks_part(tmp_path: Path, mark: str) -> None:
+    rows = [f"{10.0 * k:8.3f}  {'CW' if k < 4 else 'CCW'}  {0.5 + 0.1 * k:8.3f}" for k in range(8)]
+    (tmp_path / "table.txt").write_text("\n".join([f"{mark}Target [deg]  Direction  Error [arcsec]", *rows]) + "\n")
+    entry = init(tmp_path)[1]["files"]["configurations"]
+    assert entry["columns"] == {"command_deg": "Target [deg]", "deviation_deg": "Error [arcsec]"}
+    assert entry["units"] == {"deviation_deg": "arcsec"}
+
+
+DEVIATIONS_UM = np.array([[-0.5, 3.1], [0.2, 3.6], [0.4, 4.2]])
+
+
+def axis_runs(factor: float, words: str) -> str:
+    rows = [f"{50 * k},{','.join(f'{factor * v:.6f}' for v in row)}" for k, row in enumerate(DEVIATIONS_UM)]
+    return "\n".join([*filter(None, [words]), "Target,Run1 Fwd,Run1 Rev", *rows]) + "\n"
+
+
+@pytest.mark.parametrize(
+    ("factor", "words"), [(1e-3, "Units:,mm"), (1e-3, ""), (1.0, ""), (1.0, "Unit: um"), (1e-3, "All units are in mm")]
+)
+def test_deviations_have_the_unit_of_the_words_or_of_their_size(tmp_path: Path, factor: float, words: str) -> None:
+    (tmp_path / "axis.csv").write_text(axis_runs(factor, words))
+    text, document = init(tmp_path)
+    found = table(tmp_path, document, POSITIONING)
+    assert_close(numbers(found, "deviation_um")[:, 0], DEVIATIONS_UM.ravel(), atol=1e-9, what="deviations")
+    assert ("Unit of the deviations" in text) == (words == "")
