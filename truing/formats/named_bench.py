@@ -71,6 +71,7 @@ _OUTSIDE = (
 _NUMBERED = re.compile(
     r"(axis|achse|channel|kanal|encoder|counter|z(ä|ae)hler)[ _]?\d([ _](position|pos|angle|winkel))?", re.I
 )
+_OF_LENGTHS = r"laser|interferometer|lip|lida|lif"  # instruments that mostly measure lengths
 _UNITS_OF_AXES = {"angle": "deg", "length": "mm"}
 _OF_AXIS = re.compile(r"[ _](axis|achse|axe)?[ _]?[xyzabcuvw]\d?$")  # the axis behind a name
 
@@ -196,14 +197,17 @@ def _direction(cell: str) -> str | None:
 def axis_rows(names: Sequence[str], values: Array) -> tuple[Proposal, ...]:
     """Return commands of a single axis beside its encoders and an outside instrument, as configurations.
 
-    Two proposals, in degrees and in millimetres, if no name gives a unit; none without such columns.
+    Two proposals, in degrees and in millimetres, if no name gives a unit; lengths first beside a laser. None without
+    such columns.
     """
     kinds_given = {_kind(name) for name in names}
     kinds = [kind for kind in ("angle", "length") if kind in kinds_given]
     axes = [axis for kind in kinds if (axis := _axis_of_kind(names, values, kind, kind)) is not None]
     if axes:
         return tuple(axes) if len(axes) == 1 else ()
-    bare = [_axis_of_kind(names, values, None, kind) for kind in ("angle", "length")]
+    is_linear = any(re.match(_OF_LENGTHS, bare_and_unit(name)[0], re.IGNORECASE) for name in names)
+    order = ("length", "angle") if is_linear else ("angle", "length")
+    bare = [_axis_of_kind(names, values, None, kind) for kind in order]
     return tuple(axis for axis in bare if axis is not None) or _encoders_alone(names)
 
 

@@ -97,6 +97,12 @@ def load_columns(names: Sequence[str]) -> LoadMapping | None:
     return replace(shown, otherwise=load_columns_given)
 
 
+def channels_without_loads(names: Sequence[str]) -> tuple[str, ...]:
+    """Return the channels of an amplifier in a table whose other columns hold no loads."""
+    plain, applied = _components(names)
+    return () if plain or applied else tuple(name for name in _channels(names) if _is_voltage(name))
+
+
 def _map_applied_loads(
     plain: dict[str, str], channels: Sequence[str], steps: dict[str, Any]
 ) -> tuple[LoadMapping, tuple[str, ...]]:

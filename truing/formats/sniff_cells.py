@@ -46,7 +46,7 @@ from truing.formats.named_columns import (
     poses_side_by_side,
 )
 from truing.formats.named_joints import JointReadings, bare_joints, configurations_of_joints
-from truing.formats.named_loads import LoadMapping, load_columns
+from truing.formats.named_loads import LoadMapping, channels_without_loads, load_columns
 from truing.formats.numbers import Notation
 from truing.formats.probable_columns import columns_by_names
 from truing.formats.shapes import COORDINATES, WRENCH
@@ -57,6 +57,9 @@ from truing.schemas.columns import find_column
 _SAMPLES = 10  # rows per load from which on they are probably samples of one load step
 _ONE_MOTION = "a single rigid motion (4x4): how two frames lie to each other, no measurement; it is not read"
 _A_COORDINATE_PER_ROW = "a row for each coordinate; export a table of points with columns X, Y and Z"
+_CHANNELS_ALONE = (
+    "channels of a sensor without loads: put the load of each row beside them, as columns such as Fx [N] and Mz [N m]"
+)
 _MARKER = re.compile(r"Marker\.(?P<name>.+)\.[^.]*\.Position\.[XYZ](?: \[.*\])?")
 _POLAR = "directions and distances of a total station or theodolite; export the adjusted coordinates X, Y, Z"
 _HORIZONTAL = re.compile(r"hz|ha|h(orizontal)?[ _]?(angle|dir(ection)?|winkel|richtung)|azimuth|bearing|richtung", re.I)
@@ -315,7 +318,9 @@ def _guess_by_names(
         found = {**found, **({"columns": columns} if (columns := {**_counted(names, names, values), **meant}) else {})}
         found |= {} if "pose" in found.get("columns", {}) else {"number_rows": {"pose": 1}}
     if table is None:
-        return Guess(mapping | found, names, None, (_A_COORDINATE_PER_ROW,) if _has_axes_in_rows(data) else ())
+        notes = [_A_COORDINATE_PER_ROW] if _has_axes_in_rows(data) else []
+        notes += [_CHANNELS_ALONE] if channels_without_loads(names) else []
+        return Guess(mapping | found, names, None, tuple(notes))
     return Guess(mapping | found, names, table, tuple(notes))
 
 
@@ -367,8 +372,9 @@ def _guess_axis(
     ]
     if len(guesses) == 1:
         return guesses[0]
-    text, doubt = "Unit of the axis, which no name gives", "no unit is given; the axis is assumed to be in degrees"
-    return replace(guesses[0], ways=(OtherWay("axis", text, "deg", "mm", guesses[1], doubt),))
+    taken, other = ("mm", "deg") if "command_mm" in guesses[0].mapping["columns"] else ("deg", "mm")
+    text, doubt = "Unit of the axis, which no name gives", f"no unit is given; the axis is assumed to be in {taken}"
+    return replace(guesses[0], ways=(OtherWay("axis", text, taken, other, guesses[1], doubt),))
 
 
 def _guess_joints(read: JointReadings, mapping: dict[str, Any], names: tuple[str, ...], **more: Any) -> Guess:
