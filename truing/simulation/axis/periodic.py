@@ -5,6 +5,7 @@ from __future__ import annotations
 import math
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
+from functools import lru_cache
 from typing import Self
 
 import numpy as np
@@ -23,6 +24,9 @@ _ORDERS = (1, 2)
 _OVERSAMPLING, _GRID_DISTANCE = 8.0, 2.0
 # Most searched periods: the shortest are omitted.
 _MOST = 400
+# Different commands at which waves are compared: more of them change no angle by as much as counts below.
+_MOST_COMMANDS = 1000
+_AT_ONCE = 64  # waves whose products are held in memory
 # Frequencies are inspected for the same wave up to this multiple of one per step of the commands.
 _WIDER = 4.0
 # Waves count as equal if the sine of the angle between their spans is below this.
@@ -139,22 +143,34 @@ def _periods(axis: Axis, command: NDArray) -> list[tuple[float, float, bool]]:
 
 def _searched(command: NDArray, travel: float) -> list[tuple[float, float, bool]]:
     """Return the longest of all periods with like waves at the commands; the shortest is a step of the commands."""
-    if not travel > 0.0:
-        return []
+    return _searched_once(np.ascontiguousarray(command, dtype=float).tobytes(), travel) if travel > 0.0 else []
+
+
+@lru_cache(maxsize=8)  # every round of a search asks for the same commands
+def _searched_once(commands: bytes, travel: float) -> list[tuple[float, float, bool]]:
+    command = np.frombuffer(commands)
     places = np.unique(np.round(command / travel, 2))
     step, spacing = travel / max(len(places) - 1, 1), 1.0 / (_OVERSAMPLING * travel)
     # Slower waves are no candidates, but exclude those that they equal at the commands.
     frequencies = np.arange(spacing, _WIDER / step, spacing)
-    spans = _spans(_TURN * frequencies[:, None] * command)
-    periods: list[tuple[float, float, bool]] = []
-    for frequency_place in np.flatnonzero(frequencies <= 1.0 / step)[:_MOST]:
-        alike = _same_span(spans[frequency_place], spans) & (
-            np.abs(np.arange(len(frequencies)) - frequency_place) > _OVERSAMPLING
-        )
-        is_first = bool(spans[frequency_place].any()) and not alike[:frequency_place].any()
-        if is_first and frequencies[frequency_place] * travel >= _FEWEST_PERIODS:
-            periods.append((1.0 / float(frequencies[frequency_place]), _GRID_DISTANCE * spacing, bool(alike.any())))
-    return periods
+    spans = _spans(_TURN * frequencies[:, None] * _some(command))
+    tried = np.flatnonzero(frequencies <= 1.0 / step)[:_MOST]
+    apart = np.abs(np.arange(len(frequencies)) - tried[:, None]) > _OVERSAMPLING
+    alike = _same_spans(spans[tried], spans) & apart
+    is_first = spans[tried].any((1, 2)) & ~(alike & (np.arange(len(frequencies)) < tried[:, None])).any(1)
+    is_first &= frequencies[tried] * travel >= _FEWEST_PERIODS
+    return [
+        (1.0 / float(frequencies[tried[k]]), _GRID_DISTANCE * spacing, bool(alike[k].any()))
+        for k in np.flatnonzero(is_first)
+    ]
+
+
+def _some(command: NDArray) -> NDArray:
+    """Return the different commands, at most `_MOST_COMMANDS` of them, drawn without a period of their own."""
+    different = np.unique(command)
+    if len(different) <= _MOST_COMMANDS:
+        return command
+    return np.random.default_rng(0).choice(different, _MOST_COMMANDS, replace=False)
 
 
 def _spans(turns: NDArray) -> NDArray:
@@ -164,7 +180,12 @@ def _spans(turns: NDArray) -> NDArray:
     return np.asarray(directions * (sizes > 0.05 * math.sqrt(turns.shape[1]))[:, None])
 
 
-def _same_span(span: NDArray, spans: NDArray) -> NDArray:
-    """Return the mask (F,) of spans (F, B, 2) within which a span (B, 2) lies."""
-    within = np.sum((spans.swapaxes(1, 2) @ span) ** 2, 1)
-    return np.asarray((np.sum(span**2, 0) - within < _ALIKE**2).all(1))
+def _same_spans(some: NDArray, spans: NDArray) -> NDArray:
+    """Return the mask (S, F) of spans (F, B, 2) within which each of some spans (S, B, 2) lies."""
+    sides = spans.swapaxes(1, 2).reshape(2 * len(spans), -1)
+    own = some.swapaxes(1, 2).reshape(2 * len(some), -1)
+    within = np.zeros((len(some), 2, len(spans)))
+    for start in range(0, len(own), _AT_ONCE):
+        part = (own[start : start + _AT_ONCE] @ sides.T) ** 2
+        within.reshape(len(own), -1)[start : start + _AT_ONCE] = part.reshape(len(part), -1, 2).sum(2)
+    return np.asarray((np.sum(some**2, 1)[..., None] - within < _ALIKE**2).all(1))
