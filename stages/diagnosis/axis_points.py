@@ -41,6 +41,8 @@ if TYPE_CHECKING:
 
 Mask = NDArray[np.bool_]
 
+# Rows of a recording that are compared, evenly spread over it: more of them take long and tell little more.
+_MOST_ROWS = 1500
 # Prior of an encoder's zero, as a multiple of the distance of its readings from the commands.
 _WIDE = 1e3
 # Prior of the load's stop behind the motor, as a share of the encoders' noise: hardly any, but it may prove larger.
@@ -60,8 +62,8 @@ def assemble(tables: Mapping[str, pa.Table], settings: Campaign) -> DiagnosisDat
     out, kept = (excluded_rows(rules, rows) for rules in (settings.exclude, settings.keep))
     is_observed = np.isfinite(deviations) & ~out[:, None]
     held_out = is_held_out(table)
-    fitted = is_observed.any(1) & ~held_out
-    held_out &= is_observed.any(1)
+    available = is_observed.any(1) & ~held_out
+    fitted, held_out = _spread(available), _spread(is_observed.any(1) & held_out)
     largest = float(np.abs(np.where(is_observed, deviations, 0.0)).max())
     sigma = np.array([encoder_sigma(settings, name) for name in columns.encoders], float)
     middle = np.nanmedian(np.where(is_observed, deviations, np.nan), axis=0)
@@ -85,7 +87,7 @@ def assemble(tables: Mapping[str, pa.Table], settings: Campaign) -> DiagnosisDat
         model,
         replace(poses(fitted), repeats=group_numbers(np.round(subset.readings, 12)), groupings=groupings),
         poses(held_out) if held_out.any() else None,
-        _left_out(tables, int(out.sum())),
+        _left_out(tables, int(out.sum()), int(available.sum()), int(fitted.sum())),
         _results,
         model_text=_model_text,
         shown=_of_approaches(shown) if "positions" in tables else shown,
@@ -93,10 +95,22 @@ def assemble(tables: Mapping[str, pa.Table], settings: Campaign) -> DiagnosisDat
     )
 
 
-def _left_out(tables: Mapping[str, pa.Table], excluded: int) -> str:
+def _spread(rows: Mask) -> Mask:
+    """Return the mask of at most `_MOST_ROWS` of the rows of a mask, evenly spread over them."""
+    chosen = np.flatnonzero(rows)
+    if len(chosen) > _MOST_ROWS:  # a step that is no whole number meets every sample of a standstill
+        chosen = chosen[np.linspace(0, len(chosen) - 1, _MOST_ROWS).round().astype(int)]
+    spread = np.zeros_like(rows)
+    spread[chosen] = True
+    return spread
+
+
+def _left_out(tables: Mapping[str, pa.Table], excluded: int, available: int, fitted: int) -> str:
     """Rows and approaches that are not compared, in words; empty without any."""
     gross = int(gross_approaches(tables["positions"]).sum()) if "positions" in tables else 0
     words = [f"{counted(excluded, 'row')} excluded by a person"] if excluded else []
+    if fitted < available:
+        words.append(f"{counted(available - fitted, 'row')} of {available:,}, so that {fitted:,} evenly spread remain")
     return "; ".join([*words, *([f"{counted(gross, 'approach')} that check position-errors names"] if gross else [])])
 
 

@@ -382,3 +382,40 @@ def test_a_starter_knows_an_axis_by_its_columns(tmp_path: Path) -> None:
     switched_on = "\n".join(line.removeprefix("# ") for line in text.splitlines() if "=" in line or "[" in line)
     made = read_campaign(parsed_toml(switched_on))
     assert (made.mechanism.type, made.noise.measured_deg) == ("axis", 0.001)
+
+
+def test_noise_declared_too_large_in_one_encoder_makes_no_finding_doubtful(tmp_path: Path) -> None:
+    """An encoder that scatters as declared is noisier than one declared too noisy; that is no lack of the model."""
+    command = np.tile(np.r_[np.linspace(-80.0, 80.0, 60), np.linspace(80.0, -80.0, 60)], 4)
+    layout = _layout(
+        command=command,
+        channels=("motor", "measured"),
+        noise={"command": 0.0, "motor": 1e-3, "measured": 5e-4},
+        event_row=None,
+        held_out=np.zeros(len(command), bool),
+    )
+    folder = write(record(layout, HIDDEN[:1], np.random.default_rng(6)), tmp_path / "campaign")
+    settings = (folder / "campaign.toml").read_text(encoding="utf-8")
+    assert settings.count("measured_deg = 0.0005") == 1
+    (folder / "campaign.toml").write_text(settings.replace("measured_deg = 0.0005", "measured_deg = 0.001"))
+    assert _truing("run", str(folder), "--out", str(tmp_path / "run"))[0] == 0
+    rows = pq.read_table(tmp_path / "run" / "diagnosis.parquet").to_pylist()
+    reported = {(row["cause"], row["verdict"], row["reason_code"]) for row in rows if row["verdict"] != "rejected"}
+    assert {row for row in reported if row[1] != "not testable"} == {
+        ("lost-motion", "found", "found"),
+        ("unexplained", "found", "noise"),  # the noise of the motor's encoder, next to that of the other
+    }
+
+
+def test_a_long_recording_is_compared_at_rows_that_are_spread_over_it(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr("truing.stages.diagnosis.axis_points._MOST_ROWS", 90)
+    command = np.tile(np.r_[np.linspace(-80.0, 80.0, 40), np.linspace(80.0, -80.0, 40)], 3)
+    layout = _layout(command=command, event_row=None, held_out=np.zeros(len(command), bool))
+    folder = write(record(layout, HIDDEN[:1], np.random.default_rng(7)), tmp_path / "campaign")
+    code, output = _truing("run", str(folder), "--out", str(tmp_path / "run"), "--only", "diagnose")
+    assert code == 0
+    assert "150 rows of 240, so that 90 evenly spread remain" in output
+    rows = pq.read_table(tmp_path / "run" / "diagnosis.parquet").to_pylist()
+    assert [row["cause"] for row in rows if row["verdict"] == "found"] == ["lost-motion"]

@@ -201,7 +201,7 @@ def noise_level(
 ) -> NoiseLevel:
     """Return the noise of a fit's observations over the declared covariances (B, K, d, d).
 
-    ``channels`` (K,) selects channels; ``measured`` holds the covariances used in the fit. The log of the ratio is
+    ``channels`` (K,) or (B, K) selects observations; ``measured`` holds the covariances used in the fit. The log of the ratio is
     tested, one-sided.
     """
     epochs, count = measured.is_observed.shape

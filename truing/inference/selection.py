@@ -176,7 +176,12 @@ class CauseSelection(Generic[CauseT]):
         adequacy = adequacy_of(final, noise, np.random.default_rng([settings.seed, _ADEQUACY]), fitter.repeats)
         noisy = tuple(self._noise.noisy_channels(final))
         is_noisier = bool(noisy) or noise.p_value <= settings.noise_level
-        is_noisier |= any(own.driver.cause is None for own in found.noise_dependences)
+        is_noisier |= any(
+            noise_level(final.fit.whitened, final.measured, fitter.declared, own.factor > 1.0).p_value
+            <= settings.noise_level
+            for own in found.noise_dependences
+            if own.driver.cause is None  # where the noise is largest it may still be no larger than declared
+        )
         holds = found.searched.end.is_complete and adequacy.p_value > settings.doubted_level and not is_noisier
         return _Left(noise, noisy, adequacy, is_noisier, holds)
 

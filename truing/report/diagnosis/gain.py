@@ -125,8 +125,14 @@ def _of_role(missed: _Missed) -> str:
         return f"{text}. {'The latter' if missed.modelled else 'This'} is significantly below {floor}: {one.why_below}."
     ratio = one.after / one.floor
     against = f"consistent with {floor}" if _at_floor(one) else f"{rough(ratio)} times {floor}"
-    few = " The data are too few to tell whether this is chance." if ratio < 1.0 / AT_THE_FLOOR else ""
-    return f"{text}, {'which is ' * missed.modelled}{against}.{few}"
+    return f"{text}, {'which is ' * missed.modelled}{against}.{_of_chance(one) if ratio < 1.0 / AT_THE_FLOOR else ''}"
+
+
+def _of_chance(one: Overall) -> str:
+    """Return the sentence on an error below the noise floor that no test calls significant."""
+    if one.freedom > 0.0:
+        return " The data are too few to tell whether this is chance."
+    return " Whether this is chance was not tested."
 
 
 def _at_floor(overall: Overall) -> bool:
