@@ -201,8 +201,8 @@ def noise_level(
 ) -> NoiseLevel:
     """Return the noise of a fit's observations over the declared covariances (B, K, d, d).
 
-    ``channels`` (K,) or (B, K) selects observations; ``measured`` holds the covariances used in the fit. The log of the ratio is
-    tested, one-sided.
+    ``channels`` (K,) or (B, K) selects observations; ``measured`` holds the covariances used in the fit. The log of the
+    ratio is tested, one-sided.
     """
     epochs, count = measured.is_observed.shape
     is_observed = measured.is_observed if channels is None else measured.is_observed & channels

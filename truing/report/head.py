@@ -89,6 +89,6 @@ def _positioning_tiles(tables: Tables) -> list[tuple[str, str]]:
     return [(f"{_OF_AXES[figure]}, {_run(run)}{with_all}", quantity(value, unit)) for run, figure, value, unit in shown]
 
 
-def _run(name: str) -> str:
+def _run(name: str | int) -> str:
     """Return the name of a run in words: ``run 1`` of a mere number."""
-    return f"run {name}" if name.isdigit() else name
+    return f"run {name}" if str(name).isdigit() else str(name)
