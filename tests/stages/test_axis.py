@@ -419,3 +419,19 @@ def test_a_long_recording_is_compared_at_rows_that_are_spread_over_it(
     assert "150 rows of 240, so that 90 evenly spread remain" in output
     rows = pq.read_table(tmp_path / "run" / "diagnosis.parquet").to_pylist()
     assert [row["cause"] for row in rows if row["verdict"] == "found"] == ["lost-motion"]
+
+
+@pytest.mark.parametrize("cycles", [1, 2])
+def test_a_load_that_leads_after_reversals_is_no_zero_shift(tmp_path: Path, cycles: int) -> None:
+    """A gap that is compensated too much has the sign of none: one sweep and back would pass for a shift of the zero."""
+    command = np.tile(np.r_[np.arange(0.0, 361.0, 10.0), np.arange(350.0, -1.0, -10.0)], cycles)
+    layout = _layout(command=command, channels=("measured",), event_row=None, held_out=np.zeros(len(command), bool))
+    made = record(layout, (Hidden("lost-motion", "", -BACKLASH),), np.random.default_rng(8))
+    folder = write(made, tmp_path / "campaign")
+    code, output = _truing("run", str(folder), "--out", str(tmp_path / "run"))
+    assert code == 0
+    rows = pq.read_table(tmp_path / "run" / "diagnosis.parquet").to_pylist()
+    found = {row["cause"]: json.loads(row["parameters"]) for row in rows if row["verdict"] == "found"}
+    assert set(found) == {"lost-motion"}
+    assert abs(found["lost-motion"]["backlash"]["value"] + np.deg2rad(BACKLASH)) < 0.05 * np.deg2rad(BACKLASH)
+    assert "the load leads the motor" in output

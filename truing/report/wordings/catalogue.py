@@ -40,8 +40,11 @@ def _scale(claim: Claim) -> str:
 
 
 def _lost_motion_clause(claim: Claim) -> str:
-    size, _ = largest_of_kind(claim, "backlash")
+    size, lags = largest_of_kind(claim, "backlash")
     sides = " to either side" if size else ""
+    if size and not lags:
+        reason = "as if lost motion were compensated too much, or deviations had the opposite sign"
+        return f"after each reversal the load leads the motor{by_words(size)}{sides}, {reason}"
     return f"motion is lost between motor and load{by_words(size)}{sides}"
 
 

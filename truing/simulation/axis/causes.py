@@ -201,7 +201,10 @@ class AxisGrowth(AxisCause):
 
 @dataclass(frozen=True)
 class LostMotion(AxisCause):
-    """The load lags the motor by backlash x direction of approach; the full gap is twice the backlash."""
+    """The load lags the motor by backlash x direction of approach; the full gap is twice the backlash.
+
+    A controller that compensates for too large a gap makes it negative.
+    """
 
     id = "lost-motion"
     lacking = Missing.APPROACH
@@ -211,10 +214,6 @@ class LostMotion(AxisCause):
         """Return the cause if an encoder responds to it and rows were approached from both sides."""
         both = np.ptp(scene.rows.direction) > 0.0 and bool(shown_elements(scene.axis, (TRANSMISSION,)))
         return (replace(self, kind_of_axis=scene.axis.kind, plausible=scene.axis.spread),) if both else ()
-
-    def one_sided(self, legs: int) -> tuple[int, ...]:
-        """Return the gap: it cannot be negative."""
-        return (0,)
 
     def parameters(self, legs: int) -> tuple[Parameter, ...]:
         """Return half of the gap."""
