@@ -276,8 +276,16 @@ def _suggestion(location: tuple[int | str, ...]) -> str:
     for part in location[:-1]:
         section = _TYPES.get(str(part)) or _step(section, part)
     known = list(section.model_fields)
+    if location[:-1] == ("mechanism", "none") and (types := _types_with(str(location[-1]))):
+        return f"type = {' or '.join(types)} in [mechanism], which has this key; no type is given"
     close = difflib.get_close_matches(str(location[-1]), known, n=1)
     return f"a known key; did you mean {close[0]}?" if close else f"a known key, one of: {', '.join(known)}"
+
+
+def _types_with(key: str) -> list[str]:
+    """Types of [mechanism], in quotation marks, that have a key."""
+    kinds = {tag: f'"{kind}"' for kind, tag in _TAGS.items()} | {"legged": '"6-pus"'}
+    return [kinds[tag] for tag, section in _TYPES.items() if key in section.model_fields]
 
 
 def _step(section: Any, part: int | str) -> Any:
