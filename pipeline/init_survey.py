@@ -13,7 +13,7 @@ import numpy as np
 
 from truing.formats.named_chain import is_within_metres
 from truing.formats.presets import target_column
-from truing.formats.sniff_cells import perhaps_in_metres
+from truing.formats.proposed_poses import perhaps_in_metres
 from truing.formats.units import conversion
 from truing.pipeline.init_preview import batches
 from truing.pipeline.init_questions import PLACEHOLDER, is_body_open, names_a_body, without_placeholder

@@ -18,7 +18,8 @@ from truing.stages.common.missing_data import HELD_OUT
 from truing.stages.common.rows import Rows
 
 if TYPE_CHECKING:
-    from truing.inference.fitted_model import FittedModel, ScreenedValue
+    from truing.inference.fitted_model import FittedModel
+    from truing.inference.fitter import ScreenedValue
     from truing.inference.prediction import PredictionError
     from truing.inference.selection import CauseDiagnosis
     from truing.stages.diagnosis.diagnosis_data import DiagnosisData

@@ -24,8 +24,9 @@ from truing.formats.heading import unit_in_words
 from truing.formats.named_loads import load_columns
 from truing.formats.presets import format_of
 from truing.formats.probable_columns import columns_by_names
+from truing.formats.proposed_loads import proposal_of_loads
 from truing.formats.raw import Unusable
-from truing.formats.sniff_cells import proposal_of_loads, sniff_cells, table_of
+from truing.formats.sniff_cells import sniff_cells, table_of
 from truing.formats.source import RawFile
 from truing.schemas.mapping import FileMapping
 from truing.schemas.memory import raise_shortage

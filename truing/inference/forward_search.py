@@ -14,7 +14,8 @@ import numpy as np
 from truing.inference import search_end
 from truing.inference.arrays import Mask
 from truing.inference.choice import CandidateChoice, choose, confirmed, is_outdone, is_real
-from truing.inference.fitted_model import FittedModel, Fitter
+from truing.inference.fitted_model import FittedModel
+from truing.inference.fitter import Fitter
 from truing.inference.free_course import move_alike
 from truing.inference.model import CauseT
 from truing.inference.prediction import predicts_worse

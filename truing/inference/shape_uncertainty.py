@@ -6,7 +6,8 @@ from __future__ import annotations
 import numpy as np
 
 from truing.inference.arrays import Array
-from truing.inference.fitted_model import FittedModel, Fitter
+from truing.inference.fitted_model import FittedModel
+from truing.inference.fitter import Fitter
 from truing.inference.model import CauseT
 
 # Shapes are held at so many sigmas to either side; a sigma is widened at most by this factor.
