@@ -97,7 +97,7 @@ def init_campaign(
     )
     if os.path.lexists(target):
         raise CampaignFaults([_never_overwritten(target)])
-    said = Answers(given) if ask is None else Answers(given, ask)
+    answers = Answers(given) if ask is None else Answers(given, ask)
     guesses = with_numbered_poses(folder, with_lost_points(folder, _with_keys_of_names(guesses)), robot)
     guesses = with_poses_of_names(folder, guesses)
     guesses = with_survey(folder, guesses)
@@ -105,12 +105,12 @@ def init_campaign(
     guesses = [(group, one) for (group, _), one in zip(guesses, on_tip([g for _, g in guesses], robot), strict=True)]
     guesses = with_bodies_of_targets(folder, guesses)
     guesses = [(group, one) for (group, _), one in zip(guesses, with_tip(folder, guesses, robot), strict=True)]
-    guesses = _settled(folder, guesses, said, console)
-    said.raise_faults()
+    guesses = _settled(folder, guesses, answers, console)
+    answers.raise_faults()
     name = folder.resolve().name
     _write_new(target, campaign_text(name, guesses) if every_key else _starter(name, guesses, robot))
     console.written(f"wrote {target}; complete it, then: truing check {folder}", [target])
-    for point in said.open_points():
+    for point in answers.open_points():
         console.tell("open_points", point)
         if not point["answered"]:
             taken = f"taken as {point['taken']}" if point["taken"] else "to be completed"
@@ -118,15 +118,15 @@ def init_campaign(
             console.line(f"open: {where}, {point['question']}: {taken} (else: --answer {key}=...)")
     if needs_description(robot, [guess for _, guess in guesses]):
         console.sentence(_NO_DESCRIPTION)
-    if said.used:
-        console.line(f"the same answers again: {said.command(folder, every_key=every_key)}")
+    if answers.used:
+        console.line(f"the same answers again: {answers.command(folder, every_key=every_key)}")
     return ExitCode.DONE
 
 
 def _settled(folder: Path, guesses: list[_File], answers: Answers, console: RunConsole) -> list[_File]:
     """Show each file as it is understood, and settle its open points."""
     has_points = any(guess.table == "points" for _, guess in guesses)
-    found = []
+    result = []
     for number, (group, guess) in enumerate(guesses):
         words = _summary(group, guess)
         console.line(f"{_printable(group.glob)}: {words}")
@@ -141,8 +141,8 @@ def _settled(folder: Path, guesses: list[_File], answers: Answers, console: RunC
         if is_shown and (settled.mapping, settled.table) != (guess.mapping, guess.table):
             console.line("by these answers:")
             _show(folder, group, settled, console)
-        found.append((group, settled))
-    return found
+        result.append((group, settled))
+    return result
 
 
 def _show(folder: Path, group: RawGroup, guess: Guess, console: RunConsole) -> None:
@@ -364,7 +364,7 @@ def _starter(name: str, guesses: list[tuple[RawGroup, Guess]], robot: Robot | No
 
     tables = Counter(guess.table for _, guess in guesses)
     read = [(group, guess) for group, guess in guesses if guess.table is not None]
-    left = [(group, guess) for group, guess in guesses if guess.table is None and group.example.suffix != SUFFIX]
+    remaining = [(group, guess) for group, guess in guesses if guess.table is None and group.example.suffix != SUFFIX]
     entries = [(g, guess, list(_file_lines(g, guess, alone=tables[guess.table] == 1, most=0))) for g, guess in read]
     kept, more = _shortened_entries(entries, _MOST_LINES)
     files = [line for _, _, lines in kept for line in lines]
@@ -376,7 +376,7 @@ def _starter(name: str, guesses: list[tuple[RawGroup, Guess]], robot: Robot | No
             "the others.",
         ]
     files += _listing("Also found; truing init --all writes their entries:", [_found_words(*one[:2]) for one in more])
-    files += _listing("Not read:", [_left_words(group, guess) for group, guess in left])
+    files += _listing("Not read:", [_left_words(group, guess) for group, guess in remaining])
     return starter_text(_name(name), _kind(tables), [guess for _, guess in read], files, robot)
 
 

@@ -136,8 +136,8 @@ def _one_body(names: Sequence[str]) -> str | None:
     if not before or any(len(own) == before for own in words):
         return None
     follows = _text_after_target([own[before:] for own in words])
-    left = [own[before:] for own in words]
-    if all(len(own) == 2 and own[1].isdecimal() and own[0].isalpha() for own in left):  # SMR_1 SMR_2 base_1 base_2
+    remaining = [own[before:] for own in words]
+    if all(len(own) == 2 and own[1].isdecimal() and own[0].isalpha() for own in remaining):  # SMR_1 SMR_2 base_1 base_2
         return rf"{re.escape(words[0][before - 1])}_(?P<body>[^\W\d_]+)_(?P<target>\d+)"
     return rf"(?P<body>{re.escape(words[0][before - 1])})[\W_]+(?P<target>.+?){follows}"
 
@@ -179,14 +179,14 @@ def photograph_entries(folder: Path, pictures: Sequence[Path]) -> list[tuple[str
         top = relative.parts[0] if len(relative.parts) > 1 else ""
         groups.setdefault((top, path.suffix), []).append(relative)
     tops = len({top for top, _ in groups})
-    found = []
+    result = []
     for (top, suffix), paths in sorted(groups.items()):
         pattern, mapping = _read_by(top, suffix, paths, alone=tops == 1)
         guess = Guess(
             mapping={} if top == _BY_CONTRACT else mapping, table="images", notes=(*_NEEDED, *_remarks(mapping))
         )
-        found.append((pattern, folder / paths[0], len(paths), guess))
-    return found
+        result.append((pattern, folder / paths[0], len(paths), guess))
+    return result
 
 
 def _read_by(top: str, suffix: str, paths: Sequence[Path], *, alone: bool) -> tuple[str, dict[str, Any]]:

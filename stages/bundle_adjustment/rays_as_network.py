@@ -144,15 +144,15 @@ def bar_ends(
     if bars is None:
         return []
     poses_of_bars = bars.column("pose").to_pylist() if "pose" in bars.column_names else [None] * len(bars)
-    found = []
+    result = []
     for row, (first, second) in enumerate(
         zip(bars.column("first").to_pylist(), bars.column("second").to_pylist(), strict=True)
     ):
         for pose, name in enumerate(poses):
             ends = (keys.get((pose, first)), keys.get((pose, second)))
             if poses_of_bars[row] in (None, name) and None not in ends:
-                found.append((row, pose, ends[0], ends[1]))
-    return found  # type: ignore[return-value]
+                result.append((row, pose, ends[0], ends[1]))
+    return result  # type: ignore[return-value]
 
 
 def _bars(

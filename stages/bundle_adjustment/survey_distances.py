@@ -138,8 +138,8 @@ def _surveyed(settings: Any, survey: SurveyedPoints | None) -> list[dict[str, ob
     reference = settings.bodies.reference or ("base" if settings.mechanism.type != "none" else None)
     known, rows = np.isfinite(survey.variance_mm2).all(1), []
     for body in dict.fromkeys(survey.bodies[known]) if reference is None else (reference,):
-        places = np.flatnonzero(known & (survey.bodies == body))
-        name, xyz, variance = survey.names[places], survey.xyz_mm[places], survey.variance_mm2[places]
+        indices = np.flatnonzero(known & (survey.bodies == body))
+        name, xyz, variance = survey.names[indices], survey.xyz_mm[indices], survey.variance_mm2[indices]
         for first, second in _distant_pairs(xyz):
             difference = xyz[second] - xyz[first]
             length = float(np.linalg.norm(difference))

@@ -313,9 +313,9 @@ def known_points_table(named: NamedNetwork, tested: KnownTested, used: Mask) -> 
     left = np.bincount(network.rays.point[used[: network.rays.count]], minlength=len(network.point_pose))
     seen = np.bincount(network.rays.point, minlength=len(network.point_pose))
     reported = {
-        row: (errors, place)
+        row: (errors, index)
         for pose, errors in tested.errors.items()
-        for place, row in enumerate(tested.rows[pose].tolist())
+        for index, row in enumerate(tested.rows[pose].tolist())
     }
     rows = []
     for row, point in enumerate(network.known.point.tolist()):

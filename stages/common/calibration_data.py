@@ -172,10 +172,10 @@ def body_poses(table: pa.Table, body: str, poses: tuple[int | str, ...], parent:
     is_pose = pc.and_(pc.equal(table.column("body"), body), pc.equal(table.column("parent"), parent))
     good = pc.and_(table.column("default"), pc.equal(table.column("status"), "ok"))
     rows = table.filter(pc.and_(is_pose, good))
-    place = positions(rows.column("pose"), poses)
+    index = positions(rows.column("pose"), poses)
     motions, covariance = np.full((len(poses), 6), np.nan), np.full((len(poses), 6, 6), np.nan)
-    is_known = place >= 0
-    motions[place[is_known]], covariance[place[is_known]] = (
+    is_known = index >= 0
+    motions[index[is_known]], covariance[index[is_known]] = (
         pose_vectors(rows)[is_known],
         pose_covariances(rows)[is_known],
     )

@@ -123,7 +123,7 @@ def _remedies(probes: PlannedPoses, pairs: Sequence[tuple[ChainCause, ChainCause
     if not pairs:
         return []
     causes = list({cause.key: cause for pair in pairs for cause in pair}.values())
-    place = {cause.key: k for k, cause in enumerate(causes)}
+    index_of = {cause.key: k for k, cause in enumerate(causes)}
     tried = [(Remedy.POSES, probes)]
     if probes.model.known.gravity is not None:
         usual = float(np.median(probes.conditions.payload_kg))
@@ -134,7 +134,11 @@ def _remedies(probes: PlannedPoses, pairs: Sequence[tuple[ChainCause, ChainCause
     sights_by_remedy = [(remedy, scale * rest_apart(cause_sights(poses, causes))) for remedy, poses in tried]
     return [
         next(
-            (remedy for remedy, separability in sights_by_remedy if separability[place[a.key], place[b.key]] >= APART),
+            (
+                remedy
+                for remedy, separability in sights_by_remedy
+                if separability[index_of[a.key], index_of[b.key]] >= APART
+            ),
             Remedy.NOTHING,
         )
         for a, b in pairs

@@ -153,21 +153,21 @@ def possible_poses(ranges: JointRanges, instrument: PointInstrument, models: Seq
 
 def _levels(model: ChainModel) -> dict[str, list[tuple[Any, str]]]:
     """Values that payload, approach and temperature may have, the usual one first, each in words."""
-    measured, found = model.conditions, dict[str, list[tuple[Any, str]]]()
+    measured, result = model.conditions, dict[str, list[tuple[Any, str]]]()
     if model.known.gravity is not None:
         usual = float(np.median(measured.payload_kg))
         other = 0.0 if usual else _NEW_PAYLOAD_KG
-        found[_PAYLOAD] = [(usual, ""), (other, f"with a payload of {other:g} kg")]
+        result[_PAYLOAD] = [(usual, ""), (other, f"with a payload of {other:g} kg")]
     count = len(model.tree.readings)
-    found[APPROACH] = [
+    result[APPROACH] = [
         (np.ones(count), "approached with growing readings of all joints"),
         (-np.ones(count), "approached with falling readings of all joints"),
     ]
     if (heat := measured.covariates.get(TEMPERATURE)) is not None and np.isfinite(heat).all():
         middle = float(np.median(heat))
         warm = float(round(max(float(heat.max()), middle + _WARMER_K)))
-        found[TEMPERATURE] = [(middle, ""), (warm, f"at {warm:g} °C")]
-    return found
+        result[TEMPERATURE] = [(middle, ""), (warm, f"at {warm:g} °C")]
+    return result
 
 
 def _conditions(model: ChainModel, readings: NDArray, drawn: Mapping[str, NDArray]) -> ChainConditions:

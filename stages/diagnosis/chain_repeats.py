@@ -146,8 +146,8 @@ def _groups(attained: _Attained, model: ChainModel, tables: Mapping[str, pa.Tabl
     """Repeated poses of one series: those that repeat_of names, else those of equal readings of all joints."""
     table = tables.get("configurations")
     if table is not None and DECLARED in table.column_names:
-        place, names = {pose: at for at, pose in enumerate(attained.poses)}, pose_ids(table)
-        found = [[place[names[row]] for row in group if names[row] in place] for group in declared_repeats(table)]
+        index_of, names = {pose: at for at, pose in enumerate(attained.poses)}, pose_ids(table)
+        found = [[index_of[names[row]] for row in group if names[row] in index_of] for group in declared_repeats(table)]
         groups = [np.array(group, np.int64) for group in found]
     else:
         groups = repeated_groups(attained.readings, np.maximum(_SAME * model.known.reading_sigma, _ROUNDING))

@@ -180,8 +180,8 @@ def curves_table(fitted: FittedModel[Any]) -> dict[str, pa.Table]:
 
 def _zeros(model: ChainModel, shared: NDArray, covariance: NDArray) -> Iterator[dict[str, Any]]:
     """Yield the zeros of the joints that have a tolerance."""
-    for place, reading in enumerate(model.free_offsets):
-        unknown, sigma = model.layout["zeros"].start + place, float(model.known.offsets[reading])
+    for index, reading in enumerate(model.free_offsets):
+        unknown, sigma = model.layout["zeros"].start + index, float(model.known.offsets[reading])
         unit, si = ("rad", 1.0) if model.tree.is_revolute[reading] else ("mm", _MM)
         spread = float(np.sqrt(covariance[unknown, unknown])) * sigma
         name = model.tree.readings[reading]

@@ -392,12 +392,12 @@ def _largest(cause: Any, fitted: Fitted, least_known: bool) -> _Largest | None:
         return None
     for best in sorted(alike, key=lambda k: -(reported[k].sigma if least_known else abs(reported[k].value))):
         direction = np.zeros(len(fitted.shared))
-        for place, step in enumerate(_STEP * np.sqrt(np.diag(covariance))):
-            nudge = step * (np.arange(len(values)) == place)
+        for index, step in enumerate(_STEP * np.sqrt(np.diag(covariance))):
+            nudge = step * (np.arange(len(values)) == index)
             ahead, behind = (
                 cause.reported(values + sign * nudge, covariance, legs)[best].value for sign in (1.0, -1.0)
             )
-            direction[part.start + place] = (ahead - behind) / (2.0 * step) * scale[place]
+            direction[part.start + index] = (ahead - behind) / (2.0 * step) * scale[index]
         if direction.any():  # a pitch that the readings leave open depends on no unknown
             return _Largest(cause, reported[best], direction)
     return None

@@ -163,7 +163,7 @@ def _keys(table: pa.Table) -> list[tuple[Any, str]]:
 
 def with_rays(artifacts: Mapping[str, Any], rays: RayFindings, rule: Settings) -> dict[str, Any]:
     """Artifacts of a diagnosis of points, after the results of rays; ``rule``: that of the whole campaign."""
-    own_rule, found = rule_of_rays(rule), dict(artifacts)
+    own_rule, result = rule_of_rays(rule), dict(artifacts)
     level, search = own_rule.level, rays.diagnosis.search
     diagnosis = replace(rays.diagnosis, verdicts=assessed(rays.diagnosis.verdicts, search, level))
     sizes = detectable_words(search, level, [verdict.cause for verdict in diagnosis.verdicts], 0)
@@ -173,14 +173,14 @@ def with_rays(artifacts: Mapping[str, Any], rays: RayFindings, rule: Settings) -
     for row, verdict in zip(of_causes, diagnosis.verdicts, strict=True):
         if verdict.cause.key in rays.moves and row["verdict"] in ("found", "suspected"):
             row["explanation"] += _on_points(rays.moves[verdict.cause.key])
-    found["diagnosis"] = _ranked(rows, found["diagnosis"])
+    result["diagnosis"] = _ranked(rows, result["diagnosis"])
     for name, table in (
         ("detectable", detectable_table(diagnosis.search, level, 0)),
         ("adequacy", adequacy_table(diagnosis, own_rule, rays.data.shown.what)),
         ("cause_uncertainty", uncertainty_table(diagnosis, 0)),
     ):
-        found[name] = _concatenated_table(name, [found[name], table] if name in found else [table])
-    return found
+        result[name] = _concatenated_table(name, [result[name], table] if name in result else [table])
+    return result
 
 
 def _ranked(rays: list[dict[str, Any]], points: pa.Table) -> pa.Table:

@@ -146,8 +146,8 @@ def sensor_pull_tables(names: list[PullName], before: FittedModel, after: Fitted
 
 
 def _pulls_of_sensor(fitted: FittedModel) -> Pulls:
-    places: NDArray[np.int64] = np.r_[fitted.model.layout["geometry"], fitted.model.layout["stiffness"]]
-    return pulls(fitted.fit.shared[places], np.eye(len(places)), fitted.covariance()[np.ix_(places, places)])
+    indices: NDArray[np.int64] = np.r_[fitted.model.layout["geometry"], fitted.model.layout["stiffness"]]
+    return pulls(fitted.fit.shared[indices], np.eye(len(indices)), fitted.covariance()[np.ix_(indices, indices)])
 
 
 def _pull_tables(names: list[PullName], before: Pulls, after: Pulls, *, in_si: bool) -> dict[str, pa.Table]:

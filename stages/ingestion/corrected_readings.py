@@ -186,5 +186,7 @@ def positions_at_reference(
     )
     subject = np.full(len(positions), "axis", object)
     corrections.add(subject, "material", _UM_PER_MM * (less.value - positions), _UM_PER_MM * less.sigma)
-    place = collected.table.column_names.index("position_mm")
-    return replace(collected, table=collected.table.set_column(place, "position_mm", pa.array(less.value))), corrections
+    column = collected.table.column_names.index("position_mm")
+    return replace(
+        collected, table=collected.table.set_column(column, "position_mm", pa.array(less.value))
+    ), corrections

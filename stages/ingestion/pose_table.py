@@ -261,10 +261,10 @@ def _covariance(collected: CollectedRows, columns: tuple[str, ...], R: Array, se
     if names & set(POSE_COVARIANCE):
         return _given_covariance(collected, log)
     declared = settings.noise.displacement_mm
-    place = 1e-3 * sigmas(collected, COORDINATE_SIGMAS, declared, "noise.displacement_mm", _WHAT, log)
+    position = 1e-3 * sigmas(collected, COORDINATE_SIGMAS, declared, "noise.displacement_mm", _WHAT, log)
     turned, axes = _turn_sigmas(collected, columns, R, settings, log)
     covariance = np.zeros((len(R), 6, 6))
-    covariance[:, range(3), range(3)] = place**2
+    covariance[:, range(3), range(3)] = position**2
     covariance[:, 3:, 3:] = np.einsum("nik,nk,njk->nij", axes, turned**2, axes)
     return covariance
 

@@ -174,8 +174,8 @@ def _by_step(collected: CollectedRows, value: Array, sigma: Array, log: FaultLog
         table = table.append_column("sigma", pa.array(np.maximum(sigma, SIGMA_BOUNDS["um"][0])))
     made = averaged(replace(collected, table=table), log)
     reading = numbers(made, "reading")
-    place = made.table.column_names.index("reading")
-    table = made.table.set_column(place, "reading", pa.array(reading - reading[_first_of_run(made)]))
+    column = made.table.column_names.index("reading")
+    table = made.table.set_column(column, "reading", pa.array(reading - reading[_first_of_run(made)]))
     made = replace(made, table=table)
     if "time_s" in table.column_names:
         return made

@@ -53,17 +53,17 @@ def limits_of(prediction: PredictedPrecision) -> list[str]:
     camera = 1.0 - largest_sigma(prediction.with_known_camera) ** 2 / whole
     scale = 1.0 - largest_sigma(prediction.with_known_scale) ** 2 / whole
     texts = []
-    for place, variance in enumerate(whole):
+    for index, variance in enumerate(whole):
         if np.isnan(variance):
             texts.append("not seen twice")
-        elif scale[place] > 0.5:
+        elif scale[index] > 0.5:
             texts.append("scale")
-        elif camera[place] > 0.5:
+        elif camera[index] > 0.5:
             texts.append("camera")
-        elif prediction.rays[place] < _FEW_RAYS:
+        elif prediction.rays[index] < _FEW_RAYS:
             texts.append("few rays")
         else:
-            texts.append("narrow rays" if prediction.angle[place] < _NARROW else "noise")
+            texts.append("narrow rays" if prediction.angle[index] < _NARROW else "noise")
     return texts
 
 

@@ -129,16 +129,16 @@ def _diameters(settings: Any, image_targets: pa.Table | None, rows: list[dict[st
 
 def _bars(table: pa.Table | None, targets: PlannedTargets) -> tuple[Bars, tuple[str, ...]]:
     """Return the scale bars between targets of the plan, and notes on the others."""
-    place = {f"{body}/{name}": i for i, (body, name) in enumerate(zip(targets.body, targets.name, strict=True))}
+    index_of = {f"{body}/{name}": i for i, (body, name) in enumerate(zip(targets.body, targets.name, strict=True))}
     rows = [] if table is None else [row for row in table.to_pylist() if row["serves"] == "scale"]
-    rows_used = [row for row in rows if row["first"] in place and row["second"] in place]
+    rows_used = [row for row in rows if row["first"] in index_of and row["second"] in index_of]
     rows_used = list({row["bar"]: row for row in rows_used}.values())
     astray = sorted({row["bar"] for row in rows} - {row["bar"] for row in rows_used})
     statements = (f"Not used, because their ends are no surveyed targets: {', '.join(astray)}.",) if astray else ()
     if not rows_used:
         return Bars.none(), statements
     number = np.arange(len(rows_used))
-    ends = np.array([[place[row["first"]], place[row["second"]]] for row in rows_used])
+    ends = np.array([[index_of[row["first"]], index_of[row["second"]]] for row in rows_used])
     length = np.linalg.norm(np.diff(targets.layout.points[ends], axis=1)[:, 0], axis=1)  # as the survey has it
     sigma, repeat = (np.array([1e-3 * row[name] for row in rows_used]) for name in ("sigma_mm", "repeat_sigma_mm"))
     return Bars(number, ends[:, 0], ends[:, 1], repeat, length, sigma), statements

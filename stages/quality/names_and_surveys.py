@@ -81,8 +81,8 @@ def _likely(body: BodyView, points: PosePoints, at: int) -> LikelyName | None:
     apart = float(np.linalg.norm(others - body.survey.points[nearest], axis=1).min(initial=np.inf))
     if not off[nearest] < max(_NEAR * sigma, _NEAR_SHARE * apart):
         return None
-    places = np.flatnonzero(body.points.is_observed[:, nearest])
-    before, after = (places < rows[0]).any(), (places > rows[-1]).any()
+    indices = np.flatnonzero(body.points.is_observed[:, nearest])
+    before, after = (indices < rows[0]).any(), (indices > rows[-1]).any()
     poses = body.points.poses
     return LikelyName(
         body.name,
@@ -152,19 +152,19 @@ def expected_visible(resurveys: pa.Table | None, body: BodyView, around: PoseSur
     """Return the mask (B, T) of targets that should be observed: a target at a new position from its pose on, the
     former one until then."""
     out = np.ones(body.points.is_observed.shape, bool)
-    place = {name: at for at, name in enumerate(body.survey.targets)}
+    index_of = {name: at for at, name in enumerate(body.survey.targets)}
     since = {str(pose): at for at, pose in enumerate(around.poses)}
     rows = [] if resurveys is None else resurveys.to_pylist()
-    carried_name = {name: name for name in place}
+    carried_name = {name: name for name in index_of}
     for row in rows:
         if row["body"] != body.name or not row["holds_as"]:
             continue
-        new, start = place.get(row["holds_as"]), since.get(str(row["from_pose"]))
+        new, start = index_of.get(row["holds_as"]), since.get(str(row["from_pose"]))
         if start is None:  # no point of that very pose: since it was seen first
             start = 0 if new is None else int(body.points.is_observed[:, new].argmax())
         if new is not None:
             out[:start, new] = False
-        if row["holds_as"] != row["target"] and (old := place.get(carried_name.get(row["target"], ""))) is not None:
+        if row["holds_as"] != row["target"] and (old := index_of.get(carried_name.get(row["target"], ""))) is not None:
             out[start:, old] = False
         carried_name[row["target"]] = row["holds_as"]
     return out

@@ -199,7 +199,7 @@ class ChainPlan:
     def _distances(self, table: pa.Table, poses: tuple[int | str, ...], lengths: NDArray) -> pa.Table:
         assert isinstance(self.model, DistanceModel)
         keys = list(zip(self.model.channels.links, self.model.channels.names, strict=True))
-        places = {(keys[a], keys[b]): d for d, (a, b) in enumerate(self.model.ends)}
+        index_of = {(keys[a], keys[b]): d for d, (a, b) in enumerate(self.model.ends)}
         ends = [
             [(link or GROUND, name) for link, name in zip(*distances, strict=True)]
             for distances in (
@@ -208,17 +208,17 @@ class ChainPlan:
         ]
         pose, line = (
             positions(table.column("pose"), poses),
-            np.array([places[pair] for pair in zip(*ends, strict=True)]),
+            np.array([index_of[pair] for pair in zip(*ends, strict=True)]),
         )
         is_known = pose >= 0
         return _with_columns(table.filter(is_known), {"reading_mm": lengths[pose[is_known], line[is_known]] / _MM})
 
     def _points(self, table: pa.Table, poses: tuple[int | str, ...], values: NDArray) -> pa.Table:
         names, links = self.model.channels.names, self.model.channels.links
-        places = {key: k for k, key in enumerate(zip(links, names, strict=True)) if not self._is_rotation[k]}
+        index_of = {key: k for k, key in enumerate(zip(links, names, strict=True)) if not self._is_rotation[k]}
         pose = positions(table.column("pose"), poses)
         pairs = zip(table.column("body").to_pylist(), table.column("target").to_pylist(), strict=True)
-        channel = np.array([places.get(pair, -1) for pair in pairs], int)
+        channel = np.array([index_of.get(pair, -1) for pair in pairs], int)
         is_known = (pose >= 0) & (channel >= 0)
         values_mm = values[pose[is_known], channel[is_known]] / _MM
         return _with_columns(table.filter(is_known), {f"{axis}_mm": values_mm[:, k] for k, axis in enumerate("xyz")})

@@ -80,13 +80,13 @@ def _rate_rows(curve: Curve) -> list[dict[str, Any]]:
             **_kind_row(question),
             "size": factor * (question.expected or 0.0) * question.unit.value,
             "signal_to_noise": question.signal_to_noise(factor * (question.expected or 0.0)),
-            "campaigns": curve.found[place].of,
+            "campaigns": curve.found[index].of,
             "expected": question.rate(factor * (question.expected or 0.0)),
-            **_rate_columns("found", curve.found[place]),
-            **_rate_columns("named", curve.named[place]),
-            **_rate_columns("subject_right", curve.subject_right[place]),
+            **_rate_columns("found", curve.found[index]),
+            **_rate_columns("named", curve.named[index]),
+            **_rate_columns("subject_right", curve.subject_right[index]),
         }
-        for place, factor in enumerate(curve.factors)
+        for index, factor in enumerate(curve.factors)
     ]
 
 

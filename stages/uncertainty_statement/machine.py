@@ -44,14 +44,14 @@ def state_calibration(statement: Statement, tables: Mapping[str, pa.Table], sett
     if parts is None or not np.allclose(parts.standard, sigma, rtol=_CLOSES):
         parts = Budget((Source("fit as a whole: poses, readings and tolerances", "B"),), sigma[None])
     subject = f"{key[0]}, {key[1]} deformation"
-    places = np.flatnonzero(reported)
+    indices = np.flatnonzero(reported)
     statement.state(
         "calibration",
         subject,
-        [names[i] for i in places],
-        np.array([rows[i]["identified"] for i in places], float),
-        [rows[i]["unit"] for i in places],
-        Budget(parts.sources, parts.contributions[:, places]),
+        [names[i] for i in indices],
+        np.array([rows[i]["identified"] for i in indices], float),
+        [rows[i]["unit"] for i in indices],
+        Budget(parts.sources, parts.contributions[:, indices]),
     )
     for i in np.flatnonzero(~np.array(reported, bool)):
         statement.not_evaluated("calibration", names[i], "the data do not determine it", subject)

@@ -54,8 +54,8 @@ def chain_rows(
     found = joint_columns(names, data, values, used)
     if found is None:
         return None
-    left = [name for name in names if name not in found.raw and not _OF_CONTROLLER.search(bare_and_unit(name)[0])]
-    keys, raw, note = _several_targets(left) or _one_target(left, meant)
+    remaining = [name for name in names if name not in found.raw and not _OF_CONTROLLER.search(bare_and_unit(name)[0])]
+    keys, raw, note = _several_targets(remaining) or _one_target(remaining, meant)
     if not keys:
         return None
     rows = {"pose": meant["pose"]} if "pose" in meant else {}
@@ -85,8 +85,8 @@ def is_within_metres(coordinates: Array) -> bool:
 
 def _missing(names: Sequence[str], data: Sequence[Sequence[str]], raw: Sequence[str]) -> dict[str, list[str]]:
     """Return the key for empty cells of some columns, if there are any."""
-    places = [list(names).index(name) for name in raw]
-    return {"missing": [""]} if any(not row[place].strip() for row in data for place in places) else {}
+    columns = [list(names).index(name) for name in raw]
+    return {"missing": [""]} if any(not row[place].strip() for row in data for place in columns) else {}
 
 
 def _several_targets(names: Sequence[str]) -> tuple[dict[str, Any], tuple[str, ...], str] | None:

@@ -104,8 +104,8 @@ def _match_by_cells(
 ) -> tuple[str, ...] | None:
     """Return columns ``position0 ..`` next to columns ``name0 ..`` whose cells name the joints."""
     read_by_cells = {}
-    for place, name in enumerate(names):
-        cells = {row[place].strip() for row in data}
+    for index, name in enumerate(names):
+        cells = {row[index].strip() for row in data}
         if (number := re.search(r"name\D?(\d+)\D*$", name)) and len(cells) == 1:
             read_by_cells[cells.pop()] = number[1]
     at = {match[1]: name for name in names if (match := re.search(r"position\D?(\d+)\D*$", name))}

@@ -132,13 +132,13 @@ def _nominal_beside_measured(names: Sequence[str]) -> set[str]:
 
 def _grid_axes(names: Sequence[str]) -> dict[str, str]:
     """Return the columns of east, north and height, of which x, y and z are right-handed, by their names."""
-    found = {}
+    result = {}
     for column, pattern in zip(COORDINATES, _GRID, strict=True):
         own = [name for name in names if re.fullmatch(pattern, bare_and_unit(name)[0].casefold())]
         if len(own) != 1:
             return {}
-        found[own[0]] = column
-    return found
+        result[own[0]] = column
+    return result
 
 
 def _numbered_lengths(names: Sequence[str]) -> dict[str, str]:

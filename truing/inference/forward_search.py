@@ -96,9 +96,9 @@ class Searched(Generic[CauseT]):
     @property
     def search(self) -> Search[CauseT]:
         """Search of the last round, the only one that is not closed."""
-        found = self.rounds[-1].search
-        assert found is not None
-        return found
+        result = self.rounds[-1].search
+        assert result is not None
+        return result
 
     def named(self) -> list[CauseT]:
         """Return the accepted causes that the catalogue names."""

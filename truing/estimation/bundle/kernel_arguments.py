@@ -38,8 +38,8 @@ class EquationArrays(NamedTuple):
     """Normal equations to fill in.
 
     slot (C, 10): interior elements among the common unknowns, -1 if none. images (i, 6, 6), points (p, 3, 3), common
-    (c, c + 1) and their sides (., c + 1). flat: blocks between images and points, of which first_entry (n,) is the
-    first of each ray, and stride (i,) the length of the rows of an image.
+    (c, c + 1) and their sides (., c + 1). flat: blocks between images and points. first_entry (n,): first entry of each
+    ray in flat; stride (i,): length of the rows of an image.
     """
 
     slot: Index
@@ -64,8 +64,7 @@ class EntryArrays(NamedTuple):
 
 
 class RayBlocks(NamedTuple):
-    """Blocks (., 6, 3) of all rays of a pose, numbers (n,) of the rays of eliminated points, and the first of each
-    point (b + 1,)."""
+    """Blocks (., 6, 3) of all rays of a pose, rays (n,) of eliminated points, and the first of each point (b + 1,)."""
 
     blocks: Array
     ray: Index
@@ -95,8 +94,11 @@ class RayPairs(NamedTuple):
 
 
 class SortedRays(NamedTuple):
-    """Rays (n,) sorted by point, from first (P + 1,): direction (n, 2) as X/Z, Y/Z in the camera's frame, scale (n,) as
-    principal distance in px, and pose R (n, 3, 3), centre (n, 3) of the ray's image."""
+    """Rays (n,) sorted by point, from first (P + 1,).
+
+    direction (n, 2): X/Z, Y/Z in the camera's frame; scale (n,): principal distance in px; R (n, 3, 3) and centre
+    (n, 3): pose of the ray's image.
+    """
 
     direction: Array
     scale: Array

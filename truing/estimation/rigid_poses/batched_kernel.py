@@ -80,7 +80,7 @@ _PP, _TP, _TT = 62, 68, 77  # covariance: position (6), theta x position (9), th
 
 
 class PointPairs(NamedTuple):
-    """Clouds x, y (B or 1, N, 3) in m, weights w (B or 1, N), and noise (B or 1, N or 1) in m^2, which may be empty."""
+    """Clouds x, y (B or 1, N, 3) in m, weights w (B or 1, N), and variances (B or 1, N or 1) in m^2, or none."""
 
     x: NDArray
     y: NDArray
