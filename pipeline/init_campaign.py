@@ -97,7 +97,7 @@ def init_campaign(
     )
     if os.path.lexists(target):
         raise CampaignFaults([_never_overwritten(target)])
-    answers = Answers(given) if ask is None else Answers(given, ask)
+    all_answers = Answers(given) if ask is None else Answers(given, ask)
     guesses = with_numbered_poses(folder, with_lost_points(folder, _with_keys_of_names(guesses)), robot)
     guesses = with_poses_of_names(folder, guesses)
     guesses = with_survey(folder, guesses)
@@ -105,12 +105,12 @@ def init_campaign(
     guesses = [(group, one) for (group, _), one in zip(guesses, on_tip([g for _, g in guesses], robot), strict=True)]
     guesses = with_bodies_of_targets(folder, guesses)
     guesses = [(group, one) for (group, _), one in zip(guesses, with_tip(folder, guesses, robot), strict=True)]
-    guesses = _settled(folder, guesses, answers, console)
-    answers.raise_faults()
+    guesses = _settled(folder, guesses, all_answers, console)
+    all_answers.raise_faults()
     name = folder.resolve().name
     _write_new(target, campaign_text(name, guesses) if every_key else _starter(name, guesses, robot))
     console.written(f"wrote {target}; complete it, then: truing check {folder}", [target])
-    for point in answers.open_points():
+    for point in all_answers.open_points():
         console.tell("open_points", point)
         if not point["answered"]:
             taken = f"taken as {point['taken']}" if point["taken"] else "to be completed"
@@ -118,8 +118,8 @@ def init_campaign(
             console.line(f"open: {where}, {point['question']}: {taken} (else: --answer {key}=...)")
     if needs_description(robot, [guess for _, guess in guesses]):
         console.sentence(_NO_DESCRIPTION)
-    if answers.used:
-        console.line(f"the same answers again: {answers.command(folder, every_key=every_key)}")
+    if all_answers.used:
+        console.line(f"the same answers again: {all_answers.command(folder, every_key=every_key)}")
     return ExitCode.DONE
 
 

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 import pyarrow as pa
@@ -20,11 +20,14 @@ from truing.schemas.photograph_artifacts import FROM_MARKER, FROM_SURVEY
 from truing.stages.bundle_adjustment.rays_as_network import stated_sizes
 from truing.stages.common.point_arrays import number_column
 
+if TYPE_CHECKING:
+    from truing.schemas.campaign import Campaign
+
 # Relative uncertainty of a marker's edge without declared noise: that of printers.
 PRINTED_TO = 1e-3
 
 
-def with_scale(tables: Mapping[str, pa.Table], settings: Any, source: CampaignFiles) -> Mapping[str, pa.Table]:
+def with_scale(tables: Mapping[str, pa.Table], settings: Campaign, source: CampaignFiles) -> Mapping[str, pa.Table]:
     """Tables with further scale bars for poses without a complete bar, unless known points are their datum: distances
     between surveyed targets, else diagonals of markers and boards of known size.
 
@@ -130,7 +133,7 @@ def _board(board: Any, seen: Sequence[frozenset[str]], noise_mm: float | None) -
     return []
 
 
-def _surveyed(settings: Any, survey: SurveyedPoints | None) -> list[dict[str, object]]:
+def _surveyed(settings: Campaign, survey: SurveyedPoints | None) -> list[dict[str, object]]:
     """Rows of scale_bars: longest distances of the reference body (of every body without one) that share no end, so
     that their errors are independent. The shape of a mechanism's base is trusted."""
     if survey is None:

@@ -226,7 +226,7 @@ def claim_of(cause: Cause, legs: int) -> Claim:
     )
 
 
-def _plain(value: Any) -> Any:
+def _plain(value: object) -> Any:
     """A setting as JSON holds it; None if it is not finite."""
     if isinstance(value, (list, tuple, np.ndarray)):
         return [_plain(item) for item in value]

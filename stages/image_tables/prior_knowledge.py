@@ -22,6 +22,7 @@ from truing.stages.common.table_arrays import SmallTable, check_sigma, check_uni
 from truing.stages.image_tables.point_names import own_names
 
 if TYPE_CHECKING:
+    from truing.schemas.campaign import Campaign
     from truing.schemas.photographs import GivenCamera
 
 Row = dict[str, Any]
@@ -30,7 +31,7 @@ _NO_VALUES = ("name", "of", "poses", "images")
 _SAME = 1e-9  # of a number: as alike as two files write it
 
 
-def read_known(source: CampaignFiles, settings: Any, log: FaultLog) -> dict[str, SmallTable]:
+def read_known(source: CampaignFiles, settings: Campaign, log: FaultLog) -> dict[str, SmallTable]:
     """All prior knowledge of a network, by artifact; faults go into ``log``."""
     mapped = [table for table in OF_IMAGES if getattr(settings.files, table)]
     if source.entries("images") and source.entries("image_points"):
@@ -152,7 +153,7 @@ def _codes(family: str) -> frozenset[str]:
     return frozenset(map(str, range(codes_of(family))))
 
 
-def read_cameras(source: CampaignFiles, settings: Any, log: FaultLog) -> SmallTable | None:
+def read_cameras(source: CampaignFiles, settings: Campaign, log: FaultLog) -> SmallTable | None:
     """The cameras that the table cameras and [[cameras]] give, a row per parameter; None where neither gives any.
 
     A camera of both has the values of the table, completed by [[cameras]], which alone says what is free. One that

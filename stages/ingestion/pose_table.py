@@ -39,6 +39,7 @@ from truing.stages.common.table_arrays import (
 
 if TYPE_CHECKING:
     from truing.formats.source import CampaignFiles
+    from truing.schemas.campaign import Campaign
     from truing.stages.ingestion.points import ExpectedPoints
 
 ROTATION = tuple(f"m{i}{j}" for i in range(3) for j in range(3))
@@ -178,7 +179,7 @@ class PoseTable:
         return f"poses of {', '.join(self.bodies[:12])}, no points"
 
 
-def read_poses(source: CampaignFiles, settings: Any, expected: ExpectedPoints, log: FaultLog) -> PoseTable | None:
+def read_poses(source: CampaignFiles, settings: Campaign, expected: ExpectedPoints, log: FaultLog) -> PoseTable | None:
     """Return the measured poses of the campaign; None without a pose table. Faults go into ``log``."""
     if not source.entries("poses"):
         return None
@@ -254,7 +255,9 @@ def _without_missing(collected: CollectedRows, columns: tuple[str, ...], log: Fa
 # -- covariance -------------------------------------------------------------------------------------------
 
 
-def _covariance(collected: CollectedRows, columns: tuple[str, ...], R: Array, settings: Any, log: FaultLog) -> Array:
+def _covariance(
+    collected: CollectedRows, columns: tuple[str, ...], R: Array, settings: Campaign, log: FaultLog
+) -> Array:
     """Return the covariance (N, 6, 6), SI, order (p, theta): from the file, otherwise from its sigmas, otherwise as
     declared."""
     names = set(collected.table.column_names)

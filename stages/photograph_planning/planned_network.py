@@ -19,6 +19,8 @@ from truing.stages.common.nominal_mechanism import nominal_legs
 if TYPE_CHECKING:
     import pyarrow as pa
 
+    from truing.schemas.campaign import Campaign
+
 _FILE = "campaign.toml"
 _XYZ = ("x_mm", "y_mm", "z_mm")
 _WHENCE = (
@@ -30,7 +32,7 @@ _NOMINAL = ("base", "platform")  # the bodies whose nominal places a mechanism t
 
 
 def planned_network(
-    settings: Any,
+    settings: Campaign,
     tables: Mapping[str, pa.Table],
     normals: pa.Table | None,
     camera: str | None,
@@ -119,7 +121,7 @@ def _directions(normals: pa.Table | None, known: set[tuple[str, str]]) -> dict[t
     return directions
 
 
-def _diameters(settings: Any, image_targets: pa.Table | None, rows: list[dict[str, Any]]) -> Array:
+def _diameters(settings: Campaign, image_targets: pa.Table | None, rows: list[dict[str, Any]]) -> Array:
     """Return the diameter (P,) of each target in m: its own, otherwise the common one; NaN if unknown."""
     reported = {} if image_targets is None else {(row["body"], row["target"]): row for row in image_targets.to_pylist()}
     usual = settings.photographs.target_mm

@@ -160,7 +160,7 @@ def _table(name: str, parts: Sequence[dict[str, Any]], identifier: str) -> pa.Ta
     )
 
 
-def _column(values: Any, kind: pa.DataType) -> pa.Array:
+def _column(values: object, kind: pa.DataType) -> pa.Array:
     if isinstance(values, pa.DictionaryArray):
         return values
     if pa.types.is_dictionary(kind):

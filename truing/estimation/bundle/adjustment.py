@@ -180,7 +180,7 @@ class _ConvergedState:
 
 
 @dataclass
-class _Damping:
+class _StepDamping:
     """Damping of the steps: it grows after each failure and shrinks with the gain (Nielsen 1999).
 
     least: damping below which a direction is free. last_length: squared length of the step before, 0 after a failure.
@@ -228,7 +228,7 @@ def _minimise(
     if not np.isfinite(equations.chi2):
         raise UndeterminedNetworkError(_behind_cameras(observed, state))
     weight, iteration = tie_weights(observed, equations), 0
-    damping = _Damping(0.0 if decrease_tolerance else _START_DAMPING)
+    damping = _StepDamping(0.0 if decrease_tolerance else _START_DAMPING)
     for iteration in range(1, max_iterations + 1):
         try:
             reduced = eliminate_poses(observed, equations, start_freedoms, weight, damping.value, workspace)

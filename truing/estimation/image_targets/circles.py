@@ -155,7 +155,7 @@ def _fitted(grey: NDArray, start: Array, noise: ImageNoise, outer: Array, ring: 
         most = int(4 * (1.5 * a + 20) * (1.5 * b + 20))
         level = np.array([noise.read_var, noise.gain])
         picture = edge.Picture(grey.astype(np.uint16, copy=False), level, _top(grey))
-        targets = edge.Targets(np.ascontiguousarray(start), rings, np.asarray(rings.any(1)), outer)
+        targets = edge.EdgeTargets(np.ascontiguousarray(start), rings, np.asarray(rings.any(1)), outer)
         edge.fit_edges(picture, targets, held, most, results)
     return results
 

@@ -82,7 +82,7 @@ class Picture(NamedTuple):
     top: float
 
 
-class Targets(NamedTuple):
+class EdgeTargets(NamedTuple):
     """Start values (N, UNKNOWNS) of targets, code rings (N, S) of those ``coded`` (N,), and limits ``outer`` (N,) of
     pixels in radii."""
 
@@ -103,7 +103,7 @@ class Patch(NamedTuple):
     top: float
 
 
-class Workspace(NamedTuple):
+class FitWorkspace(NamedTuple):
     """Arrays that all fits of a call use one after the other."""
 
     normal: Array
@@ -449,13 +449,13 @@ def _fit(picture, target, held_share, pixels, work, result):  # type: ignore[no-
 
 
 @compiled(__file__, edge_picture.__file__, simd_arithmetic.__file__)
-def fit_edges(picture: Picture, targets: Targets, held_share: float, most: int, results: Array) -> None:
+def fit_edges(picture: Picture, targets: EdgeTargets, held_share: float, most: int, results: Array) -> None:
     """Fill in results (N, RESULTS) of all fits.
 
     held_share: levels held to a share of the contrast, 0: free; most: largest number of pixels of a fit.
     """
     shape = (UNKNOWNS, UNKNOWNS)
-    work = Workspace(
+    work = FitWorkspace(
         normal=np.empty(shape),
         rhs=np.empty(UNKNOWNS),
         factor=np.empty(shape),

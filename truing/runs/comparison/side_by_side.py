@@ -86,7 +86,7 @@ def compared_table(comparison: SideBySide) -> pa.Table:
     return pa.table(columns, schema)
 
 
-def _missing(value: Any) -> bool:
+def _missing(value: object) -> bool:
     return value is None or value != value
 
 
