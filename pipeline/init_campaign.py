@@ -14,6 +14,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 from truing.formats.file_search import is_raw_file
+from truing.formats.guess import MappingKeys
 from truing.formats.source import OF_IMAGES
 from truing.pipeline.campaign_folder import FILE, folder_meant, is_safe_name
 from truing.pipeline.console import RunConsole
@@ -170,7 +171,7 @@ def _with_keys(group: RawGroup, guess: Guess, tables: Counter[str | None]) -> Gu
     return replace(guess, mapping=_whole_mapping(group, guess, tables), ways=ways)
 
 
-def _whole_mapping(group: RawGroup, guess: Guess, tables: Counter[str | None]) -> dict[str, Any]:
+def _whole_mapping(group: RawGroup, guess: Guess, tables: Counter[str | None]) -> MappingKeys:
     mapping = _with_names(group, {**guess.mapping, **_body_from_name(group, guess)}, guess)
     constants = mapping.get("constants", {})
     if tables[guess.table] > 1 and group.count == 1 and guess.table in _LOADING_TABLES and "run" in constants:
@@ -458,7 +459,7 @@ def _file_lines(group: RawGroup, guess: Guess, *, alone: bool, most: int = _SHOW
         yield '# constants = { body = "platform" }   # needed: the body that carries these targets'
 
 
-def _with_names(group: RawGroup, mapping: dict[str, Any], guess: Guess) -> dict[str, Any]:
+def _with_names(group: RawGroup, mapping: MappingKeys, guess: Guess) -> MappingKeys:
     """Keys for a group's files, with the pose or target in their names."""
     named = {*guess.columns, *mapping.get("columns", {}), *mapping.get("number_rows", {})}
     style = mapping.get("format")
@@ -499,7 +500,7 @@ def _rows_are_poses(group: RawGroup, guess: Guess) -> bool:
     return rows >= _LONGER * group.count
 
 
-def _body_from_name(group: RawGroup, guess: Guess) -> dict[str, Any]:
+def _body_from_name(group: RawGroup, guess: Guess) -> MappingKeys:
     """Body of scans and surfaces: the word of the file's name that does not mean scan."""
     if guess.table not in ("scans", "surfaces"):
         return {}

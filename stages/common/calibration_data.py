@@ -4,13 +4,14 @@ from __future__ import annotations
 
 from collections.abc import Mapping
 from dataclasses import replace
-from typing import TYPE_CHECKING, Any, cast
+from typing import TYPE_CHECKING, cast
 
 import numpy as np
 import pyarrow as pa
 import pyarrow.compute as pc
 from numpy.typing import NDArray
 
+from truing.arrays import TableRow
 from truing.calibration.calibration_input import (
     CalibrationData,
     Deformation,
@@ -238,7 +239,7 @@ def _in_plane(models: pa.Table | None, legs: int) -> Deformation | None:
     return Deformation(K, sigma)
 
 
-def _coefficients(rows: list[dict[str, Any]], legs: int) -> Deformation:
+def _coefficients(rows: list[TableRow], legs: int) -> Deformation:
     K, sigma = np.full((legs, legs), np.nan), np.full((legs, legs), np.nan)
     for row in rows:
         K[row["leg"] - 1, row["column"] - 1] = row["coefficient"]

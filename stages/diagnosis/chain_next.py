@@ -10,7 +10,7 @@ from typing import TYPE_CHECKING, Any, ClassVar
 import numpy as np
 from numpy.typing import NDArray
 
-from truing.arrays import Array
+from truing.arrays import Array, TableRow
 from truing.estimation.design.rival_design import Fitted, PointInstrument, PoseCandidates, candidates
 from truing.schemas.faults import CampaignFaults
 from truing.simulation.inputs import APPROACH, LAST_STEP, MEMORY, ORDER, STOPS, TEMPERATURE, TIME
@@ -81,10 +81,10 @@ class PossibleChainPoses:
         readings = zip(self.ranges.columns, self.conditions.readings[k], strict=True)
         return {column.name: round(float(value / column.si), _DIGITS) for column, value in readings}
 
-    def rows(self, k: int) -> list[dict[str, Any]]:
+    def rows(self, k: int) -> list[TableRow]:
         """Return the table row of a candidate: readings, and payload and temperature where they matter."""
         again = None if self.repeats[k] is None else str(self.repeats[k])
-        row: dict[str, Any] = {**self._readings(k), "conditions": self.words[k] or None, "repeat_of": again}
+        row: TableRow = {**self._readings(k), "conditions": self.words[k] or None, "repeat_of": again}
         if _PAYLOAD in self.matters:
             row[_PAYLOAD] = float(self.conditions.payload_kg[k])
         if TEMPERATURE in self.matters:

@@ -9,7 +9,7 @@ from typing import Any
 import numpy as np
 import pyarrow as pa
 
-from truing.arrays import Array, Index, Mask
+from truing.arrays import Array, Index, Mask, TableRow
 from truing.estimation.quality import repeated_groups
 from truing.estimation.repeatability import (
     FEWEST,
@@ -73,7 +73,7 @@ def accuracy_table(data: DiagnosisData[Any], tables: Mapping[str, pa.Table]) -> 
     parts = [_attained(model, attained) for attained in (data.calibration, data.held_out) if attained is not None]
     attained = _joined(parts)
     groups = _groups(attained, model, tables)
-    rng, rows = np.random.default_rng(_SEED), list[dict[str, Any]]()
+    rng, rows = np.random.default_rng(_SEED), list[TableRow]()
     channels = model.channels
     for k, turned in enumerate(channels.is_rotation):
         if turned and data.calibration.frames.free:
@@ -99,7 +99,7 @@ def accuracy_table(data: DiagnosisData[Any], tables: Mapping[str, pa.Table]) -> 
 
 def _rows(
     subject: str, poses: tuple[int | str, int | str | None], attained: int, figures: list[tuple[str, Figure]]
-) -> Iterator[dict[str, Any]]:
+) -> Iterator[TableRow]:
     """Rows of the figures of a pose, or of the distance of two; those about an axis are angles."""
     for figure, value in figures:
         unit, si = ("arcsec", _ARCSEC) if "_" in figure else ("um", _UM)

@@ -15,6 +15,7 @@ import numpy as np
 import pyarrow as pa
 from numpy.typing import NDArray
 
+from truing.arrays import TableRow
 from truing.estimation.bundle.shared_errors import MOST_PATTERNS, independent_errors
 from truing.estimation.bundle.shared_errors import with_shared_errors as points_with_shared_errors
 from truing.inference.detectable import assessed
@@ -183,11 +184,11 @@ def with_rays(artifacts: Mapping[str, Any], rays: RayFindings, rule: Settings) -
     return result
 
 
-def _ranked(rays: list[dict[str, Any]], points: pa.Table) -> pa.Table:
+def _ranked(rays: list[TableRow], points: pa.Table) -> pa.Table:
     """All rows in the order of their verdicts, those of rays first; a finding of either is rejected by neither."""
     rows = [*rays, *points.to_pylist()]
     reported = {row["cause"] for row in rows if row["verdict"] not in _LOST}
-    kept: list[dict[str, Any]] = []
+    kept: list[TableRow] = []
     for verdict in _ORDER:
         of_verdict = [row for row in rows if row["verdict"] == verdict]
         if verdict in _LOST:

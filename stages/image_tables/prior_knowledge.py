@@ -10,6 +10,7 @@ import numpy as np
 import pyarrow as pa
 from numpy.typing import NDArray
 
+from truing.arrays import TableRow
 from truing.estimation.bundle.camera import PARAMETERS, UNITS
 from truing.formats.faultlog import FaultLog
 from truing.formats.row_collection import CollectedRows, collect_rows
@@ -230,7 +231,7 @@ def cameras_table(rows: dict[str, dict[str, Any]]) -> pa.Table:
     return pa.Table.from_pylist(long, schema=ARTIFACTS["cameras_given"].arrow_schema())
 
 
-def _camera_format(row: dict[str, Any]) -> dict[str, Any]:
+def _camera_format(row: TableRow) -> dict[str, Any]:
     """The format of a camera and its balancing radius: a third of the format's diagonal where it is not given."""
     about = {name: row.get(name) for name in _FORMAT}
     if about["balancing_radius_px"] is None:
@@ -239,7 +240,7 @@ def _camera_format(row: dict[str, Any]) -> dict[str, Any]:
     return about
 
 
-def _principal_distance(row: dict[str, Any]) -> float | None:
+def _principal_distance(row: TableRow) -> float | None:
     if row.get("focal_px") is not None:
         return float(row["focal_px"])
     if row.get("c_mm") is not None and row.get("pixel_um"):

@@ -10,7 +10,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 import pyarrow as pa
 
-from truing.arrays import Array, Mask
+from truing.arrays import Array, Mask, TableRow
 from truing.estimation.rigid_poses.later_survey import FALSE_ALARM, SurveyComparison, compare_surveys
 from truing.formats.faultlog import FaultLog
 from truing.formats.row_collection import CollectedRows, collect_rows
@@ -45,8 +45,8 @@ class LaterSurveys:
     """Results of later surveys: rows of ``resurveys``, targets to add to the survey, renamed targets, and raw rows left
     out."""
 
-    rows: list[dict[str, Any]] = field(default_factory=list)
-    added: list[dict[str, Any]] = field(default_factory=list)
+    rows: list[TableRow] = field(default_factory=list)
+    added: list[TableRow] = field(default_factory=list)
     rules: list[Relabel] = field(default_factory=list)
     left_out: dict[tuple[str, str], int] = field(default_factory=dict)
 

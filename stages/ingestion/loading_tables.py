@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 import pyarrow as pa
 
-from truing.arrays import Array
+from truing.arrays import Array, TableRow
 from truing.estimation.interferometry.recorded_steps import CHANNELS, LOADS
 from truing.formats.faultlog import FaultLog
 from truing.formats.file_search import words_on_unread_files
@@ -122,7 +122,7 @@ class LoadingTables:
         return tables | ({} if self.compliance is None else {"given_compliance": self.compliance})
 
     @property
-    def corrections(self) -> list[dict[str, Any]]:
+    def corrections(self) -> list[TableRow]:
         """Corrections of readings and positions."""
         corrected = [table for table in (self.readings, self.positions) if table is not None]
         return [row for table in corrected for row in table.corrections.rows]

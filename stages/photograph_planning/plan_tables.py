@@ -8,6 +8,7 @@ from typing import Any
 import numpy as np
 import pyarrow as pa
 
+from truing.arrays import TableRow
 from truing.estimation.bundle.photograph_plan import PhotographPlan
 from truing.estimation.bundle.planning import PredictedPrecision, body_motion, largest_sigma
 from truing.report.numbers import count as counted
@@ -77,7 +78,7 @@ def bodies_table(plan: PhotographPlan) -> pa.Table:
         sigma = prediction.sigma[body == name]
         members = np.flatnonzero(of_points == name)
         other = None if plan.reference in (None, name) else np.flatnonzero(of_points == plan.reference)
-        row: dict[str, Any] = {
+        row: TableRow = {
             "body": name,
             "targets": int((body == name).sum()),
             "worst_mm": 1e3 * float(np.nanmax(sigma)) if np.isfinite(sigma).any() else None,

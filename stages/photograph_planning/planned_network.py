@@ -7,7 +7,7 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from truing.arrays import Array
+from truing.arrays import Array, TableRow
 from truing.estimation.bundle.camera import Camera
 from truing.estimation.bundle.network import Bars
 from truing.estimation.bundle.photograph_plan import PlannedTargets
@@ -121,7 +121,7 @@ def _directions(normals: pa.Table | None, known: set[tuple[str, str]]) -> dict[t
     return directions
 
 
-def _diameters(settings: Campaign, image_targets: pa.Table | None, rows: list[dict[str, Any]]) -> Array:
+def _diameters(settings: Campaign, image_targets: pa.Table | None, rows: list[TableRow]) -> Array:
     """Return the diameter (P,) of each target in m: its own, otherwise the common one; NaN if unknown."""
     reported = {} if image_targets is None else {(row["body"], row["target"]): row for row in image_targets.to_pylist()}
     usual = settings.photographs.target_mm

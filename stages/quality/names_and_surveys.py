@@ -5,12 +5,11 @@ from __future__ import annotations
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
 from itertools import groupby
-from typing import Any
 
 import numpy as np
 import pyarrow as pa
 
-from truing.arrays import Mask
+from truing.arrays import Mask, TableRow
 from truing.estimation.rigid_poses.points import PosePoints
 from truing.estimation.rigid_poses.rigid import FitStatus
 from truing.quality.bodies import BodyView, PoseSurroundings
@@ -133,7 +132,7 @@ def declared_names(relabelled: pa.Table | None) -> set[tuple[str, str]]:
 
 def likely_table(likely: Sequence[LikelyName]) -> pa.Table:
     """Return the artifact likely_names."""
-    rows: list[dict[str, Any]] = [
+    rows: list[TableRow] = [
         {
             "body": candidate.body,
             "called": candidate.called,
@@ -182,7 +181,7 @@ def later_surveys(resurveys: pa.Table | None, exclude: Sequence[Overrule], limit
 
 
 def _check_later_survey(
-    subject: str, body: str, rows: list[dict[str, Any]], exclude: Sequence[Overrule], limits: CampaignLimits
+    subject: str, body: str, rows: list[TableRow], exclude: Sequence[Overrule], limits: CampaignLimits
 ) -> Iterator[Check]:
     compared = [row for row in rows if row["shift_x_mm"] is not None]
     if not compared:
@@ -212,7 +211,7 @@ def _check_later_survey(
         yield limit.row(subject, 0.0, "sigma", text)
 
 
-def _check_without_comparison(subject: str, rows: list[dict[str, Any]]) -> Check:
+def _check_without_comparison(subject: str, rows: list[TableRow]) -> Check:
     """Return the check of a body whose targets could not be compared: too many moved, or too few define a frame."""
     status = FitStatus(rows[0]["status"])
     if status not in (FitStatus.NO_CONSENSUS, FitStatus.AMBIGUOUS):
@@ -223,15 +222,15 @@ def _check_without_comparison(subject: str, rows: list[dict[str, Any]]) -> Check
     return Check("resurvey", subject, float(len(rows)), 0.0, "1", FAIL, text)
 
 
-def _size(row: dict[str, Any]) -> float:
+def _size(row: TableRow) -> float:
     return float(np.linalg.norm([row[f"shift_{a}_mm"] for a in _AXES]))
 
 
-def _over_sigma(row: dict[str, Any]) -> float:
+def _over_sigma(row: TableRow) -> float:
     return _size(row) / float(np.sqrt(np.mean([row[f"sigma_{a}_mm"] ** 2 for a in _AXES])))
 
 
-def _taken_into_account(row: dict[str, Any], exclude: Sequence[Overrule]) -> str:
+def _taken_into_account(row: TableRow, exclude: Sequence[Overrule]) -> str:
     if row["holds_as"]:
         return f"from pose {row['from_pose']} on it is {row['holds_as']}."
     for rule in exclude:

@@ -7,6 +7,7 @@ from typing import Any
 
 import pyarrow as pa
 
+from truing.arrays import TableRow
 from truing.inference.detectable import POWER
 from truing.simulation.detection_trials import Curve, DetectionQuestion, Rate
 
@@ -48,7 +49,7 @@ _RATES = (
 )
 
 
-def _table(rows: Sequence[dict[str, Any]], names: Sequence[str]) -> pa.Table:
+def _table(rows: Sequence[TableRow], names: Sequence[str]) -> pa.Table:
     kinds = {name: pa.string() if name in _TEXTS else pa.int64() if name in _COUNTS else pa.float64() for name in names}
     return pa.Table.from_pylist(rows, schema=pa.schema(list(kinds.items())))
 
@@ -73,7 +74,7 @@ def _sizes_row(curve: Curve) -> dict[str, Any]:
     return row
 
 
-def _rate_rows(curve: Curve) -> list[dict[str, Any]]:
+def _rate_rows(curve: Curve) -> list[TableRow]:
     question = curve.question
     return [
         {

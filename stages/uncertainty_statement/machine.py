@@ -3,11 +3,12 @@
 from __future__ import annotations
 
 from collections.abc import Mapping
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING
 
 import numpy as np
 import pyarrow as pa
 
+from truing.arrays import TableRow
 from truing.calibration.knowledge import budget_of_answer, refitted_calibration
 from truing.estimation.interferometry.iso230 import positioning_uncertainty
 from truing.estimation.uncertainty_budget import NOT_HELD, Budget, Source, budget, root_mean_square
@@ -80,7 +81,7 @@ def _name(parameter: str, leg: int | None, effect: str | None) -> str:
 
 
 def _budget(
-    tables: Mapping[str, pa.Table], settings: Campaign, key: tuple[str, str], rows: list[dict[str, Any]]
+    tables: Mapping[str, pa.Table], settings: Campaign, key: tuple[str, str], rows: list[TableRow]
 ) -> Budget | None:
     """Return the budget of the parameters in table units; None if the calibration cannot be repeated."""
     stood = {(row["parameter"], row["leg"]): row["identified"] for row in rows}

@@ -4,8 +4,8 @@ from __future__ import annotations
 
 import re
 from collections.abc import Collection, Sequence
-from typing import Any
 
+from truing.formats.guess import MappingKeys
 from truing.formats.shapes import COORDINATE_SIGMAS, COORDINATES
 from truing.formats.units import bare_and_unit, expanded, may_be
 from truing.schemas.columns import find_column
@@ -47,7 +47,7 @@ _READING = re.compile(
 )
 
 
-def columns_by_names(names: tuple[str, ...], without: Collection[str] = ()) -> tuple[dict[str, Any], list[str]]:
+def columns_by_names(names: tuple[str, ...], without: Collection[str] = ()) -> tuple[MappingKeys, list[str]]:
     """Return the probable meaning and unit of each column whose name is not the contract's.
 
     without: columns that the table does not have.
@@ -59,7 +59,7 @@ def columns_by_names(names: tuple[str, ...], without: Collection[str] = ()) -> t
         units |= dict.fromkeys(spread, unit) if unit is not None else {}
         notes += note
     notes = ["; ".join(notes)] if notes else []
-    mapping: dict[str, Any] = {"columns": columns} if columns else {}
+    mapping: MappingKeys = {"columns": columns} if columns else {}
     expanded_columns = {
         raw: one for column, raw in columns.items() if is_uncertainty(column) and (one := expanded(raw)) is not None
     }
@@ -108,7 +108,7 @@ def _common_uncertainty(names: tuple[str, ...]) -> tuple[dict[str, str], str | N
     return columns, bare_and_unit(name)[1], [f"{name} is taken for the uncertainty of each coordinate"]
 
 
-def _units(names: tuple[str, ...], units: dict[str, str]) -> dict[str, Any]:
+def _units(names: tuple[str, ...], units: dict[str, str]) -> MappingKeys:
     """Return the keys ``unit`` and ``units`` of a mapping, for columns whose unit differs from the contract's."""
     of_coordinates = {units.get(name) for name in COORDINATES}
     common = of_coordinates.pop() if len(of_coordinates) == 1 and not set(COORDINATES) & set(names) else None

@@ -3,21 +3,18 @@
 from __future__ import annotations
 
 from dataclasses import replace
-from typing import Any
 
 import numpy as np
 
 from truing.arrays import Array
-from truing.formats.guess import Guess, OtherWay
+from truing.formats.guess import Guess, MappingKeys, OtherWay
 from truing.formats.named_loads import LoadMapping
 from truing.formats.shapes import WRENCH
 
 _SAMPLES = 10  # rows per load from which on they are probably samples of one load step
 
 
-def proposal_of_loads(
-    loads: LoadMapping, names: tuple[str, ...], mapping: dict[str, Any], meant: dict[str, Any]
-) -> Guess:
+def proposal_of_loads(loads: LoadMapping, names: tuple[str, ...], mapping: MappingKeys, meant: MappingKeys) -> Guess:
     """Return a proposal for a table of loads, ordered by a column that seems to be time, if any."""
     time = {key: name for key, name in meant.get("columns", {}).items() if key == "time_s"}
     keys = {**loads.mapping, "columns": {**time, **loads.mapping["columns"]}}

@@ -10,7 +10,7 @@ from typing import Any
 import numpy as np
 
 from truing.arrays import Array
-from truing.formats.guess import Guess, OtherWay
+from truing.formats.guess import Guess, MappingKeys, OtherWay
 from truing.formats.named_chain import LINK, ChainRows, controller_columns, is_within_metres
 from truing.formats.named_columns import SHIFTS, PoseMapping, poses_side_by_side
 from truing.formats.named_joints import JointReadings, configurations_of_joints
@@ -50,7 +50,7 @@ class NamedCells:
         return any(not cell.strip() for row in self.rows for cell in row)
 
 
-def proposal_of_joints(read: JointReadings, mapping: dict[str, Any], names: tuple[str, ...], **more: Any) -> Guess:
+def proposal_of_joints(read: JointReadings, mapping: MappingKeys, names: tuple[str, ...], **more: Any) -> Guess:
     return Guess({**mapping, **read.mapping, **more}, names, "configurations", (read.note,), doubts=read.doubts)
 
 
@@ -62,7 +62,7 @@ def doubt_on_computed_poses(names: tuple[str, ...]) -> tuple[str, ...]:
     return (f"{text} (measured by an instrument: rename them x, y, z)",)
 
 
-def proposal_of_chain(rows: ChainRows, mapping: dict[str, Any], names: tuple[str, ...]) -> Guess:
+def proposal_of_chain(rows: ChainRows, mapping: MappingKeys, names: tuple[str, ...]) -> Guess:
     """Return the proposal for rows of joint readings beside points: points, and configurations of the same rows."""
     beside = (proposal_of_joints(rows.joints, mapping, names),)
     guess = Guess({**mapping, **rows.points}, names, "points", (rows.note,), beside=beside, doubts=rows.doubts)
@@ -79,7 +79,7 @@ def perhaps_in_metres(guess: Guess, in_metres: bool) -> Guess:
     return replace(taken, ways=(OtherWay("unit", text, "m", "mm", guess, doubt),))
 
 
-def proposal_of_bodies(cells: NamedCells, mapping: dict[str, Any]) -> Guess | None:
+def proposal_of_bodies(cells: NamedCells, mapping: MappingKeys) -> Guess | None:
     """Return a proposal for the poses of several bodies side by side, an entry for each; None without them."""
     names, bodies = cells.names, poses_side_by_side(cells.names, cells.values)
     if len(bodies) < _SEVERAL:
@@ -97,7 +97,7 @@ def proposal_of_bodies(cells: NamedCells, mapping: dict[str, Any]) -> Guess | No
     return replace(proposals[0], beside=tuple(proposals[1:]))
 
 
-def proposal_of_poses(poses: PoseMapping, cells: NamedCells, mapping: dict[str, Any], joints: Sequence[str]) -> Guess:
+def proposal_of_poses(poses: PoseMapping, cells: NamedCells, mapping: MappingKeys, joints: Sequence[str]) -> Guess:
     """Return a proposal for poses, and for the configurations that other columns of the same rows form."""
     keys, names = dict(poses.mapping), cells.names
     others = tuple(name for name in names if poses.taken and name not in poses.taken)
@@ -141,9 +141,9 @@ def _repeated_times(cells: NamedCells, reported: Mapping[str, str], body: tuple[
 
 def _poses_beside_joints(
     poses: PoseMapping,
-    keys: dict[str, Any],
+    keys: MappingKeys,
     cells: NamedCells,
-    mapping: dict[str, Any],
+    mapping: MappingKeys,
     read: tuple[JointReadings, str],
 ) -> Guess:
     """Return a proposal for poses of a robot's link, and for its joint readings in the same rows.

@@ -6,13 +6,13 @@ import re
 from collections.abc import Sequence
 from dataclasses import replace
 from pathlib import Path
-from typing import Any
 
 from truing.formats.compression import DAMAGED, open_plain
 from truing.formats.delimited import guess_separator, split_record
 from truing.formats.guess import (
     OF_RIGS,
     Guess,
+    MappingKeys,
     by_format,
     coded_alone,
     guess_by_first_lines,
@@ -130,7 +130,7 @@ def _sniff_text(path: Path, joints: Sequence[str]) -> Guess:
     lines_of_data = [(n, line) for n, line in numbered if comment is None or not line.lstrip().startswith(comment)]
     if not lines_of_data:
         return Guess(notes=("it holds no lines",))
-    mapping: dict[str, Any] = {} if encoding == "utf-8" else {"encoding": encoding}
+    mapping: MappingKeys = {} if encoding == "utf-8" else {"encoding": encoding}
     mapping |= {} if comment is None else {"comment": comment}
     mapping |= {"quote": ""} if _has_bare_quote([line for _, line in lines_of_data]) else {}
     remarks = [
@@ -164,7 +164,7 @@ def _decoded(head: bytes, *, is_complete: bool) -> tuple[str, str]:
 
 def _sniff_records(
     numbered: list[tuple[int, str]],
-    mapping: dict[str, Any],
+    mapping: MappingKeys,
     remarks: list[str],
     joints: Sequence[str],
     *,
@@ -208,7 +208,7 @@ def _sniff_workbook(path: Path, joints: Sequence[str]) -> Guess:
         texts = [[*row, *[""] * (width - len(row))] for row in texts]
         filled = [sum(cell != "" for cell in row) for row in texts]
         first = next(i for i, count in enumerate(filled) if count >= 0.6 * max(filled))
-        keys: dict[str, Any] = {"sheet": name} if len(sheets) > 1 else {}
+        keys: MappingKeys = {"sheet": name} if len(sheets) > 1 else {}
         before = [number - 1 for number, _ in rows]
         unit = unit_in_words([" ".join(row) for row in texts[:first]])
         keys |= {"skip_lines": before[first]} if first else {}

@@ -10,7 +10,16 @@ from typing import Any
 
 import numpy as np
 
-from truing.formats.guess import Guess, OtherWay, adjusted_points, is_id, parts_of_names, tracker, wide_template
+from truing.formats.guess import (
+    Guess,
+    MappingKeys,
+    OtherWay,
+    adjusted_points,
+    is_id,
+    parts_of_names,
+    tracker,
+    wide_template,
+)
 from truing.formats.heading import heading_of
 from truing.formats.likely_notation import COMMA_DECIMAL, COMMA_THOUSANDS, ambiguous_comma, is_number, likely_notation
 from truing.formats.named_bench import (
@@ -74,7 +83,7 @@ _SIGNS = (
 
 def sniff_cells(
     records: list[list[str]],
-    mapping: dict[str, Any],
+    mapping: MappingKeys,
     separator: str = ",",
     *,
     first_lines: Sequence[int] = (),
@@ -114,7 +123,7 @@ class _Surroundings:
 
 
 def _guess_by_notation(
-    records: list[list[str]], mapping: dict[str, Any], separator: str, notation: Notation, about: _Surroundings
+    records: list[list[str]], mapping: MappingKeys, separator: str, notation: Notation, about: _Surroundings
 ) -> Guess:
     """Return a proposal for records whose numbers are written in a notation."""
     if any(len(name) > LONGEST_NAME for name in records[0]):
@@ -183,7 +192,7 @@ def _with_unit_in_words(guess: Guess, unit: str | None) -> Guess:
     return replace(guess, mapping={**guess.mapping, "unit": unit}, notes=(*guess.notes, note))
 
 
-def _without_names(cells: NamedCells, mapping: dict[str, Any], notation: Notation, about: _Surroundings) -> Guess:
+def _without_names(cells: NamedCells, mapping: MappingKeys, notation: Notation, about: _Surroundings) -> Guess:
     """Return a proposal for a table of cells whose columns have no names."""
     names, data, values = cells.names, cells.rows, cells.values
     if (poses := bare_poses(values)) is not None:
@@ -202,7 +211,7 @@ def _without_names(cells: NamedCells, mapping: dict[str, Any], notation: Notatio
     return Guess(mapping | found, names, table, tuple(notes))
 
 
-def _guess_by_names(cells: NamedCells, mapping: dict[str, Any], joints: Sequence[str]) -> Guess:
+def _guess_by_names(cells: NamedCells, mapping: MappingKeys, joints: Sequence[str]) -> Guess:
     """Return a proposal for a table of cells by the names of its columns."""
     names = cells.names
     if (markers := _guess_markers(names, mapping)) is not None:
@@ -229,9 +238,7 @@ def _guess_by_names(cells: NamedCells, mapping: dict[str, Any], joints: Sequence
     return _guess_readings(cells, mapping, table, (keys, notes), joints)
 
 
-def _guess_table(
-    cells: NamedCells, mapping: dict[str, Any], table: str, by_names: tuple[dict[str, Any], list]
-) -> Guess:
+def _guess_table(cells: NamedCells, mapping: MappingKeys, table: str, by_names: tuple[MappingKeys, list]) -> Guess:
     """Return a proposal for a table whose characteristic columns are named; by_names: keys of columns, and notes."""
     (keys, notes), names = by_names, cells.names
     doubts: tuple[str, ...] = ()
@@ -248,9 +255,9 @@ def _guess_table(
 
 def _guess_readings(
     cells: NamedCells,
-    mapping: dict[str, Any],
+    mapping: MappingKeys,
     table: str | None,
-    by_names: tuple[dict[str, Any], list[str]],
+    by_names: tuple[MappingKeys, list[str]],
     joints: Sequence[str],
 ) -> Guess:
     """Return a proposal for readings of a bench, of joints or of a sensor, or of targets side by side."""
@@ -295,14 +302,14 @@ def _has_frames(names: Sequence[str]) -> bool:
     return names[0].strip().casefold() == "frame"
 
 
-def _guess_markers(names: tuple[str, ...], mapping: dict[str, Any]) -> Guess | None:
+def _guess_markers(names: tuple[str, ...], mapping: MappingKeys) -> Guess | None:
     """Return a proposal for markers of motion capture beside poses of rigid bodies; None without markers."""
     markers = [match["name"] for name in names if (match := _MARKER.fullmatch(name))]
     if len(markers) < _SEVERAL * _AXES or not any(name.startswith("Rigid Body.") for name in names):
         return None
     has_body = all(":" in name for name in markers)
     wide = f"Marker.{'{body}:' if has_body else ''}{{target}}.{{id}}.Position.{{axis}}"
-    keys: dict[str, Any] = {"wide": wide, "missing": [""], **({} if has_body else {"constants": {"body": "body"}})}
+    keys: MappingKeys = {"wide": wide, "missing": [""], **({} if has_body else {"constants": {"body": "body"}})}
     keys |= {"columns": {"pose": names[0]}} if _has_frames(names) else {"number_rows": {"pose": 1}}
     note = "markers of motion capture; poses of rigid bodies in the same file are not read, because markers give them"
     return Guess({**mapping, **keys}, names, "points", (note,))
@@ -323,7 +330,7 @@ def _has_axes_in_rows(data: list[list[str]]) -> bool:
 
 
 def _guess_axis(
-    axes: Sequence[Proposal], names: tuple[str, ...], mapping: dict[str, Any], meant: Mapping[str, str]
+    axes: Sequence[Proposal], names: tuple[str, ...], mapping: MappingKeys, meant: Mapping[str, str]
 ) -> Guess:
     """Return the proposal of an axis; of two, in degrees and in millimetres, the first is taken."""
     more = {key: raw for key, raw in meant.items() if key in ("pose", "role", "time_s", "temperature_c")}
@@ -371,7 +378,7 @@ def _pose_column(cells: NamedCells, keys: Mapping[str, Any]) -> str | None:
     return candidates[0] if len(candidates) == 1 else None
 
 
-def _with_parts_of_names(cells: NamedCells, keys: dict[str, Any]) -> dict[str, Any]:
+def _with_parts_of_names(cells: NamedCells, keys: MappingKeys) -> MappingKeys:
     """Add keys that take names such as ``Pose01::base::P1`` apart, if all targets have as many parts."""
     raw = keys.get("columns", {}).get("target")
     if raw is None:
@@ -379,7 +386,7 @@ def _with_parts_of_names(cells: NamedCells, keys: dict[str, Any]) -> dict[str, A
     return keys | parts_of_names(cells.texts(raw), raw, {*cells.names, *keys["columns"]})
 
 
-def _side_by_side(template: tuple[str, str | None], names: tuple[str, ...], mapping: dict[str, Any]) -> Guess:
+def _side_by_side(template: tuple[str, str | None], names: tuple[str, ...], mapping: MappingKeys) -> Guess:
     """Return a proposal for a table with coordinates of several targets in every row: points, one row per pose."""
     wide, unit = template
     numbered = {} if "pose" in {*names, *mapping.get("columns", {})} else {"number_rows": {"pose": 1}}
@@ -392,7 +399,7 @@ def _side_by_side(template: tuple[str, str | None], names: tuple[str, ...], mapp
     return Guess({**mapping_kept, **arguments, **more}, names, "points", (note,))
 
 
-def _positions(records: list[list[str]], notation: Notation) -> tuple[dict[str, Any], list[str]]:
+def _positions(records: list[list[str]], notation: Notation) -> tuple[MappingKeys, list[str]]:
     """Return the coordinates of a file without header: the first three columns of numbers, after a name if any."""
     width = len(records[0])
     numbers = [all(is_number(record[i], notation) for record in records) for i in range(width)]
@@ -404,7 +411,7 @@ def _positions(records: list[list[str]], notation: Notation) -> tuple[dict[str, 
     if sum(numbers) > _AXES:
         text = f"{sum(numbers)} columns of numbers without names: not taken for coordinates"
         return {}, [f"{text}; columns = {{ x_mm = {first + 1}, ... }} where they are"]
-    columns: dict[str, Any] = {name: first + 1 + i for i, name in enumerate(COORDINATES)}
+    columns: MappingKeys = {name: first + 1 + i for i, name in enumerate(COORDINATES)}
     if first > 0:
         columns = {"target": first, **columns}
     shown = [[record[i] for i in range(first, first + 3)] for record in records]
