@@ -68,12 +68,12 @@ def _badness(row: dict[str, Any]) -> tuple[int, int, str, str]:
     return -gravity(row["exit_code"]), -state, row["campaign"], row["campaign_path"]
 
 
-def _row(place: Path, outcome: CampaignOutcome) -> dict[str, Any]:
+def _row(path: Path, outcome: CampaignOutcome) -> dict[str, Any]:
     run = next((fact for kind, fact in outcome.facts if kind == "campaigns"), {})
     verdict = run.get("verdict") or {}
     return {
-        "campaign": run.get("campaign", str(place)),
-        "campaign_path": str(place),
+        "campaign": run.get("campaign", str(path)),
+        "campaign_path": str(path),
         "campaign_state": verdict.get("state"),
         "decided_by": verdict.get("decided_by") or None,
         "explanation": verdict.get("explanation", ""),

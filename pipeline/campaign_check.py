@@ -221,12 +221,12 @@ def _remove(document: Mapping[str, Any], dotted: str) -> bool:
     return True
 
 
-def report_check(place: Path, console: RunConsole) -> ExitCode:
+def report_check(path: Path, console: RunConsole) -> ExitCode:
     """`truing check` for one campaign: print the evaluable stages, or raise CampaignFaults."""
-    campaign = open_campaign(place)
+    campaign = open_campaign(path)
     campaign_check = check_campaign(campaign)
     unrelated = campaign.has_photographs or campaign_check.rows > _MOST_ROWS
-    contradictions, doubtful = ((), ()) if unrelated else _contradictions(place, campaign_check.ingested)
+    contradictions, doubtful = ((), ()) if unrelated else _contradictions(path, campaign_check.ingested)
     verdict = "no fault" if campaign_check.is_evaluated else "only the quality checks can be evaluated"
     if contradictions:
         verdict = "the files can be read, but the data contradict the campaign's description"
@@ -246,7 +246,7 @@ def report_check(place: Path, console: RunConsole) -> ExitCode:
     return ExitCode.FAILED_CHECK if contradictions else ExitCode.DONE
 
 
-def _contradictions(place: Path, ingested: Mapping[str, Any] | None) -> tuple[tuple[str, ...], tuple[str, ...]]:
+def _contradictions(path: Path, ingested: Mapping[str, Any] | None) -> tuple[tuple[str, ...], tuple[str, ...]]:
     """Messages of quality checks that contradict the campaign's description, failed or in doubt.
 
     ``ingested``: tables of ingest, which takes long for scans; read again if None.
@@ -254,7 +254,7 @@ def _contradictions(place: Path, ingested: Mapping[str, Any] | None) -> tuple[tu
     from truing.pipeline.in_memory import as_read, stage_line
     from truing.stages.common.belonging import failed_relations
 
-    line = stage_line(place)
+    line = stage_line(path)
     if ingested is None:
         line.call("ingest")
     else:

@@ -85,13 +85,13 @@ class CampaignFolder:
         return value
 
 
-def open_campaign(place: Path) -> CampaignFolder:
+def open_campaign(path: Path) -> CampaignFolder:
     """Parse the campaign.toml in a folder (or the file itself); raises CampaignFaults."""
-    file = place if place.suffix == ".toml" and place.is_file() else place / FILE
+    file = path if path.suffix == ".toml" and path.is_file() else path / FILE
     try:
         text = read_settings_text(file)
     except FileNotFoundError:
-        raise CampaignFaults([Fault(str(file), _expected_instead(place))]) from None
+        raise CampaignFaults([Fault(str(file), _expected_instead(path))]) from None
     except TooLarge as error:
         expected = f"settings of at most {LARGEST >> 20} MB; put measured values into tables"
         raise CampaignFaults([Fault(str(file), expected, value=f"{error.size >> 20} MB")]) from None

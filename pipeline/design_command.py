@@ -44,9 +44,9 @@ class DesignFiles:
     out: Path | None = None
 
 
-def design_campaign(place: Path, options: DesignOptions, files: DesignFiles, console: RunConsole) -> ExitCode:
+def design_campaign(path: Path, options: DesignOptions, files: DesignFiles, console: RunConsole) -> ExitCode:
     """Choose configurations, print their quality, and write them to a file or stdout. Raises CampaignFaults."""
-    campaign = open_campaign(place)
+    campaign = open_campaign(path)
     check_file(files.out, reads=(files.extend, files.avoid), campaign=campaign)
     if campaign.validated().campaign.kind == "interferometer":
         return (_loads_for_causes if options.causes else _plan_loads)(campaign, options, files, console)

@@ -65,13 +65,13 @@ STUDIES = {
 
 
 def study_campaign(
-    place: Path, studies: Sequence[str], options: DesignOptions, files: DesignFiles, console: RunConsole
+    path: Path, studies: Sequence[str], options: DesignOptions, files: DesignFiles, console: RunConsole
 ) -> ExitCode:
     """Study a machine, print the results, and leave tables and a page. Raises CampaignFaults, also for two studies."""
     name, *others = studies
     if others:
         raise CampaignFaults([Fault(f"--{others[0]}", f"one study at a time, not with --{name}")])
-    campaign, study = open_campaign(place), STUDIES[name]
+    campaign, study = open_campaign(path), STUDIES[name]
     check_file(files.out, reads=(files.avoid,), campaign=campaign)
     given: dict[str, object] = {"--extend": files.extend, "--avoid": None if name == "accuracy" else files.avoid}
     given |= {"--parameters": ",".join(options.parameters), "--causes": ",".join(options.causes)}

@@ -273,11 +273,11 @@ def _completed_futures(
     from distributed import as_completed
 
     waiting: dict[DaskFuture, int] = {}
-    left = iter(numbers)
+    remaining = iter(numbers)
     completed = as_completed(loop=client.loop)
 
     def hand_out(count: int) -> None:
-        for number in islice(left, count):
+        for number in islice(remaining, count):
             future = client.submit(work, pieces[number], pure=False)
             waiting[future] = number
             completed.add(future)

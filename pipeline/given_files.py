@@ -75,48 +75,46 @@ def leave_tables(file: Path, tables: Mapping[str, pa.Table], page: str) -> list[
     return [*written, file.with_suffix(".html")]
 
 
-def check_file(
-    place: Path | None, *, reads: Sequence[Path | None] = (), campaign: CampaignFolder | None = None
-) -> None:
+def check_file(path: Path | None, *, reads: Sequence[Path | None] = (), campaign: CampaignFolder | None = None) -> None:
     """Raise CampaignFaults if an output file is no table, or must not be overwritten."""
-    if place is not None and (why := next(_file_objections(place, reads, campaign), None)):
-        raise CampaignFaults([Fault(_OPTION, why, value=str(place))])
+    if path is not None and (why := next(_file_objections(path, reads, campaign), None)):
+        raise CampaignFaults([Fault(_OPTION, why, value=str(path))])
 
 
-def _file_objections(place: Path, reads: Sequence[Path | None], campaign: CampaignFolder | None) -> Iterator[str]:
-    if place.suffix not in ENDINGS:
+def _file_objections(path: Path, reads: Sequence[Path | None], campaign: CampaignFolder | None) -> Iterator[str]:
+    if path.suffix not in ENDINGS:
         yield "a file that ends in .csv or .parquet"
-    if place.is_dir():
+    if path.is_dir():
         yield "a file to write, not a folder"
-    if any(_is_same_folder(place, read) for read in reads if read is not None):
+    if any(_is_same_folder(path, read) for read in reads if read is not None):
         yield "a file that this call does not read"
-    if (campaign is not None and _is_raw(place, campaign)) or _is_raw_file(place):
+    if (campaign is not None and _is_raw(path, campaign)) or _is_raw_file(path):
         yield "a file that is no raw file of a campaign; remove it first if it contains no measurements"
-    if (place.parent / PRIVATE).is_dir() and place.name in {artifact.file for artifact in ARTIFACTS.values()}:
+    if (path.parent / PRIVATE).is_dir() and path.name in {artifact.file for artifact in ARTIFACTS.values()}:
         yield "a file that is not part of a run"
 
 
-def check_folder(place: Path) -> None:
+def check_folder(path: Path) -> None:
     """Raise CampaignFaults if an output folder is a campaign's."""
-    if os.path.lexists(place / FILE):
-        raise CampaignFaults([Fault(_OPTION, "a folder that holds no campaign", value=str(place))])
+    if os.path.lexists(path / FILE):
+        raise CampaignFaults([Fault(_OPTION, "a folder that holds no campaign", value=str(path))])
 
 
-def _is_same_folder(place: Path, other: Path) -> bool:
-    return os.path.realpath(place) == os.path.realpath(other)
+def _is_same_folder(path: Path, other: Path) -> bool:
+    return os.path.realpath(path) == os.path.realpath(other)
 
 
-def _is_raw_file(place: Path) -> bool:
+def _is_raw_file(path: Path) -> bool:
     """True if the campaign in the same folder reads a file; True if its campaign.toml cannot be read."""
-    if not place.exists() or not os.path.lexists(place.parent / FILE):
+    if not path.exists() or not os.path.lexists(path.parent / FILE):
         return False
     try:
-        return _is_raw(place, open_campaign(place.parent))
+        return _is_raw(path, open_campaign(path.parent))
     except CampaignFaults:
         return True
 
 
-def _is_raw(place: Path, campaign: CampaignFolder) -> bool:
+def _is_raw(path: Path, campaign: CampaignFolder) -> bool:
     from truing.formats.source import raw_files
 
-    return any(_is_same_folder(place, raw) for raw in raw_files(campaign.folder, campaign.document))
+    return any(_is_same_folder(path, raw) for raw in raw_files(campaign.folder, campaign.document))

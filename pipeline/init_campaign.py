@@ -14,6 +14,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 from truing.formats.file_search import is_raw_file
+from truing.formats.guess import MappingKeys
 from truing.formats.source import OF_IMAGES
 from truing.pipeline.campaign_folder import FILE, folder_meant, is_safe_name
 from truing.pipeline.console import RunConsole
@@ -97,7 +98,7 @@ def init_campaign(
     )
     if os.path.lexists(target):
         raise CampaignFaults([_never_overwritten(target)])
-    said = Answers(given) if ask is None else Answers(given, ask)
+    all_answers = Answers(given) if ask is None else Answers(given, ask)
     guesses = with_numbered_poses(folder, with_lost_points(folder, _with_keys_of_names(guesses)), robot)
     guesses = with_poses_of_names(folder, guesses)
     guesses = with_survey(folder, guesses)
@@ -105,12 +106,12 @@ def init_campaign(
     guesses = [(group, one) for (group, _), one in zip(guesses, on_tip([g for _, g in guesses], robot), strict=True)]
     guesses = with_bodies_of_targets(folder, guesses)
     guesses = [(group, one) for (group, _), one in zip(guesses, with_tip(folder, guesses, robot), strict=True)]
-    guesses = _settled(folder, guesses, said, console)
-    said.raise_faults()
+    guesses = _settled(folder, guesses, all_answers, console)
+    all_answers.raise_faults()
     name = folder.resolve().name
     _write_new(target, campaign_text(name, guesses) if every_key else _starter(name, guesses, robot))
     console.written(f"wrote {target}; complete it, then: truing check {folder}", [target])
-    for point in said.open_points():
+    for point in all_answers.open_points():
         console.tell("open_points", point)
         if not point["answered"]:
             taken = f"taken as {point['taken']}" if point["taken"] else "to be completed"
@@ -118,15 +119,15 @@ def init_campaign(
             console.line(f"open: {where}, {point['question']}: {taken} (else: --answer {key}=...)")
     if needs_description(robot, [guess for _, guess in guesses]):
         console.sentence(_NO_DESCRIPTION)
-    if said.used:
-        console.line(f"the same answers again: {said.command(folder, every_key=every_key)}")
+    if all_answers.used:
+        console.line(f"the same answers again: {all_answers.command(folder, every_key=every_key)}")
     return ExitCode.DONE
 
 
 def _settled(folder: Path, guesses: list[_File], answers: Answers, console: RunConsole) -> list[_File]:
     """Show each file as it is understood, and settle its open points."""
     has_points = any(guess.table == "points" for _, guess in guesses)
-    found = []
+    result = []
     for number, (group, guess) in enumerate(guesses):
         words = _summary(group, guess)
         console.line(f"{_printable(group.glob)}: {words}")
@@ -141,8 +142,8 @@ def _settled(folder: Path, guesses: list[_File], answers: Answers, console: RunC
         if is_shown and (settled.mapping, settled.table) != (guess.mapping, guess.table):
             console.line("by these answers:")
             _show(folder, group, settled, console)
-        found.append((group, settled))
-    return found
+        result.append((group, settled))
+    return result
 
 
 def _show(folder: Path, group: RawGroup, guess: Guess, console: RunConsole) -> None:
@@ -170,7 +171,7 @@ def _with_keys(group: RawGroup, guess: Guess, tables: Counter[str | None]) -> Gu
     return replace(guess, mapping=_whole_mapping(group, guess, tables), ways=ways)
 
 
-def _whole_mapping(group: RawGroup, guess: Guess, tables: Counter[str | None]) -> dict[str, Any]:
+def _whole_mapping(group: RawGroup, guess: Guess, tables: Counter[str | None]) -> MappingKeys:
     mapping = _with_names(group, {**guess.mapping, **_body_from_name(group, guess)}, guess)
     constants = mapping.get("constants", {})
     if tables[guess.table] > 1 and group.count == 1 and guess.table in _LOADING_TABLES and "run" in constants:
@@ -364,7 +365,7 @@ def _starter(name: str, guesses: list[tuple[RawGroup, Guess]], robot: Robot | No
 
     tables = Counter(guess.table for _, guess in guesses)
     read = [(group, guess) for group, guess in guesses if guess.table is not None]
-    left = [(group, guess) for group, guess in guesses if guess.table is None and group.example.suffix != SUFFIX]
+    remaining = [(group, guess) for group, guess in guesses if guess.table is None and group.example.suffix != SUFFIX]
     entries = [(g, guess, list(_file_lines(g, guess, alone=tables[guess.table] == 1, most=0))) for g, guess in read]
     kept, more = _shortened_entries(entries, _MOST_LINES)
     files = [line for _, _, lines in kept for line in lines]
@@ -376,7 +377,7 @@ def _starter(name: str, guesses: list[tuple[RawGroup, Guess]], robot: Robot | No
             "the others.",
         ]
     files += _listing("Also found; truing init --all writes their entries:", [_found_words(*one[:2]) for one in more])
-    files += _listing("Not read:", [_left_words(group, guess) for group, guess in left])
+    files += _listing("Not read:", [_left_words(group, guess) for group, guess in remaining])
     return starter_text(_name(name), _kind(tables), [guess for _, guess in read], files, robot)
 
 
@@ -458,7 +459,7 @@ def _file_lines(group: RawGroup, guess: Guess, *, alone: bool, most: int = _SHOW
         yield '# constants = { body = "platform" }   # needed: the body that carries these targets'
 
 
-def _with_names(group: RawGroup, mapping: dict[str, Any], guess: Guess) -> dict[str, Any]:
+def _with_names(group: RawGroup, mapping: MappingKeys, guess: Guess) -> MappingKeys:
     """Keys for a group's files, with the pose or target in their names."""
     named = {*guess.columns, *mapping.get("columns", {}), *mapping.get("number_rows", {})}
     style = mapping.get("format")
@@ -499,7 +500,7 @@ def _rows_are_poses(group: RawGroup, guess: Guess) -> bool:
     return rows >= _LONGER * group.count
 
 
-def _body_from_name(group: RawGroup, guess: Guess) -> dict[str, Any]:
+def _body_from_name(group: RawGroup, guess: Guess) -> MappingKeys:
     """Body of scans and surfaces: the word of the file's name that does not mean scan."""
     if guess.table not in ("scans", "surfaces"):
         return {}

@@ -10,6 +10,7 @@ from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, TypeVar
 
+from truing.formats.guess import MappingKeys
 from truing.formats.source import PICTURES
 
 if TYPE_CHECKING:
@@ -100,7 +101,7 @@ def _common_affixes(tokens: Sequence[Sequence[str]]) -> tuple[int, int]:
     return before, after
 
 
-def distinguishing_pattern(names: Sequence[str], column: str) -> dict[str, Any]:
+def distinguishing_pattern(names: Sequence[str], column: str) -> MappingKeys:
     "A ``from_name`` that gives each file a different value of a column: a number if possible, else all that varies."
     tokens = [_TOKEN.findall(name) for name in names]
     if similar_names(tokens):
@@ -119,7 +120,7 @@ def distinguishing_pattern(names: Sequence[str], column: str) -> dict[str, Any]:
     return {"from_name": f"{re.escape(head)}(?P<{column}>.+){re.escape(tail)}"}
 
 
-def bodies_and_targets(names: Sequence[str]) -> dict[str, Any]:
+def bodies_and_targets(names: Sequence[str]) -> MappingKeys:
     """The ``from_name`` of files with one target each, with the word before it as body; none if none fits."""
     found = _one_body(names) or _several_bodies(names)
     if found is None:
@@ -136,8 +137,8 @@ def _one_body(names: Sequence[str]) -> str | None:
     if not before or any(len(own) == before for own in words):
         return None
     follows = _text_after_target([own[before:] for own in words])
-    left = [own[before:] for own in words]
-    if all(len(own) == 2 and own[1].isdecimal() and own[0].isalpha() for own in left):  # SMR_1 SMR_2 base_1 base_2
+    remaining = [own[before:] for own in words]
+    if all(len(own) == 2 and own[1].isdecimal() and own[0].isalpha() for own in remaining):  # SMR_1 SMR_2 base_1 base_2
         return rf"{re.escape(words[0][before - 1])}_(?P<body>[^\W\d_]+)_(?P<target>\d+)"
     return rf"(?P<body>{re.escape(words[0][before - 1])})[\W_]+(?P<target>.+?){follows}"
 
@@ -179,17 +180,17 @@ def photograph_entries(folder: Path, pictures: Sequence[Path]) -> list[tuple[str
         top = relative.parts[0] if len(relative.parts) > 1 else ""
         groups.setdefault((top, path.suffix), []).append(relative)
     tops = len({top for top, _ in groups})
-    found = []
+    result = []
     for (top, suffix), paths in sorted(groups.items()):
         pattern, mapping = _read_by(top, suffix, paths, alone=tops == 1)
         guess = Guess(
             mapping={} if top == _BY_CONTRACT else mapping, table="images", notes=(*_NEEDED, *_remarks(mapping))
         )
-        found.append((pattern, folder / paths[0], len(paths), guess))
-    return found
+        result.append((pattern, folder / paths[0], len(paths), guess))
+    return result
 
 
-def _read_by(top: str, suffix: str, paths: Sequence[Path], *, alone: bool) -> tuple[str, dict[str, Any]]:
+def _read_by(top: str, suffix: str, paths: Sequence[Path], *, alone: bool) -> tuple[str, MappingKeys]:
     """Glob for these photographs, and the source of their pose numbers; ``alone``: no other folder has any."""
     depth = max(len(path.parts) for path in paths)
     head = f"{glob.escape(top)}/" if top else ""
@@ -213,7 +214,7 @@ def _in_names(before: Sequence[str]) -> str:
     return _IN_NAMES if not head else rf"^{re.escape(head)}(?P<pose>\d+)[-_ ]\d+\."
 
 
-def _remarks(mapping: dict[str, Any]) -> tuple[str, ...]:
+def _remarks(mapping: MappingKeys) -> tuple[str, ...]:
     if "constants" in mapping:
         return ("by their names, all photographs are of one pose",)
     return ()

@@ -6,9 +6,9 @@ import re
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING
 
-from truing.formats.guess import OtherWay
+from truing.formats.guess import MappingKeys, OtherWay
 from truing.formats.presets import target_column
 from truing.pipeline.init_preview import first_rows
 from truing.pipeline.init_questions import PLACEHOLDER, is_body_open, without_placeholder
@@ -94,13 +94,13 @@ def _numbers(names: Sequence[str]) -> list[int]:
     return numbers if len(numbers) == len(names) == len(set(numbers)) and len(stems) == 1 else []
 
 
-def _numbering(numbers: Sequence[int], log: _Log, raw: str | int, guess: Guess) -> dict[str, Any] | None:
+def _numbering(numbers: Sequence[int], log: _Log, raw: str | int, guess: Guess) -> MappingKeys | None:
     """Keys that give each place its pose: the number of its name, shifted if need be, or the number of its row.
 
     None if the log has other poses. A log whose rows are counted has no numbers of its own. A list from 0 on is
     shifted; one of the same length with other numbers is used in its order.
     """
-    by_name: dict[str, Any] = {"split": {**guess.mapping.get("split", {}), str(raw): r".*?(?P<pose>\d+)"}}
+    by_name: MappingKeys = {"split": {**guess.mapping.get("split", {}), str(raw): r".*?(?P<pose>\d+)"}}
     logged = {int(pose) for pose in log.poses if pose.isdecimal()}
     if not numbers or not logged:
         return None
@@ -114,7 +114,7 @@ def _numbering(numbers: Sequence[int], log: _Log, raw: str | int, guess: Guess) 
     return {"number_rows": {"pose": min(logged)}} if len(numbers) == len(logged) else None
 
 
-def _of_one_target(guess: Guess, body: str) -> dict[str, Any]:
+def _of_one_target(guess: Guess, body: str) -> MappingKeys:
     """Keys of a file without names of targets, which are one target of a body."""
     mapping = without_placeholder(guess.mapping)
     columns = {key: name for key, name in mapping.get("columns", {}).items() if key != "target"}

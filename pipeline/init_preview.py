@@ -11,6 +11,7 @@ from typing import Any
 from truing.formats import shapes
 from truing.formats.evaluation import TableBatch
 from truing.formats.faultlog import FaultLog
+from truing.formats.guess import MappingKeys
 from truing.formats.read import read_table
 from truing.formats.source import CampaignFiles
 from truing.schemas.campaign import read_campaign
@@ -39,7 +40,7 @@ class Preview:
     fault: str = ""
 
 
-def preview(folder: Path, files: Sequence[Path], table: str, kind: str, mapping: dict[str, Any]) -> Preview | None:
+def preview(folder: Path, files: Sequence[Path], table: str, kind: str, mapping: MappingKeys) -> Preview | None:
     """First rows of each body of the first file, and the first row of the last file, by their mapping.
 
     kind: of the campaign. None for a table without such rows.

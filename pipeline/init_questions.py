@@ -9,6 +9,7 @@ from dataclasses import dataclass, field, replace
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
+from truing.formats.guess import MappingKeys
 from truing.formats.shapes import COORDINATES
 from truing.formats.units import UnknownUnit, conversion
 from truing.pipeline.starter import assumed_unit, has_open_rotation
@@ -226,7 +227,7 @@ def is_body_open(guess: Guess) -> bool:
     return has_placeholder or not names_a_body(guess)
 
 
-def without_placeholder(mapping: Mapping[str, Any]) -> dict[str, Any]:
+def without_placeholder(mapping: Mapping[str, Any]) -> MappingKeys:
     """Keys of a file without the placeholder of its body."""
     constants = {
         key: value for key, value in mapping.get("constants", {}).items() if (key, value) != ("body", PLACEHOLDER)

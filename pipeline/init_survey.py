@@ -7,13 +7,14 @@ from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
 from itertools import combinations
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING
 
 import numpy as np
 
+from truing.formats.guess import MappingKeys
 from truing.formats.named_chain import is_within_metres
 from truing.formats.presets import target_column
-from truing.formats.sniff_cells import perhaps_in_metres
+from truing.formats.proposed_poses import perhaps_in_metres
 from truing.formats.units import conversion
 from truing.pipeline.init_preview import batches
 from truing.pipeline.init_questions import PLACEHOLDER, is_body_open, names_a_body, without_placeholder
@@ -81,7 +82,7 @@ def _completed(folder: Path, group: RawGroup, guess: Guess, survey: Survey) -> G
     )
 
 
-def _keys_of_bodies(guess: Guess, targets: Sequence[str], bodies: Mapping[str, str]) -> dict[str, Any]:
+def _keys_of_bodies(guess: Guess, targets: Sequence[str], bodies: Mapping[str, str]) -> MappingKeys:
     """Return keys that give each target the body of the survey; empty if one of them is not in it."""
     present = list(dict.fromkeys(targets))
     if not present or not all(target in bodies for target in present):

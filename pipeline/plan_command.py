@@ -45,9 +45,9 @@ class PlanFiles:
     out: Path | None = None
 
 
-def plan_campaign(place: Path, options: PlanOptions, files: PlanFiles, console: RunConsole) -> ExitCode:
+def plan_campaign(path: Path, options: PlanOptions, files: PlanFiles, console: RunConsole) -> ExitCode:
     """Choose stations, predict the uncertainty of targets, and write tables and a page. Raises CampaignFaults."""
-    campaign = usable_campaign(place)
+    campaign = usable_campaign(path)
     settings = campaign.validated()
     _check(settings.campaign.kind, options)
     check_file(files.out, reads=(files.normals,), campaign=campaign)

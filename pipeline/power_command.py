@@ -106,10 +106,10 @@ class PowerOptions:
 
 
 def power_campaign(
-    place: Path, options: PowerOptions, workforce: Workforce, out: Path | None, console: RunConsole
+    path: Path, options: PowerOptions, workforce: Workforce, out: Path | None, console: RunConsole
 ) -> ExitCode:
     """Report the detectable effects of a campaign's layout, and write tables and a page. Raises CampaignFaults."""
-    campaign = usable_campaign(place)
+    campaign = usable_campaign(path)
     settings = campaign.validated()
     of_rays = asks_for_ray_causes(options.causes, campaign)
     check_file(out, campaign=campaign)
@@ -146,7 +146,7 @@ def power_campaign(
 
 def _show_theory(asked: Sequence[DetectionQuestion], simulated: int, console: RunConsole) -> None:
     """Print what theory expects, which is known within seconds, before campaigns are simulated."""
-    sizes = sizes_table([curve(question, place, []) for place, question in enumerate(asked)])
+    sizes = sizes_table([curve(question, index, []) for index, question in enumerate(asked)])
     console.show(SIZE_HEADS, size_rows(sizes.to_pandas()))
     console.line(f"By theory alone; {count(simulated, 'simulated campaign')} follow.")
 
@@ -332,7 +332,7 @@ def _report(
 
 def _as_tables(asked: Sequence[DetectionQuestion], answers: Sequence[Answer]) -> tuple[pa.Table, pa.Table]:
     """Detectable sizes and detection rates."""
-    curves = [curve(question, place, answers) for place, question in enumerate(asked)]
+    curves = [curve(question, index, answers) for index, question in enumerate(asked)]
     return sizes_table(curves), rates_table(curves, false_alarms(answers))
 
 

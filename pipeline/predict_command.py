@@ -65,7 +65,7 @@ def _model_in(run: Path, inputs: Path) -> Path:
     return run / ARTIFACTS["sensor" if of_signals else "model"].file
 
 
-def _errors(model: Path, text: str, place: Path) -> pa.Table:
+def _errors(model: Path, text: str, path: Path) -> pa.Table:
     "Errors of a second campaign by the nominal and the extended model, and by the calibration in the model's folder."
     try:
         beside = {
@@ -75,14 +75,14 @@ def _errors(model: Path, text: str, place: Path) -> pa.Table:
         raise CampaignFaults(
             [Fault(str(model.parent), f"readable tables of the run in the model's folder ({error})")]
         ) from None
-    campaign = open_campaign(place)
+    campaign = open_campaign(path)
     if faults := identity_faults(campaign):
         raise CampaignFaults(faults)
     stages = OF_SECOND_CAMPAIGNS["transfer"]
     try:
         return second_campaign_errors(text, campaign_of(campaign, stages), cast("dict[str, pa.Table]", beside))[0]
     except ValueError as error:
-        raise CampaignFaults([Fault(str(place), f"a campaign that {model} can predict ({error})")]) from None
+        raise CampaignFaults([Fault(str(path), f"a campaign that {model} can predict ({error})")]) from None
 
 
 def _run_has_table(model: Path, name: str) -> bool:

@@ -146,8 +146,8 @@ def _files(form: str, run: Run, campaign: Path | None) -> Iterable[tuple[str, by
         raise CampaignFaults(_broken_run(run.folder, broken)) from None
 
 
-def _write(place: Path, name: str, content: bytes) -> str:
-    write_atomically(place / name, content)
+def _write(path: Path, name: str, content: bytes) -> str:
+    write_atomically(path / name, content)
     return name
 
 

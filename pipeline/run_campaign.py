@@ -81,9 +81,9 @@ class RunOptions:
     verbose: bool = False
 
 
-def usable_campaign(place: Path) -> CampaignFolder:
+def usable_campaign(path: Path) -> CampaignFolder:
     """Campaign at a path, with valid name and kind; raises CampaignFaults with all faults."""
-    campaign = open_campaign(place)
+    campaign = open_campaign(path)
     if identity_faults(campaign):
         check_campaign(campaign)
     return campaign
@@ -204,9 +204,9 @@ def _exit_code(run: CampaignRun, stages: tuple[Stage, ...], settings: RunOptions
     return ExitCode.DONE if settings.accept_failed_checks else ExitCode.FAILED_CHECK
 
 
-def show_status(place: Path, out: Path | None, console: RunConsole, *, distrust: bool) -> ExitCode:
+def show_status(path: Path, out: Path | None, console: RunConsole, *, distrust: bool) -> ExitCode:
     """Print one line per stage: fresh, stale and why, or never run. Writes nothing."""
-    campaign = usable_campaign(place)
+    campaign = usable_campaign(path)
     run = open_run(campaign, run_folder_of(campaign, out, several=False), distrust=distrust)
     check_owner(run)
     for stage, status in run.statuses():
@@ -271,7 +271,7 @@ class JobPlan:
 
 
 def run_campaigns(
-    places: Sequence[Path],
+    paths: Sequence[Path],
     out: Path | None,
     settings: RunOptions,
     console: RunConsole,
@@ -282,8 +282,8 @@ def run_campaigns(
 
     Several campaigns leave one table and one page of all.
     """
-    plan = JobPlan(out, settings, several=len(places) > 1)
-    code = end_all([partial(_run_places, places, plan, workforce or Workforce(), console)], console)
+    plan = JobPlan(out, settings, several=len(paths) > 1)
+    code = end_all([partial(_run_places, paths, plan, workforce or Workforce(), console)], console)
     console.line(f"exit code {code:d}: {code.meaning}")
     console.close(code)
     return code
@@ -296,7 +296,7 @@ def _run_places(places: Sequence[Path], plan: JobPlan, workforce: Workforce, con
         console.line(f"{len(places)} campaigns: {workforce}{_HINT if workforce.is_alone else ''}")
     if workforce.is_alone or (not plan.several and workforce.scheduler is None):
         plan.options = replace(plan.options, workers=workforce.workers or processors())
-        ends = [(place, _run_in_process(place, plan, console)) for place in places]
+        ends = [(path, _run_in_process(path, plan, console)) for path in places]
     else:
         ends = list(zip(places, _run_at_a_time(places, plan, workforce, console), strict=True))
     if plan.several:
@@ -306,8 +306,8 @@ def _run_places(places: Sequence[Path], plan: JobPlan, workforce: Workforce, con
     return gravest([outcome.code for _, outcome in ends])
 
 
-def _run_in_process(place: Path, plan: JobPlan, console: RunConsole) -> CampaignOutcome:
-    return outcome_of(lambda witness: _run(plan.job(place), witness), Witness(console))
+def _run_in_process(path: Path, plan: JobPlan, console: RunConsole) -> CampaignOutcome:
+    return outcome_of(lambda witness: _run(plan.job(path), witness), Witness(console))
 
 
 def _run(job: CampaignJob, console: RunConsole) -> ExitCode:
@@ -317,10 +317,10 @@ def _run(job: CampaignJob, console: RunConsole) -> ExitCode:
 
 
 def _run_at_a_time(
-    places: Sequence[Path], plan: JobPlan, workforce: Workforce, console: RunConsole
+    paths: Sequence[Path], plan: JobPlan, workforce: Workforce, console: RunConsole
 ) -> Iterator[CampaignOutcome]:
     """Run several campaigns in parallel, with messages grouped in the order of the call."""
-    planned = [_planned(place, plan, workforce) for place in places]
+    planned = [_planned(path, plan, workforce) for path in paths]
     jobs = [job for job in planned if isinstance(job, CampaignJob)]
     with console.during("run") as watched:
         reported = results(run_job, jobs, workforce, _lost_outcome, lambda done: watched(done, len(jobs), "campaigns"))
@@ -331,12 +331,12 @@ def _run_at_a_time(
                 yield ending
 
 
-def _planned(place: Path, plan: JobPlan, workforce: Workforce) -> CampaignJob | CampaignOutcome:
+def _planned(path: Path, plan: JobPlan, workforce: Workforce) -> CampaignJob | CampaignOutcome:
     """The job for one path, or the reason why there is none."""
     jobs: list[CampaignJob] = []
 
     def prepare(recorder: Recorder) -> ExitCode:
-        job = plan.job(place)
+        job = plan.job(path)
         jobs.append(job if workforce.scheduler is None else _for_other_machines(job))
         return ExitCode.DONE
 

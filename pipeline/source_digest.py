@@ -38,7 +38,7 @@ class SourceTree:
     def __init__(self, root: Path, digest_cache: DigestCache) -> None:
         self._root = root
         self._remembered = digest_cache
-        self._told = _cached_digests(root) if digest_cache.trusts_times else {}
+        self._known = _cached_digests(root) if digest_cache.trusts_times else {}
         self._files: dict[str, Path | None] = {}
         self._targets: dict[Path, tuple[Path, ...]] = {}
         self._data: dict[Path, tuple[Path, ...]] = {}
@@ -50,9 +50,9 @@ class SourceTree:
 
         A package's ``__init__`` counts only if a name is imported from it. Data files next to a module count.
         """
-        if modules not in self._told:
-            self._told[modules] = self._digests_of(modules)
-        return dict(self._told[modules])
+        if modules not in self._known:
+            self._known[modules] = self._digests_of(modules)
+        return dict(self._known[modules])
 
     def _digests_of(self, modules: tuple[str, ...]) -> dict[str, str]:
         paths: set[Path] = set()

@@ -275,8 +275,8 @@ def _taken_unit(column: str, raw: Any, mapping: Mapping[str, Any]) -> str | None
     from truing.formats.units import bare_and_unit
 
     known = find_column(column)
-    is_told = column == raw or column in mapping.get("units", {}) or (column.endswith("_mm") and "unit" in mapping)
-    if known is None or not known.unit or known.unit == "1" or is_told:
+    is_declared = column == raw or column in mapping.get("units", {}) or (column.endswith("_mm") and "unit" in mapping)
+    if known is None or not known.unit or known.unit == "1" or is_declared:
         return None
     if column == "time_s" and "time_format" in mapping:
         return None

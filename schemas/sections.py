@@ -87,7 +87,7 @@ class LoadingUnits(Section):
     def _arms_lie_across(self) -> LoadingUnits:
         for load, arm in self.arms_mm.items():
             along = "xyz".index(load[1])
-            across = math.hypot(*(part for place, part in enumerate(arm) if place != along))
+            across = math.hypot(*(part for index, part in enumerate(arm) if index != along))
             if across < _LEAST_ARM_MM:
                 expected = f"arm_mm of {load} with at least {_LEAST_ARM_MM:g} mm across {load[1]}"
                 raise ValueError(f"{expected}, not {across:g}: units on the axis share no moment")

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Mapping
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING
 
 from truing.report.numbers import count as counted
 from truing.schemas.faults import CampaignFaults
@@ -14,6 +14,7 @@ if TYPE_CHECKING:
     import pyarrow as pa
 
     from truing.formats.source import CampaignFiles
+    from truing.schemas.campaign import Campaign
 
 DECLARATION = Stage(
     name="bundle",
@@ -32,7 +33,7 @@ DECLARATION = Stage(
 )
 
 
-def run(tables: Mapping[str, pa.Table], settings: Any, progress: Progress, source: CampaignFiles) -> Outcome:
+def run(tables: Mapping[str, pa.Table], settings: Campaign, progress: Progress, source: CampaignFiles) -> Outcome:
     """The adjusted network as tables; raises CampaignFaults if the rays form no network."""
     from truing.estimation.bundle.determinable import UndeterminedNetworkError
     from truing.estimation.bundle.named_adjustment import Choices, KnownPointMismatchError, adjust_network

@@ -12,7 +12,7 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from truing.inference.fitted_model import Fitter
+from truing.inference.fitter import Fitter
 from truing.stages.diagnosis.next_loads import next_run, possible_runs
 from truing.stages.diagnosis.next_measurement import plan_table, planned
 from truing.stages.diagnosis.search import assembled_data, kinds_of

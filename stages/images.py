@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Mapping
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING
 
 from truing.formats.source import OF_IMAGES, CampaignFiles
 from truing.report.numbers import count as counted
@@ -12,6 +12,7 @@ from truing.stages.declaration import Outcome, Progress, Stage
 if TYPE_CHECKING:
     import pyarrow as pa
 
+    from truing.schemas.campaign import Campaign
     from truing.stages.image_tables.photographs import Each
 
 DECLARATION = Stage(
@@ -31,7 +32,11 @@ DECLARATION = Stage(
 
 
 def run(
-    tables: Mapping[str, pa.Table], settings: Any, progress: Progress, source: CampaignFiles, each: Each | None = None
+    tables: Mapping[str, pa.Table],
+    settings: Campaign,
+    progress: Progress,
+    source: CampaignFiles,
+    each: Each | None = None,
 ) -> Outcome:
     """Rays with covariance, and prior knowledge of the network; raises CampaignFaults with all faults.
 
@@ -73,7 +78,7 @@ def run(
     )
 
 
-def photographs_summary(settings: Any, source: CampaignFiles) -> str:
+def photographs_summary(settings: Campaign, source: CampaignFiles) -> str:
     """Summary of photographs and their tables, without measuring; raises CampaignFaults like ``run``."""
     from truing.stages.image_tables.photographs import opened
 

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Mapping
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING
 
 from truing.formats.source import TABLES, CampaignFiles
 from truing.schemas.faults import Fault
@@ -13,6 +13,8 @@ from truing.stages.declaration import Outcome, Progress, Stage, registered
 
 if TYPE_CHECKING:
     import pyarrow as pa
+
+    from truing.schemas.campaign import Campaign
 
 DECLARATION = Stage(
     name="ingest",
@@ -59,7 +61,7 @@ DECLARATION = Stage(
 OF_TYPES = {"axis": "truing.stages.ingestion.axis_rows"}
 
 
-def run(tables: Mapping[str, pa.Table], settings: Any, progress: Progress, source: CampaignFiles) -> Outcome:
+def run(tables: Mapping[str, pa.Table], settings: Campaign, progress: Progress, source: CampaignFiles) -> Outcome:
     """Tables of the campaign from its raw files; raises CampaignFaults with all faults together.
 
     Observations are a stream, checked while it is read, so faults may come at its end.

@@ -50,7 +50,7 @@ def diagnosis_data_of(plan: Plan, tables: Mapping[str, pa.Table], settings: Camp
 
 def expected_sights(plan: Plan, data: DiagnosisData, settings: Campaign) -> list[EffectSensitivity]:
     """Yield the expected detectability of each kind of effect in a drawn campaign without effects."""
-    from truing.inference.fitted_model import Fitter
+    from truing.inference.fitter import Fitter
     from truing.inference.search import search_of
 
     kinds, rule = searched_causes(plan, settings)

@@ -59,15 +59,15 @@ def positioning_rows(table: pa.Table, columns: AxisColumns, settings: Campaign) 
     unit, si = columns.reported_unit
     readings = columns.deviations(table) / si
     readings[excluded_rows(settings.exclude, rows) | (rows.travelled <= columns.axis(off).least_move)] = np.nan
-    found, (target, group) = Rows("positioning"), targets_of(rows.command)
+    result, (target, group) = Rows("positioning"), targets_of(rows.command)
     shown = target / SI[columns.unit]
     for encoder in (name for name in reversed(ENCODERS) if name in columns.encoders and name != columns.loop):
         deviation = _arranged(readings[:, list(columns.encoders).index(encoder)], group, rows.direction, len(target))
         own = np.isfinite(deviation).any(-1).all(-1)
         if own.sum() >= _FEWEST_TARGETS:
             names = [f"{at:.9g} {columns.unit}" for at in shown[own]]
-            _add(found, encoder, names, deviation[own], unit, target[own] / si)
-    return found
+            _add(result, encoder, names, deviation[own], unit, target[own] / si)
+    return result
 
 
 def _arranged(readings: Array, group: Index, direction: Array, targets: int) -> Array:
@@ -76,10 +76,10 @@ def _arranged(readings: Array, group: Index, direction: Array, targets: int) -> 
         (k, w): readings[(group == k) & (direction == sign)] for k in range(targets) for w, sign in enumerate(_WAYS)
     }
     cells = {place: own[np.isfinite(own)] for place, own in cells.items()}
-    found = np.full((targets, 2, max(2, *(len(own) for own in cells.values()))), np.nan)
+    result = np.full((targets, 2, max(2, *(len(own) for own in cells.values()))), np.nan)
     for place, cell in cells.items():
-        found[place][: len(cell)] = cell
-    return found
+        result[place][: len(cell)] = cell
+    return result
 
 
 def _add(rows: Rows, run: str, names: list[str], deviation: Array, unit: str, target: Array) -> None:
@@ -92,14 +92,14 @@ def _add(rows: Rows, run: str, names: list[str], deviation: Array, unit: str, ta
             own = "1" if figure.startswith("n_") else unit
             rows.add(run=run, figure=figure, subject=subject, value=float(value), unit=own, **more)
 
-    for place, name in enumerate(names):
+    for index, name in enumerate(names):
         for direction_index, words in enumerate(_WAYS.values()):
-            add(f"mean_{words}", name, found.mean[place, direction_index])
-            add(f"s_{words}", name, found.scatter[place, direction_index])
-            add(f"R_{words}", name, found.repeatability_at[place, direction_index])
-            add(f"n_{words}", name, float(repeats[place, direction_index]))
-        add("B", name, found.reversal_at[place])
-        add("R", name, found.bidirectional_at[place])
+            add(f"mean_{words}", name, found.mean[index, direction_index])
+            add(f"s_{words}", name, found.scatter[index, direction_index])
+            add(f"R_{words}", name, found.repeatability_at[index, direction_index])
+            add(f"n_{words}", name, float(repeats[index, direction_index]))
+        add("B", name, found.reversal_at[index])
+        add("R", name, found.bidirectional_at[index])
     for direction_index, words in enumerate(_WAYS.values()):
         for symbol, field in _OF_AXIS.items():
             add(f"{symbol}_{words}", None, getattr(found, field)[direction_index])

@@ -3,12 +3,11 @@
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
-from typing import Any
 
 import numpy as np
 import pyarrow as pa
 
-from truing.arrays import Array, Index
+from truing.arrays import Array, Index, TableRow
 from truing.estimation.bundle.camera import PARAMETERS, Camera
 from truing.estimation.bundle.network import (
     Bars,
@@ -30,7 +29,7 @@ def given_cameras(photographs: pa.Table, declared: pa.Table | None) -> tuple[tup
     """Cameras (C) of all photographs, in order of appearance, and their initial interior parameters (C, 10), NaN for
     unknown c."""
     rows = photographs.to_pylist()
-    known: dict[str, list[dict[str, Any]]] = {}
+    known: dict[str, list[TableRow]] = {}
     for row in [] if declared is None else declared.to_pylist():
         known.setdefault(row["camera"], []).append(row)
     names = list(dict.fromkeys(row["camera"] for row in rows))
@@ -49,7 +48,7 @@ def given_cameras(photographs: pa.Table, declared: pa.Table | None) -> tuple[tup
     return tuple(cameras), interior
 
 
-def _camera(name: str, photograph: dict[str, Any], reported: list[dict[str, Any]]) -> Camera:
+def _camera(name: str, photograph: TableRow, reported: list[TableRow]) -> Camera:
     first = reported[0] if reported else {}
     width, height = (first.get(key) or photograph[key] for key in ("width_px", "height_px"))
     radius = first.get("balancing_radius_px") or (float(np.hypot(width, height) / 3) if not reported else 0.0)
@@ -144,15 +143,15 @@ def bar_ends(
     if bars is None:
         return []
     poses_of_bars = bars.column("pose").to_pylist() if "pose" in bars.column_names else [None] * len(bars)
-    found = []
+    result = []
     for row, (first, second) in enumerate(
         zip(bars.column("first").to_pylist(), bars.column("second").to_pylist(), strict=True)
     ):
         for pose, name in enumerate(poses):
             ends = (keys.get((pose, first)), keys.get((pose, second)))
             if poses_of_bars[row] in (None, name) and None not in ends:
-                found.append((row, pose, ends[0], ends[1]))
-    return found  # type: ignore[return-value]
+                result.append((row, pose, ends[0], ends[1]))
+    return result  # type: ignore[return-value]
 
 
 def _bars(

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 import pyarrow as pa
@@ -20,11 +20,14 @@ from truing.schemas.photograph_artifacts import FROM_MARKER, FROM_SURVEY
 from truing.stages.bundle_adjustment.rays_as_network import stated_sizes
 from truing.stages.common.point_arrays import number_column
 
+if TYPE_CHECKING:
+    from truing.schemas.campaign import Campaign
+
 # Relative uncertainty of a marker's edge without declared noise: that of printers.
 PRINTED_TO = 1e-3
 
 
-def with_scale(tables: Mapping[str, pa.Table], settings: Any, source: CampaignFiles) -> Mapping[str, pa.Table]:
+def with_scale(tables: Mapping[str, pa.Table], settings: Campaign, source: CampaignFiles) -> Mapping[str, pa.Table]:
     """Tables with further scale bars for poses without a complete bar, unless known points are their datum: distances
     between surveyed targets, else diagonals of markers and boards of known size.
 
@@ -130,7 +133,7 @@ def _board(board: Any, seen: Sequence[frozenset[str]], noise_mm: float | None) -
     return []
 
 
-def _surveyed(settings: Any, survey: SurveyedPoints | None) -> list[dict[str, object]]:
+def _surveyed(settings: Campaign, survey: SurveyedPoints | None) -> list[dict[str, object]]:
     """Rows of scale_bars: longest distances of the reference body (of every body without one) that share no end, so
     that their errors are independent. The shape of a mechanism's base is trusted."""
     if survey is None:
@@ -138,8 +141,8 @@ def _surveyed(settings: Any, survey: SurveyedPoints | None) -> list[dict[str, ob
     reference = settings.bodies.reference or ("base" if settings.mechanism.type != "none" else None)
     known, rows = np.isfinite(survey.variance_mm2).all(1), []
     for body in dict.fromkeys(survey.bodies[known]) if reference is None else (reference,):
-        places = np.flatnonzero(known & (survey.bodies == body))
-        name, xyz, variance = survey.names[places], survey.xyz_mm[places], survey.variance_mm2[places]
+        indices = np.flatnonzero(known & (survey.bodies == body))
+        name, xyz, variance = survey.names[indices], survey.xyz_mm[indices], survey.variance_mm2[indices]
         for first, second in _distant_pairs(xyz):
             difference = xyz[second] - xyz[first]
             length = float(np.linalg.norm(difference))

@@ -9,7 +9,7 @@ import numpy as np
 import pyarrow as pa
 from numpy.typing import NDArray
 
-from truing.arrays import Array, Index, Mask
+from truing.arrays import Array, Index, Mask, TableRow
 from truing.estimation.bundle.camera import PARAMETERS, UNITS
 from truing.estimation.bundle.determinable import UndeterminedNetworkError
 from truing.estimation.bundle.known_points import KnownPointErrors, KnownTested
@@ -107,7 +107,7 @@ class NetworkTables:
 
     def point_correlations(self) -> pa.Table:
         """A row per pair of points of a pose; in a large pose, pairs of chosen points only."""
-        parts: list[dict[str, Any]] = []
+        parts: list[TableRow] = []
         for pose in self.poses:
             places = self.paired[pose]
             cov = self.covariance.joint(pose, places)
@@ -132,7 +132,7 @@ class NetworkTables:
 
     def point_sensitivities(self) -> pa.Table:
         """One row per point and common parameter: effect of one standard deviation."""
-        parts: list[dict[str, Any]] = []
+        parts: list[TableRow] = []
         for pose in self.poses:
             numbers = self.covariance.point_numbers(pose)
             effect = 1e3 * self.covariance.sensitivities(pose) * self.common_sigma
@@ -285,7 +285,7 @@ def _paired(name: str, values: Array) -> dict[str, Array]:
     return {name.format(a): values[:, k] for k, a in enumerate("xy")}
 
 
-def table_of_rows(name: str, rows: Sequence[dict[str, Any]], named: NamedNetwork) -> pa.Table:
+def table_of_rows(name: str, rows: Sequence[TableRow], named: NamedNetwork) -> pa.Table:
     """The rows as an artifact of a network."""
     return pa.Table.from_pylist(list(rows), schema=ARTIFACTS[name].arrow_schema(_identifier(named)))
 
@@ -294,7 +294,7 @@ def _identifier(named: NamedNetwork) -> str:
     return "string" if any(isinstance(pose, str) for pose in named.poses) else "int64"
 
 
-def _joined_table(name: str, parts: Sequence[dict[str, Any]], named: NamedNetwork) -> pa.Table:
+def _joined_table(name: str, parts: Sequence[TableRow], named: NamedNetwork) -> pa.Table:
     if not parts:
         return ARTIFACTS[name].empty(_identifier(named))
     return _table(name, {key: np.concatenate([part[key] for part in parts]) for key in parts[0]}, named)
@@ -313,9 +313,9 @@ def known_points_table(named: NamedNetwork, tested: KnownTested, used: Mask) -> 
     left = np.bincount(network.rays.point[used[: network.rays.count]], minlength=len(network.point_pose))
     seen = np.bincount(network.rays.point, minlength=len(network.point_pose))
     reported = {
-        row: (errors, place)
+        row: (errors, index)
         for pose, errors in tested.errors.items()
-        for place, row in enumerate(tested.rows[pose].tolist())
+        for index, row in enumerate(tested.rows[pose].tolist())
     }
     rows = []
     for row, point in enumerate(network.known.point.tolist()):

@@ -51,8 +51,8 @@ def _conditions(extended: ExtendedModel, configurations: pa.Table, measured: Mea
     conditions = pose_conditions(
         configurations, every, extended.model.nominal.count, extended.model.known.reading_sigma
     )
-    place = {pose: n for n, pose in enumerate(every)}
-    return some_of(conditions, np.array([place[pose] for pose in measured.poses], int))
+    index_of = {pose: n for n, pose in enumerate(every)}
+    return some_of(conditions, np.array([index_of[pose] for pose in measured.poses], int))
 
 
 def extended_parameters(extended: Extended) -> Rows:
@@ -104,11 +104,11 @@ def _add_effects(rows: Rows, extended: Extended) -> None:
 def extended_figures(extended: Extended) -> list[tuple[str, float, str]]:
     """Figures of the model's fit: number of parameters, and shift of the geometry."""
     geometry = extended.geometry
-    places = np.flatnonzero(geometry.known)
+    indices = np.flatnonzero(geometry.known)
     pull_sums = pulls(
-        (geometry.values - geometry.nominal)[places],
-        geometry.prior[np.ix_(places, places)],
-        geometry.covariance[np.ix_(places, places)],
+        (geometry.values - geometry.nominal)[indices],
+        geometry.prior[np.ix_(indices, indices)],
+        geometry.covariance[np.ix_(indices, indices)],
     )
     reported = pull_sums.pull[pull_sums.identifiable]
     figures = [("parameters", float(len(extended.found.shared)), "1"), ("pull_freedom", float(len(reported)), "1")]

@@ -20,6 +20,7 @@ from truing.simulation.axis.rows import (
 from truing.stages.common.point_arrays import number_column
 
 if TYPE_CHECKING:
+    from truing.schemas.campaign import Campaign
     from truing.schemas.mechanism import AxisMechanism
     from truing.schemas.sections import Overrule
 
@@ -151,7 +152,7 @@ def _overflows(off: Array, counts: Array, count: float) -> Array:
     return none
 
 
-def columns_of(settings: Any, table: pa.Table) -> AxisColumns:
+def columns_of(settings: Campaign, table: pa.Table) -> AxisColumns:
     """Return the columns of a campaign's table by content."""
     return AxisColumns.of(cast("AxisMechanism", settings.mechanism), table.schema.names)
 

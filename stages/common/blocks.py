@@ -37,9 +37,9 @@ def labels_of(table: pa.Table | None, poses: Sequence[int | str]) -> dict[BlockK
     for name, kind in _LABELS.items() if table is not None else ():
         if table is not None and name in table.column_names:
             texts = [str(value) if value is not None else "" for value in table.column(name).to_pylist()]
-            place, numbers = positions(table.column("pose"), tuple(poses)), np.full(len(poses), -1)
+            index, numbers = positions(table.column("pose"), tuple(poses)), np.full(len(poses), -1)
             own = np.where(np.array(texts) == "", -1, np.unique(texts, return_inverse=True)[1])
-            numbers[place[place >= 0]] = own[place >= 0]
+            numbers[index[index >= 0]] = own[index >= 0]
             labels_by_kind[kind] = numbers
     return labels_by_kind
 
@@ -48,9 +48,9 @@ def readings_of(table: pa.Table | None, poses: Sequence[int | str], drives: tupl
     """Varying readings (B, D) of actuators or drives, NaN for missing ones."""
     if table is None or not table.num_rows:
         return np.zeros((len(poses), 0))
-    own, place = drive_readings(table, drives), positions(table.column("pose"), tuple(poses))
+    own, index = drive_readings(table, drives), positions(table.column("pose"), tuple(poses))
     readings = np.full((len(poses), own.shape[1]), np.nan)
-    readings[place[place >= 0]] = own[place >= 0]
+    readings[index[index >= 0]] = own[index >= 0]
     return readings
 
 
@@ -63,9 +63,9 @@ def repeats_of(
     if DECLARED not in table.column_names and not drive_readings(table, drives).shape[1]:
         return None
     numbers = np.full(len(poses), -1)
-    place = positions(table.column("pose"), tuple(poses))
+    index = positions(table.column("pose"), tuple(poses))
     for number, rows in enumerate(repeated_poses(table, drives, actuator_mm)[0]):
-        numbers[place[rows][place[rows] >= 0]] = number
+        numbers[index[rows][index[rows] >= 0]] = number
     return numbers
 
 

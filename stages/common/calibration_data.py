@@ -4,13 +4,14 @@ from __future__ import annotations
 
 from collections.abc import Mapping
 from dataclasses import replace
-from typing import TYPE_CHECKING, Any, cast
+from typing import TYPE_CHECKING, cast
 
 import numpy as np
 import pyarrow as pa
 import pyarrow.compute as pc
 from numpy.typing import NDArray
 
+from truing.arrays import TableRow
 from truing.calibration.calibration_input import (
     CalibrationData,
     Deformation,
@@ -172,10 +173,10 @@ def body_poses(table: pa.Table, body: str, poses: tuple[int | str, ...], parent:
     is_pose = pc.and_(pc.equal(table.column("body"), body), pc.equal(table.column("parent"), parent))
     good = pc.and_(table.column("default"), pc.equal(table.column("status"), "ok"))
     rows = table.filter(pc.and_(is_pose, good))
-    place = positions(rows.column("pose"), poses)
+    index = positions(rows.column("pose"), poses)
     motions, covariance = np.full((len(poses), 6), np.nan), np.full((len(poses), 6, 6), np.nan)
-    is_known = place >= 0
-    motions[place[is_known]], covariance[place[is_known]] = (
+    is_known = index >= 0
+    motions[index[is_known]], covariance[index[is_known]] = (
         pose_vectors(rows)[is_known],
         pose_covariances(rows)[is_known],
     )
@@ -238,7 +239,7 @@ def _in_plane(models: pa.Table | None, legs: int) -> Deformation | None:
     return Deformation(K, sigma)
 
 
-def _coefficients(rows: list[dict[str, Any]], legs: int) -> Deformation:
+def _coefficients(rows: list[TableRow], legs: int) -> Deformation:
     K, sigma = np.full((legs, legs), np.nan), np.full((legs, legs), np.nan)
     for row in rows:
         K[row["leg"] - 1, row["column"] - 1] = row["coefficient"]

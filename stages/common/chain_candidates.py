@@ -109,9 +109,9 @@ class ForbiddenPoses:
         is_allowed = np.asarray(~self.within(tree, readings).any(0))
         if self.functions:
             named_readings = {c.name: readings[:, k] / c.si for k, c in enumerate(ranges.columns)}
-            places = {node.link: frames.t[:, k] / _MM for k, node in enumerate(tree.nodes)}
+            positions = {node.link: frames.t[:, k] / _MM for k, node in enumerate(tree.nodes)}
             for function in self.functions:
-                is_allowed &= ~_forbidden_by(function, named_readings, places, len(readings))
+                is_allowed &= ~_forbidden_by(function, named_readings, positions, len(readings))
         return is_allowed
 
     def within(self, tree: Tree, readings: NDArray) -> Mask:

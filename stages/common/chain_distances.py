@@ -79,9 +79,9 @@ def fit_of_distances(tree: Tree, measured: MeasuredLinks, conditions: ChainCondi
         rms = float(np.sqrt(np.nanmean(errors**2)))
         return StartValues(np.eye(3)[None], np.zeros((1, 3)), shape, tools, rms, lines.spread(shape), errors)
 
-    def errors_at(places: StartValues, given: ChainConditions, observations: Array) -> Array:
+    def errors_at(start: StartValues, given: ChainConditions, observations: Array) -> Array:
         lines = lines_at(tree, node, ends, given, observations[..., 0], measured.is_observed)
-        return lines.errors(places.shape)[..., None]
+        return lines.errors(start.shape)[..., None]
 
     R, t = np.tile(np.eye(3), (count, 1, 1)), np.zeros((count, 3))
     return NominalFit(R, t, None, False, start_of, errors_at, measured.values, measured.is_position)

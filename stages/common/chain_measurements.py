@@ -274,11 +274,11 @@ def pose_frames(measured: MeasuredLinks, link_channels: Index, fitted: Mask) -> 
     points, is_observed = measured.values[:, link_channels], measured.is_observed[:, link_channels]
     shape = measured.surveyed[link_channels]
     if not np.isfinite(shape).all():
-        places = np.flatnonzero(is_observed.all(1) & fitted)
-        if not len(places):
+        indices = np.flatnonzero(is_observed.all(1) & fitted)
+        if not len(indices):
             raise ValueError("needs one pose that shows all targets of the reference link")
-        fit = umeyama(points[places], points[places[0]][None])
-        shape = np.median(np.einsum("bij,bkj->bki", fit.R, points[places]) + fit.t[:, None], axis=0)
+        fit = umeyama(points[indices], points[indices[0]][None])
+        shape = np.median(np.einsum("bij,bkj->bki", fit.R, points[indices]) + fit.t[:, None], axis=0)
     fit = umeyama(np.broadcast_to(shape, points.shape), points, is_observed.astype(float))
     ok = np.isfinite(fit.t).all(1) & is_framed(measured, link_channels)
     return np.where(ok[:, None, None], fit.R, np.nan), np.where(ok[:, None], fit.t, np.nan)

@@ -91,7 +91,7 @@ def nominal_fit(
             tree, channels, given.subset(used), observations[used], measured.is_observed[used], surveyed, base
         )
 
-    def errors(places: StartValues, given: ChainConditions, observations: Array) -> Array:
-        return errors_at(tree, channels, given, observations, measured.is_observed, places)
+    def errors(start: StartValues, given: ChainConditions, observations: Array) -> Array:
+        return errors_at(tree, channels, given, observations, measured.is_observed, start)
 
     return NominalFit(R, t, reference, base is not None, start_of, errors, values, measured.is_position)

@@ -103,10 +103,10 @@ def compact_points(
     for body in wanted:
         shape = (len(names.poses), len(names.targets[body]))
         filling[body] = _Filling(np.zeros((*shape, 3)), np.zeros(shape, bool))
-    place = {(body, target): k for body in wanted for k, target in enumerate(names.targets[body])}
+    index_of = {(body, target): k for body in wanted for k, target in enumerate(names.targets[body])}
     for batch in table_batches(observations, ("pose", "body", "target", *_POINT, *_SIGMA, *_CORRELATION)):
         pose, labels = positions(batch.column("pose"), names.poses), _labels(batch)
-        at = np.array([place.get(pair, -1) for pair in labels.names], np.int64)[labels.number]
+        at = np.array([index_of.get(pair, -1) for pair in labels.names], np.int64)[labels.number]
         body_number = np.array([wanted.index(body) if body in filling else -1 for body, _ in labels.names])[
             labels.number
         ]

@@ -26,9 +26,9 @@ if TYPE_CHECKING:
 
 def accepted_readings(residuals: pa.Table, steps: RecordedSteps) -> AcceptedReadings:
     """Content of reading_residuals for the readings of load steps; readings without known geometry are excluded."""
-    place = {key: row for row, key in enumerate(zip((steps.runs[r] for r in steps.run), steps.step, strict=True))}
+    index_of = {key: row for row, key in enumerate(zip((steps.runs[r] for r in steps.run), steps.step, strict=True))}
     keys = zip(residuals.column("run").to_pylist(), residuals.column("step").to_pylist(), strict=True)
-    row = np.array([place[key] for key in keys], dtype=np.int64)
+    row = np.array([index_of[key] for key in keys], dtype=np.int64)
     k = np.array([CHANNELS.index(name) for name in residuals.column("channel").to_pylist()], dtype=np.int64)
     values = np.zeros((3, *steps.reading.shape))
     values[0] = 1.0

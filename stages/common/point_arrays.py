@@ -45,9 +45,9 @@ def pose_ids(table: pa.Table, name: str = "pose") -> tuple[int | str, ...]:
 
 def roles_of(configurations: pa.Table, poses: tuple[int | str, ...]) -> NDArray[np.object_]:
     """Role (B,) of each pose; empty if the table lacks it."""
-    place = positions(configurations.column("pose"), poses)
+    index = positions(configurations.column("pose"), poses)
     roles = np.full(len(poses), "", object)
-    roles[place[place >= 0]] = text_column(configurations, "role")[place >= 0]
+    roles[index[index >= 0]] = text_column(configurations, "role")[index >= 0]
     return roles
 
 
@@ -162,9 +162,9 @@ def default_motions(poses_table: pa.Table, body: str, poses: tuple[int | str, ..
     from truing.estimation.rotation import exp_so3
 
     rows = poses_table.filter(pc.and_(poses_table.column("default"), pc.equal(poses_table.column("body"), body)))
-    place = positions(rows.column("pose"), poses)
+    index = positions(rows.column("pose"), poses)
     motions = np.full((len(poses), 6), np.nan)
-    motions[place[place >= 0]] = pose_vectors(rows)[place >= 0]
+    motions[index[index >= 0]] = pose_vectors(rows)[index >= 0]
     R = np.where(np.isfinite(motions).all(1)[:, None, None], exp_so3(np.nan_to_num(motions[:, 3:])), np.nan)
     parent = next(iter(rows.column("parent").to_pylist()), "measurement")
     if parent not in poses_table.column("body").unique().to_pylist():  # measurement frame, or a base in its place

@@ -31,11 +31,11 @@ def pose_conditions(
     configurations: pa.Table, poses: tuple[int | str, ...], legs: int, reading_sigma: float
 ) -> Conditions:
     """Readings (B, L) in m and covariates by column, NaN if missing; directions of approach for poses with a time."""
-    place = positions(configurations.column("pose"), poses)
+    index = positions(configurations.column("pose"), poses)
 
     def dense(values: NDArray) -> NDArray:
         filled = np.full((len(poses), *values.shape[1:]), np.nan)
-        filled[place[place >= 0]] = values[place >= 0]
+        filled[index[index >= 0]] = values[index >= 0]
         return filled
 
     names = [f"rho{leg}_mm" for leg in range(1, legs + 1)]

@@ -79,13 +79,13 @@ def _information(statistics: RayStatistics, names: Array, poses: Sequence[int | 
 def _effects(
     statistics: RayStatistics, names: Array, poses: Sequence[int | str], points: Sequence[str], pose: NDArray
 ) -> pa.Table:
-    places = np.flatnonzero(np.isfinite(statistics.by_point).all((1, 2)) & np.array([bool(name) for name in points]))
+    indices = np.flatnonzero(np.isfinite(statistics.by_point).all((1, 2)) & np.array([bool(name) for name in points]))
     scale = np.array([number.scale for number in statistics.numbers])
-    moves = np.swapaxes(statistics.by_point[places] * scale, 1, 2).reshape(-1, 3) * _MM
+    moves = np.swapaxes(statistics.by_point[indices] * scale, 1, 2).reshape(-1, 3) * _MM
     columns: dict[str, Any] = {
-        "pose": _repeated(poses, pose[places], len(names)),
-        "point": np.repeat(np.array(points, object)[places], len(names)).tolist(),
-        "shared_number": np.tile(names, len(places)).tolist(),
+        "pose": _repeated(poses, pose[indices], len(names)),
+        "point": np.repeat(np.array(points, object)[indices], len(names)).tolist(),
+        "shared_number": np.tile(names, len(indices)).tolist(),
     }
     columns |= {f"moves_{axis}_mm": moves[:, k] for k, axis in enumerate("xyz")}
     return _table("ray_effects", columns, poses)

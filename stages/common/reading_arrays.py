@@ -30,9 +30,9 @@ def load_steps(tables: Mapping[str, pa.Table]) -> RecordedSteps:
     if not tables_of_kind:
         raise ValueError("needs readings or signals")
     keys = list(dict.fromkeys(key for table in tables_of_kind.values() for key in _key_rows(table)))
-    place = {key: row for row, key in enumerate(keys)}
+    index_of = {key: row for row, key in enumerate(keys)}
     runs = tuple(dict.fromkeys(run for run, _ in keys))
-    at = {name: np.array([place[key] for key in _key_rows(table)]) for name, table in tables_of_kind.items()}
+    at = {name: np.array([index_of[key] for key in _key_rows(table)]) for name, table in tables_of_kind.items()}
     arrays = _common(tables_of_kind, at, len(keys))
     reading, sigma = _readings(tables_of_kind, at, len(keys))
     place_of = {run: number for number, run in enumerate(runs)}

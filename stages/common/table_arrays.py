@@ -33,8 +33,8 @@ def texts(collected: CollectedRows, name: str) -> NDArray[np.object_]:
 def numbered(collected: CollectedRows, *names: str) -> Index:
     """(N,) number of each combination of values in these columns, in order of appearance."""
     rows = list(zip(*(collected.table.column(name).to_pylist() for name in names), strict=True))
-    place = {key: number for number, key in enumerate(dict.fromkeys(rows))}
-    return np.array([place[key] for key in rows], dtype=np.int64)
+    index_of = {key: number for number, key in enumerate(dict.fromkeys(rows))}
+    return np.array([index_of[key] for key in rows], dtype=np.int64)
 
 
 def unit_factors(collected: CollectedRows, name: str, kind: str, wanted: Mapping[str, str], log: FaultLog) -> Array:

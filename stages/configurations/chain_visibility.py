@@ -4,11 +4,11 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import replace
-from typing import Any
 
 import numpy as np
 import pyarrow as pa
 
+from truing.arrays import TableRow
 from truing.calibration.chain_design import (
     CauseSight,
     PlannedPoses,
@@ -69,7 +69,7 @@ def _cause_table(poses: PlannedPoses, probes: PlannedPoses, causes: Sequence[Cha
     scale = np.sqrt(len(poses.conditions.readings) / len(probes.conditions.readings))
     remedies = _remedies(probes, [(causes[k], causes[nearest[k]]) for k in alike], float(scale))
     remedy = dict(zip(alike, remedies, strict=True))
-    rows: list[dict[str, Any]] = []
+    rows: list[TableRow] = []
     for k, sight in enumerate(sights):
         rows += _cause_rows(
             sight, poses.model.part_count, sights[nearest[k]].cause, float(separability[k, nearest[k]]), remedy.get(k)
@@ -89,7 +89,7 @@ def _cause_table(poses: PlannedPoses, probes: PlannedPoses, causes: Sequence[Cha
 
 def _cause_rows(
     sight: CauseSight, parts: int, other: ChainCause, separability: float, remedy: Remedy | None
-) -> list[dict[str, Any]]:
+) -> list[TableRow]:
     cause = sight.cause
     common = {"cause": cause.id, "subject": cause.subject, "signal": sight.signal}
     common |= {"visible_share": sight.visible}
@@ -123,7 +123,7 @@ def _remedies(probes: PlannedPoses, pairs: Sequence[tuple[ChainCause, ChainCause
     if not pairs:
         return []
     causes = list({cause.key: cause for pair in pairs for cause in pair}.values())
-    place = {cause.key: k for k, cause in enumerate(causes)}
+    index_of = {cause.key: k for k, cause in enumerate(causes)}
     tried = [(Remedy.POSES, probes)]
     if probes.model.known.gravity is not None:
         usual = float(np.median(probes.conditions.payload_kg))
@@ -134,7 +134,11 @@ def _remedies(probes: PlannedPoses, pairs: Sequence[tuple[ChainCause, ChainCause
     sights_by_remedy = [(remedy, scale * rest_apart(cause_sights(poses, causes))) for remedy, poses in tried]
     return [
         next(
-            (remedy for remedy, separability in sights_by_remedy if separability[place[a.key], place[b.key]] >= APART),
+            (
+                remedy
+                for remedy, separability in sights_by_remedy
+                if separability[index_of[a.key], index_of[b.key]] >= APART
+            ),
             Remedy.NOTHING,
         )
         for a, b in pairs

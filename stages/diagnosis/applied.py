@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Callable
 from typing import TYPE_CHECKING, Any
 
-from truing.inference.fitted_model import Fitter
+from truing.inference.fitter import Fitter
 from truing.inference.verdicts import FOUND, SUSPECTED
 from truing.simulation.catalogue import catalogue_of_rays
 from truing.stages.common.applied_findings import APPLIED

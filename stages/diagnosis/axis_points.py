@@ -10,6 +10,7 @@ import numpy as np
 import pyarrow as pa
 from numpy.typing import NDArray
 
+from truing.arrays import TableRow
 from truing.inference.blocks import group_numbers
 from truing.inference.observations import Epochs, Frames, Observations
 from truing.report.diagnosis.findings import IN_TURN, SCATTER_OF_REPEATS
@@ -177,7 +178,7 @@ def _required(errors: pa.Table, section: AxisMechanism, settings: Campaign) -> p
 def _errors(diagnosis: CauseDiagnosis, channels: Channels, unit: str) -> pa.Table:
     """Rows of axis_errors.parquet: every reading without and with the findings."""
     floor = np.sqrt(diagnosis.final.floor.square) / channels.si
-    rows: list[dict[str, Any]] = []
+    rows: list[TableRow] = []
     for role, before, after in errors_by_role(diagnosis):
         assert isinstance(before.model, AxisModel)
         names, own = before.model.channel_names, before.model.rows

@@ -153,10 +153,10 @@ def _measured_shape(tables: Mapping[str, pa.Table], name: str, points: PosePoint
     """Positions of targets (k, 3) on an unsurveyed body: their median over the poses."""
     R, t = default_motions(tables["poses"], name, points.poses)
     ok = np.isfinite(t[:, 0]) & np.isfinite(R[:, 0, 0])
-    places = np.einsum("bji,bkj->bki", np.nan_to_num(R), points.points - np.nan_to_num(t)[:, None])
+    positions = np.einsum("bji,bkj->bki", np.nan_to_num(R), points.points - np.nan_to_num(t)[:, None])
     known = points.is_observed & ok[:, None]
     trusted = known & point_residuals(tables["residuals"], name, points.poses, points.targets).fitted
-    return median_places(places, np.where(trusted.any(0), trusted, known))
+    return median_places(positions, np.where(trusted.any(0), trusted, known))
 
 
 def _body_places(body: BodyTargets, settings: Campaign, covariates: Mapping[str, Array]) -> BodyPlaces:
@@ -192,11 +192,11 @@ def known_of_poses(
     role = np.full(len(poses), "", object) if table is None else roles_of(table, poses)
     covariates: dict[str, Array] = {}
     if table is not None:
-        place = positions(table.column("pose"), poses)
+        index = positions(table.column("pose"), poses)
         for field in table.schema:
             if field.name not in ("pose", "role") and str(field.type) in ("double", "int64"):
                 values = np.full(len(poses), np.nan)
-                values[place[place >= 0]] = number_column(table, field.name)[place >= 0]
+                values[index[index >= 0]] = number_column(table, field.name)[index >= 0]
                 covariates[column_alias(field.name)] = values
     time = covariates.get("time_s")
     if time is not None and np.array_equal(np.diff(np.sort(time)), np.ones(len(time) - 1)):

@@ -9,6 +9,7 @@ from typing import TYPE_CHECKING, Any, cast
 import numpy as np
 import pyarrow as pa
 
+from truing.arrays import TableRow
 from truing.inference.detectable import POWER, EffectSensitivity, effect_sensitivities, sensitivity_to
 from truing.inference.determined import determined_combinations
 from truing.inference.linear_problem import INPUTS, OBSERVATIONS, PLAUSIBLE, PRIOR_CAMPAIGN, WIDE
@@ -100,7 +101,7 @@ def _row(sensitivity: EffectSensitivity, legs: int) -> dict[str, Any]:
     }
 
 
-def _ordered(rows: Iterable[dict[str, Any]]) -> list[dict[str, Any]]:
+def _ordered(rows: Iterable[TableRow]) -> list[TableRow]:
     """Causes in their order, the whole before single subjects."""
     ordered_rows = list(rows)
     causes = list(dict.fromkeys(row["cause"] for row in ordered_rows))

@@ -10,7 +10,7 @@ from typing import TYPE_CHECKING, Any, ClassVar
 import numpy as np
 from numpy.typing import NDArray
 
-from truing.arrays import Array
+from truing.arrays import Array, TableRow
 from truing.estimation.design.rival_design import Fitted, PointInstrument, PoseCandidates, candidates
 from truing.schemas.faults import CampaignFaults
 from truing.simulation.inputs import APPROACH, LAST_STEP, MEMORY, ORDER, STOPS, TEMPERATURE, TIME
@@ -81,10 +81,10 @@ class PossibleChainPoses:
         readings = zip(self.ranges.columns, self.conditions.readings[k], strict=True)
         return {column.name: round(float(value / column.si), _DIGITS) for column, value in readings}
 
-    def rows(self, k: int) -> list[dict[str, Any]]:
+    def rows(self, k: int) -> list[TableRow]:
         """Return the table row of a candidate: readings, and payload and temperature where they matter."""
         again = None if self.repeats[k] is None else str(self.repeats[k])
-        row: dict[str, Any] = {**self._readings(k), "conditions": self.words[k] or None, "repeat_of": again}
+        row: TableRow = {**self._readings(k), "conditions": self.words[k] or None, "repeat_of": again}
         if _PAYLOAD in self.matters:
             row[_PAYLOAD] = float(self.conditions.payload_kg[k])
         if TEMPERATURE in self.matters:
@@ -153,21 +153,21 @@ def possible_poses(ranges: JointRanges, instrument: PointInstrument, models: Seq
 
 def _levels(model: ChainModel) -> dict[str, list[tuple[Any, str]]]:
     """Values that payload, approach and temperature may have, the usual one first, each in words."""
-    measured, found = model.conditions, dict[str, list[tuple[Any, str]]]()
+    measured, result = model.conditions, dict[str, list[tuple[Any, str]]]()
     if model.known.gravity is not None:
         usual = float(np.median(measured.payload_kg))
         other = 0.0 if usual else _NEW_PAYLOAD_KG
-        found[_PAYLOAD] = [(usual, ""), (other, f"with a payload of {other:g} kg")]
+        result[_PAYLOAD] = [(usual, ""), (other, f"with a payload of {other:g} kg")]
     count = len(model.tree.readings)
-    found[APPROACH] = [
+    result[APPROACH] = [
         (np.ones(count), "approached with growing readings of all joints"),
         (-np.ones(count), "approached with falling readings of all joints"),
     ]
     if (heat := measured.covariates.get(TEMPERATURE)) is not None and np.isfinite(heat).all():
         middle = float(np.median(heat))
         warm = float(round(max(float(heat.max()), middle + _WARMER_K)))
-        found[TEMPERATURE] = [(middle, ""), (warm, f"at {warm:g} °C")]
-    return found
+        result[TEMPERATURE] = [(middle, ""), (warm, f"at {warm:g} °C")]
+    return result
 
 
 def _conditions(model: ChainModel, readings: NDArray, drawn: Mapping[str, NDArray]) -> ChainConditions:

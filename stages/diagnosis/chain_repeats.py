@@ -9,7 +9,7 @@ from typing import Any
 import numpy as np
 import pyarrow as pa
 
-from truing.arrays import Array, Index, Mask
+from truing.arrays import Array, Index, Mask, TableRow
 from truing.estimation.quality import repeated_groups
 from truing.estimation.repeatability import (
     FEWEST,
@@ -73,7 +73,7 @@ def accuracy_table(data: DiagnosisData[Any], tables: Mapping[str, pa.Table]) -> 
     parts = [_attained(model, attained) for attained in (data.calibration, data.held_out) if attained is not None]
     attained = _joined(parts)
     groups = _groups(attained, model, tables)
-    rng, rows = np.random.default_rng(_SEED), list[dict[str, Any]]()
+    rng, rows = np.random.default_rng(_SEED), list[TableRow]()
     channels = model.channels
     for k, turned in enumerate(channels.is_rotation):
         if turned and data.calibration.frames.free:
@@ -99,7 +99,7 @@ def accuracy_table(data: DiagnosisData[Any], tables: Mapping[str, pa.Table]) -> 
 
 def _rows(
     subject: str, poses: tuple[int | str, int | str | None], attained: int, figures: list[tuple[str, Figure]]
-) -> Iterator[dict[str, Any]]:
+) -> Iterator[TableRow]:
     """Rows of the figures of a pose, or of the distance of two; those about an axis are angles."""
     for figure, value in figures:
         unit, si = ("arcsec", _ARCSEC) if "_" in figure else ("um", _UM)
@@ -146,8 +146,8 @@ def _groups(attained: _Attained, model: ChainModel, tables: Mapping[str, pa.Tabl
     """Repeated poses of one series: those that repeat_of names, else those of equal readings of all joints."""
     table = tables.get("configurations")
     if table is not None and DECLARED in table.column_names:
-        place, names = {pose: at for at, pose in enumerate(attained.poses)}, pose_ids(table)
-        found = [[place[names[row]] for row in group if names[row] in place] for group in declared_repeats(table)]
+        index_of, names = {pose: at for at, pose in enumerate(attained.poses)}, pose_ids(table)
+        found = [[index_of[names[row]] for row in group if names[row] in index_of] for group in declared_repeats(table)]
         groups = [np.array(group, np.int64) for group in found]
     else:
         groups = repeated_groups(attained.readings, np.maximum(_SAME * model.known.reading_sigma, _ROUNDING))

@@ -11,6 +11,7 @@ import numpy as np
 import pyarrow as pa
 from numpy.typing import NDArray
 
+from truing.arrays import TableRow
 from truing.schemas.artifacts import ARTIFACTS
 from truing.simulation.mechanisms.chains.extended_model import extended_chain, write_chain
 from truing.simulation.mechanisms.chains.joint_curves import JointErrorCurve
@@ -88,7 +89,7 @@ def positions_alone(error: PredictionError[Any]) -> PredictionError[Any]:
 
 def series_table(diagnosis: CauseDiagnosis, data: DiagnosisData[Any], series: Mapping[int | str, str]) -> pa.Table:
     """Rows of series_errors.parquet: errors of the positions in each series, fitted and held out."""
-    rows: list[dict[str, Any]] = []
+    rows: list[TableRow] = []
     for role, before, after in errors_by_role(diagnosis):
         epochs = data.calibration if role != HELD_OUT else data.held_out
         assert epochs is not None
@@ -178,10 +179,10 @@ def curves_table(fitted: FittedModel[Any]) -> dict[str, pa.Table]:
     return {"joint_curves": pa.table(columns, schema=ARTIFACTS["joint_curves"].arrow_schema())}
 
 
-def _zeros(model: ChainModel, shared: NDArray, covariance: NDArray) -> Iterator[dict[str, Any]]:
+def _zeros(model: ChainModel, shared: NDArray, covariance: NDArray) -> Iterator[TableRow]:
     """Yield the zeros of the joints that have a tolerance."""
-    for place, reading in enumerate(model.free_offsets):
-        unknown, sigma = model.layout["zeros"].start + place, float(model.known.offsets[reading])
+    for index, reading in enumerate(model.free_offsets):
+        unknown, sigma = model.layout["zeros"].start + index, float(model.known.offsets[reading])
         unit, si = ("rad", 1.0) if model.tree.is_revolute[reading] else ("mm", _MM)
         spread = float(np.sqrt(covariance[unknown, unknown])) * sigma
         name = model.tree.readings[reading]

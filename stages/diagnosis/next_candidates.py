@@ -9,6 +9,7 @@ from typing import TYPE_CHECKING, Any, ClassVar
 import numpy as np
 from numpy.typing import NDArray
 
+from truing.arrays import TableRow
 from truing.estimation.design.rival_design import Fitted, PointInstrument, PoseCandidates, candidates
 from truing.report.numbers import duration
 from truing.schemas.covariates import own_name
@@ -80,7 +81,7 @@ class PossibleMeasurements:
         again = "" if self.repeats[k] is None else f"pose {self.repeats[k]} again"
         return " ".join(filter(None, (f"rho {readings} mm", again, self.words[k])))
 
-    def rows(self, k: int) -> list[dict[str, Any]]:
+    def rows(self, k: int) -> list[TableRow]:
         """Return the table row of a candidate with its relevant covariates; time only in words, because it cannot be
         set."""
         readings = {f"rho{leg}_mm": round(float(v * 1e3), 6) for leg, v in enumerate(self.conditions.readings[k], 1)}

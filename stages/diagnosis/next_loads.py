@@ -9,6 +9,7 @@ from typing import TYPE_CHECKING, Any, ClassVar
 import numpy as np
 from numpy.typing import NDArray
 
+from truing.arrays import TableRow
 from truing.estimation.design.rival_design import Fitted, PoseCandidates, Readout, Runs, run_candidates
 from truing.estimation.interferometry.recorded_steps import CHANNELS, LOADS
 from truing.estimation.sensor.load_cases import LoadLimits, bench_loads
@@ -93,7 +94,7 @@ class PossibleRuns:
         """Return the duration of runs, with repeats, at the pace of their steps and without pauses between them, s."""
         return sum(_STEPS * self.made[self.runs.run[k]].step_s * own for k, own in times.items())
 
-    def rows(self, k: int) -> list[dict[str, Any]]:
+    def rows(self, k: int) -> list[TableRow]:
         """Return the steps of a candidate as rows of next_loads.parquet."""
         run = self.made[self.runs.run[k]]
         return [

@@ -11,6 +11,7 @@ import numpy as np
 import pyarrow as pa
 from numpy.typing import NDArray
 
+from truing.arrays import TableRow
 from truing.estimation.design.rival_design import (
     ChosenPoses,
     Fitted,
@@ -64,7 +65,7 @@ class Options(Protocol):
     def words_of(self, k: int) -> str:
         """Return a candidate in words."""
 
-    def rows(self, k: int) -> list[dict[str, Any]]:
+    def rows(self, k: int) -> list[TableRow]:
         """Return a candidate as rows of its table: the requested measurements."""
 
     def sets_conditions(self, k: int) -> bool:
@@ -106,7 +107,7 @@ class MeasurementPlan:
             return None
         return self.options.seconds(dict(zip(self.choice.chosen, self.choice.times, strict=True)))
 
-    def rows(self) -> Iterator[dict[str, Any]]:
+    def rows(self) -> Iterator[TableRow]:
         """Yield the rows of the plan, each with the number of the pose or run that it belongs to."""
         enough = self.choice.is_enough
         whole: dict[str, Any] = {"purpose": self.purpose, "need": self.need.value}
@@ -392,12 +393,12 @@ def _largest(cause: Any, fitted: Fitted, least_known: bool) -> _Largest | None:
         return None
     for best in sorted(alike, key=lambda k: -(reported[k].sigma if least_known else abs(reported[k].value))):
         direction = np.zeros(len(fitted.shared))
-        for place, step in enumerate(_STEP * np.sqrt(np.diag(covariance))):
-            nudge = step * (np.arange(len(values)) == place)
+        for index, step in enumerate(_STEP * np.sqrt(np.diag(covariance))):
+            nudge = step * (np.arange(len(values)) == index)
             ahead, behind = (
                 cause.reported(values + sign * nudge, covariance, legs)[best].value for sign in (1.0, -1.0)
             )
-            direction[part.start + place] = (ahead - behind) / (2.0 * step) * scale[place]
+            direction[part.start + index] = (ahead - behind) / (2.0 * step) * scale[index]
         if direction.any():  # a pitch that the readings leave open depends on no unknown
             return _Largest(cause, reported[best], direction)
     return None

@@ -11,7 +11,8 @@ from numpy.typing import NDArray
 
 from truing.inference.changes import NumberComparison, compare
 from truing.inference.fit import fit_model
-from truing.inference.fitted_model import FittedModel, Fitter
+from truing.inference.fitted_model import FittedModel
+from truing.inference.fitter import Fitter
 from truing.schemas.faults import CampaignFaults, Fault
 from truing.schemas.settings_text import parsed_toml
 from truing.simulation.bench.extended_model import is_sensor, read_sensor

@@ -15,6 +15,7 @@ import numpy as np
 import pyarrow as pa
 from numpy.typing import NDArray
 
+from truing.arrays import TableRow
 from truing.estimation.bundle.shared_errors import MOST_PATTERNS, independent_errors
 from truing.estimation.bundle.shared_errors import with_shared_errors as points_with_shared_errors
 from truing.inference.detectable import assessed
@@ -163,7 +164,7 @@ def _keys(table: pa.Table) -> list[tuple[Any, str]]:
 
 def with_rays(artifacts: Mapping[str, Any], rays: RayFindings, rule: Settings) -> dict[str, Any]:
     """Artifacts of a diagnosis of points, after the results of rays; ``rule``: that of the whole campaign."""
-    own_rule, found = rule_of_rays(rule), dict(artifacts)
+    own_rule, result = rule_of_rays(rule), dict(artifacts)
     level, search = own_rule.level, rays.diagnosis.search
     diagnosis = replace(rays.diagnosis, verdicts=assessed(rays.diagnosis.verdicts, search, level))
     sizes = detectable_words(search, level, [verdict.cause for verdict in diagnosis.verdicts], 0)
@@ -173,21 +174,21 @@ def with_rays(artifacts: Mapping[str, Any], rays: RayFindings, rule: Settings) -
     for row, verdict in zip(of_causes, diagnosis.verdicts, strict=True):
         if verdict.cause.key in rays.moves and row["verdict"] in ("found", "suspected"):
             row["explanation"] += _on_points(rays.moves[verdict.cause.key])
-    found["diagnosis"] = _ranked(rows, found["diagnosis"])
+    result["diagnosis"] = _ranked(rows, result["diagnosis"])
     for name, table in (
         ("detectable", detectable_table(diagnosis.search, level, 0)),
         ("adequacy", adequacy_table(diagnosis, own_rule, rays.data.shown.what)),
         ("cause_uncertainty", uncertainty_table(diagnosis, 0)),
     ):
-        found[name] = _concatenated_table(name, [found[name], table] if name in found else [table])
-    return found
+        result[name] = _concatenated_table(name, [result[name], table] if name in result else [table])
+    return result
 
 
-def _ranked(rays: list[dict[str, Any]], points: pa.Table) -> pa.Table:
+def _ranked(rays: list[TableRow], points: pa.Table) -> pa.Table:
     """All rows in the order of their verdicts, those of rays first; a finding of either is rejected by neither."""
     rows = [*rays, *points.to_pylist()]
     reported = {row["cause"] for row in rows if row["verdict"] not in _LOST}
-    kept: list[dict[str, Any]] = []
+    kept: list[TableRow] = []
     for verdict in _ORDER:
         of_verdict = [row for row in rows if row["verdict"] == verdict]
         if verdict in _LOST:

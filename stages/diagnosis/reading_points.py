@@ -10,6 +10,7 @@ import numpy as np
 import pyarrow as pa
 from numpy.typing import NDArray
 
+from truing.arrays import TableRow
 from truing.estimation.interferometry.recorded_steps import CHANNELS, LOADS, READING_SI, RecordedSteps
 from truing.inference.blocks import BlockKind, group_numbers
 from truing.inference.observations import Epochs, Frames, Observations
@@ -285,7 +286,7 @@ def _results(diagnosis: CauseDiagnosis, data: DiagnosisData[Any], settings: Camp
 def _errors_table(diagnosis: CauseDiagnosis, channels: Channels, settings: Campaign) -> pa.Table:
     """Rows of reading_errors.parquet: every reading without and with the findings."""
     floor = _floors(diagnosis, channels, settings)
-    rows: list[dict[str, Any]] = []
+    rows: list[TableRow] = []
     for role, before, after in errors_by_role(diagnosis):
         assert isinstance(before.model, BenchModel)
         names, conditions = before.model.channel_names, before.model.conditions

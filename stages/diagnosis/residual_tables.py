@@ -9,6 +9,7 @@ import numpy as np
 import pyarrow as pa
 from numpy.typing import NDArray
 
+from truing.arrays import TableRow
 from truing.inference.pulls import Pulls, pulls
 from truing.inference.screening import least_gross
 from truing.schemas.artifacts import ARTIFACTS
@@ -18,7 +19,8 @@ from truing.stages.common.missing_data import HELD_OUT
 from truing.stages.common.rows import Rows
 
 if TYPE_CHECKING:
-    from truing.inference.fitted_model import FittedModel, ScreenedValue
+    from truing.inference.fitted_model import FittedModel
+    from truing.inference.fitter import ScreenedValue
     from truing.inference.prediction import PredictionError
     from truing.inference.selection import CauseDiagnosis
     from truing.stages.diagnosis.diagnosis_data import DiagnosisData
@@ -38,7 +40,7 @@ def errors_by_role(diagnosis: CauseDiagnosis) -> Iterator[tuple[str, PredictionE
         yield HELD_OUT, plain.held_out, final.held_out
 
 
-def identified_table(artifact: str, rows: list[dict[str, Any]], key: str, present: Sequence[str] = ()) -> pa.Table:
+def identified_table(artifact: str, rows: list[TableRow], key: str, present: Sequence[str] = ()) -> pa.Table:
     """Rows as an artifact's table, whose identifiers, in the column ``key``, are integers or text."""
     identifier = "int64" if all(isinstance(row[key], int) for row in rows) else "string"
     return pa.Table.from_pylist(rows, schema=ARTIFACTS[artifact].arrow_schema(identifier, present=tuple(present)))
@@ -52,7 +54,7 @@ def prediction_table(
     """Rows of prediction.parquet: every pose without and with the findings; ``part``: channels that count."""
     poses = {"calibration": data.calibration.conditions.poses}
     poses |= {} if data.held_out is None else {HELD_OUT: data.held_out.conditions.poses}
-    rows: list[dict[str, Any]] = []
+    rows: list[TableRow] = []
     for role, *errors in errors_by_role(diagnosis):
         before, after = map(part, errors)
         columns = {
@@ -70,7 +72,7 @@ def prediction_table(
 
 def left_out_table(diagnosis: CauseDiagnosis, data: DiagnosisData[Any]) -> pa.Table:
     """Rows of diagnosis_left_out.parquet: existing values that were rejected as gross errors."""
-    rows: list[dict[str, Any]] = [
+    rows: list[TableRow] = [
         {
             "pose": point.pose,
             "subject": point.subject,
@@ -145,8 +147,8 @@ def sensor_pull_tables(names: list[PullName], before: FittedModel, after: Fitted
 
 
 def _pulls_of_sensor(fitted: FittedModel) -> Pulls:
-    places: NDArray[np.int64] = np.r_[fitted.model.layout["geometry"], fitted.model.layout["stiffness"]]
-    return pulls(fitted.fit.shared[places], np.eye(len(places)), fitted.covariance()[np.ix_(places, places)])
+    indices: NDArray[np.int64] = np.r_[fitted.model.layout["geometry"], fitted.model.layout["stiffness"]]
+    return pulls(fitted.fit.shared[indices], np.eye(len(indices)), fitted.covariance()[np.ix_(indices, indices)])
 
 
 def _pull_tables(names: list[PullName], before: Pulls, after: Pulls, *, in_si: bool) -> dict[str, pa.Table]:

@@ -11,6 +11,7 @@ from typing import TYPE_CHECKING, Any, cast
 import numpy as np
 import pyarrow as pa
 
+from truing.arrays import TableRow
 from truing.inference.noise import merged_by_driver
 from truing.report.diagnosis.assessed_causes import REMAINDER
 from truing.report.diagnosis.findings import (
@@ -67,7 +68,7 @@ def diagnosis_table(diagnosis: CauseDiagnosis, words: DetectionAdvice, noise_lev
     return ranked_table([{**row, "relation": words.relation.value} for row in rows])
 
 
-def _missing_rows(diagnosis: CauseDiagnosis) -> Iterator[dict[str, Any]]:
+def _missing_rows(diagnosis: CauseDiagnosis) -> Iterator[TableRow]:
     """Yield a row per cause that could not be tested because something was not recorded or varied."""
     for cause in cast("tuple[Cause, ...]", diagnosis.unasked):
         if missing := cause.missing_input(diagnosis.plain.scene):
@@ -87,7 +88,7 @@ def _missing_rows(diagnosis: CauseDiagnosis) -> Iterator[dict[str, Any]]:
             }
 
 
-def ranked_table(rows: list[dict[str, Any]]) -> pa.Table:
+def ranked_table(rows: list[TableRow]) -> pa.Table:
     """Rows of diagnosis.parquet, ranked as they stand."""
     artifact = ARTIFACTS["diagnosis"]
     ranked = [{**row, "rank": rank} for rank, row in enumerate(rows, 1)]
@@ -226,7 +227,7 @@ def claim_of(cause: Cause, legs: int) -> Claim:
     )
 
 
-def _plain(value: Any) -> Any:
+def _plain(value: object) -> Any:
     """A setting as JSON holds it; None if it is not finite."""
     if isinstance(value, (list, tuple, np.ndarray)):
         return [_plain(item) for item in value]
@@ -248,7 +249,7 @@ def _odds(verdict: Verdict, diagnosis: CauseDiagnosis) -> float | None:
     return None if other is None else math.exp(other.log_odds - verdict.log_odds)
 
 
-def _noise_rows(diagnosis: CauseDiagnosis, shown: ReportedRms | Channels, level: float) -> list[dict[str, Any]]:
+def _noise_rows(diagnosis: CauseDiagnosis, shown: ReportedRms | Channels, level: float) -> list[TableRow]:
     """Noise that is larger in places, that of single channels, and where none has its own that of all."""
     final = diagnosis.final
     overall = shown.overall(final.error)
@@ -269,7 +270,7 @@ def _noise_rows(diagnosis: CauseDiagnosis, shown: ReportedRms | Channels, level:
 
 def _attributed_rows(
     diagnosis: CauseDiagnosis, shown: ReportedRms | Channels, noise_level: float
-) -> Iterator[dict[str, Any]]:
+) -> Iterator[TableRow]:
     """Inputs that predict the residuals of the simulation, and that no nonparametric effect has.
 
     If the final model holds, an effect without a name needs no inputs but its own: others help by chance.

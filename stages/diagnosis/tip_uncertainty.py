@@ -9,7 +9,7 @@ import numpy as np
 import pyarrow as pa
 from numpy.typing import NDArray
 
-from truing.arrays import Array
+from truing.arrays import Array, TableRow
 from truing.estimation.rotation import left_jacobian_so3, log_so3
 from truing.inference.linear_problem import Contribution, rows_by_source
 from truing.schemas.artifacts import ARTIFACTS
@@ -64,7 +64,7 @@ def tip_table(final: FittedModel[Any], settings: Campaign) -> pa.Table:
     to_units = np.zeros((len(vector), 6, 6))
     to_units[:, :3, :3], to_units[:, 3:, 3:] = np.eye(3) / _MM, np.linalg.inv(left_jacobian_so3(vector))
     links = extended.tree.nodes[extended.tip].link, extended.tree.nodes[0].link
-    rows: list[dict[str, Any]] = []
+    rows: list[TableRow] = []
     for source, covariance in parts:
         turned = to_units @ covariance @ np.swapaxes(to_units, -1, -2)
         sigma = np.sqrt(np.maximum(np.diagonal(turned, axis1=1, axis2=2), 0.0))

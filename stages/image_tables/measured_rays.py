@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Mapping
 from dataclasses import dataclass
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 import pyarrow as pa
@@ -18,6 +18,9 @@ from truing.schemas.artifacts import ARTIFACTS
 from truing.schemas.faults import Fault
 from truing.stages.common.table_arrays import check_sigma, check_variance, numbers
 from truing.stages.image_tables.point_names import Names, kind_of, own_names
+
+if TYPE_CHECKING:
+    from truing.schemas.campaign import Campaign
 
 Formats = Mapping[str, Mapping[str, Any]]  # a row of cameras_given by camera
 
@@ -55,7 +58,9 @@ def artifact_table(name: str, columns: Mapping[str, Any], identifier: str) -> pa
     return pa.table(made, schema=pa.schema([field.with_nullable(True) for field in schema]))
 
 
-def read_rays(source: CampaignFiles, settings: Any, known: Mapping[str, pa.Table], log: FaultLog) -> RayTables | None:
+def read_rays(
+    source: CampaignFiles, settings: Campaign, known: Mapping[str, pa.Table], log: FaultLog
+) -> RayTables | None:
     """The rays of [files.image_points]; None where there are none, or none that could be read.
 
     known: image_targets, which names codes, and cameras_given with the formats, where there are any.
@@ -143,7 +148,7 @@ def _within_format(collected: CollectedRows, camera: Names, formats: Formats, lo
                 collected.fault(log, outside, name, f"a place within the format of camera {one}, {side} {size}")
 
 
-def _covariance(collected: CollectedRows, settings: Any, log: FaultLog) -> Array:
+def _covariance(collected: CollectedRows, settings: Campaign, log: FaultLog) -> Array:
     """xx, xy, yy (N, 3) in px^2: as given, else of the sigmas, else as declared."""
     names = collected.table.column_names
     declared = settings.noise.image_px

@@ -26,6 +26,7 @@ from truing.stages.image_tables.prior_knowledge import read_known
 
 if TYPE_CHECKING:
     from truing.estimation.image_targets.photograph_targets import PhotographTargets, TargetPlan
+    from truing.schemas.campaign import Campaign
 
 # Below this number of pixels, starting a process takes longer than measuring them.
 _WORTH_PROCESSES = 30_000_000
@@ -43,7 +44,7 @@ class Piece:
         return self.photograph.file.name
 
 
-def opened(source: CampaignFiles, settings: Any) -> str:
+def opened(source: CampaignFiles, settings: Campaign) -> str:
     """Photographs and their tables, each opened completely, in words; raises CampaignFaults."""
     log = FaultLog()
     read_known(source, settings, log)
@@ -56,7 +57,7 @@ def opened(source: CampaignFiles, settings: Any) -> str:
     return text + (f"; left out {'; '.join(left_out)}" if left_out else "")
 
 
-def open_all(source: CampaignFiles, settings: Any, log: FaultLog) -> PhotographFiles:
+def open_all(source: CampaignFiles, settings: Campaign, log: FaultLog) -> PhotographFiles:
     """The photographs, each opened completely; faults go into ``log``."""
     photographs = list_photographs(source, settings.photographs.sensor_width_mm, log)
     for photo in photographs.found:
@@ -89,7 +90,12 @@ Each = Callable[
 
 
 def read_photographs(
-    source: CampaignFiles, settings: Any, targets: pa.Table | None, log: FaultLog, progress: Progress, each: Each | None
+    source: CampaignFiles,
+    settings: Campaign,
+    targets: pa.Table | None,
+    log: FaultLog,
+    progress: Progress,
+    each: Each | None,
 ) -> RayTables | None:
     """Measure all photographs; None, with a fault in ``log``, if one cannot be read or there is none.
 

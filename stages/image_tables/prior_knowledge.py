@@ -10,6 +10,7 @@ import numpy as np
 import pyarrow as pa
 from numpy.typing import NDArray
 
+from truing.arrays import TableRow
 from truing.estimation.bundle.camera import PARAMETERS, UNITS
 from truing.formats.faultlog import FaultLog
 from truing.formats.row_collection import CollectedRows, collect_rows
@@ -22,6 +23,7 @@ from truing.stages.common.table_arrays import SmallTable, check_sigma, check_uni
 from truing.stages.image_tables.point_names import own_names
 
 if TYPE_CHECKING:
+    from truing.schemas.campaign import Campaign
     from truing.schemas.photographs import GivenCamera
 
 Row = dict[str, Any]
@@ -30,7 +32,7 @@ _NO_VALUES = ("name", "of", "poses", "images")
 _SAME = 1e-9  # of a number: as alike as two files write it
 
 
-def read_known(source: CampaignFiles, settings: Any, log: FaultLog) -> dict[str, SmallTable]:
+def read_known(source: CampaignFiles, settings: Campaign, log: FaultLog) -> dict[str, SmallTable]:
     """All prior knowledge of a network, by artifact; faults go into ``log``."""
     mapped = [table for table in OF_IMAGES if getattr(settings.files, table)]
     if source.entries("images") and source.entries("image_points"):
@@ -152,7 +154,7 @@ def _codes(family: str) -> frozenset[str]:
     return frozenset(map(str, range(codes_of(family))))
 
 
-def read_cameras(source: CampaignFiles, settings: Any, log: FaultLog) -> SmallTable | None:
+def read_cameras(source: CampaignFiles, settings: Campaign, log: FaultLog) -> SmallTable | None:
     """The cameras that the table cameras and [[cameras]] give, a row per parameter; None where neither gives any.
 
     A camera of both has the values of the table, completed by [[cameras]], which alone says what is free. One that
@@ -229,7 +231,7 @@ def cameras_table(rows: dict[str, dict[str, Any]]) -> pa.Table:
     return pa.Table.from_pylist(long, schema=ARTIFACTS["cameras_given"].arrow_schema())
 
 
-def _camera_format(row: dict[str, Any]) -> dict[str, Any]:
+def _camera_format(row: TableRow) -> dict[str, Any]:
     """The format of a camera and its balancing radius: a third of the format's diagonal where it is not given."""
     about = {name: row.get(name) for name in _FORMAT}
     if about["balancing_radius_px"] is None:
@@ -238,7 +240,7 @@ def _camera_format(row: dict[str, Any]) -> dict[str, Any]:
     return about
 
 
-def _principal_distance(row: dict[str, Any]) -> float | None:
+def _principal_distance(row: TableRow) -> float | None:
     if row.get("focal_px") is not None:
         return float(row["focal_px"])
     if row.get("c_mm") is not None and row.get("pixel_um"):

@@ -83,8 +83,8 @@ class AdjustedPoints:
 
     def as_text(self) -> AdjustedPoints:
         """Return the same points with poses as text, as in configurations with a pose that is no number."""
-        place = self.table.column_names.index("pose")
-        table = self.table.set_column(place, "pose", self.table.column("pose").cast(pa.string()))
+        column = self.table.column_names.index("pose")
+        table = self.table.set_column(column, "pose", self.table.column("pose").cast(pa.string()))
         return replace(self, table=table)
 
 

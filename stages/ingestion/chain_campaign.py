@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Iterable, Iterator, Mapping, Sequence
 from dataclasses import replace
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 import pyarrow as pa
@@ -39,6 +39,9 @@ from truing.stages.declaration import Outcome, Progress
 from truing.stages.ingestion.distance_table import read_distances
 from truing.stages.ingestion.point_campaign import ingest_points
 from truing.stages.ingestion.tables import read_configurations, read_survey
+
+if TYPE_CHECKING:
+    from truing.schemas.campaign import Campaign
 
 _MM, _DEG = 1e-3, np.pi / 180.0
 Limits = dict[str, tuple[float, float]]
@@ -75,7 +78,7 @@ def ingest(
     return replace(outcome, artifacts=artifacts)
 
 
-def planned_chain(settings: Any, source: CampaignFiles) -> dict[str, pa.Table]:
+def planned_chain(settings: Campaign, source: CampaignFiles) -> dict[str, pa.Table]:
     """`joints`, and the planned places of targets and configurations where there are any; raises CampaignFaults."""
     tree, limits = read_chain(settings, source)
     log = FaultLog()
@@ -255,7 +258,7 @@ def _check_loops(tree: Tree, table: pa.Table, log: FaultLog) -> None:
         log.add(Fault("configurations.csv", text, column="pose", value=str(pose)))
 
 
-def _check_gears(settings: Any, tree: Tree, log: FaultLog) -> None:
+def _check_gears(settings: Campaign, tree: Tree, log: FaultLog) -> None:
     """Note every joint with orders of gears, or with periods of a screw, that is read by no column or moves the other
     way."""
     by_key = {"gear_orders": ("turns", True), "pitch_mm": ("slides", False)}
@@ -267,7 +270,7 @@ def _check_gears(settings: Any, tree: Tree, log: FaultLog) -> None:
             log.add(Fault("campaign.toml", text, column=f"mechanism.{key}", value=joint))
 
 
-def _check_workspace(settings: Any, tree: Tree, log: FaultLog) -> None:
+def _check_workspace(settings: Campaign, tree: Tree, log: FaultLog) -> None:
     """Note every key of [workspace] joints that is no column of a joint, or a second one of the same joint."""
     columns = {joint + unit: joint for joint, units in _columns_of_joints(tree) for unit in units}
     joints = settings.workspace.joints
@@ -288,7 +291,7 @@ def _columns_of_joints(tree: Tree) -> Iterator[tuple[str, Iterable[str]]]:
         yield joint, ANGLES if turns else LENGTHS
 
 
-def _check_series(settings: Any, table: pa.Table, log: FaultLog) -> None:
+def _check_series(settings: Campaign, table: pa.Table, log: FaultLog) -> None:
     if settings.measurement.frame == "series" and "series" not in table.schema.names:
         text = 'a column series, because [measurement] frame = "series"'
         log.add(Fault("configurations.csv", text, column="series"))

@@ -11,7 +11,7 @@ import numpy as np
 import pyarrow as pa
 from numpy.typing import NDArray
 
-from truing.arrays import Array, Mask
+from truing.arrays import Array, Mask, TableRow
 from truing.estimation.interferometry.recorded_steps import (
     Corrected,
     at_reference_temperature,
@@ -40,7 +40,7 @@ _APART = np.sqrt(2.0)
 class Corrections:
     """Rows of ``reading_corrections``."""
 
-    rows: list[dict[str, Any]] = field(default_factory=list)
+    rows: list[TableRow] = field(default_factory=list)
 
     def add(self, subjects: NDArray[np.object_], name: str, change: Array | None, sigma: Array | None) -> None:
         """The largest change (N,) and sigma (N,) of each subject (N,), um for linear channels, else arcsec."""
@@ -186,5 +186,7 @@ def positions_at_reference(
     )
     subject = np.full(len(positions), "axis", object)
     corrections.add(subject, "material", _UM_PER_MM * (less.value - positions), _UM_PER_MM * less.sigma)
-    place = collected.table.column_names.index("position_mm")
-    return replace(collected, table=collected.table.set_column(place, "position_mm", pa.array(less.value))), corrections
+    column = collected.table.column_names.index("position_mm")
+    return replace(
+        collected, table=collected.table.set_column(column, "position_mm", pa.array(less.value))
+    ), corrections

@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 import pyarrow as pa
 
-from truing.arrays import Array, Index
+from truing.arrays import Array, Index, TableRow
 from truing.estimation.rotation import log_so3
 from truing.estimation.scans.registration import ScanFit, ScanStatus, refine_scan, register_scan
 from truing.formats.dictionaries import codes
@@ -34,7 +34,7 @@ _LESS_OVERLAP, _MORE_RMS = 0.8, 1.25
 class DenseScans:
     """Scans of a campaign as rows of the artifact, scanned bodies, and points left out by (subject, reason)."""
 
-    rows: list[dict[str, Any]] = field(default_factory=list)
+    rows: list[TableRow] = field(default_factory=list)
     bodies: set[str] = field(default_factory=set)
     points: int = 0
     left_out: dict[tuple[str, str], int] = field(default_factory=dict)

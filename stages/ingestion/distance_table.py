@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 import pyarrow as pa
@@ -16,12 +16,17 @@ from truing.schemas.near_names import meant_by
 from truing.simulation.mechanisms.chains.joint_table import STATION
 from truing.stages.common.table_arrays import numbers, sigmas, texts
 
+if TYPE_CHECKING:
+    from truing.schemas.campaign import Campaign
+
 _NAMES = TableShape(
     "targets", ("body", "target"), (*TARGETS.optional, *COORDINATES), may_be_empty=COORDINATES, partial=True
 )
 
 
-def read_distances(source: CampaignFiles, settings: Any, poses: pa.ChunkedArray, tip: str, log: FaultLog) -> pa.Table:
+def read_distances(
+    source: CampaignFiles, settings: Campaign, poses: pa.ChunkedArray, tip: str, log: FaultLog
+) -> pa.Table:
     """Rows of distances.parquet; a target that targets.csv does not name is one of the tip. Faults go into ``log``."""
     rows = collect_rows(source, DISTANCES, log, "pose")
     empty = ARTIFACTS["distances"].empty()

@@ -5,12 +5,12 @@ from __future__ import annotations
 from collections import Counter
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, field, replace
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 import pyarrow as pa
 
-from truing.arrays import Array, Mask
+from truing.arrays import Array, Mask, TableRow
 from truing.estimation.rigid_poses.later_survey import FALSE_ALARM, SurveyComparison, compare_surveys
 from truing.formats.faultlog import FaultLog
 from truing.formats.row_collection import CollectedRows, collect_rows
@@ -22,6 +22,9 @@ from truing.schemas.near_names import did_you_mean
 from truing.stages.common.table_arrays import SmallTable, check_unique_keys, numbers, sigmas, texts
 from truing.stages.ingestion.relabelling import PoseTimes, Relabel, Relabelling, window
 from truing.stages.ingestion.tables import check_legs, legs_of
+
+if TYPE_CHECKING:
+    from truing.schemas.campaign import Campaign
 
 _FILE = "campaign.toml"
 _MM = 1e-3
@@ -42,8 +45,8 @@ class LaterSurveys:
     """Results of later surveys: rows of ``resurveys``, targets to add to the survey, renamed targets, and raw rows left
     out."""
 
-    rows: list[dict[str, Any]] = field(default_factory=list)
-    added: list[dict[str, Any]] = field(default_factory=list)
+    rows: list[TableRow] = field(default_factory=list)
+    added: list[TableRow] = field(default_factory=list)
     rules: list[Relabel] = field(default_factory=list)
     left_out: dict[tuple[str, str], int] = field(default_factory=dict)
 
@@ -57,7 +60,7 @@ class LaterSurveys:
 
 
 def read_later_surveys(
-    source: CampaignFiles, settings: Any, first: SmallTable | None, order: PoseTimes, log: FaultLog
+    source: CampaignFiles, settings: Campaign, first: SmallTable | None, order: PoseTimes, log: FaultLog
 ) -> LaterSurveys | None:
     """Later surveys, compared in turn; None if there are none."""
     rows = collect_rows(source, RESURVEYS, log)
@@ -114,7 +117,7 @@ def _in_time(settings: dict[str, _ResurveySettings]) -> list[str]:
 
 
 def _resurvey_settings(
-    settings: Any, collected: CollectedRows, order: PoseTimes, log: FaultLog
+    settings: Campaign, collected: CollectedRows, order: PoseTimes, log: FaultLog
 ) -> dict[str, _ResurveySettings]:
     names = [str(name) for name in dict.fromkeys(texts(collected, "survey"))]
     resurveys = {name: _ResurveySettings() for name in names}

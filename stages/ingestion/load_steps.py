@@ -201,10 +201,10 @@ def _means(collected: CollectedRows, first: Index, at: Index, counts: Mask) -> C
     further[first] = False
     rows = without_rows(collected, further, "")
     table = rows.table
-    for place, name in enumerate(table.column_names):
+    for index, name in enumerate(table.column_names):
         if _is_averaged(collected.table, name):
             means = _sample_means(_sampled(collected, name), counts, at)
-            table = table.set_column(place, name, pa.array(means[at[~further]], from_pandas=True))
+            table = table.set_column(index, name, pa.array(means[at[~further]], from_pandas=True))
     return replace(rows, table=table, left_out=collected.left_out)
 
 

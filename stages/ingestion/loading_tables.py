@@ -4,12 +4,12 @@ from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field, replace
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 import pyarrow as pa
 
-from truing.arrays import Array
+from truing.arrays import Array, TableRow
 from truing.estimation.interferometry.recorded_steps import CHANNELS, LOADS
 from truing.formats.faultlog import FaultLog
 from truing.formats.file_search import words_on_unread_files
@@ -34,6 +34,9 @@ from truing.stages.ingestion.tables import (
     left_out_words,
     read_start,
 )
+
+if TYPE_CHECKING:
+    from truing.schemas.campaign import Campaign
 
 _TYPED = 1e-3  # of the roots of the diagonal: rounding of typed matrices
 _RIGID = 1e-8  # lowest eigenvalue of a compliance whose diagonal is 1
@@ -119,7 +122,7 @@ class LoadingTables:
         return tables | ({} if self.compliance is None else {"given_compliance": self.compliance})
 
     @property
-    def corrections(self) -> list[dict[str, Any]]:
+    def corrections(self) -> list[TableRow]:
         """Corrections of readings and positions."""
         corrected = [table for table in (self.readings, self.positions) if table is not None]
         return [row for table in corrected for row in table.corrections.rows]
@@ -167,7 +170,7 @@ def _channel_order(channel: str) -> tuple[bool, str]:
     return channel.startswith("r"), channel
 
 
-def ingest(settings: Any, source: CampaignFiles, log: FaultLog) -> Outcome:
+def ingest(settings: Campaign, source: CampaignFiles, log: FaultLog) -> Outcome:
     """Return the tables of a loading campaign; raises CampaignFaults with all faults at once."""
     loading, start = read_loading_tables(source, settings, log), read_start(source, settings, log)
     log.raise_faults()
@@ -176,7 +179,7 @@ def ingest(settings: Any, source: CampaignFiles, log: FaultLog) -> Outcome:
     return Outcome(artifacts, loading.read, left_out_words(loading.left_out), loading.figure)
 
 
-def read_loading_tables(source: CampaignFiles, settings: Any, log: FaultLog) -> LoadingTables:
+def read_loading_tables(source: CampaignFiles, settings: Campaign, log: FaultLog) -> LoadingTables:
     """Return all tables of a loading campaign; faults go into the log."""
     if not any(source.entries(name) for name in TABLES):
         expected = (
@@ -244,7 +247,7 @@ class PositionTable(SmallTable):
     corrections: Corrections = field(default_factory=Corrections)
 
 
-def read_positions(source: CampaignFiles, settings: Any, log: FaultLog) -> PositionTable | None:
+def read_positions(source: CampaignFiles, settings: Campaign, log: FaultLog) -> PositionTable | None:
     """Return the approaches ordered by run, target, direction and cycle; None if the campaign has none."""
     rows = collect_rows(source, POSITIONING, log, "run")
     if rows is None:

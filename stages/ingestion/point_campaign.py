@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections import Counter
 from collections.abc import Callable, Iterator, Mapping
 from dataclasses import dataclass, replace
-from typing import Any, cast
+from typing import TYPE_CHECKING, Any, cast
 
 import numpy as np
 import pyarrow as pa
@@ -36,6 +36,9 @@ from truing.stages.ingestion.tables import (
     read_start,
     read_survey,
 )
+
+if TYPE_CHECKING:
+    from truing.schemas.campaign import Campaign
 
 
 @dataclass
@@ -76,7 +79,7 @@ class _Parts:
 
 def ingest_points(
     tables: Mapping[str, pa.Table],
-    settings: Any,
+    settings: Campaign,
     source: CampaignFiles,
     log: FaultLog,
     progress: Progress,
@@ -109,7 +112,7 @@ def ingest_points(
     return _with_points(parts, Points(source, log, expected.without(known), progress, adjusted), estimated)
 
 
-def _first_tables(settings: Any, source: CampaignFiles, adjusted: AdjustedPoints | None, log: FaultLog) -> _Parts:
+def _first_tables(settings: Campaign, source: CampaignFiles, adjusted: AdjustedPoints | None, log: FaultLog) -> _Parts:
     """Return configurations, survey and model of the earlier campaign."""
     configurations = read_configurations(source, settings, log, None if adjusted is None else adjusted.table)
     survey = read_survey(source, settings, log)
@@ -150,7 +153,7 @@ def _with_points(parts: _Parts, points: Points, estimated: EstimatedCovariance) 
 
 
 def _adjusted(
-    tables: Mapping[str, pa.Table], settings: Any, source: CampaignFiles, log: FaultLog
+    tables: Mapping[str, pa.Table], settings: Campaign, source: CampaignFiles, log: FaultLog
 ) -> AdjustedPoints | None:
     """Return object points from photographs; None if points were measured as such."""
     if source.has_photographs and source.entries("points"):
@@ -204,7 +207,7 @@ def _at_last(artifact: str, table: Callable[[], pa.Table]) -> pa.RecordBatchRead
 
 
 def _expected(
-    settings: Any,
+    settings: Campaign,
     configurations: pa.Table,
     survey: pa.Table | None,
     renamed: tuple[Relabelling, ...],
@@ -223,7 +226,7 @@ def _expected(
     )
 
 
-def _geometry(settings: Any, survey: pa.Table | None) -> Geometry:
+def _geometry(settings: Campaign, survey: pa.Table | None) -> Geometry:
     surveyed: dict[str, dict[str, Any]] = {}
     if survey is not None:
         columns = (survey.column(name).to_pylist() for name in ("body", "target", "x_mm", "y_mm", "z_mm"))

@@ -39,6 +39,7 @@ from truing.stages.common.table_arrays import (
 
 if TYPE_CHECKING:
     from truing.formats.source import CampaignFiles
+    from truing.schemas.campaign import Campaign
     from truing.stages.ingestion.points import ExpectedPoints
 
 ROTATION = tuple(f"m{i}{j}" for i in range(3) for j in range(3))
@@ -178,7 +179,7 @@ class PoseTable:
         return f"poses of {', '.join(self.bodies[:12])}, no points"
 
 
-def read_poses(source: CampaignFiles, settings: Any, expected: ExpectedPoints, log: FaultLog) -> PoseTable | None:
+def read_poses(source: CampaignFiles, settings: Campaign, expected: ExpectedPoints, log: FaultLog) -> PoseTable | None:
     """Return the measured poses of the campaign; None without a pose table. Faults go into ``log``."""
     if not source.entries("poses"):
         return None
@@ -254,17 +255,19 @@ def _without_missing(collected: CollectedRows, columns: tuple[str, ...], log: Fa
 # -- covariance -------------------------------------------------------------------------------------------
 
 
-def _covariance(collected: CollectedRows, columns: tuple[str, ...], R: Array, settings: Any, log: FaultLog) -> Array:
+def _covariance(
+    collected: CollectedRows, columns: tuple[str, ...], R: Array, settings: Campaign, log: FaultLog
+) -> Array:
     """Return the covariance (N, 6, 6), SI, order (p, theta): from the file, otherwise from its sigmas, otherwise as
     declared."""
     names = set(collected.table.column_names)
     if names & set(POSE_COVARIANCE):
         return _given_covariance(collected, log)
     declared = settings.noise.displacement_mm
-    place = 1e-3 * sigmas(collected, COORDINATE_SIGMAS, declared, "noise.displacement_mm", _WHAT, log)
+    position = 1e-3 * sigmas(collected, COORDINATE_SIGMAS, declared, "noise.displacement_mm", _WHAT, log)
     turned, axes = _turn_sigmas(collected, columns, R, settings, log)
     covariance = np.zeros((len(R), 6, 6))
-    covariance[:, range(3), range(3)] = place**2
+    covariance[:, range(3), range(3)] = position**2
     covariance[:, 3:, 3:] = np.einsum("nik,nk,njk->nij", axes, turned**2, axes)
     return covariance
 

@@ -48,6 +48,7 @@ from truing.stages.ingestion.load_steps import (
 from truing.stages.ingestion.tables import as_artifact, since_first
 
 if TYPE_CHECKING:
+    from truing.schemas.campaign import Campaign
     from truing.schemas.interferometer import Interferometer
 
 LINEAR = ("dx", "dy", "dz")
@@ -174,8 +175,8 @@ def _by_step(collected: CollectedRows, value: Array, sigma: Array, log: FaultLog
         table = table.append_column("sigma", pa.array(np.maximum(sigma, SIGMA_BOUNDS["um"][0])))
     made = averaged(replace(collected, table=table), log)
     reading = numbers(made, "reading")
-    place = made.table.column_names.index("reading")
-    table = made.table.set_column(place, "reading", pa.array(reading - reading[_first_of_run(made)]))
+    column = made.table.column_names.index("reading")
+    table = made.table.set_column(column, "reading", pa.array(reading - reading[_first_of_run(made)]))
     made = replace(made, table=table)
     if "time_s" in table.column_names:
         return made
@@ -252,7 +253,9 @@ def _check_complete(optics: Interferometer, log: FaultLog) -> None:
             log.add(Fault("campaign.toml", expected, column=f"interferometer.{name}"))
 
 
-def reading_table(collected: CollectedRows, settings: Any, log: FaultLog, *, by_channel: bool) -> ReadingTable | None:
+def reading_table(
+    collected: CollectedRows, settings: Campaign, log: FaultLog, *, by_channel: bool
+) -> ReadingTable | None:
     """Return the readings of an assembled table with one row per step and channel, or per step; None after a fault."""
     key = ("run", "step", "channel") if by_channel else ("run", "step")
     collected, loads = checked_steps(collected, key, settings.loading, log, _SAMPLES if by_channel else "")
@@ -267,7 +270,7 @@ def reading_table(collected: CollectedRows, settings: Any, log: FaultLog, *, by_
     return ReadingTable(table, left_out, corrections=readings.corrections)
 
 
-def _interferometer_readings(collected: CollectedRows, settings: Any, log: FaultLog) -> _Readings:
+def _interferometer_readings(collected: CollectedRows, settings: Campaign, log: FaultLog) -> _Readings:
     channel, readings = texts(collected, "channel"), numbers(collected, "reading")
     is_recorded = ~np.isnan(readings)
     empty = np.asarray(collected.table.column("reading").is_null())
@@ -297,7 +300,7 @@ def _or_nan(value: float | None) -> float:
     return np.nan if value is None else float(value)
 
 
-def _displacement_readings(collected: CollectedRows, settings: Any, log: FaultLog) -> _Readings:
+def _displacement_readings(collected: CollectedRows, settings: Campaign, log: FaultLog) -> _Readings:
     """Return readings from displacements; a component without a column or value was not measured."""
     components_given = [k for k, name in enumerate(MOTION) if name in collected.table.column_names]
     if not components_given:

@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, field, replace
 from itertools import combinations
-from typing import Any
+from typing import TYPE_CHECKING
 
 import numpy as np
 import pyarrow as pa
@@ -18,6 +18,9 @@ from truing.formats.faultlog import FaultLog
 from truing.schemas.artifacts import ARTIFACTS
 from truing.schemas.faults import Fault
 from truing.schemas.near_names import did_you_mean
+
+if TYPE_CHECKING:
+    from truing.schemas.campaign import Campaign
 
 _FILE = "campaign.toml"
 
@@ -135,7 +138,7 @@ def window(order: PoseTimes, from_pose: object, to_pose: object, column: str, lo
     return first, last
 
 
-def declared_relabelling(settings: Any, order: PoseTimes, survey: pa.Table | None, log: FaultLog) -> Relabelling:
+def declared_relabelling(settings: Campaign, order: PoseTimes, survey: pa.Table | None, log: FaultLog) -> Relabelling:
     """Return the rules of [[renamed]]; reports contradictions among them, with the survey or with the poses."""
     relabellings = []
     for number, entry in enumerate(settings.renamed, 1):

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import re
 from dataclasses import replace
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 import pyarrow as pa
@@ -25,12 +25,17 @@ from truing.stages.ingestion.load_steps import (
 )
 from truing.stages.ingestion.tables import as_artifact, since_first
 
+if TYPE_CHECKING:
+    from truing.schemas.campaign import Campaign
+
 SIGNAL = re.compile(r"v\d+_mv")
 _SINGULAR = 1e12  # condition number of the leg forces' influence, N and N m
 _PER_N = 1.0  # mV per N of a leg, where no sensitivity is declared
 
 
-def read_signals(source: CampaignFiles, settings: Any, readings: pa.Table | None, log: FaultLog) -> SmallTable | None:
+def read_signals(
+    source: CampaignFiles, settings: Campaign, readings: pa.Table | None, log: FaultLog
+) -> SmallTable | None:
     """Return the signals; None if the campaign has none. Steps that the readings contain take their time from these."""
     rows = collect_rows(source, SIGNALS, log, "run")
     table = None if rows is None else signal_table(rows, settings, readings, log)
@@ -40,7 +45,7 @@ def read_signals(source: CampaignFiles, settings: Any, readings: pa.Table | None
 
 
 def signal_table(
-    collected: CollectedRows, settings: Any, readings: pa.Table | None, log: FaultLog
+    collected: CollectedRows, settings: Campaign, readings: pa.Table | None, log: FaultLog
 ) -> SmallTable | None:
     """Return the signals of an assembled table with one row per step; None after a fault."""
     if settings.signals.average_samples:

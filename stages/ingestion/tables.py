@@ -6,7 +6,7 @@ import re
 from collections import Counter
 from collections.abc import Container, Mapping, Sequence
 from dataclasses import replace
-from typing import Any, Protocol
+from typing import TYPE_CHECKING, Any, Protocol
 
 import numpy as np
 import pyarrow as pa
@@ -28,6 +28,9 @@ from truing.schemas.near_names import did_you_mean
 from truing.schemas.settings_text import parsed_toml, read_settings_text
 from truing.stages.common.table_arrays import SmallTable, check_unique_keys, numbers, with_filled_column, without_rows
 
+if TYPE_CHECKING:
+    from truing.schemas.campaign import Campaign
+
 POSES = tuple(TableShape(table, ("pose",), partial=True) for table in ("points", "poses", "scans"))
 """Points, measured poses and scans of which only the pose is looked at."""
 _COLUMN = "mechanism.model"
@@ -48,7 +51,7 @@ def legs_of(settings: Any) -> tuple[Any, ...]:
 
 
 def read_configurations(
-    source: CampaignFiles, settings: Any, log: FaultLog, adjusted: pa.Table | None = None
+    source: CampaignFiles, settings: Campaign, log: FaultLog, adjusted: pa.Table | None = None
 ) -> SmallTable:
     """Return one row per pose; without a table, poses in order of appearance, which a mechanism does not allow.
 
@@ -148,7 +151,7 @@ def _repeated(values: Array) -> Mask:
     return again
 
 
-def _check_readings(collected: CollectedRows, log: FaultLog, settings: Any) -> None:
+def _check_readings(collected: CollectedRows, log: FaultLog, settings: Campaign) -> None:
     legs = legs_of(settings)
     if not legs:
         return
@@ -176,7 +179,7 @@ def _check_drives(collected: CollectedRows, log: FaultLog, drives: tuple[str, ..
             log.add(Fault("campaign.toml", f"a column of configurations{hint}", column="campaign.drives", value=drive))
 
 
-def read_survey(source: CampaignFiles, settings: Any, log: FaultLog) -> SmallTable | None:
+def read_survey(source: CampaignFiles, settings: Campaign, log: FaultLog) -> SmallTable | None:
     """The reference survey; None where the campaign has none."""
     is_chain = settings.mechanism.type == "chain"
     rows = collect_rows(source, _TARGETS_OF_CHAINS if is_chain else TARGETS, log)
@@ -243,7 +246,7 @@ def as_artifact(name: str, table: pa.Table) -> pa.Table:
     return table.select(names).cast(pa.schema([field.with_nullable(True) for field in schema]))
 
 
-def read_start(source: CampaignFiles, settings: Any, log: FaultLog) -> str | None:
+def read_start(source: CampaignFiles, settings: Campaign, log: FaultLog) -> str | None:
     """The earlier model as text; None where the campaign starts from none, or from a faulty one."""
     if getattr(settings.mechanism, "model", None) is None or source.prior_model is None:
         return None

@@ -8,6 +8,7 @@ from typing import Any
 import numpy as np
 import pyarrow as pa
 
+from truing.arrays import TableRow
 from truing.estimation.bundle.photograph_plan import PhotographPlan
 from truing.estimation.bundle.planning import PredictedPrecision, body_motion, largest_sigma
 from truing.report.numbers import count as counted
@@ -53,17 +54,17 @@ def limits_of(prediction: PredictedPrecision) -> list[str]:
     camera = 1.0 - largest_sigma(prediction.with_known_camera) ** 2 / whole
     scale = 1.0 - largest_sigma(prediction.with_known_scale) ** 2 / whole
     texts = []
-    for place, variance in enumerate(whole):
+    for index, variance in enumerate(whole):
         if np.isnan(variance):
             texts.append("not seen twice")
-        elif scale[place] > 0.5:
+        elif scale[index] > 0.5:
             texts.append("scale")
-        elif camera[place] > 0.5:
+        elif camera[index] > 0.5:
             texts.append("camera")
-        elif prediction.rays[place] < _FEW_RAYS:
+        elif prediction.rays[index] < _FEW_RAYS:
             texts.append("few rays")
         else:
-            texts.append("narrow rays" if prediction.angle[place] < _NARROW else "noise")
+            texts.append("narrow rays" if prediction.angle[index] < _NARROW else "noise")
     return texts
 
 
@@ -77,7 +78,7 @@ def bodies_table(plan: PhotographPlan) -> pa.Table:
         sigma = prediction.sigma[body == name]
         members = np.flatnonzero(of_points == name)
         other = None if plan.reference in (None, name) else np.flatnonzero(of_points == plan.reference)
-        row: dict[str, Any] = {
+        row: TableRow = {
             "body": name,
             "targets": int((body == name).sum()),
             "worst_mm": 1e3 * float(np.nanmax(sigma)) if np.isfinite(sigma).any() else None,

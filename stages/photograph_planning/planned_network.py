@@ -7,7 +7,7 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from truing.arrays import Array
+from truing.arrays import Array, TableRow
 from truing.estimation.bundle.camera import Camera
 from truing.estimation.bundle.network import Bars
 from truing.estimation.bundle.photograph_plan import PlannedTargets
@@ -18,6 +18,8 @@ from truing.stages.common.nominal_mechanism import nominal_legs
 
 if TYPE_CHECKING:
     import pyarrow as pa
+
+    from truing.schemas.campaign import Campaign
 
 _FILE = "campaign.toml"
 _XYZ = ("x_mm", "y_mm", "z_mm")
@@ -30,7 +32,7 @@ _NOMINAL = ("base", "platform")  # the bodies whose nominal places a mechanism t
 
 
 def planned_network(
-    settings: Any,
+    settings: Campaign,
     tables: Mapping[str, pa.Table],
     normals: pa.Table | None,
     camera: str | None,
@@ -119,7 +121,7 @@ def _directions(normals: pa.Table | None, known: set[tuple[str, str]]) -> dict[t
     return directions
 
 
-def _diameters(settings: Any, image_targets: pa.Table | None, rows: list[dict[str, Any]]) -> Array:
+def _diameters(settings: Campaign, image_targets: pa.Table | None, rows: list[TableRow]) -> Array:
     """Return the diameter (P,) of each target in m: its own, otherwise the common one; NaN if unknown."""
     reported = {} if image_targets is None else {(row["body"], row["target"]): row for row in image_targets.to_pylist()}
     usual = settings.photographs.target_mm
@@ -129,16 +131,16 @@ def _diameters(settings: Any, image_targets: pa.Table | None, rows: list[dict[st
 
 def _bars(table: pa.Table | None, targets: PlannedTargets) -> tuple[Bars, tuple[str, ...]]:
     """Return the scale bars between targets of the plan, and notes on the others."""
-    place = {f"{body}/{name}": i for i, (body, name) in enumerate(zip(targets.body, targets.name, strict=True))}
+    index_of = {f"{body}/{name}": i for i, (body, name) in enumerate(zip(targets.body, targets.name, strict=True))}
     rows = [] if table is None else [row for row in table.to_pylist() if row["serves"] == "scale"]
-    rows_used = [row for row in rows if row["first"] in place and row["second"] in place]
+    rows_used = [row for row in rows if row["first"] in index_of and row["second"] in index_of]
     rows_used = list({row["bar"]: row for row in rows_used}.values())
     astray = sorted({row["bar"] for row in rows} - {row["bar"] for row in rows_used})
     statements = (f"Not used, because their ends are no surveyed targets: {', '.join(astray)}.",) if astray else ()
     if not rows_used:
         return Bars.none(), statements
     number = np.arange(len(rows_used))
-    ends = np.array([[place[row["first"]], place[row["second"]]] for row in rows_used])
+    ends = np.array([[index_of[row["first"]], index_of[row["second"]]] for row in rows_used])
     length = np.linalg.norm(np.diff(targets.layout.points[ends], axis=1)[:, 0], axis=1)  # as the survey has it
     sigma, repeat = (np.array([1e-3 * row[name] for row in rows_used]) for name in ("sigma_mm", "repeat_sigma_mm"))
     return Bars(number, ends[:, 0], ends[:, 1], repeat, length, sigma), statements

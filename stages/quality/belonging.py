@@ -293,13 +293,13 @@ def _drives(
         if body is reference:
             continue
         ok = body.fit.ok if reference is None else body.fit.ok & reference.fit.ok
-        places = np.flatnonzero(ok[pose] & np.isfinite(readings))
-        at = pose[places]
+        indices = np.flatnonzero(ok[pose] & np.isfinite(readings))
+        at = pose[indices]
         R, mirrored = body.fit.R[at], [(slip, own[at]) for slip, own in _mirrored(body)] if reference is None else []
         if reference is not None:
             R = np.swapaxes(reference.fit.R[at], 1, 2) @ R
-        names, groups = tuple(str(around.poses[one]) for one in at), _groups(configurations, rows[places])
-        driven.append(DrivenBody(body.name, columns[0], R, readings[places], names, groups, mirrored))
+        names, groups = tuple(str(around.poses[one]) for one in at), _groups(configurations, rows[indices])
+        driven.append(DrivenBody(body.name, columns[0], R, readings[indices], names, groups, mirrored))
     yield relate_drive(driven)
 
 

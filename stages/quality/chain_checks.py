@@ -274,8 +274,12 @@ def _tested(compared: ComparedChain, settings: Campaign) -> RelationTest:
         if everything.rms > limit:
             return _failed(replace(tested, misfit=everything.rms / _MM), in_poses.slips, None)
         return replace(tested, state=RelationState.ATTENTION, reason="strays", slips=in_poses.slips)
-    compared = with_most_poses(compared)
-    fit = compared.fit
+    return _explained(with_most_poses(compared), tested, () if in_poses is None else in_poses.slips)
+
+
+def _explained(compared: ComparedChain, tested: RelationTest, in_poses: tuple[RecordSlip, ...]) -> RelationTest:
+    """The test of a chain that misses its limit, with the slips that explain it; in_poses: slips in some poses."""
+    fit, conditions = compared.fit, compared.conditions
     if whole := [
         *slips_of_measured(compared, fit),
         *slips_of_links(compared),
@@ -294,7 +298,7 @@ def _tested(compared: ComparedChain, settings: Campaign) -> RelationTest:
             return _failed_as_a_whole(tested, whole)
         if (senses := senses_that_join(compared.tree, conditions, fit.start_of)) is not None:
             return _failed(tested, _recorded_senses(senses, compared), senses.after)
-        return _failed(tested, _constant(compared) or (() if in_poses is None else in_poses.slips), None)
+        return _failed(tested, _constant(compared) or in_poses, None)
     # The diagnosis corrects an exchange and zeros, as findings; no other slip.
     corrected = slip.kind in (ColumnSlipKind.EXCHANGED, ColumnSlipKind.ZEROS)
     state = RelationState.ATTENTION if corrected else RelationState.FAILS
@@ -312,8 +316,8 @@ def _tested(compared: ComparedChain, settings: Campaign) -> RelationTest:
 
 def _failed(tested: RelationTest, slips: tuple[RecordSlip, ...], after: float | None) -> RelationTest:
     """The test with slips that explain it, and the misfit, m, after their correction."""
-    left = None if after is None else after / _MM
-    return replace(tested, state=RelationState.FAILS, reason="no-slip", slips=slips, misfit_explained=left)
+    explained = None if after is None else after / _MM
+    return replace(tested, state=RelationState.FAILS, reason="no-slip", slips=slips, misfit_explained=explained)
 
 
 def _comparison(compared: ComparedChain, fit: NominalFit, start: StartValues) -> ChainComparison:

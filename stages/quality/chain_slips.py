@@ -178,21 +178,21 @@ def moved_frame(compared: ComparedChain, fit: NominalFit) -> WholeSlip | None:
     The frame of the first poses, which a fit of these alone must explain, misses all poses from that one on.
     """
     conditions = compared.conditions
-    places = np.flatnonzero(compared.usable)
-    first = np.isin(np.arange(len(conditions.series)), places[: max(FEWEST_POSES, len(places) // 4)])
+    indices = np.flatnonzero(compared.usable)
+    first = np.isin(np.arange(len(conditions.series)), indices[: max(FEWEST_POSES, len(indices) // 4)])
     if fit.reference is not None or conditions.series.any() or compared.measured.ends is not None:
         return None
     alone = fit.start_of(first, conditions)
     limit = foreign_share(alone)
-    errors = fit.errors_at(alone, conditions, fit.values)[np.ix_(places, fit.is_position)]
+    errors = fit.errors_at(alone, conditions, fit.values)[np.ix_(indices, fit.is_position)]
     size = np.sqrt(np.nanmean(np.sum(errors**2, -1), axis=1))
     agree = np.flatnonzero(size <= limit)
     start = int(agree[-1]) + 1 if len(agree) else 0
-    if alone.rms > limit or not FEWEST_POSES <= start <= len(places) - FEWEST_POSES or len(agree) < start:
+    if alone.rms > limit or not FEWEST_POSES <= start <= len(indices) - FEWEST_POSES or len(agree) < start:
         return None
-    series = (np.arange(len(conditions.series)) >= places[start]).astype(int)
+    series = (np.arange(len(conditions.series)) >= indices[start]).astype(int)
     after = fit.start_of(compared.usable, replace(conditions, series=series))
-    slip = RecordSlip(SlipKind.FRAME, "measured places from pose", (str(conditions.poses[places[start]]),))
+    slip = RecordSlip(SlipKind.FRAME, "measured places from pose", (str(conditions.poses[indices[start]]),))
     return None if does_not_belong(after) else WholeSlip(after.rms / after.spread, slip, after.rms)
 
 

@@ -7,12 +7,12 @@ from __future__ import annotations
 
 from collections.abc import Iterator, Mapping
 from itertools import chain
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING
 
 import numpy as np
 import pyarrow as pa
 
-from truing.arrays import Array
+from truing.arrays import Array, TableRow
 from truing.quality.load_responses import run_responses, sign_reversed, signal_responses
 from truing.quality.loading import ExpectedReadings, LoadingView
 from truing.report.numbers import count, percent
@@ -154,7 +154,7 @@ def quadrature_checks(channels: pa.Table, limits: CampaignLimits) -> Iterator[Ch
         yield _counted(row, limits)
 
 
-def _round(row: dict[str, Any], limits: CampaignLimits) -> Check:
+def _round(row: TableRow, limits: CampaignLimits) -> Check:
     share, uncut = row["radius_after"] / row["radius_mean"], row["radius_uncut"] / row["radius_mean"]
     name = row["channel"]
     text = (
@@ -166,7 +166,7 @@ def _round(row: dict[str, Any], limits: CampaignLimits) -> Check:
     return limits.of("signals-round").row(f"channel {name}", share, "1", text)
 
 
-def _counted(row: dict[str, Any], limits: CampaignLimits) -> Check:
+def _counted(row: TableRow, limits: CampaignLimits) -> Check:
     risk, name = row["miscount_risk"], row["channel"]
     text = f"{name}: the probability of a miscount by one fringe is at most {risk:.1g} for each step between samples."
     return limits.of("fringes-counted").row(f"channel {name}", risk, "1", text)

@@ -5,12 +5,11 @@ from __future__ import annotations
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
 from itertools import groupby
-from typing import Any
 
 import numpy as np
 import pyarrow as pa
 
-from truing.arrays import Mask
+from truing.arrays import Mask, TableRow
 from truing.estimation.rigid_poses.points import PosePoints
 from truing.estimation.rigid_poses.rigid import FitStatus
 from truing.quality.bodies import BodyView, PoseSurroundings
@@ -81,8 +80,8 @@ def _likely(body: BodyView, points: PosePoints, at: int) -> LikelyName | None:
     apart = float(np.linalg.norm(others - body.survey.points[nearest], axis=1).min(initial=np.inf))
     if not off[nearest] < max(_NEAR * sigma, _NEAR_SHARE * apart):
         return None
-    places = np.flatnonzero(body.points.is_observed[:, nearest])
-    before, after = (places < rows[0]).any(), (places > rows[-1]).any()
+    indices = np.flatnonzero(body.points.is_observed[:, nearest])
+    before, after = (indices < rows[0]).any(), (indices > rows[-1]).any()
     poses = body.points.poses
     return LikelyName(
         body.name,
@@ -133,7 +132,7 @@ def declared_names(relabelled: pa.Table | None) -> set[tuple[str, str]]:
 
 def likely_table(likely: Sequence[LikelyName]) -> pa.Table:
     """Return the artifact likely_names."""
-    rows: list[dict[str, Any]] = [
+    rows: list[TableRow] = [
         {
             "body": candidate.body,
             "called": candidate.called,
@@ -152,19 +151,19 @@ def expected_visible(resurveys: pa.Table | None, body: BodyView, around: PoseSur
     """Return the mask (B, T) of targets that should be observed: a target at a new position from its pose on, the
     former one until then."""
     out = np.ones(body.points.is_observed.shape, bool)
-    place = {name: at for at, name in enumerate(body.survey.targets)}
+    index_of = {name: at for at, name in enumerate(body.survey.targets)}
     since = {str(pose): at for at, pose in enumerate(around.poses)}
     rows = [] if resurveys is None else resurveys.to_pylist()
-    carried_name = {name: name for name in place}
+    carried_name = {name: name for name in index_of}
     for row in rows:
         if row["body"] != body.name or not row["holds_as"]:
             continue
-        new, start = place.get(row["holds_as"]), since.get(str(row["from_pose"]))
+        new, start = index_of.get(row["holds_as"]), since.get(str(row["from_pose"]))
         if start is None:  # no point of that very pose: since it was seen first
             start = 0 if new is None else int(body.points.is_observed[:, new].argmax())
         if new is not None:
             out[:start, new] = False
-        if row["holds_as"] != row["target"] and (old := place.get(carried_name.get(row["target"], ""))) is not None:
+        if row["holds_as"] != row["target"] and (old := index_of.get(carried_name.get(row["target"], ""))) is not None:
             out[start:, old] = False
         carried_name[row["target"]] = row["holds_as"]
     return out
@@ -182,7 +181,7 @@ def later_surveys(resurveys: pa.Table | None, exclude: Sequence[Overrule], limit
 
 
 def _check_later_survey(
-    subject: str, body: str, rows: list[dict[str, Any]], exclude: Sequence[Overrule], limits: CampaignLimits
+    subject: str, body: str, rows: list[TableRow], exclude: Sequence[Overrule], limits: CampaignLimits
 ) -> Iterator[Check]:
     compared = [row for row in rows if row["shift_x_mm"] is not None]
     if not compared:
@@ -212,7 +211,7 @@ def _check_later_survey(
         yield limit.row(subject, 0.0, "sigma", text)
 
 
-def _check_without_comparison(subject: str, rows: list[dict[str, Any]]) -> Check:
+def _check_without_comparison(subject: str, rows: list[TableRow]) -> Check:
     """Return the check of a body whose targets could not be compared: too many moved, or too few define a frame."""
     status = FitStatus(rows[0]["status"])
     if status not in (FitStatus.NO_CONSENSUS, FitStatus.AMBIGUOUS):
@@ -223,15 +222,15 @@ def _check_without_comparison(subject: str, rows: list[dict[str, Any]]) -> Check
     return Check("resurvey", subject, float(len(rows)), 0.0, "1", FAIL, text)
 
 
-def _size(row: dict[str, Any]) -> float:
+def _size(row: TableRow) -> float:
     return float(np.linalg.norm([row[f"shift_{a}_mm"] for a in _AXES]))
 
 
-def _over_sigma(row: dict[str, Any]) -> float:
+def _over_sigma(row: TableRow) -> float:
     return _size(row) / float(np.sqrt(np.mean([row[f"sigma_{a}_mm"] ** 2 for a in _AXES])))
 
 
-def _taken_into_account(row: dict[str, Any], exclude: Sequence[Overrule]) -> str:
+def _taken_into_account(row: TableRow, exclude: Sequence[Overrule]) -> str:
     if row["holds_as"]:
         return f"from pose {row['from_pose']} on it is {row['holds_as']}."
     for rule in exclude:

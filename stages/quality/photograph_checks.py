@@ -10,7 +10,7 @@ from typing import Any
 import numpy as np
 import pyarrow as pa
 
-from truing.arrays import Array
+from truing.arrays import Array, TableRow
 from truing.estimation.bundle.camera_stability import WATCHED as _WATCHED
 from truing.estimation.bundle.camera_stability import camera_stability as camera_deviations
 from truing.report.numbers import count as counted
@@ -277,7 +277,7 @@ def known_points(errors: pa.Table | None) -> Iterator[Check]:
         yield _known_points_check(f"pose {pose}", rows_of(errors, "pose", pose).to_pylist())
 
 
-def _known_points_check(subject: str, rows: list[dict[str, Any]]) -> Check:
+def _known_points_check(subject: str, rows: list[TableRow]) -> Check:
     """Return the check of a pose's known points: smallest p-value times the number of tested points."""
     tested = [row for row in rows if row["p_value"] is not None]
     lost = [row["point"] for row in rows if not row["rays"]]
@@ -297,11 +297,11 @@ def _known_points_check(subject: str, rows: list[dict[str, Any]]) -> Check:
     return Check("known-points", subject, min(p_value, 1.0), _LEVEL, "1", verdict, f"{text}.")
 
 
-def _distance(row: dict[str, Any]) -> float:
+def _distance(row: TableRow) -> float:
     return float(np.linalg.norm([row["dx_mm"], row["dy_mm"], row["dz_mm"]]))
 
 
-def _deviation_words(row: dict[str, Any]) -> str:
+def _deviation_words(row: TableRow) -> str:
     """Return the deviation of a known point and its direction in words."""
     off = np.array([row["dx_mm"], row["dy_mm"], row["dz_mm"]])
     size, spread = float(np.linalg.norm(off)), [row[f"sigma_{axis}_mm"] for axis in "xyz"]

@@ -166,12 +166,12 @@ def _body_views(tables: Mapping[str, pa.Table], around: PoseSurroundings) -> lis
 
 def viewed(observations: pa.Table, survey: pa.Table | None, body: str, around: PoseSurroundings) -> BodyView:
     """Return one body of the observations, fitted robustly to its survey, or to the shape of most poses."""
-    place = survey_points(survey, body) if survey is not None else None
-    is_surveyed = place is not None and bool(place.targets)
-    if place is None or not is_surveyed:
-        place = shape_of_poses(pose_points(observations, body, around.poses))
-    points = pose_points(observations, body, around.poses, place.targets)
-    return with_most_points(body_view(body, place, points, around, is_surveyed=is_surveyed), around)
+    position = survey_points(survey, body) if survey is not None else None
+    is_surveyed = position is not None and bool(position.targets)
+    if position is None or not is_surveyed:
+        position = shape_of_poses(pose_points(observations, body, around.poses))
+    points = pose_points(observations, body, around.poses, position.targets)
+    return with_most_points(body_view(body, position, points, around, is_surveyed=is_surveyed), around)
 
 
 def _checks_of_points(
@@ -226,6 +226,6 @@ def _repeats(configurations: pa.Table | None, around: PoseSurroundings, settings
         return [], ""
     groups, how = repeated_poses(configurations, settings.campaign.drives, settings.noise.actuator_mm)
     poses = configurations.column("pose").to_pylist()
-    place = {pose: at for at, pose in enumerate(around.poses)}
-    seen = ([place[poses[row]] for row in group if poses[row] in place] for group in groups)
+    index_of = {pose: at for at, pose in enumerate(around.poses)}
+    seen = ([index_of[poses[row]] for row in group if poses[row] in index_of] for group in groups)
     return [np.array(group) for group in seen if len(group) > 1], how

@@ -61,11 +61,11 @@ def _add_diagnosis(repeats: Repeats, tables: Mapping[str, pa.Table], steps: Reco
     errors = tables.get("reading_errors")
     if errors is None or not errors.num_rows:
         return
-    place = {
+    index_of = {
         key: row for row, key in enumerate(zip([steps.runs[r] for r in steps.run], steps.step.tolist(), strict=True))
     }
     keys = zip(errors.column("run").to_pylist(), errors.column("step").to_pylist(), strict=True)
-    row = np.array([place.get(key, -1) for key in keys])
+    row = np.array([index_of.get(key, -1) for key in keys])
     place_of = {name: n for n, name in enumerate(CHANNELS)}  # signals are told by the linear model above
     channel = np.array([place_of.get(name, -1) for name in errors.column("channel").to_pylist()])
     is_repeat = (row >= 0) & (channel >= 0) & (np.asarray(errors.column("role").to_pylist(), object) != "verification")

@@ -136,12 +136,12 @@ def _reference(table: pa.Table | None, poses: Ids) -> tuple[Array, Array] | None
     default = np.asarray(table.column("default").to_pylist(), bool) & np.isfinite(values).all(axis=1)
     root = [parent for parent in dict.fromkeys(parents[default]) if parent != "measurement"]
     name = next(iter(root or dict.fromkeys(bodies[default])), None)
-    place = positions(table.column("pose"), poses)
-    rows = default & (bodies == name) & (parents == "measurement") & (place >= 0)
+    index = positions(table.column("pose"), poses)
+    rows = default & (bodies == name) & (parents == "measurement") & (index >= 0)
     if not rows.any():
         return None
     motions = np.full((len(poses), 6), np.nan)
-    motions[place[rows]] = values[rows]
+    motions[index[rows]] = values[rows]
     turn = exp_so3(np.nan_to_num(motions[:, 3:]))
     turn[~np.isfinite(motions).all(axis=1)] = np.nan
     return turn, motions[:, :3]
@@ -187,14 +187,14 @@ def _relative_poses(
     bodies, parents = text_column(table, "body"), text_column(table, "parent")
     vectors = pose_vectors(table)
     variances = number_columns(table, [f"cov_{k}_{k}" for k in range(6)])
-    place = positions(table.column("pose"), poses)
+    index = positions(table.column("pose"), poses)
     relative = default & (parents != "measurement")
     if instrument_stood:
         relative |= default & ~np.isin(bodies, [*bodies[relative], *parents[relative]])
     for body in dict.fromkeys(bodies[relative]):
-        rows = default & (bodies == body) & (place >= 0)
+        rows = default & (bodies == body) & (index >= 0)
         position, variance = np.full((2, len(poses), 6), np.nan)
-        position[place[rows]], variance[place[rows]] = vectors[rows], variances[rows]
+        position[index[rows]], variance[index[rows]] = vectors[rows], variances[rows]
         known = np.isfinite(position).all(axis=1)
         if not str(body).startswith("leg") and known.any():
             position[known, 3:] = turned_from_first(exp_so3(position[known, 3:]), np.flatnonzero(known), groups)
@@ -230,10 +230,10 @@ def _add_attachments(
         return
     leg = np.asarray(table.column("leg").to_pylist(), int)
     is_kept = ~np.asarray(table.column("rejected").to_pylist(), bool)
-    place = positions(table.column("pose"), poses)
+    index = positions(table.column("pose"), poses)
     legs = int(leg.max())
     shift, variance = np.full((2, len(poses), legs), np.nan)
-    at = place[is_kept], leg[is_kept] - 1
+    at = index[is_kept], leg[is_kept] - 1
     shift[at] = number_column(table, "delta_bz_um")[is_kept]
     stated = "scatter_sigma_um" if "scatter_sigma_um" in table.column_names else "own_sigma_um"
     variance[at] = number_column(table, stated)[is_kept] ** 2
@@ -280,13 +280,13 @@ def _add_calibrations(repeats: Repeats, tables: Mapping[str, pa.Table], poses: I
         return
     model, fitted = _model_names(accuracy), text_column(accuracy, "role") != "verification"
     parts = number_columns(accuracy, _PARTS)
-    place = positions(accuracy.column("pose"), poses)
+    index = positions(accuracy.column("pose"), poses)
     spent = _parameters(tables.get("calibration"))
     repeated = Repeated("pose", tuple(f"platform {name}" for name in _COMPONENTS), _UNITS)
     for name in dict.fromkeys(model.tolist()):
-        rows = (model == name) & fitted & (place >= 0)
+        rows = (model == name) & fitted & (index >= 0)
         left = np.full((len(poses), 6), np.nan)
-        left[place[rows]] = parts[rows]
+        left[index[rows]] = parts[rows]
         count = np.isfinite(left).sum(axis=0)
         all_left = Squares(np.nansum(left**2, axis=0), count - spent.get(name, 0.0) / 6.0)
         repeats.add_fit(repeated, name, lack_of_fit(all_left, within_groups(left, groups)))

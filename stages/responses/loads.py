@@ -343,14 +343,14 @@ def _value(rows: pa.Table, run: int | str, figure: str) -> float:
 
 
 def _add_target_figures(rows: Rows, run: int | str, target: Array, figures: Positioning) -> None:
-    for place, at in enumerate(target):
+    for index, at in enumerate(target):
         subject = f"{at:g} mm"
         for direction, name in enumerate(_WAYS):
-            _add_position(rows, run, f"mean_{name}", subject, figures.mean[place, direction])
-            _add_position(rows, run, f"s_{name}", subject, figures.scatter[place, direction])
-            _add_position(rows, run, f"R_{name}", subject, figures.repeatability_at[place, direction])
-        _add_position(rows, run, "B", subject, figures.reversal_at[place])
-        _add_position(rows, run, "R", subject, figures.bidirectional_at[place])
+            _add_position(rows, run, f"mean_{name}", subject, figures.mean[index, direction])
+            _add_position(rows, run, f"s_{name}", subject, figures.scatter[index, direction])
+            _add_position(rows, run, f"R_{name}", subject, figures.repeatability_at[index, direction])
+        _add_position(rows, run, "B", subject, figures.reversal_at[index])
+        _add_position(rows, run, "R", subject, figures.bidirectional_at[index])
 
 
 def _add_axis_figures(rows: Rows, run: int | str, figures: Positioning) -> None:

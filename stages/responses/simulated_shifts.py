@@ -40,8 +40,8 @@ def compared(models: AttachmentModels, shifts: LegShifts, simulated: tuple[Array
 def simulated_fit(drive: Array, models: AttachmentModels, shifts: LegShifts, simulated: Array) -> ResponseFit:
     """Residuals of the fitted shifts by the simulated K, with the offset of the survey alone."""
     fitted = models.fitted
-    left = models.kept[fitted] - drive[fitted] @ simulated.T
-    return fit_response(drive[fitted], left, shifts.noise[fitted], form="none", offset_cov=shifts.survey)
+    residual = models.kept[fitted] - drive[fitted] @ simulated.T
+    return fit_response(drive[fitted], residual, shifts.noise[fitted], form="none", offset_cov=shifts.survey)
 
 
 def entry_rows(matrix_comparison: MatrixComparison | None) -> Rows:

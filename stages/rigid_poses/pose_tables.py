@@ -8,7 +8,7 @@ from typing import Any, cast
 import numpy as np
 import pyarrow as pa
 
-from truing.arrays import Array, Index
+from truing.arrays import Array, Index, TableRow
 from truing.estimation.covariance import relative_slope
 from truing.estimation.measured_numbers import pose_numbers
 from truing.estimation.rigid_poses.body_poses import BodyPoses, seen_from
@@ -150,7 +150,7 @@ def table_schema(name: str, identifier: str) -> pa.Schema:
     return pa.schema(kinds)
 
 
-def _table(name: str, parts: Sequence[dict[str, Any]], identifier: str) -> pa.Table:
+def _table(name: str, parts: Sequence[TableRow], identifier: str) -> pa.Table:
     """Return the parts as one table, with NaN as empty cells."""
     schema = table_schema(name, identifier)
     if not parts:
@@ -160,7 +160,7 @@ def _table(name: str, parts: Sequence[dict[str, Any]], identifier: str) -> pa.Ta
     )
 
 
-def _column(values: Any, kind: pa.DataType) -> pa.Array:
+def _column(values: object, kind: pa.DataType) -> pa.Array:
     if isinstance(values, pa.DictionaryArray):
         return values
     if pa.types.is_dictionary(kind):

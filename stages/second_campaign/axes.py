@@ -37,8 +37,8 @@ def predicted_encoders(text: str, second: SecondCampaign) -> Iterator[Prediction
         for k, encoder in enumerate(columns.encoders):
             if encoder not in extended.axis.encoders:
                 continue
-            place = extended.axis.encoders.index(encoder)
-            predicted = off_command[:, place] - (rows.command if by == EXTENDED else 0.0)
+            index = extended.axis.encoders.index(encoder)
+            predicted = off_command[:, index] - (rows.command if by == EXTENDED else 0.0)
             missed = deviations[:, k] - predicted
             sigma = encoder_sigma(second.settings, encoder)
             noise = None if sigma is None else float(np.hypot(sigma, off) / si)

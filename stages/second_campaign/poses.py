@@ -115,8 +115,8 @@ def _conditions(model: ExtendedModel, data: CalibrationData, second: SecondCampa
         own_name(name) for name in needed - conditions.covariates.keys() if not name.startswith("rho")
     ):
         raise ValueError(f"the extended model follows {', '.join(missing)}, which the second campaign does not hold")
-    place = {pose: n for n, pose in enumerate(poses)}
-    return some_of(conditions, np.array([place[pose] for pose in data.measured.poses], int))
+    index_of = {pose: n for n, pose in enumerate(poses)}
+    return some_of(conditions, np.array([index_of[pose] for pose in data.measured.poses], int))
 
 
 def _causes(model: ExtendedModel) -> str:

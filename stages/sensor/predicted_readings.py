@@ -31,9 +31,9 @@ def predicted_readings(extended: ExtendedSensor, table: pa.Table, file: str) -> 
     keys = list(zip(table.column("run").to_pylist(), table.column("step").to_pylist(), strict=True))
     steps = {key: row for row, key in reversed(list(enumerate(keys)))}  # by a step's first row
     rows = np.array(sorted(steps.values(), key=lambda row: _order(table, keys, row)))
-    place = {keys[row]: number for number, row in enumerate(rows)}
+    index_of = {keys[row]: number for number, row in enumerate(rows)}
     readings = predict_readings(extended, _conditions(table, loads, rows))
-    at = np.array([place[key] for key in keys])
+    at = np.array([index_of[key] for key in keys])
     columns = {
         "run": table.column("run"),
         "step": table.column("step"),

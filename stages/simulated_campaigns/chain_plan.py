@@ -32,7 +32,7 @@ if TYPE_CHECKING:
 _MM = 1e-3
 # Gross errors of points, m.
 _GROSS_M = 5e-4
-_PLACE, _TURN = ("px_mm", "py_mm", "pz_mm"), ("rx_rad", "ry_rad", "rz_rad")
+_TRANSLATION, _ROTATION = ("px_mm", "py_mm", "pz_mm"), ("rx_rad", "ry_rad", "rz_rad")
 
 
 def nominal_tables(
@@ -43,50 +43,62 @@ def nominal_tables(
     If the survey places stations (targets named ``station:NAME``), it is the distances from each to every other target.
     Raises ValueError if nothing can be planned.
     """
-    frames = tree.frames(joint_readings(tree, configurations))
     tables = {"configurations": configurations, "joints": joints}
-    poses, identifier = configurations.column("pose"), _identifier(configurations)
-    noise = settings.noise
     if survey is not None and survey.num_rows:
-        if noise.point_mm is None:
-            raise ValueError("needs noise.point_mm, the noise of each coordinate of a point")
-        bodies, names = (survey.column(name).to_pylist() for name in ("body", "target"))
-        nodes = np.array([tree.links[body] for body in bodies])
-        places = number_columns(survey, ("x_mm", "y_mm", "z_mm")) * _MM
-        values = frames.t[:, nodes] + np.einsum("bkij,kj->bki", frames.R[:, nodes], places)
-        is_station = np.array([name.startswith(STATION) for name in names], bool)
-        if is_station.any():
-            lines = _nominal_distances(list(zip(bodies, names, strict=True)), values, is_station, poses)
-            lines["sigma_mm"] = np.full(len(lines["reading_mm"]), noise.point_mm)
-            schema = ARTIFACTS["distances"].arrow_schema(identifier)
-            known = survey.filter(pa.array(~is_station))
-            return {**tables, "survey": known, "distances": pa.table({n: lines[n] for n in schema.names}).cast(schema)}
-        flat, count = values.reshape(-1, 3) / _MM, len(bodies)
-        columns: dict[str, object] = {
-            "pose": poses.take(np.repeat(np.arange(len(poses)), count)),
-            "body": bodies * len(poses),
-            "target": names * len(poses),
-        }
-        columns |= {f"{axis}_mm": flat[:, k] for k, axis in enumerate("xyz")}
-        columns |= {f"sigma_{axis}_mm": np.full(len(flat), noise.point_mm) for axis in "xyz"}
-        schema = ARTIFACTS["observations"].arrow_schema(identifier)
-        return {**tables, "survey": survey, "observations": pa.table(columns).cast(schema)}
+        return tables | _nominal_targets(tree, survey, configurations, settings)
+    return tables | {"measured_poses": _nominal_tip(tree, configurations, settings)}
+
+
+def _nominal_targets(tree: Tree, survey: pa.Table, configurations: pa.Table, settings: Campaign) -> dict[str, pa.Table]:
+    """The survey with the points of its targets in all poses, or with the distances from its stations."""
+    noise_mm = settings.noise.point_mm
+    if noise_mm is None:
+        raise ValueError("needs noise.point_mm, the noise of each coordinate of a point")
+    frames = tree.frames(joint_readings(tree, configurations))
+    poses, identifier = configurations.column("pose"), _identifier(configurations)
+    bodies, names = (survey.column(name).to_pylist() for name in ("body", "target"))
+    nodes = np.array([tree.links[body] for body in bodies])
+    positions = number_columns(survey, ("x_mm", "y_mm", "z_mm")) * _MM
+    values = frames.t[:, nodes] + np.einsum("bkij,kj->bki", frames.R[:, nodes], positions)
+    is_station = np.array([name.startswith(STATION) for name in names], bool)
+    if is_station.any():
+        lines = _nominal_distances(list(zip(bodies, names, strict=True)), values, is_station, poses)
+        lines["sigma_mm"] = np.full(len(lines["reading_mm"]), noise_mm)
+        schema = ARTIFACTS["distances"].arrow_schema(identifier)
+        distances = pa.table({name: lines[name] for name in schema.names}).cast(schema)
+        return {"survey": survey.filter(pa.array(~is_station)), "distances": distances}
+    flat, count = values.reshape(-1, 3) / _MM, len(bodies)
+    columns: dict[str, object] = {
+        "pose": poses.take(np.repeat(np.arange(len(poses)), count)),
+        "body": bodies * len(poses),
+        "target": names * len(poses),
+    }
+    columns |= {f"{axis}_mm": flat[:, k] for k, axis in enumerate("xyz")}
+    columns |= {f"sigma_{axis}_mm": np.full(len(flat), noise_mm) for axis in "xyz"}
+    schema = ARTIFACTS["observations"].arrow_schema(identifier)
+    return {"survey": survey, "observations": pa.table(columns).cast(schema)}
+
+
+def _nominal_tip(tree: Tree, configurations: pa.Table, settings: Campaign) -> pa.Table:
+    """Poses of the tip, as they would be measured without errors."""
+    noise, poses = settings.noise, configurations.column("pose")
     if noise.displacement_mm is None or noise.rotation_rad is None:
         raise ValueError(
             "needs targets.csv with planned places of targets on links, or noise.displacement_mm and "
             "noise.rotation_rad for measured poses of the tip"
         )
+    frames = tree.frames(joint_readings(tree, configurations))
     tip = cast("ChainMechanism", settings.mechanism).tip or tree.nodes[-1].link
     node = tree.links[tip]
     vectors = np.column_stack([frames.t[:, node] / _MM, log_so3(frames.R[:, node])])
-    columns = {"pose": poses, "body": [tip] * len(poses)}
-    columns |= {name: vectors[:, k] for k, name in enumerate((*_PLACE, *_TURN))}
+    columns: dict[str, object] = {"pose": poses, "body": [tip] * len(poses)}
+    columns |= {name: vectors[:, k] for k, name in enumerate((*_TRANSLATION, *_ROTATION))}
     sigma = np.array([noise.displacement_mm * _MM] * 3 + [noise.rotation_rad] * 3)
     columns |= {
         f"cov_{i}_{j}": np.full(len(poses), sigma[i] ** 2 if i == j else 0.0) for i in range(6) for j in range(i, 6)
     }
-    schema = ARTIFACTS["measured_poses"].arrow_schema(identifier)
-    return {**tables, "measured_poses": pa.table({name: columns[name] for name in schema.names}).cast(schema)}
+    schema = ARTIFACTS["measured_poses"].arrow_schema(_identifier(configurations))
+    return pa.table({name: columns[name] for name in schema.names}).cast(schema)
 
 
 def _nominal_distances(
@@ -187,7 +199,7 @@ class ChainPlan:
     def _distances(self, table: pa.Table, poses: tuple[int | str, ...], lengths: NDArray) -> pa.Table:
         assert isinstance(self.model, DistanceModel)
         keys = list(zip(self.model.channels.links, self.model.channels.names, strict=True))
-        places = {(keys[a], keys[b]): d for d, (a, b) in enumerate(self.model.ends)}
+        index_of = {(keys[a], keys[b]): d for d, (a, b) in enumerate(self.model.ends)}
         ends = [
             [(link or GROUND, name) for link, name in zip(*distances, strict=True)]
             for distances in (
@@ -196,17 +208,17 @@ class ChainPlan:
         ]
         pose, line = (
             positions(table.column("pose"), poses),
-            np.array([places[pair] for pair in zip(*ends, strict=True)]),
+            np.array([index_of[pair] for pair in zip(*ends, strict=True)]),
         )
         is_known = pose >= 0
         return _with_columns(table.filter(is_known), {"reading_mm": lengths[pose[is_known], line[is_known]] / _MM})
 
     def _points(self, table: pa.Table, poses: tuple[int | str, ...], values: NDArray) -> pa.Table:
         names, links = self.model.channels.names, self.model.channels.links
-        places = {key: k for k, key in enumerate(zip(links, names, strict=True)) if not self._is_rotation[k]}
+        index_of = {key: k for k, key in enumerate(zip(links, names, strict=True)) if not self._is_rotation[k]}
         pose = positions(table.column("pose"), poses)
         pairs = zip(table.column("body").to_pylist(), table.column("target").to_pylist(), strict=True)
-        channel = np.array([places.get(pair, -1) for pair in pairs], int)
+        channel = np.array([index_of.get(pair, -1) for pair in pairs], int)
         is_known = (pose >= 0) & (channel >= 0)
         values_mm = values[pose[is_known], channel[is_known]] / _MM
         return _with_columns(table.filter(is_known), {f"{axis}_mm": values_mm[:, k] for k, axis in enumerate("xyz")})
@@ -221,8 +233,8 @@ class ChainPlan:
             [places[body, name] for body in np.array(bodies, object)[is_known]] for name in ("position", "orientation")
         ]
         shifts, turns = values[pose[is_known], at[0]] / _MM, log_so3(turned[pose[is_known], at[1]])
-        columns = {name: shifts[:, k] for k, name in enumerate(_PLACE)}
-        columns |= {name: turns[:, k] for k, name in enumerate(_TURN)}
+        columns = {name: shifts[:, k] for k, name in enumerate(_TRANSLATION)}
+        columns |= {name: turns[:, k] for k, name in enumerate(_ROTATION)}
         return _with_columns(table.filter(is_known), columns)
 
     @property

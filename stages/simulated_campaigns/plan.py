@@ -246,15 +246,15 @@ class ReadingPlan:
     def drawn(self, effects: Sequence[Effect], rng: np.random.Generator) -> dict[str, pa.Table]:
         """The tables of a campaign drawn anew with effects hidden in it."""
         readings = draw_readings(self.model, effects, rng, self.gross)
-        place = {key: row for row, key in enumerate(_keys(self.steps))}
+        index_of = {key: row for row, key in enumerate(_keys(self.steps))}
         tables = dict(self.tables)
         if "readings" in tables:
             table = tables["readings"]
-            rows = _rows(table, place)
+            rows = _rows(table, index_of)
             channel = np.array([CHANNELS.index(name) for name in table.column("channel").to_pylist()])
             tables["readings"] = _with_column(table, "reading", readings[rows, channel] / READING_SI[channel])
         if "signals" in tables:
-            rows = _rows(tables["signals"], place)
+            rows = _rows(tables["signals"], index_of)
             for number, name in enumerate(self.steps.signals):
                 values = readings[rows, len(CHANNELS) + number] * _VOLT_MV
                 tables["signals"] = _with_column(tables["signals"], f"{name}_mv", values)

@@ -7,6 +7,7 @@ from typing import Any
 
 import pyarrow as pa
 
+from truing.arrays import TableRow
 from truing.inference.detectable import POWER
 from truing.simulation.detection_trials import Curve, DetectionQuestion, Rate
 
@@ -48,7 +49,7 @@ _RATES = (
 )
 
 
-def _table(rows: Sequence[dict[str, Any]], names: Sequence[str]) -> pa.Table:
+def _table(rows: Sequence[TableRow], names: Sequence[str]) -> pa.Table:
     kinds = {name: pa.string() if name in _TEXTS else pa.int64() if name in _COUNTS else pa.float64() for name in names}
     return pa.Table.from_pylist(rows, schema=pa.schema(list(kinds.items())))
 
@@ -73,20 +74,20 @@ def _sizes_row(curve: Curve) -> dict[str, Any]:
     return row
 
 
-def _rate_rows(curve: Curve) -> list[dict[str, Any]]:
+def _rate_rows(curve: Curve) -> list[TableRow]:
     question = curve.question
     return [
         {
             **_kind_row(question),
             "size": factor * (question.expected or 0.0) * question.unit.value,
             "signal_to_noise": question.signal_to_noise(factor * (question.expected or 0.0)),
-            "campaigns": curve.found[place].of,
+            "campaigns": curve.found[index].of,
             "expected": question.rate(factor * (question.expected or 0.0)),
-            **_rate_columns("found", curve.found[place]),
-            **_rate_columns("named", curve.named[place]),
-            **_rate_columns("subject_right", curve.subject_right[place]),
+            **_rate_columns("found", curve.found[index]),
+            **_rate_columns("named", curve.named[index]),
+            **_rate_columns("subject_right", curve.subject_right[index]),
         }
-        for place, factor in enumerate(curve.factors)
+        for index, factor in enumerate(curve.factors)
     ]
 
 

@@ -52,13 +52,13 @@ def state_compliance(statement: Statement, tables: Mapping[str, pa.Table], setti
         budgets = compliance_budgets(loaded, declared)
     except np.linalg.LinAlgError:  # one of the components is not determined by its own readings
         budgets = None
-    places = [(CHANNELS.index(row["response"]), LOADS.index(row["load"])) for row in rows]
+    indices = [(CHANNELS.index(row["response"]), LOADS.index(row["load"])) for row in rows]
     sigma = np.array([row["sigma"] for row in rows], float)
-    budget = None if budgets is None else budget_of_entries(budgets, loaded, places)
+    budget = None if budgets is None else budget_of_entries(budgets, loaded, indices)
     if budget is None or not np.allclose(budget.standard, sigma, rtol=_CLOSES):
         budget = Budget((Source("fit as a whole: readings, loads and geometry", "A"),), sigma[None])
     estimate = np.array([row["coefficient"] for row in rows], float)
-    budget = budget.with_source(CORRECTED, np.abs(estimate) * _corrected(tables)[[i for i, _ in places]])
+    budget = budget.with_source(CORRECTED, np.abs(estimate) * _corrected(tables)[[i for i, _ in indices]])
     names, units = [f"{row['response']} per {row['load']}" for row in rows], [row["unit"] for row in rows]
     statement.state("compliance", "recorded loads", names, estimate, units, budget.filled())
     _omit(statement, tables, settings)

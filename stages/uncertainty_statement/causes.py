@@ -4,11 +4,12 @@ from __future__ import annotations
 
 import json
 from collections.abc import Mapping
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING
 
 import numpy as np
 import pyarrow as pa
 
+from truing.arrays import TableRow
 from truing.estimation.uncertainty_budget import Budget, Source
 from truing.simulation.catalogue import catalogue, catalogue_of_photographed_points, catalogue_of_rays
 from truing.simulation.cause import Step
@@ -54,7 +55,7 @@ def _parts(table: pa.Table | None) -> Parts:
     return parts
 
 
-def _state_cause(statement: Statement, row: dict[str, Any], parts: Parts) -> None:
+def _state_cause(statement: Statement, row: TableRow, parts: Parts) -> None:
     cause, concerned = row["cause"], row["subject"] or ""
     subject = f"{cause} {concerned}".strip()
     parameters = json.loads(row["parameters"] or "{}")

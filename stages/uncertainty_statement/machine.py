@@ -3,11 +3,12 @@
 from __future__ import annotations
 
 from collections.abc import Mapping
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING
 
 import numpy as np
 import pyarrow as pa
 
+from truing.arrays import TableRow
 from truing.calibration.knowledge import budget_of_answer, refitted_calibration
 from truing.estimation.interferometry.iso230 import positioning_uncertainty
 from truing.estimation.uncertainty_budget import NOT_HELD, Budget, Source, budget, root_mean_square
@@ -44,14 +45,14 @@ def state_calibration(statement: Statement, tables: Mapping[str, pa.Table], sett
     if parts is None or not np.allclose(parts.standard, sigma, rtol=_CLOSES):
         parts = Budget((Source("fit as a whole: poses, readings and tolerances", "B"),), sigma[None])
     subject = f"{key[0]}, {key[1]} deformation"
-    places = np.flatnonzero(reported)
+    indices = np.flatnonzero(reported)
     statement.state(
         "calibration",
         subject,
-        [names[i] for i in places],
-        np.array([rows[i]["identified"] for i in places], float),
-        [rows[i]["unit"] for i in places],
-        Budget(parts.sources, parts.contributions[:, places]),
+        [names[i] for i in indices],
+        np.array([rows[i]["identified"] for i in indices], float),
+        [rows[i]["unit"] for i in indices],
+        Budget(parts.sources, parts.contributions[:, indices]),
     )
     for i in np.flatnonzero(~np.array(reported, bool)):
         statement.not_evaluated("calibration", names[i], "the data do not determine it", subject)
@@ -80,7 +81,7 @@ def _name(parameter: str, leg: int | None, effect: str | None) -> str:
 
 
 def _budget(
-    tables: Mapping[str, pa.Table], settings: Campaign, key: tuple[str, str], rows: list[dict[str, Any]]
+    tables: Mapping[str, pa.Table], settings: Campaign, key: tuple[str, str], rows: list[TableRow]
 ) -> Budget | None:
     """Return the budget of the parameters in table units; None if the calibration cannot be repeated."""
     stood = {(row["parameter"], row["leg"]): row["identified"] for row in rows}

@@ -20,7 +20,7 @@ from tests.blind.generator.folder import write_campaign
 from tests.blind.generator.layout import DataFaults, Layout, Noise, Targets
 from tests.blind.generator.schedule import at_rest, random_moves
 from tests.stages.line import run_line, settings_of
-from truing.inference.fitted_model import Fitter
+from truing.inference.fitter import Fitter
 from truing.inference.rounds import score_round
 from truing.pipeline.campaign_folder import SettingsView
 from truing.schemas.campaign import Campaign

@@ -8,7 +8,8 @@ import numpy as np
 
 from tests.simulation.mechanisms.chains.made_arms import campaign
 from tests.tolerance import assert_between
-from truing.inference.fitted_model import FittedModel, Fitter
+from truing.inference.fitted_model import FittedModel
+from truing.inference.fitter import Fitter
 from truing.inference.observations import Epochs, Frames, Observations
 from truing.simulation.mechanisms.chains.causes import ChainCause
 

@@ -14,7 +14,7 @@ import numpy as np
 import pandas as pd
 
 from tests.real.campaigns import HERE, PROJECT, data_folder, prepare, run, tables_of
-from truing.inference.fitted_model import Fitter
+from truing.inference.fitter import Fitter
 from truing.pipeline.in_memory import stage_line
 from truing.schemas.campaign import read_campaign
 from truing.simulation.mechanisms.chains.causes import ChainCause, ChainScene, JointCompliance, JointGain, JointOffset

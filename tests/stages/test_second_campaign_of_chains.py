@@ -12,7 +12,7 @@ import pytest
 
 from tests.stages.line import run_line, settings_of
 from truing.estimation.rotation import log_so3
-from truing.inference.fitted_model import Fitter
+from truing.inference.fitter import Fitter
 from truing.schemas.campaign import read_campaign
 from truing.schemas.faults import CampaignFaults
 from truing.simulation.mechanisms.chains.causes import JointCompliance

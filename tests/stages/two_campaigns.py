@@ -17,7 +17,8 @@ from tests.blind.generator.folder import write_campaign
 from tests.blind.generator.layout import Geometry, Layout, Targets
 from tests.blind.generator.schedule import at_rest, random_moves
 from tests.stages.line import run_line
-from truing.inference.fitted_model import FittedModel, Fitter
+from truing.inference.fitted_model import FittedModel
+from truing.inference.fitter import Fitter
 from truing.schemas.campaign import read_campaign
 from truing.simulation.cause import Cause
 from truing.simulation.mechanisms.extended_model import extended, write_model

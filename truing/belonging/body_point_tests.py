@@ -278,6 +278,13 @@ def relate_survey(body: BodyPoints) -> RelationTest:
     if before <= _MISFIT * body.sigma:
         mirrored_slip = (RecordSlip(SlipKind.MIRRORED, "points or survey of body", (body.name,)),)
         return replace(tested, tried=2, hidden=mirrored_slip if is_flat(body.survey) else ())
+    return _explain_misfit(tested, body, before, scaled, mirrored)
+
+
+def _explain_misfit(
+    tested: RelationTest, body: BodyPoints, before: float, scaled: RigidFit, mirrored: RigidFit
+) -> RelationTest:
+    """Return the failed test of a body with misfit ``before``, m, and the slip that explains it best, if any does."""
     trials = [(RecordSlip(SlipKind.MIRRORED, "points or survey of body", (body.name,)), _typical(mirrored.rms))]
     if (factor := _unit(scaled.scale)) is not None:
         trials.append((RecordSlip(SlipKind.UNIT, "points of body", (body.name,), factor), _typical(scaled.rms)))
@@ -289,11 +296,11 @@ def relate_survey(body: BodyPoints) -> RelationTest:
         and body.named is not None
         and (other_names := _under_other_names(body.named)) is not None
     ):
-        order, left = other_names
-        if left <= _FIFTH * before:
+        order, renamed_misfit = other_names
+        if renamed_misfit <= _FIFTH * before:
             slip = RecordSlip(SlipKind.RELABELLED, "targets", (*renamed(body.named, order), body.name))
             named = replace(tested, state=RelationState.FAILS, reason="slip", slips=(slip,), tried=3)
-            return replace(named, misfit_explained=1e3 * left)
+            return replace(named, misfit_explained=1e3 * renamed_misfit)
     if after > _FIFTH * before:
         state = RelationState.FAILS if before > _OTHER_BODY * _size(body.survey) else RelationState.ATTENTION
         return replace(tested, state=state, reason="no-fit", tried=2)

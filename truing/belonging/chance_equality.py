@@ -96,7 +96,7 @@ def resolution(value: Array) -> float:
     if len(levels) < 2:
         return 0.0
     distance, least = levels - levels[0], float(np.diff(levels).min())
-    decimals = (part * 10.0**-place for place in range(-_PLACES, _PLACES) for part in (5.0, 2.5, 2.0, 1.0))
+    decimals = (part * 10.0**-index for index in range(-_PLACES, _PLACES) for part in (5.0, 2.5, 2.0, 1.0))
     fitting = (
         step for step in (*(least / part for part in range(1, _PARTS)), *decimals) if step <= least * (1.0 + _OFF_GRID)
     )
@@ -131,10 +131,10 @@ def noise_of_neighbours(load: Array, value: Array) -> Array:
         for other in range(4):
             if other != column:
                 weight[:, column] *= (place[:, 2] - others[:, other]) / (others[:, column] - others[:, other])
-    left = value[at[:, 2]] - np.einsum("nm,nmk->nk", weight, value[at[:, [0, 1, 3, 4]]])
-    left /= np.sqrt(1.0 + np.sum(weight**2, axis=1))[:, None]
+    residual = value[at[:, 2]] - np.einsum("nm,nmk->nk", weight, value[at[:, [0, 1, 3, 4]]])
+    residual /= np.sqrt(1.0 + np.sum(weight**2, axis=1))[:, None]
     return np.array(
-        [_MEDIAN * np.median(own) if len(own) >= _FEWEST else np.nan for own in map(_finite_values, np.abs(left).T)]
+        [_MEDIAN * np.median(own) if len(own) >= _FEWEST else np.nan for own in map(_finite_values, np.abs(residual).T)]
     )
 
 

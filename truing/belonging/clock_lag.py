@@ -62,9 +62,9 @@ def clock_lag(
     along = information = 0.0
     for leg, known in enumerate(effects):
         rate = courses.rate[:, leg]
-        left = rate - known.left @ (known.size**2 / (known.size**2 + noise**2) * (known.left.T @ rate))
-        along += float(left @ misfit[:, leg])
-        information += float(left @ rate)
+        residual = rate - known.left @ (known.size**2 / (known.size**2 + noise**2) * (known.left.T @ rate))
+        along += float(residual @ misfit[:, leg])
+        information += float(residual @ rate)
     if information <= 0.0:
         return None
     slope = along / information

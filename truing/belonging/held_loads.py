@@ -89,11 +89,11 @@ class _Holds:
 
 def _holds(steps: SignalSteps) -> _Holds:
     """Return the stretches of constant load of each run, without incomplete signals."""
-    places = np.flatnonzero(np.isfinite(steps.value).all(axis=1))
-    load, run, value = steps.load[places], steps.run[places], steps.value[places]
-    new = np.append(True, (np.diff(load, axis=0) != 0.0).any(axis=1) | (np.diff(run) != 0))[: len(places)]
+    indices = np.flatnonzero(np.isfinite(steps.value).all(axis=1))
+    load, run, value = steps.load[indices], steps.run[indices], steps.value[indices]
+    new = np.append(True, (np.diff(load, axis=0) != 0.0).any(axis=1) | (np.diff(run) != 0))[: len(indices)]
     first = np.flatnonzero(new)
-    count = np.diff(np.append(first, len(places)))
+    count = np.diff(np.append(first, len(indices)))
     mean = np.add.reduceat(value, first, axis=0) / count[:, None] if len(first) else value
     return _Holds(load[first], mean, [steps.runs[number] for number in run[first].tolist()])
 

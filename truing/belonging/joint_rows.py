@@ -311,13 +311,13 @@ def slips_of_lines(ends: Sequence[tuple[str, str]], values: NDArray) -> Iterator
     correction: two ends with each other's name, and one distance in another unit."""
     if len(ends) < 2:
         return
-    places = {pair: place for place, pair in enumerate(ends)}
+    index_of = {pair: index for index, pair in enumerate(ends)}
     for first, second in combinations(sorted({name for pair in ends for name in pair}), 2):
         other = {first: second, second: first}
         exchanged = [(other.get(a, a), other.get(b, b)) for a, b in ends]
         if set(exchanged) == set(ends):
             slip = RecordSlip(SlipKind.PARTS_EXCHANGED, f"ends of {_DISTANCES}", (first, second))
-            yield slip, values[:, [places[pair] for pair in exchanged]]
+            yield slip, values[:, [index_of[pair] for pair in exchanged]]
     for k, factor in product(range(len(ends)), both_ways(LENGTH_FACTORS)):
         changed_values = values.copy()
         changed_values[:, k] *= factor

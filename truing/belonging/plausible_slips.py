@@ -152,8 +152,8 @@ def slips_of_columns(
     many = np.log(max(len(np.unique(responses.run)), 1))
     if of_all:
         for quantity in dict.fromkeys(column.quantity for column in columns):
-            places = [k for k, column in enumerate(columns) if column.quantity == quantity]
-            yield from _column_slips(responses, columns, places, (), np.isin(responses.column, places), 0.0)
+            indices = [k for k, column in enumerate(columns) if column.quantity == quantity]
+            yield from _column_slips(responses, columns, indices, (), np.isin(responses.column, indices), 0.0)
         for k, column in enumerate(columns):
             yield from _column_slips(
                 responses, columns, [k], (column.name,), responses.column == k, np.log(len(columns))
@@ -165,10 +165,10 @@ def slips_of_columns(
         concerned = responses.run == number
         yield from _columns_exchanged(responses, columns, concerned, (runs[number],), many + 2.0 * np.log(len(columns)))
     for quantity in dict.fromkeys(column.quantity for column in columns):
-        places = [k for k, column in enumerate(columns) if column.quantity == quantity]
-        if len(places) > 1:
-            yield from _slips_within_runs(responses, columns, places, (), runs, expected, many)
-        for k in places:
+        indices = [k for k, column in enumerate(columns) if column.quantity == quantity]
+        if len(indices) > 1:
+            yield from _slips_within_runs(responses, columns, indices, (), runs, expected, many)
+        for k in indices:
             extra = np.log(len(columns))
             yield from _slips_within_runs(responses, columns, [k], (columns[k].name,), runs, expected, many + extra)
 

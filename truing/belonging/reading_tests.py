@@ -199,9 +199,9 @@ def _test_of_part(motion: MeasuredMotion, asked: Array, names: ReadingNames, bas
         if rows is not None and 0 < len(slips) <= _MOST_SLIPS:
             groups = [(name, [values[row] for row in reachable.tolist()]) for name, values in names.groups]
             where = row_places(*rows, [names.poses[row] for row in reachable.tolist()], groups)
-            left = np.where(rows[0][:, None], undone, subset.readings) - wanted
+            residual = np.where(rows[0][:, None], undone, subset.readings) - wanted
             found = tuple(_with_named_rows(slip, tuple(where)) for slip in slips)
-            after = 1e3 * _rms(left - left.mean(axis=0))
+            after = 1e3 * _rms(residual - residual.mean(axis=0))
             return replace(
                 base, state=RelationState.FAILS, reason="slip", unit="mm", misfit_explained=after, slips=found
             )
@@ -452,11 +452,13 @@ def _other_zero(motion: MeasuredMotion, asked: Array) -> RecordSlip | None:
     have this size in all legs, within tolerances. Calibration explains other offsets, which errors of the geometry can
     also cause."""
     legs = motion.legs
-    left = asked - motion.readings
-    offset = np.median(left, axis=0)
+    residual = asked - motion.readings
+    offset = np.median(residual, axis=0)
     if not np.isfinite(offset).all():
         return None
-    if not np.sqrt(np.nanmean((left - offset) ** 2)) <= _NOTED * np.sqrt(np.nanmean((asked - asked.mean(axis=0)) ** 2)):
+    if not np.sqrt(np.nanmean((residual - offset) ** 2)) <= _NOTED * np.sqrt(
+        np.nanmean((asked - asked.mean(axis=0)) ** 2)
+    ):
         return None
     scale = next(descriptions(motion)).scales(motion.tolerance)
     sigma = np.linalg.norm(np.median(next(descriptions(motion)).by_geometry(), axis=0) * scale, axis=-1)

@@ -102,10 +102,10 @@ def _fitted(load_coordinates: Array, value: Array, has_zero: bool) -> tuple[Arra
     rank = load_coordinates.shape[1]
     inverse = np.linalg.pinv(columns)
     coefficients = inverse @ value
-    left = value - columns @ coefficients
-    spread = np.sqrt(np.sum(left**2, axis=0) / max(len(load_coordinates) - columns.shape[1], 1))
+    residual = value - columns @ coefficients
+    spread = np.sqrt(np.sum(residual**2, axis=0) / max(len(load_coordinates) - columns.shape[1], 1))
     sigma = np.sqrt(np.sum(inverse**2, axis=1))[:, None] * spread
-    out = np.abs(left) > _GROSS * _MEDIAN * np.median(np.abs(left), axis=0)
+    out = np.abs(residual) > _GROSS * _MEDIAN * np.median(np.abs(residual), axis=0)
     for at in np.flatnonzero(out.any(axis=0) & (out.sum(axis=0) <= _MOST_OUT * len(load_coordinates))):
         is_used = ~out[:, at]
         again = np.linalg.lstsq(columns[is_used], value[is_used, at], rcond=None)[0]

@@ -100,8 +100,8 @@ class _Line:
         direction, one, other = self._slopes(second)
         if not direction.any() or not _differs_from_one(other[direction] / one[direction]).any():
             return
-        place = np.flatnonzero(direction).tolist()
-        reported = replace(self, value=self.value[:, direction], places=tuple(self.places[k] for k in place))
+        index = np.flatnonzero(direction).tolist()
+        reported = replace(self, value=self.value[:, direction], places=tuple(self.places[k] for k in index))
         one, other, answers = one[direction], other[direction], answers[direction]
         off = [
             np.sum(np.abs(_slope_deviation(slope, answers, np.minimum(np.abs(one), np.abs(other)))))
@@ -110,7 +110,7 @@ class _Line:
         first = bool(off[0] > off[1])
         part, ratio = (~second, one / other) if first else (second, other / one)
         before = reported._line_residual(reported.way, reported.value)
-        for mine, factor, after in reported._undone_slips(part, ratio, [columns[k] for k in place], units):
+        for mine, factor, after in reported._undone_slips(part, ratio, [columns[k] for k in index], units):
             part_columns = list(mine) if mine else slice(None)
             known = _is_known(answers, np.minimum(np.abs(one), np.abs(other)))[part_columns]
             if factor < 0.0 and not known.any() and (mine or len(known) < 2):
@@ -152,10 +152,10 @@ class _Line:
                 corrected = np.where(part, factor, 1.0) * self.way
                 yield (), factor, self._line_residual(corrected, self.value)
         for quantity in dict.fromkeys(column.quantity for column in columns):
-            places = [k for k, column in enumerate(columns) if column.quantity == quantity]
-            first_column = columns[places[0]]
+            indices = [k for k, column in enumerate(columns) if column.quantity == quantity]
+            first_column = columns[indices[0]]
             for factor in (-1.0, *first_column.factors):
-                slipped = tuple(k for k in places if _is_unphysical_ratio(ratio[k : k + 1], 1.0 / factor).all())
+                slipped = tuple(k for k in indices if _is_unphysical_ratio(ratio[k : k + 1], 1.0 / factor).all())
                 others = np.isin(np.arange(len(columns)), slipped, invert=True)
                 if slipped and not _differs_from_one(ratio[others]).any():
                     value = self.value.copy()
@@ -166,8 +166,8 @@ class _Line:
     def _line_residual(load_coordinate: Array, value: Array) -> Array:
         """Return the root mean square residual (K,) of lines through all rows, over the range."""
         about, centred = load_coordinate - load_coordinate.mean(), value - value.mean(axis=0)
-        left = centred - about[:, None] * (about @ centred / (about @ about))
-        return np.asarray(np.sqrt(np.mean(left**2, axis=0)) / np.ptp(centred, axis=0))
+        residual = centred - about[:, None] * (about @ centred / (about @ about))
+        return np.asarray(np.sqrt(np.mean(residual**2, axis=0)) / np.ptp(centred, axis=0))
 
 
 def _differs_from_one(ratio: Array) -> Mask:

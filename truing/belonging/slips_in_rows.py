@@ -229,17 +229,17 @@ def _exchanged(readings: Array, asked: Array, noise: float) -> RowOrder:
         between = (readings[suspects] - offset)[None] - asked[suspects][:, None]
         cost = np.sum(np.log1p((between / level) ** 2), axis=2)  # bounded growth: one wild leg decides nothing
         rows = cheapest_columns(cost)
-        left = readings[suspects[rows]] - asked[suspects]
+        residual = readings[suspects[rows]] - asked[suspects]
         if len(suspects) == len(every):
-            offset = np.median(left, axis=0)
-            level = np.maximum(1.4826 * np.median(np.abs(left - offset), axis=0), noise)
+            offset = np.median(residual, axis=0)
+            level = np.maximum(1.4826 * np.median(np.abs(residual - offset), axis=0), noise)
     order = every.copy()
     order[suspects] = suspects[rows]
     paid = 0.0
-    place = {int(row): at for at, row in enumerate(suspects)}
+    index_of = {int(row): at for at, row in enumerate(suspects)}
     for cycle in _cycles(order):
-        at = np.array([place[pose] for pose in cycle])
-        now = np.array([place[int(order[pose])] for pose in cycle])
+        at = np.array([index_of[pose] for pose in cycle])
+        now = np.array([index_of[int(order[pose])] for pose in cycle])
         gain = 0.5 * float(np.sum(cost[at, at] - cost[at, now])) * readings.shape[1]
         gain -= len(cycle) * np.log(len(every))
         if gain > _CLEAR and _consistent(between[at, now], between[at, at]):

@@ -375,6 +375,6 @@ def survey_rows(surveyed: SurveyedAttachments, parameters: ParameterSet) -> NDAr
     rows = np.zeros((3 * len(surveyed.legs), len(parameters)))
     for i, entry in enumerate(parameters.entries):
         if entry.name.startswith("b_"):
-            places = np.flatnonzero(surveyed.legs == entry.leg)
-            rows[3 * places + "xyz".index(entry.name[2]), i] = 1.0
+            indices = np.flatnonzero(surveyed.legs == entry.leg)
+            rows[3 * indices + "xyz".index(entry.name[2]), i] = 1.0
     return rows

@@ -111,11 +111,11 @@ def chain_unknowns(model: ChainModel) -> tuple[tuple[ChainUnknown, ...], Array]:
     links, start = model.known.modes, model.layout["links"].start
     owner = np.argmax(np.abs(links).max(1), axis=0) if links.size else np.zeros(0, int)
     for node in dict.fromkeys(owner.tolist()):
-        places = np.flatnonzero(owner == node)
-        modes, rotation, chosen = _along_components(links[node][:, places])
-        turn[np.ix_(start + places, start + places)] = rotation
-        for place, c in enumerate(chosen):
-            size = float(np.abs(modes[c, place]))
+        indices = np.flatnonzero(owner == node)
+        modes, rotation, chosen = _along_components(links[node][:, indices])
+        turn[np.ix_(start + indices, start + indices)] = rotation
+        for index, c in enumerate(chosen):
+            size = float(np.abs(modes[c, index]))
             joint = model.tree.nodes[node].joint or model.tree.nodes[node].link
             unknowns.append(_unknown_of_twist(UnknownKind.LINK, joint, c, size, model.known.modes_known))
     for reading in model.free_offsets:
@@ -152,11 +152,11 @@ def _unknowns_of_targets(model: ChainModel) -> list[ChainUnknown]:
     unknowns: list[ChainUnknown] = []
     modes = model.known.shape_modes
     for w, known in enumerate(model.known.shape_known):
-        places = np.flatnonzero(np.abs(modes[..., w]).any(1))
-        if not len(places):  # a rotation about the only target of its link
+        indices = np.flatnonzero(np.abs(modes[..., w]).any(1))
+        if not len(indices):  # a rotation about the only target of its link
             unknowns.append(_without_effect(model, w, bool(known)))
             continue
-        k, axis = int(places[0]), int(np.argmax(np.abs(modes[places[0], :, w])))
+        k, axis = int(indices[0]), int(np.argmax(np.abs(modes[indices[0], :, w])))
         size, name, turned = float(np.linalg.norm(modes[k, :, w])), model.channels.names[k], model.channels.is_rotation
         unit, si = ("rad", 1.0) if turned[k] else ("mm", _MM)
         if w < 3 * len(model.channels.names):

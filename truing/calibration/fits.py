@@ -109,7 +109,7 @@ def maximum_likelihood(
     tolerance = (more or calibration_question).tolerance
     known = np.where(np.isfinite(tolerance), tolerance, widest(calibration_question.problem.parameters))
     last = len(fit.values) - calibration_question.common
-    places = np.r_[:count, last : len(fit.values)]
+    indices = np.r_[:count, last : len(fit.values)]
     return MachineCalibration(
         case,
         MAXIMUM_LIKELIHOOD,
@@ -119,7 +119,7 @@ def maximum_likelihood(
         covariance,
         fit.covariance[:count, :count],
         fit.values[last:],
-        fit.covariance[np.ix_(places, places)],
+        fit.covariance[np.ix_(indices, indices)],
         tolerance,
         np.sqrt(np.diag(covariance)) < _IDENTIFIABLE * known,
         chosen,

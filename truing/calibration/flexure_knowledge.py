@@ -70,7 +70,7 @@ def _parameters_of_model(data: CalibrationData, fitted: MeasuredPlatform, case: 
     left = _left(rows, [kind(entry) for entry in parameters.entries], set(data.tolerance))
     size = np.sqrt(np.mean((at.by_values * scale) ** 2, 0))  # of every closure by every parameter
     spread = np.sqrt(np.mean(np.diagonal(closure, axis1=1, axis2=2), 0))
-    found = []
+    result = []
     for i, entry in enumerate(parameters.entries):
         if kind(entry) in _OF_DESIGN:
             entries = (
@@ -82,10 +82,10 @@ def _parameters_of_model(data: CalibrationData, fitted: MeasuredPlatform, case: 
             sigma = information**-0.5 if information > _ROUNDING else np.inf
             sensitivity, floor = (float(np.sqrt(np.mean(part[entries] ** 2))) for part in (size[:, i], spread))
             nominal = float(problem.start[i])
-            found.append(
+            result.append(
                 DesignParameter(case.key[0], entry, nominal, float(scale[i]), sensitivity, floor, float(sigma))
             )
-    return found
+    return result
 
 
 def _left(rows: NDArray, kinds: list[str], declared: set[str]) -> NDArray:

@@ -119,9 +119,9 @@ def _with_common_known(jacobian: NDArray, calibration_question: CalibrationQuest
 def _with_shifts_known(jacobian: NDArray, calibration_question: CalibrationQuestion) -> NDArray:
     """Return the derivatives with a row for each coefficient that shifts in the platform's plane determined before."""
     entries = calibration_question.problem.parameters.entries
-    places = [i for i, entry in enumerate(entries) if is_in_plane(entry)]
-    known = np.zeros((len(places), jacobian.shape[1]))
-    known[np.arange(len(places)), places] = 1.0 / calibration_question.tolerance[places]
+    indices = [i for i, entry in enumerate(entries) if is_in_plane(entry)]
+    known = np.zeros((len(indices), jacobian.shape[1]))
+    known[np.arange(len(indices)), indices] = 1.0 / calibration_question.tolerance[indices]
     return np.concatenate([jacobian, known])
 
 

@@ -83,8 +83,8 @@ def _without_bad_legs(
 def _joint_deviation(poses: PosesWithCovariance, lower: NDArray, upper: NDArray) -> NDArray:
     """Return the deviation (B,) of the joints (B, 3) from their usual places on the leg, in robust standard
     deviations."""
-    places = [np.einsum("bji,bj->bi", poses.R, joint - poses.p) for joint in (lower, upper)]
-    deviation = np.where(poses.found[:, None], np.concatenate(places, -1), np.nan)
+    positions = [np.einsum("bji,bj->bi", poses.R, joint - poses.p) for joint in (lower, upper)]
+    deviation = np.where(poses.found[:, None], np.concatenate(positions, -1), np.nan)
     if poses.found.sum() < 3:
         return np.zeros(len(deviation))
     away = np.abs(deviation - np.nanmedian(deviation, 0))

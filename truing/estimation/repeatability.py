@@ -295,7 +295,7 @@ def turned_from_first(R: Array, rows: Index, groups: Sequence[Index]) -> Array:
     if np.linalg.norm(turned, axis=1).max() < _FAR_RAD:
         return turned
     for group in groups:
-        places = np.flatnonzero(np.isin(rows, group))
-        if len(places):
-            turned[places] = log_so3(R[places] @ R[places[0]].T)
+        indices = np.flatnonzero(np.isin(rows, group))
+        if len(indices):
+            turned[indices] = log_so3(R[indices] @ R[indices[0]].T)
     return turned

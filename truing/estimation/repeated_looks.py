@@ -25,11 +25,11 @@ class Look:
 
 def counted_looks(looks: Iterable[Look]) -> list[Look]:
     """Return the looks that count: the first, and each with half as many more observations as the one before."""
-    found: list[Look] = []
+    result: list[Look] = []
     for look in looks:
-        if not found or look.count >= next_count(found):
-            found.append(look)
-    return found
+        if not result or look.count >= next_count(result):
+            result.append(look)
+    return result
 
 
 def next_count(counted: Sequence[Look]) -> int:

@@ -199,10 +199,10 @@ def _with_property(element: PlyElement, words: list[str], order: str, line: int)
 
 
 def _layout_of_ply(form: str, elements: list[PlyElement], begin: int, lines: int) -> CloudLayout:
-    places = [i for i, element in enumerate(elements) if element.name == "vertex"]
-    if len(places) != 1 or not elements[places[0]].properties or not elements[places[0]].count:
+    indices = [i for i, element in enumerate(elements) if element.name == "vertex"]
+    if len(indices) != 1 or not elements[indices[0]].properties or not elements[indices[0]].count:
         raise Unusable("an undamaged PLY file with points: one element vertex with properties, and at least one of it")
-    at = places[0]
+    at = indices[0]
     vertex = elements[at]
     scalars = [(part[0], part[1], 1) for part in vertex.properties if not isinstance(part, ListProperty)]
     if len(scalars) < len(vertex.properties):

@@ -289,8 +289,8 @@ def read_network(points_file: Path) -> ColmapNetwork | None:
         return None
     cameras, images = read_cameras(beside["cameras"]), read_images(beside["images"])
     points = read_points(points_file)
-    place_of_camera = {camera.number: place for place, camera in enumerate(cameras)}
-    place_of_point = {point.number: place for place, point in enumerate(points)}
+    place_of_camera = {camera.number: index for index, camera in enumerate(cameras)}
+    place_of_point = {point.number: index for index, point in enumerate(points)}
     R = np.array([_world_to_camera(image) for image in images]).reshape(-1, 3, 3).transpose(0, 2, 1)
     translation = np.array([image.translation for image in images]).reshape(-1, 3)
     image = np.repeat(np.arange(len(images)), [len(image_of_rays.point) for image_of_rays in images])

@@ -87,8 +87,8 @@ def widen(plan: MappingPlan, batch: RawBatch) -> RawBatch:
     repeated = pa.array(np.repeat(np.arange(batch.rows), count))
     of_groups = {position for group in groups for position in group.positions}
     columns = {key: values.take(repeated) for key, values in batch.columns.items() if key not in of_groups}
-    for place, name in enumerate(plan.wide_columns):
-        columns[name] = _interleaved([batch.columns[group.positions[place]] for group in groups])
+    for index, name in enumerate(plan.wide_columns):
+        columns[name] = _interleaved([batch.columns[group.positions[index]] for group in groups])
     for label in groups[0].labels:
         named = pa.array(np.tile(np.arange(count, dtype=np.int32), batch.rows))
         columns[label] = pa.DictionaryArray.from_arrays(named, strings([group.labels[label] for group in groups]))

@@ -38,6 +38,8 @@ _RIGS = ("# Rig calib list", "# Frame list")
 _OF_GSI = "Leica GSI: coordinates, each in the unit of its word"
 _NO_SCALE = "COLMAP knows no scale and no sigma: declare scale_bars or known_points"
 
+MappingKeys = dict[str, Any]  # keys of [files.<table>], as campaign.toml has them
+
 
 @dataclass(frozen=True)
 class OtherWay:
@@ -64,7 +66,7 @@ class Guess:
     imply.
     """
 
-    mapping: dict[str, Any] = field(default_factory=dict)
+    mapping: MappingKeys = field(default_factory=dict)
     columns: tuple[str, ...] = ()
     table: str | None = None
     notes: tuple[str, ...] = ()
@@ -115,7 +117,7 @@ def adjusted_points(records: Sequence[Sequence[str]], is_number: Callable[[str],
     return _vstars(names) if is_named and (has_sigmas or is_own) else None
 
 
-def coded_alone(lines: Sequence[str], separators: str = ",;\t ") -> dict[str, Any]:
+def coded_alone(lines: Sequence[str], separators: str = ",;\t ") -> MappingKeys:
     """Return a ``select`` for coded targets, which keep their numbers between bundles, if there are others too."""
     names = [re.split(f"[{separators}]", line.strip(), maxsplit=1)[0] for line in lines if line.strip()]
     coded = sum(re.fullmatch(r"CODE\d+", name) is not None for name in names)
@@ -140,7 +142,7 @@ def inspection(lines: Sequence[str]) -> Guess | None:
     cells = [value for row in points.rows for value in row[2:]]
     has_commas = any("," in cell for cell in cells) and not any("." in cell for cell in cells)
     has_parts = len({row[0] for row in points.rows}) > 1
-    keys: dict[str, Any] = {"decimal": ","} if has_commas else {}
+    keys: MappingKeys = {"decimal": ","} if has_commas else {}
     keys |= {"columns": {"pose": "part"}} if has_parts else {}
     note = f"a report with a row for each coordinate, the measured ones of which are read{_unit_words(points.unit)}"
     guess = _points("inspection", COLUMNS if has_parts else COLUMNS[1:], note, **keys)
@@ -285,7 +287,7 @@ def _is_photomodeler(lines: Sequence[str]) -> bool:
     return len(lines) > 6 and numbers and counts == [4, 9, 10, 10] and re.match(r"\s*\d+ \S", lines[5]) is not None
 
 
-def parts_of_names(targets: Sequence[str], raw: str, known: Collection[str]) -> dict[str, Any]:
+def parts_of_names(targets: Sequence[str], raw: str, known: Collection[str]) -> MappingKeys:
     """Return a ``split`` for names of targets in parts, such as ``A::base::P1``; empty if they have no parts.
 
     The last part is the target, the part before it the body, unless a column names it. A first part that differs is

@@ -77,12 +77,14 @@ def _composed(rows: Sequence[Row], is_number: Callable[[str], bool]) -> tuple[st
     if not above or (units is None and len(above) < 2):
         return None
     *others, base = above
-    telling = [_filled(row) for row in others if _names_groups(row)] if _repeats(base) else []
-    tells = [base.count(name) > 1 or not name for name in base]  # a name of its own needs no words above it
-    telling = [row for row in telling if len({cell for cell, needed in zip(row, tells, strict=True) if needed}) > 1]
+    group_rows = [_filled(row) for row in others if _names_groups(row)] if _repeats(base) else []
+    is_ambiguous = [base.count(name) > 1 or not name for name in base]  # a name of its own needs no words above it
+    group_rows = [
+        row for row in group_rows if len({cell for cell, needed in zip(row, is_ambiguous, strict=True) if needed}) > 1
+    ]
     names = [
         ".".join(dict.fromkeys(filter(None, cells))) if needed else cells[-1]
-        for needed, cells in zip(tells, zip(*telling, base, strict=True), strict=True)
+        for needed, cells in zip(is_ambiguous, zip(*group_rows, base, strict=True), strict=True)
     ]
     if units is not None:
         bare = [cell.strip("[]() ") for cell in units]

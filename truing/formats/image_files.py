@@ -71,7 +71,7 @@ def read_head(path: Path, sensor_width_mm: float | None = None) -> ImageHeader:
         raise Unusable(f"an image of at least {SMALLEST} px each way", value=f"{width} x {height}")
     if bits not in (8, 16):
         raise Unusable("8 or 16 bits of a grey value", value=str(bits))
-    distance, told_by = _principal_distance(exif, width, height, sensor_width_mm)
+    distance, distance_source = _principal_distance(exif, width, height, sensor_width_mm)
     return ImageHeader(
         width,
         height,
@@ -80,7 +80,7 @@ def read_head(path: Path, sensor_width_mm: float | None = None) -> ImageHeader:
         serial=_text(exif.get(_SERIAL)),
         focal_mm=_number(exif.get(_FOCAL)),
         principal_distance_px=distance,
-        principal_distance_from=told_by,
+        principal_distance_from=distance_source,
         taken_at=_time_of_exposure(exif.get(_TAKEN) or tags.get(_WHEN), exif.get(_SPLIT_SECOND)),
         turned=_TURNED.get(int(_number(tags.get(_ORIENTATION)) or 1), ""),
     )

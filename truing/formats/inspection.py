@@ -126,10 +126,10 @@ def _points_of_rows(cells: Sequence[Sequence[str]], head: int, unit: str | None)
 
 def _axis_column(rows: Sequence[Sequence[str]], width: int) -> int | None:
     """Return the column whose cells name all three axes, one in each row that has a coordinate."""
-    for place in range(width):
-        axis_letters = [match["axis"].lower() for row in rows if (match := _AXIS.fullmatch(row[place]))]
+    for index in range(width):
+        axis_letters = [match["axis"].lower() for row in rows if (match := _AXIS.fullmatch(row[index]))]
         if set(axis_letters) == set("xyz") and 2 * len(axis_letters) >= len(rows):
-            return place
+            return index
     return None
 
 

@@ -5,11 +5,11 @@ from __future__ import annotations
 import re
 from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass
-from typing import Any
 
 import numpy as np
 
 from truing.arrays import Array
+from truing.formats.guess import MappingKeys
 from truing.formats.units import bare_and_unit, conversion, is_convertible
 
 _LOADED = {
@@ -81,7 +81,7 @@ class Proposal:
     """A table, keys of its [files.<table>], what it is, and statements to confirm."""
 
     table: str
-    mapping: dict[str, Any]
+    mapping: MappingKeys
     note: str
     doubts: tuple[str, ...] = ()
 
@@ -151,7 +151,7 @@ def positions_of_axis(names: Sequence[str], data: Sequence[Sequence[str]], value
     units = {column: bare_and_unit(columns[column])[1] for column in ("target_mm", place[0])}
     unit_of_column = {column: unit for column, unit in units.items() if unit not in (None, column.rsplit("_", 1)[-1])}
     words = {raw: word for raw, word in renames.items() if raw != word}
-    mapping: dict[str, Any] = {
+    mapping: MappingKeys = {
         "columns": columns,
         "constants": {"run": "1"},
         **({"units": unit_of_column} if unit_of_column else {}),
@@ -179,7 +179,7 @@ def positions_side_by_side(names: Sequence[str]) -> Proposal | None:
     ((head, between, tail),) = common
     units = {"target_mm": bare_and_unit(target)[1], "deviation_um": bare_and_unit(others[0])[1]}
     unit_of_column = {column: unit for column, unit in units.items() if unit not in (None, column.rsplit("_", 1)[-1])}
-    mapping: dict[str, Any] = {"columns": {"target_mm": target}, "wide": f"{head}{{cycle}}{between}{{direction}}{tail}"}
+    mapping: MappingKeys = {"columns": {"target_mm": target}, "wide": f"{head}{{cycle}}{between}{{direction}}{tail}"}
     mapping |= {
         "wide_values": "deviation_um",
         "constants": {"run": "1"},
@@ -250,7 +250,7 @@ def _axis_of_kind(names: Sequence[str], values: Array, kind: str | None, meant: 
         for column, name in columns.items()
         if (unit_of_column := bare_and_unit(name)[1]) not in (None, unit)
     }
-    mapping: dict[str, Any] = {"columns": columns, **({"units": units} if units else {})}
+    mapping: MappingKeys = {"columns": columns, **({"units": units} if units else {})}
     computed = [
         re.escape(name).replace("\\ ", " ")
         for name in names

@@ -10,7 +10,7 @@ from typing import Any
 import numpy as np
 
 from truing.arrays import Array
-from truing.formats.guess import wide_template
+from truing.formats.guess import MappingKeys, wide_template
 from truing.formats.named_columns import place_columns
 from truing.formats.named_joints import JointReadings, bare_joints, configurations_of_joints, joint_columns
 from truing.formats.shapes import COORDINATES
@@ -31,7 +31,7 @@ class ChainRows:
     ``in_metres``: coordinates without a unit are probably in m, not mm.
     """
 
-    points: dict[str, Any]
+    points: MappingKeys
     joints: JointReadings
     note: str
     in_metres: bool
@@ -54,8 +54,8 @@ def chain_rows(
     found = joint_columns(names, data, values, used)
     if found is None:
         return None
-    left = [name for name in names if name not in found.raw and not _OF_CONTROLLER.search(bare_and_unit(name)[0])]
-    keys, raw, note = _several_targets(left) or _one_target(left, meant)
+    remaining = [name for name in names if name not in found.raw and not _OF_CONTROLLER.search(bare_and_unit(name)[0])]
+    keys, raw, note = _several_targets(remaining) or _one_target(remaining, meant)
     if not keys:
         return None
     rows = {"pose": meant["pose"]} if "pose" in meant else {}
@@ -85,11 +85,11 @@ def is_within_metres(coordinates: Array) -> bool:
 
 def _missing(names: Sequence[str], data: Sequence[Sequence[str]], raw: Sequence[str]) -> dict[str, list[str]]:
     """Return the key for empty cells of some columns, if there are any."""
-    places = [list(names).index(name) for name in raw]
-    return {"missing": [""]} if any(not row[place].strip() for row in data for place in places) else {}
+    columns = [list(names).index(name) for name in raw]
+    return {"missing": [""]} if any(not row[place].strip() for row in data for place in columns) else {}
 
 
-def _several_targets(names: Sequence[str]) -> tuple[dict[str, Any], tuple[str, ...], str] | None:
+def _several_targets(names: Sequence[str]) -> tuple[MappingKeys, tuple[str, ...], str] | None:
     """Return keys of points for coordinates of several targets side by side, and their columns."""
     if (template := wide_template(names)) is None:
         return None
@@ -100,7 +100,7 @@ def _several_targets(names: Sequence[str]) -> tuple[dict[str, Any], tuple[str, .
     return keys, raw, "several targets side by side, beside joint readings"
 
 
-def _one_target(names: Sequence[str], meant: Mapping[str, Any]) -> tuple[dict[str, Any], tuple[str, ...], str]:
+def _one_target(names: Sequence[str], meant: Mapping[str, Any]) -> tuple[MappingKeys, tuple[str, ...], str]:
     """Return keys of points for the coordinates of one target, and their columns; empty without any."""
     known = tuple(meant[column] for column in COORDINATES if meant.get(column) in names)
     known = known or tuple(column for column in COORDINATES if column in names)
@@ -113,9 +113,7 @@ def _one_target(names: Sequence[str], meant: Mapping[str, Any]) -> tuple[dict[st
     return keys, raw, f"{', '.join(raw)}: one target, beside joint readings"
 
 
-def _first_of_each_pose(
-    names: Sequence[str], data: Sequence[Sequence[str]], meant: Mapping[str, Any]
-) -> dict[str, Any]:
+def _first_of_each_pose(names: Sequence[str], data: Sequence[Sequence[str]], meant: Mapping[str, Any]) -> MappingKeys:
     """Return a ``select`` of one row per pose, where a row for each target repeats the joints."""
     if "target" not in meant or "pose" not in meant:
         return {}

@@ -5,11 +5,11 @@ from __future__ import annotations
 import re
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
-from typing import Any
 
 import numpy as np
 
 from truing.arrays import Array
+from truing.formats.guess import MappingKeys
 from truing.formats.units import bare_and_unit, expanded
 
 _FAMILIES = {
@@ -46,7 +46,7 @@ class PoseMapping:
     """Proposal for a table of poses: keys for [files.poses], raw columns that are no covariates, and points to
     check."""
 
-    mapping: dict[str, Any]
+    mapping: MappingKeys
     taken: tuple[str, ...]
     notes: tuple[str, ...]
 
@@ -118,7 +118,7 @@ def _mapped_matrix(
         notes.append("the first number of their names is the column")
     if unit is None:
         notes.append(_range_words(_selected_columns(names, shifts, values)))
-    mapping: dict[str, Any] = {"columns": columns, **({} if unit in (None, "mm") else {"unit": unit})}
+    mapping: MappingKeys = {"columns": columns, **({} if unit in (None, "mm") else {"unit": unit})}
     mapping["constants"] = {"body": "tool"}
     return PoseMapping(mapping, tuple(dict.fromkeys((*columns.values(), *_commanded(names)))), tuple(notes))
 
@@ -182,7 +182,7 @@ def _bodies_of(names: Sequence[str]) -> list[str]:
 def _mapped(
     kind: str, place: tuple[str, ...], turned: tuple[str, ...], names: Sequence[str], values: Array
 ) -> PoseMapping:
-    columns: dict[str, Any] = dict(zip(_PLACE, place, strict=True))
+    columns: MappingKeys = dict(zip(_PLACE, place, strict=True))
     notes = [f"poses: {', '.join((*place, *turned))}"]
     units: dict[str, str] = {}
     angles = _selected_columns(names, turned, values)
@@ -201,7 +201,7 @@ def _mapped(
             units.update(dict.fromkeys(_COLUMNS["euler"], "rad"))
     columns |= dict(zip(_COLUMNS[kind], turned, strict=True))
     unit = bare_and_unit(place[0])[1]
-    mapping: dict[str, Any] = {"columns": columns, **({} if unit in (None, "mm") else {"unit": unit})}
+    mapping: MappingKeys = {"columns": columns, **({} if unit in (None, "mm") else {"unit": unit})}
     if unit is None:
         notes.append(_range_words(_selected_columns(names, place, values)))
     spread, coverage, more = _spreads(names, place, turned, kind)

@@ -11,6 +11,7 @@ from typing import Any
 import numpy as np
 
 from truing.arrays import Array
+from truing.formats.guess import MappingKeys
 from truing.formats.units import bare_and_unit
 
 _NOT_POSITIONS = re.compile(
@@ -104,8 +105,8 @@ def _match_by_cells(
 ) -> tuple[str, ...] | None:
     """Return columns ``position0 ..`` next to columns ``name0 ..`` whose cells name the joints."""
     read_by_cells = {}
-    for place, name in enumerate(names):
-        cells = {row[place].strip() for row in data}
+    for index, name in enumerate(names):
+        cells = {row[index].strip() for row in data}
         if (number := re.search(r"name\D?(\d+)\D*$", name)) and len(cells) == 1:
             read_by_cells[cells.pop()] = number[1]
     at = {match[1]: name for name in names if (match := re.search(r"position\D?(\d+)\D*$", name))}
@@ -153,7 +154,7 @@ def _in_angles(names: Sequence[str]) -> tuple[str, ...] | None:
 class JointReadings:
     """Keys of [files.configurations] for joint readings, what they are, and statements to confirm."""
 
-    mapping: dict[str, Any]
+    mapping: MappingKeys
     note: str
     doubts: tuple[str, ...] = ()
 
@@ -180,7 +181,7 @@ def configurations_of_joints(
         return None  # named by the contract
     used_names = {*columns_of_meaning.values(), *joints_found.raw}
     ignore = "|".join(re.escape(name).replace("\\ ", " ") for name in names if name not in (*used_names, *_CONTRACT))
-    mapping: dict[str, Any] = {"columns": columns, **({"units": units} if units else {})}
+    mapping: MappingKeys = {"columns": columns, **({"units": units} if units else {})}
     mapping |= {} if "pose" in columns_of_meaning or "pose" in names else {"number_rows": {"pose": 1}}
     mapping |= {"ignore": ignore} if ignore else {}
     doubts: tuple[str, ...] = (_doubt(joints_found.units[0]),) if joints_found.is_guess else ()

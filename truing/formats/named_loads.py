@@ -5,8 +5,8 @@ from __future__ import annotations
 import re
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
-from typing import Any
 
+from truing.formats.guess import MappingKeys
 from truing.formats.shapes import WRENCH
 from truing.formats.units import bare_and_unit, known_unit, may_be
 from truing.schemas.columns import find_column
@@ -56,7 +56,7 @@ class LoadMapping:
     """
 
     table: str
-    mapping: dict[str, Any]
+    mapping: MappingKeys
     note: str
     doubts: tuple[str, ...] = ()
     otherwise: LoadMapping | None = None
@@ -74,7 +74,7 @@ def load_columns(names: Sequence[str]) -> LoadMapping | None:
     fewest = 1 if any(map(_is_voltage, channels)) else _FEWEST
     if len(plain) + len(applied) < fewest or not any(column[0] in "fm" for column in (*plain, *applied)):
         return None
-    steps: dict[str, Any] = {"number_rows": {"step": 1}, "constants": {"run": "1"}}
+    steps: MappingKeys = {"number_rows": {"step": 1}, "constants": {"run": "1"}}
     if any(column[0] in "dr" for column in plain):
         return LoadMapping("displacement", {**_keys(plain), **steps}, "displacements under load")
     if applied:
@@ -104,7 +104,7 @@ def channels_without_loads(names: Sequence[str]) -> tuple[str, ...]:
 
 
 def _map_applied_loads(
-    plain: dict[str, str], channels: Sequence[str], steps: dict[str, Any]
+    plain: dict[str, str], channels: Sequence[str], steps: MappingKeys
 ) -> tuple[LoadMapping, tuple[str, ...]]:
     """Return the proposal for applied loads, and a doubt if channels are ratios of a bridge."""
     signals = {f"v{number}_mv": name for number, name in enumerate(channels, start=1)}
@@ -115,7 +115,7 @@ def _map_applied_loads(
     return LoadMapping("signals", {**_keys({**signals, **plain}), **steps}, note), doubts
 
 
-def _keys(columns: dict[str, str]) -> dict[str, Any]:
+def _keys(columns: dict[str, str]) -> MappingKeys:
     """Return ``columns``, and ``units`` of names that give another unit than the column's."""
     unit_of_column = {column: _unit_for(column, name) for column, name in columns.items()}
     units = {column: unit for column, unit in unit_of_column.items() if unit is not None}

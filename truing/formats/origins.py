@@ -114,7 +114,7 @@ def side_by_side_names(width: int, rows: int) -> tuple[str, ...]:
     """Return names of the columns of joined rows: m00, m01, ... for the matrix of a pose, else positions."""
     if width == 4 and rows in (3, 4):
         return tuple(f"m{row}{column}" for row in range(rows) for column in range(width))
-    return tuple(str(place + 1) for place in range(width * rows))
+    return tuple(str(index + 1) for index in range(width * rows))
 
 
 def _implied_rows(batch: RawBatch) -> Iterator[int]:

@@ -13,12 +13,12 @@ from __future__ import annotations
 from collections.abc import Iterator
 from dataclasses import dataclass
 from pathlib import Path, PureWindowsPath
-from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
 from truing.arrays import Array, Index, Mask
+from truing.formats.guess import MappingKeys
 from truing.formats.interior_orientation import CORNER, Row, camera_row, from_corrections
 from truing.formats.raw import RawBatch, Unusable, Wanted, finite_numbers, integer_columns, one_batch
 
@@ -117,7 +117,7 @@ def _block(lines: list[str], at: int, count: int, expected: str) -> tuple[_Numbe
     return _NumberBlock(np.array(rows).reshape(-1, count), first), at + 1
 
 
-def _rays(export: _Export) -> dict[str, Any]:
+def _rays(export: _Export) -> MappingKeys:
     marks, lines = export.marks.rows, export.marks.lines
     photo, point = integer_columns(marks[:, 0], "photos", lines), integer_columns(marks[:, 1], "points", lines)
     photos = {one.number: one for one in export.photos}
@@ -191,7 +191,7 @@ def _camera(export: _Export, photo: _Photo) -> Row:
     return {**camera_row(name, export.size, ten, pixel_um=1e3 * p), "free": _FREE}
 
 
-def _points(export: _Export) -> dict[str, Any]:
+def _points(export: _Export) -> MappingKeys:
     """Return the object points; fixed ones have no sigma here, and a negative one in the file. The second point of a
     duplicate number is the matched one."""
     points = export.points.rows

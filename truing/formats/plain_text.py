@@ -8,7 +8,7 @@ exact: at most 2**53 as a whole number over a power of ten up to 10**22, so that
 from __future__ import annotations
 
 from collections.abc import Mapping
-from typing import Any
+from typing import Any, NamedTuple
 
 import numpy as np
 import pyarrow as pa
@@ -22,7 +22,7 @@ _TENS = np.array([10.0**power for power in range(23)])
 _MOST_DIGITS = 18
 _LARGEST = 2**53
 _MOST_NAMES = 2048  # of a column in a block
-_PLACES = 2 * _MOST_NAMES  # of the hash table
+_TABLE_SIZE = 2 * _MOST_NAMES  # of the hash table
 _PASSED, _INTEGER, _NUMBER, _TEXT = range(4)
 _CODES: dict[Kind | None, int] = {
     None: _PASSED,
@@ -31,6 +31,19 @@ _CODES: dict[Kind | None, int] = {
     "seconds": _NUMBER,
     "text": _TEXT,
 }
+
+
+class _Columns(NamedTuple):
+    """Columns (., rows) to fill in: integers, numbers, and codes of texts.
+
+    names (., ., 2): first byte of each name at its first occurrence, and the byte after it; known (., 1): their number.
+    """
+
+    integers: NDArray[np.int64]
+    numbers: NDArray[np.float64]
+    codes: NDArray[np.int32]
+    names: NDArray[np.int64]
+    known: NDArray[np.int32]
 
 
 def plain_columns(
@@ -47,19 +60,22 @@ def plain_columns(
     of_cells = np.array([_CODES[kinds.get(column)] for column in range(width)])
     slots = np.array([int(np.count_nonzero(of_cells[:column] == kind)) for column, kind in enumerate(of_cells)])
     count = np.bincount(of_cells, minlength=len(_CODES))
-    integers, numbers = np.empty((count[_INTEGER], rows), np.int64), np.empty((count[_NUMBER], rows))
-    codes = np.empty((count[_TEXT], rows), np.int32)
-    names, known = np.zeros((count[_TEXT], _MOST_NAMES, 2), np.int64), np.zeros((count[_TEXT], 1), np.int32)
-    layout = np.stack((of_cells, slots), axis=1)
-    if not _parse(cells, ord(separator), ord(decimal), layout, integers, numbers, codes, names, known):
+    columns = _Columns(
+        integers=np.empty((count[_INTEGER], rows), np.int64),
+        numbers=np.empty((count[_NUMBER], rows)),
+        codes=np.empty((count[_TEXT], rows), np.int32),
+        names=np.zeros((count[_TEXT], _MOST_NAMES, 2), np.int64),
+        known=np.zeros((count[_TEXT], 1), np.int32),
+    )
+    if not _parse(cells, ord(separator), ord(decimal), np.stack((of_cells, slots), axis=1), columns):
         return None
 
     def column(position: int) -> pa.Array:
         slot = slots[position]
         if of_cells[position] != _TEXT:
-            return pa.array((integers if of_cells[position] == _INTEGER else numbers)[slot])
-        values = [text[first:end].decode() for first, end in names[slot, : known[slot, 0]].tolist()]
-        return pa.DictionaryArray.from_arrays(pa.array(codes[slot]), strings(values))
+            return pa.array((columns.integers if of_cells[position] == _INTEGER else columns.numbers)[slot])
+        values = [text[first:end].decode() for first, end in columns.names[slot, : columns.known[slot, 0]].tolist()]
+        return pa.DictionaryArray.from_arrays(pa.array(columns.codes[slot]), strings(values))
 
     return {position: column(position) for position in kinds}, rows
 
@@ -89,52 +105,84 @@ def _equal_bytes(text: NDArray, first: int, second: int, size: int) -> bool:
 
 
 @inner
-def _code(text: NDArray, span: tuple[int, int], place: int, table: NDArray, names: NDArray, known: NDArray) -> int:
+def _code(text: NDArray, span: tuple[int, int], entry: int, table: NDArray, names: NDArray, known: NDArray) -> int:
     """Number of a name that spans these bytes, by order of first occurrence; -1 if there are too many."""
     start, end = span
     while True:
-        code = table[place]
+        code = table[entry]
         if code < 0:
             code = known[0]
             if code < _MOST_NAMES:
                 names[code, 0], names[code, 1] = start, end
-                known[0], table[place] = code + 1, code
+                known[0], table[entry] = code + 1, code
                 return code
             return -1
         first = np.uintp(names[code, 0])
         if np.uintp(names[code, 1]) - first == end - start and _equal_bytes(text, first, start, end - start):
             return code
-        place = (place + 1) & (_PLACES - 1)
+        entry = (entry + 1) & (_TABLE_SIZE - 1)
+
+
+@inner
+def _searched_name(
+    text: NDArray, start: Any, separator: int, slot: int, columns: _Columns, hashed: NDArray
+) -> tuple[Any, Any]:
+    """End of the name from a place on, and its code from the hash table; -1 if it is not plain."""
+    at, key = start, np.uint64(14695981039346656037)  # FNV-1a
+    while not _ends(text[at], separator):
+        if text[at] >= 128:
+            return at, np.int32(-1)
+        key = (key ^ np.uint64(text[at])) * np.uint64(1099511628211)
+        at += np.uintp(1)
+    entry = np.int64((key ^ (key >> np.uint64(29))) & np.uint64(_TABLE_SIZE - 1))
+    return at, _code(text, (start, at), entry, hashed[slot], columns.names[slot], columns.known[slot])
+
+
+@inner
+def _decimal_digits(text: NDArray, start: Any, decimal: int, has_decimals: bool) -> tuple[Any, Any, Any, Any]:
+    """End of the digits from a place on, their whole number, the number of decimals, and whether they are plain."""
+    decimals = np.uintp(0)
+    at, whole = _after_digits(text, start, np.uint64(0))
+    digits = at - start
+    if digits == np.uintp(0):
+        return at, whole, decimals, False
+    if has_decimals and text[at] == decimal:
+        first = at + np.uintp(1)
+        at, whole = _after_digits(text, first, whole)
+        decimals = at - first
+        if decimals == np.uintp(0):
+            return at, whole, decimals, False
+    return at, whole, decimals, digits + decimals <= np.uintp(_MOST_DIGITS)
+
+
+@inner
+def _after_separator(text: NDArray, at: Any, separator: int, is_last: bool) -> tuple[Any, Any]:
+    """Start of the next cell, and whether the separator or, after the last cell, the end of the line comes here."""
+    if not is_last:
+        return at + np.uintp(1), text[at] == separator
+    if text[at] == 13:
+        at += np.uintp(1)
+    return at + np.uintp(1), text[at] == 10
 
 
 @compiled(__file__, is_exact=True)
-def _parse(
-    text: NDArray,
-    separator: int,
-    decimal: int,
-    layout: NDArray,
-    integers: NDArray,
-    numbers: NDArray,
-    codes: NDArray,
-    names: NDArray,
-    known: NDArray,
-) -> bool:
+def _parse(text: NDArray, separator: int, decimal: int, layout: NDArray, columns: _Columns) -> bool:
     """Fill in the columns; False at the first cell that is not plain. The text ends with a line feed.
 
-    layout: kind of each cell, and its row in the arrays of that kind. names: first byte of each name at its first
-    occurrence, and the byte after it.
+    layout: kind of each cell, and its row in the arrays of that kind.
     """
-    one, none, at, row, width = np.uintp(1), np.uintp(0), np.uintp(0), 0, len(layout)
-    table = np.full((len(known), _PLACES), -1, np.int32)
+    at, row, width, texts = np.uintp(0), 0, len(layout), len(columns.known)
+    integers, numbers, codes, names, known = columns
+    hashed = np.full((texts, _TABLE_SIZE), -1, np.int32)
     # Names mostly come in the order of the pose before: the name that followed the last one is tried first.
-    after = np.zeros((len(known), _MOST_NAMES + 1), np.int32)
-    last = np.full(len(known), _MOST_NAMES, np.int32)
+    after = np.zeros((texts, _MOST_NAMES + 1), np.int32)
+    last = np.full(texts, _MOST_NAMES, np.int32)
     while at < np.uintp(len(text)):
         for cell in range(width):
             kind, slot, start = layout[cell, 0], layout[cell, 1], at
             if kind == _PASSED:
                 while not _ends(text[at], separator):
-                    at += one
+                    at += np.uintp(1)
             elif kind == _TEXT:
                 code = after[slot, last[slot]]
                 first = np.uintp(names[slot, code, 0])
@@ -143,50 +191,23 @@ def _parse(
                 if is_next and _ends(text[at + size], separator):
                     at += size
                 else:
-                    key = np.uint64(14695981039346656037)  # FNV-1a
-                    while not _ends(text[at], separator):
-                        if text[at] >= 128:
-                            return False
-                        key = (key ^ np.uint64(text[at])) * np.uint64(1099511628211)
-                        at += one
-                    place = np.int64((key ^ (key >> np.uint64(29))) & np.uint64(_PLACES - 1))
-                    code = _code(text, (start, at), place, table[slot], names[slot], known[slot])
-                    if code < 0:
-                        return False
+                    at, code = _searched_name(text, start, separator, slot, columns, hashed)
                     after[slot, last[slot]] = code
-                if at == start and width == 1:  # a blank line
+                if code < 0 or (at == start and width == 1):  # the latter is a blank line
                     return False
-                last[slot] = code
-                codes[slot, row] = code
+                last[slot] = codes[slot, row] = code
             else:
-                sign = one if text[at] == 45 else none
-                at, whole = _after_digits(text, at + sign, np.uint64(0))
-                digits, decimals = at - start - sign, none
-                if digits == none:
-                    return False
-                if kind == _NUMBER and text[at] == decimal:
-                    point = at + one
-                    at, whole = _after_digits(text, point, whole)
-                    decimals = at - point
-                    if decimals == none:
-                        return False
-                if digits + decimals > np.uintp(_MOST_DIGITS):
+                sign = np.uintp(1) if text[at] == 45 else np.uintp(0)
+                at, whole, decimals, is_plain = _decimal_digits(text, start + sign, decimal, kind == _NUMBER)
+                if not is_plain or (kind == _NUMBER and whole > np.uint64(_LARGEST)):
                     return False
                 if kind == _INTEGER:
                     integers[slot, row] = -np.int64(whole) if sign else np.int64(whole)
-                elif whole > np.uint64(_LARGEST):
-                    return False
                 else:
                     value = np.float64(whole) / _TENS[decimals]
                     numbers[slot, row] = -value if sign else value
-            if cell < width - 1:
-                if text[at] != separator:
-                    return False
-            else:
-                if text[at] == 13:
-                    at += one
-                if text[at] != 10:
-                    return False
-            at += one
+            at, is_plain = _after_separator(text, at, separator, cell == width - 1)
+            if not is_plain:
+                return False
         row += 1
     return True

@@ -166,9 +166,9 @@ class PointIndex:
         is_of_body = np.array([name == body for name, _ in self.labels.values])
         first, count = -1, 0
         for start, stop in self.steps():
-            places = np.flatnonzero(is_of_body[self._spool.read("label", start, stop)])
-            first = start + int(places[0]) if first < 0 and len(places) else first
-            count += len(places)
+            indices = np.flatnonzero(is_of_body[self._spool.read("label", start, stop)])
+            first = start + int(indices[0]) if first < 0 and len(indices) else first
+            count += len(indices)
         return first, count
 
     def duplicates(self) -> Iterator[Index]:

@@ -4,8 +4,8 @@ from __future__ import annotations
 
 import re
 from collections.abc import Collection, Sequence
-from typing import Any
 
+from truing.formats.guess import MappingKeys
 from truing.formats.shapes import COORDINATE_SIGMAS, COORDINATES
 from truing.formats.units import bare_and_unit, expanded, may_be
 from truing.schemas.columns import find_column
@@ -47,7 +47,7 @@ _READING = re.compile(
 )
 
 
-def columns_by_names(names: tuple[str, ...], without: Collection[str] = ()) -> tuple[dict[str, Any], list[str]]:
+def columns_by_names(names: tuple[str, ...], without: Collection[str] = ()) -> tuple[MappingKeys, list[str]]:
     """Return the probable meaning and unit of each column whose name is not the contract's.
 
     without: columns that the table does not have.
@@ -59,7 +59,7 @@ def columns_by_names(names: tuple[str, ...], without: Collection[str] = ()) -> t
         units |= dict.fromkeys(spread, unit) if unit is not None else {}
         notes += note
     notes = ["; ".join(notes)] if notes else []
-    mapping: dict[str, Any] = {"columns": columns} if columns else {}
+    mapping: MappingKeys = {"columns": columns} if columns else {}
     expanded_columns = {
         raw: one for column, raw in columns.items() if is_uncertainty(column) and (one := expanded(raw)) is not None
     }
@@ -108,7 +108,7 @@ def _common_uncertainty(names: tuple[str, ...]) -> tuple[dict[str, str], str | N
     return columns, bare_and_unit(name)[1], [f"{name} is taken for the uncertainty of each coordinate"]
 
 
-def _units(names: tuple[str, ...], units: dict[str, str]) -> dict[str, Any]:
+def _units(names: tuple[str, ...], units: dict[str, str]) -> MappingKeys:
     """Return the keys ``unit`` and ``units`` of a mapping, for columns whose unit differs from the contract's."""
     of_coordinates = {units.get(name) for name in COORDINATES}
     common = of_coordinates.pop() if len(of_coordinates) == 1 and not set(COORDINATES) & set(names) else None
@@ -132,13 +132,13 @@ def _nominal_beside_measured(names: Sequence[str]) -> set[str]:
 
 def _grid_axes(names: Sequence[str]) -> dict[str, str]:
     """Return the columns of east, north and height, of which x, y and z are right-handed, by their names."""
-    found = {}
+    result = {}
     for column, pattern in zip(COORDINATES, _GRID, strict=True):
         own = [name for name in names if re.fullmatch(pattern, bare_and_unit(name)[0].casefold())]
         if len(own) != 1:
             return {}
-        found[own[0]] = column
-    return found
+        result[own[0]] = column
+    return result
 
 
 def _numbered_lengths(names: Sequence[str]) -> dict[str, str]:

@@ -105,7 +105,7 @@ def _approach_of_pass(approaches: list[_Approach], targets: list[float]) -> dict
     for approach in approaches:
         passes.setdefault(approach.run, []).append(approach)
     done: Counter[str] = Counter()
-    found = {}
+    result = {}
     for run, passes_of_run in passes.items():
         steps = np.diff([targets[a.number - 1] for a in passes_of_run])
         if not len(steps) or not (np.all(steps > 0) or np.all(steps < 0)):
@@ -113,8 +113,8 @@ def _approach_of_pass(approaches: list[_Approach], targets: list[float]) -> dict
             raise Unusable(expected, row=passes_of_run[0].line, value=f"pass {run}")
         direction = "forward" if steps[0] > 0 else "backward"
         done[direction] += 1
-        found[run] = direction, done[direction]
-    return found
+        result[run] = direction, done[direction]
+    return result
 
 
 def _number(word: str, row: int) -> float:

@@ -6,13 +6,13 @@ import re
 from collections.abc import Sequence
 from dataclasses import replace
 from pathlib import Path
-from typing import Any
 
 from truing.formats.compression import DAMAGED, open_plain
 from truing.formats.delimited import guess_separator, split_record
 from truing.formats.guess import (
     OF_RIGS,
     Guess,
+    MappingKeys,
     by_format,
     coded_alone,
     guess_by_first_lines,
@@ -25,8 +25,9 @@ from truing.formats.key_value_heading import NUMBERS_ALONE, HeadedTable, headed_
 from truing.formats.named_loads import load_columns
 from truing.formats.presets import format_of
 from truing.formats.probable_columns import columns_by_names
+from truing.formats.proposed_loads import proposal_of_loads
 from truing.formats.raw import Unusable
-from truing.formats.sniff_cells import proposal_of_loads, sniff_cells, table_of
+from truing.formats.sniff_cells import sniff_cells, table_of
 from truing.formats.source import RawFile
 from truing.schemas.mapping import FileMapping
 from truing.schemas.memory import raise_shortage
@@ -132,7 +133,7 @@ def _sniff_text(path: Path, joints: Sequence[str]) -> Guess:
     lines_of_data = [(n, line) for n, line in numbered if comment is None or not line.lstrip().startswith(comment)]
     if not lines_of_data:
         return Guess(notes=("it holds no lines",))
-    mapping: dict[str, Any] = {} if encoding == "utf-8" else {"encoding": encoding}
+    mapping: MappingKeys = {} if encoding == "utf-8" else {"encoding": encoding}
     mapping |= {} if comment is None else {"comment": comment}
     mapping |= {"quote": ""} if _has_bare_quote([line for _, line in lines_of_data]) else {}
     remarks = [
@@ -147,7 +148,7 @@ def _sniff_text(path: Path, joints: Sequence[str]) -> Guess:
     return guess
 
 
-def _sniff_headed(table: HeadedTable, mapping: dict[str, Any], joints: Sequence[str]) -> Guess:
+def _sniff_headed(table: HeadedTable, mapping: MappingKeys, joints: Sequence[str]) -> Guess:
     """Return a proposal for a table below a heading of keys and values."""
     lines = table.lines[:_LINES]
     separator = guess_separator([line for _, line in lines], '"')
@@ -188,7 +189,7 @@ def _decoded(head: bytes, *, is_complete: bool) -> tuple[str, str]:
 
 def _sniff_records(
     numbered: list[tuple[int, str]],
-    mapping: dict[str, Any],
+    mapping: MappingKeys,
     remarks: list[str],
     joints: Sequence[str],
     *,
@@ -232,7 +233,7 @@ def _sniff_workbook(path: Path, joints: Sequence[str]) -> Guess:
         texts = [[*row, *[""] * (width - len(row))] for row in texts]
         filled = [sum(cell != "" for cell in row) for row in texts]
         first = next(i for i, count in enumerate(filled) if count >= 0.6 * max(filled))
-        keys: dict[str, Any] = {"sheet": name} if len(sheets) > 1 else {}
+        keys: MappingKeys = {"sheet": name} if len(sheets) > 1 else {}
         before = [number - 1 for number, _ in rows]
         unit = unit_in_words([" ".join(row) for row in texts[:first]])
         keys |= {"skip_lines": before[first]} if first else {}

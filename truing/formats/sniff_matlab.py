@@ -6,11 +6,11 @@ import re
 from collections import Counter
 from collections.abc import Mapping, Sequence
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING
 
 import numpy as np
 
-from truing.formats.guess import Guess
+from truing.formats.guess import Guess, MappingKeys
 from truing.formats.matlab import Block, blocks_of, open_variables, shape_of
 from truing.formats.matlab_stacks import guess_of_stacks
 from truing.formats.raw import Unusable
@@ -74,7 +74,7 @@ def _guess_table(variables: Mapping[str, Variable], name: str, text: str) -> Gue
 def _guess_loads(variables: Mapping[str, Variable], text: str) -> Guess | None:
     """Return a proposal for loads and signals, in variables named so and with equally many rows; None without them."""
     blocks = _blocks_of_equal_length(variables)
-    columns: dict[str, Any] = {}
+    columns: MappingKeys = {}
     units: dict[str, str] = {}
     used: list[str] = []
     for block in blocks:

@@ -218,8 +218,8 @@ def _with_formulas(
 ) -> Iterator[tuple[int, Row, tuple[int, ...]]]:
     for (row, cells), (_, texts) in zip(values, formulas, strict=False):
         without = tuple(
-            place
-            for place, (cell, text) in enumerate(zip(cells, texts, strict=False))
+            index
+            for index, (cell, text) in enumerate(zip(cells, texts, strict=False))
             if cell is None and text is not None
         )
         yield row, cells, without

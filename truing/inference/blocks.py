@@ -57,9 +57,9 @@ def _large_enough(groups: Integers, epochs: int) -> Integers | None:
     large, counts = large[counts >= _FEWEST_IN_BLOCK], counts[counts >= _FEWEST_IN_BLOCK]
     if len(large) < FEWEST_BLOCKS or counts.max() > _MOST_OF_ALL * epochs or counts.sum() < _LEAST_TOGETHER * epochs:
         return None
-    place = np.searchsorted(large, groups).clip(0, len(large) - 1)
-    number = place if len(large) <= _MOST_BLOCKS else place * _MOST_BLOCKS // len(large)
-    return np.asarray(np.where(large[place] == groups, number, -1))
+    index = np.searchsorted(large, groups).clip(0, len(large) - 1)
+    number = index if len(large) <= _MOST_BLOCKS else index * _MOST_BLOCKS // len(large)
+    return np.asarray(np.where(large[index] == groups, number, -1))
 
 
 def regions(inputs: Array) -> Integers:

@@ -22,14 +22,14 @@ def columns_of(fitted: FittedModel[CauseT], groups: Integers | None) -> dict[str
     """Return the inputs (B,) that vary, without the order of the epochs. Of copies, in other units or of one clock, the
     first: functions of the others would count twice."""
     scene = fitted.scene
-    found: dict[str, Array] = {}
+    result: dict[str, Array] = {}
     for name, values in {**scene.covariates, **scene.inputs}.items():
         own = numbers(values)
         if name == _ORDER or own is None:
             continue
-        if not any(is_copy(own[:, None], other[:, None], groups) for other in found.values()):
-            found[name] = own
-    return found
+        if not any(is_copy(own[:, None], other[:, None], groups) for other in result.values()):
+            result[name] = own
+    return result
 
 
 def numbers(values: ArrayLike) -> Array | None:
@@ -77,15 +77,15 @@ class InTime:
         if self.order is None:
             return None
         x, (in_time, groups) = standard(values[:, None])[:, 0], self._sorted
-        found = np.zeros((len(x), len(_THRESHOLDS) + 1))
+        result = np.zeros((len(x), len(_THRESHOLDS) + 1))
         reach = np.array(_THRESHOLDS) * max(float(np.ptp(x)), 1e-12)
         ahead = np.zeros(len(reach))
-        for place, now in enumerate(in_time):
-            first = place == 0 or groups[place] != groups[place - 1]
-            last = now if first else in_time[place - 1]
+        for index, now in enumerate(in_time):
+            first = index == 0 or groups[index] != groups[index - 1]
+            last = now if first else in_time[index - 1]
             ahead = 0.0 * ahead if first else np.clip(ahead + x[now] - x[last], -reach, reach)
-            found[now] = [*(ahead / reach), x[last]]
-        return found
+            result[now] = [*(ahead / reach), x[last]]
+        return result
 
 
 def in_time_of(fitted: FittedModel[CauseT], at: Mask) -> InTime:

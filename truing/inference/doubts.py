@@ -98,7 +98,7 @@ def _course_rivals(
 ) -> dict[str, CourseRival]:
     """Return the random courses that compete with accepted causes, by their keys; none for the causes that clearly
     beat them."""
-    found: dict[str, CourseRival] = {}
+    result: dict[str, CourseRival] = {}
     for step in searched.kept:
         if step.cause.catalogued and step.cause.has_law and step.cause.key not in outdone:
             search.progress(f"random courses in place of {step.cause.id}")
@@ -106,8 +106,8 @@ def _course_rivals(
             size = step.candidate.signature.parameters
             rival = course_rival(searched.final, without, step.cause, size, step.choice)
             if rival is not None and not rival.is_clear:
-                found[step.cause.key] = rival
-    return found
+                result[step.cause.key] = rival
+    return result
 
 
 def _beside_refused(searched: Searched[CauseT], verdicts: Sequence[Verdict[CauseT]]) -> set[str]:

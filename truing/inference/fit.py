@@ -234,8 +234,11 @@ def _acting(slopes: Array) -> Mask:
 
 
 def _column_derivatives(slopes: Array, zeros: ZeroColumns | None, columns: Integers, common: int) -> Array:
-    """Return derivatives (B, K, d, C) of the columns (B, C) of each epoch, from those of all unknowns or of all after
-    the zeros (B, K, d, G - Z); zero for column G. The first ``common`` columns are the same in all epochs."""
+    """Return derivatives (B, K, d, C) of the columns (B, C) of each epoch; zero for column G.
+
+    slopes: derivatives by all unknowns, or by all after the zeros (B, K, d, G - Z). The first ``common`` columns are
+    the same in all epochs.
+    """
     first = 0 if zeros is None else zeros.size
     few = columns[:, common:]
     alike, each = columns[0, :common], (few - first)[:, None, None]

@@ -14,7 +14,8 @@ import numpy as np
 from truing.inference import search_end
 from truing.inference.arrays import Mask
 from truing.inference.choice import CandidateChoice, choose, confirmed, is_outdone, is_real
-from truing.inference.fitted_model import FittedModel, Fitter
+from truing.inference.fitted_model import FittedModel
+from truing.inference.fitter import Fitter
 from truing.inference.free_course import move_alike
 from truing.inference.model import CauseT
 from truing.inference.prediction import predicts_worse
@@ -95,9 +96,9 @@ class Searched(Generic[CauseT]):
     @property
     def search(self) -> Search[CauseT]:
         """Search of the last round, the only one that is not closed."""
-        found = self.rounds[-1].search
-        assert found is not None
-        return found
+        result = self.rounds[-1].search
+        assert result is not None
+        return result
 
     def named(self) -> list[CauseT]:
         """Return the accepted causes that the catalogue names."""

@@ -62,12 +62,12 @@ class _Moved(Generic[CauseT]):
         beyond chance."""
         along = self.pathways.residual
         total, freedom = total_of(self.fitted)
-        found = []
+        result = []
         for own in signatures_of(self.pathways, designs):
             parts = parts_of(own, along)
             odds = float(log_evidence(parts, own.strengths, total, freedom)) if own.rank else 0.0
-            found.append((odds, max(float(parts @ parts) - own.rank * total / freedom, 0.0)))
-        return found
+            result.append((odds, max(float(parts @ parts) - own.rank * total / freedom, 0.0)))
+        return result
 
 
 @dataclass(frozen=True)
@@ -139,23 +139,25 @@ def _with_varied(
 ) -> dict[Inputs, list[Array]]:
     """Return random courses, and next to them the course (B, 1) of a name with a size that varies with each input."""
     varied = {follows: course * functions for follows, functions in factors.items()}
-    found = {follows: list(several) for follows, several in courses.items()}
+    result = {follows: list(several) for follows, several in courses.items()}
     for follows, functions in varied.items():
         if not _are_alike(functions, course):
-            found.setdefault(follows, []).append(functions)
-    return found
+            result.setdefault(follows, []).append(functions)
+    return result
 
 
 def _are_alike(functions: Array, courses: Array) -> bool:
-    """Return True if functions (B, m) of an input are no more than the courses (B, n) of a name, as those of an input
-    with two values are those of a name that has one: then both are the same effect."""
+    """Return True if functions (B, m) of an input span no more than the courses (B, n) of a name.
+
+    Both are then the same effect, for example if the input has only two values.
+    """
     about, own = functions - functions.mean(axis=0), courses - courses.mean(axis=0)
     if spans_more(about, own.shape[1]):
         return False
     basis, sizes, _ = np.linalg.svd(about, full_matrices=False)
     basis = basis[:, sizes > _LEAST_LOADING * max(float(sizes[0]), 1e-300)]
-    left = own - basis @ (basis.T @ own)
-    return basis.shape[1] <= own.shape[1] and bool(np.sum(left**2) < _SAME_COURSE * np.sum(own**2))
+    residual = own - basis @ (basis.T @ own)
+    return basis.shape[1] <= own.shape[1] and bool(np.sum(residual**2) < _SAME_COURSE * np.sum(own**2))
 
 
 def spans_more(functions: Array, most: int) -> bool:
@@ -223,7 +225,7 @@ def _together(functions: Sequence[Array]) -> dict[str, Array]:
     wide = [np.zeros((len(own), 1, int(ends[-1]))) for own in functions]
     for own, design, end in zip(functions, wide, ends, strict=True):
         design[:, 0, end - own.shape[1] : end] = own
-    return {str(place): design for place, design in enumerate(wide)}
+    return {str(index): design for index, design in enumerate(wide)}
 
 
 def _lead(moved: _Moved[CauseT], patterns: Sequence[MovedPattern], instead: Sequence[_Courses]) -> tuple[float, float]:

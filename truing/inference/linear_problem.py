@@ -130,11 +130,11 @@ class Whitened:
 
     def with_residuals(self, problem: LinearisedModel) -> Whitened:
         """Return the whitened problem with the residuals of another one, which has the same derivatives."""
-        found = replace(self, problem=problem, residual=_stacked(problem, self.without_local))
+        result = replace(self, problem=problem, residual=_stacked(problem, self.without_local))
         for name in ("_gram", "_factor", "_inverse", "compact"):
             if name in self.__dict__:
-                found.__dict__[name] = self.__dict__[name]
-        return found
+                result.__dict__[name] = self.__dict__[name]
+        return result
 
     def without(self, epochs: Mask) -> Whitened:
         """Return the whitened problem without the measurements of some epochs (B,), whose local unknowns are zero.
@@ -150,9 +150,9 @@ class Whitened:
         whole, out = self.whole.copy(), self.own[epochs].reshape(-1, self.own.shape[2])
         own = whole[: len(epochs) * tall].reshape(self.own.shape)
         own[epochs] = 0.0
-        found = Whitened(problem, basis, factor, own, residual, whole)
-        found.__dict__["_gram"] = self._gram - out.T @ out
-        return found
+        result = Whitened(problem, basis, factor, own, residual, whole)
+        result.__dict__["_gram"] = self._gram - out.T @ out
+        return result
 
     @cached_property
     def _factor(self) -> Array:
@@ -482,9 +482,9 @@ def rows_by_source(whitened: Whitened, layout: Mapping[str, slice], causes: Set[
     epochs, height = problem.residual.shape
     tall = height + problem.local_value.shape[1]
     first, extra = epochs * tall, len(problem.extra_residual)
-    places = np.arange(len(whitened.residual))
-    within, of_epoch = places % tall, places < first
-    shared = places - first - extra
+    indices = np.arange(len(whitened.residual))
+    within, of_epoch = indices % tall, indices < first
+    shared = indices - first - extra
     # An error that the measurements of an epoch share counts as theirs, though it has an unknown of its own.
     of_observations = np.concatenate([np.ones(height, bool), problem.local_known])
     of_observations[height + inputs.start : height + inputs.stop] = False
@@ -492,7 +492,7 @@ def rows_by_source(whitened: Whitened, layout: Mapping[str, slice], causes: Set[
         OBSERVATIONS: of_epoch & of_observations[within],
         INPUTS: of_epoch & (within >= height + inputs.start) & (within < height + inputs.stop),
         PRIOR_CAMPAIGN: ~of_epoch & (shared < 0),
-        PLAUSIBLE: np.zeros(len(places), bool),
+        PLAUSIBLE: np.zeros(len(indices), bool),
     }
     known = np.concatenate([np.zeros(first + extra, bool), problem.shared_known])
     for name, own in layout.items():

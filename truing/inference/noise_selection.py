@@ -14,7 +14,8 @@ from truing.inference.adequacy import is_unordered, p_value_of_order
 from truing.inference.arrays import Array, Mask
 from truing.inference.attribution import p_value_of_dependence
 from truing.inference.choice import is_real
-from truing.inference.fitted_model import FittedModel, Fitter
+from truing.inference.fitted_model import FittedModel
+from truing.inference.fitter import Fitter
 from truing.inference.heavy_tails import HEAVY, is_of_place, log_odds_of_tails, p_value_of_repeats
 from truing.inference.model import CauseT, ScatterCandidate
 from truing.inference.noise import NoiseDependence, NoiseLevel, noise_level, scale_gain, variance_gain

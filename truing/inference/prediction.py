@@ -236,8 +236,8 @@ def noise_floor(
 ) -> NoiseFloor:
     """Return the prediction error of a fitted model that declared noise alone causes.
 
-    Draws of all noise (of observations, inputs and known shared unknowns) go through the linearised fit, whose own
-    noise may be estimated from the same residuals.
+    Draws of all noise go through the linearised fit: noise of observations, inputs and known shared unknowns. The fit's
+    own noise may be estimated from the same residuals.
     """
     whitened, problem = fit.whitened, fit.whitened.problem
     epochs, count = problem.residual.shape

@@ -29,8 +29,9 @@ def smooth_functions(columns: Array, most: int, scales: Sequence[float]) -> Iter
 
 
 def rough_functions(order: Array, most: int) -> Iterator[Array]:
-    """Yield functions (n, m) of the rank in time of n epochs, whose random combinations are stationary noise that is
-    correlated over a share of the epochs, and a random walk.
+    """Yield functions (n, m) of the rank in time of n epochs.
+
+    Their random combinations are stationary noise that is correlated over a share of the epochs, and a random walk.
 
     Cosines have the spectrum of an autoregressive process of first order. Smooth functions cannot take its place: their
     combinations are too smooth, so that those of time and another input would be more probable.

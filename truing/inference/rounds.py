@@ -282,7 +282,7 @@ class Round(Generic[CauseT]):
         """Most probable nonparametric effects, and all higher-order terms of an accepted one."""
         ranked = sorted(self.candidates, key=self.posterior, reverse=True)
         unnamed = [c for c in ranked if not c.cause.catalogued and c.signature.rank]
-        return [c for place, c in enumerate(unnamed) if place < _PAIRED or c.cause.is_higher_order]
+        return [c for index, c in enumerate(unnamed) if index < _PAIRED or c.cause.is_higher_order]
 
     def _higher_order_candidates(self, form: CauseCandidate[CauseT]) -> list[CauseCandidate[CauseT]]:
         """Return the higher-order terms of an effect as candidates, as they would be proposed after its acceptance."""
@@ -476,8 +476,8 @@ def log_evidences_of(
 def _grouped(keys: Sequence[Key]) -> dict[Key, list[int]]:
     """Return the places of each key."""
     places: dict[Key, list[int]] = {}
-    for place, key in enumerate(keys):
-        places.setdefault(key, []).append(place)
+    for index, key in enumerate(keys):
+        places.setdefault(key, []).append(index)
     return places
 
 

@@ -77,14 +77,14 @@ class InputResiduals:
         residuals, redundancy = self.rest[:, order], self.redundancy[:, order][:, :, order]
         least = _LEAST_REDUNDANCY * np.diagonal(redundancy, axis1=1, axis2=2) + _TINY
         result = np.full(residuals.shape, np.nan)
-        for place in range(len(order)):
-            pivot = redundancy[:, place, place]
-            enough = pivot > least[:, place]
+        for index in range(len(order)):
+            pivot = redundancy[:, index, index]
+            enough = pivot > least[:, index]
             pivot = np.where(enough, pivot, np.inf)
-            result[enough, order[place]] = (residuals[:, place] / np.sqrt(pivot))[enough]
-            column = redundancy[:, :, place] / pivot[:, None]
-            residuals = residuals - column * residuals[:, place, None]
-            redundancy = redundancy - column[:, :, None] * redundancy[:, place, None, :]
+            result[enough, order[index]] = (residuals[:, index] / np.sqrt(pivot))[enough]
+            column = redundancy[:, :, index] / pivot[:, None]
+            residuals = residuals - column * residuals[:, index, None]
+            redundancy = redundancy - column[:, :, None] * redundancy[:, index, None, :]
         return result[..., None]
 
     def factor(self, selected: Mask) -> tuple[float, float]:

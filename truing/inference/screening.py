@@ -63,19 +63,19 @@ def _by_run(
     in_time = np.lexsort((step if order is None else order[step], zero_groups[step, channel]))
     step, channel = step[in_time], channel[in_time]
     group = np.unique(zero_groups[step, channel], return_inverse=True)[1]
-    place = np.arange(len(group)) - np.searchsorted(group, group)
-    shape = (int(place.max(initial=-1)) + 1, int(group.max(initial=-1)) + 1)
+    index = np.arange(len(group)) - np.searchsorted(group, group)
+    shape = (int(index.max(initial=-1)) + 1, int(group.max(initial=-1)) + 1)
     known = np.zeros(shape, bool)
-    known[place, group] = True
+    known[index, group] = True
     values = np.zeros((*shape, 1))
-    values[place, group] = rest[step, channel]
+    values[index, group] = rest[step, channel]
     unit = np.ones((*shape, 1, 1))
     if axes is not None:
-        unit[place, group] = axes[step, channel]
+        unit[index, group] = axes[step, channel]
     wrong = np.zeros(is_observed.shape, bool)
     if known.any():
         in_run = None if order is None else np.arange(shape[0])
-        wrong[step, channel] = gross_errors(values, known, None if axes is None else unit, in_run)[place, group]
+        wrong[step, channel] = gross_errors(values, known, None if axes is None else unit, in_run)[index, group]
     return wrong
 
 

@@ -202,11 +202,11 @@ class Search(Generic[CauseT]):
 
     def squares(self, along: Array) -> Array:
         """Return the reduction of the sum of squares by each candidate that can be seen, (D, candidates)."""
-        found = np.empty((len(along), len(self._visible_candidates)))
+        result = np.empty((len(along), len(self._visible_candidates)))
         for bank in self._banks:
             for scores, numbers in bank.scores(along):
-                found[:, numbers] = np.einsum("drk,drk->dk", scores, scores)
-        return found
+                result[:, numbers] = np.einsum("drk,drk->dk", scores, scores)
+        return result
 
     def maxima(self, along: Array) -> Array:
         """Return the largest reduction in every group, (D, groups)."""
@@ -224,10 +224,10 @@ class Search(Generic[CauseT]):
             id(family_signatures.rotated): family_signatures.rotated for family_signatures in signatures
         }.values():
             along = rotated.along(parts)
-            for place, family_signatures in enumerate(signatures):
+            for index, family_signatures in enumerate(signatures):
                 if family_signatures.rotated is rotated:
-                    largest[place] = family_signatures.squares(along).reshape(len(parts), -1).max(1)
-        return [largest[place] for place in range(len(signatures))]
+                    largest[index] = family_signatures.squares(along).reshape(len(parts), -1).max(1)
+        return [largest[index] for index in range(len(signatures))]
 
     @cached_property
     def _members(self) -> list[list[int]]:
@@ -404,8 +404,7 @@ def kinds_of(groups: Sequence[CandidateGroup]) -> tuple[str, ...]:
 
 
 def f_test(squares: Array | float, rank: int, noise: Array | float, freedom: Array | float) -> Array:
-    """Return the p of the F test of squares (...) of candidates of a rank, at a noise level that is known with
-    degrees of freedom."""
+    """Return the p of the F test of squares (...) of candidates of a rank; freedom: that of the noise level."""
     from scipy.special import fdtrc
 
     return np.asarray(fdtrc(rank, np.maximum(freedom - rank, 1.0), np.asarray(squares) / rank / noise))

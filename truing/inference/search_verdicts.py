@@ -93,7 +93,7 @@ class SearchVerdicts(Generic[CauseT]):
     def _rivals(self, kept: Sequence[Accepted[CauseT]]) -> list[Verdict[CauseT]]:
         """Return verdicts on other kinds that explain a finding as well, so that the campaign cannot
         distinguish them."""
-        found, held_out = [], self.search.fitter.held_out
+        result, held_out = [], self.search.fitter.held_out
         for step in kept:
             for rival, lead in step.chosen.rivals:
                 worth = is_worth_reporting(rival, lead) or step.probability < NAMED
@@ -103,13 +103,13 @@ class SearchVerdicts(Generic[CauseT]):
                     )
                     plain = first_order(step.round, rival, INDISTINGUISHABLE, held_out, Reason.RIVAL)
                     odds = step.round.posterior(step.candidate) + lead
-                    found.append(replace(plain, own=own, log_odds=odds, rival=step.cause))
-        return found
+                    result.append(replace(plain, own=own, log_odds=odds, rival=step.cause))
+        return result
 
     def _rejected(self, rounds: Sequence[Round[CauseT]], end: EndOfSearch[CauseT]) -> list[Verdict[CauseT]]:
         """Return the verdicts on the best candidate of every kind that the final model does not hold. Their log odds
         are those of the first round, where they competed with the causes found."""
-        closing, first, found = rounds[-1], rounds[0], []
+        closing, first, result = rounds[-1], rounds[0], []
         for kind, candidate in closing.best.items():
             before = first.best.get(kind)
             if candidate.signature.rank or before is None or not before.signature.rank:
@@ -119,8 +119,8 @@ class SearchVerdicts(Generic[CauseT]):
                 verdict = first_order(closing, candidate, REJECTED, self.search.fitter.held_out, reason)
             else:
                 verdict = first_order(first, before, REJECTED, self.search.fitter.held_out, Reason.CONTAINED)
-            found.append(verdict if before is None else replace(verdict, log_odds=first.posterior(before)))
-        return found
+            result.append(verdict if before is None else replace(verdict, log_odds=first.posterior(before)))
+        return result
 
 
 def contradiction(verdict: Verdict[CauseT]) -> Reason | None:

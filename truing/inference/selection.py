@@ -18,7 +18,8 @@ from truing.inference.adequacy import Adequacy, adequacy_of
 from truing.inference.attribution import Attributed, attributed
 from truing.inference.blocks import EpochBlocks
 from truing.inference.doubts import Doubts, of_larger_noise, outdone_causes
-from truing.inference.fitted_model import FittedModel, Fitter, ScreenedValue
+from truing.inference.fitted_model import FittedModel
+from truing.inference.fitter import Fitter, ScreenedValue
 from truing.inference.forward_search import ForwardSearch, Searched, Settings
 from truing.inference.model import CampaignModel, CauseT, ConditionsLike, ConditionsT, ScatterCandidate
 from truing.inference.noise import NoiseDependence, NoiseLevel, noise_level

@@ -31,16 +31,16 @@ def several_for_one(
     sets their shapes, such as the periods of a turn.
     """
     named = [one for one in accepted if one[0].catalogued]
-    found: set[str] = set()
+    result: set[str] = set()
     for first, second in combinations([cause for cause, _, _ in named], 2):
         is_one_kind = (first.subject, first.id) == (second.subject, second.id)
         if is_one_kind and not (first.has_set_shape and second.has_set_shape) and move_alike(first, second):
-            found |= {first.key, second.key}
+            result |= {first.key, second.key}
     for subject in {cause.subject for cause, _, _ in named}:
         own = [one for one in named if one[0].subject == subject]
         if len(own) > 1 and _odds_of_one(own, last) > -np.log(RIVAL_FACTOR):
-            found |= {cause.key for cause, _, _ in own}
-    return found
+            result |= {cause.key for cause, _, _ in own}
+    return result
 
 
 def cancel(first: tuple[Array, Array], second: tuple[Array, Array]) -> bool:

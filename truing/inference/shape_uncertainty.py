@@ -6,7 +6,8 @@ from __future__ import annotations
 import numpy as np
 
 from truing.inference.arrays import Array
-from truing.inference.fitted_model import FittedModel, Fitter
+from truing.inference.fitted_model import FittedModel
+from truing.inference.fitter import Fitter
 from truing.inference.model import CauseT
 
 # Shapes are held at so many sigmas to either side; a sigma is widened at most by this factor.
@@ -21,12 +22,12 @@ def shape_covariance_factors(fitter: Fitter[CauseT], final: FittedModel[CauseT],
     """
     values, covariance = final.values(cause)
     wider = np.ones(len(values))
-    for place in range(size, len(values)):
-        step = _REACH * np.sqrt(covariance[place, place]) * (np.arange(len(values)) == place)
+    for index in range(size, len(values)):
+        step = _REACH * np.sqrt(covariance[index, index]) * (np.arange(len(values)) == index)
         held = [cause.with_fixed_shape((values + way * step)[size:]) for way in (-1.0, 1.0)]
         rises = [_rise(fitter, final, cause, own) for own in held if own is not None]
         least = min((np.sqrt(max(rise, 0.0)) for rise in rises), default=_REACH)
-        wider[place] = np.clip(_REACH / max(least, 1e-9), 1.0, _WIDEST)
+        wider[index] = np.clip(_REACH / max(least, 1e-9), 1.0, _WIDEST)
     return np.outer(wider, wider)
 
 

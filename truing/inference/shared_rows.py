@@ -221,10 +221,10 @@ class SharedRows:
 
     def mapped(self, matrix: Array, kind: type[np.floating] = np.float64) -> Array:
         """Products (N, P) of all rows with a matrix (G, P), in a given precision; formed for some epochs at a time."""
-        found = np.empty((self.count, matrix.shape[1]), kind)
+        result = np.empty((self.count, matrix.shape[1]), kind)
         few, common = np.concatenate([matrix, np.zeros((1, matrix.shape[1]))]), matrix[self.columns[0, : self.common]]
         for first in range(0, self.of_epochs, _ROWS_AT_ONCE):
             chosen = np.s_[first : min(first + _ROWS_AT_ONCE, self.of_epochs)]
-            found[chosen] = self._wide[chosen] @ common + self._rows_of_few[chosen] @ few
-        found[self.of_epochs :] = np.concatenate([self.extra @ matrix, matrix])
-        return found
+            result[chosen] = self._wide[chosen] @ common + self._rows_of_few[chosen] @ few
+        result[self.of_epochs :] = np.concatenate([self.extra @ matrix, matrix])
+        return result

@@ -1,4 +1,4 @@
-"""Test of the residuals within an epoch: are those of neighbouring places of a group more alike than noise?
+"""Test whether the residuals of neighbouring places of a group are more alike than noise, within an epoch.
 
 A bending group, or an instrument with errors by place, moves neighbouring places alike; the amount differs between
 epochs. Spread over all places, this passes for a little more noise. The statistic is the sum over pairs of places of

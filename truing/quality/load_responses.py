@@ -88,8 +88,8 @@ def slope_of(drive: Array, reading: Array) -> tuple[float, float]:
     if square == 0.0:
         return np.nan, np.inf
     value = float(x @ y) / square
-    left = y - value * x
-    return value, float(np.sqrt(left @ left / max(len(x) - 2, 1) / square))
+    residual = y - value * x
+    return value, float(np.sqrt(residual @ residual / max(len(x) - 2, 1) / square))
 
 
 def beyond_simulation(responses: RunResponses, excluded: Index) -> list[int]:

@@ -178,9 +178,9 @@ def repeated_programmes(view: LoadingView, channel: ChannelView) -> Iterator[Pro
         if used.sum() < 2:
             continue
         values = steps.reading[channel.rows[group], channel.place][:, used]
-        left = values - values.mean(axis=1, keepdims=True)
-        left = left - left.mean(axis=0)
-        square = float(np.sum((left / channel.fit.sigma[group][:, used]) ** 2))
+        residual = values - values.mean(axis=1, keepdims=True)
+        residual = residual - residual.mean(axis=0)
+        square = float(np.sum((residual / channel.fit.sigma[group][:, used]) ** 2))
         first = int(steps.run[channel.rows[group[0][0]]])
         yield Programme(view.run_name(first), square, (len(group) - 1.0) * (float(used.sum()) - 1.0))
 

@@ -175,7 +175,7 @@ def _printed(rows: pd.DataFrame, column: str) -> Any:
 
 
 def _panel(rows: pd.DataFrame) -> go.Heatmap:
-    reported = rows.assign(place=_columns(rows), told=_printed(rows, "predicted"))
+    reported = rows.assign(place=_columns(rows), printed=_printed(rows, "predicted"))
     reported["size"] = reported["predicted"] / reported["tolerance"]
     order = (
         list(dict.fromkeys(reported["kind"])),
@@ -183,13 +183,13 @@ def _panel(rows: pd.DataFrame) -> go.Heatmap:
     )
     wide = {
         c: reported.pivot(index="kind", columns="place", values=c).reindex(index=order[0], columns=order[1])
-        for c in ("size", "told")
+        for c in ("size", "printed")
     }
     return go.Heatmap(
         z=np.round(wide["size"].to_numpy(), 3),
         x=order[1],
         y=[f"{label(kind)} " for kind in order[0]],
-        text=[[plain(v) if v == v else "" for v in row] for row in wide["told"].to_numpy()],
+        text=[[plain(v) if v == v else "" for v in row] for row in wide["printed"].to_numpy()],
         texttemplate="%{text}",
         coloraxis="coloraxis",
         xgap=1,

@@ -75,7 +75,7 @@ def _drawn(errors: pd.DataFrame, column: str, title: str) -> go.Figure:
         vertical_spacing=0.3 / len(encoders),
         subplot_titles=[ENCODERS[name] for name in encoders],
     )
-    for place, name in enumerate(encoders, 1):
+    for index, name in enumerate(encoders, 1):
         for direction, colour, symbol, words in _WAYS:
             rows = errors[(errors["encoder"] == name) & (errors["approach"] == direction)]
             figure.add_trace(
@@ -85,15 +85,15 @@ def _drawn(errors: pd.DataFrame, column: str, title: str) -> go.Figure:
                     mode="markers",
                     name=words,
                     legendgroup=words,
-                    showlegend=place == 1,
+                    showlegend=index == 1,
                     marker={"color": colour, "symbol": symbol, "size": 7},
                     customdata=rows["pose"].astype(str).to_numpy(),
                     hovertemplate=f"row %{{customdata}}, %{{x:.6g}} {command}: %{{y:.3g}} {unit}<extra></extra>",
                 ),
-                row=place,
+                row=index,
                 col=1,
             )
-        figure.update_yaxes(title_text=f"error ({unit})", row=place, col=1)
+        figure.update_yaxes(title_text=f"error ({unit})", row=index, col=1)
     figure.update_xaxes(title_text=f"command ({command})", row=len(encoders), col=1)
     style(figure, title, "Colour: direction of approach", 180 + 200 * len(encoders))
     figure.update_layout(legend={"orientation": "h", "y": 1.0, "yanchor": "bottom", "x": 0.6}, margin={"t": 110})

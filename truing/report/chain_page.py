@@ -337,8 +337,8 @@ def _curves(curves: pd.DataFrame, joints: pd.DataFrame) -> go.Figure:
     rows = -(-len(names) // 2)
     titles = [label(name) for name in names]
     figure = make_subplots(rows=rows, cols=2, subplot_titles=titles, vertical_spacing=0.35 / rows)
-    for place, name in enumerate(names):
-        panel = {"row": place // 2 + 1, "col": place % 2 + 1}
+    for index, name in enumerate(names):
+        panel = {"row": index // 2 + 1, "col": index % 2 + 1}
         along, size = (1e3, 1e6) if name in slides else (180.0 / math.pi, 180e3 / math.pi)
         units = ("mm", "µm") if name in slides else ("deg", "mdeg")
         own = curves[curves["joint"] == name]
@@ -375,9 +375,9 @@ def _arm(nodes: pd.DataFrame, survey: pd.DataFrame | None) -> go.Figure:
 
 def _links(nodes: pd.DataFrame) -> go.Scatter3d:
     """Return a line along each link, and along the travel of each joint that slides."""
-    places, origins = nodes[XYZ].to_numpy(float), nodes[_ORIGIN].to_numpy(float)
+    positions, origins = nodes[XYZ].to_numpy(float), nodes[_ORIGIN].to_numpy(float)
     gap = np.full(3, np.nan)
-    parts = [(places[b], origins[k], places[k], gap) for k, b in enumerate(nodes["below"]) if b >= 0]
+    parts = [(positions[b], origins[k], positions[k], gap) for k, b in enumerate(nodes["below"]) if b >= 0]
     return _line(np.array(parts).reshape(-1, 3), "links", GREY, 8.0)
 
 

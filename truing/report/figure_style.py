@@ -72,10 +72,10 @@ def pose_axis(poses: ArrayLike) -> tuple[NDArray[Any], dict[str, Any]]:
         return identifiers, {"title": {"text": "pose"}}
     names, first = np.unique(identifiers.astype(str), return_index=True)
     ordered = names[np.argsort(first)]
-    place = {name: k for k, name in enumerate(ordered)}
+    index_of = {name: k for k, name in enumerate(ordered)}
     shown = np.arange(0, len(ordered), max(1, -(-len(ordered) // _LABELS)))
     ticks = {"tickvals": shown.tolist(), "ticktext": [label(_short(ordered[k])) for k in shown], "tickangle": -60}
-    return np.array([place[str(pose)] for pose in identifiers]), {
+    return np.array([index_of[str(pose)] for pose in identifiers]), {
         "title": {"text": "pose"},
         "automargin": True,
         **ticks,

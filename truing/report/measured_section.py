@@ -156,14 +156,14 @@ def _targets(points: pd.DataFrame, survey: pd.DataFrame | None, residuals: pd.Da
 
 
 def _target_row(r: Any) -> tuple[str, ...]:
-    place = [getattr(r, c, None) for c in XYZ]
-    known = all(p is not None and p == p for p in place)
+    position = [getattr(r, c, None) for c in XYZ]
+    known = all(p is not None and p == p for p in position)
     leg = getattr(r, "leg", None)
     left_out = getattr(r, "rejected", None)
     return (
         r.body,
         r.target,
-        ", ".join(f"{p:.3f}" for p in place) if known else "not surveyed",
+        ", ".join(f"{p:.3f}" for p in position) if known else "not surveyed",
         f"leg {int(leg)}" if leg is not None and leg == leg else "",
         "0" if cell(r.seen) == "" else str(int(r.seen)),
         str(int(left_out)) if left_out is not None and left_out == left_out and left_out else "",

@@ -44,8 +44,8 @@ def chain_places(frames: Mapping[str, pd.DataFrame]) -> dict[str, pd.DataFrame]:
     ):
         parts.append(pd.DataFrame(values, columns=names))
     nodes = pd.concat(parts, axis=1).assign(pose=readings.index[0], is_tip=np.arange(tree.size) == tip)
-    places = pd.DataFrame(frames_found.t[:, tip] * _MM, columns=["x_mm", "y_mm", "z_mm"]).assign(pose=readings.index)
-    return {"chain_nodes": nodes, "chain_tip": places}
+    positions = pd.DataFrame(frames_found.t[:, tip] * _MM, columns=["x_mm", "y_mm", "z_mm"]).assign(pose=readings.index)
+    return {"chain_nodes": nodes, "chain_tip": positions}
 
 
 def _readings(tree: Tree, table: pd.DataFrame) -> pd.DataFrame | None:

@@ -10,7 +10,7 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from truing.arrays import Array, Mask
+from truing.arrays import Array, Mask, TableRow
 from truing.report.numbers import count, with_uncertainty
 from truing.schemas.near_names import did_you_mean
 
@@ -132,7 +132,7 @@ def causes_of(table: pd.DataFrame) -> pd.DataFrame:
     """
     import pandas as pd
 
-    rows: list[dict[str, Any]] = []
+    rows: list[TableRow] = []
     for row in table[table["verdict"].isin(_TOLD)].to_dict("records"):
         columns = {name: row[name] for name in CAUSES[:5]} | {"subject": row["subject"] or ""}
         parameters: Mapping[str, Any] = json.loads(row["parameters"] or "{}")

@@ -296,14 +296,14 @@ def trials(
     """
     legs = plan.part_count
     listed = [Trial(_NOTHING, 0.0, (), (seed, 0, 0, number)) for number in range(nothing)]
-    for place, question in enumerate(asked):
+    for index, question in enumerate(asked):
         if question.expected is None:
             continue
         for step, factor in enumerate(FACTORS):
             for number in range(draws):
-                stream = (seed, place + 1, step, number)
+                stream = (seed, index + 1, step, number)
                 effect = question.kind.draw(factor * question.expected, legs, np.random.default_rng(stream))
-                listed.append(Trial(place, factor, (effect,), (*stream, 1)))
+                listed.append(Trial(index, factor, (effect,), (*stream, 1)))
     per_round = {_NOTHING: max(nothing // max(draws, 1), 1)}
     return sorted(listed, key=lambda trial: trial.seed[3] // per_round.get(trial.question, 1))
 

@@ -128,9 +128,9 @@ def stop_states(steps: NDArray, extent: NDArray, stops: Sequence[float] = STOPS)
     """
     reach = np.maximum(extent[:, None] * np.array(stops), 1e-300)
     state, states = np.zeros_like(reach), np.empty((len(steps), *reach.shape))
-    for place, step in enumerate(steps):
+    for index, step in enumerate(steps):
         state = np.clip(state + step[:, None] / reach, -1.0, 1.0)
-        states[place] = state
+        states[index] = state
     return states
 
 

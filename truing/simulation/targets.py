@@ -72,8 +72,8 @@ def _free_factor(survey: NDArray, covariance: NDArray, rows: NDArray, rigid: boo
     if not rigid or len(rows) < 3:
         return np.linalg.cholesky(full)
     motions = np.linalg.qr(_rigid_motions(survey[rows]))[0]
-    left = np.eye(len(full)) - motions @ motions.T
-    values, vectors = np.linalg.eigh(left @ full @ left)
+    residual = np.eye(len(full)) - motions @ motions.T
+    values, vectors = np.linalg.eigh(residual @ full @ residual)
     return vectors[:, 6:] * np.sqrt(np.maximum(values[6:], 0.0))
 
 

@@ -6,7 +6,8 @@ import numpy as np
 import pytest
 
 from tests.simulation.bench.sensor_benches import SIGMA, bench
-from truing.inference.fitted_model import FittedModel, Fitter
+from truing.inference.fitted_model import FittedModel
+from truing.inference.fitter import Fitter
 from truing.inference.observations import Epochs, Frames, Observations
 from truing.inference.pulls import pulls
 from truing.simulation.drawn_campaigns import draw_readings

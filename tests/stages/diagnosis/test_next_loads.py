@@ -16,7 +16,8 @@ from tests.stages.line import run_line, settings_of
 from tests.tolerance import assert_between
 from truing.estimation.design.rival_design import Fitted
 from truing.inference.fit import Fit, fit_model
-from truing.inference.fitted_model import FittedModel, Fitter
+from truing.inference.fitted_model import FittedModel
+from truing.inference.fitter import Fitter
 from truing.inference.observations import Frames, Observations
 from truing.inference.selection import CauseDiagnosis
 from truing.report.diagnosis.effect_units import plain_size

@@ -17,7 +17,8 @@ from tests.blind.generator.sensor.folder import write_campaign
 from tests.blind.generator.sensor.layout import Layout, Programme, Tolerance
 from tests.stages.line import run_line, settings_of
 from tests.tolerance import assert_close
-from truing.inference.fitted_model import FittedModel, Fitter
+from truing.inference.fitted_model import FittedModel
+from truing.inference.fitter import Fitter
 from truing.inference.observations import Epochs, Frames, Observations
 from truing.schemas.artifacts import ARTIFACTS
 from truing.schemas.faults import CampaignFaults

@@ -10,7 +10,7 @@ import pytest
 
 from tests.pipeline.test_power_of_chains import TOML
 from truing.estimation.rotation import log_so3
-from truing.inference.fitted_model import Fitter
+from truing.inference.fitter import Fitter
 from truing.pipeline.campaign_folder import open_campaign
 from truing.pipeline.in_memory import chain_tables
 from truing.simulation.cause import Effect

@@ -11,7 +11,7 @@ import pytest
 
 from tests.stages.benches import bench_with_a_gross_error
 from tests.stages.line import run_line, settings_of
-from truing.inference.fitted_model import Fitter
+from truing.inference.fitter import Fitter
 from truing.report.exclusion_section import excluded
 from truing.schemas.campaign import read_campaign
 from truing.schemas.faults import CampaignFaults

@@ -179,6 +179,39 @@ class _ConvergedState:
     before: tuple[NetworkState, Reduced] | None
 
 
+@dataclass
+class _StepDamping:
+    """Damping of the steps: it grows after each failure and shrinks with the gain (Nielsen 1999).
+
+    least: damping below which a direction is free. last_length: squared length of the step before, 0 after a failure.
+    """
+
+    value: float
+    growth: float = 2.0
+    least: float = 0.0
+    last_length: float = 0.0
+
+    def increase(self) -> None:
+        """Raise the damping after a failed step."""
+        self.value, self.growth, self.last_length = max(self.value, _LEAST_DAMPING) * self.growth, self.growth * 2, 0.0
+
+    def increase_beyond_singular(self) -> None:
+        """Raise the damping after singular equations."""
+        is_free = self.value < _START_DAMPING  # a direction is free; the iteration still reaches the minimum
+        self.increase()
+        self.least = self.value if is_free else self.least
+
+    def decrease(self, length: float, factor: float) -> None:
+        """Lower the damping by a factor after a step of a squared length."""
+        self.growth, self.last_length = 2.0, length
+        self.value *= factor
+        self.value = self.value if self.value >= _LEAST_DAMPING else self.least
+
+    def remaining(self, length: float) -> float:
+        """Return the squared length of the way after a step, for the contraction of the last two steps."""
+        return length * (min(length / self.last_length, 1.0) if self.last_length else 1.0)
+
+
 def _minimise(
     observed: Observed,
     start: NetworkState,
@@ -194,48 +227,35 @@ def _minimise(
     equations = normal_equations(observed, state, workspace)
     if not np.isfinite(equations.chi2):
         raise UndeterminedNetworkError(_behind_cameras(observed, state))
-    weight = tie_weights(observed, equations)
-    damping, growth, iteration, last_length, least_damping = (
-        0.0 if decrease_tolerance else _START_DAMPING,
-        2.0,
-        0,
-        0.0,
-        0.0,
-    )
+    weight, iteration = tie_weights(observed, equations), 0
+    damping = _StepDamping(0.0 if decrease_tolerance else _START_DAMPING)
     for iteration in range(1, max_iterations + 1):
         try:
-            reduced = eliminate_poses(observed, equations, start_freedoms, weight, damping, workspace)
+            reduced = eliminate_poses(observed, equations, start_freedoms, weight, damping.value, workspace)
             step = solve(layout, reduced)
         except np.linalg.LinAlgError:
-            singular = damping < _START_DAMPING  # a direction is free; the iteration still reaches the minimum
-            damping, growth, last_length = max(damping, _LEAST_DAMPING) * growth, growth * 2, 0.0
-            least_damping = damping if singular else least_damping
+            damping.increase_beyond_singular()
             continue
         trial = stepped_state(layout, state, step)
-        merit, predicted, length = _predicted(observed, equations, weight, step, damping)
+        merit, predicted, length = _predicted(observed, equations, weight, step, damping.value)
         gain = merit - _merit(observed, trial, weight, step.multipliers)
-        if not damping and abs(gain - predicted) < decrease_tolerance:
+        if not damping.value and abs(gain - predicted) < decrease_tolerance:
             return _ConvergedState(trial, iteration, False, (state, reduced))
-        remaining_length = length * (
-            min(length / last_length, 1.0) if last_length else 1.0
-        )  # assumes the contraction of the last two steps
-        converged_state = remaining_length <= _CONVERGED_STEP + _ROUNDING * merit
-        if converged_state and damping <= least_damping:
-            is_reusable = is_in_datum and not damping and length <= _REUSED_STEP
-            return _ConvergedState(
-                trial if gain > 0 else state, iteration, True, (state, reduced) if is_reusable else None
-            )
-        if converged_state or gain > 1e-4 * predicted:
+        remaining_length = damping.remaining(length)
+        is_converged = remaining_length <= _CONVERGED_STEP + _ROUNDING * merit
+        if is_converged and damping.value <= damping.least:
+            is_reusable = is_in_datum and not damping.value and length <= _REUSED_STEP
+            before = (state, reduced) if is_reusable else None
+            return _ConvergedState(trial if gain > 0 else state, iteration, True, before)
+        if is_converged or gain > 1e-4 * predicted:
             if gain > 0:
                 is_in_datum = remaining_length <= _DATUM_STEP
                 state = in_datum(layout, trial, start, constraints) if is_in_datum else trial
                 equations = normal_equations(observed, state, workspace)
-            growth, last_length = 2.0, length
-            damping *= 0.0 if converged_state else max(1e-3, 1 - (2 * min(gain / predicted, 1.0) - 1) ** 3)
-            damping = damping if damping >= _LEAST_DAMPING else least_damping
+            damping.decrease(length, 0.0 if is_converged else max(1e-3, 1 - (2 * min(gain / predicted, 1.0) - 1) ** 3))
             continue
-        damping, growth, last_length = max(damping, _LEAST_DAMPING) * growth, growth * 2, 0.0
-        if damping > _MOST_DAMPING:
+        damping.increase()
+        if damping.value > _MOST_DAMPING:
             break
     return _ConvergedState(state, iteration, False, None)
 

@@ -18,6 +18,7 @@ from truing.arrays import Array, Index
 from truing.estimation.bundle.datum import Freedom, freedoms
 from truing.estimation.bundle.determinable import UndeterminedNetworkError
 from truing.estimation.bundle.elimination import EliminatedPose, Reduced, eliminate_poses, tie_variances, tie_weights
+from truing.estimation.bundle.kernel_arguments import CameraArrays, PoseCovarianceArrays, PoseRays, StateArrays
 from truing.estimation.bundle.network import NetworkState
 from truing.estimation.bundle.normal_equations import (
     ArrayPool,
@@ -155,34 +156,20 @@ class BundleCovariance:
         """Return the covariance (n, 2, 2) of computed image points of one pose; these do not depend on the datum."""
         from truing.estimation.bundle.ray_kernels import computed_covariances
 
-        network, state, c, pose_covariance = (
-            self.observed.network,
-            self.state,
-            len(self.common),
-            pose_covariance.for_rays(),
+        network, state, for_rays = self.observed.network, self.state, pose_covariance.for_rays()
+        rays = PoseRays(network.rays.image[rows], network.rays.point[rows], image, point)
+        cameras = CameraArrays(network.image_camera, state.interior, *self.observed.formats)
+        c, result = len(self.common), np.empty((len(rows), 2, 2))
+        known = PoseCovarianceArrays(
+            images=for_rays.images,
+            points=for_rays.blocks(),
+            cross=for_rays.with_points(image, point),
+            images_by_common=for_rays.images_by_common.reshape(len(for_rays.images), 6, c),
+            points_by_common=for_rays.points_by_common.reshape(len(for_rays.points_by_common) // 3, 3, c),
+            common=self.common,
         )
-        i, p, result = (
-            len(pose_covariance.images),
-            len(pose_covariance.points_by_common) // 3,
-            np.empty((len(rows), 2, 2)),
-        )
-        computed_covariances(
-            *(network.rays.image[rows], network.rays.point[rows], network.image_camera),
-            *(state.interior, self.observed.formats[1], state.R, state.centre, state.points, self._layout.interior),
-            *(
-                image,
-                point,
-                pose_covariance.images,
-                pose_covariance.blocks(),
-                pose_covariance.with_points(image, point),
-            ),
-            *(
-                pose_covariance.images_by_common.reshape(i, 6, c),
-                pose_covariance.points_by_common.reshape(p, 3, c),
-                self.common,
-                result,
-            ),
-        )
+        states = StateArrays(state.R, state.centre, state.points)
+        computed_covariances(rays, cameras, states, self._layout.interior, known, result)
         return result
 
     def redundancy_numbers(self) -> Array:

@@ -9,6 +9,7 @@ import numpy as np
 from scipy.linalg.blas import dsyrk
 
 from truing.arrays import Array, Index
+from truing.estimation.bundle.kernel_arguments import EntryArrays, RayBlocks
 from truing.estimation.bundle.row_blocks import PointRays
 
 # Share of a pose's images that see a point, from which its products are faster as dense rows.
@@ -78,13 +79,15 @@ class RayRows:
         """Shape of the reduced rows."""
         return (len(self.rays.rays), 3, 6)
 
-    def eliminate(self, own: Array, sides: Array, damping: float, reduced: Array) -> tuple[Array, ReducedRays, Array]:
+    def eliminate(
+        self, diagonal: Array, sides: Array, damping: float, reduced: Array
+    ) -> tuple[Array, ReducedRays, Array]:
         """Return the same as `DenseRows.eliminate`, with reduced (n, 3, 6)."""
         from truing.estimation.bundle.ray_kernels import forward_rays
 
-        rays, root, reduced_sides = self.rays, np.empty_like(own), np.empty_like(sides)
-        arguments = own, self.blocks, rays.rays, rays.first, sides, damping
-        if not forward_rays(*arguments, root, reduced, reduced_sides):
+        rays, root, reduced_sides = self.rays, np.empty_like(diagonal), np.empty_like(sides)
+        ray_blocks = RayBlocks(self.blocks, rays.rays, rays.first)
+        if not forward_rays(diagonal, ray_blocks, sides, damping, root, reduced, reduced_sides):
             raise np.linalg.LinAlgError(_NOT_DEFINITE)
         entries = Entries(reduced, rays.image_place, rays.first[:-1], rays.first[1:], rays.kept)
         return root, ReducedRays(entries, rays.images), reduced_sides
@@ -92,26 +95,26 @@ class RayRows:
 
 @dataclass(frozen=True)
 class Entries:
-    """Small blocks (n, 3, 6) of points by kept unknowns, which begin at places (n,); those of each point (p,) from
+    """Small blocks (n, 3, 6) of points by kept unknowns, which begin at offsets (n,); those of each point (p,) from
     start to stop; number of kept unknowns k."""
 
     blocks: Array
-    place: Index
+    offset: Index
     start: Index
     stop: Index
     kept: int
 
     @property
-    def places(self) -> tuple[Array, Index, Index, Index]:
-        """Arguments of the compiled kernels."""
-        return self.blocks, self.place, self.start, self.stop
+    def arrays(self) -> EntryArrays:
+        """Argument of the compiled kernels."""
+        return EntryArrays(self.blocks, self.offset, self.start, self.stop)
 
     def times(self, values: Array) -> Array:
         """Return the products (p, 3, w) with values (k, w) of the kept unknowns."""
         from truing.estimation.bundle.ray_kernels import times_kept
 
         result = np.zeros((len(self.start), 3, values.shape[1]))
-        times_kept(*self.places, np.ascontiguousarray(values), result)
+        times_kept(self.arrays, np.ascontiguousarray(values), result)
         return result
 
     def transposed_times(self, values: Array) -> Array:
@@ -119,7 +122,7 @@ class Entries:
         from truing.estimation.bundle.ray_kernels import times_points
 
         result = np.zeros((self.kept, values.shape[-1]))
-        times_points(*self.places, np.ascontiguousarray(values), result)
+        times_points(self.arrays, np.ascontiguousarray(values), result)
         return result
 
     def dense(self, points: Index) -> Array:
@@ -127,7 +130,7 @@ class Entries:
         from truing.estimation.bundle.ray_kernels import spread_entries
 
         rows = np.zeros((3 * len(points), self.kept))
-        spread_entries(*self.places, points, rows)
+        spread_entries(self.arrays, points, rows)
         return rows
 
     def narrow_and_wide(self, images: int) -> tuple[Index, Index]:
@@ -154,7 +157,7 @@ class ReducedRays:
         from truing.estimation.bundle.ray_kernels import subtract_products
 
         narrow, wide = self.entries.narrow_and_wide(self.images)
-        subtract_products(*self.entries.places, narrow, kept)
+        subtract_products(self.entries.arrays, narrow, kept)
         for points in self.entries.batches(wide):
             add_products(kept, self.entries.dense(points), -1.0)
 

@@ -88,9 +88,9 @@ def _pose_by_itself(
 ) -> Distances:
     adjustment = adjust(network, state, adjusted.datum, used=used, variance_factor=factor, max_iterations=_ITERATIONS)
     names = adjustment.covariance.names
-    places = [k for k, (_, parameter) in enumerate(names) if parameter == "c"]
-    images = np.array([int(names[k][0]) for k in places], dtype=np.int64)
-    return images, adjustment.state.interior[images, _C], adjustment.covariance.common[np.ix_(places, places)]
+    indices = [k for k, (_, parameter) in enumerate(names) if parameter == "c"]
+    images = np.array([int(names[k][0]) for k in indices], dtype=np.int64)
+    return images, adjustment.state.interior[images, _C], adjustment.covariance.common[np.ix_(indices, indices)]
 
 
 def _with_camera_per_image(network: Network) -> Network:

@@ -1,8 +1,4 @@
-"""Compiled kernels of intersections: the points of all rays, point by point.
-
-Rays (n) are sorted by point, from first (P + 1,). direction (n, 2): X/Z, Y/Z in the camera's frame; scale (n,):
-principal distance in px; R (n, 3, 3) and centre (n, 3): pose of the ray's image.
-"""
+"""Compiled kernels of intersections: the points of all rays, point by point."""
 
 from __future__ import annotations
 
@@ -11,7 +7,10 @@ from numpy.typing import NDArray
 
 from truing.compiled_code import compiled, inner
 from truing.estimation import simd_arithmetic
+from truing.estimation.bundle import kernel_arguments
+from truing.estimation.bundle.kernel_arguments import RayPairs, SortedRays
 
+_SOURCES = (simd_arithmetic.__file__, kernel_arguments.__file__, __file__)
 _PARALLEL = 1e-9  # least 1 - cos of the angle of two rays
 _SINGULAR = 1e-12  # least determinant of a matrix of trace one
 
@@ -41,28 +40,17 @@ def seen_from(R: NDArray, centre: NDArray, X: NDArray, u: NDArray) -> None:
         u[i] = R[0, i] * a + R[1, i] * b + R[2, i] * c
 
 
-@compiled(simd_arithmetic.__file__, __file__)
+@compiled(*_SOURCES)
 def try_pairs(
-    line: NDArray,
-    direction: NDArray,
-    scale: NDArray,
-    R: NDArray,
-    centre: NDArray,
-    first: NDArray,
-    points: NDArray,
-    one: NDArray,
-    other: NDArray,
-    tolerance_px: float,
-    best: NDArray,
-    cost: NDArray,
+    line: NDArray, rays: SortedRays, pairs: RayPairs, tolerance_px: float, best: NDArray, cost: NDArray
 ) -> None:
     """Replace the best point (P, 3) and its cost (P,), a sum of bounded squares, where a pair of rays gives a better.
 
-    points (m,) with the rays one and other (m,) of their pairs; line (n, 3): unit vectors along the rays.
+    line (n, 3): unit vectors along the rays.
     """
     A, b, X, u = np.zeros((3, 3)), np.zeros(3), np.zeros(3), np.zeros(3)
-    for m in range(len(points)):
-        p, i, j = points[m], one[m], other[m]
+    for m in range(len(pairs.point)):
+        p, i, j = pairs.point[m], pairs.one[m], pairs.other[m]
         cosine = line[i, 0] * line[j, 0] + line[i, 1] * line[j, 1] + line[i, 2] * line[j, 2]
         if not 1.0 - abs(cosine) > _PARALLEL:
             continue
@@ -71,17 +59,17 @@ def try_pairs(
             for q in range(3):
                 A[k, q] = (2.0 if k == q else 0.0) - line[i, k] * line[i, q] - line[j, k] * line[j, q]
                 alone = 1.0 if k == q else 0.0
-                b[k] += (alone - line[i, k] * line[i, q]) * centre[i, q]
-                b[k] += (alone - line[j, k] * line[j, q]) * centre[j, q]
+                b[k] += (alone - line[i, k] * line[i, q]) * rays.centre[i, q]
+                b[k] += (alone - line[j, k] * line[j, q]) * rays.centre[j, q]
         if not solve3(A, b, X, 0.0):
             continue
         total = 0.0
-        for n in range(first[p], first[p + 1]):
-            seen_from(R[n], centre[n], X, u)
+        for n in range(rays.first[p], rays.first[p + 1]):
+            seen_from(rays.R[n], rays.centre[n], X, u)
             square = 1.0
             if u[2] > 0.0:
-                x = (u[0] / u[2] - direction[n, 0]) * scale[n] / tolerance_px
-                y = (u[1] / u[2] - direction[n, 1]) * scale[n] / tolerance_px
+                x = (u[0] / u[2] - rays.direction[n, 0]) * rays.scale[n] / tolerance_px
+                y = (u[1] / u[2] - rays.direction[n, 1]) * rays.scale[n] / tolerance_px
                 square = min(1.0, x * x + y * y)
             total += square
         if total < cost[p]:
@@ -90,35 +78,26 @@ def try_pairs(
                 best[p, k] = X[k]
 
 
-@compiled(simd_arithmetic.__file__, __file__)
-def refine_steps(
-    direction: NDArray,
-    scale: NDArray,
-    R: NDArray,
-    centre: NDArray,
-    first: NDArray,
-    weight: NDArray,
-    steps: int,
-    X: NDArray,
-) -> None:
+@compiled(*_SOURCES)
+def refine_steps(rays: SortedRays, weight: NDArray, steps: int, X: NDArray) -> None:
     """Improve points (P, 3) by Gauss-Newton steps on their rays' image coordinates, weighted (n,)."""
     N, b, x, u = np.zeros((3, 3)), np.zeros(3), np.zeros(3), np.zeros(3)
     J = np.zeros((2, 3))
     for p in range(len(X)):
         for _ in range(steps):
             N[:], b[:] = 0.0, 0.0
-            for n in range(first[p], first[p + 1]):
+            for n in range(rays.first[p], rays.first[p + 1]):
                 if not weight[n] > 0.0:
                     continue
-                seen_from(R[n], centre[n], X[p], u)
-                per = scale[n] / u[2]
+                seen_from(rays.R[n], rays.centre[n], X[p], u)
+                per = rays.scale[n] / u[2]
                 a0, a1 = u[0] / u[2], u[1] / u[2]
-                v0, v1 = (direction[n, 0] - a0) * scale[n], (direction[n, 1] - a1) * scale[n]
+                v0, v1 = (rays.direction[n, 0] - a0) * rays.scale[n], (rays.direction[n, 1] - a1) * rays.scale[n]
                 if not (np.isfinite(per) and np.isfinite(a0) and np.isfinite(a1)):
                     continue
                 for k in range(3):
-                    J[0, k] = (R[n, k, 0] - R[n, k, 2] * a0) * per
-                    J[1, k] = (R[n, k, 1] - R[n, k, 2] * a1) * per
+                    J[0, k] = (rays.R[n, k, 0] - rays.R[n, k, 2] * a0) * per
+                    J[1, k] = (rays.R[n, k, 1] - rays.R[n, k, 2] * a1) * per
                 for k in range(3):
                     b[k] += weight[n] * (J[0, k] * v0 + J[1, k] * v1)
                     for q in range(3):

@@ -16,9 +16,12 @@ from numpy.typing import NDArray
 
 from truing.compiled_code import compiled, inner
 from truing.estimation import simd_arithmetic
+from truing.estimation.bundle import kernel_arguments
+from truing.estimation.bundle.kernel_arguments import CameraArrays, EquationArrays, RayArrays, StateArrays
 
 INTERIOR, MISCLOSURE = 6, 16  # first columns of these parts of a row, after point and rotation
 WIDTH = 17  # columns of a row
+_SOURCES = (simd_arithmetic.__file__, kernel_arguments.__file__, __file__)
 SUMMED_CAMERAS = 4  # up to so many cameras, sums of each point and camera are faster than scattered additions
 
 
@@ -116,7 +119,7 @@ def add_to_point(sums: NDArray, row: NDArray, flat: NDArray, at: int, stride: in
 
 @inner
 def add_to_sides(
-    block: NDArray, sides: NDArray, row: NDArray, place: NDArray, flat: NDArray, at: int, stride: int
+    block: NDArray, sides: NDArray, row: NDArray, slot: NDArray, flat: NDArray, at: int, stride: int
 ) -> None:
     """Do as `add_to_point` and `put_points` for one ray, without sums per camera."""
     last = sides.shape[1] - 1
@@ -127,13 +130,13 @@ def add_to_sides(
             flat[at + b * stride + a] -= f * row[0, b] + g * row[1, b]
             flat[at + (3 + b) * stride + a] += f * row[0, 3 + b] + g * row[1, 3 + b]
         for b in range(10):
-            if place[b] >= 0:
-                sides[a, place[b]] += f * row[0, INTERIOR + b] + g * row[1, INTERIOR + b]
+            if slot[b] >= 0:
+                sides[a, slot[b]] += f * row[0, INTERIOR + b] + g * row[1, INTERIOR + b]
         sides[a, last] += f * row[0, MISCLOSURE] + g * row[1, MISCLOSURE]
 
 
 @inner
-def put_points(sums: NDArray, place: NDArray, blocks: NDArray, sides: NDArray) -> None:
+def put_points(sums: NDArray, slot: NDArray, blocks: NDArray, sides: NDArray) -> None:
     """Write the sums (C, p, 3, .) of all cameras into the blocks (p, 3, 3) of the points and their sides."""
     last = sides.shape[2] - 1
     for k in range(sums.shape[0]):
@@ -142,13 +145,13 @@ def put_points(sums: NDArray, place: NDArray, blocks: NDArray, sides: NDArray) -
                 for b in range(3):
                     blocks[p, a, b] += sums[k, p, a, b]
                 for b in range(10):
-                    if place[k, b] >= 0:
-                        sides[p, a, place[k, b]] += sums[k, p, a, INTERIOR + b]
+                    if slot[k, b] >= 0:
+                        sides[p, a, slot[k, b]] += sums[k, p, a, INTERIOR + b]
                 sides[p, a, last] += sums[k, p, a, MISCLOSURE]
 
 
 @inner
-def put_image(square: NDArray, block: NDArray, side: NDArray, place: NDArray, common: NDArray) -> None:
+def put_image(square: NDArray, block: NDArray, side: NDArray, slot: NDArray, common: NDArray) -> None:
     """Write an image's sums: block (6, 6), side (6, c + 1) by the common unknowns, and the common block."""
     last = common.shape[1] - 1
     for a in range(6):
@@ -156,131 +159,85 @@ def put_image(square: NDArray, block: NDArray, side: NDArray, place: NDArray, co
         for b in range(6):
             block[a, b] = square[a, b] if (a < 3) == (b < 3) else -square[a, b]
         for b in range(10):
-            if place[b] >= 0:
-                side[a, place[b]] = sign * square[a, INTERIOR + b]
+            if slot[b] >= 0:
+                side[a, slot[b]] = sign * square[a, INTERIOR + b]
         side[a, last] = sign * square[a, MISCLOSURE]
     for a in range(10):
-        if place[a] >= 0:
+        if slot[a] >= 0:
             for b in range(10):
-                if place[b] >= 0:
-                    common[place[a], place[b]] += square[INTERIOR + a, INTERIOR + b]
-            common[place[a], last] += square[INTERIOR + a, MISCLOSURE]
+                if slot[b] >= 0:
+                    common[slot[a], slot[b]] += square[INTERIOR + a, INTERIOR + b]
+            common[slot[a], last] += square[INTERIOR + a, MISCLOSURE]
 
 
-@compiled(simd_arithmetic.__file__, __file__)
-def accumulate(
-    xy: NDArray,
-    roots: NDArray,
-    first_ray: NDArray,
-    ray_point: NDArray,
-    camera: NDArray,
-    interior: NDArray,
-    format_centre: NDArray,
-    radius: NDArray,
-    place: NDArray,
-    R: NDArray,
-    centre: NDArray,
-    points: NDArray,
-    ray_row: NDArray,
-    stride: NDArray,
-    images: NDArray,
-    image_sides: NDArray,
-    blocks: NDArray,
-    sides: NDArray,
-    common: NDArray,
-    flat: NDArray,
-) -> float:
-    """Fill the normal equations and return the weighted sum of squares, infinite if a point is behind its camera.
-
-    Rays (n) are sorted by image, from first_ray (i + 1); roots (n, 3): of their information; camera, R, centre of every
-    image; place (C, 10): interior elements among the common unknowns; ray_row (n,): first entry of a ray's block in
-    flat; stride (i,): length of the rows of an image.
-    """
+@compiled(*_SOURCES)
+def accumulate(rays: RayArrays, cameras: CameraArrays, state: StateArrays, equations: EquationArrays) -> float:
+    """Fill the normal equations and return the weighted sum of squares, infinite if a point is behind its camera."""
     most = 0
-    for i in range(len(camera)):
-        most = max(most, first_ray[i + 1] - first_ray[i])
+    for i in range(len(cameras.of_image)):
+        most = max(most, rays.first[i + 1] - rays.first[i])
     rows, square, X = np.zeros((2 * most, WIDTH)), np.zeros((WIDTH, WIDTH)), np.zeros(3)
-    several = len(interior) > SUMMED_CAMERAS
-    sums = np.zeros((0 if several else len(interior), len(points), 3, WIDTH))
-    total = 0.0
-    for i in range(len(camera)):
-        k, start = camera[i], first_ray[i]
-        for n in range(start, first_ray[i + 1]):
-            p = ray_point[n]
+    several = len(cameras.interior) > SUMMED_CAMERAS
+    sums = np.zeros((0 if several else len(cameras.interior), len(state.points), 3, WIDTH))
+    slot, flat, total = equations.slot, equations.flat, 0.0
+    for i in range(len(cameras.of_image)):
+        k, start, stride = cameras.of_image[i], rays.first[i], equations.stride[i]
+        interior, radius = cameras.interior[k], cameras.radius[k]
+        for n in range(start, rays.first[i + 1]):
+            p, first_entry = rays.point[n], equations.first_entry[n]
             row = rows[2 * (n - start) : 2 * (n - start) + 2]
-            direct(X, R[i], points[p], centre[i])
+            direct(X, state.R[i], state.points[p], state.centre[i])
             if not X[2] > 0.0:
                 return np.inf
-            root = roots[n, 0], roots[n, 1], roots[n, 2]
-            linearised(row, interior[k], radius[k], X, root)
-            turned(row, R[i], points[p], centre[i])
-            x, y = image_point(interior[k], radius[k], X)
-            put(row, MISCLOSURE, root, xy[n, 0] - format_centre[k, 0] - x, xy[n, 1] - format_centre[k, 1] - y)
+            root = rays.roots[n, 0], rays.roots[n, 1], rays.roots[n, 2]
+            linearised(row, interior, radius, X, root)
+            turned(row, state.R[i], state.points[p], state.centre[i])
+            x, y = image_point(interior, radius, X)
+            middle = cameras.format_centre[k]
+            put(row, MISCLOSURE, root, rays.xy[n, 0] - middle[0] - x, rays.xy[n, 1] - middle[1] - y)
             if several:
-                add_to_sides(blocks[p], sides[p], row, place[k], flat, ray_row[n], stride[i])
+                add_to_sides(equations.points[p], equations.point_sides[p], row, slot[k], flat, first_entry, stride)
             else:
-                add_to_point(sums[k, p], row, flat, ray_row[n], stride[i])
-        rows_of_image = rows[: 2 * (first_ray[i + 1] - start)]
+                add_to_point(sums[k, p], row, flat, first_entry, stride)
+        rows_of_image = rows[: 2 * (rays.first[i + 1] - start)]
         np.dot(rows_of_image.T, rows_of_image, square)
-        put_image(square, images[i], image_sides[i], place[k], common)
+        put_image(square, equations.images[i], equations.image_sides[i], slot[k], equations.common)
         total += square[MISCLOSURE, MISCLOSURE]
-    put_points(sums, place, blocks, sides)
+    put_points(sums, slot, equations.points, equations.point_sides)
     return total
 
 
-@compiled(simd_arithmetic.__file__, __file__)
-def weighted_squares(
-    xy: NDArray,
-    roots: NDArray,
-    first_ray: NDArray,
-    ray_point: NDArray,
-    camera: NDArray,
-    interior: NDArray,
-    format_centre: NDArray,
-    radius: NDArray,
-    R: NDArray,
-    centre: NDArray,
-    points: NDArray,
-) -> float:
+@compiled(*_SOURCES)
+def weighted_squares(rays: RayArrays, cameras: CameraArrays, state: StateArrays) -> float:
     """Return the weighted sum of squares only."""
     X = np.zeros(3)
     total = 0.0
-    for i in range(len(camera)):
-        k = camera[i]
-        for n in range(first_ray[i], first_ray[i + 1]):
-            direct(X, R[i], points[ray_point[n]], centre[i])
+    for i in range(len(cameras.of_image)):
+        k = cameras.of_image[i]
+        for n in range(rays.first[i], rays.first[i + 1]):
+            direct(X, state.R[i], state.points[rays.point[n]], state.centre[i])
             if not X[2] > 0.0:
                 return np.inf
-            x, y = image_point(interior[k], radius[k], X)
-            a, b = xy[n, 0] - format_centre[k, 0] - x, xy[n, 1] - format_centre[k, 1] - y
-            u, v = roots[n, 0] * a + roots[n, 1] * b, roots[n, 2] * b
+            x, y = image_point(cameras.interior[k], cameras.radius[k], X)
+            middle = cameras.format_centre[k]
+            a, b = rays.xy[n, 0] - middle[0] - x, rays.xy[n, 1] - middle[1] - y
+            u, v = rays.roots[n, 0] * a + rays.roots[n, 1] * b, rays.roots[n, 2] * b
             total += u * u + v * v
     return total
 
 
-@compiled(simd_arithmetic.__file__, __file__)
-def image_points(
-    image: NDArray,
-    point: NDArray,
-    camera: NDArray,
-    interior: NDArray,
-    format_centre: NDArray,
-    radius: NDArray,
-    R: NDArray,
-    centre: NDArray,
-    points: NDArray,
-    xy: NDArray,
-) -> None:
+@compiled(*_SOURCES)
+def image_points(image: NDArray, point: NDArray, cameras: CameraArrays, state: StateArrays, xy: NDArray) -> None:
     """Fill in image coordinates (N, 2) in px of points, NaN for a point that is not in front of its camera."""
     X = np.zeros(3)
     for n in range(len(image)):
         i = image[n]
-        k = camera[i]
-        direct(X, R[i], points[point[n]], centre[i])
+        k = cameras.of_image[i]
+        direct(X, state.R[i], state.points[point[n]], state.centre[i])
         xy[n, 0] = xy[n, 1] = np.nan
         if X[2] > 0.0:
-            x, y = image_point(interior[k], radius[k], X)
-            xy[n, 0], xy[n, 1] = format_centre[k, 0] + x, format_centre[k, 1] + y
+            x, y = image_point(cameras.interior[k], cameras.radius[k], X)
+            xy[n, 0], xy[n, 1] = cameras.format_centre[k, 0] + x, cameras.format_centre[k, 1] + y
 
 
 @inner
@@ -327,7 +284,7 @@ def lower_times(root: NDArray, rows: NDArray, product: NDArray) -> None:
                 target[b] += f * source[b]
 
 
-@compiled(simd_arithmetic.__file__, __file__)
+@compiled(*_SOURCES)
 def forward(
     block: NDArray,
     rows: NDArray,
@@ -353,7 +310,7 @@ def forward(
     return True
 
 
-@compiled(simd_arithmetic.__file__, __file__)
+@compiled(*_SOURCES)
 def mirror(square: NDArray) -> None:
     """Copy the upper triangle of a matrix (n, n) onto the lower one, tile by tile."""
     n, tile = len(square), 16

@@ -14,6 +14,7 @@ import numpy as np
 
 from truing.arrays import Array, Index, Mask
 from truing.estimation.bundle.camera import PARAMETERS
+from truing.estimation.bundle.kernel_arguments import CameraArrays, EquationArrays, RayArrays, StateArrays
 from truing.estimation.bundle.network import Network, NetworkState, format_centres
 from truing.estimation.bundle.row_blocks import RowBlocks, row_blocks
 from truing.estimation.rotation import exp_so3
@@ -226,9 +227,7 @@ def sum_of_squares(observed: Observed, state: NetworkState) -> float:
     """Return the weighted sum of squares without distances; infinite if a point is not in front of its camera."""
     from truing.estimation.bundle.kernels import weighted_squares
 
-    cameras, places = _kernel_arguments(observed, state)
-    rays = observed.xy_px, observed.roots, observed.layout.first_ray, observed.layout.ray_point
-    return float(weighted_squares(*rays, *cameras, *places)) + _prior_squares(observed, state)
+    return float(weighted_squares(*_kernel_arguments(observed, state))) + _prior_squares(observed, state)
 
 
 def residuals(network: Network, state: NetworkState) -> Array:
@@ -236,19 +235,20 @@ def residuals(network: Network, state: NetworkState) -> Array:
     from truing.estimation.bundle.kernels import image_points
 
     rays, xy = network.rays, np.empty((network.rays.count, 2))
-    cameras = network.image_camera, state.interior, *format_centres(network)
-    image_points(rays.image, rays.point, *cameras, state.R, state.centre, state.points, xy)
+    cameras = CameraArrays(network.image_camera, state.interior, *format_centres(network))
+    image_points(rays.image, rays.point, cameras, StateArrays(state.R, state.centre, state.points), xy)
     return rays.xy_px - xy
 
 
-def _kernel_arguments(
-    observed: Observed, state: NetworkState
-) -> tuple[tuple[Index, Array, Array, Array], tuple[Array, Array, Array]]:
-    """Return the arguments of the compiled kernels: camera of every image, interior, format centre, balancing radius;
-    rotations and centres of images, points."""
+def _kernel_arguments(observed: Observed, state: NetworkState) -> tuple[RayArrays, CameraArrays, StateArrays]:
+    """Return used rays, cameras, and adjusted images and points for the compiled kernels."""
     layout, network = observed.layout, observed.network
-    cameras = network.image_camera[layout.images], np.ascontiguousarray(state.interior), *observed.formats
-    return cameras, (state.R[layout.images], state.centre[layout.images], state.points[layout.points])
+    of_image, interior = network.image_camera[layout.images], np.ascontiguousarray(state.interior)
+    return (
+        RayArrays(observed.xy_px, observed.roots, layout.first_ray, layout.ray_point),
+        CameraArrays(of_image, interior, *observed.formats),
+        StateArrays(state.R[layout.images], state.centre[layout.images], state.points[layout.points]),
+    )
 
 
 def _prior_squares(observed: Observed, state: NetworkState) -> float:
@@ -273,23 +273,36 @@ def normal_equations(observed: Observed, state: NetworkState, workspace: ArrayPo
     """
     from truing.estimation.bundle.kernels import accumulate
 
-    layout, (cameras, places) = observed.layout, _kernel_arguments(observed, state)
+    layout = observed.layout
     i, p, c, rows = len(layout.images), len(layout.points), len(layout.common), layout.rows
-    images, image_sides = np.empty((i, 6, 6)), np.zeros((i, 6, c + 1))
-    points, point_sides, common = np.zeros((p, 3, 3)), np.zeros((p, 3, c + 1)), np.zeros((c, c + 1))
     flat = workspace.take("between", (int(rows.start[-1]),))
     flat[:] = 0.0
-    chi2 = accumulate(
-        *(observed.xy_px, observed.roots, layout.first_ray, layout.ray_point),
-        *(*cameras, layout.interior, *places),
-        *(rows.ray, rows.length, images, image_sides, points, point_sides, common, flat),
+    equations = EquationArrays(
+        slot=layout.interior,
+        first_entry=rows.ray,
+        stride=rows.length,
+        images=np.empty((i, 6, 6)),
+        image_sides=np.zeros((i, 6, c + 1)),
+        points=np.zeros((p, 3, 3)),
+        point_sides=np.zeros((p, 3, c + 1)),
+        common=np.zeros((c, c + 1)),
+        flat=flat,
     )
+    chi2 = accumulate(*_kernel_arguments(observed, state), equations)
     between = tuple(
         flat[a:b].reshape(shape) for a, b, shape in zip(rows.start[:-1], rows.start[1:], rows.shapes, strict=True)
     )
     total = chi2 + _prior_squares(observed, state)
-    distances = distances_at(observed, state)
-    blocks = NormalEquations(images, points, between, image_sides, point_sides, common, distances, total)
+    blocks = NormalEquations(
+        images=equations.images,
+        points=equations.points,
+        between=between,
+        image_sides=equations.image_sides,
+        point_sides=equations.point_sides,
+        common=equations.common,
+        distances=distances_at(observed, state),
+        chi2=total,
+    )
     _add_priors(observed, state, blocks)
     return blocks
 

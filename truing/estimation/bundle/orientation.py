@@ -12,6 +12,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from truing.arrays import Array, Index, Mask
+from truing.estimation.bundle.kernel_arguments import RayPairs, SortedRays
 from truing.estimation.rotation import exp_so3, skew
 
 _TRIALS = 12  # pairs of rays tried per point
@@ -105,16 +106,15 @@ def refine_points(bundle: Bundle, X: Array, weight: Array) -> Array:
     order = np.argsort(bundle.point, kind="stable")
     points = np.array(X, float)
     with np.errstate(all="ignore"):
-        refine_steps(*_by_point(bundle.of(order)), weight[order], _STEPS, points)
+        refine_steps(_by_point(bundle.of(order)), weight[order], _STEPS, points)
     return points
 
 
-def _by_point(rays: Bundle) -> tuple[Array, Array, Array, Array, Index]:
-    """Return rays, sorted by point, as the compiled kernels need them: direction, scale, R, centre, and the first ray
-    of each point (P + 1,)."""
+def _by_point(rays: Bundle) -> SortedRays:
+    """Return rays, which are sorted by point, for the compiled kernels."""
     first = np.searchsorted(rays.point, np.arange(rays.points + 1))
     R, centre = rays.R[rays.image], rays.centre[rays.image]
-    return np.ascontiguousarray(rays.direction), rays.scale_px, R, centre, first
+    return SortedRays(np.ascontiguousarray(rays.direction), rays.scale_px, R, centre, first)
 
 
 def intersect(bundle: Bundle, tolerance_px: float, rng: np.random.Generator) -> tuple[Array, Mask]:
@@ -136,16 +136,8 @@ def intersect(bundle: Bundle, tolerance_px: float, rng: np.random.Generator) -> 
     for _ in range(_TRIALS if (count > 2).any() else 1):
         a = rng.integers(0, count[intersectable])
         b = (a + 1 + rng.integers(0, count[intersectable] - 1)) % count[intersectable]
-        try_pairs(
-            unit_rays,
-            *sorted_rays,
-            intersectable,
-            first[intersectable] + a,
-            first[intersectable] + b,
-            tolerance_px,
-            best,
-            cost,
-        )
+        pairs = RayPairs(intersectable, first[intersectable] + a, first[intersectable] + b)
+        try_pairs(unit_rays, sorted_rays, pairs, tolerance_px, best, cost)
     inliers = rays.agreeing_rays(best, tolerance_px)
     for _ in range(2):
         X = refine_points(rays, np.nan_to_num(best), inliers.astype(float))

@@ -108,7 +108,7 @@ class RayPoseCovariance:
 
         blocks, entries = self.own.copy(), self.entries
         narrow, wide = entries.narrow_and_wide(len(self.moved_images))
-        point_covariances(*entries.places, narrow, self.kept, blocks)
+        point_covariances(entries.arrays, narrow, self.kept, blocks)
         for points in entries.batches(wide):
             rows = entries.dense(points)
             shape = len(points), 3, entries.kept
@@ -146,7 +146,7 @@ class RayPoseCovariance:
         wide = entries.narrow_and_wide(i)[1]
         is_wide = np.zeros(len(self.own), bool)
         is_wide[wide] = True
-        image_covariances(*entries.places, point, image, np.flatnonzero(~is_wide[point]), self.kept, covariance)
+        image_covariances(entries.arrays, point, image, np.flatnonzero(~is_wide[point]), self.kept, covariance)
         order = np.flatnonzero(is_wide[point])
         order = order[np.argsort(point[order], kind="stable")]
         for points in entries.batches(wide):

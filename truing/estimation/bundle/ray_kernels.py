@@ -1,6 +1,6 @@
 """Compiled kernels of large poses: elimination of points ray by ray, and covariances of points from those of images.
 
-Entries (n) are small blocks (3, 6) of a point by the six unknowns of an image. These begin at a place among the kept
+Entries (n) are small blocks (3, 6) of a point by the six unknowns of an image. These begin at an offset among the kept
 unknowns. The entries of point p are those from start[p] to stop[p]. Own code because sparse libraries order and fill in
 general patterns; here the pattern is known, and the reduced system of the images is small and dense.
 """
@@ -12,7 +12,15 @@ from numpy.typing import NDArray
 
 from truing.compiled_code import compiled, inner
 from truing.estimation import simd_arithmetic
-from truing.estimation.bundle import kernels
+from truing.estimation.bundle import kernel_arguments, kernels
+from truing.estimation.bundle.kernel_arguments import (
+    CameraArrays,
+    EntryArrays,
+    PoseCovarianceArrays,
+    PoseRays,
+    RayBlocks,
+    StateArrays,
+)
 from truing.estimation.bundle.kernels import (
     INTERIOR,
     WIDTH,
@@ -24,15 +32,13 @@ from truing.estimation.bundle.kernels import (
     turned,
 )
 
-_SOURCES = (simd_arithmetic.__file__, kernels.__file__, __file__)
+_SOURCES = (simd_arithmetic.__file__, kernel_arguments.__file__, kernels.__file__, __file__)
 
 
 @compiled(*_SOURCES)
 def forward_rays(
-    own: NDArray,
-    blocks: NDArray,
-    rays: NDArray,
-    first: NDArray,
+    diagonal: NDArray,
+    rays: RayBlocks,
     sides: NDArray,
     damping: float,
     root: NDArray,
@@ -42,18 +48,17 @@ def forward_rays(
     """Fill in the inverse Cholesky factors (b, 3, 3) of damped blocks of points; their products with the rays' blocks
     (n, 3, 6) and with the sides (3 b, .).
 
-    blocks (., 6, 3): of all rays; rays (n,): those of the points, from first (b + 1,). Returns whether all blocks are
-    positive definite.
+    Returns whether all blocks are positive definite.
     """
     lower = np.zeros((3, 3))
-    for n in range(len(own)):
-        if not lower_root(own[n], damping, lower):
+    for n in range(len(diagonal)):
+        if not lower_root(diagonal[n], damping, lower):
             return False
         invert_lower(lower, root[n])
         at = slice(3 * n, 3 * n + 3)
         lower_times(root[n], sides[at], reduced_sides[at])
-        for r in range(first[n], first[n + 1]):
-            block = blocks[rays[r]]
+        for r in range(rays.first[n], rays.first[n + 1]):
+            block = rays.blocks[rays.ray[r]]
             for a in range(3):
                 for b in range(6):
                     value = 0.0
@@ -64,62 +69,54 @@ def forward_rays(
 
 
 @compiled(*_SOURCES)
-def subtract_products(
-    entries: NDArray, place: NDArray, start: NDArray, stop: NDArray, chosen: NDArray, total: NDArray
-) -> None:
+def subtract_products(entries: EntryArrays, chosen: NDArray, total: NDArray) -> None:
     """Subtract the products of the entries of each chosen point from the upper blocks of a matrix (k, k)."""
     for p in chosen:
-        for r in range(start[p], stop[p]):
-            for s in range(start[p], stop[p]):
-                if place[s] >= place[r]:
-                    first, other = entries[r], entries[s]
+        for r in range(entries.start[p], entries.stop[p]):
+            for s in range(entries.start[p], entries.stop[p]):
+                if entries.offset[s] >= entries.offset[r]:
+                    first, other = entries.blocks[r], entries.blocks[s]
                     for a in range(6):
                         x, y, z = first[0, a], first[1, a], first[2, a]
-                        row = total[place[r] + a, place[s] : place[s] + 6]
+                        row = total[entries.offset[r] + a, entries.offset[s] : entries.offset[s] + 6]
                         for b in range(6):
                             row[b] -= x * other[0, b] + y * other[1, b] + z * other[2, b]
 
 
 @compiled(*_SOURCES)
-def times_kept(
-    entries: NDArray, place: NDArray, start: NDArray, stop: NDArray, values: NDArray, product: NDArray
-) -> None:
+def times_kept(entries: EntryArrays, values: NDArray, product: NDArray) -> None:
     """Add the products of the entries with values (k, w) of the kept unknowns to those of the points (p, 3, w)."""
-    for p in range(len(start)):
-        for r in range(start[p], stop[p]):
+    for p in range(len(entries.start)):
+        for r in range(entries.start[p], entries.stop[p]):
             for a in range(3):
                 row = product[p, a]
                 for j in range(6):
-                    f, source = entries[r, a, j], values[place[r] + j]
+                    f, source = entries.blocks[r, a, j], values[entries.offset[r] + j]
                     for b in range(len(row)):
                         row[b] += f * source[b]
 
 
 @compiled(*_SOURCES)
-def times_points(
-    entries: NDArray, place: NDArray, start: NDArray, stop: NDArray, values: NDArray, product: NDArray
-) -> None:
+def times_points(entries: EntryArrays, values: NDArray, product: NDArray) -> None:
     """Add the products of the transposed entries with values (p, 3, w) of the points to those of the kept (k, w)."""
-    for p in range(len(start)):
-        for r in range(start[p], stop[p]):
+    for p in range(len(entries.start)):
+        for r in range(entries.start[p], entries.stop[p]):
             for j in range(6):
-                row = product[place[r] + j]
+                row = product[entries.offset[r] + j]
                 for a in range(3):
-                    f, source = entries[r, a, j], values[p, a]
+                    f, source = entries.blocks[r, a, j], values[p, a]
                     for b in range(len(row)):
                         row[b] += f * source[b]
 
 
 @compiled(*_SOURCES)
-def spread_entries(
-    entries: NDArray, place: NDArray, start: NDArray, stop: NDArray, chosen: NDArray, rows: NDArray
-) -> None:
+def spread_entries(entries: EntryArrays, chosen: NDArray, rows: NDArray) -> None:
     """Add the entries of chosen points to dense rows (3 n, k)."""
     for n, p in enumerate(chosen):
-        for r in range(start[p], stop[p]):
+        for r in range(entries.start[p], entries.stop[p]):
             for a in range(3):
                 for j in range(6):
-                    rows[3 * n + a, place[r] + j] += entries[r, a, j]
+                    rows[3 * n + a, entries.offset[r] + j] += entries.blocks[r, a, j]
 
 
 @inner
@@ -133,30 +130,25 @@ def add_times(total: NDArray, block: NDArray, kept: NDArray, row: int, column: i
 
 
 @compiled(*_SOURCES)
-def point_covariances(
-    entries: NDArray, place: NDArray, start: NDArray, stop: NDArray, chosen: NDArray, kept: NDArray, covariance: NDArray
-) -> None:
+def point_covariances(entries: EntryArrays, chosen: NDArray, kept: NDArray, covariance: NDArray) -> None:
     """Add the covariance that each chosen point has from the kept unknowns, with covariance (k, k), to (p, 3, 3)."""
     total = np.zeros((3, 6))
     for p in chosen:
-        for s in range(start[p], stop[p]):
+        for s in range(entries.start[p], entries.stop[p]):
             total[:] = 0.0
-            for r in range(start[p], stop[p]):
-                add_times(total, entries[r], kept, place[r], place[s])
+            for r in range(entries.start[p], entries.stop[p]):
+                add_times(total, entries.blocks[r], kept, entries.offset[r], entries.offset[s])
             for a in range(3):
                 for b in range(3):
                     value = 0.0
                     for j in range(6):
-                        value += total[a, j] * entries[s, b, j]
+                        value += total[a, j] * entries.blocks[s, b, j]
                     covariance[p, a, b] += value
 
 
 @compiled(*_SOURCES)
 def image_covariances(
-    entries: NDArray,
-    place: NDArray,
-    start: NDArray,
-    stop: NDArray,
+    entries: EntryArrays,
     point: NDArray,
     image: NDArray,
     chosen: NDArray,
@@ -168,8 +160,8 @@ def image_covariances(
     for m in chosen:
         total[:] = 0.0
         p = point[m]
-        for r in range(start[p], stop[p]):
-            add_times(total, entries[r], kept, place[r], 6 * image[m])
+        for r in range(entries.start[p], entries.stop[p]):
+            add_times(total, entries.blocks[r], kept, entries.offset[r], 6 * image[m])
         for a in range(3):
             for b in range(6):
                 covariance[m, b, a] = total[a, b]
@@ -195,15 +187,15 @@ def joined(image: NDArray, point: NDArray, cross: NDArray, both: NDArray) -> Non
 
 @inner
 def by_common_unknowns(
-    row: NDArray, place: NDArray, derivative: NDArray, image: NDArray, point: NDArray, by_common: NDArray
+    row: NDArray, slot: NDArray, derivative: NDArray, image: NDArray, point: NDArray, by_common: NDArray
 ) -> None:
-    """Fill in the derivatives (2, c) by the common unknowns: of the camera at its ``place`` (10,), and through image
+    """Fill in the derivatives (2, c) by the common unknowns: of the camera at its ``slot`` (10,), and through image
     (6, c) and point (3, c)."""
     by_common[:] = 0.0
     for q in range(2):
         for a in range(10):
-            if place[a] >= 0:
-                by_common[q, place[a]] += row[q, INTERIOR + a]
+            if slot[a] >= 0:
+                by_common[q, slot[a]] += row[q, INTERIOR + a]
         for a in range(9):
             moved = image[a] if a < 6 else point[a - 6]
             for b in range(by_common.shape[1]):
@@ -225,46 +217,35 @@ def add_propagated(derivative: NDArray, covariance: NDArray, half: NDArray, tota
 
 @compiled(*_SOURCES)
 def computed_covariances(
-    image: NDArray,
-    point: NDArray,
-    camera: NDArray,
-    interior: NDArray,
-    radius: NDArray,
-    R: NDArray,
-    centre: NDArray,
-    xyz: NDArray,
-    place: NDArray,
-    image_slot: NDArray,
-    point_slot: NDArray,
-    images: NDArray,
-    points: NDArray,
-    cross: NDArray,
-    images_by_common: NDArray,
-    points_by_common: NDArray,
-    common: NDArray,
+    rays: PoseRays,
+    cameras: CameraArrays,
+    state: StateArrays,
+    interior_slot: NDArray,
+    known: PoseCovarianceArrays,
     covariance: NDArray,
 ) -> None:
     """Fill in the covariance (n, 2, 2) of computed image points of one pose; NaN for a point that is not in front of
     its camera.
 
-    Image and point (n,) by number in the network and by slot in the pose; camera, R, centre of every image, points xyz;
-    place (C, 10): interior elements among the common unknowns. Covariances of images (i, 6, 6), of points (p, 3, 3), of
-    both (n, 6, 3), all given the common unknowns; derivatives (i, 6, c) and (p, 3, c) by these, with covariance (c, c).
+    Cameras and state are those of the whole network; interior_slot (C, 10): interior elements among the common
+    unknowns; known: covariances of the pose.
     """
-    c = len(common)
+    c = len(known.common)
     derivative, both, by_common, spread = np.zeros((2, 9)), np.zeros((9, 9)), np.zeros((2, c)), np.zeros(c)
     half, row, X = np.zeros(9), np.zeros((2, WIDTH)), np.zeros(3)
-    for n in range(len(image)):
-        i, p, k = image_slot[n], point_slot[n], camera[image[n]]
-        direct(X, R[image[n]], xyz[point[n]], centre[image[n]])
+    for n in range(len(rays.image)):
+        image, i, p = rays.image[n], rays.image_slot[n], rays.point_slot[n]
+        R, centre, point, k = state.R[image], state.centre[image], state.points[rays.point[n]], cameras.of_image[image]
+        direct(X, R, point, centre)
         if not X[2] > 0.0:
             covariance[n] = np.nan
             continue
-        linearised(row, interior[k], radius[k], X, (1.0, 0.0, 1.0))
-        turned(row, R[image[n]], xyz[point[n]], centre[image[n]])
+        linearised(row, cameras.interior[k], cameras.radius[k], X, (1.0, 0.0, 1.0))
+        turned(row, R, point, centre)
         by_pose_unknowns(row, derivative)
-        joined(images[i], points[p], cross[n], both)
-        by_common_unknowns(row, place[k], derivative, images_by_common[i], points_by_common[p], by_common)
+        joined(known.images[i], known.points[p], known.cross[n], both)
+        image_by_common, point_by_common = known.images_by_common[i], known.points_by_common[p]
+        by_common_unknowns(row, interior_slot[k], derivative, image_by_common, point_by_common, by_common)
         covariance[n] = 0.0
         add_propagated(derivative, both, half, covariance[n])
-        add_propagated(by_common, common, spread, covariance[n])
+        add_propagated(by_common, known.common, spread, covariance[n])

@@ -124,9 +124,9 @@ def _cost(task: _Task, order: NDArray) -> float:
 
 def _nearest_first(distance: NDArray) -> NDArray:
     """Return the order that always goes to the nearest pose not yet measured."""
-    left, at, order = list(range(len(distance) - 1)), len(distance) - 1, []
-    while left:
-        at = left.pop(int(np.argmin(distance[at, left])))
+    remaining, at, order = list(range(len(distance) - 1)), len(distance) - 1, []
+    while remaining:
+        at = remaining.pop(int(np.argmin(distance[at, remaining])))
         order.append(at)
     return np.array(order)
 

@@ -294,15 +294,15 @@ def _block_exchanges(white: NDArray, chosen: NDArray) -> NDArray:
     """
     log_det_change = np.empty((len(white), len(chosen)))
     identity, unit = np.eye(white.shape[2]), np.eye(white.shape[3])
-    for place, out in enumerate(chosen):
+    for index, out in enumerate(chosen):
         Y = white[out]
         turned = np.swapaxes(Y, 1, 2)
         lost = sum_log_det(identity - Y @ turned)
         if not np.isfinite(lost):  # the others do not determine everything
-            log_det_change[:, place] = -np.inf
+            log_det_change[:, index] = -np.inf
             continue
         X = white @ np.linalg.cholesky(np.linalg.inv(unit - turned @ Y))
-        log_det_change[:, place] = lost + np.linalg.slogdet(identity + X @ np.swapaxes(X, 2, 3))[1].sum(1)
+        log_det_change[:, index] = lost + np.linalg.slogdet(identity + X @ np.swapaxes(X, 2, 3))[1].sum(1)
     return log_det_change
 
 
@@ -331,8 +331,8 @@ def _without_worst(rows: NDArray, chosen: NDArray, prior_information: NDArray | 
     """Return the chosen candidates without the one whose loss costs least."""
     inverse = np.linalg.inv(information_of(rows[chosen], prior_information))
     measurements = _measurements(rows[chosen])
-    left = np.eye(measurements.shape[2]) - measurements @ inverse @ np.swapaxes(measurements, 2, 3)
-    return np.delete(chosen, int(np.argmax(np.sum(np.log(np.maximum(np.linalg.det(left), 1e-300)), -1))))
+    residual = np.eye(measurements.shape[2]) - measurements @ inverse @ np.swapaxes(measurements, 2, 3)
+    return np.delete(chosen, int(np.argmax(np.sum(np.log(np.maximum(np.linalg.det(residual), 1e-300)), -1))))
 
 
 def _gains(rows: NDArray, information: NDArray) -> NDArray:

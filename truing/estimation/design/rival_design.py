@@ -266,10 +266,12 @@ def _divergence(products: NDArray, right: slice, wrong: slice) -> NDArray:
     of_right, of_wrong = products[:, right, right], products[:, wrong, wrong]
     known_right, known_wrong = np.eye(of_right.shape[-1]) + of_right, np.eye(of_wrong.shape[-1]) + of_wrong
     by_wrong = products[:, wrong]
-    left = products - np.swapaxes(by_wrong, 1, 2) @ np.linalg.solve(known_wrong, by_wrong)
-    spread = np.trace(left[:, right, right], axis1=1, axis2=2) - np.trace(left[:, wrong, wrong], axis1=1, axis2=2)
+    residual = products - np.swapaxes(by_wrong, 1, 2) @ np.linalg.solve(known_wrong, by_wrong)
+    spread = np.trace(residual[:, right, right], axis1=1, axis2=2) - np.trace(
+        residual[:, wrong, wrong], axis1=1, axis2=2
+    )
     logs = np.linalg.slogdet(known_wrong)[1] - np.linalg.slogdet(known_right)[1]
-    return np.asarray(0.5 * (left[:, 0, 0] + spread + logs))
+    return np.asarray(0.5 * (residual[:, 0, 0] + spread + logs))
 
 
 @dataclass(frozen=True)
@@ -315,10 +317,10 @@ def _greedy_choice(sums: Sums, aim: DesignCriterion, enough: float, most: int) -
     while reached < enough and len(chosen) < most:
         best, reached = _best_added(sums, aim, chosen)
         chosen.append(best)
-    for place in range(len(chosen)):
-        best, then = _best_added(sums, aim, chosen[:place] + chosen[place + 1 :])
+    for index in range(len(chosen)):
+        best, then = _best_added(sums, aim, chosen[:index] + chosen[index + 1 :])
         if then > reached:
-            chosen[place], reached = best, then
+            chosen[index], reached = best, then
     return chosen, reached
 
 

@@ -266,14 +266,14 @@ def descend(objective: Objective, start: Eliminated) -> Descent:
     sure = False
     for iteration in range(MAX_ITERATIONS):
         step, promise = point.step(damping.value)
-        stands = _has_stalled(promise, before if damping.value == 0.0 else np.inf)
-        trial = None if stands else _lower_point(point, step, promise, damping.value)
+        has_stalled = _has_stalled(promise, before if damping.value == 0.0 else np.inf)
+        trial = None if has_stalled else _lower_point(point, step, promise, damping.value)
         if trial is not None:
             damping = damping.lowered((point.cost - trial.cost) / promise)
             point, before, sure = trial, promise, trial.distance_to_convergence <= _STILL
         elif not sure:
             point, sure = point.converged(), True
-        elif stands:
+        elif has_stalled:
             return Descent(point.at, point.cost, iteration, _status(point, damping))
         else:
             damping = damping.raised()

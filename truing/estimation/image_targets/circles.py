@@ -154,10 +154,9 @@ def _fitted(grey: NDArray, start: Array, noise: ImageNoise, outer: Array, ring: 
         a, b = axes_of(start)[0].max(0)
         most = int(4 * (1.5 * a + 20) * (1.5 * b + 20))
         level = np.array([noise.read_var, noise.gain])
-        wide = grey.astype(np.uint16, copy=False)
-        edge.fit_edges(
-            wide, np.ascontiguousarray(start), rings, rings.any(1), outer, level, _top(grey), held, most, results
-        )
+        picture = edge.Picture(grey.astype(np.uint16, copy=False), level, _top(grey))
+        targets = edge.EdgeTargets(np.ascontiguousarray(start), rings, np.asarray(rings.any(1)), outer)
+        edge.fit_edges(picture, targets, held, most, results)
     return results
 
 

@@ -17,9 +17,12 @@ Written here because image processing libraries give centres without a covarianc
 from __future__ import annotations
 
 import math
+from typing import NamedTuple
 
 import numpy as np
+from numpy.typing import NDArray
 
+from truing.arrays import Array, Mask
 from truing.compiled_code import compiled, inner, summing
 from truing.estimation import simd_arithmetic
 from truing.estimation.image_targets import edge_picture
@@ -71,6 +74,51 @@ _FEW, _OTHER = 2, 0.1
 _OUTLYING_SIGMAS = 5.0
 
 
+class Picture(NamedTuple):
+    """Photograph (h, w) uint16, noise (2,) as variance of a black pixel and per grey level, and top of the range."""
+
+    grey: NDArray[np.uint16]
+    noise: Array
+    top: float
+
+
+class EdgeTargets(NamedTuple):
+    """Start values (N, UNKNOWNS) of targets, code rings (N, S) of those ``coded`` (N,), and limits ``outer`` (N,) of
+    pixels in radii."""
+
+    start: Array
+    ring: Array
+    coded: Mask
+    outer: Array
+
+
+class Patch(NamedTuple):
+    """Pixels (5, most) around an edge: x, y, grey, weight, ring light; their number n; origin, size and top of the
+    model's light."""
+
+    pixels: Array
+    n: int
+    origin: tuple[float, float]
+    size: float
+    top: float
+
+
+class FitWorkspace(NamedTuple):
+    """Arrays that all fits of a call use one after the other."""
+
+    normal: Array
+    rhs: Array
+    factor: Array
+    trial_normal: Array
+    trial_rhs: Array
+    step: Array
+    trial: Array
+    nodes: Array
+    lane: Array
+    held: Array
+    arcs: Array
+
+
 @inner
 def solve(normal, rhs, step, n):  # type: ignore[no-untyped-def]
     """Replace normal (n, n) by its Cholesky factor and step by the solution; False where it is not positive."""
@@ -99,11 +147,12 @@ def solve(normal, rhs, step, n):  # type: ignore[no-untyped-def]
 
 
 @inner
-def fill_block(p, origin, size, n, pixels, first, nodes, count, lane):  # type: ignore[no-untyped-def]
+def fill_block(p, patch, first, nodes, count, lane):  # type: ignore[no-untyped-def]
     """Fill in the unclipped level of a block of pixels from the first, and its derivatives.
 
     Returns the number of pixels, including padding to full SIMD lanes.
     """
+    pixels, n, origin, size, _ = patch
     many = min(BLOCK, n - first + -n % LANES)
     cx, cy, ground, contrast, slope_x, slope_y = p[CX], p[CY], p[GROUND], p[CONTRAST], p[SLOPE_X], p[SLOPE_Y]
     for j in range(many):
@@ -160,16 +209,16 @@ def _add_products(pixels, first, many, top, lane, normal, rhs):  # type: ignore[
 
 
 @inner
-def _evaluate(p, origin, size, n, pixels, top, held, nodes, count, lane, normal, rhs):  # type: ignore[no-untyped-def]
-    """Return the weighted square sum at p over pixels (5, n): x, y, grey, weight, ring light; fill in normal and
-    rhs."""
+def _evaluate(p, patch, count, work, normal, rhs):  # type: ignore[no-untyped-def]
+    """Return the weighted square sum at p over the pixels of a patch; fill in normal and rhs."""
+    held, nodes, lane = work.held, work.nodes, work.lane
     for i in range(UNKNOWNS):
         rhs[i] = 0.0
         for j in range(UNKNOWNS):
             normal[i, j] = 0.0
     if count:
         set_nodes(p, nodes, count)
-    known = 1.0 / (_SLOPE_SIGMA * size) ** 2
+    known = 1.0 / (_SLOPE_SIGMA * patch.size) ** 2
     cost = known * (p[SLOPE_X] ** 2 + p[SLOPE_Y] ** 2)
     for i in (SLOPE_X, SLOPE_Y):
         normal[i, i], rhs[i] = known, -known * p[i]
@@ -177,9 +226,9 @@ def _evaluate(p, origin, size, n, pixels, top, held, nodes, count, lane, normal,
         away = p[BLUR + i] - held[i]
         cost += held[3 + i] * away * away
         normal[BLUR + i, BLUR + i], rhs[BLUR + i] = held[3 + i], -held[3 + i] * away
-    for first in range(0, n, BLOCK):
-        many = fill_block(p, origin, size, n, pixels, first, nodes, count, lane)
-        cost += _add_products(pixels, first, many, top, lane, normal, rhs)
+    for first in range(0, patch.n, BLOCK):
+        many = fill_block(p, patch, first, nodes, count, lane)
+        cost += _add_products(patch.pixels, first, many, patch.top, lane, normal, rhs)
     return cost
 
 
@@ -193,11 +242,11 @@ def _accept_trial(p, normal, rhs, trial, trial_normal, trial_rhs):  # type: igno
 
 
 @inner
-def descend(p, origin, size, n, pixels, top, held, small, work):  # type: ignore[no-untyped-def]
+def descend(p, patch, small, work):  # type: ignore[no-untyped-def]
     """Improve p by damped Gauss-Newton; return the weighted square sum, -1 on failure."""
-    normal, rhs, factor, trial_normal, trial_rhs, step, trial, nodes, lane = work
+    normal, rhs, factor, step, trial = work.normal, work.rhs, work.factor, work.step, work.trial
     count = count_nodes(p)
-    cost = _evaluate(p, origin, size, n, pixels, top, held, nodes, count, lane, normal, rhs)
+    cost = _evaluate(p, patch, count, work, normal, rhs)
     damping, moved = 1e-3, 0.0
     for _ in range(_STEPS):
         for i in range(UNKNOWNS):
@@ -210,13 +259,13 @@ def descend(p, origin, size, n, pixels, top, held, small, work):  # type: ignore
             trial[i] = p[i] + step[i]
         trial[BLUR] = min(max(trial[BLUR], _MIN_BLUR), _MAX_BLUR)
         moved = abs(step[CX]) + abs(step[CY])
-        if not trial[AXX] * trial[AYY] > trial[AXY] ** 2 or moved > size:
+        if not trial[AXX] * trial[AYY] > trial[AXY] ** 2 or moved > patch.size:
             damping *= 10
             continue
-        trial_cost = _evaluate(trial, origin, size, n, pixels, top, held, nodes, count, lane, trial_normal, trial_rhs)
+        trial_cost = _evaluate(trial, patch, count, work, work.trial_normal, work.trial_rhs)
         gained = cost - trial_cost
         if gained >= 0:
-            _accept_trial(p, normal, rhs, trial, trial_normal, trial_rhs)
+            _accept_trial(p, normal, rhs, trial, work.trial_normal, work.trial_rhs)
             cost = trial_cost
         damping *= 0.1 if gained >= 0 else 10.0
         if moved < small and abs(gained) < 0.1 * small * cost:
@@ -225,9 +274,10 @@ def descend(p, origin, size, n, pixels, top, held, small, work):  # type: ignore
 
 
 @inner
-def _gather(grey, p, ring, coded, outer, noise, pixels):  # type: ignore[no-untyped-def]
+def _gather(picture, p, target, pixels):  # type: ignore[no-untyped-def]
     """Fill in pixels (5, most) around the edge, out to `outer` radii, padded to full SIMD lanes with zero weight;
     return their number."""
+    (grey, noise, _), (ring, coded, outer) = picture, target
     det = p[AXX] * p[AYY] - p[AXY] * p[AXY]
     reach = 3.0 * p[BLUR] + 1.0
     half_x = math.hypot(p[AYY], p[AXY]) / det + reach
@@ -271,17 +321,18 @@ def _is_lit(pixels, n):  # type: ignore[no-untyped-def]
 
 
 @inner
-def _drop_outlying(p, origin, size, n, pixels, top, first, work, result):  # type: ignore[no-untyped-def]
+def _drop_outlying(p, patch, first, work, result):  # type: ignore[no-untyped-def]
     """Exclude outlying pixels and set their shares inside and outside; return the number of pixels left."""
     inside = outside = hidden = merged = 0
-    left = n
-    (nodes, lane), count = work[-2:], count_nodes(p)
+    pixels, n, _, _, top = patch
+    remaining = n
+    nodes, lane, count = work.nodes, work.lane, count_nodes(p)
     if count:
         set_nodes(p, nodes, count)
     off = np.empty(n)
     for m in range(n):
         if m % BLOCK == 0:
-            fill_block(p, origin, size, n, pixels, m, nodes, count, lane)
+            fill_block(p, patch, m, nodes, count, lane)
         off[m] = abs(pixels[2, m] - min(lane[LEVEL * BLOCK + m % BLOCK], top))
     # five sigmas, from the mean of absolute values
     usual = _OUTLYING if first else min(max(6.25 * off.mean() / abs(p[CONTRAST]), _OUTLYING_LEAST), _OUTLYING)
@@ -289,7 +340,7 @@ def _drop_outlying(p, origin, size, n, pixels, top, first, work, result):  # typ
         out = off[m] > usual * abs(p[CONTRAST]) and off[m] * math.sqrt(pixels[3, m]) > _OUTLYING_SIGMAS
         if out:
             pixels[3, m] = 0.0
-            left -= 1
+            remaining -= 1
         other = out and off[m] > _OTHER * abs(p[CONTRAST])
         dx, dy = pixels[0, m] - p[CX], pixels[1, m] - p[CY]
         if (p[AXX] * dx + p[AXY] * dy) ** 2 + (p[AXY] * dx + p[AYY] * dy) ** 2 < 1.0:
@@ -300,15 +351,16 @@ def _drop_outlying(p, origin, size, n, pixels, top, first, work, result):  # typ
             merged += other
     result[HIDDEN] = max(hidden - _FEW, 0) / max(inside, 1)
     result[MERGED] = merged / max(outside, 1)
-    return left
+    return remaining
 
 
 @inner
-def _set_arc_distances(p, origin, size, n, pixels, top, work, arcs, result):  # type: ignore[no-untyped-def]
+def _set_arc_distances(p, patch, work, result):  # type: ignore[no-untyped-def]
     """Set the distances of arcs from the ellipse: mean square in sigmas, its freedom, and the worst in px. Returns the
     number of unclipped pixels and the sum of their weights. Sharpening or a non-Gaussian blur affects the whole edge
     alike and dents no single arc."""
-    (nodes, lane), count = work[-2:], count_nodes(p)
+    pixels, n, _, _, top = patch
+    arcs, nodes, lane, count = work.arcs, work.nodes, work.lane, count_nodes(p)
     if count:
         set_nodes(p, nodes, count)
     half, skew = (p[AXX] + p[AYY]) / 2, math.hypot((p[AXX] - p[AYY]) / 2, p[AXY])
@@ -319,7 +371,7 @@ def _set_arc_distances(p, origin, size, n, pixels, top, work, arcs, result):  # 
     for m in range(n):
         j = m % BLOCK
         if j == 0:
-            fill_block(p, origin, size, n, pixels, m, nodes, count, lane)
+            fill_block(p, patch, m, nodes, count, lane)
         level = lane[LEVEL * BLOCK + j]
         if pixels[3, m] == 0.0 or level >= top:
             continue
@@ -347,7 +399,7 @@ def _set_arc_distances(p, origin, size, n, pixels, top, work, arcs, result):  # 
 @inner
 def _set_covariance(work, result):  # type: ignore[no-untyped-def]
     """Set the covariance of the centre from the final normal equations; return whether it exists."""
-    normal, factor, step, unit = work[0], work[2], work[5], work[6]
+    normal, factor, step, unit = work.normal, work.factor, work.step, work.trial
     good = True
     for axis in range(2):
         for i in range(UNKNOWNS):
@@ -361,33 +413,33 @@ def _set_covariance(work, result):  # type: ignore[no-untyped-def]
 
 
 @inner
-def _fit(grey, ring, coded, outer, noise, top, held_share, pixels, held, arcs, work, result):  # type: ignore[no-untyped-def]
+def _fit(picture, target, held_share, pixels, work, result):  # type: ignore[no-untyped-def]
     """Fit one result, starting from the unknowns at its beginning; return whether it converged."""
-    p, first = result[:UNKNOWNS], held_share > 0
+    p, first, held, coded, top = result[:UNKNOWNS], held_share > 0, work.held, target[1], picture.top
     origin, size = (p[CX], p[CY]), 1.0 / math.sqrt(p[AXX] * p[AYY] - p[AXY] ** 2)
-    n = _gather(grey, p, ring, coded, outer, noise, pixels)
+    patch = Patch(pixels, _gather(picture, p, target, pixels), origin, size, top)
     held[0], held[1], held[2] = p[BLUR], p[GROUND], p[CONTRAST]
     if first:
         held[3], held[4] = 1.0 / _HELD_BLUR**2, 1.0 / (held_share * p[CONTRAST]) ** 2
         held[5] = held[4]
-    cost = descend(p, origin, size, n, pixels, top, held, _COARSE_STEP, work) if n > 2 * UNKNOWNS else -1.0
+    cost = descend(p, patch, _COARSE_STEP, work) if patch.n > 2 * UNKNOWNS else -1.0
     # the light of a ring depends on the position of the dot, so it is repeated
     for _ in range(_RELAID):
-        if cost >= 0 and coded and _is_lit(pixels, n):
-            n = _gather(grey, p, ring, coded, outer, noise, pixels)
-            cost = descend(p, origin, size, n, pixels, top, held, _COARSE_STEP, work)
+        if cost >= 0 and coded and _is_lit(pixels, patch.n):
+            patch = Patch(pixels, _gather(picture, p, target, pixels), origin, size, top)
+            cost = descend(p, patch, _COARSE_STEP, work)
     if cost < 0:
         return False
     if not first:
-        n = _gather(grey, p, ring, coded, outer, noise, pixels)
-    left = _drop_outlying(p, origin, size, n, pixels, top, first, work, result)
-    if left <= 2 * UNKNOWNS:
+        patch = Patch(pixels, _gather(picture, p, target, pixels), origin, size, top)
+    remaining = _drop_outlying(p, patch, first, work, result)
+    if remaining <= 2 * UNKNOWNS:
         return False
-    if not first or left < n:
-        cost = descend(p, origin, size, n, pixels, top, held, _COARSE_STEP if first else _SMALL_STEP, work)
+    if not first or remaining < patch.n:
+        cost = descend(p, patch, _COARSE_STEP if first else _SMALL_STEP, work)
     if cost < 0:
         return False
-    seen, weights = _set_arc_distances(p, origin, size, n, pixels, top, work, arcs, result)
+    seen, weights = _set_arc_distances(p, patch, work, result)
     if seen <= UNKNOWNS:
         return False
     visible = abs(min(p[GROUND] + p[CONTRAST], top) - min(p[GROUND], top))
@@ -397,22 +449,29 @@ def _fit(grey, ring, coded, outer, noise, top, held_share, pixels, held, arcs, w
 
 
 @compiled(__file__, edge_picture.__file__, simd_arithmetic.__file__)
-def fit_edges(grey, start, ring, coded, outer, noise, top, held_share, most, results):  # type: ignore[no-untyped-def]
+def fit_edges(picture: Picture, targets: EdgeTargets, held_share: float, most: int, results: Array) -> None:
     """Fill in results (N, RESULTS) of all fits.
 
-    grey (h, w) uint16; start (N, UNKNOWNS); ring (N, S) of those `coded` (N,); pixels out to `outer` (N,) radii; noise
-    (2,): variance of a black pixel and per grey level; top of the range; held_share: levels held to a share of the
-    contrast, 0: free; most pixels.
+    held_share: levels held to a share of the contrast, 0: free; most: largest number of pixels of a fit.
     """
     shape = (UNKNOWNS, UNKNOWNS)
-    normal, factor, spare = np.empty(shape), np.empty(shape), np.empty(shape)
-    rhs, spare_rhs, step, trial = np.empty(UNKNOWNS), np.empty(UNKNOWNS), np.empty(UNKNOWNS), np.empty(UNKNOWNS)
-    nodes, lane = np.empty((6, MOST_NODES)), np.empty(REGISTERS * BLOCK)
-    work = (normal, rhs, factor, spare, spare_rhs, step, trial, nodes, lane)
-    pixels, held, arcs = np.empty((5, most + LANES)), np.zeros(6), np.empty((2, _ARCS_MOST))
-    for t in range(len(start)):
+    work = FitWorkspace(
+        normal=np.empty(shape),
+        rhs=np.empty(UNKNOWNS),
+        factor=np.empty(shape),
+        trial_normal=np.empty(shape),
+        trial_rhs=np.empty(UNKNOWNS),
+        step=np.empty(UNKNOWNS),
+        trial=np.empty(UNKNOWNS),
+        nodes=np.empty((6, MOST_NODES)),
+        lane=np.empty(REGISTERS * BLOCK),
+        held=np.zeros(6),
+        arcs=np.empty((2, _ARCS_MOST)),
+    )
+    pixels = np.empty((5, most + LANES))
+    for t in range(len(targets.start)):
         result = results[t]
         for i in range(UNKNOWNS):
-            result[i] = start[t, i]
-        arguments = ring[t], coded[t], outer[t]
-        result[SETTLED] = _fit(grey, *arguments, noise, top, held_share, pixels, held, arcs, work, result)
+            result[i] = targets.start[t, i]
+        target = targets.ring[t], targets.coded[t], targets.outer[t]
+        result[SETTLED] = _fit(picture, target, held_share, pixels, work, result)

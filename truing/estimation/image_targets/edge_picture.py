@@ -104,10 +104,11 @@ def set_nodes(p, nodes, count):  # type: ignore[no-untyped-def]
 
 
 @inner
-def _whole_edge(axx, axy, ayy, s, nodes, count, lane, many):  # type: ignore[no-untyped-def]
+def _whole_edge(p, nodes, count, lane, many):  # type: ignore[no-untyped-def]
     """Fill in M of pixels, as an exact integral around the ellipse, and its derivatives. The Gaussian of the blur is
     the divergence of r (1 - exp(-r^2 / 2 s^2)) / (2 pi r^2): the light from the inside is a flux through the edge.
     The trapezoidal rule on a closed smooth curve converges faster than any power."""
+    axx, axy, ayy, s = p[AXX], p[AXY], p[AYY], p[BLUR]
     narrow = 0.5 / (s * s)
     for j in range(SHARE * BLOCK, (BY + 6) * BLOCK):
         lane[j] = 0.0
@@ -142,7 +143,7 @@ def _whole_edge(axx, axy, ayy, s, nodes, count, lane, many):  # type: ignore[no-
 def edge_light(p, nodes, count, lane, many):  # type: ignore[no-untyped-def]
     """Fill in M of pixels at DX, DY from the centre and its derivatives; exact if there are nodes."""
     if count:
-        _whole_edge(p[AXX], p[AXY], p[AYY], p[BLUR], nodes, count, lane, many)
+        _whole_edge(p, nodes, count, lane, many)
     else:
         _thin_edge(p[AXX], p[AXY], p[AYY], p[BLUR], lane, many)
 

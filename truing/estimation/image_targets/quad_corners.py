@@ -14,6 +14,7 @@ from __future__ import annotations
 
 import math
 from dataclasses import dataclass
+from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
@@ -61,6 +62,62 @@ class _Edges:
     half_width: Array
     before: Array
     after: Array
+
+
+class _EdgePixels(NamedTuple):
+    """Pixels (P, M) of edges: grey value, weight, position t along the edge, distance d across it in px and in half
+    widths of the band."""
+
+    grey: Array
+    weight: Array
+    t: Array
+    d: Array
+    across: Array
+
+
+class _EdgeSums(NamedTuple):
+    """Cost (n,), normal matrix (n, 7, 7) and right side (n, 7) of edges, to be filled in."""
+
+    cost: Array
+    normal: Array
+    gradient: Array
+
+
+class _Bands(NamedTuple):
+    """Bands along n edges from start to end (n, 2), with side = end - start and unit normals (n, 2) outwards.
+
+    Half widths (n,) in px, and a margin (n,) in px to the neighbours with normals before and after (n, 2), zero without
+    one.
+    """
+
+    start: Array
+    side: Array
+    end: Array
+    normal: Array
+    before: Array
+    after: Array
+    half_width: Array
+    margin: Array
+
+
+class _SearchedPixels(NamedTuple):
+    """Pixels to test: position ``middle`` (n, L) of an edge in column (row, if steep) first (n,) and those that follow,
+    and pixels up to ``height`` px aside."""
+
+    first: NDArray[np.int64]
+    middle: NDArray[np.int64]
+    height: int
+    steep: Mask
+
+
+class _PixelPositions(NamedTuple):
+    """Columns, rows, t and d (n, M) of the pixels in bands, and their number (n,), to be filled in."""
+
+    columns: NDArray[np.int64]
+    rows: NDArray[np.int64]
+    t: Array
+    d: Array
+    n_pixels: NDArray[np.int64]
 
 
 def refine_quads(grey: NDArray, corners: Array, module_px: Array, noise: ImageNoise) -> QuadCorners:
@@ -167,14 +224,13 @@ def _fit_chunk(
     start[:, CONTRAST] = _masked_mean(picture, light, top) - start[:, GROUND]
     expected = start[:, GROUND, None] + start[:, CONTRAST, None] * ndtr(d / blur[chosen][:, None])
     weight = np.where(usable, 1.0 / np.maximum(noise.variance(expected), 1e-12), 0.0)
-    across = d / width[:, None]
+    pixels = _EdgePixels(picture, weight, t, d, d / width[:, None])
 
     def equations(values: Array, patches: NDArray[np.intp]) -> tuple[Array, Array, Array]:
-        cost, gradient = np.square(values) @ _PRIOR, -values * _PRIOR
         normal = np.tile(np.diag(_PRIOR), (len(values), 1, 1))
-        pixels = picture, weight, t, d, across
-        add_edges(values, patches, (SHARPEST, SOFTEST), *pixels, cost, normal, gradient)
-        return np.where(np.isfinite(cost), cost, np.inf), normal, gradient
+        sums = _EdgeSums(np.square(values) @ _PRIOR, normal, -values * _PRIOR)
+        add_edges(values, patches, (SHARPEST, SOFTEST), pixels, sums)
+        return np.where(np.isfinite(sums.cost), sums.cost, np.inf), sums.normal, sums.gradient
 
     return fit_patches(equations, start, (weight > 0.0).sum(1))
 
@@ -201,13 +257,21 @@ def _pixels(grey: NDArray, edges: _Edges, chosen: NDArray, blur: Array) -> tuple
     )
     height = int(np.ceil(edges.half_width[chosen].max() * np.sqrt(2.0))) + 1
     most = middle.shape[1] * (2 * height + 1)
+    count = np.zeros(len(chosen), np.int64)
     columns, rows = np.zeros((2, len(chosen), most), np.int64)
     t, d = np.zeros((2, len(chosen), most))
-    count = np.zeros(len(chosen), np.int64)
-    margin = np.maximum(_CLEAR, _CLEAR * blur)
-    arguments = (start, side, edges.end[chosen], edges.normal[chosen], edges.before[chosen], edges.after[chosen])
-    near = (first, np.round(middle).astype(int), height, steep, edges.half_width[chosen], margin)
-    edge_pixels(grey.shape, *arguments, *near, columns, rows, t, d, count)
+    positions = _PixelPositions(columns, rows, t, d, count)
+    bands = _Bands(
+        start=start,
+        side=side,
+        end=edges.end[chosen],
+        normal=edges.normal[chosen],
+        before=edges.before[chosen],
+        after=edges.after[chosen],
+        half_width=edges.half_width[chosen],
+        margin=np.maximum(_CLEAR, _CLEAR * blur),
+    )
+    edge_pixels(grey.shape, bands, _SearchedPixels(first, np.round(middle).astype(int), height, steep), positions)
     columns, rows, t, d = (values[:, : max(int(count.max()), 1)] for values in (columns, rows, t, d))
     picture = grey[rows, columns].astype(float)
     return picture, np.ascontiguousarray(t), np.ascontiguousarray(d), np.arange(d.shape[1]) < count[:, None]
@@ -257,22 +321,14 @@ def _product(rows: NDArray, i: int, k: int, n: int) -> float:
 
 @compiled(__file__, edge_picture.__file__, simd_arithmetic.__file__)
 def add_edges(
-    values: NDArray,
-    patches: NDArray,
-    bounds: tuple[float, float],
-    grey: NDArray,
-    weight: NDArray,
-    t: NDArray,
-    d: NDArray,
-    across: NDArray,
-    cost: NDArray,
-    normal: NDArray,
-    gradient: NDArray,
+    values: NDArray, patches: NDArray, bounds: tuple[float, float], pixels: _EdgePixels, sums: _EdgeSums
 ) -> None:
-    """Add the pixels of n edges to cost (n,), normal matrices (n, 7, 7) and right sides (n, 7), at values (n, 7).
+    """Add the pixels of n edges to their sums, at values (n, 7).
 
-    Pixels (P, M) are selected by patch number (n,); the blur is limited to its bounds, px.
+    Pixels are selected by patch number (n,); the blur is limited to its bounds, px.
     """
+    grey, weight, t, d, across = pixels
+    cost, normal, gradient = sums
     rows = np.empty((UNKNOWNS + 1, grey.shape[1]))
     for n in range(len(values)):
         p, u = patches[n], values[n]
@@ -296,32 +352,11 @@ def _depth(x: float, y: float, corner: NDArray, normal: NDArray) -> float:
 
 
 @compiled(__file__, edge_picture.__file__, simd_arithmetic.__file__)
-def edge_pixels(
-    shape: tuple[int, int],
-    start: NDArray,
-    side: NDArray,
-    end: NDArray,
-    normal: NDArray,
-    before: NDArray,
-    after: NDArray,
-    first: NDArray,
-    middle: NDArray,
-    height: int,
-    steep: NDArray,
-    half_width: NDArray,
-    margin: NDArray,
-    columns: NDArray,
-    rows: NDArray,
-    t: NDArray,
-    d: NDArray,
-    count: NDArray,
-) -> None:
-    """Fill in columns, rows, t and d (n, M) of the pixels in bands along n edges, and their number (n,); image (h, w).
-
-    Bands have half widths (n,) px and a margin (n,) px to the neighbours with normals before and after (n, 2), zero
-    without one. ``middle`` (n, L): position of an edge in column (row, if steep) first (n,) and those that follow;
-    pixels up to ``height`` px aside are tested.
-    """
+def edge_pixels(shape: tuple[int, int], bands: _Bands, searched: _SearchedPixels, positions: _PixelPositions) -> None:
+    """Fill in the positions of the pixels in bands along n edges of an image (h, w)."""
+    start, side, end, normal, before, after, half_width, margin = bands
+    first, middle, height, steep = searched
+    columns, rows, t, d, count = positions
     for n in range(len(start)):
         length = math.sqrt(side[n, 0] ** 2 + side[n, 1] ** 2)
         has_before, has_after = np.any(before[n] != 0.0), np.any(after[n] != 0.0)

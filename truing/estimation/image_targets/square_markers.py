@@ -121,9 +121,9 @@ def _refine_at_full_size(grey: NDArray, corners: Array) -> Array:
     refined = corners.astype(np.float32)
     stop = (cv2.TERM_CRITERIA_EPS + cv2.TERM_CRITERIA_COUNT, 20, 0.05)
     for size in np.unique(window).tolist():
-        places = np.flatnonzero(window == size)
-        points = np.ascontiguousarray(refined[places].reshape(-1, 1, 2))
-        refined[places] = cv2.cornerSubPix(bits, points, (size, size), (-1, -1), stop).reshape(-1, 4, 2)
+        indices = np.flatnonzero(window == size)
+        points = np.ascontiguousarray(refined[indices].reshape(-1, 1, 2))
+        refined[indices] = cv2.cornerSubPix(bits, points, (size, size), (-1, -1), stop).reshape(-1, 4, 2)
     return refined.astype(float)
 
 

@@ -253,8 +253,8 @@ def turned_cycles(deviation: Array) -> list[int]:
     sided = np.where(turned, -of_cycle, of_cycle)
     fits = np.abs(np.abs(sided) - usual) <= _ALIKE * usual
     straight = reversal * np.where(turned, -1.0, 1.0)
-    left = straight - straight.mean(axis=1, keepdims=True)
-    noise = np.sqrt(np.sum(left**2) / max(left.size - len(left), 1) / len(left))
+    residual = straight - straight.mean(axis=1, keepdims=True)
+    noise = np.sqrt(np.sum(residual**2) / max(residual.size - len(residual), 1) / len(residual))
     if not turned.any() or not fits.all() or usual < _CLEAR * noise:
         return []
     return np.flatnonzero(turned).tolist()
@@ -277,10 +277,10 @@ def cycle_drift(deviation: Array) -> CycleDrift | None:
     cycles = deviation.shape[-1]
     if cycles < 4:
         return None
-    left = deviation - deviation.mean(axis=-1, keepdims=True)
-    mean = left.mean(axis=(0, 1))
+    residual = deviation - deviation.mean(axis=-1, keepdims=True)
+    mean = residual.mean(axis=(0, 1))
     groups = deviation.shape[0] * 2
-    rest = left - mean
+    rest = residual - mean
     between, within = groups * float(np.sum(mean**2)), float(np.sum(rest**2))
     freedom = (groups - 1.0) * (cycles - 1.0)
     at = np.arange(cycles) - 0.5 * (cycles - 1)

@@ -110,8 +110,8 @@ def _is_linear_in(z: Array, steps: RecordedSteps, rows: Index) -> bool:
     for values in (column[rows] for column in steps.covariates.values()):
         if np.isfinite(values).all() and np.ptp(values) > 0.0:
             off = values - values.mean()
-            left = z - z.mean() - off * (off @ z) / (off @ off)
-            if _p_value(left**2, len(z) - 2) > _BY_CHANCE:
+            residual = z - z.mean() - off * (off @ z) / (off @ off)
+            if _p_value(residual**2, len(z) - 2) > _BY_CHANCE:
                 return True
     return False
 
@@ -216,19 +216,19 @@ def fit_run(reading: ArrayLike, sigma: ArrayLike, columns: Array, terms: tuple[T
     scale = np.where(size > 0.0, size, 1.0)
     white = weight * np.where(is_observed, y, 0.0)
     theta = inverse @ (scaled.T @ white)
-    left = white - scaled @ theta
+    residual = white - scaled @ theta
     both = determined[:, None] & determined[None]
     covariance = np.where(both, inverse / np.outer(scale, scale), 0.0)
     covariance[~determined, ~determined] = np.inf
     with np.errstate(divide="ignore", invalid="ignore"):
-        residuals = np.where(is_observed, left / weight, np.nan)
+        residuals = np.where(is_observed, residual / weight, np.nan)
     return RunFit(
         terms,
         np.where(determined, theta / scale, np.nan),
         covariance,
         tuple(term for term, known in zip(terms, determined, strict=True) if not known),
         residuals,
-        float(left @ left),
+        float(residual @ residual),
         int(is_observed.sum() - mask.sum()),
     )
 
@@ -268,14 +268,14 @@ def widest_gaps(load: Array, run: Index, reading: Array, sigma: Array) -> dict[t
     load, reading and sigma (B, 6), SI, NaN if missing; run (B,) counts from 0.
     """
     loaded = np.stack([np.any(load[run == r] != 0.0, axis=0) for r in range(int(run.max(initial=-1)) + 1)])
-    found = {}
+    result = {}
     for axis in range(load.shape[1]):
         alone = [run == r for r in np.flatnonzero(loaded[:, axis] & (loaded.sum(1) == 1))]
         for k in range(reading.shape[1]):
             gaps = [_gap_of_run(load[rows, axis], reading[rows, k], sigma[rows, k]) for rows in alone]
             if met := [gap for gap in gaps if len(gap.load)]:
-                found[axis, k] = _widest(met)
-    return found
+                result[axis, k] = _widest(met)
+    return result
 
 
 def _gap_of_run(load: Array, reading: Array, sigma: Array) -> BranchGap:

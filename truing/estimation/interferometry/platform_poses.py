@@ -96,7 +96,7 @@ def platform_displacement(
     offset = shared_covariance @ (common.T @ measured - np.einsum("kiz,ki->z", gain, right))
     value = np.einsum("kij,kj->ki", inverse, right) - gain @ offset
     covariance = inverse + gain @ shared_covariance @ np.swapaxes(gain, 1, 2)
-    left = measured - np.einsum("ni,ni->n", white, value[case]) - common @ offset
+    residual = measured - np.einsum("ni,ni->n", white, value[case]) - common @ offset
     both = known[:, :, None] & known[:, None, :]
     covariance = np.where(both, covariance, np.where(np.eye(6, dtype=bool), np.inf, 0.0))
     return PlatformDisplacement(
@@ -106,7 +106,7 @@ def platform_displacement(
         offset,
         shared_covariance,
         np.where(known[..., None], gain, 0.0),
-        float(left @ left + np.sum(prior * offset**2)),
+        float(residual @ residual + np.sum(prior * offset**2)),
         int(is_observed.sum() - rank.sum() - np.sum(prior == 0.0)),
     )
 
@@ -276,6 +276,6 @@ def load_cases(steps: RecordedSteps) -> LoadCases:
     kind = np.column_stack([share, branch, steps.held_out])
     _, first, number = np.unique(kind, axis=0, return_index=True, return_inverse=True)
     order = np.argsort(first)
-    place = np.argsort(order)
+    index = np.argsort(order)
     first = first[order]
-    return LoadCases(place[number.ravel()], steps.load[first], branch[first], steps.held_out[first], branch)
+    return LoadCases(index[number.ravel()], steps.load[first], branch[first], steps.held_out[first], branch)

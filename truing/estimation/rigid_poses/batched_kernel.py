@@ -15,6 +15,7 @@ from __future__ import annotations
 from collections.abc import Callable
 from concurrent.futures import ThreadPoolExecutor
 from dataclasses import fields
+from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
@@ -76,6 +77,26 @@ ROTATION, TURN_INVERSE, CLEAR, _MISFIT = (
 _DET, _NORM, _COFACTORS, _ROOT = 54, 55, 56, 57  # characteristic polynomial
 _SKEWED, _STEP, _GAP, _RISE = 58, 59, 60, 61  # departure from orthogonality, last Newton step, Hessian
 _PP, _TP, _TT = 62, 68, 77  # covariance: position (6), theta x position (9), theta (6), target axes
+
+
+class PointPairs(NamedTuple):
+    """Clouds x, y (B or 1, N, 3) in m, weights w (B or 1, N), and variances (B or 1, N or 1) in m^2, or none."""
+
+    x: NDArray
+    y: NDArray
+    w: NDArray
+    noise: NDArray
+
+
+class PoseArrays(NamedTuple):
+    """Arrays to fill in: rotations (B, 3, 3), translations (B, 3), covariances (B, 6, 6), rms (B,) and number of used
+    points (B,)."""
+
+    R: NDArray
+    t: NDArray
+    covariance: NDArray
+    rms: NDArray
+    used: NDArray
 
 
 @inner
@@ -185,13 +206,12 @@ def solve_rotations(lane: NDArray) -> None:
 
 
 @inner
-def load_block(
-    x: NDArray, y: NDArray, w: NDArray, noise: NDArray, start: int, stop: int, points: NDArray, lane: NDArray
-) -> None:
+def load_block(pairs: PointPairs, start: int, stop: int, points: NDArray, lane: NDArray) -> None:
     """Rearrange poses into lanes and zero the registers; missing points become zeros.
 
     Lanes past stop repeat the last pose. An empty noise means that the scatter of the residuals is used.
     """
+    x, y, w, noise = pairs
     lane[:] = 0.0
     for j in range(LANES):
         b = min(start + j, stop - 1)
@@ -284,10 +304,9 @@ def propagate_noise(lane: NDArray, scatter: bool) -> None:
 
 
 @inner
-def store(
-    lane: NDArray, j: int, b: int, R: NDArray, t: NDArray, covariance: NDArray, rms: NDArray, used: NDArray
-) -> None:
+def store(lane: NDArray, j: int, b: int, poses: PoseArrays) -> None:
     """Write lane j as pose b to the output arrays; used is -1 for a lane without a verified result."""
+    R, t, covariance, rms, used = poses
     r, xc, yc = get9(lane, ROTATION, j), get3(lane, SOURCE_CENTRE, j), get3(lane, TARGET_CENTRE, j)
     moved = mix(1.0, yc, -1.0, apply(r, xc))
     pp, tp, tt = get6(lane, _PP, j), get9(lane, _TP, j), get6(lane, _TT, j)
@@ -302,30 +321,18 @@ def store(
 
 
 @compiled(simd_arithmetic.__file__, __file__)
-def solve_range(
-    x: NDArray,
-    y: NDArray,
-    w: NDArray,
-    noise: NDArray,
-    start: int,
-    stop: int,
-    R: NDArray,
-    t: NDArray,
-    covariance: NDArray,
-    rms: NDArray,
-    used: NDArray,
-) -> None:
+def solve_range(pairs: PointPairs, start: int, stop: int, poses: PoseArrays) -> None:
     """Solve the poses start..stop into the output arrays."""
-    points, lane = np.empty((x.shape[1], FIELDS * LANES)), np.empty(ROWS * LANES)
+    points, lane = np.empty((pairs.x.shape[1], FIELDS * LANES)), np.empty(ROWS * LANES)
     for first in range(start, stop, LANES):
-        load_block(x, y, w, noise, first, stop, points, lane)
+        load_block(pairs, first, stop, points, lane)
         accumulate_moments(points, lane)
         solve_rotations(lane)
         for n in range(len(points)):
             add_misfit(points, n, lane)
-        propagate_noise(lane, noise.shape[0] == 0)
+        propagate_noise(lane, pairs.noise.shape[0] == 0)
         for j in range(min(LANES, stop - first)):
-            store(lane, j, first + j, R, t, covariance, rms, used)
+            store(lane, j, first + j, poses)
 
 
 def solve(
@@ -344,10 +351,11 @@ def solve(
     (count,) = np.broadcast_shapes(*((len(a),) for a in (x, y, w)), (len(noise) or 1,))
     R, t, covariance = np.empty((count, 3, 3)), np.empty((count, 3)), np.empty((count, 6, 6))
     rms, used = np.empty(count), np.empty(count, np.int64)
+    pairs, poses = PointPairs(x, y, w, noise), PoseArrays(R, t, covariance, rms, used)
 
     def part(start: int) -> None:
         stop = min(start + _POSES_PER_TASK, count)
-        solve_range(x, y, w, noise, start, stop, R, t, covariance, rms, used)
+        solve_range(pairs, start, stop, poses)
 
     run_in_threads(part, range(0, count, _POSES_PER_TASK), threads)
     status = np.full(count, str(FitStatus.OK), np.array([str(s) for s in FitStatus]).dtype)

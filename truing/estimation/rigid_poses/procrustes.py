@@ -8,6 +8,7 @@ the first approximation (Baarda's S-transformation; Goodall, J. R. Stat. Soc. B 
 from __future__ import annotations
 
 from dataclasses import dataclass
+from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
@@ -229,7 +230,8 @@ def generalised_procrustes(
             break
         tau = renewed
     status = FitStatus.OK if converged and has_settled else FitStatus.NOT_CONVERGED
-    return _result(problem, state, normal, covariance, tau, has_pose, known, status, iterations)
+    outcome = _Outcome(has_pose, known, status, iterations)
+    return _result(problem, state, normal, covariance, tau, outcome)
 
 
 def _prepare(
@@ -369,17 +371,24 @@ def _fitted_share(state: _State, normal: _Normal, covariance: NDArray, arm: NDAr
     return pose_share + np.diagonal(covariance).reshape(-1, 3).sum(-1) + 2 * cross_share
 
 
+class _Outcome(NamedTuple):
+    """Masks of determined poses (B,) and targets (N,), with status and number of iterations."""
+
+    has_pose: NDArray
+    known: NDArray
+    status: FitStatus
+    iterations: int
+
+
 def _result(
     problem: _ObservedPoints,
     state: _State,
     normal: _Normal,
     covariance: NDArray,
     tau: NDArray,
-    has_pose: NDArray,
-    known: NDArray,
-    status: FitStatus,
-    iterations: int,
+    outcome: _Outcome,
 ) -> ProcrustesFit:
+    has_pose, known, status, iterations = outcome
     pose_covariance = np.linalg.inv(normal.pose) + normal.carried @ covariance @ np.swapaxes(normal.carried, -1, -2)
     squared_residual = np.sum((problem.y - state.shape @ np.swapaxes(state.R, -1, -2) - state.t[:, None]) ** 2, axis=-1)
     count = problem.is_observed.sum(axis=1)

@@ -9,6 +9,7 @@ from __future__ import annotations
 from collections.abc import Sequence
 from dataclasses import dataclass, fields, replace
 from enum import StrEnum
+from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
@@ -100,6 +101,15 @@ class RigidFit:
         return (target - self.t[..., None, :]) @ self.R / self.scale[..., None, None] - source
 
 
+class Motions(NamedTuple):
+    """Rotations R (B, 3, 3), translations t (B, 3) in m, scales (B,) and statuses (B,) of fits."""
+
+    R: NDArray
+    t: NDArray
+    scale: NDArray
+    status: NDArray
+
+
 def join_fits(fits: Sequence[RigidFit]) -> RigidFit:
     """Return the entries of one or more fits as one batch, in their order."""
     return RigidFit(*(np.concatenate(parts) for parts in zip(*(fit.entries() for fit in fits), strict=True)))
@@ -109,13 +119,10 @@ def solve_weighted(
     x: NDArray, y: NDArray, w: NDArray, *, with_scale: bool = False, sigma: ArrayLike | None = None
 ) -> RigidFit:
     """Return the result of `umeyama` for clouds checked by `check_correspondences`."""
-    R, t, scale, status = solve_motion(x, y, w, with_scale=with_scale)
-    return _assemble(x, y, w, R, t, scale, status, with_scale, sigma)
+    return _assemble(x, y, w, solve_motion(x, y, w, with_scale=with_scale), with_scale, sigma)
 
 
-def solve_motion(
-    x: NDArray, y: NDArray, w: NDArray, *, with_scale: bool = False
-) -> tuple[NDArray, NDArray, NDArray, NDArray]:
+def solve_motion(x: NDArray, y: NDArray, w: NDArray, *, with_scale: bool = False) -> Motions:
     """Return R (B, 3, 3), t (B, 3), scale (B,) and status (B,) of `solve_weighted`; meaningless where not OK."""
     total = np.maximum(w.sum(-1), np.finfo(float).tiny)
     centre_x, centre_y = weighted_centroid(x, w, total), weighted_centroid(y, w, total)
@@ -130,7 +137,7 @@ def solve_motion(
     if with_scale:
         scale = (s[:, 0] + s[:, 1] + handed * s[:, 2]) / np.where(spread[0] > 0, spread[0], 1.0)
     t = centre_y - scale[:, None] * np.einsum("bij,bj->bi", R, centre_x)
-    return R, t, scale, status
+    return Motions(R, t, scale, status)
 
 
 def check_correspondences(
@@ -187,16 +194,9 @@ def _coincident(spread: NDArray, centre: NDArray, total: NDArray) -> NDArray:
 
 
 def _assemble(
-    x: NDArray,
-    y: NDArray,
-    w: NDArray,
-    R: NDArray,
-    t: NDArray,
-    scale: NDArray,
-    status: NDArray,
-    with_scale: bool,
-    sigma: ArrayLike | None,
+    x: NDArray, y: NDArray, w: NDArray, motions: Motions, with_scale: bool, sigma: ArrayLike | None
 ) -> RigidFit:
+    R, t, scale, status = motions
     arm = scale[:, None, None] * (x @ np.swapaxes(R, -1, -2))
     misfit = weighted_square(y - arm - t[:, None], w)
     used, ok = np.count_nonzero(w, axis=-1), status == FitStatus.OK

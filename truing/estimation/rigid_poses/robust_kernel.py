@@ -22,6 +22,7 @@ from truing.estimation.rigid_poses.batched_kernel import (
     TARGET_CENTRE,
     TURN_INVERSE,
     WEIGHT,
+    PointPairs,
     accumulate_moments,
     load_block,
     solve_rotations,
@@ -55,7 +56,8 @@ def statuses(clouds: consensus_steps.Clouds) -> NDArray:
 def squared_residuals(clouds: consensus_steps.Clouds, members: NDArray) -> tuple[NDArray, NDArray]:
     """Same as `consensus_steps.squared_residuals`."""
     student, plain, clear = np.empty(members.shape), np.empty(members.shape), np.empty(len(members), bool)
-    residuals_of_poses(clouds.x, clouds.y, clouds.is_observed, clouds.sigma, members, student, plain, clear)
+    pairs = PointPairs(clouds.x, clouds.y, clouds.is_observed, np.empty((0, 1)))
+    residuals_of_poses(pairs, clouds.sigma, members, student, plain, clear)
     rest = np.flatnonzero(~clear)
     if len(rest):
         student[rest], plain[rest] = consensus_steps.squared_residuals(clouds[rest], members[rest])
@@ -105,20 +107,12 @@ def measure(points: NDArray, n: int, lane: NDArray) -> None:
 
 @compiled(*_SOURCES)
 def residuals_of_poses(
-    x: NDArray,
-    y: NDArray,
-    is_observed: NDArray,
-    sigma: NDArray,
-    members: NDArray,
-    student: NDArray,
-    plain: NDArray,
-    clear: NDArray,
+    pairs: PointPairs, sigma: NDArray, members: NDArray, student: NDArray, plain: NDArray, clear: NDArray
 ) -> None:
     """Fill in squared residuals (B, N) of the fit to members (B, N), and the mask (B,) of poses with a verified fit."""
-    points, lane = np.empty((x.shape[1], FIELDS * LANES)), np.empty(ROWS * LANES)
-    none = np.empty((0, 1))
+    points, lane = np.empty((pairs.x.shape[1], FIELDS * LANES)), np.empty(ROWS * LANES)
     for first in range(0, len(members), LANES):
-        load_block(x, y, is_observed, none, first, len(members), points, lane)
+        load_block(pairs, first, len(members), points, lane)
         load_members(sigma, members, first, points)
         accumulate_moments(points, lane)
         solve_rotations(lane)

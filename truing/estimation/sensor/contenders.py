@@ -84,13 +84,13 @@ def hold_out(table: LoadTable, model: CalibrationModel) -> HeldOutPredictions:
         raise ValueError(f"case {alone[0]}: found 1 row, expected at least 2, because each case has its own zero")
     errors = np.empty_like(table.loads)
     squares, freedom, log_density = np.zeros(len(table.cases)), np.zeros(len(table.cases)), 0.0
-    for place, case in enumerate(table.cases):
+    for index, case in enumerate(table.cases):
         out = table.case == case
         fit = _calibration_without_case(table.rows(~out), model, case)
         predicted = predicted_loads(fit, table.rows(out))
         miss = predicted.value - table.loads[out]
         spread = _spread(fit, predicted, table.rows(out))
-        squares[place], freedom[place], density = _misfit(miss, spread, model.zero == "case")
+        squares[index], freedom[index], density = _misfit(miss, spread, model.zero == "case")
         log_density += density
         errors[out] = miss - miss.mean(0) if model.zero == "case" else miss
     return HeldOutPredictions(fit_calibration(table, model), errors, squares, freedom, log_density)

@@ -131,8 +131,8 @@ def reading_sigma(series: AxisSeries) -> NDArray:
     columns = np.concatenate([np.eye(kind.max() + 1)[kind], series.cycle[:, None] == np.unique(series.cycle)], axis=1)
     values, _, rank, _ = np.linalg.lstsq(columns, series.reading, rcond=None)
     spare = len(series.load) - int(rank)
-    left = series.reading - columns @ values
-    return np.sqrt(np.sum(left**2, 0) / spare) if spare else np.full(series.reading.shape[1], np.nan)
+    residual = series.reading - columns @ values
+    return np.sqrt(np.sum(residual**2, 0) / spare) if spare else np.full(series.reading.shape[1], np.nan)
 
 
 def creep(

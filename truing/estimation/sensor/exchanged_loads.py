@@ -135,9 +135,9 @@ def least_difference(table: LoadTable, false_alarm: float = _FALSE_ALARM) -> NDA
     refused = np.flatnonzero(0.5 * (rows * place) ** 2 > _BY_CHANCE)
     if len(refused):
         least = float(tried[min(refused[-1] + 1, len(tried) - 1)])
-    found = np.zeros(table.loads.shape[1])
-    found[applied] = least * np.where(np.isfinite(sigma), sigma, 0.0)
-    return found
+    result = np.zeros(table.loads.shape[1])
+    result[applied] = least * np.where(np.isfinite(sigma), sigma, 0.0)
+    return result
 
 
 @dataclass(frozen=True)
@@ -277,11 +277,11 @@ def _suspected(whitened: NDArray, needed: float) -> tuple[NDArray, NDArray, int]
     size = np.sum(whitened**2, axis=1)
     rows = np.flatnonzero(np.any(np.abs(whitened) > _SUSPECT, axis=1))
     rows = rows[np.argsort(-size[rows], kind="stable")]
-    place = np.arange(len(rows))
-    partners = np.maximum(np.searchsorted(-size[rows], size[rows] - needed, side="right") - place - 1, 0)
+    index = np.arange(len(rows))
+    partners = np.maximum(np.searchsorted(-size[rows], size[rows] - needed, side="right") - index - 1, 0)
     is_taken = np.cumsum(partners) <= _MOST_PAIRS
     unseen, partners = int(partners[~is_taken].sum()), np.where(is_taken, partners, 0)
-    first = np.repeat(place, partners)
+    first = np.repeat(index, partners)
     second = first + 1 + np.arange(len(first)) - np.repeat(np.cumsum(partners) - partners, partners)
     pairs = np.sort(np.stack([rows[first], rows[second]]), axis=0)
     pairs = pairs[:, np.lexsort(pairs[::-1])]

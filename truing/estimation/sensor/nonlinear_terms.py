@@ -41,7 +41,7 @@ def detected_form(
 
     rows, width = loads.shape
     best, before = None, residual_sum_of([linear], loads, without_zeros, zeros)
-    for place, terms in enumerate(nonlinear_terms(inputs)):
+    for index, terms in enumerate(nonlinear_terms(inputs)):
         if rows < _ROWS_PER_COLUMN * (linear.shape[1] + terms.shape[1] + zeros):
             break
         after = residual_sum_of([linear, terms], loads, without_zeros, zeros)
@@ -49,7 +49,7 @@ def detected_form(
             continue
         ratio = (before.squares - after.squares) / more / after.mean_square
         if fdtrc(width * more, width * after.spare, ratio) < _UNLIKELY:
-            best, before = place, after
+            best, before = index, after
     return best
 
 

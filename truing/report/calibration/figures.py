@@ -159,11 +159,11 @@ def _symmetric(correlations: pd.DataFrame) -> tuple[list[str], np.ndarray]:
     kept = sorted(strength, key=lambda end: -strength[end])[:_PARAMETERS_SHOWN]
     order = [end for end in strength if end in set(kept)]
     order.sort(key=lambda end: end[0])
-    place = {end: k for k, end in enumerate(order)}
+    index_of = {end: k for k, end in enumerate(order)}
     values = 100 * np.eye(len(order), dtype=np.int8)
     for a, b, r in zip(*pairs, correlations["correlation"], strict=True):
-        if a in place and b in place:
-            values[place[a], place[b]] = values[place[b], place[a]] = round(100 * r)
+        if a in index_of and b in index_of:
+            values[index_of[a], index_of[b]] = values[index_of[b], index_of[a]] = round(100 * r)
     names = [label(name_of(name, leg if np.isfinite(leg) else np.nan)) for leg, name in order]
     return names, values
 

@@ -66,8 +66,8 @@ class RunComparison:
 
     def assessed(self, step: int) -> pd.DataFrame:
         """Return the assessed numbers of the run after a step (0 is from the first run to the second)."""
-        own = self.numbers[self.numbers["place"] == step + 2]
-        return own[own["z"].notna() | own["changed"]]
+        rows = self.numbers[self.numbers["place"] == step + 2]
+        return rows[rows["z"].notna() | rows["changed"]]
 
     def heads(self, meaning: str) -> tuple[Head, ...]:
         """Return a head per run, its label, with what a cell of its column holds: one sentence."""
@@ -148,10 +148,10 @@ def quality(comparison: RunComparison) -> ReportSection:
     counts = [_counts(run.tables) for run in comparison.runs]
     totals = [(verdict, *(str(count[verdict]) for count in counts)) for verdict in _ORDER]
     checks: dict[tuple[str, str], dict[int, tuple[str, str]]] = {}
-    for place, run in enumerate(comparison.runs):
+    for index, run in enumerate(comparison.runs):
         qa = table_or_none(run.tables, "qa")
         for r in () if qa is None else qa.itertuples():
-            checks.setdefault((r.check, r.subject or ""), {})[place] = _check(r)
+            checks.setdefault((r.check, r.subject or ""), {})[index] = _check(r)
     differing = {key: check for key, check in checks.items() if _LOOKED_AT & {verdict for verdict, _ in check.values()}}
     rows = [(*key, *(own.get(k, _MISSING)[1] for k in range(len(comparison.runs)))) for key, own in differing.items()]
     marks = [_mark({verdict for verdict, _ in own.values()}, "fail", "warn", "none") for own in differing.values()]

@@ -236,13 +236,13 @@ def _mark(comparison: RunComparison, step: int) -> str:
 def _step(comparison: RunComparison, step: int) -> str:
     if not len(comparison.assessed(step)):
         return f"{comparison.pair(step)}: {_why_words(comparison, step)}"
-    own = comparison.numbers[comparison.numbers["place"] == step + 2]
+    rows = comparison.numbers[comparison.numbers["place"] == step + 2]
     words = (
         _step_words(comparison, step)
         if has_changed(comparison, step)
         else f"{comparison.pair(step)}: none of {count(len(comparison.assessed(step)), 'number')} changed."
     )
-    left = own[own["z"].isna() & ~own["changed"]]
+    left = rows[rows["z"].isna() & ~rows["changed"]]
     reasons = "; ".join(f"{n} {why}" for why, n in left["reason"].value_counts().items())
     return f"{words} Left out: {reasons}." if reasons else words
 
@@ -265,7 +265,7 @@ def _trends(comparison: RunComparison) -> ReportSection | None:
 
 
 def _effects(comparison: RunComparison) -> ReportSection:
-    names = [_effects_found(comparison, place) for place in range(len(comparison.runs))]
+    names = [_effects_found(comparison, index) for index in range(len(comparison.runs))]
     every = list(dict.fromkeys(name for own in names for name in own))
     rows = tuple((name, *("found" if name in own else "–" for own in names)) for name in every)
     if not rows:

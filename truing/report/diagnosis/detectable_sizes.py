@@ -30,11 +30,11 @@ def hidden(rows: list[AssessedCause], tables: Tables) -> ReportSection:
         return ReportSection(
             "hidden", _TITLE, why, listings=(reported,) if reported.rows else (), state="not evaluated"
         )
-    table = table.assign(subject=table["subject"].map(cell), told=size_words(table))
+    table = table.assign(subject=table["subject"].map(cell), words=size_words(table))
     contained_causes = {row.cause for row in rows if row.reason_code == "contained"}
-    table.loc[table["cause"].isin(contained_causes) & table["size"].isna(), "told"] = _HELD
+    table.loc[table["cause"].isin(contained_causes) & table["size"].isna(), "words"] = _HELD
     found = {row.cause for row in rows if row.verdict in (FOUND, SUSPECTED)}
-    table.loc[table["cause"].isin(found) & table["size"].isna(), "told"] = _BEYOND
+    table.loc[table["cause"].isin(found) & table["size"].isna(), "words"] = _BEYOND
     return ReportSection(
         "hidden", _TITLE, _opening_sentences(table), listings=(_by_cause(table, rows), _full_listing(table))
     )
@@ -52,7 +52,7 @@ def _opening_sentences(table: pd.DataFrame) -> str:
     power = float(table["power"].median())
     text = f"An effect of the size shown would have been found with a probability of {100 * power:.0f} %; smaller "
     text += "effects may be present."
-    never = [cause for cause, group in table.groupby("cause", sort=False) if (group["told"] == _NEVER).all()]
+    never = [cause for cause, group in table.groupby("cause", sort=False) if (group["words"] == _NEVER).all()]
     if never:
         text += f" This campaign cannot show {', '.join(cause_words(str(c)) for c in never)} at any plausible size."
     return text
@@ -105,14 +105,14 @@ def _subject_words(table: pd.DataFrame) -> str:
 def _from_to(table: pd.DataFrame) -> tuple[str, str]:
     known = table.dropna(subset="size")
     if not len(known):
-        return str(table["told"].iloc[0]), str(table["told"].iloc[0])
-    best, worst = known.loc[known["size"].idxmin(), "told"], known.loc[known["size"].idxmax(), "told"]
+        return str(table["words"].iloc[0]), str(table["words"].iloc[0])
+    best, worst = known.loc[known["size"].idxmin(), "words"], known.loc[known["size"].idxmax(), "words"]
     return str(best), str(worst) if len(known) == len(table) else _NEVER
 
 
 def _full_listing(table: pd.DataFrame) -> Listing:
     rows = tuple(
-        (cause_words(r.cause), subject_words(r.subject), few(str(r.parameter)), r.told, f"{100 * r.power:.0f} %")
+        (cause_words(r.cause), subject_words(r.subject), few(str(r.parameter)), r.words, f"{100 * r.power:.0f} %")
         for r in table.itertuples()
     )
     heads = (

@@ -211,16 +211,16 @@ def pull_figure(table: pd.DataFrame, columns: Mapping[str, str], title: str, axi
     order = list(dict.fromkeys(kinds))[:_KINDS]
     shown = table.assign(kind=kinds)
     shown = shown[shown["kind"].isin(order)]
-    place = {kind: k for k, kind in enumerate(order)}
+    index_of = {kind: k for k, kind in enumerate(order)}
     figure = go.Figure()
     figure.add_hrect(y0=-_BAND, y1=_BAND, fillcolor=GREY, opacity=0.15, line={"width": 0})
     looks = _LOOK if len(columns) > 1 else _LOOK[1:]
     for (column, words), look in zip(columns.items(), looks, strict=True):
-        figure.add_trace(_marks(shown, place, column, words, look))
+        figure.add_trace(_marks(shown, index_of, column, words, look))
     clipped = bool((shown[list(columns)].abs() > _CLIPPED).to_numpy().any())
     edge = f". Beyond {_CLIPPED:g}: drawn at the edge" if clipped else ""
     style(figure, title, f"One mark per leg; grey: 95 % range by chance{edge}", 420)
-    ticks = {"tickvals": list(place.values()), "ticktext": [label(kind) for kind in order]}
+    ticks = {"tickvals": list(index_of.values()), "ticktext": [label(kind) for kind in order]}
     figure.update_xaxes(**ticks, showgrid=False, zeroline=False, range=[-0.6, len(order) - 0.4])
     figure.update_yaxes(title_text=axis, zeroline=True, zerolinecolor=GREY)
     legend = {"orientation": "h", "y": 1.0, "yanchor": "bottom", "x": 0.0}

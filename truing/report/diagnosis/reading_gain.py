@@ -123,7 +123,7 @@ def against_load(misses: pd.DataFrame, modelled: bool) -> go.Figure:
     titles = [f"{label(c)} under {a} ({sign(_unit(misses, c))})" for c, a in panels]
     figure = make_subplots(rows, 2, subplot_titles=titles, vertical_spacing=0.34 / rows, horizontal_spacing=0.12)
     shapes: list[dict[str, Any]] = []
-    for place, (channel, axis) in enumerate(panels):
+    for index, (channel, axis) in enumerate(panels):
         readings_under_load = _readings_under_load(misses, channel, axis)
         for when, words, colour, _ in _series(modelled):
             for back, symbol in ((False, "triangle-up"), (True, "triangle-down")):
@@ -136,14 +136,14 @@ def against_load(misses: pd.DataFrame, modelled: bool) -> go.Figure:
                         marker={"color": colour, "symbol": f"{symbol}-open" if when == "before" else symbol, "size": 7},
                         name=words,
                         legendgroup=when,
-                        showlegend=place == 0 and not back,
+                        showlegend=index == 0 and not back,
                         hovertemplate="%{x} " + LOAD_UNITS[axis] + ": %{y:.3g}<extra>" + words + "</extra>",
                     ),
-                    place // 2 + 1,
-                    place % 2 + 1,
+                    index // 2 + 1,
+                    index % 2 + 1,
                 )
-        shapes += _band(readings_under_load, place + 1)
-        figure.update_xaxes(title_text=f"{axis} ({LOAD_UNITS[axis]})", row=place // 2 + 1, col=place % 2 + 1)
+        shapes += _band(readings_under_load, index + 1)
+        figure.update_xaxes(title_text=f"{axis} ({LOAD_UNITS[axis]})", row=index // 2 + 1, col=index % 2 + 1)
     words = "Measured − predicted, where largest relative to the noise (grey: 95 %). Marks pointing up: loading"
     style(figure, "Errors of the predictions against the load", words, 160 + 270 * rows)
     figure.update_yaxes(zeroline=True, zerolinecolor=GREY)

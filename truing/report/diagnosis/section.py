@@ -5,7 +5,6 @@ from __future__ import annotations
 import math
 import re
 from statistics import NormalDist
-from typing import Any
 
 import pandas as pd
 import plotly.graph_objects as go
@@ -244,5 +243,5 @@ def _cells(size: ParameterSize) -> tuple[str, str, str]:
     return text, number, sign(size.unit)
 
 
-def _text(value: Any) -> str:
+def _text(value: object) -> str:
     return "" if value is None else str(value)

@@ -93,9 +93,9 @@ def _shown_poses(points: pd.DataFrame, images: pd.DataFrame) -> list[Any]:
 def _gain(points: pd.DataFrame, images: pd.DataFrame) -> float:
     """Return the amplification that makes uncertainties visible at the scale of the cameras' distance."""
     pose = points["pose"].iloc[0]
-    place = points.loc[points["pose"] == pose, ["x_mm", "y_mm", "z_mm"]].to_numpy()
+    position = points.loc[points["pose"] == pose, ["x_mm", "y_mm", "z_mm"]].to_numpy()
     centre = images.loc[images["pose"] == pose, ["px_mm", "py_mm", "pz_mm"]].to_numpy()
-    extent = float(np.ptp(np.concatenate([place, centre]), axis=0).max())
+    extent = float(np.ptp(np.concatenate([position, centre]), axis=0).max())
     sigma = float(np.median(points[SIGMA].max(axis=1)))
     return round_gain(_ELLIPSOID * extent / max(sigma, 1e-9))
 
@@ -105,13 +105,13 @@ def _traces(
 ) -> list[Any]:
     from scipy.spatial.transform import Rotation
 
-    place = points[["x_mm", "y_mm", "z_mm"]].to_numpy()
+    position = points[["x_mm", "y_mm", "z_mm"]].to_numpy()
     centre = images[["px_mm", "py_mm", "pz_mm"]].to_numpy()
     R = Rotation.from_rotvec(np.array(images[["rx_rad", "ry_rad", "rz_rad"]])).as_matrix()
-    view = _view(place, centre)
-    middle = place.mean(axis=0)
+    view = _view(position, centre)
+    middle = position.mean(axis=0)
     frusta = _frusta(
-        R, centre, images, cameras, _FRUSTUM * float(np.ptp(np.concatenate([place, centre]), axis=0).max())
+        R, centre, images, cameras, _FRUSTUM * float(np.ptp(np.concatenate([position, centre]), axis=0).max())
     )
     drawn = [
         _lines((frusta - middle) @ view.T, "camera", GREY, 2.0),
@@ -123,8 +123,8 @@ def _traces(
         if not values.any():
             continue
         name = str(body) or "without a body"
-        drawn.append(_dots((place[values] - middle) @ view.T, _point_words(points[values]), name, colour, 2.0))
-        outlines = (shape[values] + place[values][:, None] - middle).reshape(-1, 3) @ view.T
+        drawn.append(_dots((position[values] - middle) @ view.T, _point_words(points[values]), name, colour, 2.0))
+        outlines = (shape[values] + position[values][:, None] - middle).reshape(-1, 3) @ view.T
         drawn.append(_lines(outlines, f"{name}, uncertainty", colour, 1.5, legend=False))
     return drawn
 

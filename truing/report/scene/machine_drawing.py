@@ -134,11 +134,11 @@ def _chain(tables: Tables, named: Named) -> _Shape | None:
     if nodes is None:
         return None
     shape = _Shape()
-    places, origins = nodes[XYZ].to_numpy(float), nodes[_ORIGIN].to_numpy(float)
-    links = [np.stack([places[b], origins[k], places[k]]) for k, b in enumerate(nodes["below"]) if b >= 0]
+    positions, origins = nodes[XYZ].to_numpy(float), nodes[_ORIGIN].to_numpy(float)
+    links = [np.stack([positions[b], origins[k], positions[k]]) for k, b in enumerate(nodes["below"]) if b >= 0]
     shape.lines += [("leg", points) for points in links]
     moves = (nodes["joint_kind"] != "fixed").to_numpy()
-    size = 0.05 * max(float(np.ptp(places, axis=0).max()), 1.0)
+    size = 0.05 * max(float(np.ptp(positions, axis=0).max()), 1.0)
     axes = nodes[_AXIS].to_numpy(float)
     for joint_node in np.flatnonzero(moves):
         joint = cell(nodes["joint"].iloc[joint_node])
@@ -147,16 +147,16 @@ def _chain(tables: Tables, named: Named) -> _Shape | None:
             (f"base{_FAILING * is_failing}", origins[joint_node] + size * np.outer([-1.0, 1.0], axes[joint_node]))
         )
         if is_failing:
-            shape.labels.append((joint, origins[joint_node], places.mean(axis=0)))
+            shape.labels.append((joint, origins[joint_node], positions.mean(axis=0)))
     ends = [(0, str(nodes["link"].iloc[0])), *((int(k), str(nodes["link"].iloc[k])) for k in _tips(nodes))]
     for k, name in ends:
-        shape.frames.append((name, places[k], nodes.loc[k, _ENTRIES].to_numpy(float).reshape(3, 3)))
+        shape.frames.append((name, positions[k], nodes.loc[k, _ENTRIES].to_numpy(float).reshape(3, 3)))
     survey = table_or_none(tables, "survey")
     for k, node in enumerate(nodes["link"]):
         if survey is None:
             break
         turn = nodes.loc[k, _ENTRIES].to_numpy(float).reshape(3, 3)
-        _add_targets(shape, survey, str(node), (places[k], turn), named)
+        _add_targets(shape, survey, str(node), (positions[k], turn), named)
     return shape
 
 
@@ -167,15 +167,15 @@ def _tips(nodes: pd.DataFrame) -> NDArray[np.intp]:
 def _add_targets(shape: _Shape, places: pd.DataFrame, body: str, at: tuple[_Points, _Points], named: Named) -> None:
     """Add the targets of a body that stands at a place (3,) with a rotation (3, 3); those that are named apart, or all
     of a named body of which none is."""
-    own = places[places["body"] == body].dropna(subset=XYZ)[:_MOST_TARGETS]
+    rows = places[places["body"] == body].dropna(subset=XYZ)[:_MOST_TARGETS]
     origin, turn = at
-    points = own[XYZ].to_numpy(float) @ turn.T + origin
-    failing = np.array([name in named for name in own["target"]], dtype=bool)
+    points = rows[XYZ].to_numpy(float) @ turn.T + origin
+    failing = np.array([name in named for name in rows["target"]], dtype=bool)
     if body in named and not failing.any():
-        failing = np.ones(len(own), dtype=bool)
+        failing = np.ones(len(rows), dtype=bool)
     elif failing.any():
         middle = points.mean(axis=0)
-        names = zip(own["target"][failing], points[failing], strict=True)
+        names = zip(rows["target"][failing], points[failing], strict=True)
         shape.labels += [(str(name), point, middle) for name, point in names]
     kind = "fixed" if body == "base" else "target"
     for chosen, more in ((~failing, ""), (failing, _FAILING)):

@@ -96,11 +96,11 @@ def _points(
     targets: pd.DataFrame, residuals: pd.DataFrame, poses: list[Any]
 ) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
     """Return places and displacements (S, N, 3) in the targets' own bodies, NaN where a pose has none."""
-    places = np.broadcast_to(targets[XYZ].to_numpy(dtype=float), (len(poses), len(targets), 3)).copy()
+    positions = np.broadcast_to(targets[XYZ].to_numpy(dtype=float), (len(poses), len(targets), 3)).copy()
     kept = residuals[~residuals["rejected"]].set_index(["pose", "body", "target"])[SHIFT]
     keys = [(pose, b, t) for pose in poses for b, t in zip(targets["body"], targets["target"], strict=True)]
     shifts = kept.reindex(keys).to_numpy(dtype=float, copy=True).reshape(len(poses), len(targets), 3)
-    return places, shifts
+    return positions, shifts
 
 
 _Motions = dict[str, tuple[NDArray[np.float64], NDArray[np.float64]]]

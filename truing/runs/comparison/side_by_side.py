@@ -70,8 +70,8 @@ def side_by_side(runs: Sequence[Run]) -> SideBySide:
     for number, before, assessed in zip(numbers[1:], numbers, steps, strict=False):
         parts.append(_with_changes(number, before, [step.rows for step in assessed if len(step.rows)]))
     reported = [
-        part.assign(place=place, folder=str(run.folder), campaign=run.campaign)
-        for place, (part, run) in enumerate(zip(parts, runs, strict=True), start=1)
+        part.assign(place=index, folder=str(run.folder), campaign=run.campaign)
+        for index, (part, run) in enumerate(zip(parts, runs, strict=True), start=1)
     ]
     return SideBySide(pd.concat(reported, ignore_index=True).reindex(columns=ARTIFACTS["compared"].columns), steps)
 
@@ -86,7 +86,7 @@ def compared_table(comparison: SideBySide) -> pa.Table:
     return pa.table(columns, schema)
 
 
-def _missing(value: Any) -> bool:
+def _missing(value: object) -> bool:
     return value is None or value != value
 
 

@@ -117,12 +117,12 @@ def si_unit(unit: str) -> tuple[float, str] | None:
     """Return the factor to SI and the D-SI unit of ``N m/mV``, ``1/K``, ``m/(N m)``; None for an unknown unit."""
     parts = unit.strip().split("/")
     factor, written = 1.0, []
-    for place, part in enumerate(parts):
+    for index, part in enumerate(parts):
         for token in part.strip().strip("()").replace("*", " ").split():
             match = _PART.match(token)
             if match is None or match[1] not in _BASE:
                 return None
-            power = int(match[2] or 1) * (-1 if place else 1)
+            power = int(match[2] or 1) * (-1 if index else 1)
             scale, name = _BASE[match[1]]
             factor *= scale**power
             if name:
@@ -250,11 +250,11 @@ def _administration(parent: Element, run: Run, document: Certificate, found: _Qu
     optional(laboratory, "calibrationLaboratoryCode", document.laboratory_code)
     _contact(dcc(laboratory, "contact"), document.laboratory)
     persons = dcc(parent, "respPersons")
-    for place, person in enumerate(document.persons):
+    for index, person in enumerate(document.persons):
         entry = dcc(persons, "respPerson")
         text(dcc(entry, "person"), "name", str(person.name))
         optional(entry, "role", person.role)
-        dcc(entry, "mainSigner", "false" if place else "true")
+        dcc(entry, "mainSigner", "false" if index else "true")
     _contact(dcc(parent, "customer"), document.customer)
     statements = dcc(parent, "statements")
     _statement(statements, "Uncertainty", statement(found.results))

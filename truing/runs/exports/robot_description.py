@@ -237,9 +237,9 @@ def _offsets(model: ExtendedChain, warned: Mapping[tuple[str, str], str]) -> Ite
         node, slope = tree.node_of(k), np.zeros(len(model.covariance))
         axis = axis_twist(tree.nodes[node])
         value = float(axis @ model.twists[node])
-        place = np.flatnonzero(model.moved == node)
-        if len(place):
-            slope[6 * place[0] : 6 * place[0] + 6] = axis
+        index = np.flatnonzero(model.moved == node)
+        if len(index):
+            slope[6 * index[0] : 6 * index[0] + 6] = axis
         causes = []
         for effect in model.effects:
             if isinstance(cause := effect.cause, JointOffset) and cause.joint == joint:

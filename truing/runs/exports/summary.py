@@ -8,6 +8,7 @@ from typing import Any
 
 import pandas as pd
 
+from truing.arrays import TableRow
 from truing.report.calibration.calibrations import main_calibration, rows_of
 from truing.runs.recorded_run import Run
 
@@ -95,7 +96,7 @@ def _uncertainty(run: Run) -> dict[str, Any]:
     return reported
 
 
-def _rows(table: pd.DataFrame) -> list[dict[str, Any]]:
+def _rows(table: pd.DataFrame) -> list[TableRow]:
     """Return rows for JSON, with null for missing or infinite numbers."""
-    rows: list[dict[str, Any]] = json.loads(table.to_json(orient="records", double_precision=15))
+    rows: list[TableRow] = json.loads(table.to_json(orient="records", double_precision=15))
     return rows

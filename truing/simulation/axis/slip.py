@@ -70,5 +70,5 @@ def _distinct(rows: AxisRows) -> float:
     columns = [np.ones_like(path), rows.command, rows.order, rows.time_s]
     scaled = [(column - column.mean()) / (np.std(column) or 1.0) for column in columns[1:] if np.isfinite(column).all()]
     design = np.stack([columns[0], *scaled], 1)
-    left = path - design @ np.linalg.lstsq(design, path, rcond=None)[0]
-    return float(np.std(left) / (np.std(path) or 1.0))
+    residual = path - design @ np.linalg.lstsq(design, path, rcond=None)[0]
+    return float(np.std(residual) / (np.std(path) or 1.0))

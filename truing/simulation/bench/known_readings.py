@@ -128,9 +128,9 @@ class ChannelZeros:
 
     def at(self, run: NDArray, channels: int) -> NDArray:
         """Return the index (B, K) of the zero of each reading; -1 for none."""
-        places = {(label, channel): n for n, (label, channel) in enumerate(zip(self.run, self.channel, strict=True))}
+        index_of = {(label, channel): n for n, (label, channel) in enumerate(zip(self.run, self.channel, strict=True))}
         labels = run.tolist()
-        return np.array([[places.get((label, k), -1) for k in range(channels)] for label in labels]).reshape(
+        return np.array([[index_of.get((label, k), -1) for k in range(channels)] for label in labels]).reshape(
             -1, channels
         )
 
@@ -243,10 +243,10 @@ def zeros_of_steps(
     zeros = zeros_of(run_names(steps)[fitted], is_observed[fitted], typical, signals=steps.signal.shape[1])
     noise = typical[: len(CHANNELS)]
     spread = zeros_of_runs(steps, steps.reading, noise).spread(noise)
-    place = {label: number for number, label in enumerate(np.array(steps.runs).tolist())}
-    places = np.flatnonzero(zeros.channel < len(CHANNELS))
+    index_of = {label: number for number, label in enumerate(np.array(steps.runs).tolist())}
+    indices = np.flatnonzero(zeros.channel < len(CHANNELS))
     sigma = zeros.sigma.copy()
-    sigma[places] = spread[[place[label] for label in zeros.run[places].tolist()], zeros.channel[places]]
+    sigma[indices] = spread[[index_of[label] for label in zeros.run[indices].tolist()], zeros.channel[indices]]
     zeros = replace(zeros, sigma=sigma)
     if tared is None:
         return zeros

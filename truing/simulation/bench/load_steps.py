@@ -76,7 +76,7 @@ class LoadSteps:
     @cached_property
     def _in_run(self) -> list[NDArray]:
         """Steps (n,) at each position in their runs."""
-        return [np.flatnonzero(self.rank == place) for place in range(int(self.rank.max(initial=-1)) + 1)]
+        return [np.flatnonzero(self.rank == index) for index in range(int(self.rank.max(initial=-1)) + 1)]
 
     @cached_property
     def rank(self) -> NDArray:
@@ -212,10 +212,10 @@ class LoadSteps:
         share = self.share
         ahead, slope = np.zeros(share.shape), np.zeros(share.shape)
         for again in (False, True) if exercised else (False,):
-            for place, rows_of_step in enumerate(self._in_run):
+            for index, rows_of_step in enumerate(self._in_run):
                 before, at_rest = (
-                    self.before[rows_of_step] if place else self._last_in_run[rows_of_step],
-                    not (place or again),
+                    self.before[rows_of_step] if index else self._last_in_run[rows_of_step],
+                    not (index or again),
                 )
                 free = share[rows_of_step] if at_rest else ahead[before] + share[rows_of_step] - share[before]
                 slope_before = 0.0 if at_rest else slope[before]

@@ -298,8 +298,8 @@ class BenchModel(ChannelModel[ReadingCause]):
         """Derivatives (B, 6, H) of wrenches by the load errors of a step, on the axes that it loads."""
         load = self.conditions.load
         errors = np.zeros((*load.shape, self.local_size))
-        for place, axis in enumerate(self._noisy):
-            errors[:, axis, place] = self.known.load_sigma[axis] * (load[:, axis] != 0.0)
+        for index, axis in enumerate(self._noisy):
+            errors[:, axis, index] = self.known.load_sigma[axis] * (load[:, axis] != 0.0)
         return errors
 
     @cached_property

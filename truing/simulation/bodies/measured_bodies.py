@@ -105,12 +105,12 @@ def measured_body(
     else:
         sits = with_declared_noise(shape_cov, max(noise, _ROUNDING_M))
     known = points.is_observed & fit.ok[:, None]
-    places = np.where(known[..., None], np.einsum("bji,bkj->bki", R, right - t[:, None]), 0.0)
+    positions = np.where(known[..., None], np.einsum("bji,bkj->bki", R, right - t[:, None]), 0.0)
     sigma = float(np.sqrt(np.median(np.trace(cov[known], axis1=-2, axis2=-1)) / 3))
     loose = _position_looseness(name, points.targets, shape, trusted)
-    is_observed = assessed.kept & known & (trusted | ~lonely_places(places, known, order, sigma, loose))
-    changes = changes_of_place(places, is_observed, order, sigma, loose)
-    is_observed &= ~stray_places(places, is_observed, order, sigma, changes, loose)
+    is_observed = assessed.kept & known & (trusted | ~lonely_places(positions, known, order, sigma, loose))
+    changes = changes_of_place(positions, is_observed, order, sigma, loose)
+    is_observed &= ~stray_places(positions, is_observed, order, sigma, changes, loose)
     moved = evident_displacements(name, points, shape, order, changes)
     ok = fit.ok & (is_observed.sum(1) >= FEWEST_TARGETS)
     swapped = tuple(swapped_targets(name, points.targets, points.poses, order, assessed.exchanges))
@@ -316,8 +316,8 @@ def fixed_body(body: BodyTargets, level: Index, order: Array) -> BodyPlaces:
     each pose."""
     R, t, middle = body.R.copy(), body.t.copy(), body.shape.mean(0)
     centre = body.t + body.R @ middle
-    for place in range(level.max() + 1):
-        own = level == place
+    for index in range(level.max() + 1):
+        own = level == index
         known = own & body.ok
         if known.any():
             first = body.R[known][0]
@@ -346,8 +346,8 @@ def _steps(body: BodyTargets, level: Index, order: Array) -> Array:
     """Return the steps (n, 6) between successive poses at the same place, divided by the root of two."""
     centre, found = body.t + body.R @ body.shape.mean(0), []
     in_time = np.argsort(order, kind="stable")
-    for place in range(level.max() + 1):
-        rows = in_time[(body.ok & (level == place))[in_time]]
+    for index in range(level.max() + 1):
+        rows = in_time[(body.ok & (level == index))[in_time]]
         turned = log_so3(body.R[rows][1:] @ np.swapaxes(body.R[rows][:-1], 1, 2))
         found.append(np.concatenate([np.diff(centre[rows], axis=0), turned], 1))
     return np.concatenate(found) / np.sqrt(2.0)

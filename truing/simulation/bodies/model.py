@@ -313,6 +313,6 @@ class BodyModel(RecordedModel):
             cause = effect.cause
             if cause.step is Step.STRUCTURE and len(effect.values):
                 slope = cause.change(recording.forward_pass.at(cause), effect.values).fields.get("moved", _NOT_MOVED)
-                places = np.flatnonzero(np.any(slope != 0.0, (0, 2, 3)))  # few targets of many
-                motion = recording.state.turn[:, places] @ (slope[:, places] * self.effect_sigma(cause))
-                by_shared[:, places, :, self.layout[cause.key]] = motion
+                indices = np.flatnonzero(np.any(slope != 0.0, (0, 2, 3)))  # few targets of many
+                motion = recording.state.turn[:, indices] @ (slope[:, indices] * self.effect_sigma(cause))
+                by_shared[:, indices, :, self.layout[cause.key]] = motion

@@ -90,11 +90,13 @@ def extended(model: MechanismModel, shared: NDArray, covariance: NDArray, contex
 def with_targets(model: MechanismModel, targets_on_body: NDArray) -> MechanismModel:
     """Return the model with some of its targets (K,), none on a leg, at their surveyed positions."""
     found, known = model.targets, model.known
-    places = np.flatnonzero(targets_on_body)
-    names, bodies = (tuple(reported[k] for k in places) if reported else () for reported in (found.names, found.bodies))
-    targets = Targets(found.body[places], found.leg[places], names, bodies)
+    indices = np.flatnonzero(targets_on_body)
+    names, bodies = (
+        tuple(reported[k] for k in indices) if reported else () for reported in (found.names, found.bodies)
+    )
+    targets = Targets(found.body[indices], found.leg[indices], names, bodies)
     # The covariance already contains the prior knowledge.
-    surveyed = replace(known, shape=known.shape[places], survey=exact_survey(targets), carrying_legs=np.arange(0))
+    surveyed = replace(known, shape=known.shape[indices], survey=exact_survey(targets), carrying_legs=np.arange(0))
     conditions = replace(model.conditions, common_errors=None, pose_errors=None)
     alone = replace(model, photographed=None, prior_campaign=None)
     return replace(alone, targets=targets, known=surveyed, conditions=conditions)
@@ -328,11 +330,11 @@ def _model(document: dict[str, Any], nominal: Legs, causes: tuple[PointCause, ..
         tuple(str(entry["target"]) for entry in listed),
         tuple(str(entry["body"]) for entry in listed),
     )
-    places = np.array([entry["place_mm"] for entry in listed], float).reshape(-1, 3) * 1e-3
+    positions = np.array([entry["place_mm"] for entry in listed], float).reshape(-1, 3) * 1e-3
     prior = dict(document["prior"])
     opened = tuple(prior.pop("open"))
     geometry = {name: float(sigma) for name, sigma in prior.items() if sigma > 0}
-    known = bare_known(geometry, places, targets, nominal.count, about["reading_sigma_mm"] * 1e-3)
+    known = bare_known(geometry, positions, targets, nominal.count, about["reading_sigma_mm"] * 1e-3)
     known = replace(known, open_geometry=opened, reference_temperature_c=about["reference_temperature_c"])
     return MechanismModel(targets, Conditions(nominal.rho0[None]), nominal, known, causes=causes)
 

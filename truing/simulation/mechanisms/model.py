@@ -253,16 +253,16 @@ class MechanismModel(RecordedModel):
 
     def survey_rows(self, shared: NDArray) -> tuple[NDArray, NDArray]:
         """Return the survey of targets on attachments as whitened residuals and derivatives of b."""
-        places = np.flatnonzero(self.targets.at_attachment)
-        carrying_legs, factor = self.targets.leg[places], self.known.survey.attachment_factor
-        gap = self.known.shape[places] - self.legs(shared).b[carrying_legs]
-        derivative = np.zeros((len(places), 3, self.shared_size))
+        indices = np.flatnonzero(self.targets.at_attachment)
+        carrying_legs, factor = self.targets.leg[indices], self.known.survey.attachment_factor
+        gap = self.known.shape[indices] - self.legs(shared).b[carrying_legs]
+        derivative = np.zeros((len(indices), 3, self.shared_size))
         if "b" in self.layout:
             sigma, first = self.known.geometry["b"], self.layout["b"].start
             for axis in range(3):
-                derivative[np.arange(len(places)), axis, first + 3 * carrying_legs + axis] = sigma
+                derivative[np.arange(len(indices)), axis, first + 3 * carrying_legs + axis] = sigma
         return np.linalg.solve(factor, gap.ravel()), np.linalg.solve(
-            factor, derivative.reshape(3 * len(places), self.shared_size)
+            factor, derivative.reshape(3 * len(indices), self.shared_size)
         )
 
     @property
@@ -437,23 +437,23 @@ class MechanismModel(RecordedModel):
         seat_rotation, offset = self._seat_of_legs(shared)
         pulls = self._part(shared, "seat").reshape(-1, 6)
         jacobian = left_jacobian_so3(pulls[:, 3:] * FREE_ANGLE_RAD) * FREE_ANGLE_RAD
-        for place, leg in enumerate(self.known.carrying_legs):
+        for index, leg in enumerate(self.known.carrying_legs):
             of_leg, seat = self._targets_of_leg(leg), seat_rotation[leg]
-            first = self.layout["seat"].start + 6 * place
+            first = self.layout["seat"].start + 6 * index
             seated = turn[:, of_leg] @ seat.T
             pushed = follows[:, of_leg] @ seat.T
             arms = self._arms(recording.state, of_leg) @ seat.T - offset[leg]
-            turned = (pushed @ skew(offset[leg]) - seated @ skew(arms)) @ jacobian[place]
+            turned = (pushed @ skew(offset[leg]) - seated @ skew(arms)) @ jacobian[index]
             by_shared[:, of_leg, :, first : first + 3] = (seated + pushed) * FREE_LENGTH_M
             by_shared[:, of_leg, :, first + 3 : first + 6] = turned
 
     def _fill_rolls(self, by_local: NDArray, recording: Recording) -> None:
         first = self._rolls.start
         frames, state = recording.frames, recording.state
-        for place, leg in enumerate(self.known.carrying_legs):
+        for index, leg in enumerate(self.known.carrying_legs):
             of_leg = self._targets_of_leg(leg)
             arms = np.einsum("bij,bkj->bki", frames.rotation[:, leg], self._arms(state, of_leg))
-            by_local[..., first + place][:, of_leg] = np.cross(frames.z[:, leg, None], arms) * FREE_ANGLE_RAD
+            by_local[..., first + index][:, of_leg] = np.cross(frames.z[:, leg, None], arms) * FREE_ANGLE_RAD
 
     def _targets_of_leg(self, leg: int) -> NDArray:
         return np.flatnonzero((self.targets.body == LEG) & (self.targets.leg == leg))

@@ -127,8 +127,10 @@ def _same_survey(extended: ExtendedModel, model: MechanismModel) -> bool:
 
 def _attached_positions(model: MechanismModel) -> dict[tuple[int, str], NDArray]:
     targets = model.targets
-    places = np.flatnonzero(np.isin(targets.body, (BASE, PLATFORM)))
-    return {(int(targets.body[k]), targets.names[k] if targets.names else str(k)): model.known.shape[k] for k in places}
+    indices = np.flatnonzero(np.isin(targets.body, (BASE, PLATFORM)))
+    return {
+        (int(targets.body[k]), targets.names[k] if targets.names else str(k)): model.known.shape[k] for k in indices
+    }
 
 
 def _frames(

@@ -9,6 +9,7 @@ a general solver (`python -m benchmarks.recalibration`).
 from __future__ import annotations
 
 from dataclasses import dataclass
+from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
@@ -47,6 +48,23 @@ _COST, _RADIUS, _STATE, _ITERATIONS = range(4)
 _DRAWS_PER_TASK = 512
 # Steps per round: after each round, the remaining draws form new batches.
 _STEPS_PER_ROUND = (5, 5, 10, 20, 40, 80)
+
+
+class LegUnknowns(NamedTuple):
+    """Numbers (12,) of a leg, indices (P,) of those that are unknown, and the component of u that follows from unit
+    length."""
+
+    numbers: NDArray
+    slots: NDArray
+    follows: int
+
+
+class DrawArrays(NamedTuple):
+    """Positions (D, N, 3), rotations (D, N, 3, 3) and readings (D, N) of all draws, m."""
+
+    p: NDArray
+    R: NDArray
+    rho: NDArray
 
 
 @inner
@@ -159,18 +177,10 @@ def store_covariance(lane: NDArray, rows: NDArray, size: int, covariance: NDArra
 
 @compiled(simd_arithmetic.__file__, simd_batches.__file__, __file__)
 def solve_rows(
-    numbers: NDArray,
-    slots: NDArray,
-    follows: int,
-    p: NDArray,
-    R: NDArray,
-    rho: NDArray,
-    rows: NDArray,
-    limit: int,
-    ends: NDArray,
-    covariance: NDArray,
+    unknowns: LegUnknowns, draws: DrawArrays, rows: NDArray, limit: int, ends: NDArray, covariance: NDArray
 ) -> None:
     """Take up to ``limit`` steps with some of the draws, from their saved state."""
+    (numbers, slots, follows), (p, R, rho) = unknowns, draws
     poses = np.empty((rho.shape[1], _FIELDS * LANES))
     lane, leg, full = np.zeros(REGISTERS * LANES), np.empty(_NUMBERS * LANES), np.empty(_NUMBERS * LANES)
     size = len(slots)
@@ -222,12 +232,12 @@ def solve(
     ends, covariance = np.zeros((count, size + 4)), np.empty((count, size, size))
     ends[:, :size] = begin
     follows = int(np.argmax(np.abs(numbers[U : U + 3])))
-    arrays = [np.ascontiguousarray(array) for array in (p, R, rho)]
+    unknowns, draws = LegUnknowns(numbers, slots, follows), DrawArrays(*map(np.ascontiguousarray, (p, R, rho)))
 
     def part(first: int) -> None:
         rows = np.arange(first, min(first + _DRAWS_PER_TASK, count))
         for limit in _STEPS_PER_ROUND:
-            solve_rows(numbers, slots, follows, *arrays, rows, limit, ends, covariance)
+            solve_rows(unknowns, draws, rows, limit, ends, covariance)
             rows = rows[ends[rows, size + _STATE] < ARRIVED]
             if len(rows) == 0:
                 break

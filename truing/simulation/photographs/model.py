@@ -95,8 +95,8 @@ class RayModel(ChannelModel[RayCause]):
         unknowns."""
         rays = self.conditions
         derivative = np.zeros((len(rays.poses), len(rays.parameters), self.shared_size))
-        place = np.arange(self.layout["common"].start, self.layout["common"].stop)
-        derivative[:, self._common, place] = self._common_sigma
+        index = np.arange(self.layout["common"].start, self.layout["common"].stop)
+        derivative[:, self._common, index] = self._common_sigma
         self._fill_effects(derivative, shared, self._number_slopes)
         return derivative
 

@@ -9,7 +9,7 @@ import pytest
 from numpy.typing import NDArray
 
 from tests.simulation.mechanisms.chains.made_arms import campaign
-from truing.inference.fitted_model import Fitter
+from truing.inference.fitter import Fitter
 from truing.inference.observations import Epochs, Frames, Observations
 from truing.inference.single_errors import SingleErrors, single_errors
 from truing.simulation.mechanisms.chains.causes import ChainCause

@@ -121,13 +121,13 @@ class CosineError(ChannelCause):
 
     def _is_observable(self, scene: BenchScene, channel: str) -> tuple[bool, bool]:
         """True if motion across a channel is observable in it, and next to motion along the channel."""
-        steps, place = scene.steps, CHANNELS.index(channel)
-        is_observed = scene.recorded[:, place]
+        steps, index = scene.steps, CHANNELS.index(channel)
+        is_observed = scene.recorded[:, index]
         if is_observed.sum() < FEWEST:
             return False, False
-        along, across = steps.motion[is_observed, place], steps.motion[is_observed][:, _other_channels(place)]
+        along, across = steps.motion[is_observed, index], steps.motion[is_observed][:, _other_channels(index)]
         beside = across - np.outer(along, along @ across) / max(float(along @ along), _TINY)
-        least = _SHOWS * (steps.sigma[place] / _PLAUSIBLE_RAD) ** 2
+        least = _SHOWS * (steps.sigma[index] / _PLAUSIBLE_RAD) ** 2
         return bool(np.sum(across**2) > least), bool(np.sum(beside**2) > least)
 
 

@@ -62,11 +62,11 @@ class FringeSlip(RunChannelCause):
         steps, is_observed = scene.steps, scene.recorded
         half, slips = steps.wavelength_m / 2.0, []
         for code, first in enumerate(np.flatnonzero(steps.rank == 0)):
-            places = np.flatnonzero(steps.code == code)
-            read = [steps.channels[place] for place in np.flatnonzero(is_observed[places].any(0))]
+            indices = np.flatnonzero(steps.code == code)
+            read = [steps.channels[index] for index in np.flatnonzero(is_observed[indices].any(0))]
             is_single_channel = sum(not is_signal(name) for name in read) == 1
-            for place, channel in enumerate(steps.channels):
-                rows = places[is_observed[places, place]]
+            for index, channel in enumerate(steps.channels):
+                rows = indices[is_observed[indices, index]]
                 rows = rows[np.argsort(steps.rank[rows])]
                 if is_linear(channel):
                     slips += [

@@ -136,7 +136,7 @@ class LoadImbalance(LoadCause):
     @property
     def _brought(self) -> tuple[str, ...]:
         """Components of the parasitic load that an unequal share of the units brings."""
-        return tuple(_XYZ[place % 3] for place in np.flatnonzero(share_wrench(self.axis, self.arm)))
+        return tuple(_XYZ[index % 3] for index in np.flatnonzero(share_wrench(self.axis, self.arm)))
 
     def parameters(self, legs: int) -> tuple[Parameter, ...]:
         """Return the parasitic load of each component, or the excess of the first unit, form by form."""
@@ -153,8 +153,8 @@ class LoadImbalance(LoadCause):
             return np.asarray(share_wrench(self.axis, self.arm)[:, None] * load[:, None])
         wrench = np.zeros((len(load), 6, len(self.components), len(self.forms)))
         first = 3 if is_force(self.axis) else 0
-        for place, component in enumerate(self.components):
-            wrench[:, first + _XYZ.index(component), place] = load
+        for index, component in enumerate(self.components):
+            wrench[:, first + _XYZ.index(component), index] = load
         return wrench.reshape(len(load), 6, -1)
 
     def reported(self, values: NDArray, covariance: NDArray, legs: int) -> tuple[ReportedParameter, ...]:

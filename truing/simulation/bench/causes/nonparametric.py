@@ -109,8 +109,8 @@ class NonparametricReadingEffect(NonparametricEffect[BenchScene], ReadingCause):
         steps, is_observed = scene.steps, scene.recorded
         effects: list[NonparametricReadingEffect] = []
         for channel in read_channels(scene):
-            is_seen = is_observed[:, place := steps.channels.index(channel)]
-            bare = NonparametricReadingEffect(channel=channel, scale=_PLAUSIBLE_SIGMAS * float(steps.sigma[place]))
+            is_seen = is_observed[:, index := steps.channels.index(channel)]
+            bare = NonparametricReadingEffect(channel=channel, scale=_PLAUSIBLE_SIGMAS * float(steps.sigma[index]))
             for columns, form, degree in _dependences(steps, is_seen, channel):
                 if is_seen.sum() >= PER_FUNCTION * degree:
                     effects.append(replace(bare, **dependence(columns, partial(_range_of, steps), form, degree)))

@@ -108,4 +108,4 @@ def loaded_axes(scene: BenchScene) -> list[str]:
 def read_channels(scene: BenchScene) -> list[str]:
     """Return the channels that were read."""
     names = scene.steps.channels
-    return [names[place] for place in np.flatnonzero(scene.recorded.sum(0))]
+    return [names[index] for index in np.flatnonzero(scene.recorded.sum(0))]

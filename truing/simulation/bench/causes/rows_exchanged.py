@@ -98,8 +98,8 @@ class SignalsExchanged(RowsExchanged):
 
 def _row_index(steps: LoadSteps, row: Row) -> int | None:
     """Return the index of a row among the load steps; None if it is absent."""
-    places = np.flatnonzero((steps.run == row[0]) & (steps.step == row[1]))
-    return int(places[0]) if len(places) else None
+    indices = np.flatnonzero((steps.run == row[0]) & (steps.step == row[1]))
+    return int(indices[0]) if len(indices) else None
 
 
 # Least number of distinct loads per regressor: with fewer, any signals would fit.
@@ -134,8 +134,8 @@ def with_corrected_loads(steps: RecordedSteps, exchanges: Sequence[RowsExchanged
             int(np.flatnonzero((steps.run == steps.runs.index(run)) & (steps.step == step))[0])
             for run, step in exchange.rows
         ]
-        places = [LOADS.index(name) for name in exchange.components]
-        load[np.ix_(rows, places)] = load[np.ix_(rows[::-1], places)]
+        indices = [LOADS.index(name) for name in exchange.components]
+        load[np.ix_(rows, indices)] = load[np.ix_(rows[::-1], indices)]
     return replace(steps, load=load)
 
 

@@ -125,10 +125,10 @@ class SignalNonlinear(ReadingCause):
         by_loads = np.stack([_product(state.steps, term) for term in self.loads], -1) if self.loads else None
         each = len(self.powers) + len(self.loads)
         derivative = np.zeros((*state.readings.shape, each * len(self.signals)), np.result_type(state.readings, values))
-        for place, name in enumerate(self.signals):
+        for index, name in enumerate(self.signals):
             if name not in names:
                 continue
-            channel, first = names.index(name), each * place
+            channel, first = names.index(name), each * index
             for n, power in enumerate(self.powers):
                 derivative[:, channel, first + n] = state.readings[:, channel] ** _POWERS[power]
             if by_loads is not None:
@@ -139,13 +139,13 @@ class SignalNonlinear(ReadingCause):
         """Return changes of the readings, times the slopes of the signals' curves."""
         carried = np.array(slopes, np.result_type(slopes, state.readings, values))
         each, names = len(self.powers) + len(self.loads), state.steps.channels
-        for place, name in enumerate(self.signals):
+        for index, name in enumerate(self.signals):
             if name not in names:
                 continue
             channel = names.index(name)
             for n, power in enumerate(self.powers):
                 steep = _POWERS[power] * state.readings[:, channel] ** (_POWERS[power] - 1)
-                carried[:, channel] += values[each * place + n] * steep[:, None] * slopes[:, channel]
+                carried[:, channel] += values[each * index + n] * steep[:, None] * slopes[:, channel]
         return carried
 
 

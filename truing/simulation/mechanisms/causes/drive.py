@@ -153,9 +153,9 @@ class PeriodicError(PerLeg):
         """Return amplitude and phase of each leg concerned, with the pitch between them, and sigmas to first order."""
         numbers = self.leg_numbers(legs)
         amplitudes, phases = [], []
-        for place, leg in enumerate(numbers):
-            size, phase, by_both = _polar(values[2 * place], values[2 * place + 1])
-            part = slice(2 * place, 2 * place + 2)
+        for index, leg in enumerate(numbers):
+            size, phase, by_both = _polar(values[2 * index], values[2 * index + 1])
+            part = slice(2 * index, 2 * index + 2)
             # Rounding may make the variance of an unobserved direction slightly negative.
             sigma = np.sqrt(np.maximum(np.diag(by_both @ covariance[part, part] @ by_both.T), 0.0))
             amplitudes.append(ReportedParameter(f"amplitude_{leg}", size / _MM, float(sigma[0]) / _MM, "mm"))

@@ -219,9 +219,9 @@ class NonparametricMechanismEffect(NonparametricEffect[PointScene], PointCause):
         names = tuple(zip(state.targets.bodies, state.targets.names, strict=True)) if state.targets is not None else ()
         shares = _patterns(np.reshape(self.places, (-1, 2))) if self.places else np.eye(len(self.targets))
         over = np.zeros((len(names), shares.shape[1]))
-        for place, target in enumerate(self.targets):
+        for index, target in enumerate(self.targets):
             if (self.body, target) in names:
-                over[names.index((self.body, target))] = shares[place]
+                over[names.index((self.body, target))] = shares[index]
         moved = np.einsum("kq,ij,bm->bkiqjm", over, np.eye(3), basis)
         return moved.reshape(*moved.shape[:3], -1)
 

@@ -205,9 +205,9 @@ class JointOffset(JointCause):
 
     def corrected(self, readings: NDArray, names: Sequence[str]) -> NDArray:
         """Return readings (B, n) with the known part of the offset."""
-        found = readings.copy()
-        found[:, names.index(self.joint)] += self.start
-        return found
+        result = readings.copy()
+        result[:, names.index(self.joint)] += self.start
+        return result
 
     def with_known_part(self, values: NDArray) -> NDArray:
         """Return the whole offset (1,), rad or m."""
@@ -310,14 +310,14 @@ class JointCompliance(JointCause):
     def candidates(self, scene: ChainScene) -> Sequence[Self]:
         """Return every joint whose load by weight varies."""
         machine = scene.inputs_of_machine
-        found: list[Self] = []
+        result: list[Self] = []
         for cause in super().candidates(scene):
             reading = machine.tree.readings.index(cause.joint)
             if machine.load_varies(reading):
                 load = float(np.abs(machine.torque(reading)).max())
                 away = off_centre(machine, reading, load)
-                found.append(replace(cause, load=load, parts=tuple(away), distances=tuple(away.values())))
-        return found
+                result.append(replace(cause, load=load, parts=tuple(away), distances=tuple(away.values())))
+        return result
 
     def one_sided(self, legs: int) -> tuple[int, ...]:
         """Return the compliance: it cannot be negative."""
@@ -379,7 +379,7 @@ class JointScatter(ChainCause):
 
     def scatters(self, scene: ChainScene) -> Sequence[ScatterCandidate[JointScatter]]:
         """Return single joints and all of them, in all poses, from each side, and in each series."""
-        machine, found = scene.inputs_of_machine, []
+        machine, result = scene.inputs_of_machine, []
         poses, joints = machine.readings.shape
         noisy = machine.noisy
         if not len(noisy) or poses < _FEWEST_POSES:
@@ -395,13 +395,13 @@ class JointScatter(ChainCause):
                 continue
             for series, within in groups:
                 if joint >= 0 or series >= 0:
-                    found.append(ScatterCandidate(replace(cause, series=series), within[:, None] & own, True))
+                    result.append(ScatterCandidate(replace(cause, series=series), within[:, None] & own, True))
             sides = machine.approach
             for side in (1, -1) if joint >= 0 and sides is not None else ():
                 came = np.zeros(poses) if sides is None else sides[:, joint] == side
                 if 0 < came.sum() < poses:
-                    found.append(ScatterCandidate(replace(cause, direction=side), came[:, None] & own, True))
-        return found
+                    result.append(ScatterCandidate(replace(cause, direction=side), came[:, None] & own, True))
+        return result
 
     def parameters(self, legs: int) -> tuple[Parameter, ...]:
         """Return the scatter, one sigma of a joint's motion."""
@@ -433,10 +433,10 @@ class JointsExchanged(ChainCause):
 
     def corrected(self, readings: NDArray, names: Sequence[str]) -> NDArray:
         """Return readings (B, n) in the right columns."""
-        found = readings.copy()
+        result = readings.copy()
         a, b = (names.index(name) for name in self.joints)
-        found[:, [a, b]] = readings[:, [b, a]]
-        return found
+        result[:, [a, b]] = readings[:, [b, a]]
+        return result
 
 
 def _is_motion_of(node: Node, twist: NDArray) -> bool:

@@ -143,16 +143,16 @@ class ClosedTree(Tree):
     def _gaps(self, frames: TreeFrames) -> tuple[Array, Array]:
         """Return the conditions (B, G), and their derivatives (B, G, L, 3) by the closing places, outer frame."""
         R0, t0 = frames.R[:, 0], frames.t[:, 0]
-        places = np.einsum("bji,blj->bli", R0, frames.t[:, self._closing] - t0[:, None])
+        positions = np.einsum("bji,blj->bli", R0, frames.t[:, self._closing] - t0[:, None])
         size = 3 * len(self._closing)
-        nudged = places + _COMPLEX_STEP * 1j * np.eye(size).reshape(size, 1, -1, 3)
+        nudged = positions + _COMPLEX_STEP * 1j * np.eye(size).reshape(size, 1, -1, 3)
         found = self.closure.gaps({name: nudged[:, :, k] for k, name in enumerate(self.closure.links)})
         slopes = np.moveaxis(found.imag / _COMPLEX_STEP, 0, -1).reshape(*found.shape[1:], len(self._closing), 3)
         return np.asarray(found[0].real), np.asarray(np.einsum("bij,bglj->bgli", R0, slopes))
 
     def _by_passive(self, frames: TreeFrames, nodes: Index, points: NDArray, turns: bool = False) -> Array:
         """Return the derivatives (B, K, 3, S) by the passive joints of points (B, K, 3), or of rotations, of links."""
-        found = np.zeros((*points.shape, len(self.closure.passive)))
+        result = np.zeros((*points.shape, len(self.closure.passive)))
         for k, node in enumerate(self.nodes):
             if node.reading not in self.closure.passive:
                 continue
@@ -163,15 +163,15 @@ class ClosedTree(Tree):
                 around = np.cross(axis, points - frames.origin[:, k, None])
                 moved = np.broadcast_to(axis, points.shape) if turns else around
             own = self.above[nodes, k][:, None]
-            found[..., self.closure.passive.index(node.reading)] += np.where(own, moved, 0.0)
-        return found
+            result[..., self.closure.passive.index(node.reading)] += np.where(own, moved, 0.0)
+        return result
 
     def passive_slopes(self, frames: TreeFrames) -> Array:
         """Return the derivatives (B, S, N, 6) of the passive joints, rad or m, by all twists."""
         _, by_place = self._gaps(frames)
-        places = frames.t[:, self._closing]
-        by_passive = np.einsum("bgli,blis->bgs", by_place, self._by_passive(frames, self._closing, places))
-        slopes = super().point_slopes(frames, self._closing, places)
+        positions = frames.t[:, self._closing]
+        by_passive = np.einsum("bgli,blis->bgs", by_place, self._by_passive(frames, self._closing, positions))
+        slopes = super().point_slopes(frames, self._closing, positions)
         by_twist = np.einsum("bgli,blinc->bgnc", by_place, slopes)
         by_twist[:, :, 0] = 0.0  # the conditions hold in the frame of the base
         wanted = by_twist.reshape(*by_twist.shape[:2], -1)
@@ -206,8 +206,8 @@ class ClosedTree(Tree):
         nodes = np.array([k for k, _, _ in weights], int)
         coms = np.stack([com for *_, com in weights])
         masses = np.stack([np.broadcast_to(mass, len(readings)) for _, mass, _ in weights], -1)
-        places = frames.t[:, nodes] + np.einsum("bkij,kj->bki", frames.R[:, nodes], coms)
-        work = np.einsum("bk,i,bkinc->bnc", masses, down, self.point_slopes(frames, nodes, places))
+        positions = frames.t[:, nodes] + np.einsum("bkij,kj->bki", frames.R[:, nodes], coms)
+        work = np.einsum("bk,i,bkinc->bnc", masses, down, self.point_slopes(frames, nodes, positions))
         return work[..., :3], work[..., 3:]
 
     def closing_modes(self, sigma: NDArray, others: NDArray) -> Array:
@@ -228,6 +228,6 @@ class ClosedTree(Tree):
         largest = np.abs(slopes[..., :3]).max(initial=0.0) * np.sqrt(len(own)) * sigma[:3].max()
         _, values, vectors = np.linalg.svd(own, full_matrices=False)
         shown = vectors[values > _SEEN * largest].T.reshape(len(fixed), 3, -1)
-        found = np.zeros((self.size, 6, shown.shape[-1]))
-        found[fixed, :3] = sigma[:3, None] * shown
-        return found
+        result = np.zeros((self.size, 6, shown.shape[-1]))
+        result[fixed, :3] = sigma[:3, None] * shown
+        return result

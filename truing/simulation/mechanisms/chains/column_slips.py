@@ -61,11 +61,11 @@ class ColumnSlip:
 
     def corrected(self, readings: NDArray) -> NDArray:
         """Return readings (B, n) after the correction of exchanged columns or of zeros."""
-        found = readings.copy()
+        result = readings.copy()
         if self.kind is ColumnSlipKind.EXCHANGED:
-            found[:, list(self.readings)] = readings[:, list(self.readings[::-1])]
-        found[:, list(self.readings[: len(self.offsets)])] += self.offsets
-        return found
+            result[:, list(self.readings)] = readings[:, list(self.readings[::-1])]
+        result[:, list(self.readings[: len(self.offsets)])] += self.offsets
+        return result
 
 
 def foreign_share(start: StartValues) -> float:

@@ -174,15 +174,15 @@ class ChainInputs:
 
     def of_joint(self, reading: int, motion: NDArray) -> Array:
         """Return the deviations (B, n, P) of all joints from that (B, P) of one joint's motion, rad or m."""
-        found = np.zeros((len(motion), len(self.tree.readings), motion.shape[-1]))
-        found[:, reading] = motion
-        return found
+        result = np.zeros((len(motion), len(self.tree.readings), motion.shape[-1]))
+        result[:, reading] = motion
+        return result
 
     def at_node(self, node: int, twists: NDArray) -> Array:
         """Return the twists (B, N, 6, P) of a twist (B, 6, P) of one node."""
-        found = np.zeros((len(twists), self.tree.size, *twists.shape[1:]))
-        found[:, node] = twists
-        return found
+        result = np.zeros((len(twists), self.tree.size, *twists.shape[1:]))
+        result[:, node] = twists
+        return result
 
 
 def _loads(
@@ -207,19 +207,19 @@ def movements(readings: NDArray, covariates: Mapping[str, NDArray], least: NDArr
     """
     order, time = covariates[ORDER], covariates.get(TIME)
     read = np.flatnonzero(np.isfinite(readings).all(1))
-    found = {APPROACH: np.ones(readings.shape), LAST_STEP: np.zeros(readings.shape)}
-    found[MEMORY], found[PATH] = histories(readings, order), histories(readings, order, FINE_STOPS)
+    result = {APPROACH: np.ones(readings.shape), LAST_STEP: np.zeros(readings.shape)}
+    result[MEMORY], result[PATH] = histories(readings, order), histories(readings, order, FINE_STOPS)
     if time is not None:
-        found[BETWEEN] = np.full(readings.shape, np.inf)
+        result[BETWEEN] = np.full(readings.shape, np.inf)
     own = read[np.argsort(order[read], kind="stable")]
     if not len(own):
-        return found
+        return result
     for k, limit in enumerate(least):
-        found[APPROACH][own, k] = approach(readings[own, k : k + 1], order[own], float(limit))[:, 0]
+        result[APPROACH][own, k] = approach(readings[own, k : k + 1], order[own], float(limit))[:, 0]
     steps = np.diff(readings[own], axis=0, prepend=readings[own][:1])
     numbers = np.arange(len(own))[:, None]
     last = np.maximum.accumulate(np.where(np.abs(steps) > least, numbers, 0), axis=0)
-    found[LAST_STEP][own] = np.where(last > 0, np.take_along_axis(steps, last, 0), 0.0)
+    result[LAST_STEP][own] = np.where(last > 0, np.take_along_axis(steps, last, 0), 0.0)
     if time is not None:
-        found[BETWEEN][own] = np.where(last > 0, time[own][:, None] - time[own][np.maximum(last - 1, 0)], np.inf)
-    return found
+        result[BETWEEN][own] = np.where(last > 0, time[own][:, None] - time[own][np.maximum(last - 1, 0)], np.inf)
+    return result

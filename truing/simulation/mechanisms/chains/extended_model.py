@@ -220,7 +220,7 @@ def _persistent_motions(extended: ExtendedChain, conditions: ChainConditions) ->
         np.zeros(0, int),
     )
     held = replace(machine, conditions=replace(conditions, readings=np.clip(conditions.readings, *extended.measured)))
-    found = []
+    result = []
     for effect in extended.effects:
         cause, inputs = effect.cause, held if effect.cause.is_held_beyond else machine
         motions = (
@@ -228,14 +228,14 @@ def _persistent_motions(extended: ExtendedChain, conditions: ChainConditions) ->
             cause.deviation(inputs, effect.values),
             cause.deviation_slopes(inputs, effect.values),
         )
-        found.append(_Motions(*motions) if cause.is_persistent else _Motions(None, None, None))
-    return found
+        result.append(_Motions(*motions) if cause.is_persistent else _Motions(None, None, None))
+    return result
 
 
 def _own_slopes(extended: ExtendedChain) -> Array:
     found = np.zeros((extended.tree.size, TWIST, TWIST * len(extended.moved)))
-    for place, node in enumerate(extended.moved):
-        found[node, :, TWIST * place : TWIST * (place + 1)] = np.eye(TWIST)
+    for index, node in enumerate(extended.moved):
+        found[node, :, TWIST * index : TWIST * (index + 1)] = np.eye(TWIST)
     return found.reshape(extended.tree.size * TWIST, -1)
 
 
@@ -311,12 +311,12 @@ def _from_document(document: dict[str, Any]) -> ExtendedChain:
     sized = sum(len(effect.values) for effect in effects)
     named = document["covariance"]["names"]
     owners = [name.rsplit(" ", 1)[0] for name in named[: len(named) - sized : TWIST]]
-    places = {node.joint or node.link: k for k, node in enumerate(nodes)}
+    index_of = {node.joint or node.link: k for k, node in enumerate(nodes)}
     gravity = about.get("gravity")
     return ExtendedChain(
         tree,
         twists,
-        np.array([places[name] for name in owners], int),
+        np.array([index_of[name] for name in owners], int),
         tree.links[about["tip"]],
         None if gravity is None else np.array(gravity, float),
         np.array(about["payload_com"], float),

@@ -62,11 +62,11 @@ class JointEccentricity(TurningError):
     def candidates(self, scene: ChainScene) -> Sequence[Self]:
         """Return every revolute joint."""
         machine = scene.inputs_of_machine
-        found: list[Self] = []
+        result: list[Self] = []
         for cause in super().candidates(scene):
             angle = machine.readings[:, machine.tree.readings.index(cause.joint)]
-            found.append(replace(cause, aliased=_Waves.of(angle).is_open(0)))
-        return found
+            result.append(replace(cause, aliased=_Waves.of(angle).is_open(0)))
+        return result
 
     def parameters(self, legs: int) -> tuple[Parameter, ...]:
         """Return the two amplitudes."""
@@ -98,12 +98,12 @@ class JointHarmonic(TurningError):
         stands for all. A joint with known orders of gears, even none, has these and the low ones.
         """
         machine = scene.inputs_of_machine
-        found: list[Self] = []
+        result: list[Self] = []
         for cause in super().candidates(scene):
             angle = machine.readings[:, machine.tree.readings.index(cause.joint)]
             for order, beside, aliased in _orders(angle, LOW, machine.gear_orders.get(cause.joint)):
-                found.append(replace(cause, order=order, beside=beside, aliased=aliased))
-        return found
+                result.append(replace(cause, order=order, beside=beside, aliased=aliased))
+        return result
 
     def prior(self, scene: ChainScene) -> float:
         """Return the weight of the order: all searched ones of a joint together have that of two low ones."""
@@ -170,14 +170,14 @@ class JointPitchError(JointHarmonic):
     def candidates(self, scene: ChainScene) -> Sequence[Self]:
         """Return every slide with its known periods or, where none are given, up to 200 periods over its travel."""
         machine = scene.inputs_of_machine
-        found: list[Self] = []
+        result: list[Self] = []
         for cause in JointCause.candidates(self, scene):
             reading = machine.readings[:, machine.tree.readings.index(cause.joint)]
             unit, known = _once_over_travel(reading), machine.gear_orders.get(cause.joint)
             scaled = None if known is None else [order / unit for order in known]
             for order, beside, aliased in _orders(reading * unit, (), scaled):
-                found.append(replace(cause, order=order * unit, beside=beside * unit, aliased=aliased))
-        return found
+                result.append(replace(cause, order=order * unit, beside=beside * unit, aliased=aliased))
+        return result
 
     def prior(self, scene: ChainScene) -> float:
         """Return the weight of the period: all searched ones of a joint together have that of two known ones."""

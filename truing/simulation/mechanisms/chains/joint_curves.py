@@ -80,11 +80,11 @@ class JointErrorCurve(ChainCause):
     def candidates(self, scene: ChainScene) -> Sequence[Self]:
         """Return curves of every joint, and of all joints that turn, with knots as close as the poses determine."""
         machine = scene.inputs_of_machine
-        found: list[Self] = []
+        result: list[Self] = []
         finest: dict[str, tuple[Self, int]] = {}
         for knots in _KNOTS:
             single = list(self._of_single_joints(machine, knots))
-            found += [curve for curve, _ in single]
+            result += [curve for curve, _ in single]
             before = dict(finest)
             finest |= {curve.joints[0]: (curve, reached) for curve, reached in single if curve.is_angle}
             turning = [finest[joint] for joint in machine.tree.readings if joint in finest]
@@ -92,8 +92,8 @@ class JointErrorCurve(ChainCause):
             curves = [curve for curve, _ in turning]
             is_determined = _POSES_EACH * total <= len(machine.readings)
             if finest != before and len(curves) > 1 and is_determined and sum(c.knots[0] for c in curves) <= _MOST:
-                found.append(self._of(curves))
-        return found
+                result.append(self._of(curves))
+        return result
 
     def _of(self, curves: Sequence[Self]) -> Self:
         """Return the cause that holds the curves of several joints."""
@@ -124,9 +124,9 @@ class JointErrorCurve(ChainCause):
     def basis(self, readings: NDArray, place: int) -> Array:
         """Return the bumps (B, m) of one joint's curve at its readings (B,)."""
         knots, heights = self._bumps(readings, place)
-        found = np.zeros((len(readings), self.knots[place]))
-        np.put_along_axis(found, knots, heights, 1)
-        return found
+        result = np.zeros((len(readings), self.knots[place]))
+        np.put_along_axis(result, knots, heights, 1)
+        return result
 
     def _bumps(self, readings: NDArray, place: int) -> tuple[Index, Array]:
         """Return knots (B, 6) whose bumps differ from zero at readings (B,) of one joint, and their values there."""
@@ -142,41 +142,41 @@ class JointErrorCurve(ChainCause):
 
     def deviations(self, machine: ChainInputs) -> NDArray:
         """Return the deviations (B, n, P) of the joints per unit of the parameters."""
-        found = np.zeros((len(machine.readings), len(machine.tree.readings), sum(self.knots)))
-        for place, joint in enumerate(self.joints):
+        result = np.zeros((len(machine.readings), len(machine.tree.readings), sum(self.knots)))
+        for index, joint in enumerate(self.joints):
             reading = machine.tree.readings.index(joint)
-            found[:, reading, self._own(place)] = self.basis(machine.readings[:, reading], place)
-        return found
+            result[:, reading, self._own(index)] = self.basis(machine.readings[:, reading], index)
+        return result
 
     def deviation(self, machine: ChainInputs, values: NDArray) -> NDArray:
         """Return the deviations (B, n) of the joints at values (P,), SI."""
-        found = np.zeros((len(machine.readings), len(machine.tree.readings)))
-        for place, joint in enumerate(self.joints):
+        result = np.zeros((len(machine.readings), len(machine.tree.readings)))
+        for index, joint in enumerate(self.joints):
             reading = machine.tree.readings.index(joint)
-            knots, heights = self._bumps(machine.readings[:, reading], place)
-            found[:, reading] = np.sum(heights * values[self._own(place)][knots], -1)
-        return found
+            knots, heights = self._bumps(machine.readings[:, reading], index)
+            result[:, reading] = np.sum(heights * values[self._own(index)][knots], -1)
+        return result
 
     def joint_motion(self, machine: ChainInputs, values: NDArray, by_joint: NDArray) -> NDArray:
         """Return the derivatives (B, 3 K, P) of channels; only six bumps of each joint act in a pose."""
         rows = by_joint.reshape(len(by_joint), -1, by_joint.shape[-1])
-        found = np.zeros((*rows.shape[:2], sum(self.knots)))
-        for place, joint in enumerate(self.joints):
+        result = np.zeros((*rows.shape[:2], sum(self.knots)))
+        for index, joint in enumerate(self.joints):
             reading = machine.tree.readings.index(joint)
-            knots, heights = self._bumps(machine.readings[:, reading], place)
+            knots, heights = self._bumps(machine.readings[:, reading], index)
             own = rows[:, :, reading, None] * heights[:, None]
-            np.put_along_axis(found[..., self._own(place)], knots[:, None], own, 2)
-        return found
+            np.put_along_axis(result[..., self._own(index)], knots[:, None], own, 2)
+        return result
 
     def curves(self, values: NDArray, covariance: NDArray) -> Iterator[JointCurve]:
         """Yield the curve of every joint, from all parameters (P,) and their covariance (P, P), SI."""
-        for place, joint in enumerate(self.joints):
-            own = self._own(place)
-            knots = self.knots[place]
+        for index, joint in enumerate(self.joints):
+            own = self._own(index)
+            knots = self.knots[index]
             span = knots if self.is_angle else knots - _REACHED
             steps = np.arange(span * _PER_KNOT + (not self.is_angle)) / _PER_KNOT
-            readings = self.starts[place] + self.periods[place] / knots * steps
-            basis = self.basis(readings, place)
+            readings = self.starts[index] + self.periods[index] / knots * steps
+            basis = self.basis(readings, index)
             variance = np.sum((basis @ covariance[own, own]) * basis, -1)
             free = self.reach * self._size[1] * np.sqrt(np.sum(basis**2, -1))
             sigma = np.sqrt(np.maximum(variance, 0.0))

@@ -43,12 +43,12 @@ class JointSenses:
 
     def corrected(self, readings: NDArray) -> Array:
         """Return readings (B, n) after the coupling, then the change of senses."""
-        found = np.array(readings, float)
+        result = np.array(readings, float)
         if self.coupling is not None:
             first, second = self.coupled
-            found[:, second] += readings[:, first] * (1.0 if self.coupling is ColumnSlipKind.ADDED else -1.0)
-        found[:, list(self.reversed_readings)] *= -1.0
-        return found
+            result[:, second] += readings[:, first] * (1.0 if self.coupling is ColumnSlipKind.ADDED else -1.0)
+        result[:, list(self.reversed_readings)] *= -1.0
+        return result
 
 
 def senses_that_join(

@@ -102,12 +102,12 @@ class LinkGrowth(LinkCause):
 
     def twists(self, machine: ChainInputs) -> NDArray:
         """Return the shift of the next joints along the link's vector."""
-        found = np.zeros((len(machine.readings), machine.tree.size, 6, 1))
+        result = np.zeros((len(machine.readings), machine.tree.size, 6, 1))
         assert machine.heat is not None
         nodes = range(1, machine.tree.size) if not self.link else self._children(machine)
         for k in nodes:
-            found[:, k, :3, 0] = np.multiply.outer(machine.heat, self._vector(machine, k))
-        return found
+            result[:, k, :3, 0] = np.multiply.outer(machine.heat, self._vector(machine, k))
+        return result
 
     def _vector(self, machine: ChainInputs, k: int) -> NDArray:
         """Return the vector (3,), m, that grows, from the link's joint to that of node k, in the frame of node k."""
@@ -149,13 +149,13 @@ class LinkBending(AssumedCentres, LinkCause):
 
     def candidates(self, scene: ChainScene) -> Sequence[LinkBending]:
         """Return every link with a length and a varying load."""
-        machine, found = scene.inputs_of_machine, []
+        machine, result = scene.inputs_of_machine, []
         for name in machine.tree.links:
             turned = replace(self, link=name).twists(machine)[:, :, 3:, 0]
             if np.ptp(turned, axis=0).max(initial=0.0) > _LEAST_LOAD * np.abs(turned).max(initial=0.0):
                 assumed = carries_off_centre(machine, machine.tree.links[name])
-                found.append(replace(self, link=name, load=float(np.abs(turned).max()), centres_assumed=assumed))
-        return found
+                result.append(replace(self, link=name, load=float(np.abs(turned).max()), centres_assumed=assumed))
+        return result
 
     def one_sided(self, legs: int) -> tuple[int, ...]:
         """Return the flexibility: it cannot be negative."""
@@ -167,7 +167,7 @@ class LinkBending(AssumedCentres, LinkCause):
 
     def twists(self, machine: ChainInputs) -> NDArray:
         """Return shift and rotation of the link's far ends, as of a cantilever with force and moment at its end."""
-        found = np.zeros((len(machine.readings), machine.tree.size, 6, 1))
+        result = np.zeros((len(machine.readings), machine.tree.size, 6, 1))
         for k in self._children(machine):
             node = machine.tree.nodes[k]
             along = node.R.T @ node.t
@@ -179,7 +179,7 @@ class LinkBending(AssumedCentres, LinkCause):
                 load[:, k] - np.multiply.outer(load[:, k] @ unit, unit) for load in (machine.force, machine.moment)
             )
             of_force = np.cross(unit, force)  # moment per unit of distance from the end
-            found[:, k, 3:, 0] = moment * length + of_force * length**2 / 2.0
+            result[:, k, 3:, 0] = moment * length + of_force * length**2 / 2.0
             bent = np.cross(moment * length**2 / 2.0 + of_force * length**3 / 3.0, unit)
-            found[:, k, :3, 0] = bent
-        return found
+            result[:, k, :3, 0] = bent
+        return result

@@ -55,7 +55,7 @@ class ColumnTilt(AssumedCentres, LinkCause):
 
     def candidates(self, scene: ChainScene) -> Sequence[ColumnTilt]:
         """Return the base and every link that slides, in all directions or about one axis, where moments vary."""
-        machine, found = scene.inputs_of_machine, []
+        machine, result = scene.inputs_of_machine, []
         for k, node in enumerate(machine.tree.nodes):
             slides = node.kind is JointKind.PRISMATIC and node.joint in machine.tree.readings
             if not (k == 0 or slides):
@@ -64,8 +64,8 @@ class ColumnTilt(AssumedCentres, LinkCause):
             axes = ["", *(axis for axis, own in zip(AXES, varying, strict=True) if own)] if varying.any() else []
             for about in axes if sum(varying) > 1 else axes[:1]:
                 own = replace(self, link=node.link, about=about, centres_assumed=carries_off_centre(machine, k))
-                found.append(replace(own, load=float(np.abs(own._moment(machine, k)).max())))
-        return found
+                result.append(replace(own, load=float(np.abs(own._moment(machine, k)).max())))
+        return result
 
     def one_sided(self, legs: int) -> tuple[int, ...]:
         """Return the tilt: it cannot be negative."""
@@ -134,9 +134,9 @@ class JointSag(JointCause):
         return list(found.values())
 
     def applies(self, machine: ChainInputs) -> bool:
-        """True if gravity is known and no mass that the joint carries, except a payload that changes, or masses of
-        unknown centre that are assumed on its axis.
+        """True if gravity is known, and no mass that the joint carries.
 
+        A payload that changes, and masses of unknown centre that are assumed on the joint's axis, do not count.
         Never in loops: there a joint also carries links that no joint above it moves.
         """
         if isinstance(machine.tree, ClosedTree):
@@ -189,14 +189,14 @@ class GravityDirection(AssumedCentres):
         if machine.gravity is None:
             return ()
         declared = machine.gravity / np.sqrt(np.sum(machine.gravity**2))
-        found: list[Self] = []
+        result: list[Self] = []
         for name, down in _DIRECTIONS.items():
             if down @ declared > _SAME_WAY:
                 continue
             single = list(self._of_single_joints(name, machine.under(down)))
-            found += single
+            result += single
             if len(single) > 1:
-                found.append(
+                result.append(
                     replace(
                         single[0],
                         joints=tuple(joint for cause in single for joint in cause.joints),
@@ -205,7 +205,7 @@ class GravityDirection(AssumedCentres):
                         centres_assumed=any(cause.centres_assumed for cause in single),
                     )
                 )
-        return found
+        return result
 
     def _of_single_joints(self, direction: str, machine: ChainInputs) -> Iterator[Self]:
         for k, joint in enumerate(machine.tree.readings):
@@ -235,10 +235,10 @@ class GravityDirection(AssumedCentres):
     def deviations(self, machine: ChainInputs) -> NDArray:
         """Return the torque about the axis of each joint, or the force along it."""
         other, names = machine.under(_DIRECTIONS[self.direction]), machine.tree.readings
-        found = np.zeros((len(machine.readings), len(names), len(self.joints)))
-        for place, joint in enumerate(self.joints):
-            found[:, names.index(joint), place] = other.torque(names.index(joint))
-        return found
+        result = np.zeros((len(machine.readings), len(names), len(self.joints)))
+        for index, joint in enumerate(self.joints):
+            result[:, names.index(joint), index] = other.torque(names.index(joint))
+        return result
 
 
 def _independent_parts(machine: ChainInputs, joint: str, depth: int) -> tuple[str, ...]:

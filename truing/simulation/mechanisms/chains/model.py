@@ -203,20 +203,20 @@ class ChainModel(EffectsModel[ChainCause]):
 
     def twists(self, shared: NDArray, local: NDArray) -> Array:
         """Return the twists (B, N, 6) of all nodes at shared (G,) and local (B, H) unknowns."""
-        found = np.zeros((len(self.conditions.readings), self.tree.size, TWIST))
+        result = np.zeros((len(self.conditions.readings), self.tree.size, TWIST))
         if self.conditions.deviations is not None:
-            found += self.conditions.deviations
-        found += self.known.modes @ shared[self.layout["links"]]
+            result += self.conditions.deviations
+        result += self.known.modes @ shared[self.layout["links"]]
         for part, slopes in self._own_twists():
-            found += slopes @ shared[part]
+            result += slopes @ shared[part]
         if self.local_size:
-            found += np.einsum("bh,hni->bni", local * self._input_factor, self._reading_twists)
+            result += np.einsum("bh,hni->bni", local * self._input_factor, self._reading_twists)
         for effect in self.effects(shared):
             if (moved := effect.cause.twists(self.machine)) is not None:
-                found += moved @ effect.values
+                result += moved @ effect.values
             if (turned := effect.cause.deviation(self.machine, effect.values)) is not None:
-                found += np.tensordot(turned, self.tree.axis_twists, 1)
-        return found
+                result += np.tensordot(turned, self.tree.axis_twists, 1)
+        return result
 
     def places(self, shared: NDArray) -> Array:
         """Return the places (B, K, 3) of the channels in their links; rotation vectors for orientations."""
@@ -235,17 +235,17 @@ class ChainModel(EffectsModel[ChainCause]):
 
     def _own_twists(self) -> list[tuple[slice, NDArray]]:
         """Return the twists (B or 1, N, 6, P) per unknown of base and joint zeros."""
-        found: list[tuple[slice, NDArray]] = []
+        result: list[tuple[slice, NDArray]] = []
         if self.known.is_base_free:
             series = np.eye(len(self.known.base_t))[self.conditions.series]
             moved = np.einsum("bs,ij->bisj", series, np.diag(FREE_TWIST)).reshape(len(series), TWIST, -1)
-            found.append((self.layout["base"], self.machine.at_node(0, moved)))
+            result.append((self.layout["base"], self.machine.at_node(0, moved)))
         if len(own := self.free_offsets):
             sigma = self.known.offsets[own]
-            found.append(
+            result.append(
                 (self.layout["zeros"], np.moveaxis(self.tree.axis_twists[own] * sigma[:, None, None], 0, -1)[None])
             )
-        return found
+        return result
 
     @property
     def _reading_twists(self) -> Array:

@@ -89,22 +89,22 @@ class NonparametricChainEffect(NonparametricEffect[ChainScene], ChainCause):
         enough poses."""
         machine = scene.inputs_of_machine
         columns = varying_columns(scene.covariates)
-        found: list[NonparametricChainEffect] = []
+        result: list[NonparametricChainEffect] = []
         for k, name in enumerate(machine.tree.readings):
             if np.ptp(machine.readings[:, k]) > 0.0:
                 own = machine.conditions.columns[k]
                 bare = replace(self, joint=name, is_angle=bool(machine.tree.is_revolute[k]))
-                found += self._of(bare, _of_joint(columns, own), columns, len(machine.readings))
+                result += self._of(bare, _of_joint(columns, own), columns, len(machine.readings))
                 read = [column for column in machine.conditions.columns if column in columns]
-                found += self._of(bare, _of_two(read), columns, len(machine.readings))
+                result += self._of(bare, _of_two(read), columns, len(machine.readings))
                 if MEMORY in machine.conditions.covariates:
-                    found += self._of(bare, iter([((own,), HISTORY, len(STOPS))]), columns, len(machine.readings))
+                    result += self._of(bare, iter([((own,), HISTORY, len(STOPS))]), columns, len(machine.readings))
         others = {name: values for name, values in columns.items() if name not in machine.conditions.columns}
         for link in ("", *_moving_links(machine)):
-            found += self._of(
+            result += self._of(
                 replace(self, joint="", link=link), _of_place(others, link), others, len(machine.readings)
             )
-        return found
+        return result
 
     def single_errors(self, scene: ChainScene) -> Sequence[ScatterCandidate[NonparametricChainEffect]]:
         """Return each joint whose readings have errors, in all poses."""
@@ -219,8 +219,10 @@ def _moving_links(machine: ChainInputs) -> list[str]:
 
 
 def _of_place(columns: dict[str, NDArray], link: str) -> Iterator[tuple[tuple[str, ...], str, int]]:
-    """Yield inputs, form and degree of all dependences of the place of a link, or of the base if it is empty, on
-    ``columns`` that are no readings."""
+    """Yield inputs, form and degree of all dependences of a link's position on ``columns`` that are no readings.
+
+    An empty name is the base.
+    """
     for column in columns:
         is_time = column in (TIME, ORDER)
         # In proportion to time the base drifts.

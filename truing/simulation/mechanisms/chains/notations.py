@@ -82,8 +82,8 @@ def tree_of_screws(
     """Return the chain of some screws; ``home`` is R, t (m) of the tip in the base where all readings are zero."""
     nodes, below = [Node("", base, -1, np.eye(3), np.zeros(3))], np.zeros(3)
     for number, (screw, joint) in enumerate(zip(screws, joints, strict=True), 1):
-        place = screw.point - below
-        nodes.append(Node(joint, f"link{number}", number - 1, np.eye(3), place, screw.kind, screw.axis, joint))
+        position = screw.point - below
+        nodes.append(Node(joint, f"link{number}", number - 1, np.eye(3), position, screw.kind, screw.axis, joint))
         below = screw.point
     nodes.append(Node("", tip, len(screws), home[0], home[1] - below))
     return Tree(tuple(nodes), tuple(joints))

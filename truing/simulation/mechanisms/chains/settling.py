@@ -51,11 +51,11 @@ class JointSettling(JointCause):
 
     def candidates(self, scene: ChainScene) -> Sequence[Self]:
         """Return both forms and several time constants for every joint that waited for different times."""
-        machine, found = scene.inputs_of_machine, list[Self]()
+        machine, result = scene.inputs_of_machine, list[Self]()
         covariates = machine.conditions.covariates
         column = SINCE_MOTION if SINCE_MOTION in covariates else TIME
         if LAST_STEP not in covariates or _waits(covariates, column, 0) is None:
-            return found
+            return result
         for cause in super().candidates(scene):
             reading = machine.tree.readings.index(cause.joint)
             waits = _waits(covariates, column, reading)
@@ -66,8 +66,8 @@ class JointSettling(JointCause):
             for tau in _constants(own):
                 bare = replace(cause, column=column, start_s=start, tau_s=tau)
                 forms = [replace(bare, form=form) for form in (STEP_SHARE, SIDE)]
-                found += [one for one in forms if longest > start and one._shows(machine, reading)]
-        return found
+                result += [one for one in forms if longest > start and one._shows(machine, reading)]
+        return result
 
     def refined(self) -> Self:
         """Return the form with a fitted time constant."""

@@ -67,10 +67,10 @@ def errors_at(
     conditions: ChainConditions,
     values: NDArray,
     is_observed: Mask,
-    places: StartValues,
+    start: StartValues,
 ) -> Array:
     """Errors (B, K, 3), m and rad, of channels at places that were fitted to other poses; NaN where not seen."""
-    own = _Places(places.base_R, places.base_t, places.shape, places.tool)
+    own = _Places(start.base_R, start.base_t, start.shape, start.tool)
     problem = _Problem(tree, channels, conditions, values, is_observed, np.arange(0), False)
     return problem.refined(own).errors
 
@@ -213,19 +213,19 @@ def _aligned(
 ) -> tuple[Array, Array]:
     """Return R (S, 3, 3), t (S, 3) of the base that align the nominal positions with the measured ones."""
     frames = tree.frames(conditions.readings, conditions.deviations)
-    own = np.flatnonzero(~channels.is_rotation)
-    nodes = channels.node[own]
-    places = frames.t[:, nodes] + np.einsum("bkij,kj->bki", frames.R[:, nodes], shape[own])
+    rows = np.flatnonzero(~channels.is_rotation)
+    nodes = channels.node[rows]
+    positions = frames.t[:, nodes] + np.einsum("bkij,kj->bki", frames.R[:, nodes], shape[rows])
     R, t = np.empty((conditions.series.max() + 1, 3, 3)), np.empty((conditions.series.max() + 1, 3))
     for s in range(len(R)):
-        used = is_observed[:, own] & (conditions.series == s)[:, None]
+        used = is_observed[:, rows] & (conditions.series == s)[:, None]
         if used.sum() < 3:
             raise ValueError(f"needs at least 3 measured positions in each frame, found {int(used.sum())}")
-        fit = umeyama(places[used][None], values[:, own][used][None])
+        fit = umeyama(positions[used][None], values[:, rows][used][None])
         R[s], t[s] = fit.R[0], fit.t[0]
         if not np.isfinite(R[s]).all():  # origins that stand still, as those of the first links, show no orientation
             R[s] = np.eye(3)
-            t[s] = (values[:, own][used] - places[used]).mean(0)
+            t[s] = (values[:, rows][used] - positions[used]).mean(0)
     return R, t
 
 

@@ -124,11 +124,11 @@ class ChainTargetMoved(ChainCause):
 
     def shifts(self, machine: ChainInputs) -> NDArray:
         """Return the shift of the target, from the pose on; zero if it was not measured."""
-        found = np.zeros((len(machine.readings), len(machine.channels.names), 3, 3))
+        result = np.zeros((len(machine.readings), len(machine.channels.names), 3, 3))
         for k, name in enumerate(zip(machine.channels.links, machine.channels.names, strict=True)):
             if name == (self.body, self.target) and not machine.channels.is_rotation[k]:
-                found[machine.order >= self.from_order, k] = np.eye(3)
-        return found
+                result[machine.order >= self.from_order, k] = np.eye(3)
+        return result
 
     def reported(self, values: NDArray, covariance: NDArray, legs: int) -> tuple[ReportedParameter, ...]:
         """Return the shift, and the first displaced pose."""

@@ -96,8 +96,8 @@ class Tree:
     @cached_property
     def input_of(self) -> Index:
         """Number (N,) of the reading that moves each node; -1 for a fixed joint."""
-        places = {name: k for k, name in enumerate(self.readings)}
-        return np.array([places.get(node.reading, -1) for node in self.nodes], int)
+        index_of = {name: k for k, name in enumerate(self.readings)}
+        return np.array([index_of.get(node.reading, -1) for node in self.nodes], int)
 
     @cached_property
     def is_revolute(self) -> Mask:
@@ -114,20 +114,20 @@ class Tree:
     @cached_property
     def axis_twists(self) -> Array:
         """Twist (n, N, 6) of all nodes per unit of each reading: along or about their axes."""
-        found = np.zeros((len(self.readings), self.size, TWIST))
+        result = np.zeros((len(self.readings), self.size, TWIST))
         for k, node in enumerate(self.nodes):
             if (own := self.input_of[k]) >= 0:
-                found[own, k] = node.factor * axis_twist(node)
-        return found
+                result[own, k] = node.factor * axis_twist(node)
+        return result
 
     @cached_property
     def above(self) -> Mask:
         """Mask (N, N): whether node j carries node k or is it, [k, j]."""
-        found = np.eye(self.size, dtype=bool)
+        result = np.eye(self.size, dtype=bool)
         for k, node in enumerate(self.nodes):
             if node.parent >= 0:
-                found[k] |= found[node.parent]
-        return found
+                result[k] |= result[node.parent]
+        return result
 
     def moving_parent(self, node: int) -> int:
         """Return the nearest node below that moves; -1 if none does."""
@@ -176,19 +176,19 @@ class Tree:
     def point_slopes(self, frames: TreeFrames, nodes: Index, points: NDArray) -> NDArray:
         """Return the derivatives (B, K, 3, N, 6) of points (B, K, 3) on the links of nodes (K,) by all twists."""
         arms = points[:, :, None] - frames.origin[:, None]  # (B, K, N, 3)
-        found = np.zeros((*points.shape, self.size, TWIST))
+        result = np.zeros((*points.shape, self.size, TWIST))
         carried = self.above[nodes]
-        found[..., :3] = np.moveaxis(np.where(carried[..., None, None], frames.R_before[:, None], 0.0), 3, 2)
+        result[..., :3] = np.moveaxis(np.where(carried[..., None, None], frames.R_before[:, None], 0.0), 3, 2)
         turned = np.cross(np.swapaxes(frames.slope, -1, -2)[:, None], arms[..., None, :])  # (B, K, N, c, 3)
-        found[..., 3:] = np.moveaxis(np.where(carried[..., None, None], turned, 0.0), 4, 2)
-        return found
+        result[..., 3:] = np.moveaxis(np.where(carried[..., None, None], turned, 0.0), 4, 2)
+        return result
 
     def rotation_slopes(self, frames: TreeFrames, nodes: Index) -> NDArray:
         """Return the rotation vectors (B, K, 3, N, 6) of the links of nodes (K,) per unit of all twists."""
-        found = np.zeros((len(frames.R), len(nodes), 3, self.size, TWIST))
+        result = np.zeros((len(frames.R), len(nodes), 3, self.size, TWIST))
         carried = self.above[nodes][..., None, None]
-        found[..., 3:] = np.moveaxis(np.where(carried, frames.slope[:, None], 0.0), 3, 2)
-        return found
+        result[..., 3:] = np.moveaxis(np.where(carried, frames.slope[:, None], 0.0), 3, 2)
+        return result
 
     def weights(self, payload: dict[int, tuple[NDArray, NDArray]]) -> list[tuple[int, NDArray, NDArray]]:
         """Return node, mass () or (B,) in kg and centre of mass (3,) in the link's frame, m, of all that has weight."""
@@ -207,11 +207,11 @@ class Tree:
         down = STANDARD_GRAVITY * gravity / np.sqrt(np.sum(gravity**2))
         force, moment = np.zeros((2, len(readings), self.size, 3))
         for k, mass, com in self.weights(payload):
-            place = frames.t[:, k] + frames.R[:, k] @ com
+            position = frames.t[:, k] + frames.R[:, k] @ com
             pull = np.broadcast_to(np.multiply.outer(mass, down), (len(readings), 3))
             for j in np.flatnonzero(self.above[k]):
                 force[:, j] += pull
-                moment[:, j] += np.cross(place - frames.origin[:, j], pull)
+                moment[:, j] += np.cross(position - frames.origin[:, j], pull)
         turn = np.swapaxes(frames.R_before, -1, -2)
         return np.einsum("bnij,bnj->bni", turn, force), np.einsum("bnij,bnj->bni", turn, moment)
 
@@ -230,9 +230,9 @@ class Tree:
 def axis_twist(node: Node) -> Array:
     """Return the twist (6,) of a unit motion of a joint."""
     first = 0 if node.kind is JointKind.PRISMATIC else 3
-    found = np.zeros(TWIST)
-    found[first : first + 3] = node.axis if node.kind is not JointKind.FIXED else 0.0
-    return found
+    result = np.zeros(TWIST)
+    result[first : first + 3] = node.axis if node.kind is not JointKind.FIXED else 0.0
+    return result
 
 
 def geometry_modes(tree: Tree, sigma: NDArray, is_base_free: bool, known: Mask | None = None) -> Array:

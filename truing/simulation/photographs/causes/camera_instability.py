@@ -195,8 +195,8 @@ class CameraInstability(RayCause):
 
 def _onsets(rays: RayPoses, camera: str) -> list[int]:
     """Return the poses at which a camera may jump: with enough of its poses on either side."""
-    places = np.flatnonzero(rays.poses_of(CAMERA, camera))
-    in_time = places[np.argsort(rays.rank[places], kind="stable")]
+    indices = np.flatnonzero(rays.poses_of(CAMERA, camera))
+    in_time = indices[np.argsort(rays.rank[indices], kind="stable")]
     return in_time[FEWEST : len(in_time) - FEWEST + 1].tolist() if len(in_time) >= 2 * FEWEST else []
 
 

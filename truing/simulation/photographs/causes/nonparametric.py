@@ -46,8 +46,8 @@ class NonparametricRayEffect(NonparametricEffect[RayScene], RayCause):
         columns = varying_columns(rays.covariates)
         ranges = {column: middle_and_half(values) for column, values in columns.items()}
         effects: list[NonparametricRayEffect] = []
-        for place, number in enumerate(rays.parameters):
-            if number.name not in _PLAUSIBLE or number.kind not in (CAMERA, BAR) or not rays.determinable[place]:
+        for index, number in enumerate(rays.parameters):
+            if number.name not in _PLAUSIBLE or number.kind not in (CAMERA, BAR) or not rays.determinable[index]:
                 continue
             count = int(rays.poses_of(number.kind, number.owner).sum())
             owner = {"owner_kind": number.kind, "owner": number.owner, "name": number.name, "unit": number.unit}
