@@ -29,7 +29,7 @@ from truing.pipeline.init_entries import (
     photograph_entries,
     scanned_body,
 )
-from truing.pipeline.init_lists import with_numbered_poses
+from truing.pipeline.init_lists import with_numbered_poses, with_poses_in_order
 from truing.pipeline.init_names import with_bodies_of_targets, with_poses_of_names
 from truing.pipeline.init_questions import Answers, Ask, names_a_body, parsed_answers
 from truing.pipeline.init_robot import (
@@ -100,7 +100,7 @@ def init_campaign(
         raise CampaignFaults([_never_overwritten(target)])
     all_answers = Answers(given) if ask is None else Answers(given, ask)
     guesses = with_numbered_poses(folder, with_lost_points(folder, _with_keys_of_names(guesses)), robot)
-    guesses = with_poses_of_names(folder, guesses)
+    guesses = with_poses_of_names(folder, with_poses_in_order(folder, guesses))
     guesses = with_survey(folder, guesses)
     guesses = [(group, one) for (group, _), one in zip(guesses, with_reflector(guesses, robot), strict=True)]
     guesses = [(group, one) for (group, _), one in zip(guesses, on_tip([g for _, g in guesses], robot), strict=True)]

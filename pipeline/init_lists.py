@@ -12,6 +12,7 @@ from truing.formats.guess import MappingKeys, OtherWay
 from truing.formats.presets import target_column
 from truing.pipeline.init_preview import first_rows
 from truing.pipeline.init_questions import PLACEHOLDER, is_body_open, without_placeholder
+from truing.pipeline.init_robot import last_link
 from truing.pipeline.init_survey import rows_of
 from truing.schemas.faults import CampaignFaults
 
@@ -21,7 +22,6 @@ if TYPE_CHECKING:
     from truing.pipeline.init_robot import Robot
 
 TARGET = "reflector"
-_TIP = "tip"  # link of a chain without a URDF
 _NUMBERED = re.compile(r"(?P<stem>.*?)[\s_.#-]*(?P<number>\d+)")
 _FEWEST, _MOST_ROWS = 5, 100_000
 _COVERED = 0.8  # share of the logged poses that have a place
@@ -39,6 +39,31 @@ def with_numbered_poses(folder: Path, files: Sequence[_File], robot: Robot | Non
     return [(group, _read_as_poses(folder, group, guess, log, body)) for group, guess in files]
 
 
+def with_poses_in_order(folder: Path, files: Sequence[_File]) -> list[_File]:
+    """Number the measured poses of one body as the rows of a log of as many, whose rows are counted.
+
+    Numbers of an instrument, such as those of its frames, name no row of the log.
+    """
+    logs = [one for one in files if one[1].table == "configurations"]
+    log = _log(folder, *logs[0]) if len(logs) == 1 else _Log()
+    if not log.is_counted:
+        return list(files)
+    return [
+        (group, _counted_as(log, folder, group, guess) if guess.table == "poses" else guess) for group, guess in files
+    ]
+
+
+def _counted_as(log: _Log, folder: Path, group: RawGroup, guess: Guess) -> Guess:
+    raw = guess.mapping.get("columns", {}).get("pose", "pose")
+    numbers = _log(folder, group, guess, table="poses").poses
+    if len(set(numbers)) < len(numbers) or len(numbers) != len(log.poses) or set(numbers) == set(log.poses):
+        return guess
+    columns = {key: name for key, name in guess.mapping["columns"].items() if key != "pose"}
+    doubt = f"poses are assumed to be in the order of the log, whose rows have no number; {raw} is not read"
+    keys = {"columns": columns, "number_rows": {"pose": 1}}
+    return replace(guess, mapping={**guess.mapping, **keys}, doubts=(*guess.doubts, doubt))
+
+
 @dataclass(frozen=True)
 class _Log:
     """Poses of a log, and whether they are the numbers of its rows."""
@@ -47,9 +72,9 @@ class _Log:
     is_counted: bool = False
 
 
-def _log(folder: Path, group: RawGroup, guess: Guess) -> _Log:
+def _log(folder: Path, group: RawGroup, guess: Guess, table: str = "configurations") -> _Log:
     try:
-        batch = first_rows(folder, group.example, "configurations", "photogrammetry", guess.mapping)
+        batch = first_rows(folder, group.example, table, "photogrammetry", guess.mapping)
     except CampaignFaults:
         return _Log()
     if batch is None or group.count > 1:
@@ -59,10 +84,7 @@ def _log(folder: Path, group: RawGroup, guess: Guess) -> _Log:
 
 def _moved_body(log: Guess, robot: Robot | None) -> str:
     """The body that a log moves: the tip of a robot; a placeholder if it is not known."""
-    if robot is not None:
-        return robot.tip
-    columns = (*log.columns, *log.mapping.get("columns", {}))
-    return _TIP if any(re.match(r"joint1_|\w+_joint_", column) for column in columns) else PLACEHOLDER
+    return robot.tip if robot is not None else last_link(None, [log]) or PLACEHOLDER
 
 
 def _read_as_poses(folder: Path, group: RawGroup, guess: Guess, log: _Log, body: str) -> Guess:

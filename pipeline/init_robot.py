@@ -18,6 +18,8 @@ if TYPE_CHECKING:
 SUFFIX = ".urdf"
 _LONG = 20  # lines
 _NUMBERED = re.compile(r"joint(\d+)_deg")
+TIP = "tip"  # last link of a chain without a description
+_NUMBERED_JOINT = re.compile(r"joint1_|\w+_joint_")
 
 
 @dataclass(frozen=True)
@@ -153,6 +155,13 @@ def mechanism_of(robot: Robot | None, guesses: Sequence[Guess]) -> Iterator[tupl
 def needs_description(robot: Robot | None, guesses: Sequence[Guess]) -> bool:
     """True if files give joint readings, but nothing describes the chain of these joints."""
     return any(True for _ in mechanism_of(robot, guesses)) and (robot is None or not has_joints(robot, guesses))
+
+
+def last_link(robot: Robot | None, guesses: Sequence[Guess]) -> str | None:
+    """Name of the link that a log of joints moves; that of a table of Denavit and Hartenberg without a description."""
+    if robot is not None:
+        return robot.tip if has_joints(robot, guesses) else None
+    return TIP if any(_NUMBERED_JOINT.match(column) for guess in guesses for column in _columns(guess)) else None
 
 
 def has_joints(robot: Robot, guesses: Sequence[Guess]) -> bool:

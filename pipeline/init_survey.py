@@ -13,12 +13,13 @@ import numpy as np
 
 from truing.formats.guess import MappingKeys
 from truing.formats.named_chain import is_within_metres
+from truing.formats.named_columns import TOOL
 from truing.formats.presets import target_column
 from truing.formats.proposed_poses import perhaps_in_metres
 from truing.formats.units import conversion
 from truing.pipeline.init_preview import batches
 from truing.pipeline.init_questions import PLACEHOLDER, is_body_open, names_a_body, without_placeholder
-from truing.pipeline.init_robot import Robot, has_joints
+from truing.pipeline.init_robot import Robot, last_link
 from truing.pipeline.starter import assumed_unit
 from truing.schemas.faults import CampaignFaults
 
@@ -140,20 +141,25 @@ def _without_zeros(folder: Path, group: RawGroup, guess: Guess) -> Guess:
 
 
 def with_tip(folder: Path, files: Sequence[tuple[RawGroup, Guess]], robot: Robot | None) -> list[Guess]:
-    """Return the guesses, targets without a body beside a robot's joints on the last link, in m if all are below 10."""
+    """Return the guesses with what has no body, beside a robot's joints, on its last link; points in m if all are below
+    10."""
     guesses = [guess for _, guess in files]
-    if robot is None or not has_joints(robot, guesses):
+    tip = last_link(robot, guesses)
+    if tip is None:
         return guesses
-    return [_on_last_link(folder, group, guess, robot) for group, guess in files]
+    return [_on_last_link(folder, group, guess, tip) for group, guess in files]
 
 
-def _on_last_link(folder: Path, group: RawGroup, guess: Guess, robot: Robot) -> Guess:
+def _on_last_link(folder: Path, group: RawGroup, guess: Guess, tip: str) -> Guess:
+    constants = guess.mapping.get("constants", {})
+    on_tip = replace(guess, mapping={**guess.mapping, "constants": {**constants, "body": tip}})
+    if guess.table == "poses" and constants.get("body") == TOOL:
+        return on_tip
     if guess.table != "points" or guess.known or not is_body_open(guess):
         return guess
     rows = rows_of(folder, group, guess, {"body": PLACEHOLDER})
     in_metres = rows is not None and assumed_unit("x_mm", guess) == "mm" and is_within_metres(rows.places)
-    constants = {**guess.mapping.get("constants", {}), "body": robot.tip}
-    return perhaps_in_metres(replace(guess, mapping={**guess.mapping, "constants": constants}), in_metres)
+    return perhaps_in_metres(on_tip, in_metres)
 
 
 @dataclass(frozen=True)

@@ -14,7 +14,7 @@ from truing.schemas.chain_mechanism import ChainMechanism
 from truing.schemas.faults import CampaignFaults, Fault
 from truing.schemas.interferometer import Interferometer
 from truing.schemas.mapping import OF_NAME, OF_TABLE, FileMapping
-from truing.schemas.mechanism import AxisMechanism, LeggedMechanism, NoMechanism, SensorMechanism
+from truing.schemas.mechanism import AxisMechanism, LeggedMechanism, MechanismSection, NoMechanism, SensorMechanism
 from truing.schemas.near_names import did_you_mean
 from truing.schemas.photographs import GivenCamera, Photographs
 from truing.schemas.quality_checks import acceptance_faults, limit_faults
@@ -48,7 +48,7 @@ def _is_first_format(value: Any) -> Any:
 
 
 # Sections of [mechanism] by tag; no key has such a name. All other types have legs.
-_TYPES = {
+_TYPES: dict[str, type[MechanismSection]] = {
     "legged": LeggedMechanism,
     "6-upur": SensorMechanism,
     "one-axis": AxisMechanism,

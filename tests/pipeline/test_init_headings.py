@@ -10,7 +10,7 @@ from scipy.spatial.transform import Rotation
 
 from tests.pipeline.test_init_exports import JOINTS, init, numbers, table
 from tests.tolerance import assert_close
-from truing.formats.shapes import CONFIGURATIONS, POINTS, POSITIONING, SIGNALS
+from truing.formats.shapes import CONFIGURATIONS, POINTS, POSES, POSITIONING, SIGNALS
 
 RNG = np.random.default_rng(12)
 FORCES, SIGNALS_MV = RNG.normal(size=(6, 3)).round(4), RNG.normal(size=(6, 4)).round(6)
@@ -114,3 +114,23 @@ def test_deviations_have_the_unit_of_the_words_or_of_their_size(tmp_path: Path, 
     found = table(tmp_path, document, POSITIONING)
     assert_close(numbers(found, "deviation_um")[:, 0], DEVIATIONS_UM.ravel(), atol=1e-9, what="deviations")
     assert ("Unit of the deviations" in text) == (words == "")
+
+
+@pytest.mark.parametrize("first", [1000, 1])
+def test_frames_of_an_instrument_beside_a_log_without_numbers_are_poses_in_its_order(
+    tmp_path: Path, first: int
+) -> None:
+    turns = Rotation.random(len(JOINTS), rng=RNG).as_quat()[:, [3, 0, 1, 2]]
+    places = RNG.uniform(-900.0, 900.0, (len(JOINTS), 3)).round(3)
+    rows = [
+        f"{first + 60 * k},OK,{','.join(f'{v:.6f}' for v in (*turn, *place))}"
+        for k, (turn, place) in enumerate(zip(turns, places, strict=True))
+    ]
+    (tmp_path / "tool_tracking.csv").write_text("\n".join(["Frame,State,Q0,Qx,Qy,Qz,Tx,Ty,Tz", *rows]) + "\n")
+    joints = [",".join(map(str, row)) for row in JOINTS]
+    (tmp_path / "joints.csv").write_text("\n".join(["actual_q_0,actual_q_1,actual_q_2", *joints]) + "\n")
+    document = init(tmp_path)[1]
+    found = table(tmp_path, document, POSES)
+    assert [int(pose) for pose in found.table.column("pose").to_pylist()] == [1, 2, 3, 4, 5]
+    assert set(found.table.column("body").to_pylist()) == {"tip"}
+    assert_close(numbers(found, "x_mm", "y_mm", "z_mm"), places, atol=1e-9, what="places")

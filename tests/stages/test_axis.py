@@ -423,7 +423,7 @@ def test_a_long_recording_is_compared_at_rows_that_are_spread_over_it(
 
 @pytest.mark.parametrize("cycles", [1, 2])
 def test_a_load_that_leads_after_reversals_is_no_zero_shift(tmp_path: Path, cycles: int) -> None:
-    """A gap that is compensated too much has the sign of none: one sweep and back would pass for a shift of the zero."""
+    """A gap that is compensated too much is negative; one sweep and back would pass for a shift of the zero."""
     command = np.tile(np.r_[np.arange(0.0, 361.0, 10.0), np.arange(350.0, -1.0, -10.0)], cycles)
     layout = _layout(command=command, channels=("measured",), event_row=None, held_out=np.zeros(len(command), bool))
     made = record(layout, (Hidden("lost-motion", "", -BACKLASH),), np.random.default_rng(8))

@@ -33,6 +33,7 @@ _PLACE = ("x_mm", "y_mm", "z_mm")
 _ELEMENT = re.compile(r"(?P<before>.*?)(?P<row>[0-4])(?:[\W_]+)?(?P<column>[0-4])[\])]?")
 _AXES = 3
 _MATRICES = ((3, 3), (3, 4), (4, 4))
+TOOL = "tool"  # body of measured poses that no file names
 SHIFTS = ("m03", "m13", "m23")
 _COMMANDED = re.compile(r"goal|command|cmd|desired|target|nominal|soll|set[ _]?point|planned|flange|reference", re.I)
 _SPREAD = re.compile(r"(?:^|[\W_])(?:std|sd|sigma|stdev|s|rms|unc|precision|prec|u|u95)(?:$|[\W_])", re.I)
@@ -119,7 +120,7 @@ def _mapped_matrix(
     if unit is None:
         notes.append(_range_words(_selected_columns(names, shifts, values)))
     mapping: MappingKeys = {"columns": columns, **({} if unit in (None, "mm") else {"unit": unit})}
-    mapping["constants"] = {"body": "tool"}
+    mapping["constants"] = {"body": TOOL}
     return PoseMapping(mapping, tuple(dict.fromkeys((*columns.values(), *_commanded(names)))), tuple(notes))
 
 
@@ -214,7 +215,7 @@ def _mapped(
             if unit_of_column_name not in (None, unit)
         }
     mapping |= ({"coverage": coverage} if coverage else {}) | ({"units": units} if units else {})
-    mapping["constants"] = {"body": "tool"}
+    mapping["constants"] = {"body": TOOL}
     used_names = (*place, *turned, *spread.values(), *_commanded(names))
     return PoseMapping(mapping, tuple(dict.fromkeys(used_names)), (*notes, *more))
 
@@ -300,7 +301,7 @@ def bare_poses(values: Array) -> PoseMapping | None:
     rows, width = values.shape
     if not np.isfinite(values).all():
         return None
-    body = {"constants": {"body": "tool"}}
+    body = {"constants": {"body": TOOL}}
     if width in (12, 16) and rows >= 1 and are_motions(values.reshape(rows, width // 4, 4)):
         names = [f"m{i}{j}" for i in range(width // 4) for j in range(4)]
         notes: tuple[str, ...] = (
