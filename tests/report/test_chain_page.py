@@ -4,10 +4,15 @@ from __future__ import annotations
 
 import numpy as np
 import pandas as pd
+import pytest
 
 from tests.tolerance import assert_close
+from truing.belonging.relation import RelationState
+from truing.report.chain_corrections import corrections, estimates_zeros
 from truing.report.chain_page import chain
+from truing.report.section_verdict import SectionVerdict
 from truing.runs.chain_places import chain_places
+from truing.schemas.verdict import ReasonCode
 
 _NOT_TURNED = {"rx_rad": 0.0, "ry_rad": 0.0, "rz_rad": 0.0}
 
@@ -98,3 +103,19 @@ def test_a_chain_that_was_not_diagnosed_is_drawn_and_other_machines_have_no_sect
     assert chain_places({"configurations": tables["configurations"]}) == {}
     unread = {**tables, "configurations": tables["configurations"].drop(columns="elbow_rad")}
     assert chain_places(unread) == {}
+
+
+@pytest.mark.parametrize(("state", "said"), [("ok", True), ("attention", False), ("fails", False)])
+def test_clear_corrections_of_a_model_that_fits_stand_on_the_first_screen(state: str, said: bool) -> None:
+    tables = _tables()
+    adequacy = SectionVerdict("adequacy", RelationState(state), ReasonCode.WITHIN_NOISE, "")
+    lines = corrections(tables, adequacy)
+    assert bool(lines) == said
+    if said:  # 0.02 mm are two standard deviations, and no correction
+        assert "zero of elbow" in lines[0][1]
+        assert "0.2292 ± 0.0057 deg" in lines[0][1]
+        assert "dx" not in lines[0][1]
+    assert estimates_zeros(tables)
+    del tables["chain_parameters"]
+    assert corrections(tables, adequacy) == []
+    assert not estimates_zeros(tables)

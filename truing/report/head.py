@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from truing.belonging.relation import RelationState
 from truing.report.calibration.with_findings import choice_verdicts
+from truing.report.chain_corrections import corrections
 from truing.report.diagnosis.words import diagnosis_details
 from truing.report.first_screen import first_screen, gross_errors_of_axis
 from truing.report.numbers import quantity
@@ -51,7 +52,7 @@ def _lines(rows: dict[str, SectionVerdict], tables: Tables) -> list[Verdict]:
             lines.append((other.mark, other.explanation))
         if other.section == "diagnosis":
             lines += details
-    return [*lines, *choice_verdicts(tables), *_passed_sections(others)]
+    return [*lines, *corrections(tables, rows.get("adequacy")), *choice_verdicts(tables), *_passed_sections(others)]
 
 
 _URGENCY = {RelationState.FAILS: 0, RelationState.ATTENTION: 1, RelationState.OK: 2, RelationState.NOT_TESTED: 3}

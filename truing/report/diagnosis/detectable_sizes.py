@@ -6,6 +6,7 @@ import re
 
 import pandas as pd
 
+from truing.report.chain_corrections import estimates_zeros
 from truing.report.diagnosis.assessed_causes import FOUND, NOT_TESTABLE, REJECTED, SUSPECTED, AssessedCause
 from truing.report.diagnosis.effect_units import plain_size, stem
 from truing.report.diagnosis.findings import few, subject_words
@@ -17,6 +18,7 @@ from truing.report.wordings.catalogue import cause_words
 
 _TITLE = "What could have stayed hidden"
 _COMPONENT = r"(moment|force|offset|arm)_[xyz](?:_\w+)?"
+_OFFSET = "joint-offset"
 _NEVER, _HELD = "not at any plausible size", "part of what was found"
 _BEYOND = "only beyond plausible sizes"
 
@@ -36,7 +38,7 @@ def hidden(rows: list[AssessedCause], tables: Tables) -> ReportSection:
     found = {row.cause for row in rows if row.verdict in (FOUND, SUSPECTED)}
     table.loc[table["cause"].isin(found) & table["size"].isna(), "words"] = _BEYOND
     return ReportSection(
-        "hidden", _TITLE, _opening_sentences(table), listings=(_by_cause(table, rows), _full_listing(table))
+        "hidden", _TITLE, _opening_sentences(table, tables), listings=(_by_cause(table, rows), _full_listing(table))
     )
 
 
@@ -48,11 +50,14 @@ def size_words(table: pd.DataFrame) -> list[str]:
     ]
 
 
-def _opening_sentences(table: pd.DataFrame) -> str:
+def _opening_sentences(table: pd.DataFrame, tables: Tables) -> str:
     power = float(table["power"].median())
     text = f"An effect of the size shown would have been found with a probability of {100 * power:.0f} %; smaller "
     text += "effects may be present."
     never = [cause for cause, group in table.groupby("cause", sort=False) if (group["words"] == _NEVER).all()]
+    if _OFFSET in never and estimates_zeros(tables):
+        never.remove(_OFFSET)
+        text += " Zeros of joints within their tolerances are not tested but estimated: section Chain lists them."
     if never:
         text += f" This campaign cannot show {', '.join(cause_words(str(c)) for c in never)} at any plausible size."
     return text

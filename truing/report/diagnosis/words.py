@@ -7,6 +7,7 @@ from collections.abc import Mapping
 import pandas as pd
 
 from truing.belonging.relation import RelationState
+from truing.report.chain_corrections import estimates_zeros
 from truing.report.diagnosis.adequacy import noise_compared, shortcoming
 from truing.report.diagnosis.assessed_causes import (
     CHANGES,
@@ -65,15 +66,15 @@ def diagnosis_verdict(tables: Tables, before: Mapping[str, SectionVerdict]) -> S
         code = ReasonCode.SUSPECTED if doubted else ReasonCode.FOUND
         return _diagnosed(RelationState.ATTENTION, code, _found_words(accepted, tables), len(effects))
     if accepted:
-        text = f"{clause(accepted[0], tables)}; otherwise {_nothing_found(rows)}."
+        text = f"{clause(accepted[0], tables)}; otherwise {_nothing_found(rows, tables)}."
         code = ReasonCode.NOTHING_FOUND if accepted[0].is_remainder else ReasonCode.NOISE
         return _diagnosed(RelationState.ATTENTION, code, text)
     if not _testable(rows):
-        text = f"{_upper(tested_words(rows))}: not tested, because {_nothing_found(rows)}."
+        text = f"{_upper(tested_words(rows))}: not tested, because {_nothing_found(rows, tables)}."
         return _diagnosed(RelationState.NOT_TESTED, ReasonCode.NOT_TESTABLE, text)
     adequacy = before.get("adequacy")
     if adequacy is not None and adequacy.state in (RelationState.ATTENTION, RelationState.FAILS):
-        text = f"{_upper(_nothing_found(rows))}, but the residuals are not {noise_compared(tables)}."
+        text = f"{_upper(_nothing_found(rows, tables))}, but the residuals are not {noise_compared(tables)}."
         return _diagnosed(RelationState.ATTENTION, ReasonCode.NOTHING_FOUND, text)
     return _diagnosed(RelationState.OK, ReasonCode.AGREES, _agreement(rows, tables))
 
@@ -94,13 +95,13 @@ def simulation_verdict(tables: Tables, _: Mapping[str, SectionVerdict]) -> Secti
         return SectionVerdict("simulation", RelationState.NOT_TESTED, ReasonCode.NO_READINGS, text)
     names = listed_shortly(recorded)
     text = f"Not tested: whether the machine moves as its readings say. No [mechanism] relates {names} to the "
-    text += f"measured poses. {_bodies_words(assessed_causes(tables))}"
+    text += f"measured poses. {_bodies_words(assessed_causes(tables), tables)}"
     return SectionVerdict("simulation", RelationState.NOT_TESTED, ReasonCode.NO_MECHANISM, text)
 
 
-def _bodies_words(rows: list[AssessedCause]) -> str:
+def _bodies_words(rows: list[AssessedCause], tables: Tables) -> str:
     accepted = accepted_of(rows)
-    return f"Tested: {tested_words(rows)}; {'see Diagnosis' if accepted else _nothing_found(rows)}."
+    return f"Tested: {tested_words(rows)}; {'see Diagnosis' if accepted else _nothing_found(rows, tables)}."
 
 
 def diagnosis_details(tables: Tables) -> list[Verdict]:
@@ -142,12 +143,13 @@ def _testable(rows: list[AssessedCause]) -> list[AssessedCause]:
     return [row for row in rows if row.verdict != NOT_TESTABLE and not row.is_noise]
 
 
-def _nothing_found(rows: list[AssessedCause]) -> str:
+def _nothing_found(rows: list[AssessedCause], tables: Tables) -> str:
     """Return ``none of 9 candidates was found; not testable with these data: measurement scale, sag under gravity``."""
     tested, idle = len(_testable(rows)), [row for row in rows if row.verdict == NOT_TESTABLE]
     if not tested:
         return f"none of {count(len(idle), 'candidate')} is testable with these data"
-    names = list(dict.fromkeys(cause_words(row.cause) for row in idle))
+    estimated = {"joint-offset"} if estimates_zeros(tables) else set()
+    names = list(dict.fromkeys(cause_words(row.cause) for row in idle if row.cause not in estimated))
     more = f"; not testable with these data: {listed_shortly(names)}" if names else ""
     return f"none of {count(tested, 'candidate')} was found{more}"
 
@@ -185,7 +187,7 @@ def _listed(clauses: list[str], several: int) -> str:
 def _agreement(rows: list[AssessedCause], tables: Tables) -> str:
     tested_text = tested_words(rows)
     text = f"{_upper(tested_text)} agree to within the noise" if tested_text else "The residuals are noise"
-    text = f"{text}: {_nothing_found(rows)}."
+    text = f"{text}: {_nothing_found(rows, tables)}."
     sizes = _hidden_sizes(table_or_none(tables, "detectable"))
     if not sizes:
         return text
@@ -282,7 +284,7 @@ def counted(rows: list[AssessedCause], tables: Tables) -> str:
             return f"{assessed}, none found, but the model does not fit as a whole: {short}."
         noisy = any(row.is_noise and not row.is_remainder for row in rows)
         noise = "; the noise is not as declared" if noisy else ""
-        return f"{assessed} by comparing {tested_text}: {_nothing_found(rows)}{noise}."
+        return f"{assessed} by comparing {tested_text}: {_nothing_found(rows, tables)}{noise}."
     other = f", {rivals} equally good as one of them and not distinguishable from it" if rivals else ""
     unseen = f", {untestable} not testable with these data" if untestable else ""
     into = "included in the results below"
