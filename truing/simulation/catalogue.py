@@ -49,6 +49,7 @@ from truing.simulation.mechanisms.causes.leg_compliance import LegCompliance
 from truing.simulation.mechanisms.causes.leg_drift import LegDrift
 from truing.simulation.mechanisms.causes.measurement_scale import MeasurementScale
 from truing.simulation.mechanisms.causes.nonparametric import NonparametricMechanismEffect
+from truing.simulation.mechanisms.causes.reading_lag import ReadingLag
 from truing.simulation.mechanisms.causes.scatter import ApproachScatter, NoiseBurst
 from truing.simulation.mechanisms.causes.targets import TargetMoved, TargetsSwapped
 from truing.simulation.mechanisms.causes.warmth import LegThermal, ThermalExpansion
@@ -67,6 +68,7 @@ from truing.simulation.mechanisms.chains.joint_curves import JointErrorCurve
 from truing.simulation.mechanisms.chains.link_causes import LinkBending, LinkGrowth
 from truing.simulation.mechanisms.chains.loads import ColumnTilt, GravityDirection, JointSag
 from truing.simulation.mechanisms.chains.nonparametric import NonparametricChainEffect
+from truing.simulation.mechanisms.chains.reading_lag import ChainReadingLag
 from truing.simulation.mechanisms.chains.settling import JointSettling
 from truing.simulation.mechanisms.chains.target_causes import ChainTargetMoved, DistanceOffset
 from truing.simulation.mechanisms.point_causes import PointCause
@@ -90,6 +92,7 @@ OWN_CAUSES: tuple[PointCause, ...] = (
     ActuatorGain(),
     ActuatorBacklash(),
     PeriodicError(),
+    ReadingLag(),
     MeasurementScale(),
     TargetMoved(),
     TargetsSwapped(),
@@ -146,6 +149,7 @@ OWN_CAUSES_OF_CHAINS: tuple[ChainCause, ...] = (
     JointHarmonic(),
     JointPitchError(),
     JointSettling(),
+    ChainReadingLag(),
     JointErrorCurve(),
     JointCompliance(),
     JointSag(),
