@@ -205,7 +205,7 @@ def movements(readings: NDArray, covariates: Mapping[str, NDArray], least: NDArr
 
     Its direction (B, n), +1 before any; its size (B, n), rad or m, 0 before any; its history (B, n, 3), the states in
     -1 .. 1 of stop operators, and its path (B, n, 8), those of more of them. Where times are known, there are also the
-    seconds (B, n) since the pose before it, infinite before any; and the rates (B, n), if readings follow a smooth path.
+    seconds (B, n) since the pose before it, infinite before any; and the rates (B, n) of readings along a smooth path.
     Rows with a reading that is not finite are passed over.
     """
     order, time = covariates[ORDER], covariates.get(TIME)
