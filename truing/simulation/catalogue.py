@@ -53,7 +53,7 @@ from truing.simulation.mechanisms.causes.reading_lag import ReadingLag
 from truing.simulation.mechanisms.causes.scatter import ApproachScatter, NoiseBurst
 from truing.simulation.mechanisms.causes.targets import TargetMoved, TargetsSwapped
 from truing.simulation.mechanisms.causes.warmth import LegThermal, ThermalExpansion
-from truing.simulation.mechanisms.chains.base_causes import BaseDrift, BaseJump
+from truing.simulation.mechanisms.chains.base_drift import BaseDrift
 from truing.simulation.mechanisms.chains.causes import (
     ChainCause,
     JointBacklash,
@@ -65,6 +65,7 @@ from truing.simulation.mechanisms.chains.causes import (
 )
 from truing.simulation.mechanisms.chains.harmonics import JointEccentricity, JointHarmonic, JointPitchError
 from truing.simulation.mechanisms.chains.joint_curves import JointErrorCurve
+from truing.simulation.mechanisms.chains.jumps import BaseJump, JointJump, ToolJump
 from truing.simulation.mechanisms.chains.link_causes import LinkBending, LinkGrowth
 from truing.simulation.mechanisms.chains.loads import ColumnTilt, GravityDirection, JointSag
 from truing.simulation.mechanisms.chains.nonparametric import NonparametricChainEffect
@@ -143,6 +144,7 @@ OWN_CAUSES_OF_AXES: tuple[AxisCause, ...] = (
 # Causes of an open chain.
 OWN_CAUSES_OF_CHAINS: tuple[ChainCause, ...] = (
     JointOffset(),
+    JointJump(),
     JointGain(),
     JointBacklash(),
     JointEccentricity(),
@@ -159,6 +161,7 @@ OWN_CAUSES_OF_CHAINS: tuple[ChainCause, ...] = (
     LinkGrowth(),
     BaseDrift(),
     BaseJump(),
+    ToolJump(),
     DistanceOffset(),
     ChainTargetMoved(),
     JointScatter(),
