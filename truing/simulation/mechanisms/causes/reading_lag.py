@@ -10,7 +10,7 @@ from numpy.typing import NDArray
 
 from truing.simulation.cause import Parameter, Step
 from truing.simulation.change import Change
-from truing.simulation.inputs import RATE, TIME
+from truing.simulation.inputs import RATE
 from truing.simulation.mechanisms.point_causes import PointCause, PointScene
 from truing.simulation.mechanisms.state import State
 
@@ -29,10 +29,6 @@ class ReadingLag(PointCause):
     def candidates(self, scene: PointScene) -> Sequence[ReadingLag]:
         """Return the cause if the machine was measured while it moved."""
         return (self,) if scene.varies(RATE) else ()
-
-    def needs(self, legs: int) -> tuple[str, ...]:
-        """Return the time."""
-        return (TIME,)
 
     def parameters(self, legs: int) -> tuple[Parameter, ...]:
         """Return the lag, negative where the poses are late."""

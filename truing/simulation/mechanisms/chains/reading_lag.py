@@ -9,7 +9,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from truing.simulation.cause import Parameter, Step
-from truing.simulation.inputs import RATE, TIME
+from truing.simulation.inputs import RATE
 from truing.simulation.mechanisms.causes.reading_lag import PLAUSIBLE_LAG
 from truing.simulation.mechanisms.chains.causes import ChainCause, ChainScene
 from truing.simulation.mechanisms.chains.conditions import ChainInputs
@@ -27,10 +27,6 @@ class ChainReadingLag(ChainCause):
         """Return the cause if the chain was measured while it moved."""
         rate = scene.covariates.get(RATE)
         return (self,) if rate is not None and rate.any() else ()
-
-    def needs(self, legs: int) -> tuple[str, ...]:
-        """Return the time."""
-        return (TIME,)
 
     def parameters(self, legs: int) -> tuple[Parameter, ...]:
         """Return the lag, negative where the measured places are late."""
