@@ -78,11 +78,16 @@ def _remarks_on_bodies(contents: CampaignContents) -> Iterator[str]:
 
 
 def _remarks_on_targets(contents: CampaignContents) -> Iterator[str]:
-    """Targets that are probably others: a letter away from one that is missing in just these poses."""
+    """Targets that are probably others: a letter away from one that is missing in these poses, or the only ones in the
+    place of one that is missing in these poses alone."""
     for body, seen in contents.names.items():
         known = _known_targets(contents, body, seen)
-        for target in [name for name in seen if name not in known]:
+        unknown = [name for name in seen if name not in known]
+        for target in unknown:
             meant = [other for other in known if _may_mean(target, other, seen)]
+            if not meant and sum(set(seen[name]) == set(seen[target]) for name in unknown) == 1:
+                rest = set(contents.targets.get(body, ())) - set(seen[target])
+                meant = [other for other in known if set(seen.get(other, ())) == rest]
             if len(meant) == 1:
                 where = f"in {_listed('pose', sorted(map(str, seen[target])))}"
                 yield f"target {target} of body {body} {where}, where {meant[0]} is missing; did you mean {meant[0]}?"

@@ -52,9 +52,10 @@ EXAMPLES: dict[str, Cause] = {
 }
 _FORMS = {"thermal-expansion": {"form": APART}, "measurement-scale": {"form": "both"}}
 # What is compared: single targets and exchanged labels are like nothing else, bodies have no legs, a scatter has no
-# mean, and nothing tells what the sample campaign's legs carry.
+# mean, and nothing tells what the sample campaign's legs carry, which stood still.
 _ALONE = (
     "leg-compliance",
+    "reading-lag",
     "target-moved",
     "targets-swapped",
     "body-deformation",

@@ -12,11 +12,13 @@ from truing.simulation.inputs import (
     LAST_STEP,
     MEMORY,
     ORDER,
+    RATE,
     STOPPED,
     approach,
     fading_sum,
     histories,
     order_in_time,
+    rates,
 )
 from truing.simulation.mechanisms.recording import Conditions
 from truing.stages.common.point_arrays import number_column, number_columns, positions
@@ -51,6 +53,8 @@ def pose_conditions(
         covariates[LAST_STEP] = fading_sum(readings, covariates["time_s"], 0.0)
         covariates[MEMORY] = fading_sum(readings, covariates["time_s"], _KEPT)
         covariates |= dict(zip(STOPPED, np.moveaxis(histories(readings, covariates[ORDER]), -1, 0), strict=True))
+        moving = rates(readings, covariates["time_s"])
+        covariates |= {} if moving is None else {RATE: moving}
     return Conditions(readings, covariates, poses, _span(covariates.get("time_s")))
 
 

@@ -62,6 +62,7 @@ _SLIPS = {
     ColumnSlipKind.REVERSED: "the sign of {} reversed",
     ColumnSlipKind.DEGREES: "the readings of {} taken as degrees",
     ColumnSlipKind.RADIANS: "the readings of {} taken as radians",
+    ColumnSlipKind.GON: "the readings of {} taken as gon",
     ColumnSlipKind.ADDED: "the readings of the first of {} added to those of the second",
     ColumnSlipKind.SUBTRACTED: "the readings of the first of {} subtracted from those of the second",
     ColumnSlipKind.DOWN: "the readings of {} one row higher",

@@ -14,7 +14,17 @@ from truing.estimation.design.rival_design import Fitted, PointInstrument, PoseC
 from truing.report.numbers import duration
 from truing.schemas.covariates import own_name
 from truing.simulation.bodies.causes.terms import CAME_FROM
-from truing.simulation.inputs import APPROACH, GRAVITY_IN, LAST_STEP, LOOKING_BACK, ORDER, STOPPED, TEMPERATURE, TIME
+from truing.simulation.inputs import (
+    APPROACH,
+    GRAVITY_IN,
+    LAST_STEP,
+    LOOKING_BACK,
+    ORDER,
+    RATE,
+    STOPPED,
+    TEMPERATURE,
+    TIME,
+)
 
 if TYPE_CHECKING:
     from truing.schemas.campaign import Campaign
@@ -211,7 +221,7 @@ def _redundant_leg_readings(settings: Campaign, low: NDArray, high: NDArray, rng
 
 def _levels(name: str, value: NDArray, step: float) -> list[Level]:
     """Return the possible values of a covariate (B,) or (B, L), the usual one first; none if it is unknown."""
-    if not np.isfinite(value).all():
+    if not np.isfinite(value).all() or name == RATE:  # the machine stands still in new poses
         return []
     if name.startswith(GRAVITY_IN):
         return _attitudes(name.removeprefix(GRAVITY_IN), value)

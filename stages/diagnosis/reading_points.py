@@ -11,6 +11,7 @@ import pyarrow as pa
 from numpy.typing import NDArray
 
 from truing.arrays import TableRow
+from truing.belonging.counted_times import merely_counts
 from truing.estimation.interferometry.recorded_steps import CHANNELS, LOADS, READING_SI, RecordedSteps
 from truing.inference.blocks import BlockKind, group_numbers
 from truing.inference.observations import Epochs, Frames, Observations
@@ -250,7 +251,8 @@ def _conditions(steps: RecordedSteps, rows: NDArray[np.bool_]) -> ReadingConditi
     between = {name: between_neighbours(values, subset.time_s) for name, values in subset.covariates.items()}
     known = {name: values for name, values in between.items() if np.isfinite(values).all()}
     span = (float(np.nanmin(steps.time_s)), float(np.nanmax(steps.time_s)))
-    return ReadingConditions(run_names(subset), subset.step, subset.time_s, subset.load, known, span)
+    is_timed = not merely_counts(steps.time_s, steps.step, steps.run)
+    return ReadingConditions(run_names(subset), subset.step, subset.time_s, subset.load, known, span, is_timed)
 
 
 def _poses(

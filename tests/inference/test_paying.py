@@ -88,8 +88,10 @@ def test_a_gain_far_below_that_of_an_effect_of_its_size_confirms_nothing(
     assert is_unconfirmed(verdict) is unconfirmed
 
 
-@pytest.mark.parametrize(("probability", "state"), [(0.009, SUSPECTED), (0.26, FOUND), (0.99, FOUND)])
-def test_an_effect_without_a_name_is_suspected_where_other_causes_are_far_more_probable(
+@pytest.mark.parametrize(
+    ("probability", "state"), [(0.009, SUSPECTED), (0.49, SUSPECTED), (0.51, FOUND), (0.99, FOUND)]
+)
+def test_an_effect_without_a_name_is_suspected_where_other_causes_are_more_probable(
     probability: float, state: str
 ) -> None:
     unnamed: Any = replace(_verdict("of time"), cause=SimpleNamespace(key="of time", catalogued=False))

@@ -187,6 +187,10 @@ CONFIGURED = "pose,role,time_s,rho1_mm,rho2_mm\n1,calibration,1,0,0\n2,calibrati
             {"points": points("1", "2", "3").replace("2,A,T2", "2,A,2T")},
             "target 2T of body A in pose 2, where T2 is missing; did you mean T2?",
         ),
+        (
+            {"points": points("1", "2", "3").replace("A,T2", "A,front left"), "targets": survey("A")},
+            "target front left of body A in poses 1, 2, 3, where T2 is missing; did you mean T2?",
+        ),
         ({"points": points("1", "2", "3"), "configurations": CONFIGURED}, "no [mechanism] says of which machine"),
         ({"points": points("P1", "p1", "P 2", "P2", "P3")}, "poses P1 and p1 are treated as different"),
         ({"points": points("P1", "P01", "P2", "P3")}, "poses P1 and P01 are treated as different; did you mean one?"),
@@ -385,3 +389,15 @@ def test_files_are_read_once_and_the_quality_checks_see_what_a_run_sees(
     monkeypatch.setattr(ingest, "run", lambda *given: calls.append(given) or original(*given))
     assert CliRunner().invoke(app, ["check", str(folder)]).exit_code == ExitCode.DONE
     assert len(calls) == 1
+
+
+@pytest.mark.parametrize(
+    "measured",
+    [
+        pytest.param(points("1", "2", "3").replace("A,T2", "A,left").replace("A,T3", "A,right"), id="two in two"),
+        pytest.param(points("1", "2", "3") + "1,A,left,1,2,3\n2,A,left,1,2,3\n", id="one more than the survey"),
+    ],
+)
+def test_a_target_that_may_be_several_or_none_is_not_asked_about(tmp_path: Path, measured: str) -> None:
+    campaign = open_campaign(written(tmp_path, points=measured, targets=survey("A")))
+    assert not any("is missing; did you mean" in told for told in check_campaign(campaign).attention)

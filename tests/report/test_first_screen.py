@@ -20,6 +20,7 @@ from truing.report.diagnosis.next_steps import next_steps
 from truing.report.diagnosis.prediction_errors import errors_of_models
 from truing.report.first_screen import first_screen, sigma_of_rms
 from truing.report.head import build_head
+from truing.report.measured_section import campaign_span
 from truing.report.numbers import plain
 from truing.report.page import CampaignFacts, Depth, RawFileFacts
 from truing.report.rendering.render import render_page
@@ -326,3 +327,18 @@ def test_a_page_of_positions_alone_says_axis_counts_and_no_number_twice() -> Non
     assert (facts["machine"], facts["instrument"]) == ("axis x", "positions of an axis")
     assert facts["data"] == "4 positions at 2 targets"
     assert [section for section, _ in screen.links] == ["positioning", "diagnosis", "uncertainty"]
+
+
+def test_the_duration_is_that_of_one_clock() -> None:
+    """Times that begin from zero again in each run or file tell nothing of the whole."""
+    tables = bench_tables(signals=0)
+    readings = tables["readings"]
+    whole = campaign_span(tables)
+    assert whole.startswith("over ")
+    anew = readings.assign(time_s=readings["time_s"] - readings.groupby("run")["time_s"].transform("min"))
+    assert campaign_span({**tables, "readings": anew.assign(time_s=0.1 * anew["time_s"])}) == ""
+    poses = pd.DataFrame({"time_s": [0.0, 0.5, 1.5, 0.0, 0.5, 1.5]})
+    assert campaign_span({"configurations": poses}) == ""
+    assert campaign_span({"configurations": poses.assign(time_s=poses["time_s"].cumsum())}) != ""
+    in_another_order = poses.assign(time_s=[0.0, 7.5, 1.5, 9.0, 3.5, 5.5])
+    assert campaign_span({"configurations": in_another_order}) != ""

@@ -15,10 +15,10 @@ from tests.tolerance import assert_close
 from truing.formats.urdf import Urdf, read_urdf
 from truing.runs.exports.robot_description import _corrections, _limits, _notes, urdf_text
 from truing.simulation.cause import Effect
-from truing.simulation.mechanisms.chains.base_causes import BaseJump
 from truing.simulation.mechanisms.chains.causes import ChainCause, JointBacklash, JointGain, JointOffset
 from truing.simulation.mechanisms.chains.extended_model import ExtendedChain
 from truing.simulation.mechanisms.chains.harmonics import JointEccentricity, JointHarmonic
+from truing.simulation.mechanisms.chains.jumps import BaseJump
 from truing.simulation.mechanisms.chains.measured_lines import with_ground
 from truing.simulation.mechanisms.chains.notations import (
     MODIFIED,

@@ -18,7 +18,7 @@ from truing.arrays import Array, Index, Mask
 from truing.belonging.assignment import cheapest_columns
 from truing.belonging.relation import LENGTH_FACTORS, RecordSlip, SlipKind, both_ways
 from truing.belonging.slips_in_rows import Agreement, row_places, slipped_rows
-from truing.simulation.mechanisms.chains.column_slips import ColumnSlipKind, corrected_columns
+from truing.simulation.mechanisms.chains.column_slips import UNIT_FACTORS, ColumnSlipKind, corrected_columns
 
 _WINDOWS = 12  # stretches of poses that places are fitted to
 _FEWEST_APART = 3  # fewest poses of a slip that is no exchange of rows
@@ -287,8 +287,7 @@ def column_slip(kind: ColumnSlipKind, names: Sequence[str]) -> RecordSlip:
         return RecordSlip(SlipKind(kind.value), "readings", tuple(names))
     if kind is ColumnSlipKind.REVERSED:
         return RecordSlip(SlipKind.SIGN, "readings", tuple(names))
-    factor = 180.0 / np.pi if kind is ColumnSlipKind.RADIANS else np.pi / 180.0
-    return RecordSlip(SlipKind.UNIT, "readings", tuple(names), factor=factor, dimension="angle")
+    return RecordSlip(SlipKind.UNIT, "readings", tuple(names), factor=UNIT_FACTORS[kind], dimension="angle")
 
 
 @dataclass(frozen=True)

@@ -17,6 +17,8 @@ from truing.inference.verdicts import FOUND, SUSPECTED, Reason, Verdict
 
 # Log odds over no effect below which a cause without any rival is not found.
 _LEAST_LOG_ODDS = float(np.log(NAMED / (1.0 - NAMED)))
+# Probability below which other inputs, or other causes, are more probable than an effect without a name.
+_EVEN = 0.5
 
 
 @dataclass(frozen=True)
@@ -37,7 +39,7 @@ class Doubts:
         """Return a verdict after checks on the final model: a found cause that fails one is only suspected.
 
         Predictions may contradict it. A nonparametric effect is doubted that larger noise than declared may have
-        produced, or in place of which other causes are far more probable. A catalogued cause is also doubted if the
+        produced, or in place of which other causes are more probable. A catalogued cause is also doubted if the
         final model is inadequate or holds a nonparametric effect of which the cause may be a part. So it is if a
         nonparametric effect was more probable but refused, or still explains something next to the cause; if random
         courses compete with it; if no effect, or other causes that explain the same, are too probable; or if it rests
@@ -52,7 +54,7 @@ class Doubts:
         if verdict.cause in given:
             return verdict
         if not verdict.cause.catalogued:
-            is_improbable = verdict.probability < 1.0 - NAMED
+            is_improbable = verdict.probability < _EVEN
             return replace(verdict, verdict=SUSPECTED, reason=Reason.ALTERNATIVE) if is_improbable else verdict
         verdict = replace(verdict, share_explained=share_explained(final, verdict.cause))
         if self.whole is not None or verdict.cause.key in self.outdone:

@@ -38,7 +38,11 @@ _FACTORS = {
         25.4: "inches in place of mm",
         1e6: "a factor of a million",
     },
-    "angle": {57.29577951308232: "radians in place of degrees", 0.017453292519943295: "degrees in place of radians"},
+    "angle": {
+        57.29577951308232: "radians in place of degrees",
+        0.017453292519943295: "degrees in place of radians",
+        0.9: "gon in place of degrees",
+    },
     "load": {
         1e3: "kN in place of N, kN m in place of N m",
         1e-3: "N in place of kN, or mN in place of N",

@@ -237,6 +237,8 @@ def _time_words(times: Any) -> str:
         return ""
     if np.all(np.diff(np.sort(times)) == 1.0):
         return ", without times other than their order"
+    if len(np.unique(times)) < len(times) and np.any(np.diff(times) < 0.0):  # of several clocks, or from zero again
+        return ""
     return f" over {duration(float(np.ptp(times)))}"
 
 
@@ -292,11 +294,12 @@ def _opening_sentences(steps: pd.DataFrame, read: pd.DataFrame, tables: Tables) 
 
 
 def _time_words_of_loads(steps: pd.DataFrame) -> str:
-    times = steps["time_s"].dropna()
     if len(steps) and _is_counted(steps):
         return ", without times other than their order"
-    known = len(times) > 1 and np.ptp(times) > 0.0
-    return f" over {duration(float(np.ptp(times)))}" if known else ""
+    spans = steps.dropna(subset="time_s").groupby("run")["time_s"].agg(["min", "max"]).sort_values("min")
+    starts, ends = spans["min"].to_numpy(dtype=float), spans["max"].to_numpy(dtype=float)
+    known = len(starts) and ends.max() > starts[0] and not np.any(starts[1:] < ends[:-1])  # each run from zero again
+    return f" over {duration(float(ends.max() - starts[0]))}" if known else ""
 
 
 def _is_counted(steps: pd.DataFrame) -> bool:

@@ -49,10 +49,11 @@ from truing.simulation.mechanisms.causes.leg_compliance import LegCompliance
 from truing.simulation.mechanisms.causes.leg_drift import LegDrift
 from truing.simulation.mechanisms.causes.measurement_scale import MeasurementScale
 from truing.simulation.mechanisms.causes.nonparametric import NonparametricMechanismEffect
+from truing.simulation.mechanisms.causes.reading_lag import ReadingLag
 from truing.simulation.mechanisms.causes.scatter import ApproachScatter, NoiseBurst
 from truing.simulation.mechanisms.causes.targets import TargetMoved, TargetsSwapped
 from truing.simulation.mechanisms.causes.warmth import LegThermal, ThermalExpansion
-from truing.simulation.mechanisms.chains.base_causes import BaseDrift, BaseJump
+from truing.simulation.mechanisms.chains.base_drift import BaseDrift
 from truing.simulation.mechanisms.chains.causes import (
     ChainCause,
     JointBacklash,
@@ -64,9 +65,11 @@ from truing.simulation.mechanisms.chains.causes import (
 )
 from truing.simulation.mechanisms.chains.harmonics import JointEccentricity, JointHarmonic, JointPitchError
 from truing.simulation.mechanisms.chains.joint_curves import JointErrorCurve
+from truing.simulation.mechanisms.chains.jumps import BaseJump, JointJump, ToolJump
 from truing.simulation.mechanisms.chains.link_causes import LinkBending, LinkGrowth
 from truing.simulation.mechanisms.chains.loads import ColumnTilt, GravityDirection, JointSag
 from truing.simulation.mechanisms.chains.nonparametric import NonparametricChainEffect
+from truing.simulation.mechanisms.chains.reading_lag import ChainReadingLag
 from truing.simulation.mechanisms.chains.settling import JointSettling
 from truing.simulation.mechanisms.chains.target_causes import ChainTargetMoved, DistanceOffset
 from truing.simulation.mechanisms.point_causes import PointCause
@@ -90,6 +93,7 @@ OWN_CAUSES: tuple[PointCause, ...] = (
     ActuatorGain(),
     ActuatorBacklash(),
     PeriodicError(),
+    ReadingLag(),
     MeasurementScale(),
     TargetMoved(),
     TargetsSwapped(),
@@ -140,12 +144,14 @@ OWN_CAUSES_OF_AXES: tuple[AxisCause, ...] = (
 # Causes of an open chain.
 OWN_CAUSES_OF_CHAINS: tuple[ChainCause, ...] = (
     JointOffset(),
+    JointJump(),
     JointGain(),
     JointBacklash(),
     JointEccentricity(),
     JointHarmonic(),
     JointPitchError(),
     JointSettling(),
+    ChainReadingLag(),
     JointErrorCurve(),
     JointCompliance(),
     JointSag(),
@@ -155,6 +161,7 @@ OWN_CAUSES_OF_CHAINS: tuple[ChainCause, ...] = (
     LinkGrowth(),
     BaseDrift(),
     BaseJump(),
+    ToolJump(),
     DistanceOffset(),
     ChainTargetMoved(),
     JointScatter(),

@@ -14,10 +14,16 @@ OWN_DRIVE, APPROACH, LAST_STEP, MEMORY = "own drive", "approach", "last step", "
 STOPPED, STOPS = ("stop 1", "stop 2", "stop 3"), (0.08, 0.2, 0.4)
 # The same for friction of any form: its path, on a finer scale of thresholds.
 PATH, FINE_STOPS = "path", (0.02, 0.05, 0.08, 0.13, 0.2, 0.3, 0.4, 0.6)
+# Movement per second, of machines that were measured while they moved.
+RATE = "rate"
 # Inputs with a separate value for each actuator: its displacement, and its previous movements.
 LOOKING_BACK = (APPROACH, LAST_STEP, MEMORY, PATH, *STOPPED)
 PER_ACTUATOR = (OWN_DRIVE, *LOOKING_BACK)
 _MOST_LACKING = 0.1  # share of missing values up to which a column is interpolated
+# Least readings of a path, and the largest typical deviation of one from the line between its neighbours, relative to
+# half their distance. A sine with 9 readings a period has 0.7; readings in random order have 1.7.
+_FEWEST_OF_A_PATH, _SMOOTH = 12, 0.7
+_PAUSE = 3.0  # usual intervals between readings, beyond which a path begins anew
 
 
 class Missing(StrEnum):
@@ -118,6 +124,36 @@ def approach(readings: NDArray, time: NDArray, least: float) -> NDArray:
     direction = np.ones_like(readings)
     direction[order] = np.where(last >= 0, signs, 1.0)
     return direction
+
+
+def rates(readings: NDArray, time: NDArray | None) -> NDArray | None:
+    """Return the rate (B, n) of readings (B, n) along a smooth path, per s, 0 where unknown; None if they follow none.
+
+    time: (B,) in s. Cubic splines between pauses give the rates, so that readings need not be evenly spaced.
+    """
+    if time is None:
+        return None
+    known = np.flatnonzero(np.isfinite(time) & np.isfinite(readings).all(1))
+    own = known[np.argsort(time[known], kind="stable")]
+    interval = np.diff(time[own])
+    usual = float(np.median(interval)) if len(interval) else 0.0
+    if len(own) < _FEWEST_OF_A_PATH or usual <= 0.0 or not _is_smooth(readings[own]):
+        return None
+    from scipy.interpolate import CubicSpline
+
+    found = np.zeros(readings.shape)
+    for part in np.split(own, 1 + np.flatnonzero((interval <= 0.0) | (interval > _PAUSE * usual))):
+        if len(part) > 1:
+            found[part] = CubicSpline(time[part], readings[part]).derivative()(time[part])
+    return found
+
+
+def _is_smooth(readings: NDArray) -> bool:
+    """Return True if readings (B, n), in order of time, lie near the lines between their neighbours."""
+    extent = np.ptp(readings, axis=0)
+    path = readings[:, extent > 0.0] / extent[extent > 0.0]
+    steps, bends = np.abs(np.diff(path, axis=0)), np.abs(np.diff(path, n=2, axis=0))
+    return bool(path.size) and float(np.median(bends)) < _SMOOTH * float(np.median(steps))
 
 
 def stop_states(steps: NDArray, extent: NDArray, stops: Sequence[float] = STOPS) -> NDArray:

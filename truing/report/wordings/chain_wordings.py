@@ -42,6 +42,11 @@ def _offset(claim: Claim) -> str:
     return f"the zero of {owners} deviates by more than its tolerance{same}{by_words(size)}"
 
 
+def _shifted(claim: Claim) -> str:
+    size, _ = largest_of_kind(claim, "shift")
+    return f"the zero of {_whose(claim)} shifts{by_words(size)} from pose {claim.fact('from_pose')} on"
+
+
 def _gain(claim: Claim) -> str:
     size, large = largest_of_kind(claim, "gain")
     if not size:
@@ -182,6 +187,13 @@ def _jump(claim: Claim) -> str:
     return with_sizes(f"the base is displaced from pose {claim.fact('from_pose')} on", claim)
 
 
+def _knocked(claim: Claim) -> str:
+    who = _whose(claim)
+    return with_sizes(
+        f"{who}, with all that is measured on it, is displaced from pose {claim.fact('from_pose')} on", claim
+    )
+
+
 def _longer(claim: Claim) -> str:
     size, long = largest_of_kind(claim, "shift")
     end, onset = claim.fact("end"), claim.fact("from_pose")
@@ -237,6 +249,14 @@ CHAIN = {
         _settling,
         _of_joint("Move {} alone by a large angle, and measure one target 1, 2, 5, 10, 30 and 60 s after it stops."),
     ),
+    "joint-jump": Wording(
+        "jump of a joint's zero",
+        _shifted,
+        _of_joint(
+            "Move {} to its reference mark and compare the mark with its reading; check its coupling, and its encoder "
+            "for lost counts."
+        ),
+    ),
     "joint-eccentricity": Wording("eccentricity of a joint", _eccentric, _TURNING),
     "joint-harmonic": Wording("harmonic error of a joint", _harmonic, _turning_advice),
     "joint-pitch-error": Wording("periodic error of a slide", _pitch, _pitch_advice),
@@ -265,6 +285,11 @@ CHAIN = {
     ),
     "base-jump": Wording(
         "jump of the base", _jump, "Measure three targets on the base at every tenth pose, and check its bolts."
+    ),
+    "tool-jump": Wording(
+        "jump of a tool",
+        _knocked,
+        "Check the tool's bolts and whether it was touched or exchanged, and survey it again.",
     ),
     "distance-offset": Wording(
         "offset of distances",

@@ -53,6 +53,11 @@ def _up_to(claim: Claim) -> str:
     return f", by up to {far}"
 
 
+def _late(claim: Claim) -> str:
+    size, late = largest_of_kind(claim, "lag")
+    return f"the readings are {'late' if late else 'early'} against the measured poses{by_words(size)}"
+
+
 def _deforms(claim: Claim) -> str:
     """Return the clause that the platform follows each leg's own actuator."""
     subject_text = subject_words(claim.subject)
@@ -219,6 +224,11 @@ MECHANISM = {
         "actuator periodic error",
         _periodic,
         "Move one actuator in steps of a tenth of the pitch through two turns and measure its carriage.",
+    ),
+    "reading-lag": Wording(
+        "lag of readings",
+        _late,
+        "Repeat the same path at half the speed, or measure at standstill: only an error by a lag gets smaller.",
     ),
     "leg-drift": Wording(
         "leg drift",

@@ -23,12 +23,12 @@ _ORDERS = (1, 2)
 # Frequency steps per additional period over the travel, and the largest deviation from a step, in steps.
 _OVERSAMPLING, _GRID_DISTANCE = 8.0, 2.0
 # Most searched periods: the shortest are omitted.
-_MOST = 400
+_MOST = 1600
 # Different commands at which waves are compared: more of them change no angle by as much as counts below.
 _MOST_COMMANDS = 1000
 _AT_ONCE = 64  # waves whose products are held in memory
-# Frequencies are inspected for the same wave up to this multiple of one per step of the commands.
-_WIDER = 4.0
+# Frequencies are searched, and compared for the same wave, up to this multiple of one per step of the commands.
+_WIDER = 8.0
 # Waves count as equal if the sine of the angle between their spans is below this.
 _ALIKE = 0.2
 
@@ -142,7 +142,8 @@ def _periods(axis: Axis, command: NDArray) -> list[tuple[float, float, bool]]:
 
 
 def _searched(command: NDArray, travel: float) -> list[tuple[float, float, bool]]:
-    """Return the longest of all periods with like waves at the commands; the shortest is a step of the commands."""
+    """Return the longest of all periods with like waves at the commands. Commands in even steps leave none below two
+    steps; uneven ones tell far shorter periods apart."""
     return _searched_once(np.ascontiguousarray(command, dtype=float).tobytes(), travel) if travel > 0.0 else []
 
 
@@ -152,16 +153,13 @@ def _searched_once(commands: bytes, travel: float) -> list[tuple[float, float, b
     places = np.unique(np.round(command / travel, 2))
     step, spacing = travel / max(len(places) - 1, 1), 1.0 / (_OVERSAMPLING * travel)
     # Slower waves are no candidates, but exclude those that they equal at the commands.
-    frequencies = np.arange(spacing, _WIDER / step, spacing)
+    frequencies = np.arange(spacing, _WIDER / step, spacing)[:_MOST]
     spans = _spans(_TURN * frequencies[:, None] * _some(command))
-    tried = np.flatnonzero(frequencies <= 1.0 / step)[:_MOST]
-    apart = np.abs(np.arange(len(frequencies)) - tried[:, None]) > _OVERSAMPLING
-    alike = _same_spans(spans[tried], spans) & apart
-    is_first = spans[tried].any((1, 2)) & ~(alike & (np.arange(len(frequencies)) < tried[:, None])).any(1)
-    is_first &= frequencies[tried] * travel >= _FEWEST_PERIODS
+    tried = np.arange(len(frequencies))
+    alike = _same_spans(spans) & (np.abs(tried - tried[:, None]) > _OVERSAMPLING)
+    is_first = spans.any((1, 2)) & ~np.tril(alike).any(1) & (frequencies * travel >= _FEWEST_PERIODS)
     return [
-        (1.0 / float(frequencies[tried[k]]), _GRID_DISTANCE * spacing, bool(alike[k].any()))
-        for k in np.flatnonzero(is_first)
+        (1.0 / float(frequencies[k]), _GRID_DISTANCE * spacing, bool(alike[k].any())) for k in np.flatnonzero(is_first)
     ]
 
 
@@ -169,7 +167,7 @@ def _some(command: NDArray) -> NDArray:
     """Return the different commands, at most `_MOST_COMMANDS` of them, drawn without a period of their own."""
     different = np.unique(command)
     if len(different) <= _MOST_COMMANDS:
-        return command
+        return different
     return np.random.default_rng(0).choice(different, _MOST_COMMANDS, replace=False)
 
 
@@ -180,12 +178,11 @@ def _spans(turns: NDArray) -> NDArray:
     return np.asarray(directions * (sizes > 0.05 * math.sqrt(turns.shape[1]))[:, None])
 
 
-def _same_spans(some: NDArray, spans: NDArray) -> NDArray:
-    """Return the mask (S, F) of spans (F, B, 2) within which each of some spans (S, B, 2) lies."""
+def _same_spans(spans: NDArray) -> NDArray:
+    """Return the mask (F, F) of spans (F, B, 2), of the column, within which that of the row lies."""
     sides = spans.swapaxes(1, 2).reshape(2 * len(spans), -1)
-    own = some.swapaxes(1, 2).reshape(2 * len(some), -1)
-    within = np.zeros((len(some), 2, len(spans)))
-    for start in range(0, len(own), _AT_ONCE):
-        part = (own[start : start + _AT_ONCE] @ sides.T) ** 2
-        within.reshape(len(own), -1)[start : start + _AT_ONCE] = part.reshape(len(part), -1, 2).sum(2)
-    return np.asarray((np.sum(some**2, 1)[..., None] - within < _ALIKE**2).all(1))
+    within = np.zeros((len(spans), 2, len(spans)))
+    for start in range(0, len(sides), _AT_ONCE):
+        part = (sides[start : start + _AT_ONCE] @ sides.T) ** 2
+        within.reshape(len(sides), -1)[start : start + _AT_ONCE] = part.reshape(len(part), -1, 2).sum(2)
+    return np.asarray((np.sum(spans**2, 1)[..., None] - within < _ALIKE**2).all(1))

@@ -202,7 +202,8 @@ class KnownReadings:
 class ReadingConditions:
     """Data of B load steps: labels of run and step, time, declared loads (B, 6), columns (B,) by name.
 
-    Steps of a run are in order of time. ``span_s`` is the first and last time of the campaign.
+    Steps of a run are in order of time. ``span_s`` is the first and last time of the campaign. ``is_timed``: False if
+    times only count the steps.
     """
 
     run: NDArray
@@ -211,6 +212,7 @@ class ReadingConditions:
     load: NDArray
     covariates: Mapping[str, NDArray] = field(default_factory=dict)
     span_s: tuple[float, float] | None = None
+    is_timed: bool = True
 
     @property
     def readings(self) -> NDArray:

@@ -189,7 +189,7 @@ class BenchModel(ChannelModel[ReadingCause]):
     def steps(self) -> LoadSteps:
         """Load steps, with the predictions of the plain simulation."""
         known, conditions = self.known, self.conditions
-        order = ranks(conditions.time_s).astype(float)
+        order = ranks(conditions.time_s).astype(float) if conditions.is_timed else np.arange(len(conditions.run)) * 1.0
         sensor, shared = known.sensor, np.zeros(self.shared_size)
         response = self._response(shared)
         bare = LoadSteps(
@@ -208,8 +208,8 @@ class BenchModel(ChannelModel[ReadingCause]):
             known.arms,
         )
         loads = {name: conditions.load[:, n] for n, name in enumerate(LOADS) if bare.loaded[n]}
-        columns = {**conditions.covariates, TIME: conditions.time_s, IN_RUN: bare.in_run_s, ORDER: order, **loads}
-        return replace(bare, covariates=columns)
+        timed = {TIME: conditions.time_s, IN_RUN: bare.in_run_s} if conditions.is_timed else {}
+        return replace(bare, covariates={**conditions.covariates, **timed, ORDER: order, **loads})
 
     @property
     def split(self) -> Split | None:

@@ -18,7 +18,7 @@ from truing.inference.verdicts import Reason
 from truing.simulation.catalogue import catalogue_of_chains
 from truing.simulation.cause import Effect, ReportedParameter
 from truing.simulation.inputs import Missing
-from truing.simulation.mechanisms.chains.base_causes import BaseDrift, BaseJump
+from truing.simulation.mechanisms.chains.base_drift import BaseDrift
 from truing.simulation.mechanisms.chains.causes import (
     ChainCause,
     ChainScene,
@@ -30,6 +30,7 @@ from truing.simulation.mechanisms.chains.causes import (
 )
 from truing.simulation.mechanisms.chains.conditions import BETWEEN, movements
 from truing.simulation.mechanisms.chains.harmonics import JointEccentricity, JointHarmonic, JointPitchError
+from truing.simulation.mechanisms.chains.jumps import BaseJump, JointJump, ToolJump
 from truing.simulation.mechanisms.chains.link_causes import LinkBending, LinkGrowth
 from truing.simulation.mechanisms.chains.loads import ColumnTilt, GravityDirection, JointSag
 from truing.simulation.mechanisms.chains.model import ChainModel
@@ -58,6 +59,8 @@ EVERY: tuple[ChainCause, ...] = (
     LinkBending("link2", load=10.0),
     BaseDrift(span=9.0),
     BaseJump(from_pose=4, from_order=4.0),
+    JointJump(from_pose=3, from_order=3.0, joint="j3"),
+    ToolJump(from_pose=5, from_order=5.0, link="tip"),
     ChainTargetMoved("tip", "P1", 5, 5.0),
 )
 
@@ -385,6 +388,8 @@ def test_a_zero_that_was_named_before_the_search_stays_only_with_a_significant_s
         (ColumnTilt("base", load=50.0), [4e-6, 1.6e-6]),
         (LinkGrowth("link2"), [4e-5]),
         (BaseJump(from_pose=30, from_order=30.0), [1e-4, 0, 5e-5, 0, 1e-4, 0]),
+        (JointJump(from_pose=30, from_order=30.0, joint="j2"), [3e-4]),
+        (ToolJump(from_pose=30, from_order=30.0, link="tip"), [2e-4, 0, -2e-4, 1e-3, 0, 0]),
     ],
     ids=lambda value: value.id if isinstance(value, ChainCause) else "",
 )

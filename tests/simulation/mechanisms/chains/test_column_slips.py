@@ -6,6 +6,8 @@ import numpy as np
 import pytest
 
 from truing.arrays import Array, Mask
+from truing.belonging.joint_rows import column_slip
+from truing.report.belonging import slip_words
 from truing.simulation.mechanisms.chains.column_slips import ColumnSlipKind, likely_slip
 from truing.simulation.mechanisms.chains.conditions import ChainConditions
 from truing.simulation.mechanisms.chains.start_values import StartValues
@@ -54,6 +56,24 @@ def test_a_zero_off_by_a_right_angle_and_a_reversed_column_are_told_apart(
     assert found is not None
     assert (found.kind, found.readings) == (kind, (1,))
     assert found.after < 1e-3 < 0.01 * found.before
+
+
+@pytest.mark.parametrize(
+    ("factor", "kind"),
+    [
+        (10.0 / 9.0, ColumnSlipKind.GON),
+        (180.0 / np.pi, ColumnSlipKind.DEGREES),
+        (np.pi / 180.0, ColumnSlipKind.RADIANS),
+    ],
+)
+@pytest.mark.parametrize("columns", [(0,), (0, 1)])
+def test_angles_in_another_unit_are_named(factor: float, kind: ColumnSlipKind, columns: tuple[int, ...]) -> None:
+    recorded = TRUE.copy()
+    recorded[:, columns] *= factor
+    found = likely_slip(conditions_at(recorded), np.ones(2, bool), start_of)
+    assert found is not None
+    assert (found.kind, found.readings) == (kind, columns)
+    assert "gon in place of degrees" in slip_words(column_slip(ColumnSlipKind.GON, ["j1_deg"]))
 
 
 LINKS = np.array([0.9, 0.7, 0.4])

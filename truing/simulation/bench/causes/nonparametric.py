@@ -102,7 +102,7 @@ class NonparametricReadingEffect(NonparametricEffect[BenchScene], ReadingCause):
     def inputs(self, legs: int) -> tuple[str, ...]:
         """Return the columns of the tables that it depends on."""
         plain = tuple(column.removeprefix(UNLOADING).removeprefix(SO_FAR).removeprefix(WAY) for column in self.columns)
-        return tuple(dict.fromkeys(TIME if column in self.of_time else column for column in plain))
+        return tuple(dict.fromkeys(TIME if column == IN_RUN else column for column in plain))
 
     def candidates(self, scene: BenchScene) -> Sequence[NonparametricReadingEffect]:
         """Return all dependences of each channel for which there are enough readings."""
@@ -126,7 +126,7 @@ class NonparametricReadingEffect(NonparametricEffect[BenchScene], ReadingCause):
         steps, is_observed = scene.steps, scene.recorded
         return [
             periodic_candidate
-            for column in (TIME, *_applied(steps))
+            for column in (*({TIME} & steps.covariates.keys()), *_applied(steps))
             for periodic_candidate in _periodic_candidates(steps, is_observed, column)
         ]
 

@@ -37,6 +37,7 @@ class ColumnSlipKind(StrEnum):
     REVERSED = "reversed"
     DEGREES = "degrees-as-radians"
     RADIANS = "radians-as-degrees"
+    GON = "gon-as-degrees"
     # A joint counts from a fixed direction: the reading of the joint before is to be added to its own, or subtracted.
     ADDED = "lacks-the-one-before"
     SUBTRACTED = "holds-the-one-before"
@@ -44,6 +45,10 @@ class ColumnSlipKind(StrEnum):
     DOWN = "a-row-too-far-down"
     UP = "a-row-too-far-up"
     UPSIDE_DOWN = "rows-reversed"
+
+
+# Recorded angles times these are right.
+UNIT_FACTORS = {ColumnSlipKind.DEGREES: np.pi / 180.0, ColumnSlipKind.RADIANS: 180.0 / np.pi, ColumnSlipKind.GON: 0.9}
 
 
 @dataclass(frozen=True)
@@ -220,7 +225,7 @@ def corrected_columns(
     angles = tuple(int(k) for k in np.flatnonzero(is_revolute))
     scaled: list[tuple[ColumnSlipKind, float, tuple[int, ...]]] = [(ColumnSlipKind.REVERSED, -1.0, (k,)) for k in every]
     scaled += [(ColumnSlipKind.REVERSED, -1.0, every)] if len(every) > 1 else []
-    for kind, factor in ((ColumnSlipKind.DEGREES, np.pi / 180.0), (ColumnSlipKind.RADIANS, 180.0 / np.pi)):
+    for kind, factor in UNIT_FACTORS.items():
         scaled += [(kind, factor, (k,)) for k in angles]
         scaled += [(kind, factor, angles)] if len(angles) > 1 else []
     for kind, factor, columns in scaled:

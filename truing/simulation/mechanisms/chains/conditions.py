@@ -15,10 +15,12 @@ from truing.simulation.inputs import (
     MEMORY,
     ORDER,
     PATH,
+    RATE,
     TEMPERATURE,
     TIME,
     approach,
     histories,
+    rates,
 )
 from truing.simulation.mechanisms.chains.tree import Tree
 
@@ -202,8 +204,9 @@ def movements(readings: NDArray, covariates: Mapping[str, NDArray], least: NDArr
     """Return each joint's last movement larger than ``least`` (n,), from readings (B, n) in order of time.
 
     Its direction (B, n), +1 before any; its size (B, n), rad or m, 0 before any; its history (B, n, 3), the states in
-    -1 .. 1 of stop operators, and its path (B, n, 8), those of more of them; and, where times are known, the seconds
-    (B, n) since the pose before it, infinite before any. Rows with a reading that is not finite are passed over.
+    -1 .. 1 of stop operators, and its path (B, n, 8), those of more of them. Where times are known, there are also the
+    seconds (B, n) since the pose before it, infinite before any; and the rates (B, n) of readings along a smooth path.
+    Rows with a reading that is not finite are passed over.
     """
     order, time = covariates[ORDER], covariates.get(TIME)
     read = np.flatnonzero(np.isfinite(readings).all(1))
@@ -211,6 +214,8 @@ def movements(readings: NDArray, covariates: Mapping[str, NDArray], least: NDArr
     result[MEMORY], result[PATH] = histories(readings, order), histories(readings, order, FINE_STOPS)
     if time is not None:
         result[BETWEEN] = np.full(readings.shape, np.inf)
+    moving = rates(readings, time)
+    result |= {} if moving is None else {RATE: moving}
     own = read[np.argsort(order[read], kind="stable")]
     if not len(own):
         return result

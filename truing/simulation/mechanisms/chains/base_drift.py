@@ -1,4 +1,4 @@
-"""Causes that move the base of a chain against the instrument: drift and jump."""
+"""Cause `BaseDrift`: the base of a chain moves steadily against the instrument."""
 
 from __future__ import annotations
 
@@ -8,13 +8,13 @@ from dataclasses import dataclass, replace
 import numpy as np
 from numpy.typing import NDArray
 
-from truing.simulation.cause import Parameter, ReportedParameter, Step
+from truing.simulation.cause import Parameter, Step
 from truing.simulation.inputs import ORDER, TIME
-from truing.simulation.mechanisms.chains.causes import ChainCause, ChainScene, onsets_of_change
+from truing.simulation.mechanisms.chains.causes import ChainCause, ChainScene
 from truing.simulation.mechanisms.chains.conditions import ChainInputs
 
 _MM = 1e-3  # metres of a millimetre
-_MOTION = (
+MOTION = (
     *(Parameter(f"d{axis}", "mm", 1e-4, _MM) for axis in "xyz"),
     *(Parameter(f"turn_{axis}", "rad", 1e-4) for axis in "xyz"),
 )
@@ -43,42 +43,9 @@ class BaseDrift(ChainCause):
 
     def parameters(self, legs: int) -> tuple[Parameter, ...]:
         """Return the motion from the first to the last pose, in the frame of the base."""
-        return _MOTION
+        return MOTION
 
     def twists(self, machine: ChainInputs) -> NDArray:
         """Return the motion in proportion to time."""
         share = (machine.conditions.covariates[self.column] - self.start) / self.span
         return machine.at_node(0, share[:, None, None] * np.eye(6))
-
-
-@dataclass(frozen=True)
-class BaseJump(ChainCause):
-    """The base is displaced from some pose on."""
-
-    from_pose: int | str = ""
-    from_order: float = -np.inf
-
-    id = "base-jump"
-    step = Step.INSTRUMENT
-    is_persistent = False
-
-    def candidates(self, scene: ChainScene) -> Sequence[BaseJump]:
-        """Return an onset at every pose, or at every few poses of a long campaign."""
-        machine = scene.inputs_of_machine
-        return [replace(self, from_pose=pose, from_order=order) for pose, order in onsets_of_change(machine)]
-
-    def parameters(self, legs: int) -> tuple[Parameter, ...]:
-        """Return the motion, in the frame of the base."""
-        return _MOTION
-
-    def twists(self, machine: ChainInputs) -> NDArray:
-        """Return the motion, from the pose on."""
-        late = (machine.order >= self.from_order).astype(float)
-        return machine.at_node(0, late[:, None, None] * np.eye(6))
-
-    def reported(self, values: NDArray, covariance: NDArray, legs: int) -> tuple[ReportedParameter, ...]:
-        """Return the motion, and the first pose after it."""
-        return (
-            *super().reported(values, covariance, legs),
-            ReportedParameter("from_pose", str(self.from_pose), None, ""),
-        )

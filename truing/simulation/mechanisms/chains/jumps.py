@@ -1,0 +1,118 @@
+"""Causes that displace a part of a chain from some pose on: the base, a tool, or the zero of a joint."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
+
+import numpy as np
+from numpy.typing import NDArray
+
+from truing.simulation.cause import Parameter, ReportedParameter, Step
+from truing.simulation.mechanisms.chains.base_drift import MOTION
+from truing.simulation.mechanisms.chains.causes import ChainCause, ChainScene, JointCause, onsets_of_change
+from truing.simulation.mechanisms.chains.conditions import ChainInputs
+
+
+@dataclass(frozen=True)
+class Jump(ChainCause):
+    """Base class of displacements from some pose on."""
+
+    from_pose: int | str = ""
+    from_order: float = -np.inf
+
+    is_persistent = False
+
+    def is_later(self, machine: ChainInputs) -> NDArray:
+        """Return 1 for the pose and later ones, 0 before it, (B,)."""
+        return np.asarray(machine.order >= self.from_order, float)
+
+    def reported(self, values: NDArray, covariance: NDArray, legs: int) -> tuple[ReportedParameter, ...]:
+        """Return the displacement, and the first pose with it."""
+        return (
+            *super().reported(values, covariance, legs),
+            ReportedParameter("from_pose", str(self.from_pose), None, ""),
+        )
+
+
+@dataclass(frozen=True)
+class BaseJump(Jump):
+    """The base is displaced from some pose on."""
+
+    id = "base-jump"
+    step = Step.INSTRUMENT
+
+    def candidates(self, scene: ChainScene) -> Sequence[BaseJump]:
+        """Return an onset at every pose, or at every few poses of a long campaign."""
+        machine = scene.inputs_of_machine
+        return [replace(self, from_pose=pose, from_order=order) for pose, order in onsets_of_change(machine)]
+
+    def parameters(self, legs: int) -> tuple[Parameter, ...]:
+        """Return the motion, in the frame of the base."""
+        return MOTION
+
+    def twists(self, machine: ChainInputs) -> NDArray:
+        """Return the motion, from the pose on."""
+        return machine.at_node(0, self.is_later(machine)[:, None, None] * np.eye(6))
+
+
+@dataclass(frozen=True)
+class ToolJump(Jump):
+    """A measured link that carries no other one is displaced from some pose on, with all that is measured on it."""
+
+    link: str = ""
+
+    id = "tool-jump"
+    step = Step.STRUCTURE
+
+    @property
+    def subject(self) -> str:
+        """The link."""
+        return f"link {self.link}"
+
+    def candidates(self, scene: ChainScene) -> Sequence[ToolJump]:
+        """Return onsets for every outer link with several targets or an orientation; one target alone may have
+        moved."""
+        machine = scene.inputs_of_machine
+        nodes, above = machine.channels.node, machine.tree.above
+        onsets, found = onsets_of_change(machine), list[ToolJump]()
+        for node in np.unique(nodes[nodes > 0]).tolist():
+            is_outer = above[nodes, node].sum() == (nodes == node).sum() and machine.tree.nodes[node].parent >= 0
+            if is_outer and (nodes == node).sum() > 1:
+                own = replace(self, link=machine.tree.nodes[node].link)
+                found += [replace(own, from_pose=pose, from_order=order) for pose, order in onsets]
+        return found
+
+    def parameters(self, legs: int) -> tuple[Parameter, ...]:
+        """Return the motion, in the frame of the link."""
+        return MOTION
+
+    def twists(self, machine: ChainInputs) -> NDArray:
+        """Return the motion, from the pose on."""
+        own = self.is_later(machine)[:, None, None] * np.eye(6)
+        return machine.at_node(machine.tree.links[self.link], own)
+
+
+@dataclass(frozen=True)
+class JointJump(Jump, JointCause):
+    """The zero of a joint's reading shifts from some pose on: a coupling slips, an encoder loses counts."""
+
+    id = "joint-jump"
+    step = Step.DRIVE
+
+    def candidates(self, scene: ChainScene) -> Sequence[JointJump]:
+        """Return an onset at every pose, or at every few poses of a long campaign, for every joint that moved."""
+        onsets = onsets_of_change(scene.inputs_of_machine)
+        return [
+            replace(cause, from_pose=pose, from_order=order)
+            for cause in JointCause.candidates(self, scene)
+            for pose, order in onsets
+        ]
+
+    def parameters(self, legs: int) -> tuple[Parameter, ...]:
+        """Return the shift."""
+        return (self.size_named("shift"),)
+
+    def motion(self, machine: ChainInputs, reading: int) -> NDArray:
+        """Return one, from the pose on."""
+        return self.is_later(machine)[:, None]
