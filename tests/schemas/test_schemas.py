@@ -118,7 +118,7 @@ LEG = {"a_mm": [1.0, 2.0, 3.0], "b_mm": [1.0, 2.0, 3.0], "length_mm": 500.0}
         ({"mechanism": {"type": "6-pus", "legs": [LEG] * 5}}, "expected six legs for a 6-pus, not 5"),
         ({"mechanism": {"type": "ups", "legs": [LEG] * 2}}, "expected at least three legs for a ups, not 2"),
         ({"mechanism": {"type": "ups", "legs": [{**LEG, "u": [0, 0, 2]}] * 3}}, "u: a vector of unit length"),
-        ({"mechanism": {"tolerance": {"a_mm": 1}}}, "key mechanism.tolerance: expected a known key"),
+        ({"mechanism": {"tolerance": {"a_mm": 1}}}, 'expected type = "6-pus", "6-upur" or "chain" in [mechanism]'),
         (
             {"mechanism": sensor({"kind": "rigid"}, {"kind": "cylinder", "length_mm": 2})},
             "elements.2: expected diameter_mm",
