@@ -33,8 +33,7 @@ def corrections(tables: Tables, adequacy: SectionVerdict | None) -> list[Verdict
     if clear.empty:
         return []
     named = listed([_number(row) for _, row in clear.iterrows()], _NAMED)
-    text = f"Corrections to the nominal geometry: {named}. Section Chain lists all numbers"
-    return [("found", printed(f"{text}; truing export --to urdf writes them."))]
+    return [("found", printed(f"Corrections to the nominal geometry: {named}. Section Chain lists all numbers."))]
 
 
 def _number(row: pd.Series) -> str:

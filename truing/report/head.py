@@ -34,7 +34,8 @@ def build_head(campaign: str, tables: Tables, about: CampaignFacts = NO_FACTS) -
     lines = tuple(_lines(rows, tables))
     is_told = bool(rows) and rows[CAMPAIGN].explanation == _explanation(rows, "positioning")
     tiles = () if is_told else tuple(_positioning_tiles(tables))  # the first sentence has these numbers already
-    return PageHead(campaign, lines, tiles, about, first_screen(tables, about))
+    leading = 1 + len(corrections(tables, rows.get("adequacy")))
+    return PageHead(campaign, lines, tiles, about, first_screen(tables, about), leading)
 
 
 def _lines(rows: dict[str, SectionVerdict], tables: Tables) -> list[Verdict]:
@@ -43,7 +44,7 @@ def _lines(rows: dict[str, SectionVerdict], tables: Tables) -> list[Verdict]:
         return []
     lead = rows[CAMPAIGN]
     others = [one for name, one in rows.items() if name != CAMPAIGN and one.explanation != lead.explanation]
-    lines: list[Verdict] = [(lead.mark, lead.explanation)]
+    lines: list[Verdict] = [(lead.mark, lead.explanation), *corrections(tables, rows.get("adequacy"))]
     details = diagnosis_details(tables)
     if lead.explanation == _explanation(rows, "diagnosis"):
         lines += details
@@ -52,7 +53,7 @@ def _lines(rows: dict[str, SectionVerdict], tables: Tables) -> list[Verdict]:
             lines.append((other.mark, other.explanation))
         if other.section == "diagnosis":
             lines += details
-    return [*lines, *corrections(tables, rows.get("adequacy")), *choice_verdicts(tables), *_passed_sections(others)]
+    return [*lines, *choice_verdicts(tables), *_passed_sections(others)]
 
 
 _URGENCY = {RelationState.FAILS: 0, RelationState.ATTENTION: 1, RelationState.OK: 2, RelationState.NOT_TESTED: 3}

@@ -153,6 +153,7 @@ class PageHead:
     tiles: tuple[tuple[str, str], ...] = field(default=())  # what, how much
     about: CampaignFacts = NO_FACTS
     screen: FirstScreen = FirstScreen()
+    leading: int = 1  # sentences of the verdict on the first screen
 
 
 def all_of(sections: Sequence[ReportSection]) -> Iterator[ReportSection]:
