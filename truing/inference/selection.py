@@ -177,14 +177,20 @@ class CauseSelection(Generic[CauseT]):
         adequacy = adequacy_of(final, noise, np.random.default_rng([settings.seed, _ADEQUACY]), fitter.repeats)
         noisy = tuple(self._noise.noisy_channels(final))
         is_noisier = bool(noisy) or noise.p_value <= settings.noise_level
-        is_noisier |= any(
-            noise_level(final.fit.whitened, final.measured, fitter.declared, own.factor > 1.0).p_value
-            <= settings.noise_level
-            for own in found.noise_dependences
-            if own.driver.cause is None  # where the noise is largest it may still be no larger than declared
-        )
+        is_noisier |= any(self._exceeds_declared(own, final) for own in found.noise_dependences)
         holds = found.searched.end.is_complete and adequacy.p_value > settings.doubted_level and not is_noisier
         return _Left(noise, noisy, adequacy, is_noisier, holds)
+
+    def _exceeds_declared(self, own: NoiseDependence, final: FittedModel[CauseT]) -> bool:
+        """Return True if noise that depends on something may be an effect without a name.
+
+        A cause of the noise has a name. A channel that scatters more than the others may still scatter as declared.
+        """
+        if own.driver.cause is not None or not own.driver.channels:
+            return own.driver.cause is None
+        fitter, settings = self._search.fitter, self._search.settings
+        level = noise_level(final.fit.whitened, final.measured, fitter.declared, own.factor > 1.0)
+        return level.p_value <= settings.noise_level
 
     def _diagnosis(
         self,
