@@ -8,7 +8,7 @@ import numpy as np
 
 from tests.simulation.mechanisms.telescope import MATRIX, readings, sample_model
 from truing.simulation.catalogue import catalogue
-from truing.simulation.inputs import APPROACH, LAST_STEP, ORDER
+from truing.simulation.inputs import APPROACH, LAST_STEP, ORDER, RATE
 from truing.simulation.mechanisms.causes.nonparametric import NonparametricMechanismEffect
 from truing.simulation.mechanisms.causes.targets import TargetsSwapped
 from truing.simulation.mechanisms.extended_model import ExtendedModel, extended
@@ -30,6 +30,7 @@ def some_conditions(rng: np.random.Generator, poses: int = POSES) -> Conditions:
         ORDER: np.arange(float(poses)),
         APPROACH: rng.choice([-1.0, 1.0], (poses, 6)),
         LAST_STEP: rng.uniform(-1e-3, 1e-3, (poses, 6)),
+        RATE: rng.uniform(-1e-4, 1e-4, (poses, 6)),
     }
     return Conditions(readings(rng, poses), covariates, tuple(range(1, poses + 1)), (0.0, 3600.0))
 
