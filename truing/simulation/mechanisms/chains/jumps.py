@@ -15,7 +15,7 @@ from truing.simulation.mechanisms.chains.conditions import ChainInputs
 
 
 @dataclass(frozen=True)
-class Jump(ChainCause):
+class ShiftFromPose(ChainCause):
     """Base class of displacements from some pose on."""
 
     from_pose: int | str = ""
@@ -36,7 +36,7 @@ class Jump(ChainCause):
 
 
 @dataclass(frozen=True)
-class BaseJump(Jump):
+class BaseJump(ShiftFromPose):
     """The base is displaced from some pose on."""
 
     id = "base-jump"
@@ -57,7 +57,7 @@ class BaseJump(Jump):
 
 
 @dataclass(frozen=True)
-class ToolJump(Jump):
+class ToolJump(ShiftFromPose):
     """A measured link that carries no other one is displaced from some pose on, with all that is measured on it."""
 
     link: str = ""
@@ -94,7 +94,7 @@ class ToolJump(Jump):
 
 
 @dataclass(frozen=True)
-class JointJump(Jump, JointCause):
+class JointJump(ShiftFromPose, JointCause):
     """The zero of a joint's reading shifts from some pose on: a coupling slips, an encoder loses counts."""
 
     id = "joint-jump"
