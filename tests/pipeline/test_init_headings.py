@@ -23,7 +23,7 @@ def labview(decimal: str) -> str:
     heads = [
         ["LabVIEW Measurement", ""], ["Separator", "Tab"], ["Decimal_Separator", decimal], ["X_Columns", "One"],
         ["***End_of_Header***", ""], ["Channels", "7", ""], ["Samples", *["6"] * 7], units,
-        ["Delta_X", *["0.5"] * 7], ["***End_of_Header***", *[""] * 7], names,
+        ["X_Dimension", *["Time"] * 7], ["Delta_X", *["0.5"] * 7], ["***End_of_Header***", *[""] * 7], names,
     ]  # fmt: skip
     rows = [
         [f"{0.5 * k:.6f}", *(f"{value:.6f}" for value in (*force, *signals))]

@@ -27,7 +27,6 @@ def with_unit_of_deviations(guess: Guess, names: Sequence[str], values: Array, u
     raw = _columns_of_deviations(guess, names)
     if guess.table != "positioning" or not raw or any(bare_and_unit(name)[1] is not None for name in raw):
         return guess
-    guess = replace(guess, doubts=tuple(doubt for doubt in guess.doubts if "which no head says" not in doubt))
     if unit is not None and may_be(unit, find_column(_COLUMN)):
         note = f"the file's words give the unit of deviations: {unit}"
         return replace(_in_unit(_with_unit_of_targets(guess, unit), unit), notes=(*guess.notes, note))

@@ -10,7 +10,7 @@ from truing.formats.delimited import guess_separator, split_record
 
 _LABVIEW = "LabVIEW Measurement"
 _END_OF_HEADER = "***End_of_Header***"
-_UNITS_OF_LABVIEW = "Y_Unit_Label"
+_UNITS_OF_LABVIEW, _DIMENSION = "Y_Unit_Label", "X_Dimension"
 _NUMBER = re.compile(r"[-+]?[\d.,]+(?:[eE][-+]?\d+)?")
 _NAME_KEYS = ("name", "symbolname")
 _UNIT_KEYS = ("unit", "y_unit")
@@ -45,9 +45,7 @@ def _labview(lines: Numbered) -> HeadedTable | None:
     if not lines or not lines[0][1].startswith(_LABVIEW):
         return None
     ends = [place for place, (_, line) in enumerate(lines) if line.startswith(_END_OF_HEADER)]
-    if not ends or ends[-1] + 2 >= len(lines):
-        return None
-    start = ends[1] if len(ends) > 1 else ends[0]
+    start = max(ends[:2], default=len(lines))  # the file's header ends, then that of the first segment
     if start + 2 >= len(lines):
         return None
     separator = guess_separator([line for _, line in lines[start + 2 :]], '"')
@@ -56,7 +54,8 @@ def _labview(lines: Numbered) -> HeadedTable | None:
     width = len(_cells(lines[start + 2][1], separator))
     units = [*heads.get(_UNITS_OF_LABVIEW, [""])[1:], *[""] * width]
     channels = [_with_unit(name, unit) for name, unit in zip(names[1:width], units, strict=False)]
-    return HeadedTable(list(lines[start + 2 :]), ("time [s]", *channels)) if len(channels) == width - 1 else None
+    first = "time [s]" if heads.get(_DIMENSION, [])[1:2] == ["Time"] else names[0]
+    return HeadedTable(list(lines[start + 2 :]), (first, *channels)) if len(channels) == width - 1 else None
 
 
 def _twincat(lines: Numbered) -> HeadedTable | None:

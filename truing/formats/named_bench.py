@@ -186,8 +186,7 @@ def positions_side_by_side(names: Sequence[str]) -> Proposal | None:
         **({"units": unit_of_column} if unit_of_column else {}),
     }
     mapping |= {"rename": {"direction": {re.escape(raw): str(word) for raw, word in words.items() if raw != word}}}
-    doubts = () if units["deviation_um"] else ("the numbers are deviations in um, which no head says",)
-    return Proposal("positioning", mapping, "approaches of an axis to its targets, a column for each run", doubts)
+    return Proposal("positioning", mapping, "approaches of an axis to its targets, a column for each run")
 
 
 def _direction(cell: str) -> str | None:

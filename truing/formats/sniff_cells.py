@@ -155,7 +155,7 @@ def _guess_by_notation(
         return _with_unit_in_words(_without_names(cells, mapping, notation, about), about.unit)
     guess = _with_times(_guess_by_names(cells, mapping, about.joints), names, data, notation)
     guess = with_unit_of_deviations(guess, names, cells.values, about.unit)
-    return _with_unit_in_words(with_unit_of_rows(guess, names, data), about.unit)
+    return _with_unit_in_words(_with_unit_of_rows(guess, names, data), about.unit)
 
 
 def _with_times(guess: Guess, names: tuple[str, ...], data: list[list[str]], notation: Notation) -> Guess:
@@ -203,7 +203,7 @@ def _with_unit_in_words(guess: Guess, unit: str | None) -> Guess:
     return replace(guess, mapping={**guess.mapping, "unit": unit}, notes=(*guess.notes, note), answered=answered)
 
 
-def with_unit_of_rows(guess: Guess, names: Sequence[str], data: list[list[str]]) -> Guess:
+def _with_unit_of_rows(guess: Guess, names: Sequence[str], data: list[list[str]]) -> Guess:
     """Return a proposal for coordinates with the unit that a column names in every row alike."""
     places = [place for place, name in enumerate(names) if re.fullmatch(_OF_UNITS, name.strip(), re.IGNORECASE)]
     stated = {row[place].strip() for place in places for row in data}
