@@ -105,10 +105,20 @@ def test_a_chain_that_was_not_diagnosed_is_drawn_and_other_machines_have_no_sect
     assert chain_places(unread) == {}
 
 
-@pytest.mark.parametrize(("state", "said"), [("ok", True), ("attention", False), ("fails", False)])
-def test_clear_corrections_of_a_model_that_fits_stand_on_the_first_screen(state: str, said: bool) -> None:
+@pytest.mark.parametrize(
+    ("state", "reason", "said"),
+    [
+        ("ok", ReasonCode.WITHIN_NOISE, True),
+        ("attention", ReasonCode.BELOW_NOISE, True),
+        ("attention", ReasonCode.LACK_OF_FIT, False),
+        ("fails", ReasonCode.BEYOND_NOISE, False),
+    ],
+)
+def test_clear_corrections_of_a_model_that_fits_stand_on_the_first_screen(
+    state: str, reason: ReasonCode, said: bool
+) -> None:
     tables = _tables()
-    adequacy = SectionVerdict("adequacy", RelationState(state), ReasonCode.WITHIN_NOISE, "")
+    adequacy = SectionVerdict("adequacy", RelationState(state), reason, "")
     lines = corrections(tables, adequacy)
     assert bool(lines) == said
     if said:  # 0.02 mm are two standard deviations, and no correction

@@ -11,6 +11,7 @@ from truing.report.numbers import listed, printed, with_uncertainty
 from truing.report.page import Verdict
 from truing.report.section_verdict import SectionVerdict
 from truing.report.tables import Tables, table_or_none
+from truing.schemas.verdict import ReasonCode
 
 _CLEAR = 5.0  # standard deviations: of a hundred numbers, chance passes it once in 17,000 campaigns
 _NAMED = 3
@@ -26,7 +27,9 @@ def estimates_zeros(tables: Tables) -> bool:
 def corrections(tables: Tables, adequacy: SectionVerdict | None) -> list[Verdict]:
     """Return the sentence on the numbers that differ clearly from nominal; empty if the model does not fit."""
     numbers = table_or_none(tables, "chain_parameters")
-    if numbers is None or adequacy is None or adequacy.state != RelationState.OK:
+    if numbers is None or adequacy is None:
+        return []
+    if adequacy.state != RelationState.OK and adequacy.reason_code != ReasonCode.BELOW_NOISE:
         return []
     size = (numbers["identified"] / numbers["sigma"]).abs()
     clear = numbers[numbers["identifiable"] & (size > _CLEAR)].assign(size=size).sort_values("size", ascending=False)
