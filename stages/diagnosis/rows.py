@@ -282,6 +282,7 @@ def _attributed_rows(
     ]
     for own in diagnosis.attributed:
         names = [f"{final.model.channel_word} {_name(final, channel)}" for channel in own.channels]
+        names += [own.subject] if own.subject else []
         follows = tuple(dict.fromkeys(column for name in own.inputs for column in _dependence_column(name)))
         reported = [set(cause.inputs(legs)) for cause in unnamed if not names or cause.subject in ("", *names)]
         is_needless = holds and any(set(cause.inputs(legs)) <= set(follows) for cause in unnamed)

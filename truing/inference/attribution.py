@@ -12,18 +12,19 @@ from dataclasses import dataclass
 import numpy as np
 
 from truing.inference.arrays import Array, Mask
-from truing.inference.campaign_inputs import columns_of, in_time_of
+from truing.inference.campaign_inputs import column_of, columns_of, in_time_of
 from truing.inference.fitted_model import FittedModel
-from truing.inference.input_errors import input_errors, own_histories
 from truing.inference.input_sets import p_value_of_sets, sets_of_inputs
 from truing.inference.input_spectra import Spectra
 from truing.inference.model import CauseT
-from truing.inference.random_functions import centred
+from truing.inference.part_dependences import Part, part_dependences
+from truing.inference.part_errors import part_problem
 from truing.inference.residual_courses import FEWEST_EPOCHS, residuals_of
 from truing.inference.search import LEAST_P
 
 _FEWEST_OF_PLACE = 12
 _LEAST_SHARE = 1e-6  # of the squares; less is told of no input
+_LEAST_SQUARES = 1e-300
 
 
 @dataclass(frozen=True)
@@ -31,13 +32,14 @@ class Attributed:
     """Inputs that predict residuals of some channels, or of all channels where ``channels`` is empty.
 
     ``share`` is the share of the residuals' squares that they predict beyond chance; ``p_value`` is corrected for all
-    tests.
+    tests. ``subject``: the part whose error it is, empty where residuals as such depend on them.
     """
 
     channels: tuple[int, ...]
     inputs: tuple[str, ...]
     share: float
     p_value: float
+    subject: str = ""
 
 
 def attributed(
@@ -68,22 +70,41 @@ def attributed(
             if one.share * share < _LEAST_SHARE:
                 continue
             found.append(Attributed(one.channels, inputs, one.share * share, min(1.0, max(p_value * tests, LEAST_P))))
-    if level_of_course > level:  # the model is known not to hold
-        found += _frictions(plain, columns, level_of_course)
+    for own in models:
+        found += _of_parts(own, plain, columns, level_of_course)
     return tuple(_merged(found))
 
 
-def _frictions(fitted: FittedModel[CauseT], columns: Mapping[str, Array], level: float) -> Iterator[Attributed]:
-    """Yield the inputs whose errors follow their own input and its history."""
-    names = tuple(fitted.scene.inputs)
-    errors = input_errors(fitted) if set(names) <= set(columns) else None
-    if errors is None or len(errors) < FEWEST_EPOCHS:
+def _of_parts(
+    own: FittedModel[CauseT], plain: FittedModel[CauseT], columns: Mapping[str, Array], level: float
+) -> Iterator[Attributed]:
+    """Yield the columns on which the errors of a model's parts depend."""
+    epochs = len(own.measured.values)
+    problem = part_problem(own) if columns and epochs >= FEWEST_EPOCHS else None
+    if problem is None:
         return
-    spectra = Spectra(columns, in_time_of(fitted, np.ones(len(errors), bool)))
-    squares = np.sum(centred(errors) ** 2, 0)
-    for name, share, p_value in own_histories(errors, names, spectra, level):
-        own = squares[names.index(name)] / np.sum(squares)
-        yield Attributed((), (name,), float(share * own), max(p_value, LEAST_P))
+    spectra = Spectra(columns, in_time_of(own, np.ones(epochs, bool)))
+    subjects = list(dict.fromkeys(one.subject for one in own.model.error_pathways))
+    asked = [_part(subject, own, columns) for subject in subjects]
+    whitened = own.fit.whitened
+    of_plain = max(float(np.sum(plain.fit.whitened.rest**2)), _LEAST_SQUARES)
+    for one in part_dependences(problem, asked, spectra, level):
+        rows = np.zeros(len(whitened.rest))
+        rows[: one.predicted.size] = one.predicted.ravel()
+        left = whitened.rest - whitened.without_shared(rows)
+        share = float(np.sum(whitened.rest**2) - np.sum(left**2)) / of_plain
+        if share >= _LEAST_SHARE:
+            subject = "" if one.index is None else subjects[one.index]
+            yield Attributed((), one.inputs, min(share, 1.0), max(one.p_value, LEAST_P), subject)
+
+
+def _part(subject: str, fitted: FittedModel[CauseT], columns: Mapping[str, Array]) -> Part:
+    """Return the part with a subject; the directions are numbered as the pathways of its model's errors."""
+    numbered = enumerate(fitted.model.error_pathways)
+    own = [(place, pathway.input) for place, pathway in numbered if pathway.subject == subject]
+    reading = fitted.scene.inputs.get(own[0][1])
+    column = None if reading is None else column_of(reading, columns)
+    return Part(tuple(place for place, _ in own), column)
 
 
 def p_value_of_dependence(rest: Array, own: Mask, fitted: FittedModel[CauseT]) -> float:
@@ -100,12 +121,13 @@ def p_value_of_dependence(rest: Array, own: Mask, fitted: FittedModel[CauseT]) -
 
 
 def _merged(found: Iterable[Attributed]) -> Iterator[Attributed]:
-    """Yield one entry for all entries whose inputs are contained in it, of the same channels or of no channel: what a
-    channel follows, the residuals follow."""
-    left = sorted(found, key=lambda one: (-len(one.inputs), not one.channels))
+    """Yield one entry for all entries whose inputs are contained in it, of the same channels and subject or of none:
+    what a channel or a part follows, the residuals follow."""
+    left = sorted(found, key=lambda one: (-len(one.inputs), not one.channels, not one.subject))
     while left:
         first = left[0]
-        alike = [one for one in left if one.channels in (first.channels, ()) and set(one.inputs) <= set(first.inputs)]
+        same = (first.channels, first.subject), ((), "")
+        alike = [one for one in left if (one.channels, one.subject) in same and set(one.inputs) <= set(first.inputs)]
         share, p_value = max(one.share for one in alike), min(one.p_value for one in alike)
         left = [one for one in left if all(one is not other for other in alike)]
-        yield Attributed(first.channels, first.inputs, share, p_value)
+        yield Attributed(first.channels, first.inputs, share, p_value, first.subject)

@@ -49,6 +49,13 @@ def is_copy(first: Array, second: Array, groups: Integers | None) -> bool:
     return bool(max(np.abs(own).max() for own in left) < _COPY)
 
 
+def column_of(values: ArrayLike, columns: Mapping[str, Array]) -> str | None:
+    """Return the name of the column that holds the same values (B,), in any unit; None if none does."""
+    if (own := numbers(values)) is None:
+        return None
+    return next((name for name, other in columns.items() if is_copy(own[:, None], other[:, None], None)), None)
+
+
 @dataclass(frozen=True)
 class InTime:
     """Order in time (n,) of the epochs and the groups (n,) within which they follow each other; None where unknown.

@@ -7,8 +7,9 @@ inputs may therefore be named in part.
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Mapping
+from collections.abc import Callable, Iterator, Mapping
 from itertools import combinations
+from typing import TypeAlias
 
 import numpy as np
 
@@ -17,8 +18,10 @@ from truing.inference.evidence import log_evidence
 from truing.inference.input_spectra import Spectra, Spectrum
 from truing.inference.random_functions import centred
 
-_LARGEST_EFFECT = 10.0  # largest plausible effect, in units of the noise
+LARGEST_EFFECT = 10.0  # largest plausible effect, in units of the noise
 _MOST_INPUTS = 3  # of a set
+Inputs: TypeAlias = tuple[str, ...]  # names of a set of inputs
+
 _PROBABLE_PAIRS = 6  # pairs to which third inputs are added
 INCLUDED = 0.9  # probability from which on an input is named
 _MOST_SETS = 3  # sets of inputs that are named in turn
@@ -27,7 +30,7 @@ _LEAST = 1e-300  # squares of noise
 _CLIPPED = 4.0  # residuals beyond so many robust standard deviations are clipped
 
 
-def sets_of_inputs(rows: Array, spectra: Spectra, level: float) -> Iterator[tuple[tuple[str, ...], float, float]]:
+def sets_of_inputs(rows: Array, spectra: Spectra, level: float) -> Iterator[tuple[Inputs, float, float]]:
     """Yield names, share of squares and p-value of the inputs on which residuals (n, q) depend, set by set."""
     whole = clipped(_condensed(centred(rows)))
     total = float(np.sum(whole**2))
@@ -37,7 +40,7 @@ def sets_of_inputs(rows: Array, spectra: Spectra, level: float) -> Iterator[tupl
         p_value = _p_value(odds)
         if p_value > level:
             return
-        inputs = tuple(name for name in spectra.columns if _probability(name, odds) >= INCLUDED)
+        inputs = tuple(name for name in spectra.columns if probability_of(name, odds) >= INCLUDED)
         best = max((own for own in odds if set(inputs) <= set(own)), key=lambda own: odds[own])
         functions, squares = explained(rest, spectra, best)
         if inputs and squares > 0.0:  # no more than chance is no prediction, whatever its evidence
@@ -52,18 +55,22 @@ def p_value_of_sets(rows: Array, spectra: Spectra) -> float:
     return _p_value(log_odds_of_sets(clipped(_condensed(centred(rows))), spectra))
 
 
-def _p_value(odds: Mapping[tuple[str, ...], float]) -> float:
+def _p_value(odds: Mapping[Inputs, float]) -> float:
     """Return the p-value of the log odds of all sets over noise: the mean of likelihood ratios exceeds 1 / p by chance
     with a probability of at most p (Markov's inequality)."""
     return float(min(1.0, np.exp(-np.logaddexp.reduce(list(odds.values()))))) if odds else 1.0
 
 
-def log_odds_of_sets(rest: Array, spectra: Spectra, most: int = _MOST_INPUTS) -> dict[tuple[str, ...], float]:
-    """Return the log odds of every set of at most so many inputs over noise alone, from residuals (n, q); all sizes of
-    sets have equal prior probability, and all sets of a size."""
-    names = list(spectra.columns)
-    found: dict[tuple[str, ...], float] = {}
-    for size in range(1, most + 1):
+def log_odds_of_sets(rest: Array, spectra: Spectra) -> dict[Inputs, float]:
+    """Return the log odds of every set of inputs over noise alone, from residuals (n, q)."""
+    return odds_of_sets(lambda own: float(np.sum(_log_evidence(rest, spectra, own))), tuple(spectra.columns))
+
+
+def odds_of_sets(evidence: Callable[[Inputs], float], names: Inputs) -> dict[Inputs, float]:
+    """Return the log odds of every set of inputs from its log evidence; all sizes of sets have equal prior probability,
+    and all sets of a size."""
+    found: dict[Inputs, float] = {}
+    for size in range(1, _MOST_INPUTS + 1):
         possible = list(combinations(names, size))
         if size > len(names) or not possible:
             break
@@ -72,11 +79,11 @@ def log_odds_of_sets(rest: Array, spectra: Spectra, most: int = _MOST_INPUTS) ->
             pairs = sorted((own for own in found if len(own) == 2), key=lambda own: -found[own])[:_PROBABLE_PAIRS]
             possible = [own for own in possible if any(set(pair) <= set(own) for pair in pairs)]
         for own in possible:
-            found[own] = float(np.sum(_log_evidence(rest, spectra, own))) + prior
+            found[own] = evidence(own) + prior
     return found
 
 
-def _log_evidence(rest: Array, spectra: Spectra, inputs: tuple[str, ...]) -> Array:
+def _log_evidence(rest: Array, spectra: Spectra, inputs: Inputs) -> Array:
     """Return the log evidence (q,) of a dependence on a set of inputs, column by column of residuals (n, q)."""
     # Few columns depend on anything: about the root of their number.
     responds = 1.0 / (1.0 + np.sqrt(rest.shape[1]))
@@ -90,17 +97,17 @@ def _log_evidence(rest: Array, spectra: Spectra, inputs: tuple[str, ...]) -> Arr
 def log_evidence_of_spectrum(rest: Array, spectrum: Spectrum, freedom: int) -> Array:
     """Return the log evidence (q,) of a random function over noise, column by column of residuals (n, q)."""
     along = spectrum.along(rest).T
-    return log_evidence(along, spectrum.strengths, np.sum(rest**2, 0), freedom, _LARGEST_EFFECT / 3.0)
+    return log_evidence(along, spectrum.strengths, np.sum(rest**2, 0), freedom, LARGEST_EFFECT / 3.0)
 
 
-def _probability(name: str, odds: Mapping[tuple[str, ...], float]) -> float:
+def probability_of(name: str, odds: Mapping[Inputs, float]) -> float:
     """Return the probability that an input belongs to the set on which the residuals depend."""
     every = np.logaddexp.reduce(list(odds.values()))
     with_it = [own for inputs, own in odds.items() if name in inputs]
     return float(np.exp(np.logaddexp.reduce(with_it) - every))
 
 
-def explained(rest: Array, spectra: Spectra, inputs: tuple[str, ...]) -> tuple[Array, float]:
+def explained(rest: Array, spectra: Spectra, inputs: Inputs) -> tuple[Array, float]:
     """Return the functions (n, m) of a set of inputs that residuals (n, q) need, and the squares that they predict
     beyond chance."""
     evidence = [log_evidence_of_spectrum(rest, own, spectra.freedom) for own in spectra.of(inputs)]

@@ -57,20 +57,15 @@ class Spectra:
     def of(self, inputs: tuple[str, ...]) -> list[Spectrum]:
         """Return the spectra of a set of inputs, one for each length scale, and for the history of a single input."""
         if inputs not in self._known:
-            if inputs not in self.made:
-                self.made[inputs] = list(self.functions(inputs))
-            found = (self._spectrum(functions) for functions in self.made[inputs])
+            found = (self._spectrum(functions) for functions in self.functions_of(inputs))
             self._known[inputs] = [own for own in found if own is not None]
         return self._known[inputs]
 
-    def histories(self, name: str) -> list[Spectrum]:
-        """Return the spectra of an input's history, alone and next to a gain; none where it is unknown."""
-        own = self.columns[name]
-        if (history := self.in_time.history(own)) is None:
-            return []
-        past = standard(history)
-        found = (self._spectrum(functions) for functions in (past, np.column_stack([standard(own[:, None]), past])))
-        return [spectrum for spectrum in found if spectrum is not None]
+    def functions_of(self, inputs: tuple[str, ...]) -> list[Array]:
+        """Return the functions (n, m) of a set of inputs, as `functions` yields them; made once."""
+        if inputs not in self.made:
+            self.made[inputs] = list(self.functions(inputs))
+        return self.made[inputs]
 
     def beyond(self, functions: Array) -> Spectra:
         """Return the spectra free of further functions (n, m)."""

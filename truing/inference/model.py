@@ -280,6 +280,19 @@ class Split:
     share: float
 
 
+@dataclass(frozen=True)
+class ErrorPathway:
+    """Column of a pathway along which the errors of one part act: a subject, and the scene's input that moves it.
+
+    The subject and the input of the frame of the measurement are empty.
+    """
+
+    pathway: str
+    column: int
+    subject: str = ""
+    input: str = ""
+
+
 class Model(Protocol[CauseT]):
     """A model of observations that can take up causes of one sort, each with parameters and a design per pathway."""
 
@@ -355,6 +368,10 @@ class Model(Protocol[CauseT]):
     @property
     def input_scale(self) -> Array:
         """Prior sigma of each input (H,), SI."""
+
+    @property
+    def error_pathways(self) -> Sequence[ErrorPathway]:
+        """Directions of errors of single parts; none where no part moves the observations."""
 
     def with_input_factor(self, factor: Array, /) -> Self:
         """Return the model with the prior sigmas of each epoch's inputs multiplied by factors (B, H)."""

@@ -132,7 +132,10 @@ class CauseSelection(Generic[CauseT]):
             ()
             if is_clear and searched.kept
             else self._attributed(
-                found, outdone if is_named else {step.cause.key for step in searched.kept}, holds=holds
+                found,
+                outdone if is_named else {step.cause.key for step in searched.kept},
+                holds=holds,
+                is_known=not is_clear,
             )
         )
         # What inputs predict is no scatter, though it may pass for one.
@@ -244,13 +247,14 @@ class CauseSelection(Generic[CauseT]):
         return tuple(kind for kind in kinds if kind.id not in known and not scene.scatters(kind))
 
     def _attributed(
-        self, found: _Accounted[CauseT], outdone: Collection[str], *, holds: bool
+        self, found: _Accounted[CauseT], outdone: Collection[str], *, holds: bool, is_known: bool
     ) -> tuple[Attributed, ...]:
         """Return the inputs that predict residuals of the plain model with the causes that are not ``outdone`` (keys).
 
-        A model with wrong causes may have absorbed a dependence. If the final model does not hold, the campaign is
-        known to hold something else, and a larger level suffices. Its own residuals are asked too: what it explains no
-        longer hides the rest. Residuals are without a burst of noise that is only suspected: it may be an effect.
+        A model with wrong causes may have absorbed a dependence. If the campaign ``is_known`` to hold something without
+        a sure name, a larger level suffices for courses and parts. Residuals of the final model are then asked too:
+        what it explains no longer hides the rest. They are without a burst of noise that is only suspected: it may be
+        an effect.
         """
         self._search.progress("what the misfit follows")
         searched, settings = found.searched, self._search.settings
@@ -261,7 +265,8 @@ class CauseSelection(Generic[CauseT]):
             certain = [step.cause for step in searched.kept if step.cause.key not in outdone]
             causes = (*searched.given, *certain)
             model = self._search.fitter.comparable(causes, searched.final) if certain else plain
-            return attributed(plain, (model,), level, level, doubted)
+            models = (model, searched.final) if is_known and model is not searched.final else (model,)
+            return attributed(plain, models, level, _LEVEL_OF_COURSE if is_known else level, doubted)
         # A drift that is accounted for in part leaves residuals that no function of time alone explains.
         final = self._search.without_drifts(searched)
         models = (plain,) if final is plain else (plain, final)

@@ -14,7 +14,7 @@ from numpy.typing import NDArray
 from truing.simulation.cause import OBSERVED, CauseT, Effect, Scene
 
 if TYPE_CHECKING:
-    from truing.inference.model import PartialDesign, Split, ZeroColumns
+    from truing.inference.model import ErrorPathway, PartialDesign, Split, ZeroColumns
     from truing.simulation.prior_campaign import CampaignPrior
 
 
@@ -112,6 +112,11 @@ class EffectsModel(ABC, Generic[CauseT]):
     def input_scale(self) -> NDArray:
         """Prior sigma of each input (H,), SI; empty here."""
         return np.zeros(0)
+
+    @property
+    def error_pathways(self) -> tuple[ErrorPathway, ...]:
+        """Directions of errors of single parts: none here."""
+        return ()
 
     def with_input_factor(self, factor: NDArray) -> Self:
         """Return the model with the prior sigmas of the inputs multiplied by a factor; unchanged here: there are

@@ -209,6 +209,15 @@ def test_columns_that_predict_the_misfit_are_told_with_their_share() -> None:
     assert "noise" not in one.name
 
 
+@pytest.mark.parametrize(
+    ("subject", "place"), [("joint axis_2", "direction of joint axis_2"), ("leg4", "direction of leg 4")]
+)
+def test_columns_that_the_error_of_a_part_depends_on_are_told_with_the_part(subject: str, place: str) -> None:
+    one, *_ = assessed_causes({"diagnosis": rows(REMAINDER | {"subject": subject}, *rejected())})
+    assert_says(clause(one, {}), place, "actuator 3", "the temperature", "41 %")
+    assert "up to" not in clause(one, {})
+
+
 def test_columns_that_predict_the_misfit_never_read_as_agreement() -> None:
     tables = {**diagnosis_tables(rows(REMAINDER, *rejected())), "adequacy": FAILS}
     assert state_of("diagnosis", tables) == "attention"

@@ -10,6 +10,7 @@ from truing.report.numbers import p_at_most, percent
 from truing.report.wordings.claim import Claim, Wording, largest_change_words
 from truing.schemas.covariates import own_name
 
+_PARTS = r"joint |leg\d"  # subjects whose errors move the observations in a direction of their own
 _DRIVE, _LOAD = r"rho(\d+)_mm", r"([fm][xyz])_nm?"
 _COLUMNS = {
     "temperature_c": "the temperature",
@@ -67,7 +68,8 @@ def remainder_clause(columns: tuple[str, ...], subject: str, share: float) -> st
 
     They are those of the model without causes or of the final one; the share is of the former's variance.
     """
-    subject_text = f" of {subject_words(subject)}" if subject else ""
+    place = "in the direction of" if re.match(_PARTS, subject) else "of"
+    subject_text = f" {place} {subject_words(subject)}" if subject else ""
     most = f"{'' if subject else 'up to '}{percent(100.0 * share)}"
     text = f"The residuals{subject_text} depend on {columns_words(columns)}"
     return f"{text}, which explains {most} of the variance that the model without causes leaves"

@@ -11,6 +11,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from truing.estimation.rotation import exp_so3, left_jacobian_so3, skew
+from truing.inference.model import ErrorPathway
 from truing.simulation.cause import Step
 from truing.simulation.change import Change
 from truing.simulation.effects_model import Prediction
@@ -132,6 +133,12 @@ class MechanismModel(RecordedModel):
     def input_scale(self) -> NDArray:
         """Prior sigma of each reading (L,), m; empty if readings are exact."""
         return np.full(self._rolls.start, self.known.reading_sigma)
+
+    @property
+    def error_pathways(self) -> tuple[ErrorPathway, ...]:
+        """Directions of errors of the actuators' displacements."""
+        legs = range(self.nominal.count)
+        return tuple(ErrorPathway("rho", leg, f"leg{leg + 1}", f"rho{leg + 1}_mm") for leg in legs)
 
     def with_input_factor(self, factor: NDArray) -> Self:
         """Return the model with the prior sigmas of the readings multiplied by factors (B, L)."""

@@ -12,6 +12,7 @@ from numpy.typing import NDArray
 
 from truing.arrays import Array, Index
 from truing.estimation.rotation import exp_so3, inverse_left_jacobian_so3, left_jacobian_so3, log_so3
+from truing.inference.model import ErrorPathway
 from truing.simulation.cause import OBSERVED, Effect
 from truing.simulation.effects_model import EffectsModel, Prediction
 from truing.simulation.inputs import ORDER, ranks
@@ -137,6 +138,12 @@ class ChainModel(EffectsModel[ChainCause]):
     def input_scale(self) -> NDArray:
         """Prior sigma (H,) of each reading, rad or m."""
         return np.asarray(self.known.reading_sigma[self.noisy])
+
+    @property
+    def error_pathways(self) -> tuple[ErrorPathway, ...]:
+        """Directions of errors of the joints' motion, and of the base."""
+        joints = [ErrorPathway(JOINTS, k, f"joint {name}", name) for k, name in enumerate(self.tree.readings)]
+        return *joints, *(ErrorPathway(TWISTS, column) for column in range(TWIST))
 
     def with_input_factor(self, factor: NDArray) -> Self:
         """Return the model with the prior sigmas of the readings multiplied by factors (B, H)."""

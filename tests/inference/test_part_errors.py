@@ -1,0 +1,73 @@
+"""Errors of single parts: the information on them is that of a dense fit, and scatter of parts weighs everything."""
+
+from __future__ import annotations
+
+import numpy as np
+
+from truing.inference.part_errors import PartProblem
+
+EPOCHS, ROWS, PARTS, SHARED = 30, 6, 3, 4
+
+
+def problem(rng: np.random.Generator, errors: np.ndarray, epochs: int = EPOCHS) -> PartProblem:
+    """Noise, unknowns that all epochs share, and errors (B, n) of parts along directions that differ by epoch."""
+    moved = rng.standard_normal((epochs, ROWS, PARTS))
+    moved /= np.sqrt(np.mean(np.sum(moved**2, 1), 0))
+    by_shared, shared = rng.standard_normal((epochs, ROWS, SHARED)), rng.standard_normal(SHARED)
+    noise = rng.standard_normal((epochs, ROWS))
+    residual = by_shared @ shared + (moved @ errors[..., None])[..., 0] + noise
+    return PartProblem(moved, by_shared, residual, np.eye(SHARED), np.zeros(SHARED))
+
+
+def _dense_rest(own: PartProblem, index: int, course: np.ndarray) -> tuple[float, float]:
+    """Squares left by a fit of all rows without and with a course (B,) of one part's error."""
+    rows = np.concatenate([own.by_shared.reshape(-1, SHARED), own.prior_by_shared])
+    values = np.concatenate([own.residual.ravel(), own.prior_residual])
+    effect = np.concatenate([(own.moved[:, :, index] * course[:, None]).ravel(), np.zeros(SHARED)])
+    constant = np.concatenate([own.moved[:, :, index].ravel(), np.zeros(SHARED)])
+    left = []
+    for columns in (constant[:, None], np.column_stack([constant, effect])):
+        design = np.concatenate([rows, columns], 1)
+        left.append(float(np.sum((values - design @ np.linalg.lstsq(design, values)[0]) ** 2)))
+    return left[0], left[1]
+
+
+def test_a_course_explains_the_squares_that_a_dense_fit_with_it_saves() -> None:
+    rng = np.random.default_rng(1)
+    course = rng.standard_normal(EPOCHS)
+    errors = np.zeros((EPOCHS, PARTS))
+    errors[:, 1] = 3.0 * course
+    own = problem(rng, errors)
+    found = own.weighted(np.full((EPOCHS, PARTS), 1e-12))
+    along, _, _ = found.along(1, course[:, None])
+    before, after = _dense_rest(own, 1, course)
+    np.testing.assert_allclose(float(along @ along), before - after, rtol=1e-6)
+
+
+def test_scatter_of_one_part_leaves_less_information_on_it_alone() -> None:
+    rng = np.random.default_rng(2)
+    errors = np.zeros((EPOCHS, PARTS))
+    errors[:, 0] = 5.0 * rng.standard_normal(EPOCHS)
+    weight = problem(rng, errors).estimated().weight.mean(0)
+    assert weight[0] < 0.15
+    assert weight[1:].min() > 3.0 * weight[0]
+
+
+def test_a_function_that_is_held_explains_nothing_more() -> None:
+    rng = np.random.default_rng(3)
+    course = rng.standard_normal((EPOCHS, 1))
+    errors = np.zeros((EPOCHS, PARTS))
+    errors[:, 2] = 4.0 * course[:, 0]
+    own = problem(rng, errors)
+    quiet = np.full((EPOCHS, PARTS), 1e-12)
+    before, _, _ = own.weighted(quiet).along(2, course)
+    after, _, _ = own.beyond(2, 100.0 * course).weighted(quiet).along(2, course)
+    assert float(before @ before) > 100.0
+    assert float(after @ after) < 0.1
+
+
+def test_no_functions_to_hold_change_nothing() -> None:
+    own = problem(np.random.default_rng(4), np.zeros((EPOCHS, PARTS)))
+    same = own.beyond(0, np.zeros((EPOCHS, 0)))
+    np.testing.assert_array_equal(same.prior_by_shared, own.prior_by_shared)
+    np.testing.assert_array_equal(same.by_shared, own.by_shared)

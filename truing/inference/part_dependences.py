@@ -1,0 +1,170 @@
+"""Columns on which the errors of single parts depend, such as one part's error on the inputs of two others.
+
+All parts and all sets of columns compete, each as a Gaussian process along the direction in which an error of that part
+moves the observations. What was found is held as an unknown, and the rest is asked again.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterator, Mapping, Sequence
+from dataclasses import dataclass
+from functools import cached_property
+from itertools import pairwise
+
+import numpy as np
+
+from truing.inference.arrays import Array
+from truing.inference.evidence import SIZES, log_evidence
+from truing.inference.input_sets import INCLUDED, LARGEST_EFFECT, Inputs, odds_of_sets, probability_of
+from truing.inference.input_spectra import Spectra
+from truing.inference.part_errors import PartErrors, PartProblem
+
+_MOST_FOUND = 6  # dependences that are found in turn
+_OWN = 0.5  # prior probability that an error depends on its own input and its history alone
+_LEAST_POWER = 0.01  # variance of a parameter by the prior over that by noise; smaller ones are not held
+_LOST = 0.5  # a part explains the same as the one held if it loses this share of its log odds
+
+
+@dataclass(frozen=True)
+class Part:
+    """A part whose errors are asked: the directions in which it moves, and the column that moves it, if any."""
+
+    directions: tuple[int, ...]
+    column: str | None = None
+
+
+@dataclass(frozen=True)
+class PartDependence:
+    """Columns on which the error of a part depends; ``index`` of that part, None if another explains the same.
+
+    ``predicted`` (B, M): the change of the whitened rows by it.
+    """
+
+    index: int | None
+    inputs: Inputs
+    p_value: float
+    predicted: Array
+
+
+@dataclass(frozen=True)
+class _Odds:
+    """Log odds of every set of columns: that one direction of a part depends on it, and that any of them do."""
+
+    of_one: Mapping[Inputs, float]
+    of_any: Mapping[Inputs, float]
+
+    @property
+    def best(self) -> Inputs:
+        """Most probable set."""
+        return max(self.of_any, key=lambda inputs: self.of_any[inputs])
+
+
+@dataclass(frozen=True)
+class _Turn:
+    """Errors of the parts next to what was found before, and the log odds part by part."""
+
+    problem: PartProblem
+    errors: PartErrors
+    odds: Sequence[_Odds]
+
+    @cached_property
+    def of_parts(self) -> Array:
+        """Log odds (n,) that the error of each part depends on anything."""
+        return np.array([np.logaddexp.reduce(list(own.of_one.values())) for own in self.odds])
+
+    @property
+    def p_value(self) -> float:
+        """P-value of the mean likelihood ratio of all parts (Markov's inequality)."""
+        return float(min(1.0, len(self.odds) * np.exp(-np.logaddexp.reduce(self.of_parts))))
+
+    def likeliest(self, part: Part, inputs: Inputs, spectra: Spectra) -> Iterator[tuple[int, Array, Array]]:
+        """Yield each direction of a part, its functions (B, r) of parameters N(0, 1), and the predicted error (B,)."""
+        for direction in part.directions:
+            several = spectra.functions_of(inputs)
+            best = max(several, key=lambda functions: _evidence(self.errors, direction, functions))
+            yield direction, *_predicted(self.errors, direction, best)
+
+
+def part_dependences(
+    problem: PartProblem, parts: Sequence[Part], spectra: Spectra, level: float
+) -> Iterator[PartDependence]:
+    """Yield the columns on which the errors of the parts depend, one dependence after another."""
+    for turn, after in pairwise(_turns(problem, parts, spectra, level)):
+        index = int(np.argmax(turn.of_parts))
+        own = turn.odds[index]
+        inputs = tuple(name for name in spectra.columns if probability_of(name, own.of_any) >= INCLUDED)
+        if inputs:
+            moved = turn.problem.moved
+            errors = turn.likeliest(parts[index], own.best, spectra)
+            predicted = np.sum([moved[:, :, place] * error[:, None] for place, _, error in errors], axis=0)
+            is_sure = not _explain_the_same(turn, after, index)
+            yield PartDependence(index if is_sure else None, inputs, turn.p_value, predicted)
+
+
+def _turns(problem: PartProblem, parts: Sequence[Part], spectra: Spectra, level: float) -> Iterator[_Turn]:
+    """Yield the problem, then the same next to each dependence that is found in it, until none is left."""
+    for _ in range(_MOST_FOUND + 1):
+        errors = problem.estimated()
+        turn = _Turn(problem, errors, [_odds(errors, part, spectra) for part in parts])
+        yield turn
+        if turn.p_value > level:
+            return
+        index = int(np.argmax(turn.of_parts))
+        for direction, functions, _ in turn.likeliest(parts[index], turn.odds[index].best, spectra):
+            problem = problem.beyond(direction, functions)
+
+
+def _explain_the_same(turn: _Turn, after: _Turn, index: int) -> bool:
+    """Return True if another part was about as probable, and is no longer once the part is held."""
+    before, later = turn.of_parts, after.of_parts
+    rivals = (before > before[index] + np.log(1.0 / INCLUDED - 1.0)) & (later < _LOST * before)
+    return bool(np.any(np.delete(rivals, index)))
+
+
+def _odds(errors: PartErrors, part: Part, spectra: Spectra) -> _Odds:
+    """Return the log odds of every set of columns over scatter, for the error of one part."""
+    known: dict[Inputs, Array] = {}
+
+    def of_directions(inputs: Inputs) -> Array:
+        if inputs not in known:
+            several = spectra.functions_of(inputs)
+            found = [[_evidence(errors, place, functions) for functions in several] for place in part.directions]
+            known[inputs] = np.logaddexp.reduce(found, axis=1) - np.log(len(several))
+        return known[inputs]
+
+    def of_one(inputs: Inputs) -> float:
+        return float(np.logaddexp.reduce(of_directions(inputs)) - np.log(len(part.directions)))
+
+    def of_any(inputs: Inputs) -> float:
+        return float(np.sum(np.logaddexp(0.0, of_directions(inputs)) - np.log(2.0)))
+
+    names = tuple(spectra.columns)
+    if len(part.directions) > 1:
+        return _Odds(odds_of_sets(of_one, names), odds_of_sets(of_any, names))
+    odds = odds_of_sets(of_one, names)
+    if part.column is not None:
+        odds = {inputs: value + np.log1p(-_OWN) for inputs, value in odds.items()}
+        own = (part.column,)
+        odds[own] = float(np.logaddexp(of_one(own) + np.log(_OWN), odds[own]))
+    return _Odds(odds, odds)
+
+
+def _evidence(errors: PartErrors, index: int, functions: Array) -> float:
+    """Return the log evidence of a random function over an error of the same part without any order, of any size."""
+    along, strengths, _ = errors.along(index, functions)
+    squares, freedom = (own[index] for own in errors.squares)
+    return float(log_evidence(along, strengths, squares, freedom, LARGEST_EFFECT / 3.0)) if squares > 0.0 else 0.0
+
+
+def _predicted(errors: PartErrors, index: int, functions: Array) -> tuple[Array, Array]:
+    """Return functions (B, r) of a part's error whose parameters are N(0, 1), of the most probable size, and the error
+    (B,) that they predict."""
+    along, strengths, directions = errors.along(index, functions)
+    powers = [(LARGEST_EFFECT / 3.0 * size * strengths) ** 2 for size in SIZES]
+    squares, freedom = (own[index] for own in errors.squares)
+    noise = squares / freedom
+    fits = [np.sum(along**2 * own / (1.0 + own)) / noise - np.sum(np.log1p(own)) for own in powers]
+    power = powers[int(np.argmax(fits))]
+    unit = functions @ directions
+    kept = power > _LEAST_POWER
+    return (unit * np.sqrt(power) / strengths)[:, kept], unit @ (along / strengths * power / (1.0 + power))

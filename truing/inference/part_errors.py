@@ -1,0 +1,175 @@
+"""Errors of single parts of a fitted model, as far as the observations determine them.
+
+An error of one part moves the observations of an epoch in a known direction, which differs between epochs. So a course
+of it has no pattern in space that a principal component could show. All parts may also scatter, with heavy tails: the
+scatter is estimated, and everything is weighted by it.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, replace
+from functools import cached_property
+
+import numpy as np
+
+from truing.inference.arrays import Array
+from truing.inference.fitted_model import FittedModel
+from truing.inference.model import CauseT
+
+_TAILS = 2.0  # degrees of freedom of Student's t, the distribution of the scatter
+_FITS, _STEPS = 3, 20  # fits of the unknowns, and steps of the scatter's estimate in each
+_LEAST_SCATTER = 1e-6  # variance, in units of that of the noise
+_MOST_PRODUCTS = 3e10  # of numbers, in one fit
+
+
+@dataclass(frozen=True)
+class PartProblem:
+    """Whitened rows of a fit, and the change of them by errors of the parts.
+
+    ``moved`` (B, M, n): change by the error of each part, of one noise on average; ``by_shared`` (B, M, G) and
+    ``residual`` (B, M) of the epochs' rows; ``prior_by_shared`` (E, G) and ``prior_residual`` (E,) of all others.
+    """
+
+    moved: Array
+    by_shared: Array
+    residual: Array
+    prior_by_shared: Array
+    prior_residual: Array
+
+    def beyond(self, index: int, functions: Array) -> PartProblem:
+        """Return the problem with the error of a part along functions (B, m) among the unknowns, each N(0, 1)."""
+        count = functions.shape[1]
+        priors = np.zeros((len(self.prior_by_shared) + count, self.by_shared.shape[2] + count))
+        priors[: len(self.prior_by_shared), : self.by_shared.shape[2]] = self.prior_by_shared
+        priors[len(self.prior_by_shared) :, self.by_shared.shape[2] :] = np.eye(count)
+        return replace(
+            self,
+            by_shared=np.concatenate([self.by_shared, self.moved[:, :, index, None] * functions[:, None]], 2),
+            prior_by_shared=priors,
+            prior_residual=np.concatenate([self.prior_residual, np.zeros(count)]),
+        )
+
+    def estimated(self) -> PartErrors:
+        """Return the errors of the parts, weighted by noise and by the scatter of all parts."""
+        variance = np.full((len(self.moved), self.moved.shape[2]), _LEAST_SCATTER)
+        for _ in range(_FITS):
+            rest = self.residual - self.by_shared @ _Weights(self, variance).shared
+            variance = _scatter(self.moved, rest)
+        return self.weighted(variance)
+
+    def weighted(self, variance: Array) -> PartErrors:
+        """Return the errors of the parts for a known variance (B, n) of their scatter."""
+        return _Weights(self, variance).errors()
+
+
+@dataclass(frozen=True)
+class PartErrors:
+    """Information on the errors of n parts over the epochs, next to all unknowns of the model.
+
+    ``weight`` (B, n): information on each error where all unknowns are known; ``taken`` (n, B, r): its part that the
+    unknowns take, as products; ``score`` (n, B): derivatives of the log likelihood by the errors.
+    """
+
+    weight: Array
+    taken: Array
+    score: Array
+
+    def along(self, index: int, functions: Array) -> tuple[Array, Array, Array]:
+        """Return the parts (r,) of the residuals along functions (B, m) of a part's error, their strengths (r,) for
+        functions of one noise on average, and their directions (m, r)."""
+        ones = np.ones((len(functions), 1))
+        whole = np.concatenate([functions, ones], 1)
+        gram, score = self._gram(index, whole), whole.T @ self.score[index]
+        # A constant error is the zero of the part.
+        shift = gram[:-1, -1] / max(gram[-1, -1], 1e-300)
+        own, along = gram[:-1, :-1] - np.outer(shift, gram[-1, :-1]), score[:-1] - shift * score[-1]
+        values, vectors = np.linalg.eigh((own + own.T) / 2.0)
+        size = float(np.sum(self.weight[:, index] @ functions**2)) / len(functions)
+        kept = values > 1e-6 * max(size * len(functions), 1e-300)
+        values, vectors = values[kept], vectors[:, kept]
+        return (vectors.T @ along) / np.sqrt(values), np.sqrt(values / max(size, 1e-300)), vectors / np.sqrt(size)
+
+    @cached_property
+    def squares(self) -> tuple[Array, Array]:
+        """Squares (n,) that errors of each part without any order explain, next to a constant one, and their degrees of
+        freedom (n,)."""
+        found = [self.along(index, np.eye(len(self.weight)))[0] for index in range(len(self.score))]
+        return np.array([own @ own for own in found]), np.array([float(len(own)) for own in found])
+
+    def _gram(self, index: int, functions: Array) -> Array:
+        taken = functions.T @ self.taken[index]
+        return np.asarray(functions.T @ (self.weight[:, index, None] * functions) - taken @ taken.T)
+
+
+def part_problem(fitted: FittedModel[CauseT]) -> PartProblem | None:
+    """Return the problem of the errors of a model's parts; None where there are none, or it is too large."""
+    whitened, own = fitted.fit.whitened, fitted.model.error_pathways
+    if not own or whitened.whole is None:
+        return None
+    places = fitted.pathways.places
+    moved = fitted.pathways.columns[:, :, [places[one.pathway].start + one.column for one in own]]
+    epochs, tall, _ = moved.shape
+    if epochs * tall * whitened.whole.shape[1] ** 2 > _MOST_PRODUCTS:
+        return None
+    size = np.sqrt(np.mean(np.sum(moved**2, 1), 0))
+    first = epochs * tall
+    return PartProblem(
+        moved / np.where(size > 0.0, size, 1.0),
+        whitened.own,
+        whitened.residual[:first].reshape(epochs, tall),
+        whitened.whole[first:],
+        whitened.residual[first:],
+    )
+
+
+class _Weights:
+    """A problem solved with the noise and a scatter of the parts with variances (B, n)."""
+
+    def __init__(self, problem: PartProblem, variance: Array) -> None:
+        self._problem = problem
+        self._scattered = problem.moved * np.sqrt(variance)[:, None]
+        products = np.swapaxes(self._scattered, 1, 2) @ self._scattered
+        self._inner = np.linalg.inv(np.eye(products.shape[1]) + products)
+        normal = self._products(problem.by_shared, problem.by_shared).sum(0)
+        normal += problem.prior_by_shared.T @ problem.prior_by_shared
+        self._inverse = np.linalg.inv(np.linalg.cholesky(normal))
+        known = self._products(problem.by_shared, problem.residual[..., None])[..., 0].sum(0)
+        known += problem.prior_by_shared.T @ problem.prior_residual
+        self.shared = self._inverse.T @ (self._inverse @ known)
+
+    def _products(self, first: Array, second: Array) -> Array:
+        """Return the products (B, p, q) of columns (B, M, p) and (B, M, q) over the covariance of the rows."""
+        one, other = (np.swapaxes(self._scattered, 1, 2) @ columns for columns in (first, second))
+        return np.asarray(np.swapaxes(first, 1, 2) @ second - np.swapaxes(one, 1, 2) @ (self._inner @ other))
+
+    def errors(self) -> PartErrors:
+        """Return the information on the errors of the parts."""
+        own = self._problem
+        rest = (own.residual - own.by_shared @ self.shared)[..., None]
+        weight = np.diagonal(self._products(own.moved, own.moved), axis1=1, axis2=2)
+        taken = self._products(own.moved, own.by_shared) @ self._inverse.T
+        score = self._products(own.moved, rest)[..., 0]
+        return PartErrors(weight, np.swapaxes(taken, 0, 1), score.T)
+
+
+def _scatter(moved: Array, rest: Array) -> Array:
+    """Return the variances (B, n) of the parts' scatter in residuals (B, M), larger where an error is far off.
+
+    Steps of expectation and maximisation for Student's t (Lange, Little and Taylor, J. Am. Stat. Assoc. 84 (1989) 881).
+    """
+    products = np.swapaxes(moved, 1, 2) @ moved
+    along = (np.swapaxes(moved, 1, 2) @ rest[..., None])[..., 0]
+    variance, usual = np.ones((len(moved), moved.shape[2])), np.ones(moved.shape[2])
+    identity = np.eye(moved.shape[2])
+    for _ in range(_STEPS):
+        # Posterior of the errors: covariance (1 / variance + products)^-1.
+        root = np.sqrt(variance)
+        inner = np.linalg.inv(identity + root[:, :, None] * products * root[:, None])
+        covariance = root[:, :, None] * inner * root[:, None]
+        error = (covariance @ along[..., None])[..., 0]
+        squares = error**2 + np.diagonal(covariance, axis1=1, axis2=2)
+        weights = (_TAILS + 1.0) / (_TAILS + squares / usual)
+        known = np.sum(1.0 - np.diagonal(covariance, axis1=1, axis2=2) / variance, 0)
+        usual = np.maximum(np.sum(weights * error**2, 0) / np.maximum(known, _LEAST_SCATTER), _LEAST_SCATTER)
+        variance = usual / (_TAILS + 1.0) * (_TAILS + squares / usual)
+    return np.asarray(variance)
