@@ -520,6 +520,11 @@ _DIAGNOSIS = (
         "pose body parent quantity unit estimate input_source evaluation contribution degrees_of_freedom",
     ),
     parquet(
+        "chain_uncertainty",
+        "contribution of each source to the uncertainty of the identified numbers of a chain",
+        "joint parameter unit input_source evaluation contribution degrees_of_freedom",
+    ),
+    parquet(
         "cause_uncertainty",
         "contribution of each source to the uncertainty of every parameter of the causes that were found",
         "cause subject parameter input_source evaluation contribution degrees_of_freedom unit",
