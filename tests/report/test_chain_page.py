@@ -126,6 +126,8 @@ def test_clear_corrections_of_a_model_that_fits_stand_on_the_first_screen(
         assert "0.2292 ± 0.0057 deg" in lines[0][1]
         assert "dx" not in lines[0][1]
     assert estimates_zeros(tables)
+    tables["chain_parameters"]["identified"] = tables["chain_parameters"]["sigma"]
+    assert corrections(tables, adequacy) == []
     del tables["chain_parameters"]
     assert corrections(tables, adequacy) == []
     assert not estimates_zeros(tables)

@@ -31,8 +31,8 @@ def corrections(tables: Tables, adequacy: SectionVerdict | None) -> list[Verdict
         return []
     if adequacy.state != RelationState.OK and adequacy.reason_code != ReasonCode.BELOW_NOISE:
         return []
-    size = (numbers["identified"] / numbers["sigma"]).abs()
-    clear = numbers[numbers["identifiable"] & (size > _CLEAR)].assign(size=size).sort_values("size", ascending=False)
+    numbers = numbers.assign(size=(numbers["identified"] / numbers["sigma"]).abs())
+    clear = numbers[numbers["identifiable"] & (numbers["size"] > _CLEAR)].sort_values("size", ascending=False)
     if clear.empty:
         return []
     named = listed([_number(row) for _, row in clear.iterrows()], _NAMED)
