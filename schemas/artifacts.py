@@ -405,7 +405,7 @@ _CALIBRATION = (
     ),
     parquet(
         "requirements",
-        "required and achieved accuracy",
+        "required and achieved accuracy; model uncorrected: of an axis as it is",
         "model* deformation* component* requirement error lower upper unit verdict message",
         optional="poses_judged p_value measurements lower_expected upper_expected",
     ),
@@ -480,8 +480,10 @@ _DIAGNOSIS = (
     parquet(
         "component_errors",
         "measured minus predicted by the extended model, by component of [requirement]: the tip of an open chain in "
-        "base axes, or an axis by its outside instrument (else its outer encoder)",
+        "base axes, or an axis by its outside instrument (else its outer encoder); missed_before: without correction, "
+        "minus a constant",
         "pose* role component* missed sigma unit",
+        optional="missed_before",
     ),
     parquet(
         "reading_errors",

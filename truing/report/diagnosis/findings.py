@@ -135,6 +135,8 @@ def subject_words(subject: str) -> str:
         return f"leg {legs[0]}" if len(legs) == 1 else f"legs {_joined_names(legs)}"
     if len(parts) > 2 and set(parts[::2]) == {"joint"}:
         return f"joints {_joined_names(parts[1::2])}"
+    if len(parts) == 2 and parts[0] in ("joint", "link") and parts[1].lower().startswith(parts[0]):
+        return parts[1]  # its name says what it is
     if parts[:1] == ["targets"]:
         return f"targets {_joined_names(parts[1:])}"
     return subject

@@ -120,21 +120,26 @@ def _found_words(causes: list[AssessedCause], tables: Tables) -> str:
     brings = gain(causes, tables)
     sure = [row for row in effects if row.verdict != SUSPECTED]
     doubted = [row for row in effects if row.verdict == SUSPECTED]
-    texts = [_listed([clause(row, tables) for row in sure[:_TOLD]], len(sure)) + _more_findings(sure)] if sure else []
+    texts = [_listed([clause(row, tables) for row in _told(sure)], len(sure)) + _more_findings(sure)] if sure else []
     if doubted:
-        names = "; ".join(lower(clause(row, tables)) for row in doubted[:_TOLD])
+        names = "; ".join(lower(clause(row, tables)) for row in _told(doubted))
         texts.append(f"Suspected, not confirmed: {names}{_more_findings(doubted)}")
     # Larger noise, and inputs that predict residuals, are no further effects.
     beside = [row for row in noise if row.verdict != SUSPECTED]
     if beside:
-        names = "; ".join(lower(clause(row, tables)) for row in beside[:_TOLD])
+        names = "; ".join(lower(clause(row, tables)) for row in _told(beside))
         texts.append(f"{'Besides, ' if texts else ''}{names}{_more_findings(beside)}")
     modelling = "Modelling it" if len(effects) == 1 else f"Modelling {'both' if len(effects) == 2 else 'all of them'}"
     return ". ".join([*texts, f"{modelling} {brings}"] if brings else texts) + "."
 
 
+def _told(rows: list[AssessedCause]) -> list[AssessedCause]:
+    """Return the findings that are written out: all, if no more than one would be left."""
+    return rows if len(rows) <= _TOLD + 1 else rows[:_TOLD]
+
+
 def _more_findings(rows: list[AssessedCause]) -> str:
-    more = len(rows) - _TOLD
+    more = len(rows) - len(_told(rows))
     return f", and {count(more, 'further finding')} (see Diagnosis)" if more > 0 else ""
 
 

@@ -35,16 +35,20 @@ def _of_joint(advice: str) -> Callable[[Claim], str]:
 
 
 def _offset(claim: Claim) -> str:
-    size, _ = largest_of_kind(claim, "offset")
     others = claim.fact("alike")
     owners = " or ".join([_whose(claim), *(others or ())])
-    same = " (one motion belongs to either)" if others else ""
-    return f"the zero of {owners} deviates by more than its tolerance{same}{by_words(size)}"
+    same = "; one motion belongs to either" if others else ""
+    return f"the zero of {owners} is wrong{_signed(claim, 'offset')}{same}"
 
 
 def _shifted(claim: Claim) -> str:
-    size, _ = largest_of_kind(claim, "shift")
-    return f"the zero of {_whose(claim)} shifts{by_words(size)} from pose {claim.fact('from_pose')} on"
+    return f"the zero of {_whose(claim)} shifts from pose {claim.fact('from_pose')} on{_signed(claim, 'shift')}"
+
+
+def _signed(claim: Claim, kind: str) -> str:
+    """Return ``: motion = reading − 0.18 ± 0.01 deg``; empty without a size."""
+    size, is_positive = largest_of_kind(claim, kind)
+    return f": motion = reading {'+' if is_positive else '−'} {size}" if size else ""
 
 
 def _gain(claim: Claim) -> str:
