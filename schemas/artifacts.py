@@ -474,8 +474,10 @@ _DIAGNOSIS = (
     ),
     parquet(
         "prediction",
-        "measured minus predicted at every pose, without and with the causes that were found",
+        "measured minus predicted at every pose, without and with the causes that were found; rms_nominal: of a chain "
+        "as its description has it, base and tool fitted",
         "pose* role rms_before rms_after largest_before largest_after unit",
+        optional="rms_nominal",
     ),
     parquet(
         "component_errors",

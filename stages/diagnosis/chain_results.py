@@ -12,6 +12,7 @@ import pyarrow as pa
 from numpy.typing import NDArray
 
 from truing.arrays import TableRow
+from truing.inference.fitter import Fitter
 from truing.schemas.artifacts import ARTIFACTS
 from truing.simulation.mechanisms.chains.extended_model import extended_chain, write_chain
 from truing.simulation.mechanisms.chains.joint_curves import JointErrorCurve
@@ -56,7 +57,7 @@ def results(
     of_series = {"series_errors": series_table(diagnosis, data, series)} if series else {}
     return InstrumentResults(
         {
-            "prediction": prediction_table(diagnosis, data, positions_alone),
+            "prediction": prediction_table(diagnosis, data, positions_alone, nominal_errors(diagnosis, data)),
             **of_series,
             **of_repeats,
             **of_motors,
@@ -70,6 +71,26 @@ def results(
         },
         {} if next_poses is None else next_poses.advice,
     )
+
+
+def nominal_errors(diagnosis: CauseDiagnosis, data: DiagnosisData[Any]) -> dict[str, PredictionError[Any]]:
+    """Errors of the chain as its description has it, by role of the poses; only base and tool are fitted.
+
+    Gross errors that the diagnosis found are left out. Empty where the description is taken for exact.
+    """
+    model = data.model
+    assert isinstance(model, ChainModel)
+    if not model.layout["links"].stop - model.layout["links"].start and not len(model.free_offsets):
+        return {}
+    exact = replace(model.known, modes=model.known.modes[..., :0], offsets=np.zeros_like(model.known.offsets))
+    final = diagnosis.final
+    calibration, held_out = data.calibration, data.held_out
+    calibration = replace(calibration, measured=replace(calibration.measured, is_observed=final.measured.is_observed))
+    if held_out is not None and final.held_out is not None:
+        held_out = replace(held_out, measured=replace(held_out.measured, is_observed=final.held_out.is_observed))
+    fitted = Fitter(replace(model, known=exact), calibration, held_out, 0).fitted(())
+    errors = {"calibration": fitted.error}
+    return errors if fitted.held_out is None else errors | {HELD_OUT: fitted.held_out}
 
 
 def positions_alone(error: PredictionError[Any]) -> PredictionError[Any]:

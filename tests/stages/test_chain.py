@@ -90,6 +90,17 @@ def test_each_determined_number_of_the_chain_has_an_expanded_uncertainty_and_a_b
     assert (told["expanded_uncertainty"].notna() == numbers["identifiable"]).all()
 
 
+def test_the_nominal_geometry_misses_the_poses_by_more_than_the_identified_one(run: Path) -> None:
+    poses = pq.read_table(run / "prediction.parquet").to_pandas()
+    squares = (
+        poses.groupby("role")[["rms_nominal", "rms_before", "rms_after"]].agg(lambda own: (own**2).mean())
+    ) ** 0.5
+    assert set(squares.index) == {"calibration", "verification"}
+    # The errors of links and zeros that the generator drew from their tolerances.
+    assert (squares["rms_nominal"] > 3.0 * squares["rms_before"]).all()
+    assert (squares["rms_before"] > squares["rms_after"]).all()
+
+
 def test_errors_by_series_are_those_of_the_poses(campaign: Path, run: Path) -> None:
     of_series = pq.read_table(run / "series_errors.parquet").to_pandas()
     of_poses = pq.read_table(run / "prediction.parquet").to_pandas()

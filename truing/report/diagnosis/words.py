@@ -7,7 +7,7 @@ from collections.abc import Mapping
 import pandas as pd
 
 from truing.belonging.relation import RelationState
-from truing.report.chain_corrections import estimates_zeros
+from truing.report.chain_corrections import clear_numbers, estimates_zeros
 from truing.report.diagnosis.adequacy import noise_compared, shortcoming
 from truing.report.diagnosis.assessed_causes import (
     CHANGES,
@@ -191,7 +191,9 @@ def _listed(clauses: list[str], several: int) -> str:
 
 def _agreement(rows: list[AssessedCause], tables: Tables) -> str:
     tested_text = tested_words(rows)
-    text = f"{_upper(tested_text)} agree to within the noise" if tested_text else "The residuals are noise"
+    text = f"{tested_text} agree to within the noise" if tested_text else "the residuals are noise"
+    corrected = len(clear_numbers(tables))
+    text = f"With {count(corrected, 'correction')} to the nominal geometry, {text}" if corrected else _upper(text)
     text = f"{text}: {_nothing_found(rows, tables)}."
     sizes = _hidden_sizes(table_or_none(tables, "detectable"))
     if not sizes:
