@@ -45,6 +45,8 @@ _CLEARLY = 3.0
 _SIGNS = (("", 1.0), (" with the opposite sign", -1.0))
 _FEW = 0.1  # share of the rows
 _FEWEST, _FEWEST_ROWS = 3, 8
+_SURELY = 3.0  # standard deviations of a number that chance gives
+_NEAR, _MOST_REPEATS = 3, 30  # steps of the resolution; rows of one command that are compared
 # From here on, readings are so coarse that equal rows say nothing.
 _COARSE = 0.5
 # Pairs that show a scatter, the factor of a declared noise that is too large, and its level; digits of deviations.
@@ -291,13 +293,15 @@ def _repeated(table: pa.Table, columns: AxisColumns, poses: NDArray[np.object_],
     chance."""
     raw = np.column_stack([number_column(table, name) for name in (columns.command, *columns.encoders.values())])
     is_complete = np.isfinite(raw).all(1)
-    _, first, inverse = np.unique(raw[is_complete], axis=0, return_index=True, return_inverse=True)
+    beside = [number_column(table, name) for name in temperature_columns(table.column_names)]  # equal in copies, too
+    recorded = np.nan_to_num(np.column_stack([raw, *beside])[is_complete])
+    _, first, inverse = np.unique(recorded, axis=0, return_index=True, return_inverse=True)
     again = np.flatnonzero(is_complete)[first[np.ravel(inverse)] != np.arange(int(is_complete.sum()))]
     # Readings relative to the command of rows sent elsewhere that are equal as well: as many repeat by chance.
     away = np.round(raw[is_complete][:, 1:] - raw[is_complete][:, :1], 9)
     share = 1.0 - len(np.unique(away, axis=0)) / max(len(away), 1)
-    expected = share * len(again)
-    beyond = max(len(again) - expected, 0.0) if share < _COARSE else 0.0
+    expected = max(share * len(again), _equal_by_chance(raw[is_complete][:, 0], away))
+    beyond = max(len(again) - expected - _SURELY * np.sqrt(expected), 0.0) if share < _COARSE else 0.0
     named = listed([str(pose) for pose in poses[again]])
     text = f"{len(again)} rows are equal to an earlier one in every digit of all encoders"
     if again.size:
@@ -307,6 +311,21 @@ def _repeated(table: pa.Table, columns: AxisColumns, poses: NDArray[np.object_],
     else:
         text += "."
     return limits.of("axis-repeated-rows").row("", float(np.floor(beyond)), "1", text)
+
+
+def _equal_by_chance(command: Array, away: Array) -> float:
+    """Return how many pairs of rows of one command are expected to be equal by the encoders' resolution: a share of
+    those pairs that lie within some steps of it."""
+    steps = [np.diff(np.unique(reading)) for reading in away.T]
+    if not all(step.size for step in steps):
+        return 0.0
+    resolution, order = np.array([float(step.min()) for step in steps]), np.argsort(command, kind="stable")
+    near = 0
+    for lag in range(1, min(_MOST_REPEATS, len(order))):
+        is_pair = command[order][lag:] == command[order][:-lag]
+        apart = np.abs(away[order][lag:] - away[order][:-lag])[is_pair] / resolution
+        near += int(np.sum((apart < _NEAR + 0.5).all(1) & (apart > 0.5).any(1)))
+    return near / ((2 * _NEAR + 1) ** away.shape[1] - 1)
 
 
 def _approach(direction: Array, limits: CampaignLimits) -> Check:

@@ -25,6 +25,8 @@ from truing.schemas.settings_text import parsed_toml
 from truing.simulation.axis.rows import approaches
 from truing.stages.common.axis_columns import AxisColumns
 from truing.stages.predict import predict
+from truing.stages.quality.axis_checks import _repeated
+from truing.stages.quality.check import CampaignLimits
 
 BACKLASH, SHIFT, EVENT_ROW = 0.012, 0.02, 26
 
@@ -291,6 +293,22 @@ def test_a_frozen_encoder_and_copied_rows_are_seen(tmp_path: Path) -> None:
     layout = _layout(command=np.concatenate([made.layout.command[:20], made.layout.command[:20]]))
     code, verdicts, _ = _verdicts(tmp_path / "b", AxisCampaign(layout, copied))
     assert verdicts["axis-repeated-rows", ""] == "warn"
+
+
+def test_a_coarse_resolution_repeats_rows_of_one_command_without_copies() -> None:
+    rng, command = np.random.default_rng(7), np.tile(10.0 * np.arange(37), 6)
+    reading = np.round(6.0 * np.sin(np.radians(command)) + 0.1 * rng.standard_normal(len(command)), 2)
+    equal = len(command) - len(np.unique(np.column_stack([command, reading]), axis=0))
+    assert equal > 5
+    table = pa.table(
+        {"pose": list(range(len(command))), "command_deg": command, "load_deg": command + reading / 3600.0}
+    )
+    columns = AxisColumns("rotary", "deg", "motor", "command_deg", {"load": "load_deg"}, None)
+    limits = CampaignLimits("photogrammetry", {})
+    poses = np.arange(len(command)).astype(object)
+    assert _repeated(table, columns, poses, limits).verdict == "pass"
+    copied = pa.concat_tables([table, table.slice(0, 37)])
+    assert _repeated(copied, columns, np.arange(len(copied)).astype(object), limits).verdict == "warn"
 
 
 def test_an_axis_that_never_moves_is_not_evaluated(tmp_path: Path) -> None:
