@@ -13,6 +13,7 @@ from numpy.typing import NDArray
 
 from truing.arrays import TableRow
 from truing.schemas.artifacts import ARTIFACTS
+from truing.simulation.mechanisms.chains.causes import JointOffset
 from truing.simulation.mechanisms.chains.extended_model import extended_chain, write_chain
 from truing.simulation.mechanisms.chains.joint_curves import JointErrorCurve
 from truing.simulation.mechanisms.chains.model import ChainModel
@@ -136,7 +137,7 @@ def parameters_table(fitted: FittedModel[Any]) -> pa.Table:
     model = fitted.model
     assert isinstance(model, ChainModel)
     covariance, shared = fitted.covariance(), fitted.fit.shared
-    rows = list(_zeros(model, shared, covariance))
+    rows = list(_zeros(fitted, model, covariance))
     geometry = np.zeros((model.tree.size, TWIST, model.shared_size))
     geometry[..., model.layout["links"]] = model.known.modes
     geometry[..., model.layout["shape"]] = model.known.end_twists(model.tree.size)
@@ -179,14 +180,23 @@ def curves_table(fitted: FittedModel[Any]) -> dict[str, pa.Table]:
     return {"joint_curves": pa.table(columns, schema=ARTIFACTS["joint_curves"].arrow_schema())}
 
 
-def _zeros(model: ChainModel, shared: NDArray, covariance: NDArray) -> Iterator[TableRow]:
-    """Yield the zeros of the joints that have a tolerance."""
+def _zeros(fitted: FittedModel[Any], model: ChainModel, covariance: NDArray) -> Iterator[TableRow]:
+    """Yield the zeros of the joints that have a tolerance, each with the offset that was found beyond it."""
+    found = {cause.joint: cause for cause in fitted.causes if isinstance(cause, JointOffset)}
     for index, reading in enumerate(model.free_offsets):
         unknown, sigma = model.layout["zeros"].start + index, float(model.known.offsets[reading])
         unit, si = ("rad", 1.0) if model.tree.is_revolute[reading] else ("mm", _MM)
-        spread = float(np.sqrt(covariance[unknown, unknown])) * sigma
-        name = model.tree.readings[reading]
-        yield _row(name, "offset", unit, si, float(shared[unknown]) * sigma, spread, sigma, is_free=False)
+        name, per_unknown = model.tree.readings[reading], np.zeros(model.shared_size)
+        per_unknown[unknown] = sigma
+        cause = found.get(name)
+        if cause is not None:
+            per_unknown[model.layout[cause.key]] = model.effect_sigma(cause)
+        value = float(per_unknown @ fitted.fit.shared) + (0.0 if cause is None else cause.start)
+        spread = float(np.sqrt(per_unknown @ covariance @ per_unknown))
+        row = _row(name, "offset", unit, si, value, spread, sigma, is_free=False)
+        if cause is not None:  # the zero and its offset share no tolerance: both together are as far off as this
+            row |= {"pull": value / np.hypot(sigma, spread), "identifiable": True}
+        yield row
 
 
 def _row(
