@@ -11,7 +11,7 @@ from tests.formats.reading import read
 from truing.formats.sniff import sniff_file
 
 READINGS = [[2.5, -29.5, 6.125, 34.75, -47.375, 35.5], [21.75, 1.5, -16.625, 77.5, -56.5, -13.875]]
-RADIANS = ", ".join("{}".format(-0.25 * k) for k in range(1, 7))
+RADIANS = ", ".join(f"{-0.25 * k}" for k in range(1, 7))
 PROGRAMS = {
     "kuka": "DECL E6AXIS XP{pose}={{A1 {0},A2 {1},A3 {2},A4 {3},A5 {4},A6 {5},E1 0.0}}",
     "abb": "CONST jointtarget p{pose}:=[[{0},{1},{2},{3},{4},{5}],[9E9,9E9,9E9,9E9,9E9,9E9]];",

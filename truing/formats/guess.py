@@ -269,7 +269,8 @@ def _positions_of_program(match: re.Match[str]) -> Guess:
             keys, pattern = keys | {"keep_lines": "E6AXIS"}, rf".*E6AXIS\s+{numbered}\s*=\s*\{{\s*{inner}.*"
         else:
             first = r"\[\[" if match["target"].startswith("[") else r"j:\s*\{"
-            keys, pattern = keys | {"keep_lines": "jointtarget"}, rf".*jointtarget\s+{numbered}\s*:?=\s*{first}\s*{inner}.*"
+            keys |= {"keep_lines": "jointtarget"}
+            pattern = rf".*jointtarget\s+{numbered}\s*:?=\s*{first}\s*{inner}.*"
     note = f"positions of a robot's program, in {'degrees' if unit == 'deg' else 'radians'}"
     return Guess({**keys, "split": {"line": pattern}}, tuple(joints), "configurations", (note,), doubts=(doubt,))
 
