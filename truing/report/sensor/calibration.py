@@ -184,7 +184,7 @@ def _opening_sentences(
         return f"G from nominal dimensions only. G_B is not evaluated: {why}."
     chosen = _chosen_model(choice)
     rows = choice[choice["model"] == chosen]
-    value, share = _heldout(choice, largest)
+    _, share = _heldout(choice, largest)
     worst = max(share, key=lambda load: share[load])
     texts = [
         f"Chosen calibration: {chosen} (estimator, direction of the fit, zero, terms).",
