@@ -201,6 +201,7 @@ def _facts(verdict: Verdict, diagnosis: CauseDiagnosis, words: DetectionAdvice, 
         drive=shown.drive,
         course=None if verdict.course is None else verdict.course.follows,
         is_course_beside=verdict.course is not None and verdict.course.is_beside,
+        floor_has_scatter=bool(diagnosis.scatters or diagnosis.noise_dependences),
     )
 
 
