@@ -22,8 +22,8 @@ def errors_without(
 ) -> Errors[CauseT]:
     """Return the errors of a model without some of its causes on fitted and held-out epochs.
 
-    All other numbers of the machine stay as identified. Where the instrument and the targets stand, which no prior
-    knowledge fixes (``Model.setup``), is fitted anew: else the error would include what they take up.
+    Other unknowns stay as identified. Those of the set-up, which no prior knowledge fixes (``Model.setup``), are fitted
+    anew: else the error would include what they take up.
     """
     others = tuple(cause for cause in fitted.causes if all(cause is not left for left in causes))
     model = fitted.model.with_causes(others)
