@@ -142,7 +142,7 @@ def _test_orientations(compared: ComparedChain, settings: Campaign) -> RelationT
                 frames.R[own, channels.node[k]],
                 compared.conditions.reference[own, k],
                 settings.poses.euler,
-                _positions(measured, k, own, frames.t),
+                _positions(measured, int(k), own, frames.t),
             )
             if found.stray.any():
                 poses = np.array([str(pose) for pose in compared.conditions.poses])[own][found.stray]
