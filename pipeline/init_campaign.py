@@ -463,7 +463,8 @@ def _with_names(group: RawGroup, mapping: MappingKeys, guess: Guess) -> MappingK
     """Keys for a group's files, with the pose or target in their names."""
     named = {*guess.columns, *mapping.get("columns", {}), *mapping.get("number_rows", {})}
     style = mapping.get("format")
-    if guess.table in _LOADING_TABLES and group.count > 1 and "run" in mapping.get("constants", {}):
+    has_runs_in_names = "run" in mapping.get("constants", {}) and "from_name" not in mapping
+    if guess.table in _LOADING_TABLES and group.count > 1 and has_runs_in_names:
         others = {key: value for key, value in mapping["constants"].items() if key != "run"}
         rest = {key: value for key, value in mapping.items() if key != "constants"}
         return {**rest, **({"constants": others} if others else {}), **distinguishing_pattern(group.names, "run")}

@@ -133,10 +133,7 @@ def _figure(table: pa.Table, diagnosis: CauseDiagnosis, shown: ReportedRms, rule
         left += "; the model as a whole does not fit"
     if not {"found", "suspected"} & set(table.column("verdict").to_pylist()):
         return f"nothing found: rms error of fitted data {left}"
-    # Zeros far off and exchanged readings are known before the plain fit, which has them already.
-    named = [row for row in table.to_pylist() if row["verdict"] in ("found", "suspected") and row["unit"] == shown.unit]
-    starts = [row["rms_before"] for row in named if row["rms_before"]]
-    before = max(shown.rms(diagnosis.plain.error) or 0.0, *starts, 0.0)
+    before = shown.rms(diagnosis.errors_without_any[0]) or 0.0
     return f"{_found_causes(table)}: rms error of fitted data {two_decimals(before)} -> {left}"
 
 

@@ -11,6 +11,7 @@ import pyarrow as pa
 
 from truing.arrays import Array, TableRow
 from truing.schemas.artifacts import ARTIFACTS
+from truing.simulation.mechanisms.chains.causes import JointOffset
 from truing.simulation.mechanisms.chains.model import ChainModel
 from truing.simulation.mechanisms.chains.tree import TWIST
 from truing.stages.diagnosis.cause_tables import source_of
@@ -37,6 +38,7 @@ class _Number:
     form: Array
     prior: float
     is_free: bool = False
+    found_at: float | None = None  # where an offset beyond the tolerance was found, start of its linear form
 
     @property
     def unit(self) -> str:
@@ -54,7 +56,8 @@ class _Number:
 def parameters_table(fitted: FittedModel[Any]) -> pa.Table:
     """Rows of chain_parameters.parquet: zeros of the joints and errors of the links, with tolerance and sigma."""
     covariance, shared = fitted.covariance(), fitted.fit.shared
-    rows = [_row(number, float(number.form @ shared), number.sigma(covariance)) for number in _numbers(_chain(fitted))]
+    values = [(own, float(own.form @ shared) + (own.found_at or 0.0)) for own in _numbers(fitted)]
+    rows = [_row(number, value, number.sigma(covariance)) for number, value in values]
     return pa.Table.from_pylist(rows, schema=ARTIFACTS["chain_parameters"].arrow_schema())
 
 
@@ -62,7 +65,7 @@ def uncertainty_table(fitted: FittedModel[Any]) -> pa.Table:
     """Rows of chain_uncertainty.parquet: contribution of each source to every number of the chain."""
     model = _chain(fitted)
     rows: list[TableRow] = []
-    numbers = tuple(_numbers(model))
+    numbers = tuple(_numbers(fitted))
     for given in fitted.contributions_to(slice(0, model.shared_size)):
         source = source_of(fitted, given)
         for number in numbers:
@@ -76,14 +79,22 @@ def _chain(fitted: FittedModel[Any]) -> ChainModel:
     return fitted.model
 
 
-def _numbers(model: ChainModel) -> Iterator[_Number]:
-    """Yield the zeros of the joints that have a tolerance, then the errors of each link that are not held."""
+def _numbers(fitted: FittedModel[Any]) -> Iterator[_Number]:
+    """Yield the zeros of the joints that have a tolerance, then the errors of each link that are not held.
+
+    A zero holds the offset that was found beyond its tolerance.
+    """
+    model = _chain(fitted)
+    found = {cause.joint: cause for cause in fitted.causes if isinstance(cause, JointOffset)}
     for index, reading in enumerate(model.free_offsets):
-        tolerance = float(model.known.offsets[reading])
+        name, tolerance = model.tree.readings[reading], float(model.known.offsets[reading])
         form = np.zeros(model.shared_size)
         form[model.layout["zeros"].start + index] = tolerance
+        cause = found.get(name)
+        if cause is not None:
+            form[model.layout[cause.key]] = model.effect_sigma(cause)
         is_length = not model.tree.is_revolute[reading]
-        yield _Number(model.tree.readings[reading], "offset", is_length, form, tolerance)
+        yield _Number(name, "offset", is_length, form, tolerance, found_at=None if cause is None else cause.start)
     geometry = np.zeros((model.tree.size, TWIST, model.shared_size))
     geometry[..., model.layout["links"]] = model.known.modes
     geometry[..., model.layout["shape"]] = model.known.end_twists(model.tree.size)
@@ -96,8 +107,12 @@ def _numbers(model: ChainModel) -> Iterator[_Number]:
 
 
 def _row(number: _Number, value: float, sigma: float) -> TableRow:
-    """One number; its pull compares the shift with the uncertainty by tolerance and data."""
-    expected = np.sqrt(max(number.prior**2 - sigma**2, 0.0))
+    """One number; its pull compares the shift with the uncertainty by tolerance and data.
+
+    An offset that was found does not share the tolerance of its zero: both together are as far off as it is.
+    """
+    is_found = number.found_at is not None
+    expected = np.hypot(number.prior, sigma) if is_found else np.sqrt(max(number.prior**2 - sigma**2, 0.0))
     return {
         "joint": number.joint,
         "parameter": number.parameter,
@@ -106,5 +121,5 @@ def _row(number: _Number, value: float, sigma: float) -> TableRow:
         "sigma": sigma / number.si,
         "tolerance": None if number.is_free else number.prior / number.si,
         "pull": None if number.is_free or not expected > 0.0 else value / expected,
-        "identifiable": sigma < _DETERMINED * number.prior,
+        "identifiable": is_found or sigma < _DETERMINED * number.prior,
     }

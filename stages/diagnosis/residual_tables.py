@@ -35,10 +35,10 @@ PullName = tuple[int | None, str]  # the leg, None for all, and the parameter
 
 def errors_by_role(diagnosis: CauseDiagnosis) -> Iterator[tuple[str, PredictionError, PredictionError]]:
     """Yield the role of epochs, and their errors without and with the findings."""
-    plain, final = diagnosis.plain, diagnosis.final
-    yield "calibration", plain.error, final.error
-    if diagnosis.held_out is not None and plain.held_out is not None and final.held_out is not None:
-        yield HELD_OUT, plain.held_out, final.held_out
+    (error, held_out), final = diagnosis.errors_without_any, diagnosis.final
+    yield "calibration", error, final.error
+    if diagnosis.held_out is not None and held_out is not None and final.held_out is not None:
+        yield HELD_OUT, held_out, final.held_out
 
 
 def identified_table(artifact: str, rows: list[TableRow], key: str, present: Sequence[str] = ()) -> pa.Table:

@@ -143,12 +143,10 @@ def _errors(shown: ReportedRms, verdict: Verdict) -> dict[str, Any]:
 
 
 def _errors_without_any(shown: ReportedRms, diagnosis: CauseDiagnosis) -> dict[str, Any]:
-    """Return the prediction errors of the plain model, which errors without one cause do not tell: a cause may be
-    compared next to all others. Causes known before the search are in the plain model: then nothing is returned."""
-    plain, accepted = diagnosis.plain, diagnosis.final.model.layout
-    if any(cause.key in accepted for cause in plain.causes):
-        return {}
-    return {"rms_without_any": shown.rms(plain.error), "heldout_rms_without_any": shown.rms(plain.held_out)}
+    """Return the prediction errors without any cause, which errors without one cause do not tell: a cause may be
+    compared next to all others."""
+    error, held_out = diagnosis.errors_without_any
+    return {"rms_without_any": shown.rms(error), "heldout_rms_without_any": shown.rms(held_out)}
 
 
 def _left_out(verdict: Verdict, diagnosis: CauseDiagnosis) -> dict[str, Any]:
@@ -203,6 +201,7 @@ def _facts(verdict: Verdict, diagnosis: CauseDiagnosis, words: DetectionAdvice, 
         drive=shown.drive,
         course=None if verdict.course is None else verdict.course.follows,
         is_course_beside=verdict.course is not None and verdict.course.is_beside,
+        floor_has_scatter=bool(diagnosis.scatters or diagnosis.noise_dependences),
     )
 
 

@@ -302,7 +302,11 @@ class _Work:
     # -- numbers ------------------------------------------------------------------------------------------
 
     def _scaled(self, name: str, column: Column) -> pa.Array:
-        values = converted_numbers(self._numbers(name, column), self.plan.entry.value(name))
+        raw = self._numbers(name, column)
+        for position, sign in self.plan.added(name):
+            other = self._number_at(position, name)
+            raw = pc.add(raw, other) if sign > 0.0 else pc.subtract(raw, other)
+        values = converted_numbers(raw, self.plan.entry.value(name))
         factor, offset = self.plan.scale(name)
         shift = self.plan.entry.offset.get(name, 0)
         if (factor, offset, shift) != (1.0, 0.0, 0):
@@ -353,6 +357,12 @@ class _Work:
         elif not column.nullable:
             self._check_present(np.asarray(values.is_null()) & ~broken, name, "a number in every row")
         return values
+
+    def _number_at(self, position: int, name: str) -> pa.Array:
+        """Return the numbers of a raw column that are added to those of the column ``name``."""
+        raw = self.batch.columns[position]
+        values = raw if pa.types.is_floating(raw.type) else self._parsed(name, raw)[0]
+        return self._without_missing(values.cast(pa.float64()))
 
     def _parsed(self, name: str, raw: pa.Array) -> tuple[pa.Array, Mask, Mask]:
         """Return numbers, the mask of empty cells, and the mask of other content."""

@@ -105,7 +105,7 @@ class MappingPlan:
         """Targets of a wide row, in the order of their columns."""
         if self.entry.wide is None:
             return ()
-        pattern = bounded(_template_pattern(self.entry.wide), "wide")
+        pattern = bounded(names_of_template(self.entry.wide), "wide")
         if self.entry.wide_values is not None:
             matches = (
                 (match, place) for place, name in enumerate(self.all_names) if (match := pattern.fullmatch(name))
@@ -211,7 +211,9 @@ class MappingPlan:
             if name in given_names or name in helpers or not name or origin is None or passed_over.fullmatch(name):
                 continue
             if isinstance(origin, RawColumn):
-                if origin.position in used:
+                # A column without a name, known by its position alone, is no quantity that an effect may depend on.
+                is_nameless = name == str(origin.position + 1) and name not in self.entry.columns
+                if origin.position in used or is_nameless:
                     continue
                 used.add(origin.position)
             yield name
@@ -225,6 +227,8 @@ class MappingPlan:
             kinds[cell] = "number" if cell == position else "text"
         for name, column in self.columns.items():
             self._require_columns(name, self._kind(name, column), kinds, ())
+        for position in (place for name in self.columns for place, _ in self.added(name)):
+            kinds.setdefault(position, "number")
         for name in (*self.entry.select, *self.entry.split):  # they select the rows to read
             self._require_columns(name, "text", kinds, ())
         return kinds
@@ -238,6 +242,12 @@ class MappingPlan:
         if column.kind != "real" or is_time:
             return "text"
         return "seconds" if column.unit == "s" else "number"
+
+    def added(self, name: str) -> Iterator[tuple[int, float]]:
+        """Yield positions of the raw columns whose numbers are added to a column, with their signs."""
+        for reference, sign in self.entry.value(name).others:
+            if (origin := self._raw(reference)) is not None:
+                yield origin.position, sign
 
     def _require_columns(self, name: str, kind: Kind, kinds: dict[int, Kind], within: tuple[str, ...]) -> None:
         if name in within:
@@ -284,6 +294,12 @@ class MappingPlan:
         for name in dict.fromkeys(asked):
             if name not in wanted and name not in self.preset and self.origin(name) is None:
                 misfits.append(self._missing_column(name))
+        misfits += [
+            Misfit("a raw column of the file, to be added", column=name, value=str(reference))
+            for name in self.columns
+            for reference, _ in self.entry.value(name).others
+            if self._raw(reference) is None
+        ]
         misfits += [m for name in self._nameable if (m := self._unknown(name)) is not None]
         misfits += self._named_twice()
         misfits += [m for name in self.columns if (m := self._unit_misfit(name)) is not None]
@@ -390,7 +406,7 @@ class MappingPlan:
         return name
 
 
-def _template_pattern(template: str) -> str:
+def names_of_template(template: str) -> str:
     """Return the regular expression for names of a template; the axis is one letter."""
     parts = []
     for text, name, _, _ in string.Formatter().parse(template):

@@ -26,7 +26,7 @@ _LOADED = {
     "material_temperature_c": r"(material|werkstück)[ _-]?temp(erature?|eratur)?",
 }
 _MOTION = ("dx", "dy", "dz", "rx", "ry", "rz")
-_TARGET = r"(target|nominal|soll|ziel|command(ed)?)([ _-]?(position|pos|wert))?|position[ _]?nominale"
+_TARGET = r"(target|tgt|nominal|soll|ziel|command(ed)?)([ _-]?(position|pos|wert))?(\(i\))?|position[ _]?nominale"
 _DEVIATION = r"deviation|error|abweichung|(positioning|positions)[ _-]?(error|abweichung)|fehler|erreur"
 _ACTUAL = r"(actual|measured|ist|reference)([ _-]?(position|pos|wert))?|istposition|istwert|position"
 _DIRECTION = r"direction|dir|(verfahr)?richtung|approach|anfahrrichtung|sens"
@@ -187,6 +187,46 @@ def positions_side_by_side(names: Sequence[str]) -> Proposal | None:
     }
     mapping |= {"rename": {"direction": {re.escape(raw): str(word) for raw, word in words.items() if raw != word}}}
     return Proposal("positioning", mapping, "approaches of an axis to its targets, a column for each run")
+
+
+_CYCLE_HEAD = re.compile(r"(?P<head>[^\d{}]+)(?P<cycle>\d+)(?P<tail>[^\d{}]*)")
+_NUMBER_OF_TARGET = re.compile(r"i|nr|no|number|index|point|punkt", re.IGNORECASE)
+_OF_DEVIATION = re.compile(r"dev|err|abw|fehler", re.IGNORECASE)
+_SIDES = (("forward", "backward"), ("fwd", "bwd"), ("up", "down"), ("plus", "minus"), ("vorwärts", "rückwärts"))
+
+
+def cycles_side_by_side(names: Sequence[str], file_name: str) -> Proposal | None:
+    """Return approaches of an axis to its targets from one side, with a column for each cycle; the file's name says
+    from which side. None if it does not, or without such columns."""
+    target = _meanings(names, {"target_mm": _TARGET}).get("target_mm")
+    sides = next((pair for pair in _SIDES if re.search(_whole_word(*pair), file_name)), None)
+    others = [name for name in names if name and name != target and not _NUMBER_OF_TARGET.fullmatch(name.strip())]
+    matches = [match for name in others if (match := _CYCLE_HEAD.fullmatch(name))]
+    common = {(match["head"], match["tail"]) for match in matches}
+    if target is None or sides is None or len(matches) < max(2, len(others)) or len(common) != 1:
+        return None
+    ((head, tail),) = common
+    value = "deviation_um" if _OF_DEVIATION.search(head) else "position_mm"
+    units = {"target_mm": bare_and_unit(target)[1], value: bare_and_unit(others[0])[1]}
+    unit_of_column = {column: unit for column, unit in units.items() if unit not in (None, column.rsplit("_", 1)[-1])}
+    mapping: MappingKeys = {
+        "columns": {"target_mm": target},
+        "wide": f"{head}{{cycle}}{tail}",
+        "wide_values": value,
+        "constants": {"run": "1"},
+        "from_name": _whole_word(*sides),
+        **({"units": unit_of_column} if unit_of_column else {}),
+    }
+    words = {f"(?i){side}": word for side, word in zip(sides, _SIDES[0], strict=True)}
+    mapping["rename"] = {"direction": words}
+    doubt = "no unit is given; deviations are assumed in um" if units[value] is None else ""
+    note = "approaches of an axis to its targets from one side, a column for each cycle; the file's name says the side"
+    return Proposal("positioning", mapping, note, (doubt,) if doubt and value == "deviation_um" else ())
+
+
+def _whole_word(forward: str, backward: str) -> str:
+    """Return the regular expression for either word in a file's name, as the direction."""
+    return rf"(?i)(?:^|[\W\d_])(?P<direction>{forward}|{backward})(?=$|[\W\d_])"
 
 
 def _direction(cell: str) -> str | None:

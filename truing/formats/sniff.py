@@ -22,6 +22,7 @@ from truing.formats.guess import (
 )
 from truing.formats.heading import unit_in_words
 from truing.formats.key_value_heading import NUMBERS_ALONE, HeadedTable, headed_table
+from truing.formats.named_bench import cycles_side_by_side
 from truing.formats.named_loads import load_columns
 from truing.formats.presets import format_of
 from truing.formats.probable_columns import columns_by_names
@@ -145,6 +146,8 @@ def _sniff_text(path: Path, joints: Sequence[str]) -> Guess:
     if guess.mapping.get("format") == "vstars" and (select := coded_alone([line for _, line in lines_of_data])):
         note = "coded targets alone: the others are numbered anew in every bundle"
         return replace(guess, mapping=guess.mapping | select, notes=(*guess.notes, note))
+    if guess.table is None and (found := cycles_side_by_side(guess.columns, path.name)) is not None:
+        return Guess({**guess.mapping, **found.mapping}, guess.columns, found.table, (found.note,), doubts=found.doubts)
     return guess
 
 

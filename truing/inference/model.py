@@ -296,6 +296,11 @@ class Model(Protocol[CauseT]):
         """Places of the shared unknowns whose prior is the survey's noise; empty where nothing is surveyed."""
 
     @property
+    def setup(self) -> Mask:
+        """True for shared unknowns (G,) of the measurement's set-up that no prior knowledge fixes, such as the place of
+        a base."""
+
+    @property
     def local_size(self) -> int:
         """Number of local unknowns H."""
 

@@ -10,6 +10,7 @@ from __future__ import annotations
 
 from collections.abc import Callable, Collection, Sequence
 from dataclasses import dataclass, field, replace
+from functools import cached_property
 from typing import Generic
 
 import numpy as np
@@ -32,6 +33,7 @@ from truing.inference.search_end import EndOfSearch
 from truing.inference.search_verdicts import SearchVerdicts
 from truing.inference.single_errors import SingleErrors, single_errors
 from truing.inference.verdicts import SUSPECTED, Reason, Verdict
+from truing.inference.without_causes import Errors, errors_without
 
 __all__ = ("CauseDiagnosis", "CauseSelection", "Settings")
 
@@ -66,6 +68,13 @@ class CauseDiagnosis(Generic[CauseT]):
     attributed: tuple[Attributed, ...] = ()  # inputs that predict the residuals, where no model of causes holds
     single_errors: SingleErrors[CauseT] | None = None  # of one input, which has heavy tails
     has_repeats: bool = True  # whether inputs were repeated, so that scatter differs from an effect of fine pattern
+
+    @cached_property
+    def errors_without_any(self) -> Errors[CauseT]:
+        """Errors of the plain model on fitted and on held-out epochs, without causes known before the search either."""
+        if not self.plain.causes:
+            return self.plain.error, self.plain.held_out
+        return errors_without(self.plain, self.plain.causes, self.held_out)
 
 
 @dataclass(frozen=True)

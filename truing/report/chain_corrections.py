@@ -27,12 +27,20 @@ def estimates_zeros(tables: Tables) -> bool:
 
 
 def clear_numbers(tables: Tables) -> pd.DataFrame:
-    """Return the identified numbers that differ clearly from nominal, the clearest first."""
-    numbers = table_or_none(tables, "chain_parameters")
+    """Return the identified numbers that differ clearly from nominal, the clearest first; without zeros that stand
+    among the findings."""
+    numbers, causes = (table_or_none(tables, name) for name in ("chain_parameters", "diagnosis"))
     if numbers is None:
         return pd.DataFrame()
+    found = set() if causes is None else set(causes["subject"][_is_found_zero(causes)])
+    is_told = (numbers["parameter"] == "offset") & ("joint " + numbers["joint"]).isin(found)
     numbers = numbers.assign(size=(numbers["identified"] / numbers["sigma"]).abs())
-    return numbers[numbers["identifiable"] & (numbers["size"] > _CLEAR)].sort_values("size", ascending=False)
+    is_clear = numbers["identifiable"] & (numbers["size"] > _CLEAR) & ~is_told
+    return numbers[is_clear].sort_values("size", ascending=False)
+
+
+def _is_found_zero(causes: pd.DataFrame) -> pd.Series:
+    return (causes["cause"] == "joint-offset") & causes["verdict"].isin(("found", "suspected"))
 
 
 def corrections(tables: Tables, adequacy: SectionVerdict | None) -> list[Verdict]:

@@ -177,3 +177,9 @@ def test_the_leg_of_a_parameter_is_no_part_of_its_kind():
         "alpha_base",
         "leg3_degree2",
     ]
+
+
+def test_a_floor_that_holds_scatter_found_here_is_not_called_noise_alone():
+    text = explanation(replace(FACTS, floor_has_scatter=True))
+    assert "noise and the scatter found here give 4.78 um" in text
+    assert "noise alone" not in text

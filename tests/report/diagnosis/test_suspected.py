@@ -223,3 +223,13 @@ def test_columns_that_predict_the_misfit_never_read_as_agreement() -> None:
 def test_advice_on_what_follows_time_alone_is_another_order() -> None:
     assert "another order" in remainder_advice(("time_s",))
     assert_says(remainder_advice(("time_s", "temperature_c")), "Repeat", "temperature changed")
+
+
+@pytest.mark.parametrize(("follows", "raises"), [("", False), ("temperature_c", True)])
+def test_noise_that_is_larger_everywhere_raises_no_floor(follows, raises):
+    """The floor is that of the declared noise: only weights of single poses, and scatter of inputs, enter it."""
+    ratio = {"noise_ratio": {"value": 30.0, "sigma": 0.3, "unit": "1"}}
+    larger = row("unexplained", parameters=ratio, reason_code="noise", follows=follows)
+    scatter = row("approach-scatter", subject="joint j2", parameters={})
+    found = assessed_causes(diagnosis_tables(rows(larger, scatter)))
+    assert [one.raises_floor for one in found] == [raises, True]

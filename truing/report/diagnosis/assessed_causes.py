@@ -71,8 +71,11 @@ class AssessedCause(Claim):
 
     @property
     def raises_floor(self) -> bool:
-        """True if what it explains counts as noise, so that the noise floor exceeds what the declared noise gives."""
-        return self.cause in SCATTERING or (self.is_noise and not self.is_remainder)
+        """True if what it explains counts as noise, so that the noise floor exceeds what the declared noise gives.
+
+        That all noise is larger than declared raises no floor, which is that of the declared noise.
+        """
+        return self.cause in SCATTERING or (self.is_noise and not self.is_remainder and bool(self.follows))
 
     @property
     def name(self) -> str:

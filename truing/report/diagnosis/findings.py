@@ -92,6 +92,7 @@ class Facts:
     drive: str = "the readings"
     course: tuple[str, ...] | None = None  # inputs that an unnamed effect on the same parts follows
     is_course_beside: bool = False  # it acts next to the cause; otherwise it is as probable in its place
+    floor_has_scatter: bool = False  # ``floor`` holds scatter that was found next to the declared noise
 
 
 def explanation(facts: Facts) -> str:
@@ -244,7 +245,8 @@ def _improvement(facts: Facts) -> str:
     before, after = facts.held_out
     if before is not None and after is not None:
         text += f" ({facts.held_out_words}: {two_decimals(after)} and {two_decimals(before)} {unit})"
-    return f"{text}; noise alone gives {two_decimals(facts.floor)} {unit}."
+    noise = "noise and the scatter found here give" if facts.floor_has_scatter else "noise alone gives"
+    return f"{text}; {noise} {two_decimals(facts.floor)} {unit}."
 
 
 def _sizes(facts: Facts) -> str:
