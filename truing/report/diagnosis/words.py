@@ -105,13 +105,9 @@ def _bodies_words(rows: list[AssessedCause], tables: Tables) -> str:
 
 
 def diagnosis_details(tables: Tables) -> list[Verdict]:
-    """Return the details behind the diagnosis at the head of the page: rivals, next step."""
+    """Return the next step behind the diagnosis at the head of the page."""
     rows = assessed_causes(tables)
-    accepted = accepted_of(rows)
-    if not rows:
-        return []
-    reported = [*_rivals(accepted, rows, tables), *_most_urgent_step(rows, tables)]
-    return [line for line in reported if line[1]]
+    return [line for line in _most_urgent_step(rows, tables) if line[1]] if rows else []
 
 
 def _found_words(causes: list[AssessedCause], tables: Tables) -> str:
@@ -129,6 +125,7 @@ def _found_words(causes: list[AssessedCause], tables: Tables) -> str:
     if beside:
         names = "; ".join(lower(clause(row, tables)) for row in _told(beside))
         texts.append(f"{'Besides, ' if texts else ''}{names}{_more_findings(beside)}")
+    texts += _rivals(causes, assessed_causes(tables), tables)
     modelling = "Modelling it" if len(effects) == 1 else f"Modelling {'both' if len(effects) == 2 else 'all of them'}"
     return ". ".join([*texts, f"{modelling} {brings}"] if brings else texts) + "."
 
@@ -218,19 +215,16 @@ def _worst(table: pd.DataFrame) -> str:
     return " or ".join(dict.fromkeys(reported))
 
 
-def _rivals(causes: list[AssessedCause], rows: list[AssessedCause], tables: Tables) -> list[Verdict]:
-    """Return in words the causes that the data cannot distinguish from the findings."""
+def _rivals(causes: list[AssessedCause], rows: list[AssessedCause], tables: Tables) -> list[str]:
+    """Return a sentence on the causes that the data cannot distinguish from the findings, without a full stop."""
     rivals = [row for row in rows if row.verdict == RIVAL]
-    if not rivals or not causes:
+    if not rivals:
         return []
     texts = [lower(clause(row, tables)) for row in rivals[:_TOLD]]
     more = f", or one of {len(rivals) - _TOLD} more" if len(rivals) > _TOLD else ""
-    finding_text = "this finding" if len(causes) == 1 else "one of these findings"
-    words = (
-        f"Equally good explanation of {finding_text}: {', or '.join(texts)}{more}. This campaign cannot "
-        "distinguish them."
-    )
-    return [("warn", words)]
+    of_which = "" if len(causes) == 1 else " of one of these"
+    named = f"{', or '.join(texts)}{more}"
+    return [f"An equally good explanation{of_which}, which this campaign cannot distinguish: {named}"]
 
 
 def lower(sentence: str) -> str:
