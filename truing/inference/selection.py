@@ -261,7 +261,9 @@ class CauseSelection(Generic[CauseT]):
             certain = [step.cause for step in searched.kept if step.cause.key not in outdone]
             causes = (*searched.given, *certain)
             model = self._search.fitter.comparable(causes, searched.final) if certain else plain
-            return attributed(plain, (model,), level, level, doubted)
+            found_without = attributed(plain, (model,), level, level, doubted)
+            remains = len(certain) == len(searched.kept)  # the final model holds: its causes leave nothing
+            return tuple(replace(one, remains=remains) for one in found_without)
         # A drift that is accounted for in part leaves residuals that no function of time alone explains.
         final = self._search.without_drifts(searched)
         models = (plain,) if final is plain else (plain, final)

@@ -62,14 +62,16 @@ def columns_words(columns: tuple[str, ...]) -> str:
     return " and ".join([*texts, *others])
 
 
-def remainder_clause(columns: tuple[str, ...], subject: str, share: float) -> str:
+def remainder_clause(columns: tuple[str, ...], subject: str, share: float, *, remains: bool = True) -> str:
     """Return the clause on residuals and the inputs that predict them, without a full stop.
 
-    They are those of the model without causes or of the final one; the share is of the former's variance.
+    They are those of the model without causes or of the final one; the share is of the former's variance. ``remains``:
+    False if the other findings explain the same.
     """
     subject_text = f" of {subject_words(subject)}" if subject else ""
     most = f"{'' if subject else 'up to '}{percent(100.0 * share)}"
-    text = f"The residuals{subject_text} depend on {columns_words(columns)}"
+    whose = "The residuals" if remains else "Without the other findings, the residuals"
+    text = f"{whose}{subject_text} depend on {columns_words(columns)}"
     return f"{text}, which explains {most} of the variance that the model without causes leaves"
 
 
@@ -81,13 +83,20 @@ def remainder_advice(columns: tuple[str, ...]) -> str:
     return f"Repeat a part of the campaign with {columns_words(others)} changed and everything else unchanged."
 
 
-def remainder_explanation(columns: tuple[str, ...], subject: str, share: float, p_value: float) -> str:
-    """Return the explanation of inputs that predict the residuals where no model of causes holds."""
-    largest_text = "" if subject else " (for the actuator or body with the largest share)"
-    return (
-        f"{remainder_clause(columns, subject, share)}{largest_text}, by smooth functions of this input or its history. "
-        f"Probability by chance: {p_at_most(p_value)}, corrected for all inputs. "
+def remainder_explanation(clause: str, p_value: float, *, is_of_all: bool, remains: bool) -> str:
+    """Return the explanation of inputs that predict the residuals where no model of causes holds.
+
+    ``is_of_all``: of all channels together; ``remains`` as in the ``clause``.
+    """
+    largest_text = " (for the actuator or body with the largest share)" if is_of_all else ""
+    rest = (
         "The extended model does not hold this dependence, and no cause is named for it."
+        if remains
+        else "With the other findings in the model, it is no longer significant: they may act, or this in their place."
+    )
+    return (
+        f"{clause}{largest_text}, by smooth functions of this input or its history. "
+        f"Probability by chance: {p_at_most(p_value)}, corrected for all inputs. {rest}"
     )
 
 
