@@ -44,7 +44,7 @@ class Creep(LoadCause):
     step = Step.STRUCTURE
 
     def candidates(self, scene: BenchScene) -> Sequence[Creep]:
-        """Return time constants from ten seconds to the longest run's length, for all axes and each; none without times."""
+        """Return time constants from ten seconds to the longest run, for all axes and each; none without times."""
         steps = scene.steps
         if not steps.is_timed:
             return ()
