@@ -49,6 +49,12 @@ def test_the_first_line_says_what_where_how_large_and_what_it_brings():
         ),
         ("actuator-gain", "", per_leg("gain"), "The actuators have gain errors, most leg 6 (1.200"),
         ("actuator-backlash", "leg1 leg4", per_leg("backlash", 4, "mm"), "Actuators 1 and 4 have backlash, most leg 4"),
+        (
+            "actuator-backlash",
+            "leg2",
+            {"backlash_2": size(-0.0012, 1e-4, "mm")},
+            "Actuator 2 leads its reading after each reversal, by 1.20 ± 0.10 µm to either side, as if backlash",
+        ),
         ("actuator-periodic-error", "leg2", per_leg("amplitude", 2, "mm"), "Actuator 2 has a periodic error"),
         ("leg-drift", "leg4", {"drift_4": size(-0.012, 0.001, "mm")}, "Leg 4 shrinks by 12.0 ± 1.0 µm over the"),
         ("leg-thermal", "", {"alpha": size(1.2e-5, 1e-6, "1/K")}, "but the bodies do not, by 12.0 ± 1.0 ppm/K"),

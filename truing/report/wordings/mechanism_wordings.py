@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import math
 import re
+from dataclasses import replace
 
 from truing.report.diagnosis.effect_units import size_text
 from truing.report.diagnosis.findings import subject_words
@@ -16,6 +17,7 @@ from truing.report.wordings.claim import (
     largest,
     largest_of_kind,
     listed,
+    positive,
     size_in_words,
     with_sizes,
 )
@@ -117,8 +119,17 @@ def _gain(claim: Claim) -> str:
 
 
 def _backlash(claim: Claim) -> str:
-    size = by_most(claim, "backlash")
-    return f"{_actuators(claim)} {_verb(claim, 'has', 'have')} backlash{size}{' to either side' if size else ''}"
+    sizes = claim.sizes_of("backlash")
+    leads = bool(sizes) and all((size.number or 0.0) < 0.0 for size in sizes)
+    size = by_most(replace(claim, sizes=tuple(map(positive, sizes))) if leads else claim, "backlash")
+    sides = " to either side" if size else ""
+    if leads:
+        verb, reason = (
+            _verb(claim, "leads its reading", "lead their readings"),
+            "as if backlash were compensated too much",
+        )
+        return f"{_actuators(claim)} {verb} after each reversal{size}{sides}, {reason}"
+    return f"{_actuators(claim)} {_verb(claim, 'has', 'have')} backlash{size}{sides}"
 
 
 def _periodic(claim: Claim) -> str:
