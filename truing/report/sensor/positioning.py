@@ -18,7 +18,7 @@ from truing.report.measured_section import corrections
 from truing.report.numbers import count, in_suitable_unit, printed, sign, with_uncertainty
 from truing.report.page import Listing, ReportSection
 from truing.report.section_verdict import SectionVerdict
-from truing.report.tables import Tables, load_steps, table_or_none
+from truing.report.tables import Tables, load_steps, reason, table_or_none
 from truing.schemas.verdict import ReasonCode
 
 _MEANING = {
@@ -42,7 +42,7 @@ _AT_TARGETS = {
     "R": "Repeatability of the position at this target, over both directions.",
 }
 _CYCLES = 5  # repeats of the standard
-_PLAN = "Send the axis to five targets or more, five times from each side."
+_PLAN = "Send the axis to five targets or more, five times from each side, and let it rest at each."
 _SIDES = {"forward": "↑", "backward": "↓"}
 _CAPTION = "A gap between the two lines is reversal: the position depends on the direction of approach."
 
@@ -52,7 +52,7 @@ def positioning(tables: Tables) -> ReportSection | None:
     there are none."""
     rows, withheld = table_or_none(tables, "positioning"), not_stated(tables)
     if _is_single_axis(tables):
-        return _of_single_axis(rows)
+        return _of_single_axis(rows, reason(tables, "positioning"))
     if rows is None:
         return (
             ReportSection("positioning", "Positioning", " ".join(withheld), state="not evaluated") if withheld else None
@@ -71,11 +71,12 @@ def _is_single_axis(tables: Tables) -> bool:
     return "positioning" in tables and "configurations" in tables
 
 
-def _of_single_axis(rows: pd.DataFrame | None) -> ReportSection:
-    """Return the results of an axis by what recorded it, and which of them need more repeats."""
+def _of_single_axis(rows: pd.DataFrame | None, why_not: str) -> ReportSection:
+    """Return the results of an axis by what recorded it, and which of them need more repeats; or why there are none."""
     if rows is None:
-        why = "Positioning by ISO 230-2 is not tested: fewer than two commands were approached from both sides."
-        return ReportSection("positioning", "Positioning", f"{why} {_PLAN}", state="not evaluated")
+        why = why_not or "Fewer than two commands were approached from both sides."
+        text = f"Positioning by ISO 230-2 is not tested: {why[:1].lower()}{why[1:]} {_PLAN}"
+        return ReportSection("positioning", "Positioning", text, state="not evaluated")
     rows = rows.assign(run=rows["run"].map(lambda name: ENCODERS[name]))
     rows = rows.reindex(columns=[*_COLUMNS, *rows.columns.difference(_COLUMNS)])
     axis, targets = rows[rows["subject"].isna()], rows[rows["subject"].notna()]
