@@ -21,7 +21,7 @@ from truing.report.wordings.claim import (
     size_in_words,
     with_sizes,
 )
-from truing.report.wordings.nonparametric_wordings import columns_words, product_words
+from truing.report.wordings.nonparametric_wordings import PARTS_OF_AXES, columns_words, product_words
 from truing.schemas.covariates import own_name
 
 # Least shift, over the sigma from uncorrelated parameters, for which that sigma is given.
@@ -57,7 +57,13 @@ def _up_to(claim: Claim) -> str:
 
 def _late(claim: Claim) -> str:
     size, late = largest_of_kind(claim, "lag")
-    return f"the readings are {'late' if late else 'early'} against the measured poses{by_words(size)}"
+    word, element = "late" if late else "early", claim.fact("element")
+    if element is None:
+        return f"the readings are {word} against the measured poses{by_words(size)}"
+    if element:
+        return f"{PARTS_OF_AXES.get(claim.subject, claim.subject)} is {word} against the commands{by_words(size)}"
+    follows = ", or the axis follows them late" if late else ""
+    return f"the readings are {word} against the commands{follows}{by_words(size)}"
 
 
 def _deforms(claim: Claim) -> str:
