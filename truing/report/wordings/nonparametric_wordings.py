@@ -30,6 +30,8 @@ _COLUMNS = {
     "travel since the turn": "the travel of the axis since it reversed",
 }
 OF_TIME = {"time_s", "order", "time_in_run_s"}
+# Setting of a nonparametric effect: inputs on which its subject may depend instead, about as probably.
+INSTEAD = "instead"
 _OF_AXIS = {"command", "direction of approach"}
 PARTS_OF_AXES = {
     "axis": "the transmission of the axis (or an encoder that these readings cannot distinguish from it)",
@@ -151,7 +153,9 @@ _LOADS = dict.fromkeys(("fx_n", "fy_n", "fz_n"), "N") | dict.fromkeys(("mx_nm", 
 
 def _clause(claim: Claim) -> str:
     verb = "depends on" if _has_one_subject(claim) else "depend on"
-    return f"{_dependent_quantity(claim)} {verb} {_inputs_in_words(claim)}{largest_change_words(claim)}"
+    others = [columns_words(tuple(columns)) for columns in claim.fact(INSTEAD) or ()]
+    instead = f", or instead on {' or on '.join(others)}" if others else ""
+    return f"{_dependent_quantity(claim)} {verb} {_inputs_in_words(claim)}{instead}{largest_change_words(claim)}"
 
 
 def _has_one_subject(claim: Claim) -> bool:
