@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import json
+
 import numpy as np
 import pandas as pd
 import pytest
@@ -184,6 +186,13 @@ def test_what_no_cause_explains_names_what_it_follows():
     mark, said = first_line(rows(found, *rejected()))
     assert mark == "found"
     assert_says(said, "depends", "temperature", "12 µm", "no cause", "explains")
+
+
+def test_inputs_that_explain_nearly_as_well_are_named_in_the_first_line():
+    settings = json.dumps({"instead": [["time_s"], ["rho2_mm", "temperature_c"]]})
+    found = row("unexplained", follows="temperature_c", parameters=per_leg("leg1_degree", 2, "mm"), settings=settings)
+    _, said = first_line(rows(found, *rejected()))
+    assert_says(said, "depends on the temperature, or instead on time, or instead on actuator 2 and the temperature")
 
 
 def test_rivals_that_cannot_be_told_apart_are_named_at_the_head():

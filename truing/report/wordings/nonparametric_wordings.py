@@ -154,7 +154,7 @@ _LOADS = dict.fromkeys(("fx_n", "fy_n", "fz_n"), "N") | dict.fromkeys(("mx_nm", 
 def _clause(claim: Claim) -> str:
     verb = "depends on" if _has_one_subject(claim) else "depend on"
     others = [columns_words(tuple(columns)) for columns in claim.fact(INSTEAD) or ()]
-    instead = f", or instead on {' or on '.join(others)}" if others else ""
+    instead = "".join(f", or instead on {other}" for other in others)
     return f"{_dependent_quantity(claim)} {verb} {_inputs_in_words(claim)}{instead}{largest_change_words(claim)}"
 
 
