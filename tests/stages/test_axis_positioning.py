@@ -12,6 +12,7 @@ import pytest
 
 from tests.sentences import assert_says
 from tests.tolerance import assert_close
+from truing.report.reasons import why_no_deformation
 from truing.report.sensor.positioning import positioning
 from truing.report.tables import WHY_NOT
 from truing.schemas.campaign import read_campaign
@@ -161,6 +162,8 @@ def test_the_page_says_that_an_axis_was_recorded_in_motion() -> None:
     assert section is not None
     assert_says(section.lead, "not tested", "recorded in motion", "rest at each")
     assert "both sides" not in section.lead.split(".")[0]
+    other = why_no_deformation({"deformation": empty, "positioning": empty, "configurations": pd.DataFrame()})
+    assert_says(other, "no bodies with targets")
 
 
 def test_readings_that_follow_each_other_at_a_target_are_one_approach() -> None:

@@ -18,7 +18,7 @@ from truing.report.measured_section import corrections
 from truing.report.numbers import count, in_suitable_unit, printed, sign, with_uncertainty
 from truing.report.page import Listing, ReportSection
 from truing.report.section_verdict import SectionVerdict
-from truing.report.tables import Tables, load_steps, reason, table_or_none
+from truing.report.tables import Tables, is_single_axis, load_steps, reason, table_or_none
 from truing.schemas.verdict import ReasonCode
 
 _MEANING = {
@@ -51,7 +51,7 @@ def positioning(tables: Tables) -> ReportSection | None:
     """Return the results of ISO 230-2 for every run, the axis first, then by target; and reasons where
     there are none."""
     rows, withheld = table_or_none(tables, "positioning"), not_stated(tables)
-    if _is_single_axis(tables):
+    if is_single_axis(tables):
         return _of_single_axis(rows, reason(tables, "positioning"))
     if rows is None:
         return (
@@ -64,11 +64,6 @@ def positioning(tables: Tables) -> ReportSection | None:
     drawn = tuple((deviations(drawn_run), _CAPTION) for drawn_run in _drawn_runs(targets))
     statements = tuple(("fail", why) for why in withheld)
     return ReportSection("positioning", "Positioning", lead, figures=drawn, listings=shown, statements=statements)
-
-
-def _is_single_axis(tables: Tables) -> bool:
-    """True if the results are those of the rows of an axis, not of positions of a table."""
-    return "positioning" in tables and "configurations" in tables
 
 
 def _of_single_axis(rows: pd.DataFrame | None, why_not: str) -> ReportSection:
@@ -98,7 +93,7 @@ def _of_single_axis(rows: pd.DataFrame | None, why_not: str) -> ReportSection:
 def positioning_verdict(tables: Tables, _: Mapping[str, SectionVerdict]) -> SectionVerdict | None:
     """Return the verdict of a campaign of positioning alone: accuracy, repeatability and reversal of its worst axis."""
     rows = table_or_none(tables, "positioning")
-    if rows is None or _is_single_axis(tables):
+    if rows is None or is_single_axis(tables):
         return None
     if len(load_steps(tables)) or table_or_none(tables, "observations") is not None:
         return None
