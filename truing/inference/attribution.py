@@ -72,9 +72,10 @@ def attributed(
             p_value, remains = min(1.0, max(p_value * tests, LEAST_P)), model is models[-1]
             found.append(Attributed(one.channels, inputs, one.share * share, p_value, remains))
     if level_of_course > level:  # the model is known not to hold
-        own = _frictions(plain, columns, level_of_course)
-        left = own if models[-1] is plain else _frictions(models[-1], columns, level_of_course)
-        found += [replace(one, remains=one.inputs in {other.inputs for other in left}) for one in own]
+        at_plain = _frictions(plain, columns, level_of_course)
+        left = at_plain if models[-1] is plain else _frictions(models[-1], columns, level_of_course)
+        remaining = {one.inputs for one in left}
+        found += [replace(friction, remains=friction.inputs in remaining) for friction in at_plain]
     return tuple(_merged(found))
 
 
