@@ -2,12 +2,14 @@
 
 from __future__ import annotations
 
+import json
 from dataclasses import replace
 from typing import TYPE_CHECKING, Any
 
 import pyarrow as pa
 
 from truing.inference.detectable import assessed
+from truing.report.diagnosis.assessed_causes import WITHOUT_FINDINGS
 from truing.report.numbers import count as counted
 from truing.report.numbers import gross_errors, sign, two_decimals
 from truing.schemas.artifacts import ARTIFACTS
@@ -138,10 +140,11 @@ def _figure(table: pa.Table, diagnosis: CauseDiagnosis, shown: ReportedRms, rule
 
 
 def _found_causes(table: pa.Table) -> str:
-    """Found and suspected causes in words."""
+    """Found and suspected causes in words, without what only a model without them shows."""
     names: dict[str, list[str]] = {"found": [], "suspected": []}
     for row in table.to_pylist():
-        if row["verdict"] in names:
+        is_conditional = json.loads(row["settings"] or "{}").get(WITHOUT_FINDINGS)
+        if row["verdict"] in names and not is_conditional:
             # Findings on the noise have no name among the causes.
             is_noise = (row["reason_code"], row["cause"]) == ("noise", "unexplained")
             names[row["verdict"]].append("noise not as declared" if is_noise else row["cause"])

@@ -13,7 +13,7 @@ import pyarrow as pa
 
 from truing.arrays import TableRow
 from truing.inference.noise import merged_by_driver
-from truing.report.diagnosis.assessed_causes import REMAINDER
+from truing.report.diagnosis.assessed_causes import REMAINDER, WITHOUT_FINDINGS
 from truing.report.diagnosis.findings import (
     Facts,
     explanation,
@@ -25,7 +25,13 @@ from truing.report.diagnosis.findings import (
 )
 from truing.report.wordings.catalogue import cause_words, clause, confirming, own_clause
 from truing.report.wordings.claim import Advice, Claim, ParameterSize
-from truing.report.wordings.nonparametric_wordings import remainder_advice, remainder_explanation
+from truing.report.wordings.nonparametric_wordings import (
+    INSTEAD,
+    columns_words,
+    remainder_advice,
+    remainder_clause,
+    remainder_explanation,
+)
 from truing.schemas.artifacts import ARTIFACTS
 from truing.schemas.covariates import listed, own_name
 from truing.schemas.verdict import Relation
@@ -100,6 +106,8 @@ def _row(verdict: Verdict, diagnosis: CauseDiagnosis, words: DetectionAdvice) ->
     shown, claim = words.shown.of_effect(verdict.before, verdict.after), _claim(verdict, legs)
     if verdict.verdict in ("found", "suspected"):
         claim = replace(claim, settings={**claim.settings, **cause.shared_with(diagnosis.plain.scene)})
+    if verdict.inputs:
+        claim = replace(claim, settings={**claim.settings, INSTEAD: [list(inputs) for inputs, _ in verdict.inputs]})
     facts = _facts(verdict, diagnosis, words, claim)
     advice = words.next_measurement.get(cause.key) or confirming(claim, cause.confirm)
     if verdict.course is not None and cause.key not in words.next_measurement:
@@ -195,6 +203,7 @@ def _facts(verdict: Verdict, diagnosis: CauseDiagnosis, words: DetectionAdvice, 
         if verdict.verdict in ("found", "suspected")
         else None,
         subjects=tuple(own for own in verdict.subjects if own[0] not in claim.settings.get("alike", ())),
+        inputs=tuple((columns_words(inputs), odds) for inputs, odds in verdict.inputs),
         unit=shown.unit,
         fitted_words=shown.fitted,
         held_out_words=shown.held_out,
@@ -287,13 +296,15 @@ def _attributed_rows(
         if is_needless or any(set(follows) <= columns for columns in reported):
             continue
         where = shown.of_target(own.channels[0]) if own.channels else shown.overall(final.error)
+        text = remainder_clause(follows, " ".join(names), own.share, remains=own.remains)
         yield _without_mean_effect(own.p_value, final, where) | {
             "reason_code": REMAINDER,
             "subject": names[0] if names else "",
             "parameters": "{}",
             "follows": listed(follows),
+            "settings": json.dumps({} if own.remains else {WITHOUT_FINDINGS: True}),
             "share_predicted": own.share,
-            "explanation": remainder_explanation(follows, " ".join(names), own.share, own.p_value),
+            "explanation": remainder_explanation(text, own.p_value, is_of_all=not names, remains=own.remains),
             "next_measurement": remainder_advice(follows),
         }
 

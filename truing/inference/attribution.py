@@ -7,7 +7,7 @@ depend. What a model with causes explains no longer hides the rest, so the resid
 from __future__ import annotations
 
 from collections.abc import Iterable, Iterator, Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 
@@ -31,13 +31,14 @@ class Attributed:
     """Inputs that predict residuals of some channels, or of all channels where ``channels`` is empty.
 
     ``share`` is the share of the residuals' squares that they predict beyond chance; ``p_value`` is corrected for all
-    tests.
+    tests. ``remains``: False if accepted causes explain it, so that only a model without them shows it.
     """
 
     channels: tuple[int, ...]
     inputs: tuple[str, ...]
     share: float
     p_value: float
+    remains: bool = True
 
 
 def attributed(
@@ -49,15 +50,16 @@ def attributed(
 ) -> tuple[Attributed, ...]:
     """Return the inputs that predict the residuals of models of one campaign, at a familywise p-value of ``level``.
 
+    What the last of several models does not show does not remain with its causes.
     What a course follows is a question of its own, decided at ``level_of_course`` for each. Shares are of the squares
     of the plain model's residuals. ``doubted_noise`` (B, K): factors on the noise of the fits that may be an effect.
     """
     columns = columns_of(plain, plain.model.error_groups)
-    residuals = (one for own in models for one in residuals_of(own, plain, doubted_noise))
-    tried = [one for one in residuals if one.epochs.sum() >= FEWEST_EPOCHS]
+    residuals = ((own, one) for own in models for one in residuals_of(own, plain, doubted_noise))
+    tried = [(own, one) for own, one in residuals if one.epochs.sum() >= FEWEST_EPOCHS]
     known: dict[bytes, Spectra] = {}  # of the last epochs alone: all spectra of a long campaign take much memory
     found: list[Attributed] = []
-    for one in sorted(tried, key=lambda one: one.group):
+    for model, one in sorted(tried, key=lambda pair: pair[1].group):
         at = one.epochs
         if (key := at.tobytes()) not in known:
             own = {name: values[at] for name, values in columns.items() if np.ptp(values[at]) > 0.0}
@@ -67,23 +69,30 @@ def attributed(
         for inputs, share, p_value in sets_of_inputs(one.rows, known[key], least):
             if one.share * share < _LEAST_SHARE:
                 continue
-            found.append(Attributed(one.channels, inputs, one.share * share, min(1.0, max(p_value * tests, LEAST_P))))
+            p_value, remains = min(1.0, max(p_value * tests, LEAST_P)), model is models[-1]
+            found.append(Attributed(one.channels, inputs, one.share * share, p_value, remains))
     if level_of_course > level:  # the model is known not to hold
-        found += _frictions(plain, columns, level_of_course)
+        at_plain = _frictions(plain, columns, level_of_course)
+        left = at_plain if models[-1] is plain else _frictions(models[-1], columns, level_of_course)
+        remaining = {one.inputs for one in left}
+        found += [replace(friction, remains=friction.inputs in remaining) for friction in at_plain]
     return tuple(_merged(found))
 
 
-def _frictions(fitted: FittedModel[CauseT], columns: Mapping[str, Array], level: float) -> Iterator[Attributed]:
-    """Yield the inputs whose errors follow their own input and its history."""
+def _frictions(fitted: FittedModel[CauseT], columns: Mapping[str, Array], level: float) -> list[Attributed]:
+    """Return the inputs whose errors follow their own input and its history."""
     names = tuple(fitted.scene.inputs)
     errors = input_errors(fitted) if set(names) <= set(columns) else None
     if errors is None or len(errors) < FEWEST_EPOCHS:
-        return
+        return []
     spectra = Spectra(columns, in_time_of(fitted, np.ones(len(errors), bool)))
     squares = np.sum(centred(errors) ** 2, 0)
-    for name, share, p_value in own_histories(errors, names, spectra, level):
-        own = squares[names.index(name)] / np.sum(squares)
-        yield Attributed((), (name,), float(share * own), max(p_value, LEAST_P))
+    shares = squares / np.sum(squares)
+    found = own_histories(errors, names, spectra, level)
+    return [
+        Attributed((), (name,), float(share * shares[names.index(name)]), max(p_value, LEAST_P))
+        for name, share, p_value in found
+    ]
 
 
 def p_value_of_dependence(rest: Array, own: Mask, fitted: FittedModel[CauseT]) -> float:
@@ -108,4 +117,4 @@ def _merged(found: Iterable[Attributed]) -> Iterator[Attributed]:
         alike = [one for one in left if one.channels in (first.channels, ()) and set(one.inputs) <= set(first.inputs)]
         share, p_value = max(one.share for one in alike), min(one.p_value for one in alike)
         left = [one for one in left if all(one is not other for other in alike)]
-        yield Attributed(first.channels, first.inputs, share, p_value)
+        yield Attributed(first.channels, first.inputs, share, p_value, any(one.remains for one in alike))

@@ -85,6 +85,9 @@ class CauseLike(Protocol):
     def one_sided(self, parts: int, /) -> Sequence[int]:
         """Return the positions of parameters that cannot be negative."""
 
+    def inputs(self, parts: int, /) -> tuple[str, ...]:
+        """Return the input columns that a nonparametric effect depends on; empty for a cause of the catalogue."""
+
     def refined(self) -> Self:
         """Return the form that is fitted once it is chosen, with its shape among the parameters."""
 

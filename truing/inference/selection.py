@@ -32,7 +32,7 @@ from truing.inference.search import Search
 from truing.inference.search_end import EndOfSearch
 from truing.inference.search_verdicts import SearchVerdicts
 from truing.inference.single_errors import SingleErrors, single_errors
-from truing.inference.verdicts import SUSPECTED, Reason, Verdict
+from truing.inference.verdicts import FOUND, SUSPECTED, Reason, Verdict
 from truing.inference.without_causes import Errors, errors_without
 
 __all__ = ("CauseDiagnosis", "CauseSelection", "Settings")
@@ -153,6 +153,8 @@ class CauseSelection(Generic[CauseT]):
         with_rivals = {verdict.rival.key for verdict in verdicts if verdict.rival is not None}
         doubts = Doubts(doubt, outdone, courses, weak, with_rivals)
         verdicts = [doubts.checked(verdict, searched.final, searched.given) for verdict in verdicts]
+        if not holds:
+            verdicts = [_with_confirmed_inputs(verdict, searched.final, attributions) for verdict in verdicts]
         return self._diagnosis(kinds, found, left, verdicts, doubt, attributions)
 
     def _accounted(self, kinds: Sequence[CauseT]) -> _Accounted[CauseT]:
@@ -270,7 +272,9 @@ class CauseSelection(Generic[CauseT]):
             certain = [step.cause for step in searched.kept if step.cause.key not in outdone]
             causes = (*searched.given, *certain)
             model = self._search.fitter.comparable(causes, searched.final) if certain else plain
-            return attributed(plain, (model,), level, level, doubted)
+            found_without = attributed(plain, (model,), level, level, doubted)
+            remains = len(certain) == len(searched.kept)  # the final model holds: its causes leave nothing
+            return tuple(replace(one, remains=remains) for one in found_without)
         # A drift that is accounted for in part leaves residuals that no function of time alone explains.
         final = self._search.without_drifts(searched)
         models = (plain,) if final is plain else (plain, final)
@@ -337,3 +341,15 @@ class CauseSelection(Generic[CauseT]):
         found = self._search.fitter.input_scatter(searched.final, candidate, p_value)
         doubt = doubt or self._noise.doubt_of_tails(searched.final, candidate.own)
         return searched, replace(found, doubt=doubt)
+
+
+def _with_confirmed_inputs(
+    verdict: Verdict[CauseT], final: FittedModel[CauseT], attributions: Sequence[Attributed]
+) -> Verdict[CauseT]:
+    """Return the verdict, only suspected if it is on a nonparametric effect of a model that does not hold, and no
+    residuals depend on its inputs: of forms that are all wrong, the best one need not have the right inputs."""
+    if verdict.verdict != FOUND or verdict.cause.catalogued:
+        return verdict
+    confirmed = {name for one in attributions for name in one.inputs}
+    is_confirmed = set(verdict.cause.inputs(final.model.part_count)) <= confirmed
+    return verdict if is_confirmed else replace(verdict, verdict=SUSPECTED, reason=Reason.INADEQUATE)

@@ -36,6 +36,12 @@ FACTS = Facts(
 )
 
 
+def test_other_inputs_that_the_data_leave_open_are_told_with_their_odds():
+    said = explanation(replace(FACTS, inputs=(("time", 3.14), ("the temperature", 0.9))))
+    assert said.startswith(explanation(FACTS))
+    assert "time (3.1 to 1), the temperature (1.0 to 1)" in said
+
+
 def test_other_subjects_that_the_data_leave_open_are_told_with_their_odds():
     said = explanation(replace(FACTS, subjects=(("", 1.24), ("leg2 leg5", 6.0), ("target P07", 0.9))))
     assert said.startswith(explanation(FACTS))

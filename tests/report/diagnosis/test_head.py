@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import json
+
 import numpy as np
 import pandas as pd
 import pytest
@@ -49,6 +51,12 @@ def test_the_first_line_says_what_where_how_large_and_what_it_brings():
         ),
         ("actuator-gain", "", per_leg("gain"), "The actuators have gain errors, most leg 6 (1.200"),
         ("actuator-backlash", "leg1 leg4", per_leg("backlash", 4, "mm"), "Actuators 1 and 4 have backlash, most leg 4"),
+        (
+            "actuator-backlash",
+            "leg2",
+            {"backlash_2": size(-0.0012, 1e-4, "mm")},
+            "Actuator 2 leads its reading after each reversal, by 1.20 ± 0.10 µm to either side, as if backlash",
+        ),
         ("actuator-periodic-error", "leg2", per_leg("amplitude", 2, "mm"), "Actuator 2 has a periodic error"),
         ("leg-drift", "leg4", {"drift_4": size(-0.012, 0.001, "mm")}, "Leg 4 shrinks by 12.0 ± 1.0 µm over the"),
         ("leg-thermal", "", {"alpha": size(1.2e-5, 1e-6, "1/K")}, "but the bodies do not, by 12.0 ± 1.0 ppm/K"),
@@ -178,6 +186,13 @@ def test_what_no_cause_explains_names_what_it_follows():
     mark, said = first_line(rows(found, *rejected()))
     assert mark == "found"
     assert_says(said, "depends", "temperature", "12 µm", "no cause", "explains")
+
+
+def test_inputs_that_explain_nearly_as_well_are_named_in_the_first_line():
+    settings = json.dumps({"instead": [["time_s"], ["rho2_mm", "temperature_c"]]})
+    found = row("unexplained", follows="temperature_c", parameters=per_leg("leg1_degree", 2, "mm"), settings=settings)
+    _, said = first_line(rows(found, *rejected()))
+    assert_says(said, "depends on the temperature, or instead on time, or instead on actuator 2 and the temperature")
 
 
 def test_rivals_that_cannot_be_told_apart_are_named_at_the_head():

@@ -21,6 +21,8 @@ REJECTED, NOT_TESTABLE = "rejected", "not testable"
 HOLDS, CHANGES = "holds", "changes"
 # Reason code of inputs that predict the residuals where no model of causes holds.
 REMAINDER = "remainder"
+# Setting of such inputs: the model with all accepted causes no longer shows them.
+WITHOUT_FINDINGS = "without_findings"
 # Causes that move nothing on average: what they explain counts as noise.
 SCATTERING = frozenset({"approach-scatter", "noise-burst"})
 # Odds below which two causes count as explaining the data equally well.
@@ -68,6 +70,11 @@ class AssessedCause(Claim):
     def is_remainder(self) -> bool:
         """True if it names inputs that predict the residuals where no model of causes holds."""
         return self.reason_code == REMAINDER
+
+    @property
+    def is_conditional(self) -> bool:
+        """True if it names inputs that predict residuals only while other findings are left out of the model."""
+        return bool(self.settings.get(WITHOUT_FINDINGS))
 
     @property
     def raises_floor(self) -> bool:

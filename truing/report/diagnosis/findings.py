@@ -86,6 +86,7 @@ class Facts:
     odds: float | None = None  # indistinguishable: odds of the rival over this cause
     largest: float | None = None
     subjects: tuple[tuple[str, float], ...] = ()  # found: other possible subjects, with the odds against each
+    inputs: tuple[tuple[str, float], ...] = ()  # other possible inputs in words, with the odds against each
     unit: str = "um"
     fitted_words: str = "the calibration poses"
     held_out_words: str = "held-out poses"
@@ -164,7 +165,10 @@ def _found_clause(facts: Facts) -> str:
 
 
 def _other_subjects(facts: Facts) -> str:
-    """Return the other possible subjects that the data leave open."""
+    """Return the other possible subjects, or inputs, that the data leave open."""
+    if facts.inputs:
+        inputs = ", ".join(f"{words} ({max(odds, 1.0):.1f} to 1)" for words, odds in facts.inputs)
+        return f" Other possible inputs, with the odds against each: {inputs}."
     if not facts.subjects:
         return ""
     all_subjects = next((words for kind, words in _ALL.items() if facts.subject.startswith(kind)), "the whole machine")

@@ -121,10 +121,12 @@ def _found_words(causes: list[AssessedCause], tables: Tables) -> str:
         names = "; ".join(lower(clause(row, tables)) for row in _told(doubted))
         texts.append(f"Suspected, not confirmed: {names}{_more_findings(doubted)}")
     # Larger noise, and inputs that predict residuals, are no further effects.
-    beside = [row for row in noise if row.verdict != SUSPECTED]
+    beside = [row for row in noise if row.verdict != SUSPECTED and not row.is_conditional]
+    in_place = [row for row in noise if row.is_conditional]
     if beside:
         names = "; ".join(lower(clause(row, tables)) for row in _told(beside))
         texts.append(f"{'Besides, ' if texts else ''}{names}{_more_findings(beside)}")
+    texts += [clause(row, tables) for row in in_place[:1]]
     texts += _rivals(causes, assessed_causes(tables), tables)
     modelling = "Modelling it" if len(effects) == 1 else f"Modelling {'both' if len(effects) == 2 else 'all of them'}"
     return ". ".join([*texts, f"{modelling} {brings}"] if brings else texts) + "."

@@ -59,8 +59,12 @@ def _gain(claim: Claim) -> str:
 
 
 def _backlash(claim: Claim) -> str:
-    size, _ = largest_of_kind(claim, "backlash")
-    return f"{_whose(claim)} has backlash{by_words(size)}{' to either side' if size else ''}"
+    size, lags = largest_of_kind(claim, "backlash")
+    sides = " to either side" if size else ""
+    if size and not lags:
+        reason = "as if backlash were compensated too much"
+        return f"{_whose(claim)} leads its reading after each reversal{by_words(size)}{sides}, {reason}"
+    return f"{_whose(claim)} has backlash{by_words(size)}{sides}"
 
 
 def _settling(claim: Claim) -> str:
