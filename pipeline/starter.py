@@ -7,6 +7,7 @@ from collections.abc import Collection, Iterator, Mapping, Sequence
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
+from truing.pipeline.init_machine import MARK, columns_of, legs_of_table
 from truing.pipeline.init_robot import mechanism_of
 from truing.schemas.columns import find_column
 
@@ -16,7 +17,6 @@ if TYPE_CHECKING:
 
 _AT = 33  # column of remarks
 _WITH_SIGMAS = ("vstars", "aicon", "colmap", "photomodeler")
-MARK = "# check:"
 _GUESSED = f"# A remark that begins with {MARK} marks a guess: delete the remark once the guess is right."
 _KINDS = {
     "photogrammetry": "points and poses of bodies; interferometer: motion of a platform under load",
@@ -49,6 +49,7 @@ _LEGS = (
 )
 
 _OF_JOINTS = ("joint_deg = 0.0005", "one standard deviation of a joint's reading; absent: exact")
+_OF_SLIDES = ("joint_mm = 0.001", "one standard deviation of the reading of a slide; absent: exact")
 _OF_CHAIN = (  # where no file is read that says how the chain was measured
     ("point_mm = 0.005", f"{_NEEDED} a coordinate, where points are measured"),
     ("displacement_mm = 0.01", f"{_NEEDED} a coordinate, where poses are measured"),
@@ -66,7 +67,10 @@ def starter_text(
     chain = list(mechanism_of(robot, guesses))
     tables = {guess.table for guess in guesses if guess.table}
     sections = list(_sections(guesses, tables, chain))
-    noise = [*_noise(guesses, tables, kind), *(_noise_of_chain(tables) if chain else [])]
+    noise = [
+        *_noise(guesses, tables, kind),
+        *(_noise_of_chain(guesses, tables) if chain else []),
+    ]
     lines = [
         '# Settings of a measurement campaign. Complete the lines marked "needed", then run:  truing check .',
         "# A line after a # is inactive. Raw files are never changed. All keys, with explanations:  truing init --all",
@@ -167,11 +171,14 @@ def _noise(guesses: Sequence[Guess], tables: set[str], kind: str) -> Iterator[tu
             done.add(line)
 
 
-def _noise_of_chain(tables: set[str]) -> Iterator[tuple[str, str]]:
+def _noise_of_chain(guesses: Sequence[Guess], tables: set[str]) -> Iterator[tuple[str, str]]:
     """Keys of [noise] of a chain besides those of its measured points or poses."""
     if not tables & {"points", "poses", "images", "image_points"}:
         yield from _OF_CHAIN
     yield _OF_JOINTS
+    columns = [column for guess in guesses if guess.table == "configurations" for column in columns_of(guess)]
+    if any(re.fullmatch(r"(?!rho)[a-z_]+\d*_mm", column) for column in columns):
+        yield _OF_SLIDES
 
 
 def _sections(guesses: Sequence[Guess], tables: set[str], chain: Sequence[tuple[str, str]]) -> Iterator[str]:
@@ -192,6 +199,8 @@ def _sections(guesses: Sequence[Guess], tables: set[str], chain: Sequence[tuple[
         yield _commented_line('euler = "XYZ"', "needed: the order; capitals for rotating axes, xyz for fixed axes")
     if chain:
         yield from ("", *(_remark(line, remark) for line, remark in chain))
+    elif legs := legs_of_table(guesses):
+        yield from ("", *(_remark(line, remark) for line, remark in legs))
     elif _any_file_has(guesses, "rho"):
         yield ""
         yield from (_commented_line(line, remark) for line, remark in _LEGS)

@@ -285,6 +285,11 @@ def _groups(names: Sequence[str], families: Sequence[tuple[str, ...]]) -> dict[s
     return groups
 
 
+def place_groups(names: Sequence[str]) -> dict[str, tuple[str, ...]]:
+    """Return the columns of coordinates by the words before their axes, such as ``base_x`` to ``base_z`` by base."""
+    return _groups(names, _PLACES)
+
+
 def _raw_groups(raw: Mapping[str, str], families: Sequence[tuple[str, ...]]) -> dict[str, tuple[str, ...]]:
     """Return columns of a family by their prefix, where ``raw`` gives the column of each plain name."""
     groups = _groups(tuple(raw), families)

@@ -237,12 +237,15 @@ def _sniff_workbook(path: Path, joints: Sequence[str]) -> Guess:
         before = [number - 1 for number, _ in rows]
         unit = unit_in_words([" ".join(row) for row in texts[:first]])
         keys |= {"skip_lines": before[first]} if first else {}
-        guesses[name] = sniff_cells(texts[first:], keys, first_lines=before[first:], unit=unit, joints=joints)
+        guesses[name] = sniff_cells(
+            texts[first:], keys, first_lines=before[first:], comments=texts[:first], unit=unit, joints=joints
+        )
     if not guesses:
         return Guess(notes=("no sheet holds anything",))
     if (alike := _alike_sheets(guesses)) is not None:
         return alike
-    firsts = {guess.table: name for name, guess in reversed(guesses.items()) if guess.table is not None}
+    kinds = {name: guess.table or "".join(guess.machine) for name, guess in guesses.items()}
+    firsts = {kind: name for name, kind in reversed(kinds.items()) if kind}
     read = [name for name in guesses if name in firsts.values()] or [next(iter(guesses))]
     others = [other for other in guesses if other not in read]
     more = (f"sheet {read[0]} is read; there are {', '.join(others[:_SHOWN])}",) if others else ()

@@ -34,6 +34,7 @@ from truing.formats.named_chain import bare_chain_rows, chain_rows
 from truing.formats.named_columns import bare_poses, is_one_motion, pose_columns
 from truing.formats.named_joints import bare_joints, configurations_of_joints
 from truing.formats.named_loads import channels_without_loads, load_columns
+from truing.formats.nominal_machine import machine_of
 from truing.formats.numbers import Notation
 from truing.formats.probable_columns import columns_by_names
 from truing.formats.proposed_loads import proposal_of_loads, with_doubt_on_samples
@@ -153,6 +154,9 @@ def _guess_by_notation(
     cells = NamedCells(names, data, notation.matrix(data))
     if not has_header:
         return _with_unit_in_words(_without_names(cells, mapping, notation, about), about.unit)
+    words = " ".join(cell for line in about.comments for cell in line)
+    if (machine := machine_of(cells, words, about.unit)) is not None:
+        return machine
     guess = _with_times(_guess_by_names(cells, mapping, about.joints), names, data, notation)
     guess = with_unit_of_deviations(guess, names, cells.values, about.unit)
     return _with_unit_in_words(_with_unit_of_rows(guess, names, data), about.unit)
