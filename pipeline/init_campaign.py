@@ -32,7 +32,7 @@ from truing.pipeline.init_entries import (
 )
 from truing.pipeline.init_lists import with_numbered_poses, with_poses_in_order
 from truing.pipeline.init_machine import as_toml, gives_machine
-from truing.pipeline.init_names import with_bodies_of_targets, with_poses_of_names
+from truing.pipeline.init_names import with_bodies_of_survey, with_bodies_of_targets, with_poses_of_names
 from truing.pipeline.init_questions import Answers, Ask, names_a_body, parsed_answers
 from truing.pipeline.init_robot import (
     SUFFIX,
@@ -75,6 +75,8 @@ _NO_DESCRIPTION = (
     "needed: a description of the robot, which relates joints to points: put its URDF into the folder and call "
     "truing init again, or complete [mechanism] with its table of Denavit and Hartenberg"
 )
+_NO_TABLE = "no table has columns of these names"
+_BY_HAND = "docs/own-files.md"
 _MOST_LINES = 32  # of entries in a starter file
 _OF_EACH_POSE = {"pose", "role", "time_s", "temperature_c"}
 _NOT_RAW = {".toml", ".md", ".html", ".pdf", ".yaml", ".yml", ".json"}
@@ -105,7 +107,7 @@ def init_campaign(
     guesses = with_survey(folder, guesses)
     guesses = [(group, one) for (group, _), one in zip(guesses, with_reflector(guesses, robot), strict=True)]
     guesses = [(group, one) for (group, _), one in zip(guesses, on_tip([g for _, g in guesses], robot), strict=True)]
-    guesses = with_bodies_of_targets(folder, guesses)
+    guesses = with_bodies_of_survey(folder, with_bodies_of_targets(folder, guesses))
     guesses = [(group, one) for (group, _), one in zip(guesses, with_tip(folder, guesses, robot), strict=True)]
     guesses = _settled(folder, guesses, all_answers, console)
     all_answers.raise_faults()
@@ -118,6 +120,8 @@ def init_campaign(
             taken = f"taken as {point['taken']}" if point["taken"] else "to be completed"
             where, key = _printable(str(point["path"])), point["key"]
             console.line(f"open: {where}, {point['question']}: {taken} (else: --answer {key}=...)")
+    if any(guess.table is None and not guess.known for _, guess in guesses):
+        console.line(f"files that are not recognised are read by entries written by hand: {_BY_HAND}")
     if needs_description(robot, [guess for _, guess in guesses]):
         console.sentence(_NO_DESCRIPTION)
     if all_answers.used:
@@ -324,7 +328,7 @@ def _summary(group: RawGroup, guess: Guess) -> str:
         return _printable(f"{many}{guess.notes[0]}")
     if guess.table is None and guess.notes and not guess.columns:
         return _printable(f"{many}not recognised: {guess.notes[0]}")
-    what = guess.table or "not recognised"
+    what = guess.table or f"not recognised: {_NO_TABLE}"
     return _printable(f"{many}{what}; columns {_listed(guess.columns, _LISTED)}")
 
 
@@ -388,7 +392,9 @@ def _starter(name: str, guesses: list[tuple[RawGroup, Guess]], robot: Robot | No
             "the others.",
         ]
     files += _listing("Also found; truing init --all writes their entries:", [_found_words(*one[:2]) for one in more])
-    files += _listing("Not read:", [_left_words(group, guess) for group, guess in remaining])
+    files += _listing(
+        f"Not read (entries by hand: {_BY_HAND}):", [_left_words(group, guess) for group, guess in remaining]
+    )
     return starter_text(_name(name), _kind(tables), [guess for _, guess in read], files, robot)
 
 
@@ -403,7 +409,7 @@ def _found_words(group: RawGroup, guess: Guess) -> str:
 
 
 def _left_words(group: RawGroup, guess: Guess) -> str:
-    why = f": {guess.notes[0]}" if guess.notes else f": not recognised; columns {_listed(guess.columns, _FEW)}"
+    why = f": {guess.notes[0]}" if guess.notes else f": {_NO_TABLE}; columns {_listed(guess.columns, _FEW)}"
     return f"{group.glob}{f', {group.count} files' if group.count > 1 else ''}{why}"[:240]
 
 

@@ -33,7 +33,20 @@ _CONSTANTS = {
 }
 _EULER = {"rx_rad": "euler_a_deg", "ry_rad": "euler_b_deg", "rz_rad": "euler_c_deg"}
 _KEYS = (
-    *("decimal", "convention", "loads", "numbers", "words", "groups", "axis", "table", "unit", "rotation", "coverage"),
+    *(
+        "decimal",
+        "convention",
+        "loads",
+        "numbers",
+        "words",
+        "groups",
+        "axis",
+        "sign",
+        "table",
+        "unit",
+        "rotation",
+        "coverage",
+    ),
     *_CONSTANTS,
 )
 

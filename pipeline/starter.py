@@ -299,7 +299,7 @@ def _taken_unit(column: str, raw: Any, mapping: Mapping[str, Any]) -> str | None
 
     known = find_column(column)
     is_declared = column == raw or column in mapping.get("units", {}) or (column.endswith("_mm") and "unit" in mapping)
-    if known is None or not known.unit or known.unit == "1" or is_declared:
+    if known is None or not known.unit or known.unit == "1" or is_declared or isinstance(raw, dict):
         return None
     if column == "time_s" and "time_format" in mapping:
         return None

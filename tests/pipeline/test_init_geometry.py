@@ -11,7 +11,7 @@ import pytest
 from typer.testing import CliRunner
 
 from tests.pipeline.test_init_exports import init, table
-from truing.formats.shapes import POINTS
+from truing.formats.shapes import POINTS, TARGETS
 from truing.pipeline.command_line import app
 
 RNG = np.random.default_rng(41)
@@ -70,7 +70,7 @@ def test_masses_of_another_number_of_links_are_left_out_and_named(tmp_path: Path
     assert {row["convention"] for row in document["mechanism"]["dh"]} == {"modified"}
     assert not any("mass_kg" in row for row in document["mechanism"]["dh"])
     text = (tmp_path / "campaign.toml").read_text()
-    assert "masses.csv: masses of links" in text[text.index("# Not read:") :]
+    assert "masses.csv: masses of links" in text[text.index("# Not read") :]
 
 
 def test_variables_in_a_table_tell_slides_and_shifts(tmp_path: Path) -> None:
@@ -145,7 +145,27 @@ def test_a_drawing_without_lengths_is_left_out_with_the_reason(tmp_path: Path) -
     _, document = init(tmp_path)
     assert "mechanism" not in document
     text = (tmp_path / "campaign.toml").read_text()
-    assert "geometry.txt: looks like the nominal geometry" in text[text.index("# Not read:") :]
+    assert "geometry.txt: looks like the nominal geometry" in text[text.index("# Not read") :]
+
+
+@pytest.mark.parametrize("odd", ["", "X 1\t1\t2\t3\n"])
+def test_words_that_are_bodies_of_points_are_those_of_the_survey(tmp_path: Path, odd: str) -> None:
+    """Unless a name of the survey has no such word."""
+    hexapod(tmp_path)
+    names = [f"{body}_{number}" for body in ("base", "platform") for number in range(1, 5)]
+    rows = [f"{name}\t{k}\t{2 * k}\t{k * k}\n" for k, name in enumerate(names)]
+    (tmp_path / "survey.txt").write_text("Survey, each body in its own frame\nTarget\tX\tY\tZ\n" + "".join(rows) + odd)
+    told, document = init(tmp_path)
+    if odd:
+        assert "survey.txt, Name of the rigid body" in told
+        return
+    found = table(tmp_path, document, TARGETS).table
+    assert found.column("body").to_pylist() == ["base"] * 4 + ["platform"] * 4
+    assert found.column("target").to_pylist() == names
+    done = tmp_path / "campaign.toml"
+    done.unlink()
+    CliRunner().invoke(app, ["init", str(tmp_path), "--answer", "words=names"])
+    assert "(?P<body>" not in done.read_text()
 
 
 def test_a_file_for_each_pose_is_read_before_a_single_file_of_points(tmp_path: Path) -> None:

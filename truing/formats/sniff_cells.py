@@ -26,6 +26,7 @@ from truing.formats.likely_notation import COMMA_DECIMAL, COMMA_THOUSANDS, ambig
 from truing.formats.named_bench import (
     Proposal,
     axis_rows,
+    is_deviation_by_name,
     positions_of_axis,
     positions_side_by_side,
     readings_under_load,
@@ -369,10 +370,27 @@ def _guess_axis(
         for axis in axes
     ]
     if len(guesses) == 1:
-        return guesses[0]
+        return _with_sign_of_readings(guesses[0])
     taken, other = ("mm", "deg") if "command_mm" in guesses[0].mapping["columns"] else ("deg", "mm")
     text, doubt = "Unit of the axis, which no name gives", f"no unit is given; the axis is assumed to be in {taken}"
     return replace(guesses[0], ways=(OtherWay("axis", text, taken, other, guesses[1], doubt),))
+
+
+def _with_sign_of_readings(guess: Guess) -> Guess:
+    """Return a proposal of an axis with the question of the sign, where an instrument's readings are deviations."""
+    columns, units = guess.mapping["columns"], guess.mapping.get("units", {})
+    column = next((name for name in ("deviation_deg", "deviation_mm") if name in columns), None)
+    if column is None or is_deviation_by_name(columns[column]):
+        return guess
+    raw = columns[column]
+    turned = {"name": raw, "scale": -1.0, "unit": units.get(column, column.rsplit("_", 1)[-1])}
+    others = {name: unit for name, unit in units.items() if name != column}
+    mapping = {key: value for key, value in guess.mapping.items() if key != "units"}
+    mapping |= {"columns": {**columns, column: turned}, **({"units": others} if others else {})}
+    text = f"{raw}: place of the axis minus its command, or command minus place"
+    doubt = f"{raw} is assumed to be the deviation from the command: place minus command, not command minus place"
+    way = OtherWay("sign", text, "place-command", "command-place", replace(guess, mapping=mapping), doubt)
+    return replace(guess, ways=(way,))
 
 
 def _repeats_targets(cells: NamedCells, keys: Mapping[str, Any]) -> bool:
