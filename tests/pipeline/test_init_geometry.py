@@ -148,7 +148,7 @@ def test_a_drawing_without_lengths_is_left_out_with_the_reason(tmp_path: Path) -
     assert "geometry.txt: looks like the nominal geometry" in text[text.index("# Not read") :]
 
 
-@pytest.mark.parametrize("odd", ["", "X 1\t1\t2\t3\n"])
+@pytest.mark.parametrize("odd", ["", "77\t1\t2\t3\n"])
 def test_words_that_are_bodies_of_points_are_those_of_the_survey(tmp_path: Path, odd: str) -> None:
     """Unless a name of the survey has no such word."""
     hexapod(tmp_path)

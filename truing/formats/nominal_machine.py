@@ -234,8 +234,8 @@ def _legs(cells: NamedCells, words: str, unit: str | None) -> Guess | None:
         {"a_mm": a.tolist(), "b_mm": b.tolist(), "length_mm": float(length[0])}
         for a, b, length in zip(values["a_mm"], values["b_mm"], values["length_mm"], strict=True)
     ]
-    doubts = ("legs of variable length are assumed, whose length_mm is that at reading zero",)
-    doubts += () if given else ("no unit of the geometry is given; it is assumed to be in mm",)
+    of_unit = () if given else ("no unit of the geometry is given; it is assumed to be in mm",)
+    doubts = ("legs of variable length are assumed, whose length_mm is that at reading zero", *of_unit)
     return Guess({}, cells.names, None, (OF_LEGS,), known=True, doubts=doubts, machine={"type": "ups", "legs": legs})
 
 
