@@ -372,7 +372,7 @@ def _starter(name: str, guesses: list[tuple[RawGroup, Guess]], robot: Robot | No
 
     tables = Counter(guess.table for _, guess in guesses)
     every = [guess for _, guess in guesses]
-    is_used = [guess.table is not None or gives_machine(guess, every, robot) for guess in every]
+    is_used = [one.table is not None or gives_machine(one, every, is_described=robot is not None) for one in every]
     read = [one for one, used in zip(guesses, is_used, strict=True) if used]
     remaining = [
         one for one, used in zip(guesses, is_used, strict=True) if not used and one[0].example.suffix != SUFFIX

@@ -9,7 +9,6 @@ from typing import TYPE_CHECKING, Any
 
 if TYPE_CHECKING:
     from truing.formats.guess import Guess
-    from truing.pipeline.init_robot import Robot
 
 MARK = "# check:"
 OF_ANY_CHAIN = (
@@ -26,11 +25,14 @@ def of_table(guesses: Sequence[Guess]) -> Guess | None:
     return tables[0] if len(tables) == 1 else None
 
 
-def gives_machine(guess: Guess, guesses: Sequence[Guess], robot: Robot | None) -> bool:
-    """True if [mechanism] holds what a file says of the nominal geometry; a robot's description has precedence."""
+def gives_machine(guess: Guess, guesses: Sequence[Guess], *, is_described: bool) -> bool:
+    """True if [mechanism] holds what a file says of the nominal geometry.
+
+    is_described: whether the folder holds a robot's description, which has precedence.
+    """
     if "legs" in guess.machine:
         return sum("legs" in one.machine for one in guesses) == 1
-    table = None if robot is not None else of_table(guesses)
+    table = None if is_described else of_table(guesses)
     return table is not None and (guess is table or guess is _masses_of(table, guesses))
 
 
