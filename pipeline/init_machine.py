@@ -85,7 +85,7 @@ def legs_of_table(guesses: Sequence[Guess]) -> list[tuple[str, str]]:
         ("legs = [", "in leg order; a in the base frame, b in the platform's"),
         *((f"  {_inline(leg)},", "") for leg in table.machine["legs"]),
         ("]", ""),
-        ("# [mechanism.tolerance]", "needed to calibrate: one standard deviation of manufacturing and assembly"),
+        ("# [mechanism.tolerance]", "one standard deviation of manufacturing and assembly"),
         ("# a_mm = 0.5", "and b_mm, length_mm"),
     ]
 
