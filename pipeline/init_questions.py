@@ -32,7 +32,23 @@ _CONSTANTS = {
     "pose": "Number of the pose that all rows belong to",
 }
 _EULER = {"rx_rad": "euler_a_deg", "ry_rad": "euler_b_deg", "rz_rad": "euler_c_deg"}
-_KEYS = ("decimal", "loads", "numbers", "words", "groups", "axis", "table", "unit", "rotation", "coverage", *_CONSTANTS)
+_KEYS = (
+    *(
+        "decimal",
+        "convention",
+        "loads",
+        "numbers",
+        "words",
+        "groups",
+        "axis",
+        "sign",
+        "table",
+        "unit",
+        "rotation",
+        "coverage",
+    ),
+    *_CONSTANTS,
+)
 
 
 @dataclass(frozen=True)
@@ -150,10 +166,11 @@ def parsed_answers(texts: Sequence[str]) -> dict[tuple[str, str], str]:
 def questions(guess: Guess, is_only_table: bool) -> Iterator[Question]:
     """Open points of a guess; ``is_only_table``: whether no other file holds points."""
     mapping = guess.mapping
+    if guess.machine:
+        yield from _of_ways(guess)
     if guess.table is None or guess.known:
         return
-    for way in guess.ways:
-        yield Question(way.key, way.text, way.taken, (way.taken, way.other))
+    yield from _of_ways(guess)
     if guess.table == "targets" and is_only_table and "leg" not in {*guess.columns, *mapping.get("columns", {})}:
         yield Question(
             "table", "A survey of the targets, or their points in one pose", "targets", ("targets", "points")
@@ -172,6 +189,10 @@ def questions(guess: Guess, is_only_table: bool) -> Iterator[Question]:
             yield Question(key, text, str(mapping["constants"][key]), _values(key))
     if guess.table in ("points", "targets") and not names_a_body(guess):
         yield Question("body", _CONSTANTS["body"], "")
+
+
+def _of_ways(guess: Guess) -> Iterator[Question]:
+    return (Question(way.key, way.text, way.taken, (way.taken, way.other)) for way in guess.ways)
 
 
 def _values(key: str) -> tuple[str, ...]:

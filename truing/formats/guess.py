@@ -64,7 +64,7 @@ class Guess:
     others: other tables read with the same keys. known: no table of the file is needed; the first note gives the
     reason. beside: other tables in the file, each with its own keys. ways: other readings that are possible. answered:
     keys that are no guesses, because somebody has given them. doubts: statements to confirm, beside those that the keys
-    imply.
+    imply. machine: keys of [mechanism], where the file holds nominal geometry.
     """
 
     mapping: MappingKeys = field(default_factory=dict)
@@ -77,6 +77,7 @@ class Guess:
     ways: tuple[OtherWay, ...] = field(default=(), compare=False, repr=False)
     answered: frozenset[str] = frozenset()
     doubts: tuple[str, ...] = ()
+    machine: MappingKeys = field(default_factory=dict)
 
 
 def metashape(lines: Sequence[str]) -> Guess | None:

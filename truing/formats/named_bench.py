@@ -54,7 +54,7 @@ _DIRECTIONS = {
 _COMMAND = (
     r"(command(ed)?|target|nominal|soll|ziel|set)([ _-]?(angle|position|pos|winkel|wert))?"
     r"|(angle|position|pos|winkel)[ _-](command|target|nominal|soll)|setpoint|angle|winkel|position|.*pos[_-]?cmd"
-    r"|.*[ _.]set[ _]?pos(ition)?"
+    r"|.*[ _.]set[ _]?pos(ition)?|(rotary[ _]?)?(table|rundtisch|tisch)([ _-]?(angle|position|pos|winkel))?"
 )
 _COMMANDED = r"command|target|nominal|soll|ziel|set[ _-]?point"
 _MOTOR = (
@@ -66,10 +66,16 @@ _LOAD_SIDE = (
 )
 _OUTSIDE = (
     r"(reference|measured|autocollimator|autokollimator|akf|interferometer|laser|polygon|ist|error|deviation|abweichung)"
-    r".*|(ron|rod|rpn|rcn|ecn|ern|lip|lida|lif) ?\d{3,4}"
+    r".*|(reading|anzeige|ablesung)|(ron|rod|rpn|rcn|ecn|ern|lip|lida|lif) ?\d{3,4}"
 )
 _NUMBERED = re.compile(
     r"(axis|achse|channel|kanal|encoder|counter|z(ä|ae)hler)[ _]?\d([ _](position|pos|angle|winkel))?", re.I
+)
+# Numbers of rows, faces and scatter beside an instrument's reading: no condition on which an error may depend.
+_NO_CONDITION = re.compile(
+    r"(face|facette|(poly(gon)?[ _]?)?fl(ä|ae)che|run|lauf|turn|umlauf|nr|no|#)"
+    r"|(sd|std|sigma|stdev|streuung)([ _].*)?|direction|dir|(dreh)?(richtung|sinn)|approach|sens",
+    re.IGNORECASE,
 )
 _OF_LENGTHS = r"laser|interferometer|lip|lida|lif"  # instruments that mostly measure lengths
 _UNITS_OF_AXES = {"angle": "deg", "length": "mm"}
@@ -283,7 +289,8 @@ def _axis_of_kind(names: Sequence[str], values: Array, kind: str | None, meant: 
         what = "deviation" if _is_deviation(names, values, command, outside, unit) else "measured"
         columns[f"{what}_{unit}"] = outside
         meaning = "the deviation from the command" if what == "deviation" else "the measured place of the axis"
-        doubts = (f"{outside} is assumed to be {meaning}",)
+        is_asked = what == "deviation" and not is_deviation_by_name(outside)  # the question of its sign says it
+        doubts = () if is_asked else (f"{outside} is assumed to be {meaning}",)
     units = {
         column: unit_of_column
         for column, name in columns.items()
@@ -293,10 +300,16 @@ def _axis_of_kind(names: Sequence[str], values: Array, kind: str | None, meant: 
     computed = [
         re.escape(name).replace("\\ ", " ")
         for name in names
-        if name not in columns.values() and re.fullmatch(_DEVIATION, bare_and_unit(name)[0].casefold())
+        if name not in columns.values()
+        and (re.fullmatch(_DEVIATION, bare := bare_and_unit(name)[0].casefold()) or _NO_CONDITION.fullmatch(bare))
     ]  # from command and measured place: no condition on which an error may depend
     mapping |= {"ignore": "|".join(computed)} if computed else {}
     return Proposal("configurations", mapping, "commands of an axis, and what recorded them", doubts)
+
+
+def is_deviation_by_name(name: str) -> bool:
+    """True if words of a column's name say deviation or error, and not only what recorded it."""
+    return re.search(rf"{_DEVIATION}|dev|err|abw", bare_and_unit(name)[0], re.IGNORECASE) is not None
 
 
 def _first(names: Sequence[str], pattern: str, used_names: Sequence[str | None], kind: str | None) -> str | None:

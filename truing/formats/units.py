@@ -72,7 +72,7 @@ _SPELT = {"µm": "um", "μm": "um", "°": "deg", '"': "in", "inch": "in", "°C":
 LONGEST_NAME = 200  # characters of a column: the search for its meaning tries many ways to split it
 _BRACKETS = re.compile(r"^(?P<name>.*?)\s*[\[({]\s*(?P<unit>[^\[\](){}]+?)\s*[\])}]$")
 _BEHIND = re.compile(
-    r"^(?P<name>.*?)(?:\s*/\s*|[\s_]+)(?P<unit>mm|cm|um|µm|μm|nm|m|in|deg|rad|mrad|urad|arcsec|arcmin|s|ms|K|degC|°C|°)$"
+    r"^(?P<name>.*?)(?:\s*/\s*|[\s_]+)(?P<unit>mm|cm|um|µm|μm|nm|m|in|deg|rad|mrad|urad|arcsec|arcmin|s|ms|us|ns|K|degC|°C|°)$"
 )
 _SPELT_OUT = {
     "meter": "m",
