@@ -22,6 +22,8 @@ if TYPE_CHECKING:
 
 OPTION = "--answer"
 PLACEHOLDER = "body"  # name of a body that no file names
+TARGET = "reflector"  # name of the only target of a body
+NUMBER_OF_POSE = r".*?(?P<pose>\d+)"  # in the name of a measured place
 _LOAD_AXES = ("fx", "fy", "fz", "mx", "my", "mz")
 _CONSTANTS = {
     "body": "Name of the rigid body that carries all these targets",
@@ -162,9 +164,10 @@ def questions(guess: Guess, is_only_table: bool) -> Iterator[Question]:
     for way in guess.ways:
         yield Question(way.key, way.text, way.taken, (way.taken, way.other))
     if guess.table == "targets" and is_only_table and "leg" not in {*guess.columns, *mapping.get("columns", {})}:
-        yield Question(
-            "table", "A survey of the targets, or their points in one pose", "targets", ("targets", "points")
-        )
+        text, others = "A survey of the targets, or their points in one pose", ("targets", "points")
+        if "target" in mapping.get("columns", {}):
+            text, others = f"{text}, or one target in as many poses, numbered by its names", (*others, "poses")
+        yield Question("table", text, "targets", others)
     if (unit := _open_unit(guess)) is not None:
         yield Question("unit", "Unit of the coordinates, which the file does not give; it scales all lengths", unit)
     yield from _of_unread_units(mapping)
@@ -225,7 +228,7 @@ def _answered(guess: Guess, key: str, answer: str) -> Guess:
     guess = replace(guess, answered=guess.answered | {key})
     constants = guess.mapping.get("constants", {})
     if key == "table":
-        return guess if answer == guess.table else _one_pose(guess)
+        return _one_target(guess) if answer == "poses" else guess if answer == guess.table else _one_pose(guess)
     if key.startswith(_UNIT_OF):
         own = [c for c in unread_units(guess.mapping) if _dimension(c) == key.removeprefix(_UNIT_OF)]
         units = {**guess.mapping.get("units", {}), **dict.fromkeys(own, answer)}
@@ -276,6 +279,21 @@ def _one_pose(guess: Guess) -> Guess:
     if "body" not in {*guess.columns, *guess.mapping.get("columns", {})}:
         constants.setdefault("body", "body")
     return replace(guess, table="points", mapping={**guess.mapping, "constants": constants})
+
+
+def _one_target(guess: Guess) -> Guess:
+    """A list of targets as one target in as many poses, whose numbers are those of the names."""
+    raw = str(guess.mapping["columns"]["target"])
+    numbered = {"split": {**guess.mapping.get("split", {}), raw: NUMBER_OF_POSE}}
+    return replace(guess, table="points", mapping={**of_one_target(guess, PLACEHOLDER), **numbered})
+
+
+def of_one_target(guess: Guess, body: str) -> MappingKeys:
+    """Keys of a file without names of targets, which are one target of a body."""
+    mapping = without_placeholder(guess.mapping)
+    columns = {key: name for key, name in mapping.get("columns", {}).items() if key != "target"}
+    constants = {**mapping.get("constants", {}), "body": body, "target": TARGET}
+    return {**mapping, "columns": columns, "constants": constants}
 
 
 def _typed(answer: str, like: object) -> Any:
