@@ -156,3 +156,15 @@ def test_numbered_spheres_without_a_log_may_be_one_target_in_as_many_poses(tmp_p
     assert [int(pose) for pose in found.table.column("pose").to_pylist()] == list(range(1, 10))
     assert set(found.table.column("target").to_pylist()) == {"reflector"}
     assert_close(numbers(found, "x_mm", "y_mm", "z_mm"), 25.4 * places, atol=1e-9, what="points")
+
+
+def test_a_logger_of_both_encoders_of_a_linear_axis_below_words_of_its_own(tmp_path: Path) -> None:
+    places = [(0.02 * k, 0.02 * k + 0.003 * np.sin(0.4 * k), 0.02 * k + 1e-4) for k in range(60)]
+    rows = [f"{0.01 * k:.2f};{c:.4f};{m:.5f};{v:.5f};{0.4 + 0.001 * k:.3f}" for k, (c, m, v) in enumerate(places)]
+    head = ["Logger: DL850 export", "Sampling: 100 Hz", "Date: 2024/06/03 15:21:07"]
+    names = "Time [s];SetPos [mm];EncMotor [mm];EncLoad [mm];Current [A]"
+    (tmp_path / "axis_run.csv").write_text("\n".join([*head, names, *rows]) + "\n")
+    found = table(tmp_path, init(tmp_path)[1], CONFIGURATIONS)
+    columns = numbers(found, "command_mm", "motor_mm", "load_mm")
+    assert_close(columns, places, atol=1e-5, what="positions")
+    assert_close(numbers(found, "time_s")[:, 0], 0.01 * np.arange(60), atol=1e-12, what="time")
