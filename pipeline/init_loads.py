@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Sequence
 from dataclasses import replace
 from pathlib import Path
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
@@ -61,8 +61,8 @@ def _loads(folder: Path, group: RawGroup, guess: Guess) -> Array:
     return np.vstack([rows, *read])
 
 
-def _numbers(column: object, count: int) -> Array:
-    return np.zeros(count) if column is None else np.array(column.to_pylist(), dtype=float)  # type: ignore[attr-defined]
+def _numbers(column: Any, count: int) -> Array:
+    return np.zeros(count) if column is None else np.array(column.to_pylist(), dtype=np.float64)
 
 
 def _are_equal(first: Array, second: Array) -> bool:

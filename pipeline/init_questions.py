@@ -164,7 +164,8 @@ def questions(guess: Guess, is_only_table: bool) -> Iterator[Question]:
     for way in guess.ways:
         yield Question(way.key, way.text, way.taken, (way.taken, way.other))
     if guess.table == "targets" and is_only_table and "leg" not in {*guess.columns, *mapping.get("columns", {})}:
-        text, others = "A survey of the targets, or their points in one pose", ("targets", "points")
+        text = "A survey of the targets, or their points in one pose"
+        others: tuple[str, ...] = ("targets", "points")
         if "target" in mapping.get("columns", {}):
             text, others = f"{text}, or one target in as many poses, numbered by its names", (*others, "poses")
         yield Question("table", text, "targets", others)

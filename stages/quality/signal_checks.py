@@ -96,10 +96,10 @@ def _steps_without_signals(view: LoadingView) -> Check:
     """Load steps at which neither a signal nor a reading was recorded."""
     steps = view.steps
     without = ~np.isfinite(np.column_stack([steps.signal, steps.reading])).any(axis=1)
-    count = int(without.sum())
+    count = int(np.count_nonzero(without))
     text = "Every load step has a signal or a reading."
     if count:
-        text = f"{count} of {counted(len(without), 'load step')} have no signal."
+        text = f"{count} of {counted(len(steps.load), 'load step')} have no signal."
     verdict = WARN if count else PASS
     return Check("steps-without-signals", "signals", float(count), 0.0, "1", verdict, text)
 
