@@ -271,19 +271,37 @@ def _of_units(mapping: Mapping[str, Any], guess: Guess) -> Iterator[str]:
     from truing.formats.shapes import COORDINATE_SIGMAS, COORDINATES
 
     by_unit: dict[str, list[str]] = {}
+    unread = unread_units(mapping)
+    for words in dict.fromkeys(unread.values()):
+        own = [column for column, named in unread.items() if named == words]
+        names = _span([mapping["columns"][column] for column in own])
+        yield f"{words} of {names} is not known as a unit of this quantity (needed: units = {{ {own[0]} = ... }})"
     for column, raw in mapping.get("columns", {}).items():
-        if unit := _taken_unit(column, raw, mapping):
+        if column not in unread and (unit := _taken_unit(column, raw, mapping)):
             by_unit.setdefault(unit, []).append(f"column {raw}" if isinstance(raw, int) else raw)
     whole = _common_unit(mapping, guess)
     if whole and "unit" not in guess.answered:
         yield f'no unit is given; coordinates are assumed to be in {whole} (else: unit = "in")'
     elif by_unit:
         words = ", ".join(f"{unit} for {_span(names)}" for unit, names in by_unit.items())
-        assumed = [column for column, raw in mapping.get("columns", {}).items() if _taken_unit(column, raw, mapping)]
+        given = mapping.get("columns", {}).items()
+        assumed = [column for column, raw in given if column not in unread and _taken_unit(column, raw, mapping)]
         cure = (
             'unit = "in"' if set(assumed) <= {*COORDINATES, *COORDINATE_SIGMAS} else f"units = {{ {assumed[0]} = ... }}"
         )
         yield f"no unit is given; assumed are {words} (else: {cure})"
+
+
+def unread_units(mapping: Mapping[str, Any]) -> dict[str, str]:
+    """Words in brackets after raw names, by columns whose unit they seem to be but cannot be."""
+    from truing.formats.units import unread_unit
+
+    found = {}
+    for column, raw in mapping.get("columns", {}).items():
+        known = find_column(column)
+        if known is not None and isinstance(raw, str) and _taken_unit(column, raw, mapping, is_unread=True):
+            found[column] = unread_unit(raw, known)
+    return {column: words for column, words in found.items() if words is not None}
 
 
 def assumed_unit(column: str, guess: Guess) -> str | None:
@@ -293,8 +311,8 @@ def assumed_unit(column: str, guess: Guess) -> str | None:
     return whole or (_taken_unit(column, columns[column], guess.mapping) if column in columns else None)
 
 
-def _taken_unit(column: str, raw: Any, mapping: Mapping[str, Any]) -> str | None:
-    """Assumed unit of a raw column without a unit; None if it is known."""
+def _taken_unit(column: str, raw: Any, mapping: Mapping[str, Any], *, is_unread: bool = False) -> str | None:
+    """Assumed unit of a raw column without a unit, or (``is_unread``) with any words as unit; None if it is known."""
     from truing.formats.units import bare_and_unit
 
     known = find_column(column)
@@ -303,7 +321,7 @@ def _taken_unit(column: str, raw: Any, mapping: Mapping[str, Any]) -> str | None
         return None
     if column == "time_s" and "time_format" in mapping:
         return None
-    return known.unit if isinstance(raw, int) or bare_and_unit(raw)[1] is None else None
+    return known.unit if is_unread or isinstance(raw, int) or bare_and_unit(raw)[1] is None else None
 
 
 def _common_unit(mapping: Mapping[str, Any], guess: Guess) -> str | None:

@@ -54,6 +54,7 @@ def signal_checks(view: LoadingView, settings: Campaign, turned: frozenset[int],
     used = np.flatnonzero(np.isfinite(steps.signal).all(axis=1))
     for at, name in enumerate(steps.signals):
         yield _saturated_samples(view, at, name, settings)
+    yield _steps_without_signals(view)
     yield _noise(view, settings.noise.signal_mv)
     if len(used) < _FEWEST:
         yield not_evaluated("calibration", "loads-span", "", "too few load steps with all signals")
@@ -92,6 +93,18 @@ def _saturated_samples(view: LoadingView, at: int, name: str, settings: Campaign
         )
     count = float(len(places))
     return Check("saturated", f"signal {name}", count, 0.0, "1", FAIL if places else PASS, text)
+
+
+def _steps_without_signals(view: LoadingView) -> Check:
+    """Load steps at which neither a signal nor a reading was recorded."""
+    steps = view.steps
+    without = ~np.isfinite(np.column_stack([steps.signal, steps.reading])).any(axis=1)
+    count = int(np.count_nonzero(without))
+    text = "Every load step has a signal or a reading."
+    if count:
+        text = f"{count} of {counted(len(steps.load), 'load step')} have no signal."
+    verdict = WARN if count else PASS
+    return Check("steps-without-signals", "signals", float(count), 0.0, "1", verdict, text)
 
 
 def _noise(view: LoadingView, noise_mv: float | None) -> Check:

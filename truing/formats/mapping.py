@@ -25,7 +25,15 @@ from truing.formats.origins import (
 from truing.formats.patterns import bounded
 from truing.formats.raw import Kind
 from truing.formats.shapes import COORDINATES, TableShape
-from truing.formats.units import UnknownUnit, conversion, expanded, unit_in_brackets
+from truing.formats.units import (
+    UnknownUnit,
+    conversion,
+    expanded,
+    is_like_a_unit,
+    known_unit,
+    unit_in_brackets,
+    unread_unit,
+)
 from truing.schemas.column import Column
 from truing.schemas.mapping import FileMapping, is_uncertainty
 
@@ -422,6 +430,11 @@ def _contradicted_columns(plan: MappingPlan) -> Iterator[Misfit]:
         raw = plan.raw_name(name)
         if name in plan.preset or name in plan.unnamed_covariates or raw == name:
             continue
+        words = unread_unit(raw, column) if column.unit and not plan.is_given_unit(name) else None
+        is_unit = words is not None and (is_like_a_unit(words) or raw.endswith("]"))
+        if is_unit and not (name.endswith("_mv") and known_unit(words or "")):  # a sensor may show newtons
+            cure = f'units = {{ {name} = "{column.unit}" }}, or what it is'
+            yield Misfit(f"its unit, as {words} of {raw} is not known as a unit of this quantity: {cure}", column=name)
         unit = unit_in_brackets(raw)
         if unit is not None and column.unit and not plan.is_given_unit(name) and _units_differ(unit, column.unit):
             yield Misfit(f'its unit, as {raw} is not in {column.unit}: units = {{ {name} = "{unit}" }}', column=name)

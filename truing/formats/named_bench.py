@@ -60,9 +60,11 @@ _COMMANDED = r"command|target|nominal|soll|ziel|set[ _-]?point"
 _MOTOR = (
     r"motor([ _-]?(encoder|angle|position|winkel))?|encoder|(dreh)?geber|messsystem|resolver|.*pos[_-]?(fb|feedback)"
     r"|.*[ _.]act[ _]?pos(ition)?"
+    r"|enc(oder)?[ _-]?mot(or)?"
 )
 _LOAD_SIDE = (
     r"(load|second|direct|output)([ _-]?(encoder|angle|position|winkel))|abtrieb|encoder[._ ]?\d+([._ ]?pos(ition)?)?"
+    r"|enc(oder)?[ _-]?(load|last|abtrieb)"
 )
 _OUTSIDE = (
     r"(reference|measured|autocollimator|autokollimator|akf|interferometer|laser|polygon|ist|error|deviation|abweichung)"
