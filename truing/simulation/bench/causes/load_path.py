@@ -199,10 +199,11 @@ class LoadImbalance(LoadCause):
     def _courses(self, state: ReadingState) -> tuple[NDArray, NDArray]:
         """Return the load course (B, forms), N or N m, of each form, and its derivative by the load."""
         load, largest = state.wrench[:, self._axis_index], state.steps.largest[self._axis_index]
-        size = np.abs(load)
+        direction = np.sign(load.real)
+        size = direction * load
         by_form = {
             RATIO: (load, np.ones(len(load))),
-            ASYMMETRY: (0.5 * size, 0.5 * np.sign(load)),
+            ASYMMETRY: (0.5 * size, 0.5 * direction),
             GROWTH: (load * size / largest, 2.0 * size / largest),
         }
         courses, slopes = zip(*(by_form[form] for form in self.forms), strict=True)
