@@ -1,7 +1,7 @@
 """Gross errors of readings, as outliers from a smooth curve of load and time through every run of a channel.
 
-The curves include asymmetry, a bend, hysteresis and clearance of elastic sensors, so that outliers are no property of the
-sensor. A lasting jump is not a single gross error, and stays in.
+The curves include asymmetry, a bend, hysteresis and clearance of elastic sensors, so that outliers are no property of
+the sensor. A lasting jump is not a single gross error, and stays in.
 """
 
 from __future__ import annotations
