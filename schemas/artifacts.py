@@ -542,8 +542,10 @@ _DIAGNOSIS = (
     ),
     parquet(
         "calibration_left_out",
-        "poses, and single legs of poses, that the calibration rejected because they disagree with all others",
-        "pose* subject* reason value limit unit",
+        "poses, single legs of poses, and signals at load steps, that the calibration rejected because they disagree "
+        "with all others",
+        "subject* reason value limit unit",
+        optional="pose* run* step*",
     ),
     Artifact("start", "start.toml", "model of an earlier campaign, used as the start of this one"),
     parquet(

@@ -40,6 +40,7 @@ from truing.simulation.inputs import ORDER, TIME
 from truing.stages.diagnosis.diagnosis_data import POINTS, Channels, ReportedRms
 
 if TYPE_CHECKING:
+    from truing.inference.attribution import Attributed
     from truing.inference.fitted_model import FittedModel
     from truing.inference.noise import NoiseDependence, NoiseLevel
     from truing.inference.scatter import FoundScatter
@@ -281,7 +282,8 @@ def _attributed_rows(
 ) -> Iterator[TableRow]:
     """Inputs that predict the residuals of the simulation, and that no nonparametric effect has.
 
-    If the final model holds, an effect without a name needs no inputs but its own: others help by chance.
+    If the final model holds, an effect without a name needs no inputs but its own: others help by chance, or take up
+    what a smooth function of its own inputs leaves.
     """
     holds = diagnosis.end.is_complete and diagnosis.adequacy.p_value > noise_level
     final, legs = diagnosis.final, diagnosis.plain.model.part_count
@@ -289,10 +291,14 @@ def _attributed_rows(
         verdict.cause for verdict in diagnosis.verdicts if verdict.verdict == "found" and not verdict.cause.catalogued
     ]
     for own in diagnosis.attributed:
-        names = [f"{final.model.channel_word} {_name(final, channel)}" for channel in own.channels]
-        follows = tuple(dict.fromkeys(column for name in own.inputs for column in _dependence_column(name)))
+        names = [_channel(final, channel) for channel in own.channels]
+        follows = _dependence_columns(own)
+        beside = [one for one in diagnosis.attributed if own.channels and one.channels == own.channels]
         reported = [set(cause.inputs(legs)) for cause in unnamed if not names or cause.subject in ("", *names)]
-        is_needless = holds and any(set(cause.inputs(legs)) <= set(follows) for cause in unnamed)
+        is_needless = holds and (
+            any(set(cause.inputs(legs)) <= set(follows) for cause in unnamed)
+            or any(columns <= set(_dependence_columns(one)) for one in beside for columns in reported)
+        )
         if is_needless or any(set(follows) <= columns for columns in reported):
             continue
         where = shown.of_target(own.channels[0]) if own.channels else shown.overall(final.error)
@@ -314,6 +320,18 @@ def _larger_row(level: NoiseLevel, final: FittedModel, shown: ReportedRms) -> di
     missed = shown.rms(final.error), shown.floor(final.floor)
     text = noise_explanation(level.ratio, level.sigma, *missed, unit=shown.unit, expected=shown.noise)
     return _of_noise(level, final, shown) | {"explanation": text, "next_measurement": shown.scatter}
+
+
+def _dependence_columns(own: Attributed) -> tuple[str, ...]:
+    """The columns of the tables that residuals depend on."""
+    return tuple(dict.fromkeys(column for name in own.inputs for column in _dependence_column(name)))
+
+
+def _channel(final: FittedModel, channel: int) -> str:
+    """A channel with its sort, as subjects of causes name it."""
+    kinds = final.model.channel_kinds
+    word = "signal" if kinds[channel : channel + 1] == ("signal",) else final.model.channel_word
+    return f"{word} {_name(final, channel)}"
 
 
 def _name(final: FittedModel, target: int) -> str:

@@ -7,7 +7,7 @@ from collections.abc import Iterable
 
 from truing.report.diagnosis.findings import subject_words
 from truing.report.numbers import p_at_most, percent
-from truing.report.wordings.claim import Claim, Wording, largest_change_words
+from truing.report.wordings.claim import SURE, Claim, Wording, largest_change_words
 from truing.schemas.covariates import own_name
 
 _DRIVE, _LOAD = r"rho(\d+)_mm", r"([fm][xyz])_nm?"
@@ -152,10 +152,18 @@ _LOADS = dict.fromkeys(("fx_n", "fy_n", "fz_n"), "N") | dict.fromkeys(("mx_nm", 
 
 
 def _clause(claim: Claim) -> str:
-    verb = "depends on" if _has_one_subject(claim) else "depend on"
+    verb = "depends" if _has_one_subject(claim) else "depend"
+    form = " quadratically" if _is_quadratic(claim) else ""
     others = [columns_words(tuple(columns)) for columns in claim.fact(INSTEAD) or ()]
-    instead = "".join(f", or instead on {other}" for other in others)
-    return f"{_dependent_quantity(claim)} {verb} {_inputs_in_words(claim)}{instead}{largest_change_words(claim)}"
+    inputs = f"{_inputs_in_words(claim)}{''.join(f', or instead on {other}' for other in others)}"
+    return f"{_dependent_quantity(claim)} {verb}{form} on {inputs}{largest_change_words(claim)}"
+
+
+def _is_quadratic(claim: Claim) -> bool:
+    """Return True if the polynomial of one input has no sure term but that of second degree."""
+    sizes = [size for size in claim.sizes if re.fullmatch(r"degree\d+", size.name) and size.number is not None]
+    sure = [size.name for size in sizes if size.sigma is not None and abs(size.number or 0.0) > SURE * size.sigma]
+    return len(claim.fact("columns") or ()) == 1 and sure == ["degree2"]
 
 
 def _has_one_subject(claim: Claim) -> bool:
