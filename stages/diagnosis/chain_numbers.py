@@ -8,8 +8,9 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 import pyarrow as pa
+from numpy.typing import NDArray
 
-from truing.arrays import Array, TableRow
+from truing.arrays import TableRow
 from truing.schemas.artifacts import ARTIFACTS
 from truing.simulation.mechanisms.chains.causes import JointOffset
 from truing.simulation.mechanisms.chains.model import ChainModel
@@ -35,7 +36,7 @@ class _Number:
     joint: str
     parameter: str
     is_length: bool
-    form: Array
+    form: NDArray
     prior: float
     is_free: bool = False
     found_at: float | None = None  # where an offset beyond the tolerance was found, start of its linear form
@@ -48,9 +49,9 @@ class _Number:
     def si(self) -> float:
         return _MM if self.is_length else 1.0
 
-    def sigma(self, covariance: Array) -> float:
+    def sigma(self, covariance: NDArray) -> float:
         """Standard deviation, SI, at a covariance (G, G) of the shared unknowns."""
-        return float(np.sqrt(max(self.form @ covariance @ self.form, 0.0)))
+        return float(np.sqrt(max(float(self.form @ covariance @ self.form), 0.0)))
 
 
 def parameters_table(fitted: FittedModel[Any]) -> pa.Table:
