@@ -69,7 +69,7 @@ def positioning_rows(table: pa.Table, columns: AxisColumns, settings: Campaign) 
         deviation = _arranged(readings[:, list(columns.encoders).index(encoder)], group, rows, len(target))
         own = np.isfinite(deviation).any(-1).all(-1)
         if own.sum() >= _FEWEST_TARGETS:
-            names = [f"{at:.9g} {columns.unit}" for at in shown[own]]
+            names = [f"{at:.7g} {columns.unit}" for at in shown[own]]  # commands are rounded in rad or m
             _add(result, encoder, names, deviation[own], unit, target[own] / si)
     return result
 

@@ -26,6 +26,7 @@ _SHIFTS, _TURNS = ("dx", "dy", "dz"), ("turn_x", "turn_y", "turn_z")
 _DETERMINED = 0.7
 # A component of a link's error that the parametrisation holds at zero, relative to the others.
 _HELD = 1e-6
+_LEAST = 1e-12  # m or rad: less is rounding of the modes
 
 
 @dataclass(frozen=True)
@@ -101,7 +102,7 @@ def _numbers(fitted: FittedModel[Any]) -> Iterator[_Number]:
     geometry[..., model.layout["shape"]] = model.known.end_twists(model.tree.size)
     for node, forms in zip(model.tree.nodes, geometry, strict=True):
         priors = np.linalg.norm(forms, axis=-1).reshape(2, -1)
-        free = (priors > _HELD * priors.max(1, initial=0.0, keepdims=True)).ravel()
+        free = (priors > np.maximum(_HELD * priors.max(1, initial=0.0, keepdims=True), _LEAST)).ravel()
         for c in np.flatnonzero(free):
             name, prior = (*_SHIFTS, *_TURNS)[c], float(priors.ravel()[c])
             yield _Number(node.joint, name, bool(c < TWIST // 2), forms[c], prior, not model.known.modes_known)

@@ -239,7 +239,9 @@ def _most_urgent_step(rows: list[AssessedCause], tables: Tables) -> list[Verdict
     steps = [step for step in next_steps(rows, tables) if step.need != Need.TESTABLE]
     if not steps:
         return []
-    return [("next", f"Next: {lower(steps[0].aim_text)}")]
+    # A known size is no open question: a reader is not sent to the bench for another digit of it.
+    lead = "Optional" if steps[0].need == Need.PRECISION else "Next"
+    return [("next", f"{lead}: {lower(steps[0].aim_text)}")]
 
 
 def certainty(row: AssessedCause) -> str:

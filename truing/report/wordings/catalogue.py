@@ -109,12 +109,12 @@ _AXIS = {
     "lost-motion": Wording(
         "lost motion",
         _lost_motion_clause,
-        "Approach the same commands from both sides, by movements longer than the lost motion. Read both encoders.",
+        "Approach each command from both sides, by movements of several lengths, all longer than the lost motion.",
     ),
     "periodic-error": Wording(
         "periodic error",
         _periodic,
-        "Move the axis in steps of a tenth of the period through two periods, and read every encoder.",
+        "Move the axis through at least two periods, in steps of at most a tenth of the period, and read every encoder.",
     ),
     "zero-shift": Wording("zero shift", _shift, _repeat_event_advice),
     "axis-growth": Wording(
