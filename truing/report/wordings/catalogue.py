@@ -114,7 +114,7 @@ _AXIS = {
     "periodic-error": Wording(
         "periodic error",
         _periodic,
-        "Move the axis through at least two periods, in steps of at most a tenth of the period, and read every encoder.",
+        "Move the axis through two periods or more, in steps of at most a tenth of one, and read every encoder.",
     ),
     "zero-shift": Wording("zero shift", _shift, _repeat_event_advice),
     "axis-growth": Wording(
