@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+import math
 import re
 from collections.abc import Iterator, Mapping, Sequence
 from typing import TYPE_CHECKING, Any
@@ -36,6 +37,20 @@ def gives_machine(guess: Guess, guesses: Sequence[Guess], *, is_described: bool)
     return table is not None and (guess is table or guess is _masses_of(table, guesses))
 
 
+def _in_frame_of_joint(row: Mapping[str, Any], mass: Mapping[str, Any]) -> dict[str, Any]:
+    """The mass of a link with its centre (mm) in the frame of the joint, as com_mm takes it; tables give it in the
+    frame of Denavit and Hartenberg, behind the constant part of the row."""
+    if not mass:
+        return {}
+    x, y, z = mass["com_mm"]
+    if row.get("convention") != "modified":
+        turn = math.radians(row["alpha_deg"])
+        x += row["a_mm"]
+        y, z = y * math.cos(turn) - z * math.sin(turn), y * math.sin(turn) + z * math.cos(turn)
+    z += row["d_mm"] if row.get("kind", "revolute") == "revolute" else 0.0
+    return {**mass, "com_mm": [round(length, 6) + 0.0 for length in (x, y, z)]}
+
+
 def _masses_of(table: Guess, guesses: Sequence[Guess]) -> Guess | None:
     """The only table of masses of as many links as a table of Denavit and Hartenberg has rows."""
     masses = [guess for guess in guesses if len(guess.machine.get("masses", ())) == len(table.machine["dh"])]
@@ -56,7 +71,7 @@ def rows_of_table(table: Guess, guesses: Sequence[Guess]) -> Iterator[tuple[str,
         yield f"joints = {json.dumps(joints, ensure_ascii=False)}", ""
     yield "dh = [", "one row per joint; the last link is tip"
     for row, mass in zip(rows, with_masses, strict=True):
-        yield f"  {_inline({**row, **mass})},", ""
+        yield f"  {_inline({**row, **_in_frame_of_joint(row, mass)})},", ""
     yield "]", ""
     payload = {} if masses is None else masses.machine.get("payload", {})
     yield from ((f"{key} = {as_toml(value)}", "") for key, value in payload.items())

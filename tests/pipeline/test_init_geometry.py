@@ -8,6 +8,7 @@ from typing import Any
 import numpy as np
 import openpyxl
 import pytest
+from scipy.spatial.transform import Rotation
 from typer.testing import CliRunner
 
 from tests.pipeline.test_init_exports import init, table
@@ -53,7 +54,10 @@ def test_a_german_workbook_gives_rows_of_a_chain_and_masses_of_its_links(tmp_pat
     told, document = init(tmp_path)
     assert dh(document) == ROWS
     found = document["mechanism"]
-    assert [(row["mass_kg"], row["com_mm"]) for row in found["dh"]] == MASSES
+    assert [row["mass_kg"] for row in found["dh"]] == [mass for mass, _ in MASSES]
+    for row, (a, alpha, d, _), (_, centre) in zip(found["dh"], ROWS, MASSES, strict=True):
+        behind = np.array([a, 0.0, d]) + Rotation.from_euler("x", alpha, degrees=True).apply(centre)
+        np.testing.assert_allclose(row["com_mm"], behind, atol=1e-5)
     assert (found["payload_kg"], found["payload_com_mm"]) == (12.4, [15.0, 0.0, 85.0])
     assert {row.get("convention", "standard") for row in found["dh"]} == {"standard"}
     assert "needed: a description" not in told

@@ -22,7 +22,8 @@ from truing.pipeline.command_line import app
 from truing.schemas.campaign import read_campaign
 from truing.schemas.faults import CampaignFaults
 from truing.schemas.settings_text import parsed_toml
-from truing.simulation.axis.rows import approaches
+from truing.simulation.axis.rows import AxisRows, approaches
+from truing.stages.common.approaches import _configurations
 from truing.stages.common.axis_columns import AxisColumns
 from truing.stages.predict import predict
 from truing.stages.quality.axis_checks import _repeated
@@ -293,6 +294,22 @@ def test_a_frozen_encoder_and_copied_rows_are_seen(tmp_path: Path) -> None:
     layout = _layout(command=np.concatenate([made.layout.command[:20], made.layout.command[:20]]))
     code, verdicts, _ = _verdicts(tmp_path / "b", AxisCampaign(layout, copied))
     assert verdicts["axis-repeated-rows", ""] == "warn"
+
+
+def test_approaches_without_times_are_no_recording_in_motion() -> None:
+    up = [
+        (40.0 * k, way, cycle)
+        for cycle in (1, 2)
+        for way, ks in (("forward", range(9)), ("backward", range(8, -1, -1)))
+        for k in ks
+    ]
+    target, way, cycle = zip(*up, strict=True)
+    positions = {"target_mm": target, "direction": way, "cycle": cycle, "position_mm": target}
+    table = _configurations(pa.table(positions | {"run": ["X"] * len(up), "row_order": list(range(1, len(up) + 1))}))
+    command = table.column("command_mm").to_numpy() / 1e3
+    rows = AxisRows.of(table.column("pose").to_pylist(), table.column("time_s").to_numpy(), command, 1e-9)
+    assert set(rows.direction[1::2][9:18]) == {-1.0}
+    assert not rows.rate.any()
 
 
 def test_a_coarse_resolution_repeats_rows_of_one_command_without_copies() -> None:

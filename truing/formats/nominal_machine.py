@@ -206,7 +206,9 @@ def _masses(cells: NamedCells) -> Guess | None:
     if len(others) == 1 and re.search(rf"\b({_TOOL})\b", cells.rows[others[0]][0], re.IGNORECASE):
         k = others[0]
         machine["payload"] = {"payload_kg": float(mass[k]), "payload_com_mm": centre[k].tolist()}
-    doubt = "centres of masses are assumed to be in the frame of each row of Denavit and Hartenberg"
+    doubt = (
+        "centres of masses are assumed in frames of Denavit and Hartenberg, and com_mm has them in those of the joints"
+    )
     return Guess({}, cells.names, None, (_OF_MASSES,), known=True, doubts=(doubt,), machine=machine)
 
 
