@@ -1,6 +1,6 @@
 """Gross errors of readings, as outliers from a smooth curve of load and time through every run of a channel.
 
-The curves include asymmetry, a bend, hysteresis and clearance of elastic sensors, so that outliers are no property of
+The curves include asymmetry, hysteresis and clearance of elastic sensors, so that outliers are no property of
 the sensor. A lasting jump is not a single gross error, and stays in.
 """
 
@@ -61,7 +61,7 @@ def run_curves(load: Array, time_s: Array, run: Index, reading: Array, sigma: Ar
 def curve_columns(load: Array, time_s: Array) -> Array:
     """Return the columns (N, P) of a run's curve, with as many kinds of terms as its readings (N,) allow.
 
-    In this order: zero; load F of each loaded axis; time; |F|, F^2 and F^3; sign F and hysteresis loop. (N, 0) if there
+    In this order: zero; load F of each loaded axis; time; |F| and F^3; sign F and hysteresis loop. (N, 0) if there
     are too few readings for zero and load.
     """
     moved = np.flatnonzero(np.ptp(load, axis=0) > 0.0)
@@ -71,7 +71,7 @@ def curve_columns(load: Array, time_s: Array) -> Array:
     kinds = [
         [np.ones((len(F), 1)), F],
         [(time_s - time_s[0])[:, None] / max(float(np.ptp(time_s)), 1e-9)],
-        [share, F**2, F**3],
+        [share, F**3],
         [np.sign(F), (way < 0) * share * (1.0 - share) * np.sign(F)],
     ]
     columns_kept: list[Array] = []

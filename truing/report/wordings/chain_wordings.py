@@ -36,7 +36,7 @@ def _of_joint(advice: str) -> Callable[[Claim], str]:
 
 def _offset(claim: Claim) -> str:
     others = claim.fact("alike")
-    owners = " or ".join([_whose(claim), *(others or ())])
+    owners = " or ".join([_whose(claim), *map(subject_words, others or ())])
     same = "; one motion belongs to either" if others else ""
     return f"the zero of {owners} is wrong{_signed(claim, 'offset')}{same}"
 
@@ -118,7 +118,7 @@ def _sag(claim: Claim) -> str:
 def _growth(claim: Claim) -> str:
     if not claim.subject:
         return with_sizes("all links grow with temperature", claim)
-    who = " or ".join([_whose(claim), *(claim.fact("alike") or ())])
+    who = " or ".join([_whose(claim), *map(subject_words, claim.fact("alike") or ())])
     return with_sizes(f"{who} grows with temperature{_which_length(claim)}", claim)
 
 
