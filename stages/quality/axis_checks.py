@@ -314,8 +314,8 @@ def _repeated(table: pa.Table, columns: AxisColumns, poses: NDArray[np.object_],
 
 
 def _equal_by_chance(command: Array, away: Array) -> float:
-    """Return how many pairs of rows of one command are expected to be equal by the encoders' resolution: a share of
-    those pairs that lie within some steps of it."""
+    """Return the expected number of pairs of rows of one command that the encoders' resolution makes equal: a share of
+    the pairs that lie within some steps of it."""
     steps = [np.diff(np.unique(reading)) for reading in away.T]
     if not all(step.size for step in steps):
         return 0.0

@@ -175,7 +175,7 @@ def _other_inputs(current: Round[CauseT], chosen: CauseCandidate[CauseT]) -> tup
 
 
 def _near(own: Named, candidates: Iterable[tuple[Named, float]]) -> tuple[tuple[Named, float], ...]:
-    """Return what candidates with log odds concern besides ``own``, where the odds against it are small, with these."""
+    """Return the subjects besides ``own`` of candidates with log odds, where these are small, with the odds."""
     logs: dict[Named, float] = {}
     for named, log in candidates:
         logs[named] = float(np.logaddexp(logs.get(named, -np.inf), log))

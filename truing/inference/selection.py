@@ -182,7 +182,7 @@ class CauseSelection(Generic[CauseT]):
         return _Accounted(searched, noise_dependences, scatters)
 
     def _left(self, found: _Accounted[CauseT]) -> _Left:
-        """Return what the final model of a search leaves."""
+        """Return the remainder that the final model of a search leaves."""
         final, fitter, settings = found.searched.final, self._search.fitter, self._search.settings
         noise = noise_level(final.fit.whitened, final.measured, fitter.declared)
         adequacy = adequacy_of(final, noise, np.random.default_rng([settings.seed, _ADEQUACY]), fitter.repeats)

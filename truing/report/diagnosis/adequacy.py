@@ -101,7 +101,7 @@ def _but_beyond(tables: Tables) -> str:
 
 
 def _noise_alone(rows: list[AssessedCause]) -> str:
-    """Return what gives the noise floor, with its verb: noise, or also the scatter that was found as a cause."""
+    """Return the source of the noise floor with its verb: noise, or also the scatter that was found as a cause."""
     scattered = any(row.raises_floor for row in accepted_of(rows))
     return "noise and the scatter found here give" if scattered else "noise alone gives"
 

@@ -141,7 +141,7 @@ def _arm_direction(axis: str, about: str) -> tuple[str, float]:
 
 
 def _lines_apart(axis: str, moment: ParameterSize) -> str:
-    """Return what a difference of moments means at the stand: the lines of action of both signs lie apart."""
+    """Return the lever arm at the stand that a difference of moments means: lines of action of both signs lie apart."""
     across, sign = _arm_direction(axis, moment.name.split("_")[1])
     if not across:
         return ""
