@@ -11,7 +11,7 @@ from collections import Counter
 from collections.abc import Iterator, Sequence
 from dataclasses import replace
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING
 
 from truing.formats.file_search import is_raw_file
 from truing.formats.guess import MappingKeys
@@ -28,9 +28,12 @@ from truing.pipeline.init_entries import (
     network_tables,
     photograph_entries,
     scanned_body,
+    shortened_entries,
 )
 from truing.pipeline.init_lists import with_numbered_poses, with_poses_in_order
-from truing.pipeline.init_names import with_bodies_of_targets, with_poses_of_names
+from truing.pipeline.init_loads import with_loads_once
+from truing.pipeline.init_machine import as_toml, gives_machine
+from truing.pipeline.init_names import with_bodies_of_survey, with_bodies_of_targets, with_poses_of_names
 from truing.pipeline.init_questions import Answers, Ask, names_a_body, parsed_answers
 from truing.pipeline.init_robot import (
     SUFFIX,
@@ -53,7 +56,6 @@ if TYPE_CHECKING:
     from truing.formats.guess import Guess
 
     _File = tuple["RawGroup", Guess]
-    _Entry = tuple["RawGroup", Guess, list[str]]
 
 _TEMPLATE = Path(__file__).with_name("campaign_template.toml")
 _LOADING_TABLES = {"interferometer", "displacement", "signals", "quadrature", "positioning", "published"}
@@ -74,6 +76,8 @@ _NO_DESCRIPTION = (
     "needed: a description of the robot, which relates joints to points: put its URDF into the folder and call "
     "truing init again, or complete [mechanism] with its table of Denavit and Hartenberg"
 )
+_NO_TABLE = "no table has columns of these names"
+_BY_HAND = "docs/own-files.md"
 _MOST_LINES = 32  # of entries in a starter file
 _OF_EACH_POSE = {"pose", "role", "time_s", "temperature_c"}
 _NOT_RAW = {".toml", ".md", ".html", ".pdf", ".yaml", ".yml", ".json"}
@@ -98,13 +102,14 @@ def init_campaign(
     )
     if os.path.lexists(target):
         raise CampaignFaults([_never_overwritten(target)])
+    guesses = with_loads_once(folder, guesses)
     all_answers = Answers(given) if ask is None else Answers(given, ask)
     guesses = with_numbered_poses(folder, with_lost_points(folder, _with_keys_of_names(guesses)), robot)
     guesses = with_poses_of_names(folder, with_poses_in_order(folder, guesses))
     guesses = with_survey(folder, guesses)
     guesses = [(group, one) for (group, _), one in zip(guesses, with_reflector(guesses, robot), strict=True)]
     guesses = [(group, one) for (group, _), one in zip(guesses, on_tip([g for _, g in guesses], robot), strict=True)]
-    guesses = with_bodies_of_targets(folder, guesses)
+    guesses = with_bodies_of_survey(folder, with_bodies_of_targets(folder, guesses))
     guesses = [(group, one) for (group, _), one in zip(guesses, with_tip(folder, guesses, robot), strict=True)]
     guesses = _settled(folder, guesses, all_answers, console)
     all_answers.raise_faults()
@@ -117,6 +122,8 @@ def init_campaign(
             taken = f"taken as {point['taken']}" if point["taken"] else "to be completed"
             where, key = _printable(str(point["path"])), point["key"]
             console.line(f"open: {where}, {point['question']}: {taken} (else: --answer {key}=...)")
+    if any(guess.table is None and not guess.known for _, guess in guesses):
+        console.line(f"files that are not recognised are read by entries written by hand: {_BY_HAND}")
     if needs_description(robot, [guess for _, guess in guesses]):
         console.sentence(_NO_DESCRIPTION)
     if all_answers.used:
@@ -242,6 +249,7 @@ def _files(folder: Path) -> Iterator[Path]:
 
 def _guess(group: RawGroup, robot: Robot | None) -> Guess:
     from truing.formats.guess import Guess
+    from truing.formats.nominal_machine import with_convention
     from truing.formats.sniff import sniff_file
 
     if not _is_text(group.glob):
@@ -249,6 +257,7 @@ def _guess(group: RawGroup, robot: Robot | None) -> Guess:
     if group.example.suffix.lower() == SUFFIX:
         return guess_of_description(group.example, robot)
     guess = named_as_joints(sniff_file(group.example, () if robot is None else robot.joints), robot)
+    guess = with_convention(guess, group.example.stem)
     if guess.table is None and group.glob in [f"{table}.csv" for table in OF_IMAGES]:
         return replace(guess, mapping={}, table=group.example.stem)
     # A survey is one file: many of them, told apart by a number, are poses.
@@ -321,7 +330,7 @@ def _summary(group: RawGroup, guess: Guess) -> str:
         return _printable(f"{many}{guess.notes[0]}")
     if guess.table is None and guess.notes and not guess.columns:
         return _printable(f"{many}not recognised: {guess.notes[0]}")
-    what = guess.table or "not recognised"
+    what = guess.table or f"not recognised: {_NO_TABLE}"
     return _printable(f"{many}{what}; columns {_listed(guess.columns, _LISTED)}")
 
 
@@ -364,10 +373,18 @@ def _starter(name: str, guesses: list[tuple[RawGroup, Guess]], robot: Robot | No
     from truing.pipeline.starter import starter_text
 
     tables = Counter(guess.table for _, guess in guesses)
-    read = [(group, guess) for group, guess in guesses if guess.table is not None]
-    remaining = [(group, guess) for group, guess in guesses if guess.table is None and group.example.suffix != SUFFIX]
-    entries = [(g, guess, list(_file_lines(g, guess, alone=tables[guess.table] == 1, most=0))) for g, guess in read]
-    kept, more = _shortened_entries(entries, _MOST_LINES)
+    every = [guess for _, guess in guesses]
+    is_used = [one.table is not None or gives_machine(one, every, is_described=robot is not None) for one in every]
+    read = [one for one, used in zip(guesses, is_used, strict=True) if used]
+    remaining = [
+        one for one, used in zip(guesses, is_used, strict=True) if not used and one[0].example.suffix != SUFFIX
+    ]
+    entries = [
+        (g, guess, list(_file_lines(g, guess, alone=tables[guess.table] == 1, most=0)))
+        for g, guess in read
+        if guess.table is not None
+    ]
+    kept, more = shortened_entries(entries, _MOST_LINES)
     files = [line for _, _, lines in kept for line in lines]
     counted = sum(guess.table == "poses" and "number_rows" in guess.mapping for _, guess, _ in kept)
     if counted > 1:
@@ -377,20 +394,10 @@ def _starter(name: str, guesses: list[tuple[RawGroup, Guess]], robot: Robot | No
             "the others.",
         ]
     files += _listing("Also found; truing init --all writes their entries:", [_found_words(*one[:2]) for one in more])
-    files += _listing("Not read:", [_left_words(group, guess) for group, guess in remaining])
+    files += _listing(
+        f"Not read (entries by hand: {_BY_HAND}):", [_left_words(group, guess) for group, guess in remaining]
+    )
     return starter_text(_name(name), _kind(tables), [guess for _, guess in read], files, robot)
-
-
-def _shortened_entries(entries: list[_Entry], most: int) -> tuple[list[_Entry], list[_Entry]]:
-    """First entry of each table, others while there is space, and the remaining ones."""
-    firsts = {entry[1].table: number for number, entry in reversed(list(enumerate(entries)))}
-    order = sorted(range(len(entries)), key=lambda number: (number not in firsts.values(), number))
-    kept: set[int] = set()
-    for number in order:
-        most -= len(entries[number][2])
-        if most >= 0 or number in firsts.values():
-            kept.add(number)
-    return [e for n, e in enumerate(entries) if n in kept], [e for n, e in enumerate(entries) if n not in kept]
 
 
 def _listing(head: str, words: list[str]) -> list[str]:
@@ -404,7 +411,7 @@ def _found_words(group: RawGroup, guess: Guess) -> str:
 
 
 def _left_words(group: RawGroup, guess: Guess) -> str:
-    why = f": {guess.notes[0]}" if guess.notes else f": not recognised; columns {_listed(guess.columns, _FEW)}"
+    why = f": {guess.notes[0]}" if guess.notes else f": {_NO_TABLE}; columns {_listed(guess.columns, _FEW)}"
     return f"{group.glob}{f', {group.count} files' if group.count > 1 else ''}{why}"[:240]
 
 
@@ -422,7 +429,7 @@ def _mapping_keys() -> Iterator[str]:
 
     for key, field in FileMapping.model_fields.items():
         default = field.get_default(call_default_factory=True)
-        shown = "" if field.is_required() or default in (None, (), {}) else f"; absent: {_toml(default)}"
+        shown = "" if field.is_required() or default in (None, (), {}) else f"; absent: {as_toml(default)}"
         yield f"#   {key:<12} {field.description or 'as it is written in the files'}{shown}"
 
 
@@ -450,11 +457,13 @@ def _file_lines(group: RawGroup, guess: Guess, *, alone: bool, most: int = _SHOW
         return
     if guess.table == "images" and not mapping:
         return  # at the standard place
+    if guess.known and not guess.table:
+        return  # no table
     mark = "" if guess.table else "# "
     heading = f"files.{guess.table or 'points'}"
     yield f"{mark}[{heading}]" if alone or not guess.table else f"{mark}[[{heading}]]"
     for key, value in {"path": group.path or group.glob, **mapping}.items():
-        yield f"{mark}{key} = {_printable(_toml(value)) if mark else _toml(value)}"
+        yield f"{mark}{key} = {_printable(as_toml(value)) if mark else as_toml(value)}"
     if guess.table in ("points", "targets") and not mark and not names_a_body(guess):
         yield '# constants = { body = "platform" }   # needed: the body that carries these targets'
 
@@ -463,7 +472,8 @@ def _with_names(group: RawGroup, mapping: MappingKeys, guess: Guess) -> MappingK
     """Keys for a group's files, with the pose or target in their names."""
     named = {*guess.columns, *mapping.get("columns", {}), *mapping.get("number_rows", {})}
     style = mapping.get("format")
-    if guess.table in _LOADING_TABLES and group.count > 1 and "run" in mapping.get("constants", {}):
+    has_runs_in_names = "run" in mapping.get("constants", {}) and "from_name" not in mapping
+    if guess.table in _LOADING_TABLES and group.count > 1 and has_runs_in_names:
         others = {key: value for key, value in mapping["constants"].items() if key != "run"}
         rest = {key: value for key, value in mapping.items() if key != "constants"}
         return {**rest, **({"constants": others} if others else {}), **distinguishing_pattern(group.names, "run")}
@@ -505,12 +515,3 @@ def _body_from_name(group: RawGroup, guess: Guess) -> MappingKeys:
     if guess.table not in ("scans", "surfaces"):
         return {}
     return {"constants": {"body": scanned_body(group.glob)}}
-
-
-def _toml(value: Any) -> str:
-    """A value of a mapping as TOML."""
-    if isinstance(value, dict):
-        return "{ " + ", ".join(f"{_toml(str(key))} = {_toml(inner)}" for key, inner in value.items()) + " }"
-    if isinstance(value, (list, tuple)):
-        return "[" + ", ".join(map(_toml, value)) + "]"
-    return json.dumps(value, ensure_ascii=False).replace("\x7f", "\\u007f")

@@ -44,9 +44,13 @@ _NEEDED = (
 )
 
 _Group = TypeVar("_Group")
+_FEWEST_POSES = 3  # of files that are poses
 
 _ADJUSTED = ("aicon", "colmap", "photomodeler")
 _INSTEAD = "not read, because the rays in the same folder give these points with their full covariance"
+
+
+Entry = tuple["RawGroup", "Guess", list[str]]  # files, their guess, and the lines of their entry
 
 
 @dataclass(frozen=True)
@@ -244,3 +248,33 @@ def _is_adjusted(group: Any, guess: Guess) -> bool:
     if guess.table not in ("points", "targets"):
         return False
     return guess.mapping.get("format") in _ADJUSTED or group.example.name.lower().startswith("points3d.bin")
+
+
+def shortened_entries(entries: list[Entry], most: int) -> tuple[list[Entry], list[Entry]]:
+    """Entry of each table with most files, others while there is space, and the remaining ones.
+
+    Beside a file for each pose, a single file of points that names no pose is none of theirs.
+    """
+    firsts = {
+        entry[1].table: number
+        for number, entry in sorted(enumerate(entries), key=lambda one: (one[1][0].count, -one[0]))
+    }
+    poses = {entry[1].table for entry in entries if entry[0].count >= _FEWEST_POSES and _names_poses(entry[1])}
+    order = sorted(range(len(entries)), key=lambda number: (number not in firsts.values(), number))
+    order = [
+        n for n in order if n in firsts.values() or entries[n][1].table not in poses or _names_poses(entries[n][1])
+    ]
+    kept: set[int] = set()
+    for number in order:
+        most -= len(entries[number][2])
+        if most >= 0 or number in firsts.values():
+            kept.add(number)
+    return [e for n, e in enumerate(entries) if n in kept], [e for n, e in enumerate(entries) if n not in kept]
+
+
+def _names_poses(guess: Guess) -> bool:
+    """True if names of files or columns give the poses of points."""
+    keys = guess.mapping
+    named = {*guess.columns, *keys.get("columns", {})}
+    patterns = (keys.get("from_name", ""), *keys.get("split", {}).values())
+    return guess.table == "points" and ("pose" in named or any("(?P<pose>" in pattern for pattern in patterns))

@@ -11,7 +11,7 @@ from typing import TYPE_CHECKING
 from truing.formats.guess import MappingKeys, OtherWay
 from truing.formats.presets import target_column
 from truing.pipeline.init_preview import first_rows
-from truing.pipeline.init_questions import PLACEHOLDER, is_body_open, without_placeholder
+from truing.pipeline.init_questions import NUMBER_OF_POSE, PLACEHOLDER, is_body_open, of_one_target
 from truing.pipeline.init_robot import last_link
 from truing.pipeline.init_survey import rows_of
 from truing.schemas.faults import CampaignFaults
@@ -21,7 +21,6 @@ if TYPE_CHECKING:
     from truing.pipeline.init_entries import RawGroup
     from truing.pipeline.init_robot import Robot
 
-TARGET = "reflector"
 _NUMBERED = re.compile(r"(?P<stem>.*?)[\s_.#-]*(?P<number>\d+)")
 _FEWEST, _MOST_ROWS = 5, 100_000
 _COVERED = 0.8  # share of the logged poses that have a place
@@ -100,7 +99,7 @@ def _read_as_poses(folder: Path, group: RawGroup, guess: Guess, log: _Log, body:
         return guess
     stem = rows.targets[0] if rows is not None else ""
     doubt = f"places such as {stem} are assumed to be one target on {body} in as many poses"
-    found = replace(guess, table="points", mapping={**_of_one_target(guess, body), **keys})
+    found = replace(guess, table="points", mapping={**of_one_target(guess, body), **keys})
     if body != PLACEHOLDER:  # the log has these poses, and moves this body
         return replace(found, doubts=(*guess.doubts, doubt), answered=guess.answered | {"body"})
     question = f"{stem}: its number is that of the pose, or part of the name of the target"
@@ -122,7 +121,7 @@ def _numbering(numbers: Sequence[int], log: _Log, raw: str | int, guess: Guess) 
     None if the log has other poses. A log whose rows are counted has no numbers of its own. A list from 0 on is
     shifted; one of the same length with other numbers is used in its order.
     """
-    by_name: MappingKeys = {"split": {**guess.mapping.get("split", {}), str(raw): r".*?(?P<pose>\d+)"}}
+    by_name: MappingKeys = {"split": {**guess.mapping.get("split", {}), str(raw): NUMBER_OF_POSE}}
     logged = {int(pose) for pose in log.poses if pose.isdecimal()}
     if not numbers or not logged:
         return None
@@ -136,14 +135,6 @@ def _numbering(numbers: Sequence[int], log: _Log, raw: str | int, guess: Guess) 
     return {"number_rows": {"pose": min(logged)}} if len(numbers) == len(logged) else None
 
 
-def _of_one_target(guess: Guess, body: str) -> MappingKeys:
-    """Keys of a file without names of targets, which are one target of a body."""
-    mapping = without_placeholder(guess.mapping)
-    columns = {key: name for key, name in mapping.get("columns", {}).items() if key != "target"}
-    constants = {**mapping.get("constants", {}), "body": body, "target": TARGET}
-    return {**mapping, "columns": columns, "constants": constants}
-
-
 def _single_target(folder: Path, group: RawGroup, guess: Guess, body: str) -> Guess:
     """The guess for files of one pose each, if they hold one place: it is on the body that the log moves."""
     rows = rows_of(folder, group, guess, {"body": PLACEHOLDER})
@@ -151,5 +142,5 @@ def _single_target(folder: Path, group: RawGroup, guess: Guess, body: str) -> Gu
         return guess
     doubt = f"the only place in each file is assumed to be one target on {body}"
     return replace(
-        guess, mapping=_of_one_target(guess, body), doubts=(*guess.doubts, doubt), answered=guess.answered | {"body"}
+        guess, mapping=of_one_target(guess, body), doubts=(*guess.doubts, doubt), answered=guess.answered | {"body"}
     )

@@ -188,6 +188,42 @@ def with_bodies_of_targets(folder: Path, files: Sequence[_File]) -> list[_File]:
     return [(group, _with_bodies(folder, group, guess)) for group, guess in files]
 
 
+def with_bodies_of_survey(folder: Path, files: Sequence[_File]) -> list[_File]:
+    """Take the words that are bodies in names of measured targets as bodies in a survey without bodies, too."""
+    ways = [way for _, guess in files if guess.table == "points" for way in guess.ways if way.key == "words"]
+    patterns = {
+        pattern
+        for _, guess in files
+        if guess.table == "points" and any(way.key == "words" for way in guess.ways)
+        for pattern in guess.mapping["split"].values()
+        if pattern in _OF_BODIES
+    }
+    if len(patterns) != 1:
+        return list(files)
+    (pattern,) = patterns
+    return [
+        (group, _surveyed_bodies(guess, pattern, ways[0]) if _are_named(folder, group, guess, pattern) else guess)
+        for group, guess in files
+    ]
+
+
+def _are_named(folder: Path, group: RawGroup, guess: Guess, pattern: str) -> bool:
+    """True if the names of all targets of a survey without bodies hold a body."""
+    if guess.table != "targets" or guess.known or not is_body_open(guess) or "format" in guess.mapping:
+        return False
+    rows = rows_of(folder, group, guess, {"body": "body"}, most=_MOST_ROWS)
+    return rows is not None and all(_bodies_by(pattern, rows.targets))
+
+
+def _surveyed_bodies(guess: Guess, pattern: str, way: OtherWay) -> Guess:
+    raw = guess.mapping.get("columns", {}).get("target", "target")
+    split = {**guess.mapping.get("split", {}), str(raw): pattern}
+    mapping = {**without_placeholder(guess.mapping), "split": split}
+    note = "bodies by the names of targets, as in the files of points"
+    ways = (*guess.ways, replace(way, guess=guess))
+    return replace(guess, mapping=mapping, notes=(*guess.notes, note), ways=ways)
+
+
 def _with_bodies(folder: Path, group: RawGroup, guess: Guess) -> Guess:
     if guess.table != "points" or guess.known or not is_body_open(guess):
         return guess

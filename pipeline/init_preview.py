@@ -83,12 +83,22 @@ def batches(
 def _rows_to_show(batch: TableBatch) -> list[int]:
     """First rows of a batch; the first of each body where there are several."""
     if "body" not in batch.columns:
-        return list(range(min(_ROWS, batch.rows)))
+        return _rows_with_numbers(batch)
     rows: dict[object, list[int]] = {}
     for row, body in enumerate(batch.columns["body"].to_pylist()):
         rows.setdefault(body, []).append(row)
     each = _ROWS if len(rows) == 1 else _ROWS_OF_BODY
     return [row for own in list(rows.values())[:_BODIES] for row in own[:each]]
+
+
+def _rows_with_numbers(batch: TableBatch) -> list[int]:
+    """First rows of a batch, and the first rows in which columns that are zero there have another number."""
+    rows = list(range(min(_ROWS, batch.rows)))
+    for name in list(batch.columns)[:_COLUMNS]:
+        values = batch.columns[name].to_pylist()
+        if all(values[row] in (0, 0.0, None) for row in rows):
+            rows += [next((row for row, value in enumerate(values) if value not in (0, 0.0, None)), 0)]
+    return sorted(set(rows))
 
 
 def _shown(batch: TableBatch, chosen: Sequence[int]) -> Preview:

@@ -11,8 +11,8 @@ from typing import TYPE_CHECKING, Any
 
 from truing.formats.guess import MappingKeys
 from truing.formats.shapes import COORDINATES
-from truing.formats.units import UnknownUnit, conversion
-from truing.pipeline.starter import assumed_unit, has_open_rotation
+from truing.formats.units import UnknownUnit, conversion, dimension
+from truing.pipeline.starter import assumed_unit, has_open_rotation, unread_units
 from truing.schemas.columns import find_column
 from truing.schemas.faults import CampaignFaults, Fault
 from truing.schemas.near_names import did_you_mean
@@ -22,6 +22,8 @@ if TYPE_CHECKING:
 
 OPTION = "--answer"
 PLACEHOLDER = "body"  # name of a body that no file names
+TARGET = "reflector"  # name of the only target of a body
+NUMBER_OF_POSE = r".*?(?P<pose>\d+)"  # in the name of a measured place
 _LOAD_AXES = ("fx", "fy", "fz", "mx", "my", "mz")
 _CONSTANTS = {
     "body": "Name of the rigid body that carries all these targets",
@@ -32,7 +34,16 @@ _CONSTANTS = {
     "pose": "Number of the pose that all rows belong to",
 }
 _EULER = {"rx_rad": "euler_a_deg", "ry_rad": "euler_b_deg", "rz_rad": "euler_c_deg"}
-_KEYS = ("decimal", "loads", "numbers", "words", "groups", "axis", "table", "unit", "rotation", "coverage", *_CONSTANTS)
+_UNIT_OF = "unit_of_"  # before the dimension of columns whose heads name an unknown unit
+_UNITS_OF = tuple(
+    f"{_UNIT_OF}{one}" for one in ("length", "angle", "force", "torque", "voltage", "time", "temperature")
+)
+_KEYS = (
+    *("decimal", "convention", "loads", "numbers", "words", "groups", "axis", "sign", "table", "unit", "rotation"),
+    "coverage",
+    *_CONSTANTS,
+    *_UNITS_OF,
+)
 
 
 @dataclass(frozen=True)
@@ -54,6 +65,8 @@ class Question:
             except UnknownUnit:
                 return "a unit of length, such as mm, m, um or in"
             return None
+        if self.key.startswith(_UNIT_OF):
+            return _fault_of_unit(answer, self.key.removeprefix(_UNIT_OF))
         if self.key in ("coverage", "load"):
             return None if _is_number(answer, positive=self.key == "coverage") else f"a number, such as {self.taken}"
         return None if answer.isprintable() and answer.strip() else "a name"
@@ -150,16 +163,20 @@ def parsed_answers(texts: Sequence[str]) -> dict[tuple[str, str], str]:
 def questions(guess: Guess, is_only_table: bool) -> Iterator[Question]:
     """Open points of a guess; ``is_only_table``: whether no other file holds points."""
     mapping = guess.mapping
+    if guess.machine:
+        yield from _of_ways(guess)
     if guess.table is None or guess.known:
         return
-    for way in guess.ways:
-        yield Question(way.key, way.text, way.taken, (way.taken, way.other))
+    yield from _of_ways(guess)
     if guess.table == "targets" and is_only_table and "leg" not in {*guess.columns, *mapping.get("columns", {})}:
-        yield Question(
-            "table", "A survey of the targets, or their points in one pose", "targets", ("targets", "points")
-        )
+        text = "A survey of the targets, or their points in one pose"
+        others: tuple[str, ...] = ("targets", "points")
+        if "target" in mapping.get("columns", {}):
+            text, others = f"{text}, or one target in as many poses, numbered by its names", (*others, "poses")
+        yield Question("table", text, "targets", others)
     if (unit := _open_unit(guess)) is not None:
         yield Question("unit", "Unit of the coordinates, which the file does not give; it scales all lengths", unit)
+    yield from _of_unread_units(mapping)
     if has_open_rotation(mapping):
         yield Question(
             "rotation", "Three angles in rad: a rotation vector, or Euler angles", "vector", ("vector", "euler")
@@ -174,6 +191,10 @@ def questions(guess: Guess, is_only_table: bool) -> Iterator[Question]:
         yield Question("body", _CONSTANTS["body"], "")
 
 
+def _of_ways(guess: Guess) -> Iterator[Question]:
+    return (Question(way.key, way.text, way.taken, (way.taken, way.other)) for way in guess.ways)
+
+
 def _values(key: str) -> tuple[str, ...]:
     column = find_column(key) if key == "channel" else None
     return column.choices if column is not None else _LOAD_AXES if key == "load_axis" else ()
@@ -183,6 +204,28 @@ def _open_unit(guess: Guess) -> str | None:
     """Assumed unit of coordinates without any; None if it is given."""
     taken = {assumed_unit(name, guess) for name in COORDINATES} - {None}
     return taken.pop() if len(taken) == 1 else None
+
+
+def _of_unread_units(mapping: Mapping[str, Any]) -> Iterator[Question]:
+    """Yield one question for each dimension of columns whose heads name a unit that is not known."""
+    columns: dict[str, list[str]] = {}
+    for column in unread_units(mapping):
+        columns.setdefault(_dimension(column), []).append(mapping["columns"][column])
+    for of, names in columns.items():
+        yield Question(f"{_UNIT_OF}{of}", f"Unit of {', '.join(names)}, whose heads name no known unit of {of}", "")
+
+
+def _dimension(column: str) -> str:
+    known = find_column(column)
+    return dimension(known.unit) if known is not None and known.unit else ""
+
+
+def _fault_of_unit(answer: str, of: str) -> str | None:
+    """What an answer for a unit of a dimension should be; None if it is one."""
+    try:
+        return None if dimension(answer) == of else f"a unit of {of}"
+    except UnknownUnit as error:
+        return f"a unit of {of}: {error}"
 
 
 def _answered(guess: Guess, key: str, answer: str) -> Guess:
@@ -195,7 +238,11 @@ def _answered(guess: Guess, key: str, answer: str) -> Guess:
     guess = replace(guess, answered=guess.answered | {key})
     constants = guess.mapping.get("constants", {})
     if key == "table":
-        return guess if answer == guess.table else _one_pose(guess)
+        return _one_target(guess) if answer == "poses" else guess if answer == guess.table else _one_pose(guess)
+    if key.startswith(_UNIT_OF):
+        own = [c for c in unread_units(guess.mapping) if _dimension(c) == key.removeprefix(_UNIT_OF)]
+        units = {**guess.mapping.get("units", {}), **dict.fromkeys(own, answer)}
+        return replace(guess, mapping={**guess.mapping, "units": units})
     if key == "rotation":
         return _with_angles(guess, {name: name for name in _EULER} if answer == "vector" else _EULER)
     if key in _CONSTANTS:
@@ -242,6 +289,21 @@ def _one_pose(guess: Guess) -> Guess:
     if "body" not in {*guess.columns, *guess.mapping.get("columns", {})}:
         constants.setdefault("body", "body")
     return replace(guess, table="points", mapping={**guess.mapping, "constants": constants})
+
+
+def _one_target(guess: Guess) -> Guess:
+    """A list of targets as one target in as many poses, whose numbers are those of the names."""
+    raw = str(guess.mapping["columns"]["target"])
+    numbered = {"split": {**guess.mapping.get("split", {}), raw: NUMBER_OF_POSE}}
+    return replace(guess, table="points", mapping={**of_one_target(guess, PLACEHOLDER), **numbered})
+
+
+def of_one_target(guess: Guess, body: str) -> MappingKeys:
+    """Keys of a file without names of targets, which are one target of a body."""
+    mapping = without_placeholder(guess.mapping)
+    columns = {key: name for key, name in mapping.get("columns", {}).items() if key != "target"}
+    constants = {**mapping.get("constants", {}), "body": body, "target": TARGET}
+    return {**mapping, "columns": columns, "constants": constants}
 
 
 def _typed(answer: str, like: object) -> Any:

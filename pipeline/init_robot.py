@@ -10,6 +10,8 @@ from itertools import islice
 from pathlib import Path
 from typing import TYPE_CHECKING
 
+from truing.pipeline.init_machine import OF_ANY_CHAIN, columns_of, of_table, rows_of_table
+
 if TYPE_CHECKING:
     from truing.formats.guess import Guess
     from truing.formats.urdf import Urdf
@@ -132,7 +134,10 @@ def _is_long(path: Path) -> bool:
 
 def mechanism_of(robot: Robot | None, guesses: Sequence[Guess]) -> Iterator[tuple[str, str]]:
     """Yield lines and remarks of [mechanism] for a chain whose joints a file gives; none for other campaigns."""
-    numbered = any("joint1_rad" in _columns(guess) or "joint1_deg" in _columns(guess) for guess in guesses)
+    numbered = any("joint1_rad" in columns_of(guess) or "joint1_deg" in columns_of(guess) for guess in guesses)
+    if robot is None and (table := of_table(guesses)) is not None:
+        yield from rows_of_table(table, guesses)
+        return
     if robot is None and not numbered:
         return
     mark = "" if robot is not None and has_joints(robot, guesses) else "# "
@@ -147,31 +152,23 @@ def mechanism_of(robot: Robot | None, guesses: Sequence[Guess]) -> Iterator[tupl
         yield f"{mark}urdf = {json.dumps(robot.file, ensure_ascii=False)}", ""
         yield f"{mark}tip = {json.dumps(robot.tip, ensure_ascii=False)}", ""
         yield f"{mark}joints = {json.dumps(list(robot.joints), ensure_ascii=False)}", ""
-    yield "# gravity = [0.0, 0.0, -1.0]", "in the base frame; absent: effects of weight are not tested"
-    yield "# [mechanism.tolerance]", "one standard deviation; absent: joint zeros exact, links free"
-    yield "# offset_deg = 0.05", ""
+    yield from OF_ANY_CHAIN
 
 
 def needs_description(robot: Robot | None, guesses: Sequence[Guess]) -> bool:
     """True if files give joint readings, but nothing describes the chain of these joints."""
-    return any(True for _ in mechanism_of(robot, guesses)) and (robot is None or not has_joints(robot, guesses))
+    is_described = of_table(guesses) is not None if robot is None else has_joints(robot, guesses)
+    return any(True for _ in mechanism_of(robot, guesses)) and not is_described
 
 
 def last_link(robot: Robot | None, guesses: Sequence[Guess]) -> str | None:
     """Name of the link that a log of joints moves; that of a table of Denavit and Hartenberg without a description."""
     if robot is not None:
         return robot.tip if has_joints(robot, guesses) else None
-    return TIP if any(_NUMBERED_JOINT.match(column) for guess in guesses for column in _columns(guess)) else None
+    return TIP if any(_NUMBERED_JOINT.match(column) for guess in guesses for column in columns_of(guess)) else None
 
 
 def has_joints(robot: Robot, guesses: Sequence[Guess]) -> bool:
     """True if a file gives readings of all joints."""
-    given = [column for guess in guesses if guess.table == "configurations" for column in _columns(guess)]
+    given = [column for guess in guesses if guess.table == "configurations" for column in columns_of(guess)]
     return all(any(column.startswith(f"{joint}_") for column in given) for joint in robot.joints)
-
-
-def _columns(guess: Guess) -> tuple[str, ...]:
-    groups = [
-        name for pattern in guess.mapping.get("split", {}).values() for name in re.findall(r"\(\?P<(\w+)>", pattern)
-    ]
-    return (*guess.columns, *guess.mapping.get("columns", {}), *groups)

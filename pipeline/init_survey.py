@@ -147,7 +147,21 @@ def with_tip(folder: Path, files: Sequence[tuple[RawGroup, Guess]], robot: Robot
     tip = last_link(robot, guesses)
     if tip is None:
         return guesses
-    return [_on_last_link(folder, group, guess, tip) for group, guess in files]
+    is_lone = sum(guess.table == "poses" for guess in guesses) == 1
+    return [
+        _with_lone_body(guess, tip) if is_lone and guess.table == "poses" else _on_last_link(folder, group, guess, tip)
+        for group, guess in files
+    ]
+
+
+def _with_lone_body(guess: Guess, tip: str) -> Guess:
+    """The guess of poses whose only body is taken to be fixed to the last link, whatever the instrument calls it."""
+    body = guess.mapping.get("constants", {}).get("body", tip)
+    if body == tip:
+        return guess
+    doubts = () if body == TOOL else (f"body {body} of the file is assumed to be fixed to link {tip}",)
+    constants = {**guess.mapping["constants"], "body": tip}
+    return replace(guess, mapping={**guess.mapping, "constants": constants}, doubts=(*guess.doubts, *doubts))
 
 
 def _on_last_link(folder: Path, group: RawGroup, guess: Guess, tip: str) -> Guess:

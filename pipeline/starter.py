@@ -7,6 +7,7 @@ from collections.abc import Collection, Iterator, Mapping, Sequence
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
+from truing.pipeline.init_machine import MARK, columns_of, legs_of_table
 from truing.pipeline.init_robot import mechanism_of
 from truing.schemas.columns import find_column
 
@@ -16,7 +17,6 @@ if TYPE_CHECKING:
 
 _AT = 33  # column of remarks
 _WITH_SIGMAS = ("vstars", "aicon", "colmap", "photomodeler")
-MARK = "# check:"
 _GUESSED = f"# A remark that begins with {MARK} marks a guess: delete the remark once the guess is right."
 _KINDS = {
     "photogrammetry": "points and poses of bodies; interferometer: motion of a platform under load",
@@ -49,6 +49,12 @@ _LEGS = (
 )
 
 _OF_JOINTS = ("joint_deg = 0.0005", "one standard deviation of a joint's reading; absent: exact")
+_OF_SLIDES = ("joint_mm = 0.001", "one standard deviation of the reading of a slide; absent: exact")
+_OF_CHAIN = (  # where no file is read that says how the chain was measured
+    ("point_mm = 0.005", f"{_NEEDED} a coordinate, where points are measured"),
+    ("displacement_mm = 0.01", f"{_NEEDED} a coordinate, where poses are measured"),
+    ("rotation_rad = 1e-5", f"{_NEEDED} a rotation about an axis, where poses are measured"),
+)
 _DEVIATIONS = ("deviation_deg", "deviation_mm")
 _WHOLE_UNITS = {"metashape": "m", "vstars": "mm", "aicon": "mm", "tracker": "mm"}  # formats that name no unit
 _SHOWN = 8
@@ -61,6 +67,10 @@ def starter_text(
     chain = list(mechanism_of(robot, guesses))
     tables = {guess.table for guess in guesses if guess.table}
     sections = list(_sections(guesses, tables, chain))
+    noise = [
+        *_noise(guesses, tables, kind),
+        *(_noise_of_chain(guesses, tables) if chain else []),
+    ]
     lines = [
         '# Settings of a measurement campaign. Complete the lines marked "needed", then run:  truing check .',
         "# A line after a # is inactive. Raw files are never changed. All keys, with explanations:  truing init --all",
@@ -72,8 +82,7 @@ def starter_text(
         f"name = {name}",
         _remark(f'kind = "{kind}"', _KINDS[kind]),
         *([] if chain else _drives(guesses, tables)),
-        *_with_head("[noise]", [_commented_line(line, remark) for line, remark in _noise(guesses, tables, kind)]),
-        *([_commented_line(*_OF_JOINTS)] if chain else []),
+        *_with_head("[noise]", [_commented_line(line, remark) for line, remark in noise]),
         *sections,
         *files,
     ]
@@ -162,12 +171,24 @@ def _noise(guesses: Sequence[Guess], tables: set[str], kind: str) -> Iterator[tu
             done.add(line)
 
 
+def _noise_of_chain(guesses: Sequence[Guess], tables: set[str]) -> Iterator[tuple[str, str]]:
+    """Keys of [noise] of a chain besides those of its measured points or poses."""
+    if not tables & {"points", "poses", "images", "image_points"}:
+        yield from _OF_CHAIN
+    yield _OF_JOINTS
+    columns = [column for guess in guesses if guess.table == "configurations" for column in columns_of(guess)]
+    if any(re.fullmatch(r"(?!rho)[a-z_]+\d*_mm", column) for column in columns):
+        yield _OF_SLIDES
+
+
 def _sections(guesses: Sequence[Guess], tables: set[str], chain: Sequence[tuple[str, str]]) -> Iterator[str]:
     """Sections other than [noise], each after an empty line; ``chain``: lines and remarks of its [mechanism]."""
     is_one_target = any("target" in guess.mapping.get("constants", {}) for guess in guesses)
-    if is_one_target or (chain and _are_in_the_same_rows(guesses)):
+    is_one_body = bool(chain) and "points" not in tables and [g.table for g in guesses].count("poses") == 1
+    if is_one_target or is_one_body or (chain and _are_in_the_same_rows(guesses)):
         yield from ("", "[measurement]")
-        why = "one target in each pose, so the" if is_one_target else "the"
+        why = f"one {'target' if is_one_target else 'body'} in each pose, so the"
+        why = why if is_one_target or is_one_body else "the"
         yield f"{MARK} {why} instrument is assumed not to have moved"
         yield 'frame = "campaign"'
     elif "poses" in tables or chain:
@@ -178,6 +199,8 @@ def _sections(guesses: Sequence[Guess], tables: set[str], chain: Sequence[tuple[
         yield _commented_line('euler = "XYZ"', "needed: the order; capitals for rotating axes, xyz for fixed axes")
     if chain:
         yield from ("", *(_remark(line, remark) for line, remark in chain))
+    elif legs := legs_of_table(guesses):
+        yield from ("", *(_remark(line, remark) for line, remark in legs))
     elif _any_file_has(guesses, "rho"):
         yield ""
         yield from (_commented_line(line, remark) for line, remark in _LEGS)
@@ -248,19 +271,37 @@ def _of_units(mapping: Mapping[str, Any], guess: Guess) -> Iterator[str]:
     from truing.formats.shapes import COORDINATE_SIGMAS, COORDINATES
 
     by_unit: dict[str, list[str]] = {}
+    unread = unread_units(mapping)
+    for words in dict.fromkeys(unread.values()):
+        own = [column for column, named in unread.items() if named == words]
+        names = _span([mapping["columns"][column] for column in own])
+        yield f"{words} of {names} is not known as a unit of this quantity (needed: units = {{ {own[0]} = ... }})"
     for column, raw in mapping.get("columns", {}).items():
-        if unit := _taken_unit(column, raw, mapping):
+        if column not in unread and (unit := _taken_unit(column, raw, mapping)):
             by_unit.setdefault(unit, []).append(f"column {raw}" if isinstance(raw, int) else raw)
     whole = _common_unit(mapping, guess)
     if whole and "unit" not in guess.answered:
         yield f'no unit is given; coordinates are assumed to be in {whole} (else: unit = "in")'
     elif by_unit:
         words = ", ".join(f"{unit} for {_span(names)}" for unit, names in by_unit.items())
-        assumed = [column for column, raw in mapping.get("columns", {}).items() if _taken_unit(column, raw, mapping)]
+        given = mapping.get("columns", {}).items()
+        assumed = [column for column, raw in given if column not in unread and _taken_unit(column, raw, mapping)]
         cure = (
             'unit = "in"' if set(assumed) <= {*COORDINATES, *COORDINATE_SIGMAS} else f"units = {{ {assumed[0]} = ... }}"
         )
         yield f"no unit is given; assumed are {words} (else: {cure})"
+
+
+def unread_units(mapping: Mapping[str, Any]) -> dict[str, str]:
+    """Words in brackets after raw names, by columns whose unit they seem to be but cannot be."""
+    from truing.formats.units import unread_unit
+
+    found = {}
+    for column, raw in mapping.get("columns", {}).items():
+        known = find_column(column)
+        if known is not None and isinstance(raw, str) and _taken_unit(column, raw, mapping, is_unread=True):
+            found[column] = unread_unit(raw, known)
+    return {column: words for column, words in found.items() if words is not None}
 
 
 def assumed_unit(column: str, guess: Guess) -> str | None:
@@ -270,17 +311,17 @@ def assumed_unit(column: str, guess: Guess) -> str | None:
     return whole or (_taken_unit(column, columns[column], guess.mapping) if column in columns else None)
 
 
-def _taken_unit(column: str, raw: Any, mapping: Mapping[str, Any]) -> str | None:
-    """Assumed unit of a raw column without a unit; None if it is known."""
+def _taken_unit(column: str, raw: Any, mapping: Mapping[str, Any], *, is_unread: bool = False) -> str | None:
+    """Assumed unit of a raw column without a unit, or (``is_unread``) with any words as unit; None if it is known."""
     from truing.formats.units import bare_and_unit
 
     known = find_column(column)
     is_declared = column == raw or column in mapping.get("units", {}) or (column.endswith("_mm") and "unit" in mapping)
-    if known is None or not known.unit or known.unit == "1" or is_declared:
+    if known is None or not known.unit or known.unit == "1" or is_declared or isinstance(raw, dict):
         return None
     if column == "time_s" and "time_format" in mapping:
         return None
-    return known.unit if isinstance(raw, int) or bare_and_unit(raw)[1] is None else None
+    return known.unit if is_unread or isinstance(raw, int) or bare_and_unit(raw)[1] is None else None
 
 
 def _common_unit(mapping: Mapping[str, Any], guess: Guess) -> str | None:

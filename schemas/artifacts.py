@@ -405,7 +405,7 @@ _CALIBRATION = (
     ),
     parquet(
         "requirements",
-        "required and achieved accuracy",
+        "required and achieved accuracy; model uncorrected: of an axis as it is",
         "model* deformation* component* requirement error lower upper unit verdict message",
         optional="poses_judged p_value measurements lower_expected upper_expected",
     ),
@@ -474,14 +474,18 @@ _DIAGNOSIS = (
     ),
     parquet(
         "prediction",
-        "measured minus predicted at every pose, without and with the causes that were found",
+        "measured minus predicted at every pose, without and with the causes that were found; rms_nominal: of a chain "
+        "as its description has it, base and tool fitted",
         "pose* role rms_before rms_after largest_before largest_after unit",
+        optional="rms_nominal",
     ),
     parquet(
         "component_errors",
         "measured minus predicted by the extended model, by component of [requirement]: the tip of an open chain in "
-        "base axes, or an axis by its outside instrument (else its outer encoder)",
+        "base axes, or an axis by its outside instrument (else its outer encoder); missed_before: without correction, "
+        "minus a constant",
         "pose* role component* missed sigma unit",
+        optional="missed_before",
     ),
     parquet(
         "reading_errors",
@@ -520,6 +524,11 @@ _DIAGNOSIS = (
         "pose body parent quantity unit estimate input_source evaluation contribution degrees_of_freedom",
     ),
     parquet(
+        "chain_uncertainty",
+        "contribution of each source to the uncertainty of the identified numbers of a chain",
+        "joint parameter unit input_source evaluation contribution degrees_of_freedom",
+    ),
+    parquet(
         "cause_uncertainty",
         "contribution of each source to the uncertainty of every parameter of the causes that were found",
         "cause subject parameter input_source evaluation contribution degrees_of_freedom unit",
@@ -533,8 +542,10 @@ _DIAGNOSIS = (
     ),
     parquet(
         "calibration_left_out",
-        "poses, and single legs of poses, that the calibration rejected because they disagree with all others",
-        "pose* subject* reason value limit unit",
+        "poses, single legs of poses, and signals at load steps, that the calibration rejected because they disagree "
+        "with all others",
+        "subject* reason value limit unit",
+        optional="pose* run* step*",
     ),
     Artifact("start", "start.toml", "model of an earlier campaign, used as the start of this one"),
     parquet(

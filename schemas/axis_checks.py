@@ -48,8 +48,13 @@ OF_AXES: Checks = {
     "axis-encoders": QualityCheck(
         "Does the outside instrument agree with the load encoder, and the encoder of the loop with the command?",
         "Exchanged columns of motor and load, or a wrong loop, would appear as errors of the instrument.",
-        VerdictRule("the instrument agrees with the motor, and the other encoder follows the command, significantly"),
-        "Exchange the columns in [mechanism], or correct loop.",
+        VerdictRule(
+            "the instrument agrees with the motor, and the other encoder follows the command, significantly; without "
+            "an instrument: the other encoder follows the command better, significantly",
+            "without an instrument: the encoder of the loop departs from the command three times as far as the other",
+        ),
+        "Correct loop in [mechanism], or exchange the columns.",
+        withholds="models",
     ),
     "axis-approach": QualityCheck(
         "Were rows approached from both sides?",

@@ -7,7 +7,19 @@ from truing.schemas.column import flag, integer, real, share, size, text
 _FITTED = ("errors-in-variables", "implicit", "nominal", "points")
 _DEFORMING = ("none", "linear", "nonlinear", "matrix", "in-plane")
 _LOAD_NAMES = ("fx", "fy", "fz", "mx", "my", "mz")
-RESULTS = ("pose", "calibration", "accuracy", "cause", "compliance", "G_B", "G_B'", "load", "positioning", "tip")
+RESULTS = (
+    "pose",
+    "calibration",
+    "accuracy",
+    "cause",
+    "compliance",
+    "G_B",
+    "G_B'",
+    "load",
+    "positioning",
+    "chain",
+    "tip",
+)
 
 CALIBRATION_COLUMNS = (
     text("deformation", "deformation model of the platform", choices=_DEFORMING),

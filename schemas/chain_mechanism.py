@@ -26,7 +26,9 @@ class HartenbergRow(Section):
     )
     mass_kg: NotNegative = Field(0.0, description="mass of the link that the joint moves; 0: unknown")
     com_mm: Vector | None = Field(
-        None, description="its centre of mass, in the frame of the joint; absent: unknown, and fitted"
+        None,
+        description="its centre of mass, in the frame of the joint: on its axis, before d, a and alpha of a standard "
+        "row (before d of a modified one); absent: unknown, and fitted",
     )
 
 

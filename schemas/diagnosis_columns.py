@@ -68,6 +68,7 @@ DIAGNOSIS_COLUMNS = (
         nullable=True,
     ),
     size("heldout_rms_without_any", "unit", "the same on data that the fit did not use", nullable=True),
+    size("rms_nominal", "unit", "rms of measured minus predicted by the nominal geometry of a chain", nullable=True),
     text("determined", "linear combination of the parameters of a cause, with its largest coefficients"),
     text("coefficients", "JSON: coefficient of each parameter in a combination; their squares sum to 1"),
     real("combined_value", "unit", "value of the combination, in the unit of the parameters"),

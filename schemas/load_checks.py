@@ -167,6 +167,12 @@ _OF_SIGNALS: Checks = {
         VerdictRule(fails="any"),
         "Lower the amplifier's gain or the load and repeat the named steps, or exclude them.",
     ),
+    "steps-without-signals": QualityCheck(
+        "Do load steps carry neither a signal nor a reading?",
+        "Nothing was measured there: a load plan beside the same loads with signals counts every step twice.",
+        VerdictRule("any"),
+        "Take one of two files with the same loads out of campaign.toml, or put the signals beside their loads.",
+    ),
     "loads-span": QualityCheck(
         "Do the loads separate all components of the wrench?",
         "A component that is never loaded, or only together with another, cannot be calibrated.",

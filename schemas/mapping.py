@@ -123,10 +123,14 @@ RawColumn = Annotated[str | int, BeforeValidator(_is_raw_column)]
 
 
 class RawValue(Section):
-    """One raw column and the meaning of its numbers: ``value = raw * scale + offset``, wrapped and divided by
-    ``coverage``, in ``unit``. The value is then converted to the unit of the table's column."""
+    """One raw column and the meaning of its numbers: ``value = (raw + plus - minus) * scale + offset``, wrapped and
+    divided by ``coverage``, in ``unit``. The value is then converted to the unit of the table's column."""
 
     name: RawColumn | None = Field(None, description="raw name, or position from 1; absent: the column's own name")
+    plus: RawColumn | None = Field(
+        None, description="raw column whose number is added, as for a joint that counts from a fixed direction"
+    )
+    minus: RawColumn | None = Field(None, description="raw column whose number is subtracted")
     unit: RawText | None = Field(None, description="unit of the value")
     scale: Finite = Field(1.0, description="factor of the raw number; -1 inverts the direction")
     offset: Finite = Field(0.0, description="added to the scaled number, in `unit`")
@@ -147,7 +151,13 @@ class RawValue(Section):
     @property
     def is_plain(self) -> bool:
         """True if numbers are used unchanged except for their unit."""
-        return (self.scale, self.offset, self.modulo, self.coverage) == (1.0, 0.0, None, None)
+        return (self.scale, self.offset, self.modulo, self.coverage, self.others) == (1.0, 0.0, None, None, ())
+
+    @property
+    def others(self) -> tuple[tuple[RawColumn, float], ...]:
+        """Raw columns whose numbers are added, with their signs."""
+        signed = ((self.plus, 1.0), (self.minus, -1.0))
+        return tuple((column, sign) for column, sign in signed if column is not None)
 
 
 def _is_encoding(name: str) -> str:

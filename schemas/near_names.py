@@ -42,14 +42,17 @@ def did_you_mean(name: str, known: Iterable[str]) -> str:
     return "" if near is None else f"; did you mean {near}?"
 
 
+_SHORTEST = 4  # letters of a name in which one wrong letter is no other word
 _MISTYPED = 0.9  # similarity of a name with a letter too many, too few or exchanged
 
 
 def mistyped_name(name: str, known: Iterable[str]) -> str | None:
     """Return the known name that differs from a name in its spelling or a letter or two, with the same numbers."""
     alike = [other for other in known if _numbers(other) == _numbers(name)]
-    same = _same_spelling(name, alike)
-    return same or next(iter(difflib.get_close_matches(name, alike, n=1, cutoff=_MISTYPED)), None)
+    if (same := _same_spelling(name, alike)) is not None:
+        return same
+    slipped = (other for other in alike if len(other) >= _SHORTEST and is_one_slip_apart(name, other))
+    return next(slipped, None) or next(iter(difflib.get_close_matches(name, alike, n=1, cutoff=_MISTYPED)), None)
 
 
 def meant_by(names: Iterable[str], known: Iterable[str]) -> str:

@@ -23,6 +23,7 @@ _KEYS_OF_READINGS = {"d": "linear_um", "r": "angular_arcsec"}
 _KEYS_OF_MOTION = {"d": "displacement_mm", "r": "rotation_rad"}
 _COSTS = "their measured scatter is used instead and is not tested"
 _JOINT = re.compile(r"(?:joint\d+|\w+_joint)_(?:rad|deg|mm)")
+_SIGNAL = re.compile(r"v\d+_mv")
 _READING = re.compile(r"rho\d+_mm")
 
 
@@ -38,8 +39,22 @@ def attention(settings: Campaign, contents: CampaignContents) -> Iterator[str]:
         yield from _remarks_on_decisions(settings, contents)
     else:
         yield from _remarks_on_noise(settings, contents)
+        yield from _remarks_on_signals(contents)
     yield from _remarks_on_names(contents)
     yield from _remarks_on_columns(contents)
+
+
+def _remarks_on_signals(contents: CampaignContents) -> Iterator[str]:
+    table = contents.tables.get("signals")
+    if table is None or not table.num_rows:
+        return
+    columns = [table.column(name).to_pylist() for name in table.column_names if _SIGNAL.fullmatch(name)]
+    count = sum(all(value is None or value != value for value in row) for row in zip(*columns, strict=True))
+    if count:
+        yield (
+            f"{count} of {table.num_rows} load steps have no signal; does a file without signals hold the same loads "
+            "as another one?"
+        )
 
 
 def _remarks_on_frame(settings: Campaign) -> Iterator[str]:

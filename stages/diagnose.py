@@ -36,7 +36,7 @@ DECLARATION = Stage(
     leaves=(
         *("diagnosis", "adequacy?", "model?", "detectable?", "pulls?", "pull_sums?"),
         *("prediction?", "reading_errors?", "axis_errors?", "chain_parameters?", "series_errors?", "arm_accuracy?"),
-        *("component_errors?", "tip_uncertainty?"),
+        *("component_errors?", "tip_uncertainty?", "chain_uncertainty?"),
         "motor_encoders?",
         "joint_curves?",
         *("next_poses?", "next_loads?", "changes?", "cause_uncertainty?", "determined_combinations?"),

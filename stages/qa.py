@@ -43,6 +43,7 @@ DECLARATION = Stage(
             *NOISE_OF_ENCODERS,
         ),
         *("loading", "interferometer", "signals.range_mv", "signals.zero_mv", "signals.sensitivity_mv_per_n"),
+        "signals.average_samples",
         *("bodies", "noise.actuator_mm", "noise.signal_mv", "noise.load_n", "noise.load_nm", "qa", "accept"),
         *("exclude", "keep", "mechanism.reference_temperature_c", "mechanism.payload_kg"),
         "poses.euler",

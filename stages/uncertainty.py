@@ -20,6 +20,7 @@ DECLARATION = Stage(
         *("poses?", "residuals?", "displacement?", "reading_residuals?", "run_terms?"),
         *("deformation?", "deformation_models?", "compliance?", "positioning?"),
         *("diagnosis?", "cause_uncertainty?", "tip_uncertainty?", "model?", "applied_model?", "diagnosis_choices?"),
+        *("chain_parameters?", "chain_uncertainty?"),
         *("calibration?", "accuracy?", "model_choice?", "sensor_matrix?"),
         *("pose_sensitivities?", "camera_correlations?", "scale_bar_lengths?"),
         *("pose_covariances?", "shift_covariances?", "shift_sensitivities?", "survey_covariances?"),
@@ -47,14 +48,18 @@ def run(tables: Mapping[str, pa.Table], settings: Campaign, progress: Progress) 
     from truing.report.numbers import count
     from truing.stages.uncertainty_statement.bench import state_compliance, state_sensor
     from truing.stages.uncertainty_statement.causes import state_causes
+    from truing.stages.uncertainty_statement.chain import state_chain, state_tip
     from truing.stages.uncertainty_statement.machine import state_accuracy, state_calibration, state_positioning
     from truing.stages.uncertainty_statement.poses import state_poses
     from truing.stages.uncertainty_statement.statement import Statement
-    from truing.stages.uncertainty_statement.tip import state_tip
 
     made = Statement()
     of_bench = (state_compliance, state_sensor, state_positioning)
-    parts = of_bench if settings.campaign.kind == "interferometer" else (state_poses, state_calibration, state_tip)
+    parts = (
+        of_bench
+        if settings.campaign.kind == "interferometer"
+        else (state_poses, state_calibration, state_chain, state_tip)
+    )
     for done, part in enumerate((*parts, state_causes, state_accuracy)):
         progress(done, len(parts) + 2, part.__name__.replace("_", " "))
         part(made, tables, settings)

@@ -12,8 +12,9 @@ import pyarrow as pa
 from truing.arrays import Array, Index
 from truing.estimation.interferometry.iso230 import positioning, positioning_uncertainty
 from truing.report.numbers import count
-from truing.simulation.axis.rows import ENCODERS
+from truing.simulation.axis.rows import ENCODERS, AxisRows
 from truing.stages.common.axis_columns import SI, AxisColumns, columns_of, command_sigma, excluded_rows, targets_of
+from truing.stages.common.axis_prospects import FEW_TARGETS, why_no_positioning
 from truing.stages.common.positioning import SEED
 from truing.stages.common.rows import Rows
 from truing.stages.declaration import Outcome
@@ -36,14 +37,17 @@ _BOTH = {
 
 def with_axis_positioning(outcome: Outcome, tables: Mapping[str, pa.Table], settings: Campaign, why: str) -> Outcome:
     """Return the outcome with the positioning of an axis; without rows where no command was repeated from both
-    sides, or where ``why`` gives a reason to withhold it."""
+    sides at rest, or where ``why`` gives a reason to withhold it."""
     table = tables.get("configurations")
     rows = Rows("positioning")
     if table is not None and table.num_rows and not why:
-        rows = positioning_rows(table, columns_of(settings, table), settings)
+        columns = columns_of(settings, table)
+        why = why_no_positioning(columns.rows(table, command_sigma(settings)))
+        rows = rows if why else positioning_rows(table, columns, settings)
     left = {**outcome.artifacts, "positioning": rows.table("string")}
     if not rows.count:
-        return replace(outcome, artifacts=left)
+        why = why or FEW_TARGETS
+        return replace(outcome, artifacts=left, figure=f"not evaluated: {why}", why_not=why)
     runs = dict.fromkeys(rows.columns["run"])
     words = f"positioning by ISO 230-2 of {count(len(runs), 'reading')} of the axis: {', '.join(runs)}"
     return replace(outcome, artifacts=left, read=count(table.num_rows if table else 0, "row"), figure=words, why_not="")
@@ -62,20 +66,28 @@ def positioning_rows(table: pa.Table, columns: AxisColumns, settings: Campaign) 
     result, (target, group) = Rows("positioning"), targets_of(rows.command)
     shown = target / SI[columns.unit]
     for encoder in (name for name in reversed(ENCODERS) if name in columns.encoders and name != columns.loop):
-        deviation = _arranged(readings[:, list(columns.encoders).index(encoder)], group, rows.direction, len(target))
+        deviation = _arranged(readings[:, list(columns.encoders).index(encoder)], group, rows, len(target))
         own = np.isfinite(deviation).any(-1).all(-1)
         if own.sum() >= _FEWEST_TARGETS:
-            names = [f"{at:.9g} {columns.unit}" for at in shown[own]]
+            names = [f"{at:.7g} {columns.unit}" for at in shown[own]]  # commands are rounded in rad or m
             _add(result, encoder, names, deviation[own], unit, target[own] / si)
     return result
 
 
-def _arranged(readings: Array, group: Index, direction: Array, targets: int) -> Array:
-    """Return readings (P, 2, C) by target, direction and repeat, NaN where there are fewer repeats."""
-    cells = {
-        (k, w): readings[(group == k) & (direction == sign)] for k in range(targets) for w, sign in enumerate(_WAYS)
-    }
-    cells = {place: own[np.isfinite(own)] for place, own in cells.items()}
+def _arranged(readings: Array, group: Index, rows: AxisRows, targets: int) -> Array:
+    """Return readings (P, 2, C) by target, direction and approach, NaN where there are fewer approaches.
+
+    Readings that follow each other at one target are one approach, with their mean: without a movement in between they
+    show no repeatability.
+    """
+    in_time = np.argsort(rows.order, kind="stable")
+    approach = np.empty(len(group), int)
+    approach[in_time] = np.cumsum(np.diff(group[in_time], prepend=-1) != 0)
+    cells = {}
+    for place in np.ndindex(targets, 2):
+        own = (group == place[0]) & (rows.direction == tuple(_WAYS)[place[1]]) & np.isfinite(readings)
+        _, number, count_of = np.unique(approach[own], return_inverse=True, return_counts=True)
+        cells[place] = np.bincount(number, readings[own]) / count_of
     result = np.full((targets, 2, max(2, *(len(own) for own in cells.values()))), np.nan)
     for place, cell in cells.items():
         result[place][: len(cell)] = cell

@@ -56,6 +56,7 @@ Name = tuple[str, str]  # a matrix and its model
 NOMINAL, SYNTHETIC, WITH_JOINTS = "nominal", "synthetic error", "elastic joints"
 _PER_MV = ("N/mV", "N m/mV")
 _UNITS = {"f": "N", "m": "N m"}
+_GROSS = "it deviates from a smooth curve of load and time through its run"
 _LEGS = tuple(f"leg{number + 1}" for number in range(6))
 LEAVES = ("sensor_matrix", "sensor_merit", "sensor_choice", "error_classes")
 CLASSES = ("nonlinearity", "interpolation", "hysteresis", "repeatability", "zero return", "crosstalk", "creep")
@@ -288,6 +289,8 @@ def calibrate_sensor(tables: Mapping[str, pa.Table], settings: Campaign, progres
     artifacts["sensor_choice"] = choice_rows(recorded_loads, fitted).table()
     artifacts["error_classes"] = error_class_rows(recorded_loads, fitted, ranges).table()
     about = {"calibration": fitted.chosen.model.name, "data": WITH_FINDINGS if recorded_loads.causes else AS_RECORDED}
+    if recorded_loads.left_out:
+        artifacts["calibration_left_out"] = left_out_rows(recorded_loads).table(_runs_type(recorded_loads))
     requirements = requirement_rows_of_loads(settings, recorded_loads, fitted, other_calibrations)
     if requirements.count:
         artifacts["requirements"] = requirements.table()
@@ -296,7 +299,7 @@ def calibrate_sensor(tables: Mapping[str, pa.Table], settings: Campaign, progres
     )
     text = {"sensor": sensor_text(sensor, about)}
     words = (
-        [f"{counted(recorded_loads.left_out, 'load step')} with a gross error in a signal"]
+        [f"{counted(recorded_loads.steps_left_out, 'load step')} with a gross error in a signal"]
         if recorded_loads.left_out
         else []
     )
@@ -307,6 +310,20 @@ def calibrate_sensor(tables: Mapping[str, pa.Table], settings: Campaign, progres
     return Outcome(
         artifacts | text, read=read, left_out=left_out, figure=_figure_of_sensor(recorded_loads, fitted, ranges)
     )
+
+
+def left_out_rows(recorded_loads: RecordedLoads) -> Rows:
+    """One row per signal with a gross error, whose load step the calibration left out."""
+    rows = Rows("calibration_left_out")
+    for one in recorded_loads.left_out:
+        where = {"run": one.run, "step": one.step}
+        rows.add(**where, subject=f"signal {one.signal}", reason=_GROSS, value=abs(one.deviation), unit="sigma")
+    return rows
+
+
+def _runs_type(recorded_loads: RecordedLoads) -> str:
+    """Type of the labels of runs in tables."""
+    return "int64" if all(isinstance(one.run, int) for one in recorded_loads.left_out) else "string"
 
 
 def requirement_rows_of_loads(

@@ -124,7 +124,7 @@ def _configurations(positions: pa.Table) -> pa.Table:
     columns = {
         "pose": doubled(-pose, pose).astype(np.int64),
         "role": ["calibration"] * (2 * count),
-        "time_s": 0.5 * np.arange(2.0 * count),
+        "time_s": np.arange(2.0 * count),  # counted: whole seconds are no motion between targets
         "run": [f"cycle {cycle}" for cycle in taken.column("cycle").to_pylist() for _ in range(2)],
         COMMAND: doubled(before, target),
         MEASURED: doubled(np.full(count, np.nan), measured),

@@ -9,21 +9,28 @@ import numpy as np
 import pyarrow as pa
 
 from truing.arrays import Mask
+from truing.estimation.interferometry.iso230 import is_in_motion
+from truing.simulation.axis.rows import AxisRows
 from truing.stages.common.axis_columns import columns_of, command_sigma, targets_of
 from truing.stages.common.missing_data import HELD_OUT, NO_BODIES, NO_CALIBRATION
 
 if TYPE_CHECKING:
     from truing.schemas.campaign import Campaign
 
-_FEWEST_ROWS = 6
+_FEWEST_ROWS, _FEWEST_TARGETS = 6, 2
+FEW_TARGETS = "fewer than two commands were approached from both sides"
+IN_MOTION = "recorded in motion, and the standard asks for an axis at rest at each target"
 
 
 def prospects(settings: Campaign, tables: Mapping[str, pa.Table]) -> Iterator[tuple[str, str, str]]:
     """Yield for each stage its name, the reason why it evaluates nothing (else empty), and its result."""
     kind = settings.mechanism.type
     yield "pose", NO_BODIES[kind], ""
-    repeated = "configurations" in tables and _targets_from_both_sides(tables["configurations"], settings) > 1
-    yield "deformation", "" if repeated else NO_BODIES[kind], "positioning by ISO 230-2"
+    why = NO_BODIES[kind]
+    if "configurations" in tables:
+        table = tables["configurations"]
+        why = why_no_positioning(columns_of(settings, table).rows(table, command_sigma(settings)))
+    yield "deformation", why, "positioning by ISO 230-2"
     why = why_no_diagnosis(tables, settings)
     without = "" if why else "; ".join(undetectable_causes(tables, settings))
     yield "diagnose", why, f"cannot show {without}" if without else ""
@@ -46,11 +53,14 @@ def why_no_diagnosis(tables: Mapping[str, pa.Table], settings: Campaign) -> str:
     return ""
 
 
-def _targets_from_both_sides(table: pa.Table, settings: Campaign) -> int:
-    rows = columns_of(settings, table).rows(table, command_sigma(settings))
+def why_no_positioning(rows: AxisRows) -> str:
+    """Reason why the rows of an axis are no test by ISO 230-2; else empty."""
     target, number = targets_of(rows.command)
     sides = [set(rows.direction[number == k]) for k in range(len(target))]
-    return sum(len(side) > 1 for side in sides)
+    if sum(len(side) > 1 for side in sides) < _FEWEST_TARGETS:
+        return FEW_TARGETS
+    in_time = np.argsort(rows.order, kind="stable")
+    return IN_MOTION if is_in_motion(rows.command[in_time], rows.time_s[in_time]) else ""
 
 
 def undetectable_causes(tables: Mapping[str, pa.Table], settings: Campaign) -> tuple[str, ...]:

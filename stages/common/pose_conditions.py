@@ -47,15 +47,25 @@ def pose_conditions(
         for field in configurations.schema
         if field.name not in ("pose", "role", *names) and _is_number(field.type)
     }
-    covariates[ORDER] = order_in_time(covariates.get("time_s"), len(poses))
-    if "time_s" in covariates:
-        covariates[APPROACH] = approach(readings, covariates["time_s"], _MOVED * reading_sigma)
-        covariates[LAST_STEP] = fading_sum(readings, covariates["time_s"], 0.0)
-        covariates[MEMORY] = fading_sum(readings, covariates["time_s"], _KEPT)
+    time = covariates.get("time_s")
+    covariates[ORDER] = order_in_time(time, len(poses))
+    if time is not None:
+        covariates[APPROACH] = approach(readings, time, _MOVED * reading_sigma)
+        covariates[LAST_STEP] = fading_sum(readings, time, 0.0)
+        covariates[MEMORY] = fading_sum(readings, time, _KEPT)
         covariates |= dict(zip(STOPPED, np.moveaxis(histories(readings, covariates[ORDER]), -1, 0), strict=True))
-        moving = rates(readings, covariates["time_s"])
+    if time is not None and is_row_number(configurations):
+        del covariates["time_s"]  # numbers of rows, and no seconds
+    elif time is not None:
+        moving = rates(readings, time)
         covariates |= {} if moving is None else {RATE: moving}
     return Conditions(readings, covariates, poses, _span(covariates.get("time_s")))
+
+
+def is_row_number(configurations: pa.Table) -> bool:
+    """True if times of configurations are the numbers of their rows, as where a campaign gives none."""
+    times = number_column(configurations, "time_s")
+    return np.array_equal(times, np.arange(float(len(times))))
 
 
 def _span(time: NDArray | None) -> tuple[float, float] | None:

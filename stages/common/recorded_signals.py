@@ -11,7 +11,7 @@ import pyarrow as pa
 from truing.arrays import Array
 from truing.estimation.interferometry.recorded_steps import RecordedSteps
 from truing.estimation.interferometry.run_curves import run_curves
-from truing.estimation.sensor.load_table import RecordedLoads, zeros_of_runs
+from truing.estimation.sensor.load_table import GrossSignal, RecordedLoads, zeros_of_runs
 from truing.simulation.bench.causes.rows_exchanged import RowsExchanged, with_corrected_loads
 from truing.stages.common.applied_findings import applied_findings
 from truing.stages.common.overruled import decided, without_excluded
@@ -74,7 +74,8 @@ def _recorded(
     declared_range = np.full(signal.shape, np.nan if declared is None else declared)
     curves = run_curves(steps.load, steps.time_s, steps.run, signal, declared_range)
     by_person = decided(steps, settings.keep, "kept").signals
-    is_accepted = np.asarray(~(curves.rejected & ~by_person).any(axis=1))
+    is_rejected = curves.rejected & ~by_person
+    is_accepted = np.asarray(~is_rejected.any(axis=1))
     sigma = np.full(signal.shape[1], declared) if declared is not None else np.nanmedian(curves.sigma, axis=0)
     covariate, names = _covariates(steps, settings.mechanism.reference_temperature_c)
     zero, apart = zeros_of_runs(steps, signal, sigma, covariate, is_accepted)
@@ -93,7 +94,15 @@ def _recorded(
         covariate[is_accepted],
         names,
         apart,
-        int((~is_accepted).sum()),
+        tuple(
+            GrossSignal(
+                steps.runs[steps.run[b]],
+                int(steps.step[b]),
+                steps.signals[k],
+                float(curves.residual[b, k] / curves.sigma[b, k]),
+            )
+            for b, k in np.argwhere(is_rejected)
+        ),
         int(out.signals.any(axis=1).sum()),
     )
 

@@ -2,12 +2,14 @@
 
 from __future__ import annotations
 
+import json
 from dataclasses import replace
 from typing import TYPE_CHECKING, Any
 
 import pyarrow as pa
 
 from truing.inference.detectable import assessed
+from truing.report.diagnosis.assessed_causes import WITHOUT_FINDINGS
 from truing.report.numbers import count as counted
 from truing.report.numbers import gross_errors, sign, two_decimals
 from truing.schemas.artifacts import ARTIFACTS
@@ -133,18 +135,16 @@ def _figure(table: pa.Table, diagnosis: CauseDiagnosis, shown: ReportedRms, rule
         left += "; the model as a whole does not fit"
     if not {"found", "suspected"} & set(table.column("verdict").to_pylist()):
         return f"nothing found: rms error of fitted data {left}"
-    # Zeros far off and exchanged readings are known before the plain fit, which has them already.
-    named = [row for row in table.to_pylist() if row["verdict"] in ("found", "suspected") and row["unit"] == shown.unit]
-    starts = [row["rms_before"] for row in named if row["rms_before"]]
-    before = max(shown.rms(diagnosis.plain.error) or 0.0, *starts, 0.0)
+    before = shown.rms(diagnosis.errors_without_any[0]) or 0.0
     return f"{_found_causes(table)}: rms error of fitted data {two_decimals(before)} -> {left}"
 
 
 def _found_causes(table: pa.Table) -> str:
-    """Found and suspected causes in words."""
+    """Found and suspected causes in words, without what only a model without them shows."""
     names: dict[str, list[str]] = {"found": [], "suspected": []}
     for row in table.to_pylist():
-        if row["verdict"] in names:
+        is_conditional = json.loads(row["settings"] or "{}").get(WITHOUT_FINDINGS)
+        if row["verdict"] in names and not is_conditional:
             # Findings on the noise have no name among the causes.
             is_noise = (row["reason_code"], row["cause"]) == ("noise", "unexplained")
             names[row["verdict"]].append("noise not as declared" if is_noise else row["cause"])

@@ -167,12 +167,13 @@ def _required(errors: pa.Table, section: AxisMechanism, settings: Campaign) -> p
             "role": row["role"],
             "component": "axis",
             "missed": row["missed_after"] * TOLD[unit][1] / SI[unit],
+            "missed_before": row["missed_before"] * TOLD[unit][1] / SI[unit],
             "sigma": sigma,
             "unit": unit,
         }
         for row in rows
     ]
-    return identified_table("component_errors", found, "pose")
+    return identified_table("component_errors", found, "pose", ("missed_before",))
 
 
 def _errors(diagnosis: CauseDiagnosis, channels: Channels, unit: str) -> pa.Table:

@@ -184,7 +184,7 @@ def combinations_table(diagnosis: CauseDiagnosis, legs: int) -> pa.Table:
 
 
 def _add(rows: Rows, final: FittedModel, cause: Cause, given: Contribution, legs: int) -> None:
-    name, larger = source_of(final, given)
+    source = source_of(final, given)
     with np.errstate(all="ignore"):  # a part may give nothing to a number that is a length or an angle
         reported = cause.reported(final.values(cause)[0], given.covariance, legs)
     for parameter in reported:
@@ -193,15 +193,24 @@ def _add(rows: Rows, final: FittedModel, cause: Cause, given: Contribution, legs
                 cause=cause.id,
                 subject=cause.subject,
                 parameter=parameter.name,
-                input_source=name,
-                evaluation="A" if larger else "B",
                 contribution=float(parameter.sigma),
-                degrees_of_freedom=max(given.freedom, 1.0) if larger else None,
                 unit=parameter.unit,
+                **source,
             )
 
 
-def source_of(final: FittedModel, given: Contribution) -> tuple[str, bool]:
+def source_of(final: FittedModel, given: Contribution) -> TableRow:
+    """Columns of a source: its name, its evaluation (A if its size was estimated from measurements), and the degrees
+    of freedom of that estimate."""
+    words, estimated = _named_source(final, given)
+    return {
+        "input_source": words,
+        "evaluation": "A" if estimated else "B",
+        "degrees_of_freedom": max(given.freedom, 1.0) if estimated else None,
+    }
+
+
+def _named_source(final: FittedModel, given: Contribution) -> tuple[str, bool]:
     """A source in words, and True if its size was estimated from measurements."""
     readings, survey = final.learned
     if given.source == OBSERVATIONS:

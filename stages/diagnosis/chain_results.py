@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import replace
 from types import MappingProxyType
 from typing import TYPE_CHECKING, Any
@@ -12,14 +12,15 @@ import pyarrow as pa
 from numpy.typing import NDArray
 
 from truing.arrays import TableRow
+from truing.inference.fitter import Fitter
 from truing.schemas.artifacts import ARTIFACTS
 from truing.simulation.mechanisms.chains.extended_model import extended_chain, write_chain
 from truing.simulation.mechanisms.chains.joint_curves import JointErrorCurve
 from truing.simulation.mechanisms.chains.model import ChainModel
 from truing.simulation.mechanisms.chains.motor_encoders import MotorTerm
-from truing.simulation.mechanisms.chains.tree import TWIST
 from truing.stages.common.missing_data import HELD_OUT
 from truing.stages.diagnosis.chain_next import chain_measurements_of
+from truing.stages.diagnosis.chain_numbers import parameters_table, uncertainty_table
 from truing.stages.diagnosis.chain_repeats import accuracy_table
 from truing.stages.diagnosis.component_errors import tip_errors
 from truing.stages.diagnosis.diagnosis_data import DiagnosisData, InstrumentResults
@@ -33,11 +34,6 @@ if TYPE_CHECKING:
     from truing.schemas.campaign import Campaign
 
 _MM, _UM = 1e-3, 1e6
-_SHIFTS, _TURNS = ("dx", "dy", "dz"), ("turn_x", "turn_y", "turn_z")
-# The data determine a number if they reduce its prior standard deviation to less than this share.
-_DETERMINED = 0.7
-# A component of a link's error that the parametrisation holds at zero, relative to the others.
-_HELD = 1e-6
 
 
 def results(
@@ -61,11 +57,12 @@ def results(
     of_series = {"series_errors": series_table(diagnosis, data, series)} if series else {}
     return InstrumentResults(
         {
-            "prediction": prediction_table(diagnosis, data, positions_alone),
+            "prediction": prediction_table(diagnosis, data, positions_alone, nominal_errors(diagnosis, data)),
             **of_series,
             **of_repeats,
             **of_motors,
             "chain_parameters": parameters_table(final),
+            "chain_uncertainty": uncertainty_table(final),
             **curves_table(final),
             "model": text_of_model(final, settings),
             "component_errors": tip_errors(diagnosis, data),
@@ -74,6 +71,26 @@ def results(
         },
         {} if next_poses is None else next_poses.advice,
     )
+
+
+def nominal_errors(diagnosis: CauseDiagnosis, data: DiagnosisData[Any]) -> dict[str, PredictionError[Any]]:
+    """Errors of the chain as its description has it, by role of the poses; only base and tool are fitted.
+
+    Gross errors that the diagnosis found are left out. Empty where the description is taken for exact.
+    """
+    model = data.model
+    assert isinstance(model, ChainModel)
+    if not model.layout["links"].stop - model.layout["links"].start and not len(model.free_offsets):
+        return {}
+    exact = replace(model.known, modes=model.known.modes[..., :0], offsets=np.zeros_like(model.known.offsets))
+    final = diagnosis.final
+    calibration, held_out = data.calibration, data.held_out
+    calibration = replace(calibration, measured=replace(calibration.measured, is_observed=final.measured.is_observed))
+    if held_out is not None and final.held_out is not None:
+        held_out = replace(held_out, measured=replace(held_out.measured, is_observed=final.held_out.is_observed))
+    fitted = Fitter(replace(model, known=exact), calibration, held_out, 0).fitted(())
+    errors = {"calibration": fitted.error}
+    return errors if fitted.held_out is None else errors | {HELD_OUT: fitted.held_out}
 
 
 def positions_alone(error: PredictionError[Any]) -> PredictionError[Any]:
@@ -131,34 +148,6 @@ def text_of_model(fitted: FittedModel[Any], settings: Campaign) -> str:
     return write_chain(extended_chain(model, fitted.fit.shared, fitted.covariance(), tip, context))
 
 
-def parameters_table(fitted: FittedModel[Any]) -> pa.Table:
-    """Rows of chain_parameters.parquet: zeros of the joints and errors of the links, with tolerance and sigma."""
-    model = fitted.model
-    assert isinstance(model, ChainModel)
-    covariance, shared = fitted.covariance(), fitted.fit.shared
-    rows = list(_zeros(model, shared, covariance))
-    geometry = np.zeros((model.tree.size, TWIST, model.shared_size))
-    geometry[..., model.layout["links"]] = model.known.modes
-    geometry[..., model.layout["shape"]] = model.known.end_twists(model.tree.size)
-    shift = geometry @ shared
-    for k, node in enumerate(model.tree.nodes):
-        prior = np.sqrt(np.sum(geometry[k] ** 2, -1))
-        for c, name in enumerate((*_SHIFTS, *_TURNS)):
-            if (
-                prior[c] <= _HELD * prior[slice(0, 3) if c < TWIST // 2 else slice(3, 6)].max(initial=0.0)
-                or not prior[c]
-            ):
-                continue
-            spread = float(np.sqrt(max(geometry[k, c] @ covariance @ geometry[k, c], 0.0)))
-            unit, si = ("mm", _MM) if c < TWIST // 2 else ("rad", 1.0)
-            rows.append(
-                _row(
-                    node.joint, name, unit, si, float(shift[k, c]), spread, float(prior[c]), not model.known.modes_known
-                )
-            )
-    return pa.Table.from_pylist(rows, schema=ARTIFACTS["chain_parameters"].arrow_schema())
-
-
 def curves_table(fitted: FittedModel[Any]) -> dict[str, pa.Table]:
     """Rows of joint_curves.parquet: error curves of joints along their readings; none without such a cause."""
     curves = [
@@ -177,30 +166,3 @@ def curves_table(fitted: FittedModel[Any]) -> dict[str, pa.Table]:
         "is_determined": np.concatenate([curve.is_determined for curve in curves]),
     }
     return {"joint_curves": pa.table(columns, schema=ARTIFACTS["joint_curves"].arrow_schema())}
-
-
-def _zeros(model: ChainModel, shared: NDArray, covariance: NDArray) -> Iterator[TableRow]:
-    """Yield the zeros of the joints that have a tolerance."""
-    for index, reading in enumerate(model.free_offsets):
-        unknown, sigma = model.layout["zeros"].start + index, float(model.known.offsets[reading])
-        unit, si = ("rad", 1.0) if model.tree.is_revolute[reading] else ("mm", _MM)
-        spread = float(np.sqrt(covariance[unknown, unknown])) * sigma
-        name = model.tree.readings[reading]
-        yield _row(name, "offset", unit, si, float(shared[unknown]) * sigma, spread, sigma, is_free=False)
-
-
-def _row(
-    joint: str, name: str, unit: str, si: float, value: float, spread: float, prior: float, is_free: bool
-) -> dict[str, Any]:
-    """One number; its pull compares the shift with the uncertainty by tolerance and data."""
-    expected = np.sqrt(max(prior**2 - spread**2, 0.0))
-    return {
-        "joint": joint,
-        "parameter": name,
-        "unit": unit,
-        "identified": value / si,
-        "sigma": spread / si,
-        "tolerance": None if is_free else prior / si,
-        "pull": None if is_free or not expected > 0.0 else value / expected,
-        "identifiable": spread < _DETERMINED * prior,
-    }

@@ -67,6 +67,7 @@ class PossibleRuns:
     made: tuple[_Run, ...]
     readout: Readout
     channels: tuple[str, ...]
+    is_timed: bool = True  # False if the campaign's times only count its steps: then no duration is known
 
     what: ClassVar[tuple[str, str]] = ("load programme", "load programmes")
     unit: ClassVar[str] = "run"
@@ -91,7 +92,12 @@ class PossibleRuns:
         return bool(self.made[self.runs.run[k]].changing)
 
     def seconds(self, times: Mapping[int, int]) -> float | None:
-        """Return the duration of runs, with repeats, at the pace of their steps and without pauses between them, s."""
+        """Return the duration of runs, with repeats, at the pace of their steps and without pauses between them, s.
+
+        None if no times were recorded.
+        """
+        if not self.is_timed:
+            return None
         return sum(_STEPS * self.made[self.runs.run[k]].step_s * own for k, own in times.items())
 
     def rows(self, k: int) -> list[TableRow]:
@@ -147,7 +153,11 @@ def possible_runs(settings: Campaign, current: FittedModel, models: Sequence[Fit
     reads = _reads(model, is_observed)
     run, read = (index.ravel() for index in np.indices((len(made), len(reads))))
     return PossibleRuns(
-        Runs(_conditions(model, made), _STEPS, run, reads[read]), tuple(made), readout, model.known.channels
+        Runs(_conditions(model, made), _STEPS, run, reads[read]),
+        tuple(made),
+        readout,
+        model.known.channels,
+        model.conditions.is_timed,
     )
 
 
@@ -227,9 +237,10 @@ def _words(load: Array, form: str) -> str:
 
 
 def _runs_under_other_conditions(model: BenchModel, plain: Sequence[_Run]) -> Iterator[list[_Run]]:
-    """The same runs at a slower pace, and with a changing temperature."""
+    """The same runs at a slower pace, if the usual one is known, and with a changing temperature."""
     slow = f"a step every {duration(_SLOWER * plain[0].step_s)}"
-    yield [replace(run, step_s=_SLOWER * run.step_s, words=slow) for run in plain]
+    if model.conditions.is_timed:
+        yield [replace(run, step_s=_SLOWER * run.step_s, words=slow) for run in plain]
     for name in model.conditions.covariates:
         if name.endswith(_TEMPERATURE):
             words = f"while {name} changes by {_WARMER_K:g} K"

@@ -2,7 +2,8 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterator, Sequence
+from collections.abc import Callable, Iterator, Mapping, Sequence
+from types import MappingProxyType
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
@@ -34,10 +35,10 @@ PullName = tuple[int | None, str]  # the leg, None for all, and the parameter
 
 def errors_by_role(diagnosis: CauseDiagnosis) -> Iterator[tuple[str, PredictionError, PredictionError]]:
     """Yield the role of epochs, and their errors without and with the findings."""
-    plain, final = diagnosis.plain, diagnosis.final
-    yield "calibration", plain.error, final.error
-    if diagnosis.held_out is not None and plain.held_out is not None and final.held_out is not None:
-        yield HELD_OUT, plain.held_out, final.held_out
+    (error, held_out), final = diagnosis.errors_without_any, diagnosis.final
+    yield "calibration", error, final.error
+    if diagnosis.held_out is not None and held_out is not None and final.held_out is not None:
+        yield HELD_OUT, held_out, final.held_out
 
 
 def identified_table(artifact: str, rows: list[TableRow], key: str, present: Sequence[str] = ()) -> pa.Table:
@@ -50,8 +51,12 @@ def prediction_table(
     diagnosis: CauseDiagnosis,
     data: DiagnosisData[Any],
     part: Callable[[PredictionError], PredictionError] = lambda error: error,
+    nominal: Mapping[str, PredictionError] = MappingProxyType({}),
 ) -> pa.Table:
-    """Rows of prediction.parquet: every pose without and with the findings; ``part``: channels that count."""
+    """Rows of prediction.parquet: every pose without and with the findings; ``part``: channels that count.
+
+    ``nominal``: errors of the machine as its description has it, by role of the poses.
+    """
     poses = {"calibration": data.calibration.conditions.poses}
     poses |= {} if data.held_out is None else {HELD_OUT: data.held_out.conditions.poses}
     rows: list[TableRow] = []
@@ -62,12 +67,13 @@ def prediction_table(
             "rms_after": after.rms_by_epoch,
             "largest_before": before.largest_by_epoch,
             "largest_after": after.largest_by_epoch,
+            **({"rms_nominal": part(nominal[role]).rms_by_epoch} if role in nominal else {}),
         }
         rows += [
             {"pose": pose, "role": role, "unit": "um", **{name: float(v[b]) * _UM for name, v in columns.items()}}
             for b, pose in enumerate(poses[role])
         ]
-    return identified_table("prediction", rows, "pose")
+    return identified_table("prediction", rows, "pose", ("rms_nominal",) if nominal else ())
 
 
 def left_out_table(diagnosis: CauseDiagnosis, data: DiagnosisData[Any]) -> pa.Table:

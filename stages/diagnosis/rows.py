@@ -13,7 +13,7 @@ import pyarrow as pa
 
 from truing.arrays import TableRow
 from truing.inference.noise import merged_by_driver
-from truing.report.diagnosis.assessed_causes import REMAINDER
+from truing.report.diagnosis.assessed_causes import REMAINDER, WITHOUT_FINDINGS
 from truing.report.diagnosis.findings import (
     Facts,
     explanation,
@@ -25,7 +25,13 @@ from truing.report.diagnosis.findings import (
 )
 from truing.report.wordings.catalogue import cause_words, clause, confirming, own_clause
 from truing.report.wordings.claim import Advice, Claim, ParameterSize
-from truing.report.wordings.nonparametric_wordings import remainder_advice, remainder_explanation
+from truing.report.wordings.nonparametric_wordings import (
+    INSTEAD,
+    columns_words,
+    remainder_advice,
+    remainder_clause,
+    remainder_explanation,
+)
 from truing.schemas.artifacts import ARTIFACTS
 from truing.schemas.covariates import listed, own_name
 from truing.schemas.verdict import Relation
@@ -34,6 +40,7 @@ from truing.simulation.inputs import ORDER, TIME
 from truing.stages.diagnosis.diagnosis_data import POINTS, Channels, ReportedRms
 
 if TYPE_CHECKING:
+    from truing.inference.attribution import Attributed
     from truing.inference.fitted_model import FittedModel
     from truing.inference.noise import NoiseDependence, NoiseLevel
     from truing.inference.scatter import FoundScatter
@@ -100,6 +107,8 @@ def _row(verdict: Verdict, diagnosis: CauseDiagnosis, words: DetectionAdvice) ->
     shown, claim = words.shown.of_effect(verdict.before, verdict.after), _claim(verdict, legs)
     if verdict.verdict in ("found", "suspected"):
         claim = replace(claim, settings={**claim.settings, **cause.shared_with(diagnosis.plain.scene)})
+    if verdict.inputs:
+        claim = replace(claim, settings={**claim.settings, INSTEAD: [list(inputs) for inputs, _ in verdict.inputs]})
     facts = _facts(verdict, diagnosis, words, claim)
     advice = words.next_measurement.get(cause.key) or confirming(claim, cause.confirm)
     if verdict.course is not None and cause.key not in words.next_measurement:
@@ -143,12 +152,10 @@ def _errors(shown: ReportedRms, verdict: Verdict) -> dict[str, Any]:
 
 
 def _errors_without_any(shown: ReportedRms, diagnosis: CauseDiagnosis) -> dict[str, Any]:
-    """Return the prediction errors of the plain model, which errors without one cause do not tell: a cause may be
-    compared next to all others. Causes known before the search are in the plain model: then nothing is returned."""
-    plain, accepted = diagnosis.plain, diagnosis.final.model.layout
-    if any(cause.key in accepted for cause in plain.causes):
-        return {}
-    return {"rms_without_any": shown.rms(plain.error), "heldout_rms_without_any": shown.rms(plain.held_out)}
+    """Return the prediction errors without any cause, which errors without one cause do not tell: a cause may be
+    compared next to all others."""
+    error, held_out = diagnosis.errors_without_any
+    return {"rms_without_any": shown.rms(error), "heldout_rms_without_any": shown.rms(held_out)}
 
 
 def _left_out(verdict: Verdict, diagnosis: CauseDiagnosis) -> dict[str, Any]:
@@ -197,12 +204,14 @@ def _facts(verdict: Verdict, diagnosis: CauseDiagnosis, words: DetectionAdvice, 
         if verdict.verdict in ("found", "suspected")
         else None,
         subjects=tuple(own for own in verdict.subjects if own[0] not in claim.settings.get("alike", ())),
+        inputs=tuple((columns_words(inputs), odds) for inputs, odds in verdict.inputs),
         unit=shown.unit,
         fitted_words=shown.fitted,
         held_out_words=shown.held_out,
         drive=shown.drive,
         course=None if verdict.course is None else verdict.course.follows,
         is_course_beside=verdict.course is not None and verdict.course.is_beside,
+        floor_has_scatter=bool(diagnosis.scatters or diagnosis.noise_dependences),
     )
 
 
@@ -273,7 +282,8 @@ def _attributed_rows(
 ) -> Iterator[TableRow]:
     """Inputs that predict the residuals of the simulation, and that no nonparametric effect has.
 
-    If the final model holds, an effect without a name needs no inputs but its own: others help by chance.
+    If the final model holds, an effect without a name needs no inputs but its own: others help by chance, or take up
+    what a smooth function of its own inputs leaves.
     """
     holds = diagnosis.end.is_complete and diagnosis.adequacy.p_value > noise_level
     final, legs = diagnosis.final, diagnosis.plain.model.part_count
@@ -281,21 +291,27 @@ def _attributed_rows(
         verdict.cause for verdict in diagnosis.verdicts if verdict.verdict == "found" and not verdict.cause.catalogued
     ]
     for own in diagnosis.attributed:
-        names = [f"{final.model.channel_word} {_name(final, channel)}" for channel in own.channels]
-        names += [own.subject] if own.subject else []
-        follows = tuple(dict.fromkeys(column for name in own.inputs for column in _dependence_column(name)))
+        names = [*(_channel(final, channel) for channel in own.channels), *filter(None, [own.subject])]
+        follows = _dependence_columns(own)
+        whose = own.channels, own.subject
+        beside = [one for one in diagnosis.attributed if names and (one.channels, one.subject) == whose]
         reported = [set(cause.inputs(legs)) for cause in unnamed if not names or cause.subject in ("", *names)]
-        is_needless = holds and any(set(cause.inputs(legs)) <= set(follows) for cause in unnamed)
+        is_needless = holds and (
+            any(set(cause.inputs(legs)) <= set(follows) for cause in unnamed)
+            or any(columns <= set(_dependence_columns(one)) for one in beside for columns in reported)
+        )
         if is_needless or any(set(follows) <= columns for columns in reported):
             continue
         where = shown.of_target(own.channels[0]) if own.channels else shown.overall(final.error)
+        text = remainder_clause(follows, " ".join(names), own.share, remains=own.remains)
         yield _without_mean_effect(own.p_value, final, where) | {
             "reason_code": REMAINDER,
             "subject": names[0] if names else "",
             "parameters": "{}",
             "follows": listed(follows),
+            "settings": json.dumps({} if own.remains else {WITHOUT_FINDINGS: True}),
             "share_predicted": own.share,
-            "explanation": remainder_explanation(follows, " ".join(names), own.share, own.p_value),
+            "explanation": remainder_explanation(text, own.p_value, is_of_all=not names, remains=own.remains),
             "next_measurement": remainder_advice(follows),
         }
 
@@ -305,6 +321,18 @@ def _larger_row(level: NoiseLevel, final: FittedModel, shown: ReportedRms) -> di
     missed = shown.rms(final.error), shown.floor(final.floor)
     text = noise_explanation(level.ratio, level.sigma, *missed, unit=shown.unit, expected=shown.noise)
     return _of_noise(level, final, shown) | {"explanation": text, "next_measurement": shown.scatter}
+
+
+def _dependence_columns(own: Attributed) -> tuple[str, ...]:
+    """The columns of the tables that residuals depend on."""
+    return tuple(dict.fromkeys(column for name in own.inputs for column in _dependence_column(name)))
+
+
+def _channel(final: FittedModel, channel: int) -> str:
+    """A channel with its sort, as subjects of causes name it."""
+    kinds = final.model.channel_kinds
+    word = "signal" if kinds[channel : channel + 1] == ("signal",) else final.model.channel_word
+    return f"{word} {_name(final, channel)}"
 
 
 def _name(final: FittedModel, target: int) -> str:

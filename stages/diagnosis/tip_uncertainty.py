@@ -11,7 +11,7 @@ from numpy.typing import NDArray
 
 from truing.arrays import Array, TableRow
 from truing.estimation.rotation import left_jacobian_so3, log_so3
-from truing.inference.linear_problem import Contribution, rows_by_source
+from truing.inference.linear_problem import Contribution
 from truing.schemas.artifacts import ARTIFACTS
 from truing.simulation.mechanisms.chains.conditions import ChainConditions
 from truing.simulation.mechanisms.chains.extended_model import ExtendedChain, extended_chain, predict_tip, tip_by_joints
@@ -25,7 +25,11 @@ if TYPE_CHECKING:
 _MM, _DEG = 1e-3, np.pi / 180.0
 # Poses of the campaign for which budgets are made, evenly over it.
 _MOST = 50
-_OWN_READINGS = "readings of the joints in the predicted pose"
+_OWN_READINGS: TableRow = {
+    "input_source": "readings of the joints in the predicted pose",
+    "evaluation": "B",
+    "degrees_of_freedom": None,
+}
 _COMPONENTS = {"px": "mm", "py": "mm", "pz": "mm", "rx": "rad", "ry": "rad", "rz": "rad"}
 
 
@@ -38,14 +42,11 @@ def tip_contributions(
     """
     model = final.model
     assert isinstance(model, ChainModel)
-    whitened, tip = final.fit.whitened, model.known.payload[0]
-    rows = rows_by_source(whitened, model.layout, {cause.key for cause in final.causes}, final.input_rows)
-    left = np.where(whitened.present, 1.0 - whitened.leverage, 0.0)
+    tip = model.known.payload[0]
     parts: list[tuple[Contribution | None, Array]] = []
-    for name, part in whitened.covariance_from(rows, slice(0, model.shared_size)).items():
-        chain = extended_chain(model, final.fit.shared, part * final.noise_ratio**2, tip, {})
-        source = Contribution(name, np.zeros((0, 0)), float(left[rows[name]].sum()))
-        parts.append((source, predict_tip(chain, conditions).covariance))
+    for given in final.contributions_to(slice(0, model.shared_size)):
+        chain = extended_chain(model, final.fit.shared, given.covariance, tip, {})
+        parts.append((given, predict_tip(chain, conditions).covariance))
     extended = extended_chain(model, final.fit.shared, final.covariance(), tip, {})
     by_joints = tip_by_joints(extended, conditions)
     own_readings = by_joints @ (reading_sigma[:, None] ** 2 * np.swapaxes(by_joints, -1, -2))
@@ -68,14 +69,9 @@ def tip_table(final: FittedModel[Any], settings: Campaign) -> pa.Table:
     for source, covariance in parts:
         turned = to_units @ covariance @ np.swapaxes(to_units, -1, -2)
         sigma = np.sqrt(np.maximum(np.diagonal(turned, axis1=1, axis2=2), 0.0))
-        words, from_data = (_OWN_READINGS, False) if source is None else source_of(final, source)
-        common: dict[str, Any] = {
-            "body": links[0],
-            "parent": links[1],
-            "input_source": words,
-            "evaluation": "A" if from_data else "B",
-        }
-        common["degrees_of_freedom"] = max(source.freedom, 1.0) if from_data and source is not None else None
+        common = {"body": links[0], "parent": links[1]} | (
+            _OWN_READINGS if source is None else source_of(final, source)
+        )
         if not sigma.any():
             continue
         for b, pose in enumerate(conditions.poses):

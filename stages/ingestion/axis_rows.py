@@ -101,6 +101,6 @@ def _check_columns(collected: CollectedRows, columns: AxisColumns, settings: Any
             log.add(Fault(file, "a number in some rows: the column is empty", column=column))
         if encoder_sigma(settings, encoder) is None:
             log.add_missing(f"noise.{encoder}_{columns.unit}", f"a standard deviation of {column}", file)
-    check_times(collected, log, required=False)
+    check_times(collected, log, names_matter=False)
     if "time_s" in names:
         collected.fault(log, np.isnan(numbers(collected, "time_s")), "time_s", "a number: times order the rows")

@@ -176,6 +176,8 @@ def _check_any_points(source: CampaignFiles, log: FaultLog) -> None:
     expected = "this file (or points.parquet, poses.csv), or [files.points] in campaign.toml"
     if source.entries("configurations"):
         expected += '; configurations alone are enough for an axis: [mechanism] type = "axis"'
+    if source.entries("positioning"):
+        expected += '; positions of an axis alone are read with [campaign] kind = "interferometer"'
     log.add(Fault("points.csv", expected + words_on_unread_files(source.folder, source.names_in_entries)))
     for skipped_file in skipped_files(source.folder, source.folders_of_photographs, ()):
         if skipped_file.is_fault:

@@ -66,7 +66,7 @@ def read_configurations(
             log.add(Fault("campaign.toml", expected, column="campaign.drives", value=drive))
         return SmallTable(_in_order_of_appearance(source, adjusted))
     check_unique_keys(rows, log, "pose")
-    check_times(rows, log, required=bool(legs_of(settings)))
+    check_times(rows, log, names_matter=bool(legs_of(settings)))
     _check_repeats(rows, log)
     _check_readings(rows, log, settings)
     _check_drives(rows, log, settings.campaign.drives)
@@ -120,14 +120,15 @@ def _poses_of_points(source: CampaignFiles, *, as_text: bool) -> tuple[list[obje
     return poses.values, any_text
 
 
-def check_times(collected: CollectedRows, log: FaultLog, *, required: bool) -> None:
-    """Report rows with the time of an earlier row, or missing times if they are required."""
-    if "time_s" not in collected.table.column_names:
-        if required:
-            text = f"a column time_s; it orders the poses{_mistyped_column('time_s', collected)}"
-            log.add(Fault(collected.first_file, text, column="time_s"))
-        return
-    collected.fault(log, _repeated(numbers(collected, "time_s")), "time_s", "a time of its own for every row")
+def check_times(collected: CollectedRows, log: FaultLog, *, names_matter: bool) -> None:
+    """Report rows with the time of an earlier row, or, if names matter, a name that is nearly time_s.
+
+    Without times, poses count as taken in the order of their rows.
+    """
+    if "time_s" in collected.table.column_names:
+        collected.fault(log, _repeated(numbers(collected, "time_s")), "time_s", "a time of its own for every row")
+    elif names_matter and (meant := _mistyped_column("time_s", collected)):
+        log.add(Fault(collected.first_file, f"a column time_s; it orders the poses{meant}", column="time_s"))
 
 
 def _check_repeats(collected: CollectedRows, log: FaultLog) -> None:
@@ -156,9 +157,6 @@ def _check_readings(collected: CollectedRows, log: FaultLog, settings: Campaign)
     if not legs:
         return
     file = collected.first_file
-    if "role" not in collected.table.column_names:
-        text = f"a column role: calibration, verification or reference{_mistyped_column('role', collected)}"
-        log.add(Fault(file, text, column="role"))
     for leg in range(1, len(legs) + 1):
         name = f"rho{leg}_mm"
         if name not in collected.table.column_names:

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Iterator, Mapping
 from itertools import chain
+from types import MappingProxyType
 from typing import TYPE_CHECKING
 
 import numpy as np
@@ -39,9 +40,13 @@ _SLIPS = {
 _DEVIATIONS = {"deg": {3600.0: "arc seconds"}, "mm": {1e3: "micrometres"}}
 _OF_SLIP = 0.01  # how near a ratio lies to that of a slip
 _ODD, _WRONG = 0.1, 2.0
+# How many times its noise, and what the other does, the encoder of a wrong loop departs from the command.
+_CLEARLY = 3.0
 _SIGNS = (("", 1.0), (" with the opposite sign", -1.0))
 _FEW = 0.1  # share of the rows
 _FEWEST, _FEWEST_ROWS = 3, 8
+_SURELY = 3.0  # standard deviations of a number that chance gives
+_NEAR, _MOST_REPEATS = 3, 30  # steps of the resolution; rows of one command that are compared
 # From here on, readings are so coarse that equal rows say nothing.
 _COARSE = 0.5
 # Pairs that show a scatter, the factor of a declared noise that is too large, and its level; digits of deviations.
@@ -75,7 +80,8 @@ def _checks(
     deviations = columns.deviations(table)
     for encoder, deviation in zip(columns.encoders, deviations.T, strict=True):
         yield noise_of_rows(encoder, rows.command, rows.direction, deviation, float(np.hypot(off, sigmas[encoder])))
-    yield encoders_in_place(columns, dict(zip(columns.encoders, deviations.T, strict=True)))
+    declared = {name: float(np.hypot(off, sigma)) for name, sigma in sigmas.items()}
+    yield encoders_in_place(columns, dict(zip(columns.encoders, deviations.T, strict=True)), declared)
     yield _repeated(table, columns, np.array(rows.poses, object), limits)
     yield _approach(rows.direction, limits)
 
@@ -113,15 +119,20 @@ def noise_of_rows(encoder: str, command: Array, direction: Array, deviations: Ar
     return Check("axis-noise", encoder, ratio, 1.0 / _TOO_LARGE, "1", WARN if is_small else PASS, f"{text}.")
 
 
-def encoders_in_place(columns: AxisColumns, deviations: Mapping[str, Array]) -> Check:
+def encoders_in_place(
+    columns: AxisColumns, deviations: Mapping[str, Array], noise: Mapping[str, float] = MappingProxyType({})
+) -> Check:
     """Check that the outside instrument agrees with the load encoder, and that of the loop with the command.
 
-    ``deviations`` (N,) of each encoder from the command, rad or m. Both comparisons are Pitman's test of correlated
-    variances (Biometrika 31 (1939) 9). The columns are exchanged if the instrument agrees with the motor and the other
-    encoder follows the command; or the load encoder errs in another loop.
+    ``deviations`` (N,) of each encoder from the command, rad or m, and their declared ``noise``. Both comparisons are
+    Pitman's test of correlated variances (Biometrika 31 (1939) 9). The columns are exchanged if the instrument agrees
+    with the motor and the other encoder follows the command; or the load encoder errs in another loop.
     """
     unit = columns.reported_unit
-    if missing := [each for each in ENCODERS if each not in deviations]:
+    missing = [each for each in ENCODERS if each not in deviations]
+    if missing == [MEASURED]:
+        return _loop_follows(columns, deviations, noise)
+    if missing:
         return not_evaluated("one is missing", "axis-encoders", "", f"no readings of {listed(missing)}")
     known = np.isfinite(np.column_stack([deviations[each] for each in ENCODERS])).all(1)
     if known.sum() < _FEWEST_ROWS:
@@ -144,6 +155,28 @@ def encoders_in_place(columns: AxisColumns, deviations: Mapping[str, Array]) -> 
         text += f'Or loop = "{actual}", if the load encoder errs'
     ratio = float(np.std(measured - motor) / max(float(np.std(measured - load)), 1e-300))
     return Check("axis-encoders", "", ratio, 1.0, "1", WARN if is_astray else PASS, f"{text}.")
+
+
+def _loop_follows(columns: AxisColumns, deviations: Mapping[str, Array], noise: Mapping[str, float]) -> Check:
+    """Check that the encoder of the loop follows the command no worse than the other: the controller holds it there."""
+    loop, other = (MOTOR, LOAD) if columns.loop == MOTOR else (LOAD, MOTOR)
+    known = np.isfinite(deviations[loop]) & np.isfinite(deviations[other])
+    if known.sum() < _FEWEST_ROWS:
+        return not_evaluated(
+            "too few rows", "axis-encoders", "", f"{count(int(known.sum()), 'row')} with both encoders"
+        )
+    of_loop, of_other = (deviations[each][known] for each in (loop, other))
+    sizes = [float(np.std(own)) for own in (of_loop, of_other)]
+    ratio = sizes[0] / max(sizes[1], 1e-300)
+    is_astray = sizes[0] > _CLEARLY * noise.get(loop, 0.0) and _larger_variance(of_loop, of_other) < _UNLIKELY
+    unit, named = columns.reported_unit, [columns.encoders[each] for each in (loop, other)]
+    told = [f"{size / unit[1]:.3g} {unit[0]}" for size in sizes]
+    text = f"{named[0]} departs from the command by {told[0]} and {named[1]} by {told[1]}"
+    if not is_astray:
+        return Check("axis-encoders", "", ratio, 1.0, "1", PASS, f"{text}.")
+    text += f', but the controller holds the encoder of the loop ("{loop}") to the command. Did you mean loop = '
+    text += f'"{other}" in [mechanism], or columns {named[0]} and {named[1]} exchanged?'
+    return Check("axis-encoders", "", ratio, 1.0, "1", FAIL if ratio > _CLEARLY else WARN, text)
 
 
 def _larger_variance(first: Array, second: Array) -> float:
@@ -260,13 +293,15 @@ def _repeated(table: pa.Table, columns: AxisColumns, poses: NDArray[np.object_],
     chance."""
     raw = np.column_stack([number_column(table, name) for name in (columns.command, *columns.encoders.values())])
     is_complete = np.isfinite(raw).all(1)
-    _, first, inverse = np.unique(raw[is_complete], axis=0, return_index=True, return_inverse=True)
+    beside = [number_column(table, name) for name in temperature_columns(table.column_names)]  # equal in copies, too
+    recorded = np.nan_to_num(np.column_stack([raw, *beside])[is_complete])
+    _, first, inverse = np.unique(recorded, axis=0, return_index=True, return_inverse=True)
     again = np.flatnonzero(is_complete)[first[np.ravel(inverse)] != np.arange(int(is_complete.sum()))]
     # Readings relative to the command of rows sent elsewhere that are equal as well: as many repeat by chance.
     away = np.round(raw[is_complete][:, 1:] - raw[is_complete][:, :1], 9)
     share = 1.0 - len(np.unique(away, axis=0)) / max(len(away), 1)
-    expected = share * len(again)
-    beyond = max(len(again) - expected, 0.0) if share < _COARSE else 0.0
+    expected = max(share * len(again), _equal_by_chance(raw[is_complete][:, 0], away))
+    beyond = max(len(again) - expected - _SURELY * np.sqrt(expected), 0.0) if share < _COARSE else 0.0
     named = listed([str(pose) for pose in poses[again]])
     text = f"{len(again)} rows are equal to an earlier one in every digit of all encoders"
     if again.size:
@@ -276,6 +311,21 @@ def _repeated(table: pa.Table, columns: AxisColumns, poses: NDArray[np.object_],
     else:
         text += "."
     return limits.of("axis-repeated-rows").row("", float(np.floor(beyond)), "1", text)
+
+
+def _equal_by_chance(command: Array, away: Array) -> float:
+    """Return the expected number of pairs of rows of one command that the encoders' resolution makes equal: a share of
+    the pairs that lie within some steps of it."""
+    steps = [np.diff(np.unique(reading)) for reading in away.T]
+    if not all(step.size for step in steps):
+        return 0.0
+    resolution, order = np.array([float(step.min()) for step in steps]), np.argsort(command, kind="stable")
+    near = 0
+    for lag in range(1, min(_MOST_REPEATS, len(order))):
+        is_pair = command[order][lag:] == command[order][:-lag]
+        apart = np.abs(away[order][lag:] - away[order][:-lag])[is_pair] / resolution
+        near += int(np.sum((apart < _NEAR + 0.5).all(1) & (apart > 0.5).any(1)))
+    return near / ((2 * _NEAR + 1) ** away.shape[1] - 1)
 
 
 def _approach(direction: Array, limits: CampaignLimits) -> Check:

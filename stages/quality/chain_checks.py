@@ -139,7 +139,10 @@ def _test_orientations(compared: ComparedChain, settings: Campaign) -> RelationT
             if own.sum() < FEWEST_POSES:
                 continue
             found = turning_misfit(
-                frames.R[own, channels.node[k]], compared.conditions.reference[own, k], settings.poses.euler
+                frames.R[own, channels.node[k]],
+                compared.conditions.reference[own, k],
+                settings.poses.euler,
+                _positions(measured, int(k), own, frames.t),
             )
             if found.stray.any():
                 poses = np.array([str(pose) for pose in compared.conditions.poses])[own][found.stray]
@@ -166,6 +169,16 @@ def _test_orientations(compared: ComparedChain, settings: Campaign) -> RelationT
         unit="deg",
         slips=(RecordSlip(SlipKind.STRAY, "measured orientations of", strays),),
     )
+
+
+def _positions(measured: MeasuredLinks, k: int, poses: Mask, by_chain: Array) -> tuple[Array, Array] | None:
+    """Positions (B, 3) by the chain, and as measured, of the link whose orientations channel ``k`` holds, m; None
+    unless every pose has one."""
+    channels = measured.channels
+    for other in np.flatnonzero((channels.node == channels.node[k]) & ~channels.is_rotation):
+        if measured.is_observed[poses, other].all():
+            return by_chain[poses, channels.node[k]], measured.values[poses, other]
+    return None
 
 
 def _out_of_place(tables: Mapping[str, pa.Table], body: str, points: PosePoints) -> Mask:

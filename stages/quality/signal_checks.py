@@ -53,7 +53,8 @@ def signal_checks(view: LoadingView, settings: Campaign, turned: frozenset[int],
         return
     used = np.flatnonzero(np.isfinite(steps.signal).all(axis=1))
     for at, name in enumerate(steps.signals):
-        yield _saturated_samples(view, at, name, settings.signals.range_mv)
+        yield _saturated_samples(view, at, name, settings)
+    yield _steps_without_signals(view)
     yield _noise(view, settings.noise.signal_mv)
     if len(used) < _FEWEST:
         yield not_evaluated("calibration", "loads-span", "", "too few load steps with all signals")
@@ -69,18 +70,21 @@ def signal_checks(view: LoadingView, settings: Campaign, turned: frozenset[int],
     yield from _exchanged(view, right, len(loaded), numbers, share)
 
 
-def _saturated_samples(view: LoadingView, at: int, name: str, range_mv: float | None) -> Check:
+def _saturated_samples(view: LoadingView, at: int, name: str, settings: Campaign) -> Check:
     """Samples at an end of the amplifier's range, which a signal meets as a wall."""
     steps = view.steps
     rows = np.flatnonzero(np.isfinite(steps.signal[:, at]))
     if not len(rows):
         return not_evaluated("never read", "saturated", f"signal {name}", "no step has a value of it")
     value = steps.signal[rows, at]
+    range_mv, are_means = settings.signals.range_mv, settings.signals.average_samples
     limit = None if range_mv is None else range_mv * _MILLIVOLT
     wall = np.zeros(len(rows), dtype=bool) if limit is None else np.abs(value) >= limit * (1.0 - 1e-9)
     wall[saturated(value, predicted_by_loads(steps.load[rows], value)).where] = True
     places = view.places(rows[wall])
     text = f"{name}: no sample is at an end of its range."
+    if are_means:
+        text = f"{name}: no mean of samples is at an end of its range; single samples were not tested."
     if places:
         ends = " and ".join(f"{1e3 * end:.6g} mV" for end in np.unique(value[wall]))
         text = (
@@ -89,6 +93,18 @@ def _saturated_samples(view: LoadingView, at: int, name: str, range_mv: float | 
         )
     count = float(len(places))
     return Check("saturated", f"signal {name}", count, 0.0, "1", FAIL if places else PASS, text)
+
+
+def _steps_without_signals(view: LoadingView) -> Check:
+    """Load steps at which neither a signal nor a reading was recorded."""
+    steps = view.steps
+    without = ~np.isfinite(np.column_stack([steps.signal, steps.reading])).any(axis=1)
+    count = int(np.count_nonzero(without))
+    text = "Every load step has a signal or a reading."
+    if count:
+        text = f"{count} of {counted(len(steps.load), 'load step')} have no signal."
+    verdict = WARN if count else PASS
+    return Check("steps-without-signals", "signals", float(count), 0.0, "1", verdict, text)
 
 
 def _noise(view: LoadingView, noise_mv: float | None) -> Check:

@@ -33,12 +33,14 @@ def state_causes(statement: Statement, tables: Mapping[str, pa.Table], settings:
         return
     rows = table.to_pylist()
     found_rows = [row for row in rows if row["verdict"] == "found" and row["cause"] != "unexplained"]
+    open_ = [row for row in rows if row["cause"] == "unexplained" and row["verdict"] not in (None, "rejected")]
     if not found_rows:
-        statement.not_evaluated("cause", "all", "no cause was found, and so none has a size")
+        none = "no cause of the catalogue was found, and so none has a size"
+        unnamed = "; effects without a name have theirs in the section Diagnosis" if open_ else ""
+        statement.not_evaluated("cause", "all", f"{none}{unnamed}")
     parts = _parts(tables.get("cause_uncertainty"))
     for row in found_rows:
         _state_cause(statement, row, parts)
-    open_ = [row for row in rows if row["cause"] == "unexplained" and row["verdict"] not in (None, "rejected")]
     for row in open_:
         statement.omitted("cause", f"unexplained, {row['subject'] or 'everywhere'}", str(row["explanation"]))
     if found_rows:

@@ -97,3 +97,29 @@ def test_single_orientations_far_from_the_others_are_told_and_do_not_count() -> 
     assert np.flatnonzero(misfit.stray).tolist() == [6, 21]
     assert misfit.before < 2.5e-3
     assert not misfit.slips
+
+
+@pytest.mark.parametrize(("right", "read"), [("xyz", "XYZ"), ("ZYX", "xyz"), ("yzx", "XYZ")])
+def test_positions_tell_the_order_of_euler_angles_from_its_cyclic_exchanges(right: str, read: str) -> None:
+    places = RNG.normal(size=(40, 3))
+    seen = places @ BASE.as_matrix().T + MEASURED.as_matrix() @ [0.1, 0.05, 0.2] + [1.0, 2.0, 3.0]
+    seen += 1e-3 * RNG.normal(size=(40, 3))
+    misread = Rotation.from_euler(read, MEASURED.as_euler(right)).as_matrix()
+    without = turning_misfit(LINKS.as_matrix(), misread, read)
+    assert len({right, *slip_subjects(without)}) == len(without.slips) > 1  # orientations alone leave several
+    with_them = turning_misfit(LINKS.as_matrix(), misread, read, (places, seen))
+    assert all(np.allclose(_read(order, right), MEASURED.as_matrix()) for order in slip_subjects(with_them))
+    assert right in slip_subjects(with_them) or right.swapcase()[::-1] in slip_subjects(with_them)
+
+
+def _read(order: str, right: str) -> Array:
+    return Rotation.from_euler(order, MEASURED.as_euler(right)).as_matrix()
+
+
+def test_orders_of_euler_angles_that_are_equal_but_for_base_and_tool_leave_equal_misfits() -> None:
+    """Orientations of a tool that points about one way: base and tool are found slowly there."""
+    turns = Rotation.from_euler("xyz", RNG.uniform(-1.0, 1.0, (30, 3)) * np.deg2rad([15.0, 14.0, 30.0]))
+    measured = BASE * turns * TOOL * Rotation.from_rotvec(1e-3 * RNG.normal(size=(30, 3)))
+    read = Rotation.from_euler("XYZ", measured.as_euler("xyz")).as_matrix()
+    slips = slip_subjects(turning_misfit(turns.as_matrix(), read, "XYZ"))
+    assert {"xyz", "yzx", "zxy"} <= slips

@@ -108,3 +108,29 @@ def test_rows_of_a_configuration_stand_side_by_side(tmp_path):
     assert found.faults == ()
     assert found.columns["pose"] == [1, 2]
     assert (found.columns["first"], found.columns["last"]) == ([0.0, 3.0], [20.0, 50.0])
+
+
+@pytest.mark.parametrize(("rule", "angles"), [({"plus": 1}, [30.0, -5.0]), ({"minus": "A2"}, [10.0, 15.0])])
+def test_a_joint_that_counts_from_a_fixed_direction_gets_the_reading_of_the_joint_before(tmp_path, rule, angles):
+    written(tmp_path, "a.csv", "A2;A3;pose\n10,0;20,0;1\n-10,0;5,0;2\n")
+    columns = {"A2_deg": "A2", "A3_deg": {"name": "A3", **rule}}
+    found = read(tmp_path, "configurations", {"path": "a.csv", "separator": ";", "decimal": ",", "columns": columns})
+    assert found.faults == ()
+    assert found.columns["A2_deg"] == [10.0, -10.0]
+    assert found.columns["A3_deg"] == angles
+
+
+def test_a_column_to_be_added_has_to_be_in_the_file(tmp_path):
+    written(tmp_path, "a.csv", "pose,A2,A3\n1,10,20\n")
+    columns = {"A3_deg": {"name": "A3", "plus": "A9"}}
+    (fault,) = read(tmp_path, "configurations", {"path": "a.csv", "columns": columns}).faults
+    assert (fault.column, fault.value) == ("A3_deg", "A9")
+
+
+def test_columns_without_a_name_are_no_covariates(tmp_path):
+    written(tmp_path, "a.txt", "1 702.6 -3165.9 616.4 0.5 21.5\n2 555.6 -2741.5 613.1 0.7 21.6\n")
+    columns = {"pose": 1, "J1_deg": 5, "temperature_c": 6}
+    entry = {"path": "a.txt", "separator": "whitespace", "header": False, "columns": columns}
+    found = read(tmp_path, "configurations", entry)
+    assert found.faults == ()
+    assert set(found.columns) == set(columns)

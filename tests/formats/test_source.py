@@ -10,7 +10,9 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from tests.formats.reading import read, written
+from tests.formats.reading import SHAPES, read, written
+from truing.formats.faultlog import FaultLog
+from truing.formats.read import read_table
 from truing.formats.source import CampaignFiles, raw_files
 from truing.schemas.campaign import read_campaign
 
@@ -85,3 +87,16 @@ def test_a_path_to_no_regular_file_is_a_fault(tmp_path, path):
     (tmp_path / "sub").mkdir()
     (fault,) = read(tmp_path, entries={"path": path}).faults
     assert (fault.file, fault.column, fault.value) == ("campaign.toml", "files.points.path", path)
+
+
+def test_what_another_table_reads_as_measured_is_no_covariate(tmp_path):
+    (tmp_path / "log.csv").write_text("pose,A1,x_N1,y_N1,z_N1,x_mm,hall_c\n1,10,1,2,3,4,21.5\n2,20,4,5,6,7,21.6\n")
+    files = {
+        "points": {"path": "log.csv", "wide": "{axis}_{target}", "constants": {"body": "tip"}},
+        "configurations": {"path": "log.csv", "columns": {"A1_deg": "A1"}},
+    }
+    campaign = read_campaign({"campaign": {"name": "c", "kind": "photogrammetry"}, "files": files})
+    log, source = FaultLog(), CampaignFiles(tmp_path, campaign)
+    (batch,) = (batch for _, batch in read_table(source, SHAPES["configurations"], log))
+    assert not log
+    assert set(batch.columns) == {"pose", "A1_deg", "hall_c"}

@@ -9,7 +9,7 @@ from typing import cast
 import numpy as np
 import pytest
 
-from truing.inference.attribution import Attributed, _merged
+from truing.inference.attribution import Attributed, _merged, attributed
 from truing.inference.campaign_inputs import InTime, is_copy
 from truing.inference.fitted_model import FittedModel
 from truing.inference.input_sets import sets_of_inputs
@@ -163,6 +163,38 @@ def test_inputs_within_others_of_the_same_channels_are_one_entry() -> None:
     part = Attributed((), ("load_n",), 0.3, 1e-2)
     elsewhere = Attributed((2,), ("load_n",), 0.1, 1e-4)
     assert set(_merged([part, elsewhere, pair])) == {replace(pair, share=0.3), elsewhere}
+
+
+def test_what_any_entry_of_a_set_leaves_in_the_final_model_remains() -> None:
+    pair = Attributed((), ("rho1_mm", "load_n"), 0.2, 1e-3, remains=False)
+    part = Attributed((), ("load_n",), 0.1, 1e-2, remains=False)
+    (explained,), (left,) = (list(_merged([pair, one])) for one in (part, replace(part, remains=True)))
+    assert explained == pair
+    assert left == replace(pair, remains=True)
+
+
+def _of_numbers(residuals: np.ndarray, columns: dict[str, np.ndarray]) -> FittedModel:
+    """A fitted model of one channel, as far as its residuals (60,) are asked on what they depend."""
+    conditions = SimpleNamespace(readings=np.zeros((EPOCHS, 0)))
+    own = SimpleNamespace(
+        measured=SimpleNamespace(values=np.zeros((EPOCHS, 1, 1)), is_observed=np.ones((EPOCHS, 1), bool), size=1),
+        standardised=residuals[:, None, None],
+        fit=SimpleNamespace(whitened=None),
+        model=SimpleNamespace(error_groups=None, error_pathways=(), conditions=conditions),
+        scene=SimpleNamespace(covariates=columns, inputs={}, histories={}),
+    )
+    return cast(FittedModel, own)
+
+
+@pytest.mark.parametrize("size", [0.0, 1.0])
+def test_what_accepted_causes_explain_does_not_remain(size: float) -> None:
+    """``size``: the part of the effect that they leave."""
+    rng = np.random.default_rng(14)
+    columns = _columns(rng)
+    effect, noise = 6.0 * np.cos(3.0 * columns["load_n"]), rng.standard_normal(EPOCHS)
+    plain, final = (_of_numbers(part * effect + noise, columns) for part in (1.0, size))
+    found = attributed(plain, (plain, final), LEVEL, LEVEL)
+    assert [(one.inputs, one.remains) for one in found] == [(("load_n",), size > 0.0)]
 
 
 def test_noise_of_any_size_has_no_course() -> None:

@@ -31,7 +31,8 @@ def _cause(name: str, catalogued: bool) -> Any:
         like_sized=lambda legs: (),
         one_sided=lambda legs: (0,) if name.startswith("gap") else (),
         is_higher_order=name.startswith("further"),
-        subject=name.partition(" of ")[2] or name,
+        subject=name.partition(" by ")[0].partition(" of ")[2] or name,
+        inputs=lambda parts: tuple(name.partition(" by ")[2].split()),
     )
 
 
@@ -186,7 +187,7 @@ class _Told:
 
     @property
     def fitted(self) -> Any:
-        return SimpleNamespace(causes=self.accepted)
+        return SimpleNamespace(causes=self.accepted, model=SimpleNamespace(part_count=0))
 
     @cached_property
     def candidates(self) -> tuple[Any, ...]:
@@ -281,6 +282,24 @@ def test_other_subjects_of_the_kind_are_told_with_the_odds_against_them() -> Non
     assert choice is not None
     assert [subject for subject, _ in choice.subjects] == ["", "leg2"]
     assert_close([against for _, against in choice.subjects], [np.e, 10.0], atol=1e-9, what="odds against")
+
+
+def test_inputs_that_explain_nearly_as_well_are_told_unless_they_hold_those_of_the_effect() -> None:
+    odds = {
+        "form of leg2 by time": 9.0,
+        "bent of leg2 by heat": 8.0,
+        "form of leg2 by heat": 6.0,
+        "form of leg2 by time load": 8.5,
+        "form of leg2 by load": 5.0,
+        "form of leg1 by load": 8.9,
+    }
+    told = _Told(odds, tuple(odds), kinds=dict.fromkeys(odds, "unexplained"))
+    choice = choose(cast("Round", told), set(), LEVEL)
+    assert choice is not None
+    assert choice.subjects == ()
+    ((inputs, against),) = choice.inputs
+    assert inputs == ("heat",)
+    assert_close(against, 1.0 / (np.exp(-1.0) + np.exp(-3.0)), atol=1e-9, what="odds against")
 
 
 def test_a_refused_candidate_gives_way_to_a_less_probable_one() -> None:

@@ -5,11 +5,30 @@ from __future__ import annotations
 import shutil
 from collections.abc import Iterator
 from pathlib import Path
+from typing import Any
 
 import pytest
 
 from tests.pipeline.fake_project import FakeProject, make_fake_project
+from tests.pipeline.skeletons import assert_valid_if_activated
 from tests.pipeline.warm_python import AVAILABLE, WarmPython
+from truing.pipeline import starter
+
+
+@pytest.fixture(autouse=True)
+def _skeletons_are_valid(monkeypatch: pytest.MonkeyPatch) -> Iterator[None]:
+    """Every skeleton that `truing init` writes in a test is valid as it is and with its proposed lines active."""
+    written: list[str] = []
+    write = starter.starter_text
+
+    def kept(*arguments: Any, **named: Any) -> str:
+        written.append(write(*arguments, **named))
+        return written[-1]
+
+    monkeypatch.setattr(starter, "starter_text", kept)
+    yield
+    for text in written:
+        assert_valid_if_activated(text)
 
 
 @pytest.fixture(scope="session")

@@ -2,15 +2,19 @@
 
 from __future__ import annotations
 
+import tomllib
 from pathlib import Path
 
 import numpy as np
 import pytest
 from scipy.spatial.transform import Rotation
+from typer.testing import CliRunner
 
 from tests.pipeline.test_init_exports import JOINTS, init, numbers, table
 from tests.tolerance import assert_close
 from truing.formats.shapes import CONFIGURATIONS, POINTS, POSES, POSITIONING, SIGNALS
+from truing.pipeline.command_line import app
+from truing.pipeline.problems import ExitCode
 
 RNG = np.random.default_rng(12)
 FORCES, SIGNALS_MV = RNG.normal(size=(6, 3)).round(4), RNG.normal(size=(6, 4)).round(6)
@@ -134,3 +138,33 @@ def test_frames_of_an_instrument_beside_a_log_without_numbers_are_poses_in_its_o
     assert [int(pose) for pose in found.table.column("pose").to_pylist()] == [1, 2, 3, 4, 5]
     assert set(found.table.column("body").to_pylist()) == {"tip"}
     assert_close(numbers(found, "x_mm", "y_mm", "z_mm"), places, atol=1e-9, what="places")
+
+
+def test_numbered_spheres_without_a_log_may_be_one_target_in_as_many_poses(tmp_path: Path) -> None:
+    places = RNG.uniform(-40.0, 40.0, (9, 3)).round(5)
+    rows = [f"SPHERE{k:03d},Sphere,{x},{y},{z},0.0005" for k, (x, y, z) in enumerate(places, 1)]
+    head = ["FARO CAM2 Measure 10", "Device: FaroArm", "Units: Inches", "", "Feature,Type,X,Y,Z,Form Error"]
+    (tmp_path / "spheres.csv").write_text("\n".join([*head, *rows]) + "\n")
+    text, document = init(tmp_path)
+    assert "targets" in document["files"]
+    assert "or one target in as many poses" in text
+    (tmp_path / "campaign.toml").unlink()
+    answers = ["--answer", "table=poses", "--answer", "body=tip"]
+    assert CliRunner().invoke(app, ["init", str(tmp_path), *answers]).exit_code == ExitCode.DONE
+    document = tomllib.loads((tmp_path / "campaign.toml").read_text(encoding="utf-8"))
+    found = table(tmp_path, document, POINTS)
+    assert [int(pose) for pose in found.table.column("pose").to_pylist()] == list(range(1, 10))
+    assert set(found.table.column("target").to_pylist()) == {"reflector"}
+    assert_close(numbers(found, "x_mm", "y_mm", "z_mm"), 25.4 * places, atol=1e-9, what="points")
+
+
+def test_a_logger_of_both_encoders_of_a_linear_axis_below_words_of_its_own(tmp_path: Path) -> None:
+    places = [(0.02 * k, 0.02 * k + 0.003 * np.sin(0.4 * k), 0.02 * k + 1e-4) for k in range(60)]
+    rows = [f"{0.01 * k:.2f};{c:.4f};{m:.5f};{v:.5f};{0.4 + 0.001 * k:.3f}" for k, (c, m, v) in enumerate(places)]
+    head = ["Logger: DL850 export", "Sampling: 100 Hz", "Date: 2024/06/03 15:21:07"]
+    names = "Time [s];SetPos [mm];EncMotor [mm];EncLoad [mm];Current [A]"
+    (tmp_path / "axis_run.csv").write_text("\n".join([*head, names, *rows]) + "\n")
+    found = table(tmp_path, init(tmp_path)[1], CONFIGURATIONS)
+    columns = numbers(found, "command_mm", "motor_mm", "load_mm")
+    assert_close(columns, places, atol=1e-5, what="positions")
+    assert_close(numbers(found, "time_s")[:, 0], 0.01 * np.arange(60), atol=1e-12, what="time")

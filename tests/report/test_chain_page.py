@@ -52,7 +52,7 @@ def _tables() -> dict[str, pd.DataFrame]:
         ("elbow", "turn_x", "rad", 0.0, 0.001, 0.001, np.nan, False),
     ]
     names = ["joint", "parameter", "unit", "identified", "sigma", "tolerance", "pull", "identifiable"]
-    errors = {"rms_before": [9.0, 8.0], "rms_after": [2.0, 3.0], "unit": ["um", "um"]}
+    errors = {"rms_nominal": [40.0, 30.0], "rms_before": [9.0, 8.0], "rms_after": [2.0, 3.0], "unit": ["um", "um"]}
     prediction = pd.DataFrame({"pose": ["a", "b"], "role": ["calibration", "verification"], **errors})
     tables = {"joints": _joints(), "configurations": configurations, "observations": observations, "survey": survey}
     tables |= {"chain_parameters": pd.DataFrame(rows, columns=names), "prediction": prediction}
@@ -121,11 +121,15 @@ def test_clear_corrections_of_a_model_that_fits_stand_on_the_first_screen(
     adequacy = SectionVerdict("adequacy", RelationState(state), reason, "")
     lines = corrections(tables, adequacy)
     assert bool(lines) == said
+    if said:
+        assert "held-out poses is 30 µm with the nominal geometry, 3 µm with all" in lines[0][1]
     if said:  # 0.02 mm are two standard deviations, and no correction
         assert "zero of elbow" in lines[0][1]
         assert "0.2292 ± 0.0057 deg" in lines[0][1]
         assert "dx" not in lines[0][1]
     assert estimates_zeros(tables)
+    tables["chain_parameters"]["identified"] = tables["chain_parameters"]["sigma"]
+    assert corrections(tables, adequacy) == []
     del tables["chain_parameters"]
     assert corrections(tables, adequacy) == []
     assert not estimates_zeros(tables)

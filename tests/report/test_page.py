@@ -307,7 +307,7 @@ def test_the_head_is_short_and_tells_what_to_do(page):
     assert [mark for mark, _ in verdicts[:3]] == ["fail", "found", "next"]
     assert "K11" not in verdicts[1][1]
     assert_says(verdicts[1][1], "7.8 µm", "4.6 µm")
-    assert verdicts[2][1].startswith("Next: ")
+    assert verdicts[2][1].startswith("Optional: ")
     assert all(len(sentence) < 320 for _, sentence in verdicts)
 
 

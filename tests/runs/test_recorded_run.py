@@ -118,6 +118,16 @@ def test_a_notebook_shows_the_verdict(run: truing.Run) -> None:
         assert f"<td>{row['section']}</td><td>{row['state']}</td>" in html
 
 
+def test_a_terminal_shows_the_verdict_and_no_list_of_files(run: truing.Run) -> None:
+    lines = repr(run).splitlines()
+    assert lines[0].startswith("telescope: a run with")
+    for row in run.verdict.to_dict("records"):
+        (own,) = [line for line in lines if line.startswith(f"{row['section']} ({row['state']})")]
+        assert row["explanation"].split()[0] in own
+    assert ".parquet" not in repr(run)
+    assert max(map(len, lines[1:])) <= 100
+
+
 def test_an_unknown_table_is_answered_with_a_near_name(run: truing.Run) -> None:
     with pytest.raises(KeyError, match="did you mean poses"):
         run["pose"]

@@ -33,12 +33,14 @@ def test_a_mistyped_letter_is_told_and_whose_it_is_where_there_are_several() -> 
     assert meant_by(["other", "p7"], ["P07"]) == "; did you mean P07 by p7?"
 
 
-@pytest.mark.parametrize(("name", "known"), [("temprature_c", "temperature_c"), ("Time_S", "time_s")])
+@pytest.mark.parametrize(
+    ("name", "known"), [("temprature_c", "temperature_c"), ("Time_S", "time_s"), ("roles", "role"), ("rloe", "role")]
+)
 def test_a_letter_too_many_too_few_or_exchanged_is_a_mistyped_name(name: str, known: str) -> None:
     assert mistyped_name(name, ["series", known]) == known
 
 
-@pytest.mark.parametrize("name", ["temperature2_c", "temperature_leg_c", "load"])
+@pytest.mark.parametrize("name", ["temperature2_c", "temperature_leg_c", "load", "rule_of_thumb"])
 def test_another_quantity_is_no_mistyped_name(name: str) -> None:
     assert mistyped_name(name, ["temperature_c", "role", "time_s", "series"]) is None
 

@@ -22,9 +22,12 @@ from truing.pipeline.command_line import app
 from truing.schemas.campaign import read_campaign
 from truing.schemas.faults import CampaignFaults
 from truing.schemas.settings_text import parsed_toml
-from truing.simulation.axis.rows import approaches
+from truing.simulation.axis.rows import AxisRows, approaches
+from truing.stages.common.approaches import _configurations
 from truing.stages.common.axis_columns import AxisColumns
 from truing.stages.predict import predict
+from truing.stages.quality.axis_checks import _repeated
+from truing.stages.quality.check import CampaignLimits
 
 BACKLASH, SHIFT, EVENT_ROW = 0.012, 0.02, 26
 
@@ -291,6 +294,38 @@ def test_a_frozen_encoder_and_copied_rows_are_seen(tmp_path: Path) -> None:
     layout = _layout(command=np.concatenate([made.layout.command[:20], made.layout.command[:20]]))
     code, verdicts, _ = _verdicts(tmp_path / "b", AxisCampaign(layout, copied))
     assert verdicts["axis-repeated-rows", ""] == "warn"
+
+
+def test_approaches_without_times_are_no_recording_in_motion() -> None:
+    up = [
+        (40.0 * k, way, cycle)
+        for cycle in (1, 2)
+        for way, ks in (("forward", range(9)), ("backward", range(8, -1, -1)))
+        for k in ks
+    ]
+    target, way, cycle = zip(*up, strict=True)
+    positions = {"target_mm": target, "direction": way, "cycle": cycle, "position_mm": target}
+    table = _configurations(pa.table(positions | {"run": ["X"] * len(up), "row_order": list(range(1, len(up) + 1))}))
+    command = table.column("command_mm").to_numpy() / 1e3
+    rows = AxisRows.of(table.column("pose").to_pylist(), table.column("time_s").to_numpy(), command, 1e-9)
+    assert set(rows.direction[1::2][9:18]) == {-1.0}
+    assert not rows.rate.any()
+
+
+def test_a_coarse_resolution_repeats_rows_of_one_command_without_copies() -> None:
+    rng, command = np.random.default_rng(7), np.tile(10.0 * np.arange(37), 6)
+    reading = np.round(6.0 * np.sin(np.radians(command)) + 0.1 * rng.standard_normal(len(command)), 2)
+    equal = len(command) - len(np.unique(np.column_stack([command, reading]), axis=0))
+    assert equal > 5
+    table = pa.table(
+        {"pose": list(range(len(command))), "command_deg": command, "load_deg": command + reading / 3600.0}
+    )
+    columns = AxisColumns("rotary", "deg", "motor", "command_deg", {"load": "load_deg"}, None)
+    limits = CampaignLimits("photogrammetry", {})
+    poses = np.arange(len(command)).astype(object)
+    assert _repeated(table, columns, poses, limits).verdict == "pass"
+    copied = pa.concat_tables([table, table.slice(0, 37)])
+    assert _repeated(copied, columns, np.arange(len(copied)).astype(object), limits).verdict == "warn"
 
 
 def test_an_axis_that_never_moves_is_not_evaluated(tmp_path: Path) -> None:

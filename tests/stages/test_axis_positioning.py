@@ -12,11 +12,15 @@ import pytest
 
 from tests.sentences import assert_says
 from tests.tolerance import assert_close
+from truing.report.reasons import why_no_deformation
 from truing.report.sensor.positioning import positioning
+from truing.report.tables import WHY_NOT
 from truing.schemas.campaign import read_campaign
 from truing.schemas.settings_text import parsed_toml
-from truing.stages.axis.positioning import positioning_rows
+from truing.stages.axis.positioning import positioning_rows, with_axis_positioning
 from truing.stages.common.axis_columns import columns_of
+from truing.stages.common.axis_prospects import IN_MOTION, prospects
+from truing.stages.declaration import Outcome
 
 TARGETS = (-40.0, 0.0, 40.0)
 SIGMA = 0.003
@@ -131,6 +135,48 @@ def test_too_few_repeats_leave_out_what_needs_a_scatter_and_the_page_says_so() -
     assert_says(few.statements[0][1], "3 readings", "asks for 5")
     symbols = {row[1] for row in few.listings[0].rows}
     assert {"A", "E", "M", "R", "B", "R↑", "R↓"} <= symbols
+
+
+def _at(table: pa.Table, period_s: float) -> pa.Table:
+    """The same rows, each that long after the one before."""
+    time = pa.array(period_s * np.arange(table.num_rows))
+    return table.set_column(table.schema.names.index("time_s"), "time_s", time)
+
+
+@pytest.mark.parametrize(("period_s", "why"), [(3.0, ""), (0.2, IN_MOTION)])
+def test_an_axis_recorded_in_motion_is_no_test_by_the_standard(period_s: float, why: str) -> None:
+    settings = read_campaign(parsed_toml(SETTINGS.format(kind="linear", unit="mm")))
+    tables = {"configurations": _at(_table("mm", 5), period_s)}
+    without = Outcome.not_evaluated({}, "no bodies")
+    outcome = with_axis_positioning(without, tables, settings, "")
+    assert outcome.why_not == why
+    assert bool(outcome.artifacts["positioning"].num_rows) is not bool(why)
+    told = {name: reported for name, reported, _ in prospects(settings, tables)}
+    assert told["deformation"] == why
+
+
+def test_the_page_says_that_an_axis_was_recorded_in_motion() -> None:
+    empty = pd.DataFrame()
+    empty.attrs[WHY_NOT] = IN_MOTION
+    section = positioning({"positioning": empty, "configurations": pd.DataFrame()})
+    assert section is not None
+    assert_says(section.lead, "not tested", "recorded in motion", "rest at each")
+    assert "both sides" not in section.lead.split(".")[0]
+    other = why_no_deformation({"deformation": empty, "positioning": empty, "configurations": pd.DataFrame()})
+    assert_says(other, "no bodies with targets")
+
+
+def test_readings_that_follow_each_other_at_a_target_are_one_approach() -> None:
+    """Their scatter is noise, and no repeatability."""
+    once = _table("mm", 5)
+    rows = np.repeat(np.arange(once.num_rows), 4)
+    noise = np.tile([1e-3, -1e-3, 2e-3, -2e-3], once.num_rows)
+    often = once.take(rows).set_column(0, "pose", pa.array(np.arange(len(rows))))
+    often = often.set_column(often.schema.names.index("time_s"), "time_s", pa.array(1.0 * np.arange(len(rows))))
+    measured = often.column("measured_mm").to_numpy() + noise
+    often = often.set_column(often.schema.names.index("measured_mm"), "measured_mm", pa.array(measured))
+    figures = [_figures(table, "linear", "mm")[["run", "figure", "subject", "value"]] for table in (once, often)]
+    pd.testing.assert_frame_equal(*figures, check_exact=False, atol=1e-6)
 
 
 def test_without_repeats_from_both_sides_nothing_is_stated() -> None:

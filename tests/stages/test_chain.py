@@ -72,6 +72,35 @@ def test_without_gravity_the_causes_by_weight_are_not_testable_and_the_need_is_n
         assert "[mechanism] gravity" in rows[cause]["explanation"]
 
 
+def test_each_determined_number_of_the_chain_has_an_expanded_uncertainty_and_a_budget(run: Path) -> None:
+    numbers = pq.read_table(run / "chain_parameters.parquet").to_pandas().set_index(["joint", "parameter"])
+    of_chain = pq.read_table(run / "uncertainty.parquet").to_pandas().query("result == 'chain'")
+    stated = of_chain[of_chain["stated"]].set_index(["subject", "quantity"])
+    assert set(stated.index) == set(numbers.index[numbers["identifiable"]])
+    assert set(of_chain.set_index(["subject", "quantity"]).index) == set(numbers.index)
+    own = numbers.loc[stated.index]
+    np.testing.assert_allclose(stated["standard_uncertainty"], own["sigma"], rtol=1e-6)
+    np.testing.assert_allclose(stated["estimate"], own["identified"], rtol=1e-12)
+    assert (stated["expanded_uncertainty"] > 1.9 * stated["standard_uncertainty"]).all()
+    parts = pq.read_table(run / "chain_uncertainty.parquet").to_pandas().groupby(["joint", "parameter"])
+    variance = parts["contribution"].apply(lambda sizes: float(np.sum(sizes**2)))
+    np.testing.assert_allclose(np.sqrt(variance.loc[numbers.index]), numbers["sigma"], rtol=1e-6)
+    told = load(run).parameters().query("source == 'chain'").set_index(["subject", "parameter"])
+    assert list(told.index) == list(numbers.index)
+    assert (told["expanded_uncertainty"].notna() == numbers["identifiable"]).all()
+
+
+def test_the_nominal_geometry_misses_the_poses_by_more_than_the_identified_one(run: Path) -> None:
+    poses = pq.read_table(run / "prediction.parquet").to_pandas()
+    squares = (
+        poses.groupby("role")[["rms_nominal", "rms_before", "rms_after"]].agg(lambda own: (own**2).mean())
+    ) ** 0.5
+    assert set(squares.index) == {"calibration", "verification"}
+    # The errors of links and zeros that the generator drew from their tolerances.
+    assert (squares["rms_nominal"] > 3.0 * squares["rms_before"]).all()
+    assert (squares["rms_before"] > squares["rms_after"]).all()
+
+
 def test_errors_by_series_are_those_of_the_poses(campaign: Path, run: Path) -> None:
     of_series = pq.read_table(run / "series_errors.parquet").to_pandas()
     of_poses = pq.read_table(run / "prediction.parquet").to_pandas()

@@ -264,6 +264,20 @@ def test_an_actuator_without_a_column(folder):
     assert any(fault.column == "rho3_mm" for fault in folder.faults())
 
 
+def test_readings_without_times_and_roles_are_in_the_order_of_rows_and_all_fitted(folder):
+    folder.configurations = ["pose,rho1_mm,rho2_mm,rho3_mm", *(f"{pose},{pose}.5,10,10" for pose in (3, 1, 2))]
+    _, tables = folder.run()
+    configurations = tables["configurations"]
+    assert configurations.column("pose").to_pylist() == [3, 1, 2]
+    assert configurations.column("role").to_pylist() == ["calibration"] * 3
+    assert configurations.column("time_s").to_pylist() == [0.0, 1.0, 2.0]
+
+
+def test_a_mistyped_column_of_times_is_a_fault(folder):
+    folder.configurations[0] = folder.configurations[0].replace("time_s", "times_s")
+    assert any(fault.column == "time_s" and "times_s" in fault.expected for fault in folder.faults())
+
+
 def test_no_points_at_all(folder):
     folder.points = None
     assert any(fault.file == "points.csv" for fault in folder.faults())

@@ -4,9 +4,20 @@ from __future__ import annotations
 
 import numpy as np
 import pyarrow as pa
+import pytest
 
 from tests.tolerance import assert_close
-from truing.simulation.inputs import STOPPED, STOPS, approach, fading_sum, histories, order_in_time
+from truing.simulation.inputs import (
+    APPROACH,
+    ORDER,
+    RATE,
+    STOPPED,
+    STOPS,
+    approach,
+    fading_sum,
+    histories,
+    order_in_time,
+)
 from truing.simulation.mechanisms.extended_model import some_of
 from truing.stages.common.pose_conditions import pose_conditions
 
@@ -68,3 +79,20 @@ def test_every_numeric_column_is_a_covariate_and_poses_keep_their_names() -> Non
     assert part.poses == (8, 9)
     assert part.span_s == (0.0, 120.0)
     assert part.covariates["order"].tolist() == [1, 2]
+
+
+@pytest.mark.parametrize(("step_s", "is_timed"), [(1.0, False), (60.0, True)])
+def test_numbers_of_rows_order_the_poses_and_are_no_seconds(step_s: float, is_timed: bool) -> None:
+    count = 40
+    table = pa.table(
+        {
+            "pose": np.arange(count),
+            "role": ["calibration"] * count,
+            "time_s": step_s * np.arange(count),
+            "rho1_mm": np.linspace(1.0, 3.0, count) ** 2,
+        }
+    )
+    covariates = pose_conditions(table, tuple(range(count)), 1, 1e-6).covariates
+    assert ("time_s" in covariates, RATE in covariates) == (is_timed, is_timed)
+    assert covariates[ORDER].tolist() == list(range(count))
+    assert covariates[APPROACH][1:, 0].tolist() == [1.0] * (count - 1)

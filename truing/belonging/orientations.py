@@ -19,7 +19,7 @@ _FOREIGN, _LEAST = 0.1, 0.05
 # The same where a slip explains the misfit: rotation vectors and Euler angles differ little if all turns are small.
 _NOTABLE, _LEAST_NOTABLE = 0.02, 0.005
 _EXPLAINED = 0.2  # of the misfit: what a slip may leave
-_ROUNDS, _MOST_POSES = 40, 200
+_ROUNDS, _MOST_ROUNDS, _MOST_POSES = 40, 2000, 200  # slow where orientations spread little
 _FAR, _MOST_STRAY = 5.0, 0.1  # typical misfits beyond which a row is stray, and the largest share of such rows
 _ALIKE = 4.0  # traces of rotations from pose to pose that differ by more times the limit, rad, are of other rotations
 _ORDERS = tuple("".join(own) for own in product("XYZ", repeat=3) if own[0] != own[1] != own[2])
@@ -40,11 +40,14 @@ class TurningMisfit:
     stray: Mask
 
 
-def turning_misfit(links: NDArray, measured: NDArray, euler: str | None) -> TurningMisfit:
+def turning_misfit(
+    links: NDArray, measured: NDArray, euler: str | None, positions: tuple[NDArray, NDArray] | None = None
+) -> TurningMisfit:
     """Compare orientations of a link (B, 3, 3) by the chain with measured ones (B, 3, 3); seek slips if they differ.
 
     Base and tool are turned so that they fit best. ``euler``: the order in which Euler angles were read; None if
-    orientations were no Euler angles.
+    orientations were no Euler angles. ``positions``: those of the link by the chain (B, 3), and as measured (B, 3), m.
+    Where several slips explain the orientations, as cyclic exchanges of the axes do, positions decide.
     """
     few = np.unique(np.linspace(0, len(links) - 1, min(len(links), _MOST_POSES)).round().astype(int))
     spread = max(_spread(links[few]), _spread(measured[few]))
@@ -60,18 +63,22 @@ def turning_misfit(links: NDArray, measured: NDArray, euler: str | None) -> Turn
     else:
         stray = np.zeros(len(links), bool)
     links, measured = links[few], measured[few]
+    near = None if positions is None else (positions[0][few], positions[1][few])
     before = _rms(_angles(places, links, measured))
     if before <= notable:
         return TurningMisfit(before, limit, before, (), stray)
     enough = min(_EXPLAINED * before, limit)
-    misfits = [
-        (_misfit(links, other, enough), slip)
+    tried = [
+        (slip, other, _places(links, other, enough))
         for slip, other in otherwise_written(measured, euler)
         if np.sqrt(np.mean((_turned(links) - _turned(other)) ** 2)) < _ALIKE * limit
     ]
-    misfits = [(after, slip) for after, slip in misfits if after < enough]
-    least = min((after for after, _ in misfits), default=before)
-    slips = tuple(slip for after, slip in misfits if after <= 2.0 * least)
+    misfits = [(_rms(_angles(places, links, other)), slip, other, places[0]) for slip, other, places in tried]
+    misfits = [one for one in misfits if one[0] < enough]
+    least = min((after for after, *_ in misfits), default=before)
+    alike = [(slip, _missed(other, base, near)) for after, slip, other, base in misfits if after <= 2.0 * least]
+    nearest = min((missed for _, missed in alike), default=0.0)
+    slips = tuple(slip for slip, missed in alike if missed <= 2.0 * nearest)
     return TurningMisfit(before, notable if slips else limit, least, slips, stray)
 
 
@@ -95,21 +102,29 @@ def _slip(written: str) -> RecordSlip:
     return RecordSlip(SlipKind.ROTATION, _MEASURED, (written,))
 
 
-def _misfit(links: NDArray, measured: NDArray, enough: float) -> float:
-    return _rms(_angles(_places(links, measured, enough), links, measured))
+def _missed(measured: NDArray, base: Array, positions: tuple[NDArray, NDArray] | None) -> float:
+    """Return the rms distance, m, of measured positions from the chain on a base (3, 3), with the best places of base
+    and tool; 0 where no positions are known."""
+    if positions is None:
+        return 0.0
+    by_chain, seen = positions
+    ground = np.broadcast_to(np.eye(3), measured.shape)
+    design = np.concatenate([ground, measured], axis=2).reshape(-1, 6)
+    off = (seen - by_chain @ base.T).ravel()
+    return _rms(off - design @ np.linalg.lstsq(design, off, rcond=None)[0])
 
 
 def _places(links: NDArray, measured: NDArray, enough: float) -> tuple[Array, Array]:
     """Return the base and the tool (3, 3) of the least misfit between base @ links @ tool and measured orientations.
 
-    The search ends with the first that leave at most ``enough``, rad.
+    The search ends with the first that leave at most ``enough``, rad, and improves it until it converges.
     """
     candidates: list[tuple[float, tuple[Array, Array]]] = []
     for tool in _starts():
         places = _fitted(links, measured, tool)
         candidates.append((_rms(_angles(places, links, measured)), places))
         if candidates[-1][0] <= enough:
-            break
+            return _fitted(links, measured, places[1], _MOST_ROUNDS)
     return min(candidates, key=lambda candidate: candidate[0])[1]
 
 
@@ -129,10 +144,10 @@ def _turned(orientations: NDArray) -> Array:
     return np.asarray(np.einsum("bij,bij->b", orientations[:-1], orientations[1:]))
 
 
-def _fitted(links: NDArray, measured: NDArray, tool: Array) -> tuple[Array, Array]:
+def _fitted(links: NDArray, measured: NDArray, tool: Array, rounds: int = _ROUNDS) -> tuple[Array, Array]:
     """Return base and tool after alternating Procrustes fits from a rotation of the tool."""
     base, last = np.eye(3), np.inf
-    for _ in range(_ROUNDS):
+    for _ in range(rounds):
         base = _nearest(np.einsum("bij,bkj->ik", measured, links @ tool))
         tool = _nearest(np.einsum("bji,bjk->ik", base @ links, measured))
         now = float(np.sum((base @ links @ tool - measured) ** 2))

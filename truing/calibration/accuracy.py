@@ -36,6 +36,7 @@ if TYPE_CHECKING:
 
 ARCSEC = np.pi / 180 / 3600
 MODEL, ESTIMATOR = "extended", "points"
+UNCORRECTED = "uncorrected"  # no model: the machine as it is
 # Deformation of the platform in the model, by the cause that was found; the first one counts.
 _DEFORMATIONS = {
     "platform-deformation-matrix": "matrix",

@@ -5,6 +5,7 @@ from __future__ import annotations
 import calendar
 import re
 from collections import Counter
+from collections.abc import Iterator
 from dataclasses import dataclass, field
 from datetime import datetime
 from functools import cached_property
@@ -33,6 +34,7 @@ from truing.formats.raw import RawBatch
 from truing.formats.shapes import COORDINATES
 from truing.schemas.column import LARGEST, Column
 from truing.schemas.mapping import RawValue
+from truing.schemas.near_names import mistyped_name
 
 _NUMBER_IN_CELL = re.compile(r"[-+]?(?:\d+\.?\d*|\.\d+)(?:[eE][-+]?\d+)?|[-+]?(?:nan|inf)", re.IGNORECASE)
 _EXACT = 2**53  # float64 holds integers exactly up to here
@@ -144,6 +146,7 @@ def evaluate(plan: MappingPlan, batch: RawBatch) -> TableBatch:
     chosen = selection.selected()
     work = _Work(plan, _filtered(batch, chosen))
     wanted = {name: column for name, column in plan.columns.items() if work.is_of_use(name)}
+    work.faults += [fault for name in plan.columns if name not in wanted for fault in work.mistyped(name)]
     columns = {name: work.column(name, column) for name, column in wanted.items()}
     records, keep, faulty = work.batch.records, work.present(), work.reported
     if not keep.all():
@@ -208,6 +211,14 @@ class _Work:
             return True
         values, bad = self.notation.parse(self._raw(name).cast("string"))
         return int(np.count_nonzero(bad)) <= len(values) - values.null_count
+
+    def mistyped(self, name: str) -> Iterator[CellFaults]:
+        """Yield the fault of an unasked column of text, if a known column lacks and has nearly its name."""
+        missing = [known for known in self.plan.shape.known(()) if known not in self.plan.columns]
+        if (near := mistyped_name(name, missing)) is not None:
+            expected = f"numbers, in a column of your own; did you mean {near}? Else name it in ignore"
+            filled = np.asarray(self._raw(name).is_valid())
+            yield CellFaults.where(filled, self.batch.records, self._raw(name), name, expected)
 
     # -- text ---------------------------------------------------------------------------------------------
 
@@ -302,7 +313,11 @@ class _Work:
     # -- numbers ------------------------------------------------------------------------------------------
 
     def _scaled(self, name: str, column: Column) -> pa.Array:
-        values = converted_numbers(self._numbers(name, column), self.plan.entry.value(name))
+        raw = self._numbers(name, column)
+        for position, sign in self.plan.added(name):
+            other = self._number_at(position, name)
+            raw = pc.add(raw, other) if sign > 0.0 else pc.subtract(raw, other)
+        values = converted_numbers(raw, self.plan.entry.value(name))
         factor, offset = self.plan.scale(name)
         shift = self.plan.entry.offset.get(name, 0)
         if (factor, offset, shift) != (1.0, 0.0, 0):
@@ -353,6 +368,12 @@ class _Work:
         elif not column.nullable:
             self._check_present(np.asarray(values.is_null()) & ~broken, name, "a number in every row")
         return values
+
+    def _number_at(self, position: int, name: str) -> pa.Array:
+        """Return the numbers of a raw column that are added to those of the column ``name``."""
+        raw = self.batch.columns[position]
+        values = raw if pa.types.is_floating(raw.type) else self._parsed(name, raw)[0]
+        return self._without_missing(values.cast(pa.float64()))
 
     def _parsed(self, name: str, raw: pa.Array) -> tuple[pa.Array, Mask, Mask]:
         """Return numbers, the mask of empty cells, and the mask of other content."""

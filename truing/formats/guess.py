@@ -25,8 +25,9 @@ _NO_POINTS = re.compile(
 _OF_INSPECTION = re.compile(
     r"nom(inal)?|soll|meas(ured)?|act(ual)?|ist|mess|dev(iation)?|abw(eichung)?|tol|error", re.I
 )
-_OF_AXES = re.compile(  # positions in a robot's program: KUKA's E6AXIS, ABB's jointtarget
-    r"E6AXIS\s+(?P<kuka>\w+)\s*=\s*\{\s*A1|jointtarget\s+(?P<abb>\w+)\s*:?=\s*\[\[", re.IGNORECASE
+_OF_AXES = re.compile(  # positions in a robot's program: KUKA's E6AXIS, jointtarget of ABB and of Rokae, UR's movej
+    r"E6AXIS\s+(?P<kuka>\w+)\s*=\s*\{\s*A1|jointtarget\s+\w+\s*:?=\s*(?P<target>\[\[|j:\s*\{)|(?P<ur>movej\s*\(\s*\[)",
+    re.IGNORECASE,
 )
 _ANGLE = r"[-+\d.eE]+"
 _RAYS = ("image", "camera", "point", "x_px", "y_px")
@@ -63,7 +64,7 @@ class Guess:
     others: other tables read with the same keys. known: no table of the file is needed; the first note gives the
     reason. beside: other tables in the file, each with its own keys. ways: other readings that are possible. answered:
     keys that are no guesses, because somebody has given them. doubts: statements to confirm, beside those that the keys
-    imply.
+    imply. machine: keys of [mechanism], where the file holds nominal geometry.
     """
 
     mapping: MappingKeys = field(default_factory=dict)
@@ -76,6 +77,7 @@ class Guess:
     ways: tuple[OtherWay, ...] = field(default=(), compare=False, repr=False)
     answered: frozenset[str] = frozenset()
     doubts: tuple[str, ...] = ()
+    machine: MappingKeys = field(default_factory=dict)
 
 
 def metashape(lines: Sequence[str]) -> Guess | None:
@@ -248,19 +250,29 @@ def guess_by_first_lines(lines: Sequence[str]) -> Guess | None:
 
 
 def _positions_of_program(match: re.Match[str]) -> Guess:
-    """Return a guess for the positions in a robot's program, in degrees: a pose per line, named as the position."""
+    """Return a guess for the positions in a robot's program: a pose per line, named as the position or in their order.
+
+    They are in degrees, those of UR's programs in radians.
+    """
     joints = [f"joint{number}" for number in range(1, 7)]
-    values = [rf"(?P<{joint}_deg>{_ANGLE})" for joint in joints]
-    if match["kuka"] is not None:
-        inner = r"\s*,\s*".join(rf"A{number}\s+{value}" for number, value in enumerate(values, start=1))
-        pattern, marker = rf".*E6AXIS\s+(?P<pose>\w+)\s*=\s*\{{\s*{inner}.*", "E6AXIS"
+    unit = "deg" if match["ur"] is None else "rad"
+    values = [rf"(?P<{joint}_{unit}>{_ANGLE})" for joint in joints]
+    keys = {"separator": "|", "quote": "", "header": False, "names": ["line"]}
+    inner = r"\s*,\s*".join(values)
+    if match["ur"] is not None:
+        keys |= {"keep_lines": "movej", "number_rows": {"pose": 1}}
+        pattern, doubt = rf".*movej\s*\(\s*\[\s*{inner}.*", "the positions are assumed to be the poses in their order"
     else:
-        inner = r"\s*,\s*".join(values)
-        pattern, marker = rf".*jointtarget\s+(?P<pose>\w+)\s*:?=\s*\[\[\s*{inner}.*", "jointtarget"
-    pattern = pattern.replace("(?P<pose>\\w+)", r"\w*?(?P<pose>\d+)")
-    keys = {"separator": "|", "quote": "", "header": False, "names": ["line"], "keep_lines": marker}
-    note = "positions of a robot's program, in degrees"
-    doubt = "the numbers of the positions are assumed to be the poses"
+        doubt = "the numbers of the positions are assumed to be the poses"
+        numbered = r"\w*?(?P<pose>\d+)"
+        if match["kuka"] is not None:
+            inner = r"\s*,\s*".join(rf"A{number}\s+{value}" for number, value in enumerate(values, start=1))
+            keys, pattern = keys | {"keep_lines": "E6AXIS"}, rf".*E6AXIS\s+{numbered}\s*=\s*\{{\s*{inner}.*"
+        else:
+            first = r"\[\[" if match["target"].startswith("[") else r"j:\s*\{"
+            keys |= {"keep_lines": "jointtarget"}
+            pattern = rf".*jointtarget\s+{numbered}\s*:?=\s*{first}\s*{inner}.*"
+    note = f"positions of a robot's program, in {'degrees' if unit == 'deg' else 'radians'}"
     return Guess({**keys, "split": {"line": pattern}}, tuple(joints), "configurations", (note,), doubts=(doubt,))
 
 

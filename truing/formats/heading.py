@@ -7,7 +7,7 @@ from collections import Counter
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 
-from truing.formats.units import known_unit
+from truing.formats.units import is_like_a_unit, known_unit
 
 _MOST_ROWS = 8  # of a heading
 _NO_UNIT = {"", "-", "--", "[-]", "[]"}
@@ -100,7 +100,8 @@ def _composed(rows: Sequence[Row], is_number: Callable[[str], bool]) -> tuple[st
 
 def _are_units(row: Sequence[str]) -> bool:
     cells = [cell for cell in row if cell not in _NO_UNIT]
-    return bool(cells) and all(known_unit(cell.strip("[]() ")) is not None for cell in cells)
+    known = sum(known_unit(cell.strip("[]() ")) is not None for cell in cells)
+    return 2 * known > len(cells) and all(is_like_a_unit(cell) for cell in cells)
 
 
 def _repeats(names: Sequence[str]) -> bool:

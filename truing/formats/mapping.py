@@ -25,7 +25,15 @@ from truing.formats.origins import (
 from truing.formats.patterns import bounded
 from truing.formats.raw import Kind
 from truing.formats.shapes import COORDINATES, TableShape
-from truing.formats.units import UnknownUnit, conversion, expanded, unit_in_brackets
+from truing.formats.units import (
+    UnknownUnit,
+    conversion,
+    expanded,
+    is_like_a_unit,
+    known_unit,
+    unit_in_brackets,
+    unread_unit,
+)
 from truing.schemas.column import Column
 from truing.schemas.mapping import FileMapping, is_uncertainty
 
@@ -105,7 +113,7 @@ class MappingPlan:
         """Targets of a wide row, in the order of their columns."""
         if self.entry.wide is None:
             return ()
-        pattern = bounded(_template_pattern(self.entry.wide), "wide")
+        pattern = bounded(names_of_template(self.entry.wide), "wide")
         if self.entry.wide_values is not None:
             matches = (
                 (match, place) for place, name in enumerate(self.all_names) if (match := pattern.fullmatch(name))
@@ -211,7 +219,9 @@ class MappingPlan:
             if name in given_names or name in helpers or not name or origin is None or passed_over.fullmatch(name):
                 continue
             if isinstance(origin, RawColumn):
-                if origin.position in used:
+                # A column without a name, known by its position alone, is no quantity that an effect may depend on.
+                is_nameless = name == str(origin.position + 1) and name not in self.entry.columns
+                if origin.position in used or is_nameless:
                     continue
                 used.add(origin.position)
             yield name
@@ -225,6 +235,8 @@ class MappingPlan:
             kinds[cell] = "number" if cell == position else "text"
         for name, column in self.columns.items():
             self._require_columns(name, self._kind(name, column), kinds, ())
+        for position in (place for name in self.columns for place, _ in self.added(name)):
+            kinds.setdefault(position, "number")
         for name in (*self.entry.select, *self.entry.split):  # they select the rows to read
             self._require_columns(name, "text", kinds, ())
         return kinds
@@ -238,6 +250,12 @@ class MappingPlan:
         if column.kind != "real" or is_time:
             return "text"
         return "seconds" if column.unit == "s" else "number"
+
+    def added(self, name: str) -> Iterator[tuple[int, float]]:
+        """Yield positions of the raw columns whose numbers are added to a column, with their signs."""
+        for reference, sign in self.entry.value(name).others:
+            if (origin := self._raw(reference)) is not None:
+                yield origin.position, sign
 
     def _require_columns(self, name: str, kind: Kind, kinds: dict[int, Kind], within: tuple[str, ...]) -> None:
         if name in within:
@@ -284,6 +302,12 @@ class MappingPlan:
         for name in dict.fromkeys(asked):
             if name not in wanted and name not in self.preset and self.origin(name) is None:
                 misfits.append(self._missing_column(name))
+        misfits += [
+            Misfit("a raw column of the file, to be added", column=name, value=str(reference))
+            for name in self.columns
+            for reference, _ in self.entry.value(name).others
+            if self._raw(reference) is None
+        ]
         misfits += [m for name in self._nameable if (m := self._unknown(name)) is not None]
         misfits += self._named_twice()
         misfits += [m for name in self.columns if (m := self._unit_misfit(name)) is not None]
@@ -390,7 +414,7 @@ class MappingPlan:
         return name
 
 
-def _template_pattern(template: str) -> str:
+def names_of_template(template: str) -> str:
     """Return the regular expression for names of a template; the axis is one letter."""
     parts = []
     for text, name, _, _ in string.Formatter().parse(template):
@@ -406,6 +430,11 @@ def _contradicted_columns(plan: MappingPlan) -> Iterator[Misfit]:
         raw = plan.raw_name(name)
         if name in plan.preset or name in plan.unnamed_covariates or raw == name:
             continue
+        words = unread_unit(raw, column) if column.unit and not plan.is_given_unit(name) else None
+        is_unit = words is not None and (is_like_a_unit(words) or raw.endswith("]"))
+        if is_unit and not (name.endswith("_mv") and known_unit(words or "")):  # a sensor may show newtons
+            cure = f'units = {{ {name} = "{column.unit}" }}, or what it is'
+            yield Misfit(f"its unit, as {words} of {raw} is not known as a unit of this quantity: {cure}", column=name)
         unit = unit_in_brackets(raw)
         if unit is not None and column.unit and not plan.is_given_unit(name) and _units_differ(unit, column.unit):
             yield Misfit(f'its unit, as {raw} is not in {column.unit}: units = {{ {name} = "{unit}" }}', column=name)

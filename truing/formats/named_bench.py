@@ -26,7 +26,7 @@ _LOADED = {
     "material_temperature_c": r"(material|werkstück)[ _-]?temp(erature?|eratur)?",
 }
 _MOTION = ("dx", "dy", "dz", "rx", "ry", "rz")
-_TARGET = r"(target|nominal|soll|ziel|command(ed)?)([ _-]?(position|pos|wert))?|position[ _]?nominale"
+_TARGET = r"(target|tgt|nominal|soll|ziel|command(ed)?)([ _-]?(position|pos|wert))?(\(i\))?|position[ _]?nominale"
 _DEVIATION = r"deviation|error|abweichung|(positioning|positions)[ _-]?(error|abweichung)|fehler|erreur"
 _ACTUAL = r"(actual|measured|ist|reference)([ _-]?(position|pos|wert))?|istposition|istwert|position"
 _DIRECTION = r"direction|dir|(verfahr)?richtung|approach|anfahrrichtung|sens"
@@ -54,22 +54,30 @@ _DIRECTIONS = {
 _COMMAND = (
     r"(command(ed)?|target|nominal|soll|ziel|set)([ _-]?(angle|position|pos|winkel|wert))?"
     r"|(angle|position|pos|winkel)[ _-](command|target|nominal|soll)|setpoint|angle|winkel|position|.*pos[_-]?cmd"
-    r"|.*[ _.]set[ _]?pos(ition)?"
+    r"|.*[ _.]set[ _]?pos(ition)?|(rotary[ _]?)?(table|rundtisch|tisch)([ _-]?(angle|position|pos|winkel))?"
 )
 _COMMANDED = r"command|target|nominal|soll|ziel|set[ _-]?point"
 _MOTOR = (
     r"motor([ _-]?(encoder|angle|position|winkel))?|encoder|(dreh)?geber|messsystem|resolver|.*pos[_-]?(fb|feedback)"
     r"|.*[ _.]act[ _]?pos(ition)?"
+    r"|enc(oder)?[ _-]?mot(or)?"
 )
 _LOAD_SIDE = (
     r"(load|second|direct|output)([ _-]?(encoder|angle|position|winkel))|abtrieb|encoder[._ ]?\d+([._ ]?pos(ition)?)?"
+    r"|enc(oder)?[ _-]?(load|last|abtrieb)"
 )
 _OUTSIDE = (
     r"(reference|measured|autocollimator|autokollimator|akf|interferometer|laser|polygon|ist|error|deviation|abweichung)"
-    r".*|(ron|rod|rpn|rcn|ecn|ern|lip|lida|lif) ?\d{3,4}"
+    r".*|(reading|anzeige|ablesung)|(ron|rod|rpn|rcn|ecn|ern|lip|lida|lif) ?\d{3,4}"
 )
 _NUMBERED = re.compile(
     r"(axis|achse|channel|kanal|encoder|counter|z(ä|ae)hler)[ _]?\d([ _](position|pos|angle|winkel))?", re.I
+)
+# Numbers of rows, faces and scatter beside an instrument's reading: no condition on which an error may depend.
+_NO_CONDITION = re.compile(
+    r"(face|facette|(poly(gon)?[ _]?)?fl(ä|ae)che|run|lauf|turn|umlauf|nr|no|#)"
+    r"|(sd|std|sigma|stdev|streuung)([ _].*)?|direction|dir|(dreh)?(richtung|sinn)|approach|sens",
+    re.IGNORECASE,
 )
 _OF_LENGTHS = r"laser|interferometer|lip|lida|lif"  # instruments that mostly measure lengths
 _UNITS_OF_AXES = {"angle": "deg", "length": "mm"}
@@ -189,6 +197,46 @@ def positions_side_by_side(names: Sequence[str]) -> Proposal | None:
     return Proposal("positioning", mapping, "approaches of an axis to its targets, a column for each run")
 
 
+_CYCLE_HEAD = re.compile(r"(?P<head>[^\d{}]+)(?P<cycle>\d+)(?P<tail>[^\d{}]*)")
+_NUMBER_OF_TARGET = re.compile(r"i|nr|no|number|index|point|punkt", re.IGNORECASE)
+_OF_DEVIATION = re.compile(r"dev|err|abw|fehler", re.IGNORECASE)
+_SIDES = (("forward", "backward"), ("fwd", "bwd"), ("up", "down"), ("plus", "minus"), ("vorwärts", "rückwärts"))
+
+
+def cycles_side_by_side(names: Sequence[str], file_name: str) -> Proposal | None:
+    """Return approaches of an axis to its targets from one side, with a column for each cycle; the file's name says
+    from which side. None if it does not, or without such columns."""
+    target = _meanings(names, {"target_mm": _TARGET}).get("target_mm")
+    sides = next((pair for pair in _SIDES if re.search(_whole_word(*pair), file_name)), None)
+    others = [name for name in names if name and name != target and not _NUMBER_OF_TARGET.fullmatch(name.strip())]
+    matches = [match for name in others if (match := _CYCLE_HEAD.fullmatch(name))]
+    common = {(match["head"], match["tail"]) for match in matches}
+    if target is None or sides is None or len(matches) < max(2, len(others)) or len(common) != 1:
+        return None
+    ((head, tail),) = common
+    value = "deviation_um" if _OF_DEVIATION.search(head) else "position_mm"
+    units = {"target_mm": bare_and_unit(target)[1], value: bare_and_unit(others[0])[1]}
+    unit_of_column = {column: unit for column, unit in units.items() if unit not in (None, column.rsplit("_", 1)[-1])}
+    mapping: MappingKeys = {
+        "columns": {"target_mm": target},
+        "wide": f"{head}{{cycle}}{tail}",
+        "wide_values": value,
+        "constants": {"run": "1"},
+        "from_name": _whole_word(*sides),
+        **({"units": unit_of_column} if unit_of_column else {}),
+    }
+    words = {f"(?i){side}": word for side, word in zip(sides, _SIDES[0], strict=True)}
+    mapping["rename"] = {"direction": words}
+    doubt = "no unit is given; deviations are assumed in um" if units[value] is None else ""
+    note = "approaches of an axis to its targets from one side, a column for each cycle; the file's name says the side"
+    return Proposal("positioning", mapping, note, (doubt,) if doubt and value == "deviation_um" else ())
+
+
+def _whole_word(forward: str, backward: str) -> str:
+    """Return the regular expression for either word in a file's name, as the direction."""
+    return rf"(?i)(?:^|[\W\d_])(?P<direction>{forward}|{backward})(?=$|[\W\d_])"
+
+
 def _direction(cell: str) -> str | None:
     return next((word for word, names in _DIRECTIONS.items() if cell.casefold() in names), None)
 
@@ -243,7 +291,8 @@ def _axis_of_kind(names: Sequence[str], values: Array, kind: str | None, meant: 
         what = "deviation" if _is_deviation(names, values, command, outside, unit) else "measured"
         columns[f"{what}_{unit}"] = outside
         meaning = "the deviation from the command" if what == "deviation" else "the measured place of the axis"
-        doubts = (f"{outside} is assumed to be {meaning}",)
+        is_asked = what == "deviation" and not is_deviation_by_name(outside)  # the question of its sign says it
+        doubts = () if is_asked else (f"{outside} is assumed to be {meaning}",)
     units = {
         column: unit_of_column
         for column, name in columns.items()
@@ -253,10 +302,16 @@ def _axis_of_kind(names: Sequence[str], values: Array, kind: str | None, meant: 
     computed = [
         re.escape(name).replace("\\ ", " ")
         for name in names
-        if name not in columns.values() and re.fullmatch(_DEVIATION, bare_and_unit(name)[0].casefold())
+        if name not in columns.values()
+        and (re.fullmatch(_DEVIATION, bare := bare_and_unit(name)[0].casefold()) or _NO_CONDITION.fullmatch(bare))
     ]  # from command and measured place: no condition on which an error may depend
     mapping |= {"ignore": "|".join(computed)} if computed else {}
     return Proposal("configurations", mapping, "commands of an axis, and what recorded them", doubts)
+
+
+def is_deviation_by_name(name: str) -> bool:
+    """True if words of a column's name say deviation or error, and not only what recorded it."""
+    return re.search(rf"{_DEVIATION}|dev|err|abw", bare_and_unit(name)[0], re.IGNORECASE) is not None
 
 
 def _first(names: Sequence[str], pattern: str, used_names: Sequence[str | None], kind: str | None) -> str | None:

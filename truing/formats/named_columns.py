@@ -24,7 +24,8 @@ _COLUMNS = {
 }
 _PLACES = (("x", "y", "z"), ("tx", "ty", "tz"), ("px", "py", "pz"))
 _OF_PART = re.compile(
-    r"(?P<before>.*?)[\W_]+(?P<part>rotation|orientation|quaternion|position|translation|location)[\W_]+(?P<axis>[wxyz])",
+    r"(?:(?P<before>.*?)[\W_]+)?(?P<part>rot(?:ation)?|ori(?:entation)?|quat(?:ernion)?|q"
+    r"|pos(?:ition)?|trans(?:lation)?|loc(?:ation)?|t|p)[\W_]+(?P<axis>[wxyz])",
     re.IGNORECASE,
 )
 _COMPOUND = re.compile(r"([a-z])([XYZ])(?![a-z])")  # MeasuredX
@@ -54,11 +55,13 @@ class PoseMapping:
 
 def pose_columns(names: Sequence[str], values: Array) -> PoseMapping | None:
     """Return the poses recognised by names and numbers (N, W), NaN for other cells; else None."""
-    places = _groups(names, _PLACES)
+    plain = _without_words_of_parts(names)
+    raw = dict(zip(plain, names, strict=True))
+    places = _raw_groups(raw, _PLACES)
     best: tuple[bool, int, str, tuple[str, ...], tuple[str, ...]] | None = None
     for before, place in places.items():
         for rank, (kind, families) in enumerate(_FAMILIES.items()):
-            turned = _groups(names, families).get(before)
+            turned = _raw_groups(raw, families).get(before)
             if turned is None or (kind == "quaternion" and not _is_unit(_selected_columns(names, turned, values))):
                 continue
             candidate = (_COMMANDED.search(before) is not None, rank, kind, place, turned)
@@ -156,6 +159,8 @@ def poses_side_by_side(names: Sequence[str], values: Array) -> list[PoseMapping]
 def _without_words_of_parts(names: Sequence[str]) -> list[str]:
     """Return names without ``Position`` and ``Rotation`` before their axes: ``Base.Rotation.X`` is ``Base.qx``.
 
+    So are ``quat_x`` and ``q_x`` ``qx``, and ``pos_x`` and ``t_x`` ``x``.
+
     Rotations with a W are quaternions, others vectors or angles.
     """
     matches = [_OF_PART.fullmatch(bare_and_unit(name)[0]) for name in names]
@@ -166,7 +171,8 @@ def _without_words_of_parts(names: Sequence[str]) -> list[str]:
             names_left.append(name)
             continue
         letter = "" if match["part"][0] in "pPtTlL" else "q" if match["before"] in real else "r"
-        names_left.append(f"{match['before']}.{letter}{match['axis'].lower()}")
+        before = f"{match['before']}." if match["before"] else ""
+        names_left.append(f"{before}{letter}{match['axis'].lower()}")
     return names_left if len(set(names_left)) == len(names_left) else list(names)
 
 
@@ -277,6 +283,17 @@ def _groups(names: Sequence[str], families: Sequence[tuple[str, ...]]) -> dict[s
             if before not in groups and all((before, word) in by_word for word in family):
                 groups[before] = tuple(by_word[before, word] for word in family)
     return groups
+
+
+def place_groups(names: Sequence[str]) -> dict[str, tuple[str, ...]]:
+    """Return the columns of coordinates by the words before their axes, such as ``base_x`` to ``base_z`` by base."""
+    return _groups(names, _PLACES)
+
+
+def _raw_groups(raw: Mapping[str, str], families: Sequence[tuple[str, ...]]) -> dict[str, tuple[str, ...]]:
+    """Return columns of a family by their prefix, where ``raw`` gives the column of each plain name."""
+    groups = _groups(tuple(raw), families)
+    return {before: tuple(raw[name] for name in group) for before, group in groups.items()}
 
 
 def place_columns(names: Sequence[str]) -> tuple[str, ...] | None:

@@ -118,9 +118,10 @@ def _match_by_number(names: Sequence[str], count: int) -> tuple[str, ...] | None
     """Return the first family of names that differ in a number alone, as many as there are joints."""
     families: dict[tuple[str, str], dict[int, str]] = {}
     for name in names:
-        if _NOT_POSITIONS.search(name) or not (match := _NUMBERED.fullmatch(name.strip())):
+        if _NOT_POSITIONS.search(name) or not (match := _NUMBERED.fullmatch(bare_and_unit(name)[0])):
             continue
-        families.setdefault((match["family"].casefold(), match["rest"].casefold()), {})[int(match["number"])] = name
+        family = families.setdefault((match["family"].casefold(), match["rest"].casefold()), {})
+        family.setdefault(int(match["number"]), name)  # slides have another unit than joints that turn
     for family in families.values():
         numbers = sorted(family)
         steady = numbers == list(range(numbers[0], numbers[0] + len(numbers))) and numbers[0] in (0, 1)

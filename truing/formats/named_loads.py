@@ -125,12 +125,18 @@ def _keys(columns: dict[str, str]) -> MappingKeys:
 def _unit_for(column: str, name: str) -> str | None:
     """Return the unit that a raw name gives, if a column may have it and has another one."""
     unit_of_load = "mV" if column.endswith("_mv") else _OWN[column.rsplit("_", 1)[-1]]
-    match = next((m for p in (_LETTER, _SPELT, _BEHIND) if (m := p.fullmatch(_bare(name)))), None)
-    text = re.sub(r"[\s·*.]", "", (match["unit"] if match else None) or "")
-    unit = _LOWER.get(text) or (known_unit(text) if match else unit_of(name))
+    match = _match(name)
+    text = (match["unit"] if match else None) or ""
+    unit = _LOWER.get(re.sub(r"[\s·*.]", "", text)) or known_unit(text) or unit_of(name)
     return (
         None if unit in (None, unit_of_load) or not may_be(unit, find_column(column.removeprefix("shown_"))) else unit
     )
+
+
+def _match(name: str) -> re.Match[str] | None:
+    """Return the match of a raw name of a load or motion, with its unit in brackets or behind it; else None."""
+    texts = (_bare(name), bare_and_unit(_bare(name))[0])
+    return next((m for text in texts for p in (_LETTER, _SPELT, _BEHIND) if (m := p.fullmatch(text))), None)
 
 
 def unit_of(name: str) -> str | None:
@@ -164,7 +170,7 @@ def _components(names: Sequence[str]) -> tuple[dict[str, str], dict[str, str]]:
     plain: dict[str, str] = {}
     applied: dict[str, str] = {}
     for name in names:
-        match = next((m for p in (_LETTER, _SPELT, _BEHIND) if (m := p.fullmatch(_bare(name)))), None)
+        match = _match(name)
         if match is not None:
             column = _COLUMN[match["what"].lower()].format(match["axis"].lower())
             of_reference = any(match.groupdict().get(word) is not None for word in ("of", "after"))

@@ -112,9 +112,13 @@ def proposal_of_poses(poses: PoseMapping, cells: NamedCells, mapping: MappingKey
     if body is not None:
         keys["columns"] = {"body": body[0], **keys["columns"]}
         keys.pop("constants", None)
+    only = _only_body(cells, others)
+    named = frozenset[str]()
+    if only is not None and "constants" in keys:
+        keys, named = keys | {"constants": {"body": only}}, frozenset({"body"})
     inputs = [name for name in others if name not in number.values() and np.isfinite(cells.numbers(name)).any()]
     if not inputs:
-        return Guess({**mapping, **keys}, names, "poses", poses.notes)
+        return Guess({**mapping, **keys}, names, "poses", poses.notes, answered=named)
     repeated = _repeated_times(cells, reported, body)
     ignore = "|".join(re.escape(name).replace("\\ ", " ") for name in (*poses.taken, *repeated))
     readings = configurations_of_joints(others, *cells.of(others), {**meant, **number}, joints)
@@ -126,7 +130,7 @@ def proposal_of_poses(poses: PoseMapping, cells: NamedCells, mapping: MappingKey
     entry = {**mapping, **({"columns": reported} if reported else {}), **numbered, **one_body, "ignore": ignore}
     text = f"what else there is, pose by pose: {', '.join(inputs[:8])}{', ...' if len(inputs) > 8 else ''}"
     beside = (Guess(entry, names, "configurations", (text,)),)
-    return Guess({**mapping, **keys}, names, "poses", poses.notes, beside=beside)
+    return Guess({**mapping, **keys}, names, "poses", poses.notes, beside=beside, answered=named)
 
 
 def _repeated_times(cells: NamedCells, reported: Mapping[str, str], body: tuple[str, str] | None) -> list[str]:
@@ -160,6 +164,16 @@ def _poses_beside_joints(
     is_bare = "unit" not in keys and bare_and_unit(keys["columns"][shifts[0]])[1] is None
     in_metres = is_within_metres(cells.of([keys["columns"][column] for column in shifts])[1])
     return perhaps_in_metres(guess, is_bare and is_in_rad and in_metres)
+
+
+def _only_body(cells: NamedCells, others: Sequence[str]) -> str | None:
+    """Return the body that a column names in every row alike; None without such a column."""
+    for name in others:
+        bodies = {text.strip() for text in cells.texts(name)}
+        body = bodies.pop() if len(bodies) == 1 else ""
+        if re.fullmatch(_OF_BODIES, bare_and_unit(name)[0], re.IGNORECASE) and re.search(r"[^\W\d_]", body):
+            return body
+    return None
 
 
 def _body_column(cells: NamedCells, others: Sequence[str]) -> tuple[str, str] | None:

@@ -22,6 +22,7 @@ from truing.formats.guess import (
 )
 from truing.formats.heading import unit_in_words
 from truing.formats.key_value_heading import NUMBERS_ALONE, HeadedTable, headed_table
+from truing.formats.named_bench import cycles_side_by_side
 from truing.formats.named_loads import load_columns
 from truing.formats.presets import format_of
 from truing.formats.probable_columns import columns_by_names
@@ -41,6 +42,8 @@ _COUNT = re.compile(rb"^(?:element vertex|POINTS) +(\d+)", re.MULTILINE)
 _OF_JOINTS = re.compile(r"joint|gelenk|achswinkel|axis[_ -]?(angle|value)", re.IGNORECASE)
 _DENSE = 1000  # a cloud with more points is a scan of a surface, not a set of targets
 _SHOWN = 12
+_SENTENCE = 4  # words
+_PROSE = "text without a table"
 _BINARY = {  # of programs that also write text
     ".tdms": "save the channels as text: Write To Measurement File with .lvm, or the TDMS viewer's export",
     ".bin": "export as ASCII",
@@ -145,6 +148,8 @@ def _sniff_text(path: Path, joints: Sequence[str]) -> Guess:
     if guess.mapping.get("format") == "vstars" and (select := coded_alone([line for _, line in lines_of_data])):
         note = "coded targets alone: the others are numbered anew in every bundle"
         return replace(guess, mapping=guess.mapping | select, notes=(*guess.notes, note))
+    if guess.table is None and (found := cycles_side_by_side(guess.columns, path.name)) is not None:
+        return Guess({**guess.mapping, **found.mapping}, guess.columns, found.table, (found.note,), doubts=found.doubts)
     return guess
 
 
@@ -199,6 +204,8 @@ def _sniff_records(
     lines = [line for _, line in numbered]
     separator = guess_separator(lines[len(lines) // 3 :] or lines, '"')
     records = [split_record(line.encode(), separator, '"') for line in lines]
+    if _is_prose(records):
+        return Guess(notes=(_PROSE,), known=True)
     width = len(records[-1])
     skipped = next((i for i, record in enumerate(records) if len(record) == width), 0)
     records_kept = [i for i in range(skipped, len(records)) if len(records[i]) == width]
@@ -216,6 +223,13 @@ def _sniff_records(
         joints=joints,
         is_of_joints=is_of_joints,
     )
+
+
+def _is_prose(records: Sequence[Sequence[str]]) -> bool:
+    """True if most cells are parts of sentences: several words of letters alone."""
+    cells = [cell for record in records for cell in record]
+    wordy = sum(len(re.findall(r"(?<!\S)[^\W\d_]+", cell)) >= _SENTENCE for cell in cells)
+    return 2 * wordy > len(cells)
 
 
 def _sniff_workbook(path: Path, joints: Sequence[str]) -> Guess:
@@ -237,12 +251,15 @@ def _sniff_workbook(path: Path, joints: Sequence[str]) -> Guess:
         before = [number - 1 for number, _ in rows]
         unit = unit_in_words([" ".join(row) for row in texts[:first]])
         keys |= {"skip_lines": before[first]} if first else {}
-        guesses[name] = sniff_cells(texts[first:], keys, first_lines=before[first:], unit=unit, joints=joints)
+        guesses[name] = sniff_cells(
+            texts[first:], keys, first_lines=before[first:], comments=texts[:first], unit=unit, joints=joints
+        )
     if not guesses:
         return Guess(notes=("no sheet holds anything",))
     if (alike := _alike_sheets(guesses)) is not None:
         return alike
-    firsts = {guess.table: name for name, guess in reversed(guesses.items()) if guess.table is not None}
+    kinds = {name: guess.table or "".join(guess.machine) for name, guess in guesses.items()}
+    firsts = {kind: name for name, kind in reversed(kinds.items()) if kind}
     read = [name for name in guesses if name in firsts.values()] or [next(iter(guesses))]
     others = [other for other in guesses if other not in read]
     more = (f"sheet {read[0]} is read; there are {', '.join(others[:_SHOWN])}",) if others else ()

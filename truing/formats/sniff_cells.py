@@ -26,6 +26,7 @@ from truing.formats.likely_notation import COMMA_DECIMAL, COMMA_THOUSANDS, ambig
 from truing.formats.named_bench import (
     Proposal,
     axis_rows,
+    is_deviation_by_name,
     positions_of_axis,
     positions_side_by_side,
     readings_under_load,
@@ -34,6 +35,7 @@ from truing.formats.named_chain import bare_chain_rows, chain_rows
 from truing.formats.named_columns import bare_poses, is_one_motion, pose_columns
 from truing.formats.named_joints import bare_joints, configurations_of_joints
 from truing.formats.named_loads import channels_without_loads, load_columns
+from truing.formats.nominal_machine import machine_of
 from truing.formats.numbers import Notation
 from truing.formats.probable_columns import columns_by_names
 from truing.formats.proposed_loads import proposal_of_loads, with_doubt_on_samples
@@ -153,6 +155,9 @@ def _guess_by_notation(
     cells = NamedCells(names, data, notation.matrix(data))
     if not has_header:
         return _with_unit_in_words(_without_names(cells, mapping, notation, about), about.unit)
+    words = " ".join(cell for line in about.comments for cell in line)
+    if (machine := machine_of(cells, words, about.unit)) is not None:
+        return machine
     guess = _with_times(_guess_by_names(cells, mapping, about.joints), names, data, notation)
     guess = with_unit_of_deviations(guess, names, cells.values, about.unit)
     return _with_unit_in_words(_with_unit_of_rows(guess, names, data), about.unit)
@@ -365,10 +370,27 @@ def _guess_axis(
         for axis in axes
     ]
     if len(guesses) == 1:
-        return guesses[0]
+        return _with_sign_of_readings(guesses[0])
     taken, other = ("mm", "deg") if "command_mm" in guesses[0].mapping["columns"] else ("deg", "mm")
     text, doubt = "Unit of the axis, which no name gives", f"no unit is given; the axis is assumed to be in {taken}"
     return replace(guesses[0], ways=(OtherWay("axis", text, taken, other, guesses[1], doubt),))
+
+
+def _with_sign_of_readings(guess: Guess) -> Guess:
+    """Return a proposal of an axis with the question of the sign, where an instrument's readings are deviations."""
+    columns, units = guess.mapping["columns"], guess.mapping.get("units", {})
+    column = next((name for name in ("deviation_deg", "deviation_mm") if name in columns), None)
+    if column is None or is_deviation_by_name(columns[column]):
+        return guess
+    raw = columns[column]
+    turned = {"name": raw, "scale": -1.0, "unit": units.get(column, column.rsplit("_", 1)[-1])}
+    others = {name: unit for name, unit in units.items() if name != column}
+    mapping = {key: value for key, value in guess.mapping.items() if key != "units"}
+    mapping |= {"columns": {**columns, column: turned}, **({"units": others} if others else {})}
+    text = f"{raw}: place of the axis minus its command, or command minus place"
+    doubt = f"{raw} is assumed to be the deviation from the command: place minus command, not command minus place"
+    way = OtherWay("sign", text, "place-command", "command-place", replace(guess, mapping=mapping), doubt)
+    return replace(guess, ways=(way,))
 
 
 def _repeats_targets(cells: NamedCells, keys: Mapping[str, Any]) -> bool:

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import glob
 import os
+import re
 import stat
 from collections.abc import Collection, Iterable, Iterator, Mapping
 from dataclasses import dataclass
@@ -31,6 +32,8 @@ LOGO = "logo"  # the picture of [campaign], which the page holds
 _RAYS = ("images", "image_points")  # either of these defines a campaign of photographs
 _OF_POINTS = ("points", "poses", "scans", "distances")
 PICTURES = ("jpg", "jpeg", "png", "tif", "tiff")
+_MEASURED = ("points", "poses", "distances")
+_COORDINATES = "[xyz]_mm"
 _BY_CHANNEL = "interferometer"  # table whose rows may be side by side, one column per channel
 # Formats of pictures that are not read: they need the decoder of each maker, or have lossy compression that no longer
 # shows where an edge is.
@@ -87,6 +90,8 @@ class CampaignFiles:
             entries = mapped if isinstance(mapped, tuple) else (mapped,)
             if table == "images":
                 return tuple(_with_pictures_of_folders(self.folder, entry) for entry in entries)
+            if table == "configurations":
+                return tuple(_without_measured(entry, self._files) for entry in entries)
             return (
                 tuple(channel_entry for entry in entries for channel_entry in entry.by_channel)
                 if table == _BY_CHANNEL
@@ -235,6 +240,25 @@ def _patterns(entry: object) -> list[str]:
     if isinstance(entry, str):
         return [entry]
     return [name for part in entry for name in _patterns(part)] if isinstance(entry, list | tuple) else []
+
+
+def _without_measured(entry: FileMapping, files: Mapping[str, Any]) -> FileMapping:
+    """Return an entry of configurations that passes over columns of its file which another entry reads as measured.
+
+    What was measured is no condition that an effect may depend on.
+    """
+    from truing.formats.mapping import names_of_template
+
+    patterns = [entry.ignore] if entry.ignore is not None else []
+    for table in _MEASURED:
+        mapped = files.get(table, ())
+        for other in mapped if isinstance(mapped, tuple) else (mapped,):
+            if set(other.paths) != set(entry.paths):
+                continue
+            sources = (other.reference(name) for name in other.columns if name not in entry.columns)
+            patterns += [_COORDINATES, *(re.escape(name) for name in sources if isinstance(name, str))]
+            patterns += [names_of_template(other.wide)] if other.wide is not None else []
+    return entry.model_copy(update={"ignore": "|".join(patterns)}) if patterns else entry
 
 
 def _contract_names(table: str) -> tuple[str, ...]:

@@ -32,16 +32,17 @@ _UNITS: dict[str, tuple[str, float, float]] = {
     "N": ("force", 1.0, 0.0),
     "mN": ("force", 1e-3, 0.0),
     "kN": ("force", 1e3, 0.0),
+    "daN": ("force", 10.0, 0.0),
     "kgf": ("force", 9.80665, 0.0),
+    "gf": ("force", 9.80665e-3, 0.0),
     "lbf": ("force", _POUND_FORCE, 0.0),
+    "ozf": ("force", _POUND_FORCE / 16.0, 0.0),
     "kip": ("force", 1e3 * _POUND_FORCE, 0.0),
     "N m": ("torque", 1.0, 0.0),
     "N mm": ("torque", 1e-3, 0.0),
     "kN m": ("torque", 1e3, 0.0),
     "lbf in": ("torque", _POUND_FORCE * _INCH, 0.0),
     "lbf ft": ("torque", _POUND_FORCE * 12.0 * _INCH, 0.0),
-    "kip in": ("torque", 1e3 * _POUND_FORCE * _INCH, 0.0),
-    "kip ft": ("torque", 1e3 * _POUND_FORCE * 12.0 * _INCH, 0.0),
     "Pa": ("pressure", 1.0, 0.0),
     "hPa": ("pressure", 1e2, 0.0),
     "kPa": ("pressure", 1e3, 0.0),
@@ -52,6 +53,7 @@ _UNITS: dict[str, tuple[str, float, float]] = {
     "V": ("voltage", 1.0, 0.0),
     "mV": ("voltage", 1e-3, 0.0),
     "uV": ("voltage", 1e-6, 0.0),
+    "V/V": ("voltage", 1.0, 0.0),
     "mV/V": ("voltage", 1e-3, 0.0),  # of a bridge, at a supply of 1 V
     "uV/V": ("voltage", 1e-6, 0.0),
     "1": ("share", 1.0, 0.0),
@@ -72,8 +74,25 @@ _SPELT = {"µm": "um", "μm": "um", "°": "deg", '"': "in", "inch": "in", "°C":
 LONGEST_NAME = 200  # characters of a column: the search for its meaning tries many ways to split it
 _BRACKETS = re.compile(r"^(?P<name>.*?)\s*[\[({]\s*(?P<unit>[^\[\](){}]+?)\s*[\])}]$")
 _BEHIND = re.compile(
-    r"^(?P<name>.*?)(?:\s*/\s*|[\s_]+)(?P<unit>mm|cm|um|µm|μm|nm|m|in|deg|rad|mrad|urad|arcsec|arcmin|s|ms|K|degC|°C|°)$"
+    r"^(?P<name>.*?)(?:\s*/\s*|[\s_]+)(?P<unit>mm|cm|um|µm|μm|nm|m|in|deg|rad|mrad|urad|arcsec|arcmin|s|ms|us|ns|K|degC|°C|°)$"
 )
+_FORCES = {  # other spellings, in lower case
+    "kgf": "kgf",
+    "kp": "kgf",
+    "gf": "gf",
+    **dict.fromkeys(("lbf", "lb", "lbs", "pound", "pounds", "pound-force", "pounds-force"), "lbf"),
+    **dict.fromkeys(("ozf", "oz", "ounce", "ounces", "ounce-force"), "ozf"),
+    **dict.fromkeys(("kip", "kips", "klbf"), "kip"),
+    **dict.fromkeys(("newton", "newtons"), "N"),
+}
+_WEIGHTS = {"kg": "kgf", "g": "gf"}  # masses by themselves; forces times a length
+_LENGTHS = {
+    **dict.fromkeys(("in", "inch", "inches"), "in"),
+    **dict.fromkeys(("ft", "foot", "feet"), "ft"),
+    **dict.fromkeys(("m", "meter", "meters", "metre", "metres"), "m"),
+    **{length: length for length in ("cm", "mm")},
+}
+_TIMES = r"[\s·⋅∙•*×._-]*"  # between the two units of a torque
 _SPELT_OUT = {
     "meter": "m",
     "metre": "m",
@@ -98,15 +117,12 @@ _SPELT_OUT = {
     "seconds": "s",
     "minutes": "min",
     "nmm": "N mm",
-    "n·mm": "N mm",
-    "n*mm": "N mm",
-    "n·m": "N m",
-    "n*m": "N m",
-    "n.m": "N m",
     "sec": "s",
     "knm": "kN m",
     "newton": "N",
     "newtons": "N",
+    "deg c": "degC",
+    "deg f": "degF",
     "mv/v": "mV/V",
     "µv/v": "uV/V",
     "μv/v": "uV/V",
@@ -119,6 +135,14 @@ _SPELT_OUT = {
     '"': "arcsec",
     "''": "arcsec",
 }
+_MARKED = re.compile(r"(?P<between>\s+in\s+|\s*[/,]\s*|[\s_]+)(?=(?P<unit>[^\s\d/,_].*)$)")  # of forces and voltages
+_MARKED_DIMENSIONS = ("force", "torque", "voltage")
+_NO_UNIT = {"", "-", "--", "x", "y", "z", "none", "n/a"}
+_TOKENS = re.compile(r"[^\W\d_]+|[%°]")
+# parts of units that are not converted here
+_OTHER_UNITS = {"kg", "g", "t", "lbm", "slug", "dyn", "mm", "counts", "count", "cts", "digit", "digits", "lsb", "inc"}
+_OTHER_UNITS |= {"bit", "bits", "psi", "hz", "khz", "a", "ma", "w", "j", "ohm", "ppm", "fs", "fso", "ro", "yd", "mile"}
+_OTHER_UNITS |= {"step", "steps", "pulse", "pulses", "rev", "turn", "turns", "tick", "ticks", "thou", "tons", "ton"}
 _K = {"1": 1.0, "2": 2.0, "3": 3.0}
 _SIGMAS = re.compile(r"(?<![\d.])(?P<k>[123])[\s_*·-]*(?:σ|sigma|s|sd|std)(?![a-z])", re.IGNORECASE)
 _FACTOR = re.compile(r"\bk\s*=\s*(?P<k>\d+(?:[.,]\d+)?)", re.IGNORECASE)
@@ -155,12 +179,44 @@ def _counted(unit: str) -> tuple[str, float, float]:
 
 
 def _parsed_unit(unit: str) -> tuple[str, float, float]:
-    name = _SPELT.get(unit.strip(), unit.strip())
+    name = _spelling(unit)
     if name not in _UNITS:
+        if (parts := _torque_parts(name)) is not None:
+            (_, force, _), (_, length, _) = map(_parsed_unit, parts)
+            return "torque", force * length, 0.0
         close = difflib.get_close_matches(name, _UNITS, n=1)
         hint = f"did you mean {close[0]}?" if close else f"one of {', '.join(_UNITS)}"
         raise UnknownUnit(f"a known unit; {hint}")
     return _UNITS[name]
+
+
+def _spelling(unit: str) -> str:
+    """Return a unit in our notation; the text itself if it is no known unit."""
+    text = re.sub(r"\s*/\s*", "/", unit.strip())
+    if text in _UNITS or text in _SPELT:
+        return _SPELT.get(text, text)
+    parts = _torque_parts(text)
+    return " ".join(parts) if parts is not None else _FORCES.get(text.casefold(), text)
+
+
+def _torque_parts(text: str) -> tuple[str, str] | None:
+    """Return force and length of a torque such as ``lbf-in``, ``in·lb`` or ``Nmm``; None for other texts."""
+    for place in range(1, len(text)):
+        head, length = re.sub(rf"{_TIMES}$", "", text[:place]), _LENGTHS.get(text[place:].casefold())
+        if length is not None and (force := _force_of(head)) is not None:
+            return force, length
+        is_parted = head != text[:place]
+        length, force = _LENGTHS.get(head.casefold()), _force_of(text[place:])
+        if length is not None and force is not None and (is_parted or (length in ("in", "ft") and force != "gf")):
+            return force, length  # without a mark between them, mN is no torque
+    return None
+
+
+def _force_of(text: str) -> str | None:
+    """Return the unit of force of a text, in which a mass means its weight; None for other texts."""
+    if text in _UNITS:
+        return text if _UNITS[text][0] == "force" else None
+    return _FORCES.get(text.casefold()) or _WEIGHTS.get(text.casefold())
 
 
 def _units_of_dimension(dimension: str) -> list[str]:
@@ -182,22 +238,30 @@ def bare_and_unit(name: str) -> tuple[str, str | None]:
     """
     if len(name) > LONGEST_NAME:
         return name.strip(), None
-    for pattern in (_BRACKETS, _BEHIND):
-        match = pattern.match(name.strip())
-        unit = match and known_unit(match["unit"])
-        if match and unit and match["name"].strip(" _"):
-            return match["name"].strip(" _"), unit
-    return name.strip(), None
+    text = name.strip()
+    for match in (_BRACKETS.match(text), *_MARKED.finditer(text), _BEHIND.match(text)):
+        if match is None or (unit := known_unit(match["unit"])) is None:
+            continue
+        bare = re.sub(r"\s+in$", "", match["name"] if match.re is not _MARKED else text[: match.start()]).strip(" _,")
+        if bare and (match.re is not _MARKED or _is_marked(unit, match["between"])):
+            return bare, unit
+    return text, None
+
+
+def _is_marked(unit: str, between: str) -> bool:
+    """True if a unit behind a name is of a force or voltage; V after a blank or stroke is an angle's name."""
+    return dimension(unit) in _MARKED_DIMENSIONS and (unit != "V" or between.strip(" ") in ("_", ",", "in"))
 
 
 def known_unit(text: str) -> str | None:
     """Return the unit of a text; None if it is none."""
-    unit = _SPELT_OUT.get(text.strip().casefold(), text.strip())
+    bare = re.sub(r"\s*/\s*", "/", text.strip())
+    unit = _spelling(_SPELT_OUT.get(bare.casefold(), bare))
     try:
         conversion(unit, unit)
     except UnknownUnit:
         return None
-    return _SPELT.get(unit, unit)
+    return unit
 
 
 def may_be(unit: str | None, column: Column | None) -> bool:
@@ -212,6 +276,27 @@ def is_convertible(unit: str, wanted: str) -> bool:
     except UnknownUnit:
         return False
     return True
+
+
+def dimension(unit: str) -> str:
+    """Dimension of a known unit, such as length; raises UnknownUnit."""
+    return _counted(unit)[0]
+
+
+def unread_unit(name: str, column: Column) -> str | None:
+    """Return the words in brackets after a raw name, if they are no unit that its column may have; else None."""
+    match = _BRACKETS.match(name.strip())
+    if match is None or match["unit"].strip().casefold() in _NO_UNIT or match["unit"].strip().isdigit():
+        return None
+    unit = known_unit(match["unit"])
+    return match["unit"].strip() if unit is None or not may_be(unit, column) else None
+
+
+def is_like_a_unit(words: str) -> bool:
+    """True if words are symbols of units, also of such that are not converted here, or one word with such a part."""
+    tokens = _TOKENS.findall(words)
+    known = [known_unit(one) is not None or one.casefold() in _OTHER_UNITS for one in tokens]
+    return bool(tokens) and (all(known) or (any(known) and " " not in words))
 
 
 def unit_in_brackets(name: str) -> str | None:

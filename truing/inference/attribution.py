@@ -7,7 +7,7 @@ depend. What a model with causes explains no longer hides the rest, so the resid
 from __future__ import annotations
 
 from collections.abc import Iterable, Iterator, Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 
@@ -32,13 +32,15 @@ class Attributed:
     """Inputs that predict residuals of some channels, or of all channels where ``channels`` is empty.
 
     ``share`` is the share of the residuals' squares that they predict beyond chance; ``p_value`` is corrected for all
-    tests. ``subject``: the part whose error it is, empty where residuals as such depend on them.
+    tests. ``remains``: False if accepted causes explain it, so that only a model without them shows it.
+    ``subject``: the part whose error it is, empty where residuals as such depend on them.
     """
 
     channels: tuple[int, ...]
     inputs: tuple[str, ...]
     share: float
     p_value: float
+    remains: bool = True
     subject: str = ""
 
 
@@ -51,15 +53,16 @@ def attributed(
 ) -> tuple[Attributed, ...]:
     """Return the inputs that predict the residuals of models of one campaign, at a familywise p-value of ``level``.
 
+    What the last of several models does not show does not remain with its causes.
     What a course follows is a question of its own, decided at ``level_of_course`` for each. Shares are of the squares
     of the plain model's residuals. ``doubted_noise`` (B, K): factors on the noise of the fits that may be an effect.
     """
     columns = columns_of(plain, plain.model.error_groups)
-    residuals = (one for own in models for one in residuals_of(own, plain, doubted_noise))
-    tried = [one for one in residuals if one.epochs.sum() >= FEWEST_EPOCHS]
+    residuals = ((own, one) for own in models for one in residuals_of(own, plain, doubted_noise))
+    tried = [(own, one) for own, one in residuals if one.epochs.sum() >= FEWEST_EPOCHS]
     known: dict[bytes, Spectra] = {}  # of the last epochs alone: all spectra of a long campaign take much memory
     found: list[Attributed] = []
-    for one in sorted(tried, key=lambda one: one.group):
+    for model, one in sorted(tried, key=lambda pair: pair[1].group):
         at = one.epochs
         if (key := at.tobytes()) not in known:
             own = {name: values[at] for name, values in columns.items() if np.ptp(values[at]) > 0.0}
@@ -69,9 +72,10 @@ def attributed(
         for inputs, share, p_value in sets_of_inputs(one.rows, known[key], least):
             if one.share * share < _LEAST_SHARE:
                 continue
-            found.append(Attributed(one.channels, inputs, one.share * share, min(1.0, max(p_value * tests, LEAST_P))))
+            p_value, remains = min(1.0, max(p_value * tests, LEAST_P)), model is models[-1]
+            found.append(Attributed(one.channels, inputs, one.share * share, p_value, remains))
     for own in models:
-        found += _of_parts(own, plain, columns, level_of_course)
+        found += [replace(one, remains=own is models[-1]) for one in _of_parts(own, plain, columns, level_of_course)]
     return tuple(_merged(found))
 
 
@@ -95,7 +99,7 @@ def _of_parts(
         share = float(np.sum(whitened.rest**2) - np.sum(left**2)) / of_plain
         if share >= _LEAST_SHARE:
             subject = "" if one.index is None else subjects[one.index]
-            yield Attributed((), one.inputs, min(share, 1.0), max(one.p_value, LEAST_P), subject)
+            yield Attributed((), one.inputs, min(share, 1.0), max(one.p_value, LEAST_P), subject=subject)
 
 
 def _part(subject: str, fitted: FittedModel[CauseT], columns: Mapping[str, Array]) -> Part:
@@ -130,4 +134,4 @@ def _merged(found: Iterable[Attributed]) -> Iterator[Attributed]:
         alike = [one for one in left if (one.channels, one.subject) in same and set(one.inputs) <= set(first.inputs)]
         share, p_value = max(one.share for one in alike), min(one.p_value for one in alike)
         left = [one for one in left if all(one is not other for other in alike)]
-        yield Attributed(first.channels, first.inputs, share, p_value, first.subject)
+        yield Attributed(first.channels, first.inputs, share, p_value, any(one.remains for one in alike), first.subject)

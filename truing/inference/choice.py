@@ -2,8 +2,9 @@
 
 from __future__ import annotations
 
+from collections.abc import Iterable
 from dataclasses import dataclass, replace
-from typing import Generic
+from typing import Generic, TypeVar
 
 import numpy as np
 
@@ -12,7 +13,9 @@ from truing.inference.model import CauseT
 from truing.inference.rounds import NAMED, RIVAL_FACTOR, Round, is_nonparametric_of_subject
 from truing.inference.search import CauseCandidate
 
-_MOST_SUBJECTS = 3  # other subjects that are listed for a cause
+_MOST_SUBJECTS = 3  # other subjects, or inputs, that are listed for a cause
+
+Named = TypeVar("Named", str, tuple[str, ...])
 
 
 @dataclass(frozen=True)
@@ -21,7 +24,7 @@ class CandidateChoice(Generic[CauseT]):
 
     ``probability``: of its kind, among all kinds and none. ``of_two``: it is accepted as one of two that together
     explain what a single one would absorb; its probability holds next to the other one. ``subjects``: its other
-    possible subjects, with the odds against each.
+    possible subjects, with the odds against each; ``inputs``: the same, of a nonparametric effect.
     """
 
     candidate: CauseCandidate[CauseT]
@@ -29,6 +32,7 @@ class CandidateChoice(Generic[CauseT]):
     probability: float
     of_two: bool = False
     subjects: tuple[tuple[str, float], ...] = ()
+    inputs: tuple[tuple[tuple[str, ...], float], ...] = ()
 
     def light(self) -> CandidateChoice[CauseT]:
         """Return the choice without designs, which only a search needs."""
@@ -52,7 +56,9 @@ def choose(
     pair = current.best_pair if pairs else None
     if pair is not None and pair.first.kind not in refused and _is_acceptable_first(current, pair.first, level):
         also = tuple(rival for rival in pair.rivals if is_real(current, rival[0], level))
-        return CandidateChoice(pair.first, also, pair.probability, True, _other_subjects(current, pair.first))
+        first = pair.first
+        others = _other_subjects(current, first), _other_inputs(current, first)
+        return CandidateChoice(first, also, pair.probability, True, *others)
     unnamed = [c for c in rivals if not c.cause.catalogued]
     least = max((current.posterior(c) for c in unnamed), default=-np.inf) - NAMED
     named = [c for c in rivals if c.cause.catalogued and current.posterior(c) >= least]
@@ -64,7 +70,8 @@ def choose(
         key=lambda c: (c.signature.parameters, -current.posterior(c)),
     )
     also = tuple((c, current.posterior(c) - current.posterior(chosen)) for c in rivals)
-    return CandidateChoice(chosen, also, left[chosen.kind], False, _other_subjects(current, chosen))
+    others = _other_subjects(current, chosen), _other_inputs(current, chosen)
+    return CandidateChoice(chosen, also, left[chosen.kind], False, *others)
 
 
 def confirmed(
@@ -145,11 +152,33 @@ def _other_subjects(current: Round[CauseT], chosen: CauseCandidate[CauseT]) -> t
     """Return the other possible subjects of a catalogued cause, the most probable first, with the odds against each."""
     if not chosen.cause.catalogued:
         return ()
-    logs: dict[str, float] = {}
-    for candidate in current.candidates:
-        if candidate.kind == chosen.kind:
-            own = candidate.cause.subject
-            logs[own] = float(np.logaddexp(logs.get(own, -np.inf), current.posterior(candidate)))
-    best = logs.pop(chosen.cause.subject)
-    near = sorted((best - log, subject) for subject, log in logs.items() if best - log < np.log(RIVAL_FACTOR))
-    return tuple((subject, float(np.exp(against))) for against, subject in near[:_MOST_SUBJECTS])
+    alike = (c for c in current.candidates if c.kind == chosen.kind)
+    return _near(chosen.cause.subject, ((c.cause.subject, current.posterior(c)) for c in alike))
+
+
+def _other_inputs(current: Round[CauseT], chosen: CauseCandidate[CauseT]) -> tuple[tuple[tuple[str, ...], float], ...]:
+    """Return the inputs on which the subject of a nonparametric effect may depend instead, the most probable first,
+    with the odds against each."""
+    if chosen.cause.catalogued:
+        return ()
+    parts, subject = current.fitted.model.part_count, chosen.cause.subject
+    own = chosen.cause.inputs(parts)
+    alike = [(c.cause.inputs(parts), c) for c in current.candidates if c.kind == chosen.kind]
+    return _near(
+        own,
+        (
+            (inputs, current.posterior(c))
+            for inputs, c in alike
+            if c.cause.subject == subject and (inputs == own or not set(own) <= set(inputs))
+        ),
+    )
+
+
+def _near(own: Named, candidates: Iterable[tuple[Named, float]]) -> tuple[tuple[Named, float], ...]:
+    """Return the subjects besides ``own`` of candidates with log odds, where these are small, with the odds."""
+    logs: dict[Named, float] = {}
+    for named, log in candidates:
+        logs[named] = float(np.logaddexp(logs.get(named, -np.inf), log))
+    best = logs.pop(own)
+    near = sorted((best - log, named) for named, log in logs.items() if best - log < np.log(RIVAL_FACTOR))
+    return tuple((named, float(np.exp(against))) for against, named in near[:_MOST_SUBJECTS])

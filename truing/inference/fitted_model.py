@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Mapping
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from functools import cached_property
 from typing import Generic
 
@@ -123,14 +123,20 @@ class FittedModel(Generic[CauseT]):
     def contributions(self, cause: CauseT) -> tuple[Contribution, ...]:
         """Return the contribution of each source to the covariance of an accepted cause's parameters, SI; they sum to
         the whole."""
-        whitened, place = self.fit.whitened, self.model.layout[cause.key]
-        rows = rows_by_source(whitened, self.model.layout, {other.key for other in self.causes}, self.input_rows)
-        sigma = self.noise_ratio * self.model.effect_sigma(cause)
-        parts = whitened.covariance_from(rows, place)
+        sigma = self.model.effect_sigma(cause)
+        return tuple(
+            replace(given, covariance=given.covariance * np.outer(sigma, sigma))
+            for given in self.contributions_to(self.model.layout[cause.key])
+        )
+
+    def contributions_to(self, place: slice) -> tuple[Contribution, ...]:
+        """Return the contribution of each source to the covariance of some shared unknowns; they sum to the whole."""
+        whitened = self.fit.whitened
+        rows = rows_by_source(whitened, self.model.layout, {cause.key for cause in self.causes}, self.input_rows)
         redundancy = np.where(whitened.present, 1.0 - whitened.leverage, 0.0)
         return tuple(
-            Contribution(name, covariance * np.outer(sigma, sigma), float(redundancy[rows[name]].sum()))
-            for name, covariance in parts.items()
+            Contribution(name, covariance * self.noise_ratio**2, float(redundancy[rows[name]].sum()))
+            for name, covariance in whitened.covariance_from(rows, place).items()
         )
 
 

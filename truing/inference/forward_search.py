@@ -284,7 +284,7 @@ class ForwardSearch(Generic[CauseT]):
             narrower = next((c for c in current.candidates if c.key == least.key), chosen.candidate)
             if narrower is chosen.candidate or not is_real(current, narrower, self.settings.level):
                 return chosen, cause, after
-            chosen = replace(chosen, candidate=narrower, subjects=())
+            chosen = replace(chosen, candidate=narrower, subjects=(), inputs=())
 
     def _covered(self, cause: CauseT, after: FittedModel[CauseT]) -> Mask:
         """Return True for held-out epochs (B,) at which a cause claims to hold."""

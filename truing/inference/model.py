@@ -85,6 +85,9 @@ class CauseLike(Protocol):
     def one_sided(self, parts: int, /) -> Sequence[int]:
         """Return the positions of parameters that cannot be negative."""
 
+    def inputs(self, parts: int, /) -> tuple[str, ...]:
+        """Return the input columns that a nonparametric effect depends on; empty for a cause of the catalogue."""
+
     def refined(self) -> Self:
         """Return the form that is fitted once it is chosen, with its shape among the parameters."""
 
@@ -307,6 +310,11 @@ class Model(Protocol[CauseT]):
     @property
     def survey(self) -> slice:
         """Places of the shared unknowns whose prior is the survey's noise; empty where nothing is surveyed."""
+
+    @property
+    def setup(self) -> Mask:
+        """True for shared unknowns (G,) of the measurement's set-up that no prior knowledge fixes, such as the place of
+        a base."""
 
     @property
     def local_size(self) -> int:

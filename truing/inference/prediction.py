@@ -75,7 +75,7 @@ class PredictionError(Generic[CauseT]):
     def after_step(self, columns: Array) -> PredictionError[CauseT]:
         """Return the error after the prediction moves by whitened columns (B, M) and each epoch is fitted anew."""
         moved = self.whitened.reshape(columns.shape) - columns
-        left = _without_epoch_unknowns(moved[..., None], self.by_fitted, self.measured, self.model.zero_groups)[..., 0]
+        left = without_epoch_unknowns(moved[..., None], self.by_fitted, self.measured, self.model.zero_groups)[..., 0]
         return replace(self, gap=_unwhitened(self.measured, left), whitened=left.reshape(self.whitened.shape))
 
     def growth_over(self, other: PredictionError[CauseT]) -> float:
@@ -168,7 +168,7 @@ def prediction_error(
     rest = (
         at.residual
         if zero_groups is None
-        else _without_epoch_unknowns(at.residual[..., None], fitted, measured, zero_groups)[..., 0]
+        else without_epoch_unknowns(at.residual[..., None], fitted, measured, zero_groups)[..., 0]
     )
     whitened, gap = rest.reshape(measured.values.shape), _unwhitened(measured, rest)
     return PredictionError(gap, measured, whitened, frames, local, fitted, model, shared)
@@ -250,14 +250,14 @@ def noise_floor(
     error = _shared_error(whitened, noise, prior, rng)
     left = noise - problem.moved(error)
     left -= problem.by_local[..., inputs] @ prior[:, inputs]
-    freed = _without_epoch_unknowns(left, problem.by_local[..., ~inputs], measured, model.zero_groups)
+    freed = without_epoch_unknowns(left, problem.by_local[..., ~inputs], measured, model.zero_groups)
     gap = np.linalg.solve(_square(measured), freed.reshape(*measured.values.shape, _FLOOR_DRAWS))
     observations = measured.is_observed.sum(0)
     square = np.sum(np.mean(gap**2, (2, 3)) * measured.is_observed, 0) / np.maximum(observations, 1)
     return NoiseFloor(square, observations)
 
 
-def _without_epoch_unknowns(rows: Array, columns: Array, measured: Observations, zero_groups: Integers | None) -> Array:
+def without_epoch_unknowns(rows: Array, columns: Array, measured: Observations, zero_groups: Integers | None) -> Array:
     """Return whitened rows (B, M, D) without the projection on each epoch's columns (B, M, h), or on the
     zeros of runs."""
     if zero_groups is None:

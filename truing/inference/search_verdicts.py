@@ -81,7 +81,9 @@ class SearchVerdicts(Generic[CauseT]):
             blocks = self.search.fitter.blocks
             gain = gain_in_blocks(final, step.cause, size, blocks or ())
             covariance, probability = reported.covariance * spread, step.probability
-            reported = replace(reported, covariance=covariance, probability=probability, subjects=step.chosen.subjects)
+            chosen = step.chosen
+            reported = replace(reported, covariance=covariance, probability=probability, subjects=chosen.subjects)
+            reported = replace(reported, inputs=chosen.inputs)
             verdicts.append(replace(reported, blocks_asked=blocks is not None, block_gain=gain))
         verdicts += refuted
         others = [*self._rivals(searched.kept), *searched.refused, *self._rejected(searched.rounds, searched.end)]

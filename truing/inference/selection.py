@@ -10,6 +10,7 @@ from __future__ import annotations
 
 from collections.abc import Callable, Collection, Sequence
 from dataclasses import dataclass, field, replace
+from functools import cached_property
 from typing import Generic
 
 import numpy as np
@@ -31,7 +32,8 @@ from truing.inference.search import Search
 from truing.inference.search_end import EndOfSearch
 from truing.inference.search_verdicts import SearchVerdicts
 from truing.inference.single_errors import SingleErrors, single_errors
-from truing.inference.verdicts import SUSPECTED, Reason, Verdict
+from truing.inference.verdicts import FOUND, SUSPECTED, Reason, Verdict
+from truing.inference.without_causes import Errors, errors_without
 
 __all__ = ("CauseDiagnosis", "CauseSelection", "Settings")
 
@@ -66,6 +68,13 @@ class CauseDiagnosis(Generic[CauseT]):
     attributed: tuple[Attributed, ...] = ()  # inputs that predict the residuals, where no model of causes holds
     single_errors: SingleErrors[CauseT] | None = None  # of one input, which has heavy tails
     has_repeats: bool = True  # whether inputs were repeated, so that scatter differs from an effect of fine pattern
+
+    @cached_property
+    def errors_without_any(self) -> Errors[CauseT]:
+        """Errors of the plain model on fitted and on held-out epochs, without causes known before the search either."""
+        if not self.plain.causes:
+            return self.plain.error, self.plain.held_out
+        return errors_without(self.plain, self.plain.causes, self.held_out)
 
 
 @dataclass(frozen=True)
@@ -147,6 +156,8 @@ class CauseSelection(Generic[CauseT]):
         with_rivals = {verdict.rival.key for verdict in verdicts if verdict.rival is not None}
         doubts = Doubts(doubt, outdone, courses, weak, with_rivals)
         verdicts = [doubts.checked(verdict, searched.final, searched.given) for verdict in verdicts]
+        if not holds:
+            verdicts = [_with_confirmed_inputs(verdict, searched.final, attributions) for verdict in verdicts]
         return self._diagnosis(kinds, found, left, verdicts, doubt, attributions)
 
     def _accounted(self, kinds: Sequence[CauseT]) -> _Accounted[CauseT]:
@@ -174,7 +185,7 @@ class CauseSelection(Generic[CauseT]):
         return _Accounted(searched, noise_dependences, scatters)
 
     def _left(self, found: _Accounted[CauseT]) -> _Left:
-        """Return what the final model of a search leaves."""
+        """Return the remainder that the final model of a search leaves."""
         final, fitter, settings = found.searched.final, self._search.fitter, self._search.settings
         noise = noise_level(final.fit.whitened, final.measured, fitter.declared)
         adequacy = adequacy_of(final, noise, np.random.default_rng([settings.seed, _ADEQUACY]), fitter.repeats)
@@ -263,8 +274,9 @@ class CauseSelection(Generic[CauseT]):
         plain, level = searched.plain, settings.dependence_level
         if holds:
             certain = [step.cause for step in searched.kept if step.cause.key not in outdone]
-            causes = (*searched.given, *certain)
-            model = self._search.fitter.comparable(causes, searched.final) if certain else plain
+            model = searched.final if len(certain) == len(searched.kept) else plain
+            if certain and model is plain:
+                model = self._search.fitter.comparable((*searched.given, *certain), searched.final)
             models = (model, searched.final) if is_known and model is not searched.final else (model,)
             return attributed(plain, models, level, _LEVEL_OF_COURSE if is_known else level, doubted)
         # A drift that is accounted for in part leaves residuals that no function of time alone explains.
@@ -333,3 +345,15 @@ class CauseSelection(Generic[CauseT]):
         found = self._search.fitter.input_scatter(searched.final, candidate, p_value)
         doubt = doubt or self._noise.doubt_of_tails(searched.final, candidate.own)
         return searched, replace(found, doubt=doubt)
+
+
+def _with_confirmed_inputs(
+    verdict: Verdict[CauseT], final: FittedModel[CauseT], attributions: Sequence[Attributed]
+) -> Verdict[CauseT]:
+    """Return the verdict, only suspected if it is on a nonparametric effect of a model that does not hold, and no
+    residuals depend on its inputs: of forms that are all wrong, the best one need not have the right inputs."""
+    if verdict.verdict != FOUND or verdict.cause.catalogued:
+        return verdict
+    confirmed = {name for one in attributions for name in one.inputs}
+    is_confirmed = set(verdict.cause.inputs(final.model.part_count)) <= confirmed
+    return verdict if is_confirmed else replace(verdict, verdict=SUSPECTED, reason=Reason.INADEQUATE)

@@ -14,10 +14,11 @@ from truing.inference.fitted_model import FittedModel
 from truing.inference.free_course import CourseRival
 from truing.inference.model import OBSERVED, CauseT, ConditionsLike
 from truing.inference.observations import Epochs, Observations, whitened_columns
-from truing.inference.prediction import NoiseFloor, PredictionError, prediction_error
+from truing.inference.prediction import NoiseFloor, PredictionError
 from truing.inference.rounds import Round
 from truing.inference.search import LEAST_P, CauseCandidate
 from truing.inference.signatures import Signature
+from truing.inference.without_causes import errors_without
 
 FOUND, SUSPECTED, INDISTINGUISHABLE, REJECTED = "found", "suspected", "indistinguishable", "rejected"
 
@@ -73,6 +74,7 @@ class Verdict(Generic[CauseT]):
     blocks_asked: bool = False
     block_gain: BlockGain | None = None
     subjects: tuple[tuple[str, float], ...] = ()  # other possible subjects of a found cause, with the odds against each
+    inputs: tuple[tuple[tuple[str, ...], float], ...] = ()  # the same, of inputs of a nonparametric effect
 
     @property
     def rank(self) -> tuple[int, float]:
@@ -164,17 +166,10 @@ def verdict_on_known_cause(
 ) -> Verdict[CauseT]:
     """Return the verdict on a cause that was known before any search and is part of the plain and the final model.
 
-    Errors are those of the plain model without and with it. Its size, and the p-value of that size among those of all
-    subjects of its kind, are those of the final model.
+    Errors are those of the plain model without and with it, both with the set-up fitted. Its size, and the p-value of
+    that size among those of all subjects of its kind, are those of the final model.
     """
-    others = tuple(other for other in plain.causes if other is not cause)
-    model = plain.model.with_causes(others)
-    shared = plain.model.embedded(plain.fit.shared, model)
-    error_without = prediction_error(model, plain.measured, plain.fit.frames, shared)
-    held_out_error = None
-    if held_out is not None and plain.held_out is not None:
-        there = plain.held_out.model.with_causes(others)
-        held_out_error = prediction_error(there, held_out.measured, held_out.frames, shared)
+    error_without, held_out_error = errors_without(plain, (cause,), held_out)
     gain = float(np.sum(error_without.squares) - np.sum(plain.error.squares))
     values, covariance = final.values(cause)
     candidates = max(len(final.scene.candidates(cause)), 1) if len(values) else 1

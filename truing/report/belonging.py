@@ -233,10 +233,10 @@ def _copied(slip: RecordSlip) -> str:
     return f"{text} in {len(slip.rows)} rows (of {slip.subjects[0]}: {listed(spans)})"
 
 
-def _coupled(slip: RecordSlip, how: str) -> str:
+def _coupled(slip: RecordSlip, how: str, key: str) -> str:
     before, own = slip.subjects
     counted = "counted from a fixed direction, and not from the link before, as some controllers and parallelograms do"
-    return f"{slip.quantity} {own} {counted}: {before} has to be {how} them"
+    return f"{slip.quantity} {own} {counted}: {before} has to be {how} them (key {key} in columns of the mapping)"
 
 
 _INVERSE = "as their inverses (the frame as seen from the body)"
@@ -278,8 +278,8 @@ _WORDS = {
         f"{_slip_subject(slip)} recorded in steps of {slip.offset:.4g} mm, much larger than the noise"
     ),
     SlipKind.COPIED: _copied,
-    SlipKind.ADDED: lambda slip: _coupled(slip, "added to"),
-    SlipKind.SUBTRACTED: lambda slip: _coupled(slip, "subtracted from"),
+    SlipKind.ADDED: lambda slip: _coupled(slip, "added to", "plus"),
+    SlipKind.SUBTRACTED: lambda slip: _coupled(slip, "subtracted from", "minus"),
     SlipKind.FRINGES: lambda slip: f"{_slip_subject(slip)} counted in fringes: multiply by {slip.factor:.7g} µm",
     SlipKind.MISLABELLED: lambda slip: f"{slip.quantity} recorded: {listed(slip.subjects)}",
     SlipKind.RELABELLED: lambda slip: (

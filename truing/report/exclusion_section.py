@@ -35,10 +35,10 @@ def _opening_sentences(tables: Tables) -> str:
         if table is not None and table["rejected"].any():
             number, by_person = int(table["rejected"].sum()), int((table["rejected"] & _by_person(table)).sum())
             words.append(f"{count(number, noun)} of {len(table):,} ({by_person:,} by a person)")
-    if not words:
-        return "All of it:"
     names = ("diagnosis_left_out", "calibration_left_out")
     further = sum(len(table) for name in names if (table := table_or_none(tables, name)) is not None)
+    if not words:
+        return f"Left out by diagnosis and calibration: {count(further, 'gross error')}." if further else "All of it:"
     besides = f" Diagnosis and calibration left out {count(further, 'further gross error')}." if further else ""
     return f"Left out of files and poses: {' and '.join(words)}.{besides}"
 
@@ -222,11 +222,9 @@ def _of_models(tables: Tables) -> Listing:
         Head("where", "Pose, or run and load step, in which it was left out."),
         _REASON,
         Head("value", "Deviation of the measured value."),
-        Head("limit", "Largest deviation that is still accepted as noise."),
+        Head("limit", "Largest deviation that is still accepted as noise, where it is one number."),
     )
-    caption = (
-        f"{count(len(rows), 'further gross error')} left out by diagnosis and calibration, not confirmed by a person"
-    )
+    caption = f"{count(len(rows), 'gross error')} left out by diagnosis and calibration, not confirmed by a person"
     held_by = "diagnosis_left_out.parquet, calibration_left_out.parquet"
     return Listing(heads, rows, (), caption, len(rows) > _OPEN, held_by)
 

@@ -8,6 +8,7 @@ from datetime import UTC, datetime
 import numpy as np
 
 from truing.report.axis_page import ENCODERS
+from truing.report.chain_corrections import nominal_errors
 from truing.report.diagnosis.assessed_causes import assessed_causes, modelled_of
 from truing.report.diagnosis.prediction_errors import Overall, PartNames, errors_of_models, part_names
 from truing.report.measured_section import campaign_span
@@ -17,6 +18,8 @@ from truing.report.scene.frames import leg_joints
 from truing.report.scene.machine_drawing import machine_drawing
 from truing.report.tables import Tables, in_channel_order, load_steps, signal_names, table_or_none
 
+_CORRECTED = 1.1  # times the error that remains: the nominal geometry is worth a number
+_GEOMETRY = "nominal → identified geometry, base and tool fitted in both"
 _FEWEST = 3  # poses for an uncertainty by their scatter
 _LINKS = (
     ("diagnosis", "What was found"),
@@ -169,6 +172,9 @@ def _change(tables: Tables) -> ErrorChange | None:
     before, after = (_size(size, s, one.unit) for size, s in zip((one.before, one.after), sigma, strict=True))
     quantity = f"rms of measured minus predicted, {parts.held_out if one.held_out else parts.fitted}"
     floor = "" if one.floor is None else _size(one.floor, None, one.unit)
+    nominal = None if modelled_of(rows) else nominal_errors(tables)
+    if nominal is not None and nominal.unit == one.unit and nominal.nominal > _CORRECTED * nominal.identified:
+        return ErrorChange(quantity, _size(nominal.nominal, None, one.unit), after, floor, note, _GEOMETRY)
     return ErrorChange(quantity, before if modelled_of(rows) else "", after, floor, note)
 
 

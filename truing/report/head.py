@@ -44,7 +44,10 @@ def _lines(rows: dict[str, SectionVerdict], tables: Tables) -> list[Verdict]:
         return []
     lead = rows[CAMPAIGN]
     others = [one for name, one in rows.items() if name != CAMPAIGN and one.explanation != lead.explanation]
-    lines: list[Verdict] = [(lead.mark, lead.explanation), *corrections(tables, rows.get("adequacy"))]
+    corrected = corrections(tables, rows.get("adequacy"))
+    leading = [(lead.mark, lead.explanation)]
+    # A machine that agrees only after its geometry was corrected is not introduced as right.
+    lines: list[Verdict] = [*corrected, *leading] if lead.state == RelationState.OK else [*leading, *corrected]
     details = diagnosis_details(tables)
     if lead.explanation == _explanation(rows, "diagnosis"):
         lines += details

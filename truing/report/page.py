@@ -132,6 +132,7 @@ class ErrorChange:
     after: str
     floor: str = ""
     note: str = ""  # what the uncertainty is
+    between: str = "without → with the causes found"  # models before and after
 
 
 @dataclass(frozen=True)

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import re
 
-from truing.report.tables import Tables, is_bench, reason, table_or_none
+from truing.report.tables import Tables, is_bench, is_single_axis, reason, table_or_none
 from truing.schemas.columns import COLUMNS
 
 _READING = re.compile(r"_(mm|um|deg|rad|mrad|arcsec|counts)$")
@@ -31,6 +31,8 @@ def why_no_diagnosis(tables: Tables) -> str:
 
 def why_no_deformation(tables: Tables) -> str:
     """Return the reason why no deformation was modelled."""
+    if is_single_axis(tables):  # its stage has the positioning, and gives the reason for that
+        return "An axis has rows of readings, and no bodies with targets."
     if text := reason(tables, "deformation"):
         return text
     if is_bench(tables):

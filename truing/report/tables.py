@@ -51,6 +51,11 @@ def is_bench(tables: Tables) -> bool:
     return any(name in tables for name in ("readings", "signals", "reading_errors"))
 
 
+def is_single_axis(tables: Tables) -> bool:
+    """Return True for the rows of an axis; positions of a table have no commands."""
+    return "positioning" in tables and "configurations" in tables
+
+
 def has_positions_alone(tables: Tables) -> bool:
     """Return True for a campaign of positions of an axis that holds no load, signal, command or pose."""
     recorded = ("readings", "signals", "configurations", "observations")

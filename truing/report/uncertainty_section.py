@@ -20,6 +20,7 @@ from truing.report.tables import Tables, cell, reason, table_or_none
 _TITLE = "Statement of uncertainty"
 KINDS = {
     "pose": "Poses",
+    "chain": "Geometry of the chain",
     "tip": "Predicted poses of the tip",
     "calibration": "Parameters of the mechanism",
     "cause": "Sizes of the causes that were found",

@@ -41,7 +41,7 @@ class PageFigures(dict[str, "go.Figure"]):
         raise KeyError(f"{name}: this page has {', '.join(self)}{did_you_mean(name, list(self))}")
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, repr=False)
 class Run(Mapping[str, "pd.DataFrame"]):
     """Tables of a run by artifact name, read on first access.
 
@@ -101,6 +101,13 @@ class Run(Mapping[str, "pd.DataFrame"]):
         from truing.runs.run_frames import parameters_of
 
         return parameters_of({name: self[name] for name in ("uncertainty", "chain_parameters") if name in self})
+
+    def __repr__(self) -> str:
+        """Return the campaign, its folder, and the state and explanation of each section."""
+        from truing.runs.run_frames import verdict_text
+
+        told = verdict_text(self["verdict"]) if "verdict" in self else "no verdict yet: the stage report is missing"
+        return f"{self.campaign}: a run with {len(self)} tables in {self.folder}\n{told}"
 
     def _repr_html_(self) -> str:
         """Return the verdict as HTML, as notebooks show it."""

@@ -141,9 +141,10 @@ def causes_of(table: pd.DataFrame) -> pd.DataFrame:
 
 
 def parameters_of(tables: Mapping[str, pd.DataFrame]) -> pd.DataFrame:
-    """Return identified parameters: of the calibration, causes and sensor with expanded uncertainty, and of a chain.
+    """Return the identified parameters of the calibration, causes, sensor and chain, with expanded uncertainty.
 
-    Columns are those of ``PARAMETERS``; ``source`` names the result. Poses and accuracies are no parameters.
+    Columns are those of ``PARAMETERS``; ``source`` names the result. Poses and accuracies are no parameters. The
+    expanded uncertainty is NaN where the data do not determine a number of a chain beyond its tolerance.
     """
     import pandas as pd
 
@@ -155,9 +156,24 @@ def parameters_of(tables: Mapping[str, pd.DataFrame]) -> pd.DataFrame:
         parts.append(rows.rename(columns=names).reindex(columns=PARAMETERS))
     if "chain_parameters" in tables:
         rows = tables["chain_parameters"].rename(columns={"joint": "subject", "identified": "value"})
+        if parts:
+            stated = parts[0][parts[0]["source"] == "chain"][["subject", "parameter", "expanded_uncertainty"]]
+            rows, parts = rows.merge(stated, how="left"), [parts[0][parts[0]["source"] != "chain"]]
         parts.append(rows.assign(source="chain").reindex(columns=PARAMETERS))
     filled_parts = [part for part in parts if len(part)]
     return pd.concat(filled_parts, ignore_index=True) if filled_parts else pd.DataFrame(columns=list(PARAMETERS))
+
+
+def verdict_text(verdict: pd.DataFrame) -> str:
+    """Return the verdict of a run as text: a line per section, with its state and its explanation."""
+    from textwrap import fill
+
+    rows = verdict.to_dict("records")
+    width = max((len(row["section"]) + len(row["state"]) + 4 for row in rows), default=0)
+    return "\n".join(
+        fill(f"{row['section']} ({row['state']})".ljust(width) + row["explanation"], 100, subsequent_indent=" " * width)
+        for row in rows
+    )
 
 
 def verdict_html(campaign: str, verdict: pd.DataFrame, tables: int) -> str:

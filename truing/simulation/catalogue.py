@@ -9,6 +9,7 @@ from truing.schemas.installed import with_installed
 from truing.simulation.axis.causes import AxisCause, AxisGrowth, LostMotion, ScaleError, ZeroShift
 from truing.simulation.axis.nonparametric import NonparametricAxisEffect
 from truing.simulation.axis.periodic import AxisPeriodicError
+from truing.simulation.axis.reading_lag import AxisReadingLag
 from truing.simulation.axis.scatter import AxisScatter
 from truing.simulation.axis.slip import EncodersDisagree
 from truing.simulation.bench.causes.beams import AbbeOffset, CosineError
@@ -138,6 +139,7 @@ OWN_CAUSES_OF_AXES: tuple[AxisCause, ...] = (
     ZeroShift(),
     AxisGrowth(),
     EncodersDisagree(),
+    AxisReadingLag(),
     AxisScatter(),
     NonparametricAxisEffect(),
 )

@@ -84,6 +84,11 @@ class EffectsModel(ABC, Generic[CauseT]):
         return 0
 
     @property
+    def setup(self) -> NDArray:
+        """Mask (G,) of the shared unknowns of the set-up that are fitted anew without a known cause: none here."""
+        return np.zeros(self.shared_size, bool)
+
+    @property
     @abstractmethod
     def unpredicted(self) -> NDArray:
         """Mask (H,) of the local unknowns that the model does not predict."""

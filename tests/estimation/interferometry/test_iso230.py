@@ -8,7 +8,12 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from tests.tolerance import assert_between, assert_close
-from truing.estimation.interferometry.iso230 import InstrumentUncertainty, positioning, positioning_uncertainty
+from truing.estimation.interferometry.iso230 import (
+    InstrumentUncertainty,
+    is_in_motion,
+    positioning,
+    positioning_uncertainty,
+)
 
 seeds = st.integers(0, 2**31)
 
@@ -150,3 +155,27 @@ def test_a_laboratory_prints_the_same_quantities(name: str) -> None:
     assert_close(getattr(own, name), PRINTED[name], atol=1.0)
     assert own.bidirectional_repeatability == own.bidirectional_at.max()
     assert_close(own.bidirectional_systematic, np.ptp(own.mean), atol=1e-9)
+
+
+@pytest.mark.parametrize(
+    ("dwell_s", "speed", "is_even", "expected"),
+    [
+        (3.0, 0.05, True, False),
+        (3.0, 0.05, False, False),
+        (0.0, 0.05, True, True),  # a target every 0.4 s
+        (0.0, 0.005, False, True),  # slow, but at one speed over uneven steps
+        (0.0, 0.005, True, False),  # could have stopped: data do not tell
+    ],
+)
+def test_motion_is_known_by_times_from_target_to_target(
+    dwell_s: float, speed: float, is_even: bool, expected: bool
+) -> None:
+    rng = np.random.default_rng(4)
+    target = np.cumsum(np.full(15, 0.02) if is_even else rng.uniform(0.01, 0.03, 15))
+    command = np.concatenate([target, target[::-1]] * 3)
+    time = np.cumsum(
+        dwell_s + np.abs(np.diff(command, prepend=command[0])) / speed + rng.normal(0.0, 1e-3, len(command))
+    )
+    assert is_in_motion(command, time) is expected
+    assert not is_in_motion(command, np.zeros(len(command))), "no times"
+    assert not is_in_motion(command, 1.0 * np.arange(len(command))), "counted rows"

@@ -139,7 +139,7 @@ def test_the_head_says_what_to_measure_and_leaves_the_readings_to_the_table():
     short = "To know K22 twice as well, measure these 2 configurations: it falls to 0.2 um/mm."
     then = {"next_measurement": "To know K22, move a lot.", "next_in_short": short, "advice_kind": "sharpen"}
     tables = diagnosis_tables(rows(row("actuator-gain", parameters=GAIN_3, **then)))
-    said = "Next: to know K22 twice as well, measure these 2 configurations: it falls to 0.2 µm/mm."
+    said = "Optional: to know K22 twice as well, measure these 2 configurations: it falls to 0.2 µm/mm."
     head = build_head("c", tables)
     assert ("next", said) in head.verdicts
     link = '<a href="#next">What to measure next</a>'
@@ -154,7 +154,7 @@ def test_without_configurations_the_words_of_the_findings_stand():
     part = part_of("next", tables)
     assert part.state == "not evaluated"
     assert part.statements == (("next", "Platform deformation matrix: Move one actuator at a time."),)
-    assert ("next", "Next: move one actuator at a time.") in build_head("c", tables).verdicts
+    assert ("next", "Optional: move one actuator at a time.") in build_head("c", tables).verdicts
 
 
 def test_what_has_changed_is_told_with_what_it_cannot_be_told_from():

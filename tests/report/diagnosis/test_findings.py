@@ -36,6 +36,12 @@ FACTS = Facts(
 )
 
 
+def test_other_inputs_that_the_data_leave_open_are_told_with_their_odds():
+    said = explanation(replace(FACTS, inputs=(("time", 3.14), ("the temperature", 0.9))))
+    assert said.startswith(explanation(FACTS))
+    assert "time (3.1 to 1), the temperature (1.0 to 1)" in said
+
+
 def test_other_subjects_that_the_data_leave_open_are_told_with_their_odds():
     said = explanation(replace(FACTS, subjects=(("", 1.24), ("leg2 leg5", 6.0), ("target P07", 0.9))))
     assert said.startswith(explanation(FACTS))
@@ -177,3 +183,9 @@ def test_the_leg_of_a_parameter_is_no_part_of_its_kind():
         "alpha_base",
         "leg3_degree2",
     ]
+
+
+def test_a_floor_that_holds_scatter_found_here_is_not_called_noise_alone():
+    text = explanation(replace(FACTS, floor_has_scatter=True))
+    assert "noise and the scatter found here give 4.78 um" in text
+    assert "noise alone" not in text

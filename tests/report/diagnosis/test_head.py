@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import json
+
 import numpy as np
 import pandas as pd
 import pytest
@@ -49,6 +51,12 @@ def test_the_first_line_says_what_where_how_large_and_what_it_brings():
         ),
         ("actuator-gain", "", per_leg("gain"), "The actuators have gain errors, most leg 6 (1.200"),
         ("actuator-backlash", "leg1 leg4", per_leg("backlash", 4, "mm"), "Actuators 1 and 4 have backlash, most leg 4"),
+        (
+            "actuator-backlash",
+            "leg2",
+            {"backlash_2": size(-0.0012, 1e-4, "mm")},
+            "Actuator 2 leads its reading after each reversal, by 1.20 ± 0.10 µm to either side, as if backlash",
+        ),
         ("actuator-periodic-error", "leg2", per_leg("amplitude", 2, "mm"), "Actuator 2 has a periodic error"),
         ("leg-drift", "leg4", {"drift_4": size(-0.012, 0.001, "mm")}, "Leg 4 shrinks by 12.0 ± 1.0 µm over the"),
         ("leg-thermal", "", {"alpha": size(1.2e-5, 1e-6, "1/K")}, "but the bodies do not, by 12.0 ± 1.0 ppm/K"),
@@ -180,15 +188,20 @@ def test_what_no_cause_explains_names_what_it_follows():
     assert_says(said, "depends", "temperature", "12 µm", "no cause", "explains")
 
 
+def test_inputs_that_explain_nearly_as_well_are_named_in_the_first_line():
+    settings = json.dumps({"instead": [["time_s"], ["rho2_mm", "temperature_c"]]})
+    found = row("unexplained", follows="temperature_c", parameters=per_leg("leg1_degree", 2, "mm"), settings=settings)
+    _, said = first_line(rows(found, *rejected()))
+    assert_says(said, "depends on the temperature, or instead on time, or instead on actuator 2 and the temperature")
+
+
 def test_rivals_that_cannot_be_told_apart_are_named_at_the_head():
     gain = row("actuator-gain", subject="leg3", parameters=GAIN_3, log_evidence=45.0)
     rival = row("platform-deformation-linear", "indistinguishable", subject="leg3", parameters={"kappa_3": size(0.002)})
-    head = lines(rows(gain, rival, *rejected()))
-    assert head[1][0] == "warn"
-    assert_says(head[1][1], "Equally good", "platform deforms", "leg 3")
+    assert_says(first_line(rows(gain, rival, *rejected()))[1], "equally good", "platform deforms", "leg 3")
     own = row("own", "indistinguishable", parameters={"k": size(0.2)}, clause="a body bends")
-    said = lines(rows(gain, own, *rejected()))[1][1]
-    assert_says(said, "Equally good", "a body bends", "k")
+    said = first_line(rows(gain, own, *rejected()))[1]
+    assert_says(said, "equally good", "a body bends", "k")
     part = part_of("evidence", diagnosis_tables(rows(gain, rival, *rejected())))
     assert_says(part.lead, "1 alternative", "factor of 20", "probability")
     names = {trace.name: trace for trace in part.figures[0][0].data}

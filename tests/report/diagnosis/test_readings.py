@@ -282,10 +282,11 @@ def test_the_loads_to_apply_next_stand_in_a_row_per_run_with_all_steps_to_take_a
         for step, load in enumerate(levels)
     ]
     short = "To tell it from hysteresis, apply these 2 runs of loads, 3 times each: so it is."
-    found = row("creep", subject="load fz", parameters={"fraction": size(0.02, 0.001)}, next_in_short=short)
+    then = {"next_in_short": short, "advice_kind": "separate"}
+    found = row("creep", subject="load fz", parameters={"fraction": size(0.02, 0.001)}, **then)
     tables = bench_tables(rows(found)) | {"next_loads": pd.DataFrame(steps)}
     part = part_of("next", tables)
-    assert_says(part.lead, "1 finding", "confirmed", "refined")
+    assert_says(part.lead, "1 question", "open")
     (listing,) = part.listings
     assert_says(listing.caption, "creep load fz", "hysteresis load fz", "2 different runs", "6 runs")
     first = ("1", "3", "fz 0, 5000, 10000, 5000, 0 N", "dx dz", "a step every 8 min", "–", "odds of 5:1")

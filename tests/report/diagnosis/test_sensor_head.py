@@ -2,14 +2,19 @@
 
 from __future__ import annotations
 
+import re
+
+import numpy as np
 import pytest
 
 from tests.report.bench_tables import bench_tables
 from tests.report.diagnosis_tables import row, rows, size
 from tests.sentences import assert_says
+from tests.tolerance import assert_close
 from truing.report.head import build_head
 from truing.report.wordings.bench_wordings import BENCH
-from truing.report.wordings.claim import Claim
+from truing.report.wordings.claim import Claim, ParameterSize
+from truing.report.wordings.nonparametric_wordings import FOLLOWED
 
 
 def test_the_units_of_a_torque_are_exchanged_and_those_of_a_force_driven_one_by_one():
@@ -19,6 +24,48 @@ def test_the_units_of_a_torque_are_exchanged_and_those_of_a_force_driven_one_by_
         advice(Claim(cause="load-imbalance", subject="load mx")), "Exchange the two units of mx", "change its sign"
     )
     assert_says(advice(Claim(cause="load-imbalance", subject="load fz")), "Drive fz with one unit at a time")
+
+
+def test_lines_of_action_that_lie_apart_are_measured_at_the_stand():
+    """The data tell how far apart they are, and not which one is off the axis."""
+    forms = {"components": ("z",), "forms": ("", "_asymmetry")}
+    claim = Claim(cause="load-imbalance", subject="load fx", settings=forms)
+    advice = BENCH["load-imbalance"].advice(claim)
+    assert_says(advice, "positive and of negative fx pass along y")
+    assert_says(advice, "only signals are recorded", "do not tell which")
+
+
+@pytest.mark.parametrize(
+    ("axis", "about"), [("fx", "y"), ("fx", "z"), ("fy", "x"), ("fy", "z"), ("fz", "x"), ("fz", "y")]
+)
+def test_an_arm_is_on_the_side_whose_cross_product_gives_the_moment(axis, about):
+    sizes = (ParameterSize(f"moment_{about}_asymmetry", 0.004, 1e-5, "m"),)
+    told = BENCH["load-imbalance"].clause(Claim(cause="load-imbalance", subject=f"load {axis}", sizes=sizes))
+    side, across = re.search(r"towards (.)([xyz])$", told).groups()
+    arm = np.eye(3)["xyz".index(across)] * (0.004 if side == "+" else -0.004)
+    moment = np.cross(arm, np.eye(3)["xyz".index(axis[1])])
+    assert_close(moment, 0.004 * np.eye(3)["xyz".index(about)], atol=1e-12)
+
+
+def test_a_moment_about_its_own_force_has_no_arm():
+    sizes = (ParameterSize("moment_x_asymmetry", 0.004, 1e-5, "m"),)
+    told = BENCH["load-imbalance"].clause(Claim(cause="load-imbalance", subject="load fx", sizes=sizes))
+    assert told.endswith("between positive and negative load")
+
+
+@pytest.mark.parametrize(
+    ("terms", "words"),
+    [
+        ({"degree1": (0.0, 0.08), "degree2": (0.01, 1e-4)}, "depends quadratically on the load fz"),
+        ({"degree2": (0.01, 1e-4), "degree3": (0.005, 1e-4)}, "depends on the load fz"),
+        ({"degree1": (0.05, 0.01), "degree2": (0.01, 1e-4)}, "depends on the load fz"),
+    ],
+)
+def test_an_effect_is_quadratic_if_no_other_term_is_sure(terms, words):
+    sizes = tuple(ParameterSize(name, value, sigma, "mV") for name, (value, sigma) in terms.items())
+    form = {"columns": ("fz_n",), "half_ranges": (1000.0,), "form": "polynomial", "channel": "v5"}
+    told = FOLLOWED["unexplained"].clause(Claim(cause="unexplained", subject="signal v5", sizes=sizes, settings=form))
+    assert_says(told, words)
 
 
 def first_line(*several) -> tuple[str, str]:
@@ -50,7 +97,14 @@ SLIP = {"count": size(-2), "from_step": size(7)}
             "load-imbalance",
             "load fz",
             {"moment_y": size(0.004, 0.0001, "m"), "moment_y_asymmetry": size(0.0021, 0.0001, "m")},
-            "causes a parasitic moment about y that differs by 2.10 ± 0.10 N·m per kN between positive and",
+            "causes a parasitic moment about y that differs by 2.10 ± 0.10 N·m per kN between positive and "
+            "negative load, as if the positive load acted 2.10 ± 0.10 mm further towards −x",
+        ),
+        (
+            "load-imbalance",
+            "load fx",
+            {"moment_z_asymmetry": size(-0.01, 0.0001, "m")},
+            "as if the positive load acted 10.00 ± 0.10 mm further towards +y",
         ),
         (
             "load-imbalance",

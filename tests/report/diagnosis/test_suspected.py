@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import json
+
 import pandas as pd
 import pytest
 
@@ -10,7 +12,7 @@ from tests.report.diagnosis_tables import GAIN_3, diagnosis_tables, rejected, ro
 from tests.sentences import assert_says, says
 from truing.report.diagnosis.adequacy import adequacy as adequacy_section
 from truing.report.diagnosis.adequacy import shortcoming
-from truing.report.diagnosis.assessed_causes import assessed_causes
+from truing.report.diagnosis.assessed_causes import WITHOUT_FINDINGS, assessed_causes
 from truing.report.diagnosis.findings import DECLARED_NOISE, DOUBTS, SCATTER_OF_REPEATS, scatter_explanation
 from truing.report.diagnosis.headline import clause
 from truing.report.diagnosis.section import diagnosis
@@ -229,6 +231,28 @@ def test_columns_that_predict_the_misfit_never_read_as_agreement() -> None:
     assert not says(section.lead, "noise", "not as declared")
 
 
+def test_what_suspected_causes_explain_as_well_is_told_as_what_they_leave_out() -> None:
+    conditional = REMAINDER | {"settings": json.dumps({WITHOUT_FINDINGS: True})}
+    both = rows(DOUBTED, conditional, *rejected())
+    _, one, *_ = assessed_causes({"diagnosis": both})
+    assert one.is_conditional
+    assert_says(clause(one, {}), "Without the other findings, the residuals depend on")
+    said = head(both, HOLDS)[1]
+    assert_says(said, "Without the other findings", "41 %")
+    assert "Besides" not in said
+    assert "Besides" in head(rows(DOUBTED, REMAINDER, *rejected()), HOLDS)[1]
+
+
 def test_advice_on_what_follows_time_alone_is_another_order() -> None:
     assert "another order" in remainder_advice(("time_s",))
     assert_says(remainder_advice(("time_s", "temperature_c")), "Repeat", "temperature changed")
+
+
+@pytest.mark.parametrize(("follows", "raises"), [("", False), ("temperature_c", True)])
+def test_noise_that_is_larger_everywhere_raises_no_floor(follows, raises):
+    """The floor is that of the declared noise: only weights of single poses, and scatter of inputs, enter it."""
+    ratio = {"noise_ratio": {"value": 30.0, "sigma": 0.3, "unit": "1"}}
+    larger = row("unexplained", parameters=ratio, reason_code="noise", follows=follows)
+    scatter = row("approach-scatter", subject="joint j2", parameters={})
+    found = assessed_causes(diagnosis_tables(rows(larger, scatter)))
+    assert [one.raises_floor for one in found] == [raises, True]

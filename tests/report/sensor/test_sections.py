@@ -13,7 +13,7 @@ from tests.sentences import assert_says
 from tests.stages.benches import bench, layout
 from truing.report.exclusion_section import excluded
 from truing.report.sections import build_sections
-from truing.report.sensor.calibration import calibration
+from truing.report.sensor.calibration import calibration, calibration_verdict
 from truing.report.sensor.deformation import deformation, deformation_verdict
 from truing.report.sensor.displacement import displacement
 from truing.report.tables import CHANNELS, LOADS, WHY_NOT
@@ -84,6 +84,22 @@ def test_calibration_tells_the_choice_and_the_matrix(tables):
     assert len(held.data) == 6
     assert {name for trace in classes.data for name in trace.x} >= {"hysteresis", "crosstalk", "zero return"}
     assert [trace.name for trace in merit.data] == ["G", "G'", "G, elastic joints"]
+
+
+def test_scatter_that_a_fit_learned_from_its_residuals_is_not_called_noise(tables):
+    """What a linear model lacks is in its residuals: agreement with them is no agreement with the signals' noise."""
+    choice = tables["sensor_choice"].copy()
+    learned = choice["model"].str.startswith("least squares")
+    name = choice.loc[learned, "model"].iloc[0]
+    choice.loc[choice["figure"] == "chosen", "value"] = (choice["model"] == name).astype(float)
+    sentences = {
+        model: calibration_verdict({**tables, "sensor_choice": own}, {}).explanation
+        for model, own in (("weighted", tables["sensor_choice"]), ("least squares", choice))
+    }
+    assert_says(sentences["weighted"], "the noise")
+    assert "noise" not in sentences["least squares"]
+    for sentence in sentences.values():
+        assert_says(sentence, "% of the largest load")
 
 
 def test_gross_readings_stand_among_what_was_left_out(tables):

@@ -18,7 +18,7 @@ from truing.simulation.bench.causes.channels import DeadPath, ThermalDrift, Zero
 from truing.simulation.bench.causes.counts import Crosstalk, FringeSlip
 from truing.simulation.bench.causes.leg_stiffness import LegStiffness
 from truing.simulation.bench.causes.load_history import Creep
-from truing.simulation.bench.causes.load_path import GROWTH, RATIO, LoadEccentricity, LoadImbalance
+from truing.simulation.bench.causes.load_path import ASYMMETRY, GROWTH, RATIO, LoadEccentricity, LoadImbalance
 from truing.simulation.bench.causes.nonparametric import BEYOND, GAIN, REST, NonparametricReadingEffect, fading_times
 from truing.simulation.bench.causes.play_hysteresis import PlayHysteresis
 from truing.simulation.bench.causes.signal_hysteresis import SignalHysteresis
@@ -30,7 +30,7 @@ from truing.simulation.bench.causes.stiffness import (
     StiffnessNonlinear,
     StiffnessScale,
 )
-from truing.simulation.bench.known_readings import Optics
+from truing.simulation.bench.known_readings import Optics, SignalGains
 from truing.simulation.bench.load_steps import AIR, CHANNELS, HUMIDITY, LOADS, MATERIAL, PRESSURE
 from truing.simulation.bench.model import BenchModel
 from truing.simulation.bench.six_upur.influence import influence_matrix
@@ -206,6 +206,37 @@ def test_an_effect_is_what_its_formula_says(name: str) -> None:
     shared[model.layout[cause.key]] = values / model.effect_sigma(cause)
     found = model.points(shared, local) - plain.points(np.zeros(plain.shared_size), local)
     assert_close(found[:, channel, 0], expected, atol=1e-6 * SIGMA[channel], what=name)
+
+
+@pytest.mark.parametrize(
+    ("cause", "parameter", "axis", "brought"),
+    [
+        (LoadImbalance("fx", ("z",), (RATIO, ASYMMETRY)), "moment_z", 0, 5),
+        (LoadImbalance("mx", ("y",), (RATIO, GROWTH)), "force_y", 3, 1),
+        (LoadEccentricity("fy"), "offset_x", 1, 5),
+        (LoadEccentricity("mz"), "force_z", 5, 2),
+    ],
+)
+def test_free_gains_take_up_a_ratio_of_loads_with_its_effect_on_load_errors(
+    cause: Cause, parameter: str, axis: int, brought: int
+) -> None:
+    """Gains A under loads F give the signals of gains A / (1 + R) under loads (1 + R) F, whatever errors F has."""
+    own, ratio, rng = bench(load_sigma=1e-3).model(cause), 0.42, np.random.default_rng(4)
+    gains = rng.normal(1e-6, 3e-7, (6, 6))
+    taken_up = gains - ratio * np.outer(gains[:, brought], np.eye(6)[axis])
+    index = [one.name for one in cause.parameters(6)].index(parameter)
+    local = rng.normal(size=(len(own.conditions.run), own.local_size))
+
+    def predicted(start: NDArray, value: float) -> Any:
+        model = replace(own, known=replace(own.known, gains=SignalGains(start, np.ones((6, 6)))))
+        shared = np.zeros(model.shared_size)
+        shared[model.layout[cause.key].start + index] = value / model.effect_sigma(cause)[index]
+        return model.predict(shared, local)
+
+    plain, turned = predicted(gains, 0.0), predicted(taken_up, ratio)
+    for told, expected in ((turned.values, plain.values), (turned.by_local, plain.by_local)):
+        signals = expected[:, len(CHANNELS) :]
+        assert_close(told[:, len(CHANNELS) :], signals, atol=1e-12 * np.abs(signals).max())
 
 
 def test_air_stretches_a_dead_path() -> None:

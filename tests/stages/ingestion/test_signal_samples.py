@@ -5,6 +5,7 @@ from __future__ import annotations
 from pathlib import Path
 
 import numpy as np
+import pytest
 
 from tests.tolerance import assert_close
 from truing.pipeline.in_memory import stage_line
@@ -60,3 +61,14 @@ def test_without_the_key_every_row_is_a_step(tmp_path: Path) -> None:
     text = "1,1,5,1.0\n1,2,5,3.0"
     read = _rows(tmp_path, text, "run,step,fz_n,v1_mv", "", averaged=False)
     assert [row["v1_mv"] for row in read] == [1.0, 3.0]
+
+
+@pytest.mark.parametrize("averaged", [True, False])
+def test_means_do_not_show_that_no_single_sample_was_cut(tmp_path: Path, averaged: bool) -> None:
+    text = "\n".join(f"1,{load},{load + k % 3}" for load in LEVELS for k in range(COUNT))
+    _rows(tmp_path, text, "run,fz_n,v1_mv", "number_rows = { step = 1 }\n", averaged=averaged)
+    line = stage_line(tmp_path)
+    line.call("ingest")
+    (found,) = [row for row in line.call("qa").tables["qa"].to_pylist() if row["check"] == "saturated"]
+    assert found["verdict"] == "pass"
+    assert ("single samples were not tested" in found["message"]) is averaged

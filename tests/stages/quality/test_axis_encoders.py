@@ -35,6 +35,26 @@ def test_an_error_of_the_load_encoder_is_no_exchange_and_neither_is_noise() -> N
     assert _verdict("motor", 0.0, 0.0, exchanged=True) == "pass"
 
 
-def test_two_encoders_are_not_evaluated() -> None:
+@pytest.mark.parametrize(
+    ("loop", "wave", "noise", "verdict"),
+    [
+        ("motor", 5e-5, 1e-5, "fail"),  # the screw's error shows in the encoder that the controller is said to hold
+        ("load", 5e-5, 1e-5, "pass"),
+        ("motor", 5e-5, 4e-5, "pass"),  # no farther than its noise
+        ("motor", 0.0, 1e-5, "pass"),
+    ],
+)
+def test_without_an_instrument_the_command_is_followed_by_the_encoder_of_the_loop(
+    loop: str, wave: float, noise: float, verdict: str
+) -> None:
+    rng = np.random.default_rng(5)
+    read = np.array([wave * np.sin(np.arange(ROWS)), np.zeros(ROWS)]) + rng.normal(scale=NOISE, size=(2, ROWS))
+    columns = AxisColumns("linear", "mm", loop, "command_mm", {"motor": "motor_mm", "load": "load_mm"}, None)
+    found = encoders_in_place(columns, dict(zip(NAMES, read, strict=False)), {"motor": noise, "load": noise})
+    assert found.verdict == verdict
+    assert ('loop = "load"' in found.message) == (verdict == "fail")
+
+
+def test_one_encoder_is_not_evaluated() -> None:
     columns = AxisColumns("rotary", "deg", "motor", "command_deg", {"motor": "motor_deg"}, None)
     assert encoders_in_place(columns, {"motor": np.zeros(ROWS)}).verdict == "not evaluated"

@@ -16,6 +16,10 @@ from numpy.typing import ArrayLike
 from truing.arrays import Array, Index
 
 FORWARD, BACKWARD = 0, 1
+# Least usual time (s) from target to target that leaves the axis at rest, and fewest targets that show it.
+_REST_S, _FEWEST = 1.0, 8
+# Spreads, relative to the median, of steps that differ and of speeds that do not.
+_UNEVEN, _ONE_SPEED = 0.1, 0.05
 
 
 @dataclass(frozen=True)
@@ -87,6 +91,28 @@ def _positioning(mean: Array, scatter: Array) -> Positioning:
         accuracy=high.max(-2) - low.min(-2),
         bidirectional_accuracy=high.max((-1, -2)) - low.min((-1, -2)),
     )
+
+
+def is_in_motion(command: Array, time_s: Array) -> bool:
+    """Return True if rows (N,) in order of time were recorded while the axis moved, and not at rest at targets.
+
+    The targets follow each other within less than a second, or uneven steps took times in proportion to them.
+    """
+    begins = np.flatnonzero(np.diff(command, prepend=np.nan) != 0.0)
+    step, period = np.abs(np.diff(command[begins])), np.diff(time_s[begins])
+    is_known = np.isfinite(step) & (period >= 0.0)
+    step, period = step[is_known], period[is_known]
+    if len(step) < _FEWEST or not period.any():
+        return False
+    if np.median(period) < _REST_S:
+        return True
+    return bool(period.all()) and _spread(step) > _UNEVEN and _spread(step / period) < _ONE_SPEED
+
+
+def _spread(values: Array) -> float:
+    """Return the range of the middle 80 % of positive values over their median."""
+    low, middle, high = np.quantile(values, [0.1, 0.5, 0.9])
+    return float((high - low) / middle)
 
 
 @dataclass(frozen=True)

@@ -1,7 +1,7 @@
 """Gross errors of readings, as outliers from a smooth curve of load and time through every run of a channel.
 
-The curves include asymmetry, hysteresis and clearance of elastic sensors, so that outliers are no property of the
-sensor. A lasting jump is not a single gross error, and stays in.
+The curves include asymmetry, hysteresis and clearance of elastic sensors, so that outliers are no property of
+the sensor. A lasting jump is not a single gross error, and stays in.
 """
 
 from __future__ import annotations
@@ -61,8 +61,8 @@ def run_curves(load: Array, time_s: Array, run: Index, reading: Array, sigma: Ar
 def curve_columns(load: Array, time_s: Array) -> Array:
     """Return the columns (N, P) of a run's curve, with as many kinds of terms as its readings (N,) allow.
 
-    In this order: zero; load F of each loaded axis; time; |F| and F^3; sign F and hysteresis loop. (N, 0) if there are
-    too few readings for zero and load.
+    In this order: zero; load F of each loaded axis; time; |F| and F^3; sign F and hysteresis loop. (N, 0) if there
+    are too few readings for zero and load.
     """
     moved = np.flatnonzero(np.ptp(load, axis=0) > 0.0)
     F = load[:, moved] / np.abs(load[:, moved]).max(axis=0, initial=0.0)

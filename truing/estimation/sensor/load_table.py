@@ -121,13 +121,23 @@ def _names(names: Sequence[str] | None, default: list[str], what: str) -> tuple[
 
 
 @dataclass(frozen=True)
+class GrossSignal:
+    """Gross error of a signal at one step of a run: its deviation from a smooth curve of the run, in sigmas."""
+
+    run: int | str
+    step: int
+    signal: str
+    deviation: float
+
+
+@dataclass(frozen=True)
 class RecordedLoads:
     """Steps with signals, for calibration and for verification.
 
     steps (B,), signal (B, C) mV, relative to each run's unloaded readings if ``tared``; sigma (C,) mV, declared or
     estimated; covariate (B, K). load (B, 6): as recorded, or corrected by the diagnosed ``causes`` (in words); moved
-    (B,): steps corrected by these. left_out: steps with a gross error in a signal; excluded: steps that a person
-    excluded at least partly.
+    (B,): steps corrected by these. left_out: signals with a gross error, whose steps are left out; excluded: steps that
+    a person excluded at least partly.
     """
 
     steps: RecordedSteps
@@ -140,8 +150,13 @@ class RecordedLoads:
     covariate: Array
     covariate_names: tuple[str, ...]
     tared: bool
-    left_out: int
+    left_out: tuple[GrossSignal, ...]
     excluded: int
+
+    @property
+    def steps_left_out(self) -> int:
+        """Number of steps with a gross error in a signal."""
+        return len({(one.run, one.step) for one in self.left_out})
 
     def table(self, rows: Mask, case: NDArray) -> LoadTable:
         """Return some steps as a table of calibration loads, with the case of every step (B,)."""

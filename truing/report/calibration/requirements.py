@@ -31,6 +31,7 @@ from truing.schemas.verdict import ReasonCode
 _TITLE = "Requirements"
 _IDLE = "not evaluated"
 _MARKS = {"meets": "pass", "fails": "fail", "undecided": "warn"}
+_UNCORRECTED = ("uncorrected", "none")
 _COMPONENTS = {"rx": "tilt about x", "ry": "tilt about y", "rz": "turn about z"}
 _LOADS = ("fx", "fy", "fz", "mx", "my", "mz")
 _VERDICT = Head("verdict", "Whether the machine meets the requirement: meets, fails, or undecided with these data.")
@@ -127,14 +128,22 @@ def requirements_verdict(tables: Tables, before: Mapping[str, SectionVerdict]) -
         why = why_no_requirement(tables) if "requirements" in tables else why_absent("requirements", tables)
         text = f"Requirements not evaluated: {why[:1].lower()}{why[1:]}"
         return SectionVerdict("requirements", RelationState.NOT_TESTED, ReasonCode.NOT_EVALUATED, text)
-    model = "extended" if is_by_components(tables) else "calibrated"
-    text = f"{counted}, as predicted by the {model} model."
+    uncorrected = rows_of(assessed, _UNCORRECTED) if assessed is not None else own.iloc[:0]
+    text = _decided(counted, uncorrected, "extended" if is_by_components(tables) else "calibrated")
     if unseen := unmeasured_components(tables):
         text = f"{counted}; not measured: {', '.join(unseen)}."
         return SectionVerdict("requirements", RelationState.NOT_TESTED, ReasonCode.NOT_EVALUATED, text)
     if (own["verdict"] == "undecided").any():
         return SectionVerdict("requirements", RelationState.ATTENTION, ReasonCode.UNDECIDED, text)
-    return SectionVerdict("requirements", RelationState.OK, ReasonCode.MET, text)
+    state = RelationState.ATTENTION if (uncorrected["verdict"] == "fails").any() else RelationState.OK
+    return SectionVerdict("requirements", state, ReasonCode.MET, text)
+
+
+def _decided(counted: str, uncorrected: pd.DataFrame, model: str) -> str:
+    """Return the result, and that of the machine as it is where this is known."""
+    if not len(uncorrected):
+        return f"{counted}, as predicted by the {model} model."
+    return f"Corrected by the {model} model: {counted}. Without correction: {tally(uncorrected)}."
 
 
 def _of_other_loads(tables: Tables) -> str:
@@ -216,9 +225,9 @@ def _is_idle(requirements: pd.DataFrame) -> pd.Series:
 
 def unmeasured_components(tables: Tables) -> list[str]:
     """Return the components of [requirement] in which no pose of a chain, or row of an axis, shows an error."""
-    own = table_or_none(tables, "requirements")
-    if own is None or not is_by_components(tables):
+    if not is_by_components(tables):
         return []
+    own = main_requirements(tables)
     return [str(name) for name in own["component"][own["error"].isna()]]
 
 
@@ -237,7 +246,9 @@ def _requirement_listing(requirements: pd.DataFrame, key: Key) -> Listing:
 def _other_calibrations(others: pd.DataFrame) -> Listing:
     rows = tuple((r.verdict, r.model, r.deformation, *_sizes(r)) for r in others.itertuples())
     heads = (_VERDICT, MODEL_OF_LEGS, DEFORMATION, *_heads(others))
-    return Listing(heads, rows, _marks(others), "With every other calibration", True, "requirements.parquet")
+    return Listing(
+        heads, rows, _marks(others), "Without correction or with other calibrations", True, "requirements.parquet"
+    )
 
 
 def interval_words(r: Any) -> tuple[str, str, str]:

@@ -96,7 +96,14 @@ def _but_beyond(tables: Tables) -> str:
     if not beyond:
         return ""
     worst = max(beyond, key=_times_noise)
-    return f", but the rms error of predictions is {rough(_times_noise(worst))} times what noise alone gives"
+    noise = _noise_alone(assessed_causes(tables))
+    return f", but the rms error of predictions is {rough(_times_noise(worst))} times what {noise}"
+
+
+def _noise_alone(rows: list[AssessedCause]) -> str:
+    """Return the source of the noise floor with its verb: noise, or also the scatter that was found as a cause."""
+    scattered = any(row.raises_floor for row in accepted_of(rows))
+    return "noise and the scatter found here give" if scattered else "noise alone gives"
 
 
 def adequacy_verdict(tables: Tables, _: Mapping[str, SectionVerdict]) -> SectionVerdict | None:
@@ -109,39 +116,37 @@ def adequacy_verdict(tables: Tables, _: Mapping[str, SectionVerdict]) -> Section
     beyond, below = [one for one in missed if _is_beyond(one)], [one for one in missed if one.is_below_noise]
     none = "" if found else f"none of {count(len(rows), 'candidate')} was found, but "
     if beyond:
-        return _verdict_above_noise(max(beyond, key=_times_noise), none, shortcoming(tables))
+        return _verdict_above_noise(max(beyond, key=_times_noise), none, shortcoming(tables), _noise_alone(rows))
     if short := shortcoming(tables):
         text = f"The model is incomplete: {none}{short}."
         p, limit = _least_likely(tables)
         return SectionVerdict("adequacy", RelationState.ATTENTION, ReasonCode.LACK_OF_FIT, text, p, "1", limit)
     if below:
-        return _verdict_below_noise(below[0], none)
+        return _verdict_below_noise(below[0], none, _noise_alone(rows))
     if not missed:
         text = "No noise is declared, so errors of predictions cannot be compared with it: declare [noise]."
         return SectionVerdict("adequacy", RelationState.NOT_TESTED, ReasonCode.NOT_EVALUATED, text)
     one = max([one for one in missed if not one.held_out] or missed, key=_times_noise)
     ratio, size = _times_noise(one), f"{rough(one.after)} {sign(one.unit)}"
-    text = f"The rms error of predictions is {size}; noise alone gives {rough(one.floor or 0.0)} {sign(one.unit)}."
+    text = f"The rms error of predictions is {size}; {_noise_alone(rows)} {rough(one.floor or 0.0)} {sign(one.unit)}."
     text += " With so few data, the difference may be chance." if ratio > AT_THE_FLOOR else ""
     return SectionVerdict("adequacy", RelationState.OK, ReasonCode.WITHIN_NOISE, text, ratio, "1", AT_THE_FLOOR)
 
 
-def _verdict_above_noise(overall: Overall, none: str, short: str) -> SectionVerdict:
+def _verdict_above_noise(overall: Overall, none: str, short: str, noise: str) -> SectionVerdict:
     """Return the verdict on errors beyond noise: by a factor they fail, since no declared noise is so
     wrong unnoticed."""
     ratio, unit, also = _times_noise(overall), sign(overall.unit), f"; {short}" if short else ""
-    text = f"The model is incomplete: {none}the rms error of predictions is {rough(overall.after)} {unit}, where noise "
-    text += (
-        f"alone gives {rough(overall.floor or 0.0)} {unit}{also}. Look at the pattern of the errors under Diagnosis."
-    )
+    text = f"The model is incomplete: {none}the rms error of predictions is {rough(overall.after)} {unit}, where "
+    text += f"{noise} {rough(overall.floor or 0.0)} {unit}{also}. Look at the pattern of the errors under Diagnosis."
     if ratio > BY_A_FACTOR:
         return SectionVerdict("adequacy", RelationState.FAILS, ReasonCode.BEYOND_NOISE, text, ratio, "1", BY_A_FACTOR)
     return SectionVerdict("adequacy", RelationState.ATTENTION, ReasonCode.BEYOND_NOISE, text, ratio, "1", AT_THE_FLOOR)
 
 
-def _verdict_below_noise(overall: Overall, none: str) -> SectionVerdict:
+def _verdict_below_noise(overall: Overall, none: str, noise: str) -> SectionVerdict:
     size = f"{rough(overall.after)} {sign(overall.unit)}"
-    text = f"{none}the rms error of predictions is only {size}, significantly less than noise alone gives "
+    text = f"{none}the rms error of predictions is only {size}, significantly less than {noise} "
     text += (
         f"({rough(overall.floor or 0.0)} {sign(overall.unit)}): {overall.why_below}. Correct [noise]: with it, small "
     )

@@ -21,6 +21,8 @@ REJECTED, NOT_TESTABLE = "rejected", "not testable"
 HOLDS, CHANGES = "holds", "changes"
 # Reason code of inputs that predict the residuals where no model of causes holds.
 REMAINDER = "remainder"
+# Setting of such inputs: the model with all accepted causes no longer shows them.
+WITHOUT_FINDINGS = "without_findings"
 # Causes that move nothing on average: what they explain counts as noise.
 SCATTERING = frozenset({"approach-scatter", "noise-burst"})
 # Odds below which two causes count as explaining the data equally well.
@@ -70,9 +72,17 @@ class AssessedCause(Claim):
         return self.reason_code == REMAINDER
 
     @property
+    def is_conditional(self) -> bool:
+        """True if it names inputs that predict residuals only while other findings are left out of the model."""
+        return bool(self.settings.get(WITHOUT_FINDINGS))
+
+    @property
     def raises_floor(self) -> bool:
-        """True if what it explains counts as noise, so that the noise floor exceeds what the declared noise gives."""
-        return self.cause in SCATTERING or (self.is_noise and not self.is_remainder)
+        """True if what it explains counts as noise, so that the noise floor exceeds what the declared noise gives.
+
+        That all noise is larger than declared raises no floor, which is that of the declared noise.
+        """
+        return self.cause in SCATTERING or (self.is_noise and not self.is_remainder and bool(self.follows))
 
     @property
     def name(self) -> str:

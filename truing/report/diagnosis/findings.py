@@ -86,12 +86,14 @@ class Facts:
     odds: float | None = None  # indistinguishable: odds of the rival over this cause
     largest: float | None = None
     subjects: tuple[tuple[str, float], ...] = ()  # found: other possible subjects, with the odds against each
+    inputs: tuple[tuple[str, float], ...] = ()  # other possible inputs in words, with the odds against each
     unit: str = "um"
     fitted_words: str = "the calibration poses"
     held_out_words: str = "held-out poses"
     drive: str = "the readings"
     course: tuple[str, ...] | None = None  # inputs that an unnamed effect on the same parts follows
     is_course_beside: bool = False  # it acts next to the cause; otherwise it is as probable in its place
+    floor_has_scatter: bool = False  # ``floor`` holds scatter that was found next to the declared noise
 
 
 def explanation(facts: Facts) -> str:
@@ -135,6 +137,8 @@ def subject_words(subject: str) -> str:
         return f"leg {legs[0]}" if len(legs) == 1 else f"legs {_joined_names(legs)}"
     if len(parts) > 2 and set(parts[::2]) == {"joint"}:
         return f"joints {_joined_names(parts[1::2])}"
+    if len(parts) == 2 and parts[0] in ("joint", "link") and parts[1].lower().startswith(parts[0]):
+        return parts[1]  # its name says what it is
     if parts[:1] == ["targets"]:
         return f"targets {_joined_names(parts[1:])}"
     return subject
@@ -161,7 +165,10 @@ def _found_clause(facts: Facts) -> str:
 
 
 def _other_subjects(facts: Facts) -> str:
-    """Return the other possible subjects that the data leave open."""
+    """Return the other possible subjects, or inputs, that the data leave open."""
+    if facts.inputs:
+        inputs = ", ".join(f"{words} ({max(odds, 1.0):.1f} to 1)" for words, odds in facts.inputs)
+        return f" Other possible inputs, with the odds against each: {inputs}."
     if not facts.subjects:
         return ""
     all_subjects = next((words for kind, words in _ALL.items() if facts.subject.startswith(kind)), "the whole machine")
@@ -242,7 +249,8 @@ def _improvement(facts: Facts) -> str:
     before, after = facts.held_out
     if before is not None and after is not None:
         text += f" ({facts.held_out_words}: {two_decimals(after)} and {two_decimals(before)} {unit})"
-    return f"{text}; noise alone gives {two_decimals(facts.floor)} {unit}."
+    noise = "noise and the scatter found here give" if facts.floor_has_scatter else "noise alone gives"
+    return f"{text}; {noise} {two_decimals(facts.floor)} {unit}."
 
 
 def _sizes(facts: Facts) -> str:

@@ -150,12 +150,12 @@ def _deciding_measurements(row: Any, pace_s: float | None, several: int, noun: s
 
 
 def _pace(tables: Tables) -> float | None:
-    """Return the median time from one pose to the next, s; None where unknown."""
+    """Return the median time from one pose to the next, s; None where unknown, or where times number the poses."""
     table = table_or_none(tables, "configurations")
     if table is None or "time_s" not in table:
         return None
     steps = np.diff(np.sort(table["time_s"].dropna().to_numpy(float)))
-    return float(np.median(steps[steps > 0.0])) if np.any(steps > 0.0) else None
+    return float(np.median(steps[steps > 0.0])) if np.any(steps > 0.0) and not np.all(steps == 1.0) else None
 
 
 def _findings(rows: list[AssessedCause], tables: Tables) -> Iterator[NextStep]:

@@ -7,7 +7,7 @@ from collections.abc import Mapping
 import pandas as pd
 
 from truing.belonging.relation import RelationState
-from truing.report.chain_corrections import estimates_zeros
+from truing.report.chain_corrections import clear_numbers, estimates_zeros
 from truing.report.diagnosis.adequacy import noise_compared, shortcoming
 from truing.report.diagnosis.assessed_causes import (
     CHANGES,
@@ -105,13 +105,9 @@ def _bodies_words(rows: list[AssessedCause], tables: Tables) -> str:
 
 
 def diagnosis_details(tables: Tables) -> list[Verdict]:
-    """Return the details behind the diagnosis at the head of the page: rivals, next step."""
+    """Return the next step behind the diagnosis at the head of the page."""
     rows = assessed_causes(tables)
-    accepted = accepted_of(rows)
-    if not rows:
-        return []
-    reported = [*_rivals(accepted, rows, tables), *_most_urgent_step(rows, tables)]
-    return [line for line in reported if line[1]]
+    return [line for line in _most_urgent_step(rows, tables) if line[1]] if rows else []
 
 
 def _found_words(causes: list[AssessedCause], tables: Tables) -> str:
@@ -120,21 +116,29 @@ def _found_words(causes: list[AssessedCause], tables: Tables) -> str:
     brings = gain(causes, tables)
     sure = [row for row in effects if row.verdict != SUSPECTED]
     doubted = [row for row in effects if row.verdict == SUSPECTED]
-    texts = [_listed([clause(row, tables) for row in sure[:_TOLD]], len(sure)) + _more_findings(sure)] if sure else []
+    texts = [_listed([clause(row, tables) for row in _told(sure)], len(sure)) + _more_findings(sure)] if sure else []
     if doubted:
-        names = "; ".join(lower(clause(row, tables)) for row in doubted[:_TOLD])
+        names = "; ".join(lower(clause(row, tables)) for row in _told(doubted))
         texts.append(f"Suspected, not confirmed: {names}{_more_findings(doubted)}")
     # Larger noise, and inputs that predict residuals, are no further effects.
-    beside = [row for row in noise if row.verdict != SUSPECTED]
+    beside = [row for row in noise if row.verdict != SUSPECTED and not row.is_conditional]
+    in_place = [row for row in noise if row.is_conditional]
     if beside:
-        names = "; ".join(lower(clause(row, tables)) for row in beside[:_TOLD])
+        names = "; ".join(lower(clause(row, tables)) for row in _told(beside))
         texts.append(f"{'Besides, ' if texts else ''}{names}{_more_findings(beside)}")
+    texts += [clause(row, tables) for row in in_place[:1]]
+    texts += _rivals(causes, assessed_causes(tables), tables)
     modelling = "Modelling it" if len(effects) == 1 else f"Modelling {'both' if len(effects) == 2 else 'all of them'}"
     return ". ".join([*texts, f"{modelling} {brings}"] if brings else texts) + "."
 
 
+def _told(rows: list[AssessedCause]) -> list[AssessedCause]:
+    """Return the findings that are written out: all, if no more than one would be left."""
+    return rows if len(rows) <= _TOLD + 1 else rows[:_TOLD]
+
+
 def _more_findings(rows: list[AssessedCause]) -> str:
-    more = len(rows) - _TOLD
+    more = len(rows) - len(_told(rows))
     return f", and {count(more, 'further finding')} (see Diagnosis)" if more > 0 else ""
 
 
@@ -186,7 +190,9 @@ def _listed(clauses: list[str], several: int) -> str:
 
 def _agreement(rows: list[AssessedCause], tables: Tables) -> str:
     tested_text = tested_words(rows)
-    text = f"{_upper(tested_text)} agree to within the noise" if tested_text else "The residuals are noise"
+    text = f"{tested_text} agree to within the noise" if tested_text else "the residuals are noise"
+    corrected = len(clear_numbers(tables))
+    text = f"With {count(corrected, 'correction')} to the nominal geometry, {text}" if corrected else _upper(text)
     text = f"{text}: {_nothing_found(rows, tables)}."
     sizes = _hidden_sizes(table_or_none(tables, "detectable"))
     if not sizes:
@@ -211,19 +217,16 @@ def _worst(table: pd.DataFrame) -> str:
     return " or ".join(dict.fromkeys(reported))
 
 
-def _rivals(causes: list[AssessedCause], rows: list[AssessedCause], tables: Tables) -> list[Verdict]:
-    """Return in words the causes that the data cannot distinguish from the findings."""
+def _rivals(causes: list[AssessedCause], rows: list[AssessedCause], tables: Tables) -> list[str]:
+    """Return a sentence on the causes that the data cannot distinguish from the findings, without a full stop."""
     rivals = [row for row in rows if row.verdict == RIVAL]
-    if not rivals or not causes:
+    if not rivals:
         return []
     texts = [lower(clause(row, tables)) for row in rivals[:_TOLD]]
     more = f", or one of {len(rivals) - _TOLD} more" if len(rivals) > _TOLD else ""
-    finding_text = "this finding" if len(causes) == 1 else "one of these findings"
-    words = (
-        f"Equally good explanation of {finding_text}: {', or '.join(texts)}{more}. This campaign cannot "
-        "distinguish them."
-    )
-    return [("warn", words)]
+    of_which = "" if len(causes) == 1 else " of one of these"
+    named = f"{', or '.join(texts)}{more}"
+    return [f"An equally good explanation{of_which}, which this campaign cannot distinguish: {named}"]
 
 
 def lower(sentence: str) -> str:
@@ -236,7 +239,9 @@ def _most_urgent_step(rows: list[AssessedCause], tables: Tables) -> list[Verdict
     steps = [step for step in next_steps(rows, tables) if step.need != Need.TESTABLE]
     if not steps:
         return []
-    return [("next", f"Next: {lower(steps[0].aim_text)}")]
+    # A known size is no open question: a reader is not sent to the bench for another digit of it.
+    lead = "Optional" if steps[0].need == Need.PRECISION else "Next"
+    return [("next", f"{lead}: {lower(steps[0].aim_text)}")]
 
 
 def certainty(row: AssessedCause) -> str:

@@ -25,6 +25,7 @@ from truing.schemas.verdict import BY_A_FACTOR, ReasonCode
 _TITLE = "Calibration of the sensor"
 _TYPES = {"type_1_error": "Type 1, with the synthetic error", "type_2_error": "Type 2, without"}
 _ANGLES = {"type_1_angle": "angle, with the synthetic error (deg)", "type_2_angle": "angle, without (deg)"}
+_NOISE, _OWN_SCATTER = "that of noise", "the scatter of fitted loads"
 _AT_NOISE = 1.1  # largest error over noise that counts as noise
 _AS_PRINTED = "least squares, direct, zero none, linear"
 
@@ -86,9 +87,13 @@ def calibration_verdict(tables: Tables, _: Mapping[str, SectionVerdict]) -> Sect
         return SectionVerdict("calibration", RelationState.NOT_TESTED, ReasonCode.NOT_EVALUATED, text)
     chosen = _chosen_model(choice)
     if not failed:
-        text = f"The calibration {chosen} fits: {'; '.join(test.question for test in evaluated)}."
+        text = (
+            f"The calibration {chosen} fits: {'; '.join(test.question for test in evaluated)}. "
+            f"{_share_words(choice, _largest(tables))}"
+        )
         return SectionVerdict("calibration", RelationState.OK, ReasonCode.FITS, text)
-    text = f"The calibration {chosen} fails the test whether {failed[0].question}. {failed[0].statement}"
+    text = f"The calibration {chosen} fails the test whether {failed[0].question}. {failed[0].statement} "
+    text += _share_words(choice, _largest(tables))
     value = choice[choice["model"] == chosen].drop_duplicates("figure").set_index("figure")["value"]
     ratio = max(filter(None, (_ratio(value, role) for role in ("heldout", "verification"))))
     state = RelationState.FAILS if ratio > BY_A_FACTOR else RelationState.ATTENTION
@@ -97,26 +102,38 @@ def calibration_verdict(tables: Tables, _: Mapping[str, SectionVerdict]) -> Sect
 
 def _tests(choice: pd.DataFrame | None) -> list[ModelTest]:
     """Return the test of the chosen calibration: are its held-out errors within noise?"""
-    agreement_text = "errors of held-out loads agree with the noise"
-    verified = "errors in the verification runs agree with the noise"
+    noise = _NOISE if choice is None else _compared_noise(_chosen_model(choice))
+    compared = "the noise" if noise == _NOISE else noise
+    agreement_text = f"errors of held-out loads agree with {compared}"
+    verified = f"errors in the verification runs agree with {compared}"
     if choice is None:
         return [ModelTest(asked, None, "G_B was not evaluated.") for asked in (agreement_text, verified)]
     rows = choice[choice["model"] == _chosen_model(choice)]
     facts = rows.drop_duplicates("figure").set_index("figure")["value"]
     return [
-        _misfit_test(agreement_text, facts, "heldout", "Nothing was held out."),
-        _misfit_test(verified, facts, "verification", "No run has role verification, or its noise is not known."),
+        _misfit_test(agreement_text, facts, "heldout", noise, "Nothing was held out."),
+        _misfit_test(
+            verified, facts, "verification", noise, "No run has role verification, or its noise is not known."
+        ),
     ]
 
 
-def _misfit_test(question: str, facts: pd.Series, role: str, why_not: str) -> ModelTest:
+def _compared_noise(model: str) -> str:
+    """Return in words what errors of a model's held-out loads are compared with.
+
+    Unweighted least squares learns its noise from the residuals, so that what the model lacks counts as noise.
+    """
+    return _OWN_SCATTER if model.startswith("least squares") else _NOISE
+
+
+def _misfit_test(question: str, facts: pd.Series, role: str, noise: str, why_not: str) -> ModelTest:
     times = _ratio(facts, role)
     if times is None:
         return ModelTest(question, None, why_not)
     chi_square, freedom = (float(facts[f"{role}_{name}"]) for name in ("chi_square", "freedom"))
     if (small := below_noise(question, chi_square, freedom, "the declared noise is too large")) is not None:
         return small
-    return ModelTest(question, times <= _AT_NOISE, f"The rms error is {plain(times)} times that of noise.")
+    return ModelTest(question, times <= _AT_NOISE, f"The rms error is {plain(times)} times {noise}.")
 
 
 def _ratio(facts: pd.Series, role: str) -> float | None:
@@ -140,6 +157,25 @@ def _largest(tables: Tables) -> dict[str, float]:
     return {load: size for load, size in found.items() if size > 0.0}
 
 
+def _heldout(choice: pd.DataFrame, largest: dict[str, float]) -> tuple[pd.Series, dict[str, float]]:
+    """Return the rms errors of the chosen calibration on held-out loads, and their shares of the largest load, %."""
+    rows = choice[choice["model"] == _chosen_model(choice)]
+    value = rows[rows["figure"] == "heldout_rms"].set_index("subject")["value"]
+    return value, {load: 100.0 * float(value[load]) / largest[load] for load in largest if load in value}
+
+
+def _share_words(choice: pd.DataFrame, largest: dict[str, float]) -> str:
+    """Return the sentence on the errors of held-out loads; empty where none is known."""
+    value, share = _heldout(choice, largest)
+    if not share:
+        return ""
+    worst = max(share, key=lambda load: share[load])
+    return (
+        f"The rms error on held-out loads is {plain(min(share.values()))} to {plain(share[worst])} % "
+        f"of the largest load; it is largest for {worst}, {plain(value[worst])} {LOAD_UNITS[worst]}."
+    )
+
+
 def _opening_sentences(
     tables: Tables, choice: pd.DataFrame | None, matrices: pd.DataFrame, largest: dict[str, float]
 ) -> str:
@@ -148,13 +184,11 @@ def _opening_sentences(
         return f"G from nominal dimensions only. G_B is not evaluated: {why}."
     chosen = _chosen_model(choice)
     rows = choice[choice["model"] == chosen]
-    value = rows[rows["figure"] == "heldout_rms"].set_index("subject")["value"]
-    share = {load: 100.0 * float(value[load]) / largest[load] for load in largest if load in value}
+    _, share = _heldout(choice, largest)
     worst = max(share, key=lambda load: share[load])
     texts = [
-        f"Chosen calibration: {chosen} (estimator, direction of the fit, zero, terms). "
-        f"The rms error on held-out loads is {plain(min(share.values()))} to {plain(share[worst])} % "
-        f"of the largest load; it is largest for {worst}, {plain(value[worst])} {LOAD_UNITS[worst]}."
+        f"Chosen calibration: {chosen} (estimator, direction of the fit, zero, terms).",
+        _share_words(choice, largest),
     ]
     printed = choice[(choice["model"] == _AS_PRINTED) & (choice["figure"] == "heldout_rms")]
     if len(printed) and chosen != printed["model"].iloc[0]:

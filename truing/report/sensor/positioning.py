@@ -18,7 +18,7 @@ from truing.report.measured_section import corrections
 from truing.report.numbers import count, in_suitable_unit, printed, sign, with_uncertainty
 from truing.report.page import Listing, ReportSection
 from truing.report.section_verdict import SectionVerdict
-from truing.report.tables import Tables, load_steps, table_or_none
+from truing.report.tables import Tables, is_single_axis, load_steps, reason, table_or_none
 from truing.schemas.verdict import ReasonCode
 
 _MEANING = {
@@ -42,7 +42,7 @@ _AT_TARGETS = {
     "R": "Repeatability of the position at this target, over both directions.",
 }
 _CYCLES = 5  # repeats of the standard
-_PLAN = "Send the axis to five targets or more, five times from each side."
+_PLAN = "Send the axis to five targets or more, five times from each side, and let it rest at each."
 _SIDES = {"forward": "↑", "backward": "↓"}
 _CAPTION = "A gap between the two lines is reversal: the position depends on the direction of approach."
 
@@ -51,8 +51,8 @@ def positioning(tables: Tables) -> ReportSection | None:
     """Return the results of ISO 230-2 for every run, the axis first, then by target; and reasons where
     there are none."""
     rows, withheld = table_or_none(tables, "positioning"), not_stated(tables)
-    if _is_single_axis(tables):
-        return _of_single_axis(rows)
+    if is_single_axis(tables):
+        return _of_single_axis(rows, reason(tables, "positioning"))
     if rows is None:
         return (
             ReportSection("positioning", "Positioning", " ".join(withheld), state="not evaluated") if withheld else None
@@ -66,16 +66,12 @@ def positioning(tables: Tables) -> ReportSection | None:
     return ReportSection("positioning", "Positioning", lead, figures=drawn, listings=shown, statements=statements)
 
 
-def _is_single_axis(tables: Tables) -> bool:
-    """True if the results are those of the rows of an axis, not of positions of a table."""
-    return "positioning" in tables and "configurations" in tables
-
-
-def _of_single_axis(rows: pd.DataFrame | None) -> ReportSection:
-    """Return the results of an axis by what recorded it, and which of them need more repeats."""
+def _of_single_axis(rows: pd.DataFrame | None, why_not: str) -> ReportSection:
+    """Return the results of an axis by what recorded it, and which of them need more repeats; or why there are none."""
     if rows is None:
-        why = "Positioning by ISO 230-2 is not tested: fewer than two commands were approached from both sides."
-        return ReportSection("positioning", "Positioning", f"{why} {_PLAN}", state="not evaluated")
+        why = why_not or "Fewer than two commands were approached from both sides."
+        text = f"Positioning by ISO 230-2 is not tested: {why[:1].lower()}{why[1:]} {_PLAN}"
+        return ReportSection("positioning", "Positioning", text, state="not evaluated")
     rows = rows.assign(run=rows["run"].map(lambda name: ENCODERS[name]))
     rows = rows.reindex(columns=[*_COLUMNS, *rows.columns.difference(_COLUMNS)])
     axis, targets = rows[rows["subject"].isna()], rows[rows["subject"].notna()]
@@ -97,7 +93,7 @@ def _of_single_axis(rows: pd.DataFrame | None) -> ReportSection:
 def positioning_verdict(tables: Tables, _: Mapping[str, SectionVerdict]) -> SectionVerdict | None:
     """Return the verdict of a campaign of positioning alone: accuracy, repeatability and reversal of its worst axis."""
     rows = table_or_none(tables, "positioning")
-    if rows is None or _is_single_axis(tables):
+    if rows is None or is_single_axis(tables):
         return None
     if len(load_steps(tables)) or table_or_none(tables, "observations") is not None:
         return None

@@ -125,12 +125,40 @@ def _imbalance(claim: Claim) -> str:
     if shown.name.endswith("_growth"):
         return f"{who} causes {brought} that grows nonlinearly, by {size} at the largest load"
     if shown.name.endswith("_asymmetry"):
-        return f"{who} causes {brought} that differs by {size} between positive and negative load"
+        differs_text = f"{who} causes {brought} that differs by {size} between positive and negative load"
+        return f"{differs_text}{_lines_apart(_axis(claim), shown)}"
     return f"{who} causes {brought}: {size}"
+
+
+def _arm_direction(axis: str, about: str) -> tuple[str, float]:
+    """Return the direction across a force along which its line of action lies off for a moment about an axis, and the
+    sign of the arm for a positive moment; empty for torques and for a moment about the force itself."""
+    along = axis[-1:]
+    if not axis.startswith("f") or along == about:
+        return "", 0.0
+    (across,) = {*"xyz"} - {along, about}
+    return across, 1.0 if across + along + about in "xyzxy" else -1.0  # moment = arm x force
+
+
+def _lines_apart(axis: str, moment: ParameterSize) -> str:
+    """Return the lever arm at the stand that a difference of moments means: lines of action of both signs lie apart."""
+    across, sign = _arm_direction(axis, moment.name.split("_")[1])
+    if not across:
+        return ""
+    sigma = None if moment.sigma is None else 1e3 * moment.sigma
+    arm = ParameterSize(f"offset_{across}", 1e3 * sign * (moment.number or 0.0), sigma, "mm")
+    return f", as if the positive load acted {size_in_words(positive(arm))} further towards {_direction(arm)}"
 
 
 def _one_unit(claim: Claim) -> str:
     axis = _axis(claim)
+    arms = [_arm_direction(axis, about)[0] for about in claim.fact("components") or ()]
+    if "_asymmetry" in (claim.fact("forms") or ()) and any(arms):
+        return (
+            f"Measure at the loading stand where the lines of action of positive and of negative {axis} pass along "
+            f"{' and '.join(filter(None, arms))}. Where only signals are recorded, they do not tell which of the two "
+            "is off the axis."
+        )
     if axis.startswith("m"):  # one unit alone gives no couple
         return f"Exchange the two units of {axis} and repeat the run: the parasitic force should change its sign."
     return f"Drive {axis} with one unit at a time, pushing and pulling, and compare rotations and displacements."

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import re
+from dataclasses import replace
 
 from truing.report.diagnosis.findings import subject_words
 from truing.report.wordings.bench_wordings import BENCH
@@ -13,7 +14,9 @@ from truing.report.wordings.claim import (
     Claim,
     Wording,
     by_words,
+    largest,
     largest_of_kind,
+    positive,
     size_in_words,
     with_sizes,
 )
@@ -40,16 +43,20 @@ def _scale(claim: Claim) -> str:
 
 
 def _lost_motion_clause(claim: Claim) -> str:
-    size, lags = largest_of_kind(claim, "backlash")
-    sides = " to either side" if size else ""
-    if size and not lags:
+    half = largest(claim.sizes_of("backlash"))
+    if half is None or half.number is None:
+        return "motion is lost between motor and load"
+    whole = replace(half, value=2.0 * abs(half.number), sigma=None if half.sigma is None else 2.0 * half.sigma)
+    sizes = f"{size_in_words(positive(half))} to either side, {size_in_words(whole)} between both"
+    if half.number < 0.0:
         reason = "as if lost motion were compensated too much, or deviations had the opposite sign"
-        return f"after each reversal the load leads the motor{by_words(size)}{sides}, {reason}"
-    return f"motion is lost between motor and load{by_words(size)}{sides}"
+        return f"after each reversal the load leads the motor, by {sizes}, {reason}"
+    return f"motion is lost between motor and load, by {sizes}"
 
 
 def _shift(claim: Claim) -> str:
-    size, _ = largest_of_kind(claim, "shift")
+    shift = largest(claim.sizes_of("shift"))
+    size = "" if shift is None else size_in_words(shift)
     event, pose = claim.fact("event"), claim.fact("from_pose")
     since = f" after the event {event}" if event else f" from row {pose} on" if pose not in (None, "") else ""
     return f"{PARTS_OF_AXES.get(claim.subject, claim.subject)} has a zero shift{since}{by_words(size)}"
@@ -57,11 +64,12 @@ def _shift(claim: Claim) -> str:
 
 def _periodic(claim: Claim) -> str:
     size, _ = largest_of_kind(claim, "amplitude")
+    size = f" of amplitude {size}" if size else ""
     period = claim.size("period")
     over = f", with a period of {size_in_words(period)}" if period is not None else ""
     if claim.fact("aliased"):
         over = ", with a period that these commands do not determine"
-    return f"{PARTS_OF_AXES.get(claim.subject, claim.subject)} has a periodic error{by_words(size)}{over}"
+    return f"{PARTS_OF_AXES.get(claim.subject, claim.subject)} has a periodic error{size}{over}"
 
 
 def _growth(claim: Claim) -> str:
@@ -101,12 +109,12 @@ _AXIS = {
     "lost-motion": Wording(
         "lost motion",
         _lost_motion_clause,
-        "Approach the same commands from both sides, by movements longer than the lost motion. Read both encoders.",
+        "Approach each command from both sides, by movements of several lengths, all longer than the lost motion.",
     ),
     "periodic-error": Wording(
         "periodic error",
         _periodic,
-        "Move the axis in steps of a tenth of the period through two periods, and read every encoder.",
+        "Move the axis through two periods or more, in steps of at most a tenth of one, and read every encoder.",
     ),
     "zero-shift": Wording("zero shift", _shift, _repeat_event_advice),
     "axis-growth": Wording(

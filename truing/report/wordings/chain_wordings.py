@@ -35,16 +35,20 @@ def _of_joint(advice: str) -> Callable[[Claim], str]:
 
 
 def _offset(claim: Claim) -> str:
-    size, _ = largest_of_kind(claim, "offset")
     others = claim.fact("alike")
-    owners = " or ".join([_whose(claim), *(others or ())])
-    same = " (one motion belongs to either)" if others else ""
-    return f"the zero of {owners} deviates by more than its tolerance{same}{by_words(size)}"
+    owners = " or ".join([_whose(claim), *map(subject_words, others or ())])
+    same = "; one motion belongs to either" if others else ""
+    return f"the zero of {owners} is wrong{_signed(claim, 'offset')}{same}"
 
 
 def _shifted(claim: Claim) -> str:
-    size, _ = largest_of_kind(claim, "shift")
-    return f"the zero of {_whose(claim)} shifts{by_words(size)} from pose {claim.fact('from_pose')} on"
+    return f"the zero of {_whose(claim)} shifts from pose {claim.fact('from_pose')} on{_signed(claim, 'shift')}"
+
+
+def _signed(claim: Claim, kind: str) -> str:
+    """Return ``: motion = reading − 0.18 ± 0.01 deg``; empty without a size."""
+    size, is_positive = largest_of_kind(claim, kind)
+    return f": motion = reading {'+' if is_positive else '−'} {size}" if size else ""
 
 
 def _gain(claim: Claim) -> str:
@@ -55,8 +59,12 @@ def _gain(claim: Claim) -> str:
 
 
 def _backlash(claim: Claim) -> str:
-    size, _ = largest_of_kind(claim, "backlash")
-    return f"{_whose(claim)} has backlash{by_words(size)}{' to either side' if size else ''}"
+    size, lags = largest_of_kind(claim, "backlash")
+    sides = " to either side" if size else ""
+    if size and not lags:
+        reason = "as if backlash were compensated too much"
+        return f"{_whose(claim)} leads its reading after each reversal{by_words(size)}{sides}, {reason}"
+    return f"{_whose(claim)} has backlash{by_words(size)}{sides}"
 
 
 def _settling(claim: Claim) -> str:
@@ -110,7 +118,7 @@ def _sag(claim: Claim) -> str:
 def _growth(claim: Claim) -> str:
     if not claim.subject:
         return with_sizes("all links grow with temperature", claim)
-    who = " or ".join([_whose(claim), *(claim.fact("alike") or ())])
+    who = " or ".join([_whose(claim), *map(subject_words, claim.fact("alike") or ())])
     return with_sizes(f"{who} grows with temperature{_which_length(claim)}", claim)
 
 

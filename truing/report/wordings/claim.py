@@ -14,7 +14,7 @@ from truing.report.diagnosis.findings import subject_words
 from truing.report.numbers import rough
 
 # Components smaller than this many standard deviations are left out.
-_SURE = 2.0
+SURE = 2.0
 # Number of sizes that a clause gives one by one.
 _TOLD = 3
 
@@ -140,7 +140,7 @@ def largest_of_kind(claim: Claim, kind: str) -> tuple[str, bool]:
 def sure_of(sizes: tuple[ParameterSize, ...]) -> list[ParameterSize]:
     """Return sizes beyond two of their sigmas, the largest first; where there are none, the largest alone."""
     known = [size for size in sizes if size.number is not None]
-    sure = [size for size in known if size.sigma is None or abs(size.number or 0.0) > _SURE * size.sigma]
+    sure = [size for size in known if size.sigma is None or abs(size.number or 0.0) > SURE * size.sigma]
     largest_alone = largest(tuple(known))
     return sorted(sure or ([largest_alone] if largest_alone else []), key=lambda size: -abs(size.number or 0.0))
 

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import math
 import re
+from dataclasses import replace
 
 from truing.report.diagnosis.effect_units import size_text
 from truing.report.diagnosis.findings import subject_words
@@ -16,10 +17,11 @@ from truing.report.wordings.claim import (
     largest,
     largest_of_kind,
     listed,
+    positive,
     size_in_words,
     with_sizes,
 )
-from truing.report.wordings.nonparametric_wordings import columns_words, product_words
+from truing.report.wordings.nonparametric_wordings import PARTS_OF_AXES, columns_words, product_words
 from truing.schemas.covariates import own_name
 
 # Least shift, over the sigma from uncorrelated parameters, for which that sigma is given.
@@ -55,7 +57,13 @@ def _up_to(claim: Claim) -> str:
 
 def _late(claim: Claim) -> str:
     size, late = largest_of_kind(claim, "lag")
-    return f"the readings are {'late' if late else 'early'} against the measured poses{by_words(size)}"
+    word, element = "late" if late else "early", claim.fact("element")
+    if element is None:
+        return f"the readings are {word} against the measured poses{by_words(size)}"
+    if element:
+        return f"{PARTS_OF_AXES.get(claim.subject, claim.subject)} is {word} against the commands{by_words(size)}"
+    follows = ", or the axis follows them late" if late else ""
+    return f"the readings are {word} against the commands{follows}{by_words(size)}"
 
 
 def _deforms(claim: Claim) -> str:
@@ -117,8 +125,17 @@ def _gain(claim: Claim) -> str:
 
 
 def _backlash(claim: Claim) -> str:
-    size = by_most(claim, "backlash")
-    return f"{_actuators(claim)} {_verb(claim, 'has', 'have')} backlash{size}{' to either side' if size else ''}"
+    sizes = claim.sizes_of("backlash")
+    leads = bool(sizes) and all((size.number or 0.0) < 0.0 for size in sizes)
+    size = by_most(replace(claim, sizes=tuple(map(positive, sizes))) if leads else claim, "backlash")
+    sides = " to either side" if size else ""
+    if leads:
+        verb, reason = (
+            _verb(claim, "leads its reading", "lead their readings"),
+            "as if backlash were compensated too much",
+        )
+        return f"{_actuators(claim)} {verb} after each reversal{size}{sides}, {reason}"
+    return f"{_actuators(claim)} {_verb(claim, 'has', 'have')} backlash{size}{sides}"
 
 
 def _periodic(claim: Claim) -> str:

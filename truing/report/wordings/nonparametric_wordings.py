@@ -7,7 +7,7 @@ from collections.abc import Iterable
 
 from truing.report.diagnosis.findings import subject_words
 from truing.report.numbers import p_at_most, percent
-from truing.report.wordings.claim import Claim, Wording, largest_change_words
+from truing.report.wordings.claim import SURE, Claim, Wording, largest_change_words
 from truing.schemas.covariates import own_name
 
 _PARTS = r"joint |leg\d"  # subjects whose errors move the observations in a direction of their own
@@ -31,6 +31,8 @@ _COLUMNS = {
     "travel since the turn": "the travel of the axis since it reversed",
 }
 OF_TIME = {"time_s", "order", "time_in_run_s"}
+# Setting of a nonparametric effect: inputs on which its subject may depend instead, about as probably.
+INSTEAD = "instead"
 _OF_AXIS = {"command", "direction of approach"}
 PARTS_OF_AXES = {
     "axis": "the transmission of the axis (or an encoder that these readings cannot distinguish from it)",
@@ -63,15 +65,17 @@ def columns_words(columns: tuple[str, ...]) -> str:
     return " and ".join([*texts, *others])
 
 
-def remainder_clause(columns: tuple[str, ...], subject: str, share: float) -> str:
+def remainder_clause(columns: tuple[str, ...], subject: str, share: float, *, remains: bool = True) -> str:
     """Return the clause on residuals and the inputs that predict them, without a full stop.
 
-    They are those of the model without causes or of the final one; the share is of the former's variance.
+    They are those of the model without causes or of the final one; the share is of the former's variance. ``remains``:
+    False if the other findings explain the same.
     """
     place = "in the direction of" if re.match(_PARTS, subject) else "of"
     subject_text = f" {place} {subject_words(subject)}" if subject else ""
     most = f"{'' if subject else 'up to '}{percent(100.0 * share)}"
-    text = f"The residuals{subject_text} depend on {columns_words(columns)}"
+    whose = "The residuals" if remains else "Without the other findings, the residuals"
+    text = f"{whose}{subject_text} depend on {columns_words(columns)}"
     return f"{text}, which explains {most} of the variance that the model without causes leaves"
 
 
@@ -83,13 +87,20 @@ def remainder_advice(columns: tuple[str, ...]) -> str:
     return f"Repeat a part of the campaign with {columns_words(others)} changed and everything else unchanged."
 
 
-def remainder_explanation(columns: tuple[str, ...], subject: str, share: float, p_value: float) -> str:
-    """Return the explanation of inputs that predict the residuals where no model of causes holds."""
-    largest_text = "" if subject else " (for the actuator or body with the largest share)"
-    return (
-        f"{remainder_clause(columns, subject, share)}{largest_text}, by smooth functions of this input or its history. "
-        f"Probability by chance: {p_at_most(p_value)}, corrected for all inputs. "
+def remainder_explanation(clause: str, p_value: float, *, is_of_all: bool, remains: bool) -> str:
+    """Return the explanation of inputs that predict the residuals where no model of causes holds.
+
+    ``is_of_all``: of all channels together; ``remains`` as in the ``clause``.
+    """
+    largest_text = " (for the actuator or body with the largest share)" if is_of_all else ""
+    rest = (
         "The extended model does not hold this dependence, and no cause is named for it."
+        if remains
+        else "With the other findings in the model, it is no longer significant: they may act, or this in their place."
+    )
+    return (
+        f"{clause}{largest_text}, by smooth functions of this input or its history. "
+        f"Probability by chance: {p_at_most(p_value)}, corrected for all inputs. {rest}"
     )
 
 
@@ -143,8 +154,18 @@ _LOADS = dict.fromkeys(("fx_n", "fy_n", "fz_n"), "N") | dict.fromkeys(("mx_nm", 
 
 
 def _clause(claim: Claim) -> str:
-    verb = "depends on" if _has_one_subject(claim) else "depend on"
-    return f"{_dependent_quantity(claim)} {verb} {_inputs_in_words(claim)}{largest_change_words(claim)}"
+    verb = "depends" if _has_one_subject(claim) else "depend"
+    form = " quadratically" if _is_quadratic(claim) else ""
+    others = [columns_words(tuple(columns)) for columns in claim.fact(INSTEAD) or ()]
+    inputs = f"{_inputs_in_words(claim)}{''.join(f', or instead on {other}' for other in others)}"
+    return f"{_dependent_quantity(claim)} {verb}{form} on {inputs}{largest_change_words(claim)}"
+
+
+def _is_quadratic(claim: Claim) -> bool:
+    """Return True if the polynomial of one input has no sure term but that of second degree."""
+    sizes = [size for size in claim.sizes if re.fullmatch(r"degree\d+", size.name) and size.number is not None]
+    sure = [size.name for size in sizes if size.sigma is not None and abs(size.number or 0.0) > SURE * size.sigma]
+    return len(claim.fact("columns") or ()) == 1 and sure == ["degree2"]
 
 
 def _has_one_subject(claim: Claim) -> bool:

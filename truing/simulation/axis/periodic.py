@@ -21,9 +21,9 @@ _FEWEST_PERIODS, _FEWEST_OF_KNOWN = 2.0, 0.75
 # Orders of an error per turn of a rotary axis that are tried besides searched periods.
 _ORDERS = (1, 2)
 # Frequency steps per additional period over the travel, and the largest deviation from a step, in steps.
-_OVERSAMPLING, _GRID_DISTANCE = 8.0, 2.0
+_OVERSAMPLING, _GRID_DISTANCE = 4.0, 1.0
 # Most searched periods: the shortest are omitted.
-_MOST = 1600
+_MOST = 800
 # Different commands at which waves are compared: more of them change no angle by as much as counts below.
 _MOST_COMMANDS = 1000
 _AT_ONCE = 64  # waves whose products are held in memory

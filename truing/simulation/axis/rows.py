@@ -9,7 +9,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from truing.arrays import Mask
-from truing.simulation.inputs import ORDER, TIME, histories
+from truing.estimation.interferometry.iso230 import is_in_motion
+from truing.simulation.inputs import ORDER, TIME, histories, rates
 
 MOTOR, LOAD, MEASURED = "motor", "load", "measured"
 ENCODERS = (MOTOR, LOAD, MEASURED)
@@ -17,6 +18,7 @@ ENCODERS = (MOTOR, LOAD, MEASURED)
 TRANSMISSION = "axis"
 COMMAND, DIRECTION, SINCE_TURN = "command", "direction of approach", "travel since the turn"
 ROTARY, LINEAR = "rotary", "linear"
+_KNOWN = 0.8  # share of the rows of a recording in motion whose rates have to be known
 
 
 @dataclass(frozen=True)
@@ -53,10 +55,10 @@ class Axis:
 class AxisRows:
     """B rows in the order of the table: names, time (s), command (rad or m) and direction of approach (B,).
 
-    ``order`` is the rank in time over the whole campaign, ``direction`` -1 or 1. ``events`` are the campaign's: (name,
-    time of the first row after it). ``since_turn`` (B,) is the travel since the last reversal, ``travelled`` (B,) the
-    path since the first row, rad or m. ``stops`` (B, 3) are states of stop operators. ``others`` (B,) are
-    all other columns.
+    ``order`` is the rank in time over the whole campaign, ``direction`` -1 or 1, in motion that of the rate. ``events``
+    are the campaign's: (name, time of the first row after it). ``since_turn`` (B,) is the travel since the last
+    reversal, ``travelled`` (B,) the path since the first row, rad or m. ``stops`` (B, 3) are states of stop operators.
+    ``rate`` (B,) is that of the command, per s, 0 at rest and where unknown. ``others`` (B,) are all other columns.
     """
 
     poses: tuple[int | str, ...]
@@ -67,6 +69,7 @@ class AxisRows:
     travelled: NDArray
     order: NDArray
     stops: NDArray
+    rate: NDArray
     events: tuple[tuple[str, float], ...] = ()
     others: Mapping[str, NDArray] = field(default_factory=dict)
 
@@ -85,7 +88,9 @@ class AxisRows:
         direction, since_turn = approaches(command, order, least_move)
         path = path_travelled(command, order)
         stops = histories(command[:, None], order)[:, 0]
-        return cls(tuple(poses), time_s, command, direction, since_turn, path, order, stops, events, others or {})
+        rate = _rate(command, time_s, order)
+        direction = np.where(rate == 0.0, direction, np.sign(rate))
+        return cls(tuple(poses), time_s, command, direction, since_turn, path, order, stops, rate, events, others or {})
 
     @property
     def covariates(self) -> dict[str, NDArray]:
@@ -109,6 +114,7 @@ class AxisRows:
             self.travelled[rows],
             self.order[rows],
             self.stops[rows],
+            self.rate[rows],
             self.events,
             {name: values[rows] for name, values in self.others.items()},
         )
@@ -133,6 +139,22 @@ def approaches(command: NDArray, order: NDArray, least: float) -> tuple[NDArray,
             turn = turn if np.isfinite(turn) else current
         direction[row], travel[row] = way, abs(np.nan_to_num(current - turn))
     return direction, travel
+
+
+def _rate(command: NDArray, time_s: NDArray, order: NDArray) -> NDArray:
+    """Return the rate (N,) of the command of an axis recorded in motion, per s; 0 at rest, and where most are unknown.
+
+    Each way between two reversals has its own speed.
+    """
+    rate, in_time = np.zeros(len(command)), np.argsort(order, kind="stable")
+    if not is_in_motion(command[in_time], time_s[in_time]):
+        return rate
+    way = np.sign(np.diff(command[in_time]))
+    begins = 2 + np.flatnonzero((np.diff(way) != 0.0) & (way[:-1] != 0.0))  # at a stop, the way that follows
+    for part in np.split(in_time, begins):
+        moving = rates(command[part, None], time_s[part])
+        rate[part] = 0.0 if moving is None else moving[:, 0]
+    return rate if np.mean(rate != 0.0) > _KNOWN else np.zeros(len(command))
 
 
 def path_travelled(command: NDArray, order: NDArray) -> NDArray:

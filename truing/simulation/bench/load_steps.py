@@ -11,6 +11,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from truing.simulation.air import edlen_index, vapour_pressure_pa
+from truing.simulation.inputs import TIME
 
 CHANNELS = ("dx", "dy", "dz", "rx", "ry", "rz")
 LINEAR = 3  # number of channels of displacements; the others are angles
@@ -125,6 +126,11 @@ class LoadSteps:
         for place in self._in_run[1:]:
             last[place] = np.maximum(last[place], last[self.before[place]])
         return np.asarray(self.time_s - last)
+
+    @property
+    def is_timed(self) -> bool:
+        """True if times were recorded: others only count the steps, and are no seconds."""
+        return TIME in self.covariates and bool(np.isfinite(self.time_s).all())
 
     @property
     def longest_s(self) -> float:

@@ -106,13 +106,16 @@ def test_a_wrong_direction_of_gravity_is_named() -> None:
     assert (cause.direction, cause.joints) == ("-x", ("j2",))
 
 
-@pytest.mark.parametrize("first", [1, -1])
-def test_the_unknown_direction_of_the_first_pose_bends_no_backlash(first: int) -> None:
-    """The wrong direction is an error of the whole gap in one pose, which a large gap makes many times the noise."""
-    found = diagnosed([Effect(JointBacklash("j2", first=first), np.array([8e-4]))], 5)
+@pytest.mark.parametrize(("first", "size"), [(1, 8e-4), (-1, 8e-4), (-1, -8e-4)])
+def test_the_unknown_direction_of_the_first_pose_bends_no_backlash(first: int, size: float) -> None:
+    """The wrong direction is an error of the whole gap in one pose, which a large gap makes many times the noise.
+
+    A gap that a controller compensates too much is negative.
+    """
+    found = diagnosed([Effect(JointBacklash("j2", first=first), np.array([size]))], 5)
     (verdict,) = (v for v in found.verdicts if v.verdict in ("found", "suspected", "indistinguishable"))
     assert (verdict.verdict, verdict.cause) == ("found", JointBacklash("j2", first=first))
-    assert abs(verdict.values[0] - 8e-4) < 4.0 * np.sqrt(verdict.covariance[0, 0])
+    assert abs(verdict.values[0] - size) < 4.0 * np.sqrt(verdict.covariance[0, 0])
 
 
 def test_a_scatter_is_an_angle_or_a_length() -> None:

@@ -136,9 +136,10 @@ class ZeroDrift(RunChannelCause):
         return f"{self.family} {'run' if self.of_run else 'all'}"
 
     def candidates(self, scene: BenchScene) -> Sequence[ZeroDrift]:
-        """Return every channel and signal, and every channel of every run, with at least three readings."""
+        """Return every channel and signal, and every channel of every run, with at least three readings; none
+        without times."""
         steps, is_observed = scene.steps, scene.recorded
-        if not np.isfinite(steps.time_s).all() or steps.longest_s <= 0.0:
+        if not steps.is_timed or steps.longest_s <= 0.0:
             return ()
         zero_drifts: list[ZeroDrift] = [
             ZeroDrift(channel, scale_per_s=_rate(channel, steps)) for channel in read_channels(scene)

@@ -44,9 +44,9 @@ class Creep(LoadCause):
     step = Step.STRUCTURE
 
     def candidates(self, scene: BenchScene) -> Sequence[Creep]:
-        """Return time constants from ten seconds to the longest run's length, for all axes and each."""
+        """Return time constants from ten seconds to the longest run, for all axes and each; none without times."""
         steps = scene.steps
-        if not np.isfinite(steps.time_s).all():
+        if not steps.is_timed:
             return ()
         hold_times, longest = steps.held_s[steps.held_s > 0.0], steps.longest_s
         shortest = max(_SHORTEST_S, _LEAST_TAU * float(np.median(hold_times))) if len(hold_times) else longest

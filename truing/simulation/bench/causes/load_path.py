@@ -10,7 +10,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from truing.simulation.bench.causes.reading_causes import MM, BenchScene, ReadingCause, is_force, loaded_axes
-from truing.simulation.bench.load_steps import LoadSteps, ReadingState
+from truing.simulation.bench.load_steps import ReadingState
 from truing.simulation.bench.six_upur.loading import AXES, share_wrench
 from truing.simulation.cause import Parameter, ReportedParameter, Step
 
@@ -79,14 +79,22 @@ class LoadEccentricity(LoadCause):
 
     def slopes(self, state: ReadingState, values: NDArray) -> NDArray:
         """Return d wrench / d offset: the axis crossed with the force; / d force: the torque along each direction."""
-        load = state.steps.load
-        wrench = np.zeros((*load.shape, 3))
+        return np.asarray(np.einsum("ipj,bj->bip", self._by_load, state.wrench))
+
+    def passed_on(self, slopes: NDArray, state: ReadingState, values: NDArray) -> NDArray:
+        """Return changes (B, 6, Q) of the wrench with the moment or force that comes with them."""
+        return np.asarray(slopes + np.einsum("ipj,p,bjq->biq", self._by_load, values, slopes))
+
+    @property
+    def _by_load(self) -> NDArray:
+        """Derivative (6, P, 6) of the wrench by each parameter and each applied load."""
+        by_load = np.zeros((6, 3, 6))
         if self.axis and not is_force(self.axis):
-            wrench[:, np.arange(3), np.arange(3)] = load[:, self._axis_index, None]
-            return wrench
-        force = load[:, :3] * (np.eye(3)[self._axis_index] if self.axis else 1.0)
-        wrench[:, 3:] = np.cross(np.eye(3)[None], force[:, None]).swapaxes(1, 2)
-        return wrench[..., self._transverse_components]
+            by_load[np.arange(3), np.arange(3), self._axis_index] = 1.0
+            return by_load
+        forces = [self._axis_index] if self.axis else [0, 1, 2]
+        by_load[3:, :, forces] = np.cross(np.eye(3)[:, None], np.eye(3)).transpose(2, 0, 1)[..., forces]
+        return by_load[:, self._transverse_components]
 
     @property
     def _transverse_components(self) -> list[int]:
@@ -148,14 +156,19 @@ class LoadImbalance(LoadCause):
 
     def slopes(self, state: ReadingState, values: NDArray) -> NDArray:
         """Return d wrench / d parameters."""
-        load = self._courses(state.steps)
-        if self.arm:
-            return np.asarray(share_wrench(self.axis, self.arm)[:, None] * load[:, None])
-        wrench = np.zeros((len(load), 6, len(self.components), len(self.forms)))
-        first = 3 if is_force(self.axis) else 0
-        for index, component in enumerate(self.components):
-            wrench[:, first + _XYZ.index(component), index] = load
-        return wrench.reshape(len(load), 6, -1)
+        courses, _ = self._courses(state)
+        slopes = self._places[:, :, None] * courses[:, None, None]
+        return np.asarray(slopes.reshape(len(courses), 6, -1))
+
+    def passed_on(self, slopes: NDArray, state: ReadingState, values: NDArray) -> NDArray:
+        """Return changes (B, 6, Q) of the wrench with the parasitic load that comes with them.
+
+        A mean ratio is not separable from free gains of the signals. Therefore errors of loads must pass through it as
+        loads do: otherwise their effect on readings, and with it the noise, would depend on a number without meaning.
+        """
+        brought = self._places @ values.reshape(-1, len(self.forms))
+        _, by_load = self._courses(state)
+        return np.asarray(slopes + (by_load @ brought.T)[..., None] * slopes[:, self._axis_index, None])
 
     def reported(self, values: NDArray, covariance: NDArray, legs: int) -> tuple[ReportedParameter, ...]:
         """Return the parameters; those of declared units are followed by the parasitic load that they bring."""
@@ -175,8 +188,23 @@ class LoadImbalance(LoadCause):
             for place in np.flatnonzero(brought)
         )
 
-    def _courses(self, steps: LoadSteps) -> NDArray:
-        """Return the load course (B, forms), N or N m, of each form."""
-        load, largest = steps.load[:, self._axis_index], steps.largest[self._axis_index]
-        by_form = {RATIO: load, ASYMMETRY: 0.5 * np.abs(load), GROWTH: load * np.abs(load) / largest}
-        return np.stack([by_form[form] for form in self.forms], -1)
+    @property
+    def _places(self) -> NDArray:
+        """Parasitic wrench (6, C) of each component, or of the declared units."""
+        if self.arm:
+            return share_wrench(self.axis, self.arm)[:, None]
+        first = 3 if is_force(self.axis) else 0
+        return np.eye(6)[:, [first + _XYZ.index(component) for component in self.components]]
+
+    def _courses(self, state: ReadingState) -> tuple[NDArray, NDArray]:
+        """Return the load course (B, forms), N or N m, of each form, and its derivative by the load."""
+        load, largest = state.wrench[:, self._axis_index], state.steps.largest[self._axis_index]
+        direction = np.sign(load.real)
+        size = direction * load
+        by_form = {
+            RATIO: (load, np.ones(len(load))),
+            ASYMMETRY: (0.5 * size, 0.5 * direction),
+            GROWTH: (load * size / largest, 2.0 * size / largest),
+        }
+        courses, slopes = zip(*(by_form[form] for form in self.forms), strict=True)
+        return np.stack(courses, -1), np.stack(slopes, -1)

@@ -277,12 +277,13 @@ def _sizes_between(steps: LoadSteps, load: str, is_observed: NDArray) -> NDArray
 
 
 def fading_times(steps: LoadSteps, is_observed: NDArray) -> NDArray:
-    """Return time constants, s, of decays after a break while a channel was is_observed (B,); none without a break.
+    """Return time constants, s, of decays after a break while a channel was is_observed (B,); none without a break or
+    times.
 
     They range from a usual pause to the longest run.
     """
     hold_times = steps.held_s[steps.held_s > 0.0]
-    if np.isfinite(steps.since_break_s[is_observed]).sum() < FEWEST:
+    if not steps.is_timed or np.isfinite(steps.since_break_s[is_observed]).sum() < FEWEST:
         return np.zeros(0)
     shortest, longest = float(np.median(hold_times)), steps.longest_s
     count = min(_MOST_FADES, 1 + int(np.ceil(np.log(longest / shortest) / np.log(_FADES))))

@@ -70,7 +70,7 @@ class ActuatorBacklash(PerLeg):
         return ("time_s",)
 
     def parameters(self, legs: int) -> tuple[Parameter, ...]:
-        """Return the backlash of each leg concerned, half the full gap."""
+        """Return the backlash of each leg concerned, half the full gap; negative if compensated too much."""
         return tuple(Parameter(name, "mm", _PLAUSIBLE_BACKLASH_M, _MM) for name in self.numbered("backlash", legs))
 
     def change(self, state: State, values: NDArray) -> Change:

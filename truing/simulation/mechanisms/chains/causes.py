@@ -267,12 +267,8 @@ class JointBacklash(JointCause):
         came = machine.approach
         return came is not None and bool(np.ptp(came[:, machine.tree.readings.index(self.joint)]) > 0.0)
 
-    def one_sided(self, legs: int) -> tuple[int, ...]:
-        """Return the gap: it cannot be negative."""
-        return (0,)
-
     def parameters(self, legs: int) -> tuple[Parameter, ...]:
-        """Return half of the gap."""
+        """Return half of the gap, negative where a controller compensates too much."""
         return (self.size_named("backlash"),)
 
     def motion(self, machine: ChainInputs, reading: int) -> NDArray:

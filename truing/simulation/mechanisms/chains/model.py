@@ -125,6 +125,13 @@ class ChainModel(EffectsModel[ChainCause]):
         }
 
     @property
+    def setup(self) -> NDArray:
+        """Mask (G,) of the places of the base and of targets that are not surveyed."""
+        placed = np.zeros(self.shared_size, bool)
+        placed[self.layout["base"]] = placed[self.layout["shape"]] = True
+        return placed & ~self._shared_known
+
+    @property
     def local_size(self) -> int:
         """Number of local unknowns H: errors of the readings that have noise."""
         return len(self.noisy)

@@ -1,0 +1,45 @@
+"""Positions in programs of robots: joint readings of each pose, in their unit."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from tests.formats.reading import read
+from truing.formats.sniff import sniff_file
+
+READINGS = [[2.5, -29.5, 6.125, 34.75, -47.375, 35.5], [21.75, 1.5, -16.625, 77.5, -56.5, -13.875]]
+RADIANS = ", ".join(f"{-0.25 * k}" for k in range(1, 7))
+PROGRAMS = {
+    "kuka": "DECL E6AXIS XP{pose}={{A1 {0},A2 {1},A3 {2},A4 {3},A5 {4},A6 {5},E1 0.0}}",
+    "abb": "CONST jointtarget p{pose}:=[[{0},{1},{2},{3},{4},{5}],[9E9,9E9,9E9,9E9,9E9,9E9]];",
+    "rokae": "LOCAL VAR jointtarget j{pose} = j:{{{0},{1},{2},{3},{4},{5}\t\t ,0\t}}\t{{EJ 0,0,0,0,0,0}}",
+}
+
+
+@pytest.mark.parametrize("controller", sorted(PROGRAMS))
+def test_joint_readings_of_a_program_are_read_with_their_poses(tmp_path: Path, controller: str) -> None:
+    lines = [PROGRAMS[controller].format(*row, pose=pose) for pose, row in enumerate(READINGS, 1)]
+    (tmp_path / "program.txt").write_text("\n".join(["MODULE here", *lines, "ENDMODULE"]) + "\n")
+    columns = _read(tmp_path, "deg")
+    assert columns["pose"] == [1, 2]
+    assert np.array_equal(np.transpose([columns[f"joint{k}_deg"] for k in range(1, 7)]), READINGS)
+
+
+def test_positions_of_moves_are_in_radians_and_in_their_order(tmp_path: Path) -> None:
+    moves = [f"  movej([{RADIANS}], a=1.2, v=0.5)", "  sleep(1.0)", "  movej([0, 0.5, 0, 0, 0, 1], r=0)"]
+    (tmp_path / "program.txt").write_text("\n".join(["def main():", *moves, "end"]) + "\n")
+    columns = _read(tmp_path, "rad")
+    assert columns["pose"] == [1, 2]
+    assert columns["joint2_rad"] == [-0.5, 0.5]
+
+
+def _read(folder: Path, unit: str) -> dict[str, list[float]]:
+    guess = sniff_file(folder / "program.txt")
+    assert guess.table == "configurations"
+    found = read(folder, guess.table, {"path": "program.txt", **guess.mapping})
+    assert found.faults == ()
+    assert {f"joint{k}_{unit}" for k in range(1, 7)} <= set(found.columns)
+    return found.columns

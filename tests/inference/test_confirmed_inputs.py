@@ -1,0 +1,41 @@
+"""Inputs of effects without a name, where the model does not hold: sure only if residuals depend on them."""
+
+from __future__ import annotations
+
+from types import SimpleNamespace
+from typing import Any, cast
+
+import pytest
+
+from truing.inference.attribution import Attributed
+from truing.inference.selection import _with_confirmed_inputs
+from truing.inference.verdicts import FOUND, SUSPECTED, Reason, Verdict
+
+FINAL = cast(Any, SimpleNamespace(model=SimpleNamespace(part_count=6)))
+
+
+def _verdict(*inputs: str, catalogued: bool = False) -> Verdict[Any]:
+    cause = SimpleNamespace(catalogued=catalogued, inputs=lambda parts: inputs)
+    return Verdict(
+        cause, FOUND, 0.0, 1.0, 40.0, 9.0, None, *cast(Any, (None, None, (None, None), None, None, None)), candidates=1
+    )
+
+
+@pytest.mark.parametrize(
+    ("inputs", "verdict"),
+    [
+        (("time_s",), FOUND),
+        (("time_s", "load_n"), FOUND),
+        (("temperature_c",), SUSPECTED),
+        (("load_n", "a"), SUSPECTED),
+    ],
+)
+def test_inputs_that_no_residuals_depend_on_are_suspected(inputs: tuple[str, ...], verdict: str) -> None:
+    attributions = [Attributed((), ("time_s",), 0.3, 1e-4), Attributed((2,), ("load_n",), 0.1, 1e-4)]
+    found = _with_confirmed_inputs(_verdict(*inputs), FINAL, attributions)
+    assert found.verdict == verdict
+    assert found.reason == (None if verdict == FOUND else Reason.INADEQUATE)
+
+
+def test_causes_of_the_catalogue_are_left_to_other_doubts() -> None:
+    assert _with_confirmed_inputs(_verdict(catalogued=True), FINAL, []).verdict == FOUND
