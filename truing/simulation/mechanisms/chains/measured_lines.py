@@ -14,6 +14,7 @@ from truing.simulation.mechanisms.chains.tree import Node, Tree
 _ROUNDS = 60
 _SETTLED = 1e-9  # largest step, in scales of a place
 _SCALE = 0.05  # of a place, m
+_POSSIBLE = 10.0  # squares of a place to start from, over those of another fit
 _WEAK = 1e-7  # of a free place's prior, against residuals in m
 # Link of the stations, which does not move with the base.
 GROUND = "ground of the stations"
@@ -47,6 +48,10 @@ class MeasuredLines:
     def errors(self, shape: NDArray) -> Array:
         """Return measured less predicted distances (B, D); NaN where not seen."""
         return np.where(self.is_observed, self.lengths - np.linalg.norm(self.apart(shape), axis=-1), np.nan)
+
+    def squares(self, shape: NDArray) -> float:
+        """Return the sum of squared errors."""
+        return float(np.nansum(self.errors(shape) ** 2))
 
     def slopes(self, shape: NDArray, modes: NDArray) -> Array:
         """Return the derivatives (B, D, W) of the distances by errors of the places (K, 3, W)."""
@@ -82,33 +87,54 @@ def lines_at(
 
 
 def fitted_places(lines: MeasuredLines, shape: NDArray, free: Index, stations: Mask) -> Array:
-    """Return places (K, 3) of channels, of which those ``free`` are fitted; stations (K,) start from squares of their
-    distances."""
+    """Return places (K, 3) of channels, of which those ``free`` are fitted.
+
+    Stations (K,) start from squares of their distances. Distances to points near one plane hardly tell on which side of
+    it a station is, so the other side is tried as well.
+    """
     found = shape.copy()
     for k in np.flatnonzero(stations):
         found[k] = _station(lines, int(k), shape)
     modes = np.zeros((len(shape), 3, len(free), 3))
     modes[free, :, np.arange(len(free))] = _SCALE * np.eye(3)
-    return _settled(lines, found, modes.reshape(len(shape), 3, -1))
+    modes = modes.reshape(len(shape), 3, -1)
+    best = _settled(lines, found, modes)
+    for k in np.flatnonzero(stations):
+        image = best.copy()
+        image[k] = _mirror_image(lines, int(k), best)
+        if lines.squares(image) <= _POSSIBLE * lines.squares(best):
+            best = min(best, _settled(lines, image, modes), key=lines.squares)
+    return best
 
 
 def _station(lines: MeasuredLines, k: int, shape: NDArray) -> Array:
     """Return the place (3,) of a station in its stationary link, by linear equations: differences of its squared
     distances to places (K, 3)."""
-    rows, squares, nominal = [], [], lines.points(shape)
-    for d, (a, b) in enumerate(lines.ends):
-        if k in (a, b):
-            own = lines.is_observed[:, d]
-            points = nominal[own, b if a == k else a]
-            rows.append(np.concatenate([-2.0 * points, np.ones((len(points), 1))], 1))
-            squares.append(lines.lengths[own, d] ** 2 - np.sum(points**2, -1))
-    found = np.linalg.lstsq(np.concatenate(rows), np.concatenate(squares), rcond=1e-9)[0]
+    points, lengths = _measured_from(lines, k, shape)
+    rows = np.concatenate([-2.0 * points, np.ones((len(points), 1))], 1)
+    found = np.linalg.lstsq(rows, lengths**2 - np.sum(points**2, -1), rcond=1e-9)[0]
     return np.asarray(lines.R[0, k].T @ (found[:3] - lines.t[0, k]))
+
+
+def _mirror_image(lines: MeasuredLines, k: int, shape: NDArray) -> Array:
+    """Return the place (3,) of a station in its stationary link, mirrored in the plane nearest to its points."""
+    points, _ = _measured_from(lines, k, shape)
+    mean = points.mean(0)
+    normal = np.linalg.svd(points - mean, full_matrices=False)[2][-1]
+    return np.asarray(shape[k] - 2.0 * (lines.R[0, k].T @ normal) * ((lines.points(shape)[0, k] - mean) @ normal))
+
+
+def _measured_from(lines: MeasuredLines, k: int, shape: NDArray) -> tuple[Array, Array]:
+    """Return the points (n, 3) whose distances from a channel were measured, and the distances (n,)."""
+    own = [(d, b if a == k else a) for d, (a, b) in enumerate(lines.ends) if k in (a, b)]
+    points, is_observed = lines.points(shape), lines.is_observed
+    of_points = [points[is_observed[:, d], other] for d, other in own]
+    return np.concatenate(of_points), np.concatenate([lines.lengths[is_observed[:, d], d] for d, _ in own])
 
 
 def _settled(lines: MeasuredLines, shape: NDArray, modes: NDArray) -> Array:
     """Return the places (K, 3) of the least-squares fit, by damped steps over their errors (K, 3, W)."""
-    damping, best = 1e-6, float(np.nansum(lines.errors(shape) ** 2))
+    damping, best = 1e-6, lines.squares(shape)
     for _ in range(_ROUNDS if modes.shape[-1] else 0):
         rows = lines.slopes(shape, modes)[lines.is_observed]
         normal = rows.T @ rows + _WEAK**2 * np.eye(modes.shape[-1])
@@ -116,7 +142,7 @@ def _settled(lines: MeasuredLines, shape: NDArray, modes: NDArray) -> Array:
             normal + damping * np.diag(np.diag(normal)), rows.T @ lines.errors(shape)[lines.is_observed]
         )
         moved = shape + modes @ step
-        now = float(np.nansum(lines.errors(moved) ** 2))
+        now = lines.squares(moved)
         if now > best:
             damping *= 10.0
         else:
