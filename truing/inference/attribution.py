@@ -74,22 +74,23 @@ def attributed(
                 continue
             p_value, remains = min(1.0, max(p_value * tests, LEAST_P)), model is models[-1]
             found.append(Attributed(one.channels, inputs, one.share * share, p_value, remains))
-    for own in models:
-        found += [replace(one, remains=own is models[-1]) for one in _of_parts(own, plain, columns, level_of_course)]
+    every = np.ones(len(plain.measured.values), bool)
+    spectra = known.get(every.tobytes()) or Spectra(columns, in_time_of(plain, every))
+    for model in models if columns and len(every) >= FEWEST_EPOCHS else ():
+        of_parts = _of_parts(model, plain, spectra, level_of_course)
+        found += [replace(one, remains=model is models[-1]) for one in of_parts]
     return tuple(_merged(found))
 
 
 def _of_parts(
-    own: FittedModel[CauseT], plain: FittedModel[CauseT], columns: Mapping[str, Array], level: float
+    own: FittedModel[CauseT], plain: FittedModel[CauseT], spectra: Spectra, level: float
 ) -> Iterator[Attributed]:
     """Yield the columns on which the errors of a model's parts depend."""
-    epochs = len(own.measured.values)
-    problem = part_problem(own) if columns and epochs >= FEWEST_EPOCHS else None
+    problem = part_problem(own)
     if problem is None:
         return
-    spectra = Spectra(columns, in_time_of(own, np.ones(epochs, bool)))
     subjects = list(dict.fromkeys(one.subject for one in own.model.error_pathways))
-    asked = [_part(subject, own, columns) for subject in subjects]
+    asked = [_part(subject, own, spectra.columns) for subject in subjects]
     whitened = own.fit.whitened
     of_plain = max(float(np.sum(plain.fit.whitened.rest**2)), _LEAST_SQUARES)
     for one in part_dependences(problem, asked, spectra, level):
