@@ -95,9 +95,9 @@ def fitted_places(lines: MeasuredLines, shape: NDArray, free: Index, stations: M
     found = shape.copy()
     for k in np.flatnonzero(stations):
         found[k] = _station(lines, int(k), shape)
-    modes = np.zeros((len(shape), 3, len(free), 3))
-    modes[free, :, np.arange(len(free))] = _SCALE * np.eye(3)
-    modes = modes.reshape(len(shape), 3, -1)
+    errors = np.zeros((len(shape), 3, len(free), 3))
+    errors[free, :, np.arange(len(free))] = _SCALE * np.eye(3)
+    modes = errors.reshape(len(shape), 3, -1)
     best = _settled(lines, found, modes)
     for k in np.flatnonzero(stations):
         image = best.copy()
