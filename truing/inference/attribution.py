@@ -7,7 +7,7 @@ depend. What a model with causes explains no longer hides the rest, so the resid
 from __future__ import annotations
 
 from collections.abc import Iterable, Iterator, Mapping, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 
 import numpy as np
 
@@ -17,7 +17,7 @@ from truing.inference.fitted_model import FittedModel
 from truing.inference.input_sets import p_value_of_sets, sets_of_inputs
 from truing.inference.input_spectra import Spectra
 from truing.inference.model import CauseT
-from truing.inference.part_dependences import Part, part_dependences
+from truing.inference.part_dependences import Part, depends, part_dependences
 from truing.inference.part_errors import part_problem
 from truing.inference.residual_courses import FEWEST_EPOCHS, residuals_of
 from truing.inference.search import LEAST_P
@@ -74,42 +74,55 @@ def attributed(
                 continue
             p_value, remains = min(1.0, max(p_value * tests, LEAST_P)), model is models[-1]
             found.append(Attributed(one.channels, inputs, one.share * share, p_value, remains))
-    every = np.ones(len(plain.measured.values), bool)
-    spectra = known.get(every.tobytes()) or Spectra(columns, in_time_of(plain, every))
-    for model in models if columns and len(every) >= FEWEST_EPOCHS else ():
-        of_parts = _of_parts(model, plain, spectra, level_of_course)
-        found += [replace(one, remains=model is models[-1]) for one in of_parts]
+    if level_of_course > level:  # the model is known not to hold
+        every = np.ones(len(plain.measured.values), bool)
+        spectra = known.get(every.tobytes()) or Spectra(columns, in_time_of(plain, every))
+        found += _of_parts(plain, models[-1], spectra, level_of_course)
     return tuple(_merged(found))
 
 
 def _of_parts(
-    own: FittedModel[CauseT], plain: FittedModel[CauseT], spectra: Spectra, level: float
+    plain: FittedModel[CauseT], final: FittedModel[CauseT], spectra: Spectra, level: float
 ) -> Iterator[Attributed]:
-    """Yield the columns on which the errors of a model's parts depend."""
-    problem = part_problem(own)
-    if problem is None:
+    """Yield the readings on which the errors of single parts depend in the plain model.
+
+    Slow columns, such as time, compete and are not named: a slow motion of anything else moves the parts too.
+    """
+    readings = {name: column_of(values, spectra.columns) for name, values in plain.scene.inputs.items()}
+    problem = part_problem(plain)
+    if problem is None or len(problem.moved) < FEWEST_EPOCHS:
         return
-    subjects = list(dict.fromkeys(one.subject for one in own.model.error_pathways))
-    asked = [_part(subject, own, spectra.columns) for subject in subjects]
-    whitened = own.fit.whitened
-    of_plain = max(float(np.sum(plain.fit.whitened.rest**2)), _LEAST_SQUARES)
-    for one in part_dependences(problem, asked, spectra, level):
-        rows = np.zeros(len(whitened.rest))
-        rows[: one.predicted.size] = one.predicted.ravel()
-        left = whitened.rest - whitened.without_shared(rows)
-        share = float(np.sum(whitened.rest**2) - np.sum(left**2)) / of_plain
-        if share >= _LEAST_SHARE:
-            subject = "" if one.index is None else subjects[one.index]
-            yield Attributed((), one.inputs, min(share, 1.0), max(one.p_value, LEAST_P), subject=subject)
+    left = None if final is plain else part_problem(final)
+    squares = max(float(np.sum(plain.fit.whitened.rest**2)), _LEAST_SQUARES)
+    subjects, parts = _parts(plain, readings)
+    for own in part_dependences(problem, parts, spectra, level):
+        inputs = tuple(name for name in own.inputs if name in readings.values())
+        share = _share_saved(plain, own.predicted) / squares
+        if inputs and share >= _LEAST_SHARE:
+            is_left = left is not None and depends(left, parts[own.index], own.inputs, spectra, level)
+            remains = final is plain or is_left
+            subject = subjects[own.index] if own.is_sure else ""
+            yield Attributed((), inputs, min(share, 1.0), max(own.p_value, LEAST_P), remains, subject)
 
 
-def _part(subject: str, fitted: FittedModel[CauseT], columns: Mapping[str, Array]) -> Part:
-    """Return the part with a subject; the directions are numbered as the pathways of its model's errors."""
-    numbered = enumerate(fitted.model.error_pathways)
-    own = [(place, pathway.input) for place, pathway in numbered if pathway.subject == subject]
-    reading = fitted.scene.inputs.get(own[0][1])
-    column = None if reading is None else column_of(reading, columns)
-    return Part(tuple(place for place, _ in own), column)
+def _parts(fitted: FittedModel[CauseT], readings: Mapping[str, str | None]) -> tuple[list[str], list[Part]]:
+    """Return the subjects of a model's parts and their directions, numbered as the pathways of its errors."""
+    pathways = fitted.model.error_pathways
+    subjects = list(dict.fromkeys(pathway.subject for pathway in pathways))
+    parts = []
+    for subject in subjects:
+        own = [(place, pathway.input) for place, pathway in enumerate(pathways) if pathway.subject == subject]
+        parts.append(Part(tuple(place for place, _ in own), readings.get(own[0][1])))
+    return subjects, parts
+
+
+def _share_saved(fitted: FittedModel[CauseT], predicted: Array) -> float:
+    """Return the squares of the residuals that a prediction (B, M) of whitened rows saves."""
+    whitened = fitted.fit.whitened
+    rows = np.zeros(len(whitened.rest))
+    rows[: predicted.size] = predicted.ravel()
+    left = whitened.rest - whitened.without_shared(rows)
+    return float(np.sum(whitened.rest**2) - np.sum(left**2))
 
 
 def p_value_of_dependence(rest: Array, own: Mask, fitted: FittedModel[CauseT]) -> float:

@@ -41,6 +41,19 @@ def log_evidence(along: Array, strengths: Array, total: Array | float, freedom: 
     return np.asarray(largest[..., 0] + np.log(np.mean(np.exp(logs - largest), -1)))
 
 
+def log_evidence_of_products(gram: Array, scores: Array, total: float, freedom: float, stretch: float = 1.0) -> float:
+    """Return the log ratio of `log_evidence` from products of an effect's columns, without its directions.
+
+    ``gram`` (P, P): products of the columns in plausible scales; ``scores`` (P,): those with the residual.
+    """
+    powers = np.square(stretch) * np.square(SIZES)
+    factor = np.linalg.cholesky(np.eye(len(gram)) + powers[:, None, None] * gram)
+    gained = powers * np.sum(np.linalg.solve(factor, np.broadcast_to(scores, factor.shape[:2])[..., None]) ** 2, (1, 2))
+    after = np.maximum(total - gained, _LEAST_LEFT * total)
+    logs = -np.sum(np.log(np.diagonal(factor, axis1=1, axis2=2)), 1) - freedom / 2.0 * np.log(after / total)
+    return float(np.logaddexp.reduce(logs) - np.log(len(logs)))
+
+
 def log_possible(values: Array, covariance: Array, places: Sequence[int], left: float, freedom: float) -> float:
     """Return the gain in log evidence from the knowledge that some parameters are not negative.
 

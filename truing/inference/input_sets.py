@@ -66,15 +66,15 @@ def log_odds_of_sets(rest: Array, spectra: Spectra) -> dict[Inputs, float]:
     return odds_of_sets(lambda own: float(np.sum(_log_evidence(rest, spectra, own))), tuple(spectra.columns))
 
 
-def odds_of_sets(evidence: Callable[[Inputs], float], names: Inputs) -> dict[Inputs, float]:
-    """Return the log odds of every set of inputs from its log evidence; all sizes of sets have equal prior probability,
-    and all sets of a size."""
+def odds_of_sets(evidence: Callable[[Inputs], float], names: Inputs, most: int = _MOST_INPUTS) -> dict[Inputs, float]:
+    """Return the log odds of every set of at most so many inputs from its log evidence; all sizes of sets have equal
+    prior probability, and all sets of a size."""
     found: dict[Inputs, float] = {}
-    for size in range(1, _MOST_INPUTS + 1):
+    for size in range(1, most + 1):
         possible = list(combinations(names, size))
         if size > len(names) or not possible:
             break
-        prior = -np.log(_MOST_INPUTS * len(possible))
+        prior = -np.log(most * len(possible))
         if size == 3:
             pairs = sorted((own for own in found if len(own) == 2), key=lambda own: -found[own])[:_PROBABLE_PAIRS]
             possible = [own for own in possible if any(set(pair) <= set(own) for pair in pairs)]

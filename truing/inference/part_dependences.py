@@ -14,12 +14,13 @@ from itertools import pairwise
 import numpy as np
 
 from truing.inference.arrays import Array
-from truing.inference.evidence import SIZES, log_evidence
+from truing.inference.evidence import SIZES, log_evidence_of_products
 from truing.inference.input_sets import INCLUDED, LARGEST_EFFECT, Inputs, odds_of_sets, probability_of
 from truing.inference.input_spectra import Spectra
 from truing.inference.part_errors import PartErrors, PartProblem
 
 _MOST_FOUND = 6  # dependences that are found in turn
+_MOST_INPUTS = 2  # of a set: three hardly have two neighbouring epochs
 _OWN = 0.5  # prior probability that an error depends on its own input and its history alone
 _LEAST_POWER = 0.01  # variance of a parameter by the prior over that by noise; smaller ones are not held
 _LOST = 0.5  # a part explains the same as the one held if it loses this share of its log odds
@@ -35,12 +36,13 @@ class Part:
 
 @dataclass(frozen=True)
 class PartDependence:
-    """Columns on which the error of a part depends; ``index`` of that part, None if another explains the same.
+    """Columns on which the error of a part depends; ``index`` of that part, ``is_sure`` if no other explains the same.
 
     ``predicted`` (B, M): the change of the whitened rows by it.
     """
 
-    index: int | None
+    index: int
+    is_sure: bool
     inputs: Inputs
     p_value: float
     predicted: Array
@@ -98,7 +100,14 @@ def part_dependences(
             errors = turn.likeliest(parts[index], own.best, spectra)
             predicted = np.sum([moved[:, :, place] * error[:, None] for place, _, error in errors], axis=0)
             is_sure = not _explain_the_same(turn, after, index)
-            yield PartDependence(index if is_sure else None, inputs, turn.p_value, predicted)
+            yield PartDependence(index, is_sure, inputs, turn.p_value, predicted)
+
+
+def depends(problem: PartProblem, part: Part, inputs: Inputs, spectra: Spectra, level: float) -> bool:
+    """Return True if the error of a part depends on a set of columns, which was found in another model."""
+    errors, several = problem.estimated(), spectra.functions_of(inputs)
+    found = [_evidence(errors, place, functions) for place in part.directions for functions in several]
+    return bool(np.logaddexp.reduce(found) - np.log(len(found)) >= -np.log(level))
 
 
 def _turns(problem: PartProblem, parts: Sequence[Part], spectra: Spectra, level: float) -> Iterator[_Turn]:
@@ -140,8 +149,8 @@ def _odds(errors: PartErrors, part: Part, spectra: Spectra) -> _Odds:
 
     names = tuple(spectra.columns)
     if len(part.directions) > 1:
-        return _Odds(odds_of_sets(of_one, names), odds_of_sets(of_any, names))
-    odds = odds_of_sets(of_one, names)
+        return _Odds(odds_of_sets(of_one, names, _MOST_INPUTS), odds_of_sets(of_any, names, _MOST_INPUTS))
+    odds = odds_of_sets(of_one, names, _MOST_INPUTS)
     if part.column is not None:
         odds = {inputs: value + np.log1p(-_OWN) for inputs, value in odds.items()}
         own = (part.column,)
@@ -151,9 +160,11 @@ def _odds(errors: PartErrors, part: Part, spectra: Spectra) -> _Odds:
 
 def _evidence(errors: PartErrors, index: int, functions: Array) -> float:
     """Return the log evidence of a random function over an error of the same part without any order, of any size."""
-    along, strengths, _ = errors.along(index, functions)
     squares, freedom = (own[index] for own in errors.squares)
-    return float(log_evidence(along, strengths, squares, freedom, LARGEST_EFFECT / 3.0)) if squares > 0.0 else 0.0
+    if not squares > 0.0:
+        return 0.0
+    gram, scores, size = errors.products(index, functions)
+    return log_evidence_of_products(gram / size, scores / np.sqrt(size), squares, freedom, LARGEST_EFFECT / 3.0)
 
 
 def _predicted(errors: PartErrors, index: int, functions: Array) -> tuple[Array, Array]:

@@ -74,20 +74,25 @@ class PartErrors:
     taken: Array
     score: Array
 
+    def products(self, index: int, functions: Array) -> tuple[Array, Array, float]:
+        """Return products (m, m) of functions (B, m) of a part's error, their products (m,) with the residuals, and
+        their size: divided by it, the functions have one noise on average. A constant error is the part's zero."""
+        whole = np.column_stack([functions, np.ones(len(functions))])
+        taken = whole.T @ self.taken[index]
+        gram = whole.T @ (self.weight[:, index, None] * whole) - taken @ taken.T
+        score = whole.T @ self.score[index]
+        shift = gram[:-1, -1] / max(gram[-1, -1], 1e-300)
+        size = float(np.sum(self.weight[:, index] @ functions**2)) / len(functions)
+        return gram[:-1, :-1] - np.outer(shift, gram[-1, :-1]), score[:-1] - shift * score[-1], max(size, 1e-300)
+
     def along(self, index: int, functions: Array) -> tuple[Array, Array, Array]:
         """Return the parts (r,) of the residuals along functions (B, m) of a part's error, their strengths (r,) for
         functions of one noise on average, and their directions (m, r)."""
-        ones = np.ones((len(functions), 1))
-        whole = np.concatenate([functions, ones], 1)
-        gram, score = self._gram(index, whole), whole.T @ self.score[index]
-        # A constant error is the zero of the part.
-        shift = gram[:-1, -1] / max(gram[-1, -1], 1e-300)
-        own, along = gram[:-1, :-1] - np.outer(shift, gram[-1, :-1]), score[:-1] - shift * score[-1]
-        values, vectors = np.linalg.eigh((own + own.T) / 2.0)
-        size = float(np.sum(self.weight[:, index] @ functions**2)) / len(functions)
-        kept = values > 1e-6 * max(size * len(functions), 1e-300)
+        gram, score, size = self.products(index, functions)
+        values, vectors = np.linalg.eigh((gram + gram.T) / 2.0)
+        kept = values > 1e-6 * size * len(functions)
         values, vectors = values[kept], vectors[:, kept]
-        return (vectors.T @ along) / np.sqrt(values), np.sqrt(values / max(size, 1e-300)), vectors / np.sqrt(size)
+        return (vectors.T @ score) / np.sqrt(values), np.sqrt(values / size), vectors / np.sqrt(size)
 
     @cached_property
     def squares(self) -> tuple[Array, Array]:
@@ -95,10 +100,6 @@ class PartErrors:
         freedom (n,)."""
         found = [self.along(index, np.eye(len(self.weight)))[0] for index in range(len(self.score))]
         return np.array([own @ own for own in found]), np.array([float(len(own)) for own in found])
-
-    def _gram(self, index: int, functions: Array) -> Array:
-        taken = functions.T @ self.taken[index]
-        return np.asarray(functions.T @ (self.weight[:, index, None] * functions) - taken @ taken.T)
 
 
 def part_problem(fitted: FittedModel[CauseT]) -> PartProblem | None:

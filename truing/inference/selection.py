@@ -141,10 +141,7 @@ class CauseSelection(Generic[CauseT]):
             ()
             if is_clear and searched.kept
             else self._attributed(
-                found,
-                outdone if is_named else {step.cause.key for step in searched.kept},
-                holds=holds,
-                is_known=not is_clear,
+                found, outdone if is_named else {step.cause.key for step in searched.kept}, holds=holds
             )
         )
         # What inputs predict is no scatter, though it may pass for one.
@@ -258,14 +255,13 @@ class CauseSelection(Generic[CauseT]):
         return tuple(kind for kind in kinds if kind.id not in known and not scene.scatters(kind))
 
     def _attributed(
-        self, found: _Accounted[CauseT], outdone: Collection[str], *, holds: bool, is_known: bool
+        self, found: _Accounted[CauseT], outdone: Collection[str], *, holds: bool
     ) -> tuple[Attributed, ...]:
         """Return the inputs that predict residuals of the plain model with the causes that are not ``outdone`` (keys).
 
-        A model with wrong causes may have absorbed a dependence. If the campaign ``is_known`` to hold something without
-        a sure name, a larger level suffices for courses and parts. Residuals of the final model are then asked too:
-        what it explains no longer hides the rest. They are without a burst of noise that is only suspected: it may be
-        an effect.
+        A model with wrong causes may have absorbed a dependence. If the final model does not hold, the campaign is
+        known to hold something else, and a larger level suffices. Its own residuals are asked too: what it explains no
+        longer hides the rest. Residuals are without a burst of noise that is only suspected: it may be an effect.
         """
         self._search.progress("what the misfit follows")
         searched, settings = found.searched, self._search.settings
@@ -274,11 +270,11 @@ class CauseSelection(Generic[CauseT]):
         plain, level = searched.plain, settings.dependence_level
         if holds:
             certain = [step.cause for step in searched.kept if step.cause.key not in outdone]
-            model = searched.final if len(certain) == len(searched.kept) else plain
-            if certain and model is plain:
-                model = self._search.fitter.comparable((*searched.given, *certain), searched.final)
-            models = (model, searched.final) if is_known and model is not searched.final else (model,)
-            return attributed(plain, models, level, _LEVEL_OF_COURSE if is_known else level, doubted)
+            causes = (*searched.given, *certain)
+            model = self._search.fitter.comparable(causes, searched.final) if certain else plain
+            found_without = attributed(plain, (model,), level, level, doubted)
+            remains = len(certain) == len(searched.kept)  # the final model holds: its causes leave nothing
+            return tuple(replace(one, remains=remains) for one in found_without)
         # A drift that is accounted for in part leaves residuals that no function of time alone explains.
         final = self._search.without_drifts(searched)
         models = (plain,) if final is plain else (plain, final)
