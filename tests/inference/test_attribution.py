@@ -14,6 +14,7 @@ from truing.inference.campaign_inputs import InTime, is_copy
 from truing.inference.fitted_model import FittedModel
 from truing.inference.input_sets import sets_of_inputs
 from truing.inference.input_spectra import Spectra
+from truing.inference.model import ErrorPathway
 from truing.inference.random_functions import distinct_rows
 from truing.inference.residual_courses import courses, residuals_of
 
@@ -195,6 +196,60 @@ def test_what_accepted_causes_explain_does_not_remain(size: float) -> None:
     plain, final = (_of_numbers(part * effect + noise, columns) for part in (1.0, size))
     found = attributed(plain, (plain, final), LEVEL, LEVEL)
     assert [(one.inputs, one.remains) for one in found] == [(("load_n",), size > 0.0)]
+
+
+def _of_parts(errors: np.ndarray, columns: dict[str, np.ndarray]) -> FittedModel:
+    """A fitted model of two parts with errors (60, 2), which move its observations in directions that differ."""
+    rng = np.random.default_rng(21)
+    moved = rng.standard_normal((EPOCHS, 6, 2))
+    residual = (moved @ errors[..., None])[..., 0] + rng.standard_normal((EPOCHS, 6))
+    pathways = tuple(ErrorPathway("rho", leg, f"leg{leg + 1}", f"rho{leg + 1}_mm") for leg in range(2))
+    whitened = SimpleNamespace(
+        whole=np.zeros((EPOCHS * 6, 0)),
+        own=np.zeros((EPOCHS, 6, 0)),
+        residual=residual.ravel(),
+        rest=residual.ravel(),
+        without_shared=lambda rows: rows,
+    )
+    readings = {name: columns[name] for name in ("rho1_mm", "rho2_mm")}
+    own = SimpleNamespace(
+        measured=SimpleNamespace(values=np.zeros((EPOCHS, 0, 1)), is_observed=np.ones((EPOCHS, 0), bool), size=1),
+        standardised=np.zeros((EPOCHS, 0, 1)),
+        fit=SimpleNamespace(whitened=whitened),
+        model=SimpleNamespace(error_groups=None, error_pathways=pathways),
+        scene=SimpleNamespace(covariates=columns, inputs=readings, histories={}),
+        pathways=SimpleNamespace(columns=moved, places={"rho": slice(0, 2)}),
+    )
+    return cast(FittedModel, own)
+
+
+@pytest.mark.parametrize(
+    ("driver", "expected"),
+    [("rho2_mm", [("leg1", ("rho2_mm",), True)]), ("temperature_c", [])],
+)
+def test_the_error_of_a_part_is_reported_with_readings_alone(driver: str, expected: list[object]) -> None:
+    """Temperature is slow, and may stand for anything that moves slowly."""
+    columns = _columns(np.random.default_rng(22))
+    errors = np.column_stack([4.0 * np.cos(3.0 * columns[driver]), np.zeros(EPOCHS)])
+    plain = _of_parts(errors, columns)
+    found = attributed(plain, (plain,), LEVEL, 0.05)
+    assert [(one.subject, one.inputs, one.remains) for one in found] == expected
+
+
+@pytest.mark.parametrize("size", [0.0, 1.0])
+def test_an_error_of_a_part_that_accepted_causes_explain_does_not_remain(size: float) -> None:
+    columns = _columns(np.random.default_rng(23))
+    errors = np.column_stack([4.0 * np.cos(3.0 * columns["rho2_mm"]), np.zeros(EPOCHS)])
+    plain, final = (_of_parts(part * errors, columns) for part in (1.0, size))
+    found = attributed(plain, (plain, final), LEVEL, 0.05)
+    assert [(one.subject, one.inputs, one.remains) for one in found] == [("leg1", ("rho2_mm",), size > 0.0)]
+
+
+def test_a_model_that_holds_is_not_asked_on_errors_of_parts() -> None:
+    columns = _columns(np.random.default_rng(23))
+    errors = np.column_stack([4.0 * np.cos(3.0 * columns["rho2_mm"]), np.zeros(EPOCHS)])
+    plain = _of_parts(errors, columns)
+    assert not attributed(plain, (plain,), LEVEL, LEVEL)
 
 
 def test_noise_of_any_size_has_no_course() -> None:

@@ -1,4 +1,4 @@
-"""Evidence of parameters whose sign is known."""
+"""Evidence of parameters: by products of columns as by directions, and of parameters whose sign is known."""
 
 from __future__ import annotations
 
@@ -7,7 +7,7 @@ import pytest
 from scipy.stats import norm
 
 from tests.tolerance import assert_close
-from truing.inference.evidence import log_evidence, log_possible
+from truing.inference.evidence import log_evidence, log_evidence_of_products, log_possible
 
 
 @pytest.mark.parametrize("value", [-4.0, -1.0, 0.0, 2.0])
@@ -33,3 +33,13 @@ def test_a_parameter_of_an_impossible_sign_has_no_evidence_whatever_its_size_and
     signs = log_possible(along / strengths, np.diag(1.0 / strengths**2), (0,), left, freedom)
     assert evidence + signs < 0.0
     assert size < 10.0 or evidence > 20.0  # without the sign it would be found
+
+
+def test_evidence_of_products_is_that_along_the_directions_of_the_columns() -> None:
+    rng = np.random.default_rng(7)
+    columns, residual = rng.standard_normal((40, 6)), rng.standard_normal(40)
+    left, strengths, _ = np.linalg.svd(columns, full_matrices=False)
+    total = float(residual @ residual)
+    expected = float(log_evidence(left.T @ residual, strengths, total, 40.0, 2.0))
+    found = log_evidence_of_products(columns.T @ columns, columns.T @ residual, total, 40.0, 2.0)
+    assert_close(found, expected, atol=1e-9, what="log evidence")
