@@ -46,9 +46,7 @@ def ours(tree: Tree, tip: int) -> Jacobian:
     def found(readings: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
         frames = tree.frames(readings)
         places = frames.t[:, node]
-        by_twist = np.concatenate([tree.point_slopes(frames, node, places), tree.rotation_slopes(frames, node)], 2)
-        slopes = np.einsum("bkinc,rnc->bir", by_twist, tree.axis_twists)
-        return places[:, 0], slopes
+        return places[:, 0], tree.reading_slopes(frames, node, places)[:, 0]
 
     return found
 

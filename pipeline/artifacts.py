@@ -138,6 +138,8 @@ def _write_parquet(file: BinaryIO, artifact: Artifact, content: pa.Table | pa.Re
     options: dict[str, Any] = {"compression": "snappy", "store_schema": False}
     repeating = [name for name in schema.names if _repeats(_column(artifact, name))]
     options["use_dictionary"] = repeating
+    # Ranges of keys find rows; those of measured numbers would take a third of the writer's time.
+    options["write_statistics"] = [name for name in schema.names if _column(artifact, name).kind != "real"]
     # Bytes of equal rank lie side by side: Snappy then takes a third of the time for measured numbers.
     options["column_encoding"] = {name: "BYTE_STREAM_SPLIT" for name in schema.names if name not in repeating}
     with pq.ParquetWriter(file, schema, **options) as writer:

@@ -416,8 +416,8 @@ def export(
     """Write the results of a run in other file formats.
 
     csv: every table. xlsx: every table as a sheet of one workbook. json: a summary for a database. controller: the
-    parameters of the extended model with their sigmas, as TOML and as a plain table. urdf: the identified robot, and
-    corrections of its joints; open chains alone. dcc: a digital calibration
+    parameters of the extended model with their sigmas, as TOML and as a plain table; of an axis also corrections of its
+    commands. urdf: the identified robot, and corrections of its joints; open chains alone. dcc: a digital calibration
     certificate of the results that qualify, with the entries of [certificate] in campaign.toml.
 
     Example: truing export runs/telescope --to xlsx,controller

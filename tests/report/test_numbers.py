@@ -20,6 +20,7 @@ from truing.report.numbers import (
     plain,
     printed,
     quantity,
+    rough_quantity,
     two_decimals,
     with_uncertainty,
 )
@@ -144,3 +145,16 @@ def test_thousands_of_micrometres_are_told_in_millimetres_with_their_uncertainty
 
 def test_two_decimals_are_three_digits_where_they_would_tell_nothing():
     assert [two_decimals(x) for x in (13.349, 0.0299, 0.0)] == ["13.35", "0.0299", "0"]
+
+
+@pytest.mark.parametrize(
+    ("value", "unit", "text"),
+    [
+        (87_947.0, "um", "88 mm"),
+        (9_870.0, "um", "9,870 µm"),
+        (16.04, "um", "16 µm"),
+        (12_000.0, "arcsec", "12,000 arcsec"),
+    ],
+)
+def test_a_number_with_too_many_digits_has_a_larger_unit_of_the_same_size(value, unit, text):
+    assert rough_quantity(value, unit) == text

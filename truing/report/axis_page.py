@@ -19,6 +19,7 @@ _CAPTION = (
     "Each point is one reading minus its prediction. Two bands by colour show lost motion, and a slope shows a scale "
     "error. A step that depends on neither command nor direction shows a zero shift."
 )
+_CORRECTIONS = "The controller form of truing export has a table of corrections to the commands."
 
 
 def axis(tables: Tables) -> ReportSection | None:
@@ -31,7 +32,10 @@ def axis(tables: Tables) -> ReportSection | None:
     rows = count(errors["pose"].nunique(), "row")
     recorded = ", ".join(ENCODERS[name] for name in encoders)
     lead = f"{rows} of one axis, recorded by {recorded}. A constant zero of each is subtracted."
-    figures = tuple((_drawn(errors, column, title), _CAPTION) for column, title in _pictures(errors))
+    pictures = _pictures(errors)
+    if len(pictures) > 1 and "measured" in encoders:
+        lead += f" {_CORRECTIONS}"
+    figures = tuple((_drawn(errors, column, title), _CAPTION) for column, title in pictures)
     return ReportSection("axis", "Axis", lead, figures=figures, listings=(_listing(errors, encoders),))
 
 

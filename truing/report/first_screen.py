@@ -12,7 +12,7 @@ from truing.report.chain_corrections import nominal_errors
 from truing.report.diagnosis.assessed_causes import assessed_causes, modelled_of
 from truing.report.diagnosis.prediction_errors import Overall, PartNames, errors_of_models, part_names
 from truing.report.measured_section import campaign_span
-from truing.report.numbers import count, listed, plain, sign, with_uncertainty
+from truing.report.numbers import TOO_LARGE, count, in_suitable_unit, listed, plain, printed, sign, with_uncertainty
 from truing.report.page import CampaignFacts, ErrorChange, FirstScreen
 from truing.report.scene.frames import leg_joints
 from truing.report.scene.machine_drawing import machine_drawing
@@ -179,6 +179,8 @@ def _change(tables: Tables) -> ErrorChange | None:
 
 
 def _size(size: float, sigma: float | None, unit: str) -> str:
+    if size >= TOO_LARGE:
+        return printed(in_suitable_unit(size, sigma, unit))
     return with_uncertainty(size, sigma, sign(unit)) if sigma is not None else f"{plain(size)} {sign(unit)}".rstrip()
 
 

@@ -13,6 +13,7 @@ _HANDIER = {
     "um": (1e3, math.inf, "mm", 1e-3),
     "urad": (1e3, math.inf, "mrad", 1e-3),
 }
+TOO_LARGE = 1e4  # in a comparison with numbers in the same unit
 _SIGNS = {"um": "µm", "urad": "µrad", "1": "", "N m": "N·m"}
 LEAST_P = 1e-6  # smaller probabilities rest on tails of distributions that no data confirm
 
@@ -62,6 +63,14 @@ def rough(value: float | None) -> str:
     if value is None or not math.isfinite(value):
         return "–"
     return f"{value:,.0f}" if abs(value) >= 9.95 else f"{value:#.2g}"
+
+
+def rough_quantity(value: float, unit: str) -> str:
+    """Return two significant digits, all before the point, with the unit; from 10,000 on in a larger unit."""
+    if abs(value) >= TOO_LARGE and unit in _HANDIER and _HANDIER[unit][1] == math.inf:
+        _, _, unit, factor = _HANDIER[unit]
+        value *= factor
+    return f"{rough(value)} {sign(unit)}".rstrip()
 
 
 def quantity(value: float | None, unit: str) -> str:

@@ -11,7 +11,7 @@ from truing.report.diagnosis.assessed_causes import AssessedCause, accepted_of, 
 from truing.report.diagnosis.findings import expected_noise, subject_words
 from truing.report.diagnosis.prediction_errors import AT_THE_FLOOR, Overall, errors_of_models
 from truing.report.heads import CORRECTED_P, Head
-from truing.report.numbers import count, p_value, rough, sign
+from truing.report.numbers import count, p_value, rough, rough_quantity
 from truing.report.page import Listing, ReportSection
 from truing.report.section_verdict import SectionVerdict
 from truing.report.tables import Tables, cell, table_or_none
@@ -127,8 +127,8 @@ def adequacy_verdict(tables: Tables, _: Mapping[str, SectionVerdict]) -> Section
         text = "No noise is declared, so errors of predictions cannot be compared with it: declare [noise]."
         return SectionVerdict("adequacy", RelationState.NOT_TESTED, ReasonCode.NOT_EVALUATED, text)
     one = max([one for one in missed if not one.held_out] or missed, key=_times_noise)
-    ratio, size = _times_noise(one), f"{rough(one.after)} {sign(one.unit)}"
-    text = f"The rms error of predictions is {size}; {_noise_alone(rows)} {rough(one.floor or 0.0)} {sign(one.unit)}."
+    ratio, size = _times_noise(one), rough_quantity(one.after, one.unit)
+    text = f"The rms error of predictions is {size}; {_noise_alone(rows)} {rough_quantity(one.floor or 0.0, one.unit)}."
     text += " With so few data, the difference may be chance." if ratio > AT_THE_FLOOR else ""
     return SectionVerdict("adequacy", RelationState.OK, ReasonCode.WITHIN_NOISE, text, ratio, "1", AT_THE_FLOOR)
 
@@ -136,19 +136,20 @@ def adequacy_verdict(tables: Tables, _: Mapping[str, SectionVerdict]) -> Section
 def _verdict_above_noise(overall: Overall, none: str, short: str, noise: str) -> SectionVerdict:
     """Return the verdict on errors beyond noise: by a factor they fail, since no declared noise is so
     wrong unnoticed."""
-    ratio, unit, also = _times_noise(overall), sign(overall.unit), f"; {short}" if short else ""
-    text = f"The model is incomplete: {none}the rms error of predictions is {rough(overall.after)} {unit}, where "
-    text += f"{noise} {rough(overall.floor or 0.0)} {unit}{also}. Look at the pattern of the errors under Diagnosis."
+    ratio, also = _times_noise(overall), f"; {short}" if short else ""
+    size, floor = (rough_quantity(value, overall.unit) for value in (overall.after, overall.floor or 0.0))
+    text = f"The model is incomplete: {none}the rms error of predictions is {size}, where {noise} {floor}{also}. "
+    text += "Look at the pattern of the errors under Diagnosis."
     if ratio > BY_A_FACTOR:
         return SectionVerdict("adequacy", RelationState.FAILS, ReasonCode.BEYOND_NOISE, text, ratio, "1", BY_A_FACTOR)
     return SectionVerdict("adequacy", RelationState.ATTENTION, ReasonCode.BEYOND_NOISE, text, ratio, "1", AT_THE_FLOOR)
 
 
 def _verdict_below_noise(overall: Overall, none: str, noise: str) -> SectionVerdict:
-    size = f"{rough(overall.after)} {sign(overall.unit)}"
+    size = rough_quantity(overall.after, overall.unit)
     text = f"{none}the rms error of predictions is only {size}, significantly less than {noise} "
     text += (
-        f"({rough(overall.floor or 0.0)} {sign(overall.unit)}): {overall.why_below}. Correct [noise]: with it, small "
+        f"({rough_quantity(overall.floor or 0.0, overall.unit)}): {overall.why_below}. Correct [noise]: with it, small "
     )
     text += "effects may be missed."
     text = text[:1].upper() + text[1:]

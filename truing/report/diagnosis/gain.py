@@ -36,7 +36,7 @@ from truing.report.figure_style import (
     style,
 )
 from truing.report.heads import RMS_AFTER, RMS_BEFORE, UNIT, Head
-from truing.report.numbers import plain, rough, sign
+from truing.report.numbers import plain, rough, rough_quantity, sign
 from truing.report.page import Drawn, Listing, ReportSection
 from truing.report.tables import Tables, table_or_none
 
@@ -113,14 +113,14 @@ def _opening_sentences(missed: list[_Missed], parts: PartNames, rows: list[Asses
 
 
 def _of_role(missed: _Missed) -> str:
-    one, unit = missed.of, sign(missed.of.unit)
-    text = f"The rms error on {missed.words} is {rough(one.after)} {unit}"
+    one, after = missed.of, rough_quantity(missed.of.after, missed.of.unit)
+    text = f"The rms error on {missed.words} is {after}"
     if missed.modelled:
-        sizes = f"{rough(one.before)} {unit} without the causes and {rough(one.after)} {unit} with them"
+        sizes = f"{rough_quantity(one.before, one.unit)} without the causes and {after} with them"
         text = f"The rms error on {missed.words} is {sizes}"
     if one.floor is None:
         return f"{text}."
-    floor = f"the noise floor ({rough(one.floor)} {unit})"
+    floor = f"the noise floor ({rough_quantity(one.floor, one.unit)})"
     if one.is_below_noise:
         return f"{text}. {'The latter' if missed.modelled else 'This'} is significantly below {floor}: {one.why_below}."
     ratio = one.after / one.floor

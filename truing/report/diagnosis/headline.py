@@ -12,7 +12,7 @@ from numpy.typing import NDArray
 from truing.report.diagnosis.assessed_causes import FOUND, RIVAL, AssessedCause, accepted_of, assessed_causes
 from truing.report.diagnosis.findings import UNNAMED, expected_noise, subject_words
 from truing.report.diagnosis.prediction_errors import AT_THE_FLOOR, Overall, overall, part_names
-from truing.report.numbers import count, printed, rough, sign, with_uncertainty
+from truing.report.numbers import count, printed, rough, rough_quantity, with_uncertainty
 from truing.report.tables import Tables, table_or_none
 from truing.report.wordings import catalogue
 from truing.report.wordings.claim import Reach
@@ -50,7 +50,7 @@ def gain(causes: list[AssessedCause], tables: Tables) -> str:
 
 
 def _change(quantity: str, one: Overall) -> str:
-    before, after = (f"{rough(size)} {sign(one.unit)}".rstrip() for size in (one.before, one.after))
+    before, after = (rough_quantity(size, one.unit) for size in (one.before, one.after))
     if before == after:
         return f"leaves {quantity} at {after}"
     return f"{'lowers' if one.after < one.before else 'raises'} {quantity} from {before} to {after}"
@@ -67,7 +67,7 @@ def _against_noise(one: Overall, noise_owner: str) -> str:
     """Return the rms error after all findings with the noise floor, if known; ``noise_owner``: whose noise."""
     if one.floor is None:
         return ""
-    floor = f"{rough(one.floor)} {sign(one.unit)}".rstrip()
+    floor = rough_quantity(one.floor, one.unit)
     if one.is_below_noise:
         return f", significantly below {noise_owner} ({floor}): {one.why_below}"
     near = 1.0 / AT_THE_FLOOR <= one.after / one.floor <= AT_THE_FLOOR

@@ -2,18 +2,19 @@
 
 from __future__ import annotations
 
-import csv
-import io
 import json
 import tomllib
-from collections.abc import Iterable, Iterator, Mapping, Sequence
+from collections.abc import Iterator, Mapping
 from typing import TYPE_CHECKING, Any
 
 from scipy.special import ndtri
 
 from truing.estimation.interferometry.recorded_steps import CHANNELS, LOADS
+from truing.runs.exports.axis_corrections import axis_corrections
+from truing.runs.exports.csv_text import csv_bytes
 from truing.runs.recorded_run import Run
 from truing.schemas.artifacts import ARTIFACTS
+from truing.simulation.axis.extended_model import ExtendedAxis
 from truing.simulation.model_text import toml_key, toml_value
 
 if TYPE_CHECKING:
@@ -35,8 +36,8 @@ _OF_MECHANISM = ("reference_temperature_c", "kind", "loop")
 def controller(run: Run) -> Iterator[tuple[str, bytes]]:
     """Yield ``controller.toml`` and ``controller.csv``: legs, joints or compliance, effects, a sensor's matrix G_B.
 
-    A linear calibration also gives ``wrench_matrix.csv`` for a data logger. Without an extended model there are no
-    numbers of the machine.
+    An axis also gives ``axis_corrections.csv``, a linear calibration ``wrench_matrix.csv`` for a data logger. Without
+    an extended model there are no numbers of the machine.
     """
     yield from _logger(run)
     path = run.folder / ARTIFACTS["model"].file
@@ -49,6 +50,8 @@ def controller(run: Run) -> Iterator[tuple[str, bytes]]:
     yield "controller.toml", "\n".join(lines).encode()
     numbers = [*_leg_numbers(document), *joints, *_compliance(document), *_effects(document), *matrix]
     yield "controller.csv", _csv(numbers, warned)
+    if isinstance(model := run.model, ExtendedAxis):
+        yield from axis_corrections(model, run, next(iter(warned.values()), ""))
 
 
 def reasons_for_caution(run: Mapping[str, pd.DataFrame]) -> dict[tuple[str, str], str]:
@@ -99,7 +102,7 @@ def _logger(run: Run) -> Iterator[tuple[str, bytes]]:
     rows = [["load", "unit", *(f"per_{name}_mv" for name in sensor.signal_names), "offset"]]
     for name, entries, zero in zip(sensor.load_names, sensor.matrix.value, offset, strict=True):
         rows.append([name, "N" if name[0] == "f" else "N m", *(repr(float(entry)) for entry in (*entries, zero))])
-    yield "wrench_matrix.csv", _csv_bytes(rows)
+    yield "wrench_matrix.csv", csv_bytes(rows)
 
 
 def _text(document: dict[str, Any]) -> Iterator[str]:
@@ -198,10 +201,4 @@ def _csv(numbers: list[_Number], warned: dict[tuple[str, str], str]) -> bytes:
     for of, name, value, sigma, unit in numbers:
         caution = warned.get((of, name)) or warned.get((of, "")) or ""
         rows.append([of, name, repr(float(value)), "" if sigma is None else repr(float(sigma)), unit, caution])
-    return _csv_bytes(rows)
-
-
-def _csv_bytes(rows: Iterable[Sequence[str]]) -> bytes:
-    text = io.StringIO()
-    csv.writer(text, lineterminator="\n").writerows(rows)
-    return text.getvalue().encode()
+    return csv_bytes(rows)

@@ -2,8 +2,6 @@
 
 from __future__ import annotations
 
-import csv
-import io
 import math
 from collections.abc import Iterator, Mapping, Sequence
 from typing import TYPE_CHECKING, Any
@@ -14,6 +12,7 @@ from numpy.typing import NDArray
 
 from truing.estimation.rotation import exp_so3
 from truing.runs.exports.controller import FAR, reasons_for_caution
+from truing.runs.exports.csv_text import csv_bytes
 from truing.runs.recorded_run import Run
 from truing.schemas.faults import CampaignFaults, Fault
 from truing.simulation.cause import Effect
@@ -52,7 +51,7 @@ def urdf(run: Run) -> Iterator[tuple[str, bytes]]:
     yield "robot.urdf", urdf_text(model, limits, _notes(model, run.get("chain_parameters"), warned)).encode()
     yield "joint_corrections.csv", _corrections(model, warned)
     if curves := list(_curves(model, warned)):
-        yield "joint_curves.csv", _csv(_OF_CURVES, curves)
+        yield "joint_curves.csv", csv_bytes([_OF_CURVES, *curves])
 
 
 def _limits(run: Mapping[str, pd.DataFrame], tree: Tree) -> dict[str, tuple[float, float]]:
@@ -207,14 +206,7 @@ def _notes(
 
 
 def _corrections(model: ExtendedChain, warned: Mapping[tuple[str, str], str]) -> bytes:
-    rows = [*_offsets(model, warned), *_deviations(model, warned)]
-    return _csv(_HEAD, rows)
-
-
-def _csv(head: Sequence[str], rows: Sequence[Sequence[Any]]) -> bytes:
-    text = io.StringIO()
-    csv.writer(text, lineterminator="\n").writerows([head, *rows])
-    return text.getvalue().encode()
+    return csv_bytes([_HEAD, *_offsets(model, warned), *_deviations(model, warned)])
 
 
 def _curves(model: ExtendedChain, warned: Mapping[tuple[str, str], str]) -> Iterator[tuple[Any, ...]]:

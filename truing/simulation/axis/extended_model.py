@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import dataclass
 from typing import Any
 
@@ -51,17 +52,38 @@ def predict_axis(extended: ExtendedAxis, rows: AxisRows) -> tuple[NDArray, NDArr
 
     Effects that end with the campaign, such as a zero shift, are omitted.
     """
+    errors, design = _errors(extended, rows, [effect.cause.is_persistent for effect in extended.effects])
+    return rows.command[:, None] + errors, _sigmas(design, extended.covariance)
+
+
+def positioning_errors(extended: ExtendedAxis, rows: AxisRows, origin: int) -> tuple[NDArray, NDArray]:
+    """Return errors (B, K), rad or m, of the encoders' readings against the command, less those of the row ``origin``,
+    and their standard deviations.
+
+    Errors by the position and how it was reached alone: effects that end with the campaign, or depend on further
+    columns such as a temperature, are omitted.
+    """
+    included = [effect.cause.is_persistent and not effect.cause.needs(0) for effect in extended.effects]
+    errors, design = _errors(extended, rows, included)
+    return errors - errors[origin], _sigmas(design - design[origin], extended.covariance)
+
+
+def _errors(extended: ExtendedAxis, rows: AxisRows, included: Sequence[bool]) -> tuple[NDArray, NDArray]:
+    """Return readings less command (B, K), and their derivatives (B, K, G) by zeros and effects."""
     count, encoders = len(rows.command), len(extended.axis.encoders)
     slopes = [np.broadcast_to(np.eye(encoders), (count, encoders, encoders))]
-    reading = rows.command[:, None] + extended.zeros
-    for effect in extended.effects:
-        derivative = effect.cause.slopes_at(rows, extended.axis, effect.values)
-        slopes.append(derivative if effect.cause.is_persistent else np.zeros_like(derivative))
-        if effect.cause.is_persistent:
-            reading = reading + effect.cause.shift(rows, extended.axis, effect.values)
-    design = np.concatenate(slopes, -1)
-    variance = np.einsum("bki,ij,bkj->bk", design, extended.covariance, design)
-    return reading, np.sqrt(np.maximum(variance, 0.0))
+    errors = np.tile(extended.zeros, (count, 1))
+    for effect, is_included in zip(extended.effects, included, strict=True):
+        if is_included:
+            slopes.append(effect.cause.slopes_at(rows, extended.axis, effect.values))
+            errors += effect.cause.shift(rows, extended.axis, effect.values)
+        else:
+            slopes.append(np.zeros((count, encoders, len(effect.values))))
+    return errors, np.concatenate(slopes, -1)
+
+
+def _sigmas(design: NDArray, covariance: NDArray) -> NDArray:
+    return np.sqrt(np.maximum(np.einsum("bki,ij,bkj->bk", design, covariance, design), 0.0))
 
 
 def write_axis(extended: ExtendedAxis) -> str:

@@ -102,6 +102,13 @@ def test_slopes_of_points_and_rotations_are_those_of_differences(tmp_path: Path)
             turned = log_so3(high.R[:, nodes] @ np.swapaxes(low.R[:, nodes], -1, -2)) / (2.0 * STEP)
             assert_close(by_points[..., n, c], moved, atol=3e-8, what=f"points by {n} {c}")
             assert_close(by_turns[..., n, c], turned, atol=3e-8, what=f"rotations by {n} {c}")
+        by_readings = tree.reading_slopes(frames, nodes, points)
+        for k in range(joints):
+            high, low = (tree.frames(q + sign * STEP * np.eye(joints)[k], twists, base) for sign in (1.0, -1.0))
+            moved = (high.t + high.R @ arm - low.t - low.R @ arm)[:, nodes] / (2.0 * STEP)
+            turned = log_so3(high.R[:, nodes] @ np.swapaxes(low.R[:, nodes], -1, -2)) / (2.0 * STEP)
+            expected = np.concatenate([moved, turned], 2)
+            assert_close(by_readings[..., k], expected, atol=3e-8, what=f"places and rotations by reading {k}")
 
 
 def heavy(tree: ClosedTree) -> ClosedTree:

@@ -129,16 +129,19 @@ def test_slopes_are_those_of_points_and_rotations() -> None:
 
 
 def test_a_reading_moves_its_joint_and_those_that_follow_it() -> None:
-    tree, q = branched(), np.random.default_rng(4).normal(size=(3, 3))
-    nodes, places = np.array([4]), np.ones((1, 3))
-    none = np.zeros((1, tree.size, 6))
-    frames, points = positions(tree, q, none, nodes, places)
-    slopes = np.einsum("bkinc,jnc->bkij", tree.point_slopes(frames, nodes, points), tree.axis_twists)
-    for j, step in enumerate(1e-6 * np.eye(3)):
-        moved = (
-            positions(tree, q + step, none, nodes, places)[1] - positions(tree, q - step, none, nodes, places)[1]
-        ) / 2e-6
-        assert_close(slopes[..., j], moved, atol=1e-8)
+    tree, rng = branched(), np.random.default_rng(4)
+    q, nodes, places = rng.normal(size=(3, 3)), np.array([4, 5]), np.ones((2, 3))
+    for twists in (np.zeros((1, tree.size, 6)), 0.3 * rng.normal(size=(3, tree.size, 6))):
+        frames, points = positions(tree, q, twists, nodes, places)
+        slopes = tree.reading_slopes(frames, nodes, points)
+        for j, step in enumerate(1e-6 * np.eye(3)):
+            (f1, p1), (f0, p0) = (positions(tree, q + sign * step, twists, nodes, places) for sign in (1.0, -1.0))
+            assert_close(slopes[:, :, :3, j], (p1 - p0) / 2e-6, atol=1e-8)
+            turned = log_so3(f1.R[:, nodes] @ np.swapaxes(f0.R[:, nodes], -1, -2)) / 2e-6
+            assert_close(slopes[:, :, 3:, j], turned, atol=1e-8)
+        if not twists.any():
+            by_twist = tree.point_slopes(frames, nodes, points)
+            assert_close(slopes[:, :, :3], np.einsum("bkinc,jnc->bkij", by_twist, tree.axis_twists), atol=1e-12)
 
 
 def test_torque_of_weight_is_the_slope_of_potential_energy() -> None:

@@ -15,7 +15,7 @@ from numpy.typing import NDArray
 
 from truing.arrays import Array, Index, Mask
 from truing.schemas.installed import with_installed
-from truing.simulation.mechanisms.chains.tree import STANDARD_GRAVITY, JointKind, Tree, TreeFrames
+from truing.simulation.mechanisms.chains.tree import STANDARD_GRAVITY, TWIST, JointKind, Tree, TreeFrames
 from truing.simulation.mechanisms.legs.kinematics import bounded_steps
 
 # A lab's package names its own closures under this group: `"my-loops" = "my_package.loops:MyLoops"`.
@@ -168,14 +168,17 @@ class ClosedTree(Tree):
 
     def passive_slopes(self, frames: TreeFrames) -> Array:
         """Return the derivatives (B, S, N, 6) of the passive joints, rad or m, by all twists."""
+        slopes = super().point_slopes(frames, self._closing, frames.t[:, self._closing])
+        slopes[:, :, :, 0] = 0.0  # the conditions hold in the frame of the base
+        found = self._passive_by(frames, slopes.reshape(*slopes.shape[:3], -1))
+        return found.reshape(*found.shape[:2], self.size, TWIST)
+
+    def _passive_by(self, frames: TreeFrames, slopes: NDArray) -> Array:
+        """Return the derivatives (B, S, P) of the passive joints, given those (B, L, 3, P) of the closing places."""
         _, by_place = self._gaps(frames)
-        positions = frames.t[:, self._closing]
-        by_passive = np.einsum("bgli,blis->bgs", by_place, self._by_passive(frames, self._closing, positions))
-        slopes = super().point_slopes(frames, self._closing, positions)
-        by_twist = np.einsum("bgli,blinc->bgnc", by_place, slopes)
-        by_twist[:, :, 0] = 0.0  # the conditions hold in the frame of the base
-        wanted = by_twist.reshape(*by_twist.shape[:2], -1)
-        return -np.asarray(np.linalg.solve(by_passive, wanted)).reshape(by_twist.shape)
+        by_passive = self._by_passive(frames, self._closing, frames.t[:, self._closing])
+        own = np.einsum("bgli,blis->bgs", by_place, by_passive)
+        return -np.asarray(np.linalg.solve(own, np.einsum("bgli,blip->bgp", by_place, slopes)))
 
     def point_slopes(self, frames: TreeFrames, nodes: Index, points: NDArray) -> NDArray:
         """Return the derivatives (B, K, 3, N, 6) of points by all twists, the loops closed."""
@@ -189,6 +192,14 @@ class ClosedTree(Tree):
         return super().rotation_slopes(frames, nodes) + np.einsum(
             "bkis,bsnc->bkinc", moved, self.passive_slopes(frames)
         )
+
+    def reading_slopes(self, frames: TreeFrames, nodes: Index, points: NDArray) -> NDArray:
+        """Return the derivatives (B, K, 6, n) of places and rotations of links by all readings, the loops closed."""
+        turned = self._by_passive(frames, nodes, points, turns=True)
+        moved = np.concatenate([self._by_passive(frames, nodes, points), turned], 2)
+        closing = super().reading_slopes(frames, self._closing, frames.t[:, self._closing])[:, :, :3]
+        passive = self._passive_by(frames, closing)[:, None]
+        return super().reading_slopes(frames, nodes, points) + moved @ passive
 
     def gravity_load(
         self, readings: NDArray, gravity: NDArray, payload: dict[int, tuple[NDArray, NDArray]]

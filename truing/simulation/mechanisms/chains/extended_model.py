@@ -175,10 +175,7 @@ def tip_by_joints(extended: ExtendedChain, conditions: ChainConditions) -> Array
     tree, tip = extended.tree, np.array([extended.tip])
     right = identified_conditions(extended, conditions)
     frames = tree.frames(right.readings, right.deviations)
-    by_twist = np.concatenate(
-        [tree.point_slopes(frames, tip, frames.t[:, tip]), tree.rotation_slopes(frames, tip)], 2
-    ).reshape(len(right.readings), TWIST, -1)
-    return np.asarray(by_twist @ tree.axis_twists.reshape(len(tree.readings), -1).T)
+    return np.asarray(tree.reading_slopes(frames, tip, frames.t[:, tip])[:, 0])
 
 
 def identified_conditions(extended: ExtendedChain, conditions: ChainConditions) -> ChainConditions:

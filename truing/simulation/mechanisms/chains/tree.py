@@ -153,25 +153,39 @@ class Tree:
         ``base``: R (B, 3, 3), t (B, 3) of the base before its twist; the identity if absent.
         """
         count = len(readings)
-        twists = np.zeros((1, self.size, TWIST)) if twists is None else twists
-        turned = exp_so3(twists[..., 3:])
         R0, t0 = (np.eye(3)[None], np.zeros((1, 3))) if base is None else base
         before, origin = np.empty((count, self.size, 3, 3)), np.empty((count, self.size, 3))
         R, t = np.empty_like(before), np.empty_like(origin)
+        turned = None if twists is None else exp_so3(twists[..., 3:])
         for k, node in enumerate(self.nodes):
             below_R, below_t = (R0, t0) if node.parent < 0 else (R[:, node.parent], t[:, node.parent])
-            before[:, k] = below_R @ node.R
-            origin[:, k] = (
-                below_t + below_R @ node.t + np.einsum("bij,bj->bi", before[:, k], _row(twists[:, k, :3], count))
-            )
-            after = before[:, k] @ turned[:, k]
+            at, after = below_t + below_R @ node.t, below_R @ node.R
+            before[:, k] = after
+            if twists is not None and turned is not None:
+                at = at + _times(after, twists[:, k, :3])
+                after = after @ turned[:, k]
             moved = 0.0 if self.input_of[k] < 0 else node.factor * readings[:, self.input_of[k]] + node.shift
-            R[:, k], t[:, k] = after, origin[:, k]
-            if node.kind is JointKind.REVOLUTE:
-                R[:, k] = after @ exp_so3(np.multiply.outer(moved, node.axis))
-            elif node.kind is JointKind.PRISMATIC:
-                t[:, k] = origin[:, k] + np.einsum("bij,bj->bi", after, np.multiply.outer(moved, node.axis))
-        return TreeFrames(before, origin, R, t, before @ left_jacobian_so3(twists[..., 3:]))
+            origin[:, k] = t[:, k] = at
+            R[:, k] = after @ _about(node.axis, moved) if node.kind is JointKind.REVOLUTE else after
+            if node.kind is JointKind.PRISMATIC:
+                t[:, k] += np.multiply.outer(moved, np.ones(3)) * (after @ node.axis)
+        slope = before if twists is None else before @ left_jacobian_so3(twists[..., 3:])
+        return TreeFrames(before, origin, R, t, slope)
+
+    def reading_slopes(self, frames: TreeFrames, nodes: Index, points: NDArray) -> NDArray:
+        """Return the derivatives (B, K, 6, n) of places and rotations (p, theta) of the links of nodes (K,) by all
+        readings, m and rad; points (B, K, 3) of the links."""
+        result = np.zeros((len(self.readings), *points.shape[:2], TWIST))
+        for j, node in enumerate(self.nodes):
+            if (own := self.input_of[j]) < 0:
+                continue
+            axis = self.above[nodes, j][:, None] * node.factor * (frames.R[:, j] @ node.axis)[:, None]
+            if node.kind is JointKind.PRISMATIC:
+                result[own, ..., :3] += axis
+            else:
+                result[own, ..., :3] += _crossed(axis, points - frames.origin[:, j, None])
+                result[own, ..., 3:] += axis
+        return np.moveaxis(result, 0, -1)
 
     def point_slopes(self, frames: TreeFrames, nodes: Index, points: NDArray) -> NDArray:
         """Return the derivatives (B, K, 3, N, 6) of points (B, K, 3) on the links of nodes (K,) by all twists."""
@@ -179,7 +193,7 @@ class Tree:
         result = np.zeros((*points.shape, self.size, TWIST))
         carried = self.above[nodes]
         result[..., :3] = np.moveaxis(np.where(carried[..., None, None], frames.R_before[:, None], 0.0), 3, 2)
-        turned = np.cross(np.swapaxes(frames.slope, -1, -2)[:, None], arms[..., None, :])  # (B, K, N, c, 3)
+        turned = _crossed(np.swapaxes(frames.slope, -1, -2)[:, None], arms[..., None, :])  # (B, K, N, c, 3)
         result[..., 3:] = np.moveaxis(np.where(carried[..., None, None], turned, 0.0), 4, 2)
         return result
 
@@ -205,15 +219,16 @@ class Tree:
         """
         frames = self.frames(readings)
         down = STANDARD_GRAVITY * gravity / np.sqrt(np.sum(gravity**2))
-        force, moment = np.zeros((2, len(readings), self.size, 3))
+        pulls, moments = np.zeros((2, len(readings), self.size, 3))
         for k, mass, com in self.weights(payload):
-            position = frames.t[:, k] + frames.R[:, k] @ com
-            pull = np.broadcast_to(np.multiply.outer(mass, down), (len(readings), 3))
-            for j in np.flatnonzero(self.above[k]):
-                force[:, j] += pull
-                moment[:, j] += np.cross(position - frames.origin[:, j], pull)
+            pull = np.multiply.outer(mass, down)
+            pulls[:, k] += pull
+            moments[:, k] += _crossed(frames.t[:, k] + frames.R[:, k] @ com, pull)
+        carried = self.above.T.astype(float)
+        force = carried @ pulls
+        moment = carried @ moments - _crossed(frames.origin, force)
         turn = np.swapaxes(frames.R_before, -1, -2)
-        return np.einsum("bnij,bnj->bni", turn, force), np.einsum("bnij,bnj->bni", turn, moment)
+        return _times(turn, force), _times(turn, moment)
 
     def with_twists(self, twists: NDArray) -> Tree:
         """Return the tree with constant twists (N, 6) taken into its transforms."""
@@ -296,5 +311,19 @@ def _complement(rows: NDArray) -> Array:
     return np.asarray(vectors[rank:].T)
 
 
-def _row(values: NDArray, count: int) -> NDArray:
-    return np.broadcast_to(values, (count, *values.shape[1:]))
+def _times(matrices: NDArray, vectors: NDArray) -> Array:
+    """Return the products (..., 3) of matrices (..., 3, 3) and vectors (..., 3)."""
+    return np.asarray((matrices @ vectors[..., None])[..., 0])
+
+
+def _crossed(first: NDArray, second: NDArray) -> Array:
+    """Return cross products (..., 3); for small arrays several times faster than NumPy's, which moves axes."""
+    (a, b, c), (x, y, z) = np.moveaxis(first, -1, 0), np.moveaxis(second, -1, 0)
+    return np.stack([b * z - c * y, c * x - a * z, a * y - b * x], -1)
+
+
+def _about(axis: NDArray, angle: NDArray | float) -> Array:
+    """Return the rotations (..., 3, 3) by angles (...), rad, about a unit axis (3,) (Rodrigues)."""
+    across = skew(axis)
+    sine, rest = np.sin(angle)[..., None, None], 2.0 * np.sin(0.5 * np.asarray(angle))[..., None, None] ** 2
+    return np.asarray(np.eye(3) + sine * across + rest * (across @ across))
