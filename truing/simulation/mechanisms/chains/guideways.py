@@ -67,7 +67,7 @@ class GuidewayError(ChainCause):
         """Return the five motions of the carriage of every slide, with as many terms as readings and poses allow."""
         machine, result = scene.inputs_of_machine, []
         for k in np.flatnonzero(~machine.tree.is_revolute):
-            reading, node = machine.readings[:, k], machine.tree.nodes[machine.tree.node_of(k)]
+            reading, node = machine.readings[:, k], machine.tree.nodes[machine.tree.node_of(int(k))]
             low, high = map(float, usual_range(reading))
             if not high > low:
                 continue
