@@ -237,8 +237,8 @@ Source = Annotated[Annotated[RawColumn, Tag(OF_NAME)] | Annotated[RawValue, Tag(
 class FileMapping(Section):
     """One [files.<table>] entry (or one of several): raw files, format and columns.
 
-    A column of the table comes from ``constants``, ``from_name``, ``split``, ``number_rows`` or ``join``; else from the
-    raw column in ``columns``, else from the raw column of the same name. Then ``rename`` and ``offset`` apply.
+    A column of the table comes from ``constants``, ``from_name``, ``split``, ``number_rows`` or ``join``. Else it comes
+    from the raw column in ``columns``, else from the raw column of the same name. Then ``rename`` and ``offset`` apply.
     """
 
     path: Paths = Field(description="file or glob, relative to campaign.toml")

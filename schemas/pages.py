@@ -30,10 +30,11 @@ _COVARIANCE = ("cov_0_0", "cov_5_5")
 _TABLE_HEAD = "| column | kind | unit | allowed | meaning |\n| --- | --- | --- | --- | --- |"
 _ARTIFACTS_HEAD = """# Which tables does a run write, and what is in their columns?
 
-Tables are Parquet files. A column name has the same meaning in every table. The metadata of each file hold schema and
-version (`truing.schema`, `truing.schema_version`), units (`truing.units`), stage, digest of the inputs, software
-version and campaign. Every artifact is checked against these definitions when it is written or read. Optional
-columns are present if the campaign has them. Columns marked (key) identify a row.
+This page lists the tables that a run writes, with their columns. Tables are Parquet files. A column name has the same
+meaning in every table. The metadata of each file hold schema and version (`truing.schema`, `truing.schema_version`),
+units (`truing.units`), stage, digest of the inputs, software version and campaign. Every artifact is checked against
+these definitions when it is written or read. Optional columns are present if the campaign has them. Columns marked
+(key) identify a row.
 `python -m schemas` writes this page.
 """
 _OVERVIEW_HEAD = "| artifact | what it holds |\n| --- | --- |"
@@ -47,8 +48,9 @@ _SEVERAL = 4
 _OF_SENSOR, _OF_CHAIN = " of a force sensor", " of an open chain"
 _CAMPAIGN_HEAD = """# What may campaign.toml hold, key by key?
 
-An unknown key is a fault; its message names the nearest known key. A key without a default is optional unless it is
-`required`. `truing init --all FOLDER` writes all keys as comments. `python -m schemas` writes this page.
+This page lists the keys of `campaign.toml`. An unknown key is a fault; its message names the nearest known key. A key
+without a default is optional unless it is `required`. `truing init --all FOLDER` writes all keys as comments.
+`python -m schemas` writes this page.
 
 | key | takes | unit | default | meaning |
 | --- | --- | --- | --- | --- |

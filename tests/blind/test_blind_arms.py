@@ -36,6 +36,7 @@ CAUSES = (
     "joint-sag",
     "column-tilt",
     "joint-pitch-error",
+    "guideway-error",
 )
 CLEAN = 4  # three of them fail, as four of six would
 CURVES, CURVE_FOUND = 2, 0.99  # so strong as here: five times what must be found in 95 of 100

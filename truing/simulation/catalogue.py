@@ -64,6 +64,7 @@ from truing.simulation.mechanisms.chains.causes import (
     JointScatter,
     JointsExchanged,
 )
+from truing.simulation.mechanisms.chains.guideways import GuidewayError
 from truing.simulation.mechanisms.chains.harmonics import JointEccentricity, JointHarmonic, JointPitchError
 from truing.simulation.mechanisms.chains.joint_curves import JointErrorCurve
 from truing.simulation.mechanisms.chains.jumps import BaseJump, JointJump, ToolJump
@@ -155,6 +156,7 @@ OWN_CAUSES_OF_CHAINS: tuple[ChainCause, ...] = (
     JointSettling(),
     ChainReadingLag(),
     JointErrorCurve(),
+    GuidewayError(),
     JointCompliance(),
     JointSag(),
     GravityDirection(),

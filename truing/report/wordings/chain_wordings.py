@@ -187,6 +187,14 @@ def _curve(claim: Claim) -> str:
     return f"{who} deviates from its reading by a repeatable curve{up_to}"
 
 
+def _guideway(claim: Claim) -> str:
+    size, axis = largest(tuple(size for size in claim.sizes if size.name == "largest")), claim.fact("axis")
+    up_to = f", by up to {size_in_words(size)}" if size else ""
+    if claim.fact("error") == "turn":
+        return f"the carriage of {_whose(claim)} turns about its {axis} axis along the travel{up_to}"
+    return f"the carriage of {_whose(claim)} leaves its straight line along its {axis} axis{up_to}"
+
+
 def _drift(claim: Claim) -> str:
     return with_sizes("the base moves steadily against the instrument, from the first to the last pose", claim)
 
@@ -269,6 +277,14 @@ CHAIN = {
     "joint-harmonic": Wording("harmonic error of a joint", _harmonic, _turning_advice),
     "joint-pitch-error": Wording("periodic error of a slide", _pitch, _pitch_advice),
     "joint-error-curve": Wording("error curve of a joint", _curve, _CURVE),
+    "guideway-error": Wording(
+        "guideway error of a slide",
+        _guideway,
+        _of_joint(
+            "Move {} alone along its travel, and measure three targets far apart on its carriage, or use a level and "
+            "a straightedge. Targets far apart tell a turn from a shift."
+        ),
+    ),
     "joint-compliance": Wording("compliance of a joint", _compliance, _LOADED),
     "link-bending": Wording("bending of a link", _bending, _LOADED),
     "joint-sag": Wording(

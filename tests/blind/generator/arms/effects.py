@@ -32,9 +32,10 @@ CAUSES = (*JOINT_CAUSES, *LINK_CAUSES, *BASE_CAUSES, "target-moved", "joints-exc
 OF_GRAVITY = ("joint-compliance", "joint-sag", "link-bending", "column-tilt")
 # Revolute joints alone.
 OF_ANGLE = ("joint-eccentricity", "joint-harmonic", "joint-compliance", "joint-sag", "joint-error-curve")
-# Of slides alone: the pitches, m, of screws and racks.
-OF_SLIDES = ("joint-pitch-error",)
+# Of slides alone.
+OF_SLIDES = ("joint-pitch-error", "guideway-error")
 ADDED = (*OF_MANY_POSES, *OF_SLIDES)  # hidden only on request
+# Of screws and racks, m.
 PITCHES = (0.005, 0.01, 0.016, 0.02, 0.04, 0.0785)
 MOST_TURNS = 120  # over the travel
 SIX = ("dx", "dy", "dz", "rx", "ry", "rz")
@@ -70,6 +71,8 @@ def _added(state: State, effect: Effect) -> State:
         return replace(state, compliance=_at(state.compliance, where, effect.size))
     if effect.cause == "link-bending":
         return replace(state, flexibility=_at(state.flexibility, where, effect.size))
+    if effect.cause == "guideway-error":
+        return replace(state, carriage=_at(state.carriage, (slice(None), where), change))
     if effect.cause == "link-growth":
         return replace(state, growth=_at(state.growth, (slice(None), where), change))
     if effect.cause == "joints-exchanged":
@@ -145,7 +148,18 @@ def _of_joint(cause: str, column: int, arm: Arm, schedule: Schedule, rng: np.ran
         shape, fixed = np.sin(2.0 * np.pi * angle / pitch + phase), {"period": pitch, "phase": phase}
     elif cause == "joint-error-curve":
         shape = _teeth(angle, rng)
+    elif cause == "guideway-error":
+        shape, fixed = _rail(angle, arm.joints[arm.actuated[column]].axis, rng)
     return Effect(cause, f"joint {arm.names()[column]}", column, shape, fixed=fixed)
+
+
+def _rail(travel: Array, axis: Array, rng: np.random.Generator) -> tuple[Array, dict[str, float | str]]:
+    """Motion (N, 6) of a carriage: a bow with a wave in it, to one side of the rail or about one axis (1 rad per m)."""
+    share = (travel - travel.min()) / np.ptp(travel)
+    bow = np.sin(np.pi * share) + float(rng.uniform(-0.6, 0.6)) * np.sin(2.0 * np.pi * share)
+    motions = [n for n in range(6) if n > 2 or abs(axis[n]) < 0.5]
+    number = int(rng.choice(motions))
+    return np.outer(bow, np.eye(6)[number]), {"motion": SIX[number]}
 
 
 def _teeth(angle: Array, rng: np.random.Generator) -> Array:

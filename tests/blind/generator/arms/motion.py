@@ -15,7 +15,8 @@ ROUNDS = 4  # of loads and deflections: each one gains at least three digits
 @dataclass(frozen=True)
 class State:
     """What nature made of N poses: angles (N, K) of actuated joints, elasticity, growth (N, L) of each link's vectors,
-    motion (N, 6) of the base in its own frame, shifts (N, M, 3) of targets in their body's frame; SI.
+    motion (N, 6) of the base in its own frame, shifts (N, M, 3) of targets in their body's frame, and motion
+    (N, K, 6) of the carriages of slides, in the frames of their links; SI.
     """
 
     angles: Array
@@ -24,6 +25,7 @@ class State:
     growth: Array
     twist: Array
     shift: Array
+    carriage: Array
 
     @property
     def elastic(self) -> bool:
@@ -49,20 +51,21 @@ def at_rest(arm: Arm, angles: Array, targets: int) -> State:
         np.zeros((count, links)),
         np.zeros((count, 6)),
         np.zeros((count, targets, 3)),
+        np.zeros((*angles.shape, 6)),
     )
 
 
 def places(arm: Arm, state: State) -> Places:
     """All links' places; deflections are in balance with the loads of the deflected arm."""
-    found = _rigid(arm, state.angles, state.growth, {})
+    found = _rigid(arm, state.angles, state, {})
     for _ in range(ROUNDS if state.elastic else 0):
         angles = state.angles + state.compliance * gravity_torques(arm, found)
-        found = _rigid(arm, angles, state.growth, _bends(arm, state.flexibility, found))
+        found = _rigid(arm, angles, state, _bends(arm, state.flexibility, found))
     return found
 
 
-def _rigid(arm: Arm, angles: Array, growth: Array, bends: dict[int, tuple[Array, Array]]) -> Places:
-    count = len(angles)
+def _rigid(arm: Arm, angles: Array, state: State, bends: dict[int, tuple[Array, Array]]) -> Places:
+    count, growth = len(angles), state.growth
     turned, moved = np.tile(np.eye(3), (count, len(arm.links), 1, 1)), np.zeros((count, len(arm.links), 3))
     free: dict[int, Array] = {}
     for number, joint in enumerate(arm.joints):
@@ -80,6 +83,9 @@ def _rigid(arm: Arm, angles: Array, growth: Array, bends: dict[int, tuple[Array,
             above = above @ rotation(value[:, None] * joint.axis)
         elif joint.kind == "prismatic":
             base = base + np.einsum("nij,nj->ni", above, value[:, None] * joint.axis)
+            if joint.source >= 0:
+                base = base + np.einsum("nij,nj->ni", above, state.carriage[:, joint.source, :3])
+                above = above @ rotation(state.carriage[:, joint.source, 3:])
         turned[:, joint.child], moved[:, joint.child] = above, base
     return Places(turned, moved)
 
