@@ -32,8 +32,8 @@ def check_place(folder: Path) -> None:
 
     check_folder(folder)
     present = [name for name in (_TABLE.file, PAGE) if os.path.lexists(folder / name)]
-    own = read_provenance(folder, _TABLE) if present else None
-    if present and (own or {}).get("stage") != _STAGE:
+    provenance = read_provenance(folder, _TABLE) if present else None
+    if present and (provenance or {}).get("stage") != _STAGE:
         expected = f"a folder without files of another origin ({', '.join(present)})"
         raise CampaignFaults([Fault("--out", expected, value=str(folder))])
 

@@ -118,10 +118,10 @@ class _Raw:
         return {**artifacts, **readers}
 
     def _kept(self, name: str, batches: Any) -> Iterator[Any]:
-        own = self._streamed.setdefault(name, [])
+        streamed = self._streamed.setdefault(name, [])
         for batch in batches:
-            if _rows(own) <= _MOST_ROWS:
-                own.append(batch)
+            if _rows(streamed) <= _MOST_ROWS:
+                streamed.append(batch)
             yield batch
 
     def keep_ingested(self, artifacts: Mapping[str, Any]) -> None:
@@ -204,8 +204,8 @@ def _without_faulty_keys(campaign: CampaignFolder) -> CampaignFolder | None:
 def _is_read_otherwise(campaign: CampaignFolder, corrected: CampaignFolder) -> bool:
     """True if a campaign without its faulty keys has another kind of mechanism, which needs other files."""
     of_types = getattr(stage_module("ingest"), "OF_TYPES", {})
-    own, left = (document.get("mechanism") for document in (campaign.document, corrected.document))
-    return isinstance(own, dict) and own.get("type") in of_types and not left
+    given, corrected_section = (document.get("mechanism") for document in (campaign.document, corrected.document))
+    return isinstance(given, dict) and given.get("type") in of_types and not corrected_section
 
 
 def _remove(document: Mapping[str, Any], dotted: str) -> bool:

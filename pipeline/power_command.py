@@ -370,14 +370,16 @@ def of_photographs(campaign: CampaignFolder, run: Path) -> PhotographNote | None
     names = list(dict.fromkeys(name for catalogue in catalogues for name, kind in catalogue.items() if kind.catalogued))
     cause_text = f"{', '.join(map(cause_words, names[:-1]))} and {cause_words(names[-1])}"
     table = table_of(run, "detectable")
-    own = None if table is None else table.to_pandas().query("cause in @names")
-    if own is None or not len(own):
+    sizes = None if table is None else table.to_pandas().query("cause in @names")
+    if sizes is None or not len(sizes):
         why = f"{cause_text.capitalize()} are not tested here: `truing run` gives their detectable sizes."
         return PhotographNote(_DRAWN + why)
     reason = (
         f"{cause_text.capitalize()} are not simulated either: the sizes that the run in {run.as_posix()} would show "
     )
-    return PhotographNote(_DRAWN + reason + "with a probability of 80 % follow from theory alone." + _ASKED, _rows(own))
+    return PhotographNote(
+        _DRAWN + reason + "with a probability of 80 % follow from theory alone." + _ASKED, _rows(sizes)
+    )
 
 
 def _rows(table: pd.DataFrame) -> tuple[tuple[str, ...], ...]:

@@ -48,8 +48,8 @@ def _make(folder: Path) -> list[Path]:
 
 def _sweep(folder: Path) -> None:
     with environment(f"the run folder {folder} cannot be cleaned up"):
-        own = [part_of(folder / artifact.file) for artifact in ARTIFACTS.values()]
-        for leftover in (*own, *(folder / PRIVATE).glob(f".*{PART}")):
+        parts = [part_of(folder / artifact.file) for artifact in ARTIFACTS.values()]
+        for leftover in (*parts, *(folder / PRIVATE).glob(f".*{PART}")):
             leftover.unlink(missing_ok=True)
 
 

@@ -34,9 +34,11 @@ def second_folder(campaign: CampaignFolder) -> CampaignFolder:
     if faults := identity_faults(folder):
         raise CampaignFaults(faults)
     for key, default in (("campaign.kind", None), ("mechanism.type", "none")):
-        own, other = (one.section(key) or default for one in (campaign, folder))
-        if own != other:
-            expected = f"a second campaign of the same machine; {folder.file} has {key} = {other!r}, this one {own!r}"
+        first, second = (one.section(key) or default for one in (campaign, folder))
+        if first != second:
+            expected = (
+                f"a second campaign of the same machine; {folder.file} has {key} = {second!r}, this one {first!r}"
+            )
             raise _fault(campaign, expected, named)
     return folder
 

@@ -114,8 +114,8 @@ def _drives(guesses: Sequence[Guess], tables: set[str]) -> Iterator[str]:
 
 def _axis_columns(guesses: Sequence[Guess]) -> list[str]:
     """Columns of a single axis by name: a command and its encoders; empty if there is no axis."""
-    own = [guess for guess in guesses if guess.table == "configurations"]
-    names = [name for guess in own for name in (*guess.columns, *guess.mapping.get("columns", {}))]
+    configurations = [guess for guess in guesses if guess.table == "configurations"]
+    names = [name for guess in configurations for name in (*guess.columns, *guess.mapping.get("columns", {}))]
     names = ["measured" + name.removeprefix("deviation") if name in _DEVIATIONS else name for name in names]
     for unit in ("deg", "mm"):
         if f"command_{unit}" in names:
@@ -140,11 +140,11 @@ def _noise(guesses: Sequence[Guess], tables: set[str], kind: str) -> Iterator[tu
     if not tables and kind == "photogrammetry":
         yield "point_mm = 0.005", f"{_NEEDED} a coordinate of a point"
     if tables & {"points", "scans", "surfaces"}:
-        own = [guess for guess in guesses if guess.table in ("points", "targets")]
-        known = own and all(
+        of_points = [guess for guess in guesses if guess.table in ("points", "targets")]
+        known = of_points and all(
             "sigma_x_mm" in (*guess.columns, *guess.mapping.get("columns", {}))
             or guess.mapping.get("format") in _WITH_SIGMAS
-            for guess in own
+            for guess in of_points
         )
         yield (
             "point_mm = 0.005",
@@ -273,9 +273,9 @@ def _of_units(mapping: Mapping[str, Any], guess: Guess) -> Iterator[str]:
     by_unit: dict[str, list[str]] = {}
     unread = unread_units(mapping)
     for words in dict.fromkeys(unread.values()):
-        own = [column for column, named in unread.items() if named == words]
-        names = _span([mapping["columns"][column] for column in own])
-        yield f"{words} of {names} is not known as a unit of this quantity (needed: units = {{ {own[0]} = ... }})"
+        columns = [column for column, named in unread.items() if named == words]
+        names = _span([mapping["columns"][column] for column in columns])
+        yield f"{words} of {names} is not known as a unit of this quantity (needed: units = {{ {columns[0]} = ... }})"
     for column, raw in mapping.get("columns", {}).items():
         if column not in unread and (unit := _taken_unit(column, raw, mapping)):
             by_unit.setdefault(unit, []).append(f"column {raw}" if isinstance(raw, int) else raw)

@@ -209,9 +209,9 @@ def _snapshot(watch: _Watch) -> Snapshot:
 
 def _visible_files(watch: _Watch) -> Iterator[Path]:
     """Files of the folder, without hidden ones, those that an editor holds open, and those of the run."""
-    own = None if (run := watch.run) is None else run.resolve()
+    here = None if (run := watch.run) is None else run.resolve()
     for folder, names, files in os.walk(watch.place):
-        names[:] = [name for name in names if not name.startswith(".") and (Path(folder) / name).resolve() != own]
+        names[:] = [name for name in names if not name.startswith(".") and (Path(folder) / name).resolve() != here]
         yield from (Path(folder) / name for name in files if not name.startswith((".", "~")))
 
 

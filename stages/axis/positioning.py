@@ -67,10 +67,10 @@ def positioning_rows(table: pa.Table, columns: AxisColumns, settings: Campaign) 
     shown = target / SI[columns.unit]
     for encoder in (name for name in reversed(ENCODERS) if name in columns.encoders and name != columns.loop):
         deviation = _arranged(readings[:, list(columns.encoders).index(encoder)], group, rows, len(target))
-        own = np.isfinite(deviation).any(-1).all(-1)
-        if own.sum() >= _FEWEST_TARGETS:
-            names = [f"{at:.7g} {columns.unit}" for at in shown[own]]  # commands are rounded in rad or m
-            _add(result, encoder, names, deviation[own], unit, target[own] / si)
+        is_complete = np.isfinite(deviation).any(-1).all(-1)
+        if is_complete.sum() >= _FEWEST_TARGETS:
+            names = [f"{at:.7g} {columns.unit}" for at in shown[is_complete]]  # commands are rounded in rad or m
+            _add(result, encoder, names, deviation[is_complete], unit, target[is_complete] / si)
     return result
 
 
@@ -85,10 +85,10 @@ def _arranged(readings: Array, group: Index, rows: AxisRows, targets: int) -> Ar
     approach[in_time] = np.cumsum(np.diff(group[in_time], prepend=-1) != 0)
     cells = {}
     for place in np.ndindex(targets, 2):
-        own = (group == place[0]) & (rows.direction == tuple(_WAYS)[place[1]]) & np.isfinite(readings)
-        _, number, count_of = np.unique(approach[own], return_inverse=True, return_counts=True)
-        cells[place] = np.bincount(number, readings[own]) / count_of
-    result = np.full((targets, 2, max(2, *(len(own) for own in cells.values()))), np.nan)
+        in_cell = (group == place[0]) & (rows.direction == tuple(_WAYS)[place[1]]) & np.isfinite(readings)
+        _, number, count_of = np.unique(approach[in_cell], return_inverse=True, return_counts=True)
+        cells[place] = np.bincount(number, readings[in_cell]) / count_of
+    result = np.full((targets, 2, max(2, *(len(means) for means in cells.values()))), np.nan)
     for place, cell in cells.items():
         result[place][: len(cell)] = cell
     return result
@@ -101,8 +101,8 @@ def _add(rows: Rows, run: str, names: list[str], deviation: Array, unit: str, ta
 
     def add(figure: str, subject: str | None, value: float, **more: float) -> None:
         if np.isfinite(value):
-            own = "1" if figure.startswith("n_") else unit
-            rows.add(run=run, figure=figure, subject=subject, value=float(value), unit=own, **more)
+            unit_of_figure = "1" if figure.startswith("n_") else unit
+            rows.add(run=run, figure=figure, subject=subject, value=float(value), unit=unit_of_figure, **more)
 
     for index, name in enumerate(names):
         for direction_index, words in enumerate(_WAYS.values()):
@@ -119,6 +119,6 @@ def _add(rows: Rows, run: str, names: list[str], deviation: Array, unit: str, ta
     if repeats.min() > 1:
         known = positioning_uncertainty(deviation, target, np.random.default_rng(SEED))
     for symbol, field in _BOTH.items():
-        own = known.get(symbol)
-        more = {} if own is None else {"sigma": own.sigma, "low": own.low, "high": own.high}
+        known_as = known.get(symbol)
+        more = {} if known_as is None else {"sigma": known_as.sigma, "low": known_as.low, "high": known_as.high}
         add(symbol, None, float(getattr(found, field)), **more)

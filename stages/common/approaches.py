@@ -63,8 +63,8 @@ def axis_of_approaches(tables: Mapping[str, pa.Table], settings: Campaign) -> tu
     if why := why_no_diagnosis_of_approaches(positions):
         raise ValueError(why)
     mechanism = AxisMechanism(type="axis", kind="linear", command=COMMAND)
-    own = _AxisSettings(settings, Noise(measured_mm=noise_mm(positions)), mechanism)
-    return {**tables, "configurations": _configurations(positions)}, cast("Campaign", own)
+    axis_settings = _AxisSettings(settings, Noise(measured_mm=noise_mm(positions)), mechanism)
+    return {**tables, "configurations": _configurations(positions)}, cast("Campaign", axis_settings)
 
 
 @dataclass(frozen=True)

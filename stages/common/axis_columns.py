@@ -118,7 +118,7 @@ class AxisColumns:
                 )
         if self.kind != ROTARY:
             return deviation
-        middle = np.array([np.median(own[np.isfinite(own)]) if np.isfinite(own).any() else 0.0 for own in deviation.T])
+        middle = np.array([np.median(row[np.isfinite(row)]) if np.isfinite(row).any() else 0.0 for row in deviation.T])
         return np.asarray(deviation - _TURN * np.round((deviation - middle) / _TURN))
 
 

@@ -66,14 +66,14 @@ def joint_ranges(tree: Tree, settings: Campaign, joints: pa.Table, measured: pa.
     limits = {row["joint"]: (row["lower_si"], row["upper_si"]) for row in joints.to_pylist()}
     columns, ends, sources, faults = [], [], [], []
     for joint in tree.readings:
-        own = joint_column(tree, joint, given)
+        joint_values = joint_column(tree, joint, given)
         column = None if measured is None else joint_column(tree, joint, measured.schema.names)
-        column = column or own or joint_column(tree, joint, (f"{joint}_deg", f"{joint}_mm"))
+        column = column or joint_values or joint_column(tree, joint, (f"{joint}_deg", f"{joint}_mm"))
         assert column is not None
         low, high = limits.get(joint, (None, None))
         source = "limits of the description"
-        if own is not None:
-            (low, high), source = np.array(given[own.name]) * own.si, "[workspace] joints"
+        if joint_values is not None:
+            (low, high), source = np.array(given[joint_values.name]) * joint_values.si, "[workspace] joints"
         elif (low is None or high is None) and measured is not None and column.name in measured.schema.names:
             values = number_column(measured, column.name) * column.si
             (low, high), source = (np.nanmin(values), np.nanmax(values)), "range of the measured readings"

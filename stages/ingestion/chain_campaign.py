@@ -263,7 +263,7 @@ def _check_gears(settings: Campaign, tree: Tree, log: FaultLog) -> None:
     way."""
     by_key = {"gear_orders": ("turns", True), "pitch_mm": ("slides", False)}
     for key, (moves, turns) in by_key.items():
-        right = [name for name, own in zip(tree.readings, tree.is_revolute, strict=True) if own == turns]
+        right = [name for name, rotary in zip(tree.readings, tree.is_revolute, strict=True) if rotary == turns]
         for joint in (name for name in getattr(settings.mechanism, key) if name not in right):
             hint = did_you_mean(joint, right) or f"; there are {', '.join(right) or 'none'}"
             text = f"a joint that {moves} and is read{hint}"

@@ -140,7 +140,7 @@ def encoders_in_place(
     motor, load, measured = (deviations[each][known] for each in ENCODERS)
     of_loop, other = (motor, load) if columns.loop == MOTOR else (load, motor)
     is_astray = max(_larger_variance(measured - load, measured - motor), _larger_variance(of_loop, other)) < _UNLIKELY
-    scatter = [f"{np.std(measured - own) / unit[1]:.3g}" for own in (load, motor)]
+    scatter = [f"{np.std(measured - encoder) / unit[1]:.3g}" for encoder in (load, motor)]
     named = {each: columns.encoders[each] for each in ENCODERS}
     text = (
         f"{named[MEASURED]} departs from {named[LOAD]} by {scatter[0]} {unit[0]} and from {named[MOTOR]} by "
@@ -166,7 +166,7 @@ def _loop_follows(columns: AxisColumns, deviations: Mapping[str, Array], noise: 
             "too few rows", "axis-encoders", "", f"{count(int(known.sum()), 'row')} with both encoders"
         )
     of_loop, of_other = (deviations[each][known] for each in (loop, other))
-    sizes = [float(np.std(own)) for own in (of_loop, of_other)]
+    sizes = [float(np.std(difference)) for difference in (of_loop, of_other)]
     ratio = sizes[0] / max(sizes[1], 1e-300)
     is_astray = sizes[0] > _CLEARLY * noise.get(loop, 0.0) and _larger_variance(of_loop, of_other) < _UNLIKELY
     unit, named = columns.reported_unit, [columns.encoders[each] for each in (loop, other)]
@@ -244,8 +244,8 @@ def _rows(encoder: str, columns: AxisColumns, command: Array, reading: Array, po
     slip = slip_of_rows(command[both], reading[both], ratio, units)
     if slip is None:
         return Check("axis-rows", encoder, 0.0, 0.0, "1", PASS, "Every reading belongs to the command of its row.")
-    own = f"{count(len(slip.rows), 'row')}: {listed([str(pose) for pose in poses[both][slip.rows]])}"
-    whose = "their rows" if len(slip.rows) == both.sum() else own
+    affected = f"{count(len(slip.rows), 'row')}: {listed([str(pose) for pose in poses[both][slip.rows]])}"
+    whose = "their rows" if len(slip.rows) == both.sum() else affected
     text = f"Readings of {encoder} do not belong to the commands of {whose}."
     meant = {
         RowSlipKind.EXCHANGED: " Did you mean: readings of these rows exchanged?",

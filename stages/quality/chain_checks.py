@@ -93,8 +93,8 @@ def checks(tables: Mapping[str, pa.Table], settings: Campaign) -> CheckResults:
     relations = (*tested, *(relation for relation in results.relations if relation.relation != READINGS))
     read = results.read or f"{len(tables['configurations'])} poses of a chain"
     single = set() if results.why_not else _single(tables["observations"])
-    own = () if results.why_not else _without_frames(results, single, _framing(tables, settings))
-    return replace(results, checks=chain(belonging_checks(tested), own), read=read, relations=relations, why_not="")
+    loose = () if results.why_not else _without_frames(results, single, _framing(tables, settings))
+    return replace(results, checks=chain(belonging_checks(tested), loose), read=read, relations=relations, why_not="")
 
 
 def joints_against_links(tables: Mapping[str, pa.Table], settings: Campaign) -> RelationTest:
@@ -135,17 +135,17 @@ def _test_orientations(compared: ComparedChain, settings: Campaign) -> RelationT
     channels = measured.channels
     for k in np.flatnonzero(channels.is_rotation):
         for series in np.unique(compared.conditions.series):
-            own = compared.usable & measured.is_observed[:, k] & (compared.conditions.series == series)
-            if own.sum() < FEWEST_POSES:
+            rows = compared.usable & measured.is_observed[:, k] & (compared.conditions.series == series)
+            if rows.sum() < FEWEST_POSES:
                 continue
             found = turning_misfit(
-                frames.R[own, channels.node[k]],
-                compared.conditions.reference[own, k],
+                frames.R[rows, channels.node[k]],
+                compared.conditions.reference[rows, k],
                 settings.poses.euler,
-                _positions(measured, int(k), own, frames.t),
+                _positions(measured, int(k), rows, frames.t),
             )
             if found.stray.any():
-                poses = np.array([str(pose) for pose in compared.conditions.poses])[own][found.stray]
+                poses = np.array([str(pose) for pose in compared.conditions.poses])[rows][found.stray]
                 strays, agreed = (*strays, *(f"pose {pose}" for pose in poses)), found
             if found.before > found.limit:
                 test = RelationTest(
@@ -361,8 +361,8 @@ def _comparison(compared: ComparedChain, fit: NominalFit, start: StartValues) ->
         fit.values[np.ix_(usable, is_position)],
         compared.tree.is_revolute,
         [column.name for column in joint_columns(compared.tree, compared.table.schema.names)],
-        [pair for pair, own in zip(zip(links, compared.names, strict=True), is_position, strict=True) if own],
-        [str(pose) for pose, own in zip(conditions.poses, usable, strict=True) if own],
+        [pair for pair, used in zip(zip(links, compared.names, strict=True), is_position, strict=True) if used],
+        [str(pose) for pose, used in zip(conditions.poses, usable, strict=True) if used],
         foreign_share(start),
         errors_at,
     )
@@ -399,9 +399,9 @@ def _hidden(compared: ComparedChain) -> Iterator[RecordSlip]:
     fit, conditions = compared.fit, compared.conditions
     few = few_poses(len(conditions.readings))
     columns = [column.name for column in joint_columns(compared.tree, compared.table.schema.names)]
-    for kind, own, readings in corrected_columns(conditions.readings, compared.tree.is_revolute):
+    for kind, kind_columns, readings in corrected_columns(conditions.readings, compared.tree.is_revolute):
         if not does_not_belong(fit.start_of(few, replace(conditions, readings=readings))):
-            yield column_slip(kind, [columns[k] for k in own])
+            yield column_slip(kind, [columns[k] for k in kind_columns])
 
 
 def _recorded(slip: ColumnSlip, tree: Tree, names: list[str]) -> Iterator[RecordSlip]:
@@ -418,8 +418,8 @@ def _recorded_senses(senses: JointSenses, compared: ComparedChain) -> tuple[Reco
     """The slips of senses and coupling, in the order of their correction."""
     columns = [column.name for column in joint_columns(compared.tree, compared.table.schema.names)]
     slips = () if senses.coupling is None else (column_slip(senses.coupling, [columns[k] for k in senses.coupled]),)
-    own = [columns[k] for k in senses.reversed_readings]
-    return (*slips, *((column_slip(ColumnSlipKind.REVERSED, own),) if own else ()))
+    reversed_columns = [columns[k] for k in senses.reversed_readings]
+    return (*slips, *((column_slip(ColumnSlipKind.REVERSED, reversed_columns),) if reversed_columns else ()))
 
 
 def _single(observations: pa.Table) -> set[str]:

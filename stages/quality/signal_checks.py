@@ -173,7 +173,7 @@ def _signals_independent(about: Array, names: tuple[str, ...], loaded: int, nois
 def _idle(about: Array, names: tuple[str, ...]) -> str:
     """Return the sentence on signals (N, S), minus their zero, that hardly change; empty where there are none."""
     spread = np.sqrt(np.mean(about**2, axis=0))
-    idle = [name for name, own in zip(names, spread, strict=True) if own < _IDLE * float(np.median(spread))]
+    idle = [name for name, size in zip(names, spread, strict=True) if size < _IDLE * float(np.median(spread))]
     if not idle:
         return ""
     responds = "responds" if len(idle) == 1 else "respond"
@@ -233,7 +233,7 @@ def _no_exchange_found(table: LoadTable, share: float) -> Check:
     names = [LOADS[k] for k in used]
     least = float(shares.max(initial=0.0))
     text = f"No exchange of loads is significant among {len(table.loads)} rows. "
-    unseen = [name for name, own in zip(names, shares, strict=True) if own >= 1.0]
+    unseen = [name for name, possible in zip(names, shares, strict=True) if possible >= 1.0]
     if unseen:
         text += f"No exchange of {listed(unseen)} would be: signals determine it no better than by its range. "
     elif names:

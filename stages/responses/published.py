@@ -42,16 +42,16 @@ def compared_with_published(published: pa.Table, curves: pa.Table, simulated: Si
     rows = Rows("published_compared")
     for row in published.to_pylist():
         value, sigma = _simulated(row, simulated)
-        own, own_sigma, allowed = value, sigma, _BAR * sigma
+        measured, own_sigma, allowed = value, sigma, _BAR * sigma
         if row["source"] == "measurement":
-            own, own_sigma = _curve(curves, row["load"], row["channel"]).at(row["applied"])
+            measured, own_sigma = _curve(curves, row["load"], row["channel"]).at(row["applied"])
             allowed = _BAR * math.hypot(own_sigma, math.sqrt(2.0) * sigma)
         rows.add(
             **{name: row[name] for name in _COPIED},
-            own=own,
+            own=measured,
             own_sigma=own_sigma,
             allowed_difference=allowed,
-            verdict=_verdict(abs(row["published"] - own), allowed),
+            verdict=_verdict(abs(row["published"] - measured), allowed),
             **{name: row[name] for name in ("published_in",) if name in row},
         )
     return rows

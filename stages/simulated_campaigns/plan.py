@@ -187,18 +187,18 @@ def _all_visible(survey: pa.Table, configurations: pa.Table, noise: float) -> pa
 def _bodies(survey: pa.Table, observations: pa.Table, poses: tuple[int | str, ...], legs: int, noise: float) -> _Bodies:
     kinds = [("base", BASE, -1), ("platform", PLATFORM, -1), *((f"leg{i + 1}", LEG, i) for i in range(legs))]
     surveys = [(body, kind, ridden, survey_points(survey, body)) for body, kind, ridden in kinds]
-    points_of_body = [pose_points(observations, body, poses, own.targets) for body, _, _, own in surveys]
-    legs_of = [own.leg - 1 if kind == PLATFORM else np.full(len(own.leg), ridden) for _, kind, ridden, own in surveys]
+    points_of_body = [pose_points(observations, body, poses, one.targets) for body, _, _, one in surveys]
+    legs_of = [one.leg - 1 if kind == PLATFORM else np.full(len(one.leg), ridden) for _, kind, ridden, one in surveys]
     targets = Targets(
-        np.concatenate([np.full(len(own.targets), kind) for _, kind, _, own in surveys]),
+        np.concatenate([np.full(len(one.targets), kind) for _, kind, _, one in surveys]),
         np.concatenate(legs_of),
-        tuple(target for *_, own in surveys for target in own.targets),
-        tuple(body for body, _, _, own in surveys for _ in own.targets),
+        tuple(target for *_, one in surveys for target in one.targets),
+        tuple(body for body, _, _, one in surveys for _ in one.targets),
     )
     return _Bodies(
         targets,
-        np.concatenate([own.points for *_, own in surveys]),
-        with_declared_noise(np.concatenate([own.cov for *_, own in surveys]), noise),
+        np.concatenate([one.points for *_, one in surveys]),
+        with_declared_noise(np.concatenate([one.cov for *_, one in surveys]), noise),
         with_declared_noise(np.concatenate([points.cov for points in points_of_body], 1), noise),
         np.concatenate([points.is_observed for points in points_of_body], 1),
     )

@@ -109,18 +109,18 @@ def _parts(
 ) -> Parts | None:
     """Return the contributions of points and surveys of a body and of its reference to the covariance of its poses;
     None unless the poses come from a fit to surveys with declared noise."""
-    own = _parts_of_body(tables, body, poses)
-    if own is None:
+    parts_of_body = _parts_of_body(tables, body, poses)
+    if parts_of_body is None:
         return None
     if parent == "measurement":
-        parts = own
+        parts = parts_of_body
     else:
         other = _parts_of_body(tables, parent, poses)
         if other is None:
             return None
         (R, p), (Ra, pa_) = (default_motions(tables["poses"], name, poses) for name in (body, parent))
         none = np.zeros((len(poses), 6, 6))
-        parts = {source: relative(Ra, pa_, none, R, p, covariance)[2] for source, covariance in own.items()}
+        parts = {source: relative(Ra, pa_, none, R, p, covariance)[2] for source, covariance in parts_of_body.items()}
         parts |= {source: relative(Ra, pa_, covariance, R, p, none)[2] for source, covariance in other.items()}
     by_declared = [covariance for source, covariance in parts.items() if source.evaluation == "B"]
     declared = np.sum(by_declared, axis=0)

@@ -116,8 +116,8 @@ def _misfit_by_slip(target: Array, position: Array) -> Iterator[tuple[float, tup
     for factor in both_ways(LENGTH_FACTORS):
         # positions are hardly recorded in such units, but targets are in the inverse ones
         of_targets = factor < 1.0 and 1.0 / factor not in _SMALL_UNITS
-        quantity, own = ("target_mm", 1.0 / factor) if of_targets else ("position_mm", factor)
-        unit = RecordSlip(SlipKind.UNIT, quantity, factor=own)
+        quantity, slip_factor = ("target_mm", 1.0 / factor) if of_targets else ("position_mm", factor)
+        unit = RecordSlip(SlipKind.UNIT, quantity, factor=slip_factor)
         yield _rms(factor * position - target), (unit,)
         yield _rms(-factor * position - target), (unit, turned)
     most = min(2 * len(np.unique(target)) - 1, len(target) // 2, _FARTHEST)

@@ -367,8 +367,8 @@ def _frozen_slips(
         alike.setdefault((quantity, tuple(places)), []).append(runs[run])
     for (quantity, same), names in alike.items():
         every = len(same) == sum(column.quantity == quantity for column in columns)
-        own = () if every and len(same) > 1 else tuple(columns[place].name for place in same)
-        yield RecordSlip(SlipKind.FROZEN, quantity, (*own, *names))
+        column_names = () if every and len(same) > 1 else tuple(columns[place].name for place in same)
+        yield RecordSlip(SlipKind.FROZEN, quantity, (*column_names, *names))
 
 
 def _values(steps: RecordedSteps, known: KnownBench) -> list[Values]:

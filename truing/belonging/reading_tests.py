@@ -373,7 +373,7 @@ def _search(motion: MeasuredMotion, *, of_joints: bool = False) -> _Found:
     best, description = max(scored, key=lambda pair: pair[0].evidence)
     if not _explains_enough(plain, best, motion.noise):
         best, description = plain, scored[0][1]
-    near = [_score_all_rows(motion, own, about) for own, about in scored if best.evidence - own.evidence < _AS_LIKELY]
+    near = [_score_all_rows(motion, one, about) for one, about in scored if best.evidence - one.evidence < _AS_LIKELY]
     meant = _score_all_rows(motion, best, description)
     asked = reached(description)
     return _Found(plain, meant, best_order(meant.misfit + asked, asked, motion.noise), tried, tuple(near))

@@ -38,10 +38,10 @@ def with_bodies(problem: CalibrationProblem, measured: MeasuredPlatform) -> Cali
     carrying = [leg for leg, leg_poses in measured.legs.items() if leg_poses.found.any()]
     if not carrying:
         return problem
-    own = [measured.legs[leg] for leg in carrying]
+    legs = [measured.legs[leg] for leg in carrying]
     R, t, is_observed = (
         np.stack(parts, 1)
-        for parts in zip(*((leg_poses.R, leg_poses.p, leg_poses.found) for leg_poses in own), strict=True)
+        for parts in zip(*((leg_poses.R, leg_poses.p, leg_poses.found) for leg_poses in legs), strict=True)
     )
     poses = LegPoses(np.array(carrying), R, t, is_observed)
     bodies = seated(problem.nominal.legs, problem.p, problem.R, problem.rho, poses)
@@ -111,8 +111,8 @@ def _fill_legs(covariance: NDArray, bodies: LegBodies, measured: MeasuredPlatfor
     covariance[:, places[:, None], places] = common
     covariance[:, :6, :6] = platform
     for k, leg in enumerate(bodies.leg):
-        own = slice(first + 6 * k, first + 6 * k + 6)
-        covariance[:, own, own] = _leg_noise(measured.legs[int(leg)])
+        rows_of_leg = slice(first + 6 * k, first + 6 * k + 6)
+        covariance[:, rows_of_leg, rows_of_leg] = _leg_noise(measured.legs[int(leg)])
 
 
 def _fill_shifts(

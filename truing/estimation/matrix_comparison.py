@@ -121,19 +121,19 @@ def _apart_from_a_plane(points: Array) -> Array:
     return np.asarray(np.eye(len(points)) - basis @ basis.T)
 
 
-def _common_factor(own: Array, of_own: Array, model: Array, of_model: Array) -> tuple[float, float]:
-    """Return the generalised least-squares factor of own over model, and its sigma; NaN for a model of zeros."""
+def _common_factor(measured: Array, measured_cov: Array, model: Array, model_cov: Array) -> tuple[float, float]:
+    """Return the generalised least-squares factor of measured over model, and its sigma; NaN for a model of zeros."""
     factor, sigma = 1.0, float("nan")
     if not model.any():
         return float("nan"), sigma
     for _ in range(_STEPS):
-        total = of_own + factor**2 * of_model
+        total = measured_cov + factor**2 * model_cov
         at = np.flatnonzero(np.diag(total) > 0.0)
         inverse, _ = _inverse(total[np.ix_(at, at)])
         normal = float(model[at] @ inverse @ model[at])
         if not normal > 0.0:
             return float("nan"), float("nan")
-        before, factor, sigma = factor, float(model[at] @ inverse @ own[at]) / normal, normal**-0.5
+        before, factor, sigma = factor, float(model[at] @ inverse @ measured[at]) / normal, normal**-0.5
         if abs(factor - before) <= _SETTLED * max(1.0, abs(factor)):
             break
     return factor, sigma

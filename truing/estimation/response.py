@@ -120,7 +120,7 @@ def _component_by_component(
     """Return the same fit for uncoupled components, each from the rows in which it was observed."""
     (n, width), groups = y.shape, int(group.max()) + 1
     drives = [np.arange(u.shape[1]) if form == "matrix" else np.arange(k, k + (form == "linear")) for k in range(width)]
-    ends = np.cumsum([len(own) for own in drives])
+    ends = np.cumsum([len(drives_of_component) for drives_of_component in drives])
     covariance = np.zeros((ends[-1], ends[-1]))
     coefficients, offset = np.zeros((width, u.shape[1])), np.zeros((groups, width))
     residuals, loo = np.full((2, n, width), np.nan)

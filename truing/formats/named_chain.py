@@ -138,8 +138,8 @@ def bare_chain_rows(values: Array, joints: Sequence[str]) -> ChainRows | None:
 
 def controller_columns(names: Sequence[str]) -> tuple[str, ...]:
     """Return coordinates that a robot's controller computes from its joints, by their names."""
-    own = [name for name in names if _OF_CONTROLLER.search(bare_and_unit(name)[0])]
-    return place_columns(own) or ()
+    of_controller = [name for name in names if _OF_CONTROLLER.search(bare_and_unit(name)[0])]
+    return place_columns(of_controller) or ()
 
 
 def _ignored(names: Sequence[str]) -> str:

@@ -151,8 +151,8 @@ def _in_mm(numbers: dict[str, Array], found: Mapping[str, str], lengths: Array, 
     """Convert lengths in place, and return the doubt on a unit that nothing gives."""
     stated = {key: bare_and_unit(found[key])[1] or unit for key in ("d_mm", "a_mm")}
     assumed = "m" if np.abs(lengths).max() < _METRES else "mm"
-    for key, own in stated.items():
-        numbers[key] = _converted(numbers[key], own or assumed, "mm")
+    for key, stated_unit in stated.items():
+        numbers[key] = _converted(numbers[key], stated_unit or assumed, "mm")
     return [] if all(stated.values()) else [f"no unit of lengths is given; they are assumed to be in {assumed}"]
 
 

@@ -134,10 +134,10 @@ def _grid_axes(names: Sequence[str]) -> dict[str, str]:
     """Return the columns of east, north and height, of which x, y and z are right-handed, by their names."""
     result = {}
     for column, pattern in zip(COORDINATES, _GRID, strict=True):
-        own = [name for name in names if re.fullmatch(pattern, bare_and_unit(name)[0].casefold())]
-        if len(own) != 1:
+        axes = [name for name in names if re.fullmatch(pattern, bare_and_unit(name)[0].casefold())]
+        if len(axes) != 1:
             return {}
-        result[own[0]] = column
+        result[axes[0]] = column
     return result
 
 

@@ -132,7 +132,7 @@ def shape_of_poses(points: PosePoints) -> SurveyPoints:
         often = points.is_observed.sum(axis=0)
         mean = np.where(points.is_observed, variance, 0.0).sum(axis=0) / np.maximum(often, 1)
         cov = (mean * np.minimum(_OF_MEDIAN / np.maximum(often, 1), 1.0))[:, None, None] * np.eye(3)
-    names = tuple(name for name, own in zip(points.targets, known, strict=True) if own)
+    names = tuple(name for name, seen in zip(points.targets, known, strict=True) if seen)
     return SurveyPoints(names, place[known], cov[known], np.zeros(len(names), np.int64))
 
 

@@ -209,10 +209,10 @@ def predicted_against_observed(absorbed: pd.DataFrame) -> go.Figure:
     grid, places, rows = panel_grid(titles, 3, (0.09, lambda rows: 0.3 / rows))
     named: set[Any] = set()
     for kind, place in zip(kinds, places, strict=True):
-        own = reported[reported["kind"] == kind]
-        grid.add_trace(_equality(own), **place)
+        of_kind = reported[reported["kind"] == kind]
+        grid.add_trace(_equality(of_kind), **place)
         for number, (key, part) in enumerate(groups(absorbed)):
-            points = own.loc[own.index.isin(part.index)]
+            points = of_kind.loc[of_kind.index.isin(part.index)]
             if len(points):
                 grid.add_trace(_points(points, key, number, key not in named), **place)
                 named.add(key)

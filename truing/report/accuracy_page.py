@@ -207,9 +207,9 @@ def _sections(poses: pd.DataFrame, quantity: str) -> go.Figure:
     units = {name.partition("_")[0]: (name, unit) for name, unit in _DISPLACEMENTS.items()}
     grid, places, rows = panel_grid([part.replace(" ", ", ") for part in parts], 3, (0.08, lambda rows: 0.6 / rows / 2))
     for part, place in zip(parts, places, strict=True):
-        own = poses[poses["part"] == part]
+        of_part = poses[poses["part"] == part]
         first, second = (units[name] for name in part.split())
-        table = own.pivot_table(index=second[0], columns=first[0], values=column, dropna=False)
+        table = of_part.pivot_table(index=second[0], columns=first[0], values=column, dropna=False)
         grid.add_trace(
             go.Heatmap(x=table.columns, y=table.index, z=table.to_numpy(), coloraxis="coloraxis", hoverongaps=False),
             **place,

@@ -53,9 +53,9 @@ def _listing(errors: pd.DataFrame, encoders: list[str]) -> Listing:
     )
     mask = errors["role"] == "verification"
     reported = []
-    for role, own in (("fitted", errors[~mask]), ("held out", errors[mask])):
+    for role, of_role in (("fitted", errors[~mask]), ("held out", errors[mask])):
         for name in encoders:
-            part = own[own["encoder"] == name]
+            part = of_role[of_role["encoder"] == name]
             if len(part):
                 sizes = [rough(float(np.sqrt(np.mean(part[c] ** 2)))) for c in ("missed_before", "missed_after")]
                 reported.append(

@@ -341,9 +341,9 @@ def _curves(curves: pd.DataFrame, joints: pd.DataFrame) -> go.Figure:
         panel = {"row": index // 2 + 1, "col": index % 2 + 1}
         along, size = (1e3, 1e6) if name in slides else (180.0 / math.pi, 180e3 / math.pi)
         units = ("mm", "µm") if name in slides else ("deg", "mdeg")
-        own = curves[curves["joint"] == name]
-        readings, shown = own["joint_reading_si"].to_numpy() * along, own["is_determined"].to_numpy()
-        middle, sigma = (own[column].to_numpy() * size for column in ("deviation_si", "deviation_sigma_si"))
+        of_joint = curves[curves["joint"] == name]
+        readings, shown = of_joint["joint_reading_si"].to_numpy() * along, of_joint["is_determined"].to_numpy()
+        middle, sigma = (of_joint[column].to_numpy() * size for column in ("deviation_si", "deviation_sigma_si"))
         lines = ((middle + 2 * sigma, 0.5, GREY), (middle - 2 * sigma, 0.5, GREY), (middle, 1.5, BLUE))
         for values, width, colour in lines:
             drawn = np.where(shown, values, np.nan)

@@ -154,7 +154,7 @@ def _indices(legs: pd.DataFrame, table: pd.DataFrame, key: Key) -> Listing:
     parts = [(f"leg {int(leg)}", group) for leg, group in legs.groupby("leg", sort=True)] if len(legs) else []
     if len(table):
         parts.append((calibration_name(key), table))
-    rows = tuple(_index_row(name, own) for name, own in parts)
+    rows = tuple(_index_row(name, rows_of_part) for name, rows_of_part in parts)
     caption = "Observability of each leg by poses and readings alone, and of the chosen model by all measurements"
     heads = (
         Head("of", "Leg by itself, or the whole model."),

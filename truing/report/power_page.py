@@ -127,7 +127,7 @@ def _with_bounds(row: dict[str, object], level: str) -> str:
 def _of_cause(cause: str, rates: pd.DataFrame) -> ReportSection:
     lead = f"{count(int(rates['campaigns'].sum()), 'campaign')} drawn with this effect hidden at several sizes."
     sorts = rates.groupby(["concerns", "parameter", "unit", "beside"], sort=False)
-    figures = tuple((_curve(own, str(key[0])), _caption(own)) for key, own in sorts)
+    figures = tuple((_curve(of_sort, str(key[0])), _caption(of_sort)) for key, of_sort in sorts)
     return ReportSection(f"cause-{cause}", cause_words(cause), lead, figures=figures)
 
 

@@ -285,9 +285,9 @@ def geometry_spread(load: Array, added_sigma: Array) -> Array:
 
 def with_spread(compliance: Compliance, spread: Array) -> Compliance:
     """Return a compliance with standard deviations of at least a spread (6, 6)."""
-    own = np.where(compliance.known & np.isfinite(compliance.sigma) & compliance.fit.free[:, :6], spread, 0.0)
-    covariance = compliance.covariance + np.diag(own.ravel() ** 2)
-    return replace(compliance, sigma=np.hypot(compliance.sigma, own), covariance=covariance)
+    free_spread = np.where(compliance.known & np.isfinite(compliance.sigma) & compliance.fit.free[:, :6], spread, 0.0)
+    covariance = compliance.covariance + np.diag(free_spread.ravel() ** 2)
+    return replace(compliance, sigma=np.hypot(compliance.sigma, free_spread), covariance=covariance)
 
 
 def from_own_zero(residual: Array, run: Index) -> Array:

@@ -112,11 +112,15 @@ def _floor(accuracy: pd.DataFrame, column: str, chosen: Key | None) -> float | N
     """Return the rms by noise alone at held-out poses of the chosen calibration, otherwise at all poses."""
     if column not in accuracy:
         return None
-    own = accuracy
+    errors = accuracy
     if chosen is not None:
-        own = own[(own["model"] == chosen[0]) & (own["deformation"] == chosen[1])]
-    own = own[own["role"] == "verification"] if (own["role"] == "verification").any() else own
-    floor = float(np.sqrt(np.mean(own[column].dropna().to_numpy(dtype=float) ** 2))) if own[column].notna().any() else 0
+        errors = errors[(errors["model"] == chosen[0]) & (errors["deformation"] == chosen[1])]
+    errors = errors[errors["role"] == "verification"] if (errors["role"] == "verification").any() else errors
+    floor = (
+        float(np.sqrt(np.mean(errors[column].dropna().to_numpy(dtype=float) ** 2)))
+        if errors[column].notna().any()
+        else 0
+    )
     return floor or None
 
 
@@ -185,8 +189,8 @@ def geometry_picture(fits: Mapping[str, pd.DataFrame]) -> go.Figure:
     every = [place for places in panels for place in places.values()]
     gain, extent = _gain(every), _extent(every)
     figure = make_subplots(rows=1, cols=len(panels), subplot_titles=[label(name) for name in fits])
-    for column, (places, own) in enumerate(zip(panels, fits.values(), strict=True), 1):
-        for trace in _traces(places, in_order(own["deformation"]), gain):
+    for column, (places, fitted) in enumerate(zip(panels, fits.values(), strict=True), 1):
+        for trace in _traces(places, in_order(fitted["deformation"]), gain):
             trace.showlegend = trace.showlegend is not False and column == 1
             figure.add_trace(trace, row=1, col=column)
         figure.update_yaxes(scaleanchor=f"x{column}" if column > 1 else "x", row=1, col=column)
@@ -250,13 +254,13 @@ def _legs(places: dict[str, pd.DataFrame]) -> list[go.Scatter]:
 
 
 def _nominal(places: pd.DataFrame, joint: str) -> go.Scatter:
-    own, (name, symbol) = places.drop_duplicates("leg"), _JOINTS[joint]
+    joints, (name, symbol) = places.drop_duplicates("leg"), _JOINTS[joint]
     return go.Scatter(
-        x=own["x"],
-        y=own["y"],
+        x=joints["x"],
+        y=joints["y"],
         mode="markers+text",
         marker={"color": GREY, "size": 6, "symbol": symbol},
-        text=[f"{joint}{int(leg)}" for leg in own["leg"]],
+        text=[f"{joint}{int(leg)}" for leg in joints["leg"]],
         textposition="bottom center",
         textfont={"color": GREY, "size": 11},
         name=f"{name}, nominal",
@@ -266,13 +270,13 @@ def _nominal(places: pd.DataFrame, joint: str) -> go.Scatter:
 
 def _tolerances(places: pd.DataFrame, gain: float) -> list[go.Scatter]:
     """Return a circle of one tolerance around each nominal place, amplified like the deviations."""
-    own = places.drop_duplicates("leg")
-    own = own[np.isfinite(own["tolerance"])]
-    if not len(own):
+    joints = places.drop_duplicates("leg")
+    joints = joints[np.isfinite(joints["tolerance"])]
+    if not len(joints):
         return []
-    radius = gain * own["tolerance"].to_numpy()[:, None]
+    radius = gain * joints["tolerance"].to_numpy()[:, None]
     x, y = (
-        np.pad(own[a].to_numpy()[:, None] + radius * turn(_CIRCLE), ((0, 0), (0, 1)), constant_values=np.nan).ravel()
+        np.pad(joints[a].to_numpy()[:, None] + radius * turn(_CIRCLE), ((0, 0), (0, 1)), constant_values=np.nan).ravel()
         for a, turn in (("x", np.cos), ("y", np.sin))
     )
     line = {"color": GREY, "width": 1}
@@ -281,15 +285,15 @@ def _tolerances(places: pd.DataFrame, gain: float) -> list[go.Scatter]:
 
 def _joint_lines(places: list[pd.DataFrame], deformation: str, gain: float) -> list[go.Scatter]:
     """Return the joints of one deformation model, with a line from their nominal places."""
-    own = pd.concat([place[place["deformation"] == deformation] for place in places], ignore_index=True)
+    rows = pd.concat([place[place["deformation"] == deformation] for place in places], ignore_index=True)
     colour, symbol, size = _DRAWN_AS.get(deformation, _OTHER)
-    end_x, end_y, gap = own["x"] + gain * own["dx"], own["y"] + gain * own["dy"], np.full(len(own), np.nan)
-    x, y = (np.stack([own[a], end, gap], 1).ravel() for a, end in (("x", end_x), ("y", end_y)))
+    end_x, end_y, gap = (rows["x"] + gain * rows["dx"], rows["y"] + gain * rows["dy"], np.full(len(rows), np.nan))
+    x, y = (np.stack([rows[a], end, gap], 1).ravel() for a, end in (("x", end_x), ("y", end_y)))
     words = label(deformation_words(deformation))
     common: dict[str, Any] = {"legendgroup": words, "name": words}
     text = [
         f"leg {int(leg)}: {quantity(dx, 'mm')}, {quantity(dy, 'mm')}"
-        for leg, dx, dy in zip(own["leg"], own["dx"], own["dy"], strict=True)
+        for leg, dx, dy in zip(rows["leg"], rows["dx"], rows["dy"], strict=True)
     ]
     return [
         go.Scatter(

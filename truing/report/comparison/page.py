@@ -266,11 +266,11 @@ def _trends(comparison: RunComparison) -> ReportSection | None:
 
 def _effects(comparison: RunComparison) -> ReportSection:
     names = [_effects_found(comparison, index) for index in range(len(comparison.runs))]
-    every = list(dict.fromkeys(name for own in names for name in own))
-    rows = tuple((name, *("found" if name in own else "–" for own in names)) for name in every)
+    every = list(dict.fromkeys(name for of_run in names for name in of_run))
+    rows = tuple((name, *("found" if name in of_run else "–" for of_run in names)) for name in every)
     if not rows:
         return ReportSection("effects", "Effects side by side", "No run found an effect.", state="pass")
-    marks = tuple("none" if all(name in own for own in names) else "warn" for name in every)
+    marks = tuple("none" if all(name in of_run for of_run in names) else "warn" for name in every)
     lead = (
         "Findings of each run. An effect found in one run may be present in the next one too; the comparison of "
         "numbers allows for both. The sizes are in the table of numbers."
@@ -316,18 +316,18 @@ def _provenance(comparison: RunComparison) -> ReportSection:
 def _trend_figures(comparison: RunComparison) -> tuple[tuple[tuple[go.Figure, str], ...], int]:
     """Return figures with captions, kinds with a change first, then the largest differences; and the
     number left out."""
-    own = comparison.numbers[comparison.numbers["value"].notna()]
-    own = own.assign(kind=[_kind(r) for r in own.itertuples()])
-    known = own.groupby("kind", sort=False)["z"].transform(lambda z: z.notna().any())
+    numbers = comparison.numbers[comparison.numbers["value"].notna()]
+    numbers = numbers.assign(kind=[_kind(r) for r in numbers.itertuples()])
+    known = numbers.groupby("kind", sort=False)["z"].transform(lambda z: z.notna().any())
     order = (
-        own[known | own["changed"]]
-        .assign(size=own["z"].abs())
+        numbers[known | numbers["changed"]]
+        .assign(size=numbers["z"].abs())
         .groupby("kind", sort=False)
         .agg(changed=("changed", "any"), size=("size", "max"))
         .sort_values(["changed", "size"], ascending=False, kind="stable")
     )
-    drawn = [_figure(comparison, own[own["kind"] == kind], str(kind)) for kind in order.index[:_MOST]]
-    captions = [_caption(own[(own["kind"] == kind) & own["changed"]]) for kind in order.index[:_MOST]]
+    drawn = [_figure(comparison, numbers[numbers["kind"] == kind], str(kind)) for kind in order.index[:_MOST]]
+    captions = [_caption(numbers[(numbers["kind"] == kind) & numbers["changed"]]) for kind in order.index[:_MOST]]
     return tuple(zip(drawn, captions, strict=True)), max(len(order) - _MOST, 0)
 
 

@@ -205,19 +205,19 @@ def _probability_figure(rows: list[AssessedCause]) -> go.Figure:
 def _bars(rows: list[AssessedCause], values: list[float], words: list[str]) -> go.Figure:
     figure = go.Figure()
     for verdict, (name, colour) in _VERDICTS.items():
-        own = [k for k, row in enumerate(rows) if row.verdict == verdict]
-        if not own:
+        of_verdict = [k for k, row in enumerate(rows) if row.verdict == verdict]
+        if not of_verdict:
             continue
         figure.add_trace(
             go.Bar(
-                y=[_axis_label(rows, k) for k in own],
-                x=[values[k] for k in own],
+                y=[_axis_label(rows, k) for k in of_verdict],
+                x=[values[k] for k in of_verdict],
                 name=name,
                 orientation="h",
-                customdata=[words[k] for k in own],
+                customdata=[words[k] for k in of_verdict],
                 marker={
                     "color": colour,
-                    "pattern": {"shape": ["/" if rows[k].holds == "changes" else "" for k in own]},
+                    "pattern": {"shape": ["/" if rows[k].holds == "changes" else "" for k in of_verdict]},
                 },
                 hovertemplate="%{y}: %{customdata}<extra></extra>",
             )

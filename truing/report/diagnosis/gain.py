@@ -197,12 +197,12 @@ def _by_role(tables: Tables) -> Listing:
     roles = table["role"].replace("reference", "calibration")
     rows = []
     for role, words in (("calibration", POINTS.fitted), ("verification", POINTS.held_out)):
-        own = table[roles == role]
-        if not len(own):
+        of_role = table[roles == role]
+        if not len(of_role):
             continue
-        sizes = [rms_with_interval(own[f"rms_{when}"], rng) for when in ("before", "after")]
-        most = [plain(own[f"largest_{when}"].max()) for when in ("before", "after")]
-        rows.append((words, str(len(own)), *sizes, *most, sign(str(own["unit"].iloc[0]))))
+        sizes = [rms_with_interval(of_role[f"rms_{when}"], rng) for when in ("before", "after")]
+        most = [plain(of_role[f"largest_{when}"].max()) for when in ("before", "after")]
+        rows.append((words, str(len(of_role)), *sizes, *most, sign(str(of_role["unit"].iloc[0]))))
     return Listing(heads, tuple(rows), caption=_EVERY_POSE, held_by="prediction.parquet")
 
 
@@ -254,14 +254,14 @@ def _calibrations(tables: Tables) -> Listing:
         (
             name,
             words,
-            plain(root_mean_square(own[_ERROR])),
-            plain(own[_ERROR].max()),
-            plain(root_mean_square(own["position_noise_um"])) if "position_noise_um" in own else "–",
+            plain(root_mean_square(rows_of[_ERROR])),
+            plain(rows_of[_ERROR].max()),
+            plain(root_mean_square(rows_of["position_noise_um"])) if "position_noise_um" in rows_of else "–",
             "µm",
         )
         for name in dict.fromkeys(errors["called"])
         for role, words in (("calibration", POINTS.fitted), ("verification", POINTS.held_out))
-        if len(own := errors[(errors["called"] == name) & (roles == role)])
+        if len(rows_of := errors[(errors["called"] == name) & (roles == role)])
     )
     return Listing(heads, rows, caption="Position of the platform: extended model and plain calibrations", folded=True)
 
@@ -358,17 +358,17 @@ def _errors_of_calibrations(errors: pd.DataFrame) -> go.Figure:
     names = list(dict.fromkeys(errors["called"]))
     figure = go.Figure()
     for role, (words, colour) in _ROLES.items():
-        own = [float(sizes.get((name, role), np.nan)) for name in names]
-        if not np.isfinite(own).any():
+        rms_errors = [float(sizes.get((name, role), np.nan)) for name in names]
+        if not np.isfinite(rms_errors).any():
             continue
         figure.add_trace(
             go.Bar(
                 y=[f"{label(name)} " for name in names],
-                x=own,
+                x=rms_errors,
                 name=words,
                 orientation="h",
                 marker={"color": colour},
-                text=[plain(size) for size in own],
+                text=[plain(size) for size in rms_errors],
             )
         )
     subtitle = _floor_line(figure, _noise(errors), "µm", vertical=True)

@@ -113,12 +113,12 @@ def _largest_shift(row: AssessedCause, tables: Tables) -> Reach | None:
 
 def _own_sigma(row: AssessedCause, drive: float, leg: int, legs: int) -> float | None:
     """Return the uncertainty, um, of a leg's shift at a displacement of its actuator, from its parameters."""
-    own = [
+    sigmas = [
         (s, p) for kind, p in _MORE.items() for s in row.sizes_of(kind) if leg in _legs_of(s.name, row.subject, legs)
     ]
-    if any(size.sigma is None for size, _ in own):
+    if any(size.sigma is None for size, _ in sigmas):
         return None
-    return 1e3 * float(np.sqrt(sum((size.sigma or 0.0) ** 2 * drive ** (2 * power) for size, power in own)))
+    return 1e3 * float(np.sqrt(sum((size.sigma or 0.0) ** 2 * drive ** (2 * power) for size, power in sigmas)))
 
 
 def _largest_difference(drives: NDArray, matrix: NDArray, sigma: NDArray) -> Reach | None:

@@ -101,7 +101,7 @@ def _one_number(table: pd.DataFrame | None, last: Any) -> str:
         return _one_leg(known)
     first, *others = known.itertuples()
     near = [other for other in others if first.explained_after - other.explained_after < _AS_LIKELY][:_NAMED]
-    meant, *also = [_other_by(own) for own in (first, *near)]
+    meant, *also = [_other_by(candidate) for candidate in (first, *near)]
     text = f"The description does not fit the machine: one wrong number explains it. Did you mean {meant}?"
     return f"{text} Equally likely: {'; or '.join(also)}." if also else text
 

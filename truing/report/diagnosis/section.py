@@ -112,9 +112,9 @@ def sizes(causes: list[AssessedCause], tables: Tables) -> ReportSection:
     listings = tuple(_parameters(row) for row in causes if row.sizes)
     numbers = sum(size.number is not None for row in causes for size in row.sizes)
     lead = f"{count(numbers, 'parameter')} of the accepted causes, ± one standard deviation."
-    combined = [(row, own) for row in causes if len(own := _combinations(row, tables))]
-    text = " ".join([lead, *(_combined_words(row, own) for row, own in combined)])
-    tables_of_combinations = tuple(_combined(row, own) for row, own in combined)
+    combined = [(row, combinations) for row in causes if len(combinations := _combinations(row, tables))]
+    text = " ".join([lead, *(_combined_words(row, combinations) for row, combinations in combined)])
+    tables_of_combinations = tuple(_combined(row, combinations) for row, combinations in combined)
     return ReportSection("sizes", "How large", text, tuple(drawn), (*tables_of_combinations, *listings))
 
 
@@ -154,16 +154,16 @@ def _pictures(row: AssessedCause) -> Drawn:
     matrix = _matrix(row)
     if matrix is not None:
         return [matrix]
-    own: dict[str, list[ParameterSize]] = {}
+    sizes_by_unit: dict[str, list[ParameterSize]] = {}
     for size in row.sizes:
         if size.number is not None and size.sigma is not None:
-            own.setdefault(stem(size.name), []).append(size)
+            sizes_by_unit.setdefault(stem(size.name), []).append(size)
     return [
         (
             _parameter_bars(row, kind, several),
             "A parameter whose interval contains zero is not significant.",
         )
-        for kind, several in own.items()
+        for kind, several in sizes_by_unit.items()
         if len(several) >= _WORTH_DRAWING
     ]
 

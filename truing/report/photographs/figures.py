@@ -223,8 +223,8 @@ def residual_picture(residuals: pd.DataFrame, cameras: pd.DataFrame) -> go.Figur
             (f"{camera}, all images: means of cells", _cell_means(rows[rows["camera"] == camera], formats, gain))
         )
     for pose, image in images:
-        own = reported[(reported["pose"] == pose) & (reported["image"] == image)]
-        steps.append((f"{image}, pose {pose}" if str(pose) not in str(image) else str(image), _of_image(own, gain)))
+        rays = reported[(reported["pose"] == pose) & (reported["image"] == image)]
+        steps.append((f"{image}, pose {pose}" if str(pose) not in str(image) else str(image), _of_image(rays, gain)))
     owner = [number for number, (_, traces) in enumerate(steps) for _ in traces]
     for number, (_, traces) in enumerate(steps):
         for trace in traces:

@@ -141,11 +141,11 @@ def _bars(tables: Tables) -> Iterator[Listing]:
         rows = tuple((str(r.pose), r.bar, r.serves, *_length(r)) for r in bars.itertuples())
         yield Listing(heads, rows, caption="Scale bars", folded=len(rows) > _OPEN, held_by=_LENGTHS)
     for start, title in ((FROM_SURVEY, "Distances of the survey"), (FROM_MARKER, "Diagonals of markers and boards")):
-        own = table[table["bar"].str.startswith(start)]
-        if not len(own):
+        of_kind = table[table["bar"].str.startswith(start)]
+        if not len(of_kind):
             continue
-        standardised = (own["deviation_mm"] / own["deviation_sigma_mm"]).abs().fillna(0.0)
-        worst = own.loc[standardised.groupby(own["bar"], sort=False).idxmax()]
+        standardised = (of_kind["deviation_mm"] / of_kind["deviation_sigma_mm"]).abs().fillna(0.0)
+        worst = of_kind.loc[standardised.groupby(of_kind["bar"], sort=False).idxmax()]
         each = tuple((r.bar.removeprefix(start), str(r.pose), *_length(r)) for r in worst.itertuples())
         caption = f"{title} that define the scale ({len(each)}), each in the pose with its largest deviation"
         yield Listing((_DISTANCE, POSE, *heads[3:]), each, (), caption, len(each) > _OPEN, _LENGTHS)

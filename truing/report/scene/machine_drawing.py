@@ -255,10 +255,10 @@ def _svg(shape: _Shape, points: _Points) -> str:
         shown = (np.atleast_2d(places) @ _VIEW.T - (low + high) / 2.0) * scale * np.array([1.0, -1.0])
         return np.asarray(shown + np.array([_WIDTH, _HEIGHT]) / 2.0)
 
-    parts = [f'<polyline class="{name}" points="{_listed(at(own))}"/>' for name, own in shape.lines]
-    for name, own in shape.dots:
+    parts = [f'<polyline class="{name}" points="{_listed(at(line))}"/>' for name, line in shape.lines]
+    for name, line in shape.dots:
         radius = 4.5 if name.endswith(_FAILING) else 2
-        parts += [f'<circle class="{name}" cx="{x:.1f}" cy="{y:.1f}" r="{radius}"/>' for x, y in at(own)]
+        parts += [f'<circle class="{name}" cx="{x:.1f}" cy="{y:.1f}" r="{radius}"/>' for x, y in at(line)]
     texts: list[tuple[str, _Points, _Points]] = []
     for (name, origin, _), ends in zip(shape.frames, tips, strict=True):
         (x, y), *arrows = at(np.vstack([origin, ends]))
@@ -267,7 +267,7 @@ def _svg(shape: _Shape, points: _Points) -> str:
             words = f"{axis} {name}".strip() if axis == "z" else axis
             texts.append((words, np.array([u, v]), np.array([x, y])))
     texts += [(words, *at(np.stack([place, middle]))) for words, place, middle in shape.labels]
-    drawn = [_along(at(own)) for _, own in shape.lines] + [at(own) for _, own in shape.dots]
+    drawn = [_along(at(line)) for _, line in shape.lines] + [at(line) for _, line in shape.dots]
     drawn += [
         _along(at(np.stack([origin, end])))
         for (_, origin, _), tip in zip(shape.frames, tips, strict=True)
@@ -328,11 +328,11 @@ def _listed(points: _Points) -> str:
 
 def _words(shape: _Shape) -> str:
     """Return the content of the drawing in words, for readers who cannot see it."""
-    targets = sum(len(own) for _, own in shape.dots)
+    targets = sum(len(points) for _, points in shape.dots)
     names = ", ".join(html.escape(name) for name, _, _ in shape.frames if name)
     legs = sum(name.startswith("leg") for name, _ in shape.lines)
     failing = sum(name.endswith(_FAILING) for name, _ in shape.lines)
-    failing += sum(len(own) for name, own in shape.dots if name.endswith(_FAILING))
+    failing += sum(len(points) for name, points in shape.dots if name.endswith(_FAILING))
     numbers = ((legs, "lines for legs or links"), (targets, "targets"), (failing, "of them named by a failed check"))
     parts = [f"frames of {names}"] * bool(names) + [f"{number} {noun}" for number, noun in numbers if number]
     return f"Drawing of the machine: {'; '.join(parts)}"

@@ -31,14 +31,14 @@ def pose_scene(tables: Tables, residuals: pd.DataFrame, body: str) -> DrawnScene
     ``tables`` with ``shape``: places of targets (body, target, x_mm, y_mm, z_mm, leg); ``motions``: poses of bodies.
     """
     shape = tables["shape"]
-    own = _targets(shape, residuals, body)
-    legs = _of_legs(shape, tables["residuals"]) if body == _PLATFORM else own.iloc[:0]
-    poses = _slider_poses(residuals, len(own) + len(legs))
+    seen = _targets(shape, residuals, body)
+    legs = _of_legs(shape, tables["residuals"]) if body == _PLATFORM else seen.iloc[:0]
+    poses = _slider_poses(residuals, len(seen) + len(legs))
     motion = _motions(tables, [body, *legs["body"].unique()], poses)
-    place, shift = _points(own, residuals, poses)
+    place, shift = _points(seen, residuals, poses)
     leg_points, leg_shift = _points(legs, tables["residuals"], poses)
     _in_frame_of(leg_points, leg_shift, legs, body, motion)
-    all_points, targets = np.concatenate([place, leg_points], axis=1), _with_legs(own, legs)
+    all_points, targets = np.concatenate([place, leg_points], axis=1), _with_legs(seen, legs)
     moved = np.concatenate([shift, leg_shift], axis=1)
     numbers, lower, upper = _joints(tables, body, motion, len(poses))
     attached = targets["at"].to_numpy(dtype=float)
@@ -50,7 +50,7 @@ def pose_scene(tables: Tables, residuals: pd.DataFrame, body: str) -> DrawnScene
         shift=moved,
         leg=np.nan_to_num(targets["leg"].to_numpy(dtype=float)).astype(int),
         attached=np.isfinite(attached),
-        own=np.arange(len(targets)) >= len(own),
+        own=np.arange(len(targets)) >= len(seen),
         words=_words(tables, targets, moved, poses),
         legs=numbers,
         lower=lower,
@@ -63,8 +63,8 @@ def pose_scene(tables: Tables, residuals: pd.DataFrame, body: str) -> DrawnScene
 def _targets(shape: pd.DataFrame, residuals: pd.DataFrame, body: str) -> pd.DataFrame:
     """Return targets of the body that were seen in any pose, with the leg of their attachment."""
     seen = set(residuals["target"])
-    own = shape[(shape["body"] == body) & shape["target"].isin(seen)].reset_index(drop=True)
-    return own.assign(at=own["leg"])
+    of_body = shape[(shape["body"] == body) & shape["target"].isin(seen)].reset_index(drop=True)
+    return of_body.assign(at=of_body["leg"])
 
 
 def _of_legs(shape: pd.DataFrame, residuals: pd.DataFrame) -> pd.DataFrame:
@@ -113,8 +113,8 @@ def _motions(tables: Tables, bodies: list[str], poses: list[Any]) -> _Motions:
         return {}
     motions = {}
     for name in bodies:
-        own = known[known["body"] == name].set_index("pose").reindex(poses)
-        motions[name] = own[_PLACE].to_numpy(dtype=float), own[_ENTRIES].to_numpy(dtype=float).reshape(-1, 3, 3)
+        of_body = known[known["body"] == name].set_index("pose").reindex(poses)
+        motions[name] = of_body[_PLACE].to_numpy(dtype=float), of_body[_ENTRIES].to_numpy(dtype=float).reshape(-1, 3, 3)
     return motions
 
 
@@ -123,14 +123,14 @@ def _in_frame_of(
 ) -> None:
     """Return places and shifts (S, N, 3) of other bodies' targets in the frame of this body."""
     for name in targets["body"].unique():
-        own = (targets["body"] == name).to_numpy()
+        of_body = (targets["body"] == name).to_numpy()
         if body not in motion or name not in motion:
-            places[:, own] = np.nan
+            places[:, of_body] = np.nan
             continue
         (p, R), (origin, turn) = motion[name], motion[body]
-        seen = np.einsum("sij,snj->sni", R, places[:, own]) + (p - origin)[:, None]
-        places[:, own] = np.einsum("sji,snj->sni", turn, seen)
-        shifts[:, own] = np.einsum("sji,sjk,snk->sni", turn, R, shifts[:, own])
+        seen = np.einsum("sij,snj->sni", R, places[:, of_body]) + (p - origin)[:, None]
+        places[:, of_body] = np.einsum("sji,snj->sni", turn, seen)
+        shifts[:, of_body] = np.einsum("sji,sjk,snk->sni", turn, R, shifts[:, of_body])
 
 
 def _joints(
@@ -292,9 +292,9 @@ def _words_of_loads(
     noise = _sigma_along(place, shift / np.where(size > 0.0, size, 1.0)[..., None], covariance)
     return tuple(
         tuple(
-            f"b{leg}: {with_uncertainty(1e3 * float(s), float(u), 'µm')}" for leg, s, u in zip(legs, *own, strict=True)
+            f"b{leg}: {with_uncertainty(1e3 * float(s), float(u), 'µm')}" for leg, s, u in zip(legs, *pair, strict=True)
         )
-        for own in zip(size, noise, strict=True)
+        for pair in zip(size, noise, strict=True)
     )
 
 
@@ -311,9 +311,9 @@ def _load_captions(
     return tuple(
         tuple(
             f"Leg {leg}: change of the distance between its joints {with_uncertainty(float(s), float(u), 'µm')}."
-            for leg, s, u in zip(legs, *own, strict=True)
+            for leg, s, u in zip(legs, *pair, strict=True)
         )
-        for own in zip(longer, noise, strict=True)
+        for pair in zip(longer, noise, strict=True)
     )
 
 

@@ -90,8 +90,8 @@ def gains(chosen: float) -> list[float]:
 def picture(scene: DrawnScene, title: str, subtitle: str) -> go.Figure:
     """Return the scene as a figure with a slider for the step; the page adds controls for amplification and legs."""
     figure = go.Figure(_traces(scene))
-    for trace, own in zip(figure.data, drawn(scene, 0, scene.gain), strict=True):
-        trace.update(own)
+    for trace, changes in zip(figure.data, drawn(scene, 0, scene.gain), strict=True):
+        trace.update(changes)
     style(figure, title, subtitle, 640)
     low, high = _box(scene)
     figure.update_layout(
@@ -199,9 +199,9 @@ def _traces(scene: DrawnScene) -> list[go.Scatter3d]:
 def _slider(scene: DrawnScene) -> dict[str, Any]:
     steps = []
     for step, name in enumerate(scene.labels):
-        own = drawn(scene, step, scene.gain)
-        args = {axis: [trace[axis] for trace in own] for axis in "xyz"}
-        args["text"] = [trace.get("text") for trace in own]
+        changes = drawn(scene, step, scene.gain)
+        args = {axis: [trace[axis] for trace in changes] for axis in "xyz"}
+        args["text"] = [trace.get("text") for trace in changes]
         steps.append({"label": label(name), "method": "restyle", "args": [args]})
     return {"steps": steps, "currentvalue": {"prefix": f"{scene.step} "}, "pad": {"t": 10, "b": 20, "l": 60, "r": 60}}
 

@@ -328,10 +328,10 @@ def differences(curves: pd.DataFrame) -> go.Figure:
                 empty = {"text": "not measured", "showarrow": False, "font": {"color": GREY, "size": 10}}
                 grid.add_annotation(**empty, row=place[0], col=place[1])
                 continue
-            own = _simulation(part, 0.0 * part["simulated"], shown)
-            own += _measurement(part, part["measured"] - part["simulated"], shown, size=4)
-            traces += own
-            places += [place] * len(own)
+            added = _simulation(part, 0.0 * part["simulated"], shown)
+            added += _measurement(part, part["measured"] - part["simulated"], shown, size=4)
+            traces += added
+            places += [place] * len(added)
         grid.update_yaxes(title_text=f"{channel} ({moved_unit(channel)})", title_font={"size": 11}, row=i + 1, col=1)
     grid.add_traces(traces, [row for row, _ in places], [column for _, column in places])
     for j, load in enumerate(loads):

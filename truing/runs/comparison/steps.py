@@ -52,15 +52,15 @@ def not_assessed(why: str) -> RunStep:
     return RunStep(pd.DataFrame(columns=[*NAMES, "z", "changed"]), why)
 
 
-def shift_without_effects(shared: NDArray, covariance: NDArray, own: NDArray, effects: list[NDArray]) -> NDArray:
-    """Return the shifts of numbers at ``own`` (n,) if each effect were left out of the model, as a covariance (n, n).
+def shift_without_effects(shared: NDArray, covariance: NDArray, geometry: NDArray, effects: list[NDArray]) -> NDArray:
+    """Return the shifts of the numbers at ``geometry`` (n,) if each effect were left out of the model, as a covariance (n, n).
 
     shared (G,) with covariance (G, G); effects: the places of each one's parameters. An effect that one campaign found
     may be present but missing in the other's model, whose numbers are then biased by this much.
     """
-    spread = np.zeros((len(own), len(own)))
+    spread = np.zeros((len(geometry), len(geometry)))
     for places in effects:
-        gain = np.linalg.solve(covariance[np.ix_(places, places)], covariance[np.ix_(places, own)])
+        gain = np.linalg.solve(covariance[np.ix_(places, places)], covariance[np.ix_(places, geometry)])
         moved = gain.T @ shared[places]
         spread += np.outer(moved, moved)
     return spread

@@ -175,10 +175,10 @@ class AxisGrowth(AxisCause):
         for column, values in varying_columns(scene.rows.covariates).items():
             if is_temperature(column):
                 per_k = max(scene.axis.spread, _PLAUSIBLE[scene.axis.kind]) / float(np.ptp(values))
-                own = replace(self, kind_of_axis=scene.axis.kind, column=column, reference_c=float(np.mean(values)))
-                own = replace(own, plausible=per_k / travel, plausible_shift=per_k)
+                growth = replace(self, kind_of_axis=scene.axis.kind, column=column, reference_c=float(np.mean(values)))
+                growth = replace(growth, plausible=per_k / travel, plausible_shift=per_k)
                 elements = shown_elements(scene.axis)
-                growths += [replace(own, element=name, fixed=point) for name in elements for point in points]
+                growths += [replace(growth, element=name, fixed=point) for name in elements for point in points]
         return growths
 
     def refined(self) -> Self:

@@ -50,10 +50,10 @@ class SensorPrior(CampaignPrior[ReadingCause]):
     def values(self, model: PartitionedModel, shared: NDArray) -> NDArray:
         """Return the numbers (n,): unknowns, whose identified combinations are computed from the compliance."""
         sensor, geometry, stiffness = _sensor_and_stiffness(model, shared)
-        own = np.concatenate([geometry, stiffness]) * self._ratio(sensor)
+        shifts = np.concatenate([geometry, stiffness]) * self._ratio(sensor)
         reported = self.start + self.back @ (sensor.at(geometry, stiffness).compliance.ravel() - self.compliance)
-        others = super().values(model, shared)[len(own) :]
-        return np.concatenate([own + self.along.T @ (reported - self.along @ own), others])
+        others = super().values(model, shared)[len(shifts) :]
+        return np.concatenate([shifts + self.along.T @ (reported - self.along @ shifts), others])
 
     def slopes(self, model: PartitionedModel, shared: NDArray) -> NDArray:
         """Return the derivative (n, n) of the numbers by their unknowns."""

@@ -317,12 +317,12 @@ def fixed_body(body: BodyTargets, level: Index, order: Array) -> BodyPlaces:
     R, t, middle = body.R.copy(), body.t.copy(), body.shape.mean(0)
     centre = body.t + body.R @ middle
     for index in range(level.max() + 1):
-        own = level == index
-        known = own & body.ok
+        at_level = level == index
+        known = at_level & body.ok
         if known.any():
             first = body.R[known][0]
-            R[own] = exp_so3(np.median(log_so3(body.R[known] @ first.T), axis=0)) @ first
-            t[own] = np.median(centre[known], axis=0) - R[own] @ middle
+            R[at_level] = exp_so3(np.median(log_so3(body.R[known] @ first.T), axis=0)) @ first
+            t[at_level] = np.median(centre[known], axis=0) - R[at_level] @ middle
     return BodyPlaces(int(level.max()) + 1, level, _jitter(body, level, order), R, t)
 
 
@@ -336,10 +336,10 @@ def _jitter(body: BodyTargets, level: Index, order: Array) -> Array:
         return _root(np.zeros((6, 6)), body)
     scale = _NORMAL * np.median(np.abs(steps), axis=0)
     clipped = np.clip(steps / np.maximum(scale, 1e-12), -_TAIL, _TAIL)
-    own = np.corrcoef(clipped, rowvar=False) * np.outer(scale, scale)
+    covariance = np.corrcoef(clipped, rowvar=False) * np.outer(scale, scale)
     alike = np.diag(np.repeat([np.mean(scale[:3] ** 2), np.mean(scale[3:] ** 2)], 3))
     share = len(steps) / (len(steps) + _ALIKE)
-    return _root(share * own + (1.0 - share) * alike - _noise_covariance(body), body)
+    return _root(share * covariance + (1.0 - share) * alike - _noise_covariance(body), body)
 
 
 def _steps(body: BodyTargets, level: Index, order: Array) -> Array:

@@ -217,8 +217,8 @@ class UncertainSensor:
         passive = np.linalg.inv(G)
         if giving is None:
             lead = passive.shape[:-2]
-            own = [passive, self._lengthening(G)][: self.models]
-            return Response(self._displaced(G), _stacked(own, lead))
+            responses = [passive, self._lengthening(G)][: self.models]
+            return Response(self._displaced(G), _stacked(responses, lead))
         transport = end_transport(joints.arm, leg_axes(joints.direction))
         stiffness = transport @ np.linalg.inv(giving) @ np.swapaxes(transport, -1, -2)
         compliance = np.linalg.inv(stiffness.sum(-3))

@@ -103,16 +103,16 @@ class JointErrorCurve(ChainCause):
     def _of_single_joints(self, machine: ChainInputs, knots: int) -> Iterator[tuple[Self, int]]:
         """Yield the curve of every joint whose readings determine it, and the number of knots that they reach."""
         for k, name in enumerate(machine.tree.readings):
-            own, turns = machine.readings[:, k], bool(machine.tree.is_revolute[k])
-            low, high = (0.0, _TURN) if turns else usual_range(own)
+            readings, turns = machine.readings[:, k], bool(machine.tree.is_revolute[k])
+            low, high = (0.0, _TURN) if turns else usual_range(readings)
             if not high > low:
                 continue
             period = float(high - low) * (1.0 if turns else knots / (knots - _REACHED))
             ends = {"starts": (float(low),), "periods": (period,)}
             curve = replace(self, joints=(name,), knots=(knots,), is_angle=turns, **ends)
-            place = curve._place_of(own, 0)
+            place = curve._place_of(readings, 0)
             reached, distinct = (len(np.unique(np.floor(place * cells))) for cells in (1, 2))
-            if reached >= _FEWEST and len(own) >= _POSES_EACH * reached and distinct >= _READINGS_EACH * reached:
+            if reached >= _FEWEST and len(readings) >= _POSES_EACH * reached and distinct >= _READINGS_EACH * reached:
                 yield curve, reached
 
     def _place_of(self, readings: NDArray, place: int) -> Array:
@@ -164,23 +164,23 @@ class JointErrorCurve(ChainCause):
         for index, joint in enumerate(self.joints):
             reading = machine.tree.readings.index(joint)
             knots, heights = self._bumps(machine.readings[:, reading], index)
-            own = rows[:, :, reading, None] * heights[:, None]
-            np.put_along_axis(result[..., self._own(index)], knots[:, None], own, 2)
+            by_height = rows[:, :, reading, None] * heights[:, None]
+            np.put_along_axis(result[..., self._own(index)], knots[:, None], by_height, 2)
         return result
 
     def curves(self, values: NDArray, covariance: NDArray) -> Iterator[JointCurve]:
         """Yield the curve of every joint, from all parameters (P,) and their covariance (P, P), SI."""
         for index, joint in enumerate(self.joints):
-            own = self._own(index)
+            rows = self._own(index)
             knots = self.knots[index]
             span = knots if self.is_angle else knots - _REACHED
             steps = np.arange(span * _PER_KNOT + (not self.is_angle)) / _PER_KNOT
             readings = self.starts[index] + self.periods[index] / knots * steps
             basis = self.basis(readings, index)
-            variance = np.sum((basis @ covariance[own, own]) * basis, -1)
+            variance = np.sum((basis @ covariance[rows, rows]) * basis, -1)
             free = self.reach * self._size[1] * np.sqrt(np.sum(basis**2, -1))
             sigma = np.sqrt(np.maximum(variance, 0.0))
-            yield JointCurve(joint, self.is_angle, readings, basis @ values[own], sigma, sigma < DETERMINED * free)
+            yield JointCurve(joint, self.is_angle, readings, basis @ values[rows], sigma, sigma < DETERMINED * free)
 
     def _own(self, place: int) -> slice:
         """Return the places of one joint's parameters."""
@@ -202,11 +202,11 @@ class JointErrorCurve(ChainCause):
         """Return the largest deviation of every curve where data determine it, and the largest distance of knots."""
         unit, _, si = self._size
         found = []
-        for own in self.curves(values, covariance):
-            if own.is_determined.any():
-                k = int(np.argmax(np.abs(own.deviation) * own.is_determined))
-                name = f"largest_{own.joint}" if self.concerns_several else "largest"
-                found.append(ReportedParameter(name, abs(own.deviation[k]) / si, own.sigma[k] / si, unit))
+        for curve in self.curves(values, covariance):
+            if curve.is_determined.any():
+                k = int(np.argmax(np.abs(curve.deviation) * curve.is_determined))
+                name = f"largest_{curve.joint}" if self.concerns_several else "largest"
+                found.append(ReportedParameter(name, abs(curve.deviation[k]) / si, curve.sigma[k] / si, unit))
         step = max(period / knots for period, knots in zip(self.periods, self.knots, strict=True))
         spacing = (step / _DEG, None, "deg") if self.is_angle else (step / _MM, None, "mm")
         return (*found, ReportedParameter("spacing", *spacing))

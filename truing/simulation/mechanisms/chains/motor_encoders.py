@@ -38,16 +38,16 @@ def motor_terms(machine: ChainInputs, reading: int, motor: NDArray) -> list[Moto
     joint. The ratio is that of a motor before a gear; 1 if its readings are those of the joint already. Returns none
     if there are too few readings.
     """
-    joint, own = machine.tree.readings[reading], np.isfinite(motor)
+    joint, is_known = machine.tree.readings[reading], np.isfinite(motor)
     is_angle = bool(machine.tree.is_revolute[reading])
     unit, torque = ("rad", "rad/(N m)") if is_angle else ("m", "m/N")
     names, columns = zip(*_columns(machine, reading, is_angle), strict=True)
-    if own.sum() < len(names) + 2 + _SPARE or not np.ptp(machine.readings[own, reading]) > 0.0:
+    if is_known.sum() < len(names) + 2 + _SPARE or not np.ptp(machine.readings[is_known, reading]) > 0.0:
         return []
-    q, target = machine.readings[own, reading], motor[own]
+    q, target = machine.readings[is_known, reading], motor[is_known]
     plain = np.column_stack([np.ones(len(q)), q])
-    kept = _independent(plain, [column[own] for column in columns])
-    design = np.column_stack([plain, *(columns[k][own] for k in kept)])
+    kept = _independent(plain, [column[is_known] for column in columns])
+    design = np.column_stack([plain, *(columns[k][is_known] for k in kept)])
     found, cov, rest = _fitted(design, target)
     _, _, bare = _fitted(plain, target)
     ratio, size = float(found[1]), abs(float(found[1]))
@@ -62,7 +62,9 @@ def motor_terms(machine: ChainInputs, reading: int, motor: NDArray) -> list[Moto
         else:
             terms.append(MotorTerm(joint, name, unit_of, None, None))
     sizes = ((DIFFERENCE, bare), (REMAINDER, rest))
-    return terms + [MotorTerm(joint, name, unit, float(np.sqrt(np.mean(own**2))) / size, None) for name, own in sizes]
+    return terms + [
+        MotorTerm(joint, name, unit, float(np.sqrt(np.mean(values**2))) / size, None) for name, values in sizes
+    ]
 
 
 def _columns(machine: ChainInputs, reading: int, is_angle: bool) -> Iterator[tuple[str, Array]]:

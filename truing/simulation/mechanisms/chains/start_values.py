@@ -70,9 +70,9 @@ def errors_at(
     start: StartValues,
 ) -> Array:
     """Errors (B, K, 3), m and rad, of channels at places that were fitted to other poses; NaN where not seen."""
-    own = _Places(start.base_R, start.base_t, start.shape, start.tool)
+    start_places = _Places(start.base_R, start.base_t, start.shape, start.tool)
     problem = _Problem(tree, channels, conditions, values, is_observed, np.arange(0), False)
-    return problem.refined(own).errors
+    return problem.refined(start_places).errors
 
 
 @dataclass(frozen=True)
@@ -110,8 +110,8 @@ class _Problem:
     def _links(self, places: _Places) -> tuple[Array, Array]:
         """Return R (B, K, 3, 3), t (B, K, 3), m, of the links of the channels: the base moves them all alike."""
         R, t = places.R[self.conditions.series], places.t[self.conditions.series]
-        own, frames = self.channels.node, self._on_base
-        return R[:, None] @ frames.R[:, own], t[:, None] + np.einsum("bij,bkj->bki", R, frames.t[:, own])
+        nodes, frames = self.channels.node, self._on_base
+        return R[:, None] @ frames.R[:, nodes], t[:, None] + np.einsum("bij,bkj->bki", R, frames.t[:, nodes])
 
     def _predicted(self, places: _Places, links: tuple[Array, Array]) -> Array:
         """Return the channels (B, K, 3), m and rad."""
@@ -170,11 +170,11 @@ class _Problem:
             twists = moved.reshape(-1, TWIST)
             t = t + np.einsum("sij,sj->si", R, twists[:, :3])
             R = R @ exp_so3(twists[:, 3:])
-        for k, own in zip(self.free, step.reshape(-1, 3), strict=True):
+        for k, shift in zip(self.free, step.reshape(-1, 3), strict=True):
             if self.channels.is_rotation[k]:
-                tool[k] = tool[k] @ exp_so3(own)
+                tool[k] = tool[k] @ exp_so3(shift)
             else:
-                shape[k] += own
+                shape[k] += shift
         return _Places(R, t, shape, tool)
 
     def refined(self, places: _Places) -> StartValues:
