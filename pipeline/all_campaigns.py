@@ -45,7 +45,7 @@ def write_all_campaigns(folder: Path, ends: Sequence[tuple[Path, CampaignOutcome
     from truing.report.all_campaigns import campaigns_page
 
     table = campaigns_table(ends)
-    digest = digest_of([str(place) for place, _ in ends])
+    digest = digest_of([str(path) for path, _ in ends])
     names = f"{len(ends)} campaigns"
     write_table(folder / _TABLE.file, _TABLE, table, Stamp(_STAGE, digest, names, __version__, (_TABLE.name,)))
     rows = table.to_pylist()
@@ -58,7 +58,7 @@ def campaigns_table(ends: Sequence[tuple[Path, CampaignOutcome]]) -> pa.Table:
     """The table ``campaigns``: one row per campaign, the worst first."""
     import pyarrow as pa
 
-    rows = sorted((_row(place, outcome) for place, outcome in ends), key=_badness)
+    rows = sorted((_row(path, outcome) for path, outcome in ends), key=_badness)
     ranked = [{"rank": rank, **row} for rank, row in enumerate(rows, start=1)]
     return pa.Table.from_pylist(ranked, schema=_TABLE.arrow_schema())
 

@@ -210,12 +210,12 @@ def _is_read_otherwise(campaign: CampaignFolder, corrected: CampaignFolder) -> b
 
 def _remove(document: Mapping[str, Any], dotted: str) -> bool:
     """Remove the value at a fault's dotted path (list indices count from 1); False if it is missing."""
-    place: Any = document
+    level: Any = document
     *parents, last = dotted.split(".")
     try:
         for part in parents:
-            place = place[int(part) - 1] if isinstance(place, list) else place[part]
-        del place[int(last) - 1 if isinstance(place, list) else last]
+            level = level[int(part) - 1] if isinstance(level, list) else level[part]
+        del level[int(last) - 1 if isinstance(level, list) else last]
     except (KeyError, IndexError, ValueError, TypeError):
         return False
     return True

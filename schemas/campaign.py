@@ -236,15 +236,15 @@ def _fault(file: str, document: dict[str, Any], detail: Any) -> Fault:
 def _dotted(location: tuple[int | str, ...], document: dict[str, Any]) -> str:
     """Key path as in campaign.toml: list entries count from 1, and a single table has no number."""
     parts: list[str] = []
-    place: Any = document
+    level: Any = document
     for part in location:
-        if part in (*_TYPES, OF_NAME, OF_TABLE, "[key]") or (isinstance(part, int) and isinstance(place, dict)):
+        if part in (*_TYPES, OF_NAME, OF_TABLE, "[key]") or (isinstance(part, int) and isinstance(level, dict)):
             continue
         parts.append(str(part + 1) if isinstance(part, int) else part)
         try:
-            place = place[part]
+            level = level[part]
         except (KeyError, IndexError, TypeError):
-            place = {}
+            level = {}
     return ".".join(parts)
 
 

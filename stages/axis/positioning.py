@@ -84,13 +84,13 @@ def _arranged(readings: Array, group: Index, rows: AxisRows, targets: int) -> Ar
     approach = np.empty(len(group), int)
     approach[in_time] = np.cumsum(np.diff(group[in_time], prepend=-1) != 0)
     cells = {}
-    for place in np.ndindex(targets, 2):
-        in_cell = (group == place[0]) & (rows.direction == tuple(_WAYS)[place[1]]) & np.isfinite(readings)
+    for index in np.ndindex(targets, 2):
+        in_cell = (group == index[0]) & (rows.direction == tuple(_WAYS)[index[1]]) & np.isfinite(readings)
         _, number, count_of = np.unique(approach[in_cell], return_inverse=True, return_counts=True)
-        cells[place] = np.bincount(number, readings[in_cell]) / count_of
+        cells[index] = np.bincount(number, readings[in_cell]) / count_of
     result = np.full((targets, 2, max(2, *(len(means) for means in cells.values()))), np.nan)
-    for place, cell in cells.items():
-        result[place][: len(cell)] = cell
+    for index, cell in cells.items():
+        result[index][: len(cell)] = cell
     return result
 
 

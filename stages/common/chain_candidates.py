@@ -127,10 +127,10 @@ class ForbiddenPoses:
 
 
 def _forbidden_by(
-    function: Forbids, readings: Mapping[str, NDArray], places: Mapping[str, NDArray], count: int
+    function: Forbids, readings: Mapping[str, NDArray], positions: Mapping[str, NDArray], count: int
 ) -> Mask:
     name = getattr(function, "__qualname__", str(function))
-    forbidden = np.asarray(function(readings, places))
+    forbidden = np.asarray(function(readings, positions))
     if forbidden.shape != (count,) or forbidden.dtype != bool:
         expected = f"a mask of {count} values, true where a pose is forbidden"
         raise CampaignFaults([Fault("--avoid", expected, value=f"{name}: {forbidden.dtype} {forbidden.shape}")])

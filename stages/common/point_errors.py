@@ -67,8 +67,8 @@ class _ObservationRows:
         pose, name = positions(table.column("pose"), self.poses), positions(table.column(point), self.points)
         wanted = np.where((pose >= 0) & (name >= 0), pose * len(self.points) + name, -1)
         order = np.argsort(self.code)
-        place = np.minimum(np.searchsorted(self.code[order], wanted), len(order) - 1)
-        return np.where(self.code[order][place] == wanted, order[place], -1)
+        found = np.minimum(np.searchsorted(self.code[order], wanted), len(order) - 1)
+        return np.where(self.code[order][found] == wanted, order[found], -1)
 
 
 def _effects(table: pa.Table | None, of_row: _ObservationRows, count: int) -> tuple[tuple[str, ...], Array]:

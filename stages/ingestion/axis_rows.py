@@ -72,9 +72,9 @@ def _with_deviations(collected: CollectedRows, command: str, log: FaultLog) -> C
             expected = f"deviations from a command in {unit}, without a column {made} beside them"
             log.add(Fault(collected.first_file, expected, column=deviation_column))
             continue
-        place = pa.array(numbers(collected, command) + numbers(collected, deviation_column))
+        measured = pa.array(numbers(collected, command) + numbers(collected, deviation_column))
         collected = replace(
-            collected, table=collected.table.drop_columns([deviation_column]).append_column(made, place)
+            collected, table=collected.table.drop_columns([deviation_column]).append_column(made, measured)
         )
     return collected
 

@@ -157,12 +157,12 @@ def tree_of_urdf(
     moving = (*names, *(() if closure is None else closure.passive))
     if unread := [joint.name for joint in on_path if joint.name not in moving]:
         raise Unusable(f"every joint between {base} and {tip} in [mechanism] joints", value=unread[0])
-    places = {base: 0}
+    indices = {base: 0}
     mass = robot.links[base]
     nodes = [Node("", base, -1, np.eye(3), np.zeros(3), mass=mass.mass, com=np.array(mass.com))]
     for joint in carried:
-        places[joint.child] = len(nodes)
-        nodes.append(_node(joint, places[joint.parent], robot, moving))
+        indices[joint.child] = len(nodes)
+        nodes.append(_node(joint, indices[joint.parent], robot, moving))
     limits = {joint.name: joint.limits for joint in carried if joint.limits is not None}
     if closure is None:
         return Tree(tuple(nodes), names), limits

@@ -189,13 +189,13 @@ def read_poses(source: CampaignFiles, settings: Campaign, expected: ExpectedPoin
     check_unique_keys(rows, log, "pose", "body")
     _check_names(rows, expected, log)
     columns = rotation_columns(rows, log)
-    places = _place_columns(rows, log)
-    if columns is None or places is None:
+    names = _place_columns(rows, log)
+    if columns is None or names is None:
         return None
-    rows = _without_missing(rows, (*places, *columns), log)
+    rows = _without_missing(rows, (*names, *columns), log)
     R = rotations(rows, columns, settings.poses.euler, log)
     check_last_row(rows, log)
-    p = 1e-3 * np.column_stack([numbers(rows, name) for name in places])
+    p = 1e-3 * np.column_stack([numbers(rows, name) for name in names])
     covariance = _covariance(rows, columns, R, settings, log)
     files = tuple(dict.fromkeys(file.raw.name for file, _ in rows.parts))
     bodies = tuple(dict.fromkeys(rows.table.column("body").to_pylist()))
@@ -235,11 +235,11 @@ def _listed(poses: PoseTable) -> Any:
 
 def _place_columns(collected: CollectedRows, log: FaultLog) -> tuple[str, ...] | None:
     names = set(collected.table.column_names)
-    places = next((kind for kind in (COORDINATES, _TRANSLATIONS) if names & set(kind)), COORDINATES)
-    missing = [name for name in places if name not in names]
+    columns = next((kind for kind in (COORDINATES, _TRANSLATIONS) if names & set(kind)), COORDINATES)
+    missing = [name for name in columns if name not in names]
     for name in missing:
         log.add(Fault(collected.first_file, f"a column {name}: where the origin of the body is", column=name))
-    return None if missing else places
+    return None if missing else columns
 
 
 def _without_missing(collected: CollectedRows, columns: tuple[str, ...], log: FaultLog) -> CollectedRows:

@@ -95,12 +95,12 @@ def _same_step(collected: CollectedRows, readings: pa.Table | None) -> Index:
     """Return for each row (N,) the first row of the readings with the same run and step; -1 if there is none."""
     if readings is None:
         return np.full(len(collected.table), -1)
-    place: dict[tuple[str, object], int] = {}
+    first_row: dict[tuple[str, object], int] = {}
     columns = (readings.column(name).to_pylist() for name in ("run", "step"))
     for row, (run, step) in enumerate(zip(*columns, strict=True)):
-        place.setdefault((str(run), step), row)
+        first_row.setdefault((str(run), step), row)
     step_keys = zip(texts(collected, "run"), texts(collected, "step"), strict=True)
-    return np.array([place.get((str(run), step), -1) for run, step in step_keys], dtype=np.int64)
+    return np.array([first_row.get((str(run), step), -1) for run, step in step_keys], dtype=np.int64)
 
 
 def _where_known(values: Array, same: Index) -> Array:

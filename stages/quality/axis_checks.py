@@ -101,9 +101,9 @@ def noise_of_rows(encoder: str, command: Array, direction: Array, deviations: Ar
     known = np.isfinite(command) & np.isfinite(deviations) & (direction != 0.0)
     pairs = []
     for side in (-1.0, 1.0):
-        places = np.flatnonzero(known & (np.sign(direction) == side))
-        places = places[np.argsort(command[places], kind="stable")]
-        pairs.append(deviations[places[: len(places) // 2 * 2]].reshape(-1, 2))
+        rows = np.flatnonzero(known & (np.sign(direction) == side))
+        rows = rows[np.argsort(command[rows], kind="stable")]
+        pairs.append(deviations[rows[: len(rows) // 2 * 2]].reshape(-1, 2))
     both = np.concatenate(pairs)
     if len(both) < _FEWEST_PAIRS:
         return not_evaluated("too few rows", "axis-noise", encoder, f"{count(len(both), 'pair')} of neighbouring rows")

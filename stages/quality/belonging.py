@@ -129,9 +129,9 @@ def _surveys(survey: pa.Table | None, bodies: Sequence[BodyPoints]) -> Iterator[
     """Yield the tests of bodies against their survey; one for all of them if rows of the whole survey are shifted."""
     tested = tuple(map(relate_survey, bodies))
     if survey is not None and tested and all(test.reason == "no-fit" for test in tested):
-        places = 1e-3 * np.column_stack([number_column(survey, f"{axis}_mm") for axis in "xyz"])
+        points = 1e-3 * np.column_stack([number_column(survey, f"{axis}_mm") for axis in "xyz"])
         names = list(zip(survey.column("body").to_pylist(), survey.column("target").to_pylist(), strict=True))
-        if (shifted := shifted_survey(places, names, bodies)) is not None:
+        if (shifted := shifted_survey(points, names, bodies)) is not None:
             tested = (shifted,)
     yield from joined_results(tested)
 

@@ -158,7 +158,7 @@ def _renamed(compared: ComparedChain, link: str, rows: Index) -> Iterator[tuple[
     for other in permutations(rows.tolist()) if len(rows) <= _MOST_PERMUTED else ():
         order = np.arange(len(targets))
         order[rows] = other
-        pairs = [f"{targets[k]} is {targets[place]}" for k, place in zip(rows, other, strict=True) if k != place]
+        pairs = [f"{targets[k]} is {targets[at]}" for k, at in zip(rows, other, strict=True) if k != at]
         if pairs:
             yield RecordSlip(SlipKind.RELABELLED, "targets", (*pairs, link)), order
 

@@ -207,12 +207,12 @@ def _stray(view: LoadingView, rows: Index, stray: list[StrayLoad] | None) -> Ite
         yield not_evaluated("loads of single rows", "stray-loads", "", why)
         return
     for stray_load in stray:
-        place = view.places(rows[[stray_load.row]])[0]
+        step = view.places(rows[[stray_load.row]])[0]
         name = LOADS[stray_load.component]
         unit = "N" if name.startswith("f") else "N m"
-        text = f"{place}: {name} is recorded as {stray_load.written:.6g} {unit}, "
+        text = f"{step}: {name} is recorded as {stray_load.written:.6g} {unit}, "
         text += f"and the signals indicate {stray_load.asked:.4g} {unit}"
-        yield Check("stray-loads", place, stray_load.sigmas, 0.0, "1", FAIL, f"{text}{_likely(stray_load)}.")
+        yield Check("stray-loads", step, stray_load.sigmas, 0.0, "1", FAIL, f"{text}{_likely(stray_load)}.")
     if not stray:
         yield Check("stray-loads", "", 0.0, 0.0, "1", PASS, "The signals of every row agree with its recorded load.")
 
@@ -245,8 +245,8 @@ def _no_exchange_found(table: LoadTable, share: float) -> Check:
 
 
 def _pair(view: LoadingView, rows: Index, exchange: RowExchange) -> Check:
-    places = view.places(rows[[exchange.first, exchange.second]])
+    steps = view.places(rows[[exchange.first, exchange.second]])
     names = " ".join(LOADS[k] for k in exchange.components)
-    text = f"The loads ({names}) of {places[0]} and {places[1]} are exchanged: the error of their signals is "
+    text = f"The loads ({names}) of {steps[0]} and {steps[1]} are exchanged: the error of their signals is "
     text += f"{exchange.before:.0f} sigmas as recorded and {exchange.after:.1f} sigmas after the exchange."
-    return Check("exchanged-rows", " and ".join(places), exchange.before, exchange.after, "1", FAIL, text)
+    return Check("exchanged-rows", " and ".join(steps), exchange.before, exchange.after, "1", FAIL, text)

@@ -75,8 +75,8 @@ def _simulated(row: dict[str, object], simulated: SimulatedCompliance | None) ->
 def _curve(curves: pa.Table, load: str, channel: str) -> _Curve:
     rows = [row for row in curves.to_pylist() if (row["load"], row["channel"]) == (load, channel)]
     applied = np.array([row["applied"] for row in rows], float)
-    at, place = np.unique(applied, return_inverse=True)
+    at, index = np.unique(applied, return_inverse=True)
     weight = np.array([row["sigma"] for row in rows], float) ** -2.0
-    total = np.bincount(place, weight)
-    mean = np.bincount(place, weight * np.array([row["measured"] for row in rows], float)) / total
+    total = np.bincount(index, weight)
+    mean = np.bincount(index, weight * np.array([row["measured"] for row in rows], float)) / total
     return _Curve(at, mean, np.asarray(total**-0.5))

@@ -134,9 +134,9 @@ def _exclusion_rows(
 def _geometry_columns(platform: PlatformPoses, at: Index, k: Index) -> dict[str, Array]:
     if platform.geometry is None:
         return {}
-    places = platform.cases.of_step[at], k
+    index = platform.cases.of_step[at], k
     parts = {"geometry": platform.geometry.added, "geometry_sigma": platform.geometry.added_sigma}
-    return {name: values[places] / READING_SI[k] for name, values in parts.items()}
+    return {name: values[index] / READING_SI[k] for name, values in parts.items()}
 
 
 def _term_rows(platform: PlatformPoses) -> Rows:
@@ -168,8 +168,8 @@ def _left_out(platform: PlatformPoses) -> str:
     if not len(at):
         return ""
     steps = platform.steps
-    places = zip(k, steps.run[at], steps.step[at], strict=True)
-    named = [f"{CHANNELS[j]} of run {steps.runs[run]} step {step}" for j, run, step in places]
+    rows = zip(k, steps.run[at], steps.step[at], strict=True)
+    named = [f"{CHANNELS[j]} of run {steps.runs[run]} step {step}" for j, run, step in rows]
     more = f" and {len(named) - 3} more" if len(named) > 3 else ""
     return f"{gross_errors(len(named), 'reading')}: {', '.join(named[:3])}{more}"
 

@@ -89,13 +89,13 @@ class CampaignPlan:
         points = draw_campaign(self.layout, effects, rng)
         targets = self.layout.model.targets
         pose = positions(self.observations.column("pose"), self.poses)
-        place = _target_indices(self.observations, targets)
-        is_known = (pose >= 0) & (place >= 0)
+        index = _target_indices(self.observations, targets)
+        is_known = (pose >= 0) & (index >= 0)
         target_index = _target_indices(self.survey, targets)
         surveyed = self.survey.filter(target_index >= 0)
         return {
             "observations": _with_points(
-                self.observations.filter(is_known), points.points[pose[is_known], place[is_known]]
+                self.observations.filter(is_known), points.points[pose[is_known], index[is_known]]
             ),
             "survey": _with_points(surveyed, points.survey[target_index[target_index >= 0]]),
             "configurations": self.configurations,
@@ -214,8 +214,8 @@ def _target_indices(table: pa.Table, targets: Targets) -> NDArray:
 def _with_points(table: pa.Table, points: NDArray) -> pa.Table:
     """The table with other coordinates, points (N, 3) in m."""
     for axis, values in zip("xyz", points.T, strict=True):
-        place = table.schema.get_field_index(f"{axis}_mm")
-        table = table.set_column(place, table.schema.field(place), pa.array(values * 1e3))
+        index = table.schema.get_field_index(f"{axis}_mm")
+        table = table.set_column(index, table.schema.field(index), pa.array(values * 1e3))
     return table
 
 
@@ -272,14 +272,14 @@ def _keys(steps: RecordedSteps) -> list[tuple[int | str, int]]:
     return [(steps.runs[run], int(step)) for run, step in zip(steps.run, steps.step, strict=True)]
 
 
-def _rows(table: pa.Table, place: Mapping[tuple[int | str, int], int]) -> Index:
+def _rows(table: pa.Table, row_of: Mapping[tuple[int | str, int], int]) -> Index:
     keys = zip(table.column("run").to_pylist(), table.column("step").to_pylist(), strict=True)
-    return np.array([place[key] for key in keys])
+    return np.array([row_of[key] for key in keys])
 
 
 def _with_column(table: pa.Table, name: str, values: Array) -> pa.Table:
-    place = table.schema.get_field_index(name)
-    return table.set_column(place, table.schema.field(place), pa.array(values))
+    index = table.schema.get_field_index(name)
+    return table.set_column(index, table.schema.field(index), pa.array(values))
 
 
 @dataclass(frozen=True)
@@ -322,8 +322,8 @@ class RayPlan:
         table = self.tables["ray_statistics"]
         pose = positions(table.column("pose"), self.rays.poses)
         number = positions(table.column("shared_number"), tuple(parameter.called for parameter in self.rays.parameters))
-        place = table.schema.get_field_index("score")
-        return table.set_column(place, table.schema.field(place), pa.array(score[pose, number]))
+        index = table.schema.get_field_index("score")
+        return table.set_column(index, table.schema.field(index), pa.array(score[pose, number]))
 
 
 def ray_plan(tables: Mapping[str, pa.Table], rays: RayPoses, scene: Scene) -> RayPlan:

@@ -150,8 +150,8 @@ def parts_of_network(
         return None
     parameters = tuple(dict.fromkeys(rows.column("parameter").to_pylist()))
     by = np.zeros((len(poses), 6, len(parameters)))
-    place = positions(rows.column("pose"), poses), positions(rows.column("parameter"), parameters)
-    by[place[0], :, place[1]] = number_columns(rows, _EFFECTS) * _TO_SI
+    index = positions(rows.column("pose"), poses), positions(rows.column("parameter"), parameters)
+    by[index[0], :, index[1]] = number_columns(rows, _EFFECTS) * _TO_SI
     correlation = common_correlation(tables.get("camera_correlations"), parameters)
     bar = np.array([subject_and_name(name)[0] == BAR for name in parameters], dtype=bool)
     common = by @ correlation @ np.swapaxes(by, 1, 2)

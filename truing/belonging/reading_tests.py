@@ -443,8 +443,8 @@ def _row_slips(order: RowOrder, names: ReadingNames) -> tuple[RecordSlip, ...]:
         return (RecordSlip(SlipKind.ROWS_SHIFTED, "readings", (where,), shift=shift),)
     if len(moved) > 2 and np.mean(order.rows[moved] + moved == len(order.rows) - 1) >= _MOSTLY:
         return (RecordSlip(SlipKind.ROWS_EXCHANGED, "readings", ("all rows, in reverse order",)),)
-    places = tuple(f"pose {names.poses[pose]} has the readings of {names.poses[order.rows[pose]]}" for pose in moved)
-    return (RecordSlip(SlipKind.ROWS_EXCHANGED, "readings", places),)
+    rows = tuple(f"pose {names.poses[pose]} has the readings of {names.poses[order.rows[pose]]}" for pose in moved)
+    return (RecordSlip(SlipKind.ROWS_EXCHANGED, "readings", rows),)
 
 
 def _other_zero(motion: MeasuredMotion, asked: Array) -> RecordSlip | None:

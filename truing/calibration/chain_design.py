@@ -366,10 +366,10 @@ def _exchanged(blocks: NDArray, count: int, bound: DesignBound, existing: NDArra
     """Best exchange from the rounded optimum, from a greedy choice, and from random candidates."""
     support = np.flatnonzero(bound.weights > 1e-6)
     pool = np.union1d(support, np.argsort(bound.sensitivity)[::-1][:_POOL])
-    place = np.full(len(blocks), -1)
-    place[pool] = np.arange(len(pool))
+    index = np.full(len(blocks), -1)
+    index[pool] = np.arange(len(pool))
     candidate_blocks = blocks[pool]
-    starts = [place[rounded_design(bound, count)], one_by_one(candidate_blocks, count, bound, existing)]
+    starts = [index[rounded_design(bound, count)], one_by_one(candidate_blocks, count, bound, existing)]
     starts += [rng.choice(len(pool), count, replace=len(pool) < count) for _ in range(_STARTS)]
     best = max(
         (exchange(candidate_blocks, start, existing) for start in starts), key=lambda selection: selection.log_det

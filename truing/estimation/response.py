@@ -132,11 +132,11 @@ def _component_by_component(
         if not len(rows):
             deficient += len(drive) + (groups if offset_cov is None else 0)
             continue
-        met, place = np.unique(group[rows], return_inverse=True)
+        met, index = np.unique(group[rows], return_inverse=True)
         prior = None if offset_cov is None else offset_cov[k : k + 1, k : k + 1]
         weight = _precision(cov[rows, k, k][:, None, None], np.ones((len(rows), 1), bool))
         every = np.ones((1, len(drive)), bool)
-        design = _design(u[np.ix_(rows, drive)], every, place)
+        design = _design(u[np.ix_(rows, drive)], every, index)
         precision = _offset_precision(prior, len(drive), 1, len(met))
         fit = _solve("matrix", every, design, y[rows, k, None], np.ones((len(rows), 1), bool), weight, precision)
         coefficients[k, drive], offset[met, k] = fit.coefficients[0], fit.offset[:, 0]

@@ -265,10 +265,10 @@ def read_matlab(path: Path, wanted: Wanted, entry: FileMapping) -> Iterator[RawB
     if kinds is None:
         return
     rows = blocks[0].rows
-    places = [(block, column) for block in blocks for column in range(len(block.names))]
+    cells = [(block, column) for block in blocks for column in range(len(block.names))]
     for start in range(0, rows, _MOST_ROWS):
         count = min(_MOST_ROWS, rows - start)
-        columns = {at: _column(*places[at], slice(start, start + count), kind) for at, kind in kinds.items()}
+        columns = {at: _column(*cells[at], slice(start, start + count), kind) for at, kind in kinds.items()}
         yield RawBatch(columns, consecutive(start, count))
 
 

@@ -214,12 +214,12 @@ def _masses(cells: NamedCells) -> Guess | None:
 
 def _legs(cells: NamedCells, words: str, unit: str | None) -> Guess | None:
     """Return legs of variable length: joints on the base and on the platform in one row, beside the length."""
-    found, places = _meanings(cells.names, _LEGS), place_groups(cells.names)
+    found, named = _meanings(cells.names, _LEGS), place_groups(cells.names)
     groups = {
-        key: [group for before, group in places.items() if re.fullmatch(pattern, before)]
+        key: [group for before, group in named.items() if re.fullmatch(pattern, before)]
         for key, pattern in (("a_mm", _OF_BASE), ("b_mm", _OF_PLATFORM))
     }
-    if len(cells.rows) < _FEWEST_LEGS or len(places) != 2 or any(len(group) != 1 for group in groups.values()):
+    if len(cells.rows) < _FEWEST_LEGS or len(named) != 2 or any(len(group) != 1 for group in groups.values()):
         return None
     is_measured = any(re.fullmatch(_NO_GEOMETRY, bare_and_unit(name)[0], re.IGNORECASE) for name in cells.names)
     if is_measured or not found:

@@ -98,14 +98,14 @@ def chain(tables: Tables) -> ReportSection | None:
     joints = table_or_none(tables, "joints")
     if joints is None:
         return None
-    nodes, places = table_or_none(tables, "chain_nodes"), table_or_none(tables, "chain_tip")
+    nodes, tips = table_or_none(tables, "chain_nodes"), table_or_none(tables, "chain_tip")
     curves = table_or_none(tables, "joint_curves")
     numbers, prediction = table_or_none(tables, "chain_parameters"), table_or_none(tables, "prediction")
     figures: list[tuple[go.Figure, str]] = []
     if nodes is not None:
         figures.append((_arm(nodes, table_or_none(tables, "survey")), _ARM))
-    if nodes is not None and places is not None and prediction is not None:
-        shown = places.merge(prediction, on="pose")
+    if nodes is not None and tips is not None and prediction is not None:
+        shown = tips.merge(prediction, on="pose")
         figures.append((_map(shown, str(nodes.loc[nodes["is_tip"], "link"].iloc[0])), _MAP))
     if curves is not None and curves["is_determined"].any():
         figures.append((_curves(curves, joints), _CURVES))

@@ -250,16 +250,16 @@ def _knowledge_map(table: pd.DataFrame, key: Key) -> go.Figure:
         ratio=table["sigma"] / table["tolerance"],
         known=table["identifiable"].astype(bool) if "identifiable" in table else True,
     )
-    kinds, places = list(dict.fromkeys(reported["kind"])), list(dict.fromkeys(reported.sort_values("leg")["place"]))
+    kinds, columns = list(dict.fromkeys(reported["kind"])), list(dict.fromkeys(reported.sort_values("leg")["place"]))
     wide = {
-        c: reported.pivot(index="kind", columns="place", values=c).reindex(index=kinds, columns=places)
+        c: reported.pivot(index="kind", columns="place", values=c).reindex(index=kinds, columns=columns)
         for c in ("ratio", "known")
     }
     figure = go.Figure()
     figure.add_trace(
         go.Heatmap(
             z=np.round(wide["ratio"].to_numpy(dtype=float), 4),
-            x=places,
+            x=columns,
             y=[f"{label(kind)} " for kind in kinds],
             text=_cells(wide["ratio"].to_numpy(dtype=float), wide["known"].to_numpy()),
             texttemplate="%{text}",

@@ -248,8 +248,8 @@ def measured_loads(tables: Tables) -> ReportSection:
     if not len(steps):
         if (approaches := table_or_none(tables, "positions")) is not None:
             runs = count(approaches["run"].nunique(), "run")
-            places = count(approaches["target_mm"].nunique(), "target")
-            text = f"{count(len(approaches), 'approach')} of an axis to {places}, in {runs}: see Positioning."
+            targets = count(approaches["target_mm"].nunique(), "target")
+            text = f"{count(len(approaches), 'approach')} of an axis to {targets}, in {runs}: see Positioning."
             return ReportSection("measured", "Measured", text)
         why = "The campaign has neither object points nor load steps."
         return ReportSection("measured", "Measured", why, state="empty")

@@ -34,8 +34,8 @@ def with_uncertainty(value: float, sigma: float | None, unit: str = "") -> str:
 
 
 def _rounded(value: float, sigma: float) -> str:
-    places = _last_place(sigma)
-    return f"{round(value, places) + 0.0:.{max(0, places)}f}"  # no minus before a zero
+    digits = _last_place(sigma)
+    return f"{round(value, digits) + 0.0:.{max(0, digits)}f}"  # no minus before a zero
 
 
 def _last_place(sigma: float) -> int:

@@ -200,12 +200,12 @@ def visible_share(observations: pd.DataFrame, known: pd.Series) -> go.Figure:
     seen = observations.groupby(["body", "pose"], sort=False)["target"].nunique().unstack("pose", fill_value=0)
     seen = seen.reindex(index=known.index, columns=poses, fill_value=0)
     share = 100.0 * seen.to_numpy() / known.to_numpy()[:, None]
-    places, axis = pose_axis(poses.to_numpy())
+    x, axis = pose_axis(poses.to_numpy())
     figure = go.Figure()
     figure.add_trace(
         go.Heatmap(
             z=np.round(share, 1),
-            x=places,
+            x=x,
             y=[label(body) for body in seen.index],
             customdata=np.broadcast_to([label(p) for p in poses], share.shape),
             zmin=0,
@@ -224,18 +224,18 @@ def visible_share(observations: pd.DataFrame, known: pd.Series) -> go.Figure:
 
 def _pose_residuals(poses: pd.DataFrame) -> go.Figure:
     """Return the rms residuals of the rigid fits, a panel per body; ``expected_um``: expected from declared noise."""
-    places, axis = pose_axis(poses["pose"].to_numpy())
-    poses = poses.assign(place=places)
+    x, axis = pose_axis(poses["pose"].to_numpy())
+    poses = poses.assign(place=x)
     bodies = [label(body) for body in poses["body"].drop_duplicates()]
     gaps = 0.04, lambda rows: 32.0 / (120.0 * rows) if rows > 1 else 0.0
     across = 1 if len(bodies) <= 3 else 2
     grid, panels, rows_of_panels = panel_grid(bodies, across, gaps, 12, shared_xaxes="all", shared_yaxes="all")
     kind = size_axis(1e3 * poses["rms_mm"])
-    for (_, rows), place in zip(poses.groupby("body", sort=False), panels, strict=True):
-        grid.add_trace(_sizes(rows, len(poses) > MANY_POINTS), **place)
+    for (_, rows), panel in zip(poses.groupby("body", sort=False), panels, strict=True):
+        grid.add_trace(_sizes(rows, len(poses) > MANY_POINTS), **panel)
         if rows["expected_um"].notna().any():
             grid.add_hline(
-                y=float(rows["expected_um"].median()), line={"color": ORANGE, "width": 2, "dash": "dot"}, **place
+                y=float(rows["expected_um"].median()), line={"color": ORANGE, "width": 2, "dash": "dot"}, **panel
             )
     style(
         grid,

@@ -140,13 +140,11 @@ def _curve(rates: pd.DataFrame, concerns: str) -> go.Figure:
     """Return the rates of detection and naming of an effect against its size, with the theoretical power."""
     first = rates.iloc[0]
     factor, unit = handy_unit(first["parameter"], first["unit"], float(rates["size"].median()))
-    places = factor * rates["size"]
+    sizes = factor * rates["size"]
     figure = go.Figure()
-    figure.add_trace(
-        go.Scatter(x=places, y=100 * rates["expected"], name="theory", line={"color": GREY, "dash": "dot"})
-    )
+    figure.add_trace(go.Scatter(x=sizes, y=100 * rates["expected"], name="theory", line={"color": GREY, "dash": "dot"}))
     for outcome, colour, shift in (("found", BLUE, 0.99), ("named", ORANGE, 1.01)):  # one would hide the other
-        figure.add_trace(_rates(places * shift, rates, outcome, colour))
+        figure.add_trace(_rates(sizes * shift, rates, outcome, colour))
     beside = f" with {first['beside']}" if first["beside"] else ""
     style(figure, label(f"{first['parameter']}{beside}, {concerns}"), "Rate of detection, and of the correct name", 340)
     axis = f"{first['parameter']}, root mean square, {printed(unit)}".rstrip(", ")
@@ -155,10 +153,10 @@ def _curve(rates: pd.DataFrame, concerns: str) -> go.Figure:
     return figure
 
 
-def _rates(places: pd.Series, rates: pd.DataFrame, outcome: str, colour: str) -> go.Scatter:
+def _rates(sizes: pd.Series, rates: pd.DataFrame, outcome: str, colour: str) -> go.Scatter:
     value, lower, upper = (100 * rates[f"{outcome}{bound}"] for bound in ("", "_lower", "_upper"))
     return go.Scatter(
-        x=places,
+        x=sizes,
         y=value,
         name=outcome,
         mode="markers",

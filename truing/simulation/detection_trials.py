@@ -355,9 +355,9 @@ class Curve:
         return size_found(sizes, np.array([rate.count for rate in self.found]), counts, expected, power)
 
 
-def curve(question: DetectionQuestion, place: int, answers: Iterable[Answer]) -> Curve:
+def curve(question: DetectionQuestion, index: int, answers: Iterable[Answer]) -> Curve:
     """Collect the answers to one question by size."""
-    answers_of_place = [answer for answer in answers if answer.question == place]
+    answers_of_place = [answer for answer in answers if answer.question == index]
     factors = tuple(sorted({answer.factor for answer in answers_of_place}))
     by_factor = [[answer for answer in answers_of_place if answer.factor == factor] for factor in factors]
     others: dict[str, int] = {}

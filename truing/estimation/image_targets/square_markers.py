@@ -104,10 +104,10 @@ def _first_at_its_place(corners: Array, order: NDArray[np.intp], group: Index) -
     apart = np.linalg.norm(centre[:, None] - centre, axis=2)
     same = (apart < 0.25 * size[:, None]) & (group[:, None] == group)
     keep = np.ones(len(corners), dtype=bool)
-    for place in order.tolist():
-        if keep[place]:
-            keep &= ~same[place]
-            keep[place] = True
+    for index in order.tolist():
+        if keep[index]:
+            keep &= ~same[index]
+            keep[index] = True
     return keep
 
 

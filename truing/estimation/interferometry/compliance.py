@@ -338,11 +338,11 @@ def compliance_budgets(loaded: Loaded, declared: bool) -> list[Budget] | None:
     return budgets
 
 
-def budget_of_entries(budgets: list[Budget], loaded: Loaded, places: list[tuple[int, int]]) -> Budget:
+def budget_of_entries(budgets: list[Budget], loaded: Loaded, entries: list[tuple[int, int]]) -> Budget:
     """Return the joint budget of some entries (response, load), including the part of beam geometry."""
     sources = tuple(dict.fromkeys(source for one in budgets for source in one.sources))
-    table = np.zeros((len(sources), len(places)))
-    for n, (i, j) in enumerate(places):
+    table = np.zeros((len(sources), len(entries)))
+    for n, (i, j) in enumerate(entries):
         for source, contribution in zip(budgets[i].sources, budgets[i].contributions, strict=True):
             table[sources.index(source), n] = contribution[j]
-    return Budget(sources, table).with_source(GEOMETRY, np.array([loaded.spread[place] for place in places])).filled()
+    return Budget(sources, table).with_source(GEOMETRY, np.array([loaded.spread[entry] for entry in entries])).filled()

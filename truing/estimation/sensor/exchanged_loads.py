@@ -131,8 +131,8 @@ def least_difference(table: LoadTable, false_alarm: float = _FALSE_ALARM) -> NDA
     tried = np.maximum(least, 1.0) * 1.05 ** np.arange(300)
     rows = np.searchsorted(sizes, tried * _ALIKE, "right") - np.searchsorted(sizes, tried / _ALIKE, "left") + 2
     # as `_chance_probability` counts for two rows that are one sigma off after the exchange
-    place = np.sqrt(2.0 * np.pi * np.e) / (2.0 * (_ALIKE - 1.0 / _ALIKE) * tried)
-    refused = np.flatnonzero(0.5 * (rows * place) ** 2 > _BY_CHANCE)
+    chance = np.sqrt(2.0 * np.pi * np.e) / (2.0 * (_ALIKE - 1.0 / _ALIKE) * tried)
+    refused = np.flatnonzero(0.5 * (rows * chance) ** 2 > _BY_CHANCE)
     if len(refused):
         least = float(tried[min(refused[-1] + 1, len(tried) - 1)])
     result = np.zeros(table.loads.shape[1])
@@ -190,9 +190,9 @@ def _is_unexplained(signals: NDArray, loads: NDArray, zeros: _Zeros, rows: NDArr
 
 
 def _exchange(loads: NDArray, row_exchange: RowExchange) -> None:
-    places = list(row_exchange.components)
-    loads[np.ix_([row_exchange.first, row_exchange.second], places)] = loads[
-        np.ix_([row_exchange.second, row_exchange.first], places)
+    components = list(row_exchange.components)
+    loads[np.ix_([row_exchange.first, row_exchange.second], components)] = loads[
+        np.ix_([row_exchange.second, row_exchange.first], components)
     ]
 
 
@@ -384,6 +384,6 @@ def _chance_probability(
         alike = np.searchsorted(sizes, size * _ALIKE, "right") - np.searchsorted(sizes, size / _ALIKE, "left")
         after = whitened[row] + sign * way
         wide = 2.0 * (_ALIKE - 1.0 / _ALIKE) * np.maximum(before, 1.0)
-        place = np.exp(0.5 * np.minimum(after**2, 1e3)) * np.sqrt(2.0 * np.pi) / wide
-        expected *= np.maximum(alike, 1) * np.prod(np.where(taken, place, 1.0), axis=1)
+        density = np.exp(0.5 * np.minimum(after**2, 1e3)) * np.sqrt(2.0 * np.pi) / wide
+        expected *= np.maximum(alike, 1) * np.prod(np.where(taken, density, 1.0), axis=1)
     return expected

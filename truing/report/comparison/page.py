@@ -159,15 +159,15 @@ def _alternatives(row: object) -> str:
 
 def _effect_verdicts(comparison: RunComparison, step: int) -> list[Verdict]:
     """Return the effects that only one of two runs found."""
-    before, after = (_effects_found(comparison, place) for place in (step, step + 1))
+    before, after = (_effects_found(comparison, run) for run in (step, step + 1))
     texts = [("new", [name for name in after if name not in before]), ("gone", [n for n in before if n not in after])]
     words = {"new": "found for the first time", "gone": "no longer found"}
     return [("found", f"{comparison.pair(step)}: {words[kind]}: {', '.join(names)}.") for kind, names in texts if names]
 
 
-def _effects_found(comparison: RunComparison, place: int) -> list[str]:
+def _effects_found(comparison: RunComparison, run: int) -> list[str]:
     """Return the effects that the diagnosis of a run found: ``actuator gain, leg 3``."""
-    table = table_or_none(comparison.runs[place].tables, "diagnosis")
+    table = table_or_none(comparison.runs[run].tables, "diagnosis")
     if table is None:
         return []
     rows = table[table["verdict"] == "found"]
@@ -405,13 +405,13 @@ def _line(
 
 def _ring(figure: go.Figure, lines: list[Any], shifts: list[Any], factor: float, aside: np.ndarray) -> None:
     """Draw rings around the numbers that changed."""
-    places = [
-        (place + aside[k], factor * value)
+    points = [
+        (index + aside[k], factor * value)
         for k, ((_, rows), shift) in enumerate(zip(lines, shifts, strict=True))
-        for place, value, changed in zip(rows["place"], shift, rows["changed"], strict=True)
+        for index, value, changed in zip(rows["place"], shift, rows["changed"], strict=True)
         if changed
     ]
-    if places:
-        x, y = zip(*places, strict=True)
+    if points:
+        x, y = zip(*points, strict=True)
         ring = {"symbol": "circle-open", "size": 18, "color": RED, "line": {"width": 2.5}}
         figure.add_trace(go.Scatter(x=x, y=y, mode="markers", name="changed", marker=ring, hoverinfo="skip"))

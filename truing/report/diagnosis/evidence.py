@@ -162,9 +162,9 @@ def _axis(positions: np.ndarray) -> dict[str, object]:
     reach = high - low
     kept: list[int] = [0]
     for decades in (*_DECADES, *(-d for d in _DECADES)):
-        place = _position(decades * math.log(10.0))
-        distance = min(abs(place - _position(d * math.log(10.0))) for d in kept)
-        if low - 0.05 <= place <= high + 0.05 and distance > _APART * reach:
+        position = _position(decades * math.log(10.0))
+        distance = min(abs(position - _position(d * math.log(10.0))) for d in kept)
+        if low - 0.05 <= position <= high + 0.05 and distance > _APART * reach:
             kept.append(decades)
     return {
         "tickvals": [_position(d * math.log(10.0)) for d in sorted(kept)],

@@ -301,12 +301,12 @@ def _floor_line(figure: go.Figure, floor: float | None, unit: str, vertical: boo
 def _pose_by_pose(table: pd.DataFrame, floor: float | None, modelled: bool) -> go.Figure:
     """Return the rms of measured minus predicted at every pose, without the findings and, if there are
     any, with them."""
-    places, axis = pose_axis(table["pose"])
+    x, axis = pose_axis(table["pose"])
     roles = table["role"].replace("reference", "calibration").to_numpy()
     unit = sign(str(table["unit"].iloc[0]))
     figure = go.Figure()
     if modelled:
-        figure.add_trace(_joins(places, table))
+        figure.add_trace(_joins(x, table))
     shown = roles[0]  # the legend needs one role: the other has the same colours with other symbols
     scatter = go.Scattergl if len(table) > MANY_POINTS else go.Scatter
     for when, words, colour in _SERIES if modelled else _AS_IT_IS:
@@ -321,7 +321,7 @@ def _pose_by_pose(table: pd.DataFrame, floor: float | None, modelled: bool) -> g
                 ]
                 figure.add_trace(
                     scatter(
-                        x=places[mask],
+                        x=x[mask],
                         y=table[f"rms_{when}"][mask],
                         mode="markers",
                         marker={"color": colour, "symbol": _SYMBOLS[role], "size": 9 if role == "verification" else 6},
@@ -342,9 +342,9 @@ def _pose_by_pose(table: pd.DataFrame, floor: float | None, modelled: bool) -> g
     return figure
 
 
-def _joins(places: np.ndarray, table: pd.DataFrame) -> go.Scatter:
+def _joins(at: np.ndarray, table: pd.DataFrame) -> go.Scatter:
     """Return a line from before to after at every pose."""
-    x = np.repeat(places.astype(float), 3)
+    x = np.repeat(at.astype(float), 3)
     y = np.stack([table["rms_before"], table["rms_after"], np.full(len(table), np.nan)], axis=1).ravel()
     line = {"color": GREY, "width": 1}
     return go.Scatter(x=x, y=y, mode="lines", line=line, opacity=0.4, hoverinfo="skip", showlegend=False)

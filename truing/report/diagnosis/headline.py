@@ -80,9 +80,9 @@ def _noise(row: AssessedCause) -> str:
         return f"The errors of {subject_words(row.subject)} are large in {poses}, up to {times} times a typical one"
     size = row.size("noise_ratio")
     times = with_uncertainty(size.number or 0.0, size.sigma) if size is not None else "–"
-    place = row.settings.get("place")
-    if row.follows or place:
-        input_text = str(place) if place else columns_words(row.follows)
+    kind = row.settings.get("place")
+    if row.follows or kind:
+        input_text = str(kind) if kind else columns_words(row.follows)
         return (
             f"The noise depends on {input_text}: where it is largest, it is {times} times as large as where "
             "it is smallest"

@@ -234,15 +234,15 @@ def _band(table: pd.DataFrame, panel: int) -> list[dict[str, Any]]:
     if not noise > 0.0:
         return []
     number = "" if panel == 1 else str(panel)
-    place = {"xref": f"x{number} domain", "yref": f"y{number}", "x0": 0.0, "x1": 1.0, "y0": -noise, "y1": noise}
-    return [{"type": "rect", **place, "fillcolor": GREY, "opacity": 0.2, "line": {"width": 0}, "layer": "below"}]
+    shape = {"xref": f"x{number} domain", "yref": f"y{number}", "x0": 0.0, "x1": 1.0, "y0": -noise, "y1": noise}
+    return [{"type": "rect", **shape, "fillcolor": GREY, "opacity": 0.2, "line": {"width": 0}, "layer": "below"}]
 
 
 def _between_runs(table: pd.DataFrame, panel: int) -> list[dict[str, Any]]:
     """Return lines between runs, as shapes of a panel, because separate calls of plotly are slow."""
     line, number = {"color": GREY, "width": 0.5, "dash": "dot"}, "" if panel == 1 else str(panel)
-    place = {"type": "line", "xref": f"x{number}", "yref": f"y{number} domain", "y0": 0.0, "y1": 1.0, "line": line}
-    return [{**place, "x0": x, "x1": x} for x in (_first_of_runs(table)[1:] - 0.5).tolist()]
+    shape = {"type": "line", "xref": f"x{number}", "yref": f"y{number} domain", "y0": 0.0, "y1": 1.0, "line": line}
+    return [{**shape, "x0": x, "x1": x} for x in (_first_of_runs(table)[1:] - 0.5).tolist()]
 
 
 def _first_of_runs(table: pd.DataFrame) -> NDArray[np.int64]:

@@ -195,11 +195,11 @@ def _parameter_bars(row: AssessedCause, kind: str, several: list[ParameterSize])
     factor, unit = handy_unit(kind, several[0].unit, largest)
     values = [factor * (size.number or 0.0) for size in several]
     sigma = [factor * (size.sigma or 0.0) for size in several]
-    places = list(range(len(several)))
+    indices = list(range(len(several)))
     figure = go.Figure()
     figure.add_trace(
         go.Bar(
-            x=places,
+            x=indices,
             y=values,
             error_y={"type": "data", "array": [BAR * s for s in sigma], "thickness": 1.5, "width": 4, "color": GREY},
             marker={"color": BLUE},
@@ -213,7 +213,7 @@ def _parameter_bars(row: AssessedCause, kind: str, several: list[ParameterSize])
     style(figure, f"{label(row.name)}: {label(kind_words)}", "Bars: value; whiskers: 95 % interval", 360)
     step = max(1, -(-len(several) // _TICKS))
     ticks = [_subject_of_size(size) for size in several]
-    figure.update_xaxes(tickvals=places[::step], ticktext=[label(t) for t in ticks[::step]], showgrid=False)
+    figure.update_xaxes(tickvals=indices[::step], ticktext=[label(t) for t in ticks[::step]], showgrid=False)
     unit_words = f" ({printed(sign(unit))})" if unit else ""
     figure.update_yaxes(title_text=f"{label(kind_words)}{unit_words}", zeroline=True, zerolinecolor=GREY)
     figure.update_layout(showlegend=False)

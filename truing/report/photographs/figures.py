@@ -129,9 +129,9 @@ def _traces(
     return drawn
 
 
-def _view(place: Array, centre: Array) -> Array:
+def _view(points: Array, centre: Array) -> Array:
     """Return axes (3, 3) of the picture, with the cameras above the object."""
-    up = (centre - place.mean(axis=0)).mean(axis=0)
+    up = (centre - points.mean(axis=0)).mean(axis=0)
     up = up / max(float(np.linalg.norm(up)), 1e-12)
     aside = np.cross(np.eye(3)[int(np.argmin(np.abs(up)))], up)
     aside = aside / np.linalg.norm(aside)
@@ -184,14 +184,14 @@ def _point_words(points: pd.DataFrame) -> list[str]:
     ]
 
 
-def _dots(place: Array, words: list[str], name: str, colour: str, size: float) -> Any:
-    x, y, z = np.round(place, 3).T
+def _dots(points: Array, words: list[str], name: str, colour: str, size: float) -> Any:
+    x, y, z = np.round(points, 3).T
     marker = {"size": size, "color": colour}
     return go.Scatter3d(x=x, y=y, z=z, mode="markers", name=label(name), text=words, hoverinfo="text", marker=marker)
 
 
-def _lines(place: Array, name: str, colour: str, width: float, *, legend: bool = True) -> Any:
-    x, y, z = np.round(place, 3).T
+def _lines(points: Array, name: str, colour: str, width: float, *, legend: bool = True) -> Any:
+    x, y, z = np.round(points, 3).T
     return go.Scatter3d(
         x=x,
         y=y,

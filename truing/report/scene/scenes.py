@@ -35,10 +35,10 @@ def pose_scene(tables: Tables, residuals: pd.DataFrame, body: str) -> DrawnScene
     legs = _of_legs(shape, tables["residuals"]) if body == _PLATFORM else seen.iloc[:0]
     poses = _slider_poses(residuals, len(seen) + len(legs))
     motion = _motions(tables, [body, *legs["body"].unique()], poses)
-    place, shift = _points(seen, residuals, poses)
+    points, shift = _points(seen, residuals, poses)
     leg_points, leg_shift = _points(legs, tables["residuals"], poses)
     _in_frame_of(leg_points, leg_shift, legs, body, motion)
-    all_points, targets = np.concatenate([place, leg_points], axis=1), _with_legs(seen, legs)
+    all_points, targets = np.concatenate([points, leg_points], axis=1), _with_legs(seen, legs)
     moved = np.concatenate([shift, leg_shift], axis=1)
     numbers, lower, upper = _joints(tables, body, motion, len(poses))
     attached = targets["at"].to_numpy(dtype=float)
@@ -119,17 +119,17 @@ def _motions(tables: Tables, bodies: list[str], poses: list[Any]) -> _Motions:
 
 
 def _in_frame_of(
-    places: NDArray[np.float64], shifts: NDArray[np.float64], targets: pd.DataFrame, body: str, motion: _Motions
+    points: NDArray[np.float64], shifts: NDArray[np.float64], targets: pd.DataFrame, body: str, motion: _Motions
 ) -> None:
-    """Return places and shifts (S, N, 3) of other bodies' targets in the frame of this body."""
+    """Bring points and shifts (S, N, 3) of other bodies' targets into the frame of this body."""
     for name in targets["body"].unique():
         of_body = (targets["body"] == name).to_numpy()
         if body not in motion or name not in motion:
-            places[:, of_body] = np.nan
+            points[:, of_body] = np.nan
             continue
         (p, R), (origin, turn) = motion[name], motion[body]
-        seen = np.einsum("sij,snj->sni", R, places[:, of_body]) + (p - origin)[:, None]
-        places[:, of_body] = np.einsum("sji,snj->sni", turn, seen)
+        seen = np.einsum("sij,snj->sni", R, points[:, of_body]) + (p - origin)[:, None]
+        points[:, of_body] = np.einsum("sji,snj->sni", turn, seen)
         shifts[:, of_body] = np.einsum("sji,sjk,snk->sni", turn, R, shifts[:, of_body])
 
 
@@ -226,9 +226,9 @@ def load_scene(tables: Tables) -> DrawnScene | None:
         return None
     known = _largest_first(known).iloc[: MOST_POINTS // len(joints)]
     lower, upper = (joints[[f"{joint}{axis}_mm" for axis in "xyz"]].to_numpy(dtype=float) for joint in "ab")
-    place = np.broadcast_to(upper, (len(known), *upper.shape)).copy()
+    points = np.broadcast_to(upper, (len(known), *upper.shape)).copy()
     turn, moved = known[_TURNED].to_numpy(dtype=float), known[_MOVED].to_numpy(dtype=float)
-    shift = moved[:, None] + np.cross(turn[:, None], place)
+    shift = moved[:, None] + np.cross(turn[:, None], points)
     numbers = tuple(int(leg) for leg in joints["leg"])
     covariance = _covariance(known)
     along = (upper - lower) / np.linalg.norm(upper - lower, axis=1, keepdims=True)
@@ -236,17 +236,17 @@ def load_scene(tables: Tables) -> DrawnScene | None:
         step="load",
         labels=tuple(_load_case_name(row) for row in known.to_dict("records")),
         names=tuple(f"b{leg}" for leg in numbers),
-        place=place,
+        place=points,
         shift=shift,
         leg=np.array(numbers),
         attached=np.ones(len(numbers), dtype=bool),
         own=np.zeros(len(numbers), dtype=bool),
-        words=_words_of_loads(place, shift, covariance, numbers),
+        words=_words_of_loads(points, shift, covariance, numbers),
         legs=numbers,
-        lower=np.broadcast_to(lower, place.shape),
-        upper=place,
+        lower=np.broadcast_to(lower, points.shape),
+        upper=points,
         arrow=_arrows(known, float(np.ptp(upper, axis=0).max())),
-        captions=_load_captions(place, shift, np.broadcast_to(along, place.shape), covariance, numbers),
+        captions=_load_captions(points, shift, np.broadcast_to(along, points.shape), covariance, numbers),
         all_legs=True,
         ringed="upper joint",
     )
@@ -276,20 +276,20 @@ def _covariance(cases: pd.DataFrame) -> NDArray[np.float64]:
 
 
 def _sigma_along(
-    place: NDArray[np.float64], direction: NDArray[np.float64], covariance: NDArray[np.float64]
+    points: NDArray[np.float64], direction: NDArray[np.float64], covariance: NDArray[np.float64]
 ) -> NDArray[np.float64]:
     """Return the standard uncertainty (S, N) in um of the motion of points along unit vectors ``direction`` (S, N,
     3)."""
-    pull = np.concatenate([direction, np.cross(1e-3 * place, direction)], axis=-1)
+    pull = np.concatenate([direction, np.cross(1e-3 * points, direction)], axis=-1)
     return 1e6 * np.sqrt(np.maximum(np.einsum("sni,sij,snj->sn", pull, covariance, pull), 0.0))
 
 
 def _words_of_loads(
-    place: NDArray[np.float64], shift: NDArray[np.float64], covariance: NDArray[np.float64], legs: tuple[int, ...]
+    points: NDArray[np.float64], shift: NDArray[np.float64], covariance: NDArray[np.float64], legs: tuple[int, ...]
 ) -> tuple[tuple[str, ...], ...]:
     """Return the motion of each attachment in words, with the uncertainty from the platform's displacement."""
     size = np.linalg.norm(shift, axis=-1)
-    noise = _sigma_along(place, shift / np.where(size > 0.0, size, 1.0)[..., None], covariance)
+    noise = _sigma_along(points, shift / np.where(size > 0.0, size, 1.0)[..., None], covariance)
     return tuple(
         tuple(
             f"b{leg}: {with_uncertainty(1e3 * float(s), float(u), 'µm')}" for leg, s, u in zip(legs, *pair, strict=True)
@@ -299,7 +299,7 @@ def _words_of_loads(
 
 
 def _load_captions(
-    place: NDArray[np.float64],
+    points: NDArray[np.float64],
     shift: NDArray[np.float64],
     along: NDArray[np.float64],
     covariance: NDArray[np.float64],
@@ -307,7 +307,7 @@ def _load_captions(
 ) -> tuple[tuple[str, ...], ...]:
     """Return the change in distance of each leg's joints under each load."""
     longer = 1e3 * np.sum(shift * along, axis=-1)
-    noise = _sigma_along(place, along, covariance)
+    noise = _sigma_along(points, along, covariance)
     return tuple(
         tuple(
             f"Leg {leg}: change of the distance between its joints {with_uncertainty(float(s), float(u), 'µm')}."

@@ -68,8 +68,8 @@ class DrawnScene:
         attached = np.flatnonzero(self.attached)
         if not len(attached):
             return attached
-        places = np.nanmean(self.place[:, attached], axis=0)
-        x, y, _ = (places - places.mean(axis=0)).T
+        points = np.nanmean(self.place[:, attached], axis=0)
+        x, y, _ = (points - points.mean(axis=0)).T
         order = attached[np.argsort(np.arctan2(y, x), kind="stable")]
         return np.append(order, order[0])
 
@@ -166,9 +166,9 @@ def scene_data(scene: DrawnScene) -> dict[str, Any]:
     }
 
 
-def _listed(values: NDArray[np.float64], places: int = 4) -> Any:
+def _listed(values: NDArray[np.float64], digits: int = 4) -> Any:
     """Return nested lists with null for unknown values."""
-    rounded = np.round(values, places)
+    rounded = np.round(values, digits)
     return np.where(np.isfinite(rounded), rounded.astype(object), np.array(None)).tolist()
 
 

@@ -92,10 +92,10 @@ def _figure(errors: pd.DataFrame, samples: pd.DataFrame, part: str) -> go.Figure
     rows = errors[errors["pose_part"] == part].reset_index(drop=True)
     figure, unit = go.Figure(), sign(str(rows["unit"].iloc[0]))
     aside = np.random.default_rng(0).uniform(-_SPREAD, _SPREAD, len(samples))
-    place = samples["error_source"].map({name: k for k, name in enumerate(rows["error_source"])})
+    row = samples["error_source"].map({name: k for k, name in enumerate(rows["error_source"])})
     dots = {"color": BLUE, "size": 4, "opacity": 0.5}
     figure.add_trace(
-        go.Scatter(x=place + aside, y=samples[_SAMPLES[part]], mode="markers", marker=dots, name="one drawn sensor")
+        go.Scatter(x=row + aside, y=samples[_SAMPLES[part]], mode="markers", marker=dots, name="one drawn sensor")
     )
     bars = {"type": "data", "symmetric": False, "array": rows["high"] - rows["sample_rms"]}
     bars |= {"arrayminus": rows["sample_rms"] - rows["low"], "color": RED, "thickness": 3, "width": 4}

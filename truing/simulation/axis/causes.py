@@ -195,8 +195,8 @@ class AxisGrowth(AxisCause):
         """Return commands from the fixed point, and one if it is free, times the temperatures from the reference."""
         warmer = np.asarray(rows.covariates[self.column]) - self.reference_c
         away = rows.command - self.fixed
-        places = np.stack([away, np.ones_like(away)][: 1 + self.free], -1)
-        return np.asarray((warmer[:, None] * places)[:, None] * axis.response(self.element)[:, None])
+        lengths = np.stack([away, np.ones_like(away)][: 1 + self.free], -1)
+        return np.asarray((warmer[:, None] * lengths)[:, None] * axis.response(self.element)[:, None])
 
 
 @dataclass(frozen=True)

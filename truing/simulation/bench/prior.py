@@ -83,9 +83,9 @@ def sensor_prior(extended: ExtendedSensor, model: BenchModel) -> SensorPrior:
     along = right[is_observed]  # (r, n): combinations of the unknowns, each with a prior sigma of one
     back = (left[:, is_observed] / size[is_observed]).T / _scale(extended.compliance)
     sigmas = [model.effect_sigma(cause) for cause in causes]
-    places = extended.places(causes)
+    indices = extended.places(causes)
     turn = block_diagonal(back, *(np.diag(1.0 / sigma) for sigma in sigmas))
-    precision = np.linalg.inv(turn @ extended.covariance[np.ix_(places, places)] @ turn.T)
+    precision = np.linalg.inv(turn @ extended.covariance[np.ix_(indices, indices)] @ turn.T)
     spread = block_diagonal(along, np.eye(len(precision) - len(along)))
     information = clipped(spread.T @ clipped(precision - np.eye(len(precision))) @ spread)
     values = [effect.values / model.effect_sigma(effect.cause) for effect in extended.effects if effect.cause in causes]

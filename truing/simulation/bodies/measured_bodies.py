@@ -13,10 +13,10 @@ from truing.estimation.rigid_poses.points import PointResiduals, PosePoints, wit
 from truing.estimation.rigid_poses.umeyama import umeyama
 from truing.estimation.rotation import exp_so3, log_so3, rigid_motions
 from truing.estimation.target_positions import (
-    changes_of_place,
-    lonely_places,
+    displaced_points,
+    isolated_points,
     looseness,
-    stray_places,
+    position_changes,
 )
 from truing.inference.observations import Epochs, Frames, Observations
 from truing.simulation.bodies.causes.terms import place_columns
@@ -108,9 +108,9 @@ def measured_body(
     positions = np.where(known[..., None], np.einsum("bji,bkj->bki", R, right - t[:, None]), 0.0)
     sigma = float(np.sqrt(np.median(np.trace(cov[known], axis1=-2, axis2=-1)) / 3))
     loose = _position_looseness(name, points.targets, shape, trusted)
-    is_observed = assessed.kept & known & (trusted | ~lonely_places(positions, known, order, sigma, loose))
-    changes = changes_of_place(positions, is_observed, order, sigma, loose)
-    is_observed &= ~stray_places(positions, is_observed, order, sigma, changes, loose)
+    is_observed = assessed.kept & known & (trusted | ~isolated_points(positions, known, order, sigma, loose))
+    changes = position_changes(positions, is_observed, order, sigma, loose)
+    is_observed &= ~displaced_points(positions, is_observed, order, sigma, changes, loose)
     moved = evident_displacements(name, points, shape, order, changes)
     ok = fit.ok & (is_observed.sum(1) >= FEWEST_TARGETS)
     swapped = tuple(swapped_targets(name, points.targets, points.poses, order, assessed.exchanges))
@@ -209,7 +209,7 @@ class MeasuredBodies:
         stands still."""
         names = [body.name for body in bodies]
         lead = names.index(reference) if reference in names else int(np.argmax([body.ok.sum() for body in bodies]))
-        return cls(bodies, places, -1 if any(place.levels for place in places) else lead)
+        return cls(bodies, places, -1 if any(body_places.levels for body_places in places) else lead)
 
     @property
     def targets(self) -> Targets:

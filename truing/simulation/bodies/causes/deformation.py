@@ -74,8 +74,8 @@ class BodyCause(PointCause):
     @cached_property
     def _arms(self) -> NDArray:
         """Positions (k, 3) of the targets relative to their centroid."""
-        places = np.reshape(self.places, (-1, 3))
-        return np.asarray(places - places.mean(0))
+        positions = np.reshape(self.places, (-1, 3))
+        return np.asarray(positions - positions.mean(0))
 
     @cached_property
     def _radius(self) -> float:

@@ -66,12 +66,12 @@ class GravitySag(BodyCause):
     def candidates(self, scene: PointScene) -> Sequence[GravitySag]:
         """Return every body in whose frame gravity turns, as a whole, and each of its targets."""
         sags = []
-        for body, targets, places in bodies_of(scene):
+        for body, targets, positions in bodies_of(scene):
             down = scene.covariates.get(gravity_column(body))
             if down is None or np.ptp(down, axis=0).max() < _LEAST_TURN:
                 continue
             middle, up = np.mean(down, axis=0).tolist(), () if scene.weight is None else scene.weight.up
-            sag = GravitySag(body, targets, places, middle=tuple(middle), up=up)
+            sag = GravitySag(body, targets, positions, middle=tuple(middle), up=up)
             sags += [sag._with_form(form) for form in (ALONG, *(() if is_large(targets) or up else (FREE,)))]
             sags += [sag._with_form(ALONG, target) for target in targets]
         return sags

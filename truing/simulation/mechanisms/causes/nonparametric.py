@@ -267,9 +267,9 @@ def _value(column: str, moved: NDArray, covariates: Mapping[str, NDArray]) -> ND
     return value if value.ndim == 2 else value[:, None]
 
 
-def _patterns(places: NDArray) -> NDArray:
+def _patterns(positions: NDArray) -> NDArray:
     """Return smooth patterns (T, 5) over a body at positions (T, 2): two slopes, two curvatures and a twist."""
-    s, t = places.T
+    s, t = positions.T
     return np.stack([s, t, s * s, s * t, t * t], -1)
 
 
@@ -430,6 +430,6 @@ def _patterned(scene: PointScene) -> Iterator[Dependence]:
         if len(members) >= _FEWEST_PATTERNED and not body.startswith("leg"):
             away = scene.shape[members] - scene.shape[members].mean(0)
             along = away @ np.linalg.svd(away, full_matrices=False)[2][:2].T
-            places = along / np.maximum(np.abs(along).max(0), 1e-9)
+            shares = along / np.maximum(np.abs(along).max(0), 1e-9)
             names = tuple(scene.targets.names[n] for n in members)
-            yield {"body": body, "targets": names, "places": tuple(float(value) for value in places.ravel())}
+            yield {"body": body, "targets": names, "places": tuple(float(value) for value in shares.ravel())}

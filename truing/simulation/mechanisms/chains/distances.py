@@ -124,8 +124,8 @@ class DistanceModel(ChainModel):
 
     def _numbers(self, points: NDArray) -> Array:
         """Return coordinates and distances (B, M + D, 1) of points (B, K, 3)."""
-        places, axes = self.coordinates.T
-        return np.concatenate([points[:, places, axes], self._directions(points)[1]], 1)[..., None]
+        rows, axes = self.coordinates.T
+        return np.concatenate([points[:, rows, axes], self._directions(points)[1]], 1)[..., None]
 
     def _directions(self, points: NDArray) -> tuple[Array, Array]:
         """Return unit vectors (B, D, 3) from the second to the first end, and distances (B, D)."""
@@ -136,5 +136,5 @@ class DistanceModel(ChainModel):
     def _along(self, unit: NDArray, slopes: NDArray) -> Array:
         """Return the derivatives (B, M + D, 1, P) of the numbers from those of the points (B, K, 3, P)."""
         difference = slopes[:, self.ends[:, 0]] - slopes[:, self.ends[:, 1]]
-        places, axes = self.coordinates.T
-        return np.concatenate([slopes[:, places, axes], np.einsum("bdi,bdip->bdp", unit, difference)], 1)[:, :, None]
+        points, axes = self.coordinates.T
+        return np.concatenate([slopes[:, points, axes], np.einsum("bdi,bdip->bdp", unit, difference)], 1)[:, :, None]

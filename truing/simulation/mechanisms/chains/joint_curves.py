@@ -110,27 +110,27 @@ class JointErrorCurve(ChainCause):
             period = float(high - low) * (1.0 if turns else knots / (knots - _REACHED))
             ends = {"starts": (float(low),), "periods": (period,)}
             curve = replace(self, joints=(name,), knots=(knots,), is_angle=turns, **ends)
-            place = curve._place_of(readings, 0)
-            reached, distinct = (len(np.unique(np.floor(place * cells))) for cells in (1, 2))
+            coordinate = curve._place_of(readings, 0)
+            reached, distinct = (len(np.unique(np.floor(coordinate * cells))) for cells in (1, 2))
             if reached >= _FEWEST and len(readings) >= _POSES_EACH * reached and distinct >= _READINGS_EACH * reached:
                 yield curve, reached
 
-    def _place_of(self, readings: NDArray, place: int) -> Array:
+    def _place_of(self, readings: NDArray, index: int) -> Array:
         """Return readings (B,) of one joint in knots from the start: within a turn, or held at the ends of a travel."""
-        knots = self.knots[place]
-        x = (readings - self.starts[place]) * (knots / self.periods[place])
+        knots = self.knots[index]
+        x = (readings - self.starts[index]) * (knots / self.periods[index])
         return np.asarray(x % knots if self.is_angle else np.clip(x, 0.0, knots - _REACHED))
 
-    def basis(self, readings: NDArray, place: int) -> Array:
+    def basis(self, readings: NDArray, index: int) -> Array:
         """Return the bumps (B, m) of one joint's curve at its readings (B,)."""
-        knots, heights = self._bumps(readings, place)
-        result = np.zeros((len(readings), self.knots[place]))
+        knots, heights = self._bumps(readings, index)
+        result = np.zeros((len(readings), self.knots[index]))
         np.put_along_axis(result, knots, heights, 1)
         return result
 
-    def _bumps(self, readings: NDArray, place: int) -> tuple[Index, Array]:
+    def _bumps(self, readings: NDArray, index: int) -> tuple[Index, Array]:
         """Return knots (B, 6) whose bumps differ from zero at readings (B,) of one joint, and their values there."""
-        x = self._place_of(readings, place)
+        x = self._place_of(readings, index)
         first = np.floor(x).astype(int)
         t = x - first
         splines = np.zeros((len(x), _REACHED + 2))  # of the knots around, with zeros at the ends
@@ -138,7 +138,7 @@ class JointErrorCurve(ChainCause):
         splines[:, 2:-2] = np.stack(weights, -1) / 6.0
         around = np.arange(_REACHED) - 2
         heights = 2.0 * splines[:, 1:-1] - splines[:, :-2] - splines[:, 2:]
-        return (first[:, None] + around) % self.knots[place], heights
+        return (first[:, None] + around) % self.knots[index], heights
 
     def deviations(self, machine: ChainInputs) -> NDArray:
         """Return the deviations (B, n, P) of the joints per unit of the parameters."""
@@ -182,9 +182,9 @@ class JointErrorCurve(ChainCause):
             sigma = np.sqrt(np.maximum(variance, 0.0))
             yield JointCurve(joint, self.is_angle, readings, basis @ values[rows], sigma, sigma < DETERMINED * free)
 
-    def _own(self, place: int) -> slice:
+    def _own(self, index: int) -> slice:
         """Return the places of one joint's parameters."""
-        return slice(sum(self.knots[:place]), sum(self.knots[: place + 1]))
+        return slice(sum(self.knots[:index]), sum(self.knots[: index + 1]))
 
     @property
     def _size(self) -> tuple[str, float, float]:

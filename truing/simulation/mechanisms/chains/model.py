@@ -269,8 +269,8 @@ class ChainModel(EffectsModel[ChainCause]):
 
     def points(self, shared: NDArray, local: NDArray) -> Array:
         """Return the channels (B, K, 3), m and rad, at shared (G,) and local (B, H) unknowns."""
-        frames, places = self.tree_frames(shared, local), self.places(shared)
-        return self._decoupled(self._values(frames, places))
+        frames, positions = self.tree_frames(shared, local), self.places(shared)
+        return self._decoupled(self._values(frames, positions))
 
     def _decoupled(self, found: NDArray) -> Array:
         """Return channels (B, K, 3, ...) less the part whose noise goes with that of the next channel.
@@ -283,25 +283,25 @@ class ChainModel(EffectsModel[ChainCause]):
         rest[:, :-1] -= np.einsum("bkij,bkj...->bki...", self.conditions.coupling[:, :-1], found[:, 1:])
         return rest
 
-    def _values(self, frames: TreeFrames, places: NDArray) -> Array:
+    def _values(self, frames: TreeFrames, positions: NDArray) -> Array:
         nodes = self.channels.node
-        found = frames.t[:, nodes] + np.einsum("bkij,bkj->bki", frames.R[:, nodes], places)
+        found = frames.t[:, nodes] + np.einsum("bkij,bkj->bki", frames.R[:, nodes], positions)
         if (turned := self.channels.is_rotation).any():
-            seen = frames.R[:, nodes[turned]] @ self.known.tool[turned] @ exp_so3(places[:, turned])
+            seen = frames.R[:, nodes[turned]] @ self.known.tool[turned] @ exp_so3(positions[:, turned])
             found[:, turned] = log_so3(seen @ np.swapaxes(self.conditions.reference[:, turned], -1, -2))
         return np.asarray(found)
 
     def _measured(self, shared: NDArray, local: NDArray) -> tuple[Array, Array, Array]:
         """Return the channels (B, K, 3); and their derivatives by all twists (B, K, 3, N, 6) and by the places of the
         channels in their links (B, K, 3, 3)."""
-        frames, places = self.tree_frames(shared, local), self.places(shared)
-        values, nodes = self._values(frames, places), self.channels.node
+        frames, positions = self.tree_frames(shared, local), self.places(shared)
+        values, nodes = self._values(frames, positions), self.channels.node
         by_twist, by_place = self.tree.point_slopes(frames, nodes, values), frames.R[:, nodes].copy()
         if (turned := self.channels.is_rotation).any():
             unrolled = inverse_left_jacobian_so3(values[:, turned])
             slopes = self.tree.rotation_slopes(frames, nodes[turned])
             by_twist[:, turned] = np.einsum("bkij,bkjnc->bkinc", unrolled, slopes)
-            tools = frames.R[:, nodes[turned]] @ self.known.tool[turned] @ left_jacobian_so3(places[:, turned])
+            tools = frames.R[:, nodes[turned]] @ self.known.tool[turned] @ left_jacobian_so3(positions[:, turned])
             by_place[:, turned] = unrolled @ tools
         return values, by_twist, by_place
 

@@ -55,9 +55,9 @@ def motor_terms(machine: ChainInputs, reading: int, motor: NDArray) -> list[Moto
     for k, name in enumerate(names):
         unit_of = torque if name == "wind_up" else unit
         if k in kept:
-            place = 2 + kept.index(k)
-            value = found[place] / ratio
-            by = np.eye(len(found))[place] / ratio - np.eye(len(found))[1] * value / ratio
+            index = 2 + kept.index(k)
+            value = found[index] / ratio
+            by = np.eye(len(found))[index] / ratio - np.eye(len(found))[1] * value / ratio
             terms.append(MotorTerm(joint, name, unit_of, float(value), float(np.sqrt(by @ cov @ by))))
         else:
             terms.append(MotorTerm(joint, name, unit_of, None, None))
