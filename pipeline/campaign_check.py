@@ -264,12 +264,12 @@ def _contradictions(path: Path, ingested: Mapping[str, Any] | None) -> tuple[tup
     checks, relations = (tables[name].to_pylist() if name in tables else [] for name in ("qa", "belonging"))
     failed = failed_relations(tables)
     doubted = {row["relation"] for row in relations if row["state"] == "attention"}
-    apart = tuple(row["message"] for row in checks if row["check"] in failed and row["verdict"] == "fail")
+    belonging = tuple(row["message"] for row in checks if row["check"] in failed and row["verdict"] == "fail")
     doubtful = [row["message"] for row in checks if row["check"] in doubted and row["verdict"] == "warn"]
     far = {row["subject"]: row["message"] for row in checks if row["check"] == "noise" and _is_far(row["value"])}
     axes = {f"{subject} {axis}" for subject in far for axis in "xyz"}
     doubtful += [row["message"] for row in checks if row["check"] in _UNITS and row["verdict"] in ("warn", "fail")]
-    return apart, (*doubtful, *(message for subject, message in far.items() if subject not in axes))
+    return belonging, (*doubtful, *(message for subject, message in far.items() if subject not in axes))
 
 
 def _is_far(ratio: float | None) -> bool:

@@ -279,9 +279,9 @@ def _of_units(mapping: Mapping[str, Any], guess: Guess) -> Iterator[str]:
     for column, raw in mapping.get("columns", {}).items():
         if column not in unread and (unit := _taken_unit(column, raw, mapping)):
             by_unit.setdefault(unit, []).append(f"column {raw}" if isinstance(raw, int) else raw)
-    whole = _common_unit(mapping, guess)
-    if whole and "unit" not in guess.answered:
-        yield f'no unit is given; coordinates are assumed to be in {whole} (else: unit = "in")'
+    common = _common_unit(mapping, guess)
+    if common and "unit" not in guess.answered:
+        yield f'no unit is given; coordinates are assumed to be in {common} (else: unit = "in")'
     elif by_unit:
         words = ", ".join(f"{unit} for {_span(names)}" for unit, names in by_unit.items())
         given = mapping.get("columns", {}).items()
@@ -307,8 +307,8 @@ def unread_units(mapping: Mapping[str, Any]) -> dict[str, str]:
 def assumed_unit(column: str, guess: Guess) -> str | None:
     """Assumed unit of a coordinate of a file; None if its unit is known, or there is no such column."""
     columns = guess.mapping.get("columns", {})
-    whole = _common_unit(guess.mapping, guess)
-    return whole or (_taken_unit(column, columns[column], guess.mapping) if column in columns else None)
+    common = _common_unit(guess.mapping, guess)
+    return common or (_taken_unit(column, columns[column], guess.mapping) if column in columns else None)
 
 
 def _taken_unit(column: str, raw: Any, mapping: Mapping[str, Any], *, is_unread: bool = False) -> str | None:

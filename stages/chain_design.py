@@ -64,9 +64,9 @@ def design_chain(settings: Campaign, options: DesignOptions, tables: ChainDesign
     found = choose_chain_poses(rows, options.poses, kept, options.method, rng)
     chosen = drawn[found.chosen]
     check = verification_poses(drawn, chosen, ranges, options.verification)
-    whole = np.concatenate([chosen, check])
-    order = ordered_poses(whole, ranges, kept_readings, options, rng)
-    table = plan_table(ranges, whole, order, options, tables.extend)
+    plan = np.concatenate([chosen, check])
+    order = ordered_poses(plan, ranges, kept_readings, options, rng)
+    table = plan_table(ranges, plan, order, options, tables.extend)
     everything = poses_to_fit(ranges, kept_readings, table)
     measured = _planned(layout, settings, everything, joint_readings(tree, everything))
     probes = _subset(offered, slice(0, _PROBES))

@@ -170,8 +170,8 @@ def _loop_follows(columns: AxisColumns, deviations: Mapping[str, Array], noise: 
     ratio = sizes[0] / max(sizes[1], 1e-300)
     is_astray = sizes[0] > _CLEARLY * noise.get(loop, 0.0) and _larger_variance(of_loop, of_other) < _UNLIKELY
     unit, named = columns.reported_unit, [columns.encoders[each] for each in (loop, other)]
-    told = [f"{size / unit[1]:.3g} {unit[0]}" for size in sizes]
-    text = f"{named[0]} departs from the command by {told[0]} and {named[1]} by {told[1]}"
+    texts = [f"{size / unit[1]:.3g} {unit[0]}" for size in sizes]
+    text = f"{named[0]} departs from the command by {texts[0]} and {named[1]} by {texts[1]}"
     if not is_astray:
         return Check("axis-encoders", "", ratio, 1.0, "1", PASS, f"{text}.")
     text += f', but the controller holds the encoder of the loop ("{loop}") to the command. Did you mean loop = '
@@ -323,8 +323,8 @@ def _equal_by_chance(command: Array, away: Array) -> float:
     near = 0
     for lag in range(1, min(_MOST_REPEATS, len(order))):
         is_pair = command[order][lag:] == command[order][:-lag]
-        apart = np.abs(away[order][lag:] - away[order][:-lag])[is_pair] / resolution
-        near += int(np.sum((apart < _NEAR + 0.5).all(1) & (apart > 0.5).any(1)))
+        changes = np.abs(away[order][lag:] - away[order][:-lag])[is_pair] / resolution
+        near += int(np.sum((changes < _NEAR + 0.5).all(1) & (changes > 0.5).any(1)))
     return near / ((2 * _NEAR + 1) ** away.shape[1] - 1)
 
 

@@ -293,13 +293,13 @@ def _tested(compared: ComparedChain, settings: Campaign) -> RelationTest:
 def _explained(compared: ComparedChain, tested: RelationTest, in_poses: tuple[RecordSlip, ...]) -> RelationTest:
     """The test of a chain that misses its limit, with the slips that explain it; in_poses: slips in some poses."""
     fit, conditions = compared.fit, compared.conditions
-    if whole := [
+    if slips := [
         *slips_of_measured(compared, fit),
         *slips_of_links(compared),
         *slips_of_surveys(compared),
         *slips_of_description(compared),
     ]:
-        return _failed_as_a_whole(tested, whole)
+        return _failed_as_a_whole(tested, slips)
     if (moved := moved_frame(compared, fit)) is not None:
         return _failed_as_a_whole(tested, [moved])
     bodies = list(slips_of_bodies(compared))
@@ -307,8 +307,8 @@ def _explained(compared: ComparedChain, tested: RelationTest, in_poses: tuple[Re
         return _failed_as_a_whole(tested, bodies)
     slip = likely_slip(conditions, compared.tree.is_revolute, fit.start_of)
     if slip is None:
-        if whole := [*slips_of_single_lines(compared, fit), *bodies]:
-            return _failed_as_a_whole(tested, whole)
+        if slips := [*slips_of_single_lines(compared, fit), *bodies]:
+            return _failed_as_a_whole(tested, slips)
         if (senses := senses_that_join(compared.tree, conditions, fit.start_of)) is not None:
             return _failed(tested, _recorded_senses(senses, compared), senses.after)
         return _failed(tested, _constant(compared) or in_poses, None)

@@ -220,9 +220,9 @@ def slips_of_description(compared: ComparedChain) -> Iterator[WholeSlip]:
 def without_lone_errors(start: StartValues, usable: Mask) -> Mask:
     """Mask (B,) of the usable poses without a few that miss by far more than most, such as those of a wrong target."""
     size = np.sqrt(np.nanmean(np.sum(start.errors**2, -1), axis=1))
-    kept = size <= _FAR * float(np.median(size))
-    if kept.mean() < _MOST:
+    usual = size <= _FAR * float(np.median(size))
+    if usual.mean() < _MOST:
         return usable
     is_usable = usable.copy()
-    is_usable[usable] = kept
+    is_usable[usable] = usual
     return is_usable

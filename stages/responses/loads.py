@@ -149,7 +149,7 @@ def _compared_with_simulation(
         "simulated": simulated.entries[i, j],
         "simulated_sigma": simulated.sigma[i, j],
         "pull": pull,
-        "verdict": ["differs" if apart else "agrees" for apart in differs],
+        "verdict": ["differs" if is_other else "agrees" for is_other in differs],
     }
 
 

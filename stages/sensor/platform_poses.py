@@ -72,7 +72,7 @@ def _displacement_rows(platform: PlatformPoses, out: Decided) -> Rows:
     roles = {"role": np.where(cases.held_out, "verification", "calibration")} if cases.held_out.any() else {}
     rows.add(
         case=np.arange(1, len(cases.load) + 1),
-        branch=[BRANCHES[way] for way in cases.branch],
+        branch=[BRANCHES[branch] for branch in cases.branch],
         **dict(zip(LOAD_COLUMNS, cases.load.T, strict=True)),
         **dict(zip(MOVED_COLUMNS, (platform.value / MOVED_SI).T, strict=True)),
         **entries,
@@ -98,7 +98,7 @@ def _residual_rows(platform: PlatformPoses, recorded: RecordedSteps, out: Decide
         run=[steps.runs[r] for r in steps.run[at]],
         step=steps.step[at],
         channel=[CHANNELS[j] for j in k],
-        branch=[BRANCHES[way] for way in platform.cases.branch_of_step[at]],
+        branch=[BRANCHES[branch] for branch in platform.cases.branch_of_step[at]],
         residual=residual,
         sigma=sigma,
         unit=[READING_UNITS[j] for j in k],

@@ -149,8 +149,8 @@ class _ValueTable:
     def recorded(self, steps: RecordedSteps, runs: Sequence[str], used: Mask, wrong: Sequence[RunPart]) -> _Used:
         """Return the rows (N,) used for responses, without runs of which a part is wrong, or that are constant."""
         indices = range(self.first, self.first + len(self.columns))
-        apart = np.isin(steps.run, [fault.run for fault in wrong if part_concerns(fault, indices)])
-        value = np.where((used & ~apart)[:, None], self.value, np.nan)
+        is_wrong = np.isin(steps.run, [fault.run for fault in wrong if part_concerns(fault, indices)])
+        value = np.where((used & ~is_wrong)[:, None], self.value, np.nan)
         still = list(constant_columns(steps.load, steps.run, value))
         for column in still:
             value[steps.run == column.run, column.column] = np.nan

@@ -317,12 +317,12 @@ def rest_apart(sights: Sequence[CauseSight]) -> Array:
         np.linalg.qr(one.left / np.linalg.norm(one.left))[0] if one.visible > _LEAST_VISIBLE else 0.0 * one.left
         for one in sights
     ]
-    apart = np.full((len(sights), len(sights)), np.inf)
+    distance = np.full((len(sights), len(sights)), np.inf)
     for a, sight in enumerate(sights):
         for b, basis in enumerate(bases):
             if a != b and not sight.cause.excludes(sights[b].cause):
-                apart[a, b] = np.linalg.norm(sight.left - basis @ (basis.T @ sight.left))
-    return apart
+                distance[a, b] = np.linalg.norm(sight.left - basis @ (basis.T @ sight.left))
+    return distance
 
 
 @dataclass(frozen=True)

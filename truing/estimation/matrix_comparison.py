@@ -84,12 +84,12 @@ def compare_matrices(
     flat, model = measured[rows].ravel(), simulated[rows].ravel()
     of_own, of_model = covariance[np.ix_(at, at)], np.diag(simulated_sigma[rows].ravel() ** 2)
     bent = np.kron(_apart_from_a_plane(points[rows]), np.eye(width))
-    total, apart = of_own + of_model, flat - model
+    total, difference = of_own + of_model, flat - model
     factor, factor_sigma = _common_factor(flat, of_own, model, of_model)
     scaled = joint_test(flat - factor * model, of_own + factor**2 * of_model) if np.isfinite(factor) else _NO_TEST
     if scaled.dof > 1:
         scaled = _with_dof(scaled, scaled.dof - 1)
-    free = joint_test(bent @ apart, bent @ total @ bent.T) if len(rows) >= _LEAST_OF_A_PLANE else None
+    free = joint_test(bent @ difference, bent @ total @ bent.T) if len(rows) >= _LEAST_OF_A_PLANE else None
 
     def spread(values: Array) -> Array:
         spreads = np.full(measured.shape, np.nan)
@@ -99,8 +99,8 @@ def compare_matrices(
     sizes = (np.sqrt(np.maximum(np.diag(of), 0.0)) for of in (of_own, of_model, total))
     own_sigma, model_sigma, sigma = (spread(size) for size in sizes)
     return MatrixComparison(
-        *(spread(flat), own_sigma, spread(model), model_sigma, spread(apart), sigma),
-        *(joint_test(apart, total), factor, factor_sigma, scaled, free),
+        *(spread(flat), own_sigma, spread(model), model_sigma, spread(difference), sigma),
+        *(joint_test(difference, total), factor, factor_sigma, scaled, free),
     )
 
 

@@ -109,9 +109,9 @@ def fit_response(
 
 def _separate(cov: Array, is_observed: Mask, offset_cov: Array | None) -> bool:
     """True if components have independent errors, so that each can be fitted separately."""
-    apart = ~np.eye(cov.shape[1], dtype=bool)
-    both = is_observed[:, :, None] & is_observed[:, None, :] & apart
-    return not np.any(cov[both]) and (offset_cov is None or not np.any(offset_cov[apart]))
+    is_cross = ~np.eye(cov.shape[1], dtype=bool)
+    both = is_observed[:, :, None] & is_observed[:, None, :] & is_cross
+    return not np.any(cov[both]) and (offset_cov is None or not np.any(offset_cov[is_cross]))
 
 
 def _component_by_component(

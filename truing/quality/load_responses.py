@@ -98,8 +98,8 @@ def beyond_simulation(responses: RunResponses, excluded: Index) -> list[int]:
         return []
     size = np.abs(responses.slope)
     clear = responses.sigma < _BEYOND_SIGMA * size
-    apart = clear & ((size > _BEYOND) | (size < 1.0 / _BEYOND))
-    return [int(at) for at in np.flatnonzero(apart) if at not in excluded]
+    differs = clear & ((size > _BEYOND) | (size < 1.0 / _BEYOND))
+    return [int(at) for at in np.flatnonzero(differs) if at not in excluded]
 
 
 def typical_size(value: Array, kind: Index) -> Array:

@@ -27,10 +27,12 @@ def during(tables: Tables) -> ReportSection | None:
         "pose_repeatability": _by_pose,
         "lack_of_fit": _fits,
     }
-    known = [(tell, table) for name, tell in reported.items() if (table := table_or_none(tables, name)) is not None]
+    known = [
+        (section, table) for name, section in reported.items() if (table := table_or_none(tables, name)) is not None
+    ]
     if not known:
         return None
-    listings = tuple(listing for tell, table in known for listing in tell(table))
+    listings = tuple(listing for section, table in known for listing in section(table))
     return ReportSection(
         "during",
         "During the campaign",

@@ -405,6 +405,6 @@ def about_others(fit: Array) -> Mask:
     size, about = axes_of(fit)[0][:, 1], np.zeros(len(fit), bool)
     pairs = cKDTree(fit[:, :2]).query_pairs(4.0, output_type="ndarray") if len(fit) else np.empty((0, 2), int)
     i, j = np.concatenate([pairs, pairs[:, ::-1]]).T
-    apart = np.hypot(*(fit[i, :2] - fit[j, :2]).T)
-    about[i[(apart < 0.5 * size[j]) & (size[i] >= _LARGER * size[j])]] = True
+    distance = np.hypot(*(fit[i, :2] - fit[j, :2]).T)
+    about[i[(distance < 0.5 * size[j]) & (size[i] >= _LARGER * size[j])]] = True
     return about

@@ -101,8 +101,8 @@ def _best(read: Codes, corners: Array) -> NDArray[np.intp]:
 def _first_at_its_place(corners: Array, order: NDArray[np.intp], group: Index) -> Mask:
     """Return the mask of quadrangles (N, 4, 2) without an earlier one of their group (N,) at the same position."""
     centre, size = corners.mean(1), np.linalg.norm(corners[:, 0] - corners[:, 2], axis=1)
-    apart = np.linalg.norm(centre[:, None] - centre, axis=2)
-    same = (apart < 0.25 * size[:, None]) & (group[:, None] == group)
+    distance = np.linalg.norm(centre[:, None] - centre, axis=2)
+    same = (distance < 0.25 * size[:, None]) & (group[:, None] == group)
     keep = np.ones(len(corners), dtype=bool)
     for index in order.tolist():
         if keep[index]:

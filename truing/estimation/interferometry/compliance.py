@@ -64,12 +64,12 @@ def fit_compliance(
     known = determined | ~by_load
     entries = np.zeros(fit.free.shape, bool)
     entries[:, :6] = determined & by_load
-    whole = np.zeros((36, 36))
+    covariance_of_all = np.zeros((36, 36))
     at, of_fit = np.flatnonzero(entries[:, :6].ravel()), np.flatnonzero(entries[fit.free])
-    whole[np.ix_(at, at)] = fit.covariance[np.ix_(of_fit, of_fit)]
-    sigma = np.sqrt(np.diag(whole)).reshape(6, 6)
+    covariance_of_all[np.ix_(at, at)] = fit.covariance[np.ix_(of_fit, of_fit)]
+    sigma = np.sqrt(np.diag(covariance_of_all)).reshape(6, 6)
     return Compliance(
-        np.where(known, fit.coefficients[:, :6], np.nan), np.where(known, sigma, np.inf), whole, known, fit
+        np.where(known, fit.coefficients[:, :6], np.nan), np.where(known, sigma, np.inf), covariance_of_all, known, fit
     )
 
 

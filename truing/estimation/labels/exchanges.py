@@ -90,9 +90,9 @@ def _exchanged_pairs(residual: NDArray, is_observed: NDArray, shape: NDArray, si
     for pose in np.flatnonzero((is_observed & (off > _WORTH_LOOKING * sigma)).sum(1) >= 2):
         suspects = np.flatnonzero(is_observed[pose] & (off[pose] > _WORTH_LOOKING * sigma))
         for first, second in combinations(suspects, 2):
-            way = shape[second] - shape[first]
-            miss = np.array([residual[pose, first] - way, residual[pose, second] + way])
-            if np.sqrt(np.sum(miss**2, -1)).max() < min(_SHARE * np.sqrt(way @ way), _NEAR * sigma):
+            shift = shape[second] - shape[first]
+            miss = np.array([residual[pose, first] - shift, residual[pose, second] + shift])
+            if np.sqrt(np.sum(miss**2, -1)).max() < min(_SHARE * np.sqrt(shift @ shift), _NEAR * sigma):
                 pairs.append(Exchange(int(pose), int(first), int(second)))
     return pairs
 

@@ -296,9 +296,9 @@ def counted(rows: list[AssessedCause], tables: Tables) -> str:
     if is_bench(tables) or any(name in tables for name in ("pulls", "axis_errors")):
         into = "added to the extended model (model.toml)"
     worse = f", {refuted} suspected but not {into} because predictions are not better with it" if refuted else ""
-    kept = f"{_accepted_words(found - suspected, suspected)} and {into}" if found else "none found"
+    text = f"{_accepted_words(found - suspected, suspected)} and {into}" if found else "none found"
     return (
-        f"{assessed}: {kept}{worse}{other}, {rejected} rejected{unseen}. "
+        f"{assessed}: {text}{worse}{other}, {rejected} rejected{unseen}. "
         f"All causes were compared on the same data, re-estimating every other parameter."
     )
 

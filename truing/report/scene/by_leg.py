@@ -36,9 +36,9 @@ def by_leg(tables: Tables) -> Listing:
 
 
 def _shifts(shifts: pd.DataFrame) -> list[tuple]:
-    kept = shifts[~shifts["rejected"]] if "rejected" in shifts else shifts
+    used = shifts[~shifts["rejected"]] if "rejected" in shifts else shifts
     rows: list[tuple] = []
-    for leg, group in kept.groupby("leg"):
+    for leg, group in used.groupby("leg"):
         shift, sigma = group["delta_bz_um"].to_numpy(dtype=float), group["sigma_um"].to_numpy(dtype=float)
         rms = float(np.sqrt(np.mean(shift**2)))
         # Contribution of the points' noise to the rms of these shifts, to first order.

@@ -97,9 +97,9 @@ def _points(
 ) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
     """Return places and displacements (S, N, 3) in the targets' own bodies, NaN where a pose has none."""
     positions = np.broadcast_to(targets[XYZ].to_numpy(dtype=float), (len(poses), len(targets), 3)).copy()
-    kept = residuals[~residuals["rejected"]].set_index(["pose", "body", "target"])[SHIFT]
+    used = residuals[~residuals["rejected"]].set_index(["pose", "body", "target"])[SHIFT]
     keys = [(pose, b, t) for pose in poses for b, t in zip(targets["body"], targets["target"], strict=True)]
-    shifts = kept.reindex(keys).to_numpy(dtype=float, copy=True).reshape(len(poses), len(targets), 3)
+    shifts = used.reindex(keys).to_numpy(dtype=float, copy=True).reshape(len(poses), len(targets), 3)
     return positions, shifts
 
 

@@ -117,12 +117,12 @@ def mechanism_step(before: ExtendedModel, now: ExtendedModel) -> RunStep:
     common = tuple(c for c in before.model.causes if c.key in own_keys & persistent)
     prior = mechanism_prior(before, _surveyed(now), common)
     then_at, now_at = (prior.places(one.model) for one in (before, now))
-    apart = prior.frames + sum(
+    total = prior.frames + sum(
         shift_without_effects(one.shared, one.covariance, indices, _unshared_effects(one.model, common))
         for one, indices in ((before, then_at), (now, now_at))
     )
     value, covariance = now.shared[now_at], now.covariance[np.ix_(now_at, now_at)]
-    compared = compare(prior.mean, prior.covariance, value, covariance, prior.shared, apart)
+    compared = compare(prior.mean, prior.covariance, value, covariance, prior.shared, total)
     reported = reported_numbers(prior, now.model, now.shared, now.covariance)
     columns = {**reported.columns, **figures(prior, reported, compared, value, covariance, LEVEL)}
     if len(compared.observable) == 0:

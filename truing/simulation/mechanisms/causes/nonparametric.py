@@ -288,8 +288,8 @@ def _dependences(scene: PointScene) -> Iterator[Dependence]:
     for legs in [chosen for chosen in choices(scene.legs, 2) if len(chosen) == 2]:
         yield from ({"quantity": "readings", "legs": legs, **column} for column in inputs.columns(1))
         if scene.lengths_apart:
-            apart = inputs.columns(1, apart_from=(TIME, TEMPERATURE))
-            yield from ({"quantity": "lengths", "legs": legs, **settings} for settings in apart)
+            others = inputs.columns(1, apart_from=(TIME, TEMPERATURE))
+            yield from ({"quantity": "lengths", "legs": legs, **settings} for settings in others)
     yield from ({"quantity": "scale", **settings} for settings in inputs.scale_dependences())
     for body in _patterned(scene) if scene.legs else ():
         yield from ({"quantity": "targets", **body, **settings} for settings in (*inputs.columns(1), *inputs.drives(1)))

@@ -256,10 +256,10 @@ class JointBacklash(JointCause):
         found, step = super().candidates(scene), scene.covariates.get(LAST_STEP)
         readings = scene.inputs_of_machine.tree.readings
         return [
-            replace(cause, first=way)
+            replace(cause, first=sense)
             for cause in found
-            for way in (1, -1)
-            if way == self.first or (step is not None and not step[:, readings.index(cause.joint)].all())
+            for sense in (1, -1)
+            if sense == self.first or (step is not None and not step[:, readings.index(cause.joint)].all())
         ]
 
     def applies(self, machine: ChainInputs) -> bool:

@@ -92,5 +92,5 @@ def off_centre(machine: ChainInputs, reading: int, load: float) -> dict[str, flo
         ends = [float(np.sqrt(node.t @ node.t)) for node in machine.tree.nodes if node.parent == k]
         distances |= {f"{link} {axis}": max(_OFF_CENTRE_M, max(ends, default=0.0) / 2.0) for axis in AXES}
     moments = moments_off_centre(machine, reading, distances).T * np.array(list(distances.values()))[:, None]
-    kept = independent(dict(zip(distances, moments, strict=True)), load)
-    return {part: distances[part] for part in kept}
+    parts = independent(dict(zip(distances, moments, strict=True)), load)
+    return {part: distances[part] for part in parts}

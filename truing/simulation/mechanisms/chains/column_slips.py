@@ -154,10 +154,10 @@ def _zeros(
     before = start_of(conditions)
     quarters = _quarter_turns(conditions, turning, start_of)
     tried = [_with_zeros(conditions, every, before, start_of, zeros) for zeros in (np.zeros(len(every)), quarters)]
-    whole = min(tried, key=lambda slip: slip.after)
-    if whole.after > foreign_share(before):
+    zeroed = min(tried, key=lambda slip: slip.after)
+    if zeroed.after > foreign_share(before):
         return None
-    start = np.array(whole.offsets)
+    start = np.array(zeroed.offsets)
     chosen: tuple[int, ...] = ()
     while True:
         trials = [
@@ -167,7 +167,7 @@ def _zeros(
         ]
         best = min(trials, key=lambda slip: slip.after)
         chosen = best.readings
-        if best.after <= _AS_GOOD * whole.after or len(chosen) == len(every):
+        if best.after <= _AS_GOOD * zeroed.after or len(chosen) == len(every):
             return best
 
 

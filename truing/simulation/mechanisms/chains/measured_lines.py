@@ -50,8 +50,8 @@ class MeasuredLines:
 
     def slopes(self, shape: NDArray, modes: NDArray) -> Array:
         """Return the derivatives (B, D, W) of the distances by errors of the places (K, 3, W)."""
-        apart = self.apart(shape)
-        unit = apart / np.maximum(np.linalg.norm(apart, axis=-1, keepdims=True), 1e-300)
+        vectors = self.apart(shape)
+        unit = vectors / np.maximum(np.linalg.norm(vectors, axis=-1, keepdims=True), 1e-300)
         moved = self.R @ modes
         return np.einsum("bdi,bdiw->bdw", unit, moved[:, self.ends[:, 0]] - moved[:, self.ends[:, 1]])
 

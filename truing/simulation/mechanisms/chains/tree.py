@@ -274,8 +274,8 @@ def geometry_modes(tree: Tree, sigma: NDArray, is_base_free: bool, known: Mask |
         if below < 0 and is_base_left:  # the base's place stands for the frame of one joint on it, not of others
             is_base_left = False
             continue
-        zero, passing = axis_twist(node), [way for way in _passing(node) if way[free].any()]
-        same = [zero, *passing] if node.reading == node.joint else [way - (way @ zero) * zero for way in passing]
+        zero, passing = axis_twist(node), [twist for twist in _passing(node) if twist[free].any()]
+        same = [zero, *passing] if node.reading == node.joint else [twist - (twist @ zero) * zero for twist in passing]
         if below >= 0 and below not in carried and free.all():
             same.append(_seen_from(tree, below, j))
             carried.add(below)
