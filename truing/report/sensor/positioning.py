@@ -14,7 +14,7 @@ from truing.belonging.relation import RelationState
 from truing.report.axis_page import ENCODERS
 from truing.report.figure_style import BLUE, ORANGE, label, style
 from truing.report.heads import RUN, Head
-from truing.report.measured_section import corrections
+from truing.report.measured_loads import corrections
 from truing.report.numbers import count, in_suitable_unit, printed, sign, with_uncertainty
 from truing.report.page import Listing, ReportSection
 from truing.report.section_verdict import SectionVerdict
