@@ -88,7 +88,10 @@ def gain_section(rows: list[AssessedCause], tables: Tables) -> ReportSection:
     listings = [listing for listing in (by_part, _calibrations(tables)) if listing.rows]
     title = "Before and after" if modelled else "Errors of the predictions"
     lead = " ".join(
-        [_opening_sentences(missed, parts, rows, is_complete=not shortcoming(tables)), *held_out_sentences(modelled, parts)]
+        [
+            _opening_sentences(missed, parts, rows, is_complete=not shortcoming(tables)),
+            *held_out_sentences(modelled, parts),
+        ]
     )
     return ReportSection("gain", title, lead, tuple(reported), tuple(listings), see=not_elsewhere(modelled, parts))
 
