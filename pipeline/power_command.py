@@ -225,7 +225,7 @@ def _tables(campaign: CampaignFolder, settings: Campaign) -> dict[str, pa.Table]
     return made if "observations" not in made else _posed(made, settings)
 
 
-def _planning_tables(source: Any, settings: Campaign) -> dict[str, pa.Table]:
+def _planning_tables(source: CampaignFiles, settings: Campaign) -> dict[str, pa.Table]:
     log = FaultLog()
     survey, configurations = read_survey(source, settings, log), read_configurations(source, settings, log)
     log.raise_faults()

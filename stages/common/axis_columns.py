@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
-from typing import TYPE_CHECKING, Any, cast
+from typing import TYPE_CHECKING, cast
 
 import numpy as np
 import pyarrow as pa
@@ -157,13 +157,13 @@ def columns_of(settings: Campaign, table: pa.Table) -> AxisColumns:
     return AxisColumns.of(cast("AxisMechanism", settings.mechanism), table.schema.names)
 
 
-def command_sigma(settings: Any) -> float:
+def command_sigma(settings: Campaign) -> float:
     """Return the standard deviation of the axis from its command, rad or m."""
     unit = settings.mechanism.unit
     return float(getattr(settings.noise, f"command_{unit}") * SI[unit])
 
 
-def encoder_sigma(settings: Any, encoder: str) -> float | None:
+def encoder_sigma(settings: Campaign, encoder: str) -> float | None:
     """Return the standard deviation of an encoder's reading, rad or m; None if not declared."""
     unit = settings.mechanism.unit
     sigma = getattr(settings.noise, f"{encoder}_{unit}")

@@ -4,18 +4,18 @@ from __future__ import annotations
 
 from collections.abc import Iterator, Sequence
 from dataclasses import replace
-from typing import Any
 
 import numpy as np
 
 from truing.belonging.relation import LENGTH_FACTORS, RecordSlip, SlipKind, both_ways
+from truing.schemas.chain_mechanism import ChainMechanism
 from truing.simulation.mechanisms.chains.notations import MODIFIED, STANDARD, DenavitHartenberg, tree_of_rows
 from truing.simulation.mechanisms.chains.tree import JointKind, Tree
 
 _MM = 1e-3
 
 
-def rows_of(section: Any) -> list[DenavitHartenberg]:
+def rows_of(section: ChainMechanism) -> list[DenavitHartenberg]:
     """Rows of [mechanism] dh in m and rad."""
     return [
         DenavitHartenberg(

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 from collections.abc import Mapping
-from typing import Any
 
 import numpy as np
 import pyarrow as pa
@@ -11,6 +10,7 @@ import pyarrow as pa
 from truing.arrays import Array
 from truing.estimation.rotation import log_so3
 from truing.schemas.artifacts import ARTIFACTS
+from truing.schemas.campaign import Campaign
 from truing.simulation.mechanisms.chains.closed_tree import ClosedTree
 from truing.simulation.mechanisms.chains.joint_table import (
     AXIS,
@@ -75,7 +75,7 @@ def motor_readings(tree: Tree, table: pa.Table) -> dict[int, Array]:
     return readings
 
 
-def payload_of(settings: Any, table: pa.Table) -> Array:
+def payload_of(settings: Campaign, table: pa.Table) -> Array:
     """Mass (B,) at the tip, kg: the column payload_kg if there is one, else that of [mechanism]."""
     if "payload_kg" in table.schema.names:
         return np.nan_to_num(number_column(table, "payload_kg"))

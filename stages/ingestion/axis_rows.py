@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 from dataclasses import replace
-from typing import Any
 
 import numpy as np
 import pyarrow as pa
@@ -13,6 +12,7 @@ from truing.formats.row_collection import CollectedRows, collect_rows
 from truing.formats.shapes import TableShape
 from truing.formats.source import CampaignFiles
 from truing.report.numbers import count
+from truing.schemas.campaign import Campaign
 from truing.schemas.faults import Fault
 from truing.schemas.near_names import did_you_mean
 from truing.simulation.axis.rows import MEASURED
@@ -35,7 +35,7 @@ DEVIATION = "deviation"
 _OTHER = {"deg": "mm", "mm": "deg"}
 
 
-def ingest(settings: Any, source: CampaignFiles, log: FaultLog) -> Outcome:
+def ingest(settings: Campaign, source: CampaignFiles, log: FaultLog) -> Outcome:
     """Return the rows of an axis as `configurations`; raises CampaignFaults with all faults at once."""
     rows = collect_rows(source, ROWS, log, "pose")
     if rows is None:
@@ -79,7 +79,7 @@ def _with_deviations(collected: CollectedRows, command: str, log: FaultLog) -> C
     return collected
 
 
-def _check_columns(collected: CollectedRows, columns: AxisColumns, settings: Any, log: FaultLog) -> None:
+def _check_columns(collected: CollectedRows, columns: AxisColumns, settings: Campaign, log: FaultLog) -> None:
     """Report missing columns, commands without a number, and encoders without noise or readings."""
     names, file = collected.table.column_names, collected.first_file
     for quantity, column in settings.mechanism.columns.items():

@@ -42,13 +42,14 @@ from truing.stages.ingestion.tables import read_configurations, read_survey
 
 if TYPE_CHECKING:
     from truing.schemas.campaign import Campaign
+    from truing.schemas.chain_mechanism import ChainMechanism
 
 _MM, _DEG = 1e-3, np.pi / 180.0
 Limits = dict[str, tuple[float, float]]
 
 
 def ingest(
-    tables: Mapping[str, pa.Table], settings: Any, source: CampaignFiles, log: FaultLog, progress: Progress
+    tables: Mapping[str, pa.Table], settings: Campaign, source: CampaignFiles, log: FaultLog, progress: Progress
 ) -> Outcome:
     """The tables of the campaign, and `joints`; raises CampaignFaults with all faults together."""
     try:
@@ -96,7 +97,7 @@ def planned_chain(settings: Campaign, source: CampaignFiles) -> dict[str, pa.Tab
     return tables
 
 
-def read_chain(settings: Any, source: CampaignFiles) -> tuple[Tree, Limits]:
+def read_chain(settings: Campaign, source: CampaignFiles) -> tuple[Tree, Limits]:
     """The chain that [mechanism] describes, and the limits of its joints; raises CampaignFaults if it is unusable."""
     section = settings.mechanism
     if section.dh:
@@ -114,12 +115,12 @@ def read_chain(settings: Any, source: CampaignFiles) -> tuple[Tree, Limits]:
         raise CampaignFaults([Fault(file.name, error.expected, row=error.row, value=error.value)]) from None
 
 
-def _tree_of_rows(section: Any) -> Tree:
+def _tree_of_rows(section: ChainMechanism) -> Tree:
     tree = tree_of_rows(rows_of(section), section.joint_names, section.base or "base", section.tip or "tip")
     return _with_masses(tree, section.dh)
 
 
-def _tree_of_screws(section: Any) -> Tree:
+def _tree_of_screws(section: ChainMechanism) -> Tree:
     screws = [
         Screw(np.array(row.axis) / np.linalg.norm(row.axis), np.array(row.point_mm) * _MM, JointKind(row.kind))
         for row in section.screws
@@ -172,7 +173,7 @@ def tree_of_urdf(
         raise Unusable(str(error)) from None
 
 
-def _closure(section: Any) -> LoopClosure | None:
+def _closure(section: ChainMechanism) -> LoopClosure | None:
     """The installed closure that [mechanism] names; raises CampaignFaults if there is none of its name."""
     if section.closure is None:
         return None

@@ -5,7 +5,6 @@ from __future__ import annotations
 import math
 from collections.abc import Sequence
 from dataclasses import replace
-from typing import Any
 
 import numpy as np
 import pyarrow as pa
@@ -15,6 +14,7 @@ from truing.formats.faultlog import FaultLog
 from truing.formats.row_collection import CollectedRows
 from truing.formats.shapes import TRANSIT, WRENCH
 from truing.schemas.faults import Fault
+from truing.schemas.sections import Loading
 from truing.stages.common.table_arrays import (
     check_unique_keys,
     declared_missing,
@@ -46,7 +46,7 @@ def with_known_loads(collected: CollectedRows) -> CollectedRows:
     )
 
 
-def six_loads(collected: CollectedRows, loading: Any, log: FaultLog) -> Array:
+def six_loads(collected: CollectedRows, loading: Loading, log: FaultLog) -> Array:
     """Return the loads (N, 6) in N and N m; an empty component next to others is 0. Reports impossible loads."""
     names = collected.table.column_names
     six, one = [name for name in WRENCH if name in names], [name for name in ("load_axis", "load") if name in names]
@@ -73,7 +73,7 @@ def six_loads(collected: CollectedRows, loading: Any, log: FaultLog) -> Array:
     return loads
 
 
-def _check_range(collected: CollectedRows, loads: Array, column: str | None, loading: Any, log: FaultLog) -> None:
+def _check_range(collected: CollectedRows, loads: Array, column: str | None, loading: Loading, log: FaultLog) -> None:
     for k, name in enumerate(WRENCH):
         limit = loading.allowed(name)
         if limit is not None:
@@ -169,7 +169,7 @@ def averaged(collected: CollectedRows, log: FaultLog) -> CollectedRows:
     return _means(collected, first, at, _with_reading(collected, at))
 
 
-def averaged_signals(collected: CollectedRows, loading: Any, log: FaultLog) -> CollectedRows:
+def averaged_signals(collected: CollectedRows, loading: Loading, log: FaultLog) -> CollectedRows:
     """Return one row per load step of a recording: mean of each real column over the samples of the step.
 
     Samples are rows of a run in succession with equal loads. Where rows share the number of a step, another number
@@ -253,7 +253,7 @@ def _check_constant(collected: CollectedRows, first: Index, log: FaultLog) -> No
 
 
 def checked_steps(
-    collected: CollectedRows, key: Sequence[str], loading: Any, log: FaultLog, cure: str = ""
+    collected: CollectedRows, key: Sequence[str], loading: Loading, log: FaultLog, cure: str = ""
 ) -> tuple[CollectedRows, Array]:
     """Return the counted rows of load steps and their loads (N, 6); reports faulty keys, times, roles and loads."""
     collected = with_known_loads(without_transit(collected))

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field, replace
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING
 
 import numpy as np
 import pyarrow as pa
@@ -37,6 +37,7 @@ from truing.stages.ingestion.tables import (
 
 if TYPE_CHECKING:
     from truing.schemas.campaign import Campaign
+    from truing.schemas.mechanism import SensorMechanism
 
 _TYPED = 1e-3  # of the roots of the diagonal: rounding of typed matrices
 _RIGID = 1e-8  # lowest eigenvalue of a compliance whose diagonal is 1
@@ -197,7 +198,9 @@ def read_loading_tables(source: CampaignFiles, settings: Campaign, log: FaultLog
     return LoadingTables(readings, signals, compliance, positions, read_published(source, log))
 
 
-def check_sensor(section: Any, compliance: pa.Table | None, log: FaultLog, loaded: Sequence[pa.Table] = ()) -> None:
+def check_sensor(
+    section: SensorMechanism, compliance: pa.Table | None, log: FaultLog, loaded: Sequence[pa.Table] = ()
+) -> None:
     """Check that elements fit the legs, and that the compliance is plausible."""
     from truing.simulation.bench.six_upur.elements import passive
     from truing.simulation.bench.six_upur.influence import influence_matrix

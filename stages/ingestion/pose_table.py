@@ -273,7 +273,7 @@ def _covariance(
 
 
 def _turn_sigmas(
-    collected: CollectedRows, columns: tuple[str, ...], R: Array, settings: Any, log: FaultLog
+    collected: CollectedRows, columns: tuple[str, ...], R: Array, settings: Campaign, log: FaultLog
 ) -> tuple[Array, Array]:
     """Return sigmas (N, 3) in rad, and their rotation axes (N, 3, 3) in the parent frame, as columns."""
     names = set(collected.table.column_names)

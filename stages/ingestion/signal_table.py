@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import re
 from dataclasses import replace
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING
 
 import numpy as np
 import pyarrow as pa
@@ -78,7 +78,7 @@ def _with_numbers(table: pa.Table, columns: dict[str, Array]) -> pa.Table:
     return table
 
 
-def _check_channels(collected: CollectedRows, sensitivity: Any, log: FaultLog) -> None:
+def _check_channels(collected: CollectedRows, sensitivity: float | tuple[float, ...] | None, log: FaultLog) -> None:
     names = [name for name in collected.table.column_names if SIGNAL.fullmatch(name)]
     wanted = [f"v{number + 1}_mv" for number in range(max(len(names), 1))]
     if sorted(names) != sorted(wanted) or not all(COLUMNS["signal"].matches(name) for name in wanted):
@@ -122,7 +122,7 @@ def _times(collected: CollectedRows, readings: pa.Table | None, same: Index) -> 
     return times_from_order(numbered(collected, "run"), numbers(collected, "step"), times)
 
 
-def with_leg_signals(collected: CollectedRows, settings: Any, log: FaultLog) -> CollectedRows:
+def with_leg_signals(collected: CollectedRows, settings: Campaign, log: FaultLog) -> CollectedRows:
     """Return the table with signals v1_mv .. v6_mv from a displayed wrench: its leg forces times the sensitivity."""
     names = collected.table.column_names
     signals = [name for name in names if COLUMNS["signal"].matches(name)]

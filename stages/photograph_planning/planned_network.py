@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Mapping
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING
 
 import numpy as np
 
@@ -74,7 +74,7 @@ def _camera(cameras: pa.Table | None, wanted: str | None) -> tuple[Camera | Faul
 
 
 def _targets(
-    settings: Any, tables: Mapping[str, pa.Table], normals: pa.Table | None
+    settings: Campaign, tables: Mapping[str, pa.Table], normals: pa.Table | None
 ) -> tuple[PlannedTargets, tuple[str, ...]]:
     """Return the surveyed targets in one frame: that of the base, with the platform at the reference readings, or that
     of the survey without a mechanism."""
