@@ -25,7 +25,7 @@ _STATES = ("ok", "not tested", None, "attention", "fails")
 _STAGE = "run"
 
 
-def check_place(folder: Path) -> None:
+def check_shared_folder(folder: Path) -> None:
     """Raise CampaignFaults if a folder holds a campaign, or files of another origin under the names of these."""
     from truing.pipeline.artifacts import read_provenance
     from truing.pipeline.given_files import check_folder

@@ -111,13 +111,13 @@ class _Raw:
 
         self.tables |= {name: content for name, content in artifacts.items() if isinstance(content, pa.Table)}
         streams = {name: content for name, content in artifacts.items() if isinstance(content, pa.RecordBatchReader)}
-        watched = {name: self._kept(name, stream) for name, stream in streams.items()}
+        watched = {name: self._collected(name, stream) for name, stream in streams.items()}
         if "observations" in watched:
             watched["observations"] = self.counted(watched["observations"])
         readers = {n: pa.RecordBatchReader.from_batches(streams[n].schema, each) for n, each in watched.items()}
         return {**artifacts, **readers}
 
-    def _kept(self, name: str, batches: Any) -> Iterator[Any]:
+    def _collected(self, name: str, batches: Any) -> Iterator[Any]:
         streamed = self._streamed.setdefault(name, [])
         for batch in batches:
             if _rows(streamed) <= _MOST_ROWS:

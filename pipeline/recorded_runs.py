@@ -203,7 +203,7 @@ def compare_runs(folders: Sequence[Path], out: Path | None, console: RunConsole)
     runs = [_opened(folder) for folder in folders]
     try:
         _of_one_machine(runs)
-        _of_own_measurements(runs)
+        _check_measurements_differ(runs)
         found = side_by_side(runs)
         shown = _comparison(runs, found)
         head = comparison_head(shown)
@@ -264,7 +264,7 @@ def _of_one_machine(runs: Sequence[Run]) -> None:
                 raise CampaignFaults([Fault(str(run.folder), expected, value=what)])
 
 
-def _of_own_measurements(runs: Sequence[Run]) -> None:
+def _check_measurements_differ(runs: Sequence[Run]) -> None:
     """Raise for two runs of the same measurements, because they agree whatever the machine did."""
     first: dict[str, Run] = {}
     for run in runs:

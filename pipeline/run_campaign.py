@@ -9,7 +9,7 @@ from dataclasses import dataclass, field, replace
 from functools import partial
 from pathlib import Path
 
-from truing.pipeline.all_campaigns import check_place, write_all_campaigns
+from truing.pipeline.all_campaigns import check_shared_folder, write_all_campaigns
 from truing.pipeline.campaign_check import check_before_photographs, check_campaign
 from truing.pipeline.campaign_folder import RUNS, CampaignFolder, identity_faults, open_campaign, run_folder_of
 from truing.pipeline.campaign_outcome import CampaignOutcome, outcome_of
@@ -283,16 +283,16 @@ def run_campaigns(
     Several campaigns leave one table and one page of all.
     """
     plan = JobPlan(out, settings, several=len(paths) > 1)
-    code = end_all([partial(_run_places, paths, plan, workforce or Workforce(), console)], console)
+    code = end_all([partial(_run_paths, paths, plan, workforce or Workforce(), console)], console)
     console.line(f"exit code {code:d}: {code.meaning}")
     console.close(code)
     return code
 
 
-def _run_places(paths: Sequence[Path], plan: JobPlan, workforce: Workforce, console: RunConsole) -> ExitCode:
+def _run_paths(paths: Sequence[Path], plan: JobPlan, workforce: Workforce, console: RunConsole) -> ExitCode:
     """Run campaigns in turn or in parallel, then write table and page of all if there are several."""
     if plan.several:
-        check_place(plan.shared_folder)
+        check_shared_folder(plan.shared_folder)
         console.line(f"{len(paths)} campaigns: {workforce}{_HINT if workforce.is_alone else ''}")
     if workforce.is_alone or (not plan.several and workforce.scheduler is None):
         plan.options = replace(plan.options, workers=workforce.workers or processors())

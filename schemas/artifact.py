@@ -246,7 +246,7 @@ def table_batches(
         yield some.slice(first, rows)
 
 
-def whole_table(table: pa.Table | StoredTable) -> pa.Table:
+def full_table(table: pa.Table | StoredTable) -> pa.Table:
     """Return all rows of a table."""
     return table.read() if isinstance(table, StoredTable) else table
 

@@ -212,10 +212,11 @@ def _is_path(value: object) -> object:
 
 
 def _is_constant(value: object) -> object:
-    is_number = isinstance(value, int | float) and not isinstance(value, bool)
-    if not (isinstance(value, str) or (is_number and math.isfinite(value))):
+    if isinstance(value, str):
+        return is_raw_text(value)
+    if isinstance(value, bool) or not isinstance(value, int | float) or not math.isfinite(value):
         raise ValueError("text in quotation marks, or a finite number")
-    return is_raw_text(value) if isinstance(value, str) else value
+    return value
 
 
 def is_uncertainty(name: str) -> bool:

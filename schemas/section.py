@@ -77,8 +77,9 @@ def _one_or_several(value: object) -> object:
 
 
 def _is_number(value: object) -> bool:
-    is_number = isinstance(value, int | float) and not isinstance(value, bool)
-    return is_number and math.isfinite(value) and 0.0 < value <= LARGEST
+    if isinstance(value, bool) or not isinstance(value, int | float):
+        return False
+    return math.isfinite(value) and 0.0 < value <= LARGEST
 
 
 def _is_identifier(value: object) -> object:

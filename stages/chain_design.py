@@ -60,7 +60,7 @@ def design_chain(settings: Campaign, options: DesignOptions, tables: ChainDesign
     offered = _planned(layout, settings, ranges.table(drawn, pose=pa.array(np.arange(len(drawn)))), drawn)
     with_causes = _with_causes(offered, settings, options.causes)
     rows = with_causes.rows
-    kept_readings, kept = _kept(with_causes, settings, tables, tree)
+    kept_readings, kept = _kept_poses(with_causes, settings, tables, tree)
     found = choose_chain_poses(rows, options.poses, kept, options.method, rng)
     chosen = drawn[found.chosen]
     check = verification_poses(drawn, chosen, ranges, options.verification)
@@ -70,7 +70,7 @@ def design_chain(settings: Campaign, options: DesignOptions, tables: ChainDesign
     everything = poses_to_fit(ranges, kept_readings, table)
     measured = _planned(layout, settings, everything, joint_readings(tree, everything))
     probes = _subset(offered, slice(0, _PROBES))
-    existing = _own_poses(data, given, settings, tree, layout)
+    existing = _measured_poses(data, given, settings, tree, layout)
     return ChainDesign(
         options,
         table,
@@ -170,7 +170,7 @@ def _with_causes(poses: PlannedPoses, settings: Campaign, names: Sequence[str]) 
     return replace(poses, model=poses.model.with_causes([cause for cause in causes if cause.id in names]))
 
 
-def _kept(
+def _kept_poses(
     poses: PlannedPoses, settings: Campaign, tables: ChainDesignTables, tree: Tree
 ) -> tuple[Array | None, Array | None]:
     """Readings (K, n) of the poses that are kept, and their information (G, G)."""
@@ -191,7 +191,7 @@ def _kept(
     return readings, _planned(poses, settings, table, readings).information
 
 
-def _own_poses(
+def _measured_poses(
     data: DiagnosisData[Any], given: Mapping[str, pa.Table], settings: Campaign, tree: Tree, layout: PlannedPoses
 ) -> PlannedPoses | None:
     """The campaign's own poses that may be fitted; None without configurations."""

@@ -21,7 +21,7 @@ from truing.schemas.faults import Fault
 from truing.schemas.photographs import FAMILIES, MARKERS, RINGS, USUAL
 from truing.stages.declaration import Progress
 from truing.stages.image_tables.measured_rays import RayTables, artifact_table
-from truing.stages.image_tables.point_names import own_names
+from truing.stages.image_tables.point_names import survey_names
 from truing.stages.image_tables.prior_knowledge import read_known
 
 if TYPE_CHECKING:
@@ -180,7 +180,7 @@ def _image_points(
     )
     columns = {
         **_photograph_columns(photographs, [len(value.names) for value in measured]),
-        **dict(zip(("point", "body", "target"), own_names(names, targets), strict=True)),
+        **dict(zip(("point", "body", "target"), survey_names(names, targets), strict=True)),
         "kind": kinds,
         "x_px": xy[:, 0],
         "y_px": xy[:, 1],

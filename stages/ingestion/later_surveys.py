@@ -80,7 +80,7 @@ def read_later_surveys(
     cov = _covariances(rows, settings.noise.point_mm, log)
     if log:
         return None
-    surveyed = _first_places(first.table, settings.noise.point_mm)
+    surveyed = _first_survey(first.table, settings.noise.point_mm)
     out = LaterSurveys(left_out=dict(rows.left_out))
     surveys, bodies = texts(rows, "survey"), texts(rows, "body")
     pairs = [(name, body) for name in _in_time(resurveys) for body in dict.fromkeys(bodies[surveys == name].tolist())]
@@ -164,7 +164,7 @@ def _visible_targets(collected: CollectedRows, cov: Array, rows: Mask) -> dict[s
     return {str(target): Place(point, sigma, at, str(target)) for target, point, sigma, at in parts}
 
 
-def _first_places(survey: pa.Table, declared: float | None) -> dict[str, dict[str, Place]]:
+def _first_survey(survey: pa.Table, declared: float | None) -> dict[str, dict[str, Place]]:
     """The first survey: body to target to place."""
     sigma = np.column_stack([np.asarray(survey.column(name).to_pylist(), float) for name in COORDINATE_SIGMAS])
     sigma = np.where(np.isnan(sigma), np.nan if declared is None else declared, sigma)

@@ -189,7 +189,7 @@ def read_poses(source: CampaignFiles, settings: Campaign, expected: ExpectedPoin
     check_unique_keys(rows, log, "pose", "body")
     _check_names(rows, expected, log)
     columns = rotation_columns(rows, log)
-    names = _place_columns(rows, log)
+    names = _position_columns(rows, log)
     if columns is None or names is None:
         return None
     rows = _without_missing(rows, (*names, *columns), log)
@@ -233,7 +233,7 @@ def _listed(poses: PoseTable) -> Any:
     return lambda name: poses.table.column(name).to_pylist()
 
 
-def _place_columns(collected: CollectedRows, log: FaultLog) -> tuple[str, ...] | None:
+def _position_columns(collected: CollectedRows, log: FaultLog) -> tuple[str, ...] | None:
     names = set(collected.table.column_names)
     columns = next((kind for kind in (COORDINATES, _TRANSLATIONS) if names & set(kind)), COORDINATES)
     missing = [name for name in columns if name not in names]

@@ -120,7 +120,7 @@ def joints_against_links(tables: Mapping[str, pa.Table], settings: Campaign) -> 
             return turned
         if tested.slips and all(slip.kind is SlipKind.STRAY for slip in tested.slips):
             # A wrong target bends the frame of its link: the pose misses, though its readings are right.
-            compared = _links_compared(tables, settings, _out_of_place)
+            compared = _links_compared(tables, settings, _away_from_shape)
             return tested if compared is None else _tested(compared, settings)
         return tested
     except ValueError:
@@ -181,7 +181,7 @@ def _positions(measured: MeasuredLinks, k: int, poses: Mask, by_chain: Array) ->
     return None
 
 
-def _out_of_place(tables: Mapping[str, pa.Table], body: str, points: PosePoints) -> Mask:
+def _away_from_shape(tables: Mapping[str, pa.Table], body: str, points: PosePoints) -> Mask:
     """Mask (B, T) of the points of a body that do not fit its other points."""
     alone = PoseSurroundings(
         points.poses, np.arange(float(len(points.poses))), np.zeros((len(points.poses), 0)), (), None, is_counted=True

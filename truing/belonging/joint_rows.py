@@ -170,10 +170,10 @@ def _exchanged_names(compared: ChainComparison, errors_at: ErrorsAt, agreed: Agr
             continue
         values = compared.values.copy()
         values[:, [i, j]] = compared.values[:, [j, i]]
-        own_names, other = (
+        survey_names, other = (
             np.sqrt(np.mean(e[:, [i, j]] ** 2, axis=(1, 2))) for e in (before, errors_at(compared.readings, values))
         )
-        rows = (own_names > agreed.limit) & (other < np.minimum(_LEFT * own_names, agreed.limit))
+        rows = (survey_names > agreed.limit) & (other < np.minimum(_LEFT * survey_names, agreed.limit))
         if rows.sum() >= _FEWEST_APART:
             names = tuple(compared.targets[k][1] for k in (i, j))
             where = row_places(rows, ~rows, compared.poses, ())

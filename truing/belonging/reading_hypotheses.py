@@ -297,7 +297,7 @@ class Written:
         return (*self.description.slips, *_column_slips(self.columns, names), *changed)
 
 
-def own_changes() -> tuple[Changed, ...]:
+def leg_changes() -> tuple[Changed, ...]:
     """Return the changes that are tried on each leg; the first is none."""
     factors = (1.0, *both_ways(LENGTH_FACTORS))
     return tuple(Changed(sign * factor, zero) for zero in (False, True) for sign in (1.0, -1.0) for factor in factors)
@@ -309,7 +309,7 @@ def best_written(motion: MeasuredMotion, description: Description, *, exchanged:
     ``exchanged``: whether exchanged columns are tried as well.
     """
     asked = reached(description)
-    changes = _with_fitted(own_changes(), motion, asked)
+    changes = _with_fitted(leg_changes(), motion, asked)
     count = asked.shape[1]
     effects = physical_effects(motion, description, asked)
     source = range(count)
@@ -328,7 +328,7 @@ def best_written(motion: MeasuredMotion, description: Description, *, exchanged:
     found = _most_likely(scores, changes, exchanged=exchanged)
     best = _written(motion, description, asked, found[0], [changes[k] for k in found[1]], found[2])
     # the fitted factor is none of those that are tried in every campaign
-    return plain, best, count * (count if exchanged else 1) * len(own_changes())
+    return plain, best, count * (count if exchanged else 1) * len(leg_changes())
 
 
 def _is_geometry(motion: MeasuredMotion, recorded: Array, asked: Array, changes: tuple[Changed, ...]) -> Mask:

@@ -227,7 +227,7 @@ def question(data: CalibrationData, measured: MeasuredPlatform, case: Case) -> C
     prior = _prior(data.surveyed, parameters, problem.start, tolerance)
     problem = with_common(problem, measured)
     return CalibrationQuestion(
-        problem, own_covariance(measured, data.reading_sigma), tolerance, prior_of_all(problem, prior)
+        problem, independent_covariance(measured, data.reading_sigma), tolerance, prior_of_all(problem, prior)
     )
 
 
@@ -308,7 +308,7 @@ def observation_covariance(measured: MeasuredPlatform, reading_sigma: float) -> 
     return covariance
 
 
-def own_covariance(measured: MeasuredPlatform, reading_sigma: float) -> NDArray:
+def independent_covariance(measured: MeasuredPlatform, reading_sigma: float) -> NDArray:
     """Return that covariance without errors common to all poses, which are unknowns of the problem."""
     covariance = observation_covariance(measured, reading_sigma)
     effects = common_effects(measured)

@@ -310,7 +310,7 @@ def _sigma(left: NDArray) -> Array:
     return np.sqrt(np.diag(np.linalg.inv(left.T @ left)))
 
 
-def rest_apart(sights: Sequence[CauseSight]) -> Array:
+def remaining_parts(sights: Sequence[CauseSight]) -> Array:
     """Return the part (N, N) of an effect a of plausible size that each cause b cannot imitate, in sigma of the data;
     infinite between forms of one cause."""
     bases = [

@@ -285,7 +285,7 @@ def _groups(names: Sequence[str], families: Sequence[tuple[str, ...]]) -> dict[s
     return groups
 
 
-def place_groups(names: Sequence[str]) -> dict[str, tuple[str, ...]]:
+def position_groups(names: Sequence[str]) -> dict[str, tuple[str, ...]]:
     """Return the columns of coordinates by the words before their axes, such as ``base_x`` to ``base_z`` by base."""
     return _groups(names, _PLACES)
 

@@ -11,7 +11,7 @@ import numpy as np
 
 from truing.arrays import Array
 from truing.formats.guess import Guess, OtherWay
-from truing.formats.named_columns import place_groups
+from truing.formats.named_columns import position_groups
 from truing.formats.proposed_poses import NamedCells
 from truing.formats.units import bare_and_unit, conversion, is_convertible
 
@@ -214,7 +214,7 @@ def _masses(cells: NamedCells) -> Guess | None:
 
 def _legs(cells: NamedCells, words: str, unit: str | None) -> Guess | None:
     """Return legs of variable length: joints on the base and on the platform in one row, beside the length."""
-    found, named = _meanings(cells.names, _LEGS), place_groups(cells.names)
+    found, named = _meanings(cells.names, _LEGS), position_groups(cells.names)
     groups = {
         key: [group for before, group in named.items() if re.fullmatch(pattern, before)]
         for key, pattern in (("a_mm", _OF_BASE), ("b_mm", _OF_PLATFORM))

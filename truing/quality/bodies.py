@@ -101,7 +101,7 @@ class BodyView:
         return np.asarray((self.points.is_observed & self.frame).sum(axis=1) >= _LEAST_TARGETS)
 
     @property
-    def why_no_places(self) -> str:
+    def why_no_positions(self) -> str:
         """Reason why the places of targets cannot be tested; empty where they can."""
         if not self.framed.any():
             return f"{self.name}: no pose shows three targets, and fewer give no frame"

@@ -52,7 +52,7 @@ def knowledge(tables: Tables) -> ReportSection | None:
 
 
 def _observability(observed: pd.DataFrame, key: Key) -> list[Listing]:
-    legs, whole_machine = _by_leg(observed), _of_whole_machine(observed, key)
+    legs, whole_machine = _by_leg(observed), _without_leg(observed, key)
     return [
         _indices(legs, whole_machine, key),
         _combinations(legs, "Parameters that poses and readings cannot distinguish, leg by leg"),
@@ -69,7 +69,7 @@ def _by_leg(observed: pd.DataFrame) -> pd.DataFrame:
     return observed[observed["leg"].notna()] if "leg" in observed else observed.iloc[:0]
 
 
-def _of_whole_machine(observed: pd.DataFrame, key: Key) -> pd.DataFrame:
+def _without_leg(observed: pd.DataFrame, key: Key) -> pd.DataFrame:
     rows = rows_of(observed, key)
     return rows[rows["leg"].isna()] if "leg" in rows else rows
 
@@ -81,7 +81,7 @@ def _facts(table: pd.DataFrame) -> dict[str, float]:
 def _rank(observed: pd.DataFrame, key: Key) -> str:
     """Return in words the rank of each leg from poses and readings alone, and of the chosen model from all
     measurements."""
-    legs, whole_machine, texts = _by_leg(observed), _of_whole_machine(observed, key), []
+    legs, whole_machine, texts = _by_leg(observed), _without_leg(observed, key), []
     if len(legs):
         asked, rank = (int(legs.loc[legs["figure"] == name, "value"].max()) for name in ("parameters", "rank"))
         texts.append(

@@ -48,18 +48,18 @@ def page_parts(
     from truing.report.head import build_head
     from truing.report.sections import build_sections
     from truing.report.verdict import with_verdict
-    from truing.runs.chain_places import chain_places
+    from truing.runs.chain_positions import chain_positions
 
     provenance = {name: provenance_of(table.schema) for name, table in tables.items()}
     frames = _frames(tables)
     frames |= with_verdict(frames)
-    targets = target_places(frames)
+    targets = target_positions_of(frames)
     if targets is not None:
         frames["shape"] = targets
     motions = _body_motions(frames)
     if motions is not None:
         frames["motions"] = motions
-    frames |= chain_places(frames)
+    frames |= chain_positions(frames)
     if legs is not None:
         frames["legs"] = legs
     if declared_noise is not None:
@@ -122,7 +122,7 @@ def _body_motions(frames: Mapping[str, pd.DataFrame]) -> pd.DataFrame | None:
     return motions.assign(**dict(zip(_ENTRIES, np.asarray(turns).T, strict=True)))
 
 
-def target_places(frames: Mapping[str, pd.DataFrame]) -> pd.DataFrame | None:
+def target_positions_of(frames: Mapping[str, pd.DataFrame]) -> pd.DataFrame | None:
     """Return columns body, target, x_mm, y_mm, z_mm, leg from the survey or the poses; None without both."""
     survey = frames.get("survey")
     if survey is not None and len(survey):

@@ -120,7 +120,7 @@ def _curves(tables: Tables) -> Drawn:
     if mask.any():
         drawn.append(
             (
-                _own_axes(curves, tables),
+                _along_load_axes(curves, tables),
                 "Loading and unloading: a difference between them is hysteresis, clearance or creep.",
             )
         )
@@ -276,7 +276,7 @@ def _short(value: float) -> str:
     return "0" if abs(value) < 5e-4 else plain(value)
 
 
-def _own_axes(curves: pd.DataFrame, tables: Tables) -> go.Figure:
+def _along_load_axes(curves: pd.DataFrame, tables: Tables) -> go.Figure:
     """Return each load against the displacement along or about its own axis (force-sensor paper, figures 12-17)."""
     pairs = [
         (load, channel) for load, channel in zip(LOADS, CHANNELS, strict=True) if len(_curve_of(curves, load, channel))

@@ -165,7 +165,7 @@ def _predicted(extended: ExtendedChain, conditions: ChainConditions) -> Predicte
         if motion.slopes is not None:
             slopes += by_joint @ motion.slopes
         of_effects.append(slopes)
-    design = np.concatenate([by_twist @ _own_slopes(extended), *of_effects], -1)
+    design = np.concatenate([by_twist @ _moved_node_slopes(extended), *of_effects], -1)
     covariance = design @ extended.covariance @ np.swapaxes(design, -1, -2)
     return PredictedTip(frames.R[:, extended.tip], frames.t[:, extended.tip], np.asarray(covariance))
 
@@ -229,7 +229,7 @@ def _persistent_motions(extended: ExtendedChain, conditions: ChainConditions) ->
     return result
 
 
-def _own_slopes(extended: ExtendedChain) -> Array:
+def _moved_node_slopes(extended: ExtendedChain) -> Array:
     found = np.zeros((extended.tree.size, TWIST, TWIST * len(extended.moved)))
     for index, node in enumerate(extended.moved):
         found[node, :, TWIST * index : TWIST * (index + 1)] = np.eye(TWIST)

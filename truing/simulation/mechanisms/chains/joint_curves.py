@@ -110,12 +110,12 @@ class JointErrorCurve(ChainCause):
             period = float(high - low) * (1.0 if turns else knots / (knots - _REACHED))
             ends = {"starts": (float(low),), "periods": (period,)}
             curve = replace(self, joints=(name,), knots=(knots,), is_angle=turns, **ends)
-            coordinate = curve._place_of(readings, 0)
+            coordinate = curve._in_knots(readings, 0)
             reached, distinct = (len(np.unique(np.floor(coordinate * cells))) for cells in (1, 2))
             if reached >= _FEWEST and len(readings) >= _POSES_EACH * reached and distinct >= _READINGS_EACH * reached:
                 yield curve, reached
 
-    def _place_of(self, readings: NDArray, index: int) -> Array:
+    def _in_knots(self, readings: NDArray, index: int) -> Array:
         """Return readings (B,) of one joint in knots from the start: within a turn, or held at the ends of a travel."""
         knots = self.knots[index]
         x = (readings - self.starts[index]) * (knots / self.periods[index])
@@ -130,7 +130,7 @@ class JointErrorCurve(ChainCause):
 
     def _bumps(self, readings: NDArray, index: int) -> tuple[Index, Array]:
         """Return knots (B, 6) whose bumps differ from zero at readings (B,) of one joint, and their values there."""
-        x = self._place_of(readings, index)
+        x = self._in_knots(readings, index)
         first = np.floor(x).astype(int)
         t = x - first
         splines = np.zeros((len(x), _REACHED + 2))  # of the knots around, with zeros at the ends
@@ -145,7 +145,7 @@ class JointErrorCurve(ChainCause):
         result = np.zeros((len(machine.readings), len(machine.tree.readings), sum(self.knots)))
         for index, joint in enumerate(self.joints):
             reading = machine.tree.readings.index(joint)
-            result[:, reading, self._own(index)] = self.basis(machine.readings[:, reading], index)
+            result[:, reading, self._rows_of(index)] = self.basis(machine.readings[:, reading], index)
         return result
 
     def deviation(self, machine: ChainInputs, values: NDArray) -> NDArray:
@@ -154,7 +154,7 @@ class JointErrorCurve(ChainCause):
         for index, joint in enumerate(self.joints):
             reading = machine.tree.readings.index(joint)
             knots, heights = self._bumps(machine.readings[:, reading], index)
-            result[:, reading] = np.sum(heights * values[self._own(index)][knots], -1)
+            result[:, reading] = np.sum(heights * values[self._rows_of(index)][knots], -1)
         return result
 
     def joint_motion(self, machine: ChainInputs, values: NDArray, by_joint: NDArray) -> NDArray:
@@ -165,13 +165,13 @@ class JointErrorCurve(ChainCause):
             reading = machine.tree.readings.index(joint)
             knots, heights = self._bumps(machine.readings[:, reading], index)
             by_height = rows[:, :, reading, None] * heights[:, None]
-            np.put_along_axis(result[..., self._own(index)], knots[:, None], by_height, 2)
+            np.put_along_axis(result[..., self._rows_of(index)], knots[:, None], by_height, 2)
         return result
 
     def curves(self, values: NDArray, covariance: NDArray) -> Iterator[JointCurve]:
         """Yield the curve of every joint, from all parameters (P,) and their covariance (P, P), SI."""
         for index, joint in enumerate(self.joints):
-            rows = self._own(index)
+            rows = self._rows_of(index)
             knots = self.knots[index]
             span = knots if self.is_angle else knots - _REACHED
             steps = np.arange(span * _PER_KNOT + (not self.is_angle)) / _PER_KNOT
@@ -182,7 +182,7 @@ class JointErrorCurve(ChainCause):
             sigma = np.sqrt(np.maximum(variance, 0.0))
             yield JointCurve(joint, self.is_angle, readings, basis @ values[rows], sigma, sigma < DETERMINED * free)
 
-    def _own(self, index: int) -> slice:
+    def _rows_of(self, index: int) -> slice:
         """Return the places of one joint's parameters."""
         return slice(sum(self.knots[:index]), sum(self.knots[: index + 1]))
 

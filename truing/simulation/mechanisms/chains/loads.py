@@ -82,12 +82,12 @@ class ColumnTilt(AssumedCentres, LinkCause):
         moment, force = self._moment(machine, k), machine.force[:, k]
         up = -force / np.maximum(np.sqrt(np.sum(force**2, -1, keepdims=True)), 1e-12)
         found = np.zeros((len(moment), 6, 2))
-        found[:, :3, 0] = np.cross(self._way(machine, k), moment)
+        found[:, :3, 0] = np.cross(self._slide(machine, k), moment)
         found[:, 3:, 0] = moment
         found[:, :3, 1] = np.cross(moment, up)
         return machine.at_node(k, found)
 
-    def _way(self, machine: ChainInputs, k: int) -> NDArray:
+    def _slide(self, machine: ChainInputs, k: int) -> NDArray:
         """Return the way (B, 3), m, from the joint's origin to that of the link, in the joint's frame."""
         node, k_in = machine.tree.nodes[k], machine.tree.input_of[k]
         slid = np.zeros(len(machine.readings)) if k_in < 0 else node.factor * machine.readings[:, k_in] + node.shift
@@ -95,7 +95,7 @@ class ColumnTilt(AssumedCentres, LinkCause):
 
     def _moment(self, machine: ChainInputs, k: int) -> NDArray:
         """Return the moment (B, 3), N m, about the link's origin, along the axes of the joint's frame."""
-        moment = machine.moment[:, k] - np.cross(self._way(machine, k), machine.force[:, k])
+        moment = machine.moment[:, k] - np.cross(self._slide(machine, k), machine.force[:, k])
         return moment * np.array([self.about in ("", axis) for axis in AXES], float)
 
 

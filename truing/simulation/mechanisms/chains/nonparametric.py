@@ -102,7 +102,7 @@ class NonparametricChainEffect(NonparametricEffect[ChainScene], ChainCause):
         others = {name: values for name, values in columns.items() if name not in machine.conditions.columns}
         for link in ("", *_moving_links(machine)):
             result += self._of(
-                replace(self, joint="", link=link), _of_place(others, link), others, len(machine.readings)
+                replace(self, joint="", link=link), _of_position(others, link), others, len(machine.readings)
             )
         return result
 
@@ -218,7 +218,7 @@ def _moving_links(machine: ChainInputs) -> list[str]:
     return list(dict.fromkeys(moving))
 
 
-def _of_place(columns: dict[str, NDArray], link: str) -> Iterator[tuple[tuple[str, ...], str, int]]:
+def _of_position(columns: dict[str, NDArray], link: str) -> Iterator[tuple[tuple[str, ...], str, int]]:
     """Yield inputs, form and degree of all dependences of a link's position on ``columns`` that are no readings.
 
     An empty name is the base.
