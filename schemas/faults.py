@@ -61,6 +61,11 @@ class Fault:
         return f"{where}: {found_words}expected {_one_line(self.expected, _LONGEST['expected'])}{others}"
 
 
+def first_line(error: BaseException) -> str:
+    """First line of an error's text; empty without one."""
+    return (str(error).splitlines() or [""])[0]
+
+
 def _one_line(text: str, longest: int) -> str:
     """A text on one line, with control characters escaped for the terminal."""
     text = _shortened(" ".join(text.split("\n")), longest)

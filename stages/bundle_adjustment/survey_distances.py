@@ -164,7 +164,7 @@ class SurveyedPoints:
     variance_mm2: Array
 
 
-def surveyed_points(source: CampaignFiles, seen: frozenset[str], settings: Campaign) -> SurveyedPoints | None:
+def surveyed_points(source: CampaignFiles, seen: frozenset[str], settings: Any) -> SurveyedPoints | None:
     """Survey of targets with rays; None if there is none."""
     if not settings.files.targets and not source.entries("targets"):
         return None

@@ -159,13 +159,13 @@ def columns_of(settings: Campaign, table: pa.Table) -> AxisColumns:
 
 def command_sigma(settings: Campaign) -> float:
     """Return the standard deviation of the axis from its command, rad or m."""
-    unit = settings.mechanism.unit
+    unit = cast("AxisMechanism", settings.mechanism).unit
     return float(getattr(settings.noise, f"command_{unit}") * SI[unit])
 
 
 def encoder_sigma(settings: Campaign, encoder: str) -> float | None:
     """Return the standard deviation of an encoder's reading, rad or m; None if not declared."""
-    unit = settings.mechanism.unit
+    unit = cast("AxisMechanism", settings.mechanism).unit
     sigma = getattr(settings.noise, f"{encoder}_{unit}")
     return None if sigma is None else float(sigma * SI[unit])
 

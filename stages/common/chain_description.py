@@ -4,13 +4,16 @@ from __future__ import annotations
 
 from collections.abc import Iterator, Sequence
 from dataclasses import replace
+from typing import TYPE_CHECKING
 
 import numpy as np
 
 from truing.belonging.relation import LENGTH_FACTORS, RecordSlip, SlipKind, both_ways
-from truing.schemas.chain_mechanism import ChainMechanism
 from truing.simulation.mechanisms.chains.notations import MODIFIED, STANDARD, DenavitHartenberg, tree_of_rows
 from truing.simulation.mechanisms.chains.tree import JointKind, Tree
+
+if TYPE_CHECKING:
+    from truing.schemas.chain_mechanism import ChainMechanism
 
 _MM = 1e-3
 

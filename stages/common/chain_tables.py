@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Mapping
+from typing import TYPE_CHECKING, cast
 
 import numpy as np
 import pyarrow as pa
@@ -10,7 +11,6 @@ import pyarrow as pa
 from truing.arrays import Array
 from truing.estimation.rotation import log_so3
 from truing.schemas.artifacts import ARTIFACTS
-from truing.schemas.campaign import Campaign
 from truing.simulation.mechanisms.chains.closed_tree import ClosedTree
 from truing.simulation.mechanisms.chains.joint_table import (
     AXIS,
@@ -23,6 +23,10 @@ from truing.simulation.mechanisms.chains.joint_table import (
 )
 from truing.simulation.mechanisms.chains.tree import Tree
 from truing.stages.common.point_arrays import number_column, number_columns
+
+if TYPE_CHECKING:
+    from truing.schemas.campaign import Campaign
+    from truing.schemas.chain_mechanism import ChainMechanism
 
 _MM = 1e-3
 
@@ -79,4 +83,4 @@ def payload_of(settings: Campaign, table: pa.Table) -> Array:
     """Mass (B,) at the tip, kg: the column payload_kg if there is one, else that of [mechanism]."""
     if "payload_kg" in table.schema.names:
         return np.nan_to_num(number_column(table, "payload_kg"))
-    return np.full(len(table), float(settings.mechanism.payload_kg))
+    return np.full(len(table), cast("ChainMechanism", settings.mechanism).payload_kg)

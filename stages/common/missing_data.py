@@ -3,11 +3,13 @@
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 import pyarrow as pa
 
-from truing.schemas.mechanism import MechanismSection
+if TYPE_CHECKING:
+    from truing.schemas.mechanism import MechanismSection
+
 
 LEAST_POSES = 3
 LEAST_TARGETS = 3

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import replace
+from typing import TYPE_CHECKING, cast
 
 import numpy as np
 import pyarrow as pa
@@ -12,7 +13,6 @@ from truing.formats.row_collection import CollectedRows, collect_rows
 from truing.formats.shapes import TableShape
 from truing.formats.source import CampaignFiles
 from truing.report.numbers import count
-from truing.schemas.campaign import Campaign
 from truing.schemas.faults import Fault
 from truing.schemas.near_names import did_you_mean
 from truing.simulation.axis.rows import MEASURED
@@ -27,6 +27,10 @@ from truing.stages.ingestion.tables import (
     left_out_words,
     with_role_and_time,
 )
+
+if TYPE_CHECKING:
+    from truing.schemas.campaign import Campaign
+    from truing.schemas.mechanism import AxisMechanism
 
 ROWS = TableShape(
     "configurations", ("pose",), ("role", "time_s", "temperature_c", "repeat_of", "event"), covariates=True
@@ -82,7 +86,8 @@ def _with_deviations(collected: CollectedRows, command: str, log: FaultLog) -> C
 def _check_columns(collected: CollectedRows, columns: AxisColumns, settings: Campaign, log: FaultLog) -> None:
     """Report missing columns, commands without a number, and encoders without noise or readings."""
     names, file = collected.table.column_names, collected.first_file
-    for quantity, column in settings.mechanism.columns.items():
+    named = cast("AxisMechanism", settings.mechanism).columns
+    for quantity, column in named.items():
         if column not in names:
             hint = did_you_mean(column, names) or f"; there are {', '.join(names)}"
             log.add(Fault(file, f"this column, which [mechanism] {quantity} names{hint}", column=column))
@@ -93,7 +98,7 @@ def _check_columns(collected: CollectedRows, columns: AxisColumns, settings: Cam
     other = f"{MEASURED}_{_OTHER[columns.unit]}"
     if other in names and MEASURED not in columns.encoders:
         log.add(Fault(file, f"{MEASURED}_{columns.unit}: the axis is {columns.kind} ([mechanism] kind)", column=other))
-    elif not columns.encoders and all(name in names for name in settings.mechanism.columns.values()):
+    elif not columns.encoders and all(name in names for name in named.values()):
         expected = f"what recorded the axis: {MEASURED}_{columns.unit}, or [mechanism] motor or load with their columns"
         log.add(Fault(file, expected, column=f"{MEASURED}_{columns.unit}"))
     for encoder, column in columns.encoders.items():

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Iterable, Iterator, Mapping, Sequence
 from dataclasses import replace
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING, Any, cast
 
 import numpy as np
 import pyarrow as pa
@@ -42,7 +42,7 @@ from truing.stages.ingestion.tables import read_configurations, read_survey
 
 if TYPE_CHECKING:
     from truing.schemas.campaign import Campaign
-    from truing.schemas.chain_mechanism import ChainMechanism
+    from truing.schemas.chain_mechanism import ChainMechanism, HartenbergRow, ScrewRow
 
 _MM, _DEG = 1e-3, np.pi / 180.0
 Limits = dict[str, tuple[float, float]]
@@ -99,7 +99,7 @@ def planned_chain(settings: Campaign, source: CampaignFiles) -> dict[str, pa.Tab
 
 def read_chain(settings: Campaign, source: CampaignFiles) -> tuple[Tree, Limits]:
     """The chain that [mechanism] describes, and the limits of its joints; raises CampaignFaults if it is unusable."""
-    section = settings.mechanism
+    section = cast("ChainMechanism", settings.mechanism)
     if section.dh:
         return _tree_of_rows(section), {}
     if section.screws:
@@ -130,7 +130,7 @@ def _tree_of_screws(section: ChainMechanism) -> Tree:
     return _with_masses(tree, section.screws)
 
 
-def _with_masses(tree: Tree, rows: Any) -> Tree:
+def _with_masses(tree: Tree, rows: Sequence[HartenbergRow] | Sequence[ScrewRow]) -> Tree:
     moved = [
         replace(node, mass=row.mass_kg, com=np.array(row.com_mm or (0.0, 0.0, 0.0)) * _MM)
         for node, row in zip(tree.nodes[1:-1], rows, strict=True)

@@ -5,6 +5,7 @@ from __future__ import annotations
 import math
 from collections.abc import Sequence
 from dataclasses import replace
+from typing import TYPE_CHECKING
 
 import numpy as np
 import pyarrow as pa
@@ -14,7 +15,6 @@ from truing.formats.faultlog import FaultLog
 from truing.formats.row_collection import CollectedRows
 from truing.formats.shapes import TRANSIT, WRENCH
 from truing.schemas.faults import Fault
-from truing.schemas.sections import Loading
 from truing.stages.common.table_arrays import (
     check_unique_keys,
     declared_missing,
@@ -24,6 +24,9 @@ from truing.stages.common.table_arrays import (
     unit_factors,
     without_rows,
 )
+
+if TYPE_CHECKING:
+    from truing.schemas.sections import Loading
 
 AXES = tuple(name[:2] for name in WRENCH)
 KINDS = {axis: "N" if axis.startswith("f") else "N m" for axis in AXES}

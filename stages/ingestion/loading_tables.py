@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field, replace
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, cast
 
 import numpy as np
 import pyarrow as pa
@@ -194,7 +194,7 @@ def read_loading_tables(source: CampaignFiles, settings: Campaign, log: FaultLog
     positions = read_positions(source, settings, log)
     compliance = read_compliance(source, log)
     if settings.mechanism.type == "6-upur":
-        check_sensor(settings.mechanism, compliance, log, loaded)
+        check_sensor(cast("SensorMechanism", settings.mechanism), compliance, log, loaded)
     return LoadingTables(readings, signals, compliance, positions, read_published(source, log))
 
 

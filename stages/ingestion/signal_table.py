@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import re
 from dataclasses import replace
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, cast
 
 import numpy as np
 import pyarrow as pa
@@ -27,6 +27,7 @@ from truing.stages.ingestion.tables import as_artifact, since_first
 
 if TYPE_CHECKING:
     from truing.schemas.campaign import Campaign
+    from truing.schemas.mechanism import SensorMechanism
 
 SIGNAL = re.compile(r"v\d+_mv")
 _SINGULAR = 1e12  # condition number of the leg forces' influence, N and N m
@@ -137,7 +138,7 @@ def with_leg_signals(collected: CollectedRows, settings: Campaign, log: FaultLog
     from truing.simulation.bench.six_upur.influence import influence_matrix
     from truing.stages.common.sensor_elements import sensor_joints
 
-    G = influence_matrix(sensor_joints(settings.mechanism))
+    G = influence_matrix(sensor_joints(cast("SensorMechanism", settings.mechanism)))
     if np.linalg.cond(G) > _SINGULAR:
         log.add(Fault("campaign.toml", "legs that carry every load, not parallel ones", column="mechanism.legs"))
         return collected

@@ -20,6 +20,7 @@ from truing.formats.compression import FREE, LARGEST_RATIO
 from truing.formats.dictionaries import as_dictionary, strings
 from truing.formats.faultlog import CellFaults
 from truing.formats.raw import Kind, RawBatch, Unusable, Wanted
+from truing.schemas.faults import first_line
 from truing.schemas.mapping import FileMapping
 from truing.schemas.memory import raise_shortage
 
@@ -174,7 +175,7 @@ def _opened(path: Path, *, formulas: bool = False) -> Iterator[Workbook]:
         raise
     except Exception as error:  # openpyxl passes on any exception that a damaged part causes
         raise_shortage(error)
-        raise Unusable("an undamaged Excel workbook (.xlsx)", value=(str(error).splitlines() or [""])[0][:80]) from None
+        raise Unusable("an undamaged Excel workbook (.xlsx)", value=first_line(error)[:80]) from None
 
 
 def _check_size(path: Path) -> None:

@@ -10,7 +10,6 @@ import pandas as pd
 
 from truing.report.heads import POSE, Head
 from truing.report.numbers import count, in_suitable_unit, plain, printed, quantity, with_uncertainty
-from truing.report.numbers import count as counted
 from truing.report.page import MOST_ROWS, Listing, ReportSection
 from truing.report.photographs.figures import network_picture, residual_picture
 from truing.report.tables import SIGMA, Tables, cell, table_or_none
@@ -79,7 +78,7 @@ def _opening_sentences(points: pd.DataFrame, residuals: pd.DataFrame, images: pd
         f" A coordinate is known to {quantity(float(np.sqrt(np.mean(sigma**2))), 'mm')} (rms), a ray was measured to "
     )
     rows = residuals[~residuals["rejected"]]
-    text += f"{float(np.median(rows['sigma_x_px'])):.3f} px. Left out: {counted(len(residuals) - used, 'ray')}."
+    text += f"{float(np.median(rows['sigma_x_px'])):.3f} px. Left out: {count(len(residuals) - used, 'ray')}."
     checks = table_or_none(tables, "qa")
     scale = [] if checks is None else checks.loc[checks["check"] == "scale", "message"].tolist()
     return " ".join([text, *scale])
