@@ -280,14 +280,14 @@ def _turn_sigmas(
     identity = np.broadcast_to(np.eye(3), R.shape)
     if names & set(_EULER_SIGMAS):
         order = settings.poses.euler
-        if columns == EULER and order is None:
-            return np.ones((len(R), 3)), identity  # the order was asked for where the angles were read
         if columns != EULER:
             expected = (
                 "sigmas of Euler angles together with Euler angles; else sigma_rx_rad, sigma_ry_rad, sigma_rz_rad"
             )
             log.add(Fault(collected.first_file, expected, column=_EULER_SIGMAS[0]))
             return np.ones((len(R), 3)), identity
+        if order is None:
+            return np.ones((len(R), 3)), identity  # the order was asked for where the angles were read
         angles = np.radians(np.column_stack([numbers(collected, name) for name in EULER]))
         declared = settings.noise.rotation_rad
         in_degrees = None if declared is None else np.degrees(declared)

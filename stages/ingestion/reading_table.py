@@ -71,7 +71,7 @@ class Lengths:
     channels: pa.Table
 
 
-def lengths(collected: CollectedRows, settings: Campaign, log: FaultLog) -> Lengths | None:
+def lengths(collected: CollectedRows, settings: Interferometer, log: FaultLog) -> Lengths | None:
     """Return vacuum lengths since the first step of each run, um; several samples of a step are averaged with their
     loads and times.
 
@@ -132,7 +132,7 @@ class _ChannelLengths:
     facts: dict[str, Any]
 
 
-def _channel_lengths(signals: Array, run: Index, settings: Campaign) -> _ChannelLengths:
+def _channel_lengths(signals: Array, run: Index, settings: Interferometer) -> _ChannelLengths:
     """Return the lengths of samples (N, 2) in time order, from runs (N,)."""
     cut = np.zeros(len(signals), dtype=bool)
     for side in (0, 1):

@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Callable, Iterator, Mapping
 from dataclasses import replace
 from itertools import chain
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, cast
 
 import numpy as np
 import pyarrow as pa
@@ -69,6 +69,7 @@ from truing.stages.quality.check import Check, CheckResults
 
 if TYPE_CHECKING:
     from truing.schemas.campaign import Campaign
+    from truing.schemas.chain_mechanism import ChainMechanism
 
 JOINTS = "joints-against-links"
 _DISTANCES = "distances"
@@ -223,7 +224,7 @@ def _compared(
     fit_of: Callable[[Tree, ChainConditions], NominalFit],
 ) -> ComparedChain:
     conditions = _conditions(tree, table, settings, measured, usable)
-    rows = rows_of(settings.mechanism)
+    rows = rows_of(cast("ChainMechanism", settings.mechanism))
     return ComparedChain(tree, table, measured, conditions, usable, rows, lambda other: fit_of(other, conditions))
 
 
