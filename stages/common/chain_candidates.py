@@ -177,7 +177,7 @@ def forbidden_poses(
     for name in table.schema.names:
         if name in known:
             side, k = known[name]
-            values = _numbers(table, name, file) * list(units.values())[k]
+            values = given_numbers(table, name, file) * list(units.values())[k]
             ends[side, :, k] = np.where(np.isnan(values), ends[side, :, k], values)
     named = table.column("link").to_pylist() if "link" in table.schema.names else [None] * count
     links = [tuple(str(link_names or "").split()) for link_names in named]
@@ -200,7 +200,8 @@ def _side(stem: str, side: str) -> str:
     return f"{name}_{side}_{unit}"
 
 
-def _numbers(table: pa.Table, name: str, file: str) -> Array:
+def given_numbers(table: pa.Table, name: str, file: str) -> Array:
+    """Numbers of a column; raises CampaignFaults if a value is none."""
     try:
         return number_column(table, name)
     except ValueError:

@@ -71,7 +71,7 @@ def ingest(
     _check_loops(tree, table, log)
     artifacts = {**outcome.artifacts, "joints": tree_table(tree, limits)}
     if source.entries("distances"):
-        tip = settings.mechanism.tip or tree.nodes[-1].link
+        tip = cast("ChainMechanism", settings.mechanism).tip or tree.nodes[-1].link
         artifacts["distances"] = read_distances(source, settings, table.column("pose"), tip, log)
         read = f"{count(artifacts['distances'].num_rows, 'distance')} from distances.csv"
         outcome = replace(outcome, read=read if not outcome.read else f"{outcome.read}; {read}")
@@ -130,7 +130,7 @@ def _tree_of_screws(section: ChainMechanism) -> Tree:
     return _with_masses(tree, section.screws)
 
 
-def _with_masses(tree: Tree, rows: Sequence[HartenbergRow] | Sequence[ScrewRow]) -> Tree:
+def _with_masses(tree: Tree, rows: Sequence[HartenbergRow | ScrewRow]) -> Tree:
     moved = [
         replace(node, mass=row.mass_kg, com=np.array(row.com_mm or (0.0, 0.0, 0.0)) * _MM)
         for node, row in zip(tree.nodes[1:-1], rows, strict=True)

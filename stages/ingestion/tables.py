@@ -80,7 +80,7 @@ def _check_loads(collected: CollectedRows, log: FaultLog, settings: Campaign) ->
     """Faults: rows without a load in the columns of external loads, and loads declared for legs without a stiffness
     model.
     """
-    if settings.mechanism.is_legged and settings.mechanism.is_elastic:
+    if settings.mechanism.is_legged and cast("LeggedMechanism", settings.mechanism).is_elastic:
         for name in WRENCH:
             if name in collected.table.column_names:
                 expected = "a load in every row; 0 where there is none"
