@@ -205,15 +205,13 @@ def _bracketed(heading: str, annotation: Any) -> str:
 
 def _written(table: Table, depth: int = 2) -> Iterator[str]:
     """Heading, description and keys of a table, then the tables within it."""
-    yield f"{'#' * depth} {', '.join(f'`{heading}`' for heading in table.places)}{table.remark}\n"
+    yield f"{'#' * depth} {', '.join(f'`{title}`' for title in table.places)}{table.remark}\n"
     yield f"{_sentences(table.model)}\n"
     yield "| key | takes | unit | default | meaning |\n| --- | --- | --- | --- | --- |"
     yield from (_row(key, field) for key, field in table.model.model_fields.items())
     yield ""
-    heading = f"{table.places[0].strip('[]')}."
-    for inner in _tables_of_model(
-        table.model, heading, table.remark if table.remark in (_OF_SENSOR, _OF_CHAIN) else ""
-    ):
+    title = f"{table.places[0].strip('[]')}."
+    for inner in _tables_of_model(table.model, title, table.remark if table.remark in (_OF_SENSOR, _OF_CHAIN) else ""):
         yield from _written(inner, depth + 1)
 
 

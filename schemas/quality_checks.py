@@ -92,12 +92,10 @@ def acceptance_faults(file: str, kind: str, accept: Sequence[Acceptance]) -> Ite
             yield Fault(file, expected, column=f"accept.{number}.check", value=entry.check)
 
 
-def _limits_above_most(file: str, limit_key: str, declared: CheckLimits, set_limits: SetLimits) -> Iterator[Fault]:
+def _limits_above_most(file: str, where: str, declared: CheckLimits, set_limits: SetLimits) -> Iterator[Fault]:
     for key, value in (("warn", set_limits.warn), ("fail", set_limits.fail)):
         if value is not None and declared.most is not None and value > declared.most:
-            yield Fault(
-                file, f"at most {declared.most:g} ({declared.of})", column=f"{limit_key}.{key}", value=f"{value:g}"
-            )
+            yield Fault(file, f"at most {declared.most:g} ({declared.of})", column=f"{where}.{key}", value=f"{value:g}")
 
 
 def _unknown(name: str, kind: str) -> str:

@@ -80,15 +80,13 @@ def read_later_surveys(
     cov = _covariances(rows, settings.noise.point_mm, log)
     if log:
         return None
-    surveyed = _first_survey(first.table, settings.noise.point_mm)
+    known = _first_survey(first.table, settings.noise.point_mm)
     out = LaterSurveys(left_out=dict(rows.left_out))
     surveys, bodies = texts(rows, "survey"), texts(rows, "body")
     pairs = [(name, body) for name in _in_time(resurveys) for body in dict.fromkeys(bodies[surveys == name].tolist())]
     for name, body in pairs:
         is_observed = _visible_targets(rows, cov, (surveys == name) & (bodies == body))
-        _compare(
-            out, surveyed.setdefault(body, {}), is_observed, (name, body), resurveys[name], FALSE_ALARM / len(pairs)
-        )
+        _compare(out, known.setdefault(body, {}), is_observed, (name, body), resurveys[name], FALSE_ALARM / len(pairs))
     _check_names(out, first.table, rows.first_file, log)
     return out
 

@@ -297,7 +297,7 @@ def _drives(
         at = pose[indices]
         R, mirrored = (
             body.fit.R[at],
-            [(slip, mirrored_fits[at]) for slip, mirrored_fits in _mirrored(body)] if reference is None else [],
+            [(slip, fit[at]) for slip, fit in _mirrored(body)] if reference is None else [],
         )
         if reference is not None:
             R = np.swapaxes(reference.fit.R[at], 1, 2) @ R

@@ -209,16 +209,16 @@ def _measured(compared: ChainComparison) -> str:
 
 def _repeated(compared: ChainComparison, agreed: Agreement) -> RowSlips | None:
     """Return the measurements of poses that disagree, if each equals another pose in every digit."""
-    deviating = agreed.apart
+    far = agreed.apart
     values = compared.values.reshape(len(compared.values), -1)
-    if len(deviating) < (_FEWEST_APART if compared.is_of_distances else 1) or not np.isfinite(values[deviating]).any():
+    if len(far) < (_FEWEST_APART if compared.is_of_distances else 1) or not np.isfinite(values[far]).any():
         return None
     _, raveled, count = np.unique(np.nan_to_num(values), axis=0, return_inverse=True, return_counts=True)
     raveled = np.ravel(raveled)
-    if not (count[raveled][deviating] > 1).all():
+    if not (count[raveled][far] > 1).all():
         return None
-    alike = np.flatnonzero(np.isin(raveled, raveled[deviating]))
-    names = _names(compared, alike if len(alike) <= _MOST_NAMED else deviating)
+    alike = np.flatnonzero(np.isin(raveled, raveled[far]))
+    names = _names(compared, alike if len(alike) <= _MOST_NAMED else far)
     return RowSlips((RecordSlip(SlipKind.COPIED, f"{_measured(compared)} of", names),))
 
 
@@ -239,24 +239,20 @@ def _changed(compared: ChainComparison, errors_at: ErrorsAt, agreed: Agreement) 
 
 def _exchanged(compared: ChainComparison, errors_at: ErrorsAt, agreed: Agreement) -> RowSlips | None:
     """Return poses whose readings are in each other's rows, if that explains every pose that disagrees."""
-    deviating = agreed.apart
-    if not 1 < len(deviating) <= _MOST_EXCHANGED:
+    far = agreed.apart
+    if not 1 < len(far) <= _MOST_EXCHANGED:
         return None
-    rows = np.arange(len(deviating))
-    cost = np.empty((len(deviating), len(deviating)))
+    rows = np.arange(len(far))
+    cost = np.empty((len(far), len(far)))
     for at in rows:
         readings = compared.readings.copy()
-        readings[deviating] = compared.readings[np.roll(deviating, -at)]
-        cost[rows, (rows + at) % len(deviating)] = _size(errors_at(readings, compared.values))[deviating]
+        readings[far] = compared.readings[np.roll(far, -at)]
+        cost[rows, (rows + at) % len(far)] = _size(errors_at(readings, compared.values))[far]
     columns = cheapest_columns(np.log1p((cost / agreed.limit) ** 2))
     after = cost[rows, columns]
-    if (
-        _rms(after) > _LEFT * _rms(agreed.distance[deviating])
-        or after.max() > agreed.limit
-        or _is_shift(deviating, columns)
-    ):
+    if _rms(after) > _LEFT * _rms(agreed.distance[far]) or after.max() > agreed.limit or _is_shift(far, columns):
         return None
-    return RowSlips((RecordSlip(SlipKind.ROWS_EXCHANGED, "readings", _names(compared, deviating)),), _rms(after))
+    return RowSlips((RecordSlip(SlipKind.ROWS_EXCHANGED, "readings", _names(compared, far)),), _rms(after))
 
 
 def _is_shift(apart: Index, columns: Index) -> bool:

@@ -80,17 +80,15 @@ class IntervalArray:
     def __truediv__(self, other: IntervalArray | ArrayLike) -> IntervalArray:
         """Divide; intervals that contain 0 have an unbounded inverse."""
         o = intervals(other)
-        is_divisible = (o.low > 0.0) | (o.high < 0.0)
-        safe = np.where(is_divisible, o.low, 1.0), np.where(is_divisible, o.high, 1.0)
-        low = np.where(is_divisible, _down(1.0 / safe[1]), -np.inf)
-        high = np.where(is_divisible, _up(1.0 / safe[0]), np.inf)
+        valid = (o.low > 0.0) | (o.high < 0.0)
+        safe = np.where(valid, o.low, 1.0), np.where(valid, o.high, 1.0)
+        low = np.where(valid, _down(1.0 / safe[1]), -np.inf)
+        high = np.where(valid, _up(1.0 / safe[0]), np.inf)
         inverse = IntervalArray(low, high)
-        if is_divisible.all():
+        if valid.all():
             return self * inverse
-        quotient = self * IntervalArray(np.where(is_divisible, low, 1.0), np.where(is_divisible, high, 1.0))
-        return IntervalArray(
-            np.where(is_divisible, quotient.low, -np.inf), np.where(is_divisible, quotient.high, np.inf)
-        )
+        quotient = self * IntervalArray(np.where(valid, low, 1.0), np.where(valid, high, 1.0))
+        return IntervalArray(np.where(valid, quotient.low, -np.inf), np.where(valid, quotient.high, np.inf))
 
     def __rtruediv__(self, other: ArrayLike) -> IntervalArray:
         return intervals(other) / self

@@ -153,14 +153,14 @@ def positions_of_axis(names: Sequence[str], data: Sequence[Sequence[str]], value
     renames = {cell: _direction(cell) for cell in sorted(cells)}
     if not all(renames.values()):
         return None
-    quantity = ("position_mm", "at") if "at" in meanings else ("deviation_um", "off")
+    pair = ("position_mm", "at") if "at" in meanings else ("deviation_um", "off")
     columns = {
         "target_mm": meanings["target_mm"],
         "direction": meanings["direction"],
-        quantity[0]: meanings[quantity[1]],
+        pair[0]: meanings[pair[1]],
     }
     columns |= {"cycle": meanings["cycle"]} if "cycle" in meanings else {}
-    units = {column: bare_and_unit(columns[column])[1] for column in ("target_mm", quantity[0])}
+    units = {column: bare_and_unit(columns[column])[1] for column in ("target_mm", pair[0])}
     unit_of_column = {column: unit for column, unit in units.items() if unit not in (None, column.rsplit("_", 1)[-1])}
     words = {raw: word for raw, word in renames.items() if raw != word}
     mapping: MappingKeys = {

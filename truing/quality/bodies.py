@@ -233,11 +233,11 @@ def _fitted_with(body: BodyView, factor: float, around: PoseSurroundings) -> Bod
     if not factor > 1.0:
         return body
     scale = (factor / body.noise_factor) ** 2
-    points, survey = (
+    points, known = (
         replace(body.points, cov=scale * body.points.cov),
         replace(body.survey, cov=scale * body.survey.cov),
     )
-    view = body_view(body.name, survey, points, around, is_surveyed=body.is_surveyed)
+    view = body_view(body.name, known, points, around, is_surveyed=body.is_surveyed)
     return replace(view, noise_factor=factor)
 
 

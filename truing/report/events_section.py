@@ -27,12 +27,10 @@ def during(tables: Tables) -> ReportSection | None:
         "pose_repeatability": _by_pose,
         "lack_of_fit": _fits,
     }
-    known = [
-        (section, table) for name, section in reported.items() if (table := table_or_none(tables, name)) is not None
-    ]
+    known = [(show, table) for name, show in reported.items() if (table := table_or_none(tables, name)) is not None]
     if not known:
         return None
-    listings = tuple(listing for section, table in known for listing in section(table))
+    listings = tuple(listing for show, table in known for listing in show(table))
     return ReportSection(
         "during",
         "During the campaign",

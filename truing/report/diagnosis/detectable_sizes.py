@@ -70,11 +70,11 @@ def _by_cause(table: pd.DataFrame, rows: list[AssessedCause]) -> Listing:
         (
             cause_words(str(cause)),
             str(parameter),
-            _subject_words(of_kind),
-            *_from_to(of_kind),
+            _subject_words(part),
+            *_from_to(part),
             verdicts.get(str(cause), "–"),
         )
-        for (cause, parameter), of_kind in _kinds(table)
+        for (cause, parameter), part in _kinds(table)
     )
     heads = (
         CAUSE,

@@ -89,7 +89,7 @@ def gain_section(rows: list[AssessedCause], tables: Tables) -> ReportSection:
     title = "Before and after" if modelled else "Errors of the predictions"
     lead = " ".join(
         [
-            _opening_sentences(missed, parts, rows, is_complete=not shortcoming(tables)),
+            _opening_sentences(missed, parts, rows, passes=not shortcoming(tables)),
             *held_out_sentences(modelled, parts),
         ]
     )
@@ -100,12 +100,12 @@ def _words_of(overall: Overall, parts: PartNames) -> str:
     return f"{parts.held_out} ({parts.not_fitted})" if overall.held_out else parts.fitted
 
 
-def _opening_sentences(missed: list[_Missed], parts: PartNames, rows: list[AssessedCause], *, is_complete: bool) -> str:
+def _opening_sentences(missed: list[_Missed], parts: PartNames, rows: list[AssessedCause], *, passes: bool) -> str:
     """Return in words the remaining held-out errors against noise, and the share of the excess removed.
-    ``is_complete``: whether no test of the final model fails."""
+    ``passes``: whether no test of the final model fails."""
     if not missed:
         return "This run holds no errors of predictions."
-    texts, removed = [_of_role(one) for one in missed], [_removed(one, is_complete) for one in missed]
+    texts, removed = [_of_role(one) for one in missed], [_removed(one, passes) for one in missed]
     if len(set(removed)) == 1:
         texts.append(removed[0])
     else:
@@ -142,8 +142,8 @@ def _at_floor(overall: Overall) -> bool:
     return bool(overall.floor) and 1.0 / AT_THE_FLOOR <= overall.after / (overall.floor or 1.0) <= AT_THE_FLOOR
 
 
-def _removed(missed: _Missed, is_complete: bool) -> str:
-    """Return in words the share of the variance beyond noise that the causes explain; ``is_complete`` as above."""
+def _removed(missed: _Missed, passes: bool) -> str:
+    """Return in words the share of the variance beyond noise that the causes explain; ``passes`` as above."""
     one = missed.of
     if not missed.modelled or one.floor is None or one.is_below_noise:
         return ""
@@ -151,7 +151,7 @@ def _removed(missed: _Missed, is_complete: bool) -> str:
     if share is None or share <= 0.0:
         return ""
     if share > _ALL:
-        clean = is_complete and _at_floor(one)
+        clean = passes and _at_floor(one)
         return "No systematic error remains detectable." if clean else "The causes explain all variance beyond noise."
     return f"The causes explain {100.0 * share:.3g} % of the variance beyond noise."
 

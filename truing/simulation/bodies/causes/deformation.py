@@ -197,12 +197,12 @@ class BodyDeformation(BodyCause):
 def bodies_of(scene: PointScene) -> Iterator[tuple[str, tuple[str, ...], tuple[float, ...]]]:
     """Yield each body with enough targets: its name, its targets, and their positions."""
     for body in dict.fromkeys(scene.targets.bodies):
-        rows = [n for n, other in enumerate(scene.targets.bodies) if other == body]
-        if len(rows) >= _FEWEST:
+        at = [n for n, other in enumerate(scene.targets.bodies) if other == body]
+        if len(at) >= _FEWEST:
             yield (
                 body,
-                tuple(scene.targets.names[n] for n in rows),
-                tuple(float(x) for x in scene.shape[rows].ravel()),
+                tuple(scene.targets.names[n] for n in at),
+                tuple(float(x) for x in scene.shape[at].ravel()),
             )
 
 
