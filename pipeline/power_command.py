@@ -7,7 +7,7 @@ from contextlib import closing, contextmanager
 from dataclasses import dataclass
 from functools import partial
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING
 
 import numpy as np
 import pandas as pd
@@ -238,7 +238,9 @@ def _posed(tables: Mapping[str, pa.Table], settings: Campaign) -> dict[str, pa.T
     return {**tables, **call_stage("pose", tables, settings).artifacts}
 
 
-def _drawn(plan: Plan, effects: Sequence[Effect], seed: Any, settings: Campaign) -> dict[str, pa.Table]:
+def _drawn(
+    plan: Plan, effects: Sequence[Effect], seed: int | tuple[int, ...], settings: Campaign
+) -> dict[str, pa.Table]:
     """Tables of a simulated campaign, after the stages before the diagnosis."""
     tables = plan.drawn(effects, np.random.default_rng(seed))
     for name in plan.through:

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import replace
-from typing import TYPE_CHECKING, Any, cast
+from typing import TYPE_CHECKING, cast
 
 import numpy as np
 import pyarrow as pa
@@ -102,7 +102,9 @@ def _check_noise(readings: pa.Table, keys: dict[str, str], log: FaultLog) -> Non
             log.add(Fault("campaign.toml", expected, column=f"noise.{key}"))
 
 
-def _planned_signals(collected: CollectedRows, settings: Campaign, readings: pa.Table | None, log: FaultLog) -> Any:
+def _planned_signals(
+    collected: CollectedRows, settings: Campaign, readings: pa.Table | None, log: FaultLog
+) -> pa.Table:
     names = _signals(collected) or [f"v{leg}_mv" for leg in range(1, _LEGS + 1)]
     needed = {
         "signals.sensitivity_mv_per_n": settings.signals.sensitivity_mv_per_n,

@@ -10,6 +10,7 @@ import pandas as pd
 import plotly.graph_objects as go
 from plotly.subplots import make_subplots
 
+from truing.arrays import Array
 from truing.belonging.relation import RelationState
 from truing.report.figure_style import (
     BLUE,
@@ -102,7 +103,7 @@ def _of_fitted(chosen: pd.DataFrame) -> str:
     return f"{lead}; {lost:,} could not be determined." if lost else f"{lead}; every one could be determined."
 
 
-def _figures(tables: Tables, fitted: pd.DataFrame) -> tuple[tuple[Any, str], ...]:
+def _figures(tables: Tables, fitted: pd.DataFrame) -> tuple[tuple[go.Figure, str], ...]:
     if not len(fitted):
         return ()
     uncertainty = (_pose_uncertainty(fitted), "Box: the middle half of the poses; points: single poses.")
@@ -251,7 +252,7 @@ def _pose_residuals(poses: pd.DataFrame) -> go.Figure:
     return grid
 
 
-def _sizes(rows: pd.DataFrame, many: bool) -> Any:
+def _sizes(rows: pd.DataFrame, many: bool) -> go.Scatter | go.Scattergl:
     size = 1e3 * rows["rms_mm"].to_numpy(dtype=float)
     kind = go.Scattergl if many else go.Scatter
     return kind(
@@ -287,7 +288,7 @@ def _pose_uncertainty(poses: pd.DataFrame) -> go.Figure:
     return grid
 
 
-def _worst_sigma(poses: pd.DataFrame, first: int) -> Any:
+def _worst_sigma(poses: pd.DataFrame, first: int) -> Array:
     return np.sqrt(np.max([poses[f"cov_{i}_{i}"].to_numpy(float) for i in range(first, first + 3)], axis=0))
 
 

@@ -403,7 +403,13 @@ def _line(
     )
 
 
-def _ring(figure: go.Figure, lines: list[Any], shifts: list[Any], factor: float, aside: np.ndarray) -> None:
+def _ring(
+    figure: go.Figure,
+    lines: list[tuple[object, pd.DataFrame]],
+    shifts: list[pd.Series],
+    factor: float,
+    aside: np.ndarray,
+) -> None:
     """Draw rings around the numbers that changed."""
     points = [
         (index + aside[k], factor * value)

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import re
-from typing import Any
 
 import numpy as np
 import pandas as pd
@@ -85,7 +84,7 @@ def _with_legs(table: pd.DataFrame, legs: pd.DataFrame) -> pd.DataFrame:
     return pd.concat([table, legs], ignore_index=True) if len(legs) else table
 
 
-def _slider_poses(residuals: pd.DataFrame, points: int) -> list[Any]:
+def _slider_poses(residuals: pd.DataFrame, points: int) -> list[int | str]:
     """Return the poses of the slider: those with the largest deformation first, as many as a page holds."""
     size = (residuals[SHIFT] ** 2).sum(axis=1).groupby(residuals["pose"], sort=False).mean()
     order = size.sort_values(ascending=False, kind="stable").index
@@ -93,7 +92,7 @@ def _slider_poses(residuals: pd.DataFrame, points: int) -> list[Any]:
 
 
 def _points(
-    targets: pd.DataFrame, residuals: pd.DataFrame, poses: list[Any]
+    targets: pd.DataFrame, residuals: pd.DataFrame, poses: list[int | str]
 ) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
     """Return places and displacements (S, N, 3) in the targets' own bodies, NaN where a pose has none."""
     positions = np.broadcast_to(targets[XYZ].to_numpy(dtype=float), (len(poses), len(targets), 3)).copy()
@@ -106,7 +105,7 @@ def _points(
 _Motions = dict[str, tuple[NDArray[np.float64], NDArray[np.float64]]]
 
 
-def _motions(tables: Tables, bodies: list[str], poses: list[Any]) -> _Motions:
+def _motions(tables: Tables, bodies: list[str], poses: list[int | str]) -> _Motions:
     """Return for each body its place (S, 3) and rotation (S, 3, 3) relative to the base, NaN where a pose has none."""
     known = table_or_none(tables, "motions")
     if known is None:
@@ -159,7 +158,7 @@ def _attachments(tables: Tables, body: str) -> tuple[int, ...]:
 
 
 def _words(
-    tables: Tables, targets: pd.DataFrame, shifts: NDArray[np.float64], poses: list[Any]
+    tables: Tables, targets: pd.DataFrame, shifts: NDArray[np.float64], poses: list[int | str]
 ) -> tuple[tuple[str, ...], ...]:
     """Return per pose and target its displacement in words, with the noise of point and survey in that direction."""
     sigma = _noise(tables, targets, poses)
@@ -175,7 +174,7 @@ def _words(
     )
 
 
-def _noise(tables: Tables, targets: pd.DataFrame, poses: list[Any]) -> NDArray[np.float64]:
+def _noise(tables: Tables, targets: pd.DataFrame, poses: list[int | str]) -> NDArray[np.float64]:
     """Return standard deviations (S, N, 3) in mm of measured points and survey together, NaN where unknown."""
     keys = list(zip(targets["body"], targets["target"], strict=True))
     points, survey = table_or_none(tables, "observations"), table_or_none(tables, "survey")
@@ -192,7 +191,7 @@ def _noise(tables: Tables, targets: pd.DataFrame, poses: list[Any]) -> NDArray[n
     return np.sqrt(is_observed**2 + np.nan_to_num(placed) ** 2)
 
 
-def _pose_captions(tables: Tables, poses: list[Any], legs: tuple[int, ...]) -> tuple[tuple[str, ...], ...]:
+def _pose_captions(tables: Tables, poses: list[int | str], legs: tuple[int, ...]) -> tuple[tuple[str, ...], ...]:
     """Return per pose and leg the shift of its attachment and the displacement of its actuator."""
     shifts = table_or_none(tables, "deformation")
     if shifts is None or not legs:
@@ -202,7 +201,7 @@ def _pose_captions(tables: Tables, poses: list[Any], legs: tuple[int, ...]) -> t
     return tuple(tuple(_of_leg(indexed, pose, leg) for leg in legs) for pose in poses)
 
 
-def _of_leg(shifts: pd.DataFrame, pose: Any, leg: int) -> str:
+def _of_leg(shifts: pd.DataFrame, pose: int | str, leg: int) -> str:
     if (pose, leg) not in shifts.index:
         return f"Leg {leg}: its attachment was not measured in this pose."
     row = shifts.loc[(pose, leg)]
