@@ -22,7 +22,7 @@ from truing.stages.declaration import Outcome
 if TYPE_CHECKING:
     from truing.schemas.campaign import Campaign
 
-_WAYS = {1: "forward", -1: "backward"}
+_DIRECTIONS = {1: "forward", -1: "backward"}
 _FEWEST_TARGETS = 2
 _OF_AXIS = {"R": "repeatability", "E": "systematic", "A": "accuracy"}
 _BOTH = {
@@ -85,7 +85,7 @@ def _arranged(readings: Array, group: Index, rows: AxisRows, targets: int) -> Ar
     approach[in_time] = np.cumsum(np.diff(group[in_time], prepend=-1) != 0)
     cells = {}
     for index in np.ndindex(targets, 2):
-        in_cell = (group == index[0]) & (rows.direction == tuple(_WAYS)[index[1]]) & np.isfinite(readings)
+        in_cell = (group == index[0]) & (rows.direction == tuple(_DIRECTIONS)[index[1]]) & np.isfinite(readings)
         _, number, count_of = np.unique(approach[in_cell], return_inverse=True, return_counts=True)
         cells[index] = np.bincount(number, readings[in_cell]) / count_of
     result = np.full((targets, 2, max(2, *(len(means) for means in cells.values()))), np.nan)
@@ -105,14 +105,14 @@ def _add(rows: Rows, run: str, names: list[str], deviation: Array, unit: str, ta
             rows.add(run=run, figure=figure, subject=subject, value=float(value), unit=unit_of_figure, **more)
 
     for index, name in enumerate(names):
-        for direction_index, words in enumerate(_WAYS.values()):
+        for direction_index, words in enumerate(_DIRECTIONS.values()):
             add(f"mean_{words}", name, found.mean[index, direction_index])
             add(f"s_{words}", name, found.scatter[index, direction_index])
             add(f"R_{words}", name, found.repeatability_at[index, direction_index])
             add(f"n_{words}", name, float(repeats[index, direction_index]))
         add("B", name, found.reversal_at[index])
         add("R", name, found.bidirectional_at[index])
-    for direction_index, words in enumerate(_WAYS.values()):
+    for direction_index, words in enumerate(_DIRECTIONS.values()):
         for symbol, field in _OF_AXIS.items():
             add(f"{symbol}_{words}", None, getattr(found, field)[direction_index])
     known = {}

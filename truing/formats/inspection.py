@@ -151,8 +151,8 @@ def _points(
     complete = sum(len(coordinates) == len("xyz") for _, _, coordinates in rows)
     if complete < _FEWEST_POINTS or 2 * complete < len(rows):
         return None
-    points_told = tuple(
+    point_rows = tuple(
         (part, key.rpartition("\0")[2], coordinates.get("x", ""), coordinates.get("y", ""), coordinates.get("z", ""))
         for key, part, coordinates in rows
     )
-    return InspectedPoints(points_told, tuple(lines), unit)
+    return InspectedPoints(point_rows, tuple(lines), unit)

@@ -41,12 +41,12 @@ def clause(row: AssessedCause, tables: Tables) -> str:
 
 def gain(causes: list[AssessedCause], tables: Tables) -> str:
     """Return the gain by modelling all findings: ``lowers the rms error on held-out poses from 34 to 8 µm ...``."""
-    told_of = overall(causes, tables, held_out=True) or overall(causes, tables, held_out=False)
-    if told_of is None:
+    rms_errors = overall(causes, tables, held_out=True) or overall(causes, tables, held_out=False)
+    if rms_errors is None:
         return ""
     parts = part_names(tables)
-    quantity = f"the rms error on {parts.held_out if told_of.held_out else parts.fitted}"
-    return _change(quantity, told_of) + _against_noise(told_of, _whose_noise(tables))
+    quantity = f"the rms error on {parts.held_out if rms_errors.held_out else parts.fitted}"
+    return _change(quantity, rms_errors) + _against_noise(rms_errors, _whose_noise(tables))
 
 
 def _change(quantity: str, one: Overall) -> str:
