@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field, replace
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING, cast
 
 import numpy as np
 import pyarrow as pa
@@ -37,13 +37,14 @@ from truing.stages.ingestion.tables import (
 
 if TYPE_CHECKING:
     from truing.schemas.campaign import Campaign
+    from truing.schemas.mechanism import SensorMechanism
 
 _TYPED = 1e-3  # of the roots of the diagonal: rounding of typed matrices
 _RIGID = 1e-8  # lowest eigenvalue of a compliance whose diagonal is 1
 _FURTHEST = 1.0  # m and rad: larger than any sensor's deflection
 _SINGULAR = 1e9  # condition of the legs' influence, lengths in m
 TABLES = ("interferometer", "displacement", "signals", "quadrature", "positioning")
-_WAYS = ("forward", "backward")
+_DIRECTIONS = ("forward", "backward")
 _FEWEST_CYCLES = 2
 _MANY = 0.5  # of the rows: more different values are not repeated targets
 
@@ -193,11 +194,13 @@ def read_loading_tables(source: CampaignFiles, settings: Campaign, log: FaultLog
     positions = read_positions(source, settings, log)
     compliance = read_compliance(source, log)
     if settings.mechanism.type == "6-upur":
-        check_sensor(settings.mechanism, compliance, log, loaded)
+        check_sensor(cast("SensorMechanism", settings.mechanism), compliance, log, loaded)
     return LoadingTables(readings, signals, compliance, positions, read_published(source, log))
 
 
-def check_sensor(section: Any, compliance: pa.Table | None, log: FaultLog, loaded: Sequence[pa.Table] = ()) -> None:
+def check_sensor(
+    section: SensorMechanism, compliance: pa.Table | None, log: FaultLog, loaded: Sequence[pa.Table] = ()
+) -> None:
     """Check that elements fit the legs, and that the compliance is plausible."""
     from truing.simulation.bench.six_upur.elements import passive
     from truing.simulation.bench.six_upur.influence import influence_matrix
@@ -262,7 +265,7 @@ def read_positions(source: CampaignFiles, settings: Campaign, log: FaultLog) -> 
     rows, corrections = positions_at_reference(rows, settings.interferometer, log)
     if log:
         return None
-    direction = np.array([_WAYS.index(name) for name in texts(rows, "direction")])
+    direction = np.array([_DIRECTIONS.index(name) for name in texts(rows, "direction")])
     table = rows.table.append_column("row_order", pa.array(np.arange(1, len(direction) + 1)))
     if corrections.rows:
         table = table.append_column("position_read_mm", pa.array(read))
@@ -301,8 +304,8 @@ def _check_complete(collected: CollectedRows, log: FaultLog) -> None:
             numbers(collected, "cycle")[rows_of_run],
         )
         targets, directions, cycles = (set(column.tolist()) for column in columns)
-        missing = len(targets) * len(cycles) * len(_WAYS) - int(rows_of_run.sum())
-        if missing or directions != set(_WAYS) or len(cycles) < _FEWEST_CYCLES:
+        missing = len(targets) * len(cycles) * len(_DIRECTIONS) - int(rows_of_run.sum())
+        if missing or directions != set(_DIRECTIONS) or len(cycles) < _FEWEST_CYCLES:
             text = (
                 f"run {run}: {count(len(targets), 'target')}, {count(len(cycles), 'cycle')}, "
                 f"{', '.join(sorted(directions))}"

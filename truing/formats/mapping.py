@@ -116,9 +116,9 @@ class MappingPlan:
         pattern = bounded(names_of_template(self.entry.wide), "wide")
         if self.entry.wide_values is not None:
             matches = (
-                (match, place) for place, name in enumerate(self.all_names) if (match := pattern.fullmatch(name))
+                (match, index) for index, name in enumerate(self.all_names) if (match := pattern.fullmatch(name))
             )
-            return tuple(WideGroup(match.groupdict(), (place,)) for match, place in matches)
+            return tuple(WideGroup(match.groupdict(), (index,)) for match, index in matches)
         indices_of_targets: dict[tuple[tuple[str, str], ...], dict[str, int]] = {}
         for position, name in enumerate(self.all_names):
             if match := pattern.fullmatch(name):
@@ -235,7 +235,7 @@ class MappingPlan:
             kinds[cell] = "number" if cell == position else "text"
         for name, column in self.columns.items():
             self._require_columns(name, self._kind(name, column), kinds, ())
-        for position in (place for name in self.columns for place, _ in self.added(name)):
+        for position in (index for name in self.columns for index, _ in self.added(name)):
             kinds.setdefault(position, "number")
         for name in (*self.entry.select, *self.entry.split):  # they select the rows to read
             self._require_columns(name, "text", kinds, ())

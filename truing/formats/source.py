@@ -321,10 +321,10 @@ def skipped_files(root: Path, folders: Collection[str], read: Collection[str]) -
 def _files_below(root: Path, folders: Collection[str]) -> Iterator[str]:
     for folder in dict.fromkeys(folders):
         top = (root / folder).as_posix()
-        for place, inner, files in os.walk(top, followlinks=True):
-            depth = len(Path(place).relative_to(top).parts)
+        for path, inner, files in os.walk(top, followlinks=True):
+            depth = len(Path(path).relative_to(top).parts)
             inner[:] = sorted(name for name in inner if not name.startswith(".")) if depth < _DEEPEST else []
-            below = PurePosixPath(folder, *Path(place).relative_to(top).parts)
+            below = PurePosixPath(folder, *Path(path).relative_to(top).parts)
             yield from ((below / file).as_posix() for file in sorted(files))
 
 

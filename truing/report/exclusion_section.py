@@ -19,7 +19,7 @@ _OPEN = 40
 def excluded(tables: Tables) -> ReportSection:
     """Return the section of excluded rows, points, attachments and scans, and of the decisions of persons."""
     reported = (_decisions, _effects, _rows_of_files, _points_by_target, _points, _readings, _no_part, _attachments)
-    listings = [listing for tell in (*reported, _of_models, _scans) if (listing := tell(tables)).rows]
+    listings = [listing for section in (*reported, _of_models, _scans) if (listing := section(tables)).rows]
     lead = "Nothing was left out in this run."
     return ReportSection(
         "excluded", "Left out", _opening_sentences(tables) if listings else lead, listings=tuple(listings)

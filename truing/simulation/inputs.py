@@ -134,15 +134,15 @@ def rates(readings: NDArray, time: NDArray | None) -> NDArray | None:
     if time is None:
         return None
     known = np.flatnonzero(np.isfinite(time) & np.isfinite(readings).all(1))
-    own = known[np.argsort(time[known], kind="stable")]
-    interval = np.diff(time[own])
+    in_time = known[np.argsort(time[known], kind="stable")]
+    interval = np.diff(time[in_time])
     usual = float(np.median(interval)) if len(interval) else 0.0
-    if len(own) < _FEWEST_OF_A_PATH or usual <= 0.0 or not _is_smooth(readings[own]):
+    if len(in_time) < _FEWEST_OF_A_PATH or usual <= 0.0 or not _is_smooth(readings[in_time]):
         return None
     from scipy.interpolate import CubicSpline
 
     found = np.zeros(readings.shape)
-    for part in np.split(own, 1 + np.flatnonzero((interval <= 0.0) | (interval > _PAUSE * usual))):
+    for part in np.split(in_time, 1 + np.flatnonzero((interval <= 0.0) | (interval > _PAUSE * usual))):
         if len(part) > 1:
             found[part] = CubicSpline(time[part], readings[part]).derivative()(time[part])
     return found

@@ -66,13 +66,13 @@ def curve_columns(load: Array, time_s: Array) -> Array:
     """
     moved = np.flatnonzero(np.ptp(load, axis=0) > 0.0)
     F = load[:, moved] / np.abs(load[:, moved]).max(axis=0, initial=0.0)
-    way = np.stack([branches(one) for one in F.T], axis=1) if len(moved) else np.zeros(F.shape)
+    sense = np.stack([branches(one) for one in F.T], axis=1) if len(moved) else np.zeros(F.shape)
     share = np.abs(F)
     kinds = [
         [np.ones((len(F), 1)), F],
         [(time_s - time_s[0])[:, None] / max(float(np.ptp(time_s)), 1e-9)],
         [share, F**3],
-        [np.sign(F), (way < 0) * share * (1.0 - share) * np.sign(F)],
+        [np.sign(F), (sense < 0) * share * (1.0 - share) * np.sign(F)],
     ]
     columns_kept: list[Array] = []
     for kind in kinds:
@@ -190,12 +190,16 @@ def _rejected(batch: _Batch, sigma: Array) -> Mask:
 
     limit = float(-ndtri(0.5 * _FALSE_REJECTIONS / max(int(batch.is_observed.sum()), 1)))
     assessed = batch.is_observed & batch.has_curve[:, None]
-    ways = [_reject_from_robust_start(batch, sigma, limit, assessed), _reject_one_by_one(batch, sigma, limit, assessed)]
-    cost = [
-        np.sum((_weighted_residual(batch, way, sigma) / sigma) ** 2 * way, axis=1) + limit**2 * (assessed & ~way).sum(1)
-        for way in ways
+    masks = [
+        _reject_from_robust_start(batch, sigma, limit, assessed),
+        _reject_one_by_one(batch, sigma, limit, assessed),
     ]
-    is_kept = np.where((cost[1] < cost[0])[:, None], ways[1], ways[0])
+    cost = [
+        np.sum((_weighted_residual(batch, mask, sigma) / sigma) ** 2 * mask, axis=1)
+        + limit**2 * (assessed & ~mask).sum(1)
+        for mask in masks
+    ]
+    is_kept = np.where((cost[1] < cost[0])[:, None], masks[1], masks[0])
     for piece in np.flatnonzero((assessed & ~is_kept).any(axis=1)).tolist():
         if _with_a_jump(batch, sigma, piece) + limit**2 < min(cost[0][piece], cost[1][piece]):
             is_kept[piece] = assessed[piece]

@@ -190,8 +190,8 @@ def _doubt(facts: Facts) -> str:
     if facts.course is None:
         return DOUBTS[facts.reason_code]
     course = f"depends on {_joined_names(facts.course)}" if facts.course else "wanders or jumps in time"
-    place = "acts next to it" if facts.is_course_beside else "is about as probable in its place"
-    return f"an effect without a name on the same parts that {course} {place}"
+    alternative = "acts next to it" if facts.is_course_beside else "is about as probable in its place"
+    return f"an effect without a name on the same parts that {course} {alternative}"
 
 
 def _indistinguishable(facts: Facts) -> str:

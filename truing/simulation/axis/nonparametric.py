@@ -214,13 +214,10 @@ def _stretches(rows: AxisRows) -> tuple[Index, Index]:
     starts = onset_rows(rows, _FEWEST)
     in_time = np.argsort(rows.order, kind="stable")
     longest = max(int(_LONGEST * len(in_time)), _FEWEST)
-    place = np.empty(len(in_time), int)
-    place[in_time] = np.arange(len(in_time))
+    rank = np.empty(len(in_time), int)
+    rank[in_time] = np.arange(len(in_time))
     stretches = [
-        (start, in_time[end - 1])
-        for start in starts
-        for end in place[starts]
-        if _FEWEST <= end - place[start] <= longest
+        (start, in_time[end - 1]) for start in starts for end in rank[starts] if _FEWEST <= end - rank[start] <= longest
     ]
     first, last = zip(*stretches, strict=True) if stretches else ((), ())
     return np.array(first, int), np.array(last, int)

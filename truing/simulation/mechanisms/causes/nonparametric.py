@@ -267,9 +267,9 @@ def _value(column: str, moved: NDArray, covariates: Mapping[str, NDArray]) -> ND
     return value if value.ndim == 2 else value[:, None]
 
 
-def _patterns(places: NDArray) -> NDArray:
+def _patterns(positions: NDArray) -> NDArray:
     """Return smooth patterns (T, 5) over a body at positions (T, 2): two slopes, two curvatures and a twist."""
-    s, t = places.T
+    s, t = positions.T
     return np.stack([s, t, s * s, s * t, t * t], -1)
 
 
@@ -288,8 +288,8 @@ def _dependences(scene: PointScene) -> Iterator[Dependence]:
     for legs in [chosen for chosen in choices(scene.legs, 2) if len(chosen) == 2]:
         yield from ({"quantity": "readings", "legs": legs, **column} for column in inputs.columns(1))
         if scene.lengths_apart:
-            apart = inputs.columns(1, apart_from=(TIME, TEMPERATURE))
-            yield from ({"quantity": "lengths", "legs": legs, **settings} for settings in apart)
+            others = inputs.columns(1, apart_from=(TIME, TEMPERATURE))
+            yield from ({"quantity": "lengths", "legs": legs, **settings} for settings in others)
     yield from ({"quantity": "scale", **settings} for settings in inputs.scale_dependences())
     for body in _patterned(scene) if scene.legs else ():
         yield from ({"quantity": "targets", **body, **settings} for settings in (*inputs.columns(1), *inputs.drives(1)))
@@ -430,6 +430,6 @@ def _patterned(scene: PointScene) -> Iterator[Dependence]:
         if len(members) >= _FEWEST_PATTERNED and not body.startswith("leg"):
             away = scene.shape[members] - scene.shape[members].mean(0)
             along = away @ np.linalg.svd(away, full_matrices=False)[2][:2].T
-            places = along / np.maximum(np.abs(along).max(0), 1e-9)
+            shares = along / np.maximum(np.abs(along).max(0), 1e-9)
             names = tuple(scene.targets.names[n] for n in members)
-            yield {"body": body, "targets": names, "places": tuple(float(value) for value in places.ravel())}
+            yield {"body": body, "targets": names, "places": tuple(float(value) for value in shares.ravel())}

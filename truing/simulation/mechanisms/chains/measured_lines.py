@@ -50,8 +50,8 @@ class MeasuredLines:
 
     def slopes(self, shape: NDArray, modes: NDArray) -> Array:
         """Return the derivatives (B, D, W) of the distances by errors of the places (K, 3, W)."""
-        apart = self.apart(shape)
-        unit = apart / np.maximum(np.linalg.norm(apart, axis=-1, keepdims=True), 1e-300)
+        vectors = self.apart(shape)
+        unit = vectors / np.maximum(np.linalg.norm(vectors, axis=-1, keepdims=True), 1e-300)
         moved = self.R @ modes
         return np.einsum("bdi,bdiw->bdw", unit, moved[:, self.ends[:, 0]] - moved[:, self.ends[:, 1]])
 
@@ -76,8 +76,8 @@ def lines_at(
 
     ``base``: R (S, 3, 3), t (S, 3) of the base in each frame of the measurement; the base is the frame if absent.
     """
-    own = None if base is None else (base[0][conditions.series], base[1][conditions.series])
-    frames = tree.frames(conditions.readings, conditions.deviations, own)
+    base_of_rows = None if base is None else (base[0][conditions.series], base[1][conditions.series])
+    frames = tree.frames(conditions.readings, conditions.deviations, base_of_rows)
     return MeasuredLines(frames.R[:, node], frames.t[:, node], ends, lengths, is_observed)
 
 
@@ -98,10 +98,10 @@ def _station(lines: MeasuredLines, k: int, shape: NDArray) -> Array:
     rows, squares, nominal = [], [], lines.points(shape)
     for d, (a, b) in enumerate(lines.ends):
         if k in (a, b):
-            own = lines.is_observed[:, d]
-            points = nominal[own, b if a == k else a]
+            is_observed = lines.is_observed[:, d]
+            points = nominal[is_observed, b if a == k else a]
             rows.append(np.concatenate([-2.0 * points, np.ones((len(points), 1))], 1))
-            squares.append(lines.lengths[own, d] ** 2 - np.sum(points**2, -1))
+            squares.append(lines.lengths[is_observed, d] ** 2 - np.sum(points**2, -1))
     found = np.linalg.lstsq(np.concatenate(rows), np.concatenate(squares), rcond=1e-9)[0]
     return np.asarray(lines.R[0, k].T @ (found[:3] - lines.t[0, k]))
 
