@@ -20,6 +20,7 @@ if TYPE_CHECKING:
 
 _File = tuple["RawGroup", "Guess"]
 _ROUNDING = 1e-6  # of the largest load: digits that a second program writes
+_BETWEEN = 0.2137  # loads are round numbers: without it, many lie where a number is rounded up or down
 _ALIKE = 1e3  # times the rounding: loads that differ by less are ordered by the other components
 
 
@@ -75,5 +76,5 @@ def _are_equal(first: Array, second: Array) -> bool:
 
 
 def _sorted(loads: Array) -> Array:
-    """Loads (N, 6) in an order of their own; a rounding cannot exchange rows."""
-    return np.asarray(loads[np.lexsort(np.round(loads / _ALIKE).T[::-1])])
+    """Loads (N, 6), over the rounding, in an order of their own that a rounding does not change."""
+    return np.asarray(loads[np.lexsort(np.round(loads / _ALIKE + _BETWEEN).T[::-1])])

@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 import pyarrow as pa
 
-from truing.arrays import Array, TableRow
+from truing.arrays import Array, Index, TableRow
 from truing.estimation.interferometry.recorded_steps import RecordedSteps
 from truing.report.numbers import count, plain, quantity
 from truing.stages.quality.check import FAIL, PASS, WARN, Check, not_evaluated
@@ -54,7 +54,7 @@ def _clocks(row: TableRow) -> str:
     return f" Whether the two clocks agree is not tested beyond that{moved}."
 
 
-def _ratios(load: Array, signal: Array, run: Array) -> dict[int, float]:
+def _ratios(load: Array, signal: Array, run: Index) -> dict[int, float]:
     """Return by shift the scatter about fits to the loads of shifted rows, over that to their own loads, on the same
     rows; no shifts that leave too few rows."""
     found = {}
