@@ -132,6 +132,13 @@ DIAGNOSIS = (
         "subject* reason value limit unit",
         optional="pose* run* step*",
     ),
+    parquet(
+        "calibration_kept",
+        "signals at load steps that look like gross errors, and that the calibration uses because they are an effect "
+        "of loads or runs: deviation over noise",
+        "subject kept_because shared_input value unit p_value",
+        optional="run step",
+    ),
     Artifact("start", "start.toml", "model of an earlier campaign, used as the start of this one"),
     parquet(
         "changes",

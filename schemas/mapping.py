@@ -323,6 +323,11 @@ class FileMapping(Section):
         default_factory=dict,
         description="interferometer: channel = raw column of its readings; gives one row per channel",
     )
+    joined_by: Literal["rows", "step", "time"] | None = Field(
+        None,
+        description="loads: how its rows belong to those of signals: in the same order, by the same run and step, or "
+        "by the nearest time of clocks that agree",
+    )
     wide: TemplateOfNames | None = Field(
         None,
         description='template of the raw names of coordinates, "{target}_{axis}"; gives one row per target. With '

@@ -68,6 +68,12 @@ MEASUREMENT = (
         covariates=True,
     ),
     parquet(
+        "loads_joined",
+        "how the rows of [files.loads] were joined to those of signals",
+        "joined_by signal_rows load_rows rows_matched",
+        optional="largest_apart_s earlier_s later_s",
+    ),
+    parquet(
         "quadrature",
         "raw interferometer signals: fitted ellipse of each channel, and scatter about it",
         "channel* samples x0 y0 amplitude_x amplitude_y lag_rad radius_before radius_after radius_uncut radius_mean "

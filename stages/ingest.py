@@ -31,6 +31,7 @@ DECLARATION = Stage(
             "start?",
             "readings?",
             "signals?",
+            "loads_joined?",
         ),
         *("quadrature?", "reading_corrections?", "positions?", "given_compliance?", "given_deformation?"),
         *("published?", "relabelled?", "resurveys?"),

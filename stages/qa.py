@@ -23,7 +23,8 @@ DECLARATION = Stage(
     name="qa",
     reads=(
         *("joints?", "measured_poses?", "distances?"),
-        *("observations?", "survey?", "configurations?", "readings?", "signals?", "given_compliance?", "quadrature?"),
+        *("observations?", "survey?", "configurations?", "readings?", "signals?", "loads_joined?"),
+        *("given_compliance?", "quadrature?"),
         *("positions?", "reading_corrections?", "relabelled?", "resurveys?", "photographs?", "object_points?"),
         *("image_orientations?", "image_residuals?", "scale_bar_lengths?", "known_point_errors?", "image_cameras?"),
         *("bundle_statistics?", "ray_statistics?", "ray_information?"),

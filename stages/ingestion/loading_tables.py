@@ -22,6 +22,7 @@ from truing.schemas.faults import Fault, Unfit
 from truing.stages.common.table_arrays import SmallTable, check_unique_keys, numbered, numbers, texts
 from truing.stages.declaration import Outcome
 from truing.stages.ingestion.corrected_readings import Corrections, positions_at_reference
+from truing.stages.ingestion.joined_loads import words_on_join
 from truing.stages.ingestion.matrix_lines import Line, numbers_of, read_lines
 from truing.stages.ingestion.published_values import read_published
 from truing.stages.ingestion.reading_table import ReadingTable, read_readings
@@ -107,6 +108,7 @@ class LoadingTables:
     compliance: pa.Table | None
     positions: PositionTable | None = None
     published: pa.Table | None = None
+    joined: pa.Table | None = None
 
     @property
     def artifacts(self) -> dict[str, pa.Table]:
@@ -118,6 +120,7 @@ class LoadingTables:
             schema = ARTIFACTS["reading_corrections"].arrow_schema()
             tables["reading_corrections"] = pa.Table.from_pylist(self.corrections, schema=schema)
         tables |= {} if self.signals is None else {"signals": self.signals.table}
+        tables |= {} if self.joined is None else {"loads_joined": self.joined}
         tables |= {} if self.positions is None else {"positions": self.positions.table}
         tables |= {} if self.published is None else {"published": self.published}
         return tables | ({} if self.compliance is None else {"given_compliance": self.compliance})
@@ -142,6 +145,7 @@ class LoadingTables:
         if self.signals is not None:
             names = [name for name in self.signals.table.column_names if name.endswith("_mv")]
             parts.append(f"{count(len(names), 'signal')} of {count(len(self.signals.table), 'load step')}")
+            parts += [] if self.joined is None else [words_on_join(self.joined)]
         if self.positions is not None:
             parts.append(f"{count(len(self.positions.table), 'approach')} of an axis to its targets")
         if self.published is not None:
@@ -188,14 +192,14 @@ def read_loading_tables(source: CampaignFiles, settings: Campaign, log: FaultLog
         )
         log.add(Fault("interferometer.csv", expected + words_on_unread_files(source.folder, source.names_in_entries)))
     readings = read_readings(source, settings, log)
-    signals = read_signals(source, settings, None if readings is None else readings.table, log)
+    signals, joined = read_signals(source, settings, None if readings is None else readings.table, log)
     loaded = [small_table.table for small_table in (readings, signals) if small_table is not None]
     check_any_fitted(loaded, "interferometer.csv" if readings is not None else "signals.csv", "run", log)
     positions = read_positions(source, settings, log)
     compliance = read_compliance(source, log)
     if settings.mechanism.type == "6-upur":
         check_sensor(cast("SensorMechanism", settings.mechanism), compliance, log, loaded)
-    return LoadingTables(readings, signals, compliance, positions, read_published(source, log))
+    return LoadingTables(readings, signals, compliance, positions, read_published(source, log), joined)
 
 
 def check_sensor(

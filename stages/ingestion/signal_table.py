@@ -18,6 +18,7 @@ from truing.formats.source import CampaignFiles
 from truing.schemas.columns import COLUMNS
 from truing.schemas.faults import Fault
 from truing.stages.common.table_arrays import SmallTable, numbered, numbers, texts
+from truing.stages.ingestion.joined_loads import with_joined_loads
 from truing.stages.ingestion.load_steps import (
     averaged_signals,
     check_same_loads,
@@ -36,13 +37,17 @@ _PER_N = 1.0  # mV per N of a leg, where no sensitivity is declared
 
 def read_signals(
     source: CampaignFiles, settings: Campaign, readings: pa.Table | None, log: FaultLog
-) -> SmallTable | None:
-    """Return the signals; None if the campaign has none. Steps that the readings contain take their time from these."""
+) -> tuple[SmallTable | None, pa.Table | None]:
+    """Return the signals, and how loads of another file were joined to them; each None if the campaign has none.
+
+    Steps that the readings contain take their time from these.
+    """
     rows = collect_rows(source, SIGNALS, log, "run")
+    rows, joined = with_joined_loads(rows, source, log)
     table = None if rows is None else signal_table(rows, settings, readings, log)
     if table is not None and any(entry.time_format for entry in source.entries("signals")):
         table.table = since_first(table.table)
-    return table
+    return table, joined
 
 
 def signal_table(

@@ -24,7 +24,7 @@ from truing.formats.origins import (
 )
 from truing.formats.patterns import bounded
 from truing.formats.raw import Kind
-from truing.formats.shapes import COORDINATES, TableShape
+from truing.formats.shapes import COORDINATES, LOADS_APART, TableShape
 from truing.formats.units import (
     UnknownUnit,
     conversion,
@@ -317,6 +317,8 @@ class MappingPlan:
             misfits += _contradicted_columns(self)
         if self.entry.channels:
             misfits.append(Misfit("channels in [files.interferometer] alone", value=", ".join(self.entry.channels)))
+        if self.entry.joined_by is not None and self.shape.name != LOADS_APART.name:
+            misfits.append(Misfit("joined_by in [files.loads] alone", value=self.entry.joined_by))
         if self.entry.wide is not None and not self.wide:
             misfits.append(
                 Misfit(

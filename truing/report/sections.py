@@ -75,7 +75,8 @@ SECTIONS = (
 # Tables that the page is made from, in the order in which it lists their origin.
 _TABLES = """
 observations survey configurations readings signals displacement run_terms scans exclusions exclusion_effects
-diagnosis_left_out calibration_left_out relabelled resurveys likely_names repeats lack_of_fit pose_repeatability qa
+diagnosis_left_out calibration_left_out calibration_kept relabelled resurveys likely_names repeats lack_of_fit
+pose_repeatability qa
 belonging
 poses residuals reading_residuals deformation target_deformation deformation_models deformation_errors
 simulated_deformation compliance axis_curves published_compared tolerance_errors tolerance_samples
