@@ -21,14 +21,14 @@ from truing.inference.model import CauseT
 from truing.inference.random_courses import random_courses, random_factors
 from truing.inference.rounds import NAMED, RIVAL_FACTOR, parts_of
 from truing.inference.search import total_of
-from truing.inference.signatures import Pathways, signatures_of
+from truing.inference.signatures import Pathways, signature, signatures_of
 
 # Patterns that hold less than this share of an effect's squares are not tested, nor more than so many.
 _LEAST_PATTERN, _MOST_PATTERNS = 0.1, 3
 _LEAST_LOADING = 1e-6  # of a pathway in a pattern of unit length
 _CLEAR_LOADING = 1e-4  # its square is far above the rounding of products
 _FEWEST_EPOCHS = 12
-_MOST_LEFT = 4.0  # squares of patterns that are not tested, in units of the noise
+_CHANCE = 0.01  # p-value above which patterns that are not tested hold no more than noise
 _MOST_PRODUCTS = 2e11  # of numbers, about a minute
 _ALIKE = 0.7  # cosine of two patterns from which on one course may be behind both
 
@@ -103,6 +103,8 @@ def course_rival(
     ``without`` is the final model without the cause; all parameters after the first ``size`` are the cause's shape;
     ``choice`` is the evidence averaged over all shapes that it may have on its subject, relative to that of its own.
     """
+    from scipy.special import chdtri
+
     patterns, left = _patterns_of(final, cause, size)
     if not patterns:
         return None
@@ -123,8 +125,12 @@ def course_rival(
     likeliest = [_likeliest(moved_beside, place, varied[place]) for place in places]
     instead = [_likeliest(moved, place, courses) for place in places]
     named, behind = _lead(moved, patterns, instead)
+    if size > len(patterns):  # the courses of the patterns were fitted, too
+        behind += (
+            _log_evidence_of(without, cause, size) - moved.evidences([_together([p.course for p in patterns])])[0][0]
+        )
     behind += _gained_by_refit(final, without, named, len(patterns))
-    if left > _MOST_LEFT:  # random courses would absorb patterns that are not tested
+    if left > chdtri(max(size - len(patterns), 1), _CHANCE):  # random courses would absorb patterns that are not tested
         behind = np.inf
     next_to_it = max(likeliest, key=lambda one: one.odds)
     odds = next_to_it.odds - np.log(len(patterns))
@@ -236,6 +242,13 @@ def _lead(moved: _Moved[CauseT], patterns: Sequence[MovedPattern], instead: Sequ
     both = [pattern.course for pattern in patterns], [one.functions for one in instead]
     (named, squares), (free, _) = moved.evidences([_together(functions) for functions in both])
     return squares, named - free - sum(one.odds - one.best for one in instead)
+
+
+def _log_evidence_of(without: FittedModel[CauseT], cause: CauseT, size: int) -> float:
+    """Return the log odds of a cause with its first ``size`` parameters, to first order."""
+    designs = {name: design[..., :size] for name, design in without.design_matrix(cause).items()}
+    own, (total, freedom) = signature(without.pathways, designs), total_of(without)
+    return float(log_evidence(parts_of(own, without.pathways.residual), own.strengths, total, freedom))
 
 
 def _gained_by_refit(final: FittedModel[CauseT], without: FittedModel[CauseT], named: float, patterns: int) -> float:
