@@ -67,6 +67,12 @@ def test_the_first_line_says_what_where_how_large_and_what_it_brings():
             "Leg 3 grows with temperature, but the bodies do not, by 60.0 ± 2.0 ppm/K",
         ),
         (
+            "leg-thermal",
+            "leg3",
+            {"alpha_3": size(-2.8e-5, 6.6e-6, "1/K")},
+            "Leg 3 shrinks with temperature, but the bodies do not, by 28.0 ± 6.6 ppm/K",
+        ),
+        (
             "approach-scatter",
             "",
             {"scatter": size(0.012, 0.001, "mm")},
