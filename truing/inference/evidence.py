@@ -84,24 +84,24 @@ def like_sized_log_evidence(
     in plausible scales; ``alike``: positions of the parameters of like size, the others are N(0, size^2). ``total``,
     ``freedom`` and ``sizes`` as in `log_evidence`.
     """
-    sizes, places = np.array(sizes), list(alike)
+    size, places = np.array(sizes), list(alike)
     signs, weights = _patterns(len(alike))
     spreads = np.ones((len(_SPREADS), scores.shape[-1]))
     spreads[:, places] = np.array(_SPREADS)[:, None]
     values, vectors = np.linalg.eigh(spreads[:, :, None] * gram[..., None, :, :] * spreads[:, None])
-    power = np.maximum(values, 0.0)[..., None] * sizes**2  # (..., 2, P, S), for both spreads
+    power = np.maximum(values, 0.0)[..., None] * size**2  # (..., 2, P, S), for both spreads
     # Reduction of squares by a mean m (size times a pattern): 2 g.m - m'Am; then by the rest along the spread.
     pulled = signs @ gram[..., places, :]  # (..., N, P)
     linear, square = scores[..., places] @ signs.T, np.sum(pulled[..., places] * signs, -1)
     of_scores = ((scores[..., None, :] * spreads)[..., None, :] @ vectors)[..., 0, :]  # (..., 2, P)
     of_patterns = (pulled[..., None, :, :] * spreads[:, None]) @ vectors  # (..., 2, N, P)
-    held = sizes**2 / (1 + power)
-    gained = of_scores[..., None, :] ** 2 @ held + of_patterns**2 @ (held * sizes**2)
-    gained -= 2 * ((of_scores[..., None, :] * of_patterns) @ (held * sizes))
-    gained += (2 * linear[..., None] * sizes - square[..., None] * sizes**2)[..., None, :, :]  # (..., 2, N, S)
+    held = size**2 / (1 + power)
+    gained = of_scores[..., None, :] ** 2 @ held + of_patterns**2 @ (held * size**2)
+    gained -= 2 * ((of_scores[..., None, :] * of_patterns) @ (held * size))
+    gained += (2 * linear[..., None] * size - square[..., None] * size**2)[..., None, :, :]  # (..., 2, N, S)
     after = np.maximum(total - gained, 1e-9 * total)
     logs = -0.5 * np.sum(np.log1p(power), -2)[..., None, :] - freedom / 2 * np.log(after / total)
-    logs += np.log(weights / (len(sizes) * len(_SPREADS)))[:, None]
+    logs += np.log(weights / (len(size) * len(_SPREADS)))[:, None]
     largest = logs.max((-3, -2, -1), keepdims=True)
     return np.asarray(largest[..., 0, 0, 0] + np.log(np.sum(np.exp(logs - largest), (-3, -2, -1))))
 
