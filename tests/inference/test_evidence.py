@@ -1,4 +1,4 @@
-"""Evidence of parameters whose sign is known."""
+"""Evidence of parameters of a plausible size, of a known range, and of a known sign."""
 
 from __future__ import annotations
 
@@ -7,7 +7,7 @@ import pytest
 from scipy.stats import norm
 
 from tests.tolerance import assert_close
-from truing.inference.evidence import log_evidence, log_possible
+from truing.inference.evidence import SIZES, log_evidence, log_possible, sizes_of
 
 
 @pytest.mark.parametrize("value", [-4.0, -1.0, 0.0, 2.0])
@@ -33,3 +33,28 @@ def test_a_parameter_of_an_impossible_sign_has_no_evidence_whatever_its_size_and
     signs = log_possible(along / strengths, np.diag(1.0 / strengths**2), (0,), left, freedom)
     assert evidence + signs < 0.0
     assert size < 10.0 or evidence > 20.0  # without the sign it would be found
+
+
+@pytest.mark.parametrize("size", [5.0, 15.0, 30.0])
+def test_a_wider_plausible_scale_is_no_proof_of_a_cause(size: float) -> None:
+    """Two causes with the same effect on the data; it is ``size`` plausible scales of one, and a tenth of that of the
+    other: the data cannot distinguish them, and the odds are below those at which rivals are indistinguishable."""
+    freedom, along = 2000.0, np.array([25.0])
+    narrow, wide = (log_evidence(along, along / own, freedom, freedom) for own in (size, size / 10.0))
+    assert abs(float(wide - narrow)) < np.log(20.0)
+
+
+def test_one_parameter_is_preferred_to_three_that_explain_the_same_however_large_it_is() -> None:
+    along, size = np.array([25.0, 0.0, 0.0]), 28.0
+    one = log_evidence(along[:1], along[:1] / size, 2000.0, 2000.0)
+    three = log_evidence(along, np.full(3, along[0] / size), 2000.0, 2000.0)
+    assert one > three
+
+
+def test_a_property_of_a_material_far_from_all_known_ones_costs_evidence() -> None:
+    freedom, along, known = 2000.0, np.array([25.0]), sizes_of(SIZES, 1.0, is_known=True)
+    common, odd = (float(log_evidence(along, along / size, freedom, freedom, known)) for size in (1.0, 12.0))
+    assert common - odd > np.log(20.0)
+    assert float(log_evidence(along, along, freedom, freedom, known)) >= float(
+        log_evidence(along, along, freedom, freedom)
+    )

@@ -17,7 +17,7 @@ from truing.inference.evidence import log_evidence
 from truing.inference.input_spectra import Spectra, Spectrum
 from truing.inference.random_functions import centred
 
-_LARGEST_EFFECT = 10.0  # largest plausible effect, in units of the noise
+_SIZES = (10.0, 10 / 3, 10 / 9, 1 / 3, 1 / 9)  # plausible sizes of an effect, in units of the noise
 _MOST_INPUTS = 3  # of a set
 _PROBABLE_PAIRS = 6  # pairs to which third inputs are added
 INCLUDED = 0.9  # probability from which on an input is named
@@ -90,7 +90,7 @@ def _log_evidence(rest: Array, spectra: Spectra, inputs: tuple[str, ...]) -> Arr
 def log_evidence_of_spectrum(rest: Array, spectrum: Spectrum, freedom: int) -> Array:
     """Return the log evidence (q,) of a random function over noise, column by column of residuals (n, q)."""
     along = spectrum.along(rest).T
-    return log_evidence(along, spectrum.strengths, np.sum(rest**2, 0), freedom, _LARGEST_EFFECT / 3.0)
+    return log_evidence(along, spectrum.strengths, np.sum(rest**2, 0), freedom, _SIZES)
 
 
 def _probability(name: str, odds: Mapping[tuple[str, ...], float]) -> float:

@@ -29,7 +29,7 @@ _PALE = "#C8C8C8"
 _VERDICTS = {
     FOUND: ("found", BLUE),
     SUSPECTED: ("suspected", GREEN),
-    RIVAL: ("equally good", ORANGE),
+    RIVAL: ("not distinguishable", ORANGE),
     REJECTED: ("rejected", GREY),
     NOT_TESTABLE: ("not testable", _PALE),
 }

@@ -196,8 +196,9 @@ def _doubt(facts: Facts) -> str:
 
 def _indistinguishable(facts: Facts) -> str:
     odds = f" (odds of {facts.odds:.2g} to 1 against this one)" if facts.odds is not None else ""
+    as_well = "as well" if facts.odds is None or facts.odds <= 1.0 else "nearly as well"
     return (
-        f"It may be that {facts.clause}{_sizes(facts)}. This explains the data as well as {facts.rival}{odds}, "
+        f"It may be that {facts.clause}{_sizes(facts)}. This explains the data {as_well} as {facts.rival}{odds}, "
         f"and this campaign cannot distinguish the two. {_improvement(facts)}"
     )
 

@@ -226,7 +226,7 @@ def _rivals(causes: list[AssessedCause], rows: list[AssessedCause], tables: Tabl
     more = f", or one of {len(rivals) - _MOST_NAMED} more" if len(rivals) > _MOST_NAMED else ""
     of_which = "" if len(causes) == 1 else " of one of these"
     named = f"{', or '.join(texts)}{more}"
-    return [f"An equally good explanation{of_which}, which this campaign cannot distinguish: {named}"]
+    return [f"Another explanation{of_which}, which this campaign cannot rule out: {named}"]
 
 
 def lower(sentence: str) -> str:
@@ -290,7 +290,7 @@ def counted(rows: list[AssessedCause], tables: Tables) -> str:
         noisy = any(row.is_noise and not row.is_remainder for row in rows)
         noise = "; the noise is not as declared" if noisy else ""
         return f"{assessed} by comparing {tested_text}: {_nothing_found(rows, tables)}{noise}."
-    other = f", {rivals} equally good as one of them and not distinguishable from it" if rivals else ""
+    other = f", {rivals} not distinguishable from one of them" if rivals else ""
     unseen = f", {untestable} not testable with these data" if untestable else ""
     into = "included in the results below"
     if is_bench(tables) or any(name in tables for name in ("pulls", "axis_errors")):

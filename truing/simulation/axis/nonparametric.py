@@ -35,7 +35,15 @@ from truing.simulation.axis.rows import (
 )
 from truing.simulation.cause import Parameter, Step
 from truing.simulation.inputs import ORDER, STOPS, TIME, middle_and_half, varying_columns
-from truing.simulation.nonparametric import PER_FUNCTION, POLYNOMIAL, WAVES, NonparametricEffect, chebyshev, dependence
+from truing.simulation.nonparametric import (
+    PER_FUNCTION,
+    POLYNOMIAL,
+    SETTLINGS,
+    WAVES,
+    NonparametricEffect,
+    chebyshev,
+    dependence,
+)
 
 # Forms: a curve over the travel since the axis turned, times the direction of approach; an offset during a period; a
 # sum of stop operators of the command: friction with memory.
@@ -199,6 +207,8 @@ def _dependences(rows: AxisRows) -> Iterator[tuple[tuple[str, ...], str, int]]:
             yield (column,), POLYNOMIAL, degree
         if column not in (COMMAND, DIRECTION) and not is_temperature(column):
             yield (column, COMMAND), POLYNOMIAL, 1
+    for form in SETTLINGS if timed in columns else ():
+        yield (timed,), form, 1
     for column, counts in ((timed, _WAVES_OF_TIME), (COMMAND, _WAVES_OF_PLACE)):
         for count in counts if column in columns else ():
             yield (column,), WAVES, count

@@ -52,6 +52,7 @@ class LinkGrowth(LinkCause):
     along: str = ""
 
     id = "link-growth"
+    has_known_scale = True
     lacking = Missing.TEMPERATURE
 
     @property

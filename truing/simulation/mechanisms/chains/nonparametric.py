@@ -24,6 +24,7 @@ from truing.simulation.mechanisms.chains.conditions import ChainInputs, usual_ra
 from truing.simulation.nonparametric import (
     PER_FUNCTION,
     POLYNOMIAL,
+    SETTLINGS,
     WAVES,
     NonparametricEffect,
     chebyshev,
@@ -58,7 +59,7 @@ class NonparametricChainEffect(NonparametricEffect[ChainScene], ChainCause):
     link: str = ""
 
     reach = 10.0
-    boundless = frozenset({POLYNOMIAL, WAVES, SURFACE, HISTORY})
+    boundless = frozenset({POLYNOMIAL, WAVES, SURFACE, HISTORY, *SETTLINGS})
     letters = NonparametricEffect.letters | {SURFACE: "term", HISTORY: "stop"}
 
     @property
@@ -202,6 +203,7 @@ def _of_joint(columns: dict[str, NDArray], joint_column: str) -> Iterator[tuple[
             yield (column, joint_column), POLYNOMIAL, 1
     for column, counts in ((TIME, _WAVES_OF_TIME), (ORDER, _WAVES_OF_TIME), (joint_column, _WAVES_OF_TRAVEL)):
         yield from (((column,), WAVES, count) for count in counts if column in columns)
+    yield from (((TIME,), form, 1) for form in SETTLINGS if TIME in columns)
 
 
 def _of_two(readings: Sequence[str]) -> Iterator[tuple[tuple[str, ...], str, int]]:
