@@ -9,9 +9,9 @@ from contextlib import suppress
 
 def _leave_current_folder() -> None:
     """Remove the current folder from the import path, so that a `numpy.py` next to the data is not imported."""
-    own = os.path.dirname(os.path.dirname(os.path.abspath(__file__)))
+    project = os.path.dirname(os.path.dirname(os.path.abspath(__file__)))
     with suppress(FileNotFoundError):  # the current folder was deleted
-        if sys.path[0] == os.getcwd() != own:
+        if sys.path[0] == os.getcwd() != project:
             del sys.path[0]
 
 

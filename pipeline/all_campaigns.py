@@ -25,15 +25,15 @@ _STATES = ("ok", "not tested", None, "attention", "fails")
 _STAGE = "run"
 
 
-def check_place(folder: Path) -> None:
+def check_shared_folder(folder: Path) -> None:
     """Raise CampaignFaults if a folder holds a campaign, or files of another origin under the names of these."""
     from truing.pipeline.artifacts import read_provenance
     from truing.pipeline.given_files import check_folder
 
     check_folder(folder)
     present = [name for name in (_TABLE.file, PAGE) if os.path.lexists(folder / name)]
-    own = read_provenance(folder, _TABLE) if present else None
-    if present and (own or {}).get("stage") != _STAGE:
+    provenance = read_provenance(folder, _TABLE) if present else None
+    if present and (provenance or {}).get("stage") != _STAGE:
         expected = f"a folder without files of another origin ({', '.join(present)})"
         raise CampaignFaults([Fault("--out", expected, value=str(folder))])
 
@@ -45,7 +45,7 @@ def write_all_campaigns(folder: Path, ends: Sequence[tuple[Path, CampaignOutcome
     from truing.report.all_campaigns import campaigns_page
 
     table = campaigns_table(ends)
-    digest = digest_of([str(place) for place, _ in ends])
+    digest = digest_of([str(path) for path, _ in ends])
     names = f"{len(ends)} campaigns"
     write_table(folder / _TABLE.file, _TABLE, table, Stamp(_STAGE, digest, names, __version__, (_TABLE.name,)))
     rows = table.to_pylist()
@@ -58,7 +58,7 @@ def campaigns_table(ends: Sequence[tuple[Path, CampaignOutcome]]) -> pa.Table:
     """The table ``campaigns``: one row per campaign, the worst first."""
     import pyarrow as pa
 
-    rows = sorted((_row(place, outcome) for place, outcome in ends), key=_badness)
+    rows = sorted((_row(path, outcome) for path, outcome in ends), key=_badness)
     ranked = [{"rank": rank, **row} for rank, row in enumerate(rows, start=1)]
     return pa.Table.from_pylist(ranked, schema=_TABLE.arrow_schema())
 

@@ -11,6 +11,7 @@ from __future__ import annotations
 import json
 import tomllib
 from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
+from contextlib import contextmanager
 from dataclasses import dataclass
 from itertools import chain
 from pathlib import Path
@@ -19,6 +20,7 @@ from typing import TYPE_CHECKING, Any, BinaryIO
 from truing.pipeline.whole_file import discard_parts, publish_file, sync_folder, write_part
 from truing.schemas.artifact import Artifact, StoredTable, checked_table
 from truing.schemas.artifacts import ARTIFACTS
+from truing.schemas.faults import first_line
 from truing.schemas.settings_text import regular_size
 
 if TYPE_CHECKING:
@@ -43,16 +45,17 @@ class Unreadable(Exception):
 class Stamp:
     """Origin of an artifact.
 
-    ``left``: names of all artifacts of the same run of its stage; ``said``: main figure of that stage's closing line.
+    ``artifacts``: names of all artifacts of the same run of its stage; ``closing_figure``: main figure of that stage's
+    closing line.
     """
 
     stage: str
     digest: str
     campaign: str
     software_version: str
-    left: tuple[str, ...]
+    artifacts: tuple[str, ...]
     failed_checks: tuple[str, ...] = ()
-    said: str = ""
+    closing_figure: str = ""
     why_not: str = ""
 
     def metadata(self, artifact: Artifact, columns: list[str]) -> dict[str, str]:
@@ -65,9 +68,9 @@ class Stamp:
             "digest": self.digest,
             "software_version": self.software_version,
             "campaign": self.campaign,
-            "left": json.dumps(self.left),
+            "left": json.dumps(self.artifacts),
             "failed_checks": json.dumps(self.failed_checks),
-            "said": self.said,
+            "said": self.closing_figure,
             "why_not": self.why_not,
         }
 
@@ -209,28 +212,29 @@ def _rebatched(batches: Iterable[pa.RecordBatch]) -> Iterator[pa.Table]:
 def read_artifact(folder: Path, artifact: Artifact) -> pa.Table | str:
     """Table (or text) of an artifact; raises Unreadable if it is missing or contradicts its schema."""
     path = folder / artifact.file
-    try:
+    with _as_unreadable():
         regular_size(path)
-        if not artifact.is_table:
-            return path.read_text(encoding="utf-8")
-        return checked_table(path, artifact)
-    except FileNotFoundError as error:
-        raise Unreadable(error.strerror) from None
-    except ValueError as error:
-        raise Unreadable((str(error).splitlines() or [""])[0]) from None
+        return checked_table(path, artifact) if artifact.is_table else path.read_text(encoding="utf-8")
 
 
 def opened_artifact(folder: Path, artifact: Artifact) -> StoredTable:
     """Table of an artifact to be read in batches; raises Unreadable if it is missing or no Parquet file."""
     table = StoredTable(folder / artifact.file, artifact)
-    try:
+    with _as_unreadable():
         regular_size(table.path)
         _ = table.schema, table.num_rows
-        return table
+    return table
+
+
+@contextmanager
+def _as_unreadable() -> Iterator[None]:
+    """Raise Unreadable for a file that is missing or contradicts its schema."""
+    try:
+        yield
     except FileNotFoundError as error:
         raise Unreadable(error.strerror) from None
     except ValueError as error:
-        raise Unreadable((str(error).splitlines() or [""])[0]) from None
+        raise Unreadable(first_line(error)) from None
 
 
 def table_of(folder: Path, name: str) -> pa.Table | None:

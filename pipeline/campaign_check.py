@@ -111,17 +111,17 @@ class _Raw:
 
         self.tables |= {name: content for name, content in artifacts.items() if isinstance(content, pa.Table)}
         streams = {name: content for name, content in artifacts.items() if isinstance(content, pa.RecordBatchReader)}
-        watched = {name: self._kept(name, stream) for name, stream in streams.items()}
+        watched = {name: self._collected(name, stream) for name, stream in streams.items()}
         if "observations" in watched:
             watched["observations"] = self.counted(watched["observations"])
         readers = {n: pa.RecordBatchReader.from_batches(streams[n].schema, each) for n, each in watched.items()}
         return {**artifacts, **readers}
 
-    def _kept(self, name: str, batches: Any) -> Iterator[Any]:
-        own = self._streamed.setdefault(name, [])
+    def _collected(self, name: str, batches: Any) -> Iterator[Any]:
+        streamed = self._streamed.setdefault(name, [])
         for batch in batches:
-            if _rows(own) <= _MOST_ROWS:
-                own.append(batch)
+            if _rows(streamed) <= _MOST_ROWS:
+                streamed.append(batch)
             yield batch
 
     def keep_ingested(self, artifacts: Mapping[str, Any]) -> None:
@@ -204,18 +204,18 @@ def _without_faulty_keys(campaign: CampaignFolder) -> CampaignFolder | None:
 def _is_read_otherwise(campaign: CampaignFolder, corrected: CampaignFolder) -> bool:
     """True if a campaign without its faulty keys has another kind of mechanism, which needs other files."""
     of_types = getattr(stage_module("ingest"), "OF_TYPES", {})
-    own, left = (document.get("mechanism") for document in (campaign.document, corrected.document))
-    return isinstance(own, dict) and own.get("type") in of_types and not left
+    given, corrected_section = (document.get("mechanism") for document in (campaign.document, corrected.document))
+    return isinstance(given, dict) and given.get("type") in of_types and not corrected_section
 
 
 def _remove(document: Mapping[str, Any], dotted: str) -> bool:
     """Remove the value at a fault's dotted path (list indices count from 1); False if it is missing."""
-    place: Any = document
+    level: Any = document
     *parents, last = dotted.split(".")
     try:
         for part in parents:
-            place = place[int(part) - 1] if isinstance(place, list) else place[part]
-        del place[int(last) - 1 if isinstance(place, list) else last]
+            level = level[int(part) - 1] if isinstance(level, list) else level[part]
+        del level[int(last) - 1 if isinstance(level, list) else last]
     except (KeyError, IndexError, ValueError, TypeError):
         return False
     return True
@@ -264,12 +264,12 @@ def _contradictions(path: Path, ingested: Mapping[str, Any] | None) -> tuple[tup
     checks, relations = (tables[name].to_pylist() if name in tables else [] for name in ("qa", "belonging"))
     failed = failed_relations(tables)
     doubted = {row["relation"] for row in relations if row["state"] == "attention"}
-    apart = tuple(row["message"] for row in checks if row["check"] in failed and row["verdict"] == "fail")
+    belonging = tuple(row["message"] for row in checks if row["check"] in failed and row["verdict"] == "fail")
     doubtful = [row["message"] for row in checks if row["check"] in doubted and row["verdict"] == "warn"]
     far = {row["subject"]: row["message"] for row in checks if row["check"] == "noise" and _is_far(row["value"])}
     axes = {f"{subject} {axis}" for subject in far for axis in "xyz"}
     doubtful += [row["message"] for row in checks if row["check"] in _UNITS and row["verdict"] in ("warn", "fail")]
-    return apart, (*doubtful, *(message for subject, message in far.items() if subject not in axes))
+    return belonging, (*doubtful, *(message for subject, message in far.items() if subject not in axes))
 
 
 def _is_far(ratio: float | None) -> bool:

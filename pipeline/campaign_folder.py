@@ -109,24 +109,24 @@ def open_campaign(path: Path) -> CampaignFolder:
         raise CampaignFaults([Fault(str(file), f"numbers of at most {longest} digits")]) from None
 
 
-def _expected_instead(place: Path) -> str:
-    if os.path.lexists(place / FILE):
+def _expected_instead(path: Path) -> str:
+    if os.path.lexists(path / FILE):
         return "a regular file, not a folder, pipe, device or broken link"
-    if place.is_dir():
-        return f"a campaign.toml in this folder; `truing init {place}` writes one to complete"
-    return f"a campaign folder that exists, with a campaign.toml in it{folder_meant(place)}"
+    if path.is_dir():
+        return f"a campaign.toml in this folder; `truing init {path}` writes one to complete"
+    return f"a campaign folder that exists, with a campaign.toml in it{folder_meant(path)}"
 
 
-def folder_meant(place: Path) -> str:
+def folder_meant(path: Path) -> str:
     """Suggestion for a folder that is missing, as the end of a message: a similar name beside it."""
-    if os.path.lexists(place):
+    if os.path.lexists(path):
         return ""
     try:
-        beside = [one.name for one in place.parent.iterdir() if one.is_dir()]
+        beside = [one.name for one in path.parent.iterdir() if one.is_dir()]
     except OSError:
         return ""
-    meant = nearest_name(place.name, beside)
-    return "" if meant is None else f"; did you mean {place.with_name(meant)}?"
+    meant = nearest_name(path.name, beside)
+    return "" if meant is None else f"; did you mean {path.with_name(meant)}?"
 
 
 def _toml_fault(file: Path, error: tomllib.TOMLDecodeError) -> Fault:

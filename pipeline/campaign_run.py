@@ -45,7 +45,7 @@ if TYPE_CHECKING:
 PROJECT = Path(truing.__file__).parent.parent
 _VERDICT = "verdict"  # the artifact that decides the exit code
 # Columns of its first row that the last lines of a run give.
-_TOLD = ("state", "reason_code", "decided_by", "explanation")
+_VERDICT_FIELDS = ("state", "reason_code", "decided_by", "explanation")
 _Piece = TypeVar("_Piece")
 Result = TypeVar("Result")
 
@@ -255,13 +255,13 @@ class CampaignRun:
         if digest is None:
             return {}
         known = self.digest_cache.fact(f"verdict {digest}")
-        if known is None or set(_TOLD) - set(known):  # an earlier version remembered less
+        if known is None or set(_VERDICT_FIELDS) - set(known):  # an earlier version remembered less
             from truing.pipeline.artifacts import table_of
 
             table = table_of(self.folder, _VERDICT)
-            known = {} if table is None else {key: table.to_pylist()[0][key] for key in _TOLD}
+            known = {} if table is None else {key: table.to_pylist()[0][key] for key in _VERDICT_FIELDS}
             self.digest_cache.note(f"verdict {digest}", known)
-        return {key: known[key] or "" for key in _TOLD} if known else {}
+        return {key: known[key] or "" for key in _VERDICT_FIELDS} if known else {}
 
     def failed_checks(self, stages: tuple[Stage, ...]) -> tuple[str, ...]:
         """Failed checks in the last success of these stages."""

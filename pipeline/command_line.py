@@ -213,7 +213,7 @@ def check(campaigns: option.Campaigns, quiet: option.Quiet = False, json: option
     from truing.pipeline.campaign_check import report_check
 
     console = _console(quiet=quiet, json=json)
-    _end(*(lambda place=place: report_check(place, console) for place in campaigns), console=console)
+    _end(*(lambda path=path: report_check(path, console) for path in campaigns), console=console)
 
 
 @app.command(short_help="Write a campaign.toml for the raw files of a folder.")

@@ -110,9 +110,9 @@ def _campaigns(context: typer.Context) -> Iterator[CampaignFolder]:
     from truing.schemas.faults import CampaignFaults
 
     named = context.params.get("campaigns") or [context.params.get("campaign")]
-    for place in filter(None, [*named, *context.args]):  # click leaves words unread before an option without its value
+    for path in filter(None, [*named, *context.args]):  # click leaves words unread before an option without its value
         try:
-            yield usable_campaign(Path(place))
+            yield usable_campaign(Path(path))
         except (CampaignFaults, OSError):
             continue
 

@@ -129,8 +129,8 @@ class JsonConsole(RunConsole):
     def close(self, code: ExitCode) -> None:
         """Print the object."""
         self._quiet = False
-        whole = {"exit_code": int(code), "meaning": code.meaning, **self._facts}
-        self.line(json.dumps(whole, indent=2, ensure_ascii=False, allow_nan=False, default=str))
+        document = {"exit_code": int(code), "meaning": code.meaning, **self._facts}
+        self.line(json.dumps(document, indent=2, ensure_ascii=False, allow_nan=False, default=str))
 
 
 def _plain(value: object) -> object:

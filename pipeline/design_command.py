@@ -104,10 +104,10 @@ _SHOWN = {"numbers": "expected sigma of each unknown", "causes": "what the poses
 
 def _write_shown(tables: Mapping[str, pa.Table], out: Path, ending: str, console: RunConsole) -> None:
     """Write tables one below the other, next to the plan; the first column names the poses."""
-    place = out.with_name(f"{out.stem}-{ending}{out.suffix}")
+    path = out.with_name(f"{out.stem}-{ending}{out.suffix}")
     named = [table.add_column(0, "poses", pa.array([poses] * len(table))) for poses, table in tables.items()]
-    write_atomically(place, table_bytes(pa.concat_tables(named), place.suffix, quoting="needed"))
-    console.written(f"{_SHOWN[ending]}: {place}", [place])
+    write_atomically(path, table_bytes(pa.concat_tables(named), path.suffix, quoting="needed"))
+    console.written(f"{_SHOWN[ending]}: {path}", [path])
 
 
 def _function(name: str) -> Forbids:

@@ -20,7 +20,8 @@ from contextlib import ExitStack, closing, contextmanager, suppress
 from dataclasses import dataclass, field
 from itertools import islice
 from multiprocessing import connection
-from typing import TYPE_CHECKING, Any, TypeVar
+from multiprocessing.process import BaseProcess
+from typing import TYPE_CHECKING, Generic, TypeVar
 
 from truing.child_processes import safe_children
 from truing.pipeline.interruption import children_without_interrupts, interruptible, raise_if_interrupted
@@ -142,20 +143,20 @@ def _completed_by_processes(
 
 
 @dataclass
-class _Queue:
+class _Queue(Generic[Piece, Result]):
     """Remaining pieces. Pieces in progress when a worker is lost are suspects: they are repeated one at a time, to
     identify the one that ends its workers without cost to the others."""
 
-    work: Callable[[Any], Any]
-    pieces: Sequence[Any]
-    lost: Callable[[Any], Any]
+    work: Callable[[Piece], Result]
+    pieces: Sequence[Piece]
+    lost: Callable[[Piece], Result]
     waiting: deque[int]
     suspects: deque[int] = field(default_factory=deque)
     losses: Counter[int] = field(default_factory=Counter)
 
-    def completed_pieces(self, pool: ProcessPoolExecutor, workers: int) -> Iterator[tuple[int, Any]]:
+    def completed_pieces(self, pool: ProcessPoolExecutor, workers: int) -> Iterator[tuple[int, Result]]:
         """Yield completed pieces until none is left, or the pool has lost a worker."""
-        under_way: dict[Future[Any], int] = {}
+        under_way: dict[Future[Result], int] = {}
         while self._submit_pieces(pool, under_way, workers):
             done, _ = wait(under_way, timeout=_SECONDS_BETWEEN_LOOKS, return_when=FIRST_COMPLETED)
             intact = [future for future in done if not isinstance(future.exception(), BrokenProcessPool)]
@@ -165,7 +166,7 @@ class _Queue:
                 yield from self._suspect(list(under_way.values()))
                 return
 
-    def _submit_pieces(self, pool: ProcessPoolExecutor, under_way: dict[Future[Any], int], workers: int) -> bool:
+    def _submit_pieces(self, pool: ProcessPoolExecutor, under_way: dict[Future[Result], int], workers: int) -> bool:
         """Keep the workers busy; returns True if anything is in progress. A broken pool refuses all further work."""
         while self.suspects and not under_way:
             self._submit(pool, under_way, self.suspects.popleft())
@@ -173,19 +174,19 @@ class _Queue:
             self._submit(pool, under_way, self.waiting.popleft())
         return bool(under_way)
 
-    def _is_alone(self, under_way: dict[Future[Any], int]) -> bool:
+    def _is_alone(self, under_way: dict[Future[Result], int]) -> bool:
         return any(self.losses[number] for number in under_way.values())
 
-    def _submit(self, pool: ProcessPoolExecutor, under_way: dict[Future[Any], int], number: int) -> None:
+    def _submit(self, pool: ProcessPoolExecutor, under_way: dict[Future[Result], int], number: int) -> None:
         try:
             with children_without_interrupts():
                 under_way[pool.submit(_in_good_order, self.work, self.pieces[number])] = number
         except BrokenProcessPool as error:  # a worker was lost before it received anything
-            failed: Future[Any] = Future()
+            failed: Future[Result] = Future()
             failed.set_exception(error)
             under_way[failed] = number
 
-    def _suspect(self, numbers: list[int]) -> Iterator[tuple[int, Any]]:
+    def _suspect(self, numbers: list[int]) -> Iterator[tuple[int, Result]]:
         """Put back the pieces in progress; yield the substitute result of a piece that is given up."""
         self.losses.update(numbers)
         for number in numbers:
@@ -211,7 +212,7 @@ def _pool(workers: int) -> Iterator[ProcessPoolExecutor]:
         pool.shutdown()
 
 
-def _end(children: list[Any]) -> None:
+def _end(children: list[BaseProcess]) -> None:
     """Ask processes to end, and kill those that do not."""
     for ask in ("terminate", "kill"):
         for child in children:
@@ -220,7 +221,7 @@ def _end(children: list[Any]) -> None:
             child.join(_SECONDS_TO_LEAVE)
 
 
-def _in_good_order(work: Callable[[Any], Any], piece: Any) -> Any:
+def _in_good_order(work: Callable[[Piece], Result], piece: Piece) -> Result:
     """Result of a piece in a worker, which cleans up when asked to end."""
     try:
         # A pool that lost a worker asks the others to end; they were asked before and are cleaning up.

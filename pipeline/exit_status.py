@@ -17,7 +17,7 @@ from truing.pipeline.problems import (
     environment_problem,
     gravest,
 )
-from truing.schemas.faults import CampaignFaults
+from truing.schemas.faults import CampaignFaults, first_line
 from truing.schemas.memory import shortage_in_chain
 
 KEPT = "finished artifacts are intact; run again to resume"
@@ -94,7 +94,7 @@ def defects_logged(log: Path, doing: str) -> Iterator[None]:
             if not log.parent.is_dir():
                 raise EnvironmentProblem(f"{doing}: the folder {log.parent} has disappeared") from error
             raise error from None
-        brief = (str(error).splitlines() or [""])[0][:200]
+        brief = first_line(error)[:200]
         sentence = f"truing has a defect: {doing} ended with {type(error).__name__}: {brief} (traceback in {log})"
         raise Defect(sentence) from error
 

@@ -32,6 +32,7 @@ from truing.pipeline.init_entries import (
 )
 from truing.pipeline.init_lists import with_numbered_poses, with_poses_in_order
 from truing.pipeline.init_loads import with_loads_once
+from truing.pipeline.init_loads_apart import with_loads_apart
 from truing.pipeline.init_machine import as_toml, gives_machine
 from truing.pipeline.init_names import with_bodies_of_survey, with_bodies_of_targets, with_poses_of_names
 from truing.pipeline.init_questions import Answers, Ask, names_a_body, parsed_answers
@@ -58,7 +59,7 @@ if TYPE_CHECKING:
     _File = tuple["RawGroup", Guess]
 
 _TEMPLATE = Path(__file__).with_name("campaign_template.toml")
-_LOADING_TABLES = {"interferometer", "displacement", "signals", "quadrature", "positioning", "published"}
+_LOADING_TABLES = {"interferometer", "displacement", "signals", "loads", "quadrature", "positioning", "published"}
 _APART = (
     "targets",
     "configurations",
@@ -102,7 +103,7 @@ def init_campaign(
     )
     if os.path.lexists(target):
         raise CampaignFaults([_never_overwritten(target)])
-    guesses = with_loads_once(folder, guesses)
+    guesses = with_loads_apart(folder, with_loads_once(folder, guesses))
     all_answers = Answers(given) if ask is None else Answers(given, ask)
     guesses = with_numbered_poses(folder, with_lost_points(folder, _with_keys_of_names(guesses)), robot)
     guesses = with_poses_of_names(folder, with_poses_in_order(folder, guesses))

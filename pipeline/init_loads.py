@@ -20,6 +20,8 @@ if TYPE_CHECKING:
 
 _File = tuple["RawGroup", "Guess"]
 _ROUNDING = 1e-6  # of the largest load: digits that a second program writes
+_BETWEEN = 0.2137  # loads are round numbers: without it, many lie where a number is rounded up or down
+_ALIKE = 1e3  # times the rounding: loads that differ by less are ordered by the other components
 
 
 def with_loads_once(folder: Path, files: Sequence[_File]) -> list[_File]:
@@ -66,7 +68,13 @@ def _numbers(column: Any, count: int) -> Array:
 
 
 def _are_equal(first: Array, second: Array) -> bool:
-    """True if two files hold the same loads in the same order."""
+    """True if two files hold the same loads, in any order."""
     if first.shape != second.shape or not first.any():
         return False
-    return bool(np.allclose(first, second, rtol=0.0, atol=_ROUNDING * np.abs(first).max()))
+    unit = _ROUNDING * np.abs(first).max()
+    return bool((np.abs(_sorted(first / unit) - _sorted(second / unit)) <= 1.0).all())
+
+
+def _sorted(loads: Array) -> Array:
+    """Loads (N, 6), over the rounding, in an order of their own that a rounding does not change."""
+    return np.asarray(loads[np.lexsort(np.round(loads / _ALIKE + _BETWEEN).T[::-1])])

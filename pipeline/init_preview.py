@@ -25,8 +25,15 @@ _SHAPES = {
     shape.name: shape
     for shape in (
         *(shapes.POINTS, shapes.TARGETS, shapes.POSES, shapes.DISTANCES, shapes.SCANS, shapes.SURFACES),
-        *(shapes.CONFIGURATIONS, shapes.DISPLACEMENT, shapes.INTERFEROMETER, shapes.SIGNALS, shapes.QUADRATURE),
-        *(shapes.POSITIONING, shapes.PUBLISHED, shapes.IMAGE_POINTS, shapes.SCALE_BARS, shapes.KNOWN_POINTS),
+        *(shapes.CONFIGURATIONS, shapes.DISPLACEMENT, shapes.INTERFEROMETER, shapes.SIGNALS, shapes.LOADS_APART),
+        *(
+            shapes.QUADRATURE,
+            shapes.POSITIONING,
+            shapes.PUBLISHED,
+            shapes.IMAGE_POINTS,
+            shapes.SCALE_BARS,
+            shapes.KNOWN_POINTS,
+        ),
     )
 }
 

@@ -39,7 +39,20 @@ _UNITS_OF = tuple(
     f"{_UNIT_OF}{one}" for one in ("length", "angle", "force", "torque", "voltage", "time", "temperature")
 )
 _KEYS = (
-    *("decimal", "convention", "loads", "numbers", "words", "groups", "axis", "sign", "table", "unit", "rotation"),
+    *(
+        "decimal",
+        "convention",
+        "loads",
+        "join",
+        "numbers",
+        "words",
+        "groups",
+        "axis",
+        "sign",
+        "table",
+        "unit",
+        "rotation",
+    ),
     "coverage",
     *_CONSTANTS,
     *_UNITS_OF,

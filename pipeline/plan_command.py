@@ -173,8 +173,8 @@ def _adjusted(run: Path) -> _KnownCameras | None:
     cameras, rays = table_of(run, "cameras"), table_of(run, "image_residuals")
     if cameras is None or rays is None:
         return None
-    kept = rays.to_pandas().query("not rejected")
-    noise = kept.groupby("camera")[["sigma_x_px", "sigma_y_px"]].median().mean(axis=1)
+    used = rays.to_pandas().query("not rejected")
+    noise = used.groupby("camera")[["sigma_x_px", "sigma_y_px"]].median().mean(axis=1)
     names = list(dict.fromkeys(cameras.column("camera").to_pylist()))
     what = f"camera {names[0]}" if len(names) == 1 else f"cameras {', '.join(names)}"
     return _KnownCameras(cameras, noise.to_dict(), f"With {what} as adjusted in {run.as_posix()}.")

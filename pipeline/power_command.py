@@ -7,7 +7,7 @@ from contextlib import closing, contextmanager
 from dataclasses import dataclass
 from functools import partial
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING
 
 import numpy as np
 import pandas as pd
@@ -117,7 +117,7 @@ def power_campaign(
         check_causes(options.causes, settings)
     reads_run = out is None or campaign.has_photographs
     run = folder_next_to_run(campaign) if reads_run else run_folder_of(campaign, None, several=False)
-    beside = ray_power_sentence(run) if of_rays else of_photographs(campaign, run)
+    photographs = ray_power_sentence(run) if of_rays else of_photographs(campaign, run)
     file = run / _DEFAULT_FILE if out is None else out
     with console.during("power") as progress:
         progress(0, 2, "steps: the campaign's layout")
@@ -128,19 +128,19 @@ def power_campaign(
     if pieces:
         _show_theory(asked, len(pieces), console)
         if not file.exists():  # results of an earlier call are worth more until a round is complete
-            console.line(f"first page: {_left(campaign, asked, (), (file, beside))[-1]}")
+            console.line(f"first page: {_write_results(campaign, asked, (), file, photographs)[-1]}")
     answers: list[Answer] = []
     try:
         for given in _trial_answers(plan, settings, pieces, workforce, console):
             answers.append(given)
             if (done := _rounds(len(answers), len(pieces), options.draws)) and len(answers) < len(pieces):
-                written = _left(campaign, asked, answers, (file, beside))
+                written = _write_results(campaign, asked, answers, file, photographs)
                 console.line(f"after {done} of {count(options.draws, 'draw')}: {written[-1]}")
     except Interrupted:
         if answers:
-            _report(campaign, asked, answers, (file, beside), console)  # computed over hours, perhaps
+            _report(campaign, asked, answers, file, photographs, console)  # computed over hours, perhaps
         raise
-    _report(campaign, asked, answers, (file, beside), console)
+    _report(campaign, asked, answers, file, photographs, console)
     return ExitCode.DONE
 
 
@@ -225,7 +225,7 @@ def _tables(campaign: CampaignFolder, settings: Campaign) -> dict[str, pa.Table]
     return made if "observations" not in made else _posed(made, settings)
 
 
-def _planning_tables(source: Any, settings: Campaign) -> dict[str, pa.Table]:
+def _planning_tables(source: CampaignFiles, settings: Campaign) -> dict[str, pa.Table]:
     log = FaultLog()
     survey, configurations = read_survey(source, settings, log), read_configurations(source, settings, log)
     log.raise_faults()
@@ -238,7 +238,9 @@ def _posed(tables: Mapping[str, pa.Table], settings: Campaign) -> dict[str, pa.T
     return {**tables, **call_stage("pose", tables, settings).artifacts}
 
 
-def _drawn(plan: Plan, effects: Sequence[Effect], seed: Any, settings: Campaign) -> dict[str, pa.Table]:
+def _drawn(
+    plan: Plan, effects: Sequence[Effect], seed: int | tuple[int, ...], settings: Campaign
+) -> dict[str, pa.Table]:
     """Tables of a simulated campaign, after the stages before the diagnosis."""
     tables = plan.drawn(effects, np.random.default_rng(seed))
     for name in plan.through:
@@ -311,11 +313,12 @@ def _report(
     campaign: CampaignFolder,
     asked: Sequence[DetectionQuestion],
     answers: Sequence[Answer],
-    out: tuple[Path, PhotographNote | None],
+    file: Path,
+    photographs: PhotographNote | None,
     console: RunConsole,
 ) -> None:
     """Print and write the results, with a note on photographs."""
-    photographs, (sizes, rates) = out[1], _as_tables(asked, answers)
+    sizes, rates = _as_tables(asked, answers)
     console.show(SIZE_HEADS, size_rows(sizes.to_pandas()))
     for name, table in (("sizes", sizes), ("rates", rates)):
         for row in table.to_pylist():
@@ -326,7 +329,7 @@ def _report(
         if photographs.rows:
             console.show(PHOTOGRAPH_HEADS, photographs.rows)
         console.sentence(photographs.sentence)
-    written = _left(campaign, asked, answers, out)
+    written = _write_results(campaign, asked, answers, file, photographs)
     console.written(f"tables and page: {', '.join(map(str, written))}", written)
 
 
@@ -336,14 +339,14 @@ def _as_tables(asked: Sequence[DetectionQuestion], answers: Sequence[Answer]) ->
     return sizes_table(curves), rates_table(curves, false_alarms(answers))
 
 
-def _left(
+def _write_results(
     campaign: CampaignFolder,
     asked: Sequence[DetectionQuestion],
     answers: Sequence[Answer],
-    out: tuple[Path, PhotographNote | None],
+    file: Path,
+    photographs: PhotographNote | None,
 ) -> list[Path]:
     """Write tables and page; returns their files."""
-    file, photographs = out
     if file == run_folder_of(campaign, None, several=False) / _DEFAULT_FILE:
         note_owner(campaign, file.parent)
     sizes, rates = _as_tables(asked, answers)
@@ -370,14 +373,16 @@ def of_photographs(campaign: CampaignFolder, run: Path) -> PhotographNote | None
     names = list(dict.fromkeys(name for catalogue in catalogues for name, kind in catalogue.items() if kind.catalogued))
     cause_text = f"{', '.join(map(cause_words, names[:-1]))} and {cause_words(names[-1])}"
     table = table_of(run, "detectable")
-    own = None if table is None else table.to_pandas().query("cause in @names")
-    if own is None or not len(own):
+    sizes = None if table is None else table.to_pandas().query("cause in @names")
+    if sizes is None or not len(sizes):
         why = f"{cause_text.capitalize()} are not tested here: `truing run` gives their detectable sizes."
         return PhotographNote(_DRAWN + why)
     reason = (
         f"{cause_text.capitalize()} are not simulated either: the sizes that the run in {run.as_posix()} would show "
     )
-    return PhotographNote(_DRAWN + reason + "with a probability of 80 % follow from theory alone." + _ASKED, _rows(own))
+    return PhotographNote(
+        _DRAWN + reason + "with a probability of 80 % follow from theory alone." + _ASKED, _rows(sizes)
+    )
 
 
 def _rows(table: pd.DataFrame) -> tuple[tuple[str, ...], ...]:

@@ -100,8 +100,8 @@ def environment_problem(error: Exception, doing: str) -> EnvironmentProblem | No
     cause = _CAUSES.get(error.errno or 0) if isinstance(error, OSError) else None
     if not isinstance(error, OSError) or cause is None:
         return None
-    place = f" ({os.fsdecode(error.filename)})" if isinstance(error.filename, (str, bytes)) else ""
-    return EnvironmentProblem(f"{doing}: {cause}{place}")
+    file = f" ({os.fsdecode(error.filename)})" if isinstance(error.filename, (str, bytes)) else ""
+    return EnvironmentProblem(f"{doing}: {cause}{file}")
 
 
 def _brief(error: BaseException) -> str:
@@ -117,5 +117,5 @@ def environment(doing: str) -> Iterator[None]:
         yield
     except OSError as error:
         known = environment_problem(error, doing)
-        place = f" ({os.fsdecode(error.filename)})" if isinstance(error.filename, (str, bytes)) else ""
-        raise known or EnvironmentProblem(f"{doing}: {error.strerror or error}{place}") from error
+        file = f" ({os.fsdecode(error.filename)})" if isinstance(error.filename, (str, bytes)) else ""
+        raise known or EnvironmentProblem(f"{doing}: {error.strerror or error}{file}") from error

@@ -110,19 +110,19 @@ def export_run(
         raise CampaignFaults(
             Fault("--to", f"one of {formats_text}{did_you_mean(form, ALL_FORMS)}", value=form) for form in unknown
         )
-    run, place = opened_run(folder), out or folder / _EXPORTS
-    check_folder(place)
-    with environment(f"the folder {place} cannot be created"):
-        place.mkdir(parents=True, exist_ok=True)
+    run, target = opened_run(folder), out or folder / _EXPORTS
+    check_folder(target)
+    with environment(f"the folder {target} cannot be created"):
+        target.mkdir(parents=True, exist_ok=True)
     for form in forms or FORMS:
         try:
-            written = [_write(place, name, content) for name, content in _files(form, run, campaign)]
+            written = [_write(target, name, content) for name, content in _files(form, run, campaign)]
         except _NoCertificate as why:
             console.warn(str(why))
             return ExitCode.FAILED_CHECK
-        console.line(f"{form}: {_exported_files_text(place, written)}")
+        console.line(f"{form}: {_exported_files_text(target, written)}")
         for name in written:
-            console.tell("files", {"form": form, "file": str(place / name)})
+            console.tell("files", {"form": form, "file": str(target / name)})
         for left_out in valid_results(run).left_out if form == CERTIFICATE else ():
             console.warn(f"not certified: {left_out}")
     return ExitCode.DONE
@@ -151,10 +151,10 @@ def _write(path: Path, name: str, content: bytes) -> str:
     return name
 
 
-def _exported_files_text(place: Path, written: list[str]) -> str:
+def _exported_files_text(target: Path, written: list[str]) -> str:
     if not written:
         return "nothing, because the run has no extended model"
-    return f"{place / written[0]}" if len(written) == 1 else f"{len(written)} files in {place}"
+    return f"{target / written[0]}" if len(written) == 1 else f"{len(written)} files in {target}"
 
 
 class _NoCertificate(Exception):
@@ -198,31 +198,31 @@ def compare_runs(folders: Sequence[Path], out: Path | None, console: RunConsole)
     """Write the table and the page of a comparison, and print the changes. Raises CampaignFaults."""
     folders = [folder for folder in folders if not _is_of_several_runs(folder)]
     _distinct(folders)
-    place = folders[0].parent / _COMPARISON if out is None else out
-    check_folder(place)
+    target = folders[0].parent / _COMPARISON if out is None else out
+    check_folder(target)
     runs = [_opened(folder) for folder in folders]
     try:
         _of_one_machine(runs)
-        _of_own_measurements(runs)
+        _check_measurements_differ(runs)
         found = side_by_side(runs)
         shown = _comparison(runs, found)
         head = comparison_head(shown)
     except (ValueError, OSError) as broken:  # a file of a run contradicts its schema, or cannot be read
         lines = str(broken).split("\n")
         raise CampaignFaults(Fault("RUN", f"intact runs ({line})") for line in lines) from None
-    with environment(f"the folder {place} cannot be created"):
-        place.mkdir(parents=True, exist_ok=True)
+    with environment(f"the folder {target} cannot be created"):
+        target.mkdir(parents=True, exist_ok=True)
     artifact = ARTIFACTS["compared"]
-    _leave_table(place / artifact.file, found, runs)
+    _leave_table(target / artifact.file, found, runs)
     bench = "readings" in runs[0] or "signals" in runs[0]
     sections = with_reference(comparison_sections(shown), bench=bench)
-    write_atomically(place / PAGE, render_page(head, sections).encode())
+    write_atomically(target / PAGE, render_page(head, sections).encode())
     for mark, sentence in head.verdicts:
         console.tell("verdicts", {"mark": mark, "sentence": sentence})
         console.line(sentence)
     for row in compared_table(found).to_pylist():
         console.tell("compared", row)
-    console.line(f"table and page: {place / artifact.file}, {place / PAGE}")
+    console.line(f"table and page: {target / artifact.file}, {target / PAGE}")
     return ExitCode.DONE
 
 
@@ -242,9 +242,9 @@ def _distinct(folders: Sequence[Path]) -> None:
     """Raise for fewer than two runs, or a run named twice."""
     if len(folders) < 2:
         raise CampaignFaults([Fault("RUN", "two runs or more", value=", ".join(map(str, folders)) or None)])
-    twice = [place for place, times in Counter(os.path.realpath(folder) for folder in folders).items() if times > 1]
+    twice = [path for path, times in Counter(os.path.realpath(folder) for folder in folders).items() if times > 1]
     if twice:
-        raise CampaignFaults(Fault(place, "each run once") for place in twice)
+        raise CampaignFaults(Fault(path, "each run once") for path in twice)
 
 
 def _opened(folder: Path) -> Run:
@@ -264,7 +264,7 @@ def _of_one_machine(runs: Sequence[Run]) -> None:
                 raise CampaignFaults([Fault(str(run.folder), expected, value=what)])
 
 
-def _of_own_measurements(runs: Sequence[Run]) -> None:
+def _check_measurements_differ(runs: Sequence[Run]) -> None:
     """Raise for two runs of the same measurements, because they agree whatever the machine did."""
     first: dict[str, Run] = {}
     for run in runs:

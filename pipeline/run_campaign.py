@@ -9,7 +9,7 @@ from dataclasses import dataclass, field, replace
 from functools import partial
 from pathlib import Path
 
-from truing.pipeline.all_campaigns import check_place, write_all_campaigns
+from truing.pipeline.all_campaigns import check_shared_folder, write_all_campaigns
 from truing.pipeline.campaign_check import check_before_photographs, check_campaign
 from truing.pipeline.campaign_folder import RUNS, CampaignFolder, identity_faults, open_campaign, run_folder_of
 from truing.pipeline.campaign_outcome import CampaignOutcome, outcome_of
@@ -256,9 +256,9 @@ class JobPlan:
         """Folder of all run folders of the call."""
         return RUNS if self.out is None else self.out
 
-    def job(self, place: Path) -> CampaignJob:
+    def job(self, path: Path) -> CampaignJob:
         """The job for one path; raises CampaignFaults."""
-        campaign = usable_campaign(place)
+        campaign = usable_campaign(path)
         folder = run_folder_of(campaign, self.out, several=self.several)
         # Some systems ignore capitals and the composition of accents in folder names.
         taken = Path(unicodedata.normalize("NFC", str(folder)).casefold())
@@ -267,7 +267,7 @@ class JobPlan:
             raise CampaignFaults([Fault(str(campaign.file), expected, column="campaign.name", value=campaign.name)])
         self.taken.add(taken)
         refuse_raw_files(campaign, folder)
-        return CampaignJob(campaign, folder, self.options, f"{campaign.name} ({place})" if self.several else None)
+        return CampaignJob(campaign, folder, self.options, f"{campaign.name} ({path})" if self.several else None)
 
 
 def run_campaigns(
@@ -283,22 +283,22 @@ def run_campaigns(
     Several campaigns leave one table and one page of all.
     """
     plan = JobPlan(out, settings, several=len(paths) > 1)
-    code = end_all([partial(_run_places, paths, plan, workforce or Workforce(), console)], console)
+    code = end_all([partial(_run_paths, paths, plan, workforce or Workforce(), console)], console)
     console.line(f"exit code {code:d}: {code.meaning}")
     console.close(code)
     return code
 
 
-def _run_places(places: Sequence[Path], plan: JobPlan, workforce: Workforce, console: RunConsole) -> ExitCode:
+def _run_paths(paths: Sequence[Path], plan: JobPlan, workforce: Workforce, console: RunConsole) -> ExitCode:
     """Run campaigns in turn or in parallel, then write table and page of all if there are several."""
     if plan.several:
-        check_place(plan.shared_folder)
-        console.line(f"{len(places)} campaigns: {workforce}{_HINT if workforce.is_alone else ''}")
+        check_shared_folder(plan.shared_folder)
+        console.line(f"{len(paths)} campaigns: {workforce}{_HINT if workforce.is_alone else ''}")
     if workforce.is_alone or (not plan.several and workforce.scheduler is None):
         plan.options = replace(plan.options, workers=workforce.workers or processors())
-        ends = [(path, _run_in_process(path, plan, console)) for path in places]
+        ends = [(path, _run_in_process(path, plan, console)) for path in paths]
     else:
-        ends = list(zip(places, _run_at_a_time(places, plan, workforce, console), strict=True))
+        ends = list(zip(paths, _run_at_a_time(paths, plan, workforce, console), strict=True))
     if plan.several:
         table, page = write_all_campaigns(plan.shared_folder, ends)
         console.tell("all_campaigns", {"table": str(table), "page": str(page)})

@@ -40,7 +40,7 @@ def locked_folder(folder: Path) -> Iterator[Path]:
 
 def _make(folder: Path) -> list[Path]:
     """Create a folder with its parents; returns the created ones, innermost first."""
-    missing = [place for place in (folder, *folder.parents) if not place.exists()]
+    missing = [path for path in (folder, *folder.parents) if not path.exists()]
     with environment(f"the run folder {folder.parent} cannot be created"):
         folder.mkdir(parents=True, exist_ok=True)
     return missing
@@ -48,8 +48,8 @@ def _make(folder: Path) -> list[Path]:
 
 def _sweep(folder: Path) -> None:
     with environment(f"the run folder {folder} cannot be cleaned up"):
-        own = [part_of(folder / artifact.file) for artifact in ARTIFACTS.values()]
-        for leftover in (*own, *(folder / PRIVATE).glob(f".*{PART}")):
+        parts = [part_of(folder / artifact.file) for artifact in ARTIFACTS.values()]
+        for leftover in (*parts, *(folder / PRIVATE).glob(f".*{PART}")):
             leftover.unlink(missing_ok=True)
 
 
@@ -58,8 +58,8 @@ def _remove_empty(lock: Path, created: list[Path]) -> None:
         if not created or any(entry != lock for entry in lock.parent.iterdir()):
             return
         lock.unlink()
-        for place in created:
-            place.rmdir()
+        for path in created:
+            path.rmdir()
     except OSError:  # another program changed the folder, or Windows keeps the open lock: the content stays
         return
 

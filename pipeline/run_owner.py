@@ -104,10 +104,10 @@ def refuse_raw_files(campaign: CampaignFolder, folder: Path) -> None:
     """Raise CampaignFaults if a run would write among raw files, because an artifact may have a raw file's name."""
     from truing.formats.source import raw_files
 
-    place = os.path.realpath(folder)
+    real = os.path.realpath(folder)
     raw = [os.path.realpath(path) for path in raw_files(campaign.folder, campaign.document)]
-    among = place in {os.path.realpath(campaign.folder), *map(os.path.dirname, raw)}
-    if among or any(path.startswith(place + os.sep) for path in raw):
+    among = real in {os.path.realpath(campaign.folder), *map(os.path.dirname, raw)}
+    if among or any(path.startswith(real + os.sep) for path in raw):
         raise CampaignFaults([Fault("--out", "a folder that holds no raw files of the campaign", value=str(folder))])
     if os.path.lexists(folder / FILE):
         raise CampaignFaults([Fault("--out", "a separate folder for a run, not a campaign's", value=str(folder))])

@@ -19,9 +19,9 @@ def second_folder(campaign: CampaignFolder) -> CampaignFolder:
     """Campaign named by [diagnosis] judge_on; raises CampaignFaults if it is no second campaign of the same kind and
     type of mechanism."""
     named = str(campaign.section(_KEY))
-    place = campaign.folder / named
+    path = campaign.folder / named
     try:
-        folder = open_campaign(place)
+        folder = open_campaign(path)
     except (CampaignFaults, ValueError) as error:  # the text may be no valid path
         text = "; ".join(fault.expected for fault in getattr(error, "faults", ())) or "a path"
         raise _fault(campaign, f"the folder of a second campaign, relative to campaign.toml: {text}", named) from None
@@ -34,9 +34,11 @@ def second_folder(campaign: CampaignFolder) -> CampaignFolder:
     if faults := identity_faults(folder):
         raise CampaignFaults(faults)
     for key, default in (("campaign.kind", None), ("mechanism.type", "none")):
-        own, other = (one.section(key) or default for one in (campaign, folder))
-        if own != other:
-            expected = f"a second campaign of the same machine; {folder.file} has {key} = {other!r}, this one {own!r}"
+        first, second = (one.section(key) or default for one in (campaign, folder))
+        if first != second:
+            expected = (
+                f"a second campaign of the same machine; {folder.file} has {key} = {second!r}, this one {first!r}"
+            )
             raise _fault(campaign, expected, named)
     return folder
 

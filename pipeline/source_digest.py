@@ -95,8 +95,8 @@ class SourceTree:
     def _file(self, name: str) -> Path | None:
         if name not in self._files:
             parts = name.split(".")
-            places = [parts, *([parts[1:]] if parts[0] == _NAME and parts[1:2] and parts[1] in _BESIDE else [])]
-            folders = [os.path.join(self._root, *place) for place in places]
+            paths = [parts, *([parts[1:]] if parts[0] == _NAME and parts[1:2] and parts[1] in _BESIDE else [])]
+            folders = [os.path.join(self._root, *names) for names in paths]
             candidates = (path for at in folders for path in (f"{at}.py", os.path.join(at, "__init__.py")))
             self._files[name] = next((Path(path) for path in candidates if self._is_file(path)), None)
         return self._files[name]

@@ -114,8 +114,8 @@ def _drives(guesses: Sequence[Guess], tables: set[str]) -> Iterator[str]:
 
 def _axis_columns(guesses: Sequence[Guess]) -> list[str]:
     """Columns of a single axis by name: a command and its encoders; empty if there is no axis."""
-    own = [guess for guess in guesses if guess.table == "configurations"]
-    names = [name for guess in own for name in (*guess.columns, *guess.mapping.get("columns", {}))]
+    configurations = [guess for guess in guesses if guess.table == "configurations"]
+    names = [name for guess in configurations for name in (*guess.columns, *guess.mapping.get("columns", {}))]
     names = ["measured" + name.removeprefix("deviation") if name in _DEVIATIONS else name for name in names]
     for unit in ("deg", "mm"):
         if f"command_{unit}" in names:
@@ -140,11 +140,11 @@ def _noise(guesses: Sequence[Guess], tables: set[str], kind: str) -> Iterator[tu
     if not tables and kind == "photogrammetry":
         yield "point_mm = 0.005", f"{_NEEDED} a coordinate of a point"
     if tables & {"points", "scans", "surfaces"}:
-        own = [guess for guess in guesses if guess.table in ("points", "targets")]
-        known = own and all(
+        of_points = [guess for guess in guesses if guess.table in ("points", "targets")]
+        known = of_points and all(
             "sigma_x_mm" in (*guess.columns, *guess.mapping.get("columns", {}))
             or guess.mapping.get("format") in _WITH_SIGMAS
-            for guess in own
+            for guess in of_points
         )
         yield (
             "point_mm = 0.005",
@@ -273,15 +273,15 @@ def _of_units(mapping: Mapping[str, Any], guess: Guess) -> Iterator[str]:
     by_unit: dict[str, list[str]] = {}
     unread = unread_units(mapping)
     for words in dict.fromkeys(unread.values()):
-        own = [column for column, named in unread.items() if named == words]
-        names = _span([mapping["columns"][column] for column in own])
-        yield f"{words} of {names} is not known as a unit of this quantity (needed: units = {{ {own[0]} = ... }})"
+        columns = [column for column, named in unread.items() if named == words]
+        names = _span([mapping["columns"][column] for column in columns])
+        yield f"{words} of {names} is not known as a unit of this quantity (needed: units = {{ {columns[0]} = ... }})"
     for column, raw in mapping.get("columns", {}).items():
         if column not in unread and (unit := _taken_unit(column, raw, mapping)):
             by_unit.setdefault(unit, []).append(f"column {raw}" if isinstance(raw, int) else raw)
-    whole = _common_unit(mapping, guess)
-    if whole and "unit" not in guess.answered:
-        yield f'no unit is given; coordinates are assumed to be in {whole} (else: unit = "in")'
+    common = _common_unit(mapping, guess)
+    if common and "unit" not in guess.answered:
+        yield f'no unit is given; coordinates are assumed to be in {common} (else: unit = "in")'
     elif by_unit:
         words = ", ".join(f"{unit} for {_span(names)}" for unit, names in by_unit.items())
         given = mapping.get("columns", {}).items()
@@ -307,8 +307,8 @@ def unread_units(mapping: Mapping[str, Any]) -> dict[str, str]:
 def assumed_unit(column: str, guess: Guess) -> str | None:
     """Assumed unit of a coordinate of a file; None if its unit is known, or there is no such column."""
     columns = guess.mapping.get("columns", {})
-    whole = _common_unit(guess.mapping, guess)
-    return whole or (_taken_unit(column, columns[column], guess.mapping) if column in columns else None)
+    common = _common_unit(guess.mapping, guess)
+    return common or (_taken_unit(column, columns[column], guess.mapping) if column in columns else None)
 
 
 def _taken_unit(column: str, raw: Any, mapping: Mapping[str, Any], *, is_unread: bool = False) -> str | None:

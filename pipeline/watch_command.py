@@ -145,17 +145,17 @@ class _KeptLooks:
         write_atomically(self.file, json.dumps(stored).encode())
 
 
-def watch_campaign(place: Path, out: Path | None, options: WatchOptions, console: RunConsole) -> ExitCode:
+def watch_campaign(path: Path, out: Path | None, options: WatchOptions, console: RunConsole) -> ExitCode:
     """Run a campaign after every change of its files, until its requirements are decided and confirmed.
 
     A file counts as changed when it stays the same between two looks. A campaign that cannot be used yet is reported
     and watched further. Raises CampaignFaults if the folder does not exist, EnvironmentProblem if the port is taken.
     """
-    if not place.is_dir():
+    if not path.is_dir():
         raise CampaignFaults(
-            [Fault(str(place), f"a folder that exists, in which a campaign.toml is or will be{folder_meant(place)}")]
+            [Fault(str(path), f"a folder that exists, in which a campaign.toml is or will be{folder_meant(path)}")]
         )
-    watch = _Watch(place, out)
+    watch = _Watch(path, out)
     with _page(watch, options, console) as server:
         for _ in _changes(watch, options.interval_s):
             with console.during(f"round {watch.number + 1}"):
@@ -209,9 +209,9 @@ def _snapshot(watch: _Watch) -> Snapshot:
 
 def _visible_files(watch: _Watch) -> Iterator[Path]:
     """Files of the folder, without hidden ones, those that an editor holds open, and those of the run."""
-    own = None if (run := watch.run) is None else run.resolve()
+    here = None if (run := watch.run) is None else run.resolve()
     for folder, names, files in os.walk(watch.place):
-        names[:] = [name for name in names if not name.startswith(".") and (Path(folder) / name).resolve() != own]
+        names[:] = [name for name in names if not name.startswith(".") and (Path(folder) / name).resolve() != here]
         yield from (Path(folder) / name for name in files if not name.startswith((".", "~")))
 
 

@@ -11,7 +11,7 @@ from typing import TYPE_CHECKING
 
 from truing.schemas.column import Column
 from truing.schemas.columns import COLUMNS, find_column
-from truing.schemas.faults import Fault
+from truing.schemas.faults import Fault, first_line
 from truing.schemas.memory import raise_shortage
 
 if TYPE_CHECKING:
@@ -246,7 +246,7 @@ def table_batches(
         yield some.slice(first, rows)
 
 
-def whole_table(table: pa.Table | StoredTable) -> pa.Table:
+def full_table(table: pa.Table | StoredTable) -> pa.Table:
     """Return all rows of a table."""
     return table.read() if isinstance(table, StoredTable) else table
 
@@ -266,13 +266,12 @@ def _as_damage(artifact: Artifact) -> Iterator[None]:
 
     try:
         yield
-    except (pa.ArrowException, UnicodeError) as error:
-        raise_shortage(error)
-        raise DamagedTable(artifact, f"{artifact.file}: expected a whole Parquet file ({_first_line(error)})") from None
-    except OSError as error:
-        if error.errno:  # the file cannot be reached, which says nothing about its content
+    except (pa.ArrowException, UnicodeError, OSError) as error:
+        if isinstance(error, OSError) and error.errno:  # the file cannot be reached, whatever its content is
             raise
-        raise DamagedTable(artifact, f"{artifact.file}: expected a whole Parquet file ({_first_line(error)})") from None
+        raise_shortage(error)
+        why = f"{artifact.file}: expected a whole Parquet file ({first_line(error)[:200]})"
+        raise DamagedTable(artifact, why) from None
 
 
 def checked_table(path: Path, artifact: Artifact) -> pa.Table:
@@ -287,7 +286,3 @@ def checked_table(path: Path, artifact: Artifact) -> pa.Table:
     if faults:
         raise DamagedTable(artifact, "\n".join(str(fault) for fault in faults))
     return table
-
-
-def _first_line(error: Exception) -> str:
-    return (str(error).splitlines() or [""])[0][:200]

@@ -8,6 +8,7 @@ from collections.abc import Iterator
 from typing import Annotated, Any, Literal
 
 from pydantic import BaseModel, BeforeValidator, Discriminator, Field, Tag, ValidationError, model_validator
+from pydantic_core import ErrorDetails
 
 from truing.schemas.certificate import Certificate
 from truing.schemas.chain_mechanism import ChainMechanism
@@ -41,7 +42,7 @@ from truing.schemas.sections import (
 )
 
 
-def _is_first_format(value: Any) -> Any:
+def _is_first_format(value: object) -> int:
     if value != 1 or not isinstance(value, int) or isinstance(value, bool):
         raise ValueError("1")
     return value
@@ -58,7 +59,7 @@ _TYPES: dict[str, type[MechanismSection]] = {
 _TAGS = {"6-upur": "6-upur", "axis": "one-axis", "chain": "open-chain", "none": "none"}
 
 
-def _tag(section: Any) -> str:
+def _tag(section: object) -> str:
     kind = section.get("type", "none") if isinstance(section, dict) else getattr(section, "type", "none")
     return _TAGS.get(kind, "legged") if isinstance(kind, str) else "legged"
 
@@ -73,11 +74,11 @@ Mechanism = Annotated[
 ]
 
 
-def _typed(section: Any) -> Any:
+def _typed(section: object) -> object:
     return {"type": "none", **section} if isinstance(section, dict) else section
 
 
-def _listed(entry: Any) -> Any:
+def _listed(entry: object) -> object:
     if isinstance(entry, dict):
         return (entry,)
     if not isinstance(entry, tuple) or not all(isinstance(item, dict) for item in entry):
@@ -223,7 +224,7 @@ _KINDS = {
 }
 
 
-def _fault(file: str, document: dict[str, Any], detail: Any) -> Fault:
+def _fault(file: str, document: dict[str, Any], detail: ErrorDetails) -> Fault:
     path = _dotted(detail["loc"], document)
     if detail["type"] == "extra_forbidden":
         return Fault(file, _suggestion(detail["loc"]), column=path)
@@ -236,19 +237,19 @@ def _fault(file: str, document: dict[str, Any], detail: Any) -> Fault:
 def _dotted(location: tuple[int | str, ...], document: dict[str, Any]) -> str:
     """Key path as in campaign.toml: list entries count from 1, and a single table has no number."""
     parts: list[str] = []
-    place: Any = document
+    level: Any = document
     for part in location:
-        if part in (*_TYPES, OF_NAME, OF_TABLE, "[key]") or (isinstance(part, int) and isinstance(place, dict)):
+        if part in (*_TYPES, OF_NAME, OF_TABLE, "[key]") or (isinstance(part, int) and isinstance(level, dict)):
             continue
         parts.append(str(part + 1) if isinstance(part, int) else part)
         try:
-            place = place[part]
+            level = level[part]
         except (KeyError, IndexError, TypeError):
-            place = {}
+            level = {}
     return ".".join(parts)
 
 
-def _printable_value(value: Any, *, quoted: bool) -> str | None:
+def _printable_value(value: object, *, quoted: bool) -> str | None:
     """A value as a fault shows it, in TOML notation for a wrong type."""
     if isinstance(value, (dict, list, tuple)):
         return None
@@ -257,7 +258,7 @@ def _printable_value(value: Any, *, quoted: bool) -> str | None:
     return f'"{value}"'[:80] if quoted and isinstance(value, str) else str(value)[:80]
 
 
-def _expectation(detail: Any) -> str:
+def _expectation(detail: ErrorDetails) -> str:
     word, key = _BOUNDS.get(detail["type"], ("", ""))
     if word:
         return f"{word} {detail['ctx'][key]:g}"
@@ -272,7 +273,7 @@ def _expectation(detail: Any) -> str:
 
 
 def _suggestion(location: tuple[int | str, ...]) -> str:
-    section: Any = Campaign
+    section: type[BaseModel] = Campaign
     for part in location[:-1]:
         section = _TYPES.get(str(part)) or _step(section, part)
     known = list(section.model_fields)
@@ -290,13 +291,13 @@ def _types_with(key: str) -> list[str]:
     return [kinds[tag] for tag, section in _TYPES.items() if key in section.model_fields]
 
 
-def _step(section: Any, part: int | str) -> Any:
+def _step(section: type[BaseModel], part: int | str) -> type[BaseModel]:
     """Model of a key; the same model for an index or a table's name."""
-    field = section.model_fields.get(part)
+    field = section.model_fields.get(str(part))
     return section if field is None else _inner_model(field.annotation) or section
 
 
-def _inner_model(annotation: Any) -> Any:
+def _inner_model(annotation: object) -> type[BaseModel] | None:
     if isinstance(annotation, type) and issubclass(annotation, BaseModel):
         return annotation
     arguments = getattr(annotation, "__args__", ())

@@ -73,9 +73,9 @@ class Certificate(Section):
         needed: dict[str, tuple[str, ...]] = {"": ("number", "country", "location", "begin", "end")}
         needed |= {f"{name}.": ("name", "city", "country") for name in ("laboratory", "customer")}
         needed["item."] = ("name", "identification")
-        for place, keys in needed.items():
-            section = getattr(self, place.rstrip(".")) if place else self
-            yield from (f"certificate.{place}{key}" for key in keys if getattr(section, key) is None)
+        for prefix, keys in needed.items():
+            section = getattr(self, prefix.rstrip(".")) if prefix else self
+            yield from (f"certificate.{prefix}{key}" for key in keys if getattr(section, key) is None)
         if not self.persons:
             yield "certificate.persons"
         yield from (f"certificate.persons.{n}.name" for n, person in enumerate(self.persons, 1) if person.name is None)

@@ -29,7 +29,7 @@ _OF_DIAGNOSIS = frozenset(
     )
 )
 _OF_PROGRAM = re.compile(
-    r"(approach|unloading|largest so far|direction of) .*|stop \d+|.* [xyz]|.*\*.*|v[1-8]_mv", re.DOTALL
+    r"(approach|unloading|largest so far|direction of) .*|(stop|relaxing) \d+|.* [xyz]|.*\*.*|v[1-8]_mv", re.DOTALL
 )
 _LISTED = re.compile(r'"((?:[^"]|"")*)"|(\S+)')
 

@@ -49,16 +49,21 @@ class Fault:
         return {**asdict(self), "key": self.column if self.is_of_key else None}
 
     def __str__(self) -> str:
-        place = _one_line(self.file, 4 * _LONGEST["place"])
+        where = _one_line(self.file, 4 * _LONGEST["place"])
         if self.row is not None:
-            place += f", row {self.row}"
+            where += f", row {self.row}"
         if self.column:
             what = "key" if self.is_of_key else "column"
-            place += f", {what} {_one_line(self.column, _LONGEST['place'])}"
+            where += f", {what} {_one_line(self.column, _LONGEST['place'])}"
         found_words = "" if self.value is None else f"found {_shortened(self.value, _LONGEST['value'])!r}; "
         within = f", in {self.more_files} other files" if self.more_files else ""
         others = f" (and {self.more} more like it{within})" if self.more else ""
-        return f"{place}: {found_words}expected {_one_line(self.expected, _LONGEST['expected'])}{others}"
+        return f"{where}: {found_words}expected {_one_line(self.expected, _LONGEST['expected'])}{others}"
+
+
+def first_line(error: BaseException) -> str:
+    """First line of an error's text; empty without one."""
+    return (str(error).splitlines() or [""])[0]
 
 
 def _one_line(text: str, longest: int) -> str:

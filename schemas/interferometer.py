@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from typing import Annotated, Any
+from typing import Annotated
 
 from pydantic import Field, ValidationInfo, field_validator
 
@@ -130,7 +130,7 @@ class Interferometer(Section):
 
     @field_validator("dead_path_mm", mode="before")
     @classmethod
-    def _same_for_all(cls, value: Any) -> Any:
+    def _same_for_all(cls, value: object) -> object:
         if isinstance(value, int | float) and not isinstance(value, bool):
             return dict.fromkeys(LINEAR, value)
         if not isinstance(value, dict | DeadPaths):

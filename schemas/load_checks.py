@@ -173,6 +173,13 @@ _OF_SIGNALS: Checks = {
         VerdictRule("any"),
         "Take one of two files with the same loads out of campaign.toml, or put the signals beside their loads.",
     ),
+    "loads-joined": QualityCheck(
+        "Do signals belong to the rows of [files.loads] that they were joined to, and not to those before or after?",
+        "Rows that are joined in a wrong order give each signal the load of another step.",
+        VerdictRule("signals without loads", "the rows before or after fit clearly better"),
+        "Compare the first and the last rows of both files, and their clocks; join by a column `step` that both have.",
+        not_evaluated="too few load steps",
+    ),
     "loads-span": QualityCheck(
         "Do the loads separate all components of the wrench?",
         "A component that is never loaded, or only together with another, cannot be calibrated.",

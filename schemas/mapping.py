@@ -9,7 +9,7 @@ import string
 import warnings
 from datetime import datetime
 from importlib.metadata import entry_points
-from typing import Annotated, Any, Literal
+from typing import Annotated, Literal
 
 from pydantic import AfterValidator, BeforeValidator, Discriminator, Field, Tag, model_validator
 
@@ -113,7 +113,7 @@ def _is_format(name: str) -> str:
     return name
 
 
-def _is_raw_column(value: Any) -> Any:
+def _is_raw_column(value: object) -> object:
     if isinstance(value, bool) or not isinstance(value, str | int):
         raise ValueError("the raw column's name in quotation marks, or its position from 1")
     return value if isinstance(value, int) else is_raw_text(value)
@@ -187,13 +187,13 @@ def _is_mark(text: str) -> bool:
     return len(text) == 1 and text.isascii() and text not in "\r\n\0"
 
 
-def _is_sheet(value: Any) -> Any:
+def _is_sheet(value: object) -> object:
     if isinstance(value, bool) or not isinstance(value, str | int):
         raise ValueError("the sheet's name in quotation marks, or its number from 1")
     return value if isinstance(value, int) else is_raw_text(value)
 
 
-def _are_variables(value: Any) -> Any:
+def _are_variables(value: object) -> object:
     several = value if isinstance(value, tuple) else (value,)
     if not several or not all(isinstance(one, str) and one for one in several):
         raise ValueError("a variable's name in quotation marks, or a list of these")
@@ -202,7 +202,7 @@ def _are_variables(value: Any) -> Any:
     return value
 
 
-def _is_path(value: Any) -> Any:
+def _is_path(value: object) -> object:
     several = value if isinstance(value, tuple) else (value,)
     if not several or not all(isinstance(one, str) for one in several):
         raise ValueError("a file or glob in quotation marks, or a list of these")
@@ -211,11 +211,12 @@ def _is_path(value: Any) -> Any:
     return value
 
 
-def _is_constant(value: Any) -> Any:
-    is_number = isinstance(value, int | float) and not isinstance(value, bool)
-    if not (isinstance(value, str) or (is_number and math.isfinite(value))):
+def _is_constant(value: object) -> object:
+    if isinstance(value, str):
+        return is_raw_text(value)
+    if isinstance(value, bool) or not isinstance(value, int | float) or not math.isfinite(value):
         raise ValueError("text in quotation marks, or a finite number")
-    return is_raw_text(value) if isinstance(value, str) else value
+    return value
 
 
 def is_uncertainty(name: str) -> bool:
@@ -321,6 +322,11 @@ class FileMapping(Section):
     channels: dict[Channel, RawColumn] = Field(
         default_factory=dict,
         description="interferometer: channel = raw column of its readings; gives one row per channel",
+    )
+    joined_by: Literal["rows", "step", "time"] | None = Field(
+        None,
+        description="loads: how its rows belong to those of signals: in the same order, by the same run and step, or "
+        "by the nearest time of clocks that agree",
     )
     wide: TemplateOfNames | None = Field(
         None,

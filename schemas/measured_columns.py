@@ -22,6 +22,13 @@ MEASURED_COLUMNS = (
     text("stage", "stage that wrote the row"),
     text("reason", "reason for leaving it out; empty if it is used", nullable=True),
     text(
+        "kept_because",
+        "predicted: nonlinear terms of the loads, fitted to other load steps, predict it; shared input: several of its "
+        "channel deviate alike where they share an input",
+        choices=("predicted", "shared input"),
+    ),
+    text("shared_input", "terms of the loads that predict it, or the loads or the run that have it in common"),
+    text(
         "decision",
         "decision of a person, which overrides all rules; empty if there is none",
         nullable=True,

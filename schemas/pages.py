@@ -111,8 +111,8 @@ def _listed(names: Iterable[str]) -> list[str]:
 
 def _overview_row(artifact: Artifact) -> str:
     """Row of an artifact: its file, with a link to the columns of a table, and what it holds."""
-    place = re.sub(r"[^a-z0-9_ -]", "", f"{artifact.file}{_of(artifact)}".lower()).replace(" ", "-")
-    file = f"[`{artifact.file}`](#{place})" if artifact.is_table else f"`{artifact.file}`"
+    anchor = re.sub(r"[^a-z0-9_ -]", "", f"{artifact.file}{_of(artifact)}".lower()).replace(" ", "-")
+    file = f"[`{artifact.file}`](#{anchor})" if artifact.is_table else f"`{artifact.file}`"
     return f"| {file}{_of(artifact)} | {artifact.meaning} |"
 
 
@@ -190,30 +190,30 @@ def _top() -> Iterator[Table]:
             yield table
 
 
-def _tables_of_model(model: type[BaseModel], place: str, remark: str = "") -> Iterator[Table]:
+def _tables_of_model(model: type[BaseModel], heading: str, remark: str = "") -> Iterator[Table]:
     """Tables within a model, those with equal keys together."""
     tables_by_model: dict[type[BaseModel], list[str]] = {}
     for key, field in model.model_fields.items():
         if inner := _model(field.annotation):
-            tables_by_model.setdefault(inner, []).append(_bracketed(f"{place}{key}", field.annotation))
-    return (Table(tuple(places), inner, remark) for inner, places in tables_by_model.items())
+            tables_by_model.setdefault(inner, []).append(_bracketed(f"{heading}{key}", field.annotation))
+    return (Table(tuple(headings), inner, remark) for inner, headings in tables_by_model.items())
 
 
-def _bracketed(place: str, annotation: Any) -> str:
+def _bracketed(heading: str, annotation: Any) -> str:
     if typing.get_origin(annotation) is dict:
-        return f"[{place}.<{_NAMED.get(place.rsplit('.', 1)[-1], 'table')}>]"
-    return f"[[{place}]]" if typing.get_origin(annotation) is tuple else f"[{place}]"
+        return f"[{heading}.<{_NAMED.get(heading.rsplit('.', 1)[-1], 'table')}>]"
+    return f"[[{heading}]]" if typing.get_origin(annotation) is tuple else f"[{heading}]"
 
 
 def _written(table: Table, depth: int = 2) -> Iterator[str]:
     """Heading, description and keys of a table, then the tables within it."""
-    yield f"{'#' * depth} {', '.join(f'`{place}`' for place in table.places)}{table.remark}\n"
+    yield f"{'#' * depth} {', '.join(f'`{title}`' for title in table.places)}{table.remark}\n"
     yield f"{_sentences(table.model)}\n"
     yield "| key | takes | unit | default | meaning |\n| --- | --- | --- | --- | --- |"
     yield from (_row(key, field) for key, field in table.model.model_fields.items())
     yield ""
-    place = f"{table.places[0].strip('[]')}."
-    for inner in _tables_of_model(table.model, place, table.remark if table.remark in (_OF_SENSOR, _OF_CHAIN) else ""):
+    title = f"{table.places[0].strip('[]')}."
+    for inner in _tables_of_model(table.model, title, table.remark if table.remark in (_OF_SENSOR, _OF_CHAIN) else ""):
         yield from _written(inner, depth + 1)
 
 

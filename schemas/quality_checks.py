@@ -64,13 +64,13 @@ def limit_faults(file: str, kind: str, limits: Mapping[str, SetLimits]) -> Itera
     """Faults of [qa.limits.<check>]: unknown check, no limit, too large a limit, or a fail limit passed before warn."""
     known = settable(kind) if limits else {}
     for name, limit in limits.items():
-        place = f"qa.limits.{name}"
+        key = f"qa.limits.{name}"
         if name not in known:
-            yield Fault(file, _unknown(name, kind), column=place)
+            yield Fault(file, _unknown(name, kind), column=key)
             continue
         if limit.warn is None and limit.fail is None:
-            yield Fault(file, "warn, fail, or both", column=place)
-        yield from _limits_above_most(file, place, known[name], limit)
+            yield Fault(file, "warn, fail, or both", column=key)
+        yield from _limits_above_most(file, key, known[name], limit)
         warn, fail = in_force(known[name], limit)
         if warn is not None and fail is not None and (fail > warn if known[name].below else fail < warn):
             mine = "; a limit that is not given has its default" if None in (limit.warn, limit.fail) else ""
@@ -78,7 +78,7 @@ def limit_faults(file: str, kind: str, limits: Mapping[str, SetLimits]) -> Itera
                 file,
                 f"fail ({fail:g}) {'at most' if known[name].below else 'at least'} warn ({warn:g}), "
                 f"because a failure is worse than a warning{mine}",
-                column=place,
+                column=key,
             )
 
 
@@ -92,10 +92,10 @@ def acceptance_faults(file: str, kind: str, accept: Sequence[Acceptance]) -> Ite
             yield Fault(file, expected, column=f"accept.{number}.check", value=entry.check)
 
 
-def _limits_above_most(file: str, place: str, declared: CheckLimits, set_limits: SetLimits) -> Iterator[Fault]:
+def _limits_above_most(file: str, where: str, declared: CheckLimits, set_limits: SetLimits) -> Iterator[Fault]:
     for key, value in (("warn", set_limits.warn), ("fail", set_limits.fail)):
         if value is not None and declared.most is not None and value > declared.most:
-            yield Fault(file, f"at most {declared.most:g} ({declared.of})", column=f"{place}.{key}", value=f"{value:g}")
+            yield Fault(file, f"at most {declared.most:g} ({declared.of})", column=f"{where}.{key}", value=f"{value:g}")
 
 
 def _unknown(name: str, kind: str) -> str:

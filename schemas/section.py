@@ -8,7 +8,7 @@ from __future__ import annotations
 import math
 import unicodedata
 from datetime import date, datetime
-from typing import Annotated, Any
+from typing import Annotated
 
 from pydantic import AfterValidator, BaseModel, BeforeValidator, ConfigDict, Field, model_validator
 
@@ -69,19 +69,20 @@ def is_path(text: str) -> str:
     return _check_characters(_is_given(text))
 
 
-def _one_or_several(value: Any) -> Any:
+def _one_or_several(value: object) -> object:
     of_numbers = all(_is_number(item) for item in (value if isinstance(value, tuple) else (value,)))
     if value == () or not of_numbers:
         raise ValueError("one number above 0, or a list of such numbers")
     return value
 
 
-def _is_number(value: Any) -> bool:
-    is_number = isinstance(value, int | float) and not isinstance(value, bool)
-    return is_number and math.isfinite(value) and 0.0 < value <= LARGEST
+def _is_number(value: object) -> bool:
+    if isinstance(value, bool) or not isinstance(value, int | float):
+        return False
+    return math.isfinite(value) and 0.0 < value <= LARGEST
 
 
-def _is_identifier(value: Any) -> Any:
+def _is_identifier(value: object) -> object:
     """Accept an integer or a name with one message, where pydantic would report both members of the union."""
     if isinstance(value, bool) or not isinstance(value, int | str):
         raise ValueError("a whole number, or a name in quotation marks")
@@ -94,7 +95,7 @@ def _is_name(text: str) -> str:
     return _check_characters(_is_given(_check_length(text, LONGEST_NAME)))
 
 
-def _is_date(value: Any) -> Any:
+def _is_date(value: object) -> object:
     if isinstance(value, str):
         try:
             return date.fromisoformat(value)
@@ -126,11 +127,11 @@ class Section(BaseModel):
 
     @model_validator(mode="before")
     @classmethod
-    def _lists_are_tuples(cls, given: Any) -> Any:
+    def _lists_are_tuples(cls, given: object) -> object:
         return {key: _frozen(value) for key, value in given.items()} if isinstance(given, dict) else given
 
 
-def _frozen(value: Any) -> Any:
+def _frozen(value: object) -> object:
     """Convert lists to tuples, recursively, for a strict model."""
     if isinstance(value, list | tuple):
         return tuple(_frozen(item) for item in value)

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import math
-from typing import Annotated, Any, Literal
+from typing import Annotated, Literal
 
 from pydantic import AfterValidator, Field, field_validator, model_validator
 
@@ -123,7 +123,7 @@ class Loading(Section):
 
     @field_validator("overload", mode="before")
     @classmethod
-    def _same_for_all(cls, value: Any) -> Any:
+    def _same_for_all(cls, value: object) -> object:
         if isinstance(value, int | float):
             return dict.fromkeys(Overload.model_fields, value)
         if not isinstance(value, dict | Overload):

@@ -97,7 +97,7 @@ def is_special(path: Path) -> bool:
     Such a file may hold secrets of the reading process, or block the reader for ever.
     """
     real = os.path.realpath(path)
-    if any(real == place or real.startswith(f"{place}/") for place in _OF_THE_SYSTEM):
+    if any(real == folder or real.startswith(f"{folder}/") for folder in _OF_THE_SYSTEM):
         return not real.startswith(f"{_OF_MEMORY}/")
     status = os.stat(real)
     if status.st_dev in _devices():
@@ -113,4 +113,4 @@ def is_special(path: Path) -> bool:
 
 def _devices() -> set[int]:
     """Device numbers of /proc and /sys, if mounted."""
-    return {os.stat(place).st_dev for place in _OF_THE_SYSTEM[:2] if os.path.ismount(place)}
+    return {os.stat(folder).st_dev for folder in _OF_THE_SYSTEM[:2] if os.path.ismount(folder)}

@@ -167,8 +167,8 @@ def _remarks_on_noise(settings: Campaign, contents: CampaignContents) -> Iterato
     measured = (contents.tables.get(name) for name in ("readings", "signals"))
     readings, signals = (table if table is not None and table.num_rows else None for table in measured)
     channels = [] if readings is None else _without_sigma(readings)
-    own = {key: [channel for channel in channels if channel.startswith(kind)] for kind, key in keys.items()}
-    unknown = [f"{' '.join(names)} (noise.{key})" for key, names in own.items() if names]
+    channels_by_key = {key: [channel for channel in channels if channel.startswith(kind)] for kind, key in keys.items()}
+    unknown = [f"{' '.join(names)} (noise.{key})" for key, names in channels_by_key.items() if names]
     lost = "nothing is diagnosed"
     if signals is not None and settings.noise.signal_mv is None:
         lost = lost if unknown else "signals are left out of the diagnosis" if readings is not None else ""

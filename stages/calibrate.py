@@ -28,7 +28,7 @@ DECLARATION = Stage(
         *("calibration?", "implicit_calibration?", "correlations?", "accuracy?", "implicit_accuracy?"),
         *("model_choice?", "observability?", "absorption?", "requirements?"),
         *("sensor_matrix?", "sensor_merit?", "sensor_choice?", "error_classes?", "sensor?"),
-        *("repeats?", "lack_of_fit?", "pose_repeatability?", "calibration_left_out?"),
+        *("repeats?", "lack_of_fit?", "pose_repeatability?", "calibration_left_out?", "calibration_kept?"),
         *("calibrations_compared?", "flexure_parameters?"),
     ),
     settings=(

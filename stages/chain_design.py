@@ -60,17 +60,17 @@ def design_chain(settings: Campaign, options: DesignOptions, tables: ChainDesign
     offered = _planned(layout, settings, ranges.table(drawn, pose=pa.array(np.arange(len(drawn)))), drawn)
     with_causes = _with_causes(offered, settings, options.causes)
     rows = with_causes.rows
-    kept_readings, kept = _kept(with_causes, settings, tables, tree)
+    kept_readings, kept = _kept_poses(with_causes, settings, tables, tree)
     found = choose_chain_poses(rows, options.poses, kept, options.method, rng)
     chosen = drawn[found.chosen]
     check = verification_poses(drawn, chosen, ranges, options.verification)
-    whole = np.concatenate([chosen, check])
-    order = ordered_poses(whole, ranges, kept_readings, options, rng)
-    table = plan_table(ranges, whole, order, options, tables.extend)
+    plan = np.concatenate([chosen, check])
+    order = ordered_poses(plan, ranges, kept_readings, options, rng)
+    table = plan_table(ranges, plan, order, options, tables.extend)
     everything = poses_to_fit(ranges, kept_readings, table)
     measured = _planned(layout, settings, everything, joint_readings(tree, everything))
     probes = _subset(offered, slice(0, _PROBES))
-    own = _own_poses(data, given, settings, tree, layout)
+    existing = _measured_poses(data, given, settings, tree, layout)
     return ChainDesign(
         options,
         table,
@@ -80,8 +80,8 @@ def design_chain(settings: Campaign, options: DesignOptions, tables: ChainDesign
         found,
         0 if kept_readings is None else len(kept_readings),
         order,
-        None if own is None or len(layout.model.known.base_t) > 1 else _existing(with_causes, own, rows),
-        None if own is None else shown_by(own, probes, _candidate_causes(own, settings), ranges),
+        None if existing is None or len(layout.model.known.base_t) > 1 else _existing(with_causes, existing, rows),
+        None if existing is None else shown_by(existing, probes, _candidate_causes(existing, settings), ranges),
         shown_by(measured, probes, _candidate_causes(measured, settings), ranges),
         options.causes,
     )
@@ -137,9 +137,9 @@ def _planned(layout: PlannedPoses, settings: Campaign, table: pa.Table, readings
     return replace(layout, conditions=conditions_of_table(layout.model, settings, table, readings))
 
 
-def _subset(poses: PlannedPoses, own: slice) -> PlannedPoses:
+def _subset(poses: PlannedPoses, rows: slice) -> PlannedPoses:
     mask = np.zeros(len(poses.conditions.readings), bool)
-    mask[own] = True
+    mask[rows] = True
     return replace(poses, conditions=poses.conditions.subset(mask))
 
 
@@ -170,7 +170,7 @@ def _with_causes(poses: PlannedPoses, settings: Campaign, names: Sequence[str]) 
     return replace(poses, model=poses.model.with_causes([cause for cause in causes if cause.id in names]))
 
 
-def _kept(
+def _kept_poses(
     poses: PlannedPoses, settings: Campaign, tables: ChainDesignTables, tree: Tree
 ) -> tuple[Array | None, Array | None]:
     """Readings (K, n) of the poses that are kept, and their information (G, G)."""
@@ -191,21 +191,21 @@ def _kept(
     return readings, _planned(poses, settings, table, readings).information
 
 
-def _own_poses(
+def _measured_poses(
     data: DiagnosisData[Any], given: Mapping[str, pa.Table], settings: Campaign, tree: Tree, layout: PlannedPoses
 ) -> PlannedPoses | None:
     """The campaign's own poses that may be fitted; None without configurations."""
     if "configurations" not in given or not len(given["configurations"]):
         return None
-    own = data.calibration.conditions
-    if len(own.readings) != len(layout.model.conditions.readings) or len(given["configurations"]) < _PLAN_POSES:
+    conditions = data.calibration.conditions
+    if len(conditions.readings) != len(layout.model.conditions.readings) or len(given["configurations"]) < _PLAN_POSES:
         return None
     return layout
 
 
-def _existing(offered: PlannedPoses, own: PlannedPoses, rows: NDArray) -> float:
+def _existing(offered: PlannedPoses, existing: PlannedPoses, rows: NDArray) -> float:
     """D-efficiency of the campaign's own poses relative to the best of as many."""
-    poses = replace(own, model=offered.model.at(own.conditions))
+    poses = replace(existing, model=offered.model.at(existing.conditions))
     prior = np.eye(rows.shape[-1])[None]
-    bound = bound_design(rows[:, None], len(own.conditions.readings), prior, gap=1e-4)
+    bound = bound_design(rows[:, None], len(existing.conditions.readings), prior, gap=1e-4)
     return efficiency(sum_log_det(poses.information + prior), bound.upper, rows.shape[-1])

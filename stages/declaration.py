@@ -5,7 +5,8 @@ from __future__ import annotations
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass
 from importlib import import_module
-from typing import TYPE_CHECKING, Any
+from types import ModuleType
+from typing import TYPE_CHECKING
 
 if TYPE_CHECKING:
     import pyarrow as pa
@@ -48,7 +49,7 @@ class Outcome:
         return cls(left, "nothing", "nothing", f"not evaluated: {why}", why_not=why)
 
 
-def registered(modules: Mapping[str, str], settings: Campaign) -> Any:
+def registered(modules: Mapping[str, str], settings: Campaign) -> ModuleType | None:
     """Return the module of a stage for the campaign's type of mechanism, or None."""
     name = modules.get(settings.mechanism.type)
     return None if name is None else import_module(name)

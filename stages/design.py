@@ -69,9 +69,9 @@ def design(settings: Campaign, options: DesignOptions, tables: DesignTables) -> 
 
 
 @contextmanager
-def _fault_of(place: str, value: str | None = None) -> Iterator[None]:
+def _fault_of(file: str, value: str | None = None) -> Iterator[None]:
     """Raise CampaignFaults for a ValueError with the expectation of a file or an option."""
     try:
         yield
     except ValueError as error:
-        raise CampaignFaults([Fault(place, str(error), value=value)]) from None
+        raise CampaignFaults([Fault(file, str(error), value=value)]) from None

@@ -31,6 +31,7 @@ DECLARATION = Stage(
             "start?",
             "readings?",
             "signals?",
+            "loads_joined?",
         ),
         *("quadrature?", "reading_corrections?", "positions?", "given_compliance?", "given_deformation?"),
         *("published?", "relabelled?", "resurveys?"),
@@ -72,8 +73,8 @@ def run(tables: Mapping[str, pa.Table], settings: Campaign, progress: Progress, 
     for table in (name for name in settings.files if name not in TABLES):
         hint = did_you_mean(table, TABLES) or f"; one of {', '.join(TABLES)}"
         log.add(Fault("campaign.toml", f"a known table{hint}", column=f"files.{table}"))
-    if (own := registered(OF_TYPES, settings)) is not None:
-        outcome: Outcome = own.ingest(settings, source, log)
+    if (ingest_type := registered(OF_TYPES, settings)) is not None:
+        outcome: Outcome = ingest_type.ingest(settings, source, log)
         return outcome
     if settings.mechanism.type == "chain":
         from truing.stages.ingestion.chain_campaign import ingest as ingest_chain

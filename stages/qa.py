@@ -23,7 +23,8 @@ DECLARATION = Stage(
     name="qa",
     reads=(
         *("joints?", "measured_poses?", "distances?"),
-        *("observations?", "survey?", "configurations?", "readings?", "signals?", "given_compliance?", "quadrature?"),
+        *("observations?", "survey?", "configurations?", "readings?", "signals?", "loads_joined?"),
+        *("given_compliance?", "quadrature?"),
         *("positions?", "reading_corrections?", "relabelled?", "resurveys?", "photographs?", "object_points?"),
         *("image_orientations?", "image_residuals?", "scale_bar_lengths?", "known_point_errors?", "image_cameras?"),
         *("bundle_statistics?", "ray_statistics?", "ray_information?"),
@@ -86,14 +87,14 @@ def _examined(
     tables: Mapping[str, pa.Table | StoredTable], settings: Campaign
 ) -> tuple[Mapping[str, pa.Table], PoseSample | None]:
     """Return the tables with the points to examine, and which these are, if there are points of bodies."""
-    from truing.schemas.artifact import whole_table
+    from truing.schemas.artifact import full_table
 
     points = tables.get("observations")
     if points is None or registered(_OF_TYPES, settings) is not None:
-        return {name: whole_table(table) for name, table in tables.items()}, None
+        return {name: full_table(table) for name, table in tables.items()}, None
     from truing.stages.quality.pose_sample import pose_sample
 
-    others = {name: whole_table(table) for name, table in tables.items() if name != "observations"}
+    others = {name: full_table(table) for name, table in tables.items() if name != "observations"}
     sample = pose_sample(points, others.get("configurations"))
     return {**others, "observations": sample.points}, sample
 

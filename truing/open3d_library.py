@@ -10,8 +10,13 @@ import platform
 import sys
 from pathlib import Path
 from types import ModuleType
+from typing import TYPE_CHECKING
 
 from truing.stub_library import missing_functions, provide_stub_library
+
+if TYPE_CHECKING:
+    from open3d.geometry import PointCloud as PointCloud
+    from open3d.pipelines.registration import RegistrationResult as RegistrationResult
 
 _LIBUSB = "libusb-1.0.so.0"
 # Graphics libraries that Open3D links, and the names of the functions that each defines.

@@ -167,7 +167,7 @@ FLOWS: Mapping[str, tuple[FlowStep, ...]] = {
             "MatrixEstimate",
         ),
         FlowStep(
-            "stages/calibration/sensor.py",
+            "stages/calibration/sensor_matrices.py",
             "matrix_rows",
             "writes every entry with unit and uncertainty",
             "sensor_matrix.parquet",

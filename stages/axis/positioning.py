@@ -22,7 +22,7 @@ from truing.stages.declaration import Outcome
 if TYPE_CHECKING:
     from truing.schemas.campaign import Campaign
 
-_WAYS = {1: "forward", -1: "backward"}
+_DIRECTIONS = {1: "forward", -1: "backward"}
 _FEWEST_TARGETS = 2
 _OF_AXIS = {"R": "repeatability", "E": "systematic", "A": "accuracy"}
 _BOTH = {
@@ -67,10 +67,10 @@ def positioning_rows(table: pa.Table, columns: AxisColumns, settings: Campaign) 
     shown = target / SI[columns.unit]
     for encoder in (name for name in reversed(ENCODERS) if name in columns.encoders and name != columns.loop):
         deviation = _arranged(readings[:, list(columns.encoders).index(encoder)], group, rows, len(target))
-        own = np.isfinite(deviation).any(-1).all(-1)
-        if own.sum() >= _FEWEST_TARGETS:
-            names = [f"{at:.7g} {columns.unit}" for at in shown[own]]  # commands are rounded in rad or m
-            _add(result, encoder, names, deviation[own], unit, target[own] / si)
+        is_complete = np.isfinite(deviation).any(-1).all(-1)
+        if is_complete.sum() >= _FEWEST_TARGETS:
+            names = [f"{at:.7g} {columns.unit}" for at in shown[is_complete]]  # commands are rounded in rad or m
+            _add(result, encoder, names, deviation[is_complete], unit, target[is_complete] / si)
     return result
 
 
@@ -84,13 +84,13 @@ def _arranged(readings: Array, group: Index, rows: AxisRows, targets: int) -> Ar
     approach = np.empty(len(group), int)
     approach[in_time] = np.cumsum(np.diff(group[in_time], prepend=-1) != 0)
     cells = {}
-    for place in np.ndindex(targets, 2):
-        own = (group == place[0]) & (rows.direction == tuple(_WAYS)[place[1]]) & np.isfinite(readings)
-        _, number, count_of = np.unique(approach[own], return_inverse=True, return_counts=True)
-        cells[place] = np.bincount(number, readings[own]) / count_of
-    result = np.full((targets, 2, max(2, *(len(own) for own in cells.values()))), np.nan)
-    for place, cell in cells.items():
-        result[place][: len(cell)] = cell
+    for index in np.ndindex(targets, 2):
+        in_cell = (group == index[0]) & (rows.direction == tuple(_DIRECTIONS)[index[1]]) & np.isfinite(readings)
+        _, number, count_of = np.unique(approach[in_cell], return_inverse=True, return_counts=True)
+        cells[index] = np.bincount(number, readings[in_cell]) / count_of
+    result = np.full((targets, 2, max(2, *(len(means) for means in cells.values()))), np.nan)
+    for index, cell in cells.items():
+        result[index][: len(cell)] = cell
     return result
 
 
@@ -101,24 +101,24 @@ def _add(rows: Rows, run: str, names: list[str], deviation: Array, unit: str, ta
 
     def add(figure: str, subject: str | None, value: float, **more: float) -> None:
         if np.isfinite(value):
-            own = "1" if figure.startswith("n_") else unit
-            rows.add(run=run, figure=figure, subject=subject, value=float(value), unit=own, **more)
+            unit_of_figure = "1" if figure.startswith("n_") else unit
+            rows.add(run=run, figure=figure, subject=subject, value=float(value), unit=unit_of_figure, **more)
 
     for index, name in enumerate(names):
-        for direction_index, words in enumerate(_WAYS.values()):
+        for direction_index, words in enumerate(_DIRECTIONS.values()):
             add(f"mean_{words}", name, found.mean[index, direction_index])
             add(f"s_{words}", name, found.scatter[index, direction_index])
             add(f"R_{words}", name, found.repeatability_at[index, direction_index])
             add(f"n_{words}", name, float(repeats[index, direction_index]))
         add("B", name, found.reversal_at[index])
         add("R", name, found.bidirectional_at[index])
-    for direction_index, words in enumerate(_WAYS.values()):
+    for direction_index, words in enumerate(_DIRECTIONS.values()):
         for symbol, field in _OF_AXIS.items():
             add(f"{symbol}_{words}", None, getattr(found, field)[direction_index])
     known = {}
     if repeats.min() > 1:
         known = positioning_uncertainty(deviation, target, np.random.default_rng(SEED))
     for symbol, field in _BOTH.items():
-        own = known.get(symbol)
-        more = {} if own is None else {"sigma": own.sigma, "low": own.low, "high": own.high}
+        known_as = known.get(symbol)
+        more = {} if known_as is None else {"sigma": known_as.sigma, "low": known_as.low, "high": known_as.high}
         add(symbol, None, float(getattr(found, field)), **more)

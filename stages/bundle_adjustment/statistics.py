@@ -130,10 +130,10 @@ def scale_sources(adjusted: AdjustedNetwork, bars: pa.Table | None, survey: Surv
     ratios: dict[str, list[tuple[float, float]]] = {}
     for pose in range(len(adjusted.named.poses)):
         numbers = np.flatnonzero(adjusted.named.network.point_pose == pose)
-        places = {str(adjusted.named.points[n]): state.points[n] for n in numbers if np.isfinite(state.points[n, 0])}
+        points = {str(adjusted.named.points[n]): state.points[n] for n in numbers if np.isfinite(state.points[n, 0])}
         for name, ratio, sigma in (
-            *_lengths_of_bars(places, bars),
-            *_lengths_of_survey(places, survey),
+            *_lengths_of_bars(points, bars),
+            *_lengths_of_survey(points, survey),
             *_known_point_lengths(adjusted, state, pose),
         ):
             ratios.setdefault(name, []).append((ratio, sigma))
@@ -146,27 +146,27 @@ def scale_sources(adjusted: AdjustedNetwork, bars: pa.Table | None, survey: Surv
     return figures
 
 
-def _lengths_of_bars(places: dict[str, Array], bars: pa.Table | None) -> list[tuple[str, float, float]]:
+def _lengths_of_bars(points: dict[str, Array], bars: pa.Table | None) -> list[tuple[str, float, float]]:
     lengths = []
     for row in [] if bars is None else bars.to_pylist():
-        if row["bar"].startswith((FROM_SURVEY, FROM_MARKER)) or not {row["first"], row["second"]} <= places.keys():
+        if row["bar"].startswith((FROM_SURVEY, FROM_MARKER)) or not {row["first"], row["second"]} <= points.keys():
             continue
-        length = 1e3 * float(np.linalg.norm(places[row["second"]] - places[row["first"]]))
+        length = 1e3 * float(np.linalg.norm(points[row["second"]] - points[row["first"]]))
         sigma = float(np.hypot(row["sigma_mm"], row["repeat_sigma_mm"] or 0.0)) / row["length_mm"]
         lengths.append((f"bar {row['bar']}", row["length_mm"] / length, sigma))
     return lengths
 
 
-def _lengths_of_survey(places: dict[str, Array], survey: SurveyedPoints | None) -> list[tuple[str, float, float]]:
+def _lengths_of_survey(points: dict[str, Array], survey: SurveyedPoints | None) -> list[tuple[str, float, float]]:
     """Survey of each body with enough targets in a pose, assumed rigid."""
     if survey is None:
         return []
     lengths = []
     for body in dict.fromkeys(survey.bodies.tolist()):
-        places_of_body = [k for k in np.flatnonzero(survey.bodies == body) if survey.names[k] in places]
+        places_of_body = [k for k in np.flatnonzero(survey.bodies == body) if survey.names[k] in points]
         if len(places_of_body) >= _FEWEST:
             reported = scale_ratio(
-                np.array([places[survey.names[k]] for k in places_of_body]), 1e-3 * survey.xyz_mm[places_of_body]
+                np.array([points[survey.names[k]] for k in places_of_body]), 1e-3 * survey.xyz_mm[places_of_body]
             )
             lengths += [(f"survey of {body}", *reported)] if reported else []
     return lengths

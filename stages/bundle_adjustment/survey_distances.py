@@ -22,6 +22,7 @@ from truing.stages.common.point_arrays import number_column
 
 if TYPE_CHECKING:
     from truing.schemas.campaign import Campaign
+    from truing.schemas.photographs import Board
 
 # Relative uncertainty of a marker's edge without declared noise: that of printers.
 PRINTED_TO = 1e-3
@@ -116,7 +117,7 @@ def _markers(
     return markers
 
 
-def _board(board: Any, seen: Sequence[frozenset[str]], noise_mm: float | None) -> list[dict[str, object]]:
+def _board(board: Board, seen: Sequence[frozenset[str]], noise_mm: float | None) -> list[dict[str, object]]:
     """Rows of scale_bars: two longest diagonals of a board of known squares, between corners in all poses with the
     board; seen: points of each pose."""
     points_of_pose = [points for points in seen if any(name.startswith(f"{board.label}-") for name in points)]

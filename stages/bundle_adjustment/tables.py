@@ -109,14 +109,14 @@ class NetworkTables:
         """A row per pair of points of a pose; in a large pose, pairs of chosen points only."""
         parts: list[TableRow] = []
         for pose in self.poses:
-            places = self.paired[pose]
-            cov = self.covariance.joint(pose, places)
-            blocks = _sigma_and_correlation(cov)[1].reshape(len(places), 3, len(places), 3)
-            first, second = np.triu_indices(len(places), 1)
+            numbers = self.paired[pose]
+            cov = self.covariance.joint(pose, numbers)
+            blocks = _sigma_and_correlation(cov)[1].reshape(len(numbers), 3, len(numbers), 3)
+            first, second = np.triu_indices(len(numbers), 1)
             pairs = {
                 f"corr_{a}_{b}": blocks[first, i, second, j] for i, a in enumerate(_AXES) for j, b in enumerate(_AXES)
             }
-            names = self.named.points[self.covariance.point_numbers(pose)[places]]
+            names = self.named.points[self.covariance.point_numbers(pose)[numbers]]
             pose_column = self._pose(np.full(len(first), pose))
             parts.append({"pose": pose_column, "point": names[first], "other_point": names[second], **pairs})
         return _joined_table("point_correlations", parts, self.named)
@@ -124,10 +124,10 @@ class NetworkTables:
     def unpaired(self) -> list[str]:
         """Message for each large pose whose pairs are written of some points only."""
         return [
-            f"correlations of {len(self.covariance.point_numbers(pose)) - len(places):,} of "
+            f"correlations of {len(self.covariance.point_numbers(pose)) - len(pairs):,} of "
             f"{len(self.covariance.point_numbers(pose)):,} points of pose {self.named.poses[pose]} with others"
-            for pose, places in self.paired.items()
-            if len(places) < len(self.covariance.point_numbers(pose))
+            for pose, pairs in self.paired.items()
+            if len(pairs) < len(self.covariance.point_numbers(pose))
         ]
 
     def point_sensitivities(self) -> pa.Table:
@@ -264,8 +264,8 @@ class NetworkTables:
     def _distance(self, pose: int, first: int, second: int) -> tuple[float, float]:
         """Distance of two points of a pose with its standard deviation, mm."""
         numbers = self.covariance.point_numbers(pose)
-        place = np.array([int(np.flatnonzero(numbers == point)[0]) for point in (first, second)])
-        cov = self.covariance.joint(pose, place) * self.factor
+        index = np.array([int(np.flatnonzero(numbers == point)[0]) for point in (first, second)])
+        cov = self.covariance.joint(pose, index) * self.factor
         difference = self.adjusted.state.points[second] - self.adjusted.state.points[first]
         length = float(np.linalg.norm(difference))
         along = np.concatenate([-difference, difference]) / length
@@ -329,17 +329,17 @@ def known_points_table(named: NamedNetwork, tested: KnownTested, used: Mask) -> 
     return table_of_rows("known_point_errors", rows, named)
 
 
-def _known_point_deviation(errors: KnownPointErrors, place: int) -> dict[str, Any]:
+def _known_point_deviation(errors: KnownPointErrors, row: int) -> dict[str, Any]:
     """Deviation of one known point from the rays, in mm."""
-    wrong = bool(errors.wrong[place])
+    wrong = bool(errors.wrong[row])
     reason = WRONG if wrong else None if errors.resolved else UNRESOLVED
-    if not np.isfinite(errors.p_value[place]):
+    if not np.isfinite(errors.p_value[row]):
         return {"rejected": wrong, "reason": reason}
-    off = {f"d{axis}_mm": 1e3 * float(value) for axis, value in zip("xyz", errors.off_m[place], strict=True)}
-    known = np.isfinite(errors.T[place])
-    spread = [1e3 * float(value) if known else None for value in errors.sigma_m[place]]
+    off = {f"d{axis}_mm": 1e3 * float(value) for axis, value in zip("xyz", errors.off_m[row], strict=True)}
+    known = np.isfinite(errors.T[row])
+    spread = [1e3 * float(value) if known else None for value in errors.sigma_m[row]]
     sigma = {f"sigma_{axis}_mm": value for axis, value in zip("xyz", spread, strict=True)}
-    return {**off, **sigma, "p_value": float(errors.p_value[place]), "rejected": wrong, "reason": reason}
+    return {**off, **sigma, "p_value": float(errors.p_value[row]), "rejected": wrong, "reason": reason}
 
 
 def undetermined(error: UndeterminedNetworkError, rays: int, named: int) -> Fault:

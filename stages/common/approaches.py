@@ -63,8 +63,8 @@ def axis_of_approaches(tables: Mapping[str, pa.Table], settings: Campaign) -> tu
     if why := why_no_diagnosis_of_approaches(positions):
         raise ValueError(why)
     mechanism = AxisMechanism(type="axis", kind="linear", command=COMMAND)
-    own = _AxisSettings(settings, Noise(measured_mm=noise_mm(positions)), mechanism)
-    return {**tables, "configurations": _configurations(positions)}, cast("Campaign", own)
+    axis_settings = _AxisSettings(settings, Noise(measured_mm=noise_mm(positions)), mechanism)
+    return {**tables, "configurations": _configurations(positions)}, cast("Campaign", axis_settings)
 
 
 @dataclass(frozen=True)
@@ -82,14 +82,14 @@ class _AxisSettings:
 def noise_mm(positions: pa.Table) -> float:
     """One standard deviation of an approach, mm, without drift between cycles and without gross errors."""
     deviation, gross = _deviations(positions), gross_approaches(positions)
-    kept = np.where(gross, np.nan, deviation)
+    usable = np.where(gross, np.nan, deviation)
     for _ in range(_ITERATIONS):  # of alternating means: exact at once without gaps
-        kept = kept - np.nanmean(kept, axis=2, keepdims=True)
-        kept = kept - np.nanmean(kept, axis=0, keepdims=True)
+        usable = usable - np.nanmean(usable, axis=2, keepdims=True)
+        usable = usable - np.nanmean(usable, axis=0, keepdims=True)
     targets, _, cycles = deviation.shape
     freedom = _freedom(targets, cycles) - int(gross.sum())
     step = resolution(number_column(positions, "position_mm"))
-    return float(np.hypot(np.sqrt(np.nansum(kept**2) / max(freedom, 1)), _ROUNDED * step))
+    return float(np.hypot(np.sqrt(np.nansum(usable**2) / max(freedom, 1)), _ROUNDED * step))
 
 
 def gross_approaches(positions: pa.Table) -> Mask:
@@ -138,10 +138,10 @@ def _configurations(positions: pa.Table) -> pa.Table:
 def _order(positions: pa.Table) -> Index:
     """Order of measurement: of the rows, if the axis moved in it as recorded, else cycle by cycle, up and down."""
     target, cycle = number_column(positions, "target_mm"), number_column(positions, "cycle")
-    way = np.where(np.array(positions.column("direction").to_pylist()) == "forward", 1.0, -1.0)
+    sense = np.where(np.array(positions.column("direction").to_pylist()) == "forward", 1.0, -1.0)
     if "row_order" in positions.column_names:
         rows = np.argsort(number_column(positions, "row_order"))
         steps = np.diff(target[rows])
-        if np.all((steps == 0.0) | (np.sign(steps) == way[rows][1:])):
+        if np.all((steps == 0.0) | (np.sign(steps) == sense[rows][1:])):
             return rows
-    return np.lexsort((way * target, -way, cycle))
+    return np.lexsort((sense * target, -sense, cycle))

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
-from typing import TYPE_CHECKING, Any, cast
+from typing import TYPE_CHECKING, cast
 
 import numpy as np
 import pyarrow as pa
@@ -118,7 +118,7 @@ class AxisColumns:
                 )
         if self.kind != ROTARY:
             return deviation
-        middle = np.array([np.median(own[np.isfinite(own)]) if np.isfinite(own).any() else 0.0 for own in deviation.T])
+        middle = np.array([np.median(row[np.isfinite(row)]) if np.isfinite(row).any() else 0.0 for row in deviation.T])
         return np.asarray(deviation - _TURN * np.round((deviation - middle) / _TURN))
 
 
@@ -157,15 +157,15 @@ def columns_of(settings: Campaign, table: pa.Table) -> AxisColumns:
     return AxisColumns.of(cast("AxisMechanism", settings.mechanism), table.schema.names)
 
 
-def command_sigma(settings: Any) -> float:
+def command_sigma(settings: Campaign) -> float:
     """Return the standard deviation of the axis from its command, rad or m."""
-    unit = settings.mechanism.unit
+    unit = cast("AxisMechanism", settings.mechanism).unit
     return float(getattr(settings.noise, f"command_{unit}") * SI[unit])
 
 
-def encoder_sigma(settings: Any, encoder: str) -> float | None:
+def encoder_sigma(settings: Campaign, encoder: str) -> float | None:
     """Return the standard deviation of an encoder's reading, rad or m; None if not declared."""
-    unit = settings.mechanism.unit
+    unit = cast("AxisMechanism", settings.mechanism).unit
     sigma = getattr(settings.noise, f"{encoder}_{unit}")
     return None if sigma is None else float(sigma * SI[unit])
 

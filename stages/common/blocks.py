@@ -38,8 +38,8 @@ def labels_of(table: pa.Table | None, poses: Sequence[int | str]) -> dict[BlockK
         if table is not None and name in table.column_names:
             texts = [str(value) if value is not None else "" for value in table.column(name).to_pylist()]
             index, numbers = positions(table.column("pose"), tuple(poses)), np.full(len(poses), -1)
-            own = np.where(np.array(texts) == "", -1, np.unique(texts, return_inverse=True)[1])
-            numbers[index[index >= 0]] = own[index >= 0]
+            label = np.where(np.array(texts) == "", -1, np.unique(texts, return_inverse=True)[1])
+            numbers[index[index >= 0]] = label[index >= 0]
             labels_by_kind[kind] = numbers
     return labels_by_kind
 
@@ -48,9 +48,9 @@ def readings_of(table: pa.Table | None, poses: Sequence[int | str], drives: tupl
     """Varying readings (B, D) of actuators or drives, NaN for missing ones."""
     if table is None or not table.num_rows:
         return np.zeros((len(poses), 0))
-    own, index = drive_readings(table, drives), positions(table.column("pose"), tuple(poses))
-    readings = np.full((len(poses), own.shape[1]), np.nan)
-    readings[index[index >= 0]] = own[index >= 0]
+    drive_values, index = drive_readings(table, drives), positions(table.column("pose"), tuple(poses))
+    readings = np.full((len(poses), drive_values.shape[1]), np.nan)
+    readings[index[index >= 0]] = drive_values[index >= 0]
     return readings
 
 

@@ -85,8 +85,8 @@ def _store_covariances(
 ) -> None:
     if table is None or not table.num_rows:
         return
-    places = (table.column("pose"), poses), *((table.column(f"{o}_number"), numbers) for o in ("measured", "other"))
-    pose, first, other = (positions(*place) for place in places)
+    keys = (table.column("pose"), poses), *((table.column(f"{o}_number"), numbers) for o in ("measured", "other"))
+    pose, first, other = (positions(*column_and_order) for column_and_order in keys)
     is_known = (pose >= 0) & (first >= 0) & (other >= 0)
     value = number_column(table, "joint_covariance")[is_known]
     covariance[pose[is_known], first[is_known], other[is_known]] = covariance[
@@ -194,11 +194,11 @@ def _shifts(table: pa.Table | None, poses: tuple[int | str, ...], legs: int) -> 
     if table is None or not table.num_rows or "own_sigma_um" not in table.schema.names:
         return None
     rows = table.filter(pc.invert(table.column("rejected")))
-    place = positions(rows.column("pose"), poses), number_column(rows, "leg").astype(int) - 1
-    is_known = place[0] >= 0
+    index = positions(rows.column("pose"), poses), number_column(rows, "leg").astype(int) - 1
+    is_known = index[0] >= 0
     shifts = SurveyShifts(np.full((len(poses), legs), np.nan), np.full((len(poses), legs), np.nan))
     for target, name in ((shifts.shift, "delta_bz_um"), (shifts.sigma, "own_sigma_um")):
-        target[place[0][is_known], place[1][is_known]] = number_column(rows, name)[is_known] * 1e-6
+        target[index[0][is_known], index[1][is_known]] = number_column(rows, name)[is_known] * 1e-6
     return shifts
 
 
@@ -234,8 +234,8 @@ def _in_plane(models: pa.Table | None, legs: int) -> Deformation | None:
         return None
     K, sigma = np.full((2, legs, 2, legs), np.nan)
     for row in rows:
-        place = row["leg"] - 1, "xy".index(row["axis"]), row["column"] - 1
-        K[place], sigma[place] = row["coefficient"], row["sigma"]
+        index = row["leg"] - 1, "xy".index(row["axis"]), row["column"] - 1
+        K[index], sigma[index] = row["coefficient"], row["sigma"]
     return Deformation(K, sigma)
 
 

@@ -66,14 +66,14 @@ def joint_ranges(tree: Tree, settings: Campaign, joints: pa.Table, measured: pa.
     limits = {row["joint"]: (row["lower_si"], row["upper_si"]) for row in joints.to_pylist()}
     columns, ends, sources, faults = [], [], [], []
     for joint in tree.readings:
-        own = joint_column(tree, joint, given)
+        joint_values = joint_column(tree, joint, given)
         column = None if measured is None else joint_column(tree, joint, measured.schema.names)
-        column = column or own or joint_column(tree, joint, (f"{joint}_deg", f"{joint}_mm"))
+        column = column or joint_values or joint_column(tree, joint, (f"{joint}_deg", f"{joint}_mm"))
         assert column is not None
         low, high = limits.get(joint, (None, None))
         source = "limits of the description"
-        if own is not None:
-            (low, high), source = np.array(given[own.name]) * own.si, "[workspace] joints"
+        if joint_values is not None:
+            (low, high), source = np.array(given[joint_values.name]) * joint_values.si, "[workspace] joints"
         elif (low is None or high is None) and measured is not None and column.name in measured.schema.names:
             values = number_column(measured, column.name) * column.si
             (low, high), source = (np.nanmin(values), np.nanmax(values)), "range of the measured readings"
@@ -127,10 +127,10 @@ class ForbiddenPoses:
 
 
 def _forbidden_by(
-    function: Forbids, readings: Mapping[str, NDArray], places: Mapping[str, NDArray], count: int
+    function: Forbids, readings: Mapping[str, NDArray], positions: Mapping[str, NDArray], count: int
 ) -> Mask:
     name = getattr(function, "__qualname__", str(function))
-    forbidden = np.asarray(function(readings, places))
+    forbidden = np.asarray(function(readings, positions))
     if forbidden.shape != (count,) or forbidden.dtype != bool:
         expected = f"a mask of {count} values, true where a pose is forbidden"
         raise CampaignFaults([Fault("--avoid", expected, value=f"{name}: {forbidden.dtype} {forbidden.shape}")])
@@ -177,7 +177,7 @@ def forbidden_poses(
     for name in table.schema.names:
         if name in known:
             side, k = known[name]
-            values = _numbers(table, name, file) * list(units.values())[k]
+            values = given_numbers(table, name, file) * list(units.values())[k]
             ends[side, :, k] = np.where(np.isnan(values), ends[side, :, k], values)
     named = table.column("link").to_pylist() if "link" in table.schema.names else [None] * count
     links = [tuple(str(link_names or "").split()) for link_names in named]
@@ -200,7 +200,8 @@ def _side(stem: str, side: str) -> str:
     return f"{name}_{side}_{unit}"
 
 
-def _numbers(table: pa.Table, name: str, file: str) -> Array:
+def given_numbers(table: pa.Table, name: str, file: str) -> Array:
+    """Numbers of a column; raises CampaignFaults if a value is none."""
     try:
         return number_column(table, name)
     except ValueError:

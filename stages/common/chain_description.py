@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Iterator, Sequence
 from dataclasses import replace
-from typing import Any
+from typing import TYPE_CHECKING
 
 import numpy as np
 
@@ -12,10 +12,13 @@ from truing.belonging.relation import LENGTH_FACTORS, RecordSlip, SlipKind, both
 from truing.simulation.mechanisms.chains.notations import MODIFIED, STANDARD, DenavitHartenberg, tree_of_rows
 from truing.simulation.mechanisms.chains.tree import JointKind, Tree
 
+if TYPE_CHECKING:
+    from truing.schemas.chain_mechanism import ChainMechanism
+
 _MM = 1e-3
 
 
-def rows_of(section: Any) -> list[DenavitHartenberg]:
+def rows_of(section: ChainMechanism) -> list[DenavitHartenberg]:
     """Rows of [mechanism] dh in m and rad."""
     return [
         DenavitHartenberg(

@@ -37,10 +37,10 @@ def measured_distances(tables: Mapping[str, pa.Table], tree: Tree, poses: tuple[
     known = at >= 0
     values, cov = np.zeros((len(poses), len(lines), 1)), np.zeros((len(poses), len(lines), 1, 1))
     is_observed = np.zeros((len(poses), len(lines)), bool)
-    place = at[known], number.ravel()[known]
-    values[place] = number_column(table, "reading_mm")[known, None] * _MM
-    cov[place] = (number_column(table, "sigma_mm")[known, None, None] * _MM) ** 2
-    is_observed[place] = True
+    index = at[known], number.ravel()[known]
+    values[index] = number_column(table, "reading_mm")[known, None] * _MM
+    cov[index] = (number_column(table, "sigma_mm")[known, None, None] * _MM) ** 2
+    is_observed[index] = True
     surveys = {link: {} if survey is None else survey_of(survey, link) for link, _ in ends}
     nowhere = np.full(3, np.nan), np.full((3, 3), np.nan)
     surveyed = [surveys[link].get(name, nowhere) for link, name in ends]
@@ -51,8 +51,8 @@ def measured_distances(tables: Mapping[str, pa.Table], tree: Tree, poses: tuple[
         np.zeros(len(ends), bool),
     )
     reference = np.tile(np.eye(3), (len(poses), len(ends), 1, 1))
-    places, covs = (np.stack(part) for part in zip(*surveyed, strict=True))
-    return MeasuredLinks(channels, values, cov, is_observed, places, covs, reference, lines)
+    points, covs = (np.stack(part) for part in zip(*surveyed, strict=True))
+    return MeasuredLinks(channels, values, cov, is_observed, points, covs, reference, lines)
 
 
 def is_station(measured: MeasuredLinks) -> Mask:

@@ -131,7 +131,7 @@ def _targets(
         usable = points.is_observed if wrong is None else points.is_observed & ~wrong(tables, body, points)
         known = {} if survey is None else survey_of(survey, body)
         for k, name in enumerate(points.targets):
-            place, cov = known.get(name, (np.full(3, np.nan), np.full((3, 3), np.nan)))
+            point, cov = known.get(name, (np.full(3, np.nan), np.full((3, 3), np.nan)))
             is_observed = usable[:, k] & np.isfinite(points.points[:, k]).all(1)
             parts.append(
                 (
@@ -141,7 +141,7 @@ def _targets(
                     np.where(is_observed[:, None], points.points[:, k], 0.0),
                     points.cov[:, k],
                     is_observed,
-                    place,
+                    point,
                     cov,
                     identity,
                     np.zeros_like(identity),

@@ -31,10 +31,10 @@ def tolerated_misfit(tree: Tree, node: Index, readings: Array, settings: Campaig
     angle, zero = np.radians([tolerance.angle_deg or 0.0, tolerance.offset_deg or 0.0])
     shift, slide = 1e-3 * np.array([tolerance.length_mm or 0.0, tolerance.offset_mm or 0.0])
     t, square = tree.frames(readings).t, 0.0
-    for k, own in enumerate(tree.nodes):
-        if own.kind is not JointKind.FIXED:
+    for k, tree_node in enumerate(tree.nodes):
+        if tree_node.kind is not JointKind.FIXED:
             lever = float(np.mean(np.sum((t[:, node] - t[:, k, None]) ** 2, axis=-1)))
-            moved = zero**2 * lever if own.kind is JointKind.REVOLUTE else slide**2
+            moved = zero**2 * lever if tree_node.kind is JointKind.REVOLUTE else slide**2
             square += 2.0 * angle**2 * lever + 2.0 * shift**2 + moved
     return float(_TOLERATED * np.sqrt(square))
 

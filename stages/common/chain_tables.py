@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Mapping
-from typing import Any
+from typing import TYPE_CHECKING, cast
 
 import numpy as np
 import pyarrow as pa
@@ -23,6 +23,10 @@ from truing.simulation.mechanisms.chains.joint_table import (
 )
 from truing.simulation.mechanisms.chains.tree import Tree
 from truing.stages.common.point_arrays import number_column, number_columns
+
+if TYPE_CHECKING:
+    from truing.schemas.campaign import Campaign
+    from truing.schemas.chain_mechanism import ChainMechanism
 
 _MM = 1e-3
 
@@ -75,8 +79,8 @@ def motor_readings(tree: Tree, table: pa.Table) -> dict[int, Array]:
     return readings
 
 
-def payload_of(settings: Any, table: pa.Table) -> Array:
+def payload_of(settings: Campaign, table: pa.Table) -> Array:
     """Mass (B,) at the tip, kg: the column payload_kg if there is one, else that of [mechanism]."""
     if "payload_kg" in table.schema.names:
         return np.nan_to_num(number_column(table, "payload_kg"))
-    return np.full(len(table), float(settings.mechanism.payload_kg))
+    return np.full(len(table), cast("ChainMechanism", settings.mechanism).payload_kg)

@@ -52,10 +52,10 @@ def _labels(batch: pa.Table) -> _Labels:
     code = np.asarray(body.indices).astype(np.int64) * width + np.asarray(target.indices)
     pairs, first, number = np.unique(code, return_index=True, return_inverse=True)
     order = np.argsort(first)
-    place = np.empty(len(order), np.int64)
-    place[order] = np.arange(len(order))
+    label = np.empty(len(order), np.int64)
+    label[order] = np.arange(len(order))
     bodies, targets = body.dictionary.to_pylist(), target.dictionary.to_pylist()
-    return _Labels([(bodies[pair // width], targets[pair % width]) for pair in pairs[order]], place[number])
+    return _Labels([(bodies[pair // width], targets[pair % width]) for pair in pairs[order]], label[number])
 
 
 def _encoded(column: pa.ChunkedArray) -> pa.DictionaryArray:

@@ -83,7 +83,7 @@ def _frames_of_legs(legs: Legs, flexure_length: Array) -> pa.Table | None:
         ends = [("a'", lower[k] - half * z), ("c'", lower[k] + half * z)] if half else []
         ends += [("d'", upper[k] - half * z), ("b'", upper[k] + half * z)] if half else []
         names = [moved[0], *(name for name, _ in ends), "b"]
-        at = np.stack([lower[k], *(place for _, place in ends), upper[k]])
+        at = np.stack([lower[k], *(point for _, point in ends), upper[k]])
         _add(rows, f"joints of leg {k + 1}", names, at, np.stack([moved[1], *[z] * (len(names) - 1)]))
     return rows.table()
 

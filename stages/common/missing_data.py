@@ -3,9 +3,13 @@
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 import pyarrow as pa
+
+if TYPE_CHECKING:
+    from truing.schemas.mechanism import MechanismSection
+
 
 LEAST_POSES = 3
 LEAST_TARGETS = 3
@@ -88,7 +92,7 @@ def why_too_few_determined(fitted: int) -> str:
     return "" if fitted >= LEAST_POSES else f"needs at least {LEAST_POSES} poses that determine a body, found {fitted}"
 
 
-def why_no_calibration(mechanism: Any, tables: Mapping[str, pa.Table]) -> str:
+def why_no_calibration(mechanism: MechanismSection, tables: Mapping[str, pa.Table]) -> str:
     """Reason why no machine can be calibrated; else empty."""
     if mechanism.type in NO_CALIBRATION:
         return NO_CALIBRATION[mechanism.type]

@@ -65,11 +65,11 @@ def pose_points(
     rows = observations.filter(pc.equal(observations.column("body"), body))
     if targets is None:
         targets = tuple(dict.fromkeys(rows.column("target").to_pylist()))
-    known, place = _cells(rows, poses, targets)
+    known, cell = _cells(rows, poses, targets)
     points, cov = points_and_cov(rows)
     shape = (len(poses), len(targets))
     dense = PosePoints(poses, targets, np.zeros((*shape, 3)), np.zeros((*shape, 3, 3)), np.zeros(shape, bool))
-    dense.points[place], dense.cov[place], dense.is_observed[place] = points[known], cov[known], True
+    dense.points[cell], dense.cov[cell], dense.is_observed[cell] = points[known], cov[known], True
     return dense
 
 
@@ -78,9 +78,9 @@ def observation_rows(
 ) -> Index:
     """(B, T) row of the observations of each point of a body; -1 if not measured."""
     at = np.flatnonzero(text_column(observations, "body") == body)
-    known, place = _cells(observations.take(at), poses, targets)
+    known, cell = _cells(observations.take(at), poses, targets)
     dense = np.full((len(poses), len(targets)), -1, np.int64)
-    dense[place] = at[known]
+    dense[cell] = at[known]
     return dense
 
 
@@ -126,8 +126,8 @@ def positions(column: pa.ChunkedArray, order: tuple[int | str, ...]) -> Index:
         return np.full(len(column), -1, np.int64)
     if pa.types.is_dictionary(column.type):
         column = column.cast(column.type.value_type)
-    places = pc.index_in(column, value_set=pa.array(order, column.type))
-    return np.asarray(pc.fill_null(places, -1).to_numpy(), dtype=np.int64)
+    indices = pc.index_in(column, value_set=pa.array(order, column.type))
+    return np.asarray(pc.fill_null(indices, -1).to_numpy(), dtype=np.int64)
 
 
 def fitted_points(
@@ -178,12 +178,12 @@ def point_residuals(
 ) -> PointResiduals:
     """Residuals of a body's points, in the given orders of poses and targets."""
     rows = table.filter(pc.equal(table.column("body"), body))
-    (known, place), shape = _cells(rows, poses, targets), (len(poses), len(targets))
+    (known, cell), shape = _cells(rows, poses, targets), (len(poses), len(targets))
     residual_arrays = PointResiduals(np.full((*shape, 3), np.nan), np.zeros(shape, bool), np.zeros(shape, bool))
-    residual_arrays.values[place] = number_columns(rows, [f"d{a}_mm" for a in _AXES])[known] * 1e-3
-    residual_arrays.rejected[place] = np.asarray(rows.column("rejected").to_pylist(), bool)[known]
+    residual_arrays.values[cell] = number_columns(rows, [f"d{a}_mm" for a in _AXES])[known] * 1e-3
+    residual_arrays.rejected[cell] = np.asarray(rows.column("rejected").to_pylist(), bool)[known]
     if "decision" in rows.schema.names:
-        residual_arrays.excluded[place] = (text_column(rows, "decision") == "excluded")[known]
+        residual_arrays.excluded[cell] = (text_column(rows, "decision") == "excluded")[known]
     return residual_arrays
 
 

@@ -41,9 +41,9 @@ def point_errors(
     first, second = first[order], second[order]
     between = number_columns(correlations, _PAIRS)[order].reshape(-1, 3, 3)
     start = np.searchsorted(pose[first], np.arange(len(poses) + 1))
-    sigma, own = sigmas_and_correlations(observations if object_points is None else _same_rows(object_points, of_row))
+    sigma, corr = sigmas_and_correlations(observations if object_points is None else _same_rows(object_points, of_row))
     parameters, effect = _effects(sensitivities, of_row, len(pose))
-    return PointErrors(pose, sigma, own, first, second, between, start, parameters, effect)
+    return PointErrors(pose, sigma, corr, first, second, between, start, parameters, effect)
 
 
 def _same_rows(object_points: pa.Table, of_row: _ObservationRows) -> pa.Table:
@@ -67,8 +67,8 @@ class _ObservationRows:
         pose, name = positions(table.column("pose"), self.poses), positions(table.column(point), self.points)
         wanted = np.where((pose >= 0) & (name >= 0), pose * len(self.points) + name, -1)
         order = np.argsort(self.code)
-        place = np.minimum(np.searchsorted(self.code[order], wanted), len(order) - 1)
-        return np.where(self.code[order][place] == wanted, order[place], -1)
+        found = np.minimum(np.searchsorted(self.code[order], wanted), len(order) - 1)
+        return np.where(self.code[order][found] == wanted, order[found], -1)
 
 
 def _effects(table: pa.Table | None, of_row: _ObservationRows, count: int) -> tuple[tuple[str, ...], Array]:

@@ -13,12 +13,14 @@ from truing.simulation.inputs import (
     MEMORY,
     ORDER,
     RATE,
+    RELAXING,
     STOPPED,
     approach,
     fading_sum,
     histories,
     order_in_time,
     rates,
+    relaxing_states,
 )
 from truing.simulation.mechanisms.recording import Conditions
 from truing.stages.common.point_arrays import number_column, number_columns, positions
@@ -59,6 +61,8 @@ def pose_conditions(
     elif time is not None:
         moving = rates(readings, time)
         covariates |= {} if moving is None else {RATE: moving}
+        states = relaxing_states(readings, time)
+        covariates |= {} if states is None else dict(zip(RELAXING, np.moveaxis(states, -1, 0), strict=True))
     return Conditions(readings, covariates, poses, _span(covariates.get("time_s")))
 
 

@@ -119,11 +119,11 @@ def information_and_score(
     tables: Mapping[str, pa.Table], poses: Sequence[int | str], numbers: Sequence[RayParameter]
 ) -> tuple[Array, Array]:
     """Information (B, T, T) and score (B, T), per scale of each parameter; zero for poses without rays."""
-    at = {number.called: place for place, number in enumerate(numbers)}
+    at = {number.called: index for index, number in enumerate(numbers)}
     information, score = np.zeros((len(poses), len(at), len(at))), np.zeros((len(poses), len(at)))
     table = tables["ray_statistics"]
-    row, place = positions(table.column("pose"), tuple(poses)), _indices(table, "shared_number", at)
-    score[row[row >= 0], place[row >= 0]] = number_column(table, "score")[row >= 0]
+    row, index = positions(table.column("pose"), tuple(poses)), _indices(table, "shared_number", at)
+    score[row[row >= 0], index[row >= 0]] = number_column(table, "score")[row >= 0]
     table = tables["ray_information"]
     row = positions(table.column("pose"), tuple(poses))
     first, second = _indices(table, "shared_number", at), _indices(table, "other_number", at)
@@ -135,13 +135,13 @@ def information_and_score(
 
 def effects_on_points(table: pa.Table, numbers: Sequence[RayParameter]) -> tuple[list[tuple[Any, str]], Array]:
     """Pose and name (N) of the points of ray_effects, and their shifts (N, 3, T), m per scale of each parameter."""
-    at = {number.called: place for place, number in enumerate(numbers)}
+    at = {number.called: index for index, number in enumerate(numbers)}
     keys = list(zip(table.column("pose").to_pylist(), table.column("point").to_pylist(), strict=True))
     rows = {key: n for n, key in enumerate(dict.fromkeys(keys))}
     displacements = np.zeros((len(rows), 3, len(at)))
-    row, place = np.array([rows[key] for key in keys], int), _indices(table, "shared_number", at)
+    row, index = np.array([rows[key] for key in keys], int), _indices(table, "shared_number", at)
     for k, axis in enumerate("xyz"):
-        displacements[row, k, place] = number_column(table, f"moves_{axis}_mm") / _MM
+        displacements[row, k, index] = number_column(table, f"moves_{axis}_mm") / _MM
     return list(rows), displacements
 
 

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Iterator, Mapping
 from typing import TYPE_CHECKING
 
 import numpy as np
@@ -11,7 +11,8 @@ import pyarrow as pa
 from truing.arrays import Array
 from truing.estimation.interferometry.recorded_steps import RecordedSteps
 from truing.estimation.interferometry.run_curves import run_curves
-from truing.estimation.sensor.load_table import GrossSignal, RecordedLoads, zeros_of_runs
+from truing.estimation.interferometry.shared_inputs import SharedInput
+from truing.estimation.sensor.load_table import GrossSignal, KeptSignal, RecordedLoads, zeros_of_runs
 from truing.simulation.bench.causes.rows_exchanged import RowsExchanged, with_corrected_loads
 from truing.stages.common.applied_findings import applied_findings
 from truing.stages.common.overruled import decided, without_excluded
@@ -103,8 +104,17 @@ def _recorded(
             )
             for b, k in np.argwhere(is_rejected)
         ),
+        tuple(kept for shared in curves.shared for kept in _kept_signals(steps, shared)),
         int(out.signals.any(axis=1).sum()),
     )
+
+
+def _kept_signals(steps: RecordedSteps, shared: SharedInput) -> Iterator[KeptSignal]:
+    """Yield the signals of one effect that look like gross errors."""
+    follows = shared.follows if shared.run is None else f"run {steps.runs[shared.run]}"
+    for row, deviation in zip(shared.rows.tolist(), shared.deviation.tolist(), strict=True):
+        where = steps.runs[steps.run[row]], int(steps.step[row]), steps.signals[shared.channel]
+        yield KeptSignal(*where, deviation, follows, shared.is_predicted, shared.p_value)
 
 
 def _exchanged(model: str | None, steps: RecordedSteps) -> tuple[RowsExchanged, ...]:

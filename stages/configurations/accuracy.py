@@ -45,8 +45,8 @@ def accuracy_tables(settings: Campaign, options: DesignOptions, tables: DesignTa
     try:
         found = accuracy_map(problem, accuracy, np.random.default_rng(options.seed))
     except ValueError as error:
-        place = FILE if tables.avoid is None else tables.avoid_file
-        raise CampaignFaults([Fault(place, str(error))]) from None
+        file = FILE if tables.avoid is None else tables.avoid_file
+        raise CampaignFaults([Fault(file, str(error))]) from None
     tables_found = {"": _worst(found, settings), "-legs": _legs(found, given_by), "-map": _map(found)}
     return tables_found | {"-jacobian": _jacobian(machine, found)}
 

@@ -16,7 +16,7 @@ from truing.calibration.chain_design import (
     cause_sights,
     hidden_combinations,
     observability_of,
-    rest_apart,
+    remaining_parts,
 )
 from truing.simulation.mechanisms.chains.causes import ChainCause
 from truing.simulation.mechanisms.chains.harmonics import JointHarmonic, JointPitchError
@@ -63,7 +63,7 @@ def _cause_table(poses: PlannedPoses, probes: PlannedPoses, causes: Sequence[Cha
     """A row per parameter of each cause: its expected sigma, and the cause most like it with what would separate
     them."""
     sights = cause_sights(poses, causes)
-    separability = rest_apart(sights)
+    separability = remaining_parts(sights)
     nearest = separability.argmin(1) if len(sights) > 1 else np.zeros(len(sights), int)
     alike = [k for k in range(len(sights)) if sights[k].signal >= APART > separability[k, nearest[k]]]
     scale = np.sqrt(len(poses.conditions.readings) / len(probes.conditions.readings))
@@ -131,7 +131,7 @@ def _remedies(probes: PlannedPoses, pairs: Sequence[tuple[ChainCause, ChainCause
         payload[::2] = 0.0
         payload[1::2] = usual or _NEW_PAYLOAD_KG
         tried.append((Remedy.PAYLOAD, replace(probes, conditions=replace(probes.conditions, payload_kg=payload))))
-    sights_by_remedy = [(remedy, scale * rest_apart(cause_sights(poses, causes))) for remedy, poses in tried]
+    sights_by_remedy = [(remedy, scale * remaining_parts(cause_sights(poses, causes))) for remedy, poses in tried]
     return [
         next(
             (

@@ -21,8 +21,9 @@ from truing.simulation.mechanisms.parameters import LegParameter, ParameterSet, 
 from truing.simulation.mechanisms.pose_regressors import PoseRegressors, pose_regressors
 from truing.simulation.mechanisms.structures.kinematic_model import KinematicModel
 from truing.simulation.mechanisms.structures.structure import Machine
+from truing.stages.common.chain_candidates import given_numbers
 from truing.stages.common.nominal_mechanism import FILE, plain_machine
-from truing.stages.common.point_arrays import number_column, survey_points
+from truing.stages.common.point_arrays import survey_points
 
 if TYPE_CHECKING:
     from truing.schemas.campaign import Campaign
@@ -112,16 +113,9 @@ def _fill_boxes(bounds: NDArray, avoid: pa.Table, rho0: NDArray, file: str) -> N
     for name in avoid.schema.names:
         side, k = known[name]
         factor, zero = (_TO_SI[k], 0.0) if k < 6 else (1e-3, rho0[k - 6])
-        values = _numbers(avoid, name, file) * factor - zero
+        values = given_numbers(avoid, name, file) * factor - zero
         bounds[side, :, k] = np.where(np.isnan(values), bounds[side, :, k], values)
     _check_boxes(bounds, file)
-
-
-def _numbers(table: pa.Table, name: str, file: str) -> NDArray:
-    try:
-        return number_column(table, name)
-    except ValueError:
-        raise CampaignFaults([Fault(file, "numbers", column=name)]) from None
 
 
 def _check_boxes(bounds: NDArray, file: str) -> None:

@@ -84,5 +84,5 @@ def loads_table(loads: NDArray, check: NDArray) -> pa.Table:
         "time_s": pa.nulls(len(roles), pa.float64()),
         "role": pa.array(roles, pa.string()),
     }
-    whole = np.round(np.concatenate(parts), 6) + 0.0
-    return pa.table(columns | dict(zip(LOAD_COLUMNS, whole.T, strict=True)))
+    rounded = np.round(np.concatenate(parts), 6) + 0.0
+    return pa.table(columns | dict(zip(LOAD_COLUMNS, rounded.T, strict=True)))

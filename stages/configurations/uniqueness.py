@@ -69,8 +69,8 @@ def _largest_bend(problem: DesignProblem) -> float:
     placed, reference = regressors.at(problem.region.corners()), regressors.reference
     z = unit(leg_vectors(regressors.machine.legs, placed.p, placed.R, placed.rho))
     turned = reference.z @ reference.R @ np.swapaxes(placed.R, -1, -2)
-    apart = [np.linalg.norm(z - direction, axis=-1) for direction in (reference.z, turned)]
-    return float(2.0 * np.arcsin(0.5 * np.max(apart)))
+    bends = [np.linalg.norm(z - direction, axis=-1) for direction in (reference.z, turned)]
+    return float(2.0 * np.arcsin(0.5 * np.max(bends)))
 
 
 def _statements(proofs: dict[str, UniquenessProof]) -> pa.Table:

@@ -21,6 +21,7 @@ from truing.simulation.inputs import (
     LOOKING_BACK,
     ORDER,
     RATE,
+    RELAXING,
     STOPPED,
     TEMPERATURE,
     TIME,
@@ -225,6 +226,8 @@ def _levels(name: str, value: NDArray, step: float) -> list[Level]:
         return []
     if name.startswith(GRAVITY_IN):
         return _attitudes(name.removeprefix(GRAVITY_IN), value)
+    if name in RELAXING:  # new poses wait until the machine has relaxed
+        return [Level(np.zeros(value.shape[1]))]
     if value.ndim == 2:
         return _movements(name, value.shape[1], step)
     if name.startswith(CAME_FROM):

@@ -13,6 +13,7 @@ from numpy.typing import NDArray
 from truing.arrays import TableRow
 from truing.belonging.counted_times import merely_counts
 from truing.estimation.interferometry.recorded_steps import CHANNELS, LOADS, READING_SI, RecordedSteps
+from truing.estimation.interferometry.shared_inputs import LoadCourse
 from truing.inference.blocks import BlockKind, group_numbers
 from truing.inference.observations import Epochs, Frames, Observations
 from truing.schemas.verdict import Relation
@@ -260,7 +261,8 @@ def _poses(
 ) -> Epochs:
     covariance = np.where(np.isfinite(sigma), sigma, 1.0)[rows] ** 2
     measured = Observations(points[rows][..., None], covariance[..., None, None], is_observed[rows])
-    return Epochs(measured, _conditions(steps, rows), Frames.of_numbers(int(rows.sum())))
+    inputs = LoadCourse(steps.load[rows], steps.run[rows]).groups()
+    return Epochs(measured, _conditions(steps, rows), Frames.of_numbers(int(rows.sum())), inputs=inputs)
 
 
 def _model_text(fitted: FittedModel[Any], settings: Campaign) -> str:

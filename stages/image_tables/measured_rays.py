@@ -17,7 +17,7 @@ from truing.formats.source import CampaignFiles
 from truing.schemas.artifacts import ARTIFACTS
 from truing.schemas.faults import Fault
 from truing.stages.common.table_arrays import check_sigma, check_variance, numbers
-from truing.stages.image_tables.point_names import Names, kind_of, own_names
+from truing.stages.image_tables.point_names import Names, kind_of, survey_names
 
 if TYPE_CHECKING:
     from truing.schemas.campaign import Campaign
@@ -99,7 +99,7 @@ def read_rays(
 
 
 def _names(collected: CollectedRows, targets: pa.Table | None) -> tuple[Names, Names, Names]:
-    point, body, target = own_names(_text(collected, "point"), targets)
+    point, body, target = survey_names(_text(collected, "point"), targets)
     given_body, given_target = _text(collected, "body"), _text(collected, "target")
     reported = given_target != ""
     both = reported & (given_body != "")

@@ -21,12 +21,13 @@ from truing.schemas.faults import Fault
 from truing.schemas.photographs import FAMILIES, MARKERS, RINGS, USUAL
 from truing.stages.declaration import Progress
 from truing.stages.image_tables.measured_rays import RayTables, artifact_table
-from truing.stages.image_tables.point_names import own_names
+from truing.stages.image_tables.point_names import survey_names
 from truing.stages.image_tables.prior_knowledge import read_known
 
 if TYPE_CHECKING:
     from truing.estimation.image_targets.photograph_targets import PhotographTargets, TargetPlan
     from truing.schemas.campaign import Campaign
+    from truing.schemas.photographs import Photographs
 
 # Below this number of pixels, starting a process takes longer than measuring them.
 _WORTH_PROCESSES = 30_000_000
@@ -123,7 +124,7 @@ def read_photographs(
     )
 
 
-def target_plan(wanted: Any, targets: pa.Table | None) -> TargetPlan:
+def target_plan(wanted: Photographs, targets: pa.Table | None) -> TargetPlan:
     """Return the code families to search for: those declared, otherwise those of image_targets, otherwise the usual
     ones; none next to boards, whose markers are codes as well."""
     from truing.estimation.image_targets.boards import BoardPlan
@@ -179,7 +180,7 @@ def _image_points(
     )
     columns = {
         **_photograph_columns(photographs, [len(value.names) for value in measured]),
-        **dict(zip(("point", "body", "target"), own_names(names, targets), strict=True)),
+        **dict(zip(("point", "body", "target"), survey_names(names, targets), strict=True)),
         "kind": kinds,
         "x_px": xy[:, 0],
         "y_px": xy[:, 1],

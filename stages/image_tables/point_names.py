@@ -19,18 +19,18 @@ _KINDS = ("ring8", "ring12", "ring14", "charuco", "aruco", "apriltag", "chessboa
 _SHOWN = 3
 
 
-def own_names(point: Names, targets: pa.Table | None) -> tuple[Names, Names, Names]:
+def survey_names(point: Names, targets: pa.Table | None) -> tuple[Names, Names, Names]:
     """Point, body and target (N,) of points called by their codes, as the table image_targets has them.
 
     A code that the table does not hold keeps its name, which is then its target's too, on a body that is not said.
     """
     row_of_code = {} if targets is None else {(row["family"], row["code"]): row for row in targets.to_pylist()}
-    name_of_point = {name: _own_name(name, row_of_code) for name in set(point.tolist())}
+    name_of_point = {name: _survey_name(name, row_of_code) for name in set(point.tolist())}
     columns = [np.array([name_of_point[name][k] for name in point.tolist()], dtype=object) for k in range(3)]
     return columns[0], columns[1], columns[2]
 
 
-def _own_name(name: str, name_pairs: dict[tuple[str, str], dict[str, str]]) -> tuple[str, str, str]:
+def _survey_name(name: str, name_pairs: dict[tuple[str, str], dict[str, str]]) -> tuple[str, str, str]:
     coded = _CODED.fullmatch(name)
     row = name_pairs.get((coded["family"], coded["code"])) if coded else None
     if row is None:

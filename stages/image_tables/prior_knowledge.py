@@ -20,7 +20,7 @@ from truing.schemas.artifacts import ARTIFACTS
 from truing.schemas.faults import Fault
 from truing.schemas.photographs import FAMILIES, RINGS
 from truing.stages.common.table_arrays import SmallTable, check_sigma, check_unique_keys, numbers, with_filled_column
-from truing.stages.image_tables.point_names import own_names
+from truing.stages.image_tables.point_names import survey_names
 
 if TYPE_CHECKING:
     from truing.schemas.campaign import Campaign
@@ -118,7 +118,7 @@ def _named_points(table: pa.Table, column: str, targets: pa.Table | None) -> NDA
     """Points by their own names, where a column may call them by their codes."""
     if column not in table.column_names:
         return np.full(len(table), "", dtype=object)
-    return own_names(np.array([name or "" for name in table.column(column).to_pylist()], dtype=object), targets)[0]
+    return survey_names(np.array([name or "" for name in table.column(column).to_pylist()], dtype=object), targets)[0]
 
 
 def _as_artifact(name: str, table: pa.Table) -> pa.Table:

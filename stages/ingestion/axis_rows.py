@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import replace
-from typing import Any
+from typing import TYPE_CHECKING, cast
 
 import numpy as np
 import pyarrow as pa
@@ -28,6 +28,10 @@ from truing.stages.ingestion.tables import (
     with_role_and_time,
 )
 
+if TYPE_CHECKING:
+    from truing.schemas.campaign import Campaign
+    from truing.schemas.mechanism import AxisMechanism
+
 ROWS = TableShape(
     "configurations", ("pose",), ("role", "time_s", "temperature_c", "repeat_of", "event"), covariates=True
 )
@@ -35,7 +39,7 @@ DEVIATION = "deviation"
 _OTHER = {"deg": "mm", "mm": "deg"}
 
 
-def ingest(settings: Any, source: CampaignFiles, log: FaultLog) -> Outcome:
+def ingest(settings: Campaign, source: CampaignFiles, log: FaultLog) -> Outcome:
     """Return the rows of an axis as `configurations`; raises CampaignFaults with all faults at once."""
     rows = collect_rows(source, ROWS, log, "pose")
     if rows is None:
@@ -44,8 +48,9 @@ def ingest(settings: Any, source: CampaignFiles, log: FaultLog) -> Outcome:
         log.raise_faults()
         raise AssertionError("a table that cannot be read is a fault")
     check_unique_keys(rows, log, "pose")
-    rows = _with_deviations(rows, settings.mechanism.columns["command"], log)
-    columns = AxisColumns.of(settings.mechanism, rows.table.column_names)
+    axis = cast("AxisMechanism", settings.mechanism)
+    rows = _with_deviations(rows, axis.columns["command"], log)
+    columns = AxisColumns.of(axis, rows.table.column_names)
     _check_columns(rows, columns, settings, log)
     table = with_role_and_time(rows.table)
     check_any_fitted([table], rows.first_file, "row", log)
@@ -72,17 +77,18 @@ def _with_deviations(collected: CollectedRows, command: str, log: FaultLog) -> C
             expected = f"deviations from a command in {unit}, without a column {made} beside them"
             log.add(Fault(collected.first_file, expected, column=deviation_column))
             continue
-        place = pa.array(numbers(collected, command) + numbers(collected, deviation_column))
+        measured = pa.array(numbers(collected, command) + numbers(collected, deviation_column))
         collected = replace(
-            collected, table=collected.table.drop_columns([deviation_column]).append_column(made, place)
+            collected, table=collected.table.drop_columns([deviation_column]).append_column(made, measured)
         )
     return collected
 
 
-def _check_columns(collected: CollectedRows, columns: AxisColumns, settings: Any, log: FaultLog) -> None:
+def _check_columns(collected: CollectedRows, columns: AxisColumns, settings: Campaign, log: FaultLog) -> None:
     """Report missing columns, commands without a number, and encoders without noise or readings."""
     names, file = collected.table.column_names, collected.first_file
-    for quantity, column in settings.mechanism.columns.items():
+    named = cast("AxisMechanism", settings.mechanism).columns
+    for quantity, column in named.items():
         if column not in names:
             hint = did_you_mean(column, names) or f"; there are {', '.join(names)}"
             log.add(Fault(file, f"this column, which [mechanism] {quantity} names{hint}", column=column))
@@ -93,7 +99,7 @@ def _check_columns(collected: CollectedRows, columns: AxisColumns, settings: Any
     other = f"{MEASURED}_{_OTHER[columns.unit]}"
     if other in names and MEASURED not in columns.encoders:
         log.add(Fault(file, f"{MEASURED}_{columns.unit}: the axis is {columns.kind} ([mechanism] kind)", column=other))
-    elif not columns.encoders and all(name in names for name in settings.mechanism.columns.values()):
+    elif not columns.encoders and all(name in names for name in named.values()):
         expected = f"what recorded the axis: {MEASURED}_{columns.unit}, or [mechanism] motor or load with their columns"
         log.add(Fault(file, expected, column=f"{MEASURED}_{columns.unit}"))
     for encoder, column in columns.encoders.items():

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Iterable, Iterator, Mapping, Sequence
 from dataclasses import replace
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING, Any, cast
 
 import numpy as np
 import pyarrow as pa
@@ -42,13 +42,14 @@ from truing.stages.ingestion.tables import read_configurations, read_survey
 
 if TYPE_CHECKING:
     from truing.schemas.campaign import Campaign
+    from truing.schemas.chain_mechanism import ChainMechanism, HartenbergRow, ScrewRow
 
 _MM, _DEG = 1e-3, np.pi / 180.0
 Limits = dict[str, tuple[float, float]]
 
 
 def ingest(
-    tables: Mapping[str, pa.Table], settings: Any, source: CampaignFiles, log: FaultLog, progress: Progress
+    tables: Mapping[str, pa.Table], settings: Campaign, source: CampaignFiles, log: FaultLog, progress: Progress
 ) -> Outcome:
     """The tables of the campaign, and `joints`; raises CampaignFaults with all faults together."""
     try:
@@ -70,7 +71,7 @@ def ingest(
     _check_loops(tree, table, log)
     artifacts = {**outcome.artifacts, "joints": tree_table(tree, limits)}
     if source.entries("distances"):
-        tip = settings.mechanism.tip or tree.nodes[-1].link
+        tip = cast("ChainMechanism", settings.mechanism).tip or tree.nodes[-1].link
         artifacts["distances"] = read_distances(source, settings, table.column("pose"), tip, log)
         read = f"{count(artifacts['distances'].num_rows, 'distance')} from distances.csv"
         outcome = replace(outcome, read=read if not outcome.read else f"{outcome.read}; {read}")
@@ -96,9 +97,9 @@ def planned_chain(settings: Campaign, source: CampaignFiles) -> dict[str, pa.Tab
     return tables
 
 
-def read_chain(settings: Any, source: CampaignFiles) -> tuple[Tree, Limits]:
+def read_chain(settings: Campaign, source: CampaignFiles) -> tuple[Tree, Limits]:
     """The chain that [mechanism] describes, and the limits of its joints; raises CampaignFaults if it is unusable."""
-    section = settings.mechanism
+    section = cast("ChainMechanism", settings.mechanism)
     if section.dh:
         return _tree_of_rows(section), {}
     if section.screws:
@@ -114,12 +115,12 @@ def read_chain(settings: Any, source: CampaignFiles) -> tuple[Tree, Limits]:
         raise CampaignFaults([Fault(file.name, error.expected, row=error.row, value=error.value)]) from None
 
 
-def _tree_of_rows(section: Any) -> Tree:
+def _tree_of_rows(section: ChainMechanism) -> Tree:
     tree = tree_of_rows(rows_of(section), section.joint_names, section.base or "base", section.tip or "tip")
     return _with_masses(tree, section.dh)
 
 
-def _tree_of_screws(section: Any) -> Tree:
+def _tree_of_screws(section: ChainMechanism) -> Tree:
     screws = [
         Screw(np.array(row.axis) / np.linalg.norm(row.axis), np.array(row.point_mm) * _MM, JointKind(row.kind))
         for row in section.screws
@@ -129,7 +130,7 @@ def _tree_of_screws(section: Any) -> Tree:
     return _with_masses(tree, section.screws)
 
 
-def _with_masses(tree: Tree, rows: Any) -> Tree:
+def _with_masses(tree: Tree, rows: Sequence[HartenbergRow | ScrewRow]) -> Tree:
     moved = [
         replace(node, mass=row.mass_kg, com=np.array(row.com_mm or (0.0, 0.0, 0.0)) * _MM)
         for node, row in zip(tree.nodes[1:-1], rows, strict=True)
@@ -157,12 +158,12 @@ def tree_of_urdf(
     moving = (*names, *(() if closure is None else closure.passive))
     if unread := [joint.name for joint in on_path if joint.name not in moving]:
         raise Unusable(f"every joint between {base} and {tip} in [mechanism] joints", value=unread[0])
-    places = {base: 0}
+    indices = {base: 0}
     mass = robot.links[base]
     nodes = [Node("", base, -1, np.eye(3), np.zeros(3), mass=mass.mass, com=np.array(mass.com))]
     for joint in carried:
-        places[joint.child] = len(nodes)
-        nodes.append(_node(joint, places[joint.parent], robot, moving))
+        indices[joint.child] = len(nodes)
+        nodes.append(_node(joint, indices[joint.parent], robot, moving))
     limits = {joint.name: joint.limits for joint in carried if joint.limits is not None}
     if closure is None:
         return Tree(tuple(nodes), names), limits
@@ -172,7 +173,7 @@ def tree_of_urdf(
         raise Unusable(str(error)) from None
 
 
-def _closure(section: Any) -> LoopClosure | None:
+def _closure(section: ChainMechanism) -> LoopClosure | None:
     """The installed closure that [mechanism] names; raises CampaignFaults if there is none of its name."""
     if section.closure is None:
         return None
@@ -263,7 +264,7 @@ def _check_gears(settings: Campaign, tree: Tree, log: FaultLog) -> None:
     way."""
     by_key = {"gear_orders": ("turns", True), "pitch_mm": ("slides", False)}
     for key, (moves, turns) in by_key.items():
-        right = [name for name, own in zip(tree.readings, tree.is_revolute, strict=True) if own == turns]
+        right = [name for name, rotary in zip(tree.readings, tree.is_revolute, strict=True) if rotary == turns]
         for joint in (name for name in getattr(settings.mechanism, key) if name not in right):
             hint = did_you_mean(joint, right) or f"; there are {', '.join(right) or 'none'}"
             text = f"a joint that {moves} and is read{hint}"

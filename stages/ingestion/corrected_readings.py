@@ -5,7 +5,7 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass, field, replace
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING
 
 import numpy as np
 import pyarrow as pa
@@ -26,7 +26,7 @@ from truing.simulation.air import ciddor_index, edlen_slopes, index_sigma, satur
 from truing.stages.common.table_arrays import numbered, numbers, texts
 
 if TYPE_CHECKING:
-    from truing.schemas.interferometer import Interferometer, SurroundingsSigma
+    from truing.schemas.interferometer import Growth, Interferometer, SurroundingsSigma
 
 
 AIR = ("air_temperature_c", "air_pressure_hpa", "relative_humidity_pct")
@@ -140,7 +140,7 @@ def _without_growth(
     collected: CollectedRows,
     reading: Array,
     rows: Mask,
-    growth: Any,
+    growth: Growth,
     settings: Interferometer,
     corrections: Corrections,
 ) -> Array:

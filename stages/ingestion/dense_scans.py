@@ -158,9 +158,9 @@ def _refusal(fit: ScanFit) -> str:
 
 def _row(fit: ScanFit) -> dict[str, Any]:
     T, covariance = fit.T_measurement_reference, fit.covariance
-    place = [None] * 6 if T is None else [*(1e3 * T[:3, 3]).tolist(), *log_so3(T[:3, :3]).tolist()]
+    entries = [None] * 6 if T is None else [*(1e3 * T[:3, 3]).tolist(), *log_so3(T[:3, :3]).tolist()]
     return {
-        **dict(zip(("px_mm", "py_mm", "pz_mm", "rx_rad", "ry_rad", "rz_rad"), place, strict=True)),
+        **dict(zip(("px_mm", "py_mm", "pz_mm", "rx_rad", "ry_rad", "rz_rad"), entries, strict=True)),
         **{f"cov_{i}_{j}": None if covariance is None else covariance[i, j] for i in range(6) for j in range(i, 6)},
         "rms_mm": 1e3 * fit.rms,
         "n_used": fit.n_used,

@@ -80,13 +80,13 @@ def read_later_surveys(
     cov = _covariances(rows, settings.noise.point_mm, log)
     if log:
         return None
-    places = _first_places(first.table, settings.noise.point_mm)
+    known = _first_survey(first.table, settings.noise.point_mm)
     out = LaterSurveys(left_out=dict(rows.left_out))
     surveys, bodies = texts(rows, "survey"), texts(rows, "body")
     pairs = [(name, body) for name in _in_time(resurveys) for body in dict.fromkeys(bodies[surveys == name].tolist())]
     for name, body in pairs:
         is_observed = _visible_targets(rows, cov, (surveys == name) & (bodies == body))
-        _compare(out, places.setdefault(body, {}), is_observed, (name, body), resurveys[name], FALSE_ALARM / len(pairs))
+        _compare(out, known.setdefault(body, {}), is_observed, (name, body), resurveys[name], FALSE_ALARM / len(pairs))
     _check_names(out, first.table, rows.first_file, log)
     return out
 
@@ -158,11 +158,11 @@ def _visible_targets(collected: CollectedRows, cov: Array, rows: Mask) -> dict[s
     has_legs = "leg" in collected.table.column_names
     leg = np.nan_to_num(numbers(collected, "leg"))[rows].astype(int) if has_legs else np.zeros(len(points), int)
     targets = texts(collected, "target")[rows]
-    places = zip(targets, points, cov[rows], leg.tolist(), strict=True)
-    return {str(target): Place(point, sigma, at, str(target)) for target, point, sigma, at in places}
+    parts = zip(targets, points, cov[rows], leg.tolist(), strict=True)
+    return {str(target): Place(point, sigma, at, str(target)) for target, point, sigma, at in parts}
 
 
-def _first_places(survey: pa.Table, declared: float | None) -> dict[str, dict[str, Place]]:
+def _first_survey(survey: pa.Table, declared: float | None) -> dict[str, dict[str, Place]]:
     """The first survey: body to target to place."""
     sigma = np.column_stack([np.asarray(survey.column(name).to_pylist(), float) for name in COORDINATE_SIGMAS])
     sigma = np.where(np.isnan(sigma), np.nan if declared is None else declared, sigma)
@@ -201,9 +201,9 @@ def _compare(
             surveyed[target] = _added(out, of[1], seen[target], target, compared)
 
 
-def _comparison(before: Sequence[Place], after: Sequence[Place], known: Mask, alarm: float) -> Any:
-    points = [np.array([place.point for place in places]).reshape(-1, 3) for places in (before, after)]
-    cov = [np.array([place.cov for place in places]).reshape(-1, 3, 3) for places in (before, after)]
+def _comparison(before: Sequence[Place], after: Sequence[Place], known: Mask, alarm: float) -> SurveyComparison:
+    points = [np.array([place.point for place in survey]).reshape(-1, 3) for survey in (before, after)]
+    cov = [np.array([place.cov for place in survey]).reshape(-1, 3, 3) for survey in (before, after)]
     return compare_surveys(points[0], cov[0], points[1], cov[1], known, alarm)
 
 
@@ -211,21 +211,21 @@ def _renamed_after_move(
     out: LaterSurveys,
     body: str,
     target: str,
-    places: tuple[Place, Place],
+    now_and_then: tuple[Place, Place],
     name: str,
-    place: Any,
+    comparison: SurveyComparison,
     options: _ResurveySettings,
 ) -> Place:
     """A moved target gets a new name; one that was at an attachment and is not declared there again is omitted."""
     assert options.window is not None
-    now, then = places
+    now, then = now_and_then
     for at, rule in enumerate(out.rules):
         if (rule.body, rule.called) == (body, target):
             out.rules[at] = replace(rule, last=min(rule.last, options.window[0] - 1))
     out.rules.append(Relabel(body, target, name, *options.window, options.column, options.why, options.from_pose))
     if then.leg and not now.leg:
-        return replace(now, point=place.place(now.point[None], now.cov[None])[0][0], leg=then.leg, name=name)
-    return _added(out, body, now, name, place)
+        return replace(now, point=comparison.place(now.point[None], now.cov[None])[0][0], leg=then.leg, name=name)
+    return _added(out, body, now, name, comparison)
 
 
 def _added(out: LaterSurveys, body: str, now: Place, name: str, comparison: SurveyComparison) -> Place:
@@ -238,18 +238,23 @@ def _added(out: LaterSurveys, body: str, now: Place, name: str, comparison: Surv
 
 
 def _row(
-    of: tuple[str, str], target: str, place: Any, at: int, holds_as: str | None, options: _ResurveySettings
+    of: tuple[str, str],
+    target: str,
+    comparison: SurveyComparison,
+    at: int,
+    holds_as: str | None,
+    options: _ResurveySettings,
 ) -> dict[str, Any]:
-    reported = place.status == "ok"
-    sigma = np.sqrt(np.diag(place.cov[at])) / _MM if reported else (None,) * 3
-    shift = place.shift[at] / _MM if reported else (None,) * 3
-    status = ("moved" if place.moved[at] else "same") if reported else place.status
+    reported = comparison.status == "ok"
+    sigma = np.sqrt(np.diag(comparison.cov[at])) / _MM if reported else (None,) * 3
+    shift = comparison.shift[at] / _MM if reported else (None,) * 3
+    status = ("moved" if comparison.moved[at] else "same") if reported else comparison.status
     return {
         **_new_row(of, target, status, holds_as, options),
         **{f"shift_{a}_mm": None if v is None else float(v) for a, v in zip("xyz", shift, strict=True)},
         **{f"sigma_{a}_mm": None if v is None else float(v) for a, v in zip("xyz", sigma, strict=True)},
-        "p_value": float(place.p_value[at]),
-        "relocated": bool(place.moved[at]),
+        "p_value": float(comparison.p_value[at]),
+        "relocated": bool(comparison.moved[at]),
     }
 
 

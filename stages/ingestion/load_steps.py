@@ -5,7 +5,7 @@ from __future__ import annotations
 import math
 from collections.abc import Sequence
 from dataclasses import replace
-from typing import Any
+from typing import TYPE_CHECKING
 
 import numpy as np
 import pyarrow as pa
@@ -24,6 +24,9 @@ from truing.stages.common.table_arrays import (
     unit_factors,
     without_rows,
 )
+
+if TYPE_CHECKING:
+    from truing.schemas.sections import Loading
 
 AXES = tuple(name[:2] for name in WRENCH)
 KINDS = {axis: "N" if axis.startswith("f") else "N m" for axis in AXES}
@@ -46,7 +49,7 @@ def with_known_loads(collected: CollectedRows) -> CollectedRows:
     )
 
 
-def six_loads(collected: CollectedRows, loading: Any, log: FaultLog) -> Array:
+def six_loads(collected: CollectedRows, loading: Loading, log: FaultLog) -> Array:
     """Return the loads (N, 6) in N and N m; an empty component next to others is 0. Reports impossible loads."""
     names = collected.table.column_names
     six, one = [name for name in WRENCH if name in names], [name for name in ("load_axis", "load") if name in names]
@@ -73,7 +76,7 @@ def six_loads(collected: CollectedRows, loading: Any, log: FaultLog) -> Array:
     return loads
 
 
-def _check_range(collected: CollectedRows, loads: Array, column: str | None, loading: Any, log: FaultLog) -> None:
+def _check_range(collected: CollectedRows, loads: Array, column: str | None, loading: Loading, log: FaultLog) -> None:
     for k, name in enumerate(WRENCH):
         limit = loading.allowed(name)
         if limit is not None:
@@ -169,7 +172,7 @@ def averaged(collected: CollectedRows, log: FaultLog) -> CollectedRows:
     return _means(collected, first, at, _with_reading(collected, at))
 
 
-def averaged_signals(collected: CollectedRows, loading: Any, log: FaultLog) -> CollectedRows:
+def averaged_signals(collected: CollectedRows, loading: Loading, log: FaultLog) -> CollectedRows:
     """Return one row per load step of a recording: mean of each real column over the samples of the step.
 
     Samples are rows of a run in succession with equal loads. Where rows share the number of a step, another number
@@ -253,7 +256,7 @@ def _check_constant(collected: CollectedRows, first: Index, log: FaultLog) -> No
 
 
 def checked_steps(
-    collected: CollectedRows, key: Sequence[str], loading: Any, log: FaultLog, cure: str = ""
+    collected: CollectedRows, key: Sequence[str], loading: Loading, log: FaultLog, cure: str = ""
 ) -> tuple[CollectedRows, Array]:
     """Return the counted rows of load steps and their loads (N, 6); reports faulty keys, times, roles and loads."""
     collected = with_known_loads(without_transit(collected))

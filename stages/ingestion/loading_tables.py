@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field, replace
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING, cast
 
 import numpy as np
 import pyarrow as pa
@@ -22,6 +22,7 @@ from truing.schemas.faults import Fault, Unfit
 from truing.stages.common.table_arrays import SmallTable, check_unique_keys, numbered, numbers, texts
 from truing.stages.declaration import Outcome
 from truing.stages.ingestion.corrected_readings import Corrections, positions_at_reference
+from truing.stages.ingestion.joined_loads import words_on_join
 from truing.stages.ingestion.matrix_lines import Line, numbers_of, read_lines
 from truing.stages.ingestion.published_values import read_published
 from truing.stages.ingestion.reading_table import ReadingTable, read_readings
@@ -37,13 +38,14 @@ from truing.stages.ingestion.tables import (
 
 if TYPE_CHECKING:
     from truing.schemas.campaign import Campaign
+    from truing.schemas.mechanism import SensorMechanism
 
 _TYPED = 1e-3  # of the roots of the diagonal: rounding of typed matrices
 _RIGID = 1e-8  # lowest eigenvalue of a compliance whose diagonal is 1
 _FURTHEST = 1.0  # m and rad: larger than any sensor's deflection
 _SINGULAR = 1e9  # condition of the legs' influence, lengths in m
 TABLES = ("interferometer", "displacement", "signals", "quadrature", "positioning")
-_WAYS = ("forward", "backward")
+_DIRECTIONS = ("forward", "backward")
 _FEWEST_CYCLES = 2
 _MANY = 0.5  # of the rows: more different values are not repeated targets
 
@@ -106,6 +108,7 @@ class LoadingTables:
     compliance: pa.Table | None
     positions: PositionTable | None = None
     published: pa.Table | None = None
+    joined: pa.Table | None = None
 
     @property
     def artifacts(self) -> dict[str, pa.Table]:
@@ -117,6 +120,7 @@ class LoadingTables:
             schema = ARTIFACTS["reading_corrections"].arrow_schema()
             tables["reading_corrections"] = pa.Table.from_pylist(self.corrections, schema=schema)
         tables |= {} if self.signals is None else {"signals": self.signals.table}
+        tables |= {} if self.joined is None else {"loads_joined": self.joined}
         tables |= {} if self.positions is None else {"positions": self.positions.table}
         tables |= {} if self.published is None else {"published": self.published}
         return tables | ({} if self.compliance is None else {"given_compliance": self.compliance})
@@ -141,6 +145,7 @@ class LoadingTables:
         if self.signals is not None:
             names = [name for name in self.signals.table.column_names if name.endswith("_mv")]
             parts.append(f"{count(len(names), 'signal')} of {count(len(self.signals.table), 'load step')}")
+            parts += [] if self.joined is None else [words_on_join(self.joined)]
         if self.positions is not None:
             parts.append(f"{count(len(self.positions.table), 'approach')} of an axis to its targets")
         if self.published is not None:
@@ -187,17 +192,19 @@ def read_loading_tables(source: CampaignFiles, settings: Campaign, log: FaultLog
         )
         log.add(Fault("interferometer.csv", expected + words_on_unread_files(source.folder, source.names_in_entries)))
     readings = read_readings(source, settings, log)
-    signals = read_signals(source, settings, None if readings is None else readings.table, log)
+    signals, joined = read_signals(source, settings, None if readings is None else readings.table, log)
     loaded = [small_table.table for small_table in (readings, signals) if small_table is not None]
     check_any_fitted(loaded, "interferometer.csv" if readings is not None else "signals.csv", "run", log)
     positions = read_positions(source, settings, log)
     compliance = read_compliance(source, log)
     if settings.mechanism.type == "6-upur":
-        check_sensor(settings.mechanism, compliance, log, loaded)
-    return LoadingTables(readings, signals, compliance, positions, read_published(source, log))
+        check_sensor(cast("SensorMechanism", settings.mechanism), compliance, log, loaded)
+    return LoadingTables(readings, signals, compliance, positions, read_published(source, log), joined)
 
 
-def check_sensor(section: Any, compliance: pa.Table | None, log: FaultLog, loaded: Sequence[pa.Table] = ()) -> None:
+def check_sensor(
+    section: SensorMechanism, compliance: pa.Table | None, log: FaultLog, loaded: Sequence[pa.Table] = ()
+) -> None:
     """Check that elements fit the legs, and that the compliance is plausible."""
     from truing.simulation.bench.six_upur.elements import passive
     from truing.simulation.bench.six_upur.influence import influence_matrix
@@ -262,7 +269,7 @@ def read_positions(source: CampaignFiles, settings: Campaign, log: FaultLog) -> 
     rows, corrections = positions_at_reference(rows, settings.interferometer, log)
     if log:
         return None
-    direction = np.array([_WAYS.index(name) for name in texts(rows, "direction")])
+    direction = np.array([_DIRECTIONS.index(name) for name in texts(rows, "direction")])
     table = rows.table.append_column("row_order", pa.array(np.arange(1, len(direction) + 1)))
     if corrections.rows:
         table = table.append_column("position_read_mm", pa.array(read))
@@ -301,8 +308,8 @@ def _check_complete(collected: CollectedRows, log: FaultLog) -> None:
             numbers(collected, "cycle")[rows_of_run],
         )
         targets, directions, cycles = (set(column.tolist()) for column in columns)
-        missing = len(targets) * len(cycles) * len(_WAYS) - int(rows_of_run.sum())
-        if missing or directions != set(_WAYS) or len(cycles) < _FEWEST_CYCLES:
+        missing = len(targets) * len(cycles) * len(_DIRECTIONS) - int(rows_of_run.sum())
+        if missing or directions != set(_DIRECTIONS) or len(cycles) < _FEWEST_CYCLES:
             text = (
                 f"run {run}: {count(len(targets), 'target')}, {count(len(cycles), 'cycle')}, "
                 f"{', '.join(sorted(directions))}"

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import replace
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING, cast
 
 import numpy as np
 import pyarrow as pa
@@ -23,6 +23,7 @@ from truing.stages.ingestion.signal_table import SIGNAL, signal_table
 
 if TYPE_CHECKING:
     from truing.schemas.campaign import Campaign
+    from truing.schemas.mechanism import SensorMechanism
 
 _LEGS = 6
 _NOISE = {
@@ -50,7 +51,7 @@ def planned_loads(source: CampaignFiles, settings: Campaign) -> dict[str, pa.Tab
     planned = None if signals is None else _planned_signals(signals, settings, readings, log)
     compliance = read_compliance(source, log)
     if settings.mechanism.type == "6-upur":
-        check_sensor(settings.mechanism, compliance, log)
+        check_sensor(cast("SensorMechanism", settings.mechanism), compliance, log)
     log.raise_faults()
     tables = {"readings": readings, "signals": planned, "given_compliance": compliance}
     return {name: table for name, table in tables.items() if table is not None}
@@ -101,7 +102,9 @@ def _check_noise(readings: pa.Table, keys: dict[str, str], log: FaultLog) -> Non
             log.add(Fault("campaign.toml", expected, column=f"noise.{key}"))
 
 
-def _planned_signals(collected: CollectedRows, settings: Campaign, readings: pa.Table | None, log: FaultLog) -> Any:
+def _planned_signals(
+    collected: CollectedRows, settings: Campaign, readings: pa.Table | None, log: FaultLog
+) -> pa.Table:
     names = _signals(collected) or [f"v{leg}_mv" for leg in range(1, _LEGS + 1)]
     needed = {
         "signals.sensitivity_mv_per_n": settings.signals.sensitivity_mv_per_n,

@@ -189,7 +189,7 @@ class Points:
             self.files[file.raw.name] = None
             self.left_out.update({(file.raw.name, reason): count for reason, count in batch.left_out.items()})
             self.progress(0, total, counted(self.rows, "point"))
-            named = self._under_own_names(self._named_part(file, batch))
+            named = self._renamed(self._named_part(file, batch))
             if named.rows:
                 self._with_own_names.update(named.columns["body"].unique().to_pylist())
                 yield self._checked_batch(file, named)
@@ -213,7 +213,7 @@ class Points:
         self.unlabelled.add(file, rows_of(batch, nameless))
         return rows_of(batch, ~nameless)
 
-    def _under_own_names(self, batch: TableBatch) -> TableBatch:
+    def _renamed(self, batch: TableBatch) -> TableBatch:
         if not batch.rows or not any(part.rules for part in self.expected.relabelled):
             return batch
         pose = self._ledger.pose_numbers(batch.columns["pose"])

@@ -189,13 +189,13 @@ def read_poses(source: CampaignFiles, settings: Campaign, expected: ExpectedPoin
     check_unique_keys(rows, log, "pose", "body")
     _check_names(rows, expected, log)
     columns = rotation_columns(rows, log)
-    places = _place_columns(rows, log)
-    if columns is None or places is None:
+    names = _position_columns(rows, log)
+    if columns is None or names is None:
         return None
-    rows = _without_missing(rows, (*places, *columns), log)
+    rows = _without_missing(rows, (*names, *columns), log)
     R = rotations(rows, columns, settings.poses.euler, log)
     check_last_row(rows, log)
-    p = 1e-3 * np.column_stack([numbers(rows, name) for name in places])
+    p = 1e-3 * np.column_stack([numbers(rows, name) for name in names])
     covariance = _covariance(rows, columns, R, settings, log)
     files = tuple(dict.fromkeys(file.raw.name for file, _ in rows.parts))
     bodies = tuple(dict.fromkeys(rows.table.column("body").to_pylist()))
@@ -233,13 +233,13 @@ def _listed(poses: PoseTable) -> Any:
     return lambda name: poses.table.column(name).to_pylist()
 
 
-def _place_columns(collected: CollectedRows, log: FaultLog) -> tuple[str, ...] | None:
+def _position_columns(collected: CollectedRows, log: FaultLog) -> tuple[str, ...] | None:
     names = set(collected.table.column_names)
-    places = next((kind for kind in (COORDINATES, _TRANSLATIONS) if names & set(kind)), COORDINATES)
-    missing = [name for name in places if name not in names]
+    columns = next((kind for kind in (COORDINATES, _TRANSLATIONS) if names & set(kind)), COORDINATES)
+    missing = [name for name in columns if name not in names]
     for name in missing:
         log.add(Fault(collected.first_file, f"a column {name}: where the origin of the body is", column=name))
-    return None if missing else places
+    return None if missing else columns
 
 
 def _without_missing(collected: CollectedRows, columns: tuple[str, ...], log: FaultLog) -> CollectedRows:
@@ -273,21 +273,21 @@ def _covariance(
 
 
 def _turn_sigmas(
-    collected: CollectedRows, columns: tuple[str, ...], R: Array, settings: Any, log: FaultLog
+    collected: CollectedRows, columns: tuple[str, ...], R: Array, settings: Campaign, log: FaultLog
 ) -> tuple[Array, Array]:
     """Return sigmas (N, 3) in rad, and their rotation axes (N, 3, 3) in the parent frame, as columns."""
     names = set(collected.table.column_names)
     identity = np.broadcast_to(np.eye(3), R.shape)
     if names & set(_EULER_SIGMAS):
         order = settings.poses.euler
-        if columns == EULER and order is None:
-            return np.ones((len(R), 3)), identity  # the order was asked for where the angles were read
         if columns != EULER:
             expected = (
                 "sigmas of Euler angles together with Euler angles; else sigma_rx_rad, sigma_ry_rad, sigma_rz_rad"
             )
             log.add(Fault(collected.first_file, expected, column=_EULER_SIGMAS[0]))
             return np.ones((len(R), 3)), identity
+        if order is None:
+            return np.ones((len(R), 3)), identity  # the order was asked for where the angles were read
         angles = np.radians(np.column_stack([numbers(collected, name) for name in EULER]))
         declared = settings.noise.rotation_rad
         in_degrees = None if declared is None else np.degrees(declared)

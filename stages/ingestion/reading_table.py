@@ -50,6 +50,7 @@ from truing.stages.ingestion.tables import as_artifact, since_first
 if TYPE_CHECKING:
     from truing.schemas.campaign import Campaign
     from truing.schemas.interferometer import Interferometer
+    from truing.schemas.sections import Noise
 
 LINEAR = ("dx", "dy", "dz")
 _UM = 1e6  # per m
@@ -70,7 +71,7 @@ class Lengths:
     channels: pa.Table
 
 
-def lengths(collected: CollectedRows, settings: Any, log: FaultLog) -> Lengths | None:
+def lengths(collected: CollectedRows, settings: Interferometer, log: FaultLog) -> Lengths | None:
     """Return vacuum lengths since the first step of each run, um; several samples of a step are averaged with their
     loads and times.
 
@@ -131,7 +132,7 @@ class _ChannelLengths:
     facts: dict[str, Any]
 
 
-def _channel_lengths(signals: Array, run: Index, settings: Any) -> _ChannelLengths:
+def _channel_lengths(signals: Array, run: Index, settings: Interferometer) -> _ChannelLengths:
     """Return the lengths of samples (N, 2) in time order, from runs (N,)."""
     cut = np.zeros(len(signals), dtype=bool)
     for side in (0, 1):
@@ -213,7 +214,7 @@ class ReadingTable(SmallTable):
     corrections: Corrections = field(default_factory=Corrections)
 
 
-def read_readings(source: CampaignFiles, settings: Any, log: FaultLog) -> ReadingTable | None:
+def read_readings(source: CampaignFiles, settings: Campaign, log: FaultLog) -> ReadingTable | None:
     """Return readings from interferometer.csv, displacement.csv or raw signals; None without any of these."""
     interferometer, six = source.entries("interferometer"), source.entries("displacement")
     raw = source.entries("quadrature")
@@ -291,7 +292,7 @@ def _interferometer_readings(collected: CollectedRows, settings: Campaign, log: 
     )
 
 
-def _declared_sigmas(noise: Any) -> dict[str, float]:
+def _declared_sigmas(noise: Noise) -> dict[str, float]:
     """Return the declared sigma of a reading, um and arcsec; NaN if undeclared."""
     return {"um": _or_nan(noise.linear_um), "arcsec": _or_nan(noise.angular_arcsec)}
 

@@ -37,9 +37,9 @@ class PoseTimes:
         """The order in which the poses of a table were taken."""
         names = tuple(str(pose) for pose in configurations.column("pose").to_pylist())
         time = np.asarray(configurations.column("time_s").to_numpy(zero_copy_only=False), dtype=float)
-        place = np.empty(len(names), np.int64)
-        place[np.argsort(time, kind="stable")] = np.arange(len(names))
-        return cls(names, place)
+        rank = np.empty(len(names), np.int64)
+        rank[np.argsort(time, kind="stable")] = np.arange(len(names))
+        return cls(names, rank)
 
     def of_pose(self, pose: object) -> int | None:
         """Index of a pose in time; None for an unknown pose."""
@@ -84,13 +84,13 @@ class Relabelling:
         rules = [(at, rule) for at, rule in enumerate(self.rules) if _has_target(batch, rule)]
         if not rules:
             return batch
-        place = np.append(self.order.place, -1)[np.minimum(pose, len(self.order.place))]
+        rank = np.append(self.order.place, -1)[np.minimum(pose, len(self.order.place))]
         body, target = as_dictionary(batch.columns["body"]), as_dictionary(batch.columns["target"])
         bodies, names = body.dictionary.to_pylist(), target.dictionary.to_pylist()
         old, new = codes(target), codes(target).copy()
         for at, rule in rules:
             is_renamed = (codes(body) == bodies.index(rule.body)) & (old == names.index(rule.called))
-            is_renamed &= (place >= rule.first) & (place <= rule.last)
+            is_renamed &= (rank >= rule.first) & (rank <= rule.last)
             if rule.target not in names:
                 names.append(rule.target)
             new[is_renamed] = names.index(rule.target)
@@ -100,9 +100,9 @@ class Relabelling:
 
     def name_in_files(self, pose: object, body: str, target: str) -> str:
         """Return in words the name of a point in the files; empty if it is the same."""
-        place = self.order.of_pose(pose)
+        rank = self.order.of_pose(pose)
         for rule in self.rules:
-            if place is not None and (rule.body, rule.target) == (body, target) and rule.first <= place <= rule.last:
+            if rank is not None and (rule.body, rule.target) == (body, target) and rule.first <= rank <= rule.last:
                 return f"; {rule.called} is {target} there, as {rule.column} has it"
         return ""
 
@@ -125,8 +125,8 @@ def window(order: PoseTimes, from_pose: object, to_pose: object, column: str, lo
     """Indices in time of the first and the last pose; None, with a fault, for an unknown pose."""
     first = 0 if from_pose is None else order.of_pose(from_pose)
     last = len(order.names) - 1 if to_pose is None else order.of_pose(to_pose)
-    for key, pose, place in (("from_pose", from_pose, first), ("to_pose", to_pose, last)):
-        if place is None:
+    for key, pose, rank in (("from_pose", from_pose, first), ("to_pose", to_pose, last)):
+        if rank is None:
             text = f"a pose of the campaign{did_you_mean(str(pose), order.names)}"
             log.add(Fault(_FILE, text, column=f"{column}.{key}", value=str(pose)))
     if first is None or last is None:
@@ -143,17 +143,17 @@ def declared_relabelling(settings: Campaign, order: PoseTimes, survey: pa.Table 
     relabellings = []
     for number, entry in enumerate(settings.renamed, 1):
         column = f"renamed.{number}"
-        places = window(order, entry.from_pose, entry.to_pose, column, log)
+        ranks = window(order, entry.from_pose, entry.to_pose, column, log)
         known = _surveyed(survey, entry.body)
         if known and entry.target not in known:
             text = f"a target of body {entry.body} in the survey{did_you_mean(entry.target, known)}"
             log.add(Fault(_FILE, text, column=f"{column}.target", value=entry.target))
         if entry.target == entry.called:
             log.add(Fault(_FILE, "another name than the target has", column=f"{column}.called", value=entry.called))
-        if places is not None:
+        if ranks is not None:
             why = ": ".join(filter(None, (entry.by, entry.reason)))
             poses = (None if pose is None else str(pose) for pose in (entry.from_pose, entry.to_pose))
-            relabellings.append(Relabel(entry.body, entry.called, entry.target, *places, column, why, *poses))
+            relabellings.append(Relabel(entry.body, entry.called, entry.target, *ranks, column, why, *poses))
     for first, other in combinations(relabellings, 2):
         for fault in _contradictions(first, other):
             log.add(fault)

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import re
 from dataclasses import replace
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING, cast
 
 import numpy as np
 import pyarrow as pa
@@ -18,6 +18,7 @@ from truing.formats.source import CampaignFiles
 from truing.schemas.columns import COLUMNS
 from truing.schemas.faults import Fault
 from truing.stages.common.table_arrays import SmallTable, numbered, numbers, texts
+from truing.stages.ingestion.joined_loads import with_joined_loads
 from truing.stages.ingestion.load_steps import (
     averaged_signals,
     check_same_loads,
@@ -27,6 +28,7 @@ from truing.stages.ingestion.tables import as_artifact, since_first
 
 if TYPE_CHECKING:
     from truing.schemas.campaign import Campaign
+    from truing.schemas.mechanism import SensorMechanism
 
 SIGNAL = re.compile(r"v\d+_mv")
 _SINGULAR = 1e12  # condition number of the leg forces' influence, N and N m
@@ -35,13 +37,17 @@ _PER_N = 1.0  # mV per N of a leg, where no sensitivity is declared
 
 def read_signals(
     source: CampaignFiles, settings: Campaign, readings: pa.Table | None, log: FaultLog
-) -> SmallTable | None:
-    """Return the signals; None if the campaign has none. Steps that the readings contain take their time from these."""
+) -> tuple[SmallTable | None, pa.Table | None]:
+    """Return the signals, and how loads of another file were joined to them; each None if the campaign has none.
+
+    Steps that the readings contain take their time from these.
+    """
     rows = collect_rows(source, SIGNALS, log, "run")
+    rows, joined = with_joined_loads(rows, source, log)
     table = None if rows is None else signal_table(rows, settings, readings, log)
     if table is not None and any(entry.time_format for entry in source.entries("signals")):
         table.table = since_first(table.table)
-    return table
+    return table, joined
 
 
 def signal_table(
@@ -78,7 +84,7 @@ def _with_numbers(table: pa.Table, columns: dict[str, Array]) -> pa.Table:
     return table
 
 
-def _check_channels(collected: CollectedRows, sensitivity: Any, log: FaultLog) -> None:
+def _check_channels(collected: CollectedRows, sensitivity: float | tuple[float, ...] | None, log: FaultLog) -> None:
     names = [name for name in collected.table.column_names if SIGNAL.fullmatch(name)]
     wanted = [f"v{number + 1}_mv" for number in range(max(len(names), 1))]
     if sorted(names) != sorted(wanted) or not all(COLUMNS["signal"].matches(name) for name in wanted):
@@ -95,12 +101,12 @@ def _same_step(collected: CollectedRows, readings: pa.Table | None) -> Index:
     """Return for each row (N,) the first row of the readings with the same run and step; -1 if there is none."""
     if readings is None:
         return np.full(len(collected.table), -1)
-    place: dict[tuple[str, object], int] = {}
+    first_row: dict[tuple[str, object], int] = {}
     columns = (readings.column(name).to_pylist() for name in ("run", "step"))
     for row, (run, step) in enumerate(zip(*columns, strict=True)):
-        place.setdefault((str(run), step), row)
+        first_row.setdefault((str(run), step), row)
     step_keys = zip(texts(collected, "run"), texts(collected, "step"), strict=True)
-    return np.array([place.get((str(run), step), -1) for run, step in step_keys], dtype=np.int64)
+    return np.array([first_row.get((str(run), step), -1) for run, step in step_keys], dtype=np.int64)
 
 
 def _where_known(values: Array, same: Index) -> Array:
@@ -122,7 +128,7 @@ def _times(collected: CollectedRows, readings: pa.Table | None, same: Index) -> 
     return times_from_order(numbered(collected, "run"), numbers(collected, "step"), times)
 
 
-def with_leg_signals(collected: CollectedRows, settings: Any, log: FaultLog) -> CollectedRows:
+def with_leg_signals(collected: CollectedRows, settings: Campaign, log: FaultLog) -> CollectedRows:
     """Return the table with signals v1_mv .. v6_mv from a displayed wrench: its leg forces times the sensitivity."""
     names = collected.table.column_names
     signals = [name for name in names if COLUMNS["signal"].matches(name)]
@@ -137,7 +143,7 @@ def with_leg_signals(collected: CollectedRows, settings: Any, log: FaultLog) -> 
     from truing.simulation.bench.six_upur.influence import influence_matrix
     from truing.stages.common.sensor_elements import sensor_joints
 
-    G = influence_matrix(sensor_joints(settings.mechanism))
+    G = influence_matrix(sensor_joints(cast("SensorMechanism", settings.mechanism)))
     if np.linalg.cond(G) > _SINGULAR:
         log.add(Fault("campaign.toml", "legs that carry every load, not parallel ones", column="mechanism.legs"))
         return collected

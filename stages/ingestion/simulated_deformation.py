@@ -70,16 +70,16 @@ class _FileOfDeformation:
             return None
         entries, sigma = np.full((self.legs, self.legs), np.nan), np.zeros((self.legs, self.legs))
         for (row, _), values in zip(rows, table, strict=True):
-            place = tuple(int(value) - 1 for value in values[:2])
+            index = tuple(int(value) - 1 for value in values[:2])
             for name, value in zip(_ENTRIES, values[:2], strict=False):
                 if value not in range(1, self.legs + 1):
                     self._fault(f"a whole number from 1 to {self.legs}", row, name, f"{value:g}")
                     return None
-            if np.isfinite(entries[place]):
-                self._fault("each entry once", row, value=f"leg {place[0] + 1}, column {place[1] + 1} again")
+            if np.isfinite(entries[index]):
+                self._fault("each entry once", row, value=f"leg {index[0] + 1}, column {index[1] + 1} again")
                 return None
-            entries[place] = values[2]
-            sigma[place] = values[3] if len(values) > 3 else 0.0
+            entries[index] = values[2]
+            sigma[index] = values[3] if len(values) > 3 else 0.0
         if missing := np.argwhere(np.isnan(entries)).tolist():
             where = f"leg {missing[0][0] + 1}, column {missing[0][1] + 1}"
             self._fault(f"all {self.legs**2} entries", value=f"{len(missing)} missing, such as {where}")

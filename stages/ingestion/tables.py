@@ -6,7 +6,7 @@ import re
 from collections import Counter
 from collections.abc import Container, Mapping, Sequence
 from dataclasses import replace
-from typing import TYPE_CHECKING, Any, Protocol
+from typing import TYPE_CHECKING, Any, Protocol, cast
 
 import numpy as np
 import pyarrow as pa
@@ -30,6 +30,7 @@ from truing.stages.common.table_arrays import SmallTable, check_unique_keys, num
 
 if TYPE_CHECKING:
     from truing.schemas.campaign import Campaign
+    from truing.schemas.mechanism import Leg, LeggedMechanism
 
 POSES = tuple(TableShape(table, ("pose",), partial=True) for table in ("points", "poses", "scans"))
 """Points, measured poses and scans of which only the pose is looked at."""
@@ -45,9 +46,9 @@ _TARGETS_OF_CHAINS = replace(
 FITTED, REFERENCE = "calibration", "reference"
 
 
-def legs_of(settings: Any) -> tuple[Any, ...]:
+def legs_of(settings: Campaign) -> tuple[Leg, ...]:
     """Return the legs of a mechanism with an actuator reading per pose; none for other mechanisms."""
-    return settings.mechanism.legs if settings.mechanism.is_legged else ()
+    return cast("LeggedMechanism", settings.mechanism).legs if settings.mechanism.is_legged else ()
 
 
 def read_configurations(
@@ -75,11 +76,11 @@ def read_configurations(
     return SmallTable(table, dict(rows.left_out), file=rows.first_file)
 
 
-def _check_loads(collected: CollectedRows, log: FaultLog, settings: Any) -> None:
+def _check_loads(collected: CollectedRows, log: FaultLog, settings: Campaign) -> None:
     """Faults: rows without a load in the columns of external loads, and loads declared for legs without a stiffness
     model.
     """
-    if settings.mechanism.is_legged and settings.mechanism.is_elastic:
+    if settings.mechanism.is_legged and cast("LeggedMechanism", settings.mechanism).is_elastic:
         for name in WRENCH:
             if name in collected.table.column_names:
                 expected = "a load in every row; 0 where there is none"

@@ -50,11 +50,11 @@ def targets_table(plan: PhotographPlan) -> pa.Table:
 def limits_of(prediction: PredictedPrecision) -> list[str]:
     """Return the dominant contribution to each target's standard deviation: too few or narrow rays, camera, scale,
     noise."""
-    whole = prediction.sigma**2
-    camera = 1.0 - largest_sigma(prediction.with_known_camera) ** 2 / whole
-    scale = 1.0 - largest_sigma(prediction.with_known_scale) ** 2 / whole
+    squared = prediction.sigma**2
+    camera = 1.0 - largest_sigma(prediction.with_known_camera) ** 2 / squared
+    scale = 1.0 - largest_sigma(prediction.with_known_scale) ** 2 / squared
     texts = []
-    for index, variance in enumerate(whole):
+    for index, variance in enumerate(squared):
         if np.isnan(variance):
             texts.append("not seen twice")
         elif scale[index] > 0.5:

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Mapping
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING, cast
 
 import numpy as np
 
@@ -20,6 +20,7 @@ if TYPE_CHECKING:
     import pyarrow as pa
 
     from truing.schemas.campaign import Campaign
+    from truing.schemas.mechanism import LeggedMechanism
 
 _FILE = "campaign.toml"
 _XYZ = ("x_mm", "y_mm", "z_mm")
@@ -74,7 +75,7 @@ def _camera(cameras: pa.Table | None, wanted: str | None) -> tuple[Camera | Faul
 
 
 def _targets(
-    settings: Any, tables: Mapping[str, pa.Table], normals: pa.Table | None
+    settings: Campaign, tables: Mapping[str, pa.Table], normals: pa.Table | None
 ) -> tuple[PlannedTargets, tuple[str, ...]]:
     """Return the surveyed targets in one frame: that of the base, with the platform at the reference readings, or that
     of the survey without a mechanism."""
@@ -85,7 +86,7 @@ def _targets(
     points = np.array([[row[name] for name in _XYZ] for row in rows_used]) * 1e-3
     directions = np.array([turned.get((row["body"], row["target"]), [np.nan] * 3) for row in rows_used])
     if legged:
-        legs = nominal_legs(settings.mechanism)
+        legs = nominal_legs(cast("LeggedMechanism", settings.mechanism))
         reached = forward(legs, legs.rho0)
         moves = np.array([row["body"] == "platform" for row in rows_used])
         points[moves] = points[moves] @ reached.R.T + reached.p

@@ -101,9 +101,9 @@ def noise_of_rows(encoder: str, command: Array, direction: Array, deviations: Ar
     known = np.isfinite(command) & np.isfinite(deviations) & (direction != 0.0)
     pairs = []
     for side in (-1.0, 1.0):
-        places = np.flatnonzero(known & (np.sign(direction) == side))
-        places = places[np.argsort(command[places], kind="stable")]
-        pairs.append(deviations[places[: len(places) // 2 * 2]].reshape(-1, 2))
+        rows = np.flatnonzero(known & (np.sign(direction) == side))
+        rows = rows[np.argsort(command[rows], kind="stable")]
+        pairs.append(deviations[rows[: len(rows) // 2 * 2]].reshape(-1, 2))
     both = np.concatenate(pairs)
     if len(both) < _FEWEST_PAIRS:
         return not_evaluated("too few rows", "axis-noise", encoder, f"{count(len(both), 'pair')} of neighbouring rows")
@@ -140,7 +140,7 @@ def encoders_in_place(
     motor, load, measured = (deviations[each][known] for each in ENCODERS)
     of_loop, other = (motor, load) if columns.loop == MOTOR else (load, motor)
     is_astray = max(_larger_variance(measured - load, measured - motor), _larger_variance(of_loop, other)) < _UNLIKELY
-    scatter = [f"{np.std(measured - own) / unit[1]:.3g}" for own in (load, motor)]
+    scatter = [f"{np.std(measured - encoder) / unit[1]:.3g}" for encoder in (load, motor)]
     named = {each: columns.encoders[each] for each in ENCODERS}
     text = (
         f"{named[MEASURED]} departs from {named[LOAD]} by {scatter[0]} {unit[0]} and from {named[MOTOR]} by "
@@ -166,12 +166,12 @@ def _loop_follows(columns: AxisColumns, deviations: Mapping[str, Array], noise: 
             "too few rows", "axis-encoders", "", f"{count(int(known.sum()), 'row')} with both encoders"
         )
     of_loop, of_other = (deviations[each][known] for each in (loop, other))
-    sizes = [float(np.std(own)) for own in (of_loop, of_other)]
+    sizes = [float(np.std(difference)) for difference in (of_loop, of_other)]
     ratio = sizes[0] / max(sizes[1], 1e-300)
     is_astray = sizes[0] > _CLEARLY * noise.get(loop, 0.0) and _larger_variance(of_loop, of_other) < _UNLIKELY
     unit, named = columns.reported_unit, [columns.encoders[each] for each in (loop, other)]
-    told = [f"{size / unit[1]:.3g} {unit[0]}" for size in sizes]
-    text = f"{named[0]} departs from the command by {told[0]} and {named[1]} by {told[1]}"
+    texts = [f"{size / unit[1]:.3g} {unit[0]}" for size in sizes]
+    text = f"{named[0]} departs from the command by {texts[0]} and {named[1]} by {texts[1]}"
     if not is_astray:
         return Check("axis-encoders", "", ratio, 1.0, "1", PASS, f"{text}.")
     text += f', but the controller holds the encoder of the loop ("{loop}") to the command. Did you mean loop = '
@@ -244,8 +244,8 @@ def _rows(encoder: str, columns: AxisColumns, command: Array, reading: Array, po
     slip = slip_of_rows(command[both], reading[both], ratio, units)
     if slip is None:
         return Check("axis-rows", encoder, 0.0, 0.0, "1", PASS, "Every reading belongs to the command of its row.")
-    own = f"{count(len(slip.rows), 'row')}: {listed([str(pose) for pose in poses[both][slip.rows]])}"
-    whose = "their rows" if len(slip.rows) == both.sum() else own
+    affected = f"{count(len(slip.rows), 'row')}: {listed([str(pose) for pose in poses[both][slip.rows]])}"
+    whose = "their rows" if len(slip.rows) == both.sum() else affected
     text = f"Readings of {encoder} do not belong to the commands of {whose}."
     meant = {
         RowSlipKind.EXCHANGED: " Did you mean: readings of these rows exchanged?",
@@ -323,8 +323,8 @@ def _equal_by_chance(command: Array, away: Array) -> float:
     near = 0
     for lag in range(1, min(_MOST_REPEATS, len(order))):
         is_pair = command[order][lag:] == command[order][:-lag]
-        apart = np.abs(away[order][lag:] - away[order][:-lag])[is_pair] / resolution
-        near += int(np.sum((apart < _NEAR + 0.5).all(1) & (apart > 0.5).any(1)))
+        changes = np.abs(away[order][lag:] - away[order][:-lag])[is_pair] / resolution
+        near += int(np.sum((changes < _NEAR + 0.5).all(1) & (changes > 0.5).any(1)))
     return near / ((2 * _NEAR + 1) ** away.shape[1] - 1)
 
 

@@ -105,13 +105,13 @@ def relations_of_points(
         if configurations is None
         else _groups(configurations, np.flatnonzero(positions(configurations.column("pose"), around.poses) >= 0))
     )
-    own = [body for body in bodies if body.name in surveyed]
+    known = [body for body in bodies if body.name in surveyed]
     others = [body for body in bodies if body.name not in surveyed]
     points = {
         body.name: _points(
-            body, _points_as_other_bodies(body, own, tables["observations"], around, order), around, order, groups
+            body, _points_as_other_bodies(body, known, tables["observations"], around, order), around, order, groups
         )
-        for body in own
+        for body in known
     }
     odd = np.zeros(len(around.poses), bool)
     for name in {"base", "platform"} & points.keys():
@@ -129,9 +129,9 @@ def _surveys(survey: pa.Table | None, bodies: Sequence[BodyPoints]) -> Iterator[
     """Yield the tests of bodies against their survey; one for all of them if rows of the whole survey are shifted."""
     tested = tuple(map(relate_survey, bodies))
     if survey is not None and tested and all(test.reason == "no-fit" for test in tested):
-        places = 1e-3 * np.column_stack([number_column(survey, f"{axis}_mm") for axis in "xyz"])
+        points = 1e-3 * np.column_stack([number_column(survey, f"{axis}_mm") for axis in "xyz"])
         names = list(zip(survey.column("body").to_pylist(), survey.column("target").to_pylist(), strict=True))
-        if (shifted := shifted_survey(places, names, bodies)) is not None:
+        if (shifted := shifted_survey(points, names, bodies)) is not None:
             tested = (shifted,)
     yield from joined_results(tested)
 
@@ -295,7 +295,10 @@ def _drives(
         ok = body.fit.ok if reference is None else body.fit.ok & reference.fit.ok
         indices = np.flatnonzero(ok[pose] & np.isfinite(readings))
         at = pose[indices]
-        R, mirrored = body.fit.R[at], [(slip, own[at]) for slip, own in _mirrored(body)] if reference is None else []
+        R, mirrored = (
+            body.fit.R[at],
+            [(slip, fit[at]) for slip, fit in _mirrored(body)] if reference is None else [],
+        )
         if reference is not None:
             R = np.swapaxes(reference.fit.R[at], 1, 2) @ R
         names, groups = tuple(str(around.poses[one]) for one in at), _groups(configurations, rows[indices])

@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Callable, Iterator, Mapping
 from dataclasses import replace
 from itertools import chain
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, cast
 
 import numpy as np
 import pyarrow as pa
@@ -69,6 +69,7 @@ from truing.stages.quality.check import Check, CheckResults
 
 if TYPE_CHECKING:
     from truing.schemas.campaign import Campaign
+    from truing.schemas.chain_mechanism import ChainMechanism
 
 JOINTS = "joints-against-links"
 _DISTANCES = "distances"
@@ -93,8 +94,8 @@ def checks(tables: Mapping[str, pa.Table], settings: Campaign) -> CheckResults:
     relations = (*tested, *(relation for relation in results.relations if relation.relation != READINGS))
     read = results.read or f"{len(tables['configurations'])} poses of a chain"
     single = set() if results.why_not else _single(tables["observations"])
-    own = () if results.why_not else _without_frames(results, single, _framing(tables, settings))
-    return replace(results, checks=chain(belonging_checks(tested), own), read=read, relations=relations, why_not="")
+    loose = () if results.why_not else _without_frames(results, single, _framing(tables, settings))
+    return replace(results, checks=chain(belonging_checks(tested), loose), read=read, relations=relations, why_not="")
 
 
 def joints_against_links(tables: Mapping[str, pa.Table], settings: Campaign) -> RelationTest:
@@ -120,7 +121,7 @@ def joints_against_links(tables: Mapping[str, pa.Table], settings: Campaign) -> 
             return turned
         if tested.slips and all(slip.kind is SlipKind.STRAY for slip in tested.slips):
             # A wrong target bends the frame of its link: the pose misses, though its readings are right.
-            compared = _links_compared(tables, settings, _out_of_place)
+            compared = _links_compared(tables, settings, _away_from_shape)
             return tested if compared is None else _tested(compared, settings)
         return tested
     except ValueError:
@@ -135,17 +136,17 @@ def _test_orientations(compared: ComparedChain, settings: Campaign) -> RelationT
     channels = measured.channels
     for k in np.flatnonzero(channels.is_rotation):
         for series in np.unique(compared.conditions.series):
-            own = compared.usable & measured.is_observed[:, k] & (compared.conditions.series == series)
-            if own.sum() < FEWEST_POSES:
+            rows = compared.usable & measured.is_observed[:, k] & (compared.conditions.series == series)
+            if rows.sum() < FEWEST_POSES:
                 continue
             found = turning_misfit(
-                frames.R[own, channels.node[k]],
-                compared.conditions.reference[own, k],
+                frames.R[rows, channels.node[k]],
+                compared.conditions.reference[rows, k],
                 settings.poses.euler,
-                _positions(measured, int(k), own, frames.t),
+                _positions(measured, int(k), rows, frames.t),
             )
             if found.stray.any():
-                poses = np.array([str(pose) for pose in compared.conditions.poses])[own][found.stray]
+                poses = np.array([str(pose) for pose in compared.conditions.poses])[rows][found.stray]
                 strays, agreed = (*strays, *(f"pose {pose}" for pose in poses)), found
             if found.before > found.limit:
                 test = RelationTest(
@@ -181,7 +182,7 @@ def _positions(measured: MeasuredLinks, k: int, poses: Mask, by_chain: Array) ->
     return None
 
 
-def _out_of_place(tables: Mapping[str, pa.Table], body: str, points: PosePoints) -> Mask:
+def _away_from_shape(tables: Mapping[str, pa.Table], body: str, points: PosePoints) -> Mask:
     """Mask (B, T) of the points of a body that do not fit its other points."""
     alone = PoseSurroundings(
         points.poses, np.arange(float(len(points.poses))), np.zeros((len(points.poses), 0)), (), None, is_counted=True
@@ -223,7 +224,7 @@ def _compared(
     fit_of: Callable[[Tree, ChainConditions], NominalFit],
 ) -> ComparedChain:
     conditions = _conditions(tree, table, settings, measured, usable)
-    rows = rows_of(settings.mechanism)
+    rows = rows_of(cast("ChainMechanism", settings.mechanism))
     return ComparedChain(tree, table, measured, conditions, usable, rows, lambda other: fit_of(other, conditions))
 
 
@@ -293,13 +294,13 @@ def _tested(compared: ComparedChain, settings: Campaign) -> RelationTest:
 def _explained(compared: ComparedChain, tested: RelationTest, in_poses: tuple[RecordSlip, ...]) -> RelationTest:
     """The test of a chain that misses its limit, with the slips that explain it; in_poses: slips in some poses."""
     fit, conditions = compared.fit, compared.conditions
-    if whole := [
+    if slips := [
         *slips_of_measured(compared, fit),
         *slips_of_links(compared),
         *slips_of_surveys(compared),
         *slips_of_description(compared),
     ]:
-        return _failed_as_a_whole(tested, whole)
+        return _failed_as_a_whole(tested, slips)
     if (moved := moved_frame(compared, fit)) is not None:
         return _failed_as_a_whole(tested, [moved])
     bodies = list(slips_of_bodies(compared))
@@ -307,8 +308,8 @@ def _explained(compared: ComparedChain, tested: RelationTest, in_poses: tuple[Re
         return _failed_as_a_whole(tested, bodies)
     slip = likely_slip(conditions, compared.tree.is_revolute, fit.start_of)
     if slip is None:
-        if whole := [*slips_of_single_lines(compared, fit), *bodies]:
-            return _failed_as_a_whole(tested, whole)
+        if slips := [*slips_of_single_lines(compared, fit), *bodies]:
+            return _failed_as_a_whole(tested, slips)
         if (senses := senses_that_join(compared.tree, conditions, fit.start_of)) is not None:
             return _failed(tested, _recorded_senses(senses, compared), senses.after)
         return _failed(tested, _constant(compared) or in_poses, None)
@@ -361,8 +362,8 @@ def _comparison(compared: ComparedChain, fit: NominalFit, start: StartValues) ->
         fit.values[np.ix_(usable, is_position)],
         compared.tree.is_revolute,
         [column.name for column in joint_columns(compared.tree, compared.table.schema.names)],
-        [pair for pair, own in zip(zip(links, compared.names, strict=True), is_position, strict=True) if own],
-        [str(pose) for pose, own in zip(conditions.poses, usable, strict=True) if own],
+        [pair for pair, used in zip(zip(links, compared.names, strict=True), is_position, strict=True) if used],
+        [str(pose) for pose, used in zip(conditions.poses, usable, strict=True) if used],
         foreign_share(start),
         errors_at,
     )
@@ -399,9 +400,9 @@ def _hidden(compared: ComparedChain) -> Iterator[RecordSlip]:
     fit, conditions = compared.fit, compared.conditions
     few = few_poses(len(conditions.readings))
     columns = [column.name for column in joint_columns(compared.tree, compared.table.schema.names)]
-    for kind, own, readings in corrected_columns(conditions.readings, compared.tree.is_revolute):
+    for kind, kind_columns, readings in corrected_columns(conditions.readings, compared.tree.is_revolute):
         if not does_not_belong(fit.start_of(few, replace(conditions, readings=readings))):
-            yield column_slip(kind, [columns[k] for k in own])
+            yield column_slip(kind, [columns[k] for k in kind_columns])
 
 
 def _recorded(slip: ColumnSlip, tree: Tree, names: list[str]) -> Iterator[RecordSlip]:
@@ -418,8 +419,8 @@ def _recorded_senses(senses: JointSenses, compared: ComparedChain) -> tuple[Reco
     """The slips of senses and coupling, in the order of their correction."""
     columns = [column.name for column in joint_columns(compared.tree, compared.table.schema.names)]
     slips = () if senses.coupling is None else (column_slip(senses.coupling, [columns[k] for k in senses.coupled]),)
-    own = [columns[k] for k in senses.reversed_readings]
-    return (*slips, *((column_slip(ColumnSlipKind.REVERSED, own),) if own else ()))
+    reversed_columns = [columns[k] for k in senses.reversed_readings]
+    return (*slips, *((column_slip(ColumnSlipKind.REVERSED, reversed_columns),) if reversed_columns else ()))
 
 
 def _single(observations: pa.Table) -> set[str]:

@@ -119,8 +119,8 @@ def slips_of_links(compared: ComparedChain) -> Iterator[WholeSlip]:
     if fit_on is None or len(links) < 2:
         return
     for link, factor in product(links, both_ways(LENGTH_FACTORS)):
-        own = np.array([name == link for name in channels.links]) & compared.measured.is_position
-        fit = fit_on(replace(compared.measured, values=np.where(own[:, None], factor * values, values)))
+        on_link = np.array([name == link for name in channels.links]) & compared.measured.is_position
+        fit = fit_on(replace(compared.measured, values=np.where(on_link[:, None], factor * values, values)))
         slip = RecordSlip(SlipKind.UNIT, "measured positions", (f"of body {link}",), factor=factor)
         yield from _explaining(slip, fit.start_of(compared.usable, compared.conditions))
 
@@ -131,10 +131,10 @@ def slips_of_surveys(compared: ComparedChain) -> Iterator[WholeSlip]:
     known = np.asarray(np.isfinite(measured.surveyed).all(1))
     if fit_on is None:
         return
-    for link in dict.fromkeys(name for name, own in zip(measured.channels.links, known.tolist(), strict=True) if own):
-        own = known & np.array([name == link for name in measured.channels.links])
+    for link in dict.fromkeys(name for name, used in zip(measured.channels.links, known.tolist(), strict=True) if used):
+        used = known & np.array([name == link for name in measured.channels.links])
 
-        def fitted(surveyed: Array, rows_used: Mask = own) -> StartValues:
+        def fitted(surveyed: Array, rows_used: Mask = used) -> StartValues:
             changed = np.where(rows_used[:, None], surveyed, measured.surveyed)
             return fit_on(replace(measured, surveyed=changed)).start_of(compared.usable, compared.conditions)
 
@@ -144,7 +144,7 @@ def slips_of_surveys(compared: ComparedChain) -> Iterator[WholeSlip]:
             if changes_of_axis.slip.kind is not SlipKind.UNIT
         )
         found = [part for axis in axes for part in _explaining(axis.slip, fitted(measured.surveyed @ axis.matrix))]
-        for slip, order in _renamed(compared, link, np.flatnonzero(own)):
+        for slip, order in _renamed(compared, link, np.flatnonzero(used)):
             found += _explaining(slip, fitted(measured.surveyed[order]))
         yield from found
         if not found:
@@ -158,7 +158,7 @@ def _renamed(compared: ComparedChain, link: str, rows: Index) -> Iterator[tuple[
     for other in permutations(rows.tolist()) if len(rows) <= _MOST_PERMUTED else ():
         order = np.arange(len(targets))
         order[rows] = other
-        pairs = [f"{targets[k]} is {targets[place]}" for k, place in zip(rows, other, strict=True) if k != place]
+        pairs = [f"{targets[k]} is {targets[at]}" for k, at in zip(rows, other, strict=True) if k != at]
         if pairs:
             yield RecordSlip(SlipKind.RELABELLED, "targets", (*pairs, link)), order
 
@@ -205,8 +205,8 @@ def slips_of_bodies(compared: ComparedChain) -> Iterator[WholeSlip]:
     for k, node in enumerate(nodes):
         if node.kind is not JointKind.FIXED and k != channels.node[0]:
             moved = replace(channels, node=np.full_like(channels.node, k))
-            own = f"measurements on link {node.link}, or one fixed to it,"
-            slip = RecordSlip(SlipKind.MISLABELLED, own, (f"body {channels.links[0]}",))
+            subject_text = f"measurements on link {node.link}, or one fixed to it,"
+            slip = RecordSlip(SlipKind.MISLABELLED, subject_text, (f"body {channels.links[0]}",))
             fit = fit_on(replace(compared.measured, channels=moved))
             yield from _explaining(slip, fit.start_of(compared.usable, compared.conditions))
 
@@ -220,9 +220,9 @@ def slips_of_description(compared: ComparedChain) -> Iterator[WholeSlip]:
 def without_lone_errors(start: StartValues, usable: Mask) -> Mask:
     """Mask (B,) of the usable poses without a few that miss by far more than most, such as those of a wrong target."""
     size = np.sqrt(np.nanmean(np.sum(start.errors**2, -1), axis=1))
-    kept = size <= _FAR * float(np.median(size))
-    if kept.mean() < _MOST:
+    usual = size <= _FAR * float(np.median(size))
+    if usual.mean() < _MOST:
         return usable
     is_usable = usable.copy()
-    is_usable[usable] = kept
+    is_usable[usable] = usual
     return is_usable

@@ -101,14 +101,14 @@ class CampaignLimits:
 
     def of(self, check: str, per: float = 1.0) -> Limit:
         """Return the limits of a check; ``per``: its declared unit in units of the values."""
-        declared, own = self._declared_limits[check], self.given.get(check, SetLimits())
-        warn, fail = in_force(declared, own)
+        declared, set_limits = self._declared_limits[check], self.given.get(check, SetLimits())
+        warn, fail = in_force(declared, set_limits)
         texts = [
             f"{verb} {declared.words(limit)} (by default {'never' if default is None else declared.words(default)})"
             for verb, limit, default in (("warns", warn, declared.warn), ("fails", fail, declared.fail))
             if limit is not None and limit != default
         ]
-        why = f": {own.reason.rstrip('.')}" if own.reason else ""
+        why = f": {set_limits.reason.rstrip('.')}" if set_limits.reason else ""
         return Limit(
             check,
             None if warn is None else warn * per,

@@ -54,9 +54,9 @@ def readings_of_given_poses(
 
 
 def _poses_of(poses: pa.Table, body: str, around: PoseSurroundings) -> _GivenPoses:
-    own = poses.filter(pc.equal(poses.column("body").cast(pa.string()), body))
-    at = positions(own.column("pose"), around.poses)
-    vectors, covariances = pose_vectors(own)[at >= 0], pose_covariances(own)[at >= 0]
+    poses_of_body = poses.filter(pc.equal(poses.column("body").cast(pa.string()), body))
+    at = positions(poses_of_body.column("pose"), around.poses)
+    vectors, covariances = pose_vectors(poses_of_body)[at >= 0], pose_covariances(poses_of_body)[at >= 0]
     at = at[at >= 0]
     known = np.isfinite(vectors).all(axis=1) & np.isfinite(covariances).all(axis=(1, 2))
     count = len(around.poses)

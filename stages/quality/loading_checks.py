@@ -22,6 +22,7 @@ from truing.stages.common.sensor_elements import declared_compliance
 from truing.stages.quality.belonging import belonging_checks, relations_of_loads, without_contradiction
 from truing.stages.quality.check import CampaignLimits, Check, CheckResults, not_evaluated
 from truing.stages.quality.decisions import decision_checks
+from truing.stages.quality.joined_loads import joined_loads_check
 from truing.stages.quality.position_checks import position_checks, positioning_runs
 from truing.stages.quality.reading_checks import (
     drift,
@@ -70,6 +71,7 @@ def checks(tables: Mapping[str, pa.Table], settings: Campaign) -> CheckResults:
         quadrature_checks(tables["quadrature"], limits) if "quadrature" in tables else (),
         _checks(view, settings, limits),
         _correction_checks(view, tables["reading_corrections"], limits) if "reading_corrections" in tables else (),
+        [joined_loads_check(view.steps, tables["loads_joined"])] if "loads_joined" in tables else (),
     )
     read = f"{count(len(view.steps.run), 'load step')} in {count(len(view.steps.runs), 'run')}"
     return CheckResults(

@@ -77,8 +77,8 @@ def _likely(body: BodyView, points: PosePoints, at: int) -> LikelyName | None:
     nearest = int(off.argmin())
     sigma = float(np.sqrt(np.trace(points.cov[rows[0], at]) + np.trace(body.survey.cov[nearest])))
     others = np.delete(body.survey.points, nearest, axis=0)
-    apart = float(np.linalg.norm(others - body.survey.points[nearest], axis=1).min(initial=np.inf))
-    if not off[nearest] < max(_NEAR * sigma, _NEAR_SHARE * apart):
+    distance = float(np.linalg.norm(others - body.survey.points[nearest], axis=1).min(initial=np.inf))
+    if not off[nearest] < max(_NEAR * sigma, _NEAR_SHARE * distance):
         return None
     indices = np.flatnonzero(body.points.is_observed[:, nearest])
     before, after = (indices < rows[0]).any(), (indices > rows[-1]).any()

@@ -12,7 +12,7 @@ import pyarrow.compute as pc
 from truing.arrays import Index
 from truing.quality.bodies import PoseSurroundings
 from truing.report.numbers import count
-from truing.schemas.artifact import StoredTable, plain_texts, table_batches, whole_table
+from truing.schemas.artifact import StoredTable, full_table, plain_texts, table_batches
 from truing.stages.common.point_arrays import number_column
 from truing.stages.quality.check import Check
 
@@ -69,7 +69,7 @@ class PoseSample:
 def pose_sample(observations: pa.Table | StoredTable, configurations: pa.Table | None) -> PoseSample:
     """Return the points to examine: all, or those of runs of poses that are spread evenly over the time."""
     if observations.num_rows <= MOST_POINTS:
-        points = whole_table(observations)
+        points = full_table(observations)
         poses = tuple(points.column("pose").unique().to_pylist())
         return PoseSample(points, poses, poses, points)
     names: dict[int | str, None] = {}

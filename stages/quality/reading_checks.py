@@ -104,9 +104,9 @@ def gross_errors(view: LoadingView, channel: ChannelView, limits: CampaignLimits
     """Check for single readings far from the fitted response."""
     out = np.flatnonzero(~channel.fit.kept)
     share = len(out) / len(channel.rows)
-    places = view.places(channel.rows[out])
+    steps = view.places(channel.rows[out])
     text = f"{channel.name}: {len(out)} of {len(channel.rows)} readings are gross errors"
-    text += f" ({listed(places)})." if places else "."
+    text += f" ({listed(steps)})." if steps else "."
     return limits.of("gross-errors").row(f"channel {channel.name}", share, "1", text)
 
 
@@ -193,8 +193,8 @@ def run_zeros(view: LoadingView) -> Iterator[Check]:
         text = f"{channel.name}: runs begin {spread:.2g} {unit} from zero; the noise is {noise:.2g} {unit}."
         if zeros.has_wrong_zero[k]:
             order = np.argsort(-np.abs(np.nan_to_num(zero)))[: max(int(zeros.far[:, k].sum()), 1)]
-            places = [f"{view.run_name(int(run))} {zero[run]:+.3g} {unit}" for run in order]
-            text += f" Largest: {listed(places)}. Was it set to zero before each run?"
+            texts = [f"{view.run_name(int(run))} {zero[run]:+.3g} {unit}" for run in order]
+            text += f" Largest: {listed(texts)}. Was it set to zero before each run?"
             text += " Each is treated as relative to its own zero."
         yield Check("run-zeros", name, spread, noise, unit, WARN if zeros.has_wrong_zero[k] else PASS, text)
 

@@ -173,7 +173,7 @@ def _signals_independent(about: Array, names: tuple[str, ...], loaded: int, nois
 def _idle(about: Array, names: tuple[str, ...]) -> str:
     """Return the sentence on signals (N, S), minus their zero, that hardly change; empty where there are none."""
     spread = np.sqrt(np.mean(about**2, axis=0))
-    idle = [name for name, own in zip(names, spread, strict=True) if own < _IDLE * float(np.median(spread))]
+    idle = [name for name, size in zip(names, spread, strict=True) if size < _IDLE * float(np.median(spread))]
     if not idle:
         return ""
     responds = "responds" if len(idle) == 1 else "respond"
@@ -207,12 +207,12 @@ def _stray(view: LoadingView, rows: Index, stray: list[StrayLoad] | None) -> Ite
         yield not_evaluated("loads of single rows", "stray-loads", "", why)
         return
     for stray_load in stray:
-        place = view.places(rows[[stray_load.row]])[0]
+        step = view.places(rows[[stray_load.row]])[0]
         name = LOADS[stray_load.component]
         unit = "N" if name.startswith("f") else "N m"
-        text = f"{place}: {name} is recorded as {stray_load.written:.6g} {unit}, "
+        text = f"{step}: {name} is recorded as {stray_load.written:.6g} {unit}, "
         text += f"and the signals indicate {stray_load.asked:.4g} {unit}"
-        yield Check("stray-loads", place, stray_load.sigmas, 0.0, "1", FAIL, f"{text}{_likely(stray_load)}.")
+        yield Check("stray-loads", step, stray_load.sigmas, 0.0, "1", FAIL, f"{text}{_likely(stray_load)}.")
     if not stray:
         yield Check("stray-loads", "", 0.0, 0.0, "1", PASS, "The signals of every row agree with its recorded load.")
 
@@ -233,7 +233,7 @@ def _no_exchange_found(table: LoadTable, share: float) -> Check:
     names = [LOADS[k] for k in used]
     least = float(shares.max(initial=0.0))
     text = f"No exchange of loads is significant among {len(table.loads)} rows. "
-    unseen = [name for name, own in zip(names, shares, strict=True) if own >= 1.0]
+    unseen = [name for name, possible in zip(names, shares, strict=True) if possible >= 1.0]
     if unseen:
         text += f"No exchange of {listed(unseen)} would be: signals determine it no better than by its range. "
     elif names:
@@ -245,8 +245,8 @@ def _no_exchange_found(table: LoadTable, share: float) -> Check:
 
 
 def _pair(view: LoadingView, rows: Index, exchange: RowExchange) -> Check:
-    places = view.places(rows[[exchange.first, exchange.second]])
+    steps = view.places(rows[[exchange.first, exchange.second]])
     names = " ".join(LOADS[k] for k in exchange.components)
-    text = f"The loads ({names}) of {places[0]} and {places[1]} are exchanged: the error of their signals is "
+    text = f"The loads ({names}) of {steps[0]} and {steps[1]} are exchanged: the error of their signals is "
     text += f"{exchange.before:.0f} sigmas as recorded and {exchange.after:.1f} sigmas after the exchange."
-    return Check("exchanged-rows", " and ".join(places), exchange.before, exchange.after, "1", FAIL, text)
+    return Check("exchanged-rows", " and ".join(steps), exchange.before, exchange.after, "1", FAIL, text)

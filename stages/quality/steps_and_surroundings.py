@@ -139,18 +139,18 @@ def _likely(view: LoadingView, name: str, quantity: str) -> Check:
     value = view.steps.covariates[name]
     is_temperature = name in TEMPERATURES
     out_of_reach = temperatures_out_of_reach(value) if is_temperature else pressures_out_of_reach(value * _HPA)
-    places = view.places(out_of_reach.where)
+    steps = view.places(out_of_reach.where)
     worst = float(np.nanmax(np.abs(value)))
     unit = "degC" if is_temperature else "hPa"
     limit = out_of_reach.limit if is_temperature else out_of_reach.limit / _HPA
     text = f"The {quantity} is within the range of a laboratory."
     likely = "" if is_temperature else likely_pressure_unit(float(np.nanmedian(value)))
-    if places:
+    if steps:
         meant = f"; did you mean {likely}?" if likely else "; is the unit right?"
-        text = f"The {quantity} is outside the range of a laboratory{meant} {listed(places)}."
+        text = f"The {quantity} is outside the range of a laboratory{meant} {listed(steps)}."
     elif likely:
         text = f"The {quantity} is within the range of a laboratory at high altitude; did you mean {likely}?"
-    verdict = FAIL if places else WARN if likely else PASS
+    verdict = FAIL if steps else WARN if likely else PASS
     return Check("surroundings", quantity, worst, limit, unit, verdict, text)
 
 

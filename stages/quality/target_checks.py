@@ -117,7 +117,7 @@ def geometry(body: BodyView, limits: CampaignLimits) -> Iterator[Check]:
 def gross_errors(body: BodyView, limits: CampaignLimits) -> Iterator[Check]:
     """Check the share of targets far from their positions, in poses with enough targets; a few per cent are
     ordinary."""
-    if why := body.why_no_places:
+    if why := body.why_no_positions:
         yield not_evaluated("gross errors", "gross-errors", body.name, why)
         return
     seen, gross = int(body.points.is_observed[body.framed].sum()), body.gross[body.framed]
@@ -131,7 +131,7 @@ def gross_errors(body: BodyView, limits: CampaignLimits) -> Iterator[Check]:
 
 def exchanged_labels(body: BodyView, around: PoseSurroundings) -> Iterator[Check]:
     """Check for pairs of targets at each other's positions."""
-    if why := body.why_no_places or ("" if body.fit.ok.any() else f"{body.name}: no pose could be determined"):
+    if why := body.why_no_positions or ("" if body.fit.ok.any() else f"{body.name}: no pose could be determined"):
         yield not_evaluated("exchanged labels", "exchanged-labels", body.name, why)
         return
     source = body.survey.points
@@ -156,7 +156,7 @@ def moved_targets(body: BodyView, around: PoseSurroundings, share: float) -> Ite
     assessed = is_used.sum(axis=0) >= 2 * _EITHER_SIDE
     if not assessed.any():
         why = f"{body.name}: no target was seen in three poses before and three after a step"
-        yield not_evaluated("moved targets", "moved-targets", body.name, body.why_no_places or why)
+        yield not_evaluated("moved targets", "moved-targets", body.name, body.why_no_positions or why)
         return
     step = find_steps(body.residuals, sigma, is_used, _EITHER_SIDE)
     moved = np.nonzero(step.p_value < share / max(len(body.survey.targets), 1))[0]

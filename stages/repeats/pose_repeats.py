@@ -69,15 +69,15 @@ def repeatability_rows(
         (body, body_motions[:, :3], body_motions[:, 3:]) for body, body_motions in bodies.items()
     ]
     seen += list(_reflectors(tables, poses))
-    for name, place, angle in seen:
+    for name, position, angle in seen:
         for group in groups:
-            group_rows = group[np.isfinite(place[group]).all(axis=1)]
+            group_rows = group[np.isfinite(position[group]).all(axis=1)]
             if len(group_rows) > 1:
                 _repeats_of_group(
                     rows,
                     name,
                     poses[int(group_rows[0])],
-                    place[group_rows],
+                    position[group_rows],
                     None if angle is None else angle[group_rows],
                     how,
                     rng,
@@ -86,11 +86,11 @@ def repeatability_rows(
 
 
 def _repeats_of_group(
-    rows: Rows, name: str, pose: int | str, place: Array, angle: Array | None, how: str, rng: np.random.Generator
+    rows: Rows, name: str, pose: int | str, position: Array, angle: Array | None, how: str, rng: np.random.Generator
 ) -> None:
-    place_um = _UM * place
+    place_um = _UM * position
     figures: list[tuple[str, Figure, str]] = [("sigma", position_sigma(place_um), "um")]
-    if len(place) >= FEWEST:
+    if len(position) >= FEWEST:
         figures.append(("RP", position_repeatability(place_um, rng), "um"))
         if angle is not None:
             angles = orientation_repeatability(_PER_ARCSEC * angle)
@@ -98,7 +98,7 @@ def _repeats_of_group(
     for figure, size, unit in figures:
         rows.add(
             subject=name, pose=pose, figure=figure, value=size.value, low=size.low, high=size.high, unit=unit,
-            attained=len(place), told_by=how,
+            attained=len(position), told_by=how,
         )  # fmt: skip
 
 
@@ -117,10 +117,10 @@ def _reflectors(tables: Mapping[str, pa.Table], poses: Ids) -> Iterator[tuple[st
         if len(points_of_body.targets) >= _FRAME or str(body).startswith("leg"):
             continue
         for k, target in enumerate(points_of_body.targets):
-            place = np.where(points_of_body.is_observed[:, k, None], points_of_body.points[:, k], np.nan)
+            position = np.where(points_of_body.is_observed[:, k, None], points_of_body.points[:, k], np.nan)
             if reference is not None:
-                place = np.einsum("bji,bj->bi", reference[0], place - reference[1])
-            yield f"{body} {target}", place, None
+                position = np.einsum("bji,bj->bi", reference[0], position - reference[1])
+            yield f"{body} {target}", position, None
 
 
 def _reference(table: pa.Table | None, poses: Ids) -> tuple[Array, Array] | None:

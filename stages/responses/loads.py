@@ -62,7 +62,7 @@ NO_SIMULATION = "no simulation"
 _PARTS = ((slice(0, 3), "um", 1e6), (slice(3, 6), "arcsec", 1.0 / ARCSECOND))
 _MEASURED = "measured"
 _UM = 1e3  # per mm
-_WAYS = ("forward", "backward")
+_DIRECTIONS = ("forward", "backward")
 
 
 def load_deformation(tables: Mapping[str, pa.Table], settings: Campaign, why: str = "") -> Outcome:
@@ -149,7 +149,7 @@ def _compared_with_simulation(
         "simulated": simulated.entries[i, j],
         "simulated_sigma": simulated.sigma[i, j],
         "pull": pull,
-        "verdict": ["differs" if apart else "agrees" for apart in differs],
+        "verdict": ["differs" if is_other else "agrees" for is_other in differs],
     }
 
 
@@ -345,7 +345,7 @@ def _value(rows: pa.Table, run: int | str, figure: str) -> float:
 def _add_target_figures(rows: Rows, run: int | str, target: Array, figures: Positioning) -> None:
     for index, at in enumerate(target):
         subject = f"{at:g} mm"
-        for direction, name in enumerate(_WAYS):
+        for direction, name in enumerate(_DIRECTIONS):
             _add_position(rows, run, f"mean_{name}", subject, figures.mean[index, direction])
             _add_position(rows, run, f"s_{name}", subject, figures.scatter[index, direction])
             _add_position(rows, run, f"R_{name}", subject, figures.repeatability_at[index, direction])
@@ -355,7 +355,7 @@ def _add_target_figures(rows: Rows, run: int | str, target: Array, figures: Posi
 
 def _add_axis_figures(rows: Rows, run: int | str, figures: Positioning) -> None:
     _add_position(rows, run, "B_mean", None, float(figures.mean_reversal))
-    for direction, name in enumerate(_WAYS):
+    for direction, name in enumerate(_DIRECTIONS):
         _add_position(rows, run, f"R_{name}", None, figures.repeatability[direction])
         _add_position(rows, run, f"E_{name}", None, figures.systematic[direction])
         _add_position(rows, run, f"A_{name}", None, figures.accuracy[direction])

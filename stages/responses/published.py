@@ -42,16 +42,16 @@ def compared_with_published(published: pa.Table, curves: pa.Table, simulated: Si
     rows = Rows("published_compared")
     for row in published.to_pylist():
         value, sigma = _simulated(row, simulated)
-        own, own_sigma, allowed = value, sigma, _BAR * sigma
+        measured, own_sigma, allowed = value, sigma, _BAR * sigma
         if row["source"] == "measurement":
-            own, own_sigma = _curve(curves, row["load"], row["channel"]).at(row["applied"])
+            measured, own_sigma = _curve(curves, row["load"], row["channel"]).at(row["applied"])
             allowed = _BAR * math.hypot(own_sigma, math.sqrt(2.0) * sigma)
         rows.add(
             **{name: row[name] for name in _COPIED},
-            own=own,
+            own=measured,
             own_sigma=own_sigma,
             allowed_difference=allowed,
-            verdict=_verdict(abs(row["published"] - own), allowed),
+            verdict=_verdict(abs(row["published"] - measured), allowed),
             **{name: row[name] for name in ("published_in",) if name in row},
         )
     return rows
@@ -75,8 +75,8 @@ def _simulated(row: dict[str, object], simulated: SimulatedCompliance | None) ->
 def _curve(curves: pa.Table, load: str, channel: str) -> _Curve:
     rows = [row for row in curves.to_pylist() if (row["load"], row["channel"]) == (load, channel)]
     applied = np.array([row["applied"] for row in rows], float)
-    at, place = np.unique(applied, return_inverse=True)
+    at, index = np.unique(applied, return_inverse=True)
     weight = np.array([row["sigma"] for row in rows], float) ** -2.0
-    total = np.bincount(place, weight)
-    mean = np.bincount(place, weight * np.array([row["measured"] for row in rows], float)) / total
+    total = np.bincount(index, weight)
+    mean = np.bincount(index, weight * np.array([row["measured"] for row in rows], float)) / total
     return _Curve(at, mean, np.asarray(total**-0.5))

@@ -63,7 +63,7 @@ def entry_rows(matrix_comparison: MatrixComparison | None) -> Rows:
         simulated_sigma=matrix_comparison.simulated_sigma[leg, column],
         difference=matrix_comparison.difference[leg, column],
         pull=pull,
-        verdict=["differs" if apart else "agrees" for apart in differs],
+        verdict=["differs" if is_other else "agrees" for is_other in differs],
         unit="1",
     )
     return rows

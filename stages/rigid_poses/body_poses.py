@@ -21,7 +21,7 @@ from truing.estimation.rigid_poses.points import PointErrors
 from truing.estimation.rigid_poses.rigid import FitStatus, RigidFit
 from truing.estimation.rotation import exp_so3
 from truing.report.numbers import count as counted
-from truing.schemas.artifact import StoredTable, plain_texts, whole_table
+from truing.schemas.artifact import StoredTable, full_table, plain_texts
 from truing.schemas.artifacts import ARTIFACTS
 from truing.stages.common.compact_points import ObservedNames, compact_points, observed_names
 from truing.stages.common.point_arrays import (
@@ -66,7 +66,7 @@ def body_poses(tables: Mapping[str, Any], settings: Campaign, progress: Progress
     errors, common_sensitivity = _common_errors(tables)
     survey = tables.get("survey", ARTIFACTS["survey"].empty())
     estimates = _estimates(tables["observations"], names, survey, common_sensitivity, settings, progress)
-    correlated = None if errors is None else _correlated(estimates, whole_table(tables["observations"]), errors)
+    correlated = None if errors is None else _correlated(estimates, full_table(tables["observations"]), errors)
     stream = _PoseStream(estimates, correlated, (tables["scans"], tables["measured_poses"]), names.poses, settings)
     artifacts = {"poses": stream.poses(), "residuals": stream.residuals()}
     if settings.exclude:
@@ -89,7 +89,7 @@ def _common_errors(tables: Mapping[str, Any]) -> tuple[PointErrors | None, Array
     if tables.get("point_correlations") is None:
         return None, None
     network = (tables.get(name) for name in ("point_correlations", "point_sensitivities", "object_points"))
-    errors = point_errors(whole_table(tables["observations"]), *network)
+    errors = point_errors(full_table(tables["observations"]), *network)
     if errors is None or not errors.parameters:
         return errors, None
     return errors, errors.of_each(common_correlation(tables.get("camera_correlations"), errors.parameters))
@@ -114,7 +114,7 @@ def _estimates(
         kept = decided_points(points, name, settings.keep, "kept")
         cov_independent = None
         if unshared is not None:
-            cov_independent = unshared[observation_rows(whole_table(observations), name, names.poses, points.targets)]
+            cov_independent = unshared[observation_rows(full_table(observations), name, names.poses, points.targets)]
         bodies.append(estimate_body(points, name, survey_points(survey, name), excluded, kept, cov_independent))
     return bodies
 

@@ -21,9 +21,9 @@ def predicted_encoders(text: str, second: SecondCampaign) -> Iterator[Prediction
         raise second.refuse("mechanism.type", "axis", section.type)
     table = second.tables["configurations"]
     columns = columns_of(second.settings, table)
-    for key, own, other in (("kind", extended.axis.kind, columns.kind), ("loop", extended.axis.loop, columns.loop)):
-        if own != other:
-            raise second.refuse(f"mechanism.{key}", own, other)
+    for key, here, other in (("kind", extended.axis.kind, columns.kind), ("loop", extended.axis.loop, columns.loop)):
+        if here != other:
+            raise second.refuse(f"mechanism.{key}", here, other)
     off = command_sigma(second.settings)
     rows, deviations = columns.rows(table, off), columns.deviations(table)
     needed = {name for effect in extended.effects if effect.cause.is_persistent for name in effect.cause.needs(0)}

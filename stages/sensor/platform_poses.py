@@ -72,7 +72,7 @@ def _displacement_rows(platform: PlatformPoses, out: Decided) -> Rows:
     roles = {"role": np.where(cases.held_out, "verification", "calibration")} if cases.held_out.any() else {}
     rows.add(
         case=np.arange(1, len(cases.load) + 1),
-        branch=[BRANCHES[way] for way in cases.branch],
+        branch=[BRANCHES[branch] for branch in cases.branch],
         **dict(zip(LOAD_COLUMNS, cases.load.T, strict=True)),
         **dict(zip(MOVED_COLUMNS, (platform.value / MOVED_SI).T, strict=True)),
         **entries,
@@ -98,7 +98,7 @@ def _residual_rows(platform: PlatformPoses, recorded: RecordedSteps, out: Decide
         run=[steps.runs[r] for r in steps.run[at]],
         step=steps.step[at],
         channel=[CHANNELS[j] for j in k],
-        branch=[BRANCHES[way] for way in platform.cases.branch_of_step[at]],
+        branch=[BRANCHES[branch] for branch in platform.cases.branch_of_step[at]],
         residual=residual,
         sigma=sigma,
         unit=[READING_UNITS[j] for j in k],
@@ -134,9 +134,9 @@ def _exclusion_rows(
 def _geometry_columns(platform: PlatformPoses, at: Index, k: Index) -> dict[str, Array]:
     if platform.geometry is None:
         return {}
-    places = platform.cases.of_step[at], k
+    index = platform.cases.of_step[at], k
     parts = {"geometry": platform.geometry.added, "geometry_sigma": platform.geometry.added_sigma}
-    return {name: values[places] / READING_SI[k] for name, values in parts.items()}
+    return {name: values[index] / READING_SI[k] for name, values in parts.items()}
 
 
 def _term_rows(platform: PlatformPoses) -> Rows:
@@ -168,8 +168,8 @@ def _left_out(platform: PlatformPoses) -> str:
     if not len(at):
         return ""
     steps = platform.steps
-    places = zip(k, steps.run[at], steps.step[at], strict=True)
-    named = [f"{CHANNELS[j]} of run {steps.runs[run]} step {step}" for j, run, step in places]
+    rows = zip(k, steps.run[at], steps.step[at], strict=True)
+    named = [f"{CHANNELS[j]} of run {steps.runs[run]} step {step}" for j, run, step in rows]
     more = f" and {len(named) - 3} more" if len(named) > 3 else ""
     return f"{gross_errors(len(named), 'reading')}: {', '.join(named[:3])}{more}"
 

@@ -69,7 +69,7 @@ def _checked(extended: ExtendedSensor, table: pa.Table, file: str) -> Array:
     names, faults = table.schema.names, []
     six = any(name in names for name in LOAD_COLUMNS)
     needed = {**_TEXT, **_NUMBERS, **({} if six else {"load_axis": "the axis that is loaded", "load": "the load"})}
-    for cause in (own for own in extended.causes if own.is_persistent):
+    for cause in [cause for cause in extended.causes if cause.is_persistent]:
         needed |= {own_name(name): f"which {cause.id} follows" for name in cause.needs(len(LOADS)) if name not in LOADS}
     needed = {name: what for name, what in needed.items() if name not in LOAD_COLUMNS}
     faults += [Fault(file, f"a column of that name, {what}", column=n) for n, what in needed.items() if n not in names]

@@ -102,15 +102,15 @@ def _nominal_tip(tree: Tree, configurations: pa.Table, settings: Campaign) -> pa
 
 
 def _nominal_distances(
-    targets: Sequence[tuple[str, str]], places: NDArray, is_station: NDArray, poses: pa.ChunkedArray
+    targets: Sequence[tuple[str, str]], points: NDArray, is_station: NDArray, poses: pa.ChunkedArray
 ) -> dict[str, Any]:
-    """Columns of distances from every station to every target, with places (B, T, 3), in m, in the frame of the base;
+    """Columns of distances from every station to every target, with points (B, T, 3), m, in the frame of the base;
     raises ValueError without a target."""
     stations, others = np.flatnonzero(is_station), np.flatnonzero(~is_station)
     if not len(others):
         raise ValueError("needs targets.csv with a target on a link for its distances to the stations")
     a, b = (part.ravel() for part in np.meshgrid(stations, others, indexing="ij"))
-    length = np.linalg.norm(places[:, a] - places[:, b], axis=-1)
+    length = np.linalg.norm(points[:, a] - points[:, b], axis=-1)
     ends, starts = [targets[k] for k in b.tolist()], [targets[k] for k in a.tolist()]
     return {
         "pose": poses.take(np.repeat(np.arange(len(poses)), len(a))),
@@ -226,11 +226,12 @@ class ChainPlan:
     def _poses(self, table: pa.Table, poses: tuple[int | str, ...], values: NDArray, turned: NDArray) -> pa.Table:
         links, names = self.model.channels.links, self.model.channels.names
         channels = [k for k, name in enumerate(names) if name in ("position", "orientation")]
-        places = {(links[k], names[k]): k for k in channels}
+        channel_of = {(links[k], names[k]): k for k in channels}
         bodies, pose = table.column("body").to_pylist(), positions(table.column("pose"), poses)
         is_known = pose >= 0
         at = [
-            [places[body, name] for body in np.array(bodies, object)[is_known]] for name in ("position", "orientation")
+            [channel_of[body, name] for body in np.array(bodies, object)[is_known]]
+            for name in ("position", "orientation")
         ]
         shifts, turns = values[pose[is_known], at[0]] / _MM, log_so3(turned[pose[is_known], at[1]])
         columns = {name: shifts[:, k] for k, name in enumerate(_TRANSLATION)}
@@ -244,8 +245,8 @@ class ChainPlan:
 
 def _with_columns(table: pa.Table, columns: Mapping[str, NDArray]) -> pa.Table:
     for name, values in columns.items():
-        place = table.schema.get_field_index(name)
-        table = table.set_column(place, table.schema.field(place), pa.array(values))
+        index = table.schema.get_field_index(name)
+        table = table.set_column(index, table.schema.field(index), pa.array(values))
     return table
 
 

@@ -89,13 +89,13 @@ class CampaignPlan:
         points = draw_campaign(self.layout, effects, rng)
         targets = self.layout.model.targets
         pose = positions(self.observations.column("pose"), self.poses)
-        place = _target_indices(self.observations, targets)
-        is_known = (pose >= 0) & (place >= 0)
+        index = _target_indices(self.observations, targets)
+        is_known = (pose >= 0) & (index >= 0)
         target_index = _target_indices(self.survey, targets)
         surveyed = self.survey.filter(target_index >= 0)
         return {
             "observations": _with_points(
-                self.observations.filter(is_known), points.points[pose[is_known], place[is_known]]
+                self.observations.filter(is_known), points.points[pose[is_known], index[is_known]]
             ),
             "survey": _with_points(surveyed, points.survey[target_index[target_index >= 0]]),
             "configurations": self.configurations,
@@ -187,18 +187,18 @@ def _all_visible(survey: pa.Table, configurations: pa.Table, noise: float) -> pa
 def _bodies(survey: pa.Table, observations: pa.Table, poses: tuple[int | str, ...], legs: int, noise: float) -> _Bodies:
     kinds = [("base", BASE, -1), ("platform", PLATFORM, -1), *((f"leg{i + 1}", LEG, i) for i in range(legs))]
     surveys = [(body, kind, ridden, survey_points(survey, body)) for body, kind, ridden in kinds]
-    points_of_body = [pose_points(observations, body, poses, own.targets) for body, _, _, own in surveys]
-    legs_of = [own.leg - 1 if kind == PLATFORM else np.full(len(own.leg), ridden) for _, kind, ridden, own in surveys]
+    points_of_body = [pose_points(observations, body, poses, one.targets) for body, _, _, one in surveys]
+    legs_of = [one.leg - 1 if kind == PLATFORM else np.full(len(one.leg), ridden) for _, kind, ridden, one in surveys]
     targets = Targets(
-        np.concatenate([np.full(len(own.targets), kind) for _, kind, _, own in surveys]),
+        np.concatenate([np.full(len(one.targets), kind) for _, kind, _, one in surveys]),
         np.concatenate(legs_of),
-        tuple(target for *_, own in surveys for target in own.targets),
-        tuple(body for body, _, _, own in surveys for _ in own.targets),
+        tuple(target for *_, one in surveys for target in one.targets),
+        tuple(body for body, _, _, one in surveys for _ in one.targets),
     )
     return _Bodies(
         targets,
-        np.concatenate([own.points for *_, own in surveys]),
-        with_declared_noise(np.concatenate([own.cov for *_, own in surveys]), noise),
+        np.concatenate([one.points for *_, one in surveys]),
+        with_declared_noise(np.concatenate([one.cov for *_, one in surveys]), noise),
         with_declared_noise(np.concatenate([points.cov for points in points_of_body], 1), noise),
         np.concatenate([points.is_observed for points in points_of_body], 1),
     )
@@ -214,8 +214,8 @@ def _target_indices(table: pa.Table, targets: Targets) -> NDArray:
 def _with_points(table: pa.Table, points: NDArray) -> pa.Table:
     """The table with other coordinates, points (N, 3) in m."""
     for axis, values in zip("xyz", points.T, strict=True):
-        place = table.schema.get_field_index(f"{axis}_mm")
-        table = table.set_column(place, table.schema.field(place), pa.array(values * 1e3))
+        index = table.schema.get_field_index(f"{axis}_mm")
+        table = table.set_column(index, table.schema.field(index), pa.array(values * 1e3))
     return table
 
 
@@ -272,14 +272,14 @@ def _keys(steps: RecordedSteps) -> list[tuple[int | str, int]]:
     return [(steps.runs[run], int(step)) for run, step in zip(steps.run, steps.step, strict=True)]
 
 
-def _rows(table: pa.Table, place: Mapping[tuple[int | str, int], int]) -> Index:
+def _rows(table: pa.Table, row_of: Mapping[tuple[int | str, int], int]) -> Index:
     keys = zip(table.column("run").to_pylist(), table.column("step").to_pylist(), strict=True)
-    return np.array([place[key] for key in keys])
+    return np.array([row_of[key] for key in keys])
 
 
 def _with_column(table: pa.Table, name: str, values: Array) -> pa.Table:
-    place = table.schema.get_field_index(name)
-    return table.set_column(place, table.schema.field(place), pa.array(values))
+    index = table.schema.get_field_index(name)
+    return table.set_column(index, table.schema.field(index), pa.array(values))
 
 
 @dataclass(frozen=True)
@@ -322,8 +322,8 @@ class RayPlan:
         table = self.tables["ray_statistics"]
         pose = positions(table.column("pose"), self.rays.poses)
         number = positions(table.column("shared_number"), tuple(parameter.called for parameter in self.rays.parameters))
-        place = table.schema.get_field_index("score")
-        return table.set_column(place, table.schema.field(place), pa.array(score[pose, number]))
+        index = table.schema.get_field_index("score")
+        return table.set_column(index, table.schema.field(index), pa.array(score[pose, number]))
 
 
 def ray_plan(tables: Mapping[str, pa.Table], rays: RayPoses, scene: Scene) -> RayPlan:

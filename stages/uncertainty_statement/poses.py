@@ -109,18 +109,18 @@ def _parts(
 ) -> Parts | None:
     """Return the contributions of points and surveys of a body and of its reference to the covariance of its poses;
     None unless the poses come from a fit to surveys with declared noise."""
-    own = _parts_of_body(tables, body, poses)
-    if own is None:
+    parts_of_body = _parts_of_body(tables, body, poses)
+    if parts_of_body is None:
         return None
     if parent == "measurement":
-        parts = own
+        parts = parts_of_body
     else:
         other = _parts_of_body(tables, parent, poses)
         if other is None:
             return None
         (R, p), (Ra, pa_) = (default_motions(tables["poses"], name, poses) for name in (body, parent))
         none = np.zeros((len(poses), 6, 6))
-        parts = {source: relative(Ra, pa_, none, R, p, covariance)[2] for source, covariance in own.items()}
+        parts = {source: relative(Ra, pa_, none, R, p, covariance)[2] for source, covariance in parts_of_body.items()}
         parts |= {source: relative(Ra, pa_, covariance, R, p, none)[2] for source, covariance in other.items()}
     by_declared = [covariance for source, covariance in parts.items() if source.evaluation == "B"]
     declared = np.sum(by_declared, axis=0)
@@ -150,8 +150,8 @@ def parts_of_network(
         return None
     parameters = tuple(dict.fromkeys(rows.column("parameter").to_pylist()))
     by = np.zeros((len(poses), 6, len(parameters)))
-    place = positions(rows.column("pose"), poses), positions(rows.column("parameter"), parameters)
-    by[place[0], :, place[1]] = number_columns(rows, _EFFECTS) * _TO_SI
+    index = positions(rows.column("pose"), poses), positions(rows.column("parameter"), parameters)
+    by[index[0], :, index[1]] = number_columns(rows, _EFFECTS) * _TO_SI
     correlation = common_correlation(tables.get("camera_correlations"), parameters)
     bar = np.array([subject_and_name(name)[0] == BAR for name in parameters], dtype=bool)
     common = by @ correlation @ np.swapaxes(by, 1, 2)

@@ -15,7 +15,7 @@ from tests.real.interferometer_logs import LINES
 from tests.sensor_campaign import campaign_toml
 from tests.stages.line import run_line
 from tests.tolerance import assert_between, assert_close
-from truing.report.measured_section import corrections
+from truing.report.measured_loads import corrections
 
 PAGE = interferometer.PAGE.read_text(encoding="utf-8")
 

@@ -7,12 +7,12 @@ import pytest
 
 from truing.estimation.rigid_poses.umeyama import umeyama
 from truing.estimation.target_positions import (
-    changes_of_place,
-    lonely_places,
+    displaced_points,
+    isolated_points,
     looseness,
     median_places,
+    position_changes,
     spread_in_time,
-    stray_places,
 )
 
 SIGMA = 1e-5
@@ -30,45 +30,45 @@ def known() -> np.ndarray:
 
 
 def test_a_target_that_stays_has_no_change_and_no_stray_point(places: np.ndarray, known: np.ndarray) -> None:
-    assert changes_of_place(places, known, ORDER, SIGMA) == []
-    assert not stray_places(places, known, ORDER, SIGMA, []).any()
-    assert not lonely_places(places, known, ORDER, SIGMA).any()
+    assert position_changes(places, known, ORDER, SIGMA) == []
+    assert not displaced_points(places, known, ORDER, SIGMA, []).any()
+    assert not isolated_points(places, known, ORDER, SIGMA).any()
 
 
 def test_a_change_is_found_at_its_pose_and_what_follows_is_not_astray(places: np.ndarray) -> None:
     known = np.ones((20, 4), bool)
     places[7:, 2] += [0.5, 0.0, 2.0]
-    changes = changes_of_place(places, known, ORDER, SIGMA)
+    changes = position_changes(places, known, ORDER, SIGMA)
     assert changes == [(7, 2)]
-    assert not stray_places(places, known, ORDER, SIGMA, changes).any()
+    assert not displaced_points(places, known, ORDER, SIGMA, changes).any()
 
 
 def test_time_is_counted_by_order_and_not_by_row(places: np.ndarray) -> None:
     known = np.ones((20, 4), bool)
     order = ORDER[::-1].copy()
     places[order >= 12, 1] += 0.1
-    assert changes_of_place(places, known, order, SIGMA) == [(int(np.flatnonzero(order == 12)[0]), 1)]
+    assert position_changes(places, known, order, SIGMA) == [(int(np.flatnonzero(order == 12)[0]), 1)]
 
 
 def test_a_single_point_far_off_is_lonely_and_astray_and_no_change(places: np.ndarray) -> None:
     known = np.ones((20, 4), bool)
     places[9, 3] += 0.3
-    assert changes_of_place(places, known, ORDER, SIGMA) == []
-    for found in (lonely_places(places, known, ORDER, SIGMA), stray_places(places, known, ORDER, SIGMA, [])):
+    assert position_changes(places, known, ORDER, SIGMA) == []
+    for found in (isolated_points(places, known, ORDER, SIGMA), displaced_points(places, known, ORDER, SIGMA, [])):
         assert np.argwhere(found).tolist() == [[9, 3]]
 
 
 def test_two_poses_elsewhere_are_too_few_for_a_place(places: np.ndarray) -> None:
     known = np.ones((20, 4), bool)
     places[9:11, 0] += 0.3
-    assert changes_of_place(places, known, ORDER, SIGMA) == []
-    assert np.argwhere(lonely_places(places, known, ORDER, SIGMA)).tolist() == [[9, 0], [10, 0]]
+    assert position_changes(places, known, ORDER, SIGMA) == []
+    assert np.argwhere(isolated_points(places, known, ORDER, SIGMA)).tolist() == [[9, 0], [10, 0]]
 
 
 def test_a_target_elsewhere_in_every_pose_agrees_with_none(places: np.ndarray) -> None:
     known = np.ones((20, 4), bool)
     places[:, 1] += np.random.default_rng(3).normal(size=(20, 3))
-    assert lonely_places(places, known, ORDER, SIGMA)[:, 1].all()
+    assert isolated_points(places, known, ORDER, SIGMA)[:, 1].all()
 
 
 def test_the_spread_is_that_from_pose_to_pose(places: np.ndarray) -> None:
@@ -105,9 +105,9 @@ def test_a_loosely_known_target_counts_neither_as_lonely_nor_as_moved(places: np
     known, loose = np.ones((20, 4), bool), np.ones((20, 4))
     places[:, 2] *= 12.0
     loose[:, 2] = 12.0
-    assert lonely_places(places, known, ORDER, SIGMA)[:, 2].any()
-    assert not lonely_places(places, known, ORDER, SIGMA, loose).any()
+    assert isolated_points(places, known, ORDER, SIGMA)[:, 2].any()
+    assert not isolated_points(places, known, ORDER, SIGMA, loose).any()
     places[9:, 2] += 60 * SIGMA
-    assert changes_of_place(places, known, ORDER, SIGMA, loose) == []
+    assert position_changes(places, known, ORDER, SIGMA, loose) == []
     places[9:, 2] += 1200 * SIGMA
-    assert changes_of_place(places, known, ORDER, SIGMA, loose) == [(9, 2)]
+    assert position_changes(places, known, ORDER, SIGMA, loose) == [(9, 2)]

@@ -15,6 +15,7 @@ from truing.formats.shapes import (
     DISPLACEMENT,
     IMAGE_POINTS,
     INTERFEROMETER,
+    LOADS_APART,
     POINTS,
     POSES,
     POSITIONING,
@@ -29,7 +30,7 @@ from truing.formats.source import CampaignFiles
 from truing.schemas.campaign import read_campaign
 from truing.schemas.faults import Fault
 
-_OF_BENCHES = (DISPLACEMENT, INTERFEROMETER, SIGNALS, QUADRATURE, POSITIONING)
+_OF_BENCHES = (DISPLACEMENT, INTERFEROMETER, SIGNALS, LOADS_APART, QUADRATURE, POSITIONING)
 _ALL = (POINTS, POSES, TARGETS, CONFIGURATIONS, SCANS, SURFACES, *_OF_BENCHES, IMAGE_POINTS, CAMERAS, SCALE_BARS)
 SHAPES = {shape.name: shape for shape in _ALL}
 

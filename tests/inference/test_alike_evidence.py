@@ -17,7 +17,7 @@ FREEDOM = 4000.0
 
 def _drawn(rng: np.random.Generator, parts: int, others: int, count: int) -> NDArray:
     """Parameters (count, parts + others) as the evidence takes them to be beforehand."""
-    sizes = rng.choice(evidence._SIZES, (count, 1))
+    sizes = rng.choice(evidence.LIKE_SIZES, (count, 1))
     one_sign = rng.random(count) < 0.5
     signs = rng.choice([-1.0, 1.0], (count, parts))
     while np.any(again := np.abs(signs.sum(1)) == parts):

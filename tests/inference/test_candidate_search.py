@@ -78,8 +78,8 @@ def test_evidence_prefers_the_simpler_of_two_that_explain_the_same() -> None:
 
 def test_evidence_is_the_marginal_likelihood() -> None:
     """Against the integral over the parameter and over the size, noise known."""
-    z, strength, sizes = 4.0, 5.0, np.array([3.0, 1.0, 1 / 3, 1 / 10, 1 / 30])
-    theta = np.linspace(-30, 30, 200001)
+    z, strength, sizes = 4.0, 5.0, np.array([30.0, 10.0, 3.0, 1.0, 1 / 3, 1 / 10, 1 / 30])
+    theta = np.linspace(-300, 300, 2_000_001)
     prior = np.mean(np.exp(-0.5 * (theta[:, None] / sizes) ** 2) / sizes / np.sqrt(2 * np.pi), 1)
     wanted = np.log(
         np.sum(np.exp(z * strength * theta - 0.5 * (strength * theta) ** 2) * prior) * (theta[1] - theta[0])

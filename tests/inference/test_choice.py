@@ -28,6 +28,7 @@ def _cause(name: str, catalogued: bool) -> Any:
     return SimpleNamespace(
         key=name,
         catalogued=catalogued,
+        has_known_scale=False,
         like_sized=lambda legs: (),
         one_sided=lambda legs: (0,) if name.startswith("gap") else (),
         is_higher_order=name.startswith("further"),

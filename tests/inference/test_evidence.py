@@ -1,4 +1,4 @@
-"""Evidence of parameters: by products of columns as by directions, and of parameters whose sign is known."""
+"""Evidence of parameters of a plausible size, of a known range, and of a known sign; also by products."""
 
 from __future__ import annotations
 
@@ -7,7 +7,7 @@ import pytest
 from scipy.stats import norm
 
 from tests.tolerance import assert_close
-from truing.inference.evidence import log_evidence, log_evidence_of_products, log_possible
+from truing.inference.evidence import SIZES, log_evidence, log_evidence_of_products, log_possible, sizes_of
 
 
 @pytest.mark.parametrize("value", [-4.0, -1.0, 0.0, 2.0])
@@ -40,6 +40,31 @@ def test_evidence_of_products_is_that_along_the_directions_of_the_columns() -> N
     columns, residual = rng.standard_normal((40, 6)), rng.standard_normal(40)
     left, strengths, _ = np.linalg.svd(columns, full_matrices=False)
     total = float(residual @ residual)
-    expected = float(log_evidence(left.T @ residual, strengths, total, 40.0, 2.0))
-    found = log_evidence_of_products(columns.T @ columns, columns.T @ residual, total, 40.0, 2.0)
+    expected = float(log_evidence(left.T @ residual, strengths, total, 40.0, (3.0, 0.5)))
+    found = log_evidence_of_products(columns.T @ columns, columns.T @ residual, total, 40.0, (3.0, 0.5))
     assert_close(found, expected, atol=1e-9, what="log evidence")
+
+
+@pytest.mark.parametrize("size", [5.0, 15.0, 30.0])
+def test_a_wider_plausible_scale_is_no_proof_of_a_cause(size: float) -> None:
+    """Two causes with the same effect on the data; it is ``size`` plausible scales of one, and a tenth of that of the
+    other: the data cannot distinguish them, and the odds are below those at which rivals are indistinguishable."""
+    freedom, along = 2000.0, np.array([25.0])
+    narrow, wide = (log_evidence(along, along / own, freedom, freedom) for own in (size, size / 10.0))
+    assert abs(float(wide - narrow)) < np.log(20.0)
+
+
+def test_one_parameter_is_preferred_to_three_that_explain_the_same_however_large_it_is() -> None:
+    along, size = np.array([25.0, 0.0, 0.0]), 28.0
+    one = log_evidence(along[:1], along[:1] / size, 2000.0, 2000.0)
+    three = log_evidence(along, np.full(3, along[0] / size), 2000.0, 2000.0)
+    assert one > three
+
+
+def test_a_property_of_a_material_far_from_all_known_ones_costs_evidence() -> None:
+    freedom, along, known = 2000.0, np.array([25.0]), sizes_of(SIZES, 1.0, is_known=True)
+    common, odd = (float(log_evidence(along, along / size, freedom, freedom, known)) for size in (1.0, 12.0))
+    assert common - odd > np.log(20.0)
+    assert float(log_evidence(along, along, freedom, freedom, known)) >= float(
+        log_evidence(along, along, freedom, freedom)
+    )

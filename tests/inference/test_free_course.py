@@ -92,6 +92,17 @@ def test_a_name_of_several_patterns_stands_where_each_follows_all_inputs() -> No
     assert sum(rival.is_clear for rival in _against(design @ values, design, values)) >= CAMPAIGNS - 1
 
 
+def test_many_parameters_that_fit_a_course_in_time_are_no_law() -> None:
+    """A drive errs along a smooth course in time; a name with an amplitude for each of twelve inputs fits it."""
+    waves = np.cos(np.pi * np.arange(1, 13) * TIME[:, None])
+    design = waves[:, None, :] * np.eye(DRIVES)[0][:, None]
+    design = np.concatenate([design, waves[:, None, :6] * np.eye(DRIVES)[1][:, None]], -1)
+    moved = SIZE * np.sin(5.0 * TIME + 0.4)
+    values = np.r_[np.linalg.lstsq(waves, moved, rcond=None)[0], np.zeros(6)]
+    rivals = _against(_of_first(moved), design, values)
+    assert sum(rival.is_clear for rival in rivals) <= 1
+
+
 def test_a_gain_is_doubted_where_a_drive_errs_smoothly() -> None:
     rivals = _rivals(GAIN + np.sin(4.0 * GAIN + 0.5), GAIN)
     assert sum(rival.is_clear for rival in rivals) <= 1

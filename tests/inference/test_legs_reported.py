@@ -34,7 +34,7 @@ def _evidence(scores: NDArray, legs: tuple[int, ...]) -> float:
     strengths = np.sqrt(values)
     candidate: Any = SimpleNamespace(
         signature=SimpleNamespace(strengths=strengths, loadings=vectors),
-        cause=SimpleNamespace(like_sized=lambda _: tuple(range(len(own)))),
+        cause=SimpleNamespace(like_sized=lambda _: tuple(range(len(own))), has_known_scale=False),
     )
     return log_evidence_of(candidate, STAND, vectors.T @ scores[own] / strengths, 1.0)
 

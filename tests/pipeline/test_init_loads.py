@@ -34,6 +34,20 @@ def test_a_file_of_loads_is_left_out_beside_the_same_loads_with_signals(tmp_path
     assert f"{plan}: not read, because {both} holds the same {len(LOADS)} loads" in shown
 
 
+def test_the_same_loads_in_another_order_are_read_once(tmp_path: Path) -> None:
+    mixed = LOADS[np.random.default_rng(4).permutation(len(LOADS))] * (1.0 + 1e-8)
+    (tmp_path / "plan.csv").write_text(text(COMPONENTS, mixed))
+    (tmp_path / "both.csv").write_text(text(COMPONENTS + CHANNELS, np.hstack([LOADS, SIGNALS])))
+    assert init(tmp_path)[1]["files"]["signals"]["path"] == "both.csv"
+
+
+def test_other_loads_of_the_same_number_are_read(tmp_path: Path) -> None:
+    (tmp_path / "plan.csv").write_text(text(COMPONENTS, np.vstack([LOADS[:-1], 2.0 * LOADS[-1:]])))
+    (tmp_path / "both.csv").write_text(text(COMPONENTS + CHANNELS, np.hstack([LOADS, SIGNALS])))
+    entries = init(tmp_path)[1]["files"]["signals"]
+    assert {one["path"] for one in entries} == {"plan.csv", "both.csv"}
+
+
 def test_two_runs_with_the_same_loads_and_signals_of_their_own_are_both_read(tmp_path: Path) -> None:
     rng = np.random.default_rng(3)
     for name in ("first.csv", "second.csv"):

@@ -11,7 +11,7 @@ from truing.belonging.relation import RelationState
 from truing.report.chain_corrections import corrections, estimates_zeros
 from truing.report.chain_page import chain
 from truing.report.section_verdict import SectionVerdict
-from truing.runs.chain_places import chain_places
+from truing.runs.chain_positions import chain_positions
 from truing.schemas.verdict import ReasonCode
 
 _NOT_TURNED = {"rx_rad": 0.0, "ry_rad": 0.0, "rz_rad": 0.0}
@@ -56,7 +56,7 @@ def _tables() -> dict[str, pd.DataFrame]:
     prediction = pd.DataFrame({"pose": ["a", "b"], "role": ["calibration", "verification"], **errors})
     tables = {"joints": _joints(), "configurations": configurations, "observations": observations, "survey": survey}
     tables |= {"chain_parameters": pd.DataFrame(rows, columns=names), "prediction": prediction}
-    return tables | chain_places(tables)
+    return tables | chain_positions(tables)
 
 
 def test_the_arm_stands_where_its_joints_are_read() -> None:
@@ -100,9 +100,9 @@ def test_a_chain_that_was_not_diagnosed_is_drawn_and_other_machines_have_no_sect
     assert not section.listings
     assert "not identified" in section.lead
     assert chain({}) is None
-    assert chain_places({"configurations": tables["configurations"]}) == {}
+    assert chain_positions({"configurations": tables["configurations"]}) == {}
     unread = {**tables, "configurations": tables["configurations"].drop(columns="elbow_rad")}
-    assert chain_places(unread) == {}
+    assert chain_positions(unread) == {}
 
 
 @pytest.mark.parametrize(

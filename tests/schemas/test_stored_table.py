@@ -8,7 +8,7 @@ import pyarrow as pa
 import pyarrow.parquet as pq
 import pytest
 
-from truing.schemas.artifact import DamagedTable, StoredTable, plain_texts, table_batches, whole_table
+from truing.schemas.artifact import DamagedTable, StoredTable, full_table, plain_texts, table_batches
 from truing.schemas.artifacts import ARTIFACTS
 
 OBSERVATIONS = ARTIFACTS["observations"]
@@ -34,7 +34,7 @@ def test_batches_hold_all_rows_in_order(tmp_path: Path) -> None:
         assert max(batch.num_rows for batch in batches) <= 20
         whole = plain_texts(pa.concat_tables(batches).unify_dictionaries())
         assert whole.cast(table.schema).equals(table)
-        assert whole_table(source).equals(table)
+        assert full_table(source).equals(table)
         some = pa.concat_tables(list(table_batches(source, ("target", "pose", "no_such_column"))))
         assert some.column_names == ["pose", "target"]
         assert some.num_rows == source.num_rows == 47

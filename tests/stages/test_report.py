@@ -12,7 +12,7 @@ from tests.blind.generator.layout import Layout, Targets
 from tests.blind.generator.schedule import random_moves
 from tests.stages.line import run_line
 from tests.tolerance import assert_between
-from truing.runs.page_parts import target_places
+from truing.runs.page_parts import target_positions_of
 from truing.schemas.campaign import read_campaign
 
 LAYOUT = Layout(name="a campaign & ours", targets=Targets(per_leg=0))
@@ -38,7 +38,7 @@ def test_the_page_stands(line):
 def test_without_a_survey_the_shape_is_what_was_measured(line):
     frames = {name: line[0][name].to_pandas() for name in ("observations", "poses", "residuals", "survey")}
     surveyed = frames.pop("survey")
-    found = target_places(frames).merge(surveyed, on=["body", "target"], suffixes=("", "_true"))
+    found = target_positions_of(frames).merge(surveyed, on=["body", "target"], suffixes=("", "_true"))
     assert len(found) == len(surveyed)
     off = found[["x_mm", "y_mm", "z_mm"]].to_numpy() - found[["x_mm_true", "y_mm_true", "z_mm_true"]].to_numpy()
     # Points agree with the survey by construction: measured less residual, so only rounding in the tables is left.

@@ -50,15 +50,15 @@ def match_targets(target: Array, position: Array) -> TargetMatch:
     shift of rows by less than a cycle, at most 200.
     """
     misfit = _rms(position - target)
-    places = np.unique(target)
-    distant_rows = _apart(target, position) if len(places) > 1 else np.empty(0, int)
+    numbers = np.unique(target)
+    distant_rows = _apart(target, position) if len(numbers) > 1 else np.empty(0, int)
     if not len(distant_rows):
         return TargetMatch(misfit)
     if np.ptp(position) == 0.0:
         return TargetMatch(misfit, 0.0, (RecordSlip(SlipKind.FROZEN, "position_mm"),), still=True)
     if (exchanged := _exchanged(target, position, distant_rows)) is not None:
         return TargetMatch(misfit, _rms(position[exchanged] - target), (_exchange(exchanged),))
-    travel = float(np.ptp(places))
+    travel = float(np.ptp(numbers))
     tried = list(_misfit_by_slip(target, position))
     best = min(left for left, _ in tried)
     if best * _BETTER < misfit and best < _LEFT * travel:
@@ -116,8 +116,8 @@ def _misfit_by_slip(target: Array, position: Array) -> Iterator[tuple[float, tup
     for factor in both_ways(LENGTH_FACTORS):
         # positions are hardly recorded in such units, but targets are in the inverse ones
         of_targets = factor < 1.0 and 1.0 / factor not in _SMALL_UNITS
-        quantity, own = ("target_mm", 1.0 / factor) if of_targets else ("position_mm", factor)
-        unit = RecordSlip(SlipKind.UNIT, quantity, factor=own)
+        quantity, slip_factor = ("target_mm", 1.0 / factor) if of_targets else ("position_mm", factor)
+        unit = RecordSlip(SlipKind.UNIT, quantity, factor=slip_factor)
         yield _rms(factor * position - target), (unit,)
         yield _rms(-factor * position - target), (unit, turned)
     most = min(2 * len(np.unique(target)) - 1, len(target) // 2, _FARTHEST)

@@ -90,10 +90,10 @@ def sexagesimal(command: Array, reading: Array) -> tuple[bool, str]:
 
     Such decimals never reach 60, and as minutes they agree with the other column far better.
     """
-    apart = float(np.std(reading - command))
-    if len(command) < _FEWEST_ANGLES or not apart > 0.0:
+    scatter = float(np.std(reading - command))
+    if len(command) < _FEWEST_ANGLES or not scatter > 0.0:
         return False, ""
-    left = {(False, ""): _FAR_BETTER * apart}
+    left = {(False, ""): _FAR_BETTER * scatter}
     for of_command, angles, others in ((False, reading, command), (True, command, reading)):
         for name, read in _SEXAGESIMAL.items():
             if (found := read(angles)) is not None:

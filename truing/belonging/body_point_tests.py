@@ -398,11 +398,11 @@ def shifted_survey(
     ``names``: body and target of each row of the survey.
     """
     for shift in (1, -1, 2, -2):
-        places = dict(zip(names, np.roll(survey, -shift, axis=0), strict=True))
+        points = dict(zip(names, np.roll(survey, -shift, axis=0), strict=True))
         before, after = [], []
         for body in bodies:
             weight = body.is_observed.astype(float)
-            moved = np.array([places[body.name, target] for target in body.targets])
+            moved = np.array([points[body.name, target] for target in body.targets])
             before.append(_typical(umeyama(body.survey, body.points, weight).rms))
             after.append(_typical(umeyama(moved, body.points, weight).rms))
         if np.all(np.array(after) <= _FIFTH * np.array(before)):

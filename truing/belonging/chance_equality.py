@@ -134,7 +134,10 @@ def noise_of_neighbours(load: Array, value: Array) -> Array:
     residual = value[at[:, 2]] - np.einsum("nm,nmk->nk", weight, value[at[:, [0, 1, 3, 4]]])
     residual /= np.sqrt(1.0 + np.sum(weight**2, axis=1))[:, None]
     return np.array(
-        [_MEDIAN * np.median(own) if len(own) >= _FEWEST else np.nan for own in map(_finite_values, np.abs(residual).T)]
+        [
+            _MEDIAN * np.median(size) if len(size) >= _FEWEST else np.nan
+            for size in map(_finite_values, np.abs(residual).T)
+        ]
     )
 
 

@@ -107,8 +107,8 @@ def _best_line(body: DrivenBody) -> _FollowedDrive | None:
     """Return the relation that most poses follow, over reference poses and units; None if too few follow any."""
     if len(body.readings) < _FEWEST_POSES:
         return None
-    places = np.linspace(0, len(body.readings) - 1, _REFERENCES).astype(int)  # one of them may hold a slip
-    lines = [line for at in places for line in _lines(body, int(at)) if _is_followed(body, line)]
+    rows = np.linspace(0, len(body.readings) - 1, _REFERENCES).astype(int)  # one of them may hold a slip
+    lines = [line for at in rows for line in _lines(body, int(at)) if _is_followed(body, line)]
     return max(lines, key=lambda line: (int(line.follows.sum()), -line.rms)) if lines else None
 
 

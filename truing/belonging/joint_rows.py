@@ -170,10 +170,10 @@ def _exchanged_names(compared: ChainComparison, errors_at: ErrorsAt, agreed: Agr
             continue
         values = compared.values.copy()
         values[:, [i, j]] = compared.values[:, [j, i]]
-        own_names, other = (
+        survey_names, other = (
             np.sqrt(np.mean(e[:, [i, j]] ** 2, axis=(1, 2))) for e in (before, errors_at(compared.readings, values))
         )
-        rows = (own_names > agreed.limit) & (other < np.minimum(_LEFT * own_names, agreed.limit))
+        rows = (survey_names > agreed.limit) & (other < np.minimum(_LEFT * survey_names, agreed.limit))
         if rows.sum() >= _FEWEST_APART:
             names = tuple(compared.targets[k][1] for k in (i, j))
             where = row_places(rows, ~rows, compared.poses, ())
@@ -209,16 +209,16 @@ def _measured(compared: ChainComparison) -> str:
 
 def _repeated(compared: ChainComparison, agreed: Agreement) -> RowSlips | None:
     """Return the measurements of poses that disagree, if each equals another pose in every digit."""
-    apart = agreed.apart
+    far = agreed.apart
     values = compared.values.reshape(len(compared.values), -1)
-    if len(apart) < (_FEWEST_APART if compared.is_of_distances else 1) or not np.isfinite(values[apart]).any():
+    if len(far) < (_FEWEST_APART if compared.is_of_distances else 1) or not np.isfinite(values[far]).any():
         return None
     _, raveled, count = np.unique(np.nan_to_num(values), axis=0, return_inverse=True, return_counts=True)
     raveled = np.ravel(raveled)
-    if not (count[raveled][apart] > 1).all():
+    if not (count[raveled][far] > 1).all():
         return None
-    alike = np.flatnonzero(np.isin(raveled, raveled[apart]))
-    names = _names(compared, alike if len(alike) <= _MOST_NAMED else apart)
+    alike = np.flatnonzero(np.isin(raveled, raveled[far]))
+    names = _names(compared, alike if len(alike) <= _MOST_NAMED else far)
     return RowSlips((RecordSlip(SlipKind.COPIED, f"{_measured(compared)} of", names),))
 
 
@@ -239,20 +239,20 @@ def _changed(compared: ChainComparison, errors_at: ErrorsAt, agreed: Agreement) 
 
 def _exchanged(compared: ChainComparison, errors_at: ErrorsAt, agreed: Agreement) -> RowSlips | None:
     """Return poses whose readings are in each other's rows, if that explains every pose that disagrees."""
-    apart = agreed.apart
-    if not 1 < len(apart) <= _MOST_EXCHANGED:
+    far = agreed.apart
+    if not 1 < len(far) <= _MOST_EXCHANGED:
         return None
-    rows = np.arange(len(apart))
-    cost = np.empty((len(apart), len(apart)))
+    rows = np.arange(len(far))
+    cost = np.empty((len(far), len(far)))
     for at in rows:
         readings = compared.readings.copy()
-        readings[apart] = compared.readings[np.roll(apart, -at)]
-        cost[rows, (rows + at) % len(apart)] = _size(errors_at(readings, compared.values))[apart]
+        readings[far] = compared.readings[np.roll(far, -at)]
+        cost[rows, (rows + at) % len(far)] = _size(errors_at(readings, compared.values))[far]
     columns = cheapest_columns(np.log1p((cost / agreed.limit) ** 2))
     after = cost[rows, columns]
-    if _rms(after) > _LEFT * _rms(agreed.distance[apart]) or after.max() > agreed.limit or _is_shift(apart, columns):
+    if _rms(after) > _LEFT * _rms(agreed.distance[far]) or after.max() > agreed.limit or _is_shift(far, columns):
         return None
-    return RowSlips((RecordSlip(SlipKind.ROWS_EXCHANGED, "readings", _names(compared, apart)),), _rms(after))
+    return RowSlips((RecordSlip(SlipKind.ROWS_EXCHANGED, "readings", _names(compared, far)),), _rms(after))
 
 
 def _is_shift(apart: Index, columns: Index) -> bool:

@@ -148,12 +148,12 @@ class _ValueTable:
 
     def recorded(self, steps: RecordedSteps, runs: Sequence[str], used: Mask, wrong: Sequence[RunPart]) -> _Used:
         """Return the rows (N,) used for responses, without runs of which a part is wrong, or that are constant."""
-        places = range(self.first, self.first + len(self.columns))
-        apart = np.isin(steps.run, [fault.run for fault in wrong if part_concerns(fault, places)])
-        value = np.where((used & ~apart)[:, None], self.value, np.nan)
+        indices = range(self.first, self.first + len(self.columns))
+        is_wrong = np.isin(steps.run, [fault.run for fault in wrong if part_concerns(fault, indices)])
+        value = np.where((used & ~is_wrong)[:, None], self.value, np.nan)
         still = list(constant_columns(steps.load, steps.run, value))
-        for place in still:
-            value[steps.run == place.run, place.column] = np.nan
+        for column in still:
+            value[steps.run == column.run, column.column] = np.nan
         return _Used(SignalSteps(steps.load, steps.run, value, runs), still)
 
     def tests(
@@ -363,12 +363,12 @@ def _frozen_slips(
     for one in constant:
         by_run.setdefault((one.run, columns[one.column].quantity), []).append(one.column)
     alike: dict[tuple[str, tuple[int, ...]], list[str]] = {}
-    for (run, quantity), places in by_run.items():
-        alike.setdefault((quantity, tuple(places)), []).append(runs[run])
+    for (run, quantity), indices in by_run.items():
+        alike.setdefault((quantity, tuple(indices)), []).append(runs[run])
     for (quantity, same), names in alike.items():
         every = len(same) == sum(column.quantity == quantity for column in columns)
-        own = () if every and len(same) > 1 else tuple(columns[place].name for place in same)
-        yield RecordSlip(SlipKind.FROZEN, quantity, (*own, *names))
+        column_names = () if every and len(same) > 1 else tuple(columns[index].name for index in same)
+        yield RecordSlip(SlipKind.FROZEN, quantity, (*column_names, *names))
 
 
 def _values(steps: RecordedSteps, known: KnownBench) -> list[Values]:

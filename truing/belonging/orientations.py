@@ -52,19 +52,19 @@ def turning_misfit(
     few = np.unique(np.linspace(0, len(links) - 1, min(len(links), _MOST_POSES)).round().astype(int))
     spread = max(_spread(links[few]), _spread(measured[few]))
     limit, notable = max(_FOREIGN * spread, _LEAST), max(_NOTABLE * spread, _LEAST_NOTABLE)
-    places = _places(links[few], measured[few], notable)
-    away = _angles(places, links, measured)
+    frames = _places(links[few], measured[few], notable)
+    away = _angles(frames, links, measured)
     stray = away > max(limit, _FAR * float(np.median(away)))
     if stray.any() and stray.mean() <= _MOST_STRAY:
         few = few[~stray[few]]
-        places = _places(links[few], measured[few], notable)
-        away = _angles(places, links, measured)
+        frames = _places(links[few], measured[few], notable)
+        away = _angles(frames, links, measured)
         stray = away > max(limit, _FAR * float(np.median(away)))
     else:
         stray = np.zeros(len(links), bool)
     links, measured = links[few], measured[few]
     near = None if positions is None else (positions[0][few], positions[1][few])
-    before = _rms(_angles(places, links, measured))
+    before = _rms(_angles(frames, links, measured))
     if before <= notable:
         return TurningMisfit(before, limit, before, (), stray)
     enough = min(_EXPLAINED * before, limit)
@@ -73,7 +73,7 @@ def turning_misfit(
         for slip, other in otherwise_written(measured, euler)
         if np.sqrt(np.mean((_turned(links) - _turned(other)) ** 2)) < _ALIKE * limit
     ]
-    misfits = [(_rms(_angles(places, links, other)), slip, other, places[0]) for slip, other, places in tried]
+    misfits = [(_rms(_angles(frames, links, other)), slip, other, frames[0]) for slip, other, frames in tried]
     misfits = [one for one in misfits if one[0] < enough]
     least = min((after for after, *_ in misfits), default=before)
     alike = [(slip, _missed(other, base, near)) for after, slip, other, base in misfits if after <= 2.0 * least]
@@ -121,16 +121,16 @@ def _places(links: NDArray, measured: NDArray, enough: float) -> tuple[Array, Ar
     """
     candidates: list[tuple[float, tuple[Array, Array]]] = []
     for tool in _starts():
-        places = _fitted(links, measured, tool)
-        candidates.append((_rms(_angles(places, links, measured)), places))
+        frames = _fitted(links, measured, tool)
+        candidates.append((_rms(_angles(frames, links, measured)), frames))
         if candidates[-1][0] <= enough:
-            return _fitted(links, measured, places[1], _MOST_ROUNDS)
+            return _fitted(links, measured, frames[1], _MOST_ROUNDS)
     return min(candidates, key=lambda candidate: candidate[0])[1]
 
 
-def _angles(places: tuple[Array, Array], links: NDArray, measured: NDArray) -> Array:
+def _angles(frames: tuple[Array, Array], links: NDArray, measured: NDArray) -> Array:
     """Return the angles (B,), rad, between base @ links @ tool and measured orientations."""
-    base, tool = places
+    base, tool = frames
     away = Rotation.from_matrix(base @ links @ tool).inv() * Rotation.from_matrix(measured)
     return np.asarray(away.magnitude())
 

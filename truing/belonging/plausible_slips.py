@@ -196,7 +196,7 @@ def exchanges_by_axis(responses: Responses, columns: Sequence[RecordedColumn]) -
 def _slips_within_runs(
     responses: Responses,
     columns: Sequence[RecordedColumn],
-    places: Sequence[int],
+    indices: Sequence[int],
     names: tuple[str, ...],
     runs: Sequence[str],
     expected: ExpectedResponse,
@@ -206,9 +206,9 @@ def _slips_within_runs(
     by_slip: dict[tuple[SlipKind, float], list[SlipCandidate]] = {}
     numbers = np.unique(responses.run).tolist()
     for number in numbers:
-        concerned = (responses.run == number) & np.isin(responses.column, places)
-        if len(np.unique(responses.column[concerned])) >= min(len(places), 2):
-            for candidate in _column_slips(responses, columns, places, (*names, runs[number]), concerned, penalty):
+        concerned = (responses.run == number) & np.isin(responses.column, indices)
+        if len(np.unique(responses.column[concerned])) >= min(len(indices), 2):
+            for candidate in _column_slips(responses, columns, indices, (*names, runs[number]), concerned, penalty):
                 by_slip.setdefault((candidate.slip.kind, candidate.slip.factor), []).append(candidate)
     for (kind, factor), alone in by_slip.items():
         yield from alone
@@ -219,12 +219,12 @@ def _slips_within_runs(
 def _column_slips(
     responses: Responses,
     columns: Sequence[RecordedColumn],
-    places: Sequence[int],
+    indices: Sequence[int],
     subjects: tuple[str, ...],
     concerned: Mask,
     penalty: float,
 ) -> Iterator[SlipCandidate]:
-    first_column = columns[places[0]]
+    first_column = columns[indices[0]]
     for factor in first_column.factors:
         slip = RecordSlip(SlipKind.UNIT, first_column.quantity, subjects, factor)
         yield SlipCandidate(slip, concerned, _values(concerned, factor), penalty)

@@ -150,13 +150,13 @@ def _shifted_bodies(motion: MeasuredMotion) -> Iterator[Description]:
     t, base = motion.base
     if np.linalg.norm(t - t.mean(axis=0)) < _STANDS_STILL * np.linalg.norm(motion.p - motion.p.mean(axis=0)):
         return
-    place, turned = t + (base @ motion.p[..., None])[..., 0], base @ motion.R
+    position, turned = t + (base @ motion.p[..., None])[..., 0], base @ motion.R
     for body, shift in product(("platform", "base"), (1, -1)):
         rows = np.clip(np.arange(len(motion.p)), max(0, -shift), len(motion.p) - 1 - max(0, shift))
         moved = rows + shift
         of_base, of_platform = (rows, moved) if body == "platform" else (moved, rows)
         back = np.swapaxes(base[of_base], -1, -2)
-        p = (back @ (place[of_platform] - t[of_base])[..., None])[..., 0]
+        p = (back @ (position[of_platform] - t[of_base])[..., None])[..., 0]
         slip = RecordSlip(SlipKind.ROWS_SHIFTED, f"measurements of {body}", shift=shift)
         yield Description((slip,), motion.legs, p, back @ turned[of_platform])
 
@@ -166,10 +166,10 @@ def _other_rotations(motion: MeasuredMotion) -> Iterator[Description]:
     if motion.base is None or not motion.were_rotations_written:
         return
     (t, base), count = motion.base, len(motion.p)
-    place, turned = t + (base @ motion.p[..., None])[..., 0], base @ motion.R
+    position, turned = t + (base @ motion.p[..., None])[..., 0], base @ motion.R
     for slip, read in otherwise_written(np.concatenate([base, turned]), motion.euler):
         back = np.swapaxes(read[:count], -1, -2)
-        yield Description((slip,), motion.legs, (back @ (place - t)[..., None])[..., 0], back @ read[count:])
+        yield Description((slip,), motion.legs, (back @ (position - t)[..., None])[..., 0], back @ read[count:])
 
 
 def joint_descriptions(motion: MeasuredMotion) -> Iterator[Description]:
@@ -297,7 +297,7 @@ class Written:
         return (*self.description.slips, *_column_slips(self.columns, names), *changed)
 
 
-def own_changes() -> tuple[Changed, ...]:
+def leg_changes() -> tuple[Changed, ...]:
     """Return the changes that are tried on each leg; the first is none."""
     factors = (1.0, *both_ways(LENGTH_FACTORS))
     return tuple(Changed(sign * factor, zero) for zero in (False, True) for sign in (1.0, -1.0) for factor in factors)
@@ -309,7 +309,7 @@ def best_written(motion: MeasuredMotion, description: Description, *, exchanged:
     ``exchanged``: whether exchanged columns are tried as well.
     """
     asked = reached(description)
-    changes = _with_fitted(own_changes(), motion, asked)
+    changes = _with_fitted(leg_changes(), motion, asked)
     count = asked.shape[1]
     effects = physical_effects(motion, description, asked)
     source = range(count)
@@ -328,7 +328,7 @@ def best_written(motion: MeasuredMotion, description: Description, *, exchanged:
     found = _most_likely(scores, changes, exchanged=exchanged)
     best = _written(motion, description, asked, found[0], [changes[k] for k in found[1]], found[2])
     # the fitted factor is none of those that are tried in every campaign
-    return plain, best, count * (count if exchanged else 1) * len(own_changes())
+    return plain, best, count * (count if exchanged else 1) * len(leg_changes())
 
 
 def _is_geometry(motion: MeasuredMotion, recorded: Array, asked: Array, changes: tuple[Changed, ...]) -> Mask:

@@ -373,7 +373,7 @@ def _search(motion: MeasuredMotion, *, of_joints: bool = False) -> _Found:
     best, description = max(scored, key=lambda pair: pair[0].evidence)
     if not _explains_enough(plain, best, motion.noise):
         best, description = plain, scored[0][1]
-    near = [_score_all_rows(motion, own, about) for own, about in scored if best.evidence - own.evidence < _AS_LIKELY]
+    near = [_score_all_rows(motion, one, about) for one, about in scored if best.evidence - one.evidence < _AS_LIKELY]
     meant = _score_all_rows(motion, best, description)
     asked = reached(description)
     return _Found(plain, meant, best_order(meant.misfit + asked, asked, motion.noise), tried, tuple(near))
@@ -443,8 +443,8 @@ def _row_slips(order: RowOrder, names: ReadingNames) -> tuple[RecordSlip, ...]:
         return (RecordSlip(SlipKind.ROWS_SHIFTED, "readings", (where,), shift=shift),)
     if len(moved) > 2 and np.mean(order.rows[moved] + moved == len(order.rows) - 1) >= _MOSTLY:
         return (RecordSlip(SlipKind.ROWS_EXCHANGED, "readings", ("all rows, in reverse order",)),)
-    places = tuple(f"pose {names.poses[pose]} has the readings of {names.poses[order.rows[pose]]}" for pose in moved)
-    return (RecordSlip(SlipKind.ROWS_EXCHANGED, "readings", places),)
+    rows = tuple(f"pose {names.poses[pose]} has the readings of {names.poses[order.rows[pose]]}" for pose in moved)
+    return (RecordSlip(SlipKind.ROWS_EXCHANGED, "readings", rows),)
 
 
 def _other_zero(motion: MeasuredMotion, asked: Array) -> RecordSlip | None:

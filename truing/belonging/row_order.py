@@ -147,12 +147,12 @@ def _try_orders_of_run(number: int, load: Array, time_s: Array, value: Array, ra
         or len(load) < max(_FEWEST, 3 * load_coordinates.shape[1] + 4)
     ):
         return
-    own = value[:, columns]
-    own = ((own - own.mean(axis=0)) / ranges[columns]).T
+    scaled = value[:, columns]
+    scaled = ((scaled - scaled.mean(axis=0)) / ranges[columns]).T
     causes = _causes(load_coordinates, time_s)
     for order in _ORDERS:
         values, loads = order.rows(len(load))
-        part = own[:, values]
+        part = scaled[:, values]
         as_is = _with_single_rows(part, causes[values])
         gains = log_evidence(part, physics(causes[loads]), _FLOOR) - log_evidence(part, physics(as_is), _FLOOR)
         before, after = (float(np.mean(_regression_residual(part, known) ** 2)) for known in (as_is, causes[loads]))

@@ -222,7 +222,7 @@ def part_concerns(part: RunPart, columns: Container[int]) -> bool:
 
 
 def _slip(part: RunPart, step: Index, runs: Sequence[str], columns: Sequence[RecordedColumn], first: int) -> RecordSlip:
-    part_columns = [columns[place - first] for place in part.columns]
+    part_columns = [columns[index - first] for index in part.columns]
     quantity = part_columns[0].quantity if part_columns else "load"
     every = len(part_columns) == sum(column.quantity == quantity for column in columns)
     names = () if every and len(part_columns) > 1 else tuple(column.name for column in part_columns)

@@ -232,7 +232,7 @@ def merged(slips: Sequence[RecordSlip]) -> tuple[RecordSlip, ...]:
     for slip in slips:
         general = replace(slip, subjects=())
         names_by_slip[general] = tuple(dict.fromkeys((*names_by_slip.get(general, ()), *slip.subjects)))
-    return tuple(replace(own, subjects=subjects) for own, subjects in names_by_slip.items())
+    return tuple(replace(first, subjects=subjects) for first, subjects in names_by_slip.items())
 
 
 def hidden(

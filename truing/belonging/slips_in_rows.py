@@ -90,8 +90,8 @@ def slipped_rows(undone: Array, asked: Array, agreed: Agreement) -> tuple[Mask, 
     if slipped.sum() < _FEWEST_APART or not unslipped.any():
         return None
     least = max(_LEFT[0] * rms_of(before[unslipped & (before <= agreed.limit)]), _LEFT[1] * rms_of(before[slipped]))
-    apart = before > agreed.limit
-    explained = np.mean((slipped & (after <= agreed.limit))[apart])
+    deviating = before > agreed.limit
+    explained = np.mean((slipped & (after <= agreed.limit))[deviating])
     return (slipped, unslipped) if rms_of(after[slipped]) <= least and explained >= _EXPLAINED else None
 
 

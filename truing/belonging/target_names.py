@@ -59,6 +59,6 @@ def _distances(targets: NamedTargets) -> Array:
 
 def renamed(targets: NamedTargets, order: Index) -> Iterator[str]:
     """Yield each name that belongs to another target, and the right one."""
-    for name, place in zip(targets.names, order.tolist(), strict=True):
-        if targets.names[place] != name:
-            yield f"{name} is {targets.names[place]}"
+    for name, index in zip(targets.names, order.tolist(), strict=True):
+        if targets.names[index] != name:
+            yield f"{name} is {targets.names[index]}"

@@ -50,12 +50,12 @@ class TargetRows:
         """Expected places (B, 3), m, in the measurement frame; zero without a motion."""
         return self.at(self.place)
 
-    def at(self, place: Array) -> Array:
-        """Return a place (3,) of the body frame in the measurement frame, (B, 3), in all poses."""
-        return np.nan_to_num(self.motions.R @ place + self.motions.t)
+    def at(self, point: Array) -> Array:
+        """Return a point (3,) of the body frame in the measurement frame, (B, 3), in all poses."""
+        return np.nan_to_num(self.motions.R @ point + self.motions.t)
 
-    def own_place(self, measured: Array) -> Array:
-        """Return the median place (3,) in the body frame of points (B, 3)."""
+    def median_point(self, measured: Array) -> Array:
+        """Return the median point (3,) in the body frame of points (B, 3)."""
         back = np.einsum("bji,bj->bi", self.motions.R[self.known], (measured - self.motions.t)[self.known])
         return np.asarray(np.median(back, axis=0))
 
@@ -179,10 +179,10 @@ def _explained(
     if concerned.sum() < _FEWEST_POSES:
         return None
     before = _distance(rows.measured, rows.expected)
-    places = [(rows.expected, concerned)]
+    shapes = [(rows.expected, concerned)]
     if not rows.is_surveyed:  # the points that a slip concerns tell the place only after it is undone
-        places.append((rows.at(rows.own_place(undone)), known))
-    for expected, tested in places:
+        shapes.append((rows.at(rows.median_point(undone)), known))
+    for expected, tested in shapes:
         after = _distance(undone, expected)[tested]
         right = np.mean(after <= noise * rows.limit)
         if right >= _OTHERS_AGREE and np.median(after) <= _FIFTH * np.median(before[tested]):

@@ -11,7 +11,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from truing.calibration.calibration_input import MeasuredPlatform, under_load
-from truing.calibration.calibration_question import common_effects, is_deformation, own_covariance, with_common
+from truing.calibration.calibration_question import common_effects, independent_covariance, is_deformation, with_common
 from truing.calibration.fits import MAXIMUM_LIKELIHOOD, MachineCalibration
 from truing.estimation.held_out import Contender, ContenderChoice, choose_model, held_out_misfit
 from truing.estimation.interval import Interval
@@ -131,7 +131,7 @@ def misfit(calibration: MachineCalibration, measured: MeasuredPlatform, reading_
     problem = with_common(calibration.problem_at(measured), measured)
     values = np.concatenate([calibration.values, calibration.common]) if problem.common else calibration.values
     at = problem.constrain(values, np.zeros((len(measured.rho), problem.deviations)))
-    noise, known = own_covariance(measured, reading_sigma), calibration.joint[: len(values), : len(values)]
+    noise, known = independent_covariance(measured, reading_sigma), calibration.joint[: len(values), : len(values)]
     return held_out_misfit(at.value, at.by_deviation, at.by_values, noise, known)
 
 

@@ -38,10 +38,10 @@ def with_bodies(problem: CalibrationProblem, measured: MeasuredPlatform) -> Cali
     carrying = [leg for leg, leg_poses in measured.legs.items() if leg_poses.found.any()]
     if not carrying:
         return problem
-    own = [measured.legs[leg] for leg in carrying]
+    legs = [measured.legs[leg] for leg in carrying]
     R, t, is_observed = (
         np.stack(parts, 1)
-        for parts in zip(*((leg_poses.R, leg_poses.p, leg_poses.found) for leg_poses in own), strict=True)
+        for parts in zip(*((leg_poses.R, leg_poses.p, leg_poses.found) for leg_poses in legs), strict=True)
     )
     poses = LegPoses(np.array(carrying), R, t, is_observed)
     bodies = seated(problem.nominal.legs, problem.p, problem.R, problem.rho, poses)
@@ -105,14 +105,14 @@ def noise_of_all(problem: CalibrationProblem, measured: MeasuredPlatform, noise:
 def _fill_legs(covariance: NDArray, bodies: LegBodies, measured: MeasuredPlatform, first: int) -> None:
     """Add the legs to a covariance: platform and legs are relative to the base, whose error moves all of
     them together."""
-    places = np.concatenate([np.arange(6), first + np.arange(bodies.deviations)])
+    index = np.concatenate([np.arange(6), first + np.arange(bodies.deviations)])
     common = _base_effects(measured, np.concatenate([measured.platform.p[:, None], bodies.t], 1))
     platform = covariance[:, :6, :6].copy()
-    covariance[:, places[:, None], places] = common
+    covariance[:, index[:, None], index] = common
     covariance[:, :6, :6] = platform
     for k, leg in enumerate(bodies.leg):
-        own = slice(first + 6 * k, first + 6 * k + 6)
-        covariance[:, own, own] = _leg_noise(measured.legs[int(leg)])
+        rows_of_leg = slice(first + 6 * k, first + 6 * k + 6)
+        covariance[:, rows_of_leg, rows_of_leg] = _leg_noise(measured.legs[int(leg)])
 
 
 def _fill_shifts(
@@ -124,11 +124,11 @@ def _fill_shifts(
     is_observed = np.isfinite(found)
     rows = _heights_per_twist(problem, shifts) * is_observed[..., None]
     platform = measured.platform.covariance - _base_effects(measured, measured.platform.p[:, None])
-    places = slice(covariance.shape[-1] - shifts.deviations, covariance.shape[-1])
-    covariance[:, places, :6] = -rows @ platform
-    covariance[:, :6, places] = np.swapaxes(covariance[:, places, :6], -1, -2)
+    last = slice(covariance.shape[-1] - shifts.deviations, covariance.shape[-1])
+    covariance[:, last, :6] = -rows @ platform
+    covariance[:, :6, last] = np.swapaxes(covariance[:, last, :6], -1, -2)
     sigma = np.where(is_observed, found, FREE_LENGTH_M)
-    covariance[:, places, places] = (
+    covariance[:, last, last] = (
         rows @ platform @ np.swapaxes(rows, -1, -2) + np.eye(shifts.deviations) * sigma[:, None] ** 2
     )
 
@@ -140,10 +140,10 @@ def _heights_per_twist(problem: CalibrationProblem, shifts: AttachmentShifts) ->
     return np.concatenate([z, np.cross(arms, z)], -1)
 
 
-def _base_effects(measured: MeasuredPlatform, places: NDArray) -> NDArray:
-    """Return the covariance (B, 6 K, 6 K) of bodies at places (B, K, 3) that the error of the base's pose causes."""
+def _base_effects(measured: MeasuredPlatform, points: NDArray) -> NDArray:
+    """Return the covariance (B, 6 K, 6 K) of bodies at points (B, K, 3) that the error of the base's pose causes."""
     base = measured.base
-    return shared_parent_covariance(base.R, np.nan_to_num(base.p), np.nan_to_num(base.covariance), places)
+    return shared_parent_covariance(base.R, np.nan_to_num(base.p), np.nan_to_num(base.covariance), points)
 
 
 def _leg_noise(poses: PosesWithCovariance) -> NDArray:
@@ -227,7 +227,7 @@ def question(data: CalibrationData, measured: MeasuredPlatform, case: Case) -> C
     prior = _prior(data.surveyed, parameters, problem.start, tolerance)
     problem = with_common(problem, measured)
     return CalibrationQuestion(
-        problem, own_covariance(measured, data.reading_sigma), tolerance, prior_of_all(problem, prior)
+        problem, independent_covariance(measured, data.reading_sigma), tolerance, prior_of_all(problem, prior)
     )
 
 
@@ -308,7 +308,7 @@ def observation_covariance(measured: MeasuredPlatform, reading_sigma: float) -> 
     return covariance
 
 
-def own_covariance(measured: MeasuredPlatform, reading_sigma: float) -> NDArray:
+def independent_covariance(measured: MeasuredPlatform, reading_sigma: float) -> NDArray:
     """Return that covariance without errors common to all poses, which are unknowns of the problem."""
     covariance = observation_covariance(measured, reading_sigma)
     effects = common_effects(measured)

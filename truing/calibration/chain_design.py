@@ -310,19 +310,19 @@ def _sigma(left: NDArray) -> Array:
     return np.sqrt(np.diag(np.linalg.inv(left.T @ left)))
 
 
-def rest_apart(sights: Sequence[CauseSight]) -> Array:
+def remaining_parts(sights: Sequence[CauseSight]) -> Array:
     """Return the part (N, N) of an effect a of plausible size that each cause b cannot imitate, in sigma of the data;
     infinite between forms of one cause."""
     bases = [
         np.linalg.qr(one.left / np.linalg.norm(one.left))[0] if one.visible > _LEAST_VISIBLE else 0.0 * one.left
         for one in sights
     ]
-    apart = np.full((len(sights), len(sights)), np.inf)
+    distance = np.full((len(sights), len(sights)), np.inf)
     for a, sight in enumerate(sights):
         for b, basis in enumerate(bases):
             if a != b and not sight.cause.excludes(sights[b].cause):
-                apart[a, b] = np.linalg.norm(sight.left - basis @ (basis.T @ sight.left))
-    return apart
+                distance[a, b] = np.linalg.norm(sight.left - basis @ (basis.T @ sight.left))
+    return distance
 
 
 @dataclass(frozen=True)
@@ -366,10 +366,10 @@ def _exchanged(blocks: NDArray, count: int, bound: DesignBound, existing: NDArra
     """Best exchange from the rounded optimum, from a greedy choice, and from random candidates."""
     support = np.flatnonzero(bound.weights > 1e-6)
     pool = np.union1d(support, np.argsort(bound.sensitivity)[::-1][:_POOL])
-    place = np.full(len(blocks), -1)
-    place[pool] = np.arange(len(pool))
+    index = np.full(len(blocks), -1)
+    index[pool] = np.arange(len(pool))
     candidate_blocks = blocks[pool]
-    starts = [place[rounded_design(bound, count)], one_by_one(candidate_blocks, count, bound, existing)]
+    starts = [index[rounded_design(bound, count)], one_by_one(candidate_blocks, count, bound, existing)]
     starts += [rng.choice(len(pool), count, replace=len(pool) < count) for _ in range(_STARTS)]
     best = max(
         (exchange(candidate_blocks, start, existing) for start in starts), key=lambda selection: selection.log_det

@@ -258,9 +258,9 @@ def _choose_by_exchange(
     candidates."""
     sensitivity = candidates.bound.sensitivity
     pool = np.flatnonzero(sensitivity >= _NEAR * sensitivity.max())
-    rows, place = problem.rows_at(candidates.x[pool]), np.full(len(sensitivity), -1)
-    place[pool] = np.arange(len(pool))
-    starts = [place[rounded_design(candidates.bound, poses)], one_by_one(rows, poses, candidates.bound, existing)]
+    rows, index = problem.rows_at(candidates.x[pool]), np.full(len(sensitivity), -1)
+    index[pool] = np.arange(len(pool))
+    starts = [index[rounded_design(candidates.bound, poses)], one_by_one(rows, poses, candidates.bound, existing)]
     starts += [rng.choice(len(pool), poses, replace=len(pool) < poses) for _ in range(_STARTS)]
     selections = [
         exchange(rows, s, existing) for s in starts if np.isfinite(sum_log_det(information_of(rows[s], existing)))

@@ -13,8 +13,8 @@ from truing.calibration.calibration_question import (
     Case,
     common_effects,
     free,
+    independent_covariance,
     observation_covariance,
-    own_covariance,
     problem_of,
     question,
     survey_rows,
@@ -194,7 +194,7 @@ def implicit(data: CalibrationData, fitted: MeasuredPlatform, case: Case, chosen
     variance = np.sum(at.value**2) / freedom if ended == "ok" else np.nan
     covariance = solution.covariance[0] * variance
     used = fitted.subset(chosen)
-    declared = _propagated(solution.covariance[0], at, own_covariance(used, data.reading_sigma))
+    declared = _propagated(solution.covariance[0], at, independent_covariance(used, data.reading_sigma))
     moved = _common_error_derivatives(solution.covariance[0], at, common_effects(used))
     declared = declared + moved @ moved.T
     tolerance = tolerances(data, case, problem.parameters)

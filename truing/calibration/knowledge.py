@@ -186,10 +186,10 @@ def _absorption(dataset: CalibrationData, fitted: MeasuredPlatform, calibration:
 def _knowledge_difference(calibration: MachineCalibration, complete: MachineCalibration) -> NDArray:
     """Return the variance (P,) of the difference between two fits of the parameters that is due to their different
     data."""
-    place = dict(zip(complete.parameters.labels, np.diag(complete.declared), strict=True))
+    declared = dict(zip(complete.parameters.labels, np.diag(complete.declared), strict=True))
     knowledge = np.diag(calibration.declared)
     more = [
-        place.get(label, variance) for label, variance in zip(calibration.parameters.labels, knowledge, strict=True)
+        declared.get(label, variance) for label, variance in zip(calibration.parameters.labels, knowledge, strict=True)
     ]
     return np.abs(knowledge - more) if calibration.estimator == MAXIMUM_LIKELIHOOD else np.zeros(len(knowledge))
 
@@ -198,10 +198,10 @@ def _counterparts(calibration: MachineCalibration, complete: MachineCalibration)
     """Return the values (P,) of the calibration's parameters in the one with the whole deformation. kappa has its
     nominal value, relative to which the omitted effect is given too."""
     parameters, nominal = calibration.parameters, calibration.nominal
-    place = dict(zip(complete.parameters.labels, complete.values, strict=True))
+    value = dict(zip(complete.parameters.labels, complete.values, strict=True))
     return np.array(
         [
-            nominal[i] if entry.name == "kappa" else place.get(entry.label, nominal[i])
+            nominal[i] if entry.name == "kappa" else value.get(entry.label, nominal[i])
             for i, entry in enumerate(parameters.entries)
         ]
     )
@@ -298,21 +298,21 @@ def _prior(answered: RefittedCalibration, ratio: float) -> tuple[dict[Source, Ar
             dataset.surveyed.covariance, rows
         )
         left, by_source[SURVEYED] = left - information, information / ratio**2
-    for source, places in _kinds(calibration_question).items():
-        by_source[source] = np.diag(np.where(np.isin(np.arange(len(left)), places), np.diag(left), 0.0))
+    for source, indices in _kinds(calibration_question).items():
+        by_source[source] = np.diag(np.where(np.isin(np.arange(len(left)), indices), np.diag(left), 0.0))
     return by_source, tuple(source for source in by_source if source is SURVEYED)
 
 
 def _kinds(calibration_question: CalibrationQuestion) -> dict[Source, list[int]]:
     """Return the indices of the values by kind of prior: tolerances by kind, deformation as measured, wide priors."""
-    places: dict[Source, list[int]] = {}
+    indices: dict[Source, list[int]] = {}
     for i in range(len(calibration_question.problem.start)):
         source = WIDE if i < len(calibration_question.problem.start) - calibration_question.common else COMMON
         if i < calibration_question.count and np.isfinite(calibration_question.tolerance[i]):
             entry = calibration_question.problem.parameters.entries[i]
             source = _tolerance(entry)
-        places.setdefault(source, []).append(i)
-    return places
+        indices.setdefault(source, []).append(i)
+    return indices
 
 
 def _tolerance(entry: LegParameter) -> Source:

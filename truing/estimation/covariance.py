@@ -50,13 +50,13 @@ def survey_frame_covariance(
     W (B, N, 3, 3): weight matrices of the fit, zero for unused targets; cov_target (B, N, 3, 3). The result is
     meaningless for entries not ok (B,).
     """
-    own = fit_gain(source[None], (reference[:, None, None] * np.eye(3))[None], np.any(ok, keepdims=True))[0]
+    reference_gain = fit_gain(source[None], (reference[:, None, None] * np.eye(3))[None], np.any(ok, keepdims=True))[0]
     out = np.empty((len(R), 6, 6))
     for first in range(0, len(R), _POSES_AT_ONCE):
         b = slice(first, first + _POSES_AT_ONCE)
         turn = np.where(ok[b, None, None], R[b], np.eye(3))
         gain = fit_gain(source @ np.swapaxes(turn, -1, -2), W[b], ok[b])
-        by_survey = _blocks(turn, np.zeros((3, 3)), turn)[:, None] @ own - gain @ turn[:, None]
+        by_survey = _blocks(turn, np.zeros((3, 3)), turn)[:, None] @ reference_gain - gain @ turn[:, None]
         used = np.any(W[b] != 0, axis=(-1, -2))
         measured = np.where(used[..., None, None], cov_target[b], 0.0)
         out[b] = _side_by_side(gain @ measured) @ np.swapaxes(_side_by_side(gain), -1, -2)

@@ -373,8 +373,8 @@ def body_shifts(body: str, fitted_points: FittedPoints) -> BodyShifts:
     """Return the shifts of a body's targets with the covariance of independent points and of the frame."""
     points, shift = fitted_points.points, fitted_points.residual
     is_observed = np.isfinite(shift[:, :, 2])
-    place = _mean_shape(points.points, points.is_observed & is_observed, fitted_points.rotation, shift)
-    covariance = residual_covariance(place, fitted_points.noise, fitted_points.used & is_observed, is_observed)
+    mean_shape = _mean_shape(points.points, points.is_observed & is_observed, fitted_points.rotation, shift)
+    covariance = residual_covariance(mean_shape, fitted_points.noise, fitted_points.used & is_observed, is_observed)
     return BodyShifts(body, points.poses, points.targets, shift, covariance)
 
 

@@ -80,15 +80,15 @@ class IntervalArray:
     def __truediv__(self, other: IntervalArray | ArrayLike) -> IntervalArray:
         """Divide; intervals that contain 0 have an unbounded inverse."""
         o = intervals(other)
-        apart = (o.low > 0.0) | (o.high < 0.0)
-        safe = np.where(apart, o.low, 1.0), np.where(apart, o.high, 1.0)
-        low = np.where(apart, _down(1.0 / safe[1]), -np.inf)
-        high = np.where(apart, _up(1.0 / safe[0]), np.inf)
+        valid = (o.low > 0.0) | (o.high < 0.0)
+        safe = np.where(valid, o.low, 1.0), np.where(valid, o.high, 1.0)
+        low = np.where(valid, _down(1.0 / safe[1]), -np.inf)
+        high = np.where(valid, _up(1.0 / safe[0]), np.inf)
         inverse = IntervalArray(low, high)
-        if apart.all():
+        if valid.all():
             return self * inverse
-        quotient = self * IntervalArray(np.where(apart, low, 1.0), np.where(apart, high, 1.0))
-        return IntervalArray(np.where(apart, quotient.low, -np.inf), np.where(apart, quotient.high, np.inf))
+        quotient = self * IntervalArray(np.where(valid, low, 1.0), np.where(valid, high, 1.0))
+        return IntervalArray(np.where(valid, quotient.low, -np.inf), np.where(valid, quotient.high, np.inf))
 
     def __rtruediv__(self, other: ArrayLike) -> IntervalArray:
         return intervals(other) / self

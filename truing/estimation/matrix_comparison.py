@@ -84,12 +84,12 @@ def compare_matrices(
     flat, model = measured[rows].ravel(), simulated[rows].ravel()
     of_own, of_model = covariance[np.ix_(at, at)], np.diag(simulated_sigma[rows].ravel() ** 2)
     bent = np.kron(_apart_from_a_plane(points[rows]), np.eye(width))
-    total, apart = of_own + of_model, flat - model
+    total, difference = of_own + of_model, flat - model
     factor, factor_sigma = _common_factor(flat, of_own, model, of_model)
     scaled = joint_test(flat - factor * model, of_own + factor**2 * of_model) if np.isfinite(factor) else _NO_TEST
     if scaled.dof > 1:
         scaled = _with_dof(scaled, scaled.dof - 1)
-    free = joint_test(bent @ apart, bent @ total @ bent.T) if len(rows) >= _LEAST_OF_A_PLANE else None
+    free = joint_test(bent @ difference, bent @ total @ bent.T) if len(rows) >= _LEAST_OF_A_PLANE else None
 
     def spread(values: Array) -> Array:
         spreads = np.full(measured.shape, np.nan)
@@ -99,8 +99,8 @@ def compare_matrices(
     sizes = (np.sqrt(np.maximum(np.diag(of), 0.0)) for of in (of_own, of_model, total))
     own_sigma, model_sigma, sigma = (spread(size) for size in sizes)
     return MatrixComparison(
-        *(spread(flat), own_sigma, spread(model), model_sigma, spread(apart), sigma),
-        *(joint_test(apart, total), factor, factor_sigma, scaled, free),
+        *(spread(flat), own_sigma, spread(model), model_sigma, spread(difference), sigma),
+        *(joint_test(difference, total), factor, factor_sigma, scaled, free),
     )
 
 
@@ -121,19 +121,19 @@ def _apart_from_a_plane(points: Array) -> Array:
     return np.asarray(np.eye(len(points)) - basis @ basis.T)
 
 
-def _common_factor(own: Array, of_own: Array, model: Array, of_model: Array) -> tuple[float, float]:
-    """Return the generalised least-squares factor of own over model, and its sigma; NaN for a model of zeros."""
+def _common_factor(measured: Array, measured_cov: Array, model: Array, model_cov: Array) -> tuple[float, float]:
+    """Return the generalised least-squares factor of measured over model, and its sigma; NaN for a model of zeros."""
     factor, sigma = 1.0, float("nan")
     if not model.any():
         return float("nan"), sigma
     for _ in range(_STEPS):
-        total = of_own + factor**2 * of_model
+        total = measured_cov + factor**2 * model_cov
         at = np.flatnonzero(np.diag(total) > 0.0)
         inverse, _ = _inverse(total[np.ix_(at, at)])
         normal = float(model[at] @ inverse @ model[at])
         if not normal > 0.0:
             return float("nan"), float("nan")
-        before, factor, sigma = factor, float(model[at] @ inverse @ own[at]) / normal, normal**-0.5
+        before, factor, sigma = factor, float(model[at] @ inverse @ measured[at]) / normal, normal**-0.5
         if abs(factor - before) <= _SETTLED * max(1.0, abs(factor)):
             break
     return factor, sigma

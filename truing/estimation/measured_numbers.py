@@ -39,9 +39,9 @@ class NetworkErrors:
         """Return covariance (B, n, n), NaN if unknown; effects (B, n, K), zero if unknown, and the mask (B, n) of known
         values, for the named numbers."""
         known = {name: n for n, name in enumerate(self.numbers)}
-        place = np.array([known.get(name, -1) for name in numbers])
-        covariance = self.covariance[:, place[:, None], place]
+        index = np.array([known.get(name, -1) for name in numbers])
+        covariance = self.covariance[:, index[:, None], index]
         diagonal = np.diagonal(covariance, axis1=1, axis2=2)
-        there = is_measured & (place >= 0) & np.isfinite(diagonal)
+        there = is_measured & (index >= 0) & np.isfinite(diagonal)
         covariance = np.where(there[:, :, None] & there[:, None], covariance, np.nan)
-        return covariance, np.where(there[..., None], self.effects[:, place], 0.0)
+        return covariance, np.where(there[..., None], self.effects[:, index], 0.0)

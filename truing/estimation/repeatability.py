@@ -277,7 +277,7 @@ def _three_sigma(values: Array) -> tuple[Figure, ...]:
     if len(values) < FEWEST:
         raise ValueError(f"values: found {len(values)}, expected at least {FEWEST}")
     square = np.sum((values - values.mean(axis=0)) ** 2, axis=0)
-    return tuple(_interval(float(own), len(values) - 1.0, 3.0) for own in square)
+    return tuple(_interval(float(variance), len(values) - 1.0, 3.0) for variance in square)
 
 
 def _interval(square: float, freedom: float, times: float) -> Figure:

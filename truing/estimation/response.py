@@ -109,9 +109,9 @@ def fit_response(
 
 def _separate(cov: Array, is_observed: Mask, offset_cov: Array | None) -> bool:
     """True if components have independent errors, so that each can be fitted separately."""
-    apart = ~np.eye(cov.shape[1], dtype=bool)
-    both = is_observed[:, :, None] & is_observed[:, None, :] & apart
-    return not np.any(cov[both]) and (offset_cov is None or not np.any(offset_cov[apart]))
+    is_cross = ~np.eye(cov.shape[1], dtype=bool)
+    both = is_observed[:, :, None] & is_observed[:, None, :] & is_cross
+    return not np.any(cov[both]) and (offset_cov is None or not np.any(offset_cov[is_cross]))
 
 
 def _component_by_component(
@@ -120,7 +120,7 @@ def _component_by_component(
     """Return the same fit for uncoupled components, each from the rows in which it was observed."""
     (n, width), groups = y.shape, int(group.max()) + 1
     drives = [np.arange(u.shape[1]) if form == "matrix" else np.arange(k, k + (form == "linear")) for k in range(width)]
-    ends = np.cumsum([len(own) for own in drives])
+    ends = np.cumsum([len(drives_of_component) for drives_of_component in drives])
     covariance = np.zeros((ends[-1], ends[-1]))
     coefficients, offset = np.zeros((width, u.shape[1])), np.zeros((groups, width))
     residuals, loo = np.full((2, n, width), np.nan)
@@ -132,11 +132,11 @@ def _component_by_component(
         if not len(rows):
             deficient += len(drive) + (groups if offset_cov is None else 0)
             continue
-        met, place = np.unique(group[rows], return_inverse=True)
+        met, index = np.unique(group[rows], return_inverse=True)
         prior = None if offset_cov is None else offset_cov[k : k + 1, k : k + 1]
         weight = _precision(cov[rows, k, k][:, None, None], np.ones((len(rows), 1), bool))
         every = np.ones((1, len(drive)), bool)
-        design = _design(u[np.ix_(rows, drive)], every, place)
+        design = _design(u[np.ix_(rows, drive)], every, index)
         precision = _offset_precision(prior, len(drive), 1, len(met))
         fit = _solve("matrix", every, design, y[rows, k, None], np.ones((len(rows), 1), bool), weight, precision)
         coefficients[k, drive], offset[met, k] = fit.coefficients[0], fit.offset[:, 0]

@@ -167,9 +167,9 @@ def _is_undone(value: Array, celsius: Array, high: Mask) -> bool:
 
 def _rounding(value: Array) -> float:
     """Return half of the last decimal place of the values."""
-    for places in range(_MOST_PLACES):
-        if np.allclose(value, np.round(value, places), rtol=0.0, atol=1e-9):
-            return float(0.5 * 10.0**-places)
+    for digits in range(_MOST_PLACES):
+        if np.allclose(value, np.round(value, digits), rtol=0.0, atol=1e-9):
+            return float(0.5 * 10.0**-digits)
     return 0.0
 
 

@@ -18,10 +18,10 @@ _CERTAIN = 40.0
 _MEDIAN_LENGTH = 1.538  # of three unit normals
 
 
-def median_places(places: NDArray, known: NDArray) -> NDArray:
+def median_places(positions: NDArray, known: NDArray) -> NDArray:
     """Return the medians (K, 3) of positions (B, K, 3), m, over known ones (B, K); NaN without any."""
     ever = np.asarray(known.any(0))
-    values = np.where(known[..., None], places, np.nan)
+    values = np.where(known[..., None], positions, np.nan)
     values[:, ~ever] = 0.0
     return np.where(ever[:, None], np.nanmedian(values, 0), np.nan)
 
@@ -40,33 +40,33 @@ def looseness(shape: NDArray, trusted: NDArray) -> NDArray:
     return np.where(trusted, 1.0, np.sqrt(1.0 + variance))
 
 
-def lonely_places(
-    places: NDArray, known: NDArray, order: NDArray, sigma: float, loose: NDArray | float = 1.0
+def isolated_points(
+    positions: NDArray, known: NDArray, order: NDArray, sigma: float, loose: NDArray | float = 1.0
 ) -> NDArray:
     """Return the mask (B, K) of known points that are in no three successive, agreeing points in time.
 
-    places (B, K, 3) in the body's frame, m; order (B,) in time; sigma: declared, m, per coordinate; loose (B, K):
+    positions (B, K, 3) in the body's frame, m; order (B,) in time; sigma: declared, m, per coordinate; loose (B, K):
     relative uncertainty of a position. The tolerance is the same for all targets, so that a target that moves in every
     pose agrees nowhere.
     """
-    limits = _SAME * spread_in_time(places, known, order, sigma) * np.broadcast_to(loose, known.shape)
+    limits = _SAME * spread_in_time(positions, known, order, sigma) * np.broadcast_to(loose, known.shape)
     lonely = known.copy()
     for target, rows in _in_time(known, order):
-        agree = _runs(places[rows, target], limits[rows, target])
+        agree = _runs(positions[rows, target], limits[rows, target])
         for step in range(RUN):
             lonely[rows[step : step + len(agree)][agree], target] = False
     return lonely
 
 
-def changes_of_place(
-    places: NDArray, known: NDArray, order: NDArray, sigma: float, loose: NDArray | float = 1.0
+def position_changes(
+    positions: NDArray, known: NDArray, order: NDArray, sigma: float, loose: NDArray | float = 1.0
 ) -> list[tuple[int, int]]:
     """Return (pose, target) from which on a target certainly has another position: three points agree on either
     side."""
-    spreads = spread_in_time(places, known, order, sigma) * np.broadcast_to(loose, known.shape)
+    spreads = spread_in_time(positions, known, order, sigma) * np.broadcast_to(loose, known.shape)
     result = []
     for target, rows in _in_time(known, order):
-        values, spread = places[rows, target], spreads[rows, target]
+        values, spread = positions[rows, target], spreads[rows, target]
         agree = _runs(values, _SAME * spread)
         far = np.linalg.norm(np.diff(values, axis=0), axis=-1) > _CERTAIN * np.maximum(spread[1:], spread[:-1])
         first = np.arange(RUN, len(rows) - RUN + 1)
@@ -75,8 +75,8 @@ def changes_of_place(
     return result
 
 
-def stray_places(
-    places: NDArray,
+def displaced_points(
+    positions: NDArray,
     known: NDArray,
     order: NDArray,
     sigma: float,
@@ -85,7 +85,7 @@ def stray_places(
 ) -> NDArray:
     """Return the mask (B, K) of known points certainly away from their target's position at the time, given the
     changes."""
-    limits = _CERTAIN * spread_in_time(places, known, order, sigma) * np.broadcast_to(loose, known.shape)
+    limits = _CERTAIN * spread_in_time(positions, known, order, sigma) * np.broadcast_to(loose, known.shape)
     stray = np.zeros_like(known)
     for target, rows in _in_time(known, order):
         firsts = sorted(order[pose] for pose, changed in changes if changed == target)
@@ -93,15 +93,15 @@ def stray_places(
         for piece_number in np.unique(piece):
             rows_of_piece = rows[piece == piece_number]
             off = np.linalg.norm(
-                places[rows_of_piece, target] - np.median(places[rows_of_piece, target], axis=0), axis=-1
+                positions[rows_of_piece, target] - np.median(positions[rows_of_piece, target], axis=0), axis=-1
             )
             stray[rows_of_piece, target] = off > limits[rows_of_piece, target]
     return stray
 
 
-def spread_in_time(places: NDArray, known: NDArray, order: NDArray, sigma: float) -> float:
+def spread_in_time(positions: NDArray, known: NDArray, order: NDArray, sigma: float) -> float:
     """Return the spread of a coordinate, m, from distances of successive points, at least the declared one."""
-    steps = [np.diff(places[rows, target], axis=0) for target, rows in _in_time(known, order) if len(rows) > 1]
+    steps = [np.diff(positions[rows, target], axis=0) for target, rows in _in_time(known, order) if len(rows) > 1]
     if not steps:
         return sigma
     return max(sigma, float(np.median(np.linalg.norm(np.concatenate(steps), axis=-1))) / _MEDIAN_LENGTH / np.sqrt(2.0))

@@ -148,8 +148,8 @@ def _camera_of_image(eor: Path | None, cameras: dict[str, AiconCamera], image: I
     if not len(table):
         raise Unusable(expected)
     order = np.argsort(table[:, 0])
-    place = np.clip(np.searchsorted(table[order, 0], image), 0, len(order) - 1)
-    known = table[order[place], 0] == image
+    index = np.clip(np.searchsorted(table[order, 0], image), 0, len(order) - 1)
+    known = table[order[index], 0] == image
     if not known.all():
         raise Unusable(f"images of {eor.name}", column="image", value=str(image[~known][0]))
-    return integer_columns(table[order[place], 1], f"cameras in {eor.name}").astype(str)
+    return integer_columns(table[order[index], 1], f"cameras in {eor.name}").astype(str)

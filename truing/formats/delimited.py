@@ -209,14 +209,14 @@ class _Parser:
     def _batch(self, table: pa.Table, ragged: list[tuple[int, str]]) -> RawBatch:
         rows = consecutive(0, table.num_rows + len(ragged))
         records = np.delete(rows, [row for row, _ in ragged]) if ragged else rows
-        columns = {i: _whole_text(table[str(i)]) for i in self.kinds}
+        columns = {i: _as_one_chunk(table[str(i)]) for i in self.kinds}
         if not ragged:
             return RawBatch(columns, records)
         fault = CellFaults(f"{self.width} columns in every row", None, tuple(ragged), len(ragged))
         return RawBatch(columns, records, (fault,))
 
 
-def _whole_text(column: pa.ChunkedArray) -> pa.Array:
+def _as_one_chunk(column: pa.ChunkedArray) -> pa.Array:
     return column.chunk(0) if column.num_chunks == 1 else column.combine_chunks()
 
 

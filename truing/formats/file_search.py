@@ -84,7 +84,7 @@ class _Search:
         self._left, self._until = MOST_ENTRIES, monotonic() + SECONDS
 
     def below(
-        self, place: str, reached: str, parts: list[str], above: frozenset[tuple[int, int]] = frozenset()
+        self, folder: str, reached: str, parts: list[str], above: frozenset[tuple[int, int]] = frozenset()
     ) -> Iterator[str]:
         """Yield the names, as ``reached`` from the campaign, that the parts of a pattern match in a folder.
 
@@ -94,39 +94,39 @@ class _Search:
         plain = next((i for i, part in enumerate(parts) if _WILD.search(part)), len(parts))
         if plain:
             inner = "/".join(parts[:plain])
-            yield from self._step(os.path.join(place, inner), reached + inner, parts[plain:])
+            yield from self._step(os.path.join(folder, inner), reached + inner, parts[plain:])
         elif parts[0] == _ANY_DEPTH:
-            yield from self._at_any_depth(place, reached, parts[1:] or ["*"], above)
+            yield from self._at_any_depth(folder, reached, parts[1:] or ["*"], above)
         else:
             fits = re.compile(fnmatch.translate(os.path.normcase(parts[0]))).match
-            for entry in self._entries(place):
+            for entry in self._entries(folder):
                 if fits(os.path.normcase(entry.name)) and (parts[0].startswith(".") or not entry.name.startswith(".")):
                     yield from self._step(entry.path, reached + entry.name, parts[1:])
 
-    def _step(self, place: str, reached: str, rest: list[str]) -> Iterator[str]:
+    def _step(self, folder: str, reached: str, rest: list[str]) -> Iterator[str]:
         if not rest:
             yield reached
-        elif os.path.isdir(place):
-            yield from self.below(place, f"{reached}/", rest)
+        elif os.path.isdir(folder):
+            yield from self.below(folder, f"{reached}/", rest)
 
     def _at_any_depth(
-        self, place: str, reached: str, rest: list[str], above: frozenset[tuple[int, int]]
+        self, folder: str, reached: str, rest: list[str], above: frozenset[tuple[int, int]]
     ) -> Iterator[str]:
         try:
-            status = os.stat(place)
+            status = os.stat(folder)
         except OSError:
             return
         identity = (status.st_dev, status.st_ino)
         if identity in above:
             return
-        yield from self.below(place, reached, rest)
-        for entry in self._entries(place):
+        yield from self.below(folder, reached, rest)
+        for entry in self._entries(folder):
             if not entry.name.startswith(".") and _is_folder(entry):
                 yield from self._at_any_depth(entry.path, f"{reached}{entry.name}/", rest, above | {identity})
 
-    def _entries(self, place: str) -> Iterator[os.DirEntry[str]]:
+    def _entries(self, folder: str) -> Iterator[os.DirEntry[str]]:
         try:
-            with os.scandir(place) as entries:
+            with os.scandir(folder) as entries:
                 for entry in entries:
                     self._left -= 1
                     if self._left < 0 or monotonic() > self._until:

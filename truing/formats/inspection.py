@@ -70,17 +70,17 @@ def _points_of_blocks(lines: Sequence[str]) -> InspectedPoints | None:
     """Return the points of blocks as PC-DMIS writes them."""
     values: list[tuple[int, str, str, str]] = []
     units: set[str | None] = set()
-    name, place = "", None
+    name, point = "", None
     for number, line in enumerate(lines, start=1):
         if match := _BLOCK.match(line):
-            name, place = match["name"].rstrip(","), None
+            name, point = match["name"].rstrip(","), None
             units.add(known_unit(match["unit"].lower()))
         elif _BLOCK_HEAD.match(line):
-            place = line.split().index("MEAS")
-        elif name and place is not None and re.match(r"\s*[XYZ]\s", line):
+            point = line.split().index("MEAS")
+        elif name and point is not None and re.match(r"\s*[XYZ]\s", line):
             cells = line.split()
-            if len(cells) > place:
-                values.append((number, name, cells[0].lower(), cells[place]))
+            if len(cells) > point:
+                values.append((number, name, cells[0].lower(), cells[point]))
     return _points(values, {name: "" for _, name, _, _ in values}, units.pop() if len(units) == 1 else None)
 
 
@@ -151,8 +151,8 @@ def _points(
     complete = sum(len(coordinates) == len("xyz") for _, _, coordinates in rows)
     if complete < _FEWEST_POINTS or 2 * complete < len(rows):
         return None
-    points_told = tuple(
+    point_rows = tuple(
         (part, key.rpartition("\0")[2], coordinates.get("x", ""), coordinates.get("y", ""), coordinates.get("z", ""))
         for key, part, coordinates in rows
     )
-    return InspectedPoints(points_told, tuple(lines), unit)
+    return InspectedPoints(point_rows, tuple(lines), unit)

@@ -44,7 +44,7 @@ def _labview(lines: Numbered) -> HeadedTable | None:
     """Return the first segment of a LabVIEW measurement file (National Instruments, specification of .lvm)."""
     if not lines or not lines[0][1].startswith(_LABVIEW):
         return None
-    ends = [place for place, (_, line) in enumerate(lines) if line.startswith(_END_OF_HEADER)]
+    ends = [row for row, (_, line) in enumerate(lines) if line.startswith(_END_OF_HEADER)]
     start = max(ends[:2], default=len(lines))  # the file's header ends, then that of the first segment
     if start + 2 >= len(lines):
         return None
@@ -62,7 +62,7 @@ def _twincat(lines: Numbered) -> HeadedTable | None:
     """Return a recording with pairs of columns, time and value; above each pair stand pairs of key and value."""
     separator = guess_separator([line for _, line in lines[len(lines) // 2 :]], '"')
     rows = [_cells(line, separator) for _, line in lines]
-    first = next((place for place, row in enumerate(rows) if len(row) > 1 and all(map(_is_number, row))), None)
+    first = next((index for index, row in enumerate(rows) if len(row) > 1 and all(map(_is_number, row))), None)
     if first is None or len(rows[first]) % 2:
         return None
     width = len(rows[first])

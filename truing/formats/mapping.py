@@ -24,7 +24,7 @@ from truing.formats.origins import (
 )
 from truing.formats.patterns import bounded
 from truing.formats.raw import Kind
-from truing.formats.shapes import COORDINATES, TableShape
+from truing.formats.shapes import COORDINATES, LOADS_APART, TableShape
 from truing.formats.units import (
     UnknownUnit,
     conversion,
@@ -116,9 +116,9 @@ class MappingPlan:
         pattern = bounded(names_of_template(self.entry.wide), "wide")
         if self.entry.wide_values is not None:
             matches = (
-                (match, place) for place, name in enumerate(self.all_names) if (match := pattern.fullmatch(name))
+                (match, index) for index, name in enumerate(self.all_names) if (match := pattern.fullmatch(name))
             )
-            return tuple(WideGroup(match.groupdict(), (place,)) for match, place in matches)
+            return tuple(WideGroup(match.groupdict(), (index,)) for match, index in matches)
         indices_of_targets: dict[tuple[tuple[str, str], ...], dict[str, int]] = {}
         for position, name in enumerate(self.all_names):
             if match := pattern.fullmatch(name):
@@ -235,7 +235,7 @@ class MappingPlan:
             kinds[cell] = "number" if cell == position else "text"
         for name, column in self.columns.items():
             self._require_columns(name, self._kind(name, column), kinds, ())
-        for position in (place for name in self.columns for place, _ in self.added(name)):
+        for position in (index for name in self.columns for index, _ in self.added(name)):
             kinds.setdefault(position, "number")
         for name in (*self.entry.select, *self.entry.split):  # they select the rows to read
             self._require_columns(name, "text", kinds, ())
@@ -317,6 +317,8 @@ class MappingPlan:
             misfits += _contradicted_columns(self)
         if self.entry.channels:
             misfits.append(Misfit("channels in [files.interferometer] alone", value=", ".join(self.entry.channels)))
+        if self.entry.joined_by is not None and self.shape.name != LOADS_APART.name:
+            misfits.append(Misfit("joined_by in [files.loads] alone", value=self.entry.joined_by))
         if self.entry.wide is not None and not self.wide:
             misfits.append(
                 Misfit(

@@ -21,6 +21,7 @@ from numpy.typing import NDArray
 from truing.formats.compression import FREE, LARGEST_RATIO
 from truing.formats.dictionaries import as_dictionary, strings
 from truing.formats.raw import Kind, RawBatch, Unusable, Wanted, consecutive
+from truing.schemas.faults import first_line
 from truing.schemas.mapping import FileMapping
 from truing.schemas.memory import raise_shortage
 
@@ -84,7 +85,7 @@ def _read_before_7_3(path: Path) -> dict[str, Variable]:
     except Exception as error:  # scipy passes on any exception that a damaged file causes
         if content_size > FREE:  # below, a lack of memory means a wrong size in the file
             raise_shortage(error)
-        raise Unusable("an undamaged MATLAB file (.mat)", value=(str(error).splitlines() or [""])[0][:80]) from None
+        raise Unusable("an undamaged MATLAB file (.mat)", value=first_line(error)[:80]) from None
     variables: dict[str, Variable] = {}
     for name, value in content.items():
         if not name.startswith("__"):
@@ -265,10 +266,10 @@ def read_matlab(path: Path, wanted: Wanted, entry: FileMapping) -> Iterator[RawB
     if kinds is None:
         return
     rows = blocks[0].rows
-    places = [(block, column) for block in blocks for column in range(len(block.names))]
+    cells = [(block, column) for block in blocks for column in range(len(block.names))]
     for start in range(0, rows, _MOST_ROWS):
         count = min(_MOST_ROWS, rows - start)
-        columns = {at: _column(*places[at], slice(start, start + count), kind) for at, kind in kinds.items()}
+        columns = {at: _column(*cells[at], slice(start, start + count), kind) for at, kind in kinds.items()}
         yield RawBatch(columns, consecutive(start, count))
 
 

@@ -44,23 +44,23 @@ def _rays(root: ElementTree.Element, lines: Lines) -> dict[str, Any]:
     rows = []
     for marker in root.iter("marker"):
         number = marker.get("marker_id", marker.get("id"))
-        for place in (place_node for name in _PLACES for place_node in marker.iter(name)):
-            camera = cameras.get(place.get("camera_id"))
+        for node in (place_node for name in _PLACES for place_node in marker.iter(name)):
+            camera = cameras.get(node.get("camera_id"))
             if camera is None or number not in labels:
                 expected = "markers and cameras that the file lists, label by label"
-                where = f"marker {number}, camera {place.get('camera_id')}"
-                raise Unusable(expected, row=lines[place], value=where[:80])
-            is_observed = place.get("valid", "true") != "false" and camera.get("enabled", "true") not in ("false", "0")
+                where = f"marker {number}, camera {node.get('camera_id')}"
+                raise Unusable(expected, row=lines[node], value=where[:80])
+            is_observed = node.get("valid", "true") != "false" and camera.get("enabled", "true") not in ("false", "0")
             rows.append(
                 (
                     camera.get("label") or f"camera {camera.get('id')}",
                     camera.get("sensor_id") or "camera",
                     labels[number],
-                    _number(place, "x", lines) - CORNER,
-                    _number(place, "y", lines) - CORNER,
-                    place.get("pinned", "true"),
+                    _number(node, "x", lines) - CORNER,
+                    _number(node, "y", lines) - CORNER,
+                    node.get("pinned", "true"),
                     "1" if is_observed else "0",
-                    lines[place],
+                    lines[node],
                 )
             )
     names = ("image", "camera", "point", "x_px", "y_px", "pinned", "used", "line")

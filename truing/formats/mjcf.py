@@ -46,7 +46,7 @@ def of_model(model: Any) -> Urdf:
     links = {n: UrdfLink(n, float(model.body_mass[k]), _three(model.body_ipos[k])) for k, n in enumerate(names)}
     joints, mimics = dict[str, UrdfJoint](), dict(_mimics(model))
     for k in range(1, model.nbody):
-        below, place, turn = names[model.body_parentid[k]], np.array(model.body_pos[k]), _angles(model.body_quat[k])
+        below, origin, turn = names[model.body_parentid[k]], np.array(model.body_pos[k]), _angles(model.body_quat[k])
         first = int(model.body_jntadr[k])
         for j in range(first, first + int(model.body_jntnum[k])):
             if model.jnt_type[j] not in (_SLIDE, _HINGE):
@@ -58,12 +58,12 @@ def of_model(model: Any) -> Urdf:
             links.setdefault(child, UrdfLink(child))
             # The frame of the next joint keeps the body's axes, at the anchor of this one.
             rotated = Rotation.from_euler("xyz", turn).as_matrix()
-            at = place + rotated @ anchor
+            at = origin + rotated @ anchor
             joints[urdf_joint.name] = replace(urdf_joint, parent=below, child=child, xyz=_three(at), rpy=_three(turn))
-            below, place, turn = child, -anchor, np.zeros(3)
+            below, origin, turn = child, -anchor, np.zeros(3)
         if below != names[k]:
             fixed = f"{names[k]}:fixed"
-            joints[fixed] = UrdfJoint(fixed, "fixed", below, names[k], _three(place), _three(turn), (1.0, 0.0, 0.0), 0)
+            joints[fixed] = UrdfJoint(fixed, "fixed", below, names[k], _three(origin), _three(turn), (1.0, 0.0, 0.0), 0)
     return Urdf(joints, links)
 
 

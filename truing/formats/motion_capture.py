@@ -54,8 +54,8 @@ def read_trajectories(path: Path) -> Trajectories:
     if importlib.util.find_spec("ezc3d") is None:
         raise Unusable("TRC or text here: C3D needs ezc3d, which this platform has no wheel of")
     announced = announced_frames(path)
-    with tempfile.TemporaryDirectory(prefix="truing-") as place:
-        trajectories = _read_in_process(path, Path(place))
+    with tempfile.TemporaryDirectory(prefix="truing-") as folder:
+        trajectories = _read_in_process(path, Path(folder))
     if not trajectories.xyz.size:
         raise Unusable("at least one marker and frame")
     frames = trajectories.xyz.shape[2]

@@ -153,10 +153,14 @@ def positions_of_axis(names: Sequence[str], data: Sequence[Sequence[str]], value
     renames = {cell: _direction(cell) for cell in sorted(cells)}
     if not all(renames.values()):
         return None
-    place = ("position_mm", "at") if "at" in meanings else ("deviation_um", "off")
-    columns = {"target_mm": meanings["target_mm"], "direction": meanings["direction"], place[0]: meanings[place[1]]}
+    pair = ("position_mm", "at") if "at" in meanings else ("deviation_um", "off")
+    columns = {
+        "target_mm": meanings["target_mm"],
+        "direction": meanings["direction"],
+        pair[0]: meanings[pair[1]],
+    }
     columns |= {"cycle": meanings["cycle"]} if "cycle" in meanings else {}
-    units = {column: bare_and_unit(columns[column])[1] for column in ("target_mm", place[0])}
+    units = {column: bare_and_unit(columns[column])[1] for column in ("target_mm", pair[0])}
     unit_of_column = {column: unit for column, unit in units.items() if unit not in (None, column.rsplit("_", 1)[-1])}
     words = {raw: word for raw, word in renames.items() if raw != word}
     mapping: MappingKeys = {
@@ -261,11 +265,11 @@ def axis_rows(names: Sequence[str], values: Array) -> tuple[Proposal, ...]:
 def _encoders_alone(names: Sequence[str]) -> tuple[Proposal, ...]:
     """Return the recorded positions of two encoders, the first of which is taken for the reference of the second."""
     for kind, unit in _UNITS_OF_AXES.items():
-        own = [name for name in names if _kind(name) == kind and _NUMBERED.fullmatch(bare_and_unit(name)[0])]
-        if len(own) == 2:
-            columns = {f"command_{unit}": own[0], f"measured_{unit}": own[1]}
+        encoders = [name for name in names if _kind(name) == kind and _NUMBERED.fullmatch(bare_and_unit(name)[0])]
+        if len(encoders) == 2:
+            columns = {f"command_{unit}": encoders[0], f"measured_{unit}": encoders[1]}
             units = {column: given for column, name in columns.items() if (given := bare_and_unit(name)[1]) != unit}
-            doubt = f"{own[0]} is assumed to be the reference with which {own[1]} is compared"
+            doubt = f"{encoders[0]} is assumed to be the reference with which {encoders[1]} is compared"
             mapping = {"columns": columns, **({"units": units} if units else {})}
             return (Proposal("configurations", mapping, "positions of two encoders of an axis", (doubt,)),)
     return ()
@@ -279,8 +283,8 @@ def _axis_of_kind(names: Sequence[str], values: Array, kind: str | None, meant: 
     motor, load = _first(names, _MOTOR, (command,), kind), _first(names, _LOAD_SIDE, (command,), kind)
     outside = _first(names, _OUTSIDE, (command, motor, load), kind)
     if outside is None and motor is None and load is None and re.search(_COMMANDED, command, re.IGNORECASE):
-        own = [name for name in names if name != command and kind is not None and _kind(name) == kind]
-        outside = own[0] if len(own) == 1 else None
+        encoders = [name for name in names if name != command and kind is not None and _kind(name) == kind]
+        outside = encoders[0] if len(encoders) == 1 else None
     if outside is None and (motor is None or load is None):
         return None
     unit = _UNITS_OF_AXES[meant]

@@ -70,11 +70,11 @@ def chain_rows(
         own = {"columns": rows} if rows else counted
         read = JointReadings({**own, "ignore": _ignored(raw)}, f"joint readings of {', '.join(found.names)}")
     read = replace(read, mapping={**read.mapping, **_first_of_each_pose(names, data, meant)})
-    place = values[:, [list(names).index(name) for name in raw]]
+    points_read = values[:, [list(names).index(name) for name in raw]]
     is_bare = {bare_and_unit(name)[1] for name in raw} == {None} and "unit" not in keys
     return ChainRows(
         {key: value for key, value in points.items() if value},
-        *(read, note, is_bare and is_within_metres(place) and set(found.units) == {"rad"}),
+        *(read, note, is_bare and is_within_metres(points_read) and set(found.units) == {"rad"}),
     )
 
 
@@ -86,7 +86,7 @@ def is_within_metres(coordinates: Array) -> bool:
 def _missing(names: Sequence[str], data: Sequence[Sequence[str]], raw: Sequence[str]) -> dict[str, list[str]]:
     """Return the key for empty cells of some columns, if there are any."""
     columns = [list(names).index(name) for name in raw]
-    return {"missing": [""]} if any(not row[place].strip() for row in data for place in columns) else {}
+    return {"missing": [""]} if any(not row[column].strip() for row in data for column in columns) else {}
 
 
 def _several_targets(names: Sequence[str]) -> tuple[MappingKeys, tuple[str, ...], str] | None:
@@ -138,8 +138,8 @@ def bare_chain_rows(values: Array, joints: Sequence[str]) -> ChainRows | None:
 
 def controller_columns(names: Sequence[str]) -> tuple[str, ...]:
     """Return coordinates that a robot's controller computes from its joints, by their names."""
-    own = [name for name in names if _OF_CONTROLLER.search(bare_and_unit(name)[0])]
-    return place_columns(own) or ()
+    of_controller = [name for name in names if _OF_CONTROLLER.search(bare_and_unit(name)[0])]
+    return place_columns(of_controller) or ()
 
 
 def _ignored(names: Sequence[str]) -> str:

@@ -57,21 +57,21 @@ def pose_columns(names: Sequence[str], values: Array) -> PoseMapping | None:
     """Return the poses recognised by names and numbers (N, W), NaN for other cells; else None."""
     plain = _without_words_of_parts(names)
     raw = dict(zip(plain, names, strict=True))
-    places = _raw_groups(raw, _PLACES)
+    groups = _raw_groups(raw, _PLACES)
     best: tuple[bool, int, str, tuple[str, ...], tuple[str, ...]] | None = None
-    for before, place in places.items():
+    for before, group in groups.items():
         for rank, (kind, families) in enumerate(_FAMILIES.items()):
             turned = _raw_groups(raw, families).get(before)
             if turned is None or (kind == "quaternion" and not _is_unit(_selected_columns(names, turned, values))):
                 continue
-            candidate = (_COMMANDED.search(before) is not None, rank, kind, place, turned)
+            candidate = (_COMMANDED.search(before) is not None, rank, kind, group, turned)
             best = min(best or candidate, candidate, key=lambda one: one[:2])
     if best is None:
-        return _matrix_columns(names, values, places)
+        return _matrix_columns(names, values, groups)
     return _mapped(best[2], best[3], best[4], names, values)
 
 
-def _matrix_columns(names: Sequence[str], values: Array, places: Mapping[str, tuple[str, ...]]) -> PoseMapping | None:
+def _matrix_columns(names: Sequence[str], values: Array, groups: Mapping[str, tuple[str, ...]]) -> PoseMapping | None:
     """Return the poses of columns that are numbered as elements of a matrix, such as ``T_00`` to ``T_23``; else None.
 
     A rotation of 3 x 3 needs coordinates beside it. The first number is the row, or the column if only that gives
@@ -79,8 +79,8 @@ def _matrix_columns(names: Sequence[str], values: Array, places: Mapping[str, tu
     """
     for before, elements in _elements(names).items():
         size, width = 1 + max(row for row, _ in elements), 1 + max(column for _, column in elements)
-        place = places.get(before) or next(iter(places.values()), ())
-        if (size, width) not in _MATRICES or len(elements) != size * width or (width == _AXES and not place):
+        group = groups.get(before) or next(iter(groups.values()), ())
+        if (size, width) not in _MATRICES or len(elements) != size * width or (width == _AXES and not group):
             continue
         raw = [[elements[row, column] for column in range(width)] for row in range(size)]
         cells = np.stack([_selected_columns(names, row, values) for row in raw], 1)
@@ -89,7 +89,7 @@ def _matrix_columns(names: Sequence[str], values: Array, places: Mapping[str, tu
         if by_columns:
             raw = [list(row) for row in zip(*raw, strict=True)]
         if len(known) and (by_columns or are_motions(known)):
-            return _mapped_matrix(raw, place, names, values, by_columns=by_columns)
+            return _mapped_matrix(raw, group, names, values, by_columns=by_columns)
     return None
 
 
@@ -109,11 +109,11 @@ def _elements(names: Sequence[str]) -> dict[str, dict[tuple[int, int], str]]:
 
 
 def _mapped_matrix(
-    raw: Sequence[Sequence[str]], place: tuple[str, ...], names: Sequence[str], values: Array, *, by_columns: bool
+    raw: Sequence[Sequence[str]], group: tuple[str, ...], names: Sequence[str], values: Array, *, by_columns: bool
 ) -> PoseMapping:
     """Return the keys for matrices with raw columns ``raw`` (rows of 3 or 4), and coordinates beside those of 3."""
     columns = {f"m{i}{j}": name for i, row in enumerate(raw) for j, name in enumerate(row)}
-    beside = () if "m03" in columns else place
+    beside = () if "m03" in columns else group
     columns |= dict(zip(_PLACE, beside, strict=False))
     shifts = beside or tuple(columns[name] for name in SHIFTS)
     unit = bare_and_unit(shifts[0])[1]
@@ -137,19 +137,19 @@ def poses_side_by_side(names: Sequence[str], values: Array) -> list[PoseMapping]
     Commanded poses are no bodies.
     """
     plain = _without_words_of_parts(names)
-    places = _groups(plain, _PLACES)
+    groups = _groups(plain, _PLACES)
     columns_of_poses = []
-    for before, place in places.items():
+    for before, group in groups.items():
         for kind, families in _FAMILIES.items():
             turned = _groups(plain, families).get(before)
             if not before or turned is None or _COMMANDED.search(before) is not None:
                 continue
-            raw = tuple(names[plain.index(name)] for name in (*place, *turned))
+            raw = tuple(names[plain.index(name)] for name in (*group, *turned))
             if kind != "quaternion" or _is_unit(_selected_columns(names, raw[3:], values)):
-                columns_of_poses.append((kind, raw[:3], raw[3:], place[0]))
+                columns_of_poses.append((kind, raw[:3], raw[3:], group[0]))
                 break
     bodies = _bodies_of([bare_and_unit(name)[0] for *_, name in columns_of_poses])
-    mapped = [_mapped(kind, place, turned, names, values) for kind, place, turned, _ in columns_of_poses]
+    mapped = [_mapped(kind, group, turned, names, values) for kind, group, turned, _ in columns_of_poses]
     return [
         replace(poses, mapping={**poses.mapping, "constants": {"body": body}})
         for poses, body in zip(mapped, bodies, strict=True)
@@ -187,10 +187,10 @@ def _bodies_of(names: Sequence[str]) -> list[str]:
 
 
 def _mapped(
-    kind: str, place: tuple[str, ...], turned: tuple[str, ...], names: Sequence[str], values: Array
+    kind: str, group: tuple[str, ...], turned: tuple[str, ...], names: Sequence[str], values: Array
 ) -> PoseMapping:
-    columns: MappingKeys = dict(zip(_PLACE, place, strict=True))
-    notes = [f"poses: {', '.join((*place, *turned))}"]
+    columns: MappingKeys = dict(zip(_PLACE, group, strict=True))
+    notes = [f"poses: {', '.join((*group, *turned))}"]
     units: dict[str, str] = {}
     angles = _selected_columns(names, turned, values)
     reported = {bare_and_unit(name)[1] for name in turned}
@@ -207,11 +207,11 @@ def _mapped(
         if not in_degrees:
             units.update(dict.fromkeys(_COLUMNS["euler"], "rad"))
     columns |= dict(zip(_COLUMNS[kind], turned, strict=True))
-    unit = bare_and_unit(place[0])[1]
+    unit = bare_and_unit(group[0])[1]
     mapping: MappingKeys = {"columns": columns, **({} if unit in (None, "mm") else {"unit": unit})}
     if unit is None:
-        notes.append(_range_words(_selected_columns(names, place, values)))
-    spread, coverage, more = _spreads(names, place, turned, kind)
+        notes.append(_range_words(_selected_columns(names, group, values)))
+    spread, coverage, more = _spreads(names, group, turned, kind)
     columns |= spread
     if "unit" in mapping:  # uncertainties may have another unit than the coordinates
         unit_of_column = {column: bare_and_unit(raw)[1] for column, raw in spread.items() if column.endswith("_mm")}
@@ -222,7 +222,7 @@ def _mapped(
         }
     mapping |= ({"coverage": coverage} if coverage else {}) | ({"units": units} if units else {})
     mapping["constants"] = {"body": TOOL}
-    used_names = (*place, *turned, *spread.values(), *_commanded(names))
+    used_names = (*group, *turned, *spread.values(), *_commanded(names))
     return PoseMapping(mapping, tuple(dict.fromkeys(used_names)), (*notes, *more))
 
 
@@ -232,13 +232,13 @@ def _range_words(values: Array) -> str:
 
 
 def _spreads(
-    names: Sequence[str], place: tuple[str, ...], turned: tuple[str, ...], kind: str
+    names: Sequence[str], group: tuple[str, ...], turned: tuple[str, ...], kind: str
 ) -> tuple[dict[str, str], float | None, list[str]]:
     """Return columns of uncertainties: named like coordinates or angles with an additional word."""
     spreads: dict[str, str] = {}
     factors: dict[str, float] = {}
     notes: list[str] = []
-    wanted = dict(zip(_PLACE, place, strict=True))
+    wanted = dict(zip(_PLACE, group, strict=True))
     if kind != "quaternion":
         wanted |= dict(zip(_COLUMNS[kind], turned, strict=True))
     for column, raw in wanted.items():
@@ -285,7 +285,7 @@ def _groups(names: Sequence[str], families: Sequence[tuple[str, ...]]) -> dict[s
     return groups
 
 
-def place_groups(names: Sequence[str]) -> dict[str, tuple[str, ...]]:
+def position_groups(names: Sequence[str]) -> dict[str, tuple[str, ...]]:
     """Return the columns of coordinates by the words before their axes, such as ``base_x`` to ``base_z`` by base."""
     return _groups(names, _PLACES)
 

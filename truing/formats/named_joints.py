@@ -171,8 +171,8 @@ def configurations_of_joints(
     columns_of_meaning |= _temperature(names, columns_of_meaning)
     units = joints_found.other_units()
     if "time_s" in columns_of_meaning:
-        place = list(names).index(columns_of_meaning["time_s"])
-        cells, time = [row[place] for row in data], values[:, place]
+        index = list(names).index(columns_of_meaning["time_s"])
+        cells, time = [row[index] for row in data], values[:, index]
         if not all(map(str.strip, cells)) or len(set(cells)) < len(cells):
             columns_of_meaning.pop("time_s")  # repeated times define no order
         elif np.isfinite(time).all() and (unit := _unit_of_moments(float(time.max()))) is not None:

@@ -103,6 +103,18 @@ def channels_without_loads(names: Sequence[str]) -> tuple[str, ...]:
     return () if plain or applied else tuple(name for name in _channels(names) if _is_voltage(name))
 
 
+def channel_mapping(names: Sequence[str]) -> tuple[MappingKeys, tuple[str, ...]]:
+    """Return the keys of an amplifier's channels, as signals, and a doubt if these are ratios of a bridge."""
+    channels = _channels(names)
+    signals = {f"v{number}_mv": name for number, name in enumerate(channels, start=1)}
+    return _keys(signals), _doubts_on_ratios(channels)
+
+
+def _doubts_on_ratios(channels: Sequence[str]) -> tuple[str, ...]:
+    ratios = [name for name in channels if (unit_of(name) or "").endswith(_RATIO)]
+    return (f"{ratios[0]} and others in {unit_of(ratios[0])} are read as at a supply of 1 V",) if ratios else ()
+
+
 def _map_applied_loads(
     plain: dict[str, str], channels: Sequence[str], steps: MappingKeys
 ) -> tuple[LoadMapping, tuple[str, ...]]:
@@ -110,9 +122,7 @@ def _map_applied_loads(
     signals = {f"v{number}_mv": name for number, name in enumerate(channels, start=1)}
     note = "loads, taken to be applied"
     note += ", beside the channels of a sensor" if channels else "; what was read under them no column says"
-    ratios = [name for name in channels if (unit_of(name) or "").endswith(_RATIO)]
-    doubts = (f"{ratios[0]} and others in {unit_of(ratios[0])} are read as at a supply of 1 V",) if ratios else ()
-    return LoadMapping("signals", {**_keys({**signals, **plain}), **steps}, note), doubts
+    return LoadMapping("signals", {**_keys({**signals, **plain}), **steps}, note), _doubts_on_ratios(channels)
 
 
 def _keys(columns: dict[str, str]) -> MappingKeys:

@@ -11,7 +11,7 @@ import numpy as np
 
 from truing.arrays import Array
 from truing.formats.guess import Guess, OtherWay
-from truing.formats.named_columns import place_groups
+from truing.formats.named_columns import position_groups
 from truing.formats.proposed_poses import NamedCells
 from truing.formats.units import bare_and_unit, conversion, is_convertible
 
@@ -151,8 +151,8 @@ def _in_mm(numbers: dict[str, Array], found: Mapping[str, str], lengths: Array, 
     """Convert lengths in place, and return the doubt on a unit that nothing gives."""
     stated = {key: bare_and_unit(found[key])[1] or unit for key in ("d_mm", "a_mm")}
     assumed = "m" if np.abs(lengths).max() < _METRES else "mm"
-    for key, own in stated.items():
-        numbers[key] = _converted(numbers[key], own or assumed, "mm")
+    for key, stated_unit in stated.items():
+        numbers[key] = _converted(numbers[key], stated_unit or assumed, "mm")
     return [] if all(stated.values()) else [f"no unit of lengths is given; they are assumed to be in {assumed}"]
 
 
@@ -214,12 +214,12 @@ def _masses(cells: NamedCells) -> Guess | None:
 
 def _legs(cells: NamedCells, words: str, unit: str | None) -> Guess | None:
     """Return legs of variable length: joints on the base and on the platform in one row, beside the length."""
-    found, places = _meanings(cells.names, _LEGS), place_groups(cells.names)
+    found, named = _meanings(cells.names, _LEGS), position_groups(cells.names)
     groups = {
-        key: [group for before, group in places.items() if re.fullmatch(pattern, before)]
+        key: [group for before, group in named.items() if re.fullmatch(pattern, before)]
         for key, pattern in (("a_mm", _OF_BASE), ("b_mm", _OF_PLATFORM))
     }
-    if len(cells.rows) < _FEWEST_LEGS or len(places) != 2 or any(len(group) != 1 for group in groups.values()):
+    if len(cells.rows) < _FEWEST_LEGS or len(named) != 2 or any(len(group) != 1 for group in groups.values()):
         return None
     is_measured = any(re.fullmatch(_NO_GEOMETRY, bare_and_unit(name)[0], re.IGNORECASE) for name in cells.names)
     if is_measured or not found:

@@ -65,9 +65,9 @@ class RowCount:
                 return None
             self._kinds = kinds
             kind_of_place: dict[int, Kind] = {}
-            for place, kind in kinds.items():
-                known = kind_of_place.setdefault(place % len(names), kind)
-                kind_of_place[place % len(names)] = max(known, kind, key=lambda kind_of_cell: _WIDEST[kind_of_cell])
+            for index, kind in kinds.items():
+                known = kind_of_place.setdefault(index % len(names), kind)
+                kind_of_place[index % len(names)] = max(known, kind, key=lambda kind_of_cell: _WIDEST[kind_of_cell])
             return kind_of_place
 
         return of_rows
@@ -95,7 +95,7 @@ class RowCount:
         if len(group) and batch.records[-1] % self._per == self._per - 1:
             before[:] = True
         rest = RawBatch(
-            {place: values.filter(~before) for place, values in batch.columns.items()}, batch.records[~before]
+            {index: values.filter(~before) for index, values in batch.columns.items()}, batch.records[~before]
         )
         return rest, self._rows_joined_to_records(batch, before)
 
@@ -104,7 +104,7 @@ class RowCount:
         complete_groups = groups[counts == self._per]  # incomplete groups had a faulty row, which is reported
         rows = np.flatnonzero(chosen & np.isin(batch.records // self._per, complete_groups)).reshape(-1, self._per)
         columns = {
-            place: batch.columns[place % self._width].take(rows[:, place // self._width]) for place in self._kinds
+            index: batch.columns[index % self._width].take(rows[:, index // self._width]) for index in self._kinds
         }
         faults = tuple(fault.changed(lambda row, value: (row // self._per, value)) for fault in batch.faults)
         return RawBatch(columns, complete_groups, faults)
@@ -126,7 +126,7 @@ def _implied_rows(batch: RawBatch) -> Iterator[int]:
 
 def _joined_batches(first: RawBatch, second: RawBatch) -> RawBatch:
     """Return two batches as one; a column that is numeric in only one of them becomes text."""
-    columns = {place: _concatenated(values, second.columns[place]) for place, values in first.columns.items()}
+    columns = {index: _concatenated(values, second.columns[index]) for index, values in first.columns.items()}
     records = np.concatenate([first.records, second.records])
     return RawBatch(columns or second.columns, records, second.faults)
 

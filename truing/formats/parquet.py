@@ -13,6 +13,7 @@ import pyarrow.parquet as pq
 from truing.formats.compression import FREE, LARGEST_RATIO
 from truing.formats.dictionaries import as_dictionary
 from truing.formats.raw import Kind, RawBatch, Unusable, Wanted, consecutive
+from truing.schemas.faults import first_line
 from truing.schemas.memory import raise_shortage
 
 _ROWS = 1 << 17
@@ -25,7 +26,7 @@ def read_parquet(path: Path, wanted: Wanted) -> Iterator[RawBatch]:
             yield from _batches(file, path.stat().st_size, wanted)
     except pa.ArrowException as error:
         raise_shortage(error)
-        raise Unusable("an undamaged Parquet file", value=(str(error).splitlines() or [""])[0][:80]) from None
+        raise Unusable("an undamaged Parquet file", value=first_line(error)[:80]) from None
 
 
 def _batches(file: pq.ParquetFile, size: int, wanted: Wanted) -> Iterator[RawBatch]:

@@ -36,11 +36,11 @@ class NameNumbers(Generic[T]):
 
     def number(self, value: T) -> int:
         """Return the number of a name; a new name gets the next one."""
-        place = self._numbers.get(value)
-        if place is None:
-            place = self._numbers[value] = len(self.values)
+        number = self._numbers.get(value)
+        if number is None:
+            number = self._numbers[value] = len(self.values)
             self.values.append(value)
-        return place
+        return number
 
 
 class PointIndex:
@@ -95,8 +95,8 @@ class PointIndex:
         unknown = len(self.poses)
         if not unknown:
             return np.zeros(len(poses), dtype=np.int32)
-        place = np.minimum(np.searchsorted(self._sorted, poses), unknown - 1)
-        return np.where(self._sorted[place] == poses, self._order[place], unknown).astype(np.int32)
+        index = np.minimum(np.searchsorted(self._sorted, poses), unknown - 1)
+        return np.where(self._sorted[index] == poses, self._order[index], unknown).astype(np.int32)
 
     def _label_numbers(self, body: pa.DictionaryArray, target: pa.DictionaryArray) -> NDArray[np.int32]:
         bodies, targets = body.dictionary.to_pylist(), target.dictionary.to_pylist()

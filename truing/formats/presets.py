@@ -103,8 +103,8 @@ def target_column(file_format: str) -> str | None:
 def with_preset(entry: FileMapping, file_format: str, table: str) -> tuple[FileMapping, frozenset[str]]:
     """Return a mapping completed by its format's preset for a table, and the columns that only the preset names."""
     added = added_format(file_format)
-    own = _PRESETS.get(f"{file_format} {table}", _PRESETS.get(file_format, {}))
-    preset = own if added is None else added.checked_preset()
+    defaults = _PRESETS.get(f"{file_format} {table}", _PRESETS.get(file_format, {}))
+    preset = defaults if added is None else added.checked_preset()
     absent = {key: value for key, value in preset.items() if key not in entry.model_fields_set}
     columns = {**preset.get("columns", {}), **entry.columns}
     missing = tuple(dict.fromkeys((*preset.get("missing", ()), *entry.missing)))

@@ -134,10 +134,10 @@ def _grid_axes(names: Sequence[str]) -> dict[str, str]:
     """Return the columns of east, north and height, of which x, y and z are right-handed, by their names."""
     result = {}
     for column, pattern in zip(COORDINATES, _GRID, strict=True):
-        own = [name for name in names if re.fullmatch(pattern, bare_and_unit(name)[0].casefold())]
-        if len(own) != 1:
+        axes = [name for name in names if re.fullmatch(pattern, bare_and_unit(name)[0].casefold())]
+        if len(axes) != 1:
             return {}
-        result[own[0]] = column
+        result[axes[0]] = column
     return result
 
 
@@ -146,8 +146,8 @@ def _numbered_lengths(names: Sequence[str]) -> dict[str, str]:
     matches = [(name, _LENGTH.fullmatch(bare_and_unit(name)[0])) for name in names]
     found = {name: int(m[1]) for name, m in matches if m is not None and bare_and_unit(name)[1] in ("mm", "m", "in")}
     numbers = sorted(found.values())
-    whole = len(numbers) >= _LEGS and numbers == list(range(1, len(numbers) + 1))
-    return {name: f"rho{number}_mm" for name, number in found.items()} if whole else {}
+    is_complete = len(numbers) >= _LEGS and numbers == list(range(1, len(numbers) + 1))
+    return {name: f"rho{number}_mm" for name, number in found.items()} if is_complete else {}
 
 
 def _is_of_all_axes(name: str) -> bool:

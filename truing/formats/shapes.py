@@ -179,6 +179,8 @@ PLANNED = TableShape(
 SIGNALS = TableShape(
     "signals", ("run", "step"), ("time_s", *_SHOWN, *_LOADED, *_SURROUNDINGS), family="signal", covariates=True
 )
+# Loads that another instrument recorded than the signals; [files.loads] says how its rows belong to those of signals.
+LOADS_APART = TableShape("loads", (), ("run", "step", "time_s", *_LOADED))
 
 QUADRATURE = TableShape(
     "quadrature",

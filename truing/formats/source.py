@@ -23,9 +23,11 @@ if TYPE_CHECKING:
     from truing.schemas.stage_cost import StageCost
 
 OF_IMAGES = ("images", "image_points", "image_targets", "scale_bars", "known_points", "cameras")
+BY_MAPPING = "loads"  # table that [files] alone can name: a file of that name has no meaning of its own
 OTHERS = (
     *("points", "poses", "targets", "resurveys", "configurations", "scans", "surfaces", "distances"),
     *("displacement", "interferometer", "signals", "quadrature", "positioning", "published"),
+    BY_MAPPING,
 )
 TABLES = (*OTHERS, *OF_IMAGES)
 LOGO = "logo"  # the picture of [campaign], which the page holds
@@ -262,6 +264,8 @@ def _without_measured(entry: FileMapping, files: Mapping[str, Any]) -> FileMappi
 
 
 def _contract_names(table: str) -> tuple[str, ...]:
+    if table == BY_MAPPING:
+        return ()
     return _pictures_in("images") if table == "images" else (f"{table}.csv", f"{table}.parquet")
 
 
@@ -321,10 +325,10 @@ def skipped_files(root: Path, folders: Collection[str], read: Collection[str]) -
 def _files_below(root: Path, folders: Collection[str]) -> Iterator[str]:
     for folder in dict.fromkeys(folders):
         top = (root / folder).as_posix()
-        for place, inner, files in os.walk(top, followlinks=True):
-            depth = len(Path(place).relative_to(top).parts)
+        for path, inner, files in os.walk(top, followlinks=True):
+            depth = len(Path(path).relative_to(top).parts)
             inner[:] = sorted(name for name in inner if not name.startswith(".")) if depth < _DEEPEST else []
-            below = PurePosixPath(folder, *Path(place).relative_to(top).parts)
+            below = PurePosixPath(folder, *Path(path).relative_to(top).parts)
             yield from ((below / file).as_posix() for file in sorted(files))
 
 

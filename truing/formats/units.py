@@ -201,12 +201,12 @@ def _spelling(unit: str) -> str:
 
 def _torque_parts(text: str) -> tuple[str, str] | None:
     """Return force and length of a torque such as ``lbf-in``, ``in·lb`` or ``Nmm``; None for other texts."""
-    for place in range(1, len(text)):
-        head, length = re.sub(rf"{_TIMES}$", "", text[:place]), _LENGTHS.get(text[place:].casefold())
+    for index in range(1, len(text)):
+        head, length = re.sub(rf"{_TIMES}$", "", text[:index]), _LENGTHS.get(text[index:].casefold())
         if length is not None and (force := _force_of(head)) is not None:
             return force, length
-        is_parted = head != text[:place]
-        length, force = _LENGTHS.get(head.casefold()), _force_of(text[place:])
+        is_parted = head != text[:index]
+        length, force = _LENGTHS.get(head.casefold()), _force_of(text[index:])
         if length is not None and force is not None and (is_parted or (length in ("in", "ft") and force != "gf")):
             return force, length  # without a mark between them, mN is no torque
     return None

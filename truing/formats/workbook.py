@@ -20,6 +20,7 @@ from truing.formats.compression import FREE, LARGEST_RATIO
 from truing.formats.dictionaries import as_dictionary, strings
 from truing.formats.faultlog import CellFaults
 from truing.formats.raw import Kind, RawBatch, Unusable, Wanted
+from truing.schemas.faults import first_line
 from truing.schemas.mapping import FileMapping
 from truing.schemas.memory import raise_shortage
 
@@ -174,7 +175,7 @@ def _opened(path: Path, *, formulas: bool = False) -> Iterator[Workbook]:
         raise
     except Exception as error:  # openpyxl passes on any exception that a damaged part causes
         raise_shortage(error)
-        raise Unusable("an undamaged Excel workbook (.xlsx)", value=(str(error).splitlines() or [""])[0][:80]) from None
+        raise Unusable("an undamaged Excel workbook (.xlsx)", value=first_line(error)[:80]) from None
 
 
 def _check_size(path: Path) -> None:
@@ -278,21 +279,21 @@ def _names(heading: Row, entry: FileMapping) -> tuple[str, ...]:
 def _batch(records: list[_Record], kinds: Mapping[int, Kind], names: tuple[str, ...], done: int, mark: str) -> RawBatch:
     """Return records from number ``done`` on; mark: decimal mark for texts of the sheet."""
     numbers = np.arange(done, done + len(records), dtype=np.int64)
-    columns = {place: _column([_cell(r.cells, place) for r in records], kind, mark) for place, kind in kinds.items()}
+    columns = {index: _column([_cell(r.cells, index) for r in records], kind, mark) for index, kind in kinds.items()}
     faults = []
-    for place in kinds:
-        mask = np.array([place in record.uncomputed for record in records], dtype=bool)
+    for index in kinds:
+        mask = np.array([index in record.uncomputed for record in records], dtype=bool)
         if mask.any():
-            faults.append(CellFaults.where(mask, numbers, None, names[place] or str(place + 1), _UNCOMPUTED))
+            faults.append(CellFaults.where(mask, numbers, None, names[index] or str(index + 1), _UNCOMPUTED))
     if faults:  # already reported: the cells are no second fault
         is_computed = np.array([not set(kinds) & set(record.uncomputed) for record in records], dtype=bool)
-        columns = {place: column.filter(is_computed) for place, column in columns.items()}
+        columns = {index: column.filter(is_computed) for index, column in columns.items()}
         numbers = numbers[is_computed]
     return RawBatch(columns, numbers, tuple(faults))
 
 
-def _cell(cells: Row, place: int) -> Cell:
-    return cells[place] if place < len(cells) else None
+def _cell(cells: Row, index: int) -> Cell:
+    return cells[index] if index < len(cells) else None
 
 
 def _column(cells: Row, kind: Kind, mark: str) -> pa.Array:

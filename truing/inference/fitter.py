@@ -110,7 +110,7 @@ class Fitter(Generic[CauseT]):
             if not self.learn_noise(fitted) and not screened:
                 break
             fitted = self.fitted(causes, fitted)
-        return fitted
+        return self.fitted(causes, fitted) if self._readmit_patterns(fitted) else fitted
 
     def fitted(self, causes: tuple[CauseT, ...], start: FittedModel[CauseT] | None = None) -> FittedModel[CauseT]:
         """Return the fit of the model with some causes, started from another fit."""
@@ -207,12 +207,53 @@ class Fitter(Generic[CauseT]):
         self.calibration = self.calibration.with_kept(explained)
         if self.held_out is not None:
             self.held_out = self.held_out.with_kept(predicted)
+        self._forget(explained, predicted)
+        return bool(explained.any() or predicted.any())
+
+    def _readmit_patterns(self, fitted: FittedModel[CauseT]) -> bool:
+        """Keep observations that were excluded as gross errors although they form a pattern where epochs share an
+        input; return True if there were any.
+
+        A model without that effect cannot tell gross errors of the same channel, so that no more of it are excluded.
+        """
+        calibration, held_out = self._patterned(fitted)
+        channels = calibration.any(axis=0)
+        if held_out.size:
+            channels |= held_out.any(axis=0)
+        if not channels.any():
+            return False
+        own = calibration | (self.calibration.measured.is_observed & channels)
+        self.calibration = self.calibration.with_kept(own)
+        if self.held_out is not None:
+            self.held_out = self.held_out.with_kept(held_out | (self.held_out.measured.is_observed & channels))
+        self._forget(calibration, held_out)
+        return True
+
+    def _patterned(self, fitted: FittedModel[CauseT]) -> tuple[Mask, Mask]:
+        """Return the excluded observations of calibration and held-out epochs that form a pattern, by the prediction of
+        a fit without them."""
+        excluded = self._recorded[0] & ~self.calibration.measured.is_observed
+        calibration, held_out = np.zeros(excluded.shape, bool), np.zeros((0, excluded.shape[1]), bool)
+        if self.calibration.inputs is not None and excluded.any():
+            measured = fitted.measured.with_observed(fitted.measured.is_observed | excluded)
+            missed = prediction_error(fitted.model, measured, fitted.fit.frames, fitted.fit.shared)
+            calibration = self.calibration.patterned(excluded, missed.whitened)
+        if self.held_out is not None and self._recorded[1] is not None and fitted.held_out is not None:
+            excluded = self._recorded[1] & ~self.held_out.measured.is_observed
+            held_out = np.zeros(excluded.shape, bool)
+            if self.held_out.inputs is not None and excluded.any():
+                measured = self.held_out.measured.with_observed(self._recorded[1])
+                missed = prediction_error(fitted.held_out.model, measured, self.held_out.frames, fitted.fit.shared)
+                held_out = self.held_out.patterned(excluded, missed.whitened)
+        return calibration, held_out
+
+    def _forget(self, calibration: Mask, held_out: Mask) -> None:
+        """Take readmitted observations out of the list of gross errors."""
         self.screened = [
             value
             for value in self.screened
-            if not (predicted if value.held_out else explained)[value.row, value.channel]
+            if not (held_out if value.held_out else calibration)[value.row, value.channel]
         ]
-        return bool(explained.any() or predicted.any())
 
     def _explained_in_fit(self, fitted: FittedModel[CauseT]) -> Mask:
         """Return the excluded observations (B, K) of calibration epochs that a fit explains."""

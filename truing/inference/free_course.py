@@ -28,7 +28,7 @@ _LEAST_PATTERN, _MOST_PATTERNS = 0.1, 3
 _LEAST_LOADING = 1e-6  # of a pathway in a pattern of unit length
 _CLEAR_LOADING = 1e-4  # its square is far above the rounding of products
 _FEWEST_EPOCHS = 12
-_MOST_LEFT = 4.0  # squares of patterns that are not tested, in units of the noise
+_CHANCE = 0.01  # p-value above which patterns that are not tested hold no more than noise
 _MOST_PRODUCTS = 2e11  # of numbers, about a minute
 _ALIKE = 0.7  # cosine of two patterns from which on one course may be behind both
 
@@ -43,10 +43,14 @@ Inputs: TypeAlias = tuple[str, ...]
 
 @dataclass(frozen=True)
 class MovedPattern:
-    """One pattern of an effect: the change (C,) of each pathway, for its course (B, 1) of unit mean square."""
+    """One pattern of an effect: the change (C,) of each pathway, for its course (B, 1) of unit mean square.
+
+    ``possible``: courses (B, q) of unit mean square, without correlation, of which its law allows any sum.
+    """
 
     pathways: Mapping[str, Array]
     course: Array
+    possible: Array
 
 
 @dataclass(frozen=True)
@@ -103,6 +107,8 @@ def course_rival(
     ``without`` is the final model without the cause; all parameters after the first ``size`` are the cause's shape;
     ``choice`` is the evidence averaged over all shapes that it may have on its subject, relative to that of its own.
     """
+    from scipy.special import chdtri
+
     patterns, left = _patterns_of(final, cause, size)
     if not patterns:
         return None
@@ -123,8 +129,8 @@ def course_rival(
     likeliest = [_likeliest(moved_beside, place, varied[place]) for place in places]
     instead = [_likeliest(moved, place, courses) for place in places]
     named, behind = _lead(moved, patterns, instead)
-    behind += _gained_by_refit(final, without, named, len(patterns))
-    if left > _MOST_LEFT:  # random courses would absorb patterns that are not tested
+    behind += _gained_by_refit(final, without, named, sum(own.possible.shape[1] for own in patterns))
+    if left > chdtri(max(size - len(patterns), 1), _CHANCE):  # random courses would absorb patterns that are not tested
         behind = np.inf
     next_to_it = max(likeliest, key=lambda one: one.odds)
     odds = next_to_it.odds - np.log(len(patterns))
@@ -231,18 +237,19 @@ def _together(functions: Sequence[Array]) -> dict[str, Array]:
 def _lead(moved: _Moved[CauseT], patterns: Sequence[MovedPattern], instead: Sequence[_Courses]) -> tuple[float, float]:
     """Return the squares that the courses of a name explain, and their log odds over random courses in their place.
 
-    All patterns together: each alone would absorb a part of the others. A random course pays for the choice among all.
+    All patterns together: each alone would absorb a part of the others. A random course pays for the choice among all,
+    a name for all courses that its law allows: with many parameters it fits any course, too.
     """
-    both = [pattern.course for pattern in patterns], [one.functions for one in instead]
+    both = [pattern.possible for pattern in patterns], [one.functions for one in instead]
     (named, squares), (free, _) = moved.evidences([_together(functions) for functions in both])
     return squares, named - free - sum(one.odds - one.best for one in instead)
 
 
-def _gained_by_refit(final: FittedModel[CauseT], without: FittedModel[CauseT], named: float, patterns: int) -> float:
+def _gained_by_refit(final: FittedModel[CauseT], without: FittedModel[CauseT], named: float, courses: int) -> float:
     """Return the log odds that a name gains by its refit: a large effect is not linear in its parameters, and random
     courses absorb what the linear name leaves."""
     total, freedom = total_of(without)
-    left = total - named - patterns * total / freedom
+    left = total - named - courses * total / freedom
     refit, _ = total_of(final)
     return max(0.0, freedom / 2.0 * float(np.log(max(left, refit) / refit)))
 
@@ -268,8 +275,17 @@ def _patterns_of(fitted: FittedModel[CauseT], cause: CauseT, size: int) -> tuple
         unit = size_of_it / np.sqrt(epochs)
         own = np.where(np.abs(loading) > _LEAST_LOADING, loading, 0.0)
         pattern = np.split(unit * own / np.where(weight > 0.0, weight, 1.0), ends)
-        found.append(MovedPattern(dict(zip(names, pattern, strict=True)), (effect @ loading / unit)[:, None]))
+        course, moved = (effect @ loading / unit)[:, None], [designs[name][..., :size] for name in names]
+        each = [np.broadcast_to(own, (epochs, *own.shape[1:])) for own in moved]
+        possible = _without_correlation(np.einsum("bcp,c->bp", np.concatenate(each, 1), weight * loading))
+        found.append(MovedPattern(dict(zip(names, pattern, strict=True)), course, possible))
     return found, float(np.sum(sizes[kept:] ** 2))
+
+
+def _without_correlation(courses: Array) -> Array:
+    """Return courses (B, q) of unit mean square that span the same as courses (B, P)."""
+    own, sizes, _ = np.linalg.svd(courses, full_matrices=False)
+    return np.asarray(np.sqrt(len(own)) * own[:, sizes > _LEAST_LOADING * max(float(sizes[0]), 1e-300)])
 
 
 def _sensitivity(pathways: Pathways, names: tuple[str, ...]) -> Array:

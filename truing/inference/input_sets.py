@@ -18,7 +18,7 @@ from truing.inference.evidence import log_evidence
 from truing.inference.input_spectra import Spectra, Spectrum
 from truing.inference.random_functions import centred
 
-LARGEST_EFFECT = 10.0  # largest plausible effect, in units of the noise
+EFFECT_SIZES = (10.0, 10 / 3, 10 / 9, 1 / 3, 1 / 9)  # plausible sizes of an effect, in units of the noise
 _MOST_INPUTS = 3  # of a set
 Inputs: TypeAlias = tuple[str, ...]  # names of a set of inputs
 
@@ -97,7 +97,7 @@ def _log_evidence(rest: Array, spectra: Spectra, inputs: Inputs) -> Array:
 def log_evidence_of_spectrum(rest: Array, spectrum: Spectrum, freedom: int) -> Array:
     """Return the log evidence (q,) of a random function over noise, column by column of residuals (n, q)."""
     along = spectrum.along(rest).T
-    return log_evidence(along, spectrum.strengths, np.sum(rest**2, 0), freedom, LARGEST_EFFECT / 3.0)
+    return log_evidence(along, spectrum.strengths, np.sum(rest**2, 0), freedom, EFFECT_SIZES)
 
 
 def probability_of(name: str, odds: Mapping[Inputs, float]) -> float:

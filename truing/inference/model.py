@@ -73,6 +73,10 @@ class CauseLike(Protocol):
     def has_set_shape(self) -> bool:
         """True if the machine sets its shape, so that it was not searched among many."""
 
+    @property
+    def has_known_scale(self) -> bool:
+        """True if its parameters are properties of materials, hardly larger than their plausible scales."""
+
     def excludes(self, other: Self, /) -> bool:
         """True if a model that holds this cause cannot take up another."""
 

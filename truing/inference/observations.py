@@ -9,6 +9,7 @@ from typing import Generic, Self
 
 import numpy as np
 
+from truing.estimation.patterns import InputGroups, patterns
 from truing.estimation.rotation import exp_so3, rigid_motions
 from truing.inference.arrays import Array, Integers, Mask
 from truing.inference.blocks import BlockKind
@@ -88,7 +89,7 @@ class Epochs(Generic[ConditionsT_co]):
 
     ``kept`` (B, K): observations that a person declared correct, so they are never screened; ``repeats`` (B,): numbers
     of commands that were given more than once, -1 for the others; ``groupings`` (B,): group numbers of the epochs by
-    kind, -1 for none. Each is None where it is unknown.
+    kind, -1 for none; ``inputs``: groups of epochs that share an input. Each is None where it is unknown.
     """
 
     measured: Observations
@@ -97,6 +98,20 @@ class Epochs(Generic[ConditionsT_co]):
     kept: Mask | None = None
     repeats: Integers | None = None
     groupings: Mapping[BlockKind, Integers] | None = None
+    inputs: InputGroups | None = None
+
+    def patterned(self, wrong: Mask, rest: Array) -> Mask:
+        """Return those of the suspected gross errors (B, K) that form a pattern where epochs share an input, from
+        whitened residuals (B, K, 1): they are an effect."""
+        effect = np.zeros(wrong.shape, bool)
+        if self.inputs is None or rest.shape[-1] != 1:
+            return effect
+        for k in np.flatnonzero(wrong.any(axis=0)).tolist():
+            rows = np.flatnonzero(wrong[:, k])
+            observed = np.flatnonzero(self.measured.is_observed[:, k] | wrong[:, k])
+            for pattern in patterns(self.inputs, observed, rows, rest[rows, k, 0]):
+                effect[pattern.rows, k] = True
+        return effect
 
     def removable(self, wrong: Mask) -> Mask:
         """Return the gross errors (B, K) that may be excluded, of those suspected."""

@@ -14,8 +14,8 @@ from itertools import pairwise
 import numpy as np
 
 from truing.inference.arrays import Array
-from truing.inference.evidence import SIZES, log_evidence_of_products
-from truing.inference.input_sets import INCLUDED, LARGEST_EFFECT, Inputs, odds_of_sets, probability_of
+from truing.inference.evidence import log_evidence_of_products
+from truing.inference.input_sets import EFFECT_SIZES, INCLUDED, Inputs, odds_of_sets, probability_of
 from truing.inference.input_spectra import Spectra
 from truing.inference.part_errors import PartErrors, PartProblem
 
@@ -164,14 +164,14 @@ def _evidence(errors: PartErrors, index: int, functions: Array) -> float:
     if not squares > 0.0:
         return 0.0
     gram, scores, size = errors.products(index, functions)
-    return log_evidence_of_products(gram / size, scores / np.sqrt(size), squares, freedom, LARGEST_EFFECT / 3.0)
+    return log_evidence_of_products(gram / size, scores / np.sqrt(size), squares, freedom, EFFECT_SIZES)
 
 
 def _predicted(errors: PartErrors, index: int, functions: Array) -> tuple[Array, Array]:
     """Return functions (B, r) of a part's error whose parameters are N(0, 1), of the most probable size, and the error
     (B,) that they predict."""
     along, strengths, directions = errors.along(index, functions)
-    powers = [(LARGEST_EFFECT / 3.0 * size * strengths) ** 2 for size in SIZES]
+    powers = [(size * strengths) ** 2 for size in EFFECT_SIZES]
     squares, freedom = (own[index] for own in errors.squares)
     noise = squares / freedom
     fits = [np.sum(along**2 * own / (1.0 + own)) / noise - np.sum(np.log1p(own)) for own in powers]

@@ -12,7 +12,15 @@ from typing import Generic, TypeVar
 import numpy as np
 
 from truing.inference.arrays import Array
-from truing.inference.evidence import like_sized_log_evidence, log_evidence, log_possible, probabilities
+from truing.inference.evidence import (
+    LIKE_SIZES,
+    SIZES,
+    like_sized_log_evidence,
+    log_evidence,
+    log_possible,
+    probabilities,
+    sizes_of,
+)
 from truing.inference.fitted_model import FittedModel
 from truing.inference.model import CauseLike, CauseT
 from truing.inference.search import (
@@ -317,7 +325,7 @@ class Round(Generic[CauseT]):
         raw = np.concatenate([raw_scores(c.signature, self._score(c)) for c in pair])
         along = (raw @ loadings) / strengths
         total, freedom = total_of(self.fitted)
-        beforehand = sum(np.log(c.prior) + self._like_size_log_evidence(c) for c in pair)
+        beforehand = sum(np.log(c.prior) + self._log_evidence_of_sizes(c) for c in pair)
         values, covariance = loadings @ (along / strengths), (loadings / strengths**2) @ loadings.T
         signs = self._signs(pair, values, covariance, along)
         return float(log_evidence(along, strengths, total, freedom)) + float(beforehand) + signs
@@ -335,9 +343,10 @@ class Round(Generic[CauseT]):
             first = place.stop
         return total
 
-    def _like_size_log_evidence(self, candidate: CauseCandidate[CauseT]) -> float:
-        """Return the part of a candidate's log evidence that is due to parameters of like size."""
-        if not candidate.cause.like_sized(self.fitted.model.part_count):
+    def _log_evidence_of_sizes(self, candidate: CauseCandidate[CauseT]) -> float:
+        """Return the part of a candidate's log evidence that is due to parameters of like size or of a known range."""
+        cause = candidate.cause
+        if not (cause.has_known_scale or cause.like_sized(self.fitted.model.part_count)):
             return 0.0
         score, (total, freedom) = self._score(candidate), total_of(self.fitted)
         owed = score.log_evidence - score.log_signs
@@ -447,19 +456,22 @@ def log_evidences_of(
     """Return the log evidence of candidates from the parts (r,) of the residual along each.
 
     It is averaged over parameters of like size, where a candidate has such, and independent ones. Candidates of the
-    same rank, and of the same parameters of like size, are computed at once.
+    same rank, of the same parameters of like size, and of the same possible sizes are computed at once.
     """
     total, freedom = total_of(fitted)
     signatures = [candidate.signature for candidate in candidates]
+    known = [candidate.cause.has_known_scale for candidate in candidates]
     evidence = np.zeros(len(candidates))
-    for places in _grouped([len(effect.strengths) for effect in signatures]).values():
-        if len(signatures[places[0]].strengths):
+    ranks = [len(effect.strengths) for effect in signatures]
+    for (rank, is_known), places in _grouped(list(zip(ranks, known, strict=True))).items():
+        if rank:
             strengths = np.stack([signatures[place].strengths for place in places])
             along = np.stack([parts[place] for place in places])
-            evidence[places] = log_evidence(along, strengths, total, freedom, stretch)
+            possible = sizes_of(SIZES, stretch, is_known=is_known)
+            evidence[places] = log_evidence(along, strengths, total, freedom, possible)
     members = [tuple(candidate.cause.like_sized(fitted.model.part_count)) for candidate in candidates]
-    sizes = [len(effect.loadings) if len(effect.strengths) else 0 for effect in signatures]
-    keys = [(alike, size) if size and alike else None for alike, size in zip(members, sizes, strict=True)]
+    counts = [len(effect.loadings) if len(effect.strengths) else 0 for effect in signatures]
+    keys = [own if own[0] and own[1] else None for own in zip(members, counts, known, strict=True)]
     for key, places in _grouped(keys).items():
         if key is not None:
             scores = np.stack(
@@ -468,7 +480,8 @@ def log_evidences_of(
             gram = np.stack(
                 [(signatures[p].loadings * signatures[p].strengths ** 2) @ signatures[p].loadings.T for p in places]
             )
-            alike = like_sized_log_evidence(scores, gram, key[0], total, freedom, stretch)
+            possible = sizes_of(LIKE_SIZES, stretch, is_known=key[2])
+            alike = like_sized_log_evidence(scores, gram, key[0], total, freedom, possible)
             evidence[places] = np.logaddexp(np.log(_ALIKE) + alike, np.log(1 - _ALIKE) + evidence[places])
     return [float(value) for value in evidence]
 

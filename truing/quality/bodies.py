@@ -101,7 +101,7 @@ class BodyView:
         return np.asarray((self.points.is_observed & self.frame).sum(axis=1) >= _LEAST_TARGETS)
 
     @property
-    def why_no_places(self) -> str:
+    def why_no_positions(self) -> str:
         """Reason why the places of targets cannot be tested; empty where they can."""
         if not self.framed.any():
             return f"{self.name}: no pose shows three targets, and fewer give no frame"
@@ -122,18 +122,18 @@ def shape_of_poses(points: PosePoints) -> SurveyPoints:
     """
     variance = np.einsum("btii->bt", points.cov) / 3.0
     sigma = float(np.sqrt(np.median(variance[points.is_observed]))) if points.is_observed.any() else 0.0
-    place = common_shape(points.points, points.is_observed, sigma)
-    known = np.isfinite(place).all(axis=-1)
+    shape = common_shape(points.points, points.is_observed, sigma)
+    known = np.isfinite(shape).all(axis=-1)
     if known.sum() < _LEAST_TARGETS:
         richest = int(points.is_observed.sum(axis=1).argmax())
-        known, place = points.is_observed[richest], points.points[richest]
+        known, shape = points.is_observed[richest], points.points[richest]
         cov = points.cov[richest]
     else:
         often = points.is_observed.sum(axis=0)
         mean = np.where(points.is_observed, variance, 0.0).sum(axis=0) / np.maximum(often, 1)
         cov = (mean * np.minimum(_OF_MEDIAN / np.maximum(often, 1), 1.0))[:, None, None] * np.eye(3)
-    names = tuple(name for name, own in zip(points.targets, known, strict=True) if own)
-    return SurveyPoints(names, place[known], cov[known], np.zeros(len(names), np.int64))
+    names = tuple(name for name, seen in zip(points.targets, known, strict=True) if seen)
+    return SurveyPoints(names, shape[known], cov[known], np.zeros(len(names), np.int64))
 
 
 def _gross_attachments(residuals: Array, sigma: Array, is_observed: Mask, covariates: Array) -> Mask:
@@ -151,22 +151,22 @@ def _gross_attachments(residuals: Array, sigma: Array, is_observed: Mask, covari
 
 
 def body_view(
-    body: str, place: SurveyPoints, points: PosePoints, around: PoseSurroundings, *, is_surveyed: bool
+    body: str, survey: SurveyPoints, points: PosePoints, around: PoseSurroundings, *, is_surveyed: bool
 ) -> BodyView:
     """Return a body fitted robustly pose by pose to its survey, or to its first shape."""
-    frame = place.leg == 0
+    frame = survey.leg == 0
     if frame.sum() < 3:
         frame = np.ones_like(frame)
-    sigma = np.sqrt(np.einsum("btii->bti", points.cov) + np.einsum("tii->ti", place.cov)[None])
+    sigma = np.sqrt(np.einsum("btii->bti", points.cov) + np.einsum("tii->ti", survey.cov)[None])
     usable = points.is_observed & frame
     mean_sigma = np.where(points.is_observed, np.sqrt((sigma**2).mean(axis=2)), 1.0)
-    source = np.broadcast_to(place.points, points.points.shape)
+    source = np.broadcast_to(survey.points, points.points.shape)
     inlier, _ = consensus(source, points.points, usable, mean_sigma)
     fit = umeyama(source, points.points, (usable & inlier) / mean_sigma**2, sigma=mean_sigma)
     residuals = np.where((points.is_observed & fit.ok[:, None])[..., None], fit.residuals(source, points.points), 0.0)
     gross = usable & ~inlier
     gross |= _gross_attachments(residuals, sigma, points.is_observed & ~frame & fit.ok[:, None], around.covariates)
-    return BodyView(body, place, points, fit, np.nan_to_num(residuals), sigma, frame, gross, is_surveyed)
+    return BodyView(body, survey, points, fit, np.nan_to_num(residuals), sigma, frame, gross, is_surveyed)
 
 
 def with_most_points(body: BodyView, around: PoseSurroundings) -> BodyView:
@@ -213,8 +213,8 @@ def _with_fitting_scale(body: BodyView, around: PoseSurroundings) -> BodyView:
     scale = float(np.median(known)) if len(known) else np.inf
     if not abs(scale - 1.0) <= _MOST_SCALE:
         return body
-    place = replace(body.survey, points=scale * body.survey.points)
-    view = body_view(body.name, place, body.points, around, is_surveyed=body.is_surveyed)
+    survey = replace(body.survey, points=scale * body.survey.points)
+    view = body_view(body.name, survey, body.points, around, is_surveyed=body.is_surveyed)
     return replace(view, survey_scale=scale)
 
 
@@ -233,8 +233,11 @@ def _fitted_with(body: BodyView, factor: float, around: PoseSurroundings) -> Bod
     if not factor > 1.0:
         return body
     scale = (factor / body.noise_factor) ** 2
-    points, place = replace(body.points, cov=scale * body.points.cov), replace(body.survey, cov=scale * body.survey.cov)
-    view = body_view(body.name, place, points, around, is_surveyed=body.is_surveyed)
+    points, known = (
+        replace(body.points, cov=scale * body.points.cov),
+        replace(body.survey, cov=scale * body.survey.cov),
+    )
+    view = body_view(body.name, known, points, around, is_surveyed=body.is_surveyed)
     return replace(view, noise_factor=factor)
 
 

@@ -52,8 +52,8 @@ def run_responses(view: LoadingView) -> RunResponses:
     """Return the responses of all runs and channels that are clear enough to be compared."""
     runs = []
     for channel in view.channels:
-        for own, run in zip(channel.of_runs, channel.runs.tolist(), strict=True):
-            rows = channel.rows[own]
+        for of_run, run in zip(channel.of_runs, channel.runs.tolist(), strict=True):
+            rows = channel.rows[of_run]
             drive, kind = _drive(view, channel, run, rows)
             if drive is not None and len(rows) >= FEWEST:
                 runs.append((channel.name, run, *slope_of(drive, view.steps.reading[rows, channel.place]), kind))
@@ -98,8 +98,8 @@ def beyond_simulation(responses: RunResponses, excluded: Index) -> list[int]:
         return []
     size = np.abs(responses.slope)
     clear = responses.sigma < _BEYOND_SIGMA * size
-    apart = clear & ((size > _BEYOND) | (size < 1.0 / _BEYOND))
-    return [int(at) for at in np.flatnonzero(apart) if at not in excluded]
+    differs = clear & ((size > _BEYOND) | (size < 1.0 / _BEYOND))
+    return [int(at) for at in np.flatnonzero(differs) if at not in excluded]
 
 
 def typical_size(value: Array, kind: Index) -> Array:
@@ -140,8 +140,8 @@ def most_similar_channels(
     found, count = [], 0
     for channel in view.channels:
         candidates = [k for k in range(6) if k // 3 == channel.place // 3 and k != channel.place]
-        for own, run in zip(channel.of_runs, channel.runs.tolist(), strict=True):
-            rows = channel.rows[own]  # all: a run of another channel's readings may stand out as gross
+        for of_run, run in zip(channel.of_runs, channel.runs.tolist(), strict=True):
+            rows = channel.rows[of_run]  # all: a run of another channel's readings may stand out as gross
             asked = [_nearness(view, channel, expected, rows, other) for other in candidates]
             count += any(one is not None for one in asked)
             for other, one in zip(candidates, asked, strict=True):
@@ -175,8 +175,8 @@ def as_others(view: LoadingView) -> ExpectedReadings:
     """Return readings as the other runs under the same axis respond, by their median; NaN where there are too few."""
     slope = np.full((len(view.steps.runs), 6), np.nan)
     for channel in view.channels:
-        for own, run in zip(channel.of_runs, channel.runs.tolist(), strict=True):
-            rows = channel.rows[own[channel.fit.kept[own]]]
+        for of_run, run in zip(channel.of_runs, channel.runs.tolist(), strict=True):
+            rows = channel.rows[of_run[channel.fit.kept[of_run]]]
             if view.loaded_alone[run] and len(rows) >= FEWEST:
                 load, reading = view.steps.load[rows, view.axis[run]], view.steps.reading[rows, channel.place]
                 slope[run, channel.place] = slope_of(load, reading)[0]

@@ -87,13 +87,13 @@ class ExpectedReadings:
             0.0,
         )
 
-    def is_clear(self, place: int, rows: Index, sigma: float) -> bool:
+    def is_clear(self, channel: int, rows: Index, sigma: float) -> bool:
         """Return True if a channel's answer at some rows is a main one and clearly above the noise sigma."""
-        answer = self.value[rows, place]
-        if not np.ptp(answer) > max(_MAIN * self._span[place], _CLEAR * sigma):
+        answer = self.value[rows, channel]
+        if not np.ptp(answer) > max(_MAIN * self._span[channel], _CLEAR * sigma):
             return False
         # a small cross response may have either sign in a real sensor
-        return self.at_most is None or bool(np.abs(answer).max() > _MAIN * self.at_most[rows, place].max())
+        return self.at_most is None or bool(np.abs(answer).max() > _MAIN * self.at_most[rows, channel].max())
 
 
 @dataclass(frozen=True)

@@ -206,15 +206,15 @@ def predicted_against_observed(absorbed: pd.DataFrame) -> go.Figure:
     )
     kinds = list(dict.fromkeys(reported["kind"]))
     titles = [_panel_title(kind, reported[reported["kind"] == kind]) for kind in kinds]
-    grid, places, rows = panel_grid(titles, 3, (0.09, lambda rows: 0.3 / rows))
+    grid, panels, rows = panel_grid(titles, 3, (0.09, lambda rows: 0.3 / rows))
     named: set[Any] = set()
-    for kind, place in zip(kinds, places, strict=True):
-        own = reported[reported["kind"] == kind]
-        grid.add_trace(_equality(own), **place)
+    for kind, panel in zip(kinds, panels, strict=True):
+        of_kind = reported[reported["kind"] == kind]
+        grid.add_trace(_equality(of_kind), **panel)
         for number, (key, part) in enumerate(groups(absorbed)):
-            points = own.loc[own.index.isin(part.index)]
+            points = of_kind.loc[of_kind.index.isin(part.index)]
             if len(points):
-                grid.add_trace(_points(points, key, number, key not in named), **place)
+                grid.add_trace(_points(points, key, number, key not in named), **panel)
                 named.add(key)
     subtitle = "Bars: 95 %; line: fit and prediction agree"
     style(grid, "Bias in the fit against bias predicted by linear algebra", subtitle, 170 + 230 * rows)

@@ -205,17 +205,17 @@ def _sections(poses: pd.DataFrame, quantity: str) -> go.Figure:
     column = next(name for name in poses if str(name).startswith(f"{quantity}_error_"))
     parts = [part for part in dict.fromkeys(poses["part"]) if " " in part]
     units = {name.partition("_")[0]: (name, unit) for name, unit in _DISPLACEMENTS.items()}
-    grid, places, rows = panel_grid([part.replace(" ", ", ") for part in parts], 3, (0.08, lambda rows: 0.6 / rows / 2))
-    for part, place in zip(parts, places, strict=True):
-        own = poses[poses["part"] == part]
+    grid, panels, rows = panel_grid([part.replace(" ", ", ") for part in parts], 3, (0.08, lambda rows: 0.6 / rows / 2))
+    for part, panel in zip(parts, panels, strict=True):
+        of_part = poses[poses["part"] == part]
         first, second = (units[name] for name in part.split())
-        table = own.pivot_table(index=second[0], columns=first[0], values=column, dropna=False)
+        table = of_part.pivot_table(index=second[0], columns=first[0], values=column, dropna=False)
         grid.add_trace(
             go.Heatmap(x=table.columns, y=table.index, z=table.to_numpy(), coloraxis="coloraxis", hoverongaps=False),
-            **place,
+            **panel,
         )
-        grid.update_xaxes(title_text=f"{first[0].partition('_')[0]}, {first[1]}", title_standoff=2, **place)
-        grid.update_yaxes(title_text=f"{second[0].partition('_')[0]}, {second[1]}", title_standoff=2, **place)
+        grid.update_xaxes(title_text=f"{first[0].partition('_')[0]}, {first[1]}", title_standoff=2, **panel)
+        grid.update_yaxes(title_text=f"{second[0].partition('_')[0]}, {second[1]}", title_standoff=2, **panel)
     unit = sign(str(column).rpartition("_")[2])
     style(
         grid,

@@ -14,7 +14,7 @@ from truing.report.page import Listing, ReportSection
 from truing.report.tables import Tables, table_or_none
 
 ENCODERS = {"motor": "encoder at the motor", "load": "encoder at the load", "measured": "outside instrument"}
-_WAYS = ((1, BLUE, "triangle-right", "coming up"), (-1, ORANGE, "triangle-left", "coming down"))
+_DIRECTIONS = ((1, BLUE, "triangle-right", "coming up"), (-1, ORANGE, "triangle-left", "coming down"))
 _CAPTION = (
     "Each point is one reading minus its prediction. Two bands by colour show lost motion, and a slope shows a scale "
     "error. A step that depends on neither command nor direction shows a zero shift."
@@ -57,9 +57,9 @@ def _listing(errors: pd.DataFrame, encoders: list[str]) -> Listing:
     )
     mask = errors["role"] == "verification"
     reported = []
-    for role, own in (("fitted", errors[~mask]), ("held out", errors[mask])):
+    for role, of_role in (("fitted", errors[~mask]), ("held out", errors[mask])):
         for name in encoders:
-            part = own[own["encoder"] == name]
+            part = of_role[of_role["encoder"] == name]
             if len(part):
                 sizes = [rough(float(np.sqrt(np.mean(part[c] ** 2)))) for c in ("missed_before", "missed_after")]
                 reported.append(
@@ -80,7 +80,7 @@ def _drawn(errors: pd.DataFrame, column: str, title: str) -> go.Figure:
         subplot_titles=[ENCODERS[name] for name in encoders],
     )
     for index, name in enumerate(encoders, 1):
-        for direction, colour, symbol, words in _WAYS:
+        for direction, colour, symbol, words in _DIRECTIONS:
             rows = errors[(errors["encoder"] == name) & (errors["approach"] == direction)]
             figure.add_trace(
                 go.Scatter(

@@ -234,9 +234,9 @@ def _copied(slip: RecordSlip) -> str:
 
 
 def _coupled(slip: RecordSlip, how: str, key: str) -> str:
-    before, own = slip.subjects
+    before, coupled = slip.subjects
     counted = "counted from a fixed direction, and not from the link before, as some controllers and parallelograms do"
-    return f"{slip.quantity} {own} {counted}: {before} has to be {how} them (key {key} in columns of the mapping)"
+    return f"{slip.quantity} {coupled} {counted}: {before} has to be {how} them (key {key} in columns of the mapping)"
 
 
 _INVERSE = "as their inverses (the frame as seen from the body)"

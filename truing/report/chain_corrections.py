@@ -33,9 +33,9 @@ def clear_numbers(tables: Tables) -> pd.DataFrame:
     if numbers is None:
         return pd.DataFrame()
     found = set() if causes is None else set(causes["subject"][_is_found_zero(causes)])
-    is_told = (numbers["parameter"] == "offset") & ("joint " + numbers["joint"]).isin(found)
+    is_found = (numbers["parameter"] == "offset") & ("joint " + numbers["joint"]).isin(found)
     numbers = numbers.assign(size=(numbers["identified"] / numbers["sigma"]).abs())
-    is_clear = numbers["identifiable"] & (numbers["size"] > _CLEAR) & ~is_told
+    is_clear = numbers["identifiable"] & (numbers["size"] > _CLEAR) & ~is_found
     return numbers[is_clear].sort_values("size", ascending=False)
 
 

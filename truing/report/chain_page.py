@@ -98,14 +98,14 @@ def chain(tables: Tables) -> ReportSection | None:
     joints = table_or_none(tables, "joints")
     if joints is None:
         return None
-    nodes, places = table_or_none(tables, "chain_nodes"), table_or_none(tables, "chain_tip")
+    nodes, tips = table_or_none(tables, "chain_nodes"), table_or_none(tables, "chain_tip")
     curves = table_or_none(tables, "joint_curves")
     numbers, prediction = table_or_none(tables, "chain_parameters"), table_or_none(tables, "prediction")
     figures: list[tuple[go.Figure, str]] = []
     if nodes is not None:
         figures.append((_arm(nodes, table_or_none(tables, "survey")), _ARM))
-    if nodes is not None and places is not None and prediction is not None:
-        shown = places.merge(prediction, on="pose")
+    if nodes is not None and tips is not None and prediction is not None:
+        shown = tips.merge(prediction, on="pose")
         figures.append((_map(shown, str(nodes.loc[nodes["is_tip"], "link"].iloc[0])), _MAP))
     if curves is not None and curves["is_determined"].any():
         figures.append((_curves(curves, joints), _CURVES))
@@ -341,9 +341,9 @@ def _curves(curves: pd.DataFrame, joints: pd.DataFrame) -> go.Figure:
         panel = {"row": index // 2 + 1, "col": index % 2 + 1}
         along, size = (1e3, 1e6) if name in slides else (180.0 / math.pi, 180e3 / math.pi)
         units = ("mm", "µm") if name in slides else ("deg", "mdeg")
-        own = curves[curves["joint"] == name]
-        readings, shown = own["joint_reading_si"].to_numpy() * along, own["is_determined"].to_numpy()
-        middle, sigma = (own[column].to_numpy() * size for column in ("deviation_si", "deviation_sigma_si"))
+        of_joint = curves[curves["joint"] == name]
+        readings, shown = of_joint["joint_reading_si"].to_numpy() * along, of_joint["is_determined"].to_numpy()
+        middle, sigma = (of_joint[column].to_numpy() * size for column in ("deviation_si", "deviation_sigma_si"))
         lines = ((middle + 2 * sigma, 0.5, GREY), (middle - 2 * sigma, 0.5, GREY), (middle, 1.5, BLUE))
         for values, width, colour in lines:
             drawn = np.where(shown, values, np.nan)

@@ -2,11 +2,10 @@
 
 from __future__ import annotations
 
-from typing import Any
-
 import numpy as np
 import pandas as pd
 import plotly.graph_objects as go
+from numpy.typing import NDArray
 
 from truing.report.figure_style import style
 from truing.report.numbers import with_uncertainty
@@ -53,7 +52,7 @@ def significant(matrix: pd.DataFrame, index: str, columns: str) -> pd.DataFrame:
     return known.pivot(index=index, columns=columns, values="significant")
 
 
-def cells_of(values: Any, real: Any, form: str) -> list[list[str]]:
+def cells_of(values: NDArray, real: NDArray, form: str) -> list[list[str]]:
     """Return the text of every cell, in brackets where chance explains the value."""
     return [
         [form.format(v) if mark else f"({form.format(v)})" for v, mark in zip(row, marks, strict=True)]
@@ -61,7 +60,7 @@ def cells_of(values: Any, real: Any, form: str) -> list[list[str]]:
     ]
 
 
-def _entry_listing(values: Any, sigma: Any) -> list[list[str]]:
+def _entry_listing(values: NDArray, sigma: NDArray) -> list[list[str]]:
     """Return every entry with its uncertainty."""
     return [
         [with_uncertainty(v, s, "µm/mm") for v, s in zip(*pair, strict=True)]

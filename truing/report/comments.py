@@ -20,5 +20,5 @@ def with_comments(sections: Sequence[ReportSection], comments: Iterable[tuple[st
 
 
 def _commented(section: ReportSection, comments: list[tuple[str, str]]) -> ReportSection:
-    own = tuple(text for name, text in comments if name == section.id)
-    return replace(section, comments=own, parts=tuple(_commented(part, comments) for part in section.parts))
+    texts = tuple(text for name, text in comments if name == section.id)
+    return replace(section, comments=texts, parts=tuple(_commented(part, comments) for part in section.parts))

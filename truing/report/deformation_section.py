@@ -234,18 +234,18 @@ def shift_against_drive(deformation: pd.DataFrame, models: pd.DataFrame) -> go.F
     """Return the shift of each attachment along z against its own actuator, with the linear model (telescope report,
     figure 7)."""
     legs = sorted(deformation["leg"].unique())
-    grid, places, rows_of_panels = _grid([f"leg {leg}" for leg in legs])
+    grid, panels, rows_of_panels = _grid([f"leg {leg}" for leg in legs])
     linear = models[models["model"] == "linear"].set_index("leg")
     rows = deformation[~deformation["rejected"]] if "rejected" in deformation else deformation
     low, high = _range(rows)
-    for leg, place in zip(legs, places, strict=True):
-        grid.add_trace(_measured(rows[rows["leg"] == leg]), **place)
+    for leg, panel in zip(legs, panels, strict=True):
+        grid.add_trace(_measured(rows[rows["leg"] == leg]), **panel)
         excluded = deformation.drop(rows.index)
         excluded = excluded[excluded["leg"] == leg]
         if len(excluded):
-            grid.add_trace(_left_out(excluded, low, high), **place)
+            grid.add_trace(_left_out(excluded, low, high), **panel)
         if leg in linear.index and (rows["leg"] == leg).any():
-            grid.add_trace(_slope(rows[rows["leg"] == leg], 1e3 * float(linear.loc[leg, "coefficient"])), **place)
+            grid.add_trace(_slope(rows[rows["leg"] == leg], 1e3 * float(linear.loc[leg, "coefficient"])), **panel)
     subtitle = "Bars: 95 % of the point noise; line: linear model; cross: left out as gross error"
     style(grid, "Shift of each attachment against its own actuator", subtitle, 130 + 210 * rows_of_panels)
     grid.update_xaxes(title_text="Δρ (mm)", row=rows_of_panels)
@@ -335,16 +335,16 @@ def target_against_drive(shifts: pd.DataFrame, drive: pd.Series, slopes: pd.Seri
     """Return the shift of single coordinates against a drive, a panel each; ``slopes`` in um per unit by body, target,
     axis."""
     parts = list(shifts.groupby(["body", "target", "axis"], sort=False))
-    grid, places, rows_of_panels = _grid([label(" ".join(name)) for name, _ in parts])
-    for (name, rows), place in zip(parts, places, strict=True):
+    grid, panels, rows_of_panels = _grid([label(" ".join(name)) for name, _ in parts])
+    for (name, rows), panel in zip(parts, panels, strict=True):
         x, y = drive.reindex(rows["pose"]).to_numpy(dtype=float), rows["displacement_um"].to_numpy()
         bars = {"type": "data", "array": BAR * rows["sigma_um"], "thickness": 1, "width": 0}
         text = [label(p) for p in rows["pose"]]
         points = go.Scatter(x=x, y=y, mode="markers", marker={"size": 5, "color": _LINES[name[2]]}, error_y=bars)
-        grid.add_trace(points.update(text=text, hovertemplate="pose %{text}: %{y:.1f} µm<extra></extra>"), **place)
+        grid.add_trace(points.update(text=text, hovertemplate="pose %{text}: %{y:.1f} µm<extra></extra>"), **panel)
         reach = np.array([np.nanmin(x), np.nanmax(x)])
         line = np.nanmean(y) + slopes[name] * (reach - np.nanmean(x))
-        grid.add_trace(go.Scatter(x=reach, y=line, mode="lines", line={"color": RED}, hoverinfo="skip"), **place)
+        grid.add_trace(go.Scatter(x=reach, y=line, mode="lines", line={"color": RED}, hoverinfo="skip"), **panel)
     subtitle = "The coordinates that follow it most clearly. Bars: 95 %; line: slope of the linear model"
     style(grid, f"Shift of targets in their body against {label(drive.name)}", subtitle, 130 + 200 * rows_of_panels)
     grid.update_xaxes(title_text=label(drive.name), row=rows_of_panels)

@@ -27,10 +27,10 @@ def during(tables: Tables) -> ReportSection | None:
         "pose_repeatability": _by_pose,
         "lack_of_fit": _fits,
     }
-    known = [(tell, table) for name, tell in reported.items() if (table := table_or_none(tables, name)) is not None]
+    known = [(show, table) for name, show in reported.items() if (table := table_or_none(tables, name)) is not None]
     if not known:
         return None
-    listings = tuple(listing for tell, table in known for listing in tell(table))
+    listings = tuple(listing for show, table in known for listing in show(table))
     return ReportSection(
         "during",
         "During the campaign",

@@ -8,7 +8,7 @@ from typing import Any
 import pandas as pd
 
 from truing.report.heads import BODY, CHANNEL, POSE, RUN, TARGET, Head
-from truing.report.numbers import count, plain, quantity
+from truing.report.numbers import count, p_value, plain, quantity
 from truing.report.page import Listing, ReportSection
 from truing.report.tables import SHIFT, Tables, cell, each_row, table_or_none
 
@@ -19,7 +19,7 @@ _OPEN = 40
 def excluded(tables: Tables) -> ReportSection:
     """Return the section of excluded rows, points, attachments and scans, and of the decisions of persons."""
     reported = (_decisions, _effects, _rows_of_files, _points_by_target, _points, _readings, _no_part, _attachments)
-    listings = [listing for tell in (*reported, _of_models, _scans) if (listing := tell(tables)).rows]
+    listings = [listing for section in (*reported, _of_models, _kept, _scans) if (listing := section(tables)).rows]
     lead = "Nothing was left out in this run."
     return ReportSection(
         "excluded", "Left out", _opening_sentences(tables) if listings else lead, listings=tuple(listings)
@@ -37,10 +37,13 @@ def _opening_sentences(tables: Tables) -> str:
             words.append(f"{count(number, noun)} of {len(table):,} ({by_person:,} by a person)")
     names = ("diagnosis_left_out", "calibration_left_out")
     further = sum(len(table) for name in names if (table := table_or_none(tables, name)) is not None)
+    kept = table_or_none(tables, "calibration_kept")
+    used = "" if kept is None else f" Used although far off: {count(len(kept), 'signal')}, an effect of loads or runs."
     if not words:
-        return f"Left out by diagnosis and calibration: {count(further, 'gross error')}." if further else "All of it:"
+        left_out = f"Left out by diagnosis and calibration: {count(further, 'gross error')}." if further else ""
+        return f"{left_out}{used}".strip() or "All of it:"
     besides = f" Diagnosis and calibration left out {count(further, 'further gross error')}." if further else ""
-    return f"Left out of files and poses: {' and '.join(words)}.{besides}"
+    return f"Left out of files and poses: {' and '.join(words)}.{besides}{used}"
 
 
 def _by_person(table: pd.DataFrame) -> pd.Series:
@@ -80,6 +83,7 @@ def _effects(tables: Tables) -> Listing:
 _STAGE = Head("stage", "Stage of the run that left it out.")
 _REASON = Head("reason", "Reason for leaving it out.")
 _WHY = Head("why", "Reason why no pose was determined, or why the point was not used.")
+_KEPT = {"predicted": "follows {}", "shared input": "shared by several: {}"}
 _OFF_BY = Head("off by", "Distance between the measured value and the value fitted to the others.")
 
 
@@ -227,6 +231,29 @@ def _of_models(tables: Tables) -> Listing:
     caption = f"{count(len(rows), 'gross error')} left out by diagnosis and calibration, not confirmed by a person"
     held_by = "diagnosis_left_out.parquet, calibration_left_out.parquet"
     return Listing(heads, rows, (), caption, len(rows) > _OPEN, held_by)
+
+
+def _kept(tables: Tables) -> Listing:
+    """Return the signals that look like gross errors and were used, because they are an effect."""
+    rows = tuple(
+        (
+            r.subject,
+            _row_subject(r),
+            quantity(abs(r.value), r.unit),
+            _KEPT[r.kept_because].format(r.shared_input),
+            p_value(r.p_value),
+        )
+        for r in each_row(tables, "calibration_kept")
+    )
+    heads = (
+        Head("subject", "Channel that deviates."),
+        Head("where", "Run and load step."),
+        Head("value", "Deviation from a smooth curve of load and time through the run."),
+        Head("effect", "Terms that predict it, or the input that signals with alike deviations share."),
+        Head("p", "Probability of such terms, or of such a pattern of independent slips, by chance."),
+    )
+    caption = f"{count(len(rows), 'signal')} used although far off: an effect of loads or runs, no single mistake"
+    return Listing(heads, rows, (), caption, len(rows) > _OPEN, "calibration_kept.parquet")
 
 
 def _row_subject(r: Any) -> str:

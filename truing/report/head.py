@@ -32,8 +32,10 @@ def build_head(campaign: str, tables: Tables, about: CampaignFacts = NO_FACTS) -
     """Return the sentences of the table ``verdict`` that need action, and the first screen."""
     rows = verdict_rows(with_verdict(tables))
     lines = tuple(_lines(rows, tables))
-    is_told = bool(rows) and rows[CAMPAIGN].explanation == _explanation(rows, "positioning")
-    tiles = () if is_told else tuple(_positioning_tiles(tables))  # the first sentence has these numbers already
+    has_first_sentence = bool(rows) and rows[CAMPAIGN].explanation == _explanation(rows, "positioning")
+    tiles = (
+        () if has_first_sentence else tuple(_positioning_tiles(tables))
+    )  # the first sentence has these numbers already
     leading = 1 + len(corrections(tables, rows.get("adequacy")))
     return PageHead(campaign, lines, tiles, about, first_screen(tables, about), leading)
 

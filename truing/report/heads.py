@@ -61,5 +61,6 @@ DEFORMATION = schema_head("deformation")
 FIGURE = Head("figure", "Name of the statistic in the column value.")
 VALUE = schema_head("value")
 LOAD = Head("load", "Component of the applied wrench: a force (fx, fy, fz) or a torque (mx, my, mz).")
+FROM, TO = Head("from", "Smallest value."), Head("to", "Largest value.")
 RMS_BEFORE = "Root mean square of measured minus predicted without the causes found; brackets hold its 95 % interval."
 RMS_AFTER = "Root mean square of measured minus predicted with the causes found; brackets hold its 95 % interval."

@@ -83,8 +83,8 @@ def directions(tables: Tables) -> tuple[Listing, ...]:
     shifts = table_or_none(tables, "deformation")
     if shifts is None or "delta_bx_um" not in shifts:
         return ()
-    kept = shifts[~shifts["rejected"]] if "rejected" in shifts else shifts
-    rows = [(f"leg {leg}", *_cells(group)) for leg, group in kept.groupby("leg")]
+    used = shifts[~shifts["rejected"]] if "rejected" in shifts else shifts
+    rows = [(f"leg {leg}", *_cells(group)) for leg, group in used.groupby("leg")]
     heads = (
         Head("attachment", "Attachment of a leg on the platform, by the number of the leg."),
         *(
@@ -100,7 +100,7 @@ def directions(tables: Tables) -> tuple[Listing, ...]:
         ),
     )
     caption = "Shifts of the attachments along the axes of the platform, over all poses"
-    return (Listing(heads, (*rows, ("all", *_cells(kept))), (), caption, True, "deformation.parquet"),)
+    return (Listing(heads, (*rows, ("all", *_cells(used))), (), caption, True, "deformation.parquet"),)
 
 
 def _cells(table: pd.DataFrame) -> list[str]:

@@ -52,7 +52,7 @@ def knowledge(tables: Tables) -> ReportSection | None:
 
 
 def _observability(observed: pd.DataFrame, key: Key) -> list[Listing]:
-    legs, whole_machine = _by_leg(observed), _of_whole_machine(observed, key)
+    legs, whole_machine = _by_leg(observed), _without_leg(observed, key)
     return [
         _indices(legs, whole_machine, key),
         _combinations(legs, "Parameters that poses and readings cannot distinguish, leg by leg"),
@@ -69,7 +69,7 @@ def _by_leg(observed: pd.DataFrame) -> pd.DataFrame:
     return observed[observed["leg"].notna()] if "leg" in observed else observed.iloc[:0]
 
 
-def _of_whole_machine(observed: pd.DataFrame, key: Key) -> pd.DataFrame:
+def _without_leg(observed: pd.DataFrame, key: Key) -> pd.DataFrame:
     rows = rows_of(observed, key)
     return rows[rows["leg"].isna()] if "leg" in rows else rows
 
@@ -81,7 +81,7 @@ def _facts(table: pd.DataFrame) -> dict[str, float]:
 def _rank(observed: pd.DataFrame, key: Key) -> str:
     """Return in words the rank of each leg from poses and readings alone, and of the chosen model from all
     measurements."""
-    legs, whole_machine, texts = _by_leg(observed), _of_whole_machine(observed, key), []
+    legs, whole_machine, texts = _by_leg(observed), _without_leg(observed, key), []
     if len(legs):
         asked, rank = (int(legs.loc[legs["figure"] == name, "value"].max()) for name in ("parameters", "rank"))
         texts.append(
@@ -154,7 +154,7 @@ def _indices(legs: pd.DataFrame, table: pd.DataFrame, key: Key) -> Listing:
     parts = [(f"leg {int(leg)}", group) for leg, group in legs.groupby("leg", sort=True)] if len(legs) else []
     if len(table):
         parts.append((calibration_name(key), table))
-    rows = tuple(_index_row(name, own) for name, own in parts)
+    rows = tuple(_index_row(name, rows_of_part) for name, rows_of_part in parts)
     caption = "Observability of each leg by poses and readings alone, and of the chosen model by all measurements"
     heads = (
         Head("of", "Leg by itself, or the whole model."),
@@ -250,16 +250,16 @@ def _knowledge_map(table: pd.DataFrame, key: Key) -> go.Figure:
         ratio=table["sigma"] / table["tolerance"],
         known=table["identifiable"].astype(bool) if "identifiable" in table else True,
     )
-    kinds, places = list(dict.fromkeys(reported["kind"])), list(dict.fromkeys(reported.sort_values("leg")["place"]))
+    kinds, columns = list(dict.fromkeys(reported["kind"])), list(dict.fromkeys(reported.sort_values("leg")["place"]))
     wide = {
-        c: reported.pivot(index="kind", columns="place", values=c).reindex(index=kinds, columns=places)
+        c: reported.pivot(index="kind", columns="place", values=c).reindex(index=kinds, columns=columns)
         for c in ("ratio", "known")
     }
     figure = go.Figure()
     figure.add_trace(
         go.Heatmap(
             z=np.round(wide["ratio"].to_numpy(dtype=float), 4),
-            x=places,
+            x=columns,
             y=[f"{label(kind)} " for kind in kinds],
             text=_cells(wide["ratio"].to_numpy(dtype=float), wide["known"].to_numpy()),
             texttemplate="%{text}",

@@ -34,11 +34,11 @@ def with_uncertainty(value: float, sigma: float | None, unit: str = "") -> str:
 
 
 def _rounded(value: float, sigma: float) -> str:
-    places = _last_place(sigma)
-    return f"{round(value, places) + 0.0:.{max(0, places)}f}"  # no minus before a zero
+    digits = _last_digit(sigma)
+    return f"{round(value, digits) + 0.0:.{max(0, digits)}f}"  # no minus before a zero
 
 
-def _last_place(sigma: float) -> int:
+def _last_digit(sigma: float) -> int:
     """Return the decimal place to which a number with this uncertainty is rounded (at most 12); negative left of the
     point."""
     exponent = int(f"{sigma:.1e}".partition("e")[2])  # of the rounded number: 0.996 is 1.0

@@ -38,9 +38,9 @@ def _matrix_of(parameter: str) -> str:
 
 def _column_of(parameter: str, leg: float) -> str:
     """Return the drive of an entry of K, ``2`` of ``K12`` or ``10`` of ``K1_10``; empty for other parameters."""
-    own = _matrix_of(parameter) + (f"{int(leg)}" if leg == leg else "")
-    column = parameter.removeprefix(own).removeprefix("_")
-    return column if parameter.startswith(own) and column.isdigit() else ""
+    matrix_row = _matrix_of(parameter) + (f"{int(leg)}" if leg == leg else "")
+    column = parameter.removeprefix(matrix_row).removeprefix("_")
+    return column if parameter.startswith(matrix_row) and column.isdigit() else ""
 
 
 def _name_in_words(parameter: str) -> str:

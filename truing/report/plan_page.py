@@ -123,13 +123,13 @@ def _network(
                     x=x, y=y, z=z, mode="lines", name=name, line={"color": colour, "width": 3}, hoverinfo="skip"
                 )
             )
-    places, together = np.unique(centre, axis=0, return_inverse=True)
-    numbers = [", ".join(str(n) for n in stations["station"][together.ravel() == i]) for i in range(len(places))]
+    centres, together = np.unique(centre, axis=0, return_inverse=True)
+    numbers = [", ".join(str(n) for n in stations["station"][together.ravel() == i]) for i in range(len(centres))]
     figure.add_trace(
         go.Scatter3d(
-            x=places[:, 0],
-            y=places[:, 1],
-            z=places[:, 2],
+            x=centres[:, 0],
+            y=centres[:, 1],
+            z=centres[:, 2],
             mode="text",
             text=numbers,
             hovertext=[f"station {number}" for number in numbers],

@@ -10,6 +10,7 @@ import pandas as pd
 import plotly.graph_objects as go
 from plotly.subplots import make_subplots
 
+from truing.arrays import Array
 from truing.belonging.relation import RelationState
 from truing.report.figure_style import (
     BLUE,
@@ -102,7 +103,7 @@ def _of_fitted(chosen: pd.DataFrame) -> str:
     return f"{lead}; {lost:,} could not be determined." if lost else f"{lead}; every one could be determined."
 
 
-def _figures(tables: Tables, fitted: pd.DataFrame) -> tuple[tuple[Any, str], ...]:
+def _figures(tables: Tables, fitted: pd.DataFrame) -> tuple[tuple[go.Figure, str], ...]:
     if not len(fitted):
         return ()
     uncertainty = (_pose_uncertainty(fitted), "Box: the middle half of the poses; points: single poses.")
@@ -200,12 +201,12 @@ def visible_share(observations: pd.DataFrame, known: pd.Series) -> go.Figure:
     seen = observations.groupby(["body", "pose"], sort=False)["target"].nunique().unstack("pose", fill_value=0)
     seen = seen.reindex(index=known.index, columns=poses, fill_value=0)
     share = 100.0 * seen.to_numpy() / known.to_numpy()[:, None]
-    places, axis = pose_axis(poses.to_numpy())
+    x, axis = pose_axis(poses.to_numpy())
     figure = go.Figure()
     figure.add_trace(
         go.Heatmap(
             z=np.round(share, 1),
-            x=places,
+            x=x,
             y=[label(body) for body in seen.index],
             customdata=np.broadcast_to([label(p) for p in poses], share.shape),
             zmin=0,
@@ -224,18 +225,18 @@ def visible_share(observations: pd.DataFrame, known: pd.Series) -> go.Figure:
 
 def _pose_residuals(poses: pd.DataFrame) -> go.Figure:
     """Return the rms residuals of the rigid fits, a panel per body; ``expected_um``: expected from declared noise."""
-    places, axis = pose_axis(poses["pose"].to_numpy())
-    poses = poses.assign(place=places)
+    x, axis = pose_axis(poses["pose"].to_numpy())
+    poses = poses.assign(place=x)
     bodies = [label(body) for body in poses["body"].drop_duplicates()]
     gaps = 0.04, lambda rows: 32.0 / (120.0 * rows) if rows > 1 else 0.0
     across = 1 if len(bodies) <= 3 else 2
     grid, panels, rows_of_panels = panel_grid(bodies, across, gaps, 12, shared_xaxes="all", shared_yaxes="all")
     kind = size_axis(1e3 * poses["rms_mm"])
-    for (_, rows), place in zip(poses.groupby("body", sort=False), panels, strict=True):
-        grid.add_trace(_sizes(rows, len(poses) > MANY_POINTS), **place)
+    for (_, rows), panel in zip(poses.groupby("body", sort=False), panels, strict=True):
+        grid.add_trace(_sizes(rows, len(poses) > MANY_POINTS), **panel)
         if rows["expected_um"].notna().any():
             grid.add_hline(
-                y=float(rows["expected_um"].median()), line={"color": ORANGE, "width": 2, "dash": "dot"}, **place
+                y=float(rows["expected_um"].median()), line={"color": ORANGE, "width": 2, "dash": "dot"}, **panel
             )
     style(
         grid,
@@ -251,7 +252,7 @@ def _pose_residuals(poses: pd.DataFrame) -> go.Figure:
     return grid
 
 
-def _sizes(rows: pd.DataFrame, many: bool) -> Any:
+def _sizes(rows: pd.DataFrame, many: bool) -> go.Scatter | go.Scattergl:
     size = 1e3 * rows["rms_mm"].to_numpy(dtype=float)
     kind = go.Scattergl if many else go.Scatter
     return kind(
@@ -287,7 +288,7 @@ def _pose_uncertainty(poses: pd.DataFrame) -> go.Figure:
     return grid
 
 
-def _worst_sigma(poses: pd.DataFrame, first: int) -> Any:
+def _worst_sigma(poses: pd.DataFrame, first: int) -> Array:
     return np.sqrt(np.max([poses[f"cov_{i}_{i}"].to_numpy(float) for i in range(first, first + 3)], axis=0))
 
 

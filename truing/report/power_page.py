@@ -127,7 +127,7 @@ def _with_bounds(row: dict[str, object], level: str) -> str:
 def _of_cause(cause: str, rates: pd.DataFrame) -> ReportSection:
     lead = f"{count(int(rates['campaigns'].sum()), 'campaign')} drawn with this effect hidden at several sizes."
     sorts = rates.groupby(["concerns", "parameter", "unit", "beside"], sort=False)
-    figures = tuple((_curve(own, str(key[0])), _caption(own)) for key, own in sorts)
+    figures = tuple((_curve(of_sort, str(key[0])), _caption(of_sort)) for key, of_sort in sorts)
     return ReportSection(f"cause-{cause}", cause_words(cause), lead, figures=figures)
 
 
@@ -140,13 +140,11 @@ def _curve(rates: pd.DataFrame, concerns: str) -> go.Figure:
     """Return the rates of detection and naming of an effect against its size, with the theoretical power."""
     first = rates.iloc[0]
     factor, unit = handy_unit(first["parameter"], first["unit"], float(rates["size"].median()))
-    places = factor * rates["size"]
+    sizes = factor * rates["size"]
     figure = go.Figure()
-    figure.add_trace(
-        go.Scatter(x=places, y=100 * rates["expected"], name="theory", line={"color": GREY, "dash": "dot"})
-    )
+    figure.add_trace(go.Scatter(x=sizes, y=100 * rates["expected"], name="theory", line={"color": GREY, "dash": "dot"}))
     for outcome, colour, shift in (("found", BLUE, 0.99), ("named", ORANGE, 1.01)):  # one would hide the other
-        figure.add_trace(_rates(places * shift, rates, outcome, colour))
+        figure.add_trace(_rates(sizes * shift, rates, outcome, colour))
     beside = f" with {first['beside']}" if first["beside"] else ""
     style(figure, label(f"{first['parameter']}{beside}, {concerns}"), "Rate of detection, and of the correct name", 340)
     axis = f"{first['parameter']}, root mean square, {printed(unit)}".rstrip(", ")
@@ -155,10 +153,10 @@ def _curve(rates: pd.DataFrame, concerns: str) -> go.Figure:
     return figure
 
 
-def _rates(places: pd.Series, rates: pd.DataFrame, outcome: str, colour: str) -> go.Scatter:
+def _rates(sizes: pd.Series, rates: pd.DataFrame, outcome: str, colour: str) -> go.Scatter:
     value, lower, upper = (100 * rates[f"{outcome}{bound}"] for bound in ("", "_lower", "_upper"))
     return go.Scatter(
-        x=places,
+        x=sizes,
         y=value,
         name=outcome,
         mode="markers",

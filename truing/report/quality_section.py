@@ -149,8 +149,8 @@ def quality_verdict(tables: Tables, before: Mapping[str, SectionVerdict]) -> Sec
             "quality", RelationState.FAILS, ReasonCode.CHECK_FAILED, _failed_words(failed, qa, also), failed
         )
     if len(warned):
-        own = warned[~_withholding_rows(warned)]
-        first = f"First: {printed(own['message'].iloc[0])}" if len(own) else "See Quality."
+        others = warned[~_withholding_rows(warned)]
+        first = f"First: {printed(others['message'].iloc[0])}" if len(others) else "See Quality."
         needs = "needs" if len(warned) == 1 else "need"
         text = f"No quality check failed; {len(warned)} of {len(qa)} {needs} attention. {first}{also}"
         return _of_checks("quality", RelationState.ATTENTION, ReasonCode.CHECK_WARNS, text, warned)
@@ -163,11 +163,11 @@ def quality_verdict(tables: Tables, before: Mapping[str, SectionVerdict]) -> Sec
 
 
 def _failed_words(failed: pd.DataFrame, qa: pd.DataFrame, also: str) -> str:
-    own = failed[~_withholding_rows(failed)]  # the others belong to the verdict on consistency
-    if not len(own):
+    others = failed[~_withholding_rows(failed)]  # the others belong to the verdict on consistency
+    if not len(others):
         return f"{len(failed)} of {len(qa)} quality checks failed (see Quality).{also}"
     rest = f" {len(failed) - 1} more, see Quality." if len(failed) > 1 else ""
-    return f"{len(failed)} of {len(qa)} quality checks failed. {printed(own['message'].iloc[0])}{rest}{also}"
+    return f"{len(failed)} of {len(qa)} quality checks failed. {printed(others['message'].iloc[0])}{rest}{also}"
 
 
 def accepted_verdicts(qa: pd.DataFrame) -> pd.Series:

@@ -61,9 +61,9 @@ def _columns(titled: Sequence[tuple[str, str]]) -> Listing:
     heads: dict[str, tuple[dict[str, None], dict[str, None]]] = {}
     for title, head in titled:
         if meaning := meaning_of(head):
-            names, places = heads.setdefault(meaning, ({}, {}))
-            names[head] = places[title] = None
-    rows = ((listed([*map(str, names)]), meaning, listed([*places], 6)) for meaning, (names, places) in heads.items())
+            names, titles = heads.setdefault(meaning, ({}, {}))
+            names[head] = titles[title] = None
+    rows = ((listed([*map(str, names)]), meaning, listed([*titles], 6)) for meaning, (names, titles) in heads.items())
     ordered = tuple(sorted(rows, key=lambda row: row[0].lower()))
     return Listing(_COLUMN_HEADS, ordered, caption="Columns", anchor="column")
 

@@ -75,7 +75,8 @@ SECTIONS = (
 # Tables that the page is made from, in the order in which it lists their origin.
 _TABLES = """
 observations survey configurations readings signals displacement run_terms scans exclusions exclusion_effects
-diagnosis_left_out calibration_left_out relabelled resurveys likely_names repeats lack_of_fit pose_repeatability qa
+diagnosis_left_out calibration_left_out calibration_kept relabelled resurveys likely_names repeats lack_of_fit
+pose_repeatability qa
 belonging
 poses residuals reading_residuals deformation target_deformation deformation_models deformation_errors
 simulated_deformation compliance axis_curves published_compared tolerance_errors tolerance_samples
@@ -168,11 +169,11 @@ _ROWS = {"qa": ("belonging", "quality"), "gain": ("adequacy",)}
 
 def _marked(section: ReportSection, rows: Mapping[str, SectionVerdict]) -> ReportSection:
     """Return a section and its subsections with their marks from the verdict, or its own mark where it has none."""
-    own = [rows[name] for name in _ROWS.get(section.id, (section.id,)) if name in rows]
+    section_rows = [rows[name] for name in _ROWS.get(section.id, (section.id,)) if name in rows]
     parts = tuple(_marked(part, rows) for part in section.parts)
-    if not own:
+    if not section_rows:
         return replace(section, parts=parts)
-    worst = min(own, key=lambda one: _GRAVITY.index(one.state.value))
+    worst = min(section_rows, key=lambda one: _GRAVITY.index(one.state.value))
     return replace(section, parts=parts, state="not tested" if worst.mark == "none" else worst.mark)
 
 

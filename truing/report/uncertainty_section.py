@@ -232,14 +232,14 @@ def _grouped(stated: pd.DataFrame, budget: pd.DataFrame) -> _Grouped:
     squares = rows.groupby(["group", "input_source"])["squares"].sum()
     total = rows.groupby("group")["squares"].sum()
     sources = _by_weight(rows)
-    places = [(name, source) for name in names for source in sources]
-    reported = {place: float(squares.get(place, 0.0)) for place in places}
+    keys = [(name, source) for name in names for source in sources]
+    reported = {key: float(squares.get(key, 0.0)) for key in keys}
     first = rows.drop_duplicates("input_source").set_index("input_source")
     return _Grouped(
         names,
         sources,
-        {place: (reported[place] / size[place[0]]) ** 0.5 for place in places},
-        {place: reported[place] / total[place[0]] if total[place[0]] > 0.0 else 0.0 for place in places},
+        {key: (reported[key] / size[key[0]]) ** 0.5 for key in keys},
+        {key: reported[key] / total[key[0]] if total[key[0]] > 0.0 else 0.0 for key in keys},
         {name: str(rows.loc[rows["group"] == name, "unit"].iloc[0] or "") for name in names},
         {source: str(first.loc[source, "evaluation"]) for source in sources},
         {source: str(first.loc[source, "distribution"]) for source in sources},

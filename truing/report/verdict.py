@@ -49,8 +49,8 @@ def section_verdicts(tables: Tables) -> dict[str, SectionVerdict]:
     """Return the verdicts on all sections with tables, in the order of ``SECTIONS``."""
     found: dict[str, SectionVerdict] = {}
     absent = untested_sections(tables)
-    for place in _ASSESSED_BY:
-        module, _, function = place.partition(":")
+    for path in _ASSESSED_BY:
+        module, _, function = path.partition(":")
         assess: _Assess = getattr(importlib.import_module(module), function)
         if (verdict := assess(tables, found)) is not None and verdict.section not in absent:
             found[verdict.section] = verdict

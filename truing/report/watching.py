@@ -63,14 +63,14 @@ class Watched:
         gates = [by_section[name] for name in GATES if name in by_section]
         if self.faults or not by_section or any(row.state is RelationState.FAILS for row in gates):
             return Enough.NOT_JUDGED
-        own = by_section.get("requirements")
-        if own is None or own.reason_code is ReasonCode.NOT_EVALUATED:
+        requirements = by_section.get("requirements")
+        if requirements is None or requirements.reason_code is ReasonCode.NOT_EVALUATED:
             return Enough.NOT_STATED
-        if own.reason_code in _DECIDED:
+        if requirements.reason_code in _DECIDED:
             if not _model_holds(by_section):  # "not met" by a model that does not fit; more data may give another one
                 return Enough.NOT_JUDGED
             return Enough.ENOUGH if self.is_confirmed else Enough.TO_CONFIRM
-        return Enough.NOT_ENOUGH if own.reason_code is ReasonCode.UNDECIDED else Enough.NOT_JUDGED
+        return Enough.NOT_ENOUGH if requirements.reason_code is ReasonCode.UNDECIDED else Enough.NOT_JUDGED
 
     @property
     def line(self) -> str:

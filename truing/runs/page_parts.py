@@ -48,18 +48,18 @@ def page_parts(
     from truing.report.head import build_head
     from truing.report.sections import build_sections
     from truing.report.verdict import with_verdict
-    from truing.runs.chain_places import chain_places
+    from truing.runs.chain_positions import chain_positions
 
     provenance = {name: provenance_of(table.schema) for name, table in tables.items()}
     frames = _frames(tables)
     frames |= with_verdict(frames)
-    places = target_places(frames)
-    if places is not None:
-        frames["shape"] = places
+    targets = target_positions_of(frames)
+    if targets is not None:
+        frames["shape"] = targets
     motions = _body_motions(frames)
     if motions is not None:
         frames["motions"] = motions
-    frames |= chain_places(frames)
+    frames |= chain_positions(frames)
     if legs is not None:
         frames["legs"] = legs
     if declared_noise is not None:
@@ -122,7 +122,7 @@ def _body_motions(frames: Mapping[str, pd.DataFrame]) -> pd.DataFrame | None:
     return motions.assign(**dict(zip(_ENTRIES, np.asarray(turns).T, strict=True)))
 
 
-def target_places(frames: Mapping[str, pd.DataFrame]) -> pd.DataFrame | None:
+def target_positions_of(frames: Mapping[str, pd.DataFrame]) -> pd.DataFrame | None:
     """Return columns body, target, x_mm, y_mm, z_mm, leg from the survey or the poses; None without both."""
     survey = frames.get("survey")
     if survey is not None and len(survey):
@@ -139,19 +139,19 @@ def _averages(observations: pd.DataFrame, poses: pd.DataFrame, residuals: pd.Dat
     residuals_used = residuals[~residuals["rejected"]].dropna(subset=_SHIFT)
     points = observations.merge(residuals_used, on=["pose", "body", "target"]).merge(chosen, on=["pose", "body"])
     points = points.merge(bases, on=["pose", "parent"], how="left", suffixes=("", "_of_parent"))
-    place = points[_XYZ].to_numpy(dtype=float)
+    position = points[_XYZ].to_numpy(dtype=float)
     seen_directly = (points["parent"] == "measurement").to_numpy()
-    place = np.where(seen_directly[:, None], place, _in_frames_of(place, points, "_of_parent"))
-    place = _in_frames_of(place, points, "") - points[_SHIFT].to_numpy(dtype=float)
-    shifts = points[["body", "target"]].assign(**dict(zip(_XYZ, place.T, strict=True)))
+    position = np.where(seen_directly[:, None], position, _in_frames_of(position, points, "_of_parent"))
+    position = _in_frames_of(position, points, "") - points[_SHIFT].to_numpy(dtype=float)
+    shifts = points[["body", "target"]].assign(**dict(zip(_XYZ, position.T, strict=True)))
     means = shifts.groupby(["body", "target"], sort=False)[_XYZ].mean().reset_index().dropna()
     return means.assign(leg=np.nan)[_TARGET_COLUMNS]
 
 
-def _in_frames_of(place: np.ndarray, poses: pd.DataFrame, suffix: str) -> np.ndarray:
+def _in_frames_of(position: np.ndarray, poses: pd.DataFrame, suffix: str) -> np.ndarray:
     """Return points (N, 3), given in the parent's frame, in the frames of N bodies."""
     from truing.estimation.rotation import exp_so3
 
     turn = poses[[f"{c}{suffix}" for c in _TURN]].to_numpy(dtype=float)
     origin = poses[[f"{c}{suffix}" for c in _PLACE]].to_numpy(dtype=float)
-    return np.einsum("nji,nj->ni", exp_so3(turn), place - origin)
+    return np.einsum("nji,nj->ni", exp_so3(turn), position - origin)

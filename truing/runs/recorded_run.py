@@ -106,8 +106,8 @@ class Run(Mapping[str, "pd.DataFrame"]):
         """Return the campaign, its folder, and the state and explanation of each section."""
         from truing.runs.run_frames import verdict_text
 
-        told = verdict_text(self["verdict"]) if "verdict" in self else "no verdict yet: the stage report is missing"
-        return f"{self.campaign}: a run with {len(self)} tables in {self.folder}\n{told}"
+        verdict = verdict_text(self["verdict"]) if "verdict" in self else "no verdict yet: the stage report is missing"
+        return f"{self.campaign}: a run with {len(self)} tables in {self.folder}\n{verdict}"
 
     def _repr_html_(self) -> str:
         """Return the verdict as HTML, as notebooks show it."""

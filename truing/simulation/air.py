@@ -10,7 +10,7 @@ from __future__ import annotations
 from typing import Any
 
 import numpy as np
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import ArrayLike
 
 from truing.arrays import Array
 
@@ -71,7 +71,7 @@ def _wave_number_squared(wavelength_m: ArrayLike) -> Array:
     return np.asarray((1e6 * np.asarray(wavelength_m, float)) ** -2.0)
 
 
-def _density(t: float, p: float, share: float) -> Any:
+def _density(t: float, p: float, share: float) -> float:
     """Return the molar density times the gas constant; only its ratios are needed."""
     return p / (_compressibility(t, p, share) * (t + ZERO_C_K))
 
@@ -86,7 +86,7 @@ def _compressibility(t: Any, p: Any, share: Any) -> Any:
 
 def edlen_index(
     wavelength_m: ArrayLike, temperature_c: ArrayLike, pressure_pa: ArrayLike, vapour_pa: ArrayLike = 0.0
-) -> NDArray[Any]:
+) -> Array:
     """Return the phase index of moist air (450 ppm of CO2) by the updated Edlén equation."""
     t, p, vapour = (np.asarray(value) for value in (temperature_c, pressure_pa, vapour_pa))
     dry, wet = _edlen_dispersion(wavelength_m)

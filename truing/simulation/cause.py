@@ -146,6 +146,7 @@ class Cause(Generic[SceneT_contra]):
     share: ClassVar[float] = 1.0
     reach: ClassVar[float] = 10.0  # prior sigma of its fit in plausible scales; wide, to avoid shrinkage
     catalogued: ClassVar[bool] = True  # False: a nonparametric effect
+    has_known_scale: ClassVar[bool] = False  # True: its parameters are properties of materials, whose range is known
     lacking: ClassVar[Missing | None] = None  # input without which it has no candidates
 
     @property

@@ -119,8 +119,8 @@ def _reported_values(cause: Cause, size: float, legs: int) -> Iterator[tuple[str
     patterns, counts = _patterns(len(scale))
     if type(cause).reported is Cause.reported:  # which only changes the unit
         values = np.repeat(size * scale * patterns, counts, 0) / [parameter.si for parameter in parameters]
-        for parameter, own in zip(parameters, values.T.tolist(), strict=True):
-            yield parameter.name, parameter.unit, own
+        for parameter, of_parameter in zip(parameters, values.T.tolist(), strict=True):
+            yield parameter.name, parameter.unit, of_parameter
         return
     for pattern, count in zip(patterns, counts, strict=True):
         for reported in cause.reported(size * scale * pattern, np.zeros((len(scale), len(scale))), legs):
@@ -355,9 +355,9 @@ class Curve:
         return size_found(sizes, np.array([rate.count for rate in self.found]), counts, expected, power)
 
 
-def curve(question: DetectionQuestion, place: int, answers: Iterable[Answer]) -> Curve:
+def curve(question: DetectionQuestion, index: int, answers: Iterable[Answer]) -> Curve:
     """Collect the answers to one question by size."""
-    answers_of_place = [answer for answer in answers if answer.question == place]
+    answers_of_place = [answer for answer in answers if answer.question == index]
     factors = tuple(sorted({answer.factor for answer in answers_of_place}))
     by_factor = [[answer for answer in answers_of_place if answer.factor == factor] for factor in factors]
     others: dict[str, int] = {}

@@ -267,6 +267,6 @@ class ChannelModel(EffectsModel[CauseT]):
         """Fill the derivatives (B, K, G - first) by the parameters of effects, given the function ``slopes``; without
         those of the first shared unknowns."""
         for effect in self.effects(shared):
-            place = self.layout[effect.cause.key]
+            columns = self.layout[effect.cause.key]
             derivative = slopes(effect.cause, effect.values) * self.effect_sigma(effect.cause)
-            by_shared[..., place.start - first : place.stop - first] = derivative
+            by_shared[..., columns.start - first : columns.stop - first] = derivative

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
 from enum import StrEnum
+from itertools import pairwise
 
 import numpy as np
 from numpy.typing import NDArray
@@ -14,10 +15,14 @@ OWN_DRIVE, APPROACH, LAST_STEP, MEMORY = "own drive", "approach", "last step", "
 STOPPED, STOPS = ("stop 1", "stop 2", "stop 3"), (0.08, 0.2, 0.4)
 # The same for friction of any form: its path, on a finer scale of thresholds.
 PATH, FINE_STOPS = "path", (0.02, 0.05, 0.08, 0.13, 0.2, 0.3, 0.4, 0.6)
+# States that follow a reading's movements and relax, as a viscoelastic part does: a sum of them is any slow recovery.
+RELAXING = ("relaxing 1", "relaxing 2", "relaxing 3")
+_SLOWEST = 0.25  # longest time constant of a relaxing state, as a share of the time that is covered
+_LEAST_STATE = 1e-3  # least size of a combination of states, relative to the largest
 # Movement per second, of machines that were measured while they moved.
 RATE = "rate"
 # Inputs with a separate value for each actuator: its displacement, and its previous movements.
-LOOKING_BACK = (APPROACH, LAST_STEP, MEMORY, PATH, *STOPPED)
+LOOKING_BACK = (APPROACH, LAST_STEP, MEMORY, PATH, *STOPPED, *RELAXING)
 PER_ACTUATOR = (OWN_DRIVE, *LOOKING_BACK)
 _MOST_LACKING = 0.1  # share of missing values up to which a column is interpolated
 # Least readings of a path, and the largest typical deviation of one from the line between its neighbours, relative to
@@ -114,6 +119,35 @@ def fading_sum(readings: NDArray, time: NDArray, share_left: float) -> NDArray:
     return total
 
 
+def relaxing_states(readings: NDArray, time: NDArray) -> NDArray | None:
+    """Return states (B, L, s) that follow the movements of readings (B, L) and relax; None without intervals.
+
+    time: (B,) in s. Each of s states decays exponentially and grows by the movements, which are even between two poses.
+    Time constants reach from the usual interval to a quarter of the time covered. The states of a reading are returned
+    as combinations without correlation, of unit mean square; 0 at the first pose in time.
+    """
+    order = np.argsort(time, kind="stable")
+    order = order[np.isfinite(time[order]) & np.isfinite(readings[order]).all(1)]
+    interval = np.diff(time[order])
+    usual = float(np.median(interval)) if len(interval) else 0.0
+    longest = _SLOWEST * float(interval.sum())
+    if usual <= 0.0 or longest <= usual:
+        return None
+    passed = interval[:, None] / np.geomspace(usual, longest, len(RELAXING))
+    left, gained = (
+        np.exp(-passed),
+        np.where(passed > 0.0, -np.expm1(-passed) / np.where(passed > 0.0, passed, 1.0), 1.0),
+    )
+    states = np.zeros((*readings.shape, len(RELAXING)))
+    steps = np.diff(readings[order], axis=0)
+    for index, (before, now) in enumerate(pairwise(order)):
+        states[now] = left[index] * states[before] + gained[index] * steps[index][:, None]
+    for reading in range(states.shape[1]):
+        own, sizes, _ = np.linalg.svd(states[:, reading], full_matrices=False)
+        states[:, reading] = np.sqrt(len(own)) * np.where(sizes > _LEAST_STATE * max(sizes[0], 1e-300), own, 0.0)
+    return states
+
+
 def approach(readings: NDArray, time: NDArray, least: float) -> NDArray:
     """Return the direction (B, L) of each actuator's last movement larger than ``least`` (m) in time; +1 before any."""
     order = np.argsort(time, kind="stable")
@@ -134,15 +168,15 @@ def rates(readings: NDArray, time: NDArray | None) -> NDArray | None:
     if time is None:
         return None
     known = np.flatnonzero(np.isfinite(time) & np.isfinite(readings).all(1))
-    own = known[np.argsort(time[known], kind="stable")]
-    interval = np.diff(time[own])
+    in_time = known[np.argsort(time[known], kind="stable")]
+    interval = np.diff(time[in_time])
     usual = float(np.median(interval)) if len(interval) else 0.0
-    if len(own) < _FEWEST_OF_A_PATH or usual <= 0.0 or not _is_smooth(readings[own]):
+    if len(in_time) < _FEWEST_OF_A_PATH or usual <= 0.0 or not _is_smooth(readings[in_time]):
         return None
     from scipy.interpolate import CubicSpline
 
     found = np.zeros(readings.shape)
-    for part in np.split(own, 1 + np.flatnonzero((interval <= 0.0) | (interval > _PAUSE * usual))):
+    for part in np.split(in_time, 1 + np.flatnonzero((interval <= 0.0) | (interval > _PAUSE * usual))):
         if len(part) > 1:
             found[part] = CubicSpline(time[part], readings[part]).derivative()(time[part])
     return found

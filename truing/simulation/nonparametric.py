@@ -17,8 +17,12 @@ from numpy.typing import NDArray
 
 from truing.simulation.cause import Cause, Parameter, SceneT_contra
 from truing.simulation.inputs import ORDER, TIME
+from truing.simulation.settling import settling
 
 POLYNOMIAL, WAVES = "polynomial", "waves"
+# Forms of time: exponential settling, with the time constant as a share of the range. Temperatures settle so, too, and
+# must not be the only inputs of this shape. Together the forms are as probable as proportionality.
+SETTLINGS = {f"settling {share}": share for share in (1.0, 0.7, 0.5, 0.35, 0.25, 0.18, 0.125)}
 # Least number of observations per basis function.
 PER_FUNCTION = 4
 # Prior weight of proportionality to one input, relative to any other form.
@@ -36,7 +40,7 @@ class NonparametricEffect(Cause[SceneT_contra]):
     """Basis functions of the product of ``columns``, each scaled to -1 .. 1 by its centre and half range.
 
     They are Chebyshev polynomials of degree ``first`` .. ``degree``, or cosines of ``first`` .. ``degree`` half periods
-    over the range. A subclass may add forms.
+    over the range, or one exponential settling. A subclass may add forms.
     """
 
     columns: tuple[str, ...] = (TIME,)
@@ -49,7 +53,7 @@ class NonparametricEffect(Cause[SceneT_contra]):
     id = "unexplained"
     catalogued = False
     of_time: ClassVar[frozenset[str]] = frozenset({TIME, ORDER})  # effects of these end with the campaign
-    letters: ClassVar[dict[str, str]] = {POLYNOMIAL: "degree", WAVES: "wave"}
+    letters: ClassVar[dict[str, str]] = {POLYNOMIAL: "degree", WAVES: "wave", **dict.fromkeys(SETTLINGS, "settling")}
     series: ClassVar[frozenset[str]] = frozenset({POLYNOMIAL, WAVES})  # forms that have higher-order terms
     boundless: ClassVar[frozenset[str]] = frozenset()  # forms that are also valid outside the range of their inputs
 
@@ -90,6 +94,8 @@ class NonparametricEffect(Cause[SceneT_contra]):
 
     def prior(self, scene: SceneT_contra) -> float:
         """Return the relative prior weight: proportionality to one input is more probable than the other forms."""
+        if self.form in SETTLINGS:
+            return _IN_PROPORTION / len(SETTLINGS)
         return _IN_PROPORTION if self.form == POLYNOMIAL and len(self.columns) == self.degree == 1 else 1.0
 
     def inputs(self, legs: int) -> tuple[str, ...]:
@@ -109,6 +115,9 @@ class NonparametricEffect(Cause[SceneT_contra]):
 
     def basis(self, value: Callable[[str], NDArray]) -> NDArray:
         """Return the values (..., m) of the basis functions at inputs (...); ``value`` gives the values of a column."""
+        if self.form in SETTLINGS:
+            passed = np.asarray(prod(self.scaled(value)) + 1.0) / 2.0
+            return 2.0 * settling(passed, 1.0 / SETTLINGS[self.form])[0][..., None] - 1.0
         functions = waves if self.form == WAVES else chebyshev
         return functions(np.asarray(prod(self.scaled(value))), self.degree)[..., self.first - 1 :]
 

@@ -89,16 +89,16 @@ def reported_numbers(
     if not isinstance(model, MechanismModel):
         rows = numbers_of(prior, model)
         return ReportedNumbers(tuple(rows), np.diag([row.scale for row in rows]), np.zeros(len(rows)))
-    geometry, places = identified_geometry(model, shared, covariance), prior.places(model)
+    geometry, indices = identified_geometry(model, shared, covariance), prior.places(model)
     parts = {part.name for part in prior.parts}
     is_geometry = np.array([entry.name.partition("_")[0] in parts for entry in geometry.parameters], bool)
     entries = [entry for entry, reported in zip(geometry.parameters, is_geometry, strict=True) if reported]
     si = np.array([entry.si for entry in entries])
     effects = [number for number in numbers_of(prior, model) if number.effect_of is not None]
-    lower = np.zeros((len(effects), len(places)))
-    lower[:, len(places) - len(effects) :] = np.diag([number.scale for number in effects])
+    lower = np.zeros((len(effects), len(indices)))
+    lower[:, len(indices) - len(effects) :] = np.diag([number.scale for number in effects])
     rows = [Number(entry.name, entry.leg + 1, entry.unit, entry.si) for entry in entries]
-    by = np.concatenate([(geometry.by_shared[is_geometry][:, places].T / si).T, lower])
+    by = np.concatenate([(geometry.by_shared[is_geometry][:, indices].T / si).T, lower])
     return ReportedNumbers(
         (*rows, *effects), by, np.concatenate([geometry.nominal[is_geometry] / si, np.zeros(len(effects))])
     )
@@ -141,8 +141,8 @@ def _changed(reported: ReportedNumbers, comparison: NumberComparison, level: flo
     columns: dict[str, list[Any]] = {"changed": [False] * count}
     columns |= {name: [None] * count for name in ("change", "sigma_change", "instead")}
     sizes, sigmas = comparison.sizes(changed)
-    for (place, rivals), size, sigma in zip(alternatives(comparison, changed), sizes, sigmas, strict=True):
-        row, one = row_of[place], reported.by_numbers[row_of[place], place]  # a component may fall as its tilt grows
+    for (index, rivals), size, sigma in zip(alternatives(comparison, changed), sizes, sigmas, strict=True):
+        row, one = row_of[index], reported.by_numbers[row_of[index], index]  # a component may fall as its tilt grows
         others = " ".join(reported.rows[row_of[rival]].label for rival in rivals) or None
         values = {"changed": True, "change": size * one, "sigma_change": sigma * abs(one), "instead": others}
         for name, value in values.items():

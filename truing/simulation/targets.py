@@ -55,7 +55,9 @@ def shape_unknowns(targets: Targets, survey: NDArray, covariance: NDArray) -> Sh
     seats = np.flatnonzero(targets.at_attachment)
     free = [np.flatnonzero((targets.body == body) & ~targets.at_attachment) for body in np.unique(targets.body)]
     blocks = [
-        (own, _free_factor(survey, covariance, own, rigid=targets.body[own[0]] != LEG)) for own in free if len(own)
+        (group, _free_factor(survey, covariance, group, rigid=targets.body[group[0]] != LEG))
+        for group in free
+        if len(group)
     ]
     modes = np.zeros((len(survey), 3, sum(factor.shape[1] for _, factor in blocks)))
     first = 0

@@ -51,9 +51,9 @@ class Trace(Generic[CauseT, S]):
         later = self.effects
         if cause is not None:
             order = list(Step)
-            place = next((n for n, (effect, _) in enumerate(later) if effect.cause.key == cause.key), None)
+            index = next((n for n, (effect, _) in enumerate(later) if effect.cause.key == cause.key), None)
             passed = sum(order.index(effect.cause.step) <= order.index(cause.step) for effect, _ in later)
-            later = later[passed if place is None else place + 1 :]
+            later = later[passed if index is None else index + 1 :]
         return tuple(effect for effect in later if effect[0].cause.step in steps)
 
     @cached_property

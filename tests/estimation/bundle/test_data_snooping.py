@@ -5,7 +5,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from truing.estimation.bundle import data_snooping
+from truing.estimation.bundle import data_snooping, robust_start
 from truing.estimation.bundle.adjustment import adjust
 from truing.estimation.bundle.camera import PARAMETERS
 from truing.estimation.bundle.data_snooping import (
@@ -15,11 +15,9 @@ from truing.estimation.bundle.data_snooping import (
     ONE_OF_TWO,
     SECOND_TARGET,
     adjust_robustly,
-    critical_values,
-    p_values,
-    ray_tests,
 )
 from truing.estimation.bundle.network import Bars
+from truing.estimation.bundle.ray_tests import critical_values, p_values, ray_tests
 from truing.estimation.bundle.variance_components import grouped
 
 from .photographed import photograph, simulate
@@ -57,7 +55,8 @@ def test_good_rays_are_rejected_at_the_stated_rate():
 def test_steps_between_rounds_reject_the_same_rays_as_full_adjustments(seed, monkeypatch):
     made = simulate(seed=seed, images=10, points=40, gross=0.08, sigma_px=0.2)
     found = adjust_robustly(made.network, made.truth, alpha=0.01)
-    monkeypatch.setattr(data_snooping, "_WITHIN", 0.0)
+    for module in (data_snooping, robust_start):
+        monkeypatch.setattr(module, "STEP_WITHIN", 0.0)
     full = adjust_robustly(made.network, made.truth, alpha=0.01)
     assert (found.used == full.used).all()
     assert found.rejected.reason == full.rejected.reason
@@ -74,7 +73,8 @@ def test_data_snooping_ends_where_full_adjustments_run_out_of_steps(monkeypatch)
         assert sum(full) < 10, "the last adjustment is repeated without end"
         return replace(adjust(*network, decrease_tolerance=decrease_tolerance, **options), converged=False)
 
-    monkeypatch.setattr(data_snooping, "adjust", out_of_steps)
+    for module in (data_snooping, robust_start):
+        monkeypatch.setattr(module, "adjust", out_of_steps)
     found = adjust_robustly(made.network, made.truth)
     assert not found.adjustment.converged
     assert np.array_equal(found.used, whole.used)

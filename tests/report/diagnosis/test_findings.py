@@ -88,7 +88,8 @@ def test_subjects_are_told_in_words(subject, words):
 def test_a_rival_says_against_what_and_with_which_odds():
     rival = replace(FACTS, verdict="indistinguishable", rival="platform-deformation-linear", odds=3.2)
     said = explanation(rival)
-    assert_says(said, "platform-deformation-linear", "odds", "3.2 to 1")
+    assert_says(said, "nearly as well as platform-deformation-linear", "odds", "3.2 to 1")
+    assert_says(explanation(replace(rival, odds=0.9)), "the data as well as platform-deformation-linear")
     assert_says(said, "may be", "actuator moves further", "gain_3 = 0.213 ± 0.010 %")
     assert_says(said, "cannot distinguish")
 

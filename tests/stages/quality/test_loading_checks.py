@@ -16,7 +16,7 @@ from tests.stages.line import run_line
 from tests.tolerance import assert_between, assert_close
 from truing.estimation.interferometry.flexible_response import ChannelFit
 from truing.quality.loading import ChannelView
-from truing.report.measured_section import measured_loads
+from truing.report.measured_loads import measured_loads
 from truing.schemas.load_checks import OF_LOADS
 from truing.stages.quality.check import FAIL
 from truing.stages.quality.reading_checks import noise

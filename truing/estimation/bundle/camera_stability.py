@@ -53,12 +53,12 @@ def camera_stability(score: Array, information: Array) -> CameraStability:
     if determined.sum() < 2:
         return CameraStability(determined, deviation, covariance, chi2, p_value, float("nan"), 0, float("nan"))
     inverse, of_common = np.linalg.inv(N), np.linalg.inv(N.sum(axis=0))
-    apart = np.einsum("pij,pj->pi", inverse, n) - of_common @ n.sum(axis=0)
+    changes = np.einsum("pij,pj->pi", inverse, n) - of_common @ n.sum(axis=0)
     unshared = inverse - of_common
-    single = np.einsum("pi,pi->p", apart, np.linalg.solve(unshared, apart[..., None])[..., 0])
-    deviation[determined], covariance[determined], chi2[determined] = apart, unshared, single
+    single = np.einsum("pi,pi->p", changes, np.linalg.solve(unshared, changes[..., None])[..., 0])
+    deviation[determined], covariance[determined], chi2[determined] = changes, unshared, single
     p_value[determined] = holm_adjusted(chdtrc(size, single))
-    overall, freedom = float(np.einsum("pi,pij,pj->", apart, N, apart)), size * (len(N) - 1)
+    overall, freedom = float(np.einsum("pi,pij,pj->", changes, N, changes)), size * (len(N) - 1)
     return CameraStability(
         determined, deviation, covariance, chi2, p_value, overall, freedom, float(chdtrc(freedom, overall))
     )  # fmt: skip

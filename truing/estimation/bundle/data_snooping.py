@@ -1,35 +1,30 @@
 """Gross errors among rays: a robust start, then data snooping (Baarda 1968) until no ray fails its test.
 
-The start bounds the influence of rays and rejects suspects. Both coordinates of a ray are tested together, since a
-wrong code or a merged target corrupts both: T = v^T Q_vv^-1 v has two degrees of freedom, or one if the network checks
-the ray in one direction only. Rejected rays are tested against their prediction by the other rays, and used again if
-they pass.
+The start bounds the influence of rays and rejects suspects. Rejected rays are tested against their prediction by the
+other rays, and used again if they pass.
 """
 
 from __future__ import annotations
 
 from dataclasses import dataclass, replace
-from functools import cached_property, partial
 
 import numpy as np
 
-from truing.arrays import Array, Index, Mask
+from truing.arrays import Index, Mask
 from truing.estimation.bundle.adjustment import Adjustment, adjust
-from truing.estimation.bundle.camera import directions
 from truing.estimation.bundle.datum import Datum
 from truing.estimation.bundle.determinable import UndeterminedNetworkError, determinable
 from truing.estimation.bundle.network import Network, NetworkState
-from truing.estimation.bundle.orientation import Bundle, intersect
-from truing.estimation.bundle.variance_components import GlobalTest, VarianceComponents, global_test, grouped, updated
+from truing.estimation.bundle.ray_tests import RayTests, passing_share, ray_tests
+from truing.estimation.bundle.robust_start import STEP_WITHIN, meeting, robust_start, tolerance_px
+from truing.estimation.bundle.variance_components import GlobalTest, VarianceComponents, global_test, updated
 
 _MOST_ROUNDS = 60
-_WITHIN = 1e-6  # remaining sum of squares between rounds: no residual is off by more than 0.001 standard deviations
 _STEADY = 1e-3  # relative change of the variance components at convergence
 _RETURNS = 2  # how often a rejected ray may be used again
 _LOOSE = 0.1  # standard deviation of a loosened bar, relative to its length: it gives a scale and hardly affects points
 # Interior elements in the order in which they are held fixed: the least important first.
 RELEASE_ORDER = ("A3", "C2", "C1", "B2", "B1", "A2", "A1", "y0", "x0", "c")
-_CHECKED = 0.01  # share of an error that must appear in the residuals for a direction to count as tested
 GROSS = "gross error: its test value is above the critical value"
 ONE_OF_TWO = "one of two rays that do not meet: which is wrong is undetermined"
 NO_IMAGE = "its image is not oriented"
@@ -40,10 +35,6 @@ SECOND_TARGET = "meets other rejected rays of its name in another place: a secon
 NOT_DETERMINED = "its point or its image keeps too few other rays"
 _FEWEST_MEETING = 3  # rejected rays that meet elsewhere: two meet too easily by chance
 _APART_TOLERANCES = 5.0  # tolerances from the adjusted point
-_ROBUST_ROUNDS = 8
-_BOUND = 2.5  # standard deviations up to which a ray has full weight in the robust start
-_SUSPECT = 6.0  # standard deviations from which data snooping starts with the ray rejected
-_MANY = 1 / 3  # share of suspects among a point's rays, above which it is intersected again
 
 
 @dataclass(frozen=True)
@@ -199,7 +190,7 @@ def _screening_end(
                 return _ScreeningEnd(adjusted, tests, components, latest, used, active, returns, rounds)
             decrease_tolerance = 0.0  # what passes after one step is adjusted to the end, and tested once more
             continue
-        rounds, decrease_tolerance = rounds + 1, _WITHIN
+        rounds, decrease_tolerance = rounds + 1, STEP_WITHIN
         components = latest if with_components else components
         returns += passes
         active = (active | passes) & ~fails
@@ -269,137 +260,6 @@ def relaxed(
 
 
 @dataclass(frozen=True)
-class RayTests:
-    """Test statistics per ray: T (N,) with degrees of freedom (N,) 0, 1 or 2; w (N, 2) of an error in one coordinate,
-    redundancy numbers (N, 2), and Q_vv C^-1 (N, 2, 2); whether the ray is used (N,).
-
-    Unused rays have the values that they would have if they were used. scale_redundancy (N,): redundancy from which the
-    scale of a ray is estimated, None if it is stated.
-    """
-
-    T: Array
-    freedom: Index
-    w: Array
-    redundancy: Array
-    redundancy_blocks: Array
-    used: Mask
-    scale_redundancy: Array | None = None
-
-    @cached_property
-    def p_value(self) -> Array:
-        """P-value (N,) of T, NaN without degrees of freedom."""
-        return p_values(self.T, self.freedom, self.scale_redundancy, self.used)
-
-    def critical(self, alpha: float) -> Array:
-        """Return the critical value (N,) of T at level alpha, NaN without degrees of freedom."""
-        return critical_values(alpha, self.freedom, self.scale_redundancy, self.used)
-
-
-def passing_share(alpha: float) -> float:
-    """Return the mean square of good rays that pass a test at level alpha, relative to that of all good rays: truncated
-    chi-square of two degrees of freedom."""
-    return (1 - alpha * (1 - np.log(alpha))) / (1 - alpha)
-
-
-def ray_tests(adjusted: Adjustment, components: VarianceComponents) -> RayTests:
-    """Return the tests of all rays of an adjustment with the components' variance factors."""
-    C = adjusted.network.rays.cov_px2 * components.of_rays()[:, None, None]
-    A, used, v = adjusted.covariance.computed_px2(), adjusted.used, adjusted.residuals_px
-    is_finite = np.asarray(np.isfinite(A).all(axis=(1, 2)) & np.isfinite(v).all(axis=1))
-    A, v = np.where(is_finite[:, None, None], A, 0.0), np.where(is_finite[:, None], v, 0.0)
-    # Q_vv P of a used ray, else the same as it would be if the ray were used: (1 + A P)^-1 = C (C + A)^-1.
-    P, R = _inverse(C), np.where(used[:, None, None], C - A, C + A)
-    weight_redundancy = P @ R @ P
-    S = np.where(used[:, None, None], weight_redundancy, _inverse(np.where(used[:, None, None], C, R)))
-    blocks = np.where(used[:, None, None], R @ P, C @ S)
-    with np.errstate(divide="ignore", invalid="ignore"):
-        sigma = np.sqrt(np.maximum(S[:, [0, 1], [0, 1]], 0))
-        w = (np.where(used[:, None, None], P, S) @ v[..., None])[..., 0] / sigma
-    T, freedom = _two_directions(C, A, v, used)
-    T[~is_finite], w[~is_finite], blocks[~is_finite], freedom[~is_finite] = np.nan, np.nan, np.nan, 0
-    return RayTests(T, freedom, w, blocks[:, [0, 1], [0, 1]], blocks, used)
-
-
-def _inverse(M: Array) -> Array:
-    """Return the inverses (n, 2, 2) of symmetric matrices."""
-    a, b, d = M[:, 0, 0], M[:, 0, 1], M[:, 1, 1]
-    return np.stack([d, -b, -b, a], -1).reshape(-1, 2, 2) / (a * d - b * b)[:, None, None]
-
-
-def _two_directions(C: Array, A: Array, v: Array, used: Mask) -> tuple[Array, Index]:
-    """Return T (n,) and its degrees of freedom (n,). It sums over the two directions in which the covariances C of
-    measured and A of computed image points (n, 2, 2) are both diagonal; v (n, 2): residuals."""
-    l11 = np.sqrt(C[:, 0, 0])
-    l21 = C[:, 1, 0] / l11
-    l22 = np.sqrt(C[:, 1, 1] - l21 * l21)
-    # M = L^-1 A L^-T and y = L^-1 v with the Cholesky factor L of C.
-    xx = A[:, 0, 0] / (l11 * l11)
-    xy = (A[:, 0, 1] / l11 - l21 * xx) / l22
-    yy = (A[:, 1, 1] / l22 - l21 * (2 * xy + l21 * xx / l22)) / l22
-    x = v[:, 0] / l11
-    y = (v[:, 1] - l21 * x) / l22
-    half_difference, mean = np.hypot((xx - yy) / 2, xy), (xx + yy) / 2
-    mean_square, difference = x * x + y * y, (xx - yy) / 2 * (x * x - y * y) + 2 * xy * x * y
-    difference = np.divide(difference, half_difference, out=np.zeros_like(half_difference), where=half_difference > 0)
-    T, freedom = np.zeros(len(v)), np.zeros(len(v), np.int64)
-    for eigenvalue, square in (
-        (mean + half_difference, (mean_square + difference) / 2),
-        (mean - half_difference, (mean_square - difference) / 2),
-    ):
-        redundancy = np.where(
-            used, 1 - eigenvalue, 1 / (1 + np.maximum(eigenvalue, 0.0))
-        )  # of the errors shows in the residuals
-        is_tested = redundancy > _CHECKED
-        T += np.where(is_tested, square * np.where(used, 1 / np.where(is_tested, redundancy, 1.0), redundancy), 0.0)
-        freedom += is_tested
-    return T, freedom
-
-
-def p_values(T: Array, freedom: Index, redundancy: Array | None = None, used: Mask | None = None) -> Array:
-    """Return the p-value (N,) of T, NaN without degrees of freedom.
-
-    If the scale is estimated with a redundancy (N,), the contribution of a used ray to it is taken into account (Pope
-    1976).
-    """
-    from scipy.special import betainc, betaincc, chdtrc
-
-    f = np.maximum(freedom, 1)
-    if redundancy is None or used is None:
-        # The tail of two degrees of freedom is elementary; the few of one need a special function.
-        p_value, is_single = np.exp(-T / 2), f == 1
-        p_value[is_single] = chdtrc(1, T[is_single])
-        return np.where(freedom > 0, p_value, np.nan)
-    r = np.maximum(redundancy, f + 1.0)
-    with np.errstate(divide="ignore"):
-        log_inside = (r / 2 - 1) * np.log1p(-np.minimum(T / r, 1.0))
-    p_value, is_single = np.exp(np.where(used, log_inside, -r / 2 * np.log1p(T / r))), f == 1
-    r, T, used = r[is_single], T[is_single], used[is_single]
-    inside = betaincc(0.5, (r - 1) / 2, np.clip(T / r, 0.0, 1.0))
-    p_value[is_single] = np.where(used, inside, betainc(r / 2, 0.5, r / (r + T)))
-    return np.where(freedom > 0, p_value, np.nan)
-
-
-def critical_values(alpha: float, freedom: Index, redundancy: Array | None, used: Mask) -> Array:
-    """Return the T (N,) whose p-value by `p_values` is alpha, NaN without degrees of freedom."""
-    from scipy.special import betainccinv, betaincinv, chdtri
-
-    if redundancy is None:
-        return np.array([np.nan, *chdtri([1, 2], alpha)])[freedom]
-    levels, level_index = np.unique(redundancy, return_inverse=True)
-    r_single, r_double = np.maximum(levels, 2.0), np.maximum(levels, 3.0)
-    no_freedom = np.full((2, len(levels)), np.nan)  # of used rays, then of the others
-    single = (
-        r_single * betainccinv(0.5, (r_single - 1) / 2, alpha),
-        r_single * (1 / betaincinv(r_single / 2, 0.5, alpha) - 1),
-    )
-    double = (
-        -r_double * np.expm1(2 / (r_double - 2) * np.log(alpha)),
-        r_double * np.expm1(-2 / r_double * np.log(alpha)),
-    )
-    return np.stack([no_freedom, single, double])[freedom, np.where(used, 0, 1), level_index]
-
-
-@dataclass(frozen=True)
 class RejectedRays:
     """Rejected rays (R,) by number, with the reason (R,)."""
 
@@ -461,85 +321,3 @@ def possible_rays(network: Network, start: NetworkState) -> Mask:
     u = np.einsum("nji,nj->ni", start.R[rays.image], start.points[rays.point] - start.centre[rays.image])
     with np.errstate(invalid="ignore"):
         return u[:, 2] > 0
-
-
-def robust_start(
-    network: Network, start: NetworkState, datum: Datum, active: Mask
-) -> tuple[NetworkState, Mask, VarianceComponents]:
-    """Return the state after adjustments with bounded influence, the rays that are not suspects, and the variance
-    components from medians."""
-    known = datum == "known"
-    used = determinable(network, active, known=known).rays
-    weights, state = np.ones(network.rays.count), start
-    inverse = np.linalg.inv(network.rays.cov_px2)
-    for step in range(_ROBUST_ROUNDS):
-        adjust_from = partial(adjust, max_iterations=3, decrease_tolerance=_WITHIN) if step else adjust
-        adjusted = adjust_from(network, state, datum, used=used, weights=weights)
-        v = adjusted.residuals_px
-        residual_length = np.sqrt(np.einsum("ni,nij,nj->n", v, inverse, v))
-        if step == 0:
-            redundancy = np.full(network.rays.count, adjusted.redundancy / max(int(used.sum()), 1))
-            components = grouped(network, used, redundancy)
-        components = _by_median(components, residual_length, used, adjusted.redundancy)
-        residual_length = residual_length / np.sqrt(components.of_rays())
-        with np.errstate(divide="ignore", invalid="ignore"):
-            bounded = np.minimum(1.0, _BOUND / residual_length)
-        latest = np.maximum(np.nan_to_num(bounded if step < 3 else bounded**3), 1e-9)
-        change = np.abs(latest - weights)[used].max(initial=0.0)
-        weights, state = latest, adjusted.state
-        if change < 0.05:
-            break
-    return *_intersected_again(network, state, active, residual_length > _SUSPECT, components), components
-
-
-def _intersected_again(
-    network: Network, state: NetworkState, active: Mask, suspect: Mask, components: VarianceComponents
-) -> tuple[NetworkState, Mask]:
-    """Return the state and the active rays without suspects. Points with many suspects are intersected again from a
-    majority of their rays: least squares, even bounded, may place such a point between two groups of rays."""
-    rays, count = network.rays, len(network.point_pose)
-    is_suspect_point = np.bincount(rays.point[active & suspect], minlength=count) > _MANY * np.bincount(
-        rays.point[active], minlength=count
-    )
-    reintersected = np.flatnonzero(active & is_suspect_point[rays.point])
-    active, points = active & ~suspect, state.points.copy()
-    if len(reintersected):
-        X, is_inlier = meeting(network, state, reintersected, tolerance_px(network, reintersected, components))
-        is_placed = np.isfinite(X[:, 0])
-        points[is_placed] = X[is_placed]
-        active[reintersected] = np.where(is_placed[rays.point[reintersected]], is_inlier, active[reintersected])
-    return replace(state, points=points), active
-
-
-def tolerance_px(network: Network, rays: Index, components: VarianceComponents) -> Array:
-    """Return the residual size (n,) in px above which rays are suspects."""
-    variance = np.einsum("nii->n", network.rays.cov_px2[rays]) / 2 * components.of_rays()[rays]
-    return _SUSPECT * np.sqrt(variance)
-
-
-def meeting(network: Network, state: NetworkState, rays: Index, tolerance_px: Array) -> tuple[Array, Mask]:
-    """Return the points (P, 3) on which most of the given rays (n,) agree, and which rays agree (n,)."""
-    chosen = network.rays
-    image, point, xy = chosen.image[rays], chosen.point[rays], chosen.xy_px[rays]
-    camera = network.image_camera[image]
-    towards = directions(network.cameras, state.interior, camera, xy)
-    lines = Bundle(
-        image, point, towards, state.interior[camera, 0], state.R, state.centre, len(network.point_pose)
-    )  # fmt: skip
-    return intersect(lines, float(np.median(tolerance_px)), np.random.default_rng(0))
-
-
-def _by_median(
-    components: VarianceComponents, residual_length: Array, used: Mask, redundancy: int
-) -> VarianceComponents:
-    """Return components whose factors give the median of normalised residual lengths (N,) that two normal errors
-    have."""
-    if redundancy <= 0:  # no redundancy: the residuals do not show the noise
-        return components
-    factor = components.factor.copy()
-    share = redundancy / (2.0 * max(int(used.sum()), 1))
-    for g in range(len(factor)):
-        group_lengths = residual_length[used & (components.component == g)]
-        if len(group_lengths):
-            factor[g] = max(float(np.median(group_lengths)) ** 2 / (2 * np.log(2)) / share, 1e-4)
-    return replace(components, factor=factor)

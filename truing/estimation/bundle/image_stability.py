@@ -193,13 +193,13 @@ def _tests(values: Array, P: Array, inside: Mask) -> tuple[Array, float]:
 def moved_by_settings(adjusted_network: AdjustedNetwork, stable: list[ImageStability]) -> Iterator[tuple[int, float]]:
     """Yield (pose, largest movement of its points over its sigma) if images with another setting get their own
     camera."""
-    apart = _adjusted_by_setting(adjusted_network, stable)
-    if apart is None:
+    by_setting = _adjusted_by_setting(adjusted_network, stable)
+    if by_setting is None:
         return
     for pose in range(len(adjusted_network.named.poses)):
         numbers = adjusted_network.adjustment.covariance.point_numbers(pose)
         if len(numbers) > _FRAMING:
-            yield pose, _over_sigma(adjusted_network, apart, pose, numbers)
+            yield pose, _over_sigma(adjusted_network, by_setting, pose, numbers)
 
 
 def _adjusted_by_setting(adjusted_network: AdjustedNetwork, stable: list[ImageStability]) -> Adjustment | None:
@@ -228,11 +228,11 @@ def _adjusted_by_setting(adjusted_network: AdjustedNetwork, stable: list[ImageSt
         return None
 
 
-def _over_sigma(adjusted_network: AdjustedNetwork, apart: Adjustment, pose: int, numbers: Index) -> float:
+def _over_sigma(adjusted_network: AdjustedNetwork, by_setting: Adjustment, pose: int, numbers: Index) -> float:
     """Return the largest movement of the points of a pose over its sigma: of all points (rms), or of a body relative to
     the others."""
     adjusted = adjusted_network.adjustment
-    before, after = adjusted.state.points[numbers], apart.state.points[numbers]
+    before, after = adjusted.state.points[numbers], by_setting.state.points[numbers]
     fit = umeyama(before, after, with_scale=bool(adjusted.defect[pose] == _SIMILARITY))
     shift = after - (fit.scale * before @ fit.R.T + fit.t)
     factor = adjusted_network.screened.covariance_factor

@@ -316,10 +316,10 @@ def _add_priors(observed: Observed, state: NetworkState, blocks: NormalEquations
     known = np.einsum("mij,mj->mi", observed.known, _misclosure_of_known(observed, state))
     np.add.at(blocks.point_sides[..., -1], layout.known_slot, known)
     free = np.flatnonzero(layout.bar >= 0)
-    place = layout.bar[free]
-    blocks.common[place, place] += observed.bars[free]
+    index = layout.bar[free]
+    blocks.common[index, index] += observed.bars[free]
     misclosure = observed.network.bars.length_m[free] - state.bar_length_m[free]
-    blocks.common[place, -1] += observed.bars[free] * misclosure
+    blocks.common[index, -1] += observed.bars[free] * misclosure
 
 
 def stepped_state(layout: EquationLayout, state: NetworkState, step: UnknownsStep) -> NetworkState:

@@ -74,8 +74,8 @@ class DensePoseCovariance:
         """Return the joint covariance (3 n, 3 n) of points (n,)."""
         if 3 * len(points) == len(self.points) and bool((np.diff(points) == 1).all()):
             return self.points
-        places = coordinates(points)
-        return self.points[np.ix_(places, places)]
+        rows = coordinates(points)
+        return self.points[np.ix_(rows, rows)]
 
     def blocks(self) -> Array:
         """Return the covariance (p, 3, 3) of each point."""

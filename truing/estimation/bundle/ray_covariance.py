@@ -173,12 +173,12 @@ def by_rays(
     given the common ones."""
     rays = eliminated_pose.blocks.own_rows.rays  # type: ignore[union-attr]
     negative_root_transposed = -eliminated_pose.root.transpose(0, 2, 1)
-    entries, own = _all_points(rays, negative_root_transposed, eliminated_pose.root, reduced)
-    k, i, p, d = rays.kept, rays.images, len(own), free.count
+    entries, point_blocks = _all_points(rays, negative_root_transposed, eliminated_pose.root, reduced)
+    k, i, p, d = rays.kept, rays.images, len(point_blocks), free.count
     padded = np.zeros((entries.kept, entries.kept))
     padded[:k, :k] = kept
     by_common = unknowns_by_common(eliminated_pose, reduced)
-    arguments = padded, entries, own
+    arguments = padded, entries, point_blocks
     sides = by_common[6 * i :], by_common[: 6 * i]
     # Before the datum, the freedoms are held by the ties of the elimination.
     none = Datum(np.zeros((3 * p, 0)), np.zeros((0, 3 * p)), np.zeros(3 * p, bool))

@@ -384,8 +384,8 @@ def choose_identifiable(
     order: list[int] = []
     left = observability.triangle
     while members:
-        place, length = _next_group(left, members, rank)
-        columns = members.pop(place)
+        index, length = _next_group(left, members, rank)
+        columns = members.pop(index)
         # Quick bound: the residual of a new column limits the least singular value, and refuses most columns.
         if (
             length > observability.least
@@ -414,8 +414,8 @@ def _next_group(left: NDArray, members: Sequence[list[int]], rank: NDArray) -> t
     """
     lengths = np.linalg.norm(left, axis=0)
     sides = [lengths[group[0]] if len(group) == 1 else _side(left[:, group]) for group in members]
-    place = min(range(len(members)), key=lambda i: (rank[members[i]].min(), -sides[i]))
-    return place, float(sides[place])
+    index = min(range(len(members)), key=lambda i: (rank[members[i]].min(), -sides[i]))
+    return index, float(sides[index])
 
 
 def _side(columns: NDArray) -> float:

@@ -72,10 +72,10 @@ def order_poses(
     if not 0.0 <= trade_off <= 1.0:
         raise ValueError(f"trade-off: found {trade_off}, expected 0 to 1")
     if len(drives) < 2:  # one pose has no order
-        way = float(np.abs(drives - start).max(initial=0.0))
-        return PoseOrder(np.arange(len(drives)), way, way, 0.0, 0.0)
-    places = np.concatenate([drives, start[None]])
-    distance = np.abs(places[:, None] - places[None]).max(-1)
+        travel = float(np.abs(drives - start).max(initial=0.0))
+        return PoseOrder(np.arange(len(drives)), travel, travel, 0.0, 0.0)
+    stops = np.concatenate([drives, start[None]])
+    distance = np.abs(stops[:, None] - stops[None]).max(-1)
     groups = np.stack([_orthonormal(group) for group in regressors])
     shuffled = np.array([rng.permutation(len(drives)) for _ in range(_RANDOM)])
     usual = _travel(distance, shuffled)

@@ -101,11 +101,11 @@ def _chessboard(grey: NDArray, plan: BoardPlan) -> tuple[Index, Array]:
     seen, corners = cv2.findChessboardCornersSB(image, size, flags)
     if not seen:
         return np.empty(0, np.int64), np.empty((0, 2))
-    places = (corners.reshape(plan.rows, plan.columns, 2).astype(float) + 0.5) * factor - 0.5
-    right, down = (places[:, -1] - places[:, 0]).mean(0), (places[-1] - places[0]).mean(0)
+    grid = (corners.reshape(plan.rows, plan.columns, 2).astype(float) + 0.5) * factor - 0.5
+    right, down = (grid[:, -1] - grid[:, 0]).mean(0), (grid[-1] - grid[0]).mean(0)
     if right[0] * down[1] < right[1] * down[0]:
-        places = places[:, ::-1]
-    return np.arange(plan.columns * plan.rows), places.reshape(-1, 2)
+        grid = grid[:, ::-1]
+    return np.arange(plan.columns * plan.rows), grid.reshape(-1, 2)
 
 
 def _with_markers(grey: NDArray, plan: BoardPlan) -> tuple[Index, Array]:
@@ -137,13 +137,13 @@ def _reduced(grey: NDArray) -> tuple[NDArray[np.uint8], float]:
     return cv2.resize(plain, size, interpolation=cv2.INTER_AREA), plain.shape[1] / size[0]
 
 
-def _steps(number: Index, places: Array, plan: BoardPlan) -> tuple[Array, Array]:
+def _steps(number: Index, points: Array, plan: BoardPlan) -> tuple[Array, Array]:
     """Return the vectors (N, 2) from each corner to the next along row and column, by the board's homography."""
     import cv2
 
     row, column = np.divmod(number, plan.columns)
     grid = np.stack([column, row], 1).astype(float)
-    H, _ = cv2.findHomography(grid, places, 0)
+    H, _ = cv2.findHomography(grid, points, 0)
     if H is None:
         H = np.eye(3)
     half = np.array([[0.5, 0.0], [-0.5, 0.0], [0.0, 0.5], [0.0, -0.5]])

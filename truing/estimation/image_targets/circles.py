@@ -304,7 +304,7 @@ def sample_ellipses(grey: NDArray, centre: Array, A: Array, radii: tuple[float, 
     import cv2
 
     flat = (len(centre), len(radii) * count)
-    x, y = (place.reshape(flat).astype(np.float32) for place in _arc_points(centre, A, radii, count))
+    x, y = (points.reshape(flat).astype(np.float32) for points in _arc_points(centre, A, radii, count))
     parts = [
         cv2.remap(grey, x[k : k + _AT_ONCE], y[k : k + _AT_ONCE], cv2.INTER_LINEAR, borderMode=cv2.BORDER_REPLICATE)
         for k in range(0, len(x), _AT_ONCE)
@@ -325,8 +325,8 @@ def _arc_points(centre: Array, A: Array, radii: tuple[float, ...], count: int) -
     turn = (np.arange(count) + 0.5) * 2 * np.pi / count
     circle = np.stack([np.cos(turn), np.sin(turn)])
     along = np.linalg.inv(A) @ circle if len(A) else np.empty((0, 2, count))
-    place = centre[:, :, None, None] + along[:, :, None, :] * np.asarray(radii)[:, None]
-    return place[:, 0], place[:, 1]
+    points = centre[:, :, None, None] + along[:, :, None, :] * np.asarray(radii)[:, None]
+    return points[:, 0], points[:, 1]
 
 
 def matrices(fit: Array) -> Array:
@@ -405,6 +405,6 @@ def about_others(fit: Array) -> Mask:
     size, about = axes_of(fit)[0][:, 1], np.zeros(len(fit), bool)
     pairs = cKDTree(fit[:, :2]).query_pairs(4.0, output_type="ndarray") if len(fit) else np.empty((0, 2), int)
     i, j = np.concatenate([pairs, pairs[:, ::-1]]).T
-    apart = np.hypot(*(fit[i, :2] - fit[j, :2]).T)
-    about[i[(apart < 0.5 * size[j]) & (size[i] >= _LARGER * size[j])]] = True
+    distance = np.hypot(*(fit[i, :2] - fit[j, :2]).T)
+    about[i[(distance < 0.5 * size[j]) & (size[i] >= _LARGER * size[j])]] = True
     return about

@@ -199,9 +199,9 @@ def _add_products(pixels, first, many, top, lane, normal, rhs):  # type: ignore[
         lane[WEIGHT * BLOCK + j] = weight if level < top else 0.0
     cost = _product(lane, WEIGHTED, LEFT, many)
     for i in range(UNKNOWNS):
-        own = (BY + i) * BLOCK
+        diagonal_block = (BY + i) * BLOCK
         for j in range(many):
-            lane[WEIGHTED * BLOCK + j] = lane[WEIGHT * BLOCK + j] * lane[own + j]
+            lane[WEIGHTED * BLOCK + j] = lane[WEIGHT * BLOCK + j] * lane[diagonal_block + j]
         rhs[i] += _product(lane, WEIGHTED, LEFT, many)
         for k in range(i + 1):
             normal[i, k] += _product(lane, WEIGHTED, BY + k, many)

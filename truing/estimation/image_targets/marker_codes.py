@@ -118,8 +118,8 @@ def _bits(
 def _between_class_variance(grey: NDArray[np.float32], light: Mask) -> NDArray[np.float32]:
     """Return the variance (Q,) between the two classes of cells (Q, n)."""
     share = light.mean(1, dtype=np.float32)
-    apart = grey.mean(1, where=light) - grey.mean(1, where=~light)
-    return np.asarray(share * (np.float32(1.0) - share) * apart**2, np.float32)
+    contrast = grey.mean(1, where=light) - grey.mean(1, where=~light)
+    return np.asarray(share * (np.float32(1.0) - share) * contrast**2, np.float32)
 
 
 def _cell_greys(

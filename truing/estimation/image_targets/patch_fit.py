@@ -95,8 +95,8 @@ def equations_of(model: Model, grey: Array, weight: Array, prior: Array) -> Equa
 def _step(normal: Array, gradient: Array, damping: Array) -> Array:
     diagonal = np.arange(normal.shape[1])
     damped = normal.copy()
-    own = np.maximum(normal[:, diagonal, diagonal], 1e-12)
-    damped[:, diagonal, diagonal] = own * (1.0 + damping[:, None])
+    diagonal_values = np.maximum(normal[:, diagonal, diagonal], 1e-12)
+    damped[:, diagonal, diagonal] = diagonal_values * (1.0 + damping[:, None])
     try:
         return np.asarray(np.linalg.solve(damped, gradient[:, :, None])[:, :, 0])
     except np.linalg.LinAlgError:

@@ -95,19 +95,19 @@ def _best(read: Codes, corners: Array) -> NDArray[np.intp]:
     marker has several outlines. corners (N, 4, 2) of all readings (N,)."""
     outline = np.linalg.norm(np.roll(corners, -1, axis=1) - corners, axis=2).sum(1)
     order = np.lexsort((-outline, read.errors))
-    return np.flatnonzero(_first_at_its_place(corners, order, read.family))
+    return np.flatnonzero(_first_of_each_position(corners, order, read.family))
 
 
-def _first_at_its_place(corners: Array, order: NDArray[np.intp], group: Index) -> Mask:
+def _first_of_each_position(corners: Array, order: NDArray[np.intp], group: Index) -> Mask:
     """Return the mask of quadrangles (N, 4, 2) without an earlier one of their group (N,) at the same position."""
     centre, size = corners.mean(1), np.linalg.norm(corners[:, 0] - corners[:, 2], axis=1)
-    apart = np.linalg.norm(centre[:, None] - centre, axis=2)
-    same = (apart < 0.25 * size[:, None]) & (group[:, None] == group)
+    distance = np.linalg.norm(centre[:, None] - centre, axis=2)
+    same = (distance < 0.25 * size[:, None]) & (group[:, None] == group)
     keep = np.ones(len(corners), dtype=bool)
-    for place in order.tolist():
-        if keep[place]:
-            keep &= ~same[place]
-            keep[place] = True
+    for index in order.tolist():
+        if keep[index]:
+            keep &= ~same[index]
+            keep[index] = True
     return keep
 
 
@@ -141,7 +141,7 @@ def _unique_markers(corners: Array, read: Codes, rejected: Counter[tuple[int, st
     image."""
     # a code in several families counts for the first requested one
     order = np.lexsort((read.family, read.unclear))
-    keep = _first_at_its_place(corners, order, np.zeros(len(corners), np.int64))
+    keep = _first_of_each_position(corners, order, np.zeros(len(corners), np.int64))
     rejected.update((number, _TWO_CODES) for number in read.family[~keep].tolist())
     _, name, times = np.unique(
         np.stack([read.family[keep], read.code[keep]], 1), axis=0, return_inverse=True, return_counts=True

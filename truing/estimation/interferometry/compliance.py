@@ -64,12 +64,12 @@ def fit_compliance(
     known = determined | ~by_load
     entries = np.zeros(fit.free.shape, bool)
     entries[:, :6] = determined & by_load
-    whole = np.zeros((36, 36))
+    covariance_of_all = np.zeros((36, 36))
     at, of_fit = np.flatnonzero(entries[:, :6].ravel()), np.flatnonzero(entries[fit.free])
-    whole[np.ix_(at, at)] = fit.covariance[np.ix_(of_fit, of_fit)]
-    sigma = np.sqrt(np.diag(whole)).reshape(6, 6)
+    covariance_of_all[np.ix_(at, at)] = fit.covariance[np.ix_(of_fit, of_fit)]
+    sigma = np.sqrt(np.diag(covariance_of_all)).reshape(6, 6)
     return Compliance(
-        np.where(known, fit.coefficients[:, :6], np.nan), np.where(known, sigma, np.inf), whole, known, fit
+        np.where(known, fit.coefficients[:, :6], np.nan), np.where(known, sigma, np.inf), covariance_of_all, known, fit
     )
 
 
@@ -285,9 +285,9 @@ def geometry_spread(load: Array, added_sigma: Array) -> Array:
 
 def with_spread(compliance: Compliance, spread: Array) -> Compliance:
     """Return a compliance with standard deviations of at least a spread (6, 6)."""
-    own = np.where(compliance.known & np.isfinite(compliance.sigma) & compliance.fit.free[:, :6], spread, 0.0)
-    covariance = compliance.covariance + np.diag(own.ravel() ** 2)
-    return replace(compliance, sigma=np.hypot(compliance.sigma, own), covariance=covariance)
+    free_spread = np.where(compliance.known & np.isfinite(compliance.sigma) & compliance.fit.free[:, :6], spread, 0.0)
+    covariance = compliance.covariance + np.diag(free_spread.ravel() ** 2)
+    return replace(compliance, sigma=np.hypot(compliance.sigma, free_spread), covariance=covariance)
 
 
 def from_own_zero(residual: Array, run: Index) -> Array:
@@ -338,11 +338,11 @@ def compliance_budgets(loaded: Loaded, declared: bool) -> list[Budget] | None:
     return budgets
 
 
-def budget_of_entries(budgets: list[Budget], loaded: Loaded, places: list[tuple[int, int]]) -> Budget:
+def budget_of_entries(budgets: list[Budget], loaded: Loaded, entries: list[tuple[int, int]]) -> Budget:
     """Return the joint budget of some entries (response, load), including the part of beam geometry."""
     sources = tuple(dict.fromkeys(source for one in budgets for source in one.sources))
-    table = np.zeros((len(sources), len(places)))
-    for n, (i, j) in enumerate(places):
+    table = np.zeros((len(sources), len(entries)))
+    for n, (i, j) in enumerate(entries):
         for source, contribution in zip(budgets[i].sources, budgets[i].contributions, strict=True):
             table[sources.index(source), n] = contribution[j]
-    return Budget(sources, table).with_source(GEOMETRY, np.array([loaded.spread[place] for place in places])).filled()
+    return Budget(sources, table).with_source(GEOMETRY, np.array([loaded.spread[entry] for entry in entries])).filled()

@@ -290,8 +290,8 @@ def run_frame(run: Index, time_s: Array) -> RunFrame:
     starts = np.concatenate([[0], np.flatnonzero(np.diff(run)) + 1])
     ends = np.concatenate([starts[1:], [len(run)]]) - 1
     length = (time_s[ends] - time_s[starts])[run]
-    way = np.where(length > 0.0, (time_s - time_s[starts][run]) / np.where(length > 0.0, length, 1.0) - 0.5, 0.0)
-    return RunFrame(starts, run, way)
+    progress = np.where(length > 0.0, (time_s - time_s[starts][run]) / np.where(length > 0.0, length, 1.0) - 0.5, 0.0)
+    return RunFrame(starts, run, progress)
 
 
 def fit_within_runs(frame: RunFrame, shared: Array, reading: Array, noise: Array, mask: Mask) -> WithinRuns:
@@ -302,8 +302,8 @@ def fit_within_runs(frame: RunFrame, shared: Array, reading: Array, noise: Array
     weight = mask / noise**2
     mass = frame.sums(weight)
     middle = frame.sums(weight * frame.way) / np.where(mass > 0.0, mass, 1.0)
-    way = frame.way - middle[frame.run]
-    spread = frame.sums(weight * way**2)
+    progress = frame.way - middle[frame.run]
+    spread = frame.sums(weight * progress**2)
     moving = spread > _OPEN * np.maximum(mass, np.finfo(float).tiny)
     safe_mass, safe_spread = np.where(mass > 0.0, mass, 1.0), np.where(moving, spread, 1.0)
 
@@ -311,8 +311,8 @@ def fit_within_runs(frame: RunFrame, shared: Array, reading: Array, noise: Array
         """Return values (N, ...) minus their zero and drift in each run, and that drift (R, ...)."""
         tall = (slice(None),) + (None,) * (values.ndim - 1)
         zero = frame.sums(weight[tall] * values) / safe_mass[tall]
-        drift = np.where(moving[tall], frame.sums((weight * way)[tall] * values) / safe_spread[tall], 0.0)
-        return values - zero[frame.run] - way[tall] * drift[frame.run], drift
+        drift = np.where(moving[tall], frame.sums((weight * progress)[tall] * values) / safe_spread[tall], 0.0)
+        return values - zero[frame.run] - progress[tall] * drift[frame.run], drift
 
     columns, drift_of_columns = about(shared)
     left, drift = about(reading)

@@ -184,11 +184,11 @@ def positioning_uncertainty(
     drawn = _positioning(figures.mean + off + by_instrument, scatter)
     # the scatter of the means is estimated from few cycles: Student's distribution
     wider = off / np.sqrt(rng.chisquare(freedom, scatter.shape) / freedom)
-    apart = _positioning(figures.mean + wider + by_instrument, scatter)
+    wider_figures = _positioning(figures.mean + wider + by_instrument, scatter)
     out = {}
     for symbol, field in QUANTITIES.items():
         value = float(getattr(figures, field))
-        low, high = np.quantile(getattr(apart, field), [0.025, 0.975])
+        low, high = np.quantile(getattr(wider_figures, field), [0.025, 0.975])
         sigma = float(np.std(getattr(drawn, field)))
         out[symbol] = Uncertain(value, sigma, max(0.0, 2.0 * value - float(high)), 2.0 * value - float(low))
     return out

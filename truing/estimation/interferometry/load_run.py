@@ -250,11 +250,11 @@ def branch_gap(load: ArrayLike, reading: ArrayLike, sigma: float) -> BranchGap:
     load, reading = np.asarray(load, float), np.asarray(reading, float)
     is_observed = np.isfinite(reading)
     levels, at = np.unique(load, return_inverse=True)
-    way = branches(load)
+    branch = branches(load)
     means, counts = [], []
     for side in (-1, 1):
-        count = np.bincount(at, is_observed & (way == side), minlength=len(levels))
-        total = np.bincount(at, np.where(is_observed & (way == side), reading, 0.0), minlength=len(levels))
+        count = np.bincount(at, is_observed & (branch == side), minlength=len(levels))
+        total = np.bincount(at, np.where(is_observed & (branch == side), reading, 0.0), minlength=len(levels))
         means.append(total / np.maximum(count, 1.0))
         counts.append(count)
     met = (counts[0] > 0.0) & (counts[1] > 0.0) & (levels != 0.0)

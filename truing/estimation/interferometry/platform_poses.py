@@ -269,10 +269,10 @@ def load_cases(steps: RecordedSteps) -> LoadCases:
     """Return the load cases in order of appearance; without load there is only one, on any branch."""
     scale = np.abs(steps.load).max(axis=0, initial=0.0)
     share = np.round(steps.load / np.where(scale > 0.0, scale, 1.0) / _SAME)
-    way = np.zeros(len(share), np.int64)
+    sense = np.zeros(len(share), np.int64)
     for run in range(len(steps.runs)):
-        way[steps.run == run] = branches(share[steps.run == run])
-    branch = np.where((share == 0.0).all(axis=1), 1, np.where(way < 0, 0, 2))
+        sense[steps.run == run] = branches(share[steps.run == run])
+    branch = np.where((share == 0.0).all(axis=1), 1, np.where(sense < 0, 0, 2))
     kind = np.column_stack([share, branch, steps.held_out])
     _, first, number = np.unique(kind, axis=0, return_index=True, return_inverse=True)
     order = np.argsort(first)

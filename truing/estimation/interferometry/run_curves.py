@@ -1,7 +1,7 @@
 """Gross errors of readings, as outliers from a smooth curve of load and time through every run of a channel.
 
 The curves include asymmetry, hysteresis and clearance of elastic sensors, so that outliers are no property of
-the sensor. A lasting jump is not a single gross error, and stays in.
+the sensor. A lasting jump is not a single gross error, and stays in. So do outliers that are effects of loads or runs.
 """
 
 from __future__ import annotations
@@ -12,6 +12,7 @@ import numpy as np
 
 from truing.arrays import Array, Index, Mask
 from truing.estimation.interferometry.load_run import branches
+from truing.estimation.interferometry.shared_inputs import LoadCourse, SharedInput, shared_inputs
 
 _FALSE_REJECTIONS = 0.05  # expected number in a whole campaign
 _NORMAL_MEDIAN = 0.6745
@@ -28,12 +29,13 @@ class RunCurves:
     """Residuals of steps (B, K channels), NaN without a reading or with too few for a curve, and the mask of rejected
     ones.
 
-    sigma (B, K): declared, or else the scatter about the curves.
+    sigma (B, K): declared, or else the scatter about the curves. shared: outliers that are effects, and stay in.
     """
 
     residual: Array
     rejected: Mask
     sigma: Array
+    shared: tuple[SharedInput, ...] = ()
 
 
 def run_curves(load: Array, time_s: Array, run: Index, reading: Array, sigma: Array) -> RunCurves:
@@ -47,7 +49,14 @@ def run_curves(load: Array, time_s: Array, run: Index, reading: Array, sigma: Ar
     columns = [curve_columns(load[rows], time_s[rows]) for rows, _ in pieces]
     batch = _Batch.of(pieces, columns, reading)
     noise = _noise(batch, reading, sigma)
-    rejected_of = _rejected(batch, np.stack([_padded(noise[rows, k], batch.width) for rows, k in pieces]))
+    limit = _gross_limit(batch)
+    rejected_of = _rejected(batch, np.stack([_padded(noise[rows, k], batch.width) for rows, k in pieces]), limit)
+    left, _ = batch.solved(np.where(batch.is_observed & ~rejected_of, 1.0, 0.0))
+    off = np.zeros(reading.shape)
+    for piece, (rows, k) in enumerate(pieces):
+        off[rows, k] = np.where(rejected_of[piece], left[piece], 0.0)[: len(rows)] / noise[rows, k]
+    shared = shared_inputs(LoadCourse(load, run), reading, noise, off, limit)
+    _readmit(shared, pieces, rejected_of)
     left, _ = batch.solved(np.where(batch.is_observed & ~rejected_of, 1.0, 0.0))
     noise = _with_estimated_noise(batch, left, rejected_of, reading, sigma, noise)
     residual, rejected = np.full(reading.shape, np.nan), np.zeros(reading.shape, bool)
@@ -55,7 +64,15 @@ def run_curves(load: Array, time_s: Array, run: Index, reading: Array, sigma: Ar
         residual[rows, k], rejected[rows, k] = left[piece, : len(rows)], rejected_of[piece, : len(rows)]
         if batch.terms[piece] == 0:
             residual[rows, k] = np.nan
-    return RunCurves(residual, rejected, noise)
+    return RunCurves(residual, rejected, noise, tuple(shared))
+
+
+def _readmit(shared: list[SharedInput], pieces: list[tuple[Index, int]], rejected_of: Mask) -> None:
+    """Take outliers that are effects out of the mask (M, N) of all pieces."""
+    for one in shared:
+        for piece, (rows, k) in enumerate(pieces):
+            if k == one.channel:
+                rejected_of[piece, : len(rows)] &= ~np.isin(rows, one.rows)
 
 
 def curve_columns(load: Array, time_s: Array) -> Array:
@@ -66,13 +83,13 @@ def curve_columns(load: Array, time_s: Array) -> Array:
     """
     moved = np.flatnonzero(np.ptp(load, axis=0) > 0.0)
     F = load[:, moved] / np.abs(load[:, moved]).max(axis=0, initial=0.0)
-    way = np.stack([branches(one) for one in F.T], axis=1) if len(moved) else np.zeros(F.shape)
+    sense = np.stack([branches(one) for one in F.T], axis=1) if len(moved) else np.zeros(F.shape)
     share = np.abs(F)
     kinds = [
         [np.ones((len(F), 1)), F],
         [(time_s - time_s[0])[:, None] / max(float(np.ptp(time_s)), 1e-9)],
         [share, F**3],
-        [np.sign(F), (way < 0) * share * (1.0 - share) * np.sign(F)],
+        [np.sign(F), (sense < 0) * share * (1.0 - share) * np.sign(F)],
     ]
     columns_kept: list[Array] = []
     for kind in kinds:
@@ -182,20 +199,28 @@ def _with_estimated_noise(
     return noise
 
 
-def _rejected(batch: _Batch, sigma: Array) -> Mask:
+def _gross_limit(batch: _Batch) -> float:
+    """Return the limit in sigmas beyond which so many readings of unit noise lie with the accepted probability."""
+    from scipy.special import ndtri
+
+    return float(-ndtri(0.5 * _FALSE_REJECTIONS / max(int(batch.is_observed.sum()), 1)))
+
+
+def _rejected(batch: _Batch, sigma: Array, limit: float) -> Mask:
     """Return the mask of outlying readings (M, N) by two methods; per run, the one with fewer or a better fit wins.
     Least absolute deviations resist many gross errors; stepwise exclusion by gain also finds errors at the ends, where
     the curve would follow them."""
-    from scipy.special import ndtri
-
-    limit = float(-ndtri(0.5 * _FALSE_REJECTIONS / max(int(batch.is_observed.sum()), 1)))
     assessed = batch.is_observed & batch.has_curve[:, None]
-    ways = [_reject_from_robust_start(batch, sigma, limit, assessed), _reject_one_by_one(batch, sigma, limit, assessed)]
-    cost = [
-        np.sum((_weighted_residual(batch, way, sigma) / sigma) ** 2 * way, axis=1) + limit**2 * (assessed & ~way).sum(1)
-        for way in ways
+    masks = [
+        _reject_from_robust_start(batch, sigma, limit, assessed),
+        _reject_one_by_one(batch, sigma, limit, assessed),
     ]
-    is_kept = np.where((cost[1] < cost[0])[:, None], ways[1], ways[0])
+    cost = [
+        np.sum((_weighted_residual(batch, mask, sigma) / sigma) ** 2 * mask, axis=1)
+        + limit**2 * (assessed & ~mask).sum(1)
+        for mask in masks
+    ]
+    is_kept = np.where((cost[1] < cost[0])[:, None], masks[1], masks[0])
     for piece in np.flatnonzero((assessed & ~is_kept).any(axis=1)).tolist():
         if _with_a_jump(batch, sigma, piece) + limit**2 < min(cost[0][piece], cost[1][piece]):
             is_kept[piece] = assessed[piece]

@@ -97,8 +97,8 @@ def log_expected_accidents(cloud: Constellation, survey: Constellation, n_consis
     ring = width**2 * min(2 * np.pi * L, np.pi * c) / (a * b * c)
     box = width**3 / (a * b * c)
     third = box if survey.on_a_line else ring
-    ways = log(comb(N, k)) + log(comb(M, k)) + lgamma(k + 1)
-    return ways + log(min(shell, 1.0)) + log(min(third, 1.0)) + (k - 3) * log(min(box, 1.0))
+    log_count = log(comb(N, k)) + log(comb(M, k)) + lgamma(k + 1)
+    return log_count + log(min(shell, 1.0)) + log(min(third, 1.0)) + (k - 3) * log(min(box, 1.0))
 
 
 @dataclass(frozen=True)
@@ -140,11 +140,11 @@ def contradict(cloud: Constellation, survey: Constellation, best: Hypothesis, ot
     if np.any(both & (best.match != other.match)) or np.any((mine >= 0) & (theirs >= 0) & (mine != theirs)):
         return True
     is_observed = (other.match >= 0) & (best.match < 0)
-    apart = np.linalg.norm(
+    distance = np.linalg.norm(
         survey.points[is_observed] @ best.R.T + best.t - cloud.points[other.match[is_observed]], axis=1
     )
     return bool(
-        np.any(apart > 2 * GATE * np.sqrt(cloud.variance[other.match[is_observed]] + survey.variance[is_observed]))
+        np.any(distance > 2 * GATE * np.sqrt(cloud.variance[other.match[is_observed]] + survey.variance[is_observed]))
     )
 
 
@@ -416,9 +416,9 @@ def _exchanged_neighbours(cloud: Constellation, survey: Constellation, best: Hyp
     predicted = survey.points @ best.R.T + best.t
     labels = best.assignment
     labelled = np.flatnonzero(labels >= 0)
-    apart = np.linalg.norm(cloud.points[labelled, None] - predicted, axis=-1)
+    distance = np.linalg.norm(cloud.points[labelled, None] - predicted, axis=-1)
     gate = GATE * np.sqrt(cloud.variance[labelled, None] + survey.variance)
-    for row, other in zip(*np.nonzero(apart <= gate), strict=True):
+    for row, other in zip(*np.nonzero(distance <= gate), strict=True):
         point, label = labelled[row], labels[labelled[row]]
         if other == label:
             continue

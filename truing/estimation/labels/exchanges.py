@@ -59,28 +59,28 @@ def residuals_after_exchange(
         pair, other = [exchange.first, exchange.second], [exchange.second, exchange.first]
         right[exchange.pose, pair] = residual[exchange.pose, other] + shape[other] - shape[pair]
         if is_observed[exchange.pose].sum() <= _FEW:
-            places = points[exchange.pose].copy()
-            places[pair] = points[exchange.pose, other]
+            observed = points[exchange.pose].copy()
+            observed[pair] = points[exchange.pose, other]
             right[exchange.pose] = np.where(
                 is_observed[exchange.pose][:, None],
-                _survey_deviation(places, is_observed[exchange.pose], shape),
+                _survey_deviation(observed, is_observed[exchange.pose], shape),
                 np.nan,
             )
             anew[exchange.pose] = True
     return right, anew
 
 
-def _survey_deviation(places: NDArray, is_observed: NDArray, shape: NDArray) -> NDArray:
+def _survey_deviation(points: NDArray, is_observed: NDArray, shape: NDArray) -> NDArray:
     """Return a pose's points (T, 3) minus the survey, along the body's axes; from a fit without one of the points if
     that agrees far better than any other."""
     weights = np.repeat(is_observed[None].astype(float), len(shape) + 1, 0)
     weights[np.arange(len(shape)), np.arange(len(shape))] = 0.0
     tried = np.flatnonzero((weights.sum(1) >= _FEWEST) & np.r_[is_observed, True])
-    fit = umeyama(shape, np.repeat(places[None], len(tried), 0), weights[tried])
+    fit = umeyama(shape, np.repeat(points[None], len(tried), 0), weights[tried])
     rms = np.where(fit.ok, np.nan_to_num(fit.rms, nan=np.inf), np.inf)
     ranked = np.argsort(rms)
     best = ranked[0] if len(rms) > 1 and _BETTER_THAN_OTHERS * rms[ranked[0]] < rms[ranked[1]] else -1
-    return np.asarray((places - fit.t[best]) @ fit.R[best] - shape)
+    return np.asarray((points - fit.t[best]) @ fit.R[best] - shape)
 
 
 def _exchanged_pairs(residual: NDArray, is_observed: NDArray, shape: NDArray, sigma: float) -> list[Exchange]:
@@ -90,9 +90,9 @@ def _exchanged_pairs(residual: NDArray, is_observed: NDArray, shape: NDArray, si
     for pose in np.flatnonzero((is_observed & (off > _WORTH_LOOKING * sigma)).sum(1) >= 2):
         suspects = np.flatnonzero(is_observed[pose] & (off[pose] > _WORTH_LOOKING * sigma))
         for first, second in combinations(suspects, 2):
-            way = shape[second] - shape[first]
-            miss = np.array([residual[pose, first] - way, residual[pose, second] + way])
-            if np.sqrt(np.sum(miss**2, -1)).max() < min(_SHARE * np.sqrt(way @ way), _NEAR * sigma):
+            shift = shape[second] - shape[first]
+            miss = np.array([residual[pose, first] - shift, residual[pose, second] + shift])
+            if np.sqrt(np.sum(miss**2, -1)).max() < min(_SHARE * np.sqrt(shift @ shift), _NEAR * sigma):
                 pairs.append(Exchange(int(pose), int(first), int(second)))
     return pairs
 

@@ -135,8 +135,8 @@ def take_root(lane: NDArray, size: int) -> None:
                     lane[(ROOT + at) * LANES + j] /= lane[(ROOT + column + k) * LANES + j]
         for j in range(LANES):
             pivot = lane[(ROOT + i * (i + 1) // 2 + i) * LANES + j] + lane[DAMPING * LANES + j]
-            own = lane[(NORMAL + i * (i + 1) // 2 + i) * LANES + j] / lane[(SCALE + i) * LANES + j] ** 2
-            clear = pivot > _CLEAR_PIVOT * own
+            scaled = lane[(NORMAL + i * (i + 1) // 2 + i) * LANES + j] / lane[(SCALE + i) * LANES + j] ** 2
+            clear = pivot > _CLEAR_PIVOT * scaled
             lane[STATE * LANES + j] = lane[STATE * LANES + j] if clear else UNCLEAR
             lane[(ROOT + i * (i + 1) // 2 + i) * LANES + j] = np.sqrt(pivot) if clear else 1.0
 

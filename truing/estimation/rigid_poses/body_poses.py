@@ -5,7 +5,6 @@ from __future__ import annotations
 
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass, field, replace
-from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -144,7 +143,7 @@ def _inverse_noise(fit: RigidFit, cov_source: Array, cov_target: Array, inlier: 
 
 def seen_from(
     base: BodyPoses, fit: RigidFit, method: str, cross: Array | None = None
-) -> tuple[Any, Any, Any, NDArray[np.object_]]:
+) -> tuple[Array, Array, Array, NDArray[np.object_]]:
     """Return R (B, 3, 3), p (B, 3), covariance (B, 6, 6) of a body relative to the base; and the status (B,) of the
     pair.
 

@@ -156,9 +156,9 @@ class PointErrors:
         correlation[each, :, each, :] = self.own[rows]
         pose = self.pose[rows[0]]
         pairs = slice(self.start[pose], self.start[pose + 1])
-        place = np.full(len(self.pose), -1)
-        place[rows] = each
-        a, b = place[self.first[pairs]], place[self.second[pairs]]
+        index = np.full(len(self.pose), -1)
+        index[rows] = each
+        a, b = index[self.first[pairs]], index[self.second[pairs]]
         both = (a >= 0) & (b >= 0)
         a, b, between = a[both], b[both], self.between[pairs][both]
         correlation[a, :, b, :] = between

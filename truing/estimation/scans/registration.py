@@ -12,7 +12,8 @@ from collections.abc import Iterator
 from dataclasses import dataclass, replace
 from enum import StrEnum
 from itertools import product
-from typing import Any
+from types import ModuleType
+from typing import TYPE_CHECKING
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
@@ -20,6 +21,9 @@ from numpy.typing import ArrayLike, NDArray
 from truing.estimation.rotation import exp_so3, skew
 from truing.estimation.scans.scan_fit import NEIGHBOURS, ScanPair, Surface, SurfaceFit, fit_surface
 from truing.open3d_library import load_open3d
+
+if TYPE_CHECKING:
+    from truing.open3d_library import PointCloud, RegistrationResult
 
 # Points of the scan that are used: beyond, the reference's noise limits a pose, not the scan's.
 MAX_POINTS = 200_000
@@ -286,11 +290,11 @@ def coarse_poses(reference: NDArray, scan: NDArray, keep: int = 12) -> list[NDAr
     return [T for cost, T in _distinct(final, voxel) if cost <= _NEARLY * final[0][0] + _LEAST_COST]
 
 
-def _cloud(o3d: Any, points: NDArray) -> Any:
+def _cloud(o3d: ModuleType, points: NDArray) -> PointCloud:
     return o3d.geometry.PointCloud(o3d.utility.Vector3dVector(np.ascontiguousarray(points)))
 
 
-def _voxel_for(o3d: Any, points: NDArray) -> float:
+def _voxel_for(o3d: ModuleType, points: NDArray) -> float:
     """Return the edge in m of voxels of which about _THINNED are occupied: their number is proportional to 1 /
     edge^2."""
     cloud = _cloud(o3d, points)
@@ -300,7 +304,7 @@ def _voxel_for(o3d: Any, points: NDArray) -> float:
     return voxel
 
 
-def _with_normals(o3d: Any, points: NDArray, voxel: float) -> Any:
+def _with_normals(o3d: ModuleType, points: NDArray, voxel: float) -> PointCloud:
     """Return the thinned cloud with normals consistent between neighbours and mostly pointing outwards."""
     cloud = _cloud(o3d, points).voxel_down_sample(voxel)
     cloud.estimate_normals(o3d.geometry.KDTreeSearchParamHybrid(2.5 * voxel, 30))
@@ -311,7 +315,7 @@ def _with_normals(o3d: Any, points: NDArray, voxel: float) -> Any:
     return cloud
 
 
-def _starts_by_features(o3d: Any, reference: Any, scan: Any, voxel: float) -> Iterator[NDArray]:
+def _starts_by_features(o3d: ModuleType, reference: PointCloud, scan: PointCloud, voxel: float) -> Iterator[NDArray]:
     """Yield poses from matched fast point feature histograms (Rusu et al., ICRA 2009), by two search methods."""
     search = o3d.geometry.KDTreeSearchParamHybrid(6 * voxel, 100)
     registration = o3d.pipelines.registration
@@ -370,7 +374,9 @@ def _cube_rotations() -> Iterator[NDArray]:
                 yield turn
 
 
-def _nearest_starts(o3d: Any, reference: Any, scan: Any, starts: Iterator[NDArray], voxel: float) -> list[NDArray]:
+def _nearest_starts(
+    o3d: ModuleType, reference: PointCloud, scan: PointCloud, starts: Iterator[NDArray], voxel: float
+) -> list[NDArray]:
     """Return the starts with the smallest distances before refinement."""
     ranked = sorted(
         ((_remaining_distance(o3d, scan, reference, np.linalg.inv(T), voxel), i, T) for i, T in enumerate(starts)),
@@ -379,14 +385,14 @@ def _nearest_starts(o3d: Any, reference: Any, scan: Any, starts: Iterator[NDArra
     return [T for _, _, T in ranked[:_SETTLED]]
 
 
-def _remaining_distance(o3d: Any, scan: Any, reference: Any, T: NDArray, voxel: float) -> float:
+def _remaining_distance(o3d: ModuleType, scan: PointCloud, reference: PointCloud, T: NDArray, voxel: float) -> float:
     """Return the mean square of the scan's distances from the reference, in voxels, each limited to 4."""
     result = o3d.pipelines.registration.evaluate_registration(scan, reference, 4.0 * voxel, T)
     return round(float(result.fitness * (result.inlier_rmse / voxel) ** 2 + (1 - result.fitness) * 16.0), 9)
 
 
 def _refined_starts(
-    o3d: Any, reference: Any, scan: Any, starts: list[NDArray], voxel: float
+    o3d: ModuleType, reference: PointCloud, scan: PointCloud, starts: list[NDArray], voxel: float
 ) -> list[tuple[float, NDArray]]:
     """Return each start refined by ICP, with its remaining distance in voxels, best first."""
     converged = []
@@ -407,7 +413,7 @@ def _rounded(T: NDArray, voxel: float) -> NDArray:
     return rounded
 
 
-def _icp(o3d: Any, source: Any, target: Any, T: NDArray, reach: float) -> Any:
+def _icp(o3d: ModuleType, source: PointCloud, target: PointCloud, T: NDArray, reach: float) -> RegistrationResult:
     registration = o3d.pipelines.registration
     estimation = registration.TransformationEstimationPointToPlane(registration.TukeyLoss(k=reach))
     return registration.registration_icp(

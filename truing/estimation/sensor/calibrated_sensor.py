@@ -199,13 +199,13 @@ def sensor_from(document: Mapping[str, Any]) -> CalibratedSensor:
         ) from None
 
 
-def _sensor(own: Mapping[str, Any]) -> CalibratedSensor:
-    model = CalibrationModel(**{key: own[key] for key in _STYLE if key in own})
-    loads, signals = tuple(own["loads"]), tuple(own["signals"])
+def _sensor(table: Mapping[str, Any]) -> CalibratedSensor:
+    model = CalibrationModel(**{key: table[key] for key in _STYLE if key in table})
+    loads, signals = tuple(table["loads"]), tuple(table["signals"])
     direct = model.direction == "direct"
     inputs, responses = (signals, loads) if direct else (loads, signals)
-    terms = Terms(inputs, tuple(own["covariates"]), model.drift, model.gain, model.powers)
-    coefficients = np.array(own["coefficients"], float).reshape(len(responses), -1)
+    terms = Terms(inputs, tuple(table["covariates"]), model.drift, model.gain, model.powers)
+    coefficients = np.array(table["coefficients"], float).reshape(len(responses), -1)
     count = len(terms.labels)
     if coefficients.shape[1] != count + (model.zero == "common"):
         raise ValueError(f"{coefficients.shape[1]} coefficients in a row, expected {count} terms")
@@ -216,17 +216,17 @@ def _sensor(own: Mapping[str, Any]) -> CalibratedSensor:
         responses,
         coefficients[:, :count],
         coefficients[:, count:],
-        np.array(own["covariance"], float).reshape(size, size),
+        np.array(table["covariance"], float).reshape(size, size),
         np.empty((0, len(responses))),
-        np.array(own["noise"], float).reshape(len(responses), len(responses)),
+        np.array(table["noise"], float).reshape(len(responses), len(responses)),
         float("nan"),
         float("nan"),
     )
-    cov = np.array(own["signal_covariance"], float).reshape(len(signals), len(signals))
+    cov = np.array(table["signal_covariance"], float).reshape(len(signals), len(signals))
     reference, largest, rms = (
-        np.array(own[key], float) for key in ("covariate_reference", "largest_load", "heldout_rms")
+        np.array(table[key], float) for key in ("covariate_reference", "largest_load", "heldout_rms")
     )
-    return CalibratedSensor(fit, loads, signals, cov, reference, largest, bool(own["is_tared"]), rms)
+    return CalibratedSensor(fit, loads, signals, cov, reference, largest, bool(table["is_tared"]), rms)
 
 
 def _rows(values: ArrayLike, width: int, what: str) -> NDArray[np.float64]:

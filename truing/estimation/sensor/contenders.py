@@ -107,9 +107,9 @@ def covariance_by_case(table: LoadTable, model: CalibrationModel) -> MatrixEstim
         rest = table.rows(table.case != case)
         values.append(calibration_matrix(_calibration_without_case(rest, model, case), table.signal_cov).value.ravel())
     matrix = calibration_matrix(fit_calibration(table, model), table.signal_cov)
-    apart = np.array(values) - np.mean(values, axis=0)
+    deviations = np.array(values) - np.mean(values, axis=0)
     count = len(values)
-    return MatrixEstimate(matrix.value, (count - 1) / count * apart.T @ apart)
+    return MatrixEstimate(matrix.value, (count - 1) / count * deviations.T @ deviations)
 
 
 def predicted_loads(fit: Calibration, table: LoadTable) -> Wrenches:
@@ -316,7 +316,7 @@ def by_cases(recorded_loads: RecordedLoads, rows: Mask) -> tuple[LoadTable, str]
     steps = recorded_loads.steps
     sign = np.sign(steps.load[np.arange(len(steps.run)), np.abs(steps.load).argmax(axis=1)]).astype(np.int64)
     runs = _named_runs(recorded_loads)
-    halves = np.array([f"{run}, {_SIGNS[way]}" for run, way in zip(runs, sign, strict=True)])
+    halves = np.array([f"{run}, {_SIGNS[side]}" for run, side in zip(runs, sign, strict=True)])
     table = recorded_loads.table(rows, runs)
     _check(table)
     forward = CalibrationModel("weighted", "forward", zero="none" if recorded_loads.tared else "common")

@@ -131,8 +131,8 @@ def least_difference(table: LoadTable, false_alarm: float = _FALSE_ALARM) -> NDA
     tried = np.maximum(least, 1.0) * 1.05 ** np.arange(300)
     rows = np.searchsorted(sizes, tried * _ALIKE, "right") - np.searchsorted(sizes, tried / _ALIKE, "left") + 2
     # as `_chance_probability` counts for two rows that are one sigma off after the exchange
-    place = np.sqrt(2.0 * np.pi * np.e) / (2.0 * (_ALIKE - 1.0 / _ALIKE) * tried)
-    refused = np.flatnonzero(0.5 * (rows * place) ** 2 > _BY_CHANCE)
+    chance = np.sqrt(2.0 * np.pi * np.e) / (2.0 * (_ALIKE - 1.0 / _ALIKE) * tried)
+    refused = np.flatnonzero(0.5 * (rows * chance) ** 2 > _BY_CHANCE)
     if len(refused):
         least = float(tried[min(refused[-1] + 1, len(tried) - 1)])
     result = np.zeros(table.loads.shape[1])
@@ -190,9 +190,9 @@ def _is_unexplained(signals: NDArray, loads: NDArray, zeros: _Zeros, rows: NDArr
 
 
 def _exchange(loads: NDArray, row_exchange: RowExchange) -> None:
-    places = list(row_exchange.components)
-    loads[np.ix_([row_exchange.first, row_exchange.second], places)] = loads[
-        np.ix_([row_exchange.second, row_exchange.first], places)
+    components = list(row_exchange.components)
+    loads[np.ix_([row_exchange.first, row_exchange.second], components)] = loads[
+        np.ix_([row_exchange.second, row_exchange.first], components)
     ]
 
 
@@ -302,15 +302,15 @@ def _best(
     first, second, unseen = _suspected(whitened, needed)
     if not len(first):
         return None, unseen
-    way = (loads[first] - loads[second]) / sigma
-    one_way, other_way = (_compare(whitened, (first, second), sign * way) for sign in (1.0, -1.0))
+    direction = (loads[first] - loads[second]) / sigma
+    one_way, other_way = (_compare(whitened, (first, second), sign * direction) for sign in (1.0, -1.0))
     valid, p_value = one_way.valid(pairs, trials, false_alarm)
     before, used, count, total, left = one_way.before, one_way.taken, one_way.count, one_way.total, one_way.left
     # by chance as many pairs have the opposite difference; without any, other pairs are not gross errors
     is_chance = unseen or other_way.valid(pairs, trials, false_alarm)[0].any()
     explained = np.array([], int) if is_chance else np.unique(np.concatenate([first[valid], second[valid]]))
     near = np.flatnonzero(valid)
-    expected = _chance_probability(whitened, (first[near], second[near]), way[near], used[near], explained)
+    expected = _chance_probability(whitened, (first[near], second[near]), direction[near], used[near], explained)
     valid[near] = expected <= _BY_CHANCE
     if not valid.any():
         return None, unseen
@@ -359,31 +359,31 @@ class _ExchangedPairs:
         return (p_value <= false_alarm) & (self.left <= chdtri(2 * some, false_alarm / pairs)), p_value
 
 
-def _compare(whitened: NDArray, rows: tuple[NDArray, NDArray], way: NDArray) -> _ExchangedPairs:
+def _compare(whitened: NDArray, rows: tuple[NDArray, NDArray], direction: NDArray) -> _ExchangedPairs:
     first, other = whitened[rows[0]], whitened[rows[1]]
-    before, after = first**2 + other**2, (first - way) ** 2 + (other + way) ** 2
+    before, after = first**2 + other**2, (first - direction) ** 2 + (other + direction) ** 2
     gain = np.where(np.isfinite(before - after), before - after, 0.0)
     # each row has to improve, or one gross error would pair with any outlying row
-    is_right = (first**2 > (first - way) ** 2) & (other**2 > (other + way) ** 2)
+    is_right = (first**2 > (first - direction) ** 2) & (other**2 > (other + direction) ** 2)
     return _ExchangedPairs(before, after, (gain > _TELLS) & is_right)
 
 
 def _chance_probability(
-    whitened: NDArray, rows: tuple[NDArray, NDArray], way: NDArray, taken: NDArray, explained: NDArray
+    whitened: NDArray, rows: tuple[NDArray, NDArray], direction: NDArray, taken: NDArray, explained: NDArray
 ) -> NDArray:
-    """Return the expected number of accidental exchanges as good as each of P pairs, among rows that are equally far
-    off. whitened (N, W), way and taken (P, W). A row with another cause lies anywhere within its size. The further it
+    """Return the expected number of accidental exchanges as good as each of P pairs, among rows equally far off.
+    whitened (N, W), direction and taken (P, W). A row with another cause lies anywhere within its size. The further it
     is off, the less often it reaches the place of another row by chance. Heavy tails are included. Rows ``explained``
     by other exchanges are not counted.
     """
     sizes = np.sort(np.delete(np.max(np.abs(whitened), axis=1), explained))
-    expected = np.full(len(way), 0.5)
+    expected = np.full(len(direction), 0.5)
     for row, sign in zip(rows, (-1.0, 1.0), strict=True):
         before = np.abs(whitened[row])
         size = np.max(np.where(taken, before, 0.0), axis=1, initial=0.0)
         alike = np.searchsorted(sizes, size * _ALIKE, "right") - np.searchsorted(sizes, size / _ALIKE, "left")
-        after = whitened[row] + sign * way
+        after = whitened[row] + sign * direction
         wide = 2.0 * (_ALIKE - 1.0 / _ALIKE) * np.maximum(before, 1.0)
-        place = np.exp(0.5 * np.minimum(after**2, 1e3)) * np.sqrt(2.0 * np.pi) / wide
-        expected *= np.maximum(alike, 1) * np.prod(np.where(taken, place, 1.0), axis=1)
+        density = np.exp(0.5 * np.minimum(after**2, 1e3)) * np.sqrt(2.0 * np.pi) / wide
+        expected *= np.maximum(alike, 1) * np.prod(np.where(taken, density, 1.0), axis=1)
     return expected

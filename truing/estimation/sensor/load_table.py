@@ -131,13 +131,25 @@ class GrossSignal:
 
 
 @dataclass(frozen=True)
+class KeptSignal(GrossSignal):
+    """Signal that looks like a gross error, and is an effect of loads or runs: what it follows, and the p-value.
+
+    is_predicted: nonlinear terms of the loads predict it; else other signals of its channel deviate alike there.
+    """
+
+    follows: str
+    is_predicted: bool
+    p_value: float
+
+
+@dataclass(frozen=True)
 class RecordedLoads:
     """Steps with signals, for calibration and for verification.
 
     steps (B,), signal (B, C) mV, relative to each run's unloaded readings if ``tared``; sigma (C,) mV, declared or
     estimated; covariate (B, K). load (B, 6): as recorded, or corrected by the diagnosed ``causes`` (in words); moved
-    (B,): steps corrected by these. left_out: signals with a gross error, whose steps are left out; excluded: steps that
-    a person excluded at least partly.
+    (B,): steps corrected by these. left_out: signals with a gross error, whose steps are left out; kept: signals that
+    look like one and are an effect; excluded: steps that a person excluded at least partly.
     """
 
     steps: RecordedSteps
@@ -151,6 +163,7 @@ class RecordedLoads:
     covariate_names: tuple[str, ...]
     tared: bool
     left_out: tuple[GrossSignal, ...]
+    kept: tuple[KeptSignal, ...]
     excluded: int
 
     @property

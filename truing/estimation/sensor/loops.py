@@ -49,16 +49,16 @@ def loops(drive: NDArray, response: NDArray, level: float, least: float = 0.0) -
     Crossings count if the drive moves at least ``least`` from the level in between; others are noise. Raises ValueError
     for fewer than three crossings.
     """
-    place, rising = _crossings(drive - level, least)
-    if len(place) < 3:
-        raise ValueError(f"found {len(place)} crossings of {level:g}, expected at least three for one loop")
-    share = (level - drive[place]) / (drive[place + 1] - drive[place])
-    at = response[place] + share[:, None] * (response[place + 1] - response[place])
+    step, rising = _crossings(drive - level, least)
+    if len(step) < 3:
+        raise ValueError(f"found {len(step)} crossings of {level:g}, expected at least three for one loop")
+    share = (level - drive[step]) / (drive[step + 1] - drive[step])
+    at = response[step] + share[:, None] * (response[step + 1] - response[step])
     sign = np.where(rising[1:-1], 1.0, -1.0)
     gap = sign[:, None] * (at[1:-1] - 0.5 * (at[:-2] + at[2:]))
-    parts = [response[a + 1 : b + 1] for a, b in zip(place[:-2], place[2:], strict=True)]
+    parts = [response[a + 1 : b + 1] for a, b in zip(step[:-2], step[2:], strict=True)]
     amplitude = np.array([np.ptp(part, axis=0) / 2.0 for part in parts])
-    return Loops(place[1:-1], gap, amplitude)
+    return Loops(step[1:-1], gap, amplitude)
 
 
 def _crossings(offset: NDArray, least: float) -> tuple[NDArray, NDArray]:
@@ -66,10 +66,10 @@ def _crossings(offset: NDArray, least: float) -> tuple[NDArray, NDArray]:
     crossing before the drive has moved far enough counts, since it may fluctuate about the level."""
     far = np.flatnonzero(np.abs(offset) >= max(least, np.finfo(float).tiny))
     turns = np.flatnonzero(offset[far[:-1]] * offset[far[1:]] < 0)
-    place, rising = [], []
+    step, rising = [], []
     for first, last in zip(far[turns], far[turns + 1], strict=True):
         sign = np.sign(offset[last])
         inside = np.arange(first, last)
-        place.append(int(inside[offset[inside] * sign <= 0][-1]))
+        step.append(int(inside[offset[inside] * sign <= 0][-1]))
         rising.append(bool(sign > 0))
-    return np.array(place, np.int64), np.array(rising, bool)
+    return np.array(step, np.int64), np.array(rising, bool)

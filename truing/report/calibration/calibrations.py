@@ -25,9 +25,11 @@ def figures_by_calibration(tables: Tables, estimator: str = ERRORS_IN_VARIABLES)
     choice = table_or_none(tables, "model_choice")
     if choice is None:
         return None
-    own = choice[choice["estimator"] == estimator]
+    of_estimator = choice[choice["estimator"] == estimator]
     rows: dict[Key, dict[str, float]] = {}
-    for model, deformation, figure, value in zip(*(own[name] for name in (*_KEY, "figure", "value")), strict=True):
+    for model, deformation, figure, value in zip(
+        *(of_estimator[name] for name in (*_KEY, "figure", "value")), strict=True
+    ):
         rows.setdefault((model, deformation), {})[figure] = value
     if not rows:
         return None

@@ -92,8 +92,8 @@ def _mean_and_largest(accuracy: pd.DataFrame) -> pd.DataFrame:
 def _bars(sizes: pd.DataFrame, error: str, role: str, unit: str, named: bool) -> list[go.Bar]:
     """Return pale bars of the maximum with bars of the mean in front."""
     name, colour = _ROLES[role]
-    places = [[label(d) for d, _ in sizes.index], [label(m) for _, m in sizes.index]]
-    common: dict[str, Any] = {"y": places, "orientation": "h", "offsetgroup": role, "legendgroup": role}
+    labels = [[label(d) for d, _ in sizes.index], [label(m) for _, m in sizes.index]]
+    common: dict[str, Any] = {"y": labels, "orientation": "h", "offsetgroup": role, "legendgroup": role}
     template = "%{y}<br>" + name + ", {}: %{{x:.2f}} " + unit + "<extra></extra>"
     return [
         go.Bar(
@@ -112,11 +112,15 @@ def _floor(accuracy: pd.DataFrame, column: str, chosen: Key | None) -> float | N
     """Return the rms by noise alone at held-out poses of the chosen calibration, otherwise at all poses."""
     if column not in accuracy:
         return None
-    own = accuracy
+    errors = accuracy
     if chosen is not None:
-        own = own[(own["model"] == chosen[0]) & (own["deformation"] == chosen[1])]
-    own = own[own["role"] == "verification"] if (own["role"] == "verification").any() else own
-    floor = float(np.sqrt(np.mean(own[column].dropna().to_numpy(dtype=float) ** 2))) if own[column].notna().any() else 0
+        errors = errors[(errors["model"] == chosen[0]) & (errors["deformation"] == chosen[1])]
+    errors = errors[errors["role"] == "verification"] if (errors["role"] == "verification").any() else errors
+    floor = (
+        float(np.sqrt(np.mean(errors[column].dropna().to_numpy(dtype=float) ** 2)))
+        if errors[column].notna().any()
+        else 0
+    )
     return floor or None
 
 
@@ -140,8 +144,8 @@ def correlation_map(correlations: pd.DataFrame, key: Key) -> go.Figure:
         f"Of {label(calibration_name(key))}. White: independent. Dark: only a combination of the two is well known"
     )
     style(figure, "Correlations between the identified parameters", subtitle, max(620, 160 + _LABEL_PX * len(names)))
-    places = list(range(len(names)))
-    axis = {"type": "category", "tickvals": places, "ticktext": names, "showgrid": False, "tickfont": {"size": 8}}
+    indices = list(range(len(names)))
+    axis = {"type": "category", "tickvals": indices, "ticktext": names, "showgrid": False, "tickfont": {"size": 8}}
     figure.update_xaxes(**axis, tickangle=-90, automargin=True)
     figure.update_yaxes(**axis, autorange="reversed", automargin=True)
     return figure
@@ -182,11 +186,11 @@ def geometry_picture(fits: Mapping[str, pd.DataFrame]) -> go.Figure:
         {joint: positions for joint in _JOINTS if len(positions := _joint_positions(fit, joint))}
         for fit in fits.values()
     ]
-    every = [place for places in panels for place in places.values()]
+    every = [rows for joints in panels for rows in joints.values()]
     gain, extent = _gain(every), _extent(every)
     figure = make_subplots(rows=1, cols=len(panels), subplot_titles=[label(name) for name in fits])
-    for column, (places, own) in enumerate(zip(panels, fits.values(), strict=True), 1):
-        for trace in _traces(places, in_order(own["deformation"]), gain):
+    for column, (joints, fitted) in enumerate(zip(panels, fits.values(), strict=True), 1):
+        for trace in _traces(joints, in_order(fitted["deformation"]), gain):
             trace.showlegend = trace.showlegend is not False and column == 1
             figure.add_trace(trace, row=1, col=column)
         figure.update_yaxes(scaleanchor=f"x{column}" if column > 1 else "x", row=1, col=column)
@@ -202,13 +206,13 @@ def geometry_picture(fits: Mapping[str, pd.DataFrame]) -> go.Figure:
     return figure
 
 
-def _traces(places: dict[str, pd.DataFrame], deformations: list[str], gain: float) -> list[go.Scatter]:
+def _traces(joints: dict[str, pd.DataFrame], deformations: list[str], gain: float) -> list[go.Scatter]:
     """Return all traces of one panel: legs, nominal joints with tolerances, and identified joints."""
-    drawn = _legs(places)
-    for joint, place in places.items():
-        circles = _tolerances(place, gain)
-        drawn += [_nominal(place, joint), *(c.update(showlegend=joint == next(iter(places))) for c in circles)]
-    return drawn + [trace for d in deformations for trace in _joint_lines(list(places.values()), d, gain)]
+    drawn = _legs(joints)
+    for joint, rows in joints.items():
+        circles = _tolerances(rows, gain)
+        drawn += [_nominal(rows, joint), *(c.update(showlegend=joint == next(iter(joints))) for c in circles)]
+    return drawn + [trace for d in deformations for trace in _joint_lines(list(joints.values()), d, gain)]
 
 
 def _joint_positions(fitted: pd.DataFrame, joint: str) -> pd.DataFrame:
@@ -226,21 +230,21 @@ def _joint_positions(fitted: pd.DataFrame, joint: str) -> pd.DataFrame:
     return found.dropna(subset=["x", "y"]).fillna({"dx": 0.0, "dy": 0.0}).reset_index()
 
 
-def _extent(places: list[pd.DataFrame]) -> float:
-    points = np.concatenate([place[["x", "y"]].to_numpy() for place in places])
+def _extent(joints: list[pd.DataFrame]) -> float:
+    points = np.concatenate([joint[["x", "y"]].to_numpy() for joint in joints])
     return float(np.ptp(points, axis=0).max()) or 1.0
 
 
-def _gain(places: list[pd.DataFrame]) -> float:
-    largest = max(float(np.hypot(place["dx"], place["dy"]).max()) for place in places)
-    return round_gain(_LARGEST * _extent(places) / max(largest, 1e-9))
+def _gain(joints: list[pd.DataFrame]) -> float:
+    largest = max(float(np.hypot(joint["dx"], joint["dy"]).max()) for joint in joints)
+    return round_gain(_LARGEST * _extent(joints) / max(largest, 1e-9))
 
 
-def _legs(places: dict[str, pd.DataFrame]) -> list[go.Scatter]:
+def _legs(joints: dict[str, pd.DataFrame]) -> list[go.Scatter]:
     """Return a thin line from the lower to the upper joint of each leg."""
-    if len(places) < 2:
+    if len(joints) < 2:
         return []
-    lower, upper = (place.drop_duplicates("leg")[["leg", "x", "y"]] for place in places.values())
+    lower, upper = (rows.drop_duplicates("leg")[["leg", "x", "y"]] for rows in joints.values())
     both = lower.merge(upper, on="leg", suffixes=("", "_upper"))
     gap = np.full(len(both), np.nan)
     x = np.stack([both["x"], both["x_upper"], gap], 1).ravel()
@@ -249,14 +253,14 @@ def _legs(places: dict[str, pd.DataFrame]) -> list[go.Scatter]:
     return [go.Scatter(x=x, y=y, mode="lines", line=line, name="leg", hoverinfo="skip")]
 
 
-def _nominal(places: pd.DataFrame, joint: str) -> go.Scatter:
-    own, (name, symbol) = places.drop_duplicates("leg"), _JOINTS[joint]
+def _nominal(rows: pd.DataFrame, joint: str) -> go.Scatter:
+    joints, (name, symbol) = rows.drop_duplicates("leg"), _JOINTS[joint]
     return go.Scatter(
-        x=own["x"],
-        y=own["y"],
+        x=joints["x"],
+        y=joints["y"],
         mode="markers+text",
         marker={"color": GREY, "size": 6, "symbol": symbol},
-        text=[f"{joint}{int(leg)}" for leg in own["leg"]],
+        text=[f"{joint}{int(leg)}" for leg in joints["leg"]],
         textposition="bottom center",
         textfont={"color": GREY, "size": 11},
         name=f"{name}, nominal",
@@ -264,32 +268,32 @@ def _nominal(places: pd.DataFrame, joint: str) -> go.Scatter:
     )
 
 
-def _tolerances(places: pd.DataFrame, gain: float) -> list[go.Scatter]:
+def _tolerances(rows: pd.DataFrame, gain: float) -> list[go.Scatter]:
     """Return a circle of one tolerance around each nominal place, amplified like the deviations."""
-    own = places.drop_duplicates("leg")
-    own = own[np.isfinite(own["tolerance"])]
-    if not len(own):
+    joints = rows.drop_duplicates("leg")
+    joints = joints[np.isfinite(joints["tolerance"])]
+    if not len(joints):
         return []
-    radius = gain * own["tolerance"].to_numpy()[:, None]
+    radius = gain * joints["tolerance"].to_numpy()[:, None]
     x, y = (
-        np.pad(own[a].to_numpy()[:, None] + radius * turn(_CIRCLE), ((0, 0), (0, 1)), constant_values=np.nan).ravel()
+        np.pad(joints[a].to_numpy()[:, None] + radius * turn(_CIRCLE), ((0, 0), (0, 1)), constant_values=np.nan).ravel()
         for a, turn in (("x", np.cos), ("y", np.sin))
     )
     line = {"color": GREY, "width": 1}
     return [go.Scatter(x=np.round(x, 3), y=np.round(y, 3), mode="lines", line=line, name="tolerance", hoverinfo="skip")]
 
 
-def _joint_lines(places: list[pd.DataFrame], deformation: str, gain: float) -> list[go.Scatter]:
+def _joint_lines(joints: list[pd.DataFrame], deformation: str, gain: float) -> list[go.Scatter]:
     """Return the joints of one deformation model, with a line from their nominal places."""
-    own = pd.concat([place[place["deformation"] == deformation] for place in places], ignore_index=True)
+    rows = pd.concat([joint[joint["deformation"] == deformation] for joint in joints], ignore_index=True)
     colour, symbol, size = _DRAWN_AS.get(deformation, _OTHER)
-    end_x, end_y, gap = own["x"] + gain * own["dx"], own["y"] + gain * own["dy"], np.full(len(own), np.nan)
-    x, y = (np.stack([own[a], end, gap], 1).ravel() for a, end in (("x", end_x), ("y", end_y)))
+    end_x, end_y, gap = (rows["x"] + gain * rows["dx"], rows["y"] + gain * rows["dy"], np.full(len(rows), np.nan))
+    x, y = (np.stack([rows[a], end, gap], 1).ravel() for a, end in (("x", end_x), ("y", end_y)))
     words = label(deformation_words(deformation))
     common: dict[str, Any] = {"legendgroup": words, "name": words}
     text = [
         f"leg {int(leg)}: {quantity(dx, 'mm')}, {quantity(dy, 'mm')}"
-        for leg, dx, dy in zip(own["leg"], own["dx"], own["dy"], strict=True)
+        for leg, dx, dy in zip(rows["leg"], rows["dx"], rows["dy"], strict=True)
     ]
     return [
         go.Scatter(

@@ -101,11 +101,11 @@ def strong_correlations(correlations: pd.DataFrame) -> Listing:
 
 def deviations(fitted: pd.DataFrame, key: Key) -> Listing:
     """Return the parameters of one calibration, rows by kind and columns by leg."""
-    own = rows_of(fitted, key)
-    star = f" {_STAR}" if not _identifiable(own).all() else ""
-    measured = f" {_MEASURED}" if own["parameter"].str.startswith(_BENT).any() else ""
+    fitted_rows = rows_of(fitted, key)
+    star = f" {_STAR}" if not _identifiable(fitted_rows).all() else ""
+    measured = f" {_MEASURED}" if fitted_rows["parameter"].str.startswith(_BENT).any() else ""
     caption = f"Parameters of {calibration_name(key)}. {_CELL}{star} {MEANING}{measured}"
-    heads, rows = _by_leg(own)
+    heads, rows = _by_leg(fitted_rows)
     return Listing((PARAMETER, *heads), rows, caption=caption, held_by="calibration.parquet")
 
 
@@ -115,12 +115,12 @@ def all_deviations(fitted: pd.DataFrame, method: str, held_by: str) -> list[List
 
 
 def _of_deformation(fitted: pd.DataFrame, deformation: str, method: str, held_by: str) -> Listing:
-    own = fitted[fitted["deformation"] == deformation]
-    heads, _ = _by_leg(own)
+    of_deformation = fitted[fitted["deformation"] == deformation]
+    heads, _ = _by_leg(of_deformation)
     rows = [
         (model, *row)
-        for model, deformation in keys_of(own)
-        for row in _by_leg(rows_of(own, (model, deformation)), heads)[1]
+        for model, deformation in keys_of(of_deformation)
+        for row in _by_leg(rows_of(of_deformation, (model, deformation)), heads)[1]
     ]
     caption = f"All parameters with {deformation_words(deformation)}, {method}"
     return Listing((MODEL_OF_LEGS, PARAMETER, *heads), tuple(rows), caption=caption, folded=True, held_by=held_by)

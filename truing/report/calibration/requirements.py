@@ -105,9 +105,9 @@ def _main_key(tables: Tables, assessed: pd.DataFrame) -> Key | None:
 def requirements_verdict(tables: Tables, before: Mapping[str, SectionVerdict]) -> SectionVerdict:
     """Return the verdict on the accuracy of the calibrated machine; not tested if its model does not fit."""
     assessed, counted = table_or_none(tables, "requirements"), tally(main_requirements(tables))
-    own = chosen_requirements(tables)
-    failed = None if own is None else own[own["verdict"] == "fails"]
-    if own is not None and failed is not None and len(failed):
+    requirements = chosen_requirements(tables)
+    failed = None if requirements is None else requirements[requirements["verdict"] == "fails"]
+    if requirements is not None and failed is not None and len(failed):
         worst = failed.assign(ratio=failed["error"] / failed["requirement"]).nlargest(1, "ratio").iloc[0]
         text = f"{counted}. Worst: error of {worst['component']}, {plain(worst['ratio'])} times the limit."
         return SectionVerdict(
@@ -124,16 +124,16 @@ def requirements_verdict(tables: Tables, before: Mapping[str, SectionVerdict]) -
     if assessed is not None and of_recorded and (to_do := _why_not_by(before.get("calibration"))):
         text = f"Requirements not tested: the calibration that predicts the errors {to_do}"
         return SectionVerdict("requirements", RelationState.NOT_TESTED, ReasonCode.MODEL_DOES_NOT_FIT, text)
-    if own is None:
+    if requirements is None:
         why = why_no_requirement(tables) if "requirements" in tables else why_absent("requirements", tables)
         text = f"Requirements not evaluated: {why[:1].lower()}{why[1:]}"
         return SectionVerdict("requirements", RelationState.NOT_TESTED, ReasonCode.NOT_EVALUATED, text)
-    uncorrected = rows_of(assessed, _UNCORRECTED) if assessed is not None else own.iloc[:0]
+    uncorrected = rows_of(assessed, _UNCORRECTED) if assessed is not None else requirements.iloc[:0]
     text = _decided(counted, uncorrected, "extended" if is_by_components(tables) else "calibrated")
     if unseen := unmeasured_components(tables):
         text = f"{counted}; not measured: {', '.join(unseen)}."
         return SectionVerdict("requirements", RelationState.NOT_TESTED, ReasonCode.NOT_EVALUATED, text)
-    if (own["verdict"] == "undecided").any():
+    if (requirements["verdict"] == "undecided").any():
         return SectionVerdict("requirements", RelationState.ATTENTION, ReasonCode.UNDECIDED, text)
     state = RelationState.ATTENTION if (uncorrected["verdict"] == "fails").any() else RelationState.OK
     return SectionVerdict("requirements", state, ReasonCode.MET, text)
@@ -205,9 +205,9 @@ def tally(requirements: pd.DataFrame) -> str:
 
 def chosen_requirements(tables: Tables) -> pd.DataFrame | None:
     """Return the requirements as assessed with the main calibration; None where none was assessed."""
-    own = main_requirements(tables)
-    own = own[~_is_idle(own)]
-    return own if len(own) else None
+    requirements = main_requirements(tables)
+    requirements = requirements[~_is_idle(requirements)]
+    return requirements if len(requirements) else None
 
 
 def main_requirements(tables: Tables) -> pd.DataFrame:
@@ -227,8 +227,8 @@ def unmeasured_components(tables: Tables) -> list[str]:
     """Return the components of [requirement] in which no pose of a chain, or row of an axis, shows an error."""
     if not is_by_components(tables):
         return []
-    own = main_requirements(tables)
-    return [str(name) for name in own["component"][own["error"].isna()]]
+    requirements = main_requirements(tables)
+    return [str(name) for name in requirements["component"][requirements["error"].isna()]]
 
 
 def _requirement_listing(requirements: pd.DataFrame, key: Key) -> Listing:

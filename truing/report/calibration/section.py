@@ -169,9 +169,9 @@ def _geometry(tables: Tables, fitted: pd.DataFrame) -> Drawn:
     """Return the figure of the chosen structure, by the implicit objectives and by maximum likelihood."""
     model = displayed_calibration(tables, fitted)[0]
     fits = {_AS_REPORTED: table_or_none(tables, "implicit_calibration"), _BY_DEFAULT: fitted}
-    own = {name: table[table["model"] == model] for name, table in fits.items() if table is not None}
-    own = {name: table for name, table in own.items() if has_geometry(table)}
-    return [(geometry_picture(own), _pull_words(tables, model))] if own else []
+    of_model = {name: table[table["model"] == model] for name, table in fits.items() if table is not None}
+    of_model = {name: table for name, table in of_model.items() if has_geometry(table)}
+    return [(geometry_picture(of_model), _pull_words(tables, model))] if of_model else []
 
 
 def _pull_words(tables: Tables, model: str) -> str:

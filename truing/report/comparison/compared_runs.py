@@ -153,8 +153,10 @@ def quality(comparison: RunComparison) -> ReportSection:
         for r in () if qa is None else qa.itertuples():
             checks.setdefault((r.check, r.subject or ""), {})[index] = _check(r)
     differing = {key: check for key, check in checks.items() if _LOOKED_AT & {verdict for verdict, _ in check.values()}}
-    rows = [(*key, *(own.get(k, _MISSING)[1] for k in range(len(comparison.runs)))) for key, own in differing.items()]
-    marks = [_mark({verdict for verdict, _ in own.values()}, "fail", "warn", "none") for own in differing.values()]
+    rows = [
+        (*key, *(cells.get(k, _MISSING)[1] for k in range(len(comparison.runs)))) for key, cells in differing.items()
+    ]
+    marks = [_mark({verdict for verdict, _ in cells.values()}, "fail", "warn", "none") for cells in differing.values()]
     listings = (
         Listing(
             (_VERDICT, *comparison.heads("Number of checks of this run with the verdict of the row.")),
@@ -188,8 +190,8 @@ def _mark(verdicts: set[str], *ranked: str) -> str:
 
 def requirement_words(comparison: RunComparison) -> list[tuple[str, str]]:
     """Return the number of requirements met by each run; empty where none has any."""
-    own = [(run.label, main_requirements(run.tables)) for run in comparison.runs]
-    known = [(label, table) for label, table in own if len(table)]
+    requirements = [(run.label, main_requirements(run.tables)) for run in comparison.runs]
+    known = [(label, table) for label, table in requirements if len(table)]
     verdicts = {verdict for _, table in known for verdict in table["verdict"]}
     if not verdicts - {"not evaluated"}:
         return []
@@ -211,9 +213,9 @@ def accuracy(comparison: RunComparison) -> ReportSection | None:
     components = dict.fromkeys(c for table in tables if table is not None for c in table["component"])
     assessed = {f"requirement {c}": [_requirement(table, c) for table in tables] for c in components}
     required = [{_REQUIRED.get(verdict, "pass") for verdict, _ in row} for row in assessed.values()]
-    marks = ["none"] * len(rows) + [_mark(own, "fail", "warn", "pass") for own in required]
+    marks = ["none"] * len(rows) + [_mark(cells, "fail", "warn", "pass") for cells in required]
     heads = ("", *comparison.heads("Result of this run in the quantity of the row."))
-    chosen = [(name, *(words for _, words in own)) for name, own in assessed.items()]
+    chosen = [(name, *(words for _, words in cells)) for name, cells in assessed.items()]
     listing = Listing(heads, (*rows, *chosen), tuple(marks))
     lead = "By the calibration that each run recommends; a requirement is shown with what 95 of 100 poses stay below."
     return ReportSection("accuracy", "Accuracy and requirements side by side", lead, listings=(listing,))
@@ -244,8 +246,8 @@ def error_classes(comparison: RunComparison) -> ReportSection | None:
     if all(table is None for table in tables):
         return None
     worst = [{} if table is None else _worst(table) for table in tables]
-    keys = dict.fromkeys(key for own in worst for key in own)
-    rows = [(*key, *(own.get(key, _NONE) for own in worst)) for key in keys]
+    keys = dict.fromkeys(key for of_run in worst for key in of_run)
+    rows = [(*key, *(of_run.get(key, _NONE) for of_run in worst)) for key in keys]
     heads = (_ERROR, LOAD, *comparison.heads("Largest error of this class in this run, in per cent of the full load."))
     lead = "The largest of each class and load, in per cent of the full load, with one standard deviation."
     return ReportSection("errors", "Error classes side by side", lead, listings=(Listing(heads, tuple(rows)),))

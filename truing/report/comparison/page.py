@@ -159,15 +159,15 @@ def _alternatives(row: object) -> str:
 
 def _effect_verdicts(comparison: RunComparison, step: int) -> list[Verdict]:
     """Return the effects that only one of two runs found."""
-    before, after = (_effects_found(comparison, place) for place in (step, step + 1))
+    before, after = (_effects_found(comparison, run) for run in (step, step + 1))
     texts = [("new", [name for name in after if name not in before]), ("gone", [n for n in before if n not in after])]
     words = {"new": "found for the first time", "gone": "no longer found"}
     return [("found", f"{comparison.pair(step)}: {words[kind]}: {', '.join(names)}.") for kind, names in texts if names]
 
 
-def _effects_found(comparison: RunComparison, place: int) -> list[str]:
+def _effects_found(comparison: RunComparison, run: int) -> list[str]:
     """Return the effects that the diagnosis of a run found: ``actuator gain, leg 3``."""
-    table = table_or_none(comparison.runs[place].tables, "diagnosis")
+    table = table_or_none(comparison.runs[run].tables, "diagnosis")
     if table is None:
         return []
     rows = table[table["verdict"] == "found"]
@@ -266,11 +266,11 @@ def _trends(comparison: RunComparison) -> ReportSection | None:
 
 def _effects(comparison: RunComparison) -> ReportSection:
     names = [_effects_found(comparison, index) for index in range(len(comparison.runs))]
-    every = list(dict.fromkeys(name for own in names for name in own))
-    rows = tuple((name, *("found" if name in own else "–" for own in names)) for name in every)
+    every = list(dict.fromkeys(name for of_run in names for name in of_run))
+    rows = tuple((name, *("found" if name in of_run else "–" for of_run in names)) for name in every)
     if not rows:
         return ReportSection("effects", "Effects side by side", "No run found an effect.", state="pass")
-    marks = tuple("none" if all(name in own for own in names) else "warn" for name in every)
+    marks = tuple("none" if all(name in of_run for of_run in names) else "warn" for name in every)
     lead = (
         "Findings of each run. An effect found in one run may be present in the next one too; the comparison of "
         "numbers allows for both. The sizes are in the table of numbers."
@@ -316,18 +316,18 @@ def _provenance(comparison: RunComparison) -> ReportSection:
 def _trend_figures(comparison: RunComparison) -> tuple[tuple[tuple[go.Figure, str], ...], int]:
     """Return figures with captions, kinds with a change first, then the largest differences; and the
     number left out."""
-    own = comparison.numbers[comparison.numbers["value"].notna()]
-    own = own.assign(kind=[_kind(r) for r in own.itertuples()])
-    known = own.groupby("kind", sort=False)["z"].transform(lambda z: z.notna().any())
+    numbers = comparison.numbers[comparison.numbers["value"].notna()]
+    numbers = numbers.assign(kind=[_kind(r) for r in numbers.itertuples()])
+    known = numbers.groupby("kind", sort=False)["z"].transform(lambda z: z.notna().any())
     order = (
-        own[known | own["changed"]]
-        .assign(size=own["z"].abs())
+        numbers[known | numbers["changed"]]
+        .assign(size=numbers["z"].abs())
         .groupby("kind", sort=False)
         .agg(changed=("changed", "any"), size=("size", "max"))
         .sort_values(["changed", "size"], ascending=False, kind="stable")
     )
-    drawn = [_figure(comparison, own[own["kind"] == kind], str(kind)) for kind in order.index[:_MOST]]
-    captions = [_caption(own[(own["kind"] == kind) & own["changed"]]) for kind in order.index[:_MOST]]
+    drawn = [_figure(comparison, numbers[numbers["kind"] == kind], str(kind)) for kind in order.index[:_MOST]]
+    captions = [_caption(numbers[(numbers["kind"] == kind) & numbers["changed"]]) for kind in order.index[:_MOST]]
     return tuple(zip(drawn, captions, strict=True)), max(len(order) - _MOST, 0)
 
 
@@ -403,15 +403,21 @@ def _line(
     )
 
 
-def _ring(figure: go.Figure, lines: list[Any], shifts: list[Any], factor: float, aside: np.ndarray) -> None:
+def _ring(
+    figure: go.Figure,
+    lines: list[tuple[object, pd.DataFrame]],
+    shifts: list[pd.Series],
+    factor: float,
+    aside: np.ndarray,
+) -> None:
     """Draw rings around the numbers that changed."""
-    places = [
-        (place + aside[k], factor * value)
+    points = [
+        (index + aside[k], factor * value)
         for k, ((_, rows), shift) in enumerate(zip(lines, shifts, strict=True))
-        for place, value, changed in zip(rows["place"], shift, rows["changed"], strict=True)
+        for index, value, changed in zip(rows["place"], shift, rows["changed"], strict=True)
         if changed
     ]
-    if places:
-        x, y = zip(*places, strict=True)
+    if points:
+        x, y = zip(*points, strict=True)
         ring = {"symbol": "circle-open", "size": 18, "color": RED, "line": {"width": 2.5}}
         figure.add_trace(go.Scatter(x=x, y=y, mode="markers", name="changed", marker=ring, hoverinfo="skip"))

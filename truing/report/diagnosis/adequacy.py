@@ -77,12 +77,12 @@ def adequacy(tables: Tables) -> ReportSection | None:
 
 def _untested(rows: list[Any], why: str, words: str) -> str:
     """Return the sentence on tests that were not possible for one reason; empty where there are none."""
-    own = [
+    bad = [
         row
         for row in rows
         if row.state == "not tested" and cell(getattr(row, "why_untested", None) or "too-few") == why
     ]
-    return f" Not tested ({words}): {', '.join(dict.fromkeys(_LOOKED_FOR[row.test] for row in own))}." if own else ""
+    return f" Not tested ({words}): {', '.join(dict.fromkeys(_LOOKED_FOR[row.test] for row in bad))}." if bad else ""
 
 
 def _errors_with_floor(rows: list[AssessedCause], tables: Tables) -> list[Overall]:

@@ -67,8 +67,14 @@ def _by_cause(table: pd.DataFrame, rows: list[AssessedCause]) -> Listing:
     """Return a row per cause and kind of parameter, from its best subject to its worst."""
     verdicts = {row.cause: row.verdict for row in reversed(rows)}
     cells = tuple(
-        (cause_words(str(cause)), str(parameter), _subject_words(own), *_from_to(own), verdicts.get(str(cause), "–"))
-        for (cause, parameter), own in _kinds(table)
+        (
+            cause_words(str(cause)),
+            str(parameter),
+            _subject_words(part),
+            *_from_to(part),
+            verdicts.get(str(cause), "–"),
+        )
+        for (cause, parameter), part in _kinds(table)
     )
     heads = (
         CAUSE,
@@ -86,7 +92,7 @@ def _by_cause(table: pd.DataFrame, rows: list[AssessedCause]) -> Listing:
 def _kinds(table: pd.DataFrame) -> list[tuple[tuple[object, object], pd.DataFrame]]:
     kinds = [_kind(str(name)) for name in table["parameter"]]
     grouped = table.assign(kind=kinds).groupby(["cause", "kind", "unit"], sort=False, dropna=False)
-    return [((cause, kind), own) for (cause, kind, _), own in grouped]
+    return [((cause, kind), of_kind) for (cause, kind, _), of_kind in grouped]
 
 
 def _kind(parameter: str) -> str:

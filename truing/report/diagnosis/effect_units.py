@@ -49,14 +49,14 @@ def stem(parameter: str) -> str:
 
 def handy_unit(parameter: str, unit: str, size: float) -> tuple[float, str]:
     """Return factor and unit in which a parameter of about this size, or the first of several, is given."""
-    own = stem(parameter.partition(" ")[0])
+    quantity = stem(parameter.partition(" ")[0])
     if unit in ("", "1"):
-        return _PER_CENT if own == "scale" and abs(size) >= _LARGE_SCALE else _BARE.get(own, (1.0, ""))
+        return _PER_CENT if quantity == "scale" and abs(size) >= _LARGE_SCALE else _BARE.get(quantity, (1.0, ""))
     if unit == "mm":
-        return (1e3, "um") if abs(size) < 1.0 and not re.fullmatch(_DRAWN, own) else (1.0, "mm")
-    if unit == "rad" and re.fullmatch(_SMALL_ANGLE, own):
+        return (1e3, "um") if abs(size) < 1.0 and not re.fullmatch(_DRAWN, quantity) else (1.0, "mm")
+    if unit == "rad" and re.fullmatch(_SMALL_ANGLE, quantity):
         return 1e3, "mrad"
-    if unit == "rad" and own != "phase" and 0.0 < abs(size) < _FEW_ARCSEC:
+    if unit == "rad" and quantity != "phase" and 0.0 < abs(size) < _FEW_ARCSEC:
         return _ARCSEC, "arcsec"
     if unit == "s":
         return next(((factor, span) for least, factor, span in _SPANS if abs(size) >= least), (1.0, "s"))

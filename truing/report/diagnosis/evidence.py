@@ -29,7 +29,7 @@ _PALE = "#C8C8C8"
 _VERDICTS = {
     FOUND: ("found", BLUE),
     SUSPECTED: ("suspected", GREEN),
-    RIVAL: ("equally good", ORANGE),
+    RIVAL: ("not distinguishable", ORANGE),
     REJECTED: ("rejected", GREY),
     NOT_TESTABLE: ("not testable", _PALE),
 }
@@ -162,9 +162,9 @@ def _axis(positions: np.ndarray) -> dict[str, object]:
     reach = high - low
     kept: list[int] = [0]
     for decades in (*_DECADES, *(-d for d in _DECADES)):
-        place = _position(decades * math.log(10.0))
-        distance = min(abs(place - _position(d * math.log(10.0))) for d in kept)
-        if low - 0.05 <= place <= high + 0.05 and distance > _APART * reach:
+        position = _position(decades * math.log(10.0))
+        distance = min(abs(position - _position(d * math.log(10.0))) for d in kept)
+        if low - 0.05 <= position <= high + 0.05 and distance > _APART * reach:
             kept.append(decades)
     return {
         "tickvals": [_position(d * math.log(10.0)) for d in sorted(kept)],
@@ -205,19 +205,19 @@ def _probability_figure(rows: list[AssessedCause]) -> go.Figure:
 def _bars(rows: list[AssessedCause], values: list[float], words: list[str]) -> go.Figure:
     figure = go.Figure()
     for verdict, (name, colour) in _VERDICTS.items():
-        own = [k for k, row in enumerate(rows) if row.verdict == verdict]
-        if not own:
+        of_verdict = [k for k, row in enumerate(rows) if row.verdict == verdict]
+        if not of_verdict:
             continue
         figure.add_trace(
             go.Bar(
-                y=[_axis_label(rows, k) for k in own],
-                x=[values[k] for k in own],
+                y=[_axis_label(rows, k) for k in of_verdict],
+                x=[values[k] for k in of_verdict],
                 name=name,
                 orientation="h",
-                customdata=[words[k] for k in own],
+                customdata=[words[k] for k in of_verdict],
                 marker={
                     "color": colour,
-                    "pattern": {"shape": ["/" if rows[k].holds == "changes" else "" for k in own]},
+                    "pattern": {"shape": ["/" if rows[k].holds == "changes" else "" for k in of_verdict]},
                 },
                 hovertemplate="%{y}: %{customdata}<extra></extra>",
             )

@@ -190,14 +190,15 @@ def _doubt(facts: Facts) -> str:
     if facts.course is None:
         return DOUBTS[facts.reason_code]
     course = f"depends on {_joined_names(facts.course)}" if facts.course else "wanders or jumps in time"
-    place = "acts next to it" if facts.is_course_beside else "is about as probable in its place"
-    return f"an effect without a name on the same parts that {course} {place}"
+    alternative = "acts next to it" if facts.is_course_beside else "is about as probable in its place"
+    return f"an effect without a name on the same parts that {course} {alternative}"
 
 
 def _indistinguishable(facts: Facts) -> str:
     odds = f" (odds of {facts.odds:.2g} to 1 against this one)" if facts.odds is not None else ""
+    as_well = "as well" if facts.odds is None or facts.odds <= 1.0 else "nearly as well"
     return (
-        f"It may be that {facts.clause}{_sizes(facts)}. This explains the data as well as {facts.rival}{odds}, "
+        f"It may be that {facts.clause}{_sizes(facts)}. This explains the data {as_well} as {facts.rival}{odds}, "
         f"and this campaign cannot distinguish the two. {_improvement(facts)}"
     )
 

@@ -88,7 +88,10 @@ def gain_section(rows: list[AssessedCause], tables: Tables) -> ReportSection:
     listings = [listing for listing in (by_part, _calibrations(tables)) if listing.rows]
     title = "Before and after" if modelled else "Errors of the predictions"
     lead = " ".join(
-        [_opening_sentences(missed, parts, rows, whole=not shortcoming(tables)), *held_out_sentences(modelled, parts)]
+        [
+            _opening_sentences(missed, parts, rows, passes=not shortcoming(tables)),
+            *held_out_sentences(modelled, parts),
+        ]
     )
     return ReportSection("gain", title, lead, tuple(reported), tuple(listings), see=not_elsewhere(modelled, parts))
 
@@ -97,12 +100,12 @@ def _words_of(overall: Overall, parts: PartNames) -> str:
     return f"{parts.held_out} ({parts.not_fitted})" if overall.held_out else parts.fitted
 
 
-def _opening_sentences(missed: list[_Missed], parts: PartNames, rows: list[AssessedCause], *, whole: bool) -> str:
-    """Return in words the remaining held-out errors against noise, and the share of the excess removed. ``whole``:
-    whether no test of the final model fails."""
+def _opening_sentences(missed: list[_Missed], parts: PartNames, rows: list[AssessedCause], *, passes: bool) -> str:
+    """Return in words the remaining held-out errors against noise, and the share of the excess removed.
+    ``passes``: whether no test of the final model fails."""
     if not missed:
         return "This run holds no errors of predictions."
-    texts, removed = [_of_role(one) for one in missed], [_removed(one, whole) for one in missed]
+    texts, removed = [_of_role(one) for one in missed], [_removed(one, passes) for one in missed]
     if len(set(removed)) == 1:
         texts.append(removed[0])
     else:
@@ -139,8 +142,8 @@ def _at_floor(overall: Overall) -> bool:
     return bool(overall.floor) and 1.0 / AT_THE_FLOOR <= overall.after / (overall.floor or 1.0) <= AT_THE_FLOOR
 
 
-def _removed(missed: _Missed, whole: bool) -> str:
-    """Return in words the share of the variance beyond noise that the causes explain; ``whole`` as above."""
+def _removed(missed: _Missed, passes: bool) -> str:
+    """Return in words the share of the variance beyond noise that the causes explain; ``passes`` as above."""
     one = missed.of
     if not missed.modelled or one.floor is None or one.is_below_noise:
         return ""
@@ -148,7 +151,7 @@ def _removed(missed: _Missed, whole: bool) -> str:
     if share is None or share <= 0.0:
         return ""
     if share > _ALL:
-        clean = whole and _at_floor(one)
+        clean = passes and _at_floor(one)
         return "No systematic error remains detectable." if clean else "The causes explain all variance beyond noise."
     return f"The causes explain {100.0 * share:.3g} % of the variance beyond noise."
 
@@ -197,12 +200,12 @@ def _by_role(tables: Tables) -> Listing:
     roles = table["role"].replace("reference", "calibration")
     rows = []
     for role, words in (("calibration", POINTS.fitted), ("verification", POINTS.held_out)):
-        own = table[roles == role]
-        if not len(own):
+        of_role = table[roles == role]
+        if not len(of_role):
             continue
-        sizes = [rms_with_interval(own[f"rms_{when}"], rng) for when in ("before", "after")]
-        most = [plain(own[f"largest_{when}"].max()) for when in ("before", "after")]
-        rows.append((words, str(len(own)), *sizes, *most, sign(str(own["unit"].iloc[0]))))
+        sizes = [rms_with_interval(of_role[f"rms_{when}"], rng) for when in ("before", "after")]
+        most = [plain(of_role[f"largest_{when}"].max()) for when in ("before", "after")]
+        rows.append((words, str(len(of_role)), *sizes, *most, sign(str(of_role["unit"].iloc[0]))))
     return Listing(heads, tuple(rows), caption=_EVERY_POSE, held_by="prediction.parquet")
 
 
@@ -254,14 +257,14 @@ def _calibrations(tables: Tables) -> Listing:
         (
             name,
             words,
-            plain(root_mean_square(own[_ERROR])),
-            plain(own[_ERROR].max()),
-            plain(root_mean_square(own["position_noise_um"])) if "position_noise_um" in own else "–",
+            plain(root_mean_square(rows_of[_ERROR])),
+            plain(rows_of[_ERROR].max()),
+            plain(root_mean_square(rows_of["position_noise_um"])) if "position_noise_um" in rows_of else "–",
             "µm",
         )
         for name in dict.fromkeys(errors["called"])
         for role, words in (("calibration", POINTS.fitted), ("verification", POINTS.held_out))
-        if len(own := errors[(errors["called"] == name) & (roles == role)])
+        if len(rows_of := errors[(errors["called"] == name) & (roles == role)])
     )
     return Listing(heads, rows, caption="Position of the platform: extended model and plain calibrations", folded=True)
 
@@ -301,12 +304,12 @@ def _floor_line(figure: go.Figure, floor: float | None, unit: str, vertical: boo
 def _pose_by_pose(table: pd.DataFrame, floor: float | None, modelled: bool) -> go.Figure:
     """Return the rms of measured minus predicted at every pose, without the findings and, if there are
     any, with them."""
-    places, axis = pose_axis(table["pose"])
+    x, axis = pose_axis(table["pose"])
     roles = table["role"].replace("reference", "calibration").to_numpy()
     unit = sign(str(table["unit"].iloc[0]))
     figure = go.Figure()
     if modelled:
-        figure.add_trace(_joins(places, table))
+        figure.add_trace(_joins(x, table))
     shown = roles[0]  # the legend needs one role: the other has the same colours with other symbols
     scatter = go.Scattergl if len(table) > MANY_POINTS else go.Scatter
     for when, words, colour in _SERIES if modelled else _AS_IT_IS:
@@ -321,7 +324,7 @@ def _pose_by_pose(table: pd.DataFrame, floor: float | None, modelled: bool) -> g
                 ]
                 figure.add_trace(
                     scatter(
-                        x=places[mask],
+                        x=x[mask],
                         y=table[f"rms_{when}"][mask],
                         mode="markers",
                         marker={"color": colour, "symbol": _SYMBOLS[role], "size": 9 if role == "verification" else 6},
@@ -342,9 +345,9 @@ def _pose_by_pose(table: pd.DataFrame, floor: float | None, modelled: bool) -> g
     return figure
 
 
-def _joins(places: np.ndarray, table: pd.DataFrame) -> go.Scatter:
+def _joins(at: np.ndarray, table: pd.DataFrame) -> go.Scatter:
     """Return a line from before to after at every pose."""
-    x = np.repeat(places.astype(float), 3)
+    x = np.repeat(at.astype(float), 3)
     y = np.stack([table["rms_before"], table["rms_after"], np.full(len(table), np.nan)], axis=1).ravel()
     line = {"color": GREY, "width": 1}
     return go.Scatter(x=x, y=y, mode="lines", line=line, opacity=0.4, hoverinfo="skip", showlegend=False)
@@ -358,17 +361,17 @@ def _errors_of_calibrations(errors: pd.DataFrame) -> go.Figure:
     names = list(dict.fromkeys(errors["called"]))
     figure = go.Figure()
     for role, (words, colour) in _ROLES.items():
-        own = [float(sizes.get((name, role), np.nan)) for name in names]
-        if not np.isfinite(own).any():
+        rms_errors = [float(sizes.get((name, role), np.nan)) for name in names]
+        if not np.isfinite(rms_errors).any():
             continue
         figure.add_trace(
             go.Bar(
                 y=[f"{label(name)} " for name in names],
-                x=own,
+                x=rms_errors,
                 name=words,
                 orientation="h",
                 marker={"color": colour},
-                text=[plain(size) for size in own],
+                text=[plain(size) for size in rms_errors],
             )
         )
     subtitle = _floor_line(figure, _noise(errors), "µm", vertical=True)

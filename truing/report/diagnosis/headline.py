@@ -41,12 +41,12 @@ def clause(row: AssessedCause, tables: Tables) -> str:
 
 def gain(causes: list[AssessedCause], tables: Tables) -> str:
     """Return the gain by modelling all findings: ``lowers the rms error on held-out poses from 34 to 8 µm ...``."""
-    told_of = overall(causes, tables, held_out=True) or overall(causes, tables, held_out=False)
-    if told_of is None:
+    rms_errors = overall(causes, tables, held_out=True) or overall(causes, tables, held_out=False)
+    if rms_errors is None:
         return ""
     parts = part_names(tables)
-    quantity = f"the rms error on {parts.held_out if told_of.held_out else parts.fitted}"
-    return _change(quantity, told_of) + _against_noise(told_of, _whose_noise(tables))
+    quantity = f"the rms error on {parts.held_out if rms_errors.held_out else parts.fitted}"
+    return _change(quantity, rms_errors) + _against_noise(rms_errors, _whose_noise(tables))
 
 
 def _change(quantity: str, one: Overall) -> str:
@@ -80,9 +80,9 @@ def _noise(row: AssessedCause) -> str:
         return f"The errors of {subject_words(row.subject)} are large in {poses}, up to {times} times a typical one"
     size = row.size("noise_ratio")
     times = with_uncertainty(size.number or 0.0, size.sigma) if size is not None else "–"
-    place = row.settings.get("place")
-    if row.follows or place:
-        input_text = str(place) if place else columns_words(row.follows)
+    kind = row.settings.get("place")
+    if row.follows or kind:
+        input_text = str(kind) if kind else columns_words(row.follows)
         return (
             f"The noise depends on {input_text}: where it is largest, it is {times} times as large as where "
             "it is smallest"
@@ -113,12 +113,12 @@ def _largest_shift(row: AssessedCause, tables: Tables) -> Reach | None:
 
 def _own_sigma(row: AssessedCause, drive: float, leg: int, legs: int) -> float | None:
     """Return the uncertainty, um, of a leg's shift at a displacement of its actuator, from its parameters."""
-    own = [
+    sigmas = [
         (s, p) for kind, p in _MORE.items() for s in row.sizes_of(kind) if leg in _legs_of(s.name, row.subject, legs)
     ]
-    if any(size.sigma is None for size, _ in own):
+    if any(size.sigma is None for size, _ in sigmas):
         return None
-    return 1e3 * float(np.sqrt(sum((size.sigma or 0.0) ** 2 * drive ** (2 * power) for size, power in own)))
+    return 1e3 * float(np.sqrt(sum((size.sigma or 0.0) ** 2 * drive ** (2 * power) for size, power in sigmas)))
 
 
 def _largest_difference(drives: NDArray, matrix: NDArray, sigma: NDArray) -> Reach | None:

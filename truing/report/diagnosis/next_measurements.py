@@ -23,7 +23,7 @@ _TITLE = "What to measure next"
 _WITHOUT_MECHANISM = "No configurations were computed: without a mechanism, possible configurations are not known."
 _OF_CHAIN = "No poses were computed: no finding or open question needs them, or distances were measured."
 _UNCHECKED = "New poses lie within the range of the measured readings, or of [workspace]; check them for collisions."
-_TOLD = (
+_OTHER_COLUMNS = (
     *("purpose", "need", "pose", "measurements", "duration_s", "expected"),
     *("sigma_now", "sigma_expected", "unit", "odds_expected"),
 )
@@ -119,7 +119,7 @@ def _in_all(table: pd.DataFrame, unit: str) -> str:
 
 def _columns(table: pd.DataFrame) -> list[str]:
     """Return columns of settings, readings first by leg, without those that need no setting."""
-    names = [str(c) for c in table.columns if c not in _TOLD and table[c].notna().any()]
+    names = [str(c) for c in table.columns if c not in _OTHER_COLUMNS and table[c].notna().any()]
     readings = sorted((c for c in names if re.fullmatch(r"rho\d+_mm", c)), key=lambda c: int(c[3:-3]))
     return [*(c for c in ("times",) if c in names), *readings, *(c for c in names if c not in (*readings, "times"))]
 

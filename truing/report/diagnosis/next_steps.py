@@ -182,8 +182,8 @@ def _of_finding(row: AssessedCause, tables: Tables) -> NextStep:
 def _plan(purpose: str, tables: Tables) -> pd.Series | None:
     """Return the last row of a purpose's table, with its totals; None where it has none."""
     known = [table for name in _PLANS if (table := table_or_none(tables, name)) is not None and "need" in table]
-    own = [table[table["purpose"] == purpose] for table in known if purpose]
-    return next((table.iloc[-1] for table in own if len(table)), None)
+    of_purpose = [table[table["purpose"] == purpose] for table in known if purpose]
+    return next((table.iloc[-1] for table in of_purpose if len(table)), None)
 
 
 def _untested(rows: list[AssessedCause]) -> Iterator[NextStep]:

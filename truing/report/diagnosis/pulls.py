@@ -101,7 +101,7 @@ def _one_number(table: pd.DataFrame | None, last: Any) -> str:
         return _one_leg(known)
     first, *others = known.itertuples()
     near = [other for other in others if first.explained_after - other.explained_after < _AS_LIKELY][:_NAMED]
-    meant, *also = [_other_by(own) for own in (first, *near)]
+    meant, *also = [_other_by(candidate) for candidate in (first, *near)]
     text = f"The description does not fit the machine: one wrong number explains it. Did you mean {meant}?"
     return f"{text} Equally likely: {'; or '.join(also)}." if also else text
 
@@ -229,12 +229,12 @@ def pull_figure(table: pd.DataFrame, columns: Mapping[str, str], title: str, axi
 
 
 def _marks(
-    shown: pd.DataFrame, place: Mapping[str, int], column: str, words: str, look: tuple[str, str, float]
+    shown: pd.DataFrame, rank: Mapping[str, int], column: str, words: str, look: tuple[str, str, float]
 ) -> go.Scatter:
     colour, symbol, aside = look
     values = shown[column].to_numpy(dtype=float)
     return go.Scatter(
-        x=[place[kind] + aside + spread for kind, spread in zip(shown["kind"], _spread(shown["leg"]), strict=True)],
+        x=[rank[kind] + aside + spread for kind, spread in zip(shown["kind"], _spread(shown["leg"]), strict=True)],
         y=np.clip(values, -_CLIPPED, _CLIPPED),
         mode="markers",
         marker={"color": colour, "symbol": symbol, "size": 8, "line": {"width": 1.5}},

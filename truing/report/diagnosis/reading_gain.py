@@ -62,10 +62,10 @@ def by_channel(misses: pd.DataFrame) -> Listing:
     rng = np.random.default_rng(0)
     held_out = misses["role"].eq("verification")
     rows = tuple(
-        (f"{channel}, {words}" if held_out.any() else channel, *_cells(own, rng))
+        (f"{channel}, {words}" if held_out.any() else channel, *_cells(of_channel, rng))
         for channel in channels_of(misses)
         for words, chosen in ((READINGS.fitted, ~held_out), (READINGS.held_out, held_out))
-        if len(own := misses[chosen & misses["channel"].eq(channel)])
+        if len(of_channel := misses[chosen & misses["channel"].eq(channel)])
     )
     caption = "Measured minus predicted, channel by channel; in brackets 95 % intervals by bootstrap over runs"
     return Listing(_HEADS, rows, caption=caption, held_by="reading_errors.parquet")
@@ -166,27 +166,27 @@ def _in_order(misses: pd.DataFrame, modelled: bool, channels: list[str], title: 
     shapes: list[dict[str, Any]] = []
     scatter = go.Scattergl if len(misses) > MANY_POINTS else go.Scatter
     for row, channel in enumerate(channels, 1):
-        own = misses[misses["channel"] == channel].reset_index(drop=True)
+        of_channel = misses[misses["channel"] == channel].reset_index(drop=True)
         unit = sign(_unit(misses, channel))
         for when, words, colour, symbol in _series(modelled):
             figure.add_trace(
                 scatter(
-                    x=np.arange(len(own)),
-                    y=own[when],
+                    x=np.arange(len(of_channel)),
+                    y=of_channel[when],
                     mode="markers",
                     marker={"color": colour, "symbol": symbol, "size": 5},
                     name=words,
                     legendgroup=when,
                     showlegend=row == 1,
-                    text=_texts(own, unit, when),
+                    text=_texts(of_channel, unit, when),
                     hovertemplate="%{text}<extra></extra>",
                 ),
                 row,
                 1,
             )
-        shapes += [*_band(own, row), *_between_runs(own, row)]
+        shapes += [*_band(of_channel, row), *_between_runs(of_channel, row)]
         figure.update_yaxes(title_text=f"{label(channel)} ({unit})", zerolinecolor=GREY, row=row, col=1)
-        figure.update_xaxes(**_run_axis(own), row=row, col=1)
+        figure.update_xaxes(**_run_axis(of_channel), row=row, col=1)
     words = "Measured − predicted, run after run; grey: 95 % range of the noise"
     style(figure, f"Errors of the predictions in order of measurement{title}", words, 140 + 130 * len(channels))
     figure.update_layout(legend=_LEGEND, margin={"t": 110}, shapes=shapes)
@@ -234,15 +234,15 @@ def _band(table: pd.DataFrame, panel: int) -> list[dict[str, Any]]:
     if not noise > 0.0:
         return []
     number = "" if panel == 1 else str(panel)
-    place = {"xref": f"x{number} domain", "yref": f"y{number}", "x0": 0.0, "x1": 1.0, "y0": -noise, "y1": noise}
-    return [{"type": "rect", **place, "fillcolor": GREY, "opacity": 0.2, "line": {"width": 0}, "layer": "below"}]
+    shape = {"xref": f"x{number} domain", "yref": f"y{number}", "x0": 0.0, "x1": 1.0, "y0": -noise, "y1": noise}
+    return [{"type": "rect", **shape, "fillcolor": GREY, "opacity": 0.2, "line": {"width": 0}, "layer": "below"}]
 
 
 def _between_runs(table: pd.DataFrame, panel: int) -> list[dict[str, Any]]:
     """Return lines between runs, as shapes of a panel, because separate calls of plotly are slow."""
     line, number = {"color": GREY, "width": 0.5, "dash": "dot"}, "" if panel == 1 else str(panel)
-    place = {"type": "line", "xref": f"x{number}", "yref": f"y{number} domain", "y0": 0.0, "y1": 1.0, "line": line}
-    return [{**place, "x0": x, "x1": x} for x in (_first_of_runs(table)[1:] - 0.5).tolist()]
+    shape = {"type": "line", "xref": f"x{number}", "yref": f"y{number} domain", "y0": 0.0, "y1": 1.0, "line": line}
+    return [{**shape, "x0": x, "x1": x} for x in (_first_of_runs(table)[1:] - 0.5).tolist()]
 
 
 def _first_of_runs(table: pd.DataFrame) -> NDArray[np.int64]:

@@ -50,7 +50,10 @@ def diagnosis(tables: Tables) -> ReportSection | None:
     accepted = accepted_of(rows)
     rivals = [row for row in rows if row.verdict == RIVAL]
     reported = [_accepted(row, tables) for row in accepted]
-    reported += [("warn", f"Equally good explanation: {lower(_finding(row, tables))}") for row in rivals]
+    reported += [
+        ("warn", f"Another explanation, which this campaign cannot rule out: {lower(_finding(row, tables))}")
+        for row in rivals
+    ]
     listings = tuple(listing for listing in (_words([*accepted, *rivals]),) if listing.rows)
     parts = tuple(part for part in (adequacy(tables), *_parts(rows, accepted, tables)) if part is not None)
     return ReportSection(
@@ -112,9 +115,9 @@ def sizes(causes: list[AssessedCause], tables: Tables) -> ReportSection:
     listings = tuple(_parameters(row) for row in causes if row.sizes)
     numbers = sum(size.number is not None for row in causes for size in row.sizes)
     lead = f"{count(numbers, 'parameter')} of the accepted causes, ± one standard deviation."
-    combined = [(row, own) for row in causes if len(own := _combinations(row, tables))]
-    text = " ".join([lead, *(_combined_words(row, own) for row, own in combined)])
-    tables_of_combinations = tuple(_combined(row, own) for row, own in combined)
+    combined = [(row, combinations) for row in causes if len(combinations := _combinations(row, tables))]
+    text = " ".join([lead, *(_combined_words(row, combinations) for row, combinations in combined)])
+    tables_of_combinations = tuple(_combined(row, combinations) for row, combinations in combined)
     return ReportSection("sizes", "How large", text, tuple(drawn), (*tables_of_combinations, *listings))
 
 
@@ -154,16 +157,16 @@ def _pictures(row: AssessedCause) -> Drawn:
     matrix = _matrix(row)
     if matrix is not None:
         return [matrix]
-    own: dict[str, list[ParameterSize]] = {}
+    sizes_by_unit: dict[str, list[ParameterSize]] = {}
     for size in row.sizes:
         if size.number is not None and size.sigma is not None:
-            own.setdefault(stem(size.name), []).append(size)
+            sizes_by_unit.setdefault(stem(size.name), []).append(size)
     return [
         (
             _parameter_bars(row, kind, several),
             "A parameter whose interval contains zero is not significant.",
         )
-        for kind, several in own.items()
+        for kind, several in sizes_by_unit.items()
         if len(several) >= _WORTH_DRAWING
     ]
 
@@ -195,11 +198,11 @@ def _parameter_bars(row: AssessedCause, kind: str, several: list[ParameterSize])
     factor, unit = handy_unit(kind, several[0].unit, largest)
     values = [factor * (size.number or 0.0) for size in several]
     sigma = [factor * (size.sigma or 0.0) for size in several]
-    places = list(range(len(several)))
+    indices = list(range(len(several)))
     figure = go.Figure()
     figure.add_trace(
         go.Bar(
-            x=places,
+            x=indices,
             y=values,
             error_y={"type": "data", "array": [BAR * s for s in sigma], "thickness": 1.5, "width": 4, "color": GREY},
             marker={"color": BLUE},
@@ -213,7 +216,7 @@ def _parameter_bars(row: AssessedCause, kind: str, several: list[ParameterSize])
     style(figure, f"{label(row.name)}: {label(kind_words)}", "Bars: value; whiskers: 95 % interval", 360)
     step = max(1, -(-len(several) // _TICKS))
     ticks = [_subject_of_size(size) for size in several]
-    figure.update_xaxes(tickvals=places[::step], ticktext=[label(t) for t in ticks[::step]], showgrid=False)
+    figure.update_xaxes(tickvals=indices[::step], ticktext=[label(t) for t in ticks[::step]], showgrid=False)
     unit_words = f" ({printed(sign(unit))})" if unit else ""
     figure.update_yaxes(title_text=f"{label(kind_words)}{unit_words}", zeroline=True, zerolinecolor=GREY)
     figure.update_layout(showlegend=False)

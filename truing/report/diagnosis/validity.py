@@ -50,9 +50,9 @@ def _of_blocks(rows: list[AssessedCause], part_names_of_model: PartNames) -> lis
         parts = f"{row.left_out_blocks} {_PARTS.get(row.left_out_by, _REGIONS[part_names_of_model.single])}"
         alike.setdefault((verb, parts), []).append(row)
     texts = []
-    for (verb, parts), own in alike.items():
-        names = "; ".join(f"{row.in_sentence}, {_odds(_gain(row))}" for row in own)
-        each = "it" if len(own) == 1 else "each of them"
+    for (verb, parts), causes in alike.items():
+        names = "; ".join(f"{row.in_sentence}, {_odds(_gain(row))}" for row in causes)
+        each = "it" if len(causes) == 1 else "each of them"
         texts.append(
             f"Cross-validation {verb} {names}: {parts} that are sensitive to {each} were left out in turn and "
             "predicted from the others."

@@ -35,7 +35,7 @@ from truing.schemas.needs import Need
 from truing.schemas.verdict import ReasonCode, Relation
 
 # Number of findings, and of causes with their detectable size, in the first line.
-_TOLD, _SIZES = 3, 3
+_MOST_NAMED, _SIZES = 3, 3
 _COUNTED = {2: "Two", 3: "Three"}
 # Causes whose detectable size is given first.
 _ASKED = (
@@ -116,15 +116,15 @@ def _found_words(causes: list[AssessedCause], tables: Tables) -> str:
     brings = gain(causes, tables)
     sure = [row for row in effects if row.verdict != SUSPECTED]
     doubted = [row for row in effects if row.verdict == SUSPECTED]
-    texts = [_listed([clause(row, tables) for row in _told(sure)], len(sure)) + _more_findings(sure)] if sure else []
+    texts = [_listed([clause(row, tables) for row in _named(sure)], len(sure)) + _more_findings(sure)] if sure else []
     if doubted:
-        names = "; ".join(lower(clause(row, tables)) for row in _told(doubted))
+        names = "; ".join(lower(clause(row, tables)) for row in _named(doubted))
         texts.append(f"Suspected, not confirmed: {names}{_more_findings(doubted)}")
     # Larger noise, and inputs that predict residuals, are no further effects.
     beside = [row for row in noise if row.verdict != SUSPECTED and not row.is_conditional]
     in_place = [row for row in noise if row.is_conditional]
     if beside:
-        names = "; ".join(lower(clause(row, tables)) for row in _told(beside))
+        names = "; ".join(lower(clause(row, tables)) for row in _named(beside))
         texts.append(f"{'Besides, ' if texts else ''}{names}{_more_findings(beside)}")
     texts += [clause(row, tables) for row in in_place[:1]]
     texts += _rivals(causes, assessed_causes(tables), tables)
@@ -132,13 +132,13 @@ def _found_words(causes: list[AssessedCause], tables: Tables) -> str:
     return ". ".join([*texts, f"{modelling} {brings}"] if brings else texts) + "."
 
 
-def _told(rows: list[AssessedCause]) -> list[AssessedCause]:
+def _named(rows: list[AssessedCause]) -> list[AssessedCause]:
     """Return the findings that are written out: all, if no more than one would be left."""
-    return rows if len(rows) <= _TOLD + 1 else rows[:_TOLD]
+    return rows if len(rows) <= _MOST_NAMED + 1 else rows[:_MOST_NAMED]
 
 
 def _more_findings(rows: list[AssessedCause]) -> str:
-    more = len(rows) - len(_told(rows))
+    more = len(rows) - len(_named(rows))
     return f", and {count(more, 'further finding')} (see Diagnosis)" if more > 0 else ""
 
 
@@ -222,11 +222,11 @@ def _rivals(causes: list[AssessedCause], rows: list[AssessedCause], tables: Tabl
     rivals = [row for row in rows if row.verdict == RIVAL]
     if not rivals:
         return []
-    texts = [lower(clause(row, tables)) for row in rivals[:_TOLD]]
-    more = f", or one of {len(rivals) - _TOLD} more" if len(rivals) > _TOLD else ""
+    texts = [lower(clause(row, tables)) for row in rivals[:_MOST_NAMED]]
+    more = f", or one of {len(rivals) - _MOST_NAMED} more" if len(rivals) > _MOST_NAMED else ""
     of_which = "" if len(causes) == 1 else " of one of these"
     named = f"{', or '.join(texts)}{more}"
-    return [f"An equally good explanation{of_which}, which this campaign cannot distinguish: {named}"]
+    return [f"Another explanation{of_which}, which this campaign cannot rule out: {named}"]
 
 
 def lower(sentence: str) -> str:
@@ -290,15 +290,15 @@ def counted(rows: list[AssessedCause], tables: Tables) -> str:
         noisy = any(row.is_noise and not row.is_remainder for row in rows)
         noise = "; the noise is not as declared" if noisy else ""
         return f"{assessed} by comparing {tested_text}: {_nothing_found(rows, tables)}{noise}."
-    other = f", {rivals} equally good as one of them and not distinguishable from it" if rivals else ""
+    other = f", {rivals} not distinguishable from one of them" if rivals else ""
     unseen = f", {untestable} not testable with these data" if untestable else ""
     into = "included in the results below"
     if is_bench(tables) or any(name in tables for name in ("pulls", "axis_errors")):
         into = "added to the extended model (model.toml)"
     worse = f", {refuted} suspected but not {into} because predictions are not better with it" if refuted else ""
-    kept = f"{_accepted_words(found - suspected, suspected)} and {into}" if found else "none found"
+    text = f"{_accepted_words(found - suspected, suspected)} and {into}" if found else "none found"
     return (
-        f"{assessed}: {kept}{worse}{other}, {rejected} rejected{unseen}. "
+        f"{assessed}: {text}{worse}{other}, {rejected} rejected{unseen}. "
         f"All causes were compared on the same data, re-estimating every other parameter."
     )
 

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from typing import Any
 
 import numpy as np
@@ -80,7 +81,7 @@ def _shown_points(points: pd.DataFrame) -> pd.DataFrame:
     return points.iloc[np.sort(order[np.linspace(0, len(points) - 1, _MOST_POINTS).round().astype(int)])]
 
 
-def _shown_poses(points: pd.DataFrame, images: pd.DataFrame) -> list[Any]:
+def _shown_poses(points: pd.DataFrame, images: pd.DataFrame) -> list[int | str]:
     """Return the poses to choose from: all, or the first and those with the largest uncertainty of points."""
     poses = [pose for pose in points["pose"].unique() if (images["pose"] == pose).any()]
     if len(poses) <= _MOST_POSES:
@@ -101,8 +102,8 @@ def _gain(points: pd.DataFrame, images: pd.DataFrame) -> float:
 
 
 def _traces(
-    points: pd.DataFrame, images: pd.DataFrame, cameras: pd.DataFrame, gain: float, bodies: dict[Any, str]
-) -> list[Any]:
+    points: pd.DataFrame, images: pd.DataFrame, cameras: pd.DataFrame, gain: float, bodies: dict[str, str]
+) -> list[go.Scatter3d]:
     from scipy.spatial.transform import Rotation
 
     position = points[["x_mm", "y_mm", "z_mm"]].to_numpy()
@@ -129,9 +130,9 @@ def _traces(
     return drawn
 
 
-def _view(place: Array, centre: Array) -> Array:
+def _view(points: Array, centre: Array) -> Array:
     """Return axes (3, 3) of the picture, with the cameras above the object."""
-    up = (centre - place.mean(axis=0)).mean(axis=0)
+    up = (centre - points.mean(axis=0)).mean(axis=0)
     up = up / max(float(np.linalg.norm(up)), 1e-12)
     aside = np.cross(np.eye(3)[int(np.argmin(np.abs(up)))], up)
     aside = aside / np.linalg.norm(aside)
@@ -184,14 +185,14 @@ def _point_words(points: pd.DataFrame) -> list[str]:
     ]
 
 
-def _dots(place: Array, words: list[str], name: str, colour: str, size: float) -> Any:
-    x, y, z = np.round(place, 3).T
+def _dots(points: Array, words: list[str], name: str, colour: str, size: float) -> go.Scatter3d:
+    x, y, z = np.round(points, 3).T
     marker = {"size": size, "color": colour}
     return go.Scatter3d(x=x, y=y, z=z, mode="markers", name=label(name), text=words, hoverinfo="text", marker=marker)
 
 
-def _lines(place: Array, name: str, colour: str, width: float, *, legend: bool = True) -> Any:
-    x, y, z = np.round(place, 3).T
+def _lines(points: Array, name: str, colour: str, width: float, *, legend: bool = True) -> go.Scatter3d:
+    x, y, z = np.round(points, 3).T
     return go.Scatter3d(
         x=x,
         y=y,
@@ -223,8 +224,8 @@ def residual_picture(residuals: pd.DataFrame, cameras: pd.DataFrame) -> go.Figur
             (f"{camera}, all images: means of cells", _cell_means(rows[rows["camera"] == camera], formats, gain))
         )
     for pose, image in images:
-        own = reported[(reported["pose"] == pose) & (reported["image"] == image)]
-        steps.append((f"{image}, pose {pose}" if str(pose) not in str(image) else str(image), _of_image(own, gain)))
+        rays = reported[(reported["pose"] == pose) & (reported["image"] == image)]
+        steps.append((f"{image}, pose {pose}" if str(pose) not in str(image) else str(image), _of_image(rays, gain)))
     owner = [number for number, (_, traces) in enumerate(steps) for _ in traces]
     for number, (_, traces) in enumerate(steps):
         for trace in traces:
@@ -253,7 +254,7 @@ def residual_picture(residuals: pd.DataFrame, cameras: pd.DataFrame) -> go.Figur
     return figure
 
 
-def _shown_images(residuals: pd.DataFrame) -> list[tuple[Any, Any]]:
+def _shown_images(residuals: pd.DataFrame) -> list[tuple[int | str, str]]:
     """Return the images to choose from, in order: all, or those with the largest residuals."""
     size = np.hypot(residuals["vx_px"], residuals["vy_px"]).where(~residuals["rejected"])
     by_image = (size**2).groupby([residuals["pose"], residuals["image"]], sort=False)
@@ -264,7 +265,7 @@ def _shown_images(residuals: pd.DataFrame) -> list[tuple[Any, Any]]:
     return [key for key in rms.index if key in chosen]
 
 
-def _cell_means(table: pd.DataFrame, formats: pd.DataFrame, gain: float) -> list[Any]:
+def _cell_means(table: pd.DataFrame, formats: pd.DataFrame, gain: float) -> list[go.Scatter]:
     """Return mean residuals in the cells of one camera's format, over all its images."""
     cell = float(formats.loc[table["camera"].iloc[0]].max()) / _CELLS
     column, row = (np.floor(table[f"{a}_px"] / cell).astype(int) for a in "xy")
@@ -278,7 +279,7 @@ def _cell_means(table: pd.DataFrame, formats: pd.DataFrame, gain: float) -> list
     return [*_vectors(means, gain, BLUE, "mean of a cell"), _ray_ends(means, words, BLUE, "middle of its rays")]
 
 
-def _of_image(table: pd.DataFrame, gain: float) -> list[Any]:
+def _of_image(table: pd.DataFrame, gain: float) -> list[go.Scatter]:
     accepted, rejected = table[~table["rejected"]], table[table["rejected"]]
     drawn = [*_vectors(accepted, gain, BLUE, "residual"), _ray_ends(accepted, _words(accepted), BLUE, "ray")]
     if len(rejected):
@@ -297,7 +298,7 @@ def _words(rays: pd.DataFrame) -> list[str]:
     return [f"{label(r.point)}: ({r.vx_px:+.3f}, {r.vy_px:+.3f}) px" for r in rays.itertuples()]
 
 
-def _vectors(rays: pd.DataFrame, gain: float, colour: str, name: str) -> list[Any]:
+def _vectors(rays: pd.DataFrame, gain: float, colour: str, name: str) -> list[go.Scatter]:
     start = rays[["x_px", "y_px"]].to_numpy()
     end = start + gain * rays[["vx_px", "vy_px"]].to_numpy()
     lines = np.stack([start, end, np.full_like(start, np.nan)], axis=1).reshape(-1, 2)
@@ -306,7 +307,7 @@ def _vectors(rays: pd.DataFrame, gain: float, colour: str, name: str) -> list[An
     return [go.Scatter(x=x, y=y, mode="lines", name=name, line=look, hoverinfo="skip", connectgaps=False)]
 
 
-def _ray_ends(rays: pd.DataFrame, words: list[str], colour: str, name: str) -> Any:
+def _ray_ends(rays: pd.DataFrame, words: list[str], colour: str, name: str) -> go.Scatter:
     return go.Scatter(
         x=rays["x_px"].round(1),
         y=rays["y_px"].round(1),
@@ -322,7 +323,7 @@ def _ray_ends(rays: pd.DataFrame, words: list[str], colour: str, name: str) -> A
     )
 
 
-def _slider(noun: str, names: list[Any], owner: list[int]) -> dict[str, Any]:
+def _slider(noun: str, names: Sequence[int | str], owner: list[int]) -> dict[str, Any]:
     """Return a slider that shows the traces of one ``noun``; ``owner``: index of the name of each trace."""
     steps = [
         {"label": label(name), "method": "restyle", "args": [{"visible": [number == k for number in owner]}]}

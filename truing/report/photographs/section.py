@@ -10,7 +10,6 @@ import pandas as pd
 
 from truing.report.heads import POSE, Head
 from truing.report.numbers import count, in_suitable_unit, plain, printed, quantity, with_uncertainty
-from truing.report.numbers import count as counted
 from truing.report.page import MOST_ROWS, Listing, ReportSection
 from truing.report.photographs.figures import network_picture, residual_picture
 from truing.report.tables import SIGMA, Tables, cell, table_or_none
@@ -79,7 +78,7 @@ def _opening_sentences(points: pd.DataFrame, residuals: pd.DataFrame, images: pd
         f" A coordinate is known to {quantity(float(np.sqrt(np.mean(sigma**2))), 'mm')} (rms), a ray was measured to "
     )
     rows = residuals[~residuals["rejected"]]
-    text += f"{float(np.median(rows['sigma_x_px'])):.3f} px. Left out: {counted(len(residuals) - used, 'ray')}."
+    text += f"{float(np.median(rows['sigma_x_px'])):.3f} px. Left out: {count(len(residuals) - used, 'ray')}."
     checks = table_or_none(tables, "qa")
     scale = [] if checks is None else checks.loc[checks["check"] == "scale", "message"].tolist()
     return " ".join([text, *scale])
@@ -141,11 +140,11 @@ def _bars(tables: Tables) -> Iterator[Listing]:
         rows = tuple((str(r.pose), r.bar, r.serves, *_length(r)) for r in bars.itertuples())
         yield Listing(heads, rows, caption="Scale bars", folded=len(rows) > _OPEN, held_by=_LENGTHS)
     for start, title in ((FROM_SURVEY, "Distances of the survey"), (FROM_MARKER, "Diagonals of markers and boards")):
-        own = table[table["bar"].str.startswith(start)]
-        if not len(own):
+        of_kind = table[table["bar"].str.startswith(start)]
+        if not len(of_kind):
             continue
-        standardised = (own["deviation_mm"] / own["deviation_sigma_mm"]).abs().fillna(0.0)
-        worst = own.loc[standardised.groupby(own["bar"], sort=False).idxmax()]
+        standardised = (of_kind["deviation_mm"] / of_kind["deviation_sigma_mm"]).abs().fillna(0.0)
+        worst = of_kind.loc[standardised.groupby(of_kind["bar"], sort=False).idxmax()]
         each = tuple((r.bar.removeprefix(start), str(r.pose), *_length(r)) for r in worst.itertuples())
         caption = f"{title} that define the scale ({len(each)}), each in the pose with its largest deviation"
         yield Listing((_DISTANCE, POSE, *heads[3:]), each, (), caption, len(each) > _OPEN, _LENGTHS)

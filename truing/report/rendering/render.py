@@ -105,11 +105,11 @@ def _meanings(sections: Sequence[ReportSection]) -> Meanings:
     by_name: dict[tuple[str, str], tuple[str, str]] = {}
     columns: dict[str, str] = {}
     for listing in (listing for section in all_of(sections) for listing in section.listings if listing.anchor):
-        for place, (name, meaning, *_) in zip(anchors(listing.rows, listing.anchor), listing.rows, strict=True):
+        for anchor, (name, meaning, *_) in zip(anchors(listing.rows, listing.anchor), listing.rows, strict=True):
             if listing.anchor == COLUMN:
-                columns[meaning] = place
+                columns[meaning] = anchor
             else:
-                by_name[listing.anchor, name] = (place, meaning)
+                by_name[listing.anchor, name] = (anchor, meaning)
     return Meanings(by_name, columns)
 
 

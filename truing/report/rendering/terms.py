@@ -46,9 +46,9 @@ def marked(text: str, used: set[str], meanings: Meanings = NO_MEANINGS) -> Marku
             continue
         used.add(term.term)
         title = f"{term.term}: {term.meaning}" if found["symbol"] else term.meaning
-        place, _ = meanings.by_name.get((TERM, term.term), ("", ""))
-        link = '<a class="defined" href="#{2}" title="{0}">{1}</a>' if place else _WITHOUT_ROW
-        parts += [escape(text[end : found.start()]), Markup(link).format(title, found[0], place)]
+        anchor, _ = meanings.by_name.get((TERM, term.term), ("", ""))
+        link = '<a class="defined" href="#{2}" title="{0}">{1}</a>' if anchor else _WITHOUT_ROW
+        parts += [escape(text[end : found.start()]), Markup(link).format(title, found[0], anchor)]
         end = found.end()
     return Markup("").join([*parts, escape(text[end:])])
 
@@ -72,10 +72,10 @@ def defined(cell: str, head: str, meanings: Meanings) -> Markup | str:
 
     ``head``: that of its column.
     """
-    place, meaning = meanings.by_name.get(
+    anchor, meaning = meanings.by_name.get(
         (head, known_name(cell, lambda name: (head, name) in meanings.by_name)), ("", "")
     )
-    return _link(cell, place, meaning) if place else cell
+    return _link(cell, anchor, meaning) if anchor else cell
 
 
 def known_name(cell: str, is_known: Callable[[str], bool]) -> str:
@@ -89,14 +89,14 @@ def known_name(cell: str, is_known: Callable[[str], bool]) -> str:
 
 def explained(head: str, meanings: Meanings) -> Markup | str:
     """Return a head as a link to the row of its column, with the sentence as tooltip, if it has one."""
-    place = meanings.columns.get(meaning := meaning_of(head), "")
-    return _link(head, place, meaning) if place else head
+    anchor = meanings.columns.get(meaning := meaning_of(head), "")
+    return _link(head, anchor, meaning) if anchor else head
 
 
-def _link(text: str, place: str, meaning: str) -> Markup:
+def _link(text: str, anchor: str, meaning: str) -> Markup:
     from markupsafe import Markup
 
-    return Markup('<a class="defined" href="#{}" title="{}">{}</a>').format(place, meaning, text)
+    return Markup('<a class="defined" href="#{}" title="{}">{}</a>').format(anchor, meaning, text)
 
 
 @cache

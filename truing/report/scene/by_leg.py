@@ -36,9 +36,9 @@ def by_leg(tables: Tables) -> Listing:
 
 
 def _shifts(shifts: pd.DataFrame) -> list[tuple]:
-    kept = shifts[~shifts["rejected"]] if "rejected" in shifts else shifts
+    used = shifts[~shifts["rejected"]] if "rejected" in shifts else shifts
     rows: list[tuple] = []
-    for leg, group in kept.groupby("leg"):
+    for leg, group in used.groupby("leg"):
         shift, sigma = group["delta_bz_um"].to_numpy(dtype=float), group["sigma_um"].to_numpy(dtype=float)
         rms = float(np.sqrt(np.mean(shift**2)))
         # Contribution of the points' noise to the rms of these shifts, to first order.
@@ -69,8 +69,8 @@ def by_leg_of_sensor(tables: Tables) -> Listing:
     matrices, pulls = table_or_none(tables, "sensor_matrix"), table_or_none(tables, "pulls")
     rows: list[tuple] = []
     if matrices is not None:
-        own = matrices[(matrices["matrix"] == "G_B") & matrices["chosen"]]
-        for r in own[own["column_name"].str.fullmatch(r"v\d+")].itertuples():
+        chosen = matrices[(matrices["matrix"] == "G_B") & matrices["chosen"]]
+        for r in chosen[chosen["column_name"].str.fullmatch(r"v\d+")].itertuples():
             sigma = float(np.nanmax([r.sigma, getattr(r, "sigma_by_case", np.nan)]))
             value = with_uncertainty(r.value, sigma, f"{LOAD_UNITS[r.row]}/mV")
             rows.append((int(r.column_name[1:]), f"{r.row} per {r.column_name} in G_B", value, "–", "–"))

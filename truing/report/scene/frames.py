@@ -105,9 +105,9 @@ def _axes(table: pd.DataFrame, size: float) -> Iterator[go.Scatter3d]:
         length = size * _LENGTHS.get(frame, _OF_LEGS)
         colour = _COLOURS.get(frame, GREEN if frame.startswith("leg") else "#7b3294")
         start, direction = group[XYZ].to_numpy(dtype=float), group[_ALONG].to_numpy(dtype=float)
-        places = np.concatenate([_arrow(a, length * w) for a, w in zip(start, direction, strict=True)])
+        arrows = np.concatenate([_arrow(a, length * w) for a, w in zip(start, direction, strict=True)])
         visible = "legendonly" if hidden else True
-        yield _line(places, frame, colour, 5.0, visible=visible, legendgroup=frame)
+        yield _line(arrows, frame, colour, 5.0, visible=visible, legendgroup=frame)
         yield go.Scatter3d(
             **dict(zip("xyz", (start + 1.12 * length * direction).T, strict=True)),
             mode="text",

@@ -164,10 +164,10 @@ def _tips(nodes: pd.DataFrame) -> NDArray[np.intp]:
     return np.flatnonzero(nodes["is_tip"])
 
 
-def _add_targets(shape: _Shape, places: pd.DataFrame, body: str, at: tuple[_Points, _Points], named: Named) -> None:
+def _add_targets(shape: _Shape, targets: pd.DataFrame, body: str, at: tuple[_Points, _Points], named: Named) -> None:
     """Add the targets of a body that stands at a place (3,) with a rotation (3, 3); those that are named apart, or all
     of a named body of which none is."""
-    rows = places[places["body"] == body].dropna(subset=XYZ)[:_MOST_TARGETS]
+    rows = targets[targets["body"] == body].dropna(subset=XYZ)[:_MOST_TARGETS]
     origin, turn = at
     points = rows[XYZ].to_numpy(float) @ turn.T + origin
     failing = np.array([name in named for name in rows["target"]], dtype=bool)
@@ -186,27 +186,27 @@ def _add_targets(shape: _Shape, places: pd.DataFrame, body: str, at: tuple[_Poin
 def _add_bodies(shape: _Shape, tables: Tables, named: Named, *, with_frames: bool) -> None:
     """Add the targets of all bodies, and their frames: in the first pose that has most of them; without poses where
     the machine is designed to hold them, or else side by side."""
-    places, motions, designed = (table_or_none(tables, name) for name in ("shape", "motions", "frames"))
-    if places is None:
+    targets, motions, designed = (table_or_none(tables, name) for name in ("shape", "motions", "frames"))
+    if targets is None:
         return
     if motions is not None:
         number = motions.groupby("pose", sort=False)["body"].nunique()
         standing = list(_placed(motions[motions["pose"] == number.idxmax()]))
     elif designed is not None:
         names = {name.replace(" ", ""): _frame(group) for name, group in designed.groupby("frame", sort=False)}
-        standing = [(str(body), names[body]) for body in places["body"].unique() if body in names]
+        standing = [(str(body), names[body]) for body in targets["body"].unique() if body in names]
     else:
-        standing = list(_side_by_side(places))
+        standing = list(_side_by_side(targets))
     for body, (origin, turn) in standing:
-        _add_targets(shape, places, body, (origin, turn), named)
+        _add_targets(shape, targets, body, (origin, turn), named)
         if with_frames and not body.startswith("leg"):
             shape.frames.append((body, origin, turn))
 
 
-def _side_by_side(places: pd.DataFrame) -> Iterator[tuple[str, tuple[_Points, _Points]]]:
+def _side_by_side(targets: pd.DataFrame) -> Iterator[tuple[str, tuple[_Points, _Points]]]:
     """Yield each body with a place (3,) next to the one before, unturned."""
     right = 0.0
-    for body, group in places.dropna(subset=XYZ).groupby("body", sort=False):
+    for body, group in targets.dropna(subset=XYZ).groupby("body", sort=False):
         points = group[XYZ].to_numpy(float)
         wide = max(float(np.ptp(points[:, 0])), 1.0)
         yield str(body), (np.array([right - points[:, 0].min(), 0.0, 0.0]), np.eye(3))
@@ -251,14 +251,14 @@ def _svg(shape: _Shape, points: _Points) -> str:
     span = np.maximum(high - low, 1e-9)
     scale = min((_WIDTH - 2 * _EDGE) / span[0], (_HEIGHT - 2 * _EDGE) / span[1])
 
-    def at(places: _Points) -> _Points:
-        shown = (np.atleast_2d(places) @ _VIEW.T - (low + high) / 2.0) * scale * np.array([1.0, -1.0])
+    def at(xyz: _Points) -> _Points:
+        shown = (np.atleast_2d(xyz) @ _VIEW.T - (low + high) / 2.0) * scale * np.array([1.0, -1.0])
         return np.asarray(shown + np.array([_WIDTH, _HEIGHT]) / 2.0)
 
-    parts = [f'<polyline class="{name}" points="{_listed(at(own))}"/>' for name, own in shape.lines]
-    for name, own in shape.dots:
+    parts = [f'<polyline class="{name}" points="{_listed(at(line))}"/>' for name, line in shape.lines]
+    for name, line in shape.dots:
         radius = 4.5 if name.endswith(_FAILING) else 2
-        parts += [f'<circle class="{name}" cx="{x:.1f}" cy="{y:.1f}" r="{radius}"/>' for x, y in at(own)]
+        parts += [f'<circle class="{name}" cx="{x:.1f}" cy="{y:.1f}" r="{radius}"/>' for x, y in at(line)]
     texts: list[tuple[str, _Points, _Points]] = []
     for (name, origin, _), ends in zip(shape.frames, tips, strict=True):
         (x, y), *arrows = at(np.vstack([origin, ends]))
@@ -266,8 +266,8 @@ def _svg(shape: _Shape, points: _Points) -> str:
             parts.append(f'<line class="axis" x1="{x:.1f}" y1="{y:.1f}" x2="{u:.1f}" y2="{v:.1f}"/>')
             words = f"{axis} {name}".strip() if axis == "z" else axis
             texts.append((words, np.array([u, v]), np.array([x, y])))
-    texts += [(words, *at(np.stack([place, middle]))) for words, place, middle in shape.labels]
-    drawn = [_along(at(own)) for _, own in shape.lines] + [at(own) for _, own in shape.dots]
+    texts += [(words, *at(np.stack([start, middle]))) for words, start, middle in shape.labels]
+    drawn = [_along(at(line)) for _, line in shape.lines] + [at(line) for _, line in shape.dots]
     drawn += [
         _along(at(np.stack([origin, end])))
         for (_, origin, _), tip in zip(shape.frames, tips, strict=True)
@@ -328,11 +328,11 @@ def _listed(points: _Points) -> str:
 
 def _words(shape: _Shape) -> str:
     """Return the content of the drawing in words, for readers who cannot see it."""
-    targets = sum(len(own) for _, own in shape.dots)
+    targets = sum(len(points) for _, points in shape.dots)
     names = ", ".join(html.escape(name) for name, _, _ in shape.frames if name)
     legs = sum(name.startswith("leg") for name, _ in shape.lines)
     failing = sum(name.endswith(_FAILING) for name, _ in shape.lines)
-    failing += sum(len(own) for name, own in shape.dots if name.endswith(_FAILING))
+    failing += sum(len(points) for name, points in shape.dots if name.endswith(_FAILING))
     numbers = ((legs, "lines for legs or links"), (targets, "targets"), (failing, "of them named by a failed check"))
     parts = [f"frames of {names}"] * bool(names) + [f"{number} {noun}" for number, noun in numbers if number]
     return f"Drawing of the machine: {'; '.join(parts)}"

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import re
-from typing import Any
 
 import numpy as np
 import pandas as pd
@@ -31,14 +30,14 @@ def pose_scene(tables: Tables, residuals: pd.DataFrame, body: str) -> DrawnScene
     ``tables`` with ``shape``: places of targets (body, target, x_mm, y_mm, z_mm, leg); ``motions``: poses of bodies.
     """
     shape = tables["shape"]
-    own = _targets(shape, residuals, body)
-    legs = _of_legs(shape, tables["residuals"]) if body == _PLATFORM else own.iloc[:0]
-    poses = _slider_poses(residuals, len(own) + len(legs))
+    seen = _targets(shape, residuals, body)
+    legs = _of_legs(shape, tables["residuals"]) if body == _PLATFORM else seen.iloc[:0]
+    poses = _slider_poses(residuals, len(seen) + len(legs))
     motion = _motions(tables, [body, *legs["body"].unique()], poses)
-    place, shift = _points(own, residuals, poses)
+    points, shift = _points(seen, residuals, poses)
     leg_points, leg_shift = _points(legs, tables["residuals"], poses)
     _in_frame_of(leg_points, leg_shift, legs, body, motion)
-    all_points, targets = np.concatenate([place, leg_points], axis=1), _with_legs(own, legs)
+    all_points, targets = np.concatenate([points, leg_points], axis=1), _with_legs(seen, legs)
     moved = np.concatenate([shift, leg_shift], axis=1)
     numbers, lower, upper = _joints(tables, body, motion, len(poses))
     attached = targets["at"].to_numpy(dtype=float)
@@ -50,7 +49,7 @@ def pose_scene(tables: Tables, residuals: pd.DataFrame, body: str) -> DrawnScene
         shift=moved,
         leg=np.nan_to_num(targets["leg"].to_numpy(dtype=float)).astype(int),
         attached=np.isfinite(attached),
-        own=np.arange(len(targets)) >= len(own),
+        own=np.arange(len(targets)) >= len(seen),
         words=_words(tables, targets, moved, poses),
         legs=numbers,
         lower=lower,
@@ -63,8 +62,8 @@ def pose_scene(tables: Tables, residuals: pd.DataFrame, body: str) -> DrawnScene
 def _targets(shape: pd.DataFrame, residuals: pd.DataFrame, body: str) -> pd.DataFrame:
     """Return targets of the body that were seen in any pose, with the leg of their attachment."""
     seen = set(residuals["target"])
-    own = shape[(shape["body"] == body) & shape["target"].isin(seen)].reset_index(drop=True)
-    return own.assign(at=own["leg"])
+    of_body = shape[(shape["body"] == body) & shape["target"].isin(seen)].reset_index(drop=True)
+    return of_body.assign(at=of_body["leg"])
 
 
 def _of_legs(shape: pd.DataFrame, residuals: pd.DataFrame) -> pd.DataFrame:
@@ -85,7 +84,7 @@ def _with_legs(table: pd.DataFrame, legs: pd.DataFrame) -> pd.DataFrame:
     return pd.concat([table, legs], ignore_index=True) if len(legs) else table
 
 
-def _slider_poses(residuals: pd.DataFrame, points: int) -> list[Any]:
+def _slider_poses(residuals: pd.DataFrame, points: int) -> list[int | str]:
     """Return the poses of the slider: those with the largest deformation first, as many as a page holds."""
     size = (residuals[SHIFT] ** 2).sum(axis=1).groupby(residuals["pose"], sort=False).mean()
     order = size.sort_values(ascending=False, kind="stable").index
@@ -93,44 +92,44 @@ def _slider_poses(residuals: pd.DataFrame, points: int) -> list[Any]:
 
 
 def _points(
-    targets: pd.DataFrame, residuals: pd.DataFrame, poses: list[Any]
+    targets: pd.DataFrame, residuals: pd.DataFrame, poses: list[int | str]
 ) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
     """Return places and displacements (S, N, 3) in the targets' own bodies, NaN where a pose has none."""
     positions = np.broadcast_to(targets[XYZ].to_numpy(dtype=float), (len(poses), len(targets), 3)).copy()
-    kept = residuals[~residuals["rejected"]].set_index(["pose", "body", "target"])[SHIFT]
+    used = residuals[~residuals["rejected"]].set_index(["pose", "body", "target"])[SHIFT]
     keys = [(pose, b, t) for pose in poses for b, t in zip(targets["body"], targets["target"], strict=True)]
-    shifts = kept.reindex(keys).to_numpy(dtype=float, copy=True).reshape(len(poses), len(targets), 3)
+    shifts = used.reindex(keys).to_numpy(dtype=float, copy=True).reshape(len(poses), len(targets), 3)
     return positions, shifts
 
 
 _Motions = dict[str, tuple[NDArray[np.float64], NDArray[np.float64]]]
 
 
-def _motions(tables: Tables, bodies: list[str], poses: list[Any]) -> _Motions:
+def _motions(tables: Tables, bodies: list[str], poses: list[int | str]) -> _Motions:
     """Return for each body its place (S, 3) and rotation (S, 3, 3) relative to the base, NaN where a pose has none."""
     known = table_or_none(tables, "motions")
     if known is None:
         return {}
     motions = {}
     for name in bodies:
-        own = known[known["body"] == name].set_index("pose").reindex(poses)
-        motions[name] = own[_PLACE].to_numpy(dtype=float), own[_ENTRIES].to_numpy(dtype=float).reshape(-1, 3, 3)
+        of_body = known[known["body"] == name].set_index("pose").reindex(poses)
+        motions[name] = of_body[_PLACE].to_numpy(dtype=float), of_body[_ENTRIES].to_numpy(dtype=float).reshape(-1, 3, 3)
     return motions
 
 
 def _in_frame_of(
-    places: NDArray[np.float64], shifts: NDArray[np.float64], targets: pd.DataFrame, body: str, motion: _Motions
+    points: NDArray[np.float64], shifts: NDArray[np.float64], targets: pd.DataFrame, body: str, motion: _Motions
 ) -> None:
-    """Return places and shifts (S, N, 3) of other bodies' targets in the frame of this body."""
+    """Bring points and shifts (S, N, 3) of other bodies' targets into the frame of this body."""
     for name in targets["body"].unique():
-        own = (targets["body"] == name).to_numpy()
+        of_body = (targets["body"] == name).to_numpy()
         if body not in motion or name not in motion:
-            places[:, own] = np.nan
+            points[:, of_body] = np.nan
             continue
         (p, R), (origin, turn) = motion[name], motion[body]
-        seen = np.einsum("sij,snj->sni", R, places[:, own]) + (p - origin)[:, None]
-        places[:, own] = np.einsum("sji,snj->sni", turn, seen)
-        shifts[:, own] = np.einsum("sji,sjk,snk->sni", turn, R, shifts[:, own])
+        seen = np.einsum("sij,snj->sni", R, points[:, of_body]) + (p - origin)[:, None]
+        points[:, of_body] = np.einsum("sji,snj->sni", turn, seen)
+        shifts[:, of_body] = np.einsum("sji,sjk,snk->sni", turn, R, shifts[:, of_body])
 
 
 def _joints(
@@ -159,7 +158,7 @@ def _attachments(tables: Tables, body: str) -> tuple[int, ...]:
 
 
 def _words(
-    tables: Tables, targets: pd.DataFrame, shifts: NDArray[np.float64], poses: list[Any]
+    tables: Tables, targets: pd.DataFrame, shifts: NDArray[np.float64], poses: list[int | str]
 ) -> tuple[tuple[str, ...], ...]:
     """Return per pose and target its displacement in words, with the noise of point and survey in that direction."""
     sigma = _noise(tables, targets, poses)
@@ -175,7 +174,7 @@ def _words(
     )
 
 
-def _noise(tables: Tables, targets: pd.DataFrame, poses: list[Any]) -> NDArray[np.float64]:
+def _noise(tables: Tables, targets: pd.DataFrame, poses: list[int | str]) -> NDArray[np.float64]:
     """Return standard deviations (S, N, 3) in mm of measured points and survey together, NaN where unknown."""
     keys = list(zip(targets["body"], targets["target"], strict=True))
     points, survey = table_or_none(tables, "observations"), table_or_none(tables, "survey")
@@ -192,7 +191,7 @@ def _noise(tables: Tables, targets: pd.DataFrame, poses: list[Any]) -> NDArray[n
     return np.sqrt(is_observed**2 + np.nan_to_num(placed) ** 2)
 
 
-def _pose_captions(tables: Tables, poses: list[Any], legs: tuple[int, ...]) -> tuple[tuple[str, ...], ...]:
+def _pose_captions(tables: Tables, poses: list[int | str], legs: tuple[int, ...]) -> tuple[tuple[str, ...], ...]:
     """Return per pose and leg the shift of its attachment and the displacement of its actuator."""
     shifts = table_or_none(tables, "deformation")
     if shifts is None or not legs:
@@ -202,7 +201,7 @@ def _pose_captions(tables: Tables, poses: list[Any], legs: tuple[int, ...]) -> t
     return tuple(tuple(_of_leg(indexed, pose, leg) for leg in legs) for pose in poses)
 
 
-def _of_leg(shifts: pd.DataFrame, pose: Any, leg: int) -> str:
+def _of_leg(shifts: pd.DataFrame, pose: int | str, leg: int) -> str:
     if (pose, leg) not in shifts.index:
         return f"Leg {leg}: its attachment was not measured in this pose."
     row = shifts.loc[(pose, leg)]
@@ -226,9 +225,9 @@ def load_scene(tables: Tables) -> DrawnScene | None:
         return None
     known = _largest_first(known).iloc[: MOST_POINTS // len(joints)]
     lower, upper = (joints[[f"{joint}{axis}_mm" for axis in "xyz"]].to_numpy(dtype=float) for joint in "ab")
-    place = np.broadcast_to(upper, (len(known), *upper.shape)).copy()
+    points = np.broadcast_to(upper, (len(known), *upper.shape)).copy()
     turn, moved = known[_TURNED].to_numpy(dtype=float), known[_MOVED].to_numpy(dtype=float)
-    shift = moved[:, None] + np.cross(turn[:, None], place)
+    shift = moved[:, None] + np.cross(turn[:, None], points)
     numbers = tuple(int(leg) for leg in joints["leg"])
     covariance = _covariance(known)
     along = (upper - lower) / np.linalg.norm(upper - lower, axis=1, keepdims=True)
@@ -236,17 +235,17 @@ def load_scene(tables: Tables) -> DrawnScene | None:
         step="load",
         labels=tuple(_load_case_name(row) for row in known.to_dict("records")),
         names=tuple(f"b{leg}" for leg in numbers),
-        place=place,
+        place=points,
         shift=shift,
         leg=np.array(numbers),
         attached=np.ones(len(numbers), dtype=bool),
         own=np.zeros(len(numbers), dtype=bool),
-        words=_words_of_loads(place, shift, covariance, numbers),
+        words=_words_of_loads(points, shift, covariance, numbers),
         legs=numbers,
-        lower=np.broadcast_to(lower, place.shape),
-        upper=place,
+        lower=np.broadcast_to(lower, points.shape),
+        upper=points,
         arrow=_arrows(known, float(np.ptp(upper, axis=0).max())),
-        captions=_load_captions(place, shift, np.broadcast_to(along, place.shape), covariance, numbers),
+        captions=_load_captions(points, shift, np.broadcast_to(along, points.shape), covariance, numbers),
         all_legs=True,
         ringed="upper joint",
     )
@@ -276,30 +275,30 @@ def _covariance(cases: pd.DataFrame) -> NDArray[np.float64]:
 
 
 def _sigma_along(
-    place: NDArray[np.float64], direction: NDArray[np.float64], covariance: NDArray[np.float64]
+    points: NDArray[np.float64], direction: NDArray[np.float64], covariance: NDArray[np.float64]
 ) -> NDArray[np.float64]:
     """Return the standard uncertainty (S, N) in um of the motion of points along unit vectors ``direction`` (S, N,
     3)."""
-    pull = np.concatenate([direction, np.cross(1e-3 * place, direction)], axis=-1)
+    pull = np.concatenate([direction, np.cross(1e-3 * points, direction)], axis=-1)
     return 1e6 * np.sqrt(np.maximum(np.einsum("sni,sij,snj->sn", pull, covariance, pull), 0.0))
 
 
 def _words_of_loads(
-    place: NDArray[np.float64], shift: NDArray[np.float64], covariance: NDArray[np.float64], legs: tuple[int, ...]
+    points: NDArray[np.float64], shift: NDArray[np.float64], covariance: NDArray[np.float64], legs: tuple[int, ...]
 ) -> tuple[tuple[str, ...], ...]:
     """Return the motion of each attachment in words, with the uncertainty from the platform's displacement."""
     size = np.linalg.norm(shift, axis=-1)
-    noise = _sigma_along(place, shift / np.where(size > 0.0, size, 1.0)[..., None], covariance)
+    noise = _sigma_along(points, shift / np.where(size > 0.0, size, 1.0)[..., None], covariance)
     return tuple(
         tuple(
-            f"b{leg}: {with_uncertainty(1e3 * float(s), float(u), 'µm')}" for leg, s, u in zip(legs, *own, strict=True)
+            f"b{leg}: {with_uncertainty(1e3 * float(s), float(u), 'µm')}" for leg, s, u in zip(legs, *pair, strict=True)
         )
-        for own in zip(size, noise, strict=True)
+        for pair in zip(size, noise, strict=True)
     )
 
 
 def _load_captions(
-    place: NDArray[np.float64],
+    points: NDArray[np.float64],
     shift: NDArray[np.float64],
     along: NDArray[np.float64],
     covariance: NDArray[np.float64],
@@ -307,13 +306,13 @@ def _load_captions(
 ) -> tuple[tuple[str, ...], ...]:
     """Return the change in distance of each leg's joints under each load."""
     longer = 1e3 * np.sum(shift * along, axis=-1)
-    noise = _sigma_along(place, along, covariance)
+    noise = _sigma_along(points, along, covariance)
     return tuple(
         tuple(
             f"Leg {leg}: change of the distance between its joints {with_uncertainty(float(s), float(u), 'µm')}."
-            for leg, s, u in zip(legs, *own, strict=True)
+            for leg, s, u in zip(legs, *pair, strict=True)
         )
-        for own in zip(longer, noise, strict=True)
+        for pair in zip(longer, noise, strict=True)
     )
 
 

@@ -68,8 +68,8 @@ class DrawnScene:
         attached = np.flatnonzero(self.attached)
         if not len(attached):
             return attached
-        places = np.nanmean(self.place[:, attached], axis=0)
-        x, y, _ = (places - places.mean(axis=0)).T
+        points = np.nanmean(self.place[:, attached], axis=0)
+        x, y, _ = (points - points.mean(axis=0)).T
         order = attached[np.argsort(np.arctan2(y, x), kind="stable")]
         return np.append(order, order[0])
 
@@ -90,8 +90,8 @@ def gains(chosen: float) -> list[float]:
 def picture(scene: DrawnScene, title: str, subtitle: str) -> go.Figure:
     """Return the scene as a figure with a slider for the step; the page adds controls for amplification and legs."""
     figure = go.Figure(_traces(scene))
-    for trace, own in zip(figure.data, drawn(scene, 0, scene.gain), strict=True):
-        trace.update(own)
+    for trace, changes in zip(figure.data, drawn(scene, 0, scene.gain), strict=True):
+        trace.update(changes)
     style(figure, title, subtitle, 640)
     low, high = _box(scene)
     figure.update_layout(
@@ -166,9 +166,9 @@ def scene_data(scene: DrawnScene) -> dict[str, Any]:
     }
 
 
-def _listed(values: NDArray[np.float64], places: int = 4) -> Any:
+def _listed(values: NDArray[np.float64], digits: int = 4) -> Any:
     """Return nested lists with null for unknown values."""
-    rounded = np.round(values, places)
+    rounded = np.round(values, digits)
     return np.where(np.isfinite(rounded), rounded.astype(object), np.array(None)).tolist()
 
 
@@ -199,9 +199,9 @@ def _traces(scene: DrawnScene) -> list[go.Scatter3d]:
 def _slider(scene: DrawnScene) -> dict[str, Any]:
     steps = []
     for step, name in enumerate(scene.labels):
-        own = drawn(scene, step, scene.gain)
-        args = {axis: [trace[axis] for trace in own] for axis in "xyz"}
-        args["text"] = [trace.get("text") for trace in own]
+        changes = drawn(scene, step, scene.gain)
+        args = {axis: [trace[axis] for trace in changes] for axis in "xyz"}
+        args["text"] = [trace.get("text") for trace in changes]
         steps.append({"label": label(name), "method": "restyle", "args": [args]})
     return {"steps": steps, "currentvalue": {"prefix": f"{scene.step} "}, "pad": {"t": 10, "b": 20, "l": 60, "r": 60}}
 

@@ -223,9 +223,9 @@ def _chosen_model(choice: pd.DataFrame) -> str:
 
 def _matrix(matrices: pd.DataFrame) -> Listing:
     """Return G_B of the chosen calibration, each entry with the larger of its two sigmas."""
-    own = matrices[(matrices["matrix"] == "G_B") & matrices["chosen"]]
-    columns = list(dict.fromkeys(own["column_name"]))
-    table = {(r.row, r.column_name): r for r in own.itertuples()}
+    chosen = matrices[(matrices["matrix"] == "G_B") & matrices["chosen"]]
+    columns = list(dict.fromkeys(chosen["column_name"]))
+    table = {(r.row, r.column_name): r for r in chosen.itertuples()}
     rows = []
     for load in LOADS:
         cells = []
@@ -235,7 +235,7 @@ def _matrix(matrices: pd.DataFrame) -> Listing:
             cells.append(with_uncertainty(one.value, float(sigma)))
         rows.append((f"{load} ({LOAD_UNITS[load]})", *cells))
     heads = (LOAD, *(Head(f"per mV of {column}", _PER_MV) for column in columns))
-    csv = own.drop(columns=["chosen", "matrix"]).to_csv(index=False)
+    csv = chosen.drop(columns=["chosen", "matrix"]).to_csv(index=False)
     caption = "G_B of the chosen calibration. ±: larger standard deviation, by the fit or by leaving out load cases"
     return Listing(heads, tuple(rows), (), caption, held_by="sensor_matrix.parquet", csv=csv)
 
@@ -246,17 +246,17 @@ _PER_MV = "Entry of G_B: part of the load, in N or N·m, that one millivolt of t
 def _choices(choice: pd.DataFrame, largest: dict[str, float]) -> Listing:
     chosen, rows, marks = _chosen_model(choice), [], []
     for model in dict.fromkeys(choice["model"]):
-        own = choice[choice["model"] == model]
+        of_model = choice[choice["model"] == model]
         facts = (
-            own[own["subject"].isna()].set_index("figure")["value"]
-            if "subject" in own
-            else own.set_index("figure")["value"]
+            of_model[of_model["subject"].isna()].set_index("figure")["value"]
+            if "subject" in of_model
+            else of_model.set_index("figure")["value"]
         )
-        if (own["figure"] == "refused").any():
-            rows.append((model, *[""] * (len(largest) + 3), cell(own["reason"].iloc[0])))
+        if (of_model["figure"] == "refused").any():
+            rows.append((model, *[""] * (len(largest) + 3), cell(of_model["reason"].iloc[0])))
             marks.append("none")
             continue
-        value = own[own["figure"] == "heldout_rms"].set_index("subject")["value"]
+        value = of_model[of_model["figure"] == "heldout_rms"].set_index("subject")["value"]
         ratio = float(np.sqrt(facts["heldout_chi_square"] / facts["heldout_freedom"]))
         text = "chosen" if model == chosen else "equal" if facts.get("indistinguishable") == 1.0 else ""
         sizes = [plain(float(value[load])) for load in largest]
@@ -434,15 +434,15 @@ def error_classes(classes: pd.DataFrame) -> go.Figure:
     loads = [load for load in LOADS if (worst["load"] == load).any()]
     figure = go.Figure()
     for load in loads:
-        own = worst[worst["load"] == load].set_index("error_class").reindex(names)
+        of_load = worst[worst["load"] == load].set_index("error_class").reindex(names)
         figure.add_trace(
             go.Bar(
                 x=names,
-                y=own["size"],
+                y=of_load["size"],
                 name=load,
                 marker={"color": _COLOURS[load]},
                 offsetgroup=load,
-                error_y=_above_zero(own["size"], BAR * own["sigma"]),
+                error_y=_above_zero(of_load["size"], BAR * of_load["sigma"]),
                 hovertemplate=load + ", %{x}: %{y:.3g} %<extra></extra>",
             )
         )

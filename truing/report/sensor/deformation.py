@@ -120,7 +120,7 @@ def _curves(tables: Tables) -> Drawn:
     if mask.any():
         drawn.append(
             (
-                _own_axes(curves, tables),
+                _along_load_axes(curves, tables),
                 "Loading and unloading: a difference between them is hysteresis, clearance or creep.",
             )
         )
@@ -276,25 +276,25 @@ def _short(value: float) -> str:
     return "0" if abs(value) < 5e-4 else plain(value)
 
 
-def _own_axes(curves: pd.DataFrame, tables: Tables) -> go.Figure:
+def _along_load_axes(curves: pd.DataFrame, tables: Tables) -> go.Figure:
     """Return each load against the displacement along or about its own axis (force-sensor paper, figures 12-17)."""
     pairs = [
         (load, channel) for load, channel in zip(LOADS, CHANNELS, strict=True) if len(_curve_of(curves, load, channel))
     ]
     titles = [f"{channel} under {load}" for load, channel in pairs]
-    grid, places, rows = panel_grid(titles, 3, (0.09, lambda rows: min(0.2, 0.9 / rows)))
+    grid, panels, rows = panel_grid(titles, 3, (0.09, lambda rows: min(0.2, 0.9 / rows)))
     shown: set[str] = set()
-    for (load, channel), place in zip(pairs, places, strict=True):
+    for (load, channel), panel in zip(pairs, panels, strict=True):
         part = _curve_of(curves, load, channel)
         if _simulated(part):
             for trace in _simulation(part, part["simulated"], shown):
-                grid.add_trace(trace, **place)
+                grid.add_trace(trace, **panel)
         for trace in _measurement(part, part["measured"], shown):
-            grid.add_trace(trace, **place)
+            grid.add_trace(trace, **panel)
         for trace in published_traces(tables, load, channel, shown):
-            grid.add_trace(trace, **place)
-        grid.update_xaxes(title_text=f"{load} ({kilo(load)})", title_standoff=4, **place)
-        grid.update_yaxes(title_text=f"{channel} ({moved_unit(channel)})", title_standoff=4, **place)
+            grid.add_trace(trace, **panel)
+        grid.update_xaxes(title_text=f"{load} ({kilo(load)})", title_standoff=4, **panel)
+        grid.update_yaxes(title_text=f"{channel} ({moved_unit(channel)})", title_standoff=4, **panel)
     subtitle = "Bars: 95 % of the noise. Line: simulation; band: its 95 % range by tolerances"
     if not any(_simulated(_curve_of(curves, *pair)) for pair in pairs):
         subtitle = "Bars: 95 % of the noise. The campaign holds no simulation"
@@ -320,20 +320,20 @@ def differences(curves: pd.DataFrame) -> go.Figure:
     grid.update_annotations(font={"size": 12})
     shown: set[str] = set()
     traces: list[go.Scatter] = []
-    places: list[tuple[int, int]] = []
+    panels: list[tuple[int, int]] = []
     for i, channel in enumerate(channels):
         for j, load in enumerate(loads):
-            part, place = _curve_of(curves, load, channel), (i + 1, j + 1)
+            part, panel = _curve_of(curves, load, channel), (i + 1, j + 1)
             if not len(part):
                 empty = {"text": "not measured", "showarrow": False, "font": {"color": GREY, "size": 10}}
-                grid.add_annotation(**empty, row=place[0], col=place[1])
+                grid.add_annotation(**empty, row=panel[0], col=panel[1])
                 continue
-            own = _simulation(part, 0.0 * part["simulated"], shown)
-            own += _measurement(part, part["measured"] - part["simulated"], shown, size=4)
-            traces += own
-            places += [place] * len(own)
+            added = _simulation(part, 0.0 * part["simulated"], shown)
+            added += _measurement(part, part["measured"] - part["simulated"], shown, size=4)
+            traces += added
+            panels += [panel] * len(added)
         grid.update_yaxes(title_text=f"{channel} ({moved_unit(channel)})", title_font={"size": 11}, row=i + 1, col=1)
-    grid.add_traces(traces, [row for row, _ in places], [column for _, column in places])
+    grid.add_traces(traces, [row for row, _ in panels], [column for _, column in panels])
     for j, load in enumerate(loads):
         grid.update_xaxes(title_text=kilo(load), title_font={"size": 11}, row=len(channels), col=j + 1)
     grid.update_xaxes(tickfont={"size": 10}, nticks=3)

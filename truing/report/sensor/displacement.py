@@ -104,16 +104,16 @@ def reading_residuals(residuals: pd.DataFrame) -> go.Figure:
     """Return residuals of every channel in the order of the readings, with the band of the noise."""
     channels = [channel for channel in CHANNELS if (residuals["channel"] == channel).any()]
     titles = [f"{channel} ({moved_unit(channel)})" for channel in channels]
-    grid, places, rows = panel_grid(titles, 3, (0.05, lambda rows: 0.16 if rows > 1 else 0.0))
+    grid, positions, rows = panel_grid(titles, 3, (0.05, lambda rows: 0.16 if rows > 1 else 0.0))
     bounds: list[dict[str, object]] = []  # as shapes, because separate calls of plotly are slow
-    for number, (channel, place) in enumerate(zip(channels, places, strict=True), 1):
+    for number, (channel, position) in enumerate(zip(channels, positions, strict=True), 1):
         part = residuals[residuals["channel"] == channel].reset_index(drop=True)
         sigma = float(part["sigma"].median())
         for trace in _points(part, sigma, len(residuals) > MANY_POINTS):
-            grid.add_trace(trace, **place)
+            grid.add_trace(trace, **position)
         bounds += [_bound(side * BAR * sigma, "" if number == 1 else str(number)) for side in (-1.0, 1.0)]
         edge = 1.1 * max(min(_REACH * sigma, float(part["residual"].abs().max())), 2.5 * sigma)
-        grid.update_yaxes(range=[-edge, edge], **place)
+        grid.update_yaxes(range=[-edge, edge], **position)
     style(
         grid,
         "Readings minus the curve of their run",
@@ -128,8 +128,8 @@ def reading_residuals(residuals: pd.DataFrame) -> go.Figure:
 
 def _bound(value: float, panel: str) -> dict[str, object]:
     """Return a dotted line across a panel, as a shape; ``panel``: the number in the names of its axes."""
-    place = {"xref": f"x{panel} domain", "yref": f"y{panel}", "x0": 0.0, "x1": 1.0, "y0": value, "y1": value}
-    return {"type": "line", **place, "line": {"color": ORANGE, "width": 1, "dash": "dot"}}
+    shape = {"xref": f"x{panel} domain", "yref": f"y{panel}", "x0": 0.0, "x1": 1.0, "y0": value, "y1": value}
+    return {"type": "line", **shape, "line": {"color": ORANGE, "width": 1, "dash": "dot"}}
 
 
 def _points(part: pd.DataFrame, sigma: float, many: bool) -> list[go.Scatter]:

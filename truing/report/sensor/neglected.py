@@ -84,11 +84,11 @@ _HEADS = (
 
 def _worst(effects: pd.DataFrame) -> Listing:
     """Return for each effect the entries on the diagonal, and the one that changes most."""
-    own = effects["response"].map(
+    unit_of_response = effects["response"].map(
         dict(zip(("dx", "dy", "dz", "rx", "ry", "rz"), ("fx", "fy", "fz", "mx", "my", "mz"), strict=True))
     )
     worst = effects.groupby("effect", sort=False)["effect_over_sigma"].idxmax().dropna()
-    shown = effects[(own == effects["load"]) | effects.index.isin(worst)]
+    shown = effects[(unit_of_response == effects["load"]) | effects.index.isin(worst)]
     rows, marks = _listed(shown)
     caption = "Change of the compliance by each neglected effect: the loads' own axes, and the entry that changes most"
     return Listing(_HEADS, rows, marks, caption)

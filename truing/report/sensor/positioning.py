@@ -14,7 +14,7 @@ from truing.belonging.relation import RelationState
 from truing.report.axis_page import ENCODERS
 from truing.report.figure_style import BLUE, ORANGE, label, style
 from truing.report.heads import RUN, Head
-from truing.report.measured_section import corrections
+from truing.report.measured_loads import corrections
 from truing.report.numbers import count, in_suitable_unit, printed, sign, with_uncertainty
 from truing.report.page import Listing, ReportSection
 from truing.report.section_verdict import SectionVerdict
@@ -28,10 +28,10 @@ _MEANING = {
     "R": "repeatability, both directions",
     "B": "reversal",
 }
-_WAYS = (("forward", BLUE, "triangle-right"), ("backward", ORANGE, "triangle-left"))
-_TOLD = {"A": "accuracy A", "R": "repeatability R", "B": "reversal B"}
-_HIDES = 10.0  # common deviation over the range of the deviations
-_DRAWN = 6  # most runs in figures
+_DIRECTIONS = (("forward", BLUE, "triangle-right"), ("backward", ORANGE, "triangle-left"))
+_IN_VERDICT = {"A": "accuracy A", "R": "repeatability R", "B": "reversal B"}
+_MOST_COMMON = 10.0  # common deviation over the range of the deviations
+_RUNS_DRAWN = 6  # most runs in figures
 _COLUMNS = ["run", "figure", "subject", "value", "sigma", "low", "high", "unit"]
 _AT_TARGETS = {
     "mean forward": "Mean deviation from the target, approached in the forward direction.",
@@ -97,7 +97,7 @@ def positioning_verdict(tables: Tables, _: Mapping[str, SectionVerdict]) -> Sect
         return None
     if len(load_steps(tables)) or table_or_none(tables, "observations") is not None:
         return None
-    axis = rows[rows["subject"].isna() & rows["figure"].isin(list(_TOLD))]
+    axis = rows[rows["subject"].isna() & rows["figure"].isin(list(_IN_VERDICT))]
     worst = axis[axis["figure"].eq("A")].nlargest(1, "value")["run"]
     figures = axis[axis["run"].isin(worst)].set_index("figure")
     if not len(figures):
@@ -105,7 +105,7 @@ def positioning_verdict(tables: Tables, _: Mapping[str, SectionVerdict]) -> Sect
     sigma = figures["sigma"] if "sigma" in figures else figures["value"] * math.nan
     texts = [
         f"{words} {in_suitable_unit(float(figures.value[name]), float(sigma[name]), str(figures.unit[name]))}"
-        for name, words in _TOLD.items()
+        for name, words in _IN_VERDICT.items()
         if name in figures.index
     ]
     several = rows["run"].nunique()
@@ -135,7 +135,7 @@ def _not_stated(run: int | str, qa: pd.DataFrame | None) -> str:
 
 
 def _drawn_runs(rows: pd.DataFrame) -> list[pd.DataFrame]:
-    return [group for _, group in rows.groupby("run", sort=False)][:_DRAWN]
+    return [group for _, group in rows.groupby("run", sort=False)][:_RUNS_DRAWN]
 
 
 def deviations(rows: pd.DataFrame) -> go.Figure:
@@ -143,10 +143,10 @@ def deviations(rows: pd.DataFrame) -> go.Figure:
     unit, at = sign(str(rows["unit"].iloc[0])), str(rows["subject"].iloc[0]).partition(" ")[2]
     wide = rows.pivot(index="subject", columns="figure", values="value")
     wide = wide.set_index(wide.index.str.partition(" ").get_level_values(0).astype(float)).sort_index()
-    means = {direction: wide[f"mean_{direction}"].to_numpy() for direction, *_ in _WAYS}
+    means = {direction: wide[f"mean_{direction}"].to_numpy() for direction, *_ in _DIRECTIONS}
     common = _common(np.concatenate(list(means.values())))
     figure = go.Figure()
-    for direction, colour, symbol in _WAYS:
+    for direction, colour, symbol in _DIRECTIONS:
         figure.add_trace(
             go.Scatter(
                 x=wide.index.to_numpy(),
@@ -174,7 +174,7 @@ def _common(means: Array) -> float:
     known = means[np.isfinite(means)]
     if not len(known):
         return 0.0
-    return float(f"{known.mean():.6g}") if abs(known.mean()) > _HIDES * np.ptp(known) else 0.0
+    return float(f"{known.mean():.6g}") if abs(known.mean()) > _MOST_COMMON * np.ptp(known) else 0.0
 
 
 def _of_axis(rows: pd.DataFrame) -> Listing:

@@ -89,34 +89,34 @@ def tolerance_words(errors: pd.DataFrame) -> list[str]:
 
 def _figure(errors: pd.DataFrame, samples: pd.DataFrame, part: str) -> go.Figure:
     """Return the drawn errors of each source with the band of their rms, and the rms to first order."""
-    own = errors[errors["pose_part"] == part].reset_index(drop=True)
-    figure, unit = go.Figure(), sign(str(own["unit"].iloc[0]))
+    rows = errors[errors["pose_part"] == part].reset_index(drop=True)
+    figure, unit = go.Figure(), sign(str(rows["unit"].iloc[0]))
     aside = np.random.default_rng(0).uniform(-_SPREAD, _SPREAD, len(samples))
-    place = samples["error_source"].map({name: k for k, name in enumerate(own["error_source"])})
+    row = samples["error_source"].map({name: k for k, name in enumerate(rows["error_source"])})
     dots = {"color": BLUE, "size": 4, "opacity": 0.5}
     figure.add_trace(
-        go.Scatter(x=place + aside, y=samples[_SAMPLES[part]], mode="markers", marker=dots, name="one drawn sensor")
+        go.Scatter(x=row + aside, y=samples[_SAMPLES[part]], mode="markers", marker=dots, name="one drawn sensor")
     )
-    bars = {"type": "data", "symmetric": False, "array": own["high"] - own["sample_rms"]}
-    bars |= {"arrayminus": own["sample_rms"] - own["low"], "color": RED, "thickness": 3, "width": 4}
+    bars = {"type": "data", "symmetric": False, "array": rows["high"] - rows["sample_rms"]}
+    bars |= {"arrayminus": rows["sample_rms"] - rows["low"], "color": RED, "thickness": 3, "width": 4}
     figure.add_trace(
         go.Scatter(
-            x=own.index + _SPREAD + 0.08,
-            y=own["sample_rms"],
+            x=rows.index + _SPREAD + 0.08,
+            y=rows["sample_rms"],
             mode="markers",
             marker={"color": RED, "size": 3},
             error_y=bars,
             name="rms of the drawn sensors, 95 %",
         )
     )
-    ends = np.stack([own.index - 0.42, own.index + 0.42, np.full(len(own), np.nan)], 1).ravel()
-    heights = np.repeat(own["first_order"].to_numpy(), 3)
+    ends = np.stack([rows.index - 0.42, rows.index + 0.42, np.full(len(rows), np.nan)], 1).ravel()
+    heights = np.repeat(rows["first_order"].to_numpy(), 3)
     black = {"color": "black", "width": 1.5}
     figure.add_trace(
         go.Scatter(x=ends, y=heights, mode="lines", line=black, name="rms to first order", hoverinfo="skip")
     )
     style(figure, f"Error of the {part} by each tolerance", "each tolerance alone, then all together", 400)
-    figure.update_xaxes(tickvals=list(own.index), ticktext=[_NAMES[name] for name in own["error_source"]], color=GREY)
+    figure.update_xaxes(tickvals=list(rows.index), ticktext=[_NAMES[name] for name in rows["error_source"]], color=GREY)
     figure.update_yaxes(title={"text": f"{part} error, {unit}"}, rangemode="tozero")
     figure.update_layout(legend={"orientation": "h", "y": -0.14})
     return figure
@@ -135,8 +135,8 @@ def _shares(errors: pd.DataFrame) -> go.Figure:
 
 
 def _listing(errors: pd.DataFrame, part: str) -> Listing:
-    own = errors[errors["pose_part"] == part]
-    unit = sign(str(own["unit"].iloc[0]))
+    of_part = errors[errors["pose_part"] == part]
+    unit = sign(str(of_part["unit"].iloc[0]))
     rows = tuple(
         (
             _NAMES[str(row.error_source)],
@@ -146,7 +146,7 @@ def _listing(errors: pd.DataFrame, part: str) -> Listing:
             f"{plain(row.error_95)} {unit}",
             percent(100.0 * row.variance_share),
         )
-        for row in own.itertuples()
+        for row in of_part.itertuples()
     )
     return Listing(_HEADS, rows, caption=f"Errors of the {part}")
 
@@ -156,7 +156,7 @@ def chain_section(frames: Mapping[str, pd.DataFrame]) -> ReportSection:
     links, influence = frames["links"], frames["influence"]
     lead = "Each leg as a chain from the base's axis to the platform's origin (force-sensor paper, eq. 5 to 13), with "
     lead += "imaginary joints along both radii (links 1 and 7). The first leg is shown; the tables hold all legs."
-    own = links[links["leg"] == 1]
+    first_leg = links[links["leg"] == 1]
     geometry = tuple(
         (
             str(row.link),
@@ -166,7 +166,7 @@ def chain_section(frames: Mapping[str, pd.DataFrame]) -> ReportSection:
             _degrees(row.twist_to_next_deg),
             ", ".join(f"{value + 0.0:.4f}" for value in (row.axis_x, row.axis_y, row.axis_z)),
         )
-        for row in own.itertuples()
+        for row in first_leg.itertuples()
     )
     chain = Listing(_LINK_HEADS, geometry, (), "Links of leg 1", held_by="the -links table")
     parts = [name for name in influence.columns if name not in ("leg", "error_source")]

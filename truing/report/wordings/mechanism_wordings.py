@@ -153,8 +153,11 @@ def _drift(claim: Claim) -> str:
 
 
 def _warm_legs(claim: Claim) -> str:
-    grow = _verb(claim, "grows", "grow")
-    return f"{_legs(claim)} {grow} with temperature, but the bodies do not{by_most(claim, 'alpha')}"
+    sizes = claim.sizes_of("alpha")
+    shrinks = bool(sizes) and all((size.number or 0.0) < 0.0 for size in sizes)
+    verb = _verb(claim, "shrinks", "shrink") if shrinks else _verb(claim, "grows", "grow")
+    size = by_most(replace(claim, sizes=tuple(map(positive, sizes))) if shrinks else claim, "alpha")
+    return f"{_legs(claim)} {verb} with temperature, but the bodies do not{size}"
 
 
 def _leg_deflection(claim: Claim) -> str:

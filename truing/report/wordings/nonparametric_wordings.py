@@ -25,6 +25,7 @@ _COLUMNS = {
     "approach": "the direction from which each actuator came",
     "last step": "the last movement of each actuator",
     "memory": "the recent movements of each actuator",
+    "relaxing 1": "the recent movements of each leg's own actuator",
     "stop 1": "the displacement of each leg's own actuator",
     "command": "the command",
     "direction of approach": "the direction of approach",
@@ -143,6 +144,7 @@ def _inputs_in_words(claim: Claim) -> str:
         "stretch": f"{first}, constant over {2.0 * half:.4g} s",
         "surface": f"{first} and {texts[-1]}",
         "history": f"{first} and on how it was reached",
+        "relaxation": f"{first}, with relaxation after them",
         "gain": f"{first}, with a factor that depends on {texts[-1]}",
     }
     if claim.fact("form") == "memory":

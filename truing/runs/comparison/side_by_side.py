@@ -167,10 +167,10 @@ def _first(numbers: pd.DataFrame) -> pd.DataFrame:
     return numbers.assign(changed=False)
 
 
-def _with_changes(own: pd.DataFrame, before: pd.DataFrame, assessed: list[pd.DataFrame]) -> pd.DataFrame:
+def _with_changes(now: pd.DataFrame, before: pd.DataFrame, assessed: list[pd.DataFrame]) -> pd.DataFrame:
     """Return the numbers of a run with their assessed changes since the run before."""
     on = [*NAMES, _NTH]
-    table = _numbered(own).merge(_numbered(before)[[*on, "value"]], on=on, how="left", suffixes=("", "_before"))
+    table = _numbered(now).merge(_numbered(before)[[*on, "value"]], on=on, how="left", suffixes=("", "_before"))
     table["difference"] = table["value"] - table.pop("value_before")
     if assessed:
         rows = pd.concat([row.astype(dict.fromkeys(NAMES, object)) for row in assessed], ignore_index=True)

@@ -52,16 +52,16 @@ def not_assessed(why: str) -> RunStep:
     return RunStep(pd.DataFrame(columns=[*NAMES, "z", "changed"]), why)
 
 
-def shift_without_effects(shared: NDArray, covariance: NDArray, own: NDArray, effects: list[NDArray]) -> NDArray:
-    """Return the shifts of numbers at ``own`` (n,) if each effect were left out of the model, as a covariance (n, n).
+def shift_without_effects(shared: NDArray, covariance: NDArray, geometry: NDArray, effects: list[NDArray]) -> NDArray:
+    """Return the shifts of the numbers ``geometry`` (n,) if each effect were left out, as a covariance (n, n).
 
-    shared (G,) with covariance (G, G); effects: the places of each one's parameters. An effect that one campaign found
+    shared (G,) with covariance (G, G); effects: the indices of each one's parameters. An effect that one campaign found
     may be present but missing in the other's model, whose numbers are then biased by this much.
     """
-    spread = np.zeros((len(own), len(own)))
-    for places in effects:
-        gain = np.linalg.solve(covariance[np.ix_(places, places)], covariance[np.ix_(places, own)])
-        moved = gain.T @ shared[places]
+    spread = np.zeros((len(geometry), len(geometry)))
+    for columns in effects:
+        gain = np.linalg.solve(covariance[np.ix_(columns, columns)], covariance[np.ix_(columns, geometry)])
+        moved = gain.T @ shared[columns]
         spread += np.outer(moved, moved)
     return spread
 
@@ -117,12 +117,12 @@ def mechanism_step(before: ExtendedModel, now: ExtendedModel) -> RunStep:
     common = tuple(c for c in before.model.causes if c.key in own_keys & persistent)
     prior = mechanism_prior(before, _surveyed(now), common)
     then_at, now_at = (prior.places(one.model) for one in (before, now))
-    apart = prior.frames + sum(
-        shift_without_effects(one.shared, one.covariance, places, _unshared_effects(one.model, common))
-        for one, places in ((before, then_at), (now, now_at))
+    total = prior.frames + sum(
+        shift_without_effects(one.shared, one.covariance, indices, _unshared_effects(one.model, common))
+        for one, indices in ((before, then_at), (now, now_at))
     )
     value, covariance = now.shared[now_at], now.covariance[np.ix_(now_at, now_at)]
-    compared = compare(prior.mean, prior.covariance, value, covariance, prior.shared, apart)
+    compared = compare(prior.mean, prior.covariance, value, covariance, prior.shared, total)
     reported = reported_numbers(prior, now.model, now.shared, now.covariance)
     columns = {**reported.columns, **figures(prior, reported, compared, value, covariance, LEVEL)}
     if len(compared.observable) == 0:
@@ -251,14 +251,14 @@ def _common(extended: ExtendedSensor, keys: set[str]) -> tuple[NDArray, NDArray]
     """Return compliance and common effects, by key, with sigmas that include the possible bias by other effects."""
     every = np.concatenate([extended.compliance.ravel(), *(effect.values for effect in extended.effects)])
     rest = [cause for cause in sorted(extended.causes, key=_key) if cause.key not in keys and cause.is_persistent]
-    places, others = (
+    indices, others = (
         extended.places(_common_causes(extended, keys)),
         [np.r_[extended.layout[cause.key]] for cause in rest],
     )
-    spread = extended.covariance[np.ix_(places, places)] + shift_without_effects(
-        every, extended.covariance, places, others
+    spread = extended.covariance[np.ix_(indices, indices)] + shift_without_effects(
+        every, extended.covariance, indices, others
     )
-    return every[places], np.sqrt(np.diag(spread))
+    return every[indices], np.sqrt(np.diag(spread))
 
 
 def _number_names(extended: ExtendedSensor, keys: set[str]) -> list[tuple[object, ...]]:

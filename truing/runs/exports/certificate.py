@@ -309,8 +309,8 @@ def _contact(parent: Element, contact: Contact) -> None:
     optional(parent, "eMail", contact.e_mail)
     optional(parent, "phone", contact.phone)
     location = dcc(parent, "location")
-    places = (("street", contact.street), ("postCode", contact.post_code), ("city", contact.city))
-    for name, value in (*places, ("countryCode", contact.country)):
+    lines = (("street", contact.street), ("postCode", contact.post_code), ("city", contact.city))
+    for name, value in (*lines, ("countryCode", contact.country)):
         optional(location, name, value)
 
 

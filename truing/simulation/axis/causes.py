@@ -175,10 +175,10 @@ class AxisGrowth(AxisCause):
         for column, values in varying_columns(scene.rows.covariates).items():
             if is_temperature(column):
                 per_k = max(scene.axis.spread, _PLAUSIBLE[scene.axis.kind]) / float(np.ptp(values))
-                own = replace(self, kind_of_axis=scene.axis.kind, column=column, reference_c=float(np.mean(values)))
-                own = replace(own, plausible=per_k / travel, plausible_shift=per_k)
+                growth = replace(self, kind_of_axis=scene.axis.kind, column=column, reference_c=float(np.mean(values)))
+                growth = replace(growth, plausible=per_k / travel, plausible_shift=per_k)
                 elements = shown_elements(scene.axis)
-                growths += [replace(own, element=name, fixed=point) for name in elements for point in points]
+                growths += [replace(growth, element=name, fixed=point) for name in elements for point in points]
         return growths
 
     def refined(self) -> Self:
@@ -195,8 +195,8 @@ class AxisGrowth(AxisCause):
         """Return commands from the fixed point, and one if it is free, times the temperatures from the reference."""
         warmer = np.asarray(rows.covariates[self.column]) - self.reference_c
         away = rows.command - self.fixed
-        places = np.stack([away, np.ones_like(away)][: 1 + self.free], -1)
-        return np.asarray((warmer[:, None] * places)[:, None] * axis.response(self.element)[:, None])
+        lengths = np.stack([away, np.ones_like(away)][: 1 + self.free], -1)
+        return np.asarray((warmer[:, None] * lengths)[:, None] * axis.response(self.element)[:, None])
 
 
 @dataclass(frozen=True)

@@ -35,7 +35,15 @@ from truing.simulation.axis.rows import (
 )
 from truing.simulation.cause import Parameter, Step
 from truing.simulation.inputs import ORDER, STOPS, TIME, middle_and_half, varying_columns
-from truing.simulation.nonparametric import PER_FUNCTION, POLYNOMIAL, WAVES, NonparametricEffect, chebyshev, dependence
+from truing.simulation.nonparametric import (
+    PER_FUNCTION,
+    POLYNOMIAL,
+    SETTLINGS,
+    WAVES,
+    NonparametricEffect,
+    chebyshev,
+    dependence,
+)
 
 # Forms: a curve over the travel since the axis turned, times the direction of approach; an offset during a period; a
 # sum of stop operators of the command: friction with memory.
@@ -199,6 +207,8 @@ def _dependences(rows: AxisRows) -> Iterator[tuple[tuple[str, ...], str, int]]:
             yield (column,), POLYNOMIAL, degree
         if column not in (COMMAND, DIRECTION) and not is_temperature(column):
             yield (column, COMMAND), POLYNOMIAL, 1
+    for form in SETTLINGS if timed in columns else ():
+        yield (timed,), form, 1
     for column, counts in ((timed, _WAVES_OF_TIME), (COMMAND, _WAVES_OF_PLACE)):
         for count in counts if column in columns else ():
             yield (column,), WAVES, count
@@ -214,13 +224,10 @@ def _stretches(rows: AxisRows) -> tuple[Index, Index]:
     starts = onset_rows(rows, _FEWEST)
     in_time = np.argsort(rows.order, kind="stable")
     longest = max(int(_LONGEST * len(in_time)), _FEWEST)
-    place = np.empty(len(in_time), int)
-    place[in_time] = np.arange(len(in_time))
+    rank = np.empty(len(in_time), int)
+    rank[in_time] = np.arange(len(in_time))
     stretches = [
-        (start, in_time[end - 1])
-        for start in starts
-        for end in place[starts]
-        if _FEWEST <= end - place[start] <= longest
+        (start, in_time[end - 1]) for start in starts for end in rank[starts] if _FEWEST <= end - rank[start] <= longest
     ]
     first, last = zip(*stretches, strict=True) if stretches else ((), ())
     return np.array(first, int), np.array(last, int)

@@ -150,8 +150,8 @@ def _searched(command: NDArray, travel: float) -> list[tuple[float, float, bool]
 @lru_cache(maxsize=8)  # every round of a search asks for the same commands
 def _searched_once(commands: bytes, travel: float) -> list[tuple[float, float, bool]]:
     command = np.frombuffer(commands)
-    places = np.unique(np.round(command / travel, 2))
-    step, spacing = travel / max(len(places) - 1, 1), 1.0 / (_OVERSAMPLING * travel)
+    distinct = np.unique(np.round(command / travel, 2))
+    step, spacing = travel / max(len(distinct) - 1, 1), 1.0 / (_OVERSAMPLING * travel)
     # Slower waves are no candidates, but exclude those that they equal at the commands.
     frequencies = np.arange(spacing, _WIDER / step, spacing)[:_MOST]
     spans = _spans(_TURN * frequencies[:, None] * _some(command))

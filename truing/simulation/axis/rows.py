@@ -127,17 +127,17 @@ def approaches(command: NDArray, order: NDArray, least: float) -> tuple[NDArray,
     command keep the values of the row before.
     """
     direction, travel = np.ones(len(command)), np.zeros(len(command))
-    way, current, turn = 1.0, np.nan, np.nan
+    sense, current, turn = 1.0, np.nan, np.nan
     for row in np.argsort(order, kind="stable"):
         step = command[row] - current
         if np.isfinite(step) and abs(step) > least:
-            if np.sign(step) != way:
+            if np.sign(step) != sense:
                 turn = current
-            way = float(np.sign(step))
+            sense = float(np.sign(step))
         if np.isfinite(command[row]) and not abs(step) <= least:
             current = command[row]
             turn = turn if np.isfinite(turn) else current
-        direction[row], travel[row] = way, abs(np.nan_to_num(current - turn))
+        direction[row], travel[row] = sense, abs(np.nan_to_num(current - turn))
     return direction, travel
 
 
@@ -149,8 +149,8 @@ def _rate(command: NDArray, time_s: NDArray, order: NDArray) -> NDArray:
     rate, in_time = np.zeros(len(command)), np.argsort(order, kind="stable")
     if not is_in_motion(command[in_time], time_s[in_time]):
         return rate
-    way = np.sign(np.diff(command[in_time]))
-    begins = 2 + np.flatnonzero((np.diff(way) != 0.0) & (way[:-1] != 0.0))  # at a stop, the way that follows
+    sense = np.sign(np.diff(command[in_time]))
+    begins = 2 + np.flatnonzero((np.diff(sense) != 0.0) & (sense[:-1] != 0.0))  # at a stop, the way that follows
     for part in np.split(in_time, begins):
         moving = rates(command[part, None], time_s[part])
         rate[part] = 0.0 if moving is None else moving[:, 0]

@@ -130,8 +130,8 @@ def predict_readings(extended: ExtendedSensor, conditions: ReadingConditions) ->
     slopes = np.concatenate(
         [_derivative_by_compliance(extended, conditions, causes, shared), _derivative_by_effects(model, shared)], -1
     )
-    places = extended.places(causes)
-    covariance = extended.covariance[np.ix_(places, places)]
+    indices = extended.places(causes)
+    covariance = extended.covariance[np.ix_(indices, indices)]
     variance = np.einsum("bkp,pq,bkq->bk", slopes, covariance, slopes)
     return PredictedReadings(value, np.sqrt(np.maximum(variance, 0.0)))
 

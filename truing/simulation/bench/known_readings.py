@@ -91,13 +91,13 @@ class BeamGeometry:
         by_angle = np.where(is_observed[:, :, None], np.einsum("uij,kj->kiu", self.optics.by_angle, filled), 0.0)
         variance = np.where(is_observed, np.einsum("kii->ki", covariance), np.nan_to_num(spread))
         inner = variance[:, :, None] * np.eye(6) + by_angle @ np.swapaxes(by_angle, 1, 2)
-        whole = inverse @ inner @ np.swapaxes(inverse, 1, 2)
+        solved = inverse @ inner @ np.swapaxes(inverse, 1, 2)
         both = known[:, :, None] & known[:, None, :]
         more = self.optics.rows - np.eye(6)
         common = np.where(is_observed, 0.0, np.nan_to_num(spread)) @ (more**2).T + np.sum(by_angle**2, -1)
         return EstimatedMotion(
             np.where(known, filled, np.nan),
-            np.where(both, whole, np.where(np.eye(6, dtype=bool), np.inf, 0.0)),
+            np.where(both, solved, np.where(np.eye(6, dtype=bool), np.inf, 0.0)),
             np.where(known, filled @ more.T, np.nan),
             np.where(known, np.sqrt(common), np.nan),
         )

@@ -123,8 +123,8 @@ class LoadSteps:
         hold_times = self.held_s
         usual = float(np.median(hold_times[hold_times > 0.0])) if np.any(hold_times > 0.0) else np.inf
         last = np.where(hold_times > _BREAK * usual, self.time_s, -np.inf)
-        for place in self._in_run[1:]:
-            last[place] = np.maximum(last[place], last[self.before[place]])
+        for step in self._in_run[1:]:
+            last[step] = np.maximum(last[step], last[self.before[step]])
         return np.asarray(self.time_s - last)
 
     @property
@@ -148,24 +148,24 @@ class LoadSteps:
         size = np.abs(self.load)
         is_unloading = size < size[self.before]
         is_equal = size == size[self.before]
-        for place in self._in_run[1:]:
-            is_unloading[place] |= is_equal[place] & is_unloading[self.before[place]]
+        for step in self._in_run[1:]:
+            is_unloading[step] |= is_equal[step] & is_unloading[self.before[step]]
         return is_unloading
 
     @cached_property
     def direction(self) -> NDArray:
         """Sign (B, 6) of the last change of each load in its run, -1 or 1; 0 before any change."""
         sign = np.sign(self.load - self.load[self.before])
-        for place in self._in_run[1:]:
-            sign[place] = np.where(sign[place] == 0.0, sign[self.before[place]], sign[place])
+        for step in self._in_run[1:]:
+            sign[step] = np.where(sign[step] == 0.0, sign[self.before[step]], sign[step])
         return sign
 
     @cached_property
     def largest_so_far(self) -> NDArray:
         """Largest size (B, 6) of each load so far in its run, N and N m."""
         largest = np.abs(self.load)
-        for place in self._in_run[1:]:
-            largest[place] = np.maximum(largest[place], largest[self.before[place]])
+        for step in self._in_run[1:]:
+            largest[step] = np.maximum(largest[step], largest[self.before[step]])
         return largest
 
     @property
@@ -246,9 +246,9 @@ class LoadSteps:
         follows = np.zeros(values.shape, np.result_type(values, decay))
         wide = decay.reshape(-1, *([1] * (values.ndim - 1)))
         gain = (1.0 - wide) * values
-        for place in self._in_run:
-            state_before = follows[self.before[place]] if place is not self._in_run[0] else 0.0
-            follows[place] = wide[place] * state_before + gain[place]
+        for step in self._in_run:
+            state_before = follows[self.before[step]] if step is not self._in_run[0] else 0.0
+            follows[step] = wide[step] * state_before + gain[step]
         return follows
 
 

@@ -349,7 +349,7 @@ class BenchModel(ChannelModel[ReadingCause]):
     def _by_shared(self, shared: NDArray, forward_pass: BenchForwardPass) -> NDArray:
         """Return the readings' derivatives (B, K, G - Z) by the shared unknowns after the zeros."""
         first = self.layout["zero"].stop
-        layout = {name: slice(place.start - first, place.stop - first) for name, place in self.layout.items()}
+        layout = {name: slice(part.start - first, part.stop - first) for name, part in self.layout.items()}
         slopes = np.zeros((*forward_pass.state.readings.shape, self.shared_size - first))
         sensor, wrench = self.known.sensor, forward_pass.after[Step.DRIVE].wrench
         by_stiffness = sensor.by_stiffness(shared[self.layout["stiffness"]])

@@ -50,10 +50,10 @@ class SensorPrior(CampaignPrior[ReadingCause]):
     def values(self, model: PartitionedModel, shared: NDArray) -> NDArray:
         """Return the numbers (n,): unknowns, whose identified combinations are computed from the compliance."""
         sensor, geometry, stiffness = _sensor_and_stiffness(model, shared)
-        own = np.concatenate([geometry, stiffness]) * self._ratio(sensor)
+        shifts = np.concatenate([geometry, stiffness]) * self._ratio(sensor)
         reported = self.start + self.back @ (sensor.at(geometry, stiffness).compliance.ravel() - self.compliance)
-        others = super().values(model, shared)[len(own) :]
-        return np.concatenate([own + self.along.T @ (reported - self.along @ own), others])
+        others = super().values(model, shared)[len(shifts) :]
+        return np.concatenate([shifts + self.along.T @ (reported - self.along @ shifts), others])
 
     def slopes(self, model: PartitionedModel, shared: NDArray) -> NDArray:
         """Return the derivative (n, n) of the numbers by their unknowns."""
@@ -83,9 +83,9 @@ def sensor_prior(extended: ExtendedSensor, model: BenchModel) -> SensorPrior:
     along = right[is_observed]  # (r, n): combinations of the unknowns, each with a prior sigma of one
     back = (left[:, is_observed] / size[is_observed]).T / _scale(extended.compliance)
     sigmas = [model.effect_sigma(cause) for cause in causes]
-    places = extended.places(causes)
+    indices = extended.places(causes)
     turn = block_diagonal(back, *(np.diag(1.0 / sigma) for sigma in sigmas))
-    precision = np.linalg.inv(turn @ extended.covariance[np.ix_(places, places)] @ turn.T)
+    precision = np.linalg.inv(turn @ extended.covariance[np.ix_(indices, indices)] @ turn.T)
     spread = block_diagonal(along, np.eye(len(precision) - len(along)))
     information = clipped(spread.T @ clipped(precision - np.eye(len(precision))) @ spread)
     values = [effect.values / model.effect_sigma(effect.cause) for effect in extended.effects if effect.cause in causes]

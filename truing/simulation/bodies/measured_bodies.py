@@ -13,10 +13,10 @@ from truing.estimation.rigid_poses.points import PointResiduals, PosePoints, wit
 from truing.estimation.rigid_poses.umeyama import umeyama
 from truing.estimation.rotation import exp_so3, log_so3, rigid_motions
 from truing.estimation.target_positions import (
-    changes_of_place,
-    lonely_places,
+    displaced_points,
+    isolated_points,
     looseness,
-    stray_places,
+    position_changes,
 )
 from truing.inference.observations import Epochs, Frames, Observations
 from truing.simulation.bodies.causes.terms import place_columns
@@ -108,9 +108,9 @@ def measured_body(
     positions = np.where(known[..., None], np.einsum("bji,bkj->bki", R, right - t[:, None]), 0.0)
     sigma = float(np.sqrt(np.median(np.trace(cov[known], axis1=-2, axis2=-1)) / 3))
     loose = _position_looseness(name, points.targets, shape, trusted)
-    is_observed = assessed.kept & known & (trusted | ~lonely_places(positions, known, order, sigma, loose))
-    changes = changes_of_place(positions, is_observed, order, sigma, loose)
-    is_observed &= ~stray_places(positions, is_observed, order, sigma, changes, loose)
+    is_observed = assessed.kept & known & (trusted | ~isolated_points(positions, known, order, sigma, loose))
+    changes = position_changes(positions, is_observed, order, sigma, loose)
+    is_observed &= ~displaced_points(positions, is_observed, order, sigma, changes, loose)
     moved = evident_displacements(name, points, shape, order, changes)
     ok = fit.ok & (is_observed.sum(1) >= FEWEST_TARGETS)
     swapped = tuple(swapped_targets(name, points.targets, points.poses, order, assessed.exchanges))
@@ -209,7 +209,7 @@ class MeasuredBodies:
         stands still."""
         names = [body.name for body in bodies]
         lead = names.index(reference) if reference in names else int(np.argmax([body.ok.sum() for body in bodies]))
-        return cls(bodies, places, -1 if any(place.levels for place in places) else lead)
+        return cls(bodies, places, -1 if any(body_places.levels for body_places in places) else lead)
 
     @property
     def targets(self) -> Targets:
@@ -317,12 +317,12 @@ def fixed_body(body: BodyTargets, level: Index, order: Array) -> BodyPlaces:
     R, t, middle = body.R.copy(), body.t.copy(), body.shape.mean(0)
     centre = body.t + body.R @ middle
     for index in range(level.max() + 1):
-        own = level == index
-        known = own & body.ok
+        at_level = level == index
+        known = at_level & body.ok
         if known.any():
             first = body.R[known][0]
-            R[own] = exp_so3(np.median(log_so3(body.R[known] @ first.T), axis=0)) @ first
-            t[own] = np.median(centre[known], axis=0) - R[own] @ middle
+            R[at_level] = exp_so3(np.median(log_so3(body.R[known] @ first.T), axis=0)) @ first
+            t[at_level] = np.median(centre[known], axis=0) - R[at_level] @ middle
     return BodyPlaces(int(level.max()) + 1, level, _jitter(body, level, order), R, t)
 
 
@@ -336,10 +336,10 @@ def _jitter(body: BodyTargets, level: Index, order: Array) -> Array:
         return _root(np.zeros((6, 6)), body)
     scale = _NORMAL * np.median(np.abs(steps), axis=0)
     clipped = np.clip(steps / np.maximum(scale, 1e-12), -_TAIL, _TAIL)
-    own = np.corrcoef(clipped, rowvar=False) * np.outer(scale, scale)
+    covariance = np.corrcoef(clipped, rowvar=False) * np.outer(scale, scale)
     alike = np.diag(np.repeat([np.mean(scale[:3] ** 2), np.mean(scale[3:] ** 2)], 3))
     share = len(steps) / (len(steps) + _ALIKE)
-    return _root(share * own + (1.0 - share) * alike - _noise_covariance(body), body)
+    return _root(share * covariance + (1.0 - share) * alike - _noise_covariance(body), body)
 
 
 def _steps(body: BodyTargets, level: Index, order: Array) -> Array:

@@ -262,15 +262,15 @@ class BodyModel(RecordedModel):
     def _recording(self, shared: NDArray, local: NDArray) -> Recording:
         """Return the recorded points of the bodies with the effects in force."""
         forward_pass = self._forward_pass(shared)
-        places = self._target_positions(forward_pass)
-        kind = np.result_type(places, shared, local)
-        points, turn = np.empty(places.shape, kind), np.empty((*places.shape, 3), kind)
+        positions = self._target_positions(forward_pass)
+        kind = np.result_type(positions, shared, local)
+        points, turn = np.empty(positions.shape, kind), np.empty((*positions.shape, 3), kind)
         for body, centre in enumerate(self._centres):
             channels, pose = self.channel_groups == body, self._pose(body, shared, local)
             start = self.conditions.R[:, body]
             R = exp_so3(pose[:, 3:]) @ start
             middle = self.conditions.t[:, body] + start @ centre + pose[:, :3]
-            points[:, channels] = middle[:, None] + (places[:, channels] - centre) @ np.swapaxes(R, -1, -2)
+            points[:, channels] = middle[:, None] + (positions[:, channels] - centre) @ np.swapaxes(R, -1, -2)
             turn[:, channels] = R[:, None]
         return record(forward_pass, self.targets, _NO_FRAMES, self.effects(shared), points, turn)
 
@@ -299,10 +299,10 @@ class BodyModel(RecordedModel):
     def _by_pose(self, shared: NDArray, local: NDArray, recording: Recording) -> Iterator[tuple[int, NDArray, NDArray]]:
         """Yield each body, its targets, and their derivatives (B, k, 3, 6) by a shift and a rotation vector of its
         pose."""
-        turn, places = recording.state.turn, self._target_positions(recording.forward_pass)
+        turn, points = recording.state.turn, self._target_positions(recording.forward_pass)
         for body, centre in enumerate(self._centres):
             channels = self.channel_groups == body
-            arms = np.einsum("bkij,bkj->bki", turn[:, channels], places[:, channels] - centre)
+            arms = np.einsum("bkij,bkj->bki", turn[:, channels], points[:, channels] - centre)
             jacobian = left_jacobian_so3(self._pose(body, shared, local)[:, 3:])
             slope = rigid_motions(arms)
             slope[..., 3:] = slope[..., 3:] @ jacobian[:, None]

@@ -284,13 +284,13 @@ def _targets(extended_model: ExtendedModel) -> list[str]:
     """Return the lines of the table with the surveyed targets of base and platform."""
     model, bodies = extended_model.model, {kind: body for body, kind in _BODIES.items()}
     targets, lines = model.targets, []
-    for k, place in enumerate(model.known.shape):
+    for k, position in enumerate(model.known.shape):
         reported: dict[str, Any] = {
             "body": bodies[int(targets.body[k])],
             "target": targets.names[k] if targets.names else str(k),
         }
         reported |= {"leg": int(targets.leg[k]) + 1} if targets.leg[k] >= 0 else {}
-        reported |= {"place_mm": _mm(place), "sigma_mm": _mm(extended_model.survey_sigma[k])}
+        reported |= {"place_mm": _mm(position), "sigma_mm": _mm(extended_model.survey_sigma[k])}
         lines.append(f"  {toml_value(reported)},")
     return ["", "[survey]", "targets = [", *lines, "]"]
 

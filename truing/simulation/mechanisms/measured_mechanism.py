@@ -33,9 +33,9 @@ class MeasuredTargets:
 
     def subset(self, used: NDArray) -> MeasuredTargets:
         """Return some of the targets (mask K)."""
-        own = self.targets
-        names = [tuple(np.array(values, object)[used]) for values in (own.names, own.bodies)]
-        targets = Targets(own.body[used], own.leg[used], names[0], names[1])
+        every = self.targets
+        names = [tuple(np.array(values, object)[used]) for values in (every.names, every.bodies)]
+        targets = Targets(every.body[used], every.leg[used], names[0], names[1])
         return MeasuredTargets(
             targets,
             self.shape[used],

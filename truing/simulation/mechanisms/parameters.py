@@ -79,8 +79,8 @@ class ParameterSet:
         slot_of: dict[str, tuple[NDArray, tuple[Any, ...]]] = {}
         for field in dict.fromkeys(slot.field for slot in slots):
             chosen = [i for i, slot in enumerate(slots) if slot.field == field]
-            places = np.array([slots[i].place for i in chosen])
-            slot_of[field] = np.array(chosen), tuple(places.T)
+            indices = np.array([slots[i].place for i in chosen])
+            slot_of[field] = np.array(chosen), tuple(indices.T)
         return slot_of
 
     def values(self, machine: Machine) -> NDArray:
@@ -88,8 +88,8 @@ class ParameterSet:
         parts = {field: _array(machine, field) for field in self._slots}
         batch = np.broadcast_shapes(*(part.shape[: part.ndim - _RANK[name]] for name, part in parts.items()))
         values = np.zeros((*batch, len(self)), np.result_type(float, *parts.values()))
-        for field, (chosen, place) in self._slots.items():
-            values[..., chosen] = parts[field][..., *place]
+        for field, (chosen, index) in self._slots.items():
+            values[..., chosen] = parts[field][..., *index]
         return values
 
     def machine(self, nominal: Machine, values: NDArray) -> Machine:
@@ -98,22 +98,22 @@ class ParameterSet:
         Raises ValueError if the parameters contain the largest component of u, which follows from the others.
         """
         arrays = {}
-        for field, (chosen, place) in self._slots.items():
+        for field, (chosen, index) in self._slots.items():
             start = _array(nominal, field)
             array = np.broadcast_to(start, (*values.shape[:-1], *start.shape[-_RANK[field] :]))
             array = array.astype(np.result_type(start, values))
-            array[..., *place] = values[..., chosen]
+            array[..., *index] = values[..., chosen]
             arrays[field] = self._normalised(array, start) if field == "u" else array
         return _with_arrays(nominal, arrays)
 
     def change(self, machine: Machine) -> Change:
         """Return the derivative of the machine's fields by the parameters."""
         fields = {}
-        for field, (chosen, place) in self._slots.items():
+        for field, (chosen, index) in self._slots.items():
             array = _array(machine, field)
             batch = array.shape[: array.ndim - _RANK[field]] if field == "u" else ()
             slope = np.zeros((*batch, *array.shape[-_RANK[field] :], len(self)), array.dtype)
-            slope[..., *place, chosen] = 1.0
+            slope[..., *index, chosen] = 1.0
             fields[field] = _along_the_sphere(array, slope) if field == "u" else slope
         return Change(fields, len(self))
 
@@ -239,8 +239,8 @@ def deformation_set(machine: Machine, deformation: str) -> ParameterSet:
     if deformation in ("matrix", "in-plane"):
         between = "_" if count > 9 else ""
         kinds = ("K", *(_IN_PLANE if deformation == "in-plane" else ()))
-        places = ((kind, i, j) for kind in kinds for i in range(count) for j in range(count))
-        return ParameterSet(tuple(_ratio(f"{kind}{i + 1}{between}{j + 1}", i) for kind, i, j in places))
+        entries = ((kind, i, j) for kind in kinds for i in range(count) for j in range(count))
+        return ParameterSet(tuple(_ratio(f"{kind}{i + 1}{between}{j + 1}", i) for kind, i, j in entries))
     return ParameterSet(tuple(_ratio("kappa", leg) for leg in range(count) if deformation == "linear"))
 
 
@@ -254,8 +254,8 @@ def _directions(machine: Machine, count: int) -> list[LegParameter]:
     if "u" not in machine.legs.closure.geometry:
         return []
     smallest = np.sort(np.argsort(np.abs(machine.legs.u), -1, kind="stable")[:, :count], -1)
-    order = [(place, leg) for place in range(count) for leg in range(len(smallest))]
-    return [_ratio(f"u_{_AXES[smallest[leg, place]]}", leg) for place, leg in order]
+    order = [(rank, leg) for rank in range(count) for leg in range(len(smallest))]
+    return [_ratio(f"u_{_AXES[smallest[leg, rank]]}", leg) for rank, leg in order]
 
 
 def _sections(wanted: bool) -> Sequence[LegParameter]:

@@ -97,16 +97,16 @@ def leg_by_leg(machine: Machine, parameters: ParameterSet) -> Change:
     Raises ValueError for shared parameters, and for different numbers of parameters per leg.
     """
     owners = np.array([entry.leg for entry in parameters.entries])
-    places = [np.flatnonzero(owners == leg) for leg in range(machine.legs.count)]
-    if np.any(owners < 0) or len({len(columns) for columns in places}) != 1:
+    unknowns = [np.flatnonzero(owners == leg) for leg in range(machine.legs.count)]
+    if np.any(owners < 0) or len({len(columns) for columns in unknowns}) != 1:
         raise ValueError(
             "parameters: found shared ones, or different numbers per leg; expected the same number of each"
         )
     fields = parameters.change(machine).fields
     legs = {
-        name: np.stack([field[i, ..., columns] for i, columns in enumerate(places)]) for name, field in fields.items()
+        name: np.stack([field[i, ..., columns] for i, columns in enumerate(unknowns)]) for name, field in fields.items()
     }
-    return Change({name: np.moveaxis(field, 1, -1) for name, field in legs.items()}, len(places[0]))
+    return Change({name: np.moveaxis(field, 1, -1) for name, field in legs.items()}, len(unknowns[0]))
 
 
 def pose_regressors(

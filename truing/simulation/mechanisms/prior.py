@@ -70,8 +70,8 @@ def _size(model: MechanismModel, name: str) -> int:
 def _split(model: MechanismModel, names: Sequence[str]) -> tuple[NDArray, NDArray]:
     """Return the indices of the named parts among a model's unknowns, in that order, and those of all others."""
     slices = [model.layout[name] for name in names]
-    places = np.concatenate([np.arange(part.start, part.stop) for part in slices]) if slices else np.zeros(0, int)
-    return places, np.setdiff1d(np.arange(model.shared_size), places)
+    columns = np.concatenate([np.arange(part.start, part.stop) for part in slices]) if slices else np.zeros(0, int)
+    return columns, np.setdiff1d(np.arange(model.shared_size), columns)
 
 
 def _bridge(old: MechanismModel, new: MechanismModel, names: Sequence[str]) -> NDArray:
@@ -121,7 +121,7 @@ def _same_survey(extended: ExtendedModel, model: MechanismModel) -> bool:
     """True if both surveys have the same targets of base and platform at the same positions."""
     before, now = (_attached_positions(one) for one in (extended.model, model))
     return before.keys() == now.keys() and all(
-        np.abs(before[key] - place).max() < _SAME_M for key, place in now.items()
+        np.abs(before[key] - point).max() < _SAME_M for key, point in now.items()
     )
 
 
@@ -157,8 +157,8 @@ def _frames(
     return _moved_by_frames(prior, model), spread
 
 
-def _rigid_information(places: NDArray) -> NDArray:
-    rows = rigid_motions(places)
+def _rigid_information(points: NDArray) -> NDArray:
+    rows = rigid_motions(points)
     return np.asarray(np.einsum("nij,nik->jk", rows, rows))
 
 

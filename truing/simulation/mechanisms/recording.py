@@ -99,12 +99,12 @@ def positions(state: State, targets: Targets, frames: LegFrames) -> NDArray:
     return points
 
 
-def _set_attached_positions(places: NDArray, state: State, targets: Targets) -> None:
+def _set_attached_positions(positions: NDArray, state: State, targets: Targets) -> None:
     """Set the positions (B, K, 3) of targets on attachments, in the platform's frame, with displacements."""
     seats = targets.at_attachment
     upper = attachments(state.legs, state.delta_bz)
-    moved = np.broadcast_to(state.moved, places.shape)[:, seats]
-    places[:, seats] = np.broadcast_to(upper, (len(places), *upper.shape[-2:]))[:, targets.leg[seats]] + moved
+    moved = np.broadcast_to(state.moved, positions.shape)[:, seats]
+    positions[:, seats] = np.broadcast_to(upper, (len(positions), *upper.shape[-2:]))[:, targets.leg[seats]] + moved
 
 
 @dataclass(frozen=True)
@@ -149,17 +149,17 @@ def _leg_turn(state: State, nominal: NDArray, z: NDArray, dg: NDArray, g: NDArra
 
 def target_motion(state: State, targets: Targets, frames: LegFrames, bodies: MotionDerivatives) -> NDArray:
     """Return the motion (B, K, 3, P) of the targets, base frame, due to the motion of the bodies."""
-    places = np.broadcast_to(state.shape + state.moved, (len(state.rho), len(targets.body), 3))
-    result = np.zeros((*places.shape, bodies.twist.shape[-1]))
+    positions = np.broadcast_to(state.shape + state.moved, (len(state.rho), len(targets.body), 3))
+    result = np.zeros((*positions.shape, bodies.twist.shape[-1]))
     free, seats, on_leg = (targets.body == PLATFORM) & (targets.leg < 0), targets.at_attachment, targets.body == LEG
     back = np.swapaxes(state.R, -1, -2)
-    result[:, free] = point_motion(bodies.twist, places[:, free] @ back)
-    moved = np.broadcast_to(state.moved, places.shape)[:, seats] @ back
+    result[:, free] = point_motion(bodies.twist, positions[:, free] @ back)
+    moved = np.broadcast_to(state.moved, positions.shape)[:, seats] @ back
     result[:, seats] = bodies.attachment[:, targets.leg[seats]] + _motion_under_rotation(
         bodies.twist[:, None, 3:], moved
     )
     ridden = targets.leg[on_leg]
-    arms = np.einsum("bkij,bkj->bki", frames.rotation[:, ridden], places[:, on_leg])
+    arms = np.einsum("bkij,bkj->bki", frames.rotation[:, ridden], positions[:, on_leg])
     result[:, on_leg] = bodies.lower[:, ridden] + _motion_under_rotation(bodies.turn[:, ridden], arms)
     if bodies.moved is not None:
         result += target_rotations(state, targets, frames) @ bodies.moved

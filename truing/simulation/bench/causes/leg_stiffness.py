@@ -90,10 +90,10 @@ class LegStiffness(ReadingCause):
         return (scale, ReportedParameter("part", self.part, None, "")) if self.part else (scale,)
 
     def _scaled_deflections(
-        self, deflection: NDArray, legs: LegElasticity | None, values: NDArray, place: int
+        self, deflection: NDArray, legs: LegElasticity | None, values: NDArray, index: int
     ) -> NDArray:
         """Return deflections (B, 6, 6, ...) times the factor, or times its derivative; without legs unchanged, or
         zero."""
         if legs is None:
-            return deflection * (1.0 - place)
-        return np.asarray(np.einsum("ik,bk...->bi...", self.ratios(legs, values)[place], deflection))
+            return deflection * (1.0 - index)
+        return np.asarray(np.einsum("ik,bk...->bi...", self.ratios(legs, values)[index], deflection))

@@ -179,13 +179,13 @@ class LoadImbalance(LoadCause):
         brought = share_wrench(self.axis, self.arm)
         return base_parameters + tuple(
             ReportedParameter(
-                f"{quantity}_{_XYZ[place % 3]}{form}",
-                float(brought[place] * value),
-                float(abs(brought[place]) * np.sqrt(variance)),
+                f"{quantity}_{_XYZ[index % 3]}{form}",
+                float(brought[index] * value),
+                float(abs(brought[index]) * np.sqrt(variance)),
                 unit,
             )
             for form, value, variance in zip(self.forms, values, np.diag(covariance), strict=True)
-            for place in np.flatnonzero(brought)
+            for index in np.flatnonzero(brought)
         )
 
     @property

@@ -194,13 +194,13 @@ def _periodic_candidates(steps: LoadSteps, is_observed: NDArray, column: str) ->
     forms = [NonparametricReadingEffect(half_ranges=(float(period),), **inputs) for period in periods]  # type: ignore[arg-type]
     shapes = np.stack([form.functions(steps) for form in forms])
 
-    def alike(places: NDArray) -> ChannelCandidates[NonparametricReadingEffect]:
-        scale = _PLAUSIBLE_SIGMAS * float(steps.sigma[places[0]])
+    def alike(columns: NDArray) -> ChannelCandidates[NonparametricReadingEffect]:
+        scale = _PLAUSIBLE_SIGMAS * float(steps.sigma[columns[0]])
 
         def member(target: int, shape: int) -> NonparametricReadingEffect:
-            return replace(forms[shape], channel=steps.channels[places[target]], scale=scale)
+            return replace(forms[shape], channel=steps.channels[columns[target]], scale=scale)
 
-        return ChannelCandidates(shapes, places, np.ones((len(periods), len(places)), bool), scale, member)
+        return ChannelCandidates(shapes, columns, np.ones((len(periods), len(columns)), bool), scale, member)
 
     return [alike(read[steps.sigma[read] == sigma]) for sigma in np.unique(steps.sigma[read])]
 

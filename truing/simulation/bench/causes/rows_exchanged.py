@@ -52,11 +52,11 @@ class RowsExchanged(ReadingCause):
     def moved(self, state: ReadingState, values: NDArray) -> NDArray:
         """Return the applied loads minus the recorded ones."""
         shift = np.zeros_like(state.wrench)
-        places = [_row_index(state.steps, row) for row in self.rows]
-        if len(places) == 2 and None not in places:
+        indices = [_row_index(state.steps, row) for row in self.rows]
+        if len(indices) == 2 and None not in indices:
             columns = [AXES.index(name) for name in self.components]
-            load = state.steps.load[np.ix_(places, columns)]  # type: ignore[arg-type]
-            shift[np.ix_(places, columns)] = load[::-1] - load  # type: ignore[arg-type]
+            load = state.steps.load[np.ix_(indices, columns)]  # type: ignore[arg-type]
+            shift[np.ix_(indices, columns)] = load[::-1] - load  # type: ignore[arg-type]
         return shift
 
     def reported(self, values: NDArray, covariance: NDArray, legs: int) -> tuple[ReportedParameter, ...]:
@@ -89,10 +89,10 @@ class SignalsExchanged(RowsExchanged):
     def _exchanged(self, state: ReadingState, values: NDArray) -> NDArray:
         """Return values (B, K, ...) with the signals of the two rows exchanged."""
         exchanged = np.array(values)
-        places = [_row_index(state.steps, row) for row in self.rows]
-        if len(places) == 2 and None not in places:
+        indices = [_row_index(state.steps, row) for row in self.rows]
+        if len(indices) == 2 and None not in indices:
             signal = np.array([is_signal(name) for name in state.steps.channels])
-            exchanged[np.ix_(places, signal)] = values[np.ix_(places[::-1], signal)]  # type: ignore[arg-type]
+            exchanged[np.ix_(indices, signal)] = values[np.ix_(indices[::-1], signal)]  # type: ignore[arg-type]
         return exchanged
 
 

@@ -67,8 +67,8 @@ class SignalHysteresis(LoadCause):
 
     def slopes(self, state: ReadingState, values: NDArray) -> NDArray:
         """Return d wrench / d width."""
-        own = np.array([not self.axis or axis == self.axis for axis in AXES])
-        return np.asarray((self._lag(state.steps) * state.steps.largest * own)[..., None])
+        on_axis = np.array([not self.axis or axis == self.axis for axis in AXES])
+        return np.asarray((self._lag(state.steps) * state.steps.largest * on_axis)[..., None])
 
     def _lag(self, steps: LoadSteps) -> NDArray:
         """Return the excess of the load felt (B, 6) per width, over the largest load; zero at the start of a run."""

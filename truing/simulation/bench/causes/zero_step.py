@@ -89,7 +89,7 @@ class ZeroStep(ReadingCause):
         early = np.stack([(steps.code == steps.code[row]) & (steps.rank < steps.rank[row]) for row in onsets])
         seen = scene.recorded.astype(int)
         usable = np.minimum(late.astype(int) @ seen, early.astype(int) @ seen) >= FEWEST
-        return [_channel_steps(steps, onsets, late, usable, places) for places in _groups(steps)]
+        return [_channel_steps(steps, onsets, late, usable, group) for group in _groups(steps)]
 
     def parameters(self, legs: int) -> tuple[Parameter, ...]:
         """Return the amounts."""
@@ -114,32 +114,32 @@ class ZeroStep(ReadingCause):
 
 def _groups(steps: LoadSteps) -> Iterator[NDArray]:
     """Yield indices of channels of equal noise: (T, 1) to try one by one, and (1, n) to try together."""
-    single = [place for place, name in enumerate(steps.channels) if not is_linear(name)]
+    single = [channel for channel, name in enumerate(steps.channels) if not is_linear(name)]
     for _, group in groupby(
-        sorted(single, key=lambda place: float(steps.sigma[place])), lambda place: steps.sigma[place]
+        sorted(single, key=lambda channel: float(steps.sigma[channel])), lambda channel: steps.sigma[channel]
     ):
         yield np.array(list(group))[:, None]
     for signals in (False, True):
-        together = [place for place, name in enumerate(steps.channels) if is_signal(name) == signals]
+        together = [channel for channel, name in enumerate(steps.channels) if is_signal(name) == signals]
         if len(together) > 1:
             yield np.array(together)[None]
 
 
 def _channel_steps(
-    steps: LoadSteps, onsets: Sequence[int], late: NDArray, usable: NDArray, places: NDArray
+    steps: LoadSteps, onsets: Sequence[int], late: NDArray, usable: NDArray, channels: NDArray
 ) -> ChannelCandidates[ZeroStep]:
     """Return the candidates for channels (T, n) at onsets (S,), with masks late (S, B) and usable (S, K)."""
-    scales = _PLAUSIBLE_SIGMAS * steps.sigma[places]
+    scales = _PLAUSIBLE_SIGMAS * steps.sigma[channels]
     scale = float(scales.max())
 
     def member(target: int, shape: int) -> ZeroStep:
         row = onsets[shape]
-        names = tuple(steps.channels[place] for place in places[target])
+        names = tuple(steps.channels[channel] for channel in channels[target])
         scales_of_target = tuple(float(value) for value in scales[target])
         return ZeroStep(names, steps.run[row].item(), steps.step[row].item(), int(steps.rank[row]), scales_of_target)
 
-    values, reported = late[..., None].astype(float), usable[:, places]
-    if places.shape[1] == 1:
-        return ChannelCandidates(values, places[:, 0], reported[..., 0], scale, member)
+    values, reported = late[..., None].astype(float), usable[:, channels]
+    if channels.shape[1] == 1:
+        return ChannelCandidates(values, channels[:, 0], reported[..., 0], scale, member)
     patterns = np.stack([np.diag(scale_of_step / scale) for scale_of_step in scales])[:, :, None, :]
-    return ChannelCandidates(values, places, np.asarray(reported.all(-1)), scale, member, patterns)
+    return ChannelCandidates(values, channels, np.asarray(reported.all(-1)), scale, member, patterns)

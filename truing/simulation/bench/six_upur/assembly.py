@@ -276,5 +276,5 @@ def influence_change(joints: JointCentres, motion: JointMotion) -> NDArray:
 
 def _turn_across(joints: JointCentres, motion: JointMotion) -> NDArray:
     """Return the rotations (6, 3, P) of the legs across their axes, rad per unit."""
-    apart = (motion.origin + motion.arm - motion.lower) / joints.length[:, None, None]
-    return np.cross(joints.direction[..., None], apart, axis=-2)
+    rod = (motion.origin + motion.arm - motion.lower) / joints.length[:, None, None]
+    return np.cross(joints.direction[..., None], rod, axis=-2)

@@ -210,7 +210,7 @@ def notch(width: float, web: float, radius: float, youngs_pa: float, poisson: fl
 def spring(axial: float | None = None, torsion: float | None = None, length: float = 0.0) -> LegElement:
     """Return springs along and about the leg, N/m and N m/rad, rigid if absent; the axial one is the sensor."""
     known = (("axial", 2, axial), ("torsion", 5, torsion))
-    gives = tuple((name, _unit_entry(place) / value) for name, place, value in known if value is not None)
+    gives = tuple((name, _unit_entry(entry) / value) for name, entry, value in known if value is not None)
     return LegElement("spring", length, gives, measures=axial is not None)
 
 
@@ -319,7 +319,7 @@ def _slope(at_end: NDArray) -> NDArray:
     return moved + np.swapaxes(moved, -1, -2)
 
 
-def _unit_entry(place: int) -> NDArray:
+def _unit_entry(index: int) -> NDArray:
     entry = np.zeros((6, 6))
-    entry[place, place] = 1.0
+    entry[index, index] = 1.0
     return entry

@@ -118,7 +118,7 @@ class UncertainSensor:
     def unknowns(self) -> list[tuple[int | None, str]]:
         """Leg (from 1; None if common to all) and name of each unknown, lengths first."""
         named: list[tuple[int | None, str]] = [
-            (int(place) // len(SOURCES) + 1, SOURCES[int(place) % len(SOURCES)]) for place in self.sources
+            (int(source) // len(SOURCES) + 1, SOURCES[int(source) % len(SOURCES)]) for source in self.sources
         ]
         legs: list[int | None] = [None, *range(1, _LEGS + 1)]
         if self.elastic is None or not self._is_elastic:
@@ -154,8 +154,8 @@ class UncertainSensor:
             return Response(np.zeros((0, 6, 6)), np.zeros((0, self.models, 6, 6)))
         motion = motion_of_sources(self.joints)
 
-        def moved(place: NDArray, by: NDArray) -> NDArray:
-            return np.asarray(place + 1j * _TINY * np.moveaxis(by, -1, 0))
+        def moved(index: NDArray, by: NDArray) -> NDArray:
+            return np.asarray(index + 1j * _TINY * np.moveaxis(by, -1, 0))
 
         joints = JointCentres(
             moved(self.joints.lower, motion.lower),
@@ -217,8 +217,8 @@ class UncertainSensor:
         passive = np.linalg.inv(G)
         if giving is None:
             lead = passive.shape[:-2]
-            own = [passive, self._lengthening(G)][: self.models]
-            return Response(self._displaced(G), _stacked(own, lead))
+            responses = [passive, self._lengthening(G)][: self.models]
+            return Response(self._displaced(G), _stacked(responses, lead))
         transport = end_transport(joints.arm, leg_axes(joints.direction))
         stiffness = transport @ np.linalg.inv(giving) @ np.swapaxes(transport, -1, -2)
         compliance = np.linalg.inv(stiffness.sum(-3))

@@ -74,8 +74,8 @@ class BodyCause(PointCause):
     @cached_property
     def _arms(self) -> NDArray:
         """Positions (k, 3) of the targets relative to their centroid."""
-        places = np.reshape(self.places, (-1, 3))
-        return np.asarray(places - places.mean(0))
+        positions = np.reshape(self.places, (-1, 3))
+        return np.asarray(positions - positions.mean(0))
 
     @cached_property
     def _radius(self) -> float:
@@ -104,8 +104,8 @@ class BodyCause(PointCause):
         moved = np.zeros((poses, len(known), 3, count, pattern.shape[1]), functions.dtype)
         for row, target in enumerate(self.targets):
             if (self.body, target) in known:
-                own = pattern[3 * row : 3 * row + 3]
-                moved[:, known.index((self.body, target))] = functions[:, None, :, None] * own[:, None, :]
+                pattern_of_row = pattern[3 * row : 3 * row + 3]
+                moved[:, known.index((self.body, target))] = functions[:, None, :, None] * pattern_of_row[:, None, :]
         return moved.reshape(poses, len(known), 3, -1)
 
     def _pattern_parameters(self, suffix: str = "") -> tuple[Parameter, ...]:
@@ -119,8 +119,8 @@ class BodyCause(PointCause):
         """Return values and covariance of a pattern without its rigid motion, which has no effect."""
         if self.whole:
             return values, covariance
-        own = np.kron(np.eye(len(values) // len(self._shape_only)), self._shape_only)
-        return own @ values, own @ covariance @ own.T
+        projection = np.kron(np.eye(len(values) // len(self._shape_only)), self._shape_only)
+        return projection @ values, projection @ covariance @ projection.T
 
 
 @dataclass(frozen=True)
@@ -152,12 +152,14 @@ class BodyDeformation(BodyCause):
             return ()
         proposed = list(proposed_terms(scene))
         return [
-            BodyDeformation(*own, whole_body_option, terms, *column_scaling(scene, terms), runs_with_time(scene, terms))
-            for own in bodies_of(scene)
-            for whole_body_option in whole_body_options(scene, own[0])
+            BodyDeformation(
+                *body, whole_body_option, terms, *column_scaling(scene, terms), runs_with_time(scene, terms)
+            )
+            for body in bodies_of(scene)
+            for whole_body_option in whole_body_options(scene, body[0])
             for terms in proposed
-            if terms != place_columns(own[0])
-            if whole_body_option or not is_large(own[1]) or (len(terms) == 1 and TIMES not in terms[0])
+            if terms != place_columns(body[0])
+            if whole_body_option or not is_large(body[1]) or (len(terms) == 1 and TIMES not in terms[0])
         ]
 
     def prior(self, scene: PointScene) -> float:
@@ -195,9 +197,13 @@ class BodyDeformation(BodyCause):
 def bodies_of(scene: PointScene) -> Iterator[tuple[str, tuple[str, ...], tuple[float, ...]]]:
     """Yield each body with enough targets: its name, its targets, and their positions."""
     for body in dict.fromkeys(scene.targets.bodies):
-        own = [n for n, other in enumerate(scene.targets.bodies) if other == body]
-        if len(own) >= _FEWEST:
-            yield body, tuple(scene.targets.names[n] for n in own), tuple(float(x) for x in scene.shape[own].ravel())
+        at = [n for n, other in enumerate(scene.targets.bodies) if other == body]
+        if len(at) >= _FEWEST:
+            yield (
+                body,
+                tuple(scene.targets.names[n] for n in at),
+                tuple(float(x) for x in scene.shape[at].ravel()),
+            )
 
 
 def is_large(targets: tuple[str, ...]) -> bool:

@@ -82,9 +82,9 @@ class BodyDrift(BodyCause):
             return ()
         return [
             form
-            for own in bodies_of(scene)
-            for whole_body_option in whole_body_options(scene, own[0])
-            for form in _forms(BodyDrift(*own, whole_body_option, column), scene)
+            for body in bodies_of(scene)
+            for whole_body_option in whole_body_options(scene, body[0])
+            for form in _forms(BodyDrift(*body, whole_body_option, column), scene)
         ]
 
     def prior(self, scene: PointScene) -> float:

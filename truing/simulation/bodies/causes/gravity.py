@@ -66,14 +66,14 @@ class GravitySag(BodyCause):
     def candidates(self, scene: PointScene) -> Sequence[GravitySag]:
         """Return every body in whose frame gravity turns, as a whole, and each of its targets."""
         sags = []
-        for body, targets, places in bodies_of(scene):
+        for body, targets, positions in bodies_of(scene):
             down = scene.covariates.get(gravity_column(body))
             if down is None or np.ptp(down, axis=0).max() < _LEAST_TURN:
                 continue
             middle, up = np.mean(down, axis=0).tolist(), () if scene.weight is None else scene.weight.up
-            own = GravitySag(body, targets, places, middle=tuple(middle), up=up)
-            sags += [own._with_form(form) for form in (ALONG, *(() if is_large(targets) or up else (FREE,)))]
-            sags += [own._with_form(ALONG, target) for target in targets]
+            sag = GravitySag(body, targets, positions, middle=tuple(middle), up=up)
+            sags += [sag._with_form(form) for form in (ALONG, *(() if is_large(targets) or up else (FREE,)))]
+            sags += [sag._with_form(ALONG, target) for target in targets]
         return sags
 
     def _with_form(self, form: str, target: str = "") -> GravitySag:
@@ -128,5 +128,5 @@ class GravitySag(BodyCause):
         """Return the sags, without their rigid motion of the body."""
         if self.form == FREE:
             return super().reported(*self._free_of_motion(values, covariance), legs)
-        own = np.eye(1) if self.one else self._shares
-        return super().reported(own @ values, own @ covariance @ own.T, legs)
+        shares = np.eye(1) if self.one else self._shares
+        return super().reported(shares @ values, shares @ covariance @ shares.T, legs)

@@ -205,8 +205,8 @@ class BaseDeformation(PointCause):
         fields = {"a": _along_z(q * _shapes(across / radius[..., None]))}
         if state.targets is not None and len(state.shape):
             on_base = (state.targets.body == 0)[:, None]
-            places = state.shape[:, :2] / radius[..., None]
-            fields["moved"] = _along_z(q * _shapes(places) * on_base)
+            positions = state.shape[:, :2] / radius[..., None]
+            fields["moved"] = _along_z(q * _shapes(positions) * on_base)
         return Change(fields, len(_SHAPES))
 
     def _driver_values(self, state: State) -> NDArray:
@@ -215,9 +215,9 @@ class BaseDeformation(PointCause):
         return state.delta_rho[:, int(self.driver.removeprefix(_READING)) - 1]
 
 
-def _shapes(place: NDArray) -> NDArray:
+def _shapes(position: NDArray) -> NDArray:
     """Return saddle_x, saddle_y and bowl (..., 3) at positions (..., 2) in units of the joints' radius."""
-    x, y = place[..., 0], place[..., 1]
+    x, y = position[..., 0], position[..., 1]
     return np.stack([x * x - y * y, 2 * x * y, x * x + y * y], -1)
 
 

@@ -25,6 +25,7 @@ from truing.simulation.inputs import (
     ORDER,
     OWN_DRIVE,
     PER_ACTUATOR,
+    RELAXING,
     STOPPED,
     TEMPERATURE,
     TIME,
@@ -44,7 +45,7 @@ from truing.simulation.nonparametric import (
     dependence,
 )
 
-ALL_DRIVES, HISTORY = "all drives", "history"
+ALL_DRIVES, HISTORY, RELAXATION = "all drives", "history", "relaxation"
 _SMOOTH = 3  # degree of the polynomials that represent a smooth dependence
 _WAVES = 6  # half periods of slow waves over a campaign
 _FEWEST_SEEN = 6
@@ -81,6 +82,7 @@ class NonparametricMechanismEffect(NonparametricEffect[PointScene], PointCause):
     actuator 3, m, and ``own drive`` that of each leg's own actuator. ``approach`` and ``last step`` are direction and
     size of its last movement, ``memory`` is the fading sum of all. The form ``all drives`` is linear in the
     displacements of all actuators; ``history`` is a sum of stop operators of each own drive: friction with memory.
+    ``relaxation`` is a sum of states that follow the movements of each own drive and relax: a viscoelastic part.
 
     Several targets move by smooth patterns over the body if ``places`` gives two coordinates of each, from -1 to 1;
     otherwise one by one.
@@ -95,7 +97,12 @@ class NonparametricMechanismEffect(NonparametricEffect[PointScene], PointCause):
     places: tuple[float, ...] = ()
 
     reads = frozenset({"indicated"})
-    letters: ClassVar[dict[str, str]] = {**NonparametricEffect.letters, ALL_DRIVES: "drive", HISTORY: "stop"}
+    letters: ClassVar[dict[str, str]] = {
+        **NonparametricEffect.letters,
+        ALL_DRIVES: "drive",
+        HISTORY: "stop",
+        RELAXATION: "relaxing",
+    }
 
     def __post_init__(self) -> None:
         """Raise ValueError for an unknown quantity."""
@@ -117,7 +124,7 @@ class NonparametricMechanismEffect(NonparametricEffect[PointScene], PointCause):
     def is_persistent(self) -> bool:
         """True if the effect stays with the machine; False if it depends on time or on poses before, or concerns
         targets."""
-        return super().is_persistent and self.quantity != Quantity.TARGETS and self.form != HISTORY
+        return super().is_persistent and self.quantity != Quantity.TARGETS and not self._has_states
 
     def candidates(self, scene: PointScene) -> Sequence[NonparametricMechanismEffect]:
         """Return all dependences of legs, bodies and the scale that a campaign could show."""
@@ -186,8 +193,8 @@ class NonparametricMechanismEffect(NonparametricEffect[PointScene], PointCause):
         moved = state.indicated - state.legs.rho0
         if self.form == ALL_DRIVES:
             return np.asarray((moved / self.half_ranges[0])[:, None, :])
-        if self.form == HISTORY:
-            return np.stack([state.covariates[column] for column in self.columns], -1)
+        if self._has_states:
+            return np.stack(self.scaled(state.covariates.__getitem__), -1)
         return self.basis(lambda column: _value(column, moved, state.covariates))
 
     def change(self, state: State, values: NDArray) -> Change:
@@ -232,6 +239,10 @@ class NonparametricMechanismEffect(NonparametricEffect[PointScene], PointCause):
         return legs if self.form == ALL_DRIVES else super()._count(legs)
 
     @property
+    def _has_states(self) -> bool:
+        return self.form in (HISTORY, RELAXATION)
+
+    @property
     def _is_of_legs(self) -> bool:
         return self.quantity not in (Quantity.SCALE, Quantity.TARGETS)
 
@@ -267,9 +278,9 @@ def _value(column: str, moved: NDArray, covariates: Mapping[str, NDArray]) -> ND
     return value if value.ndim == 2 else value[:, None]
 
 
-def _patterns(places: NDArray) -> NDArray:
+def _patterns(positions: NDArray) -> NDArray:
     """Return smooth patterns (T, 5) over a body at positions (T, 2): two slopes, two curvatures and a twist."""
-    s, t = places.T
+    s, t = positions.T
     return np.stack([s, t, s * s, s * t, t * t], -1)
 
 
@@ -288,8 +299,8 @@ def _dependences(scene: PointScene) -> Iterator[Dependence]:
     for legs in [chosen for chosen in choices(scene.legs, 2) if len(chosen) == 2]:
         yield from ({"quantity": "readings", "legs": legs, **column} for column in inputs.columns(1))
         if scene.lengths_apart:
-            apart = inputs.columns(1, apart_from=(TIME, TEMPERATURE))
-            yield from ({"quantity": "lengths", "legs": legs, **settings} for settings in apart)
+            others = inputs.columns(1, apart_from=(TIME, TEMPERATURE))
+            yield from ({"quantity": "lengths", "legs": legs, **settings} for settings in others)
     yield from ({"quantity": "scale", **settings} for settings in inputs.scale_dependences())
     for body in _patterned(scene) if scene.legs else ():
         yield from ({"quantity": "targets", **body, **settings} for settings in (*inputs.columns(1), *inputs.drives(1)))
@@ -389,6 +400,9 @@ class _Inputs:
         stops = self._scene.covariates.get(STOPPED[0])
         if stops is not None and np.ptp(stops) > 0 and len(stops) >= PER_FUNCTION * len(STOPPED):
             yield dependence(STOPPED, lambda _: (0.0, 1.0), HISTORY, len(STOPPED))
+        relaxing = self._scene.covariates.get(RELAXING[0])
+        if relaxing is not None and np.ptp(relaxing) > 0 and len(relaxing) >= PER_FUNCTION * len(RELAXING):
+            yield dependence(RELAXING, lambda _: (0.0, 1.0), RELAXATION, len(RELAXING))
         for name in (LAST_STEP, MEMORY):
             steps = self._scene.covariates.get(name)
             if steps is not None and np.ptp(steps) > 0:
@@ -430,6 +444,6 @@ def _patterned(scene: PointScene) -> Iterator[Dependence]:
         if len(members) >= _FEWEST_PATTERNED and not body.startswith("leg"):
             away = scene.shape[members] - scene.shape[members].mean(0)
             along = away @ np.linalg.svd(away, full_matrices=False)[2][:2].T
-            places = along / np.maximum(np.abs(along).max(0), 1e-9)
+            shares = along / np.maximum(np.abs(along).max(0), 1e-9)
             names = tuple(scene.targets.names[n] for n in members)
-            yield {"body": body, "targets": names, "places": tuple(float(value) for value in places.ravel())}
+            yield {"body": body, "targets": names, "places": tuple(float(value) for value in shares.ravel())}

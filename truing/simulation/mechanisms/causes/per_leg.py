@@ -130,14 +130,14 @@ def legs_with_effect(
     effect is expected to have one of the same size as the others.
     """
     odds = {}
-    for kept in choices(legs)[1:]:
-        if set(kept) < set(concerned or range(1, legs + 1)):
-            out = ~np.isin(leg_of, kept)
-            shares = choice_share(len(kept), legs), choice_share(len(concerned), legs)
+    for legs_kept in choices(legs)[1:]:
+        if set(legs_kept) < set(concerned or range(1, legs + 1)):
+            out = ~np.isin(leg_of, legs_kept)
+            shares = choice_share(len(legs_kept), legs), choice_share(len(concerned), legs)
             size = max(float(np.sqrt(np.mean(values[~out] ** 2))), 1e-300)
             log_odds = _log_odds_of_zero(values[out], covariance[np.ix_(out, out)], size)
-            odds[kept] = log_odds + np.log(shares[0] / shares[1])
-    best = max(odds, key=lambda kept: odds[kept], default=None)
+            odds[legs_kept] = log_odds + np.log(shares[0] / shares[1])
+    best = max(odds, key=lambda legs_kept: odds[legs_kept], default=None)
     return concerned if best is None or odds[best] <= _CLEARLY else best
 
 

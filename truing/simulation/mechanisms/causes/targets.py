@@ -99,9 +99,9 @@ class TargetMoved(PointCause):
             ChannelCandidates(late, together, is_observed, _PLAUSIBLE_M, marker, patterns),
         ]
 
-    def of_corners(self, corners: Sequence[str], places: NDArray) -> TargetMoved:
+    def of_corners(self, corners: Sequence[str], positions: NDArray) -> TargetMoved:
         """Return the cause for the marker with these corners at positions (n, 3) on the body, m."""
-        return replace(self, corners=tuple(corners), places=tuple(float(x) for x in np.ravel(places)))
+        return replace(self, corners=tuple(corners), places=tuple(float(x) for x in np.ravel(positions)))
 
     @property
     def _arms(self) -> tuple[NDArray, float]:
@@ -136,14 +136,14 @@ class TargetMoved(PointCause):
 
         Empty if the state has none of these targets.
         """
-        places = [place_of(state, self.body, name) for name in self.corners or (self.target,)]
-        if all(place is None for place in places):
+        indices = [place_of(state, self.body, name) for name in self.corners or (self.target,)]
+        if all(index is None for index in indices):
             return {}
         late = np.asarray(state.covariates[ORDER]) >= self.from_order
         moved = np.zeros((len(state.rho), len(state.shape), *by.shape[1:]), by.dtype)
-        for place, derivative in zip(places, by, strict=True):
-            if place is not None:
-                moved[late, place] = derivative
+        for index, derivative in zip(indices, by, strict=True):
+            if index is not None:
+                moved[late, index] = derivative
         return {"moved": moved}
 
     def reported(self, values: NDArray, covariance: NDArray, legs: int) -> tuple[ReportedParameter, ...]:
@@ -194,12 +194,12 @@ class TargetsSwapped(PointCause):
     def recorded(self, points: NDArray, state: State, values: NDArray) -> NDArray:
         """Return points, or their motions, (B, K, 3, ...), with the two labels exchanged."""
         found = [place_of(state, self.body, target) for target in self.targets]
-        places = [place for place in found if place is not None]
-        if len(places) != 2:
+        indices = [index for index in found if index is not None]
+        if len(indices) != 2:
             return points
         rows = np.flatnonzero(np.isin(state.covariates[ORDER], self.orders))[:, None]
         exchanged = points.copy()
-        exchanged[rows, np.array(places)] = points[rows, np.array(places[::-1])]
+        exchanged[rows, np.array(indices)] = points[rows, np.array(indices[::-1])]
         return exchanged
 
     def reported(self, values: NDArray, covariance: NDArray, legs: int) -> tuple[ReportedParameter, ...]:
@@ -248,13 +248,13 @@ def markers_of(bodies: Sequence[str], names: Sequence[str]) -> dict[tuple[str, s
     }
 
 
-def arms_of(places: NDArray) -> tuple[NDArray, float]:
+def arms_of(positions: NDArray) -> tuple[NDArray, float]:
     """Return the positions of corners (n, 3) relative to their centroid, and the rms of their distance from it, m."""
-    arms = places - places.mean(0)
+    arms = positions - positions.mean(0)
     return arms, float(np.sqrt(np.mean(np.sum(arms**2, -1))))
 
 
-def rigid_patterns(markers: Sequence[Sequence[int]], places: NDArray) -> tuple[NDArray, NDArray]:
+def rigid_patterns(markers: Sequence[Sequence[int]], positions: NDArray) -> tuple[NDArray, NDArray]:
     """Return the corners (T, n) of markers among positions (K, 3), m, and their rigid motions (T, n, 3, 6).
 
     The motions are shifts along the axes, and rotations scaled to the same rms displacement of the corners. A marker of
@@ -263,7 +263,7 @@ def rigid_patterns(markers: Sequence[Sequence[int]], places: NDArray) -> tuple[N
     corners = np.array([[*corner_numbers, *corner_numbers[:1]][: len(_CORNERS)] for corner_numbers in markers])
     patterns = np.zeros((*corners.shape, 3, 6))
     for number, marker in enumerate(markers):
-        arms, radius = arms_of(places[list(marker)])
+        arms, radius = arms_of(positions[list(marker)])
         patterns[number, : len(marker), :, :3] = np.eye(3)
         patterns[number, : len(marker), :, 3:] = -skew(arms) / radius
     return corners, patterns

@@ -44,6 +44,7 @@ class ThermalExpansion(PointCause):
     lacking = Missing.TEMPERATURE
     step = Step.STRUCTURE
     reads = frozenset({"a", "b", "l", "shape"})
+    has_known_scale = True
 
     @property
     def subject(self) -> str:
@@ -97,6 +98,7 @@ class LegThermal(SharedOrPerLeg):
     lacking = Missing.TEMPERATURE
     step = Step.STRUCTURE
     reads = frozenset({"l", "shape"})
+    has_known_scale = True
     parameter = Parameter("alpha", "1/K", _PLAUSIBLE)
 
     def candidates(self, scene: PointScene) -> Sequence[Self]:

@@ -97,13 +97,13 @@ class ChainCause(Cause[ChainScene]):
     def joint_motion(self, machine: ChainInputs, values: NDArray, by_joint: NDArray) -> NDArray | None:
         """Return the derivatives (B, 3 K, P) of channels by the parameters at values (P,), SI, from those (B, K, 3, n)
         by joint motion; None if no joint deviates."""
-        own = self.deviation_slopes(machine, values)
-        return None if own is None else by_joint.reshape(len(by_joint), -1, by_joint.shape[-1]) @ own
+        slopes = self.deviation_slopes(machine, values)
+        return None if slopes is None else by_joint.reshape(len(by_joint), -1, by_joint.shape[-1]) @ slopes
 
     def deviation(self, machine: ChainInputs, values: NDArray) -> NDArray | None:
         """Return the deviations (B, n) of the joints' motion at values (P,), SI; None if none deviates."""
-        own = self.deviations(machine)
-        return None if own is None else own @ values
+        deviations = self.deviations(machine)
+        return None if deviations is None else deviations @ values
 
     def shifts(self, machine: ChainInputs) -> NDArray | None:
         """Return the shifts (B, K, 3, P) of targets in their links per unit of the parameters, m; None if none
@@ -194,10 +194,10 @@ class JointOffset(JointCause):
         """Return the joints whose zeros are the same: about one axis, or slides along parallel ones without a turn
         between that changes their direction."""
         tree = scene.inputs_of_machine.tree
-        own = tree.node_of(tree.readings.index(self.joint))
+        moved_node = tree.node_of(tree.readings.index(self.joint))
         if sum(node.reading == self.joint for node in tree.nodes) > 1:  # others follow it
             return {}
-        alike = moved_alike(scene.inputs_of_machine, own, axis_twist(tree.nodes[own]))
+        alike = moved_alike(scene.inputs_of_machine, moved_node, axis_twist(tree.nodes[moved_node]))
         followed = [node.reading for node in tree.nodes if node.reading != node.joint]
         same = [tree.nodes[k].joint for k, twist in alike if _is_motion_of(tree.nodes[k], twist)]
         others = [name for name in same if name != self.joint and name in tree.readings and name not in followed]
@@ -256,10 +256,10 @@ class JointBacklash(JointCause):
         found, step = super().candidates(scene), scene.covariates.get(LAST_STEP)
         readings = scene.inputs_of_machine.tree.readings
         return [
-            replace(cause, first=way)
+            replace(cause, first=sense)
             for cause in found
-            for way in (1, -1)
-            if way == self.first or (step is not None and not step[:, readings.index(cause.joint)].all())
+            for sense in (1, -1)
+            if sense == self.first or (step is not None and not step[:, readings.index(cause.joint)].all())
         ]
 
     def applies(self, machine: ChainInputs) -> bool:
@@ -328,9 +328,9 @@ class JointCompliance(JointCause):
         if not self.is_angle:
             return (Parameter("compliance", "mm/N", _LENGTH / self.load, _MM),)
         compliance = Parameter("compliance", "rad/(N m)", _ANGLE / self.load)
-        own = zip(self.parts, self.distances, strict=True) if self.free else ()
+        parts = zip(self.parts, self.distances, strict=True) if self.free else ()
         # A plausible distance is a limit too: centres far away would take the place of the compliance.
-        return (compliance, *(Parameter(f"centre {part}", "mm", away / self.reach, _MM) for part, away in own))
+        return (compliance, *(Parameter(f"centre {part}", "mm", away / self.reach, _MM) for part, away in parts))
 
     def motion(self, machine: ChainInputs, reading: int) -> NDArray:
         """Return the torque about the axis, or the force along it, with all centres where they are assumed; zero by
@@ -384,19 +384,19 @@ class JointScatter(ChainCause):
         numbers = np.unique(machine.conditions.series)
         groups += [(int(s), machine.conditions.series == s) for s in numbers] if len(numbers) > 1 else []
         for joint in (-1, *range(joints)):
-            own = np.array([joint in (-1, k) for k in noisy], bool)
+            is_scattered = np.array([joint in (-1, k) for k in noisy], bool)
             turns = bool(machine.tree.is_revolute[noisy if joint < 0 else joint].any())
             cause = replace(self, joint=machine.tree.readings[joint] if joint >= 0 else "", is_angle=turns)
-            if not own.any():
+            if not is_scattered.any():
                 continue
             for series, within in groups:
                 if joint >= 0 or series >= 0:
-                    result.append(ScatterCandidate(replace(cause, series=series), within[:, None] & own, True))
+                    result.append(ScatterCandidate(replace(cause, series=series), within[:, None] & is_scattered, True))
             sides = machine.approach
             for side in (1, -1) if joint >= 0 and sides is not None else ():
                 came = np.zeros(poses) if sides is None else sides[:, joint] == side
                 if 0 < came.sum() < poses:
-                    result.append(ScatterCandidate(replace(cause, direction=side), came[:, None] & own, True))
+                    result.append(ScatterCandidate(replace(cause, direction=side), came[:, None] & is_scattered, True))
         return result
 
     def parameters(self, legs: int) -> tuple[Parameter, ...]:

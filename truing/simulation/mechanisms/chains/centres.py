@@ -21,9 +21,9 @@ def levers(machine: ChainInputs, reading: int, nodes: Iterable[int]) -> dict[str
     """Return the levers (B,) of unit vectors fixed in the links of nodes, under weight about the axis of a joint."""
     assert machine.gravity is not None
     tree, frames = machine.tree, machine.tree.frames(machine.readings)
-    own = tree.node_of(reading)
+    node = tree.node_of(reading)
     down = machine.gravity / np.sqrt(np.sum(machine.gravity**2))
-    axis = frames.R_before[:, own] @ tree.nodes[own].axis
+    axis = frames.R_before[:, node] @ tree.nodes[node].axis
     across = np.cross(down, axis)  # axis . (arm x down) = arm . (down x axis)
     return {
         f"{tree.nodes[k].link} {name}": np.einsum("bi,bi->b", frames.R[:, k, :, c], across)
@@ -69,9 +69,9 @@ def weights_off_centre(machine: ChainInputs, reading: int) -> dict[str, NDArray]
     tree = machine.tree
     if machine.gravity is None or isinstance(tree, ClosedTree) or not tree.is_revolute[reading]:
         return {}
-    own = tree.node_of(reading)
+    node = tree.node_of(reading)
     weights = {link: weight_of(machine, tree.links[link]) for link in machine.without_centre}
-    return {link: weight for link, weight in weights.items() if tree.above[tree.links[link], own] and weight.any()}
+    return {link: weight for link, weight in weights.items() if tree.above[tree.links[link], node] and weight.any()}
 
 
 def moments_off_centre(machine: ChainInputs, reading: int, parts: Iterable[str]) -> NDArray:
@@ -92,5 +92,5 @@ def off_centre(machine: ChainInputs, reading: int, load: float) -> dict[str, flo
         ends = [float(np.sqrt(node.t @ node.t)) for node in machine.tree.nodes if node.parent == k]
         distances |= {f"{link} {axis}": max(_OFF_CENTRE_M, max(ends, default=0.0) / 2.0) for axis in AXES}
     moments = moments_off_centre(machine, reading, distances).T * np.array(list(distances.values()))[:, None]
-    kept = independent(dict(zip(distances, moments, strict=True)), load)
-    return {part: distances[part] for part in kept}
+    parts = independent(dict(zip(distances, moments, strict=True)), load)
+    return {part: distances[part] for part in parts}

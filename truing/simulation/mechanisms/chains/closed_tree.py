@@ -162,8 +162,8 @@ class ClosedTree(Tree):
             else:
                 around = np.cross(axis, points - frames.origin[:, k, None])
                 moved = np.broadcast_to(axis, points.shape) if turns else around
-            own = self.above[nodes, k][:, None]
-            result[..., self.closure.passive.index(node.reading)] += np.where(own, moved, 0.0)
+            is_above = self.above[nodes, k][:, None]
+            result[..., self.closure.passive.index(node.reading)] += np.where(is_above, moved, 0.0)
         return result
 
     def passive_slopes(self, frames: TreeFrames) -> Array:
@@ -177,14 +177,14 @@ class ClosedTree(Tree):
         """Return the derivatives (B, S, P) of the passive joints, given those (B, L, 3, P) of the closing places."""
         _, by_place = self._gaps(frames)
         by_passive = self._by_passive(frames, self._closing, frames.t[:, self._closing])
-        own = np.einsum("bgli,blis->bgs", by_place, by_passive)
-        return -np.asarray(np.linalg.solve(own, np.einsum("bgli,blip->bgp", by_place, slopes)))
+        closed = np.einsum("bgli,blis->bgs", by_place, by_passive)
+        return -np.asarray(np.linalg.solve(closed, np.einsum("bgli,blip->bgp", by_place, slopes)))
 
     def point_slopes(self, frames: TreeFrames, nodes: Index, points: NDArray) -> NDArray:
         """Return the derivatives (B, K, 3, N, 6) of points by all twists, the loops closed."""
         moved = self._by_passive(frames, nodes, points)
-        own = super().point_slopes(frames, nodes, points)
-        return own + np.einsum("bkis,bsnc->bkinc", moved, self.passive_slopes(frames))
+        slopes = super().point_slopes(frames, nodes, points)
+        return slopes + np.einsum("bkis,bsnc->bkinc", moved, self.passive_slopes(frames))
 
     def rotation_slopes(self, frames: TreeFrames, nodes: Index) -> NDArray:
         """Return the rotation vectors (B, K, 3, N, 6) of links per unit of all twists, the loops closed."""
@@ -230,14 +230,14 @@ class ClosedTree(Tree):
         fixed = [k for k in self._closing if self.nodes[k].kind is JointKind.FIXED and self.nodes[k].parent >= 0]
         readings = _ABOUT_ZERO * np.sin(np.outer(np.arange(1, _TRIALS + 1), 1.0 + np.arange(len(self.readings))))
         slopes = self.passive_slopes(self.frames(readings[self.closes(readings)]))
-        own = (slopes[:, :, fixed, :3] * sigma[:3]).reshape(-1, 3 * len(fixed))
-        by_others = np.tensordot(slopes, others, 2).reshape(len(own), -1)
+        columns = (slopes[:, :, fixed, :3] * sigma[:3]).reshape(-1, 3 * len(fixed))
+        by_others = np.tensordot(slopes, others, 2).reshape(len(columns), -1)
         if others.shape[-1]:
             left, values, _ = np.linalg.svd(by_others, full_matrices=False)
             left = left[:, values > _SEEN * values.max(initial=0.0)]
-            own = own - left @ (left.T @ own)
-        largest = np.abs(slopes[..., :3]).max(initial=0.0) * np.sqrt(len(own)) * sigma[:3].max()
-        _, values, vectors = np.linalg.svd(own, full_matrices=False)
+            columns = columns - left @ (left.T @ columns)
+        largest = np.abs(slopes[..., :3]).max(initial=0.0) * np.sqrt(len(columns)) * sigma[:3].max()
+        _, values, vectors = np.linalg.svd(columns, full_matrices=False)
         shown = vectors[values > _SEEN * largest].T.reshape(len(fixed), 3, -1)
         result = np.zeros((self.size, 6, shown.shape[-1]))
         result[fixed, :3] = sigma[:3, None] * shown

@@ -96,11 +96,11 @@ def likely_slip(
     recorded = start_of(few, conditions)
     before = recorded.rms
     found = []
-    for kind, own, readings in corrected_columns(conditions.readings, is_revolute):
+    for kind, columns, readings in corrected_columns(conditions.readings, is_revolute):
         after = start_of(few, replace(conditions, readings=readings))
         # Of distances the spread is that of the machine: one that stands still explains nothing.
         if after.rms * recorded.spread < _EXPLAINED * before * after.spread:
-            found.append(ColumnSlip(kind, own, before, after.rms))
+            found.append(ColumnSlip(kind, columns, before, after.rms))
     best = min(found, key=lambda slip: slip.after, default=None)
     is_explained = best is not None and best.after < _EXPLAINED * min(before, recorded.spread)
     if best is not None and is_explained and not _is_offset(best, conditions, partial(start_of, few)):
@@ -123,7 +123,7 @@ def half_turns_as_good(
     start = partial(start_of, few_poses(len(conditions.readings)))
     before = start(conditions)
     turned = [_with_zeros(conditions, (int(k),), before, start, np.array([np.pi])) for k in np.flatnonzero(is_revolute)]
-    return [own for own in turned if own.after <= _AS_GOOD * slip.after]
+    return [candidate for candidate in turned if candidate.after <= _AS_GOOD * slip.after]
 
 
 def few_poses(count: int) -> Mask:
@@ -153,11 +153,11 @@ def _zeros(
     every = tuple(range(conditions.readings.shape[1]))
     before = start_of(conditions)
     quarters = _quarter_turns(conditions, turning, start_of)
-    tried = [_with_zeros(conditions, every, before, start_of, own) for own in (np.zeros(len(every)), quarters)]
-    whole = min(tried, key=lambda slip: slip.after)
-    if whole.after > foreign_share(before):
+    tried = [_with_zeros(conditions, every, before, start_of, zeros) for zeros in (np.zeros(len(every)), quarters)]
+    zeroed = min(tried, key=lambda slip: slip.after)
+    if zeroed.after > foreign_share(before):
         return None
-    start = np.array(whole.offsets)
+    start = np.array(zeroed.offsets)
     chosen: tuple[int, ...] = ()
     while True:
         trials = [
@@ -167,7 +167,7 @@ def _zeros(
         ]
         best = min(trials, key=lambda slip: slip.after)
         chosen = best.readings
-        if best.after <= _AS_GOOD * whole.after or len(chosen) == len(every):
+        if best.after <= _AS_GOOD * zeroed.after or len(chosen) == len(every):
             return best
 
 
@@ -181,11 +181,11 @@ def _quarter_turns(
     trials = [np.zeros(len(turning))]
     for a, b in pairs:
         for one, other in product(_QUARTERS, repeat=2):
-            own = np.zeros(len(turning))
-            own[[a, b]] = one, other
-            trials.append(own)
+            turn = np.zeros(len(turning))
+            turn[[a, b]] = one, other
+            trials.append(turn)
     distinct = np.unique(trials, axis=0)
-    moved = (replace(conditions, readings=conditions.readings + own) for own in distinct)
+    moved = (replace(conditions, readings=conditions.readings + turn) for turn in distinct)
     misfits = np.nan_to_num([start_of(one).rms for one in moved], nan=np.inf)
     return np.asarray(distinct[int(np.argmin(misfits))])
 
@@ -219,9 +219,9 @@ def corrected_columns(
     every = tuple(range(readings.shape[1]))
     for a, b in combinations(every, 2):
         if is_revolute[a] == is_revolute[b]:
-            own = readings.copy()
-            own[:, [a, b]] = readings[:, [b, a]]
-            yield ColumnSlipKind.EXCHANGED, (a, b), own
+            corrected = readings.copy()
+            corrected[:, [a, b]] = readings[:, [b, a]]
+            yield ColumnSlipKind.EXCHANGED, (a, b), corrected
     angles = tuple(int(k) for k in np.flatnonzero(is_revolute))
     scaled: list[tuple[ColumnSlipKind, float, tuple[int, ...]]] = [(ColumnSlipKind.REVERSED, -1.0, (k,)) for k in every]
     scaled += [(ColumnSlipKind.REVERSED, -1.0, every)] if len(every) > 1 else []
@@ -229,14 +229,14 @@ def corrected_columns(
         scaled += [(kind, factor, (k,)) for k in angles]
         scaled += [(kind, factor, angles)] if len(angles) > 1 else []
     for kind, factor, columns in scaled:
-        own = readings.copy()
-        own[:, list(columns)] *= factor
-        yield kind, columns, own
+        corrected = readings.copy()
+        corrected[:, list(columns)] *= factor
+        yield kind, columns, corrected
     for kind, sign in ((ColumnSlipKind.ADDED, 1.0), (ColumnSlipKind.SUBTRACTED, -1.0)):
         for a, b in pairwise(angles):
-            own = readings.copy()
-            own[:, b] += sign * readings[:, a]
-            yield kind, (a, b), own
+            corrected = readings.copy()
+            corrected[:, b] += sign * readings[:, a]
+            yield kind, (a, b), corrected
     for kind, rows in ((ColumnSlipKind.DOWN, -1), (ColumnSlipKind.UP, 1)):
         yield kind, every, np.roll(readings, rows, 0)
     yield ColumnSlipKind.UPSIDE_DOWN, every, readings[::-1]

@@ -69,19 +69,19 @@ class ChainConditions:
     deviations: NDArray | None = None
     coupling: NDArray | None = None
 
-    def subset(self, own: Mask) -> ChainConditions:
+    def subset(self, rows: Mask) -> ChainConditions:
         """Return the conditions of some poses."""
         return replace(
             self,
-            readings=self.readings[own],
-            covariates={name: values[own] for name, values in self.covariates.items()},
-            poses=tuple(pose for pose, wanted in zip(self.poses, own, strict=True) if wanted),
-            series=self.series[own],
-            reference=self.reference[own],
-            payload_kg=self.payload_kg[own],
-            input_factor=None if self.input_factor is None else self.input_factor[own],
-            deviations=None if self.deviations is None else self.deviations[own],
-            coupling=None if self.coupling is None else self.coupling[own],
+            readings=self.readings[rows],
+            covariates={name: values[rows] for name, values in self.covariates.items()},
+            poses=tuple(pose for pose, wanted in zip(self.poses, rows, strict=True) if wanted),
+            series=self.series[rows],
+            reference=self.reference[rows],
+            payload_kg=self.payload_kg[rows],
+            input_factor=None if self.input_factor is None else self.input_factor[rows],
+            deviations=None if self.deviations is None else self.deviations[rows],
+            coupling=None if self.coupling is None else self.coupling[rows],
         )
 
 
@@ -216,15 +216,15 @@ def movements(readings: NDArray, covariates: Mapping[str, NDArray], least: NDArr
         result[BETWEEN] = np.full(readings.shape, np.inf)
     moving = rates(readings, time)
     result |= {} if moving is None else {RATE: moving}
-    own = read[np.argsort(order[read], kind="stable")]
-    if not len(own):
+    rows = read[np.argsort(order[read], kind="stable")]
+    if not len(rows):
         return result
     for k, limit in enumerate(least):
-        result[APPROACH][own, k] = approach(readings[own, k : k + 1], order[own], float(limit))[:, 0]
-    steps = np.diff(readings[own], axis=0, prepend=readings[own][:1])
-    numbers = np.arange(len(own))[:, None]
+        result[APPROACH][rows, k] = approach(readings[rows, k : k + 1], order[rows], float(limit))[:, 0]
+    steps = np.diff(readings[rows], axis=0, prepend=readings[rows][:1])
+    numbers = np.arange(len(rows))[:, None]
     last = np.maximum.accumulate(np.where(np.abs(steps) > least, numbers, 0), axis=0)
-    result[LAST_STEP][own] = np.where(last > 0, np.take_along_axis(steps, last, 0), 0.0)
+    result[LAST_STEP][rows] = np.where(last > 0, np.take_along_axis(steps, last, 0), 0.0)
     if time is not None:
-        result[BETWEEN][own] = np.where(last > 0, time[own][:, None] - time[own][np.maximum(last - 1, 0)], np.inf)
+        result[BETWEEN][rows] = np.where(last > 0, time[rows][:, None] - time[rows][np.maximum(last - 1, 0)], np.inf)
     return result

@@ -72,8 +72,8 @@ class DistanceModel(ChainModel):
         slopes = self._along(unit, found.by_shared)
         for effect in self.effects(shared) if by_shared else ():
             if (excess := effect.cause.excess(self.machine, self._named_ends)) is not None:
-                own = self.layout[effect.cause.key]
-                slopes[:, len(self.coordinates) :, 0, own] += excess * self.effect_sigma(effect.cause)
+                columns = self.layout[effect.cause.key]
+                slopes[:, len(self.coordinates) :, 0, columns] += excess * self.effect_sigma(effect.cause)
         return replace(
             found,
             values=self._read(found.values, shared),
@@ -109,7 +109,7 @@ class DistanceModel(ChainModel):
     def pathways(self, shared: NDArray, local: NDArray) -> dict[str, NDArray]:
         """Return the derivatives (B, M + D, 1, C) of the numbers by the twists of all nodes and by joints."""
         unit, _ = self._directions(super().points(shared, local))
-        return {name: self._along(unit, own) for name, own in super().pathways(shared, local).items()}
+        return {name: self._along(unit, slopes) for name, slopes in super().pathways(shared, local).items()}
 
     def rotations(self, shared: NDArray, local: NDArray) -> Array:
         """Return ones (B, M + D, 1, 1): a number has no direction."""
@@ -124,8 +124,8 @@ class DistanceModel(ChainModel):
 
     def _numbers(self, points: NDArray) -> Array:
         """Return coordinates and distances (B, M + D, 1) of points (B, K, 3)."""
-        places, axes = self.coordinates.T
-        return np.concatenate([points[:, places, axes], self._directions(points)[1]], 1)[..., None]
+        rows, axes = self.coordinates.T
+        return np.concatenate([points[:, rows, axes], self._directions(points)[1]], 1)[..., None]
 
     def _directions(self, points: NDArray) -> tuple[Array, Array]:
         """Return unit vectors (B, D, 3) from the second to the first end, and distances (B, D)."""
@@ -136,5 +136,5 @@ class DistanceModel(ChainModel):
     def _along(self, unit: NDArray, slopes: NDArray) -> Array:
         """Return the derivatives (B, M + D, 1, P) of the numbers from those of the points (B, K, 3, P)."""
         difference = slopes[:, self.ends[:, 0]] - slopes[:, self.ends[:, 1]]
-        places, axes = self.coordinates.T
-        return np.concatenate([slopes[:, places, axes], np.einsum("bdi,bdip->bdp", unit, difference)], 1)[:, :, None]
+        points, axes = self.coordinates.T
+        return np.concatenate([slopes[:, points, axes], np.einsum("bdi,bdip->bdp", unit, difference)], 1)[:, :, None]

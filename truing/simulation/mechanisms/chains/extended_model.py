@@ -81,9 +81,9 @@ def extended_chain(
     model: ChainModel, shared: NDArray, covariance: NDArray, tip: int, context: dict[str, str]
 ) -> ExtendedChain:
     """Convert a fit, unknowns (G,) with covariance (G, G) in prior sigmas, to the extended model in SI."""
-    own, by_own = identified_twists(model, shared)
-    moved = np.flatnonzero(by_own.any((1, 2)))
-    scales = [by_own[moved].reshape(TWIST * len(moved), -1)]
+    twists, twists_by_shared = identified_twists(model, shared)
+    moved = np.flatnonzero(twists_by_shared.any((1, 2)))
+    scales = [twists_by_shared[moved].reshape(TWIST * len(moved), -1)]
     for cause in model.causes:
         part = np.zeros((len(model.effect_sigma(cause)), model.shared_size))
         part[:, model.layout[cause.key]] = np.diag(model.effect_sigma(cause))
@@ -93,7 +93,7 @@ def extended_chain(
     chain = model.tree.nodes if model.tree.nodes[-1].parent >= 0 else model.tree.nodes[:-1]  # without the stations
     return ExtendedChain(
         replace(model.tree, nodes=chain),
-        own[: len(chain)],
+        twists[: len(chain)],
         moved,
         tip,
         known.gravity,
@@ -158,14 +158,14 @@ def _predicted(extended: ExtendedChain, conditions: ChainConditions) -> Predicte
     ).reshape(count, TWIST, -1)
     by_joint = by_twist @ tree.axis_twists.reshape(len(tree.readings), -1).T
     of_effects = []
-    for effect, own in zip(extended.effects, motions, strict=True):
+    for effect, motion in zip(extended.effects, motions, strict=True):
         slopes = np.zeros((count, TWIST, len(effect.values)))
-        if own.twists is not None:
-            slopes += by_twist @ own.twists.reshape(count, by_twist.shape[-1], -1)
-        if own.slopes is not None:
-            slopes += by_joint @ own.slopes
+        if motion.twists is not None:
+            slopes += by_twist @ motion.twists.reshape(count, by_twist.shape[-1], -1)
+        if motion.slopes is not None:
+            slopes += by_joint @ motion.slopes
         of_effects.append(slopes)
-    design = np.concatenate([by_twist @ _own_slopes(extended), *of_effects], -1)
+    design = np.concatenate([by_twist @ _moved_node_slopes(extended), *of_effects], -1)
     covariance = design @ extended.covariance @ np.swapaxes(design, -1, -2)
     return PredictedTip(frames.R[:, extended.tip], frames.t[:, extended.tip], np.asarray(covariance))
 
@@ -194,11 +194,11 @@ def _corrected(extended: ExtendedChain, conditions: ChainConditions) -> ChainCon
 
 def _twists(extended: ExtendedChain, motions: Sequence[_Motions], count: int) -> Array:
     twists = np.tile(extended.twists, (count, 1, 1))
-    for effect, own in zip(extended.effects, motions, strict=True):
-        if own.twists is not None:
-            twists += own.twists @ effect.values
-        if own.deviation is not None:
-            twists += np.tensordot(own.deviation, extended.tree.axis_twists, 1)
+    for effect, motion in zip(extended.effects, motions, strict=True):
+        if motion.twists is not None:
+            twists += motion.twists @ effect.values
+        if motion.deviation is not None:
+            twists += np.tensordot(motion.deviation, extended.tree.axis_twists, 1)
     return twists
 
 
@@ -229,7 +229,7 @@ def _persistent_motions(extended: ExtendedChain, conditions: ChainConditions) ->
     return result
 
 
-def _own_slopes(extended: ExtendedChain) -> Array:
+def _moved_node_slopes(extended: ExtendedChain) -> Array:
     found = np.zeros((extended.tree.size, TWIST, TWIST * len(extended.moved)))
     for index, node in enumerate(extended.moved):
         found[node, :, TWIST * index : TWIST * (index + 1)] = np.eye(TWIST)

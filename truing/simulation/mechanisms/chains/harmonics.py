@@ -265,6 +265,6 @@ def _same_waves(readings: bytes, tested: bytes) -> Mask:
     spans: Array = directions * (sizes > _VANISHING * np.sqrt(len(angle)))[:, None]
     flat = np.moveaxis(spans, 1, 0).reshape(len(angle), -1)
     products = (flat.T @ flat).reshape(len(orders), 2, len(orders), 2)
-    within, own = np.sum(products**2, 3), np.sum(spans**2, 1)  # (F, 2, F), (F, 2)
-    alike = (own[:, :, None] - within < _ALIKE**2).all(1)
-    return np.asarray(alike & own.any(1)[:, None] & own.any(1))
+    within, norm = np.sum(products**2, 3), np.sum(spans**2, 1)  # (F, 2, F), (F, 2)
+    alike = (norm[:, :, None] - within < _ALIKE**2).all(1)
+    return np.asarray(alike & norm.any(1)[:, None] & norm.any(1))

@@ -103,34 +103,34 @@ class JointErrorCurve(ChainCause):
     def _of_single_joints(self, machine: ChainInputs, knots: int) -> Iterator[tuple[Self, int]]:
         """Yield the curve of every joint whose readings determine it, and the number of knots that they reach."""
         for k, name in enumerate(machine.tree.readings):
-            own, turns = machine.readings[:, k], bool(machine.tree.is_revolute[k])
-            low, high = (0.0, _TURN) if turns else usual_range(own)
+            readings, turns = machine.readings[:, k], bool(machine.tree.is_revolute[k])
+            low, high = (0.0, _TURN) if turns else usual_range(readings)
             if not high > low:
                 continue
             period = float(high - low) * (1.0 if turns else knots / (knots - _REACHED))
             ends = {"starts": (float(low),), "periods": (period,)}
             curve = replace(self, joints=(name,), knots=(knots,), is_angle=turns, **ends)
-            place = curve._place_of(own, 0)
-            reached, distinct = (len(np.unique(np.floor(place * cells))) for cells in (1, 2))
-            if reached >= _FEWEST and len(own) >= _POSES_EACH * reached and distinct >= _READINGS_EACH * reached:
+            coordinate = curve._in_knots(readings, 0)
+            reached, distinct = (len(np.unique(np.floor(coordinate * cells))) for cells in (1, 2))
+            if reached >= _FEWEST and len(readings) >= _POSES_EACH * reached and distinct >= _READINGS_EACH * reached:
                 yield curve, reached
 
-    def _place_of(self, readings: NDArray, place: int) -> Array:
+    def _in_knots(self, readings: NDArray, index: int) -> Array:
         """Return readings (B,) of one joint in knots from the start: within a turn, or held at the ends of a travel."""
-        knots = self.knots[place]
-        x = (readings - self.starts[place]) * (knots / self.periods[place])
+        knots = self.knots[index]
+        x = (readings - self.starts[index]) * (knots / self.periods[index])
         return np.asarray(x % knots if self.is_angle else np.clip(x, 0.0, knots - _REACHED))
 
-    def basis(self, readings: NDArray, place: int) -> Array:
+    def basis(self, readings: NDArray, index: int) -> Array:
         """Return the bumps (B, m) of one joint's curve at its readings (B,)."""
-        knots, heights = self._bumps(readings, place)
-        result = np.zeros((len(readings), self.knots[place]))
+        knots, heights = self._bumps(readings, index)
+        result = np.zeros((len(readings), self.knots[index]))
         np.put_along_axis(result, knots, heights, 1)
         return result
 
-    def _bumps(self, readings: NDArray, place: int) -> tuple[Index, Array]:
+    def _bumps(self, readings: NDArray, index: int) -> tuple[Index, Array]:
         """Return knots (B, 6) whose bumps differ from zero at readings (B,) of one joint, and their values there."""
-        x = self._place_of(readings, place)
+        x = self._in_knots(readings, index)
         first = np.floor(x).astype(int)
         t = x - first
         splines = np.zeros((len(x), _REACHED + 2))  # of the knots around, with zeros at the ends
@@ -138,14 +138,14 @@ class JointErrorCurve(ChainCause):
         splines[:, 2:-2] = np.stack(weights, -1) / 6.0
         around = np.arange(_REACHED) - 2
         heights = 2.0 * splines[:, 1:-1] - splines[:, :-2] - splines[:, 2:]
-        return (first[:, None] + around) % self.knots[place], heights
+        return (first[:, None] + around) % self.knots[index], heights
 
     def deviations(self, machine: ChainInputs) -> NDArray:
         """Return the deviations (B, n, P) of the joints per unit of the parameters."""
         result = np.zeros((len(machine.readings), len(machine.tree.readings), sum(self.knots)))
         for index, joint in enumerate(self.joints):
             reading = machine.tree.readings.index(joint)
-            result[:, reading, self._own(index)] = self.basis(machine.readings[:, reading], index)
+            result[:, reading, self._rows_of(index)] = self.basis(machine.readings[:, reading], index)
         return result
 
     def deviation(self, machine: ChainInputs, values: NDArray) -> NDArray:
@@ -154,7 +154,7 @@ class JointErrorCurve(ChainCause):
         for index, joint in enumerate(self.joints):
             reading = machine.tree.readings.index(joint)
             knots, heights = self._bumps(machine.readings[:, reading], index)
-            result[:, reading] = np.sum(heights * values[self._own(index)][knots], -1)
+            result[:, reading] = np.sum(heights * values[self._rows_of(index)][knots], -1)
         return result
 
     def joint_motion(self, machine: ChainInputs, values: NDArray, by_joint: NDArray) -> NDArray:
@@ -164,27 +164,27 @@ class JointErrorCurve(ChainCause):
         for index, joint in enumerate(self.joints):
             reading = machine.tree.readings.index(joint)
             knots, heights = self._bumps(machine.readings[:, reading], index)
-            own = rows[:, :, reading, None] * heights[:, None]
-            np.put_along_axis(result[..., self._own(index)], knots[:, None], own, 2)
+            by_height = rows[:, :, reading, None] * heights[:, None]
+            np.put_along_axis(result[..., self._rows_of(index)], knots[:, None], by_height, 2)
         return result
 
     def curves(self, values: NDArray, covariance: NDArray) -> Iterator[JointCurve]:
         """Yield the curve of every joint, from all parameters (P,) and their covariance (P, P), SI."""
         for index, joint in enumerate(self.joints):
-            own = self._own(index)
+            rows = self._rows_of(index)
             knots = self.knots[index]
             span = knots if self.is_angle else knots - _REACHED
             steps = np.arange(span * _PER_KNOT + (not self.is_angle)) / _PER_KNOT
             readings = self.starts[index] + self.periods[index] / knots * steps
             basis = self.basis(readings, index)
-            variance = np.sum((basis @ covariance[own, own]) * basis, -1)
+            variance = np.sum((basis @ covariance[rows, rows]) * basis, -1)
             free = self.reach * self._size[1] * np.sqrt(np.sum(basis**2, -1))
             sigma = np.sqrt(np.maximum(variance, 0.0))
-            yield JointCurve(joint, self.is_angle, readings, basis @ values[own], sigma, sigma < DETERMINED * free)
+            yield JointCurve(joint, self.is_angle, readings, basis @ values[rows], sigma, sigma < DETERMINED * free)
 
-    def _own(self, place: int) -> slice:
+    def _rows_of(self, index: int) -> slice:
         """Return the places of one joint's parameters."""
-        return slice(sum(self.knots[:place]), sum(self.knots[: place + 1]))
+        return slice(sum(self.knots[:index]), sum(self.knots[: index + 1]))
 
     @property
     def _size(self) -> tuple[str, float, float]:
@@ -202,11 +202,11 @@ class JointErrorCurve(ChainCause):
         """Return the largest deviation of every curve where data determine it, and the largest distance of knots."""
         unit, _, si = self._size
         found = []
-        for own in self.curves(values, covariance):
-            if own.is_determined.any():
-                k = int(np.argmax(np.abs(own.deviation) * own.is_determined))
-                name = f"largest_{own.joint}" if self.concerns_several else "largest"
-                found.append(ReportedParameter(name, abs(own.deviation[k]) / si, own.sigma[k] / si, unit))
+        for curve in self.curves(values, covariance):
+            if curve.is_determined.any():
+                k = int(np.argmax(np.abs(curve.deviation) * curve.is_determined))
+                name = f"largest_{curve.joint}" if self.concerns_several else "largest"
+                found.append(ReportedParameter(name, abs(curve.deviation[k]) / si, curve.sigma[k] / si, unit))
         step = max(period / knots for period, knots in zip(self.periods, self.knots, strict=True))
         spacing = (step / _DEG, None, "deg") if self.is_angle else (step / _MM, None, "mm")
         return (*found, ReportedParameter("spacing", *spacing))

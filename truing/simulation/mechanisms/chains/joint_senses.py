@@ -94,7 +94,7 @@ def _combinations(moving: Sequence[int], pairs: Sequence[tuple[int, int]]) -> It
     """Yield every set of reversed readings, alone and with each coupling."""
     kinds = (ColumnSlipKind.ADDED, ColumnSlipKind.SUBTRACTED)
     for count in range(len(moving) + 1):
-        for own in combinations(moving, count):
-            yield JointSenses(own)
+        for joints in combinations(moving, count):
+            yield JointSenses(joints)
             for kind in kinds:
-                yield from (JointSenses(own, kind, pair) for pair in pairs)
+                yield from (JointSenses(joints, kind, pair) for pair in pairs)

@@ -79,8 +79,8 @@ class ToolJump(ShiftFromPose):
         for node in np.unique(nodes[nodes > 0]).tolist():
             is_outer = above[nodes, node].sum() == (nodes == node).sum() and machine.tree.nodes[node].parent >= 0
             if is_outer and (nodes == node).sum() > 1:
-                own = replace(self, link=machine.tree.nodes[node].link)
-                found += [replace(own, from_pose=pose, from_order=order) for pose, order in onsets]
+                jump = replace(self, link=machine.tree.nodes[node].link)
+                found += [replace(jump, from_pose=pose, from_order=order) for pose, order in onsets]
         return found
 
     def parameters(self, legs: int) -> tuple[Parameter, ...]:
@@ -89,8 +89,8 @@ class ToolJump(ShiftFromPose):
 
     def twists(self, machine: ChainInputs) -> NDArray:
         """Return the motion, from the pose on."""
-        own = self.is_later(machine)[:, None, None] * np.eye(6)
-        return machine.at_node(machine.tree.links[self.link], own)
+        twist = self.is_later(machine)[:, None, None] * np.eye(6)
+        return machine.at_node(machine.tree.links[self.link], twist)
 
 
 @dataclass(frozen=True)

@@ -37,8 +37,8 @@ class LinkCause(ChainCause):
 
     def _children(self, machine: ChainInputs) -> list[int]:
         """Return the nodes whose joints sit on the link."""
-        own = machine.tree.links[self.link]
-        return [k for k, node in enumerate(machine.tree.nodes) if node.parent == own]
+        link = machine.tree.links[self.link]
+        return [k for k, node in enumerate(machine.tree.nodes) if node.parent == link]
 
 
 @dataclass(frozen=True)
@@ -52,6 +52,7 @@ class LinkGrowth(LinkCause):
     along: str = ""
 
     id = "link-growth"
+    has_known_scale = True
     lacking = Missing.TEMPERATURE
 
     @property
@@ -127,14 +128,14 @@ def _lengths_along(links: Sequence[LinkGrowth], machine: ChainInputs) -> list[Li
         ends = cause._children(machine)
         if len(ends) != 1:
             continue
-        whole = float(np.sqrt(np.sum(cause._vector(machine, ends[0]) ** 2)))
+        total = float(np.sqrt(np.sum(cause._vector(machine, ends[0]) ** 2)))
         for node in (machine.tree.nodes[ends[0]], machine.tree.nodes[machine.tree.links[cause.link]]):
             if node.kind is JointKind.REVOLUTE:
-                own = replace(cause, along=node.joint)
-                part = float(np.sqrt(np.sum(own._vector(machine, ends[0]) ** 2)))
-                size = np.inf if part > (1.0 - ROUNDED) * whole else part
-                if part > ROUNDED * whole and size > longest.get(node.joint, (0.0, own))[0]:
-                    longest[node.joint] = (size, own)
+                candidate = replace(cause, along=node.joint)
+                part = float(np.sqrt(np.sum(candidate._vector(machine, ends[0]) ** 2)))
+                size = np.inf if part > (1.0 - ROUNDED) * total else part
+                if part > ROUNDED * total and size > longest.get(node.joint, (0.0, candidate))[0]:
+                    longest[node.joint] = (size, candidate)
     return [cause for part, cause in longest.values() if part < np.inf]
 
 

@@ -61,10 +61,10 @@ class ColumnTilt(AssumedCentres, LinkCause):
             if not (k == 0 or slides):
                 continue
             varying = np.ptp(self._moment(machine, k), axis=0) > _VARIES
-            axes = ["", *(axis for axis, own in zip(AXES, varying, strict=True) if own)] if varying.any() else []
+            axes = ["", *(axis for axis, varies in zip(AXES, varying, strict=True) if varies)] if varying.any() else []
             for about in axes if sum(varying) > 1 else axes[:1]:
-                own = replace(self, link=node.link, about=about, centres_assumed=carries_off_centre(machine, k))
-                result.append(replace(own, load=float(np.abs(own._moment(machine, k)).max())))
+                tilt = replace(self, link=node.link, about=about, centres_assumed=carries_off_centre(machine, k))
+                result.append(replace(tilt, load=float(np.abs(tilt._moment(machine, k)).max())))
         return result
 
     def one_sided(self, legs: int) -> tuple[int, ...]:
@@ -82,20 +82,20 @@ class ColumnTilt(AssumedCentres, LinkCause):
         moment, force = self._moment(machine, k), machine.force[:, k]
         up = -force / np.maximum(np.sqrt(np.sum(force**2, -1, keepdims=True)), 1e-12)
         found = np.zeros((len(moment), 6, 2))
-        found[:, :3, 0] = np.cross(self._way(machine, k), moment)
+        found[:, :3, 0] = np.cross(self._slide(machine, k), moment)
         found[:, 3:, 0] = moment
         found[:, :3, 1] = np.cross(moment, up)
         return machine.at_node(k, found)
 
-    def _way(self, machine: ChainInputs, k: int) -> NDArray:
+    def _slide(self, machine: ChainInputs, k: int) -> NDArray:
         """Return the way (B, 3), m, from the joint's origin to that of the link, in the joint's frame."""
-        node, own = machine.tree.nodes[k], machine.tree.input_of[k]
-        slid = np.zeros(len(machine.readings)) if own < 0 else node.factor * machine.readings[:, own] + node.shift
+        node, k_in = machine.tree.nodes[k], machine.tree.input_of[k]
+        slid = np.zeros(len(machine.readings)) if k_in < 0 else node.factor * machine.readings[:, k_in] + node.shift
         return np.multiply.outer(slid, node.axis)
 
     def _moment(self, machine: ChainInputs, k: int) -> NDArray:
         """Return the moment (B, 3), N m, about the link's origin, along the axes of the joint's frame."""
-        moment = machine.moment[:, k] - np.cross(self._way(machine, k), machine.force[:, k])
+        moment = machine.moment[:, k] - np.cross(self._slide(machine, k), machine.force[:, k])
         return moment * np.array([self.about in ("", axis) for axis in AXES], float)
 
 
@@ -129,8 +129,8 @@ class JointSag(JointCause):
             for depth in _DEPTHS:
                 parts = _independent_parts(scene.inputs_of_machine, cause.joint, depth)
                 if parts:
-                    own = replace(cause, parts=parts)
-                    found.setdefault(own.key, own)
+                    sag = replace(cause, parts=parts)
+                    found.setdefault(sag.key, sag)
         return list(found.values())
 
     def applies(self, machine: ChainInputs) -> bool:
@@ -142,8 +142,8 @@ class JointSag(JointCause):
         if isinstance(machine.tree, ClosedTree):
             return False
         reading = machine.tree.readings.index(self.joint)
-        own, without_centre = machine.tree.node_of(reading), weights_off_centre(machine, reading)
-        carried = [node for k, node in enumerate(machine.tree.nodes) if machine.tree.above[k, own]]
+        joint_node, without_centre = machine.tree.node_of(reading), weights_off_centre(machine, reading)
+        carried = [node for k, node in enumerate(machine.tree.nodes) if machine.tree.above[k, joint_node]]
         payload = machine.conditions.payload_kg
         tip = machine.tree.nodes[machine.payload[0]].link
         weighed = any(node.mass > 0.0 and node.link not in without_centre for node in carried)
@@ -212,8 +212,8 @@ class GravityDirection(AssumedCentres):
             torque, is_angle = machine.torque(k), bool(machine.tree.is_revolute[k])
             if np.ptp(torque) > _VARIES_LOAD * machine.largest_load(is_angle):
                 largest = float(np.abs(torque).max())
-                own = replace(self, direction=direction, joints=(joint,), are_angles=(is_angle,), loads=(largest,))
-                yield replace(own, centres_assumed=is_angle and carries_off_centre(machine, machine.tree.node_of(k)))
+                tilt = replace(self, direction=direction, joints=(joint,), are_angles=(is_angle,), loads=(largest,))
+                yield replace(tilt, centres_assumed=is_angle and carries_off_centre(machine, machine.tree.node_of(k)))
 
     def prior(self, scene: ChainScene) -> float:
         """Return the relative prior weight: all joints are as probable as all single ones together."""
@@ -249,6 +249,6 @@ def _independent_parts(machine: ChainInputs, joint: str, depth: int) -> tuple[st
 
 def _levers(machine: ChainInputs, reading: int) -> dict[str, NDArray]:
     """Return the levers (B,) of unit vectors fixed in each moving link that a joint carries, the nearest link first."""
-    tree, own = machine.tree, machine.tree.node_of(reading)
-    moving = [int(k) for k in np.flatnonzero(tree.above[:, own]) if tree.nodes[k].kind is not JointKind.FIXED]
+    tree, node = machine.tree, machine.tree.node_of(reading)
+    moving = [int(k) for k in np.flatnonzero(tree.above[:, node]) if tree.nodes[k].kind is not JointKind.FIXED]
     return levers(machine, reading, moving)

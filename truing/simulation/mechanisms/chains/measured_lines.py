@@ -55,8 +55,8 @@ class MeasuredLines:
 
     def slopes(self, shape: NDArray, modes: NDArray) -> Array:
         """Return the derivatives (B, D, W) of the distances by errors of the places (K, 3, W)."""
-        apart = self.apart(shape)
-        unit = apart / np.maximum(np.linalg.norm(apart, axis=-1, keepdims=True), 1e-300)
+        vectors = self.apart(shape)
+        unit = vectors / np.maximum(np.linalg.norm(vectors, axis=-1, keepdims=True), 1e-300)
         moved = self.R @ modes
         return np.einsum("bdi,bdiw->bdw", unit, moved[:, self.ends[:, 0]] - moved[:, self.ends[:, 1]])
 
@@ -81,8 +81,8 @@ def lines_at(
 
     ``base``: R (S, 3, 3), t (S, 3) of the base in each frame of the measurement; the base is the frame if absent.
     """
-    own = None if base is None else (base[0][conditions.series], base[1][conditions.series])
-    frames = tree.frames(conditions.readings, conditions.deviations, own)
+    base_of_rows = None if base is None else (base[0][conditions.series], base[1][conditions.series])
+    frames = tree.frames(conditions.readings, conditions.deviations, base_of_rows)
     return MeasuredLines(frames.R[:, node], frames.t[:, node], ends, lengths, is_observed)
 
 

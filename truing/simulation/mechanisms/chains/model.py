@@ -221,7 +221,7 @@ class ChainModel(EffectsModel[ChainCause]):
         if self.conditions.deviations is not None:
             result += self.conditions.deviations
         result += self.known.modes @ shared[self.layout["links"]]
-        for part, slopes in self._own_twists():
+        for part, slopes in self._geometry_twists():
             result += slopes @ shared[part]
         if self.local_size:
             result += np.einsum("bh,hni->bni", local * self._input_factor, self._reading_twists)
@@ -243,29 +243,29 @@ class ChainModel(EffectsModel[ChainCause]):
 
     def tree_frames(self, shared: NDArray, local: NDArray) -> TreeFrames:
         """Return the frames of all nodes (B, N) in the frame of the measurement."""
-        own = self.conditions.series
-        base = self.known.base_R[own], self.known.base_t[own]
+        series = self.conditions.series
+        base = self.known.base_R[series], self.known.base_t[series]
         return self.tree.frames(self.own_conditions.readings, self.twists(shared, local), base)
 
-    def _own_twists(self) -> list[tuple[slice, NDArray]]:
+    def _geometry_twists(self) -> list[tuple[slice, NDArray]]:
         """Return the twists (B or 1, N, 6, P) per unknown of base and joint zeros."""
         result: list[tuple[slice, NDArray]] = []
         if self.known.is_base_free:
             series = np.eye(len(self.known.base_t))[self.conditions.series]
             moved = np.einsum("bs,ij->bisj", series, np.diag(FREE_TWIST)).reshape(len(series), TWIST, -1)
             result.append((self.layout["base"], self.machine.at_node(0, moved)))
-        if len(own := self.free_offsets):
-            sigma = self.known.offsets[own]
+        if len(offsets := self.free_offsets):
+            sigma = self.known.offsets[offsets]
             result.append(
-                (self.layout["zeros"], np.moveaxis(self.tree.axis_twists[own] * sigma[:, None, None], 0, -1)[None])
+                (self.layout["zeros"], np.moveaxis(self.tree.axis_twists[offsets] * sigma[:, None, None], 0, -1)[None])
             )
         return result
 
     @property
     def _reading_twists(self) -> Array:
         """Twists (H, N, 6) per local unknown."""
-        own = self.noisy
-        return np.asarray(self.tree.axis_twists[own] * self.known.reading_sigma[own, None, None])
+        noisy = self.noisy
+        return np.asarray(self.tree.axis_twists[noisy] * self.known.reading_sigma[noisy, None, None])
 
     def predict(self, shared: NDArray, local: NDArray, by_shared: bool = True) -> Prediction:
         """Return the channels (B, K, 3), m and rad, and derivatives at shared (G,) and local (B, H) unknowns."""
@@ -276,8 +276,8 @@ class ChainModel(EffectsModel[ChainCause]):
 
     def points(self, shared: NDArray, local: NDArray) -> Array:
         """Return the channels (B, K, 3), m and rad, at shared (G,) and local (B, H) unknowns."""
-        frames, places = self.tree_frames(shared, local), self.places(shared)
-        return self._decoupled(self._values(frames, places))
+        frames, positions = self.tree_frames(shared, local), self.places(shared)
+        return self._decoupled(self._values(frames, positions))
 
     def _decoupled(self, found: NDArray) -> Array:
         """Return channels (B, K, 3, ...) less the part whose noise goes with that of the next channel.
@@ -290,25 +290,25 @@ class ChainModel(EffectsModel[ChainCause]):
         rest[:, :-1] -= np.einsum("bkij,bkj...->bki...", self.conditions.coupling[:, :-1], found[:, 1:])
         return rest
 
-    def _values(self, frames: TreeFrames, places: NDArray) -> Array:
-        own = self.channels.node
-        found = frames.t[:, own] + np.einsum("bkij,bkj->bki", frames.R[:, own], places)
+    def _values(self, frames: TreeFrames, positions: NDArray) -> Array:
+        nodes = self.channels.node
+        found = frames.t[:, nodes] + np.einsum("bkij,bkj->bki", frames.R[:, nodes], positions)
         if (turned := self.channels.is_rotation).any():
-            seen = frames.R[:, own[turned]] @ self.known.tool[turned] @ exp_so3(places[:, turned])
+            seen = frames.R[:, nodes[turned]] @ self.known.tool[turned] @ exp_so3(positions[:, turned])
             found[:, turned] = log_so3(seen @ np.swapaxes(self.conditions.reference[:, turned], -1, -2))
         return np.asarray(found)
 
     def _measured(self, shared: NDArray, local: NDArray) -> tuple[Array, Array, Array]:
         """Return the channels (B, K, 3); and their derivatives by all twists (B, K, 3, N, 6) and by the places of the
         channels in their links (B, K, 3, 3)."""
-        frames, places = self.tree_frames(shared, local), self.places(shared)
-        values, own = self._values(frames, places), self.channels.node
-        by_twist, by_place = self.tree.point_slopes(frames, own, values), frames.R[:, own].copy()
+        frames, positions = self.tree_frames(shared, local), self.places(shared)
+        values, nodes = self._values(frames, positions), self.channels.node
+        by_twist, by_place = self.tree.point_slopes(frames, nodes, values), frames.R[:, nodes].copy()
         if (turned := self.channels.is_rotation).any():
             unrolled = inverse_left_jacobian_so3(values[:, turned])
-            slopes = self.tree.rotation_slopes(frames, own[turned])
+            slopes = self.tree.rotation_slopes(frames, nodes[turned])
             by_twist[:, turned] = np.einsum("bkij,bkjnc->bkinc", unrolled, slopes)
-            tools = frames.R[:, own[turned]] @ self.known.tool[turned] @ left_jacobian_so3(places[:, turned])
+            tools = frames.R[:, nodes[turned]] @ self.known.tool[turned] @ left_jacobian_so3(positions[:, turned])
             by_place[:, turned] = unrolled @ tools
         return values, by_twist, by_place
 
@@ -324,12 +324,14 @@ class ChainModel(EffectsModel[ChainCause]):
         slopes[..., self.layout["links"]] = (flat @ self.known.modes.reshape(flat.shape[-1], -1)).reshape(
             count, channels, 3, -1
         )
-        for part, own in self._own_twists():
-            slopes[..., part] += (flat @ own.reshape(len(own), flat.shape[-1], -1)).reshape(count, channels, 3, -1)
+        for part, twists in self._geometry_twists():
+            slopes[..., part] += (flat @ twists.reshape(len(twists), flat.shape[-1], -1)).reshape(
+                count, channels, 3, -1
+            )
         slopes[..., self.layout["shape"]] = by_place @ self.known.shape_modes
         for effect in self.effects(shared):
-            own, sigma = slopes[..., self.layout[effect.cause.key]], self.effect_sigma(effect.cause)
-            np.multiply(self._by_effect(effect, by_twist, by_place), sigma, out=own)
+            twists, sigma = slopes[..., self.layout[effect.cause.key]], self.effect_sigma(effect.cause)
+            np.multiply(self._by_effect(effect, by_twist, by_place), sigma, out=twists)
         return slopes
 
     def _by_effect(self, effect: Effect[ChainCause], by_twist: NDArray, by_place: NDArray) -> Array:
@@ -366,9 +368,9 @@ class ChainModel(EffectsModel[ChainCause]):
         machine, observed = self.machine, self._observed_shifts(shared, local)
 
         def found(cause: ChainCause) -> dict[str, NDArray]:
-            scale, own, by = self.effect_scale(cause), cause.twists(machine), {}
-            if own is not None:
-                by[TWISTS] = own.reshape(len(own), -1, own.shape[-1]) * scale
+            scale, twists, by = self.effect_scale(cause), cause.twists(machine), {}
+            if twists is not None:
+                by[TWISTS] = twists.reshape(len(twists), -1, twists.shape[-1]) * scale
             if (turned := cause.deviations(machine)) is not None:
                 by[JOINTS] = turned * scale
             if (shifts := cause.shifts(machine)) is not None:

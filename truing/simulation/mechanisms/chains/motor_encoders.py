@@ -38,31 +38,33 @@ def motor_terms(machine: ChainInputs, reading: int, motor: NDArray) -> list[Moto
     joint. The ratio is that of a motor before a gear; 1 if its readings are those of the joint already. Returns none
     if there are too few readings.
     """
-    joint, own = machine.tree.readings[reading], np.isfinite(motor)
+    joint, is_known = machine.tree.readings[reading], np.isfinite(motor)
     is_angle = bool(machine.tree.is_revolute[reading])
     unit, torque = ("rad", "rad/(N m)") if is_angle else ("m", "m/N")
     names, columns = zip(*_columns(machine, reading, is_angle), strict=True)
-    if own.sum() < len(names) + 2 + _SPARE or not np.ptp(machine.readings[own, reading]) > 0.0:
+    if is_known.sum() < len(names) + 2 + _SPARE or not np.ptp(machine.readings[is_known, reading]) > 0.0:
         return []
-    q, target = machine.readings[own, reading], motor[own]
+    q, target = machine.readings[is_known, reading], motor[is_known]
     plain = np.column_stack([np.ones(len(q)), q])
-    kept = _independent(plain, [column[own] for column in columns])
-    design = np.column_stack([plain, *(columns[k][own] for k in kept)])
+    chosen = _independent(plain, [column[is_known] for column in columns])
+    design = np.column_stack([plain, *(columns[k][is_known] for k in chosen)])
     found, cov, rest = _fitted(design, target)
     _, _, bare = _fitted(plain, target)
     ratio, size = float(found[1]), abs(float(found[1]))
     terms = [MotorTerm(joint, "ratio", "1", ratio, float(np.sqrt(cov[1, 1])))]
     for k, name in enumerate(names):
         unit_of = torque if name == "wind_up" else unit
-        if k in kept:
-            place = 2 + kept.index(k)
-            value = found[place] / ratio
-            by = np.eye(len(found))[place] / ratio - np.eye(len(found))[1] * value / ratio
+        if k in chosen:
+            index = 2 + chosen.index(k)
+            value = found[index] / ratio
+            by = np.eye(len(found))[index] / ratio - np.eye(len(found))[1] * value / ratio
             terms.append(MotorTerm(joint, name, unit_of, float(value), float(np.sqrt(by @ cov @ by))))
         else:
             terms.append(MotorTerm(joint, name, unit_of, None, None))
     sizes = ((DIFFERENCE, bare), (REMAINDER, rest))
-    return terms + [MotorTerm(joint, name, unit, float(np.sqrt(np.mean(own**2))) / size, None) for name, own in sizes]
+    return terms + [
+        MotorTerm(joint, name, unit, float(np.sqrt(np.mean(values**2))) / size, None) for name, values in sizes
+    ]
 
 
 def _columns(machine: ChainInputs, reading: int, is_angle: bool) -> Iterator[tuple[str, Array]]:
@@ -78,14 +80,14 @@ def _columns(machine: ChainInputs, reading: int, is_angle: bool) -> Iterator[tup
 
 def _independent(plain: NDArray, columns: Sequence[NDArray]) -> list[int]:
     """Return the columns (B,) that differ enough from those of ``plain`` (B, 2) and from the others before them."""
-    basis, kept = np.linalg.qr(plain)[0], list[int]()
+    basis, chosen = np.linalg.qr(plain)[0], list[int]()
     for k, column in enumerate(columns):
         rest = column - basis @ (basis.T @ column)
         size = np.sqrt(np.sum(rest**2))
         if size > _INDEPENDENT * np.sqrt(np.sum(column**2)) > 0.0:
             basis = np.column_stack([basis, rest / size])
-            kept.append(k)
-    return kept
+            chosen.append(k)
+    return chosen
 
 
 def _fitted(design: NDArray, target: NDArray) -> tuple[Array, Array, Array]:

@@ -24,6 +24,7 @@ from truing.simulation.mechanisms.chains.conditions import ChainInputs, usual_ra
 from truing.simulation.nonparametric import (
     PER_FUNCTION,
     POLYNOMIAL,
+    SETTLINGS,
     WAVES,
     NonparametricEffect,
     chebyshev,
@@ -58,7 +59,7 @@ class NonparametricChainEffect(NonparametricEffect[ChainScene], ChainCause):
     link: str = ""
 
     reach = 10.0
-    boundless = frozenset({POLYNOMIAL, WAVES, SURFACE, HISTORY})
+    boundless = frozenset({POLYNOMIAL, WAVES, SURFACE, HISTORY, *SETTLINGS})
     letters = NonparametricEffect.letters | {SURFACE: "term", HISTORY: "stop"}
 
     @property
@@ -77,8 +78,8 @@ class NonparametricChainEffect(NonparametricEffect[ChainScene], ChainCause):
         if self.form == HISTORY:
             return _OF_HISTORY
         machine = scene.inputs_of_machine
-        own = self.joint and machine.conditions.columns[machine.tree.readings.index(self.joint)]
-        return _OF_PLACE if self.columns == (own,) else super().prior(scene)
+        column = self.joint and machine.conditions.columns[machine.tree.readings.index(self.joint)]
+        return _OF_PLACE if self.columns == (column,) else super().prior(scene)
 
     def needs(self, legs: int) -> tuple[str, ...]:
         """Return the columns, except times, that a prediction needs."""
@@ -92,17 +93,17 @@ class NonparametricChainEffect(NonparametricEffect[ChainScene], ChainCause):
         result: list[NonparametricChainEffect] = []
         for k, name in enumerate(machine.tree.readings):
             if np.ptp(machine.readings[:, k]) > 0.0:
-                own = machine.conditions.columns[k]
+                joint = machine.conditions.columns[k]
                 bare = replace(self, joint=name, is_angle=bool(machine.tree.is_revolute[k]))
-                result += self._of(bare, _of_joint(columns, own), columns, len(machine.readings))
+                result += self._of(bare, _of_joint(columns, joint), columns, len(machine.readings))
                 read = [column for column in machine.conditions.columns if column in columns]
                 result += self._of(bare, _of_two(read), columns, len(machine.readings))
                 if MEMORY in machine.conditions.covariates:
-                    result += self._of(bare, iter([((own,), HISTORY, len(STOPS))]), columns, len(machine.readings))
+                    result += self._of(bare, iter([((joint,), HISTORY, len(STOPS))]), columns, len(machine.readings))
         others = {name: values for name, values in columns.items() if name not in machine.conditions.columns}
         for link in ("", *_moving_links(machine)):
             result += self._of(
-                replace(self, joint="", link=link), _of_place(others, link), others, len(machine.readings)
+                replace(self, joint="", link=link), _of_position(others, link), others, len(machine.readings)
             )
         return result
 
@@ -138,7 +139,7 @@ class NonparametricChainEffect(NonparametricEffect[ChainScene], ChainCause):
 
     def scaled(self, value: Callable[[str], NDArray]) -> list[NDArray]:
         """Return the inputs scaled to -1 .. 1, held at the ends beyond their ranges."""
-        return [np.clip(own, -1.0, 1.0) for own in super().scaled(value)]
+        return [np.clip(values, -1.0, 1.0) for values in super().scaled(value)]
 
     @property
     def is_persistent(self) -> bool:
@@ -150,7 +151,7 @@ class NonparametricChainEffect(NonparametricEffect[ChainScene], ChainCause):
         if self.form != SURFACE:
             return super().basis(value)
         degree = max(sum(term) for term in _TERMS[: self.degree])
-        first, second = (np.insert(chebyshev(own, degree), 0, 1.0, axis=-1) for own in self.scaled(value))
+        first, second = (np.insert(chebyshev(values, degree), 0, 1.0, axis=-1) for values in self.scaled(value))
         return np.stack([first[..., i] * second[..., j] for i, j in _TERMS[: self.degree]], -1)
 
     def deviations(self, machine: ChainInputs) -> NDArray | None:
@@ -166,7 +167,7 @@ class NonparametricChainEffect(NonparametricEffect[ChainScene], ChainCause):
         """Return the functions' values as motions of the link or the base; None for a joint."""
         if self.joint:
             return None
-        node = next(k for k, own in enumerate(machine.tree.nodes) if own.link == self.link) if self.link else 0
+        node = next(k for k, each in enumerate(machine.tree.nodes) if each.link == self.link) if self.link else 0
         values = self.basis(partial(_values_of, machine))
         count = values.shape[-1]
         moved = np.einsum("bm,ij->bijm", values, np.eye(6)).reshape(len(values), 6, 6 * count)
@@ -174,11 +175,11 @@ class NonparametricChainEffect(NonparametricEffect[ChainScene], ChainCause):
 
     def parameters(self, legs: int) -> tuple[Parameter, ...]:
         """Return one amplitude per function, for a link or the base one of each of six motions."""
-        own = super().parameters(legs)
+        parameters = super().parameters(legs)
         if self.joint:
-            return own
+            return parameters
         return tuple(
-            replace(p, unit="rad", scale=_PLAUSIBLE_RAD, si=1.0) if p.name.startswith("turn") else p for p in own
+            replace(p, unit="rad", scale=_PLAUSIBLE_RAD, si=1.0) if p.name.startswith("turn") else p for p in parameters
         )
 
     @property
@@ -193,15 +194,16 @@ class NonparametricChainEffect(NonparametricEffect[ChainScene], ChainCause):
         return ("",) if self.joint else [f"{name}_" for name in _OF_BASE]
 
 
-def _of_joint(columns: dict[str, NDArray], own: str) -> Iterator[tuple[tuple[str, ...], str, int]]:
-    """Yield inputs, form and degree of all dependences of a joint's motion; ``own`` is the column of its reading."""
+def _of_joint(columns: dict[str, NDArray], joint_column: str) -> Iterator[tuple[tuple[str, ...], str, int]]:
+    """Yield inputs, form and degree of all dependences of a joint's motion; ``joint_column`` holds its reading."""
     for column in columns:
         # In proportion to its own reading is a gain.
-        yield from (((column,), POLYNOMIAL, degree) for degree in _SMOOTH if column != own or degree > 1)
-        if column not in (own, TIME, ORDER):
-            yield (column, own), POLYNOMIAL, 1
-    for column, counts in ((TIME, _WAVES_OF_TIME), (ORDER, _WAVES_OF_TIME), (own, _WAVES_OF_TRAVEL)):
+        yield from (((column,), POLYNOMIAL, degree) for degree in _SMOOTH if column != joint_column or degree > 1)
+        if column not in (joint_column, TIME, ORDER):
+            yield (column, joint_column), POLYNOMIAL, 1
+    for column, counts in ((TIME, _WAVES_OF_TIME), (ORDER, _WAVES_OF_TIME), (joint_column, _WAVES_OF_TRAVEL)):
         yield from (((column,), WAVES, count) for count in counts if column in columns)
+    yield from (((TIME,), form, 1) for form in SETTLINGS if TIME in columns)
 
 
 def _of_two(readings: Sequence[str]) -> Iterator[tuple[tuple[str, ...], str, int]]:
@@ -218,7 +220,7 @@ def _moving_links(machine: ChainInputs) -> list[str]:
     return list(dict.fromkeys(moving))
 
 
-def _of_place(columns: dict[str, NDArray], link: str) -> Iterator[tuple[tuple[str, ...], str, int]]:
+def _of_position(columns: dict[str, NDArray], link: str) -> Iterator[tuple[tuple[str, ...], str, int]]:
     """Yield inputs, form and degree of all dependences of a link's position on ``columns`` that are no readings.
 
     An empty name is the base.

@@ -60,12 +60,12 @@ def _parts(row: DenavitHartenberg) -> tuple[tuple[NDArray, NDArray], tuple[NDArr
     """
     along = (exp_so3(row.alpha * _X), row.a * _X)
     if row.kind is JointKind.REVOLUTE:
-        own, before = (np.eye(3), row.d * _Z), (np.eye(3), np.zeros(3))
+        after, before = (np.eye(3), row.d * _Z), (np.eye(3), np.zeros(3))
     else:
-        own, before = (np.eye(3), np.zeros(3)), (exp_so3(row.theta * _Z), np.zeros(3))
+        after, before = (np.eye(3), np.zeros(3)), (exp_so3(row.theta * _Z), np.zeros(3))
     if row.convention == MODIFIED:
-        return _after(along, before), own
-    return before, _after(own, along)
+        return _after(along, before), after
+    return before, _after(after, along)
 
 
 def _after(first: tuple[NDArray, NDArray], second: tuple[NDArray, NDArray]) -> tuple[NDArray, NDArray]:

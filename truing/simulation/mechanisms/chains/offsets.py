@@ -32,10 +32,10 @@ def offsets_beyond_tolerance(model: ChainModel, measured: Observations, frames: 
     readings = model.free_offsets
     least = -float(ndtri(_FALSE / 2.0 / max(len(readings), 1)))
     for _ in range(len(readings)):
-        own = model.with_causes([*model.causes, *found])
-        fit = fit_model(own.predict, measured, frames, np.zeros(own.shared_size), _no_errors(own, measured.is_observed))
-        pulls = _pulls(own, fit)
-        known = {cause.joint for cause in own.causes if isinstance(cause, JointOffset)}
+        new = model.with_causes([*model.causes, *found])
+        fit = fit_model(new.predict, measured, frames, np.zeros(new.shared_size), _no_errors(new, measured.is_observed))
+        pulls = _pulls(new, fit)
+        known = {cause.joint for cause in new.causes if isinstance(cause, JointOffset)}
         pulls[[k for k, r in enumerate(readings) if model.tree.readings[r] in known]] = 0.0
         worst = int(np.argmax(np.abs(pulls), axis=0)) if len(pulls) else 0
         if not len(pulls) or abs(pulls[worst]) < least:
@@ -51,8 +51,8 @@ def _no_errors(model: ChainModel, is_observed: Mask) -> Array:
 
 def _pulls(model: ChainModel, fit: Fit) -> Array:
     """Return each zero over its standard deviation by tolerance and data; 0 where the data say nothing of it."""
-    own = np.r_[model.layout["zeros"]]
-    spread = np.diag(np.linalg.inv(fit.whitened.normal_matrix))[own]
+    zeros = np.r_[model.layout["zeros"]]
+    spread = np.diag(np.linalg.inv(fit.whitened.normal_matrix))[zeros]
     misfit = np.sqrt(np.sum(fit.whitened.rest**2) / max(fit.whitened.freedom, 1.0))
     is_determined = (spread < _REDUCED**2) & bool(misfit < _MOST_MISFIT)
-    return np.asarray(np.where(is_determined, fit.shared[own] / np.sqrt(np.maximum(1.0 - spread, 1e-12)), 0.0), float)
+    return np.asarray(np.where(is_determined, fit.shared[zeros] / np.sqrt(np.maximum(1.0 - spread, 1e-12)), 0.0), float)

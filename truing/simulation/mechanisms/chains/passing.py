@@ -39,15 +39,15 @@ def nodes_moved_alike(tree: Tree, node: int, twist: NDArray, measured: Collectio
 
 
 def _children(tree: Tree, node: int) -> list[int]:
-    return [k for k, own in enumerate(tree.nodes) if own.parent == node]
+    return [k for k, child in enumerate(tree.nodes) if child.parent == node]
 
 
 def _commutes(tree: Tree, node: int, twist: NDArray) -> bool:
     """Return True if a motion (6,) in a joint's frame is the same before and after the joint moves."""
-    own = tree.nodes[node]
-    if own.kind is JointKind.FIXED:
+    parent = tree.nodes[node]
+    if parent.kind is JointKind.FIXED:
         return True
-    v, w, joint = twist[:3], twist[3:], axis_twist(own)
+    v, w, joint = twist[:3], twist[3:], axis_twist(parent)
     bracket = np.r_[np.cross(joint[3:], v) + np.cross(joint[:3], w), np.cross(joint[3:], w)]
     return bool(np.abs(bracket).max() < _ROUNDED)
 

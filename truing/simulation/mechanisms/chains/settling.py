@@ -59,11 +59,11 @@ class JointSettling(JointCause):
         for cause in super().candidates(scene):
             reading = machine.tree.readings.index(cause.joint)
             waits = _waits(covariates, column, reading)
-            own = waits[covariates[LAST_STEP][:, reading] != 0.0] if waits is not None else np.empty(0)
-            if len(own) < _FEWEST or not np.isfinite(own).all() or not (own >= 0.0).all():
+            joint_waits = waits[covariates[LAST_STEP][:, reading] != 0.0] if waits is not None else np.empty(0)
+            if len(joint_waits) < _FEWEST or not np.isfinite(joint_waits).all() or not (joint_waits >= 0.0).all():
                 continue
-            start, longest = float(own.min()), float(own.max())
-            for tau in _constants(own):
+            start, longest = float(joint_waits.min()), float(joint_waits.max())
+            for tau in _constants(joint_waits):
                 bare = replace(cause, column=column, start_s=start, tau_s=tau)
                 forms = [replace(bare, form=form) for form in (STEP_SHARE, SIDE)]
                 result += [one for one in forms if longest > start and one._shows(machine, reading)]

@@ -58,7 +58,7 @@ def start_values(
     for k in np.flatnonzero(channels.is_rotation):
         tool[k] = _tool(tree, channels, conditions, R, is_observed, int(k))
     problem = _Problem(tree, channels, conditions, values, is_observed, np.flatnonzero(~is_known), base is None)
-    return problem.refined(_Places(R, t, shape, tool))
+    return problem.refined(_Geometry(R, t, shape, tool))
 
 
 def errors_at(
@@ -70,13 +70,13 @@ def errors_at(
     start: StartValues,
 ) -> Array:
     """Errors (B, K, 3), m and rad, of channels at places that were fitted to other poses; NaN where not seen."""
-    own = _Places(start.base_R, start.base_t, start.shape, start.tool)
+    start_places = _Geometry(start.base_R, start.base_t, start.shape, start.tool)
     problem = _Problem(tree, channels, conditions, values, is_observed, np.arange(0), False)
-    return problem.refined(own).errors
+    return problem.refined(start_places).errors
 
 
 @dataclass(frozen=True)
-class _Places:
+class _Geometry:
     """Places of the base R (S, 3, 3), t (S, 3), of the channels (K, 3), and tools' orientations (K, 3, 3)."""
 
     R: Array
@@ -107,13 +107,13 @@ class _Problem:
         """Frames of all nodes on a base that stands in the frame of the measurement."""
         return self.tree.frames(self.conditions.readings, self.conditions.deviations)
 
-    def _links(self, places: _Places) -> tuple[Array, Array]:
+    def _links(self, places: _Geometry) -> tuple[Array, Array]:
         """Return R (B, K, 3, 3), t (B, K, 3), m, of the links of the channels: the base moves them all alike."""
         R, t = places.R[self.conditions.series], places.t[self.conditions.series]
-        own, frames = self.channels.node, self._on_base
-        return R[:, None] @ frames.R[:, own], t[:, None] + np.einsum("bij,bkj->bki", R, frames.t[:, own])
+        nodes, frames = self.channels.node, self._on_base
+        return R[:, None] @ frames.R[:, nodes], t[:, None] + np.einsum("bij,bkj->bki", R, frames.t[:, nodes])
 
-    def _predicted(self, places: _Places, links: tuple[Array, Array]) -> Array:
+    def _predicted(self, places: _Geometry, links: tuple[Array, Array]) -> Array:
         """Return the channels (B, K, 3), m and rad."""
         (R, t), turned = links, self.channels.is_rotation
         found = t + np.einsum("bkij,kj->bki", R, places.shape)
@@ -122,7 +122,7 @@ class _Problem:
             found[:, turned] = log_so3(seen @ np.swapaxes(self.conditions.reference[:, turned], -1, -2))
         return np.asarray(found)
 
-    def _by_base(self, places: _Places, points: NDArray, unrolled: NDArray) -> Array:
+    def _by_base(self, places: _Geometry, points: NDArray, unrolled: NDArray) -> Array:
         """Return the derivatives (B, K, 3, 6) of channels at points (B, K, 3) by the twist of the base.
 
         ``unrolled``: the inverse left Jacobian of the channels that are orientations.
@@ -138,7 +138,7 @@ class _Problem:
         found[:, turned, :, 3:] = unrolled @ slope[:, None]
         return found * self.tree.above[self.channels.node, 0, None, None]
 
-    def _linearised(self, places: _Places) -> tuple[Array, Array]:
+    def _linearised(self, places: _Geometry) -> tuple[Array, Array]:
         """Return the weighted derivatives (M, P) by the places, and the weighted misfit (M,)."""
         links, turned = self._links(places), self.channels.is_rotation
         found, of_places = self._predicted(places, links), links[0].copy()
@@ -158,11 +158,11 @@ class _Problem:
         weight = self._weight
         return (rows * weight[..., None]).reshape(-1, rows.shape[-1]), ((self.values - found) * weight).ravel()
 
-    def _misfit(self, places: _Places) -> float:
+    def _misfit(self, places: _Geometry) -> float:
         found = self._predicted(places, self._links(places))
         return float(np.sum(((self.values - found) * self._weight) ** 2))
 
-    def _moved(self, places: _Places, step: NDArray) -> _Places:
+    def _moved(self, places: _Geometry, step: NDArray) -> _Geometry:
         """Return the places after a step (P,), m and rad; orientations turn."""
         R, t, shape, tool = places.R, places.t, places.shape.copy(), places.tool.copy()
         if self.is_base_free:
@@ -170,14 +170,14 @@ class _Problem:
             twists = moved.reshape(-1, TWIST)
             t = t + np.einsum("sij,sj->si", R, twists[:, :3])
             R = R @ exp_so3(twists[:, 3:])
-        for k, own in zip(self.free, step.reshape(-1, 3), strict=True):
+        for k, shift in zip(self.free, step.reshape(-1, 3), strict=True):
             if self.channels.is_rotation[k]:
-                tool[k] = tool[k] @ exp_so3(own)
+                tool[k] = tool[k] @ exp_so3(shift)
             else:
-                shape[k] += own
-        return _Places(R, t, shape, tool)
+                shape[k] += shift
+        return _Geometry(R, t, shape, tool)
 
-    def refined(self, places: _Places) -> StartValues:
+    def refined(self, places: _Geometry) -> StartValues:
         """Return the places after damped Gauss-Newton steps over all of them."""
         damping, best = 1e-6, self._misfit(places)
         for _ in range(_ROUNDS if self.is_base_free or len(self.free) else 0):

@@ -52,8 +52,8 @@ class DistanceOffset(ChainCause):
 
     def excess(self, machine: ChainInputs, distances: Sequence[tuple[str, str]]) -> NDArray:
         """Return one for the distances concerned, from the pose on."""
-        own = np.array([not self.end or self.end in pair for pair in distances], float)
-        return ((machine.order >= self.from_order)[:, None] * own)[..., None]
+        is_affected = np.array([not self.end or self.end in pair for pair in distances], float)
+        return ((machine.order >= self.from_order)[:, None] * is_affected)[..., None]
 
     def reported(self, values: NDArray, covariance: NDArray, legs: int) -> tuple[ReportedParameter, ...]:
         """Return the shift, and the first pose with it."""

@@ -116,8 +116,8 @@ class Tree:
         """Twist (n, N, 6) of all nodes per unit of each reading: along or about their axes."""
         result = np.zeros((len(self.readings), self.size, TWIST))
         for k, node in enumerate(self.nodes):
-            if (own := self.input_of[k]) >= 0:
-                result[own, k] = node.factor * axis_twist(node)
+            if (reading := self.input_of[k]) >= 0:
+                result[reading, k] = node.factor * axis_twist(node)
         return result
 
     @cached_property
@@ -177,14 +177,14 @@ class Tree:
         readings, m and rad; points (B, K, 3) of the links."""
         result = np.zeros((len(self.readings), *points.shape[:2], TWIST))
         for j, node in enumerate(self.nodes):
-            if (own := self.input_of[j]) < 0:
+            if (reading := self.input_of[j]) < 0:
                 continue
             axis = self.above[nodes, j][:, None] * node.factor * (frames.R[:, j] @ node.axis)[:, None]
             if node.kind is JointKind.PRISMATIC:
-                result[own, ..., :3] += axis
+                result[reading, ..., :3] += axis
             else:
-                result[own, ..., :3] += _crossed(axis, points - frames.origin[:, j, None])
-                result[own, ..., 3:] += axis
+                result[reading, ..., :3] += _crossed(axis, points - frames.origin[:, j, None])
+                result[reading, ..., 3:] += axis
         return np.moveaxis(result, 0, -1)
 
     def point_slopes(self, frames: TreeFrames, nodes: Index, points: NDArray) -> NDArray:
@@ -206,8 +206,8 @@ class Tree:
 
     def weights(self, payload: dict[int, tuple[NDArray, NDArray]]) -> list[tuple[int, NDArray, NDArray]]:
         """Return node, mass () or (B,) in kg and centre of mass (3,) in the link's frame, m, of all that has weight."""
-        own = [(k, np.asarray(node.mass), node.com) for k, node in enumerate(self.nodes) if node.mass > 0.0]
-        return own + [(k, *load) for k, load in payload.items()]
+        masses = [(k, np.asarray(node.mass), node.com) for k, node in enumerate(self.nodes) if node.mass > 0.0]
+        return masses + [(k, *load) for k, load in payload.items()]
 
     def gravity_load(
         self, readings: NDArray, gravity: NDArray, payload: dict[int, tuple[NDArray, NDArray]]
@@ -274,8 +274,8 @@ def geometry_modes(tree: Tree, sigma: NDArray, is_base_free: bool, known: Mask |
         if below < 0 and is_base_left:  # the base's place stands for the frame of one joint on it, not of others
             is_base_left = False
             continue
-        zero, passing = axis_twist(node), [way for way in _passing(node) if way[free].any()]
-        same = [zero, *passing] if node.reading == node.joint else [way - (way @ zero) * zero for way in passing]
+        zero, passing = axis_twist(node), [twist for twist in _passing(node) if twist[free].any()]
+        same = [zero, *passing] if node.reading == node.joint else [twist - (twist @ zero) * zero for twist in passing]
         if below >= 0 and below not in carried and free.all():
             same.append(_seen_from(tree, below, j))
             carried.add(below)

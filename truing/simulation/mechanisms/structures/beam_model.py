@@ -221,8 +221,8 @@ def flexure_bending(
 def _joint_derivative(legs: Legs, R: NDArray, rho: NDArray, bend: LegBending, change: Change) -> NDArray:
     """Return the derivative (B, L, P) of the residual by joints and lengths, at fixed directions of straight
     flexures."""
-    apart = attachment_change(legs, R, change) - legs.closure.lower_change(legs, rho, change)
-    return legs.closure.length_change(legs, change) - np.einsum("...li,...lip->...lp", bend.pull, apart)
+    change_of_span = attachment_change(legs, R, change) - legs.closure.lower_change(legs, rho, change)
+    return legs.closure.length_change(legs, change) - np.einsum("...li,...lip->...lp", bend.pull, change_of_span)
 
 
 def _by_nominal_flexures(legs: Legs, reference: ReferencePose, R: NDArray, bend: LegBending, change: Change) -> NDArray:

@@ -70,8 +70,8 @@ def _patterns() -> NDArray:
     return patterns
 
 
-def _write_block(pattern: NDArray, places: tuple[int, int], block: NDArray) -> None:
-    pattern[np.ix_(places, places)] = block
+def _write_block(pattern: NDArray, corner: tuple[int, int], block: NDArray) -> None:
+    pattern[np.ix_(corner, corner)] = block
 
 
 _PATTERNS = _patterns()
@@ -173,9 +173,9 @@ def in_frame(stiffness: NDArray, axes: NDArray) -> NDArray:
     return blocks @ stiffness @ np.swapaxes(blocks, -1, -2)
 
 
-def _in_chain(element: NDArray, places: tuple[slice, ...]) -> NDArray:
-    """Add elements (..., 12, 12) at their places among the nodes of a chain (..., 24, 24)."""
+def _in_chain(element: NDArray, blocks: tuple[slice, ...]) -> NDArray:
+    """Add elements (..., 12, 12) at their blocks among the nodes of a chain (..., 24, 24)."""
     chain = np.zeros((*element.shape[:-2], 24, 24), element.dtype)
-    for place in places:
-        chain[..., place, place] += element
+    for rows in blocks:
+        chain[..., rows, rows] += element
     return chain

@@ -138,13 +138,13 @@ class CameraInstability(RayCause):
 
     def slopes(self, rays: RayPoses, values: NDArray) -> NDArray:
         """Return the derivatives of the camera parameters: the course, or one per pose."""
-        places = rays.places(CAMERA, self.camera, self.what)
+        indices = rays.places(CAMERA, self.camera, self.what)
         if self.form == SCATTER:
-            return self._independent_changes(rays, places)
+            return self._independent_changes(rays, indices)
         course, by_log = self._course(rays, values)
-        derivative = at_numbers(rays, places, course)
+        derivative = at_numbers(rays, indices, course)
         if self.free:
-            bent = at_numbers(rays, places, by_log) @ values[:-1]
+            bent = at_numbers(rays, indices, by_log) @ values[:-1]
             derivative = np.concatenate([derivative, bent[..., None]], -1)
         return derivative
 
@@ -165,13 +165,13 @@ class CameraInstability(RayCause):
         rate = self.duration_s / self.tau_s * np.exp(-values[-1] if self.free else 0.0)
         return settling(passed, rate)
 
-    def _independent_changes(self, rays: RayPoses, places: list[int]) -> NDArray:
+    def _independent_changes(self, rays: RayPoses, indices: list[int]) -> NDArray:
         """Return the slopes of independent changes in each pose; zero in other poses."""
         at = {pose: n for n, pose in enumerate(self.poses)}
         place_of_pose = np.array([at.get(pose, -1) for pose in rays.poses])
-        derivative = np.zeros((len(place_of_pose), len(rays.parameters), len(places), len(self.poses)))
-        for number, place in enumerate(places):
-            derivative[place_of_pose >= 0, place, number, place_of_pose[place_of_pose >= 0]] = 1.0
+        derivative = np.zeros((len(place_of_pose), len(rays.parameters), len(indices), len(self.poses)))
+        for number, index in enumerate(indices):
+            derivative[place_of_pose >= 0, index, number, place_of_pose[place_of_pose >= 0]] = 1.0
         return derivative.reshape(len(place_of_pose), len(rays.parameters), -1)
 
     def _scatter(self, values: NDArray, covariance: NDArray) -> list[ReportedParameter]:

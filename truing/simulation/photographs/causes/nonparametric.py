@@ -60,9 +60,9 @@ class NonparametricRayEffect(NonparametricEffect[RayScene], RayCause):
 
     def slopes(self, rays: RayPoses, values: NDArray) -> NDArray:
         """Return the values of the functions at every pose."""
-        place = rays.places(self.owner_kind, self.owner, (self.name,))
+        indices = rays.places(self.owner_kind, self.owner, (self.name,))
         basis = self.basis(rays.covariates.__getitem__)
-        return np.concatenate([at_numbers(rays, place, column) for column in basis.T], -1)
+        return np.concatenate([at_numbers(rays, indices, column) for column in basis.T], -1)
 
     @property
     def _in_key(self) -> tuple[tuple[str, ...], tuple[str, ...]]:

@@ -46,8 +46,8 @@ class RayCause(Cause[RayScene]):
         return np.asarray(self.slopes(rays, values) @ values)
 
 
-def at_numbers(rays: RayPoses, places: list[int], course: NDArray) -> NDArray:
+def at_numbers(rays: RayPoses, indices: list[int], course: NDArray) -> NDArray:
     """Return slopes (B, T, n) of n ray parameters with a common course (B,) and separate amplitudes."""
-    derivative = np.zeros((len(course), len(rays.parameters), len(places)))
-    derivative[:, places, np.arange(len(places))] = course[:, None]
+    derivative = np.zeros((len(course), len(rays.parameters), len(indices)))
+    derivative[:, indices, np.arange(len(indices))] = course[:, None]
     return derivative

@@ -34,6 +34,7 @@ class OneBar(RayCause):
     bar: str = ""
 
     id = ID
+    has_known_scale = True
 
     @property
     def subject(self) -> str:
@@ -64,6 +65,7 @@ class AllBars(PointCause):
     """All scale bars expand alike: all points of a pose shrink by alpha times the temperature above the reference."""
 
     id = ID
+    has_known_scale = True
     step = Step.INSTRUMENT
     reads = frozenset()
 

@@ -17,7 +17,7 @@ _MM = 1e3
 _ENTRIES = [f"r{i}{j}" for i in range(3) for j in range(3)]
 
 
-def chain_places(frames: Mapping[str, pd.DataFrame]) -> dict[str, pd.DataFrame]:
+def chain_positions(frames: Mapping[str, pd.DataFrame]) -> dict[str, pd.DataFrame]:
     """Return ``chain_nodes``, ``chain_tip`` of a chain's tables; empty for other machines and without readings.
 
     ``chain_nodes``: a row per node in the first ``pose``: joint, link, below, joint_kind, place of the link
