@@ -140,7 +140,7 @@ def _by_step(mapping: MappingKeys, step: str) -> MappingKeys:
 
 
 def _matching(way: str, loads: _Table, signals: _Table) -> int:
-    """Return how many rows of signals would have loads; 0 if rows cannot be joined this way."""
+    """Return the number of rows of signals that would have loads; 0 if rows cannot be joined this way."""
     if way == "rows":
         return signals.rows if loads.rows == signals.rows else 0
     if way == "step":

@@ -146,7 +146,7 @@ def _key(way: str) -> str | None:
 
 
 def words_on_join(joined: pa.Table) -> str:
-    """Return how many rows of signals and loads belong together, and how they were joined."""
+    """Return the numbers of joined rows of signals and loads, and the key by which they were joined."""
     (row,) = joined.to_pylist()
     text = f"loads of {row['rows_matched']:,} of {count(row['signal_rows'], 'row')} of signals"
     text += f" ({count(row['load_rows'], 'row')} of loads), joined {_WORDS[row['joined_by']]}"

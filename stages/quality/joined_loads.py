@@ -43,7 +43,7 @@ def joined_loads_check(steps: RecordedSteps, joined: pa.Table) -> Check:
 
 
 def _clocks(row: TableRow) -> str:
-    """Return by how much the clocks may differ without another choice of rows."""
+    """Return the largest offset between the clocks that would change no choice of rows."""
     if row["joined_by"] != "time":
         return ""
     early, late = row.get("earlier_s"), row.get("later_s")

@@ -85,8 +85,8 @@ def unit_of_deviations(deviation: Array, declared: float, units: Mapping[float, 
 
 
 def sexagesimal(command: Array, reading: Array) -> tuple[bool, str]:
-    """Return whether the commands (True) or the readings (N,), deg, have minutes in place of decimals, and their name;
-    empty where neither does.
+    """Return True and the unit's name if the commands (N,), deg, have minutes in place of decimals; False and the name
+    if the readings have. The name is empty where neither has.
 
     Such decimals never reach 60, and as minutes they agree with the other column far better.
     """

@@ -101,7 +101,7 @@ class Epochs(Generic[ConditionsT_co]):
     inputs: InputGroups | None = None
 
     def patterned(self, wrong: Mask, rest: Array) -> Mask:
-        """Return those of the suspected gross errors (B, K) that form a pattern where epochs share an input, from
+        """Return the mask of suspected gross errors (B, K) that form a pattern where epochs share an input, from
         whitened residuals (B, K, 1): they are an effect."""
         effect = np.zeros(wrong.shape, bool)
         if self.inputs is None or rest.shape[-1] != 1:

@@ -49,7 +49,7 @@ class PartDependence:
 
 
 @dataclass(frozen=True)
-class _Odds:
+class _OddsOfSets:
     """Log odds of every set of columns: that one direction of a part depends on it, and that any of them do."""
 
     of_one: Mapping[Inputs, float]
@@ -67,7 +67,7 @@ class _Turn:
 
     problem: PartProblem
     errors: PartErrors
-    odds: Sequence[_Odds]
+    odds: Sequence[_OddsOfSets]
 
     @cached_property
     def of_parts(self) -> Array:
@@ -130,7 +130,7 @@ def _explain_the_same(turn: _Turn, after: _Turn, index: int) -> bool:
     return bool(np.any(np.delete(rivals, index)))
 
 
-def _odds(errors: PartErrors, part: Part, spectra: Spectra) -> _Odds:
+def _odds(errors: PartErrors, part: Part, spectra: Spectra) -> _OddsOfSets:
     """Return the log odds of every set of columns over scatter, for the error of one part."""
     known: dict[Inputs, Array] = {}
 
@@ -149,13 +149,13 @@ def _odds(errors: PartErrors, part: Part, spectra: Spectra) -> _Odds:
 
     names = tuple(spectra.columns)
     if len(part.directions) > 1:
-        return _Odds(odds_of_sets(of_one, names, _MOST_INPUTS), odds_of_sets(of_any, names, _MOST_INPUTS))
+        return _OddsOfSets(odds_of_sets(of_one, names, _MOST_INPUTS), odds_of_sets(of_any, names, _MOST_INPUTS))
     odds = odds_of_sets(of_one, names, _MOST_INPUTS)
     if part.column is not None:
         odds = {inputs: value + np.log1p(-_OWN) for inputs, value in odds.items()}
         own = (part.column,)
         odds[own] = float(np.logaddexp(of_one(own) + np.log(_OWN), odds[own]))
-    return _Odds(odds, odds)
+    return _OddsOfSets(odds, odds)
 
 
 def _evidence(errors: PartErrors, index: int, functions: Array) -> float:
