@@ -125,7 +125,8 @@ class ForwardSearch(Generic[CauseT]):
         plain = rounds[0].fitted
         found, worse, end = self._forward(rounds, kinds)
         kept, dropped, final = self._dropped(found, plain)
-        return self._without_needless(Searched(self.given, plain, kept, [*worse, *dropped], rounds, final, end))
+        searched = Searched(self.given, plain, kept, [*worse, *dropped], rounds, final, end)
+        return self._without_needless(self._refitted(searched, kept) if dropped else searched)
 
     def _without_needless(self, searched: Searched[CauseT]) -> Searched[CauseT]:
         """Return a search without the known causes whose size is not significant next to the accepted ones, the least
@@ -299,12 +300,28 @@ class ForwardSearch(Generic[CauseT]):
         """Return the accepted causes that are still needed, verdicts on the dropped ones, and the final model."""
         final, kept = found[-1].after if found else plain, list(found)
         dropped: list[Verdict[CauseT]] = []
-        for step in found[:-1]:
-            if len(kept) > 1 and not self._is_needed(step, final, [other.cause for other in kept if other is not step]):
-                kept.remove(step)
-                dropped.append(first_order(step.round, step.candidate, REJECTED, self.fitter.held_out, Reason.DROPPED))
-                final = self.fitter.prepared((*self.given, *(other.cause for other in kept)), final)
+        while (spare := self._spare(kept, found[-1] if found else None, final)) is not None:
+            kept.remove(spare)
+            dropped.append(first_order(spare.round, spare.candidate, REJECTED, self.fitter.held_out, Reason.DROPPED))
+            final = self.fitter.prepared((*self.given, *(other.cause for other in kept)), final)
         return kept, dropped, final
+
+    def _spare(
+        self, kept: list[Accepted[CauseT]], last: Accepted[CauseT] | None, final: FittedModel[CauseT]
+    ) -> Accepted[CauseT] | None:
+        """Return an accepted cause that the others make needless, or None. If a name is needless, so may be an effect
+        without a name that explains the same: it goes first."""
+
+        def is_needless(step: Accepted[CauseT]) -> bool:
+            return not self._is_needed(step, final, [other.cause for other in kept if other is not step])
+
+        if len(kept) < 2:
+            return None
+        needless = next((step for step in kept if step is not last and is_needless(step)), None)
+        if needless is None or not needless.cause.catalogued:
+            return needless
+        unnamed = (step for step in reversed(kept) if not step.cause.catalogued)
+        return next(filter(is_needless, unnamed), needless)
 
     def _is_needed(self, step: Accepted[CauseT], final: FittedModel[CauseT], others: Sequence[CauseT]) -> bool:
         """Return True if an accepted cause is still significant in the final model, at the search's threshold. By

@@ -46,7 +46,6 @@ class GuidewayError(ChainCause):
 
     id = "guideway-error"
     step = Step.STRUCTURE
-    reach = 3.0
 
     @property
     def subject(self) -> str:
