@@ -10,7 +10,7 @@ from truing.estimation.interferometry.recorded_steps import RecordedSteps
 from truing.report.numbers import count, plain, quantity
 from truing.stages.quality.check import FAIL, PASS, WARN, Check, not_evaluated
 
-_NAME, _SUBJECT = "loads-joined", "signals"
+_SUBJECT = "signals"
 _SHIFTS = (-3, -2, -1, 1, 2, 3)
 _SPARE = 6  # least number of rows beyond the columns of the fit
 _BETTER = 0.5  # of the scatter as joined: that of another order, which is clearly better
@@ -27,7 +27,7 @@ def joined_loads_check(steps: RecordedSteps, joined: pa.Table) -> Check:
     used = np.isfinite(steps.signal).all(axis=1)
     ratios = _ratios(steps.load[used], steps.signal[used], steps.run[used])
     if not ratios:
-        return not_evaluated(_SUBJECT, _NAME, _SUBJECT, "too few load steps to try the rows before and after")
+        return not_evaluated(_SUBJECT, "loads-joined", _SUBJECT, "too few load steps to try the rows before and after")
     shift = min(ratios, key=lambda one: ratios[one])
     ratio = ratios[shift]
     words = f"{count(abs(shift), 'row')} {'later' if shift > 0 else 'earlier'}"
@@ -39,7 +39,7 @@ def joined_loads_check(steps: RecordedSteps, joined: pa.Table) -> Check:
     else:
         text += f" Loads of other rows fit worse: {words}, the scatter is {plain(ratio)} times that as joined."
     verdict = FAIL if ratio < _BETTER else WARN if missing else PASS
-    return Check(_NAME, _SUBJECT, ratio, _BETTER, "1", verdict, text + _clocks(row))
+    return Check("loads-joined", _SUBJECT, ratio, _BETTER, "1", verdict, text + _clocks(row))
 
 
 def _clocks(row: TableRow) -> str:

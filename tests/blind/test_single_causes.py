@@ -59,7 +59,7 @@ def assert_true(row: Row, truth: dict[str, float]) -> None:
 
 @pytest.mark.parametrize(
     ("alphas", "subject"),
-    [((0, 0, 6e-5, 0, 0, 0), "leg3"), ((-5e-5, 0, 0, 0, 7e-5, 0), "leg1 leg5"), ((4e-5,) * 6, "")],
+    [((0, 0, 6e-5, 0, 0, 0), "leg3"), ((-2.5e-5, 0, 0, 0, 3.5e-5, 0), "leg1 leg5"), ((4e-5,) * 6, "")],
     ids=["one leg", "two legs", "all legs"],
 )
 def test_legs_that_grow_with_temperature_are_named(alphas: tuple[float, ...], subject: str, tmp_path: Path) -> None:
@@ -67,6 +67,12 @@ def test_legs_that_grow_with_temperature_are_named(alphas: tuple[float, ...], su
     assert [(row["cause"], row["subject"]) for row in rows] == [("leg-thermal", subject)]
     truth = {f"alpha_{leg}": alpha for leg, alpha in enumerate(alphas, 1) if alpha} if subject else {"alpha": alphas[0]}
     assert_true(rows[0], truth)
+
+
+def test_growth_that_no_material_has_is_a_dependence_on_the_temperature(tmp_path: Path) -> None:
+    """Metals and plastics grow by 1e-6 to 1e-4 per K, and do not shrink: another cause may follow the temperature."""
+    (row,) = found_in(tmp_path, [LegThermal(np.array((-5e-5, 0, 0, 0, 7e-5, 0)))], 71)
+    assert (row["cause"], row["subject"], row["follows"]) == ("unexplained", "leg1 leg5", "temperature_c")
 
 
 def _landing(rng: np.random.Generator, poses: int) -> dict[str, np.ndarray]:

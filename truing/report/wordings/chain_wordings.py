@@ -192,7 +192,8 @@ def _guideway(claim: Claim) -> str:
     up_to = f", by up to {size_in_words(size)}" if size else ""
     if claim.fact("error") == "turn":
         return f"the carriage of {_whose(claim)} turns about its {axis} axis along the travel{up_to}"
-    return f"the carriage of {_whose(claim)} leaves its straight line along its {axis} axis{up_to}"
+    along = f" along its {axis} axis" if axis else ""
+    return f"the carriage of {_whose(claim)} leaves its straight line{along}{up_to}"
 
 
 def _drift(claim: Claim) -> str:
