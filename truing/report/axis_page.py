@@ -19,7 +19,10 @@ _CAPTION = (
     "Each point is one reading minus its prediction. Two bands by colour show lost motion, and a slope shows a scale "
     "error. A step that depends on neither command nor direction shows a zero shift."
 )
-_CORRECTIONS = "The controller form of truing export has a table of corrections to the commands."
+_CORRECTIONS = (
+    "For errors by the command and the direction of approach alone, the controller form of truing export has a table "
+    "of corrections."
+)
 
 
 def axis(tables: Tables) -> ReportSection | None:

@@ -9,7 +9,7 @@ import pandas as pd
 from numpy.typing import NDArray
 
 from truing.runs.exports.csv_text import csv_bytes
-from truing.simulation.axis.extended_model import ExtendedAxis, positioning_errors
+from truing.simulation.axis.extended_model import ExtendedAxis, depends_on_path, positioning_errors
 from truing.simulation.axis.rows import LOAD, MEASURED, ROTARY, AxisRows
 
 _MOST_TARGETS, _EVEN = 500, 101  # with more commands, so many are spread evenly over the travel
@@ -26,7 +26,7 @@ def axis_corrections(model: ExtendedAxis, run: Mapping[str, pd.DataFrame], cauti
     has no meaning. ``caution`` is a reason code for all of them, or empty.
     """
     observed = [name for name in (MEASURED, LOAD) if name in model.axis.encoders and name != model.axis.loop]
-    if not observed or "axis_errors" not in run or not model.effects:
+    if not observed or "axis_errors" not in run or not any(depends_on_path(effect) for effect in model.effects):
         return
     per_command, command_si, unit, si = _UNITS[model.axis.kind == ROTARY]
     commands = _commands(run["axis_errors"]["command"].to_numpy(float) * command_si, model.axis.least_move)

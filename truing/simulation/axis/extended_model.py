@@ -13,6 +13,7 @@ from truing.simulation.axis.causes import AxisCause
 from truing.simulation.axis.model import AxisModel
 from truing.simulation.axis.rows import Axis, AxisRows
 from truing.simulation.catalogue import catalogue_of_axes
+from truing.simulation.cause import Effect
 from truing.simulation.model_text import (
     IdentifiedInSI,
     context_of,
@@ -63,9 +64,13 @@ def positioning_errors(extended: ExtendedAxis, rows: AxisRows, origin: int) -> t
     Errors by the position and how it was reached alone: effects that end with the campaign, or depend on further
     columns such as a temperature, are omitted.
     """
-    included = [effect.cause.is_persistent and not effect.cause.needs(0) for effect in extended.effects]
-    errors, design = _errors(extended, rows, included)
+    errors, design = _errors(extended, rows, [depends_on_path(effect) for effect in extended.effects])
     return errors - errors[origin], _sigmas(design - design[origin], extended.covariance)
+
+
+def depends_on_path(effect: Effect[AxisCause]) -> bool:
+    """True if an effect stays with the axis, and depends on the position and how it was reached alone."""
+    return effect.cause.is_persistent and not effect.cause.needs(0)
 
 
 def _errors(extended: ExtendedAxis, rows: AxisRows, included: Sequence[bool]) -> tuple[NDArray, NDArray]:
