@@ -19,7 +19,7 @@ if TYPE_CHECKING:
 # Shapes are multiplied as a sparse matrix if fewer than this share of their values is not zero.
 _SPARSE = 0.05
 # Most values of the parts that shared unknowns explain at a time.
-_MOST_AT_ONCE = 2**21
+_MOST_AT_ONCE = 2**19
 # Epochs during which a channel was not seen are left out of products if fewer than this share of all is left.
 _MOSTLY_LIVE = 0.9
 

@@ -286,11 +286,11 @@ def drivers(covariates: Mapping[str, Array], shape: Array, groups: Integers) -> 
         if values.ndim == 1 and np.isfinite(values).all() and np.ptp(values) > 0:
             x = 2 * (values - values.min()) / np.ptp(values) - 1
             for power in (x, x**2 - np.mean(x**2)):
-                possible.append(Driver(name, np.repeat(power[:, None], len(shape), 1), channels, name))
+                possible.append(Driver(name, np.broadcast_to(power[:, None], (len(power), len(shape))), channels, name))
     for axis, values in zip("xyz", shape.T, strict=False):  # numbers have no place
-        possible.append(Driver(f"the place along {axis}", np.repeat(values[None], epochs, 0), groups))
+        possible.append(Driver(f"the place along {axis}", np.broadcast_to(values, (epochs, len(shape))), groups))
     for channel in channels:
-        values = np.repeat((channels == channel)[None].astype(float), epochs, 0)
+        values = np.broadcast_to(channels == channel, (epochs, len(shape)))
         possible.append(Driver("", values, np.zeros(len(shape), int), "", (int(channel),)))
     return possible
 

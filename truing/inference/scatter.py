@@ -125,7 +125,7 @@ def drivers_of(candidates: Sequence[ScatterCandidate[CauseT]]) -> list[Driver]:
         selected = candidate.own
         always = bool(np.all(selected.all(0) | ~selected.any(0)))
         within = np.zeros(selected.shape[1], int) if always else np.arange(selected.shape[1])
-        drivers.append(Driver("", selected.astype(float), within, cause=candidate.cause))
+        drivers.append(Driver("", selected, within, cause=candidate.cause))
     return drivers
 
 
