@@ -198,12 +198,15 @@ def test_what_accepted_causes_explain_does_not_remain(size: float) -> None:
     assert [(one.inputs, one.remains) for one in found] == [(("load_n",), size > 0.0)]
 
 
-def _of_parts(errors: np.ndarray, columns: dict[str, np.ndarray]) -> FittedModel:
-    """A fitted model of two parts with errors (60, 2), which move its observations in directions that differ."""
+def _of_parts(errors: np.ndarray, columns: dict[str, np.ndarray], last: str = "leg2") -> FittedModel:
+    """A fitted model of two parts with errors (60, 2), which move its observations in directions that differ.
+
+    ``last``: subject of the second part; the base has none.
+    """
     rng = np.random.default_rng(21)
     moved = rng.standard_normal((EPOCHS, 6, 2))
     residual = (moved @ errors[..., None])[..., 0] + rng.standard_normal((EPOCHS, 6))
-    pathways = tuple(ErrorPathway("rho", leg, f"leg{leg + 1}", f"rho{leg + 1}_mm") for leg in range(2))
+    pathways = ErrorPathway("rho", 0, "leg1", "rho1_mm"), ErrorPathway("rho", 1, last, "rho2_mm" if last else "")
     whitened = SimpleNamespace(
         whole=np.zeros((EPOCHS * 6, 0)),
         own=np.zeros((EPOCHS, 6, 0)),
@@ -217,7 +220,7 @@ def _of_parts(errors: np.ndarray, columns: dict[str, np.ndarray]) -> FittedModel
         standardised=np.zeros((EPOCHS, 0, 1)),
         fit=SimpleNamespace(whitened=whitened),
         model=SimpleNamespace(error_groups=None, error_pathways=pathways),
-        scene=SimpleNamespace(covariates=columns, inputs=readings, histories={}),
+        scene=SimpleNamespace(covariates={**columns, "order": np.arange(EPOCHS)}, inputs=readings, histories={}),
         pathways=SimpleNamespace(columns=moved, places={"rho": slice(0, 2)}),
     )
     return cast(FittedModel, own)
@@ -232,6 +235,24 @@ def test_the_error_of_a_part_is_reported_with_readings_alone(driver: str, expect
     columns = _columns(np.random.default_rng(22))
     errors = np.column_stack([4.0 * np.cos(3.0 * columns[driver]), np.zeros(EPOCHS)])
     plain = _of_parts(errors, columns)
+    found = attributed(plain, (plain,), LEVEL, 0.05)
+    assert [(one.subject, one.inputs, one.remains) for one in found] == expected
+
+
+@pytest.mark.parametrize(
+    ("last", "driver", "expected"),
+    [
+        ("", "time_s", [("", ("time_s",), True)]),
+        ("leg2", "time_s", []),
+        ("", "temperature_c", []),
+        ("", "rho1_mm", [("", ("rho1_mm",), True)]),
+    ],
+)
+def test_a_slow_motion_of_the_base_depends_on_time(last: str, driver: str, expected: list[object]) -> None:
+    """A slow error of any other part may be that of something else; a slow course may pass for a temperature's."""
+    columns = _columns(np.random.default_rng(24))
+    course = columns[driver] / np.ptp(columns[driver])
+    plain = _of_parts(np.column_stack([np.zeros(EPOCHS), 4.0 * np.cos(6.0 * course)]), columns, last)
     found = attributed(plain, (plain,), LEVEL, 0.05)
     assert [(one.subject, one.inputs, one.remains) for one in found] == expected
 

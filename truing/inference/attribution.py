@@ -12,7 +12,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from truing.inference.arrays import Array, Mask
-from truing.inference.campaign_inputs import column_of, columns_of, in_time_of
+from truing.inference.campaign_inputs import column_of, columns_of, in_time_of, time_columns
 from truing.inference.fitted_model import FittedModel
 from truing.inference.input_sets import p_value_of_sets, sets_of_inputs
 from truing.inference.input_spectra import Spectra
@@ -84,9 +84,10 @@ def attributed(
 def _of_parts(
     plain: FittedModel[CauseT], final: FittedModel[CauseT], spectra: Spectra, level: float
 ) -> Iterator[Attributed]:
-    """Yield the readings on which the errors of single parts depend in the plain model.
+    """Yield the readings on which the errors of single parts depend in the plain model, and time for the base.
 
-    Slow columns, such as time, compete and are not named: a slow motion of anything else moves the parts too.
+    Other columns compete and are not named: a slow motion of anything else moves the parts too, and in the time of one
+    campaign it may pass for a function of any slow column.
     """
     readings = {name: column_of(values, spectra.columns) for name, values in plain.scene.inputs.items()}
     problem = part_problem(plain)
@@ -95,8 +96,10 @@ def _of_parts(
     left = None if final is plain else part_problem(final)
     squares = max(float(np.sum(plain.fit.whitened.rest**2)), _LEAST_SQUARES)
     subjects, parts = _parts(plain, readings)
+    timed = time_columns(spectra.columns, spectra.in_time)
     for own in part_dependences(problem, parts, spectra, level):
-        inputs = tuple(name for name in own.inputs if name in readings.values())
+        named = {*readings.values(), *(() if subjects[own.index] else timed)}
+        inputs = tuple(name for name in own.inputs if name in named)
         share = _share_saved(plain, own.predicted) / squares
         if inputs and share >= _LEAST_SHARE:
             is_left = left is not None and depends(left, parts[own.index], own.inputs, spectra, level)

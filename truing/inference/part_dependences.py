@@ -178,4 +178,5 @@ def _predicted(errors: PartErrors, index: int, functions: Array) -> tuple[Array,
     power = powers[int(np.argmax(fits))]
     unit = functions @ directions
     kept = power > _LEAST_POWER
-    return (unit * np.sqrt(power) / strengths)[:, kept], unit @ (along / strengths * power / (1.0 + power))
+    error = unit @ (along / strengths * power / (1.0 + power))
+    return (unit * np.sqrt(power) / strengths)[:, kept], error - error.mean()  # a constant is the part's zero

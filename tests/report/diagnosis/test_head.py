@@ -179,10 +179,10 @@ def test_nothing_found_without_a_table_of_sizes_claims_no_size():
 def test_noise_alone_is_a_warning_and_no_effect():
     mark, said = first_line(rows(row("unexplained", **NOISE), *rejected()))
     assert mark == "warn"
-    assert_says(said, "1.410 ± 0.050", "declared noise", "none of 11")
+    assert_says(said, "residuals", "1.410 ± 0.050", "declared noise", "none of 11")  # an unknown effect raises them too
     tables = diagnosis_tables(rows(row("unexplained", **NOISE), *rejected()))
     assert_says(diagnosis(tables).lead, "none of 11", "found")
-    assert "not as declared" in diagnosis(tables).lead
+    assert_says(diagnosis(tables).lead, "residuals", "exceed", "declared noise")
     assert part_of("evidence", tables).title == "Evidence for each cause"
 
 

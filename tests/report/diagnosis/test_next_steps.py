@@ -196,6 +196,18 @@ def test_what_has_no_name_is_an_open_explanation() -> None:
     assert_says(told.words, "Repeat", "poses", "another order")
 
 
+@pytest.mark.parametrize("asks", [True, False])
+def test_of_an_arm_that_needs_no_computed_poses_an_open_question_is_evaluated(asks: bool) -> None:
+    words = {"next_measurement": "Repeat some poses in another order."} if asks else {}
+    tables = diagnosis_tables(rows(row("unexplained", follows="time_s", **words)) if asks else rows(*rejected()))
+    tables |= {"joints": pd.DataFrame(), "next_poses": tables["next_poses"].iloc[:0]}
+    without = {name: own for name, own in tables.items() if name not in ("pulls", "requirements", "detectable")}
+    part = part_of("next", without)
+    assert bool(part.statements) == asks
+    assert part.state == ("" if asks else "not evaluated")
+    assert says(part.lead, "no finding") == (not asks)
+
+
 def test_a_kind_of_cause_is_untested_only_where_no_subject_of_it_was_tested() -> None:
     idle = {"next_measurement": "Approach from both sides."}
     both = [row("actuator-backlash", "not testable", subject="leg1", **idle), row("actuator-backlash", "rejected")]

@@ -99,7 +99,7 @@ def test_larger_noise_is_no_further_effect() -> None:
     noise = row("unexplained", parameters={"noise_ratio": {"value": 2.0, "sigma": 0.1, "unit": "1"}})
     _, said = head(rows(DRIFT, noise, *rejected()), HOLDS)
     assert "effects found" not in said
-    assert said.index("Leg 4") < said.index("Besides, the noise")
+    assert said.index("Leg 4") < said.index("Besides, the residuals")
 
 
 @pytest.mark.parametrize("found", [[], [DOUBTED | {"reason_code": "inadequate"}]])
@@ -228,7 +228,7 @@ def test_columns_that_predict_the_misfit_never_read_as_agreement() -> None:
     assert "agrees" not in said
     section = diagnosis(tables)
     assert section is not None
-    assert not says(section.lead, "noise", "not as declared")
+    assert not says(section.lead, "exceed", "declared noise")
 
 
 def test_what_suspected_causes_explain_as_well_is_told_as_what_they_leave_out() -> None:

@@ -90,7 +90,8 @@ def _noise(row: AssessedCause) -> str:
     subject_text = f" of {subject_words(row.subject)}" if row.subject else ""
     if row.settings.get("over") == "others":
         return f"The noise{subject_text} is {times} times that of the others"
-    return f"The noise{subject_text} is {times} times {expected_noise(row.relation)}"
+    # Of residuals: an effect that is not known raises them as more noise does.
+    return f"The residuals{subject_text} are {times} times {expected_noise(row.relation)}"
 
 
 def _largest_shift(row: AssessedCause, tables: Tables) -> Reach | None:

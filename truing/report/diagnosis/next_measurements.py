@@ -22,6 +22,7 @@ from truing.schemas.needs import Need
 _TITLE = "What to measure next"
 _WITHOUT_MECHANISM = "No configurations were computed: without a mechanism, possible configurations are not known."
 _OF_CHAIN = "No poses were computed: no finding or open question needs them, or distances were measured."
+_IN_WORDS = "No poses were computed: the list says what to measure."
 _UNCHECKED = "New poses lie within the range of the measured readings, or of [workspace]; check them for collisions."
 _OTHER_COLUMNS = (
     *("purpose", "need", "pose", "measurements", "duration_s", "expected"),
@@ -69,7 +70,8 @@ def requested_measurements(rows: list[AssessedCause], tables: Tables) -> ReportS
     if untested:
         listings += (Listing((CAUSE, _WHAT_TO_MEASURE), untested, (), _CAPTION, True, "next_measurements.parquet"),)
     lead = _opening_sentences(steps, tables)
-    state = "" if listings or (asked and part_names(tables).is_of_readings) else "not evaluated"
+    in_words = part_names(tables).is_of_readings or "joints" in tables
+    state = "" if listings or (asked and in_words) else "not evaluated"
     return ReportSection("next", _TITLE, lead, listings=listings, statements=asked, state=state)
 
 
@@ -85,7 +87,7 @@ def _opening_sentences(steps: list[NextStep], tables: Tables) -> str:
         unchecked = f" {_UNCHECKED}" if "joints" in tables else ""
         return f"{text} The tables list the readings to command.{unchecked}".strip()
     legless = part_names(tables).is_of_points and "pulls" not in tables
-    why = _OF_CHAIN if "joints" in tables else _WITHOUT_MECHANISM
+    why = (_IN_WORDS if served else _OF_CHAIN) if "joints" in tables else _WITHOUT_MECHANISM
     return f"{text} {why if legless else part_names(tables).not_planned}".strip()
 
 

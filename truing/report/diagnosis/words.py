@@ -288,7 +288,7 @@ def counted(rows: list[AssessedCause], tables: Tables) -> str:
         if short := shortcoming(tables):
             return f"{assessed}, none found, but the model does not fit as a whole: {short}."
         noisy = any(row.is_noise and not row.is_remainder for row in rows)
-        noise = "; the noise is not as declared" if noisy else ""
+        noise = "; the residuals exceed the declared noise" if noisy else ""
         return f"{assessed} by comparing {tested_text}: {_nothing_found(rows, tables)}{noise}."
     other = f", {rivals} not distinguishable from one of them" if rivals else ""
     unseen = f", {untestable} not testable with these data" if untestable else ""
