@@ -53,8 +53,13 @@ def ingest(settings: Campaign, source: CampaignFiles, log: FaultLog, *, may_be_p
     check_unique_keys(rows, log, "pose")
     axis = cast("AxisMechanism", settings.mechanism)
     rows = _with_deviations(rows, axis.columns["command"], log)
-    if may_be_planned:
+    if may_be_planned and axis.columns["command"] in rows.table.column_names:
         rows = replace(rows, table=planned_readings(rows.table, settings))
+        if not AxisColumns.of(axis, rows.table.column_names).encoders:
+            log.add_missing(
+                f"noise.{MEASURED}_{axis.unit}", "a standard deviation of what will record the axis", rows.first_file
+            )
+            log.raise_faults()
     columns = AxisColumns.of(axis, rows.table.column_names)
     _check_columns(rows, columns, settings, log)
     table = with_role_and_time(rows.table)
