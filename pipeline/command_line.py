@@ -311,7 +311,7 @@ def design(
 
     Example: truing design sample_data/force-sensor --causes hysteresis,creep --out loads.csv
 
-    Example: truing design rotary-table --poses 59 --cycles 5 --out configurations.csv
+    Example: truing design rotary-table --poses 60 --cycles 5 --out configurations.csv
     """
 
     console = _console(quiet=quiet, json=json)

@@ -221,7 +221,7 @@ def _in_cycles(targets: Array, held_out: Array, cycles: int, ends: tuple[float, 
     command = visited(targets, cycles, *ends)
     roles = ["calibration"] * len(command)
     if len(held_out):
-        check = np.concatenate([ends[:1], visited(held_out, 1, *ends)])
+        check = visited(held_out, 1, *ends)
         command, roles = np.concatenate([command, check]), roles + [HELD_OUT] * len(check)
     return command, roles
 

@@ -24,7 +24,7 @@ NO_CALIBRATION = {
 }
 # Why such a mechanism has no choice of configurations, by type.
 NO_CHOICE = {
-    "axis": "; an axis has commands, and no poses of legs to choose",
+    "axis": "; accuracy, uniqueness and tolerances of an axis are not studied",
     "chain": "; accuracy, uniqueness and tolerances of a chain are not studied yet",
 }
 NO_DRIVES = {"chain": "no drives named in [campaign]; the diagnosis tests the compliance of joints and links"}

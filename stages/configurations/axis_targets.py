@@ -98,9 +98,9 @@ def _same(step: float, unit: str) -> str:
 
 
 def _visits(design: AxisDesign) -> list[str]:
-    lines = ["come to the first target from below; rows at the ends of the travel are the turns"]
+    lines = ["rows at the ends of the travel are turns, so that every target is approached from a known side"]
     if design.cycles < _CYCLES:
-        needed = _CYCLES * (2 * len(design.targets) + 2) - 1
+        needed = _CYCLES * (2 * len(design.targets) + 2)
         lines.append(
             f"ISO 230-2 asks for {_CYCLES} cycles: {needed} readings of as many targets (--poses {needed} --cycles "
             f"{_CYCLES})"

@@ -126,18 +126,17 @@ def lattice_step(positions: Array) -> float | None:
 
 
 def visited(targets: Array, cycles: int, low: float, high: float) -> Array:
-    """Return the commands of cycles up and down through targets (P,), with a turn at ``high`` and ``low``.
+    """Return the commands of cycles up and down through targets (P,), with turns at ``low`` and ``high``.
 
-    The first target is approached from below, and the last cycle ends at the lowest target.
+    The first row is at ``low``, so that every target is approached from a known side.
     """
-    cycle = np.concatenate([targets, [high], targets[::-1], [low]])
-    return np.tile(cycle, cycles)[:-1]
+    return np.tile(np.concatenate([[low], targets, [high], targets[::-1]]), cycles)
 
 
 def targets_within(readings: int, cycles: int) -> int:
     """Return the number of targets that ``readings`` allow in cycles up and down, turns included; inverse of the length
     of `visited`."""
-    return ((readings + 1) // cycles - 2) // 2
+    return (readings // cycles - 2) // 2
 
 
 def _approached(positions: Array, side: float) -> AxisRows:
