@@ -175,9 +175,11 @@ def _causes(model: AxisModel, names: Sequence[str]) -> list[AxisCause]:
     from truing.simulation.catalogue import OF_TYPES
 
     kinds = OF_TYPES["axis"]()
-    wanted, found = names or OF_TARGETS, list[AxisCause]()
-    for name in wanted:
-        candidates = [cause for cause in model.scene.candidates(kinds[name]) if isinstance(cause, AxisCause)]
+    found = list[AxisCause]()
+    for name in names or OF_TARGETS:
+        kind = kinds[name]
+        assert isinstance(kind, AxisCause)
+        candidates = list(model.scene.candidates(kind))
         found += [cause for cause in candidates if cause.subject == candidates[0].subject]
     if not found:
         expected = "an encoder outside the loop, or an outside instrument: the encoder in the loop follows the command"

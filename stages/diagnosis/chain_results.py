@@ -172,6 +172,7 @@ def curves_table(fitted: FittedModel[Any]) -> dict[str, pa.Table]:
 
 def guideways_table(fitted: FittedModel[Any]) -> pa.Table | None:
     """Rows of guideway_errors.parquet: error of each guideway along its slide; None without such a cause."""
+    assert isinstance(fitted.model, ChainModel)
     parts: list[pa.Table] = []
     machine = fitted.model.scene.inputs_of_machine
     for cause in fitted.causes:
