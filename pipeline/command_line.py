@@ -285,6 +285,7 @@ def design(
     parameters: option.DesignParameters = "",
     trade_off: option.DesignTradeOff = 0.75,
     at_once: option.DesignAtOnce = 6,
+    cycles: option.DesignCycles = None,
     causes: option.DesignCauses = "",
     accuracy: option.DesignAccuracy = False,
     uniqueness: option.DesignUniqueness = False,
@@ -300,7 +301,8 @@ def design(
     same way. For an interferometer campaign, it chooses load steps within [loading] that give the most information on
     the sensor's calibration matrix. With --causes, it chooses runs of loads that halve the uncertainty of these causes,
     in addition to the steps measured or planned. For an open chain, it chooses poses within the limits of the joints.
-    It reports what they and the campaign's own poses show of geometry, joint zeros and causes.
+    It reports what they and the campaign's own poses show of geometry, joint zeros and causes. For a single axis, it
+    chooses targets within the travel, visited from both sides, that show scale error, lost motion and periodic errors.
 
     --accuracy, --uniqueness and --tolerances choose nothing. They write tables next to FILE (default:
     runs/<name>/accuracy.csv and so on) and a page, FILE.html.
@@ -308,6 +310,8 @@ def design(
     Example: truing design sample_data/telescope --poses 40 --verification 6 --out configurations.csv
 
     Example: truing design sample_data/force-sensor --causes hysteresis,creep --out loads.csv
+
+    Example: truing design rotary-table --poses 60 --cycles 5 --out configurations.csv
     """
 
     console = _console(quiet=quiet, json=json)
@@ -319,7 +323,9 @@ def design(
 
         names = _listed(parameters)
         shown = _listed(causes)
-        options = DesignOptions(poses, verification, method.value, within.value, names, trade_off, seed, at_once, shown)
+        options = DesignOptions(
+            poses, verification, method.value, within.value, names, trade_off, seed, at_once, shown, cycles
+        )
         wanted = {"accuracy": accuracy, "uniqueness": uniqueness, "tolerances": tolerances}
         studies = [name for name, chosen in wanted.items() if chosen]
         if studies:
@@ -345,8 +351,9 @@ def power(
     """Simulate campaigns of this layout with hidden effects, diagnose them, and report the detectable size of each.
 
     This needs no measurement: campaign.toml, targets.csv and configurations.csv are enough; for a bench, campaign.toml
-    and an interferometer.csv without readings. Causes that rays of photographs show need a run. Writes detectable sizes
-    (FILE), detection rates (FILE-rates) and a page (FILE.html). Exit codes as for `truing run`.
+    and an interferometer.csv without readings; for a single axis, campaign.toml and a configurations.csv with commands.
+    Causes that rays of photographs show need a run. Writes detectable sizes (FILE), detection rates (FILE-rates) and a
+    page (FILE.html). Exit codes as for `truing run`.
 
     Example: truing power sample_data/telescope --causes actuator-gain,leg-drift --draws 8 --workers 4
     """

@@ -188,6 +188,15 @@ DesignAtOnce = Annotated[
     int,
     typer.Option("--at-once", min=1, max=6, help="Interferometer: number of load components that act together."),
 ]
+DesignCycles = Annotated[
+    int | None,
+    typer.Option(
+        "--cycles",
+        min=1,
+        max=100,
+        help="Axis: number of visits of every target from both sides; default: 5, or fewer for at least 5 targets.",
+    ),
+]
 DesignCauses = Annotated[
     str,
     typer.Option(
@@ -195,7 +204,7 @@ DesignCauses = Annotated[
         metavar="NAMES",
         autocompletion=completions.causes,
         help="Interferometer: choose loads that show these causes instead of loads for a calibration. Chain: choose "
-        "poses that show these causes too.",
+        "poses that show these causes too. Axis: choose targets that show these causes alone.",
     ),
 ]
 DesignAccuracy = Annotated[

@@ -15,14 +15,16 @@ from truing.formats.source import CampaignFiles
 from truing.pipeline.campaign_folder import CampaignFolder, open_campaign
 from truing.pipeline.console import RunConsole
 from truing.pipeline.given_files import check_file, read_given, table_bytes
-from truing.pipeline.in_memory import bench_tables, chain_tables
+from truing.pipeline.in_memory import axis_tables, bench_tables, chain_tables
 from truing.pipeline.problems import ExitCode
 from truing.pipeline.whole_file import write_atomically
 from truing.report.numbers import count as counted
 from truing.schemas.faults import CampaignFaults, Fault
+from truing.stages.axis_design import design_axis
 from truing.stages.cause_loads import loads_for_causes
 from truing.stages.chain_design import design_chain
 from truing.stages.common.chain_candidates import Forbids
+from truing.stages.configurations.axis_targets import AxisDesignTables, words_of_axis
 from truing.stages.configurations.chain_poses import ChainDesignTables, words_of_chain
 from truing.stages.configurations.chosen import DesignOptions, DesignTables
 from truing.stages.configurations.words import words_of, words_of_loads
@@ -52,6 +54,8 @@ def design_campaign(path: Path, options: DesignOptions, files: DesignFiles, cons
         return (_loads_for_causes if options.causes else _plan_loads)(campaign, options, files, console)
     if campaign.validated().mechanism.type == "chain":
         return _design_chain(campaign, options, files, console)
+    if campaign.validated().mechanism.type == "axis":
+        return _design_axis(campaign, options, files, console)
     if options.causes:
         raise CampaignFaults([Fault("--causes", "no causes for poses: `truing run` leaves next_poses.parquet")])
     found = design(campaign.validated(), options, design_tables(campaign, files))
@@ -96,6 +100,31 @@ def _design_chain(
         sets = {poses: one for poses, one in shown.items() if one is not None}
         _write_shown({poses: one.numbers for poses, one in sets.items()}, files.out, "numbers", console)
         _write_shown({poses: one.causes for poses, one in sets.items()}, files.out, "causes", console)
+    return ExitCode.DONE
+
+
+def _design_axis(campaign: CampaignFolder, options: DesignOptions, files: DesignFiles, console: RunConsole) -> ExitCode:
+    """Choose targets of an axis; next to the plan, a table of the effects that it shows. Raises CampaignFaults."""
+    if files.avoid is not None:
+        expected = "no regions: [mechanism] travel_mm or travel_deg limits the commands of an axis"
+        raise CampaignFaults([Fault("--avoid", expected, value=str(files.avoid))])
+    settings = campaign.validated()
+    extend = None if files.extend is None else read_given(files.extend, "a configurations table")
+    is_planned = CampaignFiles(campaign.folder, settings).entries("configurations")
+    own = axis_tables(campaign, settings)["configurations"] if is_planned else None
+    axis_design = design_axis(settings, options, AxisDesignTables(own, extend, str(files.extend)))
+    for line in words_of_axis(axis_design):
+        console.sentence(line)
+    _write_table(
+        axis_design.table,
+        files.out,
+        console,
+        f"{counted(axis_design.table.num_rows, 'row')}, in the order in which to measure them",
+        "; add time_s when measuring, or keep this order",
+    )
+    if files.out is not None:
+        shown = {"own": axis_design.own_sizes, "plan": axis_design.sizes}
+        _write_shown({rows: sizes for rows, sizes in shown.items() if sizes is not None}, files.out, "causes", console)
     return ExitCode.DONE
 
 

@@ -9,6 +9,7 @@ from typing import Any
 
 import pyarrow as pa
 
+from truing.formats.faultlog import FaultLog
 from truing.formats.source import CampaignFiles
 from truing.pipeline.campaign_folder import CampaignFolder, SettingsView, open_campaign
 from truing.pipeline.stage_order import RAW_READERS, bare, order_of, stage_module
@@ -74,6 +75,14 @@ def bench_tables(campaign: CampaignFolder, settings: Campaign) -> tuple[dict[str
     if planned is not None:
         return planned, False
     return dict(call_stage("ingest", {}, settings, source).artifacts), True
+
+
+def axis_tables(campaign: CampaignFolder, settings: Campaign) -> dict[str, pa.Table]:
+    """Rows of an axis; without any reading, those of a plan, read without errors. Raises CampaignFaults."""
+    from truing.stages.ingestion.axis_rows import ingest
+
+    outcome = ingest(settings, CampaignFiles(campaign.folder, settings), FaultLog(), may_be_planned=True)
+    return {"configurations": plain_texts(outcome.artifacts["configurations"])}
 
 
 def chain_tables(campaign: CampaignFolder, settings: Campaign) -> dict[str, pa.Table]:

@@ -20,7 +20,7 @@ from truing.pipeline.campaign_folder import CampaignFolder, run_folder_of
 from truing.pipeline.console import RunConsole
 from truing.pipeline.executor import Workforce, results
 from truing.pipeline.given_files import check_file, leave_tables
-from truing.pipeline.in_memory import bench_tables, call_stage, chain_tables
+from truing.pipeline.in_memory import axis_tables, bench_tables, call_stage, chain_tables
 from truing.pipeline.problems import EnvironmentProblem, ExitCode, Interrupted
 from truing.pipeline.run_campaign import usable_campaign
 from truing.pipeline.run_owner import folder_next_to_run, note_owner
@@ -56,7 +56,6 @@ from truing.simulation.detection_trials import (
     trials,
 )
 from truing.stages import power
-from truing.stages.common.missing_data import NO_DRAWING
 from truing.stages.diagnosis.ray_points import assemble_rays
 from truing.stages.diagnosis.rows import DetectionAdvice, diagnosis_table
 from truing.stages.diagnosis.search import (
@@ -70,6 +69,7 @@ from truing.stages.diagnosis.search import (
 )
 from truing.stages.ingestion.tables import read_configurations, read_survey
 from truing.stages.power import (
+    axis_plan_of,
     chain_plan_of,
     complete_plan,
     diagnosis_data_of,
@@ -183,6 +183,8 @@ def _plan(campaign: CampaignFolder, settings: Campaign, options: PowerOptions, r
             return reading_plan_of(tables, settings).with_gross(options.gross)
         if settings.mechanism.type == "chain":
             return chain_plan_of(tables, settings).with_gross(options.gross)
+        if settings.mechanism.type == "axis":
+            return axis_plan_of(tables, settings).with_gross(options.gross)
         bare = bare_plan(tables, settings)
         drawn = (
             {**tables} if bare.was_measured else _posed(bare.drawn((), np.random.default_rng(options.seed)), settings)
@@ -204,6 +206,8 @@ def _tables(campaign: CampaignFolder, settings: Campaign) -> dict[str, pa.Table]
     """Survey and configurations and, if there are points, observations and poses; raises CampaignFaults."""
     if settings.campaign.kind == "interferometer":
         return bench_tables(campaign, settings)[0]
+    if settings.mechanism.type == "axis":
+        return axis_tables(campaign, settings)
     if settings.mechanism.type == "chain":
         tables = chain_tables(campaign, settings)
         if "configurations" not in tables:
@@ -213,7 +217,6 @@ def _tables(campaign: CampaignFolder, settings: Campaign) -> dict[str, pa.Table]
         expected = (
             "a mechanism of legs, whose points can be simulated (bodies without a mechanism are not supported yet)"
         )
-        expected += NO_DRAWING.get(settings.mechanism.type, "")
         fault = Fault(str(campaign.file), expected, column="mechanism.type", value=settings.mechanism.type)
         raise CampaignFaults([fault])
     source = CampaignFiles(campaign.folder, settings)

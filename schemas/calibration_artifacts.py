@@ -128,6 +128,13 @@ CALIBRATION = (
         "joint* joint_reading_si* deviation_si deviation_sigma_si is_determined",
     ),
     parquet(
+        "guideway_errors",
+        "errors of guideways that the extended model holds, along the slide: a shift from the line through both ends "
+        "of the travel, a turn from the direction at its start; and the span of the measured readings",
+        "joint* guideway_motion* guideway_axis* joint_reading_si* guideway_error_si guideway_sigma_si "
+        "measured_from_si measured_to_si",
+    ),
+    parquet(
         "implicit_calibration",
         "parameters identified by least squares on the closure alone, as in the telescope report (eq. 30-33)",
         "model* deformation* leg* parameter* unit nominal identified sigma tolerance pull identifiable status",

@@ -398,6 +398,12 @@ class AxisMechanism(MechanismSection):
     period_mm: Positive | None = Field(
         None, description="linear: period of a periodic error, such as a screw's lead; absent: searched"
     )
+    travel_deg: tuple[Finite, Finite] | None = Field(
+        None, description="rotary: lowest and highest command to plan with; absent: those of configurations.csv"
+    )
+    travel_mm: tuple[Finite, Finite] | None = Field(
+        None, description="linear: lowest and highest command to plan with; absent: those of configurations.csv"
+    )
 
     @property
     def unit(self) -> str:
@@ -420,6 +426,11 @@ class AxisMechanism(MechanismSection):
         """Declared period of a periodic error in degrees or mm; None if it is searched."""
         return self.period_deg if self.kind == "rotary" else self.period_mm
 
+    @property
+    def travel(self) -> tuple[float, float] | None:
+        """Declared lowest and highest command in degrees or mm."""
+        return self.travel_deg if self.kind == "rotary" else self.travel_mm
+
     @model_validator(mode="after")
     def _columns_fit_the_kind(self) -> AxisMechanism:
         unit = _UNIT[self.kind]
@@ -435,4 +446,8 @@ class AxisMechanism(MechanismSection):
             raise ValueError(f"counts_per_{unit} for a {self.kind} axis")
         if (self.period_mm if self.kind == "rotary" else self.period_deg) is not None:
             raise ValueError(f"period_{unit} for a {self.kind} axis")
+        if (self.travel_mm if self.kind == "rotary" else self.travel_deg) is not None:
+            raise ValueError(f"travel_{unit} for a {self.kind} axis")
+        if self.travel is not None and self.travel[0] >= self.travel[1]:
+            raise ValueError(f"the lowest command before the highest in travel_{unit}")
         return self

@@ -38,7 +38,7 @@ DECLARATION = Stage(
         *("prediction?", "reading_errors?", "axis_errors?", "chain_parameters?", "series_errors?", "arm_accuracy?"),
         *("component_errors?", "tip_uncertainty?", "chain_uncertainty?"),
         "motor_encoders?",
-        "joint_curves?",
+        *("joint_curves?", "guideway_errors?"),
         *("next_poses?", "next_loads?", "changes?", "cause_uncertainty?", "determined_combinations?"),
         "diagnosis_left_out?",
         *("diagnosis_choices?", "applied_model?"),

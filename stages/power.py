@@ -16,10 +16,11 @@ if TYPE_CHECKING:
     from truing.inference.selection import Settings
     from truing.schemas.campaign import Campaign
     from truing.stages.diagnosis.diagnosis_data import DiagnosisData
+    from truing.stages.simulated_campaigns.axis_plan import AxisPlan
     from truing.stages.simulated_campaigns.chain_plan import ChainPlan
     from truing.stages.simulated_campaigns.plan import CampaignPlan, RayPlan, ReadingPlan
 
-    Plan = CampaignPlan | ReadingPlan | RayPlan | ChainPlan
+    Plan = CampaignPlan | ReadingPlan | RayPlan | ChainPlan | AxisPlan
 
 # Simulated residuals behind theory's threshold: that of a diagnosis, from its 400, scatters from campaign to campaign.
 _THRESHOLD_DRAWS = 1600
@@ -87,6 +88,19 @@ def chain_plan_of(tables: Mapping[str, pa.Table], settings: Campaign) -> ChainPl
         tables = nominal_tables(tree, tables["joints"], tables.get("survey"), tables["configurations"], settings)
     data = assembled_data(tables, settings)
     return chain_plan(tables, data.model, [data.calibration, *filter(None, [data.held_out])])
+
+
+def axis_plan_of(tables: Mapping[str, pa.Table], settings: Campaign) -> AxisPlan:
+    """Return the plan of a campaign of an axis, measured or planned; raises ValueError with the reason if it cannot be
+    simulated."""
+    from truing.stages.common.axis_columns import columns_of, command_sigma, encoder_sigma
+    from truing.stages.diagnosis.search import assembled_data
+    from truing.stages.simulated_campaigns.axis_plan import axis_plan
+
+    columns = columns_of(settings, tables["configurations"])
+    sigma = np.array([encoder_sigma(settings, name) for name in columns.encoders], float)
+    model = assembled_data(tables, settings).model
+    return axis_plan(tables, model, columns, sigma, command_sigma(settings))
 
 
 def ray_plan_of(tables: Mapping[str, pa.Table], settings: Campaign) -> RayPlan:

@@ -76,6 +76,10 @@ class AxisColumns:
         """Return a column (N,) in rad or m, NaN if empty."""
         return number_column(table, column) / self._counts(column) * SI[self.unit]
 
+    def recorded(self, column: str, values: Array) -> Array:
+        """Return positions (N,), rad or m, in the unit of a column; inverse of `si`."""
+        return np.asarray(values / SI[self.unit] * self._counts(column))
+
     def _counts(self, column: str) -> float:
         """Return the counts per deg or mm of a column; 1 if it holds no counts."""
         return self.per_unit if column.endswith(_COUNTS) and self.per_unit else 1.0
@@ -168,6 +172,26 @@ def encoder_sigma(settings: Campaign, encoder: str) -> float | None:
     unit = cast("AxisMechanism", settings.mechanism).unit
     sigma = getattr(settings.noise, f"{encoder}_{unit}")
     return None if sigma is None else float(sigma * SI[unit])
+
+
+def planned_readings(table: pa.Table, settings: Campaign) -> pa.Table:
+    """Return rows without any reading with the commands in place of readings; others unchanged.
+
+    Every named encoder will be read, and the outside instrument if it has a noise.
+    """
+    axis = cast("AxisMechanism", settings.mechanism)
+    measured, command = f"{MEASURED}_{axis.unit}", axis.columns[COMMAND]
+    has_instrument = encoder_sigma(settings, MEASURED) is not None
+    wanted = [column for name, column in axis.columns.items() if name != COMMAND] + [measured] * has_instrument
+    present = [column for column in dict.fromkeys([*wanted, measured]) if column in table.column_names]
+    if command not in table.column_names or any(np.isfinite(number_column(table, name)).any() for name in present):
+        return table
+    columns = AxisColumns.of(axis, table.column_names)
+    position = columns.si(table, command)
+    table = table.drop_columns(present)
+    for column in dict.fromkeys([*wanted, *present]):
+        table = table.append_column(column, pa.array(columns.recorded(column, position)))
+    return table
 
 
 def _events_in_time(table: pa.Table, time_s: Array) -> tuple[tuple[str, float], ...]:

@@ -22,13 +22,10 @@ NO_CALIBRATION = {
     "axis": "the diagnosis gives factors, lost motion and zeros of an axis",
     "chain": "the diagnosis identifies the geometry of a chain (section Chain, chain_parameters)",
 }
-# Why such a mechanism has no choice of configurations and no simulated campaigns, by type.
+# Why such a mechanism has no choice of configurations, by type.
 NO_CHOICE = {
-    "axis": "; an axis has commands, and no poses of legs to choose",
+    "axis": "; accuracy, uniqueness and tolerances of an axis are not studied",
     "chain": "; accuracy, uniqueness and tolerances of a chain are not studied yet",
-}
-NO_DRAWING = {
-    "axis": "; rows of an axis have no points, and are not simulated yet",
 }
 NO_DRIVES = {"chain": "no drives named in [campaign]; the diagnosis tests the compliance of joints and links"}
 NO_POINTS_TO_DEFORM = "no points: deformation shows in targets, and poses or scans have none"

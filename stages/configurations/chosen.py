@@ -25,7 +25,7 @@ class DesignOptions:
     """Options. method: exchange, direct, ioops or random; within: ``workspace`` (limits of pose and readings) or
     ``actuators`` (of readings alone); parameters: names for each leg, all separable ones if empty; trade_off: see
     `order_poses`; at_once: number of load components that act together; causes: causes to show with loads instead of
-    a calibration."""
+    a calibration; cycles: visits of every target of an axis from both sides."""
 
     poses: int
     verification: int = 0
@@ -36,6 +36,7 @@ class DesignOptions:
     seed: int = 0
     at_once: int = 6
     causes: tuple[str, ...] = ()
+    cycles: int | None = None
 
     @property
     def may_all_act(self) -> bool:

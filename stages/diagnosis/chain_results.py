@@ -15,6 +15,7 @@ from truing.arrays import TableRow
 from truing.inference.fitter import Fitter
 from truing.schemas.artifacts import ARTIFACTS
 from truing.simulation.mechanisms.chains.extended_model import extended_chain, write_chain
+from truing.simulation.mechanisms.chains.guideways import GuidewayError
 from truing.simulation.mechanisms.chains.joint_curves import JointErrorCurve
 from truing.simulation.mechanisms.chains.model import ChainModel
 from truing.simulation.mechanisms.chains.motor_encoders import MotorTerm
@@ -64,6 +65,7 @@ def results(
             "chain_parameters": parameters_table(final),
             "chain_uncertainty": uncertainty_table(final),
             **curves_table(final),
+            "guideway_errors": guideways_table(final),
             "model": text_of_model(final, settings),
             "component_errors": tip_errors(diagnosis, data),
             "tip_uncertainty": tip_table(final, settings),
@@ -166,3 +168,28 @@ def curves_table(fitted: FittedModel[Any]) -> dict[str, pa.Table]:
         "is_determined": np.concatenate([curve.is_determined for curve in curves]),
     }
     return {"joint_curves": pa.table(columns, schema=ARTIFACTS["joint_curves"].arrow_schema())}
+
+
+def guideways_table(fitted: FittedModel[Any]) -> pa.Table | None:
+    """Rows of guideway_errors.parquet: error of each guideway along its slide; None without such a cause."""
+    assert isinstance(fitted.model, ChainModel)
+    parts: list[pa.Table] = []
+    machine = fitted.model.scene.inputs_of_machine
+    for cause in fitted.causes:
+        if not isinstance(cause, GuidewayError):
+            continue
+        curve = cause.curve(*fitted.values(cause))
+        measured = machine.readings[:, machine.tree.readings.index(cause.joint)]
+        count = len(curve.readings)
+        columns = {
+            "joint": [cause.joint] * count,
+            "guideway_motion": [cause.error] * count,
+            "guideway_axis": [cause.axis] * count,
+            "joint_reading_si": curve.readings,
+            "guideway_error_si": curve.deviation,
+            "guideway_sigma_si": curve.sigma,
+            "measured_from_si": np.full(count, measured.min()),
+            "measured_to_si": np.full(count, measured.max()),
+        }
+        parts.append(pa.table(columns, schema=ARTIFACTS["guideway_errors"].arrow_schema()))
+    return pa.concat_tables(parts) if parts else None

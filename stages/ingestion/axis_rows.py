@@ -16,7 +16,7 @@ from truing.report.numbers import count
 from truing.schemas.faults import Fault
 from truing.schemas.near_names import did_you_mean
 from truing.simulation.axis.rows import MEASURED
-from truing.stages.common.axis_columns import AxisColumns, encoder_sigma
+from truing.stages.common.axis_columns import AxisColumns, encoder_sigma, planned_readings
 from truing.stages.common.table_arrays import check_unique_keys, numbers
 from truing.stages.declaration import Outcome
 from truing.stages.ingestion.tables import (
@@ -39,8 +39,11 @@ DEVIATION = "deviation"
 _OTHER = {"deg": "mm", "mm": "deg"}
 
 
-def ingest(settings: Campaign, source: CampaignFiles, log: FaultLog) -> Outcome:
-    """Return the rows of an axis as `configurations`; raises CampaignFaults with all faults at once."""
+def ingest(settings: Campaign, source: CampaignFiles, log: FaultLog, *, may_be_planned: bool = False) -> Outcome:
+    """Return the rows of an axis as `configurations`; raises CampaignFaults with all faults at once.
+
+    If they may be planned, rows without any reading are read without errors by every encoder that has a noise.
+    """
     rows = collect_rows(source, ROWS, log, "pose")
     if rows is None:
         if not source.entries("configurations"):
@@ -50,6 +53,13 @@ def ingest(settings: Campaign, source: CampaignFiles, log: FaultLog) -> Outcome:
     check_unique_keys(rows, log, "pose")
     axis = cast("AxisMechanism", settings.mechanism)
     rows = _with_deviations(rows, axis.columns["command"], log)
+    if may_be_planned and axis.columns["command"] in rows.table.column_names:
+        rows = replace(rows, table=planned_readings(rows.table, settings))
+        if not AxisColumns.of(axis, rows.table.column_names).encoders:
+            log.add_missing(
+                f"noise.{MEASURED}_{axis.unit}", "a standard deviation of what will record the axis", rows.first_file
+            )
+            log.raise_faults()
     columns = AxisColumns.of(axis, rows.table.column_names)
     _check_columns(rows, columns, settings, log)
     table = with_role_and_time(rows.table)

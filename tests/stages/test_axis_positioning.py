@@ -8,6 +8,7 @@ from statistics import mean, stdev
 import numpy as np
 import pandas as pd
 import pyarrow as pa
+import pyarrow.compute as pc
 import pytest
 
 from tests.sentences import assert_says
@@ -135,6 +136,24 @@ def test_too_few_repeats_leave_out_what_needs_a_scatter_and_the_page_says_so() -
     assert_says(few.statements[0][1], "3 readings", "asks for 5")
     symbols = {row[1] for row in few.listings[0].rows}
     assert {"A", "E", "M", "R", "B", "R↑", "R↓"} <= symbols
+
+
+def test_means_at_the_targets_are_told_without_a_large_deviation_that_all_share() -> None:
+    """A zero of the instrument far from the axis' would leave no digit of the differences between targets."""
+    table = _table("mm", 5)
+    far = table.set_column(
+        table.schema.get_field_index("measured_mm"), "measured_mm", pc.add(table.column("measured_mm"), 3.0)
+    )
+    told = []
+    for one in (table, far):
+        section = positioning({"positioning": _figures(one, "linear", "mm"), "configurations": pd.DataFrame()})
+        assert section is not None
+        targets = section.listings[1]
+        rows = [row for row in targets.rows if row[0] == targets.rows[0][0]]
+        told.append(np.array([[float(row[2]), float(row[3])] for row in rows]))
+    assert np.abs(told[1]).max() < 50.0
+    assert_close(told[1] - told[1].mean(), told[0] - told[0].mean(), atol=0.15)
+    assert_says(section.listings[1].caption, "outside instrument", "all targets share")
 
 
 def _at(table: pa.Table, period_s: float) -> pa.Table:

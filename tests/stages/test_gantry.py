@@ -11,6 +11,8 @@ import pytest
 from numpy.typing import NDArray
 
 from tests.stages.line import run_line
+from tests.tolerance import assert_close
+from truing.report.chain_curves import guideway_errors
 from truing.simulation.mechanisms.chains.guideways import GuidewayError
 
 POSES, NOISE_MM, TRAVEL_MM = 140, 0.006, 2000.0
@@ -70,6 +72,33 @@ def test_a_carriage_that_leaves_its_line_is_named_and_measured(tmp_path: Path, b
     size = json.loads(found["parameters"][0])["largest"]
     # from the line through both ends of the measured travel, which is a little shorter
     assert abs(size["value"] - bow_mm) < 3.5 * size["sigma"] + 0.04 * bow_mm
+
+
+@pytest.mark.parametrize(("bow_mm", "yaw_rad"), [(0.04, 0.0), (0.0, 60e-6)])
+def test_the_curve_of_a_guideway_is_the_error_of_the_carriage(tmp_path: Path, bow_mm: float, yaw_rad: float) -> None:
+    """At every position within four standard deviations of the nearest cubic, which this turn is found to be."""
+    tables, _ = run_line(gantry(tmp_path / "gantry", bow_mm=bow_mm, yaw_rad=yaw_rad), "ingest", "qa", "diagnose")
+    rows = tables["guideway_errors"].to_pandas()
+    motion = ("shift", "y") if bow_mm else ("turn", "z")
+    assert rows[["joint", "guideway_motion", "guideway_axis"]].drop_duplicates().to_numpy().tolist() == [["x", *motion]]
+    reading = rows["joint_reading_si"].to_numpy() * 1e3
+    share = 2.0 * reading / TRAVEL_MM - 1.0
+    true = bow_mm * 1e-3 * (1.0 - share**2) + yaw_rad * np.sin(np.pi * share)
+    true = np.polyval(np.polyfit(share, true, 3), share)
+    ends = true[0] + (reading - reading[0]) / np.ptp(reading) * (true[-1] - true[0] if bow_mm else 0.0)
+    away = np.abs(rows["guideway_error_si"] - (true - ends))
+    assert (away < 4.0 * rows["guideway_sigma_si"] + 0.03 * np.abs(true).max()).all()
+    low, high = (float(rows[f"measured_{end}_si"].iloc[0]) * 1e3 for end in ("from", "to"))
+    assert low <= reading.min() < reading.max() <= high
+    assert low < 0.03 * TRAVEL_MM
+    assert high > 0.97 * TRAVEL_MM
+    figure = guideway_errors(rows)
+    drawn = figure.data[2]
+    assert_close(
+        np.array(drawn.y), rows["guideway_error_si"].to_numpy() * (1e6 if bow_mm else 648e3 / np.pi), atol=1e-9
+    )
+    assert figure.layout.yaxis.title.text == ("µm" if bow_mm else "arcsec")
+    assert sorted(line.x0 for line in figure.layout.shapes) == [low, high]
 
 
 def test_a_carriage_that_turns_is_named_and_measured(tmp_path: Path) -> None:

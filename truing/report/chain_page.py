@@ -12,6 +12,7 @@ import plotly.graph_objects as go
 from numpy.typing import NDArray
 from plotly.subplots import make_subplots
 
+from truing.report.chain_curves import CURVES, GUIDEWAYS, error_curves, guideway_errors
 from truing.report.figure_style import BLUE, GREEN, GREY, ORANGE, RED, label, style
 from truing.report.heads import POSE, Head
 from truing.report.numbers import count, listed, plain, quantity, rough, sign, with_uncertainty
@@ -50,10 +51,6 @@ _MOTOR_WORDS = {
     "difference": "rms after ratio and zero",
     "remainder": "rms that remains",
 }
-_CURVES = (
-    "Motion of the joint minus its reading, as the extended model holds it, with two standard deviations. The curve is "
-    "drawn where the data determine it. Elsewhere predictions rest on the assumption that it is small."
-)
 _OF_POSE, _OF_DISTANCE = ("AP", "RP", "vAP", "dAP", "dRP"), ("AD", "RD")
 
 
@@ -108,7 +105,9 @@ def chain(tables: Tables) -> ReportSection | None:
         shown = tips.merge(prediction, on="pose")
         figures.append((_map(shown, str(nodes.loc[nodes["is_tip"], "link"].iloc[0])), _MAP))
     if curves is not None and curves["is_determined"].any():
-        figures.append((_curves(curves, joints), _CURVES))
+        figures.append((error_curves(curves, joints), CURVES))
+    if (guideways := table_or_none(tables, "guideway_errors")) is not None:
+        figures.append((guideway_errors(guideways), GUIDEWAYS))
     listings = [_listing(numbers)] if numbers is not None else []
     series = table_or_none(tables, "series_errors")
     listings += [_by_series(series)] if series is not None else []
@@ -327,31 +326,6 @@ def _map(shown: pd.DataFrame, tip: str) -> go.Figure:
     ends = {"cmin": 0.0, "cmax": max(float(shown["rms_after"].max()), 1e-6)}  # from zero, so that noise looks even
     figure.update_layout(coloraxis={"colorscale": "Cividis", **ends, "colorbar": scale})
     return figure
-
-
-def _curves(curves: pd.DataFrame, joints: pd.DataFrame) -> go.Figure:
-    """Return the error curves of the joints along their readings; angles in deg and mdeg, lengths in mm and um."""
-    known = curves[curves["is_determined"]]
-    names = list(dict.fromkeys(known["joint"]))
-    slides = set(joints.loc[joints["joint_kind"] == "prismatic", "joint"])
-    rows = -(-len(names) // 2)
-    titles = [label(name) for name in names]
-    figure = make_subplots(rows=rows, cols=2, subplot_titles=titles, vertical_spacing=0.35 / rows)
-    for index, name in enumerate(names):
-        panel = {"row": index // 2 + 1, "col": index % 2 + 1}
-        along, size = (1e3, 1e6) if name in slides else (180.0 / math.pi, 180e3 / math.pi)
-        units = ("mm", "µm") if name in slides else ("deg", "mdeg")
-        of_joint = curves[curves["joint"] == name]
-        readings, shown = of_joint["joint_reading_si"].to_numpy() * along, of_joint["is_determined"].to_numpy()
-        middle, sigma = (of_joint[column].to_numpy() * size for column in ("deviation_si", "deviation_sigma_si"))
-        lines = ((middle + 2 * sigma, 0.5, GREY), (middle - 2 * sigma, 0.5, GREY), (middle, 1.5, BLUE))
-        for values, width, colour in lines:
-            drawn = np.where(shown, values, np.nan)
-            line = {"width": width, "color": colour}
-            figure.add_trace(go.Scatter(x=readings, y=drawn, mode="lines", line=line, showlegend=False), **panel)
-        figure.update_xaxes(title={"text": f"reading ({units[0]})", "standoff": 2}, **panel)
-        figure.update_yaxes(title_text=units[1], **panel)
-    return style(figure, "Error curves of the joints", "Motion minus reading", 120 + 240 * rows)
 
 
 def _arm(nodes: pd.DataFrame, survey: pd.DataFrame | None) -> go.Figure:

@@ -47,7 +47,10 @@ SECTIONS = (
     PageSection(
         "chain",
         ("truing.report.chain_page",),
-        reads=("joints", "chain_parameters", "joint_curves", "series_errors", "arm_accuracy", "motor_encoders"),
+        reads=(
+            *("joints", "chain_parameters", "joint_curves", "guideway_errors", "series_errors", "arm_accuracy"),
+            "motor_encoders",
+        ),
     ),
     PageSection("measured", ("truing.report.measured_section",)),
     PageSection("frames", ("truing.report.scene.frames",)),

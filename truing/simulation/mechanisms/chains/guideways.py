@@ -28,6 +28,18 @@ _AXES = "xyz"
 
 
 @dataclass(frozen=True)
+class GuidewayCurve:
+    """Error of a guideway at m readings (m), with its standard deviation, m or rad.
+
+    A shift is measured from the straight line through both ends, a turn from the direction at the start.
+    """
+
+    readings: Array
+    deviation: Array
+    sigma: Array
+
+
+@dataclass(frozen=True)
 class GuidewayError(ChainCause):
     """The carriage of a slide shifts along, or turns about, one axis of the joint's frame by a polynomial of its
     reading.
@@ -102,15 +114,20 @@ class GuidewayError(ChainCause):
     def reported(self, values: NDArray, covariance: NDArray, legs: int) -> tuple[ReportedParameter, ...]:
         """Return the terms, and the largest deviation over the travel: from the straight line through both ends, or
         from the direction at the start."""
-        terms = self._terms(np.linspace(self.low, self.high, _IN_CURVE))
-        share = np.linspace(0.0, 1.0, _IN_CURVE)[:, None]
-        line = terms[:1] + share * (terms[-1:] - terms[:1]) if self.error == SHIFT else terms[:1]
-        curve = (terms - line) @ values
-        k = int(np.argmax(np.abs(curve)))
-        sigma = float(np.sqrt((terms - line)[k] @ covariance @ (terms - line)[k]))
+        curve = self.curve(values, covariance)
+        k = int(np.argmax(np.abs(curve.deviation)))
         parameter = self.parameters(0)[0]
-        largest = ReportedParameter("largest", abs(curve[k]) / parameter.si, sigma / parameter.si, parameter.unit)
-        return (*super().reported(values, covariance, legs), largest)
+        sizes = abs(curve.deviation[k]) / parameter.si, curve.sigma[k] / parameter.si
+        return (*super().reported(values, covariance, legs), ReportedParameter("largest", *sizes, parameter.unit))
+
+    def curve(self, values: NDArray, covariance: NDArray) -> GuidewayCurve:
+        """Return the error over the travel, from parameters (P,) and their covariance (P, P), SI."""
+        readings = np.linspace(self.low, self.high, _IN_CURVE)
+        terms = self._terms(readings)
+        share = np.linspace(0.0, 1.0, _IN_CURVE)[:, None]
+        away = terms - (terms[:1] + share * (terms[-1:] - terms[:1]) if self.error == SHIFT else terms[:1])
+        variance = np.sum((away @ covariance) * away, -1)
+        return GuidewayCurve(readings, away @ values, np.sqrt(np.maximum(variance, 0.0)))
 
     @property
     def _lowest(self) -> int:
