@@ -14,8 +14,8 @@ from truing.inference.verdicts import FOUND, SUSPECTED, Reason, Verdict
 FINAL = cast(Any, SimpleNamespace(model=SimpleNamespace(part_count=6)))
 
 
-def _verdict(*inputs: str, catalogued: bool = False) -> Verdict[Any]:
-    cause = SimpleNamespace(catalogued=catalogued, inputs=lambda parts: inputs)
+def _verdict(*inputs: str, catalogued: bool = False, subject: str = "") -> Verdict[Any]:
+    cause = SimpleNamespace(catalogued=catalogued, inputs=lambda parts: inputs, subject=subject)
     return Verdict(
         cause, FOUND, 0.0, 1.0, 40.0, 9.0, None, *cast(Any, (None, None, (None, None), None, None, None)), candidates=1
     )
@@ -35,6 +35,14 @@ def test_inputs_that_no_residuals_depend_on_are_suspected(inputs: tuple[str, ...
     found = _with_confirmed_inputs(_verdict(*inputs), FINAL, attributions)
     assert found.verdict == verdict
     assert found.reason == (None if verdict == FOUND else Reason.INADEQUATE)
+
+
+@pytest.mark.parametrize(
+    ("subject", "verdict"), [("leg2", FOUND), ("leg1 leg2", FOUND), ("leg1", SUSPECTED), ("leg21", SUSPECTED)]
+)
+def test_inputs_of_another_part_confirm_nothing(subject: str, verdict: str) -> None:
+    attributions = [Attributed((), ("time_s",), 0.3, 1e-4, subject="leg2")]
+    assert _with_confirmed_inputs(_verdict("time_s", subject=subject), FINAL, attributions).verdict == verdict
 
 
 def test_causes_of_the_catalogue_are_left_to_other_doubts() -> None:

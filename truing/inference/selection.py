@@ -347,9 +347,12 @@ def _with_confirmed_inputs(
     verdict: Verdict[CauseT], final: FittedModel[CauseT], attributions: Sequence[Attributed]
 ) -> Verdict[CauseT]:
     """Return the verdict, only suspected if it is on a nonparametric effect of a model that does not hold, and no
-    residuals depend on its inputs: of forms that are all wrong, the best one need not have the right inputs."""
+    residuals depend on its inputs, or only errors of other parts do: of forms that are all wrong, the best one need
+    have neither the right inputs nor the right part."""
     if verdict.verdict != FOUND or verdict.cause.catalogued:
         return verdict
-    confirmed = {name for one in attributions for name in one.inputs}
+    subject = f" {verdict.cause.subject} "
+    own = [one for one in attributions if not one.subject or f" {one.subject} " in subject]
+    confirmed = {name for one in own for name in one.inputs}
     is_confirmed = set(verdict.cause.inputs(final.model.part_count)) <= confirmed
     return verdict if is_confirmed else replace(verdict, verdict=SUSPECTED, reason=Reason.INADEQUATE)
