@@ -1,4 +1,4 @@
-"""Figures of how well each instrument is diagnosed as SVG: power, every campaign by cause, what was taken for what."""
+"""Figures of the blind benchmark as SVG: power, every campaign by cause, and confusions between causes."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""The tables of how well each instrument is diagnosed, from the results of ``benchmarks.blind``; nothing is typed."""
+"""Tables of the blind benchmark's pages, generated from the results of ``benchmarks.blind``."""
 
 from __future__ import annotations
 

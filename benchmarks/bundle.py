@@ -1,4 +1,4 @@
-"""Bundle adjustment beside other libraries: python -m benchmarks.bundle.
+"""Bundle adjustment compared with other libraries: python -m benchmarks.bundle.
 
 60 images of 100 targets, 12,000 residuals, 663 unknowns: principal distance and two radial terms of one camera, all
 images and points, from the same start. Ours ends with the covariance of everything, that of points with all other

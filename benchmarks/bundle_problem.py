@@ -1,4 +1,4 @@
-"""A network of 60 images of 100 targets, one camera with two terms of radial distortion: what every library adjusts."""
+"""The network that all libraries adjust: 60 images of 100 targets, one camera with two terms of radial distortion."""
 
 from __future__ import annotations
 

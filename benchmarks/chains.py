@@ -1,4 +1,4 @@
-"""Kinematics and calibration of a robot arm beside other libraries: python -m benchmarks.chains [--repeats 5].
+"""Kinematics and calibration of a robot arm compared with other libraries: python -m benchmarks.chains [--repeats 5].
 
 The sample robot of six joints: 60 poses of three targets with 10 um of noise, geometry within its tolerances, a soft
 shoulder and an eccentric elbow. First positions and Jacobians of the tip, poses per second; then calibrations: their

@@ -1,4 +1,4 @@
-"""Other libraries' kinematics and calibrations of a robot arm; each factory imports its library where it is called."""
+"""Kinematics and calibrations of a robot arm by other libraries; each factory imports its library."""
 
 from __future__ import annotations
 

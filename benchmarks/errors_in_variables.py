@@ -1,4 +1,4 @@
-"""The joint calibration of poses and values beside other solvers: python -m benchmarks.errors_in_variables.
+"""Errors-in-variables calibration compared with other solvers: python -m benchmarks.errors_in_variables.
 
 42 values of six legs and 6 deviations of each of 40 poses, with a prior on the values: 282 unknowns, 522 residuals, all
 libraries from the nominal values on the identical sum of squares, with exact derivatives. A row whose sum is not within

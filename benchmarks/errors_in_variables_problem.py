@@ -1,4 +1,4 @@
-"""The joint calibration that `benchmarks.errors_in_variables` gives to every library, with one common derivative.
+"""The calibration problem that `benchmarks.errors_in_variables` gives to every library, with one common derivative.
 
 Unknowns are 42 values, {a_x, a_y, b_x, b_y, u_x, u_y, l} of six legs of fixed length on linear actuators, in their
 tolerances from the nominal, and 6 deviations per pose, in their sigmas. Residuals are those deviations, decorrelated,

@@ -1,10 +1,9 @@
-"""Ten million points from points.csv to observations.parquet, beside the fastest bare conversion of the same file.
+"""Ingest of ten million points compared with bare conversions of the same file to Parquet.
 
     python -m benchmarks.ingest [--rows 10000000] [--repeats 5] [--folder DIR]
 
 Ours reads, maps, checks (finite numbers, unknown poses, duplicate points, missing bodies, units) and writes with its
-provenance; the
-peers parse and write. Every run is a process of its own; runs are interleaved and pinned to the same cores, all with
+provenance; the peers parse and write. Every run is a process of its own; runs are interleaved and pinned to the same cores, all with
 Snappy. Peaks are VmHWM of the whole process. A row that did not write every point prints no figure.
 """
 

@@ -1,4 +1,5 @@
-"""The whole line, stage by stage, and the diagnosis of a long bench: python -m benchmarks.line.
+"""Processor time of the whole pipeline, stage by stage, and of the diagnosis of a long bench: python -m
+benchmarks.line.
 
 Every campaign runs in a process of its own, as `truing run` does. Processor time (user and system) is told by stage,
 because it does not depend on neighbours as much as time by the clock does; both are told for the whole. Memory is the

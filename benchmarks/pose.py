@@ -1,4 +1,4 @@
-"""Rigid fits and robust fits beside other libraries: python -m benchmarks.pose [--repeats 9].
+"""Rigid fits and robust fits compared with other libraries: python -m benchmarks.pose [--repeats 9].
 
 Batches of 100,000 poses of 20 points and of 40 poses of 100, with one thread and with two, on pinned processors. Ours
 carry weights, covariances and all checks; the others fit, no more. A row whose fits are not all within 1e-6 of the

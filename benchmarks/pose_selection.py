@@ -1,4 +1,4 @@
-"""Choice of 40 configurations beside SLSQP: python -m benchmarks.pose_selection [--repeats 9 --starts 3].
+"""Choice of 40 configurations compared with SLSQP: python -m benchmarks.pose_selection [--repeats 9 --starts 3].
 
 The sample telescope within the range of its actuators, seven parameters of each leg: how long it takes to reach 95, 97
 and 99 % of the best possible (D-efficiency), and what certifies it. Ours: rows of all candidates, bound, rounding and

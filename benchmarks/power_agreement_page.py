@@ -1,4 +1,4 @@
-"""Tables and figure of docs/power.md, from the results of ``benchmarks.power_agreement``; nothing is typed."""
+"""Tables and figure of docs/power.md, generated from the results of ``benchmarks.power_agreement``."""
 
 from __future__ import annotations
 

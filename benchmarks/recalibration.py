@@ -1,4 +1,4 @@
-"""Simulated re-calibrations of legs beside loops of scipy: python -m benchmarks.recalibration [--repeats 9].
+"""Simulated re-calibrations of legs compared with loops of scipy: python -m benchmarks.recalibration [--repeats 9].
 
 The telescope report's implicit calibration (eq. 30) of the six legs, six parameters each, over 40 poses of many
 draws of a campaign, with one thread and with two, on pinned processors. Ours with covariance, rank and status;

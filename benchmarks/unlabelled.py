@@ -1,4 +1,4 @@
-"""Points without names and surfaces without targets: time per pose, and whether the covariance of a scan's pose holds.
+"""Time per pose for points without names and for scans, and coverage of a scan's pose covariance.
 
 python -m benchmarks.unlabelled [--trials 400]
 """

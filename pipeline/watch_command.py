@@ -1,4 +1,4 @@
-"""`truing watch`: runs a campaign again whenever its files change, and tells whether the measurements are enough."""
+"""`truing watch`: runs a campaign again whenever its files change, and reports whether the measurements are enough."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Drawings and lists of docs/architecture.md: the packages, and three flows through the files.
+"""Figures and lists of docs/architecture.md: the packages, and three flows through the files.
 
 python -m docs.experiments.architecture
 """

@@ -1,4 +1,4 @@
-"""Figure 14 of the telescope report: how accurate a calibration is after each way to choose where to measure.
+"""Figure 14 of the telescope report: accuracy of a calibration by the method that chose its configurations.
 
     python -m docs.experiments.figure14
 

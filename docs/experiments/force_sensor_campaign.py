@@ -1,4 +1,4 @@
-"""One run of the force sensor's sample campaign, stage by stage: docs/force-sensor-campaign.md.
+"""Tables of docs/force-sensor-campaign.md: one run of the force sensor's sample campaign, stage by stage.
 
 python -m docs.experiments.force_sensor_campaign
 

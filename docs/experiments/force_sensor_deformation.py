@@ -1,4 +1,4 @@
-"""Tables of docs/force-sensor-paper.md about deformation: Table 2, what contradicts it, and the load along z."""
+"""Tables of docs/force-sensor-paper.md on deformation: Table 2, its contradictions, and the load along z."""
 
 from __future__ import annotations
 

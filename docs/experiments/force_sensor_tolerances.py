@@ -1,4 +1,5 @@
-"""Tables of docs/force-sensor-paper.md about tolerances: which source matters, and what a hundred samples are worth."""
+"""Tables of docs/force-sensor-paper.md on tolerances: the share of each source, and the uncertainty of a hundred
+samples."""
 
 from __future__ import annotations
 

@@ -1,4 +1,5 @@
-"""``python -m docs.experiments.foreign_limit``: how many inputs of foreign effects could be named at best.
+"""``python -m docs.experiments.foreign_limit``: upper limit on the inputs of foreign effects that any method could
+name.
 
 The pattern, size and noise of each effect are known, what the fit's unknowns absorb is accounted for, and inputs are
 named by Bayes' rule with the generator's own prior. Once each effect acts alone; once next to all other effects of its

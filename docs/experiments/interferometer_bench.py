@@ -1,4 +1,4 @@
-"""A bench that is simulated whole: what its runs tell of the sensor's compliance, and faults planted into its log."""
+"""A fully simulated bench: the compliance from its runs, and faults inserted into its log."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Two campaigns of one machine, the second started from the first: the tables of docs/next-campaign.md.
+"""Tables of docs/next-campaign.md: two campaigns of one machine, the second started from the first.
 
     python -m docs.experiments.next_campaign
 

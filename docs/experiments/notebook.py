@@ -1,4 +1,4 @@
-"""Executes docs/example.ipynb anew and writes its outputs: `python -m docs.experiments.notebook FOLDER`.
+"""Run docs/example.ipynb and store its outputs: `python -m docs.experiments.notebook FOLDER`.
 
 FOLDER holds ``sample_data/telescope`` and the run ``runs/telescope`` that `truing run` makes of it; absent, the folder
 that this is called from. Figures are shown by a headless Chromium; everything else is plain Python. The tag of a cell

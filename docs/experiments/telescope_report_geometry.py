@@ -1,4 +1,4 @@
-"""The geometry that the report never prints, from what ignoring most of K did to its parameters (Table 6a less 7a).
+"""The geometry that the report does not print, inferred from the bias of its parameters (Table 6a minus 7a).
 
 Both fits had the same measurements, so that to first order their noise cancels and their difference is K's off-diagonal
 part, pushed through the observability Jacobian of each leg at the 40 configurations. K and the configurations are in

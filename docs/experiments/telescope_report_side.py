@@ -1,4 +1,4 @@
-"""The report's side results, each made again on the simulated telescope (sections 7, 7.1.1, 7.1.2, 7.1.4 and 7.3)."""
+"""The report's side results, repeated on the simulated telescope (sections 7, 7.1.1, 7.1.2, 7.1.4 and 7.3)."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Tables of docs/telescope-report.md about the report's statements: each beside the number that our code finds."""
+"""Tables of docs/telescope-report.md on the report's statements: each next to the value from this code."""
 
 from __future__ import annotations
 

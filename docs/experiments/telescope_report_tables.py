@@ -1,4 +1,4 @@
-"""Tables of docs/telescope-report.md about the machine: its shape, what K did to its parameters, what is left over."""
+"""Tables of docs/telescope-report.md on the machine: its shape, the bias by K, and the remainder."""
 
 from __future__ import annotations
 

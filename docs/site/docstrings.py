@@ -1,4 +1,4 @@
-"""Public names with their docstrings, which are plain sentences with names in backticks: a star or a bar is itself."""
+"""Conversion of docstrings for Sphinx: plain sentences with names in backticks, where a star or a bar is literal."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Loads of one instrument beside signals of another: rows joined by their order, by run and step, or by time."""
+"""Loads of one instrument next to signals of another: rows joined by their order, by run and step, or by time."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""A body without a survey: slips in some poses or of one target are named; bent and moved bodies are none."""
+"""A body without a survey: slips in some poses or of one target are named; deformation and displaced bodies are not."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Slips in the points of some poses are named, with axes where these tell; bent bodies and gross errors are none."""
+"""Slips in the points of some poses are named, with their axes if determined; deformation and gross errors are not."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""A row of the table of benchmarks: which peer is the best, and when its limit holds."""
+"""Rows of the benchmark table: choice of the best peer, and whether the limit holds."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Runs campaigns as far as their calibration, and lays what was identified beside the truth."""
+"""Calibrate campaigns, and compare identified with true parameters."""
 
 from __future__ import annotations
 

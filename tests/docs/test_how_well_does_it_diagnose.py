@@ -1,4 +1,4 @@
-"""The pages of how well each instrument is diagnosed say what their results say, and count as they should."""
+"""The pages on the quality of the diagnosis agree with their recorded results."""
 
 from __future__ import annotations
 

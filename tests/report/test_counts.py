@@ -1,4 +1,4 @@
-"""One of a thing is told in the singular, in lines of stages and sentences of checks; percentages have no powers."""
+"""Counts of one are singular in all sentences, and percentages have no powers of ten."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Numbers are rounded as GUM 7.2.6 asks, and never lose what their uncertainty supports."""
+"""Numbers are rounded by GUM 7.2.6, and keep the digits that their uncertainty supports."""
 
 from __future__ import annotations
 

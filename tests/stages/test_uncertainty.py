@@ -1,4 +1,4 @@
-"""Statements of uncertainty are those of the tables they state, and their parts are all there is to them."""
+"""Statements of uncertainty agree with the tables that they state, and their parts are complete."""
 
 from __future__ import annotations
 

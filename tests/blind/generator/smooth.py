@@ -1,4 +1,4 @@
-"""Random smooth functions of several inputs, and other courses that no formula was written for."""
+"""Random smooth functions of several inputs, and other random functions without a closed form."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""The covariance is that of the unreduced equations, that of repeated measurement, and its redundancy adds up."""
+"""The covariance agrees with the unreduced equations and with repeated draws, and the redundancy adds up."""
 
 from __future__ import annotations
 

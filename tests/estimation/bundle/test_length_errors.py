@@ -1,4 +1,4 @@
-"""Length measuring errors against calibrated lengths, reckoned by hand."""
+"""Length measuring errors against calibrated lengths agree with a calculation by hand."""
 
 import numpy as np
 import pytest

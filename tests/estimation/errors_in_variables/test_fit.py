@@ -1,4 +1,4 @@
-"""Errors in variables: published and independent answers, laws of the estimate, and its covariance."""
+"""Errors in variables: published and independent results, laws of the estimate, and its covariance."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""The maximum-likelihood pose: its derivative, its limits, its laws and its efficiency."""
+"""The maximum-likelihood pose: derivative, limiting cases, invariance, and efficiency."""
 
 from __future__ import annotations
 

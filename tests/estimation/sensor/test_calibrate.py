@@ -1,4 +1,4 @@
-"""Calibrations recover the sensor within their covariance, obey the laws of units, and say what is missing."""
+"""Sensor calibrations recover the truth within their covariance, are independent of units, and report missing data."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""A calibrated sensor tells the wrench of new signals, as surely as it says, also once it was written and read."""
+"""A calibrated sensor, also after writing and reading, gives wrenches with a correct covariance."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""The sentences of the diagnosis: what, where, how large, how sure, in the units of a laboratory."""
+"""Sentences of the diagnosis: cause, subject, size and certainty, in units of a laboratory."""
 
 from __future__ import annotations
 

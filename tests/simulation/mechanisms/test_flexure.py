@@ -1,4 +1,4 @@
-"""The bent flexure: reference values, the circle that its ends lie on, and distances that solve their equation."""
+"""The bent flexure: reference values, the circle of its ends, and distances that satisfy its equation."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Checks are what they are declared to be: by name, by limits, and for those who read qa.parquet elsewhere."""
+"""Quality checks follow their declarations: names, limits, and rows of qa.parquet."""
 
 from __future__ import annotations
 

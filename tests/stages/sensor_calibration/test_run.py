@@ -1,4 +1,5 @@
-"""The calibrate stage of a force sensor: G_B as sure as it says, chosen on held-out loads; what is missing is named."""
+"""The calibrate stage of a force sensor: G_B with correct uncertainty, chosen on held-out loads; missing data are
+named."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Published displacements beside those of the campaign: traces of the curves, listing and sentence."""
+"""Published displacements next to those of the campaign: traces of the curves, listing and sentence."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""The chain of a leg, and assembly errors: reference values, open chains against closed loops, without linearising."""
+"""The chain of a leg, and assembly errors: reference values, and open chains against closed loops."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Motions that pass unchanged through joints: at the nodes on either side they move everything alike, in all poses."""
+"""Motions that pass unchanged through joints: both sides of the joint move all measured links equally, in all poses."""
 
 from __future__ import annotations
 
