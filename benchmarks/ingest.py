@@ -3,8 +3,8 @@
     python -m benchmarks.ingest [--rows 10000000] [--repeats 5] [--folder DIR]
 
 Ours reads, maps, checks (finite numbers, unknown poses, duplicate points, missing bodies, units) and writes with its
-provenance; the peers parse and write. Every run is a process of its own; runs are interleaved and pinned to the same cores, all with
-Snappy. Peaks are VmHWM of the whole process. A row that did not write every point prints no figure.
+provenance; the peers parse and write. Every run is a process of its own; runs are interleaved and pinned to the same
+cores, all with Snappy. Peaks are VmHWM of the whole process. A row that did not write every point prints no figure.
 """
 
 from __future__ import annotations

@@ -17,11 +17,11 @@ from truing.belonging.body_point_tests import (
     is_flat,
     joined_results,
     poses_with_slips,
-    relate_copies,
     relate_poses,
     relate_survey,
     shifted_survey,
 )
+from truing.belonging.copied_poses import relate_copies
 from truing.belonging.drive_tests import DrivenBody, relate_drive
 from truing.belonging.load_tests import MILLIVOLT, KnownBench, relate_loads
 from truing.belonging.plausible_slips import RecordedColumn

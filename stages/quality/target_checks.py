@@ -31,7 +31,7 @@ from truing.quality.bodies import (
     repeated_positions,
     scatter_by_pose,
 )
-from truing.report.numbers import count, listed
+from truing.report.numbers import count_text, listed
 from truing.stages.common.repeats import DECLARED
 from truing.stages.quality.check import FAIL, PASS, WARN, CampaignLimits, Check, not_evaluated
 from truing.stages.quality.unit_slips import FAR, unit_slip
@@ -81,10 +81,10 @@ def completeness(body: BodyView, due: Mask, limits: CampaignLimits) -> Iterator[
     is_observed = body.points.is_observed
     missing = due & ~is_observed
     text = f"{body.name}: {int(missing.sum())} of {int(due.sum())} target readings are missing "
-    text += f"({count(is_observed.shape[1], 'target')}, {count(is_observed.shape[0], 'pose')})."
+    text += f"({count_text(is_observed.shape[1], 'target')}, {count_text(is_observed.shape[0], 'pose')})."
     yield limits.of("completeness").row(body.name, float(missing.sum()) / max(int(due.sum()), 1), "1", text)
     lost = [str(p) for p, ok in zip(body.points.poses, body.fit.ok, strict=True) if not ok]
-    text = f"{count(len(lost), 'pose')} with too few usable targets ({listed(lost)})" if lost else ""
+    text = f"{count_text(len(lost), 'pose')} with too few usable targets ({listed(lost)})" if lost else ""
     text = f"{body.name}: {text or 'every pose can be determined'}."
     yield limits.of("poses-determined", per=len(is_observed)).row(body.name, float(len(lost)), "1", text)
 
@@ -244,9 +244,8 @@ def _noise_check(body: str, axis: str, scatter: Scatter, tolerated: float, share
     noted = below or scatter.p_above(_NOISE_NOTED)[0] < share
     where = f"the scatter along {axis}" if axis else "the scatter"
     noise = "standard deviations, which include common errors of points" if shared else "declared noise"
-    sentence = (
-        f"{body}: {where} is {_times(ratio)} times the {noise} ({count(round(scatter.dof[0]), 'degree')} of freedom)."
-    )
+    freedom = f"{count_text(round(scatter.dof[0]), 'degree')} of freedom"
+    sentence = f"{body}: {where} is {_times(ratio)} times the {noise} ({freedom})."
     verdict = FAIL if failing else WARN if noted else PASS
     return Check("noise", f"{body} {axis}".strip(), ratio, tolerated, "1", verdict, sentence)
 
@@ -324,5 +323,5 @@ def _check(name: str, scatter: Scatter, poses: Sequence[str], how: str, share: f
         verdict = WARN if verdict == PASS else verdict
         text = f"{name}: repeats of pose {poses[scatter_test.worst]} scatter {ratio:.2f} times as much as their noise, "
         text += f"those of all others {scatter_test.others:.2f} times: no single value represents all "
-    text += f"({count(repeats, 'repeat')} of {count(len(poses), 'pose')}, recognised by {how})."
+    text += f"({count_text(repeats, 'repeat')} of {count_text(len(poses), 'pose')}, recognised by {how})."
     return Check("repeatability", name, ratio, _TOLERATED, "1", verdict, text)

@@ -19,7 +19,7 @@ MOST_TARGETS = 40
 """Largest number of targets whose rows and names are tested."""
 _FEWEST_OTHERS = 3  # targets that give the pose without the one that is tested
 _FEWEST_POSES, _LEAST_SHARE = 3, 0.2  # of poses that a slip concerns; gross errors and exchanges of labels are fewer
-_FIFTH = 0.2  # largest share of the misfit that may remain after a slip is undone
+_MOST_LEFT = 0.2  # largest share of the misfit that may remain after a slip is undone
 _OTHERS_AGREE = 0.9  # share of the poses in which all other targets agree
 _SHIFTS = (1, -1, 2, -2)
 _FEWEST_EQUAL = 3  # successive poses with equal numbers of a target
@@ -185,7 +185,7 @@ def _explained(
     for expected, tested in shapes:
         after = _distance(undone, expected)[tested]
         right = np.mean(after <= noise * rows.limit)
-        if right >= _OTHERS_AGREE and np.median(after) <= _FIFTH * np.median(before[tested]):
+        if right >= _OTHERS_AGREE and np.median(after) <= _MOST_LEFT * np.median(before[tested]):
             return float(np.median(after)), _placed(slip, rows, tested)
     return None
 

@@ -10,7 +10,8 @@ import pytest
 
 from tests.conftest import PROJECT
 from truing.formats.guess import Guess
-from truing.pipeline.init_campaign import RawGroup, campaign_text
+from truing.pipeline.init_entries import RawGroup
+from truing.pipeline.init_text import campaign_text
 from truing.report.belonging import RELATIONS
 from truing.schemas.artifacts import ARTIFACTS
 from truing.schemas.campaign import read_campaign
