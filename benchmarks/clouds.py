@@ -23,7 +23,7 @@ from pathlib import Path
 
 import numpy as np
 
-from benchmarks.rows import Row, leave
+from benchmarks.rows import Row, record_row
 from benchmarks.timing import as_installed
 
 STAGES = ("ingest", "qa", "pose")
@@ -134,16 +134,16 @@ def compare(folder: Path, sizes: Sequence[int], *, survey: bool = True) -> list[
             costs.append(cost)
             more = "" if before is None else f"{1e6 * (cost.cpu - before.cpu) / (points - before.points):22.2f}"
             print(f"{points:12,} {cost.stage:8} {cost.wall:8.2f} {cost.cpu:8.2f} {cost.peak:8.0f} {more}", flush=True)
-    _leave_rows([cost for cost in costs if cost.points == max(cost.points for cost in costs)])
+    _record_rows([cost for cost in costs if cost.points == max(cost.points for cost in costs)])
     return costs
 
 
-def _leave_rows(largest: Sequence[Cost]) -> None:
+def _record_rows(largest: Sequence[Cost]) -> None:
     points, seconds, memory = _GOAL
     is_goal = largest[0].points >= points
     what = f"poses of {largest[0].points:,} points: "
-    leave(Row(f"{what}all stages", sum(one.wall for one in largest), "s", limit=seconds if is_goal else None))
-    leave(Row(f"{what}peak memory", max(one.peak for one in largest), "MB", limit=memory if is_goal else None))
+    record_row(Row(f"{what}all stages", sum(one.wall for one in largest), "s", limit=seconds if is_goal else None))
+    record_row(Row(f"{what}peak memory", max(one.peak for one in largest), "MB", limit=memory if is_goal else None))
 
 
 def main() -> None:

@@ -17,7 +17,7 @@ from functools import partial
 import numpy as np
 
 from benchmarks.pose_peers import FITS, Fit, teaser
-from benchmarks.rows import Row, leave, timed_row
+from benchmarks.rows import Row, record_row, timed_row
 from benchmarks.timing import interleaved, spread, threads_and_repeats
 
 _OURS = "truing umeyama"
@@ -111,7 +111,7 @@ def compare_fits(poses: int, points: int, threads: int, repeats: int) -> None:
     seconds = interleaved(tasks, repeats)
     rates = {name: count.get(name, poses) / s for name, s in seconds.items()}
     excess = {name: excess_of(fit, source, target, least) for name, fit in (mine | others).items()}
-    leave(
+    record_row(
         timed_row(
             f"rigid fit, {poses:,} poses of {points} points, {threads} thread(s)",
             {name: 1.0 / rates[name] for name in excess},
@@ -184,7 +184,7 @@ def compare_robust(points: int, wrong: float, repeats: int, share: float) -> Non
     }
     seconds = interleaved(tasks, repeats)
     each = {name: s / count[name] for name, s in seconds.items()}
-    leave(_robust_row(points, wrong, each))
+    record_row(_robust_row(points, wrong, each))
     for name, fit in fits.items():
         n = count[name]
         error = pose_error(*fit(source[:n], target[:n]), R[:n], t[:n])
@@ -214,10 +214,10 @@ def pose_error(R: np.ndarray, t: np.ndarray, R_true: np.ndarray, t_true: np.ndar
 
 def main() -> None:
     """Measure all of it, one process per number of threads."""
-    asked = threads_and_repeats("benchmarks.pose", __doc__ or "")
-    if asked is None:
+    options = threads_and_repeats("benchmarks.pose", __doc__ or "")
+    if options is None:
         return
-    threads, repeats, share = asked
+    threads, repeats, share = options
     for poses, points in _SIZES:
         compare_fits(max(2, round(share * poses)), points, threads, repeats)
     if threads == 1:

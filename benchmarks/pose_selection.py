@@ -16,7 +16,7 @@ from pathlib import Path
 
 import numpy as np
 
-from benchmarks.rows import Peer, PeerState, Row, leave
+from benchmarks.rows import Peer, PeerState, Row, record_row
 from benchmarks.timing import interleaved, pin, run_pinned, seconds_now
 
 POSES = 40
@@ -139,7 +139,7 @@ def measure(repeats: int, starts: int, iterations: int) -> None:
         print(f"{'':40} {verdict(histories, seconds['bound and choice, 64 corners'], shares[0])}")
 
     own = 1e3 * float(np.median(seconds["bound and choice, 64 corners"]))
-    leave(
+    record_row(
         Row(
             f"{POSES} configurations, {100 * shares[0]:.2f} % of the best possible", own, "ms", tuple(peers), limit=10.0
         )

@@ -118,7 +118,7 @@ def _expected_instead(path: Path) -> str:
 
 
 def folder_meant(path: Path) -> str:
-    """Suggestion for a folder that is missing, as the end of a message: a similar name beside it."""
+    """Suggestion for a folder that is missing, as the end of a message: the most similar name next to it."""
     if os.path.lexists(path):
         return ""
     try:

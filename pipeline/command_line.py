@@ -161,7 +161,8 @@ def watch(
     verbose: option.WatchVerbose = False,
     json: option.WatchJson = False,
 ) -> None:
-    """Run a campaign again whenever its files change, while it is measured, and say whether it is enough.
+    """Run a campaign again whenever its files change, while it is measured, and report whether the measurements are
+    enough.
 
     Each round prints one line: whether the requirements are decided, and the next measurement. A page on this machine
     alone shows the same, with quality checks and all verdicts. Files that are being written are waited for; faults are

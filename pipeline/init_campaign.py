@@ -167,7 +167,7 @@ def _show(folder: Path, group: RawGroup, guess: Guess, console: RunConsole) -> N
 
 
 def _with_keys_of_names(guesses: list[_File]) -> list[_File]:
-    """Add to each guess what the names of its files say, and runs of their own to single files."""
+    """Add to each guess the pose, target or body in its file names, and a separate run to each single file."""
     tables = Counter(guess.table for _, guess in guesses)
     return [(group, _with_keys(group, guess, tables)) for group, guess in guesses]
 

@@ -176,7 +176,7 @@ def factor(covariance: Array) -> Array:
 
 
 def world_of(case: Case, rng: np.random.Generator) -> World:
-    """Return the poses of a case that are fitted, and what its fit tells of all courses."""
+    """Return the fitted poses of a case, and the information of its fit on all courses."""
     assert isinstance(case.plan, Plan)
     campaign, measure = case.plan.campaign(), Measure(case.plan)
     schedule, drho = campaign.schedule, campaign.truth.drho

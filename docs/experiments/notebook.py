@@ -34,7 +34,7 @@ Picture = Callable[[Any], str]
 
 
 def recorded() -> Document:
-    """The notebook as it stands in the docs."""
+    """The notebook of the docs."""
     document: Document = json.loads(NOTEBOOK.read_text(encoding="utf-8"))
     return document
 

@@ -92,7 +92,7 @@ def fit_shape(
     whitened: NDArray | None = None,
     max_iterations: int = 60,
 ) -> ShapeFit:
-    """Return the shape that fits Table 6a less 7a best; every entry weighs the same, or as `whitening` (6, W, 5) says.
+    """Return the shape that fits Table 6a less 7a best; every entry weighs the same, or by `whitening` (6, W, 5).
 
     extra: of EXTRA, to be fitted too; without: a leg, from 0, that is left out.
     """

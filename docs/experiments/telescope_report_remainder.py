@@ -255,7 +255,7 @@ def explain(causes: Sequence[str], by: Ignorance, of: NDArray | None = None) -> 
 
 
 def findings(by: Ignorance, given: Sequence[str] = ()) -> list[Finding]:
-    """Return every cause tried on its own beside the frames and the causes given, the most telling first."""
+    """Return every single cause in addition to the frames and the given causes, the most significant first."""
     from scipy.stats import chi2, f
 
     before, found = explain(given, by).chi_square, []

@@ -209,7 +209,7 @@ def left_over() -> str:
 
 
 def causes() -> str:
-    """Return each candidate on its own, beside the frames."""
+    """Return each single candidate, in addition to the frames."""
     rows = []
     for finding in findings(BY):
         many = min(1.0, finding.p_any * len(CAUSES))

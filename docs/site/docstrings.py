@@ -62,7 +62,7 @@ def _automatic(name: str) -> str:
 
 
 def setup(app: Sphinx) -> dict[str, bool]:
-    """Connect to what autodoc tells."""
+    """Connect to the events of autodoc."""
     app.add_directive("names", Names)
     app.connect("autodoc-process-docstring", _process)
     app.connect("autodoc-process-signature", _as_written)

@@ -153,7 +153,7 @@ def _errors(shown: ReportedRms, verdict: Verdict) -> dict[str, Any]:
 
 
 def _errors_without_any(shown: ReportedRms, diagnosis: CauseDiagnosis) -> dict[str, Any]:
-    """Return the prediction errors without any cause, which errors without one cause do not tell: a cause may be
+    """Return the prediction errors without any cause, which errors without one cause do not give: a cause may be
     compared next to all others."""
     error, held_out = diagnosis.errors_without_any
     return {"rms_without_any": shown.rms(error), "heldout_rms_without_any": shown.rms(held_out)}

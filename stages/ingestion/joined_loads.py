@@ -30,7 +30,7 @@ def with_joined_loads(
 ) -> tuple[CollectedRows | None, pa.Table | None]:
     """Return the signals with the loads of [files.loads], and one row on how they were joined; None without such loads.
 
-    Signals without a row of loads are left out and counted. Nothing is aligned unless the mapping says how.
+    Signals without a row of loads are left out and counted. Nothing is joined unless the mapping declares it.
     """
     loads = collect_rows(source, LOADS_APART, log, "run")
     if loads is None:

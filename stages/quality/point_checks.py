@@ -121,7 +121,7 @@ def _reference_first(bodies: list[BodyView], settings: Campaign) -> tuple[list[B
 
 
 def _attachments(settings: Campaign) -> Array:
-    """(L, 3) nominal attachments in m; none where no mechanism says where they are."""
+    """(L, 3) nominal attachments in m; None without a mechanism."""
     if not settings.mechanism.is_legged:
         return np.zeros((0, 3))
     return np.array([leg.b_mm for leg in cast("LeggedMechanism", settings.mechanism).legs]) * 1e-3
@@ -130,7 +130,7 @@ def _attachments(settings: Campaign) -> Array:
 def _surroundings(
     observed: tuple[int | str, ...], shared: bool, configurations: pa.Table | None, drives: tuple[str, ...]
 ) -> PoseSurroundings:
-    """The poses that were observed, ordered by time where the campaign tells it, else as they came."""
+    """The observed poses, ordered by time if it was recorded, else in the order of the file."""
     if configurations is None:
         none = np.zeros((len(observed), 0))
         return PoseSurroundings(

@@ -150,7 +150,7 @@ def drift(view: LoadingView, channel: ChannelView, share: float) -> Check:
 def repeatability(view: LoadingView, channel: ChannelView, share: float) -> Check:
     """Runs of the same loads in the same order, each from its own zero: their scatter against the declared noise.
 
-    All programmes of loads together, and each by itself: those that scatter differently are never told as one.
+    All load programmes together, and each alone: programmes of different scatter are reported separately.
     """
     name = f"channel {channel.name}"
     groups = list(repeated_programmes(view, channel))

@@ -107,7 +107,7 @@ def _chi2(x: Array, s: Array) -> float:
 
 
 def without_consequences(checks: Iterable[Check]) -> Iterator[Check]:
-    """Checks of a network whose scale is contradicted, of which those that this trips say nothing."""
+    """Checks of a network with contradictory scale, without the verdicts of checks that only this triggers."""
     for check in checks:
         if check.check in _CONSEQUENCES and check.verdict in (FAIL, WARN):
             text = "Not evaluated: lengths contradict each other about the scale (see the check scale)."

@@ -202,7 +202,7 @@ def _exchanged(view: LoadingView, rows: Index, loaded: int, independent: int, sh
 
 
 def _stray(view: LoadingView, rows: Index, stray: list[StrayLoad] | None) -> Iterator[Check]:
-    """Single rows whose signals ask for another load."""
+    """Single rows whose signals indicate another load."""
     if stray is None:
         why = "the signals of many rows indicate other loads: these are not single mistakes"
         yield not_evaluated("loads of single rows", "stray-loads", "", why)
@@ -219,7 +219,7 @@ def _stray(view: LoadingView, rows: Index, stray: list[StrayLoad] | None) -> Ite
 
 
 def _likely(stray_load: StrayLoad) -> str:
-    """Return the mistake that turns the load asked for into the recorded one, as the end of a sentence."""
+    """Return the mistake that turns the indicated load into the recorded one, as the end of a sentence."""
     for factor, words in _MISTAKES:
         if stray_load.written and abs(stray_load.asked / (factor * stray_load.written) - 1.0) < _NEARLY_EQUAL:
             return f", {words}"

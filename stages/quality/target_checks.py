@@ -177,8 +177,8 @@ def moved_targets(body: BodyView, around: PoseSurroundings, share: float) -> Ite
 
 
 def noise_size(bodies: Sequence[BodyView], relations: Sequence[RelationTest]) -> Check:
-    """Check whether the declared noise is so small that by it most points of a body would be gross errors. A body
-    with a recording error, such as coarse steps, is told by its relation."""
+    """Check whether the declared noise is so small that by it most points of a body would be gross errors. A body with
+    a recording error, such as coarse steps, is reported by its consistency test."""
     rounded = {
         name for relation in relations if relation.reason in ("rounded", "slip") for name in relation.subject.split()
     }
@@ -232,7 +232,7 @@ def noise(body: BodyView, around: PoseSurroundings, share: float) -> Iterator[Ch
 
 
 def _times(ratio: float) -> str:
-    """Return a ratio with two decimals, a small one with two digits: ``0.00`` times would say nothing."""
+    """Return a ratio with two decimals, a small one with two digits: ``0.00`` times would be meaningless."""
     return f"{ratio:.2f}" if ratio >= 0.1 else f"{ratio:.2g}"
 
 

@@ -315,7 +315,7 @@ def _test_other_scale(tested: RelationTest, body: BodyPoints, scaled: RigidFit) 
 
 
 def _explains_most(after: Array, before: float, scales: Array) -> bool:
-    """Return True if scales of the poses (B,), alike in all, explain most of a mean square misfit."""
+    """Return True if equal scales in all poses (B,) explain most of a mean square misfit."""
     known = scales[np.isfinite(scales)]
     if len(known) < _FEWEST_COMPARED or _typical(after) ** 2 > _MOST_AFTER_SCALE * before**2:
         return False
@@ -326,7 +326,7 @@ def _explains_most(after: Array, before: float, scales: Array) -> bool:
 
 def relate_poses(body: BodyPoints) -> RelationTest:
     """Return the test of the points of a body without a survey: does one shape, that of most poses (``survey``), fit
-    all poses? A slip that all poses share changes the shape alike, and is hidden."""
+    all poses? A slip in all poses changes this shape as well, and stays hidden."""
     count = body.is_observed.sum(axis=1)
     usable = count >= _enough(count)
     if usable.sum() < _FEWEST_COMPARED:
@@ -351,8 +351,8 @@ def relate_poses(body: BodyPoints) -> RelationTest:
 
 
 def _slips_of_the_others(body: BodyPoints, slips: tuple[RecordSlip, ...], concerned: Mask) -> tuple[RecordSlip, ...]:
-    """Return the same slip in all other poses: without a survey nothing tells which are right, unless these are most of
-    them."""
+    """Return the same slip in all other poses: without a survey it is unknown which poses are right, unless most of
+    them agree."""
     if len(slips) != 1 or concerned.mean() < _NO_MAJORITY:
         return ()
     where = row_places(~concerned, concerned, body.poses, body.groups)

@@ -54,7 +54,7 @@ class DrivenBody:
 class _FollowedDrive:
     """A body's rotation as its readings times a factor, with either sign.
 
-    ``expected`` (B,): readings that the rotations ask for; ``departure`` (B,) from these, with rotation about other
+    ``expected`` (B,): readings that the rotations require; ``departure`` (B,) from these, with rotation about other
     axes, and the largest one of a pose that follows, all in degrees of rotation.
     """
 

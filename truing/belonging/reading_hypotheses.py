@@ -142,8 +142,8 @@ def descriptions(motion: MeasuredMotion) -> Iterator[Description]:
 def _shifted_bodies(motion: MeasuredMotion) -> Iterator[Description]:
     """Yield the poses with the measurements of one body from the row before or after.
 
-    The row at the end, which has none, is given the pose beside it. Where the base stands still in the measurements,
-    rows of the platform are as good as rows of readings, and only the latter are tried.
+    The last row, which has no such neighbour, gets the pose of the neighbouring row. Where the base stands still in the
+    measurements, rows of the platform are as good as rows of readings, and only the latter are tried.
     """
     if motion.base is None or len(motion.p) < 2:
         return

@@ -494,7 +494,7 @@ def _frozen(motion: MeasuredMotion, required: Array, names: ReadingNames) -> tup
 
 
 def _hidden(motion: MeasuredMotion, plain: RecordingHypothesis, names: ReadingNames) -> tuple[RecordSlip, ...]:
-    """Return exchanges of columns that these poses cannot show, because the legs move alike."""
+    """Return exchanges of columns that these poses cannot show, because the legs move equally."""
     required = finite_required_readings(plain.description)
     travel = required - required.mean(axis=0)
     level = max(_rms(plain.misfit - plain.misfit.mean(axis=0)), motion.noise)

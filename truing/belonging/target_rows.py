@@ -30,7 +30,7 @@ _MOVED = 30.0  # sigmas by which the other targets tell that the body moved mean
 class TargetRows:
     """Measured points (B, 3), m, of one target, and the body's motions from its other targets.
 
-    ``place`` (3,), m, in the body frame, where it is expected; ``is_surveyed``: a survey tells it, not the points
+    ``place`` (3,), m, in the body frame, where it is expected; ``is_surveyed``: from a survey, not from the points
     themselves. ``known`` (B,): poses with point and motion; ``limit``: largest distance, m, from the expected place.
     ``poses`` and ``groups`` name the poses.
     """

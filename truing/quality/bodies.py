@@ -118,7 +118,7 @@ class BodyView:
 def shape_of_poses(points: PosePoints) -> SurveyPoints:
     """Return the shape that most poses agree on, as a substitute for a survey, with its covariance.
 
-    Where no poses agree it is the pose that shows most targets: then nothing tells which pose is right.
+    Where no poses agree it is the pose that shows most targets: then it is unknown which pose is right.
     """
     variance = np.einsum("btii->bt", points.cov) / 3.0
     sigma = float(np.sqrt(np.median(variance[points.is_observed]))) if points.is_observed.any() else 0.0
@@ -221,7 +221,7 @@ def _with_fitting_scale(body: BodyView, around: PoseSurroundings) -> BodyView:
 def _with_fitting_noise(body: BodyView, around: PoseSurroundings) -> BodyView:
     """Return the body fitted with a multiple of the declared noise.
 
-    Only scatter from pose to pose counts: a wrong survey moves a target alike in all poses. The first factor still
+    Only scatter from pose to pose counts: a wrong survey shifts a target equally in all poses. The first factor still
     contains gross errors; the second comes from the points that agree.
     """
     first = _fitted_with(body, _scatter_over_declared(body), around)

@@ -26,7 +26,7 @@ class RunResponses:
     kind.
 
     With a simulation, the expectation is the simulated reading, and a kind is a channel. Without one, it is the load of
-    runs under one axis, and a kind is an axis and a channel. Responses of one kind should be alike.
+    runs under one axis, and a kind is an axis and a channel. Responses of one kind should be equal.
     """
 
     channel: tuple[str, ...]

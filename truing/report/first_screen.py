@@ -67,7 +67,7 @@ def _links(tables: Tables) -> tuple[tuple[str, str], ...]:
 
 
 def _machine(tables: Tables) -> str:
-    """Return the kind of machine as far as tables tell it."""
+    """Return the kind of machine as far as the tables contain it."""
     joints = table_or_none(tables, "joints")
     if joints is not None:
         return f"open chain, {count_text(int((joints['input'] >= 0).sum()), 'joint')}"

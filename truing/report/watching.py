@@ -123,7 +123,7 @@ def watched(campaign: str, number: int, at: datetime, tables: Tables, faults: tu
 
 @dataclass(frozen=True)
 class RequirementLook:
-    """What one round says on the requirements: number of compared poses or runs, decision (empty: none), p-value
+    """Result of one round for the requirements: number of compared poses or runs, decision (empty: none), p-value
     against the limits."""
 
     poses: int

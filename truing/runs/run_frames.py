@@ -128,7 +128,8 @@ def poses_of(table: pd.DataFrame) -> Poses:
 
 
 def causes_of(table: pd.DataFrame) -> pd.DataFrame:
-    """Return one row per parameter of every cause that was found, is suspected, or cannot be told from a found one.
+    """Return one row per parameter of every cause that was found, is suspected, or is indistinguishable from a found
+    one.
 
     A cause without a parameter has one row with no value. Columns are those of ``CAUSES``.
     """

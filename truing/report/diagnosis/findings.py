@@ -257,7 +257,7 @@ def _improvement(facts: Facts) -> str:
 def _sizes(facts: Facts) -> str:
     """Return the parameters after a colon, the most significant first where there are many.
 
-    Coefficients of an effect without a name say nothing by themselves.
+    Coefficients of an unnamed effect have no meaning of their own.
     """
     if facts.unnamed:
         return ""
@@ -309,7 +309,7 @@ def single_errors_explanation(subject: str, number: int, ratio: float, p_value: 
 
 
 def single_errors_advice(subject: str) -> str:
-    """Return the measurement that tells more of single large errors of one input."""
+    """Return the measurement that would explain single large errors of one input."""
     return f"Move {subject} to one reading ten times over, from both sides, with its encoder read at each stop."
 
 

@@ -1,7 +1,7 @@
 """Errors of a 6-UPUR platform by each error source on its own, and by all (force-sensor paper, section 3, figures 8-9).
 
-First-order figures need one solve. Drawn sensors, whose legs close without linearisation, show the scatter of a hundred
-samples, and the error that 95 % of all sensors do not exceed.
+First-order figures need one solve. Drawn sensors, solved without linearisation, show the scatter of a hundred samples,
+and the error that 95 % of all sensors do not exceed.
 """
 
 from __future__ import annotations

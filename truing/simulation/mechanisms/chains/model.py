@@ -280,7 +280,7 @@ class ChainModel(EffectsModel[ChainCause]):
         return self._decoupled(self._values(frames, positions))
 
     def _decoupled(self, found: NDArray) -> Array:
-        """Return channels (B, K, 3, ...) less the part whose noise goes with that of the next channel.
+        """Return channels (B, K, 3, ...) minus the part whose noise is correlated with the next channel.
 
         The noise of what remains is independent, and a measured orientation is zero, so that measured values are kept.
         """
