@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Mapping
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from typing import Any
 
 import numpy as np
@@ -30,7 +30,7 @@ class ReportedResponses:
     unit: str = "um"
     scale: float = 1e6
     names: tuple[str, ...] | None = None
-    part: slice = slice(None)
+    part: slice = field(default_factory=lambda: slice(None))
     subject: str | None = None
 
     def single(self, count: int) -> list[tuple[int, dict[str, Any]]]:
