@@ -192,6 +192,8 @@ def _figures(rows: Rows, fitted: SensorCalibrations, predictions: HeldOutPredict
     _add_figure(rows, predictions, "heldout_log_density", None, predictions.log_density, "1")
     _add_figure(rows, predictions, "heldout_chi_square", None, float(predictions.squares.sum()), "1")
     _add_figure(rows, predictions, "heldout_freedom", None, float(predictions.freedom.sum()), "1")
+    is_unweighted = predictions.fit.model.estimator == "least squares"
+    _add_figure(rows, predictions, "noise_from_residuals", None, float(is_unweighted), "1")
     _add_figure(
         rows, predictions, "parameters", None, float(predictions.fit.matrix.size + predictions.fit.zeros.size), "1"
     )
