@@ -12,8 +12,6 @@ import pyarrow as pa
 from truing.arrays import Array, Index, Mask
 from truing.belonging.axes_changes import AXES_CHANGES
 from truing.belonging.body_point_tests import (
-    AsOtherBody,
-    BodyPoints,
     is_flat,
     joined_results,
     poses_with_slips,
@@ -21,6 +19,7 @@ from truing.belonging.body_point_tests import (
     relate_survey,
     shifted_survey,
 )
+from truing.belonging.body_points import AsOtherBody, BodyPoints
 from truing.belonging.copied_poses import relate_copies
 from truing.belonging.drive_tests import DrivenBody, relate_drive
 from truing.belonging.load_tests import MILLIVOLT, KnownBench, relate_loads

@@ -73,21 +73,18 @@ def repeatability_rows(
         for group in groups:
             group_rows = group[np.isfinite(position[group]).all(axis=1)]
             if len(group_rows) > 1:
-                _repeats_of_group(
-                    rows,
-                    name,
-                    poses[int(group_rows[0])],
-                    position[group_rows],
-                    None if angle is None else angle[group_rows],
-                    how,
-                    rng,
-                )
+                figures = _group_figures(position[group_rows], None if angle is None else angle[group_rows], rng)
+                where = {"subject": name, "pose": poses[int(group_rows[0])]}
+                for figure, size, unit in figures:
+                    rows.add(
+                        **where, figure=figure, value=size.value, low=size.low, high=size.high, unit=unit,
+                        attained=len(group_rows), told_by=how,
+                    )  # fmt: skip
     return rows
 
 
-def _repeats_of_group(
-    rows: Rows, name: str, pose: int | str, position: Array, angle: Array | None, how: str, rng: np.random.Generator
-) -> None:
+def _group_figures(position: Array, angle: Array | None, rng: np.random.Generator) -> list[tuple[str, Figure, str]]:
+    """Return name, value and unit of the figures of one group of repeated poses (n, 3), m and rad."""
     place_um = _UM * position
     figures: list[tuple[str, Figure, str]] = [("sigma", position_sigma(place_um), "um")]
     if len(position) >= FEWEST:
@@ -95,11 +92,7 @@ def _repeats_of_group(
         if angle is not None:
             angles = orientation_repeatability(_PER_ARCSEC * angle)
             figures += [(figure, one, "arcsec") for figure, one in zip(_ANGLES, angles, strict=True)]
-    for figure, size, unit in figures:
-        rows.add(
-            subject=name, pose=pose, figure=figure, value=size.value, low=size.low, high=size.high, unit=unit,
-            attained=len(position), told_by=how,
-        )  # fmt: skip
+    return figures
 
 
 def _reflectors(tables: Mapping[str, pa.Table], poses: Ids) -> Iterator[tuple[str, Array, None]]:

@@ -8,7 +8,8 @@ import numpy as np
 import pytest
 from scipy.spatial.transform import Rotation
 
-from truing.belonging.body_point_tests import BodyPoints, relate_poses
+from truing.belonging.body_point_tests import relate_poses
+from truing.belonging.body_points import BodyPoints
 from truing.belonging.relation import RelationState, SlipKind
 from truing.estimation.rigid_poses.points import PosePoints
 from truing.quality.bodies import shape_of_poses

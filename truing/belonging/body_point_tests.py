@@ -10,6 +10,7 @@ import numpy as np
 
 from truing.arrays import Array, Index, Mask
 from truing.belonging.axes_changes import AXES_CHANGES
+from truing.belonging.body_points import BodyPoints
 from truing.belonging.relation import LENGTH_FACTORS, RecordSlip, RelationState, RelationTest, SlipKind, both_ways
 from truing.belonging.slips_in_rows import rounding, row_places
 from truing.belonging.target_names import NamedTargets, meant_order, renamed
@@ -39,61 +40,6 @@ _NO_MAJORITY = 0.3  # share of poses with a slip, from which the others may as w
 _LARGEST_BEND = 0.1  # misfit over a body's size beyond which a pose is not right, however the others are
 _OTHER_BODY = 0.05  # misfit over a body's size (rms from its middle) that no deformation explains
 _ALL_ROUNDED = 1.0  # rms misfit of points over the step of their numbers; rounding of three coordinates gives 0.5
-
-
-@dataclass(frozen=True)
-class AsOtherBody:
-    """Points (B, K, 3), m, of a body in each pose, is_observed (B, K), paired with the survey (K, 3) of another
-    body ``name``.
-
-    They are paired by the names of targets, or by their places in the file.
-    """
-
-    name: str
-    survey: Array
-    points: Array
-    is_observed: Mask
-
-    def subset(self, rows: Index) -> AsOtherBody:
-        """Return them in some poses."""
-        return replace(self, points=self.points[rows], is_observed=self.is_observed[rows])
-
-
-@dataclass(frozen=True)
-class BodyPoints:
-    """One body: survey (T, 3) and points (B, T, 3) in m, is_observed (B, T), sigma of a coordinate in m: that of
-    the scatter, which is noise_factor times the declared one.
-
-    ``poses`` (B,) in the order of the file; ``groups``: columns that group poses, with their values; ``others``: the
-    recorded points paired with the surveys of other bodies; ``targets`` (T,): their names; ``named``: all targets, also
-    those that define no frame.
-    """
-
-    name: str
-    survey: Array
-    points: Array
-    is_observed: Mask
-    sigma: float
-    poses: tuple[str, ...] = ()
-    groups: tuple[tuple[str, tuple[str, ...]], ...] = ()
-    others: tuple[AsOtherBody, ...] = ()
-    noise_factor: float = 1.0
-    targets: tuple[str, ...] = ()
-    named: NamedTargets | None = None
-
-    def subset(self, rows: Index) -> BodyPoints:
-        """Return the body in some poses."""
-        names = tuple(self.poses[row] if self.poses else str(row) for row in rows.tolist())
-        groups = tuple((name, tuple(np.asarray(labels)[rows].tolist())) for name, labels in self.groups)
-        others = tuple(other.subset(rows) for other in self.others)
-        return replace(
-            self,
-            points=self.points[rows],
-            is_observed=self.is_observed[rows],
-            poses=names,
-            groups=groups,
-            others=others,
-        )
 
 
 @dataclass(frozen=True)
@@ -365,8 +311,7 @@ def _slips_of_some(body: BodyPoints, limit: float, *, is_surveyed: bool) -> tupl
         return slips
     if frozen := tuple(frozen_targets(body.targets, body.points, body.is_observed, limit / _MISFIT, body.poses)):
         return tuple(replace(slip, subjects=(*slip.subjects, body.name)) for slip in frozen)
-    points = (body.targets, body.survey, body.points, body.is_observed)
-    rows = rows_of_wrong_target(*points, limit, body.poses, body.groups, is_surveyed=is_surveyed)
+    rows = rows_of_wrong_target(body, limit, is_surveyed=is_surveyed)
     slip = None if rows is None else slip_of_target(rows)
     return () if slip is None else (replace(slip, subjects=(*slip.subjects, body.name)),)
 
