@@ -15,7 +15,7 @@ from typing import TYPE_CHECKING
 from truing.formats.file_search import is_raw_file
 from truing.formats.guess import MappingKeys
 from truing.formats.source import OF_IMAGES
-from truing.pipeline.campaign_folder import FILE, folder_meant
+from truing.pipeline.campaign_folder import FILE, suggested_folder
 from truing.pipeline.console import RunConsole
 from truing.pipeline.init_entries import (
     RawGroup,
@@ -93,7 +93,9 @@ def init_campaign(
     given = parsed_answers(answers)
     target = folder / FILE
     if not folder.is_dir():
-        raise CampaignFaults([Fault(str(folder), f"a folder that exists, with raw files in it{folder_meant(folder)}")])
+        raise CampaignFaults(
+            [Fault(str(folder), f"a folder that exists, with raw files in it{suggested_folder(folder)}")]
+        )
     robot = robot_of(folder, list(_files(folder)))
     guesses = _joined_groups([(group, _guess(group, robot)) for group in _raw_groups(folder)])
     guesses = network_tables(_with_surfaces(_rows_once(_separate_tables(_separate_globs(guesses))))) + _photographs(

@@ -160,11 +160,11 @@ def _rounds(answers: int, pieces: int, draws: int) -> int:
 def check_causes(names: Sequence[str], settings: Campaign) -> None:
     """Raise CampaignFaults for unknown causes of this kind of campaign."""
     known = [kind.id for kind in searched_for(settings, kinds_of(settings).values()) if kind.catalogued]
-    strange = [name for name in names if name not in known]
-    if strange:
+    unknown = [name for name in names if name not in known]
+    if unknown:
         known_text = ", ".join(known)
         raise CampaignFaults(
-            Fault("--causes", f"one of {known_text}{did_you_mean(name, known)}", value=name) for name in strange
+            Fault("--causes", f"one of {known_text}{did_you_mean(name, known)}", value=name) for name in unknown
         )
 
 

@@ -16,7 +16,7 @@ import pandas as pd
 from truing.estimation.repeated_looks import Look, counted_looks, is_decided, next_count
 from truing.formats.source import raw_files
 from truing.pipeline.artifacts import table_of
-from truing.pipeline.campaign_folder import CampaignFolder, folder_meant, run_folder_of
+from truing.pipeline.campaign_folder import CampaignFolder, run_folder_of, suggested_folder
 from truing.pipeline.console import Recorder, RunConsole
 from truing.pipeline.executor import processors
 from truing.pipeline.exit_status import end
@@ -154,7 +154,7 @@ def watch_campaign(path: Path, out: Path | None, options: WatchOptions, console:
     """
     if not path.is_dir():
         raise CampaignFaults(
-            [Fault(str(path), f"a folder that exists, in which a campaign.toml is or will be{folder_meant(path)}")]
+            [Fault(str(path), f"a folder that exists, in which a campaign.toml is or will be{suggested_folder(path)}")]
         )
     watch = _Watch(path, out)
     with _page(watch, options, console) as server:

@@ -76,18 +76,18 @@ class CampaignContents:
 
 @dataclass(frozen=True)
 class Prospect:
-    """Expected result of a stage: ``of_what`` it evaluates; ``why_not``: reason why it evaluates nothing, otherwise
-    empty; ``perhaps``: condition that the tables alone do not decide."""
+    """Expected result of a stage: ``content``, what it will evaluate; ``why_not``: reason why it evaluates nothing,
+    otherwise empty; ``perhaps``: condition that the tables alone do not decide."""
 
     stage: str
     why_not: str
-    of_what: str = ""
+    content: str = ""
     perhaps: str = ""
 
     def __str__(self) -> str:
         if self.perhaps and not self.why_not:
             return f"{self.stage:<12} perhaps: {self.perhaps}"
-        text = f"not evaluated: {self.why_not}" if self.why_not else f"evaluated{self.of_what and ': '}{self.of_what}"
+        text = f"not evaluated: {self.why_not}" if self.why_not else f"evaluated{self.content and ': '}{self.content}"
         return f"{self.stage:<12} {text}"
 
 

@@ -195,8 +195,8 @@ def _checks_of_points(
         yield from noise(body, around, share / len(bodies))
         yield from noise_by_pose(body, around, share / len(bodies))
     yield from base_drift(reference, 10.0 * share, frame_stays=settings.is_frame_fixed)
-    stood = settings.is_frame_fixed and reference is None
-    yield from repeatability(bodies, around, *_repeats(table, around, settings), share, instrument_stood=stood)
+    is_fixed = settings.is_frame_fixed and reference is None
+    yield from repeatability(bodies, around, *_repeats(table, around, settings), share, is_instrument_fixed=is_fixed)
 
 
 def _checks_of_times(

@@ -173,8 +173,8 @@ def _humidity(view: LoadingView) -> Iterator[Check]:
 def _steady(view: LoadingView, name: str, quantity: str, limits: CampaignLimits) -> Check:
     """Check the range of a quantity within runs and over the campaign."""
     value = view.steps.covariates[name]
-    went = surroundings(value, view.steps.run)
-    span = np.where(np.isfinite(went.span), went.span, 0.0)
+    changes = surroundings(value, view.steps.run)
+    span = np.where(np.isfinite(changes.span), changes.span, 0.0)
     worst = int(np.argmax(span))
     over_all = float(np.nanmax(value) - np.nanmin(value))
     is_temperature = name in TEMPERATURES

@@ -278,17 +278,17 @@ def repeatability(
     how: str,
     share: float,
     *,
-    instrument_stood: bool = False,
+    is_instrument_fixed: bool = False,
 ) -> Iterator[Check]:
     """Check the scatter of repeated poses against their stated uncertainty.
 
-    ``instrument_stood``: the instrument did not move, so bodies need no reference body.
+    ``is_instrument_fixed``: the instrument did not move, so bodies need no reference body.
     """
     if not groups:
         why = "no configuration was measured twice; measure three of them again at the end"
         yield not_evaluated("repeatability", "repeatability", "", why)
         return
-    seen = list(repeated_positions(bodies, instrument_stood=instrument_stood))
+    seen = list(repeated_positions(bodies, is_instrument_fixed=is_instrument_fixed))
     if not seen:
         why = "no body is measured relative to another; put three targets on the body that stands still"
         yield not_evaluated("repeatability", "repeatability", "", why)

@@ -165,7 +165,7 @@ def repeats_of_poses(tables: Mapping[str, pa.Table], settings: Campaign) -> tupl
 
 
 def _relative_poses(
-    table: pa.Table | None, poses: tuple[int | str, ...], groups: Sequence[Index], instrument_stood: bool
+    table: pa.Table | None, poses: tuple[int | str, ...], groups: Sequence[Index], is_instrument_fixed: bool
 ) -> Iterator[tuple[str, Array, Array]]:
     """Body, its poses (B, 6) seen from its reference, or from an instrument that stood still, and a stated sigma (6,);
     SI.
@@ -182,7 +182,7 @@ def _relative_poses(
     variances = number_columns(table, [f"cov_{k}_{k}" for k in range(6)])
     index = positions(table.column("pose"), poses)
     relative = default & (parents != "measurement")
-    if instrument_stood:
+    if is_instrument_fixed:
         relative |= default & ~np.isin(bodies, [*bodies[relative], *parents[relative]])
     for body in dict.fromkeys(bodies[relative]):
         rows = default & (bodies == body) & (index >= 0)

@@ -90,7 +90,7 @@ def comparison_head(comparison: RunComparison) -> PageHead:
 def _change_verdicts(comparison: RunComparison) -> list[Verdict]:
     """Return the changes of numbers and of effects step by step; one sentence where nothing changed."""
     steps = range(len(comparison.between))
-    loud = [("found", _step_words(comparison, step)) for step in steps if has_changed(comparison, step)]
+    changed_words = [("found", _step_words(comparison, step)) for step in steps if has_changed(comparison, step)]
     effects = {step: _effect_verdicts(comparison, step) for step in steps}
     unchanged_steps = [step for step in steps if not has_changed(comparison, step) and len(comparison.assessed(step))]
     silent = [step for step in unchanged_steps if not effects[step]]
@@ -99,7 +99,7 @@ def _change_verdicts(comparison: RunComparison) -> list[Verdict]:
         for k in unchanged_steps
         if effects[k]
     ]
-    texts = [*loud, *(effect for step in steps for effect in effects[step]), *of_numbers]
+    texts = [*changed_words, *(effect for step in steps for effect in effects[step]), *of_numbers]
     if silent:
         pairs_text = f" ({', '.join(map(comparison.pair, silent))})" if texts or len(silent) < len(steps) else ""
         numbers = _assessed(comparison, silent)
