@@ -2,11 +2,11 @@
 
     python -m benchmarks.clouds [--points 500000 2000000 10000000] [--no-survey] [--folder DIR]
 
-A base of 20 targets and a platform of 40, in as many poses as the points take, with 5 um of noise and gross errors in
-two of a thousand points. Each stage is a run of `truing run --only` in a process of its own: its processor seconds
-contain the start of the program; peaks are those of the whole process by the operating system. The cost of a further
-point is the difference to the size before: it stays the same where the cost is linear. Every row of poses and residuals
-is counted.
+A base of 20 targets and a platform of 40 are measured in as many poses as the points require. The noise is 5 um; two of
+a thousand points have gross errors. Each stage is a run of `truing run --only` in a process of its own: its processor
+seconds contain the start of the program; peaks are those of the whole process by the operating system. The cost of a
+further point is the difference to the size before: it stays the same where the cost is linear. Every row of poses and
+residuals is counted.
 """
 
 from __future__ import annotations

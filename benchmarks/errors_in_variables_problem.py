@@ -1,8 +1,8 @@
 """The calibration problem that `benchmarks.errors_in_variables` gives to every library, with one common derivative.
 
-Unknowns are 42 values, {a_x, a_y, b_x, b_y, u_x, u_y, l} of six legs of fixed length on linear actuators, in their
-tolerances from the nominal, and 6 deviations per pose, in their sigmas. Residuals are those deviations, decorrelated,
-the readings that the legs ask for against what was read, and the values themselves, all in sigmas.
+Unknowns are 42 values {a_x, a_y, b_x, b_y, u_x, u_y, l} of six legs on linear actuators, and 6 deviations per pose.
+Values count in tolerances from the nominal, deviations in sigmas. Residuals are those deviations, decorrelated, the
+readings that the legs ask for against what was read, and the values themselves, all in sigmas.
 """
 
 from __future__ import annotations

@@ -3,9 +3,9 @@
 Batches of 100,000 poses of 20 points and of 40 poses of 100, with one thread and with two, on pinned processors. Ours
 carry weights, covariances and all checks; the others fit, no more. A row whose fits are not all within 1e-6 of the
 least sum of squares prints no ratio; a library that is not installed prints "unmeasured". Libraries that fit one pose
-per call are timed on the first 1000. The robust part counts how often 20 and 200 points with gross errors of
-millimetres in 5 um noise end within noise of the truth, and how the errors compare with those of a fit to the true
-points (the oracle).
+per call are timed on the first 1000. The robust part has 20 and 200 points in 5 um noise, with gross errors of
+millimetres. It counts how often the pose is within noise of the truth, and compares its errors with those of a fit to
+the right points (the oracle).
 """
 
 from __future__ import annotations

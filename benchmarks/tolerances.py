@@ -1,10 +1,10 @@
 """Sampled tolerances of a six-axis force sensor: python -m benchmarks.tolerances [--repeats 9] [--samples 1000000].
 
 Platforms per second, with one thread and with two, on pinned processors: thirty normal errors each (five sources, six
-legs), closed by the legs' lengths without linearising. Beside it what one would write by NumPy (the same errors,
-Newton's method with a fresh 6x6 matrix for every platform, in blocks), SciPy's root for one platform after the other,
-and drawing the random numbers alone. A row prints a figure only if its legs have the lengths that they should, to
-rounding; ours also only if one worker and all of them draw the same bytes.
+legs), closed by the legs' lengths without linearising. Peers: NumPy (the same errors, Newton's method with a new 6x6
+matrix for every platform, in blocks), and SciPy's root for one platform after the other. The drawing of the random
+numbers alone is timed as well. A row prints a figure only if its legs have the lengths that they should, to rounding;
+ours also only if one worker and all of them draw the same bytes.
 """
 
 from __future__ import annotations

@@ -93,8 +93,8 @@ def _remarks_on_bodies(contents: CampaignContents) -> Iterator[str]:
 
 
 def _remarks_on_targets(contents: CampaignContents) -> Iterator[str]:
-    """Targets that are probably others: a letter away from one that is missing in these poses, or the only ones in the
-    place of one that is missing in these poses alone."""
+    """Targets that are probably others: one letter different from a target missing in these poses, or the only ones in
+    place of a target that is missing only there."""
     for body, seen in contents.names.items():
         known = _known_targets(contents, body, seen)
         unknown = [name for name in seen if name not in known]

@@ -1,10 +1,10 @@
 """``python -m docs.experiments.foreign_limit``: upper limit on the inputs of foreign effects that any method could
 name.
 
-The pattern, size and noise of each effect are known, what the fit's unknowns absorb is accounted for, and inputs are
-named by Bayes' rule with the generator's own prior. Once each effect acts alone; once next to all other effects of its
-campaign, of which also the inputs, and the errors of an instrument by place, are known. No method can name more inputs
-with the same certainty.
+Pattern, size and noise of each effect are known, without the part that the fit's unknowns absorb. Inputs are named by
+Bayes' rule with the generator's own prior. Once each effect acts alone; once next to all other effects of its campaign,
+of which also the inputs, and the errors of an instrument by place, are known. No method can name more inputs with the
+same certainty.
 """
 
 from __future__ import annotations

@@ -1,7 +1,7 @@
 """The geometry that the report does not print, inferred from the bias of its parameters (Table 6a minus 7a).
 
-Both fits had the same measurements, so that to first order their noise cancels and their difference is K's off-diagonal
-part, pushed through the observability Jacobian of each leg at the 40 configurations. K and the configurations are in
+Both fits had the same measurements, so their noise cancels to first order. Their difference is the effect of K's
+off-diagonal part, by the observability Jacobian of each leg at the 40 configurations. K and the configurations are in
 print; what is left unknown is the shape: two radii, two half separations, and which legs stand beside each other.
 """
 

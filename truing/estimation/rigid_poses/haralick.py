@@ -107,7 +107,7 @@ def lengths(vectors: NDArray) -> NDArray:
     return np.sqrt(np.einsum("bni,bni->bn", vectors, vectors))
 
 
-class _Weights(NamedTuple):
+class _FinalWeights(NamedTuple):
     """Robust weights (B, N), number of iterations (B,) and mask of converged fits (B,)."""
 
     robust: NDArray
@@ -115,7 +115,7 @@ class _Weights(NamedTuple):
     converged: NDArray
 
 
-def _iterate_weights(x: NDArray, y: NDArray, base: NDArray, noise: NDArray, tuning: float) -> _Weights:
+def _iterate_weights(x: NDArray, y: NDArray, base: NDArray, noise: NDArray, tuning: float) -> _FinalWeights:
     """Return the weights after reweighted fits until no point moves, or the iterations are used up."""
     fitted, ok = _fitted(x, y, base)
     robust = (base > 0).astype(np.float64)
@@ -131,7 +131,7 @@ def _iterate_weights(x: NDArray, y: NDArray, base: NDArray, noise: NDArray, tuni
         fitted[rows] = renewed
         steps[rows] += 1
         converged[rows] = ~ok | (np.max(np.where(base_weights > 0, moved, 0.0), axis=-1) < _SETTLED)
-    return _Weights(robust, steps, converged)
+    return _FinalWeights(robust, steps, converged)
 
 
 def _fitted(x: NDArray, y: NDArray, w: NDArray) -> tuple[NDArray, NDArray]:
@@ -147,7 +147,7 @@ def _reweighted(residual: NDArray, base: NDArray, noise: NDArray, tuning: float)
 
 
 def _conclude(
-    x: NDArray, y: NDArray, base: NDArray, noise: NDArray, tuning: float, weights: _Weights
+    x: NDArray, y: NDArray, base: NDArray, noise: NDArray, tuning: float, weights: _FinalWeights
 ) -> tuple[RigidFit, NDArray, NDArray]:
     """Return the result of `reweighted_fit` from the final weights."""
     robust, steps, converged = weights
