@@ -187,17 +187,11 @@ class ChainModel(EffectsModel[ChainCause]):
     def machine(self) -> ChainInputs:
         """Inputs of the effects."""
         known = self.known
-        inputs = ChainInputs.of(
-            self.tree,
-            self.channels,
-            self.own_conditions,
-            known.gravity,
-            known.payload,
-            known.reference_temperature_c,
-            known.shape,
-            self.noisy,
+        inputs = ChainInputs.weightless(
+            self.tree, self.channels, self.own_conditions, known.reference_temperature_c, known.shape, self.noisy
         )
-        return replace(inputs, gear_orders=known.gear_orders, without_centre=known.without_centre)
+        inputs = replace(inputs, payload=known.payload, gear_orders=known.gear_orders)
+        return replace(inputs, without_centre=known.without_centre).under(known.gravity)
 
     @property
     def scene(self) -> ChainScene:
