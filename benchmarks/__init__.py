@@ -1,1 +1,1 @@
-"""Side by side with other libraries, in one run; figures and how they were taken are in README.md."""
+"""Benchmarks against other libraries in one run; README.md explains the figures and how they are measured."""

@@ -22,18 +22,18 @@ def main() -> int:
     parser.add_argument("--smallest", action="store_true", help="the smallest sizes, as the tests run them")
     parser.add_argument("--processor-time", action="store_true", help="for a busy machine: one thread, processor time")
     parser.add_argument("--write", action="store_true", help="make docs/benchmarks.md anew")
-    asked = parser.parse_args()
-    if unknown := [name for name in asked.names if name not in BENCHMARKS]:
+    options = parser.parse_args()
+    if unknown := [name for name in options.names if name not in BENCHMARKS]:
         parser.error(f"no benchmark of the table: {', '.join(unknown)}")
-    if asked.write and asked.smallest:
+    if options.write and options.smallest:
         parser.error("--write: the page holds full sizes alone")
     found = [
-        collected(name, smallest=asked.smallest, processor_time=asked.processor_time)
-        for name in asked.names or BENCHMARKS
+        collected(name, smallest=options.smallest, processor_time=options.processor_time)
+        for name in options.names or BENCHMARKS
     ]
     print(f"\n{table([record for one in found for record in one.records])}")
     failed = _failures(found)
-    if asked.write:
+    if options.write:
         write_page(kept(), [one for one in found if one.exit_code == 0])
     return int(failed)
 

@@ -72,7 +72,7 @@ def _names(group: str, instrument: Instrument, rng: np.random.Generator, number:
     if group == "two":
         return instrument.draw_two(rng)
     if group == "unknown":
-        return (str(rng.choice(sorted(instrument.strange))),)
+        return (str(rng.choice(sorted(instrument.uncatalogued))),)
     if group == UNFORESEEN:
         return (str(rng.choice(sorted(instrument.unforeseen))),)
     if group == ALONE:
@@ -156,7 +156,7 @@ def main() -> None:
     if options.write and options.group == ALONE:
         parser.error("--write: the pages hold no table of --foreign-alone")
     own = INSTRUMENTS[options.instrument]
-    results = options.results or RUNS / f"{own.short}{f'-{options.group}' if options.group else ''}.jsonl"
+    results = options.results or RUNS / f"{own.short_name}{f'-{options.group}' if options.group else ''}.jsonl"
     numbers = range(options.first, options.first + options.campaigns)
     seed = own.seed if options.seed is None else options.seed
     cases = [drawn(number, seed, options.instrument, options.group) for number in numbers]

@@ -1,4 +1,4 @@
-"""Figures of how well each instrument is diagnosed as SVG: power, every campaign by cause, what was taken for what."""
+"""Figures of the blind benchmark as SVG: power, every campaign by cause, and confusions between causes."""
 
 from __future__ import annotations
 
@@ -142,7 +142,7 @@ def strip_figure(path: Path, campaigns: Sequence[Judged], catalogue: Sequence[st
 
 
 def confusion_figure(path: Path, rows: Sequence[str], columns: Sequence[str], counts: NDArray) -> None:
-    """Write how many campaigns of each hidden cause (rows) were told to be which (columns)."""
+    """Draw the number of campaigns by hidden (rows) and reported (columns) cause."""
     size, left, top = 34, 220, 200
     out = []
     for j, name in enumerate(columns):

@@ -23,31 +23,31 @@ PROJECT = Path(__file__).resolve().parents[1]
 DOCS = PROJECT / "docs"
 
 
-class Written(Protocol):
-    """A campaign with effects in it."""
+class HiddenCampaign(Protocol):
+    """A campaign with hidden effects."""
 
     def write(self, folder: Path) -> Path:
-        """Write the campaign's folder, and its truth beside it."""
+        """Write the campaign's folder, and its truth next to it; returns the folder."""
 
 
 @dataclass(frozen=True)
 class Instrument:
-    """Causes of its catalogue, effects of none, layouts; how two effects and a campaign are drawn.
+    """Instrument of the benchmark: catalogued and uncatalogued effects, layouts, and functions that draw campaigns.
 
-    ``subjects``: what effects concern, in words. ``obvious``: the share of single effects that are many times as large
-    as must be found. ``unforeseen``: further effects of no catalogue, thought of when the diagnosis stood;
-    ``foreign``: those of worlds that nobody described. ``told_in``: its page in docs; ``short``: what results that are
-    kept and figures are called; ``seed``: of the campaigns that its page tells of.
+    ``subjects``: subjects of effects, in words. ``obvious``: share of single effects far above the detectable size.
+    ``unforeseen``: further uncatalogued effects, added after the diagnosis was complete; ``foreign``: effects of
+    foreign worlds. ``page_name``: its page in docs; ``short_name``: prefix of its result files and figures;
+    ``seed``: of the campaigns of its page.
     """
 
     catalogue: Sequence[str]
-    strange: Sequence[str]
+    uncatalogued: Sequence[str]
     layouts: Sequence[str]
     draw_two: Callable[[np.random.Generator], tuple[str, str]]
     layouts_for: Callable[[Sequence[str]], list[str]]
-    hide: Callable[[Sequence[str], str, float, int], Written]
-    told_in: str
-    short: str
+    hide: Callable[[Sequence[str], str, float, int], HiddenCampaign]
+    page_name: str
+    short_name: str
     subjects: str
     obvious: float = 0.0
     unforeseen: Sequence[str] = ()
@@ -57,32 +57,32 @@ class Instrument:
 
     @property
     def page(self) -> Path:
-        """Return the page that tells how well it is diagnosed."""
-        return DOCS / f"{self.told_in}.md"
+        """Path of its page on the quality of the diagnosis."""
+        return DOCS / f"{self.page_name}.md"
 
     @property
-    def kept(self) -> Path:
-        """Return the results that the page was made from."""
-        return DOCS / "experiments" / f"{self.short.replace('-', '_')}_results.jsonl.gz"
+    def results(self) -> Path:
+        """Recorded results of its page."""
+        return DOCS / "experiments" / f"{self.short_name.replace('-', '_')}_results.jsonl.gz"
 
     @property
-    def kept_unforeseen(self) -> Path:
-        """Return the results on effects that were thought of when the diagnosis stood."""
-        return DOCS / "experiments" / f"{self.short.replace('-', '_')}_unforeseen.jsonl.gz"
+    def unforeseen_results(self) -> Path:
+        """Recorded results on unforeseen effects."""
+        return DOCS / "experiments" / f"{self.short_name.replace('-', '_')}_unforeseen.jsonl.gz"
 
     @property
-    def kept_added(self) -> Path:
-        """The results on causes that joined the catalogue after the campaigns of the page were drawn."""
-        return DOCS / "experiments" / f"{self.short.replace('-', '_')}_added.jsonl.gz"
+    def added_results(self) -> Path:
+        """Recorded results on causes that joined the catalogue after the campaigns of the page were drawn."""
+        return DOCS / "experiments" / f"{self.short_name.replace('-', '_')}_added.jsonl.gz"
 
     @property
-    def kept_foreign(self) -> Path:
-        """The results on worlds that nobody described."""
-        return DOCS / "experiments" / f"{self.short.replace('-', '_')}_foreign.jsonl.gz"
+    def foreign_results(self) -> Path:
+        """Recorded results on foreign worlds."""
+        return DOCS / "experiments" / f"{self.short_name.replace('-', '_')}_foreign.jsonl.gz"
 
     def figure(self, name: str) -> Path:
-        """Return a figure of the page."""
-        return DOCS / "figures" / f"{self.short}-{name}.svg"
+        """Path of a figure of the page."""
+        return DOCS / "figures" / f"{self.short_name}-{name}.svg"
 
 
 INSTRUMENTS = {

@@ -1,4 +1,4 @@
-"""The tables of how well each instrument is diagnosed, from the results of ``benchmarks.blind``; nothing is typed."""
+"""Tables of the blind benchmark's pages, generated from the results of ``benchmarks.blind``."""
 
 from __future__ import annotations
 
@@ -26,8 +26,8 @@ FOREIGN_PAGE = POINTS.page.with_name("foreign-worlds.md")
 
 def write_page(records: Sequence[Record], instrument: Instrument = POINTS) -> None:
     """Make tables and figures of an instrument's page anew, and keep the results that they were made from."""
-    _keep(records, instrument.kept)
-    campaigns = kept_campaigns(instrument.kept)
+    _keep(records, instrument.results)
+    campaigns = kept_campaigns(instrument.results)
     renew(instrument.page, tables(campaigns, instrument))
     power_figure(instrument.figure("power"), campaigns)
     strip_figure(instrument.figure("causes"), campaigns, instrument.catalogue)
@@ -35,21 +35,23 @@ def write_page(records: Sequence[Record], instrument: Instrument = POINTS) -> No
 
 
 def write_unforeseen(records: Sequence[Record], instrument: Instrument) -> None:
-    """Make the table of effects anew that were thought of when the diagnosis stood, and keep its results."""
-    _keep(records, instrument.kept_unforeseen)
-    renew(instrument.page, {"unforeseen": lambda: unforeseen(kept_campaigns(instrument.kept_unforeseen))})
+    """Renew the table of unforeseen effects, and keep its results."""
+    _keep(records, instrument.unforeseen_results)
+    renew(instrument.page, {"unforeseen": lambda: unforeseen(kept_campaigns(instrument.unforeseen_results))})
 
 
 def write_added(records: Sequence[Record], instrument: Instrument) -> None:
     """Make the table of causes anew that joined the catalogue since the page was drawn, and keep its results."""
-    _keep(records, instrument.kept_added)
-    renew(instrument.page, {"added": lambda: causes(kept_campaigns(instrument.kept_added), instrument)})
+    _keep(records, instrument.added_results)
+    renew(instrument.page, {"added": lambda: causes(kept_campaigns(instrument.added_results), instrument)})
 
 
 def write_foreign(records: Sequence[Record], instrument: Instrument) -> None:
     """Make the table of worlds that nobody described anew, and keep its results."""
-    _keep(records, instrument.kept_foreign)
-    renew(FOREIGN_PAGE, {f"foreign {instrument.short}": lambda: foreign(kept_campaigns(instrument.kept_foreign))})
+    _keep(records, instrument.foreign_results)
+    renew(
+        FOREIGN_PAGE, {f"foreign {instrument.short_name}": lambda: foreign(kept_campaigns(instrument.foreign_results))}
+    )
 
 
 def _keep(records: Sequence[Record], file: Path) -> None:
@@ -88,7 +90,7 @@ def _of(count: Count) -> list[str]:
 
 
 def goals(campaigns: Sequence[Judged], instrument: Instrument = POINTS) -> str:
-    """Return the table of what was asked and what is reached."""
+    """Return the table of required and reached rates."""
     clear = _clear(campaigns)
     rows = [
         ["nothing hidden: something found", "at most 5 %", *_of(rates.alarms(clear))],
@@ -109,8 +111,8 @@ def goals(campaigns: Sequence[Judged], instrument: Instrument = POINTS) -> str:
             *_middle(np.array([one.record["seconds"] for one in clear])),
         ],
     ]
-    told = [row for row in rows if row[2] not in ("0", "0 of 0")]
-    return table(["", "asked", "campaigns", "reached", "95 % interval"], told)
+    reported = [row for row in rows if row[2] not in ("0", "0 of 0")]
+    return table(["", "asked", "campaigns", "reached", "95 % interval"], reported)
 
 
 def _mean(shares: NDArray) -> list[str]:
@@ -192,28 +194,32 @@ def unknown(campaigns: Sequence[Judged]) -> str:
         driven, misnamed = rates.driven(own), rates.misnamed(own)
         names = Counter(name for one in own for name in sorted(set(one.misnamed)))
         ordered = sorted(names.items(), key=lambda item: (-item[1], item[0]))
-        told = ", ".join(f"`{name}` {count}" for name, count in ordered)
-        rows.append([_words(kind), str(len(own)), str(driven.good), str(misnamed.good), told])
+        reported = ", ".join(f"`{name}` {count}" for name, count in ordered)
+        rows.append([_words(kind), str(len(own)), str(driven.good), str(misnamed.good), reported])
     return table(["effect", "campaigns", "reported with its inputs", "given a name", "which"], rows)
 
 
 def foreign(campaigns: Sequence[Judged]) -> str:
-    """The table of worlds that nobody described: wrong names, what is told to drive them, what is left."""
+    """The table of foreign worlds: wrong names, reported inputs, and remaining errors."""
     wrong = [campaign for campaign in campaigns if campaign.misnamed]
     doubted = [campaign for campaign in campaigns if campaign.suspected and not campaign.misnamed]
     drives = [(campaign, effect) for campaign in campaigns for effect in campaign.hidden if effect.follows]
-    told = [one.follows_right(effect) for one, effect in drives]
+    reported = [one.follows_right(effect) for one, effect in drives]
     apart = [(one, effect) for one, effect in drives if effect.of_drivers and effect.clear_drivers(CLEAR_PART)]
     clear = [one.follows_right(effect, CLEAR_PART) for one, effect in apart]
     idle = [campaign for campaign in campaigns if campaign.idle_columns]
-    of_one = [right for right, (_, effect) in zip(told, drives, strict=True) if len(effect.follows) == 1]
+    of_one = [right for right, (_, effect) in zip(reported, drives, strict=True) if len(effect.follows) == 1]
     recorded = [
         campaign for campaign in campaigns if all(effect.kind != "NobodyRecorded" for effect in campaign.hidden)
     ]
     rows = [
         ["a wrong name reported as found", f"{len(wrong)} of {len(campaigns)}", "at most 1 in 20"],
         ["suspected names, none found", f"{len(doubted)} of {len(campaigns)}", ""],
-        ["effects reported as unexplained, with all their inputs", f"{sum(told)} of {len(told)}", "at least 8 in 10"],
+        [
+            "effects reported as unexplained, with all their inputs",
+            f"{sum(reported)} of {len(reported)}",
+            "at least 8 in 10",
+        ],
         *(
             [["the same, only inputs with a clear part of their own", f"{sum(clear)} of {len(clear)}", ""]]
             * bool(clear)
@@ -232,7 +238,7 @@ def _median_ratio(campaigns: Sequence[Judged]) -> str:
 
 
 def unforeseen(campaigns: Sequence[Judged]) -> str:
-    """Return the table of effects that were thought of when the diagnosis stood, all together in its last row."""
+    """Return the table of unforeseen effects, all together in its last row."""
     driven, misnamed = rates.driven(campaigns), rates.misnamed(campaigns)
     shares = (f"{count.good} of {count.trials}: {_range(count)}" for count in (driven, misnamed))
     return "\n".join([unknown(campaigns), f"| all | {driven.trials} | {' | '.join(shares)} |  |"])
@@ -262,19 +268,19 @@ def _went_wrong(judged: Judged) -> bool:
 
 def _hidden(judged: Judged) -> str:
     strength = {float("inf"): ""}
-    told = (
+    reported = (
         f"{e.kind} {' '.join(sorted(e.subject))} {strength.get(e.strength, f'{e.strength:.1f}')}" for e in judged.hidden
     )
-    return "; ".join(" ".join(words.split()) for words in told) or "nothing"
+    return "; ".join(" ".join(words.split()) for words in reported) or "nothing"
 
 
 def _found(judged: Judged) -> str:
-    told = (f"{row.cause} {' '.join(sorted(row.subject | row.follows))}".strip() for row in judged.found)
-    return "; ".join(told) or "nothing"
+    reported = (f"{row.cause} {' '.join(sorted(row.subject | row.follows))}".strip() for row in judged.found)
+    return "; ".join(reported) or "nothing"
 
 
 def confusion(campaigns: Sequence[Judged], instrument: Instrument) -> tuple[list[str], list[str], NDArray]:
-    """Return rows (what was hidden), columns (what it is told to be) and shares, of clear campaigns with one effect.
+    """Return rows (hidden effects), columns (reported effects) and shares, of clear campaigns with one effect.
 
     What is called indistinguishable from the right name counts as the right name.
     """
@@ -284,6 +290,6 @@ def confusion(campaigns: Sequence[Judged], instrument: Instrument) -> tuple[list
         if len(one.hidden) == 1:
             cause = one.hidden[0].cause
             first = one.found[0].cause if one.found else "nothing"
-            told = cause if not one.missed and one.found else first
-            counts[rows.index(cause), columns.index(told)] += 1
+            reported = cause if not one.missed and one.found else first
+            counts[rows.index(cause), columns.index(reported)] += 1
     return rows, columns, counts

@@ -1,4 +1,4 @@
-"""Bundle adjustment beside other libraries: python -m benchmarks.bundle.
+"""Bundle adjustment compared with other libraries: python -m benchmarks.bundle.
 
 60 images of 100 targets, 12,000 residuals, 663 unknowns: principal distance and two radial terms of one camera, all
 images and points, from the same start. Ours ends with the covariance of everything, that of points with all other
@@ -18,7 +18,7 @@ import numpy as np
 
 from benchmarks.bundle_peers import PEERS, Solver
 from benchmarks.bundle_problem import Problem, draw, sum_of_squares
-from benchmarks.rows import leave, timed_row
+from benchmarks.rows import record_row, timed_row
 from benchmarks.timing import interleaved, pin, run_pinned, seconds_now, thread_counts
 from truing.estimation.bundle.adjustment import adjust
 from truing.estimation.bundle.network import NetworkState
@@ -69,7 +69,7 @@ def compare(images: int, threads: int, repeats: int, clock: Callable[[], float])
         (f"{what}, without covariance", _OWN, _WITH_COVARIANCE, 3.0),
     ):
         absent = [peer for peer in unmeasured if (peer in _WITH_COVARIANCE) == (name == _OURS)]
-        leave(timed_row(title, seconds, name, own=others, missed=missed, unmeasured=absent, least_ratio=limit))
+        record_row(timed_row(title, seconds, name, own=others, missed=missed, unmeasured=absent, least_ratio=limit))
     for name, s in seconds.items():
         excess = reached[name] / min(reached.values()) - 1
         print(f"{name:32} {_spread(s)}  {_verdict(name, excess, s / seconds[_OURS])}", flush=True)
@@ -105,18 +105,20 @@ def main() -> None:
         "--threads", type=int, choices=(1, 2), help="measure here; both, each in a process, if not given"
     )
     parser.add_argument("--processor-time", action="store_true", help="seconds of the process in place of the clock's")
-    asked = parser.parse_args()
-    if asked.threads is None:
-        further = ["--processor-time"] if asked.processor_time else []
+    options = parser.parse_args()
+    if options.threads is None:
+        further = ["--processor-time"] if options.processor_time else []
         for threads in thread_counts():
             run_pinned(
-                "benchmarks.bundle", ["--repeats", str(asked.repeats), "--images", str(asked.images), *further], threads
+                "benchmarks.bundle",
+                ["--repeats", str(options.repeats), "--images", str(options.images), *further],
+                threads,
             )
         return
-    pin(asked.threads)
-    clock = time.process_time if asked.processor_time else seconds_now
-    compare(asked.images, asked.threads, asked.repeats, clock)
-    campaign(max(2, round(asked.images * 46 / 60)), asked.threads, asked.repeats, clock)
+    pin(options.threads)
+    clock = time.process_time if options.processor_time else seconds_now
+    compare(options.images, options.threads, options.repeats, clock)
+    campaign(max(2, round(options.images * 46 / 60)), options.threads, options.repeats, clock)
 
 
 if __name__ == "__main__":

@@ -1,4 +1,4 @@
-"""The same network adjusted by others: each returns a state, from the same start, and is prepared once."""
+"""Adjustments of the same network by other libraries: each factory prepares the problem once and returns a solver."""
 
 from __future__ import annotations
 

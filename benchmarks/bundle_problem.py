@@ -1,4 +1,4 @@
-"""A network of 60 images of 100 targets, one camera with two terms of radial distortion: what every library adjusts."""
+"""The network that all libraries adjust: 60 images of 100 targets, one camera with two terms of radial distortion."""
 
 from __future__ import annotations
 
@@ -25,8 +25,8 @@ class Problem:
 
 
 def draw(poses: int, images: int, points: int, seed: int = 1) -> Problem:
-    """Return a network whose images stand round about the targets, each seeing all of them, and a start that is off by
-    a centimetre, half a degree and one percent of the principal distance."""
+    """Return a network of images around the targets, each of which shows all targets, and start values. These are off
+    by a centimetre, half a degree and one per cent of the principal distance."""
     rng = np.random.default_rng(seed)
     count = poses * images
     azimuth = np.tile(2 * np.pi * np.arange(images) / images, poses)

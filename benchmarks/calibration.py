@@ -16,7 +16,7 @@ from pathlib import Path
 
 import numpy as np
 
-from benchmarks.rows import Row, leave
+from benchmarks.rows import Row, record_row
 from benchmarks.timing import interleaved, pin, run_pinned
 from tests.cut_telescope import cut_telescope
 from truing.calibration.calibration_input import CalibrationData
@@ -68,7 +68,7 @@ def measure(place: Path, repeats: int) -> None:
         if bad:
             print(f"{name}: not converged: {bad[0]}")
             continue
-        leave(Row(f"calibrations of {place.name}: {name}", 1e3 * float(np.median(seconds)), "ms"))
+        record_row(Row(f"calibrations of {place.name}: {name}", 1e3 * float(np.median(seconds)), "ms"))
         print(f"{name:30} {np.min(seconds):7.3f} {np.median(seconds):7.3f} {np.max(seconds):7.3f} s", flush=True)
 
 

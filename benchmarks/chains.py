@@ -1,4 +1,4 @@
-"""Kinematics and calibration of a robot arm beside other libraries: python -m benchmarks.chains [--repeats 5].
+"""Kinematics and calibration of a robot arm compared with other libraries: python -m benchmarks.chains [--repeats 5].
 
 The sample robot of six joints: 60 poses of three targets with 10 um of noise, geometry within its tolerances, a soft
 shoulder and an eccentric elbow. First positions and Jacobians of the tip, poses per second; then calibrations: their
@@ -20,7 +20,7 @@ from typing import Any
 import numpy as np
 
 from benchmarks.chains_peers import CALIBRATIONS, KINEMATICS, Calibrated, Jacobian, Series
-from benchmarks.rows import leave, timed_row
+from benchmarks.rows import record_row, timed_row
 from benchmarks.timing import interleaved, pin, run_pinned, spread
 from tests.blind.generator.arms.robot import other_poses, robot_campaign, write_robot
 from tests.stages.line import run_line, settings_of
@@ -70,11 +70,13 @@ def compare_kinematics(series: Series, tree: Tree, tip: int, poses: int, repeats
     missed = [name for name, off in apart.items() if not off < _SAME]
     unmeasured = [name for name in KINEMATICS if name not in tasks]
     each = {name: s / poses for name, s in seconds.items()}
-    leave(timed_row("tip of an arm with its Jacobian", each, _OURS, missed=missed, unmeasured=unmeasured, unit="µs"))
+    record_row(
+        timed_row("tip of an arm with its Jacobian", each, _OURS, missed=missed, unmeasured=unmeasured, unit="µs")
+    )
     for name, off in apart.items():
         ratio = "" if name == _OURS else f"  {_ratio(seconds[name], seconds[_OURS])}"
-        said = f"{spread(poses / seconds[name])}{ratio}" if off < _SAME else f"no figure: differs by {off:.1e}"
-        print(f"{name:40} {said}", flush=True)
+        text = f"{spread(poses / seconds[name])}{ratio}" if off < _SAME else f"no figure: differs by {off:.1e}"
+        print(f"{name:40} {text}", flush=True)
 
 
 def _ratio(seconds: np.ndarray, own: np.ndarray) -> str:
@@ -148,8 +150,8 @@ def _by_scipy(data: DiagnosisData[Any], causes: Sequence[ChainCause], steps: int
 
     found = least_squares(residuals, np.zeros(model.shared_size), method="trf", x_scale="jac", max_nfev=steps)
     effects = model.effects(found.x)
-    said = ", ".join(f"{one.cause.joint} {1e6 * one.values[0]:.2f}" for one in effects)
-    return Calibrated(predictor(model, found.x), f"compliance, urad/(N m): {said}" if said else "")
+    text = ", ".join(f"{one.cause.joint} {1e6 * one.values[0]:.2f}" for one in effects)
+    return Calibrated(predictor(model, found.x), f"compliance, urad/(N m): {text}" if text else "")
 
 
 def compare_calibrations(
@@ -158,7 +160,7 @@ def compare_calibrations(
     other: tuple[np.ndarray, np.ndarray],
     repeats: int,
 ) -> None:
-    """Print time, rms over the other poses, and what is said of causes, of tasks and of the peers' calibrations."""
+    """Print time, rms over the other poses, and causes, of tasks and of the peers' calibrations."""
     print("\nCalibrations: rms per coordinate of 75 other poses, um; seconds, minimum median maximum")
     for name, factory in CALIBRATIONS.items():
         try:
@@ -176,7 +178,7 @@ def compare_calibrations(
         name: 1e6 * float(np.sqrt(np.mean((found.places(readings) - exact) ** 2))) for name, found in results.items()
     }
     missed = [name for name, rms in rms_um.items() if rms > _WORSE * rms_um[first]]
-    leave(timed_row(what, seconds, first, own=own, missed=missed, unmeasured=unmeasured, unit="s"))
+    record_row(timed_row(what, seconds, first, own=own, missed=missed, unmeasured=unmeasured, unit="s"))
     for name, found in results.items():
         low, middle, high = np.min(seconds[name]), np.median(seconds[name]), np.max(seconds[name])
         ratio = "" if name == first else f"  {_ratio(seconds[name], seconds[first])}"

@@ -1,4 +1,4 @@
-"""Other libraries' kinematics and calibrations of a robot arm; each factory imports its library where it is called."""
+"""Kinematics and calibrations of a robot arm by other libraries; each factory imports its library."""
 
 from __future__ import annotations
 
@@ -31,7 +31,7 @@ class Series:
 
 @dataclass(frozen=True)
 class Calibrated:
-    """A calibrated arm: places of its targets at readings, and what is said of causes."""
+    """A calibrated arm: places of its targets at readings, and causes in words."""
 
     places: Poses
     says: str
@@ -115,14 +115,14 @@ def _figaroh(series: Series, folder: Path, is_elastic: bool) -> Callable[[], Cal
             result = own.solve(enable_logging=False)
         values = dict(zip(config["param_name"], result.x, strict=True))
         # Its torque is what holds the arm, ours that of weight.
-        said = [f"{name[5:]} {-1e6 * size:.2f}" for name, size in values.items() if name.startswith("k_")]
+        text = [f"{name[5:]} {-1e6 * size:.2f}" for name, size in values.items() if name.startswith("k_")]
 
         def places(readings: np.ndarray) -> np.ndarray:
             config["NbSample"] = len(readings)
             found = calc_updated_fkm(own.model, own.data, result.x, readings, config)
             return np.asarray(found.reshape(count, 3, -1).transpose(2, 0, 1))
 
-        return Calibrated(places, f"compliance, urad/(N m): {', '.join(said)}" if said else "")
+        return Calibrated(places, f"compliance, urad/(N m): {', '.join(text)}" if text else "")
 
     return solve
 

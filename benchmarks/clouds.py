@@ -2,11 +2,11 @@
 
     python -m benchmarks.clouds [--points 500000 2000000 10000000] [--no-survey] [--folder DIR]
 
-A base of 20 targets and a platform of 40, in as many poses as the points take, with 5 um of noise and gross errors in
-two of a thousand points. Each stage is a run of `truing run --only` in a process of its own: its processor seconds
-contain the start of the program; peaks are those of the whole process by the operating system. The cost of a further
-point is the difference to the size before: it stays the same where the cost is linear. Every row of poses and residuals
-is counted.
+A base of 20 targets and a platform of 40 are measured in as many poses as the points require. The noise is 5 um; two of
+a thousand points have gross errors. Each stage is a run of `truing run --only` in a process of its own: its processor
+seconds contain the start of the program; peaks are those of the whole process by the operating system. The cost of a
+further point is the difference to the size before: it stays the same where the cost is linear. Every row of poses and
+residuals is counted.
 """
 
 from __future__ import annotations
@@ -23,7 +23,7 @@ from pathlib import Path
 
 import numpy as np
 
-from benchmarks.rows import Row, leave
+from benchmarks.rows import Row, record_row
 from benchmarks.timing import as_installed
 
 STAGES = ("ingest", "qa", "pose")
@@ -134,16 +134,16 @@ def compare(folder: Path, sizes: Sequence[int], *, survey: bool = True) -> list[
             costs.append(cost)
             more = "" if before is None else f"{1e6 * (cost.cpu - before.cpu) / (points - before.points):22.2f}"
             print(f"{points:12,} {cost.stage:8} {cost.wall:8.2f} {cost.cpu:8.2f} {cost.peak:8.0f} {more}", flush=True)
-    _leave_rows([cost for cost in costs if cost.points == max(cost.points for cost in costs)])
+    _record_rows([cost for cost in costs if cost.points == max(cost.points for cost in costs)])
     return costs
 
 
-def _leave_rows(largest: Sequence[Cost]) -> None:
+def _record_rows(largest: Sequence[Cost]) -> None:
     points, seconds, memory = _GOAL
     is_goal = largest[0].points >= points
     what = f"poses of {largest[0].points:,} points: "
-    leave(Row(f"{what}all stages", sum(one.wall for one in largest), "s", limit=seconds if is_goal else None))
-    leave(Row(f"{what}peak memory", max(one.peak for one in largest), "MB", limit=memory if is_goal else None))
+    record_row(Row(f"{what}all stages", sum(one.wall for one in largest), "s", limit=seconds if is_goal else None))
+    record_row(Row(f"{what}peak memory", max(one.peak for one in largest), "MB", limit=memory if is_goal else None))
 
 
 def main() -> None:

@@ -1,4 +1,4 @@
-"""Runs of benchmarks in processes of their own, with the rows that they leave."""
+"""Runs of benchmarks in separate processes, with the rows that they record."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""The joint calibration of poses and values beside other solvers: python -m benchmarks.errors_in_variables.
+"""Errors-in-variables calibration compared with other solvers: python -m benchmarks.errors_in_variables.
 
 42 values of six legs and 6 deviations of each of 40 poses, with a prior on the values: 282 unknowns, 522 residuals, all
 libraries from the nominal values on the identical sum of squares, with exact derivatives. A row whose sum is not within
@@ -24,7 +24,7 @@ from benchmarks.errors_in_variables_problem import (
     cost,
     draw,
 )
-from benchmarks.rows import leave, timed_row
+from benchmarks.rows import record_row, timed_row
 from benchmarks.timing import interleaved, pin, run_pinned, thread_counts
 from truing.estimation.errors_in_variables.fit import Constraint, Prior, fit_errors_in_variables
 from truing.simulation.mechanisms.calibration_problem import CalibrationProblem
@@ -86,7 +86,7 @@ def compare(poses: int, threads: int, repeats: int) -> None:
     what = f"errors in variables, {poses} poses and 42 values, {threads} thread(s)"
     own = [name for name in found if name.startswith(_OURS)]
     unmeasured = [name for name in PEERS if name not in found]
-    leave(timed_row(what, seconds, _OURS, own=own, missed=missed, unmeasured=unmeasured, least_ratio=2.0))
+    record_row(timed_row(what, seconds, _OURS, own=own, missed=missed, unmeasured=unmeasured, least_ratio=2.0))
     for name, s in seconds.items():
         low, middle, high = 1e3 * np.min(s), 1e3 * np.median(s), 1e3 * np.max(s)
         excess = reached[name] / min(reached.values()) - 1
@@ -112,17 +112,17 @@ def main() -> None:
     parser.add_argument(
         "--threads", type=int, choices=(1, 2), help="measure here; both, each in a process, if not given"
     )
-    asked = parser.parse_args()
-    if asked.threads is None:
+    options = parser.parse_args()
+    if options.threads is None:
         for threads in thread_counts():
             run_pinned(
                 "benchmarks.errors_in_variables",
-                ["--poses", str(asked.poses), "--repeats", str(asked.repeats)],
+                ["--poses", str(options.poses), "--repeats", str(options.repeats)],
                 threads,
             )
         return
-    pin(asked.threads)
-    compare(asked.poses, asked.threads, asked.repeats)
+    pin(options.threads)
+    compare(options.poses, options.threads, options.repeats)
 
 
 if __name__ == "__main__":

@@ -1,4 +1,4 @@
-"""Other libraries on the joint calibration, each as a function of the problem that returns a solver without arguments.
+"""The errors-in-variables calibration by other libraries: functions from the problem to a solver without arguments.
 
 What can be done once for a kind of problem (graphs, sparsity) is done before the clock starts; each factory imports its
 library, so that one that is not installed costs nothing but its row.

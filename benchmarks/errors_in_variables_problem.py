@@ -1,8 +1,8 @@
-"""The joint calibration that `benchmarks.errors_in_variables` gives to every library, with one common derivative.
+"""The calibration problem that `benchmarks.errors_in_variables` gives to every library, with one common derivative.
 
-Unknowns are 42 values, {a_x, a_y, b_x, b_y, u_x, u_y, l} of six legs of fixed length on linear actuators, in their
-tolerances from the nominal, and 6 deviations per pose, in their sigmas. Residuals are those deviations, decorrelated,
-the readings that the legs ask for against what was read, and the values themselves, all in sigmas.
+Unknowns are 42 values {a_x, a_y, b_x, b_y, u_x, u_y, l} of six legs on linear actuators, and 6 deviations per pose.
+Values count in tolerances from the nominal, deviations in sigmas. Residuals are those deviations, decorrelated, the
+readings that the legs ask for against what was read, and the values themselves, all in sigmas.
 """
 
 from __future__ import annotations
@@ -77,7 +77,7 @@ def placed(problem: Joint, legs: Legs, twist: np.ndarray) -> tuple[np.ndarray, .
     return R, left, arms, (problem.p + twist[:, :3])[:, None] + arms - legs.a
 
 
-def asked(legs: Legs, h: np.ndarray) -> np.ndarray:
+def required_readings(legs: Legs, h: np.ndarray) -> np.ndarray:
     """Return the readings (B, 6) that legs ask for, h = p + R b - a."""
     along = np.einsum("bli,li->bl", h, legs.u)
     return along - np.sqrt(along**2 - np.einsum("bli,bli->bl", h, h) + legs.l**2)
@@ -126,7 +126,7 @@ def constrain(problem: Joint, values: np.ndarray, deviation: np.ndarray) -> Simp
 def residuals(problem: Joint, x: np.ndarray, e: np.ndarray) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
     """Return the residuals of poses (B, 6), of readings (B, 6) and of values (42,) at unknowns x (42,), e (B, 6)."""
     legs = problem.machine(problem.start + TOLERANCE * x)
-    rho = asked(legs, placed(problem, legs, POSE_SIGMA * e)[3])
+    rho = required_readings(legs, placed(problem, legs, POSE_SIGMA * e)[3])
     return (problem.whitener @ e[..., None])[..., 0], (rho - problem.rho) / READING_SIGMA, x
 
 
@@ -134,7 +134,7 @@ def reading_slopes(problem: Joint, x: np.ndarray, e: np.ndarray) -> tuple[np.nda
     """Return the derivatives of the readings' residuals by the values (B, 6, 42) and by the pose's own e (B, 6, 6)."""
     legs = problem.machine(problem.start + TOLERANCE * x)
     R, left, arms, h = placed(problem, legs, POSE_SIGMA * e)
-    rho = asked(legs, h)
+    rho = required_readings(legs, h)
     by_twist, own, by_rho = slopes(legs, R, left, arms, (h - rho[..., None] * legs.u) / legs.l[:, None], rho)
     factor = 1 / (READING_SIGMA * by_rho)[..., None]
     return -spread_legs(factor * own) * TOLERANCE, factor * by_twist * POSE_SIGMA

@@ -13,7 +13,7 @@ from functools import partial
 
 import numpy as np
 
-from benchmarks.rows import leave, timed_row
+from benchmarks.rows import record_row, timed_row
 from benchmarks.timing import interleaved, pin, run_pinned, spread
 from tests.simulation.mechanisms.telescope import K, readings, telescope
 from truing.estimation.rotation import exp_so3, left_jacobian_so3
@@ -85,11 +85,11 @@ def measure(poses: int, repeats: int) -> None:
         for name, (task, rho) in timed.items()
     }
     missed = [name for name, off in apart.items() if not off < _ROUNDING]
-    leave(timed_row("pose from readings", each, ours, own=own, missed=missed, unit="µs", least_ratio=100.0))
+    record_row(timed_row("pose from readings", each, ours, own=own, missed=missed, unit="µs", least_ratio=100.0))
     for name, (_, rho) in timed.items():
         off = apart[name]
-        said = spread(len(rho) / seconds[name]) if off < _ROUNDING else "no figure: the poses are not those asked for"
-        print(f"{name:36} {said}  readings off by {off:.1e}", flush=True)
+        text = spread(len(rho) / seconds[name]) if off < _ROUNDING else "no figure: the poses are not those asked for"
+        print(f"{name:36} {text}  readings off by {off:.1e}", flush=True)
 
 
 def main() -> None:

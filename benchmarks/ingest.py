@@ -1,11 +1,10 @@
-"""Ten million points from points.csv to observations.parquet, beside the fastest bare conversion of the same file.
+"""Ingest of ten million points compared with bare conversions of the same file to Parquet.
 
     python -m benchmarks.ingest [--rows 10000000] [--repeats 5] [--folder DIR]
 
 Ours reads, maps, checks (finite numbers, unknown poses, duplicate points, missing bodies, units) and writes with its
-provenance; the
-peers parse and write. Every run is a process of its own; runs are interleaved and pinned to the same cores, all with
-Snappy. Peaks are VmHWM of the whole process. A row that did not write every point prints no figure.
+provenance; the peers parse and write. Every run is a process of its own; runs are interleaved and pinned to the same
+cores, all with Snappy. Peaks are VmHWM of the whole process. A row that did not write every point prints no figure.
 """
 
 from __future__ import annotations
@@ -20,7 +19,7 @@ from pathlib import Path
 
 import numpy as np
 
-from benchmarks.rows import Row, leave, timed_row
+from benchmarks.rows import Row, record_row, timed_row
 from benchmarks.timing import PROCESSOR_TIME, as_installed, thread_counts
 
 SMALLEST = ("--rows", "600", "--repeats", "1")
@@ -125,8 +124,8 @@ def compare(folder: Path, rows: int, repeats: int, threads: int) -> None:
     seconds = {name: np.array([run[name][spent] for run in runs]) for name in _PROGRAMS}
     missed = {name for run in runs for name in _PROGRAMS if run[name][3] != rows}
     what = f"ingest of {rows:,} points, {threads} thread(s)"
-    leave(timed_row(what, seconds, _OURS, missed=missed, unit="s", least_ratio=0.9))
-    leave(Row(f"{what}: peak memory", max(run[_OURS][2] for run in runs), "MB"))
+    record_row(timed_row(what, seconds, _OURS, missed=missed, unit="s", least_ratio=0.9))
+    record_row(Row(f"{what}: peak memory", max(run[_OURS][2] for run in runs), "MB"))
     print(f"\n{rows:,} rows, {threads} thread{'s' if threads > 1 else ''}, {repeats} interleaved repeats")
     print(f"{'':20} {'rows/s (median)':>16} {'min':>7} {'max':>7} {'CPU s':>6} {'peak MB':>8}")
     for name in _PROGRAMS:

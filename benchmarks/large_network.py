@@ -15,7 +15,7 @@ from dataclasses import replace
 
 import numpy as np
 
-from benchmarks.rows import Row, leave
+from benchmarks.rows import Row, record_row
 from benchmarks.timing import run_pinned
 from truing.estimation.bundle.adjustment import adjust
 from truing.estimation.bundle.camera import Camera
@@ -111,8 +111,8 @@ def measure(name: str, size: tuple[int, int, int, int]) -> None:
     print(f"  sigma0 {found.variance_factor**0.5:.3f}; peak memory {_peak_mb():.0f} MB", flush=True)
     what = f"{images} photographs, {points:,} points, {rays:,} rays"
     is_goal = name == _GOAL
-    leave(Row(f"{what}: adjusted with covariances", adjusted + covariance, "s", limit=10.0 if is_goal else None))
-    leave(Row(f"{what}: peak memory", _peak_mb(), "MB", limit=2000.0 if is_goal else None))
+    record_row(Row(f"{what}: adjusted with covariances", adjusted + covariance, "s", limit=10.0 if is_goal else None))
+    record_row(Row(f"{what}: peak memory", _peak_mb(), "MB", limit=2000.0 if is_goal else None))
     named, table = _named(network)
     choices = Choices("free", 0.001, True, True, {})
     interior = np.where(np.arange(10) == 0, 1.01 * _INTERIOR, 0.0)[None]

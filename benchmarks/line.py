@@ -1,7 +1,8 @@
-"""The whole line, stage by stage, and the diagnosis of a long bench: python -m benchmarks.line.
+"""Processor time of the whole pipeline, stage by stage, and of the diagnosis of a long bench: python -m
+benchmarks.line.
 
-Every campaign runs in a process of its own, as `truing run` does. Processor time (user and system) is told by stage,
-because it does not depend on neighbours as much as time by the clock does; both are told for the whole. Memory is the
+Every campaign runs in a process of its own, as `truing run` does. Processor time (user and system) is reported by
+stage, because it depends less on other processes than wall-clock time; both are reported for the whole. Memory is the
 largest that the operating system counted.
 """
 
@@ -21,7 +22,7 @@ from pathlib import Path
 
 import numpy as np
 
-from benchmarks.rows import Row, leave
+from benchmarks.rows import Row, record_row
 from benchmarks.timing import as_installed
 from tests.blind.generator.sensor.campaign import draw_campaign
 from tests.blind.generator.sensor.effects import LoadEccentricity
@@ -121,22 +122,24 @@ def main(arguments: Sequence[str] | None = None) -> None:
     parser.add_argument("--repeats", type=int, default=REPEATS, help="of each run of the bench (756 load steps each)")
     parser.add_argument("--one", type=Path, help="run this campaign here, and print its figures as JSON")
     parser.add_argument("--out", type=Path, help="folder of that run")
-    asked = parser.parse_args(arguments)
-    if asked.one is not None:
-        print(json.dumps(vars(_one(asked.one, asked.out))))
+    options = parser.parse_args(arguments)
+    if options.one is not None:
+        print(json.dumps(vars(_one(options.one, options.out))))
         return
     with tempfile.TemporaryDirectory() as home:
-        folders = asked.campaigns or [
+        folders = options.campaigns or [
             *(Path("sample_data") / name for name in SAMPLES),
-            write_bench(Path(home) / BENCH, asked.repeats),
+            write_bench(Path(home) / BENCH, options.repeats),
         ]
         names = [open_campaign(folder).name for folder in folders]
         lines = {name: measure(folder, Path(home) / "runs" / name) for name, folder in zip(names, folders, strict=True)}
     print(table(lines))
     for name, line in lines.items():
         is_bench = name == BENCH
-        leave(Row(f"whole line of {name}", line.clock_s, "s", limit=None if is_bench else _SECONDS))
-        leave(Row(f"whole line of {name}: memory", line.memory / 1e6, "MB", limit=_MEMORY_MB if is_bench else None))
+        record_row(Row(f"whole line of {name}", line.clock_s, "s", limit=None if is_bench else _SECONDS))
+        record_row(
+            Row(f"whole line of {name}: memory", line.memory / 1e6, "MB", limit=_MEMORY_MB if is_bench else None)
+        )
 
 
 if __name__ == "__main__":

@@ -21,7 +21,7 @@ from pathlib import Path
 import numpy as np
 import pyarrow.parquet as pq
 
-from benchmarks.rows import Row, leave
+from benchmarks.rows import Row, record_row
 from benchmarks.timing import as_installed
 from truing.pipeline.run_campaign import JobPlan, RunOptions, run_job
 
@@ -91,7 +91,7 @@ def size_of(folder: Path) -> int:
 
 
 def measure(campaigns: int, singles: int, words: Sequence[str]) -> None:
-    """Print and leave all figures."""
+    """Print and record all figures."""
     with tempfile.TemporaryDirectory() as home:
         folder = Path(home)
         places = [write_campaign(folder / "campaigns", number) for number in range(campaigns)]
@@ -101,12 +101,12 @@ def measure(campaigns: int, singles: int, words: Sequence[str]) -> None:
         each = whole.processor_s / campaigns
         own, how = f"{campaigns:,} campaigns in one call", " ".join(words) or "one process"
         print(f"{own} ({how}): {each:.2f} CPU s each; one alone {single:.2f} CPU s; ratio {each / single:.2f}")
-        leave(Row(f"{own}: processor time of each over that of one alone", each / single, "", limit=1.2))
-        leave(Row(f"{own}: processor time of each", each, "s"))
-        leave(Row(f"{own}: memory of the largest process", whole.peak_mb, "MB"))
-        leave(Row("one campaign over the network", sent_bytes(places[0], folder / "here") / 1e3, "kB"))
-        leave(Row("one campaign read from disk", size_of(places[0]) / 1e3, "kB"))
-        leave(Row("one campaign written to disk", size_of(folder / "single0") / 1e6, "MB"))
+        record_row(Row(f"{own}: processor time of each over that of one alone", each / single, "", limit=1.2))
+        record_row(Row(f"{own}: processor time of each", each, "s"))
+        record_row(Row(f"{own}: memory of the largest process", whole.peak_mb, "MB"))
+        record_row(Row("one campaign over the network", sent_bytes(places[0], folder / "here") / 1e3, "kB"))
+        record_row(Row("one campaign read from disk", size_of(places[0]) / 1e3, "kB"))
+        record_row(Row("one campaign written to disk", size_of(folder / "single0") / 1e6, "MB"))
 
 
 def _check(out: Path, campaigns: int) -> None:
@@ -123,9 +123,9 @@ def main() -> None:
     parser.add_argument("--singles", type=int, default=3, help="calls of a single campaign")
     parser.add_argument("--workers", type=int, default=2)
     parser.add_argument("--scheduler", default="local", help="as of `truing run`; empty: processes without Dask")
-    asked = parser.parse_args()
-    scheduler = ["--scheduler", asked.scheduler] if asked.scheduler else []
-    measure(asked.campaigns, asked.singles, ["--workers", str(asked.workers), *scheduler])
+    options = parser.parse_args()
+    scheduler = ["--scheduler", options.scheduler] if options.scheduler else []
+    measure(options.campaigns, options.singles, ["--workers", str(options.workers), *scheduler])
 
 
 if __name__ == "__main__":

@@ -1,4 +1,4 @@
-"""Table of all benchmarks, and the page made from the rows that were kept."""
+"""Table of all benchmarks, and docs/benchmarks.md from the recorded rows."""
 
 from __future__ import annotations
 

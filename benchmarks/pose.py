@@ -1,11 +1,11 @@
-"""Rigid fits and robust fits beside other libraries: python -m benchmarks.pose [--repeats 9].
+"""Rigid fits and robust fits compared with other libraries: python -m benchmarks.pose [--repeats 9].
 
 Batches of 100,000 poses of 20 points and of 40 poses of 100, with one thread and with two, on pinned processors. Ours
 carry weights, covariances and all checks; the others fit, no more. A row whose fits are not all within 1e-6 of the
 least sum of squares prints no ratio; a library that is not installed prints "unmeasured". Libraries that fit one pose
-per call are timed on the first 1000. The robust part counts how often 20 and 200 points with gross errors of
-millimetres in 5 um noise end within noise of the truth, and how the errors compare with those of a fit to the true
-points (the oracle).
+per call are timed on the first 1000. The robust part has 20 and 200 points in 5 um noise, with gross errors of
+millimetres. It counts how often the pose is within noise of the truth, and compares its errors with those of a fit to
+the right points (the oracle).
 """
 
 from __future__ import annotations
@@ -17,7 +17,7 @@ from functools import partial
 import numpy as np
 
 from benchmarks.pose_peers import FITS, Fit, teaser
-from benchmarks.rows import Row, leave, timed_row
+from benchmarks.rows import Row, record_row, timed_row
 from benchmarks.timing import interleaved, spread, threads_and_repeats
 
 _OURS = "truing umeyama"
@@ -111,7 +111,7 @@ def compare_fits(poses: int, points: int, threads: int, repeats: int) -> None:
     seconds = interleaved(tasks, repeats)
     rates = {name: count.get(name, poses) / s for name, s in seconds.items()}
     excess = {name: excess_of(fit, source, target, least) for name, fit in (mine | others).items()}
-    leave(
+    record_row(
         timed_row(
             f"rigid fit, {poses:,} poses of {points} points, {threads} thread(s)",
             {name: 1.0 / rates[name] for name in excess},
@@ -184,7 +184,7 @@ def compare_robust(points: int, wrong: float, repeats: int, share: float) -> Non
     }
     seconds = interleaved(tasks, repeats)
     each = {name: s / count[name] for name, s in seconds.items()}
-    leave(_robust_row(points, wrong, each))
+    record_row(_robust_row(points, wrong, each))
     for name, fit in fits.items():
         n = count[name]
         error = pose_error(*fit(source[:n], target[:n]), R[:n], t[:n])
@@ -214,10 +214,10 @@ def pose_error(R: np.ndarray, t: np.ndarray, R_true: np.ndarray, t_true: np.ndar
 
 def main() -> None:
     """Measure all of it, one process per number of threads."""
-    asked = threads_and_repeats("benchmarks.pose", __doc__ or "")
-    if asked is None:
+    options = threads_and_repeats("benchmarks.pose", __doc__ or "")
+    if options is None:
         return
-    threads, repeats, share = asked
+    threads, repeats, share = options
     for poses, points in _SIZES:
         compare_fits(max(2, round(share * poses)), points, threads, repeats)
     if threads == 1:

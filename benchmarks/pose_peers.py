@@ -1,4 +1,4 @@
-"""Other libraries' ways to fit rigid motions, each as a function of the same clouds; none carries weights here.
+"""Rigid fits of the same clouds by other libraries; none of them takes weights here.
 
 Each factory imports its library, so that one that is not installed costs nothing but its row.
 """

@@ -1,4 +1,4 @@
-"""Choice of 40 configurations beside SLSQP: python -m benchmarks.pose_selection [--repeats 9 --starts 3].
+"""Choice of 40 configurations compared with SLSQP: python -m benchmarks.pose_selection [--repeats 9 --starts 3].
 
 The sample telescope within the range of its actuators, seven parameters of each leg: how long it takes to reach 95, 97
 and 99 % of the best possible (D-efficiency), and what certifies it. Ours: rows of all candidates, bound, rounding and
@@ -16,7 +16,7 @@ from pathlib import Path
 
 import numpy as np
 
-from benchmarks.rows import Peer, PeerState, Row, leave
+from benchmarks.rows import Peer, PeerState, Row, record_row
 from benchmarks.timing import interleaved, pin, run_pinned, seconds_now
 
 POSES = 40
@@ -139,7 +139,7 @@ def measure(repeats: int, starts: int, iterations: int) -> None:
         print(f"{'':40} {verdict(histories, seconds['bound and choice, 64 corners'], shares[0])}")
 
     own = 1e3 * float(np.median(seconds["bound and choice, 64 corners"]))
-    leave(
+    record_row(
         Row(
             f"{POSES} configurations, {100 * shares[0]:.2f} % of the best possible", own, "ms", tuple(peers), limit=10.0
         )

@@ -16,7 +16,7 @@ from pathlib import Path
 
 import numpy as np
 
-from benchmarks.rows import Row, leave
+from benchmarks.rows import Row, record_row
 
 SMALLEST = ("--poses", "8", "--repeats", "1")
 _SAMPLE = Path(__file__).resolve().parents[1] / "sample_data" / "telescope"
@@ -45,13 +45,13 @@ def main() -> None:
     parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
     parser.add_argument("--poses", type=int, default=40)
     parser.add_argument("--repeats", type=int, default=3)
-    asked = parser.parse_args()
+    options = parser.parse_args()
     with tempfile.TemporaryDirectory() as home:
-        campaign = planned(Path(home) / "plan", asked.poses)
-        spent = [first_answer(campaign, Path(home) / "power.parquet") for _ in range(asked.repeats)]
-    print(f"{asked.poses} poses, all causes: {min(spent):.1f} {np.median(spent):.1f} {max(spent):.1f} CPU s")
-    what = f"truing power, {asked.poses} poses, all causes: first answer, processor time"
-    leave(Row(what, float(np.median(spent)), "s", limit=60.0))
+        campaign = planned(Path(home) / "plan", options.poses)
+        spent = [first_answer(campaign, Path(home) / "power.parquet") for _ in range(options.repeats)]
+    print(f"{options.poses} poses, all causes: {min(spent):.1f} {np.median(spent):.1f} {max(spent):.1f} CPU s")
+    what = f"truing power, {options.poses} poses, all causes: first answer, processor time"
+    record_row(Row(what, float(np.median(spent)), "s", limit=60.0))
 
 
 if __name__ == "__main__":

@@ -65,7 +65,7 @@ def places(seed: int) -> list[Place]:
     return [Place(layout.name, Ground(layout, 16, 3, seed)) for layout in (few, legs)]
 
 
-def asked(ground: Ground) -> list[DetectionQuestion]:
+def questions_of_layout(ground: Ground) -> list[DetectionQuestion]:
     """The questions of a layout, with what theory expects."""
     seen = expected_sights(ground.plan, assembled_data(ground.power_tables([], 0), ground.settings), ground.settings)
     found = questions(ground.plan, seen, CAUSES, catalogue().values())
@@ -74,7 +74,7 @@ def asked(ground: Ground) -> list[DetectionQuestion]:
 
 def cases(listed: Sequence[Place], draws: int, done: set[str]) -> Iterator[Record]:
     """Both answers to every case that is not done; one of each before the second of any."""
-    questions_of = {place.name: asked(place.ground) for place in listed}
+    questions_of = {place.name: questions_of_layout(place.ground) for place in listed}
     for number in range(draws):
         for place in listed:
             for question, step in product(questions_of[place.name], range(len(FACTORS))):
@@ -84,7 +84,7 @@ def cases(listed: Sequence[Place], draws: int, done: set[str]) -> Iterator[Recor
 
 
 def hidden_twice(ground: Ground, question: DetectionQuestion, step: int, number: int) -> Record:
-    """One effect, drawn and generated; what the diagnosis says of either, and how often theory finds it."""
+    """One effect, drawn and generated; the diagnosis of each, and the theoretical detection rate."""
     sort, size = question.kind, FACTORS[step] * (question.expected or 0.0)
     own = sorted(SORTS).index(_sort_of(question)), step, number
     effect = sort.draw(size, ground.plan.layout.model.part_count, np.random.default_rng([ground.seed, *own]))

@@ -1,4 +1,4 @@
-"""Tables and figure of docs/power.md, from the results of ``benchmarks.power_agreement``; nothing is typed."""
+"""Tables and figure of docs/power.md, generated from the results of ``benchmarks.power_agreement``."""
 
 from __future__ import annotations
 
@@ -99,7 +99,7 @@ def _told(count: int, of: int) -> str:
 
 
 def figure(records: Sequence[Record]) -> str:
-    """Return rates by size as SVG: both with their exact 95 % bounds beside what theory expects."""
+    """Return rates by size as SVG: both with their exact 95 % bounds with the theoretical rate."""
     factors = sorted({record["factor"] for record in records})
     low, high = np.log(factors[0] / 1.15), np.log(factors[-1] * 1.15)
 
@@ -114,8 +114,8 @@ def figure(records: Sequence[Record]) -> str:
     parts.append(_text(250, 290, "size over that which theory expects to be found with 80 %"))
     groups = [[record for record in records if record["factor"] == factor] for factor in factors]
     line = [at(f, float(np.mean([one["theory"] for one in own]))) for f, own in zip(factors, groups, strict=True)]
-    told = " ".join(f"{x:.1f},{y:.1f}" for x, y in line)
-    parts.append(f'<polyline points="{told}" fill="none" stroke="#000" stroke-dasharray="6 4"/>')
+    polyline = " ".join(f"{x:.1f},{y:.1f}" for x, y in line)
+    parts.append(f'<polyline points="{polyline}" fill="none" stroke="#000" stroke-dasharray="6 4"/>')
     for side, who in ((-5, "power"), (5, "generator")):
         for factor, group in zip(factors, groups, strict=True):
             count = _count(group, who, "found")

@@ -17,7 +17,7 @@ from pathlib import Path
 import numpy as np
 from scipy.stats import beta
 
-from benchmarks.rows import Row, leave
+from benchmarks.rows import Row, record_row
 from tests.blind.generator.campaign import draw_campaign
 from tests.blind.generator.draw import LAYOUTS
 from tests.blind.generator.effects import MatrixDeformation
@@ -64,7 +64,9 @@ def _report(kind: str, campaigns: int, judge: Callable[[int], Verdicts]) -> None
         failed.update({check for check, verdict in verdicts if verdict == "fail"} or {"none"})
         warned.update({check for check, verdict in verdicts if verdict == "warn"})
     trips = campaigns - failed["none"]
-    leave(Row(f"good campaigns of {kind} that fail a check, of {campaigns}", 100 * trips / campaigns, "%", limit=1.0))
+    record_row(
+        Row(f"good campaigns of {kind} that fail a check, of {campaigns}", 100 * trips / campaigns, "%", limit=1.0)
+    )
     bound = beta.ppf(0.975, trips + 1, campaigns - trips)
     sys.stdout.write(f"{trips} of {campaigns} good campaigns failed (at most {100 * bound:.1f} % at 97.5 %)\n")
     for name, counts in (("fails", failed), ("warns", warned)):

@@ -1,4 +1,4 @@
-"""Simulated re-calibrations of legs beside loops of scipy: python -m benchmarks.recalibration [--repeats 9].
+"""Simulated re-calibrations of legs compared with loops of scipy: python -m benchmarks.recalibration [--repeats 9].
 
 The telescope report's implicit calibration (eq. 30) of the six legs, six parameters each, over 40 poses of many
 draws of a campaign, with one thread and with two, on pinned processors. Ours with covariance, rank and status;
@@ -15,7 +15,7 @@ from multiprocessing import get_context
 
 import numpy as np
 
-from benchmarks.rows import leave, timed_row
+from benchmarks.rows import record_row, timed_row
 from benchmarks.timing import interleaved, spread, threads_and_repeats
 from truing.estimation.rotation import exp_so3
 from truing.simulation.mechanisms.legs.closures import mechanism
@@ -146,7 +146,7 @@ def compare(title: str, machine: Machine, parameters: ParameterSet, threads: int
     missed = [name for name, worst in worst_of.items() if not worst <= 1e-6]
     each = {name: 1.0 / rate for name, rate in rates.items()}
     what = f"recalibration of a leg, {title}, {threads} thread(s)"
-    leave(timed_row(what, each, _OURS, own=[_BY_QR], missed=missed, unit="µs", least_ratio=20.0))
+    record_row(timed_row(what, each, _OURS, own=[_BY_QR], missed=missed, unit="µs", least_ratio=20.0))
     for name, rate in rates.items():
         worst = worst_of[name]
         print(f"{name:24} {spread(rate)}  {_verdict(name, worst, rates)}", flush=True)
@@ -180,10 +180,10 @@ def _in_processes(peer: Peer, processes: int) -> Costs:
 
 def main() -> None:
     """Measure all of it, one process per number of threads."""
-    asked = threads_and_repeats("benchmarks.recalibration", __doc__ or "")
-    if asked is None:
+    options = threads_and_repeats("benchmarks.recalibration", __doc__ or "")
+    if options is None:
         return
-    threads, repeats, share = asked
+    threads, repeats, share = options
     for deformation, value, title in (
         ("linear", KAPPA, "a_x a_y b_x b_y kappa l"),
         ("none", 0.0, "a_x a_y b_x b_y u_x l"),

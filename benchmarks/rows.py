@@ -1,6 +1,6 @@
 """Rows of the table of all benchmarks: ours, the best peer, their ratio and the limit.
 
-A benchmark hands rows to ``leave``. ``python -m benchmarks`` collects them through a file that it names in the
+A benchmark hands rows to ``record_row``. ``python -m benchmarks`` collects them through a file that it names in the
 environment, because benchmarks measure in processes of their own.
 """
 
@@ -88,7 +88,7 @@ class Row:
 
     @staticmethod
     def read(written: Mapping[str, Any]) -> Row:
-        """The row as ``leave`` wrote it."""
+        """The row as ``record_row`` wrote it."""
         return Row(**{**written, "peers": tuple(Peer(**peer) for peer in written["peers"])})
 
 
@@ -100,7 +100,7 @@ def _within(value: float, limit: float, more_is_better: bool) -> bool:
     return value >= limit if more_is_better else value <= limit
 
 
-def leave(row: Row) -> None:
+def record_row(row: Row) -> None:
     """Add a row to the table of this call of ``python -m benchmarks``; nothing elsewhere."""
     if file := os.environ.get(FILE):
         with Path(file).open("a", encoding="utf-8") as rows:

@@ -1,4 +1,4 @@
-"""Timing that stays honest beside neighbours: pinned processes, interleaved repeats, minimum, median and maximum."""
+"""Reliable timing on a busy machine: pinned processes, interleaved repeats, minimum, median and maximum."""
 
 from __future__ import annotations
 

@@ -1,10 +1,10 @@
 """Sampled tolerances of a six-axis force sensor: python -m benchmarks.tolerances [--repeats 9] [--samples 1000000].
 
 Platforms per second, with one thread and with two, on pinned processors: thirty normal errors each (five sources, six
-legs), closed by the legs' lengths without linearising. Beside it what one would write by NumPy (the same errors,
-Newton's method with a fresh 6x6 matrix for every platform, in blocks), SciPy's root for one platform after the other,
-and drawing the random numbers alone. A row prints a figure only if its legs have the lengths that they should, to
-rounding; ours also only if one worker and all of them draw the same bytes.
+legs), closed by the legs' lengths without linearising. Peers: NumPy (the same errors, Newton's method with a new 6x6
+matrix for every platform, in blocks), and SciPy's root for one platform after the other. The drawing of the random
+numbers alone is timed as well. A row prints a figure only if its legs have the lengths that they should, to rounding;
+ours also only if one worker and all of them draw the same bytes.
 """
 
 from __future__ import annotations
@@ -14,7 +14,7 @@ from collections.abc import Callable
 
 import numpy as np
 
-from benchmarks.rows import leave, timed_row
+from benchmarks.rows import record_row, timed_row
 from benchmarks.timing import interleaved, pin, run_pinned, spread, thread_counts
 from truing.estimation.rotation import exp_so3, left_jacobian_so3
 from truing.simulation.bench.six_upur.geometry import JointCentres, joint_centres, outward
@@ -111,11 +111,11 @@ def measure(samples: int, threads: int, repeats: int) -> None:
     each = {name: seconds[name] / count for name, (count, _) in rows.items()}
     missed = [name for name, wrong in faults.items() if not wrong < _ROUNDING]
     what = f"sensor within tolerances, {threads} thread(s)"
-    leave(timed_row(what, each, _OURS, own=[_ALONE], missed=missed, unit="µs", least_ratio=5.0))
+    record_row(timed_row(what, each, _OURS, own=[_ALONE], missed=missed, unit="µs", least_ratio=5.0))
     for name, (count, _) in rows.items():
         wrong = faults.get(name, 0.0)
-        said = spread(count / seconds[name]) if wrong < _ROUNDING else "no figure: legs have not their lengths"
-        print(f"{name:26} {said}  lengths off by {wrong:.0e}", flush=True)
+        text = spread(count / seconds[name]) if wrong < _ROUNDING else "no figure: legs have not their lengths"
+        print(f"{name:26} {text}  lengths off by {wrong:.0e}", flush=True)
 
 
 def main() -> None:

@@ -1,4 +1,4 @@
-"""Points without names and surfaces without targets: time per pose, and whether the covariance of a scan's pose holds.
+"""Time per pose for points without names and for scans, and coverage of a scan's pose covariance.
 
 python -m benchmarks.unlabelled [--trials 400]
 """
@@ -12,7 +12,7 @@ from pathlib import Path
 
 import numpy as np
 
-from benchmarks.rows import Row, leave
+from benchmarks.rows import Row, record_row
 from benchmarks.timing import PROCESSOR_TIME, interleaved, pin, run_pinned, thread_counts
 from truing.estimation.labels.labelling import label_bodies, label_points
 from truing.estimation.rotation import exp_so3, log_so3
@@ -43,7 +43,7 @@ def _labelling() -> None:
     cloud = np.concatenate([_moved(rng, survey) for survey in bodies.values()])
     tasks["eight bodies of 56 targets in one cloud"] = lambda: label_bodies(cloud, bodies, _SIGMA)
     for name, seconds in interleaved(tasks, 7).items():
-        leave(Row(f"labels: {name}", 1e3 * float(np.median(seconds)), "ms"))
+        record_row(Row(f"labels: {name}", 1e3 * float(np.median(seconds)), "ms"))
         print(f"  {name:<52} {1e3 * seconds.min():8.1f} {1e3 * np.median(seconds):8.1f} {1e3 * seconds.max():8.1f} ms")
 
 
@@ -70,7 +70,7 @@ def _registration(most: int) -> None:
         fit = register_scan(scan, reference)
         wall, cpu = time.perf_counter() - wall, time.process_time() - cpu
         spent = cpu if os.environ.get(PROCESSOR_TIME) else wall
-        leave(Row(f"registration of a scan of {n:,} points", spent, "s"))
+        record_row(Row(f"registration of a scan of {n:,} points", spent, "s"))
         sigma = 1e6 * np.sqrt(fit.covariance[0, 0]) if fit.covariance is not None else np.nan
         print(f"  {n:>9,} reference, {len(scan):>9,} scan points: {fit.status}, {wall:6.1f} s, {cpu:6.1f} CPU s, "
               f"sigma_x {sigma:.2f} um, peak {_peak_mb():.0f} MB")  # fmt: skip
@@ -95,7 +95,7 @@ def _coverage(trials: int) -> None:
         squared.append(error @ np.linalg.solve(fit.covariance, error))
         enlarged += fit.noise_ratio > 1
     inside = np.mean(np.array(squared) < _ELLIPSOID)
-    leave(Row(f"share of {trials} scans inside their 95 % ellipsoid", 100 * float(inside), "%"))
+    record_row(Row(f"share of {trials} scans inside their 95 % ellipsoid", 100 * float(inside), "%"))
     print(f"  95 % ellipsoid of {trials} scans of 5,600 points: covers {100 * inside:.1f} % (+- "
           f"{100 * np.sqrt(0.95 * 0.05 / trials):.1f}), mean squared error {np.mean(squared):.2f} of 6, "
           f"covariance enlarged in {100 * enlarged / trials:.1f} %")  # fmt: skip

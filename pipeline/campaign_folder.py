@@ -114,11 +114,11 @@ def _expected_instead(path: Path) -> str:
         return "a regular file, not a folder, pipe, device or broken link"
     if path.is_dir():
         return f"a campaign.toml in this folder; `truing init {path}` writes one to complete"
-    return f"a campaign folder that exists, with a campaign.toml in it{folder_meant(path)}"
+    return f"a campaign folder that exists, with a campaign.toml in it{suggested_folder(path)}"
 
 
-def folder_meant(path: Path) -> str:
-    """Suggestion for a folder that is missing, as the end of a message: a similar name beside it."""
+def suggested_folder(path: Path) -> str:
+    """Suggestion for a folder that is missing, as the end of a message: the most similar name next to it."""
     if os.path.lexists(path):
         return ""
     try:

@@ -2,19 +2,17 @@
 
 from __future__ import annotations
 
-import math
-import re
 from collections.abc import Callable
 from typing import TYPE_CHECKING, Annotated
 
 import typer
 
 from truing.pipeline import command_options as option
+from truing.pipeline.option_values import number_pair, workforce
 from truing.pipeline.problems import ExitCode
 
 if TYPE_CHECKING:
     from truing.pipeline.console import RunConsole
-    from truing.pipeline.executor import Workforce
 
 
 COMPLETE = "_TRUING_COMPLETE"  # set by the shell that asks for completions
@@ -33,35 +31,6 @@ app = typer.Typer(
 def _listed(words: str) -> tuple[str, ...]:
     """Words of a comma-separated option."""
     return tuple(word.strip() for word in words.split(",") if word.strip())
-
-
-def _pair(option: str, text: str) -> tuple[float, float]:
-    """Two numbers separated by a comma; raises typer.BadParameter."""
-    try:
-        low, high = (float(word) for word in text.split(","))
-    except ValueError:
-        raise typer.BadParameter(
-            f"{option}: two numbers separated by a comma, such as 500,1500; found {text!r}"
-        ) from None
-    if not (math.isfinite(low) and math.isfinite(high)):
-        raise typer.BadParameter(f"{option}: finite numbers; found {text!r}")
-    return low, high
-
-
-def workforce(workers: int | None, scheduler: str | None) -> Workforce:
-    """Workforce by the options; raises typer.BadParameter."""
-    from truing.pipeline.executor import LOCAL, Workforce, installed
-
-    if scheduler not in (None, LOCAL) and not re.fullmatch(r"(tcp|tls)://[^/\s]+:\d+", scheduler or ""):
-        raise typer.BadParameter(
-            f"--scheduler: found {scheduler!r}; expected tcp://host:port, tls://host:port or local"
-        )
-    asked = Workforce(workers, scheduler)
-    if (available := installed(asked)) != asked:
-        typer.echo(
-            f'Dask is not installed (pip install "truing[cluster]"): {available} of this machine instead', err=True
-        )
-    return available
 
 
 def _print_version(wanted: bool) -> None:
@@ -161,7 +130,8 @@ def watch(
     verbose: option.WatchVerbose = False,
     json: option.WatchJson = False,
 ) -> None:
-    """Run a campaign again whenever its files change, while it is measured, and say whether it is enough.
+    """Run a campaign again whenever its files change, while it is measured, and report whether the measurements are
+    enough.
 
     Each round prints one line: whether the requirements are decided, and the next measurement. A page on this machine
     alone shows the same, with quality checks and all verdicts. Files that are being written are waited for; faults are
@@ -403,8 +373,8 @@ def plan(
         from truing.estimation.bundle.photograph_plan import PlanOptions
         from truing.pipeline.plan_command import PlanFiles, plan_campaign
 
-        near, far = _pair("--distance", distance) if distance else (None, None)
-        bounds = _pair("--elevation", elevation)
+        near, far = number_pair("--distance", distance) if distance else (None, None)
+        bounds = number_pair("--elevation", elevation)
         options = PlanOptions(stations, wanted, near, far, bounds, directions, incidence, least)
         return plan_campaign(campaign, options, PlanFiles(camera, run, normals, out), console)
 

@@ -47,7 +47,8 @@ def stages(context: typer.Context, incomplete: str) -> list[tuple[str, str]]:
 
 
 def causes(context: typer.Context, incomplete: str) -> list[tuple[str, str]]:
-    """Causes that the campaign on the line can be asked for, or all where none is named yet; after a comma others."""
+    """Causes of the campaign on the command line, or all causes if no campaign is named yet; after a comma, the
+    remaining ones."""
     from truing.report.wordings.catalogue import WORDINGS, cause_meaning
 
     known = dict.fromkeys(name for campaign in _campaigns(context) for name in _causes_of(campaign)) or WORDINGS

@@ -48,7 +48,7 @@ class RunConsole:
             self.line(line)
 
     def tell(self, kind: str, fact: Mapping[str, object]) -> None:
-        """Take a fact for JSON; elsewhere its line says the same."""
+        """Add a fact to the JSON output; other outputs print it as a line."""
 
     def sentence(self, sentence: str) -> None:
         """Print a sentence on a result, which JSON holds among ``sentences``."""
@@ -174,7 +174,7 @@ class Witness(Recorder):
         self._shown = shown
 
     def tell(self, kind: str, fact: Mapping[str, object]) -> None:
-        """Collect one fact, and tell it."""
+        """Collect one fact, and output it."""
         super().tell(kind, fact)
         self._shown.tell(kind, fact)
 

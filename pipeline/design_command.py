@@ -18,7 +18,7 @@ from truing.pipeline.given_files import check_file, read_given, table_bytes
 from truing.pipeline.in_memory import axis_tables, bench_tables, chain_tables
 from truing.pipeline.problems import ExitCode
 from truing.pipeline.whole_file import write_atomically
-from truing.report.numbers import count as counted
+from truing.report.numbers import count_text
 from truing.schemas.faults import CampaignFaults, Fault
 from truing.stages.axis_design import design_axis
 from truing.stages.cause_loads import loads_for_causes
@@ -65,7 +65,7 @@ def design_campaign(path: Path, options: DesignOptions, files: DesignFiles, cons
         found.table,
         files.out,
         console,
-        f"{counted(found.table.num_rows, 'pose')}, in the order in which to measure them",
+        f"{count_text(found.table.num_rows, 'pose')}, in the order in which to measure them",
     )
     return ExitCode.DONE
 
@@ -92,7 +92,7 @@ def _design_chain(
         chain_design.table,
         files.out,
         console,
-        f"{counted(chain_design.table.num_rows, 'pose')}, in the order in which to measure them",
+        f"{count_text(chain_design.table.num_rows, 'pose')}, in the order in which to measure them",
         "; add time_s when measuring",
     )
     if files.out is not None:
@@ -159,7 +159,7 @@ def _plan_loads(campaign: CampaignFolder, options: DesignOptions, files: DesignF
         load_plan.table,
         files.out,
         console,
-        f"{counted(load_plan.table.num_rows, 'load step')}, in the order in which to apply them",
+        f"{count_text(load_plan.table.num_rows, 'load step')}, in the order in which to apply them",
     )
     return ExitCode.DONE
 
@@ -182,7 +182,7 @@ def _loads_for_causes(
         console.sentence(line)
     if loads.table.num_rows:
         _write_table(
-            loads.table, files.out, console, f"{counted(loads.table.num_rows, 'load step')}, by purpose and run", ""
+            loads.table, files.out, console, f"{count_text(loads.table.num_rows, 'load step')}, by purpose and run", ""
         )
     return ExitCode.DONE
 

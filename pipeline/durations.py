@@ -1,4 +1,4 @@
-"""Times that stages took in a run folder, from which the next run there says how long it will take."""
+"""Times that stages took in a run folder, from which the next run estimates its duration."""
 
 from __future__ import annotations
 
@@ -88,7 +88,7 @@ def forget_largest_memory() -> None:
 
 
 def largest_memory() -> int | None:
-    """Return the largest memory of this process, bytes; None where the system does not say it."""
+    """Return the largest memory of this process, bytes; None if the system does not report it."""
     try:
         line = next(line for line in _STATUS.read_text().splitlines() if line.startswith("VmHWM"))
     except (OSError, StopIteration):

@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import fnmatch
 import glob
-import json
 import os
 import re
 from collections import Counter
@@ -16,7 +15,7 @@ from typing import TYPE_CHECKING
 from truing.formats.file_search import is_raw_file
 from truing.formats.guess import MappingKeys
 from truing.formats.source import OF_IMAGES
-from truing.pipeline.campaign_folder import FILE, folder_meant, is_safe_name
+from truing.pipeline.campaign_folder import FILE, suggested_folder
 from truing.pipeline.console import RunConsole
 from truing.pipeline.init_entries import (
     RawGroup,
@@ -28,14 +27,12 @@ from truing.pipeline.init_entries import (
     network_tables,
     photograph_entries,
     scanned_body,
-    shortened_entries,
 )
 from truing.pipeline.init_lists import with_numbered_poses, with_poses_in_order
 from truing.pipeline.init_loads import with_loads_once
 from truing.pipeline.init_loads_apart import with_loads_apart
-from truing.pipeline.init_machine import as_toml, gives_machine
 from truing.pipeline.init_names import with_bodies_of_survey, with_bodies_of_targets, with_poses_of_names
-from truing.pipeline.init_questions import Answers, Ask, names_a_body, parsed_answers
+from truing.pipeline.init_questions import Answers, Ask, parsed_answers
 from truing.pipeline.init_robot import (
     SUFFIX,
     Robot,
@@ -47,10 +44,19 @@ from truing.pipeline.init_robot import (
     with_reflector,
 )
 from truing.pipeline.init_survey import with_lost_points, with_survey, with_tip
+from truing.pipeline.init_text import (
+    BY_HAND,
+    LOADING_TABLES,
+    NO_TABLE,
+    campaign_text,
+    kind_of_tables,
+    listed_columns,
+    printable,
+    starter_campaign_text,
+)
 from truing.pipeline.problems import ExitCode, environment
 from truing.pipeline.run_folder import PRIVATE
-from truing.pipeline.starter import guess_lines
-from truing.report.numbers import count as counted
+from truing.report.numbers import count_text
 from truing.schemas.faults import CampaignFaults, Fault
 
 if TYPE_CHECKING:
@@ -58,8 +64,6 @@ if TYPE_CHECKING:
 
     _File = tuple["RawGroup", Guess]
 
-_TEMPLATE = Path(__file__).with_name("campaign_template.toml")
-_LOADING_TABLES = {"interferometer", "displacement", "signals", "loads", "quadrature", "positioning", "published"}
 _APART = (
     "targets",
     "configurations",
@@ -68,18 +72,12 @@ _APART = (
 )  # files that differ by words in their names are not one table
 _AXES, _LONGER = 3, 4
 _MOST_FILES = 5000
-_SHOWN_COLUMNS = 40
-_FEW = 6
 _SHOWN_FILES = 20  # files, or groups of these, whose first rows are shown
 _LISTED = 20  # columns, on the screen
-_LONGEST_NOTE = 240
 _NO_DESCRIPTION = (
     "needed: a description of the robot, which relates joints to points: put its URDF into the folder and call "
     "truing init again, or complete [mechanism] with its table of Denavit and Hartenberg"
 )
-_NO_TABLE = "no table has columns of these names"
-_BY_HAND = "docs/own-files.md"
-_MOST_LINES = 32  # of entries in a starter file
 _OF_EACH_POSE = {"pose", "role", "time_s", "temperature_c"}
 _NOT_RAW = {".toml", ".md", ".html", ".pdf", ".yaml", ".yml", ".json"}
 
@@ -95,7 +93,9 @@ def init_campaign(
     given = parsed_answers(answers)
     target = folder / FILE
     if not folder.is_dir():
-        raise CampaignFaults([Fault(str(folder), f"a folder that exists, with raw files in it{folder_meant(folder)}")])
+        raise CampaignFaults(
+            [Fault(str(folder), f"a folder that exists, with raw files in it{suggested_folder(folder)}")]
+        )
     robot = robot_of(folder, list(_files(folder)))
     guesses = _joined_groups([(group, _guess(group, robot)) for group in _raw_groups(folder)])
     guesses = network_tables(_with_surfaces(_rows_once(_separate_tables(_separate_globs(guesses))))) + _photographs(
@@ -115,16 +115,16 @@ def init_campaign(
     guesses = _settled(folder, guesses, all_answers, console)
     all_answers.raise_faults()
     name = folder.resolve().name
-    _write_new(target, campaign_text(name, guesses) if every_key else _starter(name, guesses, robot))
+    _write_new(target, campaign_text(name, guesses) if every_key else starter_campaign_text(name, guesses, robot))
     console.written(f"wrote {target}; complete it, then: truing check {folder}", [target])
     for point in all_answers.open_points():
         console.tell("open_points", point)
         if not point["answered"]:
             taken = f"taken as {point['taken']}" if point["taken"] else "to be completed"
-            where, key = _printable(str(point["path"])), point["key"]
+            where, key = printable(str(point["path"])), point["key"]
             console.line(f"open: {where}, {point['question']}: {taken} (else: --answer {key}=...)")
     if any(guess.table is None and not guess.known for _, guess in guesses):
-        console.line(f"files that are not recognised are read by entries written by hand: {_BY_HAND}")
+        console.line(f"files that are not recognised are read by entries written by hand: {BY_HAND}")
     if needs_description(robot, [guess for _, guess in guesses]):
         console.sentence(_NO_DESCRIPTION)
     if all_answers.used:
@@ -138,7 +138,7 @@ def _settled(folder: Path, guesses: list[_File], answers: Answers, console: RunC
     result = []
     for number, (group, guess) in enumerate(guesses):
         words = _summary(group, guess)
-        console.line(f"{_printable(group.glob)}: {words}")
+        console.line(f"{printable(group.glob)}: {words}")
         console.tell(
             "inputs", {"path": group.path or group.glob, "files": group.count, "table": guess.table, "summary": words}
         )
@@ -161,15 +161,15 @@ def _show(folder: Path, group: RawGroup, guess: Guess, console: RunConsole) -> N
     if guess.table is None or guess.known:
         return
     files = [group.example.parent / name for name in group.names] or [group.example]
-    rows = preview(folder, files, guess.table, _kind(Counter([guess.table])), guess.mapping)
+    rows = preview(folder, files, guess.table, kind_of_tables(Counter([guess.table])), guess.mapping)
     if rows is not None and rows.fault:
-        console.line(f"  not readable yet: {_printable(rows.fault)}")
+        console.line(f"  not readable yet: {printable(rows.fault)}")
     elif rows is not None:
         console.show(rows.columns, rows.rows)
 
 
 def _with_keys_of_names(guesses: list[_File]) -> list[_File]:
-    """Add to each guess what the names of its files say, and runs of their own to single files."""
+    """Add to each guess the pose, target or body in its file names, and a separate run to each single file."""
     tables = Counter(guess.table for _, guess in guesses)
     return [(group, _with_keys(group, guess, tables)) for group, guess in guesses]
 
@@ -182,7 +182,7 @@ def _with_keys(group: RawGroup, guess: Guess, tables: Counter[str | None]) -> Gu
 def _whole_mapping(group: RawGroup, guess: Guess, tables: Counter[str | None]) -> MappingKeys:
     mapping = _with_names(group, {**guess.mapping, **_body_from_name(group, guess)}, guess)
     constants = mapping.get("constants", {})
-    if tables[guess.table] > 1 and group.count == 1 and guess.table in _LOADING_TABLES and "run" in constants:
+    if tables[guess.table] > 1 and group.count == 1 and guess.table in LOADING_TABLES and "run" in constants:
         return {**mapping, "constants": {**constants, "run": Path(group.example).stem}}  # each entry has its own
     return mapping
 
@@ -325,24 +325,14 @@ def _with_surfaces(guesses: list[tuple[RawGroup, Guess]]) -> list[tuple[RawGroup
 
 def _summary(group: RawGroup, guess: Guess) -> str:
     if guess.table == "images":
-        return counted(group.count, "photograph")
+        return count_text(group.count, "photograph")
     many = f"{group.count} files, " if group.count > 1 else ""
     if guess.known:
-        return _printable(f"{many}{guess.notes[0]}")
+        return printable(f"{many}{guess.notes[0]}")
     if guess.table is None and guess.notes and not guess.columns:
-        return _printable(f"{many}not recognised: {guess.notes[0]}")
-    what = guess.table or f"not recognised: {_NO_TABLE}"
-    return _printable(f"{many}{what}; columns {_listed(guess.columns, _LISTED)}")
-
-
-def _listed(columns: tuple[str, ...], most: int = _SHOWN_COLUMNS) -> str:
-    more = f", and {len(columns) - most} more" if len(columns) > most else ""
-    return ", ".join(columns[:most]) + more if columns else "unknown"
-
-
-def _printable(text: str) -> str:
-    """A text on one line, printable and valid in a TOML comment."""
-    return text if text.isprintable() else "".join(c if c.isprintable() else ascii(c)[1:-1] for c in text)
+        return printable(f"{many}not recognised: {guess.notes[0]}")
+    what = guess.table or f"not recognised: {NO_TABLE}"
+    return printable(f"{many}{what}; columns {listed_columns(guess.columns, _LISTED)}")
 
 
 def _is_text(name: str) -> bool:
@@ -354,127 +344,12 @@ def _is_text(name: str) -> bool:
     return True
 
 
-def campaign_text(name: str, guesses: list[tuple[RawGroup, Guess]]) -> str:
-    """Text of a campaign.toml with every key explained."""
-    tables = Counter(guess.table for _, guess in guesses)
-    kind = _kind(tables)
-    files = (_file_lines(group, guess, alone=tables[guess.table] == 1) for group, guess in guesses)
-    parts = {
-        "@NAME@": _name(name),
-        "@KIND@": json.dumps(kind),
-        "@MAPPING_KEYS@": "\n".join(_mapping_keys()),
-        "@QUALITY_LIMITS@": "\n".join(_quality_limits(kind)),
-        "@FILES@": "\n".join(line for lines in files for line in lines),
-    }
-    return re.sub("|".join(parts), lambda match: parts[match[0]], _TEMPLATE.read_text(encoding="utf-8"))
-
-
-def _starter(name: str, guesses: list[tuple[RawGroup, Guess]], robot: Robot | None) -> str:
-    """Text of a campaign.toml with the keys that this campaign needs."""
-    from truing.pipeline.starter import starter_text
-
-    tables = Counter(guess.table for _, guess in guesses)
-    every = [guess for _, guess in guesses]
-    is_used = [one.table is not None or gives_machine(one, every, is_described=robot is not None) for one in every]
-    read = [one for one, used in zip(guesses, is_used, strict=True) if used]
-    remaining = [
-        one for one, used in zip(guesses, is_used, strict=True) if not used and one[0].example.suffix != SUFFIX
-    ]
-    entries = [
-        (g, guess, list(_file_lines(g, guess, alone=tables[guess.table] == 1, most=0)))
-        for g, guess in read
-        if guess.table is not None
-    ]
-    kept, more = shortened_entries(entries, _MOST_LINES)
-    files = [line for _, _, lines in kept for line in lines]
-    counted = sum(guess.table == "poses" and "number_rows" in guess.mapping for _, guess, _ in kept)
-    if counted > 1:
-        files += [
-            "",
-            "# Several entries number their poses from 1: keep those of this campaign, or change the first number of "
-            "the others.",
-        ]
-    files += _listing("Also found; truing init --all writes their entries:", [_found_words(*one[:2]) for one in more])
-    files += _listing(
-        f"Not read (entries by hand: {_BY_HAND}):", [_left_words(group, guess) for group, guess in remaining]
-    )
-    return starter_text(_name(name), _kind(tables), [guess for _, guess in read], files, robot)
-
-
-def _listing(head: str, words: list[str]) -> list[str]:
-    """Lines of remarks below a heading; none if there are no remarks."""
-    more = [f"#   and {len(words) - _FEW} others"] if len(words) > _FEW else []
-    return ["", f"# {head}", *(f"#   {_printable(one)}" for one in words[:_FEW]), *more] if words else []
-
-
-def _found_words(group: RawGroup, guess: Guess) -> str:
-    return f"{group.glob}{f', {group.count} files' if group.count > 1 else ''}: {guess.table}"
-
-
-def _left_words(group: RawGroup, guess: Guess) -> str:
-    why = f": {guess.notes[0]}" if guess.notes else f": {_NO_TABLE}; columns {_listed(guess.columns, _FEW)}"
-    return f"{group.glob}{f', {group.count} files' if group.count > 1 else ''}{why}"[:240]
-
-
-def _name(name: str) -> str:
-    return json.dumps(name if is_safe_name(name) else "my-campaign", ensure_ascii=False)
-
-
-def _kind(tables: Counter[str | None]) -> str:
-    return "interferometer" if tables.keys() & _LOADING_TABLES else "photogrammetry"
-
-
-def _mapping_keys() -> Iterator[str]:
-    """One line per key of [files.<table>], from its definition."""
-    from truing.schemas.mapping import FileMapping
-
-    for key, field in FileMapping.model_fields.items():
-        default = field.get_default(call_default_factory=True)
-        shown = "" if field.is_required() or default in (None, (), {}) else f"; absent: {as_toml(default)}"
-        yield f"#   {key:<12} {field.description or 'as it is written in the files'}{shown}"
-
-
-def _quality_limits(kind: str) -> Iterator[str]:
-    """One line per check of a kind of campaign with settable limits, from its declaration."""
-    from truing.schemas.quality_checks import settable
-
-    for name, limits in settable(kind).items():
-        verdicts = (("warns", limits.warns), ("fails", limits.fails))
-        yield f"#   {name:<17} {limits.of}: {', '.join(f'{verb} {words}' for verb, words in verdicts if words)}"
-
-
-def _file_lines(group: RawGroup, guess: Guess, *, alone: bool, most: int = _SHOWN_COLUMNS) -> Iterator[str]:
-    """Entry of a group of raw files; a comment if the group was not recognised."""
-    held = counted(group.count, "photograph") if guess.table == "images" else f"columns {_listed(guess.columns, most)}"
-    yield ""
-    if most or guess.table == "images":
-        yield f"# {_printable(group.glob)}: {_printable(held)}"
-    mapping = guess.mapping
-    notes = [_printable(note) for note in guess.notes]
-    yield from (f"# {note}" if most or len(note) < _LONGEST_NOTE else f"# {note[:_LONGEST_NOTE]}..." for note in notes)
-    if guess.table:
-        yield from map(_printable, guess_lines(mapping, guess))
-    if alone and not mapping and group.glob in (f"{guess.table}.csv", f"{guess.table}.parquet"):
-        return
-    if guess.table == "images" and not mapping:
-        return  # at the standard place
-    if guess.known and not guess.table:
-        return  # no table
-    mark = "" if guess.table else "# "
-    heading = f"files.{guess.table or 'points'}"
-    yield f"{mark}[{heading}]" if alone or not guess.table else f"{mark}[[{heading}]]"
-    for key, value in {"path": group.path or group.glob, **mapping}.items():
-        yield f"{mark}{key} = {_printable(as_toml(value)) if mark else as_toml(value)}"
-    if guess.table in ("points", "targets") and not mark and not names_a_body(guess):
-        yield '# constants = { body = "platform" }   # needed: the body that carries these targets'
-
-
 def _with_names(group: RawGroup, mapping: MappingKeys, guess: Guess) -> MappingKeys:
     """Keys for a group's files, with the pose or target in their names."""
     named = {*guess.columns, *mapping.get("columns", {}), *mapping.get("number_rows", {})}
     style = mapping.get("format")
     has_runs_in_names = "run" in mapping.get("constants", {}) and "from_name" not in mapping
-    if guess.table in _LOADING_TABLES and group.count > 1 and has_runs_in_names:
+    if guess.table in LOADING_TABLES and group.count > 1 and has_runs_in_names:
         others = {key: value for key, value in mapping["constants"].items() if key != "run"}
         rest = {key: value for key, value in mapping.items() if key != "constants"}
         return {**rest, **({"constants": others} if others else {}), **distinguishing_pattern(group.names, "run")}

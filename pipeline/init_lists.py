@@ -1,4 +1,4 @@
-"""Lists of numbered places beside a log of readings, for `truing init`: each place is one target in another pose."""
+"""Lists of numbered places next to a log of readings, for `truing init`: each place is one target in another pose."""
 
 from __future__ import annotations
 

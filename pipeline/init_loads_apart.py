@@ -1,4 +1,5 @@
-"""Loads in one file and signals in another, for `truing init`: two tables of one bench, and how their rows belong."""
+"""Loads in one file and signals in another, for `truing init`: two tables of one bench, and how their rows belong
+together."""
 
 from __future__ import annotations
 

@@ -96,7 +96,7 @@ Ask = Callable[[Question], str | None]
 
 @dataclass
 class Answers:
-    """Answers to questions, by glob (empty: any file) and key; ``ask`` returns None where nobody can be asked."""
+    """Answers to questions, by glob (empty: any file) and key; ``ask`` returns None without a terminal."""
 
     given: dict[tuple[str, str], str] = field(default_factory=dict)
     ask: Ask = lambda _: None
@@ -132,7 +132,8 @@ class Answers:
         return None
 
     def open_points(self) -> Iterator[dict[str, object]]:
-        """Yield what the files left open: the question, its possible values, what is taken, and whether it was said."""
+        """Yield what the files left open: the question, its possible values, the assumed one, and whether it was
+        answered."""
         for (glob, key), question in self.met.items():
             answer = self.used.get((glob, key))
             fact = {"path": glob, "key": key, "question": question.text, "values": list(question.values)}

@@ -91,7 +91,8 @@ def named_as_joints(guess: Guess, robot: Robot | None) -> Guess:
 
 
 def with_reflector(files: Sequence[tuple[RawGroup, Guess]], robot: Robot | None) -> list[Guess]:
-    """Return the guesses, a long list of named places beside a log of a robot's joints as points of one reflector."""
+    """Return the guesses; a long list of named places next to a log of a robot's joints becomes points of one
+    reflector."""
     guesses = [guess for _, guess in files]
     tables = [guess.table for guess in guesses]
     if robot is None or not has_joints(robot, guesses) or {"points", "poses"} & set(tables):
@@ -103,7 +104,7 @@ def with_reflector(files: Sequence[tuple[RawGroup, Guess]], robot: Robot | None)
 
 
 def on_tip(guesses: Sequence[Guess], robot: Robot | None) -> list[Guess]:
-    """Return the guesses, points beside joints of the same rows on the last link of the robot's description."""
+    """Return the guesses; points in the rows of joint readings get the last link of the robot's description as body."""
     from truing.formats.named_chain import LINK
 
     if robot is None:

@@ -141,8 +141,8 @@ def _without_zeros(folder: Path, group: RawGroup, guess: Guess) -> Guess:
 
 
 def with_tip(folder: Path, files: Sequence[tuple[RawGroup, Guess]], robot: Robot | None) -> list[Guess]:
-    """Return the guesses with what has no body, beside a robot's joints, on its last link; points in m if all are below
-    10."""
+    """Return the guesses; points without a body, next to a robot's joints, get its last link. Points all below 10 are
+    in m."""
     guesses = [guess for _, guess in files]
     tip = last_link(robot, guesses)
     if tip is None:

@@ -10,7 +10,7 @@ from pathlib import Path
 
 from truing.child_processes import child_environment
 from truing.pipeline.artifacts import table_of
-from truing.pipeline.campaign_folder import folder_meant
+from truing.pipeline.campaign_folder import suggested_folder
 from truing.pipeline.campaign_run import verdict_line
 from truing.pipeline.console import RunConsole
 from truing.pipeline.problems import EnvironmentProblem, ExitCode, environment
@@ -36,7 +36,7 @@ def report_run(folder: Path, *, as_pdf: bool, everything: bool, out: Path | None
     page, target = folder / ARTIFACTS["report"].file, out or folder / "report.pdf"
     if not page.is_file():
         raise CampaignFaults(
-            [Fault(str(folder), f"a folder with {page.name}, which `truing run` writes{folder_meant(folder)}")]
+            [Fault(str(folder), f"a folder with {page.name}, which `truing run` writes{suggested_folder(folder)}")]
         )
     if as_pdf and (target.suffix.lower() != ".pdf" or target.is_dir()):
         raise CampaignFaults([Fault("--out", "a file that ends in .pdf", value=str(target))])

@@ -27,7 +27,7 @@ from truing.pipeline.run_owner import folder_next_to_run, note_owner
 from truing.report.diagnosis.detectable_sizes import size_words
 from truing.report.diagnosis.findings import subject_words
 from truing.report.glossary_section import with_reference
-from truing.report.numbers import count
+from truing.report.numbers import count_text
 from truing.report.power_page import (
     PHOTOGRAPH_HEADS,
     SIZE_HEADS,
@@ -135,7 +135,7 @@ def power_campaign(
             answers.append(given)
             if (done := _rounds(len(answers), len(pieces), options.draws)) and len(answers) < len(pieces):
                 written = _write_results(campaign, asked, answers, file, photographs)
-                console.line(f"after {done} of {count(options.draws, 'draw')}: {written[-1]}")
+                console.line(f"after {done} of {count_text(options.draws, 'draw')}: {written[-1]}")
     except Interrupted:
         if answers:
             _report(campaign, asked, answers, file, photographs, console)  # computed over hours, perhaps
@@ -148,7 +148,7 @@ def _show_theory(asked: Sequence[DetectionQuestion], simulated: int, console: Ru
     """Print what theory expects, which is known within seconds, before campaigns are simulated."""
     sizes = sizes_table([curve(question, index, []) for index, question in enumerate(asked)])
     console.show(SIZE_HEADS, size_rows(sizes.to_pandas()))
-    console.line(f"By theory alone; {count(simulated, 'simulated campaign')} follow.")
+    console.line(f"By theory alone; {count_text(simulated, 'simulated campaign')} follow.")
 
 
 def _rounds(answers: int, pieces: int, draws: int) -> int:
@@ -160,11 +160,11 @@ def _rounds(answers: int, pieces: int, draws: int) -> int:
 def check_causes(names: Sequence[str], settings: Campaign) -> None:
     """Raise CampaignFaults for unknown causes of this kind of campaign."""
     known = [kind.id for kind in searched_for(settings, kinds_of(settings).values()) if kind.catalogued]
-    strange = [name for name in names if name not in known]
-    if strange:
+    unknown = [name for name in names if name not in known]
+    if unknown:
         known_text = ", ".join(known)
         raise CampaignFaults(
-            Fault("--causes", f"one of {known_text}{did_you_mean(name, known)}", value=name) for name in strange
+            Fault("--causes", f"one of {known_text}{did_you_mean(name, known)}", value=name) for name in unknown
         )
 
 

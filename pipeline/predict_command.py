@@ -10,7 +10,7 @@ import pyarrow as pa
 
 from truing import __version__
 from truing.pipeline.artifacts import Stamp, Unreadable, read_artifact, write_table
-from truing.pipeline.campaign_folder import FILE, folder_meant, identity_faults, open_campaign
+from truing.pipeline.campaign_folder import FILE, identity_faults, open_campaign, suggested_folder
 from truing.pipeline.console import JsonConsole, RunConsole
 from truing.pipeline.given_files import ENDINGS, check_file, read_given, table_bytes
 from truing.pipeline.manifest import digest_of
@@ -100,7 +100,7 @@ def _model_text(model: Path) -> str:
         return read_settings_text(model)
     except (FileNotFoundError, ValueError):
         raise CampaignFaults(
-            [Fault(str(model), f"the folder of a run, or a model.toml that a run has written{folder_meant(model)}")]
+            [Fault(str(model), f"the folder of a run, or a model.toml that a run has written{suggested_folder(model)}")]
         ) from None
 
 

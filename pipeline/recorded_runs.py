@@ -11,7 +11,7 @@ from pathlib import Path
 from truing import __version__
 from truing.pipeline.all_campaigns import PAGE as CAMPAIGNS_PAGE
 from truing.pipeline.artifacts import Stamp, write_table
-from truing.pipeline.campaign_folder import folder_meant, open_campaign
+from truing.pipeline.campaign_folder import open_campaign, suggested_folder
 from truing.pipeline.completions import ALL_FORMS, CERTIFICATE, FORMS, ROBOT
 from truing.pipeline.console import RunConsole
 from truing.pipeline.given_files import check_folder
@@ -55,7 +55,7 @@ def opened_run(folder: Path) -> Run:
         run = load(folder)
     except (FileNotFoundError, NotADirectoryError):
         raise CampaignFaults(
-            [Fault(str(folder), f"a folder that `truing run` has filled{folder_meant(folder)}")]
+            [Fault(str(folder), f"a folder that `truing run` has filled{suggested_folder(folder)}")]
         ) from None
     except ValueError as broken:
         raise CampaignFaults(_broken_run(folder, broken)) from None

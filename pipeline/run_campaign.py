@@ -30,7 +30,7 @@ from truing.pipeline.stage_order import (
     needed_for,
     stage_module,
 )
-from truing.report.numbers import approximate_duration, count
+from truing.report.numbers import approximate_duration, count_text
 from truing.schemas.artifacts import ARTIFACTS
 from truing.schemas.faults import CampaignFaults, Fault
 from truing.schemas.near_names import did_you_mean
@@ -188,7 +188,9 @@ def _expected_time(run: CampaignRun, stages: tuple[Stage, ...], settings: RunOpt
     seconds = run.durations.expected(names)
     if seconds is None or seconds < _WORTH_SAYING_S:
         return ""
-    return f"{count(len(names), 'stage')} to run: {approximate_duration(seconds)}, as long as they took here before"
+    return (
+        f"{count_text(len(names), 'stage')} to run: {approximate_duration(seconds)}, as long as they took here before"
+    )
 
 
 def _print_location(run: CampaignRun, console: RunConsole) -> None:

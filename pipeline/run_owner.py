@@ -28,7 +28,7 @@ def claim(run: CampaignRun) -> None:
     """Note the owner of a run folder (in memory, until the manifest is saved); raises CampaignFaults."""
     check_owner(run)
     if not run.manifest.entries:
-        _refuse_strange_files(run.folder)
+        _refuse_foreign_files(run.folder)
     run.manifest.owner = _owner(run)
 
 
@@ -74,7 +74,7 @@ def _present_artifacts(folder: Path) -> list[Artifact]:
     return [artifact for artifact in ARTIFACTS.values() if os.path.lexists(folder / artifact.file)]
 
 
-def _refuse_strange_files(folder: Path) -> None:
+def _refuse_foreign_files(folder: Path) -> None:
     """Raise CampaignFaults if files have names of artifacts but none is one."""
     there = _present_artifacts(folder)
     if there and not any(_carried_names(folder)):

@@ -1,4 +1,4 @@
-"""`truing watch`: runs a campaign again whenever its files change, and tells whether the measurements are enough."""
+"""`truing watch`: runs a campaign again whenever its files change, and reports whether the measurements are enough."""
 
 from __future__ import annotations
 
@@ -16,7 +16,7 @@ import pandas as pd
 from truing.estimation.repeated_looks import Look, counted_looks, is_decided, next_count
 from truing.formats.source import raw_files
 from truing.pipeline.artifacts import table_of
-from truing.pipeline.campaign_folder import CampaignFolder, folder_meant, run_folder_of
+from truing.pipeline.campaign_folder import CampaignFolder, run_folder_of, suggested_folder
 from truing.pipeline.console import Recorder, RunConsole
 from truing.pipeline.executor import processors
 from truing.pipeline.exit_status import end
@@ -104,7 +104,8 @@ class _Watch:
         return state
 
     def _counted(self, run: Path, look: Look) -> list[Look]:
-        """The looks that count, with this one; they are kept beside the run, so that another watch goes on counting."""
+        """The looks so far with this one; they are stored next to the run, so that a restarted watch continues to
+        count."""
         kept_looks = _KeptLooks(run / PRIVATE / _LOOKS, self._asked())
         # With fewer poses than before, poses were taken out: what was seen with them counts no more.
         counted = counted_looks([*(one for one in kept_looks.read() if one.count <= look.count), look])
@@ -112,7 +113,7 @@ class _Watch:
         return counted
 
     def _asked(self) -> object:
-        """What [requirement] asks for: looks at another question do not count."""
+        """The settings of [requirement]: looks at other requirements do not count."""
         campaign = self.campaign
         return None if campaign is None else campaign.section("requirement")
 
@@ -123,7 +124,7 @@ class _Watch:
 
 @dataclass(frozen=True)
 class _KeptLooks:
-    """Looks at the requirements of a run, in a file, so that a watch that starts again goes on counting."""
+    """Looks at the requirements of a run, in a file, so that a restarted watch continues to count."""
 
     file: Path
     asked: object
@@ -153,7 +154,7 @@ def watch_campaign(path: Path, out: Path | None, options: WatchOptions, console:
     """
     if not path.is_dir():
         raise CampaignFaults(
-            [Fault(str(path), f"a folder that exists, in which a campaign.toml is or will be{folder_meant(path)}")]
+            [Fault(str(path), f"a folder that exists, in which a campaign.toml is or will be{suggested_folder(path)}")]
         )
     watch = _Watch(path, out)
     with _page(watch, options, console) as server:

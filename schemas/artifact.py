@@ -153,7 +153,7 @@ def _bound_faults(file: str, column: Column, name: str, values: pa.ChunkedArray 
 
 
 def _is_within(values: pa.ChunkedArray | pa.Array, bound: float, is_minimum: bool) -> bool:
-    """True if the extreme of a column without empty cells tells that no value is outside; NumPy finds it much faster
+    """True if the extreme of a column without empty cells shows that no value is outside; NumPy finds it much faster
     than Arrow."""
     import numpy as np
 

@@ -21,6 +21,8 @@ RESULTS = (
     "tip",
 )
 
+LEG_JOINTS = "joints of leg"  # name of a frame in `frames`, before the number of the leg
+
 CALIBRATION_COLUMNS = (
     text("deformation", "deformation model of the platform", choices=_DEFORMING),
     text("parameter", "name of the parameter: a_x, b_y, u_x, l, rho0, kappa, K12, ..."),

@@ -187,7 +187,7 @@ class LeggedMechanism(MechanismSection):
 
     @property
     def is_elastic(self) -> bool:
-        """True if flexures and legs are known, so that the stiffness model takes up loads."""
+        """True if flexures and legs are known, so that the stiffness model can include loads."""
         known = self.flexure is not None and self.leg_tube is not None
         return known and len(self.legs) == 6 and all(leg.flexure_length_mm is not None for leg in self.legs)
 

@@ -343,7 +343,7 @@ class ExternalLoad(Section):
 
 
 class CalibrationSection(Section):
-    """[calibration]: what the calibration of a legged mechanism takes up beyond its standard models."""
+    """[calibration]: terms that the calibration of a legged mechanism adds to its standard models."""
 
     deformation: Literal["z", "in-plane"] = Field(
         "z",

@@ -87,14 +87,14 @@ def _remarks_on_bodies(contents: CampaignContents) -> Iterator[str]:
     surveyed = dict.fromkeys(survey.column("body").to_pylist())
     if without := [body for body in surveyed if body not in contents.targets]:
         yield f"no point was measured of {_listed('surveyed body', without)}"
-    if strange := [body for body in contents.targets if body not in surveyed]:
-        near = did_you_mean(strange[0], surveyed) if len(strange) == 1 else ""
-        yield f"no survey has {_listed('body', strange)}{near}"
+    if unknown := [body for body in contents.targets if body not in surveyed]:
+        near = did_you_mean(unknown[0], surveyed) if len(unknown) == 1 else ""
+        yield f"no survey has {_listed('body', unknown)}{near}"
 
 
 def _remarks_on_targets(contents: CampaignContents) -> Iterator[str]:
-    """Targets that are probably others: a letter away from one that is missing in these poses, or the only ones in the
-    place of one that is missing in these poses alone."""
+    """Targets that are probably others: one letter different from a target missing in these poses, or the only ones in
+    place of a target that is missing only there."""
     for body, seen in contents.names.items():
         known = _known_targets(contents, body, seen)
         unknown = [name for name in seen if name not in known]

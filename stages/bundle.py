@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Mapping
 from typing import TYPE_CHECKING
 
-from truing.report.numbers import count as counted
+from truing.report.numbers import count_text
 from truing.schemas.faults import CampaignFaults
 from truing.schemas.photograph_artifacts import FROM_MARKER
 from truing.stages.declaration import Outcome, Progress, Stage
@@ -76,7 +76,7 @@ def run(tables: Mapping[str, pa.Table], settings: Campaign, progress: Progress, 
         artifacts["known_point_errors"] = known_points_table(named, adjusted_network.known, adjusted.used)
     named = adjusted_network.named
     artifacts |= ray_tables(adjusted.observed, adjusted.state, named.poses, named.points.tolist(), named.bars)
-    read = f"{counted(len(rays.point), 'ray')} of {counted(len(photographs), 'image')}"
+    read = f"{count_text(len(rays.point), 'ray')} of {count_text(len(photographs), 'image')}"
     if settings.noise.point_mm is None and any(bar.startswith(FROM_MARKER) for bar in named.bars):
         read += (
             f"; sizes of markers and boards assumed known to {PRINTED_TO:.1%}, because [noise] point_mm is not declared"

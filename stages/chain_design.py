@@ -164,9 +164,9 @@ def _with_causes(poses: PlannedPoses, settings: Campaign, names: Sequence[str]) 
     """The poses with the effects of causes among the unknowns; raises CampaignFaults for unknown names."""
     causes = _candidate_causes(poses, settings)
     known = list(dict.fromkeys(cause.id for cause in causes))
-    if strange := [name for name in names if name not in known]:
+    if unknown := [name for name in names if name not in known]:
         expected = f"causes that poses of this chain can show: {', '.join(known)}"
-        raise CampaignFaults(Fault("--causes", expected, value=name) for name in strange)
+        raise CampaignFaults(Fault("--causes", expected, value=name) for name in unknown)
     return replace(poses, model=poses.model.with_causes([cause for cause in causes if cause.id in names]))
 
 

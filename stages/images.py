@@ -6,7 +6,7 @@ from collections.abc import Mapping
 from typing import TYPE_CHECKING
 
 from truing.formats.source import OF_IMAGES, CampaignFiles
-from truing.report.numbers import count as counted
+from truing.report.numbers import count_text
 from truing.stages.declaration import Outcome, Progress, Stage
 
 if TYPE_CHECKING:
@@ -62,7 +62,7 @@ def run(
     log.raise_faults()
     points = len(set(rays.image_points.column("point").to_pylist()) - {""})
     poses = len(set(rays.photographs.column("pose").to_pylist()))
-    read = [f"{counted(len(rays.image_points), 'ray')} of {counted(len(rays.photographs), 'image')}"]
+    read = [f"{count_text(len(rays.image_points), 'ray')} of {count_text(len(rays.photographs), 'image')}"]
     if elsewhere and rays.without_sigma:
         read.append(f"{rays.without_sigma:,} of them without a standard deviation: [noise] image_px")
     if elsewhere and not {"scale_bars", "known_points", "image_targets"} & known.keys():
@@ -74,7 +74,7 @@ def run(
         {**whose, "image_rejections": rays.image_rejections, **known},
         read="; ".join(read),
         left_out="; ".join(left_out) or "nothing",
-        figure=f"{counted(points, 'point')} in {counted(poses, 'pose')}",
+        figure=f"{count_text(points, 'point')} in {count_text(poses, 'pose')}",
     )
 
 

@@ -6,7 +6,7 @@ from collections.abc import Collection, Iterator, Mapping, Sequence
 from dataclasses import dataclass, field
 from typing import TYPE_CHECKING
 
-from truing.report.numbers import count as counted
+from truing.report.numbers import count_text
 from truing.stages.common.missing_data import (
     HELD_OUT,
     LEAST_POSES,
@@ -76,18 +76,18 @@ class CampaignContents:
 
 @dataclass(frozen=True)
 class Prospect:
-    """Expected result of a stage: ``of_what`` it evaluates; ``why_not``: reason why it evaluates nothing, otherwise
-    empty; ``perhaps``: condition that the tables alone do not decide."""
+    """Expected result of a stage: ``content``, what it will evaluate; ``why_not``: reason why it evaluates nothing,
+    otherwise empty; ``perhaps``: condition that the tables alone do not decide."""
 
     stage: str
     why_not: str
-    of_what: str = ""
+    content: str = ""
     perhaps: str = ""
 
     def __str__(self) -> str:
         if self.perhaps and not self.why_not:
             return f"{self.stage:<12} perhaps: {self.perhaps}"
-        text = f"not evaluated: {self.why_not}" if self.why_not else f"evaluated{self.of_what and ': '}{self.of_what}"
+        text = f"not evaluated: {self.why_not}" if self.why_not else f"evaluated{self.content and ': '}{self.content}"
         return f"{self.stage:<12} {text}"
 
 
@@ -130,7 +130,7 @@ def _adjustment(contents: CampaignContents) -> Iterator[Prospect]:
     poses = rays["pose"].unique().to_pylist()
     images, points = (_per_pose(rays.group_by(["pose", key]).aggregate([]), poses) for key in ("image", "point"))
     cost = adjustment_cost(images, points, _per_pose(rays, poses))
-    size = f"{counted(images.sum(), 'image')}, {counted(points.sum(), 'point')}, {counted(len(rays), 'ray')}"
+    size = f"{count_text(images.sum(), 'image')}, {count_text(points.sum(), 'point')}, {count_text(len(rays), 'ray')}"
     yield Prospect(
         "bundle", "", f"{size}: about {_about(cost.seconds)} s of one core and {_about(cost.bytes / 1e9)} GB"
     )

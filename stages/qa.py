@@ -59,7 +59,7 @@ _OF_TYPES = {"axis": "truing.stages.quality.axis_checks", "chain": "truing.stage
 
 def run(tables: Mapping[str, pa.Table], settings: Campaign, progress: Progress) -> Outcome:
     """Every check with its value, limit, verdict and sentence; accepted verdicts keep their row and stop to gate."""
-    from truing.report.numbers import count
+    from truing.report.numbers import count_text
     from truing.stages.common.belonging import belonging_table
     from truing.stages.quality.check import FAIL, WARN, checks_installed
     from truing.stages.quality.decisions import with_acceptances
@@ -78,7 +78,7 @@ def run(tables: Mapping[str, pa.Table], settings: Campaign, progress: Progress) 
     belonging = belonging_table(
         checked.relations, [who.get((relation.relation, relation.subject)) for relation in checked.relations]
     )
-    figure = f"{count(len(rows), 'check')}, {len(failed)} failed, {warned} warn, {accepted} accepted"
+    figure = f"{count_text(len(rows), 'check')}, {len(failed)} failed, {warned} warn, {accepted} accepted"
     artifacts = {"qa": _table(rows), "belonging": belonging, **checked.suggested}
     return Outcome(artifacts, checked.read, "nothing", figure, failed)
 

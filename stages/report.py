@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Mapping
 from typing import TYPE_CHECKING
 
-from truing.report.numbers import count
+from truing.report.numbers import count_text
 from truing.report.sections import tables_read
 from truing.stages.declaration import Outcome, Progress, Stage
 
@@ -57,7 +57,7 @@ def run(
     drawn = sum(len(section.figures) for section in all_of(sections))
     read, size = (
         f"{len(tables)} artifacts",
-        f"{count(len(sections), 'section')}, {count(drawn, 'figure')}, {len(page) / 1e6:.1f} MB",
+        f"{count_text(len(sections), 'section')}, {count_text(drawn, 'figure')}, {len(page) / 1e6:.1f} MB",
     )
     left = {**made, "verdict": verdict, "next_measurements": next_measurements_table(reported), "report": page}
     return Outcome(left, read, "nothing", size, tuple(gates(verdict.to_pylist())))

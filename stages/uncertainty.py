@@ -45,7 +45,7 @@ DECLARATION = Stage(
 
 def run(tables: Mapping[str, pa.Table], settings: Campaign, progress: Progress) -> Outcome:
     """Write the uncertainty of every result, and a reason for each result without one."""
-    from truing.report.numbers import count
+    from truing.report.numbers import count_text
     from truing.stages.uncertainty_statement.bench import state_compliance, state_sensor
     from truing.stages.uncertainty_statement.causes import state_causes
     from truing.stages.uncertainty_statement.chain import state_chain, state_tip
@@ -69,6 +69,6 @@ def run(tables: Mapping[str, pa.Table], settings: Campaign, progress: Progress) 
     return Outcome(
         artifacts,
         read=f"{len(tables)} artifacts",
-        left_out=f"{count(left, 'result')} without an uncertainty" if left else "nothing",
-        figure=f"{count(stated, 'result')} with expanded uncertainty, from {count(sources, 'contribution')}",
+        left_out=f"{count_text(left, 'result')} without an uncertainty" if left else "nothing",
+        figure=f"{count_text(stated, 'result')} with expanded uncertainty, from {count_text(sources, 'contribution')}",
     )

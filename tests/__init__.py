@@ -1,0 +1,1 @@
+"""Tests of truing, in folders that mirror the packages."""

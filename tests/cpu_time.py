@@ -1,4 +1,4 @@
-"""Measures the processor time of tests and fixtures, in all workers, and prints at the end of a run where it went."""
+"""Measure the processor time of tests and fixtures in all workers, and print the largest consumers at the end."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""The sample telescope with few poses and without the targets on its legs, to be quick."""
+"""The sample telescope, shortened for speed: few poses, no targets on the legs."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Makes what many tests read once, whichever worker asks first."""
+"""Create shared test data once, in the worker that needs it first."""
 
 from __future__ import annotations
 

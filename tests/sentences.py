@@ -1,4 +1,4 @@
-"""Finds a sentence by the names and numbers that stand in it."""
+"""Find a sentence by the names and numbers in it."""
 
 from __future__ import annotations
 

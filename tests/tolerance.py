@@ -1,4 +1,4 @@
-"""The one way in which tests compare numbers."""
+"""Comparison of numbers with stated tolerances, for all tests."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""A folder in which a person has run the sample telescope, cut short."""
+"""A folder with a run of the shortened sample telescope."""
 
 from __future__ import annotations
 

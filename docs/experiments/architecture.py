@@ -1,4 +1,4 @@
-"""Drawings and lists of docs/architecture.md: the packages, and three flows through the files.
+"""Figures and lists of docs/architecture.md: the packages, and three flows through the files.
 
 python -m docs.experiments.architecture
 """
@@ -337,12 +337,12 @@ def packages_drawing(found: Mapping[str, set[str]]) -> str:
 
 
 def _shift(x0: float, x1: float) -> float:
-    """How far an arrow ends beside the centre of its target, towards where it comes from."""
+    """Distance of an arrow's end from the centre of its target, towards its source."""
     return max(-60.0, min(60.0, 0.25 * (x0 - x1)))
 
 
 def flow_drawing(name: str) -> str:
-    """The files of a flow from top to bottom; beside each arrow stands what is handed on."""
+    """The files of a flow from top to bottom; next to each arrow, the data that are passed on."""
     steps, height = FLOWS[name], 74
     parts = []
     for k, step in enumerate(steps):

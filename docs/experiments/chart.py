@@ -1,4 +1,4 @@
-"""Small charts with a logarithmic axis as SVG, for pages that must render without a browser's scripts."""
+"""Small charts with a logarithmic axis as SVG, for pages that must render without scripts."""
 
 from __future__ import annotations
 

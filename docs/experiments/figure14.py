@@ -1,4 +1,4 @@
-"""Figure 14 of the telescope report: how accurate a calibration is after each way to choose where to measure.
+"""Figure 14 of the telescope report: accuracy of a calibration by the method that chose its configurations.
 
     python -m docs.experiments.figure14
 
@@ -177,7 +177,7 @@ def _drives(moved: NDArray) -> NDArray:
 
 
 def draw(path: Path) -> None:
-    """Draw accuracy and D-efficiency against the number of configurations, Table 3 beside."""
+    """Draw accuracy and D-efficiency against the number of configurations, with Table 3."""
     found = {name: [simulate(name, count) for count in COUNTS] for name in METHODS}
     accuracies = {name: [1e6 * outcome.accuracy for outcome in each] for name, each in found.items()}
     shares = {name: [100 * outcome.share for outcome in each] for name, each in found.items()}

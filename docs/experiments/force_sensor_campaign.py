@@ -1,4 +1,4 @@
-"""One run of the force sensor's sample campaign, stage by stage: docs/force-sensor-campaign.md.
+"""Tables of docs/force-sensor-campaign.md: one run of the force sensor's sample campaign, stage by stage.
 
 python -m docs.experiments.force_sensor_campaign
 
@@ -46,7 +46,7 @@ Frames = Mapping[str, "pd.DataFrame"]
 
 @cache
 def whole_run() -> tuple[dict[str, Any], dict[str, Any]]:
-    """Return the tables of all stages on the sample, and what each said."""
+    """Return the tables of all stages on the sample, and the closing line of each."""
     from tests.stages.line import run_line
 
     return run_line(CAMPAIGN, *STAGES)
@@ -85,7 +85,7 @@ def checks_table(qa: pd.DataFrame) -> str:
 
 
 def compliance_table(compliance: pd.DataFrame) -> str:
-    """Return each axis' own entry, measured beside simulated, and all others that differ from the simulation."""
+    """Return each axis' own entry, measured and simulated, and all others that differ from the simulation."""
     whole = compliance[compliance["model"] == "matrix"]
     own = whole["load"].map(dict(zip(LOADS, CHANNELS, strict=True))) == whole["response"]
     rows = [
@@ -102,7 +102,7 @@ def _entry(r: Any) -> tuple[str, str, str]:
 
 
 def found_table(tables: Frames) -> str:
-    """Return what was found beside what was hidden, and the nearest of the rejected."""
+    """Return findings next to hidden effects, and the nearest rejected cause."""
     truth = json.loads(CAMPAIGN.with_suffix(".truth.json").read_text(encoding="utf-8"))["effects"][0]["parameters"]
     rows = []
     for row in (row for row in assessed_causes(tables) if row.verdict == "found"):
@@ -165,14 +165,14 @@ def matrix_table(tables: Frames) -> str:
 
 
 def acted_words(tables: Frames) -> str:
-    """Return what acted beside the loads that were written down."""
+    """Return the loads that acted in addition to the recorded ones."""
     section = unwritten_loads(assessed_causes(tables), tables)
     assert section is not None
     return f"> {section.lead}"
 
 
 def parts_table() -> str:
-    """Return what the diagnosis says of parts of the sample."""
+    """Return the diagnosis of parts of the sample."""
     from tests.stages.line import run_line
 
     rows = []

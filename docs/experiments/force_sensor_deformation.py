@@ -1,4 +1,4 @@
-"""Tables of docs/force-sensor-paper.md about deformation: Table 2, what contradicts it, and the load along z."""
+"""Tables of docs/force-sensor-paper.md on deformation: Table 2, its contradictions, and the load along z."""
 
 from __future__ import annotations
 
@@ -84,7 +84,7 @@ def three_fold_radii() -> str:
 
 
 def maxima() -> str:
-    """Return the theoretical maxima of figures 12 to 17 beside what Table 2 makes of the loads."""
+    """Return the theoretical maxima of figures 12 to 17, and the deformation that Table 2 gives for the loads."""
     print_ = published()
     rows = []
     for k, load in enumerate(LOADS):

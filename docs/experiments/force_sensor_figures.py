@@ -1,4 +1,4 @@
-"""Figures 8 and 9 of the force-sensor paper, drawn with what a hundred samples let one say, as SVG."""
+"""Figures 8 and 9 of the force-sensor paper, redrawn with the uncertainty of a hundred samples, as SVG."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""The force-sensor paper's equations and figures, made anew.
+"""Tables of docs/force-sensor-paper.md: the paper's equations and figures, computed again.
 
     python -m docs.experiments.force_sensor_paper
 

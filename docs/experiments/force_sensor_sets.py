@@ -1,4 +1,4 @@
-"""Values that the force-sensor paper prints, and constructed sensors for those that it does not print.
+"""Printed values of the force-sensor paper, and constructed sensors for values that it does not print.
 
 The sets are constructed: A meets Table 2 and cond(G) at once, S has the symmetry that the paper draws, N is nearly so.
 """

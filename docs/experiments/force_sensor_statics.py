@@ -1,4 +1,4 @@
-"""Tables of docs/force-sensor-paper.md about G: its merit, what no six legs can have, what elastic joints change."""
+"""Tables of docs/force-sensor-paper.md on G: its merit, limits of six legs, and the effect of elastic joints."""
 
 from __future__ import annotations
 

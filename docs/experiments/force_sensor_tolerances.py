@@ -1,4 +1,5 @@
-"""Tables of docs/force-sensor-paper.md about tolerances: which source matters, and what a hundred samples are worth."""
+"""Tables of docs/force-sensor-paper.md on tolerances: the share of each source, and the uncertainty of a hundred
+samples."""
 
 from __future__ import annotations
 
@@ -124,7 +125,7 @@ def right_order(means: NDArray) -> float:
 
 
 def needed(joints: JointCentres, kind: int) -> int:
-    """Return the samples of each source after which two sigma tell the rms of REM from that of REF."""
+    """Return the samples of each source that separate the rms of REM from that of REF by two sigma."""
     part = slice(3 * kind, 3 * kind + 3)
     C = first_order_covariances(closed_loop_map(joints), sigmas())[:2, part, part]
     rms = np.sqrt(np.trace(C, axis1=1, axis2=2))

@@ -1,9 +1,10 @@
-"""``python -m docs.experiments.foreign_limit``: how many inputs of foreign effects could be named at best.
+"""``python -m docs.experiments.foreign_limit``: upper limit on the inputs of foreign effects that any method could
+name.
 
-The pattern, size and noise of each effect are known, what the fit's unknowns absorb is accounted for, and inputs are
-named by Bayes' rule with the generator's own prior. Once each effect acts alone; once next to all other effects of its
-campaign, of which also the inputs, and the errors of an instrument by place, are known. No method can name more inputs
-with the same certainty.
+Pattern, size and noise of each effect are known, without the part that the fit's unknowns absorb. Inputs are named by
+Bayes' rule with the generator's own prior. Once each effect acts alone; once next to all other effects of its campaign,
+of which also the inputs, and the errors of an instrument by place, are known. No method can name more inputs with the
+same certainty.
 """
 
 from __future__ import annotations
@@ -175,7 +176,7 @@ def factor(covariance: Array) -> Array:
 
 
 def world_of(case: Case, rng: np.random.Generator) -> World:
-    """Return the poses of a case that are fitted, and what its fit tells of all courses."""
+    """Return the fitted poses of a case, and the information of its fit on all courses."""
     assert isinstance(case.plan, Plan)
     campaign, measure = case.plan.campaign(), Measure(case.plan)
     schedule, drho = campaign.schedule, campaign.truth.drho

@@ -65,7 +65,7 @@ def table_of_sets() -> str:
 
 
 def table_of_combinations() -> str:
-    """What cannot be told apart on each leg, with everything free and the drawing's tolerances."""
+    """Inseparable parameters of each leg, with everything free and the drawing's tolerances."""
     lines = ["| leg | unidentifiable: each direction's σ from the data alone, in tolerances |", "| --- | --- |"]
     for leg in LEGS:
         for group in inseparable(leg_observability((*ALL, "rho0"), leg)):

@@ -35,7 +35,7 @@ WIDTH, HEIGHT = 4000, 3000
 
 
 def centres() -> str:
-    """Dots of some sizes, tilts, blurs and noises: bias, scatter and what the covariance says of it."""
+    """Dots of some sizes, tilts, blurs and noises: bias, scatter, and scatter by the covariance."""
     heads = ["semi-minor axis, px", "tilt", "blur, px", "noise", "found", "bias, px", "scatter, px", "stated, px"]
     rows = []
     for minor, tilt, blur, noise in SHAPES:

@@ -1,4 +1,4 @@
-"""A bench that is simulated whole: what its runs tell of the sensor's compliance, and faults planted into its log."""
+"""A fully simulated bench: the compliance from its runs, and faults inserted into its log."""
 
 from __future__ import annotations
 
@@ -28,7 +28,7 @@ def sensor_compliance() -> NDArray[np.float64]:
 
 
 def with_eccentric_load() -> NDArray[np.float64]:
-    """What the bench answers to nominal loads when the z load passes beside the origin."""
+    """Response of the bench to nominal loads with an eccentric z load."""
     brought = np.eye(6)
     brought[3:, 2] = np.cross(OFFSET_M, [0.0, 0.0, 1.0])
     return sensor_compliance() @ brought
@@ -60,7 +60,7 @@ def runs_table() -> str:
 
 
 def compliance_table() -> str:
-    """How much of the compliance six runs tell, and thirty-six."""
+    """Entries of the compliance that six runs, and thirty-six runs, determine."""
     rows = []
     for name, pairs in (
         ("each axis its own channel, 6 runs", OWN_PAIRS),
@@ -82,7 +82,7 @@ def compliance_table() -> str:
 
 
 def entries_table() -> str:
-    """z of each entry, of a log whose z load passes 20 mm beside the origin."""
+    """z of each entry, of a log whose z load is 20 mm off the origin."""
     z = compare(fitted(eccentric_log()), sensor_compliance()).z
     return table(
         ["", *LOADS], [[name, *(signed(value, 1) for value in row)] for name, row in zip(CHANNELS, z, strict=True)]
@@ -90,7 +90,7 @@ def entries_table() -> str:
 
 
 def eccentric_log() -> Log:
-    """A log of all runs on the bench whose z load passes 20 mm beside the origin."""
+    """A log of all runs on the bench with a z load 20 mm off the origin."""
     return made_log(np.random.default_rng(2), ALL_PAIRS, with_eccentric_load())
 
 
@@ -119,7 +119,7 @@ def curves_table() -> str:
 
 
 def quality_table() -> str:
-    """Faults planted into a good log of three runs a kind, and what is said of them."""
+    """Faults inserted into a good log of three runs of each kind, and the resulting messages."""
     log = made_log(np.random.default_rng(3), [*OWN_PAIRS] * 3, sensor_compliance())
     run, step = log.run, log.step
     kept = np.arange(len(run)) != 130

@@ -1,4 +1,4 @@
-"""Calibrations of the telescope's legs from many starts, by both methods: the minima that they find.
+"""Calibrations of the telescope's legs from many start values, by both methods: the minima that they find.
 
     python -m docs.experiments.many_starts
 

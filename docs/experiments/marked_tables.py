@@ -1,4 +1,4 @@
-"""Tables of a page that a command writes: each stands between marks, and is made anew in its place."""
+"""Generated tables of a page: each stands between marks, and is replaced in place."""
 
 from __future__ import annotations
 

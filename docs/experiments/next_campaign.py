@@ -1,4 +1,4 @@
-"""Two campaigns of one machine, the second started from the first: the tables of docs/next-campaign.md.
+"""Tables of docs/next-campaign.md: two campaigns of one machine, the second started from the first.
 
     python -m docs.experiments.next_campaign
 
@@ -51,7 +51,7 @@ CASES = (
 
 @dataclass(frozen=True)
 class Pair:
-    """What a pair of campaigns told: the rows of changes.parquet, and the sigmas of the geometry alone and of both."""
+    """Results of a pair of campaigns: the rows of changes.parquet, and the sigmas of the geometry alone and of both."""
 
     rows: list[dict[str, Any]]
     alone: NDArray
@@ -59,16 +59,16 @@ class Pair:
 
     @property
     def named(self) -> list[set[str]]:
-        """What is said to have changed: each number with those that would explain as much in its place."""
+        """Reported changes: each number with those that would explain as much in its place."""
         changed = [row for row in self.rows if row["changed"]]
         return [{f"{row['parameter']}{row['leg'] or ''}", *(row["instead"] or "").split()} for row in changed]
 
     def names(self, case: Case) -> bool:
-        """Whether it says what was done to the machine."""
+        """Whether the true change of the machine is reported."""
         return any(one & case.expected for one in self.named) if case.expected else not self.named
 
     def errs(self, case: Case) -> bool:
-        """Whether it says that something else changed."""
+        """Whether a false change is reported."""
         return any(not one & case.expected for one in self.named)
 
 

@@ -1,4 +1,4 @@
-"""The Statistical Reference Datasets for non-linear regression through our solver, from both starts, by both methods.
+"""NIST's Statistical Reference Datasets for non-linear regression, solved from both starts by both methods.
 
     TRUING_REAL_DATA=FOLDER python -m docs.experiments.nist
 

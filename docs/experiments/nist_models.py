@@ -1,4 +1,4 @@
-"""The models of the Statistical Reference Datasets for non-linear regression, with their exact derivatives.
+"""Models of NIST's Statistical Reference Datasets for non-linear regression, with exact derivatives.
 
 Each takes parameters b (B, P) and a predictor x (N,), and returns values (B, N) and derivatives (B, N, P); formulas are
 those that the heads of the files print.

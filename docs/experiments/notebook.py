@@ -1,4 +1,4 @@
-"""Executes docs/example.ipynb anew and writes its outputs: `python -m docs.experiments.notebook FOLDER`.
+"""Run docs/example.ipynb and store its outputs: `python -m docs.experiments.notebook FOLDER`.
 
 FOLDER holds ``sample_data/telescope`` and the run ``runs/telescope`` that `truing run` makes of it; absent, the folder
 that this is called from. Figures are shown by a headless Chromium; everything else is plain Python. The tag of a cell
@@ -34,7 +34,7 @@ Picture = Callable[[Any], str]
 
 
 def recorded() -> Document:
-    """The notebook as it stands in the docs."""
+    """The notebook of the docs."""
     document: Document = json.loads(NOTEBOOK.read_text(encoding="utf-8"))
     return document
 

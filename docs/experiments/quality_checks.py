@@ -1,4 +1,4 @@
-"""The checks of a campaign's quality, one by one: docs/qa.md.
+"""Tables of docs/qa.md: every quality check of a campaign.
 
     python -m docs.experiments.quality_checks
 

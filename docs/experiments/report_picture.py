@@ -1,4 +1,4 @@
-"""The picture of a report in README.md: its verdict, its 3-D view and the matrix that explains it, of the page itself.
+"""The picture of a report in README.md: verdict, 3-D view, and the matrix that explains it, from the page itself.
 
 truing run sample_data/telescope && python -m docs.experiments.report_picture runs/telescope/report.html
 

@@ -1,4 +1,4 @@
-"""The nominal telescope of sample_data/telescope, and what its legs' closings see at Table 3 of its report."""
+"""The nominal telescope of sample_data/telescope, and its leg closures at Table 3 of its report."""
 
 from __future__ import annotations
 

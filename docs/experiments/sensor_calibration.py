@@ -185,7 +185,7 @@ def _armed(loads: NDArray) -> NDArray:
 
 
 def missing_words(name: str) -> str:
-    """Return what is said of a bench that does not determine the calibration."""
+    """Return the message on a bench that does not determine the calibration."""
     loads, _ = along_rays(np.random.default_rng(0))
     try:
         fit_calibration(load_table(*MISSING[name](loads, six_channels().A)))
@@ -281,7 +281,7 @@ def plans() -> dict[str, NDArray]:
 
 
 def judged(loads: NDArray) -> tuple[float, float]:
-    """Return the D-efficiency of loads beside the best within the legs' limits, and the rms predicted sigma of a
+    """Return the D-efficiency of loads relative to the best within the legs' limits, and the rms predicted sigma of a
     sensitivity times its range, µV."""
     share = load_efficiency(loads, corner_loads(WITH_LEGS), WITH_LEGS).efficiency
     sigma = predicted_sigma(loads, np.full(6, SIGNAL_MV), WITH_LEGS) * RANGE

@@ -1,4 +1,4 @@
-"""Errors put into a loading series and found again, and the force-sensor paper's relative errors from its own numbers.
+"""Error classes recovered from a simulated loading series, and the force-sensor paper's relative errors.
 
     python -m docs.experiments.sensor_errors
 

@@ -1,4 +1,4 @@
-"""The real telescope, from its printed tables: what its calibration swallowed, and what that says of the machine.
+"""The real telescope from its printed tables: bias of its calibration, and the inferred machine.
 
     python -m docs.experiments.telescope_report
 

@@ -236,7 +236,7 @@ def choices(draws: int = 150) -> Choices:
 
 @dataclass(frozen=True)
 class Deformation:
-    """What eq. 4 says of kappa and of the shifts."""
+    """Values of kappa and of the shifts by eq. 4."""
 
     kappa_by_regression: float  # of K drho on drho alone, all legs
     kappa_by_calibration: float  # mean of the simulated Table 6a

@@ -1,7 +1,7 @@
-"""The geometry that the report never prints, from what ignoring most of K did to its parameters (Table 6a less 7a).
+"""The geometry that the report does not print, inferred from the bias of its parameters (Table 6a minus 7a).
 
-Both fits had the same measurements, so that to first order their noise cancels and their difference is K's off-diagonal
-part, pushed through the observability Jacobian of each leg at the 40 configurations. K and the configurations are in
+Both fits had the same measurements, so their noise cancels to first order. Their difference is the effect of K's
+off-diagonal part, by the observability Jacobian of each leg at the 40 configurations. K and the configurations are in
 print; what is left unknown is the shape: two radii, two half separations, and which legs stand beside each other.
 """
 
@@ -92,7 +92,7 @@ def fit_shape(
     whitened: NDArray | None = None,
     max_iterations: int = 60,
 ) -> ShapeFit:
-    """Return the shape that fits Table 6a less 7a best; every entry weighs the same, or as `whitening` (6, W, 5) says.
+    """Return the shape that fits Table 6a less 7a best; every entry weighs the same, or by `whitening` (6, W, 5).
 
     extra: of EXTRA, to be fitted too; without: a leg, from 0, that is left out.
     """

@@ -1,4 +1,4 @@
-"""Machines of the telescope's kind: two rings of six joints in close pairs, legs between them, actuators upright."""
+"""Nominal machines like the telescope: two rings of six joints in close pairs, legs between them, upright actuators."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Remainder of the telescope's parameters when K is known (Table 7a), and causes that explain it.
+"""Shifts of the telescope's parameters that remain when K is known (Table 7a), and causes that explain them.
 
 Parameters of a leg stand in the order a_x a_y b_x b_y kappa l, in mm and 1e-3. What frames of base and platform the
 nominal values refer to is nobody's fault and is fitted first; every other pattern is one candidate cause.
@@ -255,7 +255,7 @@ def explain(causes: Sequence[str], by: Ignorance, of: NDArray | None = None) -> 
 
 
 def findings(by: Ignorance, given: Sequence[str] = ()) -> list[Finding]:
-    """Return every cause tried on its own beside the frames and the causes given, the most telling first."""
+    """Return every single cause in addition to the frames and the given causes, the most significant first."""
     from scipy.stats import chi2, f
 
     before, found = explain(given, by).chi_square, []

@@ -1,4 +1,4 @@
-"""The report's side results, each made again on the simulated telescope (sections 7, 7.1.1, 7.1.2, 7.1.4 and 7.3)."""
+"""The report's side results, repeated on the simulated telescope (sections 7, 7.1.1, 7.1.2, 7.1.4 and 7.3)."""
 
 from __future__ import annotations
 
@@ -35,7 +35,7 @@ START_MM = 0.5
 
 
 def noisy(seed: int, moves: NDArray) -> Stand:
-    """Return where the telescope stands when attachments shift by K and by 5 um beside it, at displacements (N, 6)."""
+    """Return the poses of the telescope if attachments shift by K plus 5 um, at displacements (N, 6)."""
     machine, rng = truth(), np.random.default_rng(seed)
     rho = machine.legs.rho0 + moves
     found = forward(machine.legs, rho, machine.delta_bz(rho) + SHIFT_NOISE * rng.normal(size=moves.shape))
@@ -99,7 +99,7 @@ def _jacobian(nominal: Machine, parameters: ParameterSet, structure: Structure) 
 
 
 def stiffness_parameters() -> Observability:
-    """Return what Table 3's poses tell of the geometry and the six stiffnesses together (7.1.4), 5 um per equation.
+    """Return the joint information of Table 3's poses on geometry and six stiffnesses (7.1.4), 5 um per equation.
 
     Scales: 0.5 mm, 0.01, and each stiffness itself.
     """
@@ -115,7 +115,7 @@ def stiffness_parameters() -> Observability:
 
 
 def rows_of_K() -> list[Observability]:
-    """Return, leg by leg, what poses alone tell of a_x a_y b_x b_y l and the leg's whole row of K (7.3), 5 um noise.
+    """Return, leg by leg, the information of poses alone on a_x a_y b_x b_y l and the leg's row of K (7.3), 5 um noise.
 
     Scales: 0.5 mm and 0.01, about the largest that K has.
     """
@@ -170,7 +170,7 @@ def _solved(problem: CalibrationProblem, first: NDArray, method: Method) -> Solu
 
 @dataclass(frozen=True)
 class Choice:
-    """What a model is worth at Table 4 where the telescope has 5 um beside K: um and arcsec, mean over the draws."""
+    """Errors of a model at Table 4 if the telescope shifts by 5 um besides K: um and arcsec, mean over the draws."""
 
     position_mean: float
     position_max: float

@@ -1,4 +1,4 @@
-"""Tables of docs/telescope-report.md about the report's statements: each beside the number that our code finds."""
+"""Tables of docs/telescope-report.md on the report's statements: each next to the value from this code."""
 
 from __future__ import annotations
 
@@ -238,7 +238,7 @@ def reference_readings() -> str:
 
 
 def stiffnesses() -> str:
-    """Return what poses tell of the six stiffnesses (7.1.4): standard deviation, in parts of themselves."""
+    """Return the relative standard deviations of the six stiffnesses from poses (7.1.4)."""
     found = stiffness_parameters()
     rows = []
     for i, label in enumerate(found.labels):
@@ -251,7 +251,7 @@ def stiffnesses() -> str:
 
 
 def rows_from_poses() -> str:
-    """Return what poses alone tell of geometry and a leg's whole row of K (7.3)."""
+    """Return the information of poses alone on geometry and a leg's row of K (7.3)."""
     rows = []
     for leg, found in enumerate(rows_of_K(), 1):
         values = ", ".join(f"{value:.1e}" for value in found.singular_values[found.rank - 1 : found.rank + 2])

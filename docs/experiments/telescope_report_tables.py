@@ -1,4 +1,4 @@
-"""Tables of docs/telescope-report.md about the machine: its shape, what K did to its parameters, what is left over."""
+"""Tables of docs/telescope-report.md on the machine: its shape, the bias by K, and the remainder."""
 
 from __future__ import annotations
 
@@ -209,7 +209,7 @@ def left_over() -> str:
 
 
 def causes() -> str:
-    """Return each candidate on its own, beside the frames."""
+    """Return each single candidate, in addition to the frames."""
     rows = []
     for finding in findings(BY):
         many = min(1.0, finding.p_any * len(CAUSES))

@@ -1,4 +1,4 @@
-"""``python -m docs.experiments.watch``: replay real campaigns through `truing watch`, as if they were just measured.
+"""``python -m docs.experiments.watch``: replay real campaigns through `truing watch`, as if just measured.
 
 Each campaign's files grow from a few poses (or runs of loads) to all. A requirement is added, and the table says after
 how many it was decided, and whether all say the same. It is written between the marks of docs/how-to/watch.md.

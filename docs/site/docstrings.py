@@ -1,4 +1,4 @@
-"""Public names with their docstrings, which are plain sentences with names in backticks: a star or a bar is itself."""
+"""Conversion of docstrings for Sphinx: plain sentences with names in backticks, where a star or a bar is literal."""
 
 from __future__ import annotations
 
@@ -62,7 +62,7 @@ def _automatic(name: str) -> str:
 
 
 def setup(app: Sphinx) -> dict[str, bool]:
-    """Connect to what autodoc tells."""
+    """Connect to the events of autodoc."""
     app.add_directive("names", Names)
     app.connect("autodoc-process-docstring", _process)
     app.connect("autodoc-process-signature", _as_written)

@@ -1,4 +1,4 @@
-"""Equations as drawings within the page: no script, no font and no network is needed to read them."""
+"""Equations as inline SVG, so that pages need no script, font or network to show them."""
 
 from __future__ import annotations
 

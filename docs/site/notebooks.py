@@ -1,4 +1,4 @@
-"""An executed notebook as a page: its text, its code, and what the code left when it ran last."""
+"""Conversion of an executed notebook to a page: text, code, and stored outputs."""
 
 from __future__ import annotations
 

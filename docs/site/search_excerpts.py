@@ -1,4 +1,4 @@
-"""Excerpts below the results of a search, also where the pages are opened from a file: no page has to be fetched."""
+"""Excerpts below search results that also work for pages opened from a file."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""The tree of pages is what index.md lists: written once, as links that also read on a code host."""
+"""The tree of pages from the lists of links in index.md, which also read on a code host."""
 
 from __future__ import annotations
 

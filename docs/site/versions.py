@@ -1,4 +1,4 @@
-"""Versions of the pages side by side, each in the folder of its name: the list that their chooser reads."""
+"""Versions of the pages in folders of their names, and the list for the version menu."""
 
 from __future__ import annotations
 

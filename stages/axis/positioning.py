@@ -11,7 +11,7 @@ import pyarrow as pa
 
 from truing.arrays import Array, Index
 from truing.estimation.interferometry.iso230 import positioning, positioning_uncertainty
-from truing.report.numbers import count
+from truing.report.numbers import count_text
 from truing.simulation.axis.rows import ENCODERS, AxisRows
 from truing.stages.common.axis_columns import SI, AxisColumns, columns_of, command_sigma, excluded_rows, targets_of
 from truing.stages.common.axis_prospects import FEW_TARGETS, why_no_positioning
@@ -49,8 +49,10 @@ def with_axis_positioning(outcome: Outcome, tables: Mapping[str, pa.Table], sett
         why = why or FEW_TARGETS
         return replace(outcome, artifacts=left, figure=f"not evaluated: {why}", why_not=why)
     runs = dict.fromkeys(rows.columns["run"])
-    words = f"positioning by ISO 230-2 of {count(len(runs), 'reading')} of the axis: {', '.join(runs)}"
-    return replace(outcome, artifacts=left, read=count(table.num_rows if table else 0, "row"), figure=words, why_not="")
+    words = f"positioning by ISO 230-2 of {count_text(len(runs), 'reading')} of the axis: {', '.join(runs)}"
+    return replace(
+        outcome, artifacts=left, read=count_text(table.num_rows if table else 0, "row"), figure=words, why_not=""
+    )
 
 
 def positioning_rows(table: pa.Table, columns: AxisColumns, settings: Campaign) -> Rows:

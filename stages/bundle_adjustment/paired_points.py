@@ -1,8 +1,8 @@
 """Choice of the points of a large pose whose correlations with each other are written.
 
-All pairs of 26,000 points are 350 million rows. Of a pose with more than `MOST_PAIRED` points, pairs are written of
-the points that bodies of the campaign name. If these are too many or none, points spread over the object are paired,
-the same in all poses. Standard deviations are those of all points alike; poses are fitted to points with correlations.
+All pairs of 26,000 points are 350 million rows. Of a pose with more than `MOST_PAIRED` points, pairs are written of the
+points that bodies of the campaign name. If these are too many or none, points spread over the object are paired, the
+same in all poses. Standard deviations are written for all points; poses are fitted to points with correlations.
 """
 
 from __future__ import annotations

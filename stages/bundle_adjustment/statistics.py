@@ -15,7 +15,7 @@ from truing.estimation.bundle.network import NetworkState
 from truing.estimation.bundle.network_statistics import camera_coverage, residual_regions
 from truing.estimation.bundle.start_values import scale_ratio
 from truing.estimation.bundle.variance_components import POOLED, VarianceComponents
-from truing.report.numbers import count as counted
+from truing.report.numbers import count_text
 from truing.schemas.artifacts import ARTIFACTS
 from truing.schemas.photograph_artifacts import BENT, FROM_MARKER, FROM_SURVEY, LENGTH, LENGTH_SIGMA, SHARED
 from truing.stages.bundle_adjustment.survey_distances import SurveyedPoints
@@ -208,7 +208,7 @@ def image_cameras(adjusted: AdjustedNetwork) -> tuple[pa.Table, list[tuple[str, 
 def left_out(adjusted: AdjustedNetwork, unseen: Sequence[str]) -> str:
     """Rejected rays with reasons, fixed camera parameters, and bars that no pose shows, in words."""
     reasons = Counter([*adjusted.screened.rejected.reason, *adjusted.unmatched_reason])
-    texts = [f"{counted(count, 'ray')}: {reason}" for reason, count in reasons.most_common()]
+    texts = [f"{count_text(count, 'ray')}: {reason}" for reason, count in reasons.most_common()]
     fixed_elements = ", ".join(f"{camera} {element}" for camera, element in adjusted.screened.fixed_elements)
     texts += [f"kept fixed, because these images do not determine them: {fixed_elements}"] if fixed_elements else []
     return "; ".join([*texts, *unseen]) or "nothing"
@@ -219,5 +219,7 @@ def main_figure(adjustment: AdjustedNetwork) -> str:
     adjusted = adjustment.adjustment
     sigma0 = adjustment.screened.sigma0.variance_factor**0.5
     points = set(adjustment.named.network.rays.point[adjusted.used].tolist())
-    poses = counted(len({int(adjustment.named.network.point_pose[point]) for point in points}), "pose")
-    return f"{counted(len(points), 'object point')} of {poses}, redundancy {adjusted.redundancy:,}, sigma0 {sigma0:.3f}"
+    poses = count_text(len({int(adjustment.named.network.point_pose[point]) for point in points}), "pose")
+    return (
+        f"{count_text(len(points), 'object point')} of {poses}, redundancy {adjusted.redundancy:,}, sigma0 {sigma0:.3f}"
+    )

@@ -10,7 +10,7 @@ import numpy as np
 import pyarrow as pa
 
 from truing.calibration.accuracy import MODEL, UNCORRECTED
-from truing.report.numbers import count as counted
+from truing.report.numbers import count_text
 from truing.stages.calibration.model_rows import COMPONENTS, SI, requirement_rows
 from truing.stages.common.missing_data import HELD_OUT
 from truing.stages.common.point_arrays import number_column, positions
@@ -37,7 +37,7 @@ def with_component_requirements(
     if not rows.count:
         return outcome
     met = rows.columns["verdict"].count("meets")
-    words = f"{outcome.figure}; {met} of {counted(rows.count, 'requirement')} met after correction"
+    words = f"{outcome.figure}; {met} of {count_text(rows.count, 'requirement')} met after correction"
     made = [rows.table()]
     if errors_table is not None and "missed_before" in errors_table.column_names:
         uncorrected = _errors(errors_table, "missed_before")

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
 from types import MappingProxyType
 from typing import TYPE_CHECKING
 
@@ -130,8 +131,7 @@ def add_uncalibrated(rows: Rows, machine: Machine, measured: MeasuredPlatform) -
 
 def _moved_by_load(structure: Structure, machine: Machine, measured: MeasuredPlatform) -> list[Figure]:
     """Rms shift of the platform by its load, and rms of its difference between poses: the load's share that a
-    calibration of the geometry cannot take up.
-    """
+    calibration of the geometry cannot absorb."""
     loaded = under_load(machine, measured)
     free, loaded_poses = (poses_at(structure, one, measured.rho) for one in (machine, loaded))
     moved = (loaded_poses.p - free.p)[free.converged & loaded_poses.converged] * 1e6
@@ -173,29 +173,39 @@ def requirement_rows(
     limits = [getattr(requirement, f"{component}_{unit}") for component, unit in COMPONENTS.items()]
     si = np.array([SI[unit] for unit in COMPONENTS.values()])
     why = dict.fromkeys(COMPONENTS, why_not)
-    return limit_rows(COMPONENTS, limits, key, errors / si, variances / si**2, held_out, why)
+    component_errors = ComponentErrors(COMPONENTS, errors / si, variances / si**2, held_out)
+    return limit_rows(component_errors, limits, key, why)
+
+
+@dataclass(frozen=True)
+class ComponentErrors:
+    """Errors (B, K) by component, in its unit (K units by name); NaN if not measured.
+
+    variances (B, K): those of the measurement, which are subtracted; held_out (B,): rows used, all if there are none.
+    ``of``: noun of the rows.
+    """
+
+    units: Mapping[str, str]
+    errors: NDArray
+    variances: NDArray
+    held_out: NDArray
+    of: str = "poses"
 
 
 def limit_rows(
-    components: Mapping[str, str],
+    measured: ComponentErrors,
     limits: Sequence[float | None],
     key: Key,
-    errors: NDArray,
-    variances: NDArray,
-    held_out: NDArray,
     why_not: Mapping[str, str] = MappingProxyType({}),
-    requirement: str = "poses",
 ) -> Rows:
-    """One row per component (K units by name) with a limit, as `requirement_rows`; errors (B, K) in these units.
-
-    ``why_not``: by component, why no model meets its requirement; ``requirement``: name of the compared errors.
-    """
+    """One row per component with a limit; ``why_not``: by component, why no model meets its requirement."""
+    held_out, requirement = measured.held_out, measured.of
     rows, assessed = Rows("requirements"), held_out if held_out.any() else ~held_out
     by = "" if held_out.any() else f", evaluated at the fitted {requirement}"
-    for i, ((component, unit), limit) in enumerate(zip(components.items(), limits, strict=True)):
+    for i, ((component, unit), limit) in enumerate(zip(measured.units.items(), limits, strict=True)):
         if limit is None:
             continue
-        errors_of_axis, noise = errors[assessed, i], variances[assessed, i]
+        errors_of_axis, noise = measured.errors[assessed, i], measured.variances[assessed, i]
         interval = error_of_95_percent(errors_of_axis, noise)
         verdict = _verdict(interval, limit)
         decision = deciding_pose_count(

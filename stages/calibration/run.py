@@ -26,8 +26,7 @@ from truing.calibration.model_cases import (
     screened_poses,
 )
 from truing.estimation.rotation import log_so3
-from truing.report.numbers import count as counted
-from truing.report.numbers import listed
+from truing.report.numbers import count_text, listed
 from truing.schemas.artifacts import ARTIFACTS
 from truing.simulation.cause import Step
 from truing.simulation.mechanisms.legs.kinematics import inverse, reaches
@@ -135,7 +134,7 @@ def _reason_unreachable(data: CalibrationData) -> str:
         return ""
     if not reaches(legs, legs.rho0[None]).all():
         return "the legs of [mechanism] cannot meet the platform at their reference readings"
-    count, poses_text = int((~reaches(legs, rho)).sum()), counted(len(rho), "pose")
+    count, poses_text = int((~reaches(legs, rho)).sum()), count_text(len(rho), "pose")
     text = f"the legs of [mechanism] cannot meet the platform at the readings of {count} of {poses_text}"
     return text if 2 * count > len(rho) else ""
 
@@ -188,7 +187,7 @@ def _calibrated(
     open_questions = (data.left_out, *_screened_words(clean), *failures, no_frame, free)
     return Outcome(
         {name: rows_of_artifact.table(identifier) for name, rows_of_artifact in rows.items()},
-        read=f"{counted(len(clean.measured.poses), 'fitted pose')}, {int((~fitted).sum())} held out",
+        read=f"{count_text(len(clean.measured.poses), 'fitted pose')}, {int((~fitted).sum())} held out",
         left_out="; ".join(filter(None, open_questions)) or "nothing",
         figure=_figure(best, len(both.likely), ~fitted) + _applied(extended),
     )
@@ -246,7 +245,7 @@ def _accuracy(artifact: str, assessed: list[AssessedCalibration], data: Calibrat
 
 
 def _figure(best: AssessedCalibration, count: int, held_out: NDArray) -> str:
-    text = f"chosen of {counted(count, 'model')}: {_words(best.calibration.case)}"
+    text = f"chosen of {count_text(count, 'model')}: {_words(best.calibration.case)}"
     against = f"; {reported}" if (reported := doubts(best)) else ""
     if best.errors is None:
         return text + against

@@ -13,8 +13,7 @@ from truing.estimation.interferometry.recorded_steps import LOADS
 from truing.estimation.sensor.calibrated_sensor import calibrated_sensor, sensor_text
 from truing.estimation.sensor.contenders import SensorCalibrations, calibrations
 from truing.estimation.sensor.load_table import RecordedLoads
-from truing.report.numbers import count as counted
-from truing.report.numbers import listed, percent
+from truing.report.numbers import count_text, listed, percent
 from truing.schemas.artifacts import ARTIFACTS
 from truing.simulation.bench.six_upur.nominal_sensor import NominalSensor, Theory, farthest, theory_of
 from truing.stages.calibration.sensor_choices import (
@@ -77,8 +76,8 @@ def calibrate_sensor(tables: Mapping[str, pa.Table], settings: Campaign, progres
         fitted.choice.chosen, fitted.table, settings.mechanism.reference_temperature_c, recorded_loads.tared
     )
     text = {"sensor": sensor_text(sensor, about)}
-    signals = counted(recorded_loads.signal.shape[1], "signal")
-    read = f"{counted(len(recorded_loads.steps.run), 'load step')} with {signals}"
+    signals = count_text(recorded_loads.signal.shape[1], "signal")
+    read = f"{count_text(len(recorded_loads.steps.run), 'load step')} with {signals}"
     return Outcome(
         artifacts | text,
         read=read,
@@ -91,10 +90,10 @@ def _left_out_words(recorded_loads: RecordedLoads) -> str:
     """Words on the load steps that the calibration leaves out, and on outlying signals that it uses."""
     words = []
     if recorded_loads.left_out:
-        words.append(f"{counted(recorded_loads.steps_left_out, 'load step')} with a gross error in a signal")
+        words.append(f"{count_text(recorded_loads.steps_left_out, 'load step')} with a gross error in a signal")
     if recorded_loads.excluded:
         words.append(f"{recorded_loads.excluded} with a signal excluded by a person")
-    used = counted(len(recorded_loads.kept), "outlying signal")
+    used = count_text(len(recorded_loads.kept), "outlying signal")
     follows = f" ({used} used: an effect of loads or runs)" if recorded_loads.kept else ""
     return ("; ".join(words) or "nothing") + follows
 

@@ -18,7 +18,7 @@ from truing.estimation.sensor.contenders import (
 )
 from truing.estimation.sensor.error_classes import CREEP_S, ErrorClass, axis_errors
 from truing.estimation.sensor.load_table import GrossSignal, RecordedLoads
-from truing.stages.calibration.model_rows import limit_rows
+from truing.stages.calibration.model_rows import ComponentErrors, limit_rows
 from truing.stages.calibration.sensor_matrices import OtherCalibrations
 from truing.stages.common.applied_findings import AS_RECORDED, WITH_FINDINGS
 from truing.stages.common.rows import Rows
@@ -96,7 +96,7 @@ def requirement_rows_of_loads(
         (fitted.chosen.model.name, "none"),
         dict.fromkeys(_misrecorded(recorded_loads, other_calibrations), _NOT_AS_RECORDED),
     )
-    return limit_rows(units, limits, key, errors, variances, every, why, "runs")
+    return limit_rows(ComponentErrors(units, errors, variances, every, "runs"), limits, key, why)
 
 
 def _misrecorded(recorded_loads: RecordedLoads, other_calibrations: OtherCalibrations | None) -> list[str]:
@@ -192,6 +192,8 @@ def _figures(rows: Rows, fitted: SensorCalibrations, predictions: HeldOutPredict
     _add_figure(rows, predictions, "heldout_log_density", None, predictions.log_density, "1")
     _add_figure(rows, predictions, "heldout_chi_square", None, float(predictions.squares.sum()), "1")
     _add_figure(rows, predictions, "heldout_freedom", None, float(predictions.freedom.sum()), "1")
+    is_unweighted = predictions.fit.model.estimator == "least squares"
+    _add_figure(rows, predictions, "noise_from_residuals", None, float(is_unweighted), "1")
     _add_figure(
         rows, predictions, "parameters", None, float(predictions.fit.matrix.size + predictions.fit.zeros.size), "1"
     )

@@ -159,7 +159,7 @@ def merit_rows(theory: Theory | None, sensor_calibrations: SensorCalibrations | 
     if sensor_calibrations is not None:
         for one in lengths:
             condition = _pair(condition_number(per_length(sensor_calibrations.matrix, one)))
-            _merit_row(rows, ("G_B", sensor_calibrations.chosen.model.name), one, "condition", *condition)
+            _MeritRows(rows, ("G_B", sensor_calibrations.chosen.model.name), one).add("condition", *condition)
     if theory is None:
         return rows
     if legs is not None and legs.estimate.value.shape == (6, 6):
@@ -167,22 +167,23 @@ def merit_rows(theory: Theory | None, sensor_calibrations: SensorCalibrations | 
             _theory_errors(rows, name, estimate, legs, lengths)
     motion = theory.synthetic / READING_SI
     for subject, value, unit in zip(CHANNELS, motion.tolist(), READING_UNITS, strict=True):
-        _merit_row(rows, ("G'", SYNTHETIC), None, "synthetic_error", value, None, subject, unit)
+        _MeritRows(rows, ("G'", SYNTHETIC), None).add("synthetic_error", value, None, subject, unit)
     return rows
 
 
 def _merit(rows: Rows, name: Name, estimate: MatrixEstimate, length: float) -> None:
     value, sigma = _pair(condition_number(estimate))
-    _merit_row(rows, name, length, "condition", value, sigma)
-    _merit_row(rows, name, length, "isotropy", 1.0 / value, sigma / value**2)
+    merits = _MeritRows(rows, name, length)
+    merits.add("condition", value, sigma)
+    merits.add("isotropy", 1.0 / value, sigma / value**2)
     each = sensitivities(estimate)
     if estimate.value.shape == (6, 6):
         figures = merit(estimate.value)
-        _merit_row(rows, name, length, "force_isotropy", float(figures.force_isotropy), None)
-        _merit_row(rows, name, length, "torque_isotropy", float(figures.torque_isotropy), None)
+        merits.add("force_isotropy", float(figures.force_isotropy), None)
+        merits.add("torque_isotropy", float(figures.torque_isotropy), None)
     for k, load in enumerate(LOADS):
         unit = "1" if k < 3 or length != 1.0 else "1/m"
-        _merit_row(rows, name, length, "sensitivity", float(each.value[k]), float(each.sigma[k]), load, unit)
+        merits.add("sensitivity", float(each.value[k]), float(each.sigma[k]), load, unit)
 
 
 def _theory_errors(
@@ -192,31 +193,30 @@ def _theory_errors(
     figure = "type_1_error" if name[0] == "G'" else "type_2_error"
     figures = relative_errors(sensitivities(estimate).value, sensitivities(legs.estimate))
     for load, value, sigma in zip(LOADS, figures.value.tolist(), figures.sigma.tolist(), strict=True):
-        _merit_row(rows, name, None, figure, 100 * value, 100 * sigma, load, "%")
+        _MeritRows(rows, name, None).add(figure, 100 * value, 100 * sigma, load, "%")
     angles = angles_to_theory(np.linalg.inv(estimate.value), legs.estimate)
     for load, value, sigma in zip(LOADS, np.degrees(angles.value), np.degrees(angles.sigma), strict=True):
         angle = figure.replace("error", "angle")
-        _merit_row(rows, name, None, angle, float(value), float(sigma), load, "deg")
+        _MeritRows(rows, name, None).add(angle, float(value), float(sigma), load, "deg")
     for length in lengths:
         condition = condition_number(per_length(estimate, length)).value
         value, sigma = _pair(relative_errors(condition, condition_number(per_length(legs.estimate, length))))
-        _merit_row(rows, name, length, figure, 100 * value, 100 * sigma, "condition", "%")
+        _MeritRows(rows, name, length).add(figure, 100 * value, 100 * sigma, "condition", "%")
 
 
 def _pair(figures: Figures) -> tuple[float, float]:
     return float(figures.value[0]), float(figures.sigma[0])
 
 
-def _merit_row(
-    rows: Rows,
-    name: Name,
-    length: float | None,
-    figure: str,
-    value: float,
-    sigma: float | None,
-    subject: str | None = None,
-    unit: str = "1",
-) -> None:
-    finite = None if sigma is None or not np.isfinite(sigma) else sigma
-    where = {"matrix": name[0], "model": name[1], "length_m": length, "subject": subject}
-    rows.add(**where, figure=figure, value=value, sigma=finite, unit=unit)
+@dataclass(frozen=True)
+class _MeritRows:
+    """Rows of the figures of one matrix, with moments divided by a length; None: the figure has no such length."""
+
+    rows: Rows
+    name: Name
+    length: float | None
+
+    def add(self, figure: str, value: float, sigma: float | None, subject: str | None = None, unit: str = "1") -> None:
+        finite = None if sigma is None or not np.isfinite(sigma) else sigma
+        where = {"matrix": self.name[0], "model": self.name[1], "length_m": self.length, "subject": subject}
+        self.rows.add(**where, figure=figure, value=value, sigma=finite, unit=unit)

@@ -1,4 +1,4 @@
-"""What campaign.toml says of a campaign for the first screen of its page: names, machine, instrument, dates, logo."""
+"""Facts of campaign.toml for the first screen of the page: names, machine, instrument, dates, logo."""
 
 from __future__ import annotations
 

@@ -170,10 +170,10 @@ def forbidden_poses(
         return ForbiddenPoses(ends[..., :size], ends[..., size:], (), functions)
     units = {c.name: c.si for c in ranges.columns} | dict.fromkeys(_AXES, _MM)
     known = {_side(stem, side): (s, k) for k, stem in enumerate(units) for s, side in enumerate(("min", "max"))}
-    strange = [name for name in table.schema.names if name not in known and name != "link"]
-    if strange or not count:
+    unknown = [name for name in table.schema.names if name not in known and name != "link"]
+    if unknown or not count:
         expected = f"rows of forbidden regions, columns of link, {', '.join(known)}"
-        raise CampaignFaults(Fault(file, expected, column=name) for name in strange or [None])
+        raise CampaignFaults(Fault(file, expected, column=name) for name in unknown or [None])
     for name in table.schema.names:
         if name in known:
             side, k = known[name]

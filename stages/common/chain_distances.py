@@ -29,8 +29,8 @@ def measured_distances(tables: Mapping[str, pa.Table], tree: Tree, poses: tuple[
         for link_pair in zip(links, names, strict=True)
     ]
     ends = list(dict.fromkeys([*pairs[0], *pairs[1]]))
-    if strange := [link for link, _ in ends if link not in tree.links]:
-        raise ValueError(f"link {strange[0]} is no link of the chain; there are {', '.join(tree.links)}")
+    if unknown := [link for link, _ in ends if link not in tree.links]:
+        raise ValueError(f"link {unknown[0]} is no link of the chain; there are {', '.join(tree.links)}")
     both = np.array([[ends.index(a), ends.index(b)] for a, b in zip(*pairs, strict=True)])
     lines, number = np.unique(both, axis=0, return_inverse=True)
     at = positions(table.column("pose"), poses)

@@ -9,6 +9,7 @@ import pyarrow as pa
 
 from truing.arrays import Array
 from truing.estimation.interferometry.recorded_steps import CHANNELS
+from truing.schemas.calibration_columns import LEG_JOINTS
 from truing.simulation.bench.six_upur.assembly import joined_links, sensor_chains
 from truing.simulation.bench.six_upur.geometry import leg_axes, outward
 from truing.simulation.mechanisms.legs.closures import Legs
@@ -57,7 +58,7 @@ def _frames_of_sensor(settings: Campaign) -> pa.Table:
         upper = joints.origin + joints.arm[k]
         at = [joints.lower[k]] * 2 + [0.5 * (joints.lower[k] + upper)] + [upper] * 3
         names = [f"S{j + 1}" for j in range(_JOINT_AXES)]
-        _add(rows, f"joints of leg {k + 1}", names, np.stack(at), links.axis[k, :_JOINT_AXES])
+        _add(rows, f"{LEG_JOINTS} {k + 1}", names, np.stack(at), links.axis[k, :_JOINT_AXES])
         radii = np.stack([base_radius[k], platform_radius[k]])
         _add(rows, f"radii of leg {k + 1}", ("base", "platform"), np.stack([joints.lower[k], upper]), radii)
     beams = [getattr(settings.interferometer.beams, name) for name in CHANNELS]
@@ -84,7 +85,7 @@ def _frames_of_legs(legs: Legs, flexure_length: Array) -> pa.Table | None:
         ends += [("d'", upper[k] - half * z), ("b'", upper[k] + half * z)] if half else []
         names = [moved[0], *(name for name, _ in ends), "b"]
         at = np.stack([lower[k], *(point for _, point in ends), upper[k]])
-        _add(rows, f"joints of leg {k + 1}", names, at, np.stack([moved[1], *[z] * (len(names) - 1)]))
+        _add(rows, f"{LEG_JOINTS} {k + 1}", names, at, np.stack([moved[1], *[z] * (len(names) - 1)]))
     return rows.table()
 
 

@@ -11,7 +11,7 @@ import pyarrow as pa
 
 from truing.calibration.chain_design import ChosenChainPoses, HiddenCombination, Remedy, UnknownKind
 from truing.estimation.design.pose_order import PoseOrder
-from truing.report.numbers import count as counted
+from truing.report.numbers import count_text
 from truing.report.wordings.catalogue import cause_words
 from truing.stages.common.chain_candidates import Forbids, JointRanges
 from truing.stages.configurations.chosen import DesignOptions
@@ -89,19 +89,19 @@ def _chosen(design: ChainDesign) -> list[str]:
     held_out_words = f" and {options.verification} for verification" if options.verification else ""
     kept_words = f" beside {design.kept} that are kept" if design.kept else ""
     sources = ", ".join(dict.fromkeys(design.ranges.given_by))
-    regions = f", outside {counted(design.forbidden, 'forbidden region')}" if design.forbidden else ""
+    regions = f", outside {count_text(design.forbidden, 'forbidden region')}" if design.forbidden else ""
     of_causes = f", with the effects of {', '.join(design.causes)}" if design.causes else ""
     lines = [
-        f"{counted(options.poses, 'pose')}{held_out_words} by {options.method}{kept_words}, "
+        f"{count_text(options.poses, 'pose')}{held_out_words} by {options.method}{kept_words}, "
         f"within the ranges of the joints ({sources}){regions}",
         f"log det of the information, relative to what is known before: {chosen_poses.log_det:.3f} "
-        f"({counted(chosen_poses.size, 'unknown')}{of_causes})",
+        f"({count_text(chosen_poses.size, 'unknown')}{of_causes})",
         f"D-efficiency {_percent(chosen_poses.efficiency)} of the best possible (equivalence theorem over "
-        f"{counted(design.candidates, 'candidate')}; poses between them are not covered)",
+        f"{count_text(design.candidates, 'candidate')}; poses between them are not covered)",
     ]
     if design.existing is not None and design.own is not None:
         lines.append(
-            f"the campaign's own {counted(design.own.count, 'pose')}: {_percent(design.existing)} of the best of as "
+            f"the campaign's own {count_text(design.own.count, 'pose')}: {_percent(design.existing)} of the best of as "
             "many"
         )
     return lines
@@ -128,10 +128,10 @@ def _shown(whose: str, shown: ShownByPoses) -> list[str]:
         rows_of_kind = [row["identifiable"] for row in numbers if row["kind"] == kind]
         if rows_of_kind:
             parts.append(f"{sum(rows_of_kind)} of {len(rows_of_kind)} {words}")
-    lines = [f"{whose} {counted(shown.count, 'pose')} determine {', '.join(parts)}"]
+    lines = [f"{whose} {count_text(shown.count, 'pose')} determine {', '.join(parts)}"]
     lines += [_hidden(combination, poses) for combination, poses in shown.hidden[:_LISTED]]
     if (more := len(shown.hidden) - _LISTED) > 0:
-        lines.append(f"  {counted(more, 'further combination')} that the data leave less certain than before")
+        lines.append(f"  {count_text(more, 'further combination')} that the data leave less certain than before")
     return lines + _causes(shown.causes.to_pylist())
 
 
@@ -175,7 +175,7 @@ def _causes(rows: Sequence[Mapping[str, Any]]) -> list[str]:
             f"{_SEPARATED[Remedy(row['separated_by'])]}"
         )
     if (more := len(ranked) - _LISTED) > 0:
-        lines.append(f"  {counted(more, 'further pair')} of causes that look alike")
+        lines.append(f"  {count_text(more, 'further pair')} of causes that look alike")
     return lines
 
 

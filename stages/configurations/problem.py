@@ -106,10 +106,10 @@ def _fill_boxes(bounds: NDArray, avoid: pa.Table, rho0: NDArray, file: str) -> N
     known = {
         stem.replace("_", f"_{side}_"): (s, k) for k, stem in enumerate(stems) for s, side in enumerate(("min", "max"))
     }
-    strange = [name for name in avoid.schema.names if name not in known]
-    if strange or not len(avoid):
+    unknown = [name for name in avoid.schema.names if name not in known]
+    if unknown or not len(avoid):
         expected = f"rows of forbidden regions, columns of {', '.join(list(known)[:2])} .. {list(known)[-1]}"
-        raise CampaignFaults(Fault(file, expected, column=name) for name in strange or [None])
+        raise CampaignFaults(Fault(file, expected, column=name) for name in unknown or [None])
     for name in avoid.schema.names:
         side, k = known[name]
         factor, zero = (_TO_SI[k], 0.0) if k < 6 else (1e-3, rho0[k - 6])
@@ -133,12 +133,12 @@ def _tolerance(section: Tolerance, entry: LegParameter) -> float:
 
 def _parameter_indices(names: tuple[LegParameter, ...], wanted: Sequence[str]) -> list[int]:
     known = [entry.name for entry in names]
-    strange = [name for name in wanted if name not in known]
-    if strange:
+    unknown = [name for name in wanted if name not in known]
+    if unknown:
         known_text = ", ".join(known)
         raise CampaignFaults(
             Fault("--parameters", f"parameters of a leg: {known_text}{did_you_mean(name, known)}", value=name)
-            for name in strange
+            for name in unknown
         )
     return [k for k, name in enumerate(known) if name in wanted]
 

@@ -7,8 +7,7 @@ import numpy as np
 from truing.calibration.needed_configurations import NeededConfigurations
 from truing.estimation.design.pose_selection import efficiency
 from truing.estimation.interferometry.recorded_steps import LOADS
-from truing.report.numbers import count as counted
-from truing.report.numbers import percent
+from truing.report.numbers import count_text, percent
 from truing.simulation.mechanisms.parameters import LegParameter
 from truing.stages.configurations.chosen import Design, LoadPlan
 from truing.stages.configurations.tables import RUN
@@ -33,7 +32,7 @@ def _parameters_chosen(design: Design) -> list[str]:
     options, names = design.options, [entry.name for entry in design.problem.names]
     kept_words = "" if design.kept is None else f" beside {design.kept.count} that are kept"
     held_out_words = f" and {options.verification} for verification" if options.verification else ""
-    first = f"{counted(options.poses, 'configuration')}{held_out_words} by {options.method}{kept_words}, "
+    first = f"{count_text(options.poses, 'configuration')}{held_out_words} by {options.method}{kept_words}, "
     first += _WITHIN[options.within]
     if design.kept is not None and design.kept.outside:
         first += f" ({design.kept.outside} of those kept lie outside)"
@@ -47,7 +46,7 @@ def _parameters_chosen(design: Design) -> list[str]:
     )
     return [
         first,
-        f"parameters of each leg: {' '.join(names)} ({len(names)} x {counted(design.problem.legs, 'leg')}){left}",
+        f"parameters of each leg: {' '.join(names)} ({len(names)} x {count_text(design.problem.legs, 'leg')}){left}",
     ]
 
 
@@ -65,7 +64,7 @@ def _bound(design: Design) -> str:
     candidates, size = design.candidates, design.problem.size
     ascended_words = f", {candidates.ascended} that climbs between them found" if candidates.ascended else ""
     missed = f", {candidates.unreached} more out of reach" if candidates.unreached else ""
-    points = f"{counted(candidates.corners, 'corner')} of the range, {counted(candidates.dense, 'point')} in it"
+    points = f"{count_text(candidates.corners, 'corner')} of the range, {count_text(candidates.dense, 'point')} in it"
     over = f"equivalence theorem over {points}{missed}{ascended_words}"
     if candidates.raised <= 1e-9 * size:
         return f"{over}; climbs find nothing more sensitive"
@@ -107,7 +106,7 @@ def _needed(design: Design) -> list[str]:
 
 def _counted_parameters(needed: NeededConfigurations) -> str:
     shared = f", {needed.shared} of them shared by the legs" if needed.shared else ""
-    return f"{counted(needed.parameters, 'parameter')}{shared}, {counted(needed.equations, 'equation')} per pose"
+    return f"{count_text(needed.parameters, 'parameter')}{shared}, {count_text(needed.equations, 'equation')} per pose"
 
 
 def _order(design: Design) -> list[str]:
@@ -125,7 +124,7 @@ def _existing(design: Design) -> list[str]:
     if existing_plan is None or share is None:
         return []
     line = (
-        f"the campaign's own {counted(existing_plan.count, 'pose')}: O1 = {existing_plan.log_det:.3f}, "
+        f"the campaign's own {count_text(existing_plan.count, 'pose')}: O1 = {existing_plan.log_det:.3f}, "
         f"{_percent(share)} of the best of as many"
     )
     if existing_plan.outside:
@@ -144,11 +143,11 @@ def words_of_loads(plan: LoadPlan) -> list[str]:
     at_once = "all components at once" if options.may_all_act else f"at most {options.at_once} at once"
     spread = [100.0 * sigma for sigma in plan.sigma]
     lines = [
-        f"{counted(options.poses, 'load')}{held_out_words} within [loading], {at_once}, in runs of {RUN} that begin "
+        f"{count_text(options.poses, 'load')}{held_out_words} within [loading], {at_once}, in runs of {RUN} that begin "
         "and end without load",
         f"log det of the information about a channel's six sensitivities and its zero: {plan.chosen.log_det:.3f}",
         f"D-efficiency {100.0 * plan.chosen.efficiency:.2f} % of the best possible (equivalence theorem over "
-        f"{counted(plan.candidates, 'load')})",
+        f"{count_text(plan.candidates, 'load')})",
         f"predicted sigma of a signal at full load, in hundredths of its noise{_microvolts(plan)}: "
         + ", ".join(f"{load} {sigma:.1f}" for load, sigma in zip(LOADS, spread, strict=True)),
         f"drift: of a line in time, loads can imitate {100.0 * plan.order.drift:.2f} % "
@@ -172,7 +171,7 @@ def _existing_loads(plan: LoadPlan) -> list[str]:
         np.exp((plan.chosen.log_det - existing_loads.log_det) / size) * len(existing_loads.loads) / plan.options.poses
     )
     return [
-        f"the campaign's own {counted(len(existing_loads.loads), 'load')}: "
+        f"the campaign's own {count_text(len(existing_loads.loads), 'load')}: "
         f"{_percent(existing_loads.efficiency)} of the best of as many, all components at once",
         f"one chosen load is worth {worth:.2f} of the campaign's own loads",
     ]

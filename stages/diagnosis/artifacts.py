@@ -10,8 +10,7 @@ import pyarrow as pa
 
 from truing.inference.detectable import assessed
 from truing.report.diagnosis.assessed_causes import WITHOUT_FINDINGS
-from truing.report.numbers import count as counted
-from truing.report.numbers import gross_errors, sign, two_decimals
+from truing.report.numbers import count_text, gross_errors, sign, two_decimals
 from truing.schemas.artifacts import ARTIFACTS
 from truing.stages.declaration import Outcome
 from truing.stages.diagnosis.applied import applied_model, choices_table
@@ -120,8 +119,8 @@ def _remark(data: DiagnosisData[Any], final: FittedModel) -> str:
 def _read(data: DiagnosisData[Any], shown: ReportedRms) -> str:
     held_out_count = 0 if data.held_out is None else len(data.held_out.conditions.readings)
     seen = int(data.calibration.measured.is_observed.sum())
-    used = counted(len(data.calibration.conditions.readings), shown.epoch)
-    return f"{counted(seen, shown.what)} of {used}, {counted(held_out_count, shown.epoch)} held out"
+    used = count_text(len(data.calibration.conditions.readings), shown.epoch)
+    return f"{count_text(seen, shown.what)} of {used}, {count_text(held_out_count, shown.epoch)} held out"
 
 
 def _figure(table: pa.Table, diagnosis: CauseDiagnosis, shown: ReportedRms, rule: Settings) -> str:
@@ -130,7 +129,7 @@ def _figure(table: pa.Table, diagnosis: CauseDiagnosis, shown: ReportedRms, rule
     unit = sign(shown.unit)
     left = f"{two_decimals(rms)} {unit}, noise floor {two_decimals(floor)} {unit}"
     if not diagnosis.end.is_complete:
-        left += f"; the search stopped after {counted(diagnosis.end.accepted, 'cause')}, other effects remain"
+        left += f"; the search stopped after {count_text(diagnosis.end.accepted, 'cause')}, other effects remain"
     elif diagnosis.adequacy.p_value <= rule.doubted_level:
         left += "; the model as a whole does not fit"
     if not {"found", "suspected"} & set(table.column("verdict").to_pylist()):

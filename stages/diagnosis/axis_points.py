@@ -14,7 +14,7 @@ from truing.arrays import TableRow
 from truing.inference.blocks import group_numbers
 from truing.inference.observations import Epochs, Frames, Observations
 from truing.report.diagnosis.findings import IN_TURN, SCATTER_OF_REPEATS
-from truing.report.numbers import count as counted
+from truing.report.numbers import count_text
 from truing.schemas.verdict import Relation
 from truing.simulation.axis.extended_model import extended_axis, write_axis
 from truing.simulation.axis.model import AxisModel
@@ -109,10 +109,14 @@ def _spread(rows: Mask) -> Mask:
 def _left_out(tables: Mapping[str, pa.Table], excluded: int, available: int, fitted: int) -> str:
     """Rows and approaches that are not compared, in words; empty without any."""
     gross = int(gross_approaches(tables["positions"]).sum()) if "positions" in tables else 0
-    words = [f"{counted(excluded, 'row')} excluded by a person"] if excluded else []
+    words = [f"{count_text(excluded, 'row')} excluded by a person"] if excluded else []
     if fitted < available:
-        words.append(f"{counted(available - fitted, 'row')} of {available:,}, so that {fitted:,} evenly spread remain")
-    return "; ".join([*words, *([f"{counted(gross, 'approach')} that check position-errors names"] if gross else [])])
+        words.append(
+            f"{count_text(available - fitted, 'row')} of {available:,}, so that {fitted:,} evenly spread remain"
+        )
+    return "; ".join(
+        [*words, *([f"{count_text(gross, 'approach')} that check position-errors names"] if gross else [])]
+    )
 
 
 def _of_approaches(shown: Channels) -> Channels:

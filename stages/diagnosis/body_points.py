@@ -13,7 +13,7 @@ from numpy.typing import NDArray
 
 from truing.estimation.rigid_poses.points import PosePoints
 from truing.estimation.target_positions import median_places
-from truing.report.numbers import count as counted
+from truing.report.numbers import count_text
 from truing.schemas.covariates import column_alias
 from truing.schemas.verdict import Relation
 from truing.simulation.bodies.causes.terms import CAME_FROM, place_columns
@@ -85,7 +85,9 @@ def assemble_bodies(tables: Mapping[str, pa.Table], settings: Campaign) -> Diagn
     if why := why_too_few_determined(int(fitted.sum())):
         raise ValueError(why)
     fitted, thinned = _thinned(fitted, model)
-    words += [f"{counted(int((~usable).sum()), 'pose')} without a body that is determined"] if not usable.all() else []
+    words += (
+        [f"{count_text(int((~usable).sum()), 'pose')} without a body that is determined"] if not usable.all() else []
+    )
     table = tables.get("configurations")
     repeats = repeats_of(table, poses, settings.campaign.drives, settings.noise.actuator_mm)
     came = [covariates[name][fitted] for name in covariates if name.startswith(CAME_FROM)]
@@ -119,7 +121,9 @@ def _targets(
             words.append(f"body {name} (no three targets seen together in three poses)")
             continue
         lost_poses = int((~body.ok & body.is_observed.any(1)).sum())
-        words += [f"{counted(lost_poses, 'pose')} of body {name}, not determined by its targets"] if lost_poses else []
+        words += (
+            [f"{count_text(lost_poses, 'pose')} of body {name}, not determined by its targets"] if lost_poses else []
+        )
         found.append(body)
     return found, words
 
@@ -238,7 +242,8 @@ def _thinned(rows: NDArray[np.bool_], model: BodyModel) -> tuple[NDArray[np.bool
     seen_rows = np.zeros_like(rows)
     seen_rows[np.flatnonzero(rows)[np.linspace(0, count - 1, most).round().astype(int)]] = True
     return seen_rows, [
-        f"{count - most} of {counted(count, 'pose')}, evenly over the campaign: all together would not fit into memory"
+        f"{count - most} of {count_text(count, 'pose')}, evenly over the campaign: all together would not fit into "
+        "memory"
     ]
 
 

@@ -1,4 +1,4 @@
-"""Distances beside points or poses of a chain: all as numbers on the same channels."""
+"""Distances next to points or poses of a chain: all as numbers on the same channels."""
 
 from __future__ import annotations
 

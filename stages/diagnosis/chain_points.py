@@ -14,7 +14,7 @@ from numpy.typing import NDArray
 from truing.arrays import Array, Mask
 from truing.estimation.rotation import skew
 from truing.inference.observations import Epochs, Frames, Observations
-from truing.report.numbers import count as counted
+from truing.report.numbers import count_text
 from truing.schemas.verdict import Relation
 from truing.simulation.mechanisms.chains.causes import ChainCause, JointOffset, JointsExchanged
 from truing.simulation.mechanisms.chains.closed_tree import ClosedTree
@@ -136,9 +136,9 @@ def _omissions(out: Mask, read: Mask, framed: Mask, thinned: str) -> str:
     """Poses (B,) that are not searched, in words."""
     unread, loose = int((~read).sum()), int((~framed).sum())
     words = (
-        f"{counted(int(out.sum()), 'pose')} excluded by a person" if out.any() else "",
-        f"{counted(unread, 'pose')} without a reading of every joint" if unread else "",
-        f"{counted(loose, 'pose')} with too few targets of the reference link" if loose else "",
+        f"{count_text(int(out.sum()), 'pose')} excluded by a person" if out.any() else "",
+        f"{count_text(unread, 'pose')} without a reading of every joint" if unread else "",
+        f"{count_text(loose, 'pose')} with too few targets of the reference link" if loose else "",
         thinned,
     )
     return "; ".join(filter(None, words))
@@ -180,7 +180,7 @@ def _thinned(rows: Mask) -> tuple[Mask, str]:
         return rows, ""
     chosen_rows = np.zeros_like(rows)
     chosen_rows[np.flatnonzero(rows)[np.linspace(0, count - 1, _MOST_POSES).round().astype(int)]] = True
-    return chosen_rows, f"{count - _MOST_POSES} of {counted(count, 'pose')}, evenly over the campaign"
+    return chosen_rows, f"{count - _MOST_POSES} of {count_text(count, 'pose')}, evenly over the campaign"
 
 
 def _distance_model(

@@ -97,7 +97,7 @@ def _motions(error: PredictionError[Any], declared: Observations) -> tuple[Array
 
 
 def _channels(error: PredictionError[Any], model: ChainModel, declared: Observations) -> _Channels:
-    """Positions and orientations with their whole error, whatever was decoupled or measured beside them."""
+    """Positions and orientations with their full error, even if the model decoupled or supplemented them."""
     count, channels = len(declared.values), model.channels
     gap, values, cov = error.gap, declared.values, declared.covariance
     is_observed: Mask = np.asarray(error.is_observed)

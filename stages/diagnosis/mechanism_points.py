@@ -13,7 +13,7 @@ from numpy.typing import NDArray
 from truing.estimation.labels.point_selection import select_points
 from truing.estimation.rigid_poses.points import PointResiduals, PosePoints, with_declared_noise
 from truing.inference.observations import Frames
-from truing.report.numbers import count as counted
+from truing.report.numbers import count_text
 from truing.simulation.inputs import APPROACH, ORDER, TIME
 from truing.simulation.mechanisms.causes.targets import TargetsSwapped, swapped_targets
 from truing.simulation.mechanisms.extended_model import extended, some_of, write_model
@@ -74,9 +74,9 @@ def assemble(tables: Mapping[str, pa.Table], settings: Campaign) -> DiagnosisDat
     if unreached := int((~reaches(legs, conditions.readings[fitted])).sum()):
         raise ValueError(
             f"the legs of [mechanism] cannot meet the platform at the readings of {unreached} of "
-            f"{counted(int(fitted.sum()), 'pose')}"
+            f"{count_text(int(fitted.sum()), 'pose')}"
         )
-    words = [f"{counted(int((~usable).sum()), 'pose')} without readings or base"] if not usable.all() else []
+    words = [f"{count_text(int((~usable).sum()), 'pose')} without readings or base"] if not usable.all() else []
     repeats = repeats_of(tables["configurations"], poses, (), settings.noise.actuator_mm)
     own, known = some_of(conditions, fitted), selected_groupings(labels_of(tables["configurations"], poses), fitted)
     groupings = groupings_of(own.readings, own.covariates.get(TIME), own.covariates.get(APPROACH), known)

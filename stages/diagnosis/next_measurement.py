@@ -22,7 +22,7 @@ from truing.estimation.design.rival_design import (
 )
 from truing.inference.observations import Frames, Observations
 from truing.report.diagnosis.findings import subject_words
-from truing.report.numbers import approximate_duration, count, rough
+from truing.report.numbers import approximate_duration, count_text, rough
 from truing.report.wordings.catalogue import cause_words, confirming, parameter_of_cause
 from truing.report.wordings.claim import Advice, AdviceKind
 from truing.report.wordings.nonparametric_wordings import columns_words
@@ -139,7 +139,7 @@ class MeasurementPlan:
             return ""
         if len(self.choice.times) == 1:
             return f", {many} times"
-        total_words = f"{count(total, self.options.each)} in all"
+        total_words = f"{count_text(total, self.options.each)} in all"
         return f", {many} times each ({total_words})" if few == many else f", {total_words} ({few} to {many} of each)"
 
     def _duration(self) -> str:
@@ -298,7 +298,7 @@ def _separating_plan(reach: Reach, pair: Rivals) -> MeasurementPlan:
     given = (
         f"The expected odds are then {_odds(choice.final)}, whichever of the two is right."
         if choice.is_enough
-        else f"Even {count(choice.total, options.unit)} give expected odds of at most {_odds(choice.final)}."
+        else f"Even {count_text(choice.total, options.unit)} give expected odds of at most {_odds(choice.final)}."
     )
     expected = tuple({"expected": f"odds of {_odds(value)}", "odds_expected": value} for value in choice.values)
     purpose = f"{_name(pair.cause, pair.legs)} against {_name(pair.other, pair.legs)}"
@@ -354,7 +354,7 @@ def _sharper(reach: Reach, largest: _Largest, fitted: Fitted) -> tuple[Measureme
     called = parameter_of_cause(name, largest.cause.id, largest.cause.subject)
     if plan.has_gain:
         return plan, plan.advice(AdviceKind.SHARPEN, f"To determine {called} more precisely")
-    what, more = options.what[0], count(choice.total, options.unit)
+    what, more = options.what[0], count_text(choice.total, options.unit)
     vain = f"No possible {what} halves the uncertainty of {called}: it is {before} now, and still {after} after {more}."
     vain += f" {_confirming(largest.cause, legs).words}"
     return plan, Advice(AdviceKind.IN_VAIN, vain)

@@ -19,8 +19,7 @@ from truing.arrays import TableRow
 from truing.estimation.bundle.shared_errors import MOST_PATTERNS, independent_errors
 from truing.estimation.bundle.shared_errors import with_shared_errors as points_with_shared_errors
 from truing.inference.detectable import assessed
-from truing.report.numbers import count as counted
-from truing.report.numbers import two_decimals
+from truing.report.numbers import count_text, two_decimals
 from truing.schemas.artifacts import ARTIFACTS
 from truing.simulation.bodies.model import BodyModel
 from truing.simulation.mechanisms.model import MechanismModel
@@ -72,7 +71,7 @@ class RayFindings:
     @property
     def read(self) -> str:
         """Description of the rays that were read."""
-        return f"rays of {counted(len(self.data.calibration.conditions.poses), 'pose')}"
+        return f"rays of {count_text(len(self.data.calibration.conditions.poses), 'pose')}"
 
     @property
     def left_out(self) -> str:

@@ -126,7 +126,7 @@ def _subject(value: ScreenedValue, diagnosis: CauseDiagnosis) -> str:
 
 
 def pull_tables(before: FittedModel, after: FittedModel) -> dict[str, pa.Table]:
-    """pulls.parquet and pull_sums.parquet; without rows where no tolerance says where the geometry belongs.
+    """pulls.parquet and pull_sums.parquet; without rows if no tolerance is declared.
 
     Shifts are counted from nominal, also where the campaign starts from an earlier one: what that knew is data.
     """

@@ -16,6 +16,7 @@ from truing.inference.noise import merged_by_driver
 from truing.report.diagnosis.assessed_causes import REMAINDER, WITHOUT_FINDINGS
 from truing.report.diagnosis.findings import (
     Facts,
+    NoiseFacts,
     explanation,
     missing_explanation,
     noise_explanation,
@@ -152,7 +153,7 @@ def _errors(shown: ReportedRms, verdict: Verdict) -> dict[str, Any]:
 
 
 def _errors_without_any(shown: ReportedRms, diagnosis: CauseDiagnosis) -> dict[str, Any]:
-    """Return the prediction errors without any cause, which errors without one cause do not tell: a cause may be
+    """Return the prediction errors without any cause, which errors without one cause do not give: a cause may be
     compared next to all others."""
     error, held_out = diagnosis.errors_without_any
     return {"rms_without_any": shown.rms(error), "heldout_rms_without_any": shown.rms(held_out)}
@@ -319,7 +320,7 @@ def _attributed_rows(
 def _larger_row(level: NoiseLevel, final: FittedModel, shown: ReportedRms) -> dict[str, Any]:
     """Noise larger than declared is structure too: an unknown effect moves the measurements."""
     missed = shown.rms(final.error), shown.floor(final.floor)
-    text = noise_explanation(level.ratio, level.sigma, *missed, unit=shown.unit, expected=shown.noise)
+    text = noise_explanation(NoiseFacts(level.ratio, level.sigma, *missed, shown.unit, expected=shown.noise))
     return _of_noise(level, final, shown) | {"explanation": text, "next_measurement": shown.scatter}
 
 
@@ -358,13 +359,13 @@ def _noise_dependence_row(dependence: NoiseDependence, final: FittedModel, shown
     follows = own_name(dependence.driver.name) or alone
     where = f"Look at {follows}" if names else f"Repeat it where {follows} differs"
     missed = shown.rms(final.error), shown.floor(final.floor)
-    text = noise_explanation(dependence.ratio, dependence.sigma, *missed, [follows], shown.unit, alone=alone)
+    facts = NoiseFacts(dependence.ratio, dependence.sigma, *missed, shown.unit, [follows], channel=alone)
     is_by_place = not names and not dependence.driver.column
     return _of_noise(dependence, final, shown) | {
         "subject": alone,
         "settings": json.dumps({"over": "others"} if names else {"place": follows} if is_by_place else {}),
         "follows": listed(_dependence_column(dependence.driver.column)),
-        "explanation": text,
+        "explanation": noise_explanation(facts),
         "next_measurement": f"{shown.scatter} {where}.",
     }
 

@@ -15,8 +15,7 @@ from truing.formats.image_files import read_grey
 from truing.formats.photographs import Photograph, PhotographFiles, list_photographs
 from truing.formats.raw import Unusable
 from truing.formats.source import CampaignFiles
-from truing.report.numbers import count as counted
-from truing.report.numbers import reasons
+from truing.report.numbers import count_text, reasons
 from truing.schemas.faults import Fault
 from truing.schemas.photographs import FAMILIES, MARKERS, RINGS, USUAL
 from truing.stages.declaration import Progress
@@ -53,7 +52,8 @@ def opened(source: CampaignFiles, settings: Campaign) -> str:
     log.raise_faults()
     photos = photographs.found
     poses, cameras = ({getattr(photo, name) for photo in photos} for name in ("pose", "camera"))
-    text = f"{counted(len(photos), 'photograph')} of {counted(len(poses), 'pose')} by {counted(len(cameras), 'camera')}"
+    text = f"{count_text(len(photos), 'photograph')} of {count_text(len(poses), 'pose')}"
+    text += f" by {count_text(len(cameras), 'camera')}"
     left_out = reasons("file", photographs.left_out)
     return text + (f"; left out {'; '.join(left_out)}" if left_out else "")
 

@@ -22,7 +22,7 @@ _SHOWN = 3
 def survey_names(point: Names, targets: pa.Table | None) -> tuple[Names, Names, Names]:
     """Point, body and target (N,) of points called by their codes, as the table image_targets has them.
 
-    A code that the table does not hold keeps its name, which is then its target's too, on a body that is not said.
+    A code that the table does not hold keeps its name, which is also its target's name, on an unknown body.
     """
     row_of_code = {} if targets is None else {(row["family"], row["code"]): row for row in targets.to_pylist()}
     name_of_point = {name: _survey_name(name, row_of_code) for name in set(point.tolist())}
@@ -40,12 +40,12 @@ def _survey_name(name: str, name_pairs: dict[tuple[str, str], dict[str, str]]) -
 
 
 def kind_of(name: str) -> str:
-    """The kind of target that a code's name tells; a circle where it tells none."""
+    """Kind of target by the name of its code; a circle if the name has none."""
     return next((kind for kind in _KINDS if name.startswith(kind)), "circle")
 
 
 def unknown_to_survey(rays: pa.Table, survey: pa.Table, bars: pa.Table | None) -> Iterator[Fault]:
-    """A fault where every ray has a name, and the survey knows none of them but ends of scale bars.
+    """A fault if every ray has a name, but the survey contains none of them except ends of scale bars.
 
     Rays without a name are named by the survey's geometry later on.
     """

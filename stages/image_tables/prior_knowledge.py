@@ -157,8 +157,8 @@ def _codes(family: str) -> frozenset[str]:
 def read_cameras(source: CampaignFiles, settings: Campaign, log: FaultLog) -> SmallTable | None:
     """The cameras that the table cameras and [[cameras]] give, a row per parameter; None where neither gives any.
 
-    A camera of both has the values of the table, completed by [[cameras]], which alone says what is free. One that
-    takes over photographs ``of`` another has what it is not given itself from that.
+    A camera of both has the values of the table, completed by [[cameras]], which alone declares the free parameters.
+    One that takes over photographs ``of`` another has what it is not given itself from that.
     """
     collected_rows = collect_rows(source, CAMERAS, log)
     rows: dict[str, Row] = {}
@@ -182,7 +182,7 @@ def read_cameras(source: CampaignFiles, settings: Campaign, log: FaultLog) -> Sm
 
 
 def _row(given_camera: GivenCamera, rows: Mapping[str, Row], file: str, log: FaultLog) -> Row | None:
-    """A camera of [[cameras]] with what the table, or the camera that it is one of, says; None where nothing does."""
+    """A camera of [[cameras]], completed from the table or from its group of cameras; None where nothing does."""
     values = {
         name: value for name, value in given_camera.model_dump(exclude_unset=True).items() if name not in _NO_VALUES
     }

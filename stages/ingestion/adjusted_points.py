@@ -19,7 +19,7 @@ from truing.formats.faultlog import FaultLog
 from truing.formats.read import FileRows
 from truing.formats.shapes import COORDINATE_SIGMAS, COORDINATES
 from truing.formats.source import RawFile
-from truing.report.numbers import count as counted
+from truing.report.numbers import count_text
 from truing.schemas.faults import Fault
 from truing.schemas.mapping import FileMapping
 from truing.stages.common.point_arrays import number_column, points_and_cov, pose_ids, positions
@@ -166,19 +166,21 @@ class EstimatedCovariance:
         images = len(network.image_camera)
         if count > MOST_POINTS or (count > FEW_POINTS and images > MOST_IMAGES):
             limit = f"{MOST_POINTS:,} points" if count > MOST_POINTS else f"{MOST_IMAGES:,} images"
-            self.remarks.append(f"no standard deviations of {counted(count, 'point')} without any: more than {limit}")
+            self.remarks.append(
+                f"no standard deviations of {count_text(count, 'point')} without any: more than {limit}"
+            )
             return None
         try:
             with np.errstate(all="ignore"):  # whatever a damaged model holds
                 covariance, sigma_px = _covariance(network)
         except (ValueError, np.linalg.LinAlgError):
             self.remarks.append(
-                f"no standard deviations of {counted(count, 'point')}: their rays do not determine them"
+                f"no standard deviations of {count_text(count, 'point')}: their rays do not determine them"
             )
             return None
         known = int(np.isfinite(covariance[:, 0, 0]).sum())
         self.remarks.append(
-            f"standard deviations of {counted(known, 'point')} estimated from their rays (noise {sigma_px:.2g} px "
+            f"standard deviations of {count_text(known, 'point')} estimated from their rays (noise {sigma_px:.2g} px "
             "by their residuals; free datum, without a scale)"
         )
         return covariance

@@ -12,7 +12,7 @@ from truing.formats.faultlog import FaultLog
 from truing.formats.row_collection import CollectedRows, collect_rows
 from truing.formats.shapes import TableShape
 from truing.formats.source import CampaignFiles
-from truing.report.numbers import count
+from truing.report.numbers import count_text
 from truing.schemas.faults import Fault
 from truing.schemas.near_names import did_you_mean
 from truing.simulation.axis.rows import MEASURED
@@ -67,7 +67,7 @@ def ingest(settings: Campaign, source: CampaignFiles, log: FaultLog, *, may_be_p
     log.raise_faults()
     return Outcome(
         {"configurations": as_artifact("configurations", table), "exclusions": exclusions(rows.left_out)},
-        read=f"{count(len(table), 'row')} of a {columns.kind} axis",
+        read=f"{count_text(len(table), 'row')} of a {columns.kind} axis",
         left_out=left_out_words(rows.left_out),
         figure=f"command {columns.command}; recorded by {', '.join(columns.encoders.values())}",
     )

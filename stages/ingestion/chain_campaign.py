@@ -17,7 +17,7 @@ from truing.formats.raw import Unusable
 from truing.formats.source import CampaignFiles
 from truing.formats.urdf import Urdf, UrdfJoint, read_urdf
 from truing.formats.xml_document import read_xml
-from truing.report.numbers import count
+from truing.report.numbers import count_text
 from truing.schemas.faults import CampaignFaults, Fault
 from truing.schemas.near_names import did_you_mean
 from truing.simulation.mechanisms.chains.closed_tree import (
@@ -73,7 +73,7 @@ def ingest(
     if source.entries("distances"):
         tip = cast("ChainMechanism", settings.mechanism).tip or tree.nodes[-1].link
         artifacts["distances"] = read_distances(source, settings, table.column("pose"), tip, log)
-        read = f"{count(artifacts['distances'].num_rows, 'distance')} from distances.csv"
+        read = f"{count_text(artifacts['distances'].num_rows, 'distance')} from distances.csv"
         outcome = replace(outcome, read=read if not outcome.read else f"{outcome.read}; {read}")
     log.raise_faults()
     return replace(outcome, artifacts=artifacts)

@@ -18,7 +18,7 @@ from truing.formats.faultlog import FaultLog
 from truing.formats.read import read_table
 from truing.formats.shapes import SCANS, SURFACES
 from truing.formats.source import CampaignFiles
-from truing.report.numbers import count
+from truing.report.numbers import count_text
 from truing.schemas.artifacts import ARTIFACTS
 from truing.schemas.faults import Fault
 
@@ -46,7 +46,7 @@ class DenseScans:
     @property
     def read(self) -> str:
         """Description of the scans that were read."""
-        return f"{count(self.points, 'point')} of {count(len(self.rows), 'dense scan')}"
+        return f"{count_text(self.points, 'point')} of {count_text(len(self.rows), 'dense scan')}"
 
     @property
     def figure(self) -> str:

@@ -1,4 +1,4 @@
-"""Loads of one instrument beside signals of another: rows joined by their order, by run and step, or by time."""
+"""Loads of one instrument next to signals of another: rows joined by their order, by run and step, or by time."""
 
 from __future__ import annotations
 
@@ -12,7 +12,7 @@ from truing.formats.faultlog import FaultLog
 from truing.formats.row_collection import CollectedRows, collect_rows
 from truing.formats.shapes import LOADS_APART, WRENCH
 from truing.formats.source import CampaignFiles
-from truing.report.numbers import count, quantity
+from truing.report.numbers import count_text, quantity
 from truing.schemas.faults import Fault
 from truing.stages.common.rows import Rows
 from truing.stages.common.table_arrays import check_unique_keys, numbers, texts, without_rows
@@ -30,7 +30,7 @@ def with_joined_loads(
 ) -> tuple[CollectedRows | None, pa.Table | None]:
     """Return the signals with the loads of [files.loads], and one row on how they were joined; None without such loads.
 
-    Signals without a row of loads are left out and counted. Nothing is aligned unless the mapping says how.
+    Signals without a row of loads are left out and counted. Nothing is joined unless the mapping declares it.
     """
     loads = collect_rows(source, LOADS_APART, log, "run")
     if loads is None:
@@ -82,8 +82,8 @@ def _by_order(signals: CollectedRows, loads: CollectedRows, log: FaultLog) -> In
     """Return for each signal row (N,) the same row of the loads; a fault if their numbers differ."""
     rows, other = len(signals.table), len(loads.table)
     if rows != other:
-        expected = f"{count(rows, 'row')}, as in {signals.first_file}; else a key: {_KEYS}"
-        log.add(Fault(loads.first_file, expected, value=count(other, "row")))
+        expected = f"{count_text(rows, 'row')}, as in {signals.first_file}; else a key: {_KEYS}"
+        log.add(Fault(loads.first_file, expected, value=count_text(other, "row")))
     return np.arange(rows)
 
 
@@ -148,8 +148,8 @@ def _key(way: str) -> str | None:
 def words_on_join(joined: pa.Table) -> str:
     """Return the numbers of joined rows of signals and loads, and the key by which they were joined."""
     (row,) = joined.to_pylist()
-    text = f"loads of {row['rows_matched']:,} of {count(row['signal_rows'], 'row')} of signals"
-    text += f" ({count(row['load_rows'], 'row')} of loads), joined {_WORDS[row['joined_by']]}"
+    text = f"loads of {row['rows_matched']:,} of {count_text(row['signal_rows'], 'row')} of signals"
+    text += f" ({count_text(row['load_rows'], 'row')} of loads), joined {_WORDS[row['joined_by']]}"
     if row.get("largest_apart_s") is not None:
         text += f", at most {quantity(row['largest_apart_s'], 's')} apart"
     return text

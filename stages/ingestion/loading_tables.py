@@ -16,7 +16,7 @@ from truing.formats.file_search import words_on_unread_files
 from truing.formats.row_collection import CollectedRows, collect_rows
 from truing.formats.shapes import POSITIONING, WRENCH
 from truing.formats.source import CampaignFiles, RawFile
-from truing.report.numbers import count
+from truing.report.numbers import count_text
 from truing.schemas.artifacts import ARTIFACTS
 from truing.schemas.faults import Fault, Unfit
 from truing.stages.common.table_arrays import SmallTable, check_unique_keys, numbered, numbers, texts
@@ -141,15 +141,15 @@ class LoadingTables:
         """Description of the tables that were read."""
         parts = []
         if self.readings is not None:
-            parts.append(f"{count(len(self.readings.table), 'reading')} of {_channels(self.readings.table)}")
+            parts.append(f"{count_text(len(self.readings.table), 'reading')} of {_channels(self.readings.table)}")
         if self.signals is not None:
             names = [name for name in self.signals.table.column_names if name.endswith("_mv")]
-            parts.append(f"{count(len(names), 'signal')} of {count(len(self.signals.table), 'load step')}")
+            parts.append(f"{count_text(len(names), 'signal')} of {count_text(len(self.signals.table), 'load step')}")
             parts += [] if self.joined is None else [words_on_join(self.joined)]
         if self.positions is not None:
-            parts.append(f"{count(len(self.positions.table), 'approach')} of an axis to its targets")
+            parts.append(f"{count_text(len(self.positions.table), 'approach')} of an axis to its targets")
         if self.published is not None:
-            parts.append(count(len(self.published), "published value"))
+            parts.append(count_text(len(self.published), "published value"))
         return " and ".join(parts)
 
     @property
@@ -158,7 +158,7 @@ class LoadingTables:
         every = (self.readings, self.signals, self.positions)
         tables = [table.table for table in every if table is not None]
         runs = {run for table in tables for run in table.column("run").to_pylist()}
-        text = count(len(runs), "run")
+        text = count_text(len(runs), "run")
         if done := [row for row in self.corrections if row["largest"] is not None]:
             words = (f"{row['subject']} for {row['correction']} by {row['largest']:.2g} {row['unit']}" for row in done)
             text += f"; corrected at most: {', '.join(words)}"
@@ -311,10 +311,10 @@ def _check_complete(collected: CollectedRows, log: FaultLog) -> None:
         missing = len(targets) * len(cycles) * len(_DIRECTIONS) - int(rows_of_run.sum())
         if missing or directions != set(_DIRECTIONS) or len(cycles) < _FEWEST_CYCLES:
             text = (
-                f"run {run}: {count(len(targets), 'target')}, {count(len(cycles), 'cycle')}, "
+                f"run {run}: {count_text(len(targets), 'target')}, {count_text(len(cycles), 'cycle')}, "
                 f"{', '.join(sorted(directions))}"
             )
-            text += f", {count(missing, 'approach')} missing" if missing else ""
+            text += f", {count_text(missing, 'approach')} missing" if missing else ""
             expected = f"every target approached from both sides in every cycle, {_FEWEST_CYCLES} cycles at least"
             if (
                 len(targets)

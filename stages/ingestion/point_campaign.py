@@ -13,7 +13,7 @@ import pyarrow as pa
 from truing.formats.faultlog import FaultLog
 from truing.formats.file_search import words_on_unread_files
 from truing.formats.source import CampaignFiles, skipped_files
-from truing.report.numbers import count
+from truing.report.numbers import count_text
 from truing.schemas.artifacts import ARTIFACTS
 from truing.schemas.faults import Fault
 from truing.stages.common.table_arrays import SmallTable
@@ -94,7 +94,9 @@ def ingest_points(
     parts = _first_tables(settings, source, adjusted, log)
     if adjusted is None and source.has_photographs:  # a campaign is checked before its photographs are adjusted
         log.raise_faults()
-        return parts.outcome(count(len(parts.configurations.table), "configuration"), "points are not adjusted yet")
+        return parts.outcome(
+            count_text(len(parts.configurations.table), "configuration"), "points are not adjusted yet"
+        )
     if adjusted is None:
         _check_any_points(source, log)
     order = PoseTimes.of(parts.configurations.table)

@@ -19,7 +19,7 @@ from truing.formats.point_index import PointIndex
 from truing.formats.read import FileRows, prefetched, read_table
 from truing.formats.shapes import COORDINATE_SIGMAS, POINTS
 from truing.formats.source import CampaignFiles
-from truing.report.numbers import count as counted
+from truing.report.numbers import count_text
 from truing.schemas.artifacts import ARTIFACTS
 from truing.schemas.column import LEAST_SIGMA_MM, MOST_SIGMA_MM
 from truing.schemas.faults import Fault
@@ -150,14 +150,13 @@ class Points:
     def read(self) -> str:
         """Number of points, and their files, in words."""
         files = f"{len(self.files)} files" if len(self.files) != 1 else next(iter(self.files))
-        return f"{counted(self.rows, 'point')} of {counted(self.poses, 'pose')} from {files}"
+        return f"{count_text(self.rows, 'point')} of {count_text(self.poses, 'pose')} from {files}"
 
     @property
     def figure(self) -> str:
         """Number of targets by body, in words."""
-        return (
-            f"{counted(self.labels, 'target')} of {counted(len(self.bodies), 'body')} ({', '.join(self.bodies[:12])})"
-        )
+        names = ", ".join(self.bodies[:12])
+        return f"{count_text(self.labels, 'target')} of {count_text(len(self.bodies), 'body')} ({names})"
 
     def stream(self) -> pa.RecordBatchReader:
         """Yield the observations; raises CampaignFaults at the end if any input of the campaign is faulty."""
@@ -188,7 +187,7 @@ class Points:
         for file, batch in prefetched(self._read()):
             self.files[file.raw.name] = None
             self.left_out.update({(file.raw.name, reason): count for reason, count in batch.left_out.items()})
-            self.progress(0, total, counted(self.rows, "point"))
+            self.progress(0, total, count_text(self.rows, "point"))
             named = self._renamed(self._named_part(file, batch))
             if named.rows:
                 self._with_own_names.update(named.columns["body"].unique().to_pylist())
@@ -309,7 +308,9 @@ class Points:
         self._check_bodies()
         if not self.rows and not self.log:
             why = (
-                "; ".join(f"{counted(count, 'row')}: {reason}" for (_, reason), count in self.left_out.most_common(1))
+                "; ".join(
+                    f"{count_text(count, 'row')}: {reason}" for (_, reason), count in self.left_out.most_common(1)
+                )
                 or None
             )
             expected = "at least one point that is not left out"

@@ -23,7 +23,7 @@ from truing.formats.shapes import (
     QUATERNION,
     ROTATION_VECTOR,
 )
-from truing.report.numbers import count as counted
+from truing.report.numbers import count_text
 from truing.schemas.artifacts import ARTIFACTS
 from truing.schemas.faults import Fault
 from truing.schemas.near_names import meant_by
@@ -171,7 +171,7 @@ class PoseTable:
     def read(self) -> str:
         """Description of the poses that were read."""
         file = self.files[0] if len(self.files) == 1 else f"{len(self.files)} files"
-        return f"{counted(self.table.num_rows, 'measured pose')} from {file}"
+        return f"{count_text(self.table.num_rows, 'measured pose')} from {file}"
 
     @property
     def figure(self) -> str:

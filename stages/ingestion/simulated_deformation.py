@@ -11,7 +11,7 @@ from truing.arrays import Array
 from truing.estimation.matrix_comparison import slopes_of_shifts
 from truing.formats.faultlog import FaultLog
 from truing.formats.source import CampaignFiles, RawFile
-from truing.report.numbers import count
+from truing.report.numbers import count_text
 from truing.schemas.artifacts import ARTIFACTS
 from truing.schemas.faults import Fault
 from truing.stages.ingestion.matrix_lines import Line, number_of, numbers_of, read_lines
@@ -58,7 +58,7 @@ class _FileOfDeformation:
                 f"{self.legs} rows of K, one per attachment, or a header line: {', '.join(_ENTRIES)}, {_SIGMA}; or "
                 f"{self.drives[0]} .. {self.drives[-1]}, {self.shifts[0]} .. {self.shifts[-1]}"
             )
-            self._fault(expected, value=count(len(rows), "row"))
+            self._fault(expected, value=count_text(len(rows), "row"))
             return None
         columns = [f"rho{i + 1}" for i in range(self.legs)]
         numbers = self._numbers(rows, columns)
@@ -95,7 +95,7 @@ class _FileOfDeformation:
         rank = int(np.linalg.matrix_rank(moved)) if len(moved) else 0
         if rank < self.legs:
             expected = f"displacements that move every actuator independently, in {self.legs} rows or more"
-            self._fault(expected, value=f"{count(len(rows), 'row')} that determine {rank} of {self.legs}")
+            self._fault(expected, value=f"{count_text(len(rows), 'row')} that determine {rank} of {self.legs}")
             return None
         noise = table[:, -1] * _UM_PER_MM if optional else None
         if noise is not None and (noise <= 0.0).any():
@@ -111,7 +111,9 @@ class _FileOfDeformation:
             foreign = [name for name in names if name not in wanted or names.count(name) > 1]
             faults = [f"no {', '.join(lacking)}"] if lacking else []
             if foreign:
-                faults.append(count(len(foreign), "column") if self.is_outside else ", ".join(dict.fromkeys(foreign)))
+                faults.append(
+                    count_text(len(foreign), "column") if self.is_outside else ", ".join(dict.fromkeys(foreign))
+                )
             self._fault(f"the columns {', '.join(wanted)}, each once", value="; ".join(faults)[:200])
             return None
         table = self._numbers(rows, names)

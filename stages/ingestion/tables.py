@@ -19,7 +19,7 @@ from truing.formats.read import read_table
 from truing.formats.row_collection import CollectedRows, collect_rows
 from truing.formats.shapes import CONFIGURATIONS, COORDINATE_SIGMAS, COORDINATES, TARGETS, WRENCH, TableShape
 from truing.formats.source import CampaignFiles
-from truing.report.numbers import count
+from truing.report.numbers import count_text
 from truing.schemas.artifacts import ARTIFACTS
 from truing.schemas.column import LEAST_SIGMA_MM, MOST_SIGMA_MM
 from truing.schemas.columns import find_column
@@ -324,4 +324,6 @@ def left_out_words(left_out: Mapping[tuple[str, str], int]) -> str:
     by_reason: Counter[str] = Counter()
     for (_, reason), number in left_out.items():
         by_reason[reason] += number
-    return "; ".join(f"{count(number, 'row')}: {reason}" for reason, number in by_reason.most_common()) or "nothing"
+    return (
+        "; ".join(f"{count_text(number, 'row')}: {reason}" for reason, number in by_reason.most_common()) or "nothing"
+    )

@@ -11,7 +11,7 @@ import pyarrow as pa
 from truing.arrays import TableRow
 from truing.estimation.bundle.photograph_plan import PhotographPlan
 from truing.estimation.bundle.planning import PredictedPrecision, body_motion, largest_sigma
-from truing.report.numbers import count as counted
+from truing.report.numbers import count_text
 
 _FEW_RAYS = 4  # a target with fewer of them shows no gross error
 _NARROW = np.radians(60.0)
@@ -104,8 +104,8 @@ def sentences(plan: PhotographPlan) -> list[str]:
     """Return the plan in sentences for the person who takes the photographs."""
     prediction, options = plan.prediction, plan.options
     texts = [
-        f"{counted(plan.stations.count, 'photograph')}, chosen from "
-        f"{counted(plan.candidates, 'station')}: the worst target to "
+        f"{count_text(plan.stations.count, 'photograph')}, chosen from "
+        f"{count_text(plan.candidates, 'station')}: the worst target to "
         f"{plan.worst_mm:.2g} mm, in the mean {1e3 * np.sqrt(np.nanmean(prediction.sigma**2)):.2g} mm "
         "(standard deviations)."
     ]
@@ -136,7 +136,7 @@ def _remedy(plan: PhotographPlan) -> str:
     if rest >= wanted**2:
         return f": the scale bars alone leave {np.sqrt(rest):.2g} mm, whatever is photographed"
     more = int(np.ceil(plan.stations.count * scaled**2 / (wanted**2 - rest)))
-    return f": about {counted(more, 'photograph')} would, or a better camera"
+    return f": about {count_text(more, 'photograph')} would, or a better camera"
 
 
 def tables(plan: PhotographPlan) -> Mapping[str, pa.Table]:

@@ -14,7 +14,7 @@ from scipy.special import chdtr, stdtr
 
 from truing.arrays import Array
 from truing.belonging.axis_rows import RowSlipKind, sexagesimal, slip_of_rows, unit_of_deviations
-from truing.report.numbers import count, listed
+from truing.report.numbers import count_text, listed
 from truing.simulation.axis.rows import ENCODERS, LOAD, MEASURED, MOTOR
 from truing.stages.common.axis_columns import AxisColumns, columns_of, command_sigma, encoder_sigma
 from truing.stages.common.point_arrays import number_column
@@ -61,7 +61,7 @@ def checks(tables: Mapping[str, pa.Table], settings: Campaign) -> CheckResults:
     sigmas = {name: encoder_sigma(settings, name) or 0.0 for name in columns.encoders}
     found = _checks(table, columns, command_sigma(settings), sigmas, limits)
     warmth = _temperatures(table, columns, settings.mechanism.reference_temperature_c)
-    return CheckResults(chain(found, warmth), f"{count(len(table), 'row')} of an axis")
+    return CheckResults(chain(found, warmth), f"{count_text(len(table), 'row')} of an axis")
 
 
 def _checks(
@@ -106,7 +106,9 @@ def noise_of_rows(encoder: str, command: Array, direction: Array, deviations: Ar
         pairs.append(deviations[rows[: len(rows) // 2 * 2]].reshape(-1, 2))
     both = np.concatenate(pairs)
     if len(both) < _FEWEST_PAIRS:
-        return not_evaluated("too few rows", "axis-noise", encoder, f"{count(len(both), 'pair')} of neighbouring rows")
+        return not_evaluated(
+            "too few rows", "axis-noise", encoder, f"{count_text(len(both), 'pair')} of neighbouring rows"
+        )
     if len(np.unique(np.round(both, _DIGITS))) < _COARSE * both.size:
         return not_evaluated("too coarse", "axis-noise", encoder, "most readings repeat to the last digit")
     squares = float(np.sum((both[:, 1] - both[:, 0]) ** 2)) / (2.0 * declared**2)
@@ -136,7 +138,9 @@ def encoders_in_place(
         return not_evaluated("one is missing", "axis-encoders", "", f"no readings of {listed(missing)}")
     known = np.isfinite(np.column_stack([deviations[each] for each in ENCODERS])).all(1)
     if known.sum() < _FEWEST_ROWS:
-        return not_evaluated("too few rows", "axis-encoders", "", f"{count(int(known.sum()), 'row')} with all encoders")
+        return not_evaluated(
+            "too few rows", "axis-encoders", "", f"{count_text(int(known.sum()), 'row')} with all encoders"
+        )
     motor, load, measured = (deviations[each][known] for each in ENCODERS)
     of_loop, other = (motor, load) if columns.loop == MOTOR else (load, motor)
     is_astray = max(_larger_variance(measured - load, measured - motor), _larger_variance(of_loop, other)) < _UNLIKELY
@@ -163,7 +167,7 @@ def _loop_follows(columns: AxisColumns, deviations: Mapping[str, Array], noise: 
     known = np.isfinite(deviations[loop]) & np.isfinite(deviations[other])
     if known.sum() < _FEWEST_ROWS:
         return not_evaluated(
-            "too few rows", "axis-encoders", "", f"{count(int(known.sum()), 'row')} with both encoders"
+            "too few rows", "axis-encoders", "", f"{count_text(int(known.sum()), 'row')} with both encoders"
         )
     of_loop, of_other = (deviations[each][known] for each in (loop, other))
     sizes = [float(np.std(difference)) for difference in (of_loop, of_other)]
@@ -244,7 +248,7 @@ def _rows(encoder: str, columns: AxisColumns, command: Array, reading: Array, po
     slip = slip_of_rows(command[both], reading[both], ratio, units)
     if slip is None:
         return Check("axis-rows", encoder, 0.0, 0.0, "1", PASS, "Every reading belongs to the command of its row.")
-    affected = f"{count(len(slip.rows), 'row')}: {listed([str(pose) for pose in poses[both][slip.rows]])}"
+    affected = f"{count_text(len(slip.rows), 'row')}: {listed([str(pose) for pose in poses[both][slip.rows]])}"
     whose = "their rows" if len(slip.rows) == both.sum() else affected
     text = f"Readings of {encoder} do not belong to the commands of {whose}."
     meant = {

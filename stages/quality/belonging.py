@@ -12,16 +12,15 @@ import pyarrow as pa
 from truing.arrays import Array, Index, Mask
 from truing.belonging.axes_changes import AXES_CHANGES
 from truing.belonging.body_point_tests import (
-    AsOtherBody,
-    BodyPoints,
     is_flat,
     joined_results,
     poses_with_slips,
-    relate_copies,
     relate_poses,
     relate_survey,
     shifted_survey,
 )
+from truing.belonging.body_points import AsOtherBody, BodyPoints
+from truing.belonging.copied_poses import relate_copies
 from truing.belonging.drive_tests import DrivenBody, relate_drive
 from truing.belonging.load_tests import MILLIVOLT, KnownBench, relate_loads
 from truing.belonging.plausible_slips import RecordedColumn
@@ -241,14 +240,12 @@ def related_readings(
     configurations: pa.Table,
     settings: Campaign,
     right: Mask,
-    measured: str = "points and survey",
     *,
-    were_rotations_written: bool = False,
+    are_given: bool = False,
 ) -> tuple[RelationTest, ...]:
     """Return the test of actuator readings against the poses of a platform on its base, both seen from the instrument.
 
-    Poses that are not ``right`` (B,) are left out. ``measured``: what the poses come from, in words;
-    ``were_rotations_written``: their rotations come from numbers of a table.
+    Poses that are not ``right`` (B,) are left out. ``are_given``: the poses are numbers of a table, not fits to points.
     """
     section = cast("LeggedMechanism", settings.mechanism)
     columns = tuple(f"rho{leg + 1}_mm" for leg in range(len(section.legs)))
@@ -266,9 +263,9 @@ def related_readings(
         found.readings[usable],
         float(np.hypot(noise, 1e-3 * settings.noise.actuator_mm)),
         _drivers(around, at),
-        measured,
+        "measured poses" if are_given else "points and survey",
         (base.t[at], base.R[at]),
-        were_rotations_written,
+        are_given,
         settings.poses.euler,
         None if around.is_counted else around.time[at],
     )

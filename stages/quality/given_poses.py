@@ -48,9 +48,7 @@ def readings_of_given_poses(
     if not base.ok.any() and settings.is_frame_fixed:
         base = _GivenPoses(np.broadcast_to(np.eye(3), base.R.shape), base.t, base.covariance, np.ones_like(base.ok))
     right = np.ones_like(base.ok)
-    return related_readings(
-        base, platform, around, configurations, settings, right, "measured poses", were_rotations_written=True
-    )
+    return related_readings(base, platform, around, configurations, settings, right, are_given=True)
 
 
 def _poses_of(poses: pa.Table, body: str, around: PoseSurroundings) -> _GivenPoses:

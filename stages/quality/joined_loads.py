@@ -7,7 +7,7 @@ import pyarrow as pa
 
 from truing.arrays import Array, Index, TableRow
 from truing.estimation.interferometry.recorded_steps import RecordedSteps
-from truing.report.numbers import count, plain, quantity
+from truing.report.numbers import count_text, plain, quantity
 from truing.stages.quality.check import FAIL, PASS, WARN, Check, not_evaluated
 
 _SUBJECT = "signals"
@@ -30,8 +30,8 @@ def joined_loads_check(steps: RecordedSteps, joined: pa.Table) -> Check:
         return not_evaluated(_SUBJECT, "loads-joined", _SUBJECT, "too few load steps to try the rows before and after")
     shift = min(ratios, key=lambda one: ratios[one])
     ratio = ratios[shift]
-    words = f"{count(abs(shift), 'row')} {'later' if shift > 0 else 'earlier'}"
-    text = f"{row['rows_matched']:,} of {count(row['signal_rows'], 'row')} of signals have loads."
+    words = f"{count_text(abs(shift), 'row')} {'later' if shift > 0 else 'earlier'}"
+    text = f"{row['rows_matched']:,} of {count_text(row['signal_rows'], 'row')} of signals have loads."
     if ratio < _BETTER:
         text += f" Signals fit the loads {words} clearly better: the scatter is {plain(ratio)} times that as joined."
     elif ratio < _AS_GOOD:

@@ -15,7 +15,7 @@ import pyarrow as pa
 from truing.arrays import Array, TableRow
 from truing.quality.load_responses import run_responses, sign_reversed, signal_responses
 from truing.quality.loading import ExpectedReadings, LoadingView
-from truing.report.numbers import count, percent
+from truing.report.numbers import count_text, percent
 from truing.stages.common.beam_rows import channel_rows
 from truing.stages.common.reading_arrays import load_steps
 from truing.stages.common.sensor_elements import declared_compliance
@@ -59,7 +59,9 @@ def checks(tables: Mapping[str, pa.Table], settings: Campaign) -> CheckResults:
     runs = list(positioning_runs(tables["positions"])) if "positions" in tables else []
     of_axis = position_checks(runs, limits)
     approaches = (
-        f"{count(tables['positions'].num_rows, 'approach')} of an axis in {count(len(runs), 'run')}" if runs else ""
+        f"{count_text(tables['positions'].num_rows, 'approach')} of an axis in {count_text(len(runs), 'run')}"
+        if runs
+        else ""
     )
     if not any(name in tables and tables[name].num_rows for name in ("readings", "signals")):
         return CheckResults(of_axis, approaches, why_not="" if runs else "no readings and no signals")
@@ -73,7 +75,7 @@ def checks(tables: Mapping[str, pa.Table], settings: Campaign) -> CheckResults:
         _correction_checks(view, tables["reading_corrections"], limits) if "reading_corrections" in tables else (),
         [joined_loads_check(view.steps, tables["loads_joined"])] if "loads_joined" in tables else (),
     )
-    read = f"{count(len(view.steps.run), 'load step')} in {count(len(view.steps.runs), 'run')}"
+    read = f"{count_text(len(view.steps.run), 'load step')} in {count_text(len(view.steps.runs), 'run')}"
     return CheckResults(
         chain(belonging_checks(relations), without_contradiction(found, relations), of_axis),
         f"{read}; {approaches}" if approaches else read,

@@ -13,8 +13,7 @@ import pyarrow as pa
 from truing.arrays import Array, TableRow
 from truing.estimation.bundle.camera_stability import WATCHED as _WATCHED
 from truing.estimation.bundle.camera_stability import camera_stability as camera_deviations
-from truing.report.numbers import count as counted
-from truing.report.numbers import listed
+from truing.report.numbers import count_text, listed
 from truing.schemas.photograph_artifacts import BENT, SHARED, subject_and_name
 from truing.stages.common.point_arrays import number_column, text_column
 from truing.stages.quality.check import FAIL, PASS, WARN, CampaignLimits, Check, not_evaluated
@@ -68,7 +67,7 @@ def _oriented(photographs: pa.Table, orientations: pa.Table, limits: CampaignLim
         lost = [image for image in all_of_pose if (pose, image) not in known]
         text = (
             f"pose {pose}: {len(all_of_pose) - len(lost)} of "
-            f"{counted(len(all_of_pose), 'photograph')} with an orientation"
+            f"{count_text(len(all_of_pose), 'photograph')} with an orientation"
         )
         text += f"; without: {listed(lost)}." if lost else "."
         yield limit.row(f"pose {pose}", len(lost) / len(all_of_pose), "1", text)
@@ -77,7 +76,7 @@ def _oriented(photographs: pa.Table, orientations: pa.Table, limits: CampaignLim
 def _rays_per_point(subject: str, points: pa.Table, limits: CampaignLimits) -> Check:
     rays = number_column(points, "rays")
     few = text_column(points, "point")[rays < _FEWEST_RAYS]
-    text = f"{subject}: {counted(len(rays), 'point')}, {np.median(rays):.0f} rays each (median)"
+    text = f"{subject}: {count_text(len(rays), 'point')}, {np.median(rays):.0f} rays each (median)"
     text += f"; fewer than three to {listed(few.tolist())}." if len(few) else ", three or more to all."
     return limits.of("rays-per-point").row(subject, len(few) / len(rays), "1", text)
 
@@ -285,7 +284,7 @@ def _known_points_check(subject: str, rows: list[TableRow]) -> Check:
     if not tested and not lost:
         return not_evaluated("known points", "known-points", subject, "rays alone do not check them")
     p_value = min((row["p_value"] for row in tested), default=1.0) * max(len(tested), 1)
-    text = f"{subject}: {counted(len(rows), 'known point')}"
+    text = f"{subject}: {count_text(len(rows), 'known point')}"
     if wrong:
         text += f"; {wrong[0]['reason']}: {'; '.join(map(_deviation_words, wrong[:_TOLD_POINTS]))}"
         text += f"; and {len(wrong) - _TOLD_POINTS} more" if len(wrong) > _TOLD_POINTS else ""

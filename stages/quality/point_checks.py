@@ -17,7 +17,7 @@ import pyarrow as pa
 from truing.arrays import Array, Index
 from truing.belonging.counted_times import merely_counts
 from truing.quality.bodies import BodyView, PoseSurroundings, body_view, shape_of_poses, with_most_points
-from truing.report.numbers import count
+from truing.report.numbers import count_text
 from truing.schemas.columns import COLUMNS
 from truing.stages.common.point_arrays import number_column, pose_points, survey_points
 from truing.stages.common.repeats import repeated_poses
@@ -95,9 +95,9 @@ def checks(tables: Mapping[str, pa.Table], settings: Campaign, sample: PoseSampl
     statistics = tables.get("bundle_statistics")
     if statistics is not None and scale_contradiction(figures_of(statistics)) is not None:
         checks_made = without_consequences(checks_made)
-    poses = count(len(surroundings.poses), "pose")
-    read = f"{count(sample.whole.num_rows, 'point')} of {count(len(bodies), 'body')} in {poses}"
-    read += "" if sample.is_whole else f", examined those of {count(len(around.poses), 'pose')}"
+    poses = count_text(len(surroundings.poses), "pose")
+    read = f"{count_text(sample.whole.num_rows, 'point')} of {count_text(len(bodies), 'body')} in {poses}"
+    read += "" if sample.is_whole else f", examined those of {count_text(len(around.poses), 'pose')}"
     return CheckResults(checks_made, read, relations, {"likely_names": likely_table(likely)} if likely else {})
 
 
@@ -109,7 +109,7 @@ def _check_given_poses(tables: Mapping[str, pa.Table], settings: Campaign) -> Ch
     names = tuple(poses.column("pose").unique().to_pylist())
     around = _surroundings(names, False, tables.get("configurations"), settings.campaign.drives)
     relations = readings_of_given_poses(poses, around, tables.get("configurations"), settings)
-    read = f"{count(len(names), 'pose')} as measured"
+    read = f"{count_text(len(names), 'pose')} as measured"
     return CheckResults(belonging_checks(relations), read, relations)
 
 
@@ -121,7 +121,7 @@ def _reference_first(bodies: list[BodyView], settings: Campaign) -> tuple[list[B
 
 
 def _attachments(settings: Campaign) -> Array:
-    """(L, 3) nominal attachments in m; none where no mechanism says where they are."""
+    """(L, 3) nominal attachments in m; None without a mechanism."""
     if not settings.mechanism.is_legged:
         return np.zeros((0, 3))
     return np.array([leg.b_mm for leg in cast("LeggedMechanism", settings.mechanism).legs]) * 1e-3
@@ -130,7 +130,7 @@ def _attachments(settings: Campaign) -> Array:
 def _surroundings(
     observed: tuple[int | str, ...], shared: bool, configurations: pa.Table | None, drives: tuple[str, ...]
 ) -> PoseSurroundings:
-    """The poses that were observed, ordered by time where the campaign tells it, else as they came."""
+    """The observed poses, ordered by time if it was recorded, else in the order of the file."""
     if configurations is None:
         none = np.zeros((len(observed), 0))
         return PoseSurroundings(
@@ -195,8 +195,8 @@ def _checks_of_points(
         yield from noise(body, around, share / len(bodies))
         yield from noise_by_pose(body, around, share / len(bodies))
     yield from base_drift(reference, 10.0 * share, frame_stays=settings.is_frame_fixed)
-    stood = settings.is_frame_fixed and reference is None
-    yield from repeatability(bodies, around, *_repeats(table, around, settings), share, instrument_stood=stood)
+    is_fixed = settings.is_frame_fixed and reference is None
+    yield from repeatability(bodies, around, *_repeats(table, around, settings), share, is_instrument_fixed=is_fixed)
 
 
 def _checks_of_times(

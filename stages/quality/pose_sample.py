@@ -11,7 +11,7 @@ import pyarrow.compute as pc
 
 from truing.arrays import Index
 from truing.quality.bodies import PoseSurroundings
-from truing.report.numbers import count
+from truing.report.numbers import count_text
 from truing.schemas.artifact import StoredTable, full_table, plain_texts, table_batches
 from truing.stages.common.point_arrays import number_column
 from truing.stages.quality.check import Check
@@ -44,7 +44,7 @@ class PoseSample:
         """Poses that were examined, in words; empty if all were."""
         if self.is_whole:
             return ""
-        some = f"{count(len(self.examined), 'pose')} of {len(self.poses):,}"
+        some = f"{count_text(len(self.examined), 'pose')} of {len(self.poses):,}"
         return f" Examined: {some}, in {RUNS} runs of consecutive ones."
 
     def noted(self, checks: Iterable[Check]) -> Iterator[Check]:

@@ -22,8 +22,7 @@ from truing.estimation.interferometry.approaches import (
 )
 from truing.estimation.interferometry.log_quality import temperatures_out_of_reach
 from truing.report.belonging import slip_words
-from truing.report.numbers import count as counted
-from truing.report.numbers import listed
+from truing.report.numbers import count_text, listed
 from truing.stages.common.belonging import subject_of
 from truing.stages.common.point_arrays import number_column
 from truing.stages.quality.check import FAIL, PASS, WARN, CampaignLimits, Check, not_evaluated
@@ -172,7 +171,8 @@ def _against_targets(run: PositioningRun, match: TargetMatch) -> Check:
 
 def _cycles(run: PositioningRun, limits: CampaignLimits) -> Check:
     count = len(run.cycles)
-    text = f"Run {run.name}: {counted(count, 'cycle')} at {counted(len(run.target), 'target')}; ISO 230-2 asks for 5."
+    made = f"{count_text(count, 'cycle')} at {count_text(len(run.target), 'target')}"
+    text = f"Run {run.name}: {made}; ISO 230-2 asks for 5."
     return limits.of("approach-cycles").row(run.subject, float(count), "1", text)
 
 

@@ -23,8 +23,7 @@ from truing.quality.load_responses import (
     typical_size,
 )
 from truing.quality.loading import ChannelView, LoadingView, repeated_programmes
-from truing.report.numbers import count as counted
-from truing.report.numbers import in_suitable_unit, listed
+from truing.report.numbers import count_text, in_suitable_unit, listed
 from truing.stages.quality.check import COUNTED, FAIL, PASS, WARN, CampaignLimits, Check, not_evaluated
 from truing.stages.quality.unit_slips import unit_slip
 
@@ -93,7 +92,7 @@ def noise(channel: ChannelView, share: float) -> Check:
     noted = min(scatter.p_above(_NOTED)[0], scatter.p_below(1.0 / _NOTED)[0]) < share
     text = (
         f"{channel.name}: the scatter is {ratio:.2f} times the declared noise "
-        f"({counted(channel.fit.dof, 'degree')} of freedom)."
+        f"({count_text(channel.fit.dof, 'degree')} of freedom)."
     )
     text += unit_slip(ratio, channel.declared * channel.in_files, channel.unit)
     verdict = FAIL if unusable else WARN if noted else PASS
@@ -151,7 +150,7 @@ def drift(view: LoadingView, channel: ChannelView, share: float) -> Check:
 def repeatability(view: LoadingView, channel: ChannelView, share: float) -> Check:
     """Runs of the same loads in the same order, each from its own zero: their scatter against the declared noise.
 
-    All programmes of loads together, and each by itself: those that scatter differently are never told as one.
+    All load programmes together, and each alone: programmes of different scatter are reported separately.
     """
     name = f"channel {channel.name}"
     groups = list(repeated_programmes(view, channel))
@@ -172,7 +171,7 @@ def repeatability(view: LoadingView, channel: ChannelView, share: float) -> Chec
             f"{channel.name}: repeats of {groups[equality.worst].run} scatter by {ratio:.2f} times the declared noise, "
         )
         text += f"those of all other loads by {equality.others:.2f} times"
-    text += f" ({counted(round(pooled.dof[0]), 'degree')} of freedom)."
+    text += f" ({count_text(round(pooled.dof[0]), 'degree')} of freedom)."
     return Check("repeatability", name, ratio, _REPEATS_NOTED, "1", WARN if noted else PASS, text)
 
 
@@ -222,7 +221,7 @@ def zero_return(view: LoadingView, channel: ChannelView, share: float) -> Check:
     run = view.run_name(int(channel.runs[back[worst]]))
     text = (
         f"{channel.name}: the zero return after {run} is {value:+.3g} {unit}, the largest of "
-        f"{counted(len(back), 'run')}."
+        f"{count_text(len(back), 'run')}."
     )
     verdict = WARN if abs(off[worst]) > limit else PASS
     return Check("zero-return", f"channel {channel.name}", abs(value), limit * channel.in_files, unit, verdict, text)

@@ -11,9 +11,8 @@ import pyarrow as pa
 import pyarrow.compute as pc
 
 from truing.arrays import Array
-from truing.estimation.bundle.length_errors import LengthErrors, length_errors
-from truing.report.numbers import count as counted
-from truing.report.numbers import listed
+from truing.estimation.bundle.length_errors import CalibratedLengths, LengthErrors, length_errors
+from truing.report.numbers import count_text, listed
 from truing.schemas.photograph_artifacts import FROM_MARKER, FROM_SURVEY, LENGTH, LENGTH_SIGMA
 from truing.stages.common.point_arrays import number_column, text_column
 from truing.stages.quality.check import FAIL, NOT_EVALUATED, PASS, WARN, CampaignLimits, Check, not_evaluated
@@ -108,7 +107,7 @@ def _chi2(x: Array, s: Array) -> float:
 
 
 def without_consequences(checks: Iterable[Check]) -> Iterator[Check]:
-    """Checks of a network whose scale is contradicted, of which those that this trips say nothing."""
+    """Checks of a network with contradictory scale, without the verdicts of checks that only this triggers."""
     for check in checks:
         if check.check in _CONSEQUENCES and check.verdict in (FAIL, WARN):
             text = "Not evaluated: lengths contradict each other about the scale (see the check scale)."
@@ -214,13 +213,8 @@ def _errors(checking: pa.Table) -> LengthErrors:
     measured, calibrated = number_column(checking, "adjusted_mm"), number_column(checking, "length_mm")
     sigma = 1e-3 * number_column(checking, "adjusted_sigma_mm")
     _, line = np.unique(text_column(checking, "bar").astype(str), return_inverse=True)
-    return length_errors(
-        1e-3 * measured,
-        np.diag(sigma**2),
-        1e-3 * calibrated,
-        1e-3 * number_column(checking, "sigma_mm"),
-        line=line,
-    )
+    lengths = CalibratedLengths(1e-3 * calibrated, 1e-3 * number_column(checking, "sigma_mm"), line=line)
+    return length_errors(1e-3 * measured, np.diag(sigma**2), lengths)
 
 
 def _subject(bar: str, first: str) -> str:
@@ -245,12 +239,12 @@ def _bar(subject: str, rows: pa.Table, limits: CampaignLimits) -> Check:
         text = (
             f"Bar {name} ({rows.column('serves').to_pylist()[0]}) is {off} calibrated {length:.3f} mm in pose {pose}, "
         )
-        text += f"the furthest of {counted(len(over), 'pose')}."
+        text += f"the furthest of {count_text(len(over), 'pose')}."
     else:
         far = int(sum(limit.verdict(float(ratio)) != PASS for ratio in over))
         count, poses = (len(set(rows.column(column).to_pylist())) for column in ("bar", "pose"))
         text = (
-            f"{subject}: {counted(count, 'distance')} in {counted(poses, 'pose')}, {far} of "
+            f"{subject}: {count_text(count, 'distance')} in {count_text(poses, 'pose')}, {far} of "
             f"{len(over)} beyond the limit; the largest, "
         )
         text += f"{name.partition(', ')[2]}, is {off} {length:.3f} mm in pose {pose}."

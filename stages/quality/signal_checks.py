@@ -20,8 +20,7 @@ from truing.estimation.sensor.exchanged_loads import (
 )
 from truing.estimation.sensor.load_table import LoadTable, least_signal, load_table
 from truing.quality.loading import LoadingView, predicted_by_loads, scatter_of_signal
-from truing.report.numbers import count as counted
-from truing.report.numbers import listed
+from truing.report.numbers import count_text, listed
 from truing.stages.quality.check import FAIL, PASS, WARN, Check, not_evaluated
 from truing.stages.quality.unit_slips import FAR, unit_slip
 
@@ -88,7 +87,7 @@ def _saturated_samples(view: LoadingView, at: int, name: str, settings: Campaign
     if places:
         ends = " and ".join(f"{1e3 * end:.6g} mV" for end in np.unique(value[wall]))
         text = (
-            f"{name}: {counted(len(places), 'sample')} {'is' if len(places) == 1 else 'are'} "
+            f"{name}: {count_text(len(places), 'sample')} {'is' if len(places) == 1 else 'are'} "
             f"cut at {ends}: {listed(places)}."
         )
     count = float(len(places))
@@ -102,7 +101,7 @@ def _steps_without_signals(view: LoadingView) -> Check:
     count = int(np.count_nonzero(without))
     text = "Every load step has a signal or a reading."
     if count:
-        text = f"{count} of {counted(len(steps.load), 'load step')} have no signal."
+        text = f"{count} of {count_text(len(steps.load), 'load step')} have no signal."
     verdict = WARN if count else PASS
     return Check("steps-without-signals", "signals", float(count), 0.0, "1", verdict, text)
 
@@ -118,7 +117,9 @@ def _noise(view: LoadingView, noise_mv: float | None) -> Check:
         return not_evaluated("noise", "noise", "signals", "too few load steps for the number of possible inputs")
     ratio = float(np.median(known))
     slip = unit_slip(ratio, noise_mv, "mV")
-    text = f"signals: the scatter is {ratio:.3g} times the declared noise, median of {counted(len(known), 'signal')}."
+    text = (
+        f"signals: the scatter is {ratio:.3g} times the declared noise, median of {count_text(len(known), 'signal')}."
+    )
     if slip and ratio > 1.0:
         slip += " Otherwise signals depend on an input that was not recorded."
     if slip and ratio < 1.0:
@@ -194,14 +195,14 @@ def _exchanged(view: LoadingView, rows: Index, loaded: int, independent: int, sh
     for row_exchange in exchanges:
         yield _pair(view, rows, row_exchange)
     if unseen:
-        why = f"of {counted(len(rows), 'row')} so many are gross errors that {unseen} pairs were not tested"
+        why = f"of {count_text(len(rows), 'row')} so many are gross errors that {unseen} pairs were not tested"
         yield not_evaluated("exchanged rows", "exchanged-rows", "other pairs", why)
     elif not exchanges:
         yield _no_exchange_found(table, share)
 
 
 def _stray(view: LoadingView, rows: Index, stray: list[StrayLoad] | None) -> Iterator[Check]:
-    """Single rows whose signals ask for another load."""
+    """Single rows whose signals indicate another load."""
     if stray is None:
         why = "the signals of many rows indicate other loads: these are not single mistakes"
         yield not_evaluated("loads of single rows", "stray-loads", "", why)
@@ -218,7 +219,7 @@ def _stray(view: LoadingView, rows: Index, stray: list[StrayLoad] | None) -> Ite
 
 
 def _likely(stray_load: StrayLoad) -> str:
-    """Return the mistake that turns the load asked for into the recorded one, as the end of a sentence."""
+    """Return the mistake that turns the indicated load into the recorded one, as the end of a sentence."""
     for factor, words in _MISTAKES:
         if stray_load.written and abs(stray_load.asked / (factor * stray_load.written) - 1.0) < _NEARLY_EQUAL:
             return f", {words}"

@@ -20,8 +20,7 @@ from truing.estimation.interferometry.log_quality import (
 from truing.estimation.interferometry.recorded_steps import CHANNELS, LOADS
 from truing.estimation.suspect_units import likely_pressure_unit
 from truing.quality.loading import TEMPERATURES, LoadingView, first_steps, steps_without
-from truing.report.numbers import count as counted
-from truing.report.numbers import listed
+from truing.report.numbers import count_text, listed
 from truing.simulation.air import ciddor_index, vapour_pressure_pa
 from truing.stages.common.reading_arrays import LOAD_COLUMNS
 from truing.stages.quality.check import COUNTED, FAIL, PASS, WARN, CampaignLimits, Check, not_evaluated
@@ -50,7 +49,7 @@ def missing_steps_check(view: LoadingView, limits: CampaignLimits) -> Check:
     share = missing / max(missing + len(steps.step), 1)
     places = [f"{view.run_name(steps.run[row])} near step {steps.step[row]}" for row in found.where]
     places += view.places(lost)
-    text = f"{counted(missing, 'step')} {'is' if missing == 1 else 'are'} missing: {listed(places)}."
+    text = f"{count_text(missing, 'step')} {'is' if missing == 1 else 'are'} missing: {listed(places)}."
     text = text if missing else "No step is missing."
     return limits.of("steps-missing").row("", share, "1", text)
 
@@ -174,8 +173,8 @@ def _humidity(view: LoadingView) -> Iterator[Check]:
 def _steady(view: LoadingView, name: str, quantity: str, limits: CampaignLimits) -> Check:
     """Check the range of a quantity within runs and over the campaign."""
     value = view.steps.covariates[name]
-    went = surroundings(value, view.steps.run)
-    span = np.where(np.isfinite(went.span), went.span, 0.0)
+    changes = surroundings(value, view.steps.run)
+    span = np.where(np.isfinite(changes.span), changes.span, 0.0)
     worst = int(np.argmax(span))
     over_all = float(np.nanmax(value) - np.nanmin(value))
     is_temperature = name in TEMPERATURES

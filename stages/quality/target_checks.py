@@ -31,7 +31,7 @@ from truing.quality.bodies import (
     repeated_positions,
     scatter_by_pose,
 )
-from truing.report.numbers import count, listed
+from truing.report.numbers import count_text, listed
 from truing.stages.common.repeats import DECLARED
 from truing.stages.quality.check import FAIL, PASS, WARN, CampaignLimits, Check, not_evaluated
 from truing.stages.quality.unit_slips import FAR, unit_slip
@@ -81,10 +81,10 @@ def completeness(body: BodyView, due: Mask, limits: CampaignLimits) -> Iterator[
     is_observed = body.points.is_observed
     missing = due & ~is_observed
     text = f"{body.name}: {int(missing.sum())} of {int(due.sum())} target readings are missing "
-    text += f"({count(is_observed.shape[1], 'target')}, {count(is_observed.shape[0], 'pose')})."
+    text += f"({count_text(is_observed.shape[1], 'target')}, {count_text(is_observed.shape[0], 'pose')})."
     yield limits.of("completeness").row(body.name, float(missing.sum()) / max(int(due.sum()), 1), "1", text)
     lost = [str(p) for p, ok in zip(body.points.poses, body.fit.ok, strict=True) if not ok]
-    text = f"{count(len(lost), 'pose')} with too few usable targets ({listed(lost)})" if lost else ""
+    text = f"{count_text(len(lost), 'pose')} with too few usable targets ({listed(lost)})" if lost else ""
     text = f"{body.name}: {text or 'every pose can be determined'}."
     yield limits.of("poses-determined", per=len(is_observed)).row(body.name, float(len(lost)), "1", text)
 
@@ -177,8 +177,8 @@ def moved_targets(body: BodyView, around: PoseSurroundings, share: float) -> Ite
 
 
 def noise_size(bodies: Sequence[BodyView], relations: Sequence[RelationTest]) -> Check:
-    """Check whether the declared noise is so small that by it most points of a body would be gross errors. A body
-    with a recording error, such as coarse steps, is told by its relation."""
+    """Check whether the declared noise is so small that by it most points of a body would be gross errors. A body with
+    a recording error, such as coarse steps, is reported by its consistency test."""
     rounded = {
         name for relation in relations if relation.reason in ("rounded", "slip") for name in relation.subject.split()
     }
@@ -232,7 +232,7 @@ def noise(body: BodyView, around: PoseSurroundings, share: float) -> Iterator[Ch
 
 
 def _times(ratio: float) -> str:
-    """Return a ratio with two decimals, a small one with two digits: ``0.00`` times would say nothing."""
+    """Return a ratio with two decimals, a small one with two digits: ``0.00`` times would be meaningless."""
     return f"{ratio:.2f}" if ratio >= 0.1 else f"{ratio:.2g}"
 
 
@@ -244,9 +244,8 @@ def _noise_check(body: str, axis: str, scatter: Scatter, tolerated: float, share
     noted = below or scatter.p_above(_NOISE_NOTED)[0] < share
     where = f"the scatter along {axis}" if axis else "the scatter"
     noise = "standard deviations, which include common errors of points" if shared else "declared noise"
-    sentence = (
-        f"{body}: {where} is {_times(ratio)} times the {noise} ({count(round(scatter.dof[0]), 'degree')} of freedom)."
-    )
+    freedom = f"{count_text(round(scatter.dof[0]), 'degree')} of freedom"
+    sentence = f"{body}: {where} is {_times(ratio)} times the {noise} ({freedom})."
     verdict = FAIL if failing else WARN if noted else PASS
     return Check("noise", f"{body} {axis}".strip(), ratio, tolerated, "1", verdict, sentence)
 
@@ -279,17 +278,17 @@ def repeatability(
     how: str,
     share: float,
     *,
-    instrument_stood: bool = False,
+    is_instrument_fixed: bool = False,
 ) -> Iterator[Check]:
     """Check the scatter of repeated poses against their stated uncertainty.
 
-    ``instrument_stood``: the instrument did not move, so bodies need no reference body.
+    ``is_instrument_fixed``: the instrument did not move, so bodies need no reference body.
     """
     if not groups:
         why = "no configuration was measured twice; measure three of them again at the end"
         yield not_evaluated("repeatability", "repeatability", "", why)
         return
-    seen = list(repeated_positions(bodies, instrument_stood=instrument_stood))
+    seen = list(repeated_positions(bodies, is_instrument_fixed=is_instrument_fixed))
     if not seen:
         why = "no body is measured relative to another; put three targets on the body that stands still"
         yield not_evaluated("repeatability", "repeatability", "", why)
@@ -324,5 +323,5 @@ def _check(name: str, scatter: Scatter, poses: Sequence[str], how: str, share: f
         verdict = WARN if verdict == PASS else verdict
         text = f"{name}: repeats of pose {poses[scatter_test.worst]} scatter {ratio:.2f} times as much as their noise, "
         text += f"those of all others {scatter_test.others:.2f} times: no single value represents all "
-    text += f"({count(repeats, 'repeat')} of {count(len(poses), 'pose')}, recognised by {how})."
+    text += f"({count_text(repeats, 'repeat')} of {count_text(len(poses), 'pose')}, recognised by {how})."
     return Check("repeatability", name, ratio, _TOLERATED, "1", verdict, text)

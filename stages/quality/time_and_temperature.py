@@ -19,7 +19,7 @@ from truing.estimation.suspect_units import (
     mistaken_unit,
 )
 from truing.quality.bodies import BodyView, PoseSurroundings
-from truing.report.numbers import count, duration, listed
+from truing.report.numbers import count_text, duration, listed
 from truing.stages.quality.check import COUNTED, FAIL, PASS, WARN, CampaignLimits, Check, not_evaluated
 
 _LEAST_POSES = 8  # that tell a walk from chance
@@ -149,7 +149,9 @@ def _check_part(name: str, value: Array, part: MistakenRows, reference_c: float,
     low, high = float(value[part.rows].min()), float(value[part.rows].max())
     read = f"{low:.5g}" if low == high else f"{low:.5g} to {high:.5g}"
     known = int(np.isfinite(value).sum())
-    text = f"{name}: {len(part.rows)} of {count(known, 'row')} ({read}) likely in {_WORDS[part.unit]}, the others in "
+    text = (
+        f"{name}: {len(part.rows)} of {count_text(known, 'row')} ({read}) likely in {_WORDS[part.unit]}, the others in "
+    )
     text += f"degrees Celsius: did you mean {part.celsius:.5g} degC, beside {part.others:.5g}? "
     text += f"Convert {listed(_stretches(part.rows, rows))}."
     return Check("temperature-unit", name, high, reference_c, "degC", FAIL, text)
@@ -180,7 +182,9 @@ def _check(name: str, value: Array, reference_c: float, mistaken: MistakenUnit |
     if mistaken.of_reference:
         text += "?"
     elif mistaken.rows < np.isfinite(value).sum():
-        text += f"? It concerns {count(mistaken.rows, 'row')}; convert these, for the others are in degrees Celsius."
+        text += (
+            f"? It concerns {count_text(mistaken.rows, 'row')}; convert these, for the others are in degrees Celsius."
+        )
     else:
-        text += f'? It concerns {count(mistaken.rows, "row")}; units = {{ {name} = "{mistaken.unit}" }}.'
+        text += f'? It concerns {count_text(mistaken.rows, "row")}; units = {{ {name} = "{mistaken.unit}" }}.'
     return Check("temperature-unit", name, typical, reference_c, "degC", FAIL if mistaken.certain else WARN, text)

@@ -73,21 +73,18 @@ def repeatability_rows(
         for group in groups:
             group_rows = group[np.isfinite(position[group]).all(axis=1)]
             if len(group_rows) > 1:
-                _repeats_of_group(
-                    rows,
-                    name,
-                    poses[int(group_rows[0])],
-                    position[group_rows],
-                    None if angle is None else angle[group_rows],
-                    how,
-                    rng,
-                )
+                figures = _group_figures(position[group_rows], None if angle is None else angle[group_rows], rng)
+                where = {"subject": name, "pose": poses[int(group_rows[0])]}
+                for figure, size, unit in figures:
+                    rows.add(
+                        **where, figure=figure, value=size.value, low=size.low, high=size.high, unit=unit,
+                        attained=len(group_rows), told_by=how,
+                    )  # fmt: skip
     return rows
 
 
-def _repeats_of_group(
-    rows: Rows, name: str, pose: int | str, position: Array, angle: Array | None, how: str, rng: np.random.Generator
-) -> None:
+def _group_figures(position: Array, angle: Array | None, rng: np.random.Generator) -> list[tuple[str, Figure, str]]:
+    """Return name, value and unit of the figures of one group of repeated poses (n, 3), m and rad."""
     place_um = _UM * position
     figures: list[tuple[str, Figure, str]] = [("sigma", position_sigma(place_um), "um")]
     if len(position) >= FEWEST:
@@ -95,11 +92,7 @@ def _repeats_of_group(
         if angle is not None:
             angles = orientation_repeatability(_PER_ARCSEC * angle)
             figures += [(figure, one, "arcsec") for figure, one in zip(_ANGLES, angles, strict=True)]
-    for figure, size, unit in figures:
-        rows.add(
-            subject=name, pose=pose, figure=figure, value=size.value, low=size.low, high=size.high, unit=unit,
-            attained=len(position), told_by=how,
-        )  # fmt: skip
+    return figures
 
 
 def _reflectors(tables: Mapping[str, pa.Table], poses: Ids) -> Iterator[tuple[str, Array, None]]:
@@ -172,7 +165,7 @@ def repeats_of_poses(tables: Mapping[str, pa.Table], settings: Campaign) -> tupl
 
 
 def _relative_poses(
-    table: pa.Table | None, poses: tuple[int | str, ...], groups: Sequence[Index], instrument_stood: bool
+    table: pa.Table | None, poses: tuple[int | str, ...], groups: Sequence[Index], is_instrument_fixed: bool
 ) -> Iterator[tuple[str, Array, Array]]:
     """Body, its poses (B, 6) seen from its reference, or from an instrument that stood still, and a stated sigma (6,);
     SI.
@@ -189,7 +182,7 @@ def _relative_poses(
     variances = number_columns(table, [f"cov_{k}_{k}" for k in range(6)])
     index = positions(table.column("pose"), poses)
     relative = default & (parents != "measurement")
-    if instrument_stood:
+    if is_instrument_fixed:
         relative |= default & ~np.isin(bodies, [*bodies[relative], *parents[relative]])
     for body in dict.fromkeys(bodies[relative]):
         rows = default & (bodies == body) & (index >= 0)

@@ -35,7 +35,7 @@ from truing.estimation.response import (
     residual_sets,
     symmetry,
 )
-from truing.report.numbers import count, gross_errors, p_value
+from truing.report.numbers import count_text, gross_errors, p_value
 from truing.schemas.artifacts import ARTIFACTS
 from truing.schemas.faults import CampaignFaults
 from truing.simulation.bench.six_upur.nominal_sensor import SimulatedCompliance
@@ -50,7 +50,7 @@ from truing.stages.common.rows import Rows
 from truing.stages.declaration import Outcome
 from truing.stages.responses.neglected import neglected_effects
 from truing.stages.responses.published import compared_with_published
-from truing.stages.responses.tables import add_figures, error_rows
+from truing.stages.responses.tables import ReportedResponses, add_figures, error_rows
 from truing.stages.responses.tolerances import has_tolerances, tolerance_tables
 
 if TYPE_CHECKING:
@@ -59,7 +59,10 @@ if TYPE_CHECKING:
 
 LEAVES = ("compliance", "deformation_errors", "axis_curves")
 NO_SIMULATION = "no simulation"
-_PARTS = ((slice(0, 3), "um", 1e6), (slice(3, 6), "arcsec", 1.0 / ARCSECOND))
+_PARTS = (
+    ReportedResponses("um", 1e6, CHANNELS, slice(0, 3)),
+    ReportedResponses("arcsec", 1.0 / ARCSECOND, CHANNELS, slice(3, 6)),
+)
 _MEASURED = "measured"
 _UM = 1e3  # per mm
 _DIRECTIONS = ("forward", "backward")
@@ -90,7 +93,7 @@ def load_deformation(tables: Mapping[str, pa.Table], settings: Campaign, why: st
         artifacts["published_compared"] = compared_with_published(
             tables["published"], artifacts["axis_curves"], simulated
         ).table()
-    read = f"{int(np.isfinite(loaded.reading).sum())} readings of {count(len(loaded.steps.runs), 'run')}"
+    read = f"{int(np.isfinite(loaded.reading).sum())} readings of {count_text(len(loaded.steps.runs), 'run')}"
     return Outcome(artifacts, read, _left_out(tables, loaded), _figure(fits, against, compliance))
 
 
@@ -176,8 +179,8 @@ def _error_rows(
         sets["verification_"] = from_own_zero(
             loaded.reading[is_held_out] - load[is_held_out] @ entries.T, run[is_held_out]
         )
-        for part, unit, scale in _PARTS:
-            error_rows(rows, name, fit, sets, unit, scale, CHANNELS, part=part)
+        for part in _PARTS:
+            error_rows(rows, name, fit, sets, part)
         for k, channel in enumerate(CHANNELS):
             if np.isfinite(share := r_squared(fits["none"], fit, k)):
                 add_figures(rows, name, {"r_squared": share}, channel)
@@ -222,7 +225,7 @@ def _figure(fits: Mapping[str, ResponseFit], against: Mapping[str, ComplianceCom
         return text
     verdicts = [row["verdict"] for row in compliance.to_pylist() if row["model"] == "matrix"]
     missed, p = verdicts.count("differs"), p_value(against["matrix"].p_value)
-    return f"{text}; simulation misses {missed} of {count(len(verdicts), 'measured entry')} (p {p})"
+    return f"{text}; simulation misses {missed} of {count_text(len(verdicts), 'measured entry')} (p {p})"
 
 
 def axis_curve_rows(displacement: pa.Table, simulated: SimulatedCompliance | None) -> Rows:
@@ -266,7 +269,7 @@ def with_positioning(outcome: Outcome, tables: Mapping[str, pa.Table], settings:
         return outcome
     positions, withheld = tables["positions"], withheld_runs(tables)
     rows = positioning_rows(positions, settings.interferometer, withheld).table(str(positions.schema.field("run").type))
-    read, text = f"{count(positions.num_rows, 'approach')} of an axis", positioning_words(rows, withheld)
+    read, text = f"{count_text(positions.num_rows, 'approach')} of an axis", positioning_words(rows, withheld)
     return replace(
         outcome,
         artifacts={**outcome.artifacts, "positioning": rows},

@@ -37,8 +37,7 @@ from truing.estimation.response import (
     symmetry,
 )
 from truing.estimation.rigid_poses.joint_frames import FramedBody, FramedPoints, mean_shape
-from truing.report.numbers import count as counted
-from truing.report.numbers import gross_errors
+from truing.report.numbers import count_text, gross_errors
 from truing.schemas.artifacts import ARTIFACTS
 from truing.stages.common.missing_data import (
     NO_BODIES,
@@ -58,7 +57,7 @@ from truing.stages.common.point_errors import common_correlation, point_errors
 from truing.stages.common.rows import Rows
 from truing.stages.declaration import Outcome
 from truing.stages.responses import simulated_shifts
-from truing.stages.responses.tables import add_figures, error_rows
+from truing.stages.responses.tables import ReportedResponses, add_figures, error_rows
 
 if TYPE_CHECKING:
     from truing.schemas.campaign import Campaign
@@ -212,7 +211,7 @@ def _compare_with_simulation(
         fit = simulated_shifts.simulated_fit(drive, models, shifts, simulated[0])
         held_out_errors = models.kept[~models.fitted] - fit.offset.mean(0) - drive[~models.fitted] @ simulated[0].T
         sets = {**residual_sets(fit), "verification_": held_out_errors}
-        error_rows(errors, simulated_shifts.SIMULATED, fit, sets, "um", 1e6, None)
+        error_rows(errors, simulated_shifts.SIMULATED, fit, sets)
     return simulated_shifts.words(comparison)
 
 
@@ -289,7 +288,7 @@ def _coefficient_rows(rows: Rows, name: str, fit: ResponseFit, determined: Mask,
 def _leg_error_rows(models: AttachmentModels, shifts: LegShifts, drive: Array) -> Rows:
     rows = Rows("deformation_errors")
     for name, fit in models.fits.items():
-        error_rows(rows, name, fit, {**residual_sets(fit), "verification_": models.held[name]}, "um", 1e6, None)
+        error_rows(rows, name, fit, {**residual_sets(fit), "verification_": models.held[name]})
     if models.determined["matrix"].all():
         for name, below in (("linear", "none"), ("matrix", "linear")):
             add_figures(rows, name, {f"p_value_over_{below}": models.gains[name]})
@@ -342,8 +341,8 @@ def _shape_rows(rows: Rows, shifts: Array, attachments: Array) -> None:
 def _leg_words(shifts: LegShifts, rejected: Mask, fits: Mapping[str, ResponseFit]) -> tuple[str, str, str]:
     seen = int(np.isfinite(shifts.shift).sum())
     read = (
-        f"{counted(seen, 'shift')} at {counted(shifts.shift.shape[1], 'attachment')} in "
-        f"{counted(len(shifts.shift), 'pose')}"
+        f"{count_text(seen, 'shift')} at {count_text(shifts.shift.shape[1], 'attachment')} in "
+        f"{count_text(len(shifts.shift), 'pose')}"
     )
     left_out = gross_errors(int(rejected.sum()), "shift") if rejected.any() else "nothing"
     rms = {name: 1e6 * float(np.sqrt(np.nanmean(fit.residuals**2))) for name, fit in fits.items()}
@@ -385,7 +384,9 @@ def target_deformation(tables: Mapping[str, pa.Table], drives: tuple[str, ...]) 
         "deformation_errors": errors.table(),
         "target_deformation": shifts.table(identifier),
     }
-    read = f"{counted(shifts.count // 3, 'residual')} of {counted(len(bodies), 'body')} against {', '.join(drives)}"
+    read = (
+        f"{count_text(shifts.count // 3, 'residual')} of {count_text(len(bodies), 'body')} against {', '.join(drives)}"
+    )
     return Outcome(artifacts, read=read, left_out="nothing", figure="; ".join(words))
 
 
@@ -440,8 +441,9 @@ def _target_model_rows(rows: Rows, shifts: BodyShifts, fit: ResponseFit, drives:
 
 
 def _target_error_rows(rows: Rows, shifts: BodyShifts, fits: Mapping[str, ResponseFit]) -> None:
+    of_body = ReportedResponses(names=(), subject=shifts.body)
     for name, form in (("none", "none"), ("linear", "matrix")):
-        error_rows(rows, name, fits[form], residual_sets(fits[form]), "um", 1e6, (), subject_of_all=shifts.body)
+        error_rows(rows, name, fits[form], residual_sets(fits[form]), of_body)
     gain = gain_p_value(fits["none"], fits["matrix"])
     add_figures(rows, "linear", {"p_value_over_none": gain}, shifts.body)
 

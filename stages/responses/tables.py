@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Mapping
+from dataclasses import dataclass, field
 from typing import Any
 
 import numpy as np
@@ -18,33 +19,46 @@ def add_figures(rows: Rows, model: str, figures: Mapping[str, float], subject: s
         rows.add(model=model, figure=figure, value=float(value), unit="1", subject=subject)
 
 
+@dataclass(frozen=True)
+class ReportedResponses:
+    """Responses of one unit as rows: those in ``part`` of all columns, in ``unit``, which ``scale`` gives from SI.
+
+    ``names``: subject of each column of the fit; None: legs, counted from 1; empty: no rows of single responses.
+    ``subject``: subject of the rows on all responses together.
+    """
+
+    unit: str = "um"
+    scale: float = 1e6
+    names: tuple[str, ...] | None = None
+    part: slice = field(default_factory=lambda: slice(None))
+    subject: str | None = None
+
+    def single(self, count: int) -> list[tuple[int, dict[str, Any]]]:
+        """Columns, out of ``count``, with a row each, and the key of that row."""
+        if self.names == ():
+            return []
+        columns = range(*self.part.indices(count))
+        return [(k, {"leg": k + 1} if self.names is None else {"subject": self.names[k]}) for k in columns]
+
+
+LEGS_UM = ReportedResponses()
+
+
 def error_rows(
-    rows: Rows,
-    name: str,
-    fit: ResponseFit,
-    sets: Mapping[str, Array],
-    unit: str,
-    scale: float,
-    responses: tuple[str, ...] | None,
-    *,
-    part: slice = slice(None),
-    subject_of_all: str | None = None,
+    rows: Rows, name: str, fit: ResponseFit, sets: Mapping[str, Array], responses: ReportedResponses = LEGS_UM
 ) -> None:
     """The error figures of one model, for all responses and for each.
 
-    ``sets`` are residuals (N, L), of the fit and of what was held out, by what stands before a figure's name;
-    `residual_sets` has those that every fit has. ``scale`` turns SI into ``unit``. Responses are legs counted from 1
-    if ``responses`` is None, and named if it names them. If it is empty, they are reported together, with the subject
-    ``subject_of_all``.
+    ``sets``: residuals (N, L) of the fit and of held-out data, by the prefix of their figures; `residual_sets` has
+    those that every fit has.
     """
-    chosen = range(*part.indices(fit.residuals.shape[1])) if responses != () else ()
+    unit, scale = responses.unit, responses.scale
     for prefix, residual in sets.items():
-        _size_rows(rows, name, prefix, residual[:, part] * scale, unit, {"subject": subject_of_all})
-        for k in chosen:
-            where = {"leg": k + 1} if responses is None else {"subject": responses[k]}
+        _size_rows(rows, name, prefix, residual[:, responses.part] * scale, unit, {"subject": responses.subject})
+        for k, where in responses.single(fit.residuals.shape[1]):
             _size_rows(rows, name, prefix, residual[:, k] * scale, unit, where)
     ratio = float(np.sqrt(fit.chi_square / max(fit.dof, 1)))
-    add_figures(rows, name, {"noise_ratio": ratio, "degrees_of_freedom": fit.dof}, subject_of_all)
+    add_figures(rows, name, {"noise_ratio": ratio, "degrees_of_freedom": fit.dof}, responses.subject)
 
 
 def _size_rows(rows: Rows, name: str, prefix: str, residual: Array, unit: str, where: dict[str, Any]) -> None:

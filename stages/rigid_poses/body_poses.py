@@ -20,7 +20,7 @@ from truing.estimation.rigid_poses.correlated_poses import with_correlations
 from truing.estimation.rigid_poses.points import PointErrors
 from truing.estimation.rigid_poses.rigid import FitStatus, RigidFit
 from truing.estimation.rotation import exp_so3
-from truing.report.numbers import count as counted
+from truing.report.numbers import count_text
 from truing.schemas.artifact import StoredTable, full_table, plain_texts
 from truing.schemas.artifacts import ARTIFACTS
 from truing.stages.common.compact_points import ObservedNames, compact_points, observed_names
@@ -74,8 +74,8 @@ def body_poses(tables: Mapping[str, Any], settings: Campaign, progress: Progress
         artifacts |= {"exclusion_effects": effects.table()} if effects.count else {}
     if correlated is not None and errors is not None:
         artifacts |= _tables_of_errors(correlated, errors, settings, stream.identifier)
-    counts = [counted(tables[name].num_rows, what) for name, what in SOURCES.items() if tables[name].num_rows]
-    read = f"{' and '.join(counts)} of {counted(len(stream.fits), 'body')} in {counted(len(names.poses), 'pose')}"
+    counts = [count_text(tables[name].num_rows, what) for name, what in SOURCES.items() if tables[name].num_rows]
+    read = f"{' and '.join(counts)} of {count_text(len(stream.fits), 'body')} in {count_text(len(names.poses), 'pose')}"
     unmeasured = f"; the instrument's frame is taken for that of {stream.frame}, which was not measured"
     figure = _figure(stream.fits) + _shapes(estimates) + (unmeasured if stream.frame != MEASUREMENT else "")
     return Outcome(
@@ -256,7 +256,7 @@ def _left_out(bodies: Sequence[BodyEstimate | BodyPoses]) -> str:
         for point_index in place_of_point[:3]
     ][:3]
     remainder = f" and {total - 3} more" if total > 3 else ""
-    return f"{counted(total, 'point')}: {'; '.join(_named(*point_index) for point_index in first)}{remainder}"
+    return f"{count_text(total, 'point')}: {'; '.join(_named(*point_index) for point_index in first)}{remainder}"
 
 
 def _named(body: BodyEstimate | BodyPoses, pose: int, target: int) -> str:
@@ -271,12 +271,12 @@ def _figure(fits: Mapping[str, RigidFit]) -> str:
     for name, fit in fits.items():
         known = fit.ok & np.isfinite(fit.rms)
         rms = f", rms {1e3 * np.sqrt(np.mean(fit.rms[known] ** 2)):.4f} mm" if known.any() else ""
-        words.append(f"{name} {fit.ok.sum()} of {counted(len(fit.ok), 'pose')}{rms}")
+        words.append(f"{name} {fit.ok.sum()} of {count_text(len(fit.ok), 'pose')}{rms}")
     return "; ".join(words)
 
 
 def _shapes(estimates: Sequence[BodyEstimate]) -> str:
     """Bodies whose shape was estimated from some of their poses, in words; empty for none."""
     some = [estimate for estimate in estimates if 0 < estimate.common.shape_poses < len(estimate.points.poses)]
-    words = (f"{estimate.name} from {counted(estimate.common.shape_poses, 'pose')}" for estimate in some)
+    words = (f"{estimate.name} from {count_text(estimate.common.shape_poses, 'pose')}" for estimate in some)
     return f"; shape without a survey: {', '.join(words)}" if some else ""

@@ -96,12 +96,12 @@ def _calibrated(tables: Mapping[str, pa.Table], nominal: Machine) -> tuple[str, 
     if structure is None or identified is None:
         return None
     rows_of_model = [row for row in identified.to_pylist() if (row["model"], row["deformation"]) == chosen[0]]
-    stood = {(row["parameter"], row["leg"]): row["identified"] for row in rows_of_model}
+    values_by_leg = {(row["parameter"], row["leg"]): row["identified"] for row in rows_of_model}
     count = nominal.legs.count
     start = replace(nominal, deformation=np.zeros((count, count)), in_plane=np.zeros((count, 2, count)))
     every = full_set(start, chosen[0][1], rho0=True)
-    parameters = ParameterSet(tuple(e for e in every.entries if (e.name, e.leg_number) in stood))
-    values = np.array([stood[e.name, e.leg_number] for e in parameters.entries], float) * parameters.units
+    parameters = ParameterSet(tuple(e for e in every.entries if (e.name, e.leg_number) in values_by_leg))
+    values = np.array([values_by_leg[e.name, e.leg_number] for e in parameters.entries], float) * parameters.units
     return " ".join(chosen[0]), structure, parameters.machine(start, values)
 
 

@@ -11,8 +11,7 @@ import pyarrow as pa
 from truing.arrays import Array, Index, Mask
 from truing.estimation.interferometry.platform_poses import BRANCHES, PlatformPoses, find_poses
 from truing.estimation.interferometry.recorded_steps import CHANNELS, LOADS, READING_SI, READING_UNITS, RecordedSteps
-from truing.report.numbers import count as counted
-from truing.report.numbers import gross_errors
+from truing.report.numbers import count_text, gross_errors
 from truing.schemas.artifacts import ARTIFACTS
 from truing.simulation.bench.known_readings import BeamGeometry
 from truing.stages.common.declared_optics import beam_optics
@@ -52,9 +51,8 @@ def platform_poses(tables: Mapping[str, pa.Table], settings: Campaign) -> Outcom
     if out.readings.any():
         artifacts["exclusion_effects"] = _exclusion_rows(poses, steps_of_all, geometry, settings).table()
     count = int(np.isfinite(steps.reading).sum())
-    read = (
-        f"{counted(count, 'reading')} of {counted(len(steps.runs), 'run')} in {counted(len(poses.value), 'load case')}"
-    )
+    read = f"{count_text(count, 'reading')} of {count_text(len(steps.runs), 'run')}"
+    read += f" in {count_text(len(poses.value), 'load case')}"
     left_out = "; ".join(filter(None, (_left_out(poses), excluded_words(out)))) or "no reading"
     return Outcome(artifacts, read=read, left_out=left_out, figure=_figure(poses))
 

@@ -19,8 +19,8 @@ _COUNTS = ("campaigns",)
 def sizes_table(curves: Iterable[Curve]) -> pa.Table:
     """A row per sort of effect: the size found with 80 and with 95 %, as theory expects it and as drawn campaigns show.
 
-    Sizes are root mean squares of ``parameter`` in its unit, ``beside`` names what other units grow with it; bounds
-    hold with a probability of 95 %.
+    Sizes are root mean squares of ``parameter`` in its unit, ``beside`` names parameters of other units that grow with
+    it; bounds hold with a probability of 95 %.
     """
     return _table([_sizes_row(curve) for curve in curves], _SIZES)
 

@@ -84,9 +84,9 @@ def _budget(
     tables: Mapping[str, pa.Table], settings: Campaign, key: tuple[str, str], rows: list[TableRow]
 ) -> Budget | None:
     """Return the budget of the parameters in table units; None if the calibration cannot be repeated."""
-    stood = {(row["parameter"], row["leg"]): row["identified"] for row in rows}
+    identified = {(row["parameter"], row["leg"]): row["identified"] for row in rows}
     try:
-        answered = refitted_calibration(assemble(tables, settings), key, stood)
+        answered = refitted_calibration(assemble(tables, settings), key, identified)
         if answered is None:
             return None
         found = budget_of_answer(answered)

@@ -1,4 +1,4 @@
-"""Columns are assigned to rows at the least cost, also where several rows ask for the same column."""
+"""Columns are assigned to rows at the least total cost, even if several rows prefer the same column."""
 
 from __future__ import annotations
 

@@ -1,4 +1,5 @@
-"""Readings of an axis in rows of other commands, or in another unit, are told from shifted zeros and from errors."""
+"""Test of axis rows: exchanged rows and another unit are distinguished from shifted zeros and from errors of the
+axis."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Readings of a moving platform that come from another clock are late by a common time, and nothing else is."""
+"""Test of two clocks: a common lag of all readings is found, and other effects are not mistaken for a lag."""
 
 from __future__ import annotations
 

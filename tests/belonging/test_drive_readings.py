@@ -1,4 +1,5 @@
-"""Readings of a rotary drive against the rotation of a body: slips are named, bodies that do not follow are no slip."""
+"""Readings of a rotary drive against the rotation of a body: slips are named; a body that does not follow is no
+slip."""
 
 from __future__ import annotations
 

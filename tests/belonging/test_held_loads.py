@@ -1,4 +1,4 @@
-"""Runs at constant loads: a slip in some of them shows by the response that most have in common."""
+"""Runs at constant loads: a slip in some runs is found by the response that most runs have in common."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Slips in some poses of a chain are named, with their poses, on an arm whose motion is written down here."""
+"""Slips in some poses of a chain are named with their poses, on an arm with hand-written kinematics."""
 
 from __future__ import annotations
 

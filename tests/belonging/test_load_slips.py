@@ -1,4 +1,4 @@
-"""Slips of the hand in loading campaigns are named, physics is none of them, and nothing rests on what is apart."""
+"""Recording mistakes in loading campaigns are named, physical effects are not, and inconsistent data are not used."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Orientations of a link that turn otherwise than the chain: the slip that explains them is named."""
+"""Orientations of a link that contradict the chain: the recording mistake that explains them is named."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""A body without a survey: slips in some poses or of one target are named; bent and moved bodies are none."""
+"""A body without a survey: slips in some poses or of one target are named; deformation and displaced bodies are not."""
 
 from __future__ import annotations
 
@@ -8,7 +8,8 @@ import numpy as np
 import pytest
 from scipy.spatial.transform import Rotation
 
-from truing.belonging.body_point_tests import BodyPoints, relate_poses
+from truing.belonging.body_point_tests import relate_poses
+from truing.belonging.body_points import BodyPoints
 from truing.belonging.relation import RelationState, SlipKind
 from truing.estimation.rigid_poses.points import PosePoints
 from truing.quality.bodies import shape_of_poses

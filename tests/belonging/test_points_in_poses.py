@@ -1,4 +1,4 @@
-"""Slips in the points of some poses are named, with axes where these tell; bent bodies and gross errors are none."""
+"""Slips in the points of some poses are named, with their axes if determined; deformation and gross errors are not."""
 
 from __future__ import annotations
 
@@ -9,7 +9,8 @@ import numpy as np
 import pytest
 from scipy.spatial.transform import Rotation
 
-from truing.belonging.body_point_tests import AsOtherBody, BodyPoints, poses_with_slips, relate_survey, shifted_survey
+from truing.belonging.body_point_tests import poses_with_slips, relate_survey, shifted_survey
+from truing.belonging.body_points import AsOtherBody, BodyPoints
 from truing.belonging.relation import RelationState, SlipKind
 
 SIGMA = 1e-5

@@ -10,9 +10,9 @@ from scipy.spatial.transform import Rotation
 
 from tests.tolerance import assert_close
 from truing.belonging import relation
-from truing.belonging.body_point_tests import BodyPoints
-from truing.belonging.body_point_tests import relate_copies as copies
 from truing.belonging.body_point_tests import relate_survey as survey_of
+from truing.belonging.body_points import BodyPoints
+from truing.belonging.copied_poses import relate_copies as copies
 from truing.belonging.evidence import log_evidence, physics
 from truing.belonging.reading_hypotheses import MeasuredMotion
 from truing.belonging.reading_tests import ReadingNames

@@ -1,4 +1,4 @@
-"""A row of the table of benchmarks: which peer is the best, and when its limit holds."""
+"""Rows of the benchmark table: choice of the best peer, and whether the limit holds."""
 
 from __future__ import annotations
 
@@ -10,7 +10,7 @@ import pytest
 
 from benchmarks.collection import Collected, Record
 from benchmarks.page import renewed, table
-from benchmarks.rows import Holds, Peer, PeerState, Row, leave, timed_row
+from benchmarks.rows import Holds, Peer, PeerState, Row, record_row, timed_row
 
 SECONDS = {"ours": np.array([1.0, 1.0, 2.0]), "fast": np.array([3.0, 3.0, 9.0]), "slow": np.array([8.0, 8.0, 8.0])}
 
@@ -59,9 +59,9 @@ def test_a_limit_of_the_value_itself(row: Row, holds: Holds) -> None:
 
 def test_rows_are_left_in_the_named_file_alone(tmp_path, monkeypatch) -> None:  # type: ignore[no-untyped-def]
     row = timed_row("a fit", SECONDS, "ours", unmeasured=["absent"], least_ratio=3.0)
-    leave(row)
+    record_row(row)
     monkeypatch.setenv("TRUING_BENCHMARK_ROWS", str(tmp_path / "rows"))
-    leave(row)
+    record_row(row)
     (line,) = (tmp_path / "rows").read_text().splitlines()
     assert Row.read(json.loads(line)) == row
     assert json.loads(line) == json.loads(json.dumps(asdict(row)))

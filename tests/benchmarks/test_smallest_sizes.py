@@ -1,4 +1,4 @@
-"""Every benchmark runs in its smallest size and leaves rows; the studies that take hours begin."""
+"""Every benchmark runs in its smallest size and leaves rows; the long studies start."""
 
 from __future__ import annotations
 

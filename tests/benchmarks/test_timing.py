@@ -1,4 +1,4 @@
-"""Repeats of benchmarks: each task is called as often as is said, and told in seconds per call."""
+"""Timing of benchmarks: the number of calls of each task, and seconds per call."""
 
 from __future__ import annotations
 

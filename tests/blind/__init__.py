@@ -1,1 +1,1 @@
-"""Campaigns with something hidden in them, and the demand that it be found and named."""
+"""Blind tests: campaigns with hidden effects, which the pipeline must find and name."""

@@ -1,4 +1,4 @@
-"""Runs campaigns as far as their calibration, and lays what was identified beside the truth."""
+"""Calibrate campaigns, and compare identified with true parameters."""
 
 from __future__ import annotations
 
@@ -187,8 +187,8 @@ def chi_square_band(freedom: float) -> tuple[float, float]:
 def coverage_band(errors: Iterable[Errors], reach: float, probability: float) -> tuple[float, float, float]:
     """Share of errors within ``reach``, and its band.
 
-    Whether one of two normal numbers of correlation r lies within tells of the other by less than r^2, so that as
-    many are independent as squares would be.
+    For two normal numbers of correlation r, the coverage of one depends on that of the other by less than r^2. The
+    effective number is therefore that of independent squares.
     """
     every = list(errors)
     count, spread = sum(len(one.z) for one in every), sum(one.spread for one in every)

@@ -1,4 +1,4 @@
-"""Machines without noise, told exactly: what they do with an effect, in the generator and in ``truing.simulation``."""
+"""Noise-free machines with exact declarations: response to an effect in the generator and in ``truing.simulation``."""
 
 from __future__ import annotations
 

@@ -1,6 +1,5 @@
-"""One effect hidden twice in one layout: by what `truing power` simulates, and by the generator, which shares no code
-with it. What the same diagnosis finds of either is compared.
-"""
+"""One effect hidden in one layout by `truing power` and by the independent generator; the same diagnosis of both is
+compared."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Runs campaigns through the command line, reads what was found, and lays it beside what was hidden."""
+"""Run campaigns through the command line, and compare the findings with the hidden effects."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Generator and ``truing.simulation``, written twice from the same physics, agree where no effect is hidden.
+"""The generator and ``truing.simulation``, written independently, agree if no effect is hidden.
 
 Both know the same geometry and the same displacements; they may differ by a tenth of the noise (0.5 um) and differ
 by rounding alone, some 1e-12 of half a metre carried through the closure.

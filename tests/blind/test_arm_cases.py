@@ -1,4 +1,4 @@
-"""Campaigns of arms as the blind benchmark draws them: what is hidden, how strong, and the truth beside them."""
+"""Campaigns of arms for the blind benchmark: hidden effects, their strength, and the recorded truth."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""The generator of campaigns of arms is itself held to the physics and to the campaign format."""
+"""The generator of arm campaigns obeys the physics and the campaign format."""
 
 from __future__ import annotations
 

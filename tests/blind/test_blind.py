@@ -1,4 +1,4 @@
-"""Effects are hidden in campaigns that were never seen before, and the whole pipeline must find and name them.
+"""Effects hidden in unseen campaigns are found and named by the whole pipeline.
 
 ``TRUING_BLIND_SEED`` draws other campaigns. Rates are judged over all campaigns of a kind, never one by one: a correct
 diagnosis fails a judgement once in a thousand draws. ``python -m benchmarks.blind`` measures the rates themselves.

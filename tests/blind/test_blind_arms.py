@@ -1,4 +1,4 @@
-"""Effects are hidden in arms that were never seen before: they must be named with their joint or link, nothing else.
+"""Effects hidden in unseen arms are named with their joint or link, and nothing else is found.
 
 The generator shares no code with what has to find them. ``TRUING_BLIND_SEED`` draws other campaigns.
 """

@@ -1,4 +1,4 @@
-"""Errors are hidden in axes that were never seen before: they must be named, with their size, and nothing else.
+"""Errors hidden in unseen axes are named with their size, and nothing else is found.
 
 The generator closes the loop of every row exactly and shares no code with what has to find them. ``TRUING_BLIND_SEED``
 draws other campaigns.

@@ -1,4 +1,4 @@
-"""Effects of cameras, bars and panes are hidden in rays that were never seen before, and the whole line must name them.
+"""Effects of cameras, scale bars and panes hidden in unseen rays are named by the whole pipeline.
 
 ``TRUING_BLIND_SEED`` draws other campaigns. They are few and twice as strong as must be found;
 ``python -m benchmarks.blind --instrument photographs`` measures rates.

@@ -1,4 +1,4 @@
-"""Effects are hidden in campaigns of force sensors that were never seen before, and the whole pipeline must name them.
+"""Effects hidden in unseen force-sensor campaigns are named by the whole pipeline.
 
 ``TRUING_BLIND_SEED`` draws other campaigns. They are few and twice as strong as must be found, so that each judgement
 fails a correct diagnosis once in a thousand draws; ``python -m benchmarks.blind --instrument sensor`` measures rates.

@@ -1,4 +1,4 @@
-"""Bodies without a mechanism: what was hidden in one of them is found, named, and put on the right body.
+"""Bodies without a mechanism: a hidden effect is found, named, and assigned to the right body.
 
 Effects of a signal-to-noise beyond ten, so that a miss is a defect and not bad luck; seeds are fixed.
 """

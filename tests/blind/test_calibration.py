@@ -1,4 +1,4 @@
-"""Machines that nobody has seen are calibrated, and what is said of them must hold: numbers, sigmas, model, poses.
+"""Calibration of unseen machines: parameters, uncertainties, chosen model and predicted poses agree with the truth.
 
 ``TRUING_BLIND_SEED`` draws other campaigns. All is judged over all campaigns together, never one by one: a correct
 calibration fails a judgement once in a thousand draws.

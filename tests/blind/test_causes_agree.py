@@ -1,4 +1,4 @@
-"""Causes in the generator and in ``truing.simulation``, written twice from the same words, do the same to all points.
+"""Causes in the generator and in ``truing.simulation``, written independently, move all points equally.
 
 Three machines: the telescope, another geometry photographed in another order, and a hexapod of variable legs; no noise.
 They may differ by a tenth of the noise, and differ by rounding: of the hexapod's readings, found by rounds, 1e-9 m.

@@ -1,4 +1,4 @@
-"""A campaign handed over in another laboratory's formats is the same campaign after ingest."""
+"""A campaign in the file formats of another laboratory is the same campaign after ingest."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Each effect does what the campaign format says, seen from relations that hold without its own code."""
+"""Each effect of the generator acts as the campaign format defines it, checked by independent relations."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""The generator is itself held to the physics: loops close, frames are the contract's, noise is as drawn."""
+"""The generator obeys the physics and the contract: closed loops, declared frames, declared noise."""
 
 from __future__ import annotations
 

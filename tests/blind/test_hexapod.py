@@ -1,4 +1,4 @@
-"""Hexapods of the generator are held to the physics, and to ``truing.simulation``, which was written from it apart."""
+"""Hexapods of the generator obey the physics, and agree with the independent ``truing.simulation``."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Drives that err, instruments that err and targets that are elsewhere: the generator's and the simulation's agree."""
+"""Errors of drives and instruments, and displaced targets, agree between the generator and ``truing.simulation``."""
 
 from __future__ import annotations
 

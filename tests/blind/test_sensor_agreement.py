@@ -1,4 +1,4 @@
-"""Generator and ``truing.simulation`` of the force sensor, written twice from the same physics, agree.
+"""Generator and ``truing.simulation`` of the force sensor, written independently, agree.
 
 One sums energies along the legs at the platform's origin, the other moves compliances of elements from end to end.
 """

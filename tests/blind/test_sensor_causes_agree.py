@@ -1,4 +1,4 @@
-"""Causes of a bench in the generator and in ``truing.simulation``, written twice from the same words, do the same.
+"""Causes of a bench in the generator and in ``truing.simulation``, written independently, agree.
 
 Two benches: set A, every channel in a run of its own, and a small sensor loaded along several axes at once; no noise.
 They may differ by a tenth of the noise where the effect is a hundred times that.

@@ -1,4 +1,4 @@
-"""The generator of force sensors' campaigns is itself held to the physics and to the campaign format."""
+"""The generator of force-sensor campaigns obeys the physics and the campaign format."""
 
 from __future__ import annotations
 

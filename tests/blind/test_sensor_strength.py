@@ -1,4 +1,4 @@
-"""Strengths of effects on a force sensor are held to figures that follow without the machine."""
+"""Strengths of effects on a force sensor agree with values that follow without a model of the sensor."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Causes that are rare, each hidden alone in a small campaign: named, at the right place, with its true size.
+"""Rare causes, each hidden alone in a small campaign, are named with the right subject and size.
 
 Strong enough that a miss is a defect and not bad luck; seeds are fixed.
 """

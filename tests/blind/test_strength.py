@@ -1,4 +1,4 @@
-"""Strengths are held to figures that follow without the machine, and cases to what was asked of them."""
+"""Strengths of effects agree with values that follow without a model of the machine, and cases with the request."""
 
 from __future__ import annotations
 

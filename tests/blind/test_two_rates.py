@@ -1,4 +1,4 @@
-"""The exact comparison of two that try the same: it errs as seldom as it says, and tells what differs."""
+"""The exact comparison of two rates keeps its false-alarm rate, and detects a difference."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Faults of an axis' positioning runs: nothing of them may be stated as accuracy."""
+"""Faults of an axis' positioning runs, of which no accuracy may be stated."""
 
 from __future__ import annotations
 

@@ -1,8 +1,7 @@
 """Guide random bytes by what they make a reader do: ``python -m tests.broken.coverage_fuzz csv -max_total_time=120``.
 
-Needs atheris, which the project does not ask for. Further words are libFuzzer's, seeds the good campaigns of `fuzz`.
-An exception that is none of a reader's own ends it and leaves the bytes behind, as does what takes longer than five
-seconds or more than three gigabytes.
+Needs atheris, which the project does not ask for. Further words are libFuzzer's, seeds the good campaigns of `fuzz`. It
+stops and keeps the bytes at an exception that is none of a reader's own, after five seconds, or beyond three gigabytes.
 """
 
 from __future__ import annotations

@@ -1,4 +1,4 @@
-"""The good campaigns that the broken ones are made from: short cuts of the samples, in which nothing is wrong."""
+"""Good campaigns that the broken ones are made from: shortened samples without any fault."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Files that fuzzing found to matter, and such as are made to do harm."""
+"""Malicious files, and files that fuzzing found to cause defects."""
 
 from __future__ import annotations
 

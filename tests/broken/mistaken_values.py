@@ -1,4 +1,4 @@
-"""Broken campaigns whose values are numbers, of another unit or of a thing that does not exist."""
+"""Broken campaigns with wrong units, or with values that refer to nothing."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""More to damage than a suite has time for: markers, clouds, earlier models, and what other commands read."""
+"""Further subjects for long fuzzing: markers, clouds, earlier models, and inputs of other commands."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Things in the place of a file: links in a circle, pipes, devices, folders."""
+"""Paths that hold no regular file: circular links, pipes, devices, folders."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Faults in what a campaign folder says of the campaign's own life: names, later surveys, repeats, decisions."""
+"""Faults in declarations of campaign.toml: names, later surveys, repeats, decisions."""
 
 from __future__ import annotations
 

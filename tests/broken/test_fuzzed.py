@@ -1,4 +1,4 @@
-"""Whatever bytes a campaign's files hold: read, or refused in lines of one form; no defect, no warning, no hang."""
+"""Arbitrary bytes in campaign files are read or refused with a fault; no crash, no warning, no endless run."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""`truing init` on whatever a folder holds: a campaign.toml that can be read, or a line that says why there is none."""
+"""`truing init` on arbitrary folders writes a readable campaign.toml, or one line with the reason."""
 
 from __future__ import annotations
 

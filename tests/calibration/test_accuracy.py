@@ -1,4 +1,4 @@
-"""Limits that 95 of 100 poses stay below, without the share of the measurement; their interval holds the truth."""
+"""Errors that 95 of 100 poses do not exceed, without the measurement's noise; their interval contains the truth."""
 
 from __future__ import annotations
 

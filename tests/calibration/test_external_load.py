@@ -1,4 +1,4 @@
-"""Loads on the platform, pose by pose: the stiffness model takes them up; a calibration without them misfits."""
+"""Loads on the platform at each pose: the stiffness model includes them; calibrations without them misfit."""
 
 from __future__ import annotations
 

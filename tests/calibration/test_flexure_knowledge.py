@@ -1,4 +1,4 @@
-"""Design parameters of flexures: identified where flexures bend far, and open where the data hold nothing."""
+"""Design parameters of flexures are identified if the flexures bend far, and undetermined otherwise."""
 
 from __future__ import annotations
 

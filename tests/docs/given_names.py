@@ -1,4 +1,4 @@
-"""Names that pages take as given, as the reader's own data: a function for each page."""
+"""Data that code blocks of the pages assume as the reader's own: one function per page."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""The examples of the how-to pages: files of a section, the tables that come of them, and what goes wrong."""
+"""Examples of the how-to pages: the files of each section, the resulting tables, and the faults."""
 
 from __future__ import annotations
 

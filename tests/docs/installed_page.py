@@ -1,4 +1,4 @@
-"""The package of a page, as an installation leaves it: modules, and what their metadata name."""
+"""Install the package that a page describes: its modules and its metadata."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Tables as they stand on a page of the docs, between the marks that its command writes them in."""
+"""Tables of a page between the marks of the command that writes them."""
 
 from __future__ import annotations
 

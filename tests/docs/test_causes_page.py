@@ -1,4 +1,4 @@
-"""The page of causes is current: its catalogue to the letter, its comparisons to their digits, all causes told."""
+"""docs/causes.md is current: its catalogue, its comparisons, and every cause."""
 
 from __future__ import annotations
 

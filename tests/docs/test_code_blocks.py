@@ -1,4 +1,4 @@
-"""Every block of code on every page does what it says: Python runs, commands and settings exist, tables are read.
+"""Every code block of every page works: Python runs, commands and settings exist, tables are read.
 
 A block that cannot says why in a remark above it, ``<!-- not run: ... -->``; names that stand for the reader's own
 data are announced by ``<!-- given: ... -->`` and come from `tests/docs/given_names.py`.

@@ -1,4 +1,4 @@
-"""The checks of the pages' code notice what they are there for."""
+"""The checks of code blocks detect faulty blocks."""
 
 from __future__ import annotations
 

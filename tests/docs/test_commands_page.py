@@ -1,4 +1,4 @@
-"""docs/reference/commands.md tells what the command line has."""
+"""docs/reference/commands.md lists every command and option."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""The page of the diagnosis shows what the diagnosis says of the sample campaign today."""
+"""docs/diagnosis.md shows the current diagnosis of the sample campaign."""
 
 from __future__ import annotations
 

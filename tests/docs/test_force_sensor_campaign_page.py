@@ -1,5 +1,5 @@
-"""The walk through one run of the force sensor's sample shows what its command writes (what the diagnosis says of it is
-held in tests/stages/test_diagnose_readings.py, beside its run)."""
+"""docs/force-sensor-campaign.md shows the current output of its command (`tests/stages/test_diagnose_readings.py` tests
+the diagnosis itself)."""
 
 from __future__ import annotations
 

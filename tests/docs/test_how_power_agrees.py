@@ -1,4 +1,4 @@
-"""The figures on docs/power.md are those of its comparison, and they agree with the simulation."""
+"""The figures of docs/power.md are those of its comparison, and agree with the simulation."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Every example of docs/how-to is read to the table that its page shows, and every slip is answered as it says."""
+"""Every example of docs/how-to is read to the table on its page, and every mistake gives the printed message."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""The pages of how well each instrument is diagnosed say what their results say, and count as they should."""
+"""The pages on the quality of the diagnosis agree with their recorded results."""
 
 from __future__ import annotations
 
@@ -18,7 +18,7 @@ from tests.blind.judging import Judged
 from tests.docs.shown import shown
 from tests.tolerance import assert_between, assert_close
 
-CAMPAIGNS = {name: blind_page.kept_campaigns(own.kept) for name, own in INSTRUMENTS.items()}
+CAMPAIGNS = {name: blind_page.kept_campaigns(own.results) for name, own in INSTRUMENTS.items()}
 
 
 @pytest.mark.parametrize("name", ["goals", "causes", "layouts", "unknown", "wrong"])
@@ -34,7 +34,7 @@ def test_each_table_is_that_of_the_results_that_are_kept(instrument: str, name: 
 
 def test_effects_that_nobody_had_thought_of_are_told_as_counted() -> None:
     own = INSTRUMENTS["sensor"]
-    made = blind_page.unforeseen(blind_page.kept_campaigns(own.kept_unforeseen))
+    made = blind_page.unforeseen(blind_page.kept_campaigns(own.unforeseen_results))
     there = shown(own.page.read_text(encoding="utf-8"), "unforeseen")
     assert _without_numbers(made) == _without_numbers(there)
     assert_close(_numbers(made), _numbers(there), atol=0.11)
@@ -43,7 +43,7 @@ def test_effects_that_nobody_had_thought_of_are_told_as_counted() -> None:
 @pytest.mark.parametrize("instrument", [name for name, own in INSTRUMENTS.items() if own.added])
 def test_causes_that_joined_since_are_told_as_counted(instrument: str) -> None:
     own = INSTRUMENTS[instrument]
-    campaigns = blind_page.kept_campaigns(own.kept_added)
+    campaigns = blind_page.kept_campaigns(own.added_results)
     made, there = blind_page.causes(campaigns, own), shown(own.page.read_text(encoding="utf-8"), "added")
     assert _without_numbers(made) == _without_numbers(there)
     assert_close(_numbers(made), _numbers(there), atol=0.11)
@@ -76,7 +76,7 @@ def test_groups_take_turns_and_clear_effects_are_clear(instrument: str) -> None:
     cases = [drawn(number, 3, instrument) for number in range(200)]
     assert sorted(case.group for case in cases) == sorted(CYCLE * 10)
     own = INSTRUMENTS[instrument]
-    assert {name for case in cases for name in case.names} <= {*own.catalogue, *own.strange}
+    assert {name for case in cases for name in case.names} <= {*own.catalogue, *own.uncatalogued}
     two = [case.strength for case in cases if case.group == "two"]
     assert_between(min(two), 8.0, 12.0, what="weakest of two")
 

@@ -1,4 +1,4 @@
-"""Every relative link of every page leads somewhere: the file is there, and it has that heading.
+"""Every relative link of every page leads to an existing file and heading.
 
 What lies outside of the project is asked for by `make links`, which needs a network.
 """

@@ -1,4 +1,4 @@
-"""Tables of pages are made anew in their places, and nothing else of the page changes."""
+"""Generated tables of pages are replaced in place, and the rest of the page is unchanged."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""The example notebook runs, says what it is recorded to say wherever that hangs on no machine, and is a whole one."""
+"""The example notebook runs, and its recorded output is current except for machine-dependent numbers."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""The cause of docs/own-cause.md, installed as the page says, is found, named, kept and used; nothing is touched."""
+"""The cause of docs/own-cause.md, installed as the page says, is found, named, stored and used for predictions."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""The mechanism of docs/own-mechanism.md, installed as the page says, goes through all stages; none is touched."""
+"""The mechanism of docs/own-mechanism.md, installed as the page says, passes all stages without changes to them."""
 
 from __future__ import annotations
 

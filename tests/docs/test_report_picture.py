@@ -1,4 +1,4 @@
-"""The picture of a report shows what the page says now; no pixel is compared."""
+"""The picture of a report in README.md shows the current statements; pixels are not compared."""
 
 from __future__ import annotations
 

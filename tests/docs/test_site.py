@@ -1,4 +1,4 @@
-"""The pages become a site without a warning, and the site asks no network for anything."""
+"""The pages build as a site without warnings, and the site needs no network."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""The page on the real telescope: its numbers are those that the code finds, and what it says of them holds."""
+"""docs/telescope-report.md: its numbers are computed by the code, and its statements hold."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""The tutorial is walked: its folder is made, looked at, completed, checked and run, and says what the page shows."""
+"""The tutorial's steps work in order, and its page shows their current output."""
 
 from __future__ import annotations
 

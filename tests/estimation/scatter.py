@@ -1,4 +1,4 @@
-"""Point sets and motions that the tests of this room share."""
+"""Random point sets and motions for the tests of estimation."""
 
 from __future__ import annotations
 

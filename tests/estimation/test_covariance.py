@@ -1,4 +1,4 @@
-"""Errors that bodies share through the pose of their common parent."""
+"""Covariance of errors that bodies share through their common parent."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""The motion that follows the drives: unbiased, its limit holds, the detectable size is found as often as stated."""
+"""The motion that follows the drives: unbiased, with valid limits, and with the stated detection rate."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""A product of matrices takes one thread where that is asked for, and as many as before afterwards."""
+"""Matrix products run on one thread where requested, and on all threads afterwards."""
 
 from __future__ import annotations
 

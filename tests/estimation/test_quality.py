@@ -1,4 +1,4 @@
-"""Quality statistics: they find what is planted, and stay silent at the rate they state."""
+"""Quality statistics detect inserted faults, and keep their false-alarm rate."""
 
 from __future__ import annotations
 

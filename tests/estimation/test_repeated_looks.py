@@ -1,4 +1,4 @@
-"""Decisions that are looked for again and again: how often a wrong one ends the looking."""
+"""Repeated decisions on growing data keep their false-alarm rate."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""The response model: recovery within its own uncertainties, exact leave-one-out, laws of scaling, robustness."""
+"""The response model: recovery within its uncertainty, exact leave-one-out, scaling, robustness."""
 
 from __future__ import annotations
 

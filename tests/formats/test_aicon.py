@@ -1,5 +1,4 @@
-"""AICON's files: mm from the centre and y upwards become pixels, cameras keep what they do to a direction, bars their
-sigma."""
+"""AICON's files: image coordinates in mm become pixels, distortion keeps its effect, scale bars keep their sigma."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""COLMAP models, text and binary alike: rays, cameras and points, and what damaged or boastful files come to."""
+"""COLMAP models, text and binary: rays, cameras and points, and faults of damaged files."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Compressed files cannot lead out of their folder, and cannot grow without bound."""
+"""Compressed files cannot write outside their folder, and cannot expand without limit."""
 
 from __future__ import annotations
 

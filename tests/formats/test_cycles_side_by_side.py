@@ -1,4 +1,4 @@
-"""Approaches of an axis from one side, a column for each cycle: the file's name says from which side."""
+"""Approaches of an axis with a column for each cycle: the file's name gives the direction of approach."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Clouds and markers whose damage would end the process that their library reads them in: refused, and nothing said."""
+"""Damaged clouds and markers that would crash their library are refused without its output."""
 
 from __future__ import annotations
 

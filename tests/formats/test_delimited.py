@@ -1,4 +1,4 @@
-"""Delimited text of every dialect gives the same table, and every fault its line."""
+"""Delimited text of every dialect gives the same table, and every fault names its line."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Files of a path or glob: which are found, at which cost, and what messages show of files outside the folder."""
+"""Files of a path or glob: which are found, at what cost, and which names messages may show."""
 
 from __future__ import annotations
 

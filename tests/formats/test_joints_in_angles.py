@@ -1,4 +1,4 @@
-"""Columns of joints that are called by letters are known by their unit: an orientation has three angles."""
+"""Columns of joints with letters as names are recognised by their unit: an orientation has three angles."""
 
 from __future__ import annotations
 

@@ -1,4 +1,5 @@
-"""Exports that `truing init` knows by their look are read as it proposes: no fault, the right targets and numbers."""
+"""Exports that `truing init` recognises are read as it proposes: without a fault, with the right targets and
+numbers."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Each thing that a mapping can say."""
+"""Every key of a file mapping, with its effect on the table."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""MATLAB files of both kinds: the same variables give the same table, and what is no table says how to save one."""
+"""MATLAB files of both versions: equal variables give equal tables, and other content is a fault with a remedy."""
 
 from __future__ import annotations
 

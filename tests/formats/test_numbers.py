@@ -1,4 +1,4 @@
-"""Numbers as people write them: every notation reads back what it wrote, and refuses what it does not write."""
+"""Notations of numbers: each reads back what it wrote, and refuses other notations."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Expressions, templates and formats of campaign.toml: as `re` would match them, and never for ever."""
+"""Expressions, templates and time formats of campaign.toml agree with `re`, and end within their time limit."""
 
 from __future__ import annotations
 

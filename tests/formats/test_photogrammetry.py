@@ -1,4 +1,4 @@
-"""PhotoModeler's text export, Metashape's XML and Leica's GSI: rays, cameras and points as these programs mean them."""
+"""PhotoModeler's text, Metashape's XML and Leica's GSI: rays, cameras and points in the conventions of each program."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Photographs: which there are, what their heads tell, their grey values, and all that can be wrong with them."""
+"""Photographs: listed files, header data, grey values, and faults."""
 
 from __future__ import annotations
 

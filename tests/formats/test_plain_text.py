@@ -1,4 +1,4 @@
-"""The compiled parser of plain text gives what the general one gives, bit for bit, or leaves the block to it."""
+"""The compiled parser of plain text agrees with the general one bit for bit, or leaves the block to it."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Duplicates are found exactly, unknown poses told apart, and every row traced to its file and record."""
+"""Duplicate points and unknown poses are found, and every row is traced to its file and record."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Positioning runs as Renishaw's software keeps them: every approach with target, direction and cycle, or a fault."""
+"""Renishaw's positioning runs: every approach with target, direction and cycle, or a fault."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""A proposal for a raw file reads that file: no fault, and the numbers that were written."""
+"""The proposal for a raw file reads that file without a fault, with the numbers that were written."""
 
 from __future__ import annotations
 

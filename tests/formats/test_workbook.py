@@ -1,4 +1,4 @@
-"""Sheets of Excel workbooks: written by two libraries, read to the same table, and refused where they say nothing."""
+"""Sheets of Excel workbooks from two libraries give the same table; sheets without one are refused."""
 
 from __future__ import annotations
 

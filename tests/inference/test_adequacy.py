@@ -1,4 +1,4 @@
-"""Tests of the final model as a whole keep their level where it holds, and see what it leaves."""
+"""Tests of the final model as a whole keep their level, and detect effects that the model lacks."""
 
 from __future__ import annotations
 

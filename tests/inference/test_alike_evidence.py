@@ -1,4 +1,4 @@
-"""Evidence of parameters of like size: what an integral over them gives, and which choice of parts it prefers."""
+"""Evidence of parameters of similar size: agreement with an integral, and the preferred choice of parts."""
 
 from __future__ import annotations
 

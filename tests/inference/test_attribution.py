@@ -1,4 +1,4 @@
-"""Inputs that predict the residuals: found if they do, none if nothing does."""
+"""Inputs that predict the residuals are found; without such inputs, none is named."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""The search keeps its false-alarm rate, and sees what is there when theory says that it can be seen."""
+"""The search keeps its false-alarm rate, and finds effects with the power that theory predicts."""
 
 from __future__ import annotations
 

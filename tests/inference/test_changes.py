@@ -1,4 +1,4 @@
-"""Two campaigns of one linear machine: no change is called one, and a changed number is named."""
+"""Two campaigns of one linear machine: no false changes, and a changed number is named."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Inputs of effects without a name, where the model does not hold: sure only if residuals depend on them."""
+"""Inputs of unnamed effects in an inadequate model are confirmed only if the residuals depend on them."""
 
 from __future__ import annotations
 

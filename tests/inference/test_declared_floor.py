@@ -1,4 +1,4 @@
-"""The noise floor is that of the declared noise, whatever the data scatter by."""
+"""The noise floor follows from the declared noise, whatever the scatter of the data."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""The power that linear theory promises is what an F test of simulated residuals has."""
+"""The power that linear theory predicts agrees with an F test of simulated residuals."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""A name stands where its own course moves what it claims, and is doubted where another course moves the same."""
+"""An accepted cause is doubted if a random course of its own effect explains the data equally well."""
 
 from __future__ import annotations
 

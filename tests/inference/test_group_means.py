@@ -1,4 +1,4 @@
-"""Lack of fit against pure error: the F test keeps its level whatever noise was declared, and sees what is missing."""
+"""Lack of fit against pure error: the F test keeps its level for any declared noise, and detects missing terms."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Scatter is named where errors are larger in one place, and not where a few large errors, or a rule, look like it."""
+"""Scatter is named where errors are larger in one place, but not for a few large errors or a systematic pattern."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""A gross error is alone in time; a target that was moved is not."""
+"""A gross error is isolated in time; a displaced target is not."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Reported legs of an effect: all choices of six compete on scores that are coupled as those of a mechanism."""
+"""Reported legs of an effect: all choices of six legs compete on scores with realistic correlations."""
 
 from __future__ import annotations
 

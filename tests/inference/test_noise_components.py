@@ -1,4 +1,4 @@
-"""The noise of a campaign is told by component, whatever was declared, and effects hardly count as noise."""
+"""The noise of a campaign is estimated by component for any declared noise, and effects hardly inflate it."""
 
 from __future__ import annotations
 

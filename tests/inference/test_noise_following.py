@@ -1,4 +1,4 @@
-"""Noise that follows something is found and measured; where it follows nothing, nothing is said."""
+"""Noise that depends on an input is found and measured; uniform noise gives no finding."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Noise as declared is accepted within what the declaration is worth; noise far above it is not."""
+"""Declared noise is accepted within its own uncertainty; much larger noise is not."""
 
 from __future__ import annotations
 

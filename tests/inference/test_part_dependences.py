@@ -1,4 +1,4 @@
-"""Dependences of the errors of single parts: the right part on the right columns, and none of scatter."""
+"""Dependences of single parts' errors: the right part and columns are found, and scatter gives none."""
 
 from __future__ import annotations
 

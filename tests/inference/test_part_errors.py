@@ -1,4 +1,4 @@
-"""Errors of single parts: the information on them is that of a dense fit, and scatter of parts weighs everything."""
+"""Errors of single parts: their information agrees with a dense fit, and their scatter lowers all weights."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Accepted causes that predictions contradict: they are suspected, and the final model does not hold them."""
+"""Accepted causes that worsen predictions are only suspected, and the final model omits them."""
 
 from __future__ import annotations
 

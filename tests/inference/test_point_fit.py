@@ -1,4 +1,4 @@
-"""The fit of a model of numbers: it settles where full steps of Gauss-Newton leave for ever, or shrink slowly."""
+"""The fit of a model converges where full Gauss-Newton steps diverge or converge slowly."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Held-out poses have a veto: what predicts them worse than chance would is no model of them."""
+"""Causes that predict held-out poses worse than chance are not accepted."""
 
 from __future__ import annotations
 

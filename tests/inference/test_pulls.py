@@ -1,4 +1,4 @@
-"""Pulls are unit normal, and their sum is a chi-square, where model and priors are right, and not elsewhere."""
+"""Pulls are standard normal and their sum is chi-square exactly if model and priors are right."""
 
 from __future__ import annotations
 

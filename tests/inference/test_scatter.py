@@ -1,4 +1,4 @@
-"""Inputs that scatter more than they are known beforehand are found where they are, and as large as they are."""
+"""Inputs that scatter more than declared are found, with the right size."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Gross errors stand out; points that an effect moves do not."""
+"""Gross errors are found; points displaced by an effect are not rejected."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Several names of one subject are doubted where a single effect without a name explains as much."""
+"""Several accepted causes of one subject are doubted if a single unnamed effect explains equally much."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""The sigma of a shape is what the sum of squares says on its wider side, and never less than its curvature's."""
+"""The sigma of a shape parameter follows the wider side of the sum of squares, and is never below its curvature's."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Signatures by channel are those of the dense columns, of one target at a time too."""
+"""Signatures by channel agree with those of the dense columns, also for one target at a time."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""The test of neighbouring places keeps its level for any independent noise, and sees what moves neighbours alike."""
+"""The test of neighbouring places keeps its level for independent noise, and detects common motion of neighbours."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Elimination pose by pose and one QR give what one dense least-squares problem gives."""
+"""Elimination pose by pose with one QR decomposition agrees with one dense least-squares problem."""
 
 from __future__ import annotations
 

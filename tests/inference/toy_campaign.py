@@ -1,4 +1,4 @@
-"""A whitened problem of poses with points, readings and shared unknowns that stands for no machine: random columns."""
+"""A synthetic whitened problem of poses, points, readings and shared unknowns, with random columns."""
 
 from __future__ import annotations
 

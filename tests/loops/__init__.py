@@ -1,4 +1,4 @@
-"""Chains with loops: a delta robot by a lab's own closure, and campaigns of it that share no code with truing."""
+"""Chains with loops: a delta robot with a laboratory's own closure, and independent campaigns of it."""
 
 from __future__ import annotations
 

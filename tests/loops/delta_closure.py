@@ -1,4 +1,4 @@
-"""The class of docs/own-loops.md, as a lab's package holds it."""
+"""The closure class of docs/own-loops.md, as a laboratory's package."""
 
 from __future__ import annotations
 

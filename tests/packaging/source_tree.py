@@ -1,4 +1,4 @@
-"""Reading the project's own source without importing it: its files, and what each of them imports."""
+"""Read the project's source without importing it: files, and imports of each."""
 
 from __future__ import annotations
 

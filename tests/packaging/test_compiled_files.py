@@ -1,4 +1,4 @@
-"""Python keeps what it compiles while tests run, whatever the environment says."""
+"""Compiled files are kept while tests run, whatever the environment variables."""
 
 from __future__ import annotations
 

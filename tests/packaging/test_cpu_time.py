@@ -1,4 +1,4 @@
-"""Where the time of a test run went: every processor second is counted once, also those of other workers."""
+"""Every processor second of a test run is counted once, also in other workers."""
 
 from __future__ import annotations
 

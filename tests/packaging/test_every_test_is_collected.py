@@ -1,4 +1,4 @@
-"""A test that pytest does not find never fails: where tests stand, the file's name must say so."""
+"""Every file with tests has a name that pytest collects."""
 
 from __future__ import annotations
 

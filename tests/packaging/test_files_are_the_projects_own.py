@@ -1,4 +1,4 @@
-"""Nothing of one person's machine, of a package index or of a passing conversation stays behind in the files."""
+"""No file contains traces of a person's machine or of a package index."""
 
 from __future__ import annotations
 

@@ -1,4 +1,5 @@
-"""Imports go down only: pipeline -> stages -> truing -> schemas, and inside truing no room leans on a wrong one."""
+"""Imports go down only: pipeline -> stages -> truing -> schemas, and between packages of truing as CONTRIBUTING.md
+says."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""The inference speaks of epochs, channels and groups, and hands models and causes on by their types.
+"""The inference names epochs, channels and groups only, and treats models and causes by their types.
 
 What was measured, and on what, is the models' business.
 """

@@ -1,4 +1,4 @@
-"""The lock files: whole, hashed, without any index address, and in step with pyproject.toml."""
+"""The lock files are complete, have hashes and no index address, and agree with pyproject.toml."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Without libraries that only some inputs need, everything else runs, and what needs one says how to install it."""
+"""Without optional libraries everything else runs, and inputs that need one give the installation command."""
 
 from __future__ import annotations
 

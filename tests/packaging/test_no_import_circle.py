@@ -1,4 +1,4 @@
-"""No module needs itself: imports anywhere in a file count, those within functions and for types alone as well."""
+"""No module imports itself by way of others; imports within functions and for types count."""
 
 from __future__ import annotations
 

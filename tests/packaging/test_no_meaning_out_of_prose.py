@@ -1,4 +1,4 @@
-"""No code looks for a fact in the program's own sentences: columns and enums hold facts."""
+"""No code searches the program's own sentences for facts: columns and enums hold them."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""No file that is read can make the program run something: nothing is unpickled, evaluated or handed to a shell."""
+"""No input file can make the program run code: nothing is unpickled, evaluated or passed to a shell."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Open3D loads on a bare machine, and its absence is said with the remedy."""
+"""Open3D loads on a minimal machine, and its absence is reported with a remedy."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""`import truing`: quick, explicit, and of the version that the change log speaks of."""
+"""`import truing` is fast, lists its public names, and has the version of CHANGELOG.md."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Rooms of stages stand apart: none imports another's, and no stage is stale by science that it does not use."""
+"""Folders of stages do not import each other, and unrelated code makes no stage stale."""
 
 from __future__ import annotations
 

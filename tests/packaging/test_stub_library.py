@@ -1,4 +1,4 @@
-"""A stand-in has the name and the functions that were asked for, all of them, and nothing else."""
+"""A stub library has the requested name and functions, and nothing else."""
 
 from __future__ import annotations
 

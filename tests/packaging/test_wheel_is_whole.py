@@ -1,4 +1,4 @@
-"""The wheel and the source archive hold what they must and no more, and the wheel works without the checkout."""
+"""Wheel and source archive contain exactly the required files, and the wheel works without the checkout."""
 
 from __future__ import annotations
 

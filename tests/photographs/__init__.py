@@ -1,4 +1,4 @@
-"""Photographs of targets, and rays of cameras, made for tests: nothing here knows how they will be measured.
+"""Generator of photographs of targets and of image rays for tests, independent of the measurement code.
 
 Second implementation of what `truing` has of cameras and targets; it shares no code with it:
 

@@ -1,4 +1,4 @@
-"""A photographed campaign as the network that an adjustment takes, with the truth as its start."""
+"""A photographed campaign as network for the adjustment, with the truth as start values."""
 
 from __future__ import annotations
 

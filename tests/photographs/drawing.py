@@ -1,4 +1,4 @@
-"""The light that reaches each pixel of a photograph.
+"""Renderer: the light that reaches each pixel of a photograph.
 
 The lens blurs what pixels then collect, in this order: pixels that were blurred only after they had collected their
 light would show edges shifted by some thousandths, as their sampling had already cut off what blur takes away.

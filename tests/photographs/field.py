@@ -1,4 +1,4 @@
-"""A test field: circles of many sizes and ring codes of all families on a wall, among things that are no targets."""
+"""A test field: circles of many sizes and ring codes of all families on a wall, with other objects between them."""
 
 from __future__ import annotations
 

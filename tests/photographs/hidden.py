@@ -1,6 +1,4 @@
-"""Hidden effects of photographs that a plain bundle adjustment leaves out: cameras that change, bars that grow, rays
-that bend.
-"""
+"""Hidden effects that a plain bundle adjustment leaves out: unstable cameras, expanding scale bars, bent rays."""
 
 from __future__ import annotations
 

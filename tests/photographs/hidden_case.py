@@ -1,4 +1,4 @@
-"""Effects hidden in photographed campaigns: which kinds there are, in which layouts, and each of a wanted strength."""
+"""Effects hidden in photographed campaigns: kinds, layouts, and strength."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""A lens and its image format: from directions to pixels and back, with directions as complex numbers."""
+"""Lens and image format: from directions to pixels and back, with directions as complex numbers."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""A machine of few poses, photographed: a campaign folder of rays, and what its tables say of the points."""
+"""A photographed machine of few poses: its campaign folder of rays, and the resulting points."""
 
 from __future__ import annotations
 

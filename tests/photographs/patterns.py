@@ -1,8 +1,8 @@
 """Patterns printed on planar objects: brightness and opacity of every sample of a plane.
 
-A pattern is a function of plane coordinates u to the right and v down as seen from the front (mm, one per sample of a
-grid), and gives albedo and opacity of each sample. Edges are exact to second order: a sample is a small square, and
-the share of it that a straight edge leaves is known in closed form.
+A pattern is a function of plane coordinates in mm, u to the right and v down as seen from the front. It gives albedo
+and opacity of each sample of a grid. Edges are exact to second order: a sample is a small square, and the share of it
+that a straight edge leaves is known in closed form.
 """
 
 from __future__ import annotations

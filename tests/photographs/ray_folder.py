@@ -1,4 +1,4 @@
-"""Writes a campaign of rays as a campaign folder, and the truth beside it."""
+"""Write a campaign of rays as a campaign folder, and the truth next to it."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Image points of a photographed campaign without any picture: what a camera would measure of every target."""
+"""Image points of a photographed campaign without rendering: measured coordinates of every target."""
 
 from __future__ import annotations
 

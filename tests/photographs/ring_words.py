@@ -1,4 +1,4 @@
-"""The words of ring codes, by number, as the patent DE 197 33 466 A1 has them."""
+"""Code words of ring codes by number, after patent DE 197 33 466 A1."""
 
 from __future__ import annotations
 

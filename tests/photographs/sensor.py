@@ -20,10 +20,9 @@ EXIF_BLOCK, MODEL, MAKE, FOCAL_LENGTH, FOCAL_35, RESOLUTION_X, RESOLUTION_Y, RES
 
 @dataclass(frozen=True)
 class Sensor:
-    """Blur of the lens before it (one sigma, px), grey levels of a white target at the nominal distance, electrons per
-    grey level, noise of reading (grey levels), how much the corners darken beyond the fourth power of the cosine,
-    black level, and a gradient of the light over the format.
-    """
+    """Blur of the lens (one sigma, px), grey levels of a white target at the nominal distance, and electrons per grey
+    level. Read noise and black level are in grey levels. Then follow vignetting beyond the fourth power of the cosine,
+    and a gradient of the light over the format."""
 
     blur_px: float = 0.75
     white: float = 150.0

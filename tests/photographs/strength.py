@@ -1,4 +1,4 @@
-"""Strength of an effect in the rays of a campaign: the part that no other points, stations, lenses or bars explain."""
+"""Strength of an effect in rays: the part that other points, stations, lenses or bars cannot absorb."""
 
 from __future__ import annotations
 

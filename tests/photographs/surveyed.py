@@ -1,4 +1,4 @@
-"""Strength of an effect in rays against the survey of the bodies, where rays alone cannot contradict it."""
+"""Strength of an effect in rays relative to the survey of the bodies, if rays alone cannot show it."""
 
 from __future__ import annotations
 

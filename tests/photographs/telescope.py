@@ -1,4 +1,4 @@
-"""The sample campaign with photographs: the sample's telescope in its 47 poses, with a camera carried round it.
+"""The sample campaign with photographs: the sample telescope in its 47 poses, with a camera carried around it.
 
     python -m tests.photographs.telescope FOLDER [--poses 0 1 2] [--workers N]
 

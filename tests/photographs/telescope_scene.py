@@ -1,4 +1,4 @@
-"""The sample's telescope as it stands before a camera: bodies, targets, bars, and what a laboratory has lying about."""
+"""Scene of the sample telescope: bodies, targets, scale bars, and other objects of a laboratory."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Circular targets measured in rendered photographs, whose true centres are known."""
+"""Circular targets are measured in rendered photographs with known centres."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""The renderer, held to geometry and to what other software reads in its pictures."""
+"""The renderer agrees with geometry, and other software reads its pictures."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""From the sample's photographs to the platform's deformation, held to the truth at every station of the way."""
+"""From the sample's photographs to the platform's deformation, compared with the truth at every step."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""The generator of rays: lenses are undone exactly, and what is hidden does what physics says."""
+"""The generator of rays: lenses invert exactly, and hidden effects obey the physics."""
 
 from __future__ import annotations
 

@@ -1,6 +1,5 @@
-"""Rays of the generator in the bundle adjustment: its camera is another formulation of the same lens, its covariance
-the scatter that is found.
-"""
+"""Rays of the generator in the bundle adjustment: the other camera model agrees, and the covariance is the found
+scatter."""
 
 from __future__ import annotations
 

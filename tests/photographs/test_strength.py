@@ -1,4 +1,4 @@
-"""Strength of effects in rays: zero for what an adjustment absorbs, else in proportion to the size."""
+"""Strength of effects in rays: zero for what an adjustment absorbs, otherwise proportional to the size."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""The sample's photographs are those that the command makes."""
+"""The photographs of the sample are those of their command."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""A tiny project of its own for every test that asks, freshly laid out or with a run behind it."""
+"""Fixtures: a small project for each test, new or with a finished run."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""A project of tiny stages around the real pipeline and schemas, run through the real command line."""
+"""A project of small stages around the real pipeline and schemas, run by the real command line."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Work that a worker of another process can import: quiet, deadly, slow, or asked to end."""
+"""Work for processes of a pool: silent, crashing, slow, or interrupted."""
 
 from __future__ import annotations
 

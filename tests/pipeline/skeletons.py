@@ -1,4 +1,4 @@
-"""The campaign.toml of `truing init` with every inactive line made active, as its first lines tell the reader."""
+"""The campaign.toml of `truing init` with every commented line activated, as its head explains."""
 
 from __future__ import annotations
 

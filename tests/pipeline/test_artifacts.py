@@ -1,4 +1,4 @@
-"""Artifacts: the schema holds on writing and on reading, other tools read them, streams stay small."""
+"""Artifacts: the schema is enforced on writing and reading, other tools read them, streams need little memory."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""`truing check`: what would make a run useless is found before it, and each stage's prospects are told."""
+"""`truing check` finds faults before a run, and reports which stages the tables allow."""
 
 from __future__ import annotations
 

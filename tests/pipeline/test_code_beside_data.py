@@ -1,4 +1,4 @@
-"""Python files beside the data are data: no command, worker or child of one runs them."""
+"""Python files next to the data are never executed by a command or its workers."""
 
 from __future__ import annotations
 

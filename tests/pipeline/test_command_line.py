@@ -1,4 +1,4 @@
-"""The command line's face: help with an example everywhere, bars on a terminal alone, a pipe that closes."""
+"""The command line: help with an example for each command, progress bars on terminals only, closed pipes."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""`truing design`: what it says, what it writes, what it refuses."""
+"""`truing design`: sentences, files, and refusals."""
 
 from __future__ import annotations
 

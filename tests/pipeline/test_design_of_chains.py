@@ -1,4 +1,4 @@
-"""`truing design` for an open chain: chosen poses, what they show, forbidden regions, and bad input."""
+"""`truing design` for an open chain: chosen poses, what they determine, forbidden regions, and bad input."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""How long a run will take: told from like runs in the same folder alone."""
+"""Expected duration of a run, from similar runs in the same folder only."""
 
 from __future__ import annotations
 

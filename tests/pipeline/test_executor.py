@@ -1,4 +1,4 @@
-"""One executor: the same results in the same order here, in processes and on Dask; workers may vanish."""
+"""The executor gives equal results in equal order in one process, in a pool and on Dask; workers may vanish."""
 
 from __future__ import annotations
 

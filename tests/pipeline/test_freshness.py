@@ -1,4 +1,4 @@
-"""Freshness of stages: contents decide, clocks and places do not, and every reason is given."""
+"""Freshness of stages depends on contents only, not on clocks or paths, and every reason is reported."""
 
 from __future__ import annotations
 

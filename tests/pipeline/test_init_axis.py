@@ -1,4 +1,4 @@
-"""`truing init` on readings of an instrument beside the positions of an axis, and on texts that are no tables."""
+"""`truing init` on instrument readings next to positions of an axis, and on texts without tables."""
 
 from __future__ import annotations
 

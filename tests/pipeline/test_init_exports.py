@@ -1,4 +1,4 @@
-"""`truing init` on exports as instruments write them: its proposal reads the numbers that were written."""
+"""`truing init` on exports of instruments: its proposal reads the numbers that were written."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""`truing init` on exports whose heading is no single row of names: keys and values, comments, units in words."""
+"""`truing init` on headings other than a single row of names: keys and values, comments, rows of units."""
 
 from __future__ import annotations
 

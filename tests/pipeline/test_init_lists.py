@@ -1,4 +1,4 @@
-"""`truing init` on lists of one target, reports with a row for each coordinate, sheets, and markers beside bodies."""
+"""`truing init` on lists of one target, reports with a row per coordinate, sheets, and markers next to bodies."""
 
 from __future__ import annotations
 

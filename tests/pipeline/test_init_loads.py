@@ -1,4 +1,4 @@
-"""`truing init` takes the same loads once, and `truing check` counts load steps without any signal."""
+"""`truing init` reads equal loads once, and `truing check` counts load steps without signals."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""`truing init` sees loads in one file and channels in another, and asks how their rows belong."""
+"""`truing init` finds loads in one file and signals in another, and asks how their rows belong together."""
 
 from __future__ import annotations
 

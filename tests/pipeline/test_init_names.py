@@ -1,4 +1,4 @@
-"""`truing init` on names that hold poses and bodies: distances between targets decide, and other readings are asked."""
+"""`truing init` on names with poses and bodies: distances between targets decide, and doubtful cases are asked."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""`truing init` in a folder of a photogrammetric program: rays before the points that were made of them."""
+"""`truing init` in the folder of a photogrammetric program: rays take precedence over points computed from them."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""`truing init` on poses of a rigid body beside a log of joints, and on a log of joints alone."""
+"""`truing init` on poses of a rigid body next to a log of joints, and on a log of joints alone."""
 
 from __future__ import annotations
 

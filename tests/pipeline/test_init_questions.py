@@ -1,4 +1,4 @@
-"""What `truing init` asks, how it takes answers, and the rows that it shows."""
+"""Questions of `truing init`, its answers, and the rows that it shows."""
 
 from __future__ import annotations
 

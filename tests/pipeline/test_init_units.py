@@ -1,4 +1,4 @@
-"""`truing init` and `truing check` on heads of columns that spell their units in many ways, or name unknown ones."""
+"""`truing init` and `truing check` on column heads with units in many spellings, or unknown units."""
 
 from __future__ import annotations
 

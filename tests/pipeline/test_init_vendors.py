@@ -1,4 +1,4 @@
-"""`truing init` on exports of vendors' programs: nominal beside measured, units, encoders, bridges."""
+"""`truing init` on exports of vendors' programs: nominal next to measured values, units, encoders, bridges."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""The benchmark of the whole line, at its smallest size."""
+"""The benchmark of the whole pipeline runs at its smallest size."""
 
 from __future__ import annotations
 

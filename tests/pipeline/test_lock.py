@@ -1,4 +1,4 @@
-"""The lock: one holder, named to the others; the dead hold nothing."""
+"""The lock of a run folder: one holder, who is named to others; locks of dead processes are void."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""`truing run` on many campaigns at a time: what it says, leaves and returns is what it is one after the other."""
+"""`truing run` on many campaigns in parallel gives the same output, files and exit code as one after the other."""
 
 from __future__ import annotations
 

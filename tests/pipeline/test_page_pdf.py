@@ -1,4 +1,4 @@
-"""`truing report`: verdict and page of a run, and its PDF through whatever browser is on PATH."""
+"""`truing report`: verdict and page of a run, and its PDF through a browser on PATH."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""`truing plan`: stations for a campaign's targets, tables and a page, and what is said where they cannot be."""
+"""`truing plan`: stations for a campaign's targets, tables and a page, and messages if there are none."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""`truing power`: planned or measured, here or elsewhere, it tells the same and leaves tables and a page."""
+"""`truing power` of planned and measured campaigns, local or distributed: equal results, tables, and a page."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""`truing power` for an open chain: its expectation is that of simulated campaigns, and bad input."""
+"""`truing power` for an open chain: its theory agrees with simulated campaigns, and bad input."""
 
 from __future__ import annotations
 

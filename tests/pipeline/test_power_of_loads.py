@@ -1,4 +1,4 @@
-"""`truing power` of a bench: planned load steps are answered as those that were measured, from what is declared."""
+"""`truing power` of a bench: planned load steps give the same result as measured ones."""
 
 from __future__ import annotations
 

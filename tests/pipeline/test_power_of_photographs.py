@@ -1,4 +1,4 @@
-"""`truing power` of a campaign with photographs: what is not drawn is said, and what its run tells of that."""
+"""`truing power` of a campaign with photographs: limits of its simulation, and results from its run."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""No campaign overwrites the run of another, and a campaign that was moved, copied or corrected keeps its own."""
+"""No campaign overwrites the run of another; a moved, copied or corrected campaign keeps its own run."""
 
 from __future__ import annotations
 

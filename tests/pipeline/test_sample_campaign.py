@@ -1,4 +1,4 @@
-"""The real stages on the sample campaign: they read what they declare, and declare what they read."""
+"""The real stages on the sample campaign read exactly the inputs that they declare."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""SIGINT and SIGTERM end a call soon, at whatever moment they come and whatever code they meet."""
+"""SIGINT and SIGTERM end a call soon, at any moment and in any code."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Source files of a stage: those that it executes, and no others."""
+"""Source files of a stage: exactly those that it executes."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""A run writes into its folder and the system's place for temporary files, every command where it says; nothing else.
+"""A run writes only to its folder and the temporary folder, and each command only where it says.
 
 What is compiled (by Python and by numba) is kept beside its source, and is no result of a run.
 """

@@ -1,4 +1,4 @@
-"""`truing watch`: rounds after changes, files that are being written, the page, and the end."""
+"""`truing watch`: rounds after changes, incomplete files, the page, and the end."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Killed, interrupted or out of disk at any moment, a run leaves whole artifacts and the next one carries on."""
+"""A run that is killed, interrupted or out of disk space leaves complete artifacts, and the next one continues."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Output of a call never replaces a raw file, a table of a run, or an input of the call."""
+"""Output of a command never replaces a raw file, a table of a run, or an input of the command."""
 
 from __future__ import annotations
 

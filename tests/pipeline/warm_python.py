@@ -1,4 +1,4 @@
-"""A Python that has its third-party imports behind it and forks for every call: like a new process, only faster."""
+"""A Python process with third-party imports loaded that forks for every call: like a new process, but faster."""
 
 from __future__ import annotations
 

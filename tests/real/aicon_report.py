@@ -1,4 +1,4 @@
-"""AICON 3D Studio's report of a bundle adjustment: every number that ours is held against."""
+"""AICON 3D Studio's report of a bundle adjustment, with all numbers for the comparison."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Stereo photographs of a chessboard: both cameras calibrated by the board, and how far apart they stand.
+"""Stereo photographs of a chessboard: calibration of both cameras, and the distance between them.
 
 ``python -m tests.real.board_photographs`` writes the tables of docs/photographs.md. Lengths are in squares.
 """

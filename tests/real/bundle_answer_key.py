@@ -1,4 +1,4 @@
-"""A bundle adjustment of another program, done again: its rays and settings in, its whole report held against ours.
+"""Another program's bundle adjustment repeated with its rays and settings, and compared with its report.
 
 ``python -m tests.real.bundle_answer_key`` writes the tables of docs/bundle-answer-key.md. The report is AICON 3D
 Studio's, of a network of 115 images.

@@ -1,4 +1,4 @@
-"""The campaigns on real measurements: where they lie, and how one is run through the command line."""
+"""Campaigns of real measurements: their folders, and a run of each through the command line."""
 
 from __future__ import annotations
 

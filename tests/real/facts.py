@@ -1,4 +1,4 @@
-"""Every figure of docs/real-data.md, computed from the tables that the runs leave."""
+"""Every figure of docs/real-data.md, computed from the tables of the runs."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Logs of a laboratory's interferometers and of an axis under test, and what is made of them: arrays and facts."""
+"""Interferometer logs of a laboratory and of an axis under test: arrays and derived facts."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Small plots with linear axes as SVG, for a page that must render without a browser's scripts."""
+"""Small plots with linear axes as SVG, for pages that must render without scripts."""
 
 from __future__ import annotations
 

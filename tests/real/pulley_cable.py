@@ -1,4 +1,4 @@
-"""A cable over a swivelling pulley: a kind of leg as a laboratory would add one, for which no stage is touched."""
+"""A cable over a swivelling pulley: a leg type as a laboratory adds it, without changes to any stage."""
 
 from __future__ import annotations
 

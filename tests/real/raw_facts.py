@@ -1,4 +1,4 @@
-"""Figures of docs/real-data.md on what is no part of a campaign: reports, all readings, signals that plots show."""
+"""Figures of docs/real-data.md from outside the runs: reports, all readings, signals for plots."""
 
 from __future__ import annotations
 

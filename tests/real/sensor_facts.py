@@ -36,7 +36,7 @@ def six_axis_tables(data: Path) -> dict[str, LoadTable]:
         told = raw.notna().all(axis=1).to_numpy()
         case = np.arange(len(raw)) // 10
         values = raw.to_numpy(float)[told]
-        found[f"file {number}"] = load_table(values[:, :6], values[:, 6:], case[told], signal_names=FORCES)
+        found[f"file {number}"] = load_table(values[:, :6], values[:, 6:], case[told]).named(FORCES)
     return found
 
 
@@ -153,7 +153,7 @@ def pier_of(moved: NDArray, force: NDArray) -> dict[str, Any]:
     large = np.flatnonzero(np.abs(moved[:, 0]) > 0.3)
     small = (step > large[0]) & (step < large[1])  # the first reading, far off, was taken before the test
     loop = np.searchsorted(whole.step, step)
-    table = load_table(moved[small], force[small], loop[small], signal_names=("x", "y", "z", "rx", "ry", "rz"))
+    table = load_table(moved[small], force[small], loop[small]).named(("x", "y", "z", "rx", "ry", "rz"))
     predictions: HeldOutPredictions = hold_out(table, LINEAR)
     spread = force[small].std(0)
     scaled = (moved[small] - moved[small].mean(0)) / moved[small].std(0)

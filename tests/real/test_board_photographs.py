@@ -1,4 +1,5 @@
-"""Photographs of a chessboard by two cameras: as good as published or better; skipped where they are not there."""
+"""Photographs of a chessboard by two cameras: calibration at least as accurate as published; skipped without the
+data."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Another program's bundle adjustment, adjusted anew: every number of its report, or the test is skipped without it."""
+"""Another program's bundle adjustment, repeated: all numbers of its report agree; skipped without the data."""
 
 from __future__ import annotations
 

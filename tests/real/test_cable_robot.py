@@ -1,4 +1,5 @@
-"""A robot on four cables over pulleys: a lab's own closure, drives found from the log, and what cannot be known."""
+"""A robot on four cables over pulleys: a laboratory's own closure, drives found from the log, unidentifiable
+parameters."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Real exports are known by their look and read as they are; what is read is what their own reports say of them."""
+"""Real exports are recognised and read, and agree with their own reports."""
 
 from __future__ import annotations
 

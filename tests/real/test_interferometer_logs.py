@@ -1,4 +1,4 @@
-"""A laboratory's quadrature signals and an axis' positioning test: what is known of them comes out of our formulas."""
+"""A laboratory's quadrature signals and an axis' positioning test give the known results."""
 
 from __future__ import annotations
 

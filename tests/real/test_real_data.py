@@ -1,4 +1,4 @@
-"""Real measurements through the whole line: what is known of them comes out, and the page says the same."""
+"""Real measurements through the whole pipeline give the known results, and docs/real-data.md is current."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Public measurements on force sensors and a loaded platform: known answers come out, and errors in them are named."""
+"""Public measurements on force sensors and a loaded platform: known results, and errors in the data are named."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Models of a real arm that were fitted to one plan of poses, tested on another one."""
+"""Models of a real arm, fitted to one set of poses and tested on another."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Tables as the stages leave them of a force sensor's bench: a channel per run, loads up and down, no physics."""
+"""Synthetic tables of a force sensor's bench: one channel per run, loads up and down."""
 
 from __future__ import annotations
 

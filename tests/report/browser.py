@@ -1,4 +1,4 @@
-"""A real browser, driven over two pipes in its own protocol: one start for all tests."""
+"""A real browser, controlled through two pipes in its own protocol, started once for all tests."""
 
 from __future__ import annotations
 

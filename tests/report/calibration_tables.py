@@ -1,4 +1,4 @@
-"""Tables as the calibration leaves them: any number of legs, models and deformations, without any physics."""
+"""Synthetic tables of calibrations: any number of legs, models and deformations."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Tables as the stages leave them, of any size, with the names that a test wishes."""
+"""Synthetic tables of a campaign of any size, with any names."""
 
 from __future__ import annotations
 

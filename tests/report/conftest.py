@@ -1,4 +1,4 @@
-"""One browser for all tests of a session that look at a page in it."""
+"""Fixture: one browser per session for tests of pages."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Each part of the diagnosis by itself, so that a test draws only the figures that it looks at."""
+"""Parts of the diagnosis section one by one, so that a test draws only the figures it needs."""
 
 from __future__ import annotations
 

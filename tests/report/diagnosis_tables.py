@@ -1,4 +1,4 @@
-"""Tables as the diagnosis leaves them: any causes, verdicts, legs and targets, without any physics."""
+"""Synthetic tables of a diagnosis: any causes, verdicts, legs and targets."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Whether a page explains what it shows: a sentence and a working anchor for every head of a table and every name."""
+"""Check that a page explains its content: a sentence and a working link for every table head and every name."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Causes with their subjects and parameters in a sentence: no word stands twice."""
+"""Causes with subjects and parameters in a sentence, without repeated words."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""The section of a chain: what is determined, what is far from nominal, and the arm where its joints are."""
+"""The section of a chain: determined parameters, deviations from nominal, and the drawing of the arm."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Sentences on causes of a chain: they name what is fitted beside the cause."""
+"""Sentences on causes of a chain name the parameters that are fitted along with the cause."""
 
 from __future__ import annotations
 

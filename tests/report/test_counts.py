@@ -1,4 +1,4 @@
-"""One of a thing is told in the singular, in lines of stages and sentences of checks; percentages have no powers."""
+"""Counts of one are singular in all sentences, and percentages have no powers of ten."""
 
 from __future__ import annotations
 
@@ -15,7 +15,7 @@ from tests.blind.generator.schedule import random_moves
 from tests.conftest import PROJECT
 from tests.stages.line import run_line
 from truing.report.diagnosis.adequacy import adequacy
-from truing.report.numbers import count, gross_errors, percent
+from truing.report.numbers import count_text, gross_errors, percent
 
 # Words in the singular that end in s.
 SINGULAR = {"times", "is", "was", "has", "axis", "pass", "s", "across", "as", "less", "gas", "bus", "this"}
@@ -61,7 +61,7 @@ def test_lines_of_a_campaign_of_one_pose_tell_it_in_the_singular(tmp_path):
     ],
 )
 def test_a_count_agrees_with_its_noun(number, noun, said):
-    assert count(number, noun) == said
+    assert count_text(number, noun) == said
 
 
 def test_gross_errors_and_percentages_read_as_words_and_numbers():

@@ -1,4 +1,4 @@
-"""A browser shows the page: at once, whole, at any width, on paper, and with its numbers to take along."""
+"""A browser shows the page fast and completely, at any width, in print, and with downloadable numbers."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Pictures of large networks draw part of points and images, and say so."""
+"""Figures of large networks show a sample of points and images, and say so."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Numbers are rounded as GUM 7.2.6 asks, and never lose what their uncertainty supports."""
+"""Numbers are rounded by GUM 7.2.6, and keep the digits that their uncertainty supports."""
 
 from __future__ import annotations
 
@@ -11,7 +11,7 @@ from hypothesis import strategies as st
 
 from truing.report.numbers import (
     LEAST_P,
-    count,
+    count_text,
     duration,
     in_suitable_unit,
     p_at_most,
@@ -122,7 +122,7 @@ def test_units_in_sentences_are_printed_and_words_left_alone():
 
 
 def test_counts_and_times():
-    assert [count(1, "pose"), count(2, "pose"), count(1, "body"), count(8, "body")] == [
+    assert [count_text(1, "pose"), count_text(2, "pose"), count_text(1, "body"), count_text(8, "body")] == [
         "1 pose",
         "2 poses",
         "1 body",

@@ -1,4 +1,4 @@
-"""The page is self-contained, the same for the same tables, safe against names, and says what is missing."""
+"""The page is self-contained, deterministic, safe against injected names, and names missing parts."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""The page of what a campaign would show: sizes in handy units, rates with bars, and what it is blind to."""
+"""The page of detectable effects: sizes in suitable units, rates with intervals, and undetectable effects."""
 
 from __future__ import annotations
 

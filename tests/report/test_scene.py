@@ -1,4 +1,4 @@
-"""The 3-D view puts legs, their targets and loaded joints where rigid motions put them."""
+"""The 3-D view places legs, targets and loaded joints according to the rigid motions."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""The statement of uncertainty on the page: its sentence, its three states, its budgets, and nothing injected."""
+"""The uncertainty section: its sentence, its three states, its budgets, and escaped names."""
 
 from __future__ import annotations
 

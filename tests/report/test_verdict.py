@@ -1,4 +1,4 @@
-"""The verdict on a campaign: what leads it, what it may say, and that page and figures of it say the same."""
+"""The verdict on a campaign: the leading section, allowed statements, and agreement with page and figures."""
 
 from __future__ import annotations
 

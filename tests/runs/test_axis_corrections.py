@@ -1,4 +1,4 @@
-"""Corrections of an axis: added to the commands, they leave no error of the machine that the model describes."""
+"""Corrections of an axis, added to the commands, cancel the errors of the modelled machine."""
 
 from __future__ import annotations
 

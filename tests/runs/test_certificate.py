@@ -1,4 +1,4 @@
-"""Certificates hold what was stated and told, never more; they are refused where they would promise too much."""
+"""Certificates contain only stated results and declared data, and are refused if they would claim more."""
 
 from __future__ import annotations
 

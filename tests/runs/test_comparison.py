@@ -1,4 +1,5 @@
-"""Runs of one machine side by side: what changed is named, what did not is not, and what cannot be compared is told."""
+"""Comparison of runs of one machine: changed numbers are named, unchanged ones are not, incomparable ones are
+reported."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Runs that are damaged, mixed, incomplete or of a later version are refused, with one line per fault."""
+"""Damaged, mixed, incomplete or newer runs are refused, with one line per fault."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Exports hold what the run holds, in the other form: no value changed, none added, equal bytes for equal tables."""
+"""Exports contain exactly the values of the run, and equal tables give equal bytes."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""A run opened again is the run: its tables, the sentences and figures of its page, its model."""
+"""A reopened run has the same tables, sentences, figures and model."""
 
 from __future__ import annotations
 

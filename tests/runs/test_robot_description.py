@@ -1,4 +1,4 @@
-"""The exported robot description moves as the identified chain, whatever the chain was described by."""
+"""The exported robot description moves like the identified chain, for every notation of the chain."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""[loading.units]: where two units act, and what arms cannot be."""
+"""[loading.units]: positions of the two units, and invalid arms."""
 
 from __future__ import annotations
 

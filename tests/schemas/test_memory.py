@@ -1,4 +1,4 @@
-"""Want of memory is told from what it looks like: a broken file, a broken installation."""
+"""Memory shortages are distinguished from damaged files and installations."""
 
 from __future__ import annotations
 

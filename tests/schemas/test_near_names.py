@@ -1,4 +1,4 @@
-"""Names that differ in their spelling alone, and those that do not."""
+"""Names that differ only in spelling are recognised, others are not."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""The definitions hold together: columns are used, names agree with units, the page says what is enforced."""
+"""The definitions are consistent: all columns are used, names agree with units, the page shows the enforced bounds."""
 
 from __future__ import annotations
 

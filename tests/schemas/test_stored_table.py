@@ -1,4 +1,4 @@
-"""Tables of a run that are read in batches: the same rows, checked while they are read."""
+"""Tables of a run that are read in batches have the same rows, and are checked while they are read."""
 
 from __future__ import annotations
 

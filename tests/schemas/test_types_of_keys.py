@@ -1,4 +1,4 @@
-"""Every key of campaign.toml takes the type that is written down for it, and no other; the fault names the key."""
+"""Every key of campaign.toml takes its documented type only, and the fault names the key."""
 
 from __future__ import annotations
 

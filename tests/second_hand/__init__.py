@@ -1,4 +1,4 @@
-"""What was added from the two papers, compared by command line with generators and calculators written a second time.
+"""Independent second implementations of features from the two papers, compared through the command line.
 
 The modules without ``test_`` hold physics from the papers in plain numpy and scipy; they share no code with ``truing``.
 """

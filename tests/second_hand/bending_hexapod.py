@@ -1,4 +1,4 @@
-"""A hexapod whose joints are bending flexures, by the report's circle (eq. 13 to 17): m and rad.
+"""A hexapod with bending flexures as joints, by the report's circle model (eq. 13 to 17); m and rad.
 
 The end of a flexure of length h stays (1 - beta) h from a point beta h from its root, while its axis points at its
 middle. A leg is then shorter or longer by what the quadratic of eq. 15 gives at both ends.

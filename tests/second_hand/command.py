@@ -1,4 +1,4 @@
-"""The command line, and what it leaves."""
+"""Run the command line, and read its output."""
 
 from __future__ import annotations
 

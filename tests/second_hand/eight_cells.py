@@ -1,4 +1,4 @@
-"""A force sensor with eight cells, two of them on legs that have one already: 20 mV at 2 t, drawn within 0.5 %."""
+"""A force sensor with eight cells, two of them on already measured legs: 20 mV at 2 t, drawn within 0.5 %."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""A hexapod on elastic legs, as the least energy of its legs under loads: m, rad, N, N m.
+"""A hexapod on elastic legs by the least strain energy of its legs under loads; m, rad, N, N m.
 
 A leg is a flexure, a tube and a flexure, clamped to both bodies. Its energy is that of a beam seen from its own chord:
 elongation against its length, and rotation of both ends against the chord. The chord turns with the leg, so that a

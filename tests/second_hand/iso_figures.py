@@ -1,4 +1,4 @@
-"""Figures of ISO 230-2 and ISO 9283 by their formulas, one sum after the other, without arrays of the project.
+"""Figures of ISO 230-2 and ISO 9283 by their formulas, with plain sums in place of the project's arrays.
 
 Positions of ISO 230-2: deviations x_ij of each target i by side, as lists of any length. ISO 9283: attained poses
 (x, y, z, a, b, c) of one command, and the command; angles in rad.

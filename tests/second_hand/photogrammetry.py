@@ -1,4 +1,4 @@
-"""A campaign folder of a hexapod whose base and platform were seen by photogrammetry; lengths in m, written in mm."""
+"""The campaign folder of a hexapod whose base and platform were measured by photogrammetry; m, written in mm."""
 
 from __future__ import annotations
 

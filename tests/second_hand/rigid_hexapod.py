@@ -1,4 +1,4 @@
-"""Legs of ideal joints and of the length of their reading: poses by Newton's method, many at once; m, rad."""
+"""A hexapod with ideal joints: poses by Newton's method, many at once; m, rad."""
 
 from __future__ import annotations
 

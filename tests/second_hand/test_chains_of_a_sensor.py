@@ -1,4 +1,4 @@
-"""Legs of a sensor as chains, by command line: against the joints of campaign.toml and motions done one at a time."""
+"""Legs of a sensor as chains, by command line, against the joints of campaign.toml and elementary motions."""
 
 from __future__ import annotations
 

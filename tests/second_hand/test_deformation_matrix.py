@@ -1,4 +1,4 @@
-"""The measured K by command line: against a simulated one with wrong entries, and judged where it is hardly known."""
+"""The measured K by command line, against a simulated one with wrong entries, and with large uncertainty."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Accuracy and uniqueness of a hexapod by command line: against errors drawn at random and solutions searched for."""
+"""Accuracy and uniqueness of a hexapod by command line, against drawn errors and a search for solutions."""
 
 from __future__ import annotations
 

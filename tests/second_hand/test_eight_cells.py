@@ -1,4 +1,4 @@
-"""A sensor with eight cells by command line: sensitivities of J_B', the chain of its cells, wrenches of new signals."""
+"""A sensor with eight cells by command line: sensitivities of J_B', the chain of its cells, new wrenches."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Loads on an elastic hexapod and stiffness along the motion: the command line against legs of least energy."""
+"""Loads on an elastic hexapod and stiffness along the motion by command line, against the least strain energy."""
 
 from __future__ import annotations
 

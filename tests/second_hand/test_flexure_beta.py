@@ -1,4 +1,4 @@
-"""The design parameter beta of flexures by command line: recovered where they bend far, else unknown."""
+"""The design parameter beta of flexures by command line: recovered if they bend far, undetermined otherwise."""
 
 from __future__ import annotations
 

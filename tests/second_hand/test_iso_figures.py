@@ -1,4 +1,4 @@
-"""ISO 230-2 and ISO 9283 agree with a second implementation by the formulas, on random tests with unequal counts."""
+"""ISO 230-2 and ISO 9283 agree with a second implementation on random tests with unequal counts."""
 
 from __future__ import annotations
 

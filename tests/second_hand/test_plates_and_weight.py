@@ -1,4 +1,4 @@
-"""Elastic plates and own weight by command line: against finite elements of their sectors and a sensor of energies."""
+"""Elastic plates and own weight by command line, against finite elements of their sectors and an energy method."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""A force and a torque that two units apply unevenly, in an overload test, by command line: the shares come back."""
+"""A force and a torque by two uneven units, in an overload test, by command line: the shares are recovered."""
 
 from __future__ import annotations
 

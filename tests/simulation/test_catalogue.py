@@ -1,4 +1,4 @@
-"""The catalogue: the project's causes, and those that a laboratory brings along."""
+"""The catalogue: the project's causes, and those of installed packages."""
 
 from __future__ import annotations
 

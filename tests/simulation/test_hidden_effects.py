@@ -1,4 +1,4 @@
-"""Effects to hide: every sort that a layout could show, of the size that was asked for, as the tables tell it."""
+"""Effects to hide: every kind that a layout could show, with the requested size."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Settling in time is among the forms of an effect without a name, so that no temperature is its only explanation."""
+"""Exponential settling is a form of unnamed effects, so that it is not attributed to temperature."""
 
 from __future__ import annotations
 

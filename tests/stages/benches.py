@@ -1,4 +1,4 @@
-"""Loaded sensors as the second implementation draws them, put through stages."""
+"""Loaded sensors of the independent generator, processed by the stages."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Runs the stages of a campaign folder one after the other in this process, every table held to its schema."""
+"""Run the stages of a campaign folder in this process, with every table checked against its schema."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Causes in positions of an axis at its targets: errors that a generator of a few lines hides are named, with size."""
+"""Causes in positioning runs of an axis: errors hidden by an independent generator are named with their size."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Repeated poses of an arm by ISO 9283: equal to the standard's equations by lists; what is not tested is said."""
+"""Repeated poses of an arm by ISO 9283 agree with a second implementation; untested figures are reported."""
 
 from __future__ import annotations
 

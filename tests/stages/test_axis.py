@@ -1,4 +1,4 @@
-"""A campaign of one axis from its folder to the page, the model and its predictions; and what is refused, and how."""
+"""A campaign of one axis from its folder to the page, the model and its predictions; and refusals."""
 
 from __future__ import annotations
 

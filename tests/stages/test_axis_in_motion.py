@@ -1,4 +1,4 @@
-"""An axis recorded in motion: readings that are late against the commands are named, and not taken for lost motion."""
+"""An axis recorded in motion: late readings are named, and not mistaken for lost motion."""
 
 from __future__ import annotations
 

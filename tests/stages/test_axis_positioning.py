@@ -1,4 +1,4 @@
-"""Positioning by ISO 230-2 from rows of an axis: equal to a second computation; what too few repeats leave out."""
+"""Positioning by ISO 230-2 from rows of an axis agrees with a second computation; few repeats omit figures."""
 
 from __future__ import annotations
 

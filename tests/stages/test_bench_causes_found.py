@@ -1,4 +1,4 @@
-"""Effects on a bench are found by the engine of the diagnosis, named, and told with their sizes."""
+"""Effects on a bench are found by the diagnosis, named, and reported with their sizes."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""The calibrate stage: truth recovered within its stated uncertainty, the right model chosen, what cannot be known."""
+"""The calibrate stage: the truth within the stated uncertainty, the right model, and unidentifiable parameters."""
 
 from __future__ import annotations
 

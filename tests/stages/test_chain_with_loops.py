@@ -1,4 +1,4 @@
-"""A delta robot by a lab's closure, from its folder to its findings and a predicted pose."""
+"""A delta robot with a laboratory's closure, from its folder to its findings and a predicted pose."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Two joint zeros far beyond their tolerance: errors without them, and their places among the identified numbers."""
+"""Two joint zeros far beyond their tolerance: errors without them, and their rows among the identified numbers."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""The deformation stage: the published K within its own uncertainties, in a frame that does not swallow it."""
+"""The deformation stage recovers the published K within its uncertainty, in an unbiased frame."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""The diagnosis stage: names what was hidden, stays silent where nothing was, and leaves a model that predicts."""
+"""The diagnosis stage names hidden effects, finds nothing without them, and gives a model that predicts."""
 
 from __future__ import annotations
 

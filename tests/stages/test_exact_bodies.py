@@ -1,4 +1,4 @@
-"""Campaigns whose noise is told in columns alone, or whose points repeat exactly, go through the whole line."""
+"""Campaigns with noise declared in columns only, or with identical points, pass all stages."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""A machine before an instrument that stood still: poses or points of its platform alone are enough."""
+"""A machine in front of a fixed instrument: poses or points of its platform alone suffice."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""A gantry of three slides whose guideways err: named, measured, and reported with the figures of the final model."""
+"""A gantry of three slides with guideway errors: named, measured, and reported with the final model's figures."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Photographs to rays: which file, pose, camera and target each ray is of, and what is wrong told before measuring."""
+"""Photographs to rays: file, pose, camera and target of each ray, and faults before measuring."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""The ingest stage: a good campaign becomes its tables, a bad one is refused with every fault at once."""
+"""The ingest stage: a good campaign becomes tables, a bad one is refused with all faults together."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Loads of one instrument beside signals of another: joined by order, by step or by time, and never without saying."""
+"""Loads of one instrument joined to signals of another by order, step or time, always with a message."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Signals of a force sensor on a stand with hangers, as one table of loads without times: what is found and said."""
+"""Signals of a force sensor on a stand with hangers, as one table of loads without times: findings and messages."""
 
 from __future__ import annotations
 

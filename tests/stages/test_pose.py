@@ -1,4 +1,4 @@
-"""The pose stage: which frame, which targets, which reasons, and uncertainties that hold."""
+"""The pose stage: frames, targets, reasons for rejections, and correct uncertainties."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Poses of observations that are read in batches, and written block by block: those of the whole table."""
+"""Poses of observations read in batches and written in blocks equal those of the whole table."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""A campaign as a plan that can be drawn again, and what is read off the diagnoses of what was drawn."""
+"""A campaign as a plan for simulated campaigns, and detection rates from their diagnoses."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Predicting with what was found: each cause asks for the columns that it follows, and for no others."""
+"""Predictions with found causes require exactly the columns on which the causes depend."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""The QA stage: it says what is wrong, names it, and fails good campaigns as rarely as it states."""
+"""The QA stage names defects, and fails good campaigns at the stated rate only."""
 
 from __future__ import annotations
 

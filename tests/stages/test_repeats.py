@@ -1,4 +1,4 @@
-"""Repeats on both instruments, and what persons' exclusions change, through the stages and onto the page."""
+"""Repeats on both instruments, and the effect of manual exclusions, through the stages and on the page."""
 
 from __future__ import annotations
 

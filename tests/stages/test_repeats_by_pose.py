@@ -1,4 +1,4 @@
-"""An arm at three poses, one of which it repeats far worse: told pose by pose, single reflectors included."""
+"""An arm at three poses, one of which repeats far worse: reported pose by pose, single reflectors included."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""The report stage makes its page of whatever tables a run has."""
+"""The report stage makes its page from any tables of a run."""
 
 from __future__ import annotations
 

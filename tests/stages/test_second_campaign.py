@@ -1,4 +1,4 @@
-"""Models that were fitted to one campaign predict a second one of the same machine, and their errors are told."""
+"""Models fitted to one campaign predict a second one of the same machine, and their errors are reported."""
 
 from __future__ import annotations
 

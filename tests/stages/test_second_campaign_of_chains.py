@@ -1,4 +1,4 @@
-"""Chains fitted to one campaign predict a second one; functions of readings are held at the ends of their ranges."""
+"""Chains fitted to one campaign predict a second one; functions of readings are constant beyond their ranges."""
 
 from __future__ import annotations
 

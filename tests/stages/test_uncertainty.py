@@ -1,4 +1,4 @@
-"""Statements of uncertainty are those of the tables they state, and their parts are all there is to them."""
+"""Statements of uncertainty agree with the tables that they state, and their parts are complete."""
 
 from __future__ import annotations
 
@@ -149,7 +149,7 @@ def test_errors_of_signals_and_of_loads_each_do_to_a_calibration_what_is_stated(
         for _ in range(draws):
             noise = rng.normal(size=(40, 2)) * np.sqrt(np.diag(errs))
             seen, told = (noise, 0.0) if errs is signal else (0.0, noise)
-            table = load_table(loads @ gain.T + seen, loads + told, signal_cov=signal, load_cov=load, load_names=names)
+            table = load_table(loads @ gain.T + seen, loads + told, signal_cov=signal, load_cov=load).named(loads=names)
             fit = fit_calibration(table, model)
             found.append(np.concatenate([fit.matrix, fit.zeros], 1).ravel())
         stated = np.diag(coefficient_parts(fit, table, Source("signals", "B"))[source])

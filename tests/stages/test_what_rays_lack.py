@@ -1,4 +1,4 @@
-"""A run reports what a file of rays lacks: undeclared sigmas, a missing scale."""
+"""A run reports missing data of a rays file: undeclared sigmas, a missing scale."""
 
 from __future__ import annotations
 

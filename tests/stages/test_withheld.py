@@ -1,4 +1,4 @@
-"""A check by which the data do not belong together withholds what rests on them; an ordinary failure does not."""
+"""A failed consistency check withholds the results that depend on it; an ordinary failure does not."""
 
 from __future__ import annotations
 

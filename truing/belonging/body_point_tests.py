@@ -1,4 +1,4 @@
-"""Tests of measured points against the survey or the common shape of their body, and of copied poses."""
+"""Tests of measured points against the survey or the common shape of their body."""
 
 from __future__ import annotations
 
@@ -10,6 +10,7 @@ import numpy as np
 
 from truing.arrays import Array, Index, Mask
 from truing.belonging.axes_changes import AXES_CHANGES
+from truing.belonging.body_points import BodyPoints
 from truing.belonging.relation import LENGTH_FACTORS, RecordSlip, RelationState, RelationTest, SlipKind, both_ways
 from truing.belonging.slips_in_rows import rounding, row_places
 from truing.belonging.target_names import NamedTargets, meant_order, renamed
@@ -17,11 +18,11 @@ from truing.belonging.target_rows import exchanged_names, frozen_targets, rows_o
 from truing.estimation.rigid_poses.rigid import RigidFit
 from truing.estimation.rigid_poses.umeyama import umeyama
 
-_HALF = 0.5  # share of a mean square misfit that a scale may leave
-_CLEARLY = 6.0  # standard deviations of the scale of a pose
+_MOST_AFTER_SCALE = 0.5  # share of a mean square misfit that a scale may leave
+_SIGMAS_OF_SCALE = 6.0  # standard deviations of the scale of a pose
 _SIGMA_OF_MAD = 1.4826  # standard deviation over the median absolute deviation, for noise
-_FIFTH = 0.2  # largest share of the misfit that may remain after a slip is undone
-_HALF = 0.5  # share of the misfit below which a pose is better with the slip undone
+_MOST_AFTER_SLIP = 0.2  # largest share of the misfit that may remain after a slip is undone
+_MOST_IN_POSE = 0.5  # share of the misfit below which a pose is better with the slip undone
 _COARSE = 0.02  # share of the misfit that remains after a unit is undone, by which coarse numbers do not fit
 _AS_RIGHT = 5.0  # typical misfits up to which a pose is right as recorded
 _AS_OTHERS = 3.0  # typical misfits of the other poses up to which a slip explains a pose
@@ -31,8 +32,7 @@ _NEARLY = 1.5  # distance by one change of axes over that of the nearest, up to 
 _WITHIN = 1.5  # largest distance of points with the right axes, over that of the other poses from their median
 _MIRROR_TARGETS, _LEAST_TARGETS = 4, 3  # three points are congruent to their mirror image
 _MOST_TARGETS = 40  # most targets of a body for the test of exchanged labels
-SURVEY, POSES, COPIES = "points-against-survey", "points-among-poses", "copied-poses"
-_POSES_TO_COMPARE = 2
+SURVEY, POSES = "points-against-survey", "points-among-poses"
 _FEWEST_COMPARED = 3  # poses: of two that differ, nothing tells which is right
 _FLAT = 0.02  # thickness over length, below which a body is its own mirror image
 _MISFIT = 10.0  # sigmas of a point, from which a body does not fit its survey
@@ -40,62 +40,6 @@ _NO_MAJORITY = 0.3  # share of poses with a slip, from which the others may as w
 _LARGEST_BEND = 0.1  # misfit over a body's size beyond which a pose is not right, however the others are
 _OTHER_BODY = 0.05  # misfit over a body's size (rms from its middle) that no deformation explains
 _ALL_ROUNDED = 1.0  # rms misfit of points over the step of their numbers; rounding of three coordinates gives 0.5
-_CHANCE = 1e-6  # probability that two measurements of one campaign agree in every digit
-
-
-@dataclass(frozen=True)
-class AsOtherBody:
-    """Points (B, K, 3), m, of a body in each pose, is_observed (B, K), paired with the survey (K, 3) of another
-    body ``name``.
-
-    They are paired by the names of targets, or by their places in the file.
-    """
-
-    name: str
-    survey: Array
-    points: Array
-    is_observed: Mask
-
-    def subset(self, rows: Index) -> AsOtherBody:
-        """Return them in some poses."""
-        return replace(self, points=self.points[rows], is_observed=self.is_observed[rows])
-
-
-@dataclass(frozen=True)
-class BodyPoints:
-    """One body: survey (T, 3) and points (B, T, 3) in m, is_observed (B, T), sigma of a coordinate in m: that of
-    the scatter, which is noise_factor times the declared one.
-
-    ``poses`` (B,) in the order of the file; ``groups``: columns that group poses, with their values; ``others``: the
-    recorded points paired with the surveys of other bodies; ``targets`` (T,): their names; ``named``: all targets, also
-    those that define no frame.
-    """
-
-    name: str
-    survey: Array
-    points: Array
-    is_observed: Mask
-    sigma: float
-    poses: tuple[str, ...] = ()
-    groups: tuple[tuple[str, tuple[str, ...]], ...] = ()
-    others: tuple[AsOtherBody, ...] = ()
-    noise_factor: float = 1.0
-    targets: tuple[str, ...] = ()
-    named: NamedTargets | None = None
-
-    def subset(self, rows: Index) -> BodyPoints:
-        """Return the body in some poses."""
-        names = tuple(self.poses[row] if self.poses else str(row) for row in rows.tolist())
-        groups = tuple((name, tuple(np.asarray(labels)[rows].tolist())) for name, labels in self.groups)
-        others = tuple(other.subset(rows) for other in self.others)
-        return replace(
-            self,
-            points=self.points[rows],
-            is_observed=self.is_observed[rows],
-            poses=names,
-            groups=groups,
-            others=others,
-        )
 
 
 @dataclass(frozen=True)
@@ -138,7 +82,7 @@ def slips_in_poses(body: BodyPoints, limit: float) -> tuple[tuple[RecordSlip, ..
     trials += [_Trial(SlipKind.PARTS_EXCHANGED, quantity, 1.0, misfit) for quantity, misfit in exchanged]
     after = np.stack([trial.misfit for trial in trials])
     best, least = after.argmin(axis=0), after.min(axis=0)
-    is_better = (plain > limit) & (least < _FIFTH * plain)
+    is_better = (plain > limit) & (least < _MOST_AFTER_SLIP * plain)
     typical = float(np.median(np.where(is_better, least, plain)))
     right = ~is_better & (plain <= max(limit, min(_AS_RIGHT * typical, _LARGEST_BEND * _size(subset.survey))))
     is_unit = np.array([trial.kind is SlipKind.UNIT for trial in trials])[best]
@@ -165,7 +109,7 @@ def _slips(body: BodyPoints, trials: Sequence[_Trial], which: Index, plain: Arra
         if not rows.any() or (trial.kind is SlipKind.MIRRORED and _labels_explain(body, rows, trial.misfit)):
             continue
         # a pose with a gross error fits neither way; it counts as slipped like its neighbours if it fits better then
-        unexplained_rows = right | (trial.misfit > _HALF * plain) | ((which >= 0) & ~rows)
+        unexplained_rows = right | (trial.misfit > _MOST_IN_POSE * plain) | ((which >= 0) & ~rows)
         axes = _changed_axes(body, rows, right) if trial.kind is SlipKind.MIRRORED else np.full(len(rows), -1)
         for change in dict.fromkeys(axes[rows].tolist()):
             slip = (
@@ -289,19 +233,19 @@ def _explain_misfit(
     if (factor := _unit(scaled.scale)) is not None:
         trials.append((RecordSlip(SlipKind.UNIT, "points of body", (body.name,), factor), _typical(scaled.rms)))
     slip, after = min(trials, key=lambda trial: trial[1])
-    if after > _FIFTH * before and _typical(scaled.rms) <= _FIFTH * before:
+    if after > _MOST_AFTER_SLIP * before and _typical(scaled.rms) <= _MOST_AFTER_SLIP * before:
         return _test_other_scale(tested, body, scaled)
     if (
-        after > _FIFTH * before
+        after > _MOST_AFTER_SLIP * before
         and body.named is not None
         and (other_names := _under_other_names(body.named)) is not None
     ):
         order, renamed_misfit = other_names
-        if renamed_misfit <= _FIFTH * before:
+        if renamed_misfit <= _MOST_AFTER_SLIP * before:
             slip = RecordSlip(SlipKind.RELABELLED, "targets", (*renamed(body.named, order), body.name))
             named = replace(tested, state=RelationState.FAILS, reason="slip", slips=(slip,), tried=3)
             return replace(named, misfit_explained=1e3 * renamed_misfit)
-    if after > _FIFTH * before:
+    if after > _MOST_AFTER_SLIP * before:
         state = RelationState.FAILS if before > _OTHER_BODY * _size(body.survey) else RelationState.ATTENTION
         return replace(tested, state=state, reason="no-fit", tried=2)
     return replace(
@@ -317,18 +261,18 @@ def _test_other_scale(tested: RelationTest, body: BodyPoints, scaled: RigidFit) 
 
 
 def _explains_most(after: Array, before: float, scales: Array) -> bool:
-    """Return True if scales of the poses (B,), alike in all, explain most of a mean square misfit."""
+    """Return True if equal scales in all poses (B,) explain most of a mean square misfit."""
     known = scales[np.isfinite(scales)]
-    if len(known) < _FEWEST_COMPARED or _typical(after) ** 2 > _HALF * before**2:
+    if len(known) < _FEWEST_COMPARED or _typical(after) ** 2 > _MOST_AFTER_SCALE * before**2:
         return False
     middle = float(np.median(known))
     spread = _SIGMA_OF_MAD * float(np.median(np.abs(known - middle)))
-    return abs(middle - 1.0) > _CLEARLY * spread
+    return abs(middle - 1.0) > _SIGMAS_OF_SCALE * spread
 
 
 def relate_poses(body: BodyPoints) -> RelationTest:
     """Return the test of the points of a body without a survey: does one shape, that of most poses (``survey``), fit
-    all poses? A slip that all poses share changes the shape alike, and is hidden."""
+    all poses? A slip in all poses changes this shape as well, and stays hidden."""
     count = body.is_observed.sum(axis=1)
     usable = count >= _enough(count)
     if usable.sum() < _FEWEST_COMPARED:
@@ -353,8 +297,8 @@ def relate_poses(body: BodyPoints) -> RelationTest:
 
 
 def _slips_of_the_others(body: BodyPoints, slips: tuple[RecordSlip, ...], concerned: Mask) -> tuple[RecordSlip, ...]:
-    """Return the same slip in all other poses: without a survey nothing tells which are right, unless these are most of
-    them."""
+    """Return the same slip in all other poses: without a survey it is unknown which poses are right, unless most of
+    them agree."""
     if len(slips) != 1 or concerned.mean() < _NO_MAJORITY:
         return ()
     where = row_places(~concerned, concerned, body.poses, body.groups)
@@ -367,8 +311,7 @@ def _slips_of_some(body: BodyPoints, limit: float, *, is_surveyed: bool) -> tupl
         return slips
     if frozen := tuple(frozen_targets(body.targets, body.points, body.is_observed, limit / _MISFIT, body.poses)):
         return tuple(replace(slip, subjects=(*slip.subjects, body.name)) for slip in frozen)
-    points = (body.targets, body.survey, body.points, body.is_observed)
-    rows = rows_of_wrong_target(*points, limit, body.poses, body.groups, is_surveyed=is_surveyed)
+    rows = rows_of_wrong_target(body, limit, is_surveyed=is_surveyed)
     slip = None if rows is None else slip_of_target(rows)
     return () if slip is None else (replace(slip, subjects=(*slip.subjects, body.name)),)
 
@@ -405,7 +348,7 @@ def shifted_survey(
             moved = np.array([points[body.name, target] for target in body.targets])
             before.append(_typical(umeyama(body.survey, body.points, weight).rms))
             after.append(_typical(umeyama(moved, body.points, weight).rms))
-        if np.all(np.array(after) <= _FIFTH * np.array(before)):
+        if np.all(np.array(after) <= _MOST_AFTER_SLIP * np.array(before)):
             slip = RecordSlip(SlipKind.ROWS_SHIFTED, "places of the survey", shift=shift)
             tested = RelationTest(SURVEY, RelationState.FAILS, "slip", misfit=1e3 * max(before), unit="mm", tried=4)
             return replace(tested, slips=(slip,), misfit_explained=1e3 * max(after))
@@ -451,54 +394,3 @@ def _typical(rms: Array) -> float:
     """Return the median over poses; infinite where no pose was fitted."""
     known = rms[np.isfinite(rms)]
     return float(np.median(known)) if len(known) else float("inf")
-
-
-def relate_copies(
-    points: Array, is_observed: Mask, sigma: float, poses: tuple[str, ...], targets: tuple[tuple[str, str], ...] = ()
-) -> RelationTest:
-    """Return the test of copied poses and targets: no two agree in every digit of points (B, T, 3), m.
-
-    ``targets`` (T): body and name of each target; two targets of one body must differ in some pose. Not tested with a
-    single pose; poses also with a file so coarse, relative to the noise sigma, that equal points occur by chance.
-    """
-    groups: dict[bytes, list[int]] = {}
-    measured = np.flatnonzero(is_observed.any(axis=1))
-    if len(measured) < _POSES_TO_COMPARE:
-        return RelationTest(COPIES, RelationState.NOT_TESTED, "one-pose")
-    if twins := _copied_targets(points, is_observed, targets):
-        copied = tuple(RecordSlip(SlipKind.COPIED, "points of targets", names) for names in twins)
-        return RelationTest(
-            COPIES, RelationState.FAILS, "slip", misfit=float(sum(map(len, twins))), limit=0.0, unit="1", slips=copied
-        )
-    for pose in measured:
-        key = points[pose][is_observed[pose]].round(12).tobytes() + is_observed[pose].tobytes()
-        groups.setdefault(key, []).append(int(pose))
-    alike = [group for group in groups.values() if len(group) > 1]
-    if not alike:
-        return RelationTest(COPIES, RelationState.OK, "distinct", misfit=0.0, limit=0.0, unit="1")
-    coordinates = 3 * int(min(is_observed[group[0]].sum() for group in alike))
-    chance = min(_resolution(points[is_observed]) / (2.0 * np.sqrt(np.pi) * max(sigma, 1e-300)), 1.0) ** coordinates
-    if chance * len(points) ** 2 > _CHANCE:
-        return RelationTest(COPIES, RelationState.NOT_TESTED, "coarse")
-    slips = tuple(
-        RecordSlip(SlipKind.COPIED, "points of poses", tuple(poses[pose] for pose in group)) for group in alike
-    )
-    return RelationTest(
-        COPIES, RelationState.FAILS, "slip", misfit=float(sum(map(len, alike))), limit=0.0, unit="1", slips=slips
-    )
-
-
-def _copied_targets(points: Array, is_observed: Mask, targets: tuple[tuple[str, str], ...]) -> list[tuple[str, ...]]:
-    """Return groups of one body's targets whose points (B, T, 3) are equal in every digit, and in the same poses."""
-    groups: dict[tuple[str, bytes], list[str]] = {}
-    for k, (body, target) in enumerate(targets):
-        if is_observed[:, k].sum() >= _POSES_TO_COMPARE:
-            key = body, points[is_observed[:, k], k].round(12).tobytes() + is_observed[:, k].tobytes()
-            groups.setdefault(key, []).append(target)
-    return [tuple(group) for group in groups.values() if len(group) > 1]
-
-
-def _resolution(values: Array) -> float:
-    """Return the smallest step, m, between different numbers of a file."""
-    steps = np.diff(np.unique(values.round(12)))
-    return float(steps.min()) if len(steps) else float("inf")

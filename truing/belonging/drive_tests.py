@@ -20,7 +20,7 @@ _LEAST_RANGE_DEG = 2.0  # of the rotation: smaller ones are no motion of a drive
 _CLEAR = 0.2  # least rotation that shows its axis, over the largest
 _REFERENCES = 5  # poses that are tried as the reference
 _NEARLY_ALL = 0.9  # share of the poses; if fewer follow, a shift of all rows is more likely than single slips
-_TWO = 2
+_PAIR = 2
 _SHIFTS = (1, -1, 2, -2, 3, -3)
 _RADIANS = float(np.rad2deg(1.0))
 _FACTORS = (1.0, _RADIANS, 1.0 / _RADIANS)
@@ -54,7 +54,7 @@ class DrivenBody:
 class _FollowedDrive:
     """A body's rotation as its readings times a factor, with either sign.
 
-    ``expected`` (B,): readings that the rotations ask for; ``departure`` (B,) from these, with rotation about other
+    ``expected`` (B,): readings that the rotations require; ``departure`` (B,) from these, with rotation about other
     axes, and the largest one of a pose that follows, all in degrees of rotation.
     """
 
@@ -167,10 +167,10 @@ def _slip(body: DrivenBody, line: _FollowedDrive) -> RecordSlip:
             return replace(slip, subjects=(*where, body.body))
     deviating_rows = np.flatnonzero(~line.follows)
     expected, recorded = line.expected[deviating_rows], body.readings[deviating_rows]
-    if len(deviating_rows) == _TWO and (np.abs(expected - recorded[::-1]) <= line.limit).all():
+    if len(deviating_rows) == _PAIR and (np.abs(expected - recorded[::-1]) <= line.limit).all():
         return RecordSlip(
             SlipKind.ROWS_EXCHANGED, body.column, tuple(body.poses[row] for row in deviating_rows.tolist())
         )
-    if len(deviating_rows) > _TWO and np.ptp(recorded) == 0.0 and np.ptp(expected) > 2.0 * line.limit:
+    if len(deviating_rows) > _PAIR and np.ptp(recorded) == 0.0 and np.ptp(expected) > 2.0 * line.limit:
         return RecordSlip(SlipKind.FROZEN, body.column, where)
     return RecordSlip(SlipKind.STRAY, f"{body.column} or points", where)

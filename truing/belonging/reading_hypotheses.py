@@ -142,8 +142,8 @@ def descriptions(motion: MeasuredMotion) -> Iterator[Description]:
 def _shifted_bodies(motion: MeasuredMotion) -> Iterator[Description]:
     """Yield the poses with the measurements of one body from the row before or after.
 
-    The row at the end, which has none, is given the pose beside it. Where the base stands still in the measurements,
-    rows of the platform are as good as rows of readings, and only the latter are tried.
+    The last row, which has no such neighbour, gets the pose of the neighbouring row. Where the base stands still in the
+    measurements, rows of the platform are as good as rows of readings, and only the latter are tried.
     """
     if motion.base is None or len(motion.p) < 2:
         return
@@ -229,12 +229,12 @@ def _other_lengths(motion: MeasuredMotion) -> Iterator[Description]:
     upper = motion.p[..., None, :] + legs.b @ np.swapaxes(motion.R, -1, -2)
     gap = np.linalg.norm(upper - legs.closure.lower(legs, motion.readings), axis=-1)
     with np.errstate(invalid="ignore"):
-        meant = legs.l + np.nanmedian(gap - legs.closure.length(legs, motion.readings), axis=0)
-    off = np.abs(meant - legs.l) > np.maximum(_SMALL * legs.l, _TOLERANCES * motion.tolerance["l"])
-    off &= np.isfinite(meant) & (meant > 0.0)
+        intended = legs.l + np.nanmedian(gap - legs.closure.length(legs, motion.readings), axis=0)
+    off = np.abs(intended - legs.l) > np.maximum(_SMALL * legs.l, _TOLERANCES * motion.tolerance["l"])
+    off &= np.isfinite(intended) & (intended > 0.0)
     if not off.any():
         return
-    length = np.where(off, meant, legs.l)
+    length = np.where(off, intended, legs.l)
     ratio = length[off] / legs.l[off]
     names = tuple(f"leg {leg + 1}" for leg in np.flatnonzero(off))
     if off.all() and np.ptp(ratio) < _SMALL * ratio.mean():
@@ -255,7 +255,7 @@ def _round(factor: float) -> float:
 
 
 @dataclass(frozen=True)
-class Changed:
+class ReadingChange:
     """Change of the readings of one leg: multiplied by ``factor``, with the recorded zero or another one."""
 
     factor: float
@@ -268,22 +268,22 @@ class Changed:
 
 
 @dataclass(frozen=True)
-class Written:
+class RecordingHypothesis:
     """A hypothesis on recorded readings: for each leg its column and change, with the evidence."""
 
     description: Description
     columns: Index
-    changes: tuple[Changed, ...]
+    changes: tuple[ReadingChange, ...]
     evidence: float
     misfit: Array  # (B, L) m, readings as meant less those that the poses ask for
 
-    def readings(self, recorded: Array, asked: Array) -> Array:
+    def readings(self, recorded: Array, required: Array) -> Array:
         """Return the readings (B, L) as intended."""
-        meant = self.undone(recorded)
+        intended = self.undone(recorded)
         zero = np.array([change.zero for change in self.changes])
         if not zero.any():
-            return meant
-        return meant + np.where(zero, np.nanmedian(asked - meant, axis=0), 0.0)
+            return intended
+        return intended + np.where(zero, np.nanmedian(required - intended, axis=0), 0.0)
 
     def undone(self, recorded: Array) -> Array:
         """Return the readings (B, L) in the right columns, unit and sign, with the recorded zero."""
@@ -291,73 +291,81 @@ class Written:
 
     def slips(self, names: tuple[str, ...], recorded: Array) -> tuple[RecordSlip, ...]:
         """Return the slips from intended to recorded readings and description; none where all is right as recorded."""
-        offset = self.misfit.mean(axis=0) + np.mean(reached(self.description), axis=0)
+        offset = self.misfit.mean(axis=0) + np.mean(finite_required_readings(self.description), axis=0)
         offset -= np.array([change.factor for change in self.changes]) * recorded[:, self.columns].mean(axis=0)
         changed = _change_slips(self, names, 1e3 * offset)
         return (*self.description.slips, *_column_slips(self.columns, names), *changed)
 
 
-def leg_changes() -> tuple[Changed, ...]:
+def leg_changes() -> tuple[ReadingChange, ...]:
     """Return the changes that are tried on each leg; the first is none."""
     factors = (1.0, *both_ways(LENGTH_FACTORS))
-    return tuple(Changed(sign * factor, zero) for zero in (False, True) for sign in (1.0, -1.0) for factor in factors)
+    return tuple(
+        ReadingChange(sign * factor, zero) for zero in (False, True) for sign in (1.0, -1.0) for factor in factors
+    )
 
 
-def best_written(motion: MeasuredMotion, description: Description, *, exchanged: bool) -> tuple[Written, Written, int]:
+def best_recording(
+    motion: MeasuredMotion, description: Description, *, exchanged: bool
+) -> tuple[RecordingHypothesis, RecordingHypothesis, int]:
     """Return the readings as recorded, the most likely intended ones under a description, and the number of trials.
 
     ``exchanged``: whether exchanged columns are tried as well.
     """
-    asked = reached(description)
-    changes = _with_fitted(leg_changes(), motion, asked)
-    count = asked.shape[1]
-    effects = physical_effects(motion, description, asked)
+    required = finite_required_readings(description)
+    changes = _with_fitted(leg_changes(), motion, required)
+    count = required.shape[1]
+    effects = physical_effects(motion, description, required)
     source = range(count)
     scores = np.full((count, count, len(changes)), -np.inf)
     for leg in range(count):
         for column in source if exchanged else (leg,):
-            misfit = _misfits(motion.readings[:, column], asked[:, leg], changes)
+            misfit = _misfits(motion.readings[:, column], required[:, leg], changes)
             # relative to the readings as recorded, so that a factor that shrinks them does not raise the evidence
             shrunk = len(misfit[0]) * np.log(np.abs([change.factor for change in changes]))
             scores[leg, column] = log_evidence(misfit, effects[leg], motion.noise) + shrunk
-            scores[leg, column, _is_geometry(motion, motion.readings[:, column], asked[:, leg], changes)] = -np.inf
+            scores[leg, column, _is_geometry(motion, motion.readings[:, column], required[:, leg], changes)] = -np.inf
     if description.slips and np.isnan(description.required_readings()).mean() > _UNREACHED:
         scores[:] = -np.inf  # a description with poses out of reach explains nothing
     index = np.arange(count)
-    plain = _written(motion, description, asked, index, [changes[0]] * count, float(scores[index, index, 0].sum()))
+    plain = _hypothesis(
+        motion, description, required, index, [changes[0]] * count, float(scores[index, index, 0].sum())
+    )
     found = _most_likely(scores, changes, exchanged=exchanged)
-    best = _written(motion, description, asked, found[0], [changes[k] for k in found[1]], found[2])
+    best = _hypothesis(motion, description, required, found[0], [changes[k] for k in found[1]], found[2])
     # the fitted factor is none of those that are tried in every campaign
     return plain, best, count * (count if exchanged else 1) * len(leg_changes())
 
 
-def _is_geometry(motion: MeasuredMotion, recorded: Array, asked: Array, changes: tuple[Changed, ...]) -> Mask:
+def _is_geometry(motion: MeasuredMotion, recorded: Array, required: Array, changes: tuple[ReadingChange, ...]) -> Mask:
     """Return True for changes (T,) that are only a shift of zero of a size that errors of the geometry can cause."""
     factor, zero = np.array([change.factor for change in changes]), np.array([change.zero for change in changes])
-    offset = np.abs(np.median(factor[:, None] * recorded - asked, axis=1))
+    offset = np.abs(np.median(factor[:, None] * recorded - required, axis=1))
     return np.asarray(zero & (np.abs(factor) == 1.0) & (offset < _GROSS * np.abs(motion.legs.l).max()))
 
 
-def reached(description: Description) -> Array:
+def finite_required_readings(description: Description) -> Array:
     """Return the readings (B, L), m, required by the poses; a far-off value where no leg reaches."""
-    asked = description.required_readings()
-    far = np.broadcast_to(np.abs(description.legs.l) + np.abs(description.legs.rho0), asked.shape)
-    return np.where(np.isfinite(asked), asked, 2.0 * far + 1.0)
+    required = description.required_readings()
+    far = np.broadcast_to(np.abs(description.legs.l) + np.abs(description.legs.rho0), required.shape)
+    return np.where(np.isfinite(required), required, 2.0 * far + 1.0)
 
 
-def _with_fitted(changes: tuple[Changed, ...], motion: MeasuredMotion, asked: Array) -> tuple[Changed, ...]:
+def _with_fitted(
+    changes: tuple[ReadingChange, ...], motion: MeasuredMotion, required: Array
+) -> tuple[ReadingChange, ...]:
     """Return the changes, and the one common factor that explains most if it is none of them."""
-    read, wanted = (values - values.mean(axis=0) for values in (motion.readings, asked))
+    read, wanted = (values - values.mean(axis=0) for values in (motion.readings, required))
     square = float(np.sum(read**2))
     slope = float(np.sum(read * wanted)) / square if square > 0.0 else 0.0
     known = np.array([abs(change.factor) for change in changes])
     if slope == 0.0 or np.abs(np.log(abs(slope) / known)).min() < 3.0 * _GAIN:
         return changes
-    return (*changes, *(Changed(float(f"{slope:.4g}"), zero) for zero in (False, True)))
+    return (*changes, *(ReadingChange(float(f"{slope:.4g}"), zero) for zero in (False, True)))
 
 
 def physical_effects(
-    motion: MeasuredMotion, description: Description, asked: Array, movement: Array | None = None
+    motion: MeasuredMotion, description: Description, required: Array, movement: Array | None = None
 ) -> list[Physics]:
     """Return the physical effects on each leg's readings: geometry, travel of all legs, and recorded drivers.
 
@@ -366,25 +374,27 @@ def physical_effects(
     least = _LOOSE * float(np.abs(motion.legs.l).mean())
     loose = {name: max(sigma, _LOOSE if name == "u" else least) for name, sigma in motion.tolerance.items()}
     geometry = np.nan_to_num(description.by_geometry()) * description.scales(loose)
-    travel = asked - asked.mean(axis=0)
+    travel = required - required.mean(axis=0)
     widest = np.maximum(np.abs(travel).max(axis=0), 1e-12)
     effects = []
-    for leg in range(asked.shape[1]):
-        reach = travel * np.where(np.arange(asked.shape[1]) == leg, _GAIN, _LEAK)
+    for leg in range(required.shape[1]):
+        reach = travel * np.where(np.arange(required.shape[1]) == leg, _GAIN, _LEAK)
         curved = _CURVED * travel[:, leg, None] ** 2 / widest[leg]
         following = [] if movement is None else [_DRIVEN_M * movement[:, leg]]
         effects.append(physics(np.hstack([geometry[:, leg], reach, curved, _DRIVEN_M * motion.drivers, *following])))
     return effects
 
 
-def _misfits(recorded: Array, asked: Array, changes: tuple[Changed, ...]) -> Array:
+def _misfits(recorded: Array, required: Array, changes: tuple[ReadingChange, ...]) -> Array:
     """Return readings changed in T ways minus the required ones, (T, B)."""
-    misfit = np.array([change.factor for change in changes])[:, None] * recorded - asked
+    misfit = np.array([change.factor for change in changes])[:, None] * recorded - required
     zero = np.array([change.zero for change in changes])
     return np.where(zero[:, None], misfit - np.median(misfit, axis=1, keepdims=True), misfit)
 
 
-def _most_likely(scores: Array, changes: tuple[Changed, ...], *, exchanged: bool) -> tuple[Index, list[int], float]:
+def _most_likely(
+    scores: Array, changes: tuple[ReadingChange, ...], *, exchanged: bool
+) -> tuple[Index, list[int], float]:
     """Return columns (L,), change per leg, and evidence less penalties: one change for all legs, or one per leg."""
     count = len(scores)
     penalty = np.array([change.penalty for change in changes])
@@ -412,17 +422,19 @@ def _assigned(value: Array) -> Index:
     return cheapest_columns(np.where(np.isfinite(value), -value, 1e30))
 
 
-def _written(
+def _hypothesis(
     motion: MeasuredMotion,
     description: Description,
-    asked: Array,
+    required: Array,
     columns: Index,
-    changes: list[Changed],
+    changes: list[ReadingChange],
     evidence: float,
-) -> Written:
-    meant = Written(description, columns, tuple(changes), evidence, np.empty(0))
-    misfit = meant.readings(motion.readings, asked) - asked
-    return Written(description, columns, tuple(changes), evidence - PENALTY * len(description.slips), misfit)
+) -> RecordingHypothesis:
+    intended = RecordingHypothesis(description, columns, tuple(changes), evidence, np.empty(0))
+    misfit = intended.readings(motion.readings, required) - required
+    return RecordingHypothesis(
+        description, columns, tuple(changes), evidence - PENALTY * len(description.slips), misfit
+    )
 
 
 def _column_slips(columns: Index, names: tuple[str, ...]) -> tuple[RecordSlip, ...]:
@@ -435,19 +447,19 @@ def _column_slips(columns: Index, names: tuple[str, ...]) -> tuple[RecordSlip, .
     return (RecordSlip(SlipKind.COLUMNS, "columns of readings (or legs of [mechanism])", subjects),)
 
 
-def _change_slips(written: Written, names: tuple[str, ...], offset_mm: Array) -> tuple[RecordSlip, ...]:
+def _change_slips(hypothesis: RecordingHypothesis, names: tuple[str, ...], offset_mm: Array) -> tuple[RecordSlip, ...]:
     """Return changes of readings by kind; columns with the same change are one slip."""
-    poses_of_slip: dict[tuple[SlipKind, float], list[int]] = {}
-    for leg, change in enumerate(written.changes):
+    legs_of_slip: dict[tuple[SlipKind, float], list[int]] = {}
+    for leg, change in enumerate(hypothesis.changes):
         if abs(change.factor) != 1.0:
-            poses_of_slip.setdefault((SlipKind.UNIT, abs(change.factor)), []).append(leg)
+            legs_of_slip.setdefault((SlipKind.UNIT, abs(change.factor)), []).append(leg)
         if change.factor < 0.0:
-            poses_of_slip.setdefault((SlipKind.SIGN, 1.0), []).append(leg)
+            legs_of_slip.setdefault((SlipKind.SIGN, 1.0), []).append(leg)
         if change.zero:
-            poses_of_slip.setdefault((SlipKind.ZERO, 1.0), []).append(leg)
+            legs_of_slip.setdefault((SlipKind.ZERO, 1.0), []).append(leg)
     slips = []
-    for (kind, factor), legs in poses_of_slip.items():
-        subjects = () if len(legs) == len(names) else tuple(sorted(names[written.columns[leg]] for leg in legs))
+    for (kind, factor), legs in legs_of_slip.items():
+        subjects = () if len(legs) == len(names) else tuple(sorted(names[hypothesis.columns[leg]] for leg in legs))
         offset = float(np.median(offset_mm[legs])) if kind is SlipKind.ZERO else 0.0
         slips.append(RecordSlip(kind, "readings", subjects, factor, offset=offset))
     return tuple(slips)

@@ -14,12 +14,12 @@ from truing.belonging.reading_hypotheses import (
     PENALTY,
     Description,
     MeasuredMotion,
-    Written,
-    best_written,
+    RecordingHypothesis,
+    best_recording,
     descriptions,
+    finite_required_readings,
     joint_descriptions,
     physical_effects,
-    reached,
 )
 from truing.belonging.relation import RecordSlip, RelationState, RelationTest, SlipKind
 from truing.belonging.slips_in_rows import (
@@ -115,50 +115,50 @@ def _first_equal_legs(motion: MeasuredMotion) -> tuple[int, int] | None:
 
 
 def _test(motion: MeasuredMotion, names: ReadingNames) -> RelationTest:
-    asked = next(descriptions(motion)).required_readings()
+    required = next(descriptions(motion)).required_readings()
     search = _search(motion)
-    misfit, moved, legs = _plain_misfit(motion, asked)
+    misfit, moved, legs = _plain_misfit(motion, required)
     comparable = np.isfinite(misfit)
     base = RelationTest(
         READINGS, RelationState.OK, "agrees", "", misfit, None, _APART * moved, "mm", tried=search.tried
     )
     if not comparable:
         base = replace(
-            base, state=RelationState.FAILS, reason="unreached", misfit=float(len(asked)), limit=None, unit="1"
+            base, state=RelationState.FAILS, reason="unreached", misfit=float(len(required)), limit=None, unit="1"
         )
     if explained := _explained(search, motion, names, base):
         is_whole = 1e-3 * (explained.misfit_explained or 0.0) <= _MOVED * motion.noise
         return explained if is_whole else _test_joints(motion, names, base) or explained
-    if zero := _other_zero(motion, asked):
+    if zero := _other_zero(motion, required):
         return replace(base, state=RelationState.FAILS, reason="slip", misfit=abs(zero.offset), slips=(zero,))
-    if frozen := _frozen(motion, asked, names):  # a wrong description asks readings to move that do not
+    if frozen := _frozen(motion, required, names):  # a wrong description asks readings to move that do not
         failed = replace(base, state=RelationState.FAILS, reason="slip", slips=frozen)
         return _test_joints(motion, names, base) or failed
     if not comparable:
         return _test_joints(motion, names, base) or base
     if moved <= 1e3 * _MOVED * motion.noise:
         return replace(base, state=RelationState.NOT_TESTED, reason="hardly-moved", misfit=None, limit=None)
-    if strays := _single_slips(motion, asked, names):
+    if strays := _single_slips(motion, required, names):
         stray = replace(base, state=RelationState.FAILS, reason="slip", slips=tuple(_stray_slips(strays, names)))
-        return (_test_of_part(motion, asked, names, base) or stray) if len(strays) > _SINGLE else stray
+        return (_test_of_part(motion, required, names, base) or stray) if len(strays) > _SINGLE else stray
     if misfit > _APART * moved or len(legs):
         return (
-            _test_of_part(motion, asked, names, base)
+            _test_of_part(motion, required, names, base)
             or _test_joints(motion, names, base)
-            or _without_name(motion, asked, names, base, legs)
+            or _without_name(motion, required, names, base, legs)
         )
     departs = misfit > _NOTED * moved
-    return (_test_of_part(motion, asked, names, base) if departs else None) or _agreement_test(
+    return (_test_of_part(motion, required, names, base) if departs else None) or _agreement_test(
         motion, search, names, base
     )
 
 
 def _explained(search: _Found, motion: MeasuredMotion, names: ReadingNames, base: RelationTest) -> RelationTest | None:
     """Return the result if slips in all rows explain the data."""
-    slips = (*search.meant.slips(names.columns, motion.readings), *_row_slips(search.order, names))
+    slips = (*search.intended.slips(names.columns, motion.readings), *_row_slips(search.order, names))
     if not 0 < len(slips) <= _MOST_SLIPS:
         return None
-    sizes = _halved(search.plain.misfit, _reordered(search.meant, search.order), motion.noise)
+    sizes = _halved(search.plain.misfit, _reordered(search.intended, search.order), motion.noise)
     before, after = (1e3 * size for size in sizes)
     explained = replace(
         base, state=RelationState.FAILS, reason="slip", misfit=before, misfit_explained=after, unit="mm"
@@ -179,22 +179,24 @@ def _test_joints(motion: MeasuredMotion, names: ReadingNames, base: RelationTest
     if copied_columns(motion.readings):  # a leg that reads as its mirror image does is no mirrored leg
         return None
     search = _search(motion, of_joints=True)
-    if not search.meant.description.slips or _row_slips(search.order, names):
+    if not search.intended.description.slips or _row_slips(search.order, names):
         return None
     return _explained(search, motion, names, replace(base, tried=search.tried))
 
 
-def _test_of_part(motion: MeasuredMotion, asked: Array, names: ReadingNames, base: RelationTest) -> RelationTest | None:
+def _test_of_part(
+    motion: MeasuredMotion, required: Array, names: ReadingNames, base: RelationTest
+) -> RelationTest | None:
     """Return the result if slips explain some rows of the table and the rest is right."""
-    reachable = np.flatnonzero(np.isfinite(asked).all(axis=1))
-    subset, wanted = motion.subset(reachable), asked[reachable]
+    reachable = np.flatnonzero(np.isfinite(required).all(axis=1))
+    subset, wanted = motion.subset(reachable), required[reachable]
     agreed = agreement(subset.readings, wanted, motion.noise)
     if agreed is None:
         return None
     part = subset.subset(agreed.apart)
-    for meant in _likely(_search(part)):
-        slips = [slip for slip in meant.slips(names.columns, part.readings) if slip.kind is not SlipKind.ZERO]
-        undone = meant.undone(subset.readings)
+    for intended in _likely(_search(part)):
+        slips = [slip for slip in intended.slips(names.columns, part.readings) if slip.kind is not SlipKind.ZERO]
+        undone = intended.undone(subset.readings)
         rows = slipped_rows(undone, wanted, agreed)
         if rows is not None and 0 < len(slips) <= _MOST_SLIPS:
             groups = [(name, [values[row] for row in reachable.tolist()]) for name, values in names.groups]
@@ -213,16 +215,16 @@ def _with_named_rows(slip: RecordSlip, where: tuple[str, ...]) -> RecordSlip:
     return replace(slip, subjects=(*where, *slip.subjects) if len(slip.subjects) > 2 else (*slip.subjects, *where))
 
 
-def _likely(search: _Found) -> list[Written]:
+def _likely(search: _Found) -> list[RecordingHypothesis]:
     """Return possible intended readings in some rows, the most likely first. The rest of the table decides between
     them, because it determines the geometry far better than tolerances do."""
     least = search.plain.evidence + _AS_LIKELY
-    likely = [one for one in (search.meant, *search.rivals) if one.evidence > least and not one.description.slips]
+    likely = [one for one in (search.intended, *search.rivals) if one.evidence > least and not one.description.slips]
     return sorted(likely, key=lambda hypothesis: -hypothesis.evidence)
 
 
 def _without_name(
-    motion: MeasuredMotion, asked: Array, names: ReadingNames, base: RelationTest, legs: Index
+    motion: MeasuredMotion, required: Array, names: ReadingNames, base: RelationTest, legs: Index
 ) -> RelationTest:
     """Return the result if no tested slip explains the misfit, with the legs that do not fit, if others do."""
     pairs = [pair for pair in copied_columns(motion.readings) if set(pair) & set(legs.tolist())]
@@ -236,7 +238,7 @@ def _without_name(
     if not 0 < len(legs) < len(names.columns):
         return failed
     measured_motion = motion.chosen_columns(legs)
-    misfit, moved, _ = _plain_misfit(measured_motion, asked[:, legs])
+    misfit, moved, _ = _plain_misfit(measured_motion, required[:, legs])
     return replace(failed, subject=" ".join(names.columns[leg] for leg in legs), misfit=misfit, limit=_APART * moved)
 
 
@@ -268,14 +270,14 @@ def _rounded(base: RelationTest, step: float, noise: float) -> RelationTest:
 def _calibrated_misfit(motion: MeasuredMotion) -> float:
     """Return the rms misfit, m, after a fit of geometry, gains, leaks and drivers; 0 where there are too few poses."""
     first_description = next(descriptions(motion))
-    asked, geometry = reached(first_description), np.nan_to_num(first_description.by_geometry())
-    travel = asked - asked.mean(axis=0)
+    required, geometry = finite_required_readings(first_description), np.nan_to_num(first_description.by_geometry())
+    travel = required - required.mean(axis=0)
     left, freedom = 0.0, 0
-    for leg in range(asked.shape[1]):
-        columns = [geometry[:, leg], travel, travel[:, leg, None] ** 2, motion.drivers, np.ones((len(asked), 1))]
+    for leg in range(required.shape[1]):
+        columns = [geometry[:, leg], travel, travel[:, leg, None] ** 2, motion.drivers, np.ones((len(required), 1))]
         known = np.hstack(columns)
         known = known / np.maximum(np.sqrt(np.mean(known**2, axis=0)), 1e-300)
-        misfit = motion.readings[:, leg] - asked[:, leg]
+        misfit = motion.readings[:, leg] - required[:, leg]
         coefficients, _, rank, _ = np.linalg.lstsq(known, misfit, rcond=1e-9)
         left += float(np.sum((misfit - known @ coefficients) ** 2))
         freedom += len(misfit) - int(rank)
@@ -285,13 +287,13 @@ def _calibrated_misfit(motion: MeasuredMotion) -> float:
 def _late(motion: MeasuredMotion, base: RelationTest) -> RelationTest | None:
     """Return the result if readings are late by a common time against the poses, on a machine that moves."""
     description = next(descriptions(motion))
-    asked = reached(description)
-    courses = None if motion.time_s is None else Courses.of(asked, motion.time_s)
+    required = finite_required_readings(description)
+    courses = None if motion.time_s is None else Courses.of(required, motion.time_s)
     if courses is None:
         return None
     movements = courses.ways, np.concatenate([courses.ways, courses.last[..., None]], axis=-1)
-    effects, settling = (physical_effects(motion, description, asked, movement) for movement in movements)
-    lag = clock_lag(motion.readings - asked, courses, effects, settling, motion.noise)
+    effects, settling = (physical_effects(motion, description, required, movement) for movement in movements)
+    lag = clock_lag(motion.readings - required, courses, effects, settling, motion.noise)
     if lag is None:
         return None
     slip = RecordSlip(SlipKind.LATE, "readings", offset=lag.seconds)
@@ -300,11 +302,11 @@ def _late(motion: MeasuredMotion, base: RelationTest) -> RelationTest | None:
     return replace(late, state=RelationState.FAILS, reason="slip") if lag.is_clear else late
 
 
-def _single_slips(motion: MeasuredMotion, asked: Array, names: ReadingNames) -> list[tuple[str, str]]:
+def _single_slips(motion: MeasuredMotion, required: Array, names: ReadingNames) -> list[tuple[str, str]]:
     """Return the pose and the column of single readings that do not belong to their pose."""
-    determined = np.isfinite(asked).all(axis=1)
+    determined = np.isfinite(required).all(axis=1)
     at = np.flatnonzero(determined)
-    readings = stray_readings(motion.readings[determined], asked[determined], motion.noise)
+    readings = stray_readings(motion.readings[determined], required[determined], motion.noise)
     return [(names.poses[at[row]], names.columns[leg]) for row, leg in readings.tolist()]
 
 
@@ -322,16 +324,16 @@ def _stray_slips(strays: list[tuple[str, str]], names: ReadingNames) -> Iterator
         yield RecordSlip(SlipKind.STRAY, "readings", cells)
 
 
-def _plain_misfit(motion: MeasuredMotion, asked: Array) -> tuple[float, float, Index]:
+def _plain_misfit(motion: MeasuredMotion, required: Array) -> tuple[float, float, Index]:
     """Return misfit and movement over all legs, rms in mm about each leg's mean; and the legs that do not fit alone."""
-    known = np.isfinite(asked).all(axis=1)
+    known = np.isfinite(required).all(axis=1)
     if known.mean() < 0.5:
         return float("inf"), 0.0, np.arange(0)
     rows_known = np.flatnonzero(known)
     rows_known = rows_known[
         np.lexsort(motion.readings[rows_known].T)
     ]  # sorted, so that sums do not depend on the order of the rows in their last digits
-    wanted, read = (values[rows_known] - values[rows_known].mean(axis=0) for values in (asked, motion.readings))
+    wanted, read = (values[rows_known] - values[rows_known].mean(axis=0) for values in (required, motion.readings))
     misfit, moved = np.sqrt(np.mean((read - wanted) ** 2, axis=0)), np.sqrt(np.mean(wanted**2, axis=0))
     wrong = (misfit > _APART * moved) & (moved > _MOVED * motion.noise)
     return 1e3 * _rms(read - wanted), 1e3 * _rms(wanted), np.flatnonzero(wrong)
@@ -346,52 +348,56 @@ class _Found:
     """Readings as recorded, as most likely intended (in all poses), the order of rows, and the number of hypotheses
     tried."""
 
-    plain: Written
-    meant: Written
+    plain: RecordingHypothesis
+    intended: RecordingHypothesis
     order: RowOrder
     tried: int
-    rivals: tuple[Written, ...]
+    rivals: tuple[RecordingHypothesis, ...]
 
 
 def _search(motion: MeasuredMotion, *, of_joints: bool = False) -> _Found:
     """Return the result for the mechanism as described and its slips; ``of_joints``: also those of few joints."""
     step = -(-len(motion.p) // _MOST_POSES)
     thin, tried = motion.every_nth(step), 0
-    scored: list[tuple[Written, Description]] = []
+    scored: list[tuple[RecordingHypothesis, Description]] = []
     plain = None
     for description in chain(descriptions(motion), joint_descriptions(motion) if of_joints else ()):
-        written, meant, count = best_written(thin, description.every_nth(step), exchanged=False)
-        plain = plain or written
-        scored.append((meant, description))
+        hypothesis, intended, count = best_recording(thin, description.every_nth(step), exchanged=False)
+        plain = plain or hypothesis
+        scored.append((intended, description))
         tried += count
     assert plain is not None  # the description as recorded is always among them
     ahead = max(scored, key=lambda scored_row: scored_row[0].evidence)
     for description in {id(description_of): description_of for description_of in (scored[0][1], ahead[1])}.values():
-        _, meant, count = best_written(thin, description.every_nth(step), exchanged=True)
-        scored.append((meant, description))
+        _, intended, count = best_recording(thin, description.every_nth(step), exchanged=True)
+        scored.append((intended, description))
         tried += count
     best, description = max(scored, key=lambda pair: pair[0].evidence)
     if not _explains_enough(plain, best, motion.noise):
         best, description = plain, scored[0][1]
     near = [_score_all_rows(motion, one, about) for one, about in scored if best.evidence - one.evidence < _AS_LIKELY]
-    meant = _score_all_rows(motion, best, description)
-    asked = reached(description)
-    return _Found(plain, meant, best_order(meant.misfit + asked, asked, motion.noise), tried, tuple(near))
+    intended = _score_all_rows(motion, best, description)
+    required = finite_required_readings(description)
+    return _Found(plain, intended, best_order(intended.misfit + required, required, motion.noise), tried, tuple(near))
 
 
-def _score_all_rows(motion: MeasuredMotion, written: Written, description: Description) -> Written:
+def _score_all_rows(
+    motion: MeasuredMotion, hypothesis: RecordingHypothesis, description: Description
+) -> RecordingHypothesis:
     """Return a hypothesis that was chosen on some of the poses, for all of them."""
-    asked = reached(description)
-    return replace(written, description=description, misfit=written.readings(motion.readings, asked) - asked)
+    required = finite_required_readings(description)
+    return replace(
+        hypothesis, description=description, misfit=hypothesis.readings(motion.readings, required) - required
+    )
 
 
-def _explains_enough(plain: Written, best: Written, noise: float) -> bool:
+def _explains_enough(plain: RecordingHypothesis, best: RecordingHypothesis, noise: float) -> bool:
     """Return True if slips explain more than all physical effects of the catalogue, and at least halve the misfit."""
     if best.evidence - plain.evidence <= _CLEAR:
         return False
     before, after = _halved(plain.misfit, best.misfit, noise)
-    asked = reached(best.description)
-    left, moved = (_rms(values - values.mean(axis=0)) for values in (best.misfit, asked))
+    required = finite_required_readings(best.description)
+    left, moved = (_rms(values - values.mean(axis=0)) for values in (best.misfit, required))
     return before > _MOVED * noise and after <= _HALVES * before and left <= _APART * moved
 
 
@@ -407,7 +413,7 @@ def _rivals(
     search: _Found, names: ReadingNames, motion: MeasuredMotion, slips: tuple[RecordSlip, ...]
 ) -> tuple[RecordSlip, ...]:
     """Return single slips that explain the data as well as the chosen ones."""
-    if not search.meant.slips(names.columns, motion.readings):  # an order of rows alone: no description explains it
+    if not search.intended.slips(names.columns, motion.readings):  # an order of rows alone: no description explains it
         return ()
     record_slips = [rival.slips(names.columns, motion.readings) for rival in search.rivals]
     return tuple(
@@ -419,11 +425,11 @@ def _rivals(
     )
 
 
-def _reordered(written: Written, order: RowOrder) -> Array:
+def _reordered(hypothesis: RecordingHypothesis, order: RowOrder) -> Array:
     """Return the misfit with columns and rows in their right places."""
-    asked = reached(written.description)
+    required = finite_required_readings(hypothesis.description)
     is_placed = order.rows >= 0
-    return np.asarray((written.misfit + asked)[order.rows[is_placed]] - asked[is_placed])
+    return np.asarray((hypothesis.misfit + required)[order.rows[is_placed]] - required[is_placed])
 
 
 def _row_slips(order: RowOrder, names: ReadingNames) -> tuple[RecordSlip, ...]:
@@ -447,17 +453,17 @@ def _row_slips(order: RowOrder, names: ReadingNames) -> tuple[RecordSlip, ...]:
     return (RecordSlip(SlipKind.ROWS_EXCHANGED, "readings", rows),)
 
 
-def _other_zero(motion: MeasuredMotion, asked: Array) -> RecordSlip | None:
+def _other_zero(motion: MeasuredMotion, required: Array) -> RecordSlip | None:
     """Return the slip of readings relative to the reference configuration, or given as whole lengths. The offset must
     have this size in all legs, within tolerances. Calibration explains other offsets, which errors of the geometry can
     also cause."""
     legs = motion.legs
-    residual = asked - motion.readings
+    residual = required - motion.readings
     offset = np.median(residual, axis=0)
     if not np.isfinite(offset).all():
         return None
     if not np.sqrt(np.nanmean((residual - offset) ** 2)) <= _NOTED * np.sqrt(
-        np.nanmean((asked - asked.mean(axis=0)) ** 2)
+        np.nanmean((required - required.mean(axis=0)) ** 2)
     ):
         return None
     scale = next(descriptions(motion)).scales(motion.tolerance)
@@ -469,7 +475,7 @@ def _other_zero(motion: MeasuredMotion, asked: Array) -> RecordSlip | None:
     return None
 
 
-def _frozen(motion: MeasuredMotion, asked: Array, names: ReadingNames) -> tuple[RecordSlip, ...]:
+def _frozen(motion: MeasuredMotion, required: Array, names: ReadingNames) -> tuple[RecordSlip, ...]:
     """Return columns that repeat one number over poses which require clearly different ones."""
     frozen_slips = []
     for leg, name in enumerate(names.columns):
@@ -478,7 +484,7 @@ def _frozen(motion: MeasuredMotion, asked: Array, names: ReadingNames) -> tuple[
         numbers = np.unique(value)
         least = max(2.0 * _MOVED * motion.noise, 1.5 * float(np.diff(numbers).min()) if len(numbers) > 1 else 0.0)
         for first, last in zip(np.r_[0, ends + 1], np.r_[ends + 1, len(value)], strict=True):
-            wanted = asked[first:last, leg]
+            wanted = required[first:last, leg]
             if last - first >= _FROZEN and np.ptp(np.nan_to_num(wanted)) > least:
                 frozen_slips.append(
                     RecordSlip(SlipKind.FROZEN, "readings", (f"{name} from pose {names.poses[first]} on",))
@@ -487,12 +493,12 @@ def _frozen(motion: MeasuredMotion, asked: Array, names: ReadingNames) -> tuple[
     return tuple(frozen_slips)
 
 
-def _hidden(motion: MeasuredMotion, plain: Written, names: ReadingNames) -> tuple[RecordSlip, ...]:
-    """Return exchanges of columns that these poses cannot show, because the legs move alike."""
-    asked = reached(plain.description)
-    travel = asked - asked.mean(axis=0)
+def _hidden(motion: MeasuredMotion, plain: RecordingHypothesis, names: ReadingNames) -> tuple[RecordSlip, ...]:
+    """Return exchanges of columns that these poses cannot show, because the legs move equally."""
+    required = finite_required_readings(plain.description)
+    travel = required - required.mean(axis=0)
     level = max(_rms(plain.misfit - plain.misfit.mean(axis=0)), motion.noise)
-    needed = 2.0 * (_CLEAR + PENALTY) / len(asked)
+    needed = 2.0 * (_CLEAR + PENALTY) / len(required)
     squared_distance = np.mean((travel[:, :, None] - travel[:, None, :]) ** 2, axis=0)
     pairs = [(i, j) for i, j in np.argwhere(squared_distance < needed * level**2).tolist() if i < j]
     return tuple(

@@ -18,7 +18,7 @@ _MOST = 400  # longer runs are only split by the sign of the loads
 _MAIN = 0.3  # least range of a column for a test, as a share of its largest range
 _FOLLOWS = 0.07  # largest scatter of a part about its own line, over its range
 _BEYOND, _NEAR = 2.0, 1.4  # ratio of two slopes beyond any physical cause; tolerance factor of a slip's ratio
-_FIFTH = 0.2  # largest share of the misfit that may remain
+_MOST_LEFT = 0.2  # largest share of the misfit that may remain
 _TIE, _AS_GOOD = 1.0 + 1e-6, 1.5  # ratios of misfits
 
 
@@ -115,7 +115,7 @@ class _Line:
             known = _is_known(answers, np.minimum(np.abs(one), np.abs(other)))[part_columns]
             if factor < 0.0 and not known.any() and (mine or len(known) < 2):
                 continue  # a single column may answer both signs of a load alike
-            if np.all(after[part_columns] < _FIFTH * before[part_columns]):
+            if np.all(after[part_columns] < _MOST_LEFT * before[part_columns]):
                 concerned = tuple(reported.places[k] for k in mine)
                 left = float(before[part_columns].max()), float(after[part_columns].max())
                 yield RunPart(self.run, self.rows[part], first, -sign if first else sign, concerned, factor, *left)

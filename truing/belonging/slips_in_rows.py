@@ -17,7 +17,7 @@ _NEAR = 0.3  # largest difference of misfits of rows that agree, as a share of t
 _MOST_CENTRES = 200  # most rows around which a cluster is sought
 _FAR = 10.0  # typical misfits of rows that agree, beyond which a row does not
 _CLEARLY = 0.2  # share of the movement
-_HALF = 0.5  # share of the misfit below which a row is better with the slip undone
+_MOST_LEFT = 0.5  # share of the misfit below which a row is better with the slip undone
 _LEFT = (3.0, 0.1)  # largest misfit of corrected rows, relative to rows that agree, and to their own misfit before
 _EXPLAINED = 0.9  # least share of the disagreeing rows that a slip explains
 _MOST_STRETCHES = 3
@@ -25,7 +25,7 @@ _SHIFTS = (1, -1, 2, -2, 3, -3)
 _MOST_ROWS = 600  # most rows in the test of all exchanges; of longer tables, the rows that fit worst
 _CLEAR = 50.0  # log likelihood by which an exchange of rows must win
 _NEARLY = 1.5  # misfit of a simple shift over that of a free order, up to which the shift is preferred
-_FIFTH = 0.2
+_MOST_LEFT_OF_EXCHANGED = 0.2
 _WORSE = 8.0  # typical misfits beyond which a row of a long table may belong to another pose
 _STRAY = 12.0  # scatters of a leg's misfit beyond which a reading does not belong to its pose
 _SIZEABLE = 0.1  # least stray error, over the leg's range; the diagnosis screens smaller gross errors
@@ -53,13 +53,13 @@ class Agreement:
         return np.flatnonzero(self.distance > self.limit)
 
 
-def agreement(readings: Array, asked: Array, noise: float) -> Agreement | None:
-    """Return the largest set of agreeing rows of readings and asked (B, L) in m; None where all rows agree.
+def agreement(readings: Array, required: Array, noise: float) -> Agreement | None:
+    """Return the largest set of agreeing rows of readings and required (B, L) in m; None where all rows agree.
 
     Rows agree if their differences from the required readings are nearly equal.
     """
-    misfit = readings - asked
-    moved = float(np.sqrt(np.mean((asked - asked.mean(axis=0)) ** 2)))
+    misfit = readings - required
+    moved = float(np.sqrt(np.mean((required - required.mean(axis=0)) ** 2)))
     near = max(_NEAR * moved, 3.0 * noise)
     centres = misfit[:: -(-len(misfit) // _MOST_CENTRES)]
     sizes = [int(np.sum(_distance(misfit, centre) < near)) for centre in centres]
@@ -78,14 +78,14 @@ def _distance(misfit: Array, offset: Array) -> Array:
     return np.asarray(np.sqrt(np.mean((misfit - offset) ** 2, axis=1)))
 
 
-def slipped_rows(undone: Array, asked: Array, agreed: Agreement) -> tuple[Mask, Mask] | None:
+def slipped_rows(undone: Array, required: Array, agreed: Agreement) -> tuple[Mask, Mask] | None:
     """Return the rows (B,) that a slip concerns and those that it does not; None where it does not explain the rest.
 
     undone (B, L): all readings with the slip undone. Rows in which it makes no difference are in neither.
     """
-    after = _distance(undone - asked, agreed.offset)
+    after = _distance(undone - required, agreed.offset)
     before = agreed.distance
-    slipped, unslipped = after < _HALF * before, before < _HALF * after
+    slipped, unslipped = after < _MOST_LEFT * before, before < _MOST_LEFT * after
     slipped &= before > _FAR * agreed.typical
     if slipped.sum() < _FEWEST_APART or not unslipped.any():
         return None
@@ -176,26 +176,26 @@ class RowOrder:
         return np.flatnonzero((self.rows != np.arange(len(self.rows))) & (self.rows >= 0))
 
 
-def best_order(readings: Array, asked: Array, noise: float) -> RowOrder:
+def best_order(readings: Array, required: Array, noise: float) -> RowOrder:
     """Return the order of rows under which readings (B, L) match the required ones (B, L) best, both in m.
 
     The mean of each leg does not depend on the order and is removed. ``noise`` is the least standard deviation of a
     row.
     """
-    shifted = [_shifted(readings, asked, noise, shift) for shift in _SHIFTS if 3 * abs(shift) < len(readings)]
+    shifted = [_shifted(readings, required, noise, shift) for shift in _SHIFTS if 3 * abs(shift) < len(readings)]
     simple = max(shifted, key=lambda order: order.gain, default=None)
-    free = _exchanged(readings, asked, noise)
+    free = _exchanged(readings, required, noise)
     if simple is not None and simple.gain > _CLEAR:
-        left, least = (_median_misfit(order, readings, asked) for order in (simple, free))
+        left, least = (_median_misfit(order, readings, required) for order in (simple, free))
         if left <= _NEARLY * least:
             return simple
     return free if free.gain > _CLEAR else RowOrder(np.arange(len(readings)), 0.0)
 
 
-def _median_misfit(order: RowOrder, readings: Array, asked: Array) -> float:
+def _median_misfit(order: RowOrder, readings: Array, required: Array) -> float:
     """Return the median misfit, m, of an order, about the median of each leg."""
     is_placed = order.rows >= 0
-    misfit = readings[order.rows[is_placed]] - asked[is_placed]
+    misfit = readings[order.rows[is_placed]] - required[is_placed]
     return float(np.median(np.abs(misfit - np.median(misfit, axis=0))))
 
 
@@ -209,27 +209,29 @@ def _log_likelihood(misfit: Array, noise: float) -> float:
     return float(-np.sum(len(misfit) * np.log(level)) - 0.5 * np.sum((misfit / level) ** 2))
 
 
-def _shifted(readings: Array, asked: Array, noise: float, shift: int) -> RowOrder:
+def _shifted(readings: Array, required: Array, noise: float, shift: int) -> RowOrder:
     """Return readings that are ``shift`` rows too far down, in the rows that overlap."""
     count = len(readings)
     poses = np.arange(max(0, -shift), count - max(0, shift))
     rows = np.full(count, -1, np.int64)
     rows[poses] = poses + shift
-    likelihood = _log_likelihood(_minus_mean(readings, poses) - _minus_mean(asked, poses), noise)
-    moved = _log_likelihood(_minus_mean(readings, poses + shift) - _minus_mean(asked, poses), noise)
+    likelihood = _log_likelihood(_minus_mean(readings, poses) - _minus_mean(required, poses), noise)
+    moved = _log_likelihood(_minus_mean(readings, poses + shift) - _minus_mean(required, poses), noise)
     return RowOrder(rows, moved - likelihood - np.log(len(_SHIFTS)), shift)
 
 
-def _exchanged(readings: Array, asked: Array, noise: float) -> RowOrder:
+def _exchanged(readings: Array, required: Array, noise: float) -> RowOrder:
     """Return the assignment of rows to poses with the smallest squares, with only those exchanges that clearly pay."""
     every = np.arange(len(readings))
-    offset, level = np.mean(readings - asked, axis=0), np.maximum(np.std(asked, axis=0), noise)
-    suspects = every if len(every) <= _MOST_ROWS else _worst(readings - asked - np.median(readings - asked, axis=0))
+    offset, level = np.mean(readings - required, axis=0), np.maximum(np.std(required, axis=0), noise)
+    suspects = (
+        every if len(every) <= _MOST_ROWS else _worst(readings - required - np.median(readings - required, axis=0))
+    )
     for _ in range(2):  # the second time with the noise level and the zero after the first assignment
-        between = (readings[suspects] - offset)[None] - asked[suspects][:, None]
+        between = (readings[suspects] - offset)[None] - required[suspects][:, None]
         cost = np.sum(np.log1p((between / level) ** 2), axis=2)  # bounded growth: one wild leg decides nothing
         rows = cheapest_columns(cost)
-        residual = readings[suspects[rows]] - asked[suspects]
+        residual = readings[suspects[rows]] - required[suspects]
         if len(suspects) == len(every):
             offset = np.median(residual, axis=0)
             level = np.maximum(1.4826 * np.median(np.abs(residual - offset), axis=0), noise)
@@ -258,7 +260,7 @@ def _worst(misfit: Array) -> Index:
 
 def _consistent(after: Array, before: Array) -> bool:
     """Return True if exchanged rows (N, L) keep at most a fifth of their misfit, unlike any exchange of random rows."""
-    return bool(np.mean(after**2) < _FIFTH**2 * np.mean(before**2))
+    return bool(np.mean(after**2) < _MOST_LEFT_OF_EXCHANGED**2 * np.mean(before**2))
 
 
 def _cycles(order: Index) -> list[list[int]]:
@@ -274,12 +276,12 @@ def _cycles(order: Index) -> list[list[int]]:
     return cycles
 
 
-def stray_readings(readings: Array, asked: Array, noise: float) -> Index:
+def stray_readings(readings: Array, required: Array, noise: float) -> Index:
     """Return rows and columns (N, 2) of the few readings (B, L) far from the required ones (B, L), m."""
-    misfit = readings - asked
+    misfit = readings - required
     misfit = misfit - np.median(misfit, axis=0)
     scatter = np.maximum(_MEDIAN * np.median(np.abs(misfit), axis=0), noise)
-    limit = np.maximum(_STRAY * scatter, _SIZEABLE * np.ptp(asked, axis=0))
+    limit = np.maximum(_STRAY * scatter, _SIZEABLE * np.ptp(required, axis=0))
     strays = np.argwhere(np.abs(misfit) > limit)
     return strays if len(strays) <= max(_FEW * misfit.size, 1.0) else strays[:0]
 

@@ -28,7 +28,7 @@ def meant_order(targets: NamedTargets) -> Index | None:
     """Return for each name the place (K,) in the survey of the target that its points belong to; None where there are
     too few targets, or where points are in the order of the survey.
 
-    Distances between targets tell them apart in any frame: first the sorted distances of each one to all others, then
+    Distances between targets distinguish them in any frame: first the sorted distances of each one to all others, then
     its distances to the others as they are assigned. Only the best order is sought; the caller tests whether it fits.
     """
     measured = _distances(targets)

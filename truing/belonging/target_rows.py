@@ -10,6 +10,7 @@ import numpy as np
 
 from truing.arrays import Array, Mask
 from truing.belonging.axes_changes import AXES_CHANGES
+from truing.belonging.body_points import BodyPoints
 from truing.belonging.relation import LENGTH_FACTORS, RecordSlip, SlipKind, both_ways
 from truing.belonging.slips_in_rows import row_places
 from truing.estimation.rigid_poses.rigid import RigidFit
@@ -19,7 +20,7 @@ MOST_TARGETS = 40
 """Largest number of targets whose rows and names are tested."""
 _FEWEST_OTHERS = 3  # targets that give the pose without the one that is tested
 _FEWEST_POSES, _LEAST_SHARE = 3, 0.2  # of poses that a slip concerns; gross errors and exchanges of labels are fewer
-_FIFTH = 0.2  # largest share of the misfit that may remain after a slip is undone
+_MOST_LEFT = 0.2  # largest share of the misfit that may remain after a slip is undone
 _OTHERS_AGREE = 0.9  # share of the poses in which all other targets agree
 _SHIFTS = (1, -1, 2, -2)
 _FEWEST_EQUAL = 3  # successive poses with equal numbers of a target
@@ -30,7 +31,7 @@ _MOVED = 30.0  # sigmas by which the other targets tell that the body moved mean
 class TargetRows:
     """Measured points (B, 3), m, of one target, and the body's motions from its other targets.
 
-    ``place`` (3,), m, in the body frame, where it is expected; ``is_surveyed``: a survey tells it, not the points
+    ``place`` (3,), m, in the body frame, where it is expected; ``is_surveyed``: from a survey, not from the points
     themselves. ``known`` (B,): poses with point and motion; ``limit``: largest distance, m, from the expected place.
     ``poses`` and ``groups`` name the poses.
     """
@@ -65,33 +66,23 @@ class TargetRows:
         return np.asarray(self.known & (_distance(self.measured, self.expected) > self.limit))
 
 
-def rows_of_wrong_target(
-    names: Sequence[str],
-    source: Array,
-    points: Array,
-    is_observed: Mask,
-    limit: float,
-    poses: Sequence[str],
-    groups: Sequence[tuple[str, Sequence[str]]],
-    *,
-    is_surveyed: bool,
-) -> TargetRows | None:
+def rows_of_wrong_target(body: BodyPoints, limit: float, *, is_surveyed: bool) -> TargetRows | None:
     """Return the rows of the target that does not fit a body in many poses in which all others do; None if there is
     none.
 
-    source (T, 3) and points (B, T, 3) in m, is_observed (B, T); limit: largest rms misfit, m, of points that fit.
+    limit: largest rms misfit, m, of points that fit.
     """
-    if not _FEWEST_OTHERS < len(names) <= MOST_TARGETS:
+    if not _FEWEST_OTHERS < len(body.targets) <= MOST_TARGETS:
         return None
     candidates: list[tuple[float, TargetRows]] = []
-    for target, name in enumerate(names):
-        others = is_observed.astype(float)
+    for target, name in enumerate(body.targets):
+        others = body.is_observed.astype(float)
         others[:, target] = 0.0
-        fit = umeyama(source, points, others, calls=len(names))
-        tested = is_observed[:, target] & (others.sum(axis=1) >= _FEWEST_OTHERS)
+        fit = umeyama(body.survey, body.points, others, calls=len(body.targets))
+        tested = body.is_observed[:, target] & (others.sum(axis=1) >= _FEWEST_OTHERS)
         agree = tested & fit.ok & (np.nan_to_num(fit.rms, nan=np.inf) <= limit)
-        arguments = (name, points[:, target], fit, source[target], agree, 3.0 * limit, poses, groups)
-        rows = TargetRows(*arguments, is_surveyed=is_surveyed)
+        measured, place = body.points[:, target], body.survey[target]
+        rows = TargetRows(name, measured, fit, place, agree, 3.0 * limit, body.poses, body.groups, is_surveyed)
         many = max(_FEWEST_POSES, _LEAST_SHARE * tested.sum())
         if agree.sum() >= _OTHERS_AGREE * tested.sum() and rows.apart.sum() >= many:
             candidates.append((float(np.median(fit.rms[agree])), rows))
@@ -185,7 +176,7 @@ def _explained(
     for expected, tested in shapes:
         after = _distance(undone, expected)[tested]
         right = np.mean(after <= noise * rows.limit)
-        if right >= _OTHERS_AGREE and np.median(after) <= _FIFTH * np.median(before[tested]):
+        if right >= _OTHERS_AGREE and np.median(after) <= _MOST_LEFT * np.median(before[tested]):
             return float(np.median(after)), _placed(slip, rows, tested)
     return None
 

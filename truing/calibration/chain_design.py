@@ -303,7 +303,7 @@ def cause_sights(poses: PlannedPoses, causes: Sequence[ChainCause]) -> list[Caus
 
 
 def _sigma(left: NDArray) -> Array:
-    """Standard deviations (P,) of the parameters of columns (N, P); infinite if they cannot be told apart."""
+    """Standard deviations (P,) of the parameters of columns (N, P); infinite if they are inseparable."""
     values = np.linalg.svd(left, compute_uv=False)
     if not values[-1] > 1e-9 * max(values[0], 1e-300):
         return np.full(left.shape[1], np.inf)

@@ -245,7 +245,7 @@ class RefittedCalibration:
 
 
 def refitted_calibration(
-    dataset: CalibrationData, key: tuple[str, str], stood: Mapping[tuple[str, int | None], float]
+    dataset: CalibrationData, key: tuple[str, str], start_values: Mapping[tuple[str, int | None], float]
 ) -> RefittedCalibration | None:
     """Return the maximum-likelihood calibration of a model (structure, deformation), refitted from its result.
 
@@ -258,7 +258,9 @@ def refitted_calibration(
     clean = screened_poses(dataset, dataset.measured.roles != "verification", every)
     calibration_question = _full_question(dataset, clean.measured.subset(clean.kept), case)
     parameters = calibration_question.problem.parameters
-    start = np.array([stood[entry.name, entry.leg_number] for entry in parameters.entries], float) * parameters.units
+    start = (
+        np.array([start_values[entry.name, entry.leg_number] for entry in parameters.entries], float) * parameters.units
+    )
     fit = fit_question(calibration_question, start, robust=False)
     return RefittedCalibration(dataset, calibration_question, fit) if fit.ok else None
 

@@ -332,7 +332,7 @@ def _consistent_attachments(drive: Array, shifts: LegShifts, fitted: Mask) -> Ma
 
 
 def _survey_covariance(survey: SurveyPoints, used: Mask) -> Array:
-    """Return the covariance (3T, 3T) that the survey's noise causes in every pose's residuals alike."""
+    """Return the covariance (3T, 3T) that the survey's noise causes equally in the residuals of every pose."""
     usual = used.mean(axis=0) > 0.5
     everywhere = np.ones((1, len(survey.targets)), bool)
     return residual_covariance(survey.points, survey.cov[None], usual[None], everywhere)[0]

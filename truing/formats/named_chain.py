@@ -1,4 +1,4 @@
-"""Recognition of rows that hold a robot's joint readings beside the measured points of the same pose."""
+"""Recognition of rows that hold a robot's joint readings and the measured points of the same pose."""
 
 from __future__ import annotations
 

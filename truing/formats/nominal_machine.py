@@ -52,7 +52,7 @@ _LEGS_WITHOUT_LENGTH = "looks like the nominal geometry of legs without their le
 def machine_of(cells: NamedCells, words: str, unit: str | None) -> Guess | None:
     """Return keys of [mechanism] from a table of nominal geometry; None for other tables.
 
-    words: of lines above the table, which may tell the convention. unit: of lengths by words of the file.
+    words: of lines above the table, which may name the convention. unit: of lengths by words of the file.
     """
     if not _FEWEST <= len(cells.rows) <= _MOST:
         return None
@@ -60,7 +60,7 @@ def machine_of(cells: NamedCells, words: str, unit: str | None) -> Guess | None:
 
 
 def with_convention(guess: Guess, words: str) -> Guess:
-    """Return a table of Denavit and Hartenberg whose convention words tell, such as the file's name."""
+    """Return a table of Denavit and Hartenberg with the convention that words name, such as the file's name."""
     convention = _convention(words)
     way = next((way for way in guess.ways if way.key == "convention"), None)
     if way is None or convention is None:
@@ -213,7 +213,7 @@ def _masses(cells: NamedCells) -> Guess | None:
 
 
 def _legs(cells: NamedCells, words: str, unit: str | None) -> Guess | None:
-    """Return legs of variable length: joints on the base and on the platform in one row, beside the length."""
+    """Return legs of variable length: joints on the base and on the platform in one row, with the length."""
     found, named = _meanings(cells.names, _LEGS), position_groups(cells.names)
     groups = {
         key: [group for before, group in named.items() if re.fullmatch(pattern, before)]

@@ -55,7 +55,7 @@ def proposal_of_joints(read: JointReadings, mapping: MappingKeys, names: tuple[s
 
 
 def doubt_on_computed_poses(names: tuple[str, ...]) -> tuple[str, ...]:
-    """Return the doubt on coordinates beside joint readings that are probably no measurement."""
+    """Return the doubt on coordinates next to joint readings that are probably no measurement."""
     if not (found := controller_columns(names)):
         return ()
     text = f"{', '.join(found)} are assumed to be computed by the controller from its joints, and are not read"
@@ -63,7 +63,7 @@ def doubt_on_computed_poses(names: tuple[str, ...]) -> tuple[str, ...]:
 
 
 def proposal_of_chain(rows: ChainRows, mapping: MappingKeys, names: tuple[str, ...]) -> Guess:
-    """Return the proposal for rows of joint readings beside points: points, and configurations of the same rows."""
+    """Return the proposal for rows of joint readings and points: points, and configurations of the same rows."""
     beside = (proposal_of_joints(rows.joints, mapping, names),)
     guess = Guess({**mapping, **rows.points}, names, "points", (rows.note,), beside=beside, doubts=rows.doubts)
     return perhaps_in_metres(guess, rows.in_metres)
@@ -167,7 +167,7 @@ def _poses_beside_joints(
 
 
 def _only_body(cells: NamedCells, others: Sequence[str]) -> str | None:
-    """Return the body that a column names in every row alike; None without such a column."""
+    """Return the body that a column names equally in every row; None without such a column."""
     for name in others:
         bodies = {text.strip() for text in cells.texts(name)}
         body = bodies.pop() if len(bodies) == 1 else ""

@@ -90,8 +90,8 @@ def integer_columns(values: Array, what: str, rows: Sequence[int] | None = None)
 
     Raises Unusable at the first value that is no integer.
     """
-    strange = np.flatnonzero(~((values == np.floor(values)) & (np.abs(values) < _LARGEST)))
-    if len(strange):
-        row = None if rows is None else int(rows[strange[0]])
-        raise Unusable(f"whole numbers of {what}", row=row, value=f"{values[strange[0]]:g}")
+    not_whole = np.flatnonzero(~((values == np.floor(values)) & (np.abs(values) < _LARGEST)))
+    if len(not_whole):
+        row = None if rows is None else int(rows[not_whole[0]])
+        raise Unusable(f"whole numbers of {what}", row=row, value=f"{values[not_whole[0]]:g}")
     return values.astype(np.int64)

@@ -125,7 +125,7 @@ def _word_and_unit(variable: str) -> tuple[str, str | None]:
 
 
 def _meaning(word: str, width: int) -> Sequence[str]:
-    """Return the columns that a variable of this width means; empty if its word says none of them."""
+    """Return the columns that a variable of this width means; empty if its name means none of them."""
     signals = tuple(f"v{number}_mv" for number in range(1, width + 1))
     if width == len(WRENCH) and re.fullmatch(_WRENCH_WORD, word):
         return WRENCH

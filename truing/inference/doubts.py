@@ -1,4 +1,5 @@
-"""Doubts about accepted causes: what else may act beside them or in their place, and what the whole model leaves."""
+"""Doubts about accepted causes: effects that may act next to them or in their place, and residuals of the whole
+model."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Protocols of a model that can be fitted and can take up causes."""
+"""Protocols of a model that can be fitted and to which causes can be added."""
 
 from __future__ import annotations
 

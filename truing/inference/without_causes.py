@@ -1,4 +1,4 @@
-"""Prediction error of a fitted model without causes that it holds, after the measurement's set-up is fitted anew."""
+"""Prediction error of a fitted model without some of its causes, after the measurement's set-up is fitted again."""
 
 from __future__ import annotations
 

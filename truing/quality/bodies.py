@@ -118,7 +118,7 @@ class BodyView:
 def shape_of_poses(points: PosePoints) -> SurveyPoints:
     """Return the shape that most poses agree on, as a substitute for a survey, with its covariance.
 
-    Where no poses agree it is the pose that shows most targets: then nothing tells which pose is right.
+    Where no poses agree it is the pose that shows most targets: then it is unknown which pose is right.
     """
     variance = np.einsum("btii->bt", points.cov) / 3.0
     sigma = float(np.sqrt(np.median(variance[points.is_observed]))) if points.is_observed.any() else 0.0
@@ -221,7 +221,7 @@ def _with_fitting_scale(body: BodyView, around: PoseSurroundings) -> BodyView:
 def _with_fitting_noise(body: BodyView, around: PoseSurroundings) -> BodyView:
     """Return the body fitted with a multiple of the declared noise.
 
-    Only scatter from pose to pose counts: a wrong survey moves a target alike in all poses. The first factor still
+    Only scatter from pose to pose counts: a wrong survey shifts a target equally in all poses. The first factor still
     contains gross errors; the second comes from the points that agree.
     """
     first = _fitted_with(body, _scatter_over_declared(body), around)
@@ -288,13 +288,13 @@ class RepeatedPositions:
     known: Mask
 
 
-def repeated_positions(bodies: Sequence[BodyView], *, instrument_stood: bool) -> Iterator[RepeatedPositions]:
+def repeated_positions(bodies: Sequence[BodyView], *, is_instrument_fixed: bool) -> Iterator[RepeatedPositions]:
     """Return bodies relative to the first one, and each target of bodies with too few targets for a pose.
 
     Where no body has a pose, or the instrument did not move, positions are relative to the instrument: single
     reflectors have no meaning in a frame that changes from pose to pose.
     """
-    reference = bodies[0] if len(bodies[0].survey.targets) >= _LEAST_TARGETS and not instrument_stood else None
+    reference = bodies[0] if len(bodies[0].survey.targets) >= _LEAST_TARGETS and not is_instrument_fixed else None
     for body in bodies:
         if body is reference or body.name.startswith("leg"):
             continue
@@ -303,7 +303,7 @@ def repeated_positions(bodies: Sequence[BodyView], *, instrument_stood: bool) ->
         elif reference is not None:
             position, cov = _points_in_frame(reference, body.fit.t, _measured_cov(body)[:, :3, :3])
             yield RepeatedPositions(body.name, position, cov, reference.fit.ok & body.fit.ok)
-        elif instrument_stood:
+        elif is_instrument_fixed:
             cov = np.nan_to_num(_measured_cov(body)[:, :3, :3])
             yield RepeatedPositions(body.name, np.nan_to_num(body.fit.t), cov, body.fit.ok)
 

@@ -7,7 +7,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from truing.arrays import Array, Index, Mask
-from truing.estimation.interferometry.log_quality import signs_flipped, signs_sure
+from truing.estimation.interferometry.log_quality import significant_signs, signs_flipped
 from truing.quality.loading import ChannelView, ExpectedReadings, LoadingView
 
 FEWEST = 4  # fewest readings of a run for a slope
@@ -26,7 +26,7 @@ class RunResponses:
     kind.
 
     With a simulation, the expectation is the simulated reading, and a kind is a channel. Without one, it is the load of
-    runs under one axis, and a kind is an axis and a channel. Responses of one kind should be alike.
+    runs under one axis, and a kind is an axis and a channel. Responses of one kind should be equal.
     """
 
     channel: tuple[str, ...]
@@ -123,7 +123,7 @@ def sign_reversed(responses: RunResponses, share: float) -> list[int]:
 
 def same_sign(responses: RunResponses, share: float) -> Mask:
     """Return the responses (G,) that clearly have the sign of the simulated one, or of another of their kind."""
-    sure = signs_sure(responses.slope, responses.sigma, share)
+    sure = significant_signs(responses.slope, responses.sigma, share)
     if responses.simulated:
         return sure & (responses.slope > 0.0)
     groups = np.unique(np.stack([responses.kind, responses.slope > 0.0]), axis=1, return_inverse=True)[1].ravel()

@@ -11,7 +11,7 @@ from plotly.subplots import make_subplots
 
 from truing.report.calibration.calibrations import Key
 from truing.report.figure_style import BAR, BLUE, GREEN, GREY, ORANGE, RED, label, panel_grid, style
-from truing.report.numbers import count, plain, with_uncertainty
+from truing.report.numbers import count_text, plain, with_uncertainty
 from truing.report.parameter_names import kind_of, name_of, print_unit
 from truing.report.tables import Tables, table_or_none
 
@@ -120,7 +120,7 @@ def agreement(absorbed: pd.DataFrame) -> str:
     both = absorbed.dropna(subset=["predicted", "observed", "sigma"])
     standardised = ((both["observed"] - both["predicted"]) / both["sigma"]).abs()
     within = int((standardised <= 1.96).sum())
-    text = f"{within} of {count(len(both), 'parameter')} agree with the line within their bars."
+    text = f"{within} of {count_text(len(both), 'parameter')} agree with the line within their bars."
     return f"{text} Parameters far from the line are biased too much for a linear prediction, or by another cause."
 
 

@@ -9,8 +9,7 @@ import plotly.graph_objects as go
 
 from truing.report.figure_style import BLUE, GREEN, ORANGE, RED, figure_template, panel_grid, style
 from truing.report.heads import LEG, Head
-from truing.report.numbers import count as counted
-from truing.report.numbers import percent, plain, sign
+from truing.report.numbers import count_text, percent, plain, sign
 from truing.report.page import Listing, PageHead, ReportSection
 
 _NAMES = {
@@ -101,8 +100,8 @@ def _required(worst: pd.DataFrame) -> Iterator[str]:
 
 def _searched(poses: pd.DataFrame) -> str:
     number = poses["part"].value_counts()
-    parts = f"{counted(int(number.get('corner', 0)), 'corner')} of the workspace, "
-    parts += f"{counted(int(number['inside']), 'point')} in it, and climbs from the worst of them"
+    parts = f"{count_text(int(number.get('corner', 0)), 'corner')} of the workspace, "
+    parts += f"{count_text(int(number['inside']), 'point')} in it, and climbs from the worst of them"
     return f"To first order in the actuators' errors, at {parts}; a narrow maximum between them is not excluded."
 
 

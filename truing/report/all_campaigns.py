@@ -8,7 +8,7 @@ from typing import Any
 
 from truing.belonging.relation import RelationState
 from truing.report.heads import Head, schema_head
-from truing.report.numbers import count, listed
+from truing.report.numbers import count_text, listed
 from truing.report.page import Listing, PageHead, ReportSection, Verdict
 from truing.report.reference import reference
 from truing.report.rendering.render import render_page
@@ -50,7 +50,7 @@ def campaigns_page(rows: Sequence[Row], links: Sequence[str]) -> str:
     """Return the page; ``rows``: of the table ``campaigns``, the worst first; ``links``: address of each report."""
     states = Counter(map(_state, rows))
     tiles = (("campaigns", f"{len(rows):,}"), *((state, f"{states[state]:,}") for state in _SAID if states[state]))
-    head = PageHead(count(len(rows), "campaign"), tuple(_verdicts(rows)), tiles)
+    head = PageHead(count_text(len(rows), "campaign"), tuple(_verdicts(rows)), tiles)
     sections = [_campaigns(rows, links), _deciding(rows)]
     explained = reference(sections)
     return render_page(head, [*sections, *([explained] if explained else [])])
@@ -65,7 +65,7 @@ def _verdicts(rows: Sequence[Row]) -> Iterator[Verdict]:
     for state, state_text in _SAID.items():
         names = [row["campaign"] for row in rows if _state(row) == state]
         if names:
-            yield _MARKS[state], f"{count(len(names), 'campaign')} {state_text}: {listed(names, _NAMED)}."
+            yield _MARKS[state], f"{count_text(len(names), 'campaign')} {state_text}: {listed(names, _NAMED)}."
 
 
 def _campaigns(rows: Sequence[Row], links: Sequence[str]) -> ReportSection:
@@ -95,7 +95,7 @@ def _cells(row: Row) -> tuple[str, ...]:
 
 def _problem(row: Row) -> str:
     more = row["problems"] - 1
-    return (row["problem"] or "") + (f" (and {count(more, 'more problem')})" if more > 0 else "")
+    return (row["problem"] or "") + (f" (and {count_text(more, 'more problem')})" if more > 0 else "")
 
 
 def _deciding(rows: Sequence[Row]) -> ReportSection:

@@ -9,7 +9,7 @@ from plotly.subplots import make_subplots
 
 from truing.report.figure_style import BLUE, ORANGE, style
 from truing.report.heads import Head
-from truing.report.numbers import count, rough, sign
+from truing.report.numbers import count_text, rough, sign
 from truing.report.page import Listing, ReportSection
 from truing.report.tables import Tables, table_or_none
 
@@ -32,7 +32,7 @@ def axis(tables: Tables) -> ReportSection | None:
     if errors is None:
         return None
     encoders = list(dict.fromkeys(errors["encoder"]))
-    rows = count(errors["pose"].nunique(), "row")
+    rows = count_text(errors["pose"].nunique(), "row")
     recorded = ", ".join(ENCODERS[name] for name in encoders)
     lead = f"{rows} of one axis, recorded by {recorded}. A constant zero of each is subtracted."
     pictures = _pictures(errors)

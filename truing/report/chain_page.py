@@ -15,7 +15,7 @@ from plotly.subplots import make_subplots
 from truing.report.chain_curves import CURVES, GUIDEWAYS, error_curves, guideway_errors
 from truing.report.figure_style import BLUE, GREEN, GREY, ORANGE, RED, label, style
 from truing.report.heads import POSE, Head
-from truing.report.numbers import count, listed, plain, quantity, rough, sign, with_uncertainty
+from truing.report.numbers import count_text, listed, plain, quantity, rough, sign, with_uncertainty
 from truing.report.page import Listing, ReportSection
 from truing.report.scene.view import scene_axes
 from truing.report.tables import XYZ, Tables, table_or_none
@@ -130,12 +130,12 @@ def chain(tables: Tables) -> ReportSection | None:
 
 def _opening_sentences(joints: pd.DataFrame, numbers: pd.DataFrame | None) -> str:
     read = joints[joints["input"] >= 0]
-    chain_text = f"An open chain of {count(len(read), 'joint')} on {joints['link'].iloc[0]}."
+    chain_text = f"An open chain of {count_text(len(read), 'joint')} on {joints['link'].iloc[0]}."
     if numbers is None:
         return f"{chain_text} Its geometry was not identified."
     known = numbers[numbers["identifiable"]]
     left, far = numbers[~numbers["identifiable"]], known[known["pull"].abs() > FAR]
-    words = [chain_text, f"The data determine {len(known)} of {count(len(numbers), 'number')} of its geometry."]
+    words = [chain_text, f"The data determine {len(known)} of {count_text(len(numbers), 'number')} of its geometry."]
     if len(left):
         words.append(f"Not determined: {_named(left)}.")
     if len(far):

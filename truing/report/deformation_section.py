@@ -15,7 +15,7 @@ from truing.report.figure_style import BAR, BLUE, GREEN, ORANGE, RED, label, pan
 from truing.report.heads import FIGURE, VALUE, Head
 from truing.report.in_plane_section import directions, in_plane_maps, in_plane_sentence, in_plane_test
 from truing.report.model_tests import REJECTED, ModelTest, by_p, listing_of
-from truing.report.numbers import count, p_equals, p_value, plain, quantity
+from truing.report.numbers import count_text, p_equals, p_value, plain, quantity
 from truing.report.page import Drawn, Listing, ReportSection
 from truing.report.reasons import why_no_deformation
 from truing.report.scene.by_leg import by_leg
@@ -194,7 +194,9 @@ def _sentence(tables: Tables) -> str:
         p = float(facts.xs(("linear", "p_value_over_none")).min())
         words.append(f"The linear model {_significance_words(p)} than no deformation (p {p_equals(p)}).")
     if ("matrix", "rank") in facts:
-        words.append(f"K has {count(int(facts[('matrix', 'rank')]), 'independent deformation shape')} above noise.")
+        words.append(
+            f"K has {count_text(int(facts[('matrix', 'rank')]), 'independent deformation shape')} above noise."
+        )
     if ("none", "share_buckle") in facts:
         lift, tilt, buckle = (100 * float(facts[("none", f"share_{s}")]) for s in ("lift", "tilt", "buckle"))
         words.append(

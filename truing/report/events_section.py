@@ -7,7 +7,7 @@ import math
 import pandas as pd
 
 from truing.report.heads import BODY, FREEDOM, POSE, TARGET, Head, P
-from truing.report.numbers import count, p_value, plain, quantity, with_uncertainty
+from truing.report.numbers import count_text, p_value, plain, quantity, with_uncertainty
 from truing.report.page import Listing, ReportSection
 from truing.report.tables import Tables, cell, table_or_none
 
@@ -45,10 +45,12 @@ def _opening_sentences(tables: Tables) -> str:
     surveys, names, repeats = (table_or_none(tables, name) for name in ("resurveys", "relabelled", "repeats"))
     if surveys is not None:
         moved = int(surveys["relocated"].sum())
-        number = count(surveys["later_survey"].nunique(), "later survey")
-        words.append(f"{number}: {count(moved, 'target')} moved" if moved else f"{number}: no target moved")
+        number = count_text(surveys["later_survey"].nunique(), "later survey")
+        words.append(f"{number}: {count_text(moved, 'target')} moved" if moved else f"{number}: no target moved")
     if names is not None:
-        words.append(f"{count(len(names), 'rule')} for names, applied to {count(int(names['rows'].sum()), 'point')}")
+        words.append(
+            f"{count_text(len(names), 'rule')} for names, applied to {count_text(int(names['rows'].sum()), 'point')}"
+        )
     if repeats is not None:
         kinds = ", ".join(f"{kind}s" for kind in repeats["repeated"].unique())
         words.append(f"repeated measurements of {kinds}, identified by {repeats['told_by'].iloc[0]}")

@@ -8,7 +8,7 @@ from typing import Any
 import pandas as pd
 
 from truing.report.heads import BODY, CHANNEL, POSE, RUN, TARGET, Head
-from truing.report.numbers import count, p_value, plain, quantity
+from truing.report.numbers import count_text, p_value, plain, quantity
 from truing.report.page import Listing, ReportSection
 from truing.report.tables import SHIFT, Tables, cell, each_row, table_or_none
 
@@ -30,19 +30,23 @@ def _opening_sentences(tables: Tables) -> str:
     files, residuals = table_or_none(tables, "exclusions"), table_or_none(tables, "residuals")
     words, readings = [], table_or_none(tables, "reading_residuals")
     if files is not None:
-        words.append(f"{count(int(files['rows'].sum()), 'row')} of the raw files")
+        words.append(f"{count_text(int(files['rows'].sum()), 'row')} of the raw files")
     for table, noun in ((residuals, "object point"), (readings, "reading")):
         if table is not None and table["rejected"].any():
             number, by_person = int(table["rejected"].sum()), int((table["rejected"] & _by_person(table)).sum())
-            words.append(f"{count(number, noun)} of {len(table):,} ({by_person:,} by a person)")
+            words.append(f"{count_text(number, noun)} of {len(table):,} ({by_person:,} by a person)")
     names = ("diagnosis_left_out", "calibration_left_out")
     further = sum(len(table) for name in names if (table := table_or_none(tables, name)) is not None)
     kept = table_or_none(tables, "calibration_kept")
-    used = "" if kept is None else f" Used although far off: {count(len(kept), 'signal')}, an effect of loads or runs."
+    used = (
+        ""
+        if kept is None
+        else f" Used although far off: {count_text(len(kept), 'signal')}, an effect of loads or runs."
+    )
     if not words:
-        left_out = f"Left out by diagnosis and calibration: {count(further, 'gross error')}." if further else ""
+        left_out = f"Left out by diagnosis and calibration: {count_text(further, 'gross error')}." if further else ""
         return f"{left_out}{used}".strip() or "All of it:"
-    besides = f" Diagnosis and calibration left out {count(further, 'further gross error')}." if further else ""
+    besides = f" Diagnosis and calibration left out {count_text(further, 'further gross error')}." if further else ""
     return f"Left out of files and poses: {' and '.join(words)}.{besides}{used}"
 
 
@@ -97,7 +101,7 @@ def _decisions(tables: Tables) -> Listing:
     for name, start, *keys, noun in (points, readings):
         if (table := table_or_none(tables, name)) is not None:
             for (reason, *key_values), part in table[_by_person(table)].groupby(["reason", *keys], sort=False):
-                rows_text = f"{count(len(part), noun)}: {_pose_names(part[noun])}"
+                rows_text = f"{count_text(len(part), noun)}: {_pose_names(part[noun])}"
                 rows.append((reason, f"{start}{' '.join(map(str, key_values))}", rows_text))
     for r in each_row(tables, "qa"):
         if person := cell(getattr(r, "accepted", None)):
@@ -146,7 +150,9 @@ def _points_by_target(tables: Tables) -> Listing:
     seen = tables["residuals"].groupby(["body", "target"]).size()
     number = excluded.groupby(["body", "target"], sort=False).size().sort_values(ascending=False, kind="stable")
     rows = tuple((*key, f"{n} of {seen[key]}") for key, n in number.items())
-    return Listing(heads, rows, caption=f"Points left out of the poses, for {count(len(rows), 'target')}", folded=True)
+    return Listing(
+        heads, rows, caption=f"Points left out of the poses, for {count_text(len(rows), 'target')}", folded=True
+    )
 
 
 def _points(tables: Tables) -> Listing:
@@ -162,7 +168,7 @@ def _points(tables: Tables) -> Listing:
         Head("x, y, z (mm)", "Measured minus fitted coordinates of the point."),
         _REASON,
     )
-    caption = f"{count(len(rows), 'object point')} left out of the poses by a rule, not confirmed by a person"
+    caption = f"{count_text(len(rows), 'object point')} left out of the poses by a rule, not confirmed by a person"
     return Listing(heads, rows, (), caption, len(rows) > _OPEN, "residuals.parquet")
 
 
@@ -182,7 +188,7 @@ def _readings(tables: Tables) -> Listing:
         for r in _by_rule(tables, "reading_residuals").itertuples()
     )
     heads = (RUN, Head("step", "Load step within its run, in the order taken."), CHANNEL, _OFF_BY, _REASON)
-    caption = f"{count(len(rows), 'reading')} left out of the displacement by a rule, not confirmed by a person"
+    caption = f"{count_text(len(rows), 'reading')} left out of the displacement by a rule, not confirmed by a person"
     return Listing(heads, rows, (), caption, len(rows) > _OPEN, "reading_residuals.parquet")
 
 
@@ -208,7 +214,7 @@ def _scans(tables: Tables) -> Listing:
     """Return dense scans that gave no pose, with the remarks of the registration."""
     failed = [r for r in each_row(tables, "scans") if r.status != "ok"]
     rows = tuple((str(r.pose), r.body, r.status, cell(r.message)) for r in failed)
-    caption = f"{count(len(rows), 'dense scan')} that gave no pose"
+    caption = f"{count_text(len(rows), 'dense scan')} that gave no pose"
     heads = (POSE, BODY, Head("status", "End of the registration of the scan."), _WHY)
     return Listing(heads, rows, (), caption, len(rows) > _OPEN, "scans.parquet")
 
@@ -228,7 +234,7 @@ def _of_models(tables: Tables) -> Listing:
         Head("value", "Deviation of the measured value."),
         Head("limit", "Largest deviation that is still accepted as noise, where it is one number."),
     )
-    caption = f"{count(len(rows), 'gross error')} left out by diagnosis and calibration, not confirmed by a person"
+    caption = f"{count_text(len(rows), 'gross error')} left out by diagnosis and calibration, not confirmed by a person"
     held_by = "diagnosis_left_out.parquet, calibration_left_out.parquet"
     return Listing(heads, rows, (), caption, len(rows) > _OPEN, held_by)
 
@@ -252,7 +258,7 @@ def _kept(tables: Tables) -> Listing:
         Head("effect", "Terms that predict it, or the input that signals with alike deviations share."),
         Head("p", "Probability of such terms, or of such a pattern of independent slips, by chance."),
     )
-    caption = f"{count(len(rows), 'signal')} used although far off: an effect of loads or runs, no single mistake"
+    caption = f"{count_text(len(rows), 'signal')} used although far off: an effect of loads or runs, no single mistake"
     return Listing(heads, rows, (), caption, len(rows) > _OPEN, "calibration_kept.parquet")
 
 
@@ -270,5 +276,5 @@ def _attachments(tables: Tables) -> Listing:
         Head("shift along z", "Measured shift of the attachment along z of the platform."),
         _REASON,
     )
-    caption = f"{count(len(rows), 'shift')} of attachments left out of the deformation models"
+    caption = f"{count_text(len(rows), 'shift')} of attachments left out of the deformation models"
     return Listing(heads, rows, (), caption, len(rows) > _OPEN, "deformation.parquet")

@@ -12,7 +12,16 @@ from truing.report.chain_corrections import nominal_errors
 from truing.report.diagnosis.assessed_causes import assessed_causes, modelled_of
 from truing.report.diagnosis.prediction_errors import Overall, PartNames, errors_of_models, part_names
 from truing.report.measured_section import campaign_span
-from truing.report.numbers import TOO_LARGE, count, in_suitable_unit, listed, plain, printed, sign, with_uncertainty
+from truing.report.numbers import (
+    TOO_LARGE,
+    count_text,
+    in_suitable_unit,
+    listed,
+    plain,
+    printed,
+    sign,
+    with_uncertainty,
+)
 from truing.report.page import CampaignFacts, ErrorChange, FirstScreen
 from truing.report.scene.frames import leg_joints
 from truing.report.scene.machine_drawing import machine_drawing
@@ -58,14 +67,14 @@ def _links(tables: Tables) -> tuple[tuple[str, str], ...]:
 
 
 def _machine(tables: Tables) -> str:
-    """Return the kind of machine as far as tables tell it."""
+    """Return the kind of machine as far as the tables contain it."""
     joints = table_or_none(tables, "joints")
     if joints is not None:
-        return f"open chain, {count(int((joints['input'] >= 0).sum()), 'joint')}"
+        return f"open chain, {count_text(int((joints['input'] >= 0).sum()), 'joint')}"
     frames = table_or_none(tables, "frames")
     if frames is not None:
         kind = "force sensor" if (frames["frame"] == "measurement").any() else "platform on legs"
-        return f"{kind}, {count(len(leg_joints(frames)[0]), 'leg')}"
+        return f"{kind}, {count_text(len(leg_joints(frames)[0]), 'leg')}"
     axis = table_or_none(tables, "axis_errors")
     if axis is not None:
         return "rotary axis" if axis["command_unit"].eq("deg").all() else "linear axis"
@@ -86,8 +95,8 @@ def _instrument(tables: Tables, about: CampaignFacts) -> str:
     images, readings, signals = (table_or_none(tables, n) for n in ("image_orientations", "readings", "signals"))
     if images is not None:
         cameras = table_or_none(tables, "cameras")
-        cameras_text = "" if cameras is None else f" by {count(cameras['camera'].nunique(), 'camera')}"
-        kinds.append(f"{count(len(images), 'photograph')}{cameras_text}, bundle adjustment")
+        cameras_text = "" if cameras is None else f" by {count_text(cameras['camera'].nunique(), 'camera')}"
+        kinds.append(f"{count_text(len(images), 'photograph')}{cameras_text}, bundle adjustment")
     elif table_or_none(tables, "observations") is not None:
         kinds.append("3-D points of targets")
     if table_or_none(tables, "scans") is not None:
@@ -95,7 +104,7 @@ def _instrument(tables: Tables, about: CampaignFacts) -> str:
     if readings is not None:
         kinds.append(f"interferometer: {' '.join(in_channel_order(readings['channel'].unique()))}")
     if signals is not None:
-        kinds.append(count(len(signal_names(tables)), "signal"))
+        kinds.append(count_text(len(signal_names(tables)), "signal"))
     if not kinds and (poses := table_or_none(tables, "poses")) is not None and (poses["method"] == "measured").any():
         kinds.append("poses of bodies, measured as such")
     if not kinds and (rows := table_or_none(tables, "axis_errors")) is not None:
@@ -129,22 +138,22 @@ def counts(tables: Tables) -> str:
         roles = ", ".join(f"{n:,} {role}" for role, n in configurations["role"].value_counts().items())
         unit = "pose" if table_or_none(tables, "axis_errors") is None else "row"
         gross_errors = gross_errors_of_axis(tables)
-        left = f"; {count(gross_errors, 'gross error')} left out" if gross_errors else ""
-        parts.append(f"{count(len(configurations), unit)} ({roles}){left}")
+        left = f"; {count_text(gross_errors, 'gross error')} left out" if gross_errors else ""
+        parts.append(f"{count_text(len(configurations), unit)} ({roles}){left}")
     elif points is not None:
-        parts.append(count(points["pose"].nunique(), "pose"))
+        parts.append(count_text(points["pose"].nunique(), "pose"))
     if points is not None:
         targets = points[["body", "target"]].drop_duplicates()
-        parts.append(f"{count(len(points), 'point')} of {count(len(targets), 'target')}{_left_out(tables)}")
+        parts.append(f"{count_text(len(points), 'point')} of {count_text(len(targets), 'target')}{_left_out(tables)}")
     steps, readings = load_steps(tables), table_or_none(tables, "readings")
     if len(steps):
-        parts.append(f"{count(steps['run'].nunique(), 'run')}, {count(len(steps), 'load step')}")
+        parts.append(f"{count_text(steps['run'].nunique(), 'run')}, {count_text(len(steps), 'load step')}")
     if readings is not None:
-        parts.append(count(len(readings), "reading"))
+        parts.append(count_text(len(readings), "reading"))
     positions = table_or_none(tables, "positions")
     if positions is not None and not parts:
         targets = positions[["run", "target_mm"]].drop_duplicates()
-        parts.append(f"{count(len(positions), 'position')} at {count(len(targets), 'target')}")
+        parts.append(f"{count_text(len(positions), 'position')} at {count_text(len(targets), 'target')}")
     return "; ".join(parts)
 
 
@@ -198,7 +207,7 @@ def _sigmas(
         return (
             float(before),
             float(after),
-            f"± one standard deviation, by the scatter of {count(len(squares), parts.single)}",
+            f"± one standard deviation, by the scatter of {count_text(len(squares), parts.single)}",
         )
     if not freedom > 0.0:
         return None, None, "without ±: the number of independent values is not known"

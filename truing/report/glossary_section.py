@@ -38,8 +38,8 @@ def glossary_section(
 ) -> ReportSection | None:
     """Return the explanations of what the tables and captions of the sections name; None where they name nothing.
 
-    ``bench``: a check that both kinds of campaign have asks what it asks of a bench; ``above``: captions before the
-    first section.
+    ``bench``: checks of both kinds of campaign are explained as for a bench; ``above``: captions before the first
+    section.
     """
     every = [listing for section in all_of(sections) for listing in section.listings]
     checks = checks_of("interferometer" if bench else "photogrammetry")

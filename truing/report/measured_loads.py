@@ -12,7 +12,7 @@ from plotly.subplots import make_subplots
 from truing.belonging.counted_times import merely_counts
 from truing.report.figure_style import BLUE, GREEN, GREY, ORANGE, label, style
 from truing.report.heads import CHANNEL, FROM, LOAD, ROLE, RUN, TO, Head
-from truing.report.numbers import count, duration, in_one_unit, plain, quantity
+from truing.report.numbers import count_text, duration, in_one_unit, plain, quantity
 from truing.report.page import Listing, ReportSection
 from truing.report.tables import (
     LOAD_UNITS,
@@ -47,9 +47,9 @@ def measured_loads(tables: Tables) -> ReportSection:
     steps = load_steps(tables)
     if not len(steps):
         if (approaches := table_or_none(tables, "positions")) is not None:
-            runs = count(approaches["run"].nunique(), "run")
-            targets = count(approaches["target_mm"].nunique(), "target")
-            text = f"{count(len(approaches), 'approach')} of an axis to {targets}, in {runs}: see Positioning."
+            runs = count_text(approaches["run"].nunique(), "run")
+            targets = count_text(approaches["target_mm"].nunique(), "target")
+            text = f"{count_text(len(approaches), 'approach')} of an axis to {targets}, in {runs}: see Positioning."
             return ReportSection("measured", "Measured", text)
         why = "The campaign has neither object points nor load steps."
         return ReportSection("measured", "Measured", why, state="empty")
@@ -80,17 +80,19 @@ def _read(tables: Tables) -> pd.DataFrame:
 
 def _opening_sentences(steps: pd.DataFrame, read: pd.DataFrame, tables: Tables) -> str:
     runs = steps["run"].nunique()
-    text = f"{count(len(steps), 'load step')} in {count(runs, 'run')}{duration_words(steps)}, {_at_once(steps)}. "
+    text = f"{count_text(len(steps), 'load step')} in {count_text(runs, 'run')}"
+    text += f"{duration_words(steps)}, {_at_once(steps)}. "
     signals = signal_names(tables)
-    beside = f"{count(len(signals), 'signal')} ({signals[0]} to {signals[-1]})" if signals else ""
+    recorded_signals = f"{count_text(len(signals), 'signal')} ({signals[0]} to {signals[-1]})" if signals else ""
     if not len(read):
-        return f"{text}Recorded: {beside or 'no channels'}; the motion of the platform was not measured."
+        return f"{text}Recorded: {recorded_signals or 'no channels'}; the motion of the platform was not measured."
     per_run = read.groupby("run")["channel"].nunique()
     channels = in_channel_order(read["channel"].unique())
     how = "one in each run" if (per_run == 1).all() else "all in every run" if (per_run == len(channels)).all() else ""
-    text += f"Recorded: {', '.join(channels)}{f' ({how})' if how else ''}{f' and {beside}' if beside else ''}."
+    and_signals = f" and {recorded_signals}" if recorded_signals else ""
+    text += f"Recorded: {', '.join(channels)}{f' ({how})' if how else ''}{and_signals}."
     roles = steps.groupby("run")["role"].first().value_counts()
-    return text + (f" Held out: {count(int(roles['verification']), 'run')}." if "verification" in roles else "")
+    return text + (f" Held out: {count_text(int(roles['verification']), 'run')}." if "verification" in roles else "")
 
 
 def duration_words(steps: pd.DataFrame) -> str:
@@ -306,7 +308,9 @@ def _runs(steps: pd.DataFrame, read: pd.DataFrame, tables: Tables) -> Listing:
         Head("takes", "Time from the first to the last step."),
     )
     held_by = "observations.parquet" if "readings" in tables else "signals.parquet"
-    return Listing(heads, rows, caption=f"All {count(len(rows), 'run')}", folded=len(rows) > _OPEN, held_by=held_by)
+    return Listing(
+        heads, rows, caption=f"All {count_text(len(rows), 'run')}", folded=len(rows) > _OPEN, held_by=held_by
+    )
 
 
 def _run_row(run: object, table: pd.DataFrame, channels: Mapping[object, Sequence[str]]) -> tuple[str, ...]:

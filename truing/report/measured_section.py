@@ -11,7 +11,7 @@ from truing.arrays import Array
 from truing.report import poses_section as pose_figures
 from truing.report.heads import BODY, FROM, TARGET, TO, Head
 from truing.report.measured_loads import duration_words, measured_loads
-from truing.report.numbers import count, duration, plain, quantity
+from truing.report.numbers import count_text, duration, plain, quantity
 from truing.report.page import Listing, ReportSection
 from truing.report.tables import SIGMA, XYZ, Tables, cell, load_steps, table_or_none
 
@@ -119,7 +119,7 @@ def _targets(points: pd.DataFrame, survey: pd.DataFrame | None, residuals: pd.Da
         Head("seen in poses", "Number of poses in which the target was measured."),
         Head("left out in", "Number of poses in which its point was left out as a gross error."),
     )
-    return Listing(heads, rows, caption=f"All {count(len(rows), 'target')}", folded=True, held_by="survey.parquet")
+    return Listing(heads, rows, caption=f"All {count_text(len(rows), 'target')}", folded=True, held_by="survey.parquet")
 
 
 def _target_row(r: Any) -> tuple[str, ...]:
@@ -184,7 +184,7 @@ def _campaign_sentence(tables: Tables) -> str:
     if conf is None:
         return "No table of configurations: poses are in the order of the files."
     roles = ", ".join(f"{n:,} {role}" for role, n in conf["role"].value_counts().items())
-    sentence = f"{count(len(conf), 'pose')} ({roles}){_time_words(conf['time_s'].to_numpy(dtype=float))}"
+    sentence = f"{count_text(len(conf), 'pose')} ({roles}){_time_words(conf['time_s'].to_numpy(dtype=float))}"
     if "temperature_c" in conf and conf["temperature_c"].notna().any():
         low, high = conf["temperature_c"].min(), conf["temperature_c"].max()
         sentence += f", at {low:.2f} to {high:.2f} °C"

@@ -142,7 +142,7 @@ def percent(value: float) -> str:
     return f"{value:.2g} %" if value == 0.0 or abs(value) >= 1e-4 else f"{value:.6f} %"
 
 
-def count(n: int, noun: str) -> str:
+def count_text(n: int, noun: str) -> str:
     """Return a number with its noun: ``1 pose``, ``2 poses``, ``2 bodies``, ``2 entries``, ``2 approaches``."""
     if n == 1:
         return f"{n} {noun}"
@@ -180,9 +180,9 @@ def reasons(noun: str, *left_out: Mapping[tuple[str, str], int]) -> list[str]:
     for one in left_out:
         for (_, reason), number in one.items():
             total[reason] += number
-    return [f"{count(number, noun)}: {reason}" for reason, number in total.most_common()]
+    return [f"{count_text(number, noun)}: {reason}" for reason, number in total.most_common()]
 
 
 def gross_errors(number: int, noun: str) -> str:
     """Return ``1 reading as a gross error``, ``2 readings as gross errors``, for the exclusions of a stage."""
-    return f"{count(number, noun)} as {'a gross error' if number == 1 else 'gross errors'}"
+    return f"{count_text(number, noun)} as {'a gross error' if number == 1 else 'gross errors'}"

@@ -94,7 +94,7 @@ class RawFileFacts:
 
 @dataclass(frozen=True)
 class CampaignFacts:
-    """What campaign.toml and the call say of a campaign and no table holds; all empty where unknown.
+    """Facts of a campaign from campaign.toml and the call that no table holds; empty where unknown.
 
     ``measured``: first and last day of the measurement; ``made``: day of the page; ``logo``: a data URI; ``comments``:
     id of a section and text; ``declared``: keys of campaign.toml on which results rest, with their values;

@@ -11,8 +11,7 @@ from numpy.typing import NDArray
 
 from truing.report.figure_style import BLUE, GREY, ORANGE, figure_template, label, style
 from truing.report.heads import BODY, TARGET, Head
-from truing.report.numbers import count as counted
-from truing.report.numbers import rough
+from truing.report.numbers import count_text, rough
 from truing.report.page import Listing, PageHead, ReportSection
 
 _STATION_HEADS = (
@@ -161,7 +160,9 @@ def _pyramids(centre: NDArray[np.float64], tips: NDArray[np.float64]) -> NDArray
 
 
 def _targets(targets: pd.DataFrame, at: NDArray[np.float64]) -> go.Scatter3d:
-    words = [f"{r.body}/{r.target}: σ {rough(r.sigma_mm)} mm, {counted(r.rays, 'ray')}" for r in targets.itertuples()]
+    words = [
+        f"{r.body}/{r.target}: σ {rough(r.sigma_mm)} mm, {count_text(r.rays, 'ray')}" for r in targets.itertuples()
+    ]
     return go.Scatter3d(
         x=at[:, 0],
         y=at[:, 1],

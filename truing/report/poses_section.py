@@ -24,7 +24,7 @@ from truing.report.figure_style import (
     style,
 )
 from truing.report.heads import BODY, POSE, Head, schema_head
-from truing.report.numbers import count, quantity, with_uncertainty
+from truing.report.numbers import count_text, quantity, with_uncertainty
 from truing.report.page import Listing, ReportSection
 from truing.report.section_verdict import SectionVerdict
 from truing.report.tables import SIGMA, Tables, table_or_none
@@ -94,9 +94,9 @@ def _opening_sentences(tables: Tables, chosen: pd.DataFrame) -> str:
 
 def _of_fitted(chosen: pd.DataFrame) -> str:
     fitted = chosen[chosen["status"] == "ok"]
-    bodies = count(fitted["body"].nunique(), "body")
+    bodies = count_text(fitted["body"].nunique(), "body")
     methods = ", ".join(_METHODS.get(m, m) for m in fitted["method"].unique())
-    lead = f"{count(len(fitted), 'pose')} of {bodies}" + (f" by {methods}" if methods else "")
+    lead = f"{count_text(len(fitted), 'pose')} of {bodies}" + (f" by {methods}" if methods else "")
     lost = len(chosen) - len(fitted)
     if not lost and (fitted["method"] == "measured").all():
         return f"{lead}, taken as given: nothing was fitted."
@@ -167,7 +167,7 @@ def _all_poses(chosen: pd.DataFrame) -> Listing:
         Head("left out", "Number of points, or readings, left out as gross errors or by a person."),
         schema_head("status"),
     )
-    caption = f"All {count(len(rows), 'pose')}"
+    caption = f"All {count_text(len(rows), 'pose')}"
     return Listing(heads, rows, caption=caption, folded=True, held_by="poses.parquet")
 
 

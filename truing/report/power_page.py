@@ -11,7 +11,7 @@ import plotly.graph_objects as go
 from truing.report.diagnosis.effect_units import handy_unit, plain_size
 from truing.report.figure_style import BLUE, GREY, ORANGE, figure_template, label, style
 from truing.report.heads import CAUSE, Head
-from truing.report.numbers import count, printed, rough
+from truing.report.numbers import count_text, printed, rough
 from truing.report.page import Listing, PageHead, ReportSection
 from truing.report.wordings.catalogue import cause_words
 
@@ -125,7 +125,7 @@ def _with_bounds(row: dict[str, object], level: str) -> str:
 
 
 def _of_cause(cause: str, rates: pd.DataFrame) -> ReportSection:
-    lead = f"{count(int(rates['campaigns'].sum()), 'campaign')} drawn with this effect hidden at several sizes."
+    lead = f"{count_text(int(rates['campaigns'].sum()), 'campaign')} drawn with this effect hidden at several sizes."
     sorts = rates.groupby(["concerns", "parameter", "unit", "beside"], sort=False)
     figures = tuple((_curve(of_sort, str(key[0])), _caption(of_sort)) for key, of_sort in sorts)
     return ReportSection(f"cause-{cause}", cause_words(cause), lead, figures=figures)
@@ -133,7 +133,7 @@ def _of_cause(cause: str, rates: pd.DataFrame) -> ReportSection:
 
 def _caption(rates: pd.DataFrame) -> str:
     tried = int(rates["campaigns"].min())
-    return f"{count(tried, 'campaign')} per size; bars: 95 % interval of the rate."
+    return f"{count_text(tried, 'campaign')} per size; bars: 95 % interval of the rate."
 
 
 def _curve(rates: pd.DataFrame, concerns: str) -> go.Figure:

@@ -10,8 +10,7 @@ import pandas as pd
 from truing.belonging.relation import RelationState
 from truing.report.belonging import RELATIONS, listed
 from truing.report.heads import Head, schema_head
-from truing.report.numbers import count as counted
-from truing.report.numbers import printed, quantity
+from truing.report.numbers import count_text, printed, quantity
 from truing.report.page import Listing, ReportSection
 from truing.report.reasons import why_no_quality
 from truing.report.section_verdict import SectionVerdict
@@ -45,13 +44,13 @@ def qa(tables: Tables) -> ReportSection | None:
         _checks(qa[(qa["verdict"] == "fail") & ~accepted], "Failed"),
         _checks(qa[accepted], "Accepted by a person", (_ACCEPTED_BY,)),
         _checks(qa[(qa["verdict"] == "warn") & ~accepted], "Warnings"),
-        _checks(qa, f"All {counted(len(qa), 'check')}", folded=True),
+        _checks(qa, f"All {count_text(len(qa), 'check')}", folded=True),
     ]
     counts = qa[~accepted]["verdict"].value_counts()  # same count as in the head of the page, the log and the exit code
     texts = [f"{counts[v]} {v}" for v in _ORDER if v in counts]
     lead = ", ".join([*texts, *([f"{int(accepted.sum())} accepted"] if accepted.any() else [])])
     shown = tuple(x for x in listings if x.rows)
-    return ReportSection("qa", "Quality", f"{counted(len(qa), 'check')}: {lead}.", listings=shown)
+    return ReportSection("qa", "Quality", f"{count_text(len(qa), 'check')}: {lead}.", listings=shown)
 
 
 def belonging_verdict(tables: Tables, _: Mapping[str, SectionVerdict]) -> SectionVerdict | None:
@@ -141,7 +140,9 @@ def quality_verdict(tables: Tables, before: Mapping[str, SectionVerdict]) -> Sec
         return SectionVerdict("quality", RelationState.NOT_TESTED, ReasonCode.NOT_EVALUATED, text)
     accepted = accepted_verdicts(qa)
     also = (
-        f" {counted(int(accepted.sum()), 'failed check')} accepted by a person (see Quality)." if accepted.any() else ""
+        f" {count_text(int(accepted.sum()), 'failed check')} accepted by a person (see Quality)."
+        if accepted.any()
+        else ""
     )
     failed, warned = (qa[(qa["verdict"] == v) & ~accepted] for v in ("fail", "warn"))
     if len(failed):

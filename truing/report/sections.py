@@ -27,9 +27,9 @@ ENTRY_POINTS = "truing.sections"
 class PageSection:
     """A section: its id, and the modules whose function of that name builds it; the first result is used.
 
-    ``title``: heading of the note that says why the section is missing; without a title, or if section ``instead`` is
-    present, it is left out silently. ``bench``: True only for campaigns on a bench, False only for others. ``reads``:
-    tables of its own.
+    ``title``: heading of the note on why the section is missing; without a title, or if section ``instead`` is present,
+    it is left out silently. ``bench``: True only for campaigns on a bench, False only for others. ``reads``: tables of
+    its own.
     """
 
     name: str
@@ -194,7 +194,7 @@ def _drawn(section: PageSection, tables: Tables) -> ReportSection | None:
 def _note_for_missing(
     section: PageSection, drawn: Mapping[str, ReportSection | None], tables: Tables
 ) -> ReportSection | None:
-    """Return a note in place of a section whose tables are missing; None where there is nothing to say."""
+    """Return a note in place of a section whose tables are missing; None without a note."""
     from truing.report.reasons import why_absent
 
     if not section.title or drawn.get(section.instead) is not None:

@@ -1,4 +1,4 @@
-"""Section that tells apart the numbers of a page that look alike: errors of different quantities, and K by stage."""
+"""Section on similar numbers of a page with different meanings: errors of different quantities, and K by stage."""
 
 from __future__ import annotations
 

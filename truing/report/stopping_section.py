@@ -7,7 +7,7 @@ from collections.abc import Iterator
 from truing.belonging.relation import RelationState
 from truing.report.diagnosis.assessed_causes import assessed_causes
 from truing.report.diagnosis.next_steps import NextStep, next_steps
-from truing.report.numbers import count
+from truing.report.numbers import count_text
 from truing.report.page import ReportSection
 from truing.report.section_verdict import SectionVerdict, verdict_rows
 from truing.report.tables import Tables
@@ -46,7 +46,7 @@ def _remaining(steps: list[NextStep]) -> Iterator[str]:
     """Yield sentences on what further measurements would add without any point being open."""
     better, untested = (sum(step.need == need for step in steps) for need in (Need.PRECISION, Need.TESTABLE))
     if better:
-        yield f"{count(better, 'further measurement')} would only make a known size more precise."
+        yield f"{count_text(better, 'further measurement')} would only make a known size more precise."
     if untested:
         kinds = "1 kind of cause" if untested == 1 else f"{untested} kinds of causes"
         yield f"{kinds} could not be tested with these data."

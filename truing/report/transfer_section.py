@@ -5,7 +5,7 @@ from __future__ import annotations
 import pandas as pd
 
 from truing.report.heads import MODEL_OF_LEGS, Head
-from truing.report.numbers import count, plain, quantity, sign
+from truing.report.numbers import count_text, plain, quantity, sign
 from truing.report.page import Listing, ReportSection
 from truing.report.tables import Tables, cell, reason, table_or_none
 
@@ -31,7 +31,7 @@ def _opening_sentences(errors: pd.DataFrame) -> str:
     noise = first["noise_rms"]
     left = "" if noise != noise else f"; noise alone gives {quantity(noise, first['unit'])}"
     named = f"Models that were fitted to this campaign predict {first['campaign']}, which none of them used."
-    return f"{named} Errors in {first['quantity']} of {count(int(first['count']), 'value')}, rms: {sizes}{left}."
+    return f"{named} Errors in {first['quantity']} of {count_text(int(first['count']), 'value')}, rms: {sizes}{left}."
 
 
 def _listing(errors: pd.DataFrame) -> Listing:

@@ -11,7 +11,7 @@ import plotly.graph_objects as go
 
 from truing.report.figure_style import BLUE, GREEN, GREY, ORANGE, RED, label, style
 from truing.report.heads import Head, term_head
-from truing.report.numbers import count, plain, rough, sign, with_uncertainty
+from truing.report.numbers import count_text, plain, rough, sign, with_uncertainty
 from truing.report.page import Listing, ReportSection
 from truing.report.parameter_names import print_unit
 from truing.report.reasons import why_absent
@@ -110,7 +110,7 @@ def _part(kind: str, title: str, table: pd.DataFrame, budget: pd.DataFrame | Non
         listings.append(_not_stated(left))
     if budget is not None and (budget["evaluation"] == "not evaluated").any():
         listings.append(_omitted(budget[budget["evaluation"] == "not evaluated"]))
-    lead = f"{count(len(reported), 'result')} stated" + (f", {len(left)} not evaluated." if len(left) else ".")
+    lead = f"{count_text(len(reported), 'result')} stated" + (f", {len(left)} not evaluated." if len(left) else ".")
     state = "" if len(reported) else "not evaluated"
     return ReportSection(f"uncertainty-{kind.lower()}", title, lead, tuple(figures), tuple(listings), state)
 

@@ -10,8 +10,7 @@ import plotly.graph_objects as go
 
 from truing.report.figure_style import BLUE, GREY, ORANGE, figure_template, style
 from truing.report.heads import Head
-from truing.report.numbers import count as counted
-from truing.report.numbers import plain, sign
+from truing.report.numbers import count_text, plain, sign
 from truing.report.page import Listing, PageHead, ReportSection
 
 _MARKS = {"proven": "pass", "not decided": "warn", "refuted": "fail"}
@@ -64,7 +63,7 @@ def _where(table: pd.DataFrame) -> str:
     left, examined = open_["undecided_parts"].iloc[0], open_["parts"].iloc[0]
     if left != left:
         return ""
-    return f" ({counted(int(left), 'part')} of the range left after {counted(int(examined), 'part')})"
+    return f" ({count_text(int(left), 'part')} of the range left after {count_text(int(examined), 'part')})"
 
 
 def _range(table: pd.DataFrame) -> str:

@@ -11,7 +11,7 @@ from html import escape
 from truing.belonging.relation import RelationState
 from truing.report.calibration.requirements import assessed_noun, chosen_requirements
 from truing.report.first_screen import counts
-from truing.report.numbers import count
+from truing.report.numbers import count_text
 from truing.report.section_verdict import SectionVerdict, verdict_rows
 from truing.report.tables import Tables, table_or_none
 from truing.schemas.verdict import CAMPAIGN, GATES, OF_MODEL, ReasonCode
@@ -77,7 +77,7 @@ class Watched:
         """One line on the round."""
         parts = [f"{self.at:%H:%M:%S} round {self.number}:", *([f"{self.amount};"] if self.amount else [])]
         if self.faults:
-            more = f" (and {count(len(self.faults) - 1, 'further fault')})" if len(self.faults) > 1 else ""
+            more = f" (and {count_text(len(self.faults) - 1, 'further fault')})" if len(self.faults) > 1 else ""
             return " ".join([*parts, f"{self.faults[0]}{more}"])
         requirement = [row.explanation for row in self.verdicts if row.section == "requirements"]
         parts += [_WORDS[self.enough], *requirement, *self.confirmation()]
@@ -123,7 +123,7 @@ def watched(campaign: str, number: int, at: datetime, tables: Tables, faults: tu
 
 @dataclass(frozen=True)
 class RequirementLook:
-    """What one round says on the requirements: number of compared poses or runs, decision (empty: none), p-value
+    """Result of one round for the requirements: number of compared poses or runs, decision (empty: none), p-value
     against the limits."""
 
     poses: int

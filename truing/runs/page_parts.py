@@ -42,7 +42,7 @@ def page_parts(
     """Return the head and the sections of the page for tables by artifact name; a missing verdict is computed.
 
     ``legs`` (leg, ax_mm .. az_mm, bx_mm .. bz_mm): joints of a sensor in its platform's frame; ``declared_noise``
-    (signal_mv, NaN where none is declared). No table holds these, nor what ``about`` says of the campaign.
+    (signal_mv, NaN where none is declared). No table holds these, nor the facts in ``about``.
     """
     from truing.report.comments import with_comments
     from truing.report.head import build_head

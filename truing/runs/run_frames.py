@@ -11,7 +11,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from truing.arrays import Array, Mask, TableRow
-from truing.report.numbers import count, with_uncertainty
+from truing.report.numbers import count_text, with_uncertainty
 from truing.schemas.near_names import did_you_mean
 
 if TYPE_CHECKING:
@@ -88,7 +88,9 @@ class Poses:
     @property
     def _summary(self) -> str:
         bodies, counts = np.unique(self.body.astype(str), return_counts=True)
-        each = ", ".join(f"{count(int(number), 'pose')} of {body}" for body, number in zip(bodies, counts, strict=True))
+        each = ", ".join(
+            f"{count_text(int(number), 'pose')} of {body}" for body, number in zip(bodies, counts, strict=True)
+        )
         lost = int((~self.is_determined).sum())
         return f"{each or 'no poses'}; {f'{lost} not determined' if lost else 'all determined'}"
 
@@ -126,7 +128,8 @@ def poses_of(table: pd.DataFrame) -> Poses:
 
 
 def causes_of(table: pd.DataFrame) -> pd.DataFrame:
-    """Return one row per parameter of every cause that was found, is suspected, or cannot be told from a found one.
+    """Return one row per parameter of every cause that was found, is suspected, or is indistinguishable from a found
+    one.
 
     A cause without a parameter has one row with no value. Columns are those of ``CAUSES``.
     """

@@ -237,7 +237,7 @@ class Cause(Generic[SceneT_contra]):
 
     def shared_with(self, scene: SceneT_contra) -> Mapping[str, Any]:
         """Return the other subjects (``alike``) to which the effect may belong, because the same effect there changes
-        all predictions alike, and why; empty for most causes."""
+        all predictions equally, and why; empty for most causes."""
         return {}
 
     def channel_candidates(self, scene: SceneT_contra) -> Sequence[ChannelCandidates[Self]]:

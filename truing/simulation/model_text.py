@@ -47,7 +47,7 @@ class IdentifiedModel(Protocol[CauseT]):
 class IdentifiedInSI(Generic[CauseT]):
     """Identified numbers and effects with their joint covariance (G, G) in this order, SI, at the estimated noise.
 
-    ``context`` says where the model comes from, in words for people.
+    ``context``: origin of the model, in words.
     """
 
     effects: tuple[Effect[CauseT], ...]

@@ -1,4 +1,4 @@
-"""Campaigns of bodies without a mechanism: they go anywhere, and what is hidden happens to one of them.
+"""Campaigns of free bodies without a mechanism; the hidden effect acts on one of them.
 
 Written from the physics alone: a target's place on its body, the body's pose in the frame of the measurement, noise.
 """

@@ -1,4 +1,4 @@
-"""Lines of [certificate] that say on the first screen of a page what is measured, with what, and when."""
+"""Lines of [certificate] for the first screen of a page: item, instrument, date."""
 
 from __future__ import annotations
 

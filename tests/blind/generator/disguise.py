@@ -1,5 +1,4 @@
-"""The same campaign as other laboratories would hand it over: each function writes a disguised copy of a
-folder.
+"""Rewrite a campaign in the file formats of other laboratories: each function writes a converted copy of a folder.
 
 Only the raw files and ``[files.*]`` of campaign.toml change; what was measured stays, to the digits that are
 written.

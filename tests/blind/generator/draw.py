@@ -1,4 +1,4 @@
-"""Layouts drawn at random: what a campaign looks like before anything is hidden in it."""
+"""Layouts drawn at random: the settings of a campaign before effects are hidden in it."""
 
 from __future__ import annotations
 

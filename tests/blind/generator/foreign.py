@@ -1,4 +1,4 @@
-"""Effects of foreign worlds: no form of theirs was ever written down, and several act at once.
+"""Effects of foreign worlds: shapes drawn from random functions, several of them at once.
 
 A foreign world is a machine that nobody described: random smooth functions of several inputs, fields that bend a whole
 body, a base that wanders, actuators that land elsewhere each time with heavy tails, friction that remembers, and a

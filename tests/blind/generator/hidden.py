@@ -1,4 +1,4 @@
-"""Effects drawn at random: which legs or target, which driver, which shape; their size is asked for afterwards."""
+"""Effects drawn at random: legs or target, input, and shape; `strength` sets their size."""
 
 from __future__ import annotations
 

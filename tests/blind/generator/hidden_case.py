@@ -1,4 +1,4 @@
-"""A planned campaign with effects hidden in it, and the same without them: what both kinds of generator share."""
+"""A planned campaign with hidden effects, and the same without them; shared by both generators."""
 
 from __future__ import annotations
 

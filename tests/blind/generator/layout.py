@@ -1,4 +1,4 @@
-"""The knobs of a campaign: nominal geometry, targets, noise, faults of the data, and how it was run."""
+"""Settings of a campaign: nominal geometry, targets, noise, data faults, and schedule."""
 
 from __future__ import annotations
 

@@ -1,6 +1,4 @@
-"""The machine as nature built it: true geometry, the marks on its bodies, and where everything stands in each
-pose.
-"""
+"""The true machine: geometry as built, targets on its bodies, and all positions in each pose."""
 
 from __future__ import annotations
 

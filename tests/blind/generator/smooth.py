@@ -1,4 +1,4 @@
-"""Random smooth functions of several inputs, and other courses that no formula was written for."""
+"""Random smooth functions of several inputs, and other random functions without a closed form."""
 
 from __future__ import annotations
 
@@ -16,8 +16,8 @@ BENT = 0.6  # share of a course that is left when its plane through the inputs i
 def random_function(inputs: Array, seed: int) -> Array:
     """A random smooth function (N,) of inputs (N, D), at most 1, without its best plane through them.
 
-    A sum of waves in random directions, which is a draw from a Gaussian process. A plane would be what catalogues
-    hold (a gain, a slope over time), so that it is taken off, and functions that are mostly a plane are drawn again.
+    A sum of waves in random directions, which is a draw from a Gaussian process. Its plane is removed, because
+    catalogues contain planes (a gain, a slope over time). Functions that are mostly a plane are drawn again.
     """
     scaled = standardised(inputs)
     return _drawn_form(scaled, seed)(scaled)

@@ -1,4 +1,4 @@
-"""The same least squares without any structure: all rows, all unknowns, the datum by constraints beside them."""
+"""Dense reference adjustment: all rows and unknowns at once, with the datum as constraints."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Networks drawn at random, their rays by a camera of their own: distortion in the tangent plane, ray by ray."""
+"""Networks drawn at random; an independent camera model computes their rays."""
 
 from __future__ import annotations
 

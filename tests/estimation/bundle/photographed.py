@@ -1,5 +1,5 @@
-"""Networks photographed by the tests' own camera: equations written out from the field's textbook, nothing taken from
-the code under test but the containers of its arguments."""
+"""Networks with rays by an independent camera model from textbook equations; only argument types come from the tested
+code."""
 
 from dataclasses import dataclass
 

@@ -1,4 +1,5 @@
-"""The least sum of squares: found from afar, at the truth where there is no noise, the same whatever is eliminated."""
+"""The adjustment reaches the least sum of squares from remote starts, whatever is eliminated; without noise, the
+truth."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""The covariance is that of the unreduced equations, that of repeated measurement, and its redundancy adds up."""
+"""The covariance agrees with the unreduced equations and with repeated draws, and the redundancy adds up."""
 
 from __future__ import annotations
 
@@ -43,7 +43,7 @@ def test_every_part_is_that_of_the_unreduced_equations(images, points, bars, rep
     parts = {
         "points": (covariance.points(0), dense[at:split, at:split]),
         "between poses": (covariance.between(0, 1), dense[at:split, split:common]),
-        "points, common": (covariance.points_common(1), dense[split:common, common:]),
+        "points, common": (covariance.sensitivities(1) @ covariance.common, dense[split:common, common:]),
         "common": (covariance.common, dense[common:, common:]),
         "image": (covariance.images(1)[2], dense[width + 12 : width + 18, width + 12 : width + 18]),
         "image, common": (covariance.images_common(0)[1], dense[6:12, common:]),

@@ -1,4 +1,4 @@
-"""A camera that changed between poses is found, one that did not is not."""
+"""A camera that changed between poses is found, and a stable one is not."""
 
 import numpy as np
 import pytest

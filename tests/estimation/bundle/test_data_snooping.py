@@ -1,4 +1,4 @@
-"""Gross errors among rays: found where there are any, at the stated rate where there are none, and told apart."""
+"""Gross errors among rays are found and located; without gross errors, the false-alarm rate is as stated."""
 
 from dataclasses import replace
 

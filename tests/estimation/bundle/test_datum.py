@@ -1,4 +1,4 @@
-"""The datum is a choice: it changes no residual, no distance, and no variance of a distance."""
+"""The datum changes no residual, no distance, and no variance of a distance."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""The eccentricity of a circle's image is what projecting the circle itself gives, and normals come out of ellipses."""
+"""The eccentricity of a circle's image agrees with the projected circle, and normals follow from ellipses."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Known points that are not where rays meet are a fault; a few gross errors among them, or a rough start, are none."""
+"""Known points far from the intersections of rays are a fault; single gross errors and rough start values are not."""
 
 from types import SimpleNamespace
 from typing import Any

@@ -1,4 +1,4 @@
-"""Known points against points of rays, and principal distances of images: who is odd, and when nobody can say."""
+"""Known points and principal distances of images: deviating ones are named, or reported as undetermined."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""The benchmark of large networks runs at its smallest size, and reaches the noise that was drawn."""
+"""The benchmark of large networks runs at its smallest size, and its residuals agree with the drawn noise."""
 
 from __future__ import annotations
 

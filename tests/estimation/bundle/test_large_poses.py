@@ -63,7 +63,7 @@ def _all_of(found, pose):
         "each point": covariance.point_blocks(),
         "images": covariance.images(pose),
         "images, common": covariance.images_common(pose),
-        "points, common": covariance.points_common(pose),
+        "points, common": covariance.sensitivities(pose) @ covariance.common,
         "common": covariance.common,
         "rays": covariance.computed_px2(),
         "redundancy": covariance.redundancy_numbers(),

@@ -1,18 +1,25 @@
-"""Length measuring errors against calibrated lengths, reckoned by hand."""
+"""Length measuring errors against calibrated lengths agree with a calculation by hand."""
 
 import numpy as np
 import pytest
 
-from truing.estimation.bundle.length_errors import CONFORMS, FAILS, UNDECIDED, PermissibleError, length_errors
+from truing.estimation.bundle.length_errors import (
+    CONFORMS,
+    FAILS,
+    UNDECIDED,
+    CalibratedLengths,
+    PermissibleError,
+    length_errors,
+)
 
 CALIBRATED = np.array([0.2, 0.5, 1.0, 1.5])
+EXACT = CalibratedLengths(CALIBRATED, np.zeros(4))
 
 
 def test_errors_are_measured_less_calibrated_at_the_reference_temperature():
     warm = CALIBRATED * (1 + 11.5e-6 * 5) + [1e-5, -2e-5, 0, 3e-5]
-    found = length_errors(
-        warm, np.eye(4) * 1e-12, CALIBRATED, np.full(4, 1e-6), expansion_per_k=11.5e-6, temperature_c=25.0
-    )
+    lengths = CalibratedLengths(CALIBRATED, np.full(4, 1e-6), expansion_per_k=11.5e-6, temperature_c=25.0)
+    found = length_errors(warm, np.eye(4) * 1e-12, lengths)
     assert found.error_m == pytest.approx([1e-5, -2e-5, 0, 3e-5], abs=2e-9)
     assert found.sigma_m == pytest.approx([np.sqrt(2) * 1e-6] * 4)
     assert found.verdict == ("",) * 4
@@ -22,7 +29,7 @@ def test_errors_are_measured_less_calibrated_at_the_reference_temperature():
 def test_the_verdict_keeps_clear_of_the_uncertainty():
     permitted = PermissibleError(10e-6, 20e-6, 30e-6)  # 14, 20, 30, 30 um
     error = np.array([5e-6, 19e-6, -29e-6, 45e-6])
-    found = length_errors(CALIBRATED + error, np.eye(4) * 1e-12, CALIBRATED, np.zeros(4), permissible=permitted)
+    found = length_errors(CALIBRATED + error, np.eye(4) * 1e-12, EXACT, permissible=permitted)
     assert found.permitted_m == pytest.approx([14e-6, 20e-6, 30e-6, 30e-6])
     assert found.verdict == (CONFORMS, UNDECIDED, UNDECIDED, FAILS)
 
@@ -32,7 +39,7 @@ def test_an_error_of_scale_is_told_with_its_correlation():
     common = np.outer(CALIBRATED, CALIBRATED) * 1e-10  # all lengths share an error of scale of 1e-5
     cov = common + np.eye(4) * 1e-14
     error = rng.multivariate_normal(np.zeros(4), cov)
-    found = length_errors(CALIBRATED + error, cov, CALIBRATED, np.zeros(4))
+    found = length_errors(CALIBRATED + error, cov, EXACT)
     assert found.sigma_scale == pytest.approx(1e-5, rel=1e-2)
     assert abs(found.scale) < 4 * found.sigma_scale
     assert found.p_value > 1e-3
@@ -40,9 +47,8 @@ def test_an_error_of_scale_is_told_with_its_correlation():
 
 def test_what_the_guideline_asks_for_and_is_not_there_is_said():
     line = np.array([0, 0, 0, 1])
-    found = length_errors(
-        CALIBRATED, np.eye(4) * 1e-12, CALIBRATED, np.zeros(4), line=line, volume_m=np.array([2.0, 2.0, 1.5])
-    )
+    lines_of_two = CalibratedLengths(CALIBRATED, np.zeros(4), line=line)
+    found = length_errors(CALIBRATED, np.eye(4) * 1e-12, lines_of_two, volume_m=np.array([2.0, 2.0, 1.5]))
     assert found.lacks == (
         "2 measuring lines of 7",
         "2 measuring lines with fewer than 5 lengths",
@@ -50,5 +56,7 @@ def test_what_the_guideline_asks_for_and_is_not_there_is_said():
     )
     lines = np.repeat(np.arange(7), 5)
     lengths = np.tile(np.linspace(0.4, 2.2, 5), 7)
-    full = length_errors(lengths, np.eye(35), lengths, np.zeros(35), line=lines, volume_m=np.array([2.0, 2.0, 1.5]))
+    full = length_errors(
+        lengths, np.eye(35), CalibratedLengths(lengths, np.zeros(35), line=lines), volume_m=np.array([2.0, 2.0, 1.5])
+    )
     assert full.lacks == ()

@@ -1,4 +1,4 @@
-"""Plans of photographs: stations look where they should, information is that of the adjustment, choices beat chance."""
+"""Photograph plans: stations face the targets, the information is that of the adjustment, choices beat random ones."""
 
 from __future__ import annotations
 

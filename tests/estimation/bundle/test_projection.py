@@ -1,4 +1,4 @@
-"""Derivatives are those of the projection itself, which is that of another formulation."""
+"""Derivatives of the projection are exact, and the projection agrees with another formulation."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Errors that the points of a pose share are told from those of each by itself."""
+"""Errors that the points of a pose share are separated from those of single points."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Start values from named points alone: images find their orientation, whatever is known beforehand."""
+"""Start values from named points alone: all images are oriented, with or without prior knowledge."""
 
 from dataclasses import replace
 

@@ -1,4 +1,4 @@
-"""Circles without a code find their points along epipolar lines, and what is ambiguous finds none."""
+"""Circles without a code are matched along epipolar lines, and ambiguous ones are left out."""
 
 from dataclasses import replace
 

@@ -1,4 +1,4 @@
-"""Variance components of kinds of targets: recovered, with honest standard deviations, and sigma0 tested."""
+"""Variance components by kind of target are recovered within their uncertainty, and sigma0 is tested."""
 
 from dataclasses import replace
 

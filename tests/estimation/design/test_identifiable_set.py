@@ -1,4 +1,4 @@
-"""The set of parameters that data can carry: the report's for the telescope, maximal for all."""
+"""Sets of identifiable parameters: the report's set for the telescope, and maximality for all."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""The order of poses: never worse than all orders where they can be counted, and both figures as they are."""
+"""Order of poses: no enumerated order is better, and its two figures are correct."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Choice of configurations: exchanges against brute force, the bound against every design, climbs against the grid."""
+"""Choice of configurations: exchanges against brute force, the bound against all designs, ascents against a grid."""
 
 from __future__ import annotations
 

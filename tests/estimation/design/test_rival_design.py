@@ -1,4 +1,4 @@
-"""Poses that tell rivals apart: odds as simulated data give them, the fewest poses, and honest where none will do."""
+"""Poses that discriminate between rivals: odds as in simulated data, and a report if no pose discriminates."""
 
 from __future__ import annotations
 

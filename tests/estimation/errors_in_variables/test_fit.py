@@ -1,4 +1,4 @@
-"""Errors in variables: published and independent answers, laws of the estimate, and its covariance."""
+"""Errors in variables: published and independent results, laws of the estimate, and its covariance."""
 
 from __future__ import annotations
 
@@ -126,7 +126,7 @@ def test_covariance_and_noise_ratio_are_those_of_many_fits() -> None:
     # the covariance of 400 standard normal pairs: each entry within 4.5 of its standard deviations
     assert_close(error.T @ error / 400, np.eye(2), atol=4.5 * np.sqrt(2 / 400))
     ratio = np.array([f.noise_ratio for f in fits])
-    stated = np.mean([f.noise_ratio_sigma for f in fits])
+    stated = np.mean([f.noise_ratio / np.sqrt(2 * f.leave_one_out.freedom) for f in fits])
     # the mean of a chi distribution of 18 degrees of freedom is 1.4 % below its root mean square
     assert_between(ratio.mean() / 1.5, 0.986 - 4 * 0.167 / 20, 0.986 + 4 * 0.167 / 20)
     assert_between(ratio.std() / stated, 1 - 4 / np.sqrt(800), 1 + 4 / np.sqrt(800))

@@ -1,5 +1,4 @@
-"""Pictures of ellipses and ring targets, exposed by integration over the area of every pixel; shares nothing with what
-measures them."""
+"""Rendered ellipses and ring targets, integrated over the area of every pixel; shares no code with the measurement."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Pictures of flat patterns seen in perspective: light is integrated over pixels after the blur, on a fine grid."""
+"""Rendered planar patterns in perspective: light is integrated over pixels after the blur, on a fine grid."""
 
 from __future__ import annotations
 

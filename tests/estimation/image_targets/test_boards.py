@@ -1,4 +1,4 @@
-"""Boards: corners numbered the same however the board is held, without bias, scattered as they say."""
+"""Corners of boards: numbering independent of the attitude, no bias, and scatter as the covariance states."""
 
 from __future__ import annotations
 

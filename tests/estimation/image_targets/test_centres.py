@@ -1,4 +1,4 @@
-"""Centres of circles in rendered photographs: where they are, and scattered as their covariance says."""
+"""Centres of circles in rendered photographs: no bias, and scatter as the covariance states."""
 
 from __future__ import annotations
 

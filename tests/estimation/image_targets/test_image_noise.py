@@ -1,4 +1,4 @@
-"""Noise of a photograph, from the photograph: as large as it was made, whatever else is to be seen."""
+"""The noise estimated from a photograph agrees with the rendered noise, whatever the scene shows."""
 
 from __future__ import annotations
 

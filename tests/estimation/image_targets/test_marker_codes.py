@@ -1,4 +1,4 @@
-"""Codes of markers: every code of every family as OpenCV reads it, in all rotations; what is none is not read."""
+"""Codes of markers: all codes of all families agree with OpenCV in all rotations; other patterns are refused."""
 
 from __future__ import annotations
 

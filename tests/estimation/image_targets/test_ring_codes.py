@@ -1,4 +1,4 @@
-"""Ring codes: which there are, and that reading them gives the right one or none."""
+"""Ring codes: the set of valid codes, and decoding to the right code or none."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Coded targets in rendered photographs, and in real ones: their numbers, and centres beside the light of the ring."""
+"""Coded targets in rendered and real photographs: their numbers, and centres against the light of the ring."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Square markers: codes read, corners without bias and scattered as they say, what is no marker refused."""
+"""Square markers: codes, corners without bias and with the stated scatter, and refusal of other shapes."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""A made bench: a stiff platform on six legs, loaded along one axis at a time, read one channel at a time."""
+"""A synthetic bench: a stiff platform on six legs, loaded along one axis and read in one channel at a time."""
 
 from __future__ import annotations
 

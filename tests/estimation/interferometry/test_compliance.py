@@ -1,4 +1,4 @@
-"""The compliance from logs, beside the simulated one: unbiased, as sure as it says, and silent where they agree."""
+"""Compliance from logs against the simulated one: unbiased, with correct uncertainty, and no false differences."""
 
 from __future__ import annotations
 

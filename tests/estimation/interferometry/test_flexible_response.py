@@ -1,4 +1,4 @@
-"""Runs taken out one by one give what solving for all at once does; what follows loads is no noise."""
+"""Leaving out runs one by one agrees with a joint solution; responses to loads are not counted as noise."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""ISO 230-2: what holds between its quantities whatever was measured, and how often the truth lies in the intervals."""
+"""ISO 230-2: relations between its quantities, and coverage of its intervals."""
 
 from __future__ import annotations
 

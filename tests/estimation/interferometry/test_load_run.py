@@ -1,4 +1,4 @@
-"""Zero, drift and response of a run are told apart where they can be, and said to be open where not."""
+"""Zero, drift and response of a run are separated where possible, and reported as undetermined otherwise."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Faults planted into logs are found where they are and as large as they are; good logs stay as they were."""
+"""Faults inserted into logs are found with their place and size; good logs have none."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Channels joined to six components: what was measured, how sure, and what stays unknown."""
+"""Six components from single channels: measured values, their uncertainty, and unknown components."""
 
 from __future__ import annotations
 

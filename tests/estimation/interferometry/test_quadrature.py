@@ -1,4 +1,4 @@
-"""Ellipses of quadrature signals, fringes counted and fringes slipped, each as sure as it says."""
+"""Quadrature signals: ellipse fit, counted and slipped fringes, each with the stated uncertainty."""
 
 from __future__ import annotations
 

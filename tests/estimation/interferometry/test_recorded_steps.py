@@ -1,4 +1,4 @@
-"""Readings are turned into displacements exactly, and their uncertainty is that of the parts."""
+"""Conversion of readings to displacements is exact, and its uncertainty is that of the parts."""
 
 from __future__ import annotations
 

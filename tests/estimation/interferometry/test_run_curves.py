@@ -1,4 +1,4 @@
-"""Gross errors of readings: found by themselves, at the ends of a run too, and never made of what sensors do."""
+"""Gross errors of readings are found, also at the ends of a run; ordinary behaviour of sensors is not rejected."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Exchanged labels are found, among gross errors and in bodies of few targets; what is not exchanged is left alone."""
+"""Exchanged labels are found among gross errors and in bodies with few targets; right labels stay."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Labels by geometry: laws under motion and permutation, what may be missing or strange, and what must be refused."""
+"""Labels by geometry: invariance under motion and permutation, missing and foreign points, ambiguous bodies."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Of points that a fit of poses rejected, gross errors go; exchanged labels and moved targets stay, to be told."""
+"""Of points rejected by the fit of poses, gross errors are left out; exchanged labels and moved targets are kept."""
 
 from __future__ import annotations
 

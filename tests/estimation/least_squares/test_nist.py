@@ -1,4 +1,4 @@
-"""All 27 certified problems of non-linear regression, from both of their starts."""
+"""All 27 certified problems of non-linear regression (NIST), from both of their start values."""
 
 from __future__ import annotations
 

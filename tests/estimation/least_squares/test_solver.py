@@ -1,4 +1,4 @@
-"""Minima, covariances and honest ends of the least-squares solver, alone and in batches."""
+"""Least-squares solver, single and in batches: minima, covariances, and status of failed fits."""
 
 from __future__ import annotations
 

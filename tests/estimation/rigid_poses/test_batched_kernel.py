@@ -1,4 +1,4 @@
-"""The compiled closed form gives what the plain one gives, whatever the points."""
+"""The compiled closed-form motion agrees with the plain one for any points."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Poses of a body block by block: those of all poses at once; and on a shape that only some poses tell."""
+"""Poses of a body block by block equal those of all poses at once; also if few poses determine the shape."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""The shape of a body from its poses alone."""
+"""Estimate of a body's shape from its poses alone."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""The robust reweighted pose: its kernel, its laws, what it withstands and what it costs."""
+"""The reweighted robust pose: kernel, invariance, breakdown, and efficiency."""
 
 from __future__ import annotations
 

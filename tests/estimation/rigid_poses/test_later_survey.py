@@ -1,4 +1,4 @@
-"""Two surveys of one body: who moved is named, by how much is told truly, nobody is accused beyond the stated rate."""
+"""Two surveys of one body: moved targets are named with their shift, and false alarms keep the stated rate."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""The maximum-likelihood pose: its derivative, its limits, its laws and its efficiency."""
+"""The maximum-likelihood pose: derivative, limiting cases, invariance, and efficiency."""
 
 from __future__ import annotations
 
@@ -16,7 +16,7 @@ from tests.estimation.scatter import (
     squared_pulls,
 )
 from tests.tolerance import assert_close
-from truing.estimation.rigid_poses.likelihood import _normal_equations, maximum_likelihood
+from truing.estimation.rigid_poses.likelihood import _normal_equations, _PointPairs, maximum_likelihood
 from truing.estimation.rigid_poses.rigid import FitStatus
 from truing.estimation.rigid_poses.umeyama import umeyama
 from truing.estimation.rotation import exp_so3
@@ -51,7 +51,7 @@ def test_gradient_is_exact(seed):
     x, y, C_x, C_y, R, t = trials(rng, 3, 6)
     R = exp_so3(1e-4 * rng.normal(size=(3, 3))) @ R
     C_x = np.broadcast_to(C_x, C_y.shape)
-    _, gradient, _ = _normal_equations(x, y, C_x, C_y, np.ones((3, 6), bool), R, t)
+    _, gradient, _ = _normal_equations(_PointPairs(x, y, C_x, C_y, np.ones((3, 6), bool)), R, t)
 
     def cost(p, turned):
         r = y - x @ np.swapaxes(turned, 1, 2) - p[:, None]

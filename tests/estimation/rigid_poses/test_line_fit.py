@@ -1,4 +1,4 @@
-"""The closest line: exact, equivariant, with the covariance that its error shows, and without a roll."""
+"""The closest line: exact, equivariant, with a correct covariance, and with no rotation about itself."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Poses and shape together: what both cost, the survey counted once, targets that deform."""
+"""Joint estimate of poses and shape: covariance of both, single use of the survey, and deforming targets."""
 
 from __future__ import annotations
 

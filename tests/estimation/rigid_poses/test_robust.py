@@ -1,4 +1,4 @@
-"""Consensus of points: gross errors of every kind, clean data, ambiguity, laws."""
+"""Consensus of points: every kind of gross error, clean data, ambiguity, and invariance."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""The default pose: nothing lost without gross errors, right with them, and honest about its uncertainty."""
+"""The default pose: efficient without gross errors, correct with them, and with a correct covariance."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""The closed form: laws, weights, missing points, degenerate sets, covariance."""
+"""The closed-form motion: invariance, weights, missing points, degenerate sets, covariance."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Poses from dense scans: recovery with an honest covariance, and the refusal of what a surface cannot tell."""
+"""Poses from dense scans: recovery with a correct covariance, and refusal of surfaces that do not determine a pose."""
 
 from __future__ import annotations
 

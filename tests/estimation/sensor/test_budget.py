@@ -1,4 +1,4 @@
-"""The parts of a sensor's calibration add up to the covariances of what they are parts of."""
+"""The parts of a sensor's uncertainty budget add up to its covariances."""
 
 from __future__ import annotations
 

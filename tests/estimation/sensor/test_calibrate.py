@@ -1,4 +1,4 @@
-"""Calibrations recover the sensor within their covariance, obey the laws of units, and say what is missing."""
+"""Sensor calibrations recover the truth within their covariance, are independent of units, and report missing data."""
 
 from __future__ import annotations
 
@@ -255,7 +255,7 @@ def test_bad_tables_are_refused():
     with pytest.raises(ValueError, match=r"loads: found no value in 2 rows \(from 0: 3, 17\)"):
         load_table(values, hole)
     with pytest.raises(ValueError, match="signal 'v1' twice"):
-        load_table(values, values, signal_names=["v1"] * 6)
+        load_table(values, values).named(["v1"] * 6)
     with pytest.raises(ValueError, match="19 of loads"):
         load_table(values, values[1:])
     with pytest.raises(ValueError, match=r"signal_cov: found shape \(5, 5\)"):

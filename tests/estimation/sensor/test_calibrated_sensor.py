@@ -1,4 +1,4 @@
-"""A calibrated sensor tells the wrench of new signals, as surely as it says, also once it was written and read."""
+"""A calibrated sensor, also after writing and reading, gives wrenches with a correct covariance."""
 
 from __future__ import annotations
 
@@ -101,8 +101,7 @@ def test_temperature_is_counted_from_its_reference():
         covariates=warmth[:, None],
         signal_cov=toy.signal_cov,
         load_cov=toy.load_cov,
-        covariate_names=["material_temperature"],
-    )
+    ).named(covariates=["material_temperature"])
     calibrated = calibrated_sensor(hold_out(table, replace(FORWARD, drift=True)), table, REFERENCE_C, False)
     true, signals = _new(toy, 11)
     found = calibrated.wrench(signals + 3.0 * drift, covariates=[REFERENCE_C + 3.0])

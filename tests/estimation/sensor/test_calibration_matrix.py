@@ -1,4 +1,4 @@
-"""The matrix from a forward fit carries its errors over, and wrenches scatter as they say."""
+"""The matrix from a forward fit propagates its errors, and wrenches scatter as stated."""
 
 from __future__ import annotations
 

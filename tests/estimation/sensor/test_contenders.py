@@ -1,4 +1,4 @@
-"""Held-out load cases tell a term that is there from one learnt by heart, which rows of the same case cannot."""
+"""Held-out load cases distinguish a real term from an overfitted one; rows of the same case cannot."""
 
 from __future__ import annotations
 

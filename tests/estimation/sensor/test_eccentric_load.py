@@ -1,4 +1,4 @@
-"""Lines of action and the point where they meet: exact without noise, within their covariance with it."""
+"""Lines of action and their common point: exact without noise, within their covariance with noise."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Errors that were put into a series come out by name and size; noise alone stays below its limits."""
+"""Errors added to a series are reported by class and size; noise alone stays below the limits."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Exchanged rows of loads are named, with their components; gross errors and good tables are not."""
+"""Exchanged rows of loads are named with their components; gross errors and good tables are not."""
 
 from __future__ import annotations
 

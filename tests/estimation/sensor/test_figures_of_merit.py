@@ -1,4 +1,4 @@
-"""The paper's Tables 4 and 5 from its printed numbers, leg forces by eq. 33 and 34, and figures with their errors."""
+"""Figures of merit: the paper's Tables 4 and 5, leg forces by eq. 33 and 34, and uncertainties."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Chosen loads: within limits, at the bound where theory knows it, and as good as the fit that follows finds."""
+"""Chosen loads: within limits, at the theoretical bound where it is known, and as good as the subsequent fit."""
 
 from __future__ import annotations
 

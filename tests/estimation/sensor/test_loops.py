@@ -1,4 +1,4 @@
-"""Loops of known width come out of steps at no fixed drives, whatever drifts beside them."""
+"""Loops of known width are recovered from steps without fixed drives, under any drift."""
 
 from __future__ import annotations
 

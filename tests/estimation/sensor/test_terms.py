@@ -1,4 +1,4 @@
-"""Terms have the derivatives that they claim, a name each, and equations of both errors too."""
+"""Terms of a calibration: exact derivatives, unique names, and equations with errors in both variables."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""A sensor that is exactly what its numbers say, loaded case by case, with noise on loads and signals."""
+"""A synthetic linear sensor, loaded case by case, with noise on loads and signals."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""A browser draws the figures of the calibrations, whatever the models and parameters are called."""
+"""A browser renders the figures of the calibrations for any names of models and parameters."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""The page says which calibration is chosen and why, what it found, what can be known, and what is required."""
+"""The page shows the chosen calibration with reason, parameters, identifiability, and requirements."""
 
 from __future__ import annotations
 

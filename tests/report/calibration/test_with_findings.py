@@ -1,4 +1,4 @@
-"""The page lists calibrations of the data as recorded and with findings applied, and tells what was asked of causes."""
+"""The page lists calibrations with and without applied findings, and the decisions on causes."""
 
 from __future__ import annotations
 

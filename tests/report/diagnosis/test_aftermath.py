@@ -1,4 +1,4 @@
-"""Pulls, what could have stayed hidden, what to measure next, and what has changed since an earlier model."""
+"""Pulls, detectable effects, next measurements, and changes since an earlier model."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""The sentences of the diagnosis: what, where, how large, how sure, in the units of a laboratory."""
+"""Sentences of the diagnosis: cause, subject, size and certainty, in units of a laboratory."""
 
 from __future__ import annotations
 
@@ -10,6 +10,7 @@ from tests.sentences import assert_says, says
 from truing.report.diagnosis.effect_units import plain_size, size_text, stem
 from truing.report.diagnosis.findings import (
     Facts,
+    NoiseFacts,
     detectable_words,
     explanation,
     noise_explanation,
@@ -130,12 +131,12 @@ def test_what_was_not_evaluated_is_left_out():
 
 
 def test_noise_says_where_it_is_larger_where_that_is_known():
-    assert_says(noise_explanation(1.41, 0.05, 7.3, 5.1), "residuals", "1.410 ± 0.050", "declared noise")
-    varying = noise_explanation(1.4, 0.1, None, 5.0, ("temperature_c", "time_s"))
+    assert_says(noise_explanation(NoiseFacts(1.41, 0.05, 7.3, 5.1)), "residuals", "1.410 ± 0.050", "declared noise")
+    varying = noise_explanation(NoiseFacts(1.4, 0.1, None, 5.0, inputs=("temperature_c", "time_s")))
     assert_says(varying, "depends", "temperature_c", "time_s")
     assert_says(varying, "1.40 ± 0.10 times as large as where it is smallest")
     assert not says(varying, "declared noise")  # the ratio compares places, not the declaration
-    alone = noise_explanation(1.4, 0.1, 7.3, 5.1, ("target B1",), alone="target B1")
+    alone = noise_explanation(NoiseFacts(1.4, 0.1, 7.3, 5.1, inputs=("target B1",), channel="target B1"))
     assert_says(alone, "target B1", "1.40 ± 0.10 times that of the others")
     assert_says(alone, "noise as estimated here gives 5.10 um")
 

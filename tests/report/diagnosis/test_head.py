@@ -1,4 +1,4 @@
-"""The first lines of the page say what is wrong, how large it is, what it brings, and what to do next."""
+"""The first lines of the page: the main error, its size, the gain by modelling it, and the next step."""
 
 from __future__ import annotations
 

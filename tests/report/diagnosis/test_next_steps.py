@@ -1,4 +1,4 @@
-"""Next measurements on the page: the most urgent need first, with totals, nothing invented."""
+"""Next measurements on the page: most urgent first, with totals, and only from tables."""
 
 from __future__ import annotations
 

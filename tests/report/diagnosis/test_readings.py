@@ -1,4 +1,4 @@
-"""The page of a bench: readings before and after by channel, load and time, in words of runs and loads."""
+"""The page of a bench: readings before and after modelling by channel, load and time."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""A browser draws the figures of the diagnosis, whatever causes, targets and purposes are called."""
+"""A browser renders the figures of the diagnosis for any names of causes, targets and purposes."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""The section of the diagnosis says what was found, how sure it is and what it brings, whatever tables hold."""
+"""The diagnosis section shows findings, their certainty and gain, for any tables."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Every cause on a force sensor's bench has its sentence: what, where, how large, in a force laboratory's units."""
+"""Every cause on a force sensor's bench has its sentence: subject and size in units of a force laboratory."""
 
 from __future__ import annotations
 

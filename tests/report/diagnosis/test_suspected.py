@@ -1,4 +1,4 @@
-"""A suspected cause never reads as found, and a model that does not hold never as agreement."""
+"""A suspected cause never reads as found, and an inadequate model never as agreement."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""The page says with which left-out blocks a finding was tested, or what to measure if there are none."""
+"""The page names the left-out blocks that tested a finding, or measurements that would allow a test."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""A page of positioning runs: accuracy and reversal at its top, and the deviations drawn from either side."""
+"""The page of positioning runs: accuracy and reversal on top, and deviations from both directions."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""The sections of a loaded sensor: what they say and draw of a bench, and what they say where there is nothing."""
+"""Sections of a loaded sensor: sentences and figures, also with missing tables."""
 
 from __future__ import annotations
 

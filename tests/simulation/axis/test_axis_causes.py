@@ -1,4 +1,4 @@
-"""Causes of an axis: derivatives, growth by hand, and which periods commands distinguish."""
+"""Causes of an axis: derivatives, growth calculated by hand, and periods that commands distinguish."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Prior weights of effects without a name on an axis."""
+"""Prior weights of unnamed effects on an axis."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""The model of a loaded sensor: what it predicts, its derivatives, and how candidates act."""
+"""The model of a loaded sensor: predictions, derivatives, and effects of candidates."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Periods of a load that a campaign can separate: passed twice, with at least four levels."""
+"""Periods of a load that a campaign resolves: passed twice, with at least four levels."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Effects hidden in the readings of a bench are found under their names, with their sizes; a clean bench is silent."""
+"""Effects hidden in the readings of a bench are named with their sizes; without effects, nothing is found."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Steps whose times only count them: an effect follows their order, and no time."""
+"""Steps without real times: an effect may depend on their order, but not on time."""
 
 from __future__ import annotations
 

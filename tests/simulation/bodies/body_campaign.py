@@ -1,4 +1,4 @@
-"""A small model of two bodies without a mechanism: a tool that goes anywhere, and a base that stands still."""
+"""A small model of two bodies without a mechanism: a freely moving tool, and a base at rest."""
 
 from __future__ import annotations
 

@@ -1,4 +1,5 @@
-"""Bodies without a mechanism: exact derivatives, what a pose leaves to be seen, what a body at rest shows beyond."""
+"""Bodies without a mechanism: exact derivatives, observability after the pose fit, and further observability at
+rest."""
 
 from __future__ import annotations
 

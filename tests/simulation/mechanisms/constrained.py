@@ -1,4 +1,4 @@
-"""Laws of the equations of every calibration: exact derivatives, and batches that equal their members."""
+"""Laws of the equations of every calibration: exact derivatives, and batches that equal single evaluations."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Extended models with every cause of the catalogue, their unknowns drawn at random."""
+"""Extended models with every cause of the catalogue and random unknowns."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""The telescope of the reference values, in SI, and draws around it."""
+"""The telescope of the reference values, in SI, and random variations of it."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Errors of a pose by its actuators: against solved poses, drawn errors, and their own laws."""
+"""Errors of a pose by its actuators, against solved poses and drawn errors."""
 
 from __future__ import annotations
 

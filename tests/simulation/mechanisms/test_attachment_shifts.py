@@ -1,4 +1,4 @@
-"""Shifts of attachments as measurements: exact derivatives, and a platform that was measured too high."""
+"""Measured shifts of attachments: exact derivatives, and a platform with a common height error."""
 
 from __future__ import annotations
 

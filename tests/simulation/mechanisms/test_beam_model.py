@@ -1,4 +1,4 @@
-"""The beam model: reference values, how small the flexures' shift is, and its limits."""
+"""The beam model: reference values, size of the flexures' shift, and limits."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Beams, and a leg of flexure, tube and flexure: reference values, laws of every elastic body, condensation."""
+"""Beams, and a leg of flexure, tube and flexure: reference values, laws of elasticity, condensation."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Drives and instruments that err, targets elsewhere, what follows a column: derivatives, candidates, what is told."""
+"""Causes of drives, instruments and targets: derivatives, candidates, and reported parameters."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Causes of the structure: exact derivatives, alone and on top of one another, and valid candidates."""
+"""Causes of the structure: exact derivatives, alone and combined, and valid candidates."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Errors common to all poses as numbers of a calibration: exact derivatives, and what they undo."""
+"""Errors common to all poses as parameters of a calibration: exact derivatives, and the bias that they remove."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""The extended model as text: what is written is what is read, and it predicts what the fit predicted."""
+"""The extended model as text: reading restores it, and it predicts like the fit."""
 
 from __future__ import annotations
 

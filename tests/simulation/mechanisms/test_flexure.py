@@ -1,4 +1,4 @@
-"""The bent flexure: reference values, the circle that its ends lie on, and distances that solve their equation."""
+"""The bent flexure: reference values, the circle of its ends, and distances that satisfy its equation."""
 
 from __future__ import annotations
 
@@ -13,7 +13,6 @@ from tests.simulation.mechanisms.flexure_telescope import STEP, vector
 from tests.tolerance import assert_between, assert_close
 from truing.simulation.mechanisms.structures.beam_model import (
     BendLaw,
-    arc_deflection,
     arc_distance,
     circle_distance,
     circle_remainder,
@@ -25,11 +24,17 @@ LENGTH_M = 0.01
 DEGREES = ["0.6", "1.0"]
 
 
+def arc_end(length: float, slope: float) -> tuple[float, float]:
+    """Shortening and deflection of the end of an inextensible circular arc, m."""
+    shortening = length * (1.0 - np.sinc(slope / np.pi))
+    return float(shortening), float(length * slope / 2.0 * np.sinc(slope / (2.0 * np.pi)) ** 2)
+
+
 @pytest.mark.parametrize("degrees", DEGREES)
 def test_deflections_are_those_of_the_reference(degrees: str) -> None:
     inputs, outputs = vector(f"eq12.{degrees}")
     slope = np.deg2rad(inputs["delta_deg"])
-    for law, prefix in ((deflection, ""), (arc_deflection, "arc_")):
+    for law, prefix in ((deflection, ""), (arc_end, "arc_")):
         for found, name in zip(law(inputs["l_b_mm"] * 1e-3, slope), ("dx_mm", "dy_mm"), strict=True):
             expected = outputs[prefix + name]
             assert_close(found * 1e3, expected, atol=1e-9 * expected, what=prefix + name)
@@ -45,7 +50,7 @@ def test_ends_leave_the_circle_as_the_reference_says(degrees: str) -> None:
 
 def test_remainder_of_the_circle_is_of_fourth_order() -> None:
     slope = 0.05
-    for law, share in ((deflection, 47 / 720), (arc_deflection, -1 / 720)):
+    for law, share in ((deflection, 47 / 720), (arc_end, -1 / 720)):
         found = circle_remainder(1.0, *law(1.0, slope)) / slope**4
         assert_close(found, share, atol=slope**2, what="share of the fourth power")  # the next order is the sixth
 
@@ -68,7 +73,7 @@ def test_series_and_closed_forms_are_one_function(slope: float) -> None:
     simpson = (arc[0] + arc[-1] + 4 * arc[1::2].sum() + 2 * arc[2:-1:2].sum()) / 6000
     assert_close(dx, simpson - 1, atol=1e-14, what="dx")
     assert dy == slope / 2
-    dx, dy = arc_deflection(1.0, slope)
+    dx, dy = arc_end(1.0, slope)
     turned = np.array([1 - dx, dy]) * slope  # of a circle of radius 1 / slope
     assert_close(turned, [np.sin(slope), 1 - np.cos(slope)], atol=1e-15, what="end of the arc")
 
@@ -100,7 +105,7 @@ def test_a_straight_flexure_adds_half_its_length(beta: float) -> None:
 
 @given(slope=st.floats(0.0, 1.5))
 def test_the_arc_s_distance_is_that_of_its_end_along_its_tangent(slope: float) -> None:
-    dx, dy = arc_deflection(LENGTH_M, slope)
+    dx, dy = arc_end(LENGTH_M, slope)
     along = (LENGTH_M / 2 - dx) * np.cos(slope) + dy * np.sin(slope)
     found = arc_distance(np.array(LENGTH_M), np.cos(slope)).value
     assert_close(found, along, atol=1e-14 * LENGTH_M, what="dl, m")

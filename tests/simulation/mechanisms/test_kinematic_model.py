@@ -1,4 +1,4 @@
-"""The closing of rigid legs, a closure of a lab's own, and the linear model: reference values and exact derivatives."""
+"""The closure of rigid legs, a laboratory's own closure, and the linear model: reference values and derivatives."""
 
 from __future__ import annotations
 

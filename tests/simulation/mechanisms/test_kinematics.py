@@ -1,4 +1,4 @@
-"""Closure, inverse, forward and derivatives of the pose, against reference values and laws."""
+"""Closure, inverse and forward kinematics, and derivatives of the pose, against reference values and laws."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Legs with measured poses of their own: what their ends say, exactly, and that they say it beside the closing."""
+"""Legs with measured poses of their own: exact closure at their ends, in addition to the leg closure."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Targets on a leg tell how their survey sits on it; too few of them, or legs of two bodies, tell nothing."""
+"""Targets on a leg determine the position of their survey; with too few targets, it is undetermined."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Points of all bodies: exact derivatives by everything that is not known, and what a survey leaves unknown."""
+"""Points of all bodies: exact derivatives by all unknowns, and unknowns of the survey."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""A square marker is moved as one thing, not corner by corner."""
+"""A displaced square marker moves as a whole, not corner by corner."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Inputs of nonparametric effects: displacements of actuators where there are legs, else columns of that name."""
+"""Inputs of nonparametric effects: displacements of actuators if there are legs, otherwise columns of that name."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""A serial arm, which has no legs, enters with a model, a scene and causes of its own: truing/inference."""
+"""A serial arm without legs works in truing/inference with a model, a scene and causes of its own."""
 
 from __future__ import annotations
 

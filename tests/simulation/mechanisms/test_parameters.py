@@ -1,4 +1,4 @@
-"""Named numbers of a machine: there and back, and the exact change of the machine by them."""
+"""Named parameters of a machine: conversion in both directions, and the exact derivative of the machine."""
 
 from __future__ import annotations
 

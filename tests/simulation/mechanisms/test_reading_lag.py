@@ -1,4 +1,4 @@
-"""Readings that are late: their rates along a path, and the cause on legs and on a chain."""
+"""Late readings: rates along a path, and the cause on legs and on a chain."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Leg-by-leg calibrations of many draws: truth, noise, compiled against plain, and how many minima there are."""
+"""Leg-by-leg calibrations of many draws: recovery, noise, compiled against plain code, and number of minima."""
 
 from __future__ import annotations
 

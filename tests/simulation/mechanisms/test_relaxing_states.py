@@ -1,4 +1,4 @@
-"""States that relax after movements: they hold every slow recovery of a machine, and nothing else."""
+"""States that relax after movements represent every slow recovery of a machine, and nothing else."""
 
 from __future__ import annotations
 

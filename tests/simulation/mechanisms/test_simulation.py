@@ -1,4 +1,4 @@
-"""A campaign that is drawn again has the noise, the survey and the faults of its layout, and what is hidden in it."""
+"""A simulated campaign has the noise, survey and faults of its layout, and the hidden effects."""
 
 from __future__ import annotations
 

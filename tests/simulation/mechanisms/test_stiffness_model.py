@@ -1,4 +1,4 @@
-"""The stiffness model: reference values, equilibrium under load, energy, and what linearity costs it."""
+"""The stiffness model: reference values, equilibrium under load, energy, and linearisation error."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Poses and readings by Newton on any model of the structure: their status where there are none."""
+"""Poses and readings by Newton's method on any structure, and their status without a solution."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Proofs over a range of poses: their enclosures hold, and what is not true is not proven."""
+"""Proofs over a range of poses: enclosures hold, and false statements are not proven."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Air whose index changes evenly with height: points are found where an adjustment of bent rays puts them."""
+"""Air with a constant index gradient: corrected points agree with an adjustment of bent rays."""
 
 from __future__ import annotations
 

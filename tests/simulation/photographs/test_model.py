@@ -1,4 +1,4 @@
-"""Cameras, bars and air that should be the same in all poses: derivatives, and what a search makes of rays."""
+"""Cameras, bars and air common to all poses: derivatives, and recovery of causes from rays."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""The extended model beside the calibrations: its numbers, how they correlate, and how far its poses are off."""
+"""The extended model in the tables of calibrations: parameters, correlations, and pose errors."""
 
 from __future__ import annotations
 

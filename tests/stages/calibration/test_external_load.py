@@ -1,4 +1,4 @@
-"""Loads of a campaign: keys, payload and columns, what the calibration makes of them, and what is wrong with them."""
+"""External loads of a campaign: keys, payload and columns, their effect on the calibration, and faults."""
 
 from __future__ import annotations
 

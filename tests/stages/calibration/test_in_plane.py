@@ -1,4 +1,4 @@
-"""Attachments that shift in the platform's plane: a calibration that takes it up predicts what the others miss."""
+"""Attachments that shift in the platform's plane: a calibration with these shifts predicts better than one without."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Next poses of a chain: other payloads for rivals by weight and angle, poses for precision, and no motion of zero."""
+"""Next poses of a chain: other payloads to separate weight from angle, poses for precision, and no empty motion."""
 
 from __future__ import annotations
 

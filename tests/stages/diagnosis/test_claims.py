@@ -1,4 +1,4 @@
-"""Every cause has one wording, and that speaks of each of its candidates by what the tables hold of it."""
+"""Every cause has one wording, which describes each of its candidates from the tables."""
 
 from __future__ import annotations
 

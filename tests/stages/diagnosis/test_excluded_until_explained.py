@@ -1,4 +1,4 @@
-"""Poses that show an effect more than all others are no gross errors once the effect is known."""
+"""Poses that show an effect most strongly are not gross errors once the effect is modelled."""
 
 from __future__ import annotations
 

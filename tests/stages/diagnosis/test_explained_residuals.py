@@ -1,4 +1,4 @@
-"""Inputs that predict residuals of the simulation, next to an effect without a name that the final model holds."""
+"""Inputs that predict residuals of the simulation, next to an unnamed effect of the final model."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""A bench tells what its sensor's legs have in common, and the pulls are judged by that."""
+"""A bench determines the common error of its sensor's legs, which the pulls take into account."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Next loads: runs that separate causes of a bench, or improve one, with the effect that they state."""
+"""Next loads: runs that separate causes of a bench, or improve one, with the stated effect."""
 
 from __future__ import annotations
 

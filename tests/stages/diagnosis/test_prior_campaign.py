@@ -1,4 +1,4 @@
-"""A campaign that starts from an earlier one of the same machine knows what that knew, and tells what has changed."""
+"""A campaign that starts from an earlier one of the same machine uses its results, and reports changes."""
 
 from __future__ import annotations
 

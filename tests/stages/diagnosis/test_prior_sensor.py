@@ -1,4 +1,4 @@
-"""A sensor's campaign that starts from an earlier one knows what that knew, finds nothing twice, and tells changes."""
+"""A sensor campaign that starts from an earlier one uses its results, finds nothing twice, and reports changes."""
 
 from __future__ import annotations
 

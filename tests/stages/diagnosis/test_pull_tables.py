@@ -1,4 +1,4 @@
-"""Geometry that swallowed an effect returns to where it was built once the effect is in the model."""
+"""Geometry biased by an omitted effect returns to its true values once the effect is modelled."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Rays are judged before points: what they find is taken off, what all poses share is no finding."""
+"""Diagnosis of rays before points: found effects are corrected, and effects common to all poses are no finding."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Rows of signals that were exchanged beside readings that were not, and the other way round."""
+"""Exchanged rows of signals without exchanged readings, and the reverse."""
 
 from __future__ import annotations
 

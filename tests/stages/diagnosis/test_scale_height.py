@@ -1,4 +1,4 @@
-"""Height at which lengths from photographs are right: that of the scale bars."""
+"""Height at which lengths from photographs are unbiased: that of the scale bars."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""The parameter that further measurements are to sharpen is one that the model fits."""
+"""The next measurement improves a parameter that the model fits, not a derived one."""
 
 from __future__ import annotations
 

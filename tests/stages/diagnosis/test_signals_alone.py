@@ -1,4 +1,4 @@
-"""A force sensor without an interferometer: what its signals and its loads alone say."""
+"""Diagnosis of a force sensor without an interferometer, from signals and loads alone."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Whose body a point of the network belongs to: by name, by the survey, or to none."""
+"""Assignment of network points to bodies: by name, by the survey, or to none."""
 
 from __future__ import annotations
 

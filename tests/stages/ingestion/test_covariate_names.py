@@ -1,4 +1,4 @@
-"""A covariate bears any name that is no column of its own table, and is reported by it."""
+"""A covariate may have any name except a column of its table, and is reported under it."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Points of a COLMAP model come with the standard deviations that their rays give them, and the run says so."""
+"""Points of a COLMAP model get standard deviations from their rays, and the run reports it."""
 
 from __future__ import annotations
 

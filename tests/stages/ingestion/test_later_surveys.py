@@ -1,4 +1,4 @@
-"""Later surveys: a target that moved is another one from then on, the others stay what they are."""
+"""Later surveys: a moved target counts as a new one from then on, the others are unchanged."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Readings, displacements and signals of a loaded platform: what becomes of good ones, and what is said of bad ones."""
+"""Readings, displacements and signals of a loaded platform: resulting tables, and faults of bad input."""
 
 from __future__ import annotations
 

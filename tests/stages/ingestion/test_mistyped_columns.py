@@ -1,4 +1,4 @@
-"""A column of text with nearly the name of a known one is refused; other text is passed over."""
+"""A text column with nearly the name of a known one is refused; other text columns are ignored."""
 
 from __future__ import annotations
 

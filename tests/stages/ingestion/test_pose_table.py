@@ -1,4 +1,4 @@
-"""Poses that an instrument gave as such: every way of writing them is one pose, and what is none is refused."""
+"""Poses measured by an instrument: all notations give the same pose, and invalid ones are refused."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Raw signals of a load that never stands still: the compliance is that of the platform, not of the first samples."""
+"""Raw signals under a continuously changing load: the compliance is unbiased by the first samples."""
 
 from __future__ import annotations
 

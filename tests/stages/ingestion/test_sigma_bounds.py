@@ -1,4 +1,4 @@
-"""No standard deviation of a table is smaller than any instrument resolves, or larger than any measurement."""
+"""Standard deviations below any instrument's resolution, or above any measurement, are refused."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""The simulated deformation in its three forms, and what is wrong with a file of it."""
+"""The simulated deformation in its three forms, and faults of its files."""
 
 from __future__ import annotations
 

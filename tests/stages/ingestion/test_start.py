@@ -1,4 +1,4 @@
-"""The model of an earlier campaign: copied where it is one of this mechanism, named as a fault where it is not."""
+"""The model of an earlier campaign is copied if it fits the mechanism, and otherwise a fault."""
 
 from __future__ import annotations
 

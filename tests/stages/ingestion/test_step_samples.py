@@ -1,4 +1,4 @@
-"""Samples of a load step: their mean where it is meant, a fault where it is not."""
+"""Samples of a load step are averaged if declared, and otherwise a fault."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Campaigns without names: points that only their geometry tells apart, and scans of surfaces, from files to poses."""
+"""Campaigns without names: unlabelled points and dense scans, from files to poses."""
 
 from __future__ import annotations
 

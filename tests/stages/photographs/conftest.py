@@ -1,4 +1,4 @@
-"""A photographed machine of three poses, adjusted once for all tests of it."""
+"""Fixture: a photographed machine of three poses, adjusted once for all tests."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Calibrations of a photographed machine: numbers as far from the truth as they are said to be."""
+"""Calibrations of a photographed machine: deviations from the truth agree with the stated uncertainty."""
 
 from __future__ import annotations
 

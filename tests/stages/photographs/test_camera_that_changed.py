@@ -1,4 +1,4 @@
-"""A camera that changed between images: which images, what it does to points, and a camera of their own for them."""
+"""A camera that changed between images: the images concerned, the effect on points, and separate cameras for them."""
 
 from __future__ import annotations
 

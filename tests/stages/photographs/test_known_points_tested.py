@@ -1,4 +1,4 @@
-"""A known point that contradicts the rays is named with its error, and takes neither its rays nor the poses along."""
+"""A wrong known point is named with its error, and biases neither rays nor poses."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Large networks: which correlations are written, which points go to poses, and what a run will cost."""
+"""Large networks: written correlations, points used for poses, and the predicted cost of a run."""
 
 from __future__ import annotations
 

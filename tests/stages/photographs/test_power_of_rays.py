@@ -1,4 +1,4 @@
-"""Rays drawn again with the network of a run: their scatter, what is hidden in them, and what asks for them."""
+"""Simulated rays with the network of a run: their scatter, hidden effects, and questions about them."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""A photographed machine from rays to poses: errors against the truth, what is rejected, common, and checked."""
+"""A photographed machine from rays to poses: errors against the truth, rejections, common errors, and checks."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""A length that contradicts the others is one sentence about the scale, and trips no other check."""
+"""A length that contradicts the others gives one message on the scale, and fails no other check."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""A body without a survey has the shape that its poses share, however little the scale of all of them is known."""
+"""A body without a survey gets the common shape of its poses, even if the scale is poorly known."""
 
 from __future__ import annotations
 

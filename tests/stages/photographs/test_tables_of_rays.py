@@ -1,4 +1,4 @@
-"""Rays measured elsewhere and what is known beforehand: names, sigmas, formats, and everything that can be wrong."""
+"""Rays measured elsewhere, and prior knowledge: names, sigmas, formats, and faults."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Shifts of single targets out of photographs: their errors go together, and weigh what they say of a drive."""
+"""Shifts of single targets from photographs: correlated errors are weighted in the response to a drive."""
 
 from __future__ import annotations
 

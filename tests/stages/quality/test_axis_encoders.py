@@ -1,4 +1,4 @@
-"""Exchanged columns of motor and load are told from which encoder the instrument and the command agree with."""
+"""Exchanged columns of motor and load encoder are recognised by agreement with instrument and command."""
 
 from __future__ import annotations
 

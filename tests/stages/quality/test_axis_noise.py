@@ -1,4 +1,4 @@
-"""A declared noise of an axis that is far too large is told; effects of the axis never make it look too large."""
+"""A declared noise of an axis that is far too large is reported; effects of the axis do not trigger this."""
 
 from __future__ import annotations
 

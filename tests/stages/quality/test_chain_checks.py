@@ -1,4 +1,4 @@
-"""Joint readings that do not belong to the measured links of a chain are named, and nothing is diagnosed from them."""
+"""Joint readings that contradict the measured links of a chain are named, and not diagnosed."""
 
 from __future__ import annotations
 

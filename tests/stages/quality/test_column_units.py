@@ -1,4 +1,4 @@
-"""A column of which a part, or all, is in another unit is named with its rows, the unit and the cure."""
+"""A column partly or wholly in another unit is named with its rows, the unit and the remedy."""
 
 from __future__ import annotations
 

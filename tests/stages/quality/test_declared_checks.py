@@ -1,4 +1,4 @@
-"""Checks are what they are declared to be: by name, by limits, and for those who read qa.parquet elsewhere."""
+"""Quality checks follow their declarations: names, limits, and rows of qa.parquet."""
 
 from __future__ import annotations
 
@@ -10,7 +10,8 @@ import pytest
 
 from tests.conftest import PROJECT
 from truing.formats.guess import Guess
-from truing.pipeline.init_campaign import RawGroup, campaign_text
+from truing.pipeline.init_entries import RawGroup
+from truing.pipeline.init_text import campaign_text
 from truing.report.belonging import RELATIONS
 from truing.schemas.artifacts import ARTIFACTS
 from truing.schemas.campaign import read_campaign

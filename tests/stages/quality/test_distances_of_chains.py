@@ -1,4 +1,4 @@
-"""Distances that do not belong to the joint readings of a chain are named by the check of its joints."""
+"""Distances that contradict the joint readings of a chain are named by the check of its joints."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""The checks of a loading campaign: silent on a good one, and each defect found where it is and told by name."""
+"""Checks of a loading campaign: silent on a good one, and each defect is named with its place."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""A noise declared far too small, or a survey in another scale, is told as such, and not as gross errors."""
+"""A declared noise far too small, or a survey in another scale, is reported as such, not as gross errors."""
 
 from __future__ import annotations
 

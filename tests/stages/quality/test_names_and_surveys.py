@@ -1,4 +1,4 @@
-"""A vanished target under an unknown name is suggested, never renamed; later surveys are judged by what moved."""
+"""A missing target under an unknown name is suggested, never renamed; later surveys are judged by moved targets."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Loads beyond the range, in an overload test that is declared."""
+"""Loads beyond the range in a declared overload test."""
 
 from __future__ import annotations
 

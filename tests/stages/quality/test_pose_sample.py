@@ -1,4 +1,4 @@
-"""Poses that the checks examine: all of few, runs of many, and messages that say so."""
+"""Poses that the checks examine: all of few, runs of many, with a message."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Positioning runs: silent on good ones, each slip found by name, and no accuracy stated of a run that fails."""
+"""Positioning runs: silent on good ones, each slip is named, and no accuracy is stated for a failed run."""
 
 from __future__ import annotations
 

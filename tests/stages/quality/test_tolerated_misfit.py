@@ -1,4 +1,4 @@
-"""What a chain within its tolerances misses before any calibration is no slip of its readings."""
+"""The misfit of a chain within its tolerances before calibration is no slip of its readings."""
 
 from __future__ import annotations
 

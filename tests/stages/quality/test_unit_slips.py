@@ -1,4 +1,4 @@
-"""A declared noise that is off by a unit is told with the unit that it was likely written in."""
+"""A declared noise in a wrong unit is reported with the probable unit."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""The compliance of a loaded platform from readings, entry by entry beside the simulated one."""
+"""The compliance of a loaded platform from readings, entry by entry against the simulated one."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Targets at the attachments alone: K is known modulo a plane, and nothing is made of what rounding left of it."""
+"""Targets at the attachments alone: K is known except for a plane, and rounding is not interpreted."""
 
 from __future__ import annotations
 

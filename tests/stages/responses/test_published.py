@@ -1,4 +1,4 @@
-"""Published displacements beside those of a campaign: what agrees, what differs, and what bad tables say."""
+"""Published displacements against those of a campaign: agreement, differences, and faults of bad tables."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""The measured K against a simulated one: an entry that the simulation has wrong is the one that differs."""
+"""The measured K against a simulated one: exactly the wrong entry of the simulation differs."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Beams that are declared to be askew, or to meet the platform off its origin, are taken for what they are."""
+"""Declared inclined or offset beams are part of the model, and no finding."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Readings that a person left out or kept, by run, step and channel: gone from every stage, counted and named."""
+"""Readings that a person excluded or kept, by run, step and channel: applied in every stage, counted and named."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""The pose stage of a loaded platform: displacements as sure as they say, gross errors kept out, nothing made up."""
+"""The pose stage of a loaded platform: correct uncertainty, rejected gross errors, and no invented components."""
 
 from __future__ import annotations
 

@@ -1,4 +1,5 @@
-"""The calibrate stage of a force sensor: G_B as sure as it says, chosen on held-out loads; what is missing is named."""
+"""The calibrate stage of a force sensor: G_B with correct uncertainty, chosen on held-out loads; missing data are
+named."""
 
 from __future__ import annotations
 
@@ -89,6 +90,8 @@ def test_whole_runs_are_held_out_and_the_printed_formula_is_judged_with_the_othe
         held.index
     )
     assert "held out whole runs" in six.outcomes["calibrate"].figure
+    by_residuals = choice[choice["figure"] == "noise_from_residuals"].set_index("model")["value"]
+    assert dict(by_residuals) == {name: float(name.startswith("least squares")) for name in held.index}
 
 
 def test_error_classes_of_a_good_sensor_stay_within_what_noise_does(six):

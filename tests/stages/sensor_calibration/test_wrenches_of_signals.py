@@ -1,4 +1,4 @@
-"""A table of signals becomes a table of wrenches, run by run; what is missing is said all at once."""
+"""Conversion of a table of signals to wrenches, run by run; all missing columns are reported together."""
 
 from __future__ import annotations
 

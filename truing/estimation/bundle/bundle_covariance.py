@@ -95,10 +95,6 @@ class BundleCovariance:
             return self.points(first)
         return self.sensitivities(first) @ self.common @ self.sensitivities(other).T
 
-    def points_common(self, pose: int) -> Array:
-        """Return the covariance (3 p, c) between the points of a pose and the common unknowns."""
-        return self.sensitivities(pose) @ self.common
-
     def images(self, pose: int) -> Array:
         """Return the covariance (i, 6, 6) of each image of a pose: centre in m, then theta in rad."""
         pose_covariance = self._pose(pose)

@@ -28,6 +28,25 @@ class PermissibleError:
 
 
 @dataclass(frozen=True)
+class CalibratedLengths:
+    """Lengths of a test body (L,) in m at 20 degrees C, with sigma (L,), and its temperature at the test.
+
+    line (L,): number of the measuring line of each length; None if unknown.
+    """
+
+    length_m: Array
+    sigma_m: Array
+    expansion_per_k: Array | float = 0.0
+    temperature_c: Array | float = REFERENCE_TEMPERATURE_C
+    line: Index | None = None
+
+    @property
+    def expansion(self) -> Array:
+        """Factor of the lengths at the temperature of the test."""
+        return 1 + np.asarray(self.expansion_per_k) * (np.asarray(self.temperature_c) - REFERENCE_TEMPERATURE_C)
+
+
+@dataclass(frozen=True)
 class LengthErrors:
     """Length measuring errors.
 
@@ -50,31 +69,25 @@ class LengthErrors:
 def length_errors(
     measured_m: Array,
     cov_m2: Array,
-    calibrated_m: Array,
-    sigma_calibrated_m: Array,
+    calibrated: CalibratedLengths,
     *,
-    expansion_per_k: Array | float = 0.0,
-    temperature_c: Array | float = REFERENCE_TEMPERATURE_C,
-    reference_c: float = REFERENCE_TEMPERATURE_C,
-    line: Index | None = None,
     volume_m: Array | None = None,
     permissible: PermissibleError | None = None,
 ) -> LengthErrors:
     """Return the length measuring errors of distances between points.
 
-    measured_m (L,) with cov_m2 (L, L); calibrated_m (L,) at the reference temperature with sigma (L,). The expansion of
-    the test body at its temperature is subtracted from the measured lengths. line (L,): number of the measuring line of
-    each length; volume_m (3,): measured volume.
+    measured_m (L,) with cov_m2 (L, L): the expansion of the test body at its temperature is removed from them. volume_m
+    (3,): measured volume.
     """
     from scipy.special import chdtrc
 
-    expansion = 1 + np.asarray(expansion_per_k) * (np.asarray(temperature_c) - reference_c)
-    error = measured_m / expansion - calibrated_m
-    cov = cov_m2 + np.diag(np.square(sigma_calibrated_m))
+    length_m = calibrated.length_m
+    error = measured_m / calibrated.expansion - length_m
+    cov = cov_m2 + np.diag(np.square(calibrated.sigma_m))
     sigma = np.sqrt(np.diag(cov))
-    permitted = np.full(len(error), np.nan) if permissible is None else permissible.at(calibrated_m)
-    weighted = np.linalg.solve(cov, np.stack([error, calibrated_m], axis=1))
-    information = float(calibrated_m @ weighted[:, 1])
+    permitted = np.full(len(error), np.nan) if permissible is None else permissible.at(length_m)
+    weighted = np.linalg.solve(cov, np.stack([error, length_m], axis=1))
+    information = float(length_m @ weighted[:, 1])
     chi2 = float(error @ weighted[:, 0])
     has_lengths = len(error) > 0
     return LengthErrors(
@@ -84,9 +97,9 @@ def length_errors(
         verdict=_verdicts(error, sigma, permitted),
         chi2=chi2,
         p_value=float(chdtrc(len(error), chi2)) if has_lengths else float("nan"),
-        scale=float(calibrated_m @ weighted[:, 0]) / information if has_lengths else float("nan"),
+        scale=float(length_m @ weighted[:, 0]) / information if has_lengths else float("nan"),
         sigma_scale=information**-0.5 if has_lengths else float("nan"),
-        lacks=_unmet_requirements(calibrated_m, line, volume_m),
+        lacks=_unmet_requirements(length_m, calibrated.line, volume_m),
     )
 
 

@@ -1,4 +1,4 @@
-"""Covariance of one pose given the common unknowns: of all its points jointly, or of those asked for."""
+"""Covariance of one pose given the common unknowns: of all its points jointly, or of some of them."""
 
 from __future__ import annotations
 

@@ -79,16 +79,19 @@ def ray_statistics(observed: Observed, state: NetworkState) -> RayStatistics:
     rays = network.rays
     image, point = rays.image[layout.rays], rays.point[layout.rays]
     linearised = linearise(network, state, image, point)
-    rows = _RayResiduals(
+    rows = _LinearisedNetwork(
+        observed,
+        state,
         linearised,
         rays.xy_px[layout.rays] - linearised.xy_px,
         _derivative_by_numbers(observed, state, numbers, linearised, image, point),
+        distances_at(observed, state),
+        _distances_by_numbers(observed, numbers),
     )
-    distances, free = distances_at(observed, state), freedoms(layout, state)
+    free = freedoms(layout, state)
     pose_of_ray = np.searchsorted(layout.image_start, layout.ray_image, side="right") - 1
     information = np.zeros((layout.poses, len(numbers), len(numbers)))
     score, by_point = np.zeros(information.shape[:2]), np.full((len(state.points), 3, len(numbers)), np.nan)
-    by_bars = _distances_by_numbers(observed, numbers)
     is_large = [rows_by_point is not None for rows_by_point in layout.rows.by_point]
     sides = shared_sides(observed, state, linearised, rows.left, rows.by_numbers) if any(is_large) else None
     for pose in range(layout.poses):
@@ -97,22 +100,30 @@ def ray_statistics(observed: Observed, state: NetworkState) -> RayStatistics:
             points = layout.points[layout.point_start[pose] : layout.point_start[pose + 1]]
             if sides is not None and is_large[pose]:
                 blocks = sides.equations.points[layout.point_start[pose] : layout.point_start[pose + 1]]
-                ties = distances_as_ties(observed, pose, distances, by_bars, blocks, _RIGID)
+                ties = distances_as_ties(observed, pose, rows.distances, rows.by_bars, blocks, _RIGID)
                 statistics = information_of_pose(sides, observed, pose, free[pose], ties)
             else:
-                statistics = _statistics_of_pose(
-                    observed, state, numbers, rows, index, pose, distances, free[pose], by_bars
-                )
+                statistics = _statistics_of_pose(rows, pose, index, free[pose])
             information[pose], score[pose], points_by_numbers = statistics
             by_point[points] = _project_to_datum(points_by_numbers, free[pose])
     return RayStatistics(numbers, information, score, by_point)
 
 
 @dataclass(frozen=True)
-class _RayResiduals:
+class _LinearisedNetwork:
+    """A network at an adjusted state, linearised by its unknowns and by T shared numbers.
+
+    left (n, 2) px: rays measured minus computed; derivatives by the numbers: by_numbers (n, 2, T) of rays, by_bars (q,
+    T) of distances.
+    """
+
+    observed: Observed
+    state: NetworkState
     at: LinearisedRays
-    left: Array  # (n, 2) px, measured less computed
-    by_numbers: Array  # (n, 2, T)
+    left: Array
+    by_numbers: Array
+    distances: Distances
+    by_bars: Array
 
 
 def _numbers(observed: Observed, state: NetworkState) -> tuple[SharedNumber, ...]:
@@ -166,21 +177,13 @@ def _derivative_by_numbers(
 
 
 def _statistics_of_pose(
-    observed: Observed,
-    state: NetworkState,
-    numbers: tuple[SharedNumber, ...],
-    rows: _RayResiduals,
-    rows_of_pose: Index,
-    pose: int,
-    distances: Distances,
-    free: Freedom,
-    by_bars: Array,
+    rows: _LinearisedNetwork, pose: int, rows_of_pose: Index, free: Freedom
 ) -> tuple[Array, Array, Array]:
     """Return information (T, T), score (T,) and derivatives of the points (p, 3, T) of a pose.
 
     rows_of_pose: indices of its rays.
     """
-    layout = observed.layout
+    layout = rows.observed.layout
     first_image, first_point = layout.image_start[pose], layout.point_start[pose]
     images, points = layout.image_start[pose + 1] - first_image, layout.point_start[pose + 1] - first_point
     size = 6 * images + 3 * points
@@ -193,16 +196,20 @@ def _statistics_of_pose(
         1,
     )
     by_own = np.concatenate([rows.at.by_image[rows_of_pose], rows.at.by_point[rows_of_pose]], -1)
-    by_numbers, residual, weight = rows.by_numbers[rows_of_pose], rows.left[rows_of_pose], observed.rays[rows_of_pose]
+    by_numbers, residual, weight = (
+        rows.by_numbers[rows_of_pose],
+        rows.left[rows_of_pose],
+        rows.observed.rays[rows_of_pose],
+    )
     weighted_by_own = np.einsum("nki,nkl->nil", by_own, weight)
     weighted_by_numbers = np.einsum("nkt,nkl->ntl", by_numbers, weight)
-    normal, sides = np.zeros((size, size)), np.zeros((size, len(numbers) + 1))
+    normal, sides = np.zeros((size, size)), np.zeros((size, by_numbers.shape[-1] + 1))
     np.add.at(normal, (unknowns[:, :, None], unknowns[:, None]), weighted_by_own @ by_own)
     by_numbers_and_residual = np.concatenate([by_numbers, residual[..., None]], -1)
     np.add.at(sides, unknowns, weighted_by_own @ by_numbers_and_residual)
     shared_normal = np.einsum("ntl,nls->ts", weighted_by_numbers, by_numbers_and_residual)
-    _add_known(observed, state, pose, normal, sides, 6 * images)
-    shared_normal += _add_distances(observed, by_bars, pose, distances, normal, sides, 6 * images)
+    _add_known(rows, pose, normal, sides, 6 * images)
+    shared_normal += _add_distances(rows, pose, normal, sides, 6 * images)
     scale = 1 / np.sqrt(np.diagonal(normal))
     normal *= scale * scale[:, None]
     sides *= scale[:, None]
@@ -237,8 +244,9 @@ def _distances_by_numbers(observed: Observed, numbers: tuple[SharedNumber, ...])
     return derivative
 
 
-def _add_known(observed: Observed, state: NetworkState, pose: int, normal: Array, sides: Array, first: int) -> None:
-    """Add the known points of a pose to its normal equations."""
+def _add_known(rows: _LinearisedNetwork, pose: int, normal: Array, sides: Array, first: int) -> None:
+    """Add the known points of a pose to its normal equations; ``first``: column of its first point."""
+    observed, state = rows.observed, rows.state
     layout, known = observed.layout, observed.network.known
     start, stop = layout.point_start[pose], layout.point_start[pose + 1]
     for row in np.flatnonzero((layout.known_slot >= start) & (layout.known_slot < stop)):
@@ -248,17 +256,10 @@ def _add_known(observed: Observed, state: NetworkState, pose: int, normal: Array
         sides[unknowns, -1] += observed.known[row] @ (known.xyz_m[number] - state.points[known.point[number]])
 
 
-def _add_distances(
-    observed: Observed,
-    by_bars: Array,
-    pose: int,
-    distances: Distances,
-    normal: Array,
-    sides: Array,
-    first: int,
-) -> Array:
+def _add_distances(rows: _LinearisedNetwork, pose: int, normal: Array, sides: Array, first: int) -> Array:
     """Add the distances of a pose to its normal equations; return their contribution (T, T + 1) to those of the
     numbers."""
+    observed, distances, by_bars = rows.observed, rows.distances, rows.by_bars
     layout, start = observed.layout, observed.layout.point_start[pose]
     added = np.zeros((by_bars.shape[1], by_bars.shape[1] + 1))
     for row in np.flatnonzero(layout.distance_pose == pose):

@@ -242,8 +242,8 @@ def _found_in_all(X: Array, cov: Array, rays: _CircleRays, images: OrientedImage
 
 def _undisputed(claims: Index, circles: int) -> tuple[Index, Mask]:
     """Return the accepted hypotheses (K, I), and the circles (M,) claimed by more than one. Two hypotheses that share
-    circles in two images are the same point; the better supported one is kept. A circle shared by two points goes to
-    the better supported one, or to neither if they are equal; a point with too few circles left is dropped."""
+    circles in two images are the same point; the better supported one is kept. A circle shared by two points is
+    assigned to the better supported one, or to neither if they are equal; points with too few circles are dropped."""
     from scipy.sparse import csr_array
 
     support = (claims >= 0).sum(axis=1)

@@ -123,7 +123,7 @@ def _cost(task: _Task, order: NDArray) -> float:
 
 
 def _nearest_first(distance: NDArray) -> NDArray:
-    """Return the order that always goes to the nearest pose not yet measured."""
+    """Return the greedy order: next is always the nearest pose not yet measured."""
     remaining, at, order = list(range(len(distance) - 1)), len(distance) - 1, []
     while remaining:
         at = remaining.pop(int(np.argmin(distance[at, remaining])))

@@ -273,12 +273,6 @@ class ErrorsInVariablesFit:
         freedom = self.leave_one_out.freedom
         return float(np.sqrt(self.leave_one_out.chi_square / freedom)) if freedom > 0 else float("nan")
 
-    @property
-    def noise_ratio_sigma(self) -> float:
-        """Standard deviation of the noise ratio."""
-        freedom = self.leave_one_out.freedom
-        return self.noise_ratio / float(np.sqrt(2 * freedom)) if freedom > 0 else float("nan")
-
 
 def fit_errors_in_variables(
     constrain: Constraint,

@@ -56,8 +56,8 @@ def estimate_noise(grey: NDArray) -> ImageNoise:
     levels = np.array([level[part].mean() for part in quiet])
     variance = np.array([power[part].mean() for part in quiet]) / _QUIET_POWER
     noise = ImageNoise(*_line(levels, variance))
-    calm = np.argsort(uneven / noise.variance(level))[: max(len(tiles) // 10, 8)]
-    return replace(noise, correlation=_correlation(flat[calm]))
+    quietest = np.argsort(uneven / noise.variance(level))[: max(len(tiles) // 10, 8)]
+    return replace(noise, correlation=_correlation(flat[quietest]))
 
 
 def _sample(grey: NDArray) -> Array:

@@ -1,8 +1,8 @@
 """Residuals of a channel after removing everything that follows loads, load history or time.
 
-The only assumption is that the platform responds alike to equal loads with equal history. The response to each axis,
-its asymmetry, curve, hysteresis, play and creep are free, and so are zero and drift of every run. The residuals are
-instrument noise, jumps and gross errors.
+The only assumption is equal response to equal loads with equal history. The response to each axis, its asymmetry,
+curve, hysteresis, play and creep are free, and so are zero and drift of every run. The residuals are instrument noise,
+jumps and gross errors.
 """
 
 from __future__ import annotations

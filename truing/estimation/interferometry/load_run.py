@@ -1,4 +1,4 @@
-"""Runs of a channel: their zeros, and the fit of zero, drift and response to one load that goes up and down.
+"""Runs of a channel: their zeros, and the fit of zero, drift and response to one load that rises and falls.
 
 If a bench was not set to zero before a run, the run starts elsewhere; coordinates do so always.
 
@@ -200,7 +200,7 @@ class RunFit:
 def fit_run(reading: ArrayLike, sigma: ArrayLike, columns: Array, terms: tuple[Term, ...]) -> RunFit:
     """Return the fit of readings (N,) with noise sigma by columns (N, P); inseparable terms are open.
 
-    Only a load that comes back separates time and load: a run that only goes up leaves drift and response open.
+    Only a load that returns separates time from load: in a run that only rises, drift and response are inseparable.
     """
     y = np.asarray(reading, float)
     is_observed = np.isfinite(y)

@@ -54,7 +54,7 @@ def signs_flipped(slope: ArrayLike, sigma: ArrayLike, alike: Index, false_alarm:
     """
     value = np.asarray(slope, float)
     _, kind = np.unique(alike, return_inverse=True)
-    sure = signs_sure(slope, sigma, false_alarm)
+    sure = significant_signs(slope, sigma, false_alarm)
     positive = np.bincount(kind, sure & (value > 0.0))[kind]
     negative = np.bincount(kind, sure & (value < 0.0))[kind]
     against = np.where(value > 0.0, negative, positive)
@@ -67,7 +67,7 @@ def signs_flipped(slope: ArrayLike, sigma: ArrayLike, alike: Index, false_alarm:
     return _log_faults(wrong, ratio, _sigmas(len(value), false_alarm))
 
 
-def signs_sure(slope: ArrayLike, sigma: ArrayLike, false_alarm: float = 0.01) -> Mask:
+def significant_signs(slope: ArrayLike, sigma: ArrayLike, false_alarm: float = 0.01) -> Mask:
     """Return the responses (G,) with sigma (G,) whose sign is significant, at false_alarm for all of them together."""
     value = np.asarray(slope, float)
     return np.isfinite(value) & (np.abs(value) > _sigmas(len(value), false_alarm) * np.asarray(sigma, float))

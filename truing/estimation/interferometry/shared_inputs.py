@@ -1,8 +1,8 @@
 """Suspected gross errors that are effects: a curve of the loads predicts them, or they share an input.
 
-Rows that share an input (direction of a load, level, run) are no independent slips. So a suspect counts as a gross
-error only if no nonlinear term of the loads, fitted without any suspect, predicts it, and if the suspects of its
-channel are no more frequent where an input is shared than chance puts them there.
+Rows that share an input (direction of a load, level, run) are no independent slips. A suspect counts as a gross error
+only under two conditions: no nonlinear term of the loads, fitted without suspects, predicts it, and suspects of its
+channel do not accumulate where an input is shared.
 """
 
 from __future__ import annotations
@@ -139,8 +139,8 @@ def shared_inputs(course: LoadCourse, reading: Array, sigma: Array, off: Array, 
 
 
 def _significant_terms(plain: Array, terms: Array, values: Array) -> tuple[list[int], float]:
-    """Return the terms (N, T) that values (N,), in sigmas, follow beside plain columns (N, P), one after the other by
-    an F test, and the largest of their p-values."""
+    """Return the terms (N, T) on which values (N,), in sigmas, depend besides plain columns (N, P), and their largest
+    p-value. Terms are added one by one by an F test."""
     from scipy.special import fdtrc
 
     basis, chosen, largest = _basis(plain), list[int](), 0.0

@@ -10,6 +10,7 @@ from __future__ import annotations
 
 from dataclasses import replace
 from functools import cache
+from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
@@ -65,8 +66,7 @@ def reweighted_fit(
     if not np.all(noise > 0):
         raise ValueError("sigma_source, sigma_target: found noise of 0 on both clouds, expected more")
     base = w / noise**2
-    robust, steps, converged = _iterate_weights(x, y, base, noise, tuning)
-    return _conclude(x, y, base, noise, robust, steps, converged, tuning)
+    return _conclude(x, y, base, noise, tuning, _iterate_weights(x, y, base, noise, tuning))
 
 
 def tukey_biweight(length: NDArray, tuning: float) -> NDArray:
@@ -107,10 +107,16 @@ def lengths(vectors: NDArray) -> NDArray:
     return np.sqrt(np.einsum("bni,bni->bn", vectors, vectors))
 
 
-def _iterate_weights(
-    x: NDArray, y: NDArray, base: NDArray, noise: NDArray, tuning: float
-) -> tuple[NDArray, NDArray, NDArray]:
-    """Return the weights (B, N), the number of iterations (B,) and the mask of converged fits (B,)."""
+class _FinalWeights(NamedTuple):
+    """Robust weights (B, N), number of iterations (B,) and mask of converged fits (B,)."""
+
+    robust: NDArray
+    steps: NDArray
+    converged: NDArray
+
+
+def _iterate_weights(x: NDArray, y: NDArray, base: NDArray, noise: NDArray, tuning: float) -> _FinalWeights:
+    """Return the weights after reweighted fits until no point moves, or the iterations are used up."""
     fitted, ok = _fitted(x, y, base)
     robust = (base > 0).astype(np.float64)
     steps, converged = np.zeros(len(x), np.int64), ~ok
@@ -125,7 +131,7 @@ def _iterate_weights(
         fitted[rows] = renewed
         steps[rows] += 1
         converged[rows] = ~ok | (np.max(np.where(base_weights > 0, moved, 0.0), axis=-1) < _SETTLED)
-    return robust, steps, converged
+    return _FinalWeights(robust, steps, converged)
 
 
 def _fitted(x: NDArray, y: NDArray, w: NDArray) -> tuple[NDArray, NDArray]:
@@ -141,15 +147,10 @@ def _reweighted(residual: NDArray, base: NDArray, noise: NDArray, tuning: float)
 
 
 def _conclude(
-    x: NDArray,
-    y: NDArray,
-    base: NDArray,
-    noise: NDArray,
-    robust: NDArray,
-    steps: NDArray,
-    converged: NDArray,
-    tuning: float,
+    x: NDArray, y: NDArray, base: NDArray, noise: NDArray, tuning: float, weights: _FinalWeights
 ) -> tuple[RigidFit, NDArray, NDArray]:
+    """Return the result of `reweighted_fit` from the final weights."""
+    robust, steps, converged = weights
     fit = solve_weighted(x, y, base * robust)
     length = lengths(y - fit.apply(x)) / noise
     scale = np.maximum(residual_scale(np.where(fit.ok[:, None], length, 1.0), base > 0), 1.0)

@@ -8,6 +8,7 @@ cov_source R'`` (Matei and Meer, CVPR 1999, for the case of 3D points).
 from __future__ import annotations
 
 from dataclasses import replace
+from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
@@ -55,8 +56,32 @@ def maximum_likelihood(
     if not rows.size:
         return closed_form
     R, t = _starting_motion(closed_form, start, rows)
-    solved = _damped_gauss_newton(x[rows], y[rows], C_x[rows], C_y[rows], used[rows], R, t)
-    return _merged(closed_form, rows, solved, x[rows], y[rows], used[rows])
+    pairs = _PointPairs(x, y, C_x, C_y, used).of(rows)
+    return _merged(closed_form, rows, _damped_gauss_newton(pairs, R, t), pairs)
+
+
+class _PointPairs(NamedTuple):
+    """Corresponding points x, y (B, N, 3) with covariances C_x, C_y (B, N, 3, 3), and the mask (B, N) of those used."""
+
+    x: NDArray
+    y: NDArray
+    C_x: NDArray
+    C_y: NDArray
+    used: NDArray
+
+    def of(self, entries: NDArray) -> _PointPairs:
+        """Return some entries of the batch."""
+        return _PointPairs(*(values[entries] for values in self))
+
+
+class _Solution(NamedTuple):
+    """Motion R, t with normal matrix H (B, 6, 6), iterations (B,) and mask of converged entries (B,)."""
+
+    R: NDArray
+    t: NDArray
+    H: NDArray
+    steps: NDArray
+    converged: NDArray
 
 
 def _covariances(cov_source: ArrayLike, cov_target: ArrayLike, used: NDArray) -> tuple[NDArray, NDArray]:
@@ -96,12 +121,10 @@ def _starting_motion(closed_form: RigidFit, start: RigidFit | None, rows: NDArra
     return np.where(ok[:, None, None], start.R[rows], R), np.where(ok[:, None], start.t[rows], t)
 
 
-def _damped_gauss_newton(
-    x: NDArray, y: NDArray, C_x: NDArray, C_y: NDArray, used: NDArray, R: NDArray, t: NDArray
-) -> tuple[NDArray, NDArray, NDArray, NDArray, NDArray]:
-    """Return R, t, normal matrix (B, 6, 6), iterations (B,) and convergence (B,) of Levenberg-Marquardt."""
+def _damped_gauss_newton(pairs: _PointPairs, R: NDArray, t: NDArray) -> _Solution:
+    """Return the solution of Levenberg-Marquardt from a start R, t."""
     R, t = R.copy(), t.copy()
-    H, g, cost = _normal_equations(x, y, C_x, C_y, used, R, t)
+    H, g, cost = _normal_equations(pairs, R, t)
     damping, steps = np.zeros(len(R)), np.zeros(len(R), np.int64)
     converged = np.zeros(len(R), bool)
     for _ in range(MAX_ITERATIONS):
@@ -110,9 +133,7 @@ def _damped_gauss_newton(
             break
         step = -np.linalg.solve(_damped(H[active], damping[active]), g[active, :, None])[..., 0]
         R_new, t_new = exp_so3(step[:, 3:]) @ R[active], t[active] + step[:, :3]
-        H_new, g_new, cost_new = _normal_equations(
-            x[active], y[active], C_x[active], C_y[active], used[active], R_new, t_new
-        )
+        H_new, g_new, cost_new = _normal_equations(pairs.of(active), R_new, t_new)
         is_small = np.einsum("bi,bij,bj->b", step, H[active], step) < _SETTLED
         is_accepted = (cost_new <= cost[active]) | is_small
         accepted = active[is_accepted]
@@ -123,7 +144,7 @@ def _damped_gauss_newton(
         damping[damping < 1e-6] = 0.0
         steps[active] += 1
         converged[active] = is_small
-    return R, t, H, steps, converged
+    return _Solution(R, t, H, steps, converged)
 
 
 def _damped(H: NDArray, damping: NDArray) -> NDArray:
@@ -131,12 +152,11 @@ def _damped(H: NDArray, damping: NDArray) -> NDArray:
     return H + damping[:, None, None] * diagonal[:, :, None] * np.eye(6)
 
 
-def _normal_equations(
-    x: NDArray, y: NDArray, C_x: NDArray, C_y: NDArray, used: NDArray, R: NDArray, t: NDArray
-) -> tuple[NDArray, NDArray, NDArray]:
+def _normal_equations(pairs: _PointPairs, R: NDArray, t: NDArray) -> tuple[NDArray, NDArray, NDArray]:
     """Return the normal matrix (B, 6, 6), the exact gradient (B, 6) and the cost (B,), ``sum r' S^-1 r / 2``. S depends
     on R through the estimated true points ``xi = x + cov_source R' S^-1 r``: the gradient is ``sum J' S^-1 r`` with ``J
     = [-I, [R xi]x]``, without approximation."""
+    x, y, C_x, C_y, used = pairs
     Rt = np.swapaxes(R, -1, -2)[:, None]
     rotated_cov = R[:, None] @ C_x @ Rt
     r = np.where(used[..., None], y - x @ Rt[:, 0] - t[:, None], 0.0)
@@ -153,18 +173,11 @@ def _normal_equations(
     )
 
 
-def _merged(
-    analytic: RigidFit,
-    rows: NDArray,
-    solved: tuple[NDArray, NDArray, NDArray, NDArray, NDArray],
-    x: NDArray,
-    y: NDArray,
-    used: NDArray,
-) -> RigidFit:
+def _merged(analytic: RigidFit, rows: NDArray, solved: _Solution, pairs: _PointPairs) -> RigidFit:
     """Return the closed-form fits with iterated results in their rows."""
     R, t, H, steps, converged = solved
-    squared_residual = np.sum((y - x @ np.swapaxes(R, -1, -2) - t[:, None]) ** 2, axis=-1)
-    rms = np.sqrt(np.sum(used * squared_residual, axis=-1) / used.sum(-1))
+    squared_residual = np.sum((pairs.y - pairs.x @ np.swapaxes(R, -1, -2) - t[:, None]) ** 2, axis=-1)
+    rms = np.sqrt(np.sum(pairs.used * squared_residual, axis=-1) / pairs.used.sum(-1))
     status = np.where(converged, analytic.status[rows], str(FitStatus.NOT_CONVERGED))
     merged = {"R": R, "t": t, "covariance": symmetric(np.linalg.inv(H)), "rms": rms}
     merged |= {"status": status, "iterations": steps}

@@ -36,6 +36,23 @@ class LoadTable:
     load_names: tuple[str, ...] = ()
     covariate_names: tuple[str, ...] = ()
 
+    def named(
+        self,
+        signals: Sequence[str] | None = None,
+        loads: Sequence[str] | None = None,
+        covariates: Sequence[str] | None = None,
+    ) -> LoadTable:
+        """Return the table with other names of its columns; None keeps those that it has.
+
+        Raises ValueError for a wrong number of names, and for duplicate ones.
+        """
+        return replace(
+            self,
+            signal_names=_names(signals, self.signal_names, "signal"),
+            load_names=_names(loads, self.load_names, "load"),
+            covariate_names=_names(covariates, self.covariate_names, "covariate"),
+        )
+
     @property
     def cases(self) -> NDArray:
         """Names of the load cases, sorted."""
@@ -62,13 +79,11 @@ def load_table(
     covariates: NDArray | None = None,
     signal_cov: NDArray | None = None,
     load_cov: NDArray | None = None,
-    signal_names: Sequence[str] | None = None,
-    load_names: Sequence[str] | None = None,
-    covariate_names: Sequence[str] | None = None,
 ) -> LoadTable:
     """Return a checked table; by default every row is its own case.
 
-    Raises ValueError for shapes that do not agree, duplicate names, and missing values, by row.
+    Signals are called v1, v2, ..., loads fx to mz, covariates z1, z2, ...; `LoadTable.named` gives other names. Raises
+    ValueError for shapes that do not agree, and for missing values, by row.
     """
     v, f = _matrix(signals, "signals"), _matrix(loads, "loads")
     z = np.empty((len(v), 0)) if covariates is None else _matrix(covariates, "covariates")
@@ -84,9 +99,9 @@ def load_table(
         z,
         _covariance(signal_cov, v.shape[1], len(v), "signal_cov"),
         _covariance(load_cov, f.shape[1], len(v), "load_cov"),
-        _names(signal_names, [f"v{i + 1}" for i in range(v.shape[1])], "signal"),
-        _names(load_names, list(LOADS[: f.shape[1]]), "load"),
-        _names(covariate_names, [f"z{i + 1}" for i in range(z.shape[1])], "covariate"),
+        tuple(f"v{i + 1}" for i in range(v.shape[1])),
+        LOADS[: f.shape[1]],
+        tuple(f"z{i + 1}" for i in range(z.shape[1])),
     )
 
 
@@ -110,7 +125,7 @@ def _covariance(cov: NDArray | None, size: int, rows: int, what: str) -> NDArray
     return array
 
 
-def _names(names: Sequence[str] | None, default: list[str], what: str) -> tuple[str, ...]:
+def _names(names: Sequence[str] | None, default: tuple[str, ...], what: str) -> tuple[str, ...]:
     channel_names = tuple(default if names is None else names)
     if len(channel_names) != len(default):
         raise ValueError(f"found {len(channel_names)} {what} names, expected {len(default)}")
@@ -173,17 +188,15 @@ class RecordedLoads:
 
     def table(self, rows: Mask, case: NDArray) -> LoadTable:
         """Return some steps as a table of calibration loads, with the case of every step (B,)."""
-        return load_table(
+        table = load_table(
             self.signal[rows],
             self.load[rows],
             case[rows],
             covariates=self.covariate[rows],
             signal_cov=np.diag(self.sigma**2),
             load_cov=np.diag(self.load_sigma**2),
-            signal_names=self.steps.signals,
-            load_names=LOADS,
-            covariate_names=self.covariate_names,
         )
+        return table.named(self.steps.signals, LOADS, self.covariate_names)
 
 
 def zeros_of_runs(

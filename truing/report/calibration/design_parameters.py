@@ -9,7 +9,7 @@ import plotly.graph_objects as go
 
 from truing.report.figure_style import BLUE, GREY, style
 from truing.report.heads import MODEL_OF_LEGS, PARAMETER, Head
-from truing.report.numbers import count, plain, quantity, sign
+from truing.report.numbers import count_text, plain, quantity, sign
 from truing.report.page import Drawn, Listing
 from truing.report.tables import Tables, table_or_none
 
@@ -64,7 +64,7 @@ def design_parameters(tables: Tables) -> tuple[Listing, ...]:
 
 def _words(table: pd.DataFrame) -> str:
     known = int(table["identifiable"].sum())
-    return f"{known or 'None'} of {count(len(table), 'design parameter')} of flexures and legs can be identified"
+    return f"{known or 'None'} of {count_text(len(table), 'design parameter')} of flexures and legs can be identified"
 
 
 def _row(r: Any) -> tuple[str, ...]:

@@ -160,7 +160,7 @@ def _cell(r: Any) -> str:
 
 
 def _identifiable(parameters: pd.DataFrame) -> pd.Series:
-    """Return True for parameters that the data determine, also where the table does not say."""
+    """Return True for parameters that the data determine, also if the table does not state it."""
     if "identifiable" in parameters:
         return parameters["identifiable"].astype(bool)
     return parameters["parameter"].notna()

@@ -21,7 +21,7 @@ from truing.report.calibration.calibrations import (
 )
 from truing.report.figure_style import GREEN, GREY, ORANGE, RED, label, sequence_title, size_axis, style
 from truing.report.heads import DEFORMATION, MODEL_OF_LEGS, Head, schema_head
-from truing.report.numbers import count, in_one_unit, listed, plain, quantity
+from truing.report.numbers import count_text, in_one_unit, listed, plain, quantity
 from truing.report.page import Listing, ReportSection
 from truing.report.reasons import is_by_components, why_absent, why_no_requirement
 from truing.report.section_verdict import SectionVerdict
@@ -197,8 +197,8 @@ def tally(requirements: pd.DataFrame) -> str:
     """Return the count of results: ``2 of 5 requirements met, 1 not met, 1 undecided, 1 not tested``."""
     counts = requirements["verdict"].value_counts()
     if counts.get(_IDLE, 0) == len(requirements):
-        return f"None of {count(len(requirements), 'requirement')} could be evaluated"
-    text = f"{counts.get('meets', 0)} of {count(len(requirements), 'requirement')} met"
+        return f"None of {count_text(len(requirements), 'requirement')} could be evaluated"
+    text = f"{counts.get('meets', 0)} of {count_text(len(requirements), 'requirement')} met"
     words = {"fails": "not met", "undecided": "undecided", _IDLE: "not tested"}
     return ", ".join([text, *(f"{counts[v]} {word}" for v, word in words.items() if v in counts)])
 

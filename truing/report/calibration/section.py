@@ -29,7 +29,7 @@ from truing.report.calibration.listings import GOOD, all_calibrations, all_devia
 from truing.report.calibration.with_findings import compared_calibrations, data_words
 from truing.report.diagnosis.assessed_causes import FOUND, assessed_causes, modelled_of
 from truing.report.model_tests import ModelTest, below_noise, by_p, listing_of
-from truing.report.numbers import count, listed, plain, quantity
+from truing.report.numbers import count_text, listed, plain, quantity
 from truing.report.page import Drawn, Listing, ReportSection
 from truing.report.reasons import why_no_calibration
 from truing.report.section_verdict import SectionVerdict
@@ -230,7 +230,7 @@ def opening_sentences(tables: Tables, fitted: pd.DataFrame) -> str:
     figures, chosen = figures_by_calibration(tables), chosen_calibration(tables)
     ended = _failures(fitted)
     if figures is None or chosen is None:
-        return f"{count(len(keys_of(fitted)), 'calibration')}; none was chosen for this campaign. {ended}".strip()
+        return f"{count_text(len(keys_of(fitted)), 'calibration')}; none was chosen for this campaign. {ended}".strip()
     facts = figures.loc[chosen]
     words = [
         data_words(tables),
@@ -258,7 +258,7 @@ def _choice(chosen: Key, facts: pd.Series, *, of_recorded: bool) -> str:
     reasons = " and ".join(because)
     text += f" {reasons[:1].upper()}{reasons[1:]}." if reasons else ""
     left = int(facts.get("poses_downweighted", 0.0) or 0)
-    who = f"{count(left, 'pose')} that {'contradicts' if left == 1 else 'contradict'} all others"
+    who = f"{count_text(left, 'pose')} that {'contradicts' if left == 1 else 'contradict'} all others"
     return f"{text} {who} {'was' if left == 1 else 'were'} left out." if left else text
 
 
@@ -388,7 +388,7 @@ def _failures(fitted: pd.DataFrame) -> str:
     if "status" not in fitted:
         return ""
     bad = fitted[~fitted["status"].isin(GOOD)]
-    return f"{count(len(keys_of(bad)), 'calibration')} did not converge." if len(bad) else ""
+    return f"{count_text(len(keys_of(bad)), 'calibration')} did not converge." if len(bad) else ""
 
 
 def _free(fitted: pd.DataFrame) -> str:

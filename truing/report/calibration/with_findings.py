@@ -7,7 +7,7 @@ from collections.abc import Sequence
 import pandas as pd
 
 from truing.report.heads import Head, schema_head
-from truing.report.numbers import count, listed, plain, sign
+from truing.report.numbers import count_text, listed, plain, sign
 from truing.report.page import Listing, Verdict
 from truing.report.tables import Tables, cell, table_or_none
 
@@ -90,7 +90,7 @@ def choice_verdicts(tables: Tables) -> list[Verdict]:
     names = {outcome: group["cause"].tolist() for outcome, group in table.groupby("outcome", sort=False)}
     reported: list[Verdict] = []
     if missed := names.get("not found"):
-        missed_text = f"{count(len(missed), 'cause')} that the diagnosis did not find"
+        missed_text = f"{count_text(len(missed), 'cause')} that the diagnosis did not find"
         reported.append(("warn", f"[diagnosis] apply names {missed_text}: {listed(missed)}. It was not applied."))
     if idle := names.get("no effect"):
         reported.append(("warn", f"[diagnosis] apply names {listed(idle)}: found, but {_NO_EFFECT}."))

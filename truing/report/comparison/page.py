@@ -24,7 +24,7 @@ from truing.report.comparison.compared_runs import (
 from truing.report.diagnosis.pulls import pull_figure
 from truing.report.figure_style import BAR, BLUE, GREEN, GREY, ORANGE, RED, figure_template, label, style
 from truing.report.heads import Head
-from truing.report.numbers import count
+from truing.report.numbers import count_text
 from truing.report.page import Listing, PageHead, ReportSection, Verdict
 from truing.report.parameter_names import MEANING, kind_of
 from truing.report.tables import cell, table_or_none
@@ -90,7 +90,7 @@ def comparison_head(comparison: RunComparison) -> PageHead:
 def _change_verdicts(comparison: RunComparison) -> list[Verdict]:
     """Return the changes of numbers and of effects step by step; one sentence where nothing changed."""
     steps = range(len(comparison.between))
-    loud = [("found", _step_words(comparison, step)) for step in steps if has_changed(comparison, step)]
+    changed_words = [("found", _step_words(comparison, step)) for step in steps if has_changed(comparison, step)]
     effects = {step: _effect_verdicts(comparison, step) for step in steps}
     unchanged_steps = [step for step in steps if not has_changed(comparison, step) and len(comparison.assessed(step))]
     silent = [step for step in unchanged_steps if not effects[step]]
@@ -99,7 +99,7 @@ def _change_verdicts(comparison: RunComparison) -> list[Verdict]:
         for k in unchanged_steps
         if effects[k]
     ]
-    texts = [*loud, *(effect for step in steps for effect in effects[step]), *of_numbers]
+    texts = [*changed_words, *(effect for step in steps for effect in effects[step]), *of_numbers]
     if silent:
         pairs_text = f" ({', '.join(map(comparison.pair, silent))})" if texts or len(silent) < len(steps) else ""
         numbers = _assessed(comparison, silent)
@@ -114,7 +114,9 @@ def _change_verdicts(comparison: RunComparison) -> list[Verdict]:
 def _assessed(comparison: RunComparison, steps: Sequence[int]) -> str:
     """Return the count of numbers that the steps compare: ``90 numbers``, ``80 to 90 numbers``."""
     assessed = [len(comparison.assessed(step)) for step in steps]
-    return count(assessed[0], "number") if len(set(assessed)) == 1 else f"{min(assessed)} to {max(assessed)} numbers"
+    return (
+        count_text(assessed[0], "number") if len(set(assessed)) == 1 else f"{min(assessed)} to {max(assessed)} numbers"
+    )
 
 
 def _why_words(comparison: RunComparison, step: int) -> str:
@@ -136,7 +138,7 @@ def _step_words(comparison: RunComparison, step: int) -> str:
         more = f" Beyond chance individually: {_largest_changes(changed)}." if len(changed) else ""
         change_text = "changed in too many places to name: it was rebuilt, or is another machine."
         return f"{comparison.pair(step)}: {change_text}{more}"
-    sizes = f"{len(changed)} of {count(len(assessed), 'number')} changed: {_largest_changes(changed)}"
+    sizes = f"{len(changed)} of {count_text(len(assessed), 'number')} changed: {_largest_changes(changed)}"
     return f"{comparison.pair(step)}: {sizes}."
 
 
@@ -240,7 +242,7 @@ def _step(comparison: RunComparison, step: int) -> str:
     words = (
         _step_words(comparison, step)
         if has_changed(comparison, step)
-        else f"{comparison.pair(step)}: none of {count(len(comparison.assessed(step)), 'number')} changed."
+        else f"{comparison.pair(step)}: none of {count_text(len(comparison.assessed(step)), 'number')} changed."
     )
     left = rows[rows["z"].isna() & ~rows["changed"]]
     reasons = "; ".join(f"{n} {why}" for why, n in left["reason"].value_counts().items())
@@ -259,7 +261,7 @@ def _trends(comparison: RunComparison) -> ReportSection | None:
         "Each kind of parameter over the runs, in the given order; kinds with a change come first. "
         "Bars include prior knowledge, which is common to all runs; the section above decides on changes."
     )
-    more = f" {count(left, 'further kind')}, which differ less, are in {_HELD_BY}." if left else ""
+    more = f" {count_text(left, 'further kind')}, which differ less, are in {_HELD_BY}." if left else ""
     more += f" Symbols: {MEANING}" if _is_mechanism(comparison) else ""
     return ReportSection("trends", "Trends", lead + more, figures)
 

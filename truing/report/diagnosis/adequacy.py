@@ -11,7 +11,7 @@ from truing.report.diagnosis.assessed_causes import AssessedCause, accepted_of, 
 from truing.report.diagnosis.findings import expected_noise, subject_words
 from truing.report.diagnosis.prediction_errors import AT_THE_FLOOR, Overall, errors_of_models
 from truing.report.heads import CORRECTED_P, Head
-from truing.report.numbers import count, p_value, rough, rough_quantity
+from truing.report.numbers import count_text, p_value, rough, rough_quantity
 from truing.report.page import Listing, ReportSection
 from truing.report.section_verdict import SectionVerdict
 from truing.report.tables import Tables, cell, table_or_none
@@ -55,7 +55,7 @@ def adequacy(tables: Tables) -> ReportSection | None:
     rows = list(table.itertuples())
     tested = sum(row.state != "not tested" for row in rows)
     failed = shortcoming(tables)
-    lead = f"{count(tested, 'test')} of the final model: "
+    lead = f"{count_text(tested, 'test')} of the final model: "
     lead += f"{failed}." if failed else f"none finds more than noise{_but_beyond(tables)}."
     lead += "".join(_untested(rows, why, words) for why, words in _WHY_UNTESTED.items())
     noise = noise_compared(tables)
@@ -70,7 +70,7 @@ def adequacy(tables: Tables) -> ReportSection | None:
         Head("p (corrected)", CORRECTED_P),
         Head("state", "Result: ok, fails, or not tested with these data."),
     )
-    caption = f"All {count(len(rows), 'test')}" + (f", {tested} of them evaluated" if tested < len(rows) else "")
+    caption = f"All {count_text(len(rows), 'test')}" + (f", {tested} of them evaluated" if tested < len(rows) else "")
     listing = Listing(heads, cells, marks, caption, len(cells) > 8, "adequacy.parquet")
     return ReportSection("adequacy", _TITLE, lead, (), (listing,))
 
@@ -114,7 +114,7 @@ def adequacy_verdict(tables: Tables, _: Mapping[str, SectionVerdict]) -> Section
     found = [row for row in accepted_of(rows) if not row.is_noise]
     missed = _errors_with_floor(rows, tables)
     beyond, below = [one for one in missed if _is_beyond(one)], [one for one in missed if one.is_below_noise]
-    none = "" if found else f"none of {count(len(rows), 'candidate')} was found, but "
+    none = "" if found else f"none of {count_text(len(rows), 'candidate')} was found, but "
     if beyond:
         return _verdict_above_noise(max(beyond, key=_times_noise), none, shortcoming(tables), _noise_alone(rows))
     if short := shortcoming(tables):
@@ -206,9 +206,9 @@ def shortcoming_words(worst: Any, noise: str) -> str:
 def _limit_words(row: Any) -> str:
     """Return in words that the search reached a limit, and the remainder, without a full stop."""
     if not cell(row.left_cause):
-        accepted = count(round(row.value), "cause")
+        accepted = count_text(round(row.value), "cause")
         return f"the search accepted {accepted}, and so many may only describe residuals piece by piece"
-    accepted = count(round(row.value), "accepted cause")
+    accepted = count_text(round(row.value), "accepted cause")
     subject_text = f" of {subject_words(row.left_subject)}" if cell(row.left_subject) else ""
     return (
         f"the search ended after {accepted},{_WHY_ENDED[row.search_end]} but another effect remains; its best "
@@ -228,5 +228,5 @@ def columns_along(row: Any) -> tuple[str, ...]:
 
 def _value(row: Any, noise: str) -> str:
     if row.test == CAUSES_LEFT:
-        return f"{count(round(row.value), 'accepted cause')}"
+        return f"{count_text(round(row.value), 'accepted cause')}"
     return "–" if row.state == "not tested" else f"{rough(row.value)} {_UNITS.get(row.test, f'times {noise}')}"

@@ -11,7 +11,7 @@ from truing.report.diagnosis.assessed_causes import FOUND, NOT_TESTABLE, REJECTE
 from truing.report.diagnosis.effect_units import plain_size, stem
 from truing.report.diagnosis.findings import few, subject_words
 from truing.report.heads import CAUSE, PARAMETER, Head
-from truing.report.numbers import count, printed
+from truing.report.numbers import count_text, printed
 from truing.report.page import Listing, ReportSection
 from truing.report.tables import Tables, cell, table_or_none
 from truing.report.wordings.catalogue import cause_words
@@ -109,7 +109,7 @@ def _subject_words(table: pd.DataFrame) -> str:
     single = [str(subject) for subject in subjects if subject]
     kinds = {subject.split()[0].rstrip("0123456789") for subject in single}
     noun = kinds.pop() if len(kinds) == 1 else "subject"
-    text = count(len(single), noun if not noun.endswith("s") else "subject")
+    text = count_text(len(single), noun if not noun.endswith("s") else "subject")
     return text if len(single) == len(subjects) else f"the whole, {text}"
 
 

@@ -20,7 +20,7 @@ from truing.report.diagnosis.assessed_causes import (
 )
 from truing.report.figure_style import BLUE, GREEN, GREY, ORANGE, label, style
 from truing.report.heads import CAUSE, UNIT, Head
-from truing.report.numbers import count, p_equals, p_value, plain, rough, sign
+from truing.report.numbers import count_text, p_equals, p_value, plain, rough, sign
 from truing.report.page import Listing, ReportSection
 from truing.report.parameter_names import UNBROKEN
 from truing.report.wordings.catalogue import cause_words
@@ -75,7 +75,7 @@ def _opening_sentences(rows: list[AssessedCause]) -> str:
     nearest = _next_best(rows, accepted)
     if rivals:
         lies = "lies" if len(rivals) == 1 else "lie"
-        text = f"{count(len(rivals), 'alternative')} {lies} within a factor of {EQUAL_ODDS:g} in probability."
+        text = f"{count_text(len(rivals), 'alternative')} {lies} within a factor of {EQUAL_ODDS:g} in probability."
     elif weak := [row for row in accepted if row.evidence is not None and row.evidence < math.log(EQUAL_ODDS)]:
         text = " ".join(
             f"The data favour {row.in_sentence} over no effect by only {plain(math.exp(row.evidence or 0.0))} to 1."

@@ -7,7 +7,7 @@ from dataclasses import dataclass
 from typing import Any
 
 from truing.report.diagnosis.effect_units import plain_size, size_text
-from truing.report.numbers import count, p_at_most, plain, rough, two_decimals, with_uncertainty
+from truing.report.numbers import count_text, p_at_most, plain, rough, two_decimals, with_uncertainty
 from truing.schemas.verdict import Relation
 
 DECLARED_NOISE, SCATTER_OF_REPEATS = "the declared noise", "the scatter of repeated approaches"
@@ -257,7 +257,7 @@ def _improvement(facts: Facts) -> str:
 def _sizes(facts: Facts) -> str:
     """Return the parameters after a colon, the most significant first where there are many.
 
-    Coefficients of an effect without a name say nothing by themselves.
+    Coefficients of an unnamed effect have no meaning of their own.
     """
     if facts.unnamed:
         return ""
@@ -302,49 +302,56 @@ def scatter_explanation(clause: str, p_value: float, doubt: str = "", *, is_repe
 def single_errors_explanation(subject: str, number: int, ratio: float, p_value: float) -> str:
     """Return the sentences on single large errors of one input: their number, the largest over a typical one."""
     return (
-        f"The errors of {subject} are mostly small, but large in {count(number, 'pose')}: up to {rough(ratio)} times a "
-        f"typical one (p = {p_value:.1g} if they were normal). They depend on nothing that was recorded. "
+        f"The errors of {subject} are mostly small, but large in {count_text(number, 'pose')}: up to {rough(ratio)} "
+        f"times a typical one (p = {p_value:.1g} if they were normal). They depend on nothing that was recorded. "
         "No cause of the catalogue describes them, and no model predicts them."
     )
 
 
 def single_errors_advice(subject: str) -> str:
-    """Return the measurement that tells more of single large errors of one input."""
+    """Return the measurement that would explain single large errors of one input."""
     return f"Move {subject} to one reading ten times over, from both sides, with its encoder read at each stop."
 
 
-def noise_explanation(
-    ratio: float,
-    sigma: float,
-    rms: float | None,
-    floor: float,
-    follows: Sequence[str] = (),
-    unit: str = "um",
-    *,
-    alone: str = "",
-    expected: str = DECLARED_NOISE,
-) -> str:
-    """Return the explanation of noise that is larger than declared, or that differs between places; rms and floor in a
-    unit.
+@dataclass(frozen=True)
+class NoiseFacts:
+    """Noise that is larger than declared, or that differs between places; rms error and noise floor in ``unit``.
 
-    ``expected``: which noise that is. ``ratio``: residuals over it; with ``follows``, the largest noise over the
-    smallest; with ``alone``, the name of a channel, its noise over that of the others.
+    ``ratio`` with ``sigma``: residuals over ``expected``, a noise in words. With ``inputs`` on which the noise depends,
+    it is the largest noise over the smallest; with ``channel``, the noise of this channel over that of the others.
     """
-    used = "the noise as estimated here"
-    sizes = "" if rms is None else f"{two_decimals(rms)} {unit}; {used} gives {two_decimals(floor)} {unit}"
-    missed = f" The rms error of predictions is {sizes}." if sizes else ""
-    size = with_uncertainty(ratio, sigma)
+
+    ratio: float
+    sigma: float
+    rms: float | None
+    floor: float
+    unit: str = "um"
+    inputs: Sequence[str] = ()
+    channel: str = ""
+    expected: str = DECLARED_NOISE
+
+
+def noise_explanation(facts: NoiseFacts) -> str:
+    """Return the sentences on noise that is larger than declared, or that differs between places."""
+    missed = ""
+    if facts.rms is not None:
+        by_noise = f"the noise as estimated here gives {two_decimals(facts.floor)} {facts.unit}"
+        missed = f" The rms error of predictions is {two_decimals(facts.rms)} {facts.unit}; {by_noise}."
+    size = with_uncertainty(facts.ratio, facts.sigma)
     weighted = "Noisier measurements had less weight in the search for causes."
-    if alone:
-        return f"The noise is not uniform: that of {alone} is {size} times that of the others. {weighted}{missed}"
-    if follows:
+    if facts.channel:
         return (
-            f"The noise is not uniform: it depends on {_joined_names(follows)}. Where it is largest, it is {size} "
+            f"The noise is not uniform: that of {facts.channel} is {size} times that of the others. {weighted}{missed}"
+        )
+    if facts.inputs:
+        return (
+            f"The noise is not uniform: it depends on {_joined_names(facts.inputs)}. Where it is largest, it is {size} "
             f"times as large as where it is smallest. {weighted}{missed}"
         )
-    noisier = "the instrument is noisier than declared" if expected == DECLARED_NOISE else "repeats share errors"
+    is_declared = facts.expected == DECLARED_NOISE
+    noisier = "the instrument is noisier than declared" if is_declared else "repeats share errors"
     return (
-        f"The residuals are {size} times {expected}, which is more than the uncertainty of that noise "
+        f"The residuals are {size} times {facts.expected}, which is more than the uncertainty of that noise "
         f"explains. Either {noisier}, or an effect outside the catalogue acts.{missed}"
     )
 

@@ -23,7 +23,7 @@ from truing.report.diagnosis.prediction_errors import (
     root_mean_square,
 )
 from truing.report.diagnosis.reading_gain import by_channel, drawn_readings
-from truing.report.diagnosis.validity import held_out_sentences, not_elsewhere
+from truing.report.diagnosis.validity import held_out_sentences, link_to_next_measurements
 from truing.report.figure_style import (
     BLUE,
     GREY,
@@ -93,7 +93,9 @@ def gain_section(rows: list[AssessedCause], tables: Tables) -> ReportSection:
             *held_out_sentences(modelled, parts),
         ]
     )
-    return ReportSection("gain", title, lead, tuple(reported), tuple(listings), see=not_elsewhere(modelled, parts))
+    return ReportSection(
+        "gain", title, lead, tuple(reported), tuple(listings), see=link_to_next_measurements(modelled, parts)
+    )
 
 
 def _words_of(overall: Overall, parts: PartNames) -> str:

@@ -12,7 +12,7 @@ from numpy.typing import NDArray
 from truing.report.diagnosis.assessed_causes import FOUND, RIVAL, AssessedCause, accepted_of, assessed_causes
 from truing.report.diagnosis.findings import UNNAMED, expected_noise, subject_words
 from truing.report.diagnosis.prediction_errors import AT_THE_FLOOR, Overall, overall, part_names
-from truing.report.numbers import count, printed, rough, rough_quantity, with_uncertainty
+from truing.report.numbers import count_text, printed, rough, rough_quantity, with_uncertainty
 from truing.report.tables import Tables, table_or_none
 from truing.report.wordings import catalogue
 from truing.report.wordings.claim import Reach
@@ -76,7 +76,7 @@ def _against_noise(one: Overall, noise_owner: str) -> str:
 
 def _noise(row: AssessedCause) -> str:
     if (largest := row.size("largest_ratio")) is not None:
-        poses, times = count(int(row.settings["large"]), "pose"), rough(largest.number or 0.0)
+        poses, times = count_text(int(row.settings["large"]), "pose"), rough(largest.number or 0.0)
         return f"The errors of {subject_words(row.subject)} are large in {poses}, up to {times} times a typical one"
     size = row.size("noise_ratio")
     times = with_uncertainty(size.number or 0.0, size.sigma) if size is not None else "–"

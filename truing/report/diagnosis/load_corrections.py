@@ -11,7 +11,7 @@ from truing.report.numbers import rough
 from truing.report.page import ReportSection
 from truing.report.tables import Tables, load_steps, table_or_none
 from truing.report.wordings.bench_wordings import load_words
-from truing.report.wordings.claim import sure_of
+from truing.report.wordings.claim import determined_sizes
 
 _TITLE = "Loads that acted but were not recorded"
 _MM = 1e-3
@@ -68,7 +68,7 @@ def _other_load_text(row: AssessedCause, steps: pd.DataFrame) -> list[str]:
         return []
     largest = float(steps[axis[1]].abs().max()) if len(steps) else 0.0
     found: dict[str, float] = {}
-    for size in sure_of(row.sizes):
+    for size in determined_sizes(row.sizes):
         name = re.fullmatch(r"(offset|moment|force)_([xyz])(_asymmetry|_growth)?", size.name)
         if name is None or size.number is None:
             continue

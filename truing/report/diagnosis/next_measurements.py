@@ -14,7 +14,7 @@ from truing.report.diagnosis.assessed_causes import AssessedCause
 from truing.report.diagnosis.next_steps import NextStep, next_steps
 from truing.report.diagnosis.prediction_errors import part_names
 from truing.report.heads import CAUSE, Head, schema_head
-from truing.report.numbers import count, printed
+from truing.report.numbers import count_text, printed
 from truing.report.page import MOST_ROWS, Listing, ReportSection
 from truing.report.tables import LOAD_UNITS, LOADS, Tables, cell, table_or_none
 from truing.schemas.needs import Need
@@ -107,7 +107,7 @@ def _listing(purpose: str, table: pd.DataFrame) -> Listing:
         for r in table.to_dict("records")
     )
     heads = (Head("pose", "Number of the proposed pose."), *map(_head, columns), _EXPECTED)
-    caption = f"{purpose}: {count(len(table), 'configuration')}{_in_all(table, 'pose')}"
+    caption = f"{purpose}: {count_text(len(table), 'configuration')}{_in_all(table, 'pose')}"
     bare = ((row[0], *("" if c == "–" else c for c in row[1:-1])) for row in rows[:MOST_ROWS])
     text = _csv(("pose", *columns), bare)
     return Listing(heads, rows, caption=caption, held_by="next_poses.parquet", csv=text)
@@ -116,7 +116,7 @@ def _listing(purpose: str, table: pd.DataFrame) -> Listing:
 def _in_all(table: pd.DataFrame, unit: str) -> str:
     """Return the total, ``, 91 poses in all``; empty where each is measured once, or no number is enough."""
     total = table["measurements"].fillna(0).iloc[0] if "measurements" in table else 0
-    return f", {count(int(total), unit)} in all" if total > table[unit].nunique() else ""
+    return f", {count_text(int(total), unit)} in all" if total > table[unit].nunique() else ""
 
 
 def _columns(table: pd.DataFrame) -> list[str]:
@@ -149,7 +149,7 @@ def _csv(heads: Sequence[str], rows: Iterable[Sequence[object]]) -> str:
 
 def _listing_of_loads(purpose: str, table: pd.DataFrame) -> Listing:
     rows = tuple(_row(run) for _, run in table.groupby("run", sort=False))
-    caption = f"{purpose}: {count(len(rows), 'different run')}{_in_all(table, 'run')}"
+    caption = f"{purpose}: {count_text(len(rows), 'different run')}{_in_all(table, 'run')}"
     return Listing(_HEADS, rows, caption=caption, held_by="next_loads.parquet", csv=_csv(_STEPS, _steps(table)))
 
 

@@ -17,7 +17,7 @@ from truing.report.calibration.requirements import (
 )
 from truing.report.diagnosis.assessed_causes import NOT_TESTABLE, RIVAL, SUSPECTED, AssessedCause, accepted_of
 from truing.report.diagnosis.shortcomings import decisive_measurements
-from truing.report.numbers import approximate_duration, count, printed
+from truing.report.numbers import approximate_duration, count_text, printed
 from truing.report.section_verdict import verdict_rows
 from truing.report.tables import Tables, cell, table_or_none
 from truing.report.verdict import with_verdict
@@ -64,7 +64,7 @@ class NextStep:
         if total is None or self.need not in _AIMS:
             return self.short_text
         takes = "" if duration_s is None else f" ({approximate_duration(duration_s)})"
-        return f"Make {count(int(total), 'further measurement')}{takes} {_AIMS[self.need].format(self.purpose)}."
+        return f"Make {count_text(int(total), 'further measurement')}{takes} {_AIMS[self.need].format(self.purpose)}."
 
 
 def next_steps(rows: list[AssessedCause], tables: Tables) -> list[NextStep]:
@@ -135,7 +135,7 @@ def _deciding_measurements(row: Any, pace_s: float | None, several: int, noun: s
     total = int(row.measurements)
     takes = "" if pace_s is None else f" ({approximate_duration(total * pace_s)} at the pace of this campaign)"
     text = (
-        f"To decide whether {row.component} meets its requirement, measure {count(total, f'further {noun}')} "
+        f"To decide whether {row.component} meets its requirement, measure {count_text(total, f'further {noun}')} "
         "spread over "
     )
     text += f"{_ALL_OVER[noun]}{_ROLES[noun]}{takes}."

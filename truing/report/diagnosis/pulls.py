@@ -14,7 +14,7 @@ from truing.belonging.relation import RelationState
 from truing.report.diagnosis.prediction_errors import PartNames, part_names
 from truing.report.figure_style import BLUE, GREY, ORANGE, label, style
 from truing.report.heads import FREEDOM, PARAMETER, UNIT, Head, P
-from truing.report.numbers import count, p_equals, p_value, plain, rough, with_uncertainty
+from truing.report.numbers import count_text, p_equals, p_value, plain, rough, with_uncertainty
 from truing.report.page import Listing, ReportSection
 from truing.report.parameter_names import kind_of, name_of, print_unit
 from truing.report.section_verdict import SectionVerdict
@@ -54,7 +54,7 @@ def pulls(tables: Tables) -> ReportSection | None:
     figure = pull_figure(rows, _COLUMNS, f"Pulls of the identified {parts.built}, before and after", axis)
     words = "An effect that the model leaves out biases other parameters: their pulls are then large."
     left = len(table) - len(rows)
-    words += f" Not shown: {count(left, 'parameter')} that the data do not determine." if left else ""
+    words += f" Not shown: {count_text(left, 'parameter')} that the data do not determine." if left else ""
     return ReportSection(
         "pulls",
         title,
@@ -289,7 +289,7 @@ def change_words(tables: Tables) -> str:
             "The earlier model is of another machine, or this machine was rebuilt. Nothing of the earlier model was "
             "used: all results rest on this campaign alone."
         )
-    assessed = count(int((table["z"].notna() | table["changed"]).sum()), "number")
+    assessed = count_text(int((table["z"].notna() | table["changed"]).sum()), "number")
     changed = _largest_first(table[table["changed"]])
     if not len(changed):
         return f"Since the earlier model, none of {assessed} changed beyond chance."

@@ -26,7 +26,7 @@ from truing.report.diagnosis.pulls import changes, pulls
 from truing.report.diagnosis.words import certainty, counted, lower
 from truing.report.figure_style import BAR, BLUE, GREY, label, style
 from truing.report.heads import CAUSE, PARAMETER, UNIT, Head
-from truing.report.numbers import count, printed, rough, sign, with_uncertainty
+from truing.report.numbers import count_text, printed, rough, sign, with_uncertainty
 from truing.report.page import Drawn, Listing, ReportSection
 from truing.report.reasons import why_no_diagnosis
 from truing.report.tables import Tables, cell, table_or_none
@@ -114,7 +114,7 @@ def sizes(causes: list[AssessedCause], tables: Tables) -> ReportSection:
     drawn = [picture for row in causes for picture in _pictures(row)]
     listings = tuple(_parameters(row) for row in causes if row.sizes)
     numbers = sum(size.number is not None for row in causes for size in row.sizes)
-    lead = f"{count(numbers, 'parameter')} of the accepted causes, ± one standard deviation."
+    lead = f"{count_text(numbers, 'parameter')} of the accepted causes, ± one standard deviation."
     combined = [(row, combinations) for row in causes if len(combinations := _combinations(row, tables))]
     text = " ".join([lead, *(_combined_words(row, combinations) for row, combinations in combined)])
     tables_of_combinations = tuple(_combined(row, combinations) for row, combinations in combined)
@@ -130,7 +130,7 @@ def _combinations(row: AssessedCause, tables: Tables) -> pd.DataFrame:
 
 
 def _combined_words(row: AssessedCause, table: pd.DataFrame) -> str:
-    determined = count(len(table), "combination")
+    determined = count_text(len(table), "combination")
     return (
         f"{row.name[:1].upper()}{row.name[1:]}: the data determine {determined} of the {len(row.sizes)} parameters; no "
         "single parameter differs significantly from zero."

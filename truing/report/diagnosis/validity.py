@@ -85,7 +85,7 @@ def _to_measure(parts: PartNames) -> str:
     )
 
 
-def not_elsewhere(findings: Iterable[AssessedCause], parts: PartNames) -> tuple[tuple[str, str], ...]:
+def link_to_next_measurements(findings: Iterable[AssessedCause], parts: PartNames) -> tuple[tuple[str, str], ...]:
     """Return the section with measurements that would test findings without informative blocks."""
     untested = not parts.is_of_readings and any(row.left_out_by == NONE for row in findings)
     return (("next", "What to measure next"),) if untested else ()

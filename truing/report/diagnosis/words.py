@@ -23,7 +23,7 @@ from truing.report.diagnosis.assessed_causes import (
 from truing.report.diagnosis.effect_units import plain_size
 from truing.report.diagnosis.headline import clause, gain
 from truing.report.diagnosis.next_steps import next_steps
-from truing.report.numbers import LEAST_P, count, printed, rough
+from truing.report.numbers import LEAST_P, count_text, printed, rough
 from truing.report.numbers import listed as listed_shortly
 from truing.report.page import Verdict
 from truing.report.parameter_names import UNBROKEN
@@ -139,7 +139,7 @@ def _named(rows: list[AssessedCause]) -> list[AssessedCause]:
 
 def _more_findings(rows: list[AssessedCause]) -> str:
     more = len(rows) - len(_named(rows))
-    return f", and {count(more, 'further finding')} (see Diagnosis)" if more > 0 else ""
+    return f", and {count_text(more, 'further finding')} (see Diagnosis)" if more > 0 else ""
 
 
 def _testable(rows: list[AssessedCause]) -> list[AssessedCause]:
@@ -151,11 +151,11 @@ def _nothing_found(rows: list[AssessedCause], tables: Tables) -> str:
     """Return ``none of 9 candidates was found; not testable with these data: measurement scale, sag under gravity``."""
     tested, idle = len(_testable(rows)), [row for row in rows if row.verdict == NOT_TESTABLE]
     if not tested:
-        return f"none of {count(len(idle), 'candidate')} is testable with these data"
+        return f"none of {count_text(len(idle), 'candidate')} is testable with these data"
     estimated = {"joint-offset"} if estimates_zeros(tables) else set()
     names = list(dict.fromkeys(cause_words(row.cause) for row in idle if row.cause not in estimated))
     more = f"; not testable with these data: {listed_shortly(names)}" if names else ""
-    return f"none of {count(tested, 'candidate')} was found{more}"
+    return f"none of {count_text(tested, 'candidate')} was found{more}"
 
 
 # Relations of a search, as the subject of a sentence.
@@ -192,7 +192,7 @@ def _agreement(rows: list[AssessedCause], tables: Tables) -> str:
     tested_text = tested_words(rows)
     text = f"{tested_text} agree to within the noise" if tested_text else "the residuals are noise"
     corrected = len(clear_numbers(tables))
-    text = f"With {count(corrected, 'correction')} to the nominal geometry, {text}" if corrected else _upper(text)
+    text = f"With {count_text(corrected, 'correction')} to the nominal geometry, {text}" if corrected else _upper(text)
     text = f"{text}: {_nothing_found(rows, tables)}."
     sizes = _hidden_sizes(table_or_none(tables, "detectable"))
     if not sizes:
@@ -283,7 +283,7 @@ def counted(rows: list[AssessedCause], tables: Tables) -> str:
     refuted = sum(not row.in_model for row in accepted)
     found, suspected = len(accepted) - refuted, sum(row.verdict == SUSPECTED and row.in_model for row in accepted)
     causes = [row for row in rows if not row.is_noise]
-    assessed = f"{count(len(causes), 'candidate cause')} assessed"
+    assessed = f"{count_text(len(causes), 'candidate cause')} assessed"
     if not accepted:
         if short := shortcoming(tables):
             return f"{assessed}, none found, but the model does not fit as a whole: {short}."

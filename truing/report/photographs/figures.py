@@ -11,8 +11,7 @@ import plotly.graph_objects as go
 from numpy.typing import NDArray
 
 from truing.report.figure_style import BLUE, GREEN, GREY, ORANGE, RED, label, style
-from truing.report.numbers import count as counted
-from truing.report.numbers import quantity
+from truing.report.numbers import count_text, quantity
 from truing.report.scene.view import round_gain
 from truing.report.tables import SIGMA
 
@@ -170,7 +169,7 @@ def _ellipsoids(points: pd.DataFrame, gain: float) -> Array:
 
 def _camera_words(images: pd.DataFrame) -> list[str]:
     return [
-        f"{label(r.image)}: {counted(r.rays, 'ray')}, {r.rms_px:.3f} px rms"
+        f"{label(r.image)}: {count_text(r.rays, 'ray')}, {r.rms_px:.3f} px rms"
         if np.isfinite(r.rms_px)
         else label(r.image)
         for r in images.itertuples()
@@ -179,7 +178,7 @@ def _camera_words(images: pd.DataFrame) -> list[str]:
 
 def _point_words(points: pd.DataFrame) -> list[str]:
     return [
-        f"{label(r.point)}: {counted(r.rays, 'ray')}, up to {r.largest_angle_deg:.0f}°, "
+        f"{label(r.point)}: {count_text(r.rays, 'ray')}, up to {r.largest_angle_deg:.0f}°, "
         f"{1e3 * max(r.sigma_x_mm, r.sigma_y_mm, r.sigma_z_mm):.1f} µm"
         for r in points.itertuples()
     ]
@@ -273,7 +272,7 @@ def _cell_means(table: pd.DataFrame, formats: pd.DataFrame, gain: float) -> list
     counts = table.groupby([row, column]).size()
     means, counts = means[counts >= _FEWEST], counts[counts >= _FEWEST]
     words = [
-        f"{counted(n, 'ray')}, mean ({r.vx_px:+.3f}, {r.vy_px:+.3f}) px"
+        f"{count_text(n, 'ray')}, mean ({r.vx_px:+.3f}, {r.vy_px:+.3f}) px"
         for r, n in zip(means.itertuples(), counts, strict=True)
     ]
     return [*_vectors(means, gain, BLUE, "mean of a cell"), _ray_ends(means, words, BLUE, "middle of its rays")]

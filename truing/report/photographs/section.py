@@ -9,7 +9,7 @@ import numpy as np
 import pandas as pd
 
 from truing.report.heads import POSE, Head
-from truing.report.numbers import count, in_suitable_unit, plain, printed, quantity, with_uncertainty
+from truing.report.numbers import count_text, in_suitable_unit, plain, printed, quantity, with_uncertainty
 from truing.report.page import MOST_ROWS, Listing, ReportSection
 from truing.report.photographs.figures import network_picture, residual_picture
 from truing.report.tables import SIGMA, Tables, cell, table_or_none
@@ -69,8 +69,10 @@ def _figures(tables: Tables) -> dict[tuple[str, str], float]:
 def _opening_sentences(points: pd.DataFrame, residuals: pd.DataFrame, images: pd.DataFrame, tables: Tables) -> str:
     reported = _figures(tables)
     used = int((~residuals["rejected"]).sum())
-    text = f"{used:,} rays of {count(len(images), 'photograph')} make {count(len(points), 'object point')} in "
-    text += f"{count(points['pose'].nunique(), 'pose')}"
+    text = (
+        f"{used:,} rays of {count_text(len(images), 'photograph')} make {count_text(len(points), 'object point')} in "
+    )
+    text += f"{count_text(points['pose'].nunique(), 'pose')}"
     redundancy = reported.get(("redundancy", ""))
     text += f", with a redundancy of {redundancy:,.0f}." if redundancy else "."
     sigma = points[SIGMA].to_numpy()
@@ -78,7 +80,7 @@ def _opening_sentences(points: pd.DataFrame, residuals: pd.DataFrame, images: pd
         f" A coordinate is known to {quantity(float(np.sqrt(np.mean(sigma**2))), 'mm')} (rms), a ray was measured to "
     )
     rows = residuals[~residuals["rejected"]]
-    text += f"{float(np.median(rows['sigma_x_px'])):.3f} px. Left out: {count(len(residuals) - used, 'ray')}."
+    text += f"{float(np.median(rows['sigma_x_px'])):.3f} px. Left out: {count_text(len(residuals) - used, 'ray')}."
     checks = table_or_none(tables, "qa")
     scale = [] if checks is None else checks.loc[checks["check"] == "scale", "message"].tolist()
     return " ".join([text, *scale])

@@ -15,7 +15,7 @@ from typing import TYPE_CHECKING, Any
 
 import plotly.graph_objects as go
 
-from truing.report.numbers import count
+from truing.report.numbers import count_text
 from truing.report.page import Listing, PageHead, ReportSection, all_of
 from truing.report.rendering.terms import COLUMN, Meanings, anchors, defined, explained, marked
 
@@ -76,7 +76,7 @@ class _Drawn:
     def more(self) -> str:
         """Title of what an essential section shows on demand; empty where it has no more."""
         counts = ((len(self.figures) - self.section.front, "figure"), (len(self.tables), "table"))
-        return " and ".join(count(number, noun) for number, noun in counts if number > 0)
+        return " and ".join(count_text(number, noun) for number, noun in counts if number > 0)
 
 
 def render_page(head: PageHead, sections: Sequence[ReportSection]) -> str:

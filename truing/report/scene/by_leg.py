@@ -7,7 +7,7 @@ import pandas as pd
 
 from truing.report.calibration.calibrations import calibration_name, displayed_calibration, rows_of
 from truing.report.heads import LEG, Head
-from truing.report.numbers import count, plain, with_uncertainty
+from truing.report.numbers import count_text, plain, with_uncertainty
 from truing.report.page import Listing
 from truing.report.parameter_names import kind_of, print_unit
 from truing.report.tables import LOAD_UNITS, Tables, table_or_none
@@ -45,7 +45,7 @@ def _shifts(shifts: pd.DataFrame) -> list[tuple]:
         noise = float(np.sqrt(np.sum((shift * sigma) ** 2))) / (len(shift) * rms) if rms > 0.0 else float(sigma.max())
         most = int(np.argmax(np.abs(shift)))
         caption = f"largest shift of the attachment along z, pose {group['pose'].iloc[most]}"
-        text = f"rms shift of the attachment along z over {count(len(group), 'pose')}"
+        text = f"rms shift of the attachment along z over {count_text(len(group), 'pose')}"
         rows.append((int(leg), text, with_uncertainty(rms, noise, "µm"), "–", "–"))
         rows.append((int(leg), caption, with_uncertainty(float(shift[most]), float(sigma[most]), "µm"), "–", "–"))
     return rows

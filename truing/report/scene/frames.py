@@ -13,6 +13,7 @@ from truing.report.figure_style import BLUE, GREEN, GREY, ORANGE, RED, label, st
 from truing.report.heads import Head
 from truing.report.page import Listing, ReportSection
 from truing.report.tables import XYZ, Tables, table_or_none
+from truing.schemas.calibration_columns import LEG_JOINTS
 
 _ALONG = ["along_x", "along_y", "along_z"]
 _COLOURS = {"base": BLUE, "platform": ORANGE, "measurement": RED}
@@ -75,7 +76,7 @@ def frames_figure(table: pd.DataFrame) -> go.Figure:
 
 def leg_joints(table: pd.DataFrame) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
     """Return the lower and the upper joints (L, 3) of all legs: the first and the last of their joint axes."""
-    joints = table[table["frame"].str.startswith("joints of leg")].groupby("frame", sort=False)[XYZ]
+    joints = table[table["frame"].str.startswith(LEG_JOINTS)].groupby("frame", sort=False)[XYZ]
     return joints.first().to_numpy(dtype=float), joints.last().to_numpy(dtype=float)
 
 

@@ -102,28 +102,23 @@ def calibration_verdict(tables: Tables, _: Mapping[str, SectionVerdict]) -> Sect
 
 def _tests(choice: pd.DataFrame | None) -> list[ModelTest]:
     """Return the test of the chosen calibration: are its held-out errors within noise?"""
-    noise = _NOISE if choice is None else _compared_noise(_chosen_model(choice))
+    facts = pd.Series(dtype=float)
+    if choice is not None:
+        rows = choice[choice["model"] == _chosen_model(choice)]
+        facts = rows.drop_duplicates("figure").set_index("figure")["value"]
+    # Unweighted least squares takes its noise from the residuals, so that what the model lacks counts as noise.
+    noise = _OWN_SCATTER if facts.get("noise_from_residuals", 0.0) == 1.0 else _NOISE
     compared = "the noise" if noise == _NOISE else noise
     agreement_text = f"errors of held-out loads agree with {compared}"
     verified = f"errors in the verification runs agree with {compared}"
     if choice is None:
-        return [ModelTest(asked, None, "G_B was not evaluated.") for asked in (agreement_text, verified)]
-    rows = choice[choice["model"] == _chosen_model(choice)]
-    facts = rows.drop_duplicates("figure").set_index("figure")["value"]
+        return [ModelTest(claim, None, "G_B was not evaluated.") for claim in (agreement_text, verified)]
     return [
         _misfit_test(agreement_text, facts, "heldout", noise, "Nothing was held out."),
         _misfit_test(
             verified, facts, "verification", noise, "No run has role verification, or its noise is not known."
         ),
     ]
-
-
-def _compared_noise(model: str) -> str:
-    """Return in words what errors of a model's held-out loads are compared with.
-
-    Unweighted least squares learns its noise from the residuals, so that what the model lacks counts as noise.
-    """
-    return _OWN_SCATTER if model.startswith("least squares") else _NOISE
 
 
 def _misfit_test(question: str, facts: pd.Series, role: str, noise: str, why_not: str) -> ModelTest:

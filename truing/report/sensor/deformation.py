@@ -17,7 +17,7 @@ from truing.report.error_figures import error_figure_words
 from truing.report.figure_style import BAR, BLUE, GREY, ORANGE, RED, panel_grid, style
 from truing.report.heads import FIGURE, LOAD, UNIT, VALUE, Head
 from truing.report.model_tests import CONTRADICTED, REJECTED, ModelTest, by_p, listing_of
-from truing.report.numbers import count, p_equals, p_value, plain, printed, quantity, with_uncertainty
+from truing.report.numbers import count_text, p_equals, p_value, plain, printed, quantity, with_uncertainty
 from truing.report.page import Drawn, Listing, ReportSection
 from truing.report.scene.by_leg import by_leg_of_sensor
 from truing.report.scene.scenes import load_scene
@@ -165,7 +165,7 @@ def _wrong_entries(measured: pd.DataFrame) -> list[str]:
     if "pull" not in measured or not measured["pull"].notna().any():
         return ["There is no simulation to compare with."]
     differing = measured[measured["verdict"] == "differs"]
-    some = f"{count(len(measured), 'measured entry')} of the compliance"
+    some = f"{count_text(len(measured), 'measured entry')} of the compliance"
     if not len(differing):
         every = f"the {some}" if len(measured) == 1 else f"all {some}"
         return [f"The simulation reproduces {every} within noise and tolerances."]

@@ -8,7 +8,7 @@ import plotly.graph_objects as go
 
 from truing.report.figure_style import BAR, BLUE, MANY_POINTS, ORANGE, RED, label, panel_grid, style
 from truing.report.heads import CHANNEL, LOAD, RUN, UNIT, Head, P
-from truing.report.numbers import count, p_value, with_uncertainty
+from truing.report.numbers import count_text, p_value, with_uncertainty
 from truing.report.page import Listing, ReportSection
 from truing.report.tables import CHANNELS, LOADS, Tables, moved_unit, reason, table_or_none
 
@@ -37,10 +37,10 @@ def displacement(tables: Tables) -> ReportSection | None:
 
 def _opening_sentences(cases: pd.DataFrame, residuals: pd.DataFrame) -> str:
     known = cases[list(_COMPONENTS.values())].notna().to_numpy()
-    read = f"{count(len(residuals), 'reading')} of {count(residuals['run'].nunique(), 'run')}"
+    read = f"{count_text(len(residuals), 'reading')} of {count_text(residuals['run'].nunique(), 'run')}"
     complete = int(known.all(axis=1).sum())
     those = "all" if complete == len(cases) else f"{complete:,} of them"
-    cases_text = f"{count(len(cases), 'load case')}, {those} in all six components"
+    cases_text = f"{count_text(len(cases), 'load case')}, {those} in all six components"
     texts = [f"{read} give the displacement of the platform in {cases_text}."]
     never = [channel for channel, seen in zip(_COMPONENTS, known.any(axis=0), strict=True) if not seen]
     if never:

@@ -5,7 +5,7 @@ from __future__ import annotations
 import pandas as pd
 
 from truing.report.heads import UNIT, Head
-from truing.report.numbers import count, plain, quantity
+from truing.report.numbers import count_text, plain, quantity
 from truing.report.page import Listing, ReportSection
 from truing.report.tables import Tables, cell, per_kilo, table_or_none
 
@@ -50,8 +50,8 @@ def _sentence(name: str, table: pd.DataFrame) -> str:
     if not many:
         return f"{name.capitalize()}: negligible; it changes no entry of the compliance by more than {share}."
     return (
-        f"{name.capitalize()}: not negligible; it changes {count(many, 'entry')} of {len(known)} by more than a third "
-        f"of a standard deviation, at most by {share}."
+        f"{name.capitalize()}: not negligible; it changes {count_text(many, 'entry')} of {len(known)} by more than a "
+        f"third of a standard deviation, at most by {share}."
     )
 
 

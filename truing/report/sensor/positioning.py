@@ -15,7 +15,7 @@ from truing.report.axis_page import ENCODERS
 from truing.report.figure_style import BLUE, ORANGE, label, style
 from truing.report.heads import RUN, Head
 from truing.report.measured_loads import corrections
-from truing.report.numbers import count, in_suitable_unit, printed, sign, with_uncertainty
+from truing.report.numbers import count_text, in_suitable_unit, printed, sign, with_uncertainty
 from truing.report.page import Listing, ReportSection
 from truing.report.section_verdict import SectionVerdict
 from truing.report.tables import Tables, is_single_axis, load_steps, reason, table_or_none
@@ -83,7 +83,7 @@ def _of_single_axis(rows: pd.DataFrame | None, why_not: str) -> ReportSection:
     if (axis["run"] != ENCODERS["measured"]).any():
         lead += " The standard asks for an outside instrument; results of an encoder contain its own errors."
     fewest = int(rows.loc[rows["figure"].isin(["n_forward", "n_backward"]), "value"].min())
-    few = f"{count(fewest, 'reading')} of a target from one side"
+    few = f"{count_text(fewest, 'reading')} of a target from one side"
     statements: tuple[tuple[str, str], ...] = ()
     if "R" not in set(axis["figure"]):
         statements = (("warn", f"R and A are not computed: they need a scatter, and there is {few}. {_PLAN}"),)
@@ -114,7 +114,7 @@ def positioning_verdict(tables: Tables, _: Mapping[str, SectionVerdict]) -> Sect
     ]
     several = rows["run"].nunique()
     withheld = len(not_stated(tables))
-    also = f" Not evaluated: {count(withheld, 'further run')} (see Positioning)." if withheld else ""
+    also = f" Not evaluated: {count_text(withheld, 'further run')} (see Positioning)." if withheld else ""
     name = f"run {worst.iloc[0]}" if str(worst.iloc[0]).isdigit() else str(worst.iloc[0])
     run_text = f"the worst of {several} runs, {name}" if several > 1 else name
     text = printed(f"By ISO 230-2, {run_text}: {', '.join(texts)}, each with one standard deviation.{also}")

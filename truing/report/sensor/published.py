@@ -1,4 +1,4 @@
-"""Published displacements beside those of the campaign: traces of the curves, listing and sentence."""
+"""Published displacements next to those of the campaign: traces of the curves, listing and sentence."""
 
 from __future__ import annotations
 
@@ -9,7 +9,7 @@ import plotly.graph_objects as go
 
 from truing.report.figure_style import GREEN
 from truing.report.heads import UNIT, Head
-from truing.report.numbers import count, plain, with_uncertainty
+from truing.report.numbers import count_text, plain, with_uncertainty
 from truing.report.page import Listing
 from truing.report.tables import CHANNELS, LOADS, Tables, cell, kilo, table_or_none
 
@@ -101,18 +101,18 @@ def published_sentence(tables: Tables) -> list[str]:
         return []
     compared = table[table["verdict"].notna()]
     left = len(table) - len(compared)
-    not_compared = f" Not compared: {count(left, 'published value')}." if left else ""
+    not_compared = f" Not compared: {count_text(left, 'published value')}." if left else ""
     if not len(compared):
         return [not_compared.strip()]
     differing = compared[compared["verdict"] == "differs"]
     if not len(differing):
-        return [f"This campaign reproduces all {count(len(compared), 'published value')} compared.{not_compared}"]
+        return [f"This campaign reproduces all {count_text(len(compared), 'published value')} compared.{not_compared}"]
     over = (differing["published"] - differing["own"]).abs() / differing["allowed_difference"]
     worst = differing.reindex(over.sort_values(ascending=False, kind="stable").index)
     named = ", ".join(f"{_called(row)} ({row.source})" for row in worst.head(_NAMED).itertuples())
     more = f" and {len(differing) - _NAMED} more" if len(differing) > _NAMED else ""
     agree = "none" if len(differing) == len(compared) else f"{len(compared) - len(differing)}"
-    values = count(len(compared), "published value")
+    values = count_text(len(compared), "published value")
     return [f"This campaign reproduces {agree} of {values} compared; it differs in {named}{more}.{not_compared}"]
 
 

@@ -9,12 +9,12 @@ from truing.report.wordings.claim import (
     Claim,
     ParameterSize,
     Wording,
+    determined_sizes,
     largest,
     largest_of_kind,
     listed,
     positive,
     size_in_words,
-    sure_of,
 )
 
 _ALONG = {"fx": "x", "fy": "y", "fz": "z", "mx": "x", "my": "y", "mz": "z"}
@@ -88,7 +88,7 @@ def _direction(size: ParameterSize) -> str:
 
 
 def _eccentric(claim: Claim) -> str:
-    axis, sizes = _axis(claim), sure_of(claim.sizes)
+    axis, sizes = _axis(claim), determined_sizes(claim.sizes)
     if axis.startswith("m"):
         return f"{load_words(axis)} also applies a force{': ' if sizes else ''}{_all_towards(sizes)}"
     who, verb = (load_words(axis), "acts") if axis else ("the forces", "act")
@@ -131,8 +131,8 @@ def _imbalance(claim: Claim) -> str:
 
 
 def _arm_direction(axis: str, about: str) -> tuple[str, float]:
-    """Return the direction across a force along which its line of action lies off for a moment about an axis, and the
-    sign of the arm for a positive moment; empty for torques and for a moment about the force itself."""
+    """Return the axis along which an offset of a force causes a moment about a given axis, and the sign of the arm for
+    a positive moment; empty for torques and for a moment about the force itself."""
     along = axis[-1:]
     if not axis.startswith("f") or along == about:
         return "", 0.0
@@ -278,7 +278,7 @@ def _zero_against_temperature(claim: Claim) -> str:
 
 def _tilted(claim: Claim) -> str:
     size, _ = largest_of_kind(claim, "angle")
-    tilts = sure_of(tuple(one for one in claim.sizes if one.name.startswith("tilt_")))
+    tilts = determined_sizes(tuple(one for one in claim.sizes if one.name.startswith("tilt_")))
     towards = (
         f": {' and '.join(f'{size_in_words(positive(tilt))} towards {_tilt_direction(tilt)}' for tilt in tilts)}"
         if tilts
@@ -298,7 +298,7 @@ def _align(claim: Claim) -> str:
 
 
 def _arm(claim: Claim) -> str:
-    sizes = sure_of(claim.sizes)
+    sizes = determined_sizes(claim.sizes)
     arm = f": {_all_towards(sizes)}" if sizes else ""
     beam = f"the beam of {_subject_words(claim, 'every linear channel')}"
     return f"{beam} passes off the origin{arm}, so it measures rotation too"

@@ -20,13 +20,13 @@ from truing.report.wordings.claim import (
 )
 
 
-def _whose(claim: Claim) -> str:
+def _owner(claim: Claim) -> str:
     words = subject_words(claim.subject).strip()
     return f"a {words}" if words in ("joint", "link") else words or "the chain"
 
 
 def _joint(claim: Claim) -> str:
-    return _whose(claim) if claim.subject else "each joint"
+    return _owner(claim) if claim.subject else "each joint"
 
 
 def _of_joint(advice: str) -> Callable[[Claim], str]:
@@ -36,13 +36,13 @@ def _of_joint(advice: str) -> Callable[[Claim], str]:
 
 def _offset(claim: Claim) -> str:
     others = claim.fact("alike")
-    owners = " or ".join([_whose(claim), *map(subject_words, others or ())])
+    owners = " or ".join([_owner(claim), *map(subject_words, others or ())])
     same = "; one motion belongs to either" if others else ""
     return f"the zero of {owners} is wrong{_signed(claim, 'offset')}{same}"
 
 
 def _shifted(claim: Claim) -> str:
-    return f"the zero of {_whose(claim)} shifts from pose {claim.fact('from_pose')} on{_signed(claim, 'shift')}"
+    return f"the zero of {_owner(claim)} shifts from pose {claim.fact('from_pose')} on{_signed(claim, 'shift')}"
 
 
 def _signed(claim: Claim, kind: str) -> str:
@@ -54,8 +54,8 @@ def _signed(claim: Claim, kind: str) -> str:
 def _gain(claim: Claim) -> str:
     size, large = largest_of_kind(claim, "gain")
     if not size:
-        return f"{_whose(claim)} has a gain error: its motion is not equal to its reading"
-    return f"{_whose(claim)} moves {'farther' if large else 'less far'} than it reads{by_words(size)}"
+        return f"{_owner(claim)} has a gain error: its motion is not equal to its reading"
+    return f"{_owner(claim)} moves {'farther' if large else 'less far'} than it reads{by_words(size)}"
 
 
 def _backlash(claim: Claim) -> str:
@@ -63,14 +63,14 @@ def _backlash(claim: Claim) -> str:
     sides = " to either side" if size else ""
     if size and not lags:
         reason = "as if backlash were compensated too much"
-        return f"{_whose(claim)} leads its reading after each reversal{by_words(size)}{sides}, {reason}"
-    return f"{_whose(claim)} has backlash{by_words(size)}{sides}"
+        return f"{_owner(claim)} leads its reading after each reversal{by_words(size)}{sides}, {reason}"
+    return f"{_owner(claim)} has backlash{by_words(size)}{sides}"
 
 
 def _settling(claim: Claim) -> str:
     named = "share" if claim.fact("form") == "share of the movement" else "lag"
     size, tau, wait = claim.size(named), claim.size("tau"), claim.size("shortest_wait")
-    text = f"{_whose(claim)} still settles after its movements when it is measured"
+    text = f"{_owner(claim)} still settles after its movements when it is measured"
     if size is None or tau is None or wait is None:
         return text
     share_text = " of the movement" if named == "share" else ""
@@ -83,7 +83,7 @@ def _settling(claim: Claim) -> str:
 
 
 def _compliance(claim: Claim) -> str:
-    clause = f"{_whose(claim)} deflects under the weight that it carries"
+    clause = f"{_owner(claim)} deflects under the weight that it carries"
     text = with_sizes(clause, replace(claim, sizes=claim.sizes[:1]))
     parts = claim.fact("parts") if claim.fact("free") else ()  # a link and an axis each
     links = dict.fromkeys(part[: -len(" x")] for part in parts or ())
@@ -91,7 +91,7 @@ def _compliance(claim: Claim) -> str:
 
 
 def _bending(claim: Claim) -> str:
-    return with_sizes(f"{_whose(claim)} bends under the weight that it carries", claim)
+    return with_sizes(f"{_owner(claim)} bends under the weight that it carries", claim)
 
 
 def _other_gravity(claim: Claim) -> str:
@@ -108,17 +108,17 @@ def _other_gravity(claim: Claim) -> str:
 
 def _tilt(claim: Claim) -> str:
     about = f" about its {claim.fact('about')} axis" if claim.fact("about") else ""
-    return with_sizes(f"the column that carries {_whose(claim)} tilts{about} under the moment of its load", claim)
+    return with_sizes(f"the column that carries {_owner(claim)} tilts{about} under the moment of its load", claim)
 
 
 def _sag(claim: Claim) -> str:
-    return with_sizes(f"{_whose(claim)} deflects under the weight of links whose masses are not given", claim)
+    return with_sizes(f"{_owner(claim)} deflects under the weight of links whose masses are not given", claim)
 
 
 def _growth(claim: Claim) -> str:
     if not claim.subject:
         return with_sizes("all links grow with temperature", claim)
-    who = " or ".join([_whose(claim), *map(subject_words, claim.fact("alike") or ())])
+    who = " or ".join([_owner(claim), *map(subject_words, claim.fact("alike") or ())])
     return with_sizes(f"{who} grows with temperature{_which_length(claim)}", claim)
 
 
@@ -135,7 +135,7 @@ def _which_length(claim: Claim) -> str:
 
 
 def _eccentric(claim: Claim) -> str:
-    return with_sizes(f"the reading of {_whose(claim)} has an error once per turn{_or_another(claim)}", claim)
+    return with_sizes(f"the reading of {_owner(claim)} has an error once per turn{_or_another(claim)}", claim)
 
 
 def _or_another(claim: Claim) -> str:
@@ -152,14 +152,14 @@ def _order(claim: Claim) -> float | None:
 def _harmonic(claim: Claim) -> str:
     order = _order(claim)
     times = f"{order:.4g} times" if order is not None else "several times"
-    return with_sizes(f"the motion of {_whose(claim)} has an error {times} per turn{_or_another(claim)}", claim)
+    return with_sizes(f"the motion of {_owner(claim)} has an error {times} per turn{_or_another(claim)}", claim)
 
 
 def _pitch(claim: Claim) -> str:
     period = _period_mm(claim)
     every = f"every {period:.4g} mm" if period is not None else "along its travel"
     open_ = ", or every other length that these readings do not distinguish" if claim.fact("aliased") else ""
-    return with_sizes(f"the motion of {_whose(claim)} has an error that repeats {every}{open_}", claim)
+    return with_sizes(f"the motion of {_owner(claim)} has an error that repeats {every}{open_}", claim)
 
 
 def _period_mm(claim: Claim) -> float | None:
@@ -181,7 +181,7 @@ def _pitch_advice(claim: Claim) -> str:
 
 def _curve(claim: Claim) -> str:
     size = largest(tuple(size for size in claim.sizes if size.name.startswith("largest")))
-    who, up_to = _whose(claim), f", by up to {size_in_words(size)}" if size else ""
+    who, up_to = _owner(claim), f", by up to {size_in_words(size)}" if size else ""
     if claim.subject.split().count("joint") > 1:
         return f"{who} deviate from their readings by repeatable curves{up_to}"
     return f"{who} deviates from its reading by a repeatable curve{up_to}"
@@ -191,9 +191,9 @@ def _guideway(claim: Claim) -> str:
     size, axis = largest(tuple(size for size in claim.sizes if size.name == "largest")), claim.fact("axis")
     up_to = f", by up to {size_in_words(size)}" if size else ""
     if claim.fact("error") == "turn":
-        return f"the carriage of {_whose(claim)} turns about its {axis} axis along the travel{up_to}"
+        return f"the carriage of {_owner(claim)} turns about its {axis} axis along the travel{up_to}"
     along = f" along its {axis} axis" if axis else ""
-    return f"the carriage of {_whose(claim)} leaves its straight line{along}{up_to}"
+    return f"the carriage of {_owner(claim)} leaves its straight line{along}{up_to}"
 
 
 def _drift(claim: Claim) -> str:
@@ -205,7 +205,7 @@ def _jump(claim: Claim) -> str:
 
 
 def _knocked(claim: Claim) -> str:
-    who = _whose(claim)
+    who = _owner(claim)
     return with_sizes(
         f"{who}, with all that is measured on it, is displaced from pose {claim.fact('from_pose')} on", claim
     )

@@ -137,7 +137,7 @@ def largest_of_kind(claim: Claim, kind: str) -> tuple[str, bool]:
     return ("", True) if size is None else (size_in_words(positive(size)), (size.number or 0.0) > 0.0)
 
 
-def sure_of(sizes: tuple[ParameterSize, ...]) -> list[ParameterSize]:
+def determined_sizes(sizes: tuple[ParameterSize, ...]) -> list[ParameterSize]:
     """Return sizes beyond two of their sigmas, the largest first; where there are none, the largest alone."""
     known = [size for size in sizes if size.number is not None]
     sure = [size for size in known if size.sigma is None or abs(size.number or 0.0) > SURE * size.sigma]

@@ -192,10 +192,10 @@ def valid_results(run: Run) -> _Qualified:
         if (good["result"] == kind).any():
             good = good[good["result"] != kind]
             left_out.append(f"{KINDS[kind]}: {', '.join(off)}: {NOT_HELD}.")
-    strange = [unit for unit in dict.fromkeys(good["unit"].fillna("1")) if si_unit(unit) is None]
-    if strange:
-        good = good[~good["unit"].fillna("1").isin(strange)]
-        left_out.append(f"Results in units without an SI name: {', '.join(strange)}.")
+    unknown = [unit for unit in dict.fromkeys(good["unit"].fillna("1")) if si_unit(unit) is None]
+    if unknown:
+        good = good[~good["unit"].fillna("1").isin(unknown)]
+        left_out.append(f"Results in units without an SI name: {', '.join(unknown)}.")
     reported = parts[(parts["evaluation"] == "not evaluated") & parts["result"].isin(good["result"])]
     omitted = [f"{row.result}: {row.input_source} ({row.reason})." for row in reported.itertuples()]
     return _Qualified(good, tuple(left_out), tuple(dict.fromkeys(omitted)))

@@ -49,7 +49,7 @@ class AxisModel(ChannelModel[AxisCause]):
     def stops(self) -> tuple[str, ...]:
         """Elements (H,) whose stops are unknown: empty for the axis as a whole, and the transmission.
 
-        A transmission to which all encoders respond alike is the axis as a whole.
+        A transmission to which all encoders respond equally is the axis as a whole.
         """
         response = self.axis.response(TRANSMISSION)
         moves = self.stop_sigma > 0.0 and bool(response.any())

@@ -143,7 +143,7 @@ def _periods(axis: Axis, command: NDArray) -> list[tuple[float, float, bool]]:
 
 def _searched(command: NDArray, travel: float) -> list[tuple[float, float, bool]]:
     """Return the longest of all periods with like waves at the commands. Commands in even steps leave none below two
-    steps; uneven ones tell far shorter periods apart."""
+    steps; uneven ones resolve far shorter periods."""
     return _searched_once(np.ascontiguousarray(command, dtype=float).tobytes(), travel) if travel > 0.0 else []
 
 

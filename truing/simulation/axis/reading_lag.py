@@ -18,8 +18,8 @@ from truing.simulation.mechanisms.causes.reading_lag import PLAUSIBLE_LAG
 class AxisReadingLag(AxisCause):
     """An encoder, or all of them, reads where the axis was sent the lag before.
 
-    A clock of its own makes an encoder late, following error makes all of them late. ``element``: the encoder; empty
-    for all alike.
+    A clock of its own makes an encoder late, following error makes all of them late. ``element``: the encoder; empty:
+    all with the same lag.
     """
 
     element: str = ""
@@ -30,11 +30,11 @@ class AxisReadingLag(AxisCause):
 
     @property
     def subject(self) -> str:
-        """Encoder or instrument; empty for all alike."""
+        """Encoder or instrument; empty for all together."""
         return SUBJECTS.get(self.element, "")
 
     def candidates(self, scene: AxisScene) -> Sequence[AxisReadingLag]:
-        """Return all encoders alike, and each of several, if the axis was recorded in motion."""
+        """Return all encoders together, and each of several, if the axis was recorded in motion."""
         encoders = scene.axis.encoders
         if not scene.rows.rate.any() or not encoders:
             return ()

@@ -22,7 +22,7 @@ class AxisScatter(AxisCause):
     """The axis stops at random positions when it comes up (``direction`` 1) or down (-1).
 
     ``element`` is the transmission, whose load then stands at random behind the motor; or empty: the axis as a whole,
-    about its command. Scatter alike from both sides is larger noise.
+    about its command. Equal scatter from both sides is larger noise.
     """
 
     element: str = TRANSMISSION

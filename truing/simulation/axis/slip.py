@@ -1,4 +1,4 @@
-"""Cause `EncodersDisagree`: the encoders at motor and load part in proportion to the path that the axis travels."""
+"""Cause `EncodersDisagree`: the encoders at motor and load diverge in proportion to the path that the axis travels."""
 
 from __future__ import annotations
 

@@ -136,10 +136,9 @@ class ChannelZeros:
 
 
 def zeros_of(run: NDArray, is_observed: NDArray, sigma: NDArray, *, signals: int = 0) -> ChannelZeros:
-    """Return the zeros of readings is_observed (B, K) in runs (B,), one per run and channel, with prior sigma of
-    the noise (K,).
+    """Return the zeros of readings, one per run and channel, each with the prior sigma of the channel's noise.
 
-    Zeros of signals, which come last, are free.
+    run (B,); is_observed (B, K): readings that exist; sigma (K,): noise. Zeros of signals, which come last, are free.
     """
     found = [
         (label, k) for label in dict.fromkeys(run.tolist()) for k in np.flatnonzero(is_observed[run == label].any(0))

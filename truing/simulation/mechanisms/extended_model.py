@@ -42,7 +42,7 @@ class ExtendedModel:
     """An identified mechanism: unknowns (G,) with covariance (G, G), in prior sigmas, at the estimated noise.
 
     The model's targets are those of base and platform at their surveyed positions; survey_sigma (K,), m, is the noise
-    of their survey. ``context`` says where the model comes from, in words for people.
+    of their survey. ``context``: origin of the model, in words.
     """
 
     model: MechanismModel

@@ -114,7 +114,7 @@ class ParameterSet:
             batch = array.shape[: array.ndim - _RANK[field]] if field == "u" else ()
             slope = np.zeros((*batch, *array.shape[-_RANK[field] :], len(self)), array.dtype)
             slope[..., *index, chosen] = 1.0
-            fields[field] = _along_the_sphere(array, slope) if field == "u" else slope
+            fields[field] = _tangent_to_sphere(array, slope) if field == "u" else slope
         return Change(fields, len(self))
 
     def _normalised(self, u: NDArray, nominal: NDArray) -> NDArray:
@@ -131,7 +131,7 @@ class ParameterSet:
         return u
 
 
-def _along_the_sphere(u: NDArray, slope: NDArray) -> NDArray:
+def _tangent_to_sphere(u: NDArray, slope: NDArray) -> NDArray:
     """Add the derivative of the largest component to those of the other two: du_z = -(u_x du_x + u_y du_y) / u_z."""
     largest = np.argmax(np.abs(u), -1)[..., None]
     follows = -np.sum(u[..., None] * slope, -2, keepdims=True) / np.take_along_axis(u, largest, -1)[..., None]

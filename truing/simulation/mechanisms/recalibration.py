@@ -114,10 +114,10 @@ def minima_from(
 
 def _leg_parameters(parameters: ParameterSet, leg: int) -> ParameterSet:
     """Return one leg's parameters, as those of a machine with a single leg."""
-    strange = sorted({entry.name for entry in parameters.entries if entry.name not in _NUMBERS})
-    if strange:
+    unknown = sorted({entry.name for entry in parameters.entries if entry.name not in _NUMBERS})
+    if unknown:
         raise ValueError(
-            f"parameters: found {', '.join(strange)}, expected parameters of one leg: {', '.join(_NUMBERS)}"
+            f"parameters: found {', '.join(unknown)}, expected parameters of one leg: {', '.join(_NUMBERS)}"
         )
     return ParameterSet(tuple(replace(entry, leg=0) for entry in parameters.entries if entry.leg == leg))
 

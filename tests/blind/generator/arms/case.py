@@ -1,4 +1,4 @@
-"""A case: effects of a wanted strength hidden in an arm of a wanted layout, its truth as the blind tests judge it."""
+"""A case: effects of a required strength hidden in an arm of a given layout, with its truth for the blind tests."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Poses of an arm, their order and their temperature, before anything is hidden."""
+"""Poses of an arm, their order and their temperature, before effects are hidden."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""A case: effects of a wanted strength hidden in a campaign of a wanted layout; all else the seed says."""
+"""A case: effects of a required strength hidden in a campaign of a given layout; the seed determines the rest."""
 
 from __future__ import annotations
 

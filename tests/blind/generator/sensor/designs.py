@@ -1,4 +1,4 @@
-"""Sensors to draw from: the nominal set A of the force-sensor paper's numbers, and two of other build and size."""
+"""Designs of sensors to draw from: the nominal set A of the force-sensor paper, and two of other shape and size."""
 
 from __future__ import annotations
 

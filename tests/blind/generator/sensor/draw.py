@@ -1,4 +1,4 @@
-"""Layouts drawn at random: what a force sensor's campaign looks like before anything is hidden in it."""
+"""Layouts of force-sensor campaigns drawn at random, before effects are hidden in them."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Elements of a leg by the energy that a wrench leaves in them (Castigliano), without matrices.
+"""Compliance of a leg's elements from the strain energy of a wrench (Castigliano), without matrices.
 
 A leg runs along z of its axes, from the base to the platform. What a section of it carries under a wrench at any point
 is a force and the moment about the section; the energy of two such states is the compliance one feels of the other.

@@ -1,4 +1,4 @@
-"""Foreign worlds of a bench: effects whose form was never written down, several of them at once."""
+"""Foreign worlds of a bench: effects drawn from random functions, several of them at once."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Effects drawn at random: which load, channel, run or signal, which shape; their size is asked for afterwards.
+"""Effects drawn at random: load, channel, run or signal, and shape; `strength` sets their size.
 
 Of size 1 each is about as large as a laboratory meets it.
 """

@@ -1,4 +1,4 @@
-"""The knobs of a force sensor's campaign: which sensor, which loads, what is measured, how well, in what weather."""
+"""Settings of a force-sensor campaign: sensor, loads, measured channels, noise, and surroundings."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""The sensor that nature made: joints off by what assembly left, legs softer or stiffer; how it answers a load.
+"""The true sensor: displaced joints, stiffness of each leg, and its response to a load.
 
 Each leg is asked what a wrench at the platform's origin does to it, in the fixed frame; six side by side share one.
 """

@@ -1,4 +1,4 @@
-"""More of what no catalogue knows, thought of when the diagnosis stood; nothing of it was changed for them.
+"""Further uncatalogued effects, added after the diagnosis was complete; the diagnosis was not adapted to them.
 
 What they show is told apart from what was there while the diagnosis was built.
 """

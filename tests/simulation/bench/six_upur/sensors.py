@@ -1,4 +1,4 @@
-"""The sensors of the reference values, and sensors that no symmetry spares anything."""
+"""Sensors of the reference values, and sensors without any symmetry."""
 
 from __future__ import annotations
 

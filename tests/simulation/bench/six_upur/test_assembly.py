@@ -1,4 +1,4 @@
-"""The chain of a leg, and assembly errors: reference values, open chains against closed loops, without linearising."""
+"""The chain of a leg, and assembly errors: reference values, and open chains against closed loops."""
 
 from __future__ import annotations
 
@@ -23,7 +23,6 @@ from truing.simulation.bench.six_upur.assembly import (
     closed_loop_map,
     coefficients_of,
     comprehensive,
-    dh_chain,
     errors_of_sources,
     influence_coefficients,
     joined_links,
@@ -48,7 +47,8 @@ def crooked_chain(rng: np.random.Generator) -> DhChain:
 def test_chain_and_coefficients_are_those_of_the_reference() -> None:
     inputs, outputs = vector("eq9")
     numbers = [np.array(inputs[name]) for name in ("a_01_to_67", "S_1_to_7", "theta_1_to_7", "alpha_01_to_67")]
-    links = joined_links(dh_chain(np.array(inputs["T0"]), *numbers))
+    nothing, along_x = np.zeros(3), np.array([1.0, 0.0, 0.0])  # no imaginary joints
+    links = joined_links(DhChain(np.array(inputs["T0"]), *numbers, nothing, along_x, along_x, nothing))
     assert_close(links.P, outputs["P"], atol=1e-14, what="P")
     assert_close(links.T, outputs["T7"], atol=1e-14, what="T7")
     found = influence_coefficients(links)

@@ -1,4 +1,4 @@
-"""Compliance of flexible parts: reference values, textbook formulas, and what every elastic part keeps."""
+"""Compliance of flexible parts: reference values, textbook formulas, and symmetry and definiteness."""
 
 from __future__ import annotations
 

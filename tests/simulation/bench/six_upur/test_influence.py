@@ -1,4 +1,4 @@
-"""The influence matrix: reference values, what statics says of it, and what no six screws can have."""
+"""The influence matrix: reference values, laws of statics, and limits for six screws."""
 
 from __future__ import annotations
 

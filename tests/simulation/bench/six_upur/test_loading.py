@@ -1,4 +1,4 @@
-"""Applied loads: moments of eccentric forces, and two units that share a load unevenly."""
+"""Applied loads: moments of eccentric forces, and unevenly shared loads of two units."""
 
 from __future__ import annotations
 

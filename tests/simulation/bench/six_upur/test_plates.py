@@ -1,4 +1,4 @@
-"""Plates at the ends of the legs, and own weight: against integrals and limits of their own."""
+"""Plates at the ends of the legs, and own weight, against independent integrals and limits."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""The elastic sensor: reference values, laws of elasticity, and elements that do not make a leg."""
+"""The elastic sensor: reference values, laws of elasticity, and invalid elements."""
 
 from __future__ import annotations
 

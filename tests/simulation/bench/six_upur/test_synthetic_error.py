@@ -1,4 +1,4 @@
-"""The synthetic error and G': reference values, and displaced legs measured anew."""
+"""The synthetic error and G': reference values, and directly displaced legs."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Tolerances: samples against the first order, streams, and what so many samples are worth."""
+"""Tolerances: samples against first order, random streams, and the interval of a sampled rms."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""A sensor within its tolerances: its derivatives, part by part, and the sensors that it stands for."""
+"""A sensor within its tolerances: derivatives part by part, against sensors with changed dimensions."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""An arm of five joints with known masses, and campaigns of it for tests."""
+"""A synthetic arm of five joints with known masses, and campaigns of it."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Causes by weight that cannot fit an unknown centre of mass rest on an assumption, and are no findings."""
+"""Causes by weight that depend on an assumed centre of mass are suspected, not found."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""A chain with unknown base, geometry, joint zeros and targets: derivatives, and causes that a search finds."""
+"""A chain with unknown base, geometry, joint zeros and targets: derivatives, and recovery of hidden causes."""
 
 from __future__ import annotations
 

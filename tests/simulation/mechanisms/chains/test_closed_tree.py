@@ -1,4 +1,4 @@
-"""Chains with loops: against closed-form kinematics, and derivatives against differences."""
+"""Chains with loops: closed-form kinematics, and derivatives against differences."""
 
 from __future__ import annotations
 

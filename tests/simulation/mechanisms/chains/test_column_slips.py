@@ -1,4 +1,4 @@
-"""A wrong zero is no slip of a column: whichever of the two explains more is told."""
+"""A wrong joint zero and a slip of a column are distinguished by what explains more."""
 
 from __future__ import annotations
 

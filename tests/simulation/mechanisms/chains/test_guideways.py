@@ -1,4 +1,4 @@
-"""Guideway errors act where the carriage is: a turn leaves its place, a shift its direction."""
+"""Guideway errors act at the carriage: a rotation does not shift it, and a shift does not rotate it."""
 
 from __future__ import annotations
 

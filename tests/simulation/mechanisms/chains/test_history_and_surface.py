@@ -1,4 +1,4 @@
-"""Nonparametric motion of a joint: functions of two readings, and of the way on which its own was reached."""
+"""Nonparametric motion of a joint: functions of two readings, and of the direction of approach."""
 
 from __future__ import annotations
 

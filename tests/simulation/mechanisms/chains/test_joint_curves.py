@@ -1,4 +1,4 @@
-"""Error curves of joints: laws of their functions, and a curve that is recovered from poses."""
+"""Error curves of joints: laws of their basis functions, and recovery of a curve from poses."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Senses of several joints, and a coupling, are named together where nothing else joins readings and measured links."""
+"""Senses of several joints, and a coupling, are named together if single slips do not explain the data."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Places of stations and targets from distances: those that were measured, also where points lie near one plane."""
+"""Positions of stations and targets from distances, also if the points lie near one plane."""
 
 from __future__ import annotations
 

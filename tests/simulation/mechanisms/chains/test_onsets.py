@@ -1,4 +1,4 @@
-"""An onset of a hundred poses is told to the pose."""
+"""An onset within a hundred poses is located to the pose."""
 
 from __future__ import annotations
 

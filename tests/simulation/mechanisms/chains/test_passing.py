@@ -1,4 +1,4 @@
-"""A motion that passes through a joint belongs to either side, and a description may end a link anywhere on an axis."""
+"""A motion that passes through a joint may belong to either link, and link frames may lie anywhere on an axis."""
 
 from __future__ import annotations
 

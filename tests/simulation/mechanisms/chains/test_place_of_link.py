@@ -1,4 +1,4 @@
-"""A tool that sits elsewhere with an input is said of its link, and of no joint or base."""
+"""A tool that shifts with an input is assigned to its link, not to a joint or the base."""
 
 from __future__ import annotations
 

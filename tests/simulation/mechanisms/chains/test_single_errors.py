@@ -1,4 +1,4 @@
-"""Single large errors of one joint are told from normal errors, and from wrong targets, which move alike."""
+"""Single large errors of one joint are distinguished from normal errors and from wrong targets."""
 
 from __future__ import annotations
 

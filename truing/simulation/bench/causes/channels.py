@@ -70,7 +70,7 @@ class ChannelCause(ReadingCause):
 
 
 class ChannelCourse(ChannelCause):
-    """A cause that changes the readings of its channels alike, as the load steps alone determine."""
+    """A cause that changes the readings of its channels equally; the load steps alone determine the course."""
 
     def along(self, steps: LoadSteps) -> NDArray:
         """Return the derivative (B, P) of the readings."""
@@ -187,7 +187,7 @@ class ThermalDrift(ChannelCourse):
     reach = 30.0
 
     def candidates(self, scene: BenchScene) -> Sequence[ThermalDrift]:
-        """Return every channel, and all linear ones alike, with each temperature that varies, and with both."""
+        """Return every channel, and all linear ones together, with each temperature that varies, and with both."""
         steps = scene.steps
         known = [column for column in _BOTH if steps.varies(column)]
         forms = [(column,) for column in known] + ([_BOTH] if len(known) == len(_BOTH) else [])
@@ -224,7 +224,7 @@ class DeadPath(ChannelCourse):
     reach = 30.0  # a forgotten path may be metres long
 
     def candidates(self, scene: BenchScene) -> Sequence[DeadPath]:
-        """Return every linear channel, and all of them alike, if the index of air is known to vary."""
+        """Return every linear channel, and all of them together, if the index of air is known to vary."""
         if not scene.steps.air_varies:
             return ()
         return [DeadPath(channel) for channel in linear_or_all(scene)]

@@ -145,10 +145,10 @@ class NonparametricReadingEffect(NonparametricEffect[BenchScene], ReadingCause):
 
     def functions(self, steps: LoadSteps) -> NDArray:
         """Return the values (B, m) of the functions, the same for all channels."""
-        alike = replace(self, channel="", scale=1.0, weight=1.0)
-        if alike not in steps.functions:
-            steps.functions[alike] = self._functions(steps)
-        return steps.functions[alike]
+        key = replace(self, channel="", scale=1.0, weight=1.0)
+        if key not in steps.functions:
+            steps.functions[key] = self._functions(steps)
+        return steps.functions[key]
 
     def _functions(self, steps: LoadSteps) -> NDArray:
         if self.form == MEMORY:
@@ -183,7 +183,7 @@ def _applied(steps: LoadSteps) -> list[str]:
 
 
 def _periodic_candidates(steps: LoadSteps, is_observed: NDArray, column: str) -> list[ChannelCandidates]:
-    """Return periodic dependences of channels, is_observed (B, K), on a column, grouped by noise."""
+    """Return periodic dependences of channels on a column, grouped by noise; ``is_observed`` (B, K): readings."""
     periods = _periods_of(steps, column)
     start = float(steps.time_s[0]) if column == TIME else 0.0
     moved = is_observed & (_values_of(steps, column) != start)[:, None]
@@ -194,7 +194,7 @@ def _periodic_candidates(steps: LoadSteps, is_observed: NDArray, column: str) ->
     forms = [NonparametricReadingEffect(half_ranges=(float(period),), **inputs) for period in periods]  # type: ignore[arg-type]
     shapes = np.stack([form.functions(steps) for form in forms])
 
-    def alike(columns: NDArray) -> ChannelCandidates[NonparametricReadingEffect]:
+    def with_equal_noise(columns: NDArray) -> ChannelCandidates[NonparametricReadingEffect]:
         scale = _PLAUSIBLE_SIGMAS * float(steps.sigma[columns[0]])
 
         def member(target: int, shape: int) -> NonparametricReadingEffect:
@@ -202,14 +202,16 @@ def _periodic_candidates(steps: LoadSteps, is_observed: NDArray, column: str) ->
 
         return ChannelCandidates(shapes, columns, np.ones((len(periods), len(columns)), bool), scale, member)
 
-    return [alike(read[steps.sigma[read] == sigma]) for sigma in np.unique(steps.sigma[read])]
+    return [with_equal_noise(read[steps.sigma[read] == sigma]) for sigma in np.unique(steps.sigma[read])]
 
 
 def _jump_candidates(
     bare: NonparametricReadingEffect, steps: LoadSteps, is_observed: NDArray
 ) -> list[NonparametricReadingEffect]:
-    """Return jumps of a channel, seen at steps (B,), beyond several sizes of each load, if there are enough
-    readings."""
+    """Return jumps of a channel beyond several sizes of each load, if there are enough readings.
+
+    ``is_observed`` (B,): steps at which it was read.
+    """
     effects: list[NonparametricReadingEffect] = []
     for load in _applied(steps):
         values, sizes = _values_of(steps, load)[is_observed], _sizes_between(steps, load, is_observed)
@@ -223,7 +225,7 @@ def _jump_candidates(
 
 
 def _dependences(steps: LoadSteps, is_observed: NDArray, channel: str) -> Iterator[tuple[tuple[str, ...], str, int]]:
-    """Yield columns, form and degree of dependences of a channel, seen at steps (B,)."""
+    """Yield columns, form and degree of dependences of a channel that was read at steps ``is_observed`` (B,)."""
     loads = _applied(steps)
     main_load = LOADS[CHANNELS.index(channel)] if channel in CHANNELS else ""
     others = [name for name in varying_columns(steps.covariates, is_observed) if name not in LOADS]
@@ -263,7 +265,7 @@ def _dependences(steps: LoadSteps, is_observed: NDArray, channel: str) -> Iterat
 
 
 def _sizes_between(steps: LoadSteps, load: str, is_observed: NDArray) -> NDArray:
-    """Return sizes of a load, N or N m, between the levels applied while a channel was is_observed (B,).
+    """Return sizes of a load, N or N m, between the levels applied at the steps ``is_observed`` (B,) of a channel.
 
     No size is below the smallest level: a jump there would only mean that the load is applied.
     """
@@ -277,8 +279,8 @@ def _sizes_between(steps: LoadSteps, load: str, is_observed: NDArray) -> NDArray
 
 
 def fading_times(steps: LoadSteps, is_observed: NDArray) -> NDArray:
-    """Return time constants, s, of decays after a break while a channel was is_observed (B,); none without a break or
-    times.
+    """Return time constants, s, of decays after a break, for a channel read at steps ``is_observed`` (B,); none
+    without a break or times.
 
     They range from a usual pause to the longest run.
     """

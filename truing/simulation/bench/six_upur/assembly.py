@@ -72,12 +72,6 @@ class InfluenceCoefficients:
     alpha: NDArray
 
 
-def dh_chain(frame: NDArray, a: NDArray, S: NDArray, theta: NDArray, alpha: NDArray) -> DhChain:
-    """Return a plain chain from the fixed origin, without imaginary joints."""
-    nothing = np.zeros(3)
-    return DhChain(frame, a, S, theta, alpha, nothing, _ALONG_X, _ALONG_X, nothing)
-
-
 def sensor_chains(joints: JointCentres) -> DhChain:
     """Return the chains (..., 6) of an unloaded sensor: each leads from the fixed frame to the platform's origin."""
     axes, length = leg_axes(joints.direction), joints.length

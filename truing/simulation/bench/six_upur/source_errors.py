@@ -1,7 +1,7 @@
 """Errors of a 6-UPUR platform by each error source on its own, and by all (force-sensor paper, section 3, figures 8-9).
 
-To first order every figure is exact and costs one solve; drawn sensors, whose legs close without linearisation, show
-what a hundred of them tell, and how large the error of nearly all sensors is.
+First-order figures need one solve. Drawn sensors, solved without linearisation, show the scatter of a hundred samples,
+and the error that 95 % of all sensors do not exceed.
 """
 
 from __future__ import annotations
@@ -28,7 +28,7 @@ class SourceErrors:
 
     sources: their names, the last one ALL; first_order: rms; samples (S + 1, 2, SAMPLES): drawn errors; band: their rms
     with its 95 % interval; covered: error that 95 % of all sensors do not exceed; shares (S + 1, 2): of the variance of
-    all; open_chains: rms of the mean of six open chains, the paper's eq. 14, in which lengths turn nothing.
+    all; open_chains: rms of the mean of six open chains, the paper's eq. 14, in which length errors cause no rotation.
     """
 
     sources: tuple[str, ...]

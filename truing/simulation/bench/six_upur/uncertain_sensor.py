@@ -40,10 +40,10 @@ class Response:
 class UncertainSensor:
     """A sensor of elastic legs within its tolerances; a ``given`` compliance (6, 6) replaces that of the legs.
 
-    The legs behind a given compliance are assumed to be alike; each may still have its own errors. A given compliance
-    of zero means that the elasticity of the legs is unknown. geometry_sigma: (5,) m, by error source, 0 if exact;
+    The legs of a given compliance are assumed to be equal; each may still have its own errors. A given compliance of
+    zero means that the elasticity of the legs is unknown. geometry_sigma: (5,) m, by error source, 0 if exact;
     stiffness_sigma: relative, of every elastic parameter; ``share`` of its square is common to all legs: legs of one
-    bar have a common error, legs made one by one do not, and the declaration does not say which applies. Without joints
+    bar have a common error, legs made one by one do not, and the declaration does not distinguish these. Without joints
     there are no leg forces (M = 0).
     """
 
@@ -235,7 +235,7 @@ class UncertainSensor:
         return np.asarray(np.swapaxes(back, -1, -2) @ self._given_numbers((6, 6)) @ back)
 
     def _lengthening(self, G: NDArray) -> NDArray:
-        """Return the forces (..., 6, 6) along alike legs of a given compliance, proportional to their elongation G' C.
+        """Return the forces (..., 6, 6) along equal legs of a given compliance, proportional to their elongation G' C.
 
         They have the mean size of the forces with joints without stiffness.
         """
@@ -297,8 +297,7 @@ _NEARLY_PASSIVE = 1e-2  # largest negative eigenvalue of a leg, relative to the 
 
 
 def equal_legs(stiffness: NDArray, joints: JointCentres) -> NDArray:
-    """Return the stiffness (6, 6, 6), SI, about the platform's origin, of alike legs whose sum is a given one (6,
-    6)."""
+    """Return the stiffness (6, 6, 6), SI, about the platform's origin, of equal legs with a given sum (6, 6)."""
     scale = 1.0 / np.sqrt(np.diag(stiffness))
     scaled = scale[:, None] * scale
     kinds = _kinds(stiffness, joints)

@@ -43,7 +43,7 @@ class LegCompliance(SharedOrPerLeg):
     parameter = Parameter("compliance", "um/N", _PLAUSIBLE, 1e-6)
 
     def candidates(self, scene: PointScene) -> Sequence[Self]:
-        """Return one candidate for all legs alike, every single leg and every pair, if the mass and the up direction
+        """Return one candidate for all legs together, every single leg and every pair, if the mass and the up direction
         are known.
 
         None for other than six legs, whose forces do not follow from the load alone.

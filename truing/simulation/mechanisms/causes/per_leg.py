@@ -89,12 +89,12 @@ class SharedOrPerLeg(PerLeg):
     parameter: ClassVar[Parameter]
 
     def candidates(self, scene: PointScene) -> Sequence[Self]:
-        """Return one candidate for all legs alike, every single leg and every pair."""
+        """Return one candidate for all legs together, every single leg and every pair."""
         return [replace(self, legs=chosen) for chosen in self._leg_choices(scene)]
 
     def prior(self, scene: PointScene) -> float:
-        """Return the share of this choice of legs: all alike is more probable than a single one, a single one than a
-        pair."""
+        """Return the share of this choice of legs: all together are more probable than a single one, a single one than
+        a pair."""
         sizes = [len(chosen) for chosen in self._leg_choices(scene)]
         offered = sum(_SHARE_OF_LEGS[size] for size in set(sizes))
         return _SHARE_OF_LEGS[len(self.legs)] / offered / sizes.count(len(self.legs))
@@ -104,7 +104,7 @@ class SharedOrPerLeg(PerLeg):
         return super().like_sized(legs) if self.legs else ()
 
     def narrowed(self, values: NDArray, covariance: NDArray, legs: int) -> Self:
-        """Return the cause without legs of zero effect; unchanged for all legs alike."""
+        """Return the cause without legs of zero effect; unchanged for all legs together."""
         return super().narrowed(values, covariance, legs) if self.legs else self
 
     def parameters(self, legs: int) -> tuple[Parameter, ...]:

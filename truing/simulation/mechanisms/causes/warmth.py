@@ -102,7 +102,7 @@ class LegThermal(SharedOrPerLeg):
     parameter = Parameter("alpha", "1/K", _PLAUSIBLE)
 
     def candidates(self, scene: PointScene) -> Sequence[Self]:
-        """Return one candidate for all legs alike, every single leg and every pair, if the temperature leaves the
+        """Return one candidate for all legs together, every single leg and every pair, if the temperature leaves the
         reference."""
         return super().candidates(scene) if scene.legs and warms(scene) else ()
 

@@ -1,7 +1,7 @@
 """Class `ClosedTree`: a tree of joints some of which are not read, because loops of links determine them.
 
-A closure of a lab's own package says when the loops are closed, as a function of the places of some links. All
-derivatives follow from those of the tree, by the implicit function theorem.
+The closure of a lab's package defines closed loops as a function of the places of some links. All derivatives follow
+from those of the tree, by the implicit function theorem.
 """
 
 from __future__ import annotations

@@ -110,30 +110,23 @@ class ChainInputs:
     without_centre: tuple[str, ...] = ()
 
     @classmethod
-    def of(
+    def weightless(
         cls,
         tree: Tree,
         channels: MeasuredChannels,
         conditions: ChainConditions,
-        gravity: NDArray | None,
-        payload: tuple[int, NDArray],
         reference_temperature_c: float,
         shape: NDArray,
         noisy: Index,
     ) -> ChainInputs:
-        """Return the inputs with the load by gravity (direction in the base's frame; None: unknown).
+        """Return the inputs without loads, as the direction of gravity is unknown."""
+        force, moment = np.zeros((2, len(conditions.readings), tree.size, 3))
+        return cls(tree, channels, conditions, force, moment, reference_temperature_c, shape, noisy)
 
-        ``payload``: node that carries the payload, and its centre of mass (3,) in that link, m.
-        """
+    def under(self, gravity: NDArray | None) -> ChainInputs:
+        """Return the inputs under weight along a direction (3,) in the base's frame; unchanged if it is unknown."""
         if gravity is None:
-            force, moment = np.zeros((2, len(conditions.readings), tree.size, 3))
-        else:
-            force, moment = _loads(tree, conditions, gravity, payload)
-        rest = reference_temperature_c, shape, noisy, gravity
-        return cls(tree, channels, conditions, force, moment, *rest, payload=payload)
-
-    def under(self, gravity: NDArray) -> ChainInputs:
-        """Return the inputs under weight along another direction (3,) in the base's frame."""
+            return self
         force, moment = _loads(self.tree, self.conditions, gravity, self.payload)
         return replace(self, force=force, moment=moment, gravity=gravity)
 

@@ -1,4 +1,4 @@
-"""Distances between targets of a chain, or to a station, alone or beside points: ball bars, wires, ranging."""
+"""Distances between targets of a chain, or to a station, alone or with points: ball bars, wires, ranging."""
 
 from __future__ import annotations
 

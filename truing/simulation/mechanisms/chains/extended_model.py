@@ -206,16 +206,10 @@ def _persistent_motions(extended: ExtendedChain, conditions: ChainConditions) ->
     """Return the motions by each effect; none of an effect that ends with its campaign."""
     tree = extended.tree
     channels = MeasuredChannels(("tip",), (tree.nodes[extended.tip].link,), np.array([extended.tip]), np.zeros(1, bool))
-    machine = ChainInputs.of(
-        tree,
-        channels,
-        conditions,
-        extended.gravity,
-        (extended.tip, extended.payload_com),
-        extended.reference_temperature_c,
-        np.zeros((1, 3)),
-        np.zeros(0, int),
+    unloaded = ChainInputs.weightless(
+        tree, channels, conditions, extended.reference_temperature_c, np.zeros((1, 3)), np.zeros(0, int)
     )
+    machine = replace(unloaded, payload=(extended.tip, extended.payload_com)).under(extended.gravity)
     held = replace(machine, conditions=replace(conditions, readings=np.clip(conditions.readings, *extended.measured)))
     result = []
     for effect in extended.effects:

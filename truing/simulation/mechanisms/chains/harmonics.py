@@ -94,8 +94,8 @@ class JointHarmonic(TurningError):
     def candidates(self, scene: ChainScene) -> Sequence[Self]:
         """Return every revolute joint with every order that its readings distinguish, up to 200.
 
-        Of orders with like waves at the readings, such as those of a joint that stops in equal steps, the lowest
-        stands for all. A joint with known orders of gears, even none, has these and the low ones.
+        Of orders with equal waves at the readings, as for a joint that stops in equal steps, only the lowest is a
+        candidate. A joint with known orders of gears, even none, has these and the low ones.
         """
         machine = scene.inputs_of_machine
         result: list[Self] = []
@@ -211,7 +211,8 @@ def _waves(angle: NDArray, order: float) -> NDArray:
 
 @dataclass(frozen=True)
 class _Waves:
-    """Orders (F,) of waves at the readings of a joint, from 1 on, and which (F, F) are alike beyond their neighbours.
+    """Orders (F,) of waves at the readings of a joint, from 1 on, and the mask (F, F) of indistinguishable ones beyond
+    neighbours.
 
     ``shows`` (F,): waves that do not vanish at the readings. ``travel`` rad, ``step`` of the searched orders.
     """
@@ -257,8 +258,8 @@ def _orders(angle: NDArray, low: Sequence[float], known: Sequence[float] | None)
 
 @lru_cache(maxsize=64)
 def _same_waves(readings: bytes, tested: bytes) -> Mask:
-    """Return the mask (F, F) of orders (F,) whose waves at the readings (B,) of a joint are alike; an order without a
-    wave is like none. Every round of a search asks again of the same numbers, given as their bytes."""
+    """Return the mask (F, F) of orders (F,) whose waves at the readings (B,) of a joint are indistinguishable; an order
+    without a wave equals none. Every round of a search asks again of the same numbers, given as their bytes."""
     angle, orders = np.frombuffer(readings), np.frombuffer(tested)
     waves = np.stack([_waves(angle, order) for order in orders])
     directions, sizes, _ = np.linalg.svd(waves - waves.mean(1, keepdims=True), full_matrices=False)

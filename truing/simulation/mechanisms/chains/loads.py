@@ -1,4 +1,4 @@
-"""Causes by weight beside the compliance of joints and links: a column that tilts, and joints under unknown masses."""
+"""Causes by weight apart from the compliance of joints and links: a tilting column, and joints under unknown masses."""
 
 from __future__ import annotations
 

@@ -21,7 +21,7 @@ GROUND = "ground of the stations"
 
 
 def with_ground(tree: Tree) -> Tree:
-    """Return the tree with one more link, beside the base, for the stations."""
+    """Return the tree with one more link, parallel to the base, for the stations."""
     return replace(tree, nodes=(*tree.nodes, Node("", GROUND, -1, np.eye(3), np.zeros(3))))
 
 
@@ -89,8 +89,8 @@ def lines_at(
 def fitted_places(lines: MeasuredLines, shape: NDArray, free: Index, stations: Mask) -> Array:
     """Return places (K, 3) of channels, of which those ``free`` are fitted.
 
-    Stations (K,) start from squares of their distances. Distances to points near one plane hardly tell on which side of
-    it a station is, so the other side is tried as well.
+    Stations (K,) start from squares of their distances. Distances to points near one plane hardly determine the side of
+    a station, so both sides are tried.
     """
     found = shape.copy()
     for k in np.flatnonzero(stations):

@@ -187,17 +187,11 @@ class ChainModel(EffectsModel[ChainCause]):
     def machine(self) -> ChainInputs:
         """Inputs of the effects."""
         known = self.known
-        inputs = ChainInputs.of(
-            self.tree,
-            self.channels,
-            self.own_conditions,
-            known.gravity,
-            known.payload,
-            known.reference_temperature_c,
-            known.shape,
-            self.noisy,
+        inputs = ChainInputs.weightless(
+            self.tree, self.channels, self.own_conditions, known.reference_temperature_c, known.shape, self.noisy
         )
-        return replace(inputs, gear_orders=known.gear_orders, without_centre=known.without_centre)
+        inputs = replace(inputs, payload=known.payload, gear_orders=known.gear_orders)
+        return replace(inputs, without_centre=known.without_centre).under(known.gravity)
 
     @property
     def scene(self) -> ChainScene:
@@ -280,7 +274,7 @@ class ChainModel(EffectsModel[ChainCause]):
         return self._decoupled(self._values(frames, positions))
 
     def _decoupled(self, found: NDArray) -> Array:
-        """Return channels (B, K, 3, ...) less the part whose noise goes with that of the next channel.
+        """Return channels (B, K, 3, ...) minus the part whose noise is correlated with the next channel.
 
         The noise of what remains is independent, and a measured orientation is zero, so that measured values are kept.
         """

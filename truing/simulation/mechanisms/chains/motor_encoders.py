@@ -1,4 +1,4 @@
-"""Motor encoders beside the readings of joints: what their difference contains, joint by joint."""
+"""Motor encoders against the readings of joints: parts of their difference, joint by joint."""
 
 from __future__ import annotations
 

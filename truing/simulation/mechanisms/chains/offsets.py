@@ -50,7 +50,7 @@ def _no_errors(model: ChainModel, is_observed: Mask) -> Array:
 
 
 def _pulls(model: ChainModel, fit: Fit) -> Array:
-    """Return each zero over its standard deviation by tolerance and data; 0 where the data say nothing of it."""
+    """Return each zero over its standard deviation by tolerance and data; 0 if the data do not determine it."""
     zeros = np.r_[model.layout["zeros"]]
     spread = np.diag(np.linalg.inv(fit.whitened.normal_matrix))[zeros]
     misfit = np.sqrt(np.sum(fit.whitened.rest**2) / max(fit.whitened.freedom, 1.0))

@@ -1,4 +1,4 @@
-"""Motions that pass unchanged through joints: at the nodes on either side they move everything alike, in all poses."""
+"""Motions that pass unchanged through joints: both sides of the joint move all measured links equally, in all poses."""
 
 from __future__ import annotations
 
@@ -16,8 +16,8 @@ _ROUNDED = 1e-4
 
 
 def nodes_moved_alike(tree: Tree, node: int, twist: NDArray, measured: Collection[int]) -> list[tuple[int, Array]]:
-    """Return the nodes at which a motion of constant direction moves all measured links alike in every pose, from base
-    to tip.
+    """Return the nodes at which a motion of constant direction moves all measured links equally in every pose, from
+    base to tip.
 
     ``twist`` (6,), m and rad, is the motion of a node in its joint's frame; each node returned has its own, of the same
     size. A motion passes through a joint with which it commutes, and through a link that carries one joint and is not

@@ -108,7 +108,7 @@ class _Problem:
         return self.tree.frames(self.conditions.readings, self.conditions.deviations)
 
     def _links(self, places: _Geometry) -> tuple[Array, Array]:
-        """Return R (B, K, 3, 3), t (B, K, 3), m, of the links of the channels: the base moves them all alike."""
+        """Return R (B, K, 3, 3), t (B, K, 3), m, of the links of the channels: the base moves them all equally."""
         R, t = places.R[self.conditions.series], places.t[self.conditions.series]
         nodes, frames = self.channels.node, self._on_base
         return R[:, None] @ frames.R[:, nodes], t[:, None] + np.einsum("bij,bkj->bki", R, frames.t[:, nodes])

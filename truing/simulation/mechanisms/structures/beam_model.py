@@ -31,8 +31,6 @@ BETA = 0.25
 # Below this squared slope, closed forms lose digits to 0/0; the first omitted term of a series is under 1e-16.
 _SERIES_BELOW = 0.01
 _SHORTENING = (0.0, 1 / 6, -1 / 40, 1 / 112, -5 / 1152, 7 / 2816, -21 / 13312, 11 / 10240)
-_ARC_SHORTENING = (0.0, 1 / 6, -1 / 120, 1 / 5040, -1 / 362880, 1 / 39916800, -1 / 6227020800)
-_ARC_DEFLECTION = (1 / 2, -1 / 24, 1 / 720, -1 / 40320, 1 / 3628800, -1 / 479001600)
 _SINC = (1.0, -1 / 6, 1 / 120, -1 / 5040, 1 / 362880, -1 / 39916800, 1 / 6227020800)
 # (2 arcsin sqrt(s))^2 in 4 s, s = (1 - cos) / 2.
 _SQUARED_ANGLE = (0.0, 1.0, 1 / 12, 1 / 90, 1 / 560, 1 / 3150, 1 / 16632, 1 / 84084, 1 / 411840)
@@ -63,13 +61,6 @@ def deflection(length: ArrayLike, slope: ArrayLike) -> tuple[NDArray, NDArray]:
     """
     l_b, delta = np.asarray(length), np.asarray(slope)
     return l_b * _by_series(delta * delta, _SHORTENING, _parabola_shortening), l_b * delta / 2
-
-
-def arc_deflection(length: ArrayLike, slope: ArrayLike) -> tuple[NDArray, NDArray]:
-    """Return shortening and deflection (dx, dy) (...), m, of the end of a circular arc of length l_b, inextensible."""
-    l_b, delta = np.asarray(length), np.asarray(slope)
-    dy = l_b * delta * _by_series(delta * delta, _ARC_DEFLECTION, lambda t: 2 * np.sin(t / 2) ** 2 / t**2)
-    return l_b * _by_series(delta * delta, _ARC_SHORTENING, lambda t: 1 - np.sin(t) / t), dy
 
 
 def circle_remainder(length: ArrayLike, dx: ArrayLike, dy: ArrayLike) -> NDArray:

@@ -62,7 +62,7 @@ class OneBar(RayCause):
 
 @dataclass(frozen=True)
 class AllBars(PointCause):
-    """All scale bars expand alike: all points of a pose shrink by alpha times the temperature above the reference."""
+    """All scale bars expand equally: all points of a pose shrink by alpha times the temperature above the reference."""
 
     id = ID
     has_known_scale = True
