@@ -12,7 +12,7 @@ from truing.formats.units import is_like_a_unit, known_unit
 _MOST_ROWS = 8  # of a heading
 _NO_UNIT = {"", "-", "--", "[-]", "[]"}
 _UNIT_LINE = re.compile(
-    r"\bunits?(?:\s+(?:are|in|is|of (?:measure(?:ment)?|length)))*[\s:=;,]*[\"'\[(]?(?P<unit>[A-Za-zµμ]+)",
+    r"\b(?:units?|einheit(?:en)?|unit(?:é|e)s?)(?:\s+(?:are|in|is|of (?:measure(?:ment)?|length)))*[\s:=;,]*[\"'\[(]?(?P<unit>[A-Za-zµμ]+)",
     re.IGNORECASE,
 )
 _SERIAL_NUMBER = re.compile(r"[\dA-Fa-f-]{8,}|\d+")

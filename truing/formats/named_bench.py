@@ -180,7 +180,8 @@ _RUN_HEAD = re.compile(
 def positions_side_by_side(names: Sequence[str]) -> Proposal | None:
     """Return approaches of an axis to its targets, with a column for each run and direction."""
     target = _meanings(names, {"target_mm": _TARGET}).get("target_mm")
-    others = [name for name in names if name and name != target]
+    numbered = [name for name in names if _NUMBER_OF_TARGET.fullmatch(name.strip(" ."))]
+    others = [name for name in names if name and name != target and name not in numbered]
     matches = [match for name in others if (match := _RUN_HEAD.fullmatch(name))]
     if target is None or len(matches) < max(2, len(others)):
         return None
@@ -198,6 +199,7 @@ def positions_side_by_side(names: Sequence[str]) -> Proposal | None:
         **({"units": unit_of_column} if unit_of_column else {}),
     }
     mapping |= {"rename": {"direction": {re.escape(raw): str(word) for raw, word in words.items() if raw != word}}}
+    mapping |= {"ignore": "|".join(map(re.escape, numbered))} if numbered else {}
     return Proposal("positioning", mapping, "approaches of an axis to its targets, a column for each run")
 
 

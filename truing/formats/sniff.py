@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import re
+from collections import Counter
 from collections.abc import Sequence
 from dataclasses import replace
 from pathlib import Path
@@ -142,6 +143,8 @@ def _sniff_text(path: Path, joints: Sequence[str]) -> Guess:
     remarks = [
         line.strip().lstrip(comment).strip() for _, line in numbered if comment and line.lstrip().startswith(comment)
     ]
+    lines_of_data, kept = _without_footer(lines_of_data, is_complete=len(head) < _LOOK)
+    mapping |= {} if kept is None else {"keep_lines": kept}
     guess = _sniff_records(
         lines_of_data[:_LINES], mapping, remarks, joints, is_of_joints=_OF_JOINTS.search(path.stem) is not None
     )
@@ -190,6 +193,27 @@ def _decoded(head: bytes, *, is_complete: bool) -> tuple[str, str]:
         if not is_complete and error.start > len(head) - 4:
             return "utf-8", head[: error.start].decode("utf-8-sig")
     return "cp1252", head.decode("cp1252", errors="replace")
+
+
+def _without_footer(
+    numbered: list[tuple[int, str]], *, is_complete: bool
+) -> tuple[list[tuple[int, str]], str | None]:
+    """Return lines without those below the table, and a ``keep_lines`` that leaves these out; None without such.
+
+    Lines below a table have fewer cells than its rows, all of which have as many. is_complete: whether these are all
+    lines of the file.
+    """
+    lines = [line for _, line in numbered]
+    separator = guess_separator(lines[len(lines) // 3 :], '"')
+    widths = [len(split_record(line.encode(), separator, '"')) for line in lines]
+    width = Counter(widths[len(widths) // 3 :]).most_common(1)[0][0]
+    rows = [row for row, own in enumerate(widths) if own == width]
+    below = widths[rows[-1] + 1 :]
+    is_footer = 0 < len(below) < len(rows) and max(below) < width and rows[-1] - rows[0] + 1 == len(rows)
+    if not (is_complete and is_footer) or separator == "whitespace" or _is_prose([[line] for line in lines]):
+        return numbered, None
+    mark = re.escape(separator) if separator in "|." else separator
+    return numbered[: rows[-1] + 1], f"({mark}[^{separator}]*){{{width - 1}}}"
 
 
 def _sniff_records(
