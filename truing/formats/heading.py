@@ -16,6 +16,8 @@ _UNIT_LINE = re.compile(
     re.IGNORECASE,
 )
 _SERIAL_NUMBER = re.compile(r"[\dA-Fa-f-]{8,}|\d+")
+# Formats of dates and times below their column, as dd.mm.yyyy hh:mm:ss
+_PATTERN_OF_TIME = re.compile(r"(?=.*[./:-])(?:(?:d{1,2}|t{1,2}|m{1,2}|y{2,4}|j{2,4}|h{1,2}|s{1,2}|f+|0+)[\s./:,T-]*)+", re.I)
 Row = Sequence[str]
 
 
@@ -89,7 +91,7 @@ def _composed(rows: Sequence[Row], is_number: Callable[[str], bool]) -> tuple[st
     if units is not None:
         bare = [cell.strip("[]() ") for cell in units]
         names = [
-            f"{name} [{unit}]" if name and unit not in _NO_UNIT else name
+            f"{name} [{unit}]" if name and unit not in _NO_UNIT and not _PATTERN_OF_TIME.fullmatch(unit) else name
             for name, unit in zip(names, bare, strict=True)
         ]
     named = [name for name in names if name]
@@ -99,7 +101,7 @@ def _composed(rows: Sequence[Row], is_number: Callable[[str], bool]) -> tuple[st
 
 
 def _are_units(row: Sequence[str]) -> bool:
-    cells = [cell for cell in row if cell not in _NO_UNIT]
+    cells = [cell for cell in row if cell not in _NO_UNIT and not _PATTERN_OF_TIME.fullmatch(cell)]
     known = sum(known_unit(cell.strip("[]() ")) is not None for cell in cells)
     return 2 * known > len(cells) and all(is_like_a_unit(cell) for cell in cells)
 
