@@ -35,6 +35,7 @@ from truing.pipeline.init_loads import with_loads_once
 from truing.pipeline.init_loads_apart import with_loads_apart
 from truing.pipeline.init_machine import as_toml, gives_machine
 from truing.pipeline.init_names import with_bodies_of_survey, with_bodies_of_targets, with_poses_of_names
+from truing.pipeline.init_prefixes import with_prefixed_survey
 from truing.pipeline.init_questions import Answers, Ask, names_a_body, parsed_answers
 from truing.pipeline.init_robot import (
     SUFFIX,
@@ -111,6 +112,7 @@ def init_campaign(
     guesses = [(group, one) for (group, _), one in zip(guesses, with_reflector(guesses, robot), strict=True)]
     guesses = [(group, one) for (group, _), one in zip(guesses, on_tip([g for _, g in guesses], robot), strict=True)]
     guesses = with_bodies_of_survey(folder, with_bodies_of_targets(folder, guesses))
+    guesses = with_prefixed_survey(folder, guesses)
     guesses = [(group, one) for (group, _), one in zip(guesses, with_tip(folder, guesses, robot), strict=True)]
     guesses = _settled(folder, guesses, all_answers, console)
     all_answers.raise_faults()

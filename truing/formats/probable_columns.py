@@ -44,7 +44,7 @@ _GRID = (  # of surveys: east, north, height
 _LENGTH = re.compile(r"[Ll](\d+)")
 _LEGS = 6
 _READING = re.compile(
-    r"(?:rho|leg|strut|bein|strebe|jambe|actuator|aktor|st(?:ö|oe)(?:ß|ss)el|v(?:é|e)rin)[ _]?([1-9]\d*)"
+    r"(?:rho|leg|strut|bein|strebe|jambe|act(?:uator)?|aktor|stroke|hub|antrieb|st(?:ö|oe)(?:ß|ss)el|v(?:é|e)rin)[ _]?([1-9]\d*)"
 )
 
 

@@ -250,10 +250,15 @@ def _sniff_records(
 
 
 def _is_prose(records: Sequence[Sequence[str]]) -> bool:
-    """True if most cells are parts of sentences: several words of letters alone."""
+    """True if most cells, or most lines, are parts of sentences: several words of letters alone, and few numbers."""
     cells = [cell for record in records for cell in record]
-    wordy = sum(len(re.findall(r"(?<!\S)[^\W\d_]+", cell)) >= _SENTENCE for cell in cells)
-    return 2 * wordy > len(cells)
+    lines = [" ".join(record) for record in records]
+    return any(2 * sum(map(_is_sentence, texts)) > len(texts) for texts in (cells, lines))
+
+
+def _is_sentence(text: str) -> bool:
+    words = len(re.findall(r"(?<!\S)[^\W\d_]+", text))
+    return words >= max(_SENTENCE, 3 * len(re.findall(r"(?<!\S)[-+]?\d", text)))
 
 
 def _sniff_workbook(path: Path, joints: Sequence[str]) -> Guess:
