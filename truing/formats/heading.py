@@ -15,6 +15,9 @@ _UNIT_LINE = re.compile(
     r"\b(?:units?|einheit(?:en)?|unit(?:é|e)s?)(?:\s+(?:are|in|is|of (?:measure(?:ment)?|length)))*[\s:=;,]*[\"'\[(]?(?P<unit>[A-Za-zµμ]+)",
     re.IGNORECASE,
 )
+_UNIT_BEHIND_AXES = re.compile(  # one unit behind the names of all coordinates: X Y Z (mm)
+    r"\bx\b[^()\[\]]*\by\b[^()\[\]]*\bz\b[^()\[\]]*[(\[](?P<unit>[^()\[\]]+)[)\]]\s*$", re.IGNORECASE
+)
 _SERIAL_NUMBER = re.compile(r"[\dA-Fa-f-]{8,}|\d+")
 # Formats of dates and times below their column, as dd.mm.yyyy hh:mm:ss
 _PATTERN_OF_TIME = re.compile(r"(?=.*[./:-])(?:(?:d{1,2}|t{1,2}|m{1,2}|y{2,4}|j{2,4}|h{1,2}|s{1,2}|f+|0+)[\s./:,T-]*)+", re.I)
@@ -47,7 +50,8 @@ def heading_of(records: Sequence[Row], is_number: Callable[[str], bool], comment
 
 def unit_in_words(lines: Sequence[str]) -> str | None:
     """Return the unit that lines such as ``Units: Inches`` state; None without one, or if they differ."""
-    units_found = {known_unit(match["unit"]) for line in lines if (match := _UNIT_LINE.search(line))} - {None}
+    found = [match for line in lines if (match := _UNIT_LINE.search(line) or _UNIT_BEHIND_AXES.search(line))]
+    units_found = {known_unit(match["unit"]) for match in found} - {None}
     return units_found.pop() if len(units_found) == 1 else None
 
 
@@ -147,7 +151,9 @@ def _names_in_comment(width: int, is_number: Callable[[str], bool], comments: Se
     """Return the cells of the last comment that has a name for each column."""
     for cells in reversed(comments):
         named = [cell.strip() for cell in cells]
-        if len(named) > width:
+        if len(named) == width + 1 and _UNIT_BEHIND_AXES.search(" ".join(named)):
+            named = named[:width]
+        elif len(named) > width:
             named = _with_units_behind(named)
         if len(named) == width and all(named) and len(set(named)) == width and not any(map(is_number, named)):
             return tuple(named)

@@ -44,6 +44,8 @@ _OF_JOINTS = re.compile(r"joint|gelenk|achswinkel|axis[_ -]?(angle|value)", re.I
 _DENSE = 1000  # a cloud with more points is a scan of a surface, not a set of targets
 _SHOWN = 12
 _SENTENCE = 4  # words
+_MOST_ABOVE = 20  # lines above a table
+_LIKE_NUMBER = re.compile(r"\s*[-+]?[\d.,]+([eE][-+]?\d+)?\s*$")
 _PROSE = "text without a table"
 _BINARY = {  # of programs that also write text
     ".tdms": "save the channels as text: Write To Measurement File with .lvm, or the TDMS viewer's export",
@@ -231,7 +233,7 @@ def _sniff_records(
     if _is_prose(records):
         return Guess(notes=(_PROSE,), known=True)
     width = len(records[-1])
-    skipped = next((i for i, record in enumerate(records) if len(record) == width), 0)
+    skipped = _first_of_table(records, width)
     records_kept = [i for i in range(skipped, len(records)) if len(records[i]) == width]
     if width < 2 or len(records_kept) < 0.6 * (len(lines) - skipped):
         return Guess(mapping, notes=("its lines make no table",))
@@ -247,6 +249,16 @@ def _sniff_records(
         joints=joints,
         is_of_joints=is_of_joints,
     )
+
+
+def _first_of_table(records: Sequence[Sequence[str]], width: int) -> int:
+    """Return the first record of a table: behind lines above, some of which may have as many cells by chance."""
+    has_width = [len(record) == width for record in records]
+    numbers = [sum(_LIKE_NUMBER.match(cell) is not None for cell in record) for record in records]
+    last_above = max((i for i, fits in enumerate(has_width[:_MOST_ABOVE]) if not fits), default=-1)
+    if all(2 * count < numbers[-1] for count, fits in zip(numbers[:last_above], has_width, strict=False) if fits):
+        return last_above + 1
+    return next((i for i, fits in enumerate(has_width) if fits), 0)
 
 
 def _is_prose(records: Sequence[Sequence[str]]) -> bool:
