@@ -35,6 +35,7 @@ from truing.pipeline.init_loads import with_loads_once
 from truing.pipeline.init_loads_apart import with_loads_apart
 from truing.pipeline.init_machine import as_toml, gives_machine
 from truing.pipeline.init_names import with_bodies_of_survey, with_bodies_of_targets, with_poses_of_names
+from truing.pipeline.init_parts import with_parts_of_one_list
 from truing.pipeline.init_prefixes import with_prefixed_survey
 from truing.pipeline.init_questions import Answers, Ask, names_a_body, parsed_answers
 from truing.pipeline.init_robot import (
@@ -47,6 +48,8 @@ from truing.pipeline.init_robot import (
     robot_of,
     with_reflector,
 )
+from truing.pipeline.init_rows import rows_side_by_side
+from truing.pipeline.init_slides import with_slides
 from truing.pipeline.init_survey import with_lost_points, with_survey, with_tip
 from truing.pipeline.problems import ExitCode, environment
 from truing.pipeline.run_folder import PRIVATE
@@ -78,6 +81,11 @@ _NO_DESCRIPTION = (
     "needed: a description of the robot, which relates joints to points: put its URDF into the folder and call "
     "truing init again, or complete [mechanism] with its table of Denavit and Hartenberg"
 )
+_WHAT_IS_READ = (
+    "no page can be made without a table. truing reads points or poses of bodies, beside readings of joints or legs for "
+    "a machine; positions of one axis (command and reading in the same row, or runs over targets); and loads beside "
+    "signals of a force sensor. Instruments: docs/how-to/index.md"
+)
 _NO_TABLE = "no table has columns of these names"
 _BY_HAND = "docs/own-files.md"
 _MOST_LINES = 32  # of entries in a starter file
@@ -106,7 +114,8 @@ def init_campaign(
         raise CampaignFaults([_never_overwritten(target)])
     guesses = with_loads_apart(folder, with_loads_once(folder, guesses))
     all_answers = Answers(given) if ask is None else Answers(given, ask)
-    guesses = with_numbered_poses(folder, with_lost_points(folder, _with_keys_of_names(guesses)), robot)
+    guesses = with_parts_of_one_list(folder, with_slides(folder, _with_keys_of_names(guesses)))
+    guesses = with_numbered_poses(folder, with_lost_points(folder, guesses), robot)
     guesses = with_poses_of_names(folder, with_poses_in_order(folder, guesses))
     guesses = with_survey(folder, guesses)
     guesses = [(group, one) for (group, _), one in zip(guesses, with_reflector(guesses, robot), strict=True)]
@@ -118,20 +127,32 @@ def init_campaign(
     all_answers.raise_faults()
     name = folder.resolve().name
     _write_new(target, campaign_text(name, guesses) if every_key else _starter(name, guesses, robot))
-    console.written(f"wrote {target}; complete it, then: truing check {folder}", [target])
+    has_tables = any(guess.table is not None for _, guess in guesses)
+    after = f"complete it, then: truing check {folder}" if has_tables else "no file of the folder is read yet"
+    console.written(f"wrote {target}; {after}", [target])
     for point in all_answers.open_points():
         console.tell("open_points", point)
         if not point["answered"]:
             taken = f"taken as {point['taken']}" if point["taken"] else "to be completed"
             where, key = _printable(str(point["path"])), point["key"]
             console.line(f"open: {where}, {point['question']}: {taken} (else: --answer {key}=...)")
-    if any(guess.table is None and not guess.known for _, guess in guesses):
-        console.line(f"files that are not recognised are read by entries written by hand: {_BY_HAND}")
+    _tell_of_others(folder, guesses, console, has_tables=has_tables)
     if needs_description(robot, [guess for _, guess in guesses]):
         console.sentence(_NO_DESCRIPTION)
     if all_answers.used:
         console.line(f"the same answers again: {all_answers.command(folder, every_key=every_key)}")
     return ExitCode.DONE
+
+
+def _tell_of_others(folder: Path, guesses: Sequence[_File], console: RunConsole, *, has_tables: bool) -> None:
+    """Tell the next step for files that are not recognised."""
+    others = [(group, guess) for group, guess in guesses if guess.table is None and not guess.known]
+    for words in rows_side_by_side(folder, guesses):
+        console.sentence(words)
+    if others:
+        console.line(f"files that are not recognised are read by entries written by hand: {_BY_HAND}")
+    if not has_tables:
+        console.sentence(_WHAT_IS_READ)
 
 
 def _settled(folder: Path, guesses: list[_File], answers: Answers, console: RunConsole) -> list[_File]:
@@ -333,7 +354,7 @@ def _summary(group: RawGroup, guess: Guess) -> str:
         return _printable(f"{many}{guess.notes[0]}")
     if guess.table is None and guess.notes and not guess.columns:
         return _printable(f"{many}not recognised: {guess.notes[0]}")
-    what = guess.table or f"not recognised: {_NO_TABLE}"
+    what = guess.table or f"not recognised: {guess.notes[0] if guess.notes else _NO_TABLE}"
     return _printable(f"{many}{what}; columns {_listed(guess.columns, _LISTED)}")
 
 

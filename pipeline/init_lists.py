@@ -13,7 +13,7 @@ from truing.formats.presets import target_column
 from truing.pipeline.init_preview import first_rows
 from truing.pipeline.init_questions import NUMBER_OF_POSE, PLACEHOLDER, is_body_open, of_one_target
 from truing.pipeline.init_robot import last_link
-from truing.pipeline.init_survey import rows_of
+from truing.pipeline.init_survey import rows_of, rows_of_files
 from truing.schemas.faults import CampaignFaults
 
 if TYPE_CHECKING:
@@ -92,9 +92,10 @@ def _read_as_poses(folder: Path, group: RawGroup, guess: Guess, log: _Log, body:
     raw = guess.mapping.get("columns", {}).get("target") or target_column(guess.mapping.get("format", ""))
     if guess.table not in ("points", "targets") or guess.known or not is_body_open(guess) or raw is None:
         return own
-    if group.count > 1:
+    if group.count > 1 and "(?P<pose>" in guess.mapping.get("from_name", ""):
         return _single_target(folder, group, own, body)
-    rows = rows_of(folder, group, replace(guess, table="points"), {"pose": 1, "body": PLACEHOLDER}, most=_MOST_ROWS)
+    constants: dict[str, str | int] = {"pose": 1, "body": PLACEHOLDER}
+    rows = rows_of_files(folder, group, replace(guess, table="points"), constants, most=_MOST_ROWS)
     numbers = [] if rows is None else _numbers(rows.targets)
     keys = _numbering(numbers, log, raw, guess)
     if len(numbers) < _FEWEST or keys is None:

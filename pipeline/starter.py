@@ -90,7 +90,7 @@ def starter_text(
 
 
 def _remark(line: str, remark: str) -> str:
-    return f"{line:<{_AT}}# {remark}" if remark else line
+    return f"{f'{line} ':<{_AT}}# {remark}" if remark else line
 
 
 def _with_head(head: str, lines: list[str]) -> list[str]:
