@@ -35,7 +35,7 @@ from truing.pipeline.init_loads import with_loads_once
 from truing.pipeline.init_loads_apart import with_loads_apart
 from truing.pipeline.init_machine import as_toml, gives_machine
 from truing.pipeline.init_names import with_bodies_of_survey, with_bodies_of_targets, with_poses_of_names
-from truing.pipeline.init_parts import with_parts_of_one_list
+from truing.pipeline.init_parts import with_parts_of_one_list, with_stations
 from truing.pipeline.init_prefixes import with_prefixed_survey
 from truing.pipeline.init_questions import Answers, Ask, names_a_body, parsed_answers
 from truing.pipeline.init_robot import (
@@ -116,7 +116,7 @@ def init_campaign(
     all_answers = Answers(given) if ask is None else Answers(given, ask)
     guesses = with_parts_of_one_list(folder, with_slides(folder, _with_keys_of_names(guesses)))
     guesses = with_numbered_poses(folder, with_lost_points(folder, guesses), robot)
-    guesses = with_poses_of_names(folder, with_poses_in_order(folder, guesses))
+    guesses = with_poses_of_names(folder, with_poses_in_order(folder, with_stations(folder, guesses)))
     guesses = with_survey(folder, guesses)
     guesses = [(group, one) for (group, _), one in zip(guesses, with_reflector(guesses, robot), strict=True)]
     guesses = [(group, one) for (group, _), one in zip(guesses, on_tip([g for _, g in guesses], robot), strict=True)]

@@ -189,8 +189,10 @@ def _sections(guesses: Sequence[Guess], tables: set[str], chain: Sequence[tuple[
         yield from ("", "[measurement]")
         why = f"one {'target' if is_one_target else 'body'} in each pose, so the"
         why = why if is_one_target or is_one_body else "the"
-        yield f"{MARK} {why} instrument is assumed not to have moved"
-        yield 'frame = "campaign"'
+        is_moved = any("series" in guess.mapping.get("columns", {}) for guess in guesses)
+        between = " within each series" if is_moved else ""
+        yield f"{MARK} {why} instrument is assumed not to have moved{between}"
+        yield 'frame = "series"' if is_moved else 'frame = "campaign"'
     elif "poses" in tables or chain:
         yield from ("", "[measurement]")
         yield _commented_line('frame = "campaign"', "the instrument did not move; absent: every pose has its own frame")
