@@ -48,9 +48,10 @@ from truing.pipeline.init_robot import (
     robot_of,
     with_reflector,
 )
-from truing.pipeline.init_rows import rows_side_by_side
+from truing.pipeline.init_rows import rows_side_by_side, rows_that_differ
 from truing.pipeline.init_slides import with_slides
 from truing.pipeline.init_survey import with_lost_points, with_survey, with_tip
+from truing.pipeline.init_times import with_poses_by_time
 from truing.pipeline.problems import ExitCode, environment
 from truing.pipeline.run_folder import PRIVATE
 from truing.pipeline.starter import guess_lines
@@ -82,8 +83,8 @@ _NO_DESCRIPTION = (
     "truing init again, or complete [mechanism] with its table of Denavit and Hartenberg"
 )
 _WHAT_IS_READ = (
-    "no page can be made without a table. truing reads points or poses of bodies, beside readings of joints or legs for "
-    "a machine; positions of one axis (command and reading in the same row, or runs over targets); and loads beside "
+    "no page can be made without a table. truing reads points or poses of bodies, beside readings of joints or legs "
+    "for a machine; positions of one axis (command and reading in the same row, or runs over targets); and loads beside "
     "signals of a force sensor. Instruments: docs/how-to/index.md"
 )
 _NO_TABLE = "no table has columns of these names"
@@ -116,7 +117,8 @@ def init_campaign(
     all_answers = Answers(given) if ask is None else Answers(given, ask)
     guesses = with_parts_of_one_list(folder, with_slides(folder, _with_keys_of_names(guesses)))
     guesses = with_numbered_poses(folder, with_lost_points(folder, guesses), robot)
-    guesses = with_poses_of_names(folder, with_poses_in_order(folder, with_stations(folder, guesses)))
+    guesses = with_poses_by_time(folder, with_poses_in_order(folder, with_stations(folder, guesses)))
+    guesses = with_poses_of_names(folder, guesses)
     guesses = with_survey(folder, guesses)
     guesses = [(group, one) for (group, _), one in zip(guesses, with_reflector(guesses, robot), strict=True)]
     guesses = [(group, one) for (group, _), one in zip(guesses, on_tip([g for _, g in guesses], robot), strict=True)]
@@ -136,7 +138,7 @@ def init_campaign(
             taken = f"taken as {point['taken']}" if point["taken"] else "to be completed"
             where, key = _printable(str(point["path"])), point["key"]
             console.line(f"open: {where}, {point['question']}: {taken} (else: --answer {key}=...)")
-    _tell_of_others(folder, guesses, console, has_tables=has_tables)
+    _tell_of_others(guesses, console, has_tables=has_tables)
     if needs_description(robot, [guess for _, guess in guesses]):
         console.sentence(_NO_DESCRIPTION)
     if all_answers.used:
@@ -144,10 +146,10 @@ def init_campaign(
     return ExitCode.DONE
 
 
-def _tell_of_others(folder: Path, guesses: Sequence[_File], console: RunConsole, *, has_tables: bool) -> None:
+def _tell_of_others(guesses: Sequence[_File], console: RunConsole, *, has_tables: bool) -> None:
     """Tell the next step for files that are not recognised."""
     others = [(group, guess) for group, guess in guesses if guess.table is None and not guess.known]
-    for words in rows_side_by_side(folder, guesses):
+    for words in (*rows_side_by_side(guesses), *rows_that_differ(guesses)):
         console.sentence(words)
     if others:
         console.line(f"files that are not recognised are read by entries written by hand: {_BY_HAND}")

@@ -16,7 +16,7 @@ _FEWEST = 5
 _MOST_BYTES = 1 << 22
 
 
-def rows_side_by_side(folder: Path, files: Sequence[tuple[RawGroup, Guess]]) -> list[str]:
+def rows_side_by_side(files: Sequence[tuple[RawGroup, Guess]]) -> list[str]:
     """Return sentences on files that are not recognised, and have as many rows of a table as another file."""
     rows = {group.glob: _rows(group, guess) for group, guess in files if group.count == 1 and guess.columns}
     unread = [group.glob for group, guess in files if group.glob in rows and guess.table is None and not guess.known]
@@ -33,17 +33,43 @@ def rows_side_by_side(folder: Path, files: Sequence[tuple[RawGroup, Guess]]) -> 
     return sentences
 
 
-def _rows(group: RawGroup, guess: Guess) -> int:
-    """Lines of a file from its first row of data on that have as many cells as its table; 0 if it cannot be read."""
-    from truing.formats.delimited import split_record
+def rows_that_differ(files: Sequence[tuple[RawGroup, Guess]]) -> list[str]:
+    """Return sentences on measured poses that are numbered as the rows of a log which has another number of rows."""
+    counted = [
+        (group, guess)
+        for group, guess in files
+        if group.count == 1 and "pose" in guess.mapping.get("number_rows", {}) and "format" not in guess.mapping
+    ]
+    logs = [one for one in counted if one[1].table == "configurations"]
+    if len(logs) != 1 or not (rows := _rows(*logs[0])):
+        return []
+    others = {group.glob: _rows(group, guess) for group, guess in counted if guess.table in ("poses", "points")}
+    return [
+        f"{name} has {count} rows, {logs[0][0].glob} has {rows}, and nothing tells which belong together: give both a "
+        f"column pose, or times of which one difference of the clocks makes pairs"
+        for name, count in others.items()
+        if count not in (0, rows)
+    ]
 
-    separator = {"tab": "\t", "blank": " "}.get(guess.mapping.get("separator", ","), guess.mapping.get("separator", ","))
+
+def _rows(group: RawGroup, guess: Guess) -> int:
+    return len(records_of(group.example, guess))
+
+
+def records_of(path: Path, guess: Guess) -> list[list[str]]:
+    """Return the rows of a text's table by a guess, as cells; empty if it cannot be read."""
+    from truing.formats.delimited import guess_separator, split_record
+
+    keys = guess.mapping
     try:
-        with open_plain(group.example) as stream:
-            text = stream.read(_MOST_BYTES).decode(guess.mapping.get("encoding", "utf-8-sig"), errors="replace")
-    except (*DAMAGED, OSError):
-        return 0
-    lines = text.splitlines()[guess.mapping.get("skip_lines", 0) :]
-    records = [split_record(line.encode(), separator, '"') for line in lines if line.strip()]
-    has_header = guess.mapping.get("header", True)
-    return sum(len(record) == len(guess.columns) for record in records) - int(has_header)
+        with open_plain(path) as stream:
+            text = stream.read(_MOST_BYTES).decode(keys.get("encoding", "utf-8-sig"), errors="replace")
+    except (*DAMAGED, OSError, LookupError):
+        return []
+    lines = [line for line in text.splitlines()[keys.get("skip_lines", 0) :] if line.strip()]
+    lines = [line for line in lines if "comment" not in keys or not line.lstrip().startswith(keys["comment"])]
+    given = keys.get("separator") or guess_separator(lines[len(lines) // 3 :], '"')
+    separator = {"tab": "\t", "blank": " "}.get(given, given)
+    records = [split_record(line.encode(), separator, '"') for line in lines]
+    whole = [record for record in records if len(record) == len(guess.columns)]
+    return whole[int(keys.get("header", True)) :]

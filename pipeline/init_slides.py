@@ -1,4 +1,4 @@
-"""Positions of linear axes in a log beside measured points, for `truing init`: a gantry, whose points move as its axes."""
+"""Positions of linear axes in a log beside measured points, for `truing init`: a gantry moves points as its axes."""
 
 from __future__ import annotations
 
@@ -73,9 +73,7 @@ def _log(guess: Guess) -> Guess:
     ]
     machine = {"type": "chain", "joints": list(_AXES), "screws": screws}
     note = f"positions of three linear axes: {', '.join(columns.values())}"
-    return replace(
-        guess, mapping={**kept, **keys}, table="configurations", notes=(note,), machine=machine, ways=()
-    )
+    return replace(guess, mapping={**kept, **keys}, table="configurations", notes=(note,), machine=machine, ways=())
 
 
 def _positions(folder: Path, group: RawGroup, guess: Guess) -> Array | None:

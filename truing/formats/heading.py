@@ -20,7 +20,11 @@ _UNIT_BEHIND_AXES = re.compile(  # one unit behind the names of all coordinates:
 )
 _SERIAL_NUMBER = re.compile(r"[\dA-Fa-f-]{8,}|\d+")
 # Formats of dates and times below their column, as dd.mm.yyyy hh:mm:ss
-_PATTERN_OF_TIME = re.compile(r"(?=.*[./:-])(?:(?:d{1,2}|t{1,2}|m{1,2}|y{2,4}|j{2,4}|h{1,2}|s{1,2}|f+|0+)[\s./:,T-]*)+", re.I)
+_PATTERN_OF_TIME = re.compile(
+    r"(?=.*[./:-])(?:(?:d{1,2}|t{1,2}|m{1,2}|y{2,4}|j{2,4}|h{1,2}|s{1,2}|f+|0+)[\s./:,T-]*)+", re.IGNORECASE
+)
+    r"(?=.*[./:-])(?:(?:d{1,2}|t{1,2}|m{1,2}|y{2,4}|j{2,4}|h{1,2}|s{1,2}|f+|0+)[\s./:,T-]*)+", re.I
+)
 Row = Sequence[str]
 
 

@@ -197,9 +197,7 @@ def _decoded(head: bytes, *, is_complete: bool) -> tuple[str, str]:
     return "cp1252", head.decode("cp1252", errors="replace")
 
 
-def _without_footer(
-    numbered: list[tuple[int, str]], *, is_complete: bool
-) -> tuple[list[tuple[int, str]], str | None]:
+def _without_footer(numbered: list[tuple[int, str]], *, is_complete: bool) -> tuple[list[tuple[int, str]], str | None]:
     """Return lines without those below the table, and a ``keep_lines`` that leaves these out; None without such.
 
     Lines below a table have fewer cells than its rows, all of which have as many. is_complete: whether these are all
