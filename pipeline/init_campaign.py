@@ -48,7 +48,7 @@ from truing.pipeline.init_robot import (
     robot_of,
     with_reflector,
 )
-from truing.pipeline.init_rows import rows_side_by_side, rows_that_differ
+from truing.pipeline.init_rows import BY_HAND, next_steps
 from truing.pipeline.init_slides import with_slides
 from truing.pipeline.init_survey import with_lost_points, with_survey, with_tip
 from truing.pipeline.init_times import with_poses_by_time
@@ -82,13 +82,7 @@ _NO_DESCRIPTION = (
     "needed: a description of the robot, which relates joints to points: put its URDF into the folder and call "
     "truing init again, or complete [mechanism] with its table of Denavit and Hartenberg"
 )
-_WHAT_IS_READ = (
-    "no page can be made without a table. truing reads points or poses of bodies, beside readings of joints or legs "
-    "for a machine; positions of one axis (command and reading in the same row, or runs over targets); and loads beside "
-    "signals of a force sensor. Instruments: docs/how-to/index.md"
-)
 _NO_TABLE = "no table has columns of these names"
-_BY_HAND = "docs/own-files.md"
 _MOST_LINES = 32  # of entries in a starter file
 _OF_EACH_POSE = {"pose", "role", "time_s", "temperature_c"}
 _NOT_RAW = {".toml", ".md", ".html", ".pdf", ".yaml", ".yml", ".json"}
@@ -138,23 +132,13 @@ def init_campaign(
             taken = f"taken as {point['taken']}" if point["taken"] else "to be completed"
             where, key = _printable(str(point["path"])), point["key"]
             console.line(f"open: {where}, {point['question']}: {taken} (else: --answer {key}=...)")
-    _tell_of_others(guesses, console, has_tables=has_tables)
+    for words in next_steps(guesses):
+        console.sentence(words)
     if needs_description(robot, [guess for _, guess in guesses]):
         console.sentence(_NO_DESCRIPTION)
     if all_answers.used:
         console.line(f"the same answers again: {all_answers.command(folder, every_key=every_key)}")
     return ExitCode.DONE
-
-
-def _tell_of_others(guesses: Sequence[_File], console: RunConsole, *, has_tables: bool) -> None:
-    """Tell the next step for files that are not recognised."""
-    others = [(group, guess) for group, guess in guesses if guess.table is None and not guess.known]
-    for words in (*rows_side_by_side(guesses), *rows_that_differ(guesses)):
-        console.sentence(words)
-    if others:
-        console.line(f"files that are not recognised are read by entries written by hand: {_BY_HAND}")
-    if not has_tables:
-        console.sentence(_WHAT_IS_READ)
 
 
 def _settled(folder: Path, guesses: list[_File], answers: Answers, console: RunConsole) -> list[_File]:
@@ -421,7 +405,7 @@ def _starter(name: str, guesses: list[tuple[RawGroup, Guess]], robot: Robot | No
         ]
     files += _listing("Also found; truing init --all writes their entries:", [_found_words(*one[:2]) for one in more])
     files += _listing(
-        f"Not read (entries by hand: {_BY_HAND}):", [_left_words(group, guess) for group, guess in remaining]
+        f"Not read (entries by hand: {BY_HAND}):", [_left_words(group, guess) for group, guess in remaining]
     )
     return starter_text(_name(name), _kind(tables), [guess for _, guess in read], files, robot)
 

@@ -1,4 +1,4 @@
-"""Files whose rows may belong together, for `truing init`: as many rows in each, but no table that holds both."""
+"""Next steps for files that `truing init` does not read, or whose rows do not belong together."""
 
 from __future__ import annotations
 
@@ -12,11 +12,29 @@ if TYPE_CHECKING:
     from truing.formats.guess import Guess
     from truing.pipeline.init_entries import RawGroup
 
+BY_HAND = "docs/own-files.md"
+_WHAT_IS_READ = (
+    "no page can be made without a table. truing reads points or poses of bodies, beside readings of joints or legs "
+    "for a machine; positions of one axis (command and reading in the same row, or runs over targets); and loads "
+    "beside signals of a force sensor. Instruments: docs/how-to/index.md"
+)
 _FEWEST = 5
 _MOST_BYTES = 1 << 22
 
 
-def rows_side_by_side(files: Sequence[tuple[RawGroup, Guess]]) -> list[str]:
+def next_steps(files: Sequence[tuple[RawGroup, Guess]]) -> list[str]:
+    """Return sentences on what to do with files that are not recognised, or have another number of rows."""
+    is_other = any(guess.table is None and not guess.known for _, guess in files)
+    has_tables = any(guess.table is not None for _, guess in files)
+    return [
+        *_rows_side_by_side(files),
+        *_rows_that_differ(files),
+        *([f"files that are not recognised are read by entries written by hand: {BY_HAND}"] if is_other else []),
+        *([] if has_tables else [_WHAT_IS_READ]),
+    ]
+
+
+def _rows_side_by_side(files: Sequence[tuple[RawGroup, Guess]]) -> list[str]:
     """Return sentences on files that are not recognised, and have as many rows of a table as another file."""
     rows = {group.glob: _rows(group, guess) for group, guess in files if group.count == 1 and guess.columns}
     unread = [group.glob for group, guess in files if group.glob in rows and guess.table is None and not guess.known]
@@ -33,7 +51,7 @@ def rows_side_by_side(files: Sequence[tuple[RawGroup, Guess]]) -> list[str]:
     return sentences
 
 
-def rows_that_differ(files: Sequence[tuple[RawGroup, Guess]]) -> list[str]:
+def _rows_that_differ(files: Sequence[tuple[RawGroup, Guess]]) -> list[str]:
     """Return sentences on measured poses that are numbered as the rows of a log which has another number of rows."""
     counted = [
         (group, guess)

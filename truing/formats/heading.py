@@ -12,7 +12,8 @@ from truing.formats.units import is_like_a_unit, known_unit
 _MOST_ROWS = 8  # of a heading
 _NO_UNIT = {"", "-", "--", "[-]", "[]"}
 _UNIT_LINE = re.compile(
-    r"\b(?:units?|einheit(?:en)?|unit(?:é|e)s?)(?:\s+(?:are|in|is|of (?:measure(?:ment)?|length)))*[\s:=;,]*[\"'\[(]?(?P<unit>[A-Za-zµμ]+)",
+    r"\b(?:units?|einheit(?:en)?|unités?)(?:\s+(?:are|in|is|of (?:measure(?:ment)?|length)))*"
+    r"[\s:=;,]*[\"'\[(]?(?P<unit>[A-Za-zµμ]+)",
     re.IGNORECASE,
 )
 _UNIT_BEHIND_AXES = re.compile(  # one unit behind the names of all coordinates: X Y Z (mm)
@@ -20,11 +21,7 @@ _UNIT_BEHIND_AXES = re.compile(  # one unit behind the names of all coordinates:
 )
 _SERIAL_NUMBER = re.compile(r"[\dA-Fa-f-]{8,}|\d+")
 # Formats of dates and times below their column, as dd.mm.yyyy hh:mm:ss
-_PATTERN_OF_TIME = re.compile(
-    r"(?=.*[./:-])(?:(?:d{1,2}|t{1,2}|m{1,2}|y{2,4}|j{2,4}|h{1,2}|s{1,2}|f+|0+)[\s./:,T-]*)+", re.IGNORECASE
-)
-    r"(?=.*[./:-])(?:(?:d{1,2}|t{1,2}|m{1,2}|y{2,4}|j{2,4}|h{1,2}|s{1,2}|f+|0+)[\s./:,T-]*)+", re.I
-)
+_PATTERN_OF_TIME = re.compile(r"(?=.*[./:-])(?=.*(?:dd|tt|yy|jj|hh))[dtmyjhsf0\s./:,-]+", re.IGNORECASE)
 Row = Sequence[str]
 
 

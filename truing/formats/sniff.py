@@ -263,6 +263,8 @@ def _is_prose(records: Sequence[Sequence[str]]) -> bool:
     """True if most cells, or most lines, are parts of sentences: several words of letters alone, and few numbers."""
     cells = [cell for record in records for cell in record]
     lines = [" ".join(record) for record in records]
+    if not lines[0].endswith((".", "?", "!")):
+        del lines[0]  # it may be a heading
     return any(2 * sum(map(_is_sentence, texts)) > len(texts) for texts in (cells, lines))
 
 
