@@ -62,8 +62,8 @@ _CHANNELS_ALONE = (
 _SEXAGESIMAL = "angles in degrees, minutes and seconds are not read: export decimal degrees"
 _DEGREES = re.compile(r"\s*[-+]?\d{1,3} ?° ?\d{1,2} ?['′] ?\d{1,2}([.,]\d*)? ?(\"|''|″)?\s*")
 _OVER_ANGLE = (
-    "readings over an angle, as of a ball bar or of dial gauges: truing reads no circular and no run-out tests, because "
-    "nothing relates them to readings of joints or axes"
+    "readings over an angle, as of a ball bar or of dial gauges: truing reads no circular and no run-out tests, "
+    "because nothing relates them to readings of joints or axes"
 )
 _MARKER = re.compile(r"Marker\.(?P<name>.+)\.[^.]*\.Position\.[XYZ](?: \[.*\])?")
 _POLAR = "directions and distances of a total station or theodolite; export the adjusted coordinates X, Y, Z"
