@@ -269,7 +269,7 @@ def _is_prose(records: Sequence[Sequence[str]]) -> bool:
 
 
 def _is_sentence(text: str) -> bool:
-    words = len(re.findall(r"(?<!\S)[^\W\d_]+", text))
+    words = len(set(re.findall(r"(?<!\S)[^\W\d_]+", text)))  # heads of many columns repeat few words
     return words >= max(_SENTENCE, 3 * len(re.findall(r"(?<!\S)[-+]?\d", text)))
 
 
