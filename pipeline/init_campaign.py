@@ -122,7 +122,7 @@ def init_campaign(
     guesses = _settled(folder, guesses, all_answers, console)
     all_answers.raise_faults()
     name = folder.resolve().name
-    _write_new(target, campaign_text(name, guesses) if every_key else _starter(name, guesses, robot))
+    _write_new(target, campaign_text(name, guesses, robot) if every_key else _starter(name, guesses, robot))
     has_tables = any(guess.table is not None for _, guess in guesses)
     after = f"complete it, then: truing check {folder}" if has_tables else "no file of the folder is read yet"
     console.written(f"wrote {target}; {after}", [target])
@@ -363,8 +363,10 @@ def _is_text(name: str) -> bool:
     return True
 
 
-def campaign_text(name: str, guesses: list[tuple[RawGroup, Guess]]) -> str:
-    """Text of a campaign.toml with every key explained."""
+def campaign_text(name: str, guesses: list[tuple[RawGroup, Guess]], robot: Robot | None = None) -> str:
+    """Text of a campaign.toml with every key explained; sections that the files give are active."""
+    from truing.pipeline.starter import known_sections
+
     tables = Counter(guess.table for _, guess in guesses)
     kind = _kind(tables)
     files = (_file_lines(group, guess, alone=tables[guess.table] == 1) for group, guess in guesses)
@@ -372,6 +374,7 @@ def campaign_text(name: str, guesses: list[tuple[RawGroup, Guess]]) -> str:
         "@NAME@": _name(name),
         "@KIND@": json.dumps(kind),
         "@MAPPING_KEYS@": "\n".join(_mapping_keys()),
+        "@KNOWN_SECTIONS@": "\n".join(known_sections([guess for _, guess in guesses], robot)),
         "@QUALITY_LIMITS@": "\n".join(_quality_limits(kind)),
         "@FILES@": "\n".join(line for lines in files for line in lines),
     }

@@ -89,6 +89,21 @@ def starter_text(
     return "\n".join(lines).rstrip() + "\n"
 
 
+def known_sections(guesses: Sequence[Guess], robot: Robot | None) -> list[str]:
+    """Lines of the sections that files give, such as [mechanism] of their nominal geometry; others are left out."""
+    tables = {guess.table for guess in guesses if guess.table}
+    lines = [*_sections(guesses, tables, list(mechanism_of(robot, guesses))), ""]
+    kept: list[str] = []
+    section: list[str] = []
+    for line in lines:
+        if line:
+            section.append(line)
+            continue
+        kept += [*section, ""] if any(own[0] not in "# " for own in section) else []
+        section = []
+    return kept[:-1]
+
+
 def _remark(line: str, remark: str) -> str:
     return f"{f'{line} ':<{_AT}}# {remark}" if remark else line
 

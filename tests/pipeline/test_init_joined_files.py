@@ -2,15 +2,18 @@
 
 from __future__ import annotations
 
+import tomllib
 from datetime import UTC, datetime, timedelta, timezone
 from pathlib import Path
 
 import numpy as np
 import pytest
+from typer.testing import CliRunner
 
 from tests.pipeline.test_init_exports import init, numbers, table
 from tests.tolerance import assert_close
 from truing.formats.shapes import CONFIGURATIONS, LOADS_APART, POINTS, POSES, SIGNALS, TARGETS
+from truing.pipeline.command_line import app
 
 RNG = np.random.default_rng(41)
 START = datetime(2026, 3, 12, 9, 0, tzinfo=timezone(timedelta(hours=1)))
@@ -81,6 +84,16 @@ def test_a_log_of_linear_axes_beside_points_is_a_gantry(tmp_path: Path, files: i
     assert document["measurement"]["frame"] == ("campaign" if files == 1 else "series")
     if files == 2:  # the instrument may have moved between both
         assert found.table.column("series").to_pylist() == ["1"] * 10 + ["2"] * 10
+
+
+def test_every_key_holds_the_same_mechanism_and_frame(tmp_path: Path) -> None:
+    _gantry(tmp_path, RNG.uniform(0.0, 900.0, (20, 3)).round(3), 2)
+    _, document = init(tmp_path)
+    (tmp_path / "campaign.toml").unlink()
+    done = CliRunner().invoke(app, ["init", "--all", str(tmp_path)])
+    assert done.exit_code == 0, done.stdout
+    every_key = tomllib.loads((tmp_path / "campaign.toml").read_text(encoding="utf-8"))
+    assert [every_key[key] for key in ("mechanism", "measurement")] == [document["mechanism"], document["measurement"]]
 
 
 def test_positions_by_which_no_point_moves_are_no_gantry(tmp_path: Path) -> None:
