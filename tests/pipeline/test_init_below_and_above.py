@@ -43,8 +43,15 @@ def test_a_row_with_fewer_cells_within_a_table_is_not_taken_for_a_line_below(tmp
     assert "keep_lines" not in sniff_file(tmp_path / "points.csv").mapping
 
 
-@pytest.mark.parametrize(("unit", "factor"), [("mm", 1.0), ("in", 25.4)])
-def test_one_unit_behind_the_names_of_three_axes_holds_for_all(tmp_path: Path, unit: str, factor: float) -> None:
+@pytest.mark.parametrize("head", ["", "P"])
+def test_a_last_row_that_was_cut_off_is_not_left_out(tmp_path: Path, head: str) -> None:
+    rows = [f"{head}{k};{k * 1.5};{k * 2.5};{k * 3.5}" for k in range(1, 12)]
+    _write(tmp_path / "points.csv", ["target;x;y;z", *rows, f"{head}12;18.0;3"])
+    assert "keep_lines" not in sniff_file(tmp_path / "points.csv").mapping
+
+
+@pytest.mark.parametrize("unit", ["mm", "in"])
+def test_one_unit_behind_the_names_of_three_axes_holds_for_all(tmp_path: Path, unit: str) -> None:
     places = RNG.uniform(-900.0, 900.0, (6, 3)).round(4)
     rows = [f"A::Calib::P{k}  " + "  ".join(map(str, row)) for k, row in enumerate(places)]
     head = ["SpatialAnalyzer 2024.1  Point export", f"Collection::Group::Point  X  Y  Z  ({unit})", ""]

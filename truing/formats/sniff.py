@@ -204,16 +204,26 @@ def _without_footer(numbered: list[tuple[int, str]], *, is_complete: bool) -> tu
     lines of the file.
     """
     lines = [line for _, line in numbered]
-    separator = guess_separator(lines[len(lines) // 3 :], '"')
-    widths = [len(split_record(line.encode(), separator, '"')) for line in lines]
+    separator = guess_separator(lines[len(lines) // 3 : 2 * len(lines) // 3 + 1], '"')
+    records = [split_record(line.encode(), separator, '"') for line in lines]
+    widths = [len(record) for record in records]
     width = Counter(widths[len(widths) // 3 :]).most_common(1)[0][0]
     rows = [row for row, own in enumerate(widths) if own == width]
-    below = widths[rows[-1] + 1 :]
-    is_footer = 0 < len(below) < len(rows) and max(below) < width and rows[-1] - rows[0] + 1 == len(rows)
+    below = records[rows[-1] + 1 :]
+    is_footer = 0 < len(below) < len(rows) and rows[-1] - rows[0] + 1 == len(rows)
+    is_footer = is_footer and not _may_be_cut(below, [records[row] for row in rows], width)
     if not (is_complete and is_footer) or separator == "whitespace" or _is_prose([[line] for line in lines]):
         return numbered, None
     mark = re.escape(separator) if separator in "|." else separator
     return numbered[: rows[-1] + 1], f"({mark}[^{separator}]*){{{width - 1}}}"
+
+
+def _may_be_cut(below: Sequence[Sequence[str]], rows: Sequence[Sequence[str]], width: int) -> bool:
+    """True if a line below a table may be a row of it, cut off or too long: it begins as the rows do."""
+    is_numbered = 2 * sum(_LIKE_NUMBER.match(row[0]) is not None for row in rows) > len(rows)
+    if is_numbered:
+        return any(len(line) > width or _LIKE_NUMBER.match(line[0]) is not None for line in below)
+    return any(len(line) > 1 for line in below)
 
 
 def _sniff_records(
