@@ -119,7 +119,7 @@ def _design_axis(campaign: CampaignFolder, options: DesignOptions, files: Design
         axis_design.table,
         files.out,
         console,
-        f"{counted(axis_design.table.num_rows, 'row')}, in the order in which to measure them",
+        f"{count_text(axis_design.table.num_rows, 'row')}, in the order in which to measure them",
         "; add time_s when measuring, or keep this order",
     )
     if files.out is not None:

@@ -32,6 +32,8 @@ from truing.pipeline.init_lists import with_numbered_poses, with_poses_in_order
 from truing.pipeline.init_loads import with_loads_once
 from truing.pipeline.init_loads_apart import with_loads_apart
 from truing.pipeline.init_names import with_bodies_of_survey, with_bodies_of_targets, with_poses_of_names
+from truing.pipeline.init_parts import with_parts_of_one_list, with_stations
+from truing.pipeline.init_prefixes import with_prefixed_survey
 from truing.pipeline.init_questions import Answers, Ask, parsed_answers
 from truing.pipeline.init_robot import (
     SUFFIX,
@@ -43,9 +45,10 @@ from truing.pipeline.init_robot import (
     robot_of,
     with_reflector,
 )
+from truing.pipeline.init_rows import next_steps
+from truing.pipeline.init_slides import with_slides
 from truing.pipeline.init_survey import with_lost_points, with_survey, with_tip
 from truing.pipeline.init_text import (
-    BY_HAND,
     LOADING_TABLES,
     NO_TABLE,
     campaign_text,
@@ -54,6 +57,7 @@ from truing.pipeline.init_text import (
     printable,
     starter_campaign_text,
 )
+from truing.pipeline.init_times import with_poses_by_time
 from truing.pipeline.problems import ExitCode, environment
 from truing.pipeline.run_folder import PRIVATE
 from truing.report.numbers import count_text
@@ -105,26 +109,32 @@ def init_campaign(
         raise CampaignFaults([_never_overwritten(target)])
     guesses = with_loads_apart(folder, with_loads_once(folder, guesses))
     all_answers = Answers(given) if ask is None else Answers(given, ask)
-    guesses = with_numbered_poses(folder, with_lost_points(folder, _with_keys_of_names(guesses)), robot)
-    guesses = with_poses_of_names(folder, with_poses_in_order(folder, guesses))
+    guesses = with_parts_of_one_list(folder, with_slides(folder, _with_keys_of_names(guesses)))
+    guesses = with_numbered_poses(folder, with_lost_points(folder, guesses), robot)
+    guesses = with_poses_by_time(folder, with_poses_in_order(folder, with_stations(folder, guesses)))
+    guesses = with_poses_of_names(folder, guesses)
     guesses = with_survey(folder, guesses)
     guesses = [(group, one) for (group, _), one in zip(guesses, with_reflector(guesses, robot), strict=True)]
     guesses = [(group, one) for (group, _), one in zip(guesses, on_tip([g for _, g in guesses], robot), strict=True)]
     guesses = with_bodies_of_survey(folder, with_bodies_of_targets(folder, guesses))
+    guesses = with_prefixed_survey(folder, guesses)
     guesses = [(group, one) for (group, _), one in zip(guesses, with_tip(folder, guesses, robot), strict=True)]
     guesses = _settled(folder, guesses, all_answers, console)
     all_answers.raise_faults()
     name = folder.resolve().name
-    _write_new(target, campaign_text(name, guesses) if every_key else starter_campaign_text(name, guesses, robot))
-    console.written(f"wrote {target}; complete it, then: truing check {folder}", [target])
+    text = campaign_text(name, guesses, robot) if every_key else starter_campaign_text(name, guesses, robot)
+    _write_new(target, text)
+    has_tables = any(guess.table is not None for _, guess in guesses)
+    after = f"complete it, then: truing check {folder}" if has_tables else "no file of the folder is read yet"
+    console.written(f"wrote {target}; {after}", [target])
     for point in all_answers.open_points():
         console.tell("open_points", point)
         if not point["answered"]:
             taken = f"taken as {point['taken']}" if point["taken"] else "to be completed"
             where, key = printable(str(point["path"])), point["key"]
             console.line(f"open: {where}, {point['question']}: {taken} (else: --answer {key}=...)")
-    if any(guess.table is None and not guess.known for _, guess in guesses):
-        console.line(f"files that are not recognised are read by entries written by hand: {BY_HAND}")
+    for words in next_steps(guesses):
+        console.sentence(words)
     if needs_description(robot, [guess for _, guess in guesses]):
         console.sentence(_NO_DESCRIPTION)
     if all_answers.used:
@@ -331,7 +341,7 @@ def _summary(group: RawGroup, guess: Guess) -> str:
         return printable(f"{many}{guess.notes[0]}")
     if guess.table is None and guess.notes and not guess.columns:
         return printable(f"{many}not recognised: {guess.notes[0]}")
-    what = guess.table or f"not recognised: {NO_TABLE}"
+    what = guess.table or f"not recognised: {guess.notes[0] if guess.notes else NO_TABLE}"
     return printable(f"{many}{what}; columns {listed_columns(guess.columns, _LISTED)}")
 
 

@@ -13,7 +13,7 @@ from truing.formats.presets import target_column
 from truing.pipeline.init_preview import first_rows
 from truing.pipeline.init_questions import NUMBER_OF_POSE, PLACEHOLDER, is_body_open, of_one_target
 from truing.pipeline.init_robot import last_link
-from truing.pipeline.init_survey import rows_of
+from truing.pipeline.init_survey import rows_of, rows_of_files
 from truing.schemas.faults import CampaignFaults
 
 if TYPE_CHECKING:
@@ -23,6 +23,7 @@ if TYPE_CHECKING:
 
 _NUMBERED = re.compile(r"(?P<stem>.*?)[\s_.#-]*(?P<number>\d+)")
 _FEWEST, _MOST_ROWS = 5, 100_000
+_PLACE = "place"  # the part of a longer name that numbers it
 _COVERED = 0.8  # share of the logged poses that have a place
 _File = tuple["RawGroup", "Guess"]
 
@@ -87,24 +88,42 @@ def _moved_body(log: Guess, robot: Robot | None) -> str:
 
 
 def _read_as_poses(folder: Path, group: RawGroup, guess: Guess, log: _Log, body: str) -> Guess:
+    own, guess = guess, _without_group(folder, group, guess)
     raw = guess.mapping.get("columns", {}).get("target") or target_column(guess.mapping.get("format", ""))
     if guess.table not in ("points", "targets") or guess.known or not is_body_open(guess) or raw is None:
-        return guess
-    if group.count > 1:
-        return _single_target(folder, group, guess, body)
-    rows = rows_of(folder, group, replace(guess, table="points"), {"pose": 1, "body": PLACEHOLDER}, most=_MOST_ROWS)
+        return own
+    if group.count > 1 and "(?P<pose>" in guess.mapping.get("from_name", ""):
+        return _single_target(folder, group, own, body)
+    constants: dict[str, str | int] = {"pose": 1, "body": PLACEHOLDER}
+    rows = rows_of_files(folder, group, replace(guess, table="points"), constants, most=_MOST_ROWS)
     numbers = [] if rows is None else _numbers(rows.targets)
     keys = _numbering(numbers, log, raw, guess)
     if len(numbers) < _FEWEST or keys is None:
-        return guess
+        return own
     stem = rows.targets[0] if rows is not None else ""
     doubt = f"places such as {stem} are assumed to be one target on {body} in as many poses"
     found = replace(guess, table="points", mapping={**of_one_target(guess, body), **keys})
     if body != PLACEHOLDER:  # the log has these poses, and moves this body
         return replace(found, doubts=(*guess.doubts, doubt), answered=guess.answered | {"body"})
     question = f"{stem}: its number is that of the pose, or part of the name of the target"
-    way = OtherWay("numbers", question, "poses", "targets", guess, doubt)
+    way = OtherWay("numbers", question, "poses", "targets", own, doubt)
     return replace(found, ways=(*guess.ways, way))
+
+
+def _without_group(folder: Path, group: RawGroup, guess: Guess) -> Guess:
+    """The guess without the group in names such as A::Calib::jp10, if all of them have the same: it is no body."""
+    split = guess.mapping.get("split", {})
+    grouped = {
+        raw: text.replace("(?P<body>", "(?P<group>").replace("(?P<target>", f"(?P<{_PLACE}>")
+        for raw, text in split.items()
+    }
+    if group.count > 1 or grouped == split:
+        return guess
+    rows = rows_of(folder, group, replace(guess, table="points"), {"pose": 1}, most=_MOST_ROWS)
+    if rows is None or len(set(rows.bodies)) > 1:
+        return guess
+    columns = {key: raw for key, raw in guess.mapping["columns"].items() if key != "target"}
+    return replace(guess, mapping={**guess.mapping, "split": grouped, "columns": {**columns, "target": _PLACE}})
 
 
 def _numbers(names: Sequence[str]) -> list[int]:

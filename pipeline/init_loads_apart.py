@@ -57,14 +57,15 @@ def with_loads_apart(folder: Path, files: Sequence[_File]) -> list[_File]:
     Their rows are joined by their steps, else by their order if they have equal numbers, else by time; a question says
     so. Where none is possible, the channels stay unread, with the reason.
     """
-    of_loads = [n for n, (group, guess) in enumerate(files) if group.count == 1 and _holds_loads_alone(guess)]
+    of_loads = [n for n, (group, guess) in enumerate(files) if group.count == 1 and _holds_loads_alone(_applied(guess))]
     of_channels = [n for n, (group, guess) in enumerate(files) if group.count == 1 and _holds_channels_alone(guess)]
     if len(of_loads) != 1 or len(of_channels) != 1:
         return list(files)
     (first,), (second,) = of_loads, of_channels
     keys, doubts = channel_mapping(files[second][1].columns)
     channels = _with_keys(files[second][1], keys, doubts)
-    loads, signals = _table(folder, *files[first]), _table(folder, files[second][0], channels)
+    of_files = files[first][0], _applied(files[first][1])
+    loads, signals = _table(folder, *of_files), _table(folder, files[second][0], channels)
     result = list(files)
     if loads is None or signals is None:
         return result
@@ -85,6 +86,11 @@ def with_loads_apart(folder: Path, files: Sequence[_File]) -> list[_File]:
     result[first] = files[first][0], of_loads_file
     result[second] = files[second][0], of_signals_file
     return result
+
+
+def _applied(guess: Guess) -> Guess:
+    """Return the guess for loads that are applied, where they could also be what a sensor shows."""
+    return next((way.guess for way in guess.ways if way.key == "loads" and way.other == "applied"), guess)
 
 
 def _holds_loads_alone(guess: Guess) -> bool:

@@ -78,6 +78,26 @@ def rows_of_table(table: Guess, guesses: Sequence[Guess]) -> Iterator[tuple[str,
     yield from OF_ANY_CHAIN
 
 
+def slides_of_log(guesses: Sequence[Guess]) -> list[tuple[str, str]]:
+    """Lines and remarks of [mechanism] for the linear axes of the only log of such; empty without a single one."""
+    logs = [guess for guess in guesses if "screws" in guess.machine]
+    if len(logs) != 1:
+        return []
+    machine = logs[0].machine
+    return [
+        (f"{MARK} x is assumed to carry y, and y to carry z", ""),
+        ("[mechanism]", ""),
+        ('type = "chain"', ""),
+        (f"joints = {json.dumps(machine['joints'])}", ""),
+        ("screws = [", "the axes in order, each carried by the one before"),
+        *((f"  {_inline(screw)},", "") for screw in machine["screws"]),
+        ("]", ""),
+        ("home = { position_mm = [0.0, 0.0, 0.0] }", "place of the tip at positions zero; the last link is tip"),
+        ("# [mechanism.tolerance]", "one standard deviation; absent: links free"),
+        ("# length_mm = 0.1", ""),
+    ]
+
+
 def _names_of_joints(guesses: Sequence[Guess], count: int) -> list[str]:
     """Joints by the columns of a log, if these are not called joint1, joint2, ...; empty without as many."""
     own = [column for guess in guesses if guess.table == "configurations" for column in columns_of(guess)]

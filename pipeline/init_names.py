@@ -14,7 +14,7 @@ import numpy as np
 from truing.formats.guess import OtherWay
 from truing.formats.presets import target_column
 from truing.pipeline.init_questions import is_body_open, names_a_body, without_placeholder
-from truing.pipeline.init_survey import SurveyRows, rows_of
+from truing.pipeline.init_survey import SurveyRows, rows_of, rows_of_files
 
 if TYPE_CHECKING:
     from truing.arrays import Array
@@ -40,7 +40,7 @@ _OF_SIGMA = 2.5631  # from the 10 % to the 90 % quantile of a normal distributio
 _ROUNDED = 1e-6  # changes of distances that rounding makes, of their size
 _APART = 5.0  # ratio of changes between and within bodies
 _MOST_TARGETS = 60
-_FEWEST, _MOST_PAIRS, _MOST_ROWS, _MOST_FILES = 3, 200, 20_000, 60
+_FEWEST, _MOST_PAIRS, _MOST_ROWS = 3, 200, 20_000
 _File = tuple["RawGroup", "Guess"]
 
 
@@ -230,7 +230,7 @@ def _with_bodies(folder: Path, group: RawGroup, guess: Guess) -> Guess:
     guess = _with_uncoded(folder, group, guess)
     own = target_column(guess.mapping["format"]) if "format" in guess.mapping else "target"
     raw = guess.mapping.get("columns", {}).get("target", own)
-    rows = None if raw is None else _of_files(folder, group, guess)
+    rows = None if raw is None else rows_of_files(folder, group, guess, {"body": "body"}, most=_MOST_ROWS)
     if rows is None:
         return guess
     by_words = next((one for pattern in _OF_BODIES if (one := _by_words(guess, rows, raw, pattern)) is not None), None)
@@ -288,7 +288,7 @@ def _with_uncoded(folder: Path, group: RawGroup, guess: Guess) -> Guess:
         return guess
     mapping = {key: value for key, value in guess.mapping.items() if key != "select"}
     whole = replace(guess, mapping=mapping, notes=(*guess.notes, "uncoded targets keep their names over the files"))
-    rows = _of_files(folder, group, whole)
+    rows = rows_of_files(folder, group, whole, {"body": "body"}, most=_MOST_ROWS)
     return whole if rows is not None and _rigid_groups(rows) else guess
 
 
@@ -312,18 +312,3 @@ def _by_words(guess: Guess, rows: SurveyRows, raw: str | int, pattern: str) -> G
     question = f"Words {shown} in names of targets: bodies, each with poses of its own, or parts of the names"
     way = OtherWay("words", question, "bodies", "names", guess, doubt)
     return replace(guess, mapping=mapping, notes=(*guess.notes, note), ways=(*guess.ways, way))
-
-
-def _of_files(folder: Path, group: RawGroup, guess: Guess) -> SurveyRows | None:
-    """The rows of the first files of a group, which are poses; None if one of them cannot be read."""
-    examples = [group.example.parent / name for name in group.names[:_MOST_FILES]] or [group.example]
-    read = [rows_of(folder, replace(group, example=one), guess, {"body": "body"}, most=_MOST_ROWS) for one in examples]
-    found = [rows for rows in read if rows is not None]
-    if len(found) < len(read) or not found:
-        return None
-    return SurveyRows(
-        [pose for rows in found for pose in rows.poses],
-        [body for rows in found for body in rows.bodies],
-        [target for rows in found for target in rows.targets],
-        np.concatenate([rows.places for rows in found]),
-    )

@@ -10,7 +10,7 @@ from itertools import islice
 from pathlib import Path
 from typing import TYPE_CHECKING
 
-from truing.pipeline.init_machine import OF_ANY_CHAIN, columns_of, of_table, rows_of_table
+from truing.pipeline.init_machine import OF_ANY_CHAIN, columns_of, of_table, rows_of_table, slides_of_log
 
 if TYPE_CHECKING:
     from truing.formats.guess import Guess
@@ -139,6 +139,9 @@ def mechanism_of(robot: Robot | None, guesses: Sequence[Guess]) -> Iterator[tupl
     if robot is None and (table := of_table(guesses)) is not None:
         yield from rows_of_table(table, guesses)
         return
+    if robot is None and (slides := slides_of_log(guesses)):
+        yield from slides
+        return
     if robot is None and not numbered:
         return
     mark = "" if robot is not None and has_joints(robot, guesses) else "# "
@@ -158,7 +161,8 @@ def mechanism_of(robot: Robot | None, guesses: Sequence[Guess]) -> Iterator[tupl
 
 def needs_description(robot: Robot | None, guesses: Sequence[Guess]) -> bool:
     """True if files give joint readings, but nothing describes the chain of these joints."""
-    is_described = of_table(guesses) is not None if robot is None else has_joints(robot, guesses)
+    is_given = of_table(guesses) is not None or bool(slides_of_log(guesses))
+    is_described = is_given if robot is None else has_joints(robot, guesses)
     return any(True for _ in mechanism_of(robot, guesses)) and not is_described
 
 
@@ -166,7 +170,9 @@ def last_link(robot: Robot | None, guesses: Sequence[Guess]) -> str | None:
     """Name of the link that a log of joints moves; that of a table of Denavit and Hartenberg without a description."""
     if robot is not None:
         return robot.tip if has_joints(robot, guesses) else None
-    return TIP if any(_NUMBERED_JOINT.match(column) for guess in guesses for column in columns_of(guess)) else None
+    has_slides = any("screws" in guess.machine for guess in guesses)
+    is_numbered = any(_NUMBERED_JOINT.match(column) for guess in guesses for column in columns_of(guess))
+    return TIP if is_numbered or has_slides else None
 
 
 def has_joints(robot: Robot, guesses: Sequence[Guess]) -> bool:

@@ -32,7 +32,7 @@ _UNITS = ("mm", "m", "cm", "um", "in", "ft")
 _WITHIN = 0.02  # of the ratio of distances
 _MOST_ROWS, _MOST_PAIRS, _FEWEST_PAIRS = 400, 200, 3
 _LOST, _MOST_LOOKED_AT = "0 0 0", 100_000
-_MOST_FILES = 20
+_MOST_FILES, _MOST_OF_GROUP = 20, 60
 _PLACE = ("x_mm", "y_mm", "z_mm")
 
 
@@ -209,3 +209,20 @@ def rows_of(
         return None
     found = np.concatenate(places) if places else np.empty((0, len(_PLACE)))
     return SurveyRows(texts["pose"], texts["body"], texts["target"], found) if len(found) else None
+
+
+def rows_of_files(
+    folder: Path, group: RawGroup, guess: Guess, constants: Mapping[str, str | int], most: int = _MOST_ROWS
+) -> SurveyRows | None:
+    """The rows of the first files of a group, one after the other; None if one of them cannot be read."""
+    examples = [group.example.parent / name for name in group.names[:_MOST_OF_GROUP]] or [group.example]
+    read = [rows_of(folder, replace(group, example=one), guess, constants, most=most) for one in examples]
+    found = [rows for rows in read if rows is not None]
+    if len(found) < len(read) or not found:
+        return None
+    return SurveyRows(
+        [pose for rows in found for pose in rows.poses],
+        [body for rows in found for body in rows.bodies],
+        [target for rows in found for target in rows.targets],
+        np.concatenate([rows.places for rows in found]),
+    )

@@ -14,6 +14,7 @@ from truing.pipeline.init_entries import RawGroup, shortened_entries
 from truing.pipeline.init_machine import as_toml, gives_machine
 from truing.pipeline.init_questions import names_a_body
 from truing.pipeline.init_robot import SUFFIX, Robot
+from truing.pipeline.init_rows import BY_HAND
 from truing.pipeline.starter import guess_lines
 from truing.report.numbers import count_text
 
@@ -26,7 +27,6 @@ _SHOWN_COLUMNS = 40
 _FEW = 6
 _LONGEST_NOTE = 240
 NO_TABLE = "no table has columns of these names"
-BY_HAND = "docs/own-files.md"
 _MOST_LINES = 32  # of entries in a starter file
 
 
@@ -41,8 +41,10 @@ def printable(text: str) -> str:
     return text if text.isprintable() else "".join(c if c.isprintable() else ascii(c)[1:-1] for c in text)
 
 
-def campaign_text(name: str, guesses: list[tuple[RawGroup, Guess]]) -> str:
-    """Text of a campaign.toml with every key explained."""
+def campaign_text(name: str, guesses: list[tuple[RawGroup, Guess]], robot: Robot | None = None) -> str:
+    """Text of a campaign.toml with every key explained; sections that the files give are active."""
+    from truing.pipeline.starter import known_sections
+
     tables = Counter(guess.table for _, guess in guesses)
     kind = kind_of_tables(tables)
     files = (_file_lines(group, guess, alone=tables[guess.table] == 1) for group, guess in guesses)
@@ -50,6 +52,7 @@ def campaign_text(name: str, guesses: list[tuple[RawGroup, Guess]]) -> str:
         "@NAME@": _name(name),
         "@KIND@": json.dumps(kind),
         "@MAPPING_KEYS@": "\n".join(_mapping_keys()),
+        "@KNOWN_SECTIONS@": "\n".join(known_sections([guess for _, guess in guesses], robot)),
         "@QUALITY_LIMITS@": "\n".join(_quality_limits(kind)),
         "@FILES@": "\n".join(line for lines in files for line in lines),
     }

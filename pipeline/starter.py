@@ -89,8 +89,23 @@ def starter_text(
     return "\n".join(lines).rstrip() + "\n"
 
 
+def known_sections(guesses: Sequence[Guess], robot: Robot | None) -> list[str]:
+    """Lines of the sections that files give, such as [mechanism] of their nominal geometry; others are left out."""
+    tables = {guess.table for guess in guesses if guess.table}
+    lines = [*_sections(guesses, tables, list(mechanism_of(robot, guesses))), ""]
+    kept: list[str] = []
+    section: list[str] = []
+    for line in lines:
+        if line:
+            section.append(line)
+            continue
+        kept += [*section, ""] if any(own[0] not in "# " for own in section) else []
+        section = []
+    return kept[:-1]
+
+
 def _remark(line: str, remark: str) -> str:
-    return f"{line:<{_AT}}# {remark}" if remark else line
+    return f"{f'{line} ':<{_AT}}# {remark}" if remark else line
 
 
 def _with_head(head: str, lines: list[str]) -> list[str]:
@@ -189,8 +204,10 @@ def _sections(guesses: Sequence[Guess], tables: set[str], chain: Sequence[tuple[
         yield from ("", "[measurement]")
         why = f"one {'target' if is_one_target else 'body'} in each pose, so the"
         why = why if is_one_target or is_one_body else "the"
-        yield f"{MARK} {why} instrument is assumed not to have moved"
-        yield 'frame = "campaign"'
+        is_moved = any("series" in guess.mapping.get("columns", {}) for guess in guesses)
+        between = " within each series" if is_moved else ""
+        yield f"{MARK} {why} instrument is assumed not to have moved{between}"
+        yield 'frame = "series"' if is_moved else 'frame = "campaign"'
     elif "poses" in tables or chain:
         yield from ("", "[measurement]")
         yield _commented_line('frame = "campaign"', "the instrument did not move; absent: every pose has its own frame")

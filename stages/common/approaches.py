@@ -142,6 +142,9 @@ def _order(positions: pa.Table) -> Index:
     if "row_order" in positions.column_names:
         rows = np.argsort(number_column(positions, "row_order"))
         steps = np.diff(target[rows])
-        if np.all((steps == 0.0) | (np.sign(steps) == sense[rows][1:])):
+        turns = (np.diff(sense[rows]) != 0.0) | (np.diff(cycle[rows]) != 0.0)
+        # A file with a row for each target has its cycles side by side, and shows no movement.
+        passes = len(set(zip(cycle.tolist(), sense.tolist(), strict=True)))
+        if turns.sum() < passes and np.all((steps == 0.0) | (np.sign(steps) == sense[rows][1:])):
             return rows
     return np.lexsort((sense * target, -sense, cycle))

@@ -8,7 +8,7 @@ import pyarrow as pa
 from numpy.typing import NDArray
 
 from truing.calibration.axis_design import ChosenTargets
-from truing.report.numbers import count as counted
+from truing.report.numbers import count_text
 from truing.report.numbers import printed, sign
 from truing.report.power_page import size_rows
 from truing.stages.configurations.chosen import DesignOptions
@@ -57,18 +57,18 @@ def words_of_axis(design: AxisDesign) -> list[str]:
 
 def _chosen(design: AxisDesign) -> list[str]:
     chosen, (low, high) = design.chosen, design.travel
-    kept = f" beside {counted(design.kept, 'row')} that are kept" if design.kept else ""
+    kept = f" beside {count_text(design.kept, 'row')} that are kept" if design.kept else ""
     rows = sum(role == "calibration" for role in design.table.column("role").to_pylist())
     unit = sign(design.unit)
     by = f"by {design.options.method}{kept}"
-    visits = f"each from both sides in {counted(design.cycles, 'cycle')}: {counted(rows, 'reading')} with turns"
+    visits = f"each from both sides in {count_text(design.cycles, 'cycle')}: {count_text(rows, 'reading')} with turns"
     periods = ", which differ in the period of a periodic error" if chosen.models > 1 else ""
     return [
-        f"{counted(len(design.targets), 'target')} within {low:g} to {high:g} {unit}, one in each of as many equal "
+        f"{count_text(len(design.targets), 'target')} within {low:g} to {high:g} {unit}, one in each of as many equal "
         f"parts, {by}; {visits}",
         f"targets ({unit}): {', '.join(f'{target:g}' for target in design.targets)}",
         f"D-efficiency {_percent(chosen.efficiency)} of the best of any targets (equivalence theorem over "
-        f"{counted(chosen.models, 'model')} of {counted(chosen.unknowns, 'unknown')}{periods}; as many targets in "
+        f"{count_text(chosen.models, 'model')} of {count_text(chosen.unknowns, 'unknown')}{periods}; as many targets in "
         f"equal steps have {_percent(chosen.even)})",
     ]
 
@@ -109,8 +109,8 @@ def _visits(design: AxisDesign) -> list[str]:
 
 
 def _shown(design: AxisDesign) -> list[str]:
-    lines = _sizes(f"the chosen {counted(design.table.num_rows, 'row')}", design.sizes)
-    return lines + (_sizes(f"the campaign's own {counted(design.own_rows, 'row')}", design.own_sizes))
+    lines = _sizes(f"the chosen {count_text(design.table.num_rows, 'row')}", design.sizes)
+    return lines + (_sizes(f"the campaign's own {count_text(design.own_rows, 'row')}", design.own_sizes))
 
 
 def _sizes(whose: str, sizes: pa.Table | None) -> list[str]:

@@ -111,9 +111,10 @@ def _by_time(
     for rows in (signals, loads):
         if "time_s" not in rows.table.column_names or not np.isfinite(numbers(rows, "time_s")).all():
             log.add(Fault(rows.first_file, "a time in every row, to join rows by it", column="time_s"))
-    dated = [any(entry.time_format for entry in source.entries(name)) for name in ("signals", LOADS_APART.name)]
-    if dated[0] != dated[1]:
-        log.add(Fault(loads.first_file, "times of one kind in both files: dates, or seconds", column="time_s"))
+    kinds = [{_kind(entry.time_format) for entry in source.entries(name)} for name in ("signals", LOADS_APART.name)]
+    if kinds[0] != kinds[1]:
+        kind = "times of one kind in both files: dates with a zone, dates without, or seconds"
+        log.add(Fault(loads.first_file, kind, column="time_s"))
     if log:
         return unmatched, {}
     time, other = numbers(signals, "time_s"), numbers(loads, "time_s")
@@ -129,6 +130,11 @@ def _by_time(
     is_near = apart <= _HALF * float(np.median(between))
     place = np.where(is_near, order[nearest], -1)
     return place, _clocks(time[is_near], middles, nearest[is_near], apart[is_near])
+
+
+def _kind(time_format: str | None) -> str:
+    """Return whether times are seconds, dates without a zone, or dates with one."""
+    return "seconds" if time_format is None else "zoned" if "%z" in time_format else "dated"
 
 
 def _clocks(time: Array, middles: Array, nearest: Index, apart: Array) -> dict[str, float]:

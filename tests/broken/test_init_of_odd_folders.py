@@ -56,7 +56,7 @@ def test_pipes_devices_and_links_in_a_circle_are_passed_over(tmp_path: Path) -> 
     (tmp_path / "signals.csv").symlink_to("signals.csv")
     (tmp_path / "again").symlink_to(tmp_path)
     done = CliRunner().invoke(app, ["init", str(tmp_path)])
-    assert (done.exit_code, done.output.count("\n")) == (ExitCode.DONE, 1), done.output
+    assert (done.exit_code, done.output.count(".csv")) == (ExitCode.DONE, 0), done.output
 
 
 def test_a_template_that_cannot_be_written_leaves_none(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:

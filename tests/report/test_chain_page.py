@@ -133,3 +133,13 @@ def test_clear_corrections_of_a_model_that_fits_stand_on_the_first_screen(
     del tables["chain_parameters"]
     assert corrections(tables, adequacy) == []
     assert not estimates_zeros(tables)
+
+
+def test_a_rotation_on_the_first_screen_has_the_words_of_the_field() -> None:
+    tables = _tables()
+    numbers = tables["chain_parameters"]
+    turned = numbers["parameter"] == "turn_x"
+    numbers.loc[turned, ["identifiable", "identified", "sigma"]] = [True, 1e-3, 1e-5]
+    (line,) = corrections(tables, SectionVerdict("adequacy", RelationState.OK, ReasonCode.WITHIN_NOISE, ""))
+    assert "rotation about x of the frame of elbow" in line[1]
+    assert "turn_x" not in line[1]

@@ -111,6 +111,18 @@ def test_a_file_in_order_of_targets_gives_the_same_lost_motion() -> None:
     assert first["lost-motion"][0] == pytest.approx(second["lost-motion"][0], rel=1e-6)
 
 
+@pytest.mark.parametrize("sides", ["ascending", "descending"])
+def test_a_row_for_each_target_is_no_order_of_measurement(sides: str) -> None:
+    table = Axis().measured(np.random.default_rng(5))
+    side_by_side = table.sort_by([("target_mm", "ascending"), ("cycle", "ascending"), ("direction", sides)])
+    numbers = pa.array(np.arange(1, table.num_rows + 1))
+    numbered = side_by_side.set_column(table.column_names.index("row_order"), "row_order", numbers)
+    tables, _ = axis_of_approaches({"positions": _sorted(numbered)}, read_campaign(parsed_toml(SETTINGS)))
+    command = tables["configurations"].column("command_mm").to_numpy()[1::2]
+    there_and_back = [*Axis().targets, *Axis().targets[::-1]]
+    assert command.tolist() == there_and_back * Axis().cycles
+
+
 @pytest.mark.parametrize("drift", [0.0, 5e-3])
 def test_the_noise_is_that_of_an_approach_whatever_drifts_between_cycles(drift: float) -> None:
     squares = [noise_mm(Axis(drift=drift).measured(np.random.default_rng([3, n]))) ** 2 for n in range(60)]

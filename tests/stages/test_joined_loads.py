@@ -30,11 +30,18 @@ def _tables(seed: int) -> tuple[pd.DataFrame, pd.DataFrame]:
     return pd.DataFrame(same | dict(zip(LOADS, load.T, strict=True))), signals
 
 
-def _run(folder: Path, loads: pd.DataFrame, signals: pd.DataFrame, joined_by: str, stages: str = "ingest qa") -> Any:
+def _run(
+    folder: Path,
+    loads: pd.DataFrame,
+    signals: pd.DataFrame,
+    joined_by: str,
+    stages: str = "ingest qa",
+    signals_keys: str = "",
+) -> Any:
     loads.to_csv(folder / "weights.csv", index=False)
     signals.to_csv(folder / "bridges.csv", index=False)
     text = f'[campaign]\nname = "two"\nkind = "interferometer"\n[noise]\nsignal_mv = {SIGMA_MV}\n'
-    text += f'[files.loads]\npath = "weights.csv"\n{joined_by}\n[files.signals]\npath = "bridges.csv"\n'
+    text += f'[files.loads]\npath = "weights.csv"\n{joined_by}\n[files.signals]\npath = "bridges.csv"\n{signals_keys}'
     (folder / "campaign.toml").write_text(text, encoding="utf-8")
     return run_line(folder, *stages.split())
 
@@ -133,6 +140,17 @@ def test_dates_in_one_file_and_seconds_in_the_other_are_a_fault(tmp_path: Path) 
     loads["time_s"] = stamps.dt.strftime("%Y-%m-%d %H:%M:%S")
     with pytest.raises(CampaignFaults) as faults:
         _run(tmp_path, loads, signals, BY["time"] + '\ntime_format = "%Y-%m-%d %H:%M:%S"')
+    assert {(fault.file, fault.column) for fault in faults.value.faults} == {("weights.csv", "time_s")}
+
+
+def test_dates_with_a_zone_in_one_file_alone_are_a_fault(tmp_path: Path) -> None:
+    loads, signals = _tables(9)
+    for table, zone in ((loads, "Z"), (signals, "")):
+        stamps = pd.to_datetime("2026-05-14 10:00:00") + pd.to_timedelta(table["time_s"], unit="s")
+        table["time_s"] = stamps.dt.strftime(f"%Y-%m-%d %H:%M:%S{zone}")
+    joined_by = BY["time"] + '\ntime_format = "%Y-%m-%d %H:%M:%S%z"'
+    with pytest.raises(CampaignFaults) as faults:
+        _run(tmp_path, loads, signals, joined_by, signals_keys='time_format = "%Y-%m-%d %H:%M:%S"\n')
     assert {(fault.file, fault.column) for fault in faults.value.faults} == {("weights.csv", "time_s")}
 
 

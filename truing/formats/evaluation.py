@@ -164,12 +164,12 @@ def _filtered(batch: RawBatch, keep: Mask) -> RawBatch:
 
 
 def _seconds(text: str, time_format: str) -> float | None:
-    """Return seconds since 1970 of a time without zone; None if it does not match the format."""
+    """Return seconds since 1970 in UTC, or as in UTC if the time has no zone; None if it does not match the format."""
     try:
         moment = datetime.strptime(text, time_format)
     except ValueError:
         return None
-    return calendar.timegm(moment.timetuple()) + 1e-6 * moment.microsecond
+    return calendar.timegm(moment.utctimetuple()) + 1e-6 * moment.microsecond
 
 
 @dataclass

@@ -12,10 +12,16 @@ from truing.formats.units import is_like_a_unit, known_unit
 _MOST_ROWS = 8  # of a heading
 _NO_UNIT = {"", "-", "--", "[-]", "[]"}
 _UNIT_LINE = re.compile(
-    r"\bunits?(?:\s+(?:are|in|is|of (?:measure(?:ment)?|length)))*[\s:=;,]*[\"'\[(]?(?P<unit>[A-Za-zµμ]+)",
+    r"\b(?:units?|einheit(?:en)?|unités?)(?:\s+(?:are|in|is|of (?:measure(?:ment)?|length)))*"
+    r"[\s:=;,]*[\"'\[(]?(?P<unit>[A-Za-zµμ]+)",
     re.IGNORECASE,
 )
+_UNIT_BEHIND_AXES = re.compile(  # one unit behind the names of all coordinates: X Y Z (mm)
+    r"\bx\b[^()\[\]]*\by\b[^()\[\]]*\bz\b[^()\[\]]*[(\[](?P<unit>[^()\[\]]+)[)\]]\s*$", re.IGNORECASE
+)
 _SERIAL_NUMBER = re.compile(r"[\dA-Fa-f-]{8,}|\d+")
+# Formats of dates and times below their column, as dd.mm.yyyy hh:mm:ss
+_PATTERN_OF_TIME = re.compile(r"(?=.*[./:-])(?=.*(?:dd|tt|yy|jj|hh))[dtmyjhsf0\s./:,-]+", re.IGNORECASE)
 Row = Sequence[str]
 
 
@@ -45,7 +51,8 @@ def heading_of(records: Sequence[Row], is_number: Callable[[str], bool], comment
 
 def unit_in_words(lines: Sequence[str]) -> str | None:
     """Return the unit that lines such as ``Units: Inches`` state; None without one, or if they differ."""
-    units_found = {known_unit(match["unit"]) for line in lines if (match := _UNIT_LINE.search(line))} - {None}
+    found = [match for line in lines if (match := _UNIT_LINE.search(line) or _UNIT_BEHIND_AXES.search(line))]
+    units_found = {known_unit(match["unit"]) for match in found} - {None}
     return units_found.pop() if len(units_found) == 1 else None
 
 
@@ -89,7 +96,7 @@ def _composed(rows: Sequence[Row], is_number: Callable[[str], bool]) -> tuple[st
     if units is not None:
         bare = [cell.strip("[]() ") for cell in units]
         names = [
-            f"{name} [{unit}]" if name and unit not in _NO_UNIT else name
+            f"{name} [{unit}]" if name and unit not in _NO_UNIT and not _PATTERN_OF_TIME.fullmatch(unit) else name
             for name, unit in zip(names, bare, strict=True)
         ]
     named = [name for name in names if name]
@@ -99,7 +106,7 @@ def _composed(rows: Sequence[Row], is_number: Callable[[str], bool]) -> tuple[st
 
 
 def _are_units(row: Sequence[str]) -> bool:
-    cells = [cell for cell in row if cell not in _NO_UNIT]
+    cells = [cell for cell in row if cell not in _NO_UNIT and not _PATTERN_OF_TIME.fullmatch(cell)]
     known = sum(known_unit(cell.strip("[]() ")) is not None for cell in cells)
     return 2 * known > len(cells) and all(is_like_a_unit(cell) for cell in cells)
 
@@ -145,7 +152,9 @@ def _names_in_comment(width: int, is_number: Callable[[str], bool], comments: Se
     """Return the cells of the last comment that has a name for each column."""
     for cells in reversed(comments):
         named = [cell.strip() for cell in cells]
-        if len(named) > width:
+        if len(named) == width + 1 and _UNIT_BEHIND_AXES.search(" ".join(named)):
+            named = named[:width]
+        elif len(named) > width:
             named = _with_units_behind(named)
         if len(named) == width and all(named) and len(set(named)) == width and not any(map(is_number, named)):
             return tuple(named)

@@ -115,8 +115,11 @@ class MappingPlan:
             return ()
         pattern = bounded(names_of_template(self.entry.wide), "wide")
         if self.entry.wide_values is not None:
+            meant = {self.entry.reference(column) for column in self.entry.columns}  # has a meaning of its own
             matches = (
-                (match, index) for index, name in enumerate(self.all_names) if (match := pattern.fullmatch(name))
+                (match, index)
+                for index, name in enumerate(self.all_names)
+                if not meant & {name, index + 1} and (match := pattern.fullmatch(name))
             )
             return tuple(WideGroup(match.groupdict(), (index,)) for match, index in matches)
         indices_of_targets: dict[tuple[tuple[str, str], ...], dict[str, int]] = {}

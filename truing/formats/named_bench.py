@@ -79,6 +79,8 @@ _NO_CONDITION = re.compile(
     r"|(sd|std|sigma|stdev|streuung)([ _].*)?|direction|dir|(dreh)?(richtung|sinn)|approach|sens",
     re.IGNORECASE,
 )
+_OF_MIRROR = re.compile("[xy]", re.IGNORECASE)  # both angles of an autocollimator's mirror
+_SMALL = ("arcsec", "urad", "mrad")
 _OF_LENGTHS = r"laser|interferometer|lip|lida|lif"  # instruments that mostly measure lengths
 _UNITS_OF_AXES = {"angle": "deg", "length": "mm"}
 _OF_AXIS = re.compile(r"[ _](axis|achse|axe)?[ _]?[xyzabcuvw]\d?$")  # the axis behind a name
@@ -180,7 +182,8 @@ _RUN_HEAD = re.compile(
 def positions_side_by_side(names: Sequence[str]) -> Proposal | None:
     """Return approaches of an axis to its targets, with a column for each run and direction."""
     target = _meanings(names, {"target_mm": _TARGET}).get("target_mm")
-    others = [name for name in names if name and name != target]
+    numbered = [name for name in names if _NUMBER_OF_TARGET.fullmatch(name.strip(" ."))]
+    others = [name for name in names if name and name != target and name not in numbered]
     matches = [match for name in others if (match := _RUN_HEAD.fullmatch(name))]
     if target is None or len(matches) < max(2, len(others)):
         return None
@@ -198,6 +201,7 @@ def positions_side_by_side(names: Sequence[str]) -> Proposal | None:
         **({"units": unit_of_column} if unit_of_column else {}),
     }
     mapping |= {"rename": {"direction": {re.escape(raw): str(word) for raw, word in words.items() if raw != word}}}
+    mapping |= {"ignore": "|".join(map(re.escape, numbered))} if numbered else {}
     return Proposal("positioning", mapping, "approaches of an axis to its targets, a column for each run")
 
 
@@ -281,7 +285,7 @@ def _axis_of_kind(names: Sequence[str], values: Array, kind: str | None, meant: 
     if command is None:
         return None
     motor, load = _first(names, _MOTOR, (command,), kind), _first(names, _LOAD_SIDE, (command,), kind)
-    outside = _first(names, _OUTSIDE, (command, motor, load), kind)
+    outside = _first(names, _OUTSIDE, (command, motor, load), kind) or _of_autocollimator(names, command, kind)
     if outside is None and motor is None and load is None and re.search(_COMMANDED, command, re.IGNORECASE):
         encoders = [name for name in names if name != command and kind is not None and _kind(name) == kind]
         outside = encoders[0] if len(encoders) == 1 else None
@@ -307,10 +311,28 @@ def _axis_of_kind(names: Sequence[str], values: Array, kind: str | None, meant: 
         re.escape(name).replace("\\ ", " ")
         for name in names
         if name not in columns.values()
-        and (re.fullmatch(_DEVIATION, bare := bare_and_unit(name)[0].casefold()) or _NO_CONDITION.fullmatch(bare))
+        and (
+            re.fullmatch(_DEVIATION, bare := bare_and_unit(name)[0].casefold())
+            or _NO_CONDITION.fullmatch(bare)
+            or (outside is not None and _OF_MIRROR.fullmatch(bare_and_unit(outside)[0]) and _OF_MIRROR.fullmatch(bare))
+        )
     ]  # from command and measured place: no condition on which an error may depend
     mapping |= {"ignore": "|".join(computed)} if computed else {}
     return Proposal("configurations", mapping, "commands of an axis, and what recorded them", doubts)
+
+
+def is_over_angle(names: Sequence[str]) -> bool:
+    """True if one column is an angle in degrees, and another one a length."""
+    of_angle = [name for name in names if _kind(name) == "angle"]
+    is_command = len(of_angle) == 1 and re.fullmatch(_COMMAND, bare_and_unit(of_angle[0])[0].casefold()) is not None
+    is_length = any(re.search(r"[\s\[(](mm|[uµμ]m)\b", name) for name in names if name not in of_angle)
+    return is_command and bare_and_unit(of_angle[0])[1] == "deg" and is_length
+
+
+def _of_autocollimator(names: Sequence[str], command: str, kind: str | None) -> str | None:
+    """Return X of an autocollimator, in a small unit of angle beside a command in degrees; None without one."""
+    small = [name for name in names if name != command and _kind(name) == kind and bare_and_unit(name)[1] in _SMALL]
+    return next((name for name in small if bare_and_unit(name)[0].casefold() == "x"), None) if kind == "angle" else None
 
 
 def is_deviation_by_name(name: str) -> bool:

@@ -25,6 +25,7 @@ _NUMBERED = re.compile(
     r"(?P<number>\d+)(?P<rest>[\])]?.*)",
     re.IGNORECASE,
 )
+_INDEX = re.compile(r"[\[(]\d+[\])]$")  # position[1] has no unit
 _LINEAR = ("m", "mm", "cm", "um", "in", "nm")
 _FEWEST, _MOST = 3, 9
 _ORIENTATION = 3  # angles of an orientation
@@ -78,7 +79,7 @@ def joint_columns(
         raw, named = called, tuple(bare_and_unit(name)[0] for name in called)
     if raw is None:
         return None
-    stated = [bare_and_unit(name)[1] for name in raw]
+    stated = [None if _INDEX.search(name) else bare_and_unit(name)[1] for name in raw]
     columns = values[:, [list(names).index(name) for name in raw]]
     if not np.isfinite(columns).any(axis=0).all():
         return None

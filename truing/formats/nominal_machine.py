@@ -28,7 +28,9 @@ _MASSES = {
     **{axis: rf"(s|c|r|com|cog|center|centre|sp|schwerpunkt){axis}|{axis}(com|cog|s|c)|{axis}" for axis in "xyz"},
 }
 _LEGS = {
-    "length": r"(leg|strut|bein)?(home|nominal)?(length|len|l(ä|ae)nge|l0?|home)(mm)?|leghome|homelength",
+    "length": r"(leg|strut|bein)?(home|nominal|initial|rest)?(length|len|l(ä|ae)nge|l0?|home)"
+    r"((at|bei)?(zero|home|null|nominal|0))?(mm)?"
+    r"|leghome|homelength",
     "number": r"leg|strut|bein|strebe|joint|gelenk|i|nr|no|#",
 }
 _NO_GEOMETRY = r"pose|frame|time|t|zeit|run|lauf|stellung|messung"

@@ -25,7 +25,8 @@ _KNOWN = {
     r"|ziel(punkt)?|name|nom|cible|smr|reflector|reflektor|nest|feature([ _]?(id|name))?|merkmal",
     **{f"{a}_mm": f"{a}|{_OF_MEASURED.format(a)}" for a in "xyz"},
     **{f"sigma_{a}_mm": rf"(s0?|m{a}|{_SPREAD})[ _]?{a}|{a}[ _]?{_SPREAD}|{_EXPANDED}[ _]?{a}" for a in "xyz"},
-    "time_s": r"t|%?_*time([ _]?stamp)?|time +\d+ - .*|zeit(stempel)?|temps|timestamp|(field\.)?header\.stamp",
+    "time_s": r"(t|%?_*(date[ _/]?)?time([ _]?stamp)?|time +\d+ - .*|zeit(stempel)?|temps|timestamp"
+    r"|(field\.)?header\.stamp)( ?[\[(](utc|gmt|mez|mesz|cet|cest|local)[\])])?",
     "temperature_c": r"temp(erature?|eratur)?",
     "leg": r"leg|bein|jambe",
     "phase_deg": r"phase",
@@ -43,7 +44,8 @@ _GRID = (  # of surveys: east, north, height
 _LENGTH = re.compile(r"[Ll](\d+)")
 _LEGS = 6
 _READING = re.compile(
-    r"(?:rho|leg|strut|bein|strebe|jambe|actuator|aktor|st(?:ö|oe)(?:ß|ss)el|v(?:é|e)rin)[ _]?([1-9]\d*)"
+    r"(?:rho|leg|strut|bein|strebe|jambe|act(?:uator)?|aktor|stroke|hub|antrieb|st(?:ö|oe)(?:ß|ss)el|v(?:é|e)rin)"
+    r"[ _]?([1-9]\d*)"
 )
 
 

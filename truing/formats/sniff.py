@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import re
+from collections import Counter
 from collections.abc import Sequence
 from dataclasses import replace
 from pathlib import Path
@@ -43,6 +44,8 @@ _OF_JOINTS = re.compile(r"joint|gelenk|achswinkel|axis[_ -]?(angle|value)", re.I
 _DENSE = 1000  # a cloud with more points is a scan of a surface, not a set of targets
 _SHOWN = 12
 _SENTENCE = 4  # words
+_MOST_ABOVE = 20  # lines above a table
+_LIKE_NUMBER = re.compile(r"\s*[-+]?[\d.,]+([eE][-+]?\d+)?\s*$")
 _PROSE = "text without a table"
 _BINARY = {  # of programs that also write text
     ".tdms": "save the channels as text: Write To Measurement File with .lvm, or the TDMS viewer's export",
@@ -142,6 +145,8 @@ def _sniff_text(path: Path, joints: Sequence[str]) -> Guess:
     remarks = [
         line.strip().lstrip(comment).strip() for _, line in numbered if comment and line.lstrip().startswith(comment)
     ]
+    lines_of_data, kept = _without_footer(lines_of_data, is_complete=len(head) < _LOOK)
+    mapping |= {} if kept is None else {"keep_lines": kept}
     guess = _sniff_records(
         lines_of_data[:_LINES], mapping, remarks, joints, is_of_joints=_OF_JOINTS.search(path.stem) is not None
     )
@@ -192,6 +197,35 @@ def _decoded(head: bytes, *, is_complete: bool) -> tuple[str, str]:
     return "cp1252", head.decode("cp1252", errors="replace")
 
 
+def _without_footer(numbered: list[tuple[int, str]], *, is_complete: bool) -> tuple[list[tuple[int, str]], str | None]:
+    """Return lines without those below the table, and a ``keep_lines`` that leaves these out; None without such.
+
+    Lines below a table have fewer cells than its rows, all of which have as many. is_complete: whether these are all
+    lines of the file.
+    """
+    lines = [line for _, line in numbered]
+    separator = guess_separator(lines[len(lines) // 3 : 2 * len(lines) // 3 + 1], '"')
+    records = [split_record(line.encode(), separator, '"') for line in lines]
+    widths = [len(record) for record in records]
+    width = Counter(widths[len(widths) // 3 :]).most_common(1)[0][0]
+    rows = [row for row, own in enumerate(widths) if own == width]
+    below = records[rows[-1] + 1 :]
+    is_footer = 0 < len(below) < len(rows) and rows[-1] - rows[0] + 1 == len(rows)
+    is_footer = is_footer and not _may_be_cut(below, [records[row] for row in rows], width)
+    if not (is_complete and is_footer) or separator == "whitespace" or _is_prose([[line] for line in lines]):
+        return numbered, None
+    mark = re.escape(separator) if separator in "|." else separator
+    return numbered[: rows[-1] + 1], f"({mark}[^{separator}]*){{{width - 1}}}"
+
+
+def _may_be_cut(below: Sequence[Sequence[str]], rows: Sequence[Sequence[str]], width: int) -> bool:
+    """True if a line below a table may be a row of it, cut off or too long: it begins as the rows do."""
+    is_numbered = 2 * sum(_LIKE_NUMBER.match(row[0]) is not None for row in rows) > len(rows)
+    if is_numbered:
+        return any(len(line) > width or _LIKE_NUMBER.match(line[0]) is not None for line in below)
+    return any(len(line) > 1 for line in below)
+
+
 def _sniff_records(
     numbered: list[tuple[int, str]],
     mapping: MappingKeys,
@@ -207,7 +241,7 @@ def _sniff_records(
     if _is_prose(records):
         return Guess(notes=(_PROSE,), known=True)
     width = len(records[-1])
-    skipped = next((i for i, record in enumerate(records) if len(record) == width), 0)
+    skipped = _first_of_table(records, width)
     records_kept = [i for i in range(skipped, len(records)) if len(records[i]) == width]
     if width < 2 or len(records_kept) < 0.6 * (len(lines) - skipped):
         return Guess(mapping, notes=("its lines make no table",))
@@ -225,11 +259,28 @@ def _sniff_records(
     )
 
 
+def _first_of_table(records: Sequence[Sequence[str]], width: int) -> int:
+    """Return the first record of a table: behind lines above, some of which may have as many cells by chance."""
+    has_width = [len(record) == width for record in records]
+    numbers = [sum(_LIKE_NUMBER.match(cell) is not None for cell in record) for record in records]
+    last_above = max((i for i, fits in enumerate(has_width[:_MOST_ABOVE]) if not fits), default=-1)
+    if all(2 * count < numbers[-1] for count, fits in zip(numbers[:last_above], has_width, strict=False) if fits):
+        return last_above + 1
+    return next((i for i, fits in enumerate(has_width) if fits), 0)
+
+
 def _is_prose(records: Sequence[Sequence[str]]) -> bool:
-    """True if most cells are parts of sentences: several words of letters alone."""
+    """True if most cells, or most lines, are parts of sentences: several words of letters alone, and few numbers."""
     cells = [cell for record in records for cell in record]
-    wordy = sum(len(re.findall(r"(?<!\S)[^\W\d_]+", cell)) >= _SENTENCE for cell in cells)
-    return 2 * wordy > len(cells)
+    lines = [" ".join(record) for record in records]
+    if not lines[0].endswith((".", "?", "!")):
+        del lines[0]  # it may be a heading
+    return any(2 * sum(map(_is_sentence, texts)) > len(texts) for texts in (cells, lines))
+
+
+def _is_sentence(text: str) -> bool:
+    words = len(set(re.findall(r"(?<!\S)[^\W\d_]+", text)))  # heads of many columns repeat few words
+    return words >= max(_SENTENCE, 3 * len(re.findall(r"(?<!\S)[-+]?\d", text)))
 
 
 def _sniff_workbook(path: Path, joints: Sequence[str]) -> Guess:

@@ -27,6 +27,7 @@ from truing.formats.named_bench import (
     Proposal,
     axis_rows,
     is_deviation_by_name,
+    is_over_angle,
     positions_of_axis,
     positions_side_by_side,
     readings_under_load,
@@ -57,6 +58,12 @@ _ONE_MOTION = "a single rigid motion (4x4): how two frames lie to each other, no
 _A_COORDINATE_PER_ROW = "a row for each coordinate; export a table of points with columns X, Y and Z"
 _CHANNELS_ALONE = (
     "channels of a sensor without loads: put the load of each row beside them, as columns such as Fx [N] and Mz [N m]"
+)
+_SEXAGESIMAL = "angles in degrees, minutes and seconds are not read: export decimal degrees"
+_DEGREES = re.compile(r"\s*[-+]?\d{1,3} ?° ?\d{1,2} ?['′] ?\d{1,2}([.,]\d*)? ?(\"|''|″)?\s*")
+_OVER_ANGLE = (
+    "readings over an angle, as of a ball bar or of dial gauges: truing reads no circular and no run-out tests, "
+    "because nothing relates them to readings of joints or axes"
 )
 _MARKER = re.compile(r"Marker\.(?P<name>.+)\.[^.]*\.Position\.[XYZ](?: \[.*\])?")
 _POLAR = "directions and distances of a total station or theodolite; export the adjusted coordinates X, Y, Z"
@@ -311,6 +318,8 @@ def _guess_readings(
     if table is None:
         notes = [_A_COORDINATE_PER_ROW] if _has_axes_in_rows(cells.rows) else []
         notes += [_CHANNELS_ALONE] if channels_without_loads(names) else []
+        notes += [_SEXAGESIMAL] if any(_DEGREES.fullmatch(cell) for row in cells.rows for cell in row) else []
+        notes += [_OVER_ANGLE] if not notes and is_over_angle(names) else []
     return Guess(mapping | keys, names, table, tuple(notes))
 
 

@@ -8,6 +8,7 @@ from datetime import datetime
 
 _DATES = ("%Y-%m-%d", "%Y/%m/%d", "%d.%m.%Y", "%d/%m/%Y", "%m/%d/%Y", "%d-%b-%Y", "%d-%m-%Y", "%d.%m.%y")
 _CLOCKS = ("%H:%M:%S", "%H:%M:%S.%f", "%H:%M:%S,%f", "%H:%M:%S:%f", "%I:%M:%S %p", "%I:%M:%S.%f %p", "%H:%M")
+_ZONES = ("", "%z", " %z")  # %z reads Z, +01:00 and +0100
 _TURNED = {"%d/%m/%Y": "%m/%d/%Y", "%m/%d/%Y": "%d/%m/%Y"}
 
 
@@ -42,7 +43,7 @@ def _forms() -> Iterator[tuple[str, str]]:
     for clock in _CLOCKS:
         for date in _DATES:
             for between in (" ", "T"):
-                yield date, f"{date}{between}{clock}"
+                yield from ((date, f"{date}{between}{clock}{zone}") for zone in _ZONES)
         yield "", clock
 
 

@@ -17,6 +17,9 @@ from truing.schemas.verdict import ReasonCode
 
 _CLEAR = 5.0  # standard deviations: of a hundred numbers, chance passes it once in 17,000 campaigns
 _NAMED = 3
+_NAMES = {"offset": "zero"}
+_NAMES |= {f"d{axis}": f"shift along {axis} of the frame" for axis in "xyz"}
+_NAMES |= {f"turn_{axis}": f"rotation about {axis} of the frame" for axis in "xyz"}
 _DEGREES = {"rad": (180.0 / math.pi, "deg")}
 
 
@@ -89,5 +92,6 @@ def nominal_errors(tables: Tables) -> NominalErrors | None:
 
 def _number(row: pd.Series) -> str:
     factor, unit = _DEGREES.get(row["unit"], (1.0, row["unit"]))
-    name = "zero" if row["parameter"] == "offset" else row["parameter"]
-    return f"{name} of {row['joint']} {with_uncertainty(factor * row['identified'], factor * row['sigma'])} {unit}"
+    name = _NAMES.get(row["parameter"], row["parameter"])
+    size = with_uncertainty(factor * row["identified"], factor * row["sigma"])
+    return f"{name} of {row['joint']} {size} {unit}"
