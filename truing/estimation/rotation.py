@@ -175,8 +175,8 @@ def _cotc(t: NDArray) -> NDArray:
 
 
 def _horner(coefficients: tuple[float, ...], x: NDArray) -> NDArray:
-    value = np.zeros_like(x)
-    for coefficient in reversed(coefficients):
+    value = np.full_like(x, coefficients[-1])
+    for coefficient in coefficients[-2::-1]:
         value = value * x + coefficient
     return value
 

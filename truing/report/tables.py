@@ -5,6 +5,7 @@ from __future__ import annotations
 from collections.abc import Iterable, Iterator, Mapping
 from typing import Any
 
+import numpy as np
 import pandas as pd
 
 from truing.schemas.columns import COLUMNS
@@ -84,7 +85,7 @@ def load_steps(tables: Tables) -> pd.DataFrame:
 
 def axes_of(steps: pd.DataFrame) -> list[str]:
     """Return the axes along which any load was applied."""
-    return [axis for axis in LOADS if steps[axis].ne(0.0).any()]
+    return [axis for axis in LOADS if np.any(steps[axis].to_numpy() != 0.0)]
 
 
 def loaded_by_run(steps: pd.DataFrame) -> pd.Series:

@@ -87,9 +87,11 @@ def where_missed(misses: pd.DataFrame, modelled: bool) -> go.Figure:
     loaded = loaded_by_run(misses)
     channels = channels_of(misses)
     axes = [load for load in (*axes_of(misses), SEVERAL, "none") if (loaded == load).any()]
-    parts = {(c, a): misses[(misses["channel"] == c) & (loaded == a)] for c in channels for a in axes}
+    parts = dict(iter(misses.groupby(["channel", loaded])))
     for column, (when, _, _, _) in enumerate(series, 1):
-        ratio = np.array([[_error_to_noise_ratio(parts[c, a], when) for a in axes] for c in channels])
+        ratio = np.array(
+            [[_error_to_noise_ratio(parts.get((c, a), misses.iloc[:0]), when) for a in axes] for c in channels]
+        )
         figure.add_trace(
             go.Heatmap(
                 z=np.log10(np.clip(ratio, 1.0, _DARKEST)),

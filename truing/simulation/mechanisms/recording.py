@@ -16,7 +16,7 @@ from typing import Self
 import numpy as np
 from numpy.typing import NDArray
 
-from truing.estimation.rotation import exp_so3, inverse_left_jacobian_so3, log_so3
+from truing.estimation.rotation import exp_so3, inverse_left_jacobian_so3, log_so3, skew
 from truing.simulation.cause import OBSERVED, Effect, Step
 from truing.simulation.change import Change
 from truing.simulation.effects_model import EffectsModel
@@ -144,7 +144,7 @@ def _leg_turn(state: State, nominal: NDArray, z: NDArray, dg: NDArray, g: NDArra
     half = 0.5 * (np.einsum("bi,blip->blp", theta, dz) + np.einsum("bli,bip->blp", z, platform))
     normal = np.cross(np.broadcast_to(nominal, z.shape), z) / (1 + np.sum(nominal * z, -1))[..., None]
     along = half - np.einsum("bli,blip->blp", normal, dz)
-    return np.cross(z[..., None], dz, axis=2) + z[..., None] * along[..., None, :]
+    return skew(z) @ dz + z[..., None] * along[..., None, :]
 
 
 def target_motion(state: State, targets: Targets, frames: LegFrames, bodies: MotionDerivatives) -> NDArray:
@@ -168,7 +168,7 @@ def target_motion(state: State, targets: Targets, frames: LegFrames, bodies: Mot
 
 def _motion_under_rotation(rotation: NDArray, arms: NDArray) -> NDArray:
     """Return the motion (B, N, 3, P) of arms (B, N, 3) under rotations (B, N or 1, 3, P)."""
-    return np.cross(rotation, arms[..., None], axis=2)
+    return skew(-arms) @ rotation
 
 
 @dataclass(frozen=True)

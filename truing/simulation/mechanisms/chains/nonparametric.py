@@ -10,7 +10,7 @@ from __future__ import annotations
 
 from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass, replace
-from functools import partial
+from functools import cache, partial
 from itertools import combinations
 
 import numpy as np
@@ -126,6 +126,7 @@ class NonparametricChainEffect(NonparametricEffect[ChainScene], ChainCause):
         columns: dict[str, NDArray],
         poses: int,
     ) -> list[NonparametricChainEffect]:
+        @cache  # most inputs occur in several forms
         def range_of(column: str) -> tuple[float, float]:
             values, is_time = columns[column], column in (TIME, ORDER)
             centre, half = middle_and_half(values if is_time else usual_range(values))

@@ -270,5 +270,4 @@ def _at_reference(change: Change) -> Change:
 
 def point_motion(twist: NDArray, arms: NDArray) -> NDArray:
     """Return the motion (..., L, 3, P) of points at arms (..., L, 3) on a body with twists (..., 6, P)."""
-    turned = np.cross(twist[..., None, 3:, :], arms[..., None], axis=-2)
-    return twist[..., None, :3, :] + turned
+    return twist[..., None, :3, :] + skew(-arms) @ twist[..., None, 3:, :]  # np.cross takes twice as long
