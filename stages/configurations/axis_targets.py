@@ -8,8 +8,7 @@ import pyarrow as pa
 from numpy.typing import NDArray
 
 from truing.calibration.axis_design import ChosenTargets
-from truing.report.numbers import count_text
-from truing.report.numbers import printed, sign
+from truing.report.numbers import count_text, printed, sign
 from truing.report.power_page import size_rows
 from truing.stages.configurations.chosen import DesignOptions
 
@@ -68,8 +67,8 @@ def _chosen(design: AxisDesign) -> list[str]:
         f"parts, {by}; {visits}",
         f"targets ({unit}): {', '.join(f'{target:g}' for target in design.targets)}",
         f"D-efficiency {_percent(chosen.efficiency)} of the best of any targets (equivalence theorem over "
-        f"{count_text(chosen.models, 'model')} of {count_text(chosen.unknowns, 'unknown')}{periods}; as many targets in "
-        f"equal steps have {_percent(chosen.even)})",
+        f"{count_text(chosen.models, 'model')} of {count_text(chosen.unknowns, 'unknown')}{periods}; "
+        f"as many targets in equal steps have {_percent(chosen.even)})",
     ]
 
 

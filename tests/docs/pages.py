@@ -13,6 +13,8 @@ from markdown_it.token import Token
 from tests.conftest import PROJECT
 
 MARKDOWN = MarkdownIt("commonmark").enable("table")
+# What stands within lines makes no block, and takes most of the time: every worker reads all pages to collect tests.
+_BLOCKS = MarkdownIt("commonmark").disable("inline")
 _REMARK = re.compile(r"\s*<!-- (given|not run): (.+?) -->\s*", re.DOTALL)
 
 
@@ -42,7 +44,7 @@ def pages() -> dict[str, str]:
 
 @cache
 def blocks(page: str) -> tuple[Block, ...]:
-    tokens = MARKDOWN.parse(pages()[page])
+    tokens = _BLOCKS.parse(pages()[page])
     return tuple(_block(page, tokens, k) for k, token in enumerate(tokens) if token.type in ("fence", "code_block"))
 
 

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import difflib
 from pathlib import Path
 
 import numpy as np
@@ -11,7 +12,7 @@ from typer.testing import CliRunner
 from tests.pipeline.test_init_exports import init, numbers, table
 from tests.tolerance import assert_close
 from truing.formats.shapes import SIGNALS
-from truing.formats.units import conversion, known_unit
+from truing.formats.units import UnknownUnit, conversion, known_unit
 from truing.pipeline.command_line import app
 from truing.pipeline.problems import ExitCode
 
@@ -59,6 +60,20 @@ def test_every_spelling_of_a_unit_of_torque_has_its_factor(text: str, newton_met
 def test_other_words_are_no_torques(text: str) -> None:
     unit = known_unit(text)
     assert unit is None or " " not in unit
+
+
+def test_a_cell_of_a_table_that_is_no_unit_costs_no_search_for_similar_names(monkeypatch: pytest.MonkeyPatch) -> None:
+    """Each cell of an unknown table is asked: its message is for whoever reads it."""
+    searches: list[str] = []
+    search = difflib.get_close_matches
+    monkeypatch.setattr(
+        difflib, "get_close_matches", lambda word, *rest, **named: searches.append(word) or search(word, *rest, **named)
+    )
+    assert [known_unit(cell) for cell in ("-1234.5678", "CODE133", "2025-04-02", "mmm")] == [None] * 4
+    assert searches == []
+    with pytest.raises(UnknownUnit, match="did you mean mm"):
+        conversion("mmm", "mm")
+    assert searches == ["mmm"]
 
 
 @pytest.mark.parametrize(

@@ -16,7 +16,7 @@ from truing.belonging.slips_in_rows import rounding, row_places
 from truing.belonging.target_names import NamedTargets, meant_order, renamed
 from truing.belonging.target_rows import exchanged_names, frozen_targets, rows_of_wrong_target, slip_of_target
 from truing.estimation.rigid_poses.rigid import RigidFit
-from truing.estimation.rigid_poses.umeyama import umeyama
+from truing.estimation.rigid_poses.umeyama import umeyama, umeyama_misfit
 
 _MOST_AFTER_SCALE = 0.5  # share of a mean square misfit that a scale may leave
 _SIGMAS_OF_SCALE = 6.0  # standard deviations of the scale of a pose
@@ -130,17 +130,17 @@ def _enough(count: Index) -> int:
 
 def _fitted(survey: Array, points: Array, is_observed: Mask) -> Array:
     """Return the misfit (B,), m, of points to their survey; infinite where fewer than four were seen."""
-    rms = umeyama(survey, points, is_observed.astype(float)).rms
+    rms, _ = umeyama_misfit(survey, points, is_observed.astype(float))
     return np.where(np.isfinite(rms) & (is_observed.sum(axis=1) >= _LEAST_TARGETS), rms, np.inf)
 
 
 def _trials_in_other_units(body: BodyPoints) -> Iterator[_Trial]:
-    scaled = umeyama(body.survey, body.points, body.is_observed.astype(float), with_scale=True)
-    enough = np.isfinite(scaled.rms) & (body.is_observed.sum(axis=1) >= _LEAST_TARGETS)
+    rms, scale = umeyama_misfit(body.survey, body.points, body.is_observed.astype(float), with_scale=True)
+    enough = np.isfinite(rms) & (body.is_observed.sum(axis=1) >= _LEAST_TARGETS)
     with np.errstate(invalid="ignore", divide="ignore"):
         for factor in both_ways(LENGTH_FACTORS):
-            near = np.abs(np.log(scaled.scale * factor)) < _SCALE
-            yield _Trial(SlipKind.UNIT, "points", factor, np.where(enough & near, factor * scaled.rms, np.inf))
+            near = np.abs(np.log(scale * factor)) < _SCALE
+            yield _Trial(SlipKind.UNIT, "points", factor, np.where(enough & near, factor * rms, np.inf))
 
 
 def _trials_with_other_bodies(body: BodyPoints) -> Iterator[_Trial]:
@@ -159,8 +159,8 @@ def _labels_explain(body: BodyPoints, rows: Mask, mirrored: Array) -> bool:
     order = np.tile(np.arange(len(seen)), (len(pairs), 1))
     for at, (first, other) in enumerate(pairs):
         order[at, [first, other]] = [other, first]
-    fitted = umeyama(body.survey[seen][order], np.broadcast_to(body.points[row][seen], (*order.shape, 3)))
-    return bool(np.nanmin(fitted.rms) <= _AS_OTHERS * mirrored[row])
+    rms, _ = umeyama_misfit(body.survey[seen][order], np.broadcast_to(body.points[row][seen], (*order.shape, 3)))
+    return bool(np.nanmin(rms) <= _AS_OTHERS * mirrored[row])
 
 
 def _changed_axes(body: BodyPoints, rows: Mask, right: Mask) -> Index:
@@ -198,10 +198,9 @@ def relate_survey(body: BodyPoints) -> RelationTest:
     if not usable.any():
         return RelationTest(SURVEY, RelationState.NOT_TESTED, "few-targets", body.name)
     points, weight = body.points[usable], body.is_observed[usable].astype(float)
-    plain = umeyama(body.survey, points, weight)
     scaled = umeyama(body.survey, points, weight, with_scale=True)
     mirrored = umeyama(body.survey * [-1.0, 1.0, 1.0], points, weight)
-    before = _typical(plain.rms)
+    before = _typical(umeyama_misfit(body.survey, points, weight)[0])
     if not np.isfinite(before):
         return RelationTest(SURVEY, RelationState.NOT_TESTED, "no-frame", body.name)
     tested = RelationTest(
@@ -325,7 +324,7 @@ def _under_other_names(targets: NamedTargets) -> tuple[Index, float] | None:
     """Return the order of a body's targets in which its points fit the survey best, and their misfit, m."""
     if (order := meant_order(targets)) is None:
         return None
-    return order, _typical(umeyama(targets.survey[order], targets.points, targets.is_observed.astype(float)).rms)
+    return order, _typical(umeyama_misfit(targets.survey[order], targets.points, targets.is_observed.astype(float))[0])
 
 
 def poses_with_slips(body: BodyPoints) -> Mask:
@@ -346,8 +345,8 @@ def shifted_survey(
         for body in bodies:
             weight = body.is_observed.astype(float)
             moved = np.array([points[body.name, target] for target in body.targets])
-            before.append(_typical(umeyama(body.survey, body.points, weight).rms))
-            after.append(_typical(umeyama(moved, body.points, weight).rms))
+            before.append(_typical(umeyama_misfit(body.survey, body.points, weight)[0]))
+            after.append(_typical(umeyama_misfit(moved, body.points, weight)[0]))
         if np.all(np.array(after) <= _MOST_AFTER_SLIP * np.array(before)):
             slip = RecordSlip(SlipKind.ROWS_SHIFTED, "places of the survey", shift=shift)
             tested = RelationTest(SURVEY, RelationState.FAILS, "slip", misfit=1e3 * max(before), unit="mm", tried=4)

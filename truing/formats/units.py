@@ -92,7 +92,9 @@ _LENGTHS = {
     **dict.fromkeys(("m", "meter", "meters", "metre", "metres"), "m"),
     **{length: length for length in ("cm", "mm")},
 }
-_TIMES = r"[\s·⋅∙•*×._-]*"  # between the two units of a torque
+_LENGTH_NAMES = tuple(_LENGTHS)
+_TIMES = re.compile(r"[\s·⋅∙•*×._-]*$")  # between the two units of a torque
+_STROKE = re.compile(r"\s*/\s*")
 _SPELT_OUT = {
     "meter": "m",
     "metre": "m",
@@ -155,6 +157,15 @@ class UnknownUnit(ValueError):
     """A unit that is unknown, or cannot be converted as requested."""
 
 
+class _UnknownName(UnknownUnit):
+    """A name of no unit; the closest one is searched where the message is read, not for each cell of a table."""
+
+    def __str__(self) -> str:
+        close = difflib.get_close_matches(self.args[0], _UNITS, n=1)
+        hint = f"did you mean {close[0]}?" if close else f"one of {', '.join(_UNITS)}"
+        return f"a known unit; {hint}"
+
+
 def conversion(unit: str, wanted: str) -> tuple[float, float]:
     """Return factor and offset of ``wanted = factor * unit + offset``; raises UnknownUnit with valid alternatives.
 
@@ -184,15 +195,13 @@ def _parsed_unit(unit: str) -> tuple[str, float, float]:
         if (parts := _torque_parts(name)) is not None:
             (_, force, _), (_, length, _) = map(_parsed_unit, parts)
             return "torque", force * length, 0.0
-        close = difflib.get_close_matches(name, _UNITS, n=1)
-        hint = f"did you mean {close[0]}?" if close else f"one of {', '.join(_UNITS)}"
-        raise UnknownUnit(f"a known unit; {hint}")
+        raise _UnknownName(name)
     return _UNITS[name]
 
 
 def _spelling(unit: str) -> str:
     """Return a unit in our notation; the text itself if it is no known unit."""
-    text = re.sub(r"\s*/\s*", "/", unit.strip())
+    text = _STROKE.sub("/", unit.strip())
     if text in _UNITS or text in _SPELT:
         return _SPELT.get(text, text)
     parts = _torque_parts(text)
@@ -201,8 +210,11 @@ def _spelling(unit: str) -> str:
 
 def _torque_parts(text: str) -> tuple[str, str] | None:
     """Return force and length of a torque such as ``lbf-in``, ``in·lb`` or ``Nmm``; None for other texts."""
+    folded = text.casefold()
+    if not folded.startswith(_LENGTH_NAMES) and not folded.endswith(_LENGTH_NAMES):
+        return None
     for index in range(1, len(text)):
-        head, length = re.sub(rf"{_TIMES}$", "", text[:index]), _LENGTHS.get(text[index:].casefold())
+        head, length = _TIMES.sub("", text[:index]), _LENGTHS.get(text[index:].casefold())
         if length is not None and (force := _force_of(head)) is not None:
             return force, length
         is_parted = head != text[:index]
@@ -255,7 +267,7 @@ def _is_marked(unit: str, between: str) -> bool:
 
 def known_unit(text: str) -> str | None:
     """Return the unit of a text; None if it is none."""
-    bare = re.sub(r"\s*/\s*", "/", text.strip())
+    bare = _STROKE.sub("/", text.strip())
     unit = _spelling(_SPELT_OUT.get(bare.casefold(), bare))
     try:
         conversion(unit, unit)

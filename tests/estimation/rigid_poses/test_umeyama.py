@@ -18,7 +18,7 @@ from tests.estimation.scatter import (
 )
 from tests.tolerance import assert_close
 from truing.estimation.rigid_poses.rigid import FitStatus
-from truing.estimation.rigid_poses.umeyama import umeyama
+from truing.estimation.rigid_poses.umeyama import umeyama, umeyama_misfit
 
 SIGMA = 5e-6
 
@@ -226,6 +226,19 @@ def test_without_sigma_the_scatter_of_the_residuals_takes_its_place():
     ratio = umeyama(x, y).covariance[:, 0, 0] / umeyama(x, y, sigma=SIGMA).covariance[:, 0, 0]
     freedom = 3 * 9 - 6
     assert ratio.mean() == pytest.approx(1.0, abs=4 * np.sqrt(2 / freedom / trials))
+
+
+@pytest.mark.parametrize("with_scale", [False, True])
+def test_the_misfit_alone_is_that_of_the_whole_fit(with_scale):
+    rng = np.random.default_rng(9)
+    x, y, _, _ = noisy_pairs(rng)
+    weight = rng.uniform(0.3, 3.0, y.shape[:2])
+    weight[1, 2:] = 0.0  # too few points
+    fit = umeyama(x, y, weight, with_scale=with_scale)
+    rms, scale = umeyama_misfit(x, y, weight, with_scale=with_scale)
+    np.testing.assert_array_equal(rms, fit.rms)
+    np.testing.assert_array_equal(scale, fit.scale)
+    assert np.isnan(rms).tolist() == [False, True, False, False, False, False]
 
 
 def test_agrees_with_the_worked_example_of_eight_points_on_a_cylinder():

@@ -10,7 +10,7 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from truing.estimation.rigid_poses.rigid import solve_weighted
+from truing.estimation.rigid_poses.rigid import FitStatus, solve_motion
 
 # Standard deviations by which a distance may change: one true pair in two million is lost.
 PAIR_LIMIT = 5.0
@@ -37,7 +37,7 @@ class Clouds:
 def statuses(clouds: Clouds) -> NDArray:
     """Return the statuses (B,) of plain fits to all points, which show defects that no selection of points can
     repair."""
-    return solve_weighted(clouds.x, clouds.y, clouds.is_observed / clouds.sigma**2).status
+    return solve_motion(clouds.x, clouds.y, clouds.is_observed / clouds.sigma**2).status
 
 
 def squared_residuals(clouds: Clouds, members: NDArray) -> tuple[NDArray, NDArray]:
@@ -48,17 +48,18 @@ def squared_residuals(clouds: Clouds, members: NDArray) -> tuple[NDArray, NDArra
     free.
     """
     weight = members / clouds.sigma**2
-    fit = solve_weighted(clouds.x, clouds.y, weight)
-    ok = fit.ok[:, None]
-    R, total = np.where(ok[..., None], fit.R, np.eye(3)), np.where(fit.ok, weight.sum(-1), 1.0)
+    R, t, _, status = solve_motion(clouds.x, clouds.y, weight)
+    is_ok = status == FitStatus.OK
+    ok = is_ok[:, None]
+    R, total = np.where(ok[..., None], R, np.eye(3)), np.where(is_ok, weight.sum(-1), 1.0)
     centre = np.einsum("bn,bni->bi", weight, clouds.x) / total[:, None]
     q = clouds.x - centre[:, None]
-    r = np.where(ok[..., None], clouds.y @ R - (fit.t[:, None] @ R), 0.0) - clouds.x
+    r = np.where(ok[..., None], clouds.y @ R - (t[:, None] @ R), 0.0) - clouds.x
     S = np.einsum("bni,bn,bnj->bij", q, weight, q)
     information = np.trace(S, axis1=1, axis2=2)[:, None, None] * np.eye(3) - S
     A = np.linalg.inv(np.where(ok[..., None], information, np.eye(3))) * ok[..., None]
     plain = np.einsum("bni,bni->bn", r, r) / clouds.sigma**2
-    student = _mahalanobis(q, A, fit.ok / total, r, clouds.sigma**2, np.where(members, -1.0, 1.0))
+    student = _mahalanobis(q, A, is_ok / total, r, clouds.sigma**2, np.where(members, -1.0, 1.0))
     return np.where(ok, student, np.inf), np.where(ok, plain, np.inf)
 
 

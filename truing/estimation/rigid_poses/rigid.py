@@ -122,6 +122,13 @@ def solve_weighted(
     return _assemble(x, y, w, solve_motion(x, y, w, with_scale=with_scale), with_scale, sigma)
 
 
+def solve_misfit(x: NDArray, y: NDArray, w: NDArray, *, with_scale: bool = False) -> tuple[NDArray, NDArray]:
+    """Return rms (B,) in m and scale (B,) of `solve_weighted`, NaN where not OK; its covariances take as long."""
+    motions = solve_motion(x, y, w, with_scale=with_scale)
+    ok = motions.status == FitStatus.OK
+    return mask_entries(_rms(_misfit(x, y, w, motions)[1], w), ok), mask_entries(motions.scale, ok)
+
+
 def solve_motion(x: NDArray, y: NDArray, w: NDArray, *, with_scale: bool = False) -> Motions:
     """Return R (B, 3, 3), t (B, 3), scale (B,) and status (B,) of `solve_weighted`; meaningless where not OK."""
     total = np.maximum(w.sum(-1), np.finfo(float).tiny)
@@ -197,8 +204,7 @@ def _assemble(
     x: NDArray, y: NDArray, w: NDArray, motions: Motions, with_scale: bool, sigma: ArrayLike | None
 ) -> RigidFit:
     R, t, scale, status = motions
-    arm = scale[:, None, None] * (x @ np.swapaxes(R, -1, -2))
-    misfit = weighted_square(y - arm - t[:, None], w)
+    arm, misfit = _misfit(x, y, w, motions)
     used, ok = np.count_nonzero(w, axis=-1), status == FitStatus.OK
     if sigma is None:
         freedom = np.maximum(3 * used - 6 - with_scale, 1)
@@ -207,9 +213,19 @@ def _assemble(
         noise = np.broadcast_to(np.asarray(sigma, np.float64) ** 2, w.shape)
     covariance = weighted_fit_covariance(arm, w, noise, ok, with_scale)
     scale_sigma = scale * np.sqrt(covariance[:, 6, 6]) if with_scale else np.zeros(len(R))
-    rms = np.sqrt(misfit / np.maximum(w.sum(-1), np.finfo(float).tiny))
+    rms = _rms(misfit, w)
     none = np.zeros(len(R), np.int64)
     return RigidFit(R, t, scale, covariance[:, :6, :6], scale_sigma, rms, used, status, none).masked()
+
+
+def _misfit(x: NDArray, y: NDArray, w: NDArray, motions: Motions) -> tuple[NDArray, NDArray]:
+    """Return turned source points (B, N, 3) and ``sum w |y - x|^2`` (B,) of what motions leave."""
+    arm = motions.scale[:, None, None] * (x @ np.swapaxes(motions.R, -1, -2))
+    return arm, weighted_square(y - arm - motions.t[:, None], w)
+
+
+def _rms(misfit: NDArray, w: NDArray) -> NDArray:
+    return np.asarray(np.sqrt(misfit / np.maximum(w.sum(-1), np.finfo(float).tiny)))
 
 
 def mask_entries(values: NDArray, ok: NDArray) -> NDArray:

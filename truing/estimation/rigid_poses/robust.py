@@ -18,7 +18,7 @@ from numpy.typing import ArrayLike, NDArray
 
 from truing.estimation.rigid_poses import consensus_steps
 from truing.estimation.rigid_poses.consensus_steps import Clouds
-from truing.estimation.rigid_poses.rigid import FitStatus, check_correspondences, solve_weighted
+from truing.estimation.rigid_poses.rigid import FitStatus, check_correspondences, solve_motion
 
 # Probability that a pose without gross errors loses any of its points.
 FALSE_ALARM = 1e-4
@@ -230,8 +230,10 @@ def _near_one_of(clouds: Clouds, members: NDArray, triples: NDArray) -> NDArray:
     rows = np.arange(len(members))
     index = (rows[:, None, None], triples)
     x, y, w = (a[index] for a in (clouds.x, clouds.y, members))
-    fit = solve_weighted(x.reshape(-1, 3, 3), y.reshape(-1, 3, 3), w.reshape(-1, 3).astype(float))
-    motions = np.concatenate([fit.R, fit.t[..., None]], -1).reshape(len(rows), -1, 4)
+    R, t, _, status = solve_motion(x.reshape(-1, 3, 3), y.reshape(-1, 3, 3), w.reshape(-1, 3).astype(float))
+    motions = np.concatenate([R, t[..., None]], -1)
+    motions[status != FitStatus.OK] = np.nan
+    motions = motions.reshape(len(rows), -1, 4)
     homogeneous = np.concatenate([np.swapaxes(clouds.x, 1, 2), np.ones((len(rows), 1, clouds.x.shape[1]))], 1)
     residual = (motions @ homogeneous).reshape(*triples.shape, -1)  # (B, T, 3, N)
     residual -= np.swapaxes(clouds.y, 1, 2)[:, None]

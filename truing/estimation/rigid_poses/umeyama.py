@@ -3,9 +3,9 @@
 from __future__ import annotations
 
 import numpy as np
-from numpy.typing import ArrayLike
+from numpy.typing import ArrayLike, NDArray
 
-from truing.estimation.rigid_poses.rigid import RigidFit, check_correspondences, solve_weighted
+from truing.estimation.rigid_poses.rigid import RigidFit, check_correspondences, solve_misfit, solve_weighted
 
 # Number of points from which compiled code is faster in spite of its loading time (0.4 s).
 _WORTH_COMPILED_CODE = 1_000_000
@@ -40,3 +40,13 @@ def umeyama(
     else:
         rigid_fit = solve_weighted(*check_correspondences(source, target, weight), with_scale=with_scale, sigma=sigma)
     return rigid_fit.only if are_single else rigid_fit
+
+
+def umeyama_misfit(
+    source: ArrayLike, target: ArrayLike, weight: ArrayLike | None = None, *, with_scale: bool = False
+) -> tuple[NDArray, NDArray]:
+    """Rms (B,) in m and scale (B,) of the motions of `umeyama`, NaN where it has none; clouds as there."""
+    if not with_scale and max(np.size(source), np.size(target)) // 3 >= _WORTH_COMPILED_CODE:
+        fit = umeyama(source, target, weight)
+        return fit.rms, fit.scale
+    return solve_misfit(*check_correspondences(source, target, weight), with_scale=with_scale)
