@@ -233,7 +233,7 @@ class Driver:
     """
 
     name: str
-    values: Array
+    values: Array | Mask
     within: Integers
     column: str = ""
     channels: tuple[int, ...] = ()
