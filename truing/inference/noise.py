@@ -354,7 +354,7 @@ def _slopes(
         at_once = max(_AT_ONCE // y.size, 1)
         for first in range(0, len(numbers), at_once):
             chunk = numbers[first : first + at_once]
-            values = np.stack([candidates[number].values for number in chunk])
+            values = np.array([candidates[number].values for number in chunk], float)
             x = _minus_group_means(values, known, groups).reshape(len(chunk), -1)
             least = 1e-12 * np.maximum(np.sum(values**2, (1, 2), where=known), 1e-300)
             along, sizes = x @ y.ravel(), np.sum(x**2, 1)
@@ -394,7 +394,7 @@ def _gain(score: tuple[float, float], driver: Driver) -> float:
     return math.copysign(strength**2 / 2.0, strength) - (_LEAD if driver.cause is not None else 0.0)
 
 
-def _minus_group_means(values: Array, known: Mask, groups: Integers) -> Array:
+def _minus_group_means(values: Array | Mask, known: Mask, groups: Integers) -> Array:
     """Return values (..., B, K) without the mean of their group of channels; zero where not known."""
     known_values = np.where(known, values, 0.0)
     number = np.unique(groups, return_inverse=True)[1]
