@@ -16,6 +16,10 @@ from tests.made_once import made_once
 
 PROJECT = Path(__file__).resolve().parents[1]
 
+# Tests run side by side: threads of products of matrices would wait for each other, a hundred times as long.
+for _variable in ("OMP_NUM_THREADS", "OPENBLAS_NUM_THREADS"):
+    os.environ.setdefault(_variable, "1")
+
 # Each worker, and each of some hundred processes that tests start, would otherwise compile the same sources again.
 sys.dont_write_bytecode = False
 os.environ.pop("PYTHONDONTWRITEBYTECODE", None)

@@ -139,7 +139,7 @@ def test_a_rival_without_a_name_that_still_explains_something_speaks_against_a_n
     before = _round({"name": name, "form": form}, {"name": 15.0, "form": left}, ("form",))
     after = _round({"form": form}, {"form": left}, ("form",))
     own = next(candidate for candidate in before.candidates if candidate.key == "name")
-    assert (after.p_value_of_rivals(own, before) < 0.005) is is_left
+    assert (after.p_value_of_rivals(before.rivals_of(own)) < 0.005) is is_left
 
 
 def test_an_effect_that_was_no_rival_of_a_name_does_not_speak_against_it() -> None:
@@ -149,7 +149,7 @@ def test_an_effect_that_was_no_rival_of_a_name_does_not_speak_against_it() -> No
     before = _round({"name": name, "other": other}, {"name": 15.0, "other": 5.0}, ("other",))
     after = _round({"other": other}, {"other": 5.0}, ("other",))
     own = next(candidate for candidate in before.candidates if candidate.key == "name")
-    assert after.p_value_of_rivals(own, before) == 1.0
+    assert after.p_value_of_rivals(before.rivals_of(own)) == 1.0
 
 
 def _probability(chosen: str, before: dict[str, float], after: dict[str, float], near: float) -> float:

@@ -92,8 +92,7 @@ def outdone_causes(
 
 def _is_incomplete(step: Accepted[CauseT], searched: Searched[CauseT], level: float) -> bool:
     """Return True if nonparametric rivals of an accepted cause still explain something next to it."""
-    last = searched.rounds[-1]
-    return last.p_value_of_rivals(step.candidate, step.round) <= level
+    return searched.rounds[-1].p_value_of_rivals(step.rivals) <= level
 
 
 def _course_rivals(

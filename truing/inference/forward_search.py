@@ -74,6 +74,7 @@ class Accepted(Generic[CauseT]):
     is_outdone: bool  # a nonparametric effect was more probable, but was refused
     choice: float  # evidence averaged over its shapes on its subject, relative to its own
     probability: float  # of its kind among all that explain the same
+    rivals: frozenset[str]  # keys of nonparametric effects that explain much of what it explains
 
     @property
     def candidate(self) -> CauseCandidate[CauseT]:
@@ -211,6 +212,7 @@ class ForwardSearch(Generic[CauseT]):
                 worse.append(first_order(current, chosen.candidate, REJECTED, self.fitter.held_out, Reason.HELD_OUT))
                 continue
             outdone, choice = is_outdone(current, chosen.candidate, refused), current.choice(chosen.candidate)
+            rivals = current.rivals_of(chosen.candidate)
             if not chosen.of_two:  # accepted: two rounds at once need twice the memory
                 current, chosen = self._closed(rounds), chosen.light()
             next_round = self._round(after, kinds, len(rounds))
@@ -221,7 +223,9 @@ class ForwardSearch(Generic[CauseT]):
             probability = chosen.probability
             if not chosen.of_two:
                 probability = closed.probability_of_name(chosen.candidate, next_round)
-            found.append(Accepted(chosen.light(), closed, cause, closed.fitted, after, outdone, choice, probability))
+            found.append(
+                Accepted(chosen.light(), closed, cause, closed.fitted, after, outdone, choice, probability, rivals)
+            )
             rounds.append(next_round)
 
     def _together(
@@ -247,11 +251,12 @@ class ForwardSearch(Generic[CauseT]):
             chosen, cause, after = self._fitted(chosen, current)
             if predicts_worse(current.fitted.held_out, after.held_out, self._covered(cause, after)):
                 return []
-            choice, chosen = current.choice(chosen.candidate), chosen.light()
+            choice, rivals = current.choice(chosen.candidate), current.rivals_of(chosen.candidate)
+            chosen = chosen.light()
             closed = start.closed() if current is start else self._closed(branch)
             branch.append(self._round(after, kinds, len(rounds) - 1 + len(branch)))
             probability = closed.probability_of_name(chosen.candidate, branch[-1], hidden)
-            steps.append(Accepted(chosen, closed, cause, closed.fitted, after, False, choice, probability))
+            steps.append(Accepted(chosen, closed, cause, closed.fitted, after, False, choice, probability, rivals))
         lead = sum(step.round.posterior(step.candidate) for step in steps) - start.posterior(unnamed)
         if len(steps) < 2 or lead < np.log(RIVAL_FACTOR):
             return []

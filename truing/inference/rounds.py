@@ -241,19 +241,33 @@ class Round(Generic[CauseT]):
             self._rests[form.key] = max([self.posterior(form), *beside])
         return self._rests[form.key]
 
-    def p_value_of_rivals(self, name: CauseCandidate[CauseT], previous: Round[CauseT]) -> float:
-        """Return the p-value of nonparametric rivals of an accepted cause next to it.
+    def rivals_of(self, name: CauseCandidate[CauseT]) -> frozenset[str]:
+        """Return the keys of the nonparametric effects that explain at least a quarter of a cause's squares.
 
-        Rivals were probable themselves in the round ``previous`` its acceptance. They explained at least a quarter of
-        its squares, and no longer do. A name of the right form leaves them nothing but chance.
+        The overlap of their directions decides, and not what they explain of the data: of many effects, those would
+        be taken that chance favours.
         """
-        least = _OF_ITS_SIZE * previous.scores[name.key].squares
+        assert self.search is not None
+        pathways, along = self.search.pathways, self.scores[name.key].along
+        direction = name.signature.rows(pathways) @ (along / max(float(np.linalg.norm(along)), 1e-300))
+        parts = pathways.along(direction[None])[0]
+        return frozenset(
+            candidate.key
+            for candidate in self.candidates
+            if not candidate.cause.catalogued
+            and candidate.signature.rank
+            and np.sum(parts_of(candidate.signature, parts) ** 2) >= _OF_ITS_SIZE
+        )
+
+    def p_value_of_rivals(self, rivals: Collection[str]) -> float:
+        """Return the p-value of nonparametric rivals, given by their keys, next to an accepted cause.
+
+        A name of the right form leaves them nothing but chance.
+        """
         p_values = [
             candidate.chosen_from * self._raw_p_value(candidate)
             for candidate in self.candidates
-            if not candidate.cause.catalogued and candidate.signature.rank and candidate.key in previous.scores
-            if (score := previous.scores[candidate.key]).log_evidence > np.log(RIVAL_FACTOR)
-            and score.squares - self.scores[candidate.key].squares >= least
+            if candidate.key in rivals and candidate.signature.rank
         ]
         return min(1.0, len(p_values) * min(p_values)) if p_values else 1.0
 
