@@ -2,13 +2,19 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
+from typing import Any
+
 import numpy as np
+import pytest
 from numpy.typing import NDArray
 
 from tests.inference import toy_campaign as toy
 from tests.tolerance import assert_close
+from truing.inference import signatures
+from truing.inference.arrays import Array
 from truing.inference.channel_signatures import channel_signatures, rotated_channels
-from truing.inference.signatures import joint, signature, signatures_of
+from truing.inference.signatures import Pathways, Signature, joint, signature, signatures_of
 
 RNG = np.random.default_rng(3)
 FOUND = toy.measured(RNG)
@@ -91,16 +97,36 @@ def test_a_candidate_that_acts_on_nothing_is_not_seen() -> None:
     assert signature(CHANNELS, {"drive": np.zeros((toy.POSES, toy.DRIVES, 1))}).rank == 0
 
 
-def test_candidates_together_have_the_signatures_that_each_has_alone() -> None:
+@pytest.mark.parametrize("values_at_once", [1, 2**18])
+def test_candidates_together_have_the_signatures_that_each_has_alone(
+    values_at_once: int, monkeypatch: pytest.MonkeyPatch
+) -> None:
     """Some act on the same inputs, with other numbers of parameters, from another epoch on; one acts on nothing."""
+    monkeypatch.setattr(signatures, "_AT_ONCE", values_at_once)
     rng = np.random.default_rng(8)
     own = toy.channels(toy.measured(np.random.default_rng(0)))
     late = np.where(np.arange(toy.POSES) < toy.POSES // 2, 0.0, 1.0)[:, None, None]
     wide = rng.normal(size=(toy.POSES, toy.DRIVES, 2))
     first = np.eye(toy.DRIVES)[:, :1]
-    designs = [{"drive": wide}, {"drive": wide[..., :1] * late}, {}, {"drive": wide * first}]
+    designs = [{"drive": wide}, {"drive": wide[..., :1] * late}, {}, {"drive": wide * first}, {"drive": wide[:1]}]
     for together, alone in zip(signatures_of(own, designs), (signature(own, d) for d in designs), strict=True):
         assert together.rank == alone.rank
         assert_close(together.gram, alone.gram, atol=1e-9, what="gram")
         assert_close(together.explained, alone.explained, atol=1e-9, what="explained")
         assert_close(together.strengths, alone.strengths, atol=1e-9, what="strengths")
+
+
+def test_candidates_that_act_in_the_same_few_epochs_are_one_batch(monkeypatch: pytest.MonkeyPatch) -> None:
+    batches: list[int] = []
+
+    def counted(pathways: Pathways, alike: Sequence[Any], explained: Array) -> list[Signature]:
+        batches.append(len(alike))
+        return batch(pathways, alike, explained)
+
+    batch = signatures._batch
+    monkeypatch.setattr(signatures, "_batch", counted)
+    wide = np.random.default_rng(8).normal(size=(toy.POSES, toy.DRIVES, 6))
+    starts = np.array([0, 0, 0, toy.POSES // 2, toy.POSES // 2, toy.POSES - 1])
+    acts = np.arange(toy.POSES)[:, None] == starts
+    signatures_of(CHANNELS, [{"drive": wide[..., n : n + 1] * acts[:, None, n : n + 1]} for n in range(6)])
+    assert sorted(batches) == [1, 2, 3]

@@ -7,11 +7,11 @@ from collections.abc import Collection, Iterable, Sequence
 from dataclasses import dataclass, field, replace
 from functools import cached_property
 from itertools import combinations
-from typing import Generic, TypeVar
+from typing import Generic
 
 import numpy as np
 
-from truing.inference.arrays import Array
+from truing.inference.arrays import Array, grouped
 from truing.inference.evidence import (
     LIKE_SIZES,
     SIZES,
@@ -35,8 +35,6 @@ from truing.inference.search import (
     total_of,
 )
 from truing.inference.signatures import Pathways, Signature, joint, signature
-
-Key = TypeVar("Key")
 
 # Number of the most probable candidates that are tried in pairs, and of those of one kind.
 _PAIRED = 20
@@ -477,7 +475,7 @@ def log_evidences_of(
     known = [candidate.cause.has_known_scale for candidate in candidates]
     evidence = np.zeros(len(candidates))
     ranks = [len(effect.strengths) for effect in signatures]
-    for (rank, is_known), places in _grouped(list(zip(ranks, known, strict=True))).items():
+    for (rank, is_known), places in grouped(zip(ranks, known, strict=True)).items():
         if rank:
             strengths = np.stack([signatures[place].strengths for place in places])
             along = np.stack([parts[place] for place in places])
@@ -486,7 +484,7 @@ def log_evidences_of(
     members = [tuple(candidate.cause.like_sized(fitted.model.part_count)) for candidate in candidates]
     counts = [len(effect.loadings) if len(effect.strengths) else 0 for effect in signatures]
     keys = [own if own[0] and own[1] else None for own in zip(members, counts, known, strict=True)]
-    for key, places in _grouped(keys).items():
+    for key, places in grouped(keys).items():
         if key is not None:
             scores = np.stack(
                 [signatures[place].loadings @ (parts[place] * signatures[place].strengths) for place in places]
@@ -498,14 +496,6 @@ def log_evidences_of(
             alike = like_sized_log_evidence(scores, gram, key[0], total, freedom, possible)
             evidence[places] = np.logaddexp(np.log(_ALIKE) + alike, np.log(1 - _ALIKE) + evidence[places])
     return [float(value) for value in evidence]
-
-
-def _grouped(keys: Sequence[Key]) -> dict[Key, list[int]]:
-    """Return the places of each key."""
-    places: dict[Key, list[int]] = {}
-    for index, key in enumerate(keys):
-        places.setdefault(key, []).append(index)
-    return places
 
 
 def raw_scores(effect: Signature, score: Score) -> Array:

@@ -15,7 +15,7 @@ from typing import Generic
 
 import numpy as np
 
-from truing.inference.arrays import Array, Integers, index_or_slice
+from truing.inference.arrays import Array, Integers, grouped, index_or_slice
 from truing.inference.channel_signatures import (
     ChannelSignatures,
     RotatedChannels,
@@ -131,11 +131,8 @@ def _bank_of(pathways: Pathways, alike: Sequence[Signature], numbers: Sequence[i
     columns = None
     if distinct is not None:
         columns, designs = distinct
-    ranks: dict[int, list[int]] = {}
-    for member, effect in enumerate(alike):
-        ranks.setdefault(effect.rank, []).append(member)
     parts = []
-    for members in ranks.values():
+    for members in grouped(effect.rank for effect in alike).values():
         wide = np.stack([(designs[m] @ loadings[m]).T.astype(np.float32) for m in members], 1)
         parts.append((wide.reshape(-1, wide.shape[-1]), [numbers[m] for m in members]))
     return _Bank(place, is_flat, columns, parts)
@@ -194,10 +191,8 @@ class Search(Generic[CauseT]):
     @cached_property
     def _banks(self) -> list[_Bank]:
         """Candidates that can be seen, those on the same pathways together."""
-        alike: dict[bytes, list[int]] = {}
-        for number, candidate in enumerate(self._visible_candidates):
-            alike.setdefault(candidate.signature.index.tobytes(), []).append(number)
         signatures = [candidate.signature for candidate in self._visible_candidates]
+        alike = grouped(effect.index.tobytes() for effect in signatures)
         return [_bank_of(self.pathways, [signatures[n] for n in numbers], numbers) for numbers in alike.values()]
 
     def squares(self, along: Array) -> Array:
@@ -231,10 +226,7 @@ class Search(Generic[CauseT]):
 
     @cached_property
     def _members(self) -> list[list[int]]:
-        members: dict[tuple[str, int], list[int]] = {}
-        for number, candidate in enumerate(self._visible_candidates):
-            members.setdefault((candidate.kind, candidate.signature.rank), []).append(number)
-        return list(members.values())
+        return list(grouped((c.kind, c.signature.rank) for c in self._visible_candidates).values())
 
     def by_kind(self, maxima: Array, noise: tuple[Array | float, Array | float]) -> Array:
         """Return the smallest uncorrected p of every kind, (D, kinds), at noise levels (D,), or one, of observations
@@ -434,7 +426,7 @@ def search_of(
 
 
 def _proposed(fitted: FittedModel[CauseT], pathways: Pathways, kinds: Sequence[CauseT]) -> list[CauseCandidate[CauseT]]:
-    candidates: list[CauseCandidate[CauseT]] = []
+    listed: list[tuple[CauseT, str, float]] = []
     scene = fitted.scene
     for kind in kinds:
         higher = admissible(
@@ -444,10 +436,10 @@ def _proposed(fitted: FittedModel[CauseT], pathways: Pathways, kinds: Sequence[C
         for proposed in (admissible(fitted, scene.candidates(kind)), higher):
             weights = np.array([scene.prior(cause) for cause in proposed])
             total_weight = max(weights.sum(), 1e-300) / (HIGHER_ORDER_SHARE if higher else 1.0)
-            accepted = signatures_of(pathways, (fitted.partial_designs(cause) for cause in proposed))
-            for cause, weight, effect in zip(proposed, weights / total_weight, accepted, strict=True):
-                candidates.append(CauseCandidate(cause, kind.id, effect, float(weight)))
-    return candidates
+            listed += [(c, kind.id, float(weight)) for c, weight in zip(proposed, weights / total_weight, strict=True)]
+    # Candidates of all kinds at once: many kinds move the same.
+    effects = signatures_of(pathways, (fitted.partial_designs(cause) for cause, _, _ in listed))
+    return [CauseCandidate(c, kind, e, prior) for (c, kind, prior), e in zip(listed, effects, strict=True)]
 
 
 def admissible(fitted: FittedModel[CauseT], proposed: Sequence[CauseT]) -> list[CauseT]:

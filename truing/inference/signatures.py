@@ -7,14 +7,15 @@ costs one small matrix, and a search over simulated residuals one product.
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Mapping, Sequence
+import math
+from collections.abc import Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from functools import cached_property
 from typing import TYPE_CHECKING
 
 import numpy as np
 
-from truing.inference.arrays import Array, Integers, index_or_slice
+from truing.inference.arrays import Array, Integers, grouped, index_or_slice
 from truing.inference.linear_problem import Whitened
 from truing.inference.model import OBSERVED, PartialDesign
 from truing.inference.observations import Frames, Observations, whitened_columns
@@ -26,8 +27,8 @@ if TYPE_CHECKING:
 INFORMATIVE = 0.3
 # An effect acts where its squared change is above this share of its largest one.
 _MOVED = 1e-3
-# Number of candidates on the same pathways that are projected by one product.
-_AT_ONCE = 32
+# Values of the designs of candidates that are projected by one product.
+_AT_ONCE = 2**18
 # Candidates are no batch if the epochs of all are so many times those during which each acts.
 _MOSTLY_IDLE = 3
 # Most values of the products of all pathways with all shared unknowns that are kept; otherwise they are formed for some
@@ -340,6 +341,10 @@ class _Acting:
     def size(self) -> int:
         return int(self.design.shape[-1])
 
+    @property
+    def extent(self) -> tuple[int, int]:
+        return self.during.start, self.during.stop
+
 
 def signature(pathways: Pathways, designs: Mapping[str, Array]) -> Signature:
     """Return the signature of a candidate from its designs (B or 1, C_i, P) by pathway, per plausible scale."""
@@ -348,23 +353,27 @@ def signature(pathways: Pathways, designs: Mapping[str, Array]) -> Signature:
 
 def signatures_of(pathways: Pathways, designs: Iterable[Mapping[str, Array | PartialDesign]]) -> list[Signature]:
     """Return the signatures of candidates, each from its designs (B or 1, C_i, P) by pathway, per plausible scale."""
-    acting = [_acting(pathways, design) for design in designs]
-    alike: dict[bytes, list[tuple[int, _Acting]]] = {}
-    for number, candidate in enumerate(acting):
-        if candidate is not None:
-            alike.setdefault(candidate.index.tobytes(), []).append((number, candidate))
+    acting = _acting(len(pathways.columns), [_side_by_side(pathways, design) for design in designs])
     signatures = [_UNSEEN] * len(acting)
-    for members in alike.values():
-        for first in range(0, len(members), _AT_ONCE):
-            chunk = members[first : first + _AT_ONCE]
-            candidates = [candidate for _, candidate in chunk]
+    seen = [number for number, candidate in enumerate(acting) if candidate.size]
+    for places in grouped(acting[number].index.tobytes() for number in seen).values():
+        members = sorted((seen[place] for place in places), key=lambda number: acting[number].extent)
+        for numbers in _chunks(members, sum(acting[number].design.size for number in members)):
+            candidates = [acting[number] for number in numbers]
             made = _signatures(pathways, candidates, _explained(pathways, candidates))
-            for (number, _), signed in zip(chunk, made, strict=True):
+            for number, signed in zip(numbers, made, strict=True):
                 signatures[number] = signed
     return signatures
 
 
-def _acting(pathways: Pathways, designs: Mapping[str, Array | PartialDesign]) -> _Acting | None:
+def _chunks(numbers: Sequence[int], size: int) -> Iterator[Sequence[int]]:
+    """Yield parts of the numbers of candidates, whose designs have so many values together."""
+    at_once = max(_AT_ONCE * len(numbers) // max(size, 1), 1)
+    return (numbers[first : first + at_once] for first in range(0, len(numbers), at_once))
+
+
+def _side_by_side(pathways: Pathways, designs: Mapping[str, Array | PartialDesign]) -> tuple[Integers, Array]:
+    """Return the pathways (n,) that a candidate may move, and its design (B, n, P) over these."""
     epochs = len(pathways.columns)
     places, parts = [], []
     for name, place in pathways.places.items():
@@ -375,13 +384,28 @@ def _acting(pathways: Pathways, designs: Mapping[str, Array | PartialDesign]) ->
             values = partial.values
             parts.append(values if len(values) == epochs else np.broadcast_to(values, (epochs, *values.shape[1:])))
     if not parts:
-        return None
-    index, design = (places[0], parts[0]) if len(parts) == 1 else (np.concatenate(places), np.concatenate(parts, 1))
-    acting = (design != 0.0).reshape(epochs, -1)  # whole rows reduce faster, and there are thousands of candidates
-    of_pathway = acting.any(0).reshape(design.shape[1:]).any(1)
-    if not of_pathway.all():
-        index, design = index[of_pathway], design[:, of_pathway]
-    return _Acting(index, design, _extent(acting.any(1)))
+        return np.zeros(0, int), np.zeros((epochs, 0, 0))
+    return (places[0], parts[0]) if len(parts) == 1 else (np.concatenate(places), np.concatenate(parts, 1))
+
+
+def _acting(epochs: int, designed: Sequence[tuple[Integers, Array]]) -> list[_Acting]:
+    """Return where and when candidates act, from the pathways (n,) and designs (B, n, P) of each; those with designs of
+    the same shape at once."""
+    acting: dict[int, _Acting] = {}
+    for shape, members in grouped(design.shape for _, design in designed).items():
+        for numbers in _chunks(members, len(members) * math.prod(shape)):
+            moved = np.stack([designed[number][1] for number in numbers]) != 0.0
+            moved = moved.reshape(len(numbers), epochs, -1)  # whole rows reduce faster
+            of_pathway = moved.any(1).reshape(len(numbers), *shape[1:]).any(2)
+            during, whole = moved.any(2), of_pathway.all(1)
+            first, last = during.argmax(1), epochs - during[:, ::-1].argmax(1)
+            last[~during.any(1)] = 0
+            for place, number in enumerate(numbers):
+                index, design = designed[number]
+                if not whole[place]:
+                    index, design = index[of_pathway[place]], design[:, of_pathway[place]]
+                acting[number] = _Acting(index, design, slice(int(first[place]), int(last[place])))
+    return [acting[number] for number in range(len(designed))]
 
 
 def _explained(pathways: Pathways, alike: Sequence[_Acting]) -> list[Array]:
@@ -395,19 +419,17 @@ def _explained(pathways: Pathways, alike: Sequence[_Acting]) -> list[Array]:
 
 def _signatures(pathways: Pathways, alike: Sequence[_Acting], explained: Sequence[Array]) -> list[Signature]:
     """Return the signatures of candidates on the same pathways, of which each explains a part (G, P) with the shared
-    unknowns. Those with as many parameters are one batch, unless most of them act in few epochs."""
-    batches: dict[int, list[int]] = {}
-    for place, candidate in enumerate(alike):
-        batches.setdefault(candidate.size, []).append(place)
+    unknowns. Those with as many parameters are one batch; if most of them act in few epochs, those that act in the
+    same ones."""
     signatures: dict[int, Signature] = {}
-    for places in batches.values():
-        lengths = [alike[place].during.stop - alike[place].during.start for place in places]
+    for places in grouped(candidate.size for candidate in alike).values():
+        extents = [alike[place].extent for place in places]
         during = _union([alike[place] for place in places])
-        sparse = (during.stop - during.start) * len(places) > _MOSTLY_IDLE * sum(lengths)
-        for batch in ([place] for place in places) if sparse else (places,):
-            batch_members = [alike[place] for place in batch]
-            made = _batch(pathways, batch_members, np.stack([explained[place] for place in batch]))
-            signatures |= zip(batch, made, strict=True)
+        idle = (during.stop - during.start) * len(places) > _MOSTLY_IDLE * sum(stop - start for start, stop in extents)
+        for batch in grouped(extents).values() if idle else (range(len(places)),):
+            members = [places[n] for n in batch]
+            made = _batch(pathways, [alike[n] for n in members], np.stack([explained[n] for n in members]))
+            signatures |= zip(members, made, strict=True)
     return [signatures[place] for place in range(len(alike))]
 
 
@@ -426,6 +448,7 @@ def _batch(pathways: Pathways, alike: Sequence[_Acting], explained: Array) -> li
     values, vectors = np.linalg.eigh((gram + np.swapaxes(gram, 1, 2)) / 2)
     traces = np.trace(gram_before, axis1=1, axis2=2)
     informative = values > np.maximum(INFORMATIVE**2, 1e-9 * traces)[:, None]
+    strengths = np.sqrt(np.maximum(values, 0.0))
     shares = np.zeros(len(alike))
     if pathways.has_inputs:
         of_inputs = np.trace(_of_each(designs, part.input_gram[during]), axis1=1, axis2=2)
@@ -436,7 +459,7 @@ def _batch(pathways: Pathways, alike: Sequence[_Acting], explained: Array) -> li
             candidate.design.reshape(-1, candidate.size),
             explained[k],
             gram[k],
-            np.sqrt(values[k, informative[k]]),
+            strengths[k, informative[k]],
             vectors[k][:, informative[k]],
             float(shares[k]),
         )
@@ -450,12 +473,6 @@ def _of_each(designs: Array, gram: Array) -> Array:
     moved = gram @ designs.reshape(epochs, height, count * size)
     left = designs.reshape(-1, count, size).transpose(1, 2, 0)
     return np.asarray(left @ moved.reshape(-1, count, size).transpose(1, 0, 2))
-
-
-def _extent(acting: Array) -> slice:
-    """Return the slice from the first to the last epoch at which a candidate acts; many act only from some epoch on."""
-    epochs = np.flatnonzero(acting)
-    return slice(int(epochs[0]), int(epochs[-1]) + 1) if len(epochs) else slice(0, 0)
 
 
 def joint(pathways: Pathways, first: Signature, second: Signature) -> tuple[Array, Array]:

@@ -64,10 +64,11 @@ class AxisPeriodicError(AxisCause):
     def candidates(self, scene: AxisScene) -> Sequence[AxisPeriodicError]:
         """Return every observable element at the declared period, or at each period that the commands distinguish."""
         with_axis = replace(self, kind_of_axis=scene.axis.kind, plausible=scene.axis.spread)
+        elements = [replace(with_axis, element=name) for name in shown_elements(scene.axis)]
         return [
-            replace(with_axis, element=name, period=period, frequency_sigma=sigma, aliased=aliased)
+            replace(element, period=period, frequency_sigma=sigma, aliased=aliased)
             for period, sigma, aliased in _periods(scene.axis, scene.rows.command)
-            for name in shown_elements(scene.axis)
+            for element in elements
         ]
 
     def refined(self) -> Self:
@@ -127,8 +128,15 @@ class AxisPeriodicError(AxisCause):
 
     def _waves(self, rows: AxisRows, values: NDArray) -> NDArray:
         """Return sine and cosine (B, 2) of the commands."""
-        frequency = self._frequency(float(values[2]))[0] if self.free else 1.0 / self.period
-        return np.stack([np.sin(_TURN * frequency * rows.command), np.cos(_TURN * frequency * rows.command)], -1)
+        if self.free:
+            return _waves(rows.command, self._frequency(float(values[2]))[0])
+        if self.period not in rows.waves:
+            rows.waves[self.period] = _waves(rows.command, 1.0 / self.period)
+        return rows.waves[self.period]
+
+
+def _waves(command: NDArray, frequency: float) -> NDArray:
+    return np.stack([np.sin(_TURN * frequency * command), np.cos(_TURN * frequency * command)], -1)
 
 
 def _periods(axis: Axis, command: NDArray) -> list[tuple[float, float, bool]]:

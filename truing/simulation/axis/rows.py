@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
+from functools import cached_property
 
 import numpy as np
 from numpy.typing import NDArray
@@ -45,10 +46,15 @@ class Axis:
         The transmission adds to the position of the load, behind the motor; an encoder adds to its own reading. The
         controller moves the axis until the encoder of its loop reads the command again.
         """
-        added = {name: float(name == element) for name in ENCODERS}
-        if element == TRANSMISSION:
-            added |= {LOAD: 1.0, MEASURED: 1.0}
-        return np.array([added[name] - added[self.loop] for name in self.encoders])
+        return self._responses[element]
+
+    @cached_property
+    def _responses(self) -> dict[str, NDArray]:
+        moved = {TRANSMISSION: (LOAD, MEASURED)} | {name: (name,) for name in ENCODERS}
+        return {
+            element: np.array([float(name in own) - float(self.loop in own) for name in self.encoders])
+            for element, own in moved.items()
+        }
 
 
 @dataclass(frozen=True)
@@ -91,6 +97,11 @@ class AxisRows:
         rate = _rate(command, time_s, order)
         direction = np.where(rate == 0.0, direction, np.sign(rate))
         return cls(tuple(poses), time_s, command, direction, since_turn, path, order, stops, rate, events, others or {})
+
+    @cached_property
+    def waves(self) -> dict[float, NDArray]:
+        """Sine and cosine (B, 2) of the commands by their period, rad or m, as far as they were needed."""
+        return {}
 
     @property
     def covariates(self) -> dict[str, NDArray]:
