@@ -45,5 +45,12 @@ def test_inputs_of_another_part_confirm_nothing(subject: str, verdict: str) -> N
     assert _with_confirmed_inputs(_verdict("time_s", subject=subject), FINAL, attributions).verdict == verdict
 
 
+@pytest.mark.parametrize(("seen", "verdict"), [(6, FOUND), (4, FOUND), (3, SUSPECTED), (0, SUSPECTED)])
+def test_most_parts_confirm_an_effect_of_all(seen: int, verdict: str) -> None:
+    attributions = [Attributed((), (f"rho{n}_mm",), 0.1, 1e-4, subject=f"leg{n}") for n in range(1, seen + 1)]
+    every = _verdict(*(f"rho{n}_mm" for n in range(1, 7)))
+    assert _with_confirmed_inputs(every, FINAL, attributions).verdict == verdict
+
+
 def test_causes_of_the_catalogue_are_left_to_other_doubts() -> None:
     assert _with_confirmed_inputs(_verdict(catalogued=True), FINAL, []).verdict == FOUND

@@ -348,11 +348,13 @@ def _with_confirmed_inputs(
 ) -> Verdict[CauseT]:
     """Return the verdict, only suspected if it is on a nonparametric effect of a model that does not hold, and no
     residuals depend on its inputs, or only errors of other parts do: of forms that are all wrong, the best one need
-    have neither the right inputs nor the right part."""
+    have neither the right inputs nor the right part. An effect of all parts, with an input of each, needs most of
+    them."""
     if verdict.verdict != FOUND or verdict.cause.catalogued:
         return verdict
-    subject = f" {verdict.cause.subject} "
-    own = [one for one in attributions if not one.subject or f" {one.subject} " in subject]
-    confirmed = {name for one in own for name in one.inputs}
-    is_confirmed = set(verdict.cause.inputs(final.model.part_count)) <= confirmed
+    subject, parts = verdict.cause.subject, final.model.part_count
+    own = [one for one in attributions if not one.subject or not subject or f" {one.subject} " in f" {subject} "]
+    inputs = set(verdict.cause.inputs(parts))
+    left = inputs - {name for one in own for name in one.inputs}
+    is_confirmed = not left or (not subject and len(inputs) == parts > 2 * len(left))
     return verdict if is_confirmed else replace(verdict, verdict=SUSPECTED, reason=Reason.INADEQUATE)
