@@ -46,13 +46,13 @@ class LinkGrowth(LinkCause):
     """A link grows by growth x temperature difference, from the joint that moves it to those that it carries.
 
     ``along``: a joint at one end of the link; only the length along its axis grows. Where on this axis a link ends is a
-    choice of the description, so that another link may have this length.
+    choice of the description, so that another link may have this length. The link may warm more than the recorded
+    temperature does, as by its motors, so that the range of growth is not that of its material.
     """
 
     along: str = ""
 
     id = "link-growth"
-    has_known_scale = True
     lacking = Missing.TEMPERATURE
 
     @property
