@@ -51,6 +51,16 @@ def test_found_parameters_of_exaggerated_effects_agree_with_the_truth(exaggerate
     }
 
 
+def test_a_link_that_grows_more_than_its_material_is_named(tmp_path: Path) -> None:
+    """126 ppm/K of the recorded temperature, as of a link that its motors warm."""
+    folder = hide(("link-growth",), "anthropomorphic-4r", 96.6, 882434735).write(tmp_path / "warm")
+    (campaign,) = run_all([folder], 1)
+    ((effect,), (row,)) = campaign.hidden, campaign.told
+    assert effect.value["growth"] > 1e-4
+    assert (row.cause, row.subject) == (effect.cause, effect.subject)
+    assert np.abs(campaign.pulls(effect)).max() < 4.0
+
+
 def _truth(folder: Path) -> dict[str, object]:
     return dict(json.loads(truth_path(folder).read_text(encoding="utf-8")))
 

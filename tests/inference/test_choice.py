@@ -41,14 +41,16 @@ def _design(course: NDArray, drive: int) -> dict[str, NDArray]:
     return {"drive": course[:, None, None] * np.eye(toy.DRIVES)[:, [drive]]}
 
 
-def _round(designs: dict[str, dict[str, NDArray]], sizes: dict[str, float], unnamed: tuple[str, ...]) -> Round:
-    """A round over candidates, each a kind of its own, in data that hold some at a signal-to-noise."""
+def _round(
+    designs: dict[str, dict[str, NDArray]], sizes: dict[str, float], unnamed: tuple[str, ...], seed: int = 2
+) -> Round:
+    """A round over candidates, each a kind of its own, in data that hold some at a signal-to-noise; seed: of noise."""
     clean = toy.channels(toy.measured(np.random.default_rng(0)))
     effect = np.zeros(toy.TEMPLATE.residual.shape)
     for name, size in sizes.items():
         columns = toy.TEMPLATE.by_local[..., toy.READINGS] @ designs[name]["drive"]
         effect += columns[..., 0] * size / signature(clean, designs[name]).strengths[0]
-    whitened = toy.measured(np.random.default_rng(2), effect)
+    whitened = toy.measured(np.random.default_rng(seed), effect)
     own, noise = toy.channels(whitened), components(whitened, 3 * toy.POINTS, toy.READINGS)
     stand: Any = SimpleNamespace(
         noise=noise,
@@ -140,6 +142,35 @@ def test_a_rival_without_a_name_that_still_explains_something_speaks_against_a_n
     after = _round({"form": form}, {"form": left}, ("form",))
     own = next(candidate for candidate in before.candidates if candidate.key == "name")
     assert (after.p_value_of_rivals(before.rivals_of(own)) < 0.005) is is_left
+
+
+@pytest.mark.parametrize("largest", [0.45, 0.7])
+def test_chance_does_not_choose_the_rivals_of_a_right_name(largest: float) -> None:
+    """Many forms with some overlap with the name, in data that hold the name alone: p-values are those of chance."""
+    rng, clean, every = (
+        np.random.default_rng(5),
+        toy.channels(toy.measured(np.random.default_rng(0))),
+        np.eye(toy.POSES),
+    )
+    weight = np.array([signature(clean, _design(pose, 0)).strengths[0] for pose in every])
+    along = COURSES[0] * weight / np.linalg.norm(COURSES[0] * weight)
+    beside = rng.normal(size=(100, toy.POSES))
+    beside -= np.outer(beside @ along, along)
+    beside /= np.linalg.norm(beside, axis=1)[:, None]
+    overlap = rng.uniform(0.0, largest, (100, 1))
+    whole = overlap * along + np.sqrt(1.0 - overlap**2) * beside
+    forms, remainders = (
+        {f"form {n}": _design(one / weight, 0) for n, one in enumerate(each)} for each in (whole, beside)
+    )
+    p_values, chosen = [], set()
+    for seed in range(40):
+        before = _round({"name": _design(COURSES[0], 0), **forms}, {"name": 8.0}, tuple(forms), seed)
+        own = next(candidate for candidate in before.candidates if candidate.key == "name")
+        rivals = before.rivals_of(own)
+        chosen.add(rivals)
+        p_values.append(_round(remainders, {}, tuple(forms), seed).p_value_of_rivals(rivals))
+    assert chosen == {frozenset(f"form {n}" for n in np.flatnonzero(overlap[:, 0] ** 2 >= 0.25))}
+    assert np.mean(np.array(p_values) < 0.05) <= 0.125
 
 
 def test_an_effect_that_was_no_rival_of_a_name_does_not_speak_against_it() -> None:

@@ -106,13 +106,17 @@ def test_hidden_effects_are_recovered_from_drawn_rows(tmp_path: Path) -> None:
         Effect(ScaleError(kind_of_axis="linear"), np.array([3e-5])),
         Effect(LostMotion("linear"), np.array([3e-6])),
     ]
-    tables = plan.drawn(hidden, np.random.default_rng(10))
-    found = decided(assembled_data(tables, settings), settings, lambda *_: None).verdicts
-    values = {one.cause.id: (one.values[0], np.sqrt(one.covariance[0, 0])) for one in found if one.verdict == "found"}
-    assert set(values) == {"scale-error", "lost-motion"}
-    for name, size in (("scale-error", 3e-5), ("lost-motion", 3e-6)):
-        assert abs(values[name][0] - size) < 4.0 * values[name][1]
-    assert "event" not in tables["configurations"].column_names
+    found: dict[str, list[float]] = {"scale-error": [], "lost-motion": []}
+    for seed in range(6):
+        tables = plan.drawn(hidden, np.random.default_rng(seed))
+        assert "event" not in tables["configurations"].column_names
+        for one in decided(assembled_data(tables, settings), settings, lambda *_: None).verdicts:
+            if one.verdict == "found":
+                size = next(effect.values[0] for effect in hidden if effect.cause.id == one.cause.id)
+                found[one.cause.id].append((one.values[0] - size) / np.sqrt(one.covariance[0, 0]))
+    for off in found.values():
+        assert len(off) >= 4  # a test of the model as a whole fails by chance in some, and leaves both suspected
+        assert np.abs(off).max() < 4.0
 
 
 def test_a_measured_campaign_keeps_its_rows_and_gaps(tmp_path: Path) -> None:
