@@ -45,6 +45,19 @@ def test_inputs_of_another_part_confirm_nothing(subject: str, verdict: str) -> N
     assert _with_confirmed_inputs(_verdict("time_s", subject=subject), FINAL, attributions).verdict == verdict
 
 
+def test_errors_of_another_part_contradict_what_residuals_confirm() -> None:
+    """A slipped payload: the motion of the first joint was said to depend on two others, which move the elbow."""
+    residuals, elbow = (
+        Attributed((), ("a", "b", "c"), 0.3, 1e-4),
+        Attributed((), ("a", "b"), 0.1, 1e-4, subject="elbow"),
+    )
+    of_base = _verdict("a", "b", subject="base")
+    assert _with_confirmed_inputs(of_base, FINAL, [residuals]).verdict == FOUND
+    assert _with_confirmed_inputs(of_base, FINAL, [residuals, elbow]).verdict == SUSPECTED
+    own = Attributed((), ("a",), 0.1, 1e-4, subject="base")
+    assert _with_confirmed_inputs(of_base, FINAL, [residuals, elbow, own]).verdict == FOUND
+
+
 @pytest.mark.parametrize(("seen", "verdict"), [(6, FOUND), (4, FOUND), (3, SUSPECTED), (0, SUSPECTED)])
 def test_most_parts_confirm_an_effect_of_all(seen: int, verdict: str) -> None:
     attributions = [Attributed((), (f"rho{n}_mm",), 0.1, 1e-4, subject=f"leg{n}") for n in range(1, seen + 1)]

@@ -346,15 +346,21 @@ class CauseSelection(Generic[CauseT]):
 def _with_confirmed_inputs(
     verdict: Verdict[CauseT], final: FittedModel[CauseT], attributions: Sequence[Attributed]
 ) -> Verdict[CauseT]:
-    """Return the verdict, only suspected if it is on a nonparametric effect of a model that does not hold, and no
-    residuals depend on its inputs, or only errors of other parts do: of forms that are all wrong, the best one need
-    have neither the right inputs nor the right part. An effect of all parts, with an input of each, needs most of
-    them."""
+    """Return the verdict, only suspected if it is on a nonparametric effect of a model that does not hold, and errors
+    do not confirm it: of forms that are all wrong, the best one need have neither the right inputs nor the right part.
+
+    Residuals as such, or errors of its part, must depend on its inputs; and not only errors of another part on just
+    these. An effect of all parts, with an input of each, needs most of them.
+    """
     if verdict.verdict != FOUND or verdict.cause.catalogued:
         return verdict
-    subject, parts = verdict.cause.subject, final.model.part_count
-    own = [one for one in attributions if not one.subject or not subject or f" {one.subject} " in f" {subject} "]
+    subject, parts = f" {verdict.cause.subject} ", final.model.part_count
+    has_part = bool(verdict.cause.subject)
     inputs = set(verdict.cause.inputs(parts))
+    of_part = [one for one in attributions if one.subject and f" {one.subject} " in subject]
+    of_others = [one for one in attributions if one.subject and one not in of_part]
+    own = [one for one in attributions if one not in of_others or not has_part]
     left = inputs - {name for one in own for name in one.inputs}
-    is_confirmed = not left or (not subject and len(inputs) == parts > 2 * len(left))
+    is_elsewhere = any(inputs == set(one.inputs) for one in of_others) and not of_part
+    is_confirmed = not (left or is_elsewhere) if has_part else not left or len(inputs) == parts > 2 * len(left)
     return verdict if is_confirmed else replace(verdict, verdict=SUSPECTED, reason=Reason.INADEQUATE)
