@@ -66,7 +66,7 @@ def kept_campaigns(file: Path) -> list[Judged]:
 
 
 def tables(campaigns: Sequence[Judged], instrument: Instrument = POINTS) -> dict[str, Callable[[], str]]:
-    """Return what makes each table of the page."""
+    """Return the functions that build the tables of the page, by name."""
     return {
         "goals": lambda: goals(campaigns, instrument),
         "causes": lambda: causes(campaigns, instrument),

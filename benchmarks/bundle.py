@@ -80,7 +80,7 @@ def _spread(seconds: np.ndarray) -> str:
 
 
 def _verdict(name: str, excess: float, ratio: np.ndarray) -> str:
-    """Return how many times the time of ours with covariance it took, repeat by repeat, or why there is none."""
+    """Return the ratio of its time to ours with covariance (median and range of the repeats), or why there is none."""
     if name == _OURS:
         return ""
     if not excess <= 1e-6:

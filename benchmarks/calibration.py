@@ -34,7 +34,7 @@ CAMPAIGN = Path(__file__).resolve().parents[1] / "sample_data" / "telescope"
 
 
 def tables(place: Path) -> tuple[dict[str, object], Campaign]:
-    """Return what the stage reads, from the stages before it, and the settings."""
+    """Return the input tables of the stage, from the stages before it, and the settings."""
     campaign = read_campaign(tomllib.loads((place / "campaign.toml").read_text(encoding="utf-8")))
     line = stage_line(place).call("ingest", "qa", "pose", "deformation", "diagnose")
     names = [name.rstrip("?") for name in stage.DECLARATION.reads]

@@ -96,7 +96,7 @@ def compare(poses: int, threads: int, repeats: int) -> None:
 
 
 def _verdict(name: str, excess: float, ratio: np.ndarray) -> str:
-    """Return how many times the time of ours a fit took, repeat by repeat, or why there is no such number."""
+    """Return the ratio of a fit's time to ours (median and range of the repeats), or the reason why there is none."""
     if name == _OURS:
         return ""
     if not excess <= 1e-6:

@@ -50,7 +50,7 @@ class Joint:
 
     @cached_property
     def whitener(self) -> np.ndarray:
-        """Return what makes deviations of the poses, in sigmas, white (B, 6, 6)."""
+        """Return the whitening matrices (B, 6, 6) of the poses' deviations, which count in sigmas."""
         return np.linalg.inv(np.linalg.cholesky(self.covariance)) * POSE_SIGMA
 
     def machine(self, values: np.ndarray) -> Legs:
@@ -70,7 +70,10 @@ def turned(theta: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
 
 
 def placed(problem: Joint, legs: Legs, twist: np.ndarray) -> tuple[np.ndarray, ...]:
-    """Return R (B, 3, 3) after a twist (B, 6), its left Jacobian, the arms R b (B, 6, 3) and p + R b - a (B, 6, 3)."""
+    """Return the rotations R (B, 3, 3) after a twist (B, 6), and the twist's left Jacobians (B, 3, 3).
+
+    Then the arms R b (B, 6, 3) and p + R b - a (B, 6, 3), m.
+    """
     turn, left = turned(twist[:, 3:])
     R = turn @ problem.R
     arms = legs.b @ np.swapaxes(R, 1, 2)
@@ -86,8 +89,10 @@ def required_readings(legs: Legs, h: np.ndarray) -> np.ndarray:
 def slopes(
     legs: Legs, R: np.ndarray, left: np.ndarray, arms: np.ndarray, z: np.ndarray, rho: np.ndarray
 ) -> tuple[np.ndarray, ...]:
-    """Return how a leg's length less than l changes with twist (B, 6, 6, negative), by its own seven values (B, 6, 7)
-    and with the reading (B, 6), the leg along z (B, 6, 3)."""
+    """Return the derivatives of l minus each leg's length, the one by twist (B, 6, 6) with its sign reversed.
+
+    Then by the leg's seven values (B, 6, 7) and by its reading (B, 6). z (B, 6, 3): unit vectors along the legs.
+    """
     by_twist = np.empty((*rho.shape, 6))
     by_twist[..., :3] = z
     by_twist[..., 3:] = _crossed(arms, z) @ left

@@ -1,8 +1,8 @@
 """Forward kinematics of the telescope: python -m benchmarks.forward [--poses 100000] [--repeats 9].
 
-Poses per second on one pinned processor, from readings within the actuators' range: as one batch, one reading at a
-time, and beside a solver called pose by pose with our exact Jacobian (scipy's hybrid method of MINPACK), on the first
-thousand. A row prints a figure only if the inverse of each of its poses is the reading asked for, to rounding.
+Poses per second on one pinned processor, from readings within the actuators' range, as one batch and one reading at a
+time. The peer is scipy's hybrid method of MINPACK, called pose by pose with our exact Jacobian on the first thousand. A
+row prints a figure only if the inverse of each of its poses equals the given reading, to rounding.
 """
 
 from __future__ import annotations
@@ -52,7 +52,10 @@ def one_by_one(legs: Legs, rho: np.ndarray) -> Forward:
 
 
 def rows(machine: Machine, rho: np.ndarray) -> dict[str, tuple[Callable[[], Forward], np.ndarray]]:
-    """Return what is timed, with the readings that it gets: the rigid telescope but for the last two."""
+    """Return the timed calls with their readings (N, 6), m, by name.
+
+    The platform deforms in the last two; in the others the telescope is rigid.
+    """
     legs, few = machine.legs, rho[:_FEW]
     bent = machine.delta_bz(rho)
     model = KinematicModel(legs.closure.name)
@@ -66,7 +69,7 @@ def rows(machine: Machine, rho: np.ndarray) -> dict[str, tuple[Callable[[], Forw
 
 
 def faults(found: Forward, legs: Legs, rho: np.ndarray, shift: np.ndarray | float) -> float:
-    """Return how far the readings of the poses are from those asked for, over half a metre; infinite if one failed."""
+    """Return the largest error of the poses' readings, relative to half a metre; infinite if a pose failed."""
     back = inverse(legs, found.p, found.R, shift)
     return float(np.abs(back - rho).max() / 0.5) if found.converged.all() else np.inf
 

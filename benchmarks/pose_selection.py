@@ -43,7 +43,7 @@ class Telescope:
         self.upper = self.bound(self.candidates)
 
     def bound(self, x: np.ndarray) -> float:
-        """Return what no choice of 40 of the candidates can exceed."""
+        """Return the upper bound on the log determinant of any 40 of the candidates."""
         from truing.estimation.design.pose_selection import bound_design
 
         return bound_design(self.problem.rows_at(x), POSES).upper
@@ -110,7 +110,7 @@ def slsqp(telescope: Telescope, exact: bool, seed: int, iterations: int) -> list
 
 
 def reached(history: list[tuple[float, float]]) -> str:
-    """Return when each share was reached, and where it ended."""
+    """Return the time until each share, and the final share with its time."""
     times = [next((f"{s:8.2f} s" for s, share in history if share >= wanted), "    never ") for wanted in SHARES]
     return " ".join(times) + f"   ends at {100 * history[-1][1]:.2f} % after {history[-1][0]:.2f} s"
 
@@ -156,7 +156,7 @@ def _peer(name: str, histories: list[list[tuple[float, float]]], ours: np.ndarra
 
 
 def verdict(histories: list[list[tuple[float, float]]], ours: np.ndarray, share: float) -> str:
-    """Return how many times longer theirs took to 99 %, or why there is no such number."""
+    """Return the ratio of the peer's time to ours until 99 %, in words, or the reason why there is none."""
     if share < SHARES[-1]:
         return "no ratio: ours does not reach 99 %"
     times = [next((s for s, found in history if found >= SHARES[-1]), np.inf) for history in histories]

@@ -39,7 +39,7 @@ def kept_records() -> list[Record]:
 
 
 def tables(records: Sequence[Record]) -> dict[str, Callable[[], str]]:
-    """Return what makes each table of the page."""
+    """Return the functions that build the tables of the page, by name."""
     return {"agreement": lambda: agreement(records), "sizes": lambda: by_size(records)}
 
 

@@ -79,7 +79,7 @@ def manufactured(joints: JointCentres, errors: np.ndarray) -> tuple[np.ndarray, 
 
 
 def off(joints: JointCentres, errors: np.ndarray, x: np.ndarray) -> float:
-    """Return how far legs are from their lengths at platforms x (N, 6), over half a metre."""
+    """Return the largest error of the legs' lengths at platform poses x (N, 6), relative to half a metre."""
     lower, arm, length = manufactured(joints, errors)
     leg = (joints.origin + x[:, :3])[:, None] + arm @ np.swapaxes(exp_so3(x[:, 3:]), 1, 2) - lower
     return float(np.abs(np.sqrt(np.sum(leg * leg, -1)) - length).max() / 0.5)

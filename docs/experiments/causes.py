@@ -95,7 +95,7 @@ def _stem(name: str) -> str:
 
 
 def concerns(cause: Cause) -> str:
-    """Return what a cause may concern."""
+    """Return the possible subjects of a cause, in words."""
     names = {f.name for f in fields(cause)}
     if cause.id == "unexplained":
         return "legs, single targets, a body's targets, the scale"
@@ -124,7 +124,7 @@ def catalogue_table() -> str:
 
 @cache
 def _gathered() -> DiagnosisData:
-    """Return what the diagnosis compares of the sample campaign."""
+    """Return the assembled data of the sample campaign, as the diagnosis reads them."""
     from tests.stages.line import run_line
     from truing.schemas.campaign import read_campaign
     from truing.stages.diagnosis.mechanism_points import assemble
@@ -171,7 +171,7 @@ def seen(bare: bool) -> Seen:
 
 
 def compared() -> tuple[Cause, ...]:
-    """Return what is compared: each cause for all legs, with temperature where it has a driver."""
+    """Return the causes to compare, each for all legs; the measurement scale also per kelvin."""
     start, end = _gathered().model.conditions.span_s
     evenly = {"leg-drift": LegDrift((), start, end - start)}
     known = [evenly.get(cause.id, cause) for cause in OWN_CAUSES if cause.id not in _ALONE]
@@ -187,7 +187,10 @@ def left(of: NDArray, rival: NDArray) -> float:
 
 @dataclass(frozen=True)
 class Likeness:
-    """How strong each cause of plausible size is (C,), in sigmas, and what is left (C, C) of it (row) with another."""
+    """Signals (C,), in sigmas, of causes of plausible size.
+
+    left (C, C): share of each signal (row) that remains after the fit of a rival (column).
+    """
 
     signal: NDArray
     left: NDArray
@@ -195,7 +198,7 @@ class Likeness:
 
 @cache
 def likeness(bare: bool) -> Likeness:
-    """Return how strong causes are in a campaign, and how like each other."""
+    """Return the signal of each cause in a campaign, and the share of it that remains after each rival's fit."""
     campaign = seen(bare)
     effects = [campaign.effect(cause) for cause in compared()]
     shares = np.array([[left(of, rival) for rival in effects] for of in effects])
@@ -210,7 +213,7 @@ def likeness_table(bare: bool) -> str:
 
 
 def shares_table(names: Sequence[str], found: Likeness, sigmas: Callable[[float], str]) -> str:
-    """Return how strong causes of these names are, and what is left of each (row) with another, per cent."""
+    """Return the table of signals, and of the share of each cause (row) that remains after a rival's fit, per cent."""
     numbers, rows = range(1, len(names) + 1), []
     for n, name in zip(numbers, names, strict=True):
         shares = ["" if k == n else _cell(found.left[n - 1, k - 1]) for k in numbers]

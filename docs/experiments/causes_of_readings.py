@@ -115,8 +115,10 @@ def _fitted(model: object, measured: object) -> Seen:
 
 @cache
 def likeness(*, own: bool) -> Likeness:
-    """Return how strong causes are in the campaign, and how like each other; ``own``: where each load was watched by
-    its own channel alone."""
+    """Return the signal of each cause in the campaign, and the share of it that remains after each rival's fit.
+
+    ``own``: each load is observed by its own channel alone.
+    """
     campaign = _campaign()
     if own:
         alone = campaign.measured.is_observed.copy()

@@ -83,7 +83,7 @@ def signal_needed(draws: int) -> tuple[float, float]:
 
 
 def draws_table() -> str:
-    """Return how far the threshold of acceptance depends on the number of draws."""
+    """Return the table of the signal-to-noise ratio needed for acceptance, by number of draws."""
     rows = [
         [str(draws), f"{mean:.2f}", f"{scatter:.2f}"] for draws in DRAWS for mean, scatter in [signal_needed(draws)]
     ]

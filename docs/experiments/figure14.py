@@ -86,7 +86,7 @@ def _determined(rows: NDArray, count: int, rng: np.random.Generator) -> NDArray:
 
 @cache
 def simulate(name: str, count: int, sets: int = SETS) -> Outcome:
-    """Return how accurate calibrations are after ``sets`` choices of ``count`` configurations."""
+    """Return the accuracies of calibrations at ``sets`` choices of ``count`` configurations by one method."""
     rng = np.random.default_rng([count, list(METHODS).index(name)])
     return Outcome(*np.array([judged(chosen(name, count, rng), rng) for _ in range(sets)]).T)
 
@@ -99,7 +99,7 @@ def table_3() -> Placed:
 
 @cache
 def table_3_again(sets: int = SETS) -> Outcome:
-    """Return how accurate calibrations at the report's configurations are, with fresh noise each time."""
+    """Return the accuracies of calibrations at the report's configurations, with fresh noise each time."""
     rng = np.random.default_rng(3)
     return Outcome(*np.array([judged(table_3(), rng) for _ in range(sets)]).T)
 
@@ -157,7 +157,10 @@ def _cell(outcome: Outcome) -> str:
 
 
 def order_table() -> str:
-    """Return what the trade-off of the order buys, for 40 configurations within all limits of the sample."""
+    """Return the table of travel and correlation with time, by trade-off of the order of measurement.
+
+    The order is that of 40 configurations within all limits of the sample.
+    """
     given, bound = problem("workspace"), candidates("workspace")
     x = choose(given, bound, "exchange", 40, None, np.random.default_rng(0))
     placed = given.regressors.at(x)

@@ -61,7 +61,7 @@ def frames_of(tables: Mapping[str, Any], said: Mapping[str, Any] | None = None) 
 
 
 def stage_table(said: Mapping[str, Any]) -> str:
-    """Return what each stage read, left out, and found."""
+    """Return the table of inputs, exclusions and result of each stage."""
     rows = [[f"`{name}`", one.read, one.left_out, printed(one.figure)] for name, one in said.items()]
     return table(["stage", "read", "left out", "found"], rows)
 
@@ -136,7 +136,7 @@ def hidden_table(tables: Frames) -> str:
 
 
 def calibration_table(tables: Frames) -> str:
-    """Return how far the chosen calibration and the printed one miss loads that they were not fitted to."""
+    """Return the table of rms errors at held-out loads, of the chosen calibration and of the printed one."""
     choice = tables["sensor_choice"]
     chosen = choice[(choice["figure"] == "chosen") & (choice["value"] == 1.0)]["model"].iloc[0]
     printed_one = next(m for m in choice["model"].unique() if "zero none" in m)
@@ -148,7 +148,7 @@ def calibration_table(tables: Frames) -> str:
 
 
 def matrix_table(tables: Frames) -> str:
-    """Return how far G_B is from the true one, in its own sigmas, as written down and with the finding applied."""
+    """Return the table of errors of G_B, in its sigmas, with loads as recorded and with the finding applied."""
     from tests.blind.generator.sensor.force_sensor import force_sensor_campaign
 
     truth = force_sensor_campaign().truth

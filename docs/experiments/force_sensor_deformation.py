@@ -72,7 +72,7 @@ def best_three_fold() -> SensorSet:
 
 
 def three_fold_radii() -> str:
-    """Return which radius at half height axial legs would need for each ratio of Table 2, x and y averaged."""
+    """Return the table of radii at half height that axial legs need for the ratios of Table 2, x and y averaged."""
     x, y, z, mx, my, mz = np.array(published().table2.values) / UNITS
     sideways, tilting = 0.5 * (x + y), 0.5 * (mx + my)
     low = sideways - (0.5 * SETS["S"].height) ** 2 * tilting  # at half height, where a force tilts nothing
@@ -115,7 +115,7 @@ def arithmetic() -> str:
 
 
 def as_printed() -> str:
-    """Return what each equation gives as printed, and as corrected."""
+    """Return the table of equations with errors in print: the result as printed, and as corrected."""
     sensor = SETS["A"].sensor()
     joints = sensor.joints
     tilt = np.array([0, 0, 0, 780.0, 730.0, 690.0]) * ARCSEC
@@ -143,7 +143,7 @@ def _asymmetry(K: NDArray) -> float:
 
 
 def along_z() -> str:
-    """Return what each explanation of the measured +428 and -207 um would have to be."""
+    """Return the table of explanations of the measured +428 and -207 um, with the size that each one needs."""
     odd, even = parts_along_z()
     rows = [
         ["the force offset from the centre, any amount", "odd", "impossible", ""],
@@ -164,7 +164,7 @@ def parts_along_z() -> tuple[float, float]:
 
 
 def imbalances(name: str, sensor: ElasticSensor, odd: float, even: float) -> list[list[str]]:
-    """Return what two units would have to do for both parts of a displacement, m, on a set."""
+    """Return table rows of the moment and offset of two units that give both parts of a displacement, m."""
     offset, moment = lever_arms(sensor, odd, even)
     excess = 50.0 * abs(moment) / LENS_M
     turned = FULL * abs(moment) * sensor.compliance[4, 4] / ARCSEC
@@ -225,7 +225,7 @@ def _shares(even: float, per_excess: float) -> str:
 
 
 def prior() -> str:
-    """Return how well the compliance is known before any measurement: by tolerances, and by 5 % of all stiffnesses."""
+    """Return the prior uncertainty of the compliance, %, by tolerances and by 5 % uncertainty of the stiffnesses."""
     rows = []
     for name, each in SETS.items():
         sensor = each.sensor()
@@ -243,7 +243,7 @@ def prior() -> str:
 
 
 def softest() -> str:
-    """Return which element of the leg gives how much of the displacement along each load."""
+    """Return the share of each element of the leg in the displacement along each load, %."""
     rows = []
     names = ("lower universal joint", "force sensor", "upper universal joint", "revolute joint")
     for name, each in SETS.items():

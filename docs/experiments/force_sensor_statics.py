@@ -99,7 +99,7 @@ def bound() -> str:
 
 
 def synthetic() -> str:
-    """Return by how much the largest printed errors change cond(G) and the sensitivities, against the print."""
+    """Return the table of factors by which the largest printed errors change cond(G) and the sensitivities."""
     rows = []
     for name, each in SETS.items():
         plain = merit(influence_matrix(each.joints()))
@@ -131,7 +131,7 @@ def with_errors(joints: JointCentres) -> NDArray:
 
 
 def gauges() -> str:
-    """Return what elastic joints make of G: legs carry more than forces along themselves."""
+    """Return the table of the effect of elastic joints on G: legs then carry more than axial forces."""
     rows = []
     for name, each in SETS.items():
         sensor = each.sensor()

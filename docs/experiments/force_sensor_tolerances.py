@@ -48,7 +48,7 @@ def sources() -> str:
 
 
 def leaders() -> str:
-    """Return by the twist of three-fold legs how the platform's radius compares with the sensor's installation."""
+    """Return the rms of REM (platform's radius) and IES (sensor's installation), by the twist of three-fold legs."""
     rows = []
     for twist in (9.0, 20.0, 40.0, 60.0, 70.0, 75.0, 80.0, 85.8):
         joints = three_fold(20.0, 20.0 + twist).joints()
@@ -90,7 +90,10 @@ def _band(norms: NDArray, digits: int) -> str:
 
 
 def ranking() -> str:
-    """Return how often a hundred samples put the sources in their order, and how far apart they put two equals."""
+    """Return the share of experiments of a hundred samples that rank the sources correctly.
+
+    Also the 95 % range of the ratio of two equal sources (ECU over ECP), and the samples that separate REM from REF.
+    """
     rows = []
     for name, joints in geometries().items():
         means = experiment_means(name)

@@ -93,8 +93,11 @@ class Pathways:
 
 @dataclass(frozen=True)
 class World:
-    """A campaign's poses that are fitted: columns (N,) by name, displacements in all poses with their order, courses
-    (N, I) of all effects with factors of their covariances, and the information (N I, N I) on them, pose by pose."""
+    """The fitted poses of a campaign: columns (N,) by name, and the courses (N, I) of all effects.
+
+    information (N I, N I): on the courses, in order of poses; factors: of the courses' covariances. drho and in_time:
+    displacements in all poses, and the poses' order in time.
+    """
 
     columns: Mapping[str, Array]
     drho: Array
@@ -209,7 +212,7 @@ def world_of(case: Case, rng: np.random.Generator) -> World:
 
 
 def _pathways(effect: Foreign, measure: Measure, drho: Array) -> Pathways:
-    """Return what an effect moves, and its courses. The chain itself says how far a leg's drive goes wrong."""
+    """Return the pathways of an effect with their courses; the effect itself computes the errors of the drives."""
     setting, size = measure._setting, effect.size
     if isinstance(effect, DRIVES):
         moved = effect.drive(drho, setting) - drho
@@ -226,7 +229,7 @@ def _pathways(effect: Foreign, measure: Measure, drho: Array) -> Pathways:
 
 
 def _joints(effect: WanderingBase, measure: Measure) -> Array:
-    """Return how far the base's joints wander (N, 3 L), mm."""
+    """Return the displacements (N, 3 L), mm, of the base's joints."""
     count = len(measure.plain.schedule.pose)
     joints, nothing = np.zeros((count, measure.plain.readings.shape[1], 3)), np.zeros(0)
     machine = Machine(joints, nothing, nothing, nothing, nothing, nothing, nothing, nothing, 0.0)
@@ -253,7 +256,7 @@ def covariance_of(world: World, own: Pathways, column: int, rng: np.random.Gener
 
 
 def hypotheses(world: World, own: Pathways, rng: np.random.Generator) -> list[tuple[Inputs, float, Array]]:
-    """Return what the courses of an effect may follow: inputs, log prior, and a covariance (N, N) of unit variance."""
+    """Return hypotheses on the courses of an effect: inputs, log prior, and covariance (N, N) of unit mean variance."""
     count = int(world.fitted.sum())
     names, found = list(world.columns), []
     legs = own.places if isinstance(own.effect, (ForeignDrives, Remembers)) else ()

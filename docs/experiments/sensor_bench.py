@@ -1,7 +1,7 @@
 """A force sensor on its bench, for the pages about its calibration: nominal geometry, signals, loads and their noise.
 
-Radii, height, cells and range as the force-sensor paper has them; the joints' polar angles are those of a parameter set
-that meets its compliance and its condition number (cond G = 6.33 in metres), not its authors' design.
+Radii, height, cells and range are those of the force-sensor paper. The joints' polar angles are not its authors'
+design: they belong to a parameter set with the paper's compliance and condition number (cond G = 6.33 in metres).
 """
 
 from __future__ import annotations
@@ -57,7 +57,7 @@ class Bench:
     def recorded(
         self, rng: np.random.Generator, loads: NDArray, case: NDArray, more: NDArray | float = 0.0, **columns: NDArray
     ) -> LoadTable:
-        """Return what is written down of true loads (N, 6); more (N, C): what else is in the signals, mV."""
+        """Return the table recorded at true loads (N, 6), with noise; more (N, C): further parts of the signals, mV."""
         signals = loads @ self.A.T + more
         return load_table(
             signals + self.signal_mv * rng.normal(size=signals.shape),

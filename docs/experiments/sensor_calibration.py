@@ -112,8 +112,10 @@ CHANNELS: dict[str, tuple[Callable[..., Bench], CalibrationModel]] = {
 
 
 def channel_errors(name: str, draws: int) -> tuple[float, float]:
-    """Return the rms error of wrenches from noisy signals, in 1e-4 of the range, and the scatter of the entries of G_B
-    from campaign to campaign, N/mV; loads are the same, noise is not."""
+    """Return the rms error of wrenches from noisy signals, in 1e-4 of the range, and the scatter of G_B, N/mV.
+
+    The scatter is that of the entries between campaigns of the same loads with fresh noise.
+    """
     make, model = CHANNELS[name]
     bench = make(signal_mv=0.05)
     loads, case = along_rays(np.random.default_rng(0))
@@ -216,7 +218,7 @@ TRUTHS: dict[str, tuple[float, float, float]] = {
 
 
 def chosen(truth: str, draws: int) -> NDArray:
-    """Return how often each contender is chosen, by load cases held out."""
+    """Return the number of draws in which held-out load cases choose each contender."""
     zero, drift, bend = TRUTHS[truth]
     bench, counts = six_channels(), np.zeros(len(CONTENDERS), int)
     for seed in range(draws):
@@ -298,8 +300,10 @@ def loading() -> str:
 
 
 def exchanged(share: float, draws: int) -> tuple[int, int]:
-    """Return how often two rows whose loads differ by a share of the range in one component are named, and how often
-    anything else is."""
+    """Return two numbers of draws: with the exchanged rows named, and with any other pair named.
+
+    share: difference of the two rows' loads in one component, as a share of the range; 0 exchanges nothing.
+    """
     bench, named, else_named = six_channels(), 0, 0
     for seed in range(draws):
         rng = np.random.default_rng(seed)

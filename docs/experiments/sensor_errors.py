@@ -44,7 +44,7 @@ LAST = np.tile(np.arange(len(ONCE)) == len(ONCE) - 1, 6)
 
 
 def _line_left() -> float:
-    """Return what the best line through zero leaves of F |F| at the five levels."""
+    """Return the largest residual of F |F| from its best line through zero at the five levels, F over the range."""
     share = np.array([1.0, 3, 5, 7, 9]) / 9
     return float(np.abs(share**2 - share * (share @ share**2) / (share @ share)).max())
 
@@ -101,7 +101,7 @@ def planted() -> str:
 
 
 def exceeded(draws: int) -> dict[str, float]:
-    """Return how often a sensor without errors exceeds the limit of each class."""
+    """Return the rate at which a sensor without errors exceeds the limit of each class."""
     rng, counts = np.random.default_rng(3), {}
     for _ in range(draws):
         for one in error_classes(series(rng, _along_z(np.zeros(len(LOAD))))):

@@ -82,7 +82,7 @@ class LegFits:
 
     @property
     def shift(self) -> NDArray:
-        """Return what the fit makes of the effect (..., 6 rows, 6 legs), SI."""
+        """Return the bias of the fitted parameters (..., 6 rows, 6 legs) due to the effect, SI."""
         return np.swapaxes(-(np.linalg.pinv(self.jacobian) @ self.effect[..., None])[..., 0], -1, -2)
 
 

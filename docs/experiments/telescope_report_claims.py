@@ -78,7 +78,7 @@ def travel_of_all() -> tuple[float, float]:
 
 
 def reach_of_axis(axis: int) -> float:
-    """Return how far, m or rad, one axis alone goes with the actuators' half range."""
+    """Return the motion, m or rad, of one axis alone that takes the actuators' half range."""
     from scipy.optimize import brentq
 
     half_range = 1e-3 * published().stated["actuator_half_range"]
@@ -165,8 +165,10 @@ def sensitivity() -> Sensitivity:
 
 
 def uniqueness() -> tuple[UniquenessProof, UniquenessProof]:
-    """Return what intervals prove over the workspace, rigid legs and flexures, with the reach of the actuators about
-    z."""
+    """Return the interval proofs of uniqueness over the workspace, for rigid legs and for flexures.
+
+    The rotation about z is bounded by the reach of the actuators.
+    """
     machine = flexible(rigid())
     home = reference_pose(machine.legs)
     half = np.append(published().workspace, reach_of_axis(5))
@@ -178,7 +180,10 @@ def uniqueness() -> tuple[UniquenessProof, UniquenessProof]:
 
 
 def configurations_needed() -> list[NeededConfigurations]:
-    """Return how many configurations each model needs for what the ends of the actuators separate."""
+    """Return the least number of configurations that determine each model's separable parameters.
+
+    Separable parameters are those that poses at the ends of the actuators' range and within it determine.
+    """
     machine = flexible(rigid())
     legs, half = machine.legs, 1e-3 * published().stated["actuator_half_range"]
     inside = np.random.default_rng(0).uniform(-1.0, 1.0, (60, 6))
@@ -217,7 +222,7 @@ class Choices:
 
 
 def choices(draws: int = 150) -> Choices:
-    """Return how Table 3 compares with random sets, the same ones on every call."""
+    """Return the log determinants of Table 3 and of random sets, which are the same on every call."""
     rng = np.random.default_rng(3)
     table = published().calibration
     reach = 1e-3 * published().stated["actuator_half_range"]
@@ -246,7 +251,7 @@ class Deformation:
 
 
 def deformation(kappa_by_calibration: float) -> Deformation:
-    """Return what the printed K implies at the printed configurations."""
+    """Return kappa and the attachments' shifts by the printed K at the printed configurations."""
     K, moves, b = published().K, published().calibration, rigid().legs.b
     shift = moves @ K.T
     plane = np.linalg.qr(np.stack([np.ones(6), b[:, 0], b[:, 1]], 1))[0]
@@ -266,7 +271,7 @@ def distance_from_nominal(table: str) -> float:
 
 
 def pairs_on_base(table: str) -> NDArray:
-    """Return by how much the close pairs on the base, (2, 3) (4, 5) (6, 1), are nearer each other than nominal, mm."""
+    """Return the decreases from nominal, mm, of the distances of the close pairs on the base, (2, 3) (4, 5) (6, 1)."""
     a, rows = rigid().legs.a[:, :2], published().tables[table]
     found = a * 1e3 + np.stack([rows["a_x"], rows["a_y"]], 1)
     first, second = np.array([1, 3, 5]), np.array([2, 4, 0])

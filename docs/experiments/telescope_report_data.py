@@ -37,7 +37,7 @@ class Published:
         return nominal + self.tables[table]["kappa"]
 
     def moved(self, table: str) -> dict[str, NDArray]:
-        """Return by how much a fit of Table 5 or 6 stands away from its fit with the whole of K (Table 7)."""
+        """Return the differences of a fit of Table 5 or 6 from its fit with the whole of K (Table 7), by row."""
         whole = f"7{table[1]}"
         rows = {name: self.tables[table][name] - self.tables[whole][name] for name in LENGTHS}
         if table.startswith("5"):

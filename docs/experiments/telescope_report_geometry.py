@@ -147,7 +147,7 @@ def shape_without(leg: int) -> ShapeFit:
 
 
 def held_out() -> NDArray:
-    """Return what each leg's entries (5, 6), mm, are predicted as by the shape that the other five legs ask for."""
+    """Return the predictions (5, 6), mm, of each leg's entries by the shape fitted to the other five legs."""
     fits = [shape_without(leg) for leg in range(6)]
     columns = [predicted(fit.names, fit.numbers, fit.pattern)[:, leg] for leg, fit in enumerate(fits)]
     return np.stack(columns, -1)
@@ -184,9 +184,9 @@ def scatter_by_K(sigma: float, of: Machine | None = None) -> NDArray:
 
 
 def whitening(sigma: float) -> NDArray:
-    """Return what whitens (6 legs, 4, 5) the four directions of a leg's five entries that K reaches at all.
+    """Return the matrices (6 legs, 4, 5) that whiten the four directions of a leg's five entries that K affects.
 
-    The fifth is the leg's length at rest, which no deformation changes; the tables' rounding is all that it has.
+    The fifth is the leg's length at rest, which no deformation changes; it varies by the tables' rounding alone.
     """
     variance, direction = np.linalg.eigh(scatter_by_K(sigma))
     return np.swapaxes(direction[..., 1:], -1, -2) / np.sqrt(variance[:, 1:, None])

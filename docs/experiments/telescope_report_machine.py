@@ -104,7 +104,7 @@ class Stand:
 
 
 def stand(truth: Machine, displacement: NDArray | None = None) -> Stand:
-    """Return where a machine stands at displacements (N, 6) in m of its actuators; by default those of Table 3.
+    """Return the poses of a machine at displacements (N, 6), m, of its actuators; by default those of Table 3.
 
     Raises OpenError where the legs do not close.
     """

@@ -36,13 +36,13 @@ def truth() -> Machine:
 
 @cache
 def measured() -> Stand:
-    """Return where it stands at Table 3."""
+    """Return the poses of the inferred machine at Table 3."""
     return stand(truth())
 
 
 @cache
 def verified() -> Stand:
-    """Return where it stands at Table 4."""
+    """Return the poses of the inferred machine at Table 4."""
     return stand(truth(), published().verification)
 
 
@@ -80,7 +80,7 @@ class Errors:
 
 
 def errors(machine: Machine, structure: Structure, at: Stand) -> Errors:
-    """Return how far off the machine's poses are; raises ArithmeticError where they did not converge."""
+    """Return the pose errors of the machine; raises ArithmeticError where poses did not converge."""
     found = poses_at(structure, machine, at.rho)
     if not found.converged.all():
         raise ArithmeticError(f"{structure.name}: {np.sum(~found.converged)} poses did not converge")
@@ -109,7 +109,7 @@ class Misfit:
 
 
 def misfit(letter: str) -> Misfit:
-    """Return what a model of the structure (b, c or d) costs where the truth is 6-PUS with a rigid platform."""
+    """Return the reading errors of a model (b, c or d) at Table 3 where the truth is 6-PUS with a rigid platform."""
     machine = known("none")
     at = stand(machine)
     structure, parameters = STRUCTURES[letter], report_set(machine, "none")

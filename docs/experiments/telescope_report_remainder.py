@@ -64,13 +64,13 @@ def _machine() -> Machine:
 
 
 def absorbed(effect: NDArray) -> NDArray:
-    """Return what the fit makes of a closing (40, 6), m, that it does not know: (6 rows, 6 legs), mm and 1e-3."""
+    """Return the bias of the fit (6 rows, 6 legs), mm and 1e-3, by a closing (40, 6), m, that it does not model."""
     fit = np.linalg.pinv(leg_fits(_machine(), "6a").jacobian)
     return _SHOWN[:, None] * -np.einsum("irn,ni->ri", fit, effect)
 
 
 def swallowed(name: str, change: NDArray) -> NDArray:
-    """Return what the fit makes of a change (6,), SI, of a parameter that it does not have, as a_z or u_x."""
+    """Return the bias of the fit by a change (6,), SI, of a parameter that it holds fixed, such as a_z or u_x."""
     parameters = ParameterSet(tuple(LegParameter(name, leg, "1", 1.0) for leg in range(6)))
     machine, at = _machine(), _at()
     closing = MODEL.close(machine, at.p, at.R, at.rho, parameters.change(machine))

@@ -139,7 +139,7 @@ class Starts:
 
 
 def starts(table: str, ratio: float, count: int = 40) -> Starts:
-    """Return whether fits of a calibration with noise agree from many starts, and both methods with each other (7).
+    """Return the minima of a calibration with noise from many starts, by both methods (7).
 
     ratio: one sigma of the starts of u_x or kappa.
     """

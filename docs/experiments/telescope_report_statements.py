@@ -48,7 +48,7 @@ def _mm(value: float) -> str:
 
 
 def workspace() -> str:
-    """Return what the workspace of Table 1 takes, and where the configurations of Tables 3 and 4 stand."""
+    """Return the table of the travel that the workspace of Table 1 takes, and of the excursion of Tables 3 and 4."""
     alone = ", ".join(f"{name} {1e3 * travel_of_axis(i):.2f}" for i, name in enumerate(AXES))
     level, best = travel_of_all()
     reach = [reach_of_axis(i) for i in range(6)]
@@ -172,7 +172,7 @@ def _list(values: np.ndarray) -> str:
 
 
 def models() -> str:
-    """Return the twelve calibrations, without noise: what each leaves, and how far off its poses are."""
+    """Return the table of the twelve calibrations without noise: residuals and pose errors."""
     rows = []
     for number, known in KNOWN.items():
         for letter, name in MODELS.items():
@@ -185,7 +185,7 @@ def models() -> str:
 
 
 def linear_models() -> str:
-    """Return what a model costs at Table 3 where the truth is 6-PUS without deformation, in readings."""
+    """Return the table of reading errors by model at Table 3 where the truth is 6-PUS without deformation."""
     rows = []
     for letter in "bcd":
         found = misfit(letter)
@@ -197,7 +197,7 @@ def linear_models() -> str:
 
 
 def deformation_choice(draws: int = 20) -> str:
-    """Return what each deformation is worth where the telescope has more noise than K explains."""
+    """Return the table of pose errors at Table 4, by deformation, if attachments shift by 5 um besides K."""
     rows = []
     for letter in "ab":
         for known in KNOWN.values():
@@ -260,7 +260,7 @@ def rows_from_poses() -> str:
 
 
 def many_starts() -> str:
-    """Return whether many starts and both methods agree (7)."""
+    """Return the table of the minima that many starts reach by both methods (7)."""
     rows = []
     for name, ratio in (("5a", 0.01), ("5a", 0.1), ("6a", 0.01), ("7a", 0.01), ("5b", 0.01)):
         found = starts(name, ratio)

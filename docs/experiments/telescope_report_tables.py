@@ -64,7 +64,7 @@ def _pm(value: float, sigma: float, digits: int = 1) -> str:
 
 
 def _in_tables(name: str) -> float:
-    """Return what a number of a shape is multiplied by: mm, degrees."""
+    """Return the factor that converts a number of the shape from m or rad to mm or degrees."""
     return 1e3 if name.endswith(("radius", "length")) else 180 / np.pi
 
 
@@ -86,7 +86,7 @@ def shape() -> str:
 
 
 def variants() -> str:
-    """Return what else could have been free in the fit of the shape."""
+    """Return the table of fits of the shape with one more free number each."""
     rows = []
     names = {"turned": "whole pattern turned, °", "twist": "platform against base, °", "leg length": "leg length, mm"}
     for extra in (("turned",), ("twist",), ("leg length",)):
@@ -111,7 +111,7 @@ def rival_numberings() -> str:
 
 
 def legs_held_out() -> str:
-    """Return how each leg is predicted by the shape that the other five ask for."""
+    """Return the table of the errors of each leg's shift as predicted by the shape fitted to the other five."""
     off = held_out() - observed()
     rows = [["rms shift of the leg, mm", *(f"{rms(column):.2f}" for column in observed().T)]]
     rows.append(["predicted by the other five to, mm", *(f"{rms(column):.2f}" for column in off.T)])
@@ -119,7 +119,7 @@ def legs_held_out() -> str:
 
 
 def misfit() -> str:
-    """Return what the misfit of the shape asks of K."""
+    """Return the table of the shape's misfit, and of the error of K that would explain it."""
     fit, (entry, share) = best_shape(), best_single_entry()
     rounding = 1e-3 / np.sqrt(12)
     by_rounding = float(np.sqrt(np.mean(np.einsum("irr->ir", scatter_by_K(rounding)))))
@@ -186,7 +186,7 @@ def absorption(name: str) -> str:
 
 
 def left_over() -> str:
-    """Return how far Table 7a is from nominal, before and after frames and common numbers."""
+    """Return the rms deviations of Table 7a from nominal, before and after fits of frames and common numbers."""
     parts = {"as printed": None, "frames fitted": (), "frames and five common numbers fitted": TOGETHER}
     rows = []
     for name, causes in parts.items():
@@ -232,7 +232,7 @@ def together() -> str:
 
 
 def kappa_readings() -> str:
-    """Return how Table 7 counts kappa, and what Table 7c is."""
+    """Return the table that tests the nominal value from which Table 7 counts kappa."""
     rows = []
     for name, nominal in (("K_ii of eq. 4", np.diag(published().K)), ("0.011", published().stated["kappa_initial"])):
         found = kappa_reading(nominal)
@@ -275,7 +275,7 @@ class Relations:
 
 
 def relations() -> Relations:
-    """Return what joins Tables 5a and 6a: kappa = u_x^2/2 - u_x z_x/z_z, and a_x moves by -rho0 u_x (eq. 40)."""
+    """Return two relations of Tables 5a and 6a: kappa = u_x^2/2 - u_x z_x/z_z, and a_x moves by -rho0 u_x (eq. 40)."""
     u, kappa = published().tables["5a"]["u_x"], published().kappa("6a")
     legs = best_shape().machine.legs
     height = np.sqrt(legs.l**2 - np.sum((legs.b - legs.a)[:, :2] ** 2, -1))
@@ -311,7 +311,7 @@ class Reading:
 
 
 def kappa_reading(nominal: NDArray | float) -> Reading:
-    """Return how far 6a less 7a is from K's absorption where Table 7 counts kappa from a nominal value (6,)."""
+    """Return the test of kappa of 6a less 7a against K's absorption, if Table 7 counts kappa from ``nominal`` (6,)."""
     from scipy.stats import chi2
 
     tables = published()

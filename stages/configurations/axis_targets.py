@@ -89,7 +89,7 @@ def _aliases(design: AxisDesign) -> list[str]:
 
 
 def _same(step: float, unit: str) -> str:
-    """Return what a lattice does not show, in words."""
+    """The periodic errors that targets at multiples of a step cannot resolve, in words."""
     return (
         f"a periodic error of period {step:.4g} {unit}, or of a whole fraction of it, is the same at all of them, and "
         f"any other short period looks like a longer one"

@@ -133,7 +133,7 @@ def _by_time(
 
 
 def _kind(time_format: str | None) -> str:
-    """Return whether times are seconds, dates without a zone, or dates with one."""
+    """Return the kind of the times: "seconds", "dated" without a time zone, or "zoned"."""
     return "seconds" if time_format is None else "zoned" if "%z" in time_format else "dated"
 
 

@@ -19,9 +19,9 @@ class Pair:
 
 
 def unlike(pairs: Iterable[Pair]) -> float:
-    """Return how often two that find alike, each pair at a rate of its own, differ in sum as much or more.
+    """Return the p-value of the difference between two sums of counts, if both rates are equal within each pair.
 
-    Exact whatever the rates are: Fisher's test, its counts added over the pairs.
+    Rates may differ from pair to pair. The test is exact: Fisher's, with the counts added over the pairs.
     """
     from scipy.stats import hypergeom
 

@@ -27,7 +27,10 @@ def _error(gap: NDArray, sigma: float = 1.0) -> PredictionError:
 
 
 def _vetoes(poses: int, size: float, share: float) -> float:
-    """Return how often an effect is refused that moves each pose by size sigmas, of which a share is there."""
+    """Return the rate at which a cause is refused whose modelled effect is ``size`` sigmas in each pose.
+
+    ``share``: the part of the modelled effect that the data contain.
+    """
     rng = np.random.default_rng(7)
     count = 0
     for noise in rng.standard_normal((TRIALS, poses, TARGETS, 3)):

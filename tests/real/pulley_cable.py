@@ -13,8 +13,8 @@ from truing.simulation.mechanisms.legs.closures import Legs, Ups
 
 @dataclass(frozen=True)
 class Wrapped:
-    """How a cable runs: length (..., L) m on the pulley and beyond, direction (..., L, 3) from pulley to platform, unit
-    vectors, and the derivative (..., L, 3) of the length by the swivel axis."""
+    """The path of a cable: its length (..., L), m, on the pulley and beyond, and the unit vectors (..., L, 3) from
+    pulley to platform; by_axis (..., L, 3): the derivative of the length by the swivel axis."""
 
     length: NDArray
     direction: NDArray
@@ -34,7 +34,10 @@ class PulleyCable(Ups):
     geometry: tuple[str, ...] = ("a", "b", "u", "l")
 
     def wrap(self, legs: Legs, upper: NDArray) -> Wrapped:
-        """Return how cables run to joints upper (..., L, 3), m; length is stationary in the point where they leave."""
+        """Return the paths of the cables to joints upper (..., L, 3), m.
+
+        To first order, a shift of the tangent point along the rim does not change a cable's length.
+        """
         r, from_a = self.radius, upper - legs.a
         along = np.sum(from_a * legs.u, -1)
         across = from_a - along[..., None] * legs.u

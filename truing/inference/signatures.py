@@ -389,8 +389,10 @@ def _side_by_side(pathways: Pathways, designs: Mapping[str, Array | PartialDesig
 
 
 def _acting(epochs: int, designed: Sequence[tuple[Integers, Array]]) -> list[_Acting]:
-    """Return where and when candidates act, from the pathways (n,) and designs (B, n, P) of each; those with designs of
-    the same shape at once."""
+    """Return the pathways and epochs in which each candidate acts, from its pathways (n,) and design (B, n, P).
+
+    Candidates with designs of the same shape are evaluated together.
+    """
     acting: dict[int, _Acting] = {}
     for shape, members in grouped(design.shape for _, design in designed).items():
         for numbers in _chunks(members, len(members) * math.prod(shape)):

@@ -8,7 +8,7 @@ from truing.estimation.bundle.network import linearise
 
 
 def unknowns(adjustment):
-    """Return where images, points and common unknowns start, and how many there are."""
+    """Return the offsets of points and of common unknowns, and the number of all unknowns."""
     layout = adjustment.layout
     points = 6 * len(layout.images)
     common = points + 3 * len(layout.points)

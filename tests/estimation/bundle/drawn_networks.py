@@ -15,7 +15,7 @@ LENGTH = 0.8
 
 
 def photograph(interior, R, centre, point):
-    """Return where one camera sees one point, in px."""
+    """Return the image coordinates (2,), px, of one point in one camera."""
     c, x0, y0, *rest = interior
     k1, k2, k3 = rest[0] * c**2, rest[1] * c**4, rest[2] * c**6
     p1, p2, affinity, shear = rest[3] * c, rest[4] * c, rest[5], rest[6]

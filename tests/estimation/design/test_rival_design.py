@@ -101,7 +101,7 @@ class Case:
     odds: float  # log odds of the line against the parabola
 
     def gain(self, readings: np.ndarray, right: int, rng: np.random.Generator) -> float:
-        """Return by how much the log odds of the rival that is right grow, its truth drawn as it is known."""
+        """Return the gain in log odds of the right rival, its true values drawn from their estimate."""
         fitted = self.seen[right].fitted
         truth = rng.multivariate_normal(fitted.shared, fitted.covariance)
         more, where = _measured(fitted.model.at(Conditions(readings)), truth, rng)

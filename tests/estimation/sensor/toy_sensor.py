@@ -29,7 +29,7 @@ class ToySensor:
         return np.diag(self.load_sigma**2)
 
     def table(self, rng: np.random.Generator, loads: NDArray, case: NDArray, more: NDArray | float = 0.0) -> LoadTable:
-        """Return what is recorded of true loads (N, 6); more (N, C): what else is in the signals."""
+        """Return the table recorded at true loads (N, 6), with noise; more (N, C): further parts of the signals."""
         signals = loads @ self.A.T + more
         return load_table(
             signals + rng.normal(size=signals.shape) * self.signal_sigma,

@@ -77,9 +77,10 @@ class Case:
         return float(np.sqrt(after.whitened.covariance()[own, own]) * first.model.effect_sigma(WARM)[0])
 
     def gain(self, conditions: Conditions, rng: np.random.Generator) -> float:
-        """Return by how much the log odds of the first grow with more poses, its truth drawn as it is known.
+        """Return the gain in log odds of the first with more poses, its true values drawn from their estimate.
 
-        But for how the legs' survey frames sit on them: how they are rolled is open, and a matter of small angles only.
+        The seats of the legs' survey frames keep their estimates: their roll is undetermined, and modelled for
+        small angles only.
         """
         first = self.fitted[0]
         seat = np.arange(len(first.shared))[first.model.layout["seat"]]
