@@ -113,6 +113,7 @@ INSTRUMENTS = {
         unforeseen=tuple(sensor_hidden.UNFORESEEN),
         foreign=tuple(sensor_hidden.FOREIGN),
         added=tuple(sensor_hidden.ADDED),
+        seed=941102,
     ),
     "photographs": Instrument(
         tuple(photographed.CATALOGUE),
@@ -139,6 +140,6 @@ INSTRUMENTS = {
         obvious=0.2,
         foreign=FOREIGN_TO_ARMS,
         added=ADDED_TO_ARMS,
-        seed=5520193,
+        seed=941103,
     ),
 }

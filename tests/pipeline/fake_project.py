@@ -304,8 +304,8 @@ def make_fake_project(folder: Path, warm: WarmPython | None) -> FakeProject:
         "truing/estimation/unused.py": "",
     }
     for name in (
-        *("stages/declaration.py", "truing/child_processes.py"),
-        *("truing/formats/source.py", "truing/formats/file_search.py", "truing/formats/file_search.py"),
+        *("stages/declaration.py", "truing/arrays.py", "truing/child_processes.py"),
+        *("truing/formats/source.py", "truing/formats/file_search.py", "truing/formats/faultlog.py"),
     ):
         files[name] = (PROJECT / name).read_text()
     for folder_of_page in ("truing/report/rendering", "truing/belonging"):

@@ -131,7 +131,8 @@ def _which_length(claim: Claim) -> str:
         return " (they are parts of one rigid link)"
     axes = "axes" if between.startswith("joints") else "axis"
     direction_text = f"along the {axes} of" if claim.fact("turns") else "not turned by"
-    return f" (a length {direction_text} {between} belongs to {'either' if len(others) == 1 else 'any of them'})"
+    many = "either" if len(others) == 1 else "any of them"
+    return f" (a length {direction_text} {between} belongs to {many}; the growth is stated for {_owner(claim)})"
 
 
 def _eccentric(claim: Claim) -> str:
