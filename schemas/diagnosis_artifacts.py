@@ -16,7 +16,7 @@ DIAGNOSIS = (
         "heldout_rms_after noise_floor unit explanation next_measurement",
         optional="signal_to_noise share_explained share_predicted log_evidence scale_holds reason_code rival settings "
         "clause largest_motion advice_kind next_in_short next_purpose relation left_out_by left_out_blocks "
-        "left_out_gain in_model rms_without_any heldout_rms_without_any",
+        "left_out_gain in_model rms_without_any heldout_rms_without_any heldout_growth",
     ),
     parquet(
         "determined_combinations",

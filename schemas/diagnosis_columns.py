@@ -68,6 +68,13 @@ DIAGNOSIS_COLUMNS = (
         nullable=True,
     ),
     size("heldout_rms_without_any", "unit", "the same on data that the fit did not use", nullable=True),
+    size(
+        "heldout_growth",
+        "1",
+        "rms of all held-out errors, each in units of its noise, with the cause over that without it; other units than "
+        "that of the row count here, too",
+        nullable=True,
+    ),
     size("rms_nominal", "unit", "rms of measured minus predicted by the nominal geometry of a chain", nullable=True),
     text("determined", "linear combination of the parameters of a cause, with its largest coefficients"),
     text("coefficients", "JSON: coefficient of each parameter in a combination; their squares sum to 1"),

@@ -134,6 +134,7 @@ def _row(verdict: Verdict, diagnosis: CauseDiagnosis, words: DetectionAdvice) ->
         "signal_to_noise": verdict.signal_to_noise,
         "share_explained": verdict.share_explained,
         **_left_out(verdict, diagnosis),
+        "heldout_growth": facts.held_out_growth,
         "in_model": cause.key in diagnosis.final.model.layout,
         "log_evidence": verdict.log_odds,
         "scale_holds": None if verdict.scale_holds is None else "holds" if verdict.scale_holds else "changes",
@@ -150,6 +151,12 @@ def _errors(shown: ReportedRms, verdict: Verdict) -> dict[str, Any]:
         "noise_floor": shown.floor(verdict.floor),
         "unit": shown.unit,
     }
+
+
+def _held_out_growth(verdict: Verdict) -> float | None:
+    """Return the ratio of all held-out errors with a cause to those without it, each in units of its noise."""
+    before, after = verdict.held_out
+    return None if before is None or after is None else after.growth_over(before)
 
 
 def _errors_without_any(shown: ReportedRms, diagnosis: CauseDiagnosis) -> dict[str, Any]:
@@ -212,6 +219,7 @@ def _facts(verdict: Verdict, diagnosis: CauseDiagnosis, words: DetectionAdvice, 
         drive=shown.drive,
         course=None if verdict.course is None else verdict.course.follows,
         is_course_beside=verdict.course is not None and verdict.course.is_beside,
+        held_out_growth=_held_out_growth(verdict),
         floor_has_scatter=bool(diagnosis.scatters or diagnosis.noise_dependences),
     )
 

@@ -112,6 +112,13 @@ def test_what_is_rejected_says_why(given, words):
     assert words in explanation(replace(FACTS, **{"verdict": "rejected", **given}))
 
 
+def test_a_doubt_by_held_out_data_counts_all_of_them_whatever_their_unit():
+    doubtful = replace(FACTS, verdict="suspected", reason_code="held-out", held_out=(7.8, 7.1), held_out_growth=2.23)
+    said = explanation(doubtful)
+    assert_says(said, "predicts held-out data worse", "in units of its noise", "by a factor of 2.2")
+    assert "factor" not in explanation(replace(doubtful, reason_code="weak"))
+
+
 def test_many_parameters_are_told_by_the_most_certain():
     many = {f"K1{k}": {"value": 0.001 * k, "sigma": 0.0005, "unit": "1"} for k in range(1, 10)}
     said = explanation(replace(FACTS, parameters=many))

@@ -58,6 +58,7 @@ class AssessedCause(Claim):
     left_out_blocks: int = 0
     left_out_gain: float | None = None
     share_predicted: float | None = None
+    held_out_growth: float | None = None  # of all held-out errors with it, in units of their noise
     in_model: bool = True  # whether the extended model holds it
 
     @property
@@ -152,6 +153,7 @@ def _assessed_cause(row: Mapping[Any, Any]) -> AssessedCause:
         left_out_blocks=int(_number(row.get("left_out_blocks")) or 0),
         left_out_gain=_number(row.get("left_out_gain")),
         share_predicted=_number(row.get("share_predicted")),
+        held_out_growth=_number(row.get("heldout_growth")),
         in_model=cell(row.get("in_model")) != "False",
     )
 

@@ -93,6 +93,7 @@ class Facts:
     drive: str = "the readings"
     course: tuple[str, ...] | None = None  # inputs that an unnamed effect on the same parts follows
     is_course_beside: bool = False  # it acts next to the cause; otherwise it is as probable in its place
+    held_out_growth: float | None = None  # of all held-out errors with it, in units of their noise
     floor_has_scatter: bool = False  # ``floor`` holds scatter that was found next to the declared noise
 
 
@@ -185,10 +186,18 @@ def _suspected(facts: Facts) -> str:
     )
 
 
+def doubt_text(reason_code: str, held_out_growth: float | None = None) -> str:
+    """Return the reason why a cause is only suspected; ``held_out_growth``: factor of all held-out errors with it."""
+    text = DOUBTS[reason_code]
+    if reason_code != "held-out" or held_out_growth is None:
+        return text
+    return f"{text}: all held-out errors together, each in units of its noise, grow by a factor of {held_out_growth:.2g}"
+
+
 def _doubt(facts: Facts) -> str:
     """Return the reason why a cause is only suspected."""
     if facts.course is None:
-        return DOUBTS[facts.reason_code]
+        return doubt_text(facts.reason_code, facts.held_out_growth)
     course = f"depends on {_joined_names(facts.course)}" if facts.course else "wanders or jumps in time"
     alternative = "acts next to it" if facts.is_course_beside else "is about as probable in its place"
     return f"an effect without a name on the same parts that {course} {alternative}"

@@ -17,7 +17,7 @@ from truing.report.diagnosis.assessed_causes import RIVAL, SUSPECTED, AssessedCa
 from truing.report.diagnosis.detectable_sizes import hidden
 from truing.report.diagnosis.effect_units import handy_unit, size_text, stem
 from truing.report.diagnosis.evidence import evidence
-from truing.report.diagnosis.findings import DOUBTS
+from truing.report.diagnosis.findings import doubt_text
 from truing.report.diagnosis.gain import gain_section
 from truing.report.diagnosis.headline import clause
 from truing.report.diagnosis.load_corrections import unwritten_loads
@@ -78,7 +78,8 @@ def _parts(rows: list[AssessedCause], causes: list[AssessedCause], tables: Table
 def _accepted(row: AssessedCause, tables: Tables) -> tuple[str, str]:
     """Return a finding with its mark, and the reason if it is only suspected."""
     if row.verdict == SUSPECTED:
-        return "warn", f"Suspected, not confirmed: {lower(_finding(row, tables))} Reason: {DOUBTS[row.reason_code]}."
+        doubt = doubt_text(row.reason_code, row.held_out_growth)
+        return "warn", f"Suspected, not confirmed: {lower(_finding(row, tables))} Reason: {doubt}."
     return "warn" if row.is_noise else "found", _finding(row, tables)
 
 
