@@ -10,7 +10,7 @@ import pytest
 from numpy.typing import NDArray
 
 from tests.tolerance import assert_between
-from truing.inference.rounds import log_evidence_of
+from truing.inference.scores import log_evidence_of
 from truing.simulation.mechanisms.causes.per_leg import choice_share, choices
 
 FREEDOM = 4000.0

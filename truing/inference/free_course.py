@@ -19,7 +19,8 @@ from truing.inference.evidence import log_evidence
 from truing.inference.fitted_model import FittedModel
 from truing.inference.model import CauseT
 from truing.inference.random_courses import random_courses, random_factors
-from truing.inference.rounds import NAMED, RIVAL_FACTOR, parts_of
+from truing.inference.rounds import NAMED, RIVAL_FACTOR
+from truing.inference.scores import parts_of
 from truing.inference.search import total_of
 from truing.inference.signatures import Pathways, signatures_of
 

@@ -151,6 +151,36 @@ class ScatterCandidate(Generic[CauseT]):
     of_inputs: bool
 
 
+@dataclass(frozen=True)
+class Onsets(Generic[CauseT]):
+    """Onsets that a cause can have: epochs (n,) in order of time, of which the campaign's candidates have every
+    ``spacing``-th.
+
+    ``own``: epoch of its own onset; ``begun_at`` returns the same cause from another epoch on.
+    """
+
+    epochs: Integers
+    spacing: int
+    own: int
+    begun_at: Callable[[int], CauseT]
+
+    def moved(self, by: int) -> CauseT | None:
+        """Return the cause with its onset ``by`` places later in time; None where there is no possible onset."""
+        place = np.flatnonzero(self.epochs == self.own)
+        moved = int(place[0]) + by if len(place) else -1
+        return self.begun_at(int(self.epochs[moved])) if 0 <= moved < len(self.epochs) else None
+
+
+def onsets_in_time(
+    order: Array, fewest: int, spacing: int, from_order: float, begun_at: Callable[[int], CauseT]
+) -> Onsets[CauseT]:
+    """Return the onsets with at least ``fewest`` epochs before and from them, for a cause that acts from the rank
+    ``from_order`` in time on; ``order`` (B,) ranks the epochs."""
+    in_time = np.argsort(order, kind="stable")
+    own = int(in_time[min(int(np.sum(order < from_order)), len(order) - 1)])
+    return Onsets(in_time[fewest : len(in_time) - fewest + 1], spacing, own, begun_at)
+
+
 class SceneLike(Protocol[CauseT]):
     """Candidates of one sort of cause that are worth testing in a campaign."""
 
@@ -178,6 +208,9 @@ class SceneLike(Protocol[CauseT]):
 
     def channel_candidates(self, kind: CauseT, /) -> Sequence[ChannelCandidates[CauseT]]:
         """Return the candidates over single channels, which are too many to list one by one."""
+
+    def onsets(self, cause: CauseT, /) -> Onsets[CauseT] | None:
+        """Return the onsets that a cause can have; None where it has no free onset."""
 
     def higher_order_terms(self, cause: CauseT, /) -> Sequence[CauseT]:
         """Return the causes that add higher-order terms to a cause."""

@@ -18,7 +18,7 @@ from numpy.typing import NDArray
 from truing.simulation.inputs import Missing
 
 if TYPE_CHECKING:
-    from truing.inference.model import ChannelCandidates, ScatterCandidate
+    from truing.inference.model import ChannelCandidates, Onsets, ScatterCandidate
 
 
 # Name of the pathway of causes that act directly on the observations; see `truing.inference.model`.
@@ -91,6 +91,10 @@ class Scene(Generic[CauseT]):
     def channel_candidates(self, kind: CauseT) -> Sequence[ChannelCandidates[CauseT]]:
         """Return the candidates of a kind that concern single channels."""
         return kind.channel_candidates(self)
+
+    def onsets(self, cause: CauseT) -> Onsets[CauseT] | None:
+        """Return the onsets that a cause can have; None where it has no free onset."""
+        return cause.onsets(self)
 
     def higher_order_terms(self, cause: CauseT) -> Sequence[CauseT]:
         """Return the causes that add higher-order terms to an accepted cause."""
@@ -254,6 +258,10 @@ class Cause(Generic[SceneT_contra]):
         """Return single inputs, at all epochs, whose errors may be mostly small and sometimes large; none for most
         causes."""
         return ()
+
+    def onsets(self, scene: SceneT_contra) -> Onsets[Self] | None:
+        """Return the onsets that it can have, of which `candidates` are every few; None without a free onset."""
+        return None
 
     def higher_order_terms(self, scene: SceneT_contra) -> Sequence[Self]:
         """Return the causes that add higher-order terms to this one after its acceptance.

@@ -191,7 +191,9 @@ def doubt_text(reason_code: str, held_out_growth: float | None = None) -> str:
     text = DOUBTS[reason_code]
     if reason_code != "held-out" or held_out_growth is None:
         return text
-    return f"{text}: all held-out errors together, each in units of its noise, grow by a factor of {held_out_growth:.2g}"
+    return (
+        f"{text}: all held-out errors together, each in units of its noise, grow by a factor of {held_out_growth:.2g}"
+    )
 
 
 def _doubt(facts: Facts) -> str:

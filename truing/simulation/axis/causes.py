@@ -10,7 +10,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from truing.arrays import Index, Mask
-from truing.inference.model import ChannelCandidates
+from truing.inference.model import ChannelCandidates, Onsets, onsets_in_time
 from truing.simulation.axis.rows import (
     LINEAR,
     LOAD,
@@ -269,6 +269,17 @@ class ZeroShift(AxisCause):
         scale = max(_PLAUSIBLE[scene.axis.kind], scene.axis.spread)
         return [ChannelCandidates(late[..., None].astype(float), each, usable, scale, member, patterns)]
 
+    def onsets(self, scene: AxisScene) -> Onsets[ZeroShift] | None:
+        """Return every row with enough rows before it and from it on; None for a shift after an event."""
+        if self.event:
+            return None
+        rows = scene.rows
+
+        def begun_at(row: int) -> ZeroShift:
+            return replace(self, from_pose=rows.poses[row], from_s=float(rows.time_s[row]))
+
+        return onsets_in_time(rows.time_s, _FEWEST, _onset_spacing(rows), self.from_s, begun_at)
+
     def _shift_of(self, scene: AxisScene, element: str, row: int, start: float, event: str) -> ZeroShift:
         pose = scene.rows.poses[row]
         shift = replace(self, kind_of_axis=scene.axis.kind, plausible=scene.axis.spread)
@@ -307,7 +318,12 @@ def onset_rows(rows: AxisRows, fewest: int) -> Index:
     """Return the rows (S,), in order of time, of possible onsets: with at least ``fewest`` rows before and from
     them."""
     in_time = np.argsort(rows.order, kind="stable")
-    return in_time[fewest : len(in_time) - fewest + 1 : 1 + len(in_time) // _MOST_ONSETS]
+    return in_time[fewest : len(in_time) - fewest + 1 : _onset_spacing(rows)]
+
+
+def _onset_spacing(rows: AxisRows) -> int:
+    """Return every how many onsets are tried."""
+    return 1 + len(rows.order) // _MOST_ONSETS
 
 
 def _both_sides(scene: AxisScene, late: NDArray) -> NDArray:

@@ -3,11 +3,13 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 from numpy.typing import NDArray
 
+from truing.arrays import Index
+from truing.inference.model import Onsets
 from truing.simulation.bench.causes.channels import RunChannelCause
 from truing.simulation.bench.causes.reading_causes import (
     FEWEST,
@@ -25,7 +27,7 @@ _PLAUSIBLE_COUNT = 3.0
 _PLAUSIBLE_SHARE = 0.02
 # A jump is no fringe slip if it is this many sigmas from the nearest integer.
 _NO_WHOLE_NUMBER = 3.3
-# Largest number of onsets; in long campaigns, every n-th is tried.
+# Largest number of onsets that are tried; of more, every n-th, and then those about the best.
 _MOST_ONSETS = 800
 
 
@@ -58,29 +60,27 @@ class FringeSlip(RunChannelCause):
         return f"{self.family} {self.from_rank}"
 
     def candidates(self, scene: BenchScene) -> Sequence[FringeSlip]:
-        """Return every run, linear channel and step with three readings on either side."""
+        """Return every run, linear channel and step with three readings on either side; of many steps, every few."""
         steps, is_observed = scene.steps, scene.recorded
-        half, slips = steps.wavelength_m / 2.0, []
-        for code, first in enumerate(np.flatnonzero(steps.rank == 0)):
-            indices = np.flatnonzero(steps.code == code)
-            read = [steps.channels[index] for index in np.flatnonzero(is_observed[indices].any(0))]
-            is_single_channel = sum(not is_signal(name) for name in read) == 1
-            for index, channel in enumerate(steps.channels):
-                rows = indices[is_observed[indices, index]]
-                rows = rows[np.argsort(steps.rank[rows])]
-                if is_linear(channel):
-                    slips += [
-                        FringeSlip(
-                            channel,
-                            steps.run[first].item(),
-                            steps.step[row].item(),
-                            int(steps.rank[row]),
-                            is_single_channel,
-                            half,
-                        )
-                        for row in rows[FEWEST : len(rows) - FEWEST + 1]
-                    ]
-        return slips[:: 1 + len(slips) // _MOST_ONSETS]
+        rows_of, spacing = _onset_rows(scene)
+        of_platform = np.array([not is_signal(name) for name in steps.channels])
+        is_single = {run: is_observed[steps.run == run].any(0)[of_platform].sum() == 1 for run, _ in rows_of}
+        slip = replace(self, half_wavelength_m=steps.wavelength_m / 2.0)
+        return [
+            replace(slip, channel=channel, run=run, lone=bool(is_single[run]))._begun_at(steps, int(row))
+            for (run, channel), rows in rows_of.items()
+            for row in rows[::spacing]
+        ]
+
+    def onsets(self, scene: BenchScene) -> Onsets[FringeSlip]:
+        """Return every step of its run with three readings of the channel on either side."""
+        rows_of, spacing = _onset_rows(scene)
+        rows, steps = rows_of[self.run, self.channel], scene.steps
+        own = int(rows[np.argmax(steps.rank[rows] >= self.from_rank)])
+        return Onsets(rows, spacing, own, lambda row: self._begun_at(steps, row))
+
+    def _begun_at(self, steps: LoadSteps, row: int) -> FringeSlip:
+        return replace(self, from_step=steps.step[row].item(), from_rank=int(steps.rank[row]))
 
     def parameters(self, legs: int) -> tuple[Parameter, ...]:
         """Return the number of half wavelengths."""
@@ -100,6 +100,20 @@ class FringeSlip(RunChannelCause):
             half_um = self.half_wavelength_m / UM
             return (ReportedParameter("shift", float(values[0]) * half_um, sigma * half_um, "um"), since)
         return (ReportedParameter("count", count, None, "1"), since)
+
+
+def _onset_rows(scene: BenchScene) -> tuple[dict[tuple[int | str, str], Index], int]:
+    """Return the rows of possible onsets of each run and linear channel, in order of steps, and every how many of them
+    are tried."""
+    steps, rows_of = scene.steps, dict[tuple[int | str, str], Index]()
+    for code, first in enumerate(np.flatnonzero(steps.rank == 0)):
+        of_run = np.flatnonzero(steps.code == code)
+        of_run = of_run[np.argsort(steps.rank[of_run])]
+        for index, channel in enumerate(steps.channels):
+            rows = of_run[scene.recorded[of_run, index]]
+            if is_linear(channel):
+                rows_of[steps.run[first].item(), channel] = rows[FEWEST : len(rows) - FEWEST + 1]
+    return rows_of, 1 + sum(map(len, rows_of.values())) // _MOST_ONSETS
 
 
 @dataclass(frozen=True)

@@ -3,13 +3,14 @@
 from __future__ import annotations
 
 from collections.abc import Iterator, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from itertools import groupby
 
 import numpy as np
 from numpy.typing import NDArray
 
-from truing.inference.model import ChannelCandidates
+from truing.arrays import Index
+from truing.inference.model import ChannelCandidates, Onsets
 from truing.simulation.bench.causes.reading_causes import (
     FEWEST,
     BenchScene,
@@ -23,7 +24,7 @@ from truing.simulation.bench.load_steps import LoadSteps, ReadingState
 from truing.simulation.cause import Parameter, ReportedParameter, Step
 
 _PLAUSIBLE_SIGMAS = 10.0
-# Largest number of onsets; in long campaigns, every n-th is tried.
+# Largest number of onsets that are tried; of more, every n-th, and then those about the best.
 _MOST_ONSETS = 400
 DISPLACEMENTS, SIGNALS = "displacements", "signals"
 
@@ -80,16 +81,31 @@ class ZeroStep(ReadingCause):
 
         There must be three readings of the run before and after the step.
         """
-        steps = scene.steps
-        onsets = [row for row in range(len(steps.run)) if steps.rank[row] >= FEWEST]
-        onsets = onsets[:: 1 + len(onsets) // _MOST_ONSETS]
-        if not onsets:
+        steps, (onsets, spacing) = scene.steps, _onset_rows(scene.steps)
+        onsets = onsets[::spacing]
+        if not len(onsets):
             return ()
         late = np.stack([(steps.code == steps.code[row]) & (steps.rank >= steps.rank[row]) for row in onsets])
         early = np.stack([(steps.code == steps.code[row]) & (steps.rank < steps.rank[row]) for row in onsets])
         seen = scene.recorded.astype(int)
         usable = np.minimum(late.astype(int) @ seen, early.astype(int) @ seen) >= FEWEST
         return [_channel_steps(steps, onsets, late, usable, group) for group in _groups(steps)]
+
+    def onsets(self, scene: BenchScene) -> Onsets[ZeroStep]:
+        """Return every step of its run with three readings before it and from it on."""
+        steps, (rows, spacing) = scene.steps, _onset_rows(scene.steps)
+        seen = scene.recorded[:, [steps.channels.index(name) for name in self.channels]]
+        rows = rows[steps.run[rows] == self.run]
+        rows = rows[np.argsort(steps.rank[rows], kind="stable")]
+        of_run = steps.run == self.run
+        later = np.stack([seen[of_run & (steps.rank >= steps.rank[row])].sum(0) for row in rows])
+        usable = np.minimum(later, seen[of_run].sum(0) - later).min(1) >= FEWEST
+        own = int(rows[np.argmax(steps.rank[rows] >= self.from_rank)])
+
+        def begun_at(row: int) -> ZeroStep:
+            return replace(self, from_step=steps.step[row].item(), from_rank=int(steps.rank[row]))
+
+        return Onsets(rows[usable], spacing, own, begun_at)
 
     def parameters(self, legs: int) -> tuple[Parameter, ...]:
         """Return the amounts."""
@@ -112,6 +128,12 @@ class ZeroStep(ReadingCause):
         return (*super().reported(values, covariance, legs), ReportedParameter("from_step", self.from_step, None, ""))
 
 
+def _onset_rows(steps: LoadSteps) -> tuple[Index, int]:
+    """Return the rows of possible onsets, and every how many of them are tried."""
+    rows = np.flatnonzero(steps.rank >= FEWEST)
+    return rows, 1 + len(rows) // _MOST_ONSETS
+
+
 def _groups(steps: LoadSteps) -> Iterator[NDArray]:
     """Yield indices of channels of equal noise: (T, 1) to try one by one, and (1, n) to try together."""
     single = [channel for channel, name in enumerate(steps.channels) if not is_linear(name)]
@@ -126,7 +148,7 @@ def _groups(steps: LoadSteps) -> Iterator[NDArray]:
 
 
 def _channel_steps(
-    steps: LoadSteps, onsets: Sequence[int], late: NDArray, usable: NDArray, channels: NDArray
+    steps: LoadSteps, onsets: Index, late: NDArray, usable: NDArray, channels: NDArray
 ) -> ChannelCandidates[ZeroStep]:
     """Return the candidates for channels (T, n) at onsets (S,), with masks late (S, B) and usable (S, K)."""
     scales = _PLAUSIBLE_SIGMAS * steps.sigma[channels]

@@ -9,6 +9,7 @@ from typing import Any, Self
 import numpy as np
 from numpy.typing import NDArray
 
+from truing.inference.model import Onsets, onsets_in_time
 from truing.simulation.bodies.causes.deformation import BodyCause, bodies_of, is_large, whole_body_options
 from truing.simulation.bodies.causes.terms import runs_with_time
 from truing.simulation.cause import Parameter, ReportedParameter
@@ -98,6 +99,17 @@ class BodyDrift(BodyCause):
         if self.late:
             return _SHARE_OF_STARTS / len(_STARTS)
         return _SHARE_OF_WAVES if self.waves else 1.0 / len(_TAUS) if self.tau else 1.0
+
+    def onsets(self, scene: PointScene) -> Onsets[BodyDrift] | None:
+        """Return, for a jump, every pose with some poses before it and from it on."""
+        if not self.jumps:
+            return None
+        order, spacing = np.asarray(scene.covariates[ORDER]), _onsets(len(scene.poses), self.whole).step
+
+        def begun_at(pose: int) -> BodyDrift:
+            return replace(self, from_pose=scene.poses[pose], from_order=float(order[pose]))
+
+        return onsets_in_time(order, FEWEST, spacing, self.from_order, begun_at)
 
     def refined(self) -> Self:
         """Return the form with a fitted time constant."""

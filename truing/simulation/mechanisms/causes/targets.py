@@ -11,7 +11,7 @@ from numpy.typing import NDArray
 
 from truing.estimation.labels.exchanges import Exchange
 from truing.estimation.rotation import exp_so3, left_jacobian_so3, skew
-from truing.inference.model import ChannelCandidates
+from truing.inference.model import ChannelCandidates, Onsets, onsets_in_time
 from truing.simulation.cause import Parameter, ReportedParameter, Step
 from truing.simulation.change import Change
 from truing.simulation.inputs import ORDER
@@ -70,7 +70,7 @@ class TargetMoved(PointCause):
             return ()
         order = scene.covariates[ORDER]
         in_time = np.argsort(order, kind="stable")
-        onsets = [0, *range(FEWEST, len(order) - FEWEST + 1, 1 + len(order) // _MOST_ONSETS)]
+        onsets = [0, *range(FEWEST, len(order) - FEWEST + 1, _onset_spacing(scene))]
         late = np.stack([order >= order[in_time[onset]] for onset in onsets])[..., None].astype(float)
         usable = _usable(onsets, in_time, scene)
         targets = scene.targets
@@ -98,6 +98,15 @@ class TargetMoved(PointCause):
             *([single] if len(alone) else []),
             ChannelCandidates(late, together, is_observed, _PLAUSIBLE_M, marker, patterns),
         ]
+
+    def onsets(self, scene: PointScene) -> Onsets[TargetMoved]:
+        """Return every pose with some poses before it and from it on."""
+        order = scene.covariates[ORDER]
+
+        def begun_at(pose: int) -> TargetMoved:
+            return replace(self, from_pose=scene.poses[pose], from_order=float(order[pose]))
+
+        return onsets_in_time(order, FEWEST, _onset_spacing(scene), self.from_order, begun_at)
 
     def of_corners(self, corners: Sequence[str], positions: NDArray) -> TargetMoved:
         """Return the cause for the marker with these corners at positions (n, 3) on the body, m."""
@@ -149,6 +158,11 @@ class TargetMoved(PointCause):
     def reported(self, values: NDArray, covariance: NDArray, legs: int) -> tuple[ReportedParameter, ...]:
         """Return the shift, and the first displaced pose."""
         return (*super().reported(values, covariance, legs), ReportedParameter("from_pose", self.from_pose, None, ""))
+
+
+def _onset_spacing(scene: PointScene) -> int:
+    """Return every how many onsets are tried."""
+    return 1 + len(scene.poses) // _MOST_ONSETS
 
 
 @dataclass(frozen=True)

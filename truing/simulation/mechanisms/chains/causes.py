@@ -2,14 +2,14 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from typing import Any, ClassVar, Self
 
 import numpy as np
 from numpy.typing import NDArray
 
-from truing.inference.model import ScatterCandidate
+from truing.inference.model import CauseT, Onsets, ScatterCandidate, onsets_in_time
 from truing.simulation.cause import Cause, Parameter, ReportedParameter, Scene, Step
 from truing.simulation.inputs import LAST_STEP, PATH, Missing
 from truing.simulation.mechanisms.chains.centres import moments_off_centre, off_centre
@@ -452,6 +452,22 @@ def moved_alike(machine: ChainInputs, node: int, twist: NDArray) -> list[tuple[i
 def onsets_of_change(machine: ChainInputs, most: int = MOST_ONSETS) -> list[tuple[int | str, float]]:
     """Return the poses, and their ranks in time, from which something may have changed; every one of up to ``most``."""
     in_time = np.argsort(machine.order, kind="stable")
-    step = 1 + len(in_time) // most
-    chosen = in_time[FEWEST : len(in_time) - FEWEST + 1 : step]
+    chosen = in_time[FEWEST : len(in_time) - FEWEST + 1 : _onset_spacing(machine, most)]
     return [(machine.conditions.poses[b], float(machine.order[b])) for b in chosen]
+
+
+def onsets_of_poses(
+    machine: ChainInputs, from_order: float, begun_at: Callable[[int | str, float], CauseT], most: int = MOST_ONSETS
+) -> Onsets[CauseT]:
+    """Return the onsets that a cause can have which acts from the rank ``from_order`` in time on; ``begun_at`` returns
+    it from a pose and its rank on."""
+
+    def at_epoch(epoch: int) -> CauseT:
+        return begun_at(machine.conditions.poses[epoch], float(machine.order[epoch]))
+
+    return onsets_in_time(machine.order, FEWEST, _onset_spacing(machine, most), from_order, at_epoch)
+
+
+def _onset_spacing(machine: ChainInputs, most: int) -> int:
+    """Return every how many onsets are tried."""
+    return 1 + len(machine.order) // most

@@ -4,13 +4,21 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
+from typing import Self
 
 import numpy as np
 from numpy.typing import NDArray
 
+from truing.inference.model import Onsets
 from truing.simulation.cause import Parameter, ReportedParameter, Step
 from truing.simulation.mechanisms.chains.base_drift import MOTION
-from truing.simulation.mechanisms.chains.causes import ChainCause, ChainScene, JointCause, onsets_of_change
+from truing.simulation.mechanisms.chains.causes import (
+    ChainCause,
+    ChainScene,
+    JointCause,
+    onsets_of_change,
+    onsets_of_poses,
+)
 from truing.simulation.mechanisms.chains.conditions import ChainInputs
 
 
@@ -26,6 +34,13 @@ class ShiftFromPose(ChainCause):
     def is_later(self, machine: ChainInputs) -> NDArray:
         """Return 1 for the pose and later ones, 0 before it, (B,)."""
         return np.asarray(machine.order >= self.from_order, float)
+
+    def onsets(self, scene: ChainScene) -> Onsets[Self]:
+        """Return every pose with some poses before it and from it on."""
+        return onsets_of_poses(scene.inputs_of_machine, self.from_order, self._begun_at)
+
+    def _begun_at(self, pose: int | str, order: float) -> Self:
+        return replace(self, from_pose=pose, from_order=order)
 
     def reported(self, values: NDArray, covariance: NDArray, legs: int) -> tuple[ReportedParameter, ...]:
         """Return the displacement, and the first pose with it."""

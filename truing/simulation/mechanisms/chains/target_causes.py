@@ -9,9 +9,16 @@ from dataclasses import dataclass, replace
 import numpy as np
 from numpy.typing import NDArray
 
-from truing.inference.model import ChannelCandidates
+from truing.inference.model import ChannelCandidates, Onsets
 from truing.simulation.cause import Parameter, ReportedParameter, Step
-from truing.simulation.mechanisms.chains.causes import FEWEST, ChainCause, ChainScene, onsets_of_change
+from truing.simulation.mechanisms.chains.causes import (
+    FEWEST,
+    MOST_ONSETS,
+    ChainCause,
+    ChainScene,
+    onsets_of_change,
+    onsets_of_poses,
+)
 from truing.simulation.mechanisms.chains.conditions import ChainInputs
 
 _MM = 1e-3  # metres of a millimetre
@@ -45,6 +52,14 @@ class DistanceOffset(ChainCause):
         return [
             replace(self, end=end, from_pose=pose, from_order=order) for end in ("", *ends) for pose, order in onsets
         ]
+
+    def onsets(self, scene: ChainScene) -> Onsets[DistanceOffset]:
+        """Return every pose with some poses before it and from it on."""
+
+        def begun_at(pose: int | str, order: float) -> DistanceOffset:
+            return replace(self, from_pose=pose, from_order=order)
+
+        return onsets_of_poses(scene.inputs_of_machine, self.from_order, begun_at)
 
     def parameters(self, legs: int) -> tuple[Parameter, ...]:
         """Return the shift of the readings."""
@@ -117,6 +132,15 @@ class ChainTargetMoved(ChainCause):
             return replace(self, **names, from_pose=onsets[onset][0], from_order=onsets[onset][1])  # type: ignore[arg-type]
 
         return [ChannelCandidates(late[..., None].astype(float), targets, usable, 1e-4, member)]
+
+    def onsets(self, scene: ChainScene) -> Onsets[ChainTargetMoved]:
+        """Return every pose with some poses before it and from it on."""
+
+        def begun_at(pose: int | str, order: float) -> ChainTargetMoved:
+            return replace(self, from_pose=pose, from_order=order)
+
+        most = _ONSETS_OF_TARGETS if scene.places is None else MOST_ONSETS // _FEW_ONSETS
+        return onsets_of_poses(scene.inputs_of_machine, self.from_order, begun_at, most)
 
     def parameters(self, legs: int) -> tuple[Parameter, ...]:
         """Return the shift in the link's frame."""

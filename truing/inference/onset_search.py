@@ -1,0 +1,62 @@
+"""Onsets between those that a search tries: the best candidate of every kind begins where it explains most.
+
+A long campaign has too many onsets to try all of them with every cause. An effect that begins between two of them is
+explained in part, and another kind of cause that happens to be tried there would be preferred.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import replace
+
+import numpy as np
+
+from truing.inference.fitted_model import FittedModel
+from truing.inference.model import CauseT
+from truing.inference.scores import Score, parts_of
+from truing.inference.search import CauseCandidate, Search, admissible
+from truing.inference.signatures import signatures_of
+
+# Number of steps from one onset to the next; each step is divided anew.
+_STEPS = 4
+
+
+def at_best_onsets(
+    search: Search[CauseT], scores: Sequence[Score], fitted: FittedModel[CauseT]
+) -> list[CauseCandidate[CauseT]]:
+    """Return the best candidate of every kind at its best onset, where the search tries only some onsets and the
+    candidate is more probable than no effect."""
+    best: dict[str, tuple[float, CauseCandidate[CauseT]]] = {}
+    for candidate, score in zip(search.candidates, scores, strict=True):
+        if score.log_posterior > best.get(candidate.kind, (0.0, candidate))[0]:
+            best[candidate.kind] = score.log_posterior, candidate
+    known = {candidate.key for candidate in search.candidates}
+    finer = [_at_best_onset(candidate, fitted, search) for _, candidate in best.values()]
+    return [candidate for candidate in finer if candidate.key not in known]
+
+
+def _at_best_onset(
+    candidate: CauseCandidate[CauseT], fitted: FittedModel[CauseT], search: Search[CauseT]
+) -> CauseCandidate[CauseT]:
+    """Return a candidate at the onset, among those between the onsets tried, from which it explains most.
+
+    Of the onsets up to the next one that was tried, a few are compared, then those near the best of them, and so on.
+    """
+    onsets = fitted.scene.onsets(candidate.cause)
+    spacing, most = (1 if onsets is None else onsets.spacing), _squares(candidate, search)
+    while onsets is not None and spacing > 1:
+        step = max(1, spacing // _STEPS)
+        moved = [onsets.moved(by) for by in range(step * ((1 - spacing) // step), spacing, step) if by]
+        causes = admissible(fitted, [cause for cause in moved if cause is not None])
+        effects = signatures_of(search.pathways, (fitted.partial_designs(cause) for cause in causes))
+        for cause, effect in zip(causes, effects, strict=True):
+            finer = replace(candidate, cause=cause, signature=effect)
+            if (squares := _squares(finer, search)) > most:
+                candidate, most = finer, squares
+        onsets, spacing = fitted.scene.onsets(candidate.cause), step
+    return candidate
+
+
+def _squares(candidate: CauseCandidate[CauseT], search: Search[CauseT]) -> float:
+    """Return the reduction of the sum of squares by a candidate."""
+    return float(np.sum(parts_of(candidate.signature, search.pathways.residual) ** 2))
