@@ -136,6 +136,20 @@ def test_what_follows_a_column_without_a_name_is_told_and_predicted_from_that_co
     assert abs(moved - 0.004 * 4.0) < 4.0 * told["sigma"].max() < 0.2 * moved
 
 
+def test_a_shift_between_two_onsets_that_are_tried_is_dated_to_its_row(tmp_path: Path) -> None:
+    sweep = np.linspace(-80.0, 80.0, 40)
+    command, onset = np.tile(np.concatenate([sweep, sweep[::-1]]), 6), 302  # every third row is tried
+    layout = _layout(command=command, event_row=None, held_out=np.arange(480) % 5 == 3)
+    hidden = (Hidden("zero-shift", "instrument", SHIFT, onset),)
+    folder = write(record(layout, hidden, np.random.default_rng(8)), tmp_path / "campaign")
+    assert _truing("run", str(folder), "--out", str(tmp_path / "run"))[0] == 0
+    rows = pq.read_table(tmp_path / "run" / "diagnosis.parquet").to_pylist()
+    (found,) = (row for row in rows if row["verdict"] == "found")
+    assert (found["cause"], found["subject"]) == ("zero-shift", "instrument")
+    poses = pyarrow.csv.read_csv(folder / "configurations.csv").column("pose")
+    assert json.loads(found["parameters"])["from_pose"]["value"] == str(poses[onset])
+
+
 def test_two_errors_per_turn_and_a_shifted_zero_are_named_together(tmp_path: Path) -> None:
     """One curve of the command absorbs both errors; none of it is left for an effect without a name."""
     sweep = np.linspace(0.0, 360.0, 25)
