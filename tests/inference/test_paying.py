@@ -45,6 +45,7 @@ class _Verdict:
     block_gain: Any = None
     floor: Any = None
     probability: float = 1.0
+    log_odds: float = 30.0
 
 
 def _verdict(
@@ -57,7 +58,7 @@ def _verdict(
 ) -> _Verdict:
     held_out = (None, None) if held is None else (_Error(2.0), _Error(held, count))
     block_gain = None if gain is None else BlockGain(BlockKind.DAY, 3, gain, squares)
-    return _Verdict(SimpleNamespace(key=name), _Error(after), held_out, block_gain=block_gain)
+    return _Verdict(SimpleNamespace(key=name, catalogued=True), _Error(after), held_out, block_gain=block_gain)
 
 
 @pytest.mark.parametrize(
@@ -94,10 +95,13 @@ def test_a_gain_far_below_that_of_an_effect_of_its_size_confirms_nothing(
 def test_an_effect_without_a_name_is_suspected_where_other_causes_are_more_probable(
     probability: float, state: str
 ) -> None:
+    assert _checked_unnamed(probability=probability).verdict == state
+
+
+def _checked_unnamed(probability: float) -> Any:
     unnamed: Any = replace(_verdict("of time"), cause=SimpleNamespace(key="of time", catalogued=False))
     unnamed = replace(unnamed, probability=probability)
-    checked = Doubts(None, (), {}, (), ()).checked(unnamed, SimpleNamespace(), ())  # type: ignore[arg-type]
-    assert checked.verdict == state
+    return Doubts(None, (), {}, (), ()).checked(unnamed, SimpleNamespace(), ())  # type: ignore[arg-type]
 
 
 @dataclass(frozen=True)
@@ -159,6 +163,16 @@ def test_the_final_model_holds_the_causes_that_pay() -> None:
     kept, final, told = _paid(own)
     assert kept == final == ["first", "last"]
     assert told == {"first": (FOUND, None), "last": (FOUND, None), "worse": (SUSPECTED, Reason.HELD_OUT)}
+
+
+@pytest.mark.parametrize(("odds", "catalogued", "kept"), [(8.5, False, False), (9.5, False, True), (8.5, True, True)])
+def test_the_final_model_holds_no_effect_without_a_name_that_is_hardly_more_probable_than_none(
+    odds: float, catalogued: bool, kept: bool
+) -> None:
+    last = _Verdict(SimpleNamespace(key="last", catalogued=catalogued), _Error(1.0), log_odds=log(odds))
+    names, final, told = _paid({"first": _verdict("first"), "last": last})
+    assert names == final == (["first", "last"] if kept else ["first"])
+    assert told["last"] == ((FOUND, None) if kept else (SUSPECTED, Reason.WEAK))
 
 
 def test_two_causes_that_only_pay_together_are_kept() -> None:

@@ -6,18 +6,14 @@ from __future__ import annotations
 from collections.abc import Collection, Mapping, Sequence
 from dataclasses import dataclass, replace
 
-import numpy as np
-
 from truing.inference.fitted_model import FittedModel
 from truing.inference.forward_search import Accepted, ForwardSearch, Searched, names_of_one_effect
 from truing.inference.free_course import CourseRival, course_rival
 from truing.inference.model import CauseT
 from truing.inference.rounds import act_on_same, share_explained
-from truing.inference.search_verdicts import NAMED, contradiction, is_unconfirmed
+from truing.inference.search_verdicts import LEAST_LOG_ODDS, NAMED, contradiction, is_unconfirmed
 from truing.inference.verdicts import FOUND, SUSPECTED, Reason, Verdict
 
-# Log odds over no effect below which a cause without any rival is not found.
-_LEAST_LOG_ODDS = float(np.log(NAMED / (1.0 - NAMED)))
 # Probability below which other inputs, or other causes, are more probable than an effect without a name.
 _EVEN = 0.5
 
@@ -66,7 +62,7 @@ class Doubts:
         if verdict.cause.is_assumed:
             return replace(verdict, verdict=SUSPECTED, reason=Reason.ASSUMED)
         if verdict.probability < NAMED:
-            is_weak = verdict.log_odds < _LEAST_LOG_ODDS and verdict.cause.key not in self.with_rivals
+            is_weak = verdict.log_odds < LEAST_LOG_ODDS and verdict.cause.key not in self.with_rivals
             return replace(verdict, verdict=SUSPECTED, reason=Reason.WEAK if is_weak else Reason.ALTERNATIVE)
         if is_unconfirmed(verdict):
             return replace(verdict, verdict=SUSPECTED, reason=Reason.UNCONFIRMED)
@@ -114,9 +110,10 @@ def _course_rivals(
 
 def _beside_refused(searched: Searched[CauseT], verdicts: Sequence[Verdict[CauseT]]) -> set[str]:
     """Return the keys of accepted causes that act on the same data as a refused nonparametric effect. That effect is
-    significant next to them, but predicts held-out epochs worse: something is there, in another form."""
+    significant next to them, but predicts held-out epochs worse: something is there, in another form. If it is hardly
+    more probable than no effect, nothing need be there."""
     worse = [own for own in searched.refused if own.reason is Reason.HELD_OUT]
-    worse += [own for own in verdicts if own.verdict == SUSPECTED]
+    worse += [own for own in verdicts if own.verdict == SUSPECTED and own.reason is not Reason.WEAK]
     refused = [own.cause for own in worse if not own.cause.catalogued]
     named = searched.named()
     return {cause.key for cause in named if any(act_on_same(searched.final, cause, own) for own in refused)}

@@ -31,6 +31,8 @@ from truing.inference.verdicts import (
 _NO_MORE, _NO_WORSE = 1.002, 1.02
 # Probability from which on a name is found, among all that explain the same.
 NAMED = 0.9
+# Log odds over no effect below which an effect is not found.
+LEAST_LOG_ODDS = float(np.log(NAMED / (1.0 - NAMED)))
 
 
 @dataclass(frozen=True)
@@ -55,10 +57,14 @@ class SearchVerdicts(Generic[CauseT]):
                 else verdict
                 for verdict in self.verdicts(searched, refuted)
             ]
-            unpaid = [verdict for verdict in verdicts if verdict.cause.key in own and _unpaid(verdict)]
+            unpaid = [
+                replace(verdict, verdict=SUSPECTED, reason=reason)
+                for verdict in verdicts
+                if verdict.cause.key in own and (reason := _unpaid(verdict) or _weakness(verdict)) is not None
+            ]
             if not unpaid:
                 return searched, verdicts
-            refuted.append(replace(unpaid[-1], verdict=SUSPECTED, reason=_unpaid(unpaid[-1])))
+            refuted.append(unpaid[-1])
             searched = self.search.without(searched, unpaid[-1].cause.key)
 
     def _next_to_others(self, verdict: Verdict[CauseT], searched: Searched[CauseT]) -> Verdict[CauseT]:
@@ -150,3 +156,10 @@ def _unpaid(verdict: Verdict[CauseT]) -> Reason | None:
     if not pays and held_out > 1.0 / _NO_WORSE:  # an effect in held-out epochs alone lowers only their errors
         return Reason.UNPAID
     return Reason.HELD_OUT if held_out > _NO_WORSE and not is_chance else None
+
+
+def _weakness(verdict: Verdict[CauseT]) -> Reason | None:
+    """Return ``WEAK`` for an effect without a name that is hardly more probable than no effect; None for others. Chance
+    offers so many of these that the final model does without."""
+    is_weak = not verdict.cause.catalogued and verdict.log_odds < LEAST_LOG_ODDS
+    return Reason.WEAK if is_weak else None

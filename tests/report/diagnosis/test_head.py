@@ -12,7 +12,9 @@ from tests.report import diagnosis_tables as made
 from tests.report.diagnosis_parts import part_of
 from tests.report.diagnosis_tables import GAIN_3, MOVED, NOISE, diagnosis_tables, per_leg, rejected, row, rows, size
 from tests.sentences import assert_says, says
+from truing.report.diagnosis.assessed_causes import assessed_causes
 from truing.report.diagnosis.section import diagnosis
+from truing.report.diagnosis.words import counted
 from truing.report.head import build_head
 
 
@@ -121,6 +123,16 @@ def test_several_findings_are_numbered_and_their_gain_is_that_of_all():
     _, said = first_line(rows(row("actuator-gain", subject="leg3", parameters=GAIN_3), second, *rejected()))
     assert_says(said, "Two effects", "(1)", "actuator 3", "farther", "(2)", "P07", "displaced")
     assert_says(said, "both", "lowers", "held-out poses", "34 µm", "5.5 µm")
+
+
+def test_the_gain_is_that_of_what_the_extended_model_holds() -> None:
+    weak = row("target-moved", subject="target P07", parameters=MOVED, verdict="suspected", reason_code="weak")
+    found = row("actuator-gain", subject="leg3", parameters=GAIN_3)
+    _, said = first_line(rows(found, weak | {"in_model": False}, *rejected()))
+    assert_says(said, "Suspected", "target P07")
+    assert_says(said, "Modelling what was found lowers", "34 µm", "7.9 µm")
+    counts = counted(assessed_causes({"diagnosis": rows(found, weak | {"in_model": False})}), {})
+    assert_says(counts, "1 found", "1 suspected but not", "hardly more probable than no effect")
 
 
 def test_the_gain_of_all_findings_starts_without_any_of_them():

@@ -128,8 +128,18 @@ def _found_words(causes: list[AssessedCause], tables: Tables) -> str:
         texts.append(f"{'Besides, ' if texts else ''}{names}{_more_findings(beside)}")
     texts += [clause(row, tables) for row in in_place[:1]]
     texts += _rivals(causes, assessed_causes(tables), tables)
-    modelling = "Modelling it" if len(effects) == 1 else f"Modelling {'both' if len(effects) == 2 else 'all of them'}"
+    modelling = f"Modelling {_modelled_words(effects)}"
     return ". ".join([*texts, f"{modelling} {brings}"] if brings else texts) + "."
+
+
+def _modelled_words(effects: list[AssessedCause]) -> str:
+    """Return which of the effects the extended model holds, as the object of a sentence after their list."""
+    modelled = [row for row in effects if row.in_model]
+    if len(modelled) == len(effects):
+        return {1: "it", 2: "both"}.get(len(effects), "all of them")
+    if all(row.verdict != SUSPECTED for row in modelled):
+        return "what was found" if len(modelled) < 2 else f"the {count_text(len(modelled), 'finding')}"
+    return "those of them that the extended model holds"
 
 
 def _named(rows: list[AssessedCause]) -> list[AssessedCause]:
@@ -280,7 +290,8 @@ def counted(rows: list[AssessedCause], tables: Tables) -> str:
         tested_words(rows) or "what was measured",
     )
     accepted = [row for row in accepted_of(rows) if not row.is_noise]
-    refuted = sum(not row.in_model for row in accepted)
+    left_out = [row for row in accepted if not row.in_model]
+    refuted = len(left_out)
     found, suspected = len(accepted) - refuted, sum(row.verdict == SUSPECTED and row.in_model for row in accepted)
     causes = [row for row in rows if not row.is_noise]
     assessed = f"{count_text(len(causes), 'candidate cause')} assessed"
@@ -295,12 +306,21 @@ def counted(rows: list[AssessedCause], tables: Tables) -> str:
     into = "included in the results below"
     if is_bench(tables) or any(name in tables for name in ("pulls", "axis_errors")):
         into = "added to the extended model (model.toml)"
-    worse = f", {refuted} suspected but not {into} because predictions are not better with it" if refuted else ""
+    worse = f", {refuted} suspected but not {into} because {_why_left_out(left_out)}" if refuted else ""
     text = f"{_accepted_words(found - suspected, suspected)} and {into}" if found else "none found"
     return (
         f"{assessed}: {text}{worse}{other}, {rejected} rejected{unseen}. "
         f"All causes were compared on the same data, re-estimating every other parameter."
     )
+
+
+def _why_left_out(rows: list[AssessedCause]) -> str:
+    weak = sum(row.reason_code == "weak" for row in rows)
+    it = "it" if len(rows) == 1 else "them"
+    if not weak:
+        return f"predictions are not better with {it}"
+    hardly = f"{'it is' if len(rows) == 1 else 'they are'} hardly more probable than no effect"
+    return hardly if weak == len(rows) else f"{hardly}, or predictions are not better with {it}"
 
 
 def _accepted_words(found: int, suspected: int) -> str:
