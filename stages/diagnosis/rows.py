@@ -25,7 +25,7 @@ from truing.report.diagnosis.findings import (
     single_errors_explanation,
 )
 from truing.report.wordings.catalogue import cause_words, clause, confirming, own_clause
-from truing.report.wordings.claim import Advice, Claim, ParameterSize
+from truing.report.wordings.claim import ONSET_BETWEEN, Advice, Claim, ParameterSize
 from truing.report.wordings.nonparametric_wordings import (
     INSTEAD,
     columns_words,
@@ -108,6 +108,8 @@ def _row(verdict: Verdict, diagnosis: CauseDiagnosis, words: DetectionAdvice) ->
     shown, claim = words.shown.of_effect(verdict.before, verdict.after), _claim(verdict, legs)
     if verdict.verdict in ("found", "suspected"):
         claim = replace(claim, settings={**claim.settings, **cause.shared_with(diagnosis.plain.scene)})
+    if verdict.onsets is not None:
+        claim = replace(claim, settings={**claim.settings, ONSET_BETWEEN: _onset_names(verdict.onsets)})
     if verdict.inputs:
         claim = replace(claim, settings={**claim.settings, INSTEAD: [list(inputs) for inputs, _ in verdict.inputs]})
     facts = _facts(verdict, diagnosis, words, claim)
@@ -139,6 +141,12 @@ def _row(verdict: Verdict, diagnosis: CauseDiagnosis, words: DetectionAdvice) ->
         "log_evidence": verdict.log_odds,
         "scale_holds": None if verdict.scale_holds is None else "holds" if verdict.scale_holds else "changes",
     }
+
+
+def _onset_names(onsets: tuple[Cause, Cause]) -> list[Any]:
+    """Return the poses or steps of the earliest and the latest possible onset."""
+    settings = [cause.settings() for cause in onsets]
+    return [own["from_pose" if "from_pose" in own else "from_step"] for own in settings]
 
 
 def _errors(shown: ReportedRms, verdict: Verdict) -> dict[str, Any]:

@@ -18,6 +18,7 @@ from truing.inference.fitted_model import FittedModel
 from truing.inference.fitter import Fitter
 from truing.inference.free_course import move_alike
 from truing.inference.model import CauseT
+from truing.inference.onset_search import onset_interval
 from truing.inference.prediction import predicts_worse
 from truing.inference.rounds import RIVAL_FACTOR, Round, score_round
 from truing.inference.search import CauseCandidate, Search
@@ -75,6 +76,7 @@ class Accepted(Generic[CauseT]):
     choice: float  # evidence averaged over its shapes on its subject, relative to its own
     probability: float  # of its kind among all that explain the same
     rivals: frozenset[str]  # keys of nonparametric effects that explain much of what it explains
+    onsets: tuple[CauseT, CauseT] | None = None  # the cause at its earliest and latest possible onset
 
     @property
     def candidate(self) -> CauseCandidate[CauseT]:
@@ -212,7 +214,7 @@ class ForwardSearch(Generic[CauseT]):
                 worse.append(first_order(current, chosen.candidate, REJECTED, self.fitter.held_out, Reason.HELD_OUT))
                 continue
             outdone, choice = is_outdone(current, chosen.candidate, refused), current.choice(chosen.candidate)
-            rivals = current.rivals_of(chosen.candidate)
+            rivals, onsets = current.rivals_of(chosen.candidate), self._onsets(chosen.candidate, current)
             if not chosen.of_two:  # accepted: two rounds at once need twice the memory
                 current, chosen = self._closed(rounds), chosen.light()
             next_round = self._round(after, kinds, len(rounds))
@@ -224,7 +226,9 @@ class ForwardSearch(Generic[CauseT]):
             if not chosen.of_two:
                 probability = closed.probability_of_name(chosen.candidate, next_round)
             found.append(
-                Accepted(chosen.light(), closed, cause, closed.fitted, after, outdone, choice, probability, rivals)
+                Accepted(
+                    chosen.light(), closed, cause, closed.fitted, after, outdone, choice, probability, rivals, onsets
+                )
             )
             rounds.append(next_round)
 
@@ -252,11 +256,13 @@ class ForwardSearch(Generic[CauseT]):
             if predicts_worse(current.fitted.held_out, after.held_out, self._covered(cause, after)):
                 return []
             choice, rivals = current.choice(chosen.candidate), current.rivals_of(chosen.candidate)
-            chosen = chosen.light()
+            onsets, chosen = self._onsets(chosen.candidate, current), chosen.light()
             closed = start.closed() if current is start else self._closed(branch)
             branch.append(self._round(after, kinds, len(rounds) - 1 + len(branch)))
             probability = closed.probability_of_name(chosen.candidate, branch[-1], hidden)
-            steps.append(Accepted(chosen, closed, cause, closed.fitted, after, False, choice, probability, rivals))
+            steps.append(
+                Accepted(chosen, closed, cause, closed.fitted, after, False, choice, probability, rivals, onsets)
+            )
         lead = sum(step.round.posterior(step.candidate) for step in steps) - start.posterior(unnamed)
         if len(steps) < 2 or lead < np.log(RIVAL_FACTOR):
             return []
@@ -291,6 +297,11 @@ class ForwardSearch(Generic[CauseT]):
             if narrower is chosen.candidate or not is_real(current, narrower, self.settings.level):
                 return chosen, cause, after
             chosen = replace(chosen, candidate=narrower, subjects=(), inputs=())
+
+    @staticmethod
+    def _onsets(candidate: CauseCandidate[CauseT], current: Round[CauseT]) -> tuple[CauseT, CauseT] | None:
+        """Return a candidate's cause at its earliest and latest possible onset."""
+        return None if current.search is None else onset_interval(candidate, current.fitted, current.search)
 
     def _covered(self, cause: CauseT, after: FittedModel[CauseT]) -> Mask:
         """Return True for held-out epochs (B,) at which a cause claims to hold."""

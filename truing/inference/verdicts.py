@@ -74,6 +74,7 @@ class Verdict(Generic[CauseT]):
     blocks_asked: bool = False
     block_gain: BlockGain | None = None
     subjects: tuple[tuple[str, float], ...] = ()  # other possible subjects of a found cause, with the odds against each
+    onsets: tuple[CauseT, CauseT] | None = None  # the cause at its earliest and latest possible onset
     inputs: tuple[tuple[tuple[str, ...], float], ...] = ()  # the same, of inputs of a nonparametric effect
 
     @property

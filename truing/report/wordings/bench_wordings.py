@@ -315,8 +315,7 @@ def _dead_path(claim: Claim) -> str:
 
 
 def _slip(claim: Claim) -> str:
-    count, onset = claim.size("count"), claim.fact("from_step")
-    since = f" from step {onset} on" if onset not in (None, "") else ""
+    count, since = claim.size("count"), claim.since("step")
     shift = claim.size("shift")
     if shift is not None:
         who = _subject_words(claim, "a counter")
@@ -330,8 +329,7 @@ def _slip(claim: Claim) -> str:
 
 
 def _shifted(claim: Claim) -> str:
-    onset = claim.fact("from_step")
-    since = f" from step {onset} on" if onset not in (None, "") else ""
+    since = claim.since("step")
     own = [one for one in claim.sizes if one.name.startswith("shift")]
     size = max(own, key=lambda one: abs(one.number or 0.0) / (one.sigma or 1.0), default=None)
     run = _parts(claim).get("run", "")

@@ -57,8 +57,8 @@ def _lost_motion_clause(claim: Claim) -> str:
 def _shift(claim: Claim) -> str:
     shift = largest(claim.sizes_of("shift"))
     size = "" if shift is None else size_in_words(shift)
-    event, pose = claim.fact("event"), claim.fact("from_pose")
-    since = f" after the event {event}" if event else f" from row {pose} on" if pose not in (None, "") else ""
+    event = claim.fact("event")
+    since = f" after the event {event}" if event else claim.since("row")
     return f"{PARTS_OF_AXES.get(claim.subject, claim.subject)} has a zero shift{since}{by_words(size)}"
 
 

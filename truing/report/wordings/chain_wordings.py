@@ -42,7 +42,7 @@ def _offset(claim: Claim) -> str:
 
 
 def _shifted(claim: Claim) -> str:
-    return f"the zero of {_owner(claim)} shifts from pose {claim.fact('from_pose')} on{_signed(claim, 'shift')}"
+    return f"the zero of {_owner(claim)} shifts{claim.since()}{_signed(claim, 'shift')}"
 
 
 def _signed(claim: Claim, kind: str) -> str:
@@ -202,23 +202,20 @@ def _drift(claim: Claim) -> str:
 
 
 def _jump(claim: Claim) -> str:
-    return with_sizes(f"the base is displaced from pose {claim.fact('from_pose')} on", claim)
+    return with_sizes(f"the base is displaced{claim.since()}", claim)
 
 
 def _knocked(claim: Claim) -> str:
     who = _owner(claim)
-    return with_sizes(
-        f"{who}, with all that is measured on it, is displaced from pose {claim.fact('from_pose')} on", claim
-    )
+    return with_sizes(f"{who}, with all that is measured on it, is displaced{claim.since()}", claim)
 
 
 def _longer(claim: Claim) -> str:
     size, long = largest_of_kind(claim, "shift")
-    end, onset = claim.fact("end"), claim.fact("from_pose")
+    end = claim.fact("end")
     distances_text = f"distances of {end}" if end else "all distances"
     much = f" by {size}" if size else ""
-    since = f" from pose {onset} on" if onset not in (None, "") else ""
-    return f"{distances_text} are read too {'long' if long else 'short'}{much}{since}"
+    return f"{distances_text} are read too {'long' if long else 'short'}{much}{claim.since()}"
 
 
 def _exchanged(claim: Claim) -> str:

@@ -15,6 +15,8 @@ from truing.report.numbers import rough
 
 # Components smaller than this many standard deviations are left out.
 SURE = 2.0
+# Setting of an accepted cause with the earliest and the latest possible onset (95 %).
+ONSET_BETWEEN = "onset_between"
 # Number of sizes that a clause gives one by one.
 _TOLD = 3
 
@@ -79,6 +81,15 @@ class Claim:
         neither."""
         size = self.size(name)
         return self.settings.get(name, None if size is None else size.value)
+
+    def since(self, noun: str = "pose") -> str:
+        """Return `` from pose 34 (95 %: 30 to 36) on``; empty where there is no onset."""
+        onset = self.fact("from_step" if noun == "step" else "from_pose")
+        if onset in (None, ""):
+            return ""
+        first, last = self.fact(ONSET_BETWEEN) or (onset, onset)
+        interval = "" if first == last else f" (95 %: {first} to {last})"
+        return f" from {noun} {onset}{interval} on"
 
 
 class AdviceKind(StrEnum):

@@ -275,11 +275,6 @@ MECHANISM = {
 }
 
 
-def _from_pose_words(claim: Claim) -> str:
-    pose = claim.fact("from_pose")
-    return "" if pose in (None, "") else f" from pose {pose} on"
-
-
 def _on_body(claim: Claim) -> str:
     return f" on {claim.fact('body')}" if claim.fact("body") else ""
 
@@ -288,10 +283,10 @@ def _displacement_clause(claim: Claim) -> str:
     who = f"{claim.subject or 'a target'}{_on_body(claim)}"
     parts = [size for name in ("dx", "dy", "dz") if (size := claim.size(name)) is not None]
     if not parts:
-        return f"{who} is displaced{_from_pose_words(claim)}"
+        return f"{who} is displaced{claim.since()}"
     distance = math.hypot(*(size.number or 0.0 for size in parts))
     sigma = max(size.sigma or 0.0 for size in parts)
-    return f"{who} is displaced by {size_text('dx', distance, sigma or None, parts[0].unit)}{_from_pose_words(claim)}"
+    return f"{who} is displaced by {size_text('dx', distance, sigma or None, parts[0].unit)}{claim.since()}"
 
 
 def _check_target_advice(claim: Claim) -> str:
@@ -351,11 +346,11 @@ def _single_change_advice(claim: Claim) -> str:
 
 def _drifts(claim: Claim) -> str:
     fact = claim.fact("whole")
-    if _from_pose_words(claim):
+    if claim.since():
         change_text = (
             f"{_body(claim)}, declared still, is displaced" if fact else f"the shape of {_body(claim)} changed"
         )
-        return with_sizes(f"{change_text}{_from_pose_words(claim)}", claim)
+        return with_sizes(f"{change_text}{claim.since()}", claim)
     of_time = claim.fact("column") in (None, "time_s")
     how = (
         ", in smooth waves" if claim.fact("waves") else ", fast at first and slower later" if claim.fact("tau") else ""
@@ -370,7 +365,7 @@ def _drifts(claim: Claim) -> str:
 
 
 def _wait(claim: Claim) -> str:
-    if _from_pose_words(claim):
+    if claim.since():
         before = f"before pose {claim.fact('from_pose')}"
         return f"Check whether {claim.subject} was touched {before}, and survey it again."
     return f"Measure {claim.subject} repeatedly without moving anything, until it no longer changes."
