@@ -63,7 +63,7 @@ def test_the_best_onset_lies_near_the_true_one_and_the_interval_holds_it_in_nine
         held += first.onset <= onset <= last.onset
         widths.append(last.onset - first.onset)
     # Of 60 intervals of 95 %, fewer than 52 hold the truth once in 500 times. Whole poses make them wider than needed.
-    assert 52 <= held
+    assert held >= 52
     assert np.median(missed) <= 1
     assert 1 <= np.mean(widths) <= toy.POSES / 4
 

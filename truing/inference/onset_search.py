@@ -23,6 +23,7 @@ _STEPS = 4
 # quantile of (1 - exp(-x / 2))^2, the distribution for a jump in white noise. Source: Yao, Annals of Statistics 15
 # (1987) 1321. So many onsets in a row that lose more end the interval.
 _LOSS, _IN_A_ROW = -2.0 * float(np.log(1.0 - np.sqrt(0.95))), 4
+_MOST_IN_INTERVAL = 300  # onsets that are compared at most, of all possible ones
 
 
 def at_best_onsets(
@@ -78,8 +79,9 @@ def onset_interval(
         return None
     total, freedom = total_of(fitted)
     least = _squares(candidate, search) - _LOSS * total / freedom
-    ends = [_last_possible(candidate, onsets, step, least, fitted, search) for step in (-1, 1)]
-    return None if ends[0] is ends[1] is candidate.cause else (ends[0], ends[1])
+    step = 1 + len(onsets.epochs) // _MOST_IN_INTERVAL
+    ends = [_last_possible(candidate, onsets, by, least, fitted, search) for by in (-step, step)]
+    return None if ends[0].key == ends[1].key else (ends[0], ends[1])
 
 
 def _last_possible(
@@ -90,10 +92,14 @@ def _last_possible(
     fitted: FittedModel[CauseT],
     search: Search[CauseT],
 ) -> CauseT:
-    """Return the cause at the last onset in the direction ``step`` of time that explains at least so many squares."""
-    last, lost, by = candidate.cause, 0, step
+    """Return the cause at the last onset in the direction ``step`` of time that explains at least so many squares.
+
+    If onsets between are skipped, the first one that explains less is its limit.
+    """
+    last, lost, by = 0, 0, step
     while lost < _IN_A_ROW and (cause := onsets.moved(by)) is not None:
         (effect,) = signatures_of(search.pathways, [fitted.partial_designs(cause)])
         is_possible = _squares(replace(candidate, cause=cause, signature=effect), search) >= least
-        last, lost, by = (cause, 0, by + step) if is_possible else (last, lost + 1, by + step)
-    return last
+        last, lost, by = (by, 0, by + step) if is_possible else (last, lost + 1, by + step)
+    beyond = onsets.moved(last + step) if abs(step) > 1 else None
+    return beyond or onsets.moved(last) or candidate.cause
