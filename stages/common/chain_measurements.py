@@ -14,7 +14,7 @@ from truing.estimation.rigid_poses.points import PosePoints
 from truing.estimation.rigid_poses.umeyama import umeyama
 from truing.estimation.rotation import exp_so3
 from truing.schemas.covariates import column_alias
-from truing.simulation.inputs import ORDER, between_neighbours, order_in_time
+from truing.simulation.inputs import ORDER, between_neighbours, is_row_number, order_in_time
 from truing.simulation.mechanisms.chains.conditions import ChainConditions, MeasuredChannels, movements
 from truing.simulation.mechanisms.chains.joint_table import joint_columns, motor_column
 from truing.simulation.mechanisms.chains.tree import Tree
@@ -206,7 +206,7 @@ def chain_conditions(
     }
     time = covariates.get("time_s")
     covariates[ORDER] = order_in_time(time, len(poses))
-    if time is not None and np.array_equal(np.diff(np.sort(time)), np.ones(len(time) - 1)):
+    if time is not None and is_row_number(time):
         del covariates["time_s"]  # numbers of rows, and no seconds
         time = None
     if time is not None:

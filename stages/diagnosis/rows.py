@@ -13,7 +13,7 @@ import pyarrow as pa
 
 from truing.arrays import TableRow
 from truing.inference.noise import merged_by_driver
-from truing.report.diagnosis.assessed_causes import REMAINDER, WITHOUT_FINDINGS
+from truing.report.diagnosis.assessed_causes import PARTLY_BY_FINDINGS, REMAINDER, WITHOUT_FINDINGS
 from truing.report.diagnosis.findings import (
     Facts,
     NoiseFacts,
@@ -326,11 +326,20 @@ def _attributed_rows(
             "subject": names[0] if names else "",
             "parameters": "{}",
             "follows": listed(follows),
-            "settings": json.dumps({} if own.remains else {WITHOUT_FINDINGS: True}),
+            "settings": json.dumps(_next_to_findings(own)),
             "share_predicted": own.share,
-            "explanation": remainder_explanation(text, own.p_value, is_of_all=not names, remains=own.remains),
+            "explanation": remainder_explanation(
+                text, own.p_value, is_of_all=not names, remains=own.remains, is_partial=own.is_partial
+            ),
             "next_measurement": remainder_advice(follows),
         }
+
+
+def _next_to_findings(own: Attributed) -> dict[str, bool]:
+    """Return the settings of inputs that predict residuals: whether the findings may explain all of it, or a part."""
+    if not own.remains:
+        return {WITHOUT_FINDINGS: True}
+    return {PARTLY_BY_FINDINGS: True} if own.is_partial else {}
 
 
 def _larger_row(level: NoiseLevel, final: FittedModel, shown: ReportedRms) -> dict[str, Any]:

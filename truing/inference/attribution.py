@@ -33,7 +33,8 @@ class Attributed:
 
     ``share`` is the share of the residuals' squares that they predict beyond chance; ``p_value`` is corrected for all
     tests. ``remains``: False if accepted causes explain it, so that only a model without them shows it.
-    ``subject``: the part whose error it is, empty where residuals as such depend on them.
+    ``subject``: the part whose error it is, empty where residuals as such depend on them. ``is_partial``: True if the
+    accepted causes may explain a part of the share, of which the rest remains.
     """
 
     channels: tuple[int, ...]
@@ -42,6 +43,7 @@ class Attributed:
     p_value: float
     remains: bool = True
     subject: str = ""
+    is_partial: bool = False
 
 
 def attributed(
@@ -105,7 +107,8 @@ def _of_parts(
             is_left = left is not None and depends(left, parts[own.index], own.inputs, spectra, level)
             remains = final is plain or is_left
             subject = subjects[own.index] if own.is_sure else ""
-            yield Attributed((), inputs, min(share, 1.0), max(own.p_value, LEAST_P), remains, subject)
+            is_partial = is_left and final is not plain
+            yield Attributed((), inputs, min(share, 1.0), max(own.p_value, LEAST_P), remains, subject, is_partial)
 
 
 def _parts(fitted: FittedModel[CauseT], readings: Mapping[str, str | None]) -> tuple[list[str], list[Part]]:
@@ -150,5 +153,9 @@ def _merged(found: Iterable[Attributed]) -> Iterator[Attributed]:
         same = (first.channels, first.subject), ((), "")
         alike = [one for one in left if (one.channels, one.subject) in same and set(one.inputs) <= set(first.inputs)]
         share, p_value = max(one.share for one in alike), min(one.p_value for one in alike)
+        remaining = [one for one in alike if one.remains]
+        is_partial = bool(remaining) and (len(remaining) < len(alike) or any(one.is_partial for one in remaining))
         left = [one for one in left if all(one is not other for other in alike)]
-        yield Attributed(first.channels, first.inputs, share, p_value, any(one.remains for one in alike), first.subject)
+        yield Attributed(
+            first.channels, first.inputs, share, p_value, bool(remaining), first.subject, is_partial=is_partial
+        )

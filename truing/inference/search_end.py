@@ -36,7 +36,7 @@ class SearchEnd(StrEnum):
 class EndOfSearch(Generic[CauseT]):
     """The reason why a search stopped, the number of accepted causes, the next candidate, and the least p-value left.
 
-    ``left`` is None where no remaining candidate is significant.
+    ``left`` is None where no remaining candidate is significant. Candidates that have no plausible size do not count.
     """
 
     end: SearchEnd
@@ -79,7 +79,8 @@ class FurtherCauses(Generic[CauseT]):
 
         ``left`` is the candidate that it would have accepted next, or one that is significant but does not pay.
         """
-        least = min((closing.p_value(candidate) for candidate in closing.best.values()), default=1.0)
+        plausible = (own for own in closing.best.values() if closing.scores[own.key].log_evidence > 0.0)
+        least = min(map(closing.p_value, plausible), default=1.0)
         if left is None:
             limit = SearchEnd.MOST_CAUSES if accepted > MANY_CAUSES else SearchEnd.COMPLETE
         return EndOfSearch(limit or SearchEnd.MOST_CAUSES, accepted, left, least)

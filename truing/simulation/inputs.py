@@ -101,6 +101,11 @@ def order_in_time(time: NDArray | None, poses: int) -> NDArray:
     return rank
 
 
+def is_row_number(time: NDArray) -> bool:
+    """Return True if times (B,) are the numbers of their rows, as where a campaign gives none: they are no seconds."""
+    return bool((np.diff(np.sort(time)) == 1.0).all())
+
+
 def ranks(order: NDArray) -> NDArray:
     """Return the rank (B,) of each epoch, from 0, by its order in time (B,); equal values keep their sequence."""
     return np.asarray(np.argsort(np.argsort(order, kind="stable")))

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+import math
 
 import pandas as pd
 import pytest
@@ -11,15 +12,17 @@ from tests.report.diagnosis_parts import part_of, state_of
 from tests.report.diagnosis_tables import GAIN_3, diagnosis_tables, rejected, row, rows
 from tests.sentences import assert_says, says
 from truing.report.diagnosis.adequacy import adequacy as adequacy_section
-from truing.report.diagnosis.adequacy import shortcoming
-from truing.report.diagnosis.assessed_causes import WITHOUT_FINDINGS, assessed_causes
+from truing.report.diagnosis.adequacy import adequacy_verdict, shortcoming
+from truing.report.diagnosis.assessed_causes import PARTLY_BY_FINDINGS, WITHOUT_FINDINGS, assessed_causes
+from truing.report.diagnosis.evidence import evidence
 from truing.report.diagnosis.findings import DECLARED_NOISE, DOUBTS, SCATTER_OF_REPEATS, scatter_explanation
 from truing.report.diagnosis.headline import clause
 from truing.report.diagnosis.section import diagnosis
+from truing.report.diagnosis.words import diagnosis_verdict
 from truing.report.head import build_head
 from truing.report.section_verdict import verdict_rows
 from truing.report.verdict import with_verdict
-from truing.report.wordings.nonparametric_wordings import remainder_advice
+from truing.report.wordings.nonparametric_wordings import remainder_advice, remainder_explanation
 from truing.schemas.verdict import ReasonCode, Relation
 
 GAIN = row("actuator-gain", subject="leg3", parameters=GAIN_3)
@@ -241,6 +244,75 @@ def test_what_suspected_causes_explain_as_well_is_told_as_what_they_leave_out() 
     assert_says(said, "Without the other findings", "41 %")
     assert "Besides" not in said
     assert "Besides" in head(rows(DOUBTED, REMAINDER, *rejected()), HOLDS)[1]
+
+
+def test_what_the_findings_explain_in_part_is_not_told_as_missing_from_the_model() -> None:
+    partial = REMAINDER | {"settings": json.dumps({PARTLY_BY_FINDINGS: True})}
+    _, one, *_ = assessed_causes({"diagnosis": rows(DOUBTED, partial, *rejected())})
+    assert not one.is_conditional
+    assert_says(clause(one, {}), "the other findings explain a part of this")
+    said = remainder_explanation("The residuals depend on time", 1e-4, is_of_all=False, remains=True, is_partial=True)
+    assert_says(said, "still significant", "does not hold all of it")
+    assert "no cause is named" not in said
+
+
+DRIFTS = [
+    row("unexplained", subject="axis", parameters={f"degree{k}": {"value": 9.0 / k, "sigma": 0.1, "unit": "mm"}})
+    | {
+        "follows": "time_s",
+        "largest_motion": 24.0 / k,
+        "settings": json.dumps({"columns": [column], "form": "polynomial", "first": k, "half_ranges": [5.0]}),
+    }
+    for column in ("time_s", "order")
+    for k in (1, 2)
+]
+
+
+@pytest.mark.parametrize("drift", [DRIFTS[:2], DRIFTS[2:]])
+def test_terms_of_higher_order_of_a_drift_are_the_same_effect(drift: list[dict[str, object]]) -> None:
+    base, higher, *_ = assessed_causes({"diagnosis": rows(*drift)})
+    assert base.has_terms(higher)
+    assert not higher.has_terms(base)
+    tables = {**diagnosis_tables(rows(*drift)), "adequacy": HOLDS}
+    verdict = diagnosis_verdict(tables, {})
+    assert verdict is not None
+    assert verdict.value == 1.0
+    said = head(rows(*drift), HOLDS)[1]
+    assert "effects found" not in said
+    assert "Modelling it" in said or "Modelling" not in said
+    assert_says(said, "24", "terms of higher order", "12")
+
+
+def test_two_drifts_of_different_parts_are_two_effects() -> None:
+    of_motor = DRIFTS[1] | {"subject": "encoder motor"}
+    base, other, *_ = assessed_causes({"diagnosis": rows(DRIFTS[0], of_motor)})
+    assert not base.has_terms(other)
+
+
+@pytest.mark.parametrize(("column", "name"), [("time_s", "time"), ("order", "the order of measurement")])
+def test_a_campaign_without_times_has_no_effect_of_time(column: str, name: str) -> None:
+    one, *_ = assessed_causes({"diagnosis": rows(*[own for own in DRIFTS if f'"{column}"' in str(own["settings"])])})
+    assert name in one.name
+    stretch = json.dumps({"columns": [column], "form": "stretch", "half_ranges": [16.0], "element": "axis"})
+    said = clause(assessed_causes({"diagnosis": rows(DRIFTS[0] | {"settings": stretch})})[0], {})
+    assert ("32 s" in said) == (column == "time_s")
+
+
+def test_odds_against_a_suspected_effect_are_told_as_such() -> None:
+    weak = DOUBTED | {"log_evidence": math.log(0.4)}
+    (section,) = [evidence(assessed_causes({"diagnosis": rows(weak, *rejected())}))]
+    assert section is not None
+    assert_says(section.lead, "No effect is 2.50 times as probable as")
+    assert "favour" not in section.lead
+
+
+def test_candidates_are_counted_alike_over_the_page() -> None:
+    idle = row("harmonic", verdict="not testable", p_value=None, probability=None)
+    noise = row("unexplained", parameters={"noise_ratio": {"value": 4.0, "sigma": 0.1, "unit": "1"}})
+    said = adequacy_verdict({**diagnosis_tables(rows(noise, *rejected(), idle)), "adequacy": FAILS}, {})
+    assert said is not None
+    tested = sum(own["verdict"] == "rejected" for own in rejected())
+    assert_says(said.explanation, f"none of {tested} candidates")
 
 
 def test_advice_on_what_follows_time_alone_is_another_order() -> None:

@@ -11,6 +11,7 @@ from numpy.typing import NDArray
 from tests.tolerance import assert_close
 from truing.simulation.axis.causes import AxisGrowth, AxisScene
 from truing.simulation.axis.model import AxisModel
+from truing.simulation.axis.nonparametric import NonparametricAxisEffect
 from truing.simulation.axis.periodic import AxisPeriodicError
 from truing.simulation.axis.rows import LINEAR, ROTARY, Axis, AxisRows
 from truing.simulation.axis.scatter import AxisScatter
@@ -23,6 +24,16 @@ TRAVEL = np.linspace(0.0, 0.2, 21)
 
 def _rows(command: NDArray, **others: NDArray) -> AxisRows:
     return AxisRows.of(range(len(command)), np.arange(float(len(command))), command, 0.0, others=others)
+
+
+@pytest.mark.parametrize(("pace", "names"), [(1.0, {"order"}), (60.0, {"time_s", "order"})])
+def test_numbers_of_rows_are_no_times(pace: float, names: set[str]) -> None:
+    rows = AxisRows.of(range(21), pace * np.arange(21.0), TRAVEL, 0.0)
+    for part in (rows, rows.subset(np.arange(21) % 2 == 0)):
+        assert {"time_s", "order"} & part.covariates.keys() == names
+    scene = AxisScene(AXIS, rows)
+    inputs = {column for cause in scene.candidates(NonparametricAxisEffect()) for column in cause.columns}
+    assert ("time_s" in inputs, "order" in inputs) == (pace != 1.0, pace == 1.0)
 
 
 @pytest.mark.parametrize("free", [False, True])

@@ -7,7 +7,13 @@ from collections.abc import Mapping
 from typing import Any
 
 from truing.belonging.relation import RelationState
-from truing.report.diagnosis.assessed_causes import AssessedCause, accepted_of, assessed_causes, modelled_of
+from truing.report.diagnosis.assessed_causes import (
+    AssessedCause,
+    accepted_of,
+    assessed_causes,
+    modelled_of,
+    testable_of,
+)
 from truing.report.diagnosis.findings import expected_noise, subject_words
 from truing.report.diagnosis.prediction_errors import AT_THE_FLOOR, Overall, errors_of_models
 from truing.report.heads import CORRECTED_P, Head
@@ -114,7 +120,7 @@ def adequacy_verdict(tables: Tables, _: Mapping[str, SectionVerdict]) -> Section
     found = [row for row in accepted_of(rows) if not row.is_noise]
     missed = _errors_with_floor(rows, tables)
     beyond, below = [one for one in missed if _is_beyond(one)], [one for one in missed if one.is_below_noise]
-    none = "" if found else f"none of {count_text(len(rows), 'candidate')} was found, but "
+    none = "" if found else f"none of {count_text(len(testable_of(rows)), 'candidate')} was found, but "
     if beyond:
         return _verdict_above_noise(max(beyond, key=_times_noise), none, shortcoming(tables), _noise_alone(rows))
     if short := shortcoming(tables):

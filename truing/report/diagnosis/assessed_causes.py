@@ -23,6 +23,8 @@ HOLDS, CHANGES = "holds", "changes"
 REMAINDER = "remainder"
 # Setting of such inputs: the model with all accepted causes no longer shows them.
 WITHOUT_FINDINGS = "without_findings"
+# Setting of such inputs: the accepted causes may explain a part of what they predict, and the rest remains.
+PARTLY_BY_FINDINGS = "partly_by_findings"
 # Causes that move nothing on average: what they explain counts as noise.
 SCATTERING = frozenset({"approach-scatter", "noise-burst"})
 # Odds below which two causes count as explaining the data equally well.
@@ -78,6 +80,21 @@ class AssessedCause(Claim):
         return bool(self.settings.get(WITHOUT_FINDINGS))
 
     @property
+    def is_partly_explained(self) -> bool:
+        """True if other findings may explain a part of what it predicts, and the rest remains."""
+        return bool(self.settings.get(PARTLY_BY_FINDINGS))
+
+    @property
+    def is_higher_order(self) -> bool:
+        """True if it holds terms of higher order of a nonparametric effect, which is the same effect."""
+        return self.cause == "unexplained" and int(self.settings.get("first") or 1) > 1
+
+    def has_terms(self, other: AssessedCause) -> bool:
+        """Return True if another cause holds terms of higher order of this effect: same subject, inputs and form."""
+        own, its = ((row.cause, row.subject, row.follows, row.settings.get("form")) for row in (self, other))
+        return own == its and other.is_higher_order and not self.is_higher_order
+
+    @property
     def raises_floor(self) -> bool:
         """True if what it explains counts as noise, so that the noise floor exceeds what the declared noise gives.
 
@@ -100,7 +117,9 @@ class AssessedCause(Claim):
         kind = cause_words(self.cause)
         if self.is_noise and not self.is_remainder and self.cause == "unexplained":
             return NOISE_ALONE
-        return f"{kind} of {columns_words(self.follows)}" if self.cause == "unexplained" and self.follows else kind
+        is_untimed = "order" in (self.settings.get("columns") or ())  # tables have times, which number the rows
+        inputs = tuple("order" if is_untimed and name == "time_s" else name for name in self.follows)
+        return f"{kind} of {columns_words(inputs)}" if self.cause == "unexplained" and inputs else kind
 
 
 def assessed_causes(tables: Tables) -> list[AssessedCause]:
@@ -114,6 +133,11 @@ def assessed_causes(tables: Tables) -> list[AssessedCause]:
 def accepted_of(rows: list[AssessedCause]) -> list[AssessedCause]:
     """Return the causes that were found or are suspected, in the order of acceptance."""
     return [row for row in rows if row.verdict in (FOUND, SUSPECTED)]
+
+
+def testable_of(rows: list[AssessedCause]) -> list[AssessedCause]:
+    """Return the candidates that this campaign could have shown."""
+    return [row for row in rows if row.verdict != NOT_TESTABLE and not row.is_noise]
 
 
 def modelled_of(rows: list[AssessedCause]) -> list[AssessedCause]:

@@ -77,10 +77,7 @@ def _opening_sentences(rows: list[AssessedCause]) -> str:
         lies = "lies" if len(rivals) == 1 else "lie"
         text = f"{count_text(len(rivals), 'alternative')} {lies} within a factor of {EQUAL_ODDS:g} in probability."
     elif weak := [row for row in accepted if row.evidence is not None and row.evidence < math.log(EQUAL_ODDS)]:
-        text = " ".join(
-            f"The data favour {row.in_sentence} over no effect by only {plain(math.exp(row.evidence or 0.0))} to 1."
-            for row in weak
-        )
+        text = " ".join(_weakly_favoured(row.in_sentence, row.evidence or 0.0) for row in weak)
     else:
         alternative_text = (
             "alternative" if nearest and len(accepted) == 1 else "alternative that passes the other tests"
@@ -92,6 +89,14 @@ def _opening_sentences(rows: list[AssessedCause]) -> str:
     if changed:
         return f"{text} If assumed effect sizes are tripled, the ranking changes for {'; '.join(changed)}."
     return f"{text} The ranking is unchanged if assumed effect sizes are tripled." if assessed else text
+
+
+def _weakly_favoured(name: str, evidence: float) -> str:
+    """Return in words the odds, as their logarithm, of a cause over no effect, where they decide little or against
+    it."""
+    if evidence < 0.0:
+        return f"No effect is {plain(math.exp(-evidence))} times as probable as {name}."
+    return f"The data favour {name} over no effect by only {plain(math.exp(evidence))} to 1."
 
 
 def _next_best(rows: list[AssessedCause], findings: list[AssessedCause]) -> str:

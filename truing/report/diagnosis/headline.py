@@ -29,7 +29,8 @@ def clause(row: AssessedCause, tables: Tables) -> str:
     """Return a finding with its size in a clause, without a full stop."""
     if row.is_remainder:
         share, remains = row.share_predicted or 0.0, not row.is_conditional
-        return printed(remainder_clause(row.follows, row.subject, share, remains=remains))
+        is_partial = row.is_partly_explained
+        return printed(remainder_clause(row.follows, row.subject, share, remains=remains, is_partial=is_partial))
     if row.is_noise and row.cause == "unexplained":
         return printed(_noise(row))
     text = catalogue.clause(replace(row, reach=_largest_shift(row, tables)))

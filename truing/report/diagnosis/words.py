@@ -19,6 +19,7 @@ from truing.report.diagnosis.assessed_causes import (
     AssessedCause,
     accepted_of,
     assessed_causes,
+    testable_of,
 )
 from truing.report.diagnosis.effect_units import plain_size
 from truing.report.diagnosis.headline import clause, gain
@@ -64,12 +65,12 @@ def diagnosis_verdict(tables: Tables, before: Mapping[str, SectionVerdict]) -> S
     if effects:
         doubted = any(row.verdict == SUSPECTED for row in effects)
         code = ReasonCode.SUSPECTED if doubted else ReasonCode.FOUND
-        return _diagnosed(RelationState.ATTENTION, code, _found_words(accepted, tables), len(effects))
+        return _diagnosed(RelationState.ATTENTION, code, _found_words(accepted, tables), len(_distinct(effects)))
     if accepted:
         text = f"{clause(accepted[0], tables)}; otherwise {_nothing_found(rows, tables)}."
         code = ReasonCode.NOTHING_FOUND if accepted[0].is_remainder else ReasonCode.NOISE
         return _diagnosed(RelationState.ATTENTION, code, text)
-    if not _testable(rows):
+    if not testable_of(rows):
         text = f"{_upper(tested_words(rows))}: not tested, because {_nothing_found(rows, tables)}."
         return _diagnosed(RelationState.NOT_TESTED, ReasonCode.NOT_TESTABLE, text)
     adequacy = before.get("adequacy")
@@ -116,9 +117,10 @@ def _found_words(causes: list[AssessedCause], tables: Tables) -> str:
     brings = gain(causes, tables)
     sure = [row for row in effects if row.verdict != SUSPECTED]
     doubted = [row for row in effects if row.verdict == SUSPECTED]
-    texts = [_listed([clause(row, tables) for row in _named(sure)], len(sure)) + _more_findings(sure)] if sure else []
+    several = len(_distinct(sure))
+    texts = [_listed(_clauses(sure, tables), several) + _more_findings(sure)] if sure else []
     if doubted:
-        names = "; ".join(lower(clause(row, tables)) for row in _named(doubted))
+        names = "; ".join(map(lower, _clauses(doubted, tables)))
         texts.append(f"Suspected, not confirmed: {names}{_more_findings(doubted)}")
     # Larger noise, and inputs that predict residuals, are no further effects.
     beside = [row for row in noise if row.verdict != SUSPECTED and not row.is_conditional]
@@ -128,7 +130,7 @@ def _found_words(causes: list[AssessedCause], tables: Tables) -> str:
         texts.append(f"{'Besides, ' if texts else ''}{names}{_more_findings(beside)}")
     texts += [clause(row, tables) for row in in_place[:1]]
     texts += _rivals(causes, assessed_causes(tables), tables)
-    modelling = f"Modelling {_modelled_words(effects)}"
+    modelling = f"Modelling {_modelled_words(_distinct(effects))}"
     return ". ".join([*texts, f"{modelling} {brings}"] if brings else texts) + "."
 
 
@@ -142,24 +144,35 @@ def _modelled_words(effects: list[AssessedCause]) -> str:
     return "those of them that the extended model holds"
 
 
+def _distinct(rows: list[AssessedCause]) -> list[AssessedCause]:
+    """Return the findings without terms of higher order of another one: one slow drift is one effect."""
+    return [row for row in rows if not any(other.has_terms(row) for other in rows)]
+
+
+def _clauses(rows: list[AssessedCause], tables: Tables) -> list[str]:
+    """Return the findings that are written out, each with its terms of higher order."""
+    texts = []
+    for row in _named(rows):
+        sizes = [f"{rough(one.largest_motion)} {one.unit}" for one in rows if row.has_terms(one) and one.largest_motion]
+        more = f"; its terms of higher order reach {' and '.join(sizes)}" if sizes else ""
+        texts.append(printed(f"{clause(row, tables)}{more}"))
+    return texts
+
+
 def _named(rows: list[AssessedCause]) -> list[AssessedCause]:
     """Return the findings that are written out: all, if no more than one would be left."""
+    rows = _distinct(rows)
     return rows if len(rows) <= _MOST_NAMED + 1 else rows[:_MOST_NAMED]
 
 
 def _more_findings(rows: list[AssessedCause]) -> str:
-    more = len(rows) - len(_named(rows))
+    more = len(_distinct(rows)) - len(_named(rows))
     return f", and {count_text(more, 'further finding')} (see Diagnosis)" if more > 0 else ""
-
-
-def _testable(rows: list[AssessedCause]) -> list[AssessedCause]:
-    """Return the candidates that this campaign could have shown."""
-    return [row for row in rows if row.verdict != NOT_TESTABLE and not row.is_noise]
 
 
 def _nothing_found(rows: list[AssessedCause], tables: Tables) -> str:
     """Return ``none of 9 candidates was found; not testable with these data: measurement scale, sag under gravity``."""
-    tested, idle = len(_testable(rows)), [row for row in rows if row.verdict == NOT_TESTABLE]
+    tested, idle = len(testable_of(rows)), [row for row in rows if row.verdict == NOT_TESTABLE]
     if not tested:
         return f"none of {count_text(len(idle), 'candidate')} is testable with these data"
     estimated = {"joint-offset"} if estimates_zeros(tables) else set()
@@ -297,7 +310,8 @@ def counted(rows: list[AssessedCause], tables: Tables) -> str:
     assessed = f"{count_text(len(causes), 'candidate cause')} assessed"
     if not accepted:
         if short := shortcoming(tables):
-            return f"{assessed}, none found, but the model does not fit as a whole: {short}."
+            idle = f", {untestable} not testable with these data" if untestable else ""
+            return f"{assessed}: none found{idle}, but the model does not fit as a whole: {short}."
         noisy = any(row.is_noise and not row.is_remainder for row in rows)
         noise = "; the residuals exceed the declared noise" if noisy else ""
         return f"{assessed} by comparing {tested_text}: {_nothing_found(rows, tables)}{noise}."

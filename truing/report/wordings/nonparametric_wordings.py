@@ -66,18 +66,22 @@ def columns_words(columns: tuple[str, ...]) -> str:
     return " and ".join([*texts, *others])
 
 
-def remainder_clause(columns: tuple[str, ...], subject: str, share: float, *, remains: bool = True) -> str:
+def remainder_clause(
+    columns: tuple[str, ...], subject: str, share: float, *, remains: bool = True, is_partial: bool = False
+) -> str:
     """Return the clause on residuals and the inputs that predict them, without a full stop.
 
     They are those of the model without causes or of the final one; the share is of the former's variance. ``remains``:
-    False if the other findings explain the same.
+    False if the other findings explain the same. ``is_partial``: True if there are other findings, which may explain a
+    part.
     """
     place = "in the direction of" if re.match(_PARTS, subject) else "of"
     subject_text = f" {place} {subject_words(subject)}" if subject else ""
     most = f"{'' if subject else 'up to '}{percent(100.0 * share)}"
     whose = "The residuals" if remains else "Without the other findings, the residuals"
     text = f"{whose}{subject_text} depend on {columns_words(columns)}"
-    return f"{text}, which explains {most} of the variance that the model without causes leaves"
+    text = f"{text}, which explains {most} of the variance that the model without causes leaves"
+    return f"{text}; the other findings explain a part of this at most" if remains and is_partial else text
 
 
 def remainder_advice(columns: tuple[str, ...]) -> str:
@@ -88,14 +92,18 @@ def remainder_advice(columns: tuple[str, ...]) -> str:
     return f"Repeat a part of the campaign with {columns_words(others)} changed and everything else unchanged."
 
 
-def remainder_explanation(clause: str, p_value: float, *, is_of_all: bool, remains: bool) -> str:
+def remainder_explanation(
+    clause: str, p_value: float, *, is_of_all: bool, remains: bool, is_partial: bool = False
+) -> str:
     """Return the explanation of inputs that predict the residuals where no model of causes holds.
 
-    ``is_of_all``: of all channels together; ``remains`` as in the ``clause``.
+    ``is_of_all``: of all channels together; ``remains`` and ``is_partial`` as in the ``clause``.
     """
     largest_text = " (for the actuator or body with the largest share)" if is_of_all else ""
     rest = (
-        "The extended model does not hold this dependence, and no cause is named for it."
+        "With the other findings in the model, it is still significant: the extended model does not hold all of it."
+        if remains and is_partial
+        else "The extended model does not hold this dependence, and no cause is named for it."
         if remains
         else "With the other findings in the model, it is no longer significant: they may act, or this in their place."
     )
@@ -135,13 +143,14 @@ def _inputs_in_words(claim: Claim) -> str:
     texts = [of_steps.get(column) or _column_words(column) for column in columns]
     first, half = texts[0], claim.fact("half_ranges")[0]
     size = f"{half:.4g} {_LOADS.get(columns[0], 's')}"
+    is_timed = columns[0] != "order"  # without times, no duration is known
     forms = {
         "all drives": "the displacements of all actuators",
         "period": f"{first}, periodically with a period of {size}",
         "beyond": f"{first}, with a jump beyond {size}",
         "rest": f"{first} since the last long pause of a run, decaying within about {half:.0f} s",
         "loop": f"{first} and {texts[-1]}",
-        "stretch": f"{first}, constant over {2.0 * half:.4g} s",
+        "stretch": f"{first}, constant over {f'{2.0 * half:.4g} s' if is_timed else 'a part of them'}",
         "surface": f"{first} and {texts[-1]}",
         "history": f"{first} and on how it was reached",
         "relaxation": f"{first}, with relaxation after them",
@@ -157,10 +166,12 @@ _LOADS = dict.fromkeys(("fx_n", "fy_n", "fz_n"), "N") | dict.fromkeys(("mx_nm", 
 
 def _clause(claim: Claim) -> str:
     verb = "depends" if _has_one_subject(claim) else "depend"
-    form = " quadratically" if _is_quadratic(claim) else ""
+    is_higher_order = (claim.fact("first") or 1) > 1  # of an effect that is told by itself
+    form = " quadratically" if _is_quadratic(claim) and not is_higher_order else ""
     others = [columns_words(tuple(columns)) for columns in claim.fact(INSTEAD) or ()]
     inputs = f"{_inputs_in_words(claim)}{''.join(f', or instead on {other}' for other in others)}"
-    return f"{_dependent_quantity(claim)} {verb}{form} on {inputs}{largest_change_words(claim)}"
+    terms = ", also in terms of higher order" if is_higher_order else ""
+    return f"{_dependent_quantity(claim)} {verb}{form} on {inputs}{terms}{largest_change_words(claim)}"
 
 
 def _is_quadratic(claim: Claim) -> bool:

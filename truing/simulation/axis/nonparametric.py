@@ -127,14 +127,15 @@ class NonparametricAxisEffect(NonparametricEffect[AxisScene], AxisCause):
         first, last = _stretches(scene.rows)
         if not len(first) or not elements:
             return ()
-        order, time = scene.rows.order, scene.rows.time_s
+        timed = _column_of_time(scene.rows)
+        order, time = scene.rows.order, _values_of(scene.rows, timed)
         within = (order >= order[first][:, None]) & (order <= order[last][:, None])
         usable = within @ scene.recorded.astype(int) >= _FEWEST
 
         def member(element: int, stretch: int) -> NonparametricAxisEffect:
             start, end = float(time[first[stretch]]), float(time[last[stretch]])
             limits = {"centres": ((start + end) / 2.0,), "half_ranges": ((end - start) / 2.0,)}
-            return replace(elements[element], columns=(TIME,), form=STRETCH, degree=1, **limits)  # type: ignore[arg-type]
+            return replace(elements[element], columns=(timed,), form=STRETCH, degree=1, **limits)  # type: ignore[arg-type]
 
         each = np.tile(np.arange(len(scene.axis.encoders)), (len(elements), 1))
         patterns = np.stack([scene.axis.response(bare.element) for bare in elements])[..., None, None]
@@ -200,7 +201,7 @@ class NonparametricAxisEffect(NonparametricEffect[AxisScene], AxisCause):
 def _dependences(rows: AxisRows) -> Iterator[tuple[tuple[str, ...], str, int]]:
     """Yield inputs, form and degree of all dependences."""
     columns = varying_columns(rows.covariates)
-    timed = TIME if TIME in columns else ORDER
+    timed = _column_of_time(rows)
     for column in columns:
         smooth = [degree for degree in _SMOOTH if column != COMMAND or degree > 1]
         for degree in smooth if column != DIRECTION else ():
@@ -241,4 +242,10 @@ def _range_of(rows: AxisRows, column: str) -> tuple[float, float]:
 
 def _values_of(rows: AxisRows, column: str) -> NDArray:
     """Return the values (B,) of a column."""
-    return rows.since_turn if column == SINCE_TURN else np.asarray(rows.covariates[column], float)
+    known = {SINCE_TURN: rows.since_turn, TIME: rows.time_s}
+    return known[column] if column in known else np.asarray(rows.covariates[column], float)
+
+
+def _column_of_time(rows: AxisRows) -> str:
+    """Return the column that stands for time: the order of the rows, if no times were recorded."""
+    return TIME if rows.is_timed else ORDER

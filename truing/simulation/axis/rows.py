@@ -11,7 +11,7 @@ from numpy.typing import NDArray
 
 from truing.arrays import Mask
 from truing.estimation.interferometry.iso230 import is_in_motion
-from truing.simulation.inputs import ORDER, TIME, histories, rates
+from truing.simulation.inputs import ORDER, TIME, histories, is_row_number, rates
 
 MOTOR, LOAD, MEASURED = "motor", "load", "measured"
 ENCODERS = (MOTOR, LOAD, MEASURED)
@@ -65,6 +65,7 @@ class AxisRows:
     are the campaign's: (name, time of the first row after it). ``since_turn`` (B,) is the travel since the last
     reversal, ``travelled`` (B,) the path since the first row, rad or m. ``stops`` (B, 3) are states of stop operators.
     ``rate`` (B,) is that of the command, per s, 0 at rest and where unknown. ``others`` (B,) are all other columns.
+    ``is_timed``: False if times number the rows, as where none were recorded; then the order alone is known.
     """
 
     poses: tuple[int | str, ...]
@@ -78,6 +79,7 @@ class AxisRows:
     rate: NDArray
     events: tuple[tuple[str, float], ...] = ()
     others: Mapping[str, NDArray] = field(default_factory=dict)
+    is_timed: bool = True
 
     @classmethod
     def of(
@@ -96,7 +98,8 @@ class AxisRows:
         stops = histories(command[:, None], order)[:, 0]
         rate = _rate(command, time_s, order)
         direction = np.where(rate == 0.0, direction, np.sign(rate))
-        return cls(tuple(poses), time_s, command, direction, since_turn, path, order, stops, rate, events, others or {})
+        known, timed = others or {}, not is_row_number(time_s)
+        return cls(tuple(poses), time_s, command, direction, since_turn, path, order, stops, rate, events, known, timed)
 
     @cached_property
     def waves(self) -> dict[float, NDArray]:
@@ -107,7 +110,8 @@ class AxisRows:
     def covariates(self) -> dict[str, NDArray]:
         """Columns (B,) that effects may depend on."""
         known = {name: values for name, values in self.others.items() if np.isfinite(values).all()}
-        return {**known, TIME: self.time_s, ORDER: self.order, COMMAND: self.command, DIRECTION: self.direction}
+        timed = {TIME: self.time_s} if self.is_timed else {}
+        return {**known, **timed, ORDER: self.order, COMMAND: self.command, DIRECTION: self.direction}
 
     @property
     def readings(self) -> NDArray:
@@ -128,6 +132,7 @@ class AxisRows:
             self.rate[rows],
             self.events,
             {name: values[rows] for name, values in self.others.items()},
+            self.is_timed,
         )
 
 
