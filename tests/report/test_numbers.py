@@ -136,7 +136,7 @@ def test_counts_and_times():
     ]
 
 
-def test_thousands_of_micrometres_are_told_in_millimetres_with_their_uncertainty():
+def test_thousands_of_micrometres_are_reported_in_millimetres_with_their_uncertainty():
     assert in_suitable_unit(5331.0, 1602.0, "um") == "5.3 ± 1.6 mm"
     assert in_suitable_unit(-118.0, 250.0, "um") == "-120 ± 250 um"
     assert in_suitable_unit(-14.73, 9.31, "arcsec") == "-14.7 ± 9.3 arcsec"
