@@ -1,7 +1,7 @@
 """Columns on which the errors of single parts depend, such as one part's error on the inputs of two others.
 
-All parts and all sets of columns compete, each as a Gaussian process along the direction in which an error of that part
-moves the observations. What was found is held as an unknown, and the rest is asked again.
+All parts and all sets of columns compete, each as a Gaussian process. The process acts in the direction in which an
+error of the part moves the observations. A dependence that is found becomes an unknown, and the search repeats.
 """
 
 from __future__ import annotations

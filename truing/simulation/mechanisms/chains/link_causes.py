@@ -45,9 +45,9 @@ class LinkCause(ChainCause):
 class LinkGrowth(LinkCause):
     """A link grows by growth x temperature difference, from the joint that moves it to those that it carries.
 
-    ``along``: a joint at one end of the link; only the length along its axis grows. Where on this axis a link ends is a
-    choice of the description, so that another link may have this length. The link may warm more than the recorded
-    temperature does, as by its motors, so that the range of growth is not that of its material.
+    ``along``: a joint at one end of the link; only the length along its axis grows. The description chooses the
+    end of a link on this axis, so that another link may have this length. Heat of motors may warm the link more than
+    the recorded temperature shows. The range of growth is therefore not that of its material.
     """
 
     along: str = ""
