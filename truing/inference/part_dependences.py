@@ -28,7 +28,7 @@ _LOST = 0.5  # a part explains the same as the one held if it loses this share o
 
 @dataclass(frozen=True)
 class Part:
-    """A part whose errors are asked: the directions in which it moves, and the column that moves it, if any."""
+    """A part whose errors are tested: the directions in which it moves, and the column that moves it, if any."""
 
     directions: tuple[int, ...]
     column: str | None = None
@@ -63,7 +63,7 @@ class _OddsOfSets:
 
 @dataclass(frozen=True)
 class _Turn:
-    """Errors of the parts next to what was found before, and the log odds part by part."""
+    """Errors of the parts next to earlier findings, and the log odds part by part."""
 
     problem: PartProblem
     errors: PartErrors

@@ -237,8 +237,8 @@ class Round(Generic[CauseT]):
     def rivals_of(self, name: CauseCandidate[CauseT]) -> frozenset[str]:
         """Return the keys of the nonparametric effects that explain at least a quarter of a cause's squares.
 
-        The overlap of their directions decides, and not what they explain of the data: of many effects, those would
-        be taken that chance favours.
+        The overlap of their directions decides, not the part of the data that they explain: of many effects, those
+        would be taken that chance favours.
         """
         assert self.search is not None
         pathways, along = self.search.pathways, self.scores[name.key].along

@@ -33,7 +33,7 @@ _OPEN = 12
 
 
 def qa(tables: Tables) -> ReportSection | None:
-    """Return the section of all checks with their verdicts, failed ones first and accepted ones apart."""
+    """Return the section of all checks with their verdicts, failed ones first and accepted ones separately."""
     if "qa" not in tables:
         return None
     if not len(tables["qa"]):

@@ -42,7 +42,7 @@ class ScreenedNetwork:
     """A network adjusted without gross errors.
 
     used (N,): rays in the adjustment; untested: used rays whose errors no test could show, by number. alpha: level of
-    one of the `tested` tests; family_level: probability that at least one of so many good rays is rejected; critical:
+    one of the `tested` tests; family_level: probability that any of that number of good rays is rejected; critical:
     critical value of T (two degrees of freedom). returned: number of rays rejected and used again. sigma0: test with
     the stated covariances, corrected for the squares that data snooping removes from good rays. covariance_factor
     multiplies the covariances of the adjustment: one if variance components give the scale. fixed_elements: elements

@@ -72,7 +72,7 @@ class LinkGrowth(LinkCause):
         return [self, *long, *_lengths_along(long, machine)] if long else ()
 
     def shared_with(self, scene: ChainScene) -> Mapping[str, Any]:
-        """Return the links to which the length may belong as well, and the joints between, which do not turn it."""
+        """Return the links to which the length may also belong, and the joints between, which do not turn it."""
         machine, nodes = scene.inputs_of_machine, scene.inputs_of_machine.tree.nodes
         ends = self._children(machine) if self.link else []
         if len(ends) != 1:
