@@ -27,7 +27,7 @@ class CampaignOutcome:
         return tuple(line for warns, line in self.lines if warns)
 
     def repeat(self, console: RunConsole) -> None:
-        """Print the collected messages, and tell the facts."""
+        """Print the collected messages, and report the facts."""
         for kind, fact in self.facts:
             console.tell(kind, fact)
         for warns, line in self.lines:

@@ -222,7 +222,7 @@ def _end(children: list[BaseProcess]) -> None:
 
 
 def _in_good_order(work: Callable[[Piece], Result], piece: Piece) -> Result:
-    """Result of a piece in a worker, which cleans up when asked to end."""
+    """Result of a piece in a worker, which cleans up on a signal to end."""
     try:
         # A pool that lost a worker asks the others to end; they were asked before and are cleaning up.
         with interruptible(once=True), raise_if_interrupted():

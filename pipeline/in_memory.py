@@ -86,7 +86,7 @@ def axis_tables(campaign: CampaignFolder, settings: Campaign) -> dict[str, pa.Ta
 
 
 def chain_tables(campaign: CampaignFolder, settings: Campaign) -> dict[str, pa.Table]:
-    """Tables of a campaign of a chain; before any measurement, joints and what is planned. Raises CampaignFaults."""
+    """Tables of a campaign of a chain; before any measurement, joints and planned rows. Raises CampaignFaults."""
     from truing.stages.ingestion.chain_campaign import planned_chain
 
     source = CampaignFiles(campaign.folder, settings)

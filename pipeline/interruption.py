@@ -43,7 +43,7 @@ def exit_code_of(name: str) -> ExitCode:
 
 
 class _Request:
-    """A signal that asked this process to end, from its arrival until it is answered."""
+    """A signal to end this process, from its arrival until it is handled."""
 
     def __init__(self, name: str) -> None:
         self.name = name
@@ -141,7 +141,7 @@ def mark_answered() -> None:
 
 @contextmanager
 def raise_if_interrupted() -> Iterator[None]:
-    """Raise Interrupted at the end if this process was asked to end meanwhile, whatever the outcome.
+    """Raise Interrupted at the end if a signal to end arrived meanwhile, whatever the outcome.
 
     An interrupted import fails with an error of its own; work that lost the exception completes.
     """
@@ -154,7 +154,7 @@ def raise_if_interrupted() -> Iterator[None]:
 
 
 def _raise_if_requested() -> None:
-    """Raise Interrupted if a signal has asked this process to end."""
+    """Raise Interrupted if a signal to end this process has arrived."""
     if _request is not None:
         raise _request.error() from None
 

@@ -63,7 +63,7 @@ class Defect(Exception):
 
 
 class Interrupted(BaseException):
-    """The run was asked to stop (SIGINT or SIGTERM); no ordinary handler may catch it."""
+    """A signal stopped the run (SIGINT or SIGTERM); no ordinary handler may catch it."""
 
 
 _MORE_MEMORY = "run it where there is more, or raise its limit (ulimit -v)"

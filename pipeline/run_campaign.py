@@ -159,7 +159,7 @@ def _bring_up_to_date(
 ) -> bool:
     """Run stage ``k`` of the stages, counted from 1, unless it is fresh; returns True if it ran.
 
-    ``is_first``: no stage before it ran, so that it tells how long all will take.
+    ``is_first``: no stage before it ran, so that its time predicts that of all.
     """
     stage, number = stages[k - 1], f"{k}/{len(stages)}"
     log = run.folder / _LOG

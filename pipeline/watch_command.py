@@ -87,7 +87,7 @@ class _Watch:
         return self.out if campaign is None else run_folder_of(campaign, self.out, several=False)
 
     def round(self) -> Watched:
-        """Bring the campaign up to date, and return what is known by now."""
+        """Bring the campaign up to date, and return its present results."""
         self.number += 1
         recorder = Recorder()
         self.code = end(lambda: self._run(recorder), recorder)

@@ -237,7 +237,7 @@ class StoredTable:
 def table_batches(
     table: pa.Table | StoredTable, columns: Sequence[str] | None = None, rows: int = ROWS_AT_ONCE
 ) -> Iterator[pa.Table]:
-    """Yield the rows of a table in order, in batches of at most so many rows."""
+    """Yield the rows of a table in order, in batches of limited size."""
     if isinstance(table, StoredTable):
         yield from table.batches(columns, rows)
         return

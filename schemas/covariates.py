@@ -1,4 +1,4 @@
-"""Names of covariates, kept apart from all other names of a run.
+"""Names of covariates, distinct from all other names of a run.
 
 A covariate may have any name that is not a column of its own table. In joined tables it is stored under `column_alias`
 of its name. So is one whose name the program uses itself, such as the order of the poses. Texts show `own_name`.

@@ -27,8 +27,7 @@ def similar_names(names: Iterable[object]) -> Iterator[list[str]]:
 
 
 def nearest_name(name: str, known: Iterable[str]) -> str | None:
-    """Return the known name that was probably meant: equal but for spelling, else the most similar; None if none is
-    near."""
+    """Return the known name that equals a mistyped one but for spelling, else the most similar; None if none is so."""
     every = list(known)
     if (same := _same_spelling(name, every)) is not None:
         return same

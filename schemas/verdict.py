@@ -73,7 +73,7 @@ class ReasonCode(StrEnum):
 
     @property
     def result(self) -> str:
-        """``found`` or ``measured`` where the code tells a result, which neither passes nor fails; else empty."""
+        """``found`` or ``measured`` where the code is a result, which neither passes nor fails; else empty."""
         return _RESULTS.get(self, "")
 
 

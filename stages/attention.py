@@ -136,7 +136,7 @@ def _remarks_on_machine(settings: Campaign, contents: CampaignContents) -> Itera
 
 
 def _remarks_on_decisions(settings: Campaign, contents: CampaignContents) -> Iterator[str]:
-    """Bodies and targets of [[exclude]] and [[keep]] that nobody measured."""
+    """Bodies and targets of [[exclude]] and [[keep]] that were not measured."""
     if not contents.names:
         return
     for key, rules in (("exclude", settings.exclude), ("keep", settings.keep)):

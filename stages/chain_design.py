@@ -48,7 +48,10 @@ _PLAN_POSES = 12  # least number of poses of a campaign that are evaluated
 
 
 def design_chain(settings: Campaign, options: DesignOptions, tables: ChainDesignTables) -> ChainDesign:
-    """Choose poses of a chain, and report what they and the campaign's own show; raises CampaignFaults."""
+    """Choose poses of a chain, and report the detectable effects of these and the campaign's own poses.
+
+    Raises CampaignFaults.
+    """
     _check(options)
     given, rng = tables.campaign, np.random.default_rng(options.seed)
     tree = tree_of(given["joints"])

@@ -62,7 +62,7 @@ def _is_named(named: NamedNetwork, numbers: Index, surveyed: frozenset[str]) -> 
 
 
 def _spread(xyz: Array, most: int) -> Index:
-    """Places of at most so many points (n, 3), each the furthest from those before it."""
+    """Places of a limited number of points (n, 3), each the furthest from those before it."""
     if len(xyz) <= most:
         return np.arange(len(xyz))
     chosen, distance = [], np.linalg.norm(xyz - xyz.mean(axis=0), axis=1)

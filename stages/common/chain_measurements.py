@@ -65,7 +65,7 @@ class MeasuredLinks:
 
     @property
     def is_position(self) -> Mask:
-        """Mask (K,) or (M + D,) of what is measured in m."""
+        """Mask (K,) or (M + D,) of observations in m."""
         turned = self.channels.is_rotation
         if self.ends is None:
             return ~turned

@@ -1,4 +1,4 @@
-"""Chosen targets of an axis, what they show, and both in words."""
+"""Chosen targets of an axis and their detectable effects, in tables and words."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Chosen poses of a chain, what they show, and both in words."""
+"""Chosen poses of a chain and their detectable effects, in tables and words."""
 
 from __future__ import annotations
 

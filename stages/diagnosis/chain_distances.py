@@ -16,7 +16,7 @@ _AXES = 3
 def with_distances(points: MeasuredLinks | None, lines: MeasuredLinks | None) -> MeasuredLinks:
     """Points or poses, distances, or both: then their coordinates and the distances are numbers (B, M + D, 1).
 
-    Coordinates of one point count as independent beside distances. A target of both is one channel.
+    Coordinates of one point count as independent next to distances. A target of both is one channel.
     """
     if points is None or lines is None:
         part = points or lines

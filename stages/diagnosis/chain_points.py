@@ -206,7 +206,7 @@ def _mixed_model(
     conditions: ChainConditions,
     fitted: Mask,
 ) -> tuple[Frames, ChainModel, tuple[ChainCause, ...]]:
-    """Frames without unknowns, and the model of points or poses beside distances.
+    """Frames without unknowns, and the model of points or poses next to distances.
 
     Places that points determine start from these; stations, and targets that only distances reach, from distances.
     """

@@ -375,7 +375,7 @@ class _Largest:
         return f"± {plain_size(self.value.name, times * self.value.sigma, self.value.unit)}"
 
     def columns(self, times: float) -> dict[str, Any]:
-        """Return the columns of a row after which its uncertainty is so many times that of now."""
+        """Return the columns of a row after which its uncertainty is a given multiple of the present one."""
         sigma, unit = float(self.value.sigma), self.value.unit
         text = f"{self.value.name} {self.uncertainty_words(times)}"
         return {"expected": text, "sigma_now": sigma, "sigma_expected": times * sigma, "unit": unit}

@@ -52,7 +52,7 @@ _LOST = ("rejected", "not testable")
 
 @dataclass(frozen=True)
 class RayFindings:
-    """The diagnosis of rays, what was compared, and by point (pose, name): how far it was found from where it is
+    """The diagnosis of rays, the compared quantities, and by point (pose, name): how far it was found from where it is
     (N, 3), m; and how it follows the errors that all poses share (N, 3, Q), m per standard deviation."""
 
     diagnosis: CauseDiagnosis

@@ -113,7 +113,7 @@ def rule_of_rays(rule: Settings) -> Settings:
 
 
 def rule_with_rays(rule: Settings) -> Settings:
-    """Significance rule of points if their rays are diagnosed as well."""
+    """Significance rule of points if their rays are also diagnosed."""
     return replace(rule, false_alarm=(1.0 - SHARE_OF_RAYS) * rule.false_alarm)
 
 

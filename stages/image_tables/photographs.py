@@ -126,7 +126,7 @@ def read_photographs(
 
 def target_plan(wanted: Photographs, targets: pa.Table | None) -> TargetPlan:
     """Return the code families to search for: those declared, otherwise those of image_targets, otherwise the usual
-    ones; none next to boards, whose markers are codes as well."""
+    ones; none next to boards, whose markers are also codes."""
     from truing.estimation.image_targets.boards import BoardPlan
     from truing.estimation.image_targets.photograph_targets import TargetPlan
 
@@ -165,7 +165,7 @@ def _measured(
 
 
 def _photograph_columns(photographs: PhotographFiles, counts: Sequence[int]) -> dict[str, list[Any]]:
-    """The columns pose, image and camera of so many rows of each photograph."""
+    """The columns pose, image and camera for a number of rows of each photograph."""
     rows = [photo for photo, count in zip(photographs.found, counts, strict=True) for _ in range(count)]
     poses = [int(photo.pose) if photographs.poses_are_numbers else photo.pose for photo in rows]
     return {"pose": poses, "image": [photo.image for photo in rows], "camera": [photo.camera for photo in rows]}

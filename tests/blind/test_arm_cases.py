@@ -65,7 +65,7 @@ def _truth(folder: Path) -> dict[str, object]:
     return dict(json.loads(truth_path(folder).read_text(encoding="utf-8")))
 
 
-def test_an_effect_of_no_catalogue_follows_columns_of_its_campaign(tmp_path: Path) -> None:
+def test_an_effect_outside_the_catalogue_follows_columns_of_its_campaign(tmp_path: Path) -> None:
     told = set()
     for number, name in enumerate(FOREIGN):
         folder = hide((name,), "scara", 20.0, 31 + number).write(tmp_path / str(number))
@@ -79,7 +79,7 @@ def test_an_effect_of_no_catalogue_follows_columns_of_its_campaign(tmp_path: Pat
     assert told == {("two-joints", 2), ("remanence", 1), ("slow-base", 1), ("heavy-tails", 0)}
 
 
-def test_what_a_joint_remembers_is_neither_a_gain_nor_a_backlash() -> None:
+def test_remanence_of_a_joint_is_orthogonal_to_gain_and_backlash() -> None:
     campaign = hide(("foreign remanence",), "bench-5r", 20.0, 5).campaign
     (effect,), schedule = campaign.effects, campaign.bench.schedule
     known = (np.ones(len(effect.shape)), schedule.readings[:, effect.where], schedule.approach[:, effect.where])
@@ -97,7 +97,7 @@ def test_a_curve_is_hidden_in_many_poses() -> None:
     assert len(hide(("joint-error-curve",), "planar-wrist", 20.0, 2).campaign.readings) == 400
 
 
-def test_two_effects_can_be_told_apart() -> None:
+def test_two_effects_can_be_distinguished() -> None:
     rng = np.random.default_rng(1)
     pairs = [draw_two(rng) for _ in range(300)]
     assert not any("joints-exchanged" in pair for pair in pairs)

@@ -372,7 +372,7 @@ def test_exact_effects_are_as_defined() -> None:
 
 
 @pytest.mark.parametrize("kind", INSTRUMENTS)
-def test_what_is_recorded_scatters_by_the_declared_noise(kind: str) -> None:
+def test_recorded_values_scatter_by_the_declared_noise(kind: str) -> None:
     campaign = draw(8, instrument=kind, causes=())
     exact = campaign.bench.exact(arm=campaign.arm)
     away = differences(campaign.bench.instrument, campaign.recorded, exact)
@@ -449,7 +449,7 @@ def test_foreign_effects_have_the_strength_asked_for() -> None:
     assert kinds == {"two-joints", "remanence", "slow-base", "heavy-tails"}
 
 
-def test_what_cannot_be_drawn_is_an_error() -> None:
+def test_a_campaign_that_cannot_be_drawn_is_an_error() -> None:
     with pytest.raises(ValueError, match="expected one of industrial-6r"):
         draw(1, layout="tripod")
     with pytest.raises(ValueError, match="cannot be shown"):

@@ -64,7 +64,7 @@ def judged(tmp_path_factory: pytest.TempPathFactory) -> dict[str, list[Judged]]:
     return groups
 
 
-def test_so_few_campaigns_can_fail_every_judgement() -> None:
+def test_each_judgement_can_fail_with_the_given_number_of_campaigns() -> None:
     short = {(ONE, FOUND), (ONE, NAMED), (TWO, BOTH), (UNKNOWN, DRIVEN)}
     many = {(NOTHING, WRONG), (UNKNOWN, MISNAMED)}
     assert all(rates.Count(0, trials, ()).falls_short(wanted) for trials, wanted in short)
@@ -76,13 +76,13 @@ def test_nothing_is_found_where_nothing_is_hidden(judged: dict[str, list[Judged]
     assert not found.exceeds(WRONG), [rates.told(one) for one in judged["nothing"] if one.found]
 
 
-def test_no_name_is_found_in_a_world_that_nobody_described(judged: dict[str, list[Judged]]) -> None:
+def test_effects_outside_the_catalogue_give_no_named_cause(judged: dict[str, list[Judged]]) -> None:
     wrong = [bool(one.misnamed) for one in judged["foreign"]]
     count = rates.Count(sum(wrong), len(wrong), ())
     assert not count.exceeds(WRONG), [rates.told(one) for one in judged["foreign"] if one.misnamed]
 
 
-def test_a_world_that_nobody_described_never_reads_as_agreement(judged: dict[str, list[Judged]]) -> None:
+def test_effects_outside_the_catalogue_are_never_reported_as_agreement(judged: dict[str, list[Judged]]) -> None:
     assert all(one.found or one.suspected for one in judged["foreign"])
 
 
@@ -95,32 +95,32 @@ def test_nothing_is_found_beside_what_was_hidden(judged: dict[str, list[Judged]]
     assert not rates.invented(campaigns).exceeds(WRONG), [rates.told(one) for one in campaigns if one.invented]
 
 
-def test_what_was_hidden_is_found(judged: dict[str, list[Judged]]) -> None:
+def test_the_hidden_cause_is_found(judged: dict[str, list[Judged]]) -> None:
     found = rates.detected(judged["one"])
     assert not found.falls_short(FOUND), found.bad
 
 
-def test_what_was_hidden_is_named_or_told_to_look_like_what_was_found(judged: dict[str, list[Judged]]) -> None:
+def test_the_hidden_cause_is_named_or_reported_as_indistinguishable(judged: dict[str, list[Judged]]) -> None:
     found = rates.named(judged["one"])
     assert not found.falls_short(NAMED), found.bad
 
 
-def test_the_right_legs_and_targets_are_told(judged: dict[str, list[Judged]]) -> None:
+def test_the_right_legs_and_targets_are_reported(judged: dict[str, list[Judged]]) -> None:
     found = rates.placed(judged["one"])
     assert not found.falls_short(FOUND), found.bad
 
 
-def test_of_two_effects_both_are_named(judged: dict[str, list[Judged]]) -> None:
+def test_two_effects_are_both_named(judged: dict[str, list[Judged]]) -> None:
     found = rates.both_named(judged["two"])
     assert not found.falls_short(BOTH), found.bad
 
 
-def test_what_no_catalogue_knows_is_told_with_what_drives_it(judged: dict[str, list[Judged]]) -> None:
+def test_effects_outside_the_catalogue_are_reported_with_their_inputs(judged: dict[str, list[Judged]]) -> None:
     found = rates.driven(judged["unknown"])
     assert not found.falls_short(DRIVEN), found.bad
 
 
-def test_what_no_catalogue_knows_gets_no_name(judged: dict[str, list[Judged]]) -> None:
+def test_effects_outside_the_catalogue_stay_unnamed(judged: dict[str, list[Judged]]) -> None:
     assert not rates.misnamed(judged["unknown"]).exceeds(MISNAMED), [rates.told(one) for one in judged["unknown"]]
 
 
@@ -131,7 +131,7 @@ def test_stated_uncertainties_cover_the_truth(judged: dict[str, list[Judged]]) -
     assert not covered.falls_short(0.9), shares
 
 
-def test_what_was_held_out_is_predicted_to_the_noise(judged: dict[str, list[Judged]]) -> None:
+def test_held_out_observations_are_predicted_to_the_noise(judged: dict[str, list[Judged]]) -> None:
     ratios = rates.floors(judged["one"] + judged["two"])
     unlucky = 3.1 * ratios.std(ddof=1) / np.sqrt(len(ratios))
     assert ratios.mean() < 1.1 + unlucky, ratios

@@ -166,13 +166,13 @@ def unnamed() -> dict[str, list[Judged]]:
     return found
 
 
-def test_what_has_no_name_is_given_none(unnamed: dict[str, list[Judged]]) -> None:
+def test_effects_outside_the_catalogue_get_no_catalogued_name(unnamed: dict[str, list[Judged]]) -> None:
     whole = [one for own in unnamed.values() for one in own]
     nameless = [one for one in whole if not any(own.cause.catalogued for own in one.found)]
     assert len(nameless) >= fewest_of(len(whole), 0.95)
 
 
-def test_what_follows_something_is_told_as_an_unnamed_dependence(unnamed: dict[str, list[Judged]]) -> None:
+def test_dependences_outside_the_catalogue_are_reported_as_nonparametric(unnamed: dict[str, list[Judged]]) -> None:
     whole = [one for course, own in unnamed.items() if course != SCATTER for one in own]
     told = [one for one in whole if any(not own.cause.catalogued for own in one.found)]
     assert len(told) >= fewest_of(len(whole), 0.9)

@@ -40,7 +40,7 @@ def test_where_nothing_is_hidden_no_more_is_found_than_chance_does(judged: list[
     assert not sure
 
 
-def test_what_was_hidden_is_named_with_its_camera_or_bar(judged: list[Judged]) -> None:
+def test_the_hidden_cause_is_named_with_its_camera_or_bar(judged: list[Judged]) -> None:
     (effect,) = judged[1].hidden
     assert effect.cause not in judged[1].missed, rates.told(judged[1])
     assert not judged[1].misplaced(effect), rates.told(judged[1])

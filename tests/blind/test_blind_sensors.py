@@ -51,7 +51,7 @@ def test_where_nothing_is_hidden_a_search_of_everything_finds_no_more_than_chanc
     assert not sure
 
 
-def test_what_was_hidden_is_named_with_its_loads_channels_runs_or_signals(judged: list[Judged]) -> None:
+def test_the_hidden_cause_is_named_with_its_loads_channels_runs_or_signals(judged: list[Judged]) -> None:
     hidden = [(one, effect) for one in judged for effect in one.hidden]
     named = [(one, effect) for one, effect in hidden if effect.cause not in one.missed]
     assert len(hidden) == ONE + 2

@@ -80,11 +80,11 @@ def cases(tmp_path_factory: pytest.TempPathFactory) -> Callable[[str], Told]:
 
 
 @pytest.mark.parametrize("case", CASES)
-def test_what_happens_to_a_body_is_named_and_put_on_that_body(case: str, cases: Callable[[str], Told]) -> None:
+def test_effects_on_a_body_are_named_and_attributed_to_it(case: str, cases: Callable[[str], Told]) -> None:
     assert cases(case).named[:1] == [CASES[case][2]]
 
 
-def test_what_happens_to_a_body_is_doubted_no_more_often_than_the_declared_rate(cases: Callable[[str], Told]) -> None:
+def test_effects_on_a_body_are_doubted_no_more_often_than_the_declared_rate(cases: Callable[[str], Told]) -> None:
     """0.4 of a false-alarm rate of 5 % may doubt a model that holds."""
     doubted = [case for case in CASES if cases(case).found[:1] != [CASES[case][2]]]
     assert len(doubted) <= most_of(len(CASES), 0.02), doubted
@@ -103,7 +103,7 @@ def test_the_pattern_of_a_drift_is_the_hidden_one(tmp_path: Path) -> None:
 
 
 @pytest.mark.parametrize("size", [0.05, 3.0])
-def test_a_body_that_was_knocked_is_told_once_with_the_pose(size: float, tmp_path: Path) -> None:
+def test_a_body_that_was_knocked_is_reported_once_with_the_pose(size: float, tmp_path: Path) -> None:
     """Neither target by target, nor as something that happened to run alike."""
     told = _told(tmp_path / "c", PLAIN, (Hidden("jump", "base", size),), 16)
     assert told.found == [("body-drift", "base")]
@@ -142,7 +142,7 @@ def test_nothing_sags_where_nothing_is_hidden(tmp_path: Path) -> None:
     assert _told(tmp_path / "c", UPRIGHT, (), 19).found == []
 
 
-def test_a_body_that_lands_elsewhere_each_time_for_a_while_is_told_so(tmp_path: Path) -> None:
+def test_temporary_scatter_of_a_body_is_reported_as_such(tmp_path: Path) -> None:
     """Neither as another shape, nor as targets that were moved: it scatters, and moves nothing on average."""
     told = _told(tmp_path / "c", PLAIN, (Hidden("scatter", "base", 0.3),), 17)
     assert told.found == [("approach-scatter", "base")]
@@ -159,7 +159,7 @@ def test_exchanged_labels_are_named(tmp_path: Path) -> None:
     assert told.found == [("targets-swapped", f"targets {' '.join(truth['targets'])}")]
 
 
-def test_nothing_hidden_nothing_found(tmp_path: Path) -> None:
+def test_no_cause_is_found_where_no_effect_is_hidden(tmp_path: Path) -> None:
     for name, layout in {"plain": PLAIN, "noisy": NOISY, "other": without_survey(OTHER)}.items():
         assert _told(tmp_path / name, layout, (), 15).found == [], name
 
@@ -176,7 +176,7 @@ def test_a_body_that_lands_elsewhere_is_not_told_as_targets_that_were_moved(tmp_
     assert causes <= {"approach-scatter", "unexplained"}
 
 
-def test_what_could_not_be_tested_says_what_was_not_recorded(tmp_path: Path) -> None:
+def test_untested_causes_name_the_quantity_that_was_not_recorded(tmp_path: Path) -> None:
     bare = replace(PLAIN, bodies=(Body("tool", 6),), drives=(), configured=False)
     told = _told(tmp_path / "c", bare, (), 22)
     missing = {row["cause"]: row["reason_code"] for row in told.rows if row["verdict"] == "not testable"}

@@ -158,7 +158,7 @@ def _asked(campaign: Calibrated) -> dict[str, float]:
     return ASKED if REQUIREMENT[-1] in LAYOUTS[kind.layout].further_sections else {}
 
 
-def test_the_true_model_is_chosen_or_cannot_be_told_from_the_chosen(campaigns: list[Calibrated]) -> None:
+def test_the_true_model_is_chosen_or_cannot_be_distinguished_from_the_chosen(campaigns: list[Calibrated]) -> None:
     wrong = {one.name: one.chosen for one in campaigns if not one.is_chosen_right}
     assert len(wrong) <= most_of(len(campaigns), NOT_CHOSEN), wrong
 
@@ -177,14 +177,14 @@ def test_the_truth_lies_within_the_stated_uncertainty(campaigns: list[Calibrated
     assert_between(within, low, high, what="share of truths within the 95 % interval")
 
 
-def test_pulls_are_those_of_honest_tolerances(campaigns: list[Calibrated]) -> None:
+def test_pulls_agree_with_realistic_tolerances(campaigns: list[Calibrated]) -> None:
     pulls = [one.pulls for one in campaigns]
     found, low, high = mean_square_band(pulls)
     each = {one.name: round(float(np.mean(p.z**2)), 2) for one, p in zip(campaigns, pulls, strict=True) if len(p.z)}
     assert_between(found, low, high, what=f"mean square of the pulls, {each}")
 
 
-def test_what_was_held_out_is_predicted_to_the_noise(campaigns: list[Calibrated]) -> None:
+def test_held_out_observations_are_predicted_to_the_noise(campaigns: list[Calibrated]) -> None:
     squares, expected, spread = (sum(column) for column in zip(*(one.held_out for one in campaigns), strict=True))
     each = {one.name: round(float(one.figures[one.chosen]["heldout_ratio"]), 2) for one in campaigns}
     low, high = chi_square_band(expected**2 / spread)
@@ -209,7 +209,7 @@ def test_mismeasured_poses_are_named_and_no_others(campaigns: list[Calibrated]) 
     assert len({name for name, _ in named - wrong}) <= most_of(len(campaigns), GOOD_POSE_LOST), sorted(named - wrong)
 
 
-def test_every_pose_and_every_requirement_is_told(campaigns: list[Calibrated]) -> None:
+def test_every_pose_and_every_requirement_is_reported(campaigns: list[Calibrated]) -> None:
     for one in campaigns:
         if one.legs < 6:
             continue

@@ -151,7 +151,7 @@ def test_fit_motion_returns_the_motion_that_was_made(count: int, seed: int) -> N
 
 
 @pytest.mark.parametrize("effect", EFFECTS, ids=lambda effect: effect.id)
-def test_every_effect_shows_and_is_told_in_the_truth(effect: Effect) -> None:
+def test_every_effect_shows_and_is_reported_in_the_truth(effect: Effect) -> None:
     plain, changed = draw(EXACT), draw(EXACT, [effect])
     moved = np.abs(changed.record.points - plain.record.points).max()
     assert_between(moved, 1e-4, 300.0, what="largest change of a point, mm")
@@ -161,7 +161,7 @@ def test_every_effect_shows_and_is_told_in_the_truth(effect: Effect) -> None:
     assert all(set(entry) == {"value", "unit"} for entry in told["parameters"].values())
 
 
-def test_deformation_is_told_in_the_frame_of_the_targets_that_sit_on_no_attachment() -> None:
+def test_deformation_is_reported_in_the_frame_of_the_targets_that_sit_on_no_attachment() -> None:
     """Whatever the other targets do, the shift of the attachments from that frame is K times the displacements."""
     for follow in (0.0, 0.7):
         layout = replace(EXACT, targets=Targets(follow=follow))
@@ -186,7 +186,7 @@ def _in_survey_frame(campaign: Campaign, body: str) -> Array:
     return rotate(turn[:, None], points[:, own]) + shift[:, None]
 
 
-def test_told_poses_close_the_loops() -> None:
+def test_reported_poses_close_the_loops() -> None:
     """Poses, geometry and displacements of the truth satisfy the closure that the campaign format states."""
     campaign = draw(EXACT, [hidden.LinearDeformation(KAPPA)])
     truth = campaign.truth
@@ -197,7 +197,7 @@ def test_told_poses_close_the_loops() -> None:
     assert_close(np.linalg.norm(g, axis=-1), np.tile(truth.built.length, (46, 1)), atol=1e-7, what="mm")
 
 
-def test_told_poses_are_those_of_the_targets_when_the_bodies_grow() -> None:
+def test_reported_poses_are_those_of_the_targets_when_bodies_grow() -> None:
     campaign = draw(EXACT, [hidden.ThermalExpansion(2.3e-5, 1.2e-5, 0.0)])
     base, platform = (campaign.marks.framing(body) for body in ("base", "platform"))
     points = campaign.record.points

@@ -83,7 +83,9 @@ def _drawn(plan: CampaignPlan, name: str, settings: Campaign) -> list[float]:
 
 
 @pytest.mark.parametrize("name", HIDDEN)
-def test_the_two_show_an_effect_as_strongly(name: str, plan: tuple[CampaignPlan, Campaign], folders: Path) -> None:
+def test_both_generators_give_an_effect_the_same_signal_strength(
+    name: str, plan: tuple[CampaignPlan, Campaign], folders: Path
+) -> None:
     ours, theirs = _drawn(plan[0], name, plan[1]), _generated(folders, name, plan[1])
     assert min(*ours, *theirs) > 6.0, "an effect that is seen"
     scatter = np.sqrt((np.var(ours, ddof=1) + np.var(theirs, ddof=1)) / CAMPAIGNS)

@@ -68,7 +68,7 @@ def _finds(tables: Mapping[str, pa.Table], settings: Campaign) -> bool:
     return any(verdict.verdict == FOUND for verdict in search.run(KINDS).verdicts)
 
 
-def test_the_two_show_effects_that_are_found_as_often(ground: Ground, hidden: list[list[Effect]]) -> None:
+def test_both_generators_give_effects_that_are_found_equally_often(ground: Ground, hidden: list[list[Effect]]) -> None:
     pairs = []
     for sort, effects in enumerate(hidden):
         drawn = [_finds(ground.power_tables([e], sort, k), ground.settings) for k, e in enumerate(effects)]

@@ -104,7 +104,7 @@ def test_signals_show_the_tension_of_the_legs() -> None:
     assert_close(campaign.signals, shown, atol=0.01, what="mV, of a sensor with errors")
 
 
-def test_both_know_the_air() -> None:
+def test_both_simulations_have_the_same_refractive_index() -> None:
     t, p, humidity = (axis.ravel() for axis in np.meshgrid([18.0, 20.0, 23.0], [980.0, 1013.0, 1030.0], [30.0, 60.0]))
     found = air.index(np.stack([t, p, humidity, t], axis=1))
     vapour = their_air.vapour_pressure_pa(t, humidity / 100)

@@ -62,7 +62,7 @@ def _difference(effect: Effect) -> np.ndarray:
 
 
 @pytest.mark.parametrize("effect", EFFECTS, ids=lambda effect: effect.id)
-def test_every_effect_shows_and_is_told_in_the_truth(effect: Effect) -> None:
+def test_every_effect_shows_and_is_reported_in_the_truth(effect: Effect) -> None:
     changed = draw([effect])
     readings = np.abs(changed.readings - PLAIN.readings).max()
     signals = np.abs(changed.signals - PLAIN.signals).max()
@@ -172,7 +172,7 @@ def test_the_sample_is_written_again_to_the_byte(tmp_path: Path) -> None:
     assert_close(told["compliance"], before["compliance"], atol=1e-15)
 
 
-def test_what_is_published_stands_beside_the_sample_as_it_is_printed() -> None:
+def test_published_values_are_shown_with_those_of_the_sample() -> None:
     path = PROJECT / "docs" / "experiments" / "published_force_sensor.json"
     printed = json.loads(path.read_text(encoding="utf-8"))["maxima"]
     rows = _rows(PROJECT / "sample_data" / "force-sensor" / "published.csv")

@@ -86,7 +86,7 @@ def assert_shows(case: Case, effect: Effect) -> None:
         assert plain.layout.surroundings.recorded
 
 
-def test_what_no_catalogue_knows_has_a_driver_or_a_channel() -> None:
+def test_effects_outside_the_catalogue_have_inputs_or_a_channel() -> None:
     campaign = draw_plan("together", frozenset({"weather", "lunch"}), 2).campaign()
     for number, name in enumerate(sorted(STRANGE)):
         effect = STRANGE[name].draw(campaign, np.random.default_rng(number))(1.0)

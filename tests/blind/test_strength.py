@@ -53,7 +53,7 @@ def test_a_moved_target_is_as_strong_as_its_sightings_before_and_after() -> None
     assert_between(found / expected, 0.93, 1.0, what="strength over that of a target by itself")
 
 
-def test_a_trembling_target_is_as_strong_as_the_spread_of_its_points_tells() -> None:
+def test_signal_strength_of_a_scattering_target_follows_from_its_scatter() -> None:
     """A hundred and twenty-three numbers tell the logarithm of their noise to 1 / sqrt(246), less what all share."""
     measure = Measure(planned())
     found = measure.strength(VibratingTarget("base", "B05", 1.5))
@@ -77,7 +77,7 @@ def test_an_effect_twice_as_large_is_twice_as_strong() -> None:
     assert_between(twice / once, 1.999, 2.001, what="ratio")
 
 
-def test_what_only_one_column_tells_of_a_sum_is_its_own_term() -> None:
+def test_the_part_of_a_sum_that_one_column_determines_is_its_own_term() -> None:
     inputs = np.random.default_rng(3).normal(size=(40, 2))
     alone = random_function(inputs[:, :1], 5)
     assert_close(own_part(inputs[:, :1], 5, 0), alone - alone.mean(), atol=1e-12)
@@ -119,7 +119,7 @@ def assert_shows(case: Case, effect: Effect) -> None:
     assert set(effect.drivers) <= columns
 
 
-def test_what_no_catalogue_knows_has_a_driver_or_a_target() -> None:
+def test_effects_outside_the_catalogue_have_inputs_or_a_target() -> None:
     campaign = draw_plan("telescope", frozenset({"humidity_pct", "load_n", "pressure_hpa"}), 2).campaign()
     for number, name in enumerate(sorted(STRANGE)):
         effect = STRANGE[name].draw(campaign, np.random.default_rng(number))(1.0)

@@ -16,7 +16,7 @@ def test_for_one_size_the_comparison_of_rates_is_fishers_exact_test(first: int, 
     assert_close(unlike([Pair(first, 8, second, 8)]), expected, atol=1e-9)
 
 
-def test_two_that_find_alike_are_told_apart_as_seldom_as_it_says() -> None:
+def test_equal_rates_are_called_different_no_more_often_than_the_level() -> None:
     """All outcomes of two sizes, each at a rate of its own."""
     level, wrong = 0.05, 0.0
     chance = [binom.pmf(np.arange(7), 6, rate) for rate in (0.3, 0.8)]

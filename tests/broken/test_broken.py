@@ -20,7 +20,7 @@ def _contents(folder: Path) -> dict[str, bytes]:
 
 
 @pytest.mark.parametrize("case", CASES, ids=lambda case: case.name)
-def test_a_broken_campaign_is_told(case: Broken, tmp_path: Path) -> None:
+def test_a_broken_campaign_is_reported(case: Broken, tmp_path: Path) -> None:
     campaign = write_broken(case, tmp_path / "campaign")
     before = _contents(campaign)
     until = [] if case.whole else ["--only", "qa"]
@@ -43,6 +43,6 @@ def test_the_campaigns_that_they_are_made_from_are_good(name: str, tmp_path: Pat
     assert (done.exit_code, done.output) == (ExitCode.DONE, "")
 
 
-def test_there_are_many_and_each_has_a_name_of_its_own() -> None:
+def test_there_are_many_damaged_campaigns_with_distinct_names() -> None:
     names = [case.name for case in CASES]
     assert len(names) == len(set(names)) >= 100

@@ -136,7 +136,7 @@ def ran(tmp_path_factory: pytest.TempPathFactory) -> Path:
 
 
 @pytest.mark.parametrize("name", LEFT)
-def test_whatever_a_run_folder_holds_the_run_is_made_whole(name: str, ran: Path, tmp_path: Path) -> None:
+def test_a_run_is_completed_whatever_its_folder_holds(name: str, ran: Path, tmp_path: Path) -> None:
     shutil.copytree(ran / "run", tmp_path / "run")
     LEFT[name](ran / "campaign", tmp_path / "run")
     assert _run(ran / "campaign", tmp_path / "run", "ingest") == (ExitCode.DONE, "")

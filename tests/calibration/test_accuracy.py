@@ -40,7 +40,7 @@ def test_poses_without_an_error_do_not_count() -> None:
 
 
 @pytest.mark.parametrize("factor", [1e-3, 180.0 / np.pi])
-def test_the_unit_does_not_matter(factor: float) -> None:
+def test_results_are_independent_of_the_unit(factor: float) -> None:
     errors, variances = np.array([1.0, -2.0, 0.5]), np.array([0.2, 0.1, 0.3])
     one, other = error_of_95_percent(errors, variances), error_of_95_percent(factor * errors, factor**2 * variances)
     assert one is not None

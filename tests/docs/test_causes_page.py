@@ -49,14 +49,14 @@ def test_likeness_of_causes_on_the_page_is_the_computed_one(name: str, bare: boo
                 assert cell.startswith("**") == (found[n, k] < ALIKE) or abs(found[n, k] - ALIKE) < 0.005
 
 
-def test_a_gain_is_told_from_a_deformation_by_targets_on_the_attachments_alone() -> None:
+def test_a_gain_is_distinguished_from_a_deformation_by_targets_on_the_attachments_alone() -> None:
     names = [cause.id for cause in compared()]
     pair = names.index("actuator-gain"), names.index("platform-deformation-linear")
     assert likeness(bare=False).left[pair] > 0.5
     assert likeness(bare=True).left[pair] < 0.01
 
 
-def test_nothing_imitates_itself_less_than_wholly() -> None:
+def test_every_cause_is_fully_confounded_with_itself() -> None:
     assert np.abs(np.diag(likeness(bare=True).left)).max() < 1e-6
 
 

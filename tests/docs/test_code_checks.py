@@ -23,7 +23,7 @@ from tests.docs.shell import commands, fault
         ("$ truing run x", "$"),
     ],
 )
-def test_a_command_that_does_not_exist_is_told(line: str, told: str) -> None:
+def test_a_command_that_does_not_exist_is_reported(line: str, told: str) -> None:
     (words,) = commands(line)
     assert told in (fault(words, set()) or "")
 
@@ -52,5 +52,5 @@ def test_a_line_is_split_into_its_commands() -> None:
         "[project]\nname = 'x'",
     ],
 )
-def test_settings_that_truing_would_refuse_are_told(text: str, monkeypatch: pytest.MonkeyPatch) -> None:
+def test_settings_that_truing_would_refuse_are_reported(text: str, monkeypatch: pytest.MonkeyPatch) -> None:
     assert fault_of_toml(text, "", monkeypatch) is not None

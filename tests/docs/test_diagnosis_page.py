@@ -23,7 +23,7 @@ def _numbers(cell: str) -> list[float]:
 
 
 @pytest.mark.parametrize("name", ["sample", "pulls"])
-def test_its_tables_are_current(name: str, sample_run: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+def test_tables_of_the_diagnosis_page_are_current(name: str, sample_run: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     """Names to the letter; figures to a twentieth, for the last digits differ between processors."""
     monkeypatch.setattr(diagnosis, "run_folder", lambda _: sample_run)
     found = _cells({"sample": diagnosis.sample_table, "pulls": diagnosis.pulls_table}[name]())

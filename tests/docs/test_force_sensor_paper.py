@@ -137,7 +137,7 @@ def test_table_2_times_nine_is_the_theory_of_fy_alone() -> None:
 
 
 @pytest.mark.parametrize(("name", "kind"), list(force_sensor_paper.FIGURES.items()))
-def test_figures_are_whole(tmp_path: Path, name: str, kind: int) -> None:
+def test_figures_are_complete_svg_files(tmp_path: Path, name: str, kind: int) -> None:
     force_sensor_figures.draw(tmp_path / name, kind)
     text = (tmp_path / name).read_text(encoding="utf-8")
     assert "nan" not in text

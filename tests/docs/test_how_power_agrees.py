@@ -32,7 +32,7 @@ def test_the_figure_is_that_of_the_results_that_are_kept() -> None:
 
 
 @pytest.mark.parametrize("what", ["found", "named"])
-def test_both_find_as_much(what: str) -> None:
+def test_power_and_simulated_campaigns_find_equally_often(what: str) -> None:
     assert unlike(power_agreement_page.pairs(RECORDS, what)) > UNLUCKY
 
 

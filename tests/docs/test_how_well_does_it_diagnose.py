@@ -32,7 +32,7 @@ def test_each_table_is_that_of_the_results_that_are_kept(instrument: str, name: 
     assert_close(_numbers(made), _numbers(there), atol=0.11)
 
 
-def test_effects_that_nobody_had_thought_of_are_told_as_counted() -> None:
+def test_effects_that_nobody_had_thought_of_are_reported_as_counted() -> None:
     own = INSTRUMENTS["sensor"]
     made = blind_page.unforeseen(blind_page.kept_campaigns(own.unforeseen_results))
     there = shown(own.page.read_text(encoding="utf-8"), "unforeseen")
@@ -41,7 +41,7 @@ def test_effects_that_nobody_had_thought_of_are_told_as_counted() -> None:
 
 
 @pytest.mark.parametrize("instrument", [name for name, own in INSTRUMENTS.items() if own.added])
-def test_causes_that_joined_since_are_told_as_counted(instrument: str) -> None:
+def test_causes_that_joined_since_are_reported_as_counted(instrument: str) -> None:
     own = INSTRUMENTS[instrument]
     campaigns = blind_page.kept_campaigns(own.added_results)
     made, there = blind_page.causes(campaigns, own), shown(own.page.read_text(encoding="utf-8"), "added")
@@ -112,7 +112,7 @@ GAIN = {"cause": "actuator-gain", "subject": "leg2", "parameters": {"gain_2": {"
 HUMID = {"cause": "unexplained", "subject": "", "parameters": {}, "kind": "Humid", "follows": "humidity_pct"}
 
 
-def test_what_is_called_alike_counts_as_named_and_as_nothing_invented() -> None:
+def test_a_cause_named_as_indistinguishable_counts_as_named_and_not_as_wrong() -> None:
     rows = [("leg-thermal", "found", "", ""), ("actuator-gain", "indistinguishable", "leg2", "")]
     alike = judged_campaign([GAIN], rows)
     assert not alike.missed
@@ -131,7 +131,7 @@ def test_legs_are_compared_as_sets_and_all_of_them_are_the_whole() -> None:
     assert not every.misplaced(every.hidden[0])
 
 
-def test_an_effect_of_no_catalogue_must_be_told_with_all_that_it_follows() -> None:
+def test_an_effect_outside_the_catalogue_must_be_reported_with_all_inputs() -> None:
     right = judged_campaign([HUMID], [("unexplained", "found", "", "humidity_pct time_s")])
     other = judged_campaign([HUMID], [("unexplained", "found", "", "time_s"), ("leg-drift", "found", "", "")])
     assert right.follows_right(right.hidden[0])
@@ -150,7 +150,7 @@ def test_an_input_may_be_missed_whose_own_part_is_below_what_is_asked() -> None:
     assert not one.follows_right(parts)
 
 
-def test_only_what_is_strong_enough_is_clear() -> None:
+def test_an_effect_is_clear_from_a_signal_strength_of_six_on() -> None:
     assert rates.is_clear(judged_campaign([GAIN], [], 6.0))
     assert not rates.is_clear(judged_campaign([GAIN], [], 5.0))
     assert not rates.is_clear(judged_campaign([GAIN, GAIN], [], 7.0))

@@ -18,7 +18,7 @@ def test_each_table_stands_between_its_marks() -> None:
     assert shown(page, "one") == "newer"
 
 
-def test_tables_that_nobody_asks_for_stay(tmp_path: Path) -> None:
+def test_tables_of_a_page_that_are_not_renewed_stay(tmp_path: Path) -> None:
     (tmp_path / "page.md").write_text(PAGE, encoding="utf-8")
     renew(tmp_path / "page.md", {"one": lambda: "new"})
     assert (tmp_path / "page.md").read_text(encoding="utf-8") == PAGE.replace("old\n", "new\n", 1)

@@ -21,7 +21,7 @@ def test_every_case_has_its_row_and_none_names_what_did_not_change() -> None:
         assert int(told) >= int(machines) - 1
 
 
-def test_two_campaigns_know_more_than_one_and_say_how_much() -> None:
+def test_two_campaigns_have_smaller_sigmas_and_report_the_gain() -> None:
     median, smallest, z = (float(row[1]) for row in _cells("gain"))
     assert smallest < median < 1.0
     assert 0.6 < z < 1.2

@@ -28,7 +28,7 @@ def test_the_notebook_is_valid_by_its_schema():
     nbformat.validate(json.loads(NOTEBOOK.read_text(encoding="utf-8")))
 
 
-def test_its_cells_run_and_say_what_is_recorded(workplace, tmp_path):
+def test_cells_of_the_notebook_run_with_the_recorded_output(workplace, tmp_path):
     """With the whole sample campaign, and the run of a cut one in place of its own: the recorded one takes too long."""
     (tmp_path / "sample_data").symlink_to(PROJECT / "sample_data")
     (tmp_path / "runs").symlink_to(workplace / "runs")

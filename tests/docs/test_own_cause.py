@@ -94,7 +94,7 @@ def _found_rows(tables: dict[str, Any]) -> list[dict[str, Any]]:
 
 
 @pytest.mark.usefixtures("installed")
-def test_its_derivative_is_exact_by_the_check_of_the_page() -> None:
+def test_the_example_passes_the_derivative_check_of_the_page() -> None:
     from leg_swelling import LegSwelling
 
     rho = readings(np.random.default_rng(3), 4)
@@ -102,7 +102,7 @@ def test_its_derivative_is_exact_by_the_check_of_the_page() -> None:
     exec(CHECK, {"np": np, "cause": LegSwelling(), "state": state, "values": np.array([1e-6]), "j": 0})
 
 
-def test_it_is_found_and_named_with_its_size(diagnosed: dict[str, Any]) -> None:
+def test_the_hidden_effect_is_found_and_named_with_its_size(diagnosed: dict[str, Any]) -> None:
     rows = _found_rows(diagnosed)
     assert [row["cause"] for row in rows] == ["leg-swelling"]
     told = json.loads(rows[0]["parameters"])["swelling"]
@@ -126,7 +126,7 @@ def test_the_page_shows_what_is_found(diagnosed: dict[str, Any]) -> None:
         assert float(text) == pytest.approx(row[name], abs=0.02)
 
 
-def test_it_is_in_the_model_and_predictions_follow_the_humidity(diagnosed: dict[str, Any]) -> None:
+def test_the_effect_of_humidity_is_in_the_model_and_its_predictions(diagnosed: dict[str, Any]) -> None:
     (effect,) = tomllib.loads(diagnosed["model"])["effects"]
     assert effect["cause"] == "leg-swelling"
     damp = diagnosed["configurations"]
@@ -141,7 +141,7 @@ def test_it_is_in_the_model_and_predictions_follow_the_humidity(diagnosed: dict[
         predict(diagnosed["model"], damp.drop_columns(["humidity_pct"]), "inputs.csv")
 
 
-def test_without_the_package_what_it_follows_is_all_that_is_said(
+def test_without_its_package_an_effect_is_reported_by_its_inputs_only(
     campaign: Path, installed: str, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     monkeypatch.setattr(sys, "path", [place for place in sys.path if place != installed])

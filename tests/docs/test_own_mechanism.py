@@ -61,7 +61,7 @@ def _extended(spans: np.ndarray) -> np.ndarray:
 
 
 @pytest.mark.usefixtures("installed")
-def test_its_poses_and_readings_undo_each_other() -> None:
+def test_forward_and_inverse_kinematics_are_inverse_functions() -> None:
     legs, rng = _legs(), np.random.default_rng(1)
     p, R = HOME + rng.normal(0.0, 0.01, (5, 3)), exp_so3(rng.normal(0.0, 0.03, (5, 3)))
     reached = forward(legs, inverse(legs, p, R))
@@ -71,7 +71,7 @@ def test_its_poses_and_readings_undo_each_other() -> None:
 
 
 @pytest.mark.usefixtures("installed")
-def test_its_derivatives_are_exact_by_the_check_of_the_page() -> None:
+def test_derivatives_of_the_example_pass_the_check_of_the_page() -> None:
     legs, rng = _legs(), np.random.default_rng(2)
     upper, rho = HOME + rng.normal(0.0, 0.05, (4, 6, 3)), legs.rho0 + rng.normal(0.0, 0.01, (4, 6))
     for axis in range(3):

@@ -28,7 +28,7 @@ def test_every_number_of_the_paper_has_one_row(page: str) -> None:
 
 
 @pytest.mark.parametrize("page", NUMBERED)
-def test_every_row_is_whole(page: str) -> None:
+def test_every_row_has_meaning_source_and_verdict(page: str) -> None:
     for number, meaning, there, own, verdict, _figure in rows(page):
         assert 1 <= len(meaning.split()) <= 6, number
         assert verdict.startswith(VERDICTS), number

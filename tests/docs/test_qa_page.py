@@ -39,7 +39,7 @@ def test_every_check_has_its_entry(kind: str, part: str) -> None:
 
 
 @pytest.mark.parametrize("kind", CHECKS)
-def test_the_remedy_of_a_failed_check_is_told_without_what_keeps_it_from_being_evaluated(kind: str) -> None:
+def test_the_remedy_of_a_failed_check_omits_conditions_of_its_evaluation(kind: str) -> None:
     for check in CHECKS[kind].values():
         assert "evaluated:" not in check.to_do
         assert check.to_do.endswith((".", "?"))

@@ -12,12 +12,12 @@ from truing import load
 
 
 @pytest.mark.slow
-def test_the_picture_shows_what_the_page_says(sample_run: Path) -> None:
+def test_the_image_agrees_with_the_page(sample_run: Path) -> None:
     told, now = json.loads(FACTS.read_text(encoding="utf-8")), shown_facts(load(sample_run))
     assert json.loads(json.dumps(now)) == told, f"draw the picture again by: {AGAIN}"
 
 
-def test_the_picture_was_drawn_with_its_facts() -> None:
+def test_the_image_was_drawn_with_the_stated_values() -> None:
     assert PICTURE.read_bytes().startswith(b"\x89PNG")
     told = json.loads(FACTS.read_text(encoding="utf-8"))
     assert told["verdict"]

@@ -27,7 +27,7 @@ def test_the_samples_poses_close_with_its_own_deformation() -> None:
     assert_close(kappa, np.diag(campaign.K), atol=2e-3)
 
 
-def test_a_few_starts_are_counted_whole(monkeypatch: pytest.MonkeyPatch) -> None:
+def test_shares_of_a_few_starts_are_complete(monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr(many_starts, "STARTS", 3)
     campaign = many_starts.sample_campaign()
     case = {"κ": many_starts.cases(campaign)["κ, the rest of K ignored"]}

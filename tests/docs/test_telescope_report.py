@@ -157,7 +157,7 @@ def test_both_methods_find_the_same_single_minimum():
     assert found.between < 1e-6
 
 
-def test_figures_are_whole(tmp_path):
+def test_figures_are_complete_svg_files(tmp_path):
     telescope_report_figures.draw_absorption(tmp_path / "absorption.svg")
     telescope_report_figures.draw_geometry(tmp_path / "geometry.svg")
     telescope_report_figures.draw_remainder(tmp_path / "remainder.svg", Ignorance(0.5))

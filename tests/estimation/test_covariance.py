@@ -25,7 +25,7 @@ def test_shared_covariance_is_the_whole_covariance_of_exact_bodies() -> None:
         )
 
 
-def test_what_two_bodies_share_is_what_draws_of_the_parent_show() -> None:
+def test_covariance_of_two_bodies_is_that_of_draws_of_their_parent() -> None:
     rng, draws = np.random.default_rng(4), 40_000
     R, p, covariance = _pose(rng)
     bodies = [_pose(rng)[:2] for _ in range(2)]

@@ -31,7 +31,7 @@ def test_many_draws_tell_the_size_whatever_theory_expected(power: float, slope: 
     assert told.lower <= told.value <= told.upper
 
 
-def test_few_draws_cover_the_truth_as_often_as_they_say() -> None:
+def test_intervals_of_few_draws_cover_the_truth_at_the_stated_rate() -> None:
     rng, covered, trials = np.random.default_rng(1), 0, 400
     for _ in range(trials):
         slope, middle = np.exp(rng.uniform(np.log(2.0), np.log(8.0))), np.exp(rng.uniform(-0.5, 0.5))

@@ -40,7 +40,7 @@ def test_without_held_out_poses_evidence_decides():
     assert made.chosen == 1
 
 
-def test_where_all_miss_the_floor_the_comparison_is_left():
+def test_the_more_accurate_model_is_chosen_where_all_miss_the_noise_floor():
     steady = choose_model([Contender(np.full(8, 60.0), 6, -10.0, 50), Contender(np.full(8, 40.0), 6, -100.0, 90)])
     assert steady.chosen == 1
 

@@ -72,7 +72,7 @@ def test_a_drift_is_seen_by_chance_as_often_as_its_p_value_says_in_few_poses_too
     assert abs(np.mean(p < 0.15) - (1 - 0.95**3)) < 4 * 0.008
 
 
-def test_drift_is_told_from_scatter():
+def test_drift_is_distinguished_from_scatter():
     _, values, _ = _residuals(2, poses=200, targets=3)
     kept = np.ones((200, 3), bool)
     assert find_drift(values, kept).p_value > 1e-3

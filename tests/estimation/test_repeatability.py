@@ -66,7 +66,7 @@ def test_a_right_model_is_held_wrong_as_often_as_chance_has_it_and_a_wrong_one_i
     assert (left_by_a_line(2.0).p_value < 0.01).mean() > 0.95
 
 
-def test_without_repeats_nothing_is_told():
+def test_without_repeats_nothing_is_reported():
     found = within_groups(np.zeros((4, 2)), [])
     assert np.isnan(found.sigma).all()
     assert np.isnan(found.interval()).all()

@@ -47,7 +47,7 @@ def test_a_wrong_decision_ends_the_looking_at_most_as_often_as_stated(wrong: str
 
 
 @pytest.mark.parametrize(("ratio", "right"), [(0.7, "met"), (1.4, "not-met")])
-def test_a_clear_case_ends(ratio: float, right: str) -> None:
+def test_repeated_looks_end_early_in_a_clear_case(ratio: float, right: str) -> None:
     ended = [_ended(looks) for looks in _looks(ratio, seed=2, growth=5)]
     assert np.mean([look is not None and look.decision == right for look in ended]) > 0.95
     assert np.median([look.count for look in ended if look is not None]) < LAST / 2

@@ -71,7 +71,7 @@ def test_leave_one_out_is_what_a_fit_without_the_row_predicts():
 
 
 @given(st.floats(1e-6, 1e6), st.floats(1e-6, 1e6), st.integers(0, 1000))
-def test_units_of_drive_and_response_do_not_matter(drive_unit, response_unit, seed):
+def test_results_are_independent_of_the_units_of_drive_and_response(drive_unit, response_unit, seed):
     u, _, y, cov, survey = _campaign(seed, poses=15)
     plain = fit_response(u, y, cov, offset_cov=survey)
     scaled = fit_response(

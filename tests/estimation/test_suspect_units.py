@@ -23,7 +23,7 @@ FROM_CELSIUS = {"degF": lambda c: 1.8 * c + 32.0, "K": lambda c: c + 273.15}
         (77.15 + WALK, -190.0, "K", False, True, -195.75),
     ],
 )
-def test_a_mistaken_unit_is_told(recorded, reference, unit, of_reference, certain, celsius):
+def test_a_mistaken_unit_is_reported(recorded, reference, unit, of_reference, certain, celsius):
     found = mistaken_unit(recorded, reference)
     assert (found.unit, found.of_reference, found.certain) == (unit, of_reference, certain)
     assert abs(found.celsius - celsius) < 0.01
@@ -86,7 +86,7 @@ def test_two_hundred_good_columns_pass():
 
 @pytest.mark.parametrize("unit", ["degF", "K"])
 @pytest.mark.parametrize("part", ["half", "stretch", "alternate", "single", "most"])
-def test_a_part_in_another_unit_is_told_with_its_rows(unit, part):
+def test_a_part_in_another_unit_is_reported_with_its_rows(unit, part):
     rng = np.random.default_rng(5)
     n = 40
     value = 20.0 + np.cumsum(rng.normal(0.0, 0.05, n)) + 2.0 * (np.arange(n) > 30)

@@ -42,7 +42,7 @@ def test_evidence_is_the_mean_likelihood_over_draws_of_the_prior(parts: int, oth
     assert_close(found, np.log(expected), atol=0.06, what="log evidence")
 
 
-def test_the_order_of_the_parameters_is_of_no_importance() -> None:
+def test_results_are_independent_of_parameter_order() -> None:
     rng = np.random.default_rng(8)
     root = rng.normal(size=(6, 6))
     gram, scores = root @ root.T, rng.normal(size=6) * 3
@@ -53,7 +53,7 @@ def test_the_order_of_the_parameters_is_of_no_importance() -> None:
     assert_close(one, same, atol=1e-9, what="log evidence")
 
 
-def test_two_of_six_parts_are_told_from_all_of_them() -> None:
+def test_two_of_six_parts_are_distinguished_from_all_of_them() -> None:
     """Amplitudes of four and six sigma at two parts, noise at the others: independent ones would often have all six."""
     rng, wins, independent = np.random.default_rng(5), 0, 0
     strength = 12.0  # of one plausible scale, in sigma

@@ -52,21 +52,21 @@ def test_heavy_tails_follow_nothing() -> None:
 
 
 @pytest.mark.parametrize("driver", NAMES)
-def test_a_bent_course_of_one_input_is_told_with_it_alone(driver: str) -> None:
+def test_a_nonlinear_function_of_one_input_is_reported_with_it_alone(driver: str) -> None:
     rng = np.random.default_rng([NAMES.index(driver), 3])
     columns = _columns(rng)
     rows = 2.0 * np.cos(3.0 * columns[driver])[:, None] + rng.standard_normal((EPOCHS, 1))
     assert _told(rows, columns) == {driver}
 
 
-def test_two_inputs_that_act_as_a_product_are_told_both() -> None:
+def test_both_inputs_of_a_product_are_reported() -> None:
     rng = np.random.default_rng(4)
     columns = _columns(rng)
     course = np.sin(2.0 * columns["rho1_mm"]) * np.sin(2.0 * columns["load_n"])
     assert _told(8.0 * course[:, None] + rng.standard_normal((EPOCHS, 1)), columns) == {"rho1_mm", "load_n"}
 
 
-def test_friction_is_told_by_the_history_of_its_input() -> None:
+def test_friction_is_distinguished_by_the_history_of_its_input() -> None:
     rng = np.random.default_rng(5)
     columns = _columns(rng)
     history = _in_time().history(columns["rho2_mm"])
@@ -122,7 +122,7 @@ def test_share_is_what_is_predicted_beyond_chance() -> None:
     assert abs(np.mean(shares)) < 4.0 * 0.06 / np.sqrt(8)  # a share of 60 epochs is known to some 6 %
 
 
-def test_runs_do_not_remember_what_came_before_them() -> None:
+def test_runs_are_independent_of_earlier_runs() -> None:
     values, groups = np.tile([0.0, 1.0, 0.0], 4), np.repeat(np.arange(4), 3)
     history = InTime(np.arange(12.0), groups.astype(float)).history(values)
     assert history is not None
@@ -166,7 +166,7 @@ def test_inputs_within_others_of_the_same_channels_are_one_entry() -> None:
     assert set(_merged([part, elsewhere, pair])) == {replace(pair, share=0.3), elsewhere}
 
 
-def test_what_any_entry_of_a_set_leaves_in_the_final_model_remains() -> None:
+def test_a_set_of_inputs_remains_if_any_of_its_entries_remains() -> None:
     pair = Attributed((), ("rho1_mm", "load_n"), 0.2, 1e-3, remains=False)
     part = Attributed((), ("load_n",), 0.1, 1e-2, remains=False)
     (explained,), (left,) = (list(_merged([pair, one])) for one in (part, replace(part, remains=True)))
@@ -188,7 +188,7 @@ def _of_numbers(residuals: np.ndarray, columns: dict[str, np.ndarray]) -> Fitted
 
 
 @pytest.mark.parametrize("size", [0.0, 1.0])
-def test_what_accepted_causes_explain_does_not_remain(size: float) -> None:
+def test_residuals_explained_by_accepted_causes_do_not_remain(size: float) -> None:
     """``size``: the part of the effect that they leave."""
     rng = np.random.default_rng(14)
     columns = _columns(rng)

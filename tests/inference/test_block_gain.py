@@ -81,7 +81,7 @@ def test_a_cause_of_one_day_is_not_held_against_the_others() -> None:
     assert gain(only_on((2,)), values) is None
 
 
-def test_a_cause_of_two_days_is_told_by_these_and_the_first_kind_that_tells_is_taken() -> None:
+def test_a_cause_of_two_days_is_tested_on_left_out_days() -> None:
     acting = only_on((1, 3))
     values = measured(acting, np.random.default_rng(3))
     halves = EpochBlocks(BlockKind.SERIES, np.where(DAYS.numbers == 1, 0, DAYS.numbers + 1))

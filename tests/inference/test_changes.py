@@ -34,7 +34,7 @@ def campaigns(designs, rng, change=None):
     return compare(*found, np.eye(NUMBERS))
 
 
-def test_differences_are_as_large_as_they_are_said_to_be(designs):
+def test_differences_over_their_sigma_are_unit_normal(designs):
     rng = np.random.default_rng(1)
     found = [campaigns(designs, rng) for _ in range(800)]
     z = np.array([one.difference / one.sigma for one in found])

@@ -110,9 +110,7 @@ def test_a_name_is_not_given_to_what_has_the_sign_that_nature_does_not_have(size
     assert choice.candidate.key == expected
 
 
-def test_a_name_goes_first_only_where_another_form_of_the_same_does_not_explain_as_much_beside_what_is_stronger() -> (
-    None
-):
+def test_a_named_cause_is_preferred_unless_another_form_explains_as_much_next_to_stronger_effects() -> None:
     designs = {"weak": _design(COURSES[0], 0), "strong of x": _design(COURSES[1], 1)}
     twin = _design(COURSES[0] + 0.02 * COURSES[2], 0)
     sizes = {"weak": 20.0, "strong of x": 25.0}
@@ -201,7 +199,7 @@ def test_a_name_is_as_probable_as_what_explains_the_same_leaves_it() -> None:
     assert 0.2 < _probability("weak", both, {"strong": 25.0}, 0.1) < 0.8
 
 
-def test_what_no_campaign_separates_is_no_alternative() -> None:
+def test_causes_that_no_campaign_distinguishes_are_no_alternatives() -> None:
     assert _probability("weak", {"weak": 20.0}, {}, 1e-6) > 0.999
 
 
@@ -300,14 +298,14 @@ def test_two_names_are_taken_for_one_form_only_where_they_are_more_probable_once
     assert confirmed(cast("Round", current), choice, cast("Round", following), LEVEL, set()) is expected
 
 
-def test_a_name_that_leaves_nothing_real_needs_no_other_however_probable_one_form_seemed_before_the_fit() -> None:
+def test_a_named_cause_with_noise_residuals_is_kept_whatever_was_probable_before_the_fit() -> None:
     """A large effect leaves what is not linear in it to forms with more parameters, until the name is fitted."""
     current, following = _Told({"name": 27.0, "one": 900.0}, ("one",)), _Told({"rest": 5.0}, p=0.4)
     choice = CandidateChoice(current.candidates[0], (), 1.0, of_two=True)
     assert confirmed(cast("Round", current), choice, cast("Round", following), LEVEL, set())
 
 
-def test_other_subjects_of_the_kind_are_told_with_the_odds_against_them() -> None:
+def test_other_subjects_of_the_kind_are_reported_with_the_odds_against_them() -> None:
     kinds = dict.fromkeys(("leg2 leg5", "", "leg2", "leg1"), "gain")
     odds = {"leg2 leg5": 9.0, "": 8.0, "leg2": 9.0 - np.log(10.0), "leg1": 5.0, "other": 8.9}
     choice = choose(cast("Round", _Told(odds, kinds=kinds)), set(), LEVEL)
@@ -316,7 +314,7 @@ def test_other_subjects_of_the_kind_are_told_with_the_odds_against_them() -> Non
     assert_close([against for _, against in choice.subjects], [np.e, 10.0], atol=1e-9, what="odds against")
 
 
-def test_inputs_that_explain_nearly_as_well_are_told_unless_they_hold_those_of_the_effect() -> None:
+def test_inputs_that_explain_nearly_as_well_are_reported_unless_they_hold_those_of_the_effect() -> None:
     odds = {
         "form of leg2 by time": 9.0,
         "bent of leg2 by heat": 8.0,

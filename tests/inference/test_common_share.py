@@ -42,7 +42,7 @@ def pulls_of(jacobian: np.ndarray, rows: np.ndarray, share: float) -> Pulls:
     return pulls(shift, np.eye(len(shift)), covariance)
 
 
-def test_pulls_are_in_their_band_as_often_as_it_says(jacobian: np.ndarray) -> None:
+def test_pulls_lie_in_their_band_at_the_stated_rate(jacobian: np.ndarray) -> None:
     rng = np.random.default_rng(8)
     inside: dict[str, list[bool]] = {"learned": [], "half": []}
     for angle in rng.uniform(0.0, np.pi / 2, DRAWS):
@@ -57,7 +57,7 @@ def test_pulls_are_in_their_band_as_often_as_it_says(jacobian: np.ndarray) -> No
 
 
 @pytest.mark.parametrize(("share", "low", "high"), [(1.0, 0.999, 1.0), (0.0, 0.0, 0.2), (0.9, 0.75, 0.99)])
-def test_the_share_is_told(jacobian: np.ndarray, share: float, low: float, high: float) -> None:
+def test_the_share_is_reported(jacobian: np.ndarray, share: float, low: float, high: float) -> None:
     rng = np.random.default_rng(2)
     rows = [drawn(jacobian, share, rng) for _ in range(15)]
     assert low < np.median([estimated_share(*fit(jacobian, one, HALF), COMMON, HALF) for one in rows]) <= high
@@ -69,5 +69,5 @@ def test_the_estimated_share_is_independent_of_the_share_assumed_by_the_fit(jaco
     np.testing.assert_allclose(found, found[1], rtol=1e-6)
 
 
-def test_data_that_tell_nothing_leave_it_as_it_is() -> None:
+def test_data_without_information_leave_the_prior_unchanged() -> None:
     assert estimated_share(np.zeros(len(COMMON)), np.eye(len(COMMON)), COMMON, HALF) == HALF

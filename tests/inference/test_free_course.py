@@ -124,7 +124,7 @@ def test_a_drift_is_doubted_where_counts_are_lost() -> None:
     assert all(rival.follows in {(), ("time",)} for rival in rivals)
 
 
-def test_a_name_is_told_its_share_of_what_acts() -> None:
+def test_a_named_cause_reports_its_share_of_the_effect() -> None:
     shares = [rival.share for rival in _rivals(GAIN + np.sin(4.0 * GAIN + 0.5), GAIN) if rival.is_beside]
     assert shares
     assert all(0.2 < share < 1.0 for share in shares)

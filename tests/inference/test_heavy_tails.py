@@ -52,7 +52,7 @@ def test_outliers_of_single_channels_are_no_noisy_run() -> None:
     assert_between(_named_places(draws), 0, 2, what="named")
 
 
-def test_a_place_that_was_chosen_pays_for_the_choice() -> None:
+def test_evidence_of_a_chosen_stretch_is_reduced_by_the_number_of_stretches() -> None:
     """Of many stretches of equal noise one is noisy by chance; one that is noisier is named all the same."""
     rng, length = np.random.default_rng(6), 12
     stretches = [np.broadcast_to((abs(np.arange(STEPS) - at) < length / 2)[:, None], (STEPS, 1)) for at in range(STEPS)]

@@ -41,7 +41,7 @@ def _evidence(scores: NDArray, legs: tuple[int, ...]) -> float:
 
 # Amounts near to each other, of one sign or of either: whoever knew how they are drawn would tell nearly all.
 @pytest.mark.parametrize(("count", "signal", "least"), [(1, 8.0, 28), (6, 8.0, 28), (3, 12.0, 23)])
-def test_legs_that_err_are_told(count: int, signal: float, least: int) -> None:
+def test_legs_that_err_are_reported(count: int, signal: float, least: int) -> None:
     rng, right = np.random.default_rng(count), 0
     root = np.linalg.cholesky(GRAM)
     for _ in range(30):

@@ -62,7 +62,7 @@ def test_a_dependence_found_twice_on_one_quantity_is_one_dependence() -> None:
     assert len(merged_by_driver([first, replace(first, driver=possible[0])])) == 2
 
 
-def test_a_target_that_trembles_is_named() -> None:
+def test_a_target_with_excess_scatter_is_named() -> None:
     rng = np.random.default_rng(3)
     rest = _rest(rng)
     rest[:, 17] *= 2.0

@@ -59,7 +59,7 @@ def test_friction_of_two_parts_is_reported_of_these_two() -> None:
     assert right >= 5
 
 
-def test_of_two_parts_that_move_alike_none_is_named() -> None:
+def test_two_parts_that_move_alike_are_not_named() -> None:
     rng = np.random.default_rng(4)
     columns, errors = _columns(rng), np.zeros((EPOCHS, PARTS))
     errors[:, 0] = 4.0 * np.cos(3.0 * columns["c_deg"])

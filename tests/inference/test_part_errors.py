@@ -32,7 +32,7 @@ def _dense_rest(own: PartProblem, index: int, course: np.ndarray) -> tuple[float
     return left[0], left[1]
 
 
-def test_a_course_explains_the_squares_that_a_dense_fit_with_it_saves() -> None:
+def test_a_function_explains_as_much_as_a_dense_fit_with_it() -> None:
     rng = np.random.default_rng(1)
     course = rng.standard_normal(EPOCHS)
     errors = np.zeros((EPOCHS, PARTS))

@@ -42,7 +42,7 @@ def _vetoes(poses: int, size: float, share: float) -> float:
 
 
 @pytest.mark.parametrize("poses", [3, 6, 20])
-def test_a_half_right_cause_is_refused_at_the_stated_rate(poses: int) -> None:
+def test_a_cause_with_half_of_the_true_effect_is_refused_at_the_stated_rate(poses: int) -> None:
     """It predicts as well as nothing does: 0.6 %, within four standard errors of that many trials."""
     assert_between(_vetoes(poses, 2.0, 0.5), 0.001, 0.011, what="refused")
 
@@ -52,7 +52,7 @@ def test_few_poses_refuse_a_wrong_cause_and_never_a_right_one() -> None:
     assert _vetoes(3, 8.0, 0.0) > 0.99
 
 
-def test_noise_that_is_told_smaller_with_the_cause_makes_no_prediction_worse() -> None:
+def test_a_smaller_noise_with_the_cause_does_not_count_as_worse_prediction() -> None:
     noise = np.random.default_rng(3).standard_normal((40, TARGETS, 3))
     assert not predicts_worse(_error(noise), _error(0.999 * noise, sigma=0.9), np.ones(40, bool))
 

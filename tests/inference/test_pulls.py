@@ -60,7 +60,7 @@ def test_parts_beyond_their_tolerances_leave_the_band(problem):
     assert np.mean([one.chi_square > one.upper for one in drawn(problem, 200, prior_scale=4.0)]) > 0.9
 
 
-def test_units_do_not_matter(problem):
+def test_results_are_independent_of_units(problem):
     prior, jacobian, posterior = problem
     shift = posterior @ jacobian.T @ np.linspace(-3, 3, ROWS)
     scale = np.geomspace(1e-3, 1e3, PARAMETERS)
@@ -70,7 +70,7 @@ def test_units_do_not_matter(problem):
     np.testing.assert_allclose(a.chi_square, b.chi_square, rtol=1e-6)
 
 
-def test_data_that_tell_nothing_leave_no_pull():
+def test_data_without_information_give_no_pull():
     nothing = pulls(np.zeros(3), np.eye(3), 0.99 * np.eye(3))
     assert np.isnan(nothing.pull).all()
     assert (nothing.freedom, nothing.p_value) == (0, 1.0)

@@ -99,7 +99,7 @@ def _estimated(rng: np.random.Generator, own: NDArray, size: float) -> tuple[flo
     return unbiased(found, square / max(found, square**0.5 / 2) * share)
 
 
-def test_scatter_is_told_without_bias_and_as_surely_as_it_is_known() -> None:
+def test_scatter_is_estimated_without_bias_and_with_its_sigma() -> None:
     """Of four epochs (few values, whose root is low), of one input in all of them, of a third of the epochs."""
     rng, epochs = np.random.default_rng(4), np.arange(EPOCHS)[:, None] * np.ones(INPUTS)
     cases = (epochs < 4, 1500, 6.0), ((epochs >= 0) & (np.arange(INPUTS) == 2), 400, 20.0), (epochs < 13, 400, 6.0)

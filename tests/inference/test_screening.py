@@ -24,7 +24,7 @@ def test_a_target_that_moves_with_an_effect_is_kept() -> None:
     assert not gross_errors(rest, np.ones((40, 10), bool)).any()
 
 
-def test_nothing_seen_is_nothing_wrong() -> None:
+def test_without_observations_there_are_no_gross_errors() -> None:
     assert not gross_errors(np.zeros((2, 3, 3)), np.zeros((2, 3), bool)).any()
 
 

@@ -85,7 +85,7 @@ def test_periods_that_the_machine_sets_are_no_steps_of_a_course() -> None:
         assert several_for_one(accepted, SimpleNamespace(candidates=[]), always) == names
 
 
-def test_what_is_displaced_and_put_back_cancels_and_the_steps_of_a_course_do_not() -> None:
+def test_steps_cancel_only_if_equal_and_opposite() -> None:
     there, sure = np.array([3e-4, -2e-4, 1e-4]), 36e-12 * np.eye(3)
     noise = 6e-6 * np.random.default_rng(1).normal(size=(2, 3))
     assert cancel((there + noise[0], sure), (noise[1] - there, sure))

@@ -47,7 +47,7 @@ def test_a_signature_has_the_strengths_of_its_dense_columns() -> None:
     assert_close(np.sort(own.strengths)[::-1], np.linalg.svd(dense(columns_of_gain()), compute_uv=False), atol=1e-7)
 
 
-def test_its_scores_fit_the_parameters_as_least_squares_does() -> None:
+def test_scores_give_the_least_squares_parameters() -> None:
     own = signature(CHANNELS, toy.gain())
     scores = CHANNELS.along(FOUND.rest[None])[0][:, own.index].ravel() @ own.unit_design
     wanted = np.linalg.lstsq(dense(columns_of_gain()), FOUND.rest, rcond=None)[0]

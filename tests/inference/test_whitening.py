@@ -146,7 +146,7 @@ def test_rest_leverage_and_freedom_are_those_of_the_dense_problem(missing: bool)
     assert_close(found.freedom, len(right) - missed - np.trace(hat), atol=1e-10, what="freedom")
 
 
-def test_a_prior_that_is_no_knowledge_counts_as_no_observation() -> None:
+def test_an_uninformative_prior_counts_as_no_observation() -> None:
     problem = draw(7)
     wide = replace(problem, by_local=problem.by_local * 1e4, local_known=np.zeros(LOCAL, bool))
     measured = POSES * ROWS + EXTRA + SHARED

@@ -19,7 +19,7 @@ STRAY = re.compile(
 )
 
 
-def test_no_stray_words() -> None:
+def test_no_file_has_words_of_the_workplace() -> None:
     found = {
         path.relative_to(PROJECT).as_posix(): match.group()
         for path in text_files()

@@ -59,12 +59,12 @@ def found_in(text: str) -> list[int]:
         'cell(row.message).split(": ")',
     ],
 )
-def test_looking_into_a_sentence_is_noticed(line: str) -> None:
+def test_code_that_reads_a_sentence_is_detected(line: str) -> None:
     assert found_in(line) == [1]
 
 
 @pytest.mark.parametrize("line", ['" ".join(said)', "said.split()", 'subject.startswith("leg")', "why in known"])
-def test_putting_a_sentence_together_is_not(line: str) -> None:
+def test_code_that_composes_a_sentence_is_allowed(line: str) -> None:
     assert found_in(line) == []
 
 

@@ -35,7 +35,7 @@ def _is_method(name: str) -> bool:
 
 
 @pytest.mark.parametrize("room", ROOMS)
-def test_nothing_that_is_read_is_run(room: str) -> None:
+def test_files_that_are_read_are_never_executed(room: str) -> None:
     assert {module_name(path): found for path in modules(room) if (found := _dangerous(path))} == {}
 
 
@@ -55,5 +55,5 @@ def test_a_dangerous_line_is_found(tmp_path: Path, line: str) -> None:
     assert _dangerous(tmp_path / "m.py") != []
 
 
-def test_the_whole_project_is_looked_at() -> None:
+def test_the_whole_project_is_scanned() -> None:
     assert {path.relative_to(PROJECT).parts[0] for room in ROOMS for path in modules(room)} == set(ROOMS)

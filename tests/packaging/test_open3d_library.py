@@ -52,7 +52,7 @@ def run(program: str, *arguments: str) -> subprocess.CompletedProcess[str]:
 @pytest.mark.parametrize(
     ("program", "remedy"), [(HIDE_OPEN3D, "make setup"), (BREAK_OPEN3D, "libnone.so.1"), (BREAK_OPEN3D, "libegl1")]
 )
-def test_absence_is_said_with_the_remedy(program: str, remedy: str) -> None:
+def test_absence_is_reported_with_the_remedy(program: str, remedy: str) -> None:
     outcome = run(program)
     assert outcome.returncode == 1
     assert remedy in outcome.stderr.splitlines()[-1]

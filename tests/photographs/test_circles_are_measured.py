@@ -79,7 +79,7 @@ def _plainly_seen(centres: Array, minor: Array) -> Iterator[int]:
     yield from np.flatnonzero(inside & (minor > 3.0)).tolist()
 
 
-def test_there_is_no_bias(measured: Measured) -> None:
+def test_measured_centres_of_circles_are_unbiased(measured: Measured) -> None:
     assert len(measured.error) > 100
     assert np.abs(measured.error.mean(axis=0)).max() < 0.002
     assert np.abs(measured.error).max() < 0.05
@@ -103,7 +103,7 @@ def test_few_targets_in_plain_sight_are_overlooked(measured: Measured) -> None:
     assert np.mean(found) > 0.9
 
 
-def test_what_is_no_target_is_counted_with_its_reason(measured: Measured) -> None:
+def test_rejected_shapes_are_counted_by_reason(measured: Measured) -> None:
     assert all(reason and count > 0 for reason, count in measured.rejected.items())
     assert measured.rejected["at border"] > 0
     # Holes are circles, too, and left to what is known of points; segments of rings, lettering and reflections are not.

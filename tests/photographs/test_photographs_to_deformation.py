@@ -60,7 +60,7 @@ def test_codes_are_those_in_sight(line: StageLine, truth: Mapping[str, object]) 
     assert off.max() < 1.0
 
 
-def test_circles_are_as_wide_as_they_are_stated_to_be(line: StageLine) -> None:
+def test_measured_target_sizes_agree_with_the_stated_ones(line: StageLine) -> None:
     (row,) = [row for row in line.tables["qa"].to_pylist() if row["check"] == "target-sizes"]
     assert row["subject"] == "circles"
     assert row["value"] < 1.02

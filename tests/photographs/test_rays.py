@@ -94,7 +94,7 @@ def test_a_warm_bar_is_longer_and_told_as_it_was(tmp_path: Path) -> None:
     assert abs(float(told[1].split(",")[3]) - true[0]) < 5 * 0.005
 
 
-def test_an_unstable_camera_follows_what_it_is_told_to_follow() -> None:
+def test_an_unstable_camera_follows_its_declared_input() -> None:
     schedule: Schedule = photograph().campaign.schedule
     effect = UnstableCamera("x0", per_hour_px=2.0, per_k_px=0.5, jump_px=0.3, from_pose=4)
     jumped = np.array([pose >= 4 for pose in schedule.pose])

@@ -33,7 +33,7 @@ def test_the_tables_of_the_sample_are_written_again_to_the_byte(tmp_path: Path) 
         assert written.read_bytes() == (SAMPLE / written.name).read_bytes(), written.name
 
 
-def test_the_sample_is_whole_and_small() -> None:
+def test_the_sample_is_complete_and_small() -> None:
     session = Session()
     photographs = sorted(SAMPLE.glob("images/*/*.jpg"))
     assert len(photographs) == len(SAMPLE_POSES) * session.stations.count

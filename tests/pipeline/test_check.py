@@ -97,14 +97,14 @@ SIGNALS = "run,step,time_s,fz_n,v1_mv\n"
         ),
     ],
 )
-def test_a_bench_that_cannot_be_diagnosed_is_told_so(tmp_path: Path, table: str, text: str, why: str) -> None:
+def test_a_bench_that_cannot_be_diagnosed_is_reported(tmp_path: Path, table: str, text: str, why: str) -> None:
     head = '[campaign]\nname = "b"\nkind = "interferometer"\n[noise]\nlinear_um = 0.5\nsignal_mv = 0.1\n'
     prospects = check_campaign(open_campaign(written(tmp_path, campaign=head, **{table: text}))).prospects
     (line,) = [line for line in prospects if line.startswith("diagnose")]
     assert f"not evaluated: {why}" in line
 
 
-def test_a_bench_without_noise_is_told_that_it_will_not_be_diagnosed(tmp_path: Path) -> None:
+def test_a_bench_without_declared_noise_is_reported_as_not_diagnosable(tmp_path: Path) -> None:
     folder = CAMPAIGNS["bench"](tmp_path / "c")
     text = (folder / "campaign.toml").read_text()
     for key in ("linear_um", "angular_arcsec"):
@@ -253,7 +253,7 @@ def test_names_that_another_table_spells_otherwise_are_hinted_at(
     assert any(told in fault.expected for fault in faults(written(tmp_path, **files)))
 
 
-def test_runs_that_two_tables_spell_otherwise_are_told(tmp_path: Path) -> None:
+def test_runs_that_two_tables_spell_otherwise_are_reported(tmp_path: Path) -> None:
     head = '[campaign]\nname = "b"\nkind = "interferometer"\n[noise]\nlinear_um = 0.5\nsignal_mv = 0.1\n'
     readings = LOADS + "".join(f"R01,{i},{i},fz,{i},dz,{i},um\n" for i in range(1, 9))
     signals = SIGNALS + "".join(f"r1,{i},{i},{i},{i}\n" for i in range(1, 9))
@@ -267,14 +267,14 @@ def test_poses_that_are_counted_are_no_names_that_look_alike(tmp_path: Path) -> 
     assert check_campaign(open_campaign(folder)).attention == ()
 
 
-def test_a_campaign_of_other_pictures_alone_is_told_which(tmp_path: Path) -> None:
+def test_images_that_are_no_photographs_are_named(tmp_path: Path) -> None:
     (tmp_path / "images" / "1").mkdir(parents=True)
     (tmp_path / "images" / "1" / "a.heic").write_bytes(b"picture")
     fault = assert_fault(faults(written(tmp_path)), file="images/1/a.heic")
     assert_says(fault.expected, "photograph as JPEG")
 
 
-def test_a_faulty_survey_is_told_before_photographs_are_measured(
+def test_a_faulty_survey_is_reported_before_photographs_are_measured(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     from PIL import Image
@@ -291,7 +291,7 @@ def test_a_faulty_survey_is_told_before_photographs_are_measured(
     assert "'abc'" in done.output
 
 
-def test_a_survey_without_noise_is_told_before_photographs_are_measured(
+def test_a_survey_without_noise_is_reported_before_photographs_are_measured(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     from PIL import Image
@@ -340,7 +340,7 @@ def test_rays_that_the_survey_knows_or_may_name_are_none(tmp_path: Path, points:
     assert_says(checked.prospects[0], "photographs", "adjusted")
 
 
-def test_a_standard_deviation_that_many_files_lack_is_said_once(tmp_path: Path) -> None:
+def test_a_standard_deviation_that_many_files_lack_is_reported_once(tmp_path: Path) -> None:
     for number in range(12):
         (tmp_path / f"export_{number}.csv").write_text("target,x_mm,y_mm,z_mm\nA,1,2,3\nB,4,5,6\n")
     (tmp_path / "campaign.toml").write_text(
@@ -353,7 +353,7 @@ def test_a_standard_deviation_that_many_files_lack_is_said_once(tmp_path: Path) 
     assert_says(fault.expected, "11 other files")
 
 
-def test_a_survey_without_a_standard_deviation_is_told_beside_faults_of_other_tables(tmp_path: Path) -> None:
+def test_a_survey_without_a_standard_deviation_is_reported_beside_faults_of_other_tables(tmp_path: Path) -> None:
     found = faults(
         written(tmp_path, campaign=HEAD, points=points("1", "x"), configurations="pose\n1\n1\n", targets=survey("A"))
     )
@@ -361,7 +361,7 @@ def test_a_survey_without_a_standard_deviation_is_told_beside_faults_of_other_ta
     assert "configurations.csv" in {fault.file for fault in found}
 
 
-def test_readings_that_depart_from_poses_are_told(tmp_path: Path) -> None:
+def test_readings_that_depart_from_poses_are_reported(tmp_path: Path) -> None:
     folder = CAMPAIGNS["telescope"](tmp_path / "c")
     head, *lines = (folder / "configurations.csv").read_text().splitlines()
     names, table = head.split(","), [line.split(",") for line in lines]

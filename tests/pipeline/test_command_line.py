@@ -264,6 +264,6 @@ def test_every_answer_that_is_completed_is_one_of_init() -> None:
     assert len(parsed_answers([f"file{number}:{text}" for number, text in enumerate(ANSWERS)])) == len(ANSWERS)
 
 
-def test_lines_of_the_list_of_commands_are_whole() -> None:
+def test_lines_of_the_list_of_commands_are_not_cut() -> None:
     shown = CliRunner().invoke(app, ["--help"], env={"COLUMNS": "80"}).output
     assert "..." not in shown.partition("Commands:")[2]

@@ -109,7 +109,7 @@ def test_the_workspace_limits_poses_too(tmp_path: Path) -> None:
 
 
 @pytest.mark.parametrize("method", ["direct", "ioops", "random"])
-def test_other_methods_stay_behind(method: str, tmp_path: Path) -> None:
+def test_other_estimators_are_less_accurate(method: str, tmp_path: Path) -> None:
     done = call(SAMPLE, "--within", "actuators", "--method", method, "--out", tmp_path / "chosen.csv")
     assert done.exit_code == 0, done.output
     low, high = {"direct": (90.0, 99.6), "ioops": (98.0, 99.9), "random": (15.0, 50.0)}[method]
@@ -145,7 +145,7 @@ def test_any_legs_from_six_on_can_be_designed_for(tmp_path: Path) -> None:
     assert "rho7_mm" in pyarrow.csv.read_csv(out).schema.names
 
 
-def test_what_readings_do_not_lead_to_is_left_out_and_told(tmp_path: Path) -> None:
+def test_poses_that_readings_do_not_determine_are_left_out_and_reported(tmp_path: Path) -> None:
     out = tmp_path / "chosen.csv"
     place = campaign(tmp_path / "wide", workspace={"rho_mm": 60.0})
     done = call(place, "--verification", 4, "--out", out)
@@ -281,7 +281,7 @@ def test_a_table_with_faults_is_no_obstacle_to_a_new_design(tmp_path: Path) -> N
     assert_says(done.output, "noise of points", "surveyed targets")
 
 
-def test_json_holds_the_chosen_poses_and_what_is_said(tmp_path: Path) -> None:
+def test_json_holds_the_chosen_poses_and_the_messages(tmp_path: Path) -> None:
     words = (campaign(tmp_path / "machine"), "--poses", 8, "--within", "actuators")
     told = json.loads(call(*words, "--json").stdout)
     assert told["exit_code"] == 0

@@ -153,7 +153,7 @@ def test_the_telescope_s_readings_determine_its_pose(tmp_path: Path) -> None:
     assert not unexplained(page)
 
 
-def test_what_is_not_decided_is_said_and_listed(tmp_path: Path) -> None:
+def test_undecided_requirements_are_reported_and_listed(tmp_path: Path) -> None:
     limits = {"x_mm": 1.0, "y_mm": 1.0, "z_mm": 780.0, "rx_deg": 1.0, "ry_deg": 1.0, "rz_deg": 1.0}
     machine = {"type": "ups", "legs": hexapod(6)}
     done = call(
@@ -166,7 +166,7 @@ def test_what_is_not_decided_is_said_and_listed(tmp_path: Path) -> None:
     assert len(pyarrow.csv.read_csv(tmp_path / "f-undecided.csv")) > 0
 
 
-def test_the_least_number_of_configurations_is_told_for_each_model(tmp_path: Path) -> None:
+def test_the_least_number_of_configurations_is_reported_for_each_model(tmp_path: Path) -> None:
     done = call(
         campaign(tmp_path / "machine"), "--within", "actuators", "--method", "random", "--out", tmp_path / "f.csv"
     )

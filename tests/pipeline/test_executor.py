@@ -50,7 +50,7 @@ def test_results_stand_in_the_order_of_the_pieces(workforce: Workforce) -> None:
     assert done == [1, 2, 3, 4, 5]
 
 
-def test_nothing_to_do(workforce: Workforce) -> None:
+def test_a_finished_run_repeats_no_stage(workforce: Workforce) -> None:
     assert list(results(work.square, [], workforce, lost)) == []
 
 

@@ -19,7 +19,7 @@ def lines(text: str) -> list[str]:
     return text.splitlines()
 
 
-def test_done(fake: FakeProject) -> None:
+def test_a_clean_run_exits_with_0(fake: FakeProject) -> None:
     done = fake.call("run", str(fake.campaign))
     assert (done.returncode, done.stderr) == (0, "")
     assert lines(done.stdout)[-2:] == [f"report: {Path('runs') / 'bench' / 'report.html'}", "exit code 0: done"]
@@ -67,7 +67,7 @@ def test_all_faults_at_once_those_of_campaign_toml_and_of_the_raw_files(fake: Fa
         assert list(fake.cwd.iterdir()) == []
 
 
-def test_a_name_that_cannot_be_hides_no_other_fault(fake: FakeProject) -> None:
+def test_an_invalid_name_hides_no_other_fault(fake: FakeProject) -> None:
     fake.edit(fake.campaign / "points.csv", "4.0", "nan")
     fake.edit(fake.campaign / "campaign.toml", '"bench"', '"a/b"')
     done = fake.call("run", str(fake.campaign))
@@ -106,7 +106,7 @@ def test_a_stage_that_there_is_not(fake: FakeProject) -> None:
     assert_says(done.stderr, "did you mean", "pose")
 
 
-def test_a_defect_is_1_one_sentence_and_a_log(fake: FakeProject) -> None:
+def test_a_defect_exits_with_1_and_writes_a_log(fake: FakeProject) -> None:
     done = fake.call("run", str(fake.campaign), trouble="crash")
     assert done.returncode == 1
     assert len(lines(done.stderr)) == 1
@@ -118,7 +118,7 @@ def test_a_defect_is_1_one_sentence_and_a_log(fake: FakeProject) -> None:
 
 
 @pytest.mark.parametrize(("trouble", "words"), [("undeclared", "diagnosis"), ("schema", "columns dz_mm are missing")])
-def test_a_stage_that_breaks_its_word_is_a_defect(fake: FakeProject, trouble: str, words: str) -> None:
+def test_a_stage_that_returns_undeclared_tables_is_a_defect(fake: FakeProject, trouble: str, words: str) -> None:
     done = fake.call("run", str(fake.campaign), trouble=trouble)
     assert done.returncode == 1
     assert words in done.stderr

@@ -12,7 +12,7 @@ from truing.pipeline.problems import EnvironmentProblem
 from truing.pipeline.run_folder import PRIVATE, hold, locked_folder
 
 
-def test_the_second_is_told_who_holds_it(tmp_path: Path) -> None:
+def test_a_second_run_reports_the_process_that_holds_the_lock(tmp_path: Path) -> None:
     with hold(tmp_path / "lock"):
         expected = rf"in use by another run: process {os.getpid()} on \S+, since \d{{4}}-\d\d-\d\d \d\d:\d\d:\d\d"
         with pytest.raises(EnvironmentProblem, match=expected), hold(tmp_path / "lock"):

@@ -63,7 +63,7 @@ def bytes_of(folder: Path) -> dict[str, bytes]:
 
 
 @pytest.mark.parametrize("way", WAYS)
-def test_many_at_a_time_are_as_one_after_the_other(
+def test_many_problems_at_a_time_give_the_results_of_single_ones(
     way: str, fake: FakeProject, fresh: FakeProject, campaigns: list[str]
 ) -> None:
     places = [*campaigns, "nowhere"]

@@ -82,7 +82,7 @@ def test_an_error_below_that_of_the_scale_bars_is_out_of_reach(place):
     assert set(pd.read_csv(place / "plan-targets.csv")["limited_by"]) == {"scale"}
 
 
-def test_targets_that_face_away_are_told(place):
+def test_targets_that_face_away_are_reported(place):
     rows = "".join(
         f"{body},{i},0,0,{-1 if (body, i) == ('table', 4) else 1}\n" for body in ("table", "carriage") for i in range(5)
     )
@@ -191,7 +191,7 @@ def test_a_camera_that_a_run_adjusted_is_taken_with_its_noise(place, monkeypatch
     assert_says(found.output, "run", "adjusted photographs")
 
 
-def test_what_the_plan_takes_to_be_seen_is_said(place):
+def test_assumed_visibility_of_a_plan_is_reported(place):
     options = (*FEW, "--stations", "4", "--out", str(place / "plan.csv"))
     assert_says(plan(place, *options).output, "no target", "normal")
     rows = "".join(f"table,{i},0,0,1\n" for i in range(5))

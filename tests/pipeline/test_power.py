@@ -53,7 +53,7 @@ def call(*words: object) -> tuple[int, str]:
     return done.exit_code, done.output
 
 
-def test_a_planned_campaign_is_told_what_it_would_show_and_left_as_it_is(planned: Path, tmp_path: Path) -> None:
+def test_power_of_a_planned_campaign_reports_sizes_and_changes_no_file(planned: Path, tmp_path: Path) -> None:
     before = sorted(planned.iterdir())
     code, said = call(planned, "--draws", 0, "--out", tmp_path / "made" / "power.csv", "--json")
     assert code == 0, said
@@ -108,7 +108,7 @@ def test_an_interrupted_call_tells_what_it_has(measured: Path, tmp_path: Path, m
     assert [row["campaigns"] for row in rates] == [1] * 5
 
 
-def test_theory_is_told_first_and_the_page_sharpens_with_every_round(
+def test_theory_is_reported_first_and_each_round_narrows_the_sizes(
     measured: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     """Before any campaign is simulated the sizes by theory stand there; then each round replaces tables and page."""
@@ -147,7 +147,7 @@ def test_a_large_effect_that_is_hidden_is_found(hidden: tuple[partial[Answer], T
 
 
 @pytest.mark.parametrize("workforce", [Workforce(2), Workforce(1, LOCAL)], ids=str)
-def test_the_same_answer_wherever_a_campaign_is_diagnosed(
+def test_diagnosis_in_a_worker_process_gives_the_same_answer(
     hidden: tuple[partial[Answer], Trial, Answer], workforce: Workforce
 ) -> None:
     work, piece, here = hidden
@@ -180,7 +180,7 @@ def test_a_campaign_that_cannot_be_drawn_says_why(planned: Path) -> None:
     assert "found 2" in said
 
 
-def test_a_campaign_of_bodies_without_a_mechanism_is_told_that_it_cannot_be_drawn_yet(tmp_path: Path) -> None:
+def test_a_campaign_of_bodies_without_a_mechanism_is_refused(tmp_path: Path) -> None:
     (tmp_path / "campaign.toml").write_text('[campaign]\nname = "mirror"\nkind = "photogrammetry"\n')
     (tmp_path / "points.csv").write_text("pose,body,target,x_mm,y_mm,z_mm\n1,mirror,M1,0,0,0\n")
     code, said = call(tmp_path)

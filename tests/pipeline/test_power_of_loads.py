@@ -57,7 +57,7 @@ def without_channels(readings: pd.DataFrame) -> pd.DataFrame:
 
 
 @pytest.mark.parametrize("written", [lambda readings: readings, emptied, without_channels])
-def test_what_is_planned_is_drawn_as_what_was_measured_so(
+def test_planned_and_measured_campaigns_are_drawn_alike(
     written: Callable[[pd.DataFrame], pd.DataFrame], measured: Path, planned: Path
 ) -> None:
     file = planned / "interferometer.csv"

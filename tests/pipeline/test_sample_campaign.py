@@ -225,7 +225,7 @@ def test_every_stage_reads_exactly_the_sections_it_declares(run_once: Any) -> No
     assert {n: (read[n] - declared[n], declared[n] - read[n]) for n in declared if read[n] != declared[n]} == {}
 
 
-def test_the_graph_is_whole_for_every_kind() -> None:
+def test_every_artifact_of_a_kind_of_campaign_is_declared() -> None:
     for names in ORDER.values():
         assert set(makers(tuple(stage_module(name).DECLARATION for name in names))) <= set(ARTIFACTS)
 

@@ -90,7 +90,7 @@ def test_columns_with_units_are_proposed_without_a_guess(tmp_path: Path) -> None
     assert MARK not in text
 
 
-def test_photographs_without_a_scale_are_told_what_gives_one(tmp_path: Path) -> None:
+def test_photographs_without_a_scale_are_reported_with_the_remedy(tmp_path: Path) -> None:
     shot = next((PROJECT / "sample_data" / "telescope-images" / "images").rglob("*.jpg"))
     (tmp_path / "images" / "1").mkdir(parents=True)
     shutil.copy(shot, tmp_path / "images" / "1")

@@ -184,7 +184,7 @@ def test_a_file_that_is_being_written_is_waited_for(tmp_path: Path) -> None:
     assert list(_rounds(tmp_path, [points] * 5)) == [6]
 
 
-def test_a_change_gives_one_round_and_no_change_gives_none(tmp_path: Path) -> None:
+def test_watch_runs_one_round_per_change(tmp_path: Path) -> None:
     points, other = tmp_path / "points.csv", tmp_path / "notes.txt"
     points.write_text("pose,x_mm\n")
     assert list(_rounds(tmp_path, [])) == [1]
@@ -260,7 +260,7 @@ def test_the_page_shows_the_round_and_leads_to_the_report(server: WatchServer) -
     "path",
     ["/secret.txt", "/../secret.txt", "/%2e%2e/secret.txt", "/report.html/../secret.txt", "//etc/passwd", "/.truing"],
 )
-def test_nothing_else_is_served(server: WatchServer, path: str) -> None:
+def test_the_watch_server_serves_no_other_file(server: WatchServer, path: str) -> None:
     code, text = _answer(server, path)
     assert code == 404
     assert "secret" not in text.replace(path, "")
@@ -297,17 +297,17 @@ def test_an_open_page_loads_the_last_round_before_the_end(server: WatchServer, m
 
 
 @pytest.mark.parametrize("method", ["POST", "PUT", "DELETE", "PATCH"])
-def test_the_page_takes_nothing(server: WatchServer, method: str) -> None:
+def test_the_watch_server_refuses_every_method_but_get(server: WatchServer, method: str) -> None:
     assert _answer(server, "/", method)[0] == 501
 
 
-def test_only_this_machine_is_answered(server: WatchServer) -> None:
+def test_the_watch_server_answers_local_hosts_only(server: WatchServer) -> None:
     assert server.server_address[0] == "127.0.0.1"
     assert _answer(server, "/", host="attacker.example")[0] == 403
     assert _answer(server, "/", host=f"localhost:{server.server_address[1]}")[0] == 200
 
 
-def test_a_port_in_use_is_told_with_the_cure(arm: Path, tmp_path: Path) -> None:
+def test_a_port_in_use_is_reported_with_the_cure(arm: Path, tmp_path: Path) -> None:
     with socket.socket() as taken:
         taken.bind(("127.0.0.1", 0))
         taken.listen()

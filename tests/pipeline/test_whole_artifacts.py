@@ -147,7 +147,9 @@ def test_want_of_memory_within_a_stage_is_the_environments(trouble: str, said: s
 # At 30 MB the interpreter itself may abort: it finds no memory to report that there is none.
 @pytest.mark.parametrize("megabytes", [22, 60, 300, 1500])
 @pytest.mark.parametrize("command", ["run", "check", "export"])
-def test_a_limit_that_lets_no_library_load_is_said(command: str, megabytes: int, fake: FakeProject) -> None:
+def test_a_memory_limit_below_the_need_of_libraries_is_reported(
+    command: str, megabytes: int, fake: FakeProject
+) -> None:
     limited = (
         "import resource, sys;"
         f"resource.setrlimit(resource.RLIMIT_AS, ({megabytes << 20}, resource.RLIM_INFINITY));"

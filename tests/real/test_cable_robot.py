@@ -150,7 +150,7 @@ def test_the_wrong_ratio_of_every_drive_is_found_from_the_log(found, poses):
     assert np.all(drives["sigma"] < 0.0035)
 
 
-def test_more_poses_know_more(found):
+def test_more_poses_reduce_the_sigmas(found):
     assert np.all(found["drives27"]["sigma"] < found["drives8"]["sigma"])
     assert found["known27"]["rank"] > found["known8"]["rank"]
 
@@ -160,7 +160,7 @@ def test_the_noise_is_a_seventh_of_the_declared_one(found):
         assert_between(found[f"drives{poses}"]["noise_ratio"], 0.12, 0.18)
 
 
-def test_what_nothing_measures_is_named(found):
+def test_unmeasured_quantities_are_named(found):
     texts = [text for text, _ in found["known27"]["hopeless"]]
     assert "a_x1 : a_x2 : a_x3 : a_x4 = 1 : 1 : 1 : 1" in texts  # the frame shifted, and the platform with it
     assert "b_z1 : b_z2 : b_z3 : b_z4 = 1 : 1 : 1 : 1" in texts
@@ -180,7 +180,7 @@ def test_zeros_of_one_run_halve_what_is_left_of_the_other_and_joints_add_nothing
         assert heldout["joints"] > 0.98 * heldout["drives"]
 
 
-def test_the_page_says_what_the_data_say(found):
+def test_the_page_agrees_with_the_data(found):
     shown, made = cable_facts.PAGE.read_text(encoding="utf-8"), cable_facts.render(found)
     assert _NUMBER.sub("#", shown) == _NUMBER.sub("#", made), (
         "run `python -m tests.real.cable_facts`, look at what changed"

@@ -93,7 +93,7 @@ def test_five_cycles_leave_a_fifth_of_the_accuracy_open(real_data):
         assert one.low < one.high
 
 
-def test_the_strange_axis_is_mostly_a_zero_that_moved(real_data):
+def test_the_unusual_axis_mostly_has_a_shifted_zero(real_data):
     found = strange_axis(real_data)
     assert_close(found["largest"], 0.2338, atol=1e-9)
     assert_close(found["offset"], -0.1925, atol=1e-3)

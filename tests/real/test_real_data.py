@@ -214,7 +214,7 @@ def test_positions_at_five_targets_depend_on_the_target_and_on_nothing_else(fact
     assert 1.4 * found["noise_floor"] < found["heldout_rms_after"] < 1.9 * found["noise_floor"]
 
 
-def test_the_page_says_what_the_data_say(facts, real_data):
+def test_the_page_agrees_with_the_data(facts, real_data):
     """All words, and all numbers to a unit of the last digit or a twentieth: processors round differently."""
     shown, made = PAGE.read_text(encoding="utf-8"), render(facts, raw_facts(real_data))
     assert _NUMBER.sub("#", shown) == _NUMBER.sub("#", made), "run `python -m tests.real` and look at what changed"

@@ -73,7 +73,7 @@ def test_a_stewart_sensor_s_published_table_is_reproduced(real_data):
     assert found["condition"] == pytest.approx(5.5, abs=0.05)
 
 
-def test_its_forces_passed_46_and_60_mm_below(real_data):
+def test_forces_acted_46_and_60_mm_below_the_origin(real_data):
     found = sensor_facts.stewart(real_data)
     for axis, arm in (("Fx", -46.0), ("Fy", -60.0)):
         assert found["arm_mm"][axis][2] == pytest.approx(arm, abs=2 * found["sigma_mm"][axis][2])

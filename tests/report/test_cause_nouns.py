@@ -51,7 +51,7 @@ def test_the_kind_of_the_subject_is_named_once(cause: str, subject: str) -> None
         ("scale", "measurement-scale", "", "measurement scale"),
     ],
 )
-def test_a_parameter_that_its_cause_names_is_said_once(parameter: str, cause: str, subject: str, words: str) -> None:
+def test_a_parameter_named_like_its_cause_is_named_once(parameter: str, cause: str, subject: str, words: str) -> None:
     assert parameter_of_cause(parameter, cause, subject) == words
 
 

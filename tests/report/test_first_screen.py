@@ -44,7 +44,7 @@ ABOUT = CampaignFacts(
 )
 
 
-def test_it_says_machine_instrument_dates_counts_and_version() -> None:
+def test_the_first_screen_has_machine_instrument_dates_counts_and_version() -> None:
     tables = campaign_tables()
     facts = dict(build_head("c", tables, ABOUT).screen.facts)
     assert facts["machine"] == "hexapod with linear actuators at the base (6-PUS)"
@@ -60,7 +60,7 @@ def test_without_a_date_it_says_which_key_gives_it() -> None:
 
 
 @pytest.mark.parametrize("tables", [campaign_tables(), bench_tables()])
-def test_its_error_is_that_of_the_section_before_and_after(tables) -> None:
+def test_errors_of_the_first_screen_equal_those_of_the_section(tables) -> None:
     change = build_head("c", tables).screen.change
     rows = assessed_causes(tables)
     first = errors_of_models(rows, modelled_of(rows), tables)[0]
@@ -91,7 +91,7 @@ def test_the_uncertainty_of_an_rms_is_that_of_repeated_measurement() -> None:
         assert sigma_of_rms(float(np.hypot(fixed, 1.0)), 1.0, 60.0) == pytest.approx(rms.std(), rel=0.05)
 
 
-def test_its_links_lead_to_sections_of_the_page() -> None:
+def test_links_lead_to_sections_of_the_page() -> None:
     read = Reader(render(campaign_tables()))
     hrefs = [a["href"] for tag, a in read.elements if tag == "a"]
     for name in ("diagnosis", "next", "stop"):
@@ -243,7 +243,7 @@ def test_cameras_are_counted_and_not_their_parameters() -> None:
     assert facts["instrument"] == "camera no. 4; 3 photographs by 1 camera, bundle adjustment"
 
 
-def test_numbers_that_look_alike_are_told_apart_by_what_they_are_of() -> None:
+def test_numbers_of_equal_name_are_distinguished_by_their_subject() -> None:
     section = alike(campaign_tables())
     assert section is not None
     keys = [(row[1], row[2], row[3].split()[-1]) for row in section.listings[0].rows]

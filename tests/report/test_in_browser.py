@@ -62,7 +62,7 @@ def rows_of(page: Page, button: str, folder) -> list[list[str]]:
     return list(csv.reader(io.StringIO(file.read_text(encoding="utf-8-sig"))))
 
 
-def test_the_words_are_there_before_the_figures(page, hostile, opened):
+def test_text_is_shown_before_figures_are_drawn(page, hostile, opened):
     """Where other work keeps the processor from the browser, one opening of several shows how soon the words come."""
     assert len(page.value(SHOWN)) < page.value("document.querySelectorAll('.plot').length")
     latest = _first_paint_ms(page)

@@ -14,6 +14,7 @@ from truing.report.numbers import (
     count_text,
     duration,
     in_suitable_unit,
+    joined_names,
     p_at_most,
     p_equals,
     p_value,
@@ -136,11 +137,15 @@ def test_counts_and_times():
     ]
 
 
-def test_thousands_of_micrometres_are_told_in_millimetres_with_their_uncertainty():
+def test_thousands_of_micrometres_are_reported_in_millimetres_with_their_uncertainty():
     assert in_suitable_unit(5331.0, 1602.0, "um") == "5.3 ± 1.6 mm"
     assert in_suitable_unit(-118.0, 250.0, "um") == "-120 ± 250 um"
     assert in_suitable_unit(-14.73, 9.31, "arcsec") == "-14.7 ± 9.3 arcsec"
     assert in_suitable_unit(-11402.0, None, "um") == "-11.4 mm"
+
+
+def test_an_enumeration_has_one_and_before_its_last_name():
+    assert [joined_names(["a", "b", "c"][:n]) for n in range(4)] == ["", "a", "a and b", "a, b and c"]
 
 
 def test_two_decimals_are_three_digits_where_they_would_tell_nothing():

@@ -151,7 +151,7 @@ def test_a_campaign_gives_its_files_a_harmless_name(campaign, file):
     assert file_name(campaign, "gain-0") == file
 
 
-def test_figures_tables_and_headings_are_told_to_those_who_do_not_see(page):
+def test_figures_tables_and_headings_have_labels_for_screen_readers(page):
     elements = Reader(page).elements
     pictures = [a for tag, a in elements if a.get("role") == "img"]
     assert len(pictures) == 9  # eight figures and the machine
@@ -174,7 +174,7 @@ def test_every_figure_and_every_table_has_its_file(page):
     assert len(files) + 1 == sum(tag in ("figure", "table") for tag, _ in elements)
 
 
-def test_verdicts_are_told_in_words_not_by_colour_alone():
+def test_verdicts_are_reported_in_words_not_by_colour_alone():
     tables = campaign_tables()
     told = dict(re.findall(r'<li class="(\w+)">(.*?)</li>', render(tables), re.S))
     assert {"found", "fail", "next"} <= set(told)

@@ -36,7 +36,7 @@ def _step(sort: dict[str, str], k: int) -> list[object]:
     return [*sort.values(), 1e-3 * k, 8, k / 3, k / 3, 0.1, 1.0, k / 4, 0.0, 0.9]
 
 
-def test_a_size_is_told_with_its_bounds_in_the_unit_of_a_laboratory() -> None:
+def test_a_size_is_reported_with_its_bounds_in_the_unit_of_a_laboratory() -> None:
     gain, blind = size_rows(_sizes())
     assert gain[2:] == ["gain 0.090 %", "0.080 (0.070 to 0.11) %", "0.12 (0.10 to 0.17) %", "leg-drift (2)"]
     assert blind[2:] == ["not at any plausible size", "–", "–", ""]
@@ -59,7 +59,7 @@ def test_every_cause_that_was_drawn_has_a_figure_with_bars() -> None:
     assert list(found.error_y.array) == pytest.approx([100 * (1.0 - k / 3) for k in (1, 2, 3)])
 
 
-def test_sorts_that_differ_in_what_grows_beside_are_told_apart() -> None:
+def test_names_of_cases_distinguish_what_grows_together() -> None:
     both = {**SCALE, "beside": "scale"}
     sizes = pd.DataFrame([{**sort, **_sizes().iloc[0][list(_LEVELS)], "instead": ""} for sort in (SCALE, both)])
     sizes = sizes.assign(**{name.replace("80", "95"): math.nan for name in _LEVELS})

@@ -102,7 +102,7 @@ def test_requirements_are_not_met_where_the_picture_fails_whatever_the_calibrati
     assert verdicts["adequacy"].explanation in verdicts["requirements"].explanation
 
 
-def test_what_was_held_out_fails_a_calibration_whatever_else_asks_for_attention():
+def test_a_failure_on_held_out_data_precedes_every_other_warning():
     tables = misfit(1.0)
     choice = tables["model_choice"]
     choice = choice[~choice["figure"].isin(["pull_p_value", "p_value", "heldout_ratio"])]
@@ -169,7 +169,7 @@ def test_a_picture_that_is_incomplete_leads_what_was_found_in_it():
     assert [mark for mark, _ in build_head("c", tables).verdicts[:2]] == ["warn", "found"]
 
 
-def test_suspected_causes_are_told_as_suspected():
+def test_suspected_causes_are_reported_as_suspected():
     one = row(
         "leg-drift",
         "suspected",
@@ -236,7 +236,7 @@ def test_an_arm_whose_tool_has_one_target_loses_no_pose():
     assert section_verdicts({name: t for name, t in tables.items() if name != "joints"})["poses"].value == 1.0
 
 
-def test_what_no_campaign_of_its_kind_could_show_is_not_agreed_upon():
+def test_effects_that_no_campaign_of_the_kind_can_show_are_no_agreement():
     hidden = [{**one, "verdict": "not testable"} for one in rejected()]
     verdict = section_verdicts(of(*hidden))["diagnosis"]
     assert (verdict.state, verdict.reason_code) == (RelationState.NOT_TESTED, ReasonCode.NOT_TESTABLE)
@@ -256,7 +256,7 @@ def test_data_that_do_not_belong_together_lead_everything_and_gate():
     assert gates(verdict_frame(tables | {"qa": accepted}).to_dict("records")) == []
 
 
-def test_a_warning_on_consistency_is_told_once():
+def test_a_warning_on_consistency_is_reported_once():
     """It belongs to the verdict on consistency; the one on quality tells its own warnings."""
     apart, noisy = ("points-against-survey", "warn"), ("noise", "warn")
     for told, tells in (((apart,), False), ((apart, noisy), True)):

@@ -107,7 +107,7 @@ def test_certificate_data_stand_in_the_elements_of_the_schema(run: truing.Run) -
     assert [interval[k].text for k in (1, 2)] == [f"{recorded.min():.3f}", f"{recorded.max():.3f}"]
 
 
-def test_a_temperature_that_nobody_recorded_is_told_by_the_laboratory(run: truing.Run) -> None:
+def test_an_unrecorded_temperature_is_taken_from_the_settings(run: truing.Run) -> None:
     unknown = _with(run, "configurations", lambda rows: rows.assign(temperature_c=float("nan")))
     interval = _read(unknown).find(".//dcc:influenceCondition//si:coverageIntervalMU", _NAMES)
     assert interval is not None

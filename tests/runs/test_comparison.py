@@ -155,7 +155,7 @@ def test_runs_that_cannot_be_compared_are_a_fault(runs: Path, names: tuple[str, 
     assert told in errors
 
 
-def test_what_truing_leaves_next_to_runs_is_not_compared(runs: Path) -> None:
+def test_files_of_truing_next_to_runs_are_not_compared(runs: Path) -> None:
     """The pattern runs/* names the last comparison, and table and page of all campaigns, too."""
     called(runs, "spring", "summer")
     places = [runs / name for name in ("campaigns.html", "campaigns.parquet")]
@@ -178,7 +178,7 @@ def test_a_survey_that_both_rest_on_is_counted_once(texts: dict[str, str]) -> No
     assert (same < 0.7 * other).all()
 
 
-def test_another_drawing_is_not_judged(texts: dict[str, str]) -> None:
+def test_a_campaign_of_another_drawing_is_not_assessed(texts: dict[str, str]) -> None:
     step = mechanism_step(*(read_model(texts["spring"].replace("a = 0.0005", f"a = {a}")) for a in (0.0005, 0.0006)))
     assert "tolerances" in step.why
     assert not len(step.rows)
@@ -192,7 +192,7 @@ def exact(text: str) -> ExtendedModel:
     return replace(bare, shared=found.shared[:size], covariance=found.covariance[:size, :size])
 
 
-def test_nothing_is_told_of_campaigns_between_which_nothing_changed(texts: dict[str, str]) -> None:
+def test_no_change_is_reported_between_equal_campaigns(texts: dict[str, str]) -> None:
     """Estimates drawn to the same tolerances, of machines drawn from them: z is normal, alarms as rare as said."""
     rng = np.random.default_rng(5)
     models = [exact(texts[name]) for name in ("spring", "summer")]

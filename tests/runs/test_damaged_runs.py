@@ -81,7 +81,7 @@ DAMAGES: dict[str, tuple[Callable[[Path], object], str]] = {
 
 
 @pytest.mark.parametrize("name", DAMAGES)
-def test_a_damaged_run_is_told(name: str, workplace: Path, tmp_path: Path) -> None:
+def test_a_damaged_run_is_reported(name: str, workplace: Path, tmp_path: Path) -> None:
     words = ("compare", "whole") if name in ("cut short", "half a run") else ("export",)  # both open runs by one way
     damage, told = DAMAGES[name]
     shutil.copytree(workplace / "runs" / "telescope", tmp_path / "damaged")

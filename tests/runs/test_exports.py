@@ -117,7 +117,7 @@ def test_a_controller_gets_the_identified_machine(run: truing.Run) -> None:
         assert any(str(of).startswith(cause) for of in table.index.get_level_values("of"))
 
 
-def test_a_controller_is_told_which_numbers_are_no_physics(run: truing.Run) -> None:
+def test_exports_for_controllers_mark_unphysical_parameters(run: truing.Run) -> None:
     pulls = run["pulls"].assign(pull_after=0.5, identifiable=True)
     pulls.loc[(pulls["leg"] == 2) & (pulls["parameter"] == "l"), "pull_after"] = -4.0
     pulls.loc[(pulls["leg"] == 5) & (pulls["parameter"] == "a_x"), "identifiable"] = False

@@ -32,7 +32,7 @@ def test_every_table_of_the_folder_is_there_with_units_and_origin(run: truing.Ru
     assert poses.equals(pq.read_table(run.files["poses"]).to_pandas())
 
 
-def test_a_table_is_a_copy(run: truing.Run) -> None:
+def test_a_returned_table_is_a_copy(run: truing.Run) -> None:
     poses = run["poses"]
     poses["px_mm"] = 0.0
     assert (run["poses"]["px_mm"] != 0.0).any()
@@ -52,13 +52,13 @@ def test_the_model_predicts_the_poses_that_were_measured(run: truing.Run) -> Non
     assert model.model.nominal.count == 6
 
 
-def test_a_folder_without_a_run_is_told(tmp_path: Path) -> None:
+def test_a_folder_without_a_run_is_reported(tmp_path: Path) -> None:
     pq.write_table(pa.table({"pose": [1]}), tmp_path / "poses.parquet")  # of another making
     with pytest.raises(FileNotFoundError, match="found no table of a run"):
         truing.load(tmp_path)
 
 
-def test_a_table_that_the_run_lacks_or_that_breaks_its_schema_is_told(run: truing.Run, tmp_path: Path) -> None:
+def test_a_table_that_the_run_lacks_or_that_breaks_its_schema_is_reported(run: truing.Run, tmp_path: Path) -> None:
     with pytest.raises(KeyError, match="this run has observations"):
         run["pose"]
     table = run.table("poses")

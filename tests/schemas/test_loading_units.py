@@ -13,7 +13,7 @@ def loading(**units: list[float]) -> Loading:
     return Loading.model_validate({"units": {load: {"arm_mm": arm} for load, arm in units.items()}})
 
 
-def test_arms_are_those_declared():
+def test_arms_of_loading_units_are_the_declared_ones():
     assert loading(fz=[550, 0, 20], mx=[0, 600, 0]).units.arms_mm == {"fz": (550, 0, 20), "mx": (0, 600, 0)}
     assert Loading().units.arms_mm == {}
 

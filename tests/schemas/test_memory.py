@@ -44,6 +44,6 @@ def test_want_of_memory_is_recognised_also_behind_another_error(error: Exception
     ],
     ids=repr,
 )
-def test_other_trouble_is_no_want_of_memory(error: Exception) -> None:
+def test_other_errors_are_not_taken_for_lack_of_memory(error: Exception) -> None:
     assert shortage_in_chain(error) is None
     raise_shortage(error)

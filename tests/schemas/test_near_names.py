@@ -28,7 +28,7 @@ def test_names_with_other_numbers_are_other_names(name: str, known: str) -> None
     assert list(similar_names([name, known])) == []
 
 
-def test_a_mistyped_letter_is_told_and_whose_it_is_where_there_are_several() -> None:
+def test_a_mistyped_letter_is_reported_with_its_element() -> None:
     assert did_you_mean("platfrom", ["base", "platform"]) == "; did you mean platform?"
     assert meant_by(["other", "p7"], ["P07"]) == "; did you mean P07 by p7?"
 
@@ -59,7 +59,7 @@ def test_equal_names_and_those_with_several_slips_are_not_one_slip_apart(name: s
 @pytest.mark.parametrize(
     ("key", "value", "meant"), [("mechanism.type", "6-psu", "6-pus"), ("measurement.frame", "campagn", "campaign")]
 )
-def test_a_mistyped_value_of_a_key_is_told_what_was_meant(key: str, value: str, meant: str) -> None:
+def test_a_mistyped_value_of_a_key_gets_a_suggestion(key: str, value: str, meant: str) -> None:
     section, name = key.split(".")
     document = {"campaign": {"name": "a", "kind": "photogrammetry"}, section: {name: value}}
     with pytest.raises(CampaignFaults) as caught:

@@ -93,7 +93,7 @@ def test_the_platform_gives_way_to_its_loads_as_the_least_energy_says(found: dic
         assert told == pytest.approx(np.sqrt(np.mean(np.sum(own**2, 1))), rel=3e-3)
 
 
-def test_the_machine_comes_back_within_its_uncertainty(found: dict[str, pd.DataFrame]) -> None:
+def test_the_machine_is_recovered_within_its_uncertainty(found: dict[str, pd.DataFrame]) -> None:
     made = _made(design())
     places = {
         f"{name}_{axis}": joints[:, k]

@@ -119,7 +119,7 @@ def _sigma_over_tolerance(campaign: Campaign, covariance: np.ndarray) -> np.ndar
     return (1 / left - 1) ** -0.5
 
 
-def test_beta_of_flexures_that_bend_far_comes_back(far: dict[str, pd.DataFrame]) -> None:
+def test_beta_of_flexures_that_bend_far_is_recovered_exactly(far: dict[str, pd.DataFrame]) -> None:
     assert _known(far)["identifiable"].all()
     rows = (
         far["calibration"].query("model == 'beam' and deformation == 'none' and parameter == 'beta'").sort_values("leg")
@@ -139,7 +139,7 @@ def test_beta_of_flexures_that_hardly_bend_is_unknown(near: dict[str, pd.DataFra
 
 
 @pytest.mark.parametrize("name", ["far", "near"])
-def test_it_is_known_as_well_as_own_slopes_say(name: str, request: pytest.FixtureRequest) -> None:
+def test_the_sigma_agrees_with_independent_derivatives(name: str, request: pytest.FixtureRequest) -> None:
     tables = request.getfixturevalue(name)
     own = _sigma_over_tolerance({"far": FAR, "near": NEAR}[name], _covariance(tables))
     # one-sided differences of a tenth of the tolerance, and tables that drop the survey's share: some per cent

@@ -50,7 +50,7 @@ def test_a_load_beyond_the_range_is_refused_unless_the_overload_is_declared(tmp_
     assert CliRunner().invoke(app, ["check", str(_folder(tmp_path / "less", "overload = 1.19\n"))]).exit_code == 2
 
 
-def test_the_shares_of_both_units_come_back(tmp_path: Path) -> None:
+def test_the_shares_of_both_loading_units_are_recovered(tmp_path: Path) -> None:
     folder = _folder(tmp_path / "c", "overload = 1.2\n")
     found = run(folder, "diagnose", tmp_path / "run")["diagnosis"].query("verdict == 'found'").set_index("subject")
     assert set(found["cause"]) == {"load-imbalance"}

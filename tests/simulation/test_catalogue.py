@@ -75,7 +75,7 @@ class OfNoSort(Cause):
     id = "of-no-sort"
 
 
-def test_a_cause_of_no_sort_is_refused(monkeypatch: pytest.MonkeyPatch) -> None:
+def test_a_cause_of_no_known_base_class_is_refused(monkeypatch: pytest.MonkeyPatch) -> None:
     own = EntryPoints([EntryPoint("OfNoSort", f"{__name__}:OfNoSort", causes.ENTRY_POINTS)])
     monkeypatch.setattr(installed, "entry_points", lambda group: own.select(group=group))
     with pytest.raises(ValueError, match="cause of-no-sort: found a class of no sort, expected a PointCause"):
@@ -138,7 +138,7 @@ def sample_scene(poses: int = 12) -> PointScene:
 
 
 @pytest.mark.parametrize("cause", causes.catalogue().values(), ids=lambda cause: cause.id)
-def test_every_candidate_answers_all_that_is_asked_once_it_is_found(cause: PointCause) -> None:
+def test_every_found_candidate_has_all_results(cause: PointCause) -> None:
     scene = sample_scene()
     members = [own.member(0, shape) for own in cause.channel_candidates(scene) for shape in range(len(own.values))]
     for candidate in [*cause.candidates(scene), *members]:

@@ -47,7 +47,7 @@ def test_an_effect_has_the_size_that_was_asked_for(found: list[EffectKind], size
         ("flexure-shift", "flexure_length", "mm", 10.0),
     ],
 )
-def test_a_size_is_told_as_the_tables_tell_it(
+def test_sentences_and_tables_have_the_same_size(
     found: list[EffectKind], kind: str, parameter: str, unit: str, value: float
 ) -> None:
     cause = next(sort.causes[0] for sort in found if sort.kind == kind and sort.concerns == "the whole")
@@ -64,7 +64,7 @@ def test_an_angle_that_grows_with_the_root_of_what_it_loses_is_a_size_too() -> N
     assert twice.value == pytest.approx(np.sqrt(2.0) * once.value, rel=1e-3)
 
 
-def test_a_single_leg_is_told_with_its_number_and_a_phase_is_no_size(found: list[EffectKind]) -> None:
+def test_a_single_leg_is_reported_with_its_number_and_a_phase_is_no_size(found: list[EffectKind]) -> None:
     waves = [sort for sort in found if sort.kind == "actuator-periodic-error" and sort.concerns == "one leg"]
     for sort in waves:
         assert reported_size(sort.causes[0], 1.0, LEGS).parameter.startswith("amplitude_")

@@ -40,7 +40,7 @@ def test_settlings_are_together_as_probable_as_proportionality() -> None:
     assert np.isclose(sum(of_form[form] for form in SETTLINGS), of_form["polynomial"])
 
 
-def test_a_settling_ends_where_its_range_ends() -> None:
+def test_time_constants_of_settling_stay_within_their_range() -> None:
     for form in SETTLINGS:
         basis = _basis(form)
         np.testing.assert_allclose(basis[[0, -1]], [-1.0, 1.0], atol=1e-12)

@@ -67,7 +67,7 @@ def run(tmp_path_factory: pytest.TempPathFactory) -> Path:
     return home / "run"
 
 
-def test_what_was_hidden_is_found_with_its_subject_and_size(run: Path) -> None:
+def test_the_hidden_cause_is_found_with_its_subject_and_size(run: Path) -> None:
     rows = pq.read_table(run / "diagnosis.parquet").to_pylist()
     found = [row for row in rows if row["verdict"] == "found"]
     assert {(row["cause"], row["subject"]) for row in found} == {("zero-shift", "instrument"), ("lost-motion", "")}
@@ -114,7 +114,7 @@ def test_the_model_predicts_readings_from_either_side(run: Path, tmp_path: Path)
     assert np.allclose(again["value"], found[["motor", "load", "measured"]].to_numpy().ravel(), rtol=1e-12)
 
 
-def test_what_follows_a_column_without_a_name_is_told_and_predicted_from_that_column(tmp_path: Path) -> None:
+def test_an_unnamed_dependence_on_a_column_is_reported_and_predicted_from_it(tmp_path: Path) -> None:
     layout = _layout(event_row=None)
     warmth = 20.0 + 5.0 * np.sin(np.arange(40) / 3.0) + np.random.default_rng(2).uniform(-1.0, 1.0, 40)
     made = record(layout, (), np.random.default_rng(3), {"measured": 0.004 * (warmth - 20.0)})
@@ -270,7 +270,7 @@ def _broken(folder: Path, of: str, old: str, new: str) -> Path:
         ),
     ],
 )
-def test_what_cannot_be_used_is_named_with_its_place(tmp_path: Path, of: str, old: str, new: str, told: str) -> None:
+def test_unusable_inputs_are_named_with_their_place(tmp_path: Path, of: str, old: str, new: str, told: str) -> None:
     code, said = _truing("check", str(_broken(tmp_path / "c", of, old, new)))
     assert code == 2
     assert told in said

@@ -138,7 +138,7 @@ def test_too_few_repeats_leave_out_what_needs_a_scatter_and_the_page_says_so() -
     assert {"A", "E", "M", "R", "B", "R↑", "R↓"} <= symbols
 
 
-def test_means_at_the_targets_are_told_without_a_large_deviation_that_all_share() -> None:
+def test_means_at_the_targets_are_reported_without_a_large_deviation_that_all_share() -> None:
     """A zero of the instrument far from the axis' would leave no digit of the differences between targets."""
     table = _table("mm", 5)
     far = table.set_column(

@@ -50,7 +50,7 @@ def _found_verdicts(
     return [v for v in search.run(list(catalogue_of_readings().values())).verdicts if v.verdict == FOUND]
 
 
-def test_next_to_nothing_is_found_where_nothing_is() -> None:
+def test_at_most_one_of_three_campaigns_without_effects_has_a_finding() -> None:
     """Of three campaigns one at most is falsely accused: two are in one of a hundred tries at 5 % each."""
     assert sum(bool(_found_verdicts(seed)) for seed in (1, 2, 3)) <= 1
 
@@ -135,7 +135,7 @@ WARMS = NonparametricReadingEffect(("fy_n", AIR), (0.0, 20.0), (1e4, 0.5), GAIN,
         (WARMS, [0.0, 1e-5], f"fy_n {AIR}"),
     ],
 )
-def test_what_no_cause_explains_is_unexplained(
+def test_an_effect_without_a_cause_is_reported_as_unexplained(
     cause: NonparametricReadingEffect, values: list[float], follows: str
 ) -> None:
     (only,) = _found_verdicts(5, cause, values)

@@ -142,7 +142,7 @@ def _true(truth: dict[str, Any], parameter: str, leg: int) -> float:
     return float(values["xyz".index(axis)] if axis else values)
 
 
-def test_the_geometry_comes_home_with_the_matrix_model(sample):
+def test_the_matrix_model_recovers_the_geometry(sample):
     from scipy.stats import chi2
 
     pulls = {d: figure(sample, "rms_pull", "6-pus", d, LIKELY) for d in ("none", "linear", "matrix")}
@@ -211,7 +211,7 @@ def test_requirements_of_the_report_are_met_or_undecided(sample):
     assert verdicts["z"] in ("meets", "undecided")  # 10 um against 6 poses measured to 3 um
 
 
-def test_every_measured_pose_is_told(sample):
+def test_every_measured_pose_is_reported(sample):
     rows = of(sample["accuracy"], "6-pus", "matrix")
     assert set(rows["role"]) == {"reference", "calibration", "verification"}
     assert len(rows) == 47
@@ -252,7 +252,7 @@ def test_a_leg_whose_targets_put_it_elsewhere_is_left_out_alone(line, plain):
     assert figure(found, "poses", "6-pus", "matrix", LIKELY) == 41
 
 
-def test_without_tolerances_the_data_alone_speak(line):
+def test_without_tolerances_the_result_depends_on_data_only(line):
     campaign = read_campaign(without(rigid(), "mechanism", "tolerance"))
     found, _ = calibrated(line, campaign)
     rows = of(found["calibration"], "6-pus", "matrix")
@@ -269,7 +269,7 @@ def test_an_exact_dimension_is_no_parameter(line):
     assert "l" not in set(found["calibration"]["parameter"])
 
 
-def test_as_many_poses_as_parameters_leave_no_uncertainty_to_be_told(line):
+def test_as_many_poses_as_parameters_leave_no_uncertainty(line):
     few = {7, 8, 9, 10, 11, 12}
     tables = {
         **line,
@@ -346,7 +346,7 @@ def test_a_failed_relation_withholds_the_calibration_until_accepted(line):
     assert not found["calibration"].empty
 
 
-def test_a_platform_that_hardly_moved_is_told(line):
+def test_a_platform_that_hardly_moved_is_reported(line):
     frame = line["poses"].to_pandas()
     places = ["px_mm", "py_mm", "pz_mm", "rx_rad", "ry_rad", "rz_rad"]
     own = frame["body"] == "platform"

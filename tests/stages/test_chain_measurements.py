@@ -157,7 +157,7 @@ def test_a_motor_encoder_is_compared_with_its_joint() -> None:
     assert 1.5e-5 < terms["remainder"].value < 2.5e-5 < 1e-4 < terms["difference"].value
 
 
-def test_a_term_that_the_poses_do_not_show_has_no_size() -> None:
+def test_a_term_that_poses_do_not_determine_has_no_size() -> None:
     machine = campaign(np.random.default_rng(8), 80).machine
     terms = {term.parameter: term for term in motor_terms(machine, 0, machine.readings[:, 0])}
     assert terms["wind_up"].value is None  # its axis is vertical

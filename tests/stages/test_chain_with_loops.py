@@ -90,7 +90,7 @@ def _beside_a_turn(away: np.ndarray, places: np.ndarray) -> np.ndarray:
     return flat - turns @ np.linalg.lstsq(turns, flat, rcond=None)[0]
 
 
-def test_a_closure_that_is_not_installed_is_told(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+def test_a_closure_that_is_not_installed_is_reported(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr(installed, "entry_points", lambda group: [])
     done = run(write(tmp_path / "delta", Hidden(Delta()), np.random.default_rng(1), poses=12))
     assert done.exit_code == 2
@@ -98,7 +98,7 @@ def test_a_closure_that_is_not_installed_is_told(tmp_path: Path, monkeypatch: py
     assert "delta" in done.output
 
 
-def test_poses_at_which_no_loop_closes_are_told(tmp_path: Path) -> None:
+def test_poses_at_which_no_loop_closes_are_reported(tmp_path: Path) -> None:
     folder = write(tmp_path / "delta", Hidden(Delta()), np.random.default_rng(1), poses=12)
     text = (folder / "delta.urdf").read_text(encoding="utf-8")
     assert text.count("-0.55") == 3

@@ -65,7 +65,7 @@ def _verdict(campaign: Path, requirement: str) -> tuple[dict[str, dict[str, obje
 
 @pytest.mark.slow
 @pytest.mark.parametrize("instrument", ["poses", "points-pose", "points-campaign"])
-def test_limits_far_above_and_below_the_error_are_told_apart(tmp_path: Path, instrument: str) -> None:
+def test_limits_far_above_and_below_the_error_are_distinguished(tmp_path: Path, instrument: str) -> None:
     made = draw(31, layout="industrial-6r", instrument=instrument, notation="urdf", causes=(), poses=60)
     campaign = write(made, tmp_path / "arm")
     rows, verdict, run = _verdict(campaign, "x_mm = 1.0\ny_mm = 1.0e-6")

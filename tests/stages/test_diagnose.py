@@ -111,7 +111,7 @@ def _given(made: Diagnosed, row: dict[str, Any], name: str) -> dict[str, float]:
 
 
 @pytest.mark.parametrize("name", ["sample", "linear"])
-def test_the_uncertainty_of_every_number_found_is_told_by_source(name: str, request: pytest.FixtureRequest) -> None:
+def test_the_uncertainty_of_every_number_found_is_reported_by_source(name: str, request: pytest.FixtureRequest) -> None:
     made: Diagnosed = request.getfixturevalue(name)
     row = next(row for row in made.rows if row["verdict"] == "found")
     for parameter, one in json.loads(row["parameters"]).items():
@@ -196,7 +196,7 @@ def test_where_no_pose_is_held_out_blocks_are_left_out_in_turn(tmp_path: Path) -
     assert_between(row["heldout_rms_after"] / row["noise_floor"], 0.95, 1.25, what="left-out rms over noise floor")
 
 
-def test_nothing_hidden_nothing_found(tmp_path: Path) -> None:
+def test_no_cause_is_found_where_no_effect_is_hidden(tmp_path: Path) -> None:
     clean = _drawn(tmp_path, [], 42)
     assert clean.found() == []
     assert clean.figure.startswith("nothing found")
@@ -296,7 +296,7 @@ def test_without_targets_at_attachments_it_still_looks(tmp_path: Path) -> None:
     assert not [row for row in found.rows if row["verdict"] == "found"]
 
 
-def test_legs_that_cannot_reach_are_said_and_no_crash(tmp_path: Path) -> None:
+def test_legs_that_cannot_reach_are_reported_and_no_crash(tmp_path: Path) -> None:
     layout = Layout(name="far", targets=Targets(base=6, platform=6, per_leg=0))
     campaign = draw_campaign(layout, random_moves(6, 0, np.random.default_rng(2)), [], np.random.default_rng(3))
     folder = write_campaign(campaign, tmp_path / "far", seed=3)

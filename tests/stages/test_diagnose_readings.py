@@ -47,9 +47,7 @@ def table() -> pa.Table:
 
 
 @pytest.mark.parametrize(("every", "known"), [(20, True), (5, False)])
-def test_what_a_few_steps_lack_of_a_column_is_told_by_their_neighbours_in_time(
-    tables: dict[str, Any], every: int, known: bool
-) -> None:
+def test_missing_values_of_a_column_are_interpolated_in_time(tables: dict[str, Any], every: int, known: bool) -> None:
     """Steps of which signals alone are left say nothing of the air; where many are, nor does the column."""
     settings = read_campaign(tomllib.loads((SAMPLE / "campaign.toml").read_text(encoding="utf-8")))
     name, readings = "relative_humidity_pct", tables["readings"]

@@ -70,7 +70,7 @@ def _diagnosed(tables, **diagnosis: Any):
     return {**tables, **diagnose.run(tables, _bench(**diagnosis), lambda *_: None).artifacts}
 
 
-def test_a_finding_changes_nothing_unasked_and_puts_right_what_it_is_applied_to(tables) -> None:
+def test_a_finding_corrects_data_only_where_it_is_applied(tables) -> None:
     right, wrong = tables
     found = _diagnosed(wrong)
     assert CAUSE in [row["cause"] for row in found["diagnosis"].to_pylist() if row["verdict"] == "found"]
@@ -99,7 +99,7 @@ def test_an_ignored_cause_has_no_row_and_no_effect(tables) -> None:
     assert "calibrations_compared" not in _calibrated(found, ignore=[CAUSE])
 
 
-def test_a_cause_that_was_not_found_or_changes_no_load_is_told_and_not_applied() -> None:
+def test_a_cause_that_was_not_found_or_changes_no_load_is_reported_and_not_applied() -> None:
     settings = _bench(apply=["load-eccentricity", "creep"], ignore=[CAUSE])
     found = pa.table({"cause": ["creep", "hysteresis"], "verdict": ["found", "found"]})
     told = choices_table(settings, found, lambda cause: cause.id != "creep")

@@ -89,12 +89,12 @@ def test_a_copy_of_a_photograph_adds_no_rays(folder):
     assert len(line.tables["photographs"]) == 3
 
 
-def test_only_what_is_asked_for_is_looked_for(folder):
+def test_only_the_declared_code_families_are_searched(folder):
     (folder / "campaign.toml").write_text(f'{CAMPAIGN}[photographs]\ntargets = ["ring12"]\nuncoded = false\n')
     assert set(measured(folder).tables["image_points"].column("point").to_pylist()) == {"ring12-1"}
 
 
-def test_several_at_a_time_leave_the_same_rays_in_the_same_order(folder, monkeypatch):
+def test_removing_several_rays_at_a_time_leaves_the_same_rays(folder, monkeypatch):
     (folder / "campaign.toml").write_text(f'{CAMPAIGN}[photographs]\ntargets = ["ring12"]\nuncoded = false\n')
     alone = measured(folder)
     monkeypatch.setattr(tables, "_WORTH_PROCESSES", 0)
@@ -121,7 +121,7 @@ def fault_of(folder):
     return str(caught.value)
 
 
-def test_all_that_is_wrong_with_photographs_and_codes_is_told_at_once(folder):
+def test_all_that_is_wrong_with_photographs_and_codes_is_reported_at_once(folder):
     content = (folder / "images/1/p1.png").read_bytes()
     (folder / "images/1/p1.png").write_bytes(content[: len(content) // 2])
     (folder / "images/1/p2.png").write_bytes(b"")
@@ -152,7 +152,7 @@ def test_all_that_is_wrong_with_photographs_and_codes_is_told_at_once(folder):
         ('[[photographs.boards]]\nkind = "chessboard"\ncolumns = 6\nrows = 5\n' * 2, "different names for all boards"),
     ],
 )
-def test_settings_that_cannot_be(folder, section, expected):
+def test_invalid_settings_are_faults(folder, section, expected):
     (folder / "campaign.toml").write_text(f"{CAMPAIGN}[photographs]\n{section}\n")
     with pytest.raises(CampaignFaults, match=expected.replace("?", r"\?")):
         stage_line(folder)

@@ -206,7 +206,7 @@ def test_a_missing_body_is_a_fault_in_one_pose_and_in_all(folder, body):
 
 @pytest.mark.parametrize("factor", [1000.0, 25.4, 1.0 / 25.4, 1e-3])
 @pytest.mark.parametrize("table", ["points", "targets"])
-def test_units_that_cannot_be(folder, table, factor):
+def test_invalid_units_are_faults(folder, table, factor):
     if table == "points":
         folder.points[1:] = point_rows(scale=factor)
     else:
@@ -215,7 +215,7 @@ def test_units_that_cannot_be(folder, table, factor):
 
 
 @pytest.mark.parametrize("factor", [1000.0, 25.4])
-def test_units_that_cannot_be_in_points_and_survey_alike(folder, factor):
+def test_invalid_units_in_points_and_survey_are_faults(folder, factor):
     folder.points[1:], folder.targets[1:] = point_rows(scale=factor), survey_rows(scale=factor)
     faults = folder.faults()
     assert {fault.file for fault in faults} == {"targets.csv"}
@@ -350,7 +350,7 @@ EDITS = st.tuples(
 
 
 @given(st.lists(EDITS, min_size=1, max_size=6))
-def test_whatever_happens_to_the_files_it_is_tables_or_faults(tmp_path_factory, edits):
+def test_any_change_of_the_files_gives_tables_or_faults(tmp_path_factory, edits):
     folder = Folder(tmp_path_factory.mktemp("edited"))
     folder.run()
     for table, place, edit in edits:

@@ -26,7 +26,7 @@ def test_the_benchmark_runs_every_stage_on_every_point(
     assert len(capsys.readouterr().out.splitlines()) == 1 + len(costs)
 
 
-def test_its_gross_errors_are_found_and_its_poses_fit(tmp_path: Path) -> None:
+def test_gross_errors_are_found_and_poses_fit(tmp_path: Path) -> None:
     points = make_campaign(tmp_path, 3000)
     found = stage_line(tmp_path).call("ingest", "qa", "pose").tables
     rejected = found["residuals"].column("rejected").to_pylist()

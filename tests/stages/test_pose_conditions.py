@@ -36,7 +36,7 @@ def test_the_direction_of_approach_is_that_of_the_last_movement_worth_the_name()
     assert approach(down, TIME, 1e-3)[:, 0].tolist() == [-1.0, 1.0, -1.0, -1.0]
 
 
-def test_movements_are_remembered_and_fade() -> None:
+def test_effects_of_movements_decay() -> None:
     assert_close(fading_sum(READINGS, TIME, 0.0)[:, 0], np.array([1.0, 0.0, 1.0, 0.0]), atol=1e-6, what="last, m")
     assert_close(fading_sum(READINGS, TIME, 0.5)[:, 0], np.array([1.25, 0.0, 1.0, 0.5]), atol=1e-6, what="lately, m")
 

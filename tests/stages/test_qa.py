@@ -84,7 +84,7 @@ def test_a_wrong_leg_in_the_survey_fails_by_name(tmp_path):
     assert said.failed_checks == (f"attachment-labels target {name}",)
 
 
-def test_a_pose_without_points_is_told(tmp_path):
+def test_a_pose_without_points_is_reported(tmp_path):
     folder = _folder(tmp_path)
     points = (folder / "points.csv").read_text(encoding="utf-8").splitlines()
     kept = [line for line in points if not line.startswith("7,")]
@@ -133,7 +133,7 @@ def test_a_base_that_stands_still_in_a_fixed_frame_is_not_said_to_drift(tmp_path
     assert _rows(qa, "base-drift").loc["base", "verdict"] == "not evaluated"  # taken as one frame per pose
 
 
-def test_a_body_that_nobody_said_to_stand_still_does_not_drift(tmp_path):
+def test_only_a_body_declared_at_rest_can_drift(tmp_path):
     rng = np.random.default_rng(0)
     shape = rng.uniform(-100.0, 100.0, (5, 3))
     lines = [
@@ -150,7 +150,7 @@ def test_a_body_that_nobody_said_to_stand_still_does_not_drift(tmp_path):
     assert drift["value"] == pytest.approx(np.sqrt(3.0) * 50.0 * 11, rel=0.5)
 
 
-def test_a_base_that_walks_in_a_fixed_frame_is_told_with_its_size(tmp_path):
+def test_a_base_that_walks_in_a_fixed_frame_is_reported_with_its_size(tmp_path):
     folder = _folder(tmp_path, FIXED)
     head, *lines = (folder / "points.csv").read_text(encoding="utf-8").splitlines()
     walked = [_shifted(line, 0.002) if ",base," in line else line for line in lines]

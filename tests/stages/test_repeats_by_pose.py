@@ -104,7 +104,7 @@ def test_pooled_numbers_say_that_they_hold_for_none_and_so_does_the_page(uneven)
     assert listing.rows[0][:3] == ("tool", "p0", str(REPEATS))
 
 
-def test_even_repeats_are_told_together(tmp_path):
+def test_even_repeats_are_reported_together(tmp_path):
     line = written(tmp_path, (0.0, 0.0, 0.0)).call("ingest", "qa")
     for row in of_repeatability(line).values():
         assert row["verdict"] == "pass"

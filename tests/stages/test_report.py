@@ -27,7 +27,7 @@ def line(tmp_path_factory):
     return run_line(folder, "ingest", "qa", "pose", "deformation", "report")
 
 
-def test_the_page_stands(line):
+def test_the_report_is_one_html_document_with_all_sections(line):
     tables, said = line
     page = tables["report"]
     assert page.startswith("<!doctype html>")

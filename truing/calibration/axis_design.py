@@ -88,11 +88,11 @@ def row_information(
 def choose_targets(
     rows: NDArray, even_rows: NDArray, kept: NDArray | None, rng: np.random.Generator, is_random: bool = False
 ) -> ChosenTargets:
-    """Choose a target in each part of the travel from candidates with rows (C, L, M, q), as many as ``even_rows`` (P,
-    L, M, q) in equal steps, in addition to the information ``kept`` (L, q, q).
+    """Choose a target in each part of the travel, in addition to the information ``kept`` (L, q, q).
 
-    No other candidate of its part is better for any target; if random, they are the first ones drawn. Raises ValueError
-    if the candidates do not determine every model.
+    ``rows`` (C, L, M, q): candidates; ``even_rows`` (P, L, M, q): as many targets in equal steps. No other candidate of
+    its part is better for any target; if random, they are the first ones drawn. Raises ValueError if the candidates do
+    not determine every model.
     """
     count, size = len(even_rows), rows.shape[1] * rows.shape[3]
     bound = bound_design(rows, count, kept, gap=1e-3)

@@ -66,7 +66,7 @@ class PlannedPoses:
 
     @property
     def information(self) -> Array:
-        """Information (G, G) of the poses, without what is known before."""
+        """Information (G, G) of the poses, without prior knowledge."""
         flat = self.rows.reshape(-1, self.model.shared_size)
         return np.asarray(flat.T @ flat)
 
@@ -197,7 +197,7 @@ class Remedy(StrEnum):
 
 @dataclass(frozen=True)
 class HiddenCombination:
-    """Unknowns that data see less than what is known of them before; ``poses``: candidates that would show it, with
+    """Unknowns that data determine less well than prior knowledge does; ``poses``: candidates that would show it, with
     the number of times that each has to be measured."""
 
     text: str

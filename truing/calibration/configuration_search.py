@@ -275,7 +275,7 @@ def _choose_by_exchange(
 def verification(problem: DesignProblem, x: NDArray, count: int, rng: np.random.Generator) -> NDArray:
     """Return poses (count, 6) within the hull of the chosen (N, 6), far from them and from each other.
 
-    Raises ValueError if forbidden regions leave no room for so many.
+    Raises ValueError if forbidden regions leave no room for that number of configurations.
     """
     if not count:
         return np.empty((0, 6))

@@ -1,8 +1,8 @@
 """Compiled parser of plain delimited text: unquoted names, integers and decimal numbers, 3 times as fast as pyarrow's.
 
-It reads only cells that have one possible meaning, and leaves every other block to the general parser. Numbers are
-exact: a whole number up to 2**53 over a power of ten up to 10**22, so that one division rounds correctly (Clinger, "How
-to read floating point numbers accurately", 1990). Importing this module imports numba.
+It reads only cells that have one possible meaning, and leaves every other block to the general parser. A number is an
+integer up to 2**53 divided by a power of ten up to 10**22. Then one division rounds correctly (Clinger, "How to read
+floating point numbers accurately", 1990). Importing this module imports numba.
 """
 
 from __future__ import annotations

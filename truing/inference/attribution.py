@@ -88,8 +88,8 @@ def _of_parts(
 ) -> Iterator[Attributed]:
     """Yield the readings on which the errors of single parts depend in the plain model, and time for the base.
 
-    Other columns compete and are not named: a slow motion of anything else moves the parts too, and in the time of one
-    campaign it may pass for a function of any slow column.
+    Other columns compete and are not named: a slow motion of anything else also moves the parts. During one campaign it
+    may resemble a function of any slow column.
     """
     readings = {name: column_of(values, spectra.columns) for name, values in plain.scene.inputs.items()}
     problem = part_problem(plain)

@@ -78,7 +78,7 @@ class NumberComparison:
         return covariance @ (columns.T @ away), np.sqrt(np.diag(covariance))
 
     def alternatives_to(self, changed: tuple[int, ...]) -> tuple[tuple[int, ...], ...]:
-        """Return for each changed number the numbers whose change in its place explains the difference as well."""
+        """Return for each changed number the numbers whose change would explain the difference equally well."""
         return tuple(self._rivals([i for i in changed if i != place], place) for place in changed)
 
     def _rivals(self, others: list[int], place: int) -> tuple[int, ...]:

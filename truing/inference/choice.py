@@ -48,7 +48,8 @@ def choose(
     This is the kind with the fewest parameters among those that explain the data equally well: none is three times more
     probable. A catalogued cause is preferred to a nonparametric effect unless the effect is clearly more
     probable. Where a pair explains what a single candidate would absorb, it is the first of the pair. Its rivals are
-    then those that do as well in its place. Kinds in ``refused`` are ignored, also as a standard for the others.
+    then those that explain the data equally well in its place. Kinds in ``refused`` are ignored, also as a standard for
+    the others.
     """
     rivals = _equivalent_candidates(current, level, refused)
     if not rivals:

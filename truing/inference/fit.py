@@ -56,7 +56,7 @@ class Fit:
         return whiten(self.linearised())
 
     def release(self) -> None:
-        """Free the whitened problem, whose arrays are by far the largest."""
+        """Free the whitened problem, whose arrays are clearly the largest."""
         self.__dict__.pop("whitened", None)
 
 

@@ -67,7 +67,7 @@ def log_odds_of_sets(rest: Array, spectra: Spectra) -> dict[Inputs, float]:
 
 
 def odds_of_sets(evidence: Callable[[Inputs], float], names: Inputs, most: int = _MOST_INPUTS) -> dict[Inputs, float]:
-    """Return the log odds of every set of at most so many inputs from its log evidence; all sizes of sets have equal
+    """Return the log odds of every set of up to ``most`` inputs from its log evidence; all sizes of sets have equal
     prior probability, and all sets of a size."""
     found: dict[Inputs, float] = {}
     for size in range(1, most + 1):

@@ -207,7 +207,7 @@ class Whitened:
 
     @cached_property
     def _nearly_orthonormal(self) -> Array:
-        """The same basis, orthonormal to nine digits: enough for leverages, all that most fits are asked for."""
+        """The same basis, orthonormal to nine digits: enough for leverages, all that most fits need."""
         nearly = _times_upper(self._informative_rows, self._inverse)
         if len(nearly) == len(self.rows):
             return nearly

@@ -67,7 +67,7 @@ class CauseLike(Protocol):
 
     @property
     def is_assumed(self) -> bool:
-        """True if it takes for known what was not declared, and fits no deviation of it."""
+        """True if it assumes a quantity that was not declared, and fits no deviation of it."""
 
     @property
     def has_set_shape(self) -> bool:

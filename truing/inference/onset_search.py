@@ -1,7 +1,7 @@
 """Onsets between those that a search tries: the best candidate of every kind begins where it explains most.
 
-A long campaign has too many onsets to try all of them with every cause. An effect that begins between two of them is
-explained in part, and another kind of cause that happens to be tried there would be preferred.
+A long campaign has too many onsets to try all of them with every cause. A cause tried at a wrong onset explains its
+effect only in part. Another kind of cause with the right onset would then be preferred.
 """
 
 from __future__ import annotations
@@ -29,8 +29,10 @@ _MOST_IN_INTERVAL = 300  # onsets that are compared at most, of all possible one
 def at_best_onsets(
     search: Search[CauseT], scores: Sequence[Score], fitted: FittedModel[CauseT]
 ) -> list[CauseCandidate[CauseT]]:
-    """Return the best candidate of every kind at its best onset, where the search tries only some onsets and the
-    candidate is more probable than no effect."""
+    """Return the best candidate of every kind at its best onset, where the search tries only some onsets.
+
+    Only candidates more probable than no effect are considered.
+    """
     best: dict[str, tuple[float, CauseCandidate[CauseT]]] = {}
     for candidate, score in zip(search.candidates, scores, strict=True):
         if score.log_posterior > best.get(candidate.kind, (0.0, candidate))[0]:

@@ -1,7 +1,7 @@
 """Columns on which the errors of single parts depend, such as one part's error on the inputs of two others.
 
-All parts and all sets of columns compete, each as a Gaussian process along the direction in which an error of that part
-moves the observations. What was found is held as an unknown, and the rest is asked again.
+All parts and all sets of columns compete, each as a Gaussian process. The process acts in the direction in which an
+error of the part moves the observations. A dependence that is found becomes an unknown, and the search repeats.
 """
 
 from __future__ import annotations
@@ -28,7 +28,7 @@ _LOST = 0.5  # a part explains the same as the one held if it loses this share o
 
 @dataclass(frozen=True)
 class Part:
-    """A part whose errors are asked: the directions in which it moves, and the column that moves it, if any."""
+    """A part whose errors are tested: the directions in which it moves, and the column that moves it, if any."""
 
     directions: tuple[int, ...]
     column: str | None = None
@@ -63,7 +63,7 @@ class _OddsOfSets:
 
 @dataclass(frozen=True)
 class _Turn:
-    """Errors of the parts next to what was found before, and the log odds part by part."""
+    """Errors of the parts next to earlier findings, and the log odds part by part."""
 
     problem: PartProblem
     errors: PartErrors

@@ -86,8 +86,10 @@ class PartErrors:
         return gram[:-1, :-1] - np.outer(shift, gram[-1, :-1]), score[:-1] - shift * score[-1], max(size, 1e-300)
 
     def along(self, index: int, functions: Array) -> tuple[Array, Array, Array]:
-        """Return the parts (r,) of the residuals along functions (B, m) of a part's error, their strengths (r,) for
-        functions of one noise on average, and their directions (m, r)."""
+        """Return the components (r,) of the residuals along functions (B, m) of a part's error.
+
+        Also their strengths (r,), for functions whose average size is one noise, and their directions (m, r).
+        """
         gram, score, size = self.products(index, functions)
         values, vectors = np.linalg.eigh((gram + gram.T) / 2.0)
         kept = values > 1e-6 * size * len(functions)
@@ -96,8 +98,8 @@ class PartErrors:
 
     @cached_property
     def squares(self) -> tuple[Array, Array]:
-        """Squares (n,) that errors of each part without any order explain, next to a constant one, and their degrees of
-        freedom (n,)."""
+        """Squares (n,) explained by random errors of each part next to a constant one, and their degrees of freedom
+        (n,)."""
         found = [self.along(index, np.eye(len(self.weight)))[0] for index in range(len(self.score))]
         return np.array([own @ own for own in found]), np.array([float(len(own)) for own in found])
 

@@ -237,8 +237,8 @@ class Round(Generic[CauseT]):
     def rivals_of(self, name: CauseCandidate[CauseT]) -> frozenset[str]:
         """Return the keys of the nonparametric effects that explain at least a quarter of a cause's squares.
 
-        The overlap of their directions decides, and not what they explain of the data: of many effects, those would
-        be taken that chance favours.
+        The overlap of their directions decides, not the part of the data that they explain: of many effects, those
+        would be taken that chance favours.
         """
         assert self.search is not None
         pathways, along = self.search.pathways, self.scores[name.key].along
@@ -380,8 +380,10 @@ def _share_no_pathway(first: CauseCandidate[CauseT], second: CauseCandidate[Caus
 def score_round(
     fitted: FittedModel[CauseT], kinds: Sequence[CauseT], draws: int, rng: np.random.Generator
 ) -> Round[CauseT]:
-    """Return the round of a fitted model: scores of all candidates that the kinds of cause propose, and of the best of
-    every kind at its best onset, where a search tries only some."""
+    """Return the round of a fitted model: scores of all candidates that the kinds of cause propose.
+
+    Where a search tries only some onsets, the best candidate of every kind is added at its best onset.
+    """
     search = search_of(fitted, kinds, draws, rng)
     scores = scores_of(search.candidates, fitted, search.pathways.residual)
     added = at_best_onsets(search, scores, fitted)

@@ -260,8 +260,8 @@ class CauseSelection(Generic[CauseT]):
         """Return the inputs that predict residuals of the plain model with the causes that are not ``outdone`` (keys).
 
         A model with wrong causes may have absorbed a dependence. If the final model does not hold, the campaign is
-        known to hold something else, and a larger level suffices. Its own residuals are asked too: what it explains no
-        longer hides the rest. Residuals are without a burst of noise that is only suspected: it may be an effect.
+        known to hold something else, and a larger level suffices. Its own residuals are also tested: what it explains
+        no longer hides the rest. Residuals are without a burst of noise that is only suspected: it may be an effect.
         """
         self._search.progress("what the misfit follows")
         searched, settings = found.searched, self._search.settings

@@ -367,7 +367,7 @@ def signatures_of(pathways: Pathways, designs: Iterable[Mapping[str, Array | Par
 
 
 def _chunks(numbers: Sequence[int], size: int) -> Iterator[Sequence[int]]:
-    """Yield parts of the numbers of candidates, whose designs have so many values together."""
+    """Yield parts of the numbers of candidates, whose designs together have a limited number of values."""
     at_once = max(_AT_ONCE * len(numbers) // max(size, 1), 1)
     return (numbers[first : first + at_once] for first in range(0, len(numbers), at_once))
 

@@ -23,7 +23,7 @@ def errors_without(
     """Return the errors of a model without some of its causes on fitted and held-out epochs.
 
     Other unknowns stay as identified. Those of the set-up, which no prior knowledge fixes (``Model.setup``), are fitted
-    anew: else the error would include what they take up.
+    anew: else the error would include effects that they absorb.
     """
     others = tuple(cause for cause in fitted.causes if all(cause is not left for left in causes))
     model = fitted.model.with_causes(others)

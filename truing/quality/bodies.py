@@ -198,7 +198,7 @@ def _scales_of_poses(body: BodyView) -> Array:
 
 
 def _agree_on_scale(body: BodyView) -> bool:
-    """Return True if the scales of the poses differ from one by far more than their median can by chance."""
+    """Return True if the scales of the poses differ from one by more than their median can by chance."""
     scales = _scales_of_poses(body)
     if len(scales) < _FEWEST_SCALES:
         return False

@@ -1,4 +1,4 @@
-"""Corrections to the nominal geometry of a chain, and what they gain, for the first screen."""
+"""Corrections to the nominal geometry of a chain, and their gain, for the first screen."""
 
 from __future__ import annotations
 

@@ -196,7 +196,7 @@ def _size(size: float, sigma: float | None, unit: str) -> str:
 def _sigmas(
     overall: Overall, parts: PartNames, tables: Tables, freedom: float
 ) -> tuple[float | None, float | None, str]:
-    """Return the standard deviations of both rms, and what they are: by the scatter of the poses' mean squares; without
+    """Return the standard deviations of both rms, and their kind: by the scatter of the poses' mean squares; without
     poses by noise, from ``freedom``, the least number of independent values that were predicted."""
     poses = table_or_none(tables, "prediction")
     rows = None if poses is None else poses[poses["role"].eq("verification") == overall.held_out]

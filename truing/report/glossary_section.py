@@ -28,7 +28,7 @@ _CLASS_HEADS = (Head("class", "Name of the error in laboratory terms."), Head("w
 def with_reference(
     sections: Sequence[ReportSection], *, bench: bool = False, above: Sequence[str] = ()
 ) -> list[ReportSection]:
-    """Return the sections of a page, and behind them the explanations of what they name; see ``glossary_section``."""
+    """Return the sections of a page, followed by the explanations of all names in them; see ``glossary_section``."""
     explained = glossary_section(sections, bench=bench, above=above)
     return [*sections, *([explained] if explained else [])]
 

@@ -19,7 +19,7 @@ from truing.report.parameter_names import kind_of, name_of, print_unit, symbols
 from truing.report.reasons import why_not_known
 from truing.report.tables import Tables, table_or_none
 
-_TITLE = "What can be known"
+_TITLE = "Identifiability"
 _INDICES = {
     "condition": "Largest over smallest singular value of the scaled Jacobian; near 1 is good.",
     "O1": "Geometric mean of the singular values over the root of the number of poses (Borm and Menq).",

@@ -174,6 +174,11 @@ def listed(names: Sequence[str], most: int = 8) -> str:
     return shown if len(names) <= most else f"{shown} and {len(names) - most} more"
 
 
+def joined_names(names: Sequence[str]) -> str:
+    """Return names as an enumeration: ``a``, ``a and b``, ``a, b and c``."""
+    return " and ".join(filter(None, (", ".join(names[:-1]), names[-1]))) if names else ""
+
+
 def reasons(noun: str, *left_out: Mapping[tuple[str, str], int]) -> list[str]:
     """Return the number of exclusions by reason, the most frequent first; given by (file, reason)."""
     total: Counter[str] = Counter()

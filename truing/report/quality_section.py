@@ -25,7 +25,7 @@ _HEADS = (
     Head("subject", "Body, target, channel or run that the row concerns; a dash for the whole campaign."),
     Head("value", "Quantity that the check compares with its limit."),
     Head("limit", "Limit of the value for this verdict."),
-    Head("what it says", "Result of the check in one or two sentences."),
+    Head("result", "Result of the check in one or two sentences."),
 )
 _ACCEPTED_BY = Head("accepted by", "Person who accepted the verdict, with the reason in campaign.toml.")
 # Longer listings of warnings are folded.
@@ -33,7 +33,7 @@ _OPEN = 12
 
 
 def qa(tables: Tables) -> ReportSection | None:
-    """Return the section of all checks with their verdicts, failed ones first and accepted ones apart."""
+    """Return the section of all checks with their verdicts, failed ones first and accepted ones separately."""
     if "qa" not in tables:
         return None
     if not len(tables["qa"]):

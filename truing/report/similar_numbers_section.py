@@ -52,7 +52,7 @@ def alike(tables: Tables) -> ReportSection | None:
     if not listings:
         return None
     lead = "Numbers in the same unit are not always the same quantity. This section says what each of them is."
-    return ReportSection("alike", "Numbers that look alike", lead, listings=tuple(listings))
+    return ReportSection("alike", "Similar quantities", lead, listings=tuple(listings))
 
 
 def _predictions(tables: Tables) -> Iterator[_Row]:

@@ -1,4 +1,4 @@
-"""Section that answers whether measuring can stop: what is decided, and what more measurements would still change."""
+"""Section that answers whether measuring can stop: questions decided, and questions open to measurement."""
 
 from __future__ import annotations
 

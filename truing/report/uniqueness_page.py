@@ -164,7 +164,7 @@ def flexure_figure(path: pd.DataFrame) -> go.Figure:
 
 
 def flexure_drawing(path: pd.DataFrame) -> go.Figure:
-    """Return a flexure bent by far more than it ever is: beam, sphere of the joint in its place, and pivot."""
+    """Return a flexure bent clearly more than in operation: beam, sphere of the joint in its place, and pivot."""
     length, beta = (float(path[name].iloc[0]) for name in ("flexure_length_mm", "flexure_beta"))
     bend, steps = np.radians(_DRAWN_BEND), np.linspace(0.0, 1.0, _DRAWN_POINTS)
     # root at the origin, straight flexure along x

@@ -60,8 +60,8 @@ def section_verdicts(tables: Tables) -> dict[str, SectionVerdict]:
 def leading(verdicts: Mapping[str, SectionVerdict]) -> SectionVerdict | None:
     """Return the verdict that needs action first; None where there are none.
 
-    Failures come first, those of the data before those of models; then what needs attention; then what was not tested
-    but could be; then what passes.
+    Failures come first, those of the data before those of models; then what needs attention; then tests that were not
+    made but could be; then what passes.
     """
     candidates = (
         *_verdicts_in_state(verdicts, RelationState.FAILS, SECTIONS),

@@ -198,7 +198,7 @@ class Cause(Generic[SceneT_contra]):
 
     @property
     def is_assumed(self) -> bool:
-        """True if the cause takes for known what was not declared, and fits no deviation of it."""
+        """True if the cause assumes a quantity that was not declared, and fits no deviation of it."""
         return False
 
     @property

@@ -186,7 +186,7 @@ class RepeatableCampaign(Protocol):
 
 @dataclass(frozen=True)
 class DetectionQuestion:
-    """Kind of effect whose detectable size is asked for; ``sensitivities`` holds the theoretical sensitivity to its
+    """Kind of effect whose detectable size is searched; ``sensitivities`` holds the theoretical sensitivity to its
     members."""
 
     kind: EffectKind

@@ -42,7 +42,7 @@ def test_the_sum_of_squares_is_least():
 
 
 @pytest.mark.parametrize("repeat", [0.0, 1e-13, 1e-7, 2e-5, 1e-3])
-def test_the_answer_does_not_depend_on_what_is_eliminated(repeat):
+def test_adjustments_that_eliminate_points_or_images_agree(repeat):
     """Ten images of twelve points leave the points, four of thirty the images; as many rays either way round."""
     rng = np.random.default_rng(3)
     network, truth = draw(rng, images=10, points=21, repeat=repeat)
@@ -203,7 +203,7 @@ def test_a_network_with_a_hinge_settles_and_has_no_covariance():
         _ = found.covariance
 
 
-def test_nothing_adjusted_is_nothing_moved():
+def test_without_iterations_no_point_moves():
     rng = np.random.default_rng(10)
     network, truth = draw(rng, images=4, points=8)
     found = adjust(network, truth, max_iterations=0)

@@ -40,7 +40,7 @@ def test_a_changed_camera_is_found_in_its_pose():
     assert np.abs(found.deviation_px[1]).max() > 3
 
 
-def test_poses_that_tell_nothing_are_left_out():
+def test_poses_without_information_are_left_out():
     found = camera_stability(np.zeros((3, 3)), np.stack([np.eye(3), np.zeros((3, 3)), np.eye(3)]))
     assert found.determined.tolist() == [True, False, True]
     assert np.isnan(found.chi2[1])

@@ -114,7 +114,7 @@ def test_both_coordinates_of_a_ray_are_tested_together_in_the_network_or_out_of_
     assert shifted_ray_tests(made, cov, [0.6, 0.6], every).p_value[5] > 1e-3
 
 
-def test_rays_that_were_doubted_come_back():
+def test_rejected_rays_that_fit_in_the_end_are_used_again():
     made = simulate(seed=12, images=8, points=30, gross=0.02)
     agrees = np.ones(made.network.rays.count, bool)
     agrees[::7] = False
@@ -123,7 +123,7 @@ def test_rays_that_were_doubted_come_back():
     assert found.returned > 20
 
 
-def test_what_no_test_can_show_is_named():
+def test_undetectable_effects_are_named():
     made = simulate(seed=13, images=7, points=25, missed=0.0)
     rays = made.network.rays
     thin = (rays.image == 6) & (np.cumsum(rays.image == 6) > 3)  # three rays left: six equations, six unknowns
@@ -138,7 +138,7 @@ def test_what_no_test_can_show_is_named():
     assert set(np.array(found.rejected.reason)[two]) == {ONE_OF_TWO}
 
 
-def test_a_second_target_of_the_same_name_is_told():
+def test_a_second_target_of_the_same_name_is_reported():
     made = simulate(seed=14, images=9, points=30, missed=0.0)
     rays, other = made.network.rays, made.truth.points[4] + [0.2, 0.1, 0.1]
     xy = rays.xy_px.copy()
@@ -153,7 +153,7 @@ def test_a_second_target_of_the_same_name_is_told():
     assert [reason.get(ray) for ray in wrong.tolist()] == [SECOND_TARGET] * len(wrong)
 
 
-def test_what_the_images_do_not_determine_is_held_and_said():
+def test_parameters_not_determined_by_the_images_are_held_and_reported():
     corners = np.array([[-0.1, -0.1, 0], [0.1, -0.1, 0], [0.1, 0.1, 0], [-0.1, 0.1, 0]])
     made = simulate(seed=4, images=4, points=4, body=corners, missed=0.0)
     found = adjust_robustly(made.network, made.truth)

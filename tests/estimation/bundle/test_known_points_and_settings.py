@@ -25,19 +25,19 @@ def _errors(points: np.ndarray, off: dict[int, tuple[float, float, float]], seed
     return known_point_errors(seen, SIGMA_M**2 * np.eye(3 * count), known, cov)
 
 
-def test_a_point_that_is_off_is_told_with_its_error() -> None:
+def test_a_point_that_is_off_is_reported_with_its_error() -> None:
     found = _errors(SOLID, {2: (0.0, 0.003, 0.0)})
     assert found.resolved
     assert np.flatnonzero(found.wrong).tolist() == [2]
     assert np.all(np.abs(found.off_m[2] - [0.0, 0.003, 0.0]) < 5.0 * found.sigma_m[2])
 
 
-def test_several_points_that_are_off_are_told_apart() -> None:
+def test_several_points_that_are_off_are_distinguished() -> None:
     found = _errors(SOLID, {2: (0.0, 0.003, 0.0), 5: (0.001, 0.0, -0.002), 7: (0.0, 0.0, 2e-4)})
     assert np.flatnonzero(found.wrong).tolist() == [2, 5, 7]
 
 
-def test_of_a_square_nobody_can_say_which_corner_is_off_its_plane() -> None:
+def test_the_corner_of_a_square_off_its_plane_is_not_identifiable() -> None:
     out_of_plane, within = _errors(SQUARE, {1: (0.0, 0.0, 0.003)}), _errors(SQUARE, {1: (0.003, 0.0, 0.0)})
     assert not out_of_plane.resolved
     assert not out_of_plane.wrong.any()
@@ -67,7 +67,7 @@ def test_images_of_another_setting_are_found(changed: list[int]) -> None:
     assert np.abs(np.abs(found.off_px[apart]) - 12.0).max() < 5.0
 
 
-def test_what_the_model_of_a_camera_lacks_is_no_setting() -> None:
+def test_defects_of_a_camera_model_are_not_taken_for_a_changed_setting() -> None:
     """Principal distances that scatter by many sigmas, image by image."""
     values = 4000.0 + np.random.default_rng(2).normal(0.0, 6.0, 24)
     found = _settings(0, np.arange(24), values, [np.eye(24)])

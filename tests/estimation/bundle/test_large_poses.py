@@ -110,7 +110,7 @@ def test_ray_by_ray_is_the_same_as_dense(by_ray, case, datum):
 
 @settings(max_examples=8)
 @given(seed=st.integers(0, 10_000), share=st.floats(0.35, 1.0), images=st.integers(5, 14))
-def test_the_same_at_any_density(seed, share, images):
+def test_sparse_and_dense_networks_have_the_same_adjustment(seed, share, images):
     """Points that few and that many images see take different paths."""
     rng = np.random.default_rng(seed)
     network, truth = draw(rng, 1, images, 60, bars=True, free=("c", "A1"))

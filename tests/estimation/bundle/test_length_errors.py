@@ -34,7 +34,7 @@ def test_the_verdict_keeps_clear_of_the_uncertainty():
     assert found.verdict == (CONFORMS, UNDECIDED, UNDECIDED, FAILS)
 
 
-def test_an_error_of_scale_is_told_with_its_correlation():
+def test_an_error_of_scale_is_reported_with_its_correlation():
     rng = np.random.default_rng(0)
     common = np.outer(CALIBRATED, CALIBRATED) * 1e-10  # all lengths share an error of scale of 1e-5
     cov = common + np.eye(4) * 1e-14
@@ -45,7 +45,7 @@ def test_an_error_of_scale_is_told_with_its_correlation():
     assert found.p_value > 1e-3
 
 
-def test_what_the_guideline_asks_for_and_is_not_there_is_said():
+def test_items_required_by_the_guideline_and_missing_are_reported():
     line = np.array([0, 0, 0, 1])
     lines_of_two = CalibratedLengths(CALIBRATED, np.zeros(4), line=line)
     found = length_errors(CALIBRATED, np.eye(4) * 1e-12, lines_of_two, volume_m=np.array([2.0, 2.0, 1.5]))

@@ -138,7 +138,7 @@ def test_chosen_stations_beat_others_and_exchange_makes_nothing_worse():
     assert mean(better) < min(others)
 
 
-def test_what_is_predicted_is_what_adjustments_of_noisy_rays_scatter_by():
+def test_predicted_sigmas_are_the_scatter_of_adjustments_of_noisy_rays():
     own = layout(10)
     plan, stations = planned(own), around(own, 6, rolls=(0.0, 90.0))
     seen = visible(CAMERA, INTERIOR, stations, own, ANYTHING)

@@ -70,7 +70,7 @@ def test_scores_sum_to_nothing_for_what_was_estimated() -> None:
     assert_close(total[free] / sigma[free], np.zeros(len(free)), atol=1e-4)
 
 
-def test_channels_hold_noise_of_one_and_all_that_was_told() -> None:
+def test_channels_have_unit_noise_and_the_reported_effects() -> None:
     statistics, _ = statistics_of(adjusted(photographed(noisy=True)))
     channels = ray_channels(statistics.information, statistics.score)
     again = np.swapaxes(channels.root, 1, 2) @ channels.root

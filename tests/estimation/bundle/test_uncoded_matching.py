@@ -66,7 +66,7 @@ def test_circles_that_lie_on_each_others_lines_are_left_alone():
     assert (found.point >= 0).sum() <= 3
 
 
-def test_images_without_orientation_and_lone_circles_are_told():
+def test_images_without_orientation_and_lone_circles_are_reported():
     made = simulate(seed=4, images=6, points=30)
     circles, truth = circles_of(made, 1, np.random.default_rng(2))
     images = oriented(made)

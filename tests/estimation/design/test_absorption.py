@@ -181,7 +181,7 @@ def test_the_shift_is_the_formulas_and_shares_add_up(seed):
 
 
 @given(SEEDS)
-def test_units_rows_and_size_do_not_matter(seed):
+def test_results_are_independent_of_units_rows_and_size(seed):
     rng, N, s, scales, labels = draw(seed)
     unit, size = 10.0 ** rng.integers(-3, 4, 6), rng.uniform(0.1, 10.0)
     turn = np.linalg.qr(rng.normal(size=(25, 25)))[0]

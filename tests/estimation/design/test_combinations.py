@@ -26,7 +26,7 @@ def leg_observability(names, leg, wide=1.0):
 
 
 @pytest.mark.parametrize("leg", LEGS)
-def test_the_telescopes_heights_and_length_cannot_be_told_apart(leg):
+def test_the_telescopes_heights_and_length_cannot_be_distinguished(leg):
     """Equation 36, corrected: z_z (a_z - b_z) + l, and z_z is 0.975 on all legs at home."""
     texts = [group.text for group in inseparable(leg_observability(["az", "bz", "l"], leg))]
     n = leg + 1

@@ -61,7 +61,7 @@ def test_kappa_or_u_but_not_both(leg):
 
 
 @pytest.mark.parametrize("favoured", ["az", "bz", "l"])
-def test_of_those_that_cannot_be_told_apart_the_loosest_is_taken(favoured):
+def test_of_indistinguishable_parameters_the_one_with_the_largest_tolerance_is_chosen(favoured):
     names = ["az", "bz", "l"]
     scales = [10.0 if name == favoured else 0.1 for name in names]
     assert choose_identifiable(rows(names, 0) / NOISE_MM, scales, names).observability.labels == (favoured,)

@@ -174,7 +174,7 @@ def test_indices_scale_as_they_should(seed):
 
 
 @given(SEEDS)
-def test_units_rows_and_order_do_not_matter(seed):
+def test_results_are_independent_of_units_rows_and_order(seed):
     rng, J, scale, labels = draw(seed)
     unit, order = 10.0 ** rng.integers(-3, 4, 5), rng.permutation(5)
     turn = np.linalg.qr(rng.normal(size=(20, 20)))[0]

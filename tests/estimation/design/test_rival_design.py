@@ -132,7 +132,7 @@ def _apart(case: Case, most: int, odds: float = 0.0) -> ChosenPoses:
     return discriminating_poses(case.seen, (OWN, OWN), 20.0, most, odds)
 
 
-def test_a_line_and_a_parabola_known_on_one_side_are_told_apart_on_the_other(case: Case) -> None:
+def test_a_line_and_a_parabola_known_on_one_side_are_distinguished_on_the_other(case: Case) -> None:
     choice = _apart(case, 8)
     assert choice.is_enough
     assert len(set(choice.chosen)) == len(choice.chosen)
@@ -169,7 +169,7 @@ def test_odds_so_far_count_for_the_rival_that_is_behind(case: Case) -> None:
     assert max(choice.total for choice in apart) > even.total
 
 
-def test_rivals_that_predict_the_same_everywhere_are_never_told_apart(case: Case) -> None:
+def test_rivals_that_predict_the_same_everywhere_are_never_distinguished(case: Case) -> None:
     choice = discriminating_poses((case.seen[0], case.seen[0]), (OWN, OWN), 20.0, 8)
     assert not choice.is_enough
     assert_close(choice.final, 1.0, atol=1e-9, what="odds")

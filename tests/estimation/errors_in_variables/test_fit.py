@@ -60,7 +60,7 @@ def test_a_linear_model_gives_weighted_least_squares(seed: int) -> None:
 
 
 @given(seeds)
-def test_the_surprise_of_a_pose_is_what_the_cost_falls_without_it(seed: int) -> None:
+def test_the_misfit_of_a_pose_is_the_decrease_of_the_cost_without_it(seed: int) -> None:
     problem = linear(np.random.default_rng(seed))
     whole = fit_errors_in_variables(problem.constrain, problem.covariance, np.zeros(4), problem.prior, robust=False)
     part = problem.only(np.arange(9) != 4)
@@ -71,7 +71,7 @@ def test_the_surprise_of_a_pose_is_what_the_cost_falls_without_it(seed: int) -> 
 
 
 @given(seeds)
-def test_neither_the_scale_of_equations_nor_of_values_matters(seed: int) -> None:
+def test_results_are_independent_of_the_scale_of_equations_and_values(seed: int) -> None:
     rng = np.random.default_rng(seed)
     angle = rng.uniform(0.0, 6.28, 12)
     circle = Circle(np.stack([np.cos(angle), np.sin(angle)], 1) + 0.01 * rng.normal(size=(12, 2)))
@@ -132,7 +132,7 @@ def test_covariance_and_noise_ratio_are_those_of_many_fits() -> None:
     assert_between(ratio.std() / stated, 1 - 4 / np.sqrt(800), 1 + 4 / np.sqrt(800))
 
 
-def test_what_neither_data_nor_prior_determine_is_told_and_has_no_covariance() -> None:
+def test_parameters_not_determined_by_data_or_prior_are_reported_without_covariance() -> None:
     rng = np.random.default_rng(7)
     problem = linear(rng)
     problem = replace(problem, design=problem.design[..., [0, 1, 2, 2]])
@@ -146,7 +146,7 @@ def test_what_neither_data_nor_prior_determine_is_told_and_has_no_covariance() -
     assert_close(fit.cost, enough.cost, atol=1e-5)
 
 
-def test_a_start_without_a_value_is_told() -> None:
+def test_a_start_without_a_value_is_reported() -> None:
     def root(values: NDArray, deviation: NDArray) -> Equations:
         value = np.sqrt(values[0]) * np.ones((3, 1)) - 1.0 - deviation
         return Equations(value, -np.ones((3, 1, 1)), np.full((3, 1, 1), 0.5 / np.sqrt(values[0])))

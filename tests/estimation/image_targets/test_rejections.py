@@ -77,7 +77,7 @@ def test_a_shape_other_than_a_circle_is_no_target(name, inside):
         assert measure_circles(polarity, CirclePlan()).count == 0, name
 
 
-def test_reasons_are_told():
+def test_reasons_are_reported():
     assert only(measure_circles(seen(dot(4.0)), CirclePlan()), "at border")
     assert only(measure_circles(seen(dot(axes=(2.0, 2.0))), CirclePlan()), "too small")
     assert only(measure_circles(seen(dot(axes=(30, 30))), CirclePlan(largest_px=20.0)), "too large")

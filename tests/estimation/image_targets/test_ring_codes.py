@@ -22,7 +22,7 @@ def ring(word, bits, turn=0, samples=ROUND):
 
 
 @pytest.mark.parametrize(("bits", "count"), [(8, 13), (12, 147), (14, 516)])
-def test_there_are_as_many_codes_as_in_industry(bits, count):
+def test_the_family_has_as_many_codes_as_industrial_ones(bits, count):
     code = ring_code(bits)
     assert len(code.words) == count
     assert code.numbers == tuple(range(1, count + 1))
@@ -41,7 +41,7 @@ def test_one_wrong_segment_never_makes_another_code():
         assert not words & changed
 
 
-def test_words_and_tables_that_cannot_be_are_refused():
+def test_invalid_words_and_tables_are_refused():
     with pytest.raises(ValueError, match="8, 12 or 14"):
         ring_code(10)
     with pytest.raises(ValueError, match="expected 0 to 255"):

@@ -90,7 +90,7 @@ def test_a_large_marker_is_fitted_at_its_ends():
     assert found.corner.tolist() == [0, 1, 2, 3]
 
 
-def test_a_code_that_stands_twice_in_an_image_names_nothing(sheet):
+def test_a_code_seen_twice_in_an_image_is_not_used(sheet):
     light, _ = sheet
     grey = exposed(np.concatenate([light, light[:CELL]]), np.random.default_rng(5))
     found = measure_markers(grey, FAMILY, NOISE)
@@ -124,7 +124,7 @@ def test_an_empty_image_has_no_markers(grey):
     assert not found.rejected
 
 
-def test_families_have_as_many_codes_as_they_say():
+def test_families_have_the_stated_number_of_codes():
     assert [codes_of(name) for name in ("aruco4x4_50", "aruco7x7_1000", "apriltag36h11", "apriltag16h5")] == [
         *(50, 1000, 587, 30)
     ]

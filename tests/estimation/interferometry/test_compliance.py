@@ -24,7 +24,7 @@ def fitted(log: Log, **options: object) -> Compliance:
     return fit_compliance(log.wrench, log.displacement, log.covariance, log.run, **options)  # type: ignore[arg-type]
 
 
-def test_all_entries_come_back_within_their_sigmas() -> None:
+def test_all_entries_are_recovered_within_their_sigmas() -> None:
     """Every z of 36 entries over the seeds, and the joint chi-square, at the declared noise."""
     z, p = [], []
     for seed in range(12):
@@ -59,7 +59,7 @@ def test_the_linear_model_holds_what_it_does_not_have_at_zero() -> None:
     assert np.isnan(compared.z[off]).all()
 
 
-def test_loads_that_always_come_together_are_not_told_apart() -> None:
+def test_loads_that_always_come_together_are_not_distinguished() -> None:
     """An eccentric load brings its moment along in proportion: their two columns are unknown, the others are not."""
     log = made_log(np.random.default_rng(3), [(2, c) for c in range(6)] + [(0, c) for c in range(6)])
     wrench = log.wrench.copy()

@@ -24,7 +24,7 @@ def test_branches_follow_the_load() -> None:
     assert list(branches(load)) == [0, 0, 1, 1, 1, -1, -1, 1, 1, -1, 1, -1]
 
 
-def test_terms_come_back_within_what_the_covariance_states() -> None:
+def test_terms_are_recovered_within_their_covariance() -> None:
     rng = np.random.default_rng(1)
     values = {"zero": 2e-6, "drift": 3e-9, "response": 2e-10, "asymmetry": 1e-11, "cubic": 5e-12, "hysteresis": 4e-6}
     columns = run_columns(LEVELS, TIME, ALL)
@@ -95,7 +95,7 @@ def test_the_gap_between_the_ways_is_the_hysteresis() -> None:
     assert_close(gaps[0].sigma, np.full(8, SIGMA * np.sqrt(2.0)), atol=1e-12)
 
 
-def test_gaps_are_told_of_runs_that_load_one_axis_alone() -> None:
+def test_gaps_are_reported_for_runs_that_load_one_axis_only() -> None:
     """Run 0 loads x and comes back 2 um off, run 1 loads x and y together: it tells of neither."""
     size, run = len(LEVELS), np.repeat([0, 1], len(LEVELS))
     load = np.zeros((2 * size, 6))

@@ -180,7 +180,9 @@ def within_a_turn(phase: np.ndarray) -> np.ndarray:
 
 
 @given(st.lists(st.floats(-2.5, 2.5), min_size=3, max_size=60), st.floats(-10.0, 10.0), st.booleans())
-def test_known_lengths_come_back_below_half_a_turn_a_step(steps: list[float], start: float, reverse: bool) -> None:
+def test_known_lengths_are_recovered_below_half_a_turn_per_step(
+    steps: list[float], start: float, reverse: bool
+) -> None:
     true = start + np.cumsum(steps) * (-1.0 if reverse else 1.0)
     count = count_fringes(within_a_turn(true), 1e-3)
     assert_close(np.diff(count.phase), np.diff(true), atol=1e-9)

@@ -21,7 +21,9 @@ finite = st.floats(-1e-2, 1e-2)
 
 
 @given(finite, st.floats(0.0, 2.0), st.floats(1.00025, 1.0003), st.floats(1.00025, 1.0003))
-def test_air_goes_out_of_what_it_put_in(displacement: float, dead: float, n0: float, n: float) -> None:
+def test_displacement_in_air_inverts_the_count_through_air(
+    displacement: float, dead: float, n0: float, n: float
+) -> None:
     counted = n * (dead + displacement) - n0 * dead
     assert_close(displacement_in_air(counted, n, n0, dead), displacement, atol=1e-14)
 

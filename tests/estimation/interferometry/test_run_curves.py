@@ -39,7 +39,7 @@ def test_a_jump_that_lasts_is_no_gross_error() -> None:
     assert not _curves(log, jumped).rejected.any()
 
 
-def test_what_a_sensor_does_is_no_gross_error() -> None:
+def test_nonlinearity_of_a_sensor_is_no_gross_error() -> None:
     """Asymmetry, a bend, a clearance and a loop, each of a hundred sigmas."""
     log = made_log(np.random.default_rng(3), ALL_PAIRS)
     share = log.wrench[np.arange(len(log.axis)), log.axis] / 9e3

@@ -38,7 +38,7 @@ def test_a_point_that_is_off_alone_is_a_gross_error(measured: np.ndarray) -> Non
     assert judged.exchanges == []
 
 
-def test_exchanged_labels_are_told_and_their_points_kept(measured: np.ndarray) -> None:
+def test_exchanged_labels_are_reported_and_their_points_kept(measured: np.ndarray) -> None:
     measured[5, [1, 4]] = measured[5, [4, 1]]
     judged = _selection(measured)
     assert judged.kept.all()
@@ -50,7 +50,7 @@ def test_a_target_that_was_moved_is_kept_where_it_went(measured: np.ndarray) -> 
     assert _selection(measured).kept.all()
 
 
-def test_what_a_person_excluded_is_not_kept(measured: np.ndarray) -> None:
+def test_points_excluded_by_a_person_stay_excluded(measured: np.ndarray) -> None:
     assert np.argwhere(~_selection(measured, (2, 1)).kept).tolist() == [[2, 1]]
 
 

@@ -34,7 +34,7 @@ def _allowed(problem: Problem) -> tuple[float, float]:
     return -np.log10(parameters), -np.log10(PRINTED + problem.rounding)
 
 
-def test_all_of_them_are_here(published: list[Problem]) -> None:
+def test_all_nist_problems_are_present(published: list[Problem]) -> None:
     assert [problem.name for problem in published] == sorted(MODELS)
     assert {problem.level for problem in published} == {"lower", "average", "higher"}
 
@@ -48,7 +48,7 @@ def test_the_trust_region_reaches_the_certified_digits_from_both_starts(publishe
 
 
 @pytest.mark.slow
-def test_damping_reaches_them_too_or_says_that_it_has_not(published: list[Problem]) -> None:
+def test_damping_reaches_the_certified_digits_or_reports_no_convergence(published: list[Problem]) -> None:
     ends = {}
     for problem in published:
         solution = solve(problem, "levenberg-marquardt")

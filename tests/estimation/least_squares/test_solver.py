@@ -79,7 +79,7 @@ def test_digits_survive_where_normal_equations_lose_them(method: Method) -> None
 @pytest.mark.parametrize("method", METHODS)
 @settings(max_examples=8)
 @given(seed=st.integers(0, 1000))
-def test_a_batch_is_its_problems_one_by_one(method: Method, seed: int) -> None:
+def test_a_batch_gives_the_results_of_single_problems(method: Method, seed: int) -> None:
     truth, t, y = decays(np.random.default_rng(seed), 6)
     start = np.full((6, 2), 1.0)
     together = least_squares(decay, start, t, y, method=method)
@@ -94,7 +94,7 @@ def test_a_batch_is_its_problems_one_by_one(method: Method, seed: int) -> None:
 
 @pytest.mark.parametrize("method", METHODS)
 @given(shift=st.floats(-6, 6), seed=st.integers(0, 100))
-def test_units_of_a_parameter_do_not_matter(method: Method, shift: float, seed: int) -> None:
+def test_results_are_independent_of_the_unit_of_a_parameter(method: Method, shift: float, seed: int) -> None:
     _, t, y = decays(np.random.default_rng(seed), 1)
     unit = np.array([10.0**shift, 10.0**-shift])
 
@@ -119,7 +119,7 @@ def test_a_curved_valley_is_followed_to_its_end(method: Method) -> None:
 
 
 @pytest.mark.parametrize("method", METHODS)
-def test_parameters_that_cannot_be_told_apart_are_named_and_the_others_have_numbers(method: Method) -> None:
+def test_parameters_that_cannot_be_distinguished_are_named_and_the_others_have_numbers(method: Method) -> None:
     A = np.random.default_rng(1).normal(size=(9, 2))[:, [0, 0, 1]]
     fit = least_squares(linear(A, A @ [1.0, 2.0, 3.0]), [0.5, 0.0, 0.0], method=method)
     assert fit.status[0] == SolverStatus.RANK_DEFICIENT
@@ -184,7 +184,7 @@ def test_small_differences_of_large_numbers_end_at_their_rounding(method: Method
 
 
 @pytest.mark.parametrize("method", METHODS)
-def test_an_iteration_limit_is_told(method: Method) -> None:
+def test_an_iteration_limit_is_reported(method: Method) -> None:
     fit = least_squares(rosenbrock, [[-1.2, 1.0], [1.0, 1.0]], method=method, max_iterations=2)
     assert list(fit.status) == [SolverStatus.ITERATION_LIMIT, SolverStatus.CONVERGED]
 
@@ -228,7 +228,7 @@ def _nearly_dependent() -> NDArray:
     return np.array([[1.0, 1.0, 0, 0], [0, 1e-3, 0, 0], [0, 0, 1.0, 1.0], [0, 0, 0, 1e-6]])
 
 
-def test_minima_of_many_starts_are_told_apart() -> None:
+def test_minima_of_many_starts_are_distinguished() -> None:
     def two_wells(x: NDArray) -> tuple[NDArray, NDArray]:
         return np.concatenate([x**2 - 1.0, 0.1 * (x - 1.0)], 1), np.stack([2.0 * x, np.full_like(x, 0.1)], 1)
 

@@ -150,7 +150,7 @@ def test_broken_input_is_refused_by_name(source, target, weight, message):
         batched_kernel.solve(source, target, weight)
 
 
-def test_large_batches_take_this_way_and_nobody_notices(monkeypatch):
+def test_large_batches_run_compiled_with_equal_results(monkeypatch):
     rng = np.random.default_rng(8)
     x, y = pairs(rng, poses=500)
     w = rng.uniform(0.5, 2.0, (500, 9))

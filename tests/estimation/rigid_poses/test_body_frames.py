@@ -45,7 +45,7 @@ def _same_covariance(draws, stated):
     assert (np.abs(found - stated) < 6.0 * deviation).all()
 
 
-def test_what_the_frame_swallows_is_gone_from_the_residuals_it_was_fitted_to(simulated):
+def test_residuals_of_fitted_frames_have_lost_the_rigid_part(simulated):
     points, noise, used, _, _ = simulated
     only = residual_covariance(points[:6], noise[:, :6], used[:, :6], used[:, :6])[0]
     assert np.linalg.matrix_rank(only, tol=1e-9 * np.abs(only).max()) == 3 * 6 - 6

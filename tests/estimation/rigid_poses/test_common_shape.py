@@ -26,13 +26,13 @@ def off_shape(shape, x, targets=slice(None)):
 
 
 @given(seeds, st.integers(3, 12))
-def test_is_as_sharp_as_many_poses_make_it(seed, points):
+def test_a_common_shape_is_accurate_to_three_standard_deviations(seed, points):
     x, y = measured(np.random.default_rng(seed), 30, points)
     shape = common_shape(y, np.ones((30, points), bool), SIGMA)
     assert off_shape(shape, x) < 3 * SIGMA
 
 
-def test_grows_over_poses_that_share_three_targets():
+def test_a_common_shape_grows_over_poses_that_share_three_targets():
     rng = np.random.default_rng(81)
     x, y = measured(rng, 9, 10)
     mask = np.ones((9, 10), bool)

@@ -84,7 +84,7 @@ def test_relative_poses_do_not_depend_on_the_datum_of_the_network() -> None:
     np.testing.assert_allclose(found[1][2], found[0][2], atol=1e-5 * sigma.max() ** 2)
 
 
-def test_a_body_that_is_the_datum_itself_has_no_variance_and_none_below_zero() -> None:
+def test_the_body_of_the_datum_has_zero_variance() -> None:
     """The only body of a network in inner constraints: what is left of its motion is rounding."""
     own = _BODY == 0
     x = _PLACE[own]

@@ -30,7 +30,7 @@ def compared(rng, count, moved=None, known=(), **how):
     return compare_surveys(*two_surveys(rng, count, moved, **how), np.isin(np.arange(count), known), FALSE_ALARM)
 
 
-def test_nobody_is_accused_beyond_the_stated_rate_and_tests_are_what_they_say():
+def test_targets_are_called_moved_no_more_often_than_the_stated_rate():
     rng, draws = np.random.default_rng(1), 180
     found = [compared(rng, count) for count in (4, 6, 12) for _ in range(draws // 3 + 1)]
     accused = sum(bool(one.moved.any()) for one in found)
@@ -42,7 +42,7 @@ def test_nobody_is_accused_beyond_the_stated_rate_and_tests_are_what_they_say():
 
 
 @pytest.mark.parametrize(("count", "movers"), [(5, 1), (7, 2), (12, 4)])
-def test_movers_are_named_and_their_shift_is_true_to_its_sigma(count, movers):
+def test_moved_targets_are_named_and_their_shift_agrees_with_its_sigma(count, movers):
     rng, pulls = np.random.default_rng(count), []
     for _ in range(20):
         moved = {target: 60.0 * NOISE * rng.choice([-1, 1], 3) for target in range(movers)}
@@ -54,7 +54,7 @@ def test_movers_are_named_and_their_shift_is_true_to_its_sigma(count, movers):
     assert kstest(pulls, "chi2", args=(3,)).pvalue > 1e-3
 
 
-def test_noise_above_the_declared_moves_nobody():
+def test_noise_above_the_declared_one_rarely_makes_a_target_moved():
     rng = np.random.default_rng(5)
     accused = sum(bool(compared(rng, 12, noise=2.0 * NOISE).moved.any()) for _ in range(40))
     assert accused <= binom.isf(1e-3, 40, 0.05)  # the search for the unmoved trims a little by the declared noise
@@ -72,7 +72,7 @@ def test_the_place_of_a_target_in_the_first_frame_is_true_to_its_sigma():
     assert NOISE**2 * 3 < np.mean(pulls) < NOISE**2 * 9
 
 
-def test_what_is_known_to_have_moved_counts_as_moved_however_little():
+def test_a_known_movement_counts_whatever_its_size():
     one = compared(np.random.default_rng(7), 6, known=(3,))
     assert list(np.flatnonzero(one.moved)) == [3]
 

@@ -112,7 +112,7 @@ def test_exchanging_the_clouds_inverts_the_motion(seed):
 
 
 @given(seeds)
-def test_order_of_points_and_unit_of_length_do_not_matter(seed):
+def test_results_are_independent_of_point_order_and_unit_of_length(seed):
     rng = np.random.default_rng(seed)
     x, y, C_x, C_y, _, _ = trials(rng, 3, 7)
     fit, order = maximum_likelihood(x, y, C_x, C_y), rng.permutation(7)

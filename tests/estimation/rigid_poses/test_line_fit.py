@@ -32,7 +32,7 @@ def test_passes_through_points_on_a_line(seed):
 
 
 @given(seeds)
-def test_moves_with_the_points(seed):
+def test_the_fitted_line_moves_with_its_points(seed):
     rng = np.random.default_rng(seed)
     y = rod(rng, 9)
     R, t = random_motions(rng, 1)

@@ -123,7 +123,7 @@ def test_moving_the_measurements_moves_the_poses_and_leaves_the_shape(seed):
 
 
 @given(seeds)
-def test_the_unit_of_length_does_not_matter(seed):
+def test_results_are_independent_of_the_unit_of_length(seed):
     _, survey, y, mask, _, _ = measured(np.random.default_rng(seed), 6, 7)
     fit = generalised_procrustes(y, isotropic(6, 7), mask, survey, isotropic(7))
     in_mm = generalised_procrustes(1e3 * y, 1e6 * isotropic(6, 7), mask, 1e3 * survey, 1e6 * isotropic(7))

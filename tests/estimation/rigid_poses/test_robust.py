@@ -48,7 +48,7 @@ def test_four_right_points_are_found_though_chance_joins_wrong_ones_to_some_of_t
 
 
 @pytest.mark.parametrize("size", [200e-6, 1e-3, 0.1, 10.0])
-def test_the_size_of_the_gross_errors_does_not_matter(size):
+def test_results_are_independent_of_the_size_of_gross_errors(size):
     x, y, true, *_ = spoiled(np.random.default_rng(1), 200, 20, 10, size)
     kept, _ = consensus(x, y, None, SIGMA)
     # an error that chance made as small as the noise cannot be told from it, and bends nothing
@@ -103,7 +103,7 @@ def test_the_fit_to_what_is_kept_is_as_good_as_the_fit_to_the_true_points():
 
 
 @given(seeds, st.integers(6, 25), st.floats(0.0, 0.7))
-def test_order_frames_and_unit_of_length_do_not_matter(seed, points, share):
+def test_results_are_independent_of_order_frames_and_unit_of_length(seed, points, share):
     rng = np.random.default_rng(seed)
     x, y, *_ = spoiled(rng, 4, points, int(share * points))
     kept, status = consensus(x, y, None, SIGMA)
@@ -213,7 +213,7 @@ def test_a_mirror_image_keeps_all_distances_and_is_no_motion():
     assert not kept.any()
 
 
-def test_too_few_that_agree_are_named_only_where_they_are_the_only_ones():
+def test_a_small_agreeing_group_is_named_only_if_it_is_the_only_one():
     rng = np.random.default_rng(8)
     x, y, true, *_ = spoiled(rng, 200, 3, 1)
     kept, status = consensus(x, y, None, SIGMA)

@@ -84,7 +84,7 @@ def test_the_95_percent_ellipsoid_covers_95_percent(outliers):
 
 
 @given(seeds, st.integers(0, 8))
-def test_frames_order_and_unit_do_not_matter(seed, outliers):
+def test_results_are_independent_of_frames_order_and_unit(seed, outliers):
     rng = np.random.default_rng(seed)
     x, y, _, _, _ = campaign(rng, 3, 12, outliers)
     fit, kept = estimate(x, y)
@@ -188,7 +188,7 @@ def test_distances_tell_noise_that_nobody_declared():
     assert sigma_from_distances(x, y, np.zeros((200, 10), bool)) == 0.0
 
 
-def test_a_target_of_its_own_will_is_known_by_its_scatter():
+def test_a_moving_target_is_identified_by_its_scatter():
     rng = np.random.default_rng(61)
     x, y, R, _, _ = campaign(rng, 200, 10)
     y[:, 3] += np.einsum("bij,bj->bi", R, 60e-6 * rng.normal(size=(200, 1)) * [0, 0, 1.0])

@@ -53,7 +53,7 @@ def test_a_motion_of_the_measured_cloud_moves_the_pose(seed):
 
 
 @given(seeds)
-def test_order_of_points_and_unit_of_length_do_not_matter(seed):
+def test_results_are_independent_of_point_order_and_unit_of_length(seed):
     rng = np.random.default_rng(seed)
     x, y, _, _ = noisy_pairs(rng)
     w = rng.uniform(0.5, 2.0, y.shape[:2])

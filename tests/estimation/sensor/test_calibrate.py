@@ -102,7 +102,7 @@ def test_with_errors_in_both_the_two_directions_are_one(seed):
 
 @given(seeds, st.floats(1e-3, 1e3), st.floats(1e-3, 1e3), st.sampled_from([CalibrationModel(), BOTH]))
 @settings(max_examples=10)
-def test_units_do_not_matter(seed, unit_of_signals, unit_of_loads, model):
+def test_results_are_independent_of_units(seed, unit_of_signals, unit_of_loads, model):
     rng, toy, applied, case = _made(seed)
     table = toy.table(rng, applied, case)
     other = load_table(
@@ -148,7 +148,7 @@ def test_weights_tell_sure_rows_from_unsure_ones():
     assert_between(np.exp(ratio), 1 / 40, 1 / 15, what="squared error, weighted over plain")
 
 
-def test_temperature_is_told_from_load_where_it_is_a_term():
+def test_temperature_is_distinguished_from_load_where_it_is_a_term():
     total = 0.0
     for seed in range(DRAWS):
         rng, toy, applied, case = _made(seed)
@@ -229,7 +229,7 @@ def _with_arm(loads):
         (_table().rows(np.arange(6)), "6 rows for 6 terms"),
     ],
 )
-def test_what_is_missing_is_named(table, words):
+def test_missing_inputs_are_named(table, words):
     with pytest.raises(UndeterminedCalibrationError, match=words):
         fit_calibration(table)
 

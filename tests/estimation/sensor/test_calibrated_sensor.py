@@ -65,7 +65,7 @@ def test_a_linear_calibration_is_a_matrix_with_an_offset(model: CalibrationModel
     np.testing.assert_allclose(by_matrix, calibrated.wrench(signals).value, rtol=1e-9, atol=1e-6)
 
 
-def test_what_is_no_matrix_has_no_offset():
+def test_models_without_a_matrix_have_no_offset():
     assert _calibrated(5, replace(FORWARD, powers="squares"))[1].offset is None
     assert _calibrated(5, FORWARD, is_tared=True)[1].offset is None
 

@@ -55,7 +55,7 @@ def test_a_bend_is_chosen_where_there_is_one_and_only_there():
     assert sum(chosen[0.1]) == 5
 
 
-def test_noise_that_nobody_declared_does_not_change_that():
+def test_the_choice_of_model_needs_no_declared_noise():
     for bend, expected in ((0.0, 0), (0.2, 1)):
         table = replace(_table(3, bend, cases=40, signal=1e-3), signal_cov=None, load_cov=None)
         models = [PLAIN, CalibrationModel(powers="squares")]

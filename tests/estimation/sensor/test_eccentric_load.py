@@ -28,7 +28,7 @@ def test_the_line_is_that_of_the_force_and_nothing_else_explains_the_rest():
     assert_close(line_of_action(twisted, np.broadcast_to(COV, (20, 6, 6))).along, np.full(20, 3.0), atol=1e-9)
 
 
-def test_arms_scatter_as_they_say():
+def test_fitted_arms_scatter_by_their_sigmas():
     rng = np.random.default_rng(1)
     wrench = np.repeat(_wrenches(rng, 1, np.array([0.02, -0.05, 0.01])), 4000, axis=0)
     noisy = wrench + rng.multivariate_normal(np.zeros(6), COV, 4000)

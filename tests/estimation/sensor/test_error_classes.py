@@ -65,7 +65,7 @@ def _left_of_bend() -> float:
     return float(np.abs(curve - share * (share @ curve) / (share @ share)).max())
 
 
-def test_crosstalk_is_told_of_the_component_that_shows_it():
+def test_crosstalk_is_reported_for_the_component_that_shows_it():
     found = _named(_series(np.random.default_rng(2), cross=0.01))
     assert abs(found["crosstalk", 0].value - 0.01) < 4 * found["crosstalk", 0].sigma
     assert found["crosstalk", 1].value < 2 * found["crosstalk", 1].limit
@@ -100,7 +100,7 @@ def test_shares_do_not_depend_on_units(seed, unit):
         assert_close([b.value, b.sigma, b.limit, b.load / unit], [a.value, a.sigma, a.limit, a.load], atol=1e-9 * FULL)
 
 
-def test_zeros_of_cycles_do_not_matter():
+def test_results_are_independent_of_the_zeros_of_cycles():
     one = _series(np.random.default_rng(5), more=BEND)
     other = AxisSeries(LOAD, one.reading + 1e3 * CYCLE[:, None], AXIS, CYCLE, one.sigma, one.full_scale)
     for a, b in zip(error_classes(one), error_classes(other), strict=True):

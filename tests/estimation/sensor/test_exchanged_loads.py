@@ -40,7 +40,7 @@ def test_several_exchanges_are_found_one_after_the_other():
     assert {(one.first, one.second) for one in exchanged_loads(table)} == {(3, 40), (11, 12)}
 
 
-def test_rows_exchanged_in_two_runs_with_the_same_loads_are_told_within_each():
+def test_rows_exchanged_in_two_runs_with_the_same_loads_are_reported_within_each():
     """Each of the four rows would be right with the load of either run: nobody writes from one day into another."""
     for seed in range(4):
         rng = np.random.default_rng(seed)

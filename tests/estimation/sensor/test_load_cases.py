@@ -57,7 +57,7 @@ def test_no_loads_within_the_limits_beat_the_bound_of_the_corners(seed):
 
 @given(seeds, st.floats(1e-3, 1e3))
 @settings(max_examples=10)
-def test_units_do_not_matter(seed, unit):
+def test_results_are_independent_of_units(seed, unit):
     rng = np.random.default_rng(seed)
     given_loads = rng.uniform(-1, 1, (20, 6)) * RANGE
     one = load_efficiency(given_loads, corner_loads(LIMITS), LIMITS)

@@ -27,7 +27,7 @@ def test_the_width_is_found_and_a_drift_is_not():
     assert_close(found.gap, np.tile(WIDTH, (10, 1)), atol=2e-4)  # of a chord between steps
 
 
-def test_the_mean_scatters_as_it_says():
+def test_the_mean_scatters_by_its_sigma():
     found = loops(DRIVE, _response(0.01), 0.0, least=0.2)
     assert_between(float(np.max(np.abs(found.mean - WIDTH / 2 / (found.amplitude.mean(0))) / found.sigma)), 0.0, 5.0)
     assert_between(float(found.sigma.mean() * 2 * found.amplitude.mean()), 0.002, 0.008)

@@ -33,6 +33,6 @@ def test_the_figure_has_effect_and_noise_of_every_parameter() -> None:
     assert words.startswith("1 of 3")
 
 
-def test_without_flexures_there_is_neither() -> None:
+def test_without_flexures_there_are_no_design_parameters_and_no_sensitivities() -> None:
     assert design_parameters({}) == ()
     assert sensitivities({}) == []

@@ -103,7 +103,7 @@ def test_all_twelve_calibrations_stand_side_by_side_in_both_ways(sections):
     assert theirs.folded
 
 
-def test_what_simpler_models_cost_is_said(sections):
+def test_the_loss_of_accuracy_by_simpler_models_is_reported(sections):
     caption = sections["calibration"].figures[0][1]
     assert "jacobian 12 µm" in caption
     assert "not equivalent" in caption
@@ -165,7 +165,7 @@ def test_the_picture_states_its_amplification_and_amplifies_by_it(tables, sectio
     assert drawn == ["circle-open", "x-thin", "triangle-up-open"] * 2  # in both panels
 
 
-def test_what_cannot_be_told_apart_is_said_in_words(sections):
+def test_indistinguishable_causes_are_reported_in_words(sections):
     lead = sections["knowledge"].lead
     assert_says(lead, "Poses and readings", "6 of the 11", "a leg")
     assert_says(lead, "a_x, a_y, b_x, b_y, u_x, l", "ρ0", "unidentifiable")
@@ -188,7 +188,7 @@ def test_each_leg_has_its_rank_and_its_identifiable_set(sections):
     assert rows[1][3] == "a_x2 a_y2 b_x2 b_y2 u_x2 l2"
 
 
-def test_what_moves_no_parameter_by_its_tolerance_is_not_called_absorption():
+def test_shifts_below_every_tolerance_are_not_called_absorption():
     tables = calibration_tables(**SMALL)
     tables["absorption"][["predicted", "observed"]] *= 1e-3
     assert_says(knowledge(tables).lead, "deformation", "bias", "no parameter")
@@ -355,7 +355,7 @@ def test_calibrations_that_did_not_converge_are_named():
     assert [row[:3] for row in rows if row[0] == "diverged"] == [("diverged", "beam", "linear")]
 
 
-def test_no_choice_is_no_claim():
+def test_without_a_choice_of_model_no_claim_is_made():
     tables = calibration_tables()
     choice = tables["model_choice"]
     choice.loc[choice["figure"] == "chosen", "value"] = 0.0

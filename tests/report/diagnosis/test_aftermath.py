@@ -88,7 +88,7 @@ def test_every_cause_has_its_smallest_detectable_size():
     assert_says(part.lead, "cannot show", "thermal expansion")
 
 
-def test_what_a_found_cause_includes_is_not_called_hidden():
+def test_a_parameter_of_an_accepted_cause_is_not_called_masked():
     part_of_it = row(
         "thermal-expansion",
         "rejected",
@@ -157,7 +157,7 @@ def test_without_configurations_the_words_of_the_findings_stand():
     assert ("next", "Optional: move one actuator at a time.") in build_head("c", tables).verdicts
 
 
-def test_what_has_changed_is_told_with_what_it_cannot_be_told_from():
+def test_a_change_is_reported_with_its_indistinguishable_alternatives():
     tables = diagnosis_tables() | {"changes": made.changes()}
     part = part_of("changes", tables)
     assert state_of("changes", tables) == "attention"
@@ -191,7 +191,7 @@ def test_another_machine_is_said_to_be_one():
     assert not part.figures
 
 
-def test_a_number_of_an_effect_that_changed_is_told_with_its_effect():
+def test_a_number_of_an_effect_that_changed_is_reported_with_its_effect():
     table = made.changes()
     table.loc[table["changed"], ["parameter", "effect_of", "leg", "instead"]] = [
         "alpha",

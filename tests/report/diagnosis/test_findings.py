@@ -37,13 +37,13 @@ FACTS = Facts(
 )
 
 
-def test_other_inputs_that_the_data_leave_open_are_told_with_their_odds():
+def test_other_inputs_that_the_data_leave_open_are_reported_with_their_odds():
     said = explanation(replace(FACTS, inputs=(("time", 3.14), ("the temperature", 0.9))))
     assert said.startswith(explanation(FACTS))
     assert "time (3.1 to 1), the temperature (1.0 to 1)" in said
 
 
-def test_other_subjects_that_the_data_leave_open_are_told_with_their_odds():
+def test_other_subjects_that_the_data_leave_open_are_reported_with_their_odds():
     said = explanation(replace(FACTS, subjects=(("", 1.24), ("leg2 leg5", 6.0), ("target P07", 0.9))))
     assert said.startswith(explanation(FACTS))
     assert_says(said, "odds", "all legs (1.2 to 1)", "legs 2 and 5 (6.0 to 1)", "target P07 (1.0 to 1)")
@@ -82,7 +82,7 @@ def test_a_name_doubted_by_another_course_says_which_and_where():
         ("legend", "legend"),
     ],
 )
-def test_subjects_are_told_in_words(subject, words):
+def test_subjects_are_reported_in_words(subject, words):
     assert subject_words(subject) == words
 
 
@@ -108,7 +108,7 @@ def test_a_rival_says_against_what_and_with_which_odds():
         ({"verdict": "not testable"}, "they would not show it at any plausible size."),
     ],
 )
-def test_what_is_rejected_says_why(given, words):
+def test_rejected_observations_have_a_reason(given, words):
     assert words in explanation(replace(FACTS, **{"verdict": "rejected", **given}))
 
 
@@ -119,7 +119,7 @@ def test_a_doubt_by_held_out_data_counts_all_of_them_whatever_their_unit():
     assert "factor" not in explanation(replace(doubtful, reason_code="weak"))
 
 
-def test_many_parameters_are_told_by_the_most_certain():
+def test_many_parameters_are_reported_by_the_most_certain():
     many = {f"K1{k}": {"value": 0.001 * k, "sigma": 0.0005, "unit": "1"} for k in range(1, 10)}
     said = explanation(replace(FACTS, parameters=many))
     assert "K19 = 9.00 ± 0.50 um/mm" in said
@@ -127,7 +127,7 @@ def test_many_parameters_are_told_by_the_most_certain():
     assert "K11 =" not in said
 
 
-def test_what_was_not_evaluated_is_left_out():
+def test_quantities_not_evaluated_are_left_out():
     bare = replace(FACTS, rms_before=None, rms_after=None, largest=None, held_out=(None, None), parameters={})
     assert_says(explanation(bare), "actuator moves further")
     assert_says(explanation(bare), "chance", "0.0005", "1377 tests")
@@ -172,7 +172,7 @@ def test_noise_says_where_it_is_larger_where_that_is_known():
         (("kappa_1", 0.0123, float("nan"), "1"), "12.3 um/mm"),
     ],
 )
-def test_sizes_are_told_in_units_of_a_laboratory(told, words):
+def test_sizes_are_reported_in_units_of_a_laboratory(told, words):
     assert size_text(*told) == words
 
 

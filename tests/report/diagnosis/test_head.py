@@ -149,7 +149,7 @@ def test_the_gain_of_all_findings_starts_without_any_of_them():
 @pytest.mark.parametrize(
     ("after", "words"), [(34.3, "leaves the rms error on held-out poses at 34 µm"), (41.0, "raises the rms error")]
 )
-def test_what_does_not_help_is_not_said_to_bring_errors_down(after, words):
+def test_a_cause_without_gain_is_not_reported_to_lower_errors(after, words):
     (incomplete, how), (mark, said), *_ = lines(rows(row("actuator-gain", parameters=GAIN_3, heldout_rms_after=after)))
     assert (incomplete, mark) == ("fail", "found")
     assert_says(how, "model", "incomplete")
@@ -198,7 +198,7 @@ def test_noise_alone_is_a_warning_and_no_effect():
     assert part_of("evidence", tables).title == "Evidence for each cause"
 
 
-def test_what_no_cause_explains_names_what_it_follows():
+def test_an_unexplained_effect_names_its_inputs():
     found = row("unexplained", follows="temperature_c", parameters=per_leg("leg1_degree", 2, "mm"))
     found["largest_motion"] = 12.3
     mark, said = first_line(rows(found, *rejected()))
@@ -213,7 +213,7 @@ def test_inputs_that_explain_nearly_as_well_are_named_in_the_first_line():
     assert_says(said, "depends on the temperature, or instead on time, or instead on actuator 2 and the temperature")
 
 
-def test_rivals_that_cannot_be_told_apart_are_named_at_the_head():
+def test_rivals_that_cannot_be_distinguished_are_named_at_the_head():
     gain = row("actuator-gain", subject="leg3", parameters=GAIN_3, log_evidence=45.0)
     rival = row("platform-deformation-linear", "indistinguishable", subject="leg3", parameters={"kappa_3": size(0.002)})
     assert_says(first_line(rows(gain, rival, *rejected()))[1], "cannot rule out", "platform deforms", "leg 3")

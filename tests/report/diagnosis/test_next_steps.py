@@ -138,7 +138,7 @@ def test_each_test_that_fails_asks_for_what_would_tell_why(test: tuple[str, str]
     assert TOLD[test] in told.words
 
 
-def test_a_bench_and_an_axis_are_asked_in_their_own_words() -> None:
+def test_questions_of_init_use_the_terms_of_the_instrument() -> None:
     fails = adequacy(("observation-noise", "", 3.0, 1e-9, "fails"))
     for relation, words in (("loads-readings", "Hold one load"), ("commands-encoders", "Read every encoder ten times")):
         steps = _steps(_tables(row("creep", relation=relation), tests=fails))
@@ -190,7 +190,7 @@ def test_one_measurement_for_several_findings_stands_once() -> None:
     assert [step.words for step in _steps(_tables(*same)) if step.need == Need.PRECISION] == ["Move a drive."]
 
 
-def test_what_has_no_name_is_an_open_explanation() -> None:
+def test_a_nonparametric_effect_needs_a_decision_between_explanations() -> None:
     unnamed = row("unexplained", follows="time_s", next_measurement="Repeat some poses in another order.")
     (told,) = [step for step in _steps(_tables(unnamed)) if step.need == Need.RIVAL]
     assert_says(told.words, "Repeat", "poses", "another order")

@@ -103,7 +103,7 @@ def test_runs_that_were_held_out_stand_by_themselves():
     assert "0.22 arcsec with them" in part.lead
 
 
-def test_several_findings_are_told_over_all_channels_of_a_unit_beside_what_noise_leaves():
+def test_several_findings_report_their_gain_over_all_channels_of_a_unit():
     tilt = row("cosine-error", subject="channel rx", parameters={"angle": size(0.008, 0.001, "rad")}, unit="arcsec")
     off = row("load-eccentricity", subject="load fz", parameters={"offset_x": size(5.0, 0.1, "mm")}, unit="arcsec")
     tables = bench_tables(rows(off, tilt), signals=0)
@@ -128,7 +128,7 @@ def test_readings_missed_by_less_than_noise_leaves_are_no_success():
     assert_says(part.lead, "significantly below", "noise floor")
 
 
-def test_the_noise_of_channels_and_signals_is_told_with_what_is_not_declared():
+def test_the_noise_of_channels_and_signals_is_reported_with_what_is_not_declared():
     tables = bench_tables()
     readings = tables["readings"].copy()
     first = readings.index[readings["channel"] == "dx"][:3]
@@ -148,7 +148,7 @@ def test_the_noise_of_channels_and_signals_is_told_with_what_is_not_declared():
     assert measured(unknown).listings[1].rows[-1][-1] == "not declared"
 
 
-def test_nothing_found_is_told_unit_by_unit():
+def test_nothing_found_is_reported_unit_by_unit():
     tables = bench_tables(rows(*rejected()), signals=0)
     mark, said = build_head("c", tables).verdicts[0]
     assert mark == "pass"
@@ -198,7 +198,7 @@ def test_measured_tells_loads_channels_and_surroundings(tables):
     assert facts["data"].startswith("12 runs, 156 load steps")
 
 
-def test_what_was_never_read_is_an_empty_cell():
+def test_unread_values_are_empty_cells():
     tables = bench_tables()
     unread = (tables["readings"]["channel"] == "dz") & (tables["readings"]["run"] == 6)
     tables["readings"] = tables["readings"][~unread]
@@ -207,7 +207,7 @@ def test_what_was_never_read_is_an_empty_cell():
     assert counts.text[0][1] == "10"
 
 
-def test_what_acts_beside_a_load_is_told_where_a_calibration_takes_it_for_the_load(tables):
+def test_parasitic_loads_are_reported_where_a_calibration_ignores_them(tables):
     assert unwritten_loads(assessed_causes(tables), tables) is None
     calibrated = {**tables, "sensor_matrix": pd.DataFrame({"matrix": ["G_B"]})}
     warned = [said for mark, said in build_head("c", calibrated).verdicts if mark == "warn"]

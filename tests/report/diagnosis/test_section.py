@@ -42,7 +42,7 @@ def test_the_ranking_that_depends_on_plausible_scales_is_hatched_and_said():
     assert list(part.figures[0][0].data[0].marker.pattern.shape) == ["/"]
 
 
-def test_the_figure_of_evidence_orders_the_candidates_and_the_next_best_is_told():
+def test_the_figure_of_evidence_orders_candidates_and_names_the_next_best():
     part = part_of("evidence", diagnosis_tables())
     figure = part.figures[0][0]
     order = list(figure.layout.yaxis.categoryarray)
@@ -81,7 +81,7 @@ def test_the_share_that_was_removed_follows_from_before_after_and_floor():
 
 
 @pytest.mark.parametrize(("after", "state"), [(7.2, "ok"), (7.9, "ok"), (13.0, "ok"), (20.0, "fails"), (6.0, "ok")])
-def test_what_is_left_beyond_the_noise_fails(after, state):
+def test_residuals_beyond_the_noise_fail_the_check(after, state):
     found = row("actuator-gain", parameters=GAIN_3, heldout_rms_after=after)
     tables = diagnosis_tables(rows(found))
     part = part_of("gain", tables)
@@ -137,7 +137,7 @@ def test_only_a_run_that_left_a_model_is_said_to_have_one():
     assert "without a mechanism" in part_of("next", tables).lead
 
 
-def test_what_was_found_is_not_called_impossible_to_show():
+def test_a_found_cause_is_not_called_untestable():
     found = row("thermal-expansion", parameters={"alpha": size(1e-5, 1e-6, "1/K")})
     part = part_of("hidden", diagnosis_tables(rows(found, *rejected())))
     assert "cannot show" not in part.lead
@@ -145,7 +145,7 @@ def test_what_was_found_is_not_called_impossible_to_show():
     assert_says(part_of("hidden", diagnosis_tables()).lead, "cannot show", "thermal expansion")
 
 
-def test_of_a_coordinate_per_target_the_first_are_named():
+def test_only_the_first_targets_of_many_columns_are_named():
     table = made.detectable()
     table.loc[table["cause"] == "thermal-expansion", "parameter"] = " ".join(f"CODE{k}_x" for k in range(300))
     part = part_of("hidden", diagnosis_tables() | {"detectable": table})
@@ -225,7 +225,7 @@ def test_parameters_of_legs_are_bars_in_the_units_of_a_laboratory():
     assert part.listings[0].rows[0][:2] == ("gain_1", "0.200 ± 0.020 %")
 
 
-def test_text_counts_and_unknown_sigmas_are_told_as_they_are():
+def test_text_counts_and_unknown_sigmas_are_reported_as_they_are():
     parameters = {"driver": size("temperature_c"), "bowl": size(1e-3, float("nan"), "mm/K"), "from_pose": size(23)}
     part = part_of("sizes", diagnosis_tables(rows(row("base-deformation", parameters=parameters))))
     told = {cells[0]: cells[1] for cells in part.listings[0].rows}

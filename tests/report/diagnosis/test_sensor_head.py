@@ -272,7 +272,7 @@ def test_components_that_are_not_sure_are_not_told():
     assert_says(said, "z load", "0.20 ± 0.15 mm", "towards −y")
 
 
-def test_rows_that_were_exchanged_are_told_in_their_own_words():
+def test_exchanged_rows_have_their_own_sentence():
     said = first_line(row("rows-exchanged", subject="run 2", parameters={"rows": size("2/12 2/17")}))[1]
     assert_says(said, "steps 12 and 17", "run 2", "exchanged")
 

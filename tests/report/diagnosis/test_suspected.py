@@ -69,7 +69,7 @@ def reason(diagnosis_rows: pd.DataFrame, tests: pd.DataFrame) -> ReasonCode:
         ("most-causes", None, ("accepted 9 causes", "piece by piece")),
     ],
 )
-def test_why_a_search_ended_is_said(end: str, left: str | None, words: tuple[str, ...]) -> None:
+def test_the_reason_for_the_end_of_a_search_is_reported(end: str, left: str | None, words: tuple[str, ...]) -> None:
     subject = "leg3" if left else None
     ended = ENDED.assign(value=9.0, search_end=end, left_cause=left, left_subject=subject)
     said = shortcoming({"adequacy": ended})
@@ -91,7 +91,7 @@ def test_a_suspected_cause_leads_as_suspected() -> None:
     assert_says(said, "Suspected, not confirmed", "actuator 3", "farther")
 
 
-def test_what_was_found_stands_before_what_is_suspected() -> None:
+def test_found_causes_come_before_suspected_ones() -> None:
     mark, said = head(rows(DRIFT, DOUBTED, *rejected()), HOLDS)
     assert mark == "warn"
     assert said.index("Leg 4") < said.index("Suspected") < said.index("actuator 3")
@@ -126,7 +126,7 @@ def test_the_section_is_no_pass_and_gives_the_reason() -> None:
     assert ": 1 suspected and added" in section.lead
 
 
-def test_every_test_of_the_model_is_listed_and_what_was_not_tested_is_said() -> None:
+def test_every_test_of_the_model_is_listed_also_untested_ones() -> None:
     held = part_of("adequacy", diagnosis_tables() | {"adequacy": HOLDS})
     assert state_of("adequacy", diagnosis_tables() | {"adequacy": HOLDS}) == "ok"
     assert held.listings[0].marks == ("pass", "none")
@@ -147,7 +147,7 @@ def test_a_ratio_of_noise_names_the_noise_that_it_was_compared_with(relation: Re
     assert section.listings[0].rows[0][2] == f"1.0 times {noise}"
 
 
-def test_what_nobody_repeated_is_said_to_be_that() -> None:
+def test_quantities_without_repeats_are_reported_as_not_repeated() -> None:
     tests = adequacy(
         ("like-neighbours", "time_s", 0.01, 0.6, "ok"),
         ("pure-error", "", None, None, "not tested"),
@@ -173,7 +173,7 @@ def test_a_lack_of_fit_against_pure_error_makes_the_picture_incomplete(test: str
     assert said in first
 
 
-def test_a_search_that_was_ended_is_said_first_with_what_is_left() -> None:
+def test_a_search_that_was_ended_is_reported_first_with_what_is_left() -> None:
     inadequate = rows(DOUBTED | {"reason_code": "inadequate"}, *rejected())
     assert reason(inadequate, ENDED) == ReasonCode.LACK_OF_FIT
     mark, said = head(inadequate, ENDED)
@@ -187,7 +187,7 @@ def test_a_search_that_was_ended_is_said_first_with_what_is_left() -> None:
 
 
 @pytest.mark.parametrize("doubt", ["inadequate", "unnamed", "not-random"])
-def test_a_scatter_that_is_suspected_is_told_with_its_reason(doubt: str) -> None:
+def test_a_scatter_that_is_suspected_is_reported_with_its_reason(doubt: str) -> None:
     size = {"scatter": {"value": 0.02, "sigma": 0.002, "unit": "mm"}}
     doubted = row("approach-scatter", "suspected", subject="leg3", parameters=size, reason_code=doubt)
     section = diagnosis({**diagnosis_tables(rows(doubted, *rejected())), "adequacy": HOLDS})
@@ -205,7 +205,7 @@ REMAINDER = row("unexplained", subject="", parameters={}) | {
 }
 
 
-def test_columns_that_predict_the_misfit_are_told_with_their_share() -> None:
+def test_columns_that_predict_the_misfit_are_reported_with_their_share() -> None:
     one, *_ = assessed_causes({"diagnosis": rows(REMAINDER, *rejected())})
     assert one.is_remainder
     assert one.is_noise  # no effect in the model
@@ -217,7 +217,7 @@ def test_columns_that_predict_the_misfit_are_told_with_their_share() -> None:
 @pytest.mark.parametrize(
     ("subject", "place"), [("joint axis_2", "direction of joint axis_2"), ("leg4", "direction of leg 4")]
 )
-def test_columns_that_the_error_of_a_part_depends_on_are_told_with_the_part(subject: str, place: str) -> None:
+def test_columns_that_the_error_of_a_part_depends_on_are_reported_with_the_part(subject: str, place: str) -> None:
     one, *_ = assessed_causes({"diagnosis": rows(REMAINDER | {"subject": subject}, *rejected())})
     assert_says(clause(one, {}), place, "actuator 3", "the temperature", "41 %")
     assert "up to" not in clause(one, {})
@@ -234,7 +234,7 @@ def test_columns_that_predict_the_misfit_never_read_as_agreement() -> None:
     assert not says(section.lead, "exceed", "declared noise")
 
 
-def test_what_suspected_causes_explain_as_well_is_told_as_what_they_leave_out() -> None:
+def test_suspected_causes_report_the_effects_that_explain_as_much() -> None:
     conditional = REMAINDER | {"settings": json.dumps({WITHOUT_FINDINGS: True})}
     both = rows(DOUBTED, conditional, *rejected())
     _, one, *_ = assessed_causes({"diagnosis": both})

@@ -29,7 +29,7 @@ def said(of: PartNames = POINTS, **left_out: object) -> list[str]:
         ("direction", POINTS, ": 4 directions of approach"),
     ],
 )
-def test_what_was_left_out_is_said_with_its_number(kind: str, of: PartNames, words: str) -> None:
+def test_excluded_observations_are_reported_with_their_number(kind: str, of: PartNames, words: str) -> None:
     (one,) = said(of, left_out_by=kind, left_out_blocks=4, left_out_gain=7.0)
     assert words in one
     assert_says(one, "supports", "actuator gain, leg 3", "1097 to 1")
@@ -44,7 +44,7 @@ def test_what_was_left_out_is_said_with_its_number(kind: str, of: PartNames, wor
         (-7.0, "contradicts actuator gain, leg 3, with odds of 1097 to 1 against it"),
     ],
 )
-def test_odds_are_said_and_those_near_one_tell_nothing(gain: float, words: str) -> None:
+def test_odds_are_reported_except_those_near_one(gain: float, words: str) -> None:
     (one,) = said(left_out_by="day", left_out_blocks=3, left_out_gain=gain)
     assert words in one
 
@@ -63,7 +63,7 @@ def test_an_effect_of_one_block_is_said_to_be_that() -> None:
     assert_says(one, "only one")
 
 
-def test_it_stands_beside_the_held_out_errors_and_runs_of_before_say_nothing() -> None:
+def test_the_gain_on_left_out_blocks_is_shown_only_where_a_run_has_it() -> None:
     told = row("actuator-gain", left_out_by="region", left_out_blocks=4, left_out_gain=30.0)
     assert_says(part_of("gain", diagnosis_tables(rows(told))).lead, "regions", "sensitive", "left out", "in turn")
     assert not says(part_of("gain", diagnosis_tables(rows(row("actuator-gain")))).lead, "left out", "in turn")

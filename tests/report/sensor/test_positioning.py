@@ -80,7 +80,7 @@ def test_approaches_of_an_axis_are_something_measured():
     assert_says(section.lead, "4 approaches", "2 targets", "1 run")
 
 
-def test_a_run_that_failed_a_check_is_told_with_the_reason_and_without_a_figure():
+def test_a_run_that_failed_a_check_is_reported_with_the_reason_and_without_a_figure():
     measured = pd.DataFrame({"run": ["X"] * 4 + ["Y"] * 4, "target_mm": [15.0, 25.0] * 4})
     qa = pd.DataFrame(
         [("encoder-overflow", "run Y", "fail", "Run Y: positions jump by 65.5 mm.")],

@@ -124,7 +124,7 @@ def test_theory_alone_says_why_there_is_no_matrix(tables):
     ("section", "name"),
     [(displacement, "displacement"), (deformation, "compliance"), (calibration, "sensor_matrix")],
 )
-def test_what_was_not_evaluated_says_so(tables, section, name):
+def test_checks_not_evaluated_are_reported_as_such(tables, section, name):
     nothing = tables[name].iloc[:0].copy()
     nothing.attrs[WHY_NOT] = "the instrument was away"
     found = section({**tables, name: nothing})

@@ -271,7 +271,7 @@ def test_no_block_takes_all_readings_of_a_channel_or_of_an_axis() -> None:
     assert all(len(np.unique(blocks[own.conditions.run == run])) == 1 for run in (1, 18, 36))
 
 
-def test_an_angle_is_told_by_what_is_lost_where_nothing_else_tells_it() -> None:
+def test_an_angle_is_reported_by_its_cosine_loss_where_nothing_else_determines_it() -> None:
     own = bench(lone=True)
     scene = own.model().scene
     fz, dz = LOADS.index("fz_n"), CHANNELS.index("dz")

@@ -105,7 +105,7 @@ def test_a_clean_bench_is_silent(seed: int) -> None:
 
 
 @pytest.mark.parametrize("channel", ["displacements", "v4"])
-def test_a_noisy_run_is_told_by_its_noise_and_not_as_a_shift(channel: str) -> None:
+def test_a_noisy_run_is_reported_as_noise_and_not_as_a_shift(channel: str) -> None:
     """Weights that are hung elsewhere each time, a loose plug: nothing moves on average."""
     own = bench()
     code, names = own.model().steps.code, own.model().channel_names

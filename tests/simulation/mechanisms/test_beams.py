@@ -109,7 +109,7 @@ def test_derivatives_of_an_element_agree_with_a_complex_step(length: float, beam
         assert_close(found[j], expected, atol=1e-14 * np.abs(expected).max(), what=f"by input {j}")
 
 
-def test_batches_of_beams_are_beams_one_by_one() -> None:
+def test_a_batch_of_beams_gives_the_results_of_single_beams() -> None:
     lengths = np.array([[0.01, 0.02, 0.4], [0.1, 0.2, 0.3]])
     stiffness, change = element_stiffness(lengths, FLEXURE), element_change(lengths, FLEXURE)
     for place in np.ndindex(2, 3):
@@ -240,7 +240,7 @@ def test_derivatives_agree_with_a_complex_step(entry: int) -> None:
     assert_close(found, expected, atol=1e-11 * np.abs(expected).max(), what=f"by input {entry}")
 
 
-def test_batches_of_legs_are_legs_one_by_one() -> None:
+def test_a_batch_of_legs_gives_the_results_of_single_legs() -> None:
     lengths = np.array([[0.008, 0.01, 0.012]]), np.array([[0.48], [0.5]])
     flexures, tubes = np.broadcast_arrays(*lengths)
     axes = beam_axes(exp_so3(np.random.default_rng(0).normal(size=(2, 3, 3)))[..., 0])

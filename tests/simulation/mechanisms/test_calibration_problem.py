@@ -70,7 +70,7 @@ def test_a_deviation_is_a_place_off_the_measured_one(name: str) -> None:
 
 
 @pytest.mark.parametrize("name", STRUCTURES)
-def test_many_values_are_solved_as_each_of_them(name: str) -> None:
+def test_a_batch_of_values_is_solved_as_single_values(name: str) -> None:
     problem, rng = _problem(name), np.random.default_rng(8)
     values = problem.start + rng.normal(0.0, 1e-4, (4, len(problem.start)))
     deviation = rng.normal(0.0, 1e-5, (4, 3, problem.deviations))

@@ -104,7 +104,7 @@ def test_derivatives_hold_with_labels_exchanged_and_all_effects_at_once() -> Non
     _assert_exact(model, range(0, model.shared_size, 5))
 
 
-def test_amplitude_pitch_and_phase_are_told_as_the_sine_that_they_stand_for() -> None:
+def test_amplitude_pitch_and_phase_are_reported_as_the_sine_that_they_stand_for() -> None:
     cause = PeriodicError((2, 5), 0.8, 300.0, free=True)
     size, phase = np.array([3e-6, 5e-6]), np.array([0.4, -2.0])
     waves = np.stack([size * np.cos(phase), size * np.sin(phase)], -1).ravel()
@@ -184,7 +184,7 @@ def test_targets_are_tried_from_every_pose_that_has_three_on_either_side() -> No
     assert [t.name for t in member.reported(np.ones(3), np.eye(3), 6)] == ["dx", "dy", "dz", "from_pose"]
 
 
-def test_swapped_targets_are_told_by_their_poses() -> None:
+def test_swapped_targets_are_reported_by_their_poses() -> None:
     (told,) = TargetsSwapped("base", ("B1", "B2"), (4, "7b"), (3.0, 9.0)).reported(np.zeros(0), np.zeros((0, 0)), 6)
     assert (told.name, told.value, told.sigma) == ("poses", "4 7b", None)
 

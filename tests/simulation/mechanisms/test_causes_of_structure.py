@@ -132,7 +132,7 @@ def test_derivatives_by_shapes_hold_where_bodies_grow() -> None:
         assert_close(found[..., j], expected, atol=1e-12 * np.abs(expected).max(), what="derivative by a shape, m")
 
 
-def test_a_cause_that_tells_nothing_of_what_it_reads_is_exact_too() -> None:
+def test_a_cause_that_declares_no_inputs_has_exact_derivatives() -> None:
     model = _model([MATRIX, LowerJointsFollowHeight(), LegThermal()])
     assert _worst(model, ["a", "b", "u", "l", *(cause.key for cause in model.causes)]) < ROUNDING
 
@@ -170,7 +170,7 @@ def test_a_drift_is_nothing_at_first_and_whole_at_last() -> None:
     assert_between(float(longer[1, 1] / 7e-6), 0.87, 0.89, what="share at half time, time constant a quarter")
 
 
-def test_a_time_constant_is_told_in_seconds() -> None:
+def test_a_time_constant_is_reported_in_seconds() -> None:
     cause = SETTLING.refined()
     told = cause.reported(np.array([1e-6, 2e-6, np.log(2.0)]), np.diag([1e-14, 1e-14, 0.01]), 6)
     assert [t.name for t in told] == ["drift_2", "drift_5", "tau"]

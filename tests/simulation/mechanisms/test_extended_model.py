@@ -133,7 +133,7 @@ def test_predicted_covariance_is_that_of_drawn_models() -> None:
     assert_between(float(np.mean(squares)), 1 - 4 * 0.026, 1 + 4 * 0.026, what="normalised squared error")
 
 
-def test_many_poses_are_predicted_as_few_are() -> None:
+def test_predictions_are_independent_of_the_number_of_poses() -> None:
     rng = np.random.default_rng(11)
     made = made_model(rng, (MATRIX,))
     conditions = some_conditions(rng, poses=150)

@@ -79,7 +79,7 @@ def test_the_reference_pose_follows_as_a_complex_step_says(kind: str) -> None:
 
 @pytest.mark.parametrize("kind", KINDS)
 @pytest.mark.parametrize("model", MODELS, ids=lambda model: model.name)
-def test_readings_and_poses_undo_each_other(model: Structure, kind: str) -> None:
+def test_readings_from_poses_give_the_poses_back(model: Structure, kind: str) -> None:
     machine = replace(crooked(np.random.default_rng(7), kind), deformation=K)
     rho = machine.legs.rho0 + (readings(np.random.default_rng(8), 5) - flexure_telescope().legs.rho0)
     reached = poses_at(model, machine, rho)
@@ -91,7 +91,7 @@ def test_readings_and_poses_undo_each_other(model: Structure, kind: str) -> None
 
 @pytest.mark.parametrize("kind", KINDS)
 @pytest.mark.parametrize("model", MODELS, ids=lambda model: model.name)
-def test_at_home_everything_is_straight(model: Structure, kind: str) -> None:
+def test_all_flexures_are_straight_at_the_reference_pose(model: Structure, kind: str) -> None:
     machine = replace(crooked(np.random.default_rng(9), kind), load=np.zeros(6))
     reference = reference_pose(machine.legs)
     found = model.close(machine, reference.p, reference.R, machine.legs.rho0[None], NO_CHANGE)
@@ -100,7 +100,7 @@ def test_at_home_everything_is_straight(model: Structure, kind: str) -> None:
 
 @pytest.mark.parametrize("kind", KINDS)
 @pytest.mark.parametrize("model", MODELS, ids=lambda model: model.name)
-def test_frames_and_the_order_of_legs_do_not_matter(model: Structure, kind: str) -> None:
+def test_results_are_independent_of_frames_and_leg_order(model: Structure, kind: str) -> None:
     rng = np.random.default_rng(10)
     machine = crooked(rng, kind)
     p, R, rho = _poses(machine, rng)
@@ -121,7 +121,7 @@ def test_frames_and_the_order_of_legs_do_not_matter(model: Structure, kind: str)
 
 
 @pytest.mark.parametrize("model", MODELS, ids=lambda model: model.name)
-def test_a_batch_of_machines_is_one_machine_after_the_other(model: Structure) -> None:
+def test_a_batch_of_machines_gives_the_results_of_single_machines(model: Structure) -> None:
     rng = np.random.default_rng(11)
     plain = crooked(rng, "6-pus")
     parameters = full_set(plain, "matrix", rho0=True, flexure_length=True, sections=model is STIFFNESS)
@@ -138,7 +138,7 @@ def test_a_batch_of_machines_is_one_machine_after_the_other(model: Structure) ->
 
 
 @pytest.mark.parametrize("model", MODELS, ids=lambda model: model.name)
-def test_a_machine_without_flexures_is_not_for_them(model: Structure) -> None:
+def test_compiled_closing_refuses_a_machine_without_flexures(model: Structure) -> None:
     machine = replace(flexure_telescope(), flexure_length=None)
     assert model.fits(flexure_telescope())
     assert not model.fits(machine)
@@ -155,7 +155,7 @@ def _with_legs(count: int) -> Machine:
 
 
 @pytest.mark.parametrize(("model", "fitting"), [(BEAM, (6, 7)), (STIFFNESS, (6,))])
-def test_legs_that_leave_the_reference_pose_or_the_readings_open_are_not_for_them(
+def test_compiled_closing_refuses_legs_that_leave_reference_pose_or_readings_open(
     model: Structure, fitting: tuple[int, ...]
 ) -> None:
     assert tuple(count for count in (3, 5, 6, 7) if model.fits(_with_legs(count))) == fitting

@@ -208,7 +208,7 @@ def test_a_place_out_of_reach_has_no_reading() -> None:
 
 
 @given(seed=st.integers(0, 2**32 - 1), kind=st.sampled_from(["6-pus", "ups"]), reach=st.floats(0.0, 0.5))
-def test_whatever_is_asked_for_the_status_is_true(seed: int, kind: str, reach: float) -> None:
+def test_forward_kinematics_reports_convergence_only_of_closed_legs(seed: int, kind: str, reach: float) -> None:
     """Converged means that all legs meet the platform; nothing raises or warns, and no pose is other than a number."""
     legs = telescope(kind)
     rho = legs.rho0 + np.random.default_rng(seed).uniform(-reach, reach, (8, 6))

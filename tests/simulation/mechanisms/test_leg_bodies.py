@@ -65,7 +65,7 @@ def test_derivatives_at_finite_deviations_agree_with_a_complex_step() -> None:
     assert_derivatives_exact(problem, values, deviation, atol=(1e-12, 1e-11))
 
 
-def test_many_values_are_solved_as_each_of_them() -> None:
+def test_a_batch_of_values_is_solved_as_single_values() -> None:
     problem, values = _exact()
     rng = np.random.default_rng(33)
     many = values + rng.normal(0.0, 1e-4, (3, len(values)))
@@ -95,14 +95,14 @@ def _informed(leg_sigma: float) -> tuple[NDArray, NDArray]:
     return _information(found, np.diag(sigma**2), size), _information(plain, np.diag(sigma[:12] ** 2), size)
 
 
-def test_legs_seen_badly_tell_as_much_as_their_closing() -> None:
+def test_poorly_measured_legs_determine_as_much_as_their_closing() -> None:
     carried, plain = _informed(3e-3)
     scale = 1.0 / np.sqrt(np.diag(plain))
     excess = scale[:, None] * (carried - plain) * scale
     assert_close(excess, np.zeros_like(excess), atol=1e-4, what="information, relative")
 
 
-def test_legs_seen_well_tell_more() -> None:
+def test_well_measured_legs_determine_more() -> None:
     carried, plain = _informed(3e-6)
     scale = 1.0 / np.sqrt(np.diag(plain))
     gain = np.linalg.eigvalsh(scale[:, None] * (carried - plain) * scale)
@@ -137,7 +137,7 @@ def test_a_pose_without_a_leg_is_filled_with_one_that_fits() -> None:
     assert_close(value, np.zeros_like(value), atol=2e-4, what="equations, m, at the scale of the deformation")
 
 
-def test_numbers_of_a_leg_are_told_by_name() -> None:
+def test_numbers_of_a_leg_are_reported_by_name() -> None:
     problem, _ = _exact()
     own = [entry for entry in problem.entries if entry.name[0] in "cw"]
     assert len(own) == 15

@@ -53,7 +53,7 @@ def test_markers_are_tried_in_place_of_their_corners_where_photographs_name_them
     assert TargetMoved().with_settings(**found.settings()) == found
 
 
-def test_its_pattern_is_how_it_moves_at_first_and_it_turns_by_any_angle(model: BodyModel) -> None:
+def test_the_pattern_of_a_moved_marker_is_its_derivative_and_turns_are_exact(model: BodyModel) -> None:
     _, markers = TargetMoved().channel_candidates(replace(model.scene, photographed=Photographed()))
     found, shape = markers.member(0, 2), model.scene.shape
     state = model._recording(np.zeros(model.shared_size), np.zeros((9, model.local_size))).forward_pass.state

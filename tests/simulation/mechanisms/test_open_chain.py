@@ -280,7 +280,7 @@ def test_the_numbers_of_an_accepted_cause_are_those_of_the_round_that_accepted_i
         assert verdict.candidates == own.tried
 
 
-def test_what_was_freed_is_computed_anew_alike() -> None:
+def test_released_intermediate_results_are_recomputed_identically() -> None:
     final = of_two_gains().final
     errors = final.held_out, final.error
     before = final.fit.whitened.rest, final.pathways.gram, *(own.linearised.by_shared for own in errors)

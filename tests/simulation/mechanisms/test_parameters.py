@@ -95,7 +95,7 @@ def test_parameters_are_called_as_in_the_tables() -> None:
     assert sections == tuple(f"{body}_{k}" for body in ("flexure", "tube") for k in ("bending", "axial", "torsion"))
 
 
-def test_a_matrix_of_many_legs_is_told_apart_by_its_names() -> None:
+def test_entries_of_a_matrix_of_many_legs_have_distinct_names() -> None:
     legs = telescope("ups")
     twelve = legs.replace(**{name: np.concatenate([getattr(legs, name)] * 2) for name in ("a", "b", "u", "l", "rho0")})
     rng = np.random.default_rng(2)

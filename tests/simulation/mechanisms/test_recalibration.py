@@ -79,7 +79,7 @@ def test_derivatives_are_exact_for_every_number_of_a_leg(seed: int) -> None:
 
 
 @pytest.mark.parametrize(("kind", "deformation"), [("6-pus", "matrix"), ("6-pus", "none"), ("ups", "linear")])
-def test_without_noise_the_machine_comes_back(kind: str, deformation: str) -> None:
+def test_without_noise_the_machine_is_recovered_exactly(kind: str, deformation: str) -> None:
     rng = np.random.default_rng(5)
     K_true = {"matrix": K, "none": np.zeros((6, 6)), "linear": LINEAR}[deformation]
     truth = built(rng, K_true, kind)
@@ -162,7 +162,7 @@ def test_many_draws_run_compiled_and_threads_do_not_matter() -> None:
     assert np.array_equal(one.covariance, two.covariance)
 
 
-def test_batches_do_not_matter(monkeypatch: pytest.MonkeyPatch) -> None:
+def test_results_are_independent_of_batch_size(monkeypatch: pytest.MonkeyPatch) -> None:
     rng = np.random.default_rng(10)
     p, R, rho = campaign(rng, built(rng, LINEAR), 9)
     found = recalibrate(nominal(LINEAR), report_set(nominal(LINEAR), "linear"), p, R, rho)

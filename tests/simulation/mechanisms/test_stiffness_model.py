@@ -104,7 +104,7 @@ def test_the_stiffness_model_departs_from_the_linear_model_by_the_resistance_of_
     assert_between(np.sqrt(np.mean((_error_um(machine) - linear) ** 2)), 4.5, 5.5, what="rms, um")
 
 
-def test_flexures_hardly_matter_to_that() -> None:
+def test_flexures_change_errors_by_less_than_half_a_micrometre() -> None:
     machine = flexure_telescope()
     thin = replace(FLEXURE, bending=FLEXURE.bending / 1e2, torsion=FLEXURE.torsion / 1e2)
     plain, soft = _error_um(machine), _error_um(replace(machine, flexure=thin))
@@ -187,7 +187,7 @@ def test_a_load_presses_the_platform_where_it_points() -> None:
 
 
 @given(seed=SEEDS, kind=st.sampled_from(["6-pus", "ups"]))
-def test_at_home_work_done_is_energy_stored(seed: int, kind: str) -> None:
+def test_work_equals_stored_energy_at_the_reference_pose(seed: int, kind: str) -> None:
     machine = replace(crooked(np.random.default_rng(seed), kind), load=np.zeros(6))
     reference, at = reference_pose(machine.legs), machine.legs.rho0[None]
     found = compliance(machine, reference.p, reference.R, at)[0]

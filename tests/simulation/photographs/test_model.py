@@ -60,7 +60,7 @@ def test_nothing_is_found_where_all_poses_share_what_they_should() -> None:
     assert found_causes(search(common)) == []
 
 
-def test_a_camera_that_jumps_is_told_with_the_pose_and_by_how_much() -> None:
+def test_a_camera_that_jumps_is_reported_with_the_pose_and_by_how_much() -> None:
     diagnosis = search(off_by("camera left c", 0.5 * (np.arange(POSES) >= 10)))
     assert found_causes(diagnosis) == [("camera-instability", "camera left")]
     verdict = diagnosis.verdicts[0]
@@ -69,14 +69,14 @@ def test_a_camera_that_jumps_is_told_with_the_pose_and_by_how_much() -> None:
     assert abs(told_of["c"].value - 0.5) < 4 * told_of["c"].sigma < 0.5
 
 
-def test_a_camera_that_follows_the_temperature_is_told_per_kelvin() -> None:
+def test_a_camera_that_follows_the_temperature_is_reported_per_kelvin() -> None:
     diagnosis = search(off_by("camera left y0", 0.5 * RAYS.heat))
     assert found_causes(diagnosis) == [("camera-instability", "camera left")]
     assert isinstance(diagnosis.verdicts[0].cause, CameraInstability)
     assert diagnosis.verdicts[0].cause.form == "temperature"
 
 
-def test_a_camera_that_differs_from_pose_to_pose_is_told_by_its_scatter() -> None:
+def test_a_camera_that_differs_from_pose_to_pose_is_reported_by_its_scatter() -> None:
     loose = np.random.default_rng(7).normal(0.0, 0.6, POSES)
     diagnosis = search(off_by("camera left c", loose))
     assert found_causes(diagnosis) == [("camera-instability", "camera left")]
@@ -92,7 +92,7 @@ def test_a_growing_bar_is_confounded_with_a_shrinking_second_bar() -> None:
     assert {verdict.cause.subject, *(subject for subject, _ in verdict.subjects)} == {"bar S", "bar T"}
 
 
-def test_a_bar_counts_from_its_certificate_whatever_the_adjustment_made_of_it() -> None:
+def test_errors_of_a_bar_refer_to_its_certificate() -> None:
     # A long way above the reference all the time: its mean strain went into the adjusted length.
     warm = replace(RAYS, reference_temperature_c=10.0)
     strain = 3e-5 * warm.heat
@@ -114,7 +114,7 @@ def test_an_effect_of_an_unassigned_column_is_reported_as_unexplained() -> None:
     assert verdict.cause.inputs(0) == ("rho1_mm",)
 
 
-def test_layers_of_air_and_panes_are_told_though_they_are_the_same_in_all_poses() -> None:
+def test_layers_of_air_and_panes_are_reported_though_they_are_the_same_in_all_poses() -> None:
     assert found_causes(search(off_by("air zz", np.full(POSES, 6.0)))) == [("refraction", "")]
     assert found_causes(search(off_by("window left thickness", np.full(POSES, 12.0)))) == [
         ("refraction", "camera left")

@@ -79,7 +79,7 @@ def test_the_gain_correlates_with_what_it_can_be_mistaken_for(both) -> None:
     assert not rows[(rows["other_parameter"] == "gain") & (rows["leg"] == LEG)].empty
 
 
-def test_honest_tolerances_are_told_as_such(both) -> None:
+def test_realistic_tolerances_are_reported_as_realistic(both) -> None:
     figures = {name: value for name, value, _ in extended_figures(both[1])}
     assert figures["pull_p_value"] > 1e-3
     assert 0.5 < figures["rms_pull"] < 1.6

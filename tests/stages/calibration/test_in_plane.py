@@ -46,7 +46,7 @@ def _figure(tables: dict[str, pd.DataFrame], deformation: str, figure: str) -> f
     return float(rows["value"].iloc[0])
 
 
-def test_it_is_chosen_and_the_held_out_poses_gain(bent: dict[str, pd.DataFrame]) -> None:
+def test_the_in_plane_model_is_chosen_and_predicts_held_out_poses_better(bent: dict[str, pd.DataFrame]) -> None:
     assert _figure(bent, "in-plane", "chosen") == 1.0
     assert _figure(bent, "in-plane", "heldout_ratio") < _figure(bent, "matrix", "heldout_ratio")
     rows = bent["accuracy"].query("role == 'verification' and model == '6-pus'").groupby("deformation")
@@ -55,7 +55,7 @@ def test_it_is_chosen_and_the_held_out_poses_gain(bent: dict[str, pd.DataFrame])
     assert set(bent["accuracy"].query("deformation == 'in-plane'")["model"]) == {"6-pus"}
 
 
-def test_its_coefficients_are_the_true_ones(bent: dict[str, pd.DataFrame]) -> None:
+def test_fitted_coefficients_are_the_true_ones(bent: dict[str, pd.DataFrame]) -> None:
     rows = bent["calibration"].query("deformation == 'in-plane' and model == '6-pus'")
     own = rows[rows["parameter"].str.match(r"K[xy]\d\d")]
     truth = [_ALONG[name[1]][int(name[2]) - 1] * (name[2] == name[3]) for name in own["parameter"]]

@@ -85,7 +85,7 @@ def test_a_body_with_too_few_targets_is_left_out_and_named(tmp_path: Path) -> No
     assert set(found.model.targets.bodies) == {"tool"}
 
 
-def test_no_body_at_all_is_said(tmp_path: Path) -> None:
+def test_no_body_at_all_is_reported(tmp_path: Path) -> None:
     with pytest.raises(ValueError, match="three targets"):
         _gathered(tmp_path / "c", Layout(bodies=(Body("stick", 2),), poses=8))
 

@@ -54,7 +54,7 @@ def diagnosed(tmp_path_factory: pytest.TempPathFactory) -> Diagnosed:
     return row, pd.read_parquet(left) if left.exists() else pd.DataFrame({"pose": []}), far, wrong
 
 
-def test_what_a_found_cause_explains_is_used_again(diagnosed: Diagnosed) -> None:
+def test_points_explained_by_an_accepted_cause_are_used_again(diagnosed: Diagnosed) -> None:
     row, left_out, far, _ = diagnosed
     assert row["verdict"] == "found"
     assert not far & set(left_out["pose"])

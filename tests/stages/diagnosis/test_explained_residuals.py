@@ -47,5 +47,5 @@ def test_what_a_found_effect_leaves_of_its_own_channel_is_no_finding_where_the_m
     assert _subjects(monkeypatch, 1.0, BESIDE) == [("signal v5", "fy_n mz_nm")]
 
 
-def test_it_is_one_where_the_model_does_not_hold(monkeypatch: pytest.MonkeyPatch) -> None:
+def test_remaining_residuals_are_reported_where_the_model_does_not_hold(monkeypatch: pytest.MonkeyPatch) -> None:
     assert _subjects(monkeypatch, 1e-6, OWN, BESIDE) == [("signal v5", "fy_n mz_nm")]

@@ -77,7 +77,7 @@ def case(tmp_path_factory: pytest.TempPathFactory) -> Case:
     return Case(settings, alone, replace(diagnosis, verdicts=(found, rival)))
 
 
-def test_rivals_are_told_apart_by_loads_that_the_bench_can_apply(case: Case) -> None:
+def test_rivals_are_distinguished_by_loads_that_the_bench_can_apply(case: Case) -> None:
     told = next_loads_of(case.diagnosis, case.settings)
     assert not ARTIFACTS["next_loads"].faults(told.table)
     rows = told.table.to_pylist()

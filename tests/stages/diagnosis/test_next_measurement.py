@@ -189,14 +189,14 @@ def _chosen(told: NextMeasurement, case: Case) -> Conditions:
     )
 
 
-def test_the_table_is_whole_and_holds_what_matters_alone(told: NextMeasurement) -> None:
+def test_the_table_is_complete_and_has_only_relevant_rows(told: NextMeasurement) -> None:
     assert not ARTIFACTS["next_poses"].faults(told.table)
     assert "load" not in told.table.schema.names
     assert "temperature_c" in told.table.schema.names
     assert {row["purpose"] for row in told.table.to_pylist()} == {"leg-thermal against leg-drift"}
 
 
-def test_warm_legs_are_told_from_drifting_ones_at_another_temperature_or_time(told: NextMeasurement) -> None:
+def test_warm_legs_are_distinguished_from_drifting_ones_at_another_temperature_or_time(told: NextMeasurement) -> None:
     words = [row["conditions"] for row in told.table.to_pylist()]
     assert all(words), words
     assert any("°C" in text or "pause" in text for text in words)

@@ -100,7 +100,7 @@ def test_a_target_that_was_moved_late_is_kept(seen: Seen) -> None:
     assert_between(float((seen.kept[:, column] & good).sum() / good.sum()), 0.7, 1.0, what="poses kept")
 
 
-def test_exchanged_labels_are_told_by_body_targets_and_poses(seen: Seen) -> None:
+def test_exchanged_labels_are_reported_by_body_targets_and_poses(seen: Seen) -> None:
     hidden = next(effect for effect in seen.campaign.truth.effects if isinstance(effect, TargetsSwapped))
     record, marks = seen.campaign.record, seen.campaign.marks
     pair = [marks.index(hidden.body, target) for target in hidden.targets]
@@ -114,7 +114,7 @@ def test_exchanged_labels_are_told_by_body_targets_and_poses(seen: Seen) -> None
     )
 
 
-def test_every_point_left_out_is_told(seen: Seen) -> None:
+def test_every_point_left_out_is_reported(seen: Seen) -> None:
     """Those of the fit of poses stand in its residuals; all others are told here, gross errors at attachments."""
     isolated = {(point.pose, point.subject) for point in seen.gathered.isolated}
     targets, poses = seen.gathered.model.targets, seen.gathered.calibration.conditions.poses

@@ -50,7 +50,7 @@ def sigmas(stand):
     return geometry.sigma, geometry.values
 
 
-def test_of_the_same_machine_nothing_has_changed(unchanged) -> None:
+def test_an_unchanged_machine_has_no_changes(unchanged) -> None:
     found = started(*unchanged, 0)
     assert found.left_out == unchanged[0].left_out
     stand = fitted(found)
@@ -65,7 +65,7 @@ def test_of_the_same_machine_nothing_has_changed(unchanged) -> None:
     assert abs(rows[f"gain{LEG}"]["now"] - GAIN) < 4 * rows[f"gain{LEG}"]["sigma_now"]
 
 
-def test_both_campaigns_together_know_more_than_either(unchanged) -> None:
+def test_two_campaigns_together_have_smaller_sigmas_than_either(unchanged) -> None:
     alone, both = sigmas(fitted(unchanged[0], Gain((LEG,)))), sigmas(fitted(started(*unchanged, 0)))
     assert np.median(both[0] / alone[0]) < 0.9
     assert (both[0] < 1.02 * alone[0]).all()
@@ -80,7 +80,7 @@ def test_the_effect_of_the_earlier_campaign_is_in_the_model_from_the_beginning(u
     ]
 
 
-def test_knowledge_of_both_is_as_sure_as_it_says(unchanged, home: Path) -> None:
+def test_errors_of_both_campaigns_agree_with_the_stated_covariance(unchanged, home: Path) -> None:
     """Identified minus true over the stated covariance, in all directions that are told: a chi-square."""
     import json
 
@@ -121,7 +121,7 @@ def test_a_leg_that_was_exchanged_is_named(home: Path, earlier: str) -> None:
     assert size > 5 * sigma
 
 
-def test_an_effect_that_was_mended_is_told_to_have_changed(home: Path, earlier: str) -> None:
+def test_a_corrected_effect_is_reported_as_changed(home: Path, earlier: str) -> None:
     begun = started(gathered(measured(home, 4, [])), earlier, 0)
     rows = rows_by_name(changes_table(fitted(begun)))
     assert [name for name, row in rows.items() if row["changed"]] == [f"gain{LEG}"]
@@ -172,7 +172,7 @@ def test_an_effect_whose_column_is_missing_is_left_out_and_said(unchanged) -> No
     assert "leg-thermal of warm, whose columns are missing here" in begun.left_out
 
 
-def test_what_is_no_model_is_a_fault(unchanged) -> None:
+def test_a_file_that_is_no_model_is_a_fault(unchanged) -> None:
     text = unchanged[1].replace("actuator-gain", "witchcraft")
     fault = assert_fault(faults_of(lambda: started(unchanged[0], text, 0)), file="start.toml")
     assert "witchcraft" in fault.expected

@@ -84,7 +84,9 @@ def second(home: Path, first: dict[str, Any]) -> dict[str, Any]:
     return run_line(folder, "ingest", "diagnose")[0]
 
 
-def test_what_the_first_found_is_not_found_again_and_goes_on(first: dict[str, Any], second: dict[str, Any]) -> None:
+def test_persistent_causes_of_the_first_campaign_enter_the_second_and_are_not_found_again(
+    first: dict[str, Any], second: dict[str, Any]
+) -> None:
     assert found_causes(first) == [("load-eccentricity", "load fz")]
     assert found_causes(second) == []
     before, now = read_sensor(first["model"]), read_sensor(second["model"])
@@ -96,7 +98,7 @@ def test_what_the_first_found_is_not_found_again_and_goes_on(first: dict[str, An
     assert not ARTIFACTS["changes"].faults(second["changes"])
 
 
-def test_a_load_that_was_put_elsewhere_is_told_as_a_change(home: Path, first: dict[str, Any]) -> None:
+def test_a_load_that_was_put_elsewhere_is_reported_as_a_change(home: Path, first: dict[str, Any]) -> None:
     folder = measured(home, 3, [LoadEccentricity(2, ELSEWHERE_M)], first["model"])
     started = assembled_data(run_line(folder, "ingest")[0], settings_of(folder))
     assert started.left_out.endswith("what sensor knew of offset_x, changed since")
@@ -110,7 +112,7 @@ def test_a_load_that_was_put_elsewhere_is_told_as_a_change(home: Path, first: di
     assert_close(values, np.array(ELSEWHERE_M)[:2], atol=4 * np.sqrt(np.diag(covariance)).max())
 
 
-def test_one_after_the_other_they_tell_what_both_tell_together(home: Path, first: dict[str, Any]) -> None:
+def test_sequential_and_joint_evaluation_agree(home: Path, first: dict[str, Any]) -> None:
     gathered = [_gathered(home, seed, None) for seed in (4, 5)]
     alone, whole = _fitted(gathered[0]), _fitted(_together(*gathered))
     started = _gathered(home, 6, write_sensor(_extended(alone)), like=5)

@@ -85,7 +85,7 @@ def test_points_without_names_are_named_by_the_place_where_they_lie(folder):
     assert names_by_pose(folder.run()[1], "P2") == [(1, "P2"), (2, "P2@after"), (3, "P2@after")]
 
 
-def test_a_check_moves_nothing(folder):
+def test_a_checking_resurvey_changes_no_coordinates(folder):
     _, before = folder.run()
     _, after = surveyed(folder, {"P2": (0.8, 0.0, -0.3)}).run()
     assert plain(after["observations"]).equals(plain(before["observations"]))
@@ -142,7 +142,7 @@ def test_the_name_of_a_moved_target_is_taken_by_no_other(folder):
     assert fault.expected.startswith("another name for the survey: body platform has a target P2@")
 
 
-def test_what_is_missing_is_named(folder):
+def test_missing_inputs_are_named(folder):
     folder.toml += entry(from_pose=2)
     assert any("the table resurveys.csv" in fault.expected for fault in folder.faults())
     surveyed(folder).targets = None

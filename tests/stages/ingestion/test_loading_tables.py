@@ -137,7 +137,7 @@ def test_a_load_that_nobody_wrote_down_is_not_no_load(tmp_path):
     assert column(found["exclusions"], "reason") == ["a load that was not written down"]
 
 
-def test_a_wrench_that_the_sensor_shows_is_told_of_its_legs(tmp_path):
+def test_a_wrench_shown_by_the_sensor_is_attributed_to_its_legs(tmp_path):
     """The forces of its legs add up to it, each with its lever."""
     joints = [(100, 0), (30, 100), (-80, 60), (-100, -50), (0, -90), (70, -60)]
     tilt = [(-20, 80), (-80, 10), (30, -90), (80, 0), (-50, 0), (0, 60)]
@@ -285,7 +285,7 @@ def test_uncompensated_readings_are_brought_to_the_air_they_were_taken_in(tmp_pa
     assert lacks == ["air_temperature_c", "air_pressure_hpa", "relative_humidity_pct"]
 
 
-def test_what_the_frame_grew_is_taken_out_and_what_corrections_leave_uncertain_is_told(tmp_path):
+def test_growth_of_the_frame_is_corrected_and_the_remaining_uncertainty_reported(tmp_path):
     around = "air_temperature_c,air_pressure_hpa,relative_humidity_pct,material_temperature_c"
     rows = [f"{HEAD},{around}", "1,1,60,fz,9,dz,400,20,1000,50,21.5", "1,0,0,fz,0,dz,0,20,1000,50,21.0",
             "1,2,90,fz,9,rx,40,20,1000,50,22.0", "2,0,99,fz,9,dz,1,20,1000,50,25"]  # fmt: skip
@@ -354,7 +354,7 @@ def test_an_overload_test_that_is_declared_is_read_and_one_that_is_not_is_a_faul
     assert fault.expected.endswith("is its unit right?")
 
 
-def test_every_fault_of_bad_tables_is_told_at_once(tmp_path):
+def test_every_fault_of_bad_tables_is_reported_at_once(tmp_path):
     rows = [HEAD, "1,0,0,fz,0,dz,0", "1,0,0,mx,4,dx,0", "1,1,60,fz,5,dz,1", "1,1,60,fz,5,dz,1", "1,2,50,fq,1,dw,nan",
             "1,3,99,fz,20,dz,", "1,4,100,fz,2,dz,2e6"]  # fmt: skip
     signals = ["run,step,load_axis,load,fz_n,v1_mv", "1,0,fz,0,3,1"]
@@ -383,7 +383,7 @@ FOUR_STEPS = {
 }
 
 
-def test_a_time_too_late_is_told_once_where_times_go_back(tmp_path):
+def test_a_time_too_late_is_reported_once_where_times_go_back(tmp_path):
     rows = [f"1,{step},{time},fz,{step},dz,1" for step, time in enumerate((0, 9, 1, 2, 3))]
     (fault,) = faults(tmp_path, {"interferometer.csv": [HEAD, *rows]})
     assert (fault.row, fault.column, fault.value) == (4, "time_s", "1.0")
@@ -392,7 +392,7 @@ def test_a_time_too_late_is_told_once_where_times_go_back(tmp_path):
 
 @pytest.mark.parametrize("table", FOUR_STEPS)
 @pytest.mark.parametrize("word", ["oops", "inf"])
-def test_a_cell_that_holds_no_number_is_told_once_and_nothing_that_follows_from_it(tmp_path, table, word):
+def test_a_cell_that_holds_no_number_is_reported_once_and_nothing_that_follows_from_it(tmp_path, table, word):
     head, row = FOUR_STEPS[table]
     steps = [(run, step) for run in (1, 2) for step in range(4)]
     good = [row.format(run=run, step=step, time=10 * step, load=3 * step) for run, step in steps]

@@ -45,7 +45,7 @@ def test_the_mean_of_the_samples_is_the_reading(tmp_path):
         assert_close([found[key]["reading"], found[key]["room"]], [reading, room], atol=1e-9)
 
 
-def test_without_being_meant_they_are_a_fault(tmp_path):
+def test_undeclared_repeated_samples_are_a_fault(tmp_path):
     text, _ = logged(np.random.default_rng(4))
     with pytest.raises(CampaignFaults, match="every run, step, channel once"):
         stage_line(campaign(tmp_path, text, averaged=False)).call("ingest")

@@ -47,7 +47,7 @@ def test_pose_and_shifts_scatter_together_as_handed_on(drawn: Tables) -> None:
     assert abs(squares.mean() / 12 - 1.0) < 4.0 * np.sqrt(2 / (12 * len(off)))
 
 
-def test_poses_by_every_method_scatter_as_they_say(drawn: Tables) -> None:
+def test_poses_of_every_method_scatter_by_their_sigmas(drawn: Tables) -> None:
     """What the survey brings is the same each time, and stated too: up to a third of a variance."""
     rows = drawn["poses"].to_pandas().query("body == 'platform'")
     assert set(rows["method"]) == {"umeyama", "haralick", "maximum_likelihood"}
@@ -157,13 +157,13 @@ def _truth(campaign: Campaign, gathered: CalibrationData, case: Case, fit: Machi
     return fit.parameters.values(true)
 
 
-def test_the_deformation_is_as_far_from_the_truth_as_it_says(
+def test_errors_of_the_deformation_agree_with_their_covariance(
     calibrated: list[tuple[Array, MachineCalibration]],
 ) -> None:
     _as_stated(calibrated, lambda name: name.startswith("K"))
 
 
-def test_all_numbers_together_are_as_far_from_the_truth_as_they_say(calibrated: Any) -> None:
+def test_errors_of_all_parameters_agree_with_their_covariance(calibrated: Any) -> None:
     _as_stated(calibrated, lambda name: True)
 
 

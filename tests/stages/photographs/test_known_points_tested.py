@@ -61,7 +61,9 @@ def test_one_wrong_known_point_of_four_is_rejected_with_its_error(
     assert not any(name in said for said in checks["message"] for name in (KNOWN[0], KNOWN[2], KNOWN[3]))
 
 
-def test_its_rays_stay_and_the_others_lie_where_they_lay(plain: tuple[Path, dict[str, Any]], tmp_path: Path) -> None:
+def test_a_rejected_known_point_keeps_its_rays_and_moves_no_other_point(
+    plain: tuple[Path, dict[str, Any]], tmp_path: Path
+) -> None:
     wrong = _run(plain, tmp_path / "wrong", KNOWN, {KNOWN[1]: OFF_MM})["object_points"].to_pandas()
     right = plain[1]["object_points"].to_pandas()
     both = right.merge(wrong, on=["pose", "point"], suffixes=("", "_wrong"))

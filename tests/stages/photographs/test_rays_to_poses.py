@@ -37,7 +37,7 @@ def _brought_over(found: Array, truth: Array) -> tuple[Array, Array]:
     return moved, np.concatenate([np.tile(np.eye(3), (len(x), 1)), turns.reshape(-1, 3)], axis=1)
 
 
-def test_points_are_as_far_from_the_truth_as_their_whole_covariance_says(adjusted: Any) -> None:
+def test_errors_of_points_agree_with_their_full_covariance(adjusted: Any) -> None:
     photographed, _, tables = adjusted
     for pose in photographed.campaign.schedule.pose:
         names, found, cov = stated_covariance(tables, pose)
@@ -49,7 +49,7 @@ def test_points_are_as_far_from_the_truth_as_their_whole_covariance_says(adjuste
         assert abs(chi2 / freedom - 1.0) < 4.0 * np.sqrt(2.0 / freedom)
 
 
-def test_relative_poses_are_as_far_from_the_truth_as_they_say(adjusted: Any) -> None:
+def test_errors_of_relative_poses_agree_with_their_covariance(adjusted: Any) -> None:
     """Base and platform as the survey has them, on the true points; one in a thousand of chi-square with 9."""
     photographed, _, tables = adjusted
     assert _offsets(photographed, tables["survey"], tables["poses"]) < 27.9
@@ -173,7 +173,7 @@ def test_a_good_campaign_fails_no_check_and_warns_of_nothing_in_its_photographs(
     assert [row["message"] for row in rows if row["verdict"] not in ("pass", "not evaluated")] == []
 
 
-def test_a_camera_that_jumps_is_told_of(tmp_path: Path) -> None:
+def test_a_camera_that_jumps_is_reported(tmp_path: Path) -> None:
     photograph(tmp_path / "jump", UnstableCamera("c", jump_px=2.0, from_pose=3))
     tables = run_line(tmp_path / "jump", "images", "bundle", "ingest", "qa")[0]
     (row,) = [row for row in tables["qa"].to_pylist() if row["check"] == "camera-stability"]
@@ -314,7 +314,7 @@ def test_points_whose_scale_is_open_give_poses_only_where_a_person_accepts_it(tm
     assert "scale" in tables["qa"].to_pandas().query("verdict == 'fail'")["check"].tolist()
 
 
-def test_circles_are_brought_to_their_centres_where_ellipses_are_told(tmp_path: Path) -> None:
+def test_centres_of_ellipses_are_corrected_to_those_of_circles(tmp_path: Path) -> None:
     """Rays as centres of ellipses of large circles: corrected, they fit as well as rays to the centres themselves."""
     photographed = photograph(tmp_path / "circles", poses=1)
     folder = tmp_path / "circles"

@@ -43,7 +43,7 @@ def test_a_bar_that_is_seen_is_the_scale() -> None:
 
 
 @pytest.mark.parametrize("scale_bars", [bars(), bars("check")])
-def test_without_one_the_diagonals_of_markers_are(scale_bars: pa.Table) -> None:
+def test_without_a_bar_the_diagonals_of_markers_give_the_scale(scale_bars: pa.Table) -> None:
     first, second = scaled(rays(p=["a", *CORNERS]), scale_bars)
     assert (first["first"], first["second"], second["first"]) == ("plate/M.0", "plate/M.2", "plate/M.1")
     assert first["length_mm"] == pytest.approx(30.0 * 2**0.5)
@@ -53,7 +53,7 @@ def test_without_one_the_diagonals_of_markers_are(scale_bars: pa.Table) -> None:
     assert scaled(rays(p=["a", *CORNERS[:3]]), scale_bars) == []
 
 
-def test_or_diagonals_of_boards_between_corners_that_all_poses_show() -> None:
+def test_diagonals_of_boards_between_corners_seen_in_all_poses_give_the_scale() -> None:
     board = Board(name="floor", kind="chessboard", columns=5, rows=4, square_mm=10.0)
     whole = [f"floor-{n}" for n in range(20)]
     without_a_corner = [name for name in whole if name != "floor-4"]
@@ -69,12 +69,12 @@ def test_or_diagonals_of_boards_between_corners_that_all_poses_show() -> None:
     assert scaled(rays(p=["a"]), bars(), boards=(board,)) == []
 
 
-def test_in_poses_without_it_alone() -> None:
+def test_marker_diagonals_give_the_scale_only_in_poses_without_a_bar() -> None:
     found = scaled(rays(p=["a", "b"], q=["a", *CORNERS], r=CORNERS), bars())
     assert sorted({row["pose"] for row in found}) == ["q", "r"]
 
 
-def test_bars_that_no_image_shows_are_told() -> None:
+def test_bars_that_no_image_shows_are_reported() -> None:
     assert unobserved_bars(bars(), rays(p=["a"])) == ["scale bar S: no image shows b"]
     assert unobserved_bars(bars(), rays(p=["a"], q=["b"])) == ["scale bar S: no pose shows both ends"]
     assert unobserved_bars(bars(), rays(p=["a", "b"])) == unobserved_bars(None, rays(p=["a"])) == []

@@ -117,7 +117,7 @@ def test_rays_that_make_no_network_are_a_fault_that_says_why(tmp_path: Path) -> 
         run_line(write(tmp_path), "images", "bundle")
 
 
-def test_circles_without_any_code_are_told_to_need_some(tmp_path: Path) -> None:
+def test_a_plan_of_uncoded_circles_is_reported_to_need_codes(tmp_path: Path) -> None:
     with pytest.raises(CampaignFaults, match=r"targets with a code or a name, .* none of 3 rays has one"):
         run_line(write(tmp_path, image_points=RAYS.replace("ring12-17", "")), "images", "bundle")
 

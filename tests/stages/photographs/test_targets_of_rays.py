@@ -27,7 +27,7 @@ def some(drawn: Tables) -> Tables:
     return tables | {"configurations": tables["configurations"].append_column("load_n", drive)}
 
 
-def test_a_drive_that_nothing_follows_is_told_as_well_as_weights_allow(some: Tables) -> None:
+def test_a_drive_without_response_is_reported_as_far_as_weights_allow(some: Tables) -> None:
     found = target_deformation(some, ("load_n",)).artifacts
     models, shifts = (found[name].to_pandas() for name in ("deformation_models", "target_deformation"))  # type: ignore[union-attr]
     squares = (models["coefficient"] / models["sigma"]) ** 2

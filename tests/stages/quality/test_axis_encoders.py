@@ -25,7 +25,7 @@ def _verdict(loop: str, of_motor: float, of_load: float, errs: float = 0.0, *, e
 
 
 @pytest.mark.parametrize(("loop", "of_motor", "of_load"), [("motor", 0.0, 5e-5), ("load", 5e-5, 0.0)])
-def test_exchanged_columns_are_told_and_right_ones_are_not(loop: str, of_motor: float, of_load: float) -> None:
+def test_exchanged_columns_are_reported_and_right_ones_are_not(loop: str, of_motor: float, of_load: float) -> None:
     assert _verdict(loop, of_motor, of_load) == "pass"
     assert _verdict(loop, of_motor, of_load, exchanged=True) == "warn"
 

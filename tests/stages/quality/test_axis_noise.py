@@ -18,7 +18,7 @@ def _verdicts(declared: float, effect: np.ndarray | float = 0.0, times: int = 20
     return np.array([noise_of_rows("load", COMMAND, DIRECTION, own, declared).verdict for own in drawn])
 
 
-def test_a_noise_declared_many_times_too_large_is_told_and_the_right_one_is_not() -> None:
+def test_a_noise_declared_many_times_too_large_is_reported_and_the_right_one_is_not() -> None:
     assert set(_verdicts(70.0 * NOISE)) == {"warn"}
     assert set(_verdicts(4.0 * NOISE)) == {"warn"}
     assert set(_verdicts(NOISE)) == {"pass"}

@@ -128,7 +128,7 @@ def a_wrong_target_of_the_tool(campaign: Path) -> None:
     table.to_csv(campaign / "points.csv", index=False)
 
 
-def test_a_single_pose_far_off_is_told_while_the_others_belong(tmp_path: Path) -> None:
+def test_a_single_pose_far_off_is_reported_while_the_others_belong(tmp_path: Path) -> None:
     """Of many poses a single one hardly raises the misfit of all."""
     code, verdict, message = checked(tmp_path, None, a_wrong_target_of_the_tool)
     assert (code, verdict) == (0, "warn")
@@ -178,7 +178,7 @@ def test_an_instrument_that_moved_is_named_with_the_pose_from_which_on_it_stood_
     assert "from pose 41 on in another frame" in message
 
 
-def test_measurements_under_the_name_of_another_link_are_told(tmp_path: Path) -> None:
+def test_measurements_under_the_name_of_another_link_are_reported(tmp_path: Path) -> None:
     def on_the_forearm(campaign: Path) -> None:
         for name in ("points.csv", "targets.csv"):
             table = pd.read_csv(campaign / name)

@@ -101,7 +101,7 @@ def test_two_hundred_good_columns_of_times_pass():
         *(("us", 1.7e15), ("100 ns", 6.38e17), ("ns", 0.0), ("ns", 1.7e18)),
     ],
 )
-def test_times_in_another_unit_are_told(unit, start):
+def test_times_in_another_unit_are_reported(unit, start):
     pace = np.random.default_rng(4).uniform(150.0, 400.0, 40)
     found = mistaken_times(start + np.cumsum(pace) / SECONDS[unit])
     assert found is not None

@@ -94,13 +94,13 @@ def test_distances_as_they_are_belong_to_the_readings(distances: tuple[dict[str,
     assert found.misfit < 0.5 * found.limit
 
 
-def test_a_wrong_zero_is_a_matter_of_calibration(distances: tuple[dict[str, pa.Table], Campaign]) -> None:
+def test_a_wrong_zero_is_left_to_the_calibration(distances: tuple[dict[str, pa.Table], Campaign]) -> None:
     found = checked(distances, a_zero_off_by_half_a_degree)
     assert found.state is RelationState.OK
     assert not found.slips
 
 
-def test_a_zero_far_off_is_no_slip_of_the_records_and_is_told_with_its_size(
+def test_a_zero_far_off_is_no_slip_of_the_records_and_is_reported_with_its_size(
     distances: tuple[dict[str, pa.Table], Campaign],
 ) -> None:
     found = checked(distances, a_zero_off_by_ten_degrees)

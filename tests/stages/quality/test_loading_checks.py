@@ -52,7 +52,7 @@ def test_a_good_campaign_passes(tmp_path, own_channel):
 
 
 @pytest.mark.parametrize("with_times", [False, True])
-def test_without_times_no_pause_and_no_drift_is_judged_and_no_span_is_told(tmp_path, with_times):
+def test_without_times_no_pause_and_no_drift_is_judged_and_no_span_is_reported(tmp_path, with_times):
     _, signals = measured(np.random.default_rng(3))
     times = {"time_s": 60.0 * np.arange(len(signals))} if with_times else {}
     write_campaign(tmp_path / "c", None, signals.assign(**times), campaign_toml())
@@ -72,7 +72,7 @@ def test_readings_whose_times_only_count_tell_no_drift_unless_one_is_seen(tmp_pa
     assert (drift["verdict"] == "not evaluated").all()
 
 
-def test_a_correction_that_is_less_well_known_than_its_channel_reads_is_told(tmp_path):
+def test_a_correction_that_is_less_well_known_than_its_channel_reads_is_reported(tmp_path):
     """Errors of 0.2 K at both ends of 300 mm of steel are worth 0.98 um, of 30 mm a tenth of that; noise 0.5 um."""
     growth = "expansion_per_k = 11.5e-6"
     more = f"[interferometer.material]\ndz = {{ length_mm = 300.0, {growth} }}\ndx = {{ length_mm = 30.0, {growth} }}\n"
@@ -260,7 +260,7 @@ def test_a_verdict_may_be_accepted_by_name(tmp_path):
     assert "units run 3 dz" not in said["qa"].failed_checks
 
 
-def test_signals_alone_are_judged_and_the_rest_is_told_as_not_evaluated(tmp_path):
+def test_signals_alone_are_judged_and_the_rest_is_reported_as_not_evaluated(tmp_path):
     def change(readings, signals):
         signals.loc[signals["run"] == 7, "load"] *= -1.0
         return None, signals

@@ -35,7 +35,7 @@ def _body(factor: float, *, survey_of: Array | None = None, gross: float = 0.0, 
 
 
 @pytest.mark.parametrize("factor", [12.0, 100.0, 1000.0])
-def test_a_declared_noise_that_is_too_small_is_told_with_its_factor(factor: float) -> None:
+def test_a_declared_noise_that_is_too_small_is_reported_with_its_factor(factor: float) -> None:
     body = _body(factor)
     assert body.noise_factor == pytest.approx(factor, rel=0.15)
     assert body.gross_share < 0.02

@@ -38,7 +38,7 @@ def scale_check(*bars: pa.Table, surveyed: bool = False, known: tuple[tuple[str,
     return check
 
 
-def test_a_scale_that_nothing_checks_is_told_as_such() -> None:
+def test_a_scale_that_nothing_checks_is_reported_as_such() -> None:
     for bars, what in ((SURVEY, "3 distances of the survey"), ([("S", "s/1")], "scale bar S")):
         message = scale_check(lengths(bars), surveyed=bars is SURVEY).message
         assert_says(message, "2 poses", "scale", f"{what} alone")

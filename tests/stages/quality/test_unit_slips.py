@@ -37,7 +37,7 @@ def test_a_slip_is_named_by_its_factor(ratio: float, declared: float, unit: str,
     assert bool(told) == bool(meant)
 
 
-def test_micrometres_written_for_millimetres_are_told_by_qa_and_check(tmp_path) -> None:
+def test_micrometres_written_for_millimetres_are_reported_by_qa_and_check(tmp_path) -> None:
     numbers = np.random.default_rng(3)
     made = write_campaign(
         draw_campaign(Layout(name="u", targets=Targets(per_leg=0)), random_moves(12, 0, numbers), [], numbers),
@@ -67,7 +67,7 @@ def test_percentages_have_no_power_of_ten(value: float, said: str) -> None:
     ("factor", "verdict", "meant"),
     [(1.0, "pass", ""), (1e3, "warn", "Did you mean 10 uV, that is 0.01 mV?"), (1e-3, "warn", "Did you mean 1e-05 V,")],
 )
-def test_a_noise_of_signals_in_another_unit_is_told_by_qa_and_check(tmp_path, factor, verdict, meant) -> None:
+def test_a_noise_of_signals_in_another_unit_is_reported_by_qa_and_check(tmp_path, factor, verdict, meant) -> None:
     _, signals = measured(np.random.default_rng(3))
     declared = f"signal_mv = {SIGNAL_MV}"
     toml = campaign_toml().replace(declared, f"signal_mv = {SIGNAL_MV * factor:.6f}")

@@ -73,7 +73,7 @@ def test_a_wrong_entry_differs_and_no_other(tmp_path: Path) -> None:
     assert _figures(tables)["agreement_without_plane_p_value"] < 1e-6  # a bend, and no other frame
 
 
-def test_a_platform_softer_than_simulated_is_told_by_its_factor(tmp_path: Path) -> None:
+def test_a_platform_softer_than_simulated_is_reported_by_its_factor(tmp_path: Path) -> None:
     tables, _ = _deformation_of(tmp_path, _K / 12.0)
     figures = _figures(tables)
     assert abs(figures["measured_over_simulated"] - 12.0) < 4.0 * figures["measured_over_simulated_sigma"]

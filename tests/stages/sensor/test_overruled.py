@@ -45,7 +45,7 @@ def residuals(tables: dict[str, Any]) -> pd.DataFrame:
     return tables["reading_residuals"].to_pandas().set_index(["run", "step", "channel"])
 
 
-def test_what_is_excluded_enters_nothing_and_is_counted(measured: Path, tmp_path: Path) -> None:
+def test_excluded_points_are_counted_and_used_in_no_stage(measured: Path, tmp_path: Path) -> None:
     rules = ("exclude: run = 1\nstep = 3", 'exclude: run = 2\nchannel = "ry"', 'exclude: step = 5\nchannel = "v4"')
     folder = ruled(measured, tmp_path, *rules)
     (plain, _), (tables, said) = run_line(measured, *STAGES), run_line(folder, *STAGES)
@@ -81,7 +81,7 @@ def test_the_diagnosis_leaves_it_out_and_knows_that_the_load_was_there(measured:
     assert np.isfinite(Fitter(found.model, found.calibration, None, 0).prepared().fit.shared).all()
 
 
-def test_what_is_kept_is_no_gross_error_in_displacement_and_diagnosis(measured: Path, tmp_path: Path) -> None:
+def test_points_kept_by_a_person_are_no_gross_errors(measured: Path, tmp_path: Path) -> None:
     folder = ruled(measured, tmp_path, 'keep: run = 1\nstep = 7\nchannel = "dz"')
     gross = [residuals(run_line(one, "ingest", "pose")[0]).loc[(1, 7, "dz")] for one in (measured, folder)]
     assert gross[0]["rejected"]
@@ -113,7 +113,7 @@ def test_a_rule_that_names_nothing_warns_and_is_no_failure(measured: Path, tmp_p
         ({"channel": "d"}, "exclude.1.channel"),
     ],
 )
-def test_keys_that_cannot_be_are_faults(keys: dict[str, Any], told: str) -> None:
+def test_invalid_keys_are_faults(keys: dict[str, Any], told: str) -> None:
     rule = {**keys, "by": "M. Keller", "reason": "leaned on it"}
     with pytest.raises(CampaignFaults) as caught:
         read_campaign({"campaign": {"name": "c", "kind": "photogrammetry"}, "exclude": [rule]})

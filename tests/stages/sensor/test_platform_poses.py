@@ -89,7 +89,7 @@ def test_own_channels_leave_the_other_components_of_a_load_open(tmp_path):
     assert "fz dx dy rx ry rz" in made.outcomes["pose"].figure
 
 
-def test_drift_is_told_per_run_and_taken_out(tmp_path):
+def test_drift_is_reported_per_run_and_taken_out(tmp_path):
     rate = 20e-6 / 3600.0
     drift = ZeroDrift(channel=CHANNELS.index("dz"), rate=rate)
     made = bench(tmp_path / "c", layout(), 3, [drift], stages=POSE)

@@ -107,7 +107,7 @@ def test_error_classes_of_a_good_sensor_stay_within_what_noise_does(six):
     assert creep["reason"].str.contains("no load was held").all()
 
 
-def test_the_sensor_left_tells_its_own_calibration_loads(six):
+def test_the_remaining_sensor_reports_its_own_calibration_loads(six):
     sensor = sensor_from(tomllib.loads(six.tables["sensor"]))
     table = six.tables["signals"]
     signals = np.column_stack([table.column(f"{name}_mv") for name in sensor.signal_names])
@@ -154,7 +154,7 @@ def _with(name: str, values: Callable[[pa.Table], np.ndarray]) -> Callable[[pa.T
         (lambda table: table.slice(0, 0), "no signals"),
     ],
 )
-def test_what_is_missing_is_named_and_theory_is_told_all_the_same(six, changed, words):
+def test_missing_inputs_are_named_and_theoretical_sizes_reported(six, changed, words):
     outcome = _again(six, changed)
     assert re.search(words, outcome.why_not), outcome.why_not
     assert set(outcome.artifacts["sensor_matrix"]["matrix"].to_pylist()) == {"G", "G'"}

@@ -66,7 +66,7 @@ def test_every_run_counts_from_its_own_unloaded_rows():
     assert fault.expected.endswith("run b")
 
 
-def test_all_that_is_missing_or_no_number_is_said_at_once():
+def test_all_that_is_missing_or_no_number_is_reported_at_once():
     toy, calibrated = _calibrated(is_tared=True)
     given = pd.DataFrame(_loads() @ toy.A.T, columns=SIGNALS)
     text = sensor_text(calibrated, {})

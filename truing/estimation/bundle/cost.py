@@ -31,7 +31,7 @@ class AdjustmentCost:
 
 
 def adjustment_cost(images: Index, points: Index, rays: Index) -> AdjustmentCost:
-    """Return the expected cost of a network with so many images, points and rays per pose (S,)."""
+    """Return the expected cost of a network from its numbers of images, points and rays per pose (S,)."""
     i, p = 6.0 * images, 3.0 * points
     smaller = np.minimum(i, p)
     by_ray = is_large(images, points)

@@ -42,7 +42,7 @@ class ScreenedNetwork:
     """A network adjusted without gross errors.
 
     used (N,): rays in the adjustment; untested: used rays whose errors no test could show, by number. alpha: level of
-    one of the `tested` tests; family_level: probability that at least one of so many good rays is rejected; critical:
+    one of the `tested` tests; family_level: probability that any of that number of good rays is rejected; critical:
     critical value of T (two degrees of freedom). returned: number of rays rejected and used again. sigma0: test with
     the stated covariances, corrected for the squares that data snooping removes from good rays. covariance_factor
     multiplies the covariances of the adjustment: one if variance components give the scale. fixed_elements: elements
@@ -85,9 +85,10 @@ def adjust_robustly(
     possible = possible_rays(network, start)
     fixed_elements: tuple[tuple[str, str], ...] = ()
     outliers = np.zeros(network.rays.count, bool) if inliers is None else ~inliers
+    rules = _Rules(start, datum, alpha, with_components)
     while True:
         try:
-            screened = _screened(network, start, datum, possible, possible & ~outliers, alpha, with_components)
+            screened = _screened(network, rules, possible, possible & ~outliers)
             return replace(screened, fixed_elements=fixed_elements)
         except UndeterminedNetworkError as error:
             network, possible, newly_fixed = relaxed(network, possible, error)
@@ -112,18 +113,22 @@ class _ScreeningEnd:
     rounds: int
 
 
-def _screened(
-    network: Network,
-    start: NetworkState,
-    datum: Datum,
-    possible: Mask,
-    active: Mask,
-    alpha: float,
-    with_components: bool,
-) -> ScreenedNetwork:
+@dataclass(frozen=True)
+class _Rules:
+    """Start values and datum of all adjustments, level of each test of a ray, and whether variance components are
+    estimated."""
+
+    start: NetworkState
+    datum: Datum
+    alpha: float
+    with_components: bool
+
+
+def _screened(network: Network, rules: _Rules, possible: Mask, active: Mask) -> ScreenedNetwork:
     """Return the network adjusted with the possible rays (N,) that pass, starting from the active ones (N,)."""
+    datum, alpha, with_components = rules.datum, rules.alpha, rules.with_components
     weak_bars_network = _with_loose_bars(network)
-    screening = _screening_end(weak_bars_network, start, datum, possible, active, alpha, with_components)
+    screening = _screening_end(weak_bars_network, rules, possible, active)
     adjusted, tests, used = screening.adjusted, screening.tests, screening.used
     if weak_bars_network is not network:
         adjusted = adjust(network, adjusted.state, datum, used=used, variance_factor=screening.components.of_rays())
@@ -133,7 +138,7 @@ def _screened(
     return ScreenedNetwork(
         adjustment=adjusted,
         used=used,
-        rejected=rejected_rays(network, start, adjusted, screening.components, screening.active, tests),
+        rejected=rejected_rays(network, rules.start, adjusted, screening.components, screening.active, tests),
         untested=np.flatnonzero(used & (tests.freedom == 0)),
         alpha=alpha,
         tested=tested,
@@ -152,17 +157,10 @@ def _screened(
     )
 
 
-def _screening_end(
-    network: Network,
-    start: NetworkState,
-    datum: Datum,
-    possible: Mask,
-    active: Mask,
-    alpha: float,
-    with_components: bool,
-) -> _ScreeningEnd:
+def _screening_end(network: Network, rules: _Rules, possible: Mask, active: Mask) -> _ScreeningEnd:
     """Return the end of data snooping: rays fail and return in turn until all agree, or after `_MOST_ROUNDS`."""
-    state, active, components = robust_start(network, start, datum, active)
+    datum, alpha, with_components = rules.datum, rules.alpha, rules.with_components
+    state, active, components = robust_start(network, rules.start, datum, active)
     if not with_components:
         components = replace(components, factor=np.ones_like(components.factor), sigma=np.zeros_like(components.sigma))
     returns = np.zeros(network.rays.count, np.int64)

@@ -93,8 +93,10 @@ def known_point_errors(points: Array, covariance: Array, known: Array, known_cov
 
 
 def _is_ambiguous(points: Array, covariance: Array, known: Array, known_cov: Array, inliers: Mask) -> bool:
-    """True if the points fit as well if another point is left out instead. Example: if one of four corners of a square
-    is off its plane, any of them may be the wrong one."""
+    """True if the points fit equally well with another point left out.
+
+    Example: if one of four corners of a square is off its plane, any of them may be the wrong one.
+    """
     from scipy.special import chdtrc
 
     for outlier in np.flatnonzero(~inliers).tolist():

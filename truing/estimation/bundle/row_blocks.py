@@ -74,8 +74,8 @@ class RowBlocks:
 
 
 def is_large(images: Index, points: Index) -> Mask:
-    """Return the poses (S,), with so many images and points, whose points are eliminated ray by ray. Where points leave
-    the smaller system, the images are eliminated, and the covariance of points is found whole."""
+    """Return the poses (S,), from their numbers of images and points, whose points are eliminated ray by ray. Where
+    points leave the smaller system, the images are eliminated, and the covariance of points is found whole."""
     return np.asarray((points > MOST_DENSE_POINTS) & (points > 2 * images))
 
 

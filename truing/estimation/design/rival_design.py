@@ -84,7 +84,7 @@ class PointInstrument:
     free: bool = True
 
     def observations(self, count: int) -> tuple[Observations, Frames]:
-        """Return zeros as the observations of so many poses, with their noise, and frames in their start."""
+        """Return zero observations of a number of poses, with their noise, and frames at their start values."""
         targets, size = self.covariance.shape[:2]
         covariance = np.broadcast_to(self.covariance, (count, targets, size, size))
         frames = Frames(np.broadcast_to(np.eye(size), (count, size, size)), np.zeros((count, size)), self.free)

@@ -52,7 +52,7 @@ class ConstraintEquations(Protocol):
 
 
 class Constraint(Protocol):
-    """An implicit model; a bound method of this signature serves as well."""
+    """An implicit model; a bound method of this signature is also accepted."""
 
     def __call__(self, values: NDArray, deviation: NDArray, /) -> ConstraintEquations:
         """Return the equations at values (P,) and deviations (B, n) of the truth from the measurement."""

@@ -200,7 +200,7 @@ def _with_estimated_noise(
 
 
 def _gross_limit(batch: _Batch) -> float:
-    """Return the limit in sigmas beyond which so many readings of unit noise lie with the accepted probability."""
+    """Return the limit in sigmas that any of some readings of unit noise exceeds with the accepted probability."""
     from scipy.special import ndtri
 
     return float(-ndtri(0.5 * _FALSE_REJECTIONS / max(int(batch.is_observed.sum()), 1)))

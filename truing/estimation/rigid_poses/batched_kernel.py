@@ -80,7 +80,10 @@ _PP, _TP, _TT = 62, 68, 77  # covariance: position (6), theta x position (9), th
 
 
 class PointPairs(NamedTuple):
-    """Clouds x, y (B or 1, N, 3) in m, weights w (B or 1, N), and variances (B or 1, N or 1) in m^2, or none."""
+    """Pairs of points in batches: x and y (B or 1, N, 3), m, their weights and, where known, variances.
+
+    w: (B or 1, N); noise: (B or 1, N or 1), m^2, or empty.
+    """
 
     x: NDArray
     y: NDArray

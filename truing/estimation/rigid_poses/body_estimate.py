@@ -99,7 +99,7 @@ class BodyEstimate:
 
     @property
     def usable(self) -> Mask:
-        """Points (B, T) of the body frame that nobody excluded."""
+        """Points (B, T) of the body frame that are not excluded."""
         usable = self.points.is_observed & self.common.frame
         return usable if self.excluded is None else usable & ~self.excluded.chosen
 

@@ -354,7 +354,7 @@ def _gain(tables: Tables, chosen: Key, facts: pd.Series) -> str:
 
 
 def _rivals(figures: pd.DataFrame, chosen: Key) -> str:
-    """Return in words the calibrations that predict as well as the chosen one, and the errors of the others."""
+    """Return in words the calibrations that predict equally well as the chosen one, and the errors of the others."""
     others = figures.drop(index=[chosen])
     equal = others["indistinguishable"] == 1.0 if "indistinguishable" in others else others.index != others.index
     texts = []

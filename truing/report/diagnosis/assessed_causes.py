@@ -96,7 +96,7 @@ class AssessedCause(Claim):
 
     @property
     def raises_floor(self) -> bool:
-        """True if what it explains counts as noise, so that the noise floor exceeds what the declared noise gives.
+        """True if its effect counts as noise, so that the noise floor exceeds what the declared noise gives.
 
         That all noise is larger than declared raises no floor, which is that of the declared noise.
         """

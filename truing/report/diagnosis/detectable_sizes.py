@@ -16,7 +16,7 @@ from truing.report.page import Listing, ReportSection
 from truing.report.tables import Tables, cell, table_or_none
 from truing.report.wordings.catalogue import cause_words
 
-_TITLE = "What could have stayed hidden"
+_TITLE = "Smallest detectable effects"
 _COMPONENT = r"(moment|force|offset|arm)_[xyz](?:_\w+)?"
 _OFFSET = "joint-offset"
 _NEVER, _HELD = "not at any plausible size", "part of what was found"

@@ -7,7 +7,7 @@ from dataclasses import dataclass
 from typing import Any
 
 from truing.report.diagnosis.effect_units import plain_size, size_text
-from truing.report.numbers import count_text, p_at_most, plain, rough, two_decimals, with_uncertainty
+from truing.report.numbers import count_text, joined_names, p_at_most, plain, rough, two_decimals, with_uncertainty
 from truing.schemas.verdict import Relation
 
 DECLARED_NOISE, SCATTER_OF_REPEATS = "the declared noise", "the scatter of repeated approaches"
@@ -135,18 +135,14 @@ def subject_words(subject: str) -> str:
     parts = subject.split()
     legs = [part.removeprefix("leg") for part in parts]
     if parts and all(part.startswith("leg") and part[3:].isdigit() for part in parts):
-        return f"leg {legs[0]}" if len(legs) == 1 else f"legs {_joined_names(legs)}"
+        return f"leg {legs[0]}" if len(legs) == 1 else f"legs {joined_names(legs)}"
     if len(parts) > 2 and set(parts[::2]) == {"joint"}:
-        return f"joints {_joined_names(parts[1::2])}"
+        return f"joints {joined_names(parts[1::2])}"
     if len(parts) == 2 and parts[0] in ("joint", "link") and parts[1].lower().startswith(parts[0]):
         return parts[1]  # its name says what it is
     if parts[:1] == ["targets"]:
-        return f"targets {_joined_names(parts[1:])}"
+        return f"targets {joined_names(parts[1:])}"
     return subject
-
-
-def _joined_names(names: Sequence[str]) -> str:
-    return names[-1] if len(names) < 2 else f"{', '.join(names[:-1])} and {names[-1]}"
 
 
 def _share(facts: Facts) -> str:
@@ -200,7 +196,7 @@ def _doubt(facts: Facts) -> str:
     """Return the reason why a cause is only suspected."""
     if facts.course is None:
         return doubt_text(facts.reason_code, facts.held_out_growth)
-    course = f"depends on {_joined_names(facts.course)}" if facts.course else "wanders or jumps in time"
+    course = f"depends on {joined_names(facts.course)}" if facts.course else "wanders or jumps in time"
     alternative = "acts next to it" if facts.is_course_beside else "is about as probable in its place"
     return f"an effect without a name on the same parts that {course} {alternative}"
 
@@ -356,7 +352,7 @@ def noise_explanation(facts: NoiseFacts) -> str:
         )
     if facts.inputs:
         return (
-            f"The noise is not uniform: it depends on {_joined_names(facts.inputs)}. Where it is largest, it is {size} "
+            f"The noise is not uniform: it depends on {joined_names(facts.inputs)}. Where it is largest, it is {size} "
             f"times as large as where it is smallest. {weighted}{missed}"
         )
     is_declared = facts.expected == DECLARED_NOISE

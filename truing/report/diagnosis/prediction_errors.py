@@ -177,7 +177,7 @@ def root_mean_square(values: pd.Series) -> float:
 
 
 def rms_with_interval(rms: ArrayLike, rng: np.random.Generator, counts: ArrayLike | None = None) -> str:
-    """Return ``4.1 (3.2 to 5.0)`` over the rms of N poses or runs, each of so many readings (one by default)."""
+    """Return ``4.1 (3.2 to 5.0)`` over the rms of N poses or runs, each of a number of readings (one by default)."""
     sizes = np.asarray(rms, dtype=float)
     weights = np.ones(len(sizes)) if counts is None else np.asarray(counts, dtype=float)
     known = np.isfinite(sizes)

@@ -119,7 +119,7 @@ def sizes(causes: list[AssessedCause], tables: Tables) -> ReportSection:
     combined = [(row, combinations) for row in causes if len(combinations := _combinations(row, tables))]
     text = " ".join([lead, *(_combined_words(row, combinations) for row, combinations in combined)])
     tables_of_combinations = tuple(_combined(row, combinations) for row, combinations in combined)
-    return ReportSection("sizes", "How large", text, tuple(drawn), (*tables_of_combinations, *listings))
+    return ReportSection("sizes", "Sizes of the effects", text, tuple(drawn), (*tables_of_combinations, *listings))
 
 
 def _combinations(row: AssessedCause, tables: Tables) -> pd.DataFrame:

@@ -68,7 +68,7 @@ def anchors(rows: Sequence[tuple[str, ...]], kind: str) -> tuple[str, ...]:
 
 
 def defined(cell: str, head: str, meanings: Meanings) -> Markup | str:
-    """Return a cell as a link to the row that defines what it names, with the sentence as tooltip, if there is one.
+    """Return a cell as a link to the row that defines its name, with the sentence as tooltip, if there is one.
 
     ``head``: that of its column.
     """

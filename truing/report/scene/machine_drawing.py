@@ -79,7 +79,7 @@ class Named:
 
 
 def failing_names(tables: Tables) -> Named:
-    """Return the things named by failed checks that nobody accepted, and the slips that explain them."""
+    """Return the things named by failed checks that were not accepted, and the slips that explain them."""
     checks, relations = table_or_none(tables, "qa"), table_or_none(tables, "belonging")
     if checks is None:
         return Named()

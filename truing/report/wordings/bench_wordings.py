@@ -131,8 +131,10 @@ def _imbalance(claim: Claim) -> str:
 
 
 def _arm_direction(axis: str, about: str) -> tuple[str, float]:
-    """Return the axis along which an offset of a force causes a moment about a given axis, and the sign of the arm for
-    a positive moment; empty for torques and for a moment about the force itself."""
+    """Return the axis along which an offset of a force causes a moment about a given axis, and the sign of the arm.
+
+    The sign is that for a positive moment. The axis is empty for torques and for a moment about the force itself.
+    """
     along = axis[-1:]
     if not axis.startswith("f") or along == about:
         return "", 0.0

@@ -8,7 +8,7 @@ from dataclasses import replace
 
 from truing.report.diagnosis.effect_units import size_text
 from truing.report.diagnosis.findings import subject_words
-from truing.report.numbers import rough, with_uncertainty
+from truing.report.numbers import joined_names, rough, with_uncertainty
 from truing.report.wordings.claim import (
     Claim,
     Wording,
@@ -335,7 +335,7 @@ def _terms(claim: Claim) -> str:
     names = ["the temperature" if column == _TEMPERATURE else own_name(column) for column in columns]
     if len(terms) == 1:
         return product_words(names * (2 if _TIMES in terms[0] and len(names) == 1 else 1))
-    text = " and ".join(names)
+    text = joined_names(names)
     return f"{text}, nonlinearly" if len(terms) > len(names) else text
 
 

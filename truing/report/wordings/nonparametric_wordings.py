@@ -6,7 +6,7 @@ import re
 from collections.abc import Iterable
 
 from truing.report.diagnosis.findings import subject_words
-from truing.report.numbers import p_at_most, percent
+from truing.report.numbers import joined_names, p_at_most, percent
 from truing.report.wordings.claim import SURE, Claim, Wording, largest_change_words
 from truing.schemas.covariates import own_name
 
@@ -61,9 +61,9 @@ def columns_words(columns: tuple[str, ...]) -> str:
     loads = [f"load {found[1]}" if (found := re.fullmatch(_LOAD, c)) else c for c in columns]
     others = [_COLUMNS.get(c, own_name(c)) for c in loads if not re.fullmatch(_DRIVE, c)]
     if len(drives) > 2:
-        return " and ".join(["the actuators", *others])
+        return joined_names(["the actuators", *others])
     texts = [f"actuator{'s' * (len(drives) > 1)} {' and '.join(drives)}"] if drives else []
-    return " and ".join([*texts, *others])
+    return joined_names([*texts, *others])
 
 
 def remainder_clause(
@@ -105,7 +105,7 @@ def remainder_explanation(
         if remains and is_partial
         else "The extended model does not hold this dependence, and no cause is named for it."
         if remains
-        else "With the other findings in the model, it is no longer significant: they may act, or this in their place."
+        else "With the other findings in the model, it is no longer significant. Either may be the cause."
     )
     return (
         f"{clause}{largest_text}, by smooth functions of this input or its history. "

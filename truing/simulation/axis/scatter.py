@@ -55,7 +55,7 @@ class AxisScatter(AxisCause):
         ]
 
     def parameters(self, legs: int) -> tuple[Parameter, ...]:
-        """Return the scatter, one sigma beyond what is declared."""
+        """Return the scatter, one sigma in addition to the declared noise."""
         return (self._length("scatter"),)
 
     def slopes(self, rows: AxisRows, axis: Axis) -> NDArray:

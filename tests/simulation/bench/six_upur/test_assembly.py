@@ -110,7 +110,7 @@ def test_axes_and_normals_of_leg_1_are_those_of_the_reference() -> None:
 
 
 @given(seed=SEEDS)
-def test_batches_of_chains_are_chains_one_by_one(seed: int) -> None:
+def test_a_batch_of_chains_gives_the_results_of_single_chains(seed: int) -> None:
     rng = np.random.default_rng(seed)
     some = [crooked_chain(rng) for _ in range(3)]
     together = influence_coefficients(joined_links(_stacked(some)))

@@ -128,7 +128,7 @@ def test_soft_axes_are_a_quarter_turn_apart() -> None:
 
 
 @pytest.mark.parametrize("soft", ["s3", "x"])
-def test_parts_that_cannot_be_are_refused(soft: str) -> None:
+def test_invalid_parts_are_refused(soft: str) -> None:
     with pytest.raises(ValueError, match="expected s1 or s2"):
         leaf_compliance(0.02, 0.03, 0.006, E_PA, NU, soft)
     with pytest.raises(ValueError, match="expected a thickness of at most the width"):

@@ -83,7 +83,7 @@ def test_turning_the_whole_sensor_turns_the_wrench(seed: int) -> None:
     assert_close(influence_matrix(turned), np.kron(np.eye(2), R) @ influence_matrix(joints), atol=1e-14, what="G")
 
 
-def test_batches_of_sensors_are_sensors_one_by_one() -> None:
+def test_a_batch_of_sensors_gives_the_results_of_single_sensors() -> None:
     rng = np.random.default_rng(0)
     some = [crooked_joints(rng) for _ in range(4)]
     arrays = (np.stack([getattr(joints, name) for joints in some]) for name in ("lower", "arm", "origin"))

@@ -128,7 +128,7 @@ def test_turning_the_platforms_frame_turns_the_transport(seed: int) -> None:
     assert_close(end_transport(turn @ arm, turn @ axes), expected, atol=1e-14, what="J_F")
 
 
-def test_batches_of_sensors_are_sensors_one_by_one() -> None:
+def test_a_batch_of_sensors_gives_the_results_of_single_sensors() -> None:
     rng = np.random.default_rng(0)
     some = [crooked_joints(rng) for _ in range(3)]
     arrays = (np.stack([getattr(joints, name) for joints in some]) for name in ("lower", "arm", "origin"))

@@ -74,7 +74,7 @@ def test_open_chains_scatter_by_sigma_over_root_six_whatever_the_geometry() -> N
 
 @settings(max_examples=3)
 @given(seed=SEEDS, workers=st.integers(2, 5))
-def test_any_number_of_workers_draws_the_same_bytes(seed: int, workers: int) -> None:
+def test_draws_are_identical_for_any_number_of_workers(seed: int, workers: int) -> None:
     count = 2 * tolerances._STREAM + tolerances._BLOCK + 1  # a last stream and a last block that are not full
     alone, together = (
         sampled_errors(joints_of("S"), SIGMA, count, np.random.default_rng(seed), workers=n) for n in (1, workers)
@@ -103,7 +103,7 @@ def test_bounded_errors_stay_within_their_zone() -> None:
 
 
 @pytest.mark.parametrize("confidence", [0.9, 0.95])
-def test_bands_hold_the_truth_as_often_as_they_say(confidence: float) -> None:
+def test_bands_contain_the_truth_at_their_stated_rate(confidence: float) -> None:
     """1000 experiments of 400 samples; the band is right to first order in 1 / sqrt(samples)."""
     rng = np.random.default_rng(4)
     root = np.diag([3.0, 1.0, 0.5])

@@ -149,7 +149,7 @@ def test_loops_of_unknown_masses_carry_no_known_load() -> None:
     assert not moment.any()
 
 
-def test_readings_at_which_two_circles_do_not_meet_are_told() -> None:
+def test_readings_at_which_two_circles_do_not_meet_are_reported() -> None:
     crank, coupler, rocker = 0.2, 0.3, 0.1
     tree, q = four_bar(crank, coupler, rocker), np.linspace(-1.5, 1.5, 61)[:, None]
     away = np.hypot(crank * np.sin(q[:, 0]) - GROUND, crank * np.cos(q[:, 0]))

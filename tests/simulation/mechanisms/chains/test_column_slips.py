@@ -48,7 +48,7 @@ def conditions_at(readings: Array) -> ChainConditions:
         (TRUE * [1.0, -1.0], ColumnSlipKind.REVERSED),
     ],
 )
-def test_a_zero_off_by_a_right_angle_and_a_reversed_column_are_told_apart(
+def test_a_zero_off_by_a_right_angle_and_a_reversed_column_are_distinguished(
     recorded: Array, kind: ColumnSlipKind
 ) -> None:
     """Of a joint that hardly moves a reversed column explains either to within a few per cent."""

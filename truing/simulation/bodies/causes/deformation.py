@@ -207,7 +207,7 @@ def bodies_of(scene: PointScene) -> Iterator[tuple[str, tuple[str, ...], tuple[f
 
 
 def is_large(targets: tuple[str, ...]) -> bool:
-    """True for a body with so many targets that only simple forms of its deformation are searched."""
+    """True for a body with a number of targets for which only simple forms of its deformation are searched."""
     return len(targets) > _MANY_TARGETS
 
 

@@ -126,8 +126,8 @@ def legs_with_effect(
 ) -> tuple[int, ...]:
     """Return the legs whose amplitudes (P,) differ from zero, if that is clearly more probable than all ``concerned``.
 
-    ``leg_of`` (P,): leg of each amplitude, from 1; legs: number of all legs, meant by an empty tuple. A leg with an
-    effect is expected to have one of the same size as the others.
+    ``leg_of`` (P,): leg of each amplitude, from 1; legs: number of all legs, which an empty tuple stands for. A leg
+    with an effect is expected to have one of the same size as the others.
     """
     odds = {}
     for legs_kept in choices(legs)[1:]:

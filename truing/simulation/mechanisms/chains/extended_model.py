@@ -179,7 +179,7 @@ def tip_by_joints(extended: ExtendedChain, conditions: ChainConditions) -> Array
 
 
 def identified_conditions(extended: ExtendedChain, conditions: ChainConditions) -> ChainConditions:
-    """Return conditions whose readings and deviations hold what was identified and the effects that last."""
+    """Return conditions whose readings and deviations include identified corrections and persistent effects."""
     right = _corrected(extended, conditions)
     return replace(right, deviations=_twists(extended, _persistent_motions(extended, right), len(right.readings)))
 

@@ -45,9 +45,9 @@ class LinkCause(ChainCause):
 class LinkGrowth(LinkCause):
     """A link grows by growth x temperature difference, from the joint that moves it to those that it carries.
 
-    ``along``: a joint at one end of the link; only the length along its axis grows. Where on this axis a link ends is a
-    choice of the description, so that another link may have this length. The link may warm more than the recorded
-    temperature does, as by its motors, so that the range of growth is not that of its material.
+    ``along``: a joint at one end of the link; only the length along its axis grows. The description chooses the
+    end of a link on this axis, so that another link may have this length. Heat of motors may warm the link more than
+    the recorded temperature shows. The range of growth is therefore not that of its material.
     """
 
     along: str = ""
@@ -72,7 +72,7 @@ class LinkGrowth(LinkCause):
         return [self, *long, *_lengths_along(long, machine)] if long else ()
 
     def shared_with(self, scene: ChainScene) -> Mapping[str, Any]:
-        """Return the links to which the length may belong as well, and the joints between, which do not turn it."""
+        """Return the links to which the length may also belong, and the joints between, which do not turn it."""
         machine, nodes = scene.inputs_of_machine, scene.inputs_of_machine.tree.nodes
         ends = self._children(machine) if self.link else []
         if len(ends) != 1:

@@ -1,4 +1,4 @@
-"""Causes by weight apart from the compliance of joints and links: a tilting column, and joints under unknown masses."""
+"""Causes by weight other than the compliance of joints and links: a tilting column, and joints under unknown masses."""
 
 from __future__ import annotations
 
