@@ -146,23 +146,25 @@ def encoders_in_place(
             "too few rows", "axis-encoders", "", f"{count_text(int(known.sum()), 'row')} with all encoders"
         )
     motor, load, measured = (deviations[each][known] for each in ENCODERS)
-    of_loop, other = (motor, load) if columns.loop == MOTOR else (load, motor)
-    is_astray = max(_larger_variance(measured - load, measured - motor), _larger_variance(of_loop, other)) < _UNLIKELY
-    scatter = [f"{np.std(measured - encoder) / unit[1]:.3g}" for encoder in (load, motor)]
+    loop, other = (MOTOR, LOAD) if columns.loop == MOTOR else (LOAD, MOTOR)
+    of_loop, of_other = (motor, load) if columns.loop == MOTOR else (load, motor)
     named = {each: columns.encoders[each] for each in ENCODERS}
-    text = (
-        f"{named[MEASURED]} departs from {named[LOAD]} by {scatter[0]} {unit[0]} and from {named[MOTOR]} by "
-        f"{scatter[1]}"
-    )
-    if is_astray:
-        follows = named[LOAD if columns.loop == MOTOR else MOTOR]
-        actual = LOAD if columns.loop == MOTOR else MOTOR
-        text += (
-            f", and {follows} follows the command. Did you mean: columns {named[MOTOR]} and {named[LOAD]} exchanged? "
-        )
-        text += f'Or loop = "{actual}", if the load encoder errs'
+    apart = [f"{np.std(measured - encoder) / unit[1]:.3g}" for encoder in (load, motor)]
+    text = f"{named[MEASURED]} departs from {named[LOAD]} by {apart[0]} {unit[0]} and from {named[MOTOR]} by {apart[1]}"
     ratio = float(np.std(measured - motor) / max(float(np.std(measured - load)), 1e-300))
-    return Check("axis-encoders", "", ratio, 1.0, "1", WARN if is_astray else PASS, f"{text}.")
+    size = float(np.std(of_loop))
+    is_far = size > _CLEARLY * noise.get(loop, 0.0)
+    if max(_larger_variance(measured - load, measured - motor), _larger_variance(of_loop, of_other)) < _UNLIKELY:
+        text += f", and {named[other]} follows the command. Did you mean: columns {named[MOTOR]} and {named[LOAD]} "
+        text += f'exchanged? Or loop = "{other}", if the load encoder errs.'
+        verdict = FAIL if is_far and size > _CLEARLY * float(np.std(of_other)) else WARN
+        return Check("axis-encoders", "", ratio, 1.0, "1", verdict, text)
+    if is_far and size > _CLEARLY * float(np.std(measured)) and _larger_variance(of_loop, measured) < _UNLIKELY:
+        text = f"{named[loop]} departs from the command by {size / unit[1]:.3g} {unit[0]} and {named[MEASURED]} by "
+        text += f"{np.std(measured) / unit[1]:.3g}, but the controller holds the encoder of the loop to the command. "
+        text += f"Did you mean: columns {named[loop]} and {named[MEASURED]} exchanged?"
+        return Check("axis-encoders", "", ratio, 1.0, "1", FAIL, text)
+    return Check("axis-encoders", "", ratio, 1.0, "1", PASS, f"{text}.")
 
 
 def _loop_follows(columns: AxisColumns, deviations: Mapping[str, Array], noise: Mapping[str, float]) -> Check:

@@ -54,18 +54,20 @@ def movements(command: Array, reading: Array) -> tuple[float, int]:
     return float(np.median(ratios[agree] if agree.mean() >= _PART else ratios)), int(moved.sum())
 
 
-def unit_check(encoder: str, columns: AxisColumns, moved: Mapping[str, tuple[float, int]], exchanged: str) -> Check:
+def unit_check(
+    encoder: str, columns: AxisColumns, moved: Mapping[str, tuple[float, int]], exchanged: tuple[str, ...]
+) -> Check:
     """Check that an encoder moves as far as the command.
 
-    ``moved``: `movements` by encoder; ``exchanged``: names of two columns that would agree in each other's place.
+    ``moved``: `movements` by encoder; ``exchanged``: two columns that belong in each other's place.
     """
     ratio, count = moved[encoder]
     if not np.isfinite(ratio):
         return not_evaluated("too few movements", "axis-units", encoder, f"the command moves {count} times")
     text = f"{columns.encoders[encoder]} moves {ratio:.6g} times as far as {columns.command}"
     is_odd = abs(ratio - 1.0) > _ODD
-    if is_odd and exchanged:
-        return _row(encoder, ratio, FAIL, f"{text}: did you mean columns {exchanged} exchanged?")
+    if exchanged and (is_odd or columns.encoders[encoder] in exchanged):
+        return _row(encoder, ratio, FAIL, f"{text}: did you mean columns {' and '.join(exchanged)} exchanged?")
     if is_odd and (meant := _meant(encoder, ratio, columns, moved)):
         return _row(encoder, ratio, FAIL, f"{text}: did you mean {meant}? Correct the unit or the sign.")
     if not 1.0 / _WRONG <= ratio <= _WRONG:
@@ -76,7 +78,7 @@ def unit_check(encoder: str, columns: AxisColumns, moved: Mapping[str, tuple[flo
     return _row(encoder, ratio, PASS, f"{text}.")
 
 
-def exchanged_columns(table: pa.Table, columns: AxisColumns, in_time: Array) -> str:
+def exchanged_columns(table: pa.Table, columns: AxisColumns, in_time: Array) -> tuple[str, ...]:
     """Names of the two columns that are in each other's place; empty where the encoders agree, or no exchange helps.
 
     An exchange shows in the movements, if counts are among them. Commands are known by values that return exactly.
@@ -94,8 +96,8 @@ def exchanged_columns(table: pa.Table, columns: AxisColumns, in_time: Array) -> 
         other = raw | {first: raw[second], second: raw[first]}
         is_command = first == columns.command and _hold_commands(raw[second], raw[first])
         if (is_command or not are_alike) and moves_alike(other):
-            return f"{first} and {second}"
-    return ""
+            return first, second
+    return ()
 
 
 def _hold_commands(exact: Array, scattered: Array) -> bool:
@@ -123,7 +125,7 @@ def _meant(encoder: str, ratio: float, columns: AxisColumns, moved: Mapping[str,
     """Slips of unit or sign that make the movements agree: of the encoder, or of the command and all that moves with
     it; empty where there is none."""
     ratios = {name: each for name, (each, _) in moved.items() if np.isfinite(each)}
-    rest = [columns.encoders[name] for name, each in ratios.items() if abs(each / ratio - 1.0) > _OF_SLIP]
+    rest = [columns.encoders[name] for name, each in ratios.items() if abs(each - ratio) > _OF_SLIP * abs(ratio)]
     sign = " with the opposite sign" if ratio < 0.0 else ""
     own, others = _unit_of(abs(ratio), columns.unit), _unit_of(1.0 / max(abs(ratio), 1e-300), columns.unit)
     if sign and abs(abs(ratio) - 1.0) < _ODD:

@@ -173,3 +173,15 @@ def test_coarse_readings_that_repeat_are_no_copies(share: float) -> None:
     for _ in range(40):
         off = np.where(rng.random(len(SWEEPS)) < np.sqrt(share), 0.0, rng.integers(-50, 50, len(SWEEPS)))
         assert copied_stretch(SWEEPS, SWEEPS + 1e-3 * off) is None
+
+
+def test_values_that_each_command_returns_are_no_copies() -> None:
+    rng = np.random.default_rng(7)
+    reading = SWEEPS + 1e-3 * rng.normal(size=len(SWEEPS))
+    assert (
+        copied_stretch(SWEEPS, 0.02 * np.round((SWEEPS + 0.004 * np.sign(np.diff(SWEEPS, prepend=-99.0))) / 0.02))
+        is None
+    )
+    assert copied_stretch(reading, SWEEPS) is None  # exchanged columns: the commands return
+    edge = np.where(np.arange(len(SWEEPS)) % 9 == 4, 0.02 * np.sign(rng.normal(size=len(SWEEPS))), 0.0)
+    assert copied_stretch(SWEEPS, SWEEPS + edge) is None

@@ -19,8 +19,8 @@ _EXPLAINED = 0.9  # least share of the rows that a slip explains
 # Fewest angles; the share of the misfit that remains if they were written with minutes; and their decimals.
 _FEWEST_ANGLES, _FAR_BETTER, _SIXTY, _DIGITS = 20, 0.1, 0.6, 8
 _SHIFTS = (1, -1, 2, -2)
-# Fewest rows of a copied stretch, pairs of rows that tell chance, its level, and rows of a recording that are compared.
-_FEWEST_COPIED, _FEWEST_PAIRS, _UNLIKELY, _MOST_COMPARED = 8, 20, 1e-4, 2000
+# Fewest rows of a copied stretch, its level, and rows of a recording that are compared.
+_FEWEST_COPIED, _UNLIKELY, _MOST_COMPARED = 8, 1e-4, 2000
 # Fewest readings that show a scatter; how near its ratio to the declared noise lies to that of another unit.
 _FEWEST_SCATTERED, _OF_UNIT = 10, 1.9
 # Median absolute value of differences, in standard deviations of a reading.
@@ -78,25 +78,28 @@ def copied_stretch(command: Array, reading: Array) -> tuple[int, int, int] | Non
     """Return first row, first row of the copy, and length of the longest stretch of readings (N,) that return in every
     digit further down, beyond chance; None where there is none.
 
-    Chance is the share of equal readings among all other pairs of rows of one command (N,): no encoder that repeats
-    less often returns a whole stretch. Only the first rows of a long recording are compared.
+    Chance is how often other rows of the same command (N,) and direction return their reading, or, where there are
+    none, rows of any command. Only the first rows of a long recording are compared.
     """
     command, reading = command[:_MOST_COMPARED], reading[:_MOST_COMPARED]
-    stretches = [(*_longest_run(reading[lag:] == reading[:-lag]), lag) for lag in range(1, len(reading))]
-    length, start, lag = max(stretches, default=(0, 0, 0))
+    equal = [reading[lag:] == reading[:-lag] for lag in range(1, len(reading))]
+    length, start, lag = max(((*_longest_run(each), lag) for lag, each in enumerate(equal, 1)), default=(0, 0, 0))
     rows = slice(start, start + length)
     if length < _FEWEST_COPIED or min(len(np.unique(reading[rows])), len(np.unique(command[rows]))) < _FEWEST:
         return None
-    pairs = equal = 0
-    for other in range(1, len(reading)):
+    sent = np.column_stack([command, np.sign(np.diff(command, prepend=command[0]))])
+    pairs, again, anywhere = np.zeros((3, len(reading)))
+    for other, is_equal in enumerate(equal, 1):
         if other != lag:
-            alike = command[other:] == command[:-other]
-            pairs += int(alike.sum())
-            equal += int((reading[other:] == reading[:-other])[alike].sum())
-    if pairs < _FEWEST_PAIRS:
-        pairs, equal = len(reading), _equal_deviations(command, reading)
-    chance = length * np.log((1.0 + equal) / (1.0 + pairs)) + 2.0 * np.log(len(reading))
-    return (start, start + lag, length) if chance < np.log(_UNLIKELY) else None
+            alike = (sent[other:] == sent[:-other]).all(1)
+            for side in (slice(other, None), slice(None, -other)):
+                pairs[side] += alike
+                again[side] += alike & is_equal
+                anywhere[side] += is_equal
+    of_all = (1.0 + np.sum(anywhere > 0.0)) / (1.0 + len(reading))
+    chance = np.where(pairs > 0.0, (1.0 + again) / (1.0 + pairs), of_all)[rows]
+    is_copy = np.sum(np.log(chance)) + 2.0 * np.log(len(reading)) < np.log(_UNLIKELY)
+    return (start, start + lag, length) if is_copy else None
 
 
 def _longest_run(equal: Mask) -> tuple[int, int]:
@@ -107,13 +110,6 @@ def _longest_run(equal: Mask) -> tuple[int, int]:
     lengths = ends[1::2] - ends[::2]
     longest = int(np.argmax(lengths))
     return int(lengths[longest]), int(ends[2 * longest])
-
-
-def _equal_deviations(command: Array, reading: Array) -> int:
-    """Number of rows (N,) whose deviation from the command equals that of a row with another command."""
-    _, group = np.unique(np.round(reading - command, _DIGITS), return_inverse=True)
-    members = np.unique(np.column_stack([group.ravel(), command]), axis=0)[:, 0].astype(np.int64)
-    return int(np.sum(np.bincount(members)[group.ravel()] > 1))
 
 
 def other_order(command: Array, reading: Array) -> bool:

@@ -86,11 +86,17 @@ def test_columns_exchanged_with_counts_are_named(first: str, second: str) -> Non
 @pytest.mark.parametrize("other", ["load_mm", "measured_mm"])
 def test_commands_are_known_by_their_exact_values(other: str) -> None:
     table = pa.table(_exchanged("command_mm", other)(_recorded()))
-    assert exchanged_columns(table, COLUMNS, np.arange(ROWS)) == f"command_mm and {other}"
-    assert exchanged_columns(pa.table(_recorded()), COLUMNS, np.arange(ROWS)) == ""
+    assert exchanged_columns(table, COLUMNS, np.arange(ROWS)) == ("command_mm", other)
+    assert exchanged_columns(pa.table(_recorded()), COLUMNS, np.arange(ROWS)) == ()
 
 
 def test_a_slip_of_half_the_rows_is_none_of_all() -> None:
     own = _recorded()
     own["measured_mm"] = np.where(np.arange(ROWS) < 25, own["measured_mm"], -own["measured_mm"])
     assert _checks(own)["measured"][0] == "pass"  # the check of rows names them
+
+
+def test_a_reading_that_does_not_follow_at_all_is_named_without_a_unit() -> None:
+    verdict, said = _checks(_times(0.0, "measured_mm")(_recorded()))["measured"]
+    assert verdict == "fail"
+    assert "mean" not in said
