@@ -69,9 +69,10 @@ def _checks(
     readings = {encoder: columns.si(table, column)[in_time] for encoder, column in columns.encoders.items()}
     moved = {encoder: movements(command, reading) for encoder, reading in readings.items()}
     exchanged = exchanged_columns(table, columns, in_time)
+    units = {encoder: unit_check(encoder, columns, moved, exchanged) for encoder in columns.encoders}
+    yield from units.values()
     for encoder, column in columns.encoders.items():
         raw = number_column(table, column)[in_time]
-        yield unit_check(encoder, columns, moved, exchanged)
         poses, reading = np.array(rows.poses, object)[in_time], readings[encoder]
         sigma = sigmas[encoder] if encoder == MEASURED else 0.0
         yield (
@@ -83,9 +84,15 @@ def _checks(
         yield _repeated_readings(encoder, command, raw, np.array(rows.poses, object)[in_time], off, limits)
     deviations = columns.deviations(table)
     for encoder, deviation in zip(columns.encoders, deviations.T, strict=True):
+        if units[encoder].verdict == FAIL:  # neither its noise nor its unit is known
+            yield not_evaluated("another unit", "axis-noise", encoder, "the encoder moves unlike the command")
+            continue
         yield noise_of_rows(encoder, rows.command, rows.direction, deviation, float(np.hypot(off, sigmas[encoder])))
-    declared = {name: float(np.hypot(off, sigma)) for name, sigma in sigmas.items()}
-    yield encoders_in_place(columns, dict(zip(columns.encoders, deviations.T, strict=True)), declared)
+    if any(check.verdict == FAIL for check in units.values()):
+        yield not_evaluated("another unit", "axis-encoders", "", "an encoder moves unlike the command")
+    else:
+        declared = {name: float(np.hypot(off, sigma)) for name, sigma in sigmas.items()}
+        yield encoders_in_place(columns, dict(zip(columns.encoders, deviations.T, strict=True)), declared)
     yield _repeated(table, columns, np.array(rows.poses, object), limits)
     yield _approach(rows.direction, limits)
 

@@ -66,8 +66,12 @@ def unit_check(
         return not_evaluated("too few movements", "axis-units", encoder, f"the command moves {count} times")
     text = f"{columns.encoders[encoder]} moves {ratio:.6g} times as far as {columns.command}"
     is_odd = abs(ratio - 1.0) > _ODD
-    if exchanged and (is_odd or columns.encoders[encoder] in exchanged):
-        return _row(encoder, ratio, FAIL, f"{text}: did you mean columns {' and '.join(exchanged)} exchanged?")
+    column, slipped = columns.encoders[encoder], f"did you mean columns {' and '.join(exchanged)} exchanged?"
+    if exchanged and is_odd:
+        return _row(encoder, ratio, FAIL, f"{text}: {slipped}")
+    if column in exchanged:
+        why = f"{column} returns exact values, as commands do, and {columns.command} does not"
+        return _row(encoder, ratio, FAIL, f"{why}: {slipped}")
     if is_odd and (meant := _meant(encoder, ratio, columns, moved)):
         return _row(encoder, ratio, FAIL, f"{text}: did you mean {meant}? Correct the unit or the sign.")
     if not 1.0 / _WRONG <= ratio <= _WRONG:
