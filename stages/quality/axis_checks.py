@@ -40,6 +40,7 @@ _CLEARLY = 3.0
 _SIGNS = (("", 1.0), (" with the opposite sign", -1.0))
 _FEW = 0.1  # share of the rows
 _FEWEST, _FEWEST_ROWS = 3, 8
+_UNIFORM = float(np.sqrt(12.0))  # step over the standard deviation of what it rounds
 _SAME = 0.9  # least share of equal rows of two columns that are one
 _SURELY = 3.0  # standard deviations of a number that chance gives
 _NEAR, _MOST_REPEATS = 3, 30  # steps of the resolution; rows of one command that are compared
@@ -91,7 +92,10 @@ def _checks(
     if any(check.verdict == FAIL for check in units.values()):
         yield not_evaluated("another unit", "axis-encoders", "", "an encoder moves unlike the command")
     else:
-        declared = {name: float(np.hypot(off, sigma)) for name, sigma in sigmas.items()}
+        steps = {name: float(np.diff(np.unique(reading)).min(initial=np.inf)) for name, reading in readings.items()}
+        declared = {
+            name: float(np.hypot(np.hypot(off, sigma), steps[name] / _UNIFORM)) for name, sigma in sigmas.items()
+        }
         yield encoders_in_place(columns, dict(zip(columns.encoders, deviations.T, strict=True)), declared)
     yield _repeated(table, columns, np.array(rows.poses, object), limits)
     yield _approach(rows.direction, limits)
