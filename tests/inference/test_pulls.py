@@ -84,7 +84,7 @@ def test_a_number_that_two_parameters_share_is_tested_though_neither_is_identifi
     posterior = np.linalg.inv(prior + jacobian.T @ jacobian)
     rng, found = np.random.default_rng(3), []
     for _ in range(DRAWS):
-        truth = rng.normal(size=2) + [wrong, 0.0]
+        truth = rng.normal(size=2) + np.array([wrong, 0.0])
         found.append(pulls(posterior @ jacobian.T @ (jacobian @ truth + rng.normal(size=1)), prior, posterior))
     assert (found[0].freedom, found[0].identifiable.any()) == (1, False)
     if wrong:
