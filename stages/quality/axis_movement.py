@@ -91,7 +91,7 @@ def exchanged_columns(table: pa.Table, columns: AxisColumns, in_time: Array) -> 
     raw = {column: number_column(table, column)[in_time] for column in of.values()}
 
     def moves_alike(named: Mapping[str, Array]) -> bool:
-        si = {name: values / columns.recorded(name, np.float64(SI[columns.unit])) for name, values in named.items()}
+        si = {name: values / columns.recorded(name, np.array(SI[columns.unit])) for name, values in named.items()}
         ratios = np.array([movements(si[columns.command], si[name])[0] for name in columns.encoders.values()])
         return bool((np.abs(ratios - 1.0) < _ODD).all())
 
