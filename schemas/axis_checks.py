@@ -10,17 +10,20 @@ OF_AXES: Checks = {
         "A wrong unit, sign or number of counts per unit would appear as an axis error.",
         VerdictRule(
             "ratio of the movements outside 0.9 to 1.1",
-            "a ratio that another unit or sign explains, or outside 0.5 to 2",
+            "a ratio that another unit or sign, or exchanged columns explain, or outside 0.5 to 2; exact values of "
+            "commands in an encoder's column",
         ),
         "Correct the column's unit in the mapping, counts_per_deg or counts_per_mm, or the name in [mechanism].",
         withholds="models",
     ),
     "axis-rows": QualityCheck(
         "Does every reading belong to the command of its row?",
-        "Rows that were exchanged, shifted, copied or written in another unit would appear as errors of the axis.",
+        "Rows that were exchanged, shifted, sorted, copied or written in another unit would appear as errors of the "
+        "axis.",
         VerdictRule(
             "at most a tenth of the rows off by more than 2 % of the travel",
-            "more rows, or rows that an exchange, a shift, another unit or sign explains; a shifted zero is none",
+            "more rows; rows that an exchange, a shift, another order, unit or sign explains (a shifted zero is none); "
+            "a stretch or a column that equals another in every digit",
         ),
         "Correct the named rows in the export or its mapping, or exclude them.",
         withholds="models",
@@ -51,7 +54,8 @@ OF_AXES: Checks = {
         VerdictRule(
             "the instrument agrees with the motor, and the other encoder follows the command, significantly; without "
             "an instrument: the other encoder follows the command better, significantly",
-            "without an instrument: the encoder of the loop departs from the command three times as far as the other",
+            "the same, and the encoder of the loop departs from the command three times as far as the other, or as the "
+            "instrument",
         ),
         "Correct loop in [mechanism], or exchange the columns.",
         withholds="models",

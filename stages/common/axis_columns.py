@@ -34,6 +34,7 @@ _COUNTS = "_counts"
 _DIGITS = 9  # of commands, rad or m
 # Sizes of counters, and the part of their range within which all deviations lie if nothing but overflows is large.
 _BITS, _WITHIN = range(16, 33), 0.02
+_WITHIN_TURN = 0.1  # the same of a turn, where an encoder counts turns
 # Smallest change of the command that counts as a movement, in standard deviations of the axis from its command.
 _MOVED = 5.0
 
@@ -86,17 +87,23 @@ class AxisColumns:
 
     def commands(self, table: pa.Table) -> Array:
         """Return the commands (N,), rad or m; those of a rotary axis within one turn go on over turns that an encoder
-        counts."""
+        counts: it agrees with the command but for whole turns, and with them the axis moves no farther."""
         command = self.si(table, self.command)
         known = np.isfinite(command)
         if self.kind != ROTARY or not known.any() or np.ptp(command[known]) >= _TURN:
             return command
+        in_time = np.argsort(number_column(table, "time_s"), kind="stable")
+        in_time = in_time[known[in_time]]
         for column in self.encoders.values():
             reading = self.si(table, column)
             both = known & np.isfinite(reading)
             if both[known].all() and np.ptp(reading[known]) > _TURN:
                 off = reading - command
-                return np.asarray(command + _TURN * np.round((off - np.median(off[known])) / _TURN))
+                away = off - np.median(off[known])
+                turns = _TURN * np.round(away / _TURN)
+                is_shorter = _travel((command + turns)[in_time]) <= _travel(command[in_time])
+                if is_shorter and np.abs(away - turns)[known].max() < _WITHIN_TURN * _TURN:
+                    return np.asarray(command + turns)
         return command
 
     def rows(self, table: pa.Table, command_sigma: float) -> AxisRows:
@@ -136,6 +143,11 @@ def targets_of(command: Array) -> tuple[Array, Index]:
     """Return the commands (P,) that differ by more than rounding, and the number (N,) of that of each row."""
     target, number = np.unique(np.round(command, _DIGITS), return_inverse=True)
     return target, number.ravel().astype(np.int64)
+
+
+def _travel(positions: Array) -> float:
+    """Sum of the movements between successive positions (N,)."""
+    return float(np.abs(np.diff(positions)).sum())
 
 
 def _overflows(off: Array, counts: Array, count: float) -> Array:

@@ -13,38 +13,35 @@ from numpy.typing import NDArray
 from scipy.special import chdtr, stdtr
 
 from truing.arrays import Array
-from truing.belonging.axis_rows import RowSlipKind, sexagesimal, slip_of_rows, unit_of_deviations
+from truing.belonging.axis_rows import (
+    RowSlipKind,
+    copied_stretch,
+    other_order,
+    sexagesimal,
+    slip_of_rows,
+    unit_of_deviations,
+)
 from truing.report.numbers import count_text, listed
 from truing.simulation.axis.rows import ENCODERS, LOAD, MEASURED, MOTOR
 from truing.stages.common.axis_columns import AxisColumns, columns_of, command_sigma, encoder_sigma
 from truing.stages.common.point_arrays import number_column
+from truing.stages.quality.axis_movement import UNIT_SLIPS, exchanged_columns, movements, unit_check
 from truing.stages.quality.check import FAIL, PASS, WARN, CampaignLimits, Check, CheckResults, not_evaluated
 from truing.stages.quality.time_and_temperature import temperature_columns, temperature_units
 
 if TYPE_CHECKING:
     from truing.schemas.campaign import Campaign
 
-# What a column may have been written in instead, as the ratio of its movement to the command's.
-_SLIPS = {
-    "deg": {
-        np.pi / 180.0: "radians",
-        60.0: "arc minutes",
-        3600.0: "arc seconds",
-        1e3: "millidegrees",
-        1.0 / 360.0: "turns",
-        10.0 / 9.0: "gon",
-    },
-    "mm": {1e-3: "metres", 0.1: "centimetres", 1e3: "micrometres", 1.0 / 25.4: "inches"},
-}
 # Units in which an instrument may give deviations from the command, by their number in a unit of the column.
 _DEVIATIONS = {"deg": {3600.0: "arc seconds"}, "mm": {1e3: "micrometres"}}
-_OF_SLIP = 0.01  # how near a ratio lies to that of a slip
-_ODD, _WRONG = 0.1, 2.0
+_WRONG = 2.0
 # How many times its noise, and what the other does, the encoder of a wrong loop departs from the command.
 _CLEARLY = 3.0
 _SIGNS = (("", 1.0), (" with the opposite sign", -1.0))
 _FEW = 0.1  # share of the rows
 _FEWEST, _FEWEST_ROWS = 3, 8
+_UNIFORM = float(np.sqrt(12.0))  # step over the standard deviation of what it rounds
+_SAME = 0.9  # least share of equal rows of two columns that are one
 _SURELY = 3.0  # standard deviations of a number that chance gives
 _NEAR, _MOST_REPEATS = 3, 30  # steps of the resolution; rows of one command that are compared
 # From here on, readings are so coarse that equal rows say nothing.
@@ -70,18 +67,36 @@ def _checks(
     rows = columns.rows(table, off)
     in_time = np.argsort(rows.order)
     command = rows.command[in_time]
+    readings = {encoder: columns.si(table, column)[in_time] for encoder, column in columns.encoders.items()}
+    moved = {encoder: movements(command, reading) for encoder, reading in readings.items()}
+    exchanged = exchanged_columns(table, columns, in_time)
+    units = {encoder: unit_check(encoder, columns, moved, exchanged) for encoder in columns.encoders}
+    yield from units.values()
     for encoder, column in columns.encoders.items():
         raw = number_column(table, column)[in_time]
-        yield _unit(encoder, column, columns, command, columns.si(table, column)[in_time])
-        poses, reading = np.array(rows.poses, object)[in_time], columns.si(table, column)[in_time]
+        poses, reading = np.array(rows.poses, object)[in_time], readings[encoder]
         sigma = sigmas[encoder] if encoder == MEASURED else 0.0
-        yield _deviations(encoder, columns, command, reading, sigma) or _rows(encoder, columns, command, reading, poses)
+        yield (
+            _same(encoder, columns, rows.command[in_time], readings)
+            or _order(encoder, command, reading)
+            or _deviations(encoder, columns, command, reading, sigma)
+            or _rows(encoder, columns, command, reading, poses)
+        )
         yield _repeated_readings(encoder, command, raw, np.array(rows.poses, object)[in_time], off, limits)
     deviations = columns.deviations(table)
     for encoder, deviation in zip(columns.encoders, deviations.T, strict=True):
+        if units[encoder].verdict == FAIL:  # neither its noise nor its unit is known
+            yield not_evaluated("another unit", "axis-noise", encoder, "the encoder moves unlike the command")
+            continue
         yield noise_of_rows(encoder, rows.command, rows.direction, deviation, float(np.hypot(off, sigmas[encoder])))
-    declared = {name: float(np.hypot(off, sigma)) for name, sigma in sigmas.items()}
-    yield encoders_in_place(columns, dict(zip(columns.encoders, deviations.T, strict=True)), declared)
+    if any(check.verdict == FAIL for check in units.values()):
+        yield not_evaluated("another unit", "axis-encoders", "", "an encoder moves unlike the command")
+    else:
+        steps = {name: float(np.diff(np.unique(reading)).min(initial=np.inf)) for name, reading in readings.items()}
+        declared = {
+            name: float(np.hypot(np.hypot(off, sigma), steps[name] / _UNIFORM)) for name, sigma in sigmas.items()
+        }
+        yield encoders_in_place(columns, dict(zip(columns.encoders, deviations.T, strict=True)), declared)
     yield _repeated(table, columns, np.array(rows.poses, object), limits)
     yield _approach(rows.direction, limits)
 
@@ -142,23 +157,25 @@ def encoders_in_place(
             "too few rows", "axis-encoders", "", f"{count_text(int(known.sum()), 'row')} with all encoders"
         )
     motor, load, measured = (deviations[each][known] for each in ENCODERS)
-    of_loop, other = (motor, load) if columns.loop == MOTOR else (load, motor)
-    is_astray = max(_larger_variance(measured - load, measured - motor), _larger_variance(of_loop, other)) < _UNLIKELY
-    scatter = [f"{np.std(measured - encoder) / unit[1]:.3g}" for encoder in (load, motor)]
+    loop, other = (MOTOR, LOAD) if columns.loop == MOTOR else (LOAD, MOTOR)
+    of_loop, of_other = (motor, load) if columns.loop == MOTOR else (load, motor)
     named = {each: columns.encoders[each] for each in ENCODERS}
-    text = (
-        f"{named[MEASURED]} departs from {named[LOAD]} by {scatter[0]} {unit[0]} and from {named[MOTOR]} by "
-        f"{scatter[1]}"
-    )
-    if is_astray:
-        follows = named[LOAD if columns.loop == MOTOR else MOTOR]
-        actual = LOAD if columns.loop == MOTOR else MOTOR
-        text += (
-            f", and {follows} follows the command. Did you mean: columns {named[MOTOR]} and {named[LOAD]} exchanged? "
-        )
-        text += f'Or loop = "{actual}", if the load encoder errs'
+    apart = [f"{np.std(measured - encoder) / unit[1]:.3g}" for encoder in (load, motor)]
+    text = f"{named[MEASURED]} departs from {named[LOAD]} by {apart[0]} {unit[0]} and from {named[MOTOR]} by {apart[1]}"
     ratio = float(np.std(measured - motor) / max(float(np.std(measured - load)), 1e-300))
-    return Check("axis-encoders", "", ratio, 1.0, "1", WARN if is_astray else PASS, f"{text}.")
+    size = float(np.std(of_loop))
+    is_far = size > _CLEARLY * noise.get(loop, 0.0)
+    if max(_larger_variance(measured - load, measured - motor), _larger_variance(of_loop, of_other)) < _UNLIKELY:
+        text += f", and {named[other]} follows the command. Did you mean: columns {named[MOTOR]} and {named[LOAD]} "
+        text += f'exchanged? Or loop = "{other}", if the load encoder errs.'
+        verdict = FAIL if is_far and size > _CLEARLY * float(np.std(of_other)) else WARN
+        return Check("axis-encoders", "", ratio, 1.0, "1", verdict, text)
+    if is_far and size > _CLEARLY * float(np.std(measured)) and _larger_variance(of_loop, measured) < _UNLIKELY:
+        text = f"{named[loop]} departs from the command by {size / unit[1]:.3g} {unit[0]} and {named[MEASURED]} by "
+        text += f"{np.std(measured) / unit[1]:.3g}, but the controller holds the encoder of the loop to the command. "
+        text += f"Did you mean: columns {named[loop]} and {named[MEASURED]} exchanged?"
+        return Check("axis-encoders", "", ratio, 1.0, "1", FAIL, text)
+    return Check("axis-encoders", "", ratio, 1.0, "1", PASS, f"{text}.")
 
 
 def _loop_follows(columns: AxisColumns, deviations: Mapping[str, Array], noise: Mapping[str, float]) -> Check:
@@ -192,37 +209,39 @@ def _larger_variance(first: Array, second: Array) -> float:
     return float(stdtr(len(first) - 2, -r * np.sqrt((len(first) - 2) / (1.0 - r**2))))
 
 
-def _unit(encoder: str, column: str, columns: AxisColumns, command: Array, reading: Array) -> Check:
-    """Check that an encoder moves as far as the command: median ratio of their movements between successive rows."""
+def _same(encoder: str, columns: AxisColumns, command: Array, readings: Mapping[str, Array]) -> Check | None:
+    """Return the failed check of an encoder that equals another column in every digit; None if it differs from all.
+
+    The encoder of the loop may stand at the command.
+    """
+    others = {columns.command: command} if encoder != columns.loop else {}
+    others |= {columns.encoders[name]: readings[name] for name in readings if name != encoder}
+    for name, other in others.items():
+        both = np.isfinite(readings[encoder]) & np.isfinite(other)
+        equal = np.isclose(readings[encoder][both], other[both], rtol=1e-12, atol=1e-15)
+        if both.sum() >= _FEWEST_ROWS and equal.mean() >= _SAME and len(np.unique(other[both])) >= _FEWEST:
+            text = (
+                f"{columns.encoders[encoder]} equals {name} in every digit in {count_text(int(equal.sum()), 'row')}. "
+            )
+            text += "Did you mean another column, or is the reading coarser than the errors of the axis?"
+            return Check("axis-rows", encoder, float(equal.sum()), 0.0, "1", FAIL, text)
+    return None
+
+
+def _order(encoder: str, command: Array, reading: Array) -> Check | None:
+    """Return the failed check of readings that belong to the commands in another order of rows; None if they do not."""
     both = np.isfinite(command) & np.isfinite(reading)
-    moves, found = np.diff(command[both]), np.diff(reading[both])
-    moved = np.abs(moves) > 1e-3 * np.ptp(command[both]) if both.any() else np.zeros(0, bool)
-    if moved.sum() < _FEWEST:
-        return not_evaluated("too few movements", "axis-units", encoder, f"the command moves {int(moved.sum())} times")
-    ratio = float(np.median(found[moved] / moves[moved]))
-    slip = next((words for at, words in _SLIPS[columns.unit].items() if abs(abs(ratio) / at - 1.0) < _OF_SLIP), "")
-    sign = " with the opposite sign" if ratio < 0.0 else ""
-    text = f"{column} moves {ratio:.6g} times as far as {columns.command}"
-    if slip or (sign and abs(abs(ratio) - 1.0) < _ODD):
-        meant = f"in {slip}{sign}" if slip else f"{columns.unit}{sign}"
-        return Check(
-            "axis-units", encoder, ratio, 1.0, "1", FAIL, f"{text}: did you mean {meant}? Correct its unit or its sign."
-        )
-    if sign or not 1.0 / _WRONG <= ratio <= _WRONG:
-        cure = f"Correct its unit, counts_per_{columns.unit} or the column that [mechanism] names."
-        return Check("axis-units", encoder, ratio, 1.0, "1", FAIL, f"{text}, which no axis does. {cure}")
-    if abs(ratio - 1.0) > _ODD:
-        return Check(
-            "axis-units", encoder, ratio, 1.0, "1", WARN, f"{text}: is its unit or counts_per_{columns.unit} right?"
-        )
-    return Check("axis-units", encoder, ratio, 1.0, "1", PASS, f"{text}.")
+    if not other_order(command[both], reading[both]):
+        return None
+    text = f"Readings of {encoder} belong to the commands, but in another order of rows. Was one column sorted?"
+    return Check("axis-rows", encoder, float(both.sum()), 0.0, "1", FAIL, text)
 
 
 def _deviations(encoder: str, columns: AxisColumns, command: Array, reading: Array, sigma: float) -> Check | None:
     """Return the failed check of deviations from the command that were read in another unit; None if they were not."""
     both = np.isfinite(command) & np.isfinite(reading)
     units = _DEVIATIONS[columns.unit]
-    unit = unit_of_deviations((reading - command)[both], sigma, units)
+    unit = unit_of_deviations(command[both], (reading - command)[both], sigma, units)
     if not unit:
         return None
     factor = next(size for size, name in units.items() if name == unit)
@@ -234,18 +253,18 @@ def _deviations(encoder: str, columns: AxisColumns, command: Array, reading: Arr
 def _rows(encoder: str, columns: AxisColumns, command: Array, reading: Array, poses: NDArray[np.object_]) -> Check:
     """Check that every reading belongs to the command of its own row."""
     both = np.isfinite(command) & np.isfinite(reading)
-    moves = np.diff(command[both])
-    moved = np.abs(moves) > 1e-3 * np.ptp(command[both]) if both.any() else np.zeros(0, bool)
-    if moved.sum() < _FEWEST:
-        return not_evaluated("too few movements", "axis-rows", encoder, f"the command moves {int(moved.sum())} times")
-    ratio = float(np.median(np.diff(reading[both])[moved] / moves[moved]))
+    ratio, count = movements(command, reading)
+    if not np.isfinite(ratio):
+        return not_evaluated("too few movements", "axis-rows", encoder, f"the command moves {count} times")
     if not 1.0 / _WRONG <= ratio <= _WRONG:
         return not_evaluated("another unit", "axis-rows", encoder, "the encoder moves unlike the command")
     if columns.unit == "deg" and (written := _minutes(encoder, command[both], reading[both])) is not None:
         return written
-    units = {f"{words}{sign}": factor / at for at, words in _SLIPS[columns.unit].items() for sign, factor in _SIGNS}
+    units = {f"{words}{sign}": factor / at for at, words in UNIT_SLIPS[columns.unit].items() for sign, factor in _SIGNS}
     units |= {f"{columns.unit}{sign}": factor for sign, factor in _SIGNS if factor < 0.0}
     slip = slip_of_rows(command[both], reading[both], ratio, units)
+    if slip is None and (copied := copied_stretch(command[both], reading[both])) is not None:
+        return _copied(encoder, poses[both], *copied)
     if slip is None:
         return Check("axis-rows", encoder, 0.0, 0.0, "1", PASS, "Every reading belongs to the command of its row.")
     affected = f"{count_text(len(slip.rows), 'row')}: {listed([str(pose) for pose in poses[both][slip.rows]])}"
@@ -260,6 +279,15 @@ def _rows(encoder: str, columns: AxisColumns, command: Array, reading: Array, po
     }[slip.kind]
     verdict = WARN if slip.kind is RowSlipKind.STRAY and len(slip.rows) <= _FEW * both.sum() else FAIL
     return Check("axis-rows", encoder, float(len(slip.rows)), 0.0, "1", verdict, f"{text}{meant}")
+
+
+def _copied(encoder: str, poses: NDArray[np.object_], first: int, again: int, count: int) -> Check:
+    """Return the failed check of a stretch of rows that returns in every digit."""
+    text = f"Readings of {encoder} in rows {poses[again]} to {poses[again + count - 1]} equal those in rows "
+    text += (
+        f"{poses[first]} to {poses[first + count - 1]} in every digit. Were rows, or a file, copied? Remove the copy."
+    )
+    return Check("axis-rows", encoder, float(count), 0.0, "1", FAIL, text)
 
 
 def _minutes(encoder: str, command: Array, reading: Array) -> Check | None:

@@ -94,7 +94,8 @@ def checks(tables: Mapping[str, pa.Table], settings: Campaign) -> CheckResults:
     relations = (*tested, *(relation for relation in results.relations if relation.relation != READINGS))
     read = results.read or f"{len(tables['configurations'])} poses of a chain"
     single = set() if results.why_not else _single(tables["observations"])
-    loose = () if results.why_not else _without_frames(results, single, _framing(tables, settings))
+    of_times = point_checks.checks_of_times(tables, settings)
+    loose = of_times if results.why_not else _without_frames(results, single, _framing(tables, settings))
     return replace(results, checks=chain(belonging_checks(tested), loose), read=read, relations=relations, why_not="")
 
 

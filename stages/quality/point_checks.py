@@ -110,7 +110,16 @@ def _check_given_poses(tables: Mapping[str, pa.Table], settings: Campaign) -> Ch
     around = _surroundings(names, False, tables.get("configurations"), settings.campaign.drives)
     relations = readings_of_given_poses(poses, around, tables.get("configurations"), settings)
     read = f"{count_text(len(names), 'pose')} as measured"
-    return CheckResults(belonging_checks(relations), read, relations)
+    return CheckResults(chain(belonging_checks(relations), checks_of_times(tables, settings)), read, relations)
+
+
+def checks_of_times(tables: Mapping[str, pa.Table], settings: Campaign) -> Iterator[Check]:
+    """Check the times and temperatures of poses that have no points; nothing without configurations."""
+    table = tables.get("configurations")
+    if table is not None:
+        around = _surroundings(tuple(table.column("pose").to_pylist()), False, table, settings.campaign.drives)
+        limits = CampaignLimits(settings.campaign.kind, settings.qa.limits)
+        yield from _checks_of_times(around, settings, limits, table)
 
 
 def _reference_first(bodies: list[BodyView], settings: Campaign) -> tuple[list[BodyView], BodyView | None]:

@@ -6,7 +6,15 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from truing.belonging.axis_rows import AxisRowSlip, RowSlipKind, sexagesimal, slip_of_rows, unit_of_deviations
+from truing.belonging.axis_rows import (
+    AxisRowSlip,
+    RowSlipKind,
+    copied_stretch,
+    other_order,
+    sexagesimal,
+    slip_of_rows,
+    unit_of_deviations,
+)
 
 UNITS = {"radians": 180.0 / np.pi, "deg with the opposite sign": -1.0}
 COUNT = 50
@@ -93,7 +101,8 @@ def test_deviations_in_another_unit_scatter_by_its_ratio(factor: float, unit: st
     turn = np.linspace(0.0, 2.0 * np.pi, 37)
     noise = 8e-5 * np.random.default_rng(3).normal(size=74)
     deviation = 2e-3 * np.sin(np.concatenate([turn, turn[::-1]])) + 1e-3 * (np.arange(74) > 40) + noise
-    assert unit_of_deviations(factor * deviation, 8e-5, {3600.0: "arc seconds"}) == unit
+    command = np.concatenate([turn, turn[::-1]])
+    assert unit_of_deviations(command, factor * deviation, 8e-5, {3600.0: "arc seconds"}) == unit
 
 
 def _in_minutes(angles: np.ndarray, with_seconds: bool) -> np.ndarray:
@@ -122,3 +131,57 @@ def test_small_errors_are_no_minutes() -> None:
     rng = np.random.default_rng(5)
     command = np.round(rng.uniform(-100.0, 100.0, COUNT)) + rng.uniform(0.0, 0.5, COUNT)
     assert sexagesimal(command, command + 0.01 * np.sin(command)) == (False, "")
+
+
+SWEEPS = np.concatenate([np.linspace(-80.0, 80.0, 9), np.linspace(75.0, -85.0, 9)] * 4)
+FINE = {3600.0: "arc seconds"}
+
+
+@pytest.mark.parametrize("of", [np.abs, np.negative, np.radians, lambda command: 5.0 * np.round(command / 5.0)])
+def test_what_follows_the_command_is_no_scatter_in_another_unit(of) -> None:  # type: ignore[no-untyped-def]
+    command = np.tile([-83.0, -61.0, -40.0, -17.0, 3.0, 24.0, 45.0, 66.0, 88.0, 52.0], 8)
+    noise = 1e-3 * np.random.default_rng(2).normal(size=len(command))
+    for declared in (3e-4, 6e-4, 1e-3, 3e-3):
+        assert unit_of_deviations(command, of(command) + noise - command, declared, FINE) == ""
+
+
+def test_readings_in_another_order_are_told_from_a_shift_and_from_effects() -> None:
+    noise = 1e-3 * np.random.default_rng(3).normal(size=len(SWEEPS))
+    reading = SWEEPS + 3.0 + noise
+    assert other_order(SWEEPS, np.sort(reading))
+    assert other_order(SWEEPS, np.random.default_rng(4).permutation(reading))
+    for right in (reading, np.roll(reading, 1), reading + 5.0 * np.sign(np.diff(SWEEPS, prepend=-99.0)), -reading):
+        assert not other_order(SWEEPS, right)
+
+
+@pytest.mark.parametrize("step", [1e-6, 1e-4])
+def test_a_copied_stretch_is_found_with_its_rows(step: float) -> None:
+    noise = 1e-3 * np.random.default_rng(5).normal(size=len(SWEEPS))
+    reading = step * np.round((SWEEPS + noise) / step)
+    assert copied_stretch(SWEEPS, reading) is None
+    reading[36:54] = reading[:18]
+    assert copied_stretch(SWEEPS, reading) == (0, 36, 18)
+
+
+def test_a_file_that_is_given_twice_is_a_copied_stretch_without_repeats_too() -> None:
+    assert copied_stretch(np.tile(COMMAND, 2), np.tile(readings(), 2)) == (0, COUNT, COUNT)
+
+
+@pytest.mark.parametrize("share", [1.0, 0.5, 0.1])
+def test_coarse_readings_that_repeat_are_no_copies(share: float) -> None:
+    rng = np.random.default_rng(6)
+    for _ in range(40):
+        off = np.where(rng.random(len(SWEEPS)) < np.sqrt(share), 0.0, rng.integers(-50, 50, len(SWEEPS)))
+        assert copied_stretch(SWEEPS, SWEEPS + 1e-3 * off) is None
+
+
+def test_values_that_each_command_returns_are_no_copies() -> None:
+    rng = np.random.default_rng(7)
+    reading = SWEEPS + 1e-3 * rng.normal(size=len(SWEEPS))
+    assert (
+        copied_stretch(SWEEPS, 0.02 * np.round((SWEEPS + 0.004 * np.sign(np.diff(SWEEPS, prepend=-99.0))) / 0.02))
+        is None
+    )
+    assert copied_stretch(reading, SWEEPS) is None  # exchanged columns: the commands return
+    edge = np.where(np.arange(len(SWEEPS)) % 9 == 4, 0.02 * np.sign(rng.normal(size=len(SWEEPS))), 0.0)
+    assert copied_stretch(SWEEPS, SWEEPS + edge) is None

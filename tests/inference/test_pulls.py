@@ -74,3 +74,21 @@ def test_data_without_information_give_no_pull():
     nothing = pulls(np.zeros(3), np.eye(3), 0.99 * np.eye(3))
     assert np.isnan(nothing.pull).all()
     assert (nothing.freedom, nothing.p_value) == (0, 1.0)
+
+
+@pytest.mark.parametrize("wrong", [0.0, 20.0])
+def test_a_number_that_two_parameters_share_is_tested_though_neither_is_identifiable(wrong):
+    """The data determine the sum of two lengths: each prior loses just less than half of its variance."""
+    prior, sigma = np.eye(2), 0.05
+    jacobian = np.ones((1, 2)) / sigma
+    posterior = np.linalg.inv(prior + jacobian.T @ jacobian)
+    rng, found = np.random.default_rng(3), []
+    for _ in range(DRAWS):
+        truth = rng.normal(size=2) + np.array([wrong, 0.0])
+        found.append(pulls(posterior @ jacobian.T @ (jacobian @ truth + rng.normal(size=1)), prior, posterior))
+    assert (found[0].freedom, found[0].identifiable.any()) == (1, False)
+    if wrong:
+        assert all(one.chi_square > one.upper for one in found)
+        assert abs(np.mean([one.offset[0] for one in found]) / wrong - 1.0) < 0.02
+    else:
+        assert kstest([one.p_value for one in found], "uniform").pvalue > UNLUCKY

@@ -394,6 +394,16 @@ def test_commands_within_a_turn_go_on_where_an_encoder_counts_turns() -> None:
     assert_close(alone.deviations(table), np.deg2rad(np.full((6, 1), 0.01)), atol=1e-12)
 
 
+@pytest.mark.parametrize("slip", [lambda own: 60.0 * own, lambda own: own + 360.0 * (np.arange(len(own)) > 6)])
+def test_commands_stay_where_a_slip_of_one_encoder_looks_like_turns(slip) -> None:  # type: ignore[no-untyped-def]
+    command = np.array([-80.0, -60.0, -20.0, 20.0, 60.0, 80.0, 40.0, 10.0, -30.0, -70.0, 5.0, 75.0])
+    recorded = {"command_deg": command, "motor_deg": command + 0.01, "measured_deg": slip(command)}
+    table = pa.table({"pose": np.arange(12), "time_s": np.arange(12.0), **recorded})
+    encoders = {"motor": "motor_deg", "measured": "measured_deg"}
+    columns = AxisColumns("rotary", "deg", "motor", "command_deg", encoders, None)
+    assert_close(columns.commands(table), np.deg2rad(command), atol=1e-12)
+
+
 def test_direction_of_approach_is_that_of_the_last_movement_larger_than_the_least() -> None:
     command = np.array([0.0, 1.0, 0.95, 0.9, 0.0, np.nan, -1.0])
     found, _ = approaches(command, np.arange(7.0), 0.1)

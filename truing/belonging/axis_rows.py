@@ -19,9 +19,12 @@ _EXPLAINED = 0.9  # least share of the rows that a slip explains
 # Fewest angles; the share of the misfit that remains if they were written with minutes; and their decimals.
 _FEWEST_ANGLES, _FAR_BETTER, _SIXTY, _DIGITS = 20, 0.1, 0.6, 8
 _SHIFTS = (1, -1, 2, -2)
+# Fewest rows of a copied stretch, its level, and rows of a recording that are compared.
+_FEWEST_COPIED, _UNLIKELY, _MOST_COMPARED = 8, 1e-4, 2000
 # Fewest readings that show a scatter; how near its ratio to the declared noise lies to that of another unit.
 _FEWEST_SCATTERED, _OF_UNIT = 10, 1.9
-_SECOND_DIFFERENCE = 1.652  # median of its absolute value, in standard deviations of a reading
+# Median absolute value of differences, in standard deviations of a reading.
+_FIRST_DIFFERENCE, _SECOND_DIFFERENCE = 0.954, 1.652
 
 
 class RowSlipKind(StrEnum):
@@ -71,17 +74,92 @@ def slip_of_rows(command: Array, reading: Array, ratio: float, units: Mapping[st
     return AxisRowSlip(RowSlipKind.COPIED if are_copies else RowSlipKind.STRAY, distant_rows)
 
 
-def unit_of_deviations(deviation: Array, declared: float, units: Mapping[float, str]) -> str:
+def copied_stretch(command: Array, reading: Array) -> tuple[int, int, int] | None:
+    """Return first row, first row of the copy, and length of the longest stretch of readings (N,) that return in every
+    digit further down, beyond chance; None where there is none.
+
+    Chance is how often other rows of the same command (N,) and direction return their reading, or, where there are
+    none, rows of any command. Only the first rows of a long recording are compared.
+    """
+    command, reading = command[:_MOST_COMPARED], reading[:_MOST_COMPARED]
+    equal = [reading[lag:] == reading[:-lag] for lag in range(1, len(reading))]
+    length, start, lag = max(((*_longest_run(each), lag) for lag, each in enumerate(equal, 1)), default=(0, 0, 0))
+    rows = slice(start, start + length)
+    if length < _FEWEST_COPIED or min(len(np.unique(reading[rows])), len(np.unique(command[rows]))) < _FEWEST:
+        return None
+    sent = np.column_stack([command, np.sign(np.diff(command, prepend=command[0]))])
+    pairs, again, anywhere = np.zeros((3, len(reading)))
+    for other, is_equal in enumerate(equal, 1):
+        if other != lag:
+            alike = (sent[other:] == sent[:-other]).all(1)
+            for side in (slice(other, None), slice(None, -other)):
+                pairs[side] += alike
+                again[side] += alike & is_equal
+                anywhere[side] += is_equal
+    of_all = (1.0 + np.sum(anywhere > 0.0)) / (1.0 + len(reading))
+    chance = np.where(pairs > 0.0, (1.0 + again) / (1.0 + pairs), of_all)[rows]
+    is_copy = np.sum(np.log(chance)) + 2.0 * np.log(len(reading)) < np.log(_UNLIKELY)
+    return (start, start + lag, length) if is_copy else None
+
+
+def _longest_run(equal: Mask) -> tuple[int, int]:
+    """Length and first place of the longest run of True in (N,)."""
+    ends = np.flatnonzero(np.diff(np.concatenate([[False], equal, [False]]).astype(np.int8)))
+    if not len(ends):
+        return 0, 0
+    lengths = ends[1::2] - ends[::2]
+    longest = int(np.argmax(lengths))
+    return int(lengths[longest]), int(ends[2 * longest])
+
+
+def other_order(command: Array, reading: Array) -> bool:
+    """Whether readings (N,) are those of the commands (N,) in other rows, as where one of two columns was sorted."""
+    limit = _NEAR * float(np.ptp(command))
+    if len(command) < _FEWEST_SCATTERED or not limit > 0.0:
+        return False
+    in_order = np.sort(reading) - np.sort(command)
+    same_values = np.abs(in_order - np.median(in_order)) <= limit
+    is_apart = all(_zero(reading - each, limit)[1].mean() < _LEAST_SHARE for each in (command, -command))
+    return _explains(same_values) and is_apart and _whole_shift(reading, command, limit) is None
+
+
+def unit_of_deviations(command: Array, deviation: Array, declared: float, units: Mapping[float, str]) -> str:
     """Return the unit in which deviations (N,) in order of time were written, or else their noise was declared; empty
     where their scatter has the declared size.
 
     ``units``: names by size. Second differences hold little of errors that change slowly. No axis scatters by thousands
-    of times the noise of its instrument, and just by the ratio of two units.
+    of times the noise of its instrument, and just by the ratio of two units. What the command (N,) explains, in
+    proportion or at rows of equal command, is no scatter.
     """
     if not declared > 0.0 or len(deviation) < _FEWEST_SCATTERED:
         return ""
-    ratio = float(np.median(np.abs(np.diff(deviation, 2)))) / (_SECOND_DIFFERENCE * declared)
-    return next((name for size, name in units.items() if 1.0 / _OF_UNIT < ratio / size < _OF_UNIT), "")
+    design = np.column_stack([command, np.ones_like(command)])
+    rest = deviation - design @ np.linalg.lstsq(design, deviation, rcond=None)[0]
+    ratio, of_rest = (_scatter(values, 2, _SECOND_DIFFERENCE) / declared for values in (deviation, rest))
+    of_repeats = _scatter_of_repeats(command, deviation) / declared
+    return next(
+        (
+            name
+            for size, name in units.items()
+            if 1.0 / _OF_UNIT < ratio / size < _OF_UNIT and min(of_rest, of_repeats) * _OF_UNIT > size
+        ),
+        "",
+    )
+
+
+def _scatter(values: Array, order: int, median: float) -> float:
+    """Standard deviation of values (N,) by the median of their differences of an order, of which ``median`` is that of
+    one standard deviation."""
+    return float(np.median(np.abs(np.diff(values, order)))) / median
+
+
+def _scatter_of_repeats(command: Array, deviation: Array) -> float:
+    """Standard deviation of deviations (N,) among rows of one command; infinite where too few are repeated."""
+    order = np.argsort(command, kind="stable")
+    again = np.diff(command[order]) == 0.0
+    if again.sum() < _FEWEST_SCATTERED:
+        return np.inf
+    return float(np.median(np.abs(np.diff(deviation[order])[again]))) / _FIRST_DIFFERENCE
 
 
 def sexagesimal(command: Array, reading: Array) -> tuple[bool, str]:

@@ -25,7 +25,7 @@ class Pulls:
 
     ``offset`` (P,): how far the prior of each one is off if it alone is wrong, in the unit of the shifts; this takes
     ``explained`` (P,) from the sum. NaN where the data say next to nothing.
-    ``chi_square`` sums up independent combinations of the identifiable parameters, ``freedom`` of them. ``lower`` and
+    ``chi_square`` sums up independent identifiable combinations of parameters, ``freedom`` of them. ``lower`` and
     ``upper`` hold 95 % of such sums; ``p_value`` is the probability of a larger one.
     """
 
@@ -52,9 +52,10 @@ def pulls(shift: Array, prior: Array, posterior: Array) -> Pulls:
     moved = shift / scale
     each = np.where(determined, moved / np.sqrt(np.where(determined, np.diag(gained), 1.0)), np.nan)
     informed = np.where(np.diag(gained) >= _TOLD, np.diag(gained), np.nan)
-    variances, directions = np.linalg.eigh(gained[np.ix_(determined, determined)])
+    # Of all parameters: two may share one determined number, such as a length and a height, with less than half each.
+    variances, directions = np.linalg.eigh(gained)
     mask = variances >= IDENTIFIABLE
-    total = float(np.sum((directions[:, mask].T @ moved[determined]) ** 2 / variances[mask]))
+    total = float(np.sum((directions[:, mask].T @ moved) ** 2 / variances[mask]))
     return Pulls(
         each,
         moved * scale / informed,

@@ -27,7 +27,21 @@ def _verdict(loop: str, of_motor: float, of_load: float, errs: float = 0.0, *, e
 @pytest.mark.parametrize(("loop", "of_motor", "of_load"), [("motor", 0.0, 5e-5), ("load", 5e-5, 0.0)])
 def test_exchanged_columns_are_reported_and_right_ones_are_not(loop: str, of_motor: float, of_load: float) -> None:
     assert _verdict(loop, of_motor, of_load) == "pass"
-    assert _verdict(loop, of_motor, of_load, exchanged=True) == "warn"
+    assert _verdict(loop, of_motor, of_load, exchanged=True) == "fail"
+
+
+def test_an_instrument_that_follows_the_command_closer_than_the_loop_is_in_its_column() -> None:
+    rng, wave = np.random.default_rng(4), np.sin(np.arange(ROWS))
+    read = np.array([0.0 * wave, 5e-5 * wave, 5e-5 * wave]) + rng.normal(scale=NOISE, size=(3, ROWS))
+    right = dict(zip(NAMES, read, strict=True))
+    columns = AxisColumns("rotary", "deg", "motor", "command_deg", {name: f"{name}_deg" for name in NAMES}, None)
+    noise = dict.fromkeys(NAMES, NOISE)
+    assert encoders_in_place(columns, right, noise).verdict == "pass"
+    slipped = right | {"motor": right["measured"], "measured": right["motor"]}
+    found = encoders_in_place(columns, slipped, noise)
+    assert (found.verdict, "columns motor_deg and measured_deg" in found.message) == ("fail", True)
+    following = 5e-5 * np.cos(3.0 * np.arange(ROWS))  # of the controller: all encoders see it
+    assert encoders_in_place(columns, {name: each + following for name, each in right.items()}, noise).verdict == "pass"
 
 
 def test_an_error_of_the_load_encoder_is_no_exchange_and_neither_is_noise() -> None:

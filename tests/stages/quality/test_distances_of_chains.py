@@ -17,7 +17,7 @@ from tests.blind.generator.arms import draw, write
 from truing.belonging.relation import RelationState, RelationTest, SlipKind
 from truing.pipeline.command_line import app
 from truing.schemas.campaign import Campaign, read_campaign
-from truing.stages.quality.chain_checks import joints_against_distances
+from truing.stages.quality.chain_checks import checks, joints_against_distances
 
 LATE = 30  # poses from which a slip acts
 
@@ -127,3 +127,17 @@ def test_a_slip_of_distances_or_of_their_readings_is_named(
     assert found.state is RelationState.FAILS
     (slip,) = found.slips
     assert (slip.kind, slip.subjects) == (kind, subjects)
+
+
+@pytest.mark.parametrize(("away", "verdict"), [(0.0, "pass"), (273.15, "fail")])
+def test_temperatures_of_a_campaign_without_points_are_checked(
+    distances: tuple[dict[str, pa.Table], Campaign], away: float, verdict: str
+) -> None:
+    tables, settings = distances
+    configurations = tables["configurations"]
+    names = [name for name in configurations.column_names if name != "temperature_c"]
+    warmth = settings.mechanism.reference_temperature_c + away + np.linspace(0.0, 0.5, len(configurations))
+    warm = configurations.select(names).append_column("temperature_c", pa.array(warmth))
+    found = {row.check: row.verdict for row in checks({**tables, "configurations": warm}, settings).checks}
+    assert found["temperature-unit"] == verdict
+    assert {"time-unit", "time-gaps", "temperature-span"} <= set(found)

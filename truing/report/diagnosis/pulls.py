@@ -93,13 +93,15 @@ def _one_number(table: pd.DataFrame | None, last: Any) -> str:
     empty where there is neither."""
     if table is None or last.chi_square <= last.upper or "offset_after" not in table:
         return ""
-    known = table[table["identifiable"].astype(bool)].sort_values("explained_after", ascending=False)
-    if not len(known):
-        return ""
-    left = last.chi_square - float(known["explained_after"].iloc[0])
+    known = table[table["identifiable"].astype(bool)]
+    # Two numbers may share one that the data determine, such as a length and a height: neither is identifiable.
+    informed = table[table["offset_after"].notna()].sort_values("explained_after", ascending=False)
+    if not len(informed):
+        return _one_leg(known) if len(known) else ""
+    left = last.chi_square - float(informed["explained_after"].iloc[0])
     if known["offset_after"].isna().any() or not 0.0 <= left <= last.upper:
         return _one_leg(known)
-    first, *others = known.itertuples()
+    first, *others = informed.itertuples()
     near = [other for other in others if first.explained_after - other.explained_after < _AS_LIKELY][:_NAMED]
     meant, *also = [_other_by(candidate) for candidate in (first, *near)]
     text = f"The description does not fit the machine: one wrong number explains it. Did you mean {meant}?"
