@@ -267,7 +267,9 @@ class FileMapping(Section):
         default_factory=dict,
         description="column = raw name, or position from 1, or a table with the name and the meaning of its numbers",
     )
-    units: dict[Name, RawText] = Field(default_factory=dict, description="column = its unit in the file")
+    units: dict[Name, RawText] = Field(
+        default_factory=dict, description="column = its unit in the file; dms: angles in degrees, minutes and seconds"
+    )
     unit: RawText | None = Field(None, description="unit of all coordinates")
     constants: dict[Name, Constant] = Field(default_factory=dict, description="column = its value")
     missing: tuple[RawText, ...] = Field(

@@ -102,7 +102,6 @@ def test_x_of_an_autocollimator_is_the_deviation_of_a_rotary_axis(tmp_path: Path
 @pytest.mark.parametrize(
     ("head", "cell", "word"),
     [
-        ("Nr;Direction;Position", "{};CW;{:03d}°00'00.0\"", "degrees, minutes and seconds"),
         ("Angle (deg);Deviation (um)", "{};{}.5", "ball bar"),
     ],
 )

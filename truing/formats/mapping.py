@@ -9,6 +9,7 @@ from collections.abc import Iterator
 from dataclasses import dataclass, field
 from functools import cached_property
 
+from truing.formats import sexagesimal
 from truing.formats.numbers import is_plain_number
 from truing.formats.origins import (
     Constant,
@@ -405,6 +406,10 @@ class MappingPlan:
     def is_given_unit(self, name: str) -> bool:
         """True if the mapping gives the unit of a column, or the scale of its numbers."""
         return self._unit_of(name) is not None or not self.entry.value(name).is_plain
+
+    def is_sexagesimal(self, name: str) -> bool:
+        """True if cells of a column hold degrees, minutes and seconds."""
+        return self._unit_of(name) == sexagesimal.UNIT
 
     def scale(self, name: str) -> tuple[float, float]:
         """Return factor and offset from the raw numbers of a column to its unit; raises UnknownUnit."""
