@@ -325,10 +325,10 @@ class FileMapping(Section):
         default_factory=dict,
         description="interferometer: channel = raw column of its readings; gives one row per channel",
     )
-    joined_by: Literal["rows", "step", "time"] | None = Field(
+    joined_by: Literal["rows", "step", "pose", "time"] | None = Field(
         None,
-        description="loads: how its rows belong to those of signals: in the same order, by the same run and step, or "
-        "by the nearest time of clocks that agree",
+        description="loads, measured: how rows belong to those of signals or configurations: in the same order, by the "
+        "same run and step, by the same pose, or by the nearest time of clocks that agree",
     )
     wide: TemplateOfNames | None = Field(
         None,

@@ -23,11 +23,18 @@ def with_angles(records: list[list[str]], sniff: Callable[[list[list[str]]], Gue
     for column in filter(_holds_angles, columns):
         column[1:] = map(_decimal, column[1:])
         if degrees_of(column[0]) is None:
-            head = f"{bare_and_unit(column[0])[0]} [{UNIT}]"
+            head = head_of_angles(column[0])
             raw_names[head], column[0] = column[0], head
     if not raw_names:
         return sniff(records)
-    return _with_raw_names(sniff([list(record) for record in zip(*columns, strict=True)]), raw_names)
+    guess = with_raw_names(sniff([list(record) for record in zip(*columns, strict=True)]), raw_names)
+    units = dict.fromkeys(raw_names.values(), UNIT)
+    return guess if guess.table is not None else replace(guess, mapping={**guess.mapping, "units": units})
+
+
+def head_of_angles(raw: str) -> str:
+    """Return the name of a column with the unit of sexagesimal angles, as proposals read it."""
+    return f"{bare_and_unit(raw)[0]} [{UNIT}]"
 
 
 def _holds_angles(column: Sequence[str]) -> bool:
@@ -42,7 +49,7 @@ def _decimal(cell: str) -> str:
     return text.replace(".", ",") if angle is not None and "," in cell else text
 
 
-def _with_raw_names(guess: Guess, raw_names: Mapping[str, str]) -> Guess:
+def with_raw_names(guess: Guess, raw_names: Mapping[str, str]) -> Guess:
     """Return a proposal, in each of its ways, with the file's own names."""
     words = {**raw_names, **{_as_pattern(head): _as_pattern(raw) for head, raw in raw_names.items()}}
     return replace(
@@ -50,13 +57,13 @@ def _with_raw_names(guess: Guess, raw_names: Mapping[str, str]) -> Guess:
         mapping=_renamed(guess.mapping, words),
         columns=tuple(raw_names.get(name, name) for name in guess.columns),
         doubts=tuple(_in_words(doubt, raw_names) for doubt in guess.doubts),
-        beside=tuple(_with_raw_names(one, raw_names) for one in guess.beside),
+        beside=tuple(with_raw_names(one, raw_names) for one in guess.beside),
         ways=tuple(
             replace(
                 way,
                 text=_in_words(way.text, raw_names),
                 doubt=_in_words(way.doubt, raw_names),
-                guess=_with_raw_names(way.guess, raw_names),
+                guess=with_raw_names(way.guess, raw_names),
             )
             for way in guess.ways
         ),

@@ -310,7 +310,7 @@ def _guess_readings(
             guess = proposal_of_joints(readings, mapping, names)
             return replace(guess, doubts=(*guess.doubts, *doubt_on_computed_poses(names)))
         if table is None and (axes := axis_rows(names, cells.values)):
-            return _guess_axis(axes, names, mapping, meant)
+            return proposal_of_axis(axes, names, mapping, meant)
         if (template := wide_template(names)) is not None:
             hidden = {"missing": [""]} if cells.has_empty or _has_frames(names) else {}
             return _side_by_side(template, names, mapping | keys | hidden)
@@ -366,7 +366,7 @@ def _has_axes_in_rows(data: list[list[str]]) -> bool:
     return any({"x", "y", "z"} == {cell.strip().casefold() for cell in column} for column in zip(*data, strict=True))
 
 
-def _guess_axis(
+def proposal_of_axis(
     axes: Sequence[Proposal], names: tuple[str, ...], mapping: MappingKeys, meant: Mapping[str, str]
 ) -> Guess:
     """Return the proposal of an axis; of two, in degrees and in millimetres, the first is taken."""
