@@ -103,6 +103,7 @@ def test_x_of_an_autocollimator_is_the_deviation_of_a_rotary_axis(tmp_path: Path
     ("head", "cell", "word"),
     [
         ("Angle (deg);Deviation (um)", "{};{}.5", "ball bar"),
+        ("/PROG  CALIB\n/POS", "P[{}]{{\n   GP1:\n\tJ1= {}.5 deg,\tJ2= 0.0 deg\n}};", "FANUC"),
     ],
 )
 def test_what_is_not_read_is_told_with_its_reason(tmp_path: Path, head: str, cell: str, word: str) -> None:
