@@ -27,8 +27,10 @@ if TYPE_CHECKING:
 
 _File = tuple["RawGroup", Guess]
 _COUNTERS = {"pose", "pos", "pos.", "row", "point", "punkt", "step", "no", "no.", "nr", "nr.", "index", "#"}
-_READ_AS = ("encoding", "separator", "quote", "comment", "skip_lines", "keep_lines", "header", "names", "decimal")
-_READ_AS += ("thousands", "missing", "sheet", "time_format", "format")
+_READ_AS = (
+    *("encoding", "separator", "quote", "comment", "skip_lines", "keep_lines", "header", "names", "decimal"),
+    *("thousands", "missing", "sheet", "time_format", "format"),
+)
 _RECORDED = ("measured", "deviation", "load", "motor")
 _OF_EACH_ROW = ("time_s", "temperature_c")
 _TOGETHER = 0.8  # share of the rows of the shorter file that the other has
@@ -119,7 +121,7 @@ def _table(folder: Path, group: RawGroup, guess: Guess) -> _Table | None:
 def _counts(name: str, values: Array) -> bool:
     """True if a column numbers the rows of its file."""
     is_whole = np.isfinite(values).all() and np.array_equal(values, np.round(values))
-    return name.strip().casefold() in _COUNTERS and is_whole and len(np.unique(values)) == len(values)
+    return name.strip().casefold() in _COUNTERS and bool(is_whole) and len(np.unique(values)) == len(values)
 
 
 def _proposal(first: _File, second: _File, commands: _Table, readings: _Table) -> tuple[Guess, Guess] | None:
