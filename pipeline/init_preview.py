@@ -26,6 +26,7 @@ _SHAPES = {
     for shape in (
         *(shapes.POINTS, shapes.TARGETS, shapes.POSES, shapes.DISTANCES, shapes.SCANS, shapes.SURFACES),
         *(shapes.CONFIGURATIONS, shapes.DISPLACEMENT, shapes.INTERFEROMETER, shapes.SIGNALS, shapes.LOADS_APART),
+        shapes.MEASURED_APART,
         *(
             shapes.QUADRATURE,
             shapes.POSITIONING,

@@ -148,10 +148,36 @@ def with_tip(folder: Path, files: Sequence[tuple[RawGroup, Guess]], robot: Robot
     if tip is None:
         return guesses
     is_lone = sum(guess.table == "poses" for guess in guesses) == 1
-    return [
+    on_tip = [
         _with_lone_body(guess, tip) if is_lone and guess.table == "poses" else _on_last_link(folder, group, guess, tip)
         for group, guess in files
     ]
+    names = [_names_on(folder, group, guess, tip) for (group, _), guess in zip(files, on_tip, strict=True)]
+    return [
+        _survey_on(folder, group, guess, tip, set().union(*names))
+        for (group, _), guess in zip(files, on_tip, strict=True)
+    ]
+
+
+def _names_on(folder: Path, group: RawGroup, guess: Guess, link: str) -> set[str]:
+    """Names of the points that a file has on a link."""
+    if guess.table != "points" or guess.mapping.get("constants", {}).get("body") != link:
+        return set()
+    rows = rows_of(folder, group, guess, {})
+    return set() if rows is None else set(rows.targets)
+
+
+def _survey_on(folder: Path, group: RawGroup, guess: Guess, link: str, names: set[str]) -> Guess:
+    """The guess of a survey without a body, all of whose targets are among the points on a link."""
+    if guess.table != "targets" or guess.known or not is_body_open(guess):
+        return guess
+    rows = rows_of(folder, group, guess, {"body": PLACEHOLDER})
+    if rows is None or not set(rows.targets) or not set(rows.targets) <= names:
+        return guess
+    constants = {**guess.mapping.get("constants", {}), "body": link}
+    note = f"targets of {link}, as the points of the same names"
+    mapping = {**guess.mapping, "constants": constants}
+    return replace(guess, mapping=mapping, notes=(*guess.notes, note), answered=guess.answered | {"body"})
 
 
 def _with_lone_body(guess: Guess, tip: str) -> Guess:

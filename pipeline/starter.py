@@ -129,7 +129,7 @@ def _drives(guesses: Sequence[Guess], tables: set[str]) -> Iterator[str]:
 
 def _axis_columns(guesses: Sequence[Guess]) -> list[str]:
     """Columns of a single axis by name: a command and its encoders; empty if there is no axis."""
-    configurations = [guess for guess in guesses if guess.table == "configurations"]
+    configurations = [guess for guess in guesses if guess.table in ("configurations", "measured")]
     names = [name for guess in configurations for name in (*guess.columns, *guess.mapping.get("columns", {}))]
     names = ["measured" + name.removeprefix("deviation") if name in _DEVIATIONS else name for name in names]
     for unit in ("deg", "mm"):

@@ -267,7 +267,9 @@ class FileMapping(Section):
         default_factory=dict,
         description="column = raw name, or position from 1, or a table with the name and the meaning of its numbers",
     )
-    units: dict[Name, RawText] = Field(default_factory=dict, description="column = its unit in the file")
+    units: dict[Name, RawText] = Field(
+        default_factory=dict, description="column = its unit in the file; dms: angles in degrees, minutes and seconds"
+    )
     unit: RawText | None = Field(None, description="unit of all coordinates")
     constants: dict[Name, Constant] = Field(default_factory=dict, description="column = its value")
     missing: tuple[RawText, ...] = Field(
@@ -323,10 +325,10 @@ class FileMapping(Section):
         default_factory=dict,
         description="interferometer: channel = raw column of its readings; gives one row per channel",
     )
-    joined_by: Literal["rows", "step", "time"] | None = Field(
+    joined_by: Literal["rows", "step", "pose", "time"] | None = Field(
         None,
-        description="loads: how its rows belong to those of signals: in the same order, by the same run and step, or "
-        "by the nearest time of clocks that agree",
+        description="loads, measured: how rows belong to those of signals or configurations: in the same order, by the "
+        "same run and step, by the same pose, or by the nearest time of clocks that agree",
     )
     wide: TemplateOfNames | None = Field(
         None,

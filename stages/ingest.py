@@ -5,6 +5,7 @@ from __future__ import annotations
 from collections.abc import Mapping
 from typing import TYPE_CHECKING
 
+from truing.formats.shapes import MEASURED_APART
 from truing.formats.source import TABLES, CampaignFiles
 from truing.schemas.faults import Fault
 from truing.schemas.mechanism import COLUMNS_OF_AXES, NOISE_OF_ENCODERS
@@ -73,6 +74,9 @@ def run(tables: Mapping[str, pa.Table], settings: Campaign, progress: Progress, 
     for table in (name for name in settings.files if name not in TABLES):
         hint = did_you_mean(table, TABLES) or f"; one of {', '.join(TABLES)}"
         log.add(Fault("campaign.toml", f"a known table{hint}", column=f"files.{table}"))
+    if MEASURED_APART.name in settings.files and settings.mechanism.type != "axis":
+        expected = '[mechanism] type = "axis": its rows alone are joined with those of another file'
+        log.add(Fault("campaign.toml", expected, column=f"files.{MEASURED_APART.name}"))
     if (ingest_type := registered(OF_TYPES, settings)) is not None:
         outcome: Outcome = ingest_type.ingest(settings, source, log)
         return outcome

@@ -19,6 +19,7 @@ from truing.simulation.axis.rows import MEASURED
 from truing.stages.common.axis_columns import AxisColumns, encoder_sigma, planned_readings
 from truing.stages.common.table_arrays import check_unique_keys, numbers
 from truing.stages.declaration import Outcome
+from truing.stages.ingestion.joined_readings import with_joined_readings
 from truing.stages.ingestion.tables import (
     as_artifact,
     check_any_fitted,
@@ -52,6 +53,7 @@ def ingest(settings: Campaign, source: CampaignFiles, log: FaultLog, *, may_be_p
         raise AssertionError("a table that cannot be read is a fault")
     check_unique_keys(rows, log, "pose")
     axis = cast("AxisMechanism", settings.mechanism)
+    rows, joined = with_joined_readings(rows, source, log)
     rows = _with_deviations(rows, axis.columns["command"], log)
     if may_be_planned and axis.columns["command"] in rows.table.column_names:
         rows = replace(rows, table=planned_readings(rows.table, settings))
@@ -67,7 +69,7 @@ def ingest(settings: Campaign, source: CampaignFiles, log: FaultLog, *, may_be_p
     log.raise_faults()
     return Outcome(
         {"configurations": as_artifact("configurations", table), "exclusions": exclusions(rows.left_out)},
-        read=f"{count_text(len(table), 'row')} of a {columns.kind} axis",
+        read=f"{count_text(len(table), 'row')} of a {columns.kind} axis{joined and f'; {joined}'}",
         left_out=left_out_words(rows.left_out),
         figure=f"command {columns.command}; recorded by {', '.join(columns.encoders.values())}",
     )

@@ -200,6 +200,7 @@ def noise_size(bodies: Sequence[BodyView], relations: Sequence[RelationTest]) ->
     text = f"{listed([body.name for body in noisy])}: all points scatter alike, by {times} times the declared noise "
     text += f"of {declared_mm:.3g} mm; by the declared noise most of them would be gross errors."
     text += unit_slip(least.noise_factor, declared_mm, "mm")
+    text += " Or do these points belong to several bodies?" if len(noisy) == 1 else ""
     return Check("noise-size", worst.name, worst.noise_factor, 1.0, "1", FAIL, text)
 
 

@@ -102,8 +102,8 @@ def test_x_of_an_autocollimator_is_the_deviation_of_a_rotary_axis(tmp_path: Path
 @pytest.mark.parametrize(
     ("head", "cell", "word"),
     [
-        ("Nr;Direction;Position", "{};CW;{:03d}°00'00.0\"", "degrees, minutes and seconds"),
         ("Angle (deg);Deviation (um)", "{};{}.5", "ball bar"),
+        ("/PROG  CALIB\n/POS", "P[{}]{{\n   GP1:\n\tJ1= {}.5 deg,\tJ2= 0.0 deg\n}};", "FANUC"),
     ],
 )
 def test_what_is_not_read_is_told_with_its_reason(tmp_path: Path, head: str, cell: str, word: str) -> None:
@@ -148,3 +148,17 @@ def test_times_of_different_zones_count_from_the_same_moment(tmp_path: Path) -> 
     _, document = init(tmp_path)
     time = numbers(table(tmp_path, document, CONFIGURATIONS), "time_s")[:, 0]
     assert np.diff(time).tolist() == [10.0, 15.0]
+
+
+def test_a_survey_of_the_points_on_the_last_link_is_of_this_link(tmp_path: Path) -> None:
+    joints = RNG.uniform(-1.0, 1.0, (5, 3)).round(6)
+    (tmp_path / "arm.urdf").write_text(URDF)
+    _write(tmp_path / "log.csv", ["pan,lift,twist", *(",".join(map(str, row)) for row in joints)])
+    survey = RNG.uniform(-50.0, 50.0, (3, 3)).round(4)
+    head = "Name\tX\tY\tZ"
+    _write(tmp_path / "survey.txt", [head, *(f"T{k}\t{x}\t{y}\t{z}" for k, (x, y, z) in enumerate(survey))])
+    rows = [f"Pos{p}_T{k}\t{x + p:.4f}\t{y:.4f}\t{z:.4f}" for p in range(5) for k, (x, y, z) in enumerate(survey)]
+    _write(tmp_path / "tracker.txt", [head, *rows])
+    _, document = init(tmp_path)
+    bodies = [document["files"][name]["constants"]["body"] for name in ("points", "targets")]
+    assert bodies == ["hand", "hand"]

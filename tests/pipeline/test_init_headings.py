@@ -168,3 +168,38 @@ def test_a_logger_of_both_encoders_of_a_linear_axis_below_words_of_its_own(tmp_p
     columns = numbers(found, "command_mm", "motor_mm", "load_mm")
     assert_close(columns, places, atol=1e-5, what="positions")
     assert_close(numbers(found, "time_s")[:, 0], 0.01 * np.arange(60), atol=1e-12, what="time")
+
+
+def test_a_name_that_is_the_mark_of_a_comment_counts_rows(tmp_path: Path) -> None:
+    places = (RNG.uniform(-500.0, 500.0, (4, 3)) + np.arange(5.0)[:, None, None]).round(4)
+    lines = ["#API Radian", "#Units,mm", "#,Name,Group,X,Y,Z,RMS"]
+    for pose, targets in enumerate(places):
+        lines += [f"{k},T{k},plate_pos{pose},{x},{y},{z},0.004" for k, (x, y, z) in enumerate(targets)]
+    (tmp_path / "radian.csv").write_text("\n".join(lines) + "\n")
+    _, document = init(tmp_path)
+    assert document["files"]["points"]["names"][0] == "#"
+    found = table(tmp_path, document, POINTS)
+    assert_close(numbers(found, "x_mm", "y_mm", "z_mm"), places.reshape(-1, 3), atol=1e-9, what="points")
+
+
+@pytest.mark.parametrize("head", ["Pos No.", "Target number", "#", "Point"])
+def test_numbers_of_targets_beside_runs_are_no_run(tmp_path: Path, head: str) -> None:
+    runs = RNG.normal(0.0, 1.0, (6, 4)).round(2)
+    lines = [f"{head},Target(mm),Run1 Fwd(um),Run1 Rev(um),Run2 Fwd(um),Run2 Rev(um)"]
+    lines += [",".join(map(str, [k + 1, 50 * k, *row])) for k, row in enumerate(runs)]
+    (tmp_path / "x_axis.csv").write_text("\n".join(["Linear measurement", "Unit,mm/um", *lines]) + "\n")
+    _, document = init(tmp_path)
+    found = table(tmp_path, document, POSITIONING)
+    assert_close(numbers(found, "deviation_um")[:, 0], runs.ravel(), atol=1e-9, what="deviations")
+
+
+def test_names_that_are_paths_in_a_model_are_told_by_the_parts_that_differ(tmp_path: Path) -> None:
+    heads = [f"Model Root/F{axis}_ref/Out1 [N]" for axis in "xyz"]
+    heads += [f"Model Root/Bridge{k}/Out1 [mV/V]" for k in range(4)]
+    rows = [";".join(map(str, [k, *f, *s])) for k, (f, s) in enumerate(zip(FORCES, SIGNALS_MV, strict=True))]
+    lines = ["descriptions;load test", "version;2", ";".join(["t", *heads]), *rows]
+    (tmp_path / "rec1.csv").write_text("\n".join(lines) + "\n")
+    _, document = init(tmp_path)
+    found = table(tmp_path, document, SIGNALS)
+    assert_close(numbers(found, "fx_n", "fy_n", "fz_n"), FORCES, atol=1e-9, what="forces")
+    assert_close(numbers(found, *(f"v{k}_mv" for k in range(1, 5))), SIGNALS_MV, atol=1e-9, what="signals")

@@ -168,3 +168,16 @@ def test_files_of_equally_many_rows_are_told_where_none_is_read(tmp_path: Path) 
     assert "files" not in document
     assert "one.csv and two.csv have 9 rows each" in printed
     assert "no page can be made without a table" in printed
+
+
+def test_stages_of_a_log_are_the_poses_of_the_files_with_these_numbers(tmp_path: Path) -> None:
+    for stage in range(3):
+        rows = [f"T{k},{k}.5,{stage}.25,{k * k}.75" for k in range(5)]
+        _write(tmp_path / f"Stage {stage}.csv", ["Name,X,Y,Z", *rows])
+    legs = RNG.uniform(9.0, 11.0, (3, 6)).round(4)
+    rows = [",".join(map(str, [stage, *row])) for stage, row in enumerate(legs)]
+    _write(tmp_path / "actuators.csv", ["Stage," + ",".join(f"Leg {k} [mm]" for k in range(1, 7)), *rows])
+    _, document = init(tmp_path)
+    shapes = {"points": POINTS, "configurations": CONFIGURATIONS}
+    poses = {name: table(tmp_path, document, shape).table.column("pose").to_pylist() for name, shape in shapes.items()}
+    assert set(map(int, poses["points"])) == set(map(int, poses["configurations"])) == {0, 1, 2}

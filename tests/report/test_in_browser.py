@@ -8,6 +8,7 @@ import re
 from pathlib import Path
 
 import numpy as np
+import pandas as pd
 import plotly.graph_objects as go
 import pytest
 
@@ -17,6 +18,7 @@ from tests.report.browser import Browser, Page
 from tests.report.campaign_tables import campaign_tables
 from tests.report.conftest import Opened
 from tests.report.test_page import ATTACKS, kept, render
+from truing.report.axis_page import _drawn
 from truing.report.figure_style import label, style
 from truing.report.page import Listing, PageHead, ReportSection
 from truing.report.rendering.render import render_page
@@ -355,3 +357,40 @@ def test_the_chooser_of_the_documentation_leads_to_another_version(browser: Brow
     page.value(f"{chosen}; one.dispatchEvent(new Event('change')); true")
     assert page.becomes("document.querySelector('#v')?.textContent === '0.9.0'")
     assert not page.complaints()
+
+
+def test_a_section_after_the_folded_ones_takes_no_more_paper_than_these(opened: Opened) -> None:
+    tables = campaign_tables(poses=3)
+    tables["exclusions"] = tables["exclusions"].iloc[:0]
+    tables["qa"] = tables["qa"].iloc[:0]
+    page = opened(render(tables, "c"))
+    page.ask("Emulation.setEmulatedMedia", media="print")
+    bare = "[...document.querySelectorAll('#appendix ~ section:not(:has(> details))')]"
+    heights = page.value(f"{bare}.map((section) => section.getBoundingClientRect().height)")
+    assert heights
+    assert max(heights) < 40
+    page.value("document.querySelector('.open-all').click()")
+    opened_heights = page.value(f"{bare}.map((section) => section.getBoundingClientRect().height)")
+    assert max(opened_heights) > 50
+    page.close()
+
+
+@pytest.mark.parametrize("width", [360, 700, 1200])
+def test_the_legend_of_an_axis_does_not_cover_the_names_of_its_panels(opened: Opened, width: int) -> None:
+    rows = pd.DataFrame({"command": np.arange(8.0), "missed_before": 1.0, "missed_after": 0.0, "pose": np.arange(8)})
+    rows = rows.assign(approach=np.tile([1, -1], 4), unit="arcsec", command_unit="deg", role="calibration")
+    rows = rows.assign(rms_before=1.0, rms_after=0.0, noise=1.0)
+    figures = tuple(
+        (_drawn(pd.concat([rows.assign(encoder=name) for name in names]), "missed_before", "Errors"), "")
+        for names in (("measured",), ("motor", "load", "measured"))
+    )
+    page = opened(render_page(PageHead("axis", ()), [ReportSection("axis", "Axis", "Lead.", figures=figures)]))
+    page.resize(width, 900)
+    page.scroll_through()
+    boxes = "(plot, name) => [...plot.querySelectorAll(name)].map((one) => one.getBoundingClientRect())"
+    apart = "a.right <= b.left || b.right <= a.left || a.bottom <= b.top || b.bottom <= a.top"
+    names = f"({boxes})(plot, '.annotation-text')"
+    both = f"(plot) => ({boxes})(plot, '.legendtext').every((a) => {names}.every((b) => {apart}))"
+    assert page.value("document.querySelectorAll('.annotation-text').length") == 4
+    assert page.value(f"[...document.querySelectorAll('.plot')].map({both})") == [True, True]
+    page.close()

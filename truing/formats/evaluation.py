@@ -15,6 +15,7 @@ import pyarrow as pa
 import pyarrow.compute as pc
 
 from truing.arrays import Array, Mask
+from truing.formats import sexagesimal
 from truing.formats.dictionaries import (
     as_dictionary,
     codes,
@@ -155,6 +156,11 @@ def evaluate(plan: MappingPlan, batch: RawBatch) -> TableBatch:
     return TableBatch(columns, records, (*batch.faults, *work.faults), selection.left_out + work.left_out, faulty)
 
 
+def _is_blank(texts: pa.Array) -> Mask:
+    """Return the mask of cells without content."""
+    return np.array(pc.equal(pc.utf8_trim_whitespace(texts.fill_null("")), ""))
+
+
 def _filtered(batch: RawBatch, keep: Mask) -> RawBatch:
     """Return the rows to keep; dictionaries lose unused names."""
     if keep.all():
@@ -207,7 +213,7 @@ class _Work:
 
     def is_of_use(self, name: str) -> bool:
         """Return False for a column that was not requested and mostly holds no numbers."""
-        if name not in self.plan.unnamed_covariates:
+        if name not in self.plan.unnamed_covariates or self.plan.is_sexagesimal(name):
             return True
         values, bad = self.notation.parse(self._raw(name).cast("string"))
         return int(np.count_nonzero(bad)) <= len(values) - values.null_count
@@ -352,9 +358,11 @@ class _Work:
         if isinstance(origin, RowNumber):
             return pa.array(origin.of(self.batch.records).astype(float))
         raw = self._raw(name)
-        if pa.types.is_float64(raw.type) and not raw.null_count and not self._markers:
+        is_number = pa.types.is_floating(raw.type) or pa.types.is_integer(raw.type)
+        is_number = is_number and not self.plan.is_sexagesimal(name)
+        if is_number and pa.types.is_float64(raw.type) and not raw.null_count and not self._markers:
             return raw
-        if pa.types.is_floating(raw.type) or pa.types.is_integer(raw.type):
+        if is_number:
             values, blank = raw.cast(pa.float64()), np.array(raw.is_null())
             broken = np.zeros(len(raw), dtype=bool)
         else:
@@ -378,6 +386,13 @@ class _Work:
     def _parsed(self, name: str, raw: pa.Array) -> tuple[pa.Array, Mask, Mask]:
         """Return numbers, the mask of empty cells, and the mask of other content."""
         texts = raw.cast(pa.string())
+        if self.plan.is_sexagesimal(name):
+            absent = pc.is_in(
+                pc.utf8_trim_whitespace(texts), value_set=pa.array(sorted(self.notation.missing), pa.string())
+            )
+            values, bad = sexagesimal.parsed_angles(pc.if_else(absent, pa.scalar(None, pa.string()), texts))
+            self._fault(bad, texts, name, sexagesimal.EXPECTED)
+            return values, _is_blank(texts), bad
         values, bad = self.notation.parse(texts)
         if bad.any():
             first = texts[int(np.flatnonzero(bad)[0])].as_py()
@@ -385,7 +400,7 @@ class _Work:
             is_date = name == "time_s" and expected == "a number" and first[:1].isdigit()
             more = "; a time written as a date is read by time_format, such as %Y-%m-%d %H:%M:%S" if is_date else ""
             self._fault(bad, texts, name, expected + more)
-        return values, np.array(pc.equal(pc.utf8_trim_whitespace(texts.fill_null("")), "")), bad
+        return values, _is_blank(texts), bad
 
     def _check_present(self, wrong: Mask, name: str, expected: str) -> None:
         if wrong.any():

@@ -36,6 +36,7 @@ _POINT = ("target", "x", "y", "z")
 _ONE_POSE = "one pose is taken: say under from_name, split or constants which pose each image belongs to"
 OF_RIGS = "no table: how cameras of a COLMAP model hang together; its images hold what is needed"
 _RIGS = ("# Rig calib list", "# Frame list")
+_OF_FANUC = "a program of FANUC, with several lines for each position; export a table of the joints, as J1 to J6"
 _OF_GSI = "Leica GSI: coordinates, each in the unit of its word"
 _NO_SCALE = "COLMAP knows no scale and no sigma: declare scale_bars or known_points"
 
@@ -244,6 +245,8 @@ def guess_by_first_lines(lines: Sequence[str]) -> Guess | None:
         return Guess(mapping, _RAYS, "image_points", (note,), ("cameras",))
     if (axes := next((m for line in lines if (m := _OF_AXES.search(line))), None)) is not None:
         return _positions_of_program(axes)
+    if head.startswith("/PROG"):
+        return Guess(notes=(_OF_FANUC,))
     if re.match(r"\*?1[01]\d{4}[+-]\S{8}", head) and re.search(r"\b81....[+-]\d{8}", head):
         return Guess({"format": "gsi", "constants": {"body": "body"}}, _POINT, "points", (_OF_GSI,))
     return None

@@ -10,6 +10,7 @@ from dataclasses import dataclass
 from truing.formats.units import is_like_a_unit, known_unit
 
 _MOST_ROWS = 8  # of a heading
+_NUMBER = "#"
 _NO_UNIT = {"", "-", "--", "[-]", "[]"}
 _UNIT_LINE = re.compile(
     r"\b(?:units?|einheit(?:en)?|unités?)(?:\s+(?:are|in|is|of (?:measure(?:ment)?|length)))*"
@@ -152,6 +153,8 @@ def _names_in_comment(width: int, is_number: Callable[[str], bool], comments: Se
     """Return the cells of the last comment that has a name for each column."""
     for cells in reversed(comments):
         named = [cell.strip() for cell in cells]
+        if named and not named[0]:
+            named[0] = _NUMBER  # the mark of a comment was its name
         if len(named) == width + 1 and _UNIT_BEHIND_AXES.search(" ".join(named)):
             named = named[:width]
         elif len(named) > width:

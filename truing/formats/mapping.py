@@ -9,6 +9,7 @@ from collections.abc import Iterator
 from dataclasses import dataclass, field
 from functools import cached_property
 
+from truing.formats import sexagesimal
 from truing.formats.numbers import is_plain_number
 from truing.formats.origins import (
     Constant,
@@ -24,7 +25,7 @@ from truing.formats.origins import (
 )
 from truing.formats.patterns import bounded
 from truing.formats.raw import Kind
-from truing.formats.shapes import COORDINATES, LOADS_APART, TableShape
+from truing.formats.shapes import COORDINATES, LOADS_APART, MEASURED_APART, TableShape
 from truing.formats.units import (
     UnknownUnit,
     conversion,
@@ -320,8 +321,7 @@ class MappingPlan:
             misfits += _contradicted_columns(self)
         if self.entry.channels:
             misfits.append(Misfit("channels in [files.interferometer] alone", value=", ".join(self.entry.channels)))
-        if self.entry.joined_by is not None and self.shape.name != LOADS_APART.name:
-            misfits.append(Misfit("joined_by in [files.loads] alone", value=self.entry.joined_by))
+        misfits += self._misfit_of_join()
         if self.entry.wide is not None and not self.wide:
             misfits.append(
                 Misfit(
@@ -331,6 +331,15 @@ class MappingPlan:
             )
         _ = self.kinds
         return [*misfits, *self.misfits]
+
+    def _misfit_of_join(self) -> Iterator[Misfit]:
+        """Yield a way to join rows that this table does not have."""
+        keys = {LOADS_APART.name: "step", MEASURED_APART.name: "pose"}
+        way, key = self.entry.joined_by, keys.get(self.shape.name)
+        if way is not None and key is None:
+            yield Misfit("joined_by in [files.loads] and [files.measured] alone", value=way)
+        elif way in keys.values() and way != key:
+            yield Misfit(f'joined_by = "rows", "{key}" or "time"', value=way)
 
     def _named_twice(self) -> Iterator[Misfit]:
         """Yield table columns whose raw name occurs more than once in the header; only a position distinguishes
@@ -405,6 +414,10 @@ class MappingPlan:
     def is_given_unit(self, name: str) -> bool:
         """True if the mapping gives the unit of a column, or the scale of its numbers."""
         return self._unit_of(name) is not None or not self.entry.value(name).is_plain
+
+    def is_sexagesimal(self, name: str) -> bool:
+        """True if cells of a column hold degrees, minutes and seconds."""
+        return self._unit_of(name) == sexagesimal.UNIT
 
     def scale(self, name: str) -> tuple[float, float]:
         """Return factor and offset from the raw numbers of a column to its unit; raises UnknownUnit."""

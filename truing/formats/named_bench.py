@@ -206,7 +206,9 @@ def positions_side_by_side(names: Sequence[str]) -> Proposal | None:
 
 
 _CYCLE_HEAD = re.compile(r"(?P<head>[^\d{}]+)(?P<cycle>\d+)(?P<tail>[^\d{}]*)")
-_NUMBER_OF_TARGET = re.compile(r"i|nr|no|number|index|point|punkt", re.IGNORECASE)
+_NUMBER_OF_TARGET = re.compile(
+    r"#|i|((pos(ition)?|target|point|punkt|ziel)[ _.]*)?(nr|no|number|index|nummer)|point|punkt", re.IGNORECASE
+)
 _OF_DEVIATION = re.compile(r"dev|err|abw|fehler", re.IGNORECASE)
 _SIDES = (("forward", "backward"), ("fwd", "bwd"), ("up", "down"), ("plus", "minus"), ("vorwärts", "rückwärts"))
 

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import re
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
 
 from truing.formats.guess import MappingKeys
@@ -45,6 +45,7 @@ _COLUMN = {
 _OWN = {"n": "N", "nm": "N m", "mm": "mm", "rad": "rad"}  # unit by the end of a column's name
 _LOWER = {"nmm": "N mm", "nm": "N m", "n": "N", "kn": "kN"}  # as some programs write them
 _RATIO = "/V"  # end of the units of bridges
+_PATH = re.compile(r"(?P<path>[^\[\]()]*?)(?P<unit>\s*[\[(].*)?")
 _FEWEST = 3  # components: fewer may have such names by chance
 
 
@@ -68,7 +69,41 @@ class LoadMapping:
 
 
 def load_columns(names: Sequence[str]) -> LoadMapping | None:
-    """Return a proposal for a table of loads; None if no names say it."""
+    """Return a proposal for a table of loads; None if no names say it.
+
+    Of names that are paths in a model, such as ``Root/Fx/Out1 [N]``, the parts that differ count.
+    """
+    raw_names = _parts_of_paths(names)
+    if raw_names is None:
+        return _load_columns(names)
+    found = _load_columns(tuple(raw_names))
+    return None if found is None else _with_raw_names(found, raw_names)
+
+
+def _parts_of_paths(names: Sequence[str]) -> dict[str, str] | None:
+    """Return raw names by those without the parts before and behind that all paths have in common; None without
+    paths."""
+    halves = {name: _PATH.fullmatch(name) for name in names}
+    paths = {name: half["path"].split("/") for name, half in halves.items() if half is not None and "/" in half["path"]}
+    columns = list(zip(*paths.values(), strict=False))
+    if len(paths) < _FEWEST or len({len(parts) for parts in paths.values()}) > 1:
+        return None
+    own = [k for k, column in enumerate(columns) if len(set(column)) > 1]
+    short = {
+        name: "/".join(parts[k] for k in own) + (half["unit"] or "") if (half := halves[name]) is not None else name
+        for name, parts in paths.items()
+    }
+    raw_names = {short.get(name, name): name for name in names}
+    return raw_names if len(raw_names) == len(names) else None
+
+
+def _with_raw_names(found: LoadMapping, raw_names: Mapping[str, str]) -> LoadMapping:
+    columns = {column: raw_names.get(name, name) for column, name in found.mapping["columns"].items()}
+    otherwise = None if found.otherwise is None else _with_raw_names(found.otherwise, raw_names)
+    return replace(found, mapping={**found.mapping, "columns": columns}, otherwise=otherwise)
+
+
+def _load_columns(names: Sequence[str]) -> LoadMapping | None:
     plain, applied = _components(names)
     channels = _channels(names)
     fewest = 1 if any(map(_is_voltage, channels)) else _FEWEST

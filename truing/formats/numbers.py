@@ -12,6 +12,7 @@ import pyarrow as pa
 import pyarrow.compute as pc
 
 from truing.arrays import Array, Mask
+from truing.formats.sexagesimal import is_marked_angle
 
 _SEPARATOR_CLASS = {None: "", ",": ",", ".": r"\.", "'": "['’]", " ": "[ \u00a0\u2009\u202f]"}
 _EXPONENT = r"([eEdD][+-]?\d+)?"
@@ -83,6 +84,8 @@ class Notation:
             other = Notation(decimal, thousands, self.missing)
             if re.match(other.pattern, text.strip()):
                 return f"a number; to read this one set {_settings(self, other)}"
+        if is_marked_angle(text):
+            return 'a number; an angle in degrees, minutes and seconds has the unit "dms"'
         return "a number"
 
 

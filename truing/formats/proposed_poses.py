@@ -20,6 +20,7 @@ from truing.formats.units import bare_and_unit
 
 _SEVERAL = 2
 _OF_BODIES = r"body|(rigid|tracked)[ _]?body|model|object|subject|segment|tool|k(ö|oe)rper"
+_COUNTER = r"no|nr|number|index|#|id|i|stage|stufe|epoche?"  # names of a column that may number poses
 
 
 @dataclass(frozen=True)
@@ -191,7 +192,7 @@ def column_that_counts(cells: NamedCells, others: Sequence[str]) -> dict[str, st
     """Return the column that numbers the rows from its own start, by its name and its numbers."""
     for name in others:
         column = cells.numbers(name)
-        if re.fullmatch(r"no|nr|number|index|#|id|i", name.strip(" .").casefold()) and np.array_equal(
+        if re.fullmatch(_COUNTER, name.strip(" .").casefold()) and np.array_equal(
             np.diff(column), np.ones(len(column) - 1)
         ):
             return {"pose": name}

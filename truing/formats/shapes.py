@@ -181,6 +181,8 @@ SIGNALS = TableShape(
 )
 # Loads that another instrument recorded than the signals; [files.loads] says how its rows belong to those of signals.
 LOADS_APART = TableShape("loads", (), ("run", "step", "time_s", *_LOADED))
+# What recorded an axis in another file than its commands; [files.measured] says how its rows belong to these.
+MEASURED_APART = TableShape("measured", (), ("pose", "time_s"), covariates=True)
 
 QUADRATURE = TableShape(
     "quadrature",

@@ -39,6 +39,7 @@ from truing.formats.named_loads import channels_without_loads, load_columns
 from truing.formats.nominal_machine import machine_of
 from truing.formats.numbers import Notation
 from truing.formats.probable_columns import columns_by_names
+from truing.formats.proposed_angles import with_angles
 from truing.formats.proposed_loads import proposal_of_loads, with_doubt_on_samples
 from truing.formats.proposed_poses import (
     NamedCells,
@@ -59,8 +60,6 @@ _A_COORDINATE_PER_ROW = "a row for each coordinate; export a table of points wit
 _CHANNELS_ALONE = (
     "channels of a sensor without loads: put the load of each row beside them, as columns such as Fx [N] and Mz [N m]"
 )
-_SEXAGESIMAL = "angles in degrees, minutes and seconds are not read: export decimal degrees"
-_DEGREES = re.compile(r"\s*[-+]?\d{1,3} ?° ?\d{1,2} ?['′] ?\d{1,2}([.,]\d*)? ?(\"|''|″)?\s*")
 _OVER_ANGLE = (
     "readings over an angle, as of a ball bar or of dial gauges: truing reads no circular and no run-out tests, "
     "because nothing relates them to readings of joints or axes"
@@ -114,6 +113,10 @@ def sniff_cells(
     """
     lines = tuple(first_lines) or tuple(range(len(records)))
     about = _Surroundings(lines, tuple(comments), unit, tuple(joints), is_of_joints)
+    return with_angles(records, lambda decimal: _sniff_decimal(decimal, dict(mapping), separator, about))
+
+
+def _sniff_decimal(records: list[list[str]], mapping: MappingKeys, separator: str, about: _Surroundings) -> Guess:
     notation = likely_notation(records[1:] or records)
     guess = _guess_by_notation(records, dict(mapping), separator, notation, about)
     if notation != COMMA_DECIMAL or (cell := ambiguous_comma(records)) is None:
@@ -307,7 +310,7 @@ def _guess_readings(
             guess = proposal_of_joints(readings, mapping, names)
             return replace(guess, doubts=(*guess.doubts, *doubt_on_computed_poses(names)))
         if table is None and (axes := axis_rows(names, cells.values)):
-            return _guess_axis(axes, names, mapping, meant)
+            return proposal_of_axis(axes, names, mapping, meant)
         if (template := wide_template(names)) is not None:
             hidden = {"missing": [""]} if cells.has_empty or _has_frames(names) else {}
             return _side_by_side(template, names, mapping | keys | hidden)
@@ -318,7 +321,6 @@ def _guess_readings(
     if table is None:
         notes = [_A_COORDINATE_PER_ROW] if _has_axes_in_rows(cells.rows) else []
         notes += [_CHANNELS_ALONE] if channels_without_loads(names) else []
-        notes += [_SEXAGESIMAL] if any(_DEGREES.fullmatch(cell) for row in cells.rows for cell in row) else []
         notes += [_OVER_ANGLE] if not notes and is_over_angle(names) else []
     return Guess(mapping | keys, names, table, tuple(notes))
 
@@ -364,7 +366,7 @@ def _has_axes_in_rows(data: list[list[str]]) -> bool:
     return any({"x", "y", "z"} == {cell.strip().casefold() for cell in column} for column in zip(*data, strict=True))
 
 
-def _guess_axis(
+def proposal_of_axis(
     axes: Sequence[Proposal], names: tuple[str, ...], mapping: MappingKeys, meant: Mapping[str, str]
 ) -> Guess:
     """Return the proposal of an axis; of two, in degrees and in millimetres, the first is taken."""

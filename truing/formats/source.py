@@ -23,11 +23,11 @@ if TYPE_CHECKING:
     from truing.schemas.stage_cost import StageCost
 
 OF_IMAGES = ("images", "image_points", "image_targets", "scale_bars", "known_points", "cameras")
-BY_MAPPING = "loads"  # table that [files] alone can name: a file of that name has no meaning of its own
+BY_MAPPING = ("loads", "measured")  # tables that [files] alone can name: such names of files have no meaning
 OTHERS = (
     *("points", "poses", "targets", "resurveys", "configurations", "scans", "surfaces", "distances"),
     *("displacement", "interferometer", "signals", "quadrature", "positioning", "published"),
-    BY_MAPPING,
+    *BY_MAPPING,
 )
 TABLES = (*OTHERS, *OF_IMAGES)
 LOGO = "logo"  # the picture of [campaign], which the page holds
@@ -264,7 +264,7 @@ def _without_measured(entry: FileMapping, files: Mapping[str, Any]) -> FileMappi
 
 
 def _contract_names(table: str) -> tuple[str, ...]:
-    if table == BY_MAPPING:
+    if table in BY_MAPPING:
         return ()
     return _pictures_in("images") if table == "images" else (f"{table}.csv", f"{table}.parquet")
 

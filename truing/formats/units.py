@@ -29,6 +29,7 @@ _UNITS: dict[str, tuple[str, float, float]] = {
     "arcmin": ("angle", _ARC / 60.0, 0.0),
     "arcsec": ("angle", _ARC / 3600.0, 0.0),
     "gon": ("angle", math.pi / 200.0, 0.0),
+    "dms": ("angle", _ARC, 0.0),  # texts of degrees, minutes and seconds: truing.formats.sexagesimal
     "N": ("force", 1.0, 0.0),
     "mN": ("force", 1e-3, 0.0),
     "kN": ("force", 1e3, 0.0),

@@ -57,12 +57,11 @@ def corrections(tables: Tables, adequacy: SectionVerdict | None) -> list[Verdict
         return []
     named = listed([_number(row) for _, row in clear.iterrows()], _NAMED)
     errors = nominal_errors(tables)
-    gained = ""
+    text = f"Corrections to the nominal geometry (section Chain): {named}"
     if errors is not None:
-        quantities = [quantity(size, errors.unit) for size in (errors.nominal, errors.identified)]
-        gained = f" The rms error on {errors.poses} is {quantities[0]} with the nominal geometry, {quantities[1]} with "
-        gained += "all that was identified."
-    text = f"Corrections to the nominal geometry: {named}.{gained} Section Chain lists all numbers."
+        nominal, identified = (quantity(size, errors.unit) for size in (errors.nominal, errors.identified))
+        text += f"; with all that was identified, the rms error on {errors.poses} falls from {nominal} to {identified}"
+    text += "."
     return [("found", printed(text))]
 
 

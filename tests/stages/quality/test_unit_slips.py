@@ -79,3 +79,18 @@ def test_a_noise_of_signals_in_another_unit_is_reported_by_qa_and_check(tmp_path
     assert meant in row["message"]
     lines = CliRunner().invoke(app, ["check", str(tmp_path / "c")]).output.splitlines()
     assert sum("Did you mean" in line for line in lines) == bool(meant)
+
+
+def test_two_bodies_declared_as_one_are_asked_for(tmp_path) -> None:
+    rng = np.random.default_rng(4)
+    survey, halves = rng.uniform(-200.0, 200.0, (12, 3)), np.arange(12) < 6
+    lines = ["pose,body,target,x_mm,y_mm,z_mm"]
+    for pose in range(15):
+        moved = survey + np.where(halves[:, None], *rng.uniform(-5.0, 5.0, (2, 3))) + rng.normal(0.0, 0.005, (12, 3))
+        lines += [f"{pose},body,T{k},{x:.4f},{y:.4f},{z:.4f}" for k, (x, y, z) in enumerate(moved)]
+    (tmp_path / "points.csv").write_text("\n".join(lines) + "\n", encoding="utf-8")
+    text = '[campaign]\nname = "one"\nkind = "photogrammetry"\n[noise]\npoint_mm = 0.005\n'
+    (tmp_path / "campaign.toml").write_text(text, encoding="utf-8")
+    found = run_line(tmp_path, "ingest", "qa")[0]["qa"].to_pandas().set_index("check").loc["noise-size"]
+    assert found["verdict"] == "fail"
+    assert found["message"].endswith("Or do these points belong to several bodies?")
