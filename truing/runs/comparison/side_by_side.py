@@ -13,6 +13,7 @@ import pandas as pd
 import pyarrow as pa
 
 from truing.estimation.interferometry.recorded_steps import CHANNELS, LOADS
+from truing.runs.comparison.axis_step import axis_numbers, axis_step
 from truing.runs.comparison.steps import (
     NAMES,
     RunStep,
@@ -56,6 +57,8 @@ def mechanism_of(run: Run) -> str:
         return f"{model.model.nominal.closure.name} of {model.model.part_count} legs"
     if isinstance(model, ExtendedChain):
         return f"chain of joints {', '.join(model.tree.readings)}"
+    if isinstance(model, ExtendedAxis):
+        return f"{model.axis.kind} axis"
     return ""
 
 
@@ -101,6 +104,8 @@ def _numbers(run: Run) -> pd.DataFrame:
         parts.append(mechanism_numbers(model))
     if isinstance(model, ExtendedSensor):
         parts.append(sensor_numbers(model))
+    if isinstance(model, ExtendedAxis):
+        parts.append(axis_numbers(model))
     if "sensor_matrix" in run:
         parts.append(matrix_numbers(run["sensor_matrix"]))
     parts = [part.astype(dict.fromkeys(NAMES, object)) for part in parts if len(part)]
@@ -130,7 +135,7 @@ def _of_models(before: Run, now: Run) -> RunStep:
     if isinstance(first, ExtendedSensor) and isinstance(second, ExtendedSensor):
         return sensor_step(first, second, _simulated(now))
     if isinstance(first, ExtendedAxis) and isinstance(second, ExtendedAxis):
-        return not_assessed("models of single axes are not held against each other yet")
+        return axis_step(first, second)
     if isinstance(first, ExtendedChain) and isinstance(second, ExtendedChain):
         return not_assessed("models of open chains are not compared yet")
     return not_assessed("they are of other machines")
