@@ -75,7 +75,7 @@ def _corners(rows: CollectedRows, at: list[int], count: int, settings: Campaign,
 
 def displacements(points: Array, command: Array) -> Array:
     """Return displacements (B,) along the line of the movement, from points (B, T, 3), in the sense of the command."""
-    seen = np.isfinite(points).all(2)
+    seen: Mask = np.asarray(np.isfinite(points).all(2))
     away, along = points - _mean(points, seen[..., None], 0), np.zeros(len(points))
     for _ in range(_ITERATIONS):  # of the mean places of targets that were not always seen
         direction = np.linalg.svd(away[seen], full_matrices=False)[2][0]
@@ -92,7 +92,7 @@ def angles(points: Array, command: Array) -> Array | None:
     Several targets give the rotation of their figure, whose place may wander. A single one gives its angle on the
     circle that fits its places. None where readings span too little of the circle, or no two targets are seen at once.
     """
-    seen = np.isfinite(points).all(2)
+    seen: Mask = np.asarray(np.isfinite(points).all(2))
     away = points - _mean(points, seen[..., None], 0)
     plane = np.linalg.svd(away[seen], full_matrices=False)[2][:2]
     z = np.where(seen, points @ (plane[0] + 1j * plane[1]), 0.0)
