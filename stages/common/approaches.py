@@ -76,7 +76,9 @@ class _AxisSettings:
     mechanism: AxisMechanism
 
     def __getattr__(self, name: str) -> object:
-        return getattr(self.recorded, name)
+        if name not in vars(type(self))["__dataclass_fields__"] and not name.startswith("__"):
+            return getattr(self.recorded, name)
+        raise AttributeError(name)  # of an empty instance, as pickle and copy make it first
 
 
 def noise_mm(positions: pa.Table) -> float:

@@ -19,6 +19,7 @@ from truing.simulation.axis.rows import MEASURED
 from truing.stages.common.axis_columns import AxisColumns, encoder_sigma, planned_readings
 from truing.stages.common.table_arrays import check_unique_keys, numbers
 from truing.stages.declaration import Outcome
+from truing.stages.ingestion.axis_places import angles, displacements, read_places
 from truing.stages.ingestion.joined_readings import with_joined_readings
 from truing.stages.ingestion.tables import (
     as_artifact,
@@ -55,6 +56,7 @@ def ingest(settings: Campaign, source: CampaignFiles, log: FaultLog, *, may_be_p
     axis = cast("AxisMechanism", settings.mechanism)
     rows, joined = with_joined_readings(rows, source, log)
     rows = _with_deviations(rows, axis.columns["command"], log)
+    rows = _with_places(rows, source, settings, log)
     if may_be_planned and axis.columns["command"] in rows.table.column_names:
         rows = replace(rows, table=planned_readings(rows.table, settings))
         if not AxisColumns.of(axis, rows.table.column_names).encoders:
@@ -94,6 +96,28 @@ def _with_deviations(collected: CollectedRows, command: str, log: FaultLog) -> C
             collected, table=collected.table.drop_columns([deviation_column]).append_column(made, measured)
         )
     return collected
+
+
+def _with_places(collected: CollectedRows, source: CampaignFiles, settings: Campaign, log: FaultLog) -> CollectedRows:
+    """Return rows with what points or poses of the moved body tell, in a column of the outside instrument."""
+    axis = cast("AxisMechanism", settings.mechanism)
+    made, command = f"{MEASURED}_{axis.unit}", axis.columns["command"]
+    poses = [str(pose) for pose in collected.table.column("pose").to_pylist()]
+    points = read_places(source, poses, settings, log)
+    if points is None or command not in collected.table.column_names:
+        return collected
+    if made in collected.table.column_names:
+        log.add(Fault(collected.first_file, f"either {made}, or points and poses of what the axis moves", column=made))
+        return collected
+    commanded = numbers(collected, command)
+    if command.endswith("_counts"):
+        commanded = commanded / (axis.counts_per_unit or 1.0)
+    measured = displacements(points, commanded) if axis.kind == "linear" else angles(points, commanded)
+    if measured is None:
+        expected = "two or more targets of the body, or one target around at least 270 deg, to determine angles"
+        log.add(Fault("points.csv", expected, column="target"))
+        return collected
+    return replace(collected, table=collected.table.append_column(made, pa.array(measured, from_pandas=True)))
 
 
 def _check_columns(collected: CollectedRows, columns: AxisColumns, settings: Campaign, log: FaultLog) -> None:

@@ -9,7 +9,7 @@ from types import MappingProxyType
 import numpy as np
 import pyarrow as pa
 
-from truing.arrays import Array
+from truing.arrays import Array, Index
 from truing.report.numbers import listed
 from truing.stages.common.axis_columns import SI, AxisColumns
 from truing.stages.common.point_arrays import number_column
@@ -82,7 +82,7 @@ def unit_check(
     return _row(encoder, ratio, PASS, f"{text}.")
 
 
-def exchanged_columns(table: pa.Table, columns: AxisColumns, in_time: Array) -> tuple[str, ...]:
+def exchanged_columns(table: pa.Table, columns: AxisColumns, in_time: Index) -> tuple[str, ...]:
     """Names of the two columns that are in each other's place; empty where the encoders agree, or no exchange helps.
 
     An exchange shows in the movements, if counts are among them. Commands are known by values that return exactly.

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import pytest
+
 from tests.sentences import assert_says
 from truing.report.wordings.chain_wordings import CHAIN
 from truing.report.wordings.claim import Claim, ParameterSize
@@ -29,3 +31,26 @@ def test_a_negative_backlash_is_no_backlash_but_one_that_is_compensated_too_much
     assert_says(leads, "leads its reading after each reversal", "compensated too much")
     assert "-" not in leads
     assert "has backlash" in lags
+
+
+@pytest.mark.parametrize(("cause", "subject"), [("base-drift", ""), ("base-jump", ""), ("tool-jump", "link tool0")])
+def test_a_displacement_has_the_length_of_its_shift(cause: str, subject: str) -> None:
+    """What it changes of measured values is less, because the place of the base is free."""
+    shift = (("dx", 0.06, 0.003, "mm"), ("dy", 0.08, 0.003, "mm"), ("dz", 0.0, 0.003, "mm"))
+    still = tuple((f"turn_{axis}", 1e-6, 4e-6, "rad") for axis in "xyz")
+    turned = (*still[:2], ("turn_z", 1e-4, 4e-6, "rad"))
+    words = [
+        CHAIN[cause].clause(
+            Claim(
+                cause=cause,
+                subject=subject,
+                sizes=tuple(ParameterSize(*size) for size in (*shift, *turns)),
+                largest_motion=62.0,
+                unit="um",
+            )
+        )
+        for turns in (still, turned)
+    ]
+    assert all("100.0 ± 3.0 um" in clause and "62" not in clause for clause in words)
+    assert "arcsec" not in words[0]
+    assert "20.6" in words[1]  # 1e-4 rad in arc seconds

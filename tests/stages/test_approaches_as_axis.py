@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import pickle
+from copy import deepcopy
 from dataclasses import dataclass, field
 
 import numpy as np
@@ -174,3 +176,12 @@ def test_positions_beside_readings_are_no_axis_alone() -> None:
     assert has_approaches_alone({"positions": table})
     assert not has_approaches_alone({"positions": table, "readings": table})
     assert not has_approaches_alone({"readings": table})
+
+
+def test_settings_of_an_axis_survive_pickle_and_copy() -> None:
+    """Other processes receive settings by pickle."""
+    settings = read_campaign(parsed_toml(SETTINGS))
+    _, axis = axis_of_approaches({"positions": Axis().measured(np.random.default_rng(1))}, settings)
+    for same in (pickle.loads(pickle.dumps(axis)), deepcopy(axis)):
+        assert same.campaign.name == "positions"
+        assert same.noise == axis.noise

@@ -94,7 +94,7 @@ def unit_of(row: Any, size: float) -> tuple[float, str]:
     """Return factor and unit in which a number of about this size is shown."""
     if row.group == "compliance":
         return _COMPLIANCE.get(row.unit, (1.0, row.unit))
-    if row.group == "effect":
+    if row.group == "effect" or row.unit == "rad":
         factor, unit = handy_unit(row.parameter, row.unit, size)
         return factor, printed(unit)
     return print_unit(row.parameter, row.unit)

@@ -262,7 +262,7 @@ def _trends(comparison: RunComparison) -> ReportSection | None:
         "Bars include prior knowledge, which is common to all runs; the section above decides on changes."
     )
     more = f" {count_text(left, 'further kind')}, which differ less, are in {_HELD_BY}." if left else ""
-    more += f" Symbols: {MEANING}" if _is_mechanism(comparison) else ""
+    more += f" Symbols: {MEANING}" if comparison.numbers["leg"].notna().any() else ""
     return ReportSection("trends", "Trends", lead + more, figures)
 
 

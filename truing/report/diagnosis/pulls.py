@@ -221,7 +221,8 @@ def pull_figure(table: pd.DataFrame, columns: Mapping[str, str], title: str, axi
         figure.add_trace(_marks(shown, index_of, column, words, look))
     clipped = bool((shown[list(columns)].abs() > _CLIPPED).to_numpy().any())
     edge = f". Beyond {_CLIPPED:g}: drawn at the edge" if clipped else ""
-    style(figure, title, f"One mark per leg; grey: 95 % range by chance{edge}", 420)
+    of_legs = "One mark per leg; grey" if table["leg"].notna().any() else "Grey"
+    style(figure, title, f"{of_legs}: 95 % range by chance{edge}", 420)
     ticks = {"tickvals": list(index_of.values()), "ticktext": [label(kind) for kind in order]}
     figure.update_xaxes(**ticks, showgrid=False, zeroline=False, range=[-0.6, len(order) - 0.4])
     figure.update_yaxes(title_text=axis, zeroline=True, zerolinecolor=GREY)

@@ -10,6 +10,7 @@ from truing.report.diagnosis.findings import subject_words
 from truing.report.numbers import listed
 from truing.report.wordings.claim import (
     Claim,
+    ParameterSize,
     Wording,
     by_words,
     largest,
@@ -18,6 +19,8 @@ from truing.report.wordings.claim import (
     size_in_words,
     with_sizes,
 )
+
+_CLEAR = 3.0  # standard deviations of a length that is reported
 
 
 def _owner(claim: Claim) -> str:
@@ -198,16 +201,34 @@ def _guideway(claim: Claim) -> str:
 
 
 def _drift(claim: Claim) -> str:
-    return with_sizes("the base moves steadily against the instrument, from the first to the last pose", claim)
+    return f"the base moves steadily against the instrument, from the first to the last pose{_displacement(claim)}"
 
 
 def _jump(claim: Claim) -> str:
-    return with_sizes(f"the base is displaced{claim.since()}", claim)
+    return f"the base is displaced{claim.since()}{_displacement(claim)}"
 
 
 def _knocked(claim: Claim) -> str:
     who = _owner(claim)
-    return with_sizes(f"{who}, with all that is measured on it, is displaced{claim.since()}", claim)
+    return f"{who}, with all that is measured on it, is displaced{claim.since()}{_displacement(claim)}"
+
+
+def _displacement(claim: Claim) -> str:
+    """Return shift of the origin and rotation where they are clear: ``, by 97 um at its origin``. Their effect on
+    measured values is smaller, because a constant part of it belongs to the unknown place of the base."""
+    shift, turn = (_length(claim, names) for names in (("dx", "dy", "dz"), ("turn_x", "turn_y", "turn_z")))
+    parts = [f"by {shift} at its origin"] * bool(shift) + [f"turned by {turn}"] * bool(turn)
+    return f", {' and '.join(parts)}" if parts else ""
+
+
+def _length(claim: Claim, names: tuple[str, ...]) -> str:
+    """Return the length of a vector with one standard deviation; empty where it is below three of them."""
+    sizes = [size for size in map(claim.size, names) if size is not None and size.number is not None]
+    length = math.hypot(*(size.number or 0.0 for size in sizes))
+    if length == 0.0:
+        return ""
+    sigma = math.hypot(*((size.number or 0.0) * (size.sigma or 0.0) for size in sizes)) / length
+    return size_in_words(ParameterSize("shift", length, sigma, sizes[0].unit)) if length > _CLEAR * sigma else ""
 
 
 def _longer(claim: Claim) -> str:

@@ -13,6 +13,8 @@ import pandas as pd
 import pyarrow as pa
 
 from truing.estimation.interferometry.recorded_steps import CHANNELS, LOADS
+from truing.runs.comparison.axis_step import axis_numbers, axis_step
+from truing.runs.comparison.chain_step import chain_numbers, chain_step
 from truing.runs.comparison.steps import (
     NAMES,
     RunStep,
@@ -33,7 +35,7 @@ from truing.simulation.mechanisms.extended_model import ExtendedModel
 if TYPE_CHECKING:
     from truing.runs.recorded_run import Run
 
-_NTH = "nth"
+_NTH, _CHAIN = "nth", "chain_parameters"
 
 
 @dataclass(frozen=True)
@@ -56,6 +58,8 @@ def mechanism_of(run: Run) -> str:
         return f"{model.model.nominal.closure.name} of {model.model.part_count} legs"
     if isinstance(model, ExtendedChain):
         return f"chain of joints {', '.join(model.tree.readings)}"
+    if isinstance(model, ExtendedAxis):
+        return f"{model.axis.kind} axis"
     return ""
 
 
@@ -101,6 +105,10 @@ def _numbers(run: Run) -> pd.DataFrame:
         parts.append(mechanism_numbers(model))
     if isinstance(model, ExtendedSensor):
         parts.append(sensor_numbers(model))
+    if isinstance(model, ExtendedAxis):
+        parts.append(axis_numbers(model))
+    if isinstance(model, ExtendedChain):
+        parts.append(chain_numbers(model, run[_CHAIN]))
     if "sensor_matrix" in run:
         parts.append(matrix_numbers(run["sensor_matrix"]))
     parts = [part.astype(dict.fromkeys(NAMES, object)) for part in parts if len(part)]
@@ -130,9 +138,9 @@ def _of_models(before: Run, now: Run) -> RunStep:
     if isinstance(first, ExtendedSensor) and isinstance(second, ExtendedSensor):
         return sensor_step(first, second, _simulated(now))
     if isinstance(first, ExtendedAxis) and isinstance(second, ExtendedAxis):
-        return not_assessed("models of single axes are not held against each other yet")
+        return axis_step(first, second)
     if isinstance(first, ExtendedChain) and isinstance(second, ExtendedChain):
-        return not_assessed("models of open chains are not compared yet")
+        return chain_step(first, second, before[_CHAIN], now[_CHAIN])
     return not_assessed("they are of other machines")
 
 

@@ -212,7 +212,7 @@ def sensor_step(before: ExtendedSensor, now: ExtendedSensor, simulated: NDArray)
     limit[:_ENTRIES] = np.sqrt(1.0 - LEAST_REDUCTION) * simulated
     known = (sigma_old < limit) & (sigma_new < limit)
     scale = _scales(before, keys)
-    return _tested_changes(
+    return tested_changes(
         _number_names(before, keys), (new - old) / scale, np.hypot(sigma_old, sigma_new) / scale, known
     )
 
@@ -222,10 +222,10 @@ def matrix_step(before: pd.DataFrame, now: pd.DataFrame) -> RunStep:
     both = before.merge(now, on=NAMES, suffixes=("_before", "_now"))
     spread = np.hypot(both["sigma_before"].to_numpy(float), both["sigma_now"].to_numpy(float))
     difference = (both["value_now"] - both["value_before"]).to_numpy(float)
-    return _tested_changes(both[NAMES].to_numpy().tolist(), difference, spread, np.isfinite(spread))
+    return tested_changes(both[NAMES].to_numpy().tolist(), difference, spread, np.isfinite(spread))
 
 
-def _tested_changes(names: Sequence[Sequence[object]], difference: NDArray, spread: NDArray, known: NDArray) -> RunStep:
+def tested_changes(names: Sequence[Sequence[object]], difference: NDArray, spread: NDArray, known: NDArray) -> RunStep:
     """Return the significant changes of the known numbers (n,), each tested by itself. The level is familywise, valid
     for any correlations."""
     known = known & (spread > 0.0)

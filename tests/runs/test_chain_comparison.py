@@ -1,0 +1,103 @@
+"""Comparison of two runs of a chain: a slipped zero is named alone, chance is not, and other chains are refused."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+import numpy as np
+import pandas as pd
+from numpy.typing import NDArray
+from scipy.stats import binom, chi2
+
+from truing.runs.comparison.chain_step import chain_numbers, chain_step
+from truing.runs.comparison.steps import LEVEL
+from truing.simulation.cause import Effect
+from truing.simulation.mechanisms.chains.causes import JointOffset
+from truing.simulation.mechanisms.chains.extended_model import ExtendedChain
+from truing.simulation.mechanisms.chains.notations import DenavitHartenberg, tree_of_rows
+
+JOINTS = ("a", "b", "c")
+ROWS = ((0.0, np.pi / 2, 0.3), (0.4, 0.0, 0.0), (0.3, 0.0, 0.05))
+TREE = tree_of_rows([DenavitHartenberg(a, alpha, d, 0.0) for a, alpha, d in ROWS], JOINTS)
+SIGMAS = {"dx": 5e-4, "dy": 5e-4, "dz": 5e-4, "turn_x": 1e-3, "turn_y": 1e-3, "offset": 2e-3}  # m, rad
+NUMBERS = [(joint, name) for joint in JOINTS for name in SIGMAS]
+PRIOR = np.array([SIGMAS[name] for _, name in NUMBERS])
+MEASURED = np.random.default_rng(1).normal(size=(12, len(NUMBERS))) / (0.01 * PRIOR)  # fewer readings than numbers
+COVARIANCE = np.linalg.inv(MEASURED.T @ MEASURED + np.diag(PRIOR**-2))
+SLIP = 4e-4  # rad
+DRAWS = 150
+
+
+def table(tolerance: float = 1.0) -> pd.DataFrame:
+    units = ["mm" if name[0] == "d" else "rad" for _, name in NUMBERS]
+    si = np.array([1e-3 if unit == "mm" else 1.0 for unit in units])
+    columns = {"joint": [j for j, _ in NUMBERS], "parameter": [p for _, p in NUMBERS], "unit": units}
+    return pd.DataFrame(columns).assign(identified=0.0, sigma=1.0, tolerance=tolerance * PRIOR / si)
+
+
+def model_of(values: NDArray, *effects: Effect[JointOffset]) -> ExtendedChain:
+    """A chain with these numbers (18,), whose zeros turn about z."""
+    place = [6 * JOINTS.index(j) + ("dx", "dy", "dz", "turn_x", "turn_y", "offset").index(p) for j, p in NUMBERS]
+    count = 18 + len(effects)
+    twists, covariance = np.zeros(18), np.zeros((count, count))
+    twists[place], covariance[np.ix_(place, place)] = values, COVARIANCE
+    moved = np.array([TREE.node_of(k) for k in range(3)])
+    every = np.zeros((TREE.size, 6))
+    every[moved] = twists.reshape(3, 6)
+    reach = np.array([[-np.inf] * 3, [np.inf] * 3])
+    return ExtendedChain(
+        TREE, every, moved, TREE.size - 1, None, np.zeros(3), 0.0, 20.0, reach,
+        effects=effects, covariance=covariance, context={},
+    )  # fmt: skip
+
+
+def measured(rng: np.random.Generator, truth: NDArray) -> ExtendedChain:
+    """What one campaign identifies of the true numbers (18,), by its readings and the tolerances."""
+    readings = MEASURED @ truth + rng.normal(size=len(MEASURED))
+    return model_of(COVARIANCE @ MEASURED.T @ readings)
+
+
+def test_numbers_that_did_not_change_are_named_no_oftener_than_the_level_says() -> None:
+    rng = np.random.default_rng(2)
+    steps = []
+    for _ in range(DRAWS):
+        truth = PRIOR * rng.normal(size=len(PRIOR))
+        steps.append(chain_step(measured(rng, truth), measured(rng, truth), table(), table()).rows)
+    assert sum(bool(rows["changed"].any()) for rows in steps) <= binom.ppf(0.999, DRAWS, LEVEL)
+    z = np.array([rows["z"] for rows in steps], float)
+    known = np.isfinite(z).all(0)
+    assert known.any()
+    # Never too small; larger where both campaigns leave a number to its tolerance.
+    assert (np.sum(z[:, known] ** 2, 0) < chi2.ppf(1.0 - 1e-5, DRAWS)).all()
+
+
+def test_a_zero_that_slipped_within_its_tolerance_is_named_alone_with_its_size() -> None:
+    rng = np.random.default_rng(3)
+    truth = PRIOR * rng.normal(size=len(PRIOR))
+    slipped = truth + SLIP * np.array([number == ("b", "offset") for number in NUMBERS])
+    rows = chain_step(measured(rng, truth), measured(rng, slipped), table(), table()).rows
+    (changed,) = rows[rows["changed"]].itertuples()
+    assert changed.parameter == "offset of joint b"
+    assert abs(changed.change - SLIP) < 4 * changed.sigma_change
+    assert changed.change > 5 * changed.sigma_change
+
+
+def test_a_joint_offset_beyond_its_tolerance_counts_with_the_zero_of_the_joint() -> None:
+    """Where one run finds the zero far off and the other did not: the joint was taken apart."""
+    truth = np.zeros(len(PRIOR))
+    far = model_of(truth, Effect(JointOffset(joint="b"), np.array([0.02])))
+    rows = chain_step(measured(np.random.default_rng(4), truth), far, table(), table()).rows
+    largest = rows.loc[rows["change"].abs().astype(float).idxmax()]
+    assert largest["parameter"] == "offset of joint b"
+    assert abs(largest["change"] - 0.02) < 1e-3
+
+
+def test_other_chains_and_free_links_are_not_compared() -> None:
+    rng = np.random.default_rng(5)
+    one = measured(rng, np.zeros(len(PRIOR)))
+    longer = replace(one, tree=tree_of_rows([DenavitHartenberg(0.5, 0.0, 0.0, 0.0)] * 3, JOINTS))
+    assert chain_step(one, longer, table(), table()).why
+    assert chain_step(one, one, table(), table(2.0)).why
+    free = table().assign(tolerance=np.nan)
+    assert chain_step(one, one, free, free).why
+    assert set(chain_numbers(one, table())["group"]) == {"geometry"}
