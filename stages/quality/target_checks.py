@@ -37,6 +37,7 @@ from truing.stages.quality.check import FAIL, PASS, WARN, CampaignLimits, Check,
 from truing.stages.quality.unit_slips import FAR, unit_slip
 
 _EITHER_SIDE = 3  # poses before and after a step
+_STAYS, _FEWEST_AROUND = 0.75, 5  # share of poses by which gross errors stay from one on; poses on either side
 _NOISE_TOLERATED = 1.5  # beyond this multiple of the declared noise the declaration is unusable
 _AXIS_NOISE_TOLERATED = 2.5  # photogrammetry is worse in depth, and one declared number stands for all axes
 _NOISE_NOTED = 1.1
@@ -125,8 +126,26 @@ def gross_errors(body: BodyView, limits: CampaignLimits) -> Iterator[Check]:
     per_target = gross.sum(axis=0)
     often = [f"{body.survey.targets[t]} ({per_target[t]})" for t in np.argsort(-per_target)[:5] if per_target[t] > 0]
     tail = f", most often {', '.join(often)}" if often else ""
-    text = f"{body.name}: {int(gross.sum())} of {seen} readings are gross errors{tail}."
+    poses = [pose for pose, is_framed in zip(body.points.poses, body.framed, strict=True) if is_framed]
+    text = f"{body.name}: {int(gross.sum())} of {seen} readings are gross errors{tail}{_since(poses, gross.any(1))}."
     yield limits.of("gross-errors").row(body.name, share, "1", text)
+
+
+def _since(poses: Sequence[int | str], is_affected: Mask) -> str:
+    """Return from which pose, in the order of the table, most poses are affected (B,) after hardly any; else empty.
+
+    Gross errors come and go. Where they stay, the targets lie otherwise from then on.
+    """
+    before, after = np.cumsum(is_affected), np.cumsum(is_affected[::-1])[::-1]
+    onsets = np.arange(_FEWEST_AROUND, len(is_affected) - _FEWEST_AROUND + 1)
+    if not len(onsets):
+        return ""
+    shares = after[onsets] / (len(is_affected) - onsets) - before[onsets - 1] / onsets
+    onset = int(onsets[np.argmax(shares)])
+    if shares.max() < _STAYS:
+        return ""
+    share = f"{after[onset]} of the {len(is_affected) - onset} poses from {poses[onset]} on"
+    return f", in {share} and {before[onset - 1]} of the {onset} before: a target was moved or replaced there"
 
 
 def exchanged_labels(body: BodyView, around: PoseSurroundings) -> Iterator[Check]:
