@@ -127,7 +127,9 @@ def gross_errors(body: BodyView, limits: CampaignLimits) -> Iterator[Check]:
     often = [f"{body.survey.targets[t]} ({per_target[t]})" for t in np.argsort(-per_target)[:5] if per_target[t] > 0]
     tail = f", most often {', '.join(often)}" if often else ""
     poses = [pose for pose, is_framed in zip(body.points.poses, body.framed, strict=True) if is_framed]
-    text = f"{body.name}: {int(gross.sum())} of {seen} readings are gross errors{tail}{_since(poses, gross.any(1))}."
+    text = (
+        f"{body.name}: {int(gross.sum())} of {seen} readings are gross errors{tail}{_since(poses, np.any(gross, 1))}."
+    )
     yield limits.of("gross-errors").row(body.name, share, "1", text)
 
 
