@@ -292,5 +292,5 @@ def test_the_loads_to_apply_next_stand_in_a_row_per_run_with_all_steps_to_take_a
     first = ("1", "3", "fz 0, 5000, 10000, 5000, 0 N", "dx dz", "a step every 8 min", "–", "odds of 5:1")
     assert listing.rows[0] == first
     assert listing.csv.splitlines()[2] == "1,1,480,0,0,5000,0,0,0,dx dz"
-    said = "Next: to tell it from hysteresis, apply these 2 runs of loads, 3 times each: so it is."
+    said = "To tell it from hysteresis, apply these 2 runs of loads, 3 times each: so it is."
     assert any(words == said for _, words in build_head("c", tables).verdicts)

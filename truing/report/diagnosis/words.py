@@ -263,8 +263,8 @@ def _most_urgent_step(rows: list[AssessedCause], tables: Tables) -> list[Verdict
     if not steps:
         return []
     # A known size is no open question: a reader is not sent to the bench for another digit of it.
-    lead = "Optional" if steps[0].need == Need.PRECISION else "Next"
-    return [("next", f"{lead}: {lower(steps[0].aim_text)}")]
+    aim_text = steps[0].aim_text
+    return [("next", f"Optional: {lower(aim_text)}" if steps[0].need == Need.PRECISION else _upper(aim_text))]
 
 
 def certainty(row: AssessedCause) -> str:
