@@ -98,7 +98,7 @@ def test_growth_along_an_axis_is_one_effect_of_two_links_wherever_the_descriptio
     assert_close(np.abs(one[0][0] @ other[0][0]), 1.0, atol=1e-12)
     words = clause(Claim(cause="link-growth", subject="link link4", settings=settings_of(screwed(0.0), "link4")))
     assert "link4 or link3 grows with temperature" in words
-    assert "a length along the axis of joint j4 belongs to either; the growth is stated for link link4" in words
+    assert "a length along the axis of joint j4 belongs to either; the growth is stated for link4" in words
     assert " or " not in clause(
         Claim(cause="link-growth", subject="link link2", settings=settings_of(screwed(0.0), "link2"))
     )
