@@ -98,6 +98,7 @@ INSTRUMENTS = {
         "legs or targets",
         foreign=tuple(hidden.FOREIGN),
         added=tuple(hidden.ADDED),
+        seed=941201,
     ),
     "sensor": Instrument(
         tuple(sensor_hidden.CATALOGUE),
