@@ -43,7 +43,7 @@ _TAKEN = {
 
 
 @dataclass(frozen=True)
-class _Table:
+class _AxisFile:
     """A file as numbers: names of its columns, their values (N, W), the name of its count of rows if any, and times
     (N,), None without any."""
 
@@ -86,7 +86,7 @@ def with_measured_apart(folder: Path, files: Sequence[_File]) -> list[_File]:
     return result
 
 
-def _table(folder: Path, group: RawGroup, guess: Guess) -> _Table | None:
+def _table(folder: Path, group: RawGroup, guess: Guess) -> _AxisFile | None:
     """Return the numbers of a file that may be one of the two; None for other files."""
     if group.count != 1 or guess.known or guess.table not in (None, "configurations") or not guess.columns:
         return None
@@ -115,7 +115,7 @@ def _table(folder: Path, group: RawGroup, guess: Guess) -> _Table | None:
     values = np.column_stack(list(columns_read.values()))
     counters = [name for name, own in zip(names, values.T, strict=True) if _counts(name, own)]
     is_timed = times is not None and len(times) == len(values) and np.isfinite(times).all()
-    return _Table(names, values, next(iter(counters), None), times if is_timed else None)
+    return _AxisFile(names, values, next(iter(counters), None), times if is_timed else None)
 
 
 def _counts(name: str, values: Array) -> bool:
@@ -124,11 +124,11 @@ def _counts(name: str, values: Array) -> bool:
     return name.strip().casefold() in _COUNTERS and bool(is_whole) and len(np.unique(values)) == len(values)
 
 
-def _proposal(first: _File, second: _File, commands: _Table, readings: _Table) -> tuple[Guess, Guess] | None:
+def _proposal(first: _File, second: _File, commands: _AxisFile, readings: _AxisFile) -> tuple[Guess, Guess] | None:
     """Return the guesses for a file of commands and one of readings; None if they are not, or cannot be joined."""
-    if axis_rows(readings.names, readings.values) or set(commands.names) & _told(readings):
+    if axis_rows(readings.names, readings.values) or set(commands.names) & _measured_columns(readings):
         return None
-    own = [name for name in readings.names if name in _told(readings)]
+    own = [name for name in readings.names if name in _measured_columns(readings)]
     names = (*commands.names, *own)
     rows = min(commands.rows, readings.rows)
     shown = readings.values[:rows, [readings.names.index(name) for name in own]]
@@ -146,7 +146,7 @@ def _proposal(first: _File, second: _File, commands: _Table, readings: _Table) -
     return _of_commands(first, both, commands, own, next(iter(ways))), _of_readings(first, second, both, readings, ways)
 
 
-def _told(table: _Table) -> set[str]:
+def _measured_columns(table: _AxisFile) -> set[str]:
     """Return the columns of a table but the number of its rows."""
     return set(table.names) - {table.counter}
 
@@ -155,7 +155,7 @@ def _raw_name(source: Any) -> Any:
     return source["name"] if isinstance(source, dict) else source
 
 
-def _matching(way: str, commands: _Table, readings: _Table) -> int:
+def _matching(way: str, commands: _AxisFile, readings: _AxisFile) -> int:
     """Return the number of commands that would have a reading; 0 if rows cannot be joined this way."""
     fewer = min(commands.rows, readings.rows)
     if way == "rows":
@@ -169,7 +169,7 @@ def _matching(way: str, commands: _Table, readings: _Table) -> int:
 
 
 def _near(time: Array, other: Array) -> int:
-    """Return how many times of the shorter list lie within half the usual step of the longer one from one of it."""
+    """Return the number of times of the shorter list that lie within half a usual step of the longer one."""
     longer, shorter = (np.sort(one) for one in sorted((time, other), key=len, reverse=True))
     if len(longer) <= 1:
         return 0
@@ -178,7 +178,7 @@ def _near(time: Array, other: Array) -> int:
     return int((apart <= 0.5 * np.median(np.diff(longer))).sum())
 
 
-def _of_commands(file: _File, both: Guess, table: _Table, readings: Sequence[str], way: str) -> Guess:
+def _of_commands(file: _File, both: Guess, table: _AxisFile, readings: Sequence[str], way: str) -> Guess:
     """Return the guess for the file of commands, from that for both together."""
     columns = {key: raw for key, raw in both.mapping["columns"].items() if _raw_name(raw) not in readings}
     doubts = tuple(one.doubt for one in both.ways if one.key == "axis")
@@ -189,9 +189,9 @@ def _of_commands(file: _File, both: Guess, table: _Table, readings: Sequence[str
     return with_raw_names(guess, _raw_names(table.names, file[1].columns))
 
 
-def _of_readings(commands: _File, file: _File, both: Guess, table: _Table, ways: dict[str, int]) -> Guess:
+def _of_readings(commands: _File, file: _File, both: Guess, table: _AxisFile, ways: dict[str, int]) -> Guess:
     """Return the guess for the file of readings, with the questions of their sign and of how they are joined."""
-    own_columns = _told(table)
+    own_columns = _measured_columns(table)
 
     def guess_of(one: Guess, way: str) -> Guess:
         columns = {key: raw for key, raw in one.mapping["columns"].items() if _raw_name(raw) in own_columns}

@@ -6,6 +6,7 @@ from types import SimpleNamespace
 from typing import Any
 
 import numpy as np
+import pytest
 from numpy.typing import NDArray
 
 from tests.inference import toy_campaign as toy
@@ -16,7 +17,7 @@ from truing.inference.scores import scores_of
 from truing.inference.search import CauseCandidate, Search
 from truing.inference.signatures import signature
 
-SPACING, FEWEST, SIZE = 4, 3, 9.0
+SPACING, FEWEST = 4, 3
 POSSIBLE = np.arange(FEWEST, toy.POSES - FEWEST + 1)
 SEARCHES = 60
 
@@ -33,11 +34,11 @@ def _design(onset: int) -> dict[str, NDArray]:
     return {"drive": late[:, None, None] * np.eye(toy.DRIVES)[:, [0]]}
 
 
-def _searched(onset: int, seed: int) -> tuple[Any, Search[Any]]:
-    """A fitted model of data that hold a jump, and a search that tries every few onsets."""
+def _searched(onset: int, seed: int, size: float = 9.0) -> tuple[Any, Search[Any]]:
+    """A fitted model of data with a jump, ``size`` times the noise, and a search that tries every few onsets."""
     clean = toy.channels(toy.measured(np.random.default_rng(0)))
     columns = toy.TEMPLATE.by_local[..., toy.READINGS] @ _design(onset)["drive"]
-    effect = columns[..., 0] * SIZE / signature(clean, _design(onset)).strengths[0]
+    effect = columns[..., 0] * size / signature(clean, _design(onset)).strengths[0]
     whitened = toy.measured(np.random.default_rng(seed), effect)
     pathways, noise = toy.channels(whitened), components(whitened, 3 * toy.POINTS, toy.READINGS)
     scene = SimpleNamespace(onsets=lambda cause: Onsets(POSSIBLE, SPACING, cause.onset, _jump))
@@ -49,12 +50,13 @@ def _searched(onset: int, seed: int) -> tuple[Any, Search[Any]]:
     return fitted, Search(pathways, noise, tried, [], {"jump": 1.0}, 9, np.random.default_rng(3))
 
 
-def test_the_best_onset_lies_near_the_true_one_and_the_interval_holds_it_in_nineteen_of_twenty_searches() -> None:
+@pytest.mark.parametrize(("size", "off", "widest"), [(4.0, 2, 0.5), (9.0, 1, 0.15)])
+def test_the_best_onset_lies_near_the_true_one_and_the_interval_holds_it(size: float, off: int, widest: float) -> None:
     rng = np.random.default_rng(11)
     held, widths, missed = 0, [], []
     for seed in range(SEARCHES):
         onset = int(rng.choice(POSSIBLE))
-        fitted, search = _searched(onset, seed)
+        fitted, search = _searched(onset, seed, size)
         scores = scores_of(search.candidates, fitted, search.pathways.residual)
         best = max(zip(scores, search.candidates, strict=True), key=lambda pair: pair[0].squares)[1]
         (best, *_) = (*at_best_onsets(search, scores, fitted), best)
@@ -64,8 +66,8 @@ def test_the_best_onset_lies_near_the_true_one_and_the_interval_holds_it_in_nine
         widths.append(last.onset - first.onset)
     # Of 60 intervals of 95 %, fewer than 52 hold the truth once in 500 times. Whole poses make them wider than needed.
     assert held >= 52
-    assert np.median(missed) <= 1
-    assert 1 <= np.mean(widths) <= toy.POSES / 4
+    assert np.median(missed) <= off
+    assert 1 <= np.mean(widths) <= widest * toy.POSES
 
 
 def test_a_cause_without_a_free_onset_has_no_interval() -> None:

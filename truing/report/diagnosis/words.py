@@ -135,7 +135,7 @@ def _found_words(causes: list[AssessedCause], tables: Tables) -> str:
 
 
 def _modelled_words(effects: list[AssessedCause]) -> str:
-    """Return which of the effects the extended model holds, as the object of a sentence after their list."""
+    """Return the effects that the extended model holds, as the object of a sentence after their list."""
     modelled = [row for row in effects if row.in_model]
     if len(modelled) == len(effects):
         return {1: "it", 2: "both"}.get(len(effects), "all of them")
