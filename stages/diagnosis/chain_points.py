@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Mapping, Sequence
-from dataclasses import replace
+from dataclasses import dataclass, replace
 from functools import partial
 from typing import TYPE_CHECKING, Any, cast
 
@@ -13,6 +13,8 @@ from numpy.typing import NDArray
 
 from truing.arrays import Array, Mask
 from truing.estimation.rotation import skew
+from truing.inference.arrays import Integers
+from truing.inference.blocks import BlockKind
 from truing.inference.observations import Epochs, Frames, Observations
 from truing.report.numbers import count_text
 from truing.schemas.verdict import Relation
@@ -53,8 +55,9 @@ if TYPE_CHECKING:
 
 _DEG, _MM = np.pi / 180.0, 1e-3
 _ARCSEC = _DEG / 3600.0
-# Poses that a search uses at most, evenly over the campaign, so that memory and time stay bounded.
-_MOST_POSES = 2000
+# Measured numbers that a search uses at most, and poses in any case, so that memory and time stay bounded. An effect
+# that so many do not show is below the noise of a single number.
+_MOST_NUMBERS, _ALWAYS = 3000, 500
 # Up to so many poses, exact readings have a noise of this share of the points' noise: joints may scatter.
 _FEW_POSES, _HARDLY = 400, 0.2
 _DRIVE = "the joint readings"
@@ -95,34 +98,26 @@ def assemble(tables: Mapping[str, pa.Table], settings: Campaign) -> DiagnosisDat
     fitted, held_out = usable & (role != HELD_OUT), usable & (role == HELD_OUT)
     if fitted.sum() < LEAST_POSES_OF_CHAIN:
         raise ValueError(f"needs at least {LEAST_POSES_OF_CHAIN} poses that may be fitted, found {int(fitted.sum())}")
-    fitted, thinned = _thinned(fitted)
+    searched, tested = (_thinned(rows, measured) for rows in (fitted, held_out))
     if lines is not None and points is not None:
-        frames, model, certain = _mixed_model(tree, settings, points, measured, conditions, fitted)
+        frames, model, certain = _mixed_model(tree, settings, points, measured, conditions, searched)
     else:
         build = _distance_model if of_distances else _model
-        frames, model, certain = build(tree, settings, measured, conditions, fitted)
-
-    def epochs(mask: Mask) -> Epochs[ChainConditions]:
-        observed = Observations(measured.values[mask], measured.cov[mask], measured.is_observed[mask])
-        return Epochs(observed, conditions.subset(mask), Frames(frames.R[mask], frames.t[mask], frames.free))
-
-    subset = conditions.subset(fitted)
-    searched = epochs(fitted)
-    right = model.at(subset).with_causes(certain)
+        frames, model, certain = build(tree, settings, measured, conditions, searched)
+    right = model.at(conditions.subset(searched)).with_causes(certain)
+    every = _Poses(model, measured, frames, labels_of(table, poses))
     evident: tuple[ChainCause, ...] = certain
-    evident += offsets_beyond_tolerance(right, searched.measured, searched.frames)
-    time = subset.covariates.get("time_s")
-    labels = selected_groupings(labels_of(table, poses), fitted)
-    groupings = groupings_of(subset.readings, time, None, labels)
-    return DiagnosisData(
-        model.at(subset),
-        replace(searched, groupings=groupings),
-        epochs(held_out) if held_out.any() else None,
-        _omissions(out, read, framed, thinned),
+    start = every.fitted(searched)
+    evident += offsets_beyond_tolerance(right, start.measured, start.frames)
+    data = DiagnosisData(
+        right.with_causes(()),
+        start,
+        every.epochs(tested) if tested.any() else None,
+        _omissions(out, read, framed, _fewer(searched, fitted)),
         partial(
             results,
             series=_labels(table),
-            motors=_motors(right, table, fitted),
+            motors=_motors(right, table, searched),
             tables={"joints": tables["joints"], "configurations": table},
         ),
         evident,
@@ -130,6 +125,38 @@ def assemble(tables: Mapping[str, pa.Table], settings: Campaign) -> DiagnosisDat
         shown=_shown(model),
         relation=Relation.JOINTS_LINKS,
     )
+    if np.array_equal(searched, fitted) and np.array_equal(tested, held_out):
+        return data
+    whole = replace(
+        data,
+        model=model.at(conditions.subset(fitted)),
+        calibration=every.fitted(fitted),
+        held_out=every.epochs(held_out) if held_out.any() else None,
+    )
+    return replace(data, every_epoch=whole)
+
+
+@dataclass(frozen=True)
+class _Poses:
+    """All poses (B,) of a campaign: model, measured links, frames, and labels by which poses can be left out."""
+
+    model: ChainModel
+    measured: MeasuredLinks
+    frames: Frames
+    labels: Mapping[BlockKind, Integers]
+
+    def epochs(self, rows: Mask) -> Epochs[ChainConditions]:
+        """Some of the poses (B,)."""
+        measured = self.measured
+        observed = Observations(measured.values[rows], measured.cov[rows], measured.is_observed[rows])
+        frames = Frames(self.frames.R[rows], self.frames.t[rows], self.frames.free)
+        return Epochs(observed, self.model.conditions.subset(rows), frames)
+
+    def fitted(self, rows: Mask) -> Epochs[ChainConditions]:
+        """Some of the poses (B,), with the groupings in which they can be left out."""
+        epochs, labels = self.epochs(rows), selected_groupings(self.labels, rows)
+        time = epochs.conditions.covariates.get("time_s")
+        return replace(epochs, groupings=groupings_of(epochs.conditions.readings, time, None, labels))
 
 
 def _omissions(out: Mask, read: Mask, framed: Mask, thinned: str) -> str:
@@ -173,14 +200,22 @@ def _shown(model: ChainModel) -> ReportedRms | Channels:
     )
 
 
-def _thinned(rows: Mask) -> tuple[Mask, str]:
-    """Poses that are searched, and the omission in words."""
+def _thinned(rows: Mask, measured: MeasuredLinks) -> Mask:
+    """Poses (B,) of these that are searched, evenly over the campaign."""
     count = int(rows.sum())
-    if count <= _MOST_POSES:
-        return rows, ""
-    chosen_rows = np.zeros_like(rows)
-    chosen_rows[np.flatnonzero(rows)[np.linspace(0, count - 1, _MOST_POSES).round().astype(int)]] = True
-    return chosen_rows, f"{count - _MOST_POSES} of {count_text(count, 'pose')}, evenly over the campaign"
+    numbers = int(measured.is_observed[rows].sum()) * measured.values.shape[2]
+    most = max(_ALWAYS, _MOST_NUMBERS * count // max(numbers, 1))
+    if count <= most:
+        return rows
+    chosen = np.zeros_like(rows)
+    chosen[np.flatnonzero(rows)[np.linspace(0, count - 1, most).round().astype(int)]] = True
+    return chosen
+
+
+def _fewer(searched: Mask, fitted: Mask) -> str:
+    """Poses (B,) that only the final fit takes, in words."""
+    count, used = int(fitted.sum()), int(searched.sum())
+    return f"{count - used} of {count_text(count, 'pose')} in the search for causes" if used < count else ""
 
 
 def _distance_model(

@@ -20,6 +20,7 @@ from truing.simulation.mechanisms.chains.joint_curves import JointErrorCurve
 from truing.simulation.mechanisms.chains.model import ChainModel
 from truing.simulation.mechanisms.chains.motor_encoders import MotorTerm
 from truing.stages.common.missing_data import HELD_OUT
+from truing.stages.diagnosis.all_epochs import fitted_to_all
 from truing.stages.diagnosis.chain_next import chain_measurements_of
 from truing.stages.diagnosis.chain_numbers import parameters_table, uncertainty_table
 from truing.stages.diagnosis.chain_repeats import accuracy_table
@@ -50,8 +51,9 @@ def results(
     ``series``: label of the series of each pose that has one; ``motors``: terms of the motor encoders.
     ``tables``: joints and configurations, by which next poses are chosen.
     """
-    final = diagnosis.final
     next_poses = chain_measurements_of(diagnosis, settings, tables) if tables else None
+    diagnosis, data = fitted_to_all(diagnosis, data, settings.diagnosis.seed)
+    final = diagnosis.final
     of_motors = {"motor_encoders": motors_table(motors)} if motors else {}
     repeated = accuracy_table(data, tables)
     of_repeats = {} if repeated is None else {"arm_accuracy": repeated}

@@ -161,7 +161,8 @@ class IsolatedPoint:
 @dataclass(frozen=True)
 class DiagnosisData(Generic[M]):
     """Measured values by role, model of the plain simulation, and omissions in words. ``leaves``: artifacts of its
-    instrument; ``relation``: relation that its model tests; ``isolated``: points that are left out before any fit."""
+    instrument; ``relation``: relation that its model tests; ``isolated``: points that are left out before any fit.
+    ``every_epoch``: the same of all epochs where the search takes only some; the final model is fitted to them."""
 
     model: M
     calibration: Epochs
@@ -175,3 +176,4 @@ class DiagnosisData(Generic[M]):
     relation: Relation = Relation.READINGS_POSES
     isolated: tuple[IsolatedPoint, ...] = ()
     framing: int | None = None  # platform targets that sit on no attachment; None where there is no mechanism
+    every_epoch: DiagnosisData[M] | None = None

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
+
 import numpy as np
 
 from truing.inference.part_errors import PartProblem
@@ -71,3 +73,28 @@ def test_no_functions_to_hold_change_nothing() -> None:
     same = own.beyond(0, np.zeros((EPOCHS, 0)))
     np.testing.assert_array_equal(same.prior_by_shared, own.prior_by_shared)
     np.testing.assert_array_equal(same.by_shared, own.by_shared)
+
+
+def test_squares_of_any_error_are_those_along_all_unit_vectors() -> None:
+    rng = np.random.default_rng(5)
+    own = problem(rng, 2.0 * rng.standard_normal((EPOCHS, PARTS)))
+    unseen = own.moved.copy()
+    unseen[:4, :, 0] = 0.0  # the first part moves nothing in four epochs
+    for moved in (own.moved, unseen):
+        errors = replace(own, moved=moved).estimated()
+        squares, freedom = errors.squares
+        for index in range(PARTS):
+            along, _, _ = errors.along(index, np.eye(EPOCHS))
+            np.testing.assert_allclose(squares[index], along @ along, rtol=1e-6)
+            assert freedom[index] == len(along)
+
+
+def test_an_error_that_an_unknown_takes_has_no_degree_of_freedom() -> None:
+    rng = np.random.default_rng(6)
+    own = problem(rng, rng.standard_normal((EPOCHS, PARTS)))
+    taken = np.zeros((EPOCHS, 1))
+    taken[3] = 1e4  # an unknown of any size is the error of the second part in the fourth epoch
+    errors = own.beyond(1, taken).weighted(np.full((EPOCHS, PARTS), 1e-12))
+    along, _, _ = errors.along(1, np.eye(EPOCHS))
+    assert errors.squares[1][1] == len(along) == EPOCHS - 2
+    np.testing.assert_allclose(errors.squares[0][1], along @ along, rtol=1e-4)

@@ -135,8 +135,9 @@ class Fitter(Generic[CauseT]):
         shared = self.model.embedded(np.empty(0), model)
         local: Array = np.zeros((len(frames.t), model.local_size))
         if start is not None:
-            shared, local = start.model.embedded(start.fit.shared, model), start.fit.local
-            frames = start.fit.frames
+            shared = start.model.embedded(start.fit.shared, model)
+            if start.fit.local.shape == local.shape:  # a fit to other epochs knows nothing of theirs
+                local, frames = start.fit.local, start.fit.frames
         fit = fit_model(model.predict, measured, frames, shared, local)
         held_out = self._predicted(causes, fit, ratios)
         return FittedModel(causes, model, measured, fit, held_out, self._seed, ratios, self.declared)

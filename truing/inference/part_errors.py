@@ -20,6 +20,7 @@ _TAILS = 2.0  # degrees of freedom of Student's t, the distribution of the scatt
 _FITS, _STEPS = 3, 20  # fits of the unknowns, and steps of the scatter's estimate in each
 _LEAST_SCATTER = 1e-6  # variance, in units of that of the noise
 _MOST_PRODUCTS = 3e10  # of numbers, in one fit
+_LEAST_INFORMATION = 1e-6  # on a combination of errors, over that on all of them; of less, nothing is known
 
 
 @dataclass(frozen=True)
@@ -92,7 +93,7 @@ class PartErrors:
         """
         gram, score, size = self.products(index, functions)
         values, vectors = np.linalg.eigh((gram + gram.T) / 2.0)
-        kept = values > 1e-6 * size * len(functions)
+        kept = values > _LEAST_INFORMATION * size * len(functions)
         values, vectors = values[kept], vectors[:, kept]
         return (vectors.T @ score) / np.sqrt(values), np.sqrt(values / size), vectors / np.sqrt(size)
 
@@ -100,8 +101,30 @@ class PartErrors:
     def squares(self) -> tuple[Array, Array]:
         """Squares (n,) explained by random errors of each part next to a constant one, and their degrees of freedom
         (n,)."""
-        found = [self.along(index, np.eye(len(self.weight)))[0] for index in range(len(self.score))]
-        return np.array([own @ own for own in found]), np.array([float(len(own)) for own in found])
+        found = [self._squares_of_any(index) for index in range(len(self.score))]
+        return np.array([squares for squares, _ in found]), np.array([freedom for _, freedom in found])
+
+    def _squares_of_any(self, index: int) -> tuple[float, float]:
+        """Return the squares that an error in every epoch explains, and their degrees of freedom.
+
+        As `along` all unit vectors (B, B), but by the few directions that the unknowns take: the gram matrix is
+        diag(w) - U U', and I - V V' after division by the roots of w.
+        """
+        weight, taken, score = self.weight[:, index], self.taken[index], self.score[index]
+        by_constant = weight - taken @ taken.sum(0)
+        of_constant = max(float(by_constant.sum()), 1e-300)
+        score = score - by_constant / of_constant * score.sum()
+        seen = weight > _LEAST_INFORMATION * weight.sum()
+        root = np.sqrt(weight[seen])
+        taken = np.column_stack([taken, by_constant / np.sqrt(of_constant)])[seen] / root[:, None]
+        values, vectors = np.linalg.eigh(taken.T @ taken)
+        along = vectors.T @ (taken.T @ (score[seen] / root))
+        left = values < 1.0 - _LEAST_INFORMATION * len(weight)  # the other directions are those of the unknowns alone
+        squares = float(np.sum(score[seen] ** 2 / weight[seen])) + float(
+            np.sum(along[left] ** 2 / (1.0 - values[left]))
+        )
+        squares -= float(np.sum(along[~left] ** 2 / values[~left]))
+        return max(squares, 0.0), float(seen.sum() - np.sum(~left))
 
 
 def part_problem(fitted: FittedModel[CauseT]) -> PartProblem | None:
@@ -133,12 +156,20 @@ class _Weights:
         self._scattered = problem.moved * np.sqrt(variance)[:, None]
         products = np.swapaxes(self._scattered, 1, 2) @ self._scattered
         self._inner = np.linalg.inv(np.eye(products.shape[1]) + products)
-        normal = self._products(problem.by_shared, problem.by_shared).sum(0)
+        normal = self._summed_products(problem.by_shared)
         normal += problem.prior_by_shared.T @ problem.prior_by_shared
         self._inverse = np.linalg.inv(np.linalg.cholesky(normal))
         known = self._products(problem.by_shared, problem.residual[..., None])[..., 0].sum(0)
         known += problem.prior_by_shared.T @ problem.prior_residual
         self.shared = self._inverse.T @ (self._inverse @ known)
+
+    def _summed_products(self, columns: Array) -> Array:
+        """Return the sum (p, p) over epochs of the products of columns (B, M, p) with themselves, as `_products`; the
+        products of single epochs would take p times the memory of the columns."""
+        root = np.swapaxes(np.linalg.cholesky(self._inner), 1, 2)
+        taken = root @ (np.swapaxes(self._scattered, 1, 2) @ columns)
+        rows, scattered = (own.reshape(-1, columns.shape[2]) for own in (columns, taken))
+        return np.asarray(rows.T @ rows - scattered.T @ scattered)
 
     def _products(self, first: Array, second: Array) -> Array:
         """Return the products (B, p, q) of columns (B, M, p) and (B, M, q) over the covariance of the rows."""

@@ -9,6 +9,7 @@ from typing import Any, ClassVar, Self
 import numpy as np
 from numpy.typing import NDArray
 
+from truing.arrays import Index
 from truing.inference.model import CauseT, Onsets, ScatterCandidate, onsets_in_time
 from truing.simulation.cause import Cause, Parameter, ReportedParameter, Scene, Step
 from truing.simulation.inputs import LAST_STEP, PATH, Missing
@@ -90,6 +91,11 @@ class ChainCause(Cause[ChainScene]):
         deviates."""
         return None
 
+    def joint_deviations(self, machine: ChainInputs) -> tuple[Index, NDArray] | None:
+        """Return the joints (k,) that deviate and their deviations (B, k, P), as `deviations`; None if none does."""
+        deviations = self.deviations(machine)
+        return None if deviations is None else (np.arange(deviations.shape[1]), deviations)
+
     def deviation_slopes(self, machine: ChainInputs, values: NDArray) -> NDArray | None:
         """Return the derivatives (B, n, P) of the deviations at values (P,), SI; the deviations of a linear cause."""
         return self.deviations(machine)
@@ -165,6 +171,11 @@ class JointCause(ChainCause):
         """Return the deviation of the joint, zero of all others."""
         reading = machine.tree.readings.index(self.joint)
         return machine.of_joint(reading, self.motion(machine, reading))
+
+    def joint_deviations(self, machine: ChainInputs) -> tuple[Index, NDArray] | None:
+        """Return the joint and its deviation (B, 1, P)."""
+        reading = machine.tree.readings.index(self.joint)
+        return np.array([reading]), self.motion(machine, reading)[:, None]
 
     def size_named(self, name: str) -> Parameter:
         """Return an angle or a length of plausible size as a parameter."""

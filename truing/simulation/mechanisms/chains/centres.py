@@ -20,7 +20,7 @@ _OFF_CENTRE_M = 0.1  # plausible distance of a centre of mass from a joint, unle
 def levers(machine: ChainInputs, reading: int, nodes: Iterable[int]) -> dict[str, NDArray]:
     """Return the levers (B,) of unit vectors fixed in the links of nodes, under weight about the axis of a joint."""
     assert machine.gravity is not None
-    tree, frames = machine.tree, machine.tree.frames(machine.readings)
+    tree, frames = machine.tree, machine.nominal_frames
     node = tree.node_of(reading)
     down = machine.gravity / np.sqrt(np.sum(machine.gravity**2))
     axis = frames.R_before[:, node] @ tree.nodes[node].axis
@@ -76,11 +76,11 @@ def weights_off_centre(machine: ChainInputs, reading: int) -> dict[str, NDArray]
 
 def moments_off_centre(machine: ChainInputs, reading: int, parts: Iterable[str]) -> NDArray:
     """Return the torque (B, P), N m, about a joint per metre by which a centre of mass is off in each direction."""
-    links, found = machine.tree.links, []
-    for part in parts:
-        k = links[part.rpartition(" ")[0]]
-        found.append(weight_of(machine, k) * levers(machine, reading, [k])[part])
-    return np.stack(found, -1) if found else np.zeros((len(machine.readings), 0))
+    names = tuple(parts)
+    nodes = {part: machine.tree.links[part.rpartition(" ")[0]] for part in names}
+    arms = levers(machine, reading, set(nodes.values()))
+    moments = [weight_of(machine, nodes[part]) * arms[part] for part in names]
+    return np.stack(moments, -1) if moments else np.zeros((len(machine.readings), 0))
 
 
 def off_centre(machine: ChainInputs, reading: int, load: float) -> dict[str, float]:

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Mapping
 from dataclasses import dataclass, field, replace
+from functools import cached_property
 
 import numpy as np
 from numpy.typing import NDArray
@@ -22,7 +23,7 @@ from truing.simulation.inputs import (
     histories,
     rates,
 )
-from truing.simulation.mechanisms.chains.tree import Tree
+from truing.simulation.mechanisms.chains.tree import Tree, TreeFrames
 
 APPROACH = "approach"
 # Seconds since a joint stopped: (B,) as the campaign has it, and (B, n) by the times of the poses.
@@ -134,6 +135,11 @@ class ChainInputs:
     def readings(self) -> NDArray:
         """Readings (B, n), rad or m."""
         return self.conditions.readings
+
+    @cached_property
+    def nominal_frames(self) -> TreeFrames:
+        """Frames (B, N) at the readings, of the tree without any effect."""
+        return self.tree.frames(self.readings)
 
     @property
     def heat(self) -> Array | None:

@@ -93,9 +93,9 @@ class DistanceModel(ChainModel):
                 numbers[:, len(self.coordinates) :, 0] += excess @ effect.values
         return numbers
 
-    def design_matrix(self, shared: NDArray, local: NDArray) -> Callable[[ChainCause], dict[str, NDArray]]:
-        """Return the function from a cause to its changes (B, C, P) per plausible scale, of readings too."""
-        moved = super().design_matrix(shared, local)
+    def _other_designs(self, shared: NDArray, local: NDArray) -> Callable[[ChainCause], dict[str, NDArray]]:
+        """Return the function from a cause to its twists, and shifts of numbers, of readings too."""
+        moved = super()._other_designs(shared, local)
 
         def found(cause: ChainCause) -> dict[str, NDArray]:
             by = moved(cause)

@@ -12,7 +12,7 @@ from numpy.typing import NDArray
 
 from truing.arrays import Array, Index
 from truing.estimation.rotation import exp_so3, inverse_left_jacobian_so3, left_jacobian_so3, log_so3
-from truing.inference.model import ErrorPathway
+from truing.inference.model import ErrorPathway, PartialDesign
 from truing.simulation.cause import OBSERVED, Effect
 from truing.simulation.effects_model import EffectsModel, Prediction
 from truing.simulation.inputs import ORDER, ranks
@@ -263,6 +263,9 @@ class ChainModel(EffectsModel[ChainCause]):
 
     def predict(self, shared: NDArray, local: NDArray, by_shared: bool = True) -> Prediction:
         """Return the channels (B, K, 3), m and rad, and derivatives at shared (G,) and local (B, H) unknowns."""
+        if not by_shared and not self.local_size:
+            values = ChainModel.points(self, shared, local)
+            return self._prediction(shared, values, None, np.zeros((*values.shape, 0)))
         values, by_twist, by_place = self._measured(shared, local)
         by_local = self._decoupled(self._by_local(by_twist))
         slopes = self._decoupled(self._by_shared(by_twist, by_place, shared)) if by_shared else None
@@ -359,14 +362,38 @@ class ChainModel(EffectsModel[ChainCause]):
     def design_matrix(self, shared: NDArray, local: NDArray) -> Callable[[ChainCause], dict[str, NDArray]]:
         """Return the function from a cause to its twists, deviations of joints and shifts (B, C, P) per plausible
         scale."""
+        machine, others = self.machine, self._other_designs(shared, local)
+
+        def found(cause: ChainCause) -> dict[str, NDArray]:
+            by = others(cause)
+            if (turned := cause.deviations(machine)) is not None:
+                by[JOINTS] = turned * self.effect_scale(cause)
+            return by
+
+        return found
+
+    def partial_designs(
+        self, shared: NDArray, local: NDArray
+    ) -> Callable[[ChainCause], Mapping[str, NDArray | PartialDesign]]:
+        """Return the same function for candidates, whose designs hold only the joints that move."""
+        machine, others = self.machine, self._other_designs(shared, local)
+
+        def found(cause: ChainCause) -> Mapping[str, NDArray | PartialDesign]:
+            by: dict[str, NDArray | PartialDesign] = {**others(cause)}
+            if (turned := cause.joint_deviations(machine)) is not None:
+                by[JOINTS] = PartialDesign(turned[0], turned[1] * self.effect_scale(cause))
+            return by
+
+        return found
+
+    def _other_designs(self, shared: NDArray, local: NDArray) -> Callable[[ChainCause], dict[str, NDArray]]:
+        """Return the function from a cause to its twists, and shifts of targets, per plausible scale."""
         machine, observed = self.machine, self._observed_shifts(shared, local)
 
         def found(cause: ChainCause) -> dict[str, NDArray]:
             scale, twists, by = self.effect_scale(cause), cause.twists(machine), {}
             if twists is not None:
                 by[TWISTS] = twists.reshape(len(twists), -1, twists.shape[-1]) * scale
-            if (turned := cause.deviations(machine)) is not None:
-                by[JOINTS] = turned * scale
             if (shifts := cause.shifts(machine)) is not None:
                 by[OBSERVED] = observed(shifts * scale)
             return by

@@ -94,22 +94,24 @@ class JointSettling(JointCause):
         after = ReportedParameter("shortest_wait", self.start_s, None, "s")
         return (size, ReportedParameter("tau", tau, tau * float(np.expm1(2.0 * spread)) / 2.0, "s"), after)
 
-    def deviations(self, machine: ChainInputs) -> NDArray:
-        """Return the deviations at the time constant of the candidate."""
-        return self.deviation_slopes(machine, np.zeros(1 + self.free))
+    def motion(self, machine: ChainInputs, reading: int) -> NDArray:
+        """Return the deviation at the time constant of the candidate."""
+        return self._slopes(machine, reading, np.zeros(1 + self.free))
 
     def deviation_slopes(self, machine: ChainInputs, values: NDArray) -> NDArray:
         """Return the derivatives of the deviations by the lag, and by the logarithm of a free time constant."""
         reading = machine.tree.readings.index(self.joint)
-        course, by_log = self._course(machine, reading, values)
-        columns = np.stack([course, values[0] * by_log], -1) if self.free else course[:, None]
-        return machine.of_joint(reading, columns)
+        return machine.of_joint(reading, self._slopes(machine, reading, values))
 
     def deviation(self, machine: ChainInputs, values: NDArray) -> NDArray:
         """Return the deviations at a lag and, if it is free, a time constant."""
         reading = machine.tree.readings.index(self.joint)
         course, _ = self._course(machine, reading, values)
         return np.asarray(machine.of_joint(reading, values[0] * course[:, None])[..., 0])
+
+    def _slopes(self, machine: ChainInputs, reading: int, values: NDArray) -> NDArray:
+        course, by_log = self._course(machine, reading, values)
+        return np.stack([course, values[0] * by_log], -1) if self.free else course[:, None]
 
     def _course(self, machine: ChainInputs, reading: int, values: NDArray) -> tuple[NDArray, NDArray]:
         """Return the deviation (B,) per unit of the lag, and its derivative by the logarithm of the time constant."""
