@@ -107,7 +107,7 @@ def _data(
     from truing.stages.diagnosis.search import assembled_data
 
     try:
-        return assembled_data(_measured(given, tree, ranges, drawn, settings), settings)
+        return assembled_data(_measured(given, tree, ranges, drawn, settings), settings).whole
     except ValueError as why:
         raise CampaignFaults([Fault(FILE, f"a campaign whose poses can be evaluated: {why}")]) from None
 

@@ -86,7 +86,7 @@ def chain_plan_of(tables: Mapping[str, pa.Table], settings: Campaign) -> ChainPl
     if not any(name in tables and tables[name].num_rows for name in ("observations", "measured_poses", "distances")):
         tree = tree_of(tables["joints"])
         tables = nominal_tables(tree, tables["joints"], tables.get("survey"), tables["configurations"], settings)
-    data = assembled_data(tables, settings)
+    data = assembled_data(tables, settings).whole
     return chain_plan(tables, data.model, [data.calibration, *filter(None, [data.held_out])])
 
 

@@ -177,3 +177,8 @@ class DiagnosisData(Generic[M]):
     isolated: tuple[IsolatedPoint, ...] = ()
     framing: int | None = None  # platform targets that sit on no attachment; None where there is no mechanism
     every_epoch: DiagnosisData[M] | None = None
+
+    @property
+    def whole(self) -> DiagnosisData[M]:
+        """Data of all epochs, which are these unless the search takes only some."""
+        return self.every_epoch or self

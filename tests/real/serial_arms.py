@@ -80,8 +80,7 @@ def _read(folder: Path) -> SecondCampaign:
 
 def transfers(first: SecondCampaign, second: SecondCampaign, models: Sequence[str] = tuple(ADDED)) -> pd.DataFrame:
     """Rms errors of position (mm) and orientation (deg) of both campaigns, by models that were fitted to the first."""
-    data = assemble(first.tables, first.settings)
-    fitter = Fitter(data.model, data.calibration, None, 0)
+    fitter = _fitter(first)
     scene: Any = fitter.fitted(()).scene
     rows = []
     for name in models:
@@ -117,7 +116,7 @@ def hidden_parts(judged: SecondCampaign, other: SecondCampaign) -> list[dict[str
 
 
 def _fitter(one: SecondCampaign) -> Fitter[Any]:
-    data = assemble(one.tables, one.settings)
+    data = assemble(one.tables, one.settings).whole
     return Fitter(data.model, data.calibration, None, 0)
 
 

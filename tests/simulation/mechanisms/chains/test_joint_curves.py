@@ -2,10 +2,14 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 
 from truing.simulation.mechanisms.chains.joint_curves import JointErrorCurve
+from truing.simulation.mechanisms.chains.nonparametric import HISTORY, NonparametricChainEffect
+from truing.simulation.nonparametric import POLYNOMIAL
 
 _TURN = 2.0 * np.pi
 CURVE = JointErrorCurve(joints=("j",), starts=(0.0,), periods=(_TURN,), knots=(36,))
@@ -50,3 +54,12 @@ def test_curves_of_a_joint_exclude_each_other() -> None:
     assert both.excludes(CURVE)
     assert CURVE.excludes(both)
     assert not CURVE.excludes(JointErrorCurve(joints=("k",), starts=(0.0,), periods=(_TURN,), knots=(72,)))
+
+
+def test_a_curve_excludes_a_smooth_effect_of_its_joints_own_reading() -> None:
+    curve = JointErrorCurve(joints=("j1", "j2"), starts=(0.0, 0.0), periods=(6.28, 6.28), knots=(36, 36))
+    own = NonparametricChainEffect(columns=("j2_rad",), form=POLYNOMIAL, joint="j2")
+    assert curve.excludes(own)
+    assert not curve.excludes(replace(own, columns=("j1_rad",)))  # a dependence on another joint is no curve
+    assert not curve.excludes(replace(own, joint="j3", columns=("j3_rad",)))
+    assert not curve.excludes(replace(own, form=HISTORY))

@@ -18,6 +18,7 @@ from truing.arrays import Array, Index, Mask
 from truing.simulation.cause import Parameter, ReportedParameter, Step
 from truing.simulation.mechanisms.chains.causes import ChainCause, ChainScene
 from truing.simulation.mechanisms.chains.conditions import ChainInputs, usual_range
+from truing.simulation.mechanisms.chains.nonparametric import NonparametricChainEffect
 
 _TURN, _DEG, _MM = 2.0 * np.pi, np.pi / 180.0, 1e-3
 _PLAUSIBLE_RAD, _PLAUSIBLE_M = 1e-4, 1e-5
@@ -74,7 +75,10 @@ class JointErrorCurve(ChainCause):
         return len(self.joints) > 1
 
     def excludes(self, other: ChainCause) -> bool:  # type: ignore[override]
-        """Whether the other one is a curve of a joint that has one here."""
+        """Whether the other one is a curve of a joint that has one here, or a nonparametric effect of its own reading:
+        the two would cancel where poses were measured, and differ at other poses."""
+        if isinstance(other, NonparametricChainEffect):
+            return other.joint in self.joints and other.is_of_own_place
         return isinstance(other, JointErrorCurve) and not set(self.joints).isdisjoint(other.joints)
 
     def candidates(self, scene: ChainScene) -> Sequence[Self]:

@@ -73,6 +73,12 @@ class NonparametricChainEffect(NonparametricEffect[ChainScene], ChainCause):
         """The joint or the link; empty for the base."""
         return f"joint {self.joint}" if self.joint else f"link {self.link}" if self.link else ""
 
+    @property
+    def is_of_own_place(self) -> bool:
+        """True if the motion of a joint depends on the reading of the same joint alone, without its history."""
+        columns = [column.rpartition("_")[0] for column in self.columns]
+        return bool(self.joint) and columns == [self.joint] and self.form != HISTORY
+
     def prior(self, scene: ChainScene) -> float:
         """Return the relative prior weight: larger of friction, and of the joint's own place."""
         if self.form == HISTORY:
