@@ -11,6 +11,7 @@ import numpy as np
 import pyarrow as pa
 
 from truing.arrays import Array, Mask
+from truing.belonging.copied_poses import relate_copied_numbers
 from truing.belonging.joint_rows import (
     ChainComparison,
     column_slip,
@@ -89,6 +90,7 @@ def checks(tables: Mapping[str, pa.Table], settings: Campaign) -> CheckResults:
     tested = [joints_against_links(tables, settings)] if of_links or not of_distances else []
     tested += [joints_against_distances(tables, settings)] if of_distances else []
     results = point_checks.checks(tables, settings)
+    tested += copies_of_links(tables, settings)
     if results.why_not and all(test.state is RelationState.NOT_TESTED for test in tested):
         return results
     relations = (*tested, *(relation for relation in results.relations if relation.relation != READINGS))
@@ -127,6 +129,38 @@ def joints_against_links(tables: Mapping[str, pa.Table], settings: Campaign) -> 
         return tested
     except ValueError:
         return _not_tested("no-frame")
+
+
+def copies_of_links(tables: Mapping[str, pa.Table], settings: Campaign) -> list[RelationTest]:
+    """The tests that no two measured poses, and no two rows of distances, are equal in every digit."""
+    if "joints" not in tables:
+        return []
+    tree, poses = tree_of(tables["joints"]), pose_ids(tables["configurations"])
+    found = []
+    if "measured_poses" in tables and tables["measured_poses"].num_rows:
+        measured = measured_links({"measured_poses": tables["measured_poses"]}, tree, poses)
+        used, turned = measured.is_position, measured.channels.is_rotation
+        found.append(_copies(measured, used, poses, "measurements", measured.reference[:, turned]))
+    if "distances" in tables and tables["distances"].num_rows:
+        measured = measured_distances(tables, with_ground(tree), poses)
+        assert measured.ends is not None
+        used = np.arange(measured.values.shape[1]) >= measured.values.shape[1] - len(measured.ends)
+        found.append(_copies(measured, used, poses, _DISTANCES))
+    return found
+
+
+def _copies(
+    measured: MeasuredLinks, used: Mask, poses: tuple[int | str, ...], quantity: str, also: Array | None = None
+) -> RelationTest:
+    """The test that the used channels (K,), m, are not equal in every digit in two poses."""
+    is_observed = measured.is_observed[:, used]
+    sigma = np.sqrt(np.diagonal(measured.cov[:, used], axis1=-2, axis2=-1))[is_observed]
+    numbers = measured.values[:, used].reshape(len(poses), -1)
+    seen = np.repeat(is_observed, measured.values.shape[-1], axis=1)
+    least = float(np.nanmin(sigma)) if sigma.size else 0.0
+    names = tuple(map(str, poses))
+    other = None if also is None else also.reshape(len(poses), -1)
+    return relate_copied_numbers(numbers, seen, least, names, quantity, other)
 
 
 def _test_orientations(compared: ComparedChain, settings: Campaign) -> RelationTest | None:
