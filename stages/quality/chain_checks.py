@@ -61,6 +61,7 @@ from truing.stages.quality.chain_slips import (
     slips_of_description,
     slips_of_links,
     slips_of_measured,
+    slips_of_numbers,
     slips_of_single_lines,
     slips_of_surveys,
     with_most_poses,
@@ -343,11 +344,15 @@ def _explained(compared: ComparedChain, tested: RelationTest, in_poses: tuple[Re
         return _failed_as_a_whole(tested, bodies)
     slip = likely_slip(conditions, compared.tree.is_revolute, fit.start_of)
     if slip is None:
-        if slips := [*slips_of_single_lines(compared, fit), *bodies]:
+        if slips := [*slips_of_single_lines(compared, fit), *bodies, *slips_of_numbers(compared)]:
             return _failed_as_a_whole(tested, slips)
         if (senses := senses_that_join(compared.tree, conditions, fit.start_of)) is not None:
             return _failed(tested, _recorded_senses(senses, compared), senses.after)
         return _failed(tested, _constant(compared) or in_poses, None)
+    if slip.kind is ColumnSlipKind.ZEROS and len(slip.readings) > 1:
+        numbers = slips_of_numbers(compared)
+        if numbers and min(number.after for number in numbers) <= _AS_LIKELY * slip.after:
+            return _failed_as_a_whole(tested, numbers)
     # The diagnosis corrects an exchange and zeros, as findings; no other slip.
     corrected = slip.kind in (ColumnSlipKind.EXCHANGED, ColumnSlipKind.ZEROS)
     state = RelationState.ATTENTION if corrected else RelationState.FAILS
