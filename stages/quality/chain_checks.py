@@ -324,11 +324,11 @@ def _tested(compared: ComparedChain, settings: Campaign) -> RelationTest:
         if everything.rms > limit:
             return _failed(replace(tested, misfit=everything.rms / _MM), in_poses.slips, None)
         return replace(tested, state=RelationState.ATTENTION, reason="strays", slips=in_poses.slips)
-    return _explained(with_most_poses(compared), tested, () if in_poses is None else in_poses.slips)
+    return _explained(with_most_poses(compared), tested)
 
 
-def _explained(compared: ComparedChain, tested: RelationTest, in_poses: tuple[RecordSlip, ...]) -> RelationTest:
-    """The test of a chain that misses its limit, with the slips that explain it; in_poses: slips in some poses."""
+def _explained(compared: ComparedChain, tested: RelationTest) -> RelationTest:
+    """The test of a chain that misses its limit, with the slips that explain it."""
     fit, conditions = compared.fit, compared.conditions
     if slips := [
         *slips_of_measured(compared, fit),
@@ -348,7 +348,7 @@ def _explained(compared: ComparedChain, tested: RelationTest, in_poses: tuple[Re
             return _failed_as_a_whole(tested, slips)
         if (senses := senses_that_join(compared.tree, conditions, fit.start_of)) is not None:
             return _failed(tested, _recorded_senses(senses, compared), senses.after)
-        return _failed(tested, _constant(compared) or in_poses, None)
+        return _failed(tested, _constant(compared), None)
     if slip.kind is ColumnSlipKind.ZEROS and len(slip.readings) > 1:
         numbers = slips_of_numbers(compared)
         if numbers and min(number.after for number in numbers) <= _AS_LIKELY * slip.after:

@@ -27,7 +27,7 @@ from truing.belonging.responses import Responses, responses
 from truing.belonging.row_order import can_reverse, order_of_all_rows, row_slips
 from truing.belonging.run_parts import RunPart, of_parts, part_concerns, parts
 from truing.belonging.signal_tests import SignalSteps
-from truing.belonging.slip_search import ExpectedResponse, clear_responses, explain, hidden
+from truing.belonging.slip_search import CLEARLY, ExpectedResponse, clear_responses, explain, hidden
 from truing.estimation.interferometry.recorded_steps import READING_SI, RecordedSteps
 
 READINGS = "loads-against-readings"
@@ -39,6 +39,7 @@ _RANGE = 0.003  # least ratio of the largest load to the declared range in a pla
 _STIFFNESS = "stiffness in [mechanism]"
 MILLIVOLT = 1e-3
 _UNTESTED = RelationState.NOT_TESTED
+_LEFT_BY_TWO = 0.25  # share of the expected responses that two slips may leave as misfit
 _SAME_SIZE = 1e-9  # tolerance of the logarithm of a factor
 
 
@@ -54,6 +55,13 @@ def against_simulation(steps: SignalSteps, columns: Sequence[RecordedColumn], co
     others = [trial for trial in overall if trial.slip.subjects]
     explained = explain(measured, expected, [*others, *each], broad)
     if explained.slips:
+        # Slips that leave most main responses far from expected ones explain by chance what is wrong otherwise, as two
+        # factors do that leave much.
+        main = _main(measured, expected)[0]
+        is_far = main.any() and np.median(np.abs(explained.misses[main])) > CLEARLY
+        if is_far or (len(explained.slips) > 1 and explained.after > _LEFT_BY_TWO):
+            explained = replace(explained, slips=(), rivals=(), after=explained.before)
+            return explained.tested(READINGS, RelationState.FAILS, "no-slip", ())
         return explained.tested(READINGS, RelationState.FAILS, "slip", ())
     if (exact := _exact_factor(measured, expected, columns)) is not None:
         sizes = (named_shortly(exact.slip.subjects), 100.0 * exact.before, 100.0 * exact.after, None, "%")
