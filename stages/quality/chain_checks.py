@@ -19,6 +19,7 @@ from truing.belonging.joint_rows import (
 )
 from truing.belonging.orientations import TurningMisfit, turning_misfit
 from truing.belonging.relation import RecordSlip, RelationState, RelationTest, SlipKind
+from truing.belonging.weights import Weights, relate_weights
 from truing.estimation.rigid_poses.points import PosePoints
 from truing.quality.bodies import PoseSurroundings
 from truing.simulation.mechanisms.chains.column_slips import (
@@ -35,7 +36,7 @@ from truing.simulation.mechanisms.chains.conditions import ChainConditions
 from truing.simulation.mechanisms.chains.joint_senses import JointSenses, senses_that_join
 from truing.simulation.mechanisms.chains.measured_lines import with_ground
 from truing.simulation.mechanisms.chains.start_values import StartValues
-from truing.simulation.mechanisms.chains.tree import Tree
+from truing.simulation.mechanisms.chains.tree import JointKind, Tree
 from truing.stages.common.chain_description import rows_of
 from truing.stages.common.chain_distances import fit_of_distances, measured_distances
 from truing.stages.common.chain_measurements import (
@@ -48,7 +49,7 @@ from truing.stages.common.chain_measurements import (
     reference_link,
 )
 from truing.stages.common.chain_start import NominalFit, nominal_fit, tolerated_misfit
-from truing.stages.common.chain_tables import joint_columns, joint_readings, tree_of
+from truing.stages.common.chain_tables import joint_columns, joint_readings, payload_of, tree_of
 from truing.stages.common.point_arrays import pose_ids
 from truing.stages.quality import point_checks
 from truing.stages.quality.belonging import READINGS, belonging_checks
@@ -92,6 +93,7 @@ def checks(tables: Mapping[str, pa.Table], settings: Campaign) -> CheckResults:
     tested += [joints_against_distances(tables, settings)] if of_distances else []
     results = point_checks.checks(tables, settings)
     tested += copies_of_links(tables, settings)
+    tested += [masses_against_lengths(tables, settings)] if "joints" in tables else []
     if results.why_not and all(test.state is RelationState.NOT_TESTED for test in tested):
         return results
     relations = (*tested, *(relation for relation in results.relations if relation.relation != READINGS))
@@ -130,6 +132,28 @@ def joints_against_links(tables: Mapping[str, pa.Table], settings: Campaign) -> 
         return tested
     except ValueError:
         return _not_tested("no-frame")
+
+
+def masses_against_lengths(tables: Mapping[str, pa.Table], settings: Campaign) -> RelationTest:
+    """Test declared masses and their centres by the reach of the chain."""
+    tree, table, section = (
+        tree_of(tables["joints"]),
+        tables["configurations"],
+        cast("ChainMechanism", settings.mechanism),
+    )
+    readings = joint_readings(tree, table)
+    travel = np.nan_to_num(np.nanmax(readings, axis=0, initial=0.0) - np.nanmin(readings, axis=0, initial=0.0))
+    lengths = sum(float(np.sqrt(np.sum(node.t**2))) for node in tree.nodes)
+    return relate_weights(
+        Weights(
+            np.array([node.mass for node in tree.nodes]),
+            np.array([node.com for node in tree.nodes]),
+            float(np.max(payload_of(settings, table), initial=0.0)),
+            _MM * np.array(section.payload_com_mm or (0.0, 0.0, 0.0)),
+            lengths + float(travel[~tree.is_revolute].sum()),
+            all(node.mass > 0.0 for node in tree.nodes if node.kind is not JointKind.FIXED),
+        )
+    )
 
 
 def copies_of_links(tables: Mapping[str, pa.Table], settings: Campaign) -> list[RelationTest]:

@@ -15,6 +15,7 @@ _SAME_FACTOR = 1e-6  # relative
 RELATIONS = {
     "readings-against-poses": "Actuator readings and measured poses",
     "joints-against-links": "Joint readings and measured links",
+    "masses-against-lengths": "Masses, their centres and the lengths of the chain",
     "points-against-survey": "Measured points and their survey",
     "points-among-poses": "Measured points of the poses",
     "drives-against-poses": "Readings of the drive and measured rotations",
@@ -43,6 +44,7 @@ _FACTORS = {
         0.017453292519943295: "degrees in place of radians",
         0.9: "gon in place of degrees",
     },
+    "mass": {1e-3: "g in place of kg"},
     "load": {
         1e3: "kN in place of N, kN m in place of N m",
         1e-3: "N in place of kN, or mN in place of N",
@@ -106,6 +108,7 @@ _SEEN = (SlipKind.FROZEN, SlipKind.COPIED)  # slips that are evident in the numb
 _REASONS = {
     "agrees": "belong together",
     "hardly-moved": "were not compared: the machine hardly moved",
+    "no-masses": "were not compared: no masses are declared, or the chain is shorter than 0.2 m",
     "no-readings": "were not compared: the campaign has no actuator readings",
     "no-mechanism": "were not compared: no [mechanism] relates them",
     "no-survey": "were not compared: no survey says where the frames of base and platform lie",
