@@ -10,7 +10,7 @@ from truing.belonging.relation import RecordSlip, RelationState, RelationTest, S
 
 COPIES = "copied-poses"
 _FEWEST_POSES = 2
-_CHANCE = 1e-6  # probability that two measurements of one campaign agree in every digit
+_CHANCE = 1e-6  # probability that as many measurements of one campaign agree in every digit
 _UNITS = (1e-3, 0.0254)  # m: units in which files have decimal digits
 _MOST_VALUES = 5000  # numbers among which the step of a file is sought
 _OFF_GRID = 0.01  # largest deviation from a grid, in steps; less is rounding
@@ -52,7 +52,8 @@ def relate_copied_numbers(
     count = int(min(is_observed[group[0]].sum() for group in copied_groups))
     step = _resolution(numbers[is_observed])
     chance = min(step / (2.0 * np.sqrt(np.pi) * max(sigma, 1e-300)), 1.0) ** count
-    if chance * len(numbers) ** 2 > _CHANCE:
+    copies = sum(len(group) - 1 for group in copied_groups)
+    if min(chance * len(numbers) ** 2, 1.0) ** copies > _CHANCE:
         return RelationTest(COPIES, RelationState.NOT_TESTED, "coarse")
     slips = tuple(
         RecordSlip(SlipKind.COPIED, f"{quantity} of poses", tuple(poses[pose] for pose in group))
