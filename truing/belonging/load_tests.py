@@ -40,6 +40,7 @@ _STIFFNESS = "stiffness in [mechanism]"
 MILLIVOLT = 1e-3
 _UNTESTED = RelationState.NOT_TESTED
 _LEFT_BY_TWO = 0.25  # share of the expected responses that two slips may leave as misfit
+_AS_GOOD = 1.5  # times the misfit of what signals alone tell, that the slip told by readings may leave
 _SAME_SIZE = 1e-9  # tolerance of the logarithm of a factor
 
 
@@ -292,7 +293,7 @@ def _test_with_load_slip(
     load = recorded.load.copy()
     load[:, axes] *= -1.0 if slip.kind == SlipKind.SIGN else slip.factor
     right = _test_signals(replace(recorded, load=load), columns, known)
-    if right.slips or right.misfit is None or right.misfit > (signals.misfit_explained or np.inf):
+    if right.slips or right.misfit is None or right.misfit > _AS_GOOD * (signals.misfit_explained or np.inf):
         return signals
     return replace(signals, slips=(slip,), rivals=(), misfit_explained=right.misfit)
 
