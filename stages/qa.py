@@ -47,6 +47,7 @@ DECLARATION = Stage(
         "signals.average_samples",
         *("bodies", "noise.actuator_mm", "noise.signal_mv", "noise.load_n", "noise.load_nm", "qa", "accept"),
         *("exclude", "keep", "mechanism.reference_temperature_c", "mechanism.payload_kg"),
+        "mechanism.payload_com_mm",
         "poses.euler",
     ),
     summary="completeness, noise, geometry, outliers, labels, moved targets, drift; of loads: units, signs, exchanges",

@@ -11,6 +11,7 @@ import numpy as np
 import pyarrow as pa
 
 from truing.arrays import Array, Mask
+from truing.belonging.copied_poses import relate_copied_numbers
 from truing.belonging.joint_rows import (
     ChainComparison,
     column_slip,
@@ -18,6 +19,7 @@ from truing.belonging.joint_rows import (
 )
 from truing.belonging.orientations import TurningMisfit, turning_misfit
 from truing.belonging.relation import RecordSlip, RelationState, RelationTest, SlipKind
+from truing.belonging.weights import Weights, relate_weights
 from truing.estimation.rigid_poses.points import PosePoints
 from truing.quality.bodies import PoseSurroundings
 from truing.simulation.mechanisms.chains.column_slips import (
@@ -34,7 +36,7 @@ from truing.simulation.mechanisms.chains.conditions import ChainConditions
 from truing.simulation.mechanisms.chains.joint_senses import JointSenses, senses_that_join
 from truing.simulation.mechanisms.chains.measured_lines import with_ground
 from truing.simulation.mechanisms.chains.start_values import StartValues
-from truing.simulation.mechanisms.chains.tree import Tree
+from truing.simulation.mechanisms.chains.tree import JointKind, Tree
 from truing.stages.common.chain_description import rows_of
 from truing.stages.common.chain_distances import fit_of_distances, measured_distances
 from truing.stages.common.chain_measurements import (
@@ -47,7 +49,7 @@ from truing.stages.common.chain_measurements import (
     reference_link,
 )
 from truing.stages.common.chain_start import NominalFit, nominal_fit, tolerated_misfit
-from truing.stages.common.chain_tables import joint_columns, joint_readings, tree_of
+from truing.stages.common.chain_tables import joint_columns, joint_readings, payload_of, tree_of
 from truing.stages.common.point_arrays import pose_ids
 from truing.stages.quality import point_checks
 from truing.stages.quality.belonging import READINGS, belonging_checks
@@ -60,6 +62,7 @@ from truing.stages.quality.chain_slips import (
     slips_of_description,
     slips_of_links,
     slips_of_measured,
+    slips_of_numbers,
     slips_of_single_lines,
     slips_of_surveys,
     with_most_poses,
@@ -89,6 +92,8 @@ def checks(tables: Mapping[str, pa.Table], settings: Campaign) -> CheckResults:
     tested = [joints_against_links(tables, settings)] if of_links or not of_distances else []
     tested += [joints_against_distances(tables, settings)] if of_distances else []
     results = point_checks.checks(tables, settings)
+    tested += copies_of_links(tables, settings)
+    tested += [masses_against_lengths(tables, settings)] if "joints" in tables else []
     if results.why_not and all(test.state is RelationState.NOT_TESTED for test in tested):
         return results
     relations = (*tested, *(relation for relation in results.relations if relation.relation != READINGS))
@@ -127,6 +132,60 @@ def joints_against_links(tables: Mapping[str, pa.Table], settings: Campaign) -> 
         return tested
     except ValueError:
         return _not_tested("no-frame")
+
+
+def masses_against_lengths(tables: Mapping[str, pa.Table], settings: Campaign) -> RelationTest:
+    """Test declared masses and their centres by the reach of the chain."""
+    tree, table, section = (
+        tree_of(tables["joints"]),
+        tables["configurations"],
+        cast("ChainMechanism", settings.mechanism),
+    )
+    readings = joint_readings(tree, table)
+    travel = np.nan_to_num(np.nanmax(readings, axis=0, initial=0.0) - np.nanmin(readings, axis=0, initial=0.0))
+    lengths = sum(float(np.sqrt(np.sum(node.t**2))) for node in tree.nodes)
+    return relate_weights(
+        Weights(
+            np.array([node.mass for node in tree.nodes]),
+            np.array([node.com for node in tree.nodes]),
+            float(np.max(payload_of(settings, table), initial=0.0)),
+            _MM * np.array(section.payload_com_mm or (0.0, 0.0, 0.0)),
+            lengths + float(travel[~tree.is_revolute].sum()),
+            all(node.mass > 0.0 for node in tree.nodes if node.kind is not JointKind.FIXED),
+        )
+    )
+
+
+def copies_of_links(tables: Mapping[str, pa.Table], settings: Campaign) -> list[RelationTest]:
+    """The tests that no two measured poses, and no two rows of distances, are equal in every digit."""
+    if "joints" not in tables:
+        return []
+    tree, poses = tree_of(tables["joints"]), pose_ids(tables["configurations"])
+    found = []
+    if "measured_poses" in tables and tables["measured_poses"].num_rows:
+        measured = measured_links({"measured_poses": tables["measured_poses"]}, tree, poses)
+        used, turned = measured.is_position, measured.channels.is_rotation
+        found.append(_copies(measured, used, poses, "measurements", measured.reference[:, turned]))
+    if "distances" in tables and tables["distances"].num_rows:
+        measured = measured_distances(tables, with_ground(tree), poses)
+        assert measured.ends is not None
+        used = np.arange(measured.values.shape[1]) >= measured.values.shape[1] - len(measured.ends)
+        found.append(_copies(measured, used, poses, _DISTANCES))
+    return found
+
+
+def _copies(
+    measured: MeasuredLinks, used: Mask, poses: tuple[int | str, ...], quantity: str, also: Array | None = None
+) -> RelationTest:
+    """The test that the used channels (K,), m, are not equal in every digit in two poses."""
+    is_observed = measured.is_observed[:, used]
+    sigma = np.sqrt(np.diagonal(measured.cov[:, used], axis1=-2, axis2=-1))[is_observed]
+    numbers = measured.values[:, used].reshape(len(poses), -1)
+    seen = np.repeat(is_observed, measured.values.shape[-1], axis=1)
+    least = float(np.nanmin(sigma)) if sigma.size else 0.0
+    names = tuple(map(str, poses))
+    other = None if also is None else also.reshape(len(poses), -1)
+    return relate_copied_numbers(numbers, seen, least, names, quantity, other)
 
 
 def _test_orientations(compared: ComparedChain, settings: Campaign) -> RelationTest | None:
@@ -289,11 +348,11 @@ def _tested(compared: ComparedChain, settings: Campaign) -> RelationTest:
         if everything.rms > limit:
             return _failed(replace(tested, misfit=everything.rms / _MM), in_poses.slips, None)
         return replace(tested, state=RelationState.ATTENTION, reason="strays", slips=in_poses.slips)
-    return _explained(with_most_poses(compared), tested, () if in_poses is None else in_poses.slips)
+    return _explained(with_most_poses(compared), tested)
 
 
-def _explained(compared: ComparedChain, tested: RelationTest, in_poses: tuple[RecordSlip, ...]) -> RelationTest:
-    """The test of a chain that misses its limit, with the slips that explain it; in_poses: slips in some poses."""
+def _explained(compared: ComparedChain, tested: RelationTest) -> RelationTest:
+    """The test of a chain that misses its limit, with the slips that explain it."""
     fit, conditions = compared.fit, compared.conditions
     if slips := [
         *slips_of_measured(compared, fit),
@@ -309,11 +368,15 @@ def _explained(compared: ComparedChain, tested: RelationTest, in_poses: tuple[Re
         return _failed_as_a_whole(tested, bodies)
     slip = likely_slip(conditions, compared.tree.is_revolute, fit.start_of)
     if slip is None:
-        if slips := [*slips_of_single_lines(compared, fit), *bodies]:
+        if slips := [*slips_of_single_lines(compared, fit), *bodies, *slips_of_numbers(compared)]:
             return _failed_as_a_whole(tested, slips)
         if (senses := senses_that_join(compared.tree, conditions, fit.start_of)) is not None:
             return _failed(tested, _recorded_senses(senses, compared), senses.after)
-        return _failed(tested, _constant(compared) or in_poses, None)
+        return _failed(tested, _constant(compared), None)
+    if slip.kind is ColumnSlipKind.ZEROS and len(slip.readings) > 1:
+        numbers = slips_of_numbers(compared)
+        if numbers and min(number.after for number in numbers) <= _AS_LIKELY * slip.after:
+            return _failed_as_a_whole(tested, numbers)
     # The diagnosis corrects an exchange and zeros, as findings; no other slip.
     corrected = slip.kind in (ColumnSlipKind.EXCHANGED, ColumnSlipKind.ZEROS)
     state = RelationState.ATTENTION if corrected else RelationState.FAILS

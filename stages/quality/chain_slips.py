@@ -18,13 +18,14 @@ from truing.simulation.mechanisms.chains.measured_lines import GROUND
 from truing.simulation.mechanisms.chains.notations import DenavitHartenberg
 from truing.simulation.mechanisms.chains.start_values import StartValues
 from truing.simulation.mechanisms.chains.tree import JointKind, Tree
-from truing.stages.common.chain_description import described_otherwise
+from truing.stages.common.chain_description import described_otherwise, numbers_otherwise
 from truing.stages.common.chain_measurements import MeasuredLinks
 from truing.stages.common.chain_start import NominalFit
 
 FEWEST_POSES = 8
 """Fewest poses whose readings are compared with measured links."""
 _MOST_PERMUTED = 4  # targets of a link whose names are tried in every order
+_EXPLAINED = 0.2  # of the misfit: what a slip in one number may leave
 # Poses that miss by so many times the median are left out, if at least so large a share remains.
 _FAR, _MOST = 5.0, 0.9
 
@@ -215,6 +216,20 @@ def slips_of_description(compared: ComparedChain) -> Iterator[WholeSlip]:
     """Yield slips in the description, each with the chain without it, that explain the misfit."""
     for slip, other in described_otherwise(compared.chain, compared.rows):
         yield from _explaining(slip, compared.fit_of(other).start_of(compared.usable, compared.conditions))
+
+
+def slips_of_numbers(compared: ComparedChain) -> list[WholeSlip]:
+    """Return slips in single numbers of the description that explain most of the misfit.
+
+    Some are equal to zeros or signs of joints; such a slip of readings is tried before.
+    """
+    before = compared.fit.start_of(compared.usable, compared.conditions).rms
+    return [
+        explaining
+        for slip, other in numbers_otherwise(compared.chain, compared.rows)
+        for explaining in _explaining(slip, compared.fit_of(other).start_of(compared.usable, compared.conditions))
+        if explaining.after < _EXPLAINED * before
+    ]
 
 
 def without_lone_errors(start: StartValues, usable: Mask) -> Mask:

@@ -10,6 +10,7 @@ import numpy as np
 from truing.arrays import Array, Mask
 from truing.belonging import signal_tests
 from truing.belonging.copied_rows import Values, copied_runs, equal_columns
+from truing.belonging.exact_factors import ExactFactor, MainRatios, exact_factor
 from truing.belonging.frozen_values import Frozen, constant_columns, frozen
 from truing.belonging.held_loads import against_one_response
 from truing.belonging.plausible_slips import RecordedColumn, slips_of_all_loads, slips_of_columns, slips_of_run_loads
@@ -23,10 +24,10 @@ from truing.belonging.relation import (
     named_shortly,
 )
 from truing.belonging.responses import Responses, responses
-from truing.belonging.row_order import can_reverse, row_slips
+from truing.belonging.row_order import can_reverse, order_of_all_rows, row_slips
 from truing.belonging.run_parts import RunPart, of_parts, part_concerns, parts
 from truing.belonging.signal_tests import SignalSteps
-from truing.belonging.slip_search import ExpectedResponse, clear_responses, explain, hidden
+from truing.belonging.slip_search import CLEARLY, ExpectedResponse, clear_responses, explain, hidden
 from truing.estimation.interferometry.recorded_steps import READING_SI, RecordedSteps
 
 READINGS = "loads-against-readings"
@@ -38,6 +39,8 @@ _RANGE = 0.003  # least ratio of the largest load to the declared range in a pla
 _STIFFNESS = "stiffness in [mechanism]"
 MILLIVOLT = 1e-3
 _UNTESTED = RelationState.NOT_TESTED
+_LEFT_BY_TWO = 0.25  # share of the expected responses that two slips may leave as misfit
+_AS_GOOD = 1.5  # times the misfit of what signals alone tell, that the slip told by readings may leave
 _SAME_SIZE = 1e-9  # tolerance of the logarithm of a factor
 
 
@@ -53,7 +56,17 @@ def against_simulation(steps: SignalSteps, columns: Sequence[RecordedColumn], co
     others = [trial for trial in overall if trial.slip.subjects]
     explained = explain(measured, expected, [*others, *each], broad)
     if explained.slips:
+        # Slips that leave most main responses far from expected ones explain by chance what is wrong otherwise, as two
+        # factors do that leave much.
+        main = _main(measured, expected)[0]
+        is_far = main.any() and np.median(np.abs(explained.misses[main])) > CLEARLY
+        if is_far or (len(explained.slips) > 1 and explained.after > _LEFT_BY_TWO):
+            explained = replace(explained, slips=(), rivals=(), after=explained.before)
+            return explained.tested(READINGS, RelationState.FAILS, "no-slip", ())
         return explained.tested(READINGS, RelationState.FAILS, "slip", ())
+    if (exact := _exact_factor(measured, expected, columns)) is not None:
+        sizes = (named_shortly(exact.slip.subjects), 100.0 * exact.before, 100.0 * exact.after, None, "%")
+        return RelationTest(READINGS, RelationState.FAILS, "slip", *sizes, (exact.slip,), tried=explained.tried)
     of_all_runs = [trial for trial in overall if not any(name in steps.runs for name in trial.slip.subjects)]
     unseen = (*hidden(measured, expected, of_all_runs), *_hardly_answering(measured, expected, steps.runs))
     return explained.tested(READINGS, *_departure(measured, expected), unseen)
@@ -102,6 +115,16 @@ def _main(measured: Responses, expected: ExpectedResponse) -> tuple[Mask, Array,
     possible = expected.possible(measured.column, measured.direction)
     wanted = expected.expected(measured.column, measured.direction) / possible
     return np.abs(wanted) > _MAIN, measured.size / possible, wanted
+
+
+def _exact_factor(
+    measured: Responses, expected: ExpectedResponse, columns: Sequence[RecordedColumn]
+) -> ExactFactor | None:
+    """Return a unit by whose factor some main responses differ from expected ones, where the others agree."""
+    main = measured.subset(_main(measured, expected)[0])
+    wanted = expected.expected(main.column, main.direction)
+    ratios = MainRatios.of_responses(main.column, main.direction, main.size, wanted)
+    return None if ratios is None else exact_factor(ratios, columns)
 
 
 def _departure(measured: Responses, expected: ExpectedResponse) -> tuple[RelationState, str]:
@@ -179,6 +202,8 @@ class _ValueTable:
             yield RelationTest(self.relation, RelationState.FAILS, "frozen", *reported, (slip,), tried=len(still))
         if not still:
             slips_of_rows, tried = row_slips(steps.load, steps.run, time_s, steps.value, steps.runs, self.name)
+            if not slips_of_rows and (whole := order_of_all_rows(steps.load, steps.run, steps.value, self.name)):
+                slips_of_rows = [whole]
             for row in slips_of_rows:
                 sizes = (named_shortly(row.slip.subjects), row.before, row.after, None, "% of the range")
                 yield RelationTest(self.relation, RelationState.FAILS, "rows", *sizes, (row.slip,), tried=tried)
@@ -268,7 +293,7 @@ def _test_with_load_slip(
     load = recorded.load.copy()
     load[:, axes] *= -1.0 if slip.kind == SlipKind.SIGN else slip.factor
     right = _test_signals(replace(recorded, load=load), columns, known)
-    if right.slips or right.misfit is None or right.misfit > (signals.misfit_explained or np.inf):
+    if right.slips or right.misfit is None or right.misfit > _AS_GOOD * (signals.misfit_explained or np.inf):
         return signals
     return replace(signals, slips=(slip,), rivals=(), misfit_explained=right.misfit)
 

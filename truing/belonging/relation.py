@@ -111,10 +111,11 @@ def both_ways(factors: tuple[float, ...]) -> tuple[float, ...]:
 
 
 # Recorded loads and readings times these are right: N and N m; um; arc seconds; mV. Raw counts are of half, a quarter
-# or an eighth of a wavelength, by how often light passes.
-FORCE_UNITS = both_ways((1e3, 9.80665, 4.4482216152605))
-TORQUE_UNITS = (*both_ways((1e3, 9.80665, 1.3558179483314, 0.1129848290276)), 0.01, 0.00980665)
-DISPLACEMENT_UNITS = (1e3, 1e-3, 1e6, 25.4, 25400.0)
+# or an eighth of a wavelength, by how often light passes. An
+# interferometer set to another number of passes shows displacements off by a factor of two.
+FORCE_UNITS = both_ways((1e3, 10.0, 9.80665, 4.4482216152605))
+TORQUE_UNITS = (*both_ways((1e3, 10.0, 9.80665, 1.3558179483314, 0.1129848290276)), 0.01, 0.00980665)
+DISPLACEMENT_UNITS = (1e3, 1e-3, 1e6, 25.4, 25400.0, 2.0, 0.5)
 ROTATION_UNITS = (206264.80624709636, 3600.0, 60.0, 206.26480624709636, 0.20626480624709636)
 SIGNAL_FACTORS = (1e3, 1e-3, 0.5, 2.0)
 FRINGE_SHARES = (0.5, 0.25, 0.125)

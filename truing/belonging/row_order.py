@@ -22,6 +22,8 @@ _FEWEST = 7
 _SINGLE = 2  # most rows of a run that may deviate by themselves
 _MOST_LEFT = 0.1  # largest residual of rows in their right order, as a share of a column's range
 _ALIKE = 0.98
+_DISORDERED, _ORDERED = 0.05, 0.2  # least misfit of all rows, over the ranges; share of it that another order may leave
+_ROWS_PER_UNKNOWN = 2
 _CLEAR = 0.2  # least range of a column in a run for a test, as a share of its largest range
 
 
@@ -88,6 +90,55 @@ def row_slips(
         )
     ]
     return list(_row_slips(tried, runs, quantity)), len(tried)
+
+
+def order_of_all_rows(load: Array, run: Index, value: Array, quantity: str) -> RowSlip | None:
+    """Return the order of rows in which columns (N, K) of all runs follow one linear response to loads (N, 6).
+
+    Runs with loads along many axes have too few rows for a response of their own. None where loads explain the columns
+    as recorded, or in no order.
+    """
+    size = np.abs(load).max(axis=0, initial=0.0)
+    scaled = load[:, size > 0.0] / size[size > 0.0]
+    as_recorded = _misfit_of_response(scaled, run, value, None)
+    if as_recorded is None or as_recorded < _DISORDERED:
+        return None
+    left = [(_misfit_of_response(scaled, run, value, order), order) for order in _ORDERS]
+    best = min(((after, order) for after, order in left if after is not None), key=lambda one: one[0], default=None)
+    if best is None or best[0] > _ORDERED * as_recorded:
+        return None
+    return RowSlip(best[1].slip(quantity, ()), 100.0 * as_recorded, 100.0 * best[0])
+
+
+def _misfit_of_response(load: Array, run: Index, value: Array, order: _Order | None) -> float | None:
+    """Return the rms residual of columns (N, K), over their ranges, from a common response and a zero of each run.
+
+    None where rows are too few.
+    """
+    every = [np.flatnonzero(run == number) for number in np.unique(run)]
+    pairs = [(rows, rows) if order is None else tuple(rows[k] for k in order.rows(len(rows))) for rows in every]
+    of_values, of_loads = (np.concatenate(part) for part in zip(*pairs, strict=True))
+    squares, degrees = 0.0, 0
+    for column in value[of_values].T:
+        seen = np.isfinite(column)
+        span = float(np.ptp(column[seen])) if seen.any() else 0.0
+        if span == 0.0:
+            continue
+        there = run[of_values][seen]
+        design, answer = _less_zeros(load[of_loads][seen], there), _less_zeros(column[seen, None] / span, there)[:, 0]
+        unknowns = int(np.linalg.matrix_rank(design)) + len(np.unique(there))
+        if len(answer) > _ROWS_PER_UNKNOWN * unknowns:
+            squares += float(np.sum((answer - design @ np.linalg.lstsq(design, answer, rcond=None)[0]) ** 2))
+            degrees += len(answer) - unknowns
+    return float(np.sqrt(squares / degrees)) if degrees else None
+
+
+def _less_zeros(values: Array, run: Index) -> Array:
+    """Return values (N, K) less their mean in each run."""
+    _, at, count = np.unique(run, return_inverse=True, return_counts=True)
+    totals = np.zeros((len(count), values.shape[1]))
+    np.add.at(totals, np.ravel(at), values)
+    return np.asarray(values - (totals / count[:, None])[np.ravel(at)])
 
 
 def _row_slips(tried: Sequence[_Tried], runs: Sequence[str], quantity: str) -> Iterator[RowSlip]:

@@ -13,7 +13,7 @@ import numpy as np
 
 from truing.arrays import Array, Index, Mask
 from truing.belonging.evidence import log_evidence, physics
-from truing.belonging.relation import RecordSlip, RelationState, RelationTest, named_shortly
+from truing.belonging.relation import RecordSlip, RelationState, RelationTest, SlipKind, named_shortly
 from truing.belonging.responses import Responses
 
 _UNEXPLAINED = 0.5  # share of the expected responses that slips may leave as misfit
@@ -212,6 +212,8 @@ def _best_of_two(
     for at, trial in enumerate(broad):
         half = trial.undo(read)
         for other in broad[at + 1 :]:
+            if _are_one(trial.slip, other.slip):
+                continue
             now = other.undo(half)
             left = _root(_compare(responses, expected, now).deviations)
             if best is None or left < best[0]:
@@ -220,6 +222,12 @@ def _best_of_two(
         return None
     gain = _gain(responses, expected, (read, first), best[2]) - _penalty(best[1])
     return (best[1], gain, best[2]) if gain > _MUCH else None
+
+
+def _are_one(slip: RecordSlip, other: RecordSlip) -> bool:
+    """Return True for two units of the same numbers: their product is no unit."""
+    general = (replace(one, factor=1.0, dimension="") for one in (slip, other))
+    return slip.kind is SlipKind.UNIT and len(set(general)) == 1
 
 
 def _penalty(chosen: Sequence[SlipCandidate]) -> float:

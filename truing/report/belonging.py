@@ -15,6 +15,7 @@ _SAME_FACTOR = 1e-6  # relative
 RELATIONS = {
     "readings-against-poses": "Actuator readings and measured poses",
     "joints-against-links": "Joint readings and measured links",
+    "masses-against-lengths": "Masses, their centres and the lengths of the chain",
     "points-against-survey": "Measured points and their survey",
     "points-among-poses": "Measured points of the poses",
     "drives-against-poses": "Readings of the drive and measured rotations",
@@ -43,9 +44,12 @@ _FACTORS = {
         0.017453292519943295: "degrees in place of radians",
         0.9: "gon in place of degrees",
     },
+    "mass": {1e-3: "g in place of kg"},
     "load": {
         1e3: "kN in place of N, kN m in place of N m",
         1e-3: "N in place of kN, or mN in place of N",
+        10.0: "daN in place of N",
+        0.1: "N in place of daN",
         9.80665: "kgf in place of N",
         1.0 / 9.80665: "N in place of kgf",
         4.4482216152605: "lbf in place of N",
@@ -54,6 +58,8 @@ _FACTORS = {
     "force": {
         1e3: "kN in place of N",
         1e-3: "N in place of kN, or mN in place of N",
+        10.0: "daN in place of N",
+        0.1: "N in place of daN",
         9.80665: "kgf in place of N",
         1.0 / 9.80665: "N in place of kgf",
         4.4482216152605: "lbf in place of N",
@@ -61,6 +67,8 @@ _FACTORS = {
     },
     "torque": {
         1e3: "kN m in place of N m, or m in place of mm",
+        10.0: "daN m in place of N m",
+        0.1: "N m in place of daN m",
         9.80665: "kgf m in place of N m",
         1.0 / 9.80665: "N m in place of kgf m",
         0.00980665: "kgf mm in place of N m",
@@ -77,6 +85,8 @@ _FACTORS = {
         1e6: "m in place of µm",
         25.4: "thousandths of an inch in place of µm, or inches in place of mm",
         25400.0: "inches in place of µm",
+        2.0: "the interferometer is set to twice as many passes as its light makes",
+        0.5: "the interferometer is set to half as many passes as its light makes",
     },
     "rotation": {
         206264.80624709636: "rad in place of arc seconds",
@@ -98,6 +108,7 @@ _SEEN = (SlipKind.FROZEN, SlipKind.COPIED)  # slips that are evident in the numb
 _REASONS = {
     "agrees": "belong together",
     "hardly-moved": "were not compared: the machine hardly moved",
+    "no-masses": "were not compared: no masses are declared, or the chain is shorter than 0.2 m",
     "no-readings": "were not compared: the campaign has no actuator readings",
     "no-mechanism": "were not compared: no [mechanism] relates them",
     "no-survey": "were not compared: no survey says where the frames of base and platform lie",
@@ -143,7 +154,7 @@ def message(tested: RelationTest) -> str:
     if tested.slips and all(slip.kind in _SEEN for slip in tested.slips):
         part = any(slip.rows for slip in tested.slips)
         share = f", {tested.misfit:.0f} % of the shorter run" if part and tested.misfit is not None else ""
-        words = "; ".join(map(slip_words, tested.slips))
+        words = listed([slip_words(slip) for slip in tested.slips], sep="; ")
         return f"{sides} are not all independent measurements: {words}{share}."
     if tested.reason == "rounded":
         error, noise = (f"{1e3 * (size or 0.0):.2g} µm" for size in (tested.misfit, tested.limit))

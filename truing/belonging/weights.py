@@ -1,0 +1,68 @@
+"""Test of declared masses and their centres against the size of a chain: slips between g, N, lb and kg, m and mm."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from dataclasses import dataclass
+
+import numpy as np
+
+from truing.arrays import Array
+from truing.belonging.relation import RecordSlip, RelationState, RelationTest, SlipKind
+
+WEIGHTS = "masses-against-lengths"
+_STEEL = 7850.0  # kg/m^3: no arm is as heavy as a cube of steel as long as its reach
+_PAYLOAD = 500.0  # kg/m^3: the same for a payload; known arms carry at most a thirtieth of that
+_MOST_CARRIED = 10.0  # times the mass of all links that an arm carries at most
+_SHORTEST = 0.2  # m: reach below which nothing is tested
+_FARTHEST, _NEAREST = 3.0, 1e-3  # reaches: no centre of mass is farther off, and not all are so near
+_FEWEST = 3  # centres that are all too near
+_NEAREST_PAYLOAD = 2e-4  # m: nobody gives the centre of a payload to less than that
+_GRAMS, _MILLI = 1e-3, 1e-3
+
+
+@dataclass(frozen=True)
+class Weights:
+    """Declared masses (N,), kg, and centres (N, 3), m, of links, those of the payload, and the reach of a chain, m.
+
+    ``com`` and ``payload_com`` are zero where no centre is declared. ``is_complete``: every link that moves has a mass.
+    """
+
+    mass: Array
+    com: Array
+    payload_kg: float
+    payload_com: Array
+    reach: float
+    is_complete: bool = False
+
+
+def relate_weights(weights: Weights) -> RelationTest:
+    """Return the test of masses and centres of mass by the reach of the chain."""
+    if not (weights.mass.any() or weights.payload_kg) or weights.reach < _SHORTEST:
+        return RelationTest(WEIGHTS, RelationState.NOT_TESTED, "no-masses")
+    slips = tuple(_slips(weights))
+    state, reason = (RelationState.FAILS, "slip") if slips else (RelationState.OK, "agrees")
+    return RelationTest(WEIGHTS, state, reason, misfit=float(len(slips)), limit=0.0, unit="1", slips=slips)
+
+
+def _slips(weights: Weights) -> Iterator[RecordSlip]:
+    volume = weights.reach**3
+    if weights.mass.sum() > _STEEL * volume:
+        yield RecordSlip(SlipKind.UNIT, "masses of links", factor=_GRAMS, dimension="mass")
+    most = _PAYLOAD * volume
+    if weights.is_complete:
+        most = min(most, _MOST_CARRIED * float(weights.mass.sum()))
+    if weights.payload_kg > most:
+        yield RecordSlip(SlipKind.UNIT, "payload_kg", factor=_GRAMS, dimension="mass")
+    distance = np.sqrt(np.sum(weights.com**2, axis=1))
+    distance = distance[distance > 0.0]
+    yield from _of_centres("centres of mass of links", distance, weights.reach, _NEAREST * weights.reach, _FEWEST)
+    payload = np.sqrt(np.sum(np.atleast_2d(weights.payload_com) ** 2, axis=1))
+    yield from _of_centres("payload_com_mm", payload[payload > 0.0], weights.reach, _NEAREST_PAYLOAD, 1)
+
+
+def _of_centres(quantity: str, distance: Array, reach: float, nearest: float, fewest: int) -> Iterator[RecordSlip]:
+    if len(distance) and distance.max() > _FARTHEST * reach:
+        yield RecordSlip(SlipKind.UNIT, quantity, factor=_MILLI)
+    elif len(distance) >= fewest and distance.max() < nearest:
+        yield RecordSlip(SlipKind.UNIT, quantity, factor=1.0 / _MILLI)
