@@ -5,9 +5,10 @@ from __future__ import annotations
 import os
 from collections.abc import Sequence
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING
 from urllib.parse import quote
 
+from truing.arrays import TableRow
 from truing.pipeline.campaign_outcome import CampaignOutcome
 from truing.pipeline.manifest import digest_of
 from truing.pipeline.problems import gravity
@@ -63,12 +64,12 @@ def campaigns_table(ends: Sequence[tuple[Path, CampaignOutcome]]) -> pa.Table:
     return pa.Table.from_pylist(ranked, schema=_TABLE.arrow_schema())
 
 
-def _badness(row: dict[str, Any]) -> tuple[int, int, str, str]:
+def _badness(row: TableRow) -> tuple[int, int, str, str]:
     state = _STATES.index(row["campaign_state"])
     return -gravity(row["exit_code"]), -state, row["campaign"], row["campaign_path"]
 
 
-def _row(path: Path, outcome: CampaignOutcome) -> dict[str, Any]:
+def _row(path: Path, outcome: CampaignOutcome) -> TableRow:
     run = next((fact for kind, fact in outcome.facts if kind == "campaigns"), {})
     verdict = run.get("verdict") or {}
     return {

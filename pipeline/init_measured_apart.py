@@ -8,12 +8,12 @@ import re
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING
 
 import numpy as np
 
 from truing.arrays import Array
-from truing.formats.guess import Guess, OtherWay
+from truing.formats.guess import Guess, MappingKeys, OtherWay
 from truing.formats.named_bench import axis_rows
 from truing.formats.proposed_angles import head_of_angles, with_raw_names
 from truing.formats.sexagesimal import UNIT
@@ -94,7 +94,7 @@ def _table(folder: Path, group: RawGroup, guess: Guess) -> _AxisFile | None:
     angles = {name: unit for name, unit in guess.mapping.get("units", {}).items() if unit == UNIT}
     columns = guess.mapping.get("columns", {})
     angles = {raw: UNIT for raw in (columns.get(name, name) for name in angles) if isinstance(raw, str)}
-    keys: dict[str, Any] = {key: guess.mapping[key] for key in _READ_AS if key in guess.mapping}
+    keys: MappingKeys = {key: guess.mapping[key] for key in _READ_AS if key in guess.mapping}
     keys |= {"columns": {"time_s": time} if isinstance(time, str) else {}, "number_rows": {"pose": 1}}
     keys |= {"units": angles} if angles else {}
     try:
@@ -151,7 +151,7 @@ def _measured_columns(table: _AxisFile) -> set[str]:
     return set(table.names) - {table.counter}
 
 
-def _raw_name(source: Any) -> Any:
+def _raw_name(source: object) -> object:
     return source["name"] if isinstance(source, dict) else source
 
 
@@ -219,7 +219,7 @@ def _of_readings(commands: _File, file: _File, both: Guess, table: _AxisFile, wa
     return replace(guess, ways=(*signs, *guess.ways))
 
 
-def _keys(file: _File, both: Guess, columns: dict[str, Any], counter: str | None) -> dict[str, Any]:
+def _keys(file: _File, both: Guess, columns: MappingKeys, counter: str | None) -> MappingKeys:
     """Return keys of one of two files, of those for both together. counter: its number of rows, where it is read."""
     keys = {key: value for key, value in file[1].mapping.items() if key in _READ_AS and key != "time_format"}
     if "time_s" in columns and "time_format" in file[1].mapping:

@@ -7,7 +7,7 @@ from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
 from dataclasses import replace
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING
 
 import numpy as np
 import pyarrow as pa
@@ -102,7 +102,7 @@ def _check(options: DesignOptions) -> None:
 
 def _data(
     given: Mapping[str, pa.Table], tree: Tree, ranges: JointRanges, drawn: NDArray, settings: Campaign
-) -> DiagnosisData[Any]:
+) -> DiagnosisData[ChainModel]:
     """Data of the diagnosis of the campaign, or of its nominal measurement if nothing was measured yet."""
     from truing.stages.diagnosis.search import assembled_data
 
@@ -127,7 +127,7 @@ def _measured(
     return nominal_tables(tree, given["joints"], given.get("survey"), planned, settings)
 
 
-def _layout(data: DiagnosisData[Any]) -> PlannedPoses:
+def _layout(data: DiagnosisData[ChainModel]) -> PlannedPoses:
     """The plain model at its nominal numbers, and the instrument of further poses."""
     from truing.stages.diagnosis.next_measurement import MeasuredPoints
 
@@ -195,7 +195,7 @@ def _kept_poses(
 
 
 def _measured_poses(
-    data: DiagnosisData[Any], given: Mapping[str, pa.Table], settings: Campaign, tree: Tree, layout: PlannedPoses
+    data: DiagnosisData[ChainModel], given: Mapping[str, pa.Table], settings: Campaign, tree: Tree, layout: PlannedPoses
 ) -> PlannedPoses | None:
     """The campaign's own poses that may be fitted; None without configurations."""
     if "configurations" not in given or not len(given["configurations"]):

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Mapping
 from dataclasses import replace
-from typing import TYPE_CHECKING, Any, cast
+from typing import TYPE_CHECKING, cast
 
 import numpy as np
 import pyarrow as pa
@@ -39,6 +39,7 @@ if TYPE_CHECKING:
     from truing.inference.selection import CauseDiagnosis
     from truing.schemas.campaign import Campaign
     from truing.schemas.mechanism import AxisMechanism
+    from truing.simulation.effects_model import EffectsModel
 
 Mask = NDArray[np.bool_]
 
@@ -139,14 +140,14 @@ def _encoder_channels(columns: AxisColumns, held_out: str) -> Channels:
     )
 
 
-def _model_text(fitted: FittedModel[Any], settings: Campaign) -> str:
+def _model_text(fitted: FittedModel, settings: Campaign) -> str:
     """The extended model of a fit, as model.toml has it."""
     assert isinstance(fitted.model, AxisModel)
     context = {"campaign": settings.campaign.name}
     return write_axis(extended_axis(fitted.model, fitted.fit.shared, fitted.covariance(), context))
 
 
-def _results(diagnosis: CauseDiagnosis, data: DiagnosisData[Any], settings: Campaign) -> InstrumentResults:
+def _results(diagnosis: CauseDiagnosis, data: DiagnosisData[EffectsModel], settings: Campaign) -> InstrumentResults:
     """Errors of each reading, and the extended model."""
     section = cast("AxisMechanism", settings.mechanism)
     assert isinstance(data.shown, Channels)

@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
 from functools import partial
-from typing import TYPE_CHECKING, Any, ClassVar
+from typing import TYPE_CHECKING, ClassVar
 
 import numpy as np
 from numpy.typing import NDArray
@@ -105,7 +105,7 @@ def chain_measurements_of(
 ) -> NextMeasurement | None:
     """Next poses after a diagnosis of a chain; None where no range of the joints is known."""
     final = diagnosis.final
-    model: Any = final.model
+    model: object = final.model
     assert isinstance(model, ChainModel)
     instrument = MeasuredPoints(final.measured, final.fit.frames).instrument()
     try:
@@ -151,9 +151,9 @@ def possible_poses(ranges: JointRanges, instrument: PointInstrument, models: Seq
     return PossibleChainPoses(conditions, ranges, words, matters, repeats, instrument, _pace(measured))
 
 
-def _levels(model: ChainModel) -> dict[str, list[tuple[Any, str]]]:
+def _levels(model: ChainModel) -> dict[str, list[tuple[object, str]]]:
     """Values that payload, approach and temperature may have, the usual one first, each in words."""
-    measured, result = model.conditions, dict[str, list[tuple[Any, str]]]()
+    measured, result = model.conditions, dict[str, list[tuple[object, str]]]()
     if model.known.gravity is not None:
         usual = float(np.median(measured.payload_kg))
         other = 0.0 if usual else _NEW_PAYLOAD_KG

@@ -4,7 +4,6 @@ from __future__ import annotations
 
 from collections.abc import Iterator, Mapping
 from dataclasses import dataclass, replace
-from typing import Any
 
 import numpy as np
 import pyarrow as pa
@@ -23,6 +22,7 @@ from truing.estimation.repeatability import (
     turned_from_first,
 )
 from truing.inference.observations import Epochs
+from truing.simulation.effects_model import EffectsModel
 from truing.simulation.inputs import ORDER
 from truing.simulation.mechanisms.chains.conditions import APPROACH
 from truing.simulation.mechanisms.chains.distances import DistanceModel
@@ -62,7 +62,7 @@ class _Attained:
     is_rotation: Mask
 
 
-def accuracy_table(data: DiagnosisData[Any], tables: Mapping[str, pa.Table]) -> pa.Table | None:
+def accuracy_table(data: DiagnosisData[EffectsModel], tables: Mapping[str, pa.Table]) -> pa.Table | None:
     """Rows of arm_accuracy.parquet; None without repeated poses of points or links.
 
     A command is the nominal chain at the readings, with places of base and tool fitted to all poses.
@@ -109,7 +109,7 @@ def _rows(
         yield {**first, "figure": figure, "value": value.value / si, "low": low, "high": high}
 
 
-def _attained(model: ChainModel, epochs: Epochs[Any]) -> _Attained:
+def _attained(model: ChainModel, epochs: Epochs) -> _Attained:
     """Attained and commanded values of some poses."""
     plain = model.at(replace(epochs.conditions, coupling=None))
     frames, measured = epochs.frames, epochs.measured

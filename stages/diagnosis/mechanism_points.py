@@ -45,6 +45,7 @@ if TYPE_CHECKING:
     from truing.inference.selection import CauseDiagnosis
     from truing.schemas.campaign import Campaign
     from truing.schemas.mechanism import LeggedMechanism
+    from truing.simulation.effects_model import EffectsModel
 
 _FEWEST_POSES = 3
 
@@ -173,14 +174,14 @@ def _isolated_points(
         yield IsolatedPoint(points.poses[pose], f"{body} {points.targets[target]}", distance)
 
 
-def _model_text(fitted: FittedModel[Any], settings: Campaign) -> str:
+def _model_text(fitted: FittedModel, settings: Campaign) -> str:
     """The extended model of a fit, as model.toml has it."""
     assert isinstance(fitted.model, MechanismModel)
     context = {"campaign": settings.campaign.name}
     return write_model(extended(fitted.model, fitted.fit.shared, fitted.covariance(), context))
 
 
-def _results(diagnosis: CauseDiagnosis, data: DiagnosisData[Any], settings: Campaign) -> InstrumentResults:
+def _results(diagnosis: CauseDiagnosis, data: DiagnosisData[EffectsModel], settings: Campaign) -> InstrumentResults:
     """Errors of each pose, extended model, pulls of the geometry, changes, next measurements."""
     final = diagnosis.final
     next_measurement = next_of(diagnosis, settings)

@@ -49,7 +49,7 @@ _MATTERS = 0.1
 class Level:
     """A possible value of a covariate, and its words; none for the usual value."""
 
-    value: Any
+    value: object
     words: str = ""
 
 
@@ -62,7 +62,7 @@ class PossibleMeasurements:
     that comes before.
     """
 
-    conditions: Any
+    conditions: Any  # of the model's own type
     words: tuple[str, ...]
     matters: tuple[str, ...]
     repeats: tuple[int | str | None, ...]

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass, replace
-from typing import TYPE_CHECKING, Any, ClassVar
+from typing import TYPE_CHECKING, ClassVar
 
 import numpy as np
 from numpy.typing import NDArray
@@ -274,7 +274,7 @@ def _conditions(model: BenchModel, made: Sequence[_Run]) -> ReadingConditions:
     )
 
 
-def _labels(run: NDArray[Any], count: int) -> NDArray[Any]:
+def _labels(run: NDArray, count: int) -> NDArray:
     """Unused names for runs (count,), in the style of the measured ones."""
     if np.issubdtype(run.dtype, np.integer):
         return np.asarray(run.max() + 1 + np.arange(count))

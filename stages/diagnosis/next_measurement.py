@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, replace
 from functools import partial
-from typing import TYPE_CHECKING, Any, ClassVar, Protocol
+from typing import TYPE_CHECKING, ClassVar, Protocol
 
 import numpy as np
 import pyarrow as pa
@@ -29,6 +29,7 @@ from truing.report.wordings.nonparametric_wordings import columns_words
 from truing.schemas.artifacts import ARTIFACTS
 from truing.schemas.covariates import own_name
 from truing.schemas.needs import Need
+from truing.simulation.cause import Cause
 from truing.stages.diagnosis.next_candidates import possible
 from truing.stages.diagnosis.next_loads import next_run, possible_runs
 from truing.stages.diagnosis.rows import claim_of
@@ -87,7 +88,7 @@ class MeasurementPlan:
     need: Need
     options: Options
     choice: ChosenPoses
-    expected: tuple[dict[str, Any], ...]
+    expected: tuple[dict[str, object], ...]
     given: str
 
     @property
@@ -110,7 +111,7 @@ class MeasurementPlan:
     def rows(self) -> Iterator[TableRow]:
         """Yield the rows of the plan, each with the number of the pose or run that it belongs to."""
         enough = self.choice.is_enough
-        whole: dict[str, Any] = {"purpose": self.purpose, "need": self.need.value}
+        whole: dict[str, object] = {"purpose": self.purpose, "need": self.need.value}
         whole |= {"measurements": self.choice.total if enough else None, "duration_s": self.duration_s}
         chosen = zip(self.choice.chosen, self.choice.times, self.expected, strict=True)
         for n, (k, times, expected) in enumerate(chosen, 1):
@@ -180,9 +181,9 @@ class Rivals:
     """Two causes that explain the data equally, each in a model without the other; log_odds: of the first against the
     second now."""
 
-    cause: Any
+    cause: Cause
     fitted: Fitted
-    other: Any
+    other: Cause
     other_fitted: Fitted
     log_odds: float = 0.0
 
@@ -238,7 +239,7 @@ def _fitted(current: FittedModel) -> Fitted:
 
 def models_to_improve(
     diagnosis: CauseDiagnosis, fitted: Callable[[FittedModel], Fitted] = _fitted
-) -> tuple[list[tuple[Any, Fitted]], list[Rivals]]:
+) -> tuple[list[tuple[Cause, Fitted]], list[Rivals]]:
     """Return the found causes with the final fit, and those with rivals."""
     accepted = {v.cause.key: v for v in diagnosis.verdicts if v.verdict in ("found", "suspected")}
     rivals = [
@@ -253,7 +254,7 @@ def models_to_improve(
 
 
 def next_measurements(
-    settings: Campaign, measured: MeasuredPoints, found: Sequence[tuple[Any, Fitted]], rivals: Sequence[Rivals]
+    settings: Campaign, measured: MeasuredPoints, found: Sequence[tuple[Cause, Fitted]], rivals: Sequence[Rivals]
 ) -> NextMeasurement:
     """Return the configurations to measure next; as `planned`."""
     instrument = measured.instrument()
@@ -262,7 +263,7 @@ def next_measurements(
 
 
 def planned(
-    reach: Reach, found: Sequence[tuple[Any, Fitted]], rivals: Sequence[Rivals], *, least_known: bool = False
+    reach: Reach, found: Sequence[tuple[Cause, Fitted]], rivals: Sequence[Rivals], *, least_known: bool = False
 ) -> tuple[list[MeasurementPlan], dict[str, Advice]]:
     """Return the next measurements, and advice by a cause's key: for each found cause without rivals, and for each pair
     of rivals.
@@ -311,7 +312,7 @@ def _unshared_unknowns(fitted: Fitted, other: Fitted) -> NDArray:
     return np.concatenate([np.arange(part.start, part.stop) for part in parts])
 
 
-def _separation_advice(plan: MeasurementPlan, proposal: Any, other: Any, legs: int) -> Advice:
+def _separation_advice(plan: MeasurementPlan, proposal: Cause, other: Cause, legs: int) -> Advice:
     both, by_another = f"{_cause_noun(proposal, legs)} from {_cause_noun(other, legs)}", _confirming(other, legs).words
     if plan.choice.is_enough:
         return plan.advice(AdviceKind.SEPARATE, f"To distinguish {both}")
@@ -327,7 +328,7 @@ def _separation_advice(plan: MeasurementPlan, proposal: Any, other: Any, legs: i
     )
 
 
-def _cause_noun(cause: Any, legs: int) -> str:
+def _cause_noun(cause: Cause, legs: int) -> str:
     """The noun of a cause with its subject and its inputs, for a sentence."""
     subject_text, follows = subject_words(cause.subject), columns_words(cause.inputs(legs))
     return (
@@ -335,7 +336,7 @@ def _cause_noun(cause: Any, legs: int) -> str:
     )
 
 
-def _confirming(cause: Any, legs: int) -> Advice:
+def _confirming(cause: Cause, legs: int) -> Advice:
     return confirming(claim_of(cause, legs), cause.confirm)
 
 
@@ -343,7 +344,7 @@ def _sharper(reach: Reach, largest: _Largest, fitted: Fitted) -> tuple[Measureme
     """Return the plan that reduces the uncertainty of a parameter, and the advice on it."""
     options = reach((fitted,))
     choice = narrowed(options.linearised(fitted), largest.direction, _HALF, _MOST)
-    name, legs = largest.value.name, fitted.model.part_count
+    name, legs = largest.name, fitted.model.part_count
     before, after = largest.uncertainty_words(1.0), largest.uncertainty_words(choice.final)
     falls = f"falls from {before} to {after}, by a factor of {rough(1.0 / choice.final)}"
     expected = tuple(largest.columns(value) for value in choice.values)
@@ -364,47 +365,54 @@ def _sharper(reach: Reach, largest: _Largest, fitted: Fitted) -> tuple[Measureme
 class _Largest:
     """Largest parameter of a cause, among those in the unit of its first, and its dependence on the unknowns (G,)."""
 
-    cause: Any
-    value: Any  # a `cause.ReportedParameter`
+    cause: Cause
+    name: str
+    sigma: float
+    unit: str
     direction: NDArray
 
     def uncertainty_words(self, times: float) -> str:
         """Return its uncertainty times a number, in words."""
         from truing.report.diagnosis.effect_units import plain_size
 
-        return f"± {plain_size(self.value.name, times * self.value.sigma, self.value.unit)}"
+        return f"± {plain_size(self.name, times * self.sigma, self.unit)}"
 
-    def columns(self, times: float) -> dict[str, Any]:
+    def columns(self, times: float) -> dict[str, object]:
         """Return the columns of a row after which its uncertainty is a given multiple of the present one."""
-        sigma, unit = float(self.value.sigma), self.value.unit
-        text = f"{self.value.name} {self.uncertainty_words(times)}"
-        return {"expected": text, "sigma_now": sigma, "sigma_expected": times * sigma, "unit": unit}
+        text = f"{self.name} {self.uncertainty_words(times)}"
+        return {
+            "expected": text,
+            "sigma_now": self.sigma,
+            "sigma_expected": times * self.sigma,
+            "unit": self.unit,
+        }
 
 
-def _largest(cause: Any, fitted: Fitted, least_known: bool) -> _Largest | None:
+def _largest(cause: Cause, fitted: Fitted, least_known: bool) -> _Largest | None:
     """Return the largest parameter that is fitted, or the least known one; None if there is none."""
     part, legs = fitted.model.layout[cause.key], fitted.model.part_count
     scale = fitted.model.effect_sigma(cause)
     values, covariance = fitted.shared[part] * scale, fitted.covariance[part, part] * np.outer(scale, scale)
     reported = cause.reported(values, covariance, legs)
-    measured = [k for k, entry in enumerate(reported) if entry.sigma]
-    alike = [k for k in measured if reported[k].unit == reported[measured[0]].unit]
+    sigma_of = {k: float(entry.sigma) for k, entry in enumerate(reported) if entry.sigma}
+    alike = [k for k in sigma_of if reported[k].unit == reported[min(sigma_of)].unit]
     if not alike:
         return None
-    for best in sorted(alike, key=lambda k: -(reported[k].sigma if least_known else abs(reported[k].value))):
+    size_of = sigma_of if least_known else {k: abs(float(reported[k].value)) for k in alike}
+    for best in sorted(alike, key=lambda k: -size_of[k]):
         direction = np.zeros(len(fitted.shared))
         for index, step in enumerate(_STEP * np.sqrt(np.diag(covariance))):
             nudge = step * (np.arange(len(values)) == index)
             ahead, behind = (
-                cause.reported(values + sign * nudge, covariance, legs)[best].value for sign in (1.0, -1.0)
+                float(cause.reported(values + sign * nudge, covariance, legs)[best].value) for sign in (1.0, -1.0)
             )
             direction[part.start + index] = (ahead - behind) / (2.0 * step) * scale[index]
         if direction.any():  # a pitch that the readings leave open depends on no unknown
-            return _Largest(cause, reported[best], direction)
+            return _Largest(cause, reported[best].name, sigma_of[best], reported[best].unit, direction)
     return None
 
 
-def _name(cause: Any, legs: int) -> str:
+def _name(cause: Cause, legs: int) -> str:
     """Return the name of a cause for a table: its id, its subject and its inputs."""
     follows = tuple(map(own_name, cause.inputs(legs)))
     driven = f"with {follows[0]}{f' .. {follows[-1]}' if len(follows) > 1 else ''}" if follows else ""

@@ -37,7 +37,7 @@ ModelT = TypeVar("ModelT", bound=EffectsModel)
 _UNNAMED = "the earlier campaign"
 
 
-def started(data: DiagnosisData[Any], text: str, seed: int) -> DiagnosisData[Any]:
+def started(data: DiagnosisData, text: str, seed: int) -> DiagnosisData:
     """Data with the effects and the prior of an earlier model.
 
     Changed parameters are free, all of them for another machine. Raises CampaignFaults if the text is no model.

@@ -9,7 +9,7 @@ from __future__ import annotations
 import json
 from collections.abc import Mapping
 from dataclasses import dataclass, replace
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING
 
 import numpy as np
 import pyarrow as pa
@@ -57,7 +57,7 @@ class RayFindings:
 
     diagnosis: CauseDiagnosis
     data: DiagnosisData[RayModel]
-    points: Mapping[tuple[Any, str], int]
+    points: Mapping[tuple[object, str], int]
     off: Array
     common: Array
     bars: tuple[str, ...]
@@ -151,7 +151,7 @@ def with_shared_errors(
     return replace(dataset, model=model, calibration=calibration, held_out=with_errors(dataset.held_out))
 
 
-def _keys(table: pa.Table) -> list[tuple[Any, str]]:
+def _keys(table: pa.Table) -> list[tuple[object, str]]:
     """The pose and the name of every point, which is body/target where it has none of its own."""
     poses, bodies, targets = (table.column(name).to_pylist() for name in ("pose", "body", "target"))
     names = [f"{body}/{target}" for body, target in zip(bodies, targets, strict=True)]
@@ -161,7 +161,7 @@ def _keys(table: pa.Table) -> list[tuple[Any, str]]:
     return list(zip(poses, names, strict=True))
 
 
-def with_rays(artifacts: Mapping[str, Any], rays: RayFindings, rule: Settings) -> dict[str, Any]:
+def with_rays(artifacts: Mapping[str, object], rays: RayFindings, rule: Settings) -> dict[str, object]:
     """Artifacts of a diagnosis of points, after the results of rays; ``rule``: that of the whole campaign."""
     own_rule, result = rule_of_rays(rule), dict(artifacts)
     level, search = own_rule.level, rays.diagnosis.search
@@ -199,7 +199,7 @@ def _ranked(rays: list[TableRow], points: pa.Table) -> pa.Table:
     return ranked_table(kept)
 
 
-def _on_points(moved: Any) -> str:
+def _on_points(moved: NDArray) -> str:
     """Shift of points by an effect found in the rays."""
     size = np.linalg.norm(moved, axis=-1) * _UM
     return (

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Mapping
 from dataclasses import replace
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING
 
 import numpy as np
 import pyarrow as pa
@@ -25,6 +25,7 @@ from truing.stages.diagnosis.diagnosis_data import RAYS, DiagnosisData, Instrume
 if TYPE_CHECKING:
     from truing.inference.selection import CauseDiagnosis
     from truing.schemas.campaign import Campaign
+    from truing.simulation.effects_model import EffectsModel
 
 # Poses that must tell of their rays before they can be held against each other.
 _FEWEST_POSES = 3
@@ -104,7 +105,9 @@ def _vertical(table: pa.Table, poses: tuple[int | str, ...], body: str | None) -
     return axes if np.isfinite(axes).all() else None
 
 
-def _nothing_more(diagnosis: CauseDiagnosis, data: DiagnosisData[Any], settings: Campaign) -> InstrumentResults:
+def _nothing_more(
+    diagnosis: CauseDiagnosis, data: DiagnosisData[EffectsModel], settings: Campaign
+) -> InstrumentResults:
     """No table of rays alone: their results are in the tables of points."""
     return InstrumentResults({})
 

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Mapping
 from dataclasses import replace
-from typing import TYPE_CHECKING, Any, cast
+from typing import TYPE_CHECKING, cast
 
 import numpy as np
 import pyarrow as pa
@@ -50,6 +50,7 @@ if TYPE_CHECKING:
     from truing.schemas.campaign import Campaign
     from truing.schemas.mechanism import SensorMechanism
     from truing.simulation.bench.six_upur.nominal_sensor import NominalSensor
+    from truing.simulation.effects_model import EffectsModel
 
 Array = NDArray[np.float64]
 
@@ -265,14 +266,14 @@ def _poses(
     return Epochs(measured, _conditions(steps, rows), Frames.of_numbers(int(rows.sum())), inputs=inputs)
 
 
-def _model_text(fitted: FittedModel[Any], settings: Campaign) -> str:
+def _model_text(fitted: FittedModel, settings: Campaign) -> str:
     """The extended model of a fit, as model.toml has it."""
     assert isinstance(fitted.model, BenchModel)
     context = {"campaign": settings.campaign.name}
     return write_sensor(extended_sensor(fitted.model, fitted.fit.shared, fitted.covariance(), context))
 
 
-def _results(diagnosis: CauseDiagnosis, data: DiagnosisData[Any], settings: Campaign) -> InstrumentResults:
+def _results(diagnosis: CauseDiagnosis, data: DiagnosisData[EffectsModel], settings: Campaign) -> InstrumentResults:
     """Errors of each reading, extended model, pulls of the sensor, changes, next loads."""
     assert isinstance(data.shown, Channels)
     final, next_measurement = diagnosis.final, next_loads_of(diagnosis, settings)

@@ -6,7 +6,7 @@ import json
 import math
 from collections.abc import Iterator, Mapping
 from dataclasses import dataclass, field, replace
-from typing import TYPE_CHECKING, Any, cast
+from typing import TYPE_CHECKING, cast
 
 import numpy as np
 import pyarrow as pa
@@ -103,7 +103,7 @@ def ranked_table(rows: list[TableRow]) -> pa.Table:
     return pa.Table.from_pylist(ranked, schema=artifact.arrow_schema(present=artifact.optional))
 
 
-def _row(verdict: Verdict, diagnosis: CauseDiagnosis, words: DetectionAdvice) -> dict[str, Any]:
+def _row(verdict: Verdict, diagnosis: CauseDiagnosis, words: DetectionAdvice) -> dict[str, object]:
     cause, legs = verdict.cause, diagnosis.plain.model.part_count
     shown, claim = words.shown.of_effect(verdict.before, verdict.after), _claim(verdict, legs)
     if verdict.verdict in ("found", "suspected"):
@@ -143,13 +143,13 @@ def _row(verdict: Verdict, diagnosis: CauseDiagnosis, words: DetectionAdvice) ->
     }
 
 
-def _onset_names(onsets: tuple[Cause, Cause]) -> list[Any]:
+def _onset_names(onsets: tuple[Cause, Cause]) -> list[object]:
     """Return the poses or steps of the earliest and the latest possible onset."""
     settings = [cause.settings() for cause in onsets]
     return [own["from_pose" if "from_pose" in own else "from_step"] for own in settings]
 
 
-def _errors(shown: ReportedRms, verdict: Verdict) -> dict[str, Any]:
+def _errors(shown: ReportedRms, verdict: Verdict) -> dict[str, object]:
     """Return the prediction errors without and with a cause, in its reporting unit."""
     return {
         "rms_before": shown.rms(verdict.before),
@@ -167,14 +167,14 @@ def _held_out_growth(verdict: Verdict) -> float | None:
     return None if before is None or after is None else after.growth_over(before)
 
 
-def _errors_without_any(shown: ReportedRms, diagnosis: CauseDiagnosis) -> dict[str, Any]:
+def _errors_without_any(shown: ReportedRms, diagnosis: CauseDiagnosis) -> dict[str, object]:
     """Return the prediction errors without any cause, which errors without one cause do not give: a cause may be
     compared next to all others."""
     error, held_out = diagnosis.errors_without_any
     return {"rms_without_any": shown.rms(error), "heldout_rms_without_any": shown.rms(held_out)}
 
 
-def _left_out(verdict: Verdict, diagnosis: CauseDiagnosis) -> dict[str, Any]:
+def _left_out(verdict: Verdict, diagnosis: CauseDiagnosis) -> dict[str, object]:
     """Return the type of blocks left out, and the gain of the finding there."""
     if not verdict.blocks_asked:
         return {}
@@ -184,7 +184,7 @@ def _left_out(verdict: Verdict, diagnosis: CauseDiagnosis) -> dict[str, Any]:
     return {"left_out_by": str(gain.kind), "left_out_blocks": gain.blocks, "left_out_gain": gain.log_gain}
 
 
-def _advised(advice: Advice) -> dict[str, Any]:
+def _advised(advice: Advice) -> dict[str, object]:
     """Next measurement."""
     short, purpose = advice.short or None, advice.purpose or None
     return {
@@ -253,7 +253,7 @@ def claim_of(cause: Cause, legs: int) -> Claim:
     )
 
 
-def _plain(value: object) -> Any:
+def _plain(value: object) -> object:
     """A setting as JSON holds it; None if it is not finite."""
     if isinstance(value, (list, tuple, np.ndarray)):
         return [_plain(item) for item in value]
@@ -262,7 +262,7 @@ def _plain(value: object) -> Any:
     return None if isinstance(value, float) and not math.isfinite(value) else value
 
 
-def reported_parameters(verdict: Verdict, legs: int) -> dict[str, dict[str, Any]]:
+def reported_parameters(verdict: Verdict, legs: int) -> dict[str, dict[str, object]]:
     """A cause's parameters as the contract names them: value, sigma, unit."""
     reported = verdict.cause.reported(verdict.values, verdict.covariance, legs)
     return {p.name: {"value": p.value, "sigma": p.sigma, "unit": p.unit} for p in reported}
@@ -342,7 +342,7 @@ def _next_to_findings(own: Attributed) -> dict[str, bool]:
     return {PARTLY_BY_FINDINGS: True} if own.is_partial else {}
 
 
-def _larger_row(level: NoiseLevel, final: FittedModel, shown: ReportedRms) -> dict[str, Any]:
+def _larger_row(level: NoiseLevel, final: FittedModel, shown: ReportedRms) -> dict[str, object]:
     """Noise larger than declared is structure too: an unknown effect moves the measurements."""
     missed = shown.rms(final.error), shown.floor(final.floor)
     text = noise_explanation(NoiseFacts(level.ratio, level.sigma, *missed, shown.unit, expected=shown.noise))
@@ -371,7 +371,7 @@ def _dependence_column(column: str) -> tuple[str, ...]:
     return (TIME if plain == ORDER else plain,) if plain else ()
 
 
-def _noise_dependence_row(dependence: NoiseDependence, final: FittedModel, shown: ReportedRms) -> dict[str, Any]:
+def _noise_dependence_row(dependence: NoiseDependence, final: FittedModel, shown: ReportedRms) -> dict[str, object]:
     """Noise that is larger in places, and the cause, the column or the target that it follows."""
     if dependence.driver.cause is not None:
         size = dependence.ratio, dependence.sigma
@@ -395,7 +395,7 @@ def _noise_dependence_row(dependence: NoiseDependence, final: FittedModel, shown
     }
 
 
-def _scatter_row(scatter: FoundScatter, final: FittedModel, shown: ReportedRms, *, is_repeated: bool) -> dict[str, Any]:
+def _scatter_row(scatter: FoundScatter, final: FittedModel, shown: ReportedRms, *, is_repeated: bool) -> TableRow:
     """Inputs that scatter more than they are known beforehand, by a cause that moves nothing on average."""
     cause, size = scatter.candidate.cause, (scatter.size, scatter.sigma)
     row = _row_of_cause(cause, size, scatter.p_value, scatter.doubt, final, shown)
@@ -403,7 +403,7 @@ def _scatter_row(scatter: FoundScatter, final: FittedModel, shown: ReportedRms, 
     return row | {"explanation": text}
 
 
-def _single_errors_row(single: SingleErrors, final: FittedModel, shown: ReportedRms) -> dict[str, Any]:
+def _single_errors_row(single: SingleErrors, final: FittedModel, shown: ReportedRms) -> dict[str, object]:
     """Single large errors of one input, whose other errors are small."""
     subject = single.candidate.cause.subject
     ratio = {"value": single.ratio, "sigma": None, "unit": "1"}
@@ -418,7 +418,7 @@ def _single_errors_row(single: SingleErrors, final: FittedModel, shown: Reported
 
 def _row_of_cause(
     cause: Cause, size: tuple[float, float], p_value: float, doubt: str, final: FittedModel, shown: ReportedRms
-) -> dict[str, Any]:
+) -> TableRow:
     """Return the row of a cause without mean effect, with its size and sigma, SI; ``doubt``: reason code if it is only
     suspected."""
     legs = final.model.part_count
@@ -439,13 +439,13 @@ def _row_of_cause(
     }
 
 
-def _of_noise(level: NoiseLevel | NoiseDependence, final: FittedModel, shown: ReportedRms) -> dict[str, Any]:
+def _of_noise(level: NoiseLevel | NoiseDependence, final: FittedModel, shown: ReportedRms) -> dict[str, object]:
     """Return the cells of a row on noise that no cause increases."""
     ratio = {"value": level.ratio, "sigma": level.sigma, "unit": "1"}
     return _without_mean_effect(level.p_value, final, shown) | {"parameters": json.dumps({"noise_ratio": ratio})}
 
 
-def _without_mean_effect(p_value: float, final: FittedModel, shown: ReportedRms) -> dict[str, Any]:
+def _without_mean_effect(p_value: float, final: FittedModel, shown: ReportedRms) -> dict[str, object]:
     """Return the cells of a row on scatter: it has no effect on the mean, so it improves no prediction."""
     rms, held_out_rms = shown.rms(final.error), shown.rms(final.held_out)
     return {

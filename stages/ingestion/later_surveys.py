@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections import Counter
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, field, replace
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING
 
 import numpy as np
 import pyarrow as pa
@@ -244,7 +244,7 @@ def _row(
     at: int,
     holds_as: str | None,
     options: _ResurveySettings,
-) -> dict[str, Any]:
+) -> dict[str, object]:
     reported = comparison.status == "ok"
     sigma = np.sqrt(np.diag(comparison.cov[at])) / _MM if reported else (None,) * 3
     shift = comparison.shift[at] / _MM if reported else (None,) * 3
@@ -260,7 +260,7 @@ def _row(
 
 def _new_row(
     of: tuple[str, str], target: str, status: str, holds_as: str | None, options: _ResurveySettings
-) -> dict[str, Any]:
+) -> dict[str, object]:
     return {
         "later_survey": of[0],
         "body": of[1],

@@ -5,11 +5,10 @@ from __future__ import annotations
 import re
 from collections.abc import Mapping, Sequence
 from dataclasses import replace
-from typing import Any
 
 import numpy as np
 
-from truing.arrays import Array
+from truing.arrays import Array, TableRow
 from truing.formats.guess import Guess, OtherWay
 from truing.formats.named_columns import position_groups
 from truing.formats.proposed_poses import NamedCells
@@ -175,7 +174,7 @@ def _converted(values: Array, unit: str, wanted: str) -> Array:
     return np.asarray(np.round(values * factor, 9) + 0.0)
 
 
-def _rows(numbers: Mapping[str, Array], kinds: Sequence[str], convention: str) -> list[dict[str, Any]]:
+def _rows(numbers: Mapping[str, Array], kinds: Sequence[str], convention: str) -> list[TableRow]:
     order = ("a_mm", "alpha_deg", "d_mm", "theta_deg")
     return [
         {key: float(numbers[key][row]) for key in order}
@@ -202,7 +201,7 @@ def _masses(cells: NamedCells) -> Guess | None:
         return None
     mass = np.round(cells.numbers(found["mass"]) * (1.0 if of_mass[1] else 1e-3), 9)
     centre = np.column_stack([_converted(cells.numbers(found[axis]), unit, "mm") for axis in "xyz"])
-    machine: dict[str, Any] = {
+    machine: dict[str, object] = {
         "masses": [{"mass_kg": float(mass[k]), "com_mm": centre[k].tolist()} for k in np.flatnonzero(links)]
     }
     if len(others) == 1 and re.search(rf"\b({_TOOL})\b", cells.rows[others[0]][0], re.IGNORECASE):

@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import math
 from collections.abc import Iterator, Sequence
-from typing import Any
 
 import numpy as np
 import pandas as pd
@@ -18,7 +17,7 @@ from truing.report.heads import POSE, Head
 from truing.report.numbers import count_text, listed, plain, quantity, rough, sign, with_uncertainty
 from truing.report.page import Listing, ReportSection
 from truing.report.scene.view import scene_axes
-from truing.report.tables import XYZ, Tables, table_or_none
+from truing.report.tables import XYZ, Row, Tables, table_or_none
 
 FAR = 3.0  # pull from which a number is farther from nominal than its tolerance explains
 _ORIGIN, _AXIS = ["ox_mm", "oy_mm", "oz_mm"], ["ax", "ay", "az"]
@@ -247,7 +246,7 @@ def _iso_listing(
     return Listing(heads, tuple(rows), caption=caption, folded=len(rows) > _OPEN, held_by="arm_accuracy.parquet")
 
 
-def _figure_cell(row: Any) -> str:
+def _figure_cell(row: Row) -> str:
     text, low = quantity(row.value, row.unit), getattr(row, "low", math.nan)
     return text if low is None or low != low else f"{text} ({quantity(low, row.unit)} … {quantity(row.high, row.unit)})"
 

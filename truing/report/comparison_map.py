@@ -3,10 +3,10 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from typing import Any
 
 import numpy as np
 import plotly.graph_objects as go
+from numpy.typing import ArrayLike
 
 from truing.report.figure_style import style
 
@@ -14,7 +14,13 @@ _CLIPPED = 6.0
 
 
 def comparison_map(
-    pull: Any, cells: Any, hover: Any, rows: Sequence[str], columns: Sequence[str], title: str, subtitle: str
+    pull: ArrayLike,
+    cells: ArrayLike,
+    hover: ArrayLike,
+    rows: Sequence[str],
+    columns: Sequence[str],
+    title: str,
+    subtitle: str,
 ) -> go.Figure:
     """Return a map whose colour is the difference in sigmas; ``cells``: text of an entry, ``hover``: words of the
     pointer."""

@@ -3,14 +3,13 @@
 from __future__ import annotations
 
 import math
-from typing import Any
 
 import pandas as pd
 
 from truing.report.heads import BODY, CHANNEL, POSE, RUN, TARGET, Head
 from truing.report.numbers import count_text, p_value, plain, quantity
 from truing.report.page import Listing, ReportSection
-from truing.report.tables import SHIFT, Tables, cell, each_row, table_or_none
+from truing.report.tables import SHIFT, Row, Tables, cell, each_row, table_or_none
 
 # Longer listings are folded.
 _OPEN = 40
@@ -262,7 +261,7 @@ def _kept(tables: Tables) -> Listing:
     return Listing(heads, rows, (), caption, len(rows) > _OPEN, "calibration_kept.parquet")
 
 
-def _row_subject(r: Any) -> str:
+def _row_subject(r: Row) -> str:
     """Return the pose, or the run and step."""
     return f"pose {r.pose}" if hasattr(r, "pose") else f"run {r.run}, step {r.step}"
 

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 from collections.abc import Mapping
-from typing import Any
 
 import numpy as np
 import pandas as pd
@@ -27,7 +26,7 @@ from truing.report.heads import BODY, POSE, Head, schema_head
 from truing.report.numbers import count_text, quantity, with_uncertainty
 from truing.report.page import Listing, ReportSection
 from truing.report.section_verdict import SectionVerdict
-from truing.report.tables import SIGMA, Tables, table_or_none
+from truing.report.tables import SIGMA, Row, Tables, table_or_none
 from truing.report.wordings.claim import listed
 from truing.schemas.verdict import ReasonCode
 
@@ -119,7 +118,7 @@ def _figures(tables: Tables, fitted: pd.DataFrame) -> tuple[tuple[go.Figure, str
     )
 
 
-def _expected(tables: Tables, fitted: pd.DataFrame) -> Any:
+def _expected(tables: Tables, fitted: pd.DataFrame) -> object:
     """Return per pose, in um, the rms expected from the declared noise of points and survey after six unknowns."""
     points = table_or_none(tables, "observations")
     if points is None:
@@ -171,7 +170,7 @@ def _all_poses(chosen: pd.DataFrame) -> Listing:
     return Listing(heads, rows, caption=caption, folded=True, held_by="poses.parquet")
 
 
-def _pose_row(r: Any) -> tuple[str, ...]:
+def _pose_row(r: Row) -> tuple[str, ...]:
     return (
         str(r.pose),
         r.body,
@@ -185,7 +184,7 @@ def _pose_row(r: Any) -> tuple[str, ...]:
     )
 
 
-def _three(r: Any, names: str, first: int, factor: float) -> str:
+def _three(r: Row, names: str, first: int, factor: float) -> str:
     cells = []
     for k, name in enumerate(names.split()):
         variance = getattr(r, f"cov_{first + k}_{first + k}")

@@ -176,7 +176,7 @@ def accepted_verdicts(qa: pd.DataFrame) -> pd.Series:
     return qa["accepted"].notna() if "accepted" in qa else qa["verdict"].isna()
 
 
-def _checks(qa: Any, caption: str, more: tuple[str, ...] = (), folded: bool = False) -> Listing:
+def _checks(qa: pd.DataFrame, caption: str, more: tuple[str, ...] = (), folded: bool = False) -> Listing:
     rows = tuple(
         (
             r.verdict,

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 from collections.abc import Mapping
-from typing import Any
 
 import numpy as np
 import pandas as pd
@@ -69,7 +68,7 @@ def errors(accuracy: pd.DataFrame, chosen: Key | None) -> go.Figure:
     return grid
 
 
-def _axis(sizes: pd.DataFrame) -> dict[str, Any]:
+def _axis(sizes: pd.DataFrame) -> dict[str, object]:
     """Return an axis from zero, or logarithmic if the worst calibration would make the best invisible."""
     mean, largest = (sizes[part][sizes[part] > 0.0] for part in ("mean", "max"))
     if not len(mean) or largest.max() < _FAR * largest.min():
@@ -78,7 +77,7 @@ def _axis(sizes: pd.DataFrame) -> dict[str, Any]:
     return {"type": "log", "range": [float(end) for end in ends], "dtick": 1}
 
 
-def _legend() -> dict[str, Any]:
+def _legend() -> dict[str, object]:
     return {"orientation": "h", "y": 1.0, "yanchor": "bottom", "x": 0.0, "itemclick": False, "itemdoubleclick": False}
 
 
@@ -93,7 +92,7 @@ def _bars(sizes: pd.DataFrame, error: str, role: str, unit: str, named: bool) ->
     """Return pale bars of the maximum with bars of the mean in front."""
     name, colour = _ROLES[role]
     labels = [[label(d) for d, _ in sizes.index], [label(m) for _, m in sizes.index]]
-    common: dict[str, Any] = {"y": labels, "orientation": "h", "offsetgroup": role, "legendgroup": role}
+    common: dict[str, object] = {"y": labels, "orientation": "h", "offsetgroup": role, "legendgroup": role}
     template = "%{y}<br>" + name + ", {}: %{{x:.2f}} " + unit + "<extra></extra>"
     return [
         go.Bar(
@@ -290,7 +289,7 @@ def _joint_lines(joints: list[pd.DataFrame], deformation: str, gain: float) -> l
     end_x, end_y, gap = (rows["x"] + gain * rows["dx"], rows["y"] + gain * rows["dy"], np.full(len(rows), np.nan))
     x, y = (np.stack([rows[a], end, gap], 1).ravel() for a, end in (("x", end_x), ("y", end_y)))
     words = label(deformation_words(deformation))
-    common: dict[str, Any] = {"legendgroup": words, "name": words}
+    common: dict[str, object] = {"legendgroup": words, "name": words}
     text = [
         f"leg {int(leg)}: {quantity(dx, 'mm')}, {quantity(dy, 'mm')}"
         for leg, dx, dy in zip(rows["leg"], rows["dx"], rows["dy"], strict=True)

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 from collections.abc import Iterator, Sequence
-from typing import Any
 
 import numpy as np
 import pandas as pd
@@ -27,7 +26,7 @@ from truing.report.heads import Head
 from truing.report.numbers import count_text
 from truing.report.page import Listing, PageHead, ReportSection, Verdict
 from truing.report.parameter_names import MEANING, kind_of
-from truing.report.tables import cell, table_or_none
+from truing.report.tables import Row, cell, table_or_none
 from truing.report.wordings.catalogue import cause_of_subject
 
 _NAMED = 3
@@ -249,7 +248,7 @@ def _step(comparison: RunComparison, step: int) -> str:
     return f"{words} Left out: {reasons}." if reasons else words
 
 
-def _jump(r: Any) -> str:
+def _jump(r: Row) -> str:
     return f"{r.change / r.sigma_change:.1f}" if r.change == r.change else f"{r.z:.1f}"
 
 
@@ -343,7 +342,7 @@ def _caption(changed: pd.DataFrame) -> str:
     return f"Ringed: {' '.join(texts)}" if texts else ""
 
 
-def _kind(row: Any) -> str:
+def _kind(row: Row) -> str:
     if row.group in ("compliance", "G_B"):
         head, _, tail = row.parameter.partition(" ")
         return (

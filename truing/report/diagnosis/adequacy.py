@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import re
 from collections.abc import Mapping
-from typing import Any
 
 from truing.belonging.relation import RelationState
 from truing.report.diagnosis.assessed_causes import (
@@ -20,7 +19,7 @@ from truing.report.heads import CORRECTED_P, Head
 from truing.report.numbers import count_text, p_value, rough, rough_quantity
 from truing.report.page import Listing, ReportSection
 from truing.report.section_verdict import SectionVerdict
-from truing.report.tables import Tables, cell, table_or_none
+from truing.report.tables import Row, Tables, cell, table_or_none
 from truing.report.wordings.catalogue import cause_words
 from truing.report.wordings.nonparametric_wordings import columns_words
 from truing.schemas.covariates import names_in
@@ -81,7 +80,7 @@ def adequacy(tables: Tables) -> ReportSection | None:
     return ReportSection("adequacy", _TITLE, lead, (), (listing,))
 
 
-def _untested(rows: list[Any], why: str, words: str) -> str:
+def _untested(rows: list[Row], why: str, words: str) -> str:
     """Return the sentence on tests that were not possible for one reason; empty where there are none."""
     bad = [
         row
@@ -193,7 +192,7 @@ def noise_compared(tables: Tables) -> str:
     return expected_noise("" if rows is None or "relation" not in rows else cell(rows["relation"].iloc[0]))
 
 
-def shortcoming_words(worst: Any, noise: str) -> str:
+def shortcoming_words(worst: Row, noise: str) -> str:
     """Return in words the shortcoming found by one failed test against a noise, without a full stop."""
     if worst.test == CAUSES_LEFT:
         return _limit_words(worst)
@@ -209,7 +208,7 @@ def shortcoming_words(worst: Any, noise: str) -> str:
     return f"the {_LOOKED_FOR[worst.test]} is {rough(worst.value)} times {noise}"
 
 
-def _limit_words(row: Any) -> str:
+def _limit_words(row: Row) -> str:
     """Return in words that the search reached a limit, and the remainder, without a full stop."""
     if not cell(row.left_cause):
         accepted = count_text(round(row.value), "cause")
@@ -222,17 +221,17 @@ def _limit_words(row: Any) -> str:
     )
 
 
-def _column_words(row: Any) -> str:
+def _column_words(row: Row) -> str:
     return columns_words(columns_along(row)) or "–"
 
 
-def columns_along(row: Any) -> tuple[str, ...]:
+def columns_along(row: Row) -> tuple[str, ...]:
     """Return the columns along which a test of the residuals compared neighbours or regions; a name may have blanks."""
     along = cell(row.along) or ""
     return (along,) if LOOKS_BACK.fullmatch(along) else names_in(along)
 
 
-def _value(row: Any, noise: str) -> str:
+def _value(row: Row, noise: str) -> str:
     if row.test == CAUSES_LEFT:
         return f"{count_text(round(row.value), 'accepted cause')}"
     return "–" if row.state == "not tested" else f"{rough(row.value)} {_UNITS.get(row.test, f'times {noise}')}"

@@ -69,7 +69,7 @@ class Facts:
 
     verdict: str
     clause: str
-    parameters: Mapping[str, Mapping[str, Any]]
+    parameters: Mapping[str, Mapping[str, object]]
     p_value: float
     candidates: int
     rms_before: float | None

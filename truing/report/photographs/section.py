@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 from collections.abc import Iterator
-from typing import Any
 
 import numpy as np
 import pandas as pd
@@ -12,7 +11,7 @@ from truing.report.heads import POSE, Head
 from truing.report.numbers import count_text, in_suitable_unit, plain, printed, quantity, with_uncertainty
 from truing.report.page import MOST_ROWS, Listing, ReportSection
 from truing.report.photographs.figures import network_picture, residual_picture
-from truing.report.tables import SIGMA, Tables, cell, table_or_none
+from truing.report.tables import SIGMA, Row, Tables, cell, table_or_none
 from truing.schemas.photograph_artifacts import FROM_MARKER, FROM_SURVEY
 
 _OPEN = 12
@@ -155,7 +154,7 @@ def _bars(tables: Tables) -> Iterator[Listing]:
 _DISTANCE = Head("distance", "Names of the two points.")
 
 
-def _length(r: Any) -> tuple[str, str, str]:
+def _length(r: Row) -> tuple[str, str, str]:
     """Return a calibrated and an adjusted length, and their difference."""
     # A bar that alone defines the scale differs only by rounding.
     reported = r.deviation_sigma_mm > 1e-9 * r.length_mm
@@ -207,7 +206,7 @@ def _rejected(residuals: pd.DataFrame) -> Iterator[Listing]:
         yield Listing(heads, rows, caption=caption, folded=len(rows) > _OPEN, held_by=_HELD, total=count_of)
 
 
-def _ray(r: Any) -> tuple[str, ...]:
+def _ray(r: Row) -> tuple[str, ...]:
     residual_text = f"{r.vx_px:+.2f}, {r.vy_px:+.2f}" if np.isfinite(r.vx_px) else "–"
     return str(r.pose), r.image, r.point or f"a {r.kind}", f"{r.x_px:.1f}, {r.y_px:.1f}", residual_text
 

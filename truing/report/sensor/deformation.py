@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 from collections.abc import Mapping
-from typing import Any
 
 import numpy as np
 import pandas as pd
@@ -359,7 +358,7 @@ def _measurement(part: pd.DataFrame, values: pd.Series, shown: set[str], size: i
         array = (part["branch"] == branch).to_numpy()
         if not array.any():
             continue
-        bars: dict[str, Any] = {"type": "data", "array": BAR * part["sigma"][array], "thickness": 1, "width": 0}
+        bars: dict[str, object] = {"type": "data", "array": BAR * part["sigma"][array], "thickness": 1, "width": 0}
         traces.append(
             go.Scatter(
                 x=1e-3 * part["applied"][array],

@@ -4,7 +4,6 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
-from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -53,7 +52,7 @@ class TargetMoved(PointCause):
         """Target or marker concerned."""
         return f"{'marker' if self.corners else 'target'} {self.target}"
 
-    def settings(self) -> dict[str, Any]:
+    def settings(self) -> dict[str, object]:
         """Return the fields; without those of markers for a target."""
         return {name: value for name, value in super().settings().items() if self.corners or name not in _OF_MARKERS}
 
