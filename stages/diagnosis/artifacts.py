@@ -148,5 +148,9 @@ def _found_causes(table: pa.Table) -> str:
             # Findings on the noise have no name among the causes.
             is_noise = (row["reason_code"], row["cause"]) == ("noise", "unexplained")
             names[row["verdict"]].append("noise not as declared" if is_noise else row["cause"])
-    texts = [f"{verdict} {', '.join(dict.fromkeys(own))}" for verdict, own in names.items() if own]
+    texts = [
+        f"{verdict} {', '.join(dict.fromkeys(causes_of_verdict))}"
+        for verdict, causes_of_verdict in names.items()
+        if causes_of_verdict
+    ]
     return "; ".join(texts) or "nothing found"

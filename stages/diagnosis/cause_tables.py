@@ -69,7 +69,7 @@ _LARGER = 1.01
 
 
 def detectable_table(search: Search, level: float, legs: int) -> pa.Table:
-    """Rows per cause, subject and parameter; ``search``: the one with no further finding."""
+    """Rows per cause, subject and parameter; ``search``: the last one, which accepted no further cause."""
     rows: dict[tuple[object, ...], TableRow] = {}
     for effect_sensitivity in sorted(effect_sensitivities(search, level), key=lambda s: len(s.cause.parameters(legs))):
         row = _row(effect_sensitivity, legs)
@@ -102,7 +102,7 @@ def _row(sensitivity: EffectSensitivity, legs: int) -> dict[str, object]:
 
 
 def _ordered(rows: Iterable[TableRow]) -> list[TableRow]:
-    """Causes in their order, the whole before single subjects."""
+    """Rows in the order of their causes; for each cause, the row without a subject (the whole machine) comes first."""
     ordered_rows = list(rows)
     causes = list(dict.fromkeys(row["cause"] for row in ordered_rows))
     return sorted(ordered_rows, key=lambda row: (causes.index(row["cause"]), bool(row["subject"])))

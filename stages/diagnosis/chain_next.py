@@ -140,10 +140,13 @@ def possible_poses(ranges: JointRanges, instrument: PointInstrument, models: Seq
     levels, few = _levels(model), readings[:: max(1, len(readings) // _POSES_OF_A_TEST)]
     usual = _conditions(model, few, {})
     seen = [candidates(fitted, usual, instrument) for fitted in models]
-    changed = {name: _conditions(model, few, {name: np.array([own[-1][0]] * len(few))}) for name, own in levels.items()}
+    changed = {
+        name: _conditions(model, few, {name: np.array([levels_of_name[-1][0]] * len(few))})
+        for name, levels_of_name in levels.items()
+    }
     matters = tuple(name for name, conditions in changed.items() if _does_matter(seen, conditions, instrument))
     choice = {name: rng.integers(len(levels[name]), size=len(readings)) for name in matters}
-    drawn = {name: np.array([levels[name][k][0] for k in own]) for name, own in choice.items()}
+    drawn = {name: np.array([levels[name][k][0] for k in choice_of_name]) for name, choice_of_name in choice.items()}
     words = tuple(
         ", ".join(filter(None, (levels[name][choice[name][c]][1] for name in matters))) for c in range(len(readings))
     )
@@ -205,9 +208,9 @@ def _does_matter(usual: Sequence[PoseCandidates], changed: ChainConditions, inst
 
     ``usual``: these candidates at usual conditions, by each model.
     """
-    for own in usual:
-        there = candidates(own.fitted, changed, instrument)
-        gap = own.without_pose_unknowns((there.predicted - own.predicted)[..., None])
+    for usual_candidates in usual:
+        there = candidates(usual_candidates.fitted, changed, instrument)
+        gap = usual_candidates.without_pose_unknowns((there.predicted - usual_candidates.predicted)[..., None])
         if float(np.sqrt(np.max(np.sum(gap**2, (1, 2))))) > _MATTERS:
             return True
     return False

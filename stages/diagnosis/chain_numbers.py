@@ -58,7 +58,7 @@ class _Number:
 def parameters_table(fitted: FittedModel) -> pa.Table:
     """Rows of chain_parameters.parquet: zeros of the joints and errors of the links, with tolerance and sigma."""
     covariance, shared = fitted.covariance(), fitted.fit.shared
-    values = [(own, float(own.form @ shared) + (own.found_at or 0.0)) for own in _numbers(fitted)]
+    values = [(number, float(number.form @ shared) + (number.found_at or 0.0)) for number in _numbers(fitted)]
     rows = [_row(number, value, number.sigma(covariance)) for number, value in values]
     return pa.Table.from_pylist(rows, schema=ARTIFACTS["chain_parameters"].arrow_schema())
 
@@ -87,12 +87,12 @@ def _numbers(fitted: FittedModel) -> Iterator[_Number]:
     A zero holds the offset that was found beyond its tolerance.
     """
     model = _chain(fitted)
-    found = {cause.joint: cause for cause in fitted.causes if isinstance(cause, JointOffset)}
+    offset_of_joint = {cause.joint: cause for cause in fitted.causes if isinstance(cause, JointOffset)}
     for index, reading in enumerate(model.free_offsets):
         name, tolerance = model.tree.readings[reading], float(model.known.offsets[reading])
         form = np.zeros(model.shared_size)
         form[model.layout["zeros"].start + index] = tolerance
-        cause = found.get(name)
+        cause = offset_of_joint.get(name)
         if cause is not None:
             form[model.layout[cause.key]] = model.effect_sigma(cause)
         is_length = not model.tree.is_revolute[reading]

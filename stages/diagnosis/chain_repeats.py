@@ -147,8 +147,10 @@ def _groups(attained: _Attained, model: ChainModel, tables: Mapping[str, pa.Tabl
     table = tables.get("configurations")
     if table is not None and DECLARED in table.column_names:
         index_of, names = {pose: at for at, pose in enumerate(attained.poses)}, pose_ids(table)
-        found = [[index_of[names[row]] for row in group if names[row] in index_of] for group in declared_repeats(table)]
-        groups = [np.array(group, np.int64) for group in found]
+        groups_by_name = [
+            [index_of[names[row]] for row in group if names[row] in index_of] for group in declared_repeats(table)
+        ]
+        groups = [np.array(group, np.int64) for group in groups_by_name]
     else:
         groups = repeated_groups(attained.readings, np.maximum(_SAME * model.known.reading_sigma, _ROUNDING))
     parts = [
@@ -170,8 +172,12 @@ def _far_pairs(attained: _Attained, groups: list[Index]) -> list[tuple[Index, In
     places, series = attained.commanded[first][:, ~attained.is_rotation].mean(1), attained.series[first]
     apart = np.linalg.norm(places[:, None] - places, axis=-1) * (series[:, None] == series)
     farthest = apart.argmax(1)
-    pairs = {(min(one, other), max(one, other)) for one, other in enumerate(farthest.tolist()) if apart[one, other]}
-    return [(enough[one], enough[other]) for one, other in sorted(pairs)]
+    pairs = {
+        (min(pose, far_pose), max(pose, far_pose))
+        for pose, far_pose in enumerate(farthest.tolist())
+        if apart[pose, far_pose]
+    }
+    return [(enough[pose], enough[far_pose]) for pose, far_pose in sorted(pairs)]
 
 
 def _of_distance(attained: _Attained, k: int, first: Index, second: Index) -> _Figures:
@@ -192,10 +198,10 @@ def _of_distance(attained: _Attained, k: int, first: Index, second: Index) -> _F
 def _drift(attained: _Attained, k: int, rows: Index, rng: np.random.Generator) -> _Figures:
     """Largest change of AP and RP between the first look, of ten repeats, and a later one; rows in order of time."""
     looks = [rows[start : start + _OF_LOOK] for start in range(0, len(rows) - _OF_LOOK + 1, _OF_LOOK)]
-    found = [{name: figure.value for name, figure in _of_pose(attained, k, look, rng)} for look in looks]
-    for name in found[0]:
+    figures_by_look = [{name: figure.value for name, figure in _of_pose(attained, k, look, rng)} for look in looks]
+    for name in figures_by_look[0]:
         if not name.startswith("v"):
-            yield f"d{name}", _alone(largest_change([own[name] for own in found]))
+            yield f"d{name}", _alone(largest_change([figures[name] for figures in figures_by_look]))
 
 
 def _of_pose(attained: _Attained, k: int, rows: Index, rng: np.random.Generator) -> _Figures:

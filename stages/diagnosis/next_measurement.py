@@ -115,16 +115,16 @@ class MeasurementPlan:
         whole |= {"measurements": self.choice.total if enough else None, "duration_s": self.duration_s}
         chosen = zip(self.choice.chosen, self.choice.times, self.expected, strict=True)
         for n, (k, times, expected) in enumerate(chosen, 1):
-            own = {**whole, self.options.unit: n, "times": times if enough else None}
-            yield from ({**own, **row, **expected} for row in self.options.rows(k))
+            common_columns = {**whole, self.options.unit: n, "times": times if enough else None}
+            yield from ({**common_columns, **row, **expected} for row in self.options.rows(k))
 
     def advice(self, kind: AdviceKind, aim: str) -> Advice:
         """Return the advice for an aim ("To ..."); its short form does not name the candidates."""
         chosen, (singular, plural) = self.choice.chosen, self.options.what
         named = "; ".join(self.options.words_of(k) for k in chosen[:_NAMED])
         more = "; ..." if len(chosen) > _NAMED else "."
-        what, short = singular if len(chosen) == 1 else plural, self.request(f"{aim},")
-        return Advice(kind, f"{short} {what[:1].upper()}{what[1:]}: {named}{more}", short, self.purpose)
+        noun, short = singular if len(chosen) == 1 else plural, self.request(f"{aim},")
+        return Advice(kind, f"{short} {noun[:1].upper()}{noun[1:]}: {named}{more}", short, self.purpose)
 
     def request(self, first: str) -> str:
         """Return sentences that begin with some words: measurement, repeats, duration, result."""
@@ -213,17 +213,17 @@ def next_loads_of(diagnosis: CauseDiagnosis, settings: Campaign) -> NextMeasurem
     A finding without rivals keeps the words of its cause, which may need more than loads; its loads are in the table.
     """
     legs = diagnosis.plain.model.part_count
-    found, rivals = models_to_improve(diagnosis, next_run)
-    plans, advice = planned(partial(possible_runs, settings, diagnosis.final), found, rivals)
-    alone = {cause.key: cause for cause, _ in found}
+    found_causes, rivals = models_to_improve(diagnosis, next_run)
+    plans, advice = planned(partial(possible_runs, settings, diagnosis.final), found_causes, rivals)
+    alone = {cause.key: cause for cause, _ in found_causes}
     for pair in rivals:
         alone.pop(pair.cause.key, None)
     by_purpose = {plan.purpose: plan for plan in plans if plan.has_gain}
-    own = {
+    advice_of_cause = {
         key: _with_another(_confirming(cause, legs), by_purpose.get(advice[key].purpose))
         for key, cause in alone.items()
     }
-    return NextMeasurement(plan_table("next_loads", plans), {**advice, **own})
+    return NextMeasurement(plan_table("next_loads", plans), {**advice, **advice_of_cause})
 
 
 def _with_another(another: Advice, plan: MeasurementPlan | None) -> Advice:
@@ -243,42 +243,51 @@ def models_to_improve(
     """Return the found causes with the final fit, and those with rivals."""
     accepted = {v.cause.key: v for v in diagnosis.verdicts if v.verdict in ("found", "suspected")}
     rivals = [
-        Rivals(own.cause, fitted(own.own), verdict.cause, fitted(verdict.own), own.log_odds - verdict.log_odds)
+        Rivals(
+            chosen.cause,
+            fitted(chosen.with_it),
+            verdict.cause,
+            fitted(verdict.with_it),
+            chosen.log_odds - verdict.log_odds,
+        )
         for verdict in diagnosis.verdicts
-        if verdict.rival is not None and (own := accepted.get(verdict.rival.key)) and own.own and verdict.own
+        if verdict.rival is not None
+        and (chosen := accepted.get(verdict.rival.key))
+        and chosen.with_it
+        and verdict.with_it
     ]
     final = fitted(diagnosis.final)
     # The size of an effect matters only once its cause is certain.
-    sure = [own.cause for own in accepted.values() if own.verdict == "found" and own.cause.catalogued]
+    sure = [verdict.cause for verdict in accepted.values() if verdict.verdict == "found" and verdict.cause.catalogued]
     return [(cause, final) for cause in sure], rivals
 
 
 def next_measurements(
-    settings: Campaign, measured: MeasuredPoints, found: Sequence[tuple[Cause, Fitted]], rivals: Sequence[Rivals]
+    settings: Campaign, measured: MeasuredPoints, found_causes: Sequence[tuple[Cause, Fitted]], rivals: Sequence[Rivals]
 ) -> NextMeasurement:
     """Return the configurations to measure next; as `planned`."""
     instrument = measured.instrument()
-    plans, advice = planned(lambda models: possible(settings, models, instrument), found, rivals)
+    plans, advice = planned(lambda models: possible(settings, models, instrument), found_causes, rivals)
     return NextMeasurement(plan_table("next_poses", plans), advice)
 
 
 def planned(
-    reach: Reach, found: Sequence[tuple[Cause, Fitted]], rivals: Sequence[Rivals], *, least_known: bool = False
+    reach: Reach, found_causes: Sequence[tuple[Cause, Fitted]], rivals: Sequence[Rivals], *, least_known: bool = False
 ) -> tuple[list[MeasurementPlan], dict[str, Advice]]:
     """Return the next measurements, and advice by a cause's key: for each found cause without rivals, and for each pair
     of rivals.
 
-    ``found``: causes with their model; the plan reduces the uncertainty of the largest or least known parameter. A
+    ``found_causes``: with their model; the plan reduces the uncertainty of the largest or least known parameter. A
     cause with several rivals gets the advice for the hardest one.
     """
     plans: list[MeasurementPlan] = []
     advice: dict[str, Advice] = {}
     assessed = [(_separating_plan(reach, pair), pair) for pair in rivals]
-    for plan, pair in sorted(assessed, key=lambda found: found[0].effort):
+    for plan, pair in sorted(assessed, key=lambda plan_and_pair: plan_and_pair[0].effort):
         plans.append(plan)
-        for own, other in ((pair.cause, pair.other), (pair.other, pair.cause)):
-            advice[own.key] = _separation_advice(plan, own, other, pair.legs)
-    for cause, fitted in found:
+        for cause, rival in ((pair.cause, pair.other), (pair.other, pair.cause)):
+            advice[cause.key] = _separation_advice(plan, cause, rival, pair.legs)
+    for cause, fitted in found_causes:
         if cause.key not in advice:
             largest = _largest(cause, fitted, least_known)
             if largest is None:
@@ -355,8 +364,8 @@ def _sharper(reach: Reach, largest: _Largest, fitted: Fitted) -> tuple[Measureme
     called = parameter_of_cause(name, largest.cause.id, largest.cause.subject)
     if plan.has_gain:
         return plan, plan.advice(AdviceKind.SHARPEN, f"To determine {called} more precisely")
-    what, more = options.what[0], count_text(choice.total, options.unit)
-    vain = f"No possible {what} halves the uncertainty of {called}: it is {before} now, and still {after} after {more}."
+    noun, more = options.what[0], count_text(choice.total, options.unit)
+    vain = f"No possible {noun} halves the uncertainty of {called}: it is {before} now, and still {after} after {more}."
     vain += f" {_confirming(largest.cause, legs).words}"
     return plan, Advice(AdviceKind.IN_VAIN, vain)
 

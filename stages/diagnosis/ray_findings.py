@@ -93,8 +93,8 @@ def ray_findings(tables: Mapping[str, pa.Table], settings: Campaign, progress: P
     off = np.zeros((len(keys), 3))
     moves: dict[str, Array] = {}
     for effect in model.effects(final.fit.shared):
-        own = effect.cause.moved(all_poses, effect.values) / scale
-        moves[effect.cause.key] = -np.einsum("nat,nt->na", effects, own[pose])
+        motion = effect.cause.moved(all_poses, effect.values) / scale
+        moves[effect.cause.key] = -np.einsum("nat,nt->na", effects, motion[pose])
     if moves:
         off = -np.einsum("nat,nt->na", effects, (model.offsets(final.fit.shared) / scale)[pose])
     by_shared = effects @ (model.by_shared(final.fit.shared) @ _root(final.covariance()))[pose]
@@ -187,7 +187,7 @@ def _ranked(rays: list[TableRow], points: pa.Table) -> pa.Table:
     """All rows in the order of their verdicts, those of rays first; a finding of either is rejected by neither."""
     rows = [*rays, *points.to_pylist()]
     reported = {row["cause"] for row in rows if row["verdict"] not in _LOST}
-    kept: list[TableRow] = []
+    ranked_rows: list[TableRow] = []
     for verdict in _ORDER:
         of_verdict = [row for row in rows if row["verdict"] == verdict]
         if verdict in _LOST:
@@ -195,8 +195,8 @@ def _ranked(rays: list[TableRow], points: pa.Table) -> pa.Table:
             once = {row["cause"]: row for row in reversed(of_verdict) if row["cause"] not in reported}
             of_verdict = [row for row in of_verdict if once.get(row["cause"]) is row]
             reported |= once.keys()
-        kept += of_verdict
-    return ranked_table(kept)
+        ranked_rows += of_verdict
+    return ranked_table(ranked_rows)
 
 
 def _on_points(moved: NDArray) -> str:

@@ -129,10 +129,10 @@ def scale_height(tables: Mapping[str, pa.Table], poses: Epochs) -> float:
 def _of_bars(points: pa.Table, bars: pa.Table, poses: Epochs) -> tuple[NDArray, NDArray]:
     """Heights (N,) of the middles of bars in the poses, m, and the weights of their lengths."""
     names = tuple(dict.fromkeys(points.column("point").to_pylist()))
-    own = tuple(poses.conditions.poses)
-    pose, point = positions(points.column("pose"), own), positions(points.column("point"), names)
+    pose_names = tuple(poses.conditions.poses)
+    pose, point = positions(points.column("pose"), pose_names), positions(points.column("point"), names)
     is_present = pose >= 0
-    place = np.full((len(own), len(names), 3), np.nan)
+    place = np.full((len(pose_names), len(names), 3), np.nan)
     place[pose[is_present], point[is_present]] = (
         np.column_stack([number_column(points, f"{a}_mm") for a in "xyz"])[is_present] * _SI
     )

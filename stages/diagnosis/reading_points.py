@@ -219,7 +219,10 @@ def _known_readings(
     settings: Campaign,
 ) -> KnownReadings:
     typical = np.array(
-        [np.median(own[there]) if there.any() else 1.0 for own, there in zip(sigma.T, is_observed.T, strict=True)]
+        [
+            np.median(channel_sigma[there]) if there.any() else 1.0
+            for channel_sigma, there in zip(sigma.T, is_observed.T, strict=True)
+        ]
     )
     noise, signals = settings.noise, settings.signals
     tared, sensitivity = signals.zero_mv, signals.sensitivity_mv_per_n
@@ -245,7 +248,9 @@ def largest_loads(steps: RecordedSteps, settings: Campaign) -> Array:
     """The largest load (6,) of each axis, N and N m: that of [loading], else the largest applied; 1 where none was."""
     declared = [getattr(settings.loading, name) for name in LOAD_COLUMNS]
     applied = np.abs(steps.load).max(0)
-    return np.array([given or (found if found > 0.0 else 1.0) for given, found in zip(declared, applied, strict=True)])
+    return np.array(
+        [given or (largest if largest > 0.0 else 1.0) for given, largest in zip(declared, applied, strict=True)]
+    )
 
 
 def _conditions(steps: RecordedSteps, rows: NDArray[np.bool_]) -> ReadingConditions:

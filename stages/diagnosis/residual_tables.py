@@ -131,7 +131,7 @@ def pull_tables(before: FittedModel, after: FittedModel) -> dict[str, pa.Table]:
 
     Shifts are counted from nominal, also where the campaign starts from an earlier one: what that knew is data.
     """
-    geometries = [_geometry(one) for one in (before, after)]
+    geometries = [_geometry(fitted_model) for fitted_model in (before, after)]
     known_parameters = zip(geometries[1].parameters, geometries[1].known, strict=True)
     names: list[PullName] = [(entry.leg + 1, entry.name) for entry, known in known_parameters if known]
     return _pull_tables(names, *map(_pulls_of_geometry, geometries), in_si=True)

@@ -146,7 +146,7 @@ def _row(verdict: Verdict, diagnosis: CauseDiagnosis, words: DetectionAdvice) ->
 def _onset_names(onsets: tuple[Cause, Cause]) -> list[object]:
     """Return the poses or steps of the earliest and the latest possible onset."""
     settings = [cause.settings() for cause in onsets]
-    return [own["from_pose" if "from_pose" in own else "from_step"] for own in settings]
+    return [setting["from_pose" if "from_pose" in setting else "from_step"] for setting in settings]
 
 
 def _errors(shown: ReportedRms, verdict: Verdict) -> dict[str, object]:
@@ -219,7 +219,7 @@ def _facts(verdict: Verdict, diagnosis: CauseDiagnosis, words: DetectionAdvice, 
         largest=shown.largest_motion(verdict.before, verdict.after)
         if verdict.verdict in ("found", "suspected")
         else None,
-        subjects=tuple(own for own in verdict.subjects if own[0] not in claim.settings.get("alike", ())),
+        subjects=tuple(subject for subject in verdict.subjects if subject[0] not in claim.settings.get("alike", ())),
         inputs=tuple((columns_words(inputs), odds) for inputs, odds in verdict.inputs),
         unit=shown.unit,
         fitted_words=shown.fitted,
@@ -271,7 +271,7 @@ def reported_parameters(verdict: Verdict, legs: int) -> dict[str, dict[str, obje
 def _odds(verdict: Verdict, diagnosis: CauseDiagnosis) -> float | None:
     """Odds of the found cause against its rival."""
     rival = None if verdict.rival is None else verdict.rival.key
-    other = next((one for one in diagnosis.verdicts if one.cause.key == rival), None)
+    other = next((verdict for verdict in diagnosis.verdicts if verdict.cause.key == rival), None)
     return None if other is None else math.exp(other.log_odds - verdict.log_odds)
 
 
@@ -282,13 +282,18 @@ def _noise_rows(diagnosis: CauseDiagnosis, shown: ReportedRms | Channels, level:
     repeated = diagnosis.has_repeats
     single = diagnosis.single_errors
     same = {single.candidate.cause.subject} if single else set()
-    scatters = [own for own in diagnosis.scatters if not (own.doubt and own.candidate.cause.subject in same)]
+    scatters = [
+        scatter for scatter in diagnosis.scatters if not (scatter.doubt and scatter.candidate.cause.subject in same)
+    ]
     rows = [_scatter_row(scatter, final, overall, is_repeated=repeated) for scatter in scatters]
     rows += [_single_errors_row(single, final, overall)] if single else []
-    rows += [_noise_dependence_row(one, final, overall) for one in merged_by_driver(diagnosis.noise_dependences)]
-    for target, own in diagnosis.noisy:
+    rows += [
+        _noise_dependence_row(dependence, final, overall)
+        for dependence in merged_by_driver(diagnosis.noise_dependences)
+    ]
+    for target, noise_of_target in diagnosis.noisy:
         subject = f"{final.model.channel_word} {_name(final, target)}"
-        rows.append(_larger_row(own, final, shown.of_target(target)) | {"subject": subject})
+        rows.append(_larger_row(noise_of_target, final, shown.of_target(target)) | {"subject": subject})
     if diagnosis.noise.p_value <= level and not diagnosis.noisy:
         rows.append(_larger_row(diagnosis.noise, final, overall))
     return rows
@@ -307,39 +312,43 @@ def _attributed_rows(
     unnamed = [
         verdict.cause for verdict in diagnosis.verdicts if verdict.verdict == "found" and not verdict.cause.catalogued
     ]
-    for own in diagnosis.attributed:
-        names = [*(_channel(final, channel) for channel in own.channels), *filter(None, [own.subject])]
-        follows = _dependence_columns(own)
-        whose = own.channels, own.subject
-        beside = [one for one in diagnosis.attributed if names and (one.channels, one.subject) == whose]
+    for attribution in diagnosis.attributed:
+        names = [*(_channel(final, channel) for channel in attribution.channels), *filter(None, [attribution.subject])]
+        follows = _dependence_columns(attribution)
+        owner = attribution.channels, attribution.subject
+        beside = [peer for peer in diagnosis.attributed if names and (peer.channels, peer.subject) == owner]
         reported = [set(cause.inputs(legs)) for cause in unnamed if not names or cause.subject in ("", *names)]
         is_needless = holds and (
             any(set(cause.inputs(legs)) <= set(follows) for cause in unnamed)
-            or any(columns <= set(_dependence_columns(one)) for one in beside for columns in reported)
+            or any(columns <= set(_dependence_columns(peer)) for peer in beside for columns in reported)
         )
         if is_needless or any(set(follows) <= columns for columns in reported):
             continue
-        where = shown.of_target(own.channels[0]) if own.channels else shown.overall(final.error)
-        text = remainder_clause(follows, " ".join(names), own.share, remains=own.remains)
-        yield _without_mean_effect(own.p_value, final, where) | {
+        where = shown.of_target(attribution.channels[0]) if attribution.channels else shown.overall(final.error)
+        text = remainder_clause(follows, " ".join(names), attribution.share, remains=attribution.remains)
+        yield _without_mean_effect(attribution.p_value, final, where) | {
             "reason_code": REMAINDER,
             "subject": names[0] if names else "",
             "parameters": "{}",
             "follows": listed(follows),
-            "settings": json.dumps(_next_to_findings(own)),
-            "share_predicted": own.share,
+            "settings": json.dumps(_next_to_findings(attribution)),
+            "share_predicted": attribution.share,
             "explanation": remainder_explanation(
-                text, own.p_value, is_of_all=not names, remains=own.remains, is_partial=own.is_partial
+                text,
+                attribution.p_value,
+                is_of_all=not names,
+                remains=attribution.remains,
+                is_partial=attribution.is_partial,
             ),
             "next_measurement": remainder_advice(follows),
         }
 
 
-def _next_to_findings(own: Attributed) -> dict[str, bool]:
+def _next_to_findings(attribution: Attributed) -> dict[str, bool]:
     """Return the settings of inputs that predict residuals: whether the findings may explain all of it, or a part."""
-    if not own.remains:
+    if not attribution.remains:
         return {WITHOUT_FINDINGS: True}
-    return {PARTLY_BY_FINDINGS: True} if own.is_partial else {}
+    return {PARTLY_BY_FINDINGS: True} if attribution.is_partial else {}
 
 
 def _larger_row(level: NoiseLevel, final: FittedModel, shown: ReportedRms) -> dict[str, object]:
@@ -349,9 +358,9 @@ def _larger_row(level: NoiseLevel, final: FittedModel, shown: ReportedRms) -> di
     return _of_noise(level, final, shown) | {"explanation": text, "next_measurement": shown.scatter}
 
 
-def _dependence_columns(own: Attributed) -> tuple[str, ...]:
+def _dependence_columns(attribution: Attributed) -> tuple[str, ...]:
     """The columns of the tables that residuals depend on."""
-    return tuple(dict.fromkeys(column for name in own.inputs for column in _dependence_column(name)))
+    return tuple(dict.fromkeys(column for name in attribution.inputs for column in _dependence_column(name)))
 
 
 def _channel(final: FittedModel, channel: int) -> str:
@@ -424,7 +433,9 @@ def _row_of_cause(
     legs = final.model.part_count
     value, sigma = size
     values = cause.reported(np.array([value]), np.array([[sigma**2]]), legs)
-    sizes = tuple(ParameterSize(one.name, one.value, one.sigma, one.unit) for one in values)
+    sizes = tuple(
+        ParameterSize(parameter.name, parameter.value, parameter.sigma, parameter.unit) for parameter in values
+    )
     claim = replace(claim_of(cause, legs), sizes=sizes)
     text = clause(claim)
     return _without_mean_effect(p_value, final, shown) | {

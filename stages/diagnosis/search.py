@@ -46,8 +46,8 @@ def assembled_data(tables: Mapping[str, pa.Table], settings: Campaign) -> Diagno
 def _assembled_data(tables: Mapping[str, pa.Table], settings: Campaign) -> DiagnosisData:
     if settings.mechanism.type != "chain" and "observations" in tables and not tables["observations"].num_rows:
         raise ValueError(NO_POINTS_TO_DIAGNOSE)
-    if (own := registered(_OF_TYPES, settings)) is not None:
-        data: DiagnosisData = own.assemble(tables, settings)
+    if (of_type := registered(_OF_TYPES, settings)) is not None:
+        data: DiagnosisData = of_type.assemble(tables, settings)
         return data
     if settings.mechanism.is_legged:
         from truing.stages.diagnosis.mechanism_points import assemble
@@ -139,7 +139,7 @@ def _searched(
         data.calibration,
         data.held_out,
         rule,
-        lambda what: progress(0, 1, f"{of}{what}"),
+        lambda action: progress(0, 1, f"{of}{action}"),
         data.given,
     )
     return search.run(kinds)

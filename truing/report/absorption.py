@@ -70,10 +70,10 @@ def groups(absorbed: pd.DataFrame) -> list[tuple[_Group, pd.DataFrame]]:
 
 def _leading_groups(absorbed: pd.DataFrame) -> list[tuple[_Group, pd.DataFrame]]:
     """Return for every estimator the group with the largest bias."""
-    found: dict[str, tuple[_Group, pd.DataFrame]] = {}
+    largest_groups: dict[str, tuple[_Group, pd.DataFrame]] = {}
     for key, rows in groups(absorbed):
-        found.setdefault(key[2], (key, rows))
-    return list(found.values())
+        largest_groups.setdefault(key[2], (key, rows))
+    return list(largest_groups.values())
 
 
 def _largest(rows: pd.DataFrame) -> float:

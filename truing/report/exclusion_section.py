@@ -36,11 +36,11 @@ def _opening_sentences(tables: Tables) -> str:
             words.append(f"{count_text(number, noun)} of {len(table):,} ({by_person:,} by a person)")
     names = ("diagnosis_left_out", "calibration_left_out")
     further = sum(len(table) for name in names if (table := table_or_none(tables, name)) is not None)
-    kept = table_or_none(tables, "calibration_kept")
+    kept_signals = table_or_none(tables, "calibration_kept")
     used = (
         ""
-        if kept is None
-        else f" Used although far off: {count_text(len(kept), 'signal')}, an effect of loads or runs."
+        if kept_signals is None
+        else f" Used although far off: {count_text(len(kept_signals), 'signal')}, an effect of loads or runs."
     )
     if not words:
         left_out = f"Left out by diagnosis and calibration: {count_text(further, 'gross error')}." if further else ""

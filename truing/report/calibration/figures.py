@@ -159,8 +159,8 @@ def _symmetric(correlations: pd.DataFrame) -> tuple[list[str], np.ndarray]:
     strength: dict[tuple[float, str], float] = {}
     for end, r in [(end, abs(r)) for side in pairs for end, r in zip(side, correlations["correlation"], strict=True)]:
         strength[end] = max(strength.get(end, 0.0), r)
-    kept = sorted(strength, key=lambda end: -strength[end])[:_PARAMETERS_SHOWN]
-    order = [end for end in strength if end in set(kept)]
+    strongest = sorted(strength, key=lambda end: -strength[end])[:_PARAMETERS_SHOWN]
+    order = [end for end in strength if end in set(strongest)]
     order.sort(key=lambda end: end[0])
     index_of = {end: k for k, end in enumerate(order)}
     values = 100 * np.eye(len(order), dtype=np.int8)
@@ -223,10 +223,10 @@ def _joint_positions(fitted: pd.DataFrame, joint: str) -> pd.DataFrame:
     wide = rows.pivot(index=["deformation", "leg"], columns="axis", values=columns)
     if not len(wide) or not {("nominal", "x"), ("nominal", "y")} <= set(wide.columns):
         return rows.iloc[:0]
-    found = wide["nominal"].rename_axis(columns=None)
-    found = found.assign(dx=wide[("deviation", "x")], dy=wide[("deviation", "y")])
-    found["tolerance"] = wide["tolerance"].mean(axis=1) if "tolerance" in columns else np.nan
-    return found.dropna(subset=["x", "y"]).fillna({"dx": 0.0, "dy": 0.0}).reset_index()
+    joints = wide["nominal"].rename_axis(columns=None)
+    joints = joints.assign(dx=wide[("deviation", "x")], dy=wide[("deviation", "y")])
+    joints["tolerance"] = wide["tolerance"].mean(axis=1) if "tolerance" in columns else np.nan
+    return joints.dropna(subset=["x", "y"]).fillna({"dx": 0.0, "dy": 0.0}).reset_index()
 
 
 def _extent(joints: list[pd.DataFrame]) -> float:

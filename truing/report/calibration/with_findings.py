@@ -64,10 +64,12 @@ def data_words(tables: Tables) -> str:
     table = table_or_none(tables, "calibrations_compared")
     if table is None:
         return ""
-    found = cell(table.loc[table["data"] != _RECORDED, "findings"].iloc[0]) + _suspected_causes(tables)
+    finding_words = cell(table.loc[table["data"] != _RECORDED, "findings"].iloc[0]) + _suspected_causes(tables)
     if table.loc[table["is_main"], "data"].iloc[0] == _RECORDED:
-        return f"The main calibration uses the data as recorded; one with {found} applied is given for comparison."
-    asked = f"The main calibration includes {found}, as [diagnosis] apply asks"
+        return (
+            f"The main calibration uses the data as recorded; one with {finding_words} applied is given for comparison."
+        )
+    asked = f"The main calibration includes {finding_words}, as [diagnosis] apply asks"
     return f"{asked}; one of the data as recorded is given for comparison."
 
 

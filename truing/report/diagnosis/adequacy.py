@@ -92,12 +92,14 @@ def _untested(rows: list[Row], why: str, words: str) -> str:
 
 def _errors_with_floor(rows: list[AssessedCause], tables: Tables) -> list[Overall]:
     """Return the errors of the model where noise is declared for them."""
-    return [one for one in errors_of_models(rows, modelled_of(rows), tables) if one.floor]
+    return [model_error for model_error in errors_of_models(rows, modelled_of(rows), tables) if model_error.floor]
 
 
 def _but_beyond(tables: Tables) -> str:
     """Return that predictions err by more than noise although no test of residuals fails; empty where they do not."""
-    beyond = [one for one in _errors_with_floor(assessed_causes(tables), tables) if _is_beyond(one)]
+    beyond = [
+        model_error for model_error in _errors_with_floor(assessed_causes(tables), tables) if _is_beyond(model_error)
+    ]
     if not beyond:
         return ""
     worst = max(beyond, key=_times_noise)
@@ -116,10 +118,13 @@ def adequacy_verdict(tables: Tables, _: Mapping[str, SectionVerdict]) -> Section
     rows = assessed_causes(tables)
     if not rows:
         return None
-    found = [row for row in accepted_of(rows) if not row.is_noise]
+    accepted_rows = [row for row in accepted_of(rows) if not row.is_noise]
     missed = _errors_with_floor(rows, tables)
-    beyond, below = [one for one in missed if _is_beyond(one)], [one for one in missed if one.is_below_noise]
-    none = "" if found else f"none of {count_text(len(testable_of(rows)), 'candidate')} was found, but "
+    beyond, below = (
+        [model_error for model_error in missed if _is_beyond(model_error)],
+        [model_error for model_error in missed if model_error.is_below_noise],
+    )
+    none = "" if accepted_rows else f"none of {count_text(len(testable_of(rows)), 'candidate')} was found, but "
     if beyond:
         return _verdict_above_noise(max(beyond, key=_times_noise), none, shortcoming(tables), _noise_alone(rows))
     if short := shortcoming(tables):
@@ -131,9 +136,10 @@ def adequacy_verdict(tables: Tables, _: Mapping[str, SectionVerdict]) -> Section
     if not missed:
         text = "No noise is declared, so errors of predictions cannot be compared with it: declare [noise]."
         return SectionVerdict("adequacy", RelationState.NOT_TESTED, ReasonCode.NOT_EVALUATED, text)
-    one = max([one for one in missed if not one.held_out] or missed, key=_times_noise)
-    ratio, size = _times_noise(one), rough_quantity(one.after, one.unit)
-    text = f"The rms error of predictions is {size}; {_noise_alone(rows)} {rough_quantity(one.floor or 0.0, one.unit)}."
+    worst = max([error for error in missed if not error.held_out] or missed, key=_times_noise)
+    ratio, size = _times_noise(worst), rough_quantity(worst.after, worst.unit)
+    floor = rough_quantity(worst.floor or 0.0, worst.unit)
+    text = f"The rms error of predictions is {size}; {_noise_alone(rows)} {floor}."
     text += " With so few data, the difference may be chance." if ratio > AT_THE_FLOOR else ""
     return SectionVerdict("adequacy", RelationState.OK, ReasonCode.WITHIN_NOISE, text, ratio, "1", AT_THE_FLOOR)
 

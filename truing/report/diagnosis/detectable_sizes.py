@@ -35,8 +35,8 @@ def hidden(rows: list[AssessedCause], tables: Tables) -> ReportSection:
     table = table.assign(subject=table["subject"].map(cell), words=size_words(table))
     contained_causes = {row.cause for row in rows if row.reason_code == "contained"}
     table.loc[table["cause"].isin(contained_causes) & table["size"].isna(), "words"] = _HELD
-    found = {row.cause for row in rows if row.verdict in (FOUND, SUSPECTED)}
-    table.loc[table["cause"].isin(found) & table["size"].isna(), "words"] = _BEYOND
+    accepted_causes = {row.cause for row in rows if row.verdict in (FOUND, SUSPECTED)}
+    table.loc[table["cause"].isin(accepted_causes) & table["size"].isna(), "words"] = _BEYOND
     return ReportSection(
         "hidden", _TITLE, _opening_sentences(table, tables), listings=(_by_cause(table, rows), _full_listing(table))
     )

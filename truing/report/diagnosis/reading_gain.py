@@ -48,11 +48,11 @@ def drawn_readings(misses: pd.DataFrame, modelled: bool) -> Drawn:
     if len(unknown) == misses["channel"].nunique():
         words = f"The noise is {left}"
     straight = "A straight line through zero is a wrong slope. Loading and unloading differ by hysteresis or creep."
-    found = [(where_missed(misses, modelled), f"{words}.")]
+    drawings = [(where_missed(misses, modelled), f"{words}.")]
     if axes_of(misses):
-        found.append((against_load(misses, modelled), straight))
+        drawings.append((against_load(misses, modelled), straight))
     walk = "Each block is a run with its loaded axis. One zero per run and channel is subtracted."
-    return [*found, *((figure, walk) for figure in in_order(misses, modelled))]
+    return [*drawings, *((figure, walk) for figure in in_order(misses, modelled))]
 
 
 def by_channel(misses: pd.DataFrame) -> Listing:

@@ -52,9 +52,9 @@ def _of_blocks(rows: list[AssessedCause], part_names_of_model: PartNames) -> lis
     texts = []
     for (verb, parts), causes in alike.items():
         names = "; ".join(f"{row.in_sentence}, {_odds(_gain(row))}" for row in causes)
-        each = "it" if len(causes) == 1 else "each of them"
+        which_cause = "it" if len(causes) == 1 else "each of them"
         texts.append(
-            f"Cross-validation {verb} {names}: {parts} that are sensitive to {each} were left out in turn and "
+            f"Cross-validation {verb} {names}: {parts} that are sensitive to {which_cause} were left out in turn and "
             "predicted from the others."
         )
     return texts

@@ -116,10 +116,10 @@ def _strongest(tables: Tables) -> dict[str, str]:
         return {}
     best: dict[str, tuple[float, str]] = {}
     for r in table.itertuples():
-        for one, other in ((r.parameter, r.other_parameter), (r.other_parameter, r.parameter)):
-            if abs(r.correlation) > abs(best.get(one, (0.0, ""))[0]):
-                best[one] = (r.correlation, other)
-    return {one: f"{value:+.2f} with {other}" for one, (value, other) in best.items()}
+        for parameter, other in ((r.parameter, r.other_parameter), (r.other_parameter, r.parameter)):
+            if abs(r.correlation) > abs(best.get(parameter, (0.0, ""))[0]):
+                best[parameter] = (r.correlation, other)
+    return {parameter: f"{value:+.2f} with {other}" for parameter, (value, other) in best.items()}
 
 
 def _bars(tables: Tables) -> Iterator[Listing]:
@@ -146,9 +146,9 @@ def _bars(tables: Tables) -> Iterator[Listing]:
             continue
         standardised = (of_kind["deviation_mm"] / of_kind["deviation_sigma_mm"]).abs().fillna(0.0)
         worst = of_kind.loc[standardised.groupby(of_kind["bar"], sort=False).idxmax()]
-        each = tuple((r.bar.removeprefix(start), str(r.pose), *_length(r)) for r in worst.itertuples())
-        caption = f"{title} that define the scale ({len(each)}), each in the pose with its largest deviation"
-        yield Listing((_DISTANCE, POSE, *heads[3:]), each, (), caption, len(each) > _OPEN, _LENGTHS)
+        bar_rows = tuple((r.bar.removeprefix(start), str(r.pose), *_length(r)) for r in worst.itertuples())
+        caption = f"{title} that define the scale ({len(bar_rows)}), each in the pose with its largest deviation"
+        yield Listing((_DISTANCE, POSE, *heads[3:]), bar_rows, (), caption, len(bar_rows) > _OPEN, _LENGTHS)
 
 
 _DISTANCE = Head("distance", "Names of the two points.")

@@ -136,8 +136,8 @@ def _unstable(claim: Claim) -> str:
     parts = ["principal distance"] * ("c" in elements) + ["principal point"] * bool(elements - {"c"})
     several = len(parts) > 1
     jumps = f"{'change' if several else 'changes'} at pose {claim.fact('from_pose')}"
-    one, many = _FORMS.get(str(claim.fact("form")), (jumps, jumps))
-    return with_sizes(f"the {' and the '.join(parts)} of {claim.subject} {many if several else one}", claim)
+    verb, verb_of_several = _FORMS.get(str(claim.fact("form")), (jumps, jumps))
+    return with_sizes(f"the {' and the '.join(parts)} of {claim.subject} {verb_of_several if several else verb}", claim)
 
 
 def _camera_test_advice(claim: Claim) -> str:
@@ -165,8 +165,8 @@ def _without_pane(claim: Claim) -> str:
 
 def _warm_bars(claim: Claim) -> str:
     if claim.fact("bar"):
-        own = f"scale bar {claim.fact('bar')} has a thermal expansion other than stated"
-        return with_sizes(f"{own}, compared with the other bars", claim)
+        clause = f"scale bar {claim.fact('bar')} has a thermal expansion other than stated"
+        return with_sizes(f"{clause}, compared with the other bars", claim)
     all_bars = "the scale bars have a thermal expansion other than stated"
     return with_sizes(f"{all_bars}, so that all measured lengths change by the same ratio", claim)
 
@@ -205,8 +205,8 @@ def noun_of_subject(noun: str, subject: str) -> str:
     """Return a noun with its subject; a noun that names the kind of its subject takes the subject instead."""
     subject_text = subject_words(subject)
     kind = subject_text.split()[0].removesuffix("s") if subject_text else ""
-    if found := re.fullmatch(rf"(.+) of (?:an? |the )?{re.escape(kind)}s?", noun) if kind else None:
-        return f"{found[1]} of {subject_text}"
+    if match := re.fullmatch(rf"(.+) of (?:an? |the )?{re.escape(kind)}s?", noun) if kind else None:
+        return f"{match[1]} of {subject_text}"
     head, _, rest = noun.partition(" ")
     if head == kind and rest in _OF_KINDS:
         return f"{rest} of {subject_text}"

@@ -41,8 +41,8 @@ def _legs(claim: Claim) -> str:
     return subject_words(claim.subject) or "the legs"
 
 
-def _verb(claim: Claim, one: str, many: str) -> str:
-    return one if re.fullmatch(r"leg\d+", claim.subject) else many
+def _verb(claim: Claim, singular: str, plural: str) -> str:
+    return singular if re.fullmatch(r"leg\d+", claim.subject) else plural
 
 
 def _up_to(claim: Claim) -> str:
@@ -190,9 +190,9 @@ def _heat(claim: Claim) -> str:
         who = f"body {claim.subject} grows" if claim.subject else "all bodies grow equally"
     if len(sizes) == 1:
         return f"{who} with temperature, by {next(iter(sizes.values()))}"
-    each = ", each by a different amount" if claim.fact("form") == "apart" else ""
+    how = ", each by a different amount" if claim.fact("form") == "apart" else ""
     if not sizes:
-        return f"{who} with temperature{each}"
+        return f"{who} with temperature{how}"
     return f"bodies grow with temperature: {', '.join(f'{part} {size}' for part, size in sizes.items())}"
 
 
@@ -394,9 +394,13 @@ def _bursts(claim: Claim) -> str:
     size = claim.size("noise_ratio")
     more, like = (f"{size_in_words(size)} times as much", "as") if size is not None else ("more", "than")
     if claim.fact("run") not in (None, ""):
-        own = str(claim.fact("channel"))
-        several = own in ("displacements", "signals")
-        read = f"all {own} scatter" if several else f"{'signal' if own[:1] == 'v' else 'channel'} {own} scatters"
+        scattering = str(claim.fact("channel"))
+        several = scattering in ("displacements", "signals")
+        read = (
+            f"all {scattering} scatter"
+            if several
+            else f"{'signal' if scattering[:1] == 'v' else 'channel'} {scattering} scatters"
+        )
         return f"{read} {more} in run {claim.fact('run')} {like} in the other runs"
     ends = [claim.fact(name) for name in ("from_pose", "to_pose")]
     poses = "for some time" if ends[0] in (None, "") else f"from pose {ends[0]} to pose {ends[1]}"

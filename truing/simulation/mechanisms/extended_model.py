@@ -89,12 +89,12 @@ def extended(model: MechanismModel, shared: NDArray, covariance: NDArray, contex
 
 def with_targets(model: MechanismModel, targets_on_body: NDArray) -> MechanismModel:
     """Return the model with some of its targets (K,), none on a leg, at their surveyed positions."""
-    found, known = model.targets, model.known
+    all_targets, known = model.targets, model.known
     indices = np.flatnonzero(targets_on_body)
     names, bodies = (
-        tuple(reported[k] for k in indices) if reported else () for reported in (found.names, found.bodies)
+        tuple(reported[k] for k in indices) if reported else () for reported in (all_targets.names, all_targets.bodies)
     )
-    targets = Targets(found.body[indices], found.leg[indices], names, bodies)
+    targets = Targets(all_targets.body[indices], all_targets.leg[indices], names, bodies)
     # The covariance already contains the prior knowledge.
     surveyed = replace(known, shape=known.shape[indices], survey=exact_survey(targets), carrying_legs=np.arange(0))
     conditions = replace(model.conditions, common_errors=None, pose_errors=None)
