@@ -34,8 +34,8 @@ _ARM = (
 )
 _NUMBERS = (
     "offset: zero of the joint. dx, dy, dz, turn_x, turn_y, turn_z: shift and rotation of the joint's frame in the "
-    "link below. Determined: the measurements reduce the standard deviation below 70 % of that known before. Other "
-    "numbers follow from their tolerances, and are no physical properties."
+    "link below. Determined: the measurements reduce the standard deviation below 70 % of that known before. All "
+    "other numbers rest on their tolerances: do not use them as measured dimensions."
 )
 _SURE = 3.5  # standard deviations of a term beyond chance
 _MOTORS = (
@@ -80,7 +80,8 @@ _ISO_DISTANCES = (
 )
 _REPEATS, _OPEN = 30, 12  # repeats of the standard; rows that are not folded
 _REPEAT = (
-    "Send the arm to five poses of its workspace, 30 times each, from three directions for vAP; name them in repeat_of."
+    "Send the arm to five poses of its workspace, 30 times each, and from three directions if vAP is needed. Name the "
+    "repeated poses in repeat_of."
 )
 _MAP = (
     "Each point is the tip in one pose, by the nominal chain. Large errors in one region show an effect that the "

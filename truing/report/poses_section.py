@@ -99,7 +99,7 @@ def _of_fitted(chosen: pd.DataFrame) -> str:
     lost = len(chosen) - len(fitted)
     if not lost and (fitted["method"] == "measured").all():
         return f"{lead}, taken as given: nothing was fitted."
-    return f"{lead}; {lost:,} could not be determined." if lost else f"{lead}; every one could be determined."
+    return f"{lead}; {lost:,} could not be determined." if lost else f"{lead}; all of them were determined."
 
 
 def _figures(tables: Tables, fitted: pd.DataFrame) -> tuple[tuple[go.Figure, str], ...]:
@@ -240,7 +240,7 @@ def _pose_residuals(poses: pd.DataFrame) -> go.Figure:
     style(
         grid,
         "Residuals of the rigid fits, rms over the targets of each pose",
-        "Dotted: average by the declared noise alone. Poses far above it do not fit.",
+        "Dotted: expected average if only the declared noise acts. Poses far above the line do not fit.",
         150 + 120 * rows_of_panels + (110 if "ticktext" in axis else 0),
     )
     grid.update_xaxes(**{key: value for key, value in axis.items() if key != "title"})

@@ -243,7 +243,7 @@ def _provenance(provenance: Mapping[str, Mapping[str, str]], about: CampaignFact
         for name, facts in provenance.items()
         if facts  # those that this stage makes carry none yet
     )
-    lead = "The digest of an artifact covers its inputs, its settings and the source that made it."
+    lead = "The digest of an artifact covers its inputs, its settings and the source code that made it."
     listings = (
         Listing(
             (Head("key of campaign.toml", "Key by its section."), Head("value", "Declared value.")),

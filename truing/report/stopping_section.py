@@ -16,7 +16,7 @@ from truing.schemas.needs import Need
 from truing.schemas.verdict import GATES, ReasonCode
 
 _TITLE = "Can I stop measuring?"
-_NOT_DECIDED = "Whether the machine is accurate enough is not decided."
+_NOT_DECIDED = "It is not decided whether the machine is accurate enough."
 _TO_MEASURE = (("next", "What to measure next"),)
 _OPEN = {Need.REQUIREMENT: "Undecided", Need.RIVAL: "Open question"}
 _MODEL = ("adequacy", "pulls", "calibration")

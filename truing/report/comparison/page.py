@@ -167,7 +167,7 @@ def _effect_verdicts(comparison: RunComparison, step: int) -> list[Verdict]:
 
 
 def _effects_found(comparison: RunComparison, run: int) -> list[str]:
-    """Return the effects that the diagnosis of a run found: ``actuator gain, leg 3``."""
+    """Return the effects that the diagnosis of a run found: ``actuator gain (leg 3)``."""
     table = table_or_none(comparison.runs[run].tables, "diagnosis")
     if table is None:
         return []

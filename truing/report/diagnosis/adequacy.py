@@ -41,9 +41,9 @@ _LOOKED_FOR = {
     CAUSES_LEFT: "further causes",
 }
 _WHY_ENDED = {
-    "most-causes": " because no further one is known to predict held-out measurements better,",
-    "time": " because further ones would take too long,",
-    "unnamed-effects": " because too many effects match no catalogued cause,",
+    "most-causes": "because no further cause is known to improve the prediction of held-out measurements",
+    "time": "because a search for further causes would take too long",
+    "unnamed-effects": "because too many effects match no catalogued cause",
 }
 _WHY_UNTESTED = {"too-few": "too few data", "no-repeats": "no command was repeated"}
 _UNITS = {
@@ -218,13 +218,12 @@ def _limit_words(row: Row) -> str:
     """Return in words that the search reached a limit, and the remainder, without a full stop."""
     if not cell(row.left_cause):
         accepted = count_text(round(row.value), "cause")
-        return f"the search accepted {accepted}, and so many may only describe residuals piece by piece"
+        return f"the search accepted {accepted}: so many may only describe the residuals piece by piece"
     accepted = count_text(round(row.value), "accepted cause")
     subject_text = f" of {subject_words(row.left_subject)}" if cell(row.left_subject) else ""
-    return (
-        f"the search ended after {accepted},{_WHY_ENDED[row.search_end]} but another effect remains; its best "
-        f"candidate is {cause_words(row.left_cause)}{subject_text}"
-    )
+    candidate = f"{cause_words(row.left_cause)}{subject_text}"
+    remains = f"after {accepted} another effect remains (best candidate: {candidate})"
+    return f"{remains}; the search ended {_WHY_ENDED[row.search_end]}"
 
 
 def _column_words(row: Row) -> str:

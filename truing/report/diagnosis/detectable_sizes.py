@@ -84,7 +84,7 @@ def _by_cause(table: pd.DataFrame, rows: list[AssessedCause]) -> Listing:
         Head("worst subject", "Smallest size that would be found, at the part that shows it worst."),
         Head("result", "Decision of the diagnosis on this cause."),
     )
-    caption = "The smallest size that would have been found, of the subjects that show it best and worst"
+    caption = "The smallest size that would have been found, for the subjects that show it best and worst"
     marks = tuple("found" if row[-1] == FOUND else "none" for row in cells)
     return Listing(heads, cells, marks, caption, held_by="detectable.parquet")
 

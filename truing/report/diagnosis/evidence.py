@@ -119,8 +119,8 @@ def _alone(best: AssessedCause, findings: list[AssessedCause]) -> str:
         return ""
     other = _kind(best)
     return (
-        f" Taken alone, {other} (rejected) explains the data about as well as {first.in_sentence}. With the other "
-        f"findings in the model, {first.in_sentence} is more probable, and {other} explains no more than chance "
+        f" Taken alone, the rejected cause {other} explains the data about as well as {first.in_sentence}. With the "
+        f"other findings in the model, {first.in_sentence} is more probable, and {other} explains no more than chance "
         f"(p {p_equals(best.p_value)})."
     )
 

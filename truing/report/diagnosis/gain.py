@@ -183,7 +183,7 @@ def _parts(missed: list[_Missed], tables: Tables) -> Drawn:
     if table is None:
         return []
     diamonds = "Diamonds: held-out poses, not used in any fit." if table["role"].eq("verification").any() else ""
-    lines = "Each line connects a pose before and after." if modelled else ""
+    lines = "Each line connects the errors of one pose before and after." if modelled else ""
     words = " ".join(filter(None, (lines, diamonds)))
     return [(_pose_by_pose(table, missed[0].floor if missed else None, modelled), words)]
 

@@ -85,7 +85,7 @@ def _opening_sentences(steps: list[NextStep], tables: Tables) -> str:
         return f"{text} {begins}".strip()
     if table_or_none(tables, "next_poses") is not None:
         unchecked = f" {_UNCHECKED}" if "joints" in tables else ""
-        return f"{text} The tables list the readings to command.{unchecked}".strip()
+        return f"{text} The tables list the readings to set.{unchecked}".strip()
     legless = part_names(tables).is_of_points and "pulls" not in tables
     why = (_IN_WORDS if served else _OF_CHAIN) if "joints" in tables else _WITHOUT_MECHANISM
     return f"{text} {why if legless else part_names(tables).not_planned}".strip()
@@ -107,7 +107,7 @@ def _listing(purpose: str, table: pd.DataFrame) -> Listing:
         for r in table.to_dict("records")
     )
     heads = (Head("pose", "Number of the proposed pose."), *map(_head, columns), _EXPECTED)
-    caption = f"{purpose}: {count_text(len(table), 'configuration')}{_in_all(table, 'pose')}"
+    caption = f"{purpose}: {count_text(len(table), 'pose')}{_in_all(table, 'measurement')}"
     bare = ((row[0], *("" if c == "–" else c for c in row[1:-1])) for row in rows[:MOST_ROWS])
     text = _csv(("pose", *columns), bare)
     return Listing(heads, rows, caption=caption, held_by="next_poses.parquet", csv=text)

@@ -173,9 +173,9 @@ def _of_finding(row: AssessedCause, tables: Tables) -> NextStep:
     need = _OF_ADVICE.get(row.advice_kind, Need.RIVAL if doubted else Need.PRECISION)
     plan = _plan(row.next_purpose, tables)
     if plan is None:
-        return NextStep(need, row.name, printed(row.then), printed(row.in_short))
+        return NextStep(need, row.in_sentence, printed(row.then), printed(row.in_short))
     figures = {name: float(plan[name]) for name in _FIGURES if name in plan and pd.notna(plan[name])}
-    return NextStep(need, row.name, printed(row.then), printed(row.in_short), figures, cell(plan.get("unit")))
+    return NextStep(need, row.in_sentence, printed(row.then), printed(row.in_short), figures, cell(plan.get("unit")))
 
 
 def _plan(purpose: str, tables: Tables) -> pd.Series | None:

@@ -79,9 +79,13 @@ def defined(cell: str, head: str, meanings: Meanings) -> Markup | str:
 
 
 def known_name(cell: str, is_known: Callable[[str], bool]) -> str:
-    """Return the known name with which a cell begins, empty for none: words behind a comma are the subject, and words
-    behind *of* may be inputs, ``nonparametric effect of time``."""
+    """Return the known name with which a cell begins; empty if it begins with none.
+
+    Words behind a comma or in brackets are the subject: ``creep (load fz)``. Words behind *of* may be inputs:
+    ``nonparametric effect of time``.
+    """
     name = cell.partition(",")[0]
+    name = name if is_known(name) else name.partition(" (")[0]
     while name and not is_known(name):
         name = name.rpartition(" of ")[0]
     return name

@@ -103,7 +103,7 @@ def _shift_load(claim: Claim) -> str:
         return f"Measure the force beside the torque {axis} with a load cell, or turn the torque unit by 180 degrees."
     load_text = f"the load {axis}" if axis else "the loading frame"
     turns = " and ".join(f"r{c}" for c in "xyz" if c != axis[1:]) if axis else "all rotations"
-    return f"Shift {load_text} sideways by a known millimetre and repeat the run, with {turns} measured."
+    return f"Shift {load_text} sideways by a known distance of about 1 mm and repeat the run, with {turns} measured."
 
 
 def _imbalance(claim: Claim) -> str:
@@ -306,7 +306,7 @@ def _arm(claim: Claim) -> str:
 
 
 def _shift_beam(claim: Claim) -> str:
-    return f"Shift the beam of {_channel(claim)} sideways by a known millimetre and repeat the run."
+    return f"Shift the beam of {_channel(claim)} sideways by a known distance of about 1 mm and repeat the run."
 
 
 def _dead_path(claim: Claim) -> str:

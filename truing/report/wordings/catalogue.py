@@ -197,12 +197,12 @@ def cause_words(cause: str) -> str:
 
 
 def cause_of_subject(cause: str, subject: str) -> str:
-    """Return a cause with its subject, and no word of either twice: ``compliance of joint elbow``, ``creep, fz``."""
+    """Return a cause with its subject, no word twice: ``compliance of joint elbow``, ``creep (load fz)``."""
     return noun_of_subject(cause_words(cause), subject)
 
 
 def noun_of_subject(noun: str, subject: str) -> str:
-    """Return a noun with its subject; a noun that names the kind of its subject takes the subject instead."""
+    """Return a noun with its subject: ``creep (load fz)``; ``compliance of joint elbow`` if the noun names its kind."""
     subject_text = subject_words(subject)
     kind = subject_text.split()[0].removesuffix("s") if subject_text else ""
     if match := re.fullmatch(rf"(.+) of (?:an? |the )?{re.escape(kind)}s?", noun) if kind else None:
@@ -210,13 +210,16 @@ def noun_of_subject(noun: str, subject: str) -> str:
     head, _, rest = noun.partition(" ")
     if head == kind and rest in _OF_KINDS:
         return f"{rest} of {subject_text}"
-    return f"{noun}, {subject_text}" if subject_text else noun
+    return f"{noun} ({subject_text})" if subject_text else noun
 
 
 def parameter_of_cause(parameter: str, cause: str, subject: str) -> str:
     """Return a parameter with its cause and subject: ``amplitude (periodic error, axis)``, ``drift of leg 3``."""
     cause_name = cause_of_subject(cause, subject)
-    return cause_name if set(parameter.split()) <= set(cause_words(cause).split()) else f"{parameter} ({cause_name})"
+    if set(parameter.split()) <= set(cause_words(cause).split()):
+        return cause_name
+    inner = cause_name.removesuffix(")").replace(" (", ", ")  # no brackets within brackets
+    return f"{parameter} ({inner})"
 
 
 # Quantities in nouns such as "joint gain" and "leg drift".
