@@ -165,9 +165,9 @@ def _measured_shape(tables: Mapping[str, pa.Table], name: str, points: PosePoint
 
 
 def _body_places(body: BodyTargets, settings: Campaign, covariates: Mapping[str, Array]) -> BodyPlaces:
-    """Constraint on a body's position: fixed if it is the reference and hardly moves, or is declared still.
+    """Constraint on a body's position: fixed if it is the reference and hardly moves, or is declared stationary.
 
-    A body declared still keeps one position for every combination of the drives.
+    A body declared stationary keeps one position for every combination of the drives.
     """
     order = covariates["order"]
     named = body.name in settings.bodies.still

@@ -51,7 +51,7 @@ _WORDS = {
 }
 _READ = {
     "points": "readings of the actuators or joints",
-    "bodies": "positions of bodies declared still",
+    "bodies": "positions of bodies declared stationary",
     "channel": "applied loads",
     "encoder": "position of the axis at its command",
     "distance": "readings of the joints",

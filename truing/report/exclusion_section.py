@@ -37,11 +37,10 @@ def _opening_sentences(tables: Tables) -> str:
     names = ("diagnosis_left_out", "calibration_left_out")
     further = sum(len(table) for name in names if (table := table_or_none(tables, name)) is not None)
     kept_signals = table_or_none(tables, "calibration_kept")
-    used = (
-        ""
-        if kept_signals is None
-        else f" Used although far off: {count_text(len(kept_signals), 'signal')}, an effect of loads or runs."
-    )
+    used = ""
+    if kept_signals is not None:
+        signals = count_text(len(kept_signals), "signal")
+        used = f" Used despite large deviations: {signals} with an effect of loads or runs."
     if not words:
         left_out = f"Left out by diagnosis and calibration: {count_text(further, 'gross error')}." if further else ""
         return f"{left_out}{used}".strip() or "All of it:"
@@ -257,7 +256,7 @@ def _kept(tables: Tables) -> Listing:
         Head("effect", "Terms that predict it, or the input that signals with alike deviations share."),
         Head("p", "Probability of such terms, or of such a pattern of independent slips, by chance."),
     )
-    caption = f"{count_text(len(rows), 'signal')} used although far off: an effect of loads or runs, no single mistake"
+    caption = f"{count_text(len(rows), 'signal')} used despite large deviations, which are an effect of loads or runs"
     return Listing(heads, rows, (), caption, len(rows) > _OPEN, "calibration_kept.parquet")
 
 

@@ -159,10 +159,8 @@ def _verdict_above_noise(overall: Overall, none: str, short: str, noise: str) ->
 def _verdict_below_noise(overall: Overall, none: str, noise: str) -> SectionVerdict:
     size = rough_quantity(overall.after, overall.unit)
     text = f"{none}the rms error of predictions is only {size}, significantly less than {noise} "
-    text += (
-        f"({rough_quantity(overall.floor or 0.0, overall.unit)}): {overall.why_below}. Correct [noise]: with it, small "
-    )
-    text += "effects may be missed."
+    text += f"({rough_quantity(overall.floor or 0.0, overall.unit)}): {overall.why_below}. Correct [noise]: at the "
+    text += "present value, small effects may be missed."
     text = text[:1].upper() + text[1:]
     return SectionVerdict("adequacy", RelationState.ATTENTION, ReasonCode.BELOW_NOISE, text, _times_noise(overall), "1")
 

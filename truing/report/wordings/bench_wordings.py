@@ -100,7 +100,8 @@ def _eccentric(claim: Claim) -> str:
 def _shift_load(claim: Claim) -> str:
     axis = _axis(claim)
     if axis.startswith("m"):
-        return f"Measure the force beside the torque {axis} with a load cell, or turn the torque unit by 180 degrees."
+        measured = f"Measure with a load cell the force that acts with the torque {axis}"
+        return f"{measured}, or turn the torque unit by 180 degrees."
     load_text = f"the load {axis}" if axis else "the loading frame"
     turns = " and ".join(f"r{c}" for c in "xyz" if c != axis[1:]) if axis else "all rotations"
     return f"Shift {load_text} sideways by a known distance of about 1 mm and repeat the run, with {turns} measured."

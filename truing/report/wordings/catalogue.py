@@ -88,7 +88,7 @@ _RIGHT = {
 
 def _slip(claim: Claim) -> str:
     size, _ = largest_of_kind(claim, "slip")
-    parted = f"the encoders at motor and load part in proportion to the path travelled{by_words(size)}"
+    parted = f"the encoders at motor and load drift apart in proportion to the path travelled{by_words(size)}"
     if not claim.fact("is_witnessed"):
         return f"{parted}; no outside instrument shows which of the two is right"
     return f"{parted}; {_RIGHT[claim.subject]}"
@@ -263,13 +263,13 @@ _MEANINGS = {
     "axis-growth": "an axis, an encoder or the instrument grows with temperature, in proportion to the position",
     "link-bending": "a link bends under the weight that it carries",
     "link-growth": "one link, or all, grow with temperature",
-    "base-drift": "the base moves steadily against the instrument, from the first to the last pose",
+    "base-drift": "the base moves steadily relative to the instrument, from the first to the last pose",
     "joint-jump": "the zero of a joint shifts from some pose on",
     "base-jump": "the base is displaced from some pose on",
     "tool-jump": "a tool is displaced on its flange from some pose on, with all that is measured on it",
     "joints-exchanged": "the readings of two joints are in each other's column",
     "camera-instability": "the principal distance of a camera changes at some pose",
-    "unexplained": "the data depend on recorded columns in no declared form",
+    "unexplained": "the data depend on recorded columns in a form that no named cause has",
 }
 
 

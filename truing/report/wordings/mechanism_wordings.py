@@ -318,7 +318,7 @@ def _body_deforms(claim: Claim) -> str:
         quantity = "position" if fact else "shape"
         text = f"the {quantity} of {_body(claim)} depends on whether {column} went up or down before (hysteresis)"
     elif fact:
-        text = f"{_body(claim)}, declared still, moves as a whole with {_terms(claim)}"
+        text = f"{_body(claim)}, declared stationary, moves as a whole with {_terms(claim)}"
     else:
         or_time = ", or with time, which changed together with it" if claim.fact("with_time") else ""
         text = f"{_body(claim)} deforms with {_terms(claim)}{or_time}"
@@ -348,7 +348,7 @@ def _drifts(claim: Claim) -> str:
     fact = claim.fact("whole")
     if claim.since():
         change_text = (
-            f"{_body(claim)}, declared still, is displaced" if fact else f"the shape of {_body(claim)} changed"
+            f"{_body(claim)}, declared stationary, is displaced" if fact else f"the shape of {_body(claim)} changed"
         )
         return with_sizes(f"{change_text}{claim.since()}", claim)
     of_time = claim.fact("column") in (None, "time_s")
@@ -360,7 +360,7 @@ def _drifts(claim: Claim) -> str:
         how = f", from {start:.0f} s on" if of_time else f", from number {start:.0f} on"
     over = f"{'time' if of_time else 'the order of the poses'}{how}"
     if fact:
-        return with_sizes(f"{_body(claim)}, declared still, moves as a whole with {over}", claim)
+        return with_sizes(f"{_body(claim)}, declared stationary, moves as a whole with {over}", claim)
     return with_sizes(f"the shape of {_body(claim)} drifts with {over}", claim)
 
 
