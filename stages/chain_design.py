@@ -64,8 +64,8 @@ def design_chain(settings: Campaign, options: DesignOptions, tables: ChainDesign
     with_causes = _with_causes(offered, settings, options.causes)
     rows = with_causes.rows
     kept_readings, kept = _kept_poses(with_causes, settings, tables, tree)
-    found = choose_chain_poses(rows, options.poses, kept, options.method, rng)
-    chosen = drawn[found.chosen]
+    choice = choose_chain_poses(rows, options.poses, kept, options.method, rng)
+    chosen = drawn[choice.chosen]
     check = verification_poses(drawn, chosen, ranges, options.verification)
     plan = np.concatenate([chosen, check])
     order = ordered_poses(plan, ranges, kept_readings, options, rng)
@@ -80,7 +80,7 @@ def design_chain(settings: Campaign, options: DesignOptions, tables: ChainDesign
         ranges,
         len(regions.links) + len(regions.functions),
         len(drawn),
-        found,
+        choice,
         0 if kept_readings is None else len(kept_readings),
         order,
         None if existing is None or len(layout.model.known.base_t) > 1 else _existing(with_causes, existing, rows),
@@ -153,14 +153,14 @@ def _candidate_causes(poses: PlannedPoses, settings: Campaign) -> list[ChainCaus
     scene = poses.model.at(poses.conditions).scene
     known = searched_for(settings, kinds_of(settings).values())
     kinds = [kind for kind in known if kind.catalogued and isinstance(kind, ChainCause)]
-    found = [cause for kind in kinds for cause in scene.candidates(kind)]
+    causes = [cause for kind in kinds for cause in scene.candidates(kind)]
     unsure = {poses.model.tree.readings[k] for k in poses.model.free_offsets}  # their zeros are unknowns already
-    found = [cause for cause in found if not (isinstance(cause, JointOffset) and cause.joint in unsure)]
+    causes = [cause for cause in causes if not (isinstance(cause, JointOffset) and cause.joint in unsure)]
     # A curve imitates every function of its reading, and a harmonic whose order is searched competes with a hundred
     # others; the diagnosis compares them all.
-    found = [cause for cause in found if not isinstance(cause, JointErrorCurve)]
-    found = [cause for cause in found if not (isinstance(cause, JointHarmonic) and cause.beside > 0.0)]
-    return [cause for cause in found if cause.is_persistent and cause.parameters(poses.model.part_count)]
+    causes = [cause for cause in causes if not isinstance(cause, JointErrorCurve)]
+    causes = [cause for cause in causes if not (isinstance(cause, JointHarmonic) and cause.beside > 0.0)]
+    return [cause for cause in causes if cause.is_persistent and cause.parameters(poses.model.part_count)]
 
 
 def _with_causes(poses: PlannedPoses, settings: Campaign, names: Sequence[str]) -> PlannedPoses:

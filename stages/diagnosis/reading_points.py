@@ -64,10 +64,10 @@ def reading_model(tables: Mapping[str, pa.Table], settings: Campaign) -> BenchMo
     steps = load_steps(tables)
     sensor = simulated_sensor(tables, settings, steps)
     sigma, _ = _noise(steps, settings, ())
-    points, is_observed = _points(steps, sigma)
+    _, is_observed = _points(steps, sigma)
     determined = is_observed.any(1) & np.isfinite(steps.time_s)
     return BenchModel(
-        _known_readings(sensor, steps, points, is_observed, sigma, determined, settings), _conditions(steps, determined)
+        _known_readings(sensor, steps, is_observed, sigma, determined, settings), _conditions(steps, determined)
     )
 
 
@@ -85,9 +85,7 @@ def assemble_readings(tables: Mapping[str, pa.Table], settings: Campaign) -> Dia
     fitted, held_out = determined & ~steps.held_out, determined & steps.held_out
     if why := _why_too_little(steps, fitted, settings):
         raise ValueError(why)
-    model = BenchModel(
-        _known_readings(sensor, steps, points, is_observed, sigma, fitted, settings), _conditions(steps, fitted)
-    )
+    model = BenchModel(_known_readings(sensor, steps, is_observed, sigma, fitted, settings), _conditions(steps, fitted))
     applied, loaded = np.round(steps.load[fitted], 9) + 0.0, {BlockKind.RUN: steps.run[fitted]}
     groupings = groupings_of(applied, steps.time_s[fitted], None, loaded)
     units = (*(("um",) * 3), *(("arcsec",) * 3), *(("mV",) * steps.signal.shape[1]))
@@ -212,7 +210,6 @@ def _points(steps: RecordedSteps, sigma: Array) -> tuple[Array, NDArray[np.bool_
 def _known_readings(
     sensor: UncertainSensor,
     steps: RecordedSteps,
-    points: Array,
     is_observed: NDArray[np.bool_],
     sigma: Array,
     fitted: NDArray[np.bool_],
