@@ -97,9 +97,11 @@ def _design_chain(
     )
     if files.out is not None:
         shown = {"own": chain_design.own, "plan": chain_design.plan}
-        tables = {poses: visible for poses, visible in shown.items() if visible is not None}
-        _write_shown({poses: visible.numbers for poses, visible in tables.items()}, files.out, "numbers", console)
-        _write_shown({poses: visible.causes for poses, visible in tables.items()}, files.out, "causes", console)
+        visible_tables = {poses: visible for poses, visible in shown.items() if visible is not None}
+        _write_shown(
+            {poses: visible.numbers for poses, visible in visible_tables.items()}, files.out, "numbers", console
+        )
+        _write_shown({poses: visible.causes for poses, visible in visible_tables.items()}, files.out, "causes", console)
     return ExitCode.DONE
 
 

@@ -365,8 +365,7 @@ def _figure(comparison: RunComparison, numbers: pd.DataFrame, kind: str) -> go.F
         factor, unit = 1e3 * factor, "µm"
     aside = np.linspace(-0.18, 0.18, len(lines)) if len(lines) > 1 else np.zeros(1)
     for k, ((_, rows), shift) in enumerate(zip(lines, shifts, strict=True)):
-        colour, symbol = _LOOKS[k % len(_LOOKS)]
-        figure.add_trace(_line(rows, factor * shift, factor, aside[k], colour, symbol, unit))
+        figure.add_trace(_line(rows, factor * shift, (factor, unit), aside[k], _LOOKS[k % len(_LOOKS)]))
     _ring(figure, lines, shifts, factor, aside)
     style(figure, label(kind), f"Each against its own mean over the runs, {unit or '1'}; bars: 95 %", 320)
     ticks = {
@@ -387,8 +386,10 @@ def _mean(rows: pd.DataFrame) -> float:
 
 
 def _line(
-    rows: pd.DataFrame, shift: pd.Series, factor: float, aside: float, colour: str, symbol: str, unit: str
+    rows: pd.DataFrame, shift: pd.Series, printed_in: tuple[float, str], aside: float, look: tuple[str, str]
 ) -> go.Scatter:
+    """Return the line of one number over the runs; ``printed_in``: factor and unit, ``look``: colour and symbol."""
+    (factor, unit), (colour, symbol) = printed_in, look
     first = next(rows.itertuples())
     name = number_name(first) if rows["leg"].isna().all() else f"leg {int(first.leg)}"
     short = first.parameter if first.group in ("compliance", "G_B") else name

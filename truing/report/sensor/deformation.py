@@ -10,7 +10,7 @@ import plotly.graph_objects as go
 from plotly.subplots import make_subplots
 
 from truing.belonging.relation import RelationState
-from truing.report.comparison_map import comparison_map
+from truing.report.comparison_map import ComparedEntries, comparison_map
 from truing.report.deformation_section import compliance_map
 from truing.report.error_figures import error_figure_words
 from truing.report.figure_style import BAR, BLUE, GREY, ORANGE, RED, panel_grid, style
@@ -271,7 +271,7 @@ def _comparison_map(compliance: pd.DataFrame) -> go.Figure:
             )
     title = "Compliance, measured (above) and simulated (below)"
     subtitle = "µm (dx dy dz) or arcsec (rx ry rz) per kN or kN·m"
-    return comparison_map(pull, text, sentence, list(CHANNELS), list(LOADS), title, subtitle)
+    return comparison_map(ComparedEntries(pull, text, sentence), list(CHANNELS), list(LOADS), title, subtitle)
 
 
 def _short(value: float) -> str:
