@@ -263,7 +263,7 @@ def test_numbers_that_were_not_evaluated_do_not_stop_the_page(column):
     build_head("c", tables)
 
 
-def test_rows_of_a_run_that_told_less_are_read():
+def test_rows_of_a_run_that_reported_less_are_read():
     """A diagnosis without the columns that may be absent, and without any of the tables beside it."""
     tables = diagnosis_tables()
     old = tables["diagnosis"].drop(columns=["signal_to_noise", "log_evidence", "scale_holds"])

@@ -246,7 +246,7 @@ def test_suspected_causes_report_the_effects_that_explain_as_much() -> None:
     assert "Besides" in head(rows(DOUBTED, REMAINDER, *rejected()), HOLDS)[1]
 
 
-def test_what_the_findings_explain_in_part_is_not_told_as_missing_from_the_model() -> None:
+def test_what_the_findings_explain_in_part_is_not_reported_as_missing_from_the_model() -> None:
     partial = REMAINDER | {"settings": json.dumps({PARTLY_BY_FINDINGS: True})}
     _, one, *_ = assessed_causes({"diagnosis": rows(DOUBTED, partial, *rejected())})
     assert not one.is_conditional
@@ -298,7 +298,7 @@ def test_a_campaign_without_times_has_no_effect_of_time(column: str, name: str) 
     assert ("32 s" in said) == (column == "time_s")
 
 
-def test_odds_against_a_suspected_effect_are_told_as_such() -> None:
+def test_odds_against_a_suspected_effect_are_reported_as_such() -> None:
     weak = DOUBTED | {"log_evidence": math.log(0.4)}
     (section,) = [evidence(assessed_causes({"diagnosis": rows(weak, *rejected())}))]
     assert section is not None

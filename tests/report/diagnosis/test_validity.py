@@ -57,7 +57,7 @@ def test_without_blocks_the_page_cannot_tell_and_says_what_to_measure() -> None:
     assert_says(readings, "three runs", "four ranges")
 
 
-def test_an_effect_of_one_block_is_said_to_be_that() -> None:
+def test_an_effect_of_one_block_is_reported_as_such() -> None:
     (one,) = said(left_out_by="one-block")
     assert_says(one, "Not cross-validated", "actuator gain, leg 3")
     assert_says(one, "only one")
