@@ -25,12 +25,12 @@ def held_out_sentences(findings: Iterable[AssessedCause], parts: PartNames) -> l
     """Return the sentences on blocks left out, and on findings without informative blocks."""
     rows = [row for row in findings if row.left_out_by]
     texts = _of_blocks([row for row in rows if row.left_out_gain is not None], parts)
-    if one_block := dict.fromkeys(row.name for row in rows if row.left_out_by == ONE_BLOCK):
+    if one_block := dict.fromkeys(row.in_sentence for row in rows if row.left_out_by == ONE_BLOCK):
         texts.append(
             f"Not cross-validated: {'; '.join(one_block)}. The effect shows in only one series, run, day or region, or "
             "too weakly in each. A repetition on another day would test it."
         )
-    if unknown := dict.fromkeys(row.name for row in rows if row.left_out_by == NONE):
+    if unknown := dict.fromkeys(row.in_sentence for row in rows if row.left_out_by == NONE):
         texts.append(
             f"Not cross-validated: {'; '.join(unknown)}. The campaign has fewer than three series, runs, days or "
             f"regions to leave out as a whole. Leaving out single {parts.single}s does not test whether an effect "
