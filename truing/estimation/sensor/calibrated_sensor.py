@@ -9,6 +9,7 @@ from __future__ import annotations
 import json
 from collections.abc import Iterator, Mapping
 from dataclasses import dataclass, replace
+from typing import Any
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
@@ -24,7 +25,6 @@ from truing.estimation.sensor.calibration import (
 )
 from truing.estimation.sensor.contenders import HeldOutPredictions
 from truing.estimation.sensor.load_table import LoadTable
-from truing.schemas.settings_text import Document
 
 FORMAT = 1
 BEYOND = 1.05  # relative to the largest load of the calibration, beyond which its terms are untested
@@ -189,7 +189,7 @@ def is_calibrated_sensor(document: Mapping[str, object]) -> bool:
     return isinstance(document.get("calibration"), dict)
 
 
-def sensor_from(document: Document) -> CalibratedSensor:
+def sensor_from(document: Mapping[str, Any]) -> CalibratedSensor:
     """Return the sensor in a TOML document; raises ValueError if there is none."""
     try:
         return _sensor(document["calibration"])
@@ -199,7 +199,7 @@ def sensor_from(document: Document) -> CalibratedSensor:
         ) from None
 
 
-def _sensor(table: Document) -> CalibratedSensor:
+def _sensor(table: Mapping[str, Any]) -> CalibratedSensor:
     model = CalibrationModel(**{key: table[key] for key in _STYLE if key in table})
     loads, signals = tuple(table["loads"]), tuple(table["signals"])
     direct = model.direction == "direct"
