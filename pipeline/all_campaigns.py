@@ -8,7 +8,6 @@ from pathlib import Path
 from typing import TYPE_CHECKING
 from urllib.parse import quote
 
-from truing.arrays import TableRow
 from truing.pipeline.campaign_outcome import CampaignOutcome
 from truing.pipeline.manifest import digest_of
 from truing.pipeline.problems import gravity
@@ -18,6 +17,8 @@ from truing.schemas.faults import CampaignFaults, Fault
 
 if TYPE_CHECKING:
     import pyarrow as pa
+
+    from truing.arrays import TableRow
 
 _TABLE = ARTIFACTS["campaigns"]
 PAGE = "campaigns.html"

@@ -8,9 +8,8 @@ import re
 from collections.abc import Iterator, Mapping, Sequence
 from typing import TYPE_CHECKING
 
-from truing.arrays import TableRow
-
 if TYPE_CHECKING:
+    from truing.arrays import TableRow
     from truing.formats.guess import Guess
 
 MARK = "# check:"

@@ -7,13 +7,12 @@ from collections.abc import Collection, Iterator, Mapping, Sequence
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
-from truing.formats.guess import MappingKeys
 from truing.pipeline.init_machine import MARK, columns_of, legs_of_table
 from truing.pipeline.init_robot import mechanism_of
 from truing.schemas.columns import find_column
 
 if TYPE_CHECKING:
-    from truing.formats.guess import Guess
+    from truing.formats.guess import Guess, MappingKeys
     from truing.pipeline.init_robot import Robot
 
 _AT = 33  # column of remarks

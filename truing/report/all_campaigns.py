@@ -4,14 +4,17 @@ from __future__ import annotations
 
 from collections import Counter
 from collections.abc import Iterator, Sequence
+from typing import TYPE_CHECKING
 
-from truing.arrays import TableRow
 from truing.belonging.relation import RelationState
 from truing.report.heads import Head, schema_head
 from truing.report.numbers import count_text, listed
 from truing.report.page import Listing, PageHead, ReportSection, Verdict
 from truing.report.reference import reference
 from truing.report.rendering.render import render_page
+
+if TYPE_CHECKING:
+    from truing.arrays import TableRow
 
 _NAMED = 5
 _NONE = "no verdict"
