@@ -5,7 +5,7 @@ from __future__ import annotations
 import os
 from collections.abc import Sequence
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING
 from urllib.parse import quote
 
 from truing.pipeline.campaign_outcome import CampaignOutcome
@@ -17,6 +17,8 @@ from truing.schemas.faults import CampaignFaults, Fault
 
 if TYPE_CHECKING:
     import pyarrow as pa
+
+    from truing.arrays import TableRow
 
 _TABLE = ARTIFACTS["campaigns"]
 PAGE = "campaigns.html"
@@ -63,12 +65,12 @@ def campaigns_table(ends: Sequence[tuple[Path, CampaignOutcome]]) -> pa.Table:
     return pa.Table.from_pylist(ranked, schema=_TABLE.arrow_schema())
 
 
-def _badness(row: dict[str, Any]) -> tuple[int, int, str, str]:
+def _badness(row: TableRow) -> tuple[int, int, str, str]:
     state = _STATES.index(row["campaign_state"])
     return -gravity(row["exit_code"]), -state, row["campaign"], row["campaign_path"]
 
 
-def _row(path: Path, outcome: CampaignOutcome) -> dict[str, Any]:
+def _row(path: Path, outcome: CampaignOutcome) -> TableRow:
     run = next((fact for kind, fact in outcome.facts if kind == "campaigns"), {})
     verdict = run.get("verdict") or {}
     return {

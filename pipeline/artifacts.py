@@ -15,7 +15,7 @@ from contextlib import contextmanager
 from dataclasses import dataclass
 from itertools import chain
 from pathlib import Path
-from typing import TYPE_CHECKING, Any, BinaryIO
+from typing import TYPE_CHECKING, BinaryIO
 
 from truing.pipeline.whole_file import discard_parts, publish_file, sync_folder, write_part
 from truing.schemas.artifact import Artifact, StoredTable, checked_table
@@ -138,7 +138,7 @@ def _write_parquet(file: BinaryIO, artifact: Artifact, content: pa.Table | pa.Re
 
     schema, tables = _uniform(artifact, content)
     metadata = {_KEY + key: value for key, value in stamp.metadata(artifact, schema.names).items()}
-    options: dict[str, Any] = {"compression": "snappy", "store_schema": False}
+    options: dict[str, object] = {"compression": "snappy", "store_schema": False}
     repeating = [name for name in schema.names if _repeats(_column(artifact, name))]
     options["use_dictionary"] = repeating
     # Ranges of keys find rows; those of measured numbers would take a third of the writer's time.

@@ -4,10 +4,10 @@ from __future__ import annotations
 
 import copy
 from collections import Counter
-from collections.abc import Iterator, Mapping
+from collections.abc import Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from pathlib import Path
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 from truing.pipeline.campaign_folder import CampaignFolder, SettingsView, identity_faults, open_campaign
 from truing.pipeline.campaign_run import CampaignRun, detached_run
@@ -17,6 +17,11 @@ from truing.pipeline.second_campaign import second_folder
 from truing.pipeline.stage_order import PAGE, RAW_READERS, is_optional, stage_module
 from truing.pipeline.starter import unconfirmed
 from truing.schemas.faults import CampaignFaults, Fault
+from truing.schemas.settings_text import Document
+
+if TYPE_CHECKING:
+    import pyarrow as pa
+
 
 _MOST_ROWS = 300_000  # rows of object points that `check` compares with readings; `run` compares all
 _MOST_POSES = 1000  # of each target that are kept
@@ -33,7 +38,7 @@ class CampaignCheck:
     attention: tuple[str, ...] = ()
     rows: int = 0  # of the object points
     is_evaluated: bool = True  # by any stage except qa
-    ingested: Mapping[str, Any] | None = None  # all tables of ingest; None if they are too large to be kept
+    ingested: Mapping[str, object] | None = None  # all tables of ingest; None if they are too large to be kept
 
 
 def check_campaign(campaign: CampaignFolder) -> CampaignCheck:
@@ -83,17 +88,17 @@ class _Raw:
     """Content of the raw files: summary, small tables, and targets of each body and pose."""
 
     messages: list[str] = field(default_factory=list)
-    tables: dict[str, Any] = field(default_factory=dict)
+    tables: dict[str, object] = field(default_factory=dict)
     targets: dict[str, Counter[object]] = field(default_factory=dict)
     names: dict[str, dict[str, set[object]]] = field(default_factory=dict)
-    ingested: dict[str, Any] | None = None
-    _streamed: dict[str, list[Any]] = field(default_factory=dict)
+    ingested: dict[str, object] | None = None
+    _streamed: dict[str, list[pa.RecordBatch]] = field(default_factory=dict)
 
     @property
     def read(self) -> str:
         return "; ".join(self.messages)
 
-    def counted(self, observations: Any) -> Iterator[Any]:
+    def counted(self, observations: Iterable[pa.RecordBatch]) -> Iterator[pa.RecordBatch]:
         """Pass on batches of observations and count their targets."""
         for batch in observations:
             bodies, targets, poses = (batch.column(name).to_pylist() for name in ("body", "target", "pose"))
@@ -105,7 +110,7 @@ class _Raw:
                     seen.add(pose)
             yield batch
 
-    def keep(self, artifacts: Mapping[str, Any]) -> dict[str, Any]:
+    def keep(self, artifacts: Mapping[str, object]) -> dict[str, object]:
         """Keep the small tables, and wrap streams so that they are kept, too, and observations counted."""
         import pyarrow as pa
 
@@ -117,14 +122,14 @@ class _Raw:
         readers = {n: pa.RecordBatchReader.from_batches(streams[n].schema, each) for n, each in watched.items()}
         return {**artifacts, **readers}
 
-    def _collected(self, name: str, batches: Any) -> Iterator[Any]:
+    def _collected(self, name: str, batches: Iterable[pa.RecordBatch]) -> Iterator[pa.RecordBatch]:
         streamed = self._streamed.setdefault(name, [])
         for batch in batches:
             if _rows(streamed) <= _MOST_ROWS:
                 streamed.append(batch)
             yield batch
 
-    def keep_ingested(self, artifacts: Mapping[str, Any]) -> None:
+    def keep_ingested(self, artifacts: Mapping[str, object]) -> None:
         """Keep all tables of ingest, whose streams have been read, for the quality checks; none of large campaigns."""
         import pyarrow as pa
 
@@ -134,7 +139,7 @@ class _Raw:
             self.ingested = {**artifacts, **read}
 
 
-def _rows(batches: list[Any]) -> int:
+def _rows(batches: Sequence[pa.RecordBatch]) -> int:
     return sum(map(len, batches))
 
 
@@ -208,7 +213,7 @@ def _is_read_otherwise(campaign: CampaignFolder, corrected: CampaignFolder) -> b
     return isinstance(given, dict) and given.get("type") in of_types and not corrected_section
 
 
-def _remove(document: Mapping[str, Any], dotted: str) -> bool:
+def _remove(document: Document, dotted: str) -> bool:
     """Remove the value at a fault's dotted path (list indices count from 1); False if it is missing."""
     level: Any = document
     *parents, last = dotted.split(".")
@@ -246,7 +251,7 @@ def report_check(path: Path, console: RunConsole) -> ExitCode:
     return ExitCode.FAILED_CHECK if contradictions else ExitCode.DONE
 
 
-def _contradictions(path: Path, ingested: Mapping[str, Any] | None) -> tuple[tuple[str, ...], tuple[str, ...]]:
+def _contradictions(path: Path, ingested: Mapping[str, object] | None) -> tuple[tuple[str, ...], tuple[str, ...]]:
     """Messages of quality checks that contradict the campaign's description, failed or in doubt.
 
     ``ingested``: tables of ingest, which takes long for scans; read again if None.

@@ -13,7 +13,7 @@ from typing import TYPE_CHECKING, Any
 
 from truing.schemas.faults import CampaignFaults, Fault
 from truing.schemas.near_names import did_you_mean, nearest_name
-from truing.schemas.settings_text import LARGEST, TooDeep, TooLarge, parsed_toml, read_settings_text
+from truing.schemas.settings_text import LARGEST, Document, TooDeep, TooLarge, parsed_toml, read_settings_text
 
 if TYPE_CHECKING:
     from truing.schemas.campaign import Campaign
@@ -31,7 +31,7 @@ class CampaignFolder:
     """A campaign on disk: its folder, and campaign.toml parsed but not yet validated."""
 
     file: Path
-    document: Mapping[str, Any]
+    document: Document
 
     @property
     def folder(self) -> Path:
@@ -79,7 +79,7 @@ class CampaignFolder:
 
     def section(self, dotted: str) -> Any:
         """Raw value of a section by its dotted name; None if campaign.toml lacks it."""
-        value: Any = self.document
+        value: object = self.document
         for part in dotted.split("."):
             value = value.get(part) if isinstance(value, Mapping) else None
         return value
@@ -191,7 +191,7 @@ class SettingsView:
 
     __slots__ = ("_declared", "_path", "_read", "_value")
 
-    def __init__(self, value: Any, declared: tuple[str, ...], path: str = "", read: set[str] | None = None) -> None:
+    def __init__(self, value: object, declared: tuple[str, ...], path: str = "", read: set[str] | None = None) -> None:
         self._value = value
         self._declared = declared
         self._path = path
@@ -215,6 +215,6 @@ class SettingsView:
             return None if inner is None else SettingsView(inner, self._declared, path, self._read)
         raise UndeclaredSetting(f"{path} is read but not declared; declared are {', '.join(self._declared) or 'none'}")
 
-    def _inner(self, name: str) -> Any:
+    def _inner(self, name: str) -> object:
         """Value of a name in the section; None for an absent name chosen by the campaign."""
         return self._value.get(name) if isinstance(self._value, Mapping) else getattr(self._value, name)

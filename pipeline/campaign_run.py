@@ -7,7 +7,7 @@ from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import asdict, dataclass, field
 from functools import cached_property
 from pathlib import Path
-from typing import TYPE_CHECKING, Any, NoReturn, TypeVar
+from typing import TYPE_CHECKING, NoReturn, TypeVar
 
 import truing
 from truing.pipeline.campaign_folder import CampaignFolder, SettingsView, relative_name
@@ -165,7 +165,7 @@ class CampaignRun:
 
     def outcome(self, stage: Stage, progress: Progress) -> Outcome:
         """Call a stage with exactly its declared inputs."""
-        arguments: list[Any] = [self._tables(stage), SettingsView(self.settings, stage.settings), progress]
+        arguments: list[object] = [self._tables(stage), SettingsView(self.settings, stage.settings), progress]
         if stage.name in RAW_READERS:
             from truing.formats.source import NO_DIGESTS, CampaignFiles
 

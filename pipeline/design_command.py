@@ -58,14 +58,14 @@ def design_campaign(path: Path, options: DesignOptions, files: DesignFiles, cons
         return _design_axis(campaign, options, files, console)
     if options.causes:
         raise CampaignFaults([Fault("--causes", "no causes for poses: `truing run` leaves next_poses.parquet")])
-    found = design(campaign.validated(), options, design_tables(campaign, files))
-    for line in words_of(found):
+    chosen = design(campaign.validated(), options, design_tables(campaign, files))
+    for line in words_of(chosen):
         console.sentence(line)
     _write_table(
-        found.table,
+        chosen.table,
         files.out,
         console,
-        f"{count_text(found.table.num_rows, 'pose')}, in the order in which to measure them",
+        f"{count_text(chosen.table.num_rows, 'pose')}, in the order in which to measure them",
     )
     return ExitCode.DONE
 
@@ -97,9 +97,11 @@ def _design_chain(
     )
     if files.out is not None:
         shown = {"own": chain_design.own, "plan": chain_design.plan}
-        sets = {poses: one for poses, one in shown.items() if one is not None}
-        _write_shown({poses: one.numbers for poses, one in sets.items()}, files.out, "numbers", console)
-        _write_shown({poses: one.causes for poses, one in sets.items()}, files.out, "causes", console)
+        visible_tables = {poses: visible for poses, visible in shown.items() if visible is not None}
+        _write_shown(
+            {poses: visible.numbers for poses, visible in visible_tables.items()}, files.out, "numbers", console
+        )
+        _write_shown({poses: visible.causes for poses, visible in visible_tables.items()}, files.out, "causes", console)
     return ExitCode.DONE
 
 
@@ -111,8 +113,8 @@ def _design_axis(campaign: CampaignFolder, options: DesignOptions, files: Design
     settings = campaign.validated()
     extend = None if files.extend is None else read_given(files.extend, "a configurations table")
     is_planned = CampaignFiles(campaign.folder, settings).entries("configurations")
-    own = axis_tables(campaign, settings)["configurations"] if is_planned else None
-    axis_design = design_axis(settings, options, AxisDesignTables(own, extend, str(files.extend)))
+    planned = axis_tables(campaign, settings)["configurations"] if is_planned else None
+    axis_design = design_axis(settings, options, AxisDesignTables(planned, extend, str(files.extend)))
     for line in words_of_axis(axis_design):
         console.sentence(line)
     _write_table(
@@ -193,19 +195,19 @@ def _loads_of(campaign: CampaignFolder) -> dict[str, pa.Table]:
     source = CampaignFiles(campaign.folder, settings)
     if not any(source.entries(name) for name in TABLES):
         return {}
-    found = read_loading_tables(source, settings, log)
-    return {} if log else found.artifacts
+    outcome = read_loading_tables(source, settings, log)
+    return {} if log else outcome.artifacts
 
 
 def _check_of_loads(options: DesignOptions, files: DesignFiles) -> None:
     """Raise CampaignFaults for options that only poses have."""
     given = {"--extend": files.extend, "--avoid": files.avoid, "--parameters": " ".join(options.parameters) or None}
-    if of_poses := [Fault(name, "no such table for loads", value=str(one)) for name, one in given.items() if one]:
+    if of_poses := [Fault(name, "no such table for loads", value=str(path)) for name, path in given.items() if path]:
         raise CampaignFaults(of_poses)
 
 
 def _write_table(
-    table: pa.Table, out: Path | None, console: RunConsole, what: str, then: str = "; fill in time_s when measuring"
+    table: pa.Table, out: Path | None, console: RunConsole, content: str, then: str = "; fill in time_s when measuring"
 ) -> None:
     for row in table.to_pylist():
         console.tell("chosen", row)
@@ -213,7 +215,7 @@ def _write_table(
         console.line(table_bytes(table, ".csv").decode().rstrip("\n"))
         return
     write_atomically(out, table_bytes(table, out.suffix))
-    console.written(f"{what}: {out}{then}", [out])
+    console.written(f"{content}: {out}{then}", [out])
 
 
 def design_tables(campaign: CampaignFolder, files: DesignFiles) -> DesignTables:
@@ -231,6 +233,6 @@ def _measured(campaign: CampaignFolder) -> tuple[pa.Table | None, pa.Table | Non
     tables: list[pa.Table | None] = []
     for name, read in (("configurations", read_configurations), ("targets", read_survey)):
         log = FaultLog()
-        found = read(source, settings, log) if source.entries(name) else None
-        tables.append(None if log or found is None else found.table)
+        outcome = read(source, settings, log) if source.entries(name) else None
+        tables.append(None if log or outcome is None else outcome.table)
     return tables[0], tables[1]

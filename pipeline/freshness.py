@@ -7,7 +7,7 @@ from collections.abc import Iterator, Mapping
 from dataclasses import dataclass
 from enum import StrEnum
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING
 
 from truing.pipeline.campaign_folder import CampaignFolder, relative_name
 from truing.pipeline.manifest import DigestCache, Entry, MadeFrom, Manifest, canonical
@@ -151,7 +151,7 @@ def _file_changes(label: str, then: Mapping[str, str], now: Mapping[str, str], e
             yield f"{label}{name}{ending} changed"
 
 
-def _setting_changes(then: Any, now: Any, path: str = "") -> Iterator[str]:
+def _setting_changes(then: object, now: object, path: str = "") -> Iterator[str]:
     """Differences of two parsed TOML values, leaf by leaf."""
     if canonical(then) == canonical(now):
         return
@@ -169,6 +169,6 @@ def _setting_changes(then: Any, now: Any, path: str = "") -> Iterator[str]:
         yield f"{path} changed from {_brief(then)} to {_brief(now)}"
 
 
-def _brief(value: Any) -> str:
+def _brief(value: object) -> str:
     text = canonical(value)
     return text if len(text) <= 40 else f"{text[:37]}..."

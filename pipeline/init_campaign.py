@@ -115,11 +115,13 @@ def init_campaign(
     guesses = with_poses_by_time(folder, with_poses_in_order(folder, with_stations(folder, guesses)))
     guesses = with_poses_of_names(folder, guesses)
     guesses = with_survey(folder, guesses)
-    guesses = [(group, one) for (group, _), one in zip(guesses, with_reflector(guesses, robot), strict=True)]
-    guesses = [(group, one) for (group, _), one in zip(guesses, on_tip([g for _, g in guesses], robot), strict=True)]
+    guesses = [(group, changed) for (group, _), changed in zip(guesses, with_reflector(guesses, robot), strict=True)]
+    guesses = [
+        (group, changed) for (group, _), changed in zip(guesses, on_tip([g for _, g in guesses], robot), strict=True)
+    ]
     guesses = with_bodies_of_survey(folder, with_bodies_of_targets(folder, guesses))
     guesses = with_prefixed_survey(folder, guesses)
-    guesses = [(group, one) for (group, _), one in zip(guesses, with_tip(folder, guesses, robot), strict=True)]
+    guesses = [(group, changed) for (group, _), changed in zip(guesses, with_tip(folder, guesses, robot), strict=True)]
     guesses = _settled(folder, guesses, all_answers, console)
     all_answers.raise_faults()
     name = folder.resolve().name
@@ -200,8 +202,8 @@ def _whole_mapping(group: RawGroup, guess: Guess, tables: Counter[str | None]) -
 
 def _photographs(folder: Path) -> list[tuple[RawGroup, Guess]]:
     pictures = [path for path in _files(folder) if is_picture(path) and _is_text(str(path.relative_to(folder)))]
-    found = photograph_entries(folder, pictures)
-    return [(RawGroup(pattern, example, count), guess) for pattern, example, count, guess in found]
+    entries = photograph_entries(folder, pictures)
+    return [(RawGroup(pattern, example, count), guess) for pattern, example, count, guess in entries]
 
 
 def _write_new(target: Path, text: str) -> None:
@@ -237,13 +239,13 @@ def _raw_groups(folder: Path) -> list[RawGroup]:
 
 
 def _group(folder: Path, pattern: str, paths: list[Path]) -> RawGroup:
-    found = pattern if len(paths) > 1 else paths[0].relative_to(folder).as_posix()
-    return RawGroup(found, paths[0], len(paths), tuple(path.name for path in paths))
+    glob = pattern if len(paths) > 1 else paths[0].relative_to(folder).as_posix()
+    return RawGroup(glob, paths[0], len(paths), tuple(path.name for path in paths))
 
 
 def _files(folder: Path) -> Iterator[Path]:
     """Raw files below a folder, except hidden files, descriptions and results of a run."""
-    found = 0
+    count = 0
     results = {mark.parent for mark in folder.rglob(PRIVATE)}
     for path in sorted(folder.rglob("*")):
         hidden = any(part.startswith(".") for part in path.relative_to(folder).parts)
@@ -253,8 +255,8 @@ def _files(folder: Path) -> Iterator[Path]:
             and path.suffix.lower() not in _NOT_RAW
             and results.isdisjoint(path.parents)
         ):
-            found += 1
-            if found > _MOST_FILES:
+            count += 1
+            if count > _MOST_FILES:
                 return
             yield path
 
@@ -284,18 +286,18 @@ def _joined_groups(guesses: list[tuple[RawGroup, Guess]]) -> list[tuple[RawGroup
         where = (Path(group.glob).parent, Path(group.example).suffixes[-1:])
         single = not guess.columns or guess.table in _APART
         alike.setdefault(group.glob if single else repr((where, guess)), []).append((group, guess))
-    return [one for own in alike.values() for one in _group_by_glob(own, everything)]
+    return [entry for group_entries in alike.values() for entry in _group_by_glob(group_entries, everything)]
 
 
-def _group_by_glob(own: list[tuple[RawGroup, Guess]], everything: list[str]) -> list[tuple[RawGroup, Guess]]:
-    if len(own) == 1:
-        return own
-    parent, guess = Path(own[0][0].glob).parent, own[0][1]
-    names = tuple(name for group, _ in own for name in group.names)
+def _group_by_glob(group_entries: list[tuple[RawGroup, Guess]], everything: list[str]) -> list[tuple[RawGroup, Guess]]:
+    if len(group_entries) == 1:
+        return group_entries
+    parent, guess = Path(group_entries[0][0].glob).parent, group_entries[0][1]
+    names = tuple(name for group, _ in group_entries for name in group.names)
     pattern = str(parent / common_glob(names))
     if sorted(fnmatch.filter(everything, pattern)) != sorted(str(parent / name) for name in names):
-        return own
-    return [(RawGroup(pattern, own[0][0].example, len(names), names), guess)]
+        return group_entries
+    return [(RawGroup(pattern, group_entries[0][0].example, len(names), names), guess)]
 
 
 def _separate_globs(guesses: list[tuple[RawGroup, Guess]]) -> list[tuple[RawGroup, Guess]]:
@@ -309,7 +311,7 @@ def _separate_globs(guesses: list[tuple[RawGroup, Guess]]) -> list[tuple[RawGrou
 
 def _separate_tables(guesses: list[tuple[RawGroup, Guess]]) -> list[tuple[RawGroup, Guess]]:
     """One entry for each table of a file with several tables."""
-    return [(group, one) for group, guess in guesses for one in (replace(guess, beside=()), *guess.beside)]
+    return [(group, part) for group, guess in guesses for part in (replace(guess, beside=()), *guess.beside)]
 
 
 def _rows_once(guesses: list[tuple[RawGroup, Guess]]) -> list[tuple[RawGroup, Guess]]:
@@ -342,8 +344,8 @@ def _summary(group: RawGroup, guess: Guess) -> str:
         return printable(f"{many}{guess.notes[0]}")
     if guess.table is None and guess.notes and not guess.columns:
         return printable(f"{many}not recognised: {guess.notes[0]}")
-    what = guess.table or f"not recognised: {guess.notes[0] if guess.notes else NO_TABLE}"
-    return printable(f"{many}{what}; columns {listed_columns(guess.columns, _LISTED)}")
+    content = guess.table or f"not recognised: {guess.notes[0] if guess.notes else NO_TABLE}"
+    return printable(f"{many}{content}; columns {listed_columns(guess.columns, _LISTED)}")
 
 
 def _is_text(name: str) -> bool:
@@ -379,10 +381,10 @@ def _with_names(group: RawGroup, mapping: MappingKeys, guess: Guess) -> MappingK
     if group.example.suffix.lower() in (".c3d", ".trc"):
         return {**mapping, **distinguishing_pattern(group.names, "trial"), "join": {"pose": "{trial}-{frame}"}}
     if style == "tracker" or (style is None and _rows_are_poses(group, guess)):
-        found = bodies_and_targets(group.names)
-        if "(?P<body>" in found.get("from_name", ""):
+        parts_of_name = bodies_and_targets(group.names)
+        if "(?P<body>" in parts_of_name.get("from_name", ""):
             mapping = {key: value for key, value in mapping.items() if key != "constants"}
-        return {**mapping, **found, **({} if style else {"number_rows": {"pose": 1}})}
+        return {**mapping, **parts_of_name, **({} if style else {"number_rows": {"pose": 1}})}
     return mapping if "pose" in named else {**mapping, **distinguishing_pattern(group.names, "pose")}
 
 

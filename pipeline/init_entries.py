@@ -68,8 +68,8 @@ def common_glob(names: Sequence[str]) -> str:
     """Glob of names: their common start and end, or token by token if they have the same structure."""
     first, *others = tokens = [_TOKEN.findall(name) for name in names]
     if similar_names(tokens):
-        same = [all(own[i] == token for own in others) for i, token in enumerate(first)]
-        parts = (glob.escape(token) if kept else "*" for token, kept in zip(first, same, strict=True))
+        same = [all(name_tokens[i] == token for name_tokens in others) for i, token in enumerate(first)]
+        parts = (glob.escape(token) if is_same else "*" for token, is_same in zip(first, same, strict=True))
         return re.sub(r"\*+", "*", "".join(parts))
     before, after = _common_affixes(tokens)
     return glob.escape("".join(first[:before])) + "*" + glob.escape("".join(first[len(first) - after :]))
@@ -82,14 +82,18 @@ def glob_without_others(pattern: str, names: Sequence[str], others: Sequence[str
     if not fnmatch.filter(strange, last):
         return pattern
     digits = list(dict.fromkeys(re.sub(r"\d", "[0-9]", glob.escape(name)) for name in names))
-    found = digits if not any(fnmatch.filter(strange, one) for one in digits) else [glob.escape(one) for one in names]
-    paths = [f"{folder}{slash}{one}" for one in found]
+    patterns = (
+        digits
+        if not any(fnmatch.filter(strange, pattern) for pattern in digits)
+        else [glob.escape(name) for name in names]
+    )
+    paths = [f"{folder}{slash}{pattern}" for pattern in patterns]
     return paths if len(paths) > 1 else paths[0]
 
 
 def similar_names(tokens: Sequence[Sequence[str]]) -> bool:
     """True if names have the same structure: equal numbers of tokens, numbers, words and marks in order."""
-    return len({tuple(_kind(token) for token in own) for own in tokens}) == 1
+    return len({tuple(_kind(token) for token in name_tokens) for name_tokens in tokens}) == 1
 
 
 def _kind(token: str) -> str:
@@ -99,9 +103,9 @@ def _kind(token: str) -> str:
 def _common_affixes(tokens: Sequence[Sequence[str]]) -> tuple[int, int]:
     """Number of tokens that all names share at the start, and at the end."""
     least = min(map(len, tokens))
-    before = next((i for i in range(least) if len({own[i] for own in tokens}) > 1), least)
+    before = next((i for i in range(least) if len({name_tokens[i] for name_tokens in tokens}) > 1), least)
     least -= before
-    after = next((i for i in range(least) if len({own[-1 - i] for own in tokens}) > 1), least)
+    after = next((i for i in range(least) if len({name_tokens[-1 - i] for name_tokens in tokens}) > 1), least)
     return before, after
 
 
@@ -110,14 +114,14 @@ def distinguishing_pattern(names: Sequence[str], column: str) -> MappingKeys:
     tokens = [_TOKEN.findall(name) for name in names]
     if similar_names(tokens):
         varying = [i for i, column_of in enumerate(zip(*tokens, strict=True)) if len(set(column_of)) > 1]
-        numbers = [i for i in varying if all(own[i].isdecimal() for own in tokens)]
-        own_number = [i for i in numbers if len({int(own[i]) for own in tokens}) == len(names)]
+        numbers = [i for i in varying if all(name_tokens[i].isdecimal() for name_tokens in tokens)]
+        own_number = [i for i in numbers if len({int(name_tokens[i]) for name_tokens in tokens}) == len(names)]
         if own_number and numbers == varying:
             parts = [r"\d+" if i in varying else re.escape(token) for i, token in enumerate(tokens[0])]
             parts[own_number[-1]] = rf"(?P<{column}>\d+)"
             return {"from_name": "".join(parts)}
     before, after = _common_affixes(tokens)
-    if before and any(len(own) == before + after for own in tokens):
+    if before and any(len(name_tokens) == before + after for name_tokens in tokens):
         before -= 1  # a token missing in one name is no value, because the token before it is in all names
     first = tokens[0]
     head, tail = "".join(first[:before]), "".join(first[len(first) - after :])
@@ -126,23 +130,25 @@ def distinguishing_pattern(names: Sequence[str], column: str) -> MappingKeys:
 
 def bodies_and_targets(names: Sequence[str]) -> MappingKeys:
     """The ``from_name`` of files with one target each, with the word before it as body; none if none fits."""
-    found = _one_body(names) or _several_bodies(names)
-    if found is None:
+    expression = _one_body(names) or _several_bodies(names)
+    if expression is None:
         return {}
-    reported = [match.groupdict() for name in names if (match := re.search(found, name))]
-    single = len(reported) == len(names) and len({tuple(one.items()) for one in reported}) == len(names)
-    return {"from_name": found} if single else {}
+    reported = [match.groupdict() for name in names if (match := re.search(expression, name))]
+    single = len(reported) == len(names) and len({tuple(groups.items()) for groups in reported}) == len(names)
+    return {"from_name": expression} if single else {}
 
 
 def _one_body(names: Sequence[str]) -> str | None:
     """Names with the same first word, which is the body; the varying part is the target."""
     words = [_WORD.findall(Path(name).name.partition(".")[0]) for name in names]
     before, _ = _common_affixes(words)
-    if not before or any(len(own) == before for own in words):
+    if not before or any(len(name_words) == before for name_words in words):
         return None
-    follows = _text_after_target([own[before:] for own in words])
-    remaining = [own[before:] for own in words]
-    if all(len(own) == 2 and own[1].isdecimal() and own[0].isalpha() for own in remaining):  # SMR_1 SMR_2 base_1 base_2
+    follows = _text_after_target([name_words[before:] for name_words in words])
+    remaining = [name_words[before:] for name_words in words]
+    if all(
+        len(name_words) == 2 and name_words[1].isdecimal() and name_words[0].isalpha() for name_words in remaining
+    ):  # SMR_1 SMR_2 base_1 base_2
         return rf"{re.escape(words[0][before - 1])}_(?P<body>[^\W\d_]+)_(?P<target>\d+)"
     return rf"(?P<body>{re.escape(words[0][before - 1])})[\W_]+(?P<target>.+?){follows}"
 
@@ -150,15 +156,15 @@ def _one_body(names: Sequence[str]) -> str | None:
 def _several_bodies(names: Sequence[str]) -> str | None:
     """Names whose first word is the body, with several targets each."""
     words = [_WORD.findall(Path(name).name.partition(".")[0]) for name in names]
-    if any(len(own) < 2 for own in words) or len({own[0] for own in words}) == len(names):
+    if any(len(name_words) < 2 for name_words in words) or len({name_words[0] for name_words in words}) == len(names):
         return None
-    bodies = "|".join(re.escape(body) for body in dict.fromkeys(own[0] for own in words))
-    return rf"(?P<body>{bodies})[\W_]+(?P<target>.+?){_text_after_target([own[1:] for own in words])}"
+    bodies = "|".join(re.escape(body) for body in dict.fromkeys(name_words[0] for name_words in words))
+    return rf"(?P<body>{bodies})[\W_]+(?P<target>.+?){_text_after_target([name_words[1:] for name_words in words])}"
 
 
 def _text_after_target(words: Sequence[Sequence[str]]) -> str:
     """Text after the target: the first word in all names, or their ending."""
-    common = next((word for word in words[0][1:] if all(word in own[1:] for own in words)), None)
+    common = next((word for word in words[0][1:] if all(word in name_words[1:] for name_words in words)), None)
     return r"\." if common is None else rf"_{re.escape(common)}"
 
 
@@ -257,19 +263,19 @@ def shortened_entries(entries: list[Entry], most: int) -> tuple[list[Entry], lis
     """
     firsts = {
         entry[1].table: number
-        for number, entry in sorted(enumerate(entries), key=lambda one: (one[1][0].count, -one[0]))
+        for number, entry in sorted(enumerate(entries), key=lambda numbered: (numbered[1][0].count, -numbered[0]))
     }
     poses = {entry[1].table for entry in entries if entry[0].count >= _FEWEST_POSES and _names_poses(entry[1])}
     order = sorted(range(len(entries)), key=lambda number: (number not in firsts.values(), number))
     order = [
         n for n in order if n in firsts.values() or entries[n][1].table not in poses or _names_poses(entries[n][1])
     ]
-    kept: set[int] = set()
+    shown: set[int] = set()
     for number in order:
         most -= len(entries[number][2])
         if most >= 0 or number in firsts.values():
-            kept.add(number)
-    return [e for n, e in enumerate(entries) if n in kept], [e for n, e in enumerate(entries) if n not in kept]
+            shown.add(number)
+    return [e for n, e in enumerate(entries) if n in shown], [e for n, e in enumerate(entries) if n not in shown]
 
 
 def _names_poses(guess: Guess) -> bool:

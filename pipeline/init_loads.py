@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Sequence
 from dataclasses import replace
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING
 
 import numpy as np
 
@@ -15,6 +15,8 @@ from truing.pipeline.init_preview import batches
 from truing.schemas.faults import CampaignFaults
 
 if TYPE_CHECKING:
+    import pyarrow as pa
+
     from truing.formats.guess import Guess
     from truing.pipeline.init_entries import RawGroup
 
@@ -63,7 +65,7 @@ def _loads(folder: Path, group: RawGroup, guess: Guess) -> Array:
     return np.vstack([rows, *read])
 
 
-def _numbers(column: Any, count: int) -> Array:
+def _numbers(column: pa.Array | None, count: int) -> Array:
     return np.zeros(count) if column is None else np.array(column.to_pylist(), dtype=np.float64)
 
 

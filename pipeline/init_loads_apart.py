@@ -134,7 +134,7 @@ def _table(folder: Path, group: RawGroup, guess: Guess) -> _Table | None:
         except (CampaignFaults, KeyError):
             step = None
             continue
-        steps = np.array([value for _, own in read for value in own], dtype=np.float64)
+        steps = np.array([value for _, steps_of_file in read for value in steps_of_file], dtype=np.float64)
         is_key = step is not None and np.isfinite(steps).all() and len(np.unique(steps)) == len(steps)
         return _Table(guess, step if is_key else None, steps, sum(rows for rows, _ in read))
     return None
@@ -142,8 +142,8 @@ def _table(folder: Path, group: RawGroup, guess: Guess) -> _Table | None:
 
 def _by_step(mapping: MappingKeys, step: str) -> MappingKeys:
     """Return the keys of a file with its own column of steps, in place of numbers of rows."""
-    kept = {key: value for key, value in mapping.items() if key != "number_rows"}
-    return {**kept, "columns": {"step": step, **mapping.get("columns", {})}}
+    other_keys = {key: value for key, value in mapping.items() if key != "number_rows"}
+    return {**other_keys, "columns": {"step": step, **mapping.get("columns", {})}}
 
 
 def _matching(way: str, loads: _Table, signals: _Table) -> int:
@@ -161,10 +161,10 @@ def _matching(way: str, loads: _Table, signals: _Table) -> int:
 def _joined(way: str, loads: _Table, signals: _Table) -> tuple[Guess, Guess]:
     """Return the guesses for loads and signals that are joined in one way."""
     keys = {key: value for key, value in loads.guess.mapping.items() if key not in ("number_rows", "constants")}
-    own = signals.guess
+    signal_guess = signals.guess
     if signals.step is not None:  # the numbers of the instrument, whatever joins the rows
-        own = replace(own, mapping=_by_step(own.mapping, signals.step))
+        signal_guess = replace(signal_guess, mapping=_by_step(signal_guess.mapping, signals.step))
     if way == "step" and loads.step is not None:
         keys = {**keys, "columns": {"step": loads.step, **keys["columns"]}}
     note = "loads of the signals in another file"
-    return replace(loads.guess, mapping={**keys, "joined_by": way}, table="loads", notes=(note,), ways=()), own
+    return replace(loads.guess, mapping={**keys, "joined_by": way}, table="loads", notes=(note,), ways=()), signal_guess

@@ -6,9 +6,10 @@ import json
 import math
 import re
 from collections.abc import Iterator, Mapping, Sequence
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING
 
 if TYPE_CHECKING:
+    from truing.arrays import TableRow
     from truing.formats.guess import Guess
 
 MARK = "# check:"
@@ -37,7 +38,7 @@ def gives_machine(guess: Guess, guesses: Sequence[Guess], *, is_described: bool)
     return table is not None and (guess is table or guess is _masses_of(table, guesses))
 
 
-def _in_frame_of_joint(row: Mapping[str, Any], mass: Mapping[str, Any]) -> dict[str, Any]:
+def _in_frame_of_joint(row: TableRow, mass: TableRow) -> TableRow:
     """The mass of a link with its centre (mm) in the frame of the joint, as com_mm takes it; tables give it in the
     frame of Denavit and Hartenberg, behind the constant part of the row."""
     if not mass:
@@ -133,12 +134,12 @@ def columns_of(guess: Guess) -> tuple[str, ...]:
     return (*guess.columns, *guess.mapping.get("columns", {}), *groups)
 
 
-def _inline(row: Mapping[str, Any]) -> str:
+def _inline(row: Mapping[str, object]) -> str:
     """A row of [mechanism] as an inline table; its keys are bare."""
     return "{ " + ", ".join(f"{key} = {as_toml(value)}" for key, value in row.items()) + " }"
 
 
-def as_toml(value: Any) -> str:
+def as_toml(value: object) -> str:
     """A value of a mapping as TOML."""
     if isinstance(value, dict):
         return "{ " + ", ".join(f"{as_toml(str(key))} = {as_toml(inner)}" for key, inner in value.items()) + " }"

@@ -8,12 +8,12 @@ import re
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING
 
 import numpy as np
 
 from truing.arrays import Array
-from truing.formats.guess import Guess, OtherWay
+from truing.formats.guess import Guess, MappingKeys, OtherWay
 from truing.formats.named_bench import axis_rows
 from truing.formats.proposed_angles import head_of_angles, with_raw_names
 from truing.formats.sexagesimal import UNIT
@@ -70,16 +70,16 @@ def with_measured_apart(folder: Path, files: Sequence[_File]) -> list[_File]:
     Rows are joined by their numbers, else by their order if there are as many, else by time; a question says so. A
     column of times is read, whatever joins the rows.
     """
-    tables = {n: table for n, one in enumerate(files) if (table := _table(folder, *one)) is not None}
-    found = [
+    tables = {n: table for n, file in enumerate(files) if (table := _table(folder, *file)) is not None}
+    pairs = [
         (first, second, guesses)
         for first, second in itertools.permutations(tables, 2)
         if files[second][1].table is None
         and (guesses := _proposal(files[first], files[second], tables[first], tables[second])) is not None
     ]
-    if len(found) != 1:
+    if len(pairs) != 1:
         return list(files)
-    ((first, second, guesses),) = found
+    ((first, second, guesses),) = pairs
     result = list(files)
     for place, guess in zip((first, second), guesses, strict=True):
         result[place] = files[place][0], guess
@@ -94,7 +94,7 @@ def _table(folder: Path, group: RawGroup, guess: Guess) -> _AxisFile | None:
     angles = {name: unit for name, unit in guess.mapping.get("units", {}).items() if unit == UNIT}
     columns = guess.mapping.get("columns", {})
     angles = {raw: UNIT for raw in (columns.get(name, name) for name in angles) if isinstance(raw, str)}
-    keys: dict[str, Any] = {key: guess.mapping[key] for key in _READ_AS if key in guess.mapping}
+    keys: MappingKeys = {key: guess.mapping[key] for key in _READ_AS if key in guess.mapping}
     keys |= {"columns": {"time_s": time} if isinstance(time, str) else {}, "number_rows": {"pose": 1}}
     keys |= {"units": angles} if angles else {}
     try:
@@ -113,7 +113,7 @@ def _table(folder: Path, group: RawGroup, guess: Guess) -> _AxisFile | None:
     if not names or len({len(values) for values in columns_read.values()}) > 1:
         return None
     values = np.column_stack(list(columns_read.values()))
-    counters = [name for name, own in zip(names, values.T, strict=True) if _counts(name, own)]
+    counters = [name for name, column in zip(names, values.T, strict=True) if _counts(name, column)]
     is_timed = times is not None and len(times) == len(values) and np.isfinite(times).all()
     return _AxisFile(names, values, next(iter(counters), None), times if is_timed else None)
 
@@ -128,10 +128,10 @@ def _proposal(first: _File, second: _File, commands: _AxisFile, readings: _AxisF
     """Return the guesses for a file of commands and one of readings; None if they are not, or cannot be joined."""
     if axis_rows(readings.names, readings.values) or set(commands.names) & _measured_columns(readings):
         return None
-    own = [name for name in readings.names if name in _measured_columns(readings)]
-    names = (*commands.names, *own)
+    measured_names = [name for name in readings.names if name in _measured_columns(readings)]
+    names = (*commands.names, *measured_names)
     rows = min(commands.rows, readings.rows)
-    shown = readings.values[:rows, [readings.names.index(name) for name in own]]
+    shown = readings.values[:rows, [readings.names.index(name) for name in measured_names]]
     axes = axis_rows(names, np.column_stack([commands.values[:rows], shown]))
     ways = {way: n for way in _TAKEN if (n := _matching(way, commands, readings))}
     if not axes or not ways:
@@ -140,10 +140,12 @@ def _proposal(first: _File, second: _File, commands: _AxisFile, readings: _AxisF
     both = proposal_of_axis(axes, names, {}, meant)
     columns = both.mapping["columns"]
     is_command = any(key.startswith("command_") and raw in commands.names for key, raw in columns.items())
-    read = {key: raw for key, raw in columns.items() if _raw_name(raw) in own}
+    read = {key: raw for key, raw in columns.items() if _raw_name(raw) in measured_names}
     if not is_command or not any(key.startswith(_RECORDED) for key in read):
         return None
-    return _of_commands(first, both, commands, own, next(iter(ways))), _of_readings(first, second, both, readings, ways)
+    return _of_commands(first, both, commands, measured_names, next(iter(ways))), _of_readings(
+        first, second, both, readings, ways
+    )
 
 
 def _measured_columns(table: _AxisFile) -> set[str]:
@@ -151,7 +153,7 @@ def _measured_columns(table: _AxisFile) -> set[str]:
     return set(table.names) - {table.counter}
 
 
-def _raw_name(source: Any) -> Any:
+def _raw_name(source: object) -> object:
     return source["name"] if isinstance(source, dict) else source
 
 
@@ -162,15 +164,15 @@ def _matching(way: str, commands: _AxisFile, readings: _AxisFile) -> int:
         return fewer if commands.rows == readings.rows else 0
     if way == "pose":
         is_counted = commands.counter is not None and readings.counter is not None
-        found = len(np.intersect1d(commands.counts, readings.counts)) if is_counted else 0
+        matches = len(np.intersect1d(commands.counts, readings.counts)) if is_counted else 0
     else:
-        found = 0 if commands.time is None or readings.time is None else _near(commands.time, readings.time)
-    return found if found >= _TOGETHER * fewer else 0
+        matches = 0 if commands.time is None or readings.time is None else _near(commands.time, readings.time)
+    return matches if matches >= _TOGETHER * fewer else 0
 
 
 def _near(time: Array, other: Array) -> int:
     """Return the number of times of the shorter list that lie within half a usual step of the longer one."""
-    longer, shorter = (np.sort(one) for one in sorted((time, other), key=len, reverse=True))
+    longer, shorter = (np.sort(times) for times in sorted((time, other), key=len, reverse=True))
     if len(longer) <= 1:
         return 0
     place = np.clip(np.searchsorted(longer, shorter), 1, len(longer) - 1)
@@ -181,7 +183,7 @@ def _near(time: Array, other: Array) -> int:
 def _of_commands(file: _File, both: Guess, table: _AxisFile, readings: Sequence[str], way: str) -> Guess:
     """Return the guess for the file of commands, from that for both together."""
     columns = {key: raw for key, raw in both.mapping["columns"].items() if _raw_name(raw) not in readings}
-    doubts = tuple(one.doubt for one in both.ways if one.key == "axis")
+    doubts = tuple(way.doubt for way in both.ways if way.key == "axis")
     keys = _keys(file, both, columns, table.counter if way == "pose" else None)
     keys |= {} if "pose" in keys["columns"] else {"number_rows": {"pose": 1}}
     note = "commands of an axis, whose readings are in another file"
@@ -193,12 +195,12 @@ def _of_readings(commands: _File, file: _File, both: Guess, table: _AxisFile, wa
     """Return the guess for the file of readings, with the questions of their sign and of how they are joined."""
     own_columns = _measured_columns(table)
 
-    def guess_of(one: Guess, way: str) -> Guess:
-        columns = {key: raw for key, raw in one.mapping["columns"].items() if _raw_name(raw) in own_columns}
+    def guess_of(both_guess: Guess, way: str) -> Guess:
+        columns = {key: raw for key, raw in both_guess.mapping["columns"].items() if _raw_name(raw) in own_columns}
         time = file[1].mapping.get("columns", {}).get("time_s")
         columns = {**({"time_s": time} if time is not None else {}), **columns}
-        keys = _keys(file, one, columns, table.counter if way == "pose" else None) | {"joined_by": way}
-        doubts = tuple(doubt for doubt in one.doubts if any(str(raw) in doubt for raw in columns.values()))
+        keys = _keys(file, both_guess, columns, table.counter if way == "pose" else None) | {"joined_by": way}
+        doubts = tuple(doubt for doubt in both_guess.doubts if any(str(raw) in doubt for raw in columns.values()))
         note = "what recorded the axis, beside the commands of another file"
         guess = Guess(keys, file[1].columns, "measured", (note,), doubts=doubts)
         return with_raw_names(guess, _raw_names(table.names, file[1].columns))
@@ -207,19 +209,21 @@ def _of_readings(commands: _File, file: _File, both: Guess, table: _AxisFile, wa
     way, *others = ways
     doubt = _TAKEN[way].format(name, ways[way])
 
-    def with_join(one: Guess) -> Guess:
-        guess = guess_of(one, way)
+    def with_join(both_guess: Guess) -> Guess:
+        guess = guess_of(both_guess, way)
         if not others:
             return replace(guess, doubts=(*guess.doubts, doubt))
-        other = OtherWay("join", _QUESTION.format(name), way, others[0], guess_of(one, others[0]), doubt)
+        other = OtherWay("join", _QUESTION.format(name), way, others[0], guess_of(both_guess, others[0]), doubt)
         return replace(guess, ways=(other,))
 
     guess = with_join(both)
-    signs = tuple(replace(one, guess=with_join(one.guess)) for one in both.ways if one.key == "sign")
+    signs = tuple(
+        replace(sign_way, guess=with_join(sign_way.guess)) for sign_way in both.ways if sign_way.key == "sign"
+    )
     return replace(guess, ways=(*signs, *guess.ways))
 
 
-def _keys(file: _File, both: Guess, columns: dict[str, Any], counter: str | None) -> dict[str, Any]:
+def _keys(file: _File, both: Guess, columns: MappingKeys, counter: str | None) -> MappingKeys:
     """Return keys of one of two files, of those for both together. counter: its number of rows, where it is read."""
     keys = {key: value for key, value in file[1].mapping.items() if key in _READ_AS and key != "time_format"}
     if "time_s" in columns and "time_format" in file[1].mapping:

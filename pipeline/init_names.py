@@ -86,13 +86,13 @@ def _with_poses(folder: Path, group: RawGroup, guess: Guess) -> Guess:
 
 def _by_groups(guess: Guess, rows: SurveyRows) -> Guess:
     """The guess with poses in the names of its groups; numbers without a word may be bodies instead."""
-    found = _best(_OF_GROUPS, rows.bodies, rows)
-    if found is None:
+    best = _best(_OF_GROUPS, rows.bodies, rows)
+    if best is None:
         return guess
-    note = f"groups such as {rows.bodies[0]} are read as body and pose: {found.words}"
+    note = f"groups such as {rows.bodies[0]} are read as body and pose: {best.words}"
     columns, split = dict(guess.mapping.get("columns", {})), dict(guess.mapping.get("split", {}))
     raw = columns.pop("body", None)
-    pattern = found.pattern if all(found.bodies) else found.pattern.replace("?P<body>", "?:")
+    pattern = best.pattern if all(best.bodies) else best.pattern.replace("?P<body>", "?:")
     if raw is None:  # the group is a part of a longer name
         split = {name: text.replace("(?P<body>", "(?P<group>") for name, text in split.items()}
         raw = "group"
@@ -100,9 +100,9 @@ def _by_groups(guess: Guess, rows: SurveyRows) -> Guess:
     doubt = f"numbers in groups such as {rows.bodies[0]} are assumed to be poses"
     question = f"{rows.bodies[0]}: its number is that of the pose, or part of the name of the body"
     as_poses = replace(guess, table="points", mapping=keys, notes=(*guess.notes, note))
-    if found.pattern != _OF_GROUPS[-1]:  # the names say pose, and distances agree
+    if best.pattern != _OF_GROUPS[-1]:  # the names say pose, and distances agree
         return as_poses
-    if found.pattern == _OF_GROUPS[-1] and len(set(found.bodies)) == 1:  # leg1, leg2, ...: bodies of the same shape
+    if best.pattern == _OF_GROUPS[-1] and len(set(best.bodies)) == 1:  # leg1, leg2, ...: bodies of the same shape
         doubt = f"numbers in groups such as {rows.bodies[0]} are assumed to name bodies"
         return replace(guess, ways=(*guess.ways, OtherWay("numbers", question, "bodies", "poses", as_poses, doubt)))
     return replace(as_poses, ways=(*guess.ways, OtherWay("numbers", question, "poses", "bodies", guess, doubt)))
@@ -110,12 +110,12 @@ def _by_groups(guess: Guess, rows: SurveyRows) -> Guess:
 
 def _by_targets(guess: Guess, rows: SurveyRows, raw: str) -> Guess:
     """The guess with poses in the names of its targets."""
-    found = _best(_OF_TARGETS, rows.targets, rows)
-    if found is None:
+    best = _best(_OF_TARGETS, rows.targets, rows)
+    if best is None:
         return guess
     columns = {key: name for key, name in guess.mapping["columns"].items() if key != "target"}
-    split = {**guess.mapping.get("split", {}), raw: found.pattern}
-    note = f"names such as {rows.targets[0]} are read as pose and target: {found.words}"
+    split = {**guess.mapping.get("split", {}), raw: best.pattern}
+    note = f"names such as {rows.targets[0]} are read as pose and target: {best.words}"
     doubt = f"numbers in names such as {rows.targets[0]} are assumed to be poses"
     question = f"{rows.targets[0]}: its number is that of the pose, or part of the name of the target"
     way = OtherWay("numbers", question, "poses", "targets", guess, doubt)
@@ -125,8 +125,8 @@ def _by_targets(guess: Guess, rows: SurveyRows, raw: str) -> Guess:
 
 def _best(patterns: Sequence[str], names: Sequence[str], rows: SurveyRows) -> _Reading | None:
     """The reading of names with the smallest change of distances within bodies; None without several poses."""
-    found = [one for pattern in patterns if (one := _reading(pattern, names, rows)) is not None]
-    return min(found, key=lambda one: one.change / one.size, default=None)
+    readings = [reading for pattern in patterns if (reading := _reading(pattern, names, rows)) is not None]
+    return min(readings, key=lambda reading: reading.change / reading.size, default=None)
 
 
 def _reading(pattern: str, names: Sequence[str], rows: SurveyRows) -> _Reading | None:
@@ -167,10 +167,10 @@ def _changes(
     for row, key in enumerate(zip(bodies, targets, strict=True)):
         held.setdefault(key, {})[poses[row]] = row
     changes, sizes = [], []
-    for one, other in _pairs(list(held), within=within):
-        both = [pose for pose in held[one] if pose in held[other]]
-        if len(both) > 1:
-            first, second = ([held[key][pose] for pose in both] for key in (one, other))
+    for first_target, second_target in _pairs(list(held), within=within):
+        common_poses = [pose for pose in held[first_target] if pose in held[second_target]]
+        if len(common_poses) > 1:
+            first, second = ([held[key][pose] for pose in common_poses] for key in (first_target, second_target))
             distances = np.linalg.norm(places[first] - places[second], axis=1)
             changes.append(float(np.std(distances, ddof=1)))
             sizes.append(float(np.mean(distances)))
@@ -228,12 +228,14 @@ def _with_bodies(folder: Path, group: RawGroup, guess: Guess) -> Guess:
     if guess.table != "points" or guess.known or not is_body_open(guess):
         return guess
     guess = _with_uncoded(folder, group, guess)
-    own = target_column(guess.mapping["format"]) if "format" in guess.mapping else "target"
-    raw = guess.mapping.get("columns", {}).get("target", own)
+    default_column = target_column(guess.mapping["format"]) if "format" in guess.mapping else "target"
+    raw = guess.mapping.get("columns", {}).get("target", default_column)
     rows = None if raw is None else rows_of_files(folder, group, guess, {"body": "body"}, most=_MOST_ROWS)
     if rows is None:
         return guess
-    by_words = next((one for pattern in _OF_BODIES if (one := _by_words(guess, rows, raw, pattern)) is not None), None)
+    by_words = next(
+        (proposal for pattern in _OF_BODIES if (proposal := _by_words(guess, rows, raw, pattern)) is not None), None
+    )
     return by_words or _by_distances(guess, rows, raw) or guess
 
 
@@ -242,8 +244,8 @@ def _by_distances(guess: Guess, rows: SurveyRows, raw: str | int) -> Guess | Non
     groups = _rigid_groups(rows)
     if len(groups) < 2:
         return None
-    named = {re.escape(target): f"body{number}" for number, own in enumerate(groups, 1) for target in own}
-    sizes = " and ".join(str(len(own)) for own in groups)
+    named = {re.escape(target): f"body{number}" for number, members in enumerate(groups, 1) for target in members}
+    sizes = " and ".join(str(len(members)) for members in groups)
     doubt = (
         f"{sizes} targets that keep their distances are assumed to be bodies body1, ..., body{len(groups)}: name them"
     )
@@ -278,8 +280,10 @@ def _rigid_groups(rows: SurveyRows) -> list[list[str]]:
     is_rigid = changes <= pairs[jumps.argmax()]
     rigid = [tuple(np.flatnonzero(row)) for row in is_rigid]
     groups = list(dict.fromkeys(rigid))
-    whole = all(rigid[k] == own for own in groups for k in own) and all(len(own) >= _FEWEST for own in groups)
-    return [[names[k] for k in own] for own in groups] if whole else []
+    whole = all(rigid[k] == members for members in groups for k in members) and all(
+        len(members) >= _FEWEST for members in groups
+    )
+    return [[names[k] for k in members] for members in groups] if whole else []
 
 
 def _with_uncoded(folder: Path, group: RawGroup, guess: Guess) -> Guess:
@@ -301,7 +305,7 @@ def _by_words(guess: Guess, rows: SurveyRows, raw: str | int, pattern: str) -> G
     outer, _ = _changes(rows.poses, bodies, rows.targets, rows.places, within=False)
     if len(inner) < _FEWEST or not len(outer):
         return None
-    change, between = (float(np.sqrt(np.mean(one**2))) for one in (inner, outer))
+    change, between = (float(np.sqrt(np.mean(distances**2))) for distances in (inner, outer))
     if change > _RIGID * float(np.median(sizes)) or between < _APART * change:
         return None
     named = sorted(set(bodies))

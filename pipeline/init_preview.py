@@ -6,7 +6,6 @@ import glob
 from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Any
 
 from truing.formats import shapes
 from truing.formats.evaluation import TableBatch
@@ -72,14 +71,14 @@ def preview(folder: Path, files: Sequence[Path], table: str, kind: str, mapping:
 
 
 def first_rows(
-    folder: Path, example: Path, table: str, kind: str, mapping: Mapping[str, Any], log: FaultLog | None = None
+    folder: Path, example: Path, table: str, kind: str, mapping: Mapping[str, object], log: FaultLog | None = None
 ) -> TableBatch | None:
     """First batch of a file's rows by its mapping; None without rows. Raises CampaignFaults for an invalid mapping."""
     return next((batch for batch in batches(folder, example, table, kind, mapping, log) if batch.rows), None)
 
 
 def batches(
-    folder: Path, example: Path, table: str, kind: str, mapping: Mapping[str, Any], log: FaultLog | None = None
+    folder: Path, example: Path, table: str, kind: str, mapping: Mapping[str, object], log: FaultLog | None = None
 ) -> Iterator[TableBatch]:
     """Yield the rows of a file by its mapping, batch by batch. Raises CampaignFaults for an invalid mapping."""
     entry = {**mapping, "path": glob.escape(example.relative_to(folder).as_posix())}
@@ -118,7 +117,7 @@ def _shown(batch: TableBatch, chosen: Sequence[int]) -> Preview:
     return Preview(tuple(map(_with_unit, names)), rows)
 
 
-def _from_the_first(times: list[Any]) -> list[Any]:
+def _from_the_first(times: list[float | None]) -> list[float | None]:
     """Times of dates, which count from the earliest; others as they are."""
     known = [time for time in times if time is not None]
     if not known or abs(known[0]) < _SECONDS_OF_DATES:

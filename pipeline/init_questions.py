@@ -7,7 +7,7 @@ import sys
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING
 
 from truing.formats.guess import MappingKeys
 from truing.formats.shapes import COORDINATES
@@ -220,7 +220,7 @@ def _open_unit(guess: Guess) -> str | None:
     return taken.pop() if len(taken) == 1 else None
 
 
-def _of_unread_units(mapping: Mapping[str, Any]) -> Iterator[Question]:
+def _of_unread_units(mapping: MappingKeys) -> Iterator[Question]:
     """Yield one question for each dimension of columns whose heads name a unit that is not known."""
     columns: dict[str, list[str]] = {}
     for column in unread_units(mapping):
@@ -288,7 +288,7 @@ def is_body_open(guess: Guess) -> bool:
     return has_placeholder or not names_a_body(guess)
 
 
-def without_placeholder(mapping: Mapping[str, Any]) -> MappingKeys:
+def without_placeholder(mapping: MappingKeys) -> MappingKeys:
     """Keys of a file without the placeholder of its body."""
     constants = {
         key: value for key, value in mapping.get("constants", {}).items() if (key, value) != ("body", PLACEHOLDER)
@@ -320,7 +320,7 @@ def of_one_target(guess: Guess, body: str) -> MappingKeys:
     return {**mapping, "columns": columns, "constants": constants}
 
 
-def _typed(answer: str, like: object) -> Any:
+def _typed(answer: str, like: object) -> object:
     """An answer as a number, if the guess is a number and the answer can be one."""
     if isinstance(like, (int, float)) and _is_number(answer):
         return int(answer) if answer.strip().lstrip("+-").isdigit() else float(answer)

@@ -106,8 +106,8 @@ def _unit(rows: SurveyRows, places: Mapping[str, Array]) -> str | None:
         if target in places:
             by_pose.setdefault(pose, []).append(row)
     ratios = []
-    for own in by_pose.values():
-        for i, j in combinations(own, 2):
+    for poses in by_pose.values():
+        for i, j in combinations(poses, 2):
             if rows.bodies[i] != rows.bodies[j]:
                 continue
             read = float(np.linalg.norm(rows.places[i] - rows.places[j]))
@@ -133,7 +133,10 @@ def _without_zeros(folder: Path, group: RawGroup, guess: Guess) -> Guess:
         return guess
     constants = {} if names_a_body(guess) else {"body": PLACEHOLDER}
     examples = [group.example.parent / name for name in group.names[:_MOST_FILES]] or [group.example]
-    files = (rows_of(folder, replace(group, example=one), guess, constants, most=_MOST_LOOKED_AT) for one in examples)
+    files = (
+        rows_of(folder, replace(group, example=example_file), guess, constants, most=_MOST_LOOKED_AT)
+        for example_file in examples
+    )
     if not any(rows is not None and (rows.places == 0.0).all(axis=1).any() for rows in files):
         return guess
     doubt = "rows with coordinates 0 0 0 are assumed to be lost targets"
@@ -225,16 +228,16 @@ def rows_of(
             names, count = batch.columns, min(batch.rows, most - len(texts["target"]))
             if not {"target", *_PLACE} <= set(names):
                 return None
-            for name, own in texts.items():
-                own += map(str, names[name].slice(0, count).to_pylist()) if name in names else [""] * count
+            for name, values in texts.items():
+                values += map(str, names[name].slice(0, count).to_pylist()) if name in names else [""] * count
             columns = [np.array(names[name].slice(0, count).to_pylist(), dtype=float) for name in _PLACE]
             places.append(np.column_stack(columns))
             if len(texts["target"]) >= most:
                 break
     except CampaignFaults:
         return None
-    found = np.concatenate(places) if places else np.empty((0, len(_PLACE)))
-    return SurveyRows(texts["pose"], texts["body"], texts["target"], found) if len(found) else None
+    all_places = np.concatenate(places) if places else np.empty((0, len(_PLACE)))
+    return SurveyRows(texts["pose"], texts["body"], texts["target"], all_places) if len(all_places) else None
 
 
 def rows_of_files(
@@ -242,13 +245,15 @@ def rows_of_files(
 ) -> SurveyRows | None:
     """The rows of the first files of a group, one after the other; None if one of them cannot be read."""
     examples = [group.example.parent / name for name in group.names[:_MOST_OF_GROUP]] or [group.example]
-    read = [rows_of(folder, replace(group, example=one), guess, constants, most=most) for one in examples]
-    found = [rows for rows in read if rows is not None]
-    if len(found) < len(read) or not found:
+    read = [
+        rows_of(folder, replace(group, example=example_file), guess, constants, most=most) for example_file in examples
+    ]
+    parts = [rows for rows in read if rows is not None]
+    if len(parts) < len(read) or not parts:
         return None
     return SurveyRows(
-        [pose for rows in found for pose in rows.poses],
-        [body for rows in found for body in rows.bodies],
-        [target for rows in found for target in rows.targets],
-        np.concatenate([rows.places for rows in found]),
+        [pose for rows in parts for pose in rows.poses],
+        [body for rows in parts for body in rows.bodies],
+        [target for rows in parts for target in rows.targets],
+        np.concatenate([rows.places for rows in parts]),
     )

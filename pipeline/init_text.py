@@ -65,26 +65,30 @@ def starter_campaign_text(name: str, guesses: list[tuple[RawGroup, Guess]], robo
 
     tables = Counter(guess.table for _, guess in guesses)
     every = [guess for _, guess in guesses]
-    is_used = [one.table is not None or gives_machine(one, every, is_described=robot is not None) for one in every]
-    read = [one for one, used in zip(guesses, is_used, strict=True) if used]
+    is_used = [
+        guess.table is not None or gives_machine(guess, every, is_described=robot is not None) for guess in every
+    ]
+    read = [entry for entry, used in zip(guesses, is_used, strict=True) if used]
     remaining = [
-        one for one, used in zip(guesses, is_used, strict=True) if not used and one[0].example.suffix != SUFFIX
+        unused for unused, used in zip(guesses, is_used, strict=True) if not used and unused[0].example.suffix != SUFFIX
     ]
     entries = [
         (g, guess, list(_file_lines(g, guess, alone=tables[guess.table] == 1, most=0)))
         for g, guess in read
         if guess.table is not None
     ]
-    kept, more = shortened_entries(entries, _MOST_LINES)
-    files = [line for _, _, lines in kept for line in lines]
-    counted = sum(guess.table == "poses" and "number_rows" in guess.mapping for _, guess, _ in kept)
+    shown, more = shortened_entries(entries, _MOST_LINES)
+    files = [line for _, _, lines in shown for line in lines]
+    counted = sum(guess.table == "poses" and "number_rows" in guess.mapping for _, guess, _ in shown)
     if counted > 1:
         files += [
             "",
             "# Several entries number their poses from 1: keep those of this campaign, or change the first number of "
             "the others.",
         ]
-    files += _listing("Also found; truing init --all writes their entries:", [_found_words(*one[:2]) for one in more])
+    files += _listing(
+        "Also found; truing init --all writes their entries:", [_found_words(*entry[:2]) for entry in more]
+    )
     files += _listing(
         f"Not read (entries by hand: {BY_HAND}):", [_left_words(group, guess) for group, guess in remaining]
     )
@@ -94,7 +98,7 @@ def starter_campaign_text(name: str, guesses: list[tuple[RawGroup, Guess]], robo
 def _listing(head: str, words: list[str]) -> list[str]:
     """Lines of remarks below a heading; none if there are no remarks."""
     more = [f"#   and {len(words) - _FEW} others"] if len(words) > _FEW else []
-    return ["", f"# {head}", *(f"#   {printable(one)}" for one in words[:_FEW]), *more] if words else []
+    return ["", f"# {head}", *(f"#   {printable(line)}" for line in words[:_FEW]), *more] if words else []
 
 
 def _found_words(group: RawGroup, guess: Guess) -> str:

@@ -15,20 +15,20 @@ from pathlib import Path
 from typing import Any
 
 from truing.pipeline.whole_file import write_atomically
-from truing.schemas.settings_text import regular_size
+from truing.schemas.settings_text import Document, regular_size
 
 # Two changes within one clock tick of the file system give the same time; the tick of FAT is two seconds.
 TICK_NS = 2_000_000_000
 # Facts that depend only on the bytes of a file, shared by all campaigns of this process.
-_OF_THIS_PROCESS: dict[str, Any] = {}
+_OF_THIS_PROCESS: dict[str, object] = {}
 
 
-def canonical(value: Any) -> str:
+def canonical(value: object) -> str:
     """JSON that is equal for equal values, independent of key order."""
     return json.dumps(value, sort_keys=True, separators=(",", ":"), default=str)
 
 
-def digest_of(value: Any) -> str:
+def digest_of(value: object) -> str:
     """SHA-256 of a value's canonical JSON."""
     return hashlib.sha256(canonical(value).encode()).hexdigest()
 
@@ -39,7 +39,7 @@ class MadeFrom:
 
     campaign: str
     source: Mapping[str, str]
-    settings: Mapping[str, Any]
+    settings: Mapping[str, object]
     inputs: Mapping[str, str | None]
     raw: Mapping[str, str]
 
@@ -96,7 +96,7 @@ def read_manifest(store: Path) -> Manifest:
         return Manifest()
 
 
-def _entry(row: dict[str, Any]) -> Entry:
+def _entry(row: Document) -> Entry:
     """An entry written by this or another version; raises if it is none."""
     reported = row["made_from"]
     made_from = None
@@ -106,7 +106,7 @@ def _entry(row: dict[str, Any]) -> Entry:
     return Entry(str(row["digest"]), dict(row["artifacts"]), tuple(map(str, row["failed_checks"])), made_from)
 
 
-def _owner(reported: Any) -> Owner | None:
+def _owner(reported: Mapping[str, object] | None) -> Owner | None:
     """The owner as written; None if absent."""
     return None if reported is None else Owner(*(str(reported[key]) for key in ("name", "file", "settings", "folder")))
 
@@ -117,8 +117,8 @@ class DigestCache:
     def __init__(self, store: Path | None, *, distrust: bool = False) -> None:
         self._store = store
         self._content = _load(store)
-        self._files: dict[str, list[Any]] = {} if distrust else self._content["files"]
-        self._facts: dict[str, Any] = self._content["facts"]
+        self._files: dict[str, list[int | str]] = {} if distrust else self._content["files"]
+        self._facts: dict[str, object] = self._content["facts"]
         self._changed = distrust
         self.trusts_times = not distrust  # of files unchanged since the last digest
 
@@ -149,7 +149,7 @@ class DigestCache:
             self.note(digest, _OF_THIS_PROCESS[digest])
         return self._facts.get(digest)
 
-    def note(self, digest: str, fact: Any) -> None:
+    def note(self, digest: str, fact: object) -> None:
         """Note a fact (JSON) that depends only on a file's bytes."""
         self._facts[digest] = _OF_THIS_PROCESS[digest] = fact
         self._changed = True
@@ -162,7 +162,7 @@ class DigestCache:
             self._changed = False
 
 
-def _load(store: Path | None) -> dict[str, Any]:
+def _load(store: Path | None) -> dict[str, dict[str, Any]]:
     if store is not None:
         with suppress(OSError, ValueError, KeyError, TypeError, RecursionError):
             regular_size(store)

@@ -5,7 +5,6 @@ from __future__ import annotations
 from collections.abc import Mapping
 from dataclasses import dataclass, field
 from pathlib import Path
-from typing import Any
 
 import pyarrow as pa
 from numpy import isnan
@@ -184,7 +183,7 @@ def _of_pictures(campaign: CampaignFolder) -> _KnownCameras | None:
     """Cameras from the metadata of a campaign's photographs: format and principal distance."""
     settings, log = campaign.validated(), FaultLog()
     source = CampaignFiles(campaign.folder, settings)
-    rows: dict[str, dict[str, Any]] = {}
+    rows: dict[str, dict[str, object]] = {}
     for one in list_photographs(source, settings.photographs.sensor_width_mm, log).found:
         if one.head.principal_distance_px is not None:
             head = {"width_px": one.head.width_px, "height_px": one.head.height_px}

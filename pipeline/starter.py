@@ -12,7 +12,7 @@ from truing.pipeline.init_robot import mechanism_of
 from truing.schemas.columns import find_column
 
 if TYPE_CHECKING:
-    from truing.formats.guess import Guess
+    from truing.formats.guess import Guess, MappingKeys
     from truing.pipeline.init_robot import Robot
 
 _AT = 33  # column of remarks
@@ -246,7 +246,7 @@ def _are_in_the_same_rows(guesses: Sequence[Guess]) -> bool:
     return any(guess.table == "configurations" and guess.columns in measured for guess in guesses)
 
 
-def guess_lines(mapping: Mapping[str, Any], guess: Guess) -> Iterator[str]:
+def guess_lines(mapping: MappingKeys, guess: Guess) -> Iterator[str]:
     """Yield one marked remark with all guessed keys of an entry; none if nothing is guessed."""
     constants = {key: value for key, value in mapping.get("constants", {}).items() if key not in guess.answered}
     statements = (
@@ -272,7 +272,7 @@ def unconfirmed(file: Path) -> str:
     return f"{lines_text} of truing init ({MARK}): correct what is wrong, then delete the remark"
 
 
-def _of_constants(constants: Mapping[str, Any]) -> Iterator[str]:
+def _of_constants(constants: Mapping[str, object]) -> Iterator[str]:
     if "body" in constants:
         yield f'body = "{constants["body"]}" is a guess; all points are assumed to be on one rigid body'
     if "channel" in constants:
@@ -284,7 +284,7 @@ def _of_constants(constants: Mapping[str, Any]) -> Iterator[str]:
             yield f"{name} = {constants[name]!r}, all rows are assumed to be one {name}".replace("'", '"')
 
 
-def _of_units(mapping: Mapping[str, Any], guess: Guess) -> Iterator[str]:
+def _of_units(mapping: MappingKeys, guess: Guess) -> Iterator[str]:
     from truing.formats.shapes import COORDINATE_SIGMAS, COORDINATES
 
     by_unit: dict[str, list[str]] = {}
@@ -309,7 +309,7 @@ def _of_units(mapping: Mapping[str, Any], guess: Guess) -> Iterator[str]:
         yield f"no unit is given; assumed are {words} (else: {cure})"
 
 
-def unread_units(mapping: Mapping[str, Any]) -> dict[str, str]:
+def unread_units(mapping: MappingKeys) -> dict[str, str]:
     """Words in brackets after raw names, by columns whose unit they seem to be but cannot be."""
     from truing.formats.units import unread_unit
 
@@ -328,7 +328,7 @@ def assumed_unit(column: str, guess: Guess) -> str | None:
     return common or (_taken_unit(column, columns[column], guess.mapping) if column in columns else None)
 
 
-def _taken_unit(column: str, raw: Any, mapping: Mapping[str, Any], *, is_unread: bool = False) -> str | None:
+def _taken_unit(column: str, raw: Any, mapping: MappingKeys, *, is_unread: bool = False) -> str | None:
     """Assumed unit of a raw column without a unit, or (``is_unread``) with any words as unit; None if it is known."""
     from truing.formats.units import bare_and_unit
 
@@ -341,7 +341,7 @@ def _taken_unit(column: str, raw: Any, mapping: Mapping[str, Any], *, is_unread:
     return known.unit if is_unread or isinstance(raw, int) or bare_and_unit(raw)[1] is None else None
 
 
-def _common_unit(mapping: Mapping[str, Any], guess: Guess) -> str | None:
+def _common_unit(mapping: MappingKeys, guess: Guess) -> str | None:
     """Assumed unit of all coordinates of files without a unit; None if columns have units of their own."""
     from truing.formats.units import bare_and_unit
 
@@ -357,13 +357,13 @@ def _span(names: list[str]) -> str:
     return " ".join(names) if len(names) < 4 else f"{names[0]} to {names[-1]}"
 
 
-def has_open_rotation(mapping: Mapping[str, Any]) -> bool:
+def has_open_rotation(mapping: MappingKeys) -> bool:
     """True if three angles could be a rotation vector or Euler angles, because no name says which."""
     columns = mapping.get("columns", {})
     return columns.get("rx_rad") not in (None, "rx_rad") and "sigma_rx_rad" not in columns
 
 
-def _of_rows(mapping: Mapping[str, Any], answered: Collection[str]) -> Iterator[str]:
+def _of_rows(mapping: MappingKeys, answered: Collection[str]) -> Iterator[str]:
     if reported := re.findall(r"\(\?P<(\w+)>", mapping.get("from_name", "")):
         yield f"the files' names give {' and '.join(reported)}"
     if "coverage" in mapping and "coverage" not in answered:

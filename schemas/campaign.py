@@ -40,6 +40,7 @@ from truing.schemas.sections import (
     Signals,
     Workspace,
 )
+from truing.schemas.settings_text import Document
 
 
 def _is_first_format(value: object) -> int:
@@ -154,7 +155,7 @@ class Campaign(Section):
         return self.measurement.frame == "campaign"
 
 
-def read_campaign(document: dict[str, Any], file: str = "campaign.toml") -> Campaign:
+def read_campaign(document: dict[str, object], file: str = "campaign.toml") -> Campaign:
     """Validate a parsed campaign.toml; raises CampaignFaults with every fault."""
     try:
         campaign = Campaign.model_validate(document)
@@ -224,7 +225,7 @@ _KINDS = {
 }
 
 
-def _fault(file: str, document: dict[str, Any], detail: ErrorDetails) -> Fault:
+def _fault(file: str, document: dict[str, object], detail: ErrorDetails) -> Fault:
     path = _dotted(detail["loc"], document)
     if detail["type"] == "extra_forbidden":
         return Fault(file, _suggestion(detail["loc"]), column=path)
@@ -234,7 +235,7 @@ def _fault(file: str, document: dict[str, Any], detail: ErrorDetails) -> Fault:
     return Fault(file, _expectation(detail), column=path, value=_printable_value(detail["input"], quoted=is_type))
 
 
-def _dotted(location: tuple[int | str, ...], document: dict[str, Any]) -> str:
+def _dotted(location: tuple[int | str, ...], document: Document) -> str:
     """Key path as in campaign.toml: list entries count from 1, and a single table has no number."""
     parts: list[str] = []
     level: Any = document

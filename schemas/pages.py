@@ -199,7 +199,7 @@ def _tables_of_model(model: type[BaseModel], heading: str, remark: str = "") -> 
     return (Table(tuple(headings), inner, remark) for inner, headings in tables_by_model.items())
 
 
-def _bracketed(heading: str, annotation: Any) -> str:
+def _bracketed(heading: str, annotation: object) -> str:
     if typing.get_origin(annotation) is dict:
         return f"[{heading}.<{_NAMED.get(heading.rsplit('.', 1)[-1], 'table')}>]"
     return f"[[{heading}]]" if typing.get_origin(annotation) is tuple else f"[{heading}]"
@@ -269,7 +269,7 @@ def _plural(words: str) -> str:
     return re.sub(r"\b(text|number|table|list)\b", r"\1s", words)
 
 
-def _bounds(metadata: list[Any]) -> str:
+def _bounds(metadata: list[object]) -> str:
     """Limits of a field, except those against implausible sizes."""
     flat = [rule for entry in metadata for rule in (entry.metadata if isinstance(entry, FieldInfo) else [entry])]
     known = [(rule, *sign) for rule in flat for kind, sign in _SIGNS.items() if isinstance(rule, kind)]
@@ -277,7 +277,7 @@ def _bounds(metadata: list[Any]) -> str:
     return "".join(f" {word} {limit:g}" for word, limit in bounds if abs(limit) != LARGEST)
 
 
-def _model(annotation: Any) -> type[BaseModel] | None:
+def _model(annotation: object) -> type[BaseModel] | None:
     """Model within an annotation."""
     if isinstance(annotation, type) and issubclass(annotation, BaseModel):
         return annotation

@@ -10,6 +10,9 @@ import tomllib
 from pathlib import Path
 from typing import Any
 
+# A parsed TOML document, or a table of it: values by key.
+Document = dict[str, Any]
+
 LARGEST = 16 << 20  # bytes; the parser takes a hundred times that of memory
 _NOTHING_THERE = {errno.ENOENT, errno.ENOTDIR, errno.ELOOP, errno.ENAMETOOLONG}
 
@@ -49,7 +52,7 @@ def read_settings_text(path: Path) -> str:
     return path.read_text(encoding="utf-8-sig")
 
 
-def parsed_toml(text: str) -> dict[str, Any]:
+def parsed_toml(text: str) -> Document:
     """Parse a TOML text.
 
     Raises TooDeep, tomllib.TOMLDecodeError, and ValueError for integers with more digits than Python reads.
@@ -60,7 +63,7 @@ def parsed_toml(text: str) -> dict[str, Any]:
         document = tomllib.loads(text)
     except RecursionError:
         raise TooDeep from None
-    level: list[Any] = [document]
+    level: list[dict[str, object] | list[object]] = [document]
     for _ in range(DEEPEST):
         level = [inner for table in level for inner in _nested_values(table) if isinstance(inner, dict | list)]
         if not level:
@@ -68,7 +71,7 @@ def parsed_toml(text: str) -> dict[str, Any]:
     raise TooDeep
 
 
-def _nested_values(value: Any) -> list[Any]:
+def _nested_values(value: dict[str, object] | list[object]) -> list[object]:
     return list(value.values()) if isinstance(value, dict) else value
 
 

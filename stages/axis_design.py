@@ -60,8 +60,8 @@ def design_axis(settings: Campaign, options: DesignOptions, tables: AxisDesignTa
     rng = np.random.default_rng(options.seed)
     section = cast("AxisMechanism", settings.mechanism)
     columns = AxisColumns.of(section, [])
-    own = None if tables.own is None else planned_readings(tables.own, settings)
-    commands = np.zeros(0) if own is None else columns_of(settings, own).commands(own)
+    own_rows = None if tables.own is None else planned_readings(tables.own, settings)
+    commands = np.zeros(0) if own_rows is None else columns_of(settings, own_rows).commands(own_rows)
     low, high = _travel(section, commands)
     cycles = options.cycles or max((c for c in range(1, _CYCLES + 1) if _fits(options.poses, c)), default=1)
     count = targets_within(options.poses, cycles)
@@ -73,11 +73,13 @@ def design_axis(settings: Campaign, options: DesignOptions, tables: AxisDesignTa
     model, sigma = _model(settings, columns, visited(positions, 1, low, high))
     effects = with_periods(_causes(model, options.causes), high - low, count)
     even = np.linspace(positions[0], positions[-1], count)
-    kept = None if tables.extend is None else _information(tables, columns, settings, (model, sigma), effects)
+    kept_information = (
+        None if tables.extend is None else _information(tables, columns, settings, (model, sigma), effects)
+    )
     chosen = choose_targets(
         target_rows(model, sigma, positions, effects),
         target_rows(model, sigma, even, effects),
-        kept,
+        kept_information,
         rng,
         is_random=options.method == "random",
     )
@@ -101,7 +103,7 @@ def design_axis(settings: Campaign, options: DesignOptions, tables: AxisDesignTa
         sizes=sizes_of(settings, planned_readings(table, settings), options),
         own_rows=len(commands),
         own_step=None if own_step is None else own_step / unit,
-        own_sizes=None if own is None else sizes_of(settings, own, options),
+        own_sizes=None if own_rows is None else sizes_of(settings, own_rows, options),
     )
 
 
@@ -156,7 +158,11 @@ def _model(settings: Campaign, columns: AxisColumns, command: Array) -> tuple[Ax
     table = planned_readings(_plan_table(command, ["calibration"] * len(command), columns, 1), settings)
     names = list(columns_of(settings, table).encoders)
     sigma = [encoder_sigma(settings, name) for name in names]
-    missing = [f"noise.{name}_{columns.unit}" for name, one in zip(names, sigma, strict=True) if one is None]
+    missing = [
+        f"noise.{name}_{columns.unit}"
+        for name, sigma_of_encoder in zip(names, sigma, strict=True)
+        if sigma_of_encoder is None
+    ]
     if missing or not names:
         expected = "one standard deviation of what records the axis"
         raise CampaignFaults(
@@ -175,16 +181,16 @@ def _causes(model: AxisModel, names: Sequence[str]) -> list[AxisCause]:
     from truing.simulation.catalogue import OF_TYPES
 
     kinds = OF_TYPES["axis"]()
-    found = list[AxisCause]()
+    axis_causes = list[AxisCause]()
     for name in names or OF_TARGETS:
         kind = kinds[name]
         assert isinstance(kind, AxisCause)
         candidates = list(model.scene.candidates(kind))
-        found += [cause for cause in candidates if cause.subject == candidates[0].subject]
-    if not found:
+        axis_causes += [cause for cause in candidates if cause.subject == candidates[0].subject]
+    if not axis_causes:
         expected = "an encoder outside the loop, or an outside instrument: the encoder in the loop follows the command"
         raise CampaignFaults([Fault(FILE, expected, column="mechanism.loop")])
-    return found
+    return axis_causes
 
 
 def _information(
@@ -211,11 +217,11 @@ def _information(
 
 def _held_out(positions: Array, targets: Array, count: int) -> Array:
     """Return candidates far from the targets and from each other."""
-    distance, found = np.abs(positions[:, None] - targets).min(1), list[float]()
+    distance, held_out = np.abs(positions[:, None] - targets).min(1), list[float]()
     for _ in range(min(count, len(positions) - len(targets))):
-        found.append(float(positions[np.argmax(distance)]))
-        distance = np.minimum(distance, np.abs(positions - found[-1]))
-    return np.sort(np.array(found))
+        held_out.append(float(positions[np.argmax(distance)]))
+        distance = np.minimum(distance, np.abs(positions - held_out[-1]))
+    return np.sort(np.array(held_out))
 
 
 def _in_cycles(targets: Array, held_out: Array, cycles: int, ends: tuple[float, float]) -> tuple[Array, list[str]]:
@@ -230,5 +236,9 @@ def _in_cycles(targets: Array, held_out: Array, cycles: int, ends: tuple[float, 
 
 def _plan_table(command: Array, roles: list[str], columns: AxisColumns, first: int) -> pa.Table:
     """Return rows at commands (N,), rad or m, numbered from ``first``, with their order as times."""
-    own = {"pose": np.arange(len(command)) + first, "role": pa.array(roles), "time_s": np.arange(float(len(command)))}
-    return pa.table(own | {columns.command: np.round(columns.recorded(columns.command, command), 9)})
+    pose_columns = {
+        "pose": np.arange(len(command)) + first,
+        "role": pa.array(roles),
+        "time_s": np.arange(float(len(command))),
+    }
+    return pa.table(pose_columns | {columns.command: np.round(columns.recorded(columns.command, command), 9)})

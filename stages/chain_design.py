@@ -7,7 +7,7 @@ from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
 from dataclasses import replace
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING
 
 import numpy as np
 import pyarrow as pa
@@ -64,8 +64,8 @@ def design_chain(settings: Campaign, options: DesignOptions, tables: ChainDesign
     with_causes = _with_causes(offered, settings, options.causes)
     rows = with_causes.rows
     kept_readings, kept = _kept_poses(with_causes, settings, tables, tree)
-    found = choose_chain_poses(rows, options.poses, kept, options.method, rng)
-    chosen = drawn[found.chosen]
+    choice = choose_chain_poses(rows, options.poses, kept, options.method, rng)
+    chosen = drawn[choice.chosen]
     check = verification_poses(drawn, chosen, ranges, options.verification)
     plan = np.concatenate([chosen, check])
     order = ordered_poses(plan, ranges, kept_readings, options, rng)
@@ -80,7 +80,7 @@ def design_chain(settings: Campaign, options: DesignOptions, tables: ChainDesign
         ranges,
         len(regions.links) + len(regions.functions),
         len(drawn),
-        found,
+        choice,
         0 if kept_readings is None else len(kept_readings),
         order,
         None if existing is None or len(layout.model.known.base_t) > 1 else _existing(with_causes, existing, rows),
@@ -102,7 +102,7 @@ def _check(options: DesignOptions) -> None:
 
 def _data(
     given: Mapping[str, pa.Table], tree: Tree, ranges: JointRanges, drawn: NDArray, settings: Campaign
-) -> DiagnosisData[Any]:
+) -> DiagnosisData[ChainModel]:
     """Data of the diagnosis of the campaign, or of its nominal measurement if nothing was measured yet."""
     from truing.stages.diagnosis.search import assembled_data
 
@@ -127,7 +127,7 @@ def _measured(
     return nominal_tables(tree, given["joints"], given.get("survey"), planned, settings)
 
 
-def _layout(data: DiagnosisData[Any]) -> PlannedPoses:
+def _layout(data: DiagnosisData[ChainModel]) -> PlannedPoses:
     """The plain model at its nominal numbers, and the instrument of further poses."""
     from truing.stages.diagnosis.next_measurement import MeasuredPoints
 
@@ -153,14 +153,14 @@ def _candidate_causes(poses: PlannedPoses, settings: Campaign) -> list[ChainCaus
     scene = poses.model.at(poses.conditions).scene
     known = searched_for(settings, kinds_of(settings).values())
     kinds = [kind for kind in known if kind.catalogued and isinstance(kind, ChainCause)]
-    found = [cause for kind in kinds for cause in scene.candidates(kind)]
+    causes = [cause for kind in kinds for cause in scene.candidates(kind)]
     unsure = {poses.model.tree.readings[k] for k in poses.model.free_offsets}  # their zeros are unknowns already
-    found = [cause for cause in found if not (isinstance(cause, JointOffset) and cause.joint in unsure)]
+    causes = [cause for cause in causes if not (isinstance(cause, JointOffset) and cause.joint in unsure)]
     # A curve imitates every function of its reading, and a harmonic whose order is searched competes with a hundred
     # others; the diagnosis compares them all.
-    found = [cause for cause in found if not isinstance(cause, JointErrorCurve)]
-    found = [cause for cause in found if not (isinstance(cause, JointHarmonic) and cause.beside > 0.0)]
-    return [cause for cause in found if cause.is_persistent and cause.parameters(poses.model.part_count)]
+    causes = [cause for cause in causes if not isinstance(cause, JointErrorCurve)]
+    causes = [cause for cause in causes if not (isinstance(cause, JointHarmonic) and cause.beside > 0.0)]
+    return [cause for cause in causes if cause.is_persistent and cause.parameters(poses.model.part_count)]
 
 
 def _with_causes(poses: PlannedPoses, settings: Campaign, names: Sequence[str]) -> PlannedPoses:
@@ -195,7 +195,7 @@ def _kept_poses(
 
 
 def _measured_poses(
-    data: DiagnosisData[Any], given: Mapping[str, pa.Table], settings: Campaign, tree: Tree, layout: PlannedPoses
+    data: DiagnosisData[ChainModel], given: Mapping[str, pa.Table], settings: Campaign, tree: Tree, layout: PlannedPoses
 ) -> PlannedPoses | None:
     """The campaign's own poses that may be fitted; None without configurations."""
     if "configurations" not in given or not len(given["configurations"]):

@@ -22,7 +22,7 @@ from docs.experiments.marked_tables import renew, table
 from truing.report.diagnosis.assessed_causes import assessed_causes
 from truing.report.diagnosis.detectable_sizes import hidden
 from truing.report.diagnosis.effect_units import size_text
-from truing.report.diagnosis.load_corrections import unwritten_loads
+from truing.report.diagnosis.load_corrections import unrecorded_loads
 from truing.report.diagnosis.prediction_errors import reading_misses, root_mean_square
 from truing.report.head import build_head
 from truing.report.numbers import plain, printed, with_uncertainty
@@ -166,7 +166,7 @@ def matrix_table(tables: Frames) -> str:
 
 def acted_words(tables: Frames) -> str:
     """Return the loads that acted in addition to the recorded ones."""
-    section = unwritten_loads(assessed_causes(tables), tables)
+    section = unrecorded_loads(assessed_causes(tables), tables)
     assert section is not None
     return f"> {section.lead}"
 

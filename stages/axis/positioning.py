@@ -49,7 +49,7 @@ def with_axis_positioning(outcome: Outcome, tables: Mapping[str, pa.Table], sett
         why = why or FEW_TARGETS
         return replace(outcome, artifacts=left, figure=f"not evaluated: {why}", why_not=why)
     runs = dict.fromkeys(rows.columns["run"])
-    words = f"positioning by ISO 230-2 of {count_text(len(runs), 'reading')} of the axis: {', '.join(runs)}"
+    words = f"positioning by ISO 230-2 of {count_text(len(runs), 'reading')} of the axis: {', '.join(map(str, runs))}"
     return replace(
         outcome, artifacts=left, read=count_text(table.num_rows if table else 0, "row"), figure=words, why_not=""
     )

@@ -74,14 +74,14 @@ def unobserved_bars(bars: pa.Table | None, rays: pa.Table) -> list[str]:
     return list(text.values())
 
 
-def _visible_in_poses(rays: pa.Table) -> dict[Any, frozenset[str]]:
-    seen: dict[Any, set[str]] = {}
+def _visible_in_poses(rays: pa.Table) -> dict[object, frozenset[str]]:
+    seen: dict[object, set[str]] = {}
     for pose, point in zip(rays.column("pose").to_pylist(), rays.column("point").to_pylist(), strict=True):
         seen.setdefault(pose, set()).add(point)
     return {pose: frozenset(points - {""}) for pose, points in seen.items()}
 
 
-def _with_bar(bars: pa.Table | None, seen: Mapping[Any, frozenset[str]]) -> set[Any]:
+def _with_bar(bars: pa.Table | None, seen: Mapping[object, frozenset[str]]) -> set[object]:
     """Poses with both ends of a bar that gives the scale."""
     rows = [] if bars is None else [row for row in bars.to_pylist() if row["serves"] == "scale"]
     return {

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from typing import Any
 
 import numpy as np
 import pyarrow as pa
@@ -220,7 +219,7 @@ class NetworkTables:
         lost, table = self.found.unmatched, self.table
         image, nothing = np.concatenate([rays.image, table.image[lost]]), np.full(len(lost), np.nan)
         stated = np.sqrt(np.einsum("nii->ni", table.cov_px2[lost]))
-        both: dict[str, Any] = {
+        both: dict[str, object] = {
             "pose": self._pose(np.concatenate([self.network.image_pose[rays.image], table.pose[lost]])),
             "image": named.images[image],
             "camera": self.camera_names[self.network.image_camera[image]],
@@ -254,7 +253,7 @@ class NetworkTables:
             )
         return table_of_rows("scale_bar_lengths", rows, self.named)
 
-    def _deviation_sigma(self, reported: dict[str, Any], sigma_mm: float, alone_mm: float) -> float:
+    def _deviation_sigma(self, reported: dict[str, object], sigma_mm: float, alone_mm: float) -> float:
         """Sigma of adjusted minus calibrated length: root sum of squares for a checking bar; root difference of squares
         for a bar in the adjustment, whose adjusted length includes the calibrated one."""
         if reported["serves"] == "check":
@@ -300,7 +299,7 @@ def _joined_table(name: str, parts: Sequence[TableRow], named: NamedNetwork) -> 
     return _table(name, {key: np.concatenate([part[key] for part in parts]) for key in parts[0]}, named)
 
 
-def _table(name: str, columns: dict[str, Any], named: NamedNetwork) -> pa.Table:
+def _table(name: str, columns: dict[str, object], named: NamedNetwork) -> pa.Table:
     """The columns as an artifact, NaN as empty."""
     schema = ARTIFACTS[name].arrow_schema(_identifier(named))
     arrays = [pa.array(columns[key], schema.field(key).type, from_pandas=True) for key in schema.names]
@@ -329,7 +328,7 @@ def known_points_table(named: NamedNetwork, tested: KnownTested, used: Mask) -> 
     return table_of_rows("known_point_errors", rows, named)
 
 
-def _known_point_deviation(errors: KnownPointErrors, row: int) -> dict[str, Any]:
+def _known_point_deviation(errors: KnownPointErrors, row: int) -> dict[str, object]:
     """Deviation of one known point from the rays, in mm."""
     wrong = bool(errors.wrong[row])
     reason = WRONG if wrong else None if errors.resolved else UNRESOLVED

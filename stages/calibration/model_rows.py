@@ -133,7 +133,7 @@ def _moved_by_load(structure: Structure, machine: Machine, measured: MeasuredPla
     """Rms shift of the platform by its load, and rms of its difference between poses: the load's share that a
     calibration of the geometry cannot absorb."""
     loaded = under_load(machine, measured)
-    free, loaded_poses = (poses_at(structure, one, measured.rho) for one in (machine, loaded))
+    free, loaded_poses = (poses_at(structure, variant, measured.rho) for variant in (machine, loaded))
     moved = (loaded_poses.p - free.p)[free.converged & loaded_poses.converged] * 1e6
     if not len(moved):
         return []

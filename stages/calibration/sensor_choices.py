@@ -51,32 +51,38 @@ _WHY_NOT = {
 def left_out_rows(recorded_loads: RecordedLoads) -> Rows:
     """One row per signal with a gross error, whose load step the calibration left out."""
     rows = Rows("calibration_left_out")
-    for one in recorded_loads.left_out:
-        where = {"run": one.run, "step": one.step}
-        rows.add(**where, subject=f"signal {one.signal}", reason=_GROSS, value=abs(one.deviation), unit="sigma")
+    for gross_error in recorded_loads.left_out:
+        where = {"run": gross_error.run, "step": gross_error.step}
+        rows.add(
+            **where,
+            subject=f"signal {gross_error.signal}",
+            reason=_GROSS,
+            value=abs(gross_error.deviation),
+            unit="sigma",
+        )
     return rows
 
 
 def kept_rows(recorded_loads: RecordedLoads) -> Rows:
     """One row per signal that looks like a gross error, and that the calibration uses because it is an effect."""
     rows = Rows("calibration_kept")
-    for one in recorded_loads.kept:
+    for kept_signal in recorded_loads.kept:
         rows.add(
-            run=one.run,
-            step=one.step,
-            subject=f"signal {one.signal}",
-            kept_because="predicted" if one.is_predicted else "shared input",
-            shared_input=one.follows,
-            value=abs(one.deviation),
+            run=kept_signal.run,
+            step=kept_signal.step,
+            subject=f"signal {kept_signal.signal}",
+            kept_because="predicted" if kept_signal.is_predicted else "shared input",
+            shared_input=kept_signal.follows,
+            value=abs(kept_signal.deviation),
             unit="sigma",
-            p_value=one.p_value,
+            p_value=kept_signal.p_value,
         )
     return rows
 
 
 def runs_type(signals: Sequence[GrossSignal]) -> str:
     """Return the type of the labels of runs in tables of these signals."""
-    return "int64" if all(isinstance(one.run, int) for one in signals) else "string"
+    return "int64" if all(isinstance(signal.run, int) for signal in signals) else "string"
 
 
 def requirement_rows_of_loads(
@@ -121,16 +127,20 @@ def compared_rows(
         Rows("calibrations_compared"),
         ((recorded_loads, fitted), (other_calibrations.found, other_calibrations.fitted)),
     )
-    moved = {name for one, _ in both for name in compress(_steps(one), one.moved.tolist())}
+    moved = {
+        name
+        for calibration_data, _ in both
+        for name in compress(_steps(calibration_data), calibration_data.moved.tolist())
+    }
     same = set(_held_out_steps(recorded_loads)) & set(_held_out_steps(other_calibrations.found)) - moved
-    for calibration_data, own in both:
-        errors, names = own.choice.chosen.errors, own.table.load_names
+    for calibration_data, result in both:
+        errors, names = result.choice.chosen.errors, result.table.load_names
         errors_used = errors[[name in same for name in _held_out_steps(calibration_data)]]
         common = {
             "data": WITH_FINDINGS if calibration_data.causes else AS_RECORDED,
             "is_main": calibration_data is recorded_loads,
             "findings": " and ".join(calibration_data.causes) or None,
-            "model": own.chosen.model.name,
+            "model": result.chosen.model.name,
             "quantity": list(names),
             "unit": [_UNITS[name[0]] for name in names],
         }
@@ -142,9 +152,9 @@ def compared_rows(
             rms_unchanged=np.sqrt(np.mean(errors_used**2, axis=0)) if len(errors_used) else None,
             count=len(errors),
         )
-        if np.isfinite(own.verification).all():
+        if np.isfinite(result.verification).all():
             count = int(calibration_data.steps.held_out.sum())
-            rows.add(**common, tested_on="verification runs", rms_error=own.verification, count=count)
+            rows.add(**common, tested_on="verification runs", rms_error=result.verification, count=count)
     return rows
 
 

@@ -154,16 +154,16 @@ def merit_rows(theory: Theory | None, sensor_calibrations: SensorCalibrations | 
     length = 1.0 if theory is None else theory.length_m
     lengths = (1.0,) if length == 1.0 else (1.0, length)
     for name, estimate in [*drawn, *([] if legs is None else [(("G_B'", legs.model), legs.estimate)])]:
-        for one in lengths:
-            _merit(rows, name, per_length(estimate, one), one)
+        for length in lengths:
+            _merit(rows, name, per_length(estimate, length), length)
     if sensor_calibrations is not None:
-        for one in lengths:
-            condition = _pair(condition_number(per_length(sensor_calibrations.matrix, one)))
-            _MeritRows(rows, ("G_B", sensor_calibrations.chosen.model.name), one).add("condition", *condition)
+        for length in lengths:
+            condition = _pair(condition_number(per_length(sensor_calibrations.matrix, length)))
+            _MeritRows(rows, ("G_B", sensor_calibrations.chosen.model.name), length).add("condition", *condition)
     if theory is None:
         return rows
     if legs is not None and legs.estimate.value.shape == (6, 6):
-        for name, estimate in sorted(drawn, key=lambda one: one[0][0] != "G'"):
+        for name, estimate in sorted(drawn, key=lambda drawing: drawing[0][0] != "G'"):
             _theory_errors(rows, name, estimate, legs, lengths)
     motion = theory.synthetic / READING_SI
     for subject, value, unit in zip(CHANNELS, motion.tolist(), READING_UNITS, strict=True):
@@ -176,14 +176,14 @@ def _merit(rows: Rows, name: Name, estimate: MatrixEstimate, length: float) -> N
     merits = _MeritRows(rows, name, length)
     merits.add("condition", value, sigma)
     merits.add("isotropy", 1.0 / value, sigma / value**2)
-    each = sensitivities(estimate)
+    of_channels = sensitivities(estimate)
     if estimate.value.shape == (6, 6):
         figures = merit(estimate.value)
         merits.add("force_isotropy", float(figures.force_isotropy), None)
         merits.add("torque_isotropy", float(figures.torque_isotropy), None)
     for k, load in enumerate(LOADS):
         unit = "1" if k < 3 or length != 1.0 else "1/m"
-        merits.add("sensitivity", float(each.value[k]), float(each.sigma[k]), load, unit)
+        merits.add("sensitivity", float(of_channels.value[k]), float(of_channels.sigma[k]), load, unit)
 
 
 def _theory_errors(

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING
 
 import numpy as np
 import pyarrow as pa
@@ -82,7 +82,7 @@ def _effects(
     indices = np.flatnonzero(np.isfinite(statistics.by_point).all((1, 2)) & np.array([bool(name) for name in points]))
     scale = np.array([number.scale for number in statistics.numbers])
     moves = np.swapaxes(statistics.by_point[indices] * scale, 1, 2).reshape(-1, 3) * _MM
-    columns: dict[str, Any] = {
+    columns: dict[str, object] = {
         "pose": _repeated(poses, pose[indices], len(names)),
         "point": np.repeat(np.array(points, object)[indices], len(names)).tolist(),
         "shared_number": np.tile(names, len(indices)).tolist(),
@@ -91,11 +91,11 @@ def _effects(
     return _table("ray_effects", columns, poses)
 
 
-def _repeated(poses: Sequence[int | str], chosen: NDArray, times: int) -> list[Any]:
+def _repeated(poses: Sequence[int | str], chosen: NDArray, times: int) -> list[object]:
     return np.repeat(np.array(poses, object)[chosen], times).tolist()
 
 
-def _table(artifact: str, columns: Mapping[str, Any], poses: Sequence[int | str]) -> pa.Table:
+def _table(artifact: str, columns: Mapping[str, object], poses: Sequence[int | str]) -> pa.Table:
     identifier = "int64" if all(isinstance(pose, int) for pose in poses) else "string"
     return pa.Table.from_pydict(dict(columns), schema=ARTIFACTS[artifact].arrow_schema(identifier))
 
@@ -133,7 +133,7 @@ def information_and_score(
     return information, score
 
 
-def effects_on_points(table: pa.Table, numbers: Sequence[RayParameter]) -> tuple[list[tuple[Any, str]], Array]:
+def effects_on_points(table: pa.Table, numbers: Sequence[RayParameter]) -> tuple[list[tuple[object, str]], Array]:
     """Pose and name (N) of the points of ray_effects, and their shifts (N, 3, T), m per scale of each parameter."""
     at = {number.called: index for index, number in enumerate(numbers)}
     keys = list(zip(table.column("pose").to_pylist(), table.column("point").to_pylist(), strict=True))

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 from dataclasses import dataclass, field
-from typing import Any
 
 import numpy as np
 import pyarrow as pa
@@ -16,10 +15,10 @@ class Rows:
     """Rows of one artifact, collected column by column; missing columns of a row are empty."""
 
     artifact: str
-    columns: dict[str, list[Any]] = field(default_factory=dict)
+    columns: dict[str, list[object]] = field(default_factory=dict)
     count: int = 0
 
-    def add(self, **values: Any) -> None:
+    def add(self, **values: object) -> None:
         """Add one row, or one row per element of sequences of equal length."""
         length = max((len(v) for v in values.values() if isinstance(v, (list, np.ndarray))), default=1)
         for name in dict.fromkeys((*self.columns, *values)):  # an order of columns independent of hashes

@@ -4,11 +4,11 @@ from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
-from typing import Any
 
 import numpy as np
 import pyarrow as pa
 
+from truing.arrays import TableRow
 from truing.calibration.chain_design import ChosenChainPoses, HiddenCombination, Remedy, UnknownKind
 from truing.estimation.design.pose_order import PoseOrder
 from truing.report.numbers import count_text
@@ -150,13 +150,13 @@ def _shown_by(combination: HiddenCombination, poses: pa.Table) -> str:
     return f"no pose within the ranges shows it; {combination.remedy} would"
 
 
-def _pose(row: Mapping[str, Any]) -> str:
+def _pose(row: TableRow) -> str:
     times = row["times"]
     often = f" {times} times" if times > 1 else ""
     return " ".join(f"{name} {value:g}" for name, value in row.items() if name != "times") + often
 
 
-def _causes(rows: Sequence[Mapping[str, Any]]) -> list[str]:
+def _causes(rows: Sequence[TableRow]) -> list[str]:
     if not rows:
         return []
     hidden = [row for row in rows if row["sigma_expected"] is None or row["sigma_expected"] > row["plausible"]]
@@ -179,11 +179,11 @@ def _causes(rows: Sequence[Mapping[str, Any]]) -> list[str]:
     return lines
 
 
-def _called(row: Mapping[str, Any]) -> str:
+def _called(row: TableRow) -> str:
     return _name(row["cause"], row["subject"], row["order"])
 
 
-def _other(row: Mapping[str, Any]) -> str:
+def _other(row: TableRow) -> str:
     return _name(row["most_like"], row["most_like_subject"], row["most_like_order"])
 
 

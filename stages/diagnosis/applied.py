@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING
 
 from truing.inference.fitter import Fitter
 from truing.inference.verdicts import FOUND, SUSPECTED
@@ -42,7 +42,7 @@ def choices_table(
 
 
 def applied_model(
-    diagnosis: CauseDiagnosis, data: DiagnosisData[Any], settings: Campaign, choices: pa.Table | None
+    diagnosis: CauseDiagnosis, data: DiagnosisData, settings: Campaign, choices: pa.Table | None
 ) -> str | None:
     """Extended model with the applied causes only; None if none is applied, or all that were found are."""
     rows = [] if choices is None else choices.to_pylist()

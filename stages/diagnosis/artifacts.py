@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import json
 from dataclasses import replace
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING
 
 import pyarrow as pa
 
@@ -30,6 +30,7 @@ if TYPE_CHECKING:
     from truing.inference.fitted_model import FittedModel
     from truing.inference.selection import CauseDiagnosis, Settings
     from truing.schemas.campaign import Campaign
+    from truing.simulation.effects_model import EffectsModel
     from truing.stages.diagnosis.diagnosis_data import DiagnosisData, ReportedRms
     from truing.stages.diagnosis.ray_findings import RayFindings
 
@@ -38,7 +39,7 @@ _FRAMING = 3
 
 
 def outcome(
-    diagnosis: CauseDiagnosis, data: DiagnosisData[Any], rays: RayFindings | None, settings: Campaign
+    diagnosis: CauseDiagnosis, data: DiagnosisData[EffectsModel], rays: RayFindings | None, settings: Campaign
 ) -> Outcome:
     """Outcome for points or readings, after the results of rays."""
     rule = rule_of(settings)
@@ -75,13 +76,13 @@ def not_evaluated(why: str, settings: Campaign) -> Outcome:
     return Outcome.not_evaluated(with_choices({"diagnosis": nothing}, choices_table(settings, nothing)), why)
 
 
-def with_choices(artifacts: dict[str, Any], choices: pa.Table | None) -> dict[str, Any]:
+def with_choices(artifacts: dict[str, object], choices: pa.Table | None) -> dict[str, object]:
     """Artifacts with the outcome of the causes named in campaign.toml, if any."""
     return artifacts if choices is None else {**artifacts, "diagnosis_choices": choices}
 
 
 def artifacts_of(
-    diagnosis: CauseDiagnosis, data: DiagnosisData[Any], rule: Settings, settings: Campaign
+    diagnosis: CauseDiagnosis, data: DiagnosisData[EffectsModel], rule: Settings, settings: Campaign
 ) -> dict[str, pa.Table | str]:
     """Tables and text by artifact."""
     diagnosis = replace(diagnosis, verdicts=assessed(diagnosis.verdicts, diagnosis.search, rule.level))
@@ -103,7 +104,7 @@ def artifacts_of(
     return {name: artifact for name, artifact in left.items() if artifact is not None}
 
 
-def _remark(data: DiagnosisData[Any], final: FittedModel) -> str:
+def _remark(data: DiagnosisData[EffectsModel], final: FittedModel) -> str:
     """Limitation of all statements."""
     texts = []
     if data.framing is not None and data.framing < _FRAMING:
@@ -116,7 +117,7 @@ def _remark(data: DiagnosisData[Any], final: FittedModel) -> str:
     return " ".join(texts)
 
 
-def _read(data: DiagnosisData[Any], shown: ReportedRms) -> str:
+def _read(data: DiagnosisData[EffectsModel], shown: ReportedRms) -> str:
     held_out_count = 0 if data.held_out is None else len(data.held_out.conditions.readings)
     seen = int(data.calibration.measured.is_observed.sum())
     used = count_text(len(data.calibration.conditions.readings), shown.epoch)
@@ -147,5 +148,9 @@ def _found_causes(table: pa.Table) -> str:
             # Findings on the noise have no name among the causes.
             is_noise = (row["reason_code"], row["cause"]) == ("noise", "unexplained")
             names[row["verdict"]].append("noise not as declared" if is_noise else row["cause"])
-    texts = [f"{verdict} {', '.join(dict.fromkeys(own))}" for verdict, own in names.items() if own]
+    texts = [
+        f"{verdict} {', '.join(dict.fromkeys(causes_of_verdict))}"
+        for verdict, causes_of_verdict in names.items()
+        if causes_of_verdict
+    ]
     return "; ".join(texts) or "nothing found"

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Mapping
 from dataclasses import replace
-from typing import TYPE_CHECKING, Any, cast
+from typing import TYPE_CHECKING, cast
 
 import numpy as np
 import pyarrow as pa
@@ -39,6 +39,7 @@ if TYPE_CHECKING:
     from truing.inference.selection import CauseDiagnosis
     from truing.schemas.campaign import Campaign
     from truing.schemas.mechanism import AxisMechanism
+    from truing.simulation.effects_model import EffectsModel
 
 Mask = NDArray[np.bool_]
 
@@ -60,7 +61,7 @@ def assemble(tables: Mapping[str, pa.Table], settings: Campaign) -> DiagnosisDat
     columns = columns_of(settings, table)
     off = command_sigma(settings)
     rows, deviations = columns.rows(table, off), columns.deviations(table)
-    out, kept = (excluded_rows(rules, rows) for rules in (settings.exclude, settings.keep))
+    out, declared_correct = (excluded_rows(rules, rows) for rules in (settings.exclude, settings.keep))
     is_observed = np.isfinite(deviations) & ~out[:, None]
     held_out = is_held_out(table)
     available = is_observed.any(1) & ~held_out
@@ -78,7 +79,7 @@ def assemble(tables: Mapping[str, pa.Table], settings: Campaign) -> DiagnosisDat
         measured = Observations(
             np.where(is_observed, deviations, 0.0)[rows_of_role][..., None], covariance, is_observed[rows_of_role]
         )
-        keep = np.broadcast_to(kept[rows_of_role][:, None], is_observed[rows_of_role].shape)
+        keep = np.broadcast_to(declared_correct[rows_of_role][:, None], is_observed[rows_of_role].shape)
         return Epochs(measured, rows.subset(rows_of_role), Frames.of_numbers(int(rows_of_role.sum())), keep)
 
     shown = _encoder_channels(columns, "held-out rows" if held_out.any() else IN_TURN)
@@ -139,14 +140,14 @@ def _encoder_channels(columns: AxisColumns, held_out: str) -> Channels:
     )
 
 
-def _model_text(fitted: FittedModel[Any], settings: Campaign) -> str:
+def _model_text(fitted: FittedModel, settings: Campaign) -> str:
     """The extended model of a fit, as model.toml has it."""
     assert isinstance(fitted.model, AxisModel)
     context = {"campaign": settings.campaign.name}
     return write_axis(extended_axis(fitted.model, fitted.fit.shared, fitted.covariance(), context))
 
 
-def _results(diagnosis: CauseDiagnosis, data: DiagnosisData[Any], settings: Campaign) -> InstrumentResults:
+def _results(diagnosis: CauseDiagnosis, data: DiagnosisData[EffectsModel], settings: Campaign) -> InstrumentResults:
     """Errors of each reading, and the extended model."""
     section = cast("AxisMechanism", settings.mechanism)
     assert isinstance(data.shown, Channels)
@@ -165,7 +166,7 @@ def _required(errors: pa.Table, section: AxisMechanism, settings: Campaign) -> p
         return None
     unit, sigma = section.unit, sigma / SI[section.unit]
     rows = [row for row in errors.to_pylist() if row["encoder"] == encoder]
-    found = [
+    error_rows = [
         {
             "pose": row["pose"],
             "role": row["role"],
@@ -177,7 +178,7 @@ def _required(errors: pa.Table, section: AxisMechanism, settings: Campaign) -> p
         }
         for row in rows
     ]
-    return identified_table("component_errors", found, "pose", ("missed_before",))
+    return identified_table("component_errors", error_rows, "pose", ("missed_before",))
 
 
 def _errors(diagnosis: CauseDiagnosis, channels: Channels, unit: str) -> pa.Table:
@@ -186,15 +187,15 @@ def _errors(diagnosis: CauseDiagnosis, channels: Channels, unit: str) -> pa.Tabl
     rows: list[TableRow] = []
     for role, before, after in errors_by_role(diagnosis):
         assert isinstance(before.model, AxisModel)
-        names, own = before.model.channel_names, before.model.rows
+        names, axis_rows = before.model.channel_names, before.model.rows
         rows += [
             {
-                "pose": own.poses[b],
+                "pose": axis_rows.poses[b],
                 "role": role,
                 "encoder": names[k],
-                "command": float(own.command[b] / SI[unit]),
+                "command": float(axis_rows.command[b] / SI[unit]),
                 "command_unit": unit,
-                "approach": int(own.direction[b]),
+                "approach": int(axis_rows.direction[b]),
                 "missed_before": float(before.gap[b, k, 0] / channels.si[k]),
                 "missed_after": float(after.gap[b, k, 0] / channels.si[k]),
                 "unit": channels.units[k],

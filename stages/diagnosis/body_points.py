@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections import Counter
 from collections.abc import Mapping
 from dataclasses import replace
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING
 
 import numpy as np
 import pyarrow as pa
@@ -53,6 +53,7 @@ from truing.stages.diagnosis.residual_tables import prediction_table
 if TYPE_CHECKING:
     from truing.inference.selection import CauseDiagnosis
     from truing.schemas.campaign import Campaign
+    from truing.simulation.effects_model import EffectsModel
 
 Array = NDArray[np.float64]
 
@@ -71,16 +72,16 @@ def assemble_bodies(tables: Mapping[str, pa.Table], settings: Campaign) -> Diagn
         raise ValueError("needs measured points of bodies")
     poses = pose_ids(tables["observations"])
     covariates, role = known_of_poses(tables.get("configurations"), poses, settings.campaign.drives)
-    found, words = _targets(tables, poses, covariates["order"], settings.noise.point_mm)
-    if not found:
+    measured_bodies, words = _targets(tables, poses, covariates["order"], settings.noise.point_mm)
+    if not measured_bodies:
         raise ValueError(_why_none(tables, settings.reference_body))
-    body_places = [_body_places(body, settings, covariates) for body in found]
-    bodies = MeasuredBodies.relative_to_reference(found, body_places, settings.reference_body)
+    body_places = [_body_places(body, settings, covariates) for body in measured_bodies]
+    bodies = MeasuredBodies.relative_to_reference(measured_bodies, body_places, settings.reference_body)
     covariates |= bodies.places(covariates["order"]) if not settings.campaign.drives else {}
     if settings.measurement.up is not None:
         covariates |= bodies.gravity(settings.measurement.up, settings.reference_body)
     model = _model(bodies, covariates, poses, settings)
-    usable = np.any([body.ok for body in found], 0)
+    usable = np.any([body.ok for body in measured_bodies], 0)
     fitted, held_out = usable & (role != HELD_OUT), usable & (role == HELD_OUT)
     if why := why_too_few_determined(int(fitted.sum())):
         raise ValueError(why)
@@ -105,7 +106,7 @@ def assemble_bodies(tables: Mapping[str, pa.Table], settings: Campaign) -> Diagn
         bodies.epochs(model.conditions, held_out) if held_out.any() else None,
         "; ".join([*words, *thinned]),
         _results,
-        tuple(cause for body in found for cause in body.certain),
+        tuple(cause for body in measured_bodies for cause in body.certain),
         relation=Relation.BODIES_SURVEY,
     )
 
@@ -114,7 +115,7 @@ def _targets(
     tables: Mapping[str, pa.Table], poses: tuple[int | str, ...], order: Array, noise_mm: float | None
 ) -> tuple[list[BodyTargets], list[str]]:
     """Every body with three targets seen together in three poses, and omissions in words."""
-    found, words = [], []
+    measured_bodies, words = [], []
     for name in dict.fromkeys(tables["observations"].column("body").to_pylist()):
         body = _body(tables, name, poses, order, (noise_mm or 0.0) * 1e-3)
         if body is None:
@@ -124,8 +125,8 @@ def _targets(
         words += (
             [f"{count_text(lost_poses, 'pose')} of body {name}, not determined by its targets"] if lost_poses else []
         )
-        found.append(body)
-    return found, words
+        measured_bodies.append(body)
+    return measured_bodies, words
 
 
 def _body(
@@ -144,7 +145,7 @@ def _body(
         return None
     points = PosePoints(
         poses,
-        tuple(t for t, kept in zip(points.targets, enough, strict=True) if kept),
+        tuple(t for t, has_enough in zip(points.targets, enough, strict=True) if has_enough),
         points.points[:, enough],
         points.cov[:, enough],
         points.is_observed[:, enough],
@@ -164,9 +165,9 @@ def _measured_shape(tables: Mapping[str, pa.Table], name: str, points: PosePoint
 
 
 def _body_places(body: BodyTargets, settings: Campaign, covariates: Mapping[str, Array]) -> BodyPlaces:
-    """Constraint on a body's position: fixed if it is the reference and hardly moves, or is declared still.
+    """Constraint on a body's position: fixed if it is the reference and hardly moves, or is declared stationary.
 
-    A body declared still keeps one position for every combination of the drives.
+    A body declared stationary keeps one position for every combination of the drives.
     """
     order = covariates["order"]
     named = body.name in settings.bodies.still
@@ -216,17 +217,17 @@ def known_of_poses(
 def _model(
     bodies: MeasuredBodies, covariates: Mapping[str, Array], poses: tuple[int | str, ...], settings: Campaign
 ) -> BodyModel:
-    found, targets = bodies.bodies, bodies.targets
-    shape = np.concatenate([body.shape for body in found])
+    all_bodies, targets = bodies.bodies, bodies.targets
+    shape = np.concatenate([body.shape for body in all_bodies])
     known = KnownBodies(
         shape,
-        shape_unknowns(targets, shape, np.concatenate([body.shape_cov for body in found])),
-        np.repeat([body.surveyed for body in found], [3 * len(body.names) - 6 for body in found]),
+        shape_unknowns(targets, shape, np.concatenate([body.shape_cov for body in all_bodies])),
+        np.repeat([body.surveyed for body in all_bodies], [3 * len(body.names) - 6 for body in all_bodies]),
         np.array([body_place.levels for body_place in bodies.body_places]),
         np.stack([place.jitter for place in bodies.body_places]),
         bodies.lead,
         tuple(map(column_alias, settings.campaign.drives)),
-        tuple(body.name for body in found if place_columns(body.name)[0] in covariates),
+        tuple(body.name for body in all_bodies if place_columns(body.name)[0] in covariates),
         settings.mechanism.reference_temperature_c,
     )
     return BodyModel(targets, bodies.conditions(covariates, poses), known)
@@ -247,6 +248,6 @@ def _thinned(rows: NDArray[np.bool_], model: BodyModel) -> tuple[NDArray[np.bool
     ]
 
 
-def _results(diagnosis: CauseDiagnosis, data: DiagnosisData[Any], settings: Campaign) -> InstrumentResults:
+def _results(diagnosis: CauseDiagnosis, data: DiagnosisData[EffectsModel], settings: Campaign) -> InstrumentResults:
     """Errors of each pose."""
     return InstrumentResults({"prediction": prediction_table(diagnosis, data)})

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import json
 from collections.abc import Iterable
-from typing import TYPE_CHECKING, Any, cast
+from typing import TYPE_CHECKING, cast
 
 import numpy as np
 import pyarrow as pa
@@ -51,7 +51,7 @@ _WORDS = {
 }
 _READ = {
     "points": "readings of the actuators or joints",
-    "bodies": "positions of bodies declared still",
+    "bodies": "positions of bodies declared stationary",
     "channel": "applied loads",
     "encoder": "position of the axis at its command",
     "distance": "readings of the joints",
@@ -69,15 +69,15 @@ _LARGER = 1.01
 
 
 def detectable_table(search: Search, level: float, legs: int) -> pa.Table:
-    """Rows per cause, subject and parameter; ``search``: the one with no further finding."""
-    rows: dict[tuple[str, ...], dict[str, Any]] = {}
+    """Rows per cause, subject and parameter; ``search``: the last one, which accepted no further cause."""
+    rows: dict[tuple[object, ...], TableRow] = {}
     for effect_sensitivity in sorted(effect_sensitivities(search, level), key=lambda s: len(s.cause.parameters(legs))):
         row = _row(effect_sensitivity, legs)
         rows.setdefault((row["cause"], row["subject"], row["parameter"], row["unit"]), row)
     return pa.Table.from_pylist(_ordered(rows.values()), schema=ARTIFACTS["detectable"].arrow_schema())
 
 
-def detectable_words(search: Search, level: float, causes: Iterable[Any], legs: int) -> dict[str, str]:
+def detectable_words(search: Search, level: float, causes: Iterable[Cause], legs: int) -> dict[str, str]:
     """Detectable size in words by a cause's key; without causes that have no single size."""
     words = {}
     for cause in causes:
@@ -88,7 +88,7 @@ def detectable_words(search: Search, level: float, causes: Iterable[Any], legs: 
     return words
 
 
-def _row(sensitivity: EffectSensitivity, legs: int) -> dict[str, Any]:
+def _row(sensitivity: EffectSensitivity, legs: int) -> dict[str, object]:
     smallest = sensitivity.smallest()
     size = reported_size(cast("Cause", sensitivity.cause), 1.0 if smallest is None else smallest, legs)
     return {
@@ -102,7 +102,7 @@ def _row(sensitivity: EffectSensitivity, legs: int) -> dict[str, Any]:
 
 
 def _ordered(rows: Iterable[TableRow]) -> list[TableRow]:
-    """Causes in their order, the whole before single subjects."""
+    """Rows in the order of their causes; for each cause, the row without a subject (the whole machine) comes first."""
     ordered_rows = list(rows)
     causes = list(dict.fromkeys(row["cause"] for row in ordered_rows))
     return sorted(ordered_rows, key=lambda row: (causes.index(row["cause"]), bool(row["subject"])))
@@ -138,7 +138,7 @@ def adequacy_table(diagnosis: CauseDiagnosis, rule: Settings, subject: str) -> p
     return rows.table()
 
 
-def _end_row(end: EndOfSearch[Any], level: float) -> dict[str, Any]:
+def _end_row(end: EndOfSearch, level: float) -> dict[str, object]:
     return {
         "test": "causes-left",
         "along": "",

@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
 from functools import partial
-from typing import TYPE_CHECKING, Any, ClassVar
+from typing import TYPE_CHECKING, ClassVar
 
 import numpy as np
 from numpy.typing import NDArray
@@ -105,7 +105,7 @@ def chain_measurements_of(
 ) -> NextMeasurement | None:
     """Next poses after a diagnosis of a chain; None where no range of the joints is known."""
     final = diagnosis.final
-    model: Any = final.model
+    model: object = final.model
     assert isinstance(model, ChainModel)
     instrument = MeasuredPoints(final.measured, final.fit.frames).instrument()
     try:
@@ -140,10 +140,13 @@ def possible_poses(ranges: JointRanges, instrument: PointInstrument, models: Seq
     levels, few = _levels(model), readings[:: max(1, len(readings) // _POSES_OF_A_TEST)]
     usual = _conditions(model, few, {})
     seen = [candidates(fitted, usual, instrument) for fitted in models]
-    changed = {name: _conditions(model, few, {name: np.array([own[-1][0]] * len(few))}) for name, own in levels.items()}
+    changed = {
+        name: _conditions(model, few, {name: np.array([levels_of_name[-1][0]] * len(few))})
+        for name, levels_of_name in levels.items()
+    }
     matters = tuple(name for name, conditions in changed.items() if _does_matter(seen, conditions, instrument))
     choice = {name: rng.integers(len(levels[name]), size=len(readings)) for name in matters}
-    drawn = {name: np.array([levels[name][k][0] for k in own]) for name, own in choice.items()}
+    drawn = {name: np.array([levels[name][k][0] for k in choice_of_name]) for name, choice_of_name in choice.items()}
     words = tuple(
         ", ".join(filter(None, (levels[name][choice[name][c]][1] for name in matters))) for c in range(len(readings))
     )
@@ -151,9 +154,9 @@ def possible_poses(ranges: JointRanges, instrument: PointInstrument, models: Seq
     return PossibleChainPoses(conditions, ranges, words, matters, repeats, instrument, _pace(measured))
 
 
-def _levels(model: ChainModel) -> dict[str, list[tuple[Any, str]]]:
+def _levels(model: ChainModel) -> dict[str, list[tuple[object, str]]]:
     """Values that payload, approach and temperature may have, the usual one first, each in words."""
-    measured, result = model.conditions, dict[str, list[tuple[Any, str]]]()
+    measured, result = model.conditions, dict[str, list[tuple[object, str]]]()
     if model.known.gravity is not None:
         usual = float(np.median(measured.payload_kg))
         other = 0.0 if usual else _NEW_PAYLOAD_KG
@@ -205,9 +208,9 @@ def _does_matter(usual: Sequence[PoseCandidates], changed: ChainConditions, inst
 
     ``usual``: these candidates at usual conditions, by each model.
     """
-    for own in usual:
-        there = candidates(own.fitted, changed, instrument)
-        gap = own.without_pose_unknowns((there.predicted - own.predicted)[..., None])
+    for usual_candidates in usual:
+        there = candidates(usual_candidates.fitted, changed, instrument)
+        gap = usual_candidates.without_pose_unknowns((there.predicted - usual_candidates.predicted)[..., None])
         if float(np.sqrt(np.max(np.sum(gap**2, (1, 2))))) > _MATTERS:
             return True
     return False

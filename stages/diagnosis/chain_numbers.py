@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Iterator
 from dataclasses import dataclass
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING
 
 import numpy as np
 import pyarrow as pa
@@ -55,15 +55,15 @@ class _Number:
         return float(np.sqrt(max(float(self.form @ covariance @ self.form), 0.0)))
 
 
-def parameters_table(fitted: FittedModel[Any]) -> pa.Table:
+def parameters_table(fitted: FittedModel) -> pa.Table:
     """Rows of chain_parameters.parquet: zeros of the joints and errors of the links, with tolerance and sigma."""
     covariance, shared = fitted.covariance(), fitted.fit.shared
-    values = [(own, float(own.form @ shared) + (own.found_at or 0.0)) for own in _numbers(fitted)]
+    values = [(number, float(number.form @ shared) + (number.found_at or 0.0)) for number in _numbers(fitted)]
     rows = [_row(number, value, number.sigma(covariance)) for number, value in values]
     return pa.Table.from_pylist(rows, schema=ARTIFACTS["chain_parameters"].arrow_schema())
 
 
-def uncertainty_table(fitted: FittedModel[Any]) -> pa.Table:
+def uncertainty_table(fitted: FittedModel) -> pa.Table:
     """Rows of chain_uncertainty.parquet: contribution of each source to every number of the chain."""
     model = _chain(fitted)
     rows: list[TableRow] = []
@@ -76,23 +76,23 @@ def uncertainty_table(fitted: FittedModel[Any]) -> pa.Table:
     return pa.Table.from_pylist(rows, schema=ARTIFACTS["chain_uncertainty"].arrow_schema())
 
 
-def _chain(fitted: FittedModel[Any]) -> ChainModel:
+def _chain(fitted: FittedModel) -> ChainModel:
     assert isinstance(fitted.model, ChainModel)
     return fitted.model
 
 
-def _numbers(fitted: FittedModel[Any]) -> Iterator[_Number]:
+def _numbers(fitted: FittedModel) -> Iterator[_Number]:
     """Yield the zeros of the joints that have a tolerance, then the errors of each link that are not held.
 
     A zero holds the offset that was found beyond its tolerance.
     """
     model = _chain(fitted)
-    found = {cause.joint: cause for cause in fitted.causes if isinstance(cause, JointOffset)}
+    offset_of_joint = {cause.joint: cause for cause in fitted.causes if isinstance(cause, JointOffset)}
     for index, reading in enumerate(model.free_offsets):
         name, tolerance = model.tree.readings[reading], float(model.known.offsets[reading])
         form = np.zeros(model.shared_size)
         form[model.layout["zeros"].start + index] = tolerance
-        cause = found.get(name)
+        cause = offset_of_joint.get(name)
         if cause is not None:
             form[model.layout[cause.key]] = model.effect_sigma(cause)
         is_length = not model.tree.is_revolute[reading]

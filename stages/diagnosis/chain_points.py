@@ -188,7 +188,7 @@ def _shown(model: ChainModel) -> ReportedRms | Channels:
             noun = "measured number" if len(model.coordinates) else "distance"
         return ReportedRms(drive=_DRIVE, what=noun)
     return Channels(
-        tuple("arcsec" if own else "um" for own in turned),
+        tuple("arcsec" if is_turned else "um" for is_turned in turned),
         np.where(turned, _ARCSEC, 1e-6),
         np.zeros(len(turned), bool),
         epoch="pose",
@@ -278,7 +278,9 @@ def _mixed_model(
 def _motors(model: ChainModel, table: pa.Table, fitted: Mask) -> list[MotorTerm]:
     """Terms of every motor encoder that the campaign has, over the poses that are searched."""
     readings = motor_readings(model.tree, table)
-    return [term for k, own in readings.items() for term in motor_terms(model.machine, k, own[fitted])]
+    return [
+        term for k, motor_reading in readings.items() for term in motor_terms(model.machine, k, motor_reading[fitted])
+    ]
 
 
 def _labels(table: pa.Table) -> dict[int | str, str]:
@@ -412,7 +414,7 @@ def _without_centre(tree: Tree, tip: int, section: ChainMechanism) -> tuple[str,
 
 def _of_pitches(pitches: Mapping[str, Sequence[float]]) -> dict[str, tuple[float, ...]]:
     """2 pi over each period, rad/m, by slide, of periods in mm."""
-    return {joint: tuple(2.0 * np.pi / (_MM * period) for period in own) for joint, own in pitches.items()}
+    return {joint: tuple(2.0 * np.pi / (_MM * period) for period in periods) for joint, periods in pitches.items()}
 
 
 def _geometry(tree: Tree, sigma: NDArray, is_base_free: bool, known: Mask) -> Array:

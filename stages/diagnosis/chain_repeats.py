@@ -4,7 +4,6 @@ from __future__ import annotations
 
 from collections.abc import Iterator, Mapping
 from dataclasses import dataclass, replace
-from typing import Any
 
 import numpy as np
 import pyarrow as pa
@@ -23,6 +22,7 @@ from truing.estimation.repeatability import (
     turned_from_first,
 )
 from truing.inference.observations import Epochs
+from truing.simulation.effects_model import EffectsModel
 from truing.simulation.inputs import ORDER
 from truing.simulation.mechanisms.chains.conditions import APPROACH
 from truing.simulation.mechanisms.chains.distances import DistanceModel
@@ -62,7 +62,7 @@ class _Attained:
     is_rotation: Mask
 
 
-def accuracy_table(data: DiagnosisData[Any], tables: Mapping[str, pa.Table]) -> pa.Table | None:
+def accuracy_table(data: DiagnosisData[EffectsModel], tables: Mapping[str, pa.Table]) -> pa.Table | None:
     """Rows of arm_accuracy.parquet; None without repeated poses of points or links.
 
     A command is the nominal chain at the readings, with places of base and tool fitted to all poses.
@@ -109,7 +109,7 @@ def _rows(
         yield {**first, "figure": figure, "value": value.value / si, "low": low, "high": high}
 
 
-def _attained(model: ChainModel, epochs: Epochs[Any]) -> _Attained:
+def _attained(model: ChainModel, epochs: Epochs) -> _Attained:
     """Attained and commanded values of some poses."""
     plain = model.at(replace(epochs.conditions, coupling=None))
     frames, measured = epochs.frames, epochs.measured
@@ -147,8 +147,10 @@ def _groups(attained: _Attained, model: ChainModel, tables: Mapping[str, pa.Tabl
     table = tables.get("configurations")
     if table is not None and DECLARED in table.column_names:
         index_of, names = {pose: at for at, pose in enumerate(attained.poses)}, pose_ids(table)
-        found = [[index_of[names[row]] for row in group if names[row] in index_of] for group in declared_repeats(table)]
-        groups = [np.array(group, np.int64) for group in found]
+        groups_by_name = [
+            [index_of[names[row]] for row in group if names[row] in index_of] for group in declared_repeats(table)
+        ]
+        groups = [np.array(group, np.int64) for group in groups_by_name]
     else:
         groups = repeated_groups(attained.readings, np.maximum(_SAME * model.known.reading_sigma, _ROUNDING))
     parts = [
@@ -170,8 +172,12 @@ def _far_pairs(attained: _Attained, groups: list[Index]) -> list[tuple[Index, In
     places, series = attained.commanded[first][:, ~attained.is_rotation].mean(1), attained.series[first]
     apart = np.linalg.norm(places[:, None] - places, axis=-1) * (series[:, None] == series)
     farthest = apart.argmax(1)
-    pairs = {(min(one, other), max(one, other)) for one, other in enumerate(farthest.tolist()) if apart[one, other]}
-    return [(enough[one], enough[other]) for one, other in sorted(pairs)]
+    pairs = {
+        (min(pose, far_pose), max(pose, far_pose))
+        for pose, far_pose in enumerate(farthest.tolist())
+        if apart[pose, far_pose]
+    }
+    return [(enough[pose], enough[far_pose]) for pose, far_pose in sorted(pairs)]
 
 
 def _of_distance(attained: _Attained, k: int, first: Index, second: Index) -> _Figures:
@@ -192,10 +198,10 @@ def _of_distance(attained: _Attained, k: int, first: Index, second: Index) -> _F
 def _drift(attained: _Attained, k: int, rows: Index, rng: np.random.Generator) -> _Figures:
     """Largest change of AP and RP between the first look, of ten repeats, and a later one; rows in order of time."""
     looks = [rows[start : start + _OF_LOOK] for start in range(0, len(rows) - _OF_LOOK + 1, _OF_LOOK)]
-    found = [{name: figure.value for name, figure in _of_pose(attained, k, look, rng)} for look in looks]
-    for name in found[0]:
+    figures_by_look = [{name: figure.value for name, figure in _of_pose(attained, k, look, rng)} for look in looks]
+    for name in figures_by_look[0]:
         if not name.startswith("v"):
-            yield f"d{name}", _alone(largest_change([own[name] for own in found]))
+            yield f"d{name}", _alone(largest_change([figures[name] for figures in figures_by_look]))
 
 
 def _of_pose(attained: _Attained, k: int, rows: Index, rng: np.random.Generator) -> _Figures:

@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Mapping, Sequence
 from dataclasses import replace
 from types import MappingProxyType
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING
 
 import numpy as np
 import pyarrow as pa
@@ -34,13 +34,14 @@ if TYPE_CHECKING:
     from truing.inference.prediction import PredictionError
     from truing.inference.selection import CauseDiagnosis
     from truing.schemas.campaign import Campaign
+    from truing.simulation.effects_model import EffectsModel
 
 _MM, _UM = 1e-3, 1e6
 
 
 def results(
     diagnosis: CauseDiagnosis,
-    data: DiagnosisData[Any],
+    data: DiagnosisData[EffectsModel],
     settings: Campaign,
     series: Mapping[int | str, str],
     motors: Sequence[MotorTerm] = (),
@@ -77,7 +78,7 @@ def results(
     )
 
 
-def nominal_errors(diagnosis: CauseDiagnosis, data: DiagnosisData[Any]) -> dict[str, PredictionError[Any]]:
+def nominal_errors(diagnosis: CauseDiagnosis, data: DiagnosisData[EffectsModel]) -> dict[str, PredictionError]:
     """Errors of the chain as its description has it, by role of the poses; only base and tool are fitted.
 
     Gross errors that the diagnosis found are left out. Empty where the description is taken for exact.
@@ -97,7 +98,7 @@ def nominal_errors(diagnosis: CauseDiagnosis, data: DiagnosisData[Any]) -> dict[
     return errors if fitted.held_out is None else errors | {HELD_OUT: fitted.held_out}
 
 
-def positions_alone(error: PredictionError[Any]) -> PredictionError[Any]:
+def positions_alone(error: PredictionError) -> PredictionError:
     """Error of the measured positions or distances: orientations have another unit."""
     assert isinstance(error.model, ChainModel)
     turned = error.model.is_angle
@@ -108,7 +109,9 @@ def positions_alone(error: PredictionError[Any]) -> PredictionError[Any]:
     return replace(error, gap=gap, measured=replace(error.measured, is_observed=is_observed))
 
 
-def series_table(diagnosis: CauseDiagnosis, data: DiagnosisData[Any], series: Mapping[int | str, str]) -> pa.Table:
+def series_table(
+    diagnosis: CauseDiagnosis, data: DiagnosisData[EffectsModel], series: Mapping[int | str, str]
+) -> pa.Table:
     """Rows of series_errors.parquet: errors of the positions in each series, fitted and held out."""
     rows: list[TableRow] = []
     for role, before, after in errors_by_role(diagnosis):
@@ -137,13 +140,13 @@ def motors_table(terms: Sequence[MotorTerm]) -> pa.Table:
     return pa.Table.from_pylist(rows, schema=ARTIFACTS["motor_encoders"].arrow_schema())
 
 
-def _rms(error: PredictionError[Any], errors: NDArray) -> float | None:
+def _rms(error: PredictionError, errors: NDArray) -> float | None:
     """Root mean square per coordinate of some poses (B,), um; None where nothing was seen."""
     count = error.measured.size * int(error.is_observed[errors].sum())
     return float(np.sqrt(np.sum(error.gap[errors] ** 2) / count)) * _UM if count else None
 
 
-def text_of_model(fitted: FittedModel[Any], settings: Campaign) -> str:
+def text_of_model(fitted: FittedModel, settings: Campaign) -> str:
     """The extended model of a fit, as model.toml has it."""
     model = fitted.model
     assert isinstance(model, ChainModel)
@@ -152,7 +155,7 @@ def text_of_model(fitted: FittedModel[Any], settings: Campaign) -> str:
     return write_chain(extended_chain(model, fitted.fit.shared, fitted.covariance(), tip, context))
 
 
-def curves_table(fitted: FittedModel[Any]) -> dict[str, pa.Table]:
+def curves_table(fitted: FittedModel) -> dict[str, pa.Table]:
     """Rows of joint_curves.parquet: error curves of joints along their readings; none without such a cause."""
     curves = [
         curve
@@ -172,7 +175,7 @@ def curves_table(fitted: FittedModel[Any]) -> dict[str, pa.Table]:
     return {"joint_curves": pa.table(columns, schema=ARTIFACTS["joint_curves"].arrow_schema())}
 
 
-def guideways_table(fitted: FittedModel[Any]) -> pa.Table | None:
+def guideways_table(fitted: FittedModel) -> pa.Table | None:
     """Rows of guideway_errors.parquet: error of each guideway along its slide; None without such a cause."""
     assert isinstance(fitted.model, ChainModel)
     parts: list[pa.Table] = []

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import dataclass, replace
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING
 
 import numpy as np
 import pyarrow as pa
@@ -20,6 +20,7 @@ if TYPE_CHECKING:
     from truing.inference.observations import Observations
     from truing.inference.prediction import PredictionError
     from truing.inference.selection import CauseDiagnosis
+    from truing.simulation.effects_model import EffectsModel
     from truing.stages.diagnosis.diagnosis_data import DiagnosisData
 
 COMPONENTS = {"x": "mm", "y": "mm", "z": "mm", "rx": "deg", "ry": "deg", "rz": "deg"}
@@ -48,14 +49,14 @@ class _Channels:
         return replace(self, **every, turned=self.turned[rows], node=self.node[rows])
 
 
-def tip_errors(diagnosis: CauseDiagnosis, data: DiagnosisData[Any]) -> pa.Table | None:
+def tip_errors(diagnosis: CauseDiagnosis, data: DiagnosisData[EffectsModel]) -> pa.Table | None:
     """Rows of component_errors.parquet by the final model; None if nothing was measured that moves with the tip.
 
     The position is that of a measured pose, or the mean of the targets seen. In frames of single poses, errors are
     relative to the link that defines them. Two targets, or targets on one line, show no rotation.
     """
     epochs = {"calibration": data.calibration} | ({} if data.held_out is None else {"verification": data.held_out})
-    rows: dict[str, list[Any]] = {name: [] for name in ("pose", "role", "component", "missed", "sigma", "unit")}
+    rows: dict[str, list[object]] = {name: [] for name in ("pose", "role", "component", "missed", "sigma", "unit")}
     for role, _, after in errors_by_role(diagnosis):
         motions = _motions(after, epochs[role].measured)
         if motions is None:
@@ -74,7 +75,7 @@ def tip_errors(diagnosis: CauseDiagnosis, data: DiagnosisData[Any]) -> pa.Table 
     return pa.table(rows, schema=ARTIFACTS["component_errors"].arrow_schema(identifier))
 
 
-def _motions(error: PredictionError[Any], declared: Observations) -> tuple[Array, Array] | None:
+def _motions(error: PredictionError, declared: Observations) -> tuple[Array, Array] | None:
     """Errors (B, 6) of the tip and variances of their measurement, m and rad, base axes; NaN where not measured."""
     model = error.model
     assert isinstance(model, ChainModel)
@@ -96,7 +97,7 @@ def _motions(error: PredictionError[Any], declared: Observations) -> tuple[Array
     return missed, np.diagonal(cov, axis1=1, axis2=2)
 
 
-def _channels(error: PredictionError[Any], model: ChainModel, declared: Observations) -> _Channels:
+def _channels(error: PredictionError, model: ChainModel, declared: Observations) -> _Channels:
     """Positions and orientations with their full error, even if the model decoupled or supplemented them."""
     count, channels = len(declared.values), model.channels
     gap, values, cov = error.gap, declared.values, declared.covariance

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass, field
-from typing import TYPE_CHECKING, Any, Generic, TypeVar
+from typing import TYPE_CHECKING, Generic, TypeVar
 
 import numpy as np
 from numpy.typing import NDArray
@@ -144,7 +144,7 @@ class Channels:
 class InstrumentResults:
     """Artifacts of an instrument (None if absent), and next measurement by a cause's key."""
 
-    artifacts: Mapping[str, Any]
+    artifacts: Mapping[str, object]
     advice: Mapping[str, Advice] = field(default_factory=dict)
 
 
@@ -168,10 +168,10 @@ class DiagnosisData(Generic[M]):
     calibration: Epochs
     held_out: Epochs | None
     left_out: str
-    instrument_results: Callable[[CauseDiagnosis, DiagnosisData[Any], Campaign], InstrumentResults]
+    instrument_results: Callable[[CauseDiagnosis, DiagnosisData[EffectsModel], Campaign], InstrumentResults]
     given: tuple[Cause, ...] = ()  # causes that are certain before any search: labels that were exchanged
     shown: ReportedRms | Channels = POINTS
-    model_text: Callable[[FittedModel[Any], Campaign], str] | None = None  # what stands in model.toml of a fit
+    model_text: Callable[[FittedModel, Campaign], str] | None = None  # what stands in model.toml of a fit
     is_calibrated: Callable[[Cause], bool] = lambda cause: False  # whether a calibration can hold a cause's effect
     relation: Relation = Relation.READINGS_POSES
     isolated: tuple[IsolatedPoint, ...] = ()

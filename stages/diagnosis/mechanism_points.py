@@ -45,6 +45,7 @@ if TYPE_CHECKING:
     from truing.inference.selection import CauseDiagnosis
     from truing.schemas.campaign import Campaign
     from truing.schemas.mechanism import LeggedMechanism
+    from truing.simulation.effects_model import EffectsModel
 
 _FEWEST_POSES = 3
 
@@ -78,8 +79,16 @@ def assemble(tables: Mapping[str, pa.Table], settings: Campaign) -> DiagnosisDat
         )
     words = [f"{count_text(int((~usable).sum()), 'pose')} without readings or base"] if not usable.all() else []
     repeats = repeats_of(tables["configurations"], poses, (), settings.noise.actuator_mm)
-    own, known = some_of(conditions, fitted), selected_groupings(labels_of(tables["configurations"], poses), fitted)
-    groupings = groupings_of(own.readings, own.covariates.get(TIME), own.covariates.get(APPROACH), known)
+    fitted_conditions, known_groupings = (
+        some_of(conditions, fitted),
+        selected_groupings(labels_of(tables["configurations"], poses), fitted),
+    )
+    groupings = groupings_of(
+        fitted_conditions.readings,
+        fitted_conditions.covariates.get(TIME),
+        fitted_conditions.covariates.get(APPROACH),
+        known_groupings,
+    )
     return DiagnosisData(
         model,
         replace(
@@ -165,22 +174,22 @@ def _targets(
 
 
 def _isolated_points(
-    body: str, points: PosePoints, residuals: PointResiduals, kept: NDArray
+    body: str, points: PosePoints, residuals: PointResiduals, is_kept: NDArray
 ) -> Iterator[IsolatedPoint]:
     """Yield the points (B, T) that are neither kept nor rejected by the fit of poses nor excluded by a person."""
-    for pose, target in np.argwhere(points.is_observed & ~kept & ~residuals.rejected & ~residuals.excluded):
+    for pose, target in np.argwhere(points.is_observed & ~is_kept & ~residuals.rejected & ~residuals.excluded):
         distance = float(np.linalg.norm(residuals.values[pose, target]))
         yield IsolatedPoint(points.poses[pose], f"{body} {points.targets[target]}", distance)
 
 
-def _model_text(fitted: FittedModel[Any], settings: Campaign) -> str:
+def _model_text(fitted: FittedModel, settings: Campaign) -> str:
     """The extended model of a fit, as model.toml has it."""
     assert isinstance(fitted.model, MechanismModel)
     context = {"campaign": settings.campaign.name}
     return write_model(extended(fitted.model, fitted.fit.shared, fitted.covariance(), context))
 
 
-def _results(diagnosis: CauseDiagnosis, data: DiagnosisData[Any], settings: Campaign) -> InstrumentResults:
+def _results(diagnosis: CauseDiagnosis, data: DiagnosisData[EffectsModel], settings: Campaign) -> InstrumentResults:
     """Errors of each pose, extended model, pulls of the geometry, changes, next measurements."""
     final = diagnosis.final
     next_measurement = next_of(diagnosis, settings)

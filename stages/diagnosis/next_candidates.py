@@ -49,7 +49,7 @@ _MATTERS = 0.1
 class Level:
     """A possible value of a covariate, and its words; none for the usual value."""
 
-    value: Any
+    value: object
     words: str = ""
 
 
@@ -62,7 +62,7 @@ class PossibleMeasurements:
     that comes before.
     """
 
-    conditions: Any
+    conditions: Any  # of the model's own type
     words: tuple[str, ...]
     matters: tuple[str, ...]
     repeats: tuple[int | str | None, ...]
@@ -119,7 +119,7 @@ def possible(settings: Campaign, models: Sequence[Fitted], instrument: PointInst
     readings = _configurations(settings, measured.readings, models[0].model, finest, rng)
     step = _movement(measured.covariates.get(LAST_STEP), finest)
     levels = {name: _levels(name, value, step) for name, value in measured.covariates.items()}
-    levels = {name: found for name, found in levels.items() if found}
+    levels = {name: values for name, values in levels.items() if values}
     matters = _relevant_covariates(models, readings[_BETWEEN % len(readings)], levels, instrument)
     drawn = _drawn(levels, matters, len(readings), rng)
     covariates = {name: np.array([level.value for level in column]) for name, column in drawn.items()}
@@ -324,7 +324,10 @@ def _drawn(
     """
     direction_numbers = rng.integers(4, size=count)
     drawn = {}
-    for name, found in levels.items():
-        places = direction_numbers if name in LOOKING_BACK else rng.integers(len(found), size=count)
-        drawn[name] = [found[k % len(found)] if name in matters else replace(found[0], words="") for k in places]
+    for name, levels_of_name in levels.items():
+        places = direction_numbers if name in LOOKING_BACK else rng.integers(len(levels_of_name), size=count)
+        drawn[name] = [
+            levels_of_name[k % len(levels_of_name)] if name in matters else replace(levels_of_name[0], words="")
+            for k in places
+        ]
     return drawn

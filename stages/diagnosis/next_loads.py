@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass, replace
-from typing import TYPE_CHECKING, Any, ClassVar
+from typing import TYPE_CHECKING, ClassVar
 
 import numpy as np
 from numpy.typing import NDArray
@@ -98,7 +98,7 @@ class PossibleRuns:
         """
         if not self.is_timed:
             return None
-        return sum(_STEPS * self.made[self.runs.run[k]].step_s * own for k, own in times.items())
+        return sum(_STEPS * self.made[self.runs.run[k]].step_s * times_of_run for k, times_of_run in times.items())
 
     def rows(self, k: int) -> list[TableRow]:
         """Return the steps of a candidate as rows of next_loads.parquet."""
@@ -193,7 +193,7 @@ def _as_measured(run: _Run, model: BenchModel, least: Array) -> _Run:
         return run
     by_run = {name: same[:, runs == name].any(1) for name in dict.fromkeys(runs.tolist())}
     most = max(by_run, key=lambda name: by_run[name].sum())
-    others = {runs[np.flatnonzero(own)[0]] for own in same[~by_run[most]]}
+    others = {runs[np.flatnonzero(is_same)[0]] for is_same in same[~by_run[most]]}
     return replace(run, repeats=", ".join(map(str, [most, *sorted(others)])))
 
 
@@ -274,7 +274,7 @@ def _conditions(model: BenchModel, made: Sequence[_Run]) -> ReadingConditions:
     )
 
 
-def _labels(run: NDArray[Any], count: int) -> NDArray[Any]:
+def _labels(run: NDArray, count: int) -> NDArray:
     """Unused names for runs (count,), in the style of the measured ones."""
     if np.issubdtype(run.dtype, np.integer):
         return np.asarray(run.max() + 1 + np.arange(count))

@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, replace
 from functools import partial
-from typing import TYPE_CHECKING, Any, ClassVar, Protocol
+from typing import TYPE_CHECKING, ClassVar, Protocol
 
 import numpy as np
 import pyarrow as pa
@@ -29,6 +29,7 @@ from truing.report.wordings.nonparametric_wordings import columns_words
 from truing.schemas.artifacts import ARTIFACTS
 from truing.schemas.covariates import own_name
 from truing.schemas.needs import Need
+from truing.simulation.cause import Cause
 from truing.stages.diagnosis.next_candidates import possible
 from truing.stages.diagnosis.next_loads import next_run, possible_runs
 from truing.stages.diagnosis.rows import claim_of
@@ -87,7 +88,7 @@ class MeasurementPlan:
     need: Need
     options: Options
     choice: ChosenPoses
-    expected: tuple[dict[str, Any], ...]
+    expected: tuple[dict[str, object], ...]
     given: str
 
     @property
@@ -110,20 +111,20 @@ class MeasurementPlan:
     def rows(self) -> Iterator[TableRow]:
         """Yield the rows of the plan, each with the number of the pose or run that it belongs to."""
         enough = self.choice.is_enough
-        whole: dict[str, Any] = {"purpose": self.purpose, "need": self.need.value}
+        whole: dict[str, object] = {"purpose": self.purpose, "need": self.need.value}
         whole |= {"measurements": self.choice.total if enough else None, "duration_s": self.duration_s}
         chosen = zip(self.choice.chosen, self.choice.times, self.expected, strict=True)
         for n, (k, times, expected) in enumerate(chosen, 1):
-            own = {**whole, self.options.unit: n, "times": times if enough else None}
-            yield from ({**own, **row, **expected} for row in self.options.rows(k))
+            common_columns = {**whole, self.options.unit: n, "times": times if enough else None}
+            yield from ({**common_columns, **row, **expected} for row in self.options.rows(k))
 
     def advice(self, kind: AdviceKind, aim: str) -> Advice:
         """Return the advice for an aim ("To ..."); its short form does not name the candidates."""
         chosen, (singular, plural) = self.choice.chosen, self.options.what
         named = "; ".join(self.options.words_of(k) for k in chosen[:_NAMED])
         more = "; ..." if len(chosen) > _NAMED else "."
-        what, short = singular if len(chosen) == 1 else plural, self.request(f"{aim},")
-        return Advice(kind, f"{short} {what[:1].upper()}{what[1:]}: {named}{more}", short, self.purpose)
+        noun, short = singular if len(chosen) == 1 else plural, self.request(f"{aim},")
+        return Advice(kind, f"{short} {noun[:1].upper()}{noun[1:]}: {named}{more}", short, self.purpose)
 
     def request(self, first: str) -> str:
         """Return sentences that begin with some words: measurement, repeats, duration, result."""
@@ -180,9 +181,9 @@ class Rivals:
     """Two causes that explain the data equally, each in a model without the other; log_odds: of the first against the
     second now."""
 
-    cause: Any
+    cause: Cause
     fitted: Fitted
-    other: Any
+    other: Cause
     other_fitted: Fitted
     log_odds: float = 0.0
 
@@ -212,17 +213,17 @@ def next_loads_of(diagnosis: CauseDiagnosis, settings: Campaign) -> NextMeasurem
     A finding without rivals keeps the words of its cause, which may need more than loads; its loads are in the table.
     """
     legs = diagnosis.plain.model.part_count
-    found, rivals = models_to_improve(diagnosis, next_run)
-    plans, advice = planned(partial(possible_runs, settings, diagnosis.final), found, rivals)
-    alone = {cause.key: cause for cause, _ in found}
+    found_causes, rivals = models_to_improve(diagnosis, next_run)
+    plans, advice = planned(partial(possible_runs, settings, diagnosis.final), found_causes, rivals)
+    alone = {cause.key: cause for cause, _ in found_causes}
     for pair in rivals:
         alone.pop(pair.cause.key, None)
     by_purpose = {plan.purpose: plan for plan in plans if plan.has_gain}
-    own = {
+    advice_of_cause = {
         key: _with_another(_confirming(cause, legs), by_purpose.get(advice[key].purpose))
         for key, cause in alone.items()
     }
-    return NextMeasurement(plan_table("next_loads", plans), {**advice, **own})
+    return NextMeasurement(plan_table("next_loads", plans), {**advice, **advice_of_cause})
 
 
 def _with_another(another: Advice, plan: MeasurementPlan | None) -> Advice:
@@ -238,46 +239,55 @@ def _fitted(current: FittedModel) -> Fitted:
 
 def models_to_improve(
     diagnosis: CauseDiagnosis, fitted: Callable[[FittedModel], Fitted] = _fitted
-) -> tuple[list[tuple[Any, Fitted]], list[Rivals]]:
+) -> tuple[list[tuple[Cause, Fitted]], list[Rivals]]:
     """Return the found causes with the final fit, and those with rivals."""
     accepted = {v.cause.key: v for v in diagnosis.verdicts if v.verdict in ("found", "suspected")}
     rivals = [
-        Rivals(own.cause, fitted(own.own), verdict.cause, fitted(verdict.own), own.log_odds - verdict.log_odds)
+        Rivals(
+            chosen.cause,
+            fitted(chosen.with_it),
+            verdict.cause,
+            fitted(verdict.with_it),
+            chosen.log_odds - verdict.log_odds,
+        )
         for verdict in diagnosis.verdicts
-        if verdict.rival is not None and (own := accepted.get(verdict.rival.key)) and own.own and verdict.own
+        if verdict.rival is not None
+        and (chosen := accepted.get(verdict.rival.key))
+        and chosen.with_it
+        and verdict.with_it
     ]
     final = fitted(diagnosis.final)
     # The size of an effect matters only once its cause is certain.
-    sure = [own.cause for own in accepted.values() if own.verdict == "found" and own.cause.catalogued]
+    sure = [verdict.cause for verdict in accepted.values() if verdict.verdict == "found" and verdict.cause.catalogued]
     return [(cause, final) for cause in sure], rivals
 
 
 def next_measurements(
-    settings: Campaign, measured: MeasuredPoints, found: Sequence[tuple[Any, Fitted]], rivals: Sequence[Rivals]
+    settings: Campaign, measured: MeasuredPoints, found_causes: Sequence[tuple[Cause, Fitted]], rivals: Sequence[Rivals]
 ) -> NextMeasurement:
     """Return the configurations to measure next; as `planned`."""
     instrument = measured.instrument()
-    plans, advice = planned(lambda models: possible(settings, models, instrument), found, rivals)
+    plans, advice = planned(lambda models: possible(settings, models, instrument), found_causes, rivals)
     return NextMeasurement(plan_table("next_poses", plans), advice)
 
 
 def planned(
-    reach: Reach, found: Sequence[tuple[Any, Fitted]], rivals: Sequence[Rivals], *, least_known: bool = False
+    reach: Reach, found_causes: Sequence[tuple[Cause, Fitted]], rivals: Sequence[Rivals], *, least_known: bool = False
 ) -> tuple[list[MeasurementPlan], dict[str, Advice]]:
     """Return the next measurements, and advice by a cause's key: for each found cause without rivals, and for each pair
     of rivals.
 
-    ``found``: causes with their model; the plan reduces the uncertainty of the largest or least known parameter. A
+    ``found_causes``: with their model; the plan reduces the uncertainty of the largest or least known parameter. A
     cause with several rivals gets the advice for the hardest one.
     """
     plans: list[MeasurementPlan] = []
     advice: dict[str, Advice] = {}
     assessed = [(_separating_plan(reach, pair), pair) for pair in rivals]
-    for plan, pair in sorted(assessed, key=lambda found: found[0].effort):
+    for plan, pair in sorted(assessed, key=lambda plan_and_pair: plan_and_pair[0].effort):
         plans.append(plan)
-        for own, other in ((pair.cause, pair.other), (pair.other, pair.cause)):
-            advice[own.key] = _separation_advice(plan, own, other, pair.legs)
-    for cause, fitted in found:
+        for cause, rival in ((pair.cause, pair.other), (pair.other, pair.cause)):
+            advice[cause.key] = _separation_advice(plan, cause, rival, pair.legs)
+    for cause, fitted in found_causes:
         if cause.key not in advice:
             largest = _largest(cause, fitted, least_known)
             if largest is None:
@@ -311,7 +321,7 @@ def _unshared_unknowns(fitted: Fitted, other: Fitted) -> NDArray:
     return np.concatenate([np.arange(part.start, part.stop) for part in parts])
 
 
-def _separation_advice(plan: MeasurementPlan, proposal: Any, other: Any, legs: int) -> Advice:
+def _separation_advice(plan: MeasurementPlan, proposal: Cause, other: Cause, legs: int) -> Advice:
     both, by_another = f"{_cause_noun(proposal, legs)} from {_cause_noun(other, legs)}", _confirming(other, legs).words
     if plan.choice.is_enough:
         return plan.advice(AdviceKind.SEPARATE, f"To distinguish {both}")
@@ -327,7 +337,7 @@ def _separation_advice(plan: MeasurementPlan, proposal: Any, other: Any, legs: i
     )
 
 
-def _cause_noun(cause: Any, legs: int) -> str:
+def _cause_noun(cause: Cause, legs: int) -> str:
     """The noun of a cause with its subject and its inputs, for a sentence."""
     subject_text, follows = subject_words(cause.subject), columns_words(cause.inputs(legs))
     return (
@@ -335,7 +345,7 @@ def _cause_noun(cause: Any, legs: int) -> str:
     )
 
 
-def _confirming(cause: Any, legs: int) -> Advice:
+def _confirming(cause: Cause, legs: int) -> Advice:
     return confirming(claim_of(cause, legs), cause.confirm)
 
 
@@ -343,7 +353,7 @@ def _sharper(reach: Reach, largest: _Largest, fitted: Fitted) -> tuple[Measureme
     """Return the plan that reduces the uncertainty of a parameter, and the advice on it."""
     options = reach((fitted,))
     choice = narrowed(options.linearised(fitted), largest.direction, _HALF, _MOST)
-    name, legs = largest.value.name, fitted.model.part_count
+    name, legs = largest.name, fitted.model.part_count
     before, after = largest.uncertainty_words(1.0), largest.uncertainty_words(choice.final)
     falls = f"falls from {before} to {after}, by a factor of {rough(1.0 / choice.final)}"
     expected = tuple(largest.columns(value) for value in choice.values)
@@ -354,8 +364,8 @@ def _sharper(reach: Reach, largest: _Largest, fitted: Fitted) -> tuple[Measureme
     called = parameter_of_cause(name, largest.cause.id, largest.cause.subject)
     if plan.has_gain:
         return plan, plan.advice(AdviceKind.SHARPEN, f"To determine {called} more precisely")
-    what, more = options.what[0], count_text(choice.total, options.unit)
-    vain = f"No possible {what} halves the uncertainty of {called}: it is {before} now, and still {after} after {more}."
+    noun, more = options.what[0], count_text(choice.total, options.unit)
+    vain = f"No possible {noun} halves the uncertainty of {called}: it is {before} now, and still {after} after {more}."
     vain += f" {_confirming(largest.cause, legs).words}"
     return plan, Advice(AdviceKind.IN_VAIN, vain)
 
@@ -364,47 +374,54 @@ def _sharper(reach: Reach, largest: _Largest, fitted: Fitted) -> tuple[Measureme
 class _Largest:
     """Largest parameter of a cause, among those in the unit of its first, and its dependence on the unknowns (G,)."""
 
-    cause: Any
-    value: Any  # a `cause.ReportedParameter`
+    cause: Cause
+    name: str
+    sigma: float
+    unit: str
     direction: NDArray
 
     def uncertainty_words(self, times: float) -> str:
         """Return its uncertainty times a number, in words."""
         from truing.report.diagnosis.effect_units import plain_size
 
-        return f"± {plain_size(self.value.name, times * self.value.sigma, self.value.unit)}"
+        return f"± {plain_size(self.name, times * self.sigma, self.unit)}"
 
-    def columns(self, times: float) -> dict[str, Any]:
+    def columns(self, times: float) -> dict[str, object]:
         """Return the columns of a row after which its uncertainty is a given multiple of the present one."""
-        sigma, unit = float(self.value.sigma), self.value.unit
-        text = f"{self.value.name} {self.uncertainty_words(times)}"
-        return {"expected": text, "sigma_now": sigma, "sigma_expected": times * sigma, "unit": unit}
+        text = f"{self.name} {self.uncertainty_words(times)}"
+        return {
+            "expected": text,
+            "sigma_now": self.sigma,
+            "sigma_expected": times * self.sigma,
+            "unit": self.unit,
+        }
 
 
-def _largest(cause: Any, fitted: Fitted, least_known: bool) -> _Largest | None:
+def _largest(cause: Cause, fitted: Fitted, least_known: bool) -> _Largest | None:
     """Return the largest parameter that is fitted, or the least known one; None if there is none."""
     part, legs = fitted.model.layout[cause.key], fitted.model.part_count
     scale = fitted.model.effect_sigma(cause)
     values, covariance = fitted.shared[part] * scale, fitted.covariance[part, part] * np.outer(scale, scale)
     reported = cause.reported(values, covariance, legs)
-    measured = [k for k, entry in enumerate(reported) if entry.sigma]
-    alike = [k for k in measured if reported[k].unit == reported[measured[0]].unit]
+    sigma_of = {k: float(entry.sigma) for k, entry in enumerate(reported) if entry.sigma}
+    alike = [k for k in sigma_of if reported[k].unit == reported[min(sigma_of)].unit]
     if not alike:
         return None
-    for best in sorted(alike, key=lambda k: -(reported[k].sigma if least_known else abs(reported[k].value))):
+    size_of = sigma_of if least_known else {k: abs(float(reported[k].value)) for k in alike}
+    for best in sorted(alike, key=lambda k: -size_of[k]):
         direction = np.zeros(len(fitted.shared))
         for index, step in enumerate(_STEP * np.sqrt(np.diag(covariance))):
             nudge = step * (np.arange(len(values)) == index)
             ahead, behind = (
-                cause.reported(values + sign * nudge, covariance, legs)[best].value for sign in (1.0, -1.0)
+                float(cause.reported(values + sign * nudge, covariance, legs)[best].value) for sign in (1.0, -1.0)
             )
             direction[part.start + index] = (ahead - behind) / (2.0 * step) * scale[index]
         if direction.any():  # a pitch that the readings leave open depends on no unknown
-            return _Largest(cause, reported[best], direction)
+            return _Largest(cause, reported[best].name, sigma_of[best], reported[best].unit, direction)
     return None
 
 
-def _name(cause: Any, legs: int) -> str:
+def _name(cause: Cause, legs: int) -> str:
     """Return the name of a cause for a table: its id, its subject and its inputs."""
     follows = tuple(map(own_name, cause.inputs(legs)))
     driven = f"with {follows[0]}{f' .. {follows[-1]}' if len(follows) > 1 else ''}" if follows else ""

@@ -37,7 +37,7 @@ ModelT = TypeVar("ModelT", bound=EffectsModel)
 _UNNAMED = "the earlier campaign"
 
 
-def started(data: DiagnosisData[Any], text: str, seed: int) -> DiagnosisData[Any]:
+def started(data: DiagnosisData, text: str, seed: int) -> DiagnosisData:
     """Data with the effects and the prior of an earlier model.
 
     Changed parameters are free, all of them for another machine. Raises CampaignFaults if the text is no model.
@@ -71,8 +71,8 @@ def _parsed_prior(text: str, model: Any) -> tuple[str, tuple[Cause, ...], Campai
     if is_sensor(parsed_toml(text)):
         sensor = read_sensor(text)
         return sensor.context.get("campaign", _UNNAMED), sensor.causes, sensor_prior(sensor, model)
-    found = read_model(text)
-    return found.context.get("campaign", _UNNAMED), found.model.causes, mechanism_prior(found, model)
+    extended = read_model(text)
+    return extended.context.get("campaign", _UNNAMED), extended.model.causes, mechanism_prior(extended, model)
 
 
 def with_prior_campaign(model: ModelT, prior: CampaignPrior) -> ModelT:
@@ -105,7 +105,7 @@ def _words(campaign: str, prior: CampaignPrior, model: EffectsModel, compared: N
     if not changed:
         return ""
     names = [number.label for number in numbers_of(prior, model)]
-    texts = [" or ".join(names[i] for i in (one, *others)) for one, others in alternatives(compared, changed)]
+    texts = [" or ".join(names[i] for i in (index, *like_it)) for index, like_it in alternatives(compared, changed)]
     return f"what {campaign} knew of {', '.join(texts)}, changed since"
 
 

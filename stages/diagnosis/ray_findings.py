@@ -9,7 +9,7 @@ from __future__ import annotations
 import json
 from collections.abc import Mapping
 from dataclasses import dataclass, replace
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING
 
 import numpy as np
 import pyarrow as pa
@@ -57,7 +57,7 @@ class RayFindings:
 
     diagnosis: CauseDiagnosis
     data: DiagnosisData[RayModel]
-    points: Mapping[tuple[Any, str], int]
+    points: Mapping[tuple[object, str], int]
     off: Array
     common: Array
     bars: tuple[str, ...]
@@ -93,8 +93,8 @@ def ray_findings(tables: Mapping[str, pa.Table], settings: Campaign, progress: P
     off = np.zeros((len(keys), 3))
     moves: dict[str, Array] = {}
     for effect in model.effects(final.fit.shared):
-        own = effect.cause.moved(all_poses, effect.values) / scale
-        moves[effect.cause.key] = -np.einsum("nat,nt->na", effects, own[pose])
+        motion = effect.cause.moved(all_poses, effect.values) / scale
+        moves[effect.cause.key] = -np.einsum("nat,nt->na", effects, motion[pose])
     if moves:
         off = -np.einsum("nat,nt->na", effects, (model.offsets(final.fit.shared) / scale)[pose])
     by_shared = effects @ (model.by_shared(final.fit.shared) @ _root(final.covariance()))[pose]
@@ -151,7 +151,7 @@ def with_shared_errors(
     return replace(dataset, model=model, calibration=calibration, held_out=with_errors(dataset.held_out))
 
 
-def _keys(table: pa.Table) -> list[tuple[Any, str]]:
+def _keys(table: pa.Table) -> list[tuple[object, str]]:
     """The pose and the name of every point, which is body/target where it has none of its own."""
     poses, bodies, targets = (table.column(name).to_pylist() for name in ("pose", "body", "target"))
     names = [f"{body}/{target}" for body, target in zip(bodies, targets, strict=True)]
@@ -161,7 +161,7 @@ def _keys(table: pa.Table) -> list[tuple[Any, str]]:
     return list(zip(poses, names, strict=True))
 
 
-def with_rays(artifacts: Mapping[str, Any], rays: RayFindings, rule: Settings) -> dict[str, Any]:
+def with_rays(artifacts: Mapping[str, object], rays: RayFindings, rule: Settings) -> dict[str, object]:
     """Artifacts of a diagnosis of points, after the results of rays; ``rule``: that of the whole campaign."""
     own_rule, result = rule_of_rays(rule), dict(artifacts)
     level, search = own_rule.level, rays.diagnosis.search
@@ -187,7 +187,7 @@ def _ranked(rays: list[TableRow], points: pa.Table) -> pa.Table:
     """All rows in the order of their verdicts, those of rays first; a finding of either is rejected by neither."""
     rows = [*rays, *points.to_pylist()]
     reported = {row["cause"] for row in rows if row["verdict"] not in _LOST}
-    kept: list[TableRow] = []
+    ranked_rows: list[TableRow] = []
     for verdict in _ORDER:
         of_verdict = [row for row in rows if row["verdict"] == verdict]
         if verdict in _LOST:
@@ -195,11 +195,11 @@ def _ranked(rays: list[TableRow], points: pa.Table) -> pa.Table:
             once = {row["cause"]: row for row in reversed(of_verdict) if row["cause"] not in reported}
             of_verdict = [row for row in of_verdict if once.get(row["cause"]) is row]
             reported |= once.keys()
-        kept += of_verdict
-    return ranked_table(kept)
+        ranked_rows += of_verdict
+    return ranked_table(ranked_rows)
 
 
-def _on_points(moved: Any) -> str:
+def _on_points(moved: NDArray) -> str:
     """Shift of points by an effect found in the rays."""
     size = np.linalg.norm(moved, axis=-1) * _UM
     return (

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Mapping
 from dataclasses import replace
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING
 
 import numpy as np
 import pyarrow as pa
@@ -25,6 +25,7 @@ from truing.stages.diagnosis.diagnosis_data import RAYS, DiagnosisData, Instrume
 if TYPE_CHECKING:
     from truing.inference.selection import CauseDiagnosis
     from truing.schemas.campaign import Campaign
+    from truing.simulation.effects_model import EffectsModel
 
 # Poses that must tell of their rays before they can be held against each other.
 _FEWEST_POSES = 3
@@ -104,7 +105,9 @@ def _vertical(table: pa.Table, poses: tuple[int | str, ...], body: str | None) -
     return axes if np.isfinite(axes).all() else None
 
 
-def _nothing_more(diagnosis: CauseDiagnosis, data: DiagnosisData[Any], settings: Campaign) -> InstrumentResults:
+def _nothing_more(
+    diagnosis: CauseDiagnosis, data: DiagnosisData[EffectsModel], settings: Campaign
+) -> InstrumentResults:
     """No table of rays alone: their results are in the tables of points."""
     return InstrumentResults({})
 
@@ -126,10 +129,10 @@ def scale_height(tables: Mapping[str, pa.Table], poses: Epochs) -> float:
 def _of_bars(points: pa.Table, bars: pa.Table, poses: Epochs) -> tuple[NDArray, NDArray]:
     """Heights (N,) of the middles of bars in the poses, m, and the weights of their lengths."""
     names = tuple(dict.fromkeys(points.column("point").to_pylist()))
-    own = tuple(poses.conditions.poses)
-    pose, point = positions(points.column("pose"), own), positions(points.column("point"), names)
+    pose_names = tuple(poses.conditions.poses)
+    pose, point = positions(points.column("pose"), pose_names), positions(points.column("point"), names)
     is_present = pose >= 0
-    place = np.full((len(own), len(names), 3), np.nan)
+    place = np.full((len(pose_names), len(names), 3), np.nan)
     place[pose[is_present], point[is_present]] = (
         np.column_stack([number_column(points, f"{a}_mm") for a in "xyz"])[is_present] * _SI
     )

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Mapping
 from dataclasses import replace
-from typing import TYPE_CHECKING, Any, cast
+from typing import TYPE_CHECKING, cast
 
 import numpy as np
 import pyarrow as pa
@@ -50,6 +50,7 @@ if TYPE_CHECKING:
     from truing.schemas.campaign import Campaign
     from truing.schemas.mechanism import SensorMechanism
     from truing.simulation.bench.six_upur.nominal_sensor import NominalSensor
+    from truing.simulation.effects_model import EffectsModel
 
 Array = NDArray[np.float64]
 
@@ -63,10 +64,10 @@ def reading_model(tables: Mapping[str, pa.Table], settings: Campaign) -> BenchMo
     steps = load_steps(tables)
     sensor = simulated_sensor(tables, settings, steps)
     sigma, _ = _noise(steps, settings, ())
-    points, is_observed = _points(steps, sigma)
+    _, is_observed = _points(steps, sigma)
     determined = is_observed.any(1) & np.isfinite(steps.time_s)
     return BenchModel(
-        _known_readings(sensor, steps, points, is_observed, sigma, determined, settings), _conditions(steps, determined)
+        _known_readings(sensor, steps, is_observed, sigma, determined, settings), _conditions(steps, determined)
     )
 
 
@@ -84,9 +85,7 @@ def assemble_readings(tables: Mapping[str, pa.Table], settings: Campaign) -> Dia
     fitted, held_out = determined & ~steps.held_out, determined & steps.held_out
     if why := _why_too_little(steps, fitted, settings):
         raise ValueError(why)
-    model = BenchModel(
-        _known_readings(sensor, steps, points, is_observed, sigma, fitted, settings), _conditions(steps, fitted)
-    )
+    model = BenchModel(_known_readings(sensor, steps, is_observed, sigma, fitted, settings), _conditions(steps, fitted))
     applied, loaded = np.round(steps.load[fitted], 9) + 0.0, {BlockKind.RUN: steps.run[fitted]}
     groupings = groupings_of(applied, steps.time_s[fitted], None, loaded)
     units = (*(("um",) * 3), *(("arcsec",) * 3), *(("mV",) * steps.signal.shape[1]))
@@ -211,14 +210,16 @@ def _points(steps: RecordedSteps, sigma: Array) -> tuple[Array, NDArray[np.bool_
 def _known_readings(
     sensor: UncertainSensor,
     steps: RecordedSteps,
-    points: Array,
     is_observed: NDArray[np.bool_],
     sigma: Array,
     fitted: NDArray[np.bool_],
     settings: Campaign,
 ) -> KnownReadings:
     typical = np.array(
-        [np.median(own[there]) if there.any() else 1.0 for own, there in zip(sigma.T, is_observed.T, strict=True)]
+        [
+            np.median(channel_sigma[there]) if there.any() else 1.0
+            for channel_sigma, there in zip(sigma.T, is_observed.T, strict=True)
+        ]
     )
     noise, signals = settings.noise, settings.signals
     tared, sensitivity = signals.zero_mv, signals.sensitivity_mv_per_n
@@ -244,7 +245,9 @@ def largest_loads(steps: RecordedSteps, settings: Campaign) -> Array:
     """The largest load (6,) of each axis, N and N m: that of [loading], else the largest applied; 1 where none was."""
     declared = [getattr(settings.loading, name) for name in LOAD_COLUMNS]
     applied = np.abs(steps.load).max(0)
-    return np.array([given or (found if found > 0.0 else 1.0) for given, found in zip(declared, applied, strict=True)])
+    return np.array(
+        [given or (largest if largest > 0.0 else 1.0) for given, largest in zip(declared, applied, strict=True)]
+    )
 
 
 def _conditions(steps: RecordedSteps, rows: NDArray[np.bool_]) -> ReadingConditions:
@@ -265,14 +268,14 @@ def _poses(
     return Epochs(measured, _conditions(steps, rows), Frames.of_numbers(int(rows.sum())), inputs=inputs)
 
 
-def _model_text(fitted: FittedModel[Any], settings: Campaign) -> str:
+def _model_text(fitted: FittedModel, settings: Campaign) -> str:
     """The extended model of a fit, as model.toml has it."""
     assert isinstance(fitted.model, BenchModel)
     context = {"campaign": settings.campaign.name}
     return write_sensor(extended_sensor(fitted.model, fitted.fit.shared, fitted.covariance(), context))
 
 
-def _results(diagnosis: CauseDiagnosis, data: DiagnosisData[Any], settings: Campaign) -> InstrumentResults:
+def _results(diagnosis: CauseDiagnosis, data: DiagnosisData[EffectsModel], settings: Campaign) -> InstrumentResults:
     """Errors of each reading, extended model, pulls of the sensor, changes, next loads."""
     assert isinstance(data.shown, Channels)
     final, next_measurement = diagnosis.final, next_loads_of(diagnosis, settings)

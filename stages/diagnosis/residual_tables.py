@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from types import MappingProxyType
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING
 
 import numpy as np
 import pyarrow as pa
@@ -24,6 +24,7 @@ if TYPE_CHECKING:
     from truing.inference.fitter import ScreenedValue
     from truing.inference.prediction import PredictionError
     from truing.inference.selection import CauseDiagnosis
+    from truing.simulation.effects_model import EffectsModel
     from truing.stages.diagnosis.diagnosis_data import DiagnosisData
 
 _ISOLATED = "gross error: far from where the target is in the poses before and after it"
@@ -49,7 +50,7 @@ def identified_table(artifact: str, rows: list[TableRow], key: str, present: Seq
 
 def prediction_table(
     diagnosis: CauseDiagnosis,
-    data: DiagnosisData[Any],
+    data: DiagnosisData[EffectsModel],
     part: Callable[[PredictionError], PredictionError] = lambda error: error,
     nominal: Mapping[str, PredictionError] = MappingProxyType({}),
 ) -> pa.Table:
@@ -76,7 +77,7 @@ def prediction_table(
     return identified_table("prediction", rows, "pose", ("rms_nominal",) if nominal else ())
 
 
-def left_out_table(diagnosis: CauseDiagnosis, data: DiagnosisData[Any]) -> pa.Table:
+def left_out_table(diagnosis: CauseDiagnosis, data: DiagnosisData[EffectsModel]) -> pa.Table:
     """Rows of diagnosis_left_out.parquet: existing values that were rejected as gross errors."""
     rows: list[TableRow] = [
         {
@@ -104,16 +105,16 @@ def left_out_table(diagnosis: CauseDiagnosis, data: DiagnosisData[Any]) -> pa.Ta
     return identified_table("diagnosis_left_out", rows, where[0], where)
 
 
-def _row_identifiers(value: ScreenedValue, data: DiagnosisData[Any]) -> dict[str, Any]:
+def _row_identifiers(value: ScreenedValue, data: DiagnosisData[EffectsModel]) -> dict[str, object]:
     """The pose, or the run and step, by name."""
-    poses = data.held_out if value.held_out else data.calibration
-    conditions: Any = poses.conditions if poses is not None else None
+    poses = data.held_out if value.held_out and data.held_out is not None else data.calibration
+    conditions = poses.conditions
     if not hasattr(conditions, "run"):
         return {"pose": conditions.poses[value.row]}
     return {"run": plain_number(conditions.run[value.row]), "step": int(conditions.step[value.row])}
 
 
-def plain_number(name: Any) -> Any:
+def plain_number(name: object) -> object:
     """A name out of an array as Python has it."""
     return name.item() if hasattr(name, "item") else name
 
@@ -130,7 +131,7 @@ def pull_tables(before: FittedModel, after: FittedModel) -> dict[str, pa.Table]:
 
     Shifts are counted from nominal, also where the campaign starts from an earlier one: what that knew is data.
     """
-    geometries = [_geometry(one) for one in (before, after)]
+    geometries = [_geometry(fitted_model) for fitted_model in (before, after)]
     known_parameters = zip(geometries[1].parameters, geometries[1].known, strict=True)
     names: list[PullName] = [(entry.leg + 1, entry.name) for entry, known in known_parameters if known]
     return _pull_tables(names, *map(_pulls_of_geometry, geometries), in_si=True)

@@ -6,7 +6,7 @@ import json
 import math
 from collections.abc import Iterator, Mapping
 from dataclasses import dataclass, field, replace
-from typing import TYPE_CHECKING, Any, cast
+from typing import TYPE_CHECKING, cast
 
 import numpy as np
 import pyarrow as pa
@@ -103,7 +103,7 @@ def ranked_table(rows: list[TableRow]) -> pa.Table:
     return pa.Table.from_pylist(ranked, schema=artifact.arrow_schema(present=artifact.optional))
 
 
-def _row(verdict: Verdict, diagnosis: CauseDiagnosis, words: DetectionAdvice) -> dict[str, Any]:
+def _row(verdict: Verdict, diagnosis: CauseDiagnosis, words: DetectionAdvice) -> dict[str, object]:
     cause, legs = verdict.cause, diagnosis.plain.model.part_count
     shown, claim = words.shown.of_effect(verdict.before, verdict.after), _claim(verdict, legs)
     if verdict.verdict in ("found", "suspected"):
@@ -143,13 +143,13 @@ def _row(verdict: Verdict, diagnosis: CauseDiagnosis, words: DetectionAdvice) ->
     }
 
 
-def _onset_names(onsets: tuple[Cause, Cause]) -> list[Any]:
+def _onset_names(onsets: tuple[Cause, Cause]) -> list[object]:
     """Return the poses or steps of the earliest and the latest possible onset."""
     settings = [cause.settings() for cause in onsets]
-    return [own["from_pose" if "from_pose" in own else "from_step"] for own in settings]
+    return [setting["from_pose" if "from_pose" in setting else "from_step"] for setting in settings]
 
 
-def _errors(shown: ReportedRms, verdict: Verdict) -> dict[str, Any]:
+def _errors(shown: ReportedRms, verdict: Verdict) -> dict[str, object]:
     """Return the prediction errors without and with a cause, in its reporting unit."""
     return {
         "rms_before": shown.rms(verdict.before),
@@ -167,14 +167,14 @@ def _held_out_growth(verdict: Verdict) -> float | None:
     return None if before is None or after is None else after.growth_over(before)
 
 
-def _errors_without_any(shown: ReportedRms, diagnosis: CauseDiagnosis) -> dict[str, Any]:
+def _errors_without_any(shown: ReportedRms, diagnosis: CauseDiagnosis) -> dict[str, object]:
     """Return the prediction errors without any cause, which errors without one cause do not give: a cause may be
     compared next to all others."""
     error, held_out = diagnosis.errors_without_any
     return {"rms_without_any": shown.rms(error), "heldout_rms_without_any": shown.rms(held_out)}
 
 
-def _left_out(verdict: Verdict, diagnosis: CauseDiagnosis) -> dict[str, Any]:
+def _left_out(verdict: Verdict, diagnosis: CauseDiagnosis) -> dict[str, object]:
     """Return the type of blocks left out, and the gain of the finding there."""
     if not verdict.blocks_asked:
         return {}
@@ -184,7 +184,7 @@ def _left_out(verdict: Verdict, diagnosis: CauseDiagnosis) -> dict[str, Any]:
     return {"left_out_by": str(gain.kind), "left_out_blocks": gain.blocks, "left_out_gain": gain.log_gain}
 
 
-def _advised(advice: Advice) -> dict[str, Any]:
+def _advised(advice: Advice) -> dict[str, object]:
     """Next measurement."""
     short, purpose = advice.short or None, advice.purpose or None
     return {
@@ -219,7 +219,7 @@ def _facts(verdict: Verdict, diagnosis: CauseDiagnosis, words: DetectionAdvice, 
         largest=shown.largest_motion(verdict.before, verdict.after)
         if verdict.verdict in ("found", "suspected")
         else None,
-        subjects=tuple(own for own in verdict.subjects if own[0] not in claim.settings.get("alike", ())),
+        subjects=tuple(subject for subject in verdict.subjects if subject[0] not in claim.settings.get("alike", ())),
         inputs=tuple((columns_words(inputs), odds) for inputs, odds in verdict.inputs),
         unit=shown.unit,
         fitted_words=shown.fitted,
@@ -253,7 +253,7 @@ def claim_of(cause: Cause, legs: int) -> Claim:
     )
 
 
-def _plain(value: object) -> Any:
+def _plain(value: object) -> object:
     """A setting as JSON holds it; None if it is not finite."""
     if isinstance(value, (list, tuple, np.ndarray)):
         return [_plain(item) for item in value]
@@ -262,7 +262,7 @@ def _plain(value: object) -> Any:
     return None if isinstance(value, float) and not math.isfinite(value) else value
 
 
-def reported_parameters(verdict: Verdict, legs: int) -> dict[str, dict[str, Any]]:
+def reported_parameters(verdict: Verdict, legs: int) -> dict[str, dict[str, object]]:
     """A cause's parameters as the contract names them: value, sigma, unit."""
     reported = verdict.cause.reported(verdict.values, verdict.covariance, legs)
     return {p.name: {"value": p.value, "sigma": p.sigma, "unit": p.unit} for p in reported}
@@ -271,7 +271,7 @@ def reported_parameters(verdict: Verdict, legs: int) -> dict[str, dict[str, Any]
 def _odds(verdict: Verdict, diagnosis: CauseDiagnosis) -> float | None:
     """Odds of the found cause against its rival."""
     rival = None if verdict.rival is None else verdict.rival.key
-    other = next((one for one in diagnosis.verdicts if one.cause.key == rival), None)
+    other = next((verdict for verdict in diagnosis.verdicts if verdict.cause.key == rival), None)
     return None if other is None else math.exp(other.log_odds - verdict.log_odds)
 
 
@@ -282,13 +282,18 @@ def _noise_rows(diagnosis: CauseDiagnosis, shown: ReportedRms | Channels, level:
     repeated = diagnosis.has_repeats
     single = diagnosis.single_errors
     same = {single.candidate.cause.subject} if single else set()
-    scatters = [own for own in diagnosis.scatters if not (own.doubt and own.candidate.cause.subject in same)]
+    scatters = [
+        scatter for scatter in diagnosis.scatters if not (scatter.doubt and scatter.candidate.cause.subject in same)
+    ]
     rows = [_scatter_row(scatter, final, overall, is_repeated=repeated) for scatter in scatters]
     rows += [_single_errors_row(single, final, overall)] if single else []
-    rows += [_noise_dependence_row(one, final, overall) for one in merged_by_driver(diagnosis.noise_dependences)]
-    for target, own in diagnosis.noisy:
+    rows += [
+        _noise_dependence_row(dependence, final, overall)
+        for dependence in merged_by_driver(diagnosis.noise_dependences)
+    ]
+    for target, noise_of_target in diagnosis.noisy:
         subject = f"{final.model.channel_word} {_name(final, target)}"
-        rows.append(_larger_row(own, final, shown.of_target(target)) | {"subject": subject})
+        rows.append(_larger_row(noise_of_target, final, shown.of_target(target)) | {"subject": subject})
     if diagnosis.noise.p_value <= level and not diagnosis.noisy:
         rows.append(_larger_row(diagnosis.noise, final, overall))
     return rows
@@ -307,51 +312,55 @@ def _attributed_rows(
     unnamed = [
         verdict.cause for verdict in diagnosis.verdicts if verdict.verdict == "found" and not verdict.cause.catalogued
     ]
-    for own in diagnosis.attributed:
-        names = [*(_channel(final, channel) for channel in own.channels), *filter(None, [own.subject])]
-        follows = _dependence_columns(own)
-        whose = own.channels, own.subject
-        beside = [one for one in diagnosis.attributed if names and (one.channels, one.subject) == whose]
+    for attribution in diagnosis.attributed:
+        names = [*(_channel(final, channel) for channel in attribution.channels), *filter(None, [attribution.subject])]
+        follows = _dependence_columns(attribution)
+        owner = attribution.channels, attribution.subject
+        beside = [peer for peer in diagnosis.attributed if names and (peer.channels, peer.subject) == owner]
         reported = [set(cause.inputs(legs)) for cause in unnamed if not names or cause.subject in ("", *names)]
         is_needless = holds and (
             any(set(cause.inputs(legs)) <= set(follows) for cause in unnamed)
-            or any(columns <= set(_dependence_columns(one)) for one in beside for columns in reported)
+            or any(columns <= set(_dependence_columns(peer)) for peer in beside for columns in reported)
         )
         if is_needless or any(set(follows) <= columns for columns in reported):
             continue
-        where = shown.of_target(own.channels[0]) if own.channels else shown.overall(final.error)
-        text = remainder_clause(follows, " ".join(names), own.share, remains=own.remains)
-        yield _without_mean_effect(own.p_value, final, where) | {
+        where = shown.of_target(attribution.channels[0]) if attribution.channels else shown.overall(final.error)
+        text = remainder_clause(follows, " ".join(names), attribution.share, remains=attribution.remains)
+        yield _without_mean_effect(attribution.p_value, final, where) | {
             "reason_code": REMAINDER,
             "subject": names[0] if names else "",
             "parameters": "{}",
             "follows": listed(follows),
-            "settings": json.dumps(_next_to_findings(own)),
-            "share_predicted": own.share,
+            "settings": json.dumps(_next_to_findings(attribution)),
+            "share_predicted": attribution.share,
             "explanation": remainder_explanation(
-                text, own.p_value, is_of_all=not names, remains=own.remains, is_partial=own.is_partial
+                text,
+                attribution.p_value,
+                is_of_all=not names,
+                remains=attribution.remains,
+                is_partial=attribution.is_partial,
             ),
             "next_measurement": remainder_advice(follows),
         }
 
 
-def _next_to_findings(own: Attributed) -> dict[str, bool]:
+def _next_to_findings(attribution: Attributed) -> dict[str, bool]:
     """Return the settings of inputs that predict residuals: whether the findings may explain all of it, or a part."""
-    if not own.remains:
+    if not attribution.remains:
         return {WITHOUT_FINDINGS: True}
-    return {PARTLY_BY_FINDINGS: True} if own.is_partial else {}
+    return {PARTLY_BY_FINDINGS: True} if attribution.is_partial else {}
 
 
-def _larger_row(level: NoiseLevel, final: FittedModel, shown: ReportedRms) -> dict[str, Any]:
+def _larger_row(level: NoiseLevel, final: FittedModel, shown: ReportedRms) -> dict[str, object]:
     """Noise larger than declared is structure too: an unknown effect moves the measurements."""
     missed = shown.rms(final.error), shown.floor(final.floor)
     text = noise_explanation(NoiseFacts(level.ratio, level.sigma, *missed, shown.unit, expected=shown.noise))
     return _of_noise(level, final, shown) | {"explanation": text, "next_measurement": shown.scatter}
 
 
-def _dependence_columns(own: Attributed) -> tuple[str, ...]:
+def _dependence_columns(attribution: Attributed) -> tuple[str, ...]:
     """The columns of the tables that residuals depend on."""
-    return tuple(dict.fromkeys(column for name in own.inputs for column in _dependence_column(name)))
+    return tuple(dict.fromkeys(column for name in attribution.inputs for column in _dependence_column(name)))
 
 
 def _channel(final: FittedModel, channel: int) -> str:
@@ -371,7 +380,7 @@ def _dependence_column(column: str) -> tuple[str, ...]:
     return (TIME if plain == ORDER else plain,) if plain else ()
 
 
-def _noise_dependence_row(dependence: NoiseDependence, final: FittedModel, shown: ReportedRms) -> dict[str, Any]:
+def _noise_dependence_row(dependence: NoiseDependence, final: FittedModel, shown: ReportedRms) -> dict[str, object]:
     """Noise that is larger in places, and the cause, the column or the target that it follows."""
     if dependence.driver.cause is not None:
         size = dependence.ratio, dependence.sigma
@@ -395,7 +404,7 @@ def _noise_dependence_row(dependence: NoiseDependence, final: FittedModel, shown
     }
 
 
-def _scatter_row(scatter: FoundScatter, final: FittedModel, shown: ReportedRms, *, is_repeated: bool) -> dict[str, Any]:
+def _scatter_row(scatter: FoundScatter, final: FittedModel, shown: ReportedRms, *, is_repeated: bool) -> TableRow:
     """Inputs that scatter more than they are known beforehand, by a cause that moves nothing on average."""
     cause, size = scatter.candidate.cause, (scatter.size, scatter.sigma)
     row = _row_of_cause(cause, size, scatter.p_value, scatter.doubt, final, shown)
@@ -403,7 +412,7 @@ def _scatter_row(scatter: FoundScatter, final: FittedModel, shown: ReportedRms, 
     return row | {"explanation": text}
 
 
-def _single_errors_row(single: SingleErrors, final: FittedModel, shown: ReportedRms) -> dict[str, Any]:
+def _single_errors_row(single: SingleErrors, final: FittedModel, shown: ReportedRms) -> dict[str, object]:
     """Single large errors of one input, whose other errors are small."""
     subject = single.candidate.cause.subject
     ratio = {"value": single.ratio, "sigma": None, "unit": "1"}
@@ -418,13 +427,15 @@ def _single_errors_row(single: SingleErrors, final: FittedModel, shown: Reported
 
 def _row_of_cause(
     cause: Cause, size: tuple[float, float], p_value: float, doubt: str, final: FittedModel, shown: ReportedRms
-) -> dict[str, Any]:
+) -> TableRow:
     """Return the row of a cause without mean effect, with its size and sigma, SI; ``doubt``: reason code if it is only
     suspected."""
     legs = final.model.part_count
     value, sigma = size
     values = cause.reported(np.array([value]), np.array([[sigma**2]]), legs)
-    sizes = tuple(ParameterSize(one.name, one.value, one.sigma, one.unit) for one in values)
+    sizes = tuple(
+        ParameterSize(parameter.name, parameter.value, parameter.sigma, parameter.unit) for parameter in values
+    )
     claim = replace(claim_of(cause, legs), sizes=sizes)
     text = clause(claim)
     return _without_mean_effect(p_value, final, shown) | {
@@ -439,13 +450,13 @@ def _row_of_cause(
     }
 
 
-def _of_noise(level: NoiseLevel | NoiseDependence, final: FittedModel, shown: ReportedRms) -> dict[str, Any]:
+def _of_noise(level: NoiseLevel | NoiseDependence, final: FittedModel, shown: ReportedRms) -> dict[str, object]:
     """Return the cells of a row on noise that no cause increases."""
     ratio = {"value": level.ratio, "sigma": level.sigma, "unit": "1"}
     return _without_mean_effect(level.p_value, final, shown) | {"parameters": json.dumps({"noise_ratio": ratio})}
 
 
-def _without_mean_effect(p_value: float, final: FittedModel, shown: ReportedRms) -> dict[str, Any]:
+def _without_mean_effect(p_value: float, final: FittedModel, shown: ReportedRms) -> dict[str, object]:
     """Return the cells of a row on scatter: it has no effect on the mean, so it improves no prediction."""
     rms, held_out_rms = shown.rms(final.error), shown.rms(final.held_out)
     return {

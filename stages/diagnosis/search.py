@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Iterable, Iterator, Mapping, Sequence
 from dataclasses import replace
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING
 
 import pyarrow as pa
 
@@ -37,17 +37,17 @@ DRAWS = 400
 SHARE_OF_RAYS = 1.0 / 3.0
 
 
-def assembled_data(tables: Mapping[str, pa.Table], settings: Campaign) -> DiagnosisData[Any]:
+def assembled_data(tables: Mapping[str, pa.Table], settings: Campaign) -> DiagnosisData:
     """Data of the diagnosis; raises ValueError with the reason if the campaign lacks them."""
     data = _assembled_data(tables, settings)
     return replace(data, given=tuple(searched_for(settings, data.given)))
 
 
-def _assembled_data(tables: Mapping[str, pa.Table], settings: Campaign) -> DiagnosisData[Any]:
+def _assembled_data(tables: Mapping[str, pa.Table], settings: Campaign) -> DiagnosisData:
     if settings.mechanism.type != "chain" and "observations" in tables and not tables["observations"].num_rows:
         raise ValueError(NO_POINTS_TO_DIAGNOSE)
-    if (own := registered(_OF_TYPES, settings)) is not None:
-        data: DiagnosisData[Any] = own.assemble(tables, settings)
+    if (of_type := registered(_OF_TYPES, settings)) is not None:
+        data: DiagnosisData = of_type.assemble(tables, settings)
         return data
     if settings.mechanism.is_legged:
         from truing.stages.diagnosis.mechanism_points import assemble
@@ -62,7 +62,7 @@ def _assembled_data(tables: Mapping[str, pa.Table], settings: Campaign) -> Diagn
     return assemble_bodies(tables, settings)
 
 
-def _started(data: DiagnosisData[Any], tables: Mapping[str, pa.Table], settings: Campaign) -> DiagnosisData[Any]:
+def _started(data: DiagnosisData, tables: Mapping[str, pa.Table], settings: Campaign) -> DiagnosisData:
     """Data of the diagnosis, with the prior of the model that the campaign starts from."""
     if "start" not in tables:
         return data
@@ -117,7 +117,7 @@ def rule_with_rays(rule: Settings) -> Settings:
     return replace(rule, false_alarm=(1.0 - SHARE_OF_RAYS) * rule.false_alarm)
 
 
-def decided(data: DiagnosisData[Any], settings: Campaign, progress: Progress) -> CauseDiagnosis:
+def decided(data: DiagnosisData, settings: Campaign, progress: Progress) -> CauseDiagnosis:
     """Decisions of the search over the catalogue."""
     rule = rule_of(settings)
     photographed = isinstance(data.model, RecordedModel) and data.model.photographed is not None
@@ -125,21 +125,21 @@ def decided(data: DiagnosisData[Any], settings: Campaign, progress: Progress) ->
     return _searched(data, rule_with_rays(rule) if photographed else rule, kinds, progress)
 
 
-def decided_of_rays(data: DiagnosisData[Any], settings: Campaign, progress: Progress) -> CauseDiagnosis:
+def decided_of_rays(data: DiagnosisData, settings: Campaign, progress: Progress) -> CauseDiagnosis:
     """Decisions of the search for causes of rays."""
     kinds = searched_for(settings, catalogue_of_rays().values())
     return _searched(data, rule_of_rays(rule_of(settings)), kinds, progress, "rays: ")
 
 
 def _searched(
-    data: DiagnosisData[Any], rule: Settings, kinds: Sequence[Cause], progress: Progress, of: str = ""
+    data: DiagnosisData, rule: Settings, kinds: Sequence[Cause], progress: Progress, of: str = ""
 ) -> CauseDiagnosis:
     search = CauseSelection(
         data.model,
         data.calibration,
         data.held_out,
         rule,
-        lambda what: progress(0, 1, f"{of}{what}"),
+        lambda action: progress(0, 1, f"{of}{action}"),
         data.given,
     )
     return search.run(kinds)

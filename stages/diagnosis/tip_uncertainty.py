@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import replace
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING
 
 import numpy as np
 import pyarrow as pa
@@ -34,7 +34,7 @@ _COMPONENTS = {"px": "mm", "py": "mm", "pz": "mm", "rx": "rad", "ry": "rad", "rz
 
 
 def tip_contributions(
-    final: FittedModel[Any], conditions: ChainConditions, reading_sigma: NDArray
+    final: FittedModel, conditions: ChainConditions, reading_sigma: NDArray
 ) -> tuple[ExtendedChain, list[tuple[Contribution | None, Array]]]:
     """Covariance (B, 6, 6), m and rad, of the tip's predicted poses in the base by each source, and the model.
 
@@ -53,7 +53,7 @@ def tip_contributions(
     return extended, [*parts, (None, np.asarray(own_readings))]
 
 
-def tip_table(final: FittedModel[Any], settings: Campaign) -> pa.Table:
+def tip_table(final: FittedModel, settings: Campaign) -> pa.Table:
     """Rows of tip_uncertainty.parquet: contribution of each source to each component of the tip's predicted pose."""
     model = final.model
     assert isinstance(model, ChainModel)

@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 import pyarrow as pa
 
-from truing.arrays import Array
+from truing.arrays import Array, TableRow
 from truing.formats.faultlog import FaultLog
 from truing.formats.row_collection import CollectedRows, collect_rows
 from truing.formats.shapes import IMAGE_POINTS
@@ -22,7 +22,7 @@ from truing.stages.image_tables.point_names import Names, kind_of, survey_names
 if TYPE_CHECKING:
     from truing.schemas.campaign import Campaign
 
-Formats = Mapping[str, Mapping[str, Any]]  # a row of cameras_given by camera
+Formats = Mapping[str, TableRow]  # a row of cameras_given by camera
 
 ONE_CAMERA = "camera"
 """Default name of the camera."""
@@ -194,7 +194,7 @@ def _photographs(
         if formats.get(camera, {}).get("width_px") is None:
             text = f"[[cameras]] or the table cameras with width_px and height_px of camera {camera}"
             log.add(Fault(collected.first_file, text, column="camera", value=str(camera)))
-    columns: dict[str, Any] = {key: [image[k] for image in images] for k, key in enumerate(keys)}
+    columns: TableRow = {key: [image[k] for image in images] for k, key in enumerate(keys)}
     columns |= {"file": [None] * len(images), "principal_distance_px": [None] * len(images)}
     sides = ("width_px", "height_px")
     columns |= {name: [formats.get(camera, {}).get(name) for _, _, camera in images] for name in sides}

@@ -215,7 +215,7 @@ def _rejections(photographs: PhotographFiles, measured: Sequence[PhotographTarge
     return _table("image_rejections", columns, photographs)
 
 
-def _table(name: str, columns: Mapping[str, Any], photographs: PhotographFiles) -> pa.Table:
+def _table(name: str, columns: Mapping[str, object], photographs: PhotographFiles) -> pa.Table:
     return artifact_table(name, columns, "int64" if photographs.poses_are_numbers else "string")
 
 

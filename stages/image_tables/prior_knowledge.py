@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Mapping
 from functools import cache
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING
 
 import numpy as np
 import pyarrow as pa
@@ -26,7 +26,6 @@ if TYPE_CHECKING:
     from truing.schemas.campaign import Campaign
     from truing.schemas.photographs import GivenCamera
 
-Row = dict[str, Any]
 _FORMAT = ("width_px", "height_px", "balancing_radius_px", "pixel_um")
 _NO_VALUES = ("name", "of", "poses", "images")
 _SAME = 1e-9  # of a number: as alike as two files write it
@@ -161,7 +160,7 @@ def read_cameras(source: CampaignFiles, settings: Campaign, log: FaultLog) -> Sm
     One that takes over photographs ``of`` another has what it is not given itself from that.
     """
     collected_rows = collect_rows(source, CAMERAS, log)
-    rows: dict[str, Row] = {}
+    rows: dict[str, TableRow] = {}
     left_out: dict[tuple[str, str], int] = {}
     if collected_rows is not None and not lacks_columns(collected_rows, CAMERAS.required):
         check_unique_keys(collected_rows, log, "camera")
@@ -181,7 +180,7 @@ def read_cameras(source: CampaignFiles, settings: Campaign, log: FaultLog) -> Sm
     return SmallTable(cameras_table(rows), left_out) if rows else None
 
 
-def _row(given_camera: GivenCamera, rows: Mapping[str, Row], file: str, log: FaultLog) -> Row | None:
+def _row(given_camera: GivenCamera, rows: Mapping[str, TableRow], file: str, log: FaultLog) -> TableRow | None:
     """A camera of [[cameras]], completed from the table or from its group of cameras; None where nothing does."""
     values = {
         name: value for name, value in given_camera.model_dump(exclude_unset=True).items() if name not in _NO_VALUES
@@ -204,7 +203,7 @@ def _row(given_camera: GivenCamera, rows: Mapping[str, Row], file: str, log: Fau
     return {**known, **values}
 
 
-def _with_default_free(values: Row) -> Row:
+def _with_default_free(values: TableRow) -> TableRow:
     return {**values, "free": PARAMETERS if values.get("free") is None else values["free"]}
 
 
@@ -218,7 +217,7 @@ def _free(words: str | None, file: str, log: FaultLog) -> tuple[str, ...]:
     return tuple(name for name in names if name in PARAMETERS)
 
 
-def cameras_table(rows: dict[str, dict[str, Any]]) -> pa.Table:
+def cameras_table(rows: dict[str, TableRow]) -> pa.Table:
     """The table cameras_given, a row per parameter, from one of each camera as the table cameras has it."""
     long = []
     for camera, row in rows.items():
@@ -231,7 +230,7 @@ def cameras_table(rows: dict[str, dict[str, Any]]) -> pa.Table:
     return pa.Table.from_pylist(long, schema=ARTIFACTS["cameras_given"].arrow_schema())
 
 
-def _camera_format(row: TableRow) -> dict[str, Any]:
+def _camera_format(row: TableRow) -> TableRow:
     """The format of a camera and its balancing radius: a third of the format's diagonal where it is not given."""
     about = {name: row.get(name) for name in _FORMAT}
     if about["balancing_radius_px"] is None:

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING
 
 import numpy as np
 from numpy.typing import NDArray
@@ -105,7 +105,7 @@ def angles(points: Array, command: Array) -> Array | None:
     return np.asarray(np.degrees(np.angle(turn if same >= opposite else turn.conj())))
 
 
-def _mean(values: NDArray[Any], mask: Mask, axis: int) -> NDArray[Any]:
+def _mean(values: NDArray, mask: Mask, axis: int) -> NDArray:
     """Return means where the mask is true, along an axis that is kept; zero where it is true nowhere."""
     total = np.sum(np.where(mask, values, 0.0), axis, keepdims=True)
     return np.asarray(total / np.maximum(mask.sum(axis, keepdims=True), 1))

@@ -44,7 +44,7 @@ _OTHER = {"deg": "mm", "mm": "deg"}
 def ingest(settings: Campaign, source: CampaignFiles, log: FaultLog, *, may_be_planned: bool = False) -> Outcome:
     """Return the rows of an axis as `configurations`; raises CampaignFaults with all faults at once.
 
-    If they may be planned, rows without any reading are read without errors by every encoder that has a noise.
+    ``may_be_planned``: rows without any reading are a plan; every encoder with a declared noise then reads its command.
     """
     rows = collect_rows(source, ROWS, log, "pose")
     if rows is None:

@@ -156,7 +156,7 @@ def _refusal(fit: ScanFit) -> str:
     return f"scan refused ({fit.status}{': ' + why if why else ''}). {fit.remedy}"
 
 
-def _row(fit: ScanFit) -> dict[str, Any]:
+def _row(fit: ScanFit) -> dict[str, object]:
     T, covariance = fit.T_measurement_reference, fit.covariance
     entries = [None] * 6 if T is None else [*(1e3 * T[:3, 3]).tolist(), *log_so3(T[:3, :3]).tolist()]
     return {

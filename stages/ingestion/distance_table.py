@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING
 
 import numpy as np
 import pyarrow as pa
@@ -47,7 +47,7 @@ def read_distances(
     both = np.array([a.startswith(STATION) and b.startswith(STATION) for a, b in zip(*ends, strict=True)], bool)
     rows.fault(log, both, "to", "a target at one end at least: the distance of two stations tells nothing of the chain")
     is_number = pa.types.is_int64(poses.type) and pa.types.is_int64(pose.type)
-    columns: dict[str, Any] = {"pose": pose if is_number else pose.cast(pa.string())}
+    columns: dict[str, object] = {"pose": pose if is_number else pose.cast(pa.string())}
     for key, end in zip(("from", "to"), ends, strict=True):
         columns[f"{key}_link"] = [None if name.startswith(STATION) else links.get(name, tip) for name in end]
         columns[f"{key}_end"] = list(end)

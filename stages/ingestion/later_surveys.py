@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections import Counter
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, field, replace
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING
 
 import numpy as np
 import pyarrow as pa
@@ -188,11 +188,11 @@ def _compare(
     known = np.array([target in options.moved for target in common], dtype=bool)
     compared = _comparison(before, after, known, alarm)
     for at, target in enumerate(common):
-        new = seen[target], surveyed[target], f"{target}@{of[0]}"
+        move = _Move(of[1], target, f"{target}@{of[0]}", now=seen[target], then=surveyed[target])
         is_new_place = options.window is not None and bool(compared.moved[at])
-        out.rows.append(_row(of, target, compared, at, new[2] if is_new_place else None, options))
+        out.rows.append(_row(of, target, compared, at, move.name if is_new_place else None, options))
         if is_new_place:
-            surveyed[target] = _renamed_after_move(out, of[1], target, (new[0], new[1]), new[2], compared, options)
+            surveyed[target] = _renamed_after_move(out, move, compared, options)
     for target in (target_name for target_name in seen if target_name not in surveyed):
         reported = compared.status == "ok" and options.window is not None
         status = "new" if compared.status == "ok" else compared.status
@@ -207,25 +207,31 @@ def _comparison(before: Sequence[Place], after: Sequence[Place], known: Mask, al
     return compare_surveys(points[0], cov[0], points[1], cov[1], known, alarm)
 
 
+@dataclass(frozen=True)
+class _Move:
+    """A target of a body with its name from this survey on, and its place now and in the survey before."""
+
+    body: str
+    target: str
+    name: str
+    now: Place
+    then: Place
+
+
 def _renamed_after_move(
-    out: LaterSurveys,
-    body: str,
-    target: str,
-    now_and_then: tuple[Place, Place],
-    name: str,
-    comparison: SurveyComparison,
-    options: _ResurveySettings,
+    out: LaterSurveys, move: _Move, comparison: SurveyComparison, options: _ResurveySettings
 ) -> Place:
     """A moved target gets a new name; one that was at an attachment and is not declared there again is omitted."""
     assert options.window is not None
-    now, then = now_and_then
     for at, rule in enumerate(out.rules):
-        if (rule.body, rule.called) == (body, target):
+        if (rule.body, rule.called) == (move.body, move.target):
             out.rules[at] = replace(rule, last=min(rule.last, options.window[0] - 1))
-    out.rules.append(Relabel(body, target, name, *options.window, options.column, options.why, options.from_pose))
-    if then.leg and not now.leg:
-        return replace(now, point=comparison.place(now.point[None], now.cov[None])[0][0], leg=then.leg, name=name)
-    return _added(out, body, now, name, comparison)
+    named = move.body, move.target, move.name
+    out.rules.append(Relabel(*named, *options.window, options.column, options.why, options.from_pose))
+    if move.then.leg and not move.now.leg:
+        point = comparison.place(move.now.point[None], move.now.cov[None])[0][0]
+        return replace(move.now, point=point, leg=move.then.leg, name=move.name)
+    return _added(out, move.body, move.now, move.name, comparison)
 
 
 def _added(out: LaterSurveys, body: str, now: Place, name: str, comparison: SurveyComparison) -> Place:
@@ -244,7 +250,7 @@ def _row(
     at: int,
     holds_as: str | None,
     options: _ResurveySettings,
-) -> dict[str, Any]:
+) -> dict[str, object]:
     reported = comparison.status == "ok"
     sigma = np.sqrt(np.diag(comparison.cov[at])) / _MM if reported else (None,) * 3
     shift = comparison.shift[at] / _MM if reported else (None,) * 3
@@ -260,7 +266,7 @@ def _row(
 
 def _new_row(
     of: tuple[str, str], target: str, status: str, holds_as: str | None, options: _ResurveySettings
-) -> dict[str, Any]:
+) -> dict[str, object]:
     return {
         "later_survey": of[0],
         "body": of[1],

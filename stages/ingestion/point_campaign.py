@@ -5,11 +5,12 @@ from __future__ import annotations
 from collections import Counter
 from collections.abc import Callable, Iterator, Mapping
 from dataclasses import dataclass, replace
-from typing import TYPE_CHECKING, Any, cast
+from typing import TYPE_CHECKING, cast
 
 import numpy as np
 import pyarrow as pa
 
+from truing.arrays import TableRow
 from truing.formats.faultlog import FaultLog
 from truing.formats.file_search import words_on_unread_files
 from truing.formats.source import CampaignFiles, skipped_files
@@ -53,7 +54,7 @@ class _Parts:
     scans: DenseScans | None = None
     deformation: pa.Table | None = None
 
-    def artifacts(self) -> dict[str, Any]:
+    def artifacts(self) -> dict[str, object]:
         """The tables by artifact."""
         poses = self.configurations.table.column("pose")
         tables = {
@@ -231,7 +232,7 @@ def _expected(
 
 
 def _geometry(settings: Campaign, survey: pa.Table | None) -> Geometry:
-    surveyed: dict[str, dict[str, Any]] = {}
+    surveyed: dict[str, TableRow] = {}
     if survey is not None:
         columns = (survey.column(name).to_pylist() for name in ("body", "target", "x_mm", "y_mm", "z_mm"))
         for body, target, *point in zip(*columns, strict=True):

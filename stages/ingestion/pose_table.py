@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections import Counter
-from collections.abc import Iterator, Sequence
+from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass
 from typing import TYPE_CHECKING, Any
 
@@ -229,7 +229,7 @@ def check_bodies(poses: PoseTable, expected: ExpectedPoints, log: FaultLog) -> N
             log.add(Fault(poses.files[0], text, column="body", value=f"none in pose {lost[0]}", more=len(lost) - 1))
 
 
-def _listed(poses: PoseTable) -> Any:
+def _listed(poses: PoseTable) -> Callable[[str], list[Any]]:
     return lambda name: poses.table.column(name).to_pylist()
 
 

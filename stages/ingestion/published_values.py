@@ -2,12 +2,10 @@
 
 from __future__ import annotations
 
-from typing import Any
-
 import numpy as np
 import pyarrow as pa
 
-from truing.arrays import Array
+from truing.arrays import Array, TableRow
 from truing.formats.faultlog import FaultLog
 from truing.formats.row_collection import CollectedRows, collect_rows
 from truing.formats.shapes import PUBLISHED
@@ -62,7 +60,7 @@ def _in_units(collected: CollectedRows, name: str, log: FaultLog) -> Array:
 
 def _rows(collected: CollectedRows, load: Array, values: dict[str, Array]) -> Rows:
     axis, channel = texts(collected, "load_axis"), texts(collected, "channel")
-    more: dict[str, Any] = {}
+    more: TableRow = {}
     if "figure" in collected.table.column_names:
         more["published_in"] = collected.table.column("figure").to_pylist()
     rows = Rows("published")

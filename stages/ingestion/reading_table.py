@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import dataclass, field, replace
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING
 
 import numpy as np
 import pyarrow as pa
@@ -129,7 +129,7 @@ class _ChannelLengths:
     fit: EllipseFit
     length: Array
     sigma: Array
-    facts: dict[str, Any]
+    facts: dict[str, object]
 
 
 def _channel_lengths(signals: Array, run: Index, settings: Interferometer) -> _ChannelLengths:

@@ -25,7 +25,7 @@ from truing.schemas.column import LEAST_SIGMA_MM, MOST_SIGMA_MM
 from truing.schemas.columns import find_column
 from truing.schemas.faults import Fault
 from truing.schemas.near_names import did_you_mean
-from truing.schemas.settings_text import parsed_toml, read_settings_text
+from truing.schemas.settings_text import Document, parsed_toml, read_settings_text
 from truing.stages.common.table_arrays import SmallTable, check_unique_keys, numbers, with_filled_column, without_rows
 
 if TYPE_CHECKING:
@@ -262,7 +262,7 @@ def read_start(source: CampaignFiles, settings: Campaign, log: FaultLog) -> str 
     return _PROVENANCE.sub("", text).rstrip("\n") + "\n"
 
 
-def _departure(document: dict[str, Any], mechanism: Any) -> str:
+def _departure(document: Document, mechanism: Any) -> str:
     """Return the expectation that a parsed model violates; empty if it is a model of this mechanism."""
     about, legs = document.get("model"), document.get("legs")
     if not isinstance(about, dict) or "covariance" not in document:

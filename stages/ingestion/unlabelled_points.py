@@ -64,6 +64,15 @@ def _sigma(points: Array, at_leg: Mask, point_mm: float) -> Array:
     return np.sqrt(point_mm**2 + (_GIVES_WAY * size) ** 2 + np.where(at_leg, _ATTACHMENT_MM, 0.0) ** 2)
 
 
+@dataclass(frozen=True)
+class _Cloud:
+    """All held points (N, 3), mm, and the body and target (N,) of each; empty text until they are identified."""
+
+    points: Array
+    body: NDArray
+    target: NDArray
+
+
 @dataclass
 class Unlabelled:
     """Points without target names: held until all files are read, because a pose may be spread over files."""
@@ -85,7 +94,7 @@ class Unlabelled:
         pose = _joined_texts([batch.columns["pose"] for _, batch in self.parts])
         given_texts = _joined_texts([_bodies(batch) for _, batch in self.parts])
         points = np.concatenate([coordinates(batch) for _, batch in self.parts])
-        body, target = np.full(len(pose), "", dtype=object), np.full(len(pose), "", dtype=object)
+        cloud = _Cloud(points, *(np.full(len(pose), "", dtype=object) for _ in range(2)))
         groups = list(_groups(pose, given_texts))
         for done, (name, of_body, rows) in enumerate(groups):
             progress(done, len(groups), f"naming the points of pose {name}")
@@ -93,15 +102,15 @@ class Unlabelled:
                 self.too_many[name] = len(rows)
                 continue
             wanted = {of_body: survey[of_body]} if of_body in survey else {} if of_body else survey
-            self._name(name, wanted, points, rows, point_mm, body, target)
-        yield from self._batches(body, target)
+            self._identify(name, wanted, cloud, rows, point_mm)
+        yield from self._batches(cloud.body, cloud.target)
 
-    def _name(
-        self, pose: str, survey: Mapping[str, SurveyedBody], points: Array, rows: Index,
-        point_mm: float, body: NDArray, target: NDArray,
-    ) -> None:  # fmt: skip
+    def _identify(
+        self, pose: str, survey: Mapping[str, SurveyedBody], cloud: _Cloud, rows: Index, point_mm: float
+    ) -> None:
+        """Write body and target of the points of one pose (``rows``) into the cloud, and note what was refused."""
         labelled = label_bodies(
-            1e-3 * points[rows],
+            1e-3 * cloud.points[rows],
             {name: 1e-3 * known.points for name, known in survey.items()},
             1e-3 * point_mm,
             {name: known.names for name, known in survey.items()},
@@ -116,9 +125,11 @@ class Unlabelled:
                 continue
             self.labelled.add(name)
             is_assigned = labelling.assignment >= 0
-            body[rows[is_assigned]] = name
-            target[rows[is_assigned]] = np.asarray(survey[name].names, dtype=object)[labelling.assignment[is_assigned]]
-        if nameless := int(np.count_nonzero(target[rows] == "")):
+            cloud.body[rows[is_assigned]] = name
+            cloud.target[rows[is_assigned]] = np.asarray(survey[name].names, dtype=object)[
+                labelling.assignment[is_assigned]
+            ]
+        if nameless := int(np.count_nonzero(cloud.target[rows] == "")):
             self.left_out[(f"pose {pose}", "points without a name that fit no target of the survey")] += nameless
 
     def _batches(self, body: NDArray, target: NDArray) -> Iterator[tuple[FileRows, TableBatch]]:

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 from collections.abc import Mapping
-from typing import Any
 
 import numpy as np
 import pyarrow as pa
@@ -21,7 +20,7 @@ def stations_table(plan: PhotographPlan) -> pa.Table:
     """Return the stations: position, viewing direction, roll about it, number of visible targets."""
     stations, view = plan.stations, plan.stations.R[:, :, 2]
     distance = np.linalg.norm(stations.centre - plan.planned.layout.middle, axis=1)
-    columns: dict[str, Any] = {"station": np.arange(1, stations.count + 1)}
+    columns: dict[str, object] = {"station": np.arange(1, stations.count + 1)}
     columns |= {f"{axis}_mm": np.round(1e3 * stations.centre[:, i], 1) for i, axis in enumerate("xyz")}
     columns |= {f"view_{axis}": np.round(view[:, i], 6) for i, axis in enumerate("xyz")}
     columns |= {
@@ -36,7 +35,7 @@ def targets_table(plan: PhotographPlan) -> pa.Table:
     """Return per target the number of rays, predicted standard deviations and their main limit."""
     prediction = plan.prediction
     sigmas = 1e3 * np.sqrt(np.diagonal(prediction.covariance, axis1=1, axis2=2))
-    columns: dict[str, Any] = {
+    columns: dict[str, object] = {
         "body": list(plan.targets.body),
         "target": list(plan.targets.name),
         "rays": prediction.rays,

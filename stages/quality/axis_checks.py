@@ -56,9 +56,9 @@ def checks(tables: Mapping[str, pa.Table], settings: Campaign) -> CheckResults:
     columns = columns_of(settings, table)
     limits = CampaignLimits(settings.campaign.kind, settings.qa.limits)
     sigmas = {name: encoder_sigma(settings, name) or 0.0 for name in columns.encoders}
-    found = _checks(table, columns, command_sigma(settings), sigmas, limits)
+    results = _checks(table, columns, command_sigma(settings), sigmas, limits)
     warmth = _temperatures(table, columns, settings.mechanism.reference_temperature_c)
-    return CheckResults(chain(found, warmth), f"{count_text(len(table), 'row')} of an axis")
+    return CheckResults(chain(results, warmth), f"{count_text(len(table), 'row')} of an axis")
 
 
 def _checks(
@@ -146,20 +146,20 @@ def encoders_in_place(
     with the motor and the other encoder follows the command; or the load encoder errs in another loop.
     """
     unit = columns.reported_unit
-    missing = [each for each in ENCODERS if each not in deviations]
+    missing = [encoder_name for encoder_name in ENCODERS if encoder_name not in deviations]
     if missing == [MEASURED]:
         return _loop_follows(columns, deviations, noise)
     if missing:
         return not_evaluated("one is missing", "axis-encoders", "", f"no readings of {listed(missing)}")
-    known = np.isfinite(np.column_stack([deviations[each] for each in ENCODERS])).all(1)
+    known = np.isfinite(np.column_stack([deviations[encoder_name] for encoder_name in ENCODERS])).all(1)
     if known.sum() < _FEWEST_ROWS:
         return not_evaluated(
             "too few rows", "axis-encoders", "", f"{count_text(int(known.sum()), 'row')} with all encoders"
         )
-    motor, load, measured = (deviations[each][known] for each in ENCODERS)
+    motor, load, measured = (deviations[encoder_name][known] for encoder_name in ENCODERS)
     loop, other = (MOTOR, LOAD) if columns.loop == MOTOR else (LOAD, MOTOR)
     of_loop, of_other = (motor, load) if columns.loop == MOTOR else (load, motor)
-    named = {each: columns.encoders[each] for each in ENCODERS}
+    named = {encoder_name: columns.encoders[encoder_name] for encoder_name in ENCODERS}
     apart = [f"{np.std(measured - encoder) / unit[1]:.3g}" for encoder in (load, motor)]
     text = f"{named[MEASURED]} departs from {named[LOAD]} by {apart[0]} {unit[0]} and from {named[MOTOR]} by {apart[1]}"
     ratio = float(np.std(measured - motor) / max(float(np.std(measured - load)), 1e-300))
@@ -186,11 +186,11 @@ def _loop_follows(columns: AxisColumns, deviations: Mapping[str, Array], noise: 
         return not_evaluated(
             "too few rows", "axis-encoders", "", f"{count_text(int(known.sum()), 'row')} with both encoders"
         )
-    of_loop, of_other = (deviations[each][known] for each in (loop, other))
+    of_loop, of_other = (deviations[encoder_name][known] for encoder_name in (loop, other))
     sizes = [float(np.std(difference)) for difference in (of_loop, of_other)]
     ratio = sizes[0] / max(sizes[1], 1e-300)
     is_astray = sizes[0] > _CLEARLY * noise.get(loop, 0.0) and _larger_variance(of_loop, of_other) < _UNLIKELY
-    unit, named = columns.reported_unit, [columns.encoders[each] for each in (loop, other)]
+    unit, named = columns.reported_unit, [columns.encoders[encoder_name] for encoder_name in (loop, other)]
     texts = [f"{size / unit[1]:.3g} {unit[0]}" for size in sizes]
     text = f"{named[0]} departs from the command by {texts[0]} and {named[1]} by {texts[1]}"
     if not is_astray:

@@ -45,11 +45,11 @@ def movements(command: Array, reading: Array) -> tuple[float, int]:
     Where a good part of the movements agrees, the ratio is that of this part: the others are a slip of some rows.
     """
     both = np.isfinite(command) & np.isfinite(reading)
-    moves, found = np.diff(command[both]), np.diff(reading[both])
+    moves, movements_read = np.diff(command[both]), np.diff(reading[both])
     moved = np.abs(moves) > _LEAST_MOVE * np.ptp(command[both]) if both.any() else np.zeros(0, bool)
     if moved.sum() < FEWEST_MOVES:
         return np.nan, int(moved.sum())
-    ratios = found[moved] / moves[moved]
+    ratios = movements_read[moved] / moves[moved]
     agree = np.abs(ratios - 1.0) < _ODD
     return float(np.median(ratios[agree] if agree.mean() >= _PART else ratios)), int(moved.sum())
 
@@ -114,7 +114,7 @@ def _hold_commands(exact: Array, scattered: Array) -> bool:
     if len(np.unique(scattered)) < _DIFFERENT * len(scattered) or _decimals(exact) + _ROUNDER > _decimals(scattered):
         return False
     off = scattered - exact
-    within = max(float(np.ptp(off[group == one])) for one in range(len(values)))
+    within = max(float(np.ptp(off[group == number])) for number in range(len(values)))
     return bool(np.diff(values).min() > _APART * within)
 
 
@@ -122,23 +122,30 @@ def _decimals(values: Array) -> int:
     """Decimals with which all values (N,) are written."""
     scale = max(float(np.abs(values).max()), 1.0)
     digits = range(_MOST_DECIMALS)
-    return next((each for each in digits if np.abs(values - values.round(each)).max() < 1e-12 * scale), _MOST_DECIMALS)
+    return next(
+        (decimals for decimals in digits if np.abs(values - values.round(decimals)).max() < 1e-12 * scale),
+        _MOST_DECIMALS,
+    )
 
 
 def _meant(encoder: str, ratio: float, columns: AxisColumns, moved: Mapping[str, tuple[float, int]]) -> str:
     """Slips of unit or sign that make the movements agree: of the encoder, or of the command and all that moves with
     it; empty where there is none."""
-    ratios = {name: each for name, (each, _) in moved.items() if np.isfinite(each)}
-    rest = [columns.encoders[name] for name, each in ratios.items() if abs(each - ratio) > _OF_SLIP * abs(ratio)]
+    ratios = {name: ratio_of_encoder for name, (ratio_of_encoder, _) in moved.items() if np.isfinite(ratio_of_encoder)}
+    rest = [
+        columns.encoders[name]
+        for name, ratio_of_encoder in ratios.items()
+        if abs(ratio_of_encoder - ratio) > _OF_SLIP * abs(ratio)
+    ]
     sign = " with the opposite sign" if ratio < 0.0 else ""
-    own, others = _unit_of(abs(ratio), columns.unit), _unit_of(1.0 / max(abs(ratio), 1e-300), columns.unit)
+    own_unit, unit_of_others = _unit_of(abs(ratio), columns.unit), _unit_of(1.0 / max(abs(ratio), 1e-300), columns.unit)
     if sign and abs(abs(ratio) - 1.0) < _ODD:
-        own = others = columns.unit
-    of_rest = f"{listed([columns.command, *rest])} in {others}{sign}" if others else ""
+        own_unit = unit_of_others = columns.unit
+    of_rest = f"{listed([columns.command, *rest])} in {unit_of_others}{sign}" if unit_of_others else ""
     if len(ratios) > 1 and not rest and of_rest:  # what all encoders have in common is the command's
         return of_rest
-    is_other = not own or (columns.encoders[encoder].endswith("_counts") and not sign)
-    meant = [f"{columns.encoders[encoder]} in {own}{sign}"] if own else []
+    is_other = not own_unit or (columns.encoders[encoder].endswith("_counts") and not sign)
+    meant = [f"{columns.encoders[encoder]} in {own_unit}{sign}"] if own_unit else []
     return " or ".join([*meant, of_rest] if of_rest and is_other else meant)
 
 

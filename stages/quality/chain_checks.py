@@ -199,26 +199,26 @@ def _test_orientations(compared: ComparedChain, settings: Campaign) -> RelationT
             rows = compared.usable & measured.is_observed[:, k] & (compared.conditions.series == series)
             if rows.sum() < FEWEST_POSES:
                 continue
-            found = turning_misfit(
+            compared_turns = turning_misfit(
                 frames.R[rows, channels.node[k]],
                 compared.conditions.reference[rows, k],
                 settings.poses.euler,
                 _positions(measured, int(k), rows, frames.t),
             )
-            if found.stray.any():
-                poses = np.array([str(pose) for pose in compared.conditions.poses])[rows][found.stray]
-                strays, agreed = (*strays, *(f"pose {pose}" for pose in poses)), found
-            if found.before > found.limit:
+            if compared_turns.stray.any():
+                poses = np.array([str(pose) for pose in compared.conditions.poses])[rows][compared_turns.stray]
+                strays, agreed = (*strays, *(f"pose {pose}" for pose in poses)), compared_turns
+            if compared_turns.before > compared_turns.limit:
                 test = RelationTest(
                     JOINTS,
                     RelationState.FAILS,
                     "no-slip",
-                    misfit=found.before / _DEG,
-                    limit=found.limit / _DEG,
+                    misfit=compared_turns.before / _DEG,
+                    limit=compared_turns.limit / _DEG,
                     unit="deg",
-                    misfit_explained=found.after / _DEG if found.slips else None,
+                    misfit_explained=compared_turns.after / _DEG if compared_turns.slips else None,
                 )
-                return replace(test, slips=found.slips[:1], rivals=found.slips[1:])
+                return replace(test, slips=compared_turns.slips[:1], rivals=compared_turns.slips[1:])
     if agreed is None:
         return None
     return RelationTest(
@@ -384,7 +384,7 @@ def _explained(compared: ComparedChain, tested: RelationTest) -> RelationTest:
     names = compared.table.schema.names
     return replace(
         tested,
-        rivals=tuple(one for other in others for one in _recorded(other, compared.tree, names)),
+        rivals=tuple(row for other in others for row in _recorded(other, compared.tree, names)),
         state=state,
         reason="no-slip" if state is RelationState.FAILS else "departs",
         misfit_explained=slip.after / _MM,
@@ -446,8 +446,8 @@ def _fewest(measured: MeasuredLinks) -> int:
 
 def _failed_as_a_whole(tested: RelationTest, whole_slips: list[WholeSlip]) -> RelationTest:
     """The test with those slips that explain it as well as the best of them, in the order in which they were tried."""
-    least = min(one.share for one in whole_slips)
-    first, *others = (one for one in whole_slips if one.share <= _AS_LIKELY * least)
+    least = min(slip.share for slip in whole_slips)
+    first, *others = (slip for slip in whole_slips if slip.share <= _AS_LIKELY * least)
     return replace(_failed(tested, (first.slip,), first.after), rivals=tuple(other.slip for other in others))
 
 

@@ -5,7 +5,6 @@ from __future__ import annotations
 import json
 from collections import Counter
 from collections.abc import Iterator, Mapping
-from typing import Any
 
 import numpy as np
 import pyarrow as pa
@@ -196,18 +195,15 @@ def _stability(camera: str, poses: list[object], score: Array, information: Arra
     return Check("camera-stability", f"camera {camera}", p_value, _BEYOND_CHANCE, "1", verdict, text)
 
 
-Row = dict[str, Any]
-
-
-def _changed(images: pa.Table) -> dict[str, list[Row]]:
+def _changed(images: pa.Table) -> dict[str, list[TableRow]]:
     """Yield the images of each camera with some principal distances different from the majority."""
-    rows_by_camera: dict[str, list[Row]] = {}
+    rows_by_camera: dict[str, list[TableRow]] = {}
     for row in images.to_pylist():
         rows_by_camera.setdefault(row["camera"], []).append(row)
     return {camera: rows for camera, rows in rows_by_camera.items() if any(row["setting"] for row in rows)}
 
 
-def _deviating_images_check(camera: str, rows: list[Row], figures: Figures) -> Check:
+def _deviating_images_check(camera: str, rows: list[TableRow], figures: Figures) -> Check:
     """Return the check of images with another principal distance: size, effect on points, entry that gives them a
     camera of their own."""
     changed = [row for row in rows if row["setting"]]
@@ -227,7 +223,7 @@ def _deviating_images_check(camera: str, rows: list[Row], figures: Figures) -> C
     return Check("camera-stability", f"camera {camera}", p_value, _BEYOND_CHANCE, "1", FAIL if fails else WARN, text)
 
 
-def _reported_settings(deviating: list[Row], rows: list[Row]) -> Iterator[str]:
+def _reported_settings(deviating: list[TableRow], rows: list[TableRow]) -> Iterator[str]:
     for setting in sorted({row["setting"] for row in deviating}):
         rows_of_setting = [row for row in deviating if row["setting"] == setting]
         off = np.array([row["principal_distance_off_px"] for row in rows_of_setting])
@@ -238,13 +234,13 @@ def _reported_settings(deviating: list[Row], rows: list[Row]) -> Iterator[str]:
         yield f"{listed(which, _TOLD_IMAGES)} by {np.median(off):+.2f} ± {np.median(sigma):.2f} px each"
 
 
-def _complete_poses(body_rows: list[Row], rows: list[Row]) -> list[object]:
+def _complete_poses(body_rows: list[TableRow], rows: list[TableRow]) -> list[object]:
     """Return the poses all of whose images are among these."""
     count = Counter(row["pose"] for row in rows)
     return [pose for pose, number in Counter(row["pose"] for row in body_rows).items() if number == count[pose]]
 
 
-def _setting_keys(deviating: list[Row], rows: list[Row]) -> str:
+def _setting_keys(deviating: list[TableRow], rows: list[TableRow]) -> str:
     """Return the keys of campaign.toml that select the images of the first different setting."""
     rows_of_setting = [row for row in deviating if row["setting"] == deviating[0]["setting"]]
     poses = _complete_poses(rows_of_setting, rows)

@@ -4,7 +4,6 @@ from __future__ import annotations
 
 from collections.abc import Mapping
 from dataclasses import dataclass, field
-from typing import Any
 
 import numpy as np
 
@@ -33,7 +32,7 @@ class ReportedResponses:
     part: slice = field(default_factory=lambda: slice(None))
     subject: str | None = None
 
-    def single(self, count: int) -> list[tuple[int, dict[str, Any]]]:
+    def single(self, count: int) -> list[tuple[int, dict[str, object]]]:
         """Columns, out of ``count``, with a row each, and the key of that row."""
         if self.names == ():
             return []
@@ -61,7 +60,7 @@ def error_rows(
     add_figures(rows, name, {"noise_ratio": ratio, "degrees_of_freedom": fit.dof}, responses.subject)
 
 
-def _size_rows(rows: Rows, name: str, prefix: str, residual: Array, unit: str, where: dict[str, Any]) -> None:
+def _size_rows(rows: Rows, name: str, prefix: str, residual: Array, unit: str, where: dict[str, object]) -> None:
     size = np.abs(residual[np.isfinite(residual)])
     if not len(size):
         return

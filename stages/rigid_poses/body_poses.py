@@ -83,7 +83,7 @@ def body_poses(tables: Mapping[str, Any], settings: Campaign, progress: Progress
     )
 
 
-def _common_errors(tables: Mapping[str, Any]) -> tuple[PointErrors | None, Array | None]:
+def _common_errors(tables: Mapping[str, object]) -> tuple[PointErrors | None, Array | None]:
     """Return errors that points have in common, and the covariance (N, 3, 3) of each observation without those common
     to all poses; None without any."""
     if tables.get("point_correlations") is None:

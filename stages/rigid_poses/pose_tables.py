@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from typing import Any, cast
+from typing import cast
 
 import numpy as np
 import pyarrow as pa
@@ -38,7 +38,7 @@ def residuals_table(bodies: Sequence[BodyPoses], identifier: str) -> pa.Table:
     return _table("residuals", [_residual_columns(body) for body in bodies], identifier)
 
 
-def _pose_columns(body: BodyPoses, method: str, base: BodyPoses | None, frame: str) -> dict[str, Any]:
+def _pose_columns(body: BodyPoses, method: str, base: BodyPoses | None, frame: str) -> dict[str, object]:
     fit = body.fits[method]
     if base is None:
         R, p, covariance, status = fit.R, fit.t, fit.covariance, fit.status.astype(object)
@@ -74,7 +74,7 @@ def sensitivities_table(
     return _table("pose_sensitivities", parts, identifier)
 
 
-def _effect_columns(body: BodyPoses, base: BodyPoses | None, parameters: Sequence[str]) -> dict[str, Any]:
+def _effect_columns(body: BodyPoses, base: BodyPoses | None, parameters: Sequence[str]) -> dict[str, object]:
     effects = cast("Array", body.effects)
     if base is not None and base.effects is not None:
         slope = relative_slope(base.fit.R, base.fit.t, body.fit.t)
@@ -101,7 +101,7 @@ def covariances_table(bodies: Sequence[BodyPoses], reference: str | None, identi
     return _table("pose_covariances", [part for part in parts if part], identifier)
 
 
-def _relative_pose_rows(body: BodyPoses, other: BodyPoses, base: BodyPoses | None) -> dict[str, Any]:
+def _relative_pose_rows(body: BodyPoses, other: BodyPoses, base: BodyPoses | None) -> dict[str, object]:
     """Rows for one pair of bodies, of the poses in which they, and the reference, were fitted together."""
     cross_cov = body.cross.get((body.default, other.name))
     if cross_cov is None:
@@ -126,7 +126,7 @@ def _relative_pose_rows(body: BodyPoses, other: BodyPoses, base: BodyPoses | Non
     }
 
 
-def _residual_columns(body: BodyPoses) -> dict[str, Any]:
+def _residual_columns(body: BodyPoses) -> dict[str, object]:
     at_pose, at_target = np.nonzero(body.points.is_observed)
     residual = 1e3 * body.residual[at_pose, at_target]
     reason = body.reason[at_pose, at_target]

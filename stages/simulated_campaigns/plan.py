@@ -187,18 +187,23 @@ def _all_visible(survey: pa.Table, configurations: pa.Table, noise: float) -> pa
 def _bodies(survey: pa.Table, observations: pa.Table, poses: tuple[int | str, ...], legs: int, noise: float) -> _Bodies:
     kinds = [("base", BASE, -1), ("platform", PLATFORM, -1), *((f"leg{i + 1}", LEG, i) for i in range(legs))]
     surveys = [(body, kind, ridden, survey_points(survey, body)) for body, kind, ridden in kinds]
-    points_of_body = [pose_points(observations, body, poses, one.targets) for body, _, _, one in surveys]
-    legs_of = [one.leg - 1 if kind == PLATFORM else np.full(len(one.leg), ridden) for _, kind, ridden, one in surveys]
+    points_of_body = [
+        pose_points(observations, body, poses, body_survey.targets) for body, _, _, body_survey in surveys
+    ]
+    legs_of = [
+        body_survey.leg - 1 if kind == PLATFORM else np.full(len(body_survey.leg), ridden)
+        for _, kind, ridden, body_survey in surveys
+    ]
     targets = Targets(
-        np.concatenate([np.full(len(one.targets), kind) for _, kind, _, one in surveys]),
+        np.concatenate([np.full(len(body_survey.targets), kind) for _, kind, _, body_survey in surveys]),
         np.concatenate(legs_of),
-        tuple(target for *_, one in surveys for target in one.targets),
-        tuple(body for body, _, _, one in surveys for _ in one.targets),
+        tuple(target for *_, body_survey in surveys for target in body_survey.targets),
+        tuple(body for body, _, _, body_survey in surveys for _ in body_survey.targets),
     )
     return _Bodies(
         targets,
-        np.concatenate([one.points for *_, one in surveys]),
-        with_declared_noise(np.concatenate([one.cov for *_, one in surveys]), noise),
+        np.concatenate([body_survey.points for *_, body_survey in surveys]),
+        with_declared_noise(np.concatenate([body_survey.cov for *_, body_survey in surveys]), noise),
         with_declared_noise(np.concatenate([points.cov for points in points_of_body], 1), noise),
         np.concatenate([points.is_observed for points in points_of_body], 1),
     )

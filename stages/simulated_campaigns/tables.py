@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 from collections.abc import Iterable, Sequence
-from typing import Any
 
 import pyarrow as pa
 
@@ -54,13 +53,13 @@ def _table(rows: Sequence[TableRow], names: Sequence[str]) -> pa.Table:
     return pa.Table.from_pylist(rows, schema=pa.schema(list(kinds.items())))
 
 
-def _kind_row(question: DetectionQuestion) -> dict[str, Any]:
+def _kind_row(question: DetectionQuestion) -> dict[str, object]:
     sort, unit = question.kind, question.unit
     reported = {"parameter": unit.parameter, "unit": unit.unit, "beside": unit.beside}
     return {"cause": sort.kind, "concerns": sort.concerns, **reported}
 
 
-def _sizes_row(curve: Curve) -> dict[str, Any]:
+def _sizes_row(curve: Curve) -> dict[str, object]:
     question, scale = curve.question, curve.question.unit.value
     row = _kind_row(question)
     for level, power in (("80", POWER), ("95", NEARLY_ALWAYS)):
@@ -91,10 +90,10 @@ def _rate_rows(curve: Curve) -> list[TableRow]:
     ]
 
 
-def _nothing_row(alarms: Rate) -> dict[str, Any]:
+def _nothing_row(alarms: Rate) -> dict[str, object]:
     nothing = {**dict.fromkeys(_SORT, ""), "cause": "nothing", "size": 0.0, "signal_to_noise": 0.0}
     return {**nothing, "campaigns": alarms.of, **_rate_columns("found", alarms)}
 
 
-def _rate_columns(outcome: str, rate: Rate) -> dict[str, Any]:
+def _rate_columns(outcome: str, rate: Rate) -> dict[str, object]:
     return {outcome: rate.value, f"{outcome}_lower": rate.bounds[0], f"{outcome}_upper": rate.bounds[1]}

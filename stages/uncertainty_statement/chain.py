@@ -47,7 +47,7 @@ def state_tip(statement: Statement, tables: Mapping[str, pa.Table], settings: Ca
     estimates = {(row["subject"], row["quantity"]): row["estimate"] for row in rows}
     _state(statement, "tip", ("subject", "quantity"), rows, estimates)
     statement.omitted("tip", "causes that were not found", _ONE_MODEL)
-    statement.omitted("tip", "temperature", "its readings count as exact")
+    statement.omitted("tip", "temperature", "its readings are taken as exact")
     for name, cause in found_causes(tables).items():
         if cause in _ENDS:
             statement.omitted("tip", name, _ENDS[cause])

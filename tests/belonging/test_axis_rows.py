@@ -81,7 +81,7 @@ def test_lost_motion_as_large_as_a_step_is_no_shift() -> None:
     assert slip_of_rows(command, command + behind, 1.0, UNITS) is None
 
 
-def test_copied_rows_are_told_from_a_misread_digit() -> None:
+def test_copied_rows_are_distinguished_from_a_misread_digit() -> None:
     own = readings()
     own[20:26] = own[10:16]
     assert slip_of(own).kind is RowSlipKind.COPIED  # type: ignore[union-attr]
@@ -145,7 +145,7 @@ def test_what_follows_the_command_is_no_scatter_in_another_unit(of) -> None:  # 
         assert unit_of_deviations(command, of(command) + noise - command, declared, FINE) == ""
 
 
-def test_readings_in_another_order_are_told_from_a_shift_and_from_effects() -> None:
+def test_readings_in_another_order_are_distinguished_from_a_shift_and_from_effects() -> None:
     noise = 1e-3 * np.random.default_rng(3).normal(size=len(SWEEPS))
     reading = SWEEPS + 3.0 + noise
     assert other_order(SWEEPS, np.sort(reading))

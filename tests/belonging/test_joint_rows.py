@@ -140,7 +140,7 @@ def test_a_lost_row_shifts_all_later_ones() -> None:
     assert (slip.kind, slip.shift) == (SlipKind.ROWS_SHIFTED, -1)
 
 
-def test_the_unit_of_positions_and_their_axis_are_told() -> None:
+def test_the_unit_of_positions_and_their_axis_are_reported() -> None:
     assert the_slip(late_inches).factor == 25.4
     assert the_slip(late_y).quantity == "y of measured positions"
 

@@ -190,7 +190,9 @@ def test_equal_numbers_tell_a_copy_only_where_noise_would_have_shown() -> None:
 
 
 @pytest.mark.parametrize("columns", [1, 6])
-def test_a_copied_part_is_told_with_its_rows_wherever_it_stands_and_coarse_numbers_are_no_copy(columns: int) -> None:
+def test_a_copied_part_is_reported_with_its_rows_anywhere_and_coarse_numbers_are_no_copy(
+    columns: int,
+) -> None:
     rng = np.random.default_rng(5)
     load, run, names = np.zeros((144, 6)), np.repeat([0, 1, 2], 48), ["run 1", "run 2", "run 3"]
     load[:, 0] = np.tile(np.sin(np.linspace(0.0, 2.0 * np.pi, 48)), 3)

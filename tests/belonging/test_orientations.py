@@ -65,12 +65,12 @@ def test_a_mirrored_frame_cannot_be_seen_in_orientations_alone() -> None:
     assert misfit.before < 2.5e-3
 
 
-def test_inverses_of_euler_angles_are_told_alone() -> None:
+def test_inverses_of_euler_angles_are_reported_alone() -> None:
     assert "inverse" in slip_subjects(misfit_of(MEASURED.inv(), "ZYX"))
 
 
 @pytest.mark.parametrize("order", ["xyz", "ZYX"])
-def test_euler_angles_read_as_rotation_vectors_are_told_where_turns_are_small(order: str) -> None:
+def test_euler_angles_read_as_rotation_vectors_are_reported_where_turns_are_small(order: str) -> None:
     small = Rotation.from_rotvec(np.random.default_rng(5).normal(0.0, 0.25, (60, 3)))
     noise = Rotation.from_rotvec(1e-4 * RNG.normal(size=(60, 3)))
     read = Rotation.from_rotvec((small * noise).as_euler(order))
@@ -79,7 +79,7 @@ def test_euler_angles_read_as_rotation_vectors_are_told_where_turns_are_small(or
     assert order != "xyz" or misfit.before < np.deg2rad(3.0)
 
 
-def test_euler_angles_in_another_order_are_told_with_that_order() -> None:
+def test_euler_angles_in_another_order_are_reported_with_that_order() -> None:
     read = Rotation.from_euler("XYZ", MEASURED.as_euler("ZYX"))
     assert "ZYX" in slip_subjects(misfit_of(read, "XYZ"))
 
@@ -90,7 +90,7 @@ def test_orientations_of_another_link_have_no_slip_that_explains_them() -> None:
     assert not misfit.slips
 
 
-def test_single_orientations_far_from_the_others_are_told_and_do_not_count() -> None:
+def test_single_orientations_far_from_the_others_are_reported_and_do_not_count() -> None:
     wrong = MEASURED.as_matrix().copy()
     wrong[[6, 21]] = wrong[[6, 21]] @ Rotation.from_rotvec([0.0, 1.0, 0.0]).as_matrix()
     misfit = misfit_of(wrong)

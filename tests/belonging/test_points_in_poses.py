@@ -74,7 +74,7 @@ def _two_bodies(shift: int) -> tuple[np.ndarray, list[tuple[str, str]], list[Bod
 
 
 @pytest.mark.parametrize("shift", [1, -2])
-def test_a_survey_whose_rows_are_shifted_is_told_once_for_all_bodies(shift: int) -> None:
+def test_a_survey_whose_rows_are_shifted_is_reported_once_for_all_bodies(shift: int) -> None:
     survey, names, bodies = _two_bodies(shift)
     tested = shifted_survey(survey, names, bodies)
     assert tested is not None
@@ -153,7 +153,7 @@ def test_a_survey_on_a_grid_is_not_taken_for_rounded_points(step: float) -> None
 
 
 @pytest.mark.parametrize("scale", [0.995, 0.9997, 1.0003, 1.001, 1.01])
-def test_another_scale_is_told_with_its_factor_and_is_neither_a_unit_nor_a_mirror_image(scale: float) -> None:
+def test_another_scale_is_reported_with_its_factor_and_is_neither_a_unit_nor_a_mirror_image(scale: float) -> None:
     body = _body(0)
     found = relate_survey(replace(body, survey=body.survey / scale))
     assert (found.state, found.reason) == (RelationState.ATTENTION, "scale")

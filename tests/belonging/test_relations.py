@@ -157,7 +157,7 @@ def test_one_reading_of_nothing_fails_under_its_name() -> None:
     assert found.subject == "rho6_mm"
 
 
-def test_readings_written_down_in_coarse_steps_are_told() -> None:
+def test_readings_written_down_in_coarse_steps_are_reported() -> None:
     found = _readings(_travel(), lambda r: (r / 7e-4).round() * 7e-4)
     assert found.state is RelationState.FAILS
     assert found.slips[0].kind is SlipKind.ROUNDED

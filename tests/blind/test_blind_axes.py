@@ -116,7 +116,7 @@ def test_where_nothing_is_hidden_no_more_is_found_than_declared(clean: list[Judg
     assert len(clean) - len(alarms) >= fewest_of(len(clean), 1.0 - DECLARED)
 
 
-def test_clear_errors_are_named_with_their_subject_among_those_told(hidden: list[Judged]) -> None:
+def test_clear_errors_are_named_with_their_subject_among_those_reported(hidden: list[Judged]) -> None:
     named = [
         one
         for one in hidden

@@ -164,7 +164,7 @@ def test_no_cause_is_found_where_no_effect_is_hidden(tmp_path: Path) -> None:
         assert _told(tmp_path / name, layout, (), 15).found == [], name
 
 
-def test_a_body_that_lands_elsewhere_is_not_told_as_targets_that_were_moved(tmp_path: Path) -> None:
+def test_a_body_that_lands_elsewhere_is_not_reported_as_targets_that_were_moved(tmp_path: Path) -> None:
     """One body alone, half of whose poses scatter by twenty times the noise: each target would take a part of it."""
     alone = replace(
         PLAIN, poses=32, bodies=(Body("base", 3, 150.0, at_rest=True, jitter_mm=0.003),), missing=0.0, gross=0.0

@@ -59,7 +59,7 @@ def _numbers(text: str) -> list[float]:
 
 
 @pytest.mark.parametrize("instrument", INSTRUMENTS)
-def test_every_kept_campaign_is_there_once_and_drawn_as_told(instrument: str) -> None:
+def test_every_kept_campaign_is_there_once_and_drawn_as_reported(instrument: str) -> None:
     campaigns = CAMPAIGNS[instrument]
     numbers = [one.record["number"] for one in campaigns]
     assert sorted(numbers) == sorted(set(numbers))

@@ -205,7 +205,7 @@ def test_markers_that_end_the_process_of_their_library(tmp_path, monkeypatch):
     assert_says(fault.expected, "undamaged C3D file", "damaged")
 
 
-def test_rows_that_cannot_be_found_again_are_told_without_their_line(tmp_path):
+def test_rows_that_cannot_be_found_again_are_reported_without_their_line(tmp_path):
     """The file has changed meanwhile, or its quotation marks join its lines in another way."""
     rows = "\n".join(f"1,b,T{n},1,2,x" for n in range(3))
     (tmp_path / "points.csv").write_text(f"pose,body,target,x_mm,y_mm,z_mm\n{rows}\n")

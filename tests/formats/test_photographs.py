@@ -189,7 +189,7 @@ def test_a_copy_in_a_pose_counts_once_and_in_another_pose_is_a_fault(tmp_path):
     assert_says(fault.expected, "photograph", "images/1/b.png", "pose 1", "same")
 
 
-def test_everything_that_is_wrong_is_told_at_once(tmp_path):
+def test_everything_that_is_wrong_is_reported_at_once(tmp_path):
     folder = tmp_path / "images" / "1"
     saved(folder / "twice.jpg")
     saved(folder / "twice.png")
@@ -310,7 +310,7 @@ def test_pipes_and_dead_links_among_photographs_are_named(tmp_path):
     assert found.left_out == {("images/1", "a pipe"): 1}
 
 
-def test_photographs_that_no_pattern_reaches_are_told(tmp_path):
+def test_photographs_that_no_pattern_reaches_are_reported(tmp_path):
     saved(tmp_path / "images/1/a.jpg")
     saved(tmp_path / "images/1/left/day2/a.jpg")
     saved(tmp_path / "images/2/a.jpg").rename(tmp_path / "images/2/a.Jpg")

@@ -65,7 +65,7 @@ def test_one_of_two_confounded_numbers_is_named_as_changed_with_the_other_as_alt
     assert found.alternatives_to((named,)) == ((13 - named,),)
 
 
-def test_another_machine_is_said_to_be_one():
+def test_another_machine_is_reported_as_such():
     rng = np.random.default_rng(5)
     rows = rng.normal(size=(80, 40)) * 30.0
     covariance = np.linalg.inv(rows.T @ rows + np.eye(40))

@@ -83,7 +83,7 @@ def test_a_window_shifts_a_slanted_ray_as_snells_law_says() -> None:
     assert_close(seems[0] / seems[2], np.tan(angle), atol=1e-12)
 
 
-def test_a_warm_bar_is_longer_and_told_as_it_was(tmp_path: Path) -> None:
+def test_a_warm_bar_is_longer_and_reported_as_it_was(tmp_path: Path) -> None:
     made = photograph(WarmBar(1e-3))
     ends = made.points[:, -4:].reshape(-1, 2, 2, 3)
     length = np.linalg.norm(ends[:, :, 1] - ends[:, :, 0], axis=-1)

@@ -411,7 +411,7 @@ def test_positions_with_attitudes_are_poses(
     assert "points" not in document["files"]
 
 
-def test_measured_poses_are_told_from_commanded_ones_with_their_sigmas_and_joints(tmp_path: Path) -> None:
+def test_measured_poses_are_distinguished_from_commanded_ones_with_their_sigmas_and_joints(tmp_path: Path) -> None:
     header = "Goal x,Goal y,Goal z,Goal roll,Goal pitch,Goal yaw,elbow,measured_x,measured_y,measured_z"
     header += ",measured_rx,measured_ry,measured_rz,measured_std_x,measured_std_y,measured_std_z"
     angles = TURNED.as_euler("XYZ", degrees=True)

@@ -161,7 +161,7 @@ def test_loads_with_a_zone_are_joined_to_bridges_below_formats_of_time(tmp_path:
     assert_close(numbers(applied, "fx_n", "mz_nm"), loads[:, [0, 5]] * [1.0, 1e-3], atol=1e-9, what="loads")
 
 
-def test_files_of_equally_many_rows_are_told_where_none_is_read(tmp_path: Path) -> None:
+def test_files_of_equally_many_rows_are_reported_where_none_is_read(tmp_path: Path) -> None:
     _write(tmp_path / "one.csv", ["gizmo,widget", *(f"{k},{k * k}" for k in range(9))])
     _write(tmp_path / "two.csv", ["colour,shade", *(f"{k},{-k}" for k in range(9))])
     printed, document = init(tmp_path)

@@ -66,7 +66,7 @@ def test_noise_of_a_bench_that_nobody_declared_is_named_with_its_keys(tmp_path: 
         (SIDE_BY_SIDE, ('body = "body" is a guess', "coordinates are assumed to be in mm"), ()),
     ],
 )
-def test_guesses_are_marked_and_told_until_the_remark_is_gone(
+def test_guesses_are_marked_and_reported_until_the_remark_is_gone(
     tmp_path: Path, text: str, marked: tuple[str, ...], keys: tuple[str, ...]
 ) -> None:
     starter = started(tmp_path, log=text)

@@ -47,7 +47,7 @@ def test_the_kind_of_the_subject_is_named_once(cause: str, subject: str) -> None
         ("fraction", "creep", "load fz", "fraction (creep, load fz)"),
         ("amplitude", "periodic-error", "axis", "amplitude (periodic error, axis)"),
         ("sag", "joint-sag", "joint a joint b", "sag of joints a and b"),
-        ("gain", "actuator-gain", "leg3", "actuator gain, leg 3"),
+        ("gain", "actuator-gain", "leg3", "actuator gain (leg 3)"),
         ("scale", "measurement-scale", "", "measurement scale"),
     ],
 )

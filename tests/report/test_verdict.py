@@ -59,7 +59,7 @@ def misfit(times: float, freedom: float = 300.0, p: float | None = None) -> dict
     return tables | {"model_choice": pd.concat([choice, *more], ignore_index=True), "requirements": met}
 
 
-def test_pulls_that_fail_never_stand_below_a_green_line():
+def test_pulls_that_fail_are_never_below_a_green_line():
     tables = of(*rejected(), pull_sums=made.pull_sums(900.0).assign(p_value=1e-54))
     assert section_verdicts(tables)["diagnosis"].state == RelationState.OK
     whole = campaign(tables)
@@ -68,7 +68,7 @@ def test_pulls_that_fail_never_stand_below_a_green_line():
     assert "p < 1e-6" in whole.explanation.replace("p = <", "p <")
 
 
-def test_a_calibration_that_misfits_by_a_factor_never_stands_below_a_green_line():
+def test_a_calibration_that_misfits_by_a_factor_is_never_below_a_green_line():
     tables = of(*rejected()) | misfit(5.15)
     verdicts = section_verdicts(tables)
     assert verdicts["diagnosis"].mark == GREEN

@@ -113,7 +113,7 @@ def test_an_effect_that_one_campaign_alone_found_is_no_change_of_the_geometry(ru
     assert list(gain["place"]) == [1]
 
 
-def test_a_machine_that_was_rebuilt_is_not_told_number_by_number(texts: dict[str, str]) -> None:
+def test_a_machine_that_was_rebuilt_is_not_reported_number_by_number(texts: dict[str, str]) -> None:
     before, now = (read_model(texts[name]) for name in ("spring", "summer"))
     step = mechanism_step(
         before, replace(now, shared=now.shared + np.random.default_rng(1).normal(size=len(now.shared)))

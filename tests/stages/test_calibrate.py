@@ -164,7 +164,7 @@ def test_the_held_out_poses_are_predicted_to_the_noise_by_the_chosen_model_alone
         assert figure(sample, "heldout_ratio", model, deformation, LIKELY) > high, (model, deformation)
 
 
-def test_u_x_swallows_kappa_where_deformation_is_ignored(sample):
+def test_u_x_absorbs_kappa_where_deformation_is_ignored(sample):
     """Telescope report, eq. 40: u_x z_x + u_z z_z = (1 - kappa) z_z, so u_x = -kappa z_z / z_x to first order."""
     u = of(sample["implicit_calibration"], "6-pus", "none", parameter="u_x").set_index("leg")
     kappa = of(sample["implicit_calibration"], "6-pus", "linear", parameter="kappa").set_index("leg")

@@ -183,7 +183,7 @@ def _few_poses(folder: Path, count: int, role: str | None = None) -> dict[str, A
 @pytest.mark.parametrize(
     ("count", "models"), [(1, set()), (2, {"linear"}), (5, {"linear"}), (12, {"linear", "matrix", "in-plane"})]
 )
-def test_coefficients_that_so_few_poses_leave_open_are_not_told(tmp_path, count, models):
+def test_coefficients_that_so_few_poses_leave_open_are_not_reported(tmp_path, count, models):
     tables = _few_poses(tmp_path / "few", count)
     assert set(tables["deformation_models"]["model"]) == models
     assert (tables["deformation_models"]["sigma"] > 0.0).all()

@@ -224,7 +224,7 @@ def test_an_effect_far_beyond_what_is_linear_in_it_is_put_on_its_leg(tmp_path: P
     assert [(row["cause"], row["subject"]) for row in found] == [("actuator-gain", "leg3")]
 
 
-def test_noise_far_above_the_declared_is_said_to_be_so(tmp_path: Path) -> None:
+def test_noise_far_above_the_declared_is_reported(tmp_path: Path) -> None:
     noisy = _drawn(tmp_path, [], 45, noise=Noise(point_mm=0.008, survey_mm=0.008, declared_point_mm=0.005))
     assert noisy.found() == ["unexplained"]
     ratio = json.loads(noisy.rows[0]["parameters"])["noise_ratio"]

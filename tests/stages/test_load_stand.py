@@ -148,7 +148,7 @@ def test_a_bent_signal_leaves_no_load_step_out(bent: Any) -> None:
 
 def test_the_page_tells_which_outlying_signals_were_used(touched: Any) -> None:
     section = excluded({"calibration_kept": touched.tables["calibration_kept"].to_pandas()})
-    assert section.lead == "Used although far off: 3 signals, an effect of loads or runs."
+    assert section.lead == "Used despite large deviations: 3 signals with an effect of loads or runs."
     (listing,) = section.listings
     assert next(row[:2] for row in listing.rows) == ("signal v3", "run 1, step 31")
     assert {row[3] for row in listing.rows} == {"shared by several: fx > 0 and fz < 0"}

@@ -204,7 +204,7 @@ def test_a_person_accepts_a_verdict_by_name(tmp_path):
     assert not said.failed_checks
 
 
-def test_a_campaigns_own_limits_are_held_and_told(tmp_path):
+def test_a_campaigns_own_limits_are_held_and_reported(tmp_path):
     extra = """
 [qa.limits.geometry-leverage]
 warn = 0.0

@@ -35,7 +35,7 @@ def truing(*arguments: str) -> tuple[int, str]:
     return done.exit_code, done.output
 
 
-def test_drives_without_a_mechanism_are_not_tested_and_nothing_is_said_of_a_simulation(tmp_path: Path) -> None:
+def test_drives_without_a_mechanism_are_not_tested_and_no_simulation_is_mentioned(tmp_path: Path) -> None:
     bodies_campaign(tmp_path / "bodies")
     line = stage_line(tmp_path / "bodies").call()
     assert {row["relation"] for row in line.tables["diagnosis"].to_pylist()} == {Relation.BODIES_SURVEY.value}

@@ -121,8 +121,10 @@ def _slips(body: BodyPoints, trials: Sequence[_Trial], which: Index, plain: Arra
 
 
 def _enough(count: Index) -> int:
-    """Return the number of targets that a pose needs, from those seen in each pose (B,): four, where most poses have
-    them, for fewer would only seem right if all were mirrored."""
+    """Return the number of targets that a pose needs, from those seen in each pose (B,): four, if most poses have them.
+
+    Three targets fit their mirror image as well, so such poses would look right even if all poses were mirrored.
+    """
     return (
         _MIRROR_TARGETS if 2 * np.sum(count >= _MIRROR_TARGETS) >= np.sum(count >= _LEAST_TARGETS) else _LEAST_TARGETS
     )

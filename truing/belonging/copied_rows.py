@@ -98,7 +98,7 @@ def _sharing(windows: Sequence[Index]) -> Iterator[tuple[int, int]]:
     from scipy.sparse import csr_array
 
     window_ids = [np.unique(window) for window in windows]
-    run = np.repeat(np.arange(len(window_ids)), [len(one) for one in window_ids])
+    run = np.repeat(np.arange(len(window_ids)), [len(window) for window in window_ids])
     ids = np.concatenate(window_ids) if window_ids else np.zeros(0, np.int64)
     often = np.bincount(ids, minlength=1)[ids] > 1
     if not often.any():
@@ -120,8 +120,8 @@ def _chance(value: Array, equality_chance: Array, count: int, length: int, tries
     moving = np.array([bool(np.isfinite(column).all()) and len(np.unique(column)) > 2 for column in value.T])
     if value.shape[1] > 0 and not moving.any():
         return 0.0
-    each = length * float(np.log(equality_chance[moving]).sum()) + np.log(max(tries, 1))
-    return float(count * each - gammaln(count + 1)) if each < 0.0 else 0.0
+    log_chance = length * float(np.log(equality_chance[moving]).sum()) + np.log(max(tries, 1))
+    return float(count * log_chance - gammaln(count + 1)) if log_chance < 0.0 else 0.0
 
 
 @dataclass(frozen=True)
@@ -147,8 +147,8 @@ def copied_runs(run: Index, runs: Sequence[str], load: Array, tables: Sequence[V
             for first, second in combinations(range(len(runs)), 2)
         )
         for first, second in _similar_runs(table.value, rows):
-            each = chance.between(first, second)
-            share, equality_chance = _equal(table.value[rows[first]], table.value[rows[second]], each)
+            chance_of_runs = chance.between(first, second)
+            share, equality_chance = _equal(table.value[rows[first]], table.value[rows[second]], chance_of_runs)
             if share >= _EQUAL and equality_chance < _CHANCE:
                 copies.setdefault((runs[first], runs[second]), []).append(_Copy(table.name, share))
         parts, tell = copied_parts(table.value, rows, load, chance)
@@ -181,8 +181,8 @@ class _Copy:
     rows: tuple[int, ...] = ()
 
 
-def _relation_tests(found: dict[tuple[str, str], list[_Copy]], pairs: int) -> Iterator[RelationTest]:
-    for (first, second), copies in found.items():
+def _relation_tests(copies_of_pair: dict[tuple[str, str], list[_Copy]], pairs: int) -> Iterator[RelationTest]:
+    for (first, second), copies in copies_of_pair.items():
         rows = () if any(not copy.rows for copy in copies) else max((copy.rows for copy in copies), key=len)
         slip = RecordSlip(SlipKind.COPIED, " and ".join(copy.quantity for copy in copies), (first, second), rows=rows)
         share = 100.0 * max(copy.share for copy in copies)

@@ -177,8 +177,8 @@ def _exchanged_names(compared: ChainComparison, errors_at: ErrorsAt, agreed: Agr
         if rows.sum() >= _FEWEST_APART:
             names = tuple(compared.targets[k][1] for k in (i, j))
             where = row_places(rows, ~rows, compared.poses, ())
-            what = _DISTANCES if compared.is_of_distances else "names of targets"
-            slip = RecordSlip(SlipKind.PARTS_EXCHANGED, what, (*names, *where))
+            quantity = _DISTANCES if compared.is_of_distances else "names of targets"
+            slip = RecordSlip(SlipKind.PARTS_EXCHANGED, quantity, (*names, *where))
             return RowSlips((slip,), _rms(other[rows]))
     return None
 
@@ -186,14 +186,16 @@ def _exchanged_names(compared: ChainComparison, errors_at: ErrorsAt, agreed: Agr
 def _frozen(compared: ChainComparison, agreed: Agreement) -> RowSlips | None:
     """Return the column, or all that was measured, that stays the same, in every digit, through the poses that
     disagree."""
-    what: list[tuple[str, tuple[str, ...], NDArray]]
+    recorded: list[tuple[str, tuple[str, ...], NDArray]]
     if len(agreed.apart) < _FEWEST_APART:
         return None
     agree = np.ones(len(compared.values), bool)
     agree[agreed.apart] = False
-    what = [("readings", (name,), reading) for name, reading in zip(compared.columns, compared.readings.T, strict=True)]
-    what += [(_measured(compared), (), compared.values.reshape(len(compared.values), -1))]
-    for quantity, names, values in what:
+    recorded = [
+        ("readings", (name,), reading) for name, reading in zip(compared.columns, compared.readings.T, strict=True)
+    ]
+    recorded += [(_measured(compared), (), compared.values.reshape(len(compared.values), -1))]
+    for quantity, names, values in recorded:
         same = (np.diff(values, axis=0) == 0.0).reshape(len(values) - 1, -1).all(1)
         still = np.append(same, False) | np.append(False, same)
         # A joint that also stands still where all is well is not frozen: joints are moved one at a time.
@@ -323,20 +325,20 @@ def slips_of_lines(ends: Sequence[tuple[str, str]], values: NDArray) -> Iterator
         yield RecordSlip(SlipKind.UNIT, _DISTANCES, (" to ".join(ends[k]),), factor=factor), changed_values
 
 
-def _units(what: str, size: int) -> Iterator[MeasuredSlip]:
+def _units(quantity: str, size: int) -> Iterator[MeasuredSlip]:
     for factor in both_ways(LENGTH_FACTORS):
-        yield MeasuredSlip(RecordSlip(SlipKind.UNIT, what, factor=factor), factor * np.eye(size))
+        yield MeasuredSlip(RecordSlip(SlipKind.UNIT, quantity, factor=factor), factor * np.eye(size))
 
 
-def changes_of_axes(what: str = _MEASURED) -> Iterator[MeasuredSlip]:
+def changes_of_axes(quantity: str = _MEASURED) -> Iterator[MeasuredSlip]:
     """Yield other units, reversed and exchanged axes of positions (right = recorded @ matrix): what shows where their
     frame is known."""
-    yield from _units(what, 3)
+    yield from _units(quantity, 3)
     for signs in product((1.0, -1.0), repeat=3):
         changed = " and ".join(name for name, sign in zip(_AXES, signs, strict=True) if sign < 0.0)
         if changed:
-            yield MeasuredSlip(RecordSlip(SlipKind.SIGN, f"{changed} of {what}"), np.diag(signs))
+            yield MeasuredSlip(RecordSlip(SlipKind.SIGN, f"{changed} of {quantity}"), np.diag(signs))
     for order in permutations(range(3)):
         moved = tuple(_AXES[axis] for axis in range(3) if order[axis] != axis)
         if moved:
-            yield MeasuredSlip(RecordSlip(SlipKind.COLUMNS, f"axes of {what}", moved), np.eye(3)[:, list(order)])
+            yield MeasuredSlip(RecordSlip(SlipKind.COLUMNS, f"axes of {quantity}", moved), np.eye(3)[:, list(order)])

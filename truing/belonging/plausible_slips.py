@@ -153,11 +153,11 @@ def slips_of_columns(
     if of_all:
         for quantity in dict.fromkeys(column.quantity for column in columns):
             indices = [k for k, column in enumerate(columns) if column.quantity == quantity]
-            yield from _column_slips(responses, columns, indices, (), np.isin(responses.column, indices), 0.0)
+            chosen = _ColumnSet(columns, indices, ())
+            yield from _column_slips(chosen, (), np.isin(responses.column, indices), 0.0)
         for k, column in enumerate(columns):
-            yield from _column_slips(
-                responses, columns, [k], (column.name,), responses.column == k, np.log(len(columns))
-            )
+            chosen = _ColumnSet(columns, [k], (column.name,))
+            yield from _column_slips(chosen, chosen.names, responses.column == k, np.log(len(columns)))
         yield from _columns_exchanged(responses, columns, np.ones(len(responses), bool), (), 2.0 * np.log(len(columns)))
         if len({column.quantity for column in columns}) == 1:
             yield from exchanges_by_axis(responses, columns)
@@ -167,10 +167,11 @@ def slips_of_columns(
     for quantity in dict.fromkeys(column.quantity for column in columns):
         indices = [k for k, column in enumerate(columns) if column.quantity == quantity]
         if len(indices) > 1:
-            yield from _slips_within_runs(responses, columns, indices, (), runs, expected, many)
+            yield from _slips_within_runs(responses, _ColumnSet(columns, indices, ()), runs, expected, many)
         for k in indices:
             extra = np.log(len(columns))
-            yield from _slips_within_runs(responses, columns, [k], (columns[k].name,), runs, expected, many + extra)
+            chosen = _ColumnSet(columns, [k], (columns[k].name,))
+            yield from _slips_within_runs(responses, chosen, runs, expected, many + extra)
 
 
 def exchanges_from_a_run(
@@ -193,22 +194,25 @@ def exchanges_by_axis(responses: Responses, columns: Sequence[RecordedColumn]) -
             yield from _columns_exchanged(responses, columns, concerned, (f"all runs of {LOADS[axis]}",), penalty)
 
 
+@dataclass(frozen=True)
+class _ColumnSet:
+    """Columns at ``indices`` among the recorded ones, which slip together, and the names that the slip states."""
+
+    columns: Sequence[RecordedColumn]
+    indices: Sequence[int]
+    names: tuple[str, ...]
+
+
 def _slips_within_runs(
-    responses: Responses,
-    columns: Sequence[RecordedColumn],
-    indices: Sequence[int],
-    names: tuple[str, ...],
-    runs: Sequence[str],
-    expected: ExpectedResponse,
-    penalty: float,
+    responses: Responses, chosen: _ColumnSet, runs: Sequence[str], expected: ExpectedResponse, penalty: float
 ) -> Iterator[SlipCandidate]:
     """Yield one slip of some columns in single runs, and in all runs that it explains."""
     by_slip: dict[tuple[SlipKind, float], list[SlipCandidate]] = {}
     numbers = np.unique(responses.run).tolist()
     for number in numbers:
-        concerned = (responses.run == number) & np.isin(responses.column, indices)
-        if len(np.unique(responses.column[concerned])) >= min(len(indices), 2):
-            for candidate in _column_slips(responses, columns, indices, (*names, runs[number]), concerned, penalty):
+        concerned = (responses.run == number) & np.isin(responses.column, chosen.indices)
+        if len(np.unique(responses.column[concerned])) >= min(len(chosen.indices), 2):
+            for candidate in _column_slips(chosen, (*chosen.names, runs[number]), concerned, penalty):
                 by_slip.setdefault((candidate.slip.kind, candidate.slip.factor), []).append(candidate)
     for (kind, factor), alone in by_slip.items():
         yield from alone
@@ -217,14 +221,9 @@ def _slips_within_runs(
 
 
 def _column_slips(
-    responses: Responses,
-    columns: Sequence[RecordedColumn],
-    indices: Sequence[int],
-    subjects: tuple[str, ...],
-    concerned: Mask,
-    penalty: float,
+    chosen: _ColumnSet, subjects: tuple[str, ...], concerned: Mask, penalty: float
 ) -> Iterator[SlipCandidate]:
-    first_column = columns[indices[0]]
+    first_column = chosen.columns[chosen.indices[0]]
     for factor in first_column.factors:
         slip = RecordSlip(SlipKind.UNIT, first_column.quantity, subjects, factor)
         yield SlipCandidate(slip, concerned, _values(concerned, factor), penalty)

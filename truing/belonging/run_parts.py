@@ -79,14 +79,14 @@ class _Line:
     def best(self, columns: Sequence[RecordedColumn], units: Sequence[float], answers: Array) -> RunPart | None:
         """Return the part and the factor with the smallest residual; loads if they do as well as columns."""
         parts_of_halves = [
-            one
+            part
             for second, sign in self._halves()
-            for one in self._compare_halves(second, sign, columns, units, answers)
+            for part in self._compare_halves(second, sign, columns, units, answers)
         ]
         if not parts_of_halves:
             return None
-        least = min(one.after for one in parts_of_halves)
-        loads = [one for one in parts_of_halves if not one.columns and one.after <= _AS_GOOD * least]
+        least = min(part.after for part in parts_of_halves)
+        loads = [part for part in parts_of_halves if not part.columns and part.after <= _AS_GOOD * least]
         near = loads or parts_of_halves
         least = min(candidate.after for candidate in near)
         return min(
@@ -97,22 +97,22 @@ class _Line:
         self, second: Mask, sign: int, columns: Sequence[RecordedColumn], units: Sequence[float], answers: Array
     ) -> Iterator[RunPart]:
         """Yield the correction of one of two parts: the one whose slopes differ more from the expected responses."""
-        direction, one, other = self._slopes(second)
-        if not direction.any() or not _differs_from_one(other[direction] / one[direction]).any():
+        direction, first_slope, second_slope = self._slopes(second)
+        if not direction.any() or not _differs_from_one(second_slope[direction] / first_slope[direction]).any():
             return
         index = np.flatnonzero(direction).tolist()
         reported = replace(self, value=self.value[:, direction], places=tuple(self.places[k] for k in index))
-        one, other, answers = one[direction], other[direction], answers[direction]
+        first_slope, second_slope, answers = first_slope[direction], second_slope[direction], answers[direction]
         off = [
-            np.sum(np.abs(_slope_deviation(slope, answers, np.minimum(np.abs(one), np.abs(other)))))
-            for slope in (one, other)
+            np.sum(np.abs(_slope_deviation(slope, answers, np.minimum(np.abs(first_slope), np.abs(second_slope)))))
+            for slope in (first_slope, second_slope)
         ]
         first = bool(off[0] > off[1])
-        part, ratio = (~second, one / other) if first else (second, other / one)
+        part, ratio = (~second, first_slope / second_slope) if first else (second, second_slope / first_slope)
         before = reported._line_residual(reported.way, reported.value)
         for mine, factor, after in reported._undone_slips(part, ratio, [columns[k] for k in index], units):
             part_columns = list(mine) if mine else slice(None)
-            known = _is_known(answers, np.minimum(np.abs(one), np.abs(other)))[part_columns]
+            known = _is_known(answers, np.minimum(np.abs(first_slope), np.abs(second_slope)))[part_columns]
             if factor < 0.0 and not known.any() and (mine or len(known) < 2):
                 continue  # a single column may answer both signs of a load alike
             if np.all(after[part_columns] < _MOST_LEFT * before[part_columns]):

@@ -9,7 +9,6 @@ from __future__ import annotations
 from collections.abc import Iterator
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -82,7 +81,7 @@ def read_ior(path: Path, wanted: Wanted) -> Iterator[RawBatch]:
 
 def read_scale(path: Path, wanted: Wanted) -> Iterator[RawBatch]:
     """Yield the scale bars of a .scale file: number, name in quotation marks, two points, length, sigma, 1 if used."""
-    bars: list[tuple[Any, ...]] = []
+    bars: list[tuple[object, ...]] = []
     expected = 'a scale bar: number, "name", two points, length, sigma, flag'
     lines = _lines(path)
     for row, line in lines:

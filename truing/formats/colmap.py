@@ -168,7 +168,7 @@ class _Bytes:
         text_read, self.at = self.content[self.at : end], end + 1
         return text_read.decode(errors="replace")
 
-    def array(self, layout: np.dtype[Any], count: int) -> NDArray[Any]:
+    def array(self, layout: np.dtype[Any], count: int) -> NDArray:
         self.room_for(count, layout.itemsize, "rays")
         array_read = np.frombuffer(self.content, layout, count, self.at)
         self.at += count * layout.itemsize
@@ -352,7 +352,7 @@ def _text_lines(lines: list[int | None]) -> list[int] | None:
     return known if len(known) == len(lines) else None
 
 
-def _rays(images: list[ColmapImage]) -> dict[str, Any]:
+def _rays(images: list[ColmapImage]) -> dict[str, object]:
     counts = [len(image.point) for image in images]
     at = np.repeat(np.arange(len(images)), counts)
     xy = np.concatenate([np.empty((0, 2)), *(image.xy for image in images)])
@@ -385,7 +385,7 @@ def camera_of(camera: ColmapCamera) -> Row:
     return {**camera_row(str(camera.number), camera.size, ten), "free": _FREE[camera.model]}
 
 
-def _points(points: list[ColmapPoint]) -> dict[str, Any]:
+def _points(points: list[ColmapPoint]) -> dict[str, object]:
     xyz = np.array([point.xyz for point in points]).reshape(-1, 3)
     return {
         "target": np.array([str(point.number) for point in points], dtype=object),
@@ -395,7 +395,7 @@ def _points(points: list[ColmapPoint]) -> dict[str, Any]:
     }
 
 
-def _spread(raw: Path, estimate: Estimate | None) -> dict[str, Any]:
+def _spread(raw: Path, estimate: Estimate | None) -> dict[str, object]:
     """Return standard deviations and correlations of points, empty if not determined; no columns without estimate."""
     network = None if estimate is None else read_network(raw)
     covariance = None if network is None or estimate is None else estimate(network)

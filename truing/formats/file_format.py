@@ -19,7 +19,7 @@ class FileFormat:
     """
 
     name: ClassVar[str]
-    preset: ClassVar[Mapping[str, Any]] = {}
+    preset: ClassVar[Mapping[str, object]] = {}
     is_text: ClassVar[bool] = True
 
     def read(self, path: Path, wanted: Wanted) -> Iterator[RawBatch]:

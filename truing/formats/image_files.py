@@ -86,7 +86,7 @@ def read_head(path: Path, sensor_width_mm: float | None = None) -> ImageHeader:
     )
 
 
-def _tags(path: Path) -> tuple[int, int, int, dict[int, Any], dict[int, Any]]:
+def _tags(path: Path) -> tuple[int, int, int, dict[int, object], dict[int, object]]:
     """Return width, height, bits, tags of the image and those of its exposure."""
     from PIL import Image
 
@@ -116,7 +116,7 @@ def _exif(image: Any) -> tuple[dict[int, Any], dict[int, Any]]:
         return {}, {}
 
 
-def _tiff_tags(path: Path) -> tuple[int, int, int, dict[int, Any], dict[int, Any]]:
+def _tiff_tags(path: Path) -> tuple[int, int, int, dict[int, object], dict[int, object]]:
     """Return the same for a TIFF, including those with pixels that the library cannot open."""
     from PIL import Image
     from PIL.TiffImagePlugin import ImageFileDirectory_v2
@@ -146,7 +146,7 @@ def _tiff_tags(path: Path) -> tuple[int, int, int, dict[int, Any], dict[int, Any
 
 
 def _principal_distance(
-    exif: dict[int, Any], width: int, height: int, sensor_width_mm: float | None
+    exif: dict[int, object], width: int, height: int, sensor_width_mm: float | None
 ) -> tuple[float | None, str | None]:
     """Return a start value of the principal distance in px with its source, the most reliable available."""
     longer = max(width, height)
@@ -176,13 +176,13 @@ def _number(value: Any) -> float | None:
     return number if math.isfinite(number) and 0.0 < number < 1e9 else None
 
 
-def _text(value: Any) -> str:
+def _text(value: object) -> str:
     if not isinstance(value, str):
         return ""
     return " ".join("".join(c if c.isprintable() else " " for c in value).split())[:80]
 
 
-def _time_of_exposure(value: Any, split_second: Any) -> str | None:
+def _time_of_exposure(value: object, split_second: object) -> str | None:
     match = re.fullmatch(r"(\d{4}):(\d\d):(\d\d) (\d\d:\d\d:\d\d)", _text(value))
     if match is None or match[1] == "0000":
         return None

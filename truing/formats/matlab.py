@@ -46,7 +46,7 @@ class Opaque:
     cure: str
 
 
-Numbers = NDArray[Any]
+Numbers = NDArray
 
 
 Variable = Numbers | list[str] | Opaque
@@ -124,7 +124,7 @@ def _unpacked(data: bytes, most: int) -> int:
     return total
 
 
-def _flat(name: str, value: Any, depth: int) -> Iterator[tuple[str, Variable]]:
+def _flat(name: str, value: object, depth: int) -> Iterator[tuple[str, Variable]]:
     from scipy.io.matlab import MatlabFunction, MatlabOpaque
     from scipy.sparse import issparse
 
@@ -142,7 +142,7 @@ def _flat(name: str, value: Any, depth: int) -> Iterator[tuple[str, Variable]]:
         yield name, _plain(value, name)
 
 
-def _cells(cells: NDArray[np.object_]) -> Any:
+def _cells(cells: NDArray[np.object_]) -> object:
     """Return cells, or a field of several structs, as a column if each holds one number or one text."""
     if all(isinstance(cell, np.ndarray) and cell.dtype.kind in "biuf" and cell.size == 1 for cell in cells):
         return np.array([float(cell.ravel()[0]) for cell in cells]).reshape(-1, 1)

@@ -6,7 +6,7 @@ import re
 from collections.abc import Iterator, Mapping
 from dataclasses import dataclass, replace
 from itertools import combinations
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING
 
 import numpy as np
 
@@ -29,7 +29,7 @@ class _Stack:
     """A variable as poses of a body, or as its targets: keys that read it, number of poses, change of distances."""
 
     table: str
-    mapping: dict[str, Any]
+    mapping: dict[str, object]
     columns: tuple[str, ...]
     poses: int
     change: float = 0.0
@@ -67,7 +67,7 @@ def _stacks(name: str, value: Array, texts: list[list[str]]) -> Iterator[_Stack]
     for transpose in (False, True):
         stack = np.asarray(value if transpose else np.moveaxis(value, 2, 0), dtype=float)
         count, rows, columns = stack.shape
-        keys: dict[str, Any] = {"transpose": True} if transpose else {}
+        keys: dict[str, object] = {"transpose": True} if transpose else {}
         names = tuple(f"m{i}{j}" for i in range(rows) for j in range(columns))
         if count > 1 and columns == _SQUARE and rows in (_AXES, _SQUARE) and np.isfinite(stack).all():
             if are_motions(stack):

@@ -3,9 +3,8 @@
 from __future__ import annotations
 
 import re
-from collections.abc import Mapping, Sequence
+from collections.abc import Sequence
 from dataclasses import dataclass, replace
-from typing import Any
 
 import numpy as np
 
@@ -42,7 +41,7 @@ def chain_rows(
     names: Sequence[str],
     data: Sequence[Sequence[str]],
     values: Array,
-    meant: Mapping[str, Any],
+    meant: MappingKeys,
     joints: Sequence[str],
 ) -> ChainRows | None:
     """Return the points and joints of a table of cells (N, W) and their numbers; None without both.
@@ -100,7 +99,7 @@ def _several_targets(names: Sequence[str]) -> tuple[MappingKeys, tuple[str, ...]
     return keys, raw, "several targets side by side, beside joint readings"
 
 
-def _one_target(names: Sequence[str], meant: Mapping[str, Any]) -> tuple[MappingKeys, tuple[str, ...], str]:
+def _one_target(names: Sequence[str], meant: MappingKeys) -> tuple[MappingKeys, tuple[str, ...], str]:
     """Return keys of points for the coordinates of one target, and their columns; empty without any."""
     known = tuple(meant[column] for column in COORDINATES if meant.get(column) in names)
     known = known or tuple(column for column in COORDINATES if column in names)
@@ -113,7 +112,7 @@ def _one_target(names: Sequence[str], meant: Mapping[str, Any]) -> tuple[Mapping
     return keys, raw, f"{', '.join(raw)}: one target, beside joint readings"
 
 
-def _first_of_each_pose(names: Sequence[str], data: Sequence[Sequence[str]], meant: Mapping[str, Any]) -> MappingKeys:
+def _first_of_each_pose(names: Sequence[str], data: Sequence[Sequence[str]], meant: MappingKeys) -> MappingKeys:
     """Return a ``select`` of one row per pose, where a row for each target repeats the joints."""
     if "target" not in meant or "pose" not in meant:
         return {}

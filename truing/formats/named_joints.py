@@ -6,7 +6,6 @@ import re
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from itertools import groupby
-from typing import Any
 
 import numpy as np
 
@@ -162,7 +161,7 @@ class JointReadings:
 
 
 def configurations_of_joints(
-    names: Sequence[str], data: Sequence[Sequence[str]], values: Array, meant: Mapping[str, Any], joints: Sequence[str]
+    names: Sequence[str], data: Sequence[Sequence[str]], values: Array, meant: MappingKeys, joints: Sequence[str]
 ) -> JointReadings | None:
     """Return keys of [files.configurations] for joint readings; None without joints."""
     joints_found = joint_columns(names, data, values, joints)

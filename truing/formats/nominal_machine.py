@@ -5,11 +5,10 @@ from __future__ import annotations
 import re
 from collections.abc import Mapping, Sequence
 from dataclasses import replace
-from typing import Any
 
 import numpy as np
 
-from truing.arrays import Array
+from truing.arrays import Array, TableRow
 from truing.formats.guess import Guess, OtherWay
 from truing.formats.named_columns import position_groups
 from truing.formats.proposed_poses import NamedCells
@@ -72,30 +71,30 @@ def with_convention(guess: Guess, words: str) -> Guess:
 
 def _meanings(names: Sequence[str], words: Mapping[str, str]) -> dict[str, str]:
     """Return the first column of each meaning; its name is read without unit, blanks and underscores."""
-    found: dict[str, str] = {}
+    column_of: dict[str, str] = {}
     for name in names:
         bare = re.sub(r"[\[(].*?[\])]|[\s_{}.\-]+", "", bare_and_unit(name)[0]).casefold()
         meaning = next((key for key, pattern in words.items() if re.fullmatch(pattern, bare)), None)
         if meaning is not None:
-            found.setdefault(meaning, name)
-    return found
+            column_of.setdefault(meaning, name)
+    return column_of
 
 
 def _chain(cells: NamedCells, words: str, unit: str | None) -> Guess | None:
-    found = _meanings(cells.names, _ROWS)
-    if not {"theta_deg", "d_mm", "a_mm", "alpha_deg"} <= set(found):
+    column_of = _meanings(cells.names, _ROWS)
+    if not {"theta_deg", "d_mm", "a_mm", "alpha_deg"} <= set(column_of):
         return None
-    numbers = {key: _with_symbols(cells, found[key]) for key in ("theta_deg", "d_mm", "a_mm", "alpha_deg")}
-    if not all(np.isfinite(column).all() for column in numbers.values()) or not _is_numbered(cells, found):
+    numbers = {key: _with_symbols(cells, column_of[key]) for key in ("theta_deg", "d_mm", "a_mm", "alpha_deg")}
+    if not all(np.isfinite(column).all() for column in numbers.values()) or not _is_numbered(cells, column_of):
         return None
-    kinds = _kinds(cells, found)
+    kinds = _kinds(cells, column_of)
     if kinds is None:
         return None
     lengths = np.concatenate([numbers["d_mm"], numbers["a_mm"]])
-    doubts = [*_in_mm(numbers, found, lengths, unit), *_in_deg(numbers, found)]
-    if not _is_offset(cells, found["theta_deg"]):
-        doubts.append(f"{found['theta_deg']} is assumed to be the angle of each joint where its reading is zero")
-    convention = _convention(" ".join((words, *(found[key] for key in ("a_mm", "alpha_deg")))))
+    doubts = [*_in_mm(numbers, column_of, lengths, unit), *_in_deg(numbers, column_of)]
+    if not _is_offset(cells, column_of["theta_deg"]):
+        doubts.append(f"{column_of['theta_deg']} is assumed to be the angle of each joint where its reading is zero")
+    convention = _convention(" ".join((words, *(column_of[key] for key in ("a_mm", "alpha_deg")))))
     standard, modified = (
         Guess(
             *({}, cells.names, None, (OF_CHAIN,)),
@@ -133,39 +132,39 @@ def _is_offset(cells: NamedCells, name: str) -> bool:
     return bool(np.isnan(cells.numbers(name)).any()) or re.search(r"0|off|null", name, re.IGNORECASE) is not None
 
 
-def _is_numbered(cells: NamedCells, found: Mapping[str, str]) -> bool:
+def _is_numbered(cells: NamedCells, column_of: Mapping[str, str]) -> bool:
     """True if rows stand in the order of their numbers, or have none."""
-    return "number" not in found or bool(np.all(np.diff(cells.numbers(found["number"])) == 1.0))
+    return "number" not in column_of or bool(np.all(np.diff(cells.numbers(column_of["number"])) == 1.0))
 
 
-def _kinds(cells: NamedCells, found: Mapping[str, str]) -> list[str] | None:
+def _kinds(cells: NamedCells, column_of: Mapping[str, str]) -> list[str] | None:
     """Return the motion of each joint: by its own column, or by the variable under d; None for unknown words."""
-    if "kind" not in found:
-        is_slide = np.isnan(cells.numbers(found["d_mm"])) & ~np.isnan(cells.numbers(found["theta_deg"]))
+    if "kind" not in column_of:
+        is_slide = np.isnan(cells.numbers(column_of["d_mm"])) & ~np.isnan(cells.numbers(column_of["theta_deg"]))
         return ["prismatic" if slides else "revolute" for slides in is_slide]
-    texts = [text.strip().casefold() for text in cells.texts(found["kind"])]
+    texts = [text.strip().casefold() for text in cells.texts(column_of["kind"])]
     if not all(re.fullmatch(f"{_PRISMATIC}|{_REVOLUTE}", text) for text in texts):
         return None
     return ["prismatic" if re.fullmatch(_PRISMATIC, text) else "revolute" for text in texts]
 
 
-def _in_mm(numbers: dict[str, Array], found: Mapping[str, str], lengths: Array, unit: str | None) -> list[str]:
+def _in_mm(numbers: dict[str, Array], column_of: Mapping[str, str], lengths: Array, unit: str | None) -> list[str]:
     """Convert lengths in place, and return the doubt on a unit that nothing gives."""
-    stated = {key: bare_and_unit(found[key])[1] or unit for key in ("d_mm", "a_mm")}
+    stated = {key: bare_and_unit(column_of[key])[1] or unit for key in ("d_mm", "a_mm")}
     assumed = "m" if np.abs(lengths).max() < _METRES else "mm"
     for key, stated_unit in stated.items():
         numbers[key] = _converted(numbers[key], stated_unit or assumed, "mm")
     return [] if all(stated.values()) else [f"no unit of lengths is given; they are assumed to be in {assumed}"]
 
 
-def _in_deg(numbers: dict[str, Array], found: Mapping[str, str]) -> list[str]:
+def _in_deg(numbers: dict[str, Array], column_of: Mapping[str, str]) -> list[str]:
     """Convert angles in place, and return the doubt on a unit that nothing gives."""
     doubts = []
     for key in ("theta_deg", "alpha_deg"):
-        unit, values = bare_and_unit(found[key])[1], numbers[key]
+        unit, values = bare_and_unit(column_of[key])[1], numbers[key]
         if unit is None and values.any():
             unit = "rad" if np.abs(values).max() <= _LARGEST_RAD and (values % 1.0).any() else "deg"
-            doubts.append(f"no unit of {found[key]} is given; it is assumed to be in {unit}")
+            doubts.append(f"no unit of {column_of[key]} is given; it is assumed to be in {unit}")
         numbers[key] = _converted(values, unit or "deg", "deg")
     return doubts
 
@@ -175,7 +174,7 @@ def _converted(values: Array, unit: str, wanted: str) -> Array:
     return np.asarray(np.round(values * factor, 9) + 0.0)
 
 
-def _rows(numbers: Mapping[str, Array], kinds: Sequence[str], convention: str) -> list[dict[str, Any]]:
+def _rows(numbers: Mapping[str, Array], kinds: Sequence[str], convention: str) -> list[TableRow]:
     order = ("a_mm", "alpha_deg", "d_mm", "theta_deg")
     return [
         {key: float(numbers[key][row]) for key in order}
@@ -187,22 +186,22 @@ def _rows(numbers: Mapping[str, Array], kinds: Sequence[str], convention: str) -
 
 def _masses(cells: NamedCells) -> Guess | None:
     """Return masses and centres of links in the order of the rows, and of what a last row calls the tool."""
-    found = _meanings(cells.names, _MASSES)
-    of_mass = re.search(r"(?<![a-z])(k?)g(?![a-z])", found.get("mass", ""))
-    if set(found) != set(_MASSES) or of_mass is None:
+    column_of = _meanings(cells.names, _MASSES)
+    of_mass = re.search(r"(?<![a-z])(k?)g(?![a-z])", column_of.get("mass", ""))
+    if set(column_of) != set(_MASSES) or of_mass is None:
         return None
-    units = {bare_and_unit(found[axis])[1] for axis in "xyz"}
+    units = {bare_and_unit(column_of[axis])[1] for axis in "xyz"}
     unit = units.pop()
     if units or unit is None or not is_convertible(unit, "mm"):
         return None
     numbered = cells.values[:, 0]
-    is_row = np.isfinite(np.column_stack([cells.numbers(name) for name in found.values()])).all(axis=1)
+    is_row = np.isfinite(np.column_stack([cells.numbers(name) for name in column_of.values()])).all(axis=1)
     links, others = is_row & np.isfinite(numbered), np.flatnonzero(is_row & ~np.isfinite(numbered))
     if links.sum() < _FEWEST or not np.array_equal(numbered[links], np.arange(1.0, links.sum() + 1.0)):
         return None
-    mass = np.round(cells.numbers(found["mass"]) * (1.0 if of_mass[1] else 1e-3), 9)
-    centre = np.column_stack([_converted(cells.numbers(found[axis]), unit, "mm") for axis in "xyz"])
-    machine: dict[str, Any] = {
+    mass = np.round(cells.numbers(column_of["mass"]) * (1.0 if of_mass[1] else 1e-3), 9)
+    centre = np.column_stack([_converted(cells.numbers(column_of[axis]), unit, "mm") for axis in "xyz"])
+    machine: dict[str, object] = {
         "masses": [{"mass_kg": float(mass[k]), "com_mm": centre[k].tolist()} for k in np.flatnonzero(links)]
     }
     if len(others) == 1 and re.search(rf"\b({_TOOL})\b", cells.rows[others[0]][0], re.IGNORECASE):
@@ -216,7 +215,7 @@ def _masses(cells: NamedCells) -> Guess | None:
 
 def _legs(cells: NamedCells, words: str, unit: str | None) -> Guess | None:
     """Return legs of variable length: joints on the base and on the platform in one row, with the length."""
-    found, named = _meanings(cells.names, _LEGS), position_groups(cells.names)
+    column_of, named = _meanings(cells.names, _LEGS), position_groups(cells.names)
     groups = {
         key: [group for before, group in named.items() if re.fullmatch(pattern, before)]
         for key, pattern in (("a_mm", _OF_BASE), ("b_mm", _OF_PLATFORM))
@@ -224,11 +223,11 @@ def _legs(cells: NamedCells, words: str, unit: str | None) -> Guess | None:
     if len(cells.rows) < _FEWEST_LEGS or len(named) != 2 or any(len(group) != 1 for group in groups.values()):
         return None
     is_measured = any(re.fullmatch(_NO_GEOMETRY, bare_and_unit(name)[0], re.IGNORECASE) for name in cells.names)
-    if is_measured or not found:
+    if is_measured or not column_of:
         return None
-    if "length" not in found:
+    if "length" not in column_of:
         return Guess({}, cells.names, None, (_LEGS_WITHOUT_LENGTH,), known=True)
-    columns = {key: list(group[0]) for key, group in groups.items()} | {"length_mm": [found["length"]]}
+    columns = {key: list(group[0]) for key, group in groups.items()} | {"length_mm": [column_of["length"]]}
     stated = {bare_and_unit(name)[1] for names in columns.values() for name in names} - {None}
     given = stated.pop() if len(stated) == 1 else unit or _unit_of(words)
     values = {key: _converted(cells.of(names)[1], given or "mm", "mm") for key, names in columns.items()}
@@ -245,5 +244,5 @@ def _legs(cells: NamedCells, words: str, unit: str | None) -> Guess | None:
 
 def _unit_of(words: str) -> str | None:
     """Return the unit of lengths in words such as ``all mm`` or ``[mm]``; None without a single one."""
-    found = set(re.findall(r"(?<![A-Za-z])(mm|cm|inches)(?![A-Za-z])", words))
-    return {"inches": "in"}.get(unit := found.pop(), unit) if len(found) == 1 else None
+    units = set(re.findall(r"(?<![A-Za-z])(mm|cm|inches)(?![A-Za-z])", words))
+    return {"inches": "in"}.get(unit := units.pop(), unit) if len(units) == 1 else None

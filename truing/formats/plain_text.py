@@ -8,7 +8,7 @@ floating point numbers accurately", 1990). Importing this module imports numba.
 from __future__ import annotations
 
 from collections.abc import Mapping
-from typing import Any, NamedTuple
+from typing import NamedTuple
 
 import numpy as np
 import pyarrow as pa
@@ -81,7 +81,7 @@ def plain_columns(
 
 
 @inner
-def _after_digits(text: NDArray, at: Any, whole: Any) -> tuple[Any, Any]:
+def _after_digits(text: NDArray, at: np.uintp, whole: np.uint64) -> tuple[np.uintp, np.uint64]:
     """End of the digits from a place on, and the whole number that they continue."""
     while True:
         digit = np.uint8(text[at] - np.uint8(48))
@@ -125,8 +125,8 @@ def _code(text: NDArray, span: tuple[int, int], entry: int, table: NDArray, name
 
 @inner
 def _searched_name(
-    text: NDArray, start: Any, separator: int, slot: int, columns: _Columns, hashed: NDArray
-) -> tuple[Any, Any]:
+    text: NDArray, start: np.uintp, separator: int, slot: int, columns: _Columns, hashed: NDArray
+) -> tuple[np.uintp, int | np.int32]:
     """End of the name from a place on, and its code from the hash table; -1 if it is not plain."""
     at, key = start, np.uint64(14695981039346656037)  # FNV-1a
     while not _ends(text[at], separator):
@@ -139,7 +139,9 @@ def _searched_name(
 
 
 @inner
-def _decimal_digits(text: NDArray, start: Any, decimal: int, has_decimals: bool) -> tuple[Any, Any, Any, Any]:
+def _decimal_digits(
+    text: NDArray, start: np.uintp, decimal: int, has_decimals: bool
+) -> tuple[np.uintp, np.uint64, np.uintp, bool]:
     """End of the digits from a place on, their whole number, the number of decimals, and whether they are plain."""
     decimals = np.uintp(0)
     at, whole = _after_digits(text, start, np.uint64(0))
@@ -156,7 +158,7 @@ def _decimal_digits(text: NDArray, start: Any, decimal: int, has_decimals: bool)
 
 
 @inner
-def _after_separator(text: NDArray, at: Any, separator: int, is_last: bool) -> tuple[Any, Any]:
+def _after_separator(text: NDArray, at: np.uintp, separator: int, is_last: bool) -> tuple[np.uintp, bool]:
     """Start of the next cell, and whether the separator or, after the last cell, the end of the line comes here."""
     if not is_last:
         return at + np.uintp(1), text[at] == separator

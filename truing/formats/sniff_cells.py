@@ -6,7 +6,6 @@ import itertools
 import re
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
-from typing import Any
 
 import numpy as np
 
@@ -404,7 +403,7 @@ def _with_sign_of_readings(guess: Guess) -> Guess:
     return replace(guess, ways=(way,))
 
 
-def _repeats_targets(cells: NamedCells, keys: Mapping[str, Any]) -> bool:
+def _repeats_targets(cells: NamedCells, keys: MappingKeys) -> bool:
     """True if a name of a target occurs twice."""
     columns = keys.get("columns", {})
     name_columns = [raw for name in ("body", "target") if (raw := columns.get(name, name)) in cells.names]
@@ -412,7 +411,7 @@ def _repeats_targets(cells: NamedCells, keys: Mapping[str, Any]) -> bool:
     return len(set(targets)) < len(targets)
 
 
-def _pose_column(cells: NamedCells, keys: Mapping[str, Any]) -> str | None:
+def _pose_column(cells: NamedCells, keys: MappingKeys) -> str | None:
     """Return the free column whose every value has each target at most once, as a pose has; None without a single one.
 
     A column with another value in nearly every row, such as a time, tells no poses.

@@ -10,7 +10,7 @@ from collections.abc import Collection, Iterable, Iterator, Mapping
 from dataclasses import dataclass
 from pathlib import Path, PurePosixPath
 from types import MappingProxyType
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING
 
 from truing.formats.file_search import TooManyEntries, companion_files, find_files, format_suffix
 from truing.schemas.near_names import did_you_mean
@@ -180,12 +180,12 @@ class CampaignFiles:
         return None if self._urdf is None else RawFile(self._urdf, self.folder / self._urdf)
 
 
-def has_photographs(folder: Path, document: Mapping[str, Any]) -> bool:
+def has_photographs(folder: Path, document: Mapping[str, object]) -> bool:
     """True if a campaign's points come from photographs; the parsed campaign.toml need not be valid."""
     return _has_photographs(folder, _mapped(document))
 
 
-def _has_photographs(folder: Path, mapped: Mapping[str, Any]) -> bool:
+def _has_photographs(folder: Path, mapped: Mapping[str, object]) -> bool:
     """True if [files] maps photographs or rays; else if such files exist, and no points that replace
     them."""
     if any(table in mapped for table in _RAYS):
@@ -201,7 +201,7 @@ def _exists(folder: Path, table: str) -> bool:
     return any(os.path.lexists(folder / name) for name in _contract_names(table))
 
 
-def raw_files(folder: Path, document: Mapping[str, Any], tables: tuple[str, ...] | None = None) -> tuple[Path, ...]:
+def raw_files(folder: Path, document: Mapping[str, object], tables: tuple[str, ...] | None = None) -> tuple[Path, ...]:
     """Return every existing raw file that these tables need (None: all tables, and files of [mechanism]); the parsed
     campaign.toml need not be valid."""
     mapped = _mapped(document)
@@ -219,18 +219,18 @@ def raw_files(folder: Path, document: Mapping[str, Any], tables: tuple[str, ...]
     return tuple(sorted(named_files.union(*map(companion_files, named_files))))
 
 
-def _mapped(document: Mapping[str, Any]) -> Mapping[str, Any]:
+def _mapped(document: Mapping[str, object]) -> Mapping[str, object]:
     mapped = document.get("files")
     return mapped if isinstance(mapped, Mapping) else {}
 
 
-def _files_of_mechanism(document: Mapping[str, Any]) -> list[str]:
+def _files_of_mechanism(document: Mapping[str, object]) -> list[str]:
     mechanism = document.get("mechanism")
     named = [mechanism.get(key) for key in _FILES_OF_MECHANISM] if isinstance(mechanism, Mapping) else []
     return [name for name in named if isinstance(name, str)]
 
 
-def _logo(document: Mapping[str, Any]) -> list[str]:
+def _logo(document: Mapping[str, object]) -> list[str]:
     campaign = document.get("campaign")
     name = campaign.get(LOGO) if isinstance(campaign, Mapping) else None
     return [name] if isinstance(name, str) and name else []
@@ -244,7 +244,7 @@ def _patterns(entry: object) -> list[str]:
     return [name for part in entry for name in _patterns(part)] if isinstance(entry, list | tuple) else []
 
 
-def _without_measured(entry: FileMapping, files: Mapping[str, Any]) -> FileMapping:
+def _without_measured(entry: FileMapping, files: Mapping[str, object]) -> FileMapping:
     """Return an entry of configurations that passes over columns of its file which another entry reads as measured.
 
     What was measured is no condition that an effect may depend on.

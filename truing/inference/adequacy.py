@@ -219,10 +219,12 @@ def like_neighbours(
     products = _products(rows[chosen])
     orders = _Orders(len(chosen), None if groups is None else groups[chosen], rng)
     for name, values in columns.items():
-        own = np.asarray(values, float).reshape(len(values), -1)[chosen]
-        if np.isfinite(own).all() and np.ptp(own, axis=0).any():
+        values_at_epochs = np.asarray(values, float).reshape(len(values), -1)[chosen]
+        if np.isfinite(values_at_epochs).all() and np.ptp(values_at_epochs, axis=0).any():
             yield AdequacyTest(
-                MisfitKind.LIKE_NEIGHBOURS, name, *_neighbour_correlation(products, _neighbours(own), orders)
+                MisfitKind.LIKE_NEIGHBOURS,
+                name,
+                *_neighbour_correlation(products, _neighbours(values_at_epochs), orders),
             )
 
 

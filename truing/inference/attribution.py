@@ -60,27 +60,35 @@ def attributed(
     of the plain model's residuals. ``doubted_noise`` (B, K): factors on the noise of the fits that may be an effect.
     """
     columns = columns_of(plain, plain.model.error_groups)
-    residuals = ((own, one) for own in models for one in residuals_of(own, plain, doubted_noise))
-    tried = [(own, one) for own, one in residuals if one.epochs.sum() >= FEWEST_EPOCHS]
+    residuals = (
+        (model, group_residuals) for model in models for group_residuals in residuals_of(model, plain, doubted_noise)
+    )
+    tried = [
+        (model, group_residuals)
+        for model, group_residuals in residuals
+        if group_residuals.epochs.sum() >= FEWEST_EPOCHS
+    ]
     known: dict[bytes, Spectra] = {}  # of the last epochs alone: all spectra of a long campaign take much memory
-    found: list[Attributed] = []
-    for model, one in sorted(tried, key=lambda pair: pair[1].group):
-        at = one.epochs
+    attributions: list[Attributed] = []
+    for model, group_residuals in sorted(tried, key=lambda pair: pair[1].group):
+        at = group_residuals.epochs
         if (key := at.tobytes()) not in known:
-            own = {name: values[at] for name, values in columns.items() if np.ptp(values[at]) > 0.0}
+            varied = {name: values[at] for name, values in columns.items() if np.ptp(values[at]) > 0.0}
             known.clear()
-            known[key] = Spectra(own, in_time_of(plain, at))
-        tests, least = (1, level_of_course) if one.is_course else (len(tried), level / len(tried))
-        for inputs, share, p_value in sets_of_inputs(one.rows, known[key], least):
-            if one.share * share < _LEAST_SHARE:
+            known[key] = Spectra(varied, in_time_of(plain, at))
+        tests, least = (1, level_of_course) if group_residuals.is_course else (len(tried), level / len(tried))
+        for inputs, share, p_value in sets_of_inputs(group_residuals.rows, known[key], least):
+            if group_residuals.share * share < _LEAST_SHARE:
                 continue
             p_value, remains = min(1.0, max(p_value * tests, LEAST_P)), model is models[-1]
-            found.append(Attributed(one.channels, inputs, one.share * share, p_value, remains))
+            attributions.append(
+                Attributed(group_residuals.channels, inputs, group_residuals.share * share, p_value, remains)
+            )
     if level_of_course > level:  # the model is known not to hold
         every = np.ones(len(plain.measured.values), bool)
         spectra = known.get(every.tobytes()) or Spectra(columns, in_time_of(plain, every))
-        found += _of_parts(plain, models[-1], spectra, level_of_course)
-    return tuple(_merged(found))
+        attributions += _of_parts(plain, models[-1], spectra, level_of_course)
+    return tuple(_merged(attributions))
 
 
 def _of_parts(
@@ -99,16 +107,18 @@ def _of_parts(
     squares = max(float(np.sum(plain.fit.whitened.rest**2)), _LEAST_SQUARES)
     subjects, parts = _parts(plain, readings)
     timed = time_columns(spectra.columns, spectra.in_time)
-    for own in part_dependences(problem, parts, spectra, level):
-        named = {*readings.values(), *(() if subjects[own.index] else timed)}
-        inputs = tuple(name for name in own.inputs if name in named)
-        share = _share_saved(plain, own.predicted) / squares
+    for dependence in part_dependences(problem, parts, spectra, level):
+        named = {*readings.values(), *(() if subjects[dependence.index] else timed)}
+        inputs = tuple(name for name in dependence.inputs if name in named)
+        share = _share_saved(plain, dependence.predicted) / squares
         if inputs and share >= _LEAST_SHARE:
-            is_left = left is not None and depends(left, parts[own.index], own.inputs, spectra, level)
+            is_left = left is not None and depends(left, parts[dependence.index], dependence.inputs, spectra, level)
             remains = final is plain or is_left
-            subject = subjects[own.index] if own.is_sure else ""
+            subject = subjects[dependence.index] if dependence.is_sure else ""
             is_partial = is_left and final is not plain
-            yield Attributed((), inputs, min(share, 1.0), max(own.p_value, LEAST_P), remains, subject, is_partial)
+            yield Attributed(
+                (), inputs, min(share, 1.0), max(dependence.p_value, LEAST_P), remains, subject, is_partial
+            )
 
 
 def _parts(fitted: FittedModel[CauseT], readings: Mapping[str, str | None]) -> tuple[list[str], list[Part]]:
@@ -117,8 +127,10 @@ def _parts(fitted: FittedModel[CauseT], readings: Mapping[str, str | None]) -> t
     subjects = list(dict.fromkeys(pathway.subject for pathway in pathways))
     parts = []
     for subject in subjects:
-        own = [(place, pathway.input) for place, pathway in enumerate(pathways) if pathway.subject == subject]
-        parts.append(Part(tuple(place for place, _ in own), readings.get(own[0][1])))
+        pathways_of_part = [
+            (place, pathway.input) for place, pathway in enumerate(pathways) if pathway.subject == subject
+        ]
+        parts.append(Part(tuple(place for place, _ in pathways_of_part), readings.get(pathways_of_part[0][1])))
     return subjects, parts
 
 
@@ -131,12 +143,12 @@ def _share_saved(fitted: FittedModel[CauseT], predicted: Array) -> float:
     return float(np.sum(whitened.rest**2) - np.sum(left**2))
 
 
-def p_value_of_dependence(rest: Array, own: Mask, fitted: FittedModel[CauseT]) -> float:
-    """Return the p-value of a dependence of errors on inputs, in places ``own`` (B, K) of errors (B, K, d)."""
-    at, channels = np.asarray(own.any(1)), own.any(0)
+def p_value_of_dependence(residuals: Array, observed: Mask, fitted: FittedModel[CauseT]) -> float:
+    """Return the p-value of a dependence of ``residuals`` (B, K, d) on inputs, at the ``observed`` (B, K) ones."""
+    at, channels = np.asarray(observed.any(1)), observed.any(0)
     if at.sum() < _FEWEST_OF_PLACE:
         return 1.0
-    rows = np.nan_to_num(np.where(own[..., None], rest, 0.0)[at][:, channels].reshape(int(at.sum()), -1))
+    rows = np.nan_to_num(np.where(observed[..., None], residuals, 0.0)[at][:, channels].reshape(int(at.sum()), -1))
     groups = fitted.model.error_groups
     columns = {name: values[at] for name, values in columns_of(fitted, groups).items() if np.ptp(values[at]) > 0.0}
     if not columns or not rows.any():
@@ -144,18 +156,26 @@ def p_value_of_dependence(rest: Array, own: Mask, fitted: FittedModel[CauseT]) -
     return p_value_of_sets(rows, Spectra(columns, in_time_of(fitted, at)))
 
 
-def _merged(found: Iterable[Attributed]) -> Iterator[Attributed]:
+def _merged(attributions: Iterable[Attributed]) -> Iterator[Attributed]:
     """Yield one entry for all entries whose inputs are contained in it, of the same channels and subject or of none:
     what a channel or a part follows, the residuals follow."""
-    left = sorted(found, key=lambda one: (-len(one.inputs), not one.channels, not one.subject))
+    left = sorted(
+        attributions, key=lambda dependence: (-len(dependence.inputs), not dependence.channels, not dependence.subject)
+    )
     while left:
         first = left[0]
         same = (first.channels, first.subject), ((), "")
-        alike = [one for one in left if (one.channels, one.subject) in same and set(one.inputs) <= set(first.inputs)]
-        share, p_value = max(one.share for one in alike), min(one.p_value for one in alike)
-        remaining = [one for one in alike if one.remains]
-        is_partial = bool(remaining) and (len(remaining) < len(alike) or any(one.is_partial for one in remaining))
-        left = [one for one in left if all(one is not other for other in alike)]
+        alike = [
+            dependence
+            for dependence in left
+            if (dependence.channels, dependence.subject) in same and set(dependence.inputs) <= set(first.inputs)
+        ]
+        share, p_value = max(dependence.share for dependence in alike), min(dependence.p_value for dependence in alike)
+        remaining = [dependence for dependence in alike if dependence.remains]
+        is_partial = bool(remaining) and (
+            len(remaining) < len(alike) or any(dependence.is_partial for dependence in remaining)
+        )
+        left = [dependence for dependence in left if all(dependence is not other for other in alike)]
         yield Attributed(
             first.channels, first.inputs, share, p_value, bool(remaining), first.subject, is_partial=is_partial
         )

@@ -108,7 +108,7 @@ def _gain_of(
     ``by_epoch``: residuals (B, H) of fits to everything, with the cause and without, and its effect; ``nuisances``
     (G,): unknowns except the cause's; ``log_determinants``: log determinants of the normal matrix, of all unknowns and
     of these."""
-    residual, residual_without, effect = (each[block].ravel() for each in by_epoch)
+    residual, residual_without, effect = (part[block].ravel() for part in by_epoch)
     size = float(np.sum(effect**2))
     if size < _LEAST_EFFECT:
         return None

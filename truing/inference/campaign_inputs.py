@@ -24,11 +24,11 @@ def columns_of(fitted: FittedModel[CauseT], groups: Integers | None) -> dict[str
     scene = fitted.scene
     result: dict[str, Array] = {}
     for name, values in {**scene.covariates, **scene.inputs}.items():
-        own = numbers(values)
-        if name == _ORDER or own is None:
+        column = numbers(values)
+        if name == _ORDER or column is None:
             continue
-        if not any(is_copy(own[:, None], other[:, None], groups) for other in result.values()):
-            result[name] = own
+        if not any(is_copy(column[:, None], other[:, None], groups) for other in result.values()):
+            result[name] = column
     return result
 
 
@@ -36,8 +36,8 @@ def numbers(values: ArrayLike) -> Array | None:
     """Return a column (B,) of numbers; None if it holds something else, a gap, or a constant."""
     if np.ndim(values) != 1 or np.asarray(values).dtype.kind not in "fiu":
         return None
-    own: Array = np.asarray(values, float)
-    return own if np.isfinite(own).all() and np.ptp(own) > 0.0 else None
+    finite_values: Array = np.asarray(values, float)
+    return finite_values if np.isfinite(finite_values).all() and np.ptp(finite_values) > 0.0 else None
 
 
 def is_copy(first: Array, second: Array, groups: Integers | None) -> bool:
@@ -51,9 +51,9 @@ def is_copy(first: Array, second: Array, groups: Integers | None) -> bool:
 
 def column_of(values: ArrayLike, columns: Mapping[str, Array]) -> str | None:
     """Return the name of the column that holds the same values (B,), in any unit; None if none does."""
-    if (own := numbers(values)) is None:
+    if (column := numbers(values)) is None:
         return None
-    return next((name for name, other in columns.items() if is_copy(own[:, None], other[:, None], None)), None)
+    return next((name for name, other in columns.items() if is_copy(column[:, None], other[:, None], None)), None)
 
 
 @dataclass(frozen=True)
@@ -99,7 +99,7 @@ def in_time_of(fitted: FittedModel[CauseT], at: Mask) -> InTime:
     """Return the order, the groups and the known histories of the epochs ``at`` (B,)."""
     scene = fitted.scene
     order = _at_epochs(scene.covariates.get(_ORDER), at)
-    known = [(np.asarray(scene.inputs[name], float)[at], own[at]) for name, own in scene.histories.items()]
+    known = [(np.asarray(scene.inputs[name], float)[at], history[at]) for name, history in scene.histories.items()]
     return InTime(order, _at_epochs(fitted.model.error_groups, at), tuple(known))
 
 

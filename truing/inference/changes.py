@@ -63,12 +63,12 @@ class NumberComparison:
         consistent with noise. ``level``: p-value of the largest single score, corrected for their number, and of the
         whole rest.
         """
-        found: list[int] = []
-        while (worst := self._worst(found, level)) is not None:
-            if len(found) == MOST:
+        changed_numbers: list[int] = []
+        while (worst := self._worst(changed_numbers, level)) is not None:
+            if len(changed_numbers) == MOST:
                 return None
-            found.append(worst)
-        return tuple(found)
+            changed_numbers.append(worst)
+        return tuple(changed_numbers)
 
     def sizes(self, changed: tuple[int, ...]) -> tuple[Array, Array]:
         """Return the sizes (c,) of the changes, if no other number changed, and their standard deviations."""

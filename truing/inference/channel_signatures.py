@@ -55,8 +55,8 @@ class RotatedChannels:
     def _few(self) -> list[csr_array]:
         """The part ``few_of`` of each of the T q products with a compact problem's columns; all families share it."""
         compact = self.whitened.compact
-        own = self.shared.reshape(len(self.shared), -1, self.shared.shape[-1])
-        return [compact.few_of(own[:, n : n + 1]) for n in range(own.shape[1])]
+        by_channel = self.shared.reshape(len(self.shared), -1, self.shared.shape[-1])
+        return [compact.few_of(by_channel[:, n : n + 1]) for n in range(by_channel.shape[1])]
 
     @property
     def unknowns(self) -> int:
@@ -77,12 +77,12 @@ class RotatedChannels:
     def along(self, parts: Array) -> Array:
         """Return the parts (B, T, q, D) of residuals along these axes, from those along the pathway (D, B, C)."""
         (count, members), (height, _) = self.channels.shape, self.rotations.shape[2:]
-        own = parts.reshape(*parts.shape[:2], -1, height // members)[:, :, self.channels]
-        own = own.reshape(*parts.shape[:2], count, height)
+        of_channels = parts.reshape(*parts.shape[:2], -1, height // members)[:, :, self.channels]
+        of_channels = of_channels.reshape(*parts.shape[:2], count, height)
         rotations = self.rotations.astype(parts.dtype, copy=False)  # single precision is enough for draws
         if rotations.shape[2:] == (1, 1):
-            return np.multiply(own.transpose(1, 2, 3, 0), rotations, order="C")
-        return np.asarray(np.einsum("dbtx,btxy->btyd", own, rotations, optimize=True))
+            return np.multiply(of_channels.transpose(1, 2, 3, 0), rotations, order="C")
+        return np.asarray(np.einsum("dbtx,btxy->btyd", of_channels, rotations, optimize=True))
 
 
 def rotated_channels(
@@ -138,16 +138,16 @@ class ChannelSignatures:
         """Return the scores (S, T, d m, D) of residuals, from their parts (B, T, d, D) along the observations' axes."""
         epochs, channels, size, draws = along.shape
         if self._is_sparse:
-            found = self._sparse_shapes.astype(along.dtype, copy=False) @ along.reshape(epochs, -1)
+            sums = self._sparse_shapes.astype(along.dtype, copy=False) @ along.reshape(epochs, -1)
         else:
             shapes = self._shapes.astype(along.dtype, copy=False)
-            found = np.empty((len(shapes), channels, size, draws), along.dtype)
-            for own, during in self.rotated.live:
-                part = along[np.ix_(during, own)]
-                shaped = shapes[:, during] @ part.reshape(len(part), len(own) * size * draws)
-                found[:, own] = shaped.reshape(len(shapes), len(own), size, draws)
-        found = found.reshape(len(self.values), -1, channels, size, draws)
-        return np.asarray(found.transpose(0, 2, 1, 3, 4).reshape(len(self.values), channels, -1, draws))
+            sums = np.empty((len(shapes), channels, size, draws), along.dtype)
+            for live_channels, during in self.rotated.live:
+                part = along[np.ix_(during, live_channels)]
+                shaped = shapes[:, during] @ part.reshape(len(part), len(live_channels) * size * draws)
+                sums[:, live_channels] = shaped.reshape(len(shapes), len(live_channels), size, draws)
+        sums = sums.reshape(len(self.values), -1, channels, size, draws)
+        return np.asarray(sums.transpose(0, 2, 1, 3, 4).reshape(len(self.values), channels, -1, draws))
 
     @cached_property
     def _shapes(self) -> Array:

@@ -163,23 +163,23 @@ def _other_inputs(current: Round[CauseT], chosen: CauseCandidate[CauseT]) -> tup
     if chosen.cause.catalogued:
         return ()
     parts, subject = current.fitted.model.part_count, chosen.cause.subject
-    own = chosen.cause.inputs(parts)
+    chosen_inputs = chosen.cause.inputs(parts)
     alike = [(c.cause.inputs(parts), c) for c in current.candidates if c.kind == chosen.kind]
     return _near(
-        own,
+        chosen_inputs,
         (
             (inputs, current.posterior(c))
             for inputs, c in alike
-            if c.cause.subject == subject and (inputs == own or not set(own) <= set(inputs))
+            if c.cause.subject == subject and (inputs == chosen_inputs or not set(chosen_inputs) <= set(inputs))
         ),
     )
 
 
-def _near(own: Named, candidates: Iterable[tuple[Named, float]]) -> tuple[tuple[Named, float], ...]:
-    """Return the subjects besides ``own`` of candidates with log odds, where these are small, with the odds."""
+def _near(chosen_name: Named, candidates: Iterable[tuple[Named, float]]) -> tuple[tuple[Named, float], ...]:
+    """Return the subjects besides ``chosen_name`` of candidates with log odds, where these are small, with the odds."""
     logs: dict[Named, float] = {}
     for named, log in candidates:
         logs[named] = float(np.logaddexp(logs.get(named, -np.inf), log))
-    best = logs.pop(own)
+    best = logs.pop(chosen_name)
     near = sorted((best - log, named) for named, log in logs.items() if best - log < np.log(RIVAL_FACTOR))
     return tuple((named, float(np.exp(against))) for against, named in near[:_MOST_SUBJECTS])

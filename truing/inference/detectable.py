@@ -121,8 +121,10 @@ def effect_sensitivities(search: Search[CauseT], level: float) -> list[EffectSen
     Of candidates of one sort that differ in shape (onset, pitch, time constant), the one of median sensitivity.
     """
     sorts: dict[tuple[object, ...], list[EffectSensitivity[CauseT]]] = {}
-    for one in (*_of_candidates(search, level, search.candidates), *_of_families(search, level)):
-        sorts.setdefault((one.kind, *_effect_kind(one.cause, search.part_count)), []).append(one)
+    for detectable_effect in (*_of_candidates(search, level, search.candidates), *_of_families(search, level)):
+        sorts.setdefault(
+            (detectable_effect.kind, *_effect_kind(detectable_effect.cause, search.part_count)), []
+        ).append(detectable_effect)
     return [_median_sensitivity(sort) for sort in sorts.values()]
 
 

@@ -39,8 +39,8 @@ def determined_combinations(values: Array, covariance: Array) -> list[Combinatio
     variances, vectors = np.linalg.eigh(covariance)
     combinations = []
     for variance, vector in zip(variances, vectors.T, strict=True):
-        own = vector * np.sign(vector[np.argmax(np.abs(vector))])
-        value, sigma = float(own @ values), float(np.sqrt(max(variance, 0.0)))
+        direction = vector * np.sign(vector[np.argmax(np.abs(vector))])
+        value, sigma = float(direction @ values), float(np.sqrt(max(variance, 0.0)))
         if 0.0 < bound * sigma < abs(value):
-            combinations.append(Combination(own, value, sigma))
+            combinations.append(Combination(direction, value, sigma))
     return combinations

@@ -112,11 +112,11 @@ def _beside_refused(searched: Searched[CauseT], verdicts: Sequence[Verdict[Cause
     """Return the keys of accepted causes that act on the same data as a refused nonparametric effect. That effect is
     significant next to them, but predicts held-out epochs worse: something is there, in another form. If it is hardly
     more probable than no effect, nothing need be there."""
-    worse = [own for own in searched.refused if own.reason is Reason.HELD_OUT]
-    worse += [own for own in verdicts if own.verdict == SUSPECTED and own.reason is not Reason.WEAK]
-    refused = [own.cause for own in worse if not own.cause.catalogued]
+    worse = [verdict for verdict in searched.refused if verdict.reason is Reason.HELD_OUT]
+    worse += [verdict for verdict in verdicts if verdict.verdict == SUSPECTED and verdict.reason is not Reason.WEAK]
+    refused = [verdict.cause for verdict in worse if not verdict.cause.catalogued]
     named = searched.named()
-    return {cause.key for cause in named if any(act_on_same(searched.final, cause, own) for own in refused)}
+    return {cause.key for cause in named if any(act_on_same(searched.final, cause, unnamed) for unnamed in refused)}
 
 
 def _smaller(searched: Searched[CauseT], doubted: Collection[str]) -> set[str]:
@@ -124,7 +124,7 @@ def _smaller(searched: Searched[CauseT], doubted: Collection[str]) -> set[str]:
     may pass for another."""
     squares = {step.cause.key: step.round.scores[step.candidate.key].squares for step in searched.kept}
     largest = max((squares[key] for key in doubted), default=0.0)
-    return {key for key, own in squares.items() if own < largest}
+    return {key for key, square in squares.items() if square < largest}
 
 
 def of_larger_noise(

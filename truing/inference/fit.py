@@ -241,11 +241,11 @@ def _column_derivatives(slopes: Array, zeros: ZeroColumns | None, columns: Integ
     """
     first = 0 if zeros is None else zeros.size
     few = columns[:, common:]
-    alike, each = columns[0, :common], (few - first)[:, None, None]
-    acting = (each >= 0) & (each < slopes.shape[-1])
+    alike, column_index = columns[0, :common], (few - first)[:, None, None]
+    acting = (column_index >= 0) & (column_index < slopes.shape[-1])
     derivatives = np.zeros((*slopes.shape[:3], few.shape[1]))
     if slopes.shape[-1]:
-        derivatives += np.take_along_axis(slopes, np.where(acting, each, 0), 3) * acting
+        derivatives += np.take_along_axis(slopes, np.where(acting, column_index, 0), 3) * acting
     parts = [slopes[..., index_or_slice(alike[alike >= first] - first)], derivatives]
     if zeros is not None:
         derivatives += zeros.at(few)

@@ -68,10 +68,14 @@ class _Moved(Generic[CauseT]):
         along = self.pathways.residual
         total, freedom = total_of(self.fitted)
         result = []
-        for own in signatures_of(self.pathways, designs):
-            parts = parts_of(own, along)
-            odds = float(log_evidence(parts, own.strengths, total, freedom)) if own.rank else 0.0
-            result.append((odds, max(float(parts @ parts) - own.rank * total / freedom, 0.0)))
+        for signature_of_design in signatures_of(self.pathways, designs):
+            parts = parts_of(signature_of_design, along)
+            odds = (
+                float(log_evidence(parts, signature_of_design.strengths, total, freedom))
+                if signature_of_design.rank
+                else 0.0
+            )
+            result.append((odds, max(float(parts @ parts) - signature_of_design.rank * total / freedom, 0.0)))
         return result
 
 
@@ -113,30 +117,30 @@ def course_rival(
     patterns, left = _patterns_of(final, cause, size)
     if not patterns:
         return None
-    own = np.concatenate([pattern.course for pattern in patterns], 1)
+    effect_courses = np.concatenate([pattern.course for pattern in patterns], 1)
     courses = {
-        follows: kept
+        follows: unlike
         for follows, several in random_courses(final).items()
-        if (kept := [functions for functions in several if not _are_alike(functions, own)])
+        if (unlike := [functions for functions in several if not _are_alike(functions, effect_courses)])
     }
-    width = max(int(sum(np.count_nonzero(own) for own in pattern.pathways.values())) for pattern in patterns)
-    functions = sum(own.shape[1] for several in courses.values() for own in several)
+    width = max(int(sum(np.count_nonzero(part) for part in pattern.pathways.values())) for pattern in patterns)
+    functions = sum(functions_of_input.shape[1] for several in courses.values() for functions_of_input in several)
     if len(patterns[0].course) * width**2 * functions > _MOST_PRODUCTS:
         return None
     motions, places = [pattern.pathways for pattern in patterns], range(len(patterns))
-    moved_beside, moved = (_Moved(own, own.pathways.combined(motions)) for own in (final, without))
+    moved_beside, moved = (_Moved(model, model.pathways.combined(motions)) for model in (final, without))
     factors = random_factors(final)
     varied = [_with_varied(courses, pattern.course, factors) for pattern in patterns]
     likeliest = [_likeliest(moved_beside, place, varied[place]) for place in places]
     instead = [_likeliest(moved, place, courses) for place in places]
     named, behind = _lead(moved, patterns, instead)
-    behind += _gained_by_refit(final, without, named, sum(own.possible.shape[1] for own in patterns))
+    behind += _gained_by_refit(final, without, named, sum(pattern.possible.shape[1] for pattern in patterns))
     if left > chdtri(max(size - len(patterns), 1), _CHANCE):  # random courses would absorb patterns that are not tested
         behind = np.inf
-    next_to_it = max(likeliest, key=lambda one: one.odds)
+    next_to_it = max(likeliest, key=lambda rival: rival.odds)
     odds = next_to_it.odds - np.log(len(patterns))
     is_beside = odds > np.log(RIVAL_FACTOR)
-    chosen = next_to_it if is_beside else max(instead, key=lambda one: one.odds)
+    chosen = next_to_it if is_beside else max(instead, key=lambda rival: rival.odds)
     share = named / max(named + (next_to_it.squares if is_beside else 0.0), 1e-300)
     return CourseRival(chosen.follows, float(odds), float(behind + np.log(choice)), share)
 
@@ -158,13 +162,15 @@ def _are_alike(functions: Array, courses: Array) -> bool:
 
     Both are then the same effect, for example if the input has only two values.
     """
-    about, own = functions - functions.mean(axis=0), courses - courses.mean(axis=0)
-    if spans_more(about, own.shape[1]):
+    about, centred_courses = functions - functions.mean(axis=0), courses - courses.mean(axis=0)
+    if spans_more(about, centred_courses.shape[1]):
         return False
     basis, sizes, _ = np.linalg.svd(about, full_matrices=False)
     basis = basis[:, sizes > _LEAST_LOADING * max(float(sizes[0]), 1e-300)]
-    residual = own - basis @ (basis.T @ own)
-    return basis.shape[1] <= own.shape[1] and bool(np.sum(residual**2) < _SAME_COURSE * np.sum(own**2))
+    residual = centred_courses - basis @ (basis.T @ centred_courses)
+    return basis.shape[1] <= centred_courses.shape[1] and bool(
+        np.sum(residual**2) < _SAME_COURSE * np.sum(centred_courses**2)
+    )
 
 
 def spans_more(functions: Array, most: int) -> bool:
@@ -181,17 +187,17 @@ def move_alike(final: FittedModel[CauseT], first: tuple[CauseT, int], second: tu
 
     Each comes with the number of its parameters before those of its shape.
     """
-    found = [pattern for own in (first, second) for pattern in _patterns_of(final, *own)[0][:1]]
+    patterns = [pattern for effect in (first, second) for pattern in _patterns_of(final, *effect)[0][:1]]
     names = tuple(final.pathways.places)
     weight, places = _sensitivity(final.pathways, names), final.pathways.places
-    each = [
-        np.concatenate([own.pathways.get(name, np.zeros(places[name].stop - places[name].start)) for name in names])
+    motions = [
+        np.concatenate([pattern.pathways.get(name, np.zeros(places[name].stop - places[name].start)) for name in names])
         * weight
-        for own in found
+        for pattern in patterns
     ]
-    if len(each) < 2:
+    if len(motions) < 2:
         return True
-    return bool(abs(each[0] @ each[1]) > _ALIKE * np.linalg.norm(each[0]) * np.linalg.norm(each[1]))
+    return bool(abs(motions[0] @ motions[1]) > _ALIKE * np.linalg.norm(motions[0]) * np.linalg.norm(motions[1]))
 
 
 @dataclass(frozen=True)
@@ -208,17 +214,17 @@ class _Courses:
 
 def _likeliest(moved: _Moved[CauseT], place: int, courses: Mapping[Inputs, Sequence[Array]]) -> _Courses:
     """Return the random courses of the pattern at a place."""
-    every = iter(moved.evidences([_design(place, own) for several in courses.values() for own in several]))
-    found = []
+    every = iter(moved.evidences([_design(place, functions) for several in courses.values() for functions in several]))
+    best_of_inputs = []
     for follows, several in courses.items():
-        own = [
+        of_input = [
             _Courses(odds, odds, functions, squares) for functions, (odds, squares) in zip(several, every, strict=False)
         ]
-        best = max(own, key=lambda one: one.odds)
-        odds = float(np.logaddexp.reduce([one.odds for one in own]) - np.log(len(own)))
-        found.append(replace(best, odds=odds, follows=follows))
-    odds = float(np.logaddexp.reduce([one.odds for one in found]) - np.log(len(found)))
-    return replace(max(found, key=lambda one: one.odds), odds=odds)
+        best = max(of_input, key=lambda rival: rival.odds)
+        odds = float(np.logaddexp.reduce([rival.odds for rival in of_input]) - np.log(len(of_input)))
+        best_of_inputs.append(replace(best, odds=odds, follows=follows))
+    odds = float(np.logaddexp.reduce([rival.odds for rival in best_of_inputs]) - np.log(len(best_of_inputs)))
+    return replace(max(best_of_inputs, key=lambda rival: rival.odds), odds=odds)
 
 
 def _design(place: int, functions: Array) -> dict[str, Array]:
@@ -228,10 +234,10 @@ def _design(place: int, functions: Array) -> dict[str, Array]:
 
 def _together(functions: Sequence[Array]) -> dict[str, Array]:
     """Return the design of all patterns, each along functions (B, m_i) of its own."""
-    ends = np.cumsum([own.shape[1] for own in functions])
-    wide = [np.zeros((len(own), 1, int(ends[-1]))) for own in functions]
-    for own, design, end in zip(functions, wide, ends, strict=True):
-        design[:, 0, end - own.shape[1] : end] = own
+    ends = np.cumsum([functions_of_pattern.shape[1] for functions_of_pattern in functions])
+    wide = [np.zeros((len(functions_of_pattern), 1, int(ends[-1]))) for functions_of_pattern in functions]
+    for functions_of_pattern, design, end in zip(functions, wide, ends, strict=True):
+        design[:, 0, end - functions_of_pattern.shape[1] : end] = functions_of_pattern
     return {str(index): design for index, design in enumerate(wide)}
 
 
@@ -241,9 +247,9 @@ def _lead(moved: _Moved[CauseT], patterns: Sequence[MovedPattern], instead: Sequ
     All patterns together: each alone would absorb a part of the others. A random course pays for the choice among all,
     a name for all courses that its law allows: with many parameters it fits any course, too.
     """
-    both = [pattern.possible for pattern in patterns], [one.functions for one in instead]
+    both = [pattern.possible for pattern in patterns], [rival.functions for rival in instead]
     (named, squares), (free, _) = moved.evidences([_together(functions) for functions in both])
-    return squares, named - free - sum(one.odds - one.best for one in instead)
+    return squares, named - free - sum(rival.odds - rival.best for rival in instead)
 
 
 def _gained_by_refit(final: FittedModel[CauseT], without: FittedModel[CauseT], named: float, courses: int) -> float:
@@ -263,30 +269,30 @@ def _patterns_of(fitted: FittedModel[CauseT], cause: CauseT, size: int) -> tuple
     names = tuple(name for name in pathways.places if name in designs)
     if epochs < _FEWEST_EPOCHS or not names:
         return [], 0.0
-    scale = np.array([own.scale for own in cause.parameters(fitted.model.part_count)])
+    scale = np.array([parameter.scale for parameter in cause.parameters(fitted.model.part_count)])
     values = (fitted.values(cause)[0] / scale)[:size]
     parts = [np.broadcast_to(designs[name][..., :size] @ values, (epochs, designs[name].shape[1])) for name in names]
     weight = _sensitivity(pathways, names)
     effect = np.concatenate(parts, 1) * weight
     _, sizes, along = np.linalg.svd(effect, full_matrices=False)  # largest first
     ends = np.cumsum([part.shape[1] for part in parts])[:-1]
-    kept = int(np.sum(sizes[:_MOST_PATTERNS] ** 2 > _LEAST_PATTERN * np.sum(sizes**2)))
-    found = []
-    for size_of_it, loading in zip(sizes[:kept], along, strict=False):
+    pattern_count = int(np.sum(sizes[:_MOST_PATTERNS] ** 2 > _LEAST_PATTERN * np.sum(sizes**2)))
+    moved_patterns = []
+    for size_of_it, loading in zip(sizes[:pattern_count], along, strict=False):
         unit = size_of_it / np.sqrt(epochs)
-        own = np.where(np.abs(loading) > _LEAST_LOADING, loading, 0.0)
-        pattern = np.split(unit * own / np.where(weight > 0.0, weight, 1.0), ends)
+        clear_loading = np.where(np.abs(loading) > _LEAST_LOADING, loading, 0.0)
+        pattern = np.split(unit * clear_loading / np.where(weight > 0.0, weight, 1.0), ends)
         course, moved = (effect @ loading / unit)[:, None], [designs[name][..., :size] for name in names]
-        each = [np.broadcast_to(own, (epochs, *own.shape[1:])) for own in moved]
-        possible = _without_correlation(np.einsum("bcp,c->bp", np.concatenate(each, 1), weight * loading))
-        found.append(MovedPattern(dict(zip(names, pattern, strict=True)), course, possible))
-    return found, float(np.sum(sizes[kept:] ** 2))
+        broadcast_motions = [np.broadcast_to(motion, (epochs, *motion.shape[1:])) for motion in moved]
+        possible = _without_correlation(np.einsum("bcp,c->bp", np.concatenate(broadcast_motions, 1), weight * loading))
+        moved_patterns.append(MovedPattern(dict(zip(names, pattern, strict=True)), course, possible))
+    return moved_patterns, float(np.sum(sizes[pattern_count:] ** 2))
 
 
 def _without_correlation(courses: Array) -> Array:
     """Return courses (B, q) of unit mean square that span the same as courses (B, P)."""
-    own, sizes, _ = np.linalg.svd(courses, full_matrices=False)
-    return np.asarray(np.sqrt(len(own)) * own[:, sizes > _LEAST_LOADING * max(float(sizes[0]), 1e-300)])
+    directions, sizes, _ = np.linalg.svd(courses, full_matrices=False)
+    return np.asarray(np.sqrt(len(directions)) * directions[:, sizes > _LEAST_LOADING * max(float(sizes[0]), 1e-300)])
 
 
 def _sensitivity(pathways: Pathways, names: tuple[str, ...]) -> Array:

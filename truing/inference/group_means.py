@@ -64,9 +64,9 @@ def epoch_residuals(whitened: Whitened, measured: Observations, frames: Frames, 
     is_observed = _observed_and_inputs(present, inputs, count * size)
     explained = _observed_and_inputs(whitened.leverage_of_shared[rows].reshape(epochs, height), inputs, count * size)
 
-    def summed(own: Integers) -> Array:
+    def summed(group: Integers) -> Array:
         return whitened.basis_summed(
-            own, lambda basis: _rotated_rows(turn[own], basis, inputs, count * size) * is_observed[own, :, None]
+            group, lambda basis: _rotated_rows(turn[group], basis, inputs, count * size) * is_observed[group, :, None]
         )
 
     return EpochResiduals(
@@ -88,10 +88,10 @@ def _rotations(matrices: Array) -> Array:
 def _rotated_rows(turn: Array, rows: Array, inputs: slice, observed: int) -> Array:
     """Return rows (B, H, P) of observations, rotated, followed by those of inputs."""
     epochs, count, size = turn.shape[:3]
-    own = rows[:, :observed].reshape(epochs, count, size, rows.shape[-1])
-    own = own if size == 1 else turn @ own
+    of_observations = rows[:, :observed].reshape(epochs, count, size, rows.shape[-1])
+    of_observations = of_observations if size == 1 else turn @ of_observations
     of_inputs = rows[:, observed + inputs.start : observed + inputs.stop]
-    return np.concatenate([own.reshape(epochs, observed, -1), of_inputs], 1)
+    return np.concatenate([of_observations.reshape(epochs, observed, -1), of_inputs], 1)
 
 
 def _observed_and_inputs(rows: Rows, inputs: slice, observed: int) -> Rows:

@@ -106,5 +106,7 @@ def log_likelihood(square: Array, size: int, freedom: float) -> float:
     for _ in range(_STEPS):
         scale = float(np.mean((freedom + size) / (freedom + square / max(scale, 1e-300)) * square)) / size
     scale = max(scale, 1e-300)
-    each = math.lgamma((freedom + size) / 2.0) - math.lgamma(freedom / 2.0) - size / 2.0 * math.log(freedom * scale)
-    return len(square) * each - (freedom + size) / 2.0 * float(np.sum(np.log1p(square / (freedom * scale))))
+    log_constant = (
+        math.lgamma((freedom + size) / 2.0) - math.lgamma(freedom / 2.0) - size / 2.0 * math.log(freedom * scale)
+    )
+    return len(square) * log_constant - (freedom + size) / 2.0 * float(np.sum(np.log1p(square / (freedom * scale))))

@@ -41,7 +41,10 @@ def sets_of_inputs(rows: Array, spectra: Spectra, level: float) -> Iterator[tupl
         if p_value > level:
             return
         inputs = tuple(name for name in spectra.columns if probability_of(name, odds) >= INCLUDED)
-        best = max((own for own in odds if set(inputs) <= set(own)), key=lambda own: odds[own])
+        best = max(
+            (larger_set for larger_set in odds if set(inputs) <= set(larger_set)),
+            key=lambda larger_set: odds[larger_set],
+        )
         functions, squares = explained(rest, spectra, best)
         if inputs and squares > 0.0:  # no more than chance is no prediction, whatever its evidence
             yield inputs, min(1.0, squares / total), p_value
@@ -61,36 +64,42 @@ def _p_value(odds: Mapping[Inputs, float]) -> float:
     return float(min(1.0, np.exp(-np.logaddexp.reduce(list(odds.values()))))) if odds else 1.0
 
 
-def log_odds_of_sets(rest: Array, spectra: Spectra) -> dict[Inputs, float]:
+def log_odds_of_sets(residual_rows: Array, spectra: Spectra) -> dict[Inputs, float]:
     """Return the log odds of every set of inputs over noise alone, from residuals (n, q)."""
-    return odds_of_sets(lambda own: float(np.sum(_log_evidence(rest, spectra, own))), tuple(spectra.columns))
+    return odds_of_sets(
+        lambda set_of_inputs: float(np.sum(_log_evidence(residual_rows, spectra, set_of_inputs))),
+        tuple(spectra.columns),
+    )
 
 
 def odds_of_sets(evidence: Callable[[Inputs], float], names: Inputs, most: int = _MOST_INPUTS) -> dict[Inputs, float]:
     """Return the log odds of every set of up to ``most`` inputs from its log evidence; all sizes of sets have equal
     prior probability, and all sets of a size."""
-    found: dict[Inputs, float] = {}
+    log_odds: dict[Inputs, float] = {}
     for size in range(1, most + 1):
         possible = list(combinations(names, size))
         if size > len(names) or not possible:
             break
         prior = -np.log(most * len(possible))
         if size == 3:
-            pairs = sorted((own for own in found if len(own) == 2), key=lambda own: -found[own])[:_PROBABLE_PAIRS]
-            possible = [own for own in possible if any(set(pair) <= set(own) for pair in pairs)]
-        for own in possible:
-            found[own] = evidence(own) + prior
-    return found
+            pairs = sorted(
+                (names_tried for names_tried in log_odds if len(names_tried) == 2),
+                key=lambda names_tried: -log_odds[names_tried],
+            )[:_PROBABLE_PAIRS]
+            possible = [names_tried for names_tried in possible if any(set(pair) <= set(names_tried) for pair in pairs)]
+        for names_tried in possible:
+            log_odds[names_tried] = evidence(names_tried) + prior
+    return log_odds
 
 
 def _log_evidence(rest: Array, spectra: Spectra, inputs: Inputs) -> Array:
     """Return the log evidence (q,) of a dependence on a set of inputs, column by column of residuals (n, q)."""
     # Few columns depend on anything: about the root of their number.
     responds = 1.0 / (1.0 + np.sqrt(rest.shape[1]))
-    own = [log_evidence_of_spectrum(rest, spectrum, spectra.freedom) for spectrum in spectra.of(inputs)]
-    if not own:
+    by_spectrum = [log_evidence_of_spectrum(rest, spectrum, spectra.freedom) for spectrum in spectra.of(inputs)]
+    if not by_spectrum:
         return np.zeros(rest.shape[1])
-    mean = np.logaddexp.reduce(own, axis=0) - np.log(len(own))
+    mean = np.logaddexp.reduce(by_spectrum, axis=0) - np.log(len(by_spectrum))
     return np.asarray(np.logaddexp(np.log1p(-responds), np.log(responds) + mean))
 
 
@@ -103,14 +112,14 @@ def log_evidence_of_spectrum(rest: Array, spectrum: Spectrum, freedom: int) -> A
 def probability_of(name: str, odds: Mapping[Inputs, float]) -> float:
     """Return the probability that an input belongs to the set on which the residuals depend."""
     every = np.logaddexp.reduce(list(odds.values()))
-    with_it = [own for inputs, own in odds.items() if name in inputs]
+    with_it = [log_odds for inputs, log_odds in odds.items() if name in inputs]
     return float(np.exp(np.logaddexp.reduce(with_it) - every))
 
 
 def explained(rest: Array, spectra: Spectra, inputs: Inputs) -> tuple[Array, float]:
     """Return the functions (n, m) of a set of inputs that residuals (n, q) need, and the squares that they predict
     beyond chance."""
-    evidence = [log_evidence_of_spectrum(rest, own, spectra.freedom) for own in spectra.of(inputs)]
+    evidence = [log_evidence_of_spectrum(rest, spectrum, spectra.freedom) for spectrum in spectra.of(inputs)]
     best = spectra.of(inputs)[int(np.argmax(np.sum(np.maximum(evidence, 0.0), 1)))]
     along = best.along(rest)
     strongest, size = np.argsort(-best.strengths), 1.0
@@ -133,5 +142,5 @@ def clipped(rows: Array) -> Array:
 def _condensed(rows: Array) -> Array:
     """Return rows (n, q) reduced to as many columns as their rank."""
     left, size, _ = np.linalg.svd(rows, full_matrices=False)
-    kept = size > 1e-6 * size.max(initial=0.0)
-    return np.asarray(left[:, kept] * size[kept])
+    is_large = size > 1e-6 * size.max(initial=0.0)
+    return np.asarray(left[:, is_large] * size[is_large])

@@ -57,8 +57,8 @@ class Spectra:
     def of(self, inputs: tuple[str, ...]) -> list[Spectrum]:
         """Return the spectra of a set of inputs, one for each length scale, and for the history of a single input."""
         if inputs not in self._known:
-            found = (self._spectrum(functions) for functions in self.functions_of(inputs))
-            self._known[inputs] = [own for own in found if own is not None]
+            possible_spectra = (self._spectrum(functions) for functions in self.functions_of(inputs))
+            self._known[inputs] = [spectrum for spectrum in possible_spectra if spectrum is not None]
         return self._known[inputs]
 
     def functions_of(self, inputs: tuple[str, ...]) -> list[Array]:
@@ -74,8 +74,8 @@ class Spectra:
 
     def free(self, rows: Array) -> Array:
         """Return rows (n, m), centred, without the functions that are held fixed."""
-        own = centred(rows)
-        return own if self.held is None else centred(own - self.held @ (self.held.T @ own))
+        centred_rows = centred(rows)
+        return centred_rows if self.held is None else centred(centred_rows - self.held @ (self.held.T @ centred_rows))
 
     @property
     def freedom(self) -> int:
@@ -84,15 +84,15 @@ class Spectra:
 
     def functions(self, inputs: tuple[str, ...]) -> Iterator[Array]:
         """Yield functions (n, m) whose products are the covariances of a set of inputs."""
-        own = np.column_stack([self.columns[name] for name in inputs])
+        input_columns = np.column_stack([self.columns[name] for name in inputs])
         is_time = len(inputs) == 1 and inputs[0] in self._timed
-        smooth = list(smooth_functions(own, MOST_FUNCTIONS, _SCALES_OF_TIME if is_time else SCALES))
+        smooth = list(smooth_functions(input_columns, MOST_FUNCTIONS, _SCALES_OF_TIME if is_time else SCALES))
         yield from smooth
         if is_time and self.in_time.order is not None:
             yield from rough_functions(self.in_time.order, MOST_FUNCTIONS)
-        if not is_time and (levels := level_functions(own)) is not None:
+        if not is_time and (levels := level_functions(input_columns)) is not None:
             yield levels
-        if len(inputs) == 1 and not is_time and (history := self.in_time.history(own[:, 0])) is not None:
+        if len(inputs) == 1 and not is_time and (history := self.in_time.history(input_columns[:, 0])) is not None:
             past = _LOOK_BACK * standard(history)
             yield past
             yield np.column_stack([smooth[1], past])
@@ -101,11 +101,11 @@ class Spectra:
         free = self.free(functions)
         values, vectors = np.linalg.eigh(free.T @ free)
         # What the held functions explain is no new function.
-        kept = values > _LEAST_VARIANCE * max(values[-1], float(np.sum(centred(functions) ** 2)))
-        if not kept.any():
+        is_large = values > _LEAST_VARIANCE * max(values[-1], float(np.sum(centred(functions) ** 2)))
+        if not is_large.any():
             return None
-        unit = values[kept] / values[kept].sum() * len(free)
-        return Spectrum(functions, vectors[:, kept] / np.sqrt(values[kept]), np.sqrt(unit))
+        unit = values[is_large] / values[is_large].sum() * len(free)
+        return Spectrum(functions, vectors[:, is_large] / np.sqrt(values[is_large]), np.sqrt(unit))
 
     def vectors(self, spectrum: Spectrum, chosen: Integers) -> Array:
         """Return some eigenvectors (n, k) of a spectrum."""

@@ -177,8 +177,8 @@ def onsets_in_time(
     """Return the onsets with at least ``fewest`` epochs before and from them, for a cause that acts from the rank
     ``from_order`` in time on; ``order`` (B,) ranks the epochs."""
     in_time = np.argsort(order, kind="stable")
-    own = int(in_time[min(int(np.sum(order < from_order)), len(order) - 1)])
-    return Onsets(in_time[fewest : len(in_time) - fewest + 1], spacing, own, begun_at)
+    nearest = int(in_time[min(int(np.sum(order < from_order)), len(order) - 1)])
+    return Onsets(in_time[fewest : len(in_time) - fewest + 1], spacing, nearest, begun_at)
 
 
 class SceneLike(Protocol[CauseT]):
@@ -247,10 +247,10 @@ class ZeroColumns:
     @property
     def acting(self) -> Mask:
         """True for unknowns that act in each epoch, (B, Z)."""
-        found = np.zeros((len(self.place), self.size + 1), bool)
+        is_nonzero = np.zeros((len(self.place), self.size + 1), bool)
         epochs = np.arange(len(self.place))[:, None]
-        found[epochs, np.where(self.slope != 0.0, self.place, self.size)] = True
-        return found[:, : self.size]
+        is_nonzero[epochs, np.where(self.slope != 0.0, self.place, self.size)] = True
+        return is_nonzero[:, : self.size]
 
     def at(self, columns: Integers) -> Array:
         """Return the derivatives (B, K, 1, n) by unknowns (B, n), or (n,) if they are the same in all epochs; zero for

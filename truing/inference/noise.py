@@ -210,8 +210,8 @@ def noise_level(
     height = size * count + whitened.problem.local_value.shape[1]
 
     def of_observations(rows: Array) -> Array:
-        own = rows[: epochs * height].reshape(epochs, height)[:, : size * count]
-        return np.asarray(own.reshape(epochs, count, size)[is_observed])
+        of_epochs = rows[: epochs * height].reshape(epochs, height)[:, : size * count]
+        return np.asarray(of_epochs.reshape(epochs, count, size)[is_observed])
 
     used, promised = measured.covariance[is_observed], declared[is_observed]
     change = np.linalg.solve(np.linalg.cholesky(promised), np.linalg.cholesky(used))
@@ -423,12 +423,12 @@ def _noise_dependence(driver: Driver, score: tuple[float, float], known: Mask, p
     return NoiseDependence(driver, p_value, ratio, ratio * score[1] * reach, factor)
 
 
-def merged_by_driver(found: Sequence[NoiseDependence]) -> list[NoiseDependence]:
+def merged_by_driver(dependences: Sequence[NoiseDependence]) -> list[NoiseDependence]:
     """Return one dependence for each driver: those found later on the same quantity multiply the earlier ones."""
     merged: dict[tuple[object, ...], NoiseDependence] = {}
-    for one in found:
-        key = (one.driver.name, one.driver.channels, one.driver.cause)
-        merged[key] = _product(merged[key], one) if key in merged else one
+    for single_dependence in dependences:
+        key = (single_dependence.driver.name, single_dependence.driver.channels, single_dependence.driver.cause)
+        merged[key] = _product(merged[key], single_dependence) if key in merged else single_dependence
     return list(merged.values())
 
 

@@ -55,10 +55,10 @@ class NoiseSelection(Generic[CauseT]):
     ) -> tuple[ScatterCandidate[CauseT], float] | None:
         """Return a cause that makes inputs scatter, with its p-value, if it is far more probable than a cause with a
         mean effect."""
-        own, rest = scatter[0].own, first.fitted.input_residuals.standardised(scatter[0].own)
+        inputs_mask, residuals = scatter[0].own, first.fitted.input_residuals.standardised(scatter[0].own)
         # Next to the noise that serves the evidence of causes: it may be too large, as the effect is part of it.
-        gain = scale_gain(rest[..., 0] ** 2, own)
-        return scatter if self._outdoes_causes(rest, own, first, gain) else None
+        gain = scale_gain(residuals[..., 0] ** 2, inputs_mask)
+        return scatter if self._outdoes_causes(residuals, inputs_mask, first, gain) else None
 
     def scatter(
         self, final: FittedModel[CauseT], kinds: Sequence[CauseT]
@@ -79,25 +79,27 @@ class NoiseSelection(Generic[CauseT]):
             doubt = self._doubt(rest, mask, fitted, tried, self.dependence_level) if is_noise else Reason.UNNAMED
         return replace(self.fitter.with_noise_dependence(fitted, noise_dependence), doubt=doubt)
 
-    def doubt_of_inputs(self, fitted: FittedModel[CauseT], own: Mask, kinds: Sequence[CauseT]) -> str:
-        """Return the reason to doubt that inputs ``own`` (B, H) scatter; empty where there is none.
+    def doubt_of_inputs(self, fitted: FittedModel[CauseT], inputs_mask: Mask, kinds: Sequence[CauseT]) -> str:
+        """Return the reason to doubt that inputs ``inputs_mask`` (B, H) scatter; empty where there is none.
 
         Scatter is as uncorrelated as noise, as far as enough epochs tell, and more probable than a dependence on any
         input.
         """
         tried = self.fitter.scatter_count(fitted, kinds, of_inputs=True)
-        rest = fitted.input_residuals.standardised(own)
-        of_order = p_value_of_order(rest, own, fitted)
+        residuals = fitted.input_residuals.standardised(inputs_mask)
+        of_order = p_value_of_order(residuals, inputs_mask, fitted)
         if of_order is not None and of_order <= _SURELY_NOISE:
             return Reason.NOT_RANDOM
-        return self._doubt(rest, own, fitted, tried, 1.0)
+        return self._doubt(residuals, inputs_mask, fitted, tried, 1.0)
 
     @staticmethod
-    def doubt_of_tails(fitted: FittedModel[CauseT], own: Mask) -> str:
-        """Return the reason to doubt that inputs ``own`` (B, H), whose prior is as wide as they scatter, do so in all
-        epochs: a few large errors may have looked like gross errors before; empty where there is none."""
-        rest = fitted.input_residuals.standardised(own)
-        return "" if log_odds_of_tails(rest[..., 0][own] ** 2, 1) < HEAVY else Reason.NOT_RANDOM
+    def doubt_of_tails(fitted: FittedModel[CauseT], inputs_mask: Mask) -> str:
+        """Return the reason to doubt that the inputs ``inputs_mask`` (B, H) scatter in all epochs; empty where there is
+        none.
+
+        Their prior is as wide as their scatter, so a few large errors may have looked like gross errors before."""
+        residuals = fitted.input_residuals.standardised(inputs_mask)
+        return "" if log_odds_of_tails(residuals[..., 0][inputs_mask] ** 2, 1) < HEAVY else Reason.NOT_RANDOM
 
     def _doubt(self, rest: Array, mask: Mask, fitted: FittedModel[CauseT], tried: int, least: float) -> str:
         """Return the reason to doubt that errors (B, K, d) in places ``mask`` (B, K), one of those ``tried``, scatter;

@@ -125,8 +125,10 @@ class Epochs(Generic[ConditionsT_co]):
         """Return the epochs with some more observations (B, K), which are never screened again."""
         if not more.any():
             return self
-        kept = more if self.kept is None else self.kept | more
-        return replace(self, measured=self.measured.with_observed(self.measured.is_observed | more), kept=kept)
+        declared_correct = more if self.kept is None else self.kept | more
+        return replace(
+            self, measured=self.measured.with_observed(self.measured.is_observed | more), kept=declared_correct
+        )
 
 
 def whitened_columns(measured: Observations, frames: Frames, columns: Array) -> Array:

@@ -72,7 +72,7 @@ class _Turn:
     @cached_property
     def of_parts(self) -> Array:
         """Log odds (n,) that the error of each part depends on anything."""
-        return np.array([np.logaddexp.reduce(list(own.of_one.values())) for own in self.odds])
+        return np.array([np.logaddexp.reduce(list(odds_of_part.of_one.values())) for odds_of_part in self.odds])
 
     @property
     def p_value(self) -> float:
@@ -93,11 +93,11 @@ def part_dependences(
     """Yield the columns on which the errors of the parts depend, one dependence after another."""
     for turn, after in pairwise(_turns(problem, parts, spectra, level)):
         index = int(np.argmax(turn.of_parts))
-        own = turn.odds[index]
-        inputs = tuple(name for name in spectra.columns if probability_of(name, own.of_any) >= INCLUDED)
+        odds_of_part = turn.odds[index]
+        inputs = tuple(name for name in spectra.columns if probability_of(name, odds_of_part.of_any) >= INCLUDED)
         if inputs:
             moved = turn.problem.moved
-            errors = turn.likeliest(parts[index], own.best, spectra)
+            errors = turn.likeliest(parts[index], odds_of_part.best, spectra)
             predicted = np.sum([moved[:, :, place] * error[:, None] for place, _, error in errors], axis=0)
             is_sure = not _explain_the_same(turn, after, index)
             yield PartDependence(index, is_sure, inputs, turn.p_value, predicted)
@@ -106,8 +106,8 @@ def part_dependences(
 def depends(problem: PartProblem, part: Part, inputs: Inputs, spectra: Spectra, level: float) -> bool:
     """Return True if the error of a part depends on a set of columns, which was found in another model."""
     errors, several = problem.estimated(), spectra.functions_of(inputs)
-    found = [_evidence(errors, place, functions) for place in part.directions for functions in several]
-    return bool(np.logaddexp.reduce(found) - np.log(len(found)) >= -np.log(level))
+    log_evidences = [_evidence(errors, place, functions) for place in part.directions for functions in several]
+    return bool(np.logaddexp.reduce(log_evidences) - np.log(len(log_evidences)) >= -np.log(level))
 
 
 def _turns(problem: PartProblem, parts: Sequence[Part], spectra: Spectra, level: float) -> Iterator[_Turn]:
@@ -137,8 +137,10 @@ def _odds(errors: PartErrors, part: Part, spectra: Spectra) -> _OddsOfSets:
     def of_directions(inputs: Inputs) -> Array:
         if inputs not in known:
             several = spectra.functions_of(inputs)
-            found = [[_evidence(errors, place, functions) for functions in several] for place in part.directions]
-            known[inputs] = np.logaddexp.reduce(found, axis=1) - np.log(len(several))
+            log_evidences = [
+                [_evidence(errors, place, functions) for functions in several] for place in part.directions
+            ]
+            known[inputs] = np.logaddexp.reduce(log_evidences, axis=1) - np.log(len(several))
         return known[inputs]
 
     def of_one(inputs: Inputs) -> float:
@@ -153,14 +155,14 @@ def _odds(errors: PartErrors, part: Part, spectra: Spectra) -> _OddsOfSets:
     odds = odds_of_sets(of_one, names, _MOST_INPUTS)
     if part.column is not None:
         odds = {inputs: value + np.log1p(-_OWN) for inputs, value in odds.items()}
-        own = (part.column,)
-        odds[own] = float(np.logaddexp(of_one(own) + np.log(_OWN), odds[own]))
+        own_reading = (part.column,)
+        odds[own_reading] = float(np.logaddexp(of_one(own_reading) + np.log(_OWN), odds[own_reading]))
     return _OddsOfSets(odds, odds)
 
 
 def _evidence(errors: PartErrors, index: int, functions: Array) -> float:
     """Return the log evidence of a random function over an error of the same part without any order, of any size."""
-    squares, freedom = (own[index] for own in errors.squares)
+    squares, freedom = (of_parts[index] for of_parts in errors.squares)
     if not squares > 0.0:
         return 0.0
     gram, scores, size = errors.products(index, functions)
@@ -172,11 +174,14 @@ def _predicted(errors: PartErrors, index: int, functions: Array) -> tuple[Array,
     (B,) that they predict."""
     along, strengths, directions = errors.along(index, functions)
     powers = [(size * strengths) ** 2 for size in EFFECT_SIZES]
-    squares, freedom = (own[index] for own in errors.squares)
+    squares, freedom = (of_parts[index] for of_parts in errors.squares)
     noise = squares / freedom
-    fits = [np.sum(along**2 * own / (1.0 + own)) / noise - np.sum(np.log1p(own)) for own in powers]
+    fits = [
+        np.sum(along**2 * power_ratio / (1.0 + power_ratio)) / noise - np.sum(np.log1p(power_ratio))
+        for power_ratio in powers
+    ]
     power = powers[int(np.argmax(fits))]
     unit = functions @ directions
-    kept = power > _LEAST_POWER
+    is_large = power > _LEAST_POWER
     error = unit @ (along / strengths * power / (1.0 + power))
-    return (unit * np.sqrt(power) / strengths)[:, kept], error - error.mean()  # a constant is the part's zero
+    return (unit * np.sqrt(power) / strengths)[:, is_large], error - error.mean()  # a constant is the part's zero

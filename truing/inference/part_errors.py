@@ -93,8 +93,8 @@ class PartErrors:
         """
         gram, score, size = self.products(index, functions)
         values, vectors = np.linalg.eigh((gram + gram.T) / 2.0)
-        kept = values > _LEAST_INFORMATION * size * len(functions)
-        values, vectors = values[kept], vectors[:, kept]
+        is_large = values > _LEAST_INFORMATION * size * len(functions)
+        values, vectors = values[is_large], vectors[:, is_large]
         return (vectors.T @ score) / np.sqrt(values), np.sqrt(values / size), vectors / np.sqrt(size)
 
     @cached_property
@@ -120,20 +120,20 @@ class PartErrors:
         values, vectors = np.linalg.eigh(taken.T @ taken)
         along = vectors.T @ (taken.T @ (score[seen] / root))
         left = values < 1.0 - _LEAST_INFORMATION * len(weight)  # the other directions are those of the unknowns alone
-        squares = float(np.sum(score[seen] ** 2 / weight[seen])) + float(
-            np.sum(along[left] ** 2 / (1.0 - values[left]))
-        )
-        squares -= float(np.sum(along[~left] ** 2 / values[~left]))
+        of_others = np.sum(score[seen] ** 2 / weight[seen]) - np.sum(along[~left] ** 2 / values[~left])
+        squares = float(of_others + np.sum(along[left] ** 2 / (1.0 - values[left])))
         return max(squares, 0.0), float(seen.sum() - np.sum(~left))
 
 
 def part_problem(fitted: FittedModel[CauseT]) -> PartProblem | None:
     """Return the problem of the errors of a model's parts; None where there are none, or it is too large."""
-    whitened, own = fitted.fit.whitened, fitted.model.error_pathways
-    if not own or whitened.whole is None:
+    whitened, error_pathways = fitted.fit.whitened, fitted.model.error_pathways
+    if not error_pathways or whitened.whole is None:
         return None
     places = fitted.pathways.places
-    moved = fitted.pathways.columns[:, :, [places[one.pathway].start + one.column for one in own]]
+    moved = fitted.pathways.columns[
+        :, :, [places[pathway.pathway].start + pathway.column for pathway in error_pathways]
+    ]
     epochs, tall, _ = moved.shape
     if epochs * tall * whitened.whole.shape[1] ** 2 > _MOST_PRODUCTS:
         return None
@@ -173,16 +173,20 @@ class _Weights:
 
     def _products(self, first: Array, second: Array) -> Array:
         """Return the products (B, p, q) of columns (B, M, p) and (B, M, q) over the covariance of the rows."""
-        one, other = (np.swapaxes(self._scattered, 1, 2) @ columns for columns in (first, second))
-        return np.asarray(np.swapaxes(first, 1, 2) @ second - np.swapaxes(one, 1, 2) @ (self._inner @ other))
+        scattered_first, scattered_second = (
+            np.swapaxes(self._scattered, 1, 2) @ columns for columns in (first, second)
+        )
+        return np.asarray(
+            np.swapaxes(first, 1, 2) @ second - np.swapaxes(scattered_first, 1, 2) @ (self._inner @ scattered_second)
+        )
 
     def errors(self) -> PartErrors:
         """Return the information on the errors of the parts."""
-        own = self._problem
-        rest = (own.residual - own.by_shared @ self.shared)[..., None]
-        weight = np.diagonal(self._products(own.moved, own.moved), axis1=1, axis2=2)
-        taken = self._products(own.moved, own.by_shared) @ self._inverse.T
-        score = self._products(own.moved, rest)[..., 0]
+        problem = self._problem
+        residuals = (problem.residual - problem.by_shared @ self.shared)[..., None]
+        weight = np.diagonal(self._products(problem.moved, problem.moved), axis1=1, axis2=2)
+        taken = self._products(problem.moved, problem.by_shared) @ self._inverse.T
+        score = self._products(problem.moved, residuals)[..., 0]
         return PartErrors(weight, np.swapaxes(taken, 0, 1), score.T)
 
 

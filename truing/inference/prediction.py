@@ -84,8 +84,8 @@ class PredictionError(Generic[CauseT]):
         Both are weighted by the other error's noise, because the noise estimate changes with the model.
         """
         weights = other.measured.whitener * (self.is_observed & other.is_observed)[..., None, None]
-        own, before = (float(np.sum((weights @ error.gap[..., None]) ** 2)) for error in (self, other))
-        return float(np.sqrt(own / before)) if before > 0.0 else 1.0
+        squares, squares_before = (float(np.sum((weights @ error.gap[..., None]) ** 2)) for error in (self, other))
+        return float(np.sqrt(squares / squares_before)) if squares_before > 0.0 else 1.0
 
     def log_odds_over(self, other: PredictionError[CauseT]) -> float:
         """Return the log likelihood ratio of this error to another one, over observations seen by both, each with a
@@ -130,10 +130,10 @@ def merged(
     errors: Sequence[PredictionError[CauseT]], block: Integers, measured: Observations
 ) -> PredictionError[CauseT]:
     """Return the errors of all epochs, each epoch from the element of ``errors`` that ``block`` (B,) names."""
-    each = np.arange(len(block))
+    rows = np.arange(len(block))
 
     def chosen(arrays: list[Array]) -> Array:
-        return np.asarray(np.stack(arrays)[block, each])
+        return np.asarray(np.stack(arrays)[block, rows])
 
     frames = replace(errors[0].frames, R=chosen([e.frames.R for e in errors]), t=chosen([e.frames.t for e in errors]))
     return replace(
@@ -155,15 +155,15 @@ def prediction_error(
 ) -> PredictionError[CauseT]:
     """Return the error of the prediction from inputs; local unknowns that the model does not predict are fitted."""
     unpredicted = model.unpredicted
-    kept = np.concatenate([np.ones(frames.size, bool), unpredicted])
+    free_columns = np.concatenate([np.ones(frames.size, bool), unpredicted])
     local = np.zeros((len(measured.values), len(unpredicted)))
-    for _ in range(_ROUNDS if kept.any() else 0):
+    for _ in range(_ROUNDS if free_columns.any() else 0):
         at = linearise(model.predict, measured, frames, shared, local, by_shared=False)
-        step = _fit(at.by_local[..., kept], at.residual[..., None])[..., 0]
+        step = _fit(at.by_local[..., free_columns], at.residual[..., None])[..., 0]
         frames = frames.moved(step[:, : frames.size])
         local[:, unpredicted] += step[:, frames.size :]
     at = linearise(model.predict, measured, frames, shared, local, by_shared=False)
-    fitted = at.by_local[..., kept]
+    fitted = at.by_local[..., free_columns]
     zero_groups = model.zero_groups
     rest = (
         at.residual
@@ -269,17 +269,17 @@ def without_epoch_unknowns(rows: Array, columns: Array, measured: Observations, 
 def _without_zeros(rows: Array, weight: Array, zero_groups: Integers) -> Array:
     """Return rows (N, D) without the zero shared by rows of one group number (N,), which acts with weight (N,)."""
     norm = np.bincount(zero_groups, weight**2)
-    found = np.stack([np.bincount(zero_groups, weight * column) for column in rows.T], -1)
-    shared = found / np.where(norm > 0.0, norm, 1.0)[:, None]
+    sums = np.stack([np.bincount(zero_groups, weight * column) for column in rows.T], -1)
+    shared = sums / np.where(norm > 0.0, norm, 1.0)[:, None]
     return np.asarray(rows - weight[:, None] * shared[zero_groups])
 
 
 def _shared_error(whitened: Whitened, noise: Array, prior: Array, rng: np.random.Generator) -> Array:
     """Return the errors (G, D) of the shared unknowns caused by noise (B, M, D) and prior noise (B, H, D)."""
-    own = whitened.without_local(np.concatenate([noise, prior], 1)).reshape(-1, noise.shape[-1])
-    others = rng.standard_normal((len(whitened.residual) - len(own), noise.shape[-1]))
-    others *= whitened.present[len(own) :, None]
-    return whitened.fitted(np.concatenate([own, others]))
+    of_local = whitened.without_local(np.concatenate([noise, prior], 1)).reshape(-1, noise.shape[-1])
+    random_part = rng.standard_normal((len(whitened.residual) - len(of_local), noise.shape[-1]))
+    random_part *= whitened.present[len(of_local) :, None]
+    return whitened.fitted(np.concatenate([of_local, random_part]))
 
 
 def _fit(columns: Array, rows: Array) -> Array:

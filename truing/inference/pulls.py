@@ -50,14 +50,14 @@ def pulls(shift: Array, prior: Array, posterior: Array) -> Pulls:
     gained = (prior - posterior) / np.outer(scale, scale)
     determined = np.diag(gained) >= IDENTIFIABLE
     moved = shift / scale
-    each = np.where(determined, moved / np.sqrt(np.where(determined, np.diag(gained), 1.0)), np.nan)
+    single_pulls = np.where(determined, moved / np.sqrt(np.where(determined, np.diag(gained), 1.0)), np.nan)
     informed = np.where(np.diag(gained) >= _TOLD, np.diag(gained), np.nan)
     # Of all parameters: two may share one determined number, such as a length and a height, with less than half each.
     variances, directions = np.linalg.eigh(gained)
     mask = variances >= IDENTIFIABLE
     total = float(np.sum((directions[:, mask].T @ moved) ** 2 / variances[mask]))
     return Pulls(
-        each,
+        single_pulls,
         moved * scale / informed,
         moved**2 / informed,
         determined,

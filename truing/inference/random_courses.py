@@ -31,23 +31,25 @@ def random_courses(fitted: FittedModel[CauseT]) -> dict[tuple[str, ...], list[Ar
     groups = fitted.model.error_groups
     columns, whole = columns_of(fitted, groups), np.ones(len(fitted.measured.values), bool)
     spectra = Spectra(columns, in_time_of(fitted, whole))
-    found: dict[tuple[str, ...], list[Array]] = {(name,): list(spectra.functions((name,))) for name in columns}
-    asked = [own[:, None] for own in map(numbers, fitted.scene.inputs.values()) if own is not None]
-    inputs = tuple(name for name, own in columns.items() if any(is_copy(own[:, None], one, None) for one in asked))
+    by_inputs: dict[tuple[str, ...], list[Array]] = {(name,): list(spectra.functions((name,))) for name in columns}
+    asked = [column[:, None] for column in map(numbers, fitted.scene.inputs.values()) if column is not None]
+    inputs = tuple(
+        name for name, column in columns.items() if any(is_copy(column[:, None], varied, None) for varied in asked)
+    )
     if len(inputs) > 1:
         together = np.column_stack([columns[name] for name in inputs])
-        found[inputs] = [standard(together), *([] if (levels := level_functions(together)) is None else [levels])]
+        by_inputs[inputs] = [standard(together), *([] if (levels := level_functions(together)) is None else [levels])]
     if len(whole) <= _MOST_FREE:
         order = spectra.in_time.order
         walk = [] if order is None else [np.tri(len(whole))[np.argsort(np.argsort(order))]]
-        found[()] = [*walk, np.eye(len(whole))]
-    return {name: [of_unit_variance(own) for own in several] for name, several in found.items()}
+        by_inputs[()] = [*walk, np.eye(len(whole))]
+    return {name: [of_unit_variance(shapes) for shapes in several] for name, several in by_inputs.items()}
 
 
 def random_factors(fitted: FittedModel[CauseT]) -> dict[tuple[str, ...], Array]:
     """Return gentle random functions (B, m) of each input, of unit variance on average, by the input."""
     columns = columns_of(fitted, fitted.model.error_groups)
     return {
-        (name,): of_unit_variance(centred(next(smooth_functions(own[:, None], MOST_FUNCTIONS, SCALES[-1:]))))
-        for name, own in columns.items()
+        (name,): of_unit_variance(centred(next(smooth_functions(column[:, None], MOST_FUNCTIONS, SCALES[-1:]))))
+        for name, column in columns.items()
     }

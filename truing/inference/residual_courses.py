@@ -52,9 +52,9 @@ def residuals_of(
     """
     measured = fitted.measured
     factor = np.ones(measured.is_observed.shape) if doubted_noise is None else doubted_noise
-    own = _groups_of_residuals(fitted, factor)
-    squares = map(_squares, own if first is fitted else _groups_of_residuals(first, factor))
-    for group, (rows, sum_of_squares) in enumerate(zip(own, squares, strict=True)):
+    rows_of_groups = _groups_of_residuals(fitted, factor)
+    squares = map(_squares, rows_of_groups if first is fitted else _groups_of_residuals(first, factor))
+    for group, (rows, sum_of_squares) in enumerate(zip(rows_of_groups, squares, strict=True)):
         if measured.size == 1:
             at = measured.is_observed[:, group] & np.isfinite(rows).all(1)
             if at.any() and np.abs(rows[at]).max() > _ROUNDING:
@@ -84,16 +84,16 @@ def _groups_of_residuals(fitted: FittedModel[CauseT], factor: Array) -> list[Arr
     in_space = rest[:, :height].reshape(epochs, channels, size) * factor[..., None]
     along = np.einsum("bkij,bki->bkj", axes, in_space)
     for group in np.unique(fitted.model.channel_groups):
-        own = fitted.model.channel_groups == group
-        fields = _fields(np.asarray(fitted.scene.shape, float)[own])
-        of_groups.append(np.einsum("bki,kp->bpi", along[:, own], fields).reshape(epochs, -1))
+        members = fitted.model.channel_groups == group
+        fields = _fields(np.asarray(fitted.scene.shape, float)[members])
+        of_groups.append(np.einsum("bki,kp->bpi", along[:, members], fields).reshape(epochs, -1))
     return of_groups
 
 
 def _squares(rows: Array) -> float:
     """Return the sum of squares of centred residuals (B, q), without epochs that hold a gap."""
-    kept = rows[np.isfinite(rows).all(1)]
-    return float(np.sum(centred(kept) ** 2)) if len(kept) else 0.0
+    finite_rows = rows[np.isfinite(rows).all(1)]
+    return float(np.sum(centred(finite_rows) ** 2)) if len(finite_rows) else 0.0
 
 
 def courses(rows: Array) -> Iterator[Array]:
@@ -110,7 +110,7 @@ def courses(rows: Array) -> Iterator[Array]:
     drawn = [
         np.linalg.svd(centred(rng.normal(size=rows.shape)), compute_uv=False)[:count] for _ in range(_DRAWS_OF_NOISE)
     ]
-    limit = float(np.median(size[:count]) * np.max([own[0] / np.median(own) for own in drawn]))
+    limit = float(np.median(size[:count]) * np.max([sizes_drawn[0] / np.median(sizes_drawn) for sizes_drawn in drawn]))
     for k in range(min(_MOST_COURSES, int(np.sum(size[:count] > limit)))):
         yield left[:, k : k + 1] * size[k]
 

@@ -66,16 +66,16 @@ def share_explained(final: FittedModel[CauseT], cause: CauseT) -> float:
     if not unnamed:
         return 1.0
     pathways = final.pathways
-    own, squares = _acting(final, pathways, cause)
+    acting_part, squares = _acting(final, pathways, cause)
     others = [_acting(final, pathways, other) for other in unnamed]
-    beside = sum(held for form, held in others if own.share_on(pathways, form) > _SAME_GROUND)
+    beside = sum(held for form, held in others if acting_part.share_on(pathways, form) > _SAME_GROUND)
     return squares / (squares + beside)
 
 
 def act_on_same(fitted: FittedModel[CauseT], cause: CauseT, unnamed: CauseT) -> bool:
     """Return True if a nonparametric effect acts on most of what a cause acts on."""
-    own, other = (signature(fitted.pathways, fitted.design_matrix(effect)) for effect in (cause, unnamed))
-    return own.share_on(fitted.pathways, other) > _SAME_GROUND
+    first, second = (signature(fitted.pathways, fitted.design_matrix(effect)) for effect in (cause, unnamed))
+    return first.share_on(fitted.pathways, second) > _SAME_GROUND
 
 
 def _acting(fitted: FittedModel[CauseT], pathways: Pathways, cause: CauseT) -> tuple[Signature, float]:

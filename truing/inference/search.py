@@ -109,11 +109,11 @@ class _Bank:
     def scores(self, along: Array) -> Iterator[tuple[Array, list[int]]]:
         """Yield scores (D, r, k) of candidates from parts (D, B, C) along the pathways, and the candidates' numbers."""
         flat = along.reshape(len(along), -1)[:, self.place] if self.is_flat else along[:, :, self.place]
-        own = flat.reshape(len(along), -1)
+        rows = flat.reshape(len(along), -1)
         if self.columns is not None:
-            own = own @ self.columns.T
+            rows = rows @ self.columns.T
         for designs, numbers in self.parts:
-            yield (own @ designs.T).reshape(len(along), -1, len(numbers)), numbers
+            yield (rows @ designs.T).reshape(len(along), -1, len(numbers)), numbers
 
 
 def _bank_of(pathways: Pathways, alike: Sequence[Signature], numbers: Sequence[int]) -> _Bank:

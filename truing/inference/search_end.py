@@ -79,7 +79,11 @@ class FurtherCauses(Generic[CauseT]):
 
         ``left`` is the candidate that it would have accepted next, or one that is significant but does not pay.
         """
-        plausible = (own for own in closing.best.values() if closing.scores[own.key].log_evidence > 0.0)
+        plausible = (
+            best_candidate
+            for best_candidate in closing.best.values()
+            if closing.scores[best_candidate.key].log_evidence > 0.0
+        )
         least = min(map(closing.p_value, plausible), default=1.0)
         if left is None:
             limit = SearchEnd.MOST_CAUSES if accepted > MANY_CAUSES else SearchEnd.COMPLETE

@@ -50,17 +50,17 @@ class SearchVerdicts(Generic[CauseT]):
         """
         refuted: list[Verdict[CauseT]] = []
         while True:
-            own = {step.cause.key for step in searched.kept}
+            accepted_keys = {step.cause.key for step in searched.kept}
             verdicts = [
                 self._next_to_others(verdict, searched)
-                if verdict.cause.key in own and contradiction(verdict)
+                if verdict.cause.key in accepted_keys and contradiction(verdict)
                 else verdict
                 for verdict in self.verdicts(searched, refuted)
             ]
             unpaid = [
                 replace(verdict, verdict=SUSPECTED, reason=reason)
                 for verdict in verdicts
-                if verdict.cause.key in own and (reason := _unpaid(verdict) or _weakness(verdict)) is not None
+                if verdict.cause.key in accepted_keys and (reason := _unpaid(verdict) or _weakness(verdict)) is not None
             ]
             if not unpaid:
                 return searched, verdicts
@@ -98,20 +98,20 @@ class SearchVerdicts(Generic[CauseT]):
                 verdicts.append(verdict)
         return verdicts
 
-    def _rivals(self, kept: Sequence[Accepted[CauseT]]) -> list[Verdict[CauseT]]:
+    def _rivals(self, accepted: Sequence[Accepted[CauseT]]) -> list[Verdict[CauseT]]:
         """Return verdicts on other kinds that explain a finding as well, so that the campaign cannot
         distinguish them."""
         result, held_out = [], self.search.fitter.held_out
-        for step in kept:
+        for step in accepted:
             for rival, lead in step.chosen.rivals:
                 worth = is_worth_reporting(rival, lead) or step.probability < NAMED
                 if rival.kind != step.candidate.kind and worth:
-                    own = self.search.fitter.fitted(
+                    refitted = self.search.fitter.fitted(
                         (*step.round.fitted.causes, rival.cause.refined()), step.round.fitted
                     )
                     plain = first_order(step.round, rival, INDISTINGUISHABLE, held_out, Reason.RIVAL)
                     odds = step.round.posterior(step.candidate) + lead
-                    result.append(replace(plain, own=own, log_odds=odds, rival=step.cause))
+                    result.append(replace(plain, with_it=refitted, log_odds=odds, rival=step.cause))
         return result
 
     def _rejected(self, rounds: Sequence[Round[CauseT]], end: EndOfSearch[CauseT]) -> list[Verdict[CauseT]]:

@@ -92,10 +92,10 @@ class _Accounted(Generic[CauseT]):
         That is a nonparametric effect; larger noise in several periods, or in one while inputs scatter, because an
         unknown effect is then more likely; and larger noise that is not random.
         """
-        periods = sum(own.driver.cause is not None for own in self.noise_dependences)
+        periods = sum(entry.driver.cause is not None for entry in self.noise_dependences)
         few = periods < (1 if self.scatters else _SEVERAL_PERIODS)
-        doubted = any(own.doubt for own in self.noise_dependences) or any(own.doubt for own in self.scatters)
-        return few and not doubted and all(own.catalogued for own in self.searched.final.causes)
+        doubted = any(entry.doubt for entry in self.noise_dependences) or any(entry.doubt for entry in self.scatters)
+        return few and not doubted and all(cause.catalogued for cause in self.searched.final.causes)
 
 
 @dataclass(frozen=True)
@@ -130,18 +130,18 @@ class CauseSelection(Generic[CauseT]):
 
     def run(self, kinds: Sequence[CauseT]) -> CauseDiagnosis[CauseT]:
         """Return the diagnosis over all kinds of cause of a catalogue."""
-        found = self._accounted(kinds)
-        searched, verdicts = SearchVerdicts(self._search).paying(found.searched)
-        found = replace(found, searched=searched)
-        left = self._left(found)
-        holds, is_named = left.holds, found.is_named
+        accounted = self._accounted(kinds)
+        searched, verdicts = SearchVerdicts(self._search).paying(accounted.searched)
+        accounted = replace(accounted, searched=searched)
+        left = self._left(accounted)
+        holds, is_named = left.holds, accounted.is_named
         outdone, courses = outdone_causes(self._search, searched, verdicts, compares_courses=holds and is_named)
         is_clear = holds and is_named and not outdone and all(verdict.verdict != SUSPECTED for verdict in verdicts)
         attributions = (
             ()
             if is_clear and searched.kept
             else self._attributed(
-                found, outdone if is_named else {step.cause.key for step in searched.kept}, holds=holds
+                accounted, outdone if is_named else {step.cause.key for step in searched.kept}, holds=holds
             )
         )
         # What inputs predict is no scatter, though it may pass for one.
@@ -155,7 +155,7 @@ class CauseSelection(Generic[CauseT]):
         verdicts = [doubts.checked(verdict, searched.final, searched.given) for verdict in verdicts]
         if not holds:
             verdicts = [_with_confirmed_inputs(verdict, searched.final, attributions) for verdict in verdicts]
-        return self._diagnosis(kinds, found, left, verdicts, doubt, attributions)
+        return self._diagnosis(kinds, accounted, left, verdicts, doubt, attributions)
 
     def _accounted(self, kinds: Sequence[CauseT]) -> _Accounted[CauseT]:
         """Return the search after noise that depends on something, and inputs that scatter, are accounted for."""
@@ -171,49 +171,53 @@ class CauseSelection(Generic[CauseT]):
         before = len(noise_dependences)
         # A search that reached a limit leaves more than noise, so its residuals cannot show on what the noise depends.
         while searched.end.is_complete and (
-            found := noise.dependences(searched.final, kinds, _MOST_DEPENDENCES - len(noise_dependences))
+            more_dependences := noise.dependences(searched.final, kinds, _MOST_DEPENDENCES - len(noise_dependences))
         ):
-            noise_dependences += found
+            noise_dependences += more_dependences
             searched = search.searched(kinds)
         later = noise_dependences[before:]
-        if scatters and later and (outright is None or any(own.driver.cause is not None for own in later)):
+        if (
+            scatters
+            and later
+            and (outright is None or any(dependence.driver.cause is not None for dependence in later))
+        ):
             search.fitter.narrow()  # noisier observations explain the apparent scatter of inputs
             searched, scatters = self._searched_with_scatter(kinds, search.first_round(kinds))
         return _Accounted(searched, noise_dependences, scatters)
 
-    def _left(self, found: _Accounted[CauseT]) -> _Left:
+    def _left(self, accounted: _Accounted[CauseT]) -> _Left:
         """Return the remainder that the final model of a search leaves."""
-        final, fitter, settings = found.searched.final, self._search.fitter, self._search.settings
+        final, fitter, settings = accounted.searched.final, self._search.fitter, self._search.settings
         noise = noise_level(final.fit.whitened, final.measured, fitter.declared)
         adequacy = adequacy_of(final, noise, np.random.default_rng([settings.seed, _ADEQUACY]), fitter.repeats)
         noisy = tuple(self._noise.noisy_channels(final))
         is_noisier = bool(noisy) or noise.p_value <= settings.noise_level
-        is_noisier |= any(self._exceeds_declared(own, final) for own in found.noise_dependences)
-        holds = found.searched.end.is_complete and adequacy.p_value > settings.doubted_level and not is_noisier
+        is_noisier |= any(self._exceeds_declared(dependence, final) for dependence in accounted.noise_dependences)
+        holds = accounted.searched.end.is_complete and adequacy.p_value > settings.doubted_level and not is_noisier
         return _Left(noise, noisy, adequacy, is_noisier, holds)
 
-    def _exceeds_declared(self, own: NoiseDependence, final: FittedModel[CauseT]) -> bool:
+    def _exceeds_declared(self, dependence: NoiseDependence, final: FittedModel[CauseT]) -> bool:
         """Return True if noise that depends on something may be an effect without a name.
 
         A cause of the noise has a name. A channel that scatters more than the others may still scatter as declared.
         """
-        if own.driver.cause is not None or not own.driver.channels:
-            return own.driver.cause is None
+        if dependence.driver.cause is not None or not dependence.driver.channels:
+            return dependence.driver.cause is None
         fitter, settings = self._search.fitter, self._search.settings
-        level = noise_level(final.fit.whitened, final.measured, fitter.declared, own.factor > 1.0)
+        level = noise_level(final.fit.whitened, final.measured, fitter.declared, dependence.factor > 1.0)
         return level.p_value <= settings.noise_level
 
     def _diagnosis(
         self,
         kinds: Sequence[CauseT],
-        found: _Accounted[CauseT],
+        accounted: _Accounted[CauseT],
         left: _Left,
         verdicts: Sequence[Verdict[CauseT]],
         doubt: Reason | None,
         attributions: tuple[Attributed, ...],
     ) -> CauseDiagnosis[CauseT]:
         """Return the diagnosis with the verdicts and a doubt of the whole model."""
-        searched, fitter = found.searched, self._search.fitter
+        searched, fitter = accounted.searched, self._search.fitter
         # Where only the name is open the model is right all the same.
         is_sure = doubt is None and all(v.verdict != SUSPECTED or v.reason in _OF_NAMES for v in verdicts)
         doubted = "" if is_sure else doubt or Reason.UNNAMED  # residuals of a doubtful model hold more than noise
@@ -226,10 +230,10 @@ class CauseSelection(Generic[CauseT]):
             tuple(fitter.screened),
             left.noise,
             left.noisy,
-            tuple(replace(own, doubt=doubted or own.doubt) for own in found.noise_dependences),
+            tuple(replace(dependence, doubt=doubted or dependence.doubt) for dependence in accounted.noise_dependences),
             left.adequacy,
             searched.end,
-            tuple(replace(scatter, doubt=doubted or scatter.doubt) for scatter in found.scatters),
+            tuple(replace(scatter, doubt=doubted or scatter.doubt) for scatter in accounted.scatters),
             fitter.held_out,
             self._untestable_kinds(kinds, searched),
             tuple(fitter.blocks or ()),
@@ -244,9 +248,13 @@ class CauseSelection(Generic[CauseT]):
         if not searched.end.is_complete:
             return None
         subjects = {cause.subject for cause in final.causes}
-        inputs = [one for kind in kinds for one in final.scene.single_errors(kind)]
-        found = single_errors(final, inputs, self._search.fitter.input_factor)
-        return None if found is None or found.candidate.cause.subject in subjects else found
+        inputs = [single_error for kind in kinds for single_error in final.scene.single_errors(kind)]
+        single_error_found = single_errors(final, inputs, self._search.fitter.input_factor)
+        return (
+            None
+            if single_error_found is None or single_error_found.candidate.cause.subject in subjects
+            else single_error_found
+        )
 
     def _untestable_kinds(self, kinds: Sequence[CauseT], searched: Searched[CauseT]) -> tuple[CauseT, ...]:
         """Return the kinds of cause without any candidate in this campaign, neither of an effect nor of scatter."""
@@ -255,7 +263,7 @@ class CauseSelection(Generic[CauseT]):
         return tuple(kind for kind in kinds if kind.id not in known and not scene.scatters(kind))
 
     def _attributed(
-        self, found: _Accounted[CauseT], outdone: Collection[str], *, holds: bool
+        self, accounted: _Accounted[CauseT], outdone: Collection[str], *, holds: bool
     ) -> tuple[Attributed, ...]:
         """Return the inputs that predict residuals of the plain model with the causes that are not ``outdone`` (keys).
 
@@ -264,8 +272,12 @@ class CauseSelection(Generic[CauseT]):
         no longer hides the rest. Residuals are without a burst of noise that is only suspected: it may be an effect.
         """
         self._search.progress("what the misfit follows")
-        searched, settings = found.searched, self._search.settings
-        bursts = [own.factor for own in found.noise_dependences if own.driver.cause and (own.doubt or not holds)]
+        searched, settings = accounted.searched, self._search.settings
+        bursts = [
+            dependence.factor
+            for dependence in accounted.noise_dependences
+            if dependence.driver.cause and (dependence.doubt or not holds)
+        ]
         doubted = np.prod(bursts, axis=0) if bursts else None
         plain, level = searched.plain, settings.dependence_level
         if holds:
@@ -274,7 +286,7 @@ class CauseSelection(Generic[CauseT]):
             model = self._search.fitter.comparable(causes, searched.final) if certain else plain
             found_without = attributed(plain, (model,), level, level, doubted)
             remains = len(certain) == len(searched.kept)  # the final model holds: its causes leave nothing
-            return tuple(replace(one, remains=remains) for one in found_without)
+            return tuple(replace(attribution, remains=remains) for attribution in found_without)
         # A drift that is accounted for in part leaves residuals that no function of time alone explains.
         final = self._search.without_drifts(searched)
         models = (plain,) if final is plain else (plain, final)
@@ -338,9 +350,9 @@ class CauseSelection(Generic[CauseT]):
         some of it; a real cause is found again."""
         candidate = self._search.fitter.widen(plain, candidate, kinds)
         searched = self._search.searched(kinds)
-        found = self._search.fitter.input_scatter(searched.final, candidate, p_value)
+        input_scatter = self._search.fitter.input_scatter(searched.final, candidate, p_value)
         doubt = doubt or self._noise.doubt_of_tails(searched.final, candidate.own)
-        return searched, replace(found, doubt=doubt)
+        return searched, replace(input_scatter, doubt=doubt)
 
 
 def _with_confirmed_inputs(
@@ -357,10 +369,12 @@ def _with_confirmed_inputs(
     subject, parts = f" {verdict.cause.subject} ", final.model.part_count
     has_part = bool(verdict.cause.subject)
     inputs = set(verdict.cause.inputs(parts))
-    of_part = [one for one in attributions if one.subject and f" {one.subject} " in subject]
-    of_others = [one for one in attributions if one.subject and one not in of_part]
-    own = [one for one in attributions if one not in of_others or not has_part]
-    left = inputs - {name for one in own for name in one.inputs}
-    is_elsewhere = any(inputs == set(one.inputs) for one in of_others) and not of_part
+    of_part = [
+        attribution for attribution in attributions if attribution.subject and f" {attribution.subject} " in subject
+    ]
+    of_others = [attribution for attribution in attributions if attribution.subject and attribution not in of_part]
+    of_this_scatter = [attribution for attribution in attributions if attribution not in of_others or not has_part]
+    left = inputs - {name for attribution in of_this_scatter for name in attribution.inputs}
+    is_elsewhere = any(inputs == set(attribution.inputs) for attribution in of_others) and not of_part
     is_confirmed = not (left or is_elsewhere) if has_part else not left or len(inputs) == parts > 2 * len(left)
     return verdict if is_confirmed else replace(verdict, verdict=SUSPECTED, reason=Reason.INADEQUATE)

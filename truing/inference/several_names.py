@@ -30,16 +30,16 @@ def several_for_one(
     the ``last`` round. Or they are of one kind and ``move_alike``: a course has several steps. Not so where the machine
     sets their shapes, such as the periods of a turn.
     """
-    named = [one for one in accepted if one[0].catalogued]
+    named = [entry for entry in accepted if entry[0].catalogued]
     result: set[str] = set()
     for first, second in combinations([cause for cause, _, _ in named], 2):
         is_one_kind = (first.subject, first.id) == (second.subject, second.id)
         if is_one_kind and not (first.has_set_shape and second.has_set_shape) and move_alike(first, second):
             result |= {first.key, second.key}
     for subject in {cause.subject for cause, _, _ in named}:
-        own = [one for one in named if one[0].subject == subject]
-        if len(own) > 1 and _odds_of_one(own, last) > -np.log(RIVAL_FACTOR):
-            result |= {cause.key for cause, _, _ in own}
+        same_subject = [entry for entry in named if entry[0].subject == subject]
+        if len(same_subject) > 1 and _odds_of_one(same_subject, last) > -np.log(RIVAL_FACTOR):
+            result |= {cause.key for cause, _, _ in same_subject}
     return result
 
 
@@ -63,6 +63,12 @@ def _odds_of_one(accepted: Sequence[AcceptedCause[CauseT]], last: Round[CauseT])
     Both are against the model before the first of them; by the chain rule the odds of the causes multiply.
     """
     subject, before = accepted[0][0].subject, accepted[0][2].scores
-    unnamed = [one for one in last.candidates if not one.cause.catalogued and one.cause.subject == subject]
-    best = max((before[one.key].log_posterior for one in unnamed if one.key in before), default=-np.inf)
-    return float(best - sum(own.posterior(candidate) for _, candidate, own in accepted))
+    unnamed = [
+        candidate
+        for candidate in last.candidates
+        if not candidate.cause.catalogued and candidate.cause.subject == subject
+    ]
+    best = max(
+        (before[candidate.key].log_posterior for candidate in unnamed if candidate.key in before), default=-np.inf
+    )
+    return float(best - sum(last_scores.posterior(candidate) for _, candidate, last_scores in accepted))

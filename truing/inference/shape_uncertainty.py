@@ -25,7 +25,7 @@ def shape_covariance_factors(fitter: Fitter[CauseT], final: FittedModel[CauseT],
     for index in range(size, len(values)):
         step = _REACH * np.sqrt(covariance[index, index]) * (np.arange(len(values)) == index)
         held = [cause.with_fixed_shape((values + way * step)[size:]) for way in (-1.0, 1.0)]
-        rises = [_rise(fitter, final, cause, own) for own in held if own is not None]
+        rises = [_rise(fitter, final, cause, fixed) for fixed in held if fixed is not None]
         least = min((np.sqrt(max(rise, 0.0)) for rise in rises), default=_REACH)
         wider[index] = np.clip(_REACH / max(least, 1e-9), 1.0, _WIDEST)
     return np.outer(wider, wider)

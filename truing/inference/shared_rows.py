@@ -55,9 +55,9 @@ class SharedRows:
 
     def at(self, epochs: Integers | slice) -> Array:
         """Rows (b, H, G) of some epochs, with all columns."""
-        own = self.own[epochs]
-        wide = np.zeros((*own.shape[:2], self.size + 1))
-        np.put_along_axis(wide, self.columns[epochs][:, None], own, 2)
+        own_rows = self.own[epochs]
+        wide = np.zeros((*own_rows.shape[:2], self.size + 1))
+        np.put_along_axis(wide, self.columns[epochs][:, None], own_rows, 2)
         return wide[..., : self.size]
 
     def picked(self, values: Array) -> Array:
@@ -104,8 +104,8 @@ class SharedRows:
         sums = np.zeros((len(weights), count, self.size + 1))
         common = weights @ products[..., : self.common].reshape(epochs, count * self.common)
         sums[..., self.columns[0, : self.common]] = common.reshape(len(weights), count, self.common)
-        for number, own in enumerate(few):
-            sums[:, number] += (own @ weights.T).T
+        for number, few_columns in enumerate(few):
+            sums[:, number] += (few_columns @ weights.T).T
         return sums[..., : self.size]
 
     def summed(self, rows: Array, epochs: Integers) -> Array:
@@ -162,25 +162,25 @@ class SharedRows:
         """
         if self._eliminated is None:
             return None
-        kept, squares, beside, left = self._eliminated
+        exact, squares, beside, left = self._eliminated
         solution = values / squares
-        solution[kept] = 0.0
-        solution[kept] = np.linalg.solve(left, values[kept] - beside.T @ solution)
-        return np.asarray(solution - beside @ solution[kept] / squares)
+        solution[exact] = 0.0
+        solution[exact] = np.linalg.solve(left, values[exact] - beside.T @ solution)
+        return np.asarray(solution - beside @ solution[exact] / squares)
 
     @cached_property
     def _eliminated(self) -> tuple[Integers, Array, Array, Array] | None:
         """Columns (k,) that are kept; squares (G,) of the others, priors included; their products (G, k) with those
         kept; and the products (k, k) of those kept without what the others explain. Zero beside the kept themselves."""
         few, wide = self._few_of_own, self._wide
-        kept = self._overlapping
-        if kept is None or len(self.extra):
+        exact = self._overlapping
+        if exact is None or len(self.extra):
             return None
-        wide = np.concatenate([wide, few[kept].toarray().T], 1)
-        kept = np.concatenate([self.columns[0, : self.common], kept])
+        wide = np.concatenate([wide, few[exact].toarray().T], 1)
+        exact = np.concatenate([self.columns[0, : self.common], exact])
         squares, beside = 1.0 + few.power(2).sum(1)[: self.size], (few @ wide)[: self.size]
-        squares[kept], beside[kept] = 1.0, 0.0
-        return kept, squares, beside, np.eye(len(kept)) + wide.T @ wide - beside.T @ (beside / squares[:, None])
+        squares[exact], beside[exact] = 1.0, 0.0
+        return exact, squares, beside, np.eye(len(exact)) + wide.T @ wide - beside.T @ (beside / squares[:, None])
 
     @property
     def _overlapping(self) -> Integers | None:
@@ -188,11 +188,11 @@ class SharedRows:
         acting = self._few_of_own.astype(bool).astype(float)
         shared = (acting @ acting.T).tocoo()
         pairs = np.stack([shared.row, shared.col])[:, shared.row != shared.col]
-        kept: list[int] = []
-        while pairs.size and len(kept) < _MOST_OVERLAPPING:
-            kept.append(int(np.bincount(pairs[0]).argmax()))
-            pairs = pairs[:, (pairs != kept[-1]).all(0)]
-        return None if pairs.size else np.array(kept, int)
+        exact: list[int] = []
+        while pairs.size and len(exact) < _MOST_OVERLAPPING:
+            exact.append(int(np.bincount(pairs[0]).argmax()))
+            pairs = pairs[:, (pairs != exact[-1]).all(0)]
+        return None if pairs.size else np.array(exact, int)
 
     def followed(self, covariance: Array, rows: slice) -> Array:
         """Covariance (B, n, n) of some rows of each epoch, by a covariance (G, G) of the shared unknowns."""
@@ -216,8 +216,8 @@ class SharedRows:
         common, few = self.columns[0, : self.common], self.columns[:, self.common :]
         alike, single = self.own[..., : self.common], self.own[..., self.common :]
         beside = single @ wide[:, common][few] if few.shape[1] else 0.0
-        own = np.sum(single @ wide[few[:, :, None], few[:, None]] * single, -1) if few.shape[1] else 0.0
-        return np.asarray(np.sum((alike @ wide[np.ix_(common, common)] + 2.0 * beside) * alike, -1) + own)
+        single_squares = np.sum(single @ wide[few[:, :, None], few[:, None]] * single, -1) if few.shape[1] else 0.0
+        return np.asarray(np.sum((alike @ wide[np.ix_(common, common)] + 2.0 * beside) * alike, -1) + single_squares)
 
     def mapped(self, matrix: Array, kind: type[np.floating] = np.float64) -> Array:
         """Products (N, P) of all rows with a matrix (G, P), in a given precision; formed for some epochs at a time."""

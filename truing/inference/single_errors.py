@@ -46,11 +46,11 @@ def single_errors(
     widened the prior sigmas of inputs, which their errors are measured by.
     """
     tried = [(candidate, _errors(final, candidate, factor)) for candidate in candidates]
-    seen = [(candidate, own) for candidate, own in tried if np.isfinite(own).any()]
+    seen = [(candidate, residuals) for candidate, residuals in tried if np.isfinite(residuals).any()]
     if not seen:
         return None
     candidates, errors = zip(*seen, strict=True)
-    gains = np.array([log_odds_of_large(own**2, 1) for own in errors])
+    gains = np.array([log_odds_of_large(residuals**2, 1) for residuals in errors])
     best = int(np.argmax(gains))
     odds = log_odds_of_tails(errors[best] ** 2, 1)
     rivals = [*np.delete(gains, best), *_gains_of_observations(final)]
@@ -79,12 +79,12 @@ def _gains_of_observations(final: FittedModel[CauseT]) -> list[float]:
     count = known.sum(1)
     whole = np.where(known, squares, 0.0).sum(1) / np.maximum(count, 1) * max(int(np.median(count)), 1)
     together = log_odds_of_large(np.where(count > 0, whole, np.nan), size * max(int(np.median(count)), 1))
-    return [*(log_odds_of_large(own, size) for own in squares.T), together]
+    return [*(log_odds_of_large(column, size) for column in squares.T), together]
 
 
 def _is_random(final: FittedModel[CauseT], candidate: ScatterCandidate[CauseT]) -> bool:
     """Return True if the errors have no order in time or along an input, and depend on none."""
-    rest, own = final.input_residuals.standardised(candidate.own), candidate.own
-    of_order = p_value_of_order(rest, own, final)
+    residuals, inputs = final.input_residuals.standardised(candidate.own), candidate.own
+    of_order = p_value_of_order(residuals, inputs, final)
     is_ordered = of_order is not None and of_order <= _RANDOM
-    return not is_ordered and p_value_of_dependence(rest, own, final) > _RANDOM
+    return not is_ordered and p_value_of_dependence(residuals, inputs, final) > _RANDOM

@@ -65,7 +65,9 @@ class Verdict(Generic[CauseT]):
     values: Array  # (P,) SI
     covariance: Array  # (P, P)
     candidates: int  # number of candidates tried together
-    own: FittedModel[CauseT] | None = None  # the model with it: after its acceptance, or as a rival in its place
+    with_it: FittedModel[CauseT] | None = (
+        None  # the model that holds it: after its acceptance, or as a rival in its place
+    )
     reason: Reason | None = None
     rival: CauseT | None = None  # the cause from which it is indistinguishable
     course: CourseRival | None = None  # random courses that are as probable as the cause, or act next to it
@@ -158,7 +160,7 @@ def accepted(
         final.floor,  # of this data there is one: that of ``with_cause`` counts what is not found yet as noise
         *final.values(cause),
         current.tried,
-        own=with_cause,
+        with_it=with_cause,
     )
 
 
@@ -189,7 +191,7 @@ def verdict_on_known_cause(
         values,
         covariance,
         candidates,
-        own=plain,
+        with_it=plain,
     )
 
 

@@ -37,13 +37,13 @@ class RunResponses:
     simulated: bool
 
 
-def _collected(found: list[_Response], *, simulated: bool) -> RunResponses:
+def _collected(responses: list[_Response], *, simulated: bool) -> RunResponses:
     return RunResponses(
-        tuple(one[0] for one in found),
-        np.array([one[1] for one in found], np.int64),
-        np.array([one[2] for one in found], float),
-        np.array([one[3] for one in found], float),
-        np.array([one[4] for one in found], np.int64),
+        tuple(response[0] for response in responses),
+        np.array([response[1] for response in responses], np.int64),
+        np.array([response[2] for response in responses], float),
+        np.array([response[3] for response in responses], float),
+        np.array([response[4] for response in responses], np.int64),
         simulated,
     )
 
@@ -137,17 +137,17 @@ def most_similar_channels(
 
     A test is a run and channel with at least one other channel whose response differs clearly.
     """
-    found, count = [], 0
+    similar, count = [], 0
     for channel in view.channels:
         candidates = [k for k in range(6) if k // 3 == channel.place // 3 and k != channel.place]
         for of_run, run in zip(channel.of_runs, channel.runs.tolist(), strict=True):
             rows = channel.rows[of_run]  # all: a run of another channel's readings may stand out as gross
             asked = [_nearness(view, channel, expected, rows, other) for other in candidates]
-            count += any(one is not None for one in asked)
-            for other, one in zip(candidates, asked, strict=True):
-                if one is not None and one[0] < _ITS_OWN:
-                    found.append((run, channel.place, other, one[1]))
-    return found, count
+            count += any(answer is not None for answer in asked)
+            for other, answer in zip(candidates, asked, strict=True):
+                if answer is not None and answer[0] < _ITS_OWN:
+                    similar.append((run, channel.place, other, answer[1]))
+    return similar, count
 
 
 def _nearness(

@@ -7,13 +7,14 @@ from typing import Any
 import numpy as np
 import pandas as pd
 import plotly.graph_objects as go
+from numpy.typing import NDArray
 from plotly.subplots import make_subplots
 
 from truing.report.calibration.calibrations import Key
 from truing.report.figure_style import BAR, BLUE, GREEN, GREY, ORANGE, RED, label, panel_grid, style
 from truing.report.numbers import count_text, plain, with_uncertainty
 from truing.report.parameter_names import kind_of, name_of, print_unit
-from truing.report.tables import Tables, table_or_none
+from truing.report.tables import Row, Tables, table_or_none
 
 _EFFECTS = {
     "platform-deformation-linear": "the linear deformation of the platform",
@@ -69,17 +70,17 @@ def groups(absorbed: pd.DataFrame) -> list[tuple[_Group, pd.DataFrame]]:
 
 def _leading_groups(absorbed: pd.DataFrame) -> list[tuple[_Group, pd.DataFrame]]:
     """Return for every estimator the group with the largest bias."""
-    found: dict[str, tuple[_Group, pd.DataFrame]] = {}
+    largest_groups: dict[str, tuple[_Group, pd.DataFrame]] = {}
     for key, rows in groups(absorbed):
-        found.setdefault(key[2], (key, rows))
-    return list(found.values())
+        largest_groups.setdefault(key[2], (key, rows))
+    return list(largest_groups.values())
 
 
 def _largest(rows: pd.DataFrame) -> float:
     return float(np.nanmax(np.append(_size(rows), 0.0)))
 
 
-def _size(rows: pd.DataFrame) -> Any:
+def _size(rows: pd.DataFrame) -> NDArray:
     """Return the predicted shift of a parameter in tolerances, or in standard deviations where none has a tolerance."""
     scale = rows["tolerance"] if rows["tolerance"].notna().any() else rows["sigma"]
     return np.abs(rows["predicted"] / scale).to_numpy(dtype=float)
@@ -103,7 +104,7 @@ def most_shifted_words(absorbed: pd.DataFrame | None) -> str:
     return f"{_titled(words)} would bias {'; '.join([first, *more])}."
 
 
-def _bias(r: Any) -> str:
+def _bias(r: Row) -> str:
     """``u_x of leg 6 by about -298 mrad (149 times its tolerance; the fit gave -135 ± 35 mrad)``."""
     factor, unit = print_unit(r.parameter, r.unit)
     beside = []
@@ -124,7 +125,7 @@ def agreement(absorbed: pd.DataFrame) -> str:
     return f"{text} Parameters far from the line are biased too much for a linear prediction, or by another cause."
 
 
-def correlation(predicted: Any, observed: Any) -> float | None:
+def correlation(predicted: object, observed: object) -> float | None:
     """Return the correlation of two lists, if they are long enough and both vary."""
     x, y = np.asarray(predicted, float), np.asarray(observed, float)
     known = np.isfinite(x) & np.isfinite(y)
@@ -169,7 +170,7 @@ def _columns(rows: pd.DataFrame) -> list[str]:
     return [f"leg {int(leg)}" if leg == leg else "all legs" for leg in rows["leg"]]
 
 
-def _printed(rows: pd.DataFrame, column: str) -> Any:
+def _printed(rows: pd.DataFrame, column: str) -> pd.Series:
     factors = [print_unit(name, unit)[0] for name, unit in zip(rows["parameter"], rows["unit"], strict=True)]
     return rows[column].to_numpy(dtype=float) * factors
 

@@ -120,11 +120,11 @@ def accuracy_head(campaign: str, frames: Mapping[str, pd.DataFrame]) -> PageHead
 @figure_template()
 def accuracy_sections(frames: Mapping[str, pd.DataFrame]) -> list[ReportSection]:
     """Return the sections on components, legs, and the map."""
-    worst, legs, found = frames["worst"], frames["legs"], frames["map"]
+    worst, legs, maps_frame = frames["worst"], frames["legs"], frames["map"]
     lead = "The largest error takes the worst sign of every actuator's error. It is exact for the linearised machine."
     listings = (_components(worst), _poses(worst, legs))
     shares = ((_shares(legs), "Each bar is the largest error of one component, at its own worst pose."),)
-    maps = tuple((_sections(found, name), text) for name, text in _MAPS.items())
+    maps = tuple((_sections(maps_frame, name), text) for name, text in _MAPS.items())
     return [
         ReportSection("components", "Largest errors", lead, listings=listings),
         ReportSection(

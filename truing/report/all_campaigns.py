@@ -3,8 +3,8 @@
 from __future__ import annotations
 
 from collections import Counter
-from collections.abc import Iterator, Mapping, Sequence
-from typing import Any
+from collections.abc import Iterator, Sequence
+from typing import TYPE_CHECKING
 
 from truing.belonging.relation import RelationState
 from truing.report.heads import Head, schema_head
@@ -13,7 +13,8 @@ from truing.report.page import Listing, PageHead, ReportSection, Verdict
 from truing.report.reference import reference
 from truing.report.rendering.render import render_page
 
-Row = Mapping[str, Any]  # of the table ``campaigns``
+if TYPE_CHECKING:
+    from truing.arrays import TableRow
 
 _NAMED = 5
 _NONE = "no verdict"
@@ -46,7 +47,7 @@ _HEADS = (
 )
 
 
-def campaigns_page(rows: Sequence[Row], links: Sequence[str]) -> str:
+def campaigns_page(rows: Sequence[TableRow], links: Sequence[str]) -> str:
     """Return the page; ``rows``: of the table ``campaigns``, the worst first; ``links``: address of each report."""
     states = Counter(map(_state, rows))
     tiles = (("campaigns", f"{len(rows):,}"), *((state, f"{states[state]:,}") for state in _SAID if states[state]))
@@ -56,11 +57,11 @@ def campaigns_page(rows: Sequence[Row], links: Sequence[str]) -> str:
     return render_page(head, [*sections, *([explained] if explained else [])])
 
 
-def _state(row: Row) -> str:
+def _state(row: TableRow) -> str:
     return row["campaign_state"] or _NONE
 
 
-def _verdicts(rows: Sequence[Row]) -> Iterator[Verdict]:
+def _verdicts(rows: Sequence[TableRow]) -> Iterator[Verdict]:
     """Yield one sentence per state that occurs, with the names of its first campaigns."""
     for state, state_text in _SAID.items():
         names = [row["campaign"] for row in rows if _state(row) == state]
@@ -68,7 +69,7 @@ def _verdicts(rows: Sequence[Row]) -> Iterator[Verdict]:
             yield _MARKS[state], f"{count_text(len(names), 'campaign')} {state_text}: {listed(names, _NAMED)}."
 
 
-def _campaigns(rows: Sequence[Row], links: Sequence[str]) -> ReportSection:
+def _campaigns(rows: Sequence[TableRow], links: Sequence[str]) -> ReportSection:
     listing = Listing(
         _HEADS,
         tuple(map(_cells, rows)),
@@ -80,7 +81,7 @@ def _campaigns(rows: Sequence[Row], links: Sequence[str]) -> ReportSection:
     return ReportSection("campaigns", "Campaigns", lead, listings=(listing,))
 
 
-def _cells(row: Row) -> tuple[str, ...]:
+def _cells(row: TableRow) -> tuple[str, ...]:
     return (
         row["campaign"],
         _state(row),
@@ -93,12 +94,12 @@ def _cells(row: Row) -> tuple[str, ...]:
     )
 
 
-def _problem(row: Row) -> str:
+def _problem(row: TableRow) -> str:
     more = row["problems"] - 1
     return (row["problem"] or "") + (f" (and {count_text(more, 'more problem')})" if more > 0 else "")
 
 
-def _deciding(rows: Sequence[Row]) -> ReportSection:
+def _deciding(rows: Sequence[TableRow]) -> ReportSection:
     """How many campaigns each section of the report decides."""
     decided = Counter((_state(row), row["decided_by"] or "") for row in rows)
     heads = (_VERDICT, _DECIDED_BY, Head("campaigns", "Number of campaigns with this verdict by this section."))

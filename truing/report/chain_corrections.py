@@ -35,8 +35,8 @@ def clear_numbers(tables: Tables) -> pd.DataFrame:
     numbers, causes = (table_or_none(tables, name) for name in ("chain_parameters", "diagnosis"))
     if numbers is None:
         return pd.DataFrame()
-    found = set() if causes is None else set(causes["subject"][_is_found_zero(causes)])
-    is_found = (numbers["parameter"] == "offset") & ("joint " + numbers["joint"]).isin(found)
+    found_joints = set() if causes is None else set(causes["subject"][_is_found_zero(causes)])
+    is_found = (numbers["parameter"] == "offset") & ("joint " + numbers["joint"]).isin(found_joints)
     numbers = numbers.assign(size=(numbers["identified"] / numbers["sigma"]).abs())
     is_clear = numbers["identifiable"] & (numbers["size"] > _CLEAR) & ~is_found
     return numbers[is_clear].sort_values("size", ascending=False)

@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import math
 from collections.abc import Iterator, Sequence
-from typing import Any
 
 import numpy as np
 import pandas as pd
@@ -18,7 +17,7 @@ from truing.report.heads import POSE, Head
 from truing.report.numbers import count_text, listed, plain, quantity, rough, sign, with_uncertainty
 from truing.report.page import Listing, ReportSection
 from truing.report.scene.view import scene_axes
-from truing.report.tables import XYZ, Tables, table_or_none
+from truing.report.tables import XYZ, Row, Tables, table_or_none
 
 FAR = 3.0  # pull from which a number is farther from nominal than its tolerance explains
 _ORIGIN, _AXIS = ["ox_mm", "oy_mm", "oz_mm"], ["ax", "ay", "az"]
@@ -35,8 +34,8 @@ _ARM = (
 )
 _NUMBERS = (
     "offset: zero of the joint. dx, dy, dz, turn_x, turn_y, turn_z: shift and rotation of the joint's frame in the "
-    "link below. Determined: the measurements reduce the standard deviation below 70 % of that known before. Other "
-    "numbers follow from their tolerances, and are no physical properties."
+    "link below. Determined: the measurements reduce the standard deviation below 70 % of that known before. All "
+    "other numbers rest on their tolerances: do not use them as measured dimensions."
 )
 _SURE = 3.5  # standard deviations of a term beyond chance
 _MOTORS = (
@@ -81,7 +80,8 @@ _ISO_DISTANCES = (
 )
 _REPEATS, _OPEN = 30, 12  # repeats of the standard; rows that are not folded
 _REPEAT = (
-    "Send the arm to five poses of its workspace, 30 times each, from three directions for vAP; name them in repeat_of."
+    "Send the arm to five poses of its workspace, 30 times each, and from three directions if vAP is needed. Name the "
+    "repeated poses in repeat_of."
 )
 _MAP = (
     "Each point is the tip in one pose, by the nominal chain. Large errors in one region show an effect that the "
@@ -247,7 +247,7 @@ def _iso_listing(
     return Listing(heads, tuple(rows), caption=caption, folded=len(rows) > _OPEN, held_by="arm_accuracy.parquet")
 
 
-def _figure_cell(row: Any) -> str:
+def _figure_cell(row: Row) -> str:
     text, low = quantity(row.value, row.unit), getattr(row, "low", math.nan)
     return text if low is None or low != low else f"{text} ({quantity(low, row.unit)} … {quantity(row.high, row.unit)})"
 

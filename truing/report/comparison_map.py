@@ -3,31 +3,40 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from typing import Any
+from dataclasses import dataclass
 
 import numpy as np
 import plotly.graph_objects as go
+from numpy.typing import ArrayLike
 
 from truing.report.figure_style import style
 
 _CLIPPED = 6.0
 
 
+@dataclass(frozen=True)
+class ComparedEntries:
+    """Entries of two matrices: difference in sigmas, text of the cell, and words at the pointer, each (R, C)."""
+
+    pull: ArrayLike
+    cells: ArrayLike
+    hover: ArrayLike
+
+
 def comparison_map(
-    pull: Any, cells: Any, hover: Any, rows: Sequence[str], columns: Sequence[str], title: str, subtitle: str
+    entries: ComparedEntries, rows: Sequence[str], columns: Sequence[str], title: str, subtitle: str
 ) -> go.Figure:
-    """Return a map whose colour is the difference in sigmas; ``cells``: text of an entry, ``hover``: words of the
-    pointer."""
+    """Return a map of the entries, whose colour is their difference in sigmas."""
     figure = go.Figure()
     figure.add_trace(
         go.Heatmap(
-            z=np.clip(pull, -_CLIPPED, _CLIPPED),
+            z=np.clip(entries.pull, -_CLIPPED, _CLIPPED),
             x=list(columns),
             y=[f"{row} " for row in rows],
-            text=cells,
+            text=entries.cells,
             texttemplate="%{text}",
             textfont={"size": 12},
-            customdata=hover,
+            customdata=entries.hover,
             hovertemplate="%{y}under %{x}<br>%{customdata}<extra></extra>",
             colorscale="RdBu_r",
             zmin=-_CLIPPED,

@@ -70,11 +70,11 @@ def deformation_verdict(tables: Tables, _: Mapping[str, SectionVerdict]) -> Sect
 def _tests(tables: Tables) -> list[ModelTest]:
     """Return the tests of rigidity, and of each model against simpler ones."""
     facts = tables["deformation_errors"]
-    found = {}
+    p_of_model = {}
     for model, figure in (("linear", "p_value_over_none"), ("matrix", "p_value_over_linear")):
         p = facts.loc[(facts["model"] == model) & (facts["figure"] == figure), "value"].dropna()
-        found[model] = float(p.min()) if len(p) else None
-    reported = [p for p in found.values() if p is not None]
+        p_of_model[model] = float(p.min()) if len(p) else None
+    reported = [p for p in p_of_model.values() if p is not None]
     rigid = by_p(
         "the body is rigid: no target moves with the drives",
         min(1.0, len(reported) * min(reported)) if reported else None,
@@ -89,7 +89,7 @@ def _tests(tables: Tables) -> list[ModelTest]:
     }
     meanings = ("The model explains no more than chance.", "The model explains significantly more than chance.")
     why = "This campaign does not allow the model: too few poses, or no attachment for each actuator."
-    models = [by_p(words, found[model], _UNLIKELY, meanings, why, REJECTED) for model, words in asked.items()]
+    models = [by_p(words, p_of_model[model], _UNLIKELY, meanings, why, REJECTED) for model, words in asked.items()]
     return [rigid, *models, *in_plane_test(_facts(tables)), *simulated_test(_facts(tables))]
 
 

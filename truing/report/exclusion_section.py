@@ -3,14 +3,13 @@
 from __future__ import annotations
 
 import math
-from typing import Any
 
 import pandas as pd
 
 from truing.report.heads import BODY, CHANNEL, POSE, RUN, TARGET, Head
 from truing.report.numbers import count_text, p_value, plain, quantity
 from truing.report.page import Listing, ReportSection
-from truing.report.tables import SHIFT, Tables, cell, each_row, table_or_none
+from truing.report.tables import SHIFT, Row, Tables, cell, each_row, table_or_none
 
 # Longer listings are folded.
 _OPEN = 40
@@ -37,12 +36,11 @@ def _opening_sentences(tables: Tables) -> str:
             words.append(f"{count_text(number, noun)} of {len(table):,} ({by_person:,} by a person)")
     names = ("diagnosis_left_out", "calibration_left_out")
     further = sum(len(table) for name in names if (table := table_or_none(tables, name)) is not None)
-    kept = table_or_none(tables, "calibration_kept")
-    used = (
-        ""
-        if kept is None
-        else f" Used although far off: {count_text(len(kept), 'signal')}, an effect of loads or runs."
-    )
+    kept_signals = table_or_none(tables, "calibration_kept")
+    used = ""
+    if kept_signals is not None:
+        signals = count_text(len(kept_signals), "signal")
+        used = f" Used despite large deviations: {signals} with an effect of loads or runs."
     if not words:
         left_out = f"Left out by diagnosis and calibration: {count_text(further, 'gross error')}." if further else ""
         return f"{left_out}{used}".strip() or "All of it:"
@@ -258,11 +256,11 @@ def _kept(tables: Tables) -> Listing:
         Head("effect", "Terms that predict it, or the input that signals with alike deviations share."),
         Head("p", "Probability of such terms, or of such a pattern of independent slips, by chance."),
     )
-    caption = f"{count_text(len(rows), 'signal')} used although far off: an effect of loads or runs, no single mistake"
+    caption = f"{count_text(len(rows), 'signal')} used despite large deviations, which are an effect of loads or runs"
     return Listing(heads, rows, (), caption, len(rows) > _OPEN, "calibration_kept.parquet")
 
 
-def _row_subject(r: Any) -> str:
+def _row_subject(r: Row) -> str:
     """Return the pose, or the run and step."""
     return f"pose {r.pose}" if hasattr(r, "pose") else f"run {r.run}, step {r.step}"
 

@@ -66,7 +66,7 @@ def label(name: object) -> str:
     return html.escape(str(name), quote=False)
 
 
-def pose_axis(poses: ArrayLike) -> tuple[NDArray[Any], dict[str, Any]]:
+def pose_axis(poses: ArrayLike) -> tuple[NDArray, dict[str, object]]:
     """Return places of poses along an axis, and the axis: numbered poses at their number, named ones in sequence."""
     identifiers = np.asarray(poses)
     if np.issubdtype(identifiers.dtype, np.number):
@@ -87,7 +87,7 @@ def _short(name: str) -> str:
     return name if len(name) <= 20 else f"{name[:9]}…{name[-9:]}"
 
 
-def size_axis(values: ArrayLike) -> dict[str, Any]:
+def size_axis(values: ArrayLike) -> dict[str, object]:
     """Return an axis for sizes: from zero, or logarithmic if a few are much larger than the rest."""
     sizes = np.asarray(values, dtype=float)
     sizes = sizes[np.isfinite(sizes) & (sizes > 0.0)]

@@ -175,15 +175,20 @@ def _change(tables: Tables) -> ErrorChange | None:
     errors = errors_of_models(rows, modelled_of(rows), tables) if rows else []
     if not errors:
         return None
-    one, parts = errors[0], part_names(tables)
+    error_of_role, parts = errors[0], part_names(tables)
     # Rows left out in turn have no rows of their own: their number is that of the fitted ones.
-    *sigma, note = _sigmas(one, parts, tables, one.freedom or max(error.freedom for error in errors))
-    before, after = (_size(size, s, one.unit) for size, s in zip((one.before, one.after), sigma, strict=True))
-    quantity = f"rms of measured minus predicted, {parts.held_out if one.held_out else parts.fitted}"
-    floor = "" if one.floor is None else _size(one.floor, None, one.unit)
+    *sigma, note = _sigmas(
+        error_of_role, parts, tables, error_of_role.freedom or max(error.freedom for error in errors)
+    )
+    before, after = (
+        _size(size, s, error_of_role.unit)
+        for size, s in zip((error_of_role.before, error_of_role.after), sigma, strict=True)
+    )
+    quantity = f"rms of measured minus predicted, {parts.held_out if error_of_role.held_out else parts.fitted}"
+    floor = "" if error_of_role.floor is None else _size(error_of_role.floor, None, error_of_role.unit)
     nominal = None if modelled_of(rows) else nominal_errors(tables)
-    if nominal is not None and nominal.unit == one.unit and nominal.nominal > _CORRECTED * nominal.identified:
-        return ErrorChange(quantity, _size(nominal.nominal, None, one.unit), after, floor, note, _GEOMETRY)
+    if nominal is not None and nominal.unit == error_of_role.unit and nominal.nominal > _CORRECTED * nominal.identified:
+        return ErrorChange(quantity, _size(nominal.nominal, None, error_of_role.unit), after, floor, note, _GEOMETRY)
     return ErrorChange(quantity, before if modelled_of(rows) else "", after, floor, note)
 
 

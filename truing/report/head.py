@@ -45,7 +45,7 @@ def _lines(rows: dict[str, SectionVerdict], tables: Tables) -> list[Verdict]:
     if not rows:
         return []
     lead = rows[CAMPAIGN]
-    others = [one for name, one in rows.items() if name != CAMPAIGN and one.explanation != lead.explanation]
+    others = [verdict for name, verdict in rows.items() if name != CAMPAIGN and verdict.explanation != lead.explanation]
     corrected = corrections(tables, rows.get("adequacy"))
     leading = [(lead.mark, lead.explanation)]
     # A machine that agrees only after its geometry was corrected is not introduced as right.
@@ -53,7 +53,7 @@ def _lines(rows: dict[str, SectionVerdict], tables: Tables) -> list[Verdict]:
     details = diagnosis_details(tables)
     if lead.explanation == _explanation(rows, "diagnosis"):
         lines += details
-    for other in sorted(others, key=lambda one: _URGENCY[one.state]):
+    for other in sorted(others, key=lambda verdict: _URGENCY[verdict.state]):
         if _has_line(other):
             lines.append((other.mark, other.explanation))
         if other.section == "diagnosis":

@@ -59,8 +59,8 @@ def in_plane_test(facts: Facts) -> list[ModelTest]:
     p = facts.get((_MODEL, "p_value_over_none"))
     if p is None or p != p:
         return []
-    found = quantity(facts.get((_MODEL, "rms_detectable")), "um")
-    power = f" A shift of {found} rms would be found with a probability of 95 %." if found != "–" else ""
+    detectable = quantity(facts.get((_MODEL, "rms_detectable")), "um")
+    power = f" A shift of {detectable} rms would be found with a probability of 95 %." if detectable != "–" else ""
     meanings = (f"No shift in the plane exceeds chance.{power}", "Attachments shift in the plane with the actuators.")
     asked = "attachments shift only along z, not in the platform's plane"
     return [by_p(asked, p, _UNLIKELY, meanings, "", REJECTED)]

@@ -2,8 +2,6 @@
 
 from __future__ import annotations
 
-from typing import Any
-
 import numpy as np
 import pandas as pd
 import plotly.graph_objects as go
@@ -17,7 +15,7 @@ from truing.report.numbers import plain, with_uncertainty
 from truing.report.page import Drawn, Listing, ReportSection
 from truing.report.parameter_names import kind_of, name_of, print_unit, symbols
 from truing.report.reasons import why_not_known
-from truing.report.tables import Tables, table_or_none
+from truing.report.tables import Row, Tables, table_or_none
 
 _TITLE = "Identifiability"
 _INDICES = {
@@ -235,7 +233,7 @@ def _absorbed(absorbed: pd.DataFrame) -> Listing:
     return Listing(heads, rows, caption=caption, folded=True, held_by="absorption.parquet")
 
 
-def _absorbed_row(r: Any) -> tuple[str, ...]:
+def _absorbed_row(r: Row) -> tuple[str, ...]:
     factor, unit = print_unit(r.parameter, r.unit)
     observed = with_uncertainty(factor * r.observed, factor * r.sigma)
     name = name_of(r.parameter, r.leg)

@@ -2,8 +2,6 @@
 
 from __future__ import annotations
 
-from typing import Any
-
 import numpy as np
 import pandas as pd
 
@@ -13,7 +11,7 @@ from truing.report.heads import BODY, FROM, TARGET, TO, Head
 from truing.report.measured_loads import duration_words, measured_loads
 from truing.report.numbers import count_text, duration, plain, quantity
 from truing.report.page import Listing, ReportSection
-from truing.report.tables import SIGMA, XYZ, Tables, cell, load_steps, table_or_none
+from truing.report.tables import SIGMA, XYZ, Row, Tables, cell, load_steps, table_or_none
 
 
 def measured(tables: Tables) -> ReportSection | None:
@@ -122,7 +120,7 @@ def _targets(points: pd.DataFrame, survey: pd.DataFrame | None, residuals: pd.Da
     return Listing(heads, rows, caption=f"All {count_text(len(rows), 'target')}", folded=True, held_by="survey.parquet")
 
 
-def _target_row(r: Any) -> tuple[str, ...]:
+def _target_row(r: Row) -> tuple[str, ...]:
     position = [getattr(r, c, None) for c in XYZ]
     known = all(p is not None and p == p for p in position)
     leg = getattr(r, "leg", None)

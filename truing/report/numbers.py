@@ -165,7 +165,10 @@ def approximate_duration(seconds: float) -> str:
 
 def _span(seconds: float) -> tuple[float, str]:
     known = (("days", 172800.0, 86400.0), ("h", 5400.0, 3600.0), ("min", 120.0, 60.0))
-    return next(((seconds / each, unit) for unit, least, each in known if seconds >= least), (seconds, "s"))
+    return next(
+        ((seconds / seconds_per_unit, unit) for unit, least, seconds_per_unit in known if seconds >= least),
+        (seconds, "s"),
+    )
 
 
 def listed(names: Sequence[str], most: int = 8) -> str:
@@ -182,8 +185,8 @@ def joined_names(names: Sequence[str]) -> str:
 def reasons(noun: str, *left_out: Mapping[tuple[str, str], int]) -> list[str]:
     """Return the number of exclusions by reason, the most frequent first; given by (file, reason)."""
     total: Counter[str] = Counter()
-    for one in left_out:
-        for (_, reason), number in one.items():
+    for counts in left_out:
+        for (_, reason), number in counts.items():
             total[reason] += number
     return [f"{count_text(number, noun)}: {reason}" for reason, number in total.most_common()]
 

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 from collections.abc import Mapping
-from typing import Any
 
 import numpy as np
 import pandas as pd
@@ -27,7 +26,7 @@ from truing.report.heads import BODY, POSE, Head, schema_head
 from truing.report.numbers import count_text, quantity, with_uncertainty
 from truing.report.page import Listing, ReportSection
 from truing.report.section_verdict import SectionVerdict
-from truing.report.tables import SIGMA, Tables, table_or_none
+from truing.report.tables import SIGMA, Row, Tables, table_or_none
 from truing.report.wordings.claim import listed
 from truing.schemas.verdict import ReasonCode
 
@@ -100,7 +99,7 @@ def _of_fitted(chosen: pd.DataFrame) -> str:
     lost = len(chosen) - len(fitted)
     if not lost and (fitted["method"] == "measured").all():
         return f"{lead}, taken as given: nothing was fitted."
-    return f"{lead}; {lost:,} could not be determined." if lost else f"{lead}; every one could be determined."
+    return f"{lead}; {lost:,} could not be determined." if lost else f"{lead}; all of them were determined."
 
 
 def _figures(tables: Tables, fitted: pd.DataFrame) -> tuple[tuple[go.Figure, str], ...]:
@@ -119,7 +118,7 @@ def _figures(tables: Tables, fitted: pd.DataFrame) -> tuple[tuple[go.Figure, str
     )
 
 
-def _expected(tables: Tables, fitted: pd.DataFrame) -> Any:
+def _expected(tables: Tables, fitted: pd.DataFrame) -> object:
     """Return per pose, in um, the rms expected from the declared noise of points and survey after six unknowns."""
     points = table_or_none(tables, "observations")
     if points is None:
@@ -171,7 +170,7 @@ def _all_poses(chosen: pd.DataFrame) -> Listing:
     return Listing(heads, rows, caption=caption, folded=True, held_by="poses.parquet")
 
 
-def _pose_row(r: Any) -> tuple[str, ...]:
+def _pose_row(r: Row) -> tuple[str, ...]:
     return (
         str(r.pose),
         r.body,
@@ -185,7 +184,7 @@ def _pose_row(r: Any) -> tuple[str, ...]:
     )
 
 
-def _three(r: Any, names: str, first: int, factor: float) -> str:
+def _three(r: Row, names: str, first: int, factor: float) -> str:
     cells = []
     for k, name in enumerate(names.split()):
         variance = getattr(r, f"cov_{first + k}_{first + k}")
@@ -241,7 +240,7 @@ def _pose_residuals(poses: pd.DataFrame) -> go.Figure:
     style(
         grid,
         "Residuals of the rigid fits, rms over the targets of each pose",
-        "Dotted: average by the declared noise alone. Poses far above it do not fit.",
+        "Dotted: expected average if only the declared noise acts. Poses far above the line do not fit.",
         150 + 120 * rows_of_panels + (110 if "ticktext" in axis else 0),
     )
     grid.update_xaxes(**{key: value for key, value in axis.items() if key != "title"})

@@ -120,8 +120,8 @@ def _with_bounds(row: dict[str, object], level: str) -> str:
     if len(numbers) < 3:
         return _NOT_DRAWN
     factor, unit = handy_unit(str(row["parameter"]), str(row["unit"]), numbers[0])
-    found, low, high = (rough(factor * number) for number in numbers)
-    return f"{found} ({low} to {high}) {printed(unit)}".strip()
+    estimate, low, high = (rough(factor * number) for number in numbers)
+    return f"{estimate} ({low} to {high}) {printed(unit)}".strip()
 
 
 def _of_cause(cause: str, rates: pd.DataFrame) -> ReportSection:

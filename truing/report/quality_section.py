@@ -158,8 +158,8 @@ def quality_verdict(tables: Tables, before: Mapping[str, SectionVerdict]) -> Sec
     if (qa["verdict"] == "not evaluated").all():
         text = f"None of the {len(qa)} quality checks could be evaluated.{also}"
         return SectionVerdict("quality", RelationState.NOT_TESTED, ReasonCode.NOT_EVALUATED, text)
-    each = "The one quality check neither" if len(qa) == 1 else f"None of the {len(qa)} quality checks"
-    text = f"{each} failed {'nor' if len(qa) == 1 else 'or'} gave a warning.{also}"
+    none_of_them = "The one quality check neither" if len(qa) == 1 else f"None of the {len(qa)} quality checks"
+    text = f"{none_of_them} failed {'nor' if len(qa) == 1 else 'or'} gave a warning.{also}"
     return SectionVerdict("quality", RelationState.OK, ReasonCode.CHECKS_HOLD, text)
 
 
@@ -176,7 +176,7 @@ def accepted_verdicts(qa: pd.DataFrame) -> pd.Series:
     return qa["accepted"].notna() if "accepted" in qa else qa["verdict"].isna()
 
 
-def _checks(qa: Any, caption: str, more: tuple[str, ...] = (), folded: bool = False) -> Listing:
+def _checks(qa: pd.DataFrame, caption: str, more: tuple[str, ...] = (), folded: bool = False) -> Listing:
     rows = tuple(
         (
             r.verdict,

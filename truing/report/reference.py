@@ -33,9 +33,9 @@ def reference(
     """
     every = [(section.title, listing) for section in all_of(sections) for listing in section.listings]
     titled = [(title, head) for title, listing in every for head in listing.heads]
-    own = [(_TITLE, head) for listing in known if listing.rows for head in listing.heads]
-    own += [(_TITLE, head) for heads in (_COLUMN_HEADS, _TERM_HEADS) for head in heads]
-    columns = _columns([*titled, *own])
+    fixed_heads = [(_TITLE, head) for listing in known if listing.rows for head in listing.heads]
+    fixed_heads += [(_TITLE, head) for heads in (_COLUMN_HEADS, _TERM_HEADS) for head in heads]
+    columns = _columns([*titled, *fixed_heads])
     drawn = (caption for section in all_of(sections) for _, caption in section.figures)
     captions = [*above, *drawn, *(listing.caption for _, listing in every), *(row[1] for row in columns.rows)]
     terms = {term.term: (term.meaning, term.symbol, term.unit) for term in glossary()}

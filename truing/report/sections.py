@@ -176,7 +176,7 @@ def _marked(section: ReportSection, rows: Mapping[str, SectionVerdict]) -> Repor
     parts = tuple(_marked(part, rows) for part in section.parts)
     if not section_rows:
         return replace(section, parts=parts)
-    worst = min(section_rows, key=lambda one: _GRAVITY.index(one.state.value))
+    worst = min(section_rows, key=lambda verdict: _GRAVITY.index(verdict.state.value))
     return replace(section, parts=parts, state="not tested" if worst.mark == "none" else worst.mark)
 
 
@@ -186,8 +186,8 @@ _GRAVITY = ("fails", "attention", "ok", "not tested")
 def _drawn(section: PageSection, tables: Tables) -> ReportSection | None:
     for module in section.modules:
         draw: Callable[[Tables], ReportSection | None] = getattr(importlib.import_module(module), section.name)
-        if (found := draw(tables)) is not None:
-            return found
+        if (figure := draw(tables)) is not None:
+            return figure
     return None
 
 
@@ -243,7 +243,7 @@ def _provenance(provenance: Mapping[str, Mapping[str, str]], about: CampaignFact
         for name, facts in provenance.items()
         if facts  # those that this stage makes carry none yet
     )
-    lead = "The digest of an artifact covers its inputs, its settings and the source that made it."
+    lead = "The digest of an artifact covers its inputs, its settings and the source code that made it."
     listings = (
         Listing(
             (Head("key of campaign.toml", "Key by its section."), Head("value", "Declared value.")),
@@ -263,8 +263,14 @@ def _provenance(provenance: Mapping[str, Mapping[str, str]], about: CampaignFact
         Listing(
             _FILE_HEADS,
             tuple(
-                (one.name, f"{one.size:,}", one.changed, "" if one.lines is None else f"{one.lines:,}", one.digest)
-                for one in about.files
+                (
+                    file.name,
+                    f"{file.size:,}",
+                    file.changed,
+                    "" if file.lines is None else f"{file.lines:,}",
+                    file.digest,
+                )
+                for file in about.files
             ),
             caption=f"Raw files ({len(about.files):,})",
             folded=len(about.files) > _OPEN,

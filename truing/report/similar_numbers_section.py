@@ -59,13 +59,13 @@ def _predictions(tables: Tables) -> Iterator[_Row]:
     """Yield the errors of the predictions without and with the causes that were found."""
     rows, parts = assessed_causes(tables), part_names(tables)
     modelled = modelled_of(rows)
-    for one in errors_of_models(rows, modelled, tables) if rows else ():
+    for errors in errors_of_models(rows, modelled, tables) if rows else ():
         quantity = "measured minus predicted, rms"
         has_targets = not is_bench(tables) and "axis_errors" not in tables
         quantity = f"coordinates of targets, {quantity}" if has_targets else quantity
-        over = parts.held_out if one.held_out else parts.fitted
-        for words, size in (("without causes", one.before), ("with causes", one.after))[0 if modelled else 1 :]:
-            yield ("Before and after", f"{quantity}, {words}", over, f"{plain(size)} {sign(one.unit)}")
+        over = parts.held_out if errors.held_out else parts.fitted
+        for words, size in (("without causes", errors.before), ("with causes", errors.after))[0 if modelled else 1 :]:
+            yield ("Before and after", f"{quantity}, {words}", over, f"{plain(size)} {sign(errors.unit)}")
 
 
 def _deformation(tables: Tables) -> Iterator[_Row]:
@@ -105,7 +105,7 @@ def _entries(tables: Tables) -> Iterator[tuple[str, ...]]:
         return
     names = shifts["leg"].astype(int).map("K{}".format) + shifts["column"].astype(int).astype(str)
     shifts, fitted = shifts[(shifts["model"] == "matrix")].assign(entry=names), rows_of(fitted, key)
-    for size in sorted(named, key=lambda one: -abs(one.number or 0.0))[:_SHOWN]:
+    for size in sorted(named, key=lambda parameter_size: -abs(parameter_size.number or 0.0))[:_SHOWN]:
         others = (
             _first(shifts[shifts["entry"] == size.name], "coefficient"),
             _first(fitted[fitted["parameter"] == size.name], "identified"),

@@ -8,7 +8,7 @@ import numpy as np
 import pandas as pd
 import plotly.graph_objects as go
 
-from truing.report.comparison_map import comparison_map
+from truing.report.comparison_map import ComparedEntries, comparison_map
 from truing.report.heads import Head
 from truing.report.model_tests import CONTRADICTED, ModelTest, by_p
 from truing.report.numbers import p_equals, with_uncertainty
@@ -92,7 +92,7 @@ def _map(entries: pd.DataFrame) -> go.Figure:
     hover = [[f"{pull:+.1f} sigma" for pull in row] for row in shown.to_numpy()]
     rows, columns = [f"attachment {r}" for r in shown.index], [f"actuator {c}" for c in shown.columns]
     title, subtitle = "K, measured (above) and simulated (below)", "µm per mm of each actuator"
-    return comparison_map(shown, text, hover, rows, columns, title, subtitle)
+    return comparison_map(ComparedEntries(shown, text, hover), rows, columns, title, subtitle)
 
 
 def _both(measured: float, simulated: float) -> str:

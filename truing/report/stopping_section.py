@@ -16,7 +16,7 @@ from truing.schemas.needs import Need
 from truing.schemas.verdict import GATES, ReasonCode
 
 _TITLE = "Can I stop measuring?"
-_NOT_DECIDED = "Whether the machine is accurate enough is not decided."
+_NOT_DECIDED = "It is not decided whether the machine is accurate enough."
 _TO_MEASURE = (("next", "What to measure next"),)
 _OPEN = {Need.REQUIREMENT: "Undecided", Need.RIVAL: "Open question"}
 _MODEL = ("adequacy", "pulls", "calibration")
@@ -55,5 +55,5 @@ def _remaining(steps: list[NextStep]) -> Iterator[str]:
 def _open_points(verdicts: dict[str, SectionVerdict], steps: list[NextStep]) -> tuple[tuple[str, str], ...]:
     """Return the open points of a campaign: failed data, a model that does not fit, undecided requirements, rivals."""
     failed = [verdicts[name] for name in (*GATES, *_MODEL) if name in verdicts]
-    points = [(one.mark, one.explanation) for one in failed if one.state == RelationState.FAILS]
+    points = [(verdict.mark, verdict.explanation) for verdict in failed if verdict.state == RelationState.FAILS]
     return (*points, *(("next", f"{_OPEN[step.need]}: {step.purpose}.") for step in steps if step.need in _OPEN))

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Iterable, Iterator, Mapping
-from typing import Any
+from typing import Any, Protocol
 
 import numpy as np
 import pandas as pd
@@ -25,13 +25,20 @@ _ON_LOADS_AND_MACHINES = ("displacement", "deformation", "tolerances", "neglecte
 _ARCSECOND = 4.84813681109536e-06  # rad
 
 
+class Row(Protocol):
+    """Row of a table as `itertuples` yields it: one attribute per column; `truing.schemas.columns` declares types."""
+
+    def __getattr__(self, column: str) -> Any:
+        """Value of a column."""
+
+
 def table_or_none(tables: Tables, name: str) -> pd.DataFrame | None:
     """Return a table, or None where the run has none or an empty one."""
     table = tables.get(name)
     return table if table is not None and len(table) else None
 
 
-def each_row(tables: Tables, name: str) -> Iterator[Any]:
+def each_row(tables: Tables, name: str) -> Iterator[Row]:
     """Return the rows of a table as named tuples; nothing where the run has none."""
     return iter(()) if (table := table_or_none(tables, name)) is None else table.itertuples()
 

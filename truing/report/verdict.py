@@ -47,14 +47,14 @@ _TO_ACT_ON = (ReasonCode.NO_MECHANISM, ReasonCode.MODEL_DOES_NOT_FIT)
 
 def section_verdicts(tables: Tables) -> dict[str, SectionVerdict]:
     """Return the verdicts on all sections with tables, in the order of ``SECTIONS``."""
-    found: dict[str, SectionVerdict] = {}
+    verdicts: dict[str, SectionVerdict] = {}
     absent = untested_sections(tables)
     for path in _ASSESSED_BY:
         module, _, function = path.partition(":")
         assess: _Assess = getattr(importlib.import_module(module), function)
-        if (verdict := assess(tables, found)) is not None and verdict.section not in absent:
-            found[verdict.section] = verdict
-    return {name: found[name] for name in SECTIONS if name in found}
+        if (verdict := assess(tables, verdicts)) is not None and verdict.section not in absent:
+            verdicts[verdict.section] = verdict
+    return {name: verdicts[name] for name in SECTIONS if name in verdicts}
 
 
 def leading(verdicts: Mapping[str, SectionVerdict]) -> SectionVerdict | None:

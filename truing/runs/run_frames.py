@@ -6,7 +6,7 @@ import json
 from collections.abc import Mapping
 from dataclasses import dataclass
 from functools import cached_property
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING
 
 import numpy as np
 
@@ -138,7 +138,7 @@ def causes_of(table: pd.DataFrame) -> pd.DataFrame:
     rows: list[TableRow] = []
     for row in table[table["verdict"].isin(_TOLD)].to_dict("records"):
         columns = {name: row[name] for name in CAUSES[:5]} | {"subject": row["subject"] or ""}
-        parameters: Mapping[str, Any] = json.loads(row["parameters"] or "{}")
+        parameters: TableRow = json.loads(row["parameters"] or "{}")
         rows += [columns | {"parameter": name, **number} for name, number in parameters.items()] or [columns]
     return pd.DataFrame(rows, columns=list(CAUSES))
 

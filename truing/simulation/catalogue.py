@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Mapping
-from typing import Any
 
 from truing.schemas.installed import with_installed
 from truing.simulation.axis.causes import AxisCause, AxisGrowth, LostMotion, ScaleError, ZeroShift
@@ -243,7 +242,7 @@ def catalogue_of_photographed_points() -> dict[str, PointCause]:
     return {cause.id: cause for cause in OWN_CAUSES_OF_PHOTOGRAPHED_POINTS}
 
 
-OF_TYPES: dict[str, Callable[[], Mapping[str, Cause[Any]]]] = {"axis": catalogue_of_axes, "chain": catalogue_of_chains}
+OF_TYPES: dict[str, Callable[[], Mapping[str, Cause]]] = {"axis": catalogue_of_axes, "chain": catalogue_of_chains}
 """Catalogues by type of mechanism, for types other than legs and sensors on a bench."""
 
 
@@ -251,7 +250,7 @@ def _with_installed(built_in: tuple[CauseT, ...], sort: type[CauseT]) -> dict[st
     """Return truing's own and the installed causes of a sort; raises ValueError if an installed cause is of no known
     sort."""
 
-    def joins(cause: Cause[Any]) -> bool:
+    def joins(cause: Cause) -> bool:
         if not isinstance(cause, PointCause | ReadingCause | RayCause | AxisCause | ChainCause):
             sorts = "PointCause, ReadingCause, RayCause, AxisCause or ChainCause"
             raise ValueError(f"cause {cause.id}: found a class of no sort, expected a {sorts}")

@@ -215,7 +215,7 @@ class Cause(Generic[SceneT_contra]):
         """True if a model that holds this cause cannot also hold the other: both are forms of one family."""
         return self.family == other.family
 
-    def settings(self) -> dict[str, Any]:
+    def settings(self) -> dict[str, object]:
         """Return the fields of the cause by name, as model.toml keeps them."""
         return {f.name: getattr(self, f.name) for f in fields(self)}
 
@@ -239,7 +239,7 @@ class Cause(Generic[SceneT_contra]):
         """
         return self.lacking
 
-    def shared_with(self, scene: SceneT_contra) -> Mapping[str, Any]:
+    def shared_with(self, scene: SceneT_contra) -> Mapping[str, object]:
         """Return the other subjects (``alike``) to which the effect may belong, because the same effect there changes
         all predictions equally, and why; empty for most causes."""
         return {}

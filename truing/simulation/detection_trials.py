@@ -308,7 +308,7 @@ def trials(
     return sorted(listed, key=lambda trial: trial.seed[3] // per_round.get(trial.question, 1))
 
 
-def trial_answer(trial: Trial, rows: Iterable[Mapping[str, Any]]) -> Answer:
+def trial_answer(trial: Trial, rows: Iterable[Mapping[str, object]]) -> Answer:
     """Compare rows of diagnosis.parquet with the hidden effect; indistinguishable candidates count as named too.
 
     An effect of which only the name is open, among alternatives, is found.

@@ -16,7 +16,7 @@ from typing import Any, Generic, Protocol, TypeVar
 import numpy as np
 from numpy.typing import NDArray
 
-from truing.schemas.settings_text import parsed_toml
+from truing.schemas.settings_text import Document, parsed_toml
 from truing.simulation.cause import CauseT, Effect
 from truing.simulation.effects_model import consecutive_slices
 
@@ -77,7 +77,7 @@ class IdentifiedInSI(Generic[CauseT]):
 
 def model_text(
     model: IdentifiedModel[CauseT],
-    numbers: Mapping[str, Any],
+    numbers: Mapping[str, object],
     tables: Sequence[str],
     after: Sequence[str],
     *,
@@ -97,7 +97,7 @@ def model_text(
     return "\n".join([*lines, *after, *_covariance_lines(every, model.covariance, units)]) + "\n"
 
 
-def read_document(text: str, made: Callable[[dict[str, Any]], Read]) -> Read:
+def read_document(text: str, made: Callable[[dict[str, object]], Read]) -> Read:
     """Parse the text of a model and return ``made(document)``; raises ValueError if the text is no model."""
     try:
         document = parsed_toml(text)
@@ -108,19 +108,19 @@ def read_document(text: str, made: Callable[[dict[str, Any]], Read]) -> Read:
         raise ValueError(f"model: found no usable {error}, expected what `truing run` writes as model.toml") from error
 
 
-def describes(document: dict[str, Any], mechanism: str) -> bool:
+def describes(document: dict[str, object], mechanism: str) -> bool:
     """True if a parsed model.toml describes this kind of mechanism."""
     about = document.get("model", {})
     return isinstance(about, dict) and about.get("mechanism") == mechanism
 
 
-def effects_of(document: dict[str, Any], known: Mapping[str, CauseT]) -> tuple[Effect[CauseT], ...]:
+def effects_of(document: Document, known: Mapping[str, CauseT]) -> tuple[Effect[CauseT], ...]:
     """Return the effects of a parsed model; raises ValueError if no installed package defines a cause."""
     reported = document.get("effects", [])
     return tuple(Effect(_cause_of(effect, known), np.array(effect["values"], float)) for effect in reported)
 
 
-def context_of(document: dict[str, Any], numbers: Collection[str]) -> dict[str, str]:
+def context_of(document: Document, numbers: Collection[str]) -> dict[str, str]:
     """Return the origin of a model: its head without ``numbers``."""
     return {key: str(value) for key, value in document["model"].items() if key not in numbers}
 
@@ -142,7 +142,7 @@ def _effect_lines(effect: Effect[CauseT], covariance: NDArray, legs: int) -> lis
     return lines
 
 
-def _cause_of(effect: dict[str, Any], known: Mapping[str, CauseT]) -> CauseT:
+def _cause_of(effect: Document, known: Mapping[str, CauseT]) -> CauseT:
     """Return the cause with its settings; raises ValueError if no installed package defines it."""
     if effect["cause"] not in known:
         raise ValueError(f"model: found cause {effect['cause']!r}, expected one of {', '.join(known)}")
@@ -156,7 +156,7 @@ def _covariance_lines(names: Sequence[str], covariance: NDArray, units: str) -> 
     return ["", head, f"names = {toml_value(list(names))}", "rows = [", *rows, "]"]
 
 
-def covariance_from(document: dict[str, Any], size: int) -> NDArray:
+def covariance_from(document: Document, size: int) -> NDArray:
     """Return the covariance (size, size) of a parsed model; raises ValueError if it has another size."""
     table = document["covariance"]
     lower = np.zeros((size, size))
@@ -190,5 +190,5 @@ def toml_value(value: Any) -> str:
     return repr(int(value)) if isinstance(value, int | np.integer) else repr(float(value))
 
 
-def _frozen(value: object) -> Any:
+def _frozen(value: object) -> object:
     return tuple(_frozen(item) for item in value) if isinstance(value, list) else value

@@ -75,7 +75,7 @@ class ReportedNumbers:
     nominal: NDArray
 
     @property
-    def columns(self) -> dict[str, list[Any]]:
+    def columns(self) -> dict[str, list[object]]:
         """Names of the rows, column by column."""
         return {name: [getattr(row, name) for row in self.rows] for name in ("leg", "unit", "effect_of")} | {
             "parameter": [row.name for row in self.rows]
@@ -111,7 +111,7 @@ def figures(
     now: NDArray,
     covariance: NDArray,
     level: float = LEVEL,
-) -> dict[str, Any]:
+) -> dict[str, object]:
     """Return the columns of the table: each row then and now, the difference over its sigma, and the changed rows.
 
     ``now`` (n,) has the covariance (n, n).
@@ -131,14 +131,14 @@ def figures(
     }
 
 
-def _changed(reported: ReportedNumbers, comparison: NumberComparison, level: float) -> dict[str, list[Any]]:
+def _changed(reported: ReportedNumbers, comparison: NumberComparison, level: float) -> dict[str, list[object]]:
     """Return the columns that mark changed rows, the sizes of the changes, and rows that may have changed instead."""
     # A direction is reported by components, each of which depends mainly on one of its two tilts.
     row_of = {int(np.abs(reported.by_numbers[row]).argmax()): row for row in range(len(reported.rows))}
     changed, count = comparison.changed(level), len(reported.rows)
     if changed is None:
         return {"changed": [True] * count}
-    columns: dict[str, list[Any]] = {"changed": [False] * count}
+    columns: dict[str, list[object]] = {"changed": [False] * count}
     columns |= {name: [None] * count for name in ("change", "sigma_change", "instead")}
     sizes, sigmas = comparison.sizes(changed)
     for (index, rivals), size, sigma in zip(alternatives(comparison, changed), sizes, sigmas, strict=True):

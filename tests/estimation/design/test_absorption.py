@@ -102,7 +102,7 @@ def test_the_deformation_is_the_signature_of_the_residual(leg):
     assert_close(model.residual(nominal), signature, atol=np.max(model.shift**2) / (2 * 500.0))
 
 
-def test_u_x_swallows_kappa_by_the_slope_of_the_leg():
+def test_u_x_absorbs_kappa_by_the_slope_of_the_leg():
     """Equation 40: what is seen of (1 - kappa) z_z is seen of u_x z_x, and a_x follows by -rho0 u_x."""
     for leg in LEGS:
         model = Leg(leg, "kappa")
@@ -194,7 +194,7 @@ def test_results_are_independent_of_units_rows_and_size(seed):
 
 
 @pytest.mark.parametrize("against", ["fit", "truth", "nominal"])
-def test_observed_less_predicted_scatters_as_told(against):
+def test_observed_minus_predicted_scatters_as_stated(against):
     """Simulated linear calibrations: truth drawn from the prior, noise of one, an effect of uncertain size."""
     rng, N, s, scales, labels = draw(7)
     found, runs = absorb(N, s, labels, scales), 20000

@@ -60,7 +60,7 @@ def test_gross_errors_are_no_exchanges_and_hide_none() -> None:
     assert exchanges(residual, points, np.ones((POSES, 12), bool), shape, NOISE_M) == [one]
 
 
-def test_in_a_pose_of_few_targets_with_labels_exchanged_a_moved_one_is_still_told() -> None:
+def test_in_a_pose_of_few_targets_with_labels_exchanged_a_moved_one_is_still_reported() -> None:
     rng = np.random.default_rng(8)
     shape, points, turn, residual = _body(rng, 4)
     shift = np.array([3e-4, -2e-4, 1e-4])

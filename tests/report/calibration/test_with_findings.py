@@ -27,7 +27,11 @@ def _compared(main: str, unchanged: float | None = None) -> pd.DataFrame:
 @pytest.mark.parametrize(
     ("main", "first", "said"),
     [
-        ("as recorded", ("as recorded, main", "none"), "uses the data as recorded; one with load-eccentricity"),
+        (
+            "as recorded",
+            ("as recorded, main", "none"),
+            f"as recorded. For comparison, the page also gives a calibration with {FINDING}",
+        ),
         ("with findings", ("with findings, main", FINDING), f"includes {FINDING}, as [diagnosis] apply asks"),
     ],
 )

@@ -182,7 +182,7 @@ def test_no_change_is_a_pass_and_nothing_in_common_is_not_evaluated():
     assert changes(diagnosis_tables()) is None
 
 
-def test_another_machine_is_said_to_be_one():
+def test_another_machine_is_reported_as_such():
     table = made.changes().assign(changed=True, change=np.nan, sigma_change=np.nan, z=np.nan)
     tables = diagnosis_tables() | {"changes": table}
     part = part_of("changes", tables)

@@ -221,6 +221,6 @@ def test_a_kind_of_cause_is_untested_only_where_no_subject_of_it_was_tested() ->
 
 def test_totals_stand_above_each_table() -> None:
     (listing,) = part_of("next", _planned(_tables(row("platform-deformation-linear", **SHARPEN)))).listings
-    assert_says(listing.caption, PLAN, "5 configurations", "91 poses")
+    assert_says(listing.caption, PLAN, "5 configurations", "91 measurements in all")
     assert listing.heads[:2] == ("pose", "times")
     assert listing.rows[0][1] == "13"

@@ -15,7 +15,7 @@ from tests.report.test_page import Reader, render
 from tests.sentences import assert_says
 from tests.tolerance import assert_close
 from truing.report.diagnosis.assessed_causes import assessed_causes
-from truing.report.diagnosis.load_corrections import load_warning, unwritten_loads
+from truing.report.diagnosis.load_corrections import load_warning, unrecorded_loads
 from truing.report.diagnosis.prediction_errors import part_names, reading_misses
 from truing.report.diagnosis.reading_gain import against_load, where_missed
 from truing.report.head import build_head
@@ -208,15 +208,15 @@ def test_unread_values_are_empty_cells():
 
 
 def test_parasitic_loads_are_reported_where_a_calibration_ignores_them(tables):
-    assert unwritten_loads(assessed_causes(tables), tables) is None
+    assert unrecorded_loads(assessed_causes(tables), tables) is None
     calibrated = {**tables, "sensor_matrix": pd.DataFrame({"matrix": ["G_B"]})}
     warned = [said for mark, said in build_head("c", calibrated).verdicts if mark == "warn"]
     # 12.03 mm and 7.98 mm at 9000 N.
     assert len(warned) == 1
     assert_says(warned[0], "z load", "108 N·m", "about y", "72 N·m", "about x")
-    assert unwritten_loads(assessed_causes(calibrated), calibrated).lead == warned[0]
+    assert unrecorded_loads(assessed_causes(calibrated), calibrated).lead == warned[0]
     choice = pd.DataFrame({"model": ["weighted"], "figure": ["loads_as_diagnosed"], "value": [1.0]})
-    told = unwritten_loads(assessed_causes(calibrated), {**calibrated, "sensor_choice": choice})
+    told = unrecorded_loads(assessed_causes(calibrated), {**calibrated, "sensor_choice": choice})
     assert_says(told.lead, "z load", "108 N·m", "about y", "72 N·m", "about x")
     assert load_warning(assessed_causes(calibrated), {**calibrated, "sensor_choice": choice}) == ""
     uneven = {"force_x": size(0.002, 1e-4, "1/m"), "force_x_asymmetry": size(-0.004, 1e-4, "1/m")}

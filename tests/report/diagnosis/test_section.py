@@ -62,7 +62,7 @@ def test_a_rejected_cause_with_like_odds_alone_is_explained(reason, probability,
     second = row("leg-drift", log_evidence=111.6)
     other = row("thermal-expansion", "rejected", log_evidence=137.5, p_value=0.72, reason_code=reason)
     lead = part_of("evidence", diagnosis_tables(rows(first, second, other))).lead
-    assert ("Taken alone, thermal expansion" in lead and "(p = 0.72)" in lead) == is_told
+    assert ("Taken alone, the rejected cause thermal expansion" in lead and "(p = 0.72)" in lead) == is_told
 
 
 def test_without_evidence_probabilities_are_drawn_and_without_these_nothing():
@@ -263,7 +263,7 @@ def test_numbers_that_were_not_evaluated_do_not_stop_the_page(column):
     build_head("c", tables)
 
 
-def test_rows_of_a_run_that_told_less_are_read():
+def test_rows_of_a_run_that_reported_less_are_read():
     """A diagnosis without the columns that may be absent, and without any of the tables beside it."""
     tables = diagnosis_tables()
     old = tables["diagnosis"].drop(columns=["signal_to_noise", "log_evidence", "scale_holds"])

@@ -266,7 +266,7 @@ def test_every_cause_has_its_sentence(cause, subject, parameters, words):
     assert len(said) < 320
 
 
-def test_components_that_are_not_sure_are_not_told():
+def test_components_that_are_not_sure_are_not_reported():
     unsure = {"offset_x": size(0.1, 0.2, "mm"), "offset_y": size(-0.2, 0.15, "mm")}
     said = first_line(row("load-eccentricity", subject="load fz", parameters=unsure))[1]
     assert_says(said, "z load", "0.20 ± 0.15 mm", "towards −y")

@@ -69,7 +69,7 @@ def case(tmp_path_factory: pytest.TempPathFactory) -> Case:
         found,
         cause=RIVAL,
         verdict="indistinguishable",
-        own=stand,
+        with_it=stand,
         rival=found.cause,
         log_odds=found.log_odds - 1.0,
     )

@@ -161,7 +161,7 @@ def test_before_anything_new_is_measured_the_machine_is_where_the_earlier_campai
     assert_close(ratio, np.ones(len(own)), atol=0.02)
 
 
-def test_an_effect_whose_column_is_missing_is_left_out_and_said(unchanged) -> None:
+def test_an_effect_whose_column_is_missing_is_left_out_and_reported(unchanged) -> None:
     found = unchanged[0]
     cold = {name: values for name, values in found.model.conditions.covariates.items() if name != "temperature_c"}
     bare = replace(found, model=found.model.at(replace(found.model.conditions, covariates=cold)))

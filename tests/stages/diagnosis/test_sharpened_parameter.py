@@ -33,5 +33,5 @@ def test_a_pitch_that_the_readings_leave_open_is_not_sharpened() -> None:
     for least_known in (False, True):
         chosen = _largest(OpenPitch(), fitted(), least_known)
         assert chosen is not None
-        assert chosen.value.name == "amplitude"
+        assert chosen.name == "amplitude"
         assert np.abs(chosen.direction - 1e-3 * np.array([0.0, 0.6, 0.8])).max() < 1e-9

@@ -84,7 +84,7 @@ def test_the_sigmas_are_what_the_rays_give(tmp_path):
     assert np.all(np.abs(found[["corr_xy", "corr_xz", "corr_yz"]].to_numpy()) < 1.0)
 
 
-def test_twice_the_noise_twice_the_sigma_without_being_told(tmp_path, monkeypatch):
+def test_twice_the_noise_gives_twice_the_sigma_without_a_declaration(tmp_path, monkeypatch):
     model(tmp_path / "one", 3)
     monkeypatch.setattr("tests.stages.ingestion.test_estimated_covariance.SIGMA_PX", 2.0 * SIGMA_PX)
     model(tmp_path / "two", 3)

@@ -123,7 +123,7 @@ def test_units_hang_on_the_channel_and_the_axis(tmp_path):
     assert column(found["exclusions"], "rows") == [1]
 
 
-def test_a_load_that_nobody_wrote_down_is_not_no_load(tmp_path):
+def test_a_load_that_was_not_recorded_does_not_count_as_zero(tmp_path):
     rows = ["run,step,fx_n,fy_n,v1_mv", "1,0,0,1,0.1", "1,1,,,0.2", "1,2,3,,0.3"]
     found = faults(tmp_path, {"signals.csv": rows[:3]})
     assert found == (Fault("signals.csv", EMPTY, row=3, column="fx_n", value=""),)

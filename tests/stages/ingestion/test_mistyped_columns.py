@@ -23,7 +23,7 @@ def _with_head(folder: Path, old: str, new: str) -> Path:
 
 
 @pytest.mark.parametrize("name", ["roles", "rol", "rloe"])
-def test_a_mistyped_role_is_a_fault_and_holds_nothing_silently(tmp_path: Path, name: str) -> None:
+def test_a_mistyped_role_is_a_fault_and_stops_the_campaign(tmp_path: Path, name: str) -> None:
     campaign = open_campaign(_with_head(tmp_path, "role", name))
     faults = faults_of(lambda: chain_tables(campaign, campaign.validated()))
     own = assert_fault(faults, file="configurations.csv", column=name, row=2)
@@ -31,7 +31,7 @@ def test_a_mistyped_role_is_a_fault_and_holds_nothing_silently(tmp_path: Path, n
     assert "role" in own.expected.split("did you mean")[1]
 
 
-def test_other_text_is_passed_over(tmp_path: Path) -> None:
+def test_other_text_is_ignored(tmp_path: Path) -> None:
     campaign = open_campaign(_with_head(tmp_path, "role", "operator"))
     table = chain_tables(campaign, campaign.validated())["configurations"]
     assert "operator" not in table.column_names

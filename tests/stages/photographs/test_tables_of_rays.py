@@ -105,7 +105,7 @@ def test_rays_need_a_format_and_a_sigma(tmp_path: Path) -> None:
     assert "key noise.image_px" in said
 
 
-def test_photographs_and_points_are_not_both_told(tmp_path: Path) -> None:
+def test_photographs_and_points_are_not_both_reported(tmp_path: Path) -> None:
     toml = f'{TOML}[files.image_points]\npath = "image_points.csv"\n'
     write(tmp_path, toml, points="pose,body,target,x_mm,y_mm,z_mm\n1,b,t,1,2,3\n")
     with pytest.raises(CampaignFaults, match=r"either photographs .* or points, not both"):

@@ -108,5 +108,5 @@ def test_times_in_another_unit_are_reported(unit, start):
     assert found.unit == unit
 
 
-def test_minutes_at_a_pace_of_seconds_are_not_told():
+def test_minutes_at_a_pace_of_seconds_are_not_reported():
     assert mistaken_times(np.cumsum(np.random.default_rng(4).uniform(150.0, 400.0, 40)) / 60.0) is None

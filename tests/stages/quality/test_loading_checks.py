@@ -230,7 +230,7 @@ def moment_with_force(readings, signals):
     ],
     ids=lambda value: value.__name__ if callable(value) else None,
 )
-def test_every_defect_is_found_and_told_where_it_is(tmp_path, change, verdict, row, message):
+def test_every_defect_is_found_and_reported_where_it_is(tmp_path, change, verdict, row, message):
     repeats = 2 if change in (noisy, jumped, gross) else 1  # one run per axis leaves little that nothing else explains
     found = messages(quality_of(tmp_path, change, repeats=repeats), verdict)
     assert row in found, found

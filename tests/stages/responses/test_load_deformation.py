@@ -64,7 +64,7 @@ def test_curves_have_the_simulation_beside_the_measurement(eccentric):
     assert off.abs().min() > 4.0
 
 
-def test_entries_that_were_never_measured_are_not_told(tmp_path):
+def test_entries_that_were_never_measured_are_not_reported(tmp_path):
     made = bench(tmp_path / "c", layout("own"), 2)
     rows = made.frame("compliance")
     measured, simulated = (rows[rows["model"] == model] for model in ("matrix", "simulated"))

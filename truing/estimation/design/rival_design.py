@@ -384,7 +384,7 @@ class Runs:
     Candidate c is the run ``run`` (C,) with the channels ``reads`` (C, N).
     """
 
-    conditions: Any
+    conditions: Any  # of the model's own type
     steps: int
     run: NDArray
     reads: NDArray

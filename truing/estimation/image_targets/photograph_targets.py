@@ -52,7 +52,7 @@ def measure_targets(grey: NDArray, plan: TargetPlan) -> PhotographTargets:
     If a name occurs twice, both targets are rejected, since either may be wrong.
     """
     noise = estimate_noise(grey)
-    parts = [_part([], [], np.empty((0, 2)), np.empty((0, 2, 2)), np.empty(0), noise)]
+    parts = [_part([], [], np.empty((0, 2)), np.empty((0, 2, 2)), np.empty(0))]
     if plan.rings or plan.uncoded:
         parts.append(_circles(grey, plan, noise))
     if plan.markers:
@@ -74,14 +74,17 @@ def _part(
     xy: Array,
     cov: Array,
     contrast: Array,
-    noise: ImageNoise,
     ellipse: Array | None = None,
 ) -> PhotographTargets:
-    """Return image points of one kind, without ellipses if none are given; contrast (N,) in grey levels."""
-    over_noise = contrast / np.sqrt(np.maximum(noise.variance(0.5 * contrast), 1e-12))
+    """Return image points of one kind, without ellipses if none are given; contrast (N,) over its noise."""
     ellipse = np.full((len(xy), 3), np.nan) if ellipse is None else ellipse
     words = np.array(names, dtype=object), np.array(kinds, dtype=object)
-    return PhotographTargets(*words, xy, cov, ellipse, over_noise, Counter())
+    return PhotographTargets(*words, xy, cov, ellipse, contrast, Counter())
+
+
+def _over_noise(contrast: Array, noise: ImageNoise) -> Array:
+    """Return contrasts (N,) in grey levels over the noise of an image."""
+    return contrast / np.sqrt(np.maximum(noise.variance(0.5 * contrast), 1e-12))
 
 
 def _circles(grey: NDArray, plan: TargetPlan, noise: ImageNoise) -> PhotographTargets:
@@ -89,7 +92,7 @@ def _circles(grey: NDArray, plan: TargetPlan, noise: ImageNoise) -> PhotographTa
     wanted = CirclePlan(codes, plan.uncoded, plan.polarity, plan.smallest_px, plan.largest_px)
     seen = measure_circles(grey, wanted, noise)
     ellipse = np.column_stack([seen.semi_axes_px, seen.axis_angle_rad])
-    part = _part(seen.names, seen.kinds, seen.centre_px, seen.cov_px2, seen.contrast, noise, ellipse)
+    part = _part(seen.names, seen.kinds, seen.centre_px, seen.cov_px2, _over_noise(seen.contrast, noise), ellipse)
     part.rejected.update({("circle", reason): count for reason, count in seen.rejected.items()})
     return part
 
@@ -99,7 +102,7 @@ def _markers(grey: NDArray, families: tuple[str, ...], noise: ImageNoise) -> Pho
     kind = ["apriltag" if family.startswith("apriltag") else "aruco" for family in families]
     numbers = zip(seen.family.tolist(), seen.code.tolist(), seen.corner.tolist(), strict=True)
     names = [f"{families[family]}-{code}.{corner}" for family, code, corner in numbers]
-    part = _part(names, [kind[k] for k in seen.family], seen.xy_px, seen.cov_px2, seen.contrast, noise)
+    part = _part(names, [kind[k] for k in seen.family], seen.xy_px, seen.cov_px2, _over_noise(seen.contrast, noise))
     for (family, reason), count in seen.rejected.items():
         part.rejected[kind[family], reason] += count
     return part
@@ -108,6 +111,6 @@ def _markers(grey: NDArray, families: tuple[str, ...], noise: ImageNoise) -> Pho
 def _board(grey: NDArray, board: BoardPlan, noise: ImageNoise) -> PhotographTargets:
     seen = measure_board(grey, board, noise)
     names = [f"{board.name}-{number}" for number in seen.number.tolist()]
-    part = _part(names, [board.kind] * len(names), seen.xy_px, seen.cov_px2, seen.contrast, noise)
+    part = _part(names, [board.kind] * len(names), seen.xy_px, seen.cov_px2, _over_noise(seen.contrast, noise))
     part.rejected.update({(board.kind, reason): count for reason, count in seen.rejected.items()})
     return part

@@ -184,7 +184,7 @@ def _lines(sensor: CalibratedSensor, context: Mapping[str, str]) -> Iterator[str
         yield f"offset = {json.dumps(offset.tolist())}"
 
 
-def is_calibrated_sensor(document: Mapping[str, Any]) -> bool:
+def is_calibrated_sensor(document: Mapping[str, object]) -> bool:
     """True if a TOML document holds a calibrated sensor."""
     return isinstance(document.get("calibration"), dict)
 

@@ -9,13 +9,17 @@ from __future__ import annotations
 
 from collections.abc import Collection
 from dataclasses import dataclass, replace
-from typing import Any
+from typing import TYPE_CHECKING
 
 import numpy as np
 from numpy.typing import NDArray
 
 from truing.estimation.sensor.load_table import LoadTable
 from truing.estimation.sensor.nonlinear_terms import detected_form, nonlinear_terms, residual_sum_of
+
+if TYPE_CHECKING:
+    from scipy.sparse import csr_array
+
 
 _NORMAL_MEDIAN = 0.6745
 _L1_ROUNDS, _CLOSE = 30, 0.1  # sigmas; smaller residuals gain no more weight
@@ -210,7 +214,7 @@ class _Zeros:
     """Index (N,) of the zero of each row among Z, and the matrix (Z, N) that sums rows by zero."""
 
     of_row: NDArray
-    sums: Any
+    sums: csr_array
 
     @classmethod
     def of(cls, number: NDArray) -> _Zeros:

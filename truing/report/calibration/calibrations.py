@@ -88,5 +88,5 @@ def deformation_words(deformation: str) -> str:
 
 def in_order(deformations: pd.Series) -> list[str]:
     """Return deformation models from the simplest on, then unknown ones."""
-    found = list(dict.fromkeys(deformations.astype(str)))
-    return [*(d for d in DEFORMATIONS if d in found), *(d for d in found if d not in DEFORMATIONS)]
+    present = list(dict.fromkeys(deformations.astype(str)))
+    return [*(d for d in DEFORMATIONS if d in present), *(d for d in present if d not in DEFORMATIONS)]

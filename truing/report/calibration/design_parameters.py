@@ -2,8 +2,6 @@
 
 from __future__ import annotations
 
-from typing import Any
-
 import pandas as pd
 import plotly.graph_objects as go
 
@@ -11,7 +9,7 @@ from truing.report.figure_style import BLUE, GREY, style
 from truing.report.heads import MODEL_OF_LEGS, PARAMETER, Head
 from truing.report.numbers import count_text, plain, quantity, sign
 from truing.report.page import Drawn, Listing
-from truing.report.tables import Tables, table_or_none
+from truing.report.tables import Row, Tables, table_or_none
 
 _OF_LEGS = {"beta": "β", "flexure_length": "l_b"}
 _BODIES = {"flexure": "flexures", "tube": "legs"}
@@ -67,7 +65,7 @@ def _words(table: pd.DataFrame) -> str:
     return f"{known or 'None'} of {count_text(len(table), 'design parameter')} of flexures and legs can be identified"
 
 
-def _row(r: Any) -> tuple[str, ...]:
+def _row(r: Row) -> tuple[str, ...]:
     unit = sign(r.unit) if r.unit != "1" else ""
     return (
         r.model,

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 from collections.abc import Mapping
-from typing import Any
 
 import numpy as np
 import pandas as pd
@@ -69,7 +68,7 @@ def errors(accuracy: pd.DataFrame, chosen: Key | None) -> go.Figure:
     return grid
 
 
-def _axis(sizes: pd.DataFrame) -> dict[str, Any]:
+def _axis(sizes: pd.DataFrame) -> dict[str, object]:
     """Return an axis from zero, or logarithmic if the worst calibration would make the best invisible."""
     mean, largest = (sizes[part][sizes[part] > 0.0] for part in ("mean", "max"))
     if not len(mean) or largest.max() < _FAR * largest.min():
@@ -78,7 +77,7 @@ def _axis(sizes: pd.DataFrame) -> dict[str, Any]:
     return {"type": "log", "range": [float(end) for end in ends], "dtick": 1}
 
 
-def _legend() -> dict[str, Any]:
+def _legend() -> dict[str, object]:
     return {"orientation": "h", "y": 1.0, "yanchor": "bottom", "x": 0.0, "itemclick": False, "itemdoubleclick": False}
 
 
@@ -93,7 +92,7 @@ def _bars(sizes: pd.DataFrame, error: str, role: str, unit: str, named: bool) ->
     """Return pale bars of the maximum with bars of the mean in front."""
     name, colour = _ROLES[role]
     labels = [[label(d) for d, _ in sizes.index], [label(m) for _, m in sizes.index]]
-    common: dict[str, Any] = {"y": labels, "orientation": "h", "offsetgroup": role, "legendgroup": role}
+    common: dict[str, object] = {"y": labels, "orientation": "h", "offsetgroup": role, "legendgroup": role}
     template = "%{y}<br>" + name + ", {}: %{{x:.2f}} " + unit + "<extra></extra>"
     return [
         go.Bar(
@@ -160,8 +159,8 @@ def _symmetric(correlations: pd.DataFrame) -> tuple[list[str], np.ndarray]:
     strength: dict[tuple[float, str], float] = {}
     for end, r in [(end, abs(r)) for side in pairs for end, r in zip(side, correlations["correlation"], strict=True)]:
         strength[end] = max(strength.get(end, 0.0), r)
-    kept = sorted(strength, key=lambda end: -strength[end])[:_PARAMETERS_SHOWN]
-    order = [end for end in strength if end in set(kept)]
+    strongest = sorted(strength, key=lambda end: -strength[end])[:_PARAMETERS_SHOWN]
+    order = [end for end in strength if end in set(strongest)]
     order.sort(key=lambda end: end[0])
     index_of = {end: k for k, end in enumerate(order)}
     values = 100 * np.eye(len(order), dtype=np.int8)
@@ -224,10 +223,10 @@ def _joint_positions(fitted: pd.DataFrame, joint: str) -> pd.DataFrame:
     wide = rows.pivot(index=["deformation", "leg"], columns="axis", values=columns)
     if not len(wide) or not {("nominal", "x"), ("nominal", "y")} <= set(wide.columns):
         return rows.iloc[:0]
-    found = wide["nominal"].rename_axis(columns=None)
-    found = found.assign(dx=wide[("deviation", "x")], dy=wide[("deviation", "y")])
-    found["tolerance"] = wide["tolerance"].mean(axis=1) if "tolerance" in columns else np.nan
-    return found.dropna(subset=["x", "y"]).fillna({"dx": 0.0, "dy": 0.0}).reset_index()
+    joints = wide["nominal"].rename_axis(columns=None)
+    joints = joints.assign(dx=wide[("deviation", "x")], dy=wide[("deviation", "y")])
+    joints["tolerance"] = wide["tolerance"].mean(axis=1) if "tolerance" in columns else np.nan
+    return joints.dropna(subset=["x", "y"]).fillna({"dx": 0.0, "dy": 0.0}).reset_index()
 
 
 def _extent(joints: list[pd.DataFrame]) -> float:
@@ -290,7 +289,7 @@ def _joint_lines(joints: list[pd.DataFrame], deformation: str, gain: float) -> l
     end_x, end_y, gap = (rows["x"] + gain * rows["dx"], rows["y"] + gain * rows["dy"], np.full(len(rows), np.nan))
     x, y = (np.stack([rows[a], end, gap], 1).ravel() for a, end in (("x", end_x), ("y", end_y)))
     words = label(deformation_words(deformation))
-    common: dict[str, Any] = {"legendgroup": words, "name": words}
+    common: dict[str, object] = {"legendgroup": words, "name": words}
     text = [
         f"leg {int(leg)}: {quantity(dx, 'mm')}, {quantity(dy, 'mm')}"
         for leg, dx, dy in zip(rows["leg"], rows["dx"], rows["dy"], strict=True)

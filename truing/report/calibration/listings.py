@@ -11,7 +11,7 @@ from truing.report.heads import DEFORMATION, MODEL_OF_LEGS, PARAMETER, Head, leg
 from truing.report.numbers import p_value, plain, with_uncertainty
 from truing.report.page import Listing
 from truing.report.parameter_names import MEANING, UNBROKEN, kind_of, name_of, print_unit
-from truing.report.tables import cell
+from truing.report.tables import Row, cell
 
 GOOD = ("ok", "converged")
 _HEADS = (
@@ -55,7 +55,7 @@ def all_calibrations(figures: pd.DataFrame, fitted: pd.DataFrame | None, caption
     return Listing(_HEADS, rows, marks, f"{caption}. {_ERRORS}", folded, "model_choice.parquet")
 
 
-def _status(fitted: pd.DataFrame | None) -> dict[Any, str]:
+def _status(fitted: pd.DataFrame | None) -> dict[object, str]:
     if fitted is None or "status" not in fitted:
         return {}
     return {key: str(status) for key, status in fitted.groupby(["model", "deformation"])["status"].first().items()}
@@ -143,13 +143,13 @@ def _by_leg(
     return heads, tuple((kind, *(row.get(head, "") for head in heads)) for kind, row in cells.items())
 
 
-def _kind(r: Any) -> str:
+def _kind(r: Row) -> str:
     """Return the kind of a parameter, equal in every leg; with the name of its effect, as effects may share names."""
     kind, effect = kind_of(r.parameter, r.leg), cell(getattr(r, "effect_of", None))
     return kind if not effect or r.parameter.startswith(_BENT) else f"{kind} of {effect}"
 
 
-def _cell(r: Any) -> str:
+def _cell(r: Row) -> str:
     factor, _ = print_unit(r.parameter, r.unit)
     if r.parameter.startswith(_BENT) or r.nominal != r.nominal:  # an effect has no nominal value
         return with_uncertainty(factor * r.identified, factor * r.sigma).replace(" ", UNBROKEN)

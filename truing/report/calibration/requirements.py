@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 from collections.abc import Mapping
-from typing import Any
 
 import numpy as np
 import pandas as pd
@@ -25,7 +24,7 @@ from truing.report.numbers import count_text, in_one_unit, listed, plain, quanti
 from truing.report.page import Listing, ReportSection
 from truing.report.reasons import is_by_components, why_absent, why_no_requirement
 from truing.report.section_verdict import SectionVerdict
-from truing.report.tables import Tables, cell, is_bench, table_or_none
+from truing.report.tables import Row, Tables, cell, is_bench, table_or_none
 from truing.schemas.verdict import ReasonCode
 
 _TITLE = "Requirements"
@@ -183,7 +182,7 @@ def _opening_sentences(requirements: pd.DataFrame, key: Key) -> str:
     )
 
 
-def _open_or_failed(r: Any, noun: str) -> str:
+def _open_or_failed(r: Row, noun: str) -> str:
     """Return one failed or undecided requirement in words, with its numbers."""
     quantity, required, error, interval, _ = _sizes(r)
     words = "not met" if r.verdict == "fails" else "undecided"
@@ -251,7 +250,7 @@ def _other_calibrations(others: pd.DataFrame) -> Listing:
     )
 
 
-def interval_words(r: Any) -> tuple[str, str, str]:
+def interval_words(r: Row) -> tuple[str, str, str]:
     """Return the present interval of a requirement, the one after more poses, and the limit, in one unit."""
     asked, *ends = in_one_unit([r.requirement, r.lower, r.upper, r.lower_expected, r.upper_expected], cell(r.unit))
     bare = [end.partition(" ")[0] for end in ends[::2]]
@@ -262,7 +261,7 @@ def _marks(requirements: pd.DataFrame) -> tuple[str, ...]:
     return tuple(_MARKS.get(verdict, "none") for verdict in requirements["verdict"])
 
 
-def _sizes(r: Any) -> tuple[str, ...]:
+def _sizes(r: Row) -> tuple[str, ...]:
     asked, error, lower, upper = in_one_unit([r.requirement, r.error, r.lower, r.upper], cell(r.unit))
     interval = "–" if "–" in (lower, upper) else f"{lower} to {upper}"
     return _COMPONENTS.get(r.component, r.component), asked, error, interval, plain(r.error / r.requirement)

@@ -86,14 +86,16 @@ def _not_applied(tables: Tables) -> list[str]:
     """Return the causes that were found and that a calibration with applied findings leaves out."""
     choices = table_or_none(tables, "diagnosis_choices")
     applied = set() if choices is None else set(choices["cause"][choices["outcome"] == "applied"])
-    found = [row for row in modelled_of(assessed_causes(tables)) if row.verdict == FOUND]
-    return list(dict.fromkeys(cause_words(row.cause) for row in found if row.cause not in applied))
+    found_rows = [row for row in modelled_of(assessed_causes(tables)) if row.verdict == FOUND]
+    return list(dict.fromkeys(cause_words(row.cause) for row in found_rows if row.cause not in applied))
 
 
 def _wrong_poses(tables: Tables) -> str:
     """Return the warning that a found cause makes all measured poses wrong, held-out ones too; empty without one."""
-    found = [row for row in assessed_causes(tables) if row.verdict == FOUND and not row.subject and not row.is_noise]
-    names = [cause_words(row.cause) for row in found if row.settings.get("step") == _OF_INSTRUMENT]
+    found_rows = [
+        row for row in assessed_causes(tables) if row.verdict == FOUND and not row.subject and not row.is_noise
+    ]
+    names = [cause_words(row.cause) for row in found_rows if row.settings.get("step") == _OF_INSTRUMENT]
     if not names:
         return ""
     return (

@@ -64,11 +64,16 @@ def data_words(tables: Tables) -> str:
     table = table_or_none(tables, "calibrations_compared")
     if table is None:
         return ""
-    found = cell(table.loc[table["data"] != _RECORDED, "findings"].iloc[0]) + _suspected_causes(tables)
+    finding_words = cell(table.loc[table["data"] != _RECORDED, "findings"].iloc[0]) + _suspected_causes(tables)
     if table.loc[table["is_main"], "data"].iloc[0] == _RECORDED:
-        return f"The main calibration uses the data as recorded; one with {found} applied is given for comparison."
-    asked = f"The main calibration includes {found}, as [diagnosis] apply asks"
-    return f"{asked}; one of the data as recorded is given for comparison."
+        return (
+            "The main calibration uses the data as recorded. For comparison, the page also gives a calibration with "
+            f"{finding_words} applied."
+        )
+    return (
+        f"The main calibration includes {finding_words}, as [diagnosis] apply asks. For comparison, the page also "
+        "gives a calibration of the data as recorded."
+    )
 
 
 def _suspected_causes(tables: Tables, names: Sequence[str] | None = None) -> str:

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
-from typing import Any
 
 import pandas as pd
 
@@ -15,7 +14,7 @@ from truing.report.heads import LOAD, Head, schema_head
 from truing.report.numbers import plain, printed, quantity, sign, with_uncertainty
 from truing.report.page import Listing, ReportSection
 from truing.report.parameter_names import name_of, print_unit
-from truing.report.tables import Tables, cell, table_or_none
+from truing.report.tables import Row, Tables, cell, table_or_none
 
 _COMPLIANCE = {"m/N": (1e9, "nm/N"), "m/(N m)": (1e9, "nm/(N·m)"), "rad/N": (1e9, "nrad/N")}
 _COMPLIANCE |= {"rad/(N m)": (1e9, "nrad/(N·m)")}
@@ -78,7 +77,7 @@ class RunComparison:
         return f"{self.runs[step].label} → {self.runs[step + 1].label}"
 
 
-def number_name(row: Any) -> str:
+def number_name(row: Row) -> str:
     """Return the name of a number in a sentence, with its effect or matrix."""
     if row.group in ("compliance", "G_B"):
         return f"{row.group} {row.parameter}"
@@ -90,7 +89,7 @@ def number_name(row: Any) -> str:
     )
 
 
-def unit_of(row: Any, size: float) -> tuple[float, str]:
+def unit_of(row: Row, size: float) -> tuple[float, str]:
     """Return factor and unit in which a number of about this size is shown."""
     if row.group == "compliance":
         return _COMPLIANCE.get(row.unit, (1.0, row.unit))
@@ -100,13 +99,13 @@ def unit_of(row: Any, size: float) -> tuple[float, str]:
     return print_unit(row.parameter, row.unit)
 
 
-def value_text(row: Any) -> str:
+def value_text(row: Row) -> str:
     """Return a number with its sigma, in a suitable unit."""
     factor, unit = unit_of(row, max(abs(row.value), row.sigma if row.sigma == row.sigma else 0.0))
     return with_uncertainty(factor * row.value, factor * row.sigma, unit)
 
 
-def change_text(row: Any) -> str:
+def change_text(row: Row) -> str:
     """Return the size of a change; for significant changes, under the assumption that no other number changed."""
     change, sigma = (
         (row.change, row.sigma_change) if row.change == row.change else (row.difference, row.sigma_difference)
@@ -175,7 +174,7 @@ def quality(comparison: RunComparison) -> ReportSection:
     return ReportSection("quality", "Quality side by side", lead, listings=tuple(x for x in listings if x.rows))
 
 
-def _check(r: Any) -> tuple[str, str]:
+def _check(r: Row) -> tuple[str, str]:
     """Return the verdict on a check, or accepted; and the same with its value."""
     accepted = getattr(r, "accepted", None)
     verdict = "accepted" if isinstance(accepted, str) else str(r.verdict)

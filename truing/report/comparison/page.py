@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 from collections.abc import Iterator, Sequence
-from typing import Any
 
 import numpy as np
 import pandas as pd
@@ -27,7 +26,7 @@ from truing.report.heads import Head
 from truing.report.numbers import count_text
 from truing.report.page import Listing, PageHead, ReportSection, Verdict
 from truing.report.parameter_names import MEANING, kind_of
-from truing.report.tables import cell, table_or_none
+from truing.report.tables import Row, cell, table_or_none
 from truing.report.wordings.catalogue import cause_of_subject
 
 _NAMED = 3
@@ -168,7 +167,7 @@ def _effect_verdicts(comparison: RunComparison, step: int) -> list[Verdict]:
 
 
 def _effects_found(comparison: RunComparison, run: int) -> list[str]:
-    """Return the effects that the diagnosis of a run found: ``actuator gain, leg 3``."""
+    """Return the effects that the diagnosis of a run found: ``actuator gain (leg 3)``."""
     table = table_or_none(comparison.runs[run].tables, "diagnosis")
     if table is None:
         return []
@@ -249,7 +248,7 @@ def _step(comparison: RunComparison, step: int) -> str:
     return f"{words} Left out: {reasons}." if reasons else words
 
 
-def _jump(r: Any) -> str:
+def _jump(r: Row) -> str:
     return f"{r.change / r.sigma_change:.1f}" if r.change == r.change else f"{r.z:.1f}"
 
 
@@ -343,7 +342,7 @@ def _caption(changed: pd.DataFrame) -> str:
     return f"Ringed: {' '.join(texts)}" if texts else ""
 
 
-def _kind(row: Any) -> str:
+def _kind(row: Row) -> str:
     if row.group in ("compliance", "G_B"):
         head, _, tail = row.parameter.partition(" ")
         return (
@@ -366,8 +365,7 @@ def _figure(comparison: RunComparison, numbers: pd.DataFrame, kind: str) -> go.F
         factor, unit = 1e3 * factor, "µm"
     aside = np.linspace(-0.18, 0.18, len(lines)) if len(lines) > 1 else np.zeros(1)
     for k, ((_, rows), shift) in enumerate(zip(lines, shifts, strict=True)):
-        colour, symbol = _LOOKS[k % len(_LOOKS)]
-        figure.add_trace(_line(rows, factor * shift, factor, aside[k], colour, symbol, unit))
+        figure.add_trace(_line(rows, factor * shift, (factor, unit), aside[k], _LOOKS[k % len(_LOOKS)]))
     _ring(figure, lines, shifts, factor, aside)
     style(figure, label(kind), f"Each against its own mean over the runs, {unit or '1'}; bars: 95 %", 320)
     ticks = {
@@ -388,8 +386,10 @@ def _mean(rows: pd.DataFrame) -> float:
 
 
 def _line(
-    rows: pd.DataFrame, shift: pd.Series, factor: float, aside: float, colour: str, symbol: str, unit: str
+    rows: pd.DataFrame, shift: pd.Series, printed_in: tuple[float, str], aside: float, look: tuple[str, str]
 ) -> go.Scatter:
+    """Return the line of one number over the runs; ``printed_in``: factor and unit, ``look``: colour and symbol."""
+    (factor, unit), (colour, symbol) = printed_in, look
     first = next(rows.itertuples())
     name = number_name(first) if rows["leg"].isna().all() else f"leg {int(first.leg)}"
     short = first.parameter if first.group in ("compliance", "G_B") else name

@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import re
 from collections.abc import Mapping
-from typing import Any
 
 from truing.belonging.relation import RelationState
 from truing.report.diagnosis.assessed_causes import (
@@ -20,7 +19,7 @@ from truing.report.heads import CORRECTED_P, Head
 from truing.report.numbers import count_text, p_value, rough, rough_quantity
 from truing.report.page import Listing, ReportSection
 from truing.report.section_verdict import SectionVerdict
-from truing.report.tables import Tables, cell, table_or_none
+from truing.report.tables import Row, Tables, cell, table_or_none
 from truing.report.wordings.catalogue import cause_words
 from truing.report.wordings.nonparametric_wordings import columns_words
 from truing.schemas.covariates import names_in
@@ -42,9 +41,9 @@ _LOOKED_FOR = {
     CAUSES_LEFT: "further causes",
 }
 _WHY_ENDED = {
-    "most-causes": " because no further one is known to predict held-out measurements better,",
-    "time": " because further ones would take too long,",
-    "unnamed-effects": " because too many effects match no catalogued cause,",
+    "most-causes": "because no further cause is known to improve the prediction of held-out measurements",
+    "time": "because a search for further causes would take too long",
+    "unnamed-effects": "because too many effects match no catalogued cause",
 }
 _WHY_UNTESTED = {"too-few": "too few data", "no-repeats": "no command was repeated"}
 _UNITS = {
@@ -81,7 +80,7 @@ def adequacy(tables: Tables) -> ReportSection | None:
     return ReportSection("adequacy", _TITLE, lead, (), (listing,))
 
 
-def _untested(rows: list[Any], why: str, words: str) -> str:
+def _untested(rows: list[Row], why: str, words: str) -> str:
     """Return the sentence on tests that were not possible for one reason; empty where there are none."""
     bad = [
         row
@@ -93,12 +92,14 @@ def _untested(rows: list[Any], why: str, words: str) -> str:
 
 def _errors_with_floor(rows: list[AssessedCause], tables: Tables) -> list[Overall]:
     """Return the errors of the model where noise is declared for them."""
-    return [one for one in errors_of_models(rows, modelled_of(rows), tables) if one.floor]
+    return [model_error for model_error in errors_of_models(rows, modelled_of(rows), tables) if model_error.floor]
 
 
 def _but_beyond(tables: Tables) -> str:
     """Return that predictions err by more than noise although no test of residuals fails; empty where they do not."""
-    beyond = [one for one in _errors_with_floor(assessed_causes(tables), tables) if _is_beyond(one)]
+    beyond = [
+        model_error for model_error in _errors_with_floor(assessed_causes(tables), tables) if _is_beyond(model_error)
+    ]
     if not beyond:
         return ""
     worst = max(beyond, key=_times_noise)
@@ -117,10 +118,13 @@ def adequacy_verdict(tables: Tables, _: Mapping[str, SectionVerdict]) -> Section
     rows = assessed_causes(tables)
     if not rows:
         return None
-    found = [row for row in accepted_of(rows) if not row.is_noise]
+    accepted_rows = [row for row in accepted_of(rows) if not row.is_noise]
     missed = _errors_with_floor(rows, tables)
-    beyond, below = [one for one in missed if _is_beyond(one)], [one for one in missed if one.is_below_noise]
-    none = "" if found else f"none of {count_text(len(testable_of(rows)), 'candidate')} was found, but "
+    beyond, below = (
+        [model_error for model_error in missed if _is_beyond(model_error)],
+        [model_error for model_error in missed if model_error.is_below_noise],
+    )
+    none = "" if accepted_rows else f"none of {count_text(len(testable_of(rows)), 'candidate')} was found, but "
     if beyond:
         return _verdict_above_noise(max(beyond, key=_times_noise), none, shortcoming(tables), _noise_alone(rows))
     if short := shortcoming(tables):
@@ -132,9 +136,10 @@ def adequacy_verdict(tables: Tables, _: Mapping[str, SectionVerdict]) -> Section
     if not missed:
         text = "No noise is declared, so errors of predictions cannot be compared with it: declare [noise]."
         return SectionVerdict("adequacy", RelationState.NOT_TESTED, ReasonCode.NOT_EVALUATED, text)
-    one = max([one for one in missed if not one.held_out] or missed, key=_times_noise)
-    ratio, size = _times_noise(one), rough_quantity(one.after, one.unit)
-    text = f"The rms error of predictions is {size}; {_noise_alone(rows)} {rough_quantity(one.floor or 0.0, one.unit)}."
+    worst = max([error for error in missed if not error.held_out] or missed, key=_times_noise)
+    ratio, size = _times_noise(worst), rough_quantity(worst.after, worst.unit)
+    floor = rough_quantity(worst.floor or 0.0, worst.unit)
+    text = f"The rms error of predictions is {size}; {_noise_alone(rows)} {floor}."
     text += " With so few data, the difference may be chance." if ratio > AT_THE_FLOOR else ""
     return SectionVerdict("adequacy", RelationState.OK, ReasonCode.WITHIN_NOISE, text, ratio, "1", AT_THE_FLOOR)
 
@@ -154,10 +159,8 @@ def _verdict_above_noise(overall: Overall, none: str, short: str, noise: str) ->
 def _verdict_below_noise(overall: Overall, none: str, noise: str) -> SectionVerdict:
     size = rough_quantity(overall.after, overall.unit)
     text = f"{none}the rms error of predictions is only {size}, significantly less than {noise} "
-    text += (
-        f"({rough_quantity(overall.floor or 0.0, overall.unit)}): {overall.why_below}. Correct [noise]: with it, small "
-    )
-    text += "effects may be missed."
+    text += f"({rough_quantity(overall.floor or 0.0, overall.unit)}): {overall.why_below}. Correct [noise]: at the "
+    text += "present value, small effects may be missed."
     text = text[:1].upper() + text[1:]
     return SectionVerdict("adequacy", RelationState.ATTENTION, ReasonCode.BELOW_NOISE, text, _times_noise(overall), "1")
 
@@ -193,7 +196,7 @@ def noise_compared(tables: Tables) -> str:
     return expected_noise("" if rows is None or "relation" not in rows else cell(rows["relation"].iloc[0]))
 
 
-def shortcoming_words(worst: Any, noise: str) -> str:
+def shortcoming_words(worst: Row, noise: str) -> str:
     """Return in words the shortcoming found by one failed test against a noise, without a full stop."""
     if worst.test == CAUSES_LEFT:
         return _limit_words(worst)
@@ -209,30 +212,29 @@ def shortcoming_words(worst: Any, noise: str) -> str:
     return f"the {_LOOKED_FOR[worst.test]} is {rough(worst.value)} times {noise}"
 
 
-def _limit_words(row: Any) -> str:
+def _limit_words(row: Row) -> str:
     """Return in words that the search reached a limit, and the remainder, without a full stop."""
     if not cell(row.left_cause):
         accepted = count_text(round(row.value), "cause")
-        return f"the search accepted {accepted}, and so many may only describe residuals piece by piece"
+        return f"the search accepted {accepted}: so many may only describe the residuals piece by piece"
     accepted = count_text(round(row.value), "accepted cause")
     subject_text = f" of {subject_words(row.left_subject)}" if cell(row.left_subject) else ""
-    return (
-        f"the search ended after {accepted},{_WHY_ENDED[row.search_end]} but another effect remains; its best "
-        f"candidate is {cause_words(row.left_cause)}{subject_text}"
-    )
+    candidate = f"{cause_words(row.left_cause)}{subject_text}"
+    remains = f"after {accepted} another effect remains (best candidate: {candidate})"
+    return f"{remains}; the search ended {_WHY_ENDED[row.search_end]}"
 
 
-def _column_words(row: Any) -> str:
+def _column_words(row: Row) -> str:
     return columns_words(columns_along(row)) or "–"
 
 
-def columns_along(row: Any) -> tuple[str, ...]:
+def columns_along(row: Row) -> tuple[str, ...]:
     """Return the columns along which a test of the residuals compared neighbours or regions; a name may have blanks."""
     along = cell(row.along) or ""
     return (along,) if LOOKS_BACK.fullmatch(along) else names_in(along)
 
 
-def _value(row: Any, noise: str) -> str:
+def _value(row: Row, noise: str) -> str:
     if row.test == CAUSES_LEFT:
         return f"{count_text(round(row.value), 'accepted cause')}"
     return "–" if row.state == "not tested" else f"{rough(row.value)} {_UNITS.get(row.test, f'times {noise}')}"

@@ -91,8 +91,10 @@ class AssessedCause(Claim):
 
     def has_terms(self, other: AssessedCause) -> bool:
         """Return True if another cause holds terms of higher order of this effect: same subject, inputs and form."""
-        own, its = ((row.cause, row.subject, row.follows, row.settings.get("form")) for row in (self, other))
-        return own == its and other.is_higher_order and not self.is_higher_order
+        law_of_this, law_of_other = (
+            (row.cause, row.subject, row.follows, row.settings.get("form")) for row in (self, other)
+        )
+        return law_of_this == law_of_other and other.is_higher_order and not self.is_higher_order
 
     @property
     def raises_floor(self) -> bool:

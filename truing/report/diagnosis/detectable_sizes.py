@@ -35,8 +35,8 @@ def hidden(rows: list[AssessedCause], tables: Tables) -> ReportSection:
     table = table.assign(subject=table["subject"].map(cell), words=size_words(table))
     contained_causes = {row.cause for row in rows if row.reason_code == "contained"}
     table.loc[table["cause"].isin(contained_causes) & table["size"].isna(), "words"] = _HELD
-    found = {row.cause for row in rows if row.verdict in (FOUND, SUSPECTED)}
-    table.loc[table["cause"].isin(found) & table["size"].isna(), "words"] = _BEYOND
+    accepted_causes = {row.cause for row in rows if row.verdict in (FOUND, SUSPECTED)}
+    table.loc[table["cause"].isin(accepted_causes) & table["size"].isna(), "words"] = _BEYOND
     return ReportSection(
         "hidden", _TITLE, _opening_sentences(table, tables), listings=(_by_cause(table, rows), _full_listing(table))
     )
@@ -84,7 +84,7 @@ def _by_cause(table: pd.DataFrame, rows: list[AssessedCause]) -> Listing:
         Head("worst subject", "Smallest size that would be found, at the part that shows it worst."),
         Head("result", "Decision of the diagnosis on this cause."),
     )
-    caption = "The smallest size that would have been found, of the subjects that show it best and worst"
+    caption = "The smallest size that would have been found, for the subjects that show it best and worst"
     marks = tuple("found" if row[-1] == FOUND else "none" for row in cells)
     return Listing(heads, cells, marks, caption, held_by="detectable.parquet")
 

@@ -119,8 +119,8 @@ def _alone(best: AssessedCause, findings: list[AssessedCause]) -> str:
         return ""
     other = _kind(best)
     return (
-        f" Taken alone, {other} (rejected) explains the data about as well as {first.in_sentence}. With the other "
-        f"findings in the model, {first.in_sentence} is more probable, and {other} explains no more than chance "
+        f" Taken alone, the rejected cause {other} explains the data about as well as {first.in_sentence}. With the "
+        f"other findings in the model, {first.in_sentence} is more probable, and {other} explains no more than chance "
         f"(p {p_equals(best.p_value)})."
     )
 
@@ -165,15 +165,15 @@ def _axis(positions: np.ndarray) -> dict[str, object]:
     """Return ticks at round odds that fit on a phone, and space at the right end for the words of the longest bar."""
     low, high = min(0.0, float(positions.min())), max(0.3, float(positions.max()))
     reach = high - low
-    kept: list[int] = [0]
+    shown_decades: list[int] = [0]
     for decades in (*_DECADES, *(-d for d in _DECADES)):
         position = _position(decades * math.log(10.0))
-        distance = min(abs(position - _position(d * math.log(10.0))) for d in kept)
+        distance = min(abs(position - _position(d * math.log(10.0))) for d in shown_decades)
         if low - 0.05 <= position <= high + 0.05 and distance > _APART * reach:
-            kept.append(decades)
+            shown_decades.append(decades)
     return {
-        "tickvals": [_position(d * math.log(10.0)) for d in sorted(kept)],
-        "ticktext": [_power(d) for d in sorted(kept)],
+        "tickvals": [_position(d * math.log(10.0)) for d in sorted(shown_decades)],
+        "ticktext": [_power(d) for d in sorted(shown_decades)],
         "tickangle": 0,
         "range": [low - 0.02 * reach, high + _ROOM * reach],
         "zeroline": False,

@@ -15,7 +15,7 @@ UNNAMED = ", and no cause of the catalogue explains it better"
 # Reasons why a cause is only suspected, by reason code.
 DOUBTS = {
     "inadequate": "the model with all accepted causes leaves more than noise, so it is incomplete",
-    "unnamed": "an effect that no catalogued cause explains acts as well, and this may be a part of it",
+    "unnamed": "the data also show an effect that no catalogued cause explains, and this may be a part of it",
     "alternative": "other causes, or an effect without a name, may explain the same",
     "assumed": "it takes unknown centres of mass at the origins of their links; declare com_mm or payload_com_mm",
     "weak": "the evidence is weak: it is hardly more probable than no effect, and more measurements would decide",
@@ -24,7 +24,7 @@ DOUBTS = {
     "with it",
     "elsewhere": "it predicts left-out parts of the campaign (runs, days, regions) worse than the model without it",
     "course": "an effect without a name on the same parts explains the data as well, or acts next to it",
-    "not-random": "these errors are not random: they repeat, depend on an input, or a few large ones are most of them",
+    "not-random": "these errors are not random: they repeat, depend on an input, or consist mostly of a few large ones",
     "unpaid": "it does not reduce the error of the simulation",
 }
 # Data that a cause needs for its test, by the reason code of an untested row.
@@ -69,7 +69,7 @@ class Facts:
 
     verdict: str
     clause: str
-    parameters: Mapping[str, Mapping[str, Any]]
+    parameters: Mapping[str, Mapping[str, object]]
     p_value: float
     candidates: int
     rms_before: float | None

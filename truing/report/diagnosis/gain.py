@@ -107,7 +107,7 @@ def _opening_sentences(missed: list[_Missed], parts: PartNames, rows: list[Asses
     ``passes``: whether no test of the final model fails."""
     if not missed:
         return "This run holds no errors of predictions."
-    texts, removed = [_of_role(one) for one in missed], [_removed(one, passes) for one in missed]
+    texts, removed = [_of_role(of_role) for of_role in missed], [_removed(of_role, passes) for of_role in missed]
     if len(set(removed)) == 1:
         texts.append(removed[0])
     else:
@@ -118,24 +118,28 @@ def _opening_sentences(missed: list[_Missed], parts: PartNames, rows: list[Asses
 
 
 def _of_role(missed: _Missed) -> str:
-    one, after = missed.of, rough_quantity(missed.of.after, missed.of.unit)
+    errors, after = missed.of, rough_quantity(missed.of.after, missed.of.unit)
     text = f"The rms error on {missed.words} is {after}"
     if missed.modelled:
-        sizes = f"{rough_quantity(one.before, one.unit)} without the causes and {after} with them"
+        sizes = f"{rough_quantity(errors.before, errors.unit)} without the causes and {after} with them"
         text = f"The rms error on {missed.words} is {sizes}"
-    if one.floor is None:
+    if errors.floor is None:
         return f"{text}."
-    floor = f"the noise floor ({rough_quantity(one.floor, one.unit)})"
-    if one.is_below_noise:
-        return f"{text}. {'The latter' if missed.modelled else 'This'} is significantly below {floor}: {one.why_below}."
-    ratio = one.after / one.floor
-    against = f"consistent with {floor}" if _at_floor(one) else f"{rough(ratio)} times {floor}"
-    return f"{text}, {'which is ' * missed.modelled}{against}.{_of_chance(one) if ratio < 1.0 / AT_THE_FLOOR else ''}"
+    floor = f"the noise floor ({rough_quantity(errors.floor, errors.unit)})"
+    if errors.is_below_noise:
+        return (
+            f"{text}. {'The latter' if missed.modelled else 'This'} is significantly below {floor}: {errors.why_below}."
+        )
+    ratio = errors.after / errors.floor
+    against = f"consistent with {floor}" if _at_floor(errors) else f"{rough(ratio)} times {floor}"
+    return (
+        f"{text}, {'which is ' * missed.modelled}{against}.{_of_chance(errors) if ratio < 1.0 / AT_THE_FLOOR else ''}"
+    )
 
 
-def _of_chance(one: Overall) -> str:
+def _of_chance(errors: Overall) -> str:
     """Return the sentence on an error below the noise floor that no test calls significant."""
-    if one.freedom > 0.0:
+    if errors.freedom > 0.0:
         return " The data are too few to tell whether this is chance."
     return " Whether this is chance was not tested."
 
@@ -146,14 +150,14 @@ def _at_floor(overall: Overall) -> bool:
 
 def _removed(missed: _Missed, passes: bool) -> str:
     """Return in words the share of the variance beyond noise that the causes explain; ``passes`` as above."""
-    one = missed.of
-    if not missed.modelled or one.floor is None or one.is_below_noise:
+    errors = missed.of
+    if not missed.modelled or errors.floor is None or errors.is_below_noise:
         return ""
-    share = share_removed(one.before, one.after, one.floor)
+    share = share_removed(errors.before, errors.after, errors.floor)
     if share is None or share <= 0.0:
         return ""
     if share > _ALL:
-        clean = passes and _at_floor(one)
+        clean = passes and _at_floor(errors)
         return "No systematic error remains detectable." if clean else "The causes explain all variance beyond noise."
     return f"The causes explain {100.0 * share:.3g} % of the variance beyond noise."
 
@@ -171,7 +175,7 @@ def _errors_by_cause(findings: list[AssessedCause], parts: PartNames) -> Drawn:
 
 def _parts(missed: list[_Missed], tables: Tables) -> Drawn:
     """Return figures of every pose, or of every reading of a bench."""
-    modelled = any(one.modelled for one in missed)
+    modelled = any(of_role.modelled for of_role in missed)
     misses = reading_misses(tables)
     if misses is not None:
         return drawn_readings(misses, modelled)
@@ -179,7 +183,7 @@ def _parts(missed: list[_Missed], tables: Tables) -> Drawn:
     if table is None:
         return []
     diamonds = "Diamonds: held-out poses, not used in any fit." if table["role"].eq("verification").any() else ""
-    lines = "Each line connects a pose before and after." if modelled else ""
+    lines = "Each line connects the errors of one pose before and after." if modelled else ""
     words = " ".join(filter(None, (lines, diamonds)))
     return [(_pose_by_pose(table, missed[0].floor if missed else None, modelled), words)]
 

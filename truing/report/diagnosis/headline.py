@@ -50,11 +50,11 @@ def gain(causes: list[AssessedCause], tables: Tables) -> str:
     return _change(quantity, rms_errors) + _against_noise(rms_errors, _whose_noise(tables))
 
 
-def _change(quantity: str, one: Overall) -> str:
-    before, after = (rough_quantity(size, one.unit) for size in (one.before, one.after))
+def _change(quantity: str, errors: Overall) -> str:
+    before, after = (rough_quantity(size, errors.unit) for size in (errors.before, errors.after))
     if before == after:
         return f"leaves {quantity} at {after}"
-    return f"{'lowers' if one.after < one.before else 'raises'} {quantity} from {before} to {after}"
+    return f"{'lowers' if errors.after < errors.before else 'raises'} {quantity} from {before} to {after}"
 
 
 def _whose_noise(tables: Tables) -> str:
@@ -64,14 +64,14 @@ def _whose_noise(tables: Tables) -> str:
     return "noise and the scatter found here" if raised else "the measurement noise"
 
 
-def _against_noise(one: Overall, noise_owner: str) -> str:
+def _against_noise(errors: Overall, noise_owner: str) -> str:
     """Return the rms error after all findings with the noise floor, if known; ``noise_owner``: whose noise."""
-    if one.floor is None:
+    if errors.floor is None:
         return ""
-    floor = rough_quantity(one.floor, one.unit)
-    if one.is_below_noise:
-        return f", significantly below {noise_owner} ({floor}): {one.why_below}"
-    near = 1.0 / AT_THE_FLOOR <= one.after / one.floor <= AT_THE_FLOOR
+    floor = rough_quantity(errors.floor, errors.unit)
+    if errors.is_below_noise:
+        return f", significantly below {noise_owner} ({floor}): {errors.why_below}"
+    near = 1.0 / AT_THE_FLOOR <= errors.after / errors.floor <= AT_THE_FLOOR
     return f", consistent with {noise_owner} ({floor})" if near else f"; {noise_owner} alone would give {floor}"
 
 

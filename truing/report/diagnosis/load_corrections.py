@@ -19,7 +19,7 @@ _MM = 1e-3
 _SHARE = {"": 1.0, "_asymmetry": 0.5, "_growth": 1.0}
 
 
-def unwritten_loads(rows: list[AssessedCause], tables: Tables) -> ReportSection | None:
+def unrecorded_loads(rows: list[AssessedCause], tables: Tables) -> ReportSection | None:
     """Return the section on unrecorded moments or forces and their effect on a calibration; None where
     there are none."""
     acted = _corrected_loads(rows, tables)
@@ -44,10 +44,10 @@ def load_warning(rows: list[AssessedCause], tables: Tables) -> str:
 
 
 def _corrected_loads(rows: list[AssessedCause], tables: Tables) -> str:
-    if not (found := accepted_of(rows)):
+    if not (accepted_rows := accepted_of(rows)):
         return ""
     steps = load_steps(tables)
-    return "; ".join(beside for row in found for beside in _other_load_text(row, steps))
+    return "; ".join(text for row in accepted_rows for text in _other_load_text(row, steps))
 
 
 def _upper(sentence: str) -> str:
@@ -67,7 +67,7 @@ def _other_load_text(row: AssessedCause, steps: pd.DataFrame) -> list[str]:
     if row.cause not in ("load-eccentricity", "load-imbalance") or axis is None:
         return []
     largest = float(steps[axis[1]].abs().max()) if len(steps) else 0.0
-    found: dict[str, float] = {}
+    size_of_component: dict[str, float] = {}
     for size in determined_sizes(row.sizes):
         name = re.fullmatch(r"(offset|moment|force)_([xyz])(_asymmetry|_growth)?", size.name)
         if name is None or size.number is None:
@@ -77,9 +77,9 @@ def _other_load_text(row: AssessedCause, steps: pd.DataFrame) -> list[str]:
             share = _MM * abs(size.number)
         else:
             component, share = name[2], _SHARE[name[3] or ""] * abs(size.number)
-        found[component] = found.get(component, 0.0) + share * largest
+        size_of_component[component] = size_of_component.get(component, 0.0) + share * largest
     kind, unit, preposition = ("moment", "N·m", "about") if axis[1][0] == "f" else ("force", "N", "along")
-    parts = sorted(((size, c) for c, size in found.items() if size > 0.0), reverse=True)
+    parts = sorted(((size, c) for c, size in size_of_component.items() if size > 0.0), reverse=True)
     if not parts:
         return []
     words = " and ".join(f"{rough(size)} {unit} {preposition} {c}" for size, c in parts)

@@ -19,6 +19,7 @@ from truing.report.page import MOST_ROWS, Listing, ReportSection
 from truing.report.tables import LOAD_UNITS, LOADS, Tables, cell, table_or_none
 from truing.schemas.needs import Need
 
+_RHO = re.compile(r"rho\d+_mm")  # reading of a leg's actuator
 _TITLE = "What to measure next"
 _WITHOUT_MECHANISM = "No configurations were computed: without a mechanism, possible configurations are not known."
 _OF_CHAIN = "No poses were computed: no finding or open question needs them, or distances were measured."
@@ -85,7 +86,7 @@ def _opening_sentences(steps: list[NextStep], tables: Tables) -> str:
         return f"{text} {begins}".strip()
     if table_or_none(tables, "next_poses") is not None:
         unchecked = f" {_UNCHECKED}" if "joints" in tables else ""
-        return f"{text} The tables list the readings to command.{unchecked}".strip()
+        return f"{text} The tables list the readings to set.{unchecked}".strip()
     legless = part_names(tables).is_of_points and "pulls" not in tables
     why = (_IN_WORDS if served else _OF_CHAIN) if "joints" in tables else _WITHOUT_MECHANISM
     return f"{text} {why if legless else part_names(tables).not_planned}".strip()
@@ -107,22 +108,23 @@ def _listing(purpose: str, table: pd.DataFrame) -> Listing:
         for r in table.to_dict("records")
     )
     heads = (Head("pose", "Number of the proposed pose."), *map(_head, columns), _EXPECTED)
-    caption = f"{purpose}: {count_text(len(table), 'configuration')}{_in_all(table, 'pose')}"
+    noun = "configuration" if any(_RHO.fullmatch(name) for name in columns) else "pose"  # of legs, or of joints
+    caption = f"{purpose}: {count_text(len(table), noun)}{_in_all(table, 'pose', 'measurement')}"
     bare = ((row[0], *("" if c == "–" else c for c in row[1:-1])) for row in rows[:MOST_ROWS])
     text = _csv(("pose", *columns), bare)
     return Listing(heads, rows, caption=caption, held_by="next_poses.parquet", csv=text)
 
 
-def _in_all(table: pd.DataFrame, unit: str) -> str:
-    """Return the total, ``, 91 poses in all``; empty where each is measured once, or no number is enough."""
+def _in_all(table: pd.DataFrame, unit: str, noun: str = "") -> str:
+    """Return the total, ``, 91 measurements in all``; empty where each is measured once, or no number is enough."""
     total = table["measurements"].fillna(0).iloc[0] if "measurements" in table else 0
-    return f", {count_text(int(total), unit)} in all" if total > table[unit].nunique() else ""
+    return f", {count_text(int(total), noun or unit)} in all" if total > table[unit].nunique() else ""
 
 
 def _columns(table: pd.DataFrame) -> list[str]:
     """Return columns of settings, readings first by leg, without those that need no setting."""
     names = [str(c) for c in table.columns if c not in _OTHER_COLUMNS and table[c].notna().any()]
-    readings = sorted((c for c in names if re.fullmatch(r"rho\d+_mm", c)), key=lambda c: int(c[3:-3]))
+    readings = sorted(filter(_RHO.fullmatch, names), key=lambda name: int(name[3:-3]))
     return [*(c for c in ("times",) if c in names), *readings, *(c for c in names if c not in (*readings, "times"))]
 
 

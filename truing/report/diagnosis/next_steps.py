@@ -4,7 +4,6 @@ from __future__ import annotations
 
 from collections.abc import Iterator, Mapping
 from dataclasses import dataclass, field
-from typing import Any
 
 import numpy as np
 import pandas as pd
@@ -19,7 +18,7 @@ from truing.report.diagnosis.assessed_causes import NOT_TESTABLE, RIVAL, SUSPECT
 from truing.report.diagnosis.shortcomings import decisive_measurements
 from truing.report.numbers import approximate_duration, count_text, printed
 from truing.report.section_verdict import verdict_rows
-from truing.report.tables import Tables, cell, table_or_none
+from truing.report.tables import Row, Tables, cell, table_or_none
 from truing.report.verdict import with_verdict
 from truing.report.wordings.catalogue import cause_words
 from truing.report.wordings.claim import AdviceKind
@@ -77,7 +76,7 @@ def next_steps(rows: list[AssessedCause], tables: Tables) -> list[NextStep]:
 
 def next_measurements_frame(steps: list[NextStep]) -> pd.DataFrame:
     """Return the rows of next_measurements.parquet."""
-    rows: list[dict[str, Any]] = [
+    rows: list[dict[str, object]] = [
         {"rank": rank, "need": step.need.value, "purpose": step.purpose, "next_measurement": step.words}
         | {"unit": step.unit or None, **step.figures}
         for rank, step in enumerate(steps, 1)
@@ -127,7 +126,7 @@ _VERIFICATION = ", with role verification"
 _ROLES = {"row": _VERIFICATION, "pose": _VERIFICATION, "run": " (with role verification if others have it)"}
 
 
-def _deciding_measurements(row: Any, pace_s: float | None, several: int, noun: str) -> NextStep:
+def _deciding_measurements(row: Row, pace_s: float | None, several: int, noun: str) -> NextStep:
     """Return the measurements that decide one requirement; they also serve the others if ``several`` are undecided.
 
     noun: row of an axis, pose, or run of a force sensor.
@@ -174,9 +173,9 @@ def _of_finding(row: AssessedCause, tables: Tables) -> NextStep:
     need = _OF_ADVICE.get(row.advice_kind, Need.RIVAL if doubted else Need.PRECISION)
     plan = _plan(row.next_purpose, tables)
     if plan is None:
-        return NextStep(need, row.name, printed(row.then), printed(row.in_short))
+        return NextStep(need, row.in_sentence, printed(row.then), printed(row.in_short))
     figures = {name: float(plan[name]) for name in _FIGURES if name in plan and pd.notna(plan[name])}
-    return NextStep(need, row.name, printed(row.then), printed(row.in_short), figures, cell(plan.get("unit")))
+    return NextStep(need, row.in_sentence, printed(row.then), printed(row.in_short), figures, cell(plan.get("unit")))
 
 
 def _plan(purpose: str, tables: Tables) -> pd.Series | None:

@@ -143,13 +143,15 @@ def reading_misses(tables: Tables) -> pd.DataFrame | None:
     errors = table_or_none(tables, "reading_errors")
     if errors is None:
         return None
-    found = errors.rename(columns={"missed_before": "before", "missed_after": "after"})
-    found = found.merge(_steps(tables), on=STEP, how="left").merge(_sigma(tables), on=[*STEP, "channel"], how="left")
-    found = found.sort_values(["start", "time_s", "step"], kind="stable").reset_index(drop=True)
-    left = found["after"].abs().groupby(found["channel"]).transform("median") * _MEDIAN_TO_SIGMA
-    if "noise_floor" not in found:
-        found["noise_floor"] = np.nan
-    return found.assign(noise=found["noise_floor"].fillna(left))
+    steps_with_errors = errors.rename(columns={"missed_before": "before", "missed_after": "after"})
+    steps_with_errors = steps_with_errors.merge(_steps(tables), on=STEP, how="left").merge(
+        _sigma(tables), on=[*STEP, "channel"], how="left"
+    )
+    steps_with_errors = steps_with_errors.sort_values(["start", "time_s", "step"], kind="stable").reset_index(drop=True)
+    left = steps_with_errors["after"].abs().groupby(steps_with_errors["channel"]).transform("median") * _MEDIAN_TO_SIGMA
+    if "noise_floor" not in steps_with_errors:
+        steps_with_errors["noise_floor"] = np.nan
+    return steps_with_errors.assign(noise=steps_with_errors["noise_floor"].fillna(left))
 
 
 def channels_of(misses: pd.DataFrame) -> list[str]:
@@ -242,8 +244,10 @@ def overall(findings: list[AssessedCause], tables: Tables, *, held_out: bool) ->
     effects = modelled_of(findings)
     if part_names(tables).is_of_readings and len(effects) > 1:
         units = dict.fromkeys(row.unit for row in effects)
-        reported = [one for unit in units if (one := _of_readings(unit, tables, held_out)) is not None]
-        return max(reported, key=lambda one: one.before / one.after if one.after > 0.0 else 1.0, default=None)
+        reported = [of_unit for unit in units if (of_unit := _of_readings(unit, tables, held_out)) is not None]
+        return max(
+            reported, key=lambda of_unit: of_unit.before / of_unit.after if of_unit.after > 0.0 else 1.0, default=None
+        )
     pair = total_gain(findings, held_out)
     if pair is None:
         return _of_poses(effects, tables, held_out)
@@ -269,7 +273,7 @@ def plain_errors(rows: list[AssessedCause], tables: Tables, *, held_out: bool) -
     if part_names(tables).is_of_readings:
         misses = reading_misses(tables)
         units = [] if misses is None else list(dict.fromkeys(misses["unit"]))
-        return [one for unit in units if (one := _of_readings(unit, tables, held_out)) is not None]
+        return [of_unit for unit in units if (of_unit := _of_readings(unit, tables, held_out)) is not None]
     reported = next((row for row in rows if row.rms[0] is not None), None)
     size = None if reported is None else (reported.held_out if held_out else reported.rms)[0]
     return (

@@ -4,11 +4,11 @@ from __future__ import annotations
 
 import math
 from collections.abc import Mapping
-from typing import Any
 
 import numpy as np
 import pandas as pd
 import plotly.graph_objects as go
+from numpy.typing import NDArray
 
 from truing.belonging.relation import RelationState
 from truing.report.diagnosis.prediction_errors import PartNames, part_names
@@ -18,7 +18,7 @@ from truing.report.numbers import count_text, p_equals, p_value, plain, rough, w
 from truing.report.page import Listing, ReportSection
 from truing.report.parameter_names import kind_of, name_of, print_unit
 from truing.report.section_verdict import SectionVerdict
-from truing.report.tables import Tables, cell, table_or_none
+from truing.report.tables import Row, Tables, cell, table_or_none
 from truing.schemas.verdict import ReasonCode
 
 _BEFORE, _AFTER = "plain", "extended"
@@ -88,7 +88,7 @@ def pulls_verdict(tables: Tables, _: Mapping[str, SectionVerdict]) -> SectionVer
     return SectionVerdict("pulls", state, ReasonCode.BEYOND_TOLERANCE, text, size, "1", limit)
 
 
-def _one_number(table: pd.DataFrame | None, last: Any) -> str:
+def _one_number(table: pd.DataFrame | None, last: Row) -> str:
     """Return the sentence on the one number whose correction explains all pulls, or on the leg that holds most of them;
     empty where there is neither."""
     if table is None or last.chi_square <= last.upper or "offset_after" not in table:
@@ -117,7 +117,7 @@ def _one_leg(known: pd.DataFrame) -> str:
     return f"The description does not fit the machine: nearly all pulls are of leg {leg}. Are its numbers right?"
 
 
-def _other_by(row: Any) -> str:
+def _other_by(row: Row) -> str:
     """Return a parameter with its correction: ``l of leg 3 larger by 20.00 ± 0.12 mm``.
 
     Next to it all other numbers keep their tolerances, so the squares that it explains are those of its offset over its
@@ -129,7 +129,7 @@ def _other_by(row: Any) -> str:
     return f"{name_of(row.parameter, row.leg)} {direction} by {with_uncertainty(offset, sigma, unit)}"
 
 
-def _sums(tables: Tables) -> dict[str, Any]:
+def _sums(tables: Tables) -> dict[str, Row]:
     """Return the row of each model whose pulls could be compared with their band."""
     table = table_or_none(tables, "pull_sums")
     rows = {str(row.model): row for row in table.itertuples()} if table is not None else {}
@@ -140,15 +140,15 @@ def _rms(chi_square: float, freedom: float) -> float:
     return math.sqrt(chi_square / freedom) if freedom > 0 and chi_square >= 0.0 else math.nan
 
 
-def _is_testable(row: Any) -> bool:
+def _is_testable(row: Row) -> bool:
     return row.freedom > 0 and math.isfinite(row.chi_square) and math.isfinite(row.upper)
 
 
-def _final_sums(sums: dict[str, Any]) -> Any:
+def _final_sums(sums: Mapping[str, Row]) -> Row:
     return sums[_AFTER] if _AFTER in sums else next(iter(sums.values()))
 
 
-def _opening_sentences(sums: dict[str, Any], parts: PartNames) -> str:
+def _opening_sentences(sums: Mapping[str, Row], parts: PartNames) -> str:
     if not sums:
         return "The sum of all pulls could not be tested: see each of them."
     last = _final_sums(sums)
@@ -161,7 +161,7 @@ def _opening_sentences(sums: dict[str, Any], parts: PartNames) -> str:
     return f"Rms pull: {rough(size)}. {band}. {_verdict(last, parts)}"
 
 
-def _verdict(row: Any, parts: PartNames) -> str:
+def _verdict(row: Row, parts: PartNames) -> str:
     if row.chi_square > row.upper:
         return "Parts are farther from nominal than tolerances allow: tolerances are too small, or a cause is missing."
     if row.chi_square < row.lower:
@@ -169,7 +169,7 @@ def _verdict(row: Any, parts: PartNames) -> str:
     return parts.as_built
 
 
-def _summary_listing(sums: dict[str, Any]) -> Listing:
+def _summary_listing(sums: Mapping[str, Row]) -> Listing:
     words = {_BEFORE: _COLUMNS["pull_before"], _AFTER: _COLUMNS["pull_after"]}
     rows = tuple(
         (
@@ -250,7 +250,7 @@ def _marks(
     )
 
 
-def _spread(legs: pd.Series) -> Any:
+def _spread(legs: pd.Series) -> NDArray:
     """Return places of legs next to each other within their kind."""
     numbers = legs.to_numpy(dtype=float)
     known = numbers[np.isfinite(numbers)]
@@ -310,7 +310,7 @@ def _largest_first(changed: pd.DataFrame) -> pd.DataFrame:
     return changed.assign(jump=jump).sort_values("jump", ascending=False, kind="stable", na_position="last")
 
 
-def _change(r: Any) -> str:
+def _change(r: Row) -> str:
     """Return a change in words: ``l of leg 5 by 150 ± 2 µm (or a_z5, which this campaign cannot distinguish)``."""
     factor, unit = print_unit(r.parameter, r.unit)
     if r.change != r.change:
@@ -321,7 +321,7 @@ def _change(r: Any) -> str:
     return f"{_name(r)} by {with_uncertainty(factor * r.change, factor * r.sigma_change, unit)}{instead}"
 
 
-def _name(r: Any) -> str:
+def _name(r: Row) -> str:
     """Return the name of a number, with its effect if it belongs to one."""
     effect = cell(r.effect_of)
     return f"{name_of(r.parameter, r.leg)} of {effect}" if effect else name_of(r.parameter, r.leg)
@@ -356,7 +356,7 @@ def _listing(table: pd.DataFrame) -> Listing:
     return Listing(heads, rows, marks, caption, len(rows) > 12, "changes.parquet")
 
 
-def _cells(r: Any) -> tuple[str, ...]:
+def _cells(r: Row) -> tuple[str, ...]:
     factor, unit = print_unit(r.parameter, r.unit)
     return (
         _name(r),

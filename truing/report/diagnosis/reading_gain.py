@@ -2,8 +2,6 @@
 
 from __future__ import annotations
 
-from typing import Any
-
 import numpy as np
 import pandas as pd
 import plotly.graph_objects as go
@@ -50,11 +48,11 @@ def drawn_readings(misses: pd.DataFrame, modelled: bool) -> Drawn:
     if len(unknown) == misses["channel"].nunique():
         words = f"The noise is {left}"
     straight = "A straight line through zero is a wrong slope. Loading and unloading differ by hysteresis or creep."
-    found = [(where_missed(misses, modelled), f"{words}.")]
+    drawings = [(where_missed(misses, modelled), f"{words}.")]
     if axes_of(misses):
-        found.append((against_load(misses, modelled), straight))
+        drawings.append((against_load(misses, modelled), straight))
     walk = "Each block is a run with its loaded axis. One zero per run and channel is subtracted."
-    return [*found, *((figure, walk) for figure in in_order(misses, modelled))]
+    return [*drawings, *((figure, walk) for figure in in_order(misses, modelled))]
 
 
 def by_channel(misses: pd.DataFrame) -> Listing:
@@ -124,7 +122,7 @@ def against_load(misses: pd.DataFrame, modelled: bool) -> go.Figure:
     rows = -(-len(panels) // 2)
     titles = [f"{label(c)} under {a} ({sign(_unit(misses, c))})" for c, a in panels]
     figure = make_subplots(rows, 2, subplot_titles=titles, vertical_spacing=0.34 / rows, horizontal_spacing=0.12)
-    shapes: list[dict[str, Any]] = []
+    shapes: list[dict[str, object]] = []
     for index, (channel, axis) in enumerate(panels):
         readings_under_load = _readings_under_load(misses, channel, axis)
         for when, words, colour, _ in _series(modelled):
@@ -165,7 +163,7 @@ def in_order(misses: pd.DataFrame, modelled: bool) -> list[go.Figure]:
 def _in_order(misses: pd.DataFrame, modelled: bool, channels: list[str], title: str) -> go.Figure:
     """Return a figure with a panel per channel and separate runs."""
     figure = make_subplots(len(channels), 1, vertical_spacing=0.3 / max(len(channels), 2))
-    shapes: list[dict[str, Any]] = []
+    shapes: list[dict[str, object]] = []
     scatter = go.Scattergl if len(misses) > MANY_POINTS else go.Scatter
     for row, channel in enumerate(channels, 1):
         of_channel = misses[misses["channel"] == channel].reset_index(drop=True)
@@ -230,7 +228,7 @@ def _panels(misses: pd.DataFrame) -> list[tuple[str, str]]:
     return (informative if len(informative) >= _FEWEST_PANELS else known[:_FEWEST_PANELS])[:_PANELS]
 
 
-def _band(table: pd.DataFrame, panel: int) -> list[dict[str, Any]]:
+def _band(table: pd.DataFrame, panel: int) -> list[dict[str, object]]:
     """Return the band of 95 % of the noise, as a shape of a panel (from 1)."""
     noise = _BAND * root_mean_square(table["noise"])
     if not noise > 0.0:
@@ -240,7 +238,7 @@ def _band(table: pd.DataFrame, panel: int) -> list[dict[str, Any]]:
     return [{"type": "rect", **shape, "fillcolor": GREY, "opacity": 0.2, "line": {"width": 0}, "layer": "below"}]
 
 
-def _between_runs(table: pd.DataFrame, panel: int) -> list[dict[str, Any]]:
+def _between_runs(table: pd.DataFrame, panel: int) -> list[dict[str, object]]:
     """Return lines between runs, as shapes of a panel, because separate calls of plotly are slow."""
     line, number = {"color": GREY, "width": 0.5, "dash": "dot"}, "" if panel == 1 else str(panel)
     shape = {"type": "line", "xref": f"x{number}", "yref": f"y{number} domain", "y0": 0.0, "y1": 1.0, "line": line}
@@ -273,7 +271,7 @@ def _texts(table: pd.DataFrame, unit: str, when: str) -> list[str]:
     ]
 
 
-def _run_axis(table: pd.DataFrame) -> dict[str, Any]:
+def _run_axis(table: pd.DataFrame) -> dict[str, object]:
     """Return the names of the runs where there is space for them."""
     first = _first_of_runs(table)
     middles = 0.5 * (first + np.append(first[1:], len(table)) - 1.0)

@@ -20,7 +20,7 @@ from truing.report.diagnosis.evidence import evidence
 from truing.report.diagnosis.findings import doubt_text
 from truing.report.diagnosis.gain import gain_section
 from truing.report.diagnosis.headline import clause
-from truing.report.diagnosis.load_corrections import unwritten_loads
+from truing.report.diagnosis.load_corrections import unrecorded_loads
 from truing.report.diagnosis.next_measurements import requested_measurements
 from truing.report.diagnosis.pulls import changes, pulls
 from truing.report.diagnosis.words import certainty, counted, lower
@@ -68,7 +68,7 @@ def _parts(rows: list[AssessedCause], causes: list[AssessedCause], tables: Table
         sizes(causes, tables) if causes else None,
         pulls(tables),
         _absorption_link(tables) if any(row.cause.startswith("platform-deformation") for row in causes) else None,
-        unwritten_loads(rows, tables),
+        unrecorded_loads(rows, tables),
         hidden(rows, tables),
         requested_measurements(rows, tables),
         changes(tables),

@@ -3,12 +3,11 @@
 from __future__ import annotations
 
 from collections.abc import Iterator
-from typing import Any
 
 from truing.report.diagnosis.adequacy import CAUSES_LEFT, LOOKS_BACK, columns_along, noise_compared, shortcoming_words
 from truing.report.diagnosis.assessed_causes import FOUND, SUSPECTED, AssessedCause
 from truing.report.section_verdict import verdict_rows
-from truing.report.tables import Tables, cell, table_or_none
+from truing.report.tables import Row, Tables, cell, table_or_none
 from truing.report.verdict import with_verdict
 from truing.report.wordings.catalogue import WORDINGS, cause_words
 from truing.report.wordings.nonparametric_wordings import OF_TIME, columns_words
@@ -77,7 +76,7 @@ def decisive_measurements(rows: list[AssessedCause], tables: Tables) -> Iterator
         yield why, words
 
 
-def _decisive_measurement(row: Any, epochs: tuple[str, str, str, str]) -> str:
+def _decisive_measurement(row: Row, epochs: tuple[str, str, str, str]) -> str:
     """Return the measurement that shows why one test of the final model fails."""
     _, several, again, anew = epochs
     if row.test == CAUSES_LEFT:

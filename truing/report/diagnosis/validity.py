@@ -25,17 +25,16 @@ def held_out_sentences(findings: Iterable[AssessedCause], parts: PartNames) -> l
     """Return the sentences on blocks left out, and on findings without informative blocks."""
     rows = [row for row in findings if row.left_out_by]
     texts = _of_blocks([row for row in rows if row.left_out_gain is not None], parts)
-    if one_block := dict.fromkeys(row.name for row in rows if row.left_out_by == ONE_BLOCK):
+    if one_block := dict.fromkeys(row.in_sentence for row in rows if row.left_out_by == ONE_BLOCK):
         texts.append(
-            f"Not cross-validated: {'; '.join(one_block)}. The effect shows in only one series, run, day "
-            "or region, or too "
-            "weakly in each. A repetition on another day would test it."
+            f"Not cross-validated: {'; '.join(one_block)}. The effect shows in only one series, run, day or region, or "
+            "too weakly in each. A repetition on another day would test it."
         )
-    if unknown := dict.fromkeys(row.name for row in rows if row.left_out_by == NONE):
+    if unknown := dict.fromkeys(row.in_sentence for row in rows if row.left_out_by == NONE):
         texts.append(
             f"Not cross-validated: {'; '.join(unknown)}. The campaign has fewer than three series, runs, days or "
-            f"regions to leave out as a whole, and single {parts.single}s left out do not test whether "
-            f"an effect holds elsewhere. {_to_measure(parts)}"
+            f"regions to leave out as a whole. Leaving out single {parts.single}s does not test whether an effect "
+            f"holds elsewhere. {_to_measure(parts)}"
         )
     return texts
 
@@ -52,10 +51,10 @@ def _of_blocks(rows: list[AssessedCause], part_names_of_model: PartNames) -> lis
     texts = []
     for (verb, parts), causes in alike.items():
         names = "; ".join(f"{row.in_sentence}, {_odds(_gain(row))}" for row in causes)
-        each = "it" if len(causes) == 1 else "each of them"
+        which_cause = "it" if len(causes) == 1 else "each of them"
         texts.append(
-            f"Cross-validation {verb} {names}: {parts} that are sensitive to {each} were left out in turn and "
-            "predicted from the others."
+            f"Cross-validation {verb} {names}. For this, {parts} that are sensitive to {which_cause} were left out in "
+            "turn and predicted from the others."
         )
     return texts
 

@@ -153,7 +153,9 @@ def _clauses(rows: list[AssessedCause], tables: Tables) -> list[str]:
     """Return the findings that are written out, each with its terms of higher order."""
     texts = []
     for row in _named(rows):
-        sizes = [f"{rough(one.largest_motion)} {one.unit}" for one in rows if row.has_terms(one) and one.largest_motion]
+        sizes = [
+            f"{rough(term.largest_motion)} {term.unit}" for term in rows if row.has_terms(term) and term.largest_motion
+        ]
         more = f"; its terms of higher order reach {' and '.join(sizes)}" if sizes else ""
         texts.append(printed(f"{clause(row, tables)}{more}"))
     return texts
@@ -305,7 +307,7 @@ def counted(rows: list[AssessedCause], tables: Tables) -> str:
     accepted = [row for row in accepted_of(rows) if not row.is_noise]
     left_out = [row for row in accepted if not row.in_model]
     refuted = len(left_out)
-    found, suspected = len(accepted) - refuted, sum(row.verdict == SUSPECTED and row.in_model for row in accepted)
+    found_count, suspected = len(accepted) - refuted, sum(row.verdict == SUSPECTED and row.in_model for row in accepted)
     causes = [row for row in rows if not row.is_noise]
     assessed = f"{count_text(len(causes), 'candidate cause')} assessed"
     if not accepted:
@@ -321,7 +323,7 @@ def counted(rows: list[AssessedCause], tables: Tables) -> str:
     if is_bench(tables) or any(name in tables for name in ("pulls", "axis_errors")):
         into = "added to the extended model (model.toml)"
     worse = f", {refuted} suspected but not {into} because {_why_left_out(left_out)}" if refuted else ""
-    text = f"{_accepted_words(found - suspected, suspected)} and {into}" if found else "none found"
+    text = f"{_accepted_words(found_count - suspected, suspected)} and {into}" if found_count else "none found"
     return (
         f"{assessed}: {text}{worse}{other}, {rejected} rejected{unseen}. "
         f"All causes were compared on the same data, re-estimating every other parameter."
@@ -337,6 +339,6 @@ def _why_left_out(rows: list[AssessedCause]) -> str:
     return hardly if weak == len(rows) else f"{hardly}, or predictions are not better with {it}"
 
 
-def _accepted_words(found: int, suspected: int) -> str:
-    texts = [f"{found} found"] if found or not suspected else []
+def _accepted_words(found_count: int, suspected: int) -> str:
+    texts = [f"{found_count} found"] if found_count or not suspected else []
     return ", ".join([*texts, *([f"{suspected} suspected"] if suspected else [])])

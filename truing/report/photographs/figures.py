@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from typing import Any
 
 import numpy as np
 import pandas as pd
@@ -322,7 +321,7 @@ def _ray_ends(rays: pd.DataFrame, words: list[str], colour: str, name: str) -> g
     )
 
 
-def _slider(noun: str, names: Sequence[int | str], owner: list[int]) -> dict[str, Any]:
+def _slider(noun: str, names: Sequence[int | str], owner: list[int]) -> dict[str, object]:
     """Return a slider that shows the traces of one ``noun``; ``owner``: index of the name of each trace."""
     steps = [
         {"label": label(name), "method": "restyle", "args": [{"visible": [number == k for number in owner]}]}

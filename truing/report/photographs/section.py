@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 from collections.abc import Iterator
-from typing import Any
 
 import numpy as np
 import pandas as pd
@@ -12,7 +11,7 @@ from truing.report.heads import POSE, Head
 from truing.report.numbers import count_text, in_suitable_unit, plain, printed, quantity, with_uncertainty
 from truing.report.page import MOST_ROWS, Listing, ReportSection
 from truing.report.photographs.figures import network_picture, residual_picture
-from truing.report.tables import SIGMA, Tables, cell, table_or_none
+from truing.report.tables import SIGMA, Row, Tables, cell, table_or_none
 from truing.schemas.photograph_artifacts import FROM_MARKER, FROM_SURVEY
 
 _OPEN = 12
@@ -117,10 +116,10 @@ def _strongest(tables: Tables) -> dict[str, str]:
         return {}
     best: dict[str, tuple[float, str]] = {}
     for r in table.itertuples():
-        for one, other in ((r.parameter, r.other_parameter), (r.other_parameter, r.parameter)):
-            if abs(r.correlation) > abs(best.get(one, (0.0, ""))[0]):
-                best[one] = (r.correlation, other)
-    return {one: f"{value:+.2f} with {other}" for one, (value, other) in best.items()}
+        for parameter, other in ((r.parameter, r.other_parameter), (r.other_parameter, r.parameter)):
+            if abs(r.correlation) > abs(best.get(parameter, (0.0, ""))[0]):
+                best[parameter] = (r.correlation, other)
+    return {parameter: f"{value:+.2f} with {other}" for parameter, (value, other) in best.items()}
 
 
 def _bars(tables: Tables) -> Iterator[Listing]:
@@ -147,15 +146,15 @@ def _bars(tables: Tables) -> Iterator[Listing]:
             continue
         standardised = (of_kind["deviation_mm"] / of_kind["deviation_sigma_mm"]).abs().fillna(0.0)
         worst = of_kind.loc[standardised.groupby(of_kind["bar"], sort=False).idxmax()]
-        each = tuple((r.bar.removeprefix(start), str(r.pose), *_length(r)) for r in worst.itertuples())
-        caption = f"{title} that define the scale ({len(each)}), each in the pose with its largest deviation"
-        yield Listing((_DISTANCE, POSE, *heads[3:]), each, (), caption, len(each) > _OPEN, _LENGTHS)
+        bar_rows = tuple((r.bar.removeprefix(start), str(r.pose), *_length(r)) for r in worst.itertuples())
+        caption = f"{title} that define the scale ({len(bar_rows)}), each in the pose with its largest deviation"
+        yield Listing((_DISTANCE, POSE, *heads[3:]), bar_rows, (), caption, len(bar_rows) > _OPEN, _LENGTHS)
 
 
 _DISTANCE = Head("distance", "Names of the two points.")
 
 
-def _length(r: Any) -> tuple[str, str, str]:
+def _length(r: Row) -> tuple[str, str, str]:
     """Return a calibrated and an adjusted length, and their difference."""
     # A bar that alone defines the scale differs only by rounding.
     reported = r.deviation_sigma_mm > 1e-9 * r.length_mm
@@ -207,7 +206,7 @@ def _rejected(residuals: pd.DataFrame) -> Iterator[Listing]:
         yield Listing(heads, rows, caption=caption, folded=len(rows) > _OPEN, held_by=_HELD, total=count_of)
 
 
-def _ray(r: Any) -> tuple[str, ...]:
+def _ray(r: Row) -> tuple[str, ...]:
     residual_text = f"{r.vx_px:+.2f}, {r.vy_px:+.2f}" if np.isfinite(r.vx_px) else "–"
     return str(r.pose), r.image, r.point or f"a {r.kind}", f"{r.x_px:.1f}, {r.y_px:.1f}", residual_text
 

@@ -33,23 +33,23 @@ NO_MEANINGS = Meanings()
 
 
 def marked(text: str, used: set[str], meanings: Meanings = NO_MEANINGS) -> Markup:
-    """Return the text as HTML: terms that are not in ``used`` get a tooltip with their meaning, and enter it.
+    """Return the text as HTML with a tooltip on each term that is not in ``used``; the term is then added to ``used``.
 
-    A term with a row in the reference is a link to it; another one can be reached by the keyboard.
+    A term with a row in the reference is a link to it. Any other term can be focused with the keyboard.
     """
     from markupsafe import Markup, escape
 
     parts, end = [], 0
-    for found in _pattern().finditer(text):
-        term = _by_spelling()[found[0] if found["symbol"] else found["term"].lower()]
+    for match in _pattern().finditer(text):
+        term = _by_spelling()[match[0] if match["symbol"] else match["term"].lower()]
         if term.term in used:
             continue
         used.add(term.term)
-        title = f"{term.term}: {term.meaning}" if found["symbol"] else term.meaning
+        title = f"{term.term}: {term.meaning}" if match["symbol"] else term.meaning
         anchor, _ = meanings.by_name.get((TERM, term.term), ("", ""))
         link = '<a class="defined" href="#{2}" title="{0}">{1}</a>' if anchor else _WITHOUT_ROW
-        parts += [escape(text[end : found.start()]), Markup(link).format(title, found[0], anchor)]
-        end = found.end()
+        parts += [escape(text[end : match.start()]), Markup(link).format(title, match[0], anchor)]
+        end = match.end()
     return Markup("").join([*parts, escape(text[end:])])
 
 
@@ -79,9 +79,13 @@ def defined(cell: str, head: str, meanings: Meanings) -> Markup | str:
 
 
 def known_name(cell: str, is_known: Callable[[str], bool]) -> str:
-    """Return the known name with which a cell begins, empty for none: words behind a comma are the subject, and words
-    behind *of* may be inputs, ``nonparametric effect of time``."""
+    """Return the known name with which a cell begins; empty if it begins with none.
+
+    Words behind a comma or in brackets are the subject: ``creep (load fz)``. Words behind *of* may be inputs:
+    ``nonparametric effect of time``.
+    """
     name = cell.partition(",")[0]
+    name = name if is_known(name) else name.partition(" (")[0]
     while name and not is_known(name):
         name = name.rpartition(" of ")[0]
     return name

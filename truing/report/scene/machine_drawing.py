@@ -314,8 +314,8 @@ def _apart(texts: list[tuple[str, _Points, _Points]], drawn: _Points) -> Iterato
         yield words, float(x), float(y + 0.33 * _TEXT)
 
 
-def _overlap(one: _Points, other: _Points) -> bool:
-    return bool((one[0] < other[1]).all() and (other[0] < one[1]).all())
+def _overlap(first: _Points, second: _Points) -> bool:
+    return bool((first[0] < second[1]).all() and (second[0] < first[1]).all())
 
 
 def _covered(box: _Points, drawn: _Points) -> int:

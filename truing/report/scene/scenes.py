@@ -76,8 +76,8 @@ def _of_legs(shape: pd.DataFrame, residuals: pd.DataFrame) -> pd.DataFrame:
 
 
 def _leg_of(body: str) -> float:
-    found = re.fullmatch(_LEG, body)
-    return float(found[1]) if found else float("nan")
+    match = re.fullmatch(_LEG, body)
+    return float(match[1]) if match else float("nan")
 
 
 def _with_legs(table: pd.DataFrame, legs: pd.DataFrame) -> pd.DataFrame:
@@ -181,9 +181,9 @@ def _noise(tables: Tables, targets: pd.DataFrame, poses: list[int | str]) -> NDA
     if points is None:
         return np.full((len(poses), len(targets), 3), np.nan)
     wanted = [(pose, *key) for pose in poses for key in keys]
-    found = points.set_index(["pose", "body", "target"])[SIGMA]
+    by_point = points.set_index(["pose", "body", "target"])[SIGMA]
     is_observed = (
-        found[~found.index.duplicated()].reindex(wanted).to_numpy(dtype=float).reshape(len(poses), len(keys), 3)
+        by_point[~by_point.index.duplicated()].reindex(wanted).to_numpy(dtype=float).reshape(len(poses), len(keys), 3)
     )
     if survey is None or not set(SIGMA) <= set(survey.columns):
         return is_observed

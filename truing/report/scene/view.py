@@ -104,7 +104,7 @@ def picture(scene: DrawnScene, title: str, subtitle: str) -> go.Figure:
     return figure
 
 
-def drawn(scene: DrawnScene, step: int, gain: float, chosen: tuple[int, ...] = ()) -> list[dict[str, Any]]:
+def drawn(scene: DrawnScene, step: int, gain: float, chosen: tuple[int, ...] = ()) -> list[dict[str, object]]:
     """Return coordinates and texts of all traces with the chosen legs, as the script of the page computes them too."""
     start, end = scene.place[step], scene.place[step] + gain * scene.shift[step]
     is_finite = np.isfinite(start).all(-1) & np.isfinite(end).all(-1)
@@ -143,7 +143,7 @@ def _joints(scene: DrawnScene, step: int) -> NDArray[np.float64]:
     return np.stack([scene.lower[step], scene.upper[step]], axis=1)
 
 
-def scene_data(scene: DrawnScene) -> dict[str, Any]:
+def scene_data(scene: DrawnScene) -> dict[str, object]:
     """Return the scene for the page's script: numbers in mm, points by step."""
     return {
         "gain": scene.gain,
@@ -166,7 +166,7 @@ def scene_data(scene: DrawnScene) -> dict[str, Any]:
     }
 
 
-def _listed(values: NDArray[np.float64], digits: int = 4) -> Any:
+def _listed(values: NDArray[np.float64], digits: int = 4) -> object:
     """Return nested lists with null for unknown values."""
     rounded = np.round(values, digits)
     return np.where(np.isfinite(rounded), rounded.astype(object), np.array(None)).tolist()
@@ -196,7 +196,7 @@ def _traces(scene: DrawnScene) -> list[go.Scatter3d]:
     ]
 
 
-def _slider(scene: DrawnScene) -> dict[str, Any]:
+def _slider(scene: DrawnScene) -> dict[str, object]:
     steps = []
     for step, name in enumerate(scene.labels):
         changes = drawn(scene, step, scene.gain)

@@ -148,8 +148,8 @@ def _largest(tables: Tables) -> dict[str, float]:
     steps = table_or_none(tables, "signals")
     if steps is None:
         return {}
-    found = {load: float(steps[column].abs().max()) for load, column in LOADS.items()}
-    return {load: size for load, size in found.items() if size > 0.0}
+    largest_load = {load: float(steps[column].abs().max()) for load, column in LOADS.items()}
+    return {load: size for load, size in largest_load.items() if size > 0.0}
 
 
 def _heldout(choice: pd.DataFrame, largest: dict[str, float]) -> tuple[pd.Series, dict[str, float]]:
@@ -225,9 +225,9 @@ def _matrix(matrices: pd.DataFrame) -> Listing:
     for load in LOADS:
         cells = []
         for column in columns:
-            one = table[load, column]
-            sigma = np.nanmax([one.sigma, getattr(one, "sigma_by_case", np.nan)])
-            cells.append(with_uncertainty(one.value, float(sigma)))
+            entry = table[load, column]
+            sigma = np.nanmax([entry.sigma, getattr(entry, "sigma_by_case", np.nan)])
+            cells.append(with_uncertainty(entry.value, float(sigma)))
         rows.append((f"{load} ({LOAD_UNITS[load]})", *cells))
     heads = (LOAD, *(Head(f"per mV of {column}", _PER_MV) for column in columns))
     csv = chosen.drop(columns=["chosen", "matrix"]).to_csv(index=False)
@@ -473,13 +473,13 @@ def _merit_figure(merit: pd.DataFrame, length_m: float) -> go.Figure:
     figure = go.Figure()
     for (matrix, model), group in at[at["matrix"] != "G_B"].groupby(["matrix", "model"], sort=False):
         name, colour, symbol = _SHOWN.get((matrix, model), _SHOWN[matrix, ""])
-        each = group[group["figure"] == "sensitivity"].set_index("subject").reindex(list(LOADS))
+        of_loads = group[group["figure"] == "sensitivity"].set_index("subject").reindex(list(LOADS))
         condition = group[group["figure"] == "condition"].iloc[0]
-        sigmas = np.array([*each["sigma"], condition["sigma"]], dtype=float)
+        sigmas = np.array([*of_loads["sigma"], condition["sigma"]], dtype=float)
         figure.add_trace(
             go.Scatter(
                 x=[*(f"S {load}" for load in LOADS), "condition"],
-                y=[*each["value"], condition["value"]],
+                y=[*of_loads["value"], condition["value"]],
                 mode="markers",
                 name=name,
                 marker={"color": colour, "size": 10, "symbol": symbol},

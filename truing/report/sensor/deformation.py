@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 from collections.abc import Mapping
-from typing import Any
 
 import numpy as np
 import pandas as pd
@@ -11,7 +10,7 @@ import plotly.graph_objects as go
 from plotly.subplots import make_subplots
 
 from truing.belonging.relation import RelationState
-from truing.report.comparison_map import comparison_map
+from truing.report.comparison_map import ComparedEntries, comparison_map
 from truing.report.deformation_section import compliance_map
 from truing.report.error_figures import error_figure_words
 from truing.report.figure_style import BAR, BLUE, GREY, ORANGE, RED, panel_grid, style
@@ -50,7 +49,7 @@ def deformation(tables: Tables) -> ReportSection | None:
     shown = [*_view(tables), *_curves(tables), *_maps(compliance)]
     tests = _tests(tables)
     listings = [listing_of(tests, "Tests of the models"), by_leg_of_sensor(tables), _entries(compliance)]
-    listings += [one for one in (published_listing(tables),) if one is not None]
+    listings += [listing for listing in (published_listing(tables),) if listing is not None]
     listings.append(_errors(tables["deformation_errors"]))
     reported = tuple(listing for listing in listings if listing.rows)
     return ReportSection(
@@ -202,12 +201,16 @@ def _entries(compliance: pd.DataFrame) -> Listing:
     rows, marks = [], []
     for response in CHANNELS:
         for load in LOADS:
-            one, two = table.get((response, load)), drawing.get((response, load))
+            fitted, drawn = table.get((response, load)), drawing.get((response, load))
             factor, unit = per_kilo(response, load)
-            measured = "not measured" if one is None else with_uncertainty(factor * one.coefficient, factor * one.sigma)
-            simulated = "–" if two is None else with_uncertainty(factor * two.coefficient, factor * two.sigma)
-            pull = "" if one is None else _pull(getattr(one, "pull", None))
-            verdict = "" if one is None else cell(getattr(one, "verdict", None))
+            measured = (
+                "not measured"
+                if fitted is None
+                else with_uncertainty(factor * fitted.coefficient, factor * fitted.sigma)
+            )
+            simulated = "–" if drawn is None else with_uncertainty(factor * drawn.coefficient, factor * drawn.sigma)
+            pull = "" if fitted is None else _pull(getattr(fitted, "pull", None))
+            verdict = "" if fitted is None else cell(getattr(fitted, "verdict", None))
             rows.append((response, load, measured, simulated, unit, pull, verdict))
             marks.append({"differs": "warn", "agrees": "pass"}.get(verdict, "none"))
     heads = (
@@ -254,21 +257,21 @@ def _comparison_map(compliance: pd.DataFrame) -> go.Figure:
     pull, text, sentence = np.full((6, 6), np.nan), np.full((6, 6), "", object), np.full((6, 6), "", object)
     for i, response in enumerate(CHANNELS):
         for j, load in enumerate(LOADS):
-            one, two = measured.get((response, load)), drawing[response, load]
+            fitted, drawn = measured.get((response, load)), drawing[response, load]
             factor, unit = per_kilo(response, load)
-            if one is None:
-                text[i, j] = f"not<br>measured<br>{_short(factor * two.coefficient)}"
+            if fitted is None:
+                text[i, j] = f"not<br>measured<br>{_short(factor * drawn.coefficient)}"
                 continue
-            pull[i, j] = one.pull
-            text[i, j] = f"{_short(factor * one.coefficient)}<br>{_short(factor * two.coefficient)}"
+            pull[i, j] = fitted.pull
+            text[i, j] = f"{_short(factor * fitted.coefficient)}<br>{_short(factor * drawn.coefficient)}"
             sentence[i, j] = (
-                f"measured {with_uncertainty(factor * one.coefficient, factor * one.sigma, unit)}<br>"
-                f"simulated {with_uncertainty(factor * two.coefficient, factor * two.sigma, unit)}<br>"
-                f"{one.pull:+.1f} sigma: {one.verdict}"
+                f"measured {with_uncertainty(factor * fitted.coefficient, factor * fitted.sigma, unit)}<br>"
+                f"simulated {with_uncertainty(factor * drawn.coefficient, factor * drawn.sigma, unit)}<br>"
+                f"{fitted.pull:+.1f} sigma: {fitted.verdict}"
             )
     title = "Compliance, measured (above) and simulated (below)"
     subtitle = "µm (dx dy dz) or arcsec (rx ry rz) per kN or kN·m"
-    return comparison_map(pull, text, sentence, list(CHANNELS), list(LOADS), title, subtitle)
+    return comparison_map(ComparedEntries(pull, text, sentence), list(CHANNELS), list(LOADS), title, subtitle)
 
 
 def _short(value: float) -> str:
@@ -359,7 +362,7 @@ def _measurement(part: pd.DataFrame, values: pd.Series, shown: set[str], size: i
         array = (part["branch"] == branch).to_numpy()
         if not array.any():
             continue
-        bars: dict[str, Any] = {"type": "data", "array": BAR * part["sigma"][array], "thickness": 1, "width": 0}
+        bars: dict[str, object] = {"type": "data", "array": BAR * part["sigma"][array], "thickness": 1, "width": 0}
         traces.append(
             go.Scatter(
                 x=1e-3 * part["applied"][array],

@@ -31,7 +31,7 @@ def displacement(tables: Tables) -> ReportSection | None:
     if residuals["residual"].notna().any():
         words = "Residuals from a smooth curve of load and time through each run. Crosses: left out as gross errors."
         drawn = ((reading_residuals(residuals), words),)
-    listings = [one for one in (_complete_cases(cases), _drifts(terms)) if one is not None]
+    listings = [listing for listing in (_complete_cases(cases), _drifts(terms)) if listing is not None]
     return ReportSection("displacement", "Displacement", _opening_sentences(cases, residuals), drawn, tuple(listings))
 
 
@@ -39,8 +39,8 @@ def _opening_sentences(cases: pd.DataFrame, residuals: pd.DataFrame) -> str:
     known = cases[list(_COMPONENTS.values())].notna().to_numpy()
     read = f"{count_text(len(residuals), 'reading')} of {count_text(residuals['run'].nunique(), 'run')}"
     complete = int(known.all(axis=1).sum())
-    those = "all" if complete == len(cases) else f"{complete:,} of them"
-    cases_text = f"{count_text(len(cases), 'load case')}, {those} in all six components"
+    how_many = "all" if complete == len(cases) else f"{complete:,} of them"
+    cases_text = f"{count_text(len(cases), 'load case')}, {how_many} in all six components"
     texts = [f"{read} give the displacement of the platform in {cases_text}."]
     never = [channel for channel, seen in zip(_COMPONENTS, known.any(axis=0), strict=True) if not seen]
     if never:
@@ -137,7 +137,7 @@ def _points(part: pd.DataFrame, sigma: float, many: bool) -> list[go.Scatter]:
     is_rejected = part["rejected"].to_numpy()
     text = np.array([f"run {label(r)} step {s}" for r, s in zip(part["run"], part["step"], strict=True)], object)
     value = part["residual"].to_numpy(dtype=float)
-    kept = kind(
+    used_points = kind(
         x=part.index[~is_rejected],
         y=value[~is_rejected],
         mode="markers",
@@ -146,13 +146,13 @@ def _points(part: pd.DataFrame, sigma: float, many: bool) -> list[go.Scatter]:
         hovertemplate="%{text}: %{y:.3g}<extra></extra>",
     )
     if not is_rejected.any():
-        return [kept]
+        return [used_points]
     gross = kind(
         x=part.index[is_rejected],
         y=np.clip(value[is_rejected], -_REACH * sigma, _REACH * sigma),
         mode="markers",
         marker={"color": RED, "size": 10, "symbol": "x-thin", "line": {"color": RED, "width": 2}},
-        text=[f"{one}: {size:.4g}" for one, size in zip(text[is_rejected], value[is_rejected], strict=True)],
+        text=[f"{label}: {size:.4g}" for label, size in zip(text[is_rejected], value[is_rejected], strict=True)],
         hovertemplate="left out, %{text}<extra></extra>",
     )
-    return [kept, gross]
+    return [used_points, gross]

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 from collections.abc import Iterator
-from typing import Any
 
 import plotly.graph_objects as go
 
@@ -11,7 +10,7 @@ from truing.report.figure_style import GREEN
 from truing.report.heads import UNIT, Head
 from truing.report.numbers import count_text, plain, with_uncertainty
 from truing.report.page import Listing
-from truing.report.tables import CHANNELS, LOADS, Tables, cell, kilo, table_or_none
+from truing.report.tables import CHANNELS, LOADS, Row, Tables, cell, kilo, table_or_none
 
 _LOOKS = {"theory": "published theory", "measurement": "published measurement"}
 _MARKS = {"differs": "warn", "agrees": "pass"}
@@ -36,7 +35,7 @@ def published_traces(tables: Tables, load: str, channel: str, shown: set[str]) -
         if not len(part):
             continue
         x, y = (1e-3 * part["applied"]).tolist(), part["published"].tolist()
-        look: dict[str, Any] = {"mode": "markers", "marker": {"symbol": "star-open", "size": 11, "color": "black"}}
+        look: dict[str, object] = {"mode": "markers", "marker": {"symbol": "star-open", "size": 11, "color": "black"}}
         if source == "theory":
             x, y = [-x[0], x[0]], [-y[0], y[0]]
             look = {"mode": "lines", "line": {"color": GREEN, "width": 2, "dash": "dash"}}
@@ -116,6 +115,6 @@ def published_sentence(tables: Tables) -> list[str]:
     return [f"This campaign reproduces {agree} of {values} compared; it differs in {named}{more}.{not_compared}"]
 
 
-def _called(row: Any) -> str:
+def _called(row: Row) -> str:
     """Return the name of a displacement: ``dz under fz +9 kN``."""
     return f"{row.channel} under {row.load} {1e-3 * row.applied:+.4g} {kilo(row.load)}"

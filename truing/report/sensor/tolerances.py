@@ -74,8 +74,8 @@ def tolerance_words(errors: pd.DataFrame) -> list[str]:
     clauses = []
     for part in _SAMPLES:
         rows = errors[errors["pose_part"] == part]
-        row, each = rows[rows["error_source"] == _ALL].iloc[0], rows[rows["error_source"] != _ALL]
-        largest = each.nlargest(1, "variance_share").iloc[0]
+        row, single_sources = rows[rows["error_source"] == _ALL].iloc[0], rows[rows["error_source"] != _ALL]
+        largest = single_sources.nlargest(1, "variance_share").iloc[0]
         unit = sign(str(row["unit"]))
         text = f"All tolerances together: rms {part} error {plain(row['first_order'])} {unit}, "
         text += f"below {plain(row['error_95'])} {unit} for 95 % of sensors."
@@ -124,8 +124,8 @@ def _figure(errors: pd.DataFrame, samples: pd.DataFrame, part: str) -> go.Figure
 
 def _shares(errors: pd.DataFrame) -> go.Figure:
     figure = go.Figure()
-    each = errors[errors["error_source"] != _ALL]
-    for (source, group), colour in zip(each.groupby("error_source", sort=False), _COLOURS, strict=False):
+    single_sources = errors[errors["error_source"] != _ALL]
+    for (source, group), colour in zip(single_sources.groupby("error_source", sort=False), _COLOURS, strict=False):
         name, shares = _NAMES[str(source)], 100.0 * group["variance_share"]
         bar = {"orientation": "h", "marker": {"color": colour}}
         figure.add_trace(go.Bar(y=group["pose_part"], x=shares, name=name, **bar))
@@ -201,5 +201,5 @@ def tolerance_head(campaign: str, errors: pd.DataFrame) -> PageHead:
 @figure_template()
 def tolerance_sections(tables: Tables) -> list[ReportSection]:
     """Return the sections of a page on the tolerances alone."""
-    found = tolerances(tables)
-    return [] if found is None else [found]
+    section = tolerances(tables)
+    return [] if section is None else [section]

@@ -32,8 +32,8 @@ _OF_COLUMN = {
 
 def _axis(claim: Claim) -> str:
     """Return the axis of a claim: ``fz`` of ``load fz``; empty for all axes."""
-    found = re.search(r"\bload (\w+)", claim.subject)
-    return found[1] if found else ""
+    match = re.search(r"\bload (\w+)", claim.subject)
+    return match[1] if match else ""
 
 
 def load_words(axis: str, article: str = "the ", plural: bool = False) -> str:
@@ -52,8 +52,8 @@ def _loads(claim: Claim) -> str:
 
 
 def _under_loads(claim: Claim) -> str:
-    own = " (in their own component alone)" if claim.fact("own") else ""
-    return f"under {_loads(claim)}{own}"
+    of_own_component = " (in their own component alone)" if claim.fact("own") else ""
+    return f"under {_loads(claim)}{of_own_component}"
 
 
 def _parts(claim: Claim) -> dict[str, str]:
@@ -100,10 +100,11 @@ def _eccentric(claim: Claim) -> str:
 def _shift_load(claim: Claim) -> str:
     axis = _axis(claim)
     if axis.startswith("m"):
-        return f"Measure the force beside the torque {axis} with a load cell, or turn the torque unit by 180 degrees."
+        measured = f"Measure with a load cell the force that acts with the torque {axis}"
+        return f"{measured}, or turn the torque unit by 180 degrees."
     load_text = f"the load {axis}" if axis else "the loading frame"
     turns = " and ".join(f"r{c}" for c in "xyz" if c != axis[1:]) if axis else "all rotations"
-    return f"Shift {load_text} sideways by a known millimetre and repeat the run, with {turns} measured."
+    return f"Shift {load_text} sideways by a known distance of about 1 mm and repeat the run, with {turns} measured."
 
 
 def _imbalance(claim: Claim) -> str:
@@ -191,9 +192,9 @@ def _asymmetry(claim: Claim) -> str:
     size, more = largest_of_kind(claim, "asymmetry")
     if not size:
         return f"the sensor deflects more {_under_loads(claim)} of one sign than of the other"
-    one, other = ("positive", "negative") if more else ("negative", "positive")
+    softer, stiffer = ("positive", "negative") if more else ("negative", "positive")
     loads = load_words(_axis(claim), "", plural=True)
-    return f"the sensor deflects {size} more under {one} {loads} than under {other} ones"
+    return f"the sensor deflects {size} more under {softer} {loads} than under {stiffer} ones"
 
 
 def _nonlinear(claim: Claim) -> str:
@@ -266,12 +267,11 @@ def _unloaded(claim: Claim) -> str:
 
 
 def _warm(claim: Claim) -> str:
-    each = [f"{_OF_COLUMN[s.name][1]} by {size_in_words(s)}" for s in claim.sizes if s.name in _OF_COLUMN]
+    changes = [f"{_OF_COLUMN[s.name][1]} by {size_in_words(s)}" for s in claim.sizes if s.name in _OF_COLUMN]
     columns = claim.fact("columns") or ()
     plain = [words for column, words in _OF_COLUMN.values() if column in columns]
-    return (
-        f"{_subject_words(claim, 'every linear channel')} depends on {' and '.join(each or plain) or 'the temperature'}"
-    )
+    driver = " and ".join(changes or plain) or "the temperature"
+    return f"{_subject_words(claim, 'every linear channel')} depends on {driver}"
 
 
 def _zero_against_temperature(claim: Claim) -> str:
@@ -280,7 +280,7 @@ def _zero_against_temperature(claim: Claim) -> str:
 
 def _tilted(claim: Claim) -> str:
     size, _ = largest_of_kind(claim, "angle")
-    tilts = determined_sizes(tuple(one for one in claim.sizes if one.name.startswith("tilt_")))
+    tilts = determined_sizes(tuple(size for size in claim.sizes if size.name.startswith("tilt_")))
     towards = (
         f": {' and '.join(f'{size_in_words(positive(tilt))} towards {_tilt_direction(tilt)}' for tilt in tilts)}"
         if tilts
@@ -307,7 +307,7 @@ def _arm(claim: Claim) -> str:
 
 
 def _shift_beam(claim: Claim) -> str:
-    return f"Shift the beam of {_channel(claim)} sideways by a known millimetre and repeat the run."
+    return f"Shift the beam of {_channel(claim)} sideways by a known distance of about 1 mm and repeat the run."
 
 
 def _dead_path(claim: Claim) -> str:
@@ -332,8 +332,8 @@ def _slip(claim: Claim) -> str:
 
 def _shifted(claim: Claim) -> str:
     since = claim.since("step")
-    own = [one for one in claim.sizes if one.name.startswith("shift")]
-    size = max(own, key=lambda one: abs(one.number or 0.0) / (one.sigma or 1.0), default=None)
+    shifts = [size for size in claim.sizes if size.name.startswith("shift")]
+    size = max(shifts, key=lambda shift: abs(shift.number or 0.0) / (shift.sigma or 1.0), default=None)
     run = _parts(claim).get("run", "")
     several = next((word for word in ("displacements", "signals") if word in claim.subject.split()), "")
     if not several:
@@ -372,7 +372,11 @@ def _curved(claim: Claim) -> str:
     """Return ``signal v1 is not linear, with a quadratic part of ...``, for the most significant term."""
     who = _subject_words(claim, "")
     text = f"{who} is not linear" if who else "the signals are not linear"
-    size = max(claim.sizes, key=lambda one: abs(one.number or 0.0) / (one.sigma or 1.0), default=None)
+    size = max(
+        claim.sizes,
+        key=lambda size_of_term: abs(size_of_term.number or 0.0) / (size_of_term.sigma or 1.0),
+        default=None,
+    )
     if size is None:
         return text
     term, _, signal = size.name.partition("_v")

@@ -88,7 +88,7 @@ _RIGHT = {
 
 def _slip(claim: Claim) -> str:
     size, _ = largest_of_kind(claim, "slip")
-    parted = f"the encoders at motor and load part in proportion to the path travelled{by_words(size)}"
+    parted = f"the encoders at motor and load drift apart in proportion to the path travelled{by_words(size)}"
     if not claim.fact("is_witnessed"):
         return f"{parted}; no outside instrument shows which of the two is right"
     return f"{parted}; {_RIGHT[claim.subject]}"
@@ -136,8 +136,8 @@ def _unstable(claim: Claim) -> str:
     parts = ["principal distance"] * ("c" in elements) + ["principal point"] * bool(elements - {"c"})
     several = len(parts) > 1
     jumps = f"{'change' if several else 'changes'} at pose {claim.fact('from_pose')}"
-    one, many = _FORMS.get(str(claim.fact("form")), (jumps, jumps))
-    return with_sizes(f"the {' and the '.join(parts)} of {claim.subject} {many if several else one}", claim)
+    verb, verb_of_several = _FORMS.get(str(claim.fact("form")), (jumps, jumps))
+    return with_sizes(f"the {' and the '.join(parts)} of {claim.subject} {verb_of_several if several else verb}", claim)
 
 
 def _camera_test_advice(claim: Claim) -> str:
@@ -165,8 +165,8 @@ def _without_pane(claim: Claim) -> str:
 
 def _warm_bars(claim: Claim) -> str:
     if claim.fact("bar"):
-        own = f"scale bar {claim.fact('bar')} has a thermal expansion other than stated"
-        return with_sizes(f"{own}, compared with the other bars", claim)
+        clause = f"scale bar {claim.fact('bar')} has a thermal expansion other than stated"
+        return with_sizes(f"{clause}, compared with the other bars", claim)
     all_bars = "the scale bars have a thermal expansion other than stated"
     return with_sizes(f"{all_bars}, so that all measured lengths change by the same ratio", claim)
 
@@ -197,26 +197,29 @@ def cause_words(cause: str) -> str:
 
 
 def cause_of_subject(cause: str, subject: str) -> str:
-    """Return a cause with its subject, and no word of either twice: ``compliance of joint elbow``, ``creep, fz``."""
+    """Return a cause with its subject, no word twice: ``compliance of joint elbow``, ``creep (load fz)``."""
     return noun_of_subject(cause_words(cause), subject)
 
 
 def noun_of_subject(noun: str, subject: str) -> str:
-    """Return a noun with its subject; a noun that names the kind of its subject takes the subject instead."""
+    """Return a noun with its subject: ``creep (load fz)``; ``compliance of joint elbow`` if the noun names its kind."""
     subject_text = subject_words(subject)
     kind = subject_text.split()[0].removesuffix("s") if subject_text else ""
-    if found := re.fullmatch(rf"(.+) of (?:an? |the )?{re.escape(kind)}s?", noun) if kind else None:
-        return f"{found[1]} of {subject_text}"
+    if match := re.fullmatch(rf"(.+) of (?:an? |the )?{re.escape(kind)}s?", noun) if kind else None:
+        return f"{match[1]} of {subject_text}"
     head, _, rest = noun.partition(" ")
     if head == kind and rest in _OF_KINDS:
         return f"{rest} of {subject_text}"
-    return f"{noun}, {subject_text}" if subject_text else noun
+    return f"{noun} ({subject_text})" if subject_text else noun
 
 
 def parameter_of_cause(parameter: str, cause: str, subject: str) -> str:
     """Return a parameter with its cause and subject: ``amplitude (periodic error, axis)``, ``drift of leg 3``."""
     cause_name = cause_of_subject(cause, subject)
-    return cause_name if set(parameter.split()) <= set(cause_words(cause).split()) else f"{parameter} ({cause_name})"
+    if set(parameter.split()) <= set(cause_words(cause).split()):
+        return cause_name
+    inner = cause_name.removesuffix(")").replace(" (", ", ")  # no brackets within brackets
+    return f"{parameter} ({inner})"
 
 
 # Quantities in nouns such as "joint gain" and "leg drift".
@@ -260,13 +263,13 @@ _MEANINGS = {
     "axis-growth": "an axis, an encoder or the instrument grows with temperature, in proportion to the position",
     "link-bending": "a link bends under the weight that it carries",
     "link-growth": "one link, or all, grow with temperature",
-    "base-drift": "the base moves steadily against the instrument, from the first to the last pose",
+    "base-drift": "the base moves steadily relative to the instrument, from the first to the last pose",
     "joint-jump": "the zero of a joint shifts from some pose on",
     "base-jump": "the base is displaced from some pose on",
     "tool-jump": "a tool is displaced on its flange from some pose on, with all that is measured on it",
     "joints-exchanged": "the readings of two joints are in each other's column",
     "camera-instability": "the principal distance of a camera changes at some pose",
-    "unexplained": "the data depend on recorded columns in no declared form",
+    "unexplained": "the data depend on recorded columns in a form that no named cause has",
 }
 
 

@@ -201,7 +201,7 @@ def _guideway(claim: Claim) -> str:
 
 
 def _drift(claim: Claim) -> str:
-    return f"the base moves steadily against the instrument, from the first to the last pose{_displacement(claim)}"
+    return f"the base moves steadily relative to the instrument, from the first to the last pose{_displacement(claim)}"
 
 
 def _jump(claim: Claim) -> str:
@@ -278,7 +278,7 @@ CHAIN = {
     "joint-backlash": Wording(
         "joint backlash",
         _backlash,
-        _of_joint("Send {} to the same readings from both sides, ten times each."),
+        _of_joint("Move {} to the same readings from both sides, ten times each."),
     ),
     "joint-settling": Wording(
         "settling of a joint",

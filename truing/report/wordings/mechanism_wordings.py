@@ -41,8 +41,8 @@ def _legs(claim: Claim) -> str:
     return subject_words(claim.subject) or "the legs"
 
 
-def _verb(claim: Claim, one: str, many: str) -> str:
-    return one if re.fullmatch(r"leg\d+", claim.subject) else many
+def _verb(claim: Claim, singular: str, plural: str) -> str:
+    return singular if re.fullmatch(r"leg\d+", claim.subject) else plural
 
 
 def _up_to(claim: Claim) -> str:
@@ -190,9 +190,9 @@ def _heat(claim: Claim) -> str:
         who = f"body {claim.subject} grows" if claim.subject else "all bodies grow equally"
     if len(sizes) == 1:
         return f"{who} with temperature, by {next(iter(sizes.values()))}"
-    each = ", each by a different amount" if claim.fact("form") == "apart" else ""
+    how = ", each by a different amount" if claim.fact("form") == "apart" else ""
     if not sizes:
-        return f"{who} with temperature{each}"
+        return f"{who} with temperature{how}"
     return f"bodies grow with temperature: {', '.join(f'{part} {size}' for part, size in sizes.items())}"
 
 
@@ -318,7 +318,7 @@ def _body_deforms(claim: Claim) -> str:
         quantity = "position" if fact else "shape"
         text = f"the {quantity} of {_body(claim)} depends on whether {column} went up or down before (hysteresis)"
     elif fact:
-        text = f"{_body(claim)}, declared still, moves as a whole with {_terms(claim)}"
+        text = f"{_body(claim)}, declared stationary, moves as a whole with {_terms(claim)}"
     else:
         or_time = ", or with time, which changed together with it" if claim.fact("with_time") else ""
         text = f"{_body(claim)} deforms with {_terms(claim)}{or_time}"
@@ -348,7 +348,7 @@ def _drifts(claim: Claim) -> str:
     fact = claim.fact("whole")
     if claim.since():
         change_text = (
-            f"{_body(claim)}, declared still, is displaced" if fact else f"the shape of {_body(claim)} changed"
+            f"{_body(claim)}, declared stationary, is displaced" if fact else f"the shape of {_body(claim)} changed"
         )
         return with_sizes(f"{change_text}{claim.since()}", claim)
     of_time = claim.fact("column") in (None, "time_s")
@@ -360,7 +360,7 @@ def _drifts(claim: Claim) -> str:
         how = f", from {start:.0f} s on" if of_time else f", from number {start:.0f} on"
     over = f"{'time' if of_time else 'the order of the poses'}{how}"
     if fact:
-        return with_sizes(f"{_body(claim)}, declared still, moves as a whole with {over}", claim)
+        return with_sizes(f"{_body(claim)}, declared stationary, moves as a whole with {over}", claim)
     return with_sizes(f"the shape of {_body(claim)} drifts with {over}", claim)
 
 
@@ -394,9 +394,13 @@ def _bursts(claim: Claim) -> str:
     size = claim.size("noise_ratio")
     more, like = (f"{size_in_words(size)} times as much", "as") if size is not None else ("more", "than")
     if claim.fact("run") not in (None, ""):
-        own = str(claim.fact("channel"))
-        several = own in ("displacements", "signals")
-        read = f"all {own} scatter" if several else f"{'signal' if own[:1] == 'v' else 'channel'} {own} scatters"
+        scattering = str(claim.fact("channel"))
+        several = scattering in ("displacements", "signals")
+        read = (
+            f"all {scattering} scatter"
+            if several
+            else f"{'signal' if scattering[:1] == 'v' else 'channel'} {scattering} scatters"
+        )
         return f"{read} {more} in run {claim.fact('run')} {like} in the other runs"
     ends = [claim.fact(name) for name in ("from_pose", "to_pose")]
     poses = "for some time" if ends[0] in (None, "") else f"from pose {ends[0]} to pose {ends[1]}"

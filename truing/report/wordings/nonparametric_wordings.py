@@ -57,8 +57,8 @@ _WHOSE = {
 
 def columns_words(columns: tuple[str, ...]) -> str:
     """Return columns in words: ``actuator 2 and the temperature``, ``load fz``."""
-    drives = [found[1] for c in columns if (found := re.fullmatch(_DRIVE, c))]
-    loads = [f"load {found[1]}" if (found := re.fullmatch(_LOAD, c)) else c for c in columns]
+    drives = [match[1] for c in columns if (match := re.fullmatch(_DRIVE, c))]
+    loads = [f"load {match[1]}" if (match := re.fullmatch(_LOAD, c)) else c for c in columns]
     others = [_COLUMNS.get(c, own_name(c)) for c in loads if not re.fullmatch(_DRIVE, c)]
     if len(drives) > 2:
         return joined_names(["the actuators", *others])

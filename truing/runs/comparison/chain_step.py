@@ -3,13 +3,13 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
-from typing import Any
 
 import numpy as np
 import pandas as pd
 from numpy.typing import NDArray
 
 from truing.inference.changes import compare
+from truing.report.tables import Row
 from truing.runs.comparison.steps import (
     LEVEL,
     NAMES,
@@ -40,7 +40,7 @@ class _Estimate:
 
 def chain_numbers(extended: ExtendedChain, parameters: pd.DataFrame) -> pd.DataFrame:
     """Return zeros and numbers of links (chain_parameters.parquet), then effects: NAMES, value, sigma and unit."""
-    rows: list[tuple[Any, ...]] = [
+    rows: list[tuple[object, ...]] = [
         ("geometry", None, np.nan, _name(r), r.identified, r.sigma, r.unit) for r in parameters.itertuples()
     ]
     for effect in extended.effects:
@@ -51,7 +51,7 @@ def chain_numbers(extended: ExtendedChain, parameters: pd.DataFrame) -> pd.DataF
     return pd.DataFrame(rows, columns=[*NAMES, "value", "sigma", "unit"])
 
 
-def _name(row: Any) -> str:
+def _name(row: Row) -> str:
     return f"{row.parameter} of joint {row.joint}"
 
 

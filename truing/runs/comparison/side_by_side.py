@@ -27,6 +27,7 @@ from truing.runs.comparison.steps import (
     sensor_step,
 )
 from truing.schemas.artifacts import ARTIFACTS
+from truing.schemas.settings_text import Document
 from truing.simulation.axis.extended_model import ExtendedAxis
 from truing.simulation.bench.extended_model import ExtendedSensor
 from truing.simulation.mechanisms.chains.extended_model import ExtendedChain
@@ -144,7 +145,7 @@ def _of_models(before: Run, now: Run) -> RunStep:
     return not_assessed("they are of other machines")
 
 
-def _start_words(start: dict[str, Any], now: Run) -> str:
+def _start_words(start: Document, now: Run) -> str:
     of = start.get("model", {}).get("campaign", "an earlier campaign")
     return f"{now.campaign} started from the model of {of}, which its numbers rest on; its own page tells what changed"
 

@@ -124,14 +124,14 @@ def mechanism_step(before: ExtendedModel, now: ExtendedModel) -> RunStep:
     value, covariance = now.shared[now_at], now.covariance[np.ix_(now_at, now_at)]
     compared = compare(prior.mean, prior.covariance, value, covariance, prior.shared, total)
     reported = reported_numbers(prior, now.model, now.shared, now.covariance)
-    columns = {**reported.columns, **figures(prior, reported, compared, value, covariance, LEVEL)}
+    columns: dict[str, Any] = {**reported.columns, **figures(prior, reported, compared, value, covariance, LEVEL)}
     if len(compared.observable) == 0:
         return not_assessed("neither campaign tells more of the machine than its tolerances")
     known = _is_informed(reported, prior.covariance, np.linalg.inv(prior.shared)) & ~np.isnan(columns["z"])
     return _step(columns, known)
 
 
-def _step(columns: dict[str, Any], known: NDArray) -> RunStep:
+def _step(columns: dict[str, object], known: NDArray) -> RunStep:
     rows = pd.DataFrame(columns)
     rebuilt = bool(rows["changed"].all())
     rows = rows.reindex(columns=[*dict.fromkeys([*rows.columns, "change", "sigma_change", "instead"])])

@@ -7,7 +7,6 @@ import re
 from collections.abc import Callable, Iterable, Iterator
 from dataclasses import dataclass
 from decimal import Decimal
-from typing import Any
 from xml.etree.ElementTree import Element, SubElement, indent, register_namespace, tostring
 
 import pandas as pd
@@ -15,6 +14,7 @@ import pandas as pd
 from truing.belonging.relation import RelationState
 from truing.estimation.uncertainty_budget import NOT_HELD
 from truing.report.numbers import plain
+from truing.report.tables import Row
 from truing.report.uncertainty_section import KINDS, statement
 from truing.runs.recorded_run import Run
 from truing.schemas.certificate import Certificate, Contact, Item
@@ -163,7 +163,7 @@ def doubts(run: Run) -> list[str]:
     ]
 
 
-def _size(row: Any) -> str:
+def _size(row: Row) -> str:
     """Return the figure behind a state, with its limit if it has one."""
     parts = [f"{name} {plain(size)}" for name, size in (("value", row.value), ("limit", row.limit)) if size == size]
     return ", ".join([str(row.reason_code), *parts])
@@ -383,7 +383,7 @@ def _kind(
             _quantity(data, str(quantity), alike)
 
 
-def _by_body(rows_of_bodies: pd.DataFrame) -> Any:
+def _by_body(rows_of_bodies: pd.DataFrame) -> Iterable[tuple[object, pd.DataFrame]]:
     """Group poses by body, which precedes the pose in their subject."""
     return rows_of_bodies.groupby(rows_of_bodies["subject"].str.partition(", pose ")[0], sort=False)
 
@@ -404,13 +404,13 @@ def _quantity(parent: Element, name: str, rows: pd.DataFrame) -> None:
     _numbers(quantity, [one_word(name)] if len(rows) < _ALIKE else alike, unit, reported)
 
 
-def _unit(unit: Any) -> tuple[float, str]:
+def _unit(unit: object) -> tuple[float, str]:
     unit_si = si_unit(unit if isinstance(unit, str) else "1")
     assert unit_si is not None, unit
     return unit_si
 
 
-def _number(row: Any) -> tuple[str, str, str, str]:
+def _number(row: Row) -> tuple[str, str, str, str]:
     """Return value, expanded uncertainty, coverage factor and distribution, in SI units."""
     factor = _unit(row.unit)[0]
     value, uncertainty = rounded(factor * row.estimate, abs(factor) * row.expanded_uncertainty)

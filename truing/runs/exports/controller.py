@@ -5,7 +5,7 @@ from __future__ import annotations
 import json
 import tomllib
 from collections.abc import Iterator, Mapping
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING
 
 from scipy.special import ndtri
 
@@ -14,6 +14,7 @@ from truing.runs.exports.axis_corrections import axis_corrections
 from truing.runs.exports.csv_text import csv_bytes
 from truing.runs.recorded_run import Run
 from truing.schemas.artifacts import ARTIFACTS
+from truing.schemas.settings_text import Document
 from truing.simulation.axis.extended_model import ExtendedAxis
 from truing.simulation.model_text import toml_key, toml_value
 
@@ -105,7 +106,7 @@ def _logger(run: Run) -> Iterator[tuple[str, bytes]]:
     yield "wrench_matrix.csv", csv_bytes(rows)
 
 
-def _text(document: dict[str, Any]) -> Iterator[str]:
+def _text(document: Document) -> Iterator[str]:
     """Yield the mechanism in the format of campaign.toml with the identified numbers, and the effects."""
     about = document["model"]
     is_whole = "legs" in document or "compliance" in document
@@ -136,7 +137,7 @@ def _text(document: dict[str, Any]) -> Iterator[str]:
         yield from (f"{toml_key(name)} = {toml_value(reported)}" for name, reported in effect["parameters"].items())
 
 
-def _leg_numbers(document: dict[str, Any]) -> Iterator[_Number]:
+def _leg_numbers(document: Document) -> Iterator[_Number]:
     for number, leg in enumerate(document.get("legs", ()), start=1):
         identified, sigma, name = leg["identified"], leg.get("sigma", {}), f"leg{number}"
         for point in _LENGTHS:
@@ -162,7 +163,7 @@ def _joint_text(numbers: list[_Number]) -> Iterator[str]:
                 yield f"{name} = {toml_value({'value': value, 'sigma': sigma, 'unit': unit})}"
 
 
-def _compliance(document: dict[str, Any]) -> Iterator[_Number]:
+def _compliance(document: Document) -> Iterator[_Number]:
     reported = document.get("compliance")
     if reported is None:
         return
@@ -172,7 +173,7 @@ def _compliance(document: dict[str, Any]) -> Iterator[_Number]:
             yield "compliance", f"{channel} {load}", value, sigma, unit
 
 
-def _effects(document: dict[str, Any]) -> Iterator[_Number]:
+def _effects(document: Document) -> Iterator[_Number]:
     for effect in document.get("effects", ()):
         of = f"{effect['cause']} {effect['subject']}".strip()
         for name, reported in effect["parameters"].items():

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Iterator, Mapping, Sequence
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING
 from xml.sax.saxutils import quoteattr
 
 import numpy as np
@@ -209,7 +209,7 @@ def _corrections(model: ExtendedChain, warned: Mapping[tuple[str, str], str]) ->
     return csv_bytes([_HEAD, *_offsets(model, warned), *_deviations(model, warned)])
 
 
-def _curves(model: ExtendedChain, warned: Mapping[tuple[str, str], str]) -> Iterator[tuple[Any, ...]]:
+def _curves(model: ExtendedChain, warned: Mapping[tuple[str, str], str]) -> Iterator[tuple[object, ...]]:
     """Yield the error curves of joints, motion minus reading along the reading, in deg or mm."""
     for effect in model.effects:
         if isinstance(effect.cause, JointErrorCurve):
@@ -222,7 +222,7 @@ def _curves(model: ExtendedChain, warned: Mapping[tuple[str, str], str]) -> Iter
                     yield curve.joint, *numbers, unit, "yes" if known else "no", caution
 
 
-def _offsets(model: ExtendedChain, warned: Mapping[tuple[str, str], str]) -> Iterator[tuple[Any, ...]]:
+def _offsets(model: ExtendedChain, warned: Mapping[tuple[str, str], str]) -> Iterator[tuple[object, ...]]:
     """Yield the zero of each joint that has one: within its tolerance, and beyond it as a cause of its own."""
     tree = model.tree
     for k, joint in enumerate(tree.readings):
@@ -249,7 +249,7 @@ def _offsets(model: ExtendedChain, warned: Mapping[tuple[str, str], str]) -> Ite
         yield joint, _OFFSET, "", repr(value / si), repr(sigma / si), unit, "yes", caution
 
 
-def _deviations(model: ExtendedChain, warned: Mapping[tuple[str, str], str]) -> Iterator[tuple[Any, ...]]:
+def _deviations(model: ExtendedChain, warned: Mapping[tuple[str, str], str]) -> Iterator[tuple[object, ...]]:
     """Yield the parameters of every effect on a joint's motion that no origin of a URDF can express."""
     for effect in model.effects:
         cause = effect.cause

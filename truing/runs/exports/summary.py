@@ -4,13 +4,13 @@ from __future__ import annotations
 
 import json
 from collections.abc import Iterator
-from typing import Any
 
 import pandas as pd
 
 from truing.arrays import TableRow
 from truing.report.calibration.calibrations import main_calibration, rows_of
 from truing.runs.recorded_run import Run
+from truing.schemas.settings_text import Document
 
 _FORMAT = 1  # increases with every incompatible change
 _AS_THEY_ARE = ("diagnosis_choices", "calibrations_compared", "second_campaign_errors")
@@ -35,13 +35,13 @@ def summary(run: Run) -> Iterator[tuple[str, bytes]]:
     yield "summary.json", (json.dumps(reported, indent=1, ensure_ascii=False, allow_nan=False) + "\n").encode()
 
 
-def _artifact(run: Run, name: str) -> dict[str, Any]:
+def _artifact(run: Run, name: str) -> dict[str, object]:
     origin = run.origin(name)
     rows = len(run.table(name))
     return {"file": run.files[name].name, "rows": rows, "stage": origin["stage"], "digest": origin["digest"]}
 
 
-def _quality(run: Run) -> dict[str, Any]:
+def _quality(run: Run) -> dict[str, object]:
     if "qa" not in run:
         return {}
     checks = run["qa"]
@@ -56,7 +56,7 @@ def _quality(run: Run) -> dict[str, Any]:
     }
 
 
-def _causes(run: Run) -> dict[str, Any]:
+def _causes(run: Run) -> Document:
     if "diagnosis" not in run:
         return {}
     rows = _rows(run["diagnosis"])
@@ -65,7 +65,7 @@ def _causes(run: Run) -> dict[str, Any]:
     return {"causes": rows}
 
 
-def _calibration(run: Run) -> dict[str, Any]:
+def _calibration(run: Run) -> dict[str, object]:
     tables = {name: run[name] for name in ("model_choice", "calibration", "requirements") if name in run}
     key = main_calibration(tables)
     if key is None:
@@ -74,7 +74,7 @@ def _calibration(run: Run) -> dict[str, Any]:
     return {"calibration": {"model": key[0], "deformation": key[1], **chosen}}
 
 
-def _sensor(run: Run) -> dict[str, Any]:
+def _sensor(run: Run) -> Document:
     reported = {}
     if "sensor_matrix" in run:
         matrix = run["sensor_matrix"]
@@ -84,11 +84,11 @@ def _sensor(run: Run) -> dict[str, Any]:
     return reported
 
 
-def _uncertainty(run: Run) -> dict[str, Any]:
+def _uncertainty(run: Run) -> dict[str, object]:
     """Return every result with its expanded uncertainty, or the reason why none is stated, and effects in no budget."""
     if "uncertainty" not in run:
         return {}
-    reported: dict[str, Any] = {"uncertainty": _rows(run["uncertainty"])}
+    reported: dict[str, object] = {"uncertainty": _rows(run["uncertainty"])}
     if "uncertainty_budget" in run:
         parts = run["uncertainty_budget"]
         left = parts[parts["evaluation"] == "not evaluated"]

@@ -50,7 +50,7 @@ def _parts(name: str, table: pa.Table) -> Iterator[tuple[str, pa.Table]]:
         yield name[: _SHEET_NAME - len(ending)] + ending, table.slice(k * ROWS_PER_SHEET, ROWS_PER_SHEET)
 
 
-def _contents(book: xlsxwriter.Workbook, head: Any, run: Run, parts: Sequence[tuple[str, str, pa.Table]]) -> None:
+def _contents(book: xlsxwriter.Workbook, head: object, run: Run, parts: Sequence[tuple[str, str, pa.Table]]) -> None:
     sheet = book.add_worksheet("contents")
     sheet.write_row(0, 0, _CONTENTS, head)
     for row, (title, name, part) in enumerate(parts, start=1):

@@ -4,11 +4,11 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass
-from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
+from truing.schemas.settings_text import Document
 from truing.simulation.axis.causes import AxisCause
 from truing.simulation.axis.model import AxisModel
 from truing.simulation.axis.rows import Axis, AxisRows
@@ -94,14 +94,14 @@ def _sigmas(design: NDArray, covariance: NDArray) -> NDArray:
 def write_axis(extended: ExtendedAxis) -> str:
     """Return the model as TOML text."""
     axis = extended.axis
-    numbers: dict[str, Any] = {"mechanism": MECHANISM, "kind": axis.kind, "loop": axis.loop}
+    numbers: dict[str, object] = {"mechanism": MECHANISM, "kind": axis.kind, "loop": axis.loop}
     numbers |= {"least_move": axis.least_move, "encoders": axis.encoders}
     zeros = zip(axis.encoders, exact(extended.zeros), strict=True)
     tables = ["", "[zeros]  # reading minus command, rad or m", *(f"{name} = {toml_value(z)}" for name, z in zeros)]
     return model_text(extended, numbers, tables, (), names=axis.encoders, units="SI", legs=0)
 
 
-def is_axis(document: dict[str, Any]) -> bool:
+def is_axis(document: dict[str, object]) -> bool:
     """True if a parsed model.toml is that of an axis."""
     return describes(document, MECHANISM)
 
@@ -111,7 +111,7 @@ def read_axis(text: str) -> ExtendedAxis:
     return read_document(text, _from_document)
 
 
-def _from_document(document: dict[str, Any]) -> ExtendedAxis:
+def _from_document(document: Document) -> ExtendedAxis:
     about, effects = document["model"], effects_of(document, catalogue_of_axes())
     axis = Axis(str(about["kind"]), tuple(about["encoders"]), str(about["loop"]), float(about["least_move"]))
     zeros = np.array([document["zeros"][name] for name in axis.encoders], float)

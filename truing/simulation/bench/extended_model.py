@@ -9,11 +9,11 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass, field, replace
-from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
+from truing.schemas.settings_text import Document
 from truing.simulation.bench.causes.leg_stiffness import LegStiffness
 from truing.simulation.bench.causes.reading_causes import ReadingCause
 from truing.simulation.bench.causes.rows_exchanged import RowsExchanged
@@ -136,7 +136,7 @@ def predict_readings(extended: ExtendedSensor, conditions: ReadingConditions) ->
     return PredictedReadings(value, np.sqrt(np.maximum(variance, 0.0)))
 
 
-def changes_loads(cause: Cause[Any]) -> bool:
+def changes_loads(cause: Cause) -> bool:
     """True if a cause implies that the load at a step differs from the recorded one."""
     return cause.step is Step.DRIVE or isinstance(cause, RowsExchanged)
 
@@ -211,7 +211,7 @@ _HALF = 0.5  # common share if a model does not give it
 
 def write_sensor(extended: ExtendedSensor) -> str:
     """Return the model as TOML text."""
-    numbers: dict[str, Any] = {
+    numbers: dict[str, object] = {
         "mechanism": MECHANISM,
         "wavelength_nm": extended.wavelength_m * 1e9,
         "reference_temperature_c": extended.reference_temperature_c,
@@ -233,7 +233,7 @@ def _rows(matrix: NDArray) -> list[str]:
     return [f"  {toml_value(exact(row))}," for row in matrix]
 
 
-def is_sensor(document: dict[str, Any]) -> bool:
+def is_sensor(document: dict[str, object]) -> bool:
     """True if a parsed model.toml is that of a sensor."""
     return describes(document, MECHANISM)
 
@@ -243,7 +243,7 @@ def read_sensor(text: str) -> ExtendedSensor:
     return read_document(text, _from_document)
 
 
-def _from_document(document: dict[str, Any]) -> ExtendedSensor:
+def _from_document(document: Document) -> ExtendedSensor:
     about, effects = document["model"], effects_of(document, catalogue_of_readings())
     return ExtendedSensor(
         _matrix(document["compliance"]["identified"]),
@@ -259,7 +259,7 @@ def _from_document(document: dict[str, Any]) -> ExtendedSensor:
     )
 
 
-def _matrix(rows: Any) -> NDArray:
+def _matrix(rows: object) -> NDArray:
     matrix = np.array(rows, float)
     if matrix.shape != (_AXES, _AXES):
         raise ValueError(f"model: found a matrix of shape {matrix.shape}, expected (6, 6)")

@@ -58,12 +58,12 @@ class ActuatorErrors:
     def _corners(self) -> tuple[NDArray, NDArray]:
         """Farthest error (B, 3) of the position and of the orientation."""
         signs = np.array(list(product((1.0,), *[(-1.0, 1.0)] * (self.gain.shape[-1] - 1))))
-        found = []
+        farthest_corners = []
         for part in _NORMS:
             corners = self.gain[:, part] @ signs.T
             farthest = np.argmax(np.einsum("bks,bks->bs", corners, corners), -1)
-            found.append(corners[np.arange(len(corners)), :, farthest])
-        return found[0], found[1]
+            farthest_corners.append(corners[np.arange(len(corners)), :, farthest])
+        return farthest_corners[0], farthest_corners[1]
 
 
 def actuator_errors(structure: Structure, machine: Machine, placed: Placed, accuracy: NDArray) -> ActuatorErrors:

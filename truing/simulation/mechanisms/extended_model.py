@@ -7,13 +7,13 @@ direction), then effects.
 from __future__ import annotations
 
 from dataclasses import dataclass, replace
-from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
 from truing.estimation.rigid_poses.umeyama import umeyama
 from truing.estimation.rotation import rigid_motions, skew
+from truing.schemas.settings_text import Document
 from truing.simulation.catalogue import catalogue, catalogue_of_photographed_points
 from truing.simulation.cause import Effect, Step
 from truing.simulation.mechanisms.legs.closures import Legs, mechanism
@@ -89,12 +89,12 @@ def extended(model: MechanismModel, shared: NDArray, covariance: NDArray, contex
 
 def with_targets(model: MechanismModel, targets_on_body: NDArray) -> MechanismModel:
     """Return the model with some of its targets (K,), none on a leg, at their surveyed positions."""
-    found, known = model.targets, model.known
+    all_targets, known = model.targets, model.known
     indices = np.flatnonzero(targets_on_body)
     names, bodies = (
-        tuple(reported[k] for k in indices) if reported else () for reported in (found.names, found.bodies)
+        tuple(reported[k] for k in indices) if reported else () for reported in (all_targets.names, all_targets.bodies)
     )
-    targets = Targets(found.body[indices], found.leg[indices], names, bodies)
+    targets = Targets(all_targets.body[indices], all_targets.leg[indices], names, bodies)
     # The covariance already contains the prior knowledge.
     surveyed = replace(known, shape=known.shape[indices], survey=exact_survey(targets), carrying_legs=np.arange(0))
     conditions = replace(model.conditions, common_errors=None, pose_errors=None)
@@ -271,7 +271,7 @@ def _leg(legs: Legs, leg: int) -> str:
 
 
 def _leg_sigma(model: MechanismModel, sigma: NDArray, leg: int) -> str:
-    parts: dict[str, Any] = {}
+    parts: dict[str, object] = {}
     for name, size, key in (("a", 3, "a_mm"), ("b", 3, "b_mm"), ("u", 2, "tilt_rad"), ("l", 1, "length_mm")):
         if name in model.layout:
             leg_sigma = sigma[model.layout[name]].reshape(-1, size)[leg] * model.known.geometry[name]
@@ -285,7 +285,7 @@ def _targets(extended_model: ExtendedModel) -> list[str]:
     model, bodies = extended_model.model, {kind: body for body, kind in _BODIES.items()}
     targets, lines = model.targets, []
     for k, position in enumerate(model.known.shape):
-        reported: dict[str, Any] = {
+        reported: dict[str, object] = {
             "body": bodies[int(targets.body[k])],
             "target": targets.names[k] if targets.names else str(k),
         }
@@ -304,12 +304,12 @@ def _names(model: MechanismModel) -> list[str]:
     return names
 
 
-def _mm(metres: Any) -> NDArray:
+def _mm(metres: object) -> NDArray:
     """Convert m to mm, rounded to 1e-12 mm."""
     return np.round(np.asarray(metres, float) * 1e3, 12)
 
 
-def _from_document(document: dict[str, Any]) -> ExtendedModel:
+def _from_document(document: Document) -> ExtendedModel:
     nominal, identified = (
         _legs(document["model"]["mechanism"], [leg[kind] for leg in document["legs"]])
         for kind in ("nominal", "identified")
@@ -322,7 +322,7 @@ def _from_document(document: dict[str, Any]) -> ExtendedModel:
     return ExtendedModel(model, shared, covariance, sigma, context_of(document, _OWN))
 
 
-def _model(document: dict[str, Any], nominal: Legs, causes: tuple[PointCause, ...]) -> MechanismModel:
+def _model(document: Document, nominal: Legs, causes: tuple[PointCause, ...]) -> MechanismModel:
     about, listed = document["model"], document["survey"]["targets"]
     targets = Targets(
         np.array([_BODIES[entry["body"]] for entry in listed], int),
@@ -339,7 +339,7 @@ def _model(document: dict[str, Any], nominal: Legs, causes: tuple[PointCause, ..
     return MechanismModel(targets, Conditions(nominal.rho0[None]), nominal, known, causes=causes)
 
 
-def _legs(kind: str, legs: list[dict[str, Any]]) -> Legs:
+def _legs(kind: str, legs: list[Document]) -> Legs:
     def lengths(name: str) -> NDArray:
         return np.array([leg[name] for leg in legs]) * 1e-3
 

@@ -119,7 +119,7 @@ def _by_survey(
 
 def _same_survey(extended: ExtendedModel, model: MechanismModel) -> bool:
     """True if both surveys have the same targets of base and platform at the same positions."""
-    before, now = (_attached_positions(one) for one in (extended.model, model))
+    before, now = (_attached_positions(machine_model) for machine_model in (extended.model, model))
     return before.keys() == now.keys() and all(
         np.abs(before[key] - point).max() < _SAME_M for key, point in now.items()
     )
@@ -144,11 +144,11 @@ def _frames(
     covariances = []
     for body in (BASE, PLATFORM):
         total = np.zeros((6, 6))
-        for one, sigma in ((extended.model, extended.survey_sigma), (model, survey_noise(model))):
-            on_body = (one.targets.body == body) & (one.targets.leg < 0)
+        for machine_model, sigma in ((extended.model, extended.survey_sigma), (model, survey_noise(model))):
+            on_body = (machine_model.targets.body == body) & (machine_model.targets.leg < 0)
             if on_body.sum() < LEAST_FRAME:
                 return np.zeros((len(prior.mean), 0)), np.zeros((0, 0))
-            total += sigma[on_body].mean() ** 2 * np.linalg.inv(_rigid_information(one.known.shape[on_body]))
+            total += sigma[on_body].mean() ** 2 * np.linalg.inv(_rigid_information(machine_model.known.shape[on_body]))
         covariances.append(total)
     spread = np.zeros((12, 12))
     spread[:6, :6], spread[6:, 6:] = covariances

@@ -5,12 +5,14 @@ gives, exactly,
 
     (m - c + K S b) . (p_X - p_Y) + (S b x (m - c)) . w = 0    for every leg,
 
-with the midpoint m of the positions and the rotation S halfway. w is along the axis of the rotation between them, and
-K within 1 - cos of half its angle of the identity. So the readings determine the pose if these rows, over all m and S
-of
-the range, have no common kernel. With K = I they are the rows of the machine's Jacobian: where the pose is unique, no
-pose is singular. Ranges are boxes of positions and of Cayley's parameters g = tan(angle / 2) axis; the halfway rotation
-lies in the same box, because its g is a weighted mean of the two. Boxes that are not decided are halved.
+Here m is the midpoint of the positions, and S the rotation halfway between X and Y. The vector w is along the axis of
+the rotation from X to Y. K differs from the identity by at most 1 - cos of half the angle of that rotation.
+
+The readings determine the pose if these rows, over all m and S of the range, have no common kernel. With K = I they are
+the rows of the machine's Jacobian: where the pose is unique, no pose is singular.
+
+Ranges are boxes of positions and of Cayley's parameters g = tan(angle / 2) axis. The halfway rotation lies in the same
+box, because its g is a weighted mean of those of X and Y. Boxes that are not decided are halved.
 """
 
 from __future__ import annotations
@@ -112,7 +114,7 @@ class _Rows:
         """True where boxes low, high (N, 6) hold no midpoint of two poses with equal readings of the range.
 
         The vector g of a leg at the midpoint is the mean of those at the two poses, hence no longer.
-        one_pose: whether they hold no singular pose, where g is as long as the leg.
+        one_pose: decide instead if they hold no singular pose; g is then as long as the leg.
         """
         g, moment = self._parts(low, high, one_pose)
         regular = is_regular(concatenate([g, moment]) - self.extra)

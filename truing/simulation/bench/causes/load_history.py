@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
-from typing import Any, Self
+from typing import Self
 
 import numpy as np
 from numpy.typing import NDArray
@@ -111,7 +111,7 @@ class Creep(LoadCause):
 
     def _lagged(self, deflection: NDArray, steps: LoadSteps, values: NDArray) -> NDArray:
         """Return lagged deflections (B, 6, 6, ...), zero under loads that are not concerned."""
-        tau: Any = self.tau_s * np.exp(values[1] if self.free else 0.0)
+        tau: object = self.tau_s * np.exp(values[1] if self.free else 0.0)
         remaining = np.exp(-steps.held_s / tau)
         if not self.axis:
             return steps.filtered(deflection, remaining)

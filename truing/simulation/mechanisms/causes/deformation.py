@@ -124,7 +124,10 @@ class NonlinearPlatformDeformation(PerLeg):
         parameters = [Parameter(name, "1", _PLAUSIBLE) for name in self.numbered("kappa", legs)]
         for power in self.powers:
             name, unit, si = _TERMS[power]
-            parameters += [Parameter(each, unit, _PLAUSIBLE_TERM[power], si) for each in self.numbered(name, legs)]
+            parameters += [
+                Parameter(numbered_name, unit, _PLAUSIBLE_TERM[power], si)
+                for numbered_name in self.numbered(name, legs)
+            ]
         return tuple(parameters)
 
     def change(self, state: State, values: NDArray) -> Change:

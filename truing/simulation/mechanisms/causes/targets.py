@@ -4,7 +4,6 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
-from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -53,7 +52,7 @@ class TargetMoved(PointCause):
         """Target or marker concerned."""
         return f"{'marker' if self.corners else 'target'} {self.target}"
 
-    def settings(self) -> dict[str, Any]:
+    def settings(self) -> dict[str, object]:
         """Return the fields; without those of markers for a target."""
         return {name: value for name, value in super().settings().items() if self.corners or name not in _OF_MARKERS}
 
@@ -74,8 +73,8 @@ class TargetMoved(PointCause):
         late = np.stack([order >= order[in_time[onset]] for onset in onsets])[..., None].astype(float)
         usable = _usable(onsets, in_time, scene)
         targets = scene.targets
-        found = markers_of(targets.bodies, targets.names) if scene.photographed else {}
-        markers, corners = list(found), list(found.values())
+        marker_corners = markers_of(targets.bodies, targets.names) if scene.photographed else {}
+        markers, corners = list(marker_corners), list(marker_corners.values())
         alone = np.setdiff1d(np.arange(len(scene.shape)), [k for of_one in corners for k in of_one])
 
         def moved(body: str, name: str, onset: int) -> TargetMoved:
@@ -90,7 +89,7 @@ class TargetMoved(PointCause):
             return moved(*markers[number], onset).of_corners([targets.names[k] for k in which], scene.shape[which])
 
         single = ChannelCandidates(late, alone, usable[:, alone], _PLAUSIBLE_M, member)
-        if not found:
+        if not marker_corners:
             return [single]
         together, patterns = rigid_patterns(corners, scene.shape)
         is_observed = np.asarray(usable[:, together].all(-1))
@@ -207,8 +206,8 @@ class TargetsSwapped(PointCause):
 
     def recorded(self, points: NDArray, state: State, values: NDArray) -> NDArray:
         """Return points, or their motions, (B, K, 3, ...), with the two labels exchanged."""
-        found = [place_of(state, self.body, target) for target in self.targets]
-        indices = [index for index in found if index is not None]
+        places = [place_of(state, self.body, target) for target in self.targets]
+        indices = [index for index in places if index is not None]
         if len(indices) != 2:
             return points
         rows = np.flatnonzero(np.isin(state.covariates[ORDER], self.orders))[:, None]
@@ -250,14 +249,14 @@ def markers_of(bodies: Sequence[str], names: Sequence[str]) -> dict[tuple[str, s
 
     A marker that has all targets of its body is omitted: it moves as the body does.
     """
-    found: dict[tuple[str, str], list[int]] = {}
+    marker_corners: dict[tuple[str, str], list[int]] = {}
     for number, (body, name) in enumerate(zip(bodies, names, strict=True)):
         marker, point, corner = name.rpartition(".")
         if point and corner in _CORNERS:
-            found.setdefault((body, marker), []).append(number)
+            marker_corners.setdefault((body, marker), []).append(number)
     return {
         key: tuple(corners)
-        for key, corners in found.items()
+        for key, corners in marker_corners.items()
         if _FEWEST <= len(corners) <= len(_CORNERS) and len(corners) < list(bodies).count(key[0])
     }
 
