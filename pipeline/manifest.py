@@ -168,7 +168,8 @@ class DigestCache:
         """Write new digests and facts to the run folder."""
         if self._changed and self._store is not None:
             content = {"files": self._files, "facts": self._facts}
-            write_atomically(self._store, json.dumps({**content, "sum": digest_of(content)}, indent=0).encode())
+            lines = json.dumps({**content, "sum": digest_of(content)}, separators=(",\n", ": "))
+            write_atomically(self._store, lines.encode())
             self._changed = False
 
 
