@@ -18,12 +18,12 @@ def entry_points(group: str) -> metadata.EntryPoints:
     They are read again only if the path or the time of one of its folders has changed, as by an installation: one look
     into all installed packages takes longer than many a stage, and a run asks a dozen times.
     """
-    return _entry_points(tuple((place, _changed(place)) for place in sys.path)).select(group=group)
+    return _entry_points(group, tuple((place, _changed(place)) for place in sys.path))
 
 
-@lru_cache(maxsize=1)
-def _entry_points(path: tuple[tuple[str, int], ...]) -> metadata.EntryPoints:
-    return metadata.entry_points()
+@lru_cache(maxsize=16)
+def _entry_points(group: str, path: tuple[tuple[str, int], ...]) -> metadata.EntryPoints:
+    return metadata.entry_points(group=group)
 
 
 def _changed(place: str) -> int:
