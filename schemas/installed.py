@@ -7,7 +7,7 @@ import sys
 from collections.abc import Callable, Iterable
 from functools import lru_cache
 from importlib import metadata
-from typing import TypeVar
+from typing import TypeVar, cast
 
 Known = TypeVar("Known")
 
@@ -18,12 +18,13 @@ def entry_points(group: str) -> metadata.EntryPoints:
     They are read again only if the path or the time of one of its folders has changed, as by an installation: one look
     into all installed packages takes longer than many a stage, and a run asks a dozen times.
     """
-    return _entry_points(group, tuple((place, _changed(place)) for place in sys.path))
+    return _entry_points(tuple((place, _changed(place)) for place in sys.path)).select(group=group)
 
 
-@lru_cache(maxsize=16)
-def _entry_points(group: str, path: tuple[tuple[str, int], ...]) -> metadata.EntryPoints:
-    return metadata.entry_points(group=group)
+@lru_cache(maxsize=1)
+def _entry_points(path: tuple[tuple[str, int], ...]) -> metadata.EntryPoints:
+    # Before Python 3.12 a call without a group returns another type, which selects a group in the same way.
+    return cast(metadata.EntryPoints, metadata.entry_points())
 
 
 def _changed(place: str) -> int:
