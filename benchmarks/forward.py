@@ -22,7 +22,7 @@ from truing.simulation.mechanisms.legs.kinematics import Forward, closure_rows, 
 from truing.simulation.mechanisms.structures.kinematic_model import KinematicModel
 from truing.simulation.mechanisms.structures.structure import Machine, poses_at
 
-SMALLEST = ("--poses", "1000", "--repeats", "1", "--threads", "1")
+SMALLEST = ("--poses", "100", "--repeats", "1", "--threads", "1")
 _FEW = 1000  # poses on which calls of one pose each are timed
 _ROUNDING = 1e-14  # of half a metre, and of a radian; a few dozen times what a number of that size resolves
 

@@ -23,9 +23,9 @@ import pyarrow.parquet as pq
 
 from benchmarks.rows import Row, record_row
 from benchmarks.timing import as_installed
-from truing.pipeline.run_campaign import JobPlan, RunOptions, run_job
+from truing.pipeline.run_campaign import JobPlan, RunOptions, StageSelection, run_job
 
-SMALLEST = ("--campaigns", "2", "--singles", "1", "--workers", "1", "--scheduler", "")
+SMALLEST = ("--campaigns", "2", "--singles", "1", "--workers", "1", "--scheduler", "", "--only", "ingest")
 _POSES, _TARGETS, _SIGMA_MM = 8, 6, 0.005
 _CAMPAIGN = """[campaign]
 name = "{name}"
@@ -79,9 +79,9 @@ def call(places: Sequence[Path], out: Path, *words: str) -> Call:
     return Call(spent, after.ru_maxrss / 1024.0)
 
 
-def sent_bytes(place: Path, out: Path) -> int:
-    """Bytes of a campaign's task and of its result, as they go over the network."""
-    job = JobPlan(out, RunOptions(), several=True).job(place)
+def sent_bytes(place: Path, out: Path, stage: str | None) -> int:
+    """Bytes of a campaign's task, up to a stage or whole, and of its result, as they go over the network."""
+    job = JobPlan(out, RunOptions(StageSelection(only=stage)), several=True).job(place)
     return len(pickle.dumps(job)) + len(pickle.dumps(run_job(job)))
 
 
@@ -90,13 +90,14 @@ def size_of(folder: Path) -> int:
     return sum(path.stat().st_size for path in folder.rglob("*") if path.is_file())
 
 
-def measure(campaigns: int, singles: int, words: Sequence[str]) -> None:
-    """Print and record all figures."""
+def measure(campaigns: int, singles: int, words: Sequence[str], stage: str | None) -> None:
+    """Print and record all figures of runs up to a stage, None for whole runs."""
+    only = () if stage is None else ("--only", stage)
     with tempfile.TemporaryDirectory() as home:
         folder = Path(home)
         places = [write_campaign(folder / "campaigns", number) for number in range(campaigns)]
-        single = float(np.median([call(places[:1], folder / f"single{k}").processor_s for k in range(singles)]))
-        whole = call(places, folder / "all", *words)
+        single = float(np.median([call(places[:1], folder / f"single{k}", *only).processor_s for k in range(singles)]))
+        whole = call(places, folder / "all", *words, *only)
         _check(folder / "all", campaigns)
         each = whole.processor_s / campaigns
         own, how = f"{campaigns:,} campaigns in one call", " ".join(words) or "one process"
@@ -104,7 +105,7 @@ def measure(campaigns: int, singles: int, words: Sequence[str]) -> None:
         record_row(Row(f"{own}: processor time of each over that of one alone", each / single, "", limit=1.2))
         record_row(Row(f"{own}: processor time of each", each, "s"))
         record_row(Row(f"{own}: memory of the largest process", whole.peak_mb, "MB"))
-        record_row(Row("one campaign over the network", sent_bytes(places[0], folder / "here") / 1e3, "kB"))
+        record_row(Row("one campaign over the network", sent_bytes(places[0], folder / "here", stage) / 1e3, "kB"))
         record_row(Row("one campaign read from disk", size_of(places[0]) / 1e3, "kB"))
         record_row(Row("one campaign written to disk", size_of(folder / "single0") / 1e6, "MB"))
 
@@ -123,9 +124,10 @@ def main() -> None:
     parser.add_argument("--singles", type=int, default=3, help="calls of a single campaign")
     parser.add_argument("--workers", type=int, default=2)
     parser.add_argument("--scheduler", default="local", help="as of `truing run`; empty: processes without Dask")
+    parser.add_argument("--only", metavar="STAGE", help="run up to this stage; absent: all stages")
     options = parser.parse_args()
     scheduler = ["--scheduler", options.scheduler] if options.scheduler else []
-    measure(options.campaigns, options.singles, ["--workers", str(options.workers), *scheduler])
+    measure(options.campaigns, options.singles, ["--workers", str(options.workers), *scheduler], options.only)
 
 
 if __name__ == "__main__":

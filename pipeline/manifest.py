@@ -11,6 +11,7 @@ import time
 from collections.abc import Mapping
 from contextlib import suppress
 from dataclasses import asdict, dataclass, field
+from functools import cached_property
 from pathlib import Path
 from typing import Any
 
@@ -58,6 +59,11 @@ class Entry:
     failed_checks: tuple[str, ...] = ()
     made_from: MadeFrom | None = None
 
+    @cached_property
+    def indented(self) -> str:
+        """JSON as a value among the manifest's entries; kept, since every stage of a run saves all entries again."""
+        return json.dumps(asdict(self), indent=1, default=str).replace("\n", "\n  ")
+
 
 @dataclass(frozen=True)
 class Owner:
@@ -80,7 +86,11 @@ class Manifest:
 
     def save(self, store: Path) -> None:
         """Write the manifest atomically, unless it is unchanged."""
-        content = json.dumps(asdict(self), indent=1, default=str).encode()
+        rows = ",\n".join(f"  {json.dumps(name)}: {entry.indented}" for name, entry in self.entries.items())
+        entries = f"{{\n{rows}\n }}" if rows else "{}"
+        owner = None if self.owner is None else asdict(self.owner)
+        rest = json.dumps({"valid_campaign": self.valid_campaign, "owner": owner}, indent=1)
+        content = f'{{\n "entries": {entries},{rest[1:]}'.encode()
         if not store.is_file() or store.read_bytes() != content:
             write_atomically(store, content)
 
@@ -158,7 +168,8 @@ class DigestCache:
         """Write new digests and facts to the run folder."""
         if self._changed and self._store is not None:
             content = {"files": self._files, "facts": self._facts}
-            write_atomically(self._store, json.dumps({**content, "sum": digest_of(content)}, indent=0).encode())
+            lines = json.dumps({**content, "sum": digest_of(content)}, separators=(",\n", ": "))
+            write_atomically(self._store, lines.encode())
             self._changed = False
 
 

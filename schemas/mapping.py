@@ -8,11 +8,11 @@ import re
 import string
 import warnings
 from datetime import datetime
-from importlib.metadata import entry_points
 from typing import Annotated, Literal
 
 from pydantic import AfterValidator, BeforeValidator, Discriminator, Field, Tag, model_validator
 
+from truing.schemas.installed import entry_points
 from truing.schemas.near_names import did_you_mean
 from truing.schemas.section import Finite, Name, Positive, RawText, Section, Whole, is_path, is_raw_text
 

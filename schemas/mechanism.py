@@ -3,11 +3,11 @@
 from __future__ import annotations
 
 import math
-from importlib.metadata import entry_points
 from typing import Annotated, Literal
 
 from pydantic import AfterValidator, Field, model_validator
 
+from truing.schemas.installed import entry_points
 from truing.schemas.near_names import did_you_mean
 from truing.schemas.section import (
     TYPED,

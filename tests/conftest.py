@@ -9,6 +9,7 @@ from functools import cache
 from pathlib import Path
 
 import pytest
+import typer.testing
 from hypothesis import HealthCheck, settings
 
 from tests.cpu_time import CpuTime
@@ -23,6 +24,9 @@ for _variable in ("OMP_NUM_THREADS", "OPENBLAS_NUM_THREADS"):
 # Each worker, and each of some hundred processes that tests start, would otherwise compile the same sources again.
 sys.dont_write_bytecode = False
 os.environ.pop("PYTHONDONTWRITEBYTECODE", None)
+
+# Each call of `CliRunner.invoke` builds the same commands from signatures again, which takes longer than many calls.
+typer.testing._get_command = cache(typer.testing._get_command)
 
 settings.register_profile(
     "project",

@@ -141,27 +141,35 @@ def _descended(task: _Task, order: NDArray) -> NDArray:
     """Return the order after all reversals that help, the best one first."""
     first, last = np.triu_indices(task.count, 1)
     while True:
-        cost = _costs_of_reversals(task, order, first, last)
+        travel, seen = _travel(task.distance, order), _time_projections(task, order)
+        more, turned = _changes_by_reversals(task, order, first, last)
+        turned += seen
+        cost = task.cost(travel + more, turned)
         best = int(np.argmin(cost))
-        if not cost[best] < _cost(task, order) - 1e-12:
+        if not cost[best] < float(task.cost(travel, seen)) - 1e-12:
             return order
         part = slice(first[best], last[best] + 1)
         order = np.concatenate([order[: part.start], order[part][::-1], order[part.stop :]])
 
 
-def _costs_of_reversals(task: _Task, order: NDArray, first: NDArray, last: NDArray) -> NDArray:
-    """Return the cost (M,) after reversing each part first .. last; travel changes only at its ends, time only
-    within."""
+def _changes_by_reversals(task: _Task, order: NDArray, first: NDArray, last: NDArray) -> tuple[NDArray, NDArray]:
+    """Return the changes of travel (M,), m, and of the projections of time (M, G, k) by reversing each part first ..
+    last; travel changes only at its ends, time only within."""
     distance, start = task.distance, len(task.distance) - 1
     before, after = np.append(start, order[:-1]), np.append(order[1:], start)
     here, there = order[first], order[last]
     open_end = last < task.count - 1
-    gain = distance[before[first], there] - distance[before[first], here]
-    gain = gain + open_end * (distance[here, after[last]] - distance[there, after[last]])
+    more = distance[before[first], there] - distance[before[first], here]
+    more = more + open_end * (distance[here, after[last]] - distance[there, after[last]])
     columns = np.moveaxis(task.groups[:, order], 0, 1)
     zero = np.zeros((1, *columns.shape[1:]))
     sums = np.concatenate([zero, np.cumsum(columns, 0)])
     moments = np.concatenate([zero, np.cumsum(np.arange(task.count)[:, None, None] * columns, 0)])
-    turned = (first + last)[:, None, None] * (sums[last + 1] - sums[first])
-    turned = turned - 2.0 * (moments[last + 1] - moments[first])
-    return task.cost(_travel(distance, order) + gain, _time_projections(task, order) + turned)
+    # In place: these arrays are the work of the whole search.
+    turned, shifted = sums.take(last + 1, 0), moments.take(last + 1, 0)
+    turned -= sums.take(first, 0)
+    turned *= (first + last)[:, None, None]
+    shifted -= moments.take(first, 0)
+    shifted *= 2.0
+    turned -= shifted
+    return more, turned
