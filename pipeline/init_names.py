@@ -242,16 +242,25 @@ def _by_distances(guess: Guess, rows: SurveyRows, raw: str | int) -> Guess | Non
     groups = _rigid_groups(rows)
     if len(groups) < 2:
         return None
-    named = {re.escape(target): f"body{number}" for number, own in enumerate(groups, 1) for target in own}
+    bodies = _words_of_groups(groups) or [f"body{number}" for number in range(1, len(groups) + 1)]
+    named = {re.escape(target): body for body, own in zip(bodies, groups, strict=True) for target in own}
     sizes = " and ".join(str(len(own)) for own in groups)
-    doubt = (
-        f"{sizes} targets that keep their distances are assumed to be bodies body1, ..., body{len(groups)}: name them"
-    )
+    doubt = f"{sizes} targets that keep their distances are assumed to be bodies {bodies[0]}, ..., {bodies[-1]}"
+    doubt += ": name them" if bodies[0] == "body1" else ", by the words before the numbers in their names"
     columns, renames = guess.mapping.get("columns", {}), guess.mapping.get("rename", {})
     keys = {"columns": {**columns, "body": raw}, "rename": {**renames, "body": named}}
     question = f"{sizes} targets keep their distances: bodies of their own, or one body"
     way = OtherWay("groups", question, "bodies", "one", guess, doubt)
     return replace(guess, mapping={**without_placeholder(guess.mapping), **keys}, ways=(*guess.ways, way))
+
+
+def _words_of_groups(groups: Sequence[Sequence[str]]) -> list[str]:
+    """The word in the names of each group's targets, such as base for base_B01; empty unless each has its own."""
+    for pattern in _OF_BODIES:
+        words = [set(_bodies_by(pattern, own)) for own in groups]
+        if all(len(word) == 1 for word in words) and len(bodies := set().union(*words) - {""}) == len(groups):
+            return [word.pop() for word in words] if bodies else []
+    return []
 
 
 def _rigid_groups(rows: SurveyRows) -> list[list[str]]:

@@ -109,6 +109,8 @@ def adjusted_points(records: Sequence[Sequence[str]], is_number: Callable[[str],
     names = tuple(str(i + 1) for i in range(width))
     if width < 4 or not all(is_number(cell) for record in records for cell in record[1:]):
         return None
+    if _is_word_before_numbers(records):
+        return None
     if is_id(records) and width >= _FLAGS_FROM and _are_sigmas(records):
         if width >= _FLAGS_FROM + 2 and all(cell.isdigit() for record in records for cell in record[_FLAGS_FROM:]):
             note = f"AICON: id x y z sx sy sz rays used, where 0 under used is a point to leave out; {_WHERE}"
@@ -118,6 +120,13 @@ def adjusted_points(records: Sequence[Sequence[str]], is_number: Callable[[str],
     has_sigmas = _AXES_ONLY < width <= _FLAGS_FROM + 1
     is_own = width == _AXES_ONLY and all(_OF_VSTARS.match(record[0]) for record in records)
     return _vstars(names) if is_named and (has_sigmas or is_own) else None
+
+
+def _is_word_before_numbers(records: Sequence[Sequence[str]]) -> bool:
+    """True if the name of each point is one word and a number, in columns of their own, such as ``point 1``."""
+    words, numbers = {record[0] for record in records}, [record[1].strip() for record in records]
+    is_one_word = len(words) == 1 and not any(cell.isdecimal() for cell in words)
+    return is_one_word and all(map(str.isdecimal, numbers)) and len(set(numbers)) == len(records) >= _FEWEST
 
 
 def coded_alone(lines: Sequence[str], separators: str = ",;\t ") -> MappingKeys:
