@@ -36,7 +36,10 @@ _POINT = ("target", "x", "y", "z")
 _ONE_POSE = "one pose is taken: say under from_name, split or constants which pose each image belongs to"
 OF_RIGS = "no table: how cameras of a COLMAP model hang together; its images hold what is needed"
 _RIGS = ("# Rig calib list", "# Frame list")
-_OF_FANUC = "a program of FANUC, with several lines for each position; export a table of the joints, as J1 to J6"
+_CARTESIAN = "a program of FANUC with Cartesian positions; record them as joints: their representation in the program"
+_OF_FANUC = "positions of a FANUC program, in degrees"
+_COUPLED = "the numbers of the positions are assumed to be the poses; J3 of FANUC is measured from the horizontal: where "
+_COUPLED += 'joint 3 turns with J2 + J3, add plus to its column'
 _OF_GSI = "Leica GSI: coordinates, each in the unit of its word"
 _NO_SCALE = "COLMAP knows no scale and no sigma: declare scale_bars or known_points"
 
@@ -255,7 +258,7 @@ def guess_by_first_lines(lines: Sequence[str]) -> Guess | None:
     if (axes := next((m for line in lines if (m := _OF_AXES.search(line))), None)) is not None:
         return _positions_of_program(axes)
     if head.startswith("/PROG"):
-        return Guess(notes=(_OF_FANUC,))
+        return _positions_of_fanuc(lines)
     if re.match(r"\*?1[01]\d{4}[+-]\S{8}", head) and re.search(r"\b81....[+-]\d{8}", head):
         return Guess({"format": "gsi", "constants": {"body": "body"}}, _POINT, "points", (_OF_GSI,))
     return None
@@ -286,6 +289,15 @@ def _positions_of_program(match: re.Match[str]) -> Guess:
             pattern = rf".*jointtarget\s+{numbered}\s*:?=\s*{first}\s*{inner}.*"
     note = f"positions of a robot's program, in {'degrees' if unit == 'deg' else 'radians'}"
     return Guess({**keys, "split": {"line": pattern}}, tuple(joints), "configurations", (note,), doubts=(doubt,))
+
+
+def _positions_of_fanuc(lines: Sequence[str]) -> Guess:
+    """Return a guess for a program of FANUC, which holds joints or Cartesian positions."""
+    if not any(re.match(r"\s*J1\s*=", line) for line in lines):
+        return Guess(notes=(_CARTESIAN,), known=True)
+    joints = tuple(f"J{number}" for number in range(1, 7))
+    keys = {"format": "fanuc", "columns": {f"joint{number}_deg": name for number, name in enumerate(joints, 1)}}
+    return Guess(keys, ("pose", *joints), "configurations", (_OF_FANUC,), doubts=(_COUPLED,))
 
 
 def is_rig_file(name: str, head: str = "") -> bool:

@@ -38,7 +38,7 @@ TOOL = "tool"  # body of measured poses that no file names
 SHIFTS = ("m03", "m13", "m23")
 _COMMANDED = re.compile(r"goal|command|cmd|desired|target|nominal|soll|set[ _]?point|planned|flange|reference", re.I)
 # Bodies of motion capture: beside the base alone, the flange is no pose that a controller computes.
-_OF_BASE = re.compile(r"(robot[ _]?)?(base|basis|sockel|socle|world|fixed|fest)(?![^\W\d_])", re.I)
+OF_BASE = re.compile(r"(robot[ _]?)?(base|basis|sockel|socle|world|fixed|fest)(?![^\W\d_])", re.I)
 _OF_MEASURED = re.compile(r"(robot[ _]?)?(flange|reference)(?![^\W\d_])", re.I)
 _SPREAD = re.compile(r"(?:^|[\W_])(?:std|sd|sigma|stdev|s|rms|unc|precision|prec|u|u95)(?:$|[\W_])", re.I)
 _UNIT_NORM = 0.02
@@ -143,7 +143,7 @@ def poses_side_by_side(names: Sequence[str], values: Array) -> list[PoseMapping]
     groups = _groups(plain, _PLACES)
     columns_of_poses = []
     others = [before for before in groups if before and _COMMANDED.search(before) is None]
-    is_beside_base = bool(others) and all(_OF_BASE.match(before) for before in others)
+    is_beside_base = bool(others) and all(OF_BASE.match(before) for before in others)
     for before, group in groups.items():
         is_body = _COMMANDED.search(before) is None or (is_beside_base and _OF_MEASURED.match(before) is not None)
         for kind, families in _FAMILIES.items():
