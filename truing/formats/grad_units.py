@@ -12,9 +12,11 @@ from truing.arrays import Array
 from truing.formats.guess import Guess, OtherWay
 from truing.formats.units import UnknownUnit, conversion
 
-_GRAD = re.compile(r".*[\s\[({_/,]grad(?P<e>e)?s?\s*[\])}]?\s*", re.IGNORECASE)
-_GERMAN = re.compile(r"winkel|\bsoll|\bist\b|ablesung|anzeige|achse|richtung|abweichung|gelenk|zeit|\bnr\b", re.IGNORECASE)
-_FRENCH = re.compile(r"consigne|lecture|mesur[eé]|écart|heure|\bsens\b|gisement|angle de|axe", re.IGNORECASE)
+_GRAD = re.compile(r".*[\s\[({_/,]grade?s?\s*[\])}]?\s*", re.I)
+_GERMAN = re.compile(
+    r"winkel|\bsoll|\bist\b|ablesung|anzeige|achse|richtung|abweichung|gelenk|zeit|\bnr\b", re.IGNORECASE
+)
+_FRENCH = re.compile(r"consigne|lecture|mesur[eé]|écart|heure|\bsens\b|gisement|angle de|axe", re.I)
 _TURN = 400.0  # gon
 _NEARLY = 1.02
 _KEY = "unit_of_angle"

@@ -38,8 +38,10 @@ OF_RIGS = "no table: how cameras of a COLMAP model hang together; its images hol
 _RIGS = ("# Rig calib list", "# Frame list")
 _CARTESIAN = "a program of FANUC with Cartesian positions; record them as joints: their representation in the program"
 _OF_FANUC = "positions of a FANUC program, in degrees"
-_COUPLED = "the numbers of the positions are assumed to be the poses; J3 of FANUC is measured from the horizontal: where "
-_COUPLED += 'joint 3 turns with J2 + J3, add plus to its column'
+_COUPLED = (
+    "the numbers of the positions are assumed to be the poses; where J3 of this robot is measured from the horizontal, "
+    "joint 3 turns by J2 + J3: say so with plus"
+)
 _OF_GSI = "Leica GSI: coordinates, each in the unit of its word"
 _NO_SCALE = "COLMAP knows no scale and no sigma: declare scale_bars or known_points"
 
