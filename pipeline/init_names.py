@@ -34,7 +34,11 @@ _OF_TARGETS = (  # P3_base12, P003_1, base12_P3
     r"(?P<target>.*\d)[\s_.\-]+[^\W\d]*?(?P<pose>\d+)",
 )
 _PREFIX = r"(?P<body>[^\W\d_]+)[\s_.\-]*\d.*"
-_OF_BODIES = (_PREFIX, r"(?P<body>[^\W_]*[^\W\d_])[\s_.:\-]+(?P<target>\S.*)")  # base12 or base_12, base B12
+_OF_BODIES = (  # base12 or base_12, base B12, leg1_L101
+    _PREFIX,
+    r"(?P<body>[^\W_]*[^\W\d_])[\s_.:\-]+(?P<target>\S.*)",
+    r"(?P<body>[^\W\d_][^\W_]*)[\s_.:\-]+(?P<target>[^\W\d_]+\d\S*)",
+)
 _RIGID = 0.01  # change of distances, of their size: more is no body
 _OF_SIGMA = 2.5631  # from the 10 % to the 90 % quantile of a normal distribution
 _OF_MEDIAN = 1.4826  # from the median absolute deviation to the standard deviation of a normal distribution

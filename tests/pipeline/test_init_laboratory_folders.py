@@ -138,3 +138,45 @@ def test_theoretical_and_real_positions_are_command_and_encoder(tmp_path: Path) 
     _, document = init(tmp_path)
     found = numbers(table(tmp_path, document, CONFIGURATIONS), "command_mm", "motor_mm", "measured_mm")
     assert_close(found, 1e3 * np.transpose([x, x + 1e-8, 1.00001 * x]), atol=1e-5, what="positions, mm")
+
+
+def test_names_with_blanks_in_a_list_that_blanks_separate_are_read(tmp_path: Path) -> None:
+    base, plate = RNG.uniform(-400.0, 400.0, (2, 4, 3)).round(3)
+    lines = ["// Units: Millimeters"]
+    for pose in range(1, 5):
+        R = exp_so3([0.0, 0.0, 0.05 * pose])
+        for body, places in (("Base plate", base), ("Moving plate", plate @ R.T)):
+            lines += [f"A::{body} pose {pose}::Pt {k}  {x:.4f} {y:.4f} {z:.4f}" for k, (x, y, z) in enumerate(places)]
+    (tmp_path / "list.txt").write_text("\n".join(lines) + "\n")
+    _, document = init(tmp_path)
+    found = table(tmp_path, document, POINTS)
+    assert set(found.table.column("body").to_pylist()) == {"Base plate", "Moving plate"}
+    assert set(found.table.column("target").to_pylist()) == {f"Pt {k}" for k in range(4)}
+    first = numbers(found, "x_mm", "y_mm", "z_mm")[:4]
+    assert_close(first, base, atol=1e-9, what="places of the base")
+    assert found.table.column("pose").to_pylist() == [k for k in range(1, 5) for _ in range(8)]
+
+
+def test_groups_of_one_target_are_its_poses(tmp_path: Path) -> None:
+    (tmp_path / "arm.urdf").write_text(URDF)
+    log = [",".join(map(str, (k, *row))) for k, row in enumerate(JOINTS, 1)]
+    (tmp_path / "log.csv").write_text("\n".join(["pose,pan,lift,twist", *log]) + "\n")
+    rows = [f"A::Pose {k}::T1 {x} {y} {z}" for k, (x, y, z) in enumerate(PLACES, 1)]
+    (tmp_path / "list.txt").write_text("\n".join(rows) + "\n")
+    _, document = init(tmp_path)
+    found = table(tmp_path, document, POINTS)
+    assert set(found.table.column("body").to_pylist()) == {"hand"}
+    assert_close(numbers(found, "x_mm", "y_mm", "z_mm"), PLACES, atol=0.0, what="places")
+
+
+def test_bodies_with_numbers_in_their_names_are_found(tmp_path: Path) -> None:
+    base, leg = RNG.uniform(-400.0, 400.0, (2, 4, 3))
+    for pose in range(1, 7):
+        R = exp_so3(RNG.normal(0.0, 0.1, 3))
+        rows = [*zip([f"base_B{k:02d}" for k in range(4)], base, strict=True)]
+        rows += [*zip([f"leg1_L1{k:02d}" for k in range(4)], leg @ R.T, strict=True)]
+        text = "".join(f"{name};{x:.4f};{y:.4f};{z:.4f}\n" for name, (x, y, z) in rows)
+        (tmp_path / f"Stage {pose}.csv").write_text("Name;X [mm];Y [mm];Z [mm]\n" + text)
+    _, document = init(tmp_path)
+    found = table(tmp_path, document, POINTS)
+    assert set(found.table.column("body").to_pylist()) == {"base", "leg1"}

@@ -30,6 +30,8 @@ _OF_AXES = re.compile(  # positions in a robot's program: KUKA's E6AXIS, jointta
     re.IGNORECASE,
 )
 _ANGLE = r"[-+\d.eE]+"
+_COORDINATE = r"[-+]?\d*\.?\d+(?:[eE][-+]?\d+)?"
+_NAMED_PLACE = re.compile(rf"\s*(?P<name>[^,;\t|]*?::[^,;\t|]*?\S)(?:\s+{_COORDINATE}){{3}}\s*")
 _RAYS = ("image", "camera", "point", "x_px", "y_px")
 _CAMERA = ("camera", "width_px", "height_px", "focal_px", "x0_px", "y0_px", "A1", "A2", "A3", "B1", "B2", "C1", "C2")
 _POINT = ("target", "x", "y", "z")
@@ -259,6 +261,8 @@ def guess_by_first_lines(lines: Sequence[str]) -> Guess | None:
         return Guess(mapping, _RAYS, "image_points", (note,), ("cameras",))
     if (axes := next((m for line in lines if (m := _OF_AXES.search(line))), None)) is not None:
         return _positions_of_program(axes)
+    if (places := _places_with_blanks(lines)) is not None:
+        return places
     if head.startswith("/PROG"):
         return _positions_of_fanuc(lines)
     if re.match(r"\*?1[01]\d{4}[+-]\S{8}", head) and re.search(r"\b81....[+-]\d{8}", head):
@@ -291,6 +295,28 @@ def _positions_of_program(match: re.Match[str]) -> Guess:
             pattern = rf".*jointtarget\s+{numbered}\s*:?=\s*{first}\s*{inner}.*"
     note = f"positions of a robot's program, in {'degrees' if unit == 'deg' else 'radians'}"
     return Guess({**keys, "split": {"line": pattern}}, tuple(joints), "configurations", (note,), doubts=(doubt,))
+
+
+def _places_with_blanks(lines: Sequence[str]) -> Guess | None:
+    """Return a guess for lines of a name in parts, which holds blanks, and three numbers behind it, between blanks;
+    such as ``A::Pose 1::T1 10.0 20.0 30.0``."""
+    matches = [_NAMED_PLACE.fullmatch(line) for line in lines if not line.lstrip().startswith(("//", "#"))]
+    names = [match["name"] for match in matches if match is not None]
+    if len(names) < max(_FEWEST, len(matches)) or not any(" " in name for name in names):
+        return None
+    parts = parts_of_names(names, "name", ())
+    if not parts:
+        return None
+    numbers = r"\s+".join(f"(?P<{axis}_mm>{_COORDINATE})" for axis in "xyz")
+    comment = next((mark for mark in ("//", "#") if lines[0].lstrip().startswith(mark)), None)
+    keys: MappingKeys = {} if comment is None else {"comment": comment}
+    keys |= {"separator": "|", "quote": "", "header": False, "names": ["line"]}
+    named = parts["split"]["name"].replace("(?P<body>", "(?P<group>").replace("(?P<target>", "(?P<point>")
+    is_one_target = len({name.rsplit("::", 1)[-1] for name in names}) == 1  # then the groups are its places
+    keys |= {"columns": {"target": "group"} if is_one_target else {"body": "group", "target": "point"}}
+    split = {"line": rf"\s*(?P<name>.*?\S)\s+{numbers}\s*", "name": named}
+    note = "names in parts, which hold blanks, and three coordinates behind them"
+    return Guess({**keys, "split": split}, ("name", "x", "y", "z"), "points", (note,))
 
 
 def _positions_of_fanuc(lines: Sequence[str]) -> Guess:
