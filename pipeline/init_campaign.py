@@ -31,6 +31,7 @@ from truing.pipeline.init_entries import (
 from truing.pipeline.init_lists import with_numbered_poses, with_poses_in_order
 from truing.pipeline.init_loads import with_loads_once
 from truing.pipeline.init_loads_apart import with_loads_apart
+from truing.pipeline.init_log_at_times import with_log_at_times
 from truing.pipeline.init_measured_apart import with_measured_apart
 from truing.pipeline.init_names import with_bodies_of_survey, with_bodies_of_targets, with_poses_of_names
 from truing.pipeline.init_parts import with_parts_of_one_list, with_stations
@@ -112,6 +113,7 @@ def init_campaign(
     all_answers = Answers(given) if ask is None else Answers(given, ask)
     guesses = with_parts_of_one_list(folder, with_slides(folder, _with_keys_of_names(guesses)))
     guesses = with_numbered_poses(folder, with_lost_points(folder, guesses), robot)
+    guesses = with_log_at_times(folder, guesses, robot)
     guesses = with_poses_by_time(folder, with_poses_in_order(folder, with_stations(folder, guesses)))
     guesses = with_poses_of_names(folder, guesses)
     guesses = with_survey(folder, guesses)

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import re
-from collections.abc import Iterator, Sequence
+from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass, replace
 from itertools import combinations
 from pathlib import Path
@@ -34,9 +34,14 @@ _OF_TARGETS = (  # P3_base12, P003_1, base12_P3
     r"(?P<target>.*\d)[\s_.\-]+[^\W\d]*?(?P<pose>\d+)",
 )
 _PREFIX = r"(?P<body>[^\W\d_]+)[\s_.\-]*\d.*"
-_OF_BODIES = (_PREFIX, r"(?P<body>[^\W_]*[^\W\d_])[\s_.:\-]+(?P<target>\S.*)")  # base12 or base_12, base B12
+_OF_BODIES = (  # base12 or base_12, base B12, leg1_L101
+    _PREFIX,
+    r"(?P<body>[^\W_]*[^\W\d_])[\s_.:\-]+(?P<target>\S.*)",
+    r"(?P<body>[^\W\d_][^\W_]*)[\s_.:\-]+(?P<target>[^\W\d_]+\d\S*)",
+)
 _RIGID = 0.01  # change of distances, of their size: more is no body
 _OF_SIGMA = 2.5631  # from the 10 % to the 90 % quantile of a normal distribution
+_OF_MEDIAN = 1.4826  # from the median absolute deviation to the standard deviation of a normal distribution
 _ROUNDED = 1e-6  # changes of distances that rounding makes, of their size
 _APART = 5.0  # ratio of changes between and within bodies
 _MOST_TARGETS = 60
@@ -160,7 +165,13 @@ def _bodies_by(pattern: str, targets: Sequence[str]) -> list[str]:
 
 
 def _changes(
-    poses: Sequence[str], bodies: Sequence[str], targets: Sequence[str], places: Array, *, within: bool
+    poses: Sequence[str],
+    bodies: Sequence[str],
+    targets: Sequence[str],
+    places: Array,
+    *,
+    within: bool,
+    spread: Callable[[Array], float] | None = None,
 ) -> tuple[Array, Array]:
     """Standard deviation over the poses of each distance between targets within (or between) bodies, and its mean."""
     held: dict[tuple[str, str], dict[str, int]] = {}
@@ -172,7 +183,7 @@ def _changes(
         if len(common_poses) > 1:
             first, second = ([held[key][pose] for pose in common_poses] for key in (first_target, second_target))
             distances = np.linalg.norm(places[first] - places[second], axis=1)
-            changes.append(float(np.std(distances, ddof=1)))
+            changes.append((spread or _std)(distances))
             sizes.append(float(np.mean(distances)))
     return np.array(changes), np.array(sizes)
 
@@ -244,16 +255,25 @@ def _by_distances(guess: Guess, rows: SurveyRows, raw: str | int) -> Guess | Non
     groups = _rigid_groups(rows)
     if len(groups) < 2:
         return None
-    named = {re.escape(target): f"body{number}" for number, members in enumerate(groups, 1) for target in members}
+    bodies = _words_of_groups(groups) or [f"body{number}" for number in range(1, len(groups) + 1)]
+    named = {re.escape(target): body for body, members in zip(bodies, groups, strict=True) for target in members}
     sizes = " and ".join(str(len(members)) for members in groups)
-    doubt = (
-        f"{sizes} targets that keep their distances are assumed to be bodies body1, ..., body{len(groups)}: name them"
-    )
+    doubt = f"{sizes} targets that keep their distances are assumed to be bodies {bodies[0]}, ..., {bodies[-1]}"
+    doubt += ": name them" if bodies[0] == "body1" else ", by the words before the numbers in their names"
     columns, renames = guess.mapping.get("columns", {}), guess.mapping.get("rename", {})
     keys = {"columns": {**columns, "body": raw}, "rename": {**renames, "body": named}}
     question = f"{sizes} targets keep their distances: bodies of their own, or one body"
     way = OtherWay("groups", question, "bodies", "one", guess, doubt)
     return replace(guess, mapping={**without_placeholder(guess.mapping), **keys}, ways=(*guess.ways, way))
+
+
+def _words_of_groups(groups: Sequence[Sequence[str]]) -> list[str]:
+    """The word in the names of each group's targets, such as base for base_B01; empty unless each has its own."""
+    for pattern in _OF_BODIES:
+        words = [set(_bodies_by(pattern, own)) for own in groups]
+        if all(len(word) == 1 for word in words) and len(bodies := set().union(*words) - {""}) == len(groups):
+            return [word.pop() for word in words] if bodies else []
+    return []
 
 
 def _rigid_groups(rows: SurveyRows) -> list[list[str]]:
@@ -296,18 +316,37 @@ def _with_uncoded(folder: Path, group: RawGroup, guess: Guess) -> Guess:
     return whole if rows is not None and _rigid_groups(rows) else guess
 
 
+def _rigid_change(
+    rows: SurveyRows, bodies: Sequence[str], spread: Callable[[Array], float]
+) -> tuple[float, float] | None:
+    """Rms change of distances within bodies and between them; None if bodies would not be rigid and move apart."""
+    inner, sizes = _changes(rows.poses, bodies, rows.targets, rows.places, within=True, spread=spread)
+    outer, _ = _changes(rows.poses, bodies, rows.targets, rows.places, within=False, spread=spread)
+    if len(inner) < _FEWEST or not len(outer):
+        return None
+    change, between = (float(np.sqrt(np.mean(one**2))) for one in (inner, outer))
+    return None if change > _RIGID * float(np.median(sizes)) or between < _APART * change else (change, between)
+
+
+def _std(distances: Array) -> float:
+    return float(np.std(distances, ddof=1))
+
+
+def _spread(distances: Array) -> float:
+    """Standard deviation of a normal distribution by the median of absolute deviations: of poses with exchanged labels
+    there are few."""
+    return float(_OF_MEDIAN * np.median(np.abs(distances - np.median(distances))))
+
+
 def _by_words(guess: Guess, rows: SurveyRows, raw: str | int, pattern: str) -> Guess | None:
     """The guess with bodies in the names of its targets by a pattern; None if the distances do not support it."""
     split, bodies = guess.mapping.get("split", {}), _bodies_by(pattern, rows.targets)
     if len(set(bodies)) < 2:
         return None
-    inner, sizes = _changes(rows.poses, bodies, rows.targets, rows.places, within=True)
-    outer, _ = _changes(rows.poses, bodies, rows.targets, rows.places, within=False)
-    if len(inner) < _FEWEST or not len(outer):
+    found = next((one for spread in (_std, _spread) if (one := _rigid_change(rows, bodies, spread)) is not None), None)
+    if found is None:
         return None
-    change, between = (float(np.sqrt(np.mean(distances**2))) for distances in (inner, outer))
-    if change > _RIGID * float(np.median(sizes)) or between < _APART * change:
-        return None
+    change, between = found
     named = sorted(set(bodies))
     shown = ", ".join(named[:4]) + (", ..." if len(named) > 4 else "")
     note = f"bodies {shown} by the names of targets: distances within change by {change:.2g}, between by {between:.2g}"

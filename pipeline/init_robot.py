@@ -80,10 +80,13 @@ def guess_of_description(path: Path, robot: Robot | None) -> Guess:
 
 
 def named_as_joints(guess: Guess, robot: Robot | None) -> Guess:
-    """Return a guess whose numbered columns of joints in a split have the names of the robot's joints."""
+    """Return a guess whose numbered joints of a robot's program have the names of the robot's joints."""
     split = guess.mapping.get("split", {})
     pattern = split.get("line", "")
     numbers = _NUMBERED.findall(pattern)
+    if robot is not None and guess.mapping.get("format") == "fanuc" and len(robot.joints) == len(guess.columns) - 1:
+        columns = {f"{joint}_deg": raw for joint, raw in zip(robot.joints, guess.columns[1:], strict=True)}
+        return replace(guess, mapping={**guess.mapping, "columns": columns})
     if robot is None or len(numbers) != len(robot.joints) or not all(name.isidentifier() for name in robot.joints):
         return guess
     named = _NUMBERED.sub(lambda match: f"{robot.joints[int(match[1]) - 1]}_deg", pattern)

@@ -13,7 +13,7 @@ import numpy as np
 
 from truing.formats.guess import MappingKeys
 from truing.formats.named_chain import is_within_metres
-from truing.formats.named_columns import TOOL
+from truing.formats.named_columns import OF_BASE, TOOL
 from truing.formats.presets import target_column
 from truing.formats.proposed_poses import perhaps_in_metres
 from truing.formats.units import conversion
@@ -33,6 +33,7 @@ _WITHIN = 0.02  # of the ratio of distances
 _MOST_ROWS, _MOST_PAIRS, _FEWEST_PAIRS = 400, 200, 3
 _LOST, _MOST_LOOKED_AT = "0 0 0", 100_000
 _MOST_FILES, _MOST_OF_GROUP = 20, 60
+BASE = "base"  # first link of a table of Denavit and Hartenberg
 _PLACE = ("x_mm", "y_mm", "z_mm")
 
 
@@ -151,8 +152,11 @@ def with_tip(folder: Path, files: Sequence[tuple[RawGroup, Guess]], robot: Robot
     if tip is None:
         return guesses
     is_lone = sum(guess.table == "poses" for guess in guesses) == 1
+    links = {} if robot is not None else _ends_of_chain(guesses, tip)
     on_tip = [
-        _with_lone_body(guess, tip) if is_lone and guess.table == "poses" else _on_last_link(folder, group, guess, tip)
+        _with_lone_body(guess, tip)
+        if is_lone and guess.table == "poses"
+        else _on_last_link(folder, group, _on_end(guess, links), tip)
         for group, guess in files
     ]
     names = [_names_on(folder, group, guess, tip) for (group, _), guess in zip(files, on_tip, strict=True)]
@@ -181,6 +185,25 @@ def _survey_on(folder: Path, group: RawGroup, guess: Guess, link: str, names: se
     note = f"targets of {link}, as the points of the same names"
     mapping = {**guess.mapping, "constants": constants}
     return replace(guess, mapping=mapping, notes=(*guess.notes, note), answered=guess.answered | {"body"})
+
+
+def _ends_of_chain(guesses: Sequence[Guess], tip: str) -> dict[str, str]:
+    """Link of each of two measured bodies, of which one is called the base: ``base``, and the last link."""
+    bodies = [str(g.mapping.get("constants", {}).get("body", "")) for g in guesses if g.table == "poses"]
+    fixed = [body for body in bodies if OF_BASE.fullmatch(body)]
+    if len(bodies) != 2 or len(fixed) != 1:
+        return {}
+    return {body: BASE if body in fixed else tip for body in bodies}
+
+
+def _on_end(guess: Guess, links: Mapping[str, str]) -> Guess:
+    """The guess of poses of a body with the link that it is fixed to."""
+    constants = guess.mapping.get("constants", {})
+    body = constants.get("body", "")
+    if guess.table != "poses" or links.get(body, body) == body:
+        return guess
+    doubts = (*guess.doubts, f"body {body} of the file is assumed to be fixed to link {links[body]}")
+    return replace(guess, mapping={**guess.mapping, "constants": {**constants, "body": links[body]}}, doubts=doubts)
 
 
 def _with_lone_body(guess: Guess, tip: str) -> Guess:

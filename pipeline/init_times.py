@@ -32,12 +32,12 @@ def with_poses_by_time(folder: Path, files: Sequence[_File]) -> list[_File]:
 
     The clocks may differ by a constant. Of several poses of one row the first is read.
     """
-    logs = [n for n, (group, guess) in enumerate(files) if _is_counted(group, guess, "configurations")]
-    measured = [n for n, (group, guess) in enumerate(files) if _is_counted(group, guess, "poses")]
+    logs = [n for n, (group, guess) in enumerate(files) if is_counted(group, guess, "configurations")]
+    measured = [n for n, (group, guess) in enumerate(files) if is_counted(group, guess, "poses")]
     if len(logs) != 1 or len(measured) != 1:
         return list(files)
     (log,), (poses,) = logs, measured
-    times, shots = _times(*files[log]), _times(*files[poses])
+    times, shots = times_of(*files[log]), times_of(*files[poses])
     if times is None or shots is None or not _FEWEST <= len(times) < len(shots) <= _MOST:
         return list(files)
     found = _joined(times, shots)
@@ -49,11 +49,11 @@ def with_poses_by_time(folder: Path, files: Sequence[_File]) -> list[_File]:
     return result
 
 
-def _is_counted(group: RawGroup, guess: Guess, table: str) -> bool:
+def is_counted(group: RawGroup, guess: Guess, table: str) -> bool:
     return guess.table == table and group.count == 1 and "pose" in guess.mapping.get("number_rows", {})
 
 
-def _times(group: RawGroup, guess: Guess) -> Array | None:
+def times_of(group: RawGroup, guess: Guess) -> Array | None:
     """Times (N,) of the rows of a file, s; None without a column of times."""
     name = columns_by_names(guess.columns)[0].get("columns", {}).get("time_s")
     if name not in guess.columns:

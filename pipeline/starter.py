@@ -196,11 +196,17 @@ def _noise_of_chain(guesses: Sequence[Guess], tables: set[str]) -> Iterator[tupl
         yield _OF_SLIDES
 
 
+def _of_bodies(guesses: Sequence[Guess]) -> set[str]:
+    """Bodies of the measured poses, where each file or group of columns names one."""
+    return {str(g.mapping.get("constants", {}).get("body", "")) for g in guesses if g.table == "poses"}
+
+
 def _sections(guesses: Sequence[Guess], tables: set[str], chain: Sequence[tuple[str, str]]) -> Iterator[str]:
     """Sections other than [noise], each after an empty line; ``chain``: lines and remarks of its [mechanism]."""
     is_one_target = any("target" in guess.mapping.get("constants", {}) for guess in guesses)
     is_one_body = bool(chain) and "points" not in tables and [g.table for g in guesses].count("poses") == 1
-    if is_one_target or is_one_body or (chain and _are_in_the_same_rows(guesses)):
+    is_with_base = bool(chain) and "points" not in tables and _of_bodies(guesses) == {"base", "tip"}
+    if is_one_target or is_one_body or is_with_base or (chain and _are_in_the_same_rows(guesses)):
         yield from ("", "[measurement]")
         why = f"one {'target' if is_one_target else 'body'} in each pose, so the"
         why = why if is_one_target or is_one_body else "the"

@@ -21,7 +21,7 @@ _FILLED = re.compile(r"(.?[<>^])?\d{0,2}")  # allowed format after a name's colo
 
 FORMATS = (
     *("auto", "delimited", "parquet", "ply", "pcd", "xyz", "c3d", "trc", "rtl"),
-    *("vstars", "aicon", "metashape", "colmap", "photomodeler", "tracker", "gsi", "inspection", "xlsx", "mat"),
+    *("vstars", "aicon", "metashape", "colmap", "photomodeler", "tracker", "gsi", "inspection", "fanuc", "xlsx", "mat"),
 )
 FORMAT_ENTRY_POINTS = "truing.formats"  # group of installed packages
 

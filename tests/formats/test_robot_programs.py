@@ -36,6 +36,43 @@ def test_positions_of_moves_are_in_radians_and_in_their_order(tmp_path: Path) ->
     assert columns["joint2_rad"] == [-0.5, 0.5]
 
 
+LS = """/PROG  CALIB
+/ATTR
+COMMENT = "";
+/MN
+   1:J P[1] 10% FINE    ;
+/POS
+{}/END
+"""
+POSITION = """P[{pose}:"home"]{{
+   GP1:
+\tUF : 0, UT : 1,\t
+\tJ1= {0:9.3f} deg,\tJ2= {1:9.3f} deg,\tJ3= {2:9.3f} deg,
+\tJ4= {3:9.3f} deg,\tJ5= {4:9.3f} deg,\tJ6= {5:9.3f} deg
+   GP2:
+\tUF : 0, UT : 1,\t
+\tJ1=   500.000 mm
+}};
+"""
+
+
+def test_positions_of_a_fanuc_program_stand_on_several_lines(tmp_path: Path) -> None:
+    """A second group moves a rail, and is no joint of the arm."""
+    positions = [POSITION.format(*row, pose=pose) for pose, row in enumerate(READINGS, 1)]
+    (tmp_path / "program.txt").write_text(LS.format("".join(positions)))
+    columns = _read(tmp_path, "deg")
+    assert columns["pose"] == [1, 2]
+    assert np.array_equal(np.transpose([columns[f"joint{k}_deg"] for k in range(1, 7)]), READINGS)
+
+
+def test_a_cartesian_position_among_joints_is_a_fault_with_its_line(tmp_path: Path) -> None:
+    cartesian = "P[2]{\n   GP1:\n\tX = 10.0 mm, Y = 0.0 mm, Z = 5.0 mm\n};\n"
+    (tmp_path / "program.txt").write_text(LS.format(POSITION.format(*READINGS[0], pose=1) + cartesian))
+    guess = sniff_file(tmp_path / "program.txt")
+    found = read(tmp_path, "configurations", {"path": "program.txt", **guess.mapping})
+    assert [(fault.row, fault.value) for fault in found.faults] == [(16, "P[2]")]
+
+
 def _read(folder: Path, unit: str) -> dict[str, list[float]]:
     guess = sniff_file(folder / "program.txt")
     assert guess.table == "configurations"

@@ -103,7 +103,7 @@ def test_x_of_an_autocollimator_is_the_deviation_of_a_rotary_axis(tmp_path: Path
     ("head", "cell", "word"),
     [
         ("Angle (deg);Deviation (um)", "{};{}.5", "ball bar"),
-        ("/PROG  CALIB\n/POS", "P[{}]{{\n   GP1:\n\tJ1= {}.5 deg,\tJ2= 0.0 deg\n}};", "FANUC"),
+        ("/PROG  CALIB\n/POS", "P[{}]{{\n   GP1:\n\tX = {}.5 mm,\tY = 0.0 mm\n}};", "FANUC"),
     ],
 )
 def test_what_is_not_read_is_reported_with_its_reason(tmp_path: Path, head: str, cell: str, word: str) -> None:

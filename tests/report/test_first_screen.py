@@ -22,7 +22,7 @@ from truing.report.first_screen import first_screen, sigma_of_rms
 from truing.report.head import build_head
 from truing.report.measured_section import campaign_span
 from truing.report.numbers import plain
-from truing.report.page import CampaignFacts, Depth, RawFileFacts
+from truing.report.page import CampaignFacts, Depth, RawFileFacts, ReportSection, all_of
 from truing.report.rendering.render import render_page
 from truing.report.scene.machine_drawing import _apart, machine_drawing
 from truing.report.section_verdict import verdict_rows
@@ -296,9 +296,31 @@ def test_a_comment_on_a_section_that_the_run_lacks_is_not_lost() -> None:
     assert [text for section in told for text in section.comments] == ["chain: No arm here."]
 
 
-def test_every_section_of_a_page_can_have_a_comment() -> None:
-    from truing.report.page import all_of
+def test_a_comment_on_a_folded_section_or_its_part_stands_outside_the_fold() -> None:
+    """Paper shows no folded section, and a reader does not open each one to look for a person's words."""
+    part = ReportSection("inner", "Inner part", "Lead.", depth=Depth.APPENDIX)
+    folded = ReportSection("outer", "Outer", "Lead.", parts=(part,), depth=Depth.APPENDIX)
+    sections = [folded, ReportSection("open", "Open", "Lead.", parts=(replace(part, id="other"),))]
+    given = (("outer", "Crane at work."), ("inner", "By laboratory 3."), ("open", "Seen."), ("other", "Agreed."))
+    page = render_page(build_head("c", campaign_tables(poses=3)), with_comments(sections, given))
+    for _, text in given:
+        before = page[: page.index(text)]
+        assert before.count("<details") == before.count("</details>")
+    assert page.count("<aside") == len(given)
+    assert "<b>Inner part</b>" in page
 
+
+def test_a_comment_on_the_verdict_stands_on_the_first_screen() -> None:
+    tables = campaign_tables(poses=3)
+    about = replace(ABOUT, comments=(("verdict", "Accepted <by> M. K."),))
+    head = replace(build_head("c", tables, about), about=about)
+    page = render_page(head, with_comments(list(sections_of(tables).values()), about.comments))
+    assert page.count("<aside") == 1
+    assert "Accepted &lt;by&gt; M. K." in page[: page.index("</header>")]
+    assert "verdict" in section_names()
+
+
+def test_every_section_of_a_page_can_have_a_comment() -> None:
     for tables in (campaign_tables(), bench_tables()):
         assert {section.id for section in all_of(list(sections_of(tables).values()))} <= set(section_names())
 

@@ -30,13 +30,20 @@ _OF_AXES = re.compile(  # positions in a robot's program: KUKA's E6AXIS, jointta
     re.IGNORECASE,
 )
 _ANGLE = r"[-+\d.eE]+"
+_COORDINATE = r"[-+]?\d*\.?\d+(?:[eE][-+]?\d+)?"
+_NAMED_PLACE = re.compile(rf"\s*(?P<name>[^,;\t|]*?::[^,;\t|]*?\S)(?:\s+{_COORDINATE}){{3}}\s*")
 _RAYS = ("image", "camera", "point", "x_px", "y_px")
 _CAMERA = ("camera", "width_px", "height_px", "focal_px", "x0_px", "y0_px", "A1", "A2", "A3", "B1", "B2", "C1", "C2")
 _POINT = ("target", "x", "y", "z")
 _ONE_POSE = "one pose is taken: say under from_name, split or constants which pose each image belongs to"
 OF_RIGS = "no table: how cameras of a COLMAP model hang together; its images hold what is needed"
 _RIGS = ("# Rig calib list", "# Frame list")
-_OF_FANUC = "a program of FANUC, with several lines for each position; export a table of the joints, as J1 to J6"
+_CARTESIAN = "a program of FANUC with Cartesian positions; record them as joints: their representation in the program"
+_OF_FANUC = "positions of a FANUC program, in degrees"
+_COUPLED = (
+    "the numbers of the positions are assumed to be the poses; where J3 of this robot is measured from the horizontal, "
+    "joint 3 turns by J2 + J3: say so with plus"
+)
 _OF_GSI = "Leica GSI: coordinates, each in the unit of its word"
 _NO_SCALE = "COLMAP knows no scale and no sigma: declare scale_bars or known_points"
 
@@ -109,6 +116,8 @@ def adjusted_points(records: Sequence[Sequence[str]], is_number: Callable[[str],
     names = tuple(str(i + 1) for i in range(width))
     if width < 4 or not all(is_number(cell) for record in records for cell in record[1:]):
         return None
+    if _is_word_before_numbers(records):
+        return None
     if is_id(records) and width >= _FLAGS_FROM and _are_sigmas(records):
         if width >= _FLAGS_FROM + 2 and all(cell.isdigit() for record in records for cell in record[_FLAGS_FROM:]):
             note = f"AICON: id x y z sx sy sz rays used, where 0 under used is a point to leave out; {_WHERE}"
@@ -118,6 +127,13 @@ def adjusted_points(records: Sequence[Sequence[str]], is_number: Callable[[str],
     has_sigmas = _AXES_ONLY < width <= _FLAGS_FROM + 1
     is_own = width == _AXES_ONLY and all(_OF_VSTARS.match(record[0]) for record in records)
     return _vstars(names) if is_named and (has_sigmas or is_own) else None
+
+
+def _is_word_before_numbers(records: Sequence[Sequence[str]]) -> bool:
+    """True if the name of each point is one word and a number, in columns of their own, such as ``point 1``."""
+    words, numbers = {record[0] for record in records}, [record[1].strip() for record in records]
+    is_one_word = len(words) == 1 and not any(cell.isdecimal() for cell in words)
+    return is_one_word and all(map(str.isdecimal, numbers)) and len(set(numbers)) == len(records) >= _FEWEST
 
 
 def coded_alone(lines: Sequence[str], separators: str = ",;\t ") -> MappingKeys:
@@ -245,8 +261,10 @@ def guess_by_first_lines(lines: Sequence[str]) -> Guess | None:
         return Guess(mapping, _RAYS, "image_points", (note,), ("cameras",))
     if (axes := next((m for line in lines if (m := _OF_AXES.search(line))), None)) is not None:
         return _positions_of_program(axes)
+    if (places := _places_with_blanks(lines)) is not None:
+        return places
     if head.startswith("/PROG"):
-        return Guess(notes=(_OF_FANUC,))
+        return _positions_of_fanuc(lines)
     if re.match(r"\*?1[01]\d{4}[+-]\S{8}", head) and re.search(r"\b81....[+-]\d{8}", head):
         return Guess({"format": "gsi", "constants": {"body": "body"}}, _POINT, "points", (_OF_GSI,))
     return None
@@ -277,6 +295,37 @@ def _positions_of_program(match: re.Match[str]) -> Guess:
             pattern = rf".*jointtarget\s+{numbered}\s*:?=\s*{first}\s*{inner}.*"
     note = f"positions of a robot's program, in {'degrees' if unit == 'deg' else 'radians'}"
     return Guess({**keys, "split": {"line": pattern}}, tuple(joints), "configurations", (note,), doubts=(doubt,))
+
+
+def _places_with_blanks(lines: Sequence[str]) -> Guess | None:
+    """Return a guess for lines of a name in parts, which holds blanks, and three numbers behind it, between blanks;
+    such as ``A::Pose 1::T1 10.0 20.0 30.0``."""
+    matches = [_NAMED_PLACE.fullmatch(line) for line in lines if not line.lstrip().startswith(("//", "#"))]
+    names = [match["name"] for match in matches if match is not None]
+    if len(names) < max(_FEWEST, len(matches)) or not any(" " in name for name in names):
+        return None
+    parts = parts_of_names(names, "name", ())
+    if not parts:
+        return None
+    numbers = r"\s+".join(f"(?P<{axis}_mm>{_COORDINATE})" for axis in "xyz")
+    comment = next((mark for mark in ("//", "#") if lines[0].lstrip().startswith(mark)), None)
+    keys: MappingKeys = {} if comment is None else {"comment": comment}
+    keys |= {"separator": "|", "quote": "", "header": False, "names": ["line"]}
+    named = parts["split"]["name"].replace("(?P<body>", "(?P<group>").replace("(?P<target>", "(?P<point>")
+    is_one_target = len({name.rsplit("::", 1)[-1] for name in names}) == 1  # then the groups are its places
+    keys |= {"columns": {"target": "group"} if is_one_target else {"body": "group", "target": "point"}}
+    split = {"line": rf"\s*(?P<name>.*?\S)\s+{numbers}\s*", "name": named}
+    note = "names in parts, which hold blanks, and three coordinates behind them"
+    return Guess({**keys, "split": split}, ("name", "x", "y", "z"), "points", (note,))
+
+
+def _positions_of_fanuc(lines: Sequence[str]) -> Guess:
+    """Return a guess for a program of FANUC, which holds joints or Cartesian positions."""
+    if not any(re.match(r"\s*J1\s*=", line) for line in lines):
+        return Guess(notes=(_CARTESIAN,), known=True)
+    joints = tuple(f"J{number}" for number in range(1, 7))
+    keys = {"format": "fanuc", "columns": {f"joint{number}_deg": name for number, name in enumerate(joints, 1)}}
+    return Guess(keys, ("pose", *joints), "configurations", (_OF_FANUC,), doubts=(_COUPLED,))
 
 
 def is_rig_file(name: str, head: str = "") -> bool:

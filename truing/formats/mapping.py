@@ -367,7 +367,9 @@ class MappingPlan:
         if isinstance(reference, int):
             return Misfit(f"at least {reference} columns", column=name, value=str(len(self.names)))
         known = [other for other in self.all_names if other]
-        close = difflib.get_close_matches(reference, known, n=1, cutoff=0.75 if reference in _OFTEN_IMPLICIT else 0.5)
+        is_own = self.shape.column(reference) is not None  # then y_mm is no mistyped x_mm
+        free = [other for other in known if not is_own or self.shape.column(other) is None]
+        close = difflib.get_close_matches(reference, free, n=1, cutoff=0.75 if reference in _OFTEN_IMPLICIT else 0.5)
         there = f"{len(known)}, not shown as the file lies outside the campaign's folder"
         hint = f"there are {there if self.is_discreet else ', '.join(known) or 'none'}"
         if close and not self.is_discreet:

@@ -54,12 +54,13 @@ _DIRECTIONS = {
 _COMMAND = (
     r"(command(ed)?|target|nominal|soll|ziel|set)([ _-]?(angle|position|pos|winkel|wert))?"
     r"|(angle|position|pos|winkel)[ _-](command|target|nominal|soll)|setpoint|angle|winkel|position|.*pos[_-]?cmd"
+    r"|((angle|position)[ _-])?consigne|(.*[ _.])?(theoretical|theoretische?|théorique)[ _]?pos(ition)?"
     r"|.*[ _.]set[ _]?pos(ition)?|(rotary[ _]?)?(table|rundtisch|tisch)([ _-]?(angle|position|pos|winkel))?"
 )
-_COMMANDED = r"command|target|nominal|soll|ziel|set[ _-]?point"
+_COMMANDED = r"command|target|nominal|soll|ziel|set[ _-]?point|consigne|theoretical"
 _MOTOR = (
     r"motor([ _-]?(encoder|angle|position|winkel))?|encoder|(dreh)?geber|messsystem|resolver|.*pos[_-]?(fb|feedback)"
-    r"|.*[ _.]act[ _]?pos(ition)?"
+    r"|.*[ _.]act[ _]?pos(ition)?|(.*[ _.])?real[ _]?pos(ition)?"
     r"|enc(oder)?[ _-]?mot(or)?"
 )
 _LOAD_SIDE = (
@@ -68,7 +69,7 @@ _LOAD_SIDE = (
 )
 _OUTSIDE = (
     r"(reference|measured|autocollimator|autokollimator|akf|interferometer|laser|polygon|ist|error|deviation|abweichung)"
-    r".*|(reading|anzeige|ablesung)|(ron|rod|rpn|rcn|ecn|ern|lip|lida|lif) ?\d{3,4}"
+    r".*|(reading|anzeige|ablesung|lecture)([ _]hz)?|hz|mesur(e|é)e?|(ron|rod|rpn|rcn|ecn|ern|lip|lida|lif) ?\d{3,4}"
 )
 _NUMBERED = re.compile(
     r"(axis|achse|channel|kanal|encoder|counter|z(ä|ae)hler)[ _]?\d([ _](position|pos|angle|winkel))?", re.I

@@ -37,6 +37,9 @@ _MATRICES = ((3, 3), (3, 4), (4, 4))
 TOOL = "tool"  # body of measured poses that no file names
 SHIFTS = ("m03", "m13", "m23")
 _COMMANDED = re.compile(r"goal|command|cmd|desired|target|nominal|soll|set[ _]?point|planned|flange|reference", re.I)
+# Bodies of motion capture: beside the base alone, the flange is no pose that a controller computes.
+OF_BASE = re.compile(r"(robot[ _]?)?(base|basis|sockel|socle|world|fixed|fest)(?![^\W\d_])", re.I)
+_OF_MEASURED = re.compile(r"(robot[ _]?)?(flange|reference)(?![^\W\d_])", re.I)
 _SPREAD = re.compile(r"(?:^|[\W_])(?:std|sd|sigma|stdev|s|rms|unc|precision|prec|u|u95)(?:$|[\W_])", re.I)
 _UNIT_NORM = 0.02
 _ORTHONORMAL = 0.01
@@ -139,10 +142,13 @@ def poses_side_by_side(names: Sequence[str], values: Array) -> list[PoseMapping]
     plain = _without_words_of_parts(names)
     groups = _groups(plain, _PLACES)
     columns_of_poses = []
+    others = [before for before in groups if before and _COMMANDED.search(before) is None]
+    is_beside_base = bool(others) and all(OF_BASE.match(before) for before in others)
     for before, group in groups.items():
+        is_body = _COMMANDED.search(before) is None or (is_beside_base and _OF_MEASURED.match(before) is not None)
         for kind, families in _FAMILIES.items():
             turned = _groups(plain, families).get(before)
-            if not before or turned is None or _COMMANDED.search(before) is not None:
+            if not before or turned is None or not is_body:
                 continue
             raw = tuple(names[plain.index(name)] for name in (*group, *turned))
             if kind != "quaternion" or _is_unit(_selected_columns(names, raw[3:], values)):

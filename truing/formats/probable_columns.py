@@ -20,8 +20,8 @@ _KNOWN = {
     r"|station|piece|aufnahme|messung|stellung",
     "role": r"role|rolle",
     "body": r"body|rigid[ _]?body|k(ö|oe)rper|corps|(point[ _]?)?group|(punkt)?gruppe",
-    "target": r"\w+(::\w+)+|(target|marker|point)([ _]?(id|name|no|nr))?|label"
-    r"|(mess)?punkt([ _]?(nr|nummer|name))?|(ziel)?marke"
+    "target": r"\w+(::\w+)+|(target|marker|point)([ _-]?(id|name|no|nr))?|label"
+    r"|(mess)?punkt([ _-]?(nr|nummer|name|id|bezeichnung))?|(ziel)?marke"
     r"|ziel(punkt)?|name|nom|cible|smr|reflector|reflektor|nest|feature([ _]?(id|name))?|merkmal",
     **{f"{a}_mm": f"{a}|{_OF_MEASURED.format(a)}" for a in "xyz"},
     **{f"sigma_{a}_mm": rf"(s0?|m{a}|{_SPREAD})[ _]?{a}|{a}[ _]?{_SPREAD}|{_EXPANDED}[ _]?{a}" for a in "xyz"},

@@ -288,6 +288,10 @@ def _raw_batches(rows: FileRows, wanted: Wanted, table: str, estimate: Estimate 
             from truing.formats.inspection import read_inspection
 
             yield from read_inspection(path, wanted, rows.entry)
+        elif rows.format == "fanuc":
+            from truing.formats.fanuc import read_fanuc
+
+            yield from read_fanuc(path, wanted, rows.entry)
         elif rows.format == "rtl":
             from truing.formats.renishaw import read_rtl
 

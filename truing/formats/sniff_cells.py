@@ -10,6 +10,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from truing.formats.deviation_units import with_unit_of_deviations
+from truing.formats.grad_units import with_unit_of_grad
 from truing.formats.guess import (
     Guess,
     MappingKeys,
@@ -169,6 +170,7 @@ def _guess_by_notation(
         return machine
     guess = _with_times(_guess_by_names(cells, mapping, about.joints), names, data, notation)
     guess = with_unit_of_deviations(guess, names, cells.values, about.unit)
+    guess = with_unit_of_grad(guess, names, cells.values)
     return _with_unit_in_words(_with_unit_of_rows(guess, names, data), about.unit)
 
 
@@ -457,8 +459,9 @@ def _positions(records: list[list[str]], notation: Notation) -> tuple[MappingKey
     """Return the coordinates of a file without header: the first three columns of numbers, after a name if any."""
     width = len(records[0])
     numbers = [all(is_number(record[i], notation) for record in records) for i in range(width)]
-    if numbers[0] and width > _AXES and (is_id(records) or _counts(records)):
-        numbers[0] = False  # numbers of targets, or of rows
+    named = [record[1:] for record in records] if width > _AXES + 1 and not numbers[0] else records
+    if width > _AXES and (is_id(named) or _counts(named)):
+        numbers[width - len(named[0])] = False  # numbers of targets, or of rows, perhaps behind a word
     first = next((i for i in range(len(numbers) - 2) if all(numbers[i : i + 3])), None)
     if first is None:
         return {}, ["three columns of numbers side by side were not found"]

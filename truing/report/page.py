@@ -14,6 +14,8 @@ if TYPE_CHECKING:
 
 # Rows of a listing that a page holds, so that a thousand poses of many bodies stay below some megabytes.
 MOST_ROWS = 2000
+# Id of the first screen, as in its address: report.html#verdict.
+FIRST_SCREEN = "verdict"
 
 # Figures with their captions; a sentence with its mark of colour.
 Drawn = list[tuple[object, str]]
@@ -118,6 +120,10 @@ class CampaignFacts:
     persons: tuple[tuple[str, str], ...] = ()
     files: tuple[RawFileFacts, ...] = ()
     costs: tuple[StageCost, ...] = ()  # of the stages before the page
+
+    def comments_on(self, section: str) -> tuple[str, ...]:
+        """Return the comments on a section, by its id."""
+        return tuple(text for name, text in self.comments if name == section)
 
 
 NO_FACTS = CampaignFacts()

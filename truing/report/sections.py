@@ -12,7 +12,7 @@ from dataclasses import dataclass, replace
 from typing import TYPE_CHECKING
 
 from truing.report.heads import Head, term_head
-from truing.report.page import NO_FACTS, CampaignFacts, Depth, Listing, ReportSection
+from truing.report.page import FIRST_SCREEN, NO_FACTS, CampaignFacts, Depth, Listing, ReportSection
 from truing.schemas.installed import with_installed
 from truing.schemas.stage_cost import StageCost
 
@@ -106,8 +106,8 @@ uncertainty-pose uncertainty-calibration uncertainty-cause uncertainty-accuracy 
 
 
 def section_names() -> tuple[str, ...]:
-    """Return the ids of all sections and subsections that a page can have."""
-    return tuple(dict.fromkeys([*(section.name for section in page_sections()), *_PARTS.split()]))
+    """Return the ids of all sections and subsections that a page can have, first that of the first screen."""
+    return tuple(dict.fromkeys([FIRST_SCREEN, *(section.name for section in page_sections()), *_PARTS.split()]))
 
 
 def tables_read() -> tuple[str, ...]:

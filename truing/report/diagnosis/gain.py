@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import html
+import textwrap
 from dataclasses import dataclass
 
 import numpy as np
@@ -50,6 +52,7 @@ _ERROR = "position_error_um"
 _ROLES = {"calibration": (POINTS.fitted, BLUE), "verification": (POINTS.held_out, ORANGE)}
 _SYMBOLS = {"calibration": "circle", "verification": "diamond"}
 _ROW, _AROUND = 55, 200
+_LONG_NAME = 32  # characters in a line beside the bars
 _SERIES = (("before", "without the causes", ORANGE), ("after", "with the causes", BLUE))
 _AS_IT_IS = (("before", "simulation without changes", BLUE),)
 _LEGEND = {"orientation": "h", "y": 1.0, "yanchor": "bottom", "x": 0.0}
@@ -167,10 +170,25 @@ def _errors_by_cause(findings: list[AssessedCause], parts: PartNames) -> Drawn:
     units = dict.fromkeys(row.unit for row in rows)
     words = parts.fitted_or_not
     if not parts.is_of_points:
-        # Each cause is assessed over the channels that it moves, so errors after one are not those before the next.
         start = "with what was found before"
-        return [(misfit_figure([row], parts, *([start] if k else [])), words) for k, row in enumerate(rows)]
+        return [(misfit_figure(some, parts, *([start] if k else [])), words) for k, some in enumerate(_chained(rows))]
     return [(misfit_figure([row for row in rows if row.unit == unit], parts), words) for unit in units]
+
+
+def _chained(rows: list[AssessedCause]) -> list[list[AssessedCause]]:
+    """Return the causes in groups whose errors follow each other: each is assessed over the readings that it moves, so
+    errors after one need not be those before the next."""
+    groups: list[list[AssessedCause]] = []
+    for row in rows:
+        last = groups[-1][-1] if groups else None
+        if last is not None and (last.rms[1], last.held_out[1], last.floor, last.unit) == (
+            *(row.rms[0], row.held_out[0]),
+            *(row.floor, row.unit),
+        ):
+            groups[-1].append(row)
+        else:
+            groups.append([row])
+    return groups
 
 
 def _parts(missed: list[_Missed], tables: Tables) -> Drawn:
@@ -280,7 +298,10 @@ def misfit_figure(
 ) -> go.Figure:
     """Return the rms of measured minus predicted before and after each accepted cause of one unit, with the noise
     floor."""
-    stages = [f"{start} ", *(f"+ {label(row.name)} " for row in findings)]
+    names = [row.name for row in findings]
+    numbers = [names[: k + 1].count(name) for k, name in enumerate(names)]  # bars of one name would cover each other
+    numbered = [f"{name} ({number})" if number > 1 else name for name, number in zip(names, numbers, strict=True)]
+    stages = [f"{start} ", *(f"+ {label(name)} " for name in numbered)]
     figure = go.Figure()
     fitted, held_out = [row.rms for row in findings], [row.held_out for row in findings]
     for name, colour, sizes in ((parts.fitted, BLUE, fitted), (parts.held_out, ORANGE, held_out)):
@@ -293,6 +314,9 @@ def misfit_figure(
     subtitle = _floor_line(figure, findings[-1].floor, unit, vertical=True)
     style(figure, "Errors of the predictions, cause by cause", subtitle, _AROUND + _ROW * len(stages))
     figure.update_yaxes(autorange="reversed", automargin=True, type="category")
+    if max(map(len, stages)) > _LONG_NAME:  # beside longer names the bars would have no room
+        lines = ["<br>".join(map(label, textwrap.wrap(html.unescape(one), _LONG_NAME))) for one in stages]
+        figure.update_yaxes(tickmode="array", tickvals=stages, ticktext=lines)
     figure.update_xaxes(title_text=f"rms of measured − predicted ({unit})", rangemode="tozero")
     figure.update_layout(legend=_LEGEND, margin={"t": 100})
     return figure

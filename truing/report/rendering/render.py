@@ -16,7 +16,7 @@ from typing import TYPE_CHECKING, Any
 import plotly.graph_objects as go
 
 from truing.report.numbers import count_text
-from truing.report.page import Listing, PageHead, ReportSection, all_of
+from truing.report.page import FIRST_SCREEN, Listing, PageHead, ReportSection, all_of
 from truing.report.rendering.terms import COLUMN, Meanings, anchors, defined, explained, marked
 
 if TYPE_CHECKING:
@@ -86,6 +86,7 @@ def render_page(head: PageHead, sections: Sequence[ReportSection]) -> str:
     scripts = [_package_text(f"{name}.js") for name in ("scene", "narrow", "figures", "csv", "tables", "tips")]
     return _template().render(
         head=head,
+        first_screen=FIRST_SCREEN,
         head_terms=set[str](),  # glossary terms that already have a tooltip there
         meanings=_meanings(sections),
         ids={section.id for section in all_of(sections)},
