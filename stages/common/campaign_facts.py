@@ -8,6 +8,7 @@ import math
 import os
 import platform
 from collections.abc import Iterator
+from contextlib import suppress
 from dataclasses import replace
 from datetime import UTC, date, datetime
 from importlib import metadata
@@ -27,6 +28,7 @@ if TYPE_CHECKING:
 _TYPES = {b"\x89PNG\r\n\x1a\n": "image/png", b"\xff\xd8\xff": "image/jpeg"}
 SECTIONS_SHOWN = ("noise", "measurement", "bodies", "requirement", "diagnosis", "interferometer", "signals")
 _MOST_BYTES = 1_000_000
+_OPENCV = ("opencv-contrib-python-headless", "opencv-python-headless", "opencv-python")
 _OF_LINES = (".csv", ".txt", ".tsv", ".dat", ".asc", ".xyz", ".gsi", ".trc", ".rtl", ".urdf", ".xml", ".toml", ".json")
 _MACHINES = {
     "6-pus": "hexapod with linear actuators at the base (6-PUS)",
@@ -56,7 +58,7 @@ def campaign_facts(settings: Campaign, files: CampaignFiles | None = None) -> Ca
         version=__version__,
         comments=tuple((comment.section, comment.text) for comment in settings.comment),
         declared=tuple(_declared(settings)),
-        software=tuple(_software(__version__)),
+        software=tuple(_software(__version__, of_photographs=bool(settings.photographs.model_fields_set))),
         persons=tuple((person.name or "", person.role or "") for person in certificate.persons),
         files=() if files is None else tuple(_raw_files(files)),
         costs=() if files is None or _epoch() is not None else files.costs,
@@ -75,11 +77,13 @@ def _written(value: object) -> str:
     return value if isinstance(value, str) else json.dumps(value, ensure_ascii=False)
 
 
-def _software(version: str) -> Iterator[tuple[str, str]]:
+def _software(version: str, *, of_photographs: bool) -> Iterator[tuple[str, str]]:
+    """Yield the programs and libraries whose numbers are on the page; OpenCV finds the targets in photographs."""
     yield "truing", version
     yield "Python", platform.python_version()
-    for name in ("numpy", "scipy", "pandas", "pyarrow"):
-        yield name, metadata.version(name)
+    for name in ("numpy", "scipy", "pandas", "pyarrow", *_OPENCV * of_photographs):
+        with suppress(metadata.PackageNotFoundError):
+            yield name, metadata.version(name)
     yield "system", f"{platform.system()} {platform.machine()}"
 
 
