@@ -24,7 +24,17 @@ DECLARATION = Stage(
         *(f"campaign.{key}" for key in ("name", "title", "laboratory", "customer", "operator", "logo")),
         *(f"certificate.{key}" for key in ("begin", "end", "laboratory", "customer", "item", "equipment", "persons")),
         *("mechanism.type", "mechanism.legs", "mechanism.height_mm"),
-        *("comment", "noise", "measurement", "bodies", "requirement", "diagnosis", "interferometer", "signals"),
+        *(
+            "comment",
+            "noise",
+            "measurement",
+            "bodies",
+            "requirement",
+            "diagnosis",
+            "interferometer",
+            "signals",
+            "photographs",
+        ),
     ),
     summary="the verdict, and one self-contained page with figures, findings and exclusions",
 )
