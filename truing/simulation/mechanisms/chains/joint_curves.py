@@ -35,6 +35,12 @@ _PER_JOINT = "joints", "starts", "periods", "knots"
 DETERMINED = 0.5
 
 
+def _motions_seen(scene: ChainScene) -> int:
+    """Number of joint motions that one pose distinguishes, of two: all six coordinates of a link show two, one point or
+    one distance shows one."""
+    return 2 if len(scene.inputs_of_machine.channels.names) > 1 and not scene.distances else 1
+
+
 @dataclass(frozen=True)
 class JointCurve:
     """Curve of one joint at m readings, rad or m: its deviation, standard deviation, and whether data determine it."""
@@ -94,7 +100,7 @@ class JointErrorCurve(ChainCause):
             turning = [finest[joint] for joint in machine.tree.readings if joint in finest]
             total = sum(reached for _, reached in turning)
             curves = [curve for curve, _ in turning]
-            is_determined = _POSES_EACH * total <= len(machine.readings)
+            is_determined = _POSES_EACH * total <= _motions_seen(scene) * len(machine.readings)
             if finest != before and len(curves) > 1 and is_determined and sum(c.knots[0] for c in curves) <= _MOST:
                 result.append(self._of(curves))
         return result
