@@ -367,8 +367,8 @@ class MappingPlan:
         if isinstance(reference, int):
             return Misfit(f"at least {reference} columns", column=name, value=str(len(self.names)))
         known = [other for other in self.all_names if other]
-        is_own = self.shape.column(reference) is not None  # then y_mm is no mistyped x_mm
-        free = [other for other in known if not is_own or self.shape.column(other) is None]
+        is_defined = self._defines(reference)  # then y_mm is no mistyped x_mm
+        free = [other for other in known if not (is_defined and self._defines(other))]
         close = difflib.get_close_matches(reference, free, n=1, cutoff=0.75 if reference in _OFTEN_IMPLICIT else 0.5)
         there = f"{len(known)}, not shown as the file lies outside the campaign's folder"
         hint = f"there are {there if self.is_discreet else ', '.join(known) or 'none'}"
@@ -387,6 +387,10 @@ class MappingPlan:
             hint += "; what no column says, from_name, number_rows or constants may"
         text = f"a column {reference}" if reference == name else f"a column {reference} (it is to be {name})"
         return Misfit(f"{text}; {hint[:300]}", column=name)
+
+    def _defines(self, name: str) -> bool:
+        """Return True if the table has a column of this name with a meaning of its own, unlike a covariate."""
+        return self.shape.column(name) is not None and not self.shape.is_covariate(name)
 
     def _unknown(self, name: str) -> Misfit | None:
         """Return a misfit for a column with a name similar to a missing column of the table."""

@@ -168,7 +168,8 @@ class _Weights:
         products of single epochs would take p times the memory of the columns."""
         root = np.swapaxes(np.linalg.cholesky(self._inner), 1, 2)
         taken = root @ (np.swapaxes(self._scattered, 1, 2) @ columns)
-        rows, scattered = (own.reshape(-1, columns.shape[2]) for own in (columns, taken))
+        size = columns.shape[2]
+        rows, scattered = (one.reshape(one.shape[0] * one.shape[1], size) for one in (columns, taken))
         return np.asarray(rows.T @ rows - scattered.T @ scattered)
 
     def _products(self, first: Array, second: Array) -> Array:
