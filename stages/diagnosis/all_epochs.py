@@ -31,4 +31,5 @@ def fitted_to_all(
         final = fitter.fitted(causes, final)
     final = fitter.predicted(final)
     plain = fitter.comparable(diagnosis.plain.causes, final)
-    return replace(diagnosis, plain=plain, final=final, held_out=fitter.held_out), every
+    whole = replace(diagnosis, plain=plain, final=final, held_out=fitter.held_out, screened=tuple(fitter.screened))
+    return whole, every

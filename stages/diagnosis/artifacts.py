@@ -45,7 +45,8 @@ def outcome(
     rule = rule_of(settings)
     artifacts = artifacts_of(diagnosis, data, rule if rays is None else rule_with_rays(rule), settings)
     shown = data.shown.overall(diagnosis.final.error)
-    number = len(diagnosis.screened) + len(data.isolated)
+    rejected = artifacts.get("diagnosis_left_out")
+    number = rejected.num_rows if isinstance(rejected, pa.Table) else 0
     gross = gross_errors(number, shown.what) if number else ""
     read, left_out = _read(data, shown), [data.left_out, gross]
     if rays is not None:

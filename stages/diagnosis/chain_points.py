@@ -55,8 +55,7 @@ if TYPE_CHECKING:
 
 _DEG, _MM = np.pi / 180.0, 1e-3
 _ARCSEC = _DEG / 3600.0
-# Measured numbers that a search uses at most, and poses in any case, so that memory and time stay bounded. An effect
-# that so many do not show is below the noise of a single number.
+# Measured numbers that a search uses at most, and poses in any case, so that memory and time stay bounded.
 _MOST_NUMBERS, _ALWAYS = 4500, 500
 # Up to so many poses, exact readings have a noise of this share of the points' noise: joints may scatter.
 _FEW_POSES, _HARDLY = 400, 0.2
@@ -110,10 +109,10 @@ def assemble(tables: Mapping[str, pa.Table], settings: Campaign) -> DiagnosisDat
     start = every.fitted(searched)
     evident += offsets_beyond_tolerance(right, start.measured, start.frames)
     data = DiagnosisData(
-        right.with_causes(()),
+        model.at(conditions.subset(searched)),
         start,
         every.epochs(tested) if tested.any() else None,
-        _omissions(out, read, framed, _fewer(searched, fitted)),
+        _omissions(out, read, framed, (_fewer(searched, fitted, "pose"), _fewer(tested, held_out, "held-out pose"))),
         partial(
             results,
             series=_labels(table),
@@ -159,14 +158,14 @@ class _Poses:
         return replace(epochs, groupings=groupings_of(epochs.conditions.readings, time, None, labels))
 
 
-def _omissions(out: Mask, read: Mask, framed: Mask, thinned: str) -> str:
+def _omissions(out: Mask, read: Mask, framed: Mask, thinned: Sequence[str]) -> str:
     """Poses (B,) that are not searched, in words."""
     unread, loose = int((~read).sum()), int((~framed).sum())
     words = (
         f"{count_text(int(out.sum()), 'pose')} excluded by a person" if out.any() else "",
         f"{count_text(unread, 'pose')} without a reading of every joint" if unread else "",
         f"{count_text(loose, 'pose')} with too few targets of the reference link" if loose else "",
-        thinned,
+        *thinned,
     )
     return "; ".join(filter(None, words))
 
@@ -212,10 +211,10 @@ def _thinned(rows: Mask, measured: MeasuredLinks) -> Mask:
     return chosen
 
 
-def _fewer(searched: Mask, fitted: Mask) -> str:
-    """Poses (B,) that only the final fit takes, in words."""
-    count, used = int(fitted.sum()), int(searched.sum())
-    return f"{count - used} of {count_text(count, 'pose')} in the search for causes" if used < count else ""
+def _fewer(searched: Mask, known: Mask, noun: str) -> str:
+    """Poses (B,) that the search for causes does not take, in words."""
+    count, used = int(known.sum()), int(searched.sum())
+    return f"{count - used} of {count_text(count, noun)} in the search for causes" if used < count else ""
 
 
 def _distance_model(

@@ -26,7 +26,7 @@ from truing.stages.diagnosis.chain_numbers import parameters_table, uncertainty_
 from truing.stages.diagnosis.chain_repeats import accuracy_table
 from truing.stages.diagnosis.component_errors import tip_errors
 from truing.stages.diagnosis.diagnosis_data import DiagnosisData, InstrumentResults
-from truing.stages.diagnosis.residual_tables import errors_by_role, prediction_table
+from truing.stages.diagnosis.residual_tables import errors_by_role, left_out_table, prediction_table
 from truing.stages.diagnosis.tip_uncertainty import tip_table
 
 if TYPE_CHECKING:
@@ -55,6 +55,7 @@ def results(
     next_poses = chain_measurements_of(diagnosis, settings, tables) if tables else None
     diagnosis, data = fitted_to_all(diagnosis, data, settings.diagnosis.seed)
     final = diagnosis.final
+    of_errors = {"diagnosis_left_out": left_out_table(diagnosis, data)} if diagnosis.screened else {}
     of_motors = {"motor_encoders": motors_table(motors)} if motors else {}
     repeated = accuracy_table(data, tables)
     of_repeats = {} if repeated is None else {"arm_accuracy": repeated}
@@ -62,6 +63,7 @@ def results(
     return InstrumentResults(
         {
             "prediction": prediction_table(diagnosis, data, positions_alone, nominal_errors(diagnosis, data)),
+            **of_errors,
             **of_series,
             **of_repeats,
             **of_motors,

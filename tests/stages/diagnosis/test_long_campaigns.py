@@ -3,9 +3,11 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Iterator
+from pathlib import Path
 from typing import Any
 
 import numpy as np
+import pandas as pd
 import pytest
 
 from tests.blind.generator.arms import draw, write
@@ -55,3 +57,23 @@ def test_numbers_of_the_chain_are_those_of_a_fit_to_all_poses(diagnosed: Diagnos
     np.testing.assert_allclose(own["sigma"], other.loc[own.index, "sigma"], rtol=0.05)
     moved = (own["identified"] - other.loc[own.index, "identified"]) / other.loc[own.index, "sigma"]
     assert np.abs(moved).max() < 0.2
+
+
+def test_a_gross_error_in_a_pose_that_was_not_searched_is_listed(tmp_path: Path) -> None:
+    folder = tmp_path / "arm"
+    write(draw(13, layout="scara", instrument="points-series", poses=90, causes=()), folder)
+    poses = pd.read_csv(folder / "configurations.csv")
+    fitted = poses.loc[poses["role"] == "calibration", "pose"].to_numpy()
+    searched = np.linspace(0, len(fitted) - 1, FEW).round().astype(int)
+    wrong = np.delete(fitted, searched)[3]
+    points = pd.read_csv(folder / "points.csv", dtype={"pose": type(wrong.item())})
+    row = points.index[points["pose"] == wrong][0]
+    points.loc[row, "x_mm"] += 5.0
+    points.to_csv(folder / "points.csv", index=False)
+    with pytest.MonkeyPatch.context() as patch:
+        patch.setattr(chain_points, "_MOST_NUMBERS", 0)
+        patch.setattr(chain_points, "_ALWAYS", FEW)
+        line = stage_line(folder).call("ingest", "pose", "diagnose")
+    rows = line.tables["diagnosis_left_out"].to_pylist()
+    assert [row["pose"] for row in rows] == [wrong]
+    assert "1 point as" in line.outcomes["diagnose"].left_out

@@ -117,13 +117,7 @@ class JointHarmonic(TurningError):
         """Return the two amplitudes, errors of higher orders being smaller; then the order's distance if it is free."""
         scale = max(_PLAUSIBLE / self.order, _OF_GEARS)
         waves = Parameter("sine", "rad", scale), Parameter("cosine", "rad", scale)
-        return (*waves, Parameter("order_distance", "1", self._plausible_distance)) if self.free else waves
-
-    @property
-    def _plausible_distance(self) -> float:
-        """Scale with which the prior of the distance has the sigma ``beside``: its limit is then nearly uniform over
-        the range, and no fit creeps along the flat end of the hyperbolic tangent."""
-        return self.beside / self.reach
+        return (*waves, Parameter("order_distance", "1", self.beside)) if self.free else waves
 
     def order_at(self, values: NDArray) -> float:
         """Return the order at values (P,) of the parameters."""
@@ -194,7 +188,7 @@ class JointPitchError(JointHarmonic):
     def parameters(self, legs: int) -> tuple[Parameter, ...]:
         """Return the two amplitudes, then the distance of 2 pi over the period if it is free."""
         waves = Parameter("sine", "mm", _OF_SCREWS, _MM), Parameter("cosine", "mm", _OF_SCREWS, _MM)
-        return (*waves, Parameter("order_distance", "1/m", self._plausible_distance)) if self.free else waves
+        return (*waves, Parameter("order_distance", "1/m", self.beside)) if self.free else waves
 
     def reported(self, values: NDArray, covariance: NDArray, legs: int) -> tuple[ReportedParameter, ...]:
         """Return the amplitudes, and the period."""
