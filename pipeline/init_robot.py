@@ -46,21 +46,32 @@ def robot_of(folder: Path, files: Sequence[Path]) -> Robot | None:
         urdf = read_urdf(found[0])
         (root,) = urdf.roots
         ends = dict.fromkeys(_without_gripper(urdf, root, end) for end in urdf.ends(root))
-        paths = {end: urdf.path(root, end) for end in ends}
+        moving = {end: tuple(_named(urdf, joint) for joint in urdf.drivers(root, end)) for end in ends}
     except (Unusable, ValueError):
         return None
-    moving = {end: tuple(j.name for j in path if j.kind != "fixed" and not j.mimics) for end, path in paths.items()}
     if not moving:
         return None
     tip = max(moving, key=lambda end: len(moving[end]))
     return Robot(found[0].relative_to(folder).as_posix(), tip, moving[tip])
 
 
+def _named(urdf: Urdf, joint: str) -> str:
+    from truing.formats.named_joints import SlideName
+
+    return SlideName(joint) if urdf.joints[joint].kind == "prismatic" else joint
+
+
 def _without_gripper(urdf: Urdf, root: str, end: str) -> str:
-    """Return the last link of a chain before its gripper: a joint that joints of other branches mimic."""
+    """Return the last link of a chain before its gripper: last joints that joints of other branches mimic, or that
+    mimic one of them."""
     path = urdf.path(root, end)
-    others = {joint.mimics for joint in urdf.joints.values() if joint.mimics and joint not in path}
-    return next((joint.parent for joint in path if joint.name in others), end)
+    own = {joint.name for joint in path}
+    others = {joint.mimics for joint in urdf.joints.values() if joint.mimics and joint.name not in own}
+    for joint in reversed([joint for joint in path if joint.kind != "fixed"]):
+        if joint.name not in others and (not joint.mimics or joint.mimics in own):
+            break
+        end = joint.parent
+    return end
 
 
 def guess_of_description(path: Path, robot: Robot | None) -> Guess:

@@ -201,10 +201,18 @@ def _of_bodies(guesses: Sequence[Guess]) -> set[str]:
     return {str(g.mapping.get("constants", {}).get("body", "")) for g in guesses if g.table == "poses"}
 
 
+def _only_body_of_points(guesses: Sequence[Guess]) -> str:
+    """Body of all measured points, where the files name no other; else empty."""
+    of_points = [guess for guess in guesses if guess.table in ("points", "targets")]
+    bodies = {str(guess.mapping.get("constants", {}).get("body", "")) for guess in of_points}
+    return bodies.pop() if len(bodies) == 1 else ""
+
+
 def _sections(guesses: Sequence[Guess], tables: set[str], chain: Sequence[tuple[str, str]]) -> Iterator[str]:
     """Sections other than [noise], each after an empty line; ``chain``: lines and remarks of its [mechanism]."""
     is_one_target = any("target" in guess.mapping.get("constants", {}) for guess in guesses)
     is_one_body = bool(chain) and "points" not in tables and [g.table for g in guesses].count("poses") == 1
+    is_one_body |= bool(chain) and _only_body_of_points(guesses) not in ("", "base")
     is_with_base = bool(chain) and "points" not in tables and _of_bodies(guesses) == {"base", "tip"}
     if is_one_target or is_one_body or is_with_base or (chain and _are_in_the_same_rows(guesses)):
         yield from ("", "[measurement]")

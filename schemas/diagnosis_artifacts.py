@@ -60,9 +60,10 @@ DIAGNOSIS = (
     parquet(
         "prediction",
         "measured minus predicted at every pose, without and with the causes that were found; rms_nominal: of a chain "
-        "as its description has it, base and tool fitted",
+        "as its description has it, base and tool fitted; sigma_of_fit: at held-out poses, by the uncertainty of the "
+        "fit alone",
         "pose* role rms_before rms_after largest_before largest_after unit",
-        optional="rms_nominal",
+        optional="rms_nominal sigma_of_fit",
     ),
     parquet(
         "component_errors",

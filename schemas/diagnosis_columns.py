@@ -76,6 +76,7 @@ DIAGNOSIS_COLUMNS = (
         nullable=True,
     ),
     size("rms_nominal", "unit", "rms of measured minus predicted by the nominal geometry of a chain", nullable=True),
+    size("sigma_of_fit", "unit", "rms error of a prediction by the uncertainty of the fit alone", nullable=True),
     text("determined", "linear combination of the parameters of a cause, with its largest coefficients"),
     text("coefficients", "JSON: coefficient of each parameter in a combination; their squares sum to 1"),
     real("combined_value", "unit", "value of the combination, in the unit of the parameters"),

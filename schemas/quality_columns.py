@@ -44,9 +44,10 @@ QUALITY_COLUMNS = (
         "search_end",
         "why the search for causes stopped: no significant cause is left (complete); eight or more causes were "
         "accepted, and no other one is known to predict held-out epochs better (most-causes), or further fits would "
-        "take too long (time); or three unnamed effects were accepted and more is significant (unnamed-effects)",
+        "take too long (time); or three unnamed effects were accepted and more is significant (unnamed-effects), or "
+        "two sudden changes of one part, and the next is one more (events)",
         nullable=True,
-        choices=("complete", "most-causes", "unnamed-effects", "time"),
+        choices=("complete", "most-causes", "unnamed-effects", "events", "time"),
     ),
     text("left_cause", "cause that would be accepted next; empty if there is none", nullable=True),
     text("left_subject", "subject of left_cause; empty for the whole, or if there is none", nullable=True),

@@ -36,6 +36,7 @@ class ReasonCode(StrEnum):
     WITHIN_NOISE = "within-noise"
     BEYOND_NOISE = "beyond-noise"
     BELOW_NOISE = "below-noise"
+    UNDETERMINED_THERE = "undetermined-there"
     LACK_OF_FIT = "lack-of-fit"
     WITHIN_TOLERANCE = "within-tolerance"
     BEYOND_TOLERANCE = "beyond-tolerance"
@@ -93,6 +94,8 @@ _MEANING = {
     ReasonCode.WITHIN_NOISE: "no test of the final model finds more than noise; value: rms error over noise floor",
     ReasonCode.BEYOND_NOISE: "residuals exceed noise: the final model is incomplete; value: rms error over noise floor",
     ReasonCode.BELOW_NOISE: "residuals are significantly below noise: the declared noise is too large",
+    ReasonCode.UNDETERMINED_THERE: "held-out errors exceed noise, but not the uncertainty of the fit: the fitted "
+    "data do not determine the model there; value: rms error over that of noise and uncertainty",
     ReasonCode.LACK_OF_FIT: "a test of the residuals fails: the final model is incomplete; value: p-value of the test",
     ReasonCode.WITHIN_TOLERANCE: "the pulls as a whole are consistent with tolerances; value: rms pull",
     ReasonCode.BEYOND_TOLERANCE: "the pulls as a whole exceed tolerances; value: rms pull",

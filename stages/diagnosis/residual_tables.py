@@ -10,7 +10,8 @@ import numpy as np
 import pyarrow as pa
 from numpy.typing import NDArray
 
-from truing.arrays import TableRow
+from truing.arrays import Array, TableRow
+from truing.inference.prediction import fit_squares
 from truing.inference.pulls import Pulls, pulls
 from truing.inference.screening import least_gross
 from truing.schemas.artifacts import ARTIFACTS
@@ -30,6 +31,7 @@ if TYPE_CHECKING:
 _ISOLATED = "gross error: far from where the target is in the poses before and after it"
 _GROSS = "gross error: its residual is far outside those of its target"
 _UM = 1e6
+_OPTIONAL_ERRORS = ("rms_nominal", "sigma_of_fit")
 
 PullName = tuple[int | None, str]  # the leg, None for all, and the parameter
 
@@ -56,7 +58,8 @@ def prediction_table(
 ) -> pa.Table:
     """Rows of prediction.parquet: every pose without and with the findings; ``part``: channels that count.
 
-    ``nominal``: errors of the machine as its description has it, by role of the poses.
+    ``nominal``: errors of the machine as its description has it, by role of the poses. Where poses were held out,
+    ``sigma_of_fit`` is the error that the uncertainty of the fit alone causes there.
     """
     poses = {"calibration": data.calibration.conditions.poses}
     poses |= {} if data.held_out is None else {HELD_OUT: data.held_out.conditions.poses}
@@ -69,12 +72,19 @@ def prediction_table(
             "largest_before": before.largest_by_epoch,
             "largest_after": after.largest_by_epoch,
             **({"rms_nominal": part(nominal[role]).rms_by_epoch} if role in nominal else {}),
+            **_of_fit(diagnosis, after, role),
         }
         rows += [
             {"pose": pose, "role": role, "unit": "um", **{name: float(v[b]) * _UM for name, v in columns.items()}}
             for b, pose in enumerate(poses[role])
         ]
-    return identified_table("prediction", rows, "pose", ("rms_nominal",) if nominal else ())
+    return identified_table("prediction", rows, "pose", tuple(filter(rows[-1].__contains__, _OPTIONAL_ERRORS)))
+
+
+def _of_fit(diagnosis: CauseDiagnosis, error: PredictionError, role: str) -> dict[str, Array]:
+    """Errors (B,) that the uncertainty of the final fit causes at held-out poses, where they were computed."""
+    squares = fit_squares(error, diagnosis.final.covariance()) if role == HELD_OUT else None
+    return {} if squares is None else {"sigma_of_fit": np.sqrt(squares)}
 
 
 def left_out_table(diagnosis: CauseDiagnosis, data: DiagnosisData[EffectsModel]) -> pa.Table:

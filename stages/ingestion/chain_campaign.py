@@ -148,16 +148,16 @@ def tree_of_urdf(
     base = _link(base, robot, "base") if base else _only(robot.roots, "base")
     carried = robot.carried(base)
     tip = _link(tip, robot, "tip") if tip else _only(robot.ends(base), "tip")
-    on_path = [joint for joint in robot.path(base, tip) if joint.kind != "fixed" and not joint.mimics]
-    names = tuple(joints) or tuple(joint.name for joint in on_path)
+    drivers = robot.drivers(base, tip)
+    names = tuple(joints or drivers)
     for name in names:
         if name not in robot.joints or robot.joints[name].kind == "fixed" or robot.joints[name].mimics:
             movable = [j.name for j in robot.joints.values() if j.kind != "fixed" and not j.mimics]
             hint = did_you_mean(name, movable) or f"; there are {', '.join(movable)}"
             raise Unusable(f"a joint that moves and mimics no other, as [mechanism] joints names it{hint}", value=name)
     moving = (*names, *(() if closure is None else closure.passive))
-    if unread := [joint.name for joint in on_path if joint.name not in moving]:
-        raise Unusable(f"every joint between {base} and {tip} in [mechanism] joints", value=unread[0])
+    if unread := [name for name in drivers if name not in moving]:
+        raise Unusable(f"every joint that moves {tip} on {base} in [mechanism] joints", value=unread[0])
     indices = {base: 0}
     mass = robot.links[base]
     nodes = [Node("", base, -1, np.eye(3), np.zeros(3), mass=mass.mass, com=np.array(mass.com))]

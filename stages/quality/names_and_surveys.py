@@ -169,6 +169,16 @@ def expected_visible(resurveys: pa.Table | None, body: BodyView, around: PoseSur
     return out
 
 
+def between_appearances(is_observed: Mask) -> Mask:
+    """Return the mask (B, T) of poses from the first to the last that shows a target, of observations (B, T).
+
+    A single reflector is moved from place to place on a robot's tool: its later place was not due before.
+    """
+    since = np.maximum.accumulate(is_observed, axis=0)
+    until = np.maximum.accumulate(is_observed[::-1], axis=0)[::-1]
+    return np.asarray(since & until)
+
+
 def later_surveys(resurveys: pa.Table | None, exclude: Sequence[Overrule], limits: CampaignLimits) -> Iterator[Check]:
     """Yield one row per body and survey, or per moved target; only a move that is not declared counts."""
     if resurveys is None or not resurveys.num_rows:

@@ -26,6 +26,7 @@ from truing.stages.quality.check import CampaignLimits, Check, CheckResults
 from truing.stages.quality.decisions import point_decision_checks
 from truing.stages.quality.given_poses import readings_of_given_poses
 from truing.stages.quality.names_and_surveys import (
+    between_appearances,
     declared_names,
     expected_visible,
     later_surveys,
@@ -196,7 +197,10 @@ def _checks_of_points(
     share = settings.qa.false_alarm / _CHANCE_CHECKS
     yield from attachment_labels(bodies, _attachments(settings))
     for body in bodies:
-        yield from completeness(body, expected_visible(resurveys, body, around), limits)
+        due = expected_visible(resurveys, body, around)
+        if settings.mechanism.type == "chain" and not body.is_surveyed:
+            due &= between_appearances(body.points.is_observed)
+        yield from completeness(body, due, limits)
         yield from geometry(body, limits)
         yield from gross_errors(body, limits)
         yield from exchanged_labels(body, around)

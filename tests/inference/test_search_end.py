@@ -28,3 +28,25 @@ def test_a_candidate_without_a_plausible_size_is_no_cause_left(evidence: float, 
 
 def test_without_any_candidate_nothing_is_left() -> None:
     assert FurtherCauses[Any]().end(None, 0, _closing(), None).p_value == 1.0
+
+
+def _event(part: str, *, recurs: bool = False) -> SimpleNamespace:
+    return SimpleNamespace(id="jump", subject=part, catalogued=True, recurs=recurs)
+
+
+def _limit(accepted: list[SimpleNamespace], chosen: SimpleNamespace) -> SearchEnd | None:
+    """The limit of a search in which every cause has an onset."""
+    current: Any = SimpleNamespace(scene=SimpleNamespace(onsets=lambda cause: cause), held_out=None)
+    return FurtherCauses[Any]().limit(accepted, current, chosen)
+
+
+def test_a_third_sudden_change_of_the_same_part_ends_the_search() -> None:
+    """Residuals with a pattern that is not known look like one change after the other."""
+    assert _limit([_event("tool"), _event("tool")], _event("tool")) is SearchEnd.EVENTS
+    assert _limit([_event("tool"), _event("base")], _event("tool")) is None
+    assert _limit([_event("tool")], _event("tool")) is None
+
+
+def test_changes_that_recur_do_not_end_the_search() -> None:
+    slip = _event("run 3", recurs=True)
+    assert _limit([slip, slip, slip], slip) is None

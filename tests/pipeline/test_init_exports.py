@@ -202,6 +202,40 @@ def test_a_trackers_named_points_beside_a_log_of_an_arm_with_a_gripper_are_poses
     assert [str(pose) for pose in found.table.column("pose").to_pylist()] == [str(k) for k in range(1, 25)]
 
 
+LIFT = """<link name="lift_end"/><link name="stage"/><link name="top"/>
+<joint name="height" type="prismatic"><parent link="ground"/><child link="lift_end"/><axis xyz="0 0 1"/></joint>
+<joint name="stage_1" type="prismatic"><parent link="ground"/><child link="stage"/><axis xyz="0 0 1"/>
+<mimic joint="height" multiplier="0.5"/></joint>
+<joint name="stage_2" type="prismatic"><parent link="stage"/><child link="top"/><axis xyz="0 0 1"/>
+<mimic joint="height" multiplier="0.5"/></joint></robot>"""
+
+
+def test_a_joint_that_stages_of_a_column_mimic_is_read_in_its_own_unit(tmp_path: Path) -> None:
+    """The joint that moves the column is on another branch, and its readings are lengths."""
+    urdf = URDF.replace('parent link="ground"/><child link="a"', 'parent link="top"/><child link="a"')
+    (tmp_path / "arm.urdf").write_text(urdf.replace("</robot>", LIFT))
+    heights = RNG.uniform(1.5, 3.5, (len(JOINTS), 1)).round(4)
+    rows = [",".join(map(str, row)) for row in np.hstack([heights, JOINTS])]
+    (tmp_path / "log.csv").write_text("\n".join(["height,pan,lift,twist", *rows]) + "\n")
+    _, document = init(tmp_path)
+    assert document["mechanism"]["joints"] == ["height", "pan", "lift", "twist"]
+    assert document["mechanism"]["tip"] == "hand"
+    found = table(tmp_path, document, CONFIGURATIONS)
+    assert_close(numbers(found, "height_mm"), 1e3 * heights, atol=1e-9, what="mm")
+    assert_close(numbers(found, "pan_rad", "lift_rad", "twist_rad"), JOINTS, atol=1e-12, what="joints")
+
+
+def test_points_of_one_body_of_a_robot_are_in_the_frame_of_the_instrument(tmp_path: Path) -> None:
+    robot(tmp_path)
+    rows = [f"{k},{','.join(map(str, row))}" for k, row in enumerate(JOINTS, 1)]
+    (tmp_path / "log.csv").write_text("\n".join(["pose,pan [rad],lift [rad],twist [rad]", *rows]) + "\n")
+    places = [f"{k},T{n},{100.0 * k},{20.0 * n},5.0" for k in range(1, len(JOINTS) + 1) for n in (1, 2)]
+    (tmp_path / "points.csv").write_text("\n".join(["pose,target,x_mm,y_mm,z_mm", *places]) + "\n")
+    _, document = init(tmp_path)
+    assert document["measurement"]["frame"] == "campaign"
+    assert "# check: one body in each pose" in (tmp_path / "campaign.toml").read_text(encoding="utf-8")
+
+
 def test_positions_of_a_robots_program_are_poses(tmp_path: Path) -> None:
     angles = np.degrees(RNG.uniform(-1.5, 1.5, (4, 6))).round(4)
     lines = [

@@ -29,9 +29,16 @@ _LINEAR = ("m", "mm", "cm", "um", "in", "nm")
 _FEWEST, _MOST = 3, 9
 _ORIENTATION = 3  # angles of an orientation
 _LARGEST_RAD = 2.0 * np.pi + 0.1
+_LONGEST_SLIDE_M = 20.0
 _MOMENTS = 1e8  # seconds since 1970 and larger: a date
 _CONTRACT = ("pose", "role", "time_s", "temperature_c", "series", "payload_kg", "since_motion_s", "repeat_of")
 _PER_SECOND = {"ns": 1e9, "us": 1e6, "ms": 1e3}
+
+
+class SlideName(str):
+    """Name of a joint that slides."""
+
+    __slots__ = ()
 
 
 @dataclass(frozen=True)
@@ -82,9 +89,19 @@ def joint_columns(
     columns = values[:, [list(names).index(name) for name in raw]]
     if not np.isfinite(columns).any(axis=0).all():
         return None
-    assumed = "rad" if np.nanmax(np.abs(columns)) <= _LARGEST_RAD else "deg"
-    units = tuple(unit or assumed for unit in stated)
+    units = tuple(
+        unit or assumed
+        for unit, assumed in zip(stated, _assumed_units(np.nanmax(np.abs(columns), 0), named), strict=True)
+    )
     return NamedJoints(named, raw, units, None in stated)
+
+
+def _assumed_units(largest: Array, joints: Sequence[str]) -> list[str]:
+    """Return the units of joints by their largest readings (n,): all turning ones have one unit, all slides another."""
+    slides = np.array([isinstance(joint, SlideName) for joint in joints], bool)
+    turn = "rad" if largest[~slides].max(initial=0.0) <= _LARGEST_RAD else "deg"
+    slide = "m" if largest[slides].max(initial=0.0) <= _LONGEST_SLIDE_M else "mm"
+    return [slide if is_slide else turn for is_slide in slides]
 
 
 def _match_by_name(names: Sequence[str], joints: Sequence[str]) -> tuple[str, ...] | None:
@@ -185,14 +202,14 @@ def configurations_of_joints(
     mapping: MappingKeys = {"columns": columns, **({"units": units} if units else {})}
     mapping |= {} if "pose" in columns_of_meaning or "pose" in names else {"number_rows": {"pose": 1}}
     mapping |= {"ignore": ignore} if ignore else {}
-    doubts: tuple[str, ...] = (_doubt(joints_found.units[0]),) if joints_found.is_guess else ()
+    doubts: tuple[str, ...] = (_doubt(joints_found.units),) if joints_found.is_guess else ()
     if inputs := [name for name in names if name not in used_names and _INPUTS.search(name)]:
         doubts += (f"not read: {', '.join(inputs)}; errors are compared with each one that is taken out of ignore",)
     return JointReadings(mapping, f"joint readings of {', '.join(joints_found.names)}", doubts)
 
 
-def _doubt(unit: str) -> str:
-    return f"no unit is given; joint readings are assumed to be in {unit}"
+def _doubt(units: Sequence[str]) -> str:
+    return f"no unit is given; joint readings are assumed to be in {' and '.join(dict.fromkeys(units))}"
 
 
 def _temperature(names: Sequence[str], columns: Mapping[str, str]) -> dict[str, str]:
@@ -209,7 +226,11 @@ def _unit_of_moments(largest: float) -> str | None:
 
 def bare_joints(values: Array, joints: Sequence[str]) -> JointReadings:
     """Return keys of [files.configurations] for numbers (N, W) without names, one column per joint."""
-    unit = "rad" if np.abs(values).max() <= _LARGEST_RAD else "deg"
-    columns = {f"{name}_{unit}": number for number, name in enumerate(joints, start=1)}
+    units = _assumed_units(np.abs(values).max(axis=0), joints)
+    columns = {
+        f"{name}_{_suffix(unit)}": at for at, (name, unit) in enumerate(zip(joints, units, strict=True), start=1)
+    }
+    other = {column: unit for column, unit in zip(columns, units, strict=True) if unit != _suffix(unit)}
     note = f"numbers without names, as many as joints: {', '.join(joints)}"
-    return JointReadings({"columns": columns, "number_rows": {"pose": 1}}, note, (_doubt(unit),))
+    mapping: MappingKeys = {"columns": columns, **({"units": other} if other else {}), "number_rows": {"pose": 1}}
+    return JointReadings(mapping, note, (_doubt(units),))

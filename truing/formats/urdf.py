@@ -87,6 +87,12 @@ class Urdf:
             link = by_child[link].parent
         return joints
 
+    def drivers(self, base: str, link: str) -> list[str]:
+        """Return the names of the joints that move a link on its base: those between them that mimic no other, and
+        those that the others mimic, wherever they are."""
+        moving = [joint.mimics or joint.name for joint in self.path(base, link) if joint.kind != "fixed"]
+        return list(dict.fromkeys(moving))
+
 
 def read_urdf(path: Path) -> Urdf:
     """Return the joints and links of a URDF file; raises Unusable with the line of the first fault."""

@@ -38,6 +38,8 @@ from truing.inference.screening import gross_errors
 
 # Most repetitions of gross-error screening and noise estimation before the search.
 _PREPARATIONS = 3
+# Scatter counts as smaller than its prior by this many standard deviations, and by this share at least.
+_SMALLER, _SMALLER_AT_LEAST = 2.0, 0.1
 _SAME_NOISE = 0.05
 _FAR_BETTER = 0.5  # residual over the one for which an observation was excluded, from which causes explain it
 # Most repetitions of the estimate of the inputs' scatter.
@@ -373,6 +375,15 @@ class Fitter(Generic[CauseT]):
             self._input_factor = start
             self._with_widened_inputs(wide, best.own, first)
         return best
+
+    def narrow_to(self, fitted: FittedModel[CauseT], candidate: ScatterCandidate[CauseT]) -> bool:
+        """Narrow the widened prior sigmas of a candidate's inputs to the scatter that a fit leaves; return False where
+        that is no smaller by more than its uncertainty."""
+        factor, share = fitted.input_residuals.factor(candidate.own)
+        if factor > 1.0 - max(_SMALLER * share, _SMALLER_AT_LEAST):
+            return False
+        self._with_widened_inputs(fitted, candidate.own, self._input_factor * factor)
+        return True
 
     def narrow(self, factor: Array | None = None) -> None:
         """Reset the prior sigmas of all inputs to the declared ones, or to those widened by factors (B, H)."""

@@ -195,7 +195,8 @@ class ForwardSearch(Generic[CauseT]):
             current, known_worse = rounds[-1], {verdict.cause.id for verdict in worse}
             refused = known_worse | further.unpaid
             chosen = choose(current, refused, self.settings.level, pairs=pairs)
-            limit = further.limit([step.cause for step in found], current.fitted)
+            next_cause = None if chosen is None else chosen.candidate.cause
+            limit = further.limit([step.cause for step in found], current.fitted, next_cause)
             if limit is not None or chosen is None:
                 left = chosen or choose(current, known_worse, self.settings.level, pairs=pairs)
                 cause_left = None if left is None else left.candidate.cause

@@ -70,6 +70,10 @@ class CauseLike(Protocol):
         """True if it assumes a quantity that was not declared, and fits no deviation of it."""
 
     @property
+    def recurs(self) -> bool:
+        """True for a sudden change that a part may well show several times in one campaign."""
+
+    @property
     def has_set_shape(self) -> bool:
         """True if the machine sets its shape, so that it was not searched among many."""
 

@@ -28,6 +28,7 @@ _FLOOR_DRAWS = 24
 _WORSE, _EPOCHS_OF_NOISE = 0.006, 10
 # Regularisation of the fit to an epoch that lacks channels, in units of the noise.
 _HELD = 1e-3
+_MOST_SENSITIVITIES = 5e7  # numbers, of predicted coordinates to shared unknowns
 
 
 @dataclass(frozen=True)
@@ -255,6 +256,23 @@ def noise_floor(
     observations = measured.is_observed.sum(0)
     square = np.sum(np.mean(gap**2, (2, 3)) * measured.is_observed, 0) / np.maximum(observations, 1)
     return NoiseFloor(square, observations)
+
+
+def fit_squares(error: PredictionError[CauseT], covariance: Array) -> Array | None:
+    """Return the mean square (B,) per coordinate, SI, that the uncertainty of the fit alone causes in a prediction
+    error; None where it would take too much memory.
+
+    covariance: that of the shared unknowns (G, G), in prior sigmas.
+    """
+    count, size = len(covariance), error.measured.size
+    if error.gap.size * count > _MOST_SENSITIVITIES:
+        return None
+    values, vectors = np.linalg.eigh(covariance)
+    moved = error.linearised.moved(vectors * np.sqrt(np.maximum(values, 0.0)))
+    left = without_epoch_unknowns(moved, error.by_fitted, error.measured, error.model.zero_groups)
+    gap = np.linalg.solve(_square(error.measured), left.reshape(*error.measured.values.shape, count))
+    squares = np.sum(gap**2, (2, 3)) * error.is_observed
+    return np.asarray(squares.sum(1) / np.maximum(size * error.is_observed.sum(1), 1))
 
 
 def without_epoch_unknowns(rows: Array, columns: Array, measured: Observations, zero_groups: Integers | None) -> Array:

@@ -18,6 +18,9 @@ from truing.inference.rounds import Round
 MANY_CAUSES = 8
 # Most nonparametric effects. More would only describe residuals piece by piece.
 MOST_UNNAMED = 3
+# Most events of one kind and subject: causes with an onset, such as jumps of a tool. More would only describe residuals
+# period by period.
+MOST_EVENTS = 2
 # Most operations of the fits of further causes, in rows times squared unknowns: a few minutes for the largest
 # campaigns. A limit on the clock would give different results on different computers.
 MOST_OPERATIONS = 3e10
@@ -29,6 +32,7 @@ class SearchEnd(StrEnum):
     COMPLETE = "complete"  # no remaining candidate is significant
     MOST_CAUSES = "most-causes"  # MANY_CAUSES or more were accepted, and no other one is known to predict better
     UNNAMED_EFFECTS = "unnamed-effects"  # MOST_UNNAMED were accepted, and another candidate is significant
+    EVENTS = "events"  # MOST_EVENTS of a part were accepted, and the next candidate is one more
     TIME = "time"  # further causes would take too long, and another candidate is significant
 
 
@@ -62,10 +66,16 @@ class FurtherCauses(Generic[CauseT]):
         self.operations += len(after.fit.whitened.residual) * len(after.fit.shared) ** 2
         return predicts_worse(after.held_out, before.held_out, covered)
 
-    def limit(self, accepted: Sequence[CauseT], current: FittedModel[CauseT]) -> SearchEnd | None:
-        """Return the limit that the accepted causes have reached, None where another one may be accepted."""
+    def limit(
+        self, accepted: Sequence[CauseT], current: FittedModel[CauseT], chosen: CauseT | None
+    ) -> SearchEnd | None:
+        """Return the limit that the accepted causes have reached, None where the chosen one may be accepted."""
         if sum(not cause.catalogued for cause in accepted) >= MOST_UNNAMED:
             return SearchEnd.UNNAMED_EFFECTS
+        if chosen is not None and not chosen.recurs and current.scene.onsets(chosen) is not None:
+            of_kind = [cause for cause in accepted if (cause.id, cause.subject) == (chosen.id, chosen.subject)]
+            if len(of_kind) >= MOST_EVENTS:
+                return SearchEnd.EVENTS
         if len(accepted) < MANY_CAUSES:
             return None
         if current.held_out is None:

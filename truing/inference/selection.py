@@ -347,10 +347,15 @@ class CauseSelection(Generic[CauseT]):
     ) -> tuple[Searched[CauseT], FoundScatter[CauseT]]:
         """Return a new search with a wider prior for a candidate's inputs, and their scatter, with a ``doubt`` of it.
         All residuals of these inputs in the plain model count as scatter, because causes found before may have absorbed
-        some of it; a real cause is found again."""
-        candidate = self._search.fitter.widen(plain, candidate, kinds)
+        some of it; a real cause is found again. Where the inputs scatter less next to the causes found, the search is
+        repeated with that scatter: a prior too wide hides other causes and raises the noise floor."""
+        fitter = self._search.fitter
+        candidate = fitter.widen(plain, candidate, kinds)
         searched = self._search.searched(kinds)
-        input_scatter = self._search.fitter.input_scatter(searched.final, candidate, p_value)
+        input_scatter = fitter.input_scatter(searched.final, candidate, p_value)
+        if input_scatter.remains and fitter.narrow_to(searched.final, candidate):
+            searched = self._search.searched(kinds)
+            input_scatter = fitter.input_scatter(searched.final, candidate, p_value)
         doubt = doubt or self._noise.doubt_of_tails(searched.final, candidate.own)
         return searched, replace(input_scatter, doubt=doubt)
 

@@ -151,6 +151,7 @@ class Cause(Generic[SceneT_contra]):
     reach: ClassVar[float] = 10.0  # prior sigma of its fit in plausible scales; wide, to avoid shrinkage
     catalogued: ClassVar[bool] = True  # False: a nonparametric effect
     has_known_scale: ClassVar[bool] = False  # True: its parameters are properties of materials, whose range is known
+    recurs: ClassVar[bool] = False  # True: a sudden change that a part may well show several times in one campaign
     lacking: ClassVar[Missing | None] = None  # input without which it has no candidates
 
     @property

@@ -117,6 +117,7 @@ def test_a_doubt_by_held_out_data_counts_all_of_them_whatever_their_unit():
     said = explanation(doubtful)
     assert_says(said, "predicts held-out data worse", "in units of its noise", "by a factor of 2.2")
     assert "factor" not in explanation(replace(doubtful, reason_code="weak"))
+    assert "by 2.7 %" in explanation(replace(doubtful, held_out_growth=1.027))
 
 
 def test_many_parameters_are_reported_by_the_most_certain():

@@ -44,6 +44,7 @@ _WHY_ENDED = {
     "most-causes": "because no further cause is known to improve the prediction of held-out measurements",
     "time": "because a search for further causes would take too long",
     "unnamed-effects": "because too many effects match no catalogued cause",
+    "events": "because a third sudden change of the same part is less probable than an unknown effect",
 }
 _WHY_UNTESTED = {"too-few": "too few data", "no-repeats": "no command was repeated"}
 _UNITS = {
@@ -131,6 +132,8 @@ def adequacy_verdict(tables: Tables, _: Mapping[str, SectionVerdict]) -> Section
         text = f"The model is incomplete: {none}{short}."
         p, limit = _least_likely(tables)
         return SectionVerdict("adequacy", RelationState.ATTENTION, ReasonCode.LACK_OF_FIT, text, p, "1", limit)
+    if undetermined := [model_error for model_error in missed if _is_undetermined(model_error)]:
+        return _verdict_undetermined(max(undetermined, key=_times_noise), _noise_alone(rows))
     if below:
         return _verdict_below_noise(below[0], none, _noise_alone(rows))
     if not missed:
@@ -149,6 +152,9 @@ def _verdict_above_noise(overall: Overall, none: str, short: str, noise: str) ->
     wrong unnoticed."""
     ratio, also = _times_noise(overall), f"; {short}" if short else ""
     size, floor = (rough_quantity(value, overall.unit) for value in (overall.after, overall.floor or 0.0))
+    if overall.of_fit > (overall.floor or 0.0):
+        of_fit = rough_quantity(overall.of_fit, overall.unit)
+        floor += f" and the uncertainty of the fit {of_fit}, as the fitted data hardly determine the model there"
     text = f"The model is incomplete: {none}the rms error of predictions is {size}, where {noise} {floor}{also}. "
     text += "Look at the pattern of the errors under Diagnosis."
     if ratio > BY_A_FACTOR:
@@ -166,12 +172,38 @@ def _verdict_below_noise(overall: Overall, none: str, noise: str) -> SectionVerd
 
 
 def _is_beyond(overall: Overall) -> bool:
-    """Return True if errors are beyond noise; held-out errors also contain the uncertainty of parameters."""
-    return overall.is_beyond_noise and (not overall.held_out or _times_noise(overall) > BY_A_FACTOR)
+    """Return True if errors are beyond noise; held-out errors also contain the uncertainty of the fit."""
+    return overall.is_beyond_noise and (not overall.held_out or overall.times_expected > BY_A_FACTOR)
+
+
+def _is_undetermined(overall: Overall) -> bool:
+    """Return True if held-out errors are beyond noise by a factor, but not beyond the uncertainty of the fit."""
+    return overall.held_out and overall.times_noise > BY_A_FACTOR and overall.times_expected <= BY_A_FACTOR
+
+
+def _verdict_undetermined(overall: Overall, noise: str) -> SectionVerdict:
+    """Return the verdict on a model that the fitted data do not determine where data were held out."""
+    size, floor, of_fit = (
+        rough_quantity(value, overall.unit) for value in (overall.after, overall.floor or 0.0, overall.of_fit)
+    )
+    text = (
+        f"The fitted data do not determine the model where data were held out: the rms error there is {size}, the "
+        f"uncertainty of the fit alone gives {of_fit}, and {noise} {floor}. Fit some data of that region too, or "
+        "survey the quantities that are not determined."
+    )
+    return SectionVerdict(
+        "adequacy",
+        RelationState.ATTENTION,
+        ReasonCode.UNDETERMINED_THERE,
+        text,
+        overall.times_expected,
+        "1",
+        BY_A_FACTOR,
+    )
 
 
 def _times_noise(overall: Overall) -> float:
-    return overall.after / (overall.floor or 1.0)
+    return overall.times_noise
 
 
 def _least_likely(tables: Tables) -> tuple[float, float]:

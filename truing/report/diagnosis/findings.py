@@ -54,6 +54,7 @@ _ALL_OF_IT = 0.995
 _NAMED = 6
 # Standard deviations below which none of many parameters counts as determined.
 _DETERMINED = 2.0
+_SEVERAL_TIMES = 1.5  # growth from which a factor reads better than a percentage
 IN_TURN = "rows left out in turn"  # of an axis without rows of verification
 
 
@@ -187,9 +188,12 @@ def doubt_text(reason_code: str, held_out_growth: float | None = None) -> str:
     text = DOUBTS[reason_code]
     if reason_code != "held-out" or held_out_growth is None:
         return text
-    return (
-        f"{text}: all held-out errors together, each in units of its noise, grow by a factor of {held_out_growth:.2g}"
+    growth = (
+        f"by a factor of {held_out_growth:.2g}"
+        if held_out_growth >= _SEVERAL_TIMES
+        else f"by {100.0 * (held_out_growth - 1.0):.2g} %"
     )
+    return f"{text}: all held-out errors together, each in units of its noise, grow {growth}"
 
 
 def _doubt(facts: Facts) -> str:

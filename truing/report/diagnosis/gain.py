@@ -135,6 +135,8 @@ def _of_role(missed: _Missed) -> str:
         )
     ratio = errors.after / errors.floor
     against = f"consistent with {floor}" if _at_floor(errors) else f"{rough(ratio)} times {floor}"
+    if errors.of_fit > errors.floor:
+        against += f"; the uncertainty of the fit alone gives {rough_quantity(errors.of_fit, errors.unit)}"
     return (
         f"{text}, {'which is ' * missed.modelled}{against}.{_of_chance(errors) if ratio < 1.0 / AT_THE_FLOOR else ''}"
     )

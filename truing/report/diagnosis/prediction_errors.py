@@ -197,7 +197,10 @@ def rms_with_interval(rms: ArrayLike, rng: np.random.Generator, counts: ArrayLik
 
 @dataclass(frozen=True)
 class Overall:
-    """Rms of measured minus predicted before and after; ``freedom``: its independent numbers, 0 where unknown."""
+    """Rms of measured minus predicted before and after; ``freedom``: its independent numbers, 0 where unknown.
+
+    ``of_fit``: rms error of held-out data by the uncertainty of the fit alone; 0 where unknown.
+    """
 
     before: float
     after: float
@@ -205,6 +208,17 @@ class Overall:
     unit: str
     held_out: bool
     freedom: float = 0.0
+    of_fit: float = 0.0
+
+    @property
+    def times_noise(self) -> float:
+        """The error over the noise floor."""
+        return self.after / (self.floor or 1.0)
+
+    @property
+    def times_expected(self) -> float:
+        """The error over that of noise and the uncertainty of the fit."""
+        return self.after / (float(np.hypot(self.floor or 0.0, self.of_fit)) or 1.0)
 
     @property
     def is_beyond_noise(self) -> bool:
@@ -252,7 +266,8 @@ def overall(findings: list[AssessedCause], tables: Tables, *, held_out: bool) ->
     if pair is None:
         return _of_poses(effects, tables, held_out)
     unit = effects[-1].unit
-    return Overall(*pair, effects[-1].floor, unit, held_out, _freedom(tables, unit, held_out))
+    of_fit = _of_fit(tables, unit) if held_out else 0.0
+    return Overall(*pair, effects[-1].floor, unit, held_out, _freedom(tables, unit, held_out), of_fit)
 
 
 def _of_poses(effects: list[AssessedCause], tables: Tables, held_out: bool) -> Overall | None:
@@ -265,7 +280,8 @@ def _of_poses(effects: list[AssessedCause], tables: Tables, held_out: bool) -> O
     unit = str(known["unit"].iloc[0])
     before, after = (float(np.sqrt(np.mean(known[f"rms_{when}"] ** 2))) for when in ("before", "after"))
     floor = next((row.floor for row in reversed(effects) if row.unit == unit), None)
-    return Overall(before, after, floor, unit, held_out, _freedom(tables, unit, held_out))
+    of_fit = _of_fit(tables, unit) if held_out else 0.0
+    return Overall(before, after, floor, unit, held_out, _freedom(tables, unit, held_out), of_fit)
 
 
 def plain_errors(rows: list[AssessedCause], tables: Tables, *, held_out: bool) -> list[Overall]:
@@ -276,11 +292,11 @@ def plain_errors(rows: list[AssessedCause], tables: Tables, *, held_out: bool) -
         return [of_unit for unit in units if (of_unit := _of_readings(unit, tables, held_out)) is not None]
     reported = next((row for row in rows if row.rms[0] is not None), None)
     size = None if reported is None else (reported.held_out if held_out else reported.rms)[0]
-    return (
-        []
-        if reported is None or size is None
-        else [Overall(size, size, reported.floor, reported.unit, held_out, _freedom(tables, reported.unit, held_out))]
-    )
+    if reported is None or size is None:
+        return []
+    of_fit = _of_fit(tables, reported.unit) if held_out else 0.0
+    freedom = _freedom(tables, reported.unit, held_out)
+    return [Overall(size, size, reported.floor, reported.unit, held_out, freedom, of_fit)]
 
 
 def errors_of_models(rows: list[AssessedCause], findings: list[AssessedCause], tables: Tables) -> list[Overall]:
@@ -296,6 +312,15 @@ def errors_of_models(rows: list[AssessedCause], findings: list[AssessedCause], t
             else plain_errors(rows, tables, held_out=is_held_out)
         )
     return missed
+
+
+def _of_fit(tables: Tables, unit: str) -> float:
+    """Return the rms error at held-out poses by the uncertainty of the fit alone; 0 where it was not computed."""
+    poses = table_or_none(tables, "prediction")
+    if poses is None or "sigma_of_fit" not in poses or not poses["unit"].eq(unit).all():
+        return 0.0
+    rms = root_mean_square(poses["sigma_of_fit"])
+    return rms if np.isfinite(rms) else 0.0
 
 
 def _freedom(tables: Tables, unit: str, held_out: bool) -> float:

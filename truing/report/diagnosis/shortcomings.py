@@ -50,6 +50,10 @@ _IF_SCATTER = "If the scatter is as small as before, an effect is missing in the
 # Shortcoming and remedy by reason code, where no test of the model fails.
 _OF_VERDICT = {
     ReasonCode.BEYOND_NOISE: ("the errors of predictions exceed the declared noise", _IF_NOISE),
+    ReasonCode.UNDETERMINED_THERE: (
+        "the fitted poses do not determine the model at the held-out ones",
+        "Fit some poses of that region too: with other readings of every joint, above all of the last ones.",
+    ),
     ReasonCode.BELOW_NOISE: (
         "the errors of predictions are smaller than the declared noise",
         "Declare the scatter as noise.",
@@ -71,7 +75,8 @@ def decisive_measurements(rows: list[AssessedCause], tables: Tables) -> Iterator
         reported.setdefault(_decisive_measurement(row, epochs), shortcoming_words(row, noise_compared(tables)))
     if epochs is not _APPROACH and not (table["state"] == "fails").any() and verdict.reason_code in _OF_VERDICT:
         why, then = _OF_VERDICT[verdict.reason_code]
-        reported[f"{epochs[2]} {then}"] = why
+        is_of_noise = verdict.reason_code in (ReasonCode.BEYOND_NOISE, ReasonCode.BELOW_NOISE)
+        reported[f"{epochs[2]} {then}" if is_of_noise else then] = why
     for words, why in list(reported.items())[:_MOST]:
         yield why, words
 

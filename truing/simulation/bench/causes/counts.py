@@ -48,6 +48,7 @@ class FringeSlip(RunChannelCause):
     id = "fringe-slip"
     reach = 1e3
     is_persistent = False
+    recurs = True
 
     @property
     def subject(self) -> str:

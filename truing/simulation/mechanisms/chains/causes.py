@@ -46,23 +46,26 @@ class ChainScene(Scene["ChainCause"]):
 
     @property
     def covariates(self) -> Mapping[str, NDArray]:
-        """Columns (B,) or (B, n) that effects may depend on."""
-        return self.inputs_of_machine.conditions.covariates
+        """Columns (B,) or (B, n) that effects may depend on, without readings of joints that stood still."""
+        machine = self.inputs_of_machine
+        still = {column for column, moved in zip(machine.conditions.columns, machine.moved, strict=True) if not moved}
+        return {name: values for name, values in machine.conditions.covariates.items() if name not in still}
 
     @property
     def inputs(self) -> Mapping[str, NDArray]:
-        """Readings (B,) of the joints by name."""
+        """Readings (B,) of the joints that moved, by name."""
         machine = self.inputs_of_machine
-        return dict(zip(machine.tree.readings, machine.readings.T, strict=True))
+        return {machine.tree.readings[k]: machine.readings[:, k] for k in np.flatnonzero(machine.moved)}
 
     @property
     def histories(self) -> Mapping[str, NDArray]:
-        """States of stop operators and the reading before the last movement (B, 9), of each joint by name."""
+        """States of stop operators and the reading before the last movement (B, 9), of each joint that moved, by
+        name."""
         machine, known = self.inputs_of_machine, self.covariates
         if PATH not in known or LAST_STEP not in known:
             return {}
         past = np.concatenate([known[PATH], (machine.readings - known[LAST_STEP])[..., None]], axis=-1)
-        return dict(zip(machine.tree.readings, past.swapaxes(0, 1), strict=True))
+        return {machine.tree.readings[k]: past[:, k] for k in np.flatnonzero(machine.moved)}
 
     @property
     def shape(self) -> NDArray:
@@ -155,7 +158,7 @@ class JointCause(ChainCause):
         found = [
             replace(self, joint=name, is_angle=bool(machine.tree.is_revolute[k]))
             for k, name in enumerate(machine.tree.readings)
-            if np.ptp(machine.readings[:, k]) > 0.0
+            if machine.moved[k]
         ]
         return [cause for cause in found if cause.applies(machine)]
 

@@ -30,6 +30,8 @@ APPROACH = "approach"
 SINCE_MOTION, BETWEEN = "since_motion_s", "time since the pose before the last movement"
 # A load that varies by a smaller share of the largest load on the chain is constant, apart from rounding.
 _LEAST_LOAD = 1e-6
+# Range of a revolute joint, over the widest, below which it was held still.
+_STOOD_STILL = 1e-3
 # Share of the poses beyond either end of the usual range of an input.
 _BEYOND = 0.01
 
@@ -86,6 +88,17 @@ class ChainConditions:
         )
 
 
+def moved_joints(readings: NDArray, is_revolute: Mask) -> Mask:
+    """Return the mask (n,) of joints that moved, by readings (B, n).
+
+    A revolute joint that covers less than a thousandth of the widest range was held still: its reading shows only how
+    well. A slide may be a fine stage on a coarse one.
+    """
+    covered = np.ptp(readings, axis=0)
+    least = _STOOD_STILL * covered[is_revolute].max(initial=0.0)
+    return np.asarray(covered > np.where(is_revolute, least, 0.0))
+
+
 @dataclass(frozen=True)
 class ChainInputs:
     """Inputs of an effect on a chain: the tree, readings, covariates, and the load that each node carries.
@@ -135,6 +148,11 @@ class ChainInputs:
     def readings(self) -> NDArray:
         """Readings (B, n), rad or m."""
         return self.conditions.readings
+
+    @cached_property
+    def moved(self) -> Mask:
+        """Mask (n,) of the joints that moved."""
+        return moved_joints(self.readings, self.tree.is_revolute)
 
     @cached_property
     def nominal_frames(self) -> TreeFrames:

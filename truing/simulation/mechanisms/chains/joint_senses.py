@@ -15,7 +15,7 @@ from numpy.typing import NDArray
 
 from truing.arrays import Array, Mask
 from truing.simulation.mechanisms.chains.column_slips import ColumnSlipKind, few_poses, foreign_share
-from truing.simulation.mechanisms.chains.conditions import ChainConditions
+from truing.simulation.mechanisms.chains.conditions import ChainConditions, moved_joints
 from truing.simulation.mechanisms.chains.start_values import StartValues
 from truing.simulation.mechanisms.chains.tree import Tree
 
@@ -59,7 +59,7 @@ def senses_that_join(
     None if no combination comes as near as a real machine does, or if as many other changes are as good. ``start_of``
     fits the places to some poses, a mask (B,), under conditions of all poses.
     """
-    moving = np.flatnonzero(np.ptp(conditions.readings, axis=0) > 0.0).tolist()
+    moving = np.flatnonzero(moved_joints(conditions.readings, tree.is_revolute)).tolist()
     if not 0 < len(moving) <= _MOST_JOINTS:
         return None
     few = few_poses(len(conditions.readings))

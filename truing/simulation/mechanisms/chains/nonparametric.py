@@ -98,7 +98,7 @@ class NonparametricChainEffect(NonparametricEffect[ChainScene], ChainCause):
         columns = varying_columns(scene.covariates)
         result: list[NonparametricChainEffect] = []
         for k, name in enumerate(machine.tree.readings):
-            if np.ptp(machine.readings[:, k]) > 0.0:
+            if machine.moved[k]:
                 joint = machine.conditions.columns[k]
                 bare = replace(self, joint=name, is_angle=bool(machine.tree.is_revolute[k]))
                 result += self._of(bare, _of_joint(columns, joint), columns, len(machine.readings))
