@@ -68,8 +68,9 @@ class ColumnTilt(AssumedCentres, LinkCause):
         return result
 
     def one_sided(self, legs: int) -> tuple[int, ...]:
-        """Return the tilt: it cannot be negative."""
-        return (0,)
+        """Return the tilt and the shift: neither can be negative, as a column turns about a place below what it
+        carries."""
+        return (0, 1)
 
     def parameters(self, legs: int) -> tuple[Parameter, ...]:
         """Return tilt and shift per moment."""
