@@ -20,7 +20,15 @@ from truing.inference.evidence import (
 from truing.inference.fitted_model import FittedModel
 from truing.inference.model import CauseLike, CauseT
 from truing.inference.onset_search import at_best_onsets
-from truing.inference.scores import Score, log_evidence_of, parts_of, raw_scores, scores_of, squares_left
+from truing.inference.scores import (
+    Score,
+    log_evidence_of,
+    parts_of,
+    posterior_covariance,
+    raw_scores,
+    scores_of,
+    squares_left,
+)
 from truing.inference.search import (
     HIGHER_ORDER_SHARE,
     CandidateGroup,
@@ -333,7 +341,7 @@ class Round(Generic[CauseT]):
         along = (raw @ loadings) / strengths
         total, freedom = total_of(self.fitted)
         beforehand = sum(np.log(c.prior) + self._log_evidence_of_sizes(c) for c in pair)
-        values, covariance = loadings @ (along / strengths), (loadings / strengths**2) @ loadings.T
+        values, covariance = loadings @ (along / strengths), posterior_covariance(loadings, strengths)
         signs = self._signs(pair, values, covariance, along)
         return float(log_evidence(along, strengths, total, freedom)) + float(beforehand) + signs
 

@@ -61,8 +61,15 @@ def signs_of(candidate: CauseCandidate[CauseT], fitted: FittedModel[CauseT], par
     if not places:
         return 0.0
     effect = candidate.signature
-    covariance = (effect.loadings / effect.strengths**2) @ effect.loadings.T
+    covariance = posterior_covariance(effect.loadings, effect.strengths)
     return log_possible(effect.fitted(parts), covariance, places, *squares_left(fitted, parts))
+
+
+def posterior_covariance(loadings: Array, strengths: Array) -> Array:
+    """Return the covariance (P, P) of parameters in plausible scales: that of the data along orthonormal directions
+    ``loadings`` (P, r), and a plausible size along all others, which the data do not show."""
+    unseen = np.eye(len(loadings)) - loadings @ loadings.T
+    return np.asarray((loadings / strengths**2) @ loadings.T + unseen)
 
 
 def squares_left(fitted: FittedModel[CauseT], parts: Array) -> tuple[float, float]:
