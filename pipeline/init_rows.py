@@ -89,5 +89,5 @@ def records_of(path: Path, guess: Guess) -> list[list[str]]:
     given = keys.get("separator") or guess_separator(lines[len(lines) // 3 :], '"')
     separator = {"tab": "\t", "blank": " "}.get(given, given)
     records = [split_record(line.encode(), separator, '"') for line in lines]
-    whole = [record for record in records if len(record) == len(guess.columns)]
-    return whole[int(keys.get("header", True)) :]
+    complete = [record for record in records if len(record) == len(guess.columns)]
+    return complete[int(keys.get("header", True)) :]

@@ -83,8 +83,8 @@ def _aliases(design: AxisDesign) -> list[str]:
             "whole fraction of it, because it is the same at all of them; these targets are unevenly spaced"
         )
     if design.own_step is not None:
-        own = f"the campaign's own commands lie at multiples of {design.own_step:.4g} {unit}"
-        lines.append(f"{own}: {_same(design.own_step, unit)}")
+        own_commands = f"the campaign's own commands lie at multiples of {design.own_step:.4g} {unit}"
+        lines.append(f"{own_commands}: {_same(design.own_step, unit)}")
     return lines
 
 

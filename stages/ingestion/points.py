@@ -176,8 +176,10 @@ class Points:
         fields = [f.with_type(names) if pa.types.is_string(f.type) else f for f in schema]
         return pa.schema(fields)
 
-    def _records(self, first: TableBatch, rest: Iterator[TableBatch], schema: pa.Schema) -> Iterator[pa.RecordBatch]:
-        for batch in chain((first,), rest):
+    def _records(
+        self, first: TableBatch, later_batches: Iterator[TableBatch], schema: pa.Schema
+    ) -> Iterator[pa.RecordBatch]:
+        for batch in chain((first,), later_batches):
             if not self.log:
                 yield pa.record_batch([batch.columns[name] for name in schema.names], schema=schema)
         self._finish()

@@ -63,8 +63,8 @@ def _ratios(load: Array, signal: Array, run: Index) -> dict[int, float]:
         rows = rows[run[rows] == run[rows + shift]] if len(rows) else rows
         if len(rows) < load.shape[1] + 1 + _SPARE:
             continue
-        own, other = (_scatter(load[rows + by], signal[rows]) for by in (0, shift))
-        found[shift] = float(other / own) if own > 0.0 else float("inf")
+        scatter, scatter_shifted = (_scatter(load[rows + by], signal[rows]) for by in (0, shift))
+        found[shift] = float(scatter_shifted / scatter) if scatter > 0.0 else float("inf")
     return found
 
 

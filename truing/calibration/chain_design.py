@@ -256,8 +256,12 @@ def _knowledge_that_shows(observability: Observability, unknowns: Sequence[Chain
     """Return the numbers that must be known before the rest of a direction (G,) shows."""
     for kind, remedy in ((UnknownKind.BASE, Remedy.BASE), (UnknownKind.TARGET, Remedy.TARGETS)):
         is_of_kind = np.array([unknown.kind is kind for unknown in unknowns])
-        rest = np.where(is_of_kind, 0.0, direction)
-        if direction[is_of_kind].any() and rest.any() and float(observability.sensitivity(rest)) > observability.least:
+        remaining = np.where(is_of_kind, 0.0, direction)
+        if (
+            direction[is_of_kind].any()
+            and remaining.any()
+            and float(observability.sensitivity(remaining)) > observability.least
+        ):
             return remedy
     return Remedy.NOTHING
 

@@ -247,10 +247,10 @@ def _scaled_inverse(normal: Array, size: Array) -> tuple[Array, int]:
 def _leave_one_out(design: Array, covariance: Array, weight: Array, residuals: Array) -> Array:
     """Return the residuals of each row against the fit to all others: (I - H_nn)^-1 r_n with blocks of the hat
     matrix."""
-    rest = np.eye(design.shape[1]) - design @ covariance @ design.transpose(0, 2, 1) @ weight
-    if rest.shape[1] == 1:
-        return np.divide(residuals, rest[:, 0], out=np.zeros_like(residuals), where=rest[:, 0] != 0.0)
-    return np.einsum("nlk,nk->nl", np.linalg.pinv(rest, rcond=1e-9), residuals)
+    redundancy = np.eye(design.shape[1]) - design @ covariance @ design.transpose(0, 2, 1) @ weight
+    if redundancy.shape[1] == 1:
+        return np.divide(residuals, redundancy[:, 0], out=np.zeros_like(residuals), where=redundancy[:, 0] != 0.0)
+    return np.einsum("nlk,nk->nl", np.linalg.pinv(redundancy, rcond=1e-9), residuals)
 
 
 def consistent_responses(
@@ -305,8 +305,8 @@ def _spanned(u: Array, fitted: Mask) -> Mask:
     for k, rows in enumerate(fitted.T):
         _, size, along = np.linalg.svd(u[rows], full_matrices=False)
         basis = along[size > _SPANNED * size.max(initial=0.0)]
-        rest = u - u @ basis.T @ basis
-        spanned[:, k] = np.abs(rest).max(axis=1, initial=0.0) <= _SPANNED * np.abs(u).max(initial=0.0)
+        remainder = u - u @ basis.T @ basis
+        spanned[:, k] = np.abs(remainder).max(axis=1, initial=0.0) <= _SPANNED * np.abs(u).max(initial=0.0)
     return spanned
 
 

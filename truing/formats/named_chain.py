@@ -66,8 +66,8 @@ def chain_rows(
     points = {**keys, "columns": columns, "constants": constants, **counted, **_missing(names, data, raw)}
     read = configurations_of_joints(names, data, values, meant, used)
     if read is None:  # the joints have the contract's names
-        own = {"columns": rows} if rows else counted
-        read = JointReadings({**own, "ignore": _ignored(raw)}, f"joint readings of {', '.join(found.names)}")
+        pose_keys = {"columns": rows} if rows else counted
+        read = JointReadings({**pose_keys, "ignore": _ignored(raw)}, f"joint readings of {', '.join(found.names)}")
     read = replace(read, mapping={**read.mapping, **_first_of_each_pose(names, data, meant)})
     points_read = values[:, [list(names).index(name) for name in raw]]
     is_bare = {bare_and_unit(name)[1] for name in raw} == {None} and "unit" not in keys

@@ -88,9 +88,9 @@ def _parts_of_paths(names: Sequence[str]) -> dict[str, str] | None:
     columns = list(zip(*paths.values(), strict=False))
     if len(paths) < _FEWEST or len({len(parts) for parts in paths.values()}) > 1:
         return None
-    own = [k for k, column in enumerate(columns) if len(set(column)) > 1]
+    varying = [k for k, column in enumerate(columns) if len(set(column)) > 1]
     short = {
-        name: "/".join(parts[k] for k in own) + (half["unit"] or "") if (half := halves[name]) is not None else name
+        name: "/".join(parts[k] for k in varying) + (half["unit"] or "") if (half := halves[name]) is not None else name
         for name, parts in paths.items()
     }
     raw_names = {short.get(name, name): name for name in names}

@@ -191,8 +191,8 @@ def _with_times(guess: Guess, names: tuple[str, ...], data: list[list[str]], not
     time_format = time_format_of(cells)
     if time_format is None:
         del columns["time_s"]
-        rest = {key: value for key, value in guess.mapping.items() if key != "columns"}
-        return replace(guess, mapping={**rest, **({"columns": columns} if columns else {})})
+        other_keys = {key: value for key, value in guess.mapping.items() if key != "columns"}
+        return replace(guess, mapping={**other_keys, **({"columns": columns} if columns else {})})
     doubts = (*guess.doubts, time_format.doubt) if time_format.doubt else guess.doubts
     return replace(guess, mapping={**guess.mapping, "time_format": time_format.form}, doubts=doubts)
 

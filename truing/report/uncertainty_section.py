@@ -264,14 +264,14 @@ def _share_bars(groups: _Grouped, title: str) -> go.Figure:
     figure = go.Figure()
     names = [label(name) for name in groups.names]
     drawn = _visible(groups)[: len(_COLOURS)]
-    rest = [source for source in groups.sources if source not in drawn]
+    undrawn = [source for source in groups.sources if source not in drawn]
     for source, colour in zip(drawn, _COLOURS, strict=False):
         shares = [100.0 * groups.share[name, source] for name in groups.names]
         figure.add_trace(_bar(shares, names, f"{label(source)} ({groups.evaluation[source]})", colour))
         if groups.evaluation[source] == "A":  # distinguishable without colour too
             figure.data[-1].marker.pattern = {"shape": "/", "fgcolor": "white", "size": 6, "solidity": 0.2}
-    if rest:
-        shares = [100.0 * sum(groups.share[name, source] for source in rest) for name in groups.names]
+    if undrawn:
+        shares = [100.0 * sum(groups.share[name, source] for source in undrawn) for name in groups.names]
         figure.add_trace(_bar(shares, names, _REST, GREY))
     height = 150 + 26 * len(names) + 22 * len(figure.data)
     style(figure, f"{title}: where the uncertainty comes from", "Share of the variance by source", height)

@@ -204,8 +204,8 @@ def sparse_directions(observability: Observability) -> NDArray:
     first, pivots_of_null = _simplified(observability, null, [], observability.rounding)
     unseen = observability.unidentifiable
     if pivots_of_null:  # weak directions, after removing null directions from them
-        rest = np.linalg.svd(unseen[pivots_of_null])[2][len(pivots_of_null) :]
-        unseen = unseen @ rest.T
+        complement = np.linalg.svd(unseen[pivots_of_null])[2][len(pivots_of_null) :]
+        unseen = unseen @ complement.T
     second, _ = _simplified(observability, unseen, pivots_of_null, observability.least)
     return np.concatenate([first, second])
 

@@ -147,13 +147,13 @@ def _significant_terms(plain: Array, terms: Array, values: Array) -> tuple[list[
     length = np.linalg.norm(terms, axis=0)
     unit = terms / np.where(length > 0.0, length, 1.0)
     while len(chosen) < _MOST_TERMS and len(values) >= _ROWS_PER_COLUMN * (basis.shape[1] + 1):
-        rest = values - basis @ (basis.T @ values)
+        residual = values - basis @ (basis.T @ values)
         apart = unit - basis @ (basis.T @ unit)
-        own = np.sum(apart**2, axis=0)
-        gain = np.where(own > _LEAST, (rest @ apart) ** 2 / np.maximum(own, _LEAST), 0.0)
+        squares = np.sum(apart**2, axis=0)
+        gain = np.where(squares > _LEAST, (residual @ apart) ** 2 / np.maximum(squares, _LEAST), 0.0)
         best = int(gain.argmax()) if len(gain) else 0
         spare = len(values) - basis.shape[1] - 1
-        after = float(rest @ rest) - (float(gain[best]) if len(gain) else 0.0)
+        after = float(residual @ residual) - (float(gain[best]) if len(gain) else 0.0)
         if not len(gain) or not after > 0.0:
             break
         p_value = float(fdtrc(1, spare, gain[best] / (after / spare))) * terms.shape[1]
@@ -161,7 +161,7 @@ def _significant_terms(plain: Array, terms: Array, values: Array) -> tuple[list[
             break
         chosen.append(best)
         largest = max(largest, p_value)
-        basis = np.column_stack([basis, apart[:, best] / np.sqrt(own[best])])
+        basis = np.column_stack([basis, apart[:, best] / np.sqrt(squares[best])])
     return chosen, largest
 
 

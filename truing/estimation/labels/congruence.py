@@ -135,9 +135,11 @@ def contradict(cloud: Constellation, survey: Constellation, best: Hypothesis, ot
 
     Hypotheses that differ only by a point at the edge of its gate agree, and so do two motions with equal labels.
     """
-    mine, theirs = best.assignment, other.assignment
+    best_points, other_points = best.assignment, other.assignment
     both = (best.match >= 0) & (other.match >= 0)
-    if np.any(both & (best.match != other.match)) or np.any((mine >= 0) & (theirs >= 0) & (mine != theirs)):
+    if np.any(both & (best.match != other.match)) or np.any(
+        (best_points >= 0) & (other_points >= 0) & (best_points != other_points)
+    ):
         return True
     is_observed = (other.match >= 0) & (best.match < 0)
     distance = np.linalg.norm(
@@ -186,14 +188,14 @@ def _chance_of_unseen(n_consistent: int, n_base: int, tried: int, order: int) ->
 
 def _seed_batches(cloud: Constellation, survey: Constellation) -> Iterator[tuple[int, NDArray, NDArray]]:
     """Yield the number of seeds looked up, and the targets (B, k) and points (B, k) of every hit."""
-    base, other = (survey, cloud) if len(survey) <= len(cloud) else (cloud, survey)
-    seeds = _seeds(base, 2 if survey.on_a_line else 3)
+    smaller, larger = (survey, cloud) if len(survey) <= len(cloud) else (cloud, survey)
+    seeds = _seeds(smaller, 2 if survey.on_a_line else 3)
     start, step = 0, 8
     while start < len(seeds):
         chosen = seeds[start : start + step]
-        row, hits = _congruent(base, other, chosen)
-        mine = chosen[row]
-        yield (len(chosen), mine, hits) if base is survey else (len(chosen), hits, mine)
+        row, hits = _congruent(smaller, larger, chosen)
+        smaller_points = chosen[row]
+        yield (len(chosen), smaller_points, hits) if smaller is survey else (len(chosen), hits, smaller_points)
         start, step = start + step, min(2 * step, 256)
 
 
@@ -226,42 +228,42 @@ def _altitude(D: NDArray, triples: NDArray) -> NDArray:
     return 2 * np.sqrt(np.maximum(s * (s - a) * (s - b) * (s - c), 0.0)) / np.where(c > 0, c, 1.0)
 
 
-def _congruent(base: Constellation, other: Constellation, seeds: NDArray) -> tuple[NDArray, NDArray]:
+def _congruent(smaller: Constellation, larger: Constellation, seeds: NDArray) -> tuple[NDArray, NDArray]:
     """Return seed numbers (B,) and the points of the other set (B, k) with the distances of that seed."""
-    row, i, j = _agreeing_pairs(base, other, seeds)
+    row, i, j = _agreeing_pairs(smaller, larger, seeds)
     if seeds.shape[1] == 2 or len(row) == 0:
         return row, np.stack([i, j], -1) if seeds.shape[1] == 2 else np.empty((0, 3), np.intp)
-    parts, step = [], max(1, _MAX_ELEMENTS // len(other))
+    parts, step = [], max(1, _MAX_ELEMENTS // len(larger))
     for s in range(0, len(row), step):
-        at, k = _third_points(base, other, seeds[row[s : s + step]], i[s : s + step], j[s : s + step])
+        at, k = _third_points(smaller, larger, seeds[row[s : s + step]], i[s : s + step], j[s : s + step])
         parts.append(np.stack([row[s : s + step][at], i[s : s + step][at], j[s : s + step][at], k], -1))
     hits = np.concatenate(parts)
     return hits[:, 0], hits[:, 1:]
 
 
-def _agreeing_pairs(base: Constellation, other: Constellation, seeds: NDArray) -> tuple[NDArray, NDArray, NDArray]:
-    length, first, second = other.pairs
+def _agreeing_pairs(smaller: Constellation, larger: Constellation, seeds: NDArray) -> tuple[NDArray, NDArray, NDArray]:
+    length, first, second = larger.pairs
     a, b = seeds[:, 0], seeds[:, 1]
-    wanted, noise = base.distances[a, b], base.variance[a] + base.variance[b]
-    widest = GATE * np.sqrt(noise + 2 * other.variance.max())
+    wanted, noise = smaller.distances[a, b], smaller.variance[a] + smaller.variance[b]
+    widest = GATE * np.sqrt(noise + 2 * larger.variance.max())
     low, high = np.searchsorted(length, wanted - widest), np.searchsorted(length, wanted + widest, side="right")
     row = np.repeat(np.arange(len(seeds)), high - low)
     pair = np.arange(len(row)) - np.repeat(np.cumsum(high - low) - high, high - low)
     i, j = first[pair], second[pair]
-    gate = GATE * np.sqrt(noise[row] + other.variance[i] + other.variance[j])
+    gate = GATE * np.sqrt(noise[row] + larger.variance[i] + larger.variance[j])
     near = np.abs(length[pair] - wanted[row]) <= gate
     return row[near], i[near], j[near]
 
 
 def _third_points(
-    base: Constellation, other: Constellation, seeds: NDArray, i: NDArray, j: NDArray
+    smaller: Constellation, larger: Constellation, seeds: NDArray, i: NDArray, j: NDArray
 ) -> tuple[NDArray, NDArray]:
-    fits = np.ones((len(i), len(other)), dtype=bool)
+    fits = np.ones((len(i), len(larger)), dtype=bool)
     for known, corner in ((i, seeds[:, 0]), (j, seeds[:, 1])):
-        wanted = base.distances[corner, seeds[:, 2]]
-        noise = base.variance[corner] + base.variance[seeds[:, 2]] + other.variance[known]
-        gate = GATE * np.sqrt(noise[:, None] + other.variance)
-        fits &= np.abs(other.distances[known] - wanted[:, None]) <= gate
+        wanted = smaller.distances[corner, seeds[:, 2]]
+        noise = smaller.variance[corner] + smaller.variance[seeds[:, 2]] + larger.variance[known]
+        gate = GATE * np.sqrt(noise[:, None] + larger.variance)
+        fits &= np.abs(larger.distances[known] - wanted[:, None]) <= gate
     rows = np.arange(len(i))
     fits[rows, i] = fits[rows, j] = False
     at, third = np.nonzero(fits)
@@ -418,13 +420,13 @@ def _exchanged_neighbours(cloud: Constellation, survey: Constellation, best: Hyp
     labelled = np.flatnonzero(labels >= 0)
     distance = np.linalg.norm(cloud.points[labelled, None] - predicted, axis=-1)
     gate = GATE * np.sqrt(cloud.variance[labelled, None] + survey.variance)
-    for row, other in zip(*np.nonzero(distance <= gate), strict=True):
+    for row, neighbour in zip(*np.nonzero(distance <= gate), strict=True):
         point, label = labelled[row], labels[labelled[row]]
-        if other == label:
+        if neighbour == label:
             continue
         match = best.match.copy()
-        displaced = match[other]
-        match[label], match[other] = -1, point
+        displaced = match[neighbour]
+        match[label], match[neighbour] = -1, point
         if displaced >= 0 and np.linalg.norm(cloud.points[displaced] - predicted[label]) <= gate[row, label]:
             match[label] = displaced
         yield hypothesis_at(cloud, survey, match, best.R, best.t)

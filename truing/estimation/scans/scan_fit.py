@@ -166,8 +166,8 @@ def _gradient_covariance(scene: ScanPair, view: _View) -> NDArray:
     rows = np.arange(0, share.size + 1, share.shape[1])
     mixing = csr_array((share.ravel(), neighbours.ravel(), rows), shape=(len(J), len(scene.reference)))
     pulled = (mixing.T @ (J[:, :, None] * J[:, None, :3]).reshape(len(J), 18)).reshape(-1, 6, 3)
-    theirs = scene.sigma_reference**2 + rough
-    return scene.sigma_scan**2 * J.T @ J + np.einsum("m,mik,mjk->ij", theirs, pulled, pulled, optimize=True)
+    scene_variance = scene.sigma_reference**2 + rough
+    return scene.sigma_scan**2 * J.T @ J + np.einsum("m,mik,mjk->ij", scene_variance, pulled, pulled, optimize=True)
 
 
 def _roughness(scene: ScanPair, view: _View, neighbours: NDArray) -> NDArray:

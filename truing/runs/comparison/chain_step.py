@@ -118,8 +118,8 @@ def _estimate(extended: ExtendedChain, parameters: pd.DataFrame) -> _Estimate:
 
 def _unknowns(extended: ExtendedChain) -> NDArray:
     """Return twists of the moved nodes, then the effects' whole values, in the order of the covariance."""
-    whole = [effect.cause.with_known_part(effect.values) for effect in extended.effects]
-    return np.concatenate([extended.twists[extended.moved].ravel(), *whole])
+    causes_with_known_part = [effect.cause.with_known_part(effect.values) for effect in extended.effects]
+    return np.concatenate([extended.twists[extended.moved].ravel(), *causes_with_known_part])
 
 
 def _slopes(extended: ExtendedChain, parameters: pd.DataFrame) -> NDArray:

@@ -76,8 +76,8 @@ class FringeSlip(RunChannelCause):
         """Return every step of its run with three readings of the channel on either side."""
         rows_of, spacing = _onset_rows(scene)
         rows, steps = rows_of[self.run, self.channel], scene.steps
-        own = int(rows[np.argmax(steps.rank[rows] >= self.from_rank)])
-        return Onsets(rows, spacing, own, lambda row: self._begun_at(steps, row))
+        first_row = int(rows[np.argmax(steps.rank[rows] >= self.from_rank)])
+        return Onsets(rows, spacing, first_row, lambda row: self._begun_at(steps, row))
 
     def _begun_at(self, steps: LoadSteps, row: int) -> FringeSlip:
         return replace(self, from_step=steps.step[row].item(), from_rank=int(steps.rank[row]))

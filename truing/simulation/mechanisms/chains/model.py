@@ -283,9 +283,9 @@ class ChainModel(EffectsModel[ChainCause]):
         """
         if self.conditions.coupling is None:
             return found
-        rest = found.copy()
-        rest[:, :-1] -= np.einsum("bkij,bkj...->bki...", self.conditions.coupling[:, :-1], found[:, 1:])
-        return rest
+        decoupled = found.copy()
+        decoupled[:, :-1] -= np.einsum("bkij,bkj...->bki...", self.conditions.coupling[:, :-1], found[:, 1:])
+        return decoupled
 
     def _values(self, frames: TreeFrames, positions: NDArray) -> Array:
         nodes = self.channels.node

@@ -110,9 +110,9 @@ class LegBodies:
         largest = 1.0 - free.sum(1)
         across = np.einsum("...kj,kji->...ki", parts[..., 3:], free)
         square = 1.0 - np.sum(across * across, -1)
-        rest = np.sqrt(np.where(square.real < 0.0, np.nan, square)) * np.sign(np.sum(largest * self.w, -1))
-        follows = largest[..., None] * (parts[..., None, 3:] / rest[..., None, None])
-        return parts[..., :3], across + rest[..., None] * largest, np.swapaxes(free, -1, -2) - follows
+        largest_component = np.sqrt(np.where(square.real < 0.0, np.nan, square)) * np.sign(np.sum(largest * self.w, -1))
+        follows = largest[..., None] * (parts[..., None, 3:] / largest_component[..., None, None])
+        return parts[..., :3], across + largest_component[..., None] * largest, np.swapaxes(free, -1, -2) - follows
 
 
 def _with_end_rows(
