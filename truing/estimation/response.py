@@ -104,7 +104,7 @@ def fit_response(
     weight = _precision(cov, np.isfinite(y))
     design = _design(u, free, group)
     prior = _offset_precision(offset_cov, int(free.sum()), width, int(group.max()) + 1)
-    return _solve(form, free, design, np.nan_to_num(y), np.isfinite(y), weight, prior)
+    return _solve(form, free, _WeightedProblem(design, np.nan_to_num(y), np.isfinite(y), weight, prior))
 
 
 def _separate(cov: Array, is_observed: Mask, offset_cov: Array | None) -> bool:
@@ -138,7 +138,8 @@ def _component_by_component(
         every = np.ones((1, len(drive)), bool)
         design = _design(u[np.ix_(rows, drive)], every, index)
         precision = _offset_precision(prior, len(drive), 1, len(met))
-        fit = _solve("matrix", every, design, y[rows, k, None], np.ones((len(rows), 1), bool), weight, precision)
+        observed = np.ones((len(rows), 1), bool)
+        fit = _solve("matrix", every, _WeightedProblem(design, y[rows, k, None], observed, weight, precision))
         coefficients[k, drive], offset[met, k] = fit.coefficients[0], fit.offset[:, 0]
         beside[k, [*drive, -1]] = fit.offset_covariance[0]
         residuals[rows, k], loo[rows, k] = fit.residuals[:, 0], fit.loo_residuals[:, 0]
@@ -191,9 +192,20 @@ def _offset_precision(offset_cov: Array | None, n_free: int, width: int, groups:
     return precision
 
 
-def _solve(
-    form: Form, free: Mask, design: Array, y: Array, is_observed: Mask, weight: Array, prior: Array
-) -> ResponseFit:
+@dataclass(frozen=True)
+class _WeightedProblem:
+    """Design (N, L, P), responses (N, L) with their mask, weight matrices (N, L, L), and prior information (P, P)."""
+
+    design: Array
+    y: Array
+    is_observed: Mask
+    weight: Array
+    prior: Array
+
+
+def _solve(form: Form, free: Mask, problem: _WeightedProblem) -> ResponseFit:
+    """Return the weighted least-squares fit; ``free`` (L, D) marks the free coefficients."""
+    design, y, weight, prior = problem.design, problem.y, problem.weight, problem.prior
     weighted = (weight.transpose(0, 2, 1) @ design).reshape(-1, design.shape[-1])  # matrix products for BLAS: (N M, P)
     normal = weighted.T @ design.reshape(weighted.shape) + prior
     covariance, deficient = _scaled_inverse(normal, np.sqrt((design**2).sum(axis=(0, 1))))
@@ -217,8 +229,8 @@ def _solve(
         covariance=covariance[:n_free, :n_free],
         free=free,
         offset=theta[n_free:].reshape(-1, width),
-        residuals=np.where(is_observed, residuals, np.nan),
-        loo_residuals=np.where(is_observed, loo, np.nan),
+        residuals=np.where(problem.is_observed, residuals, np.nan),
+        loo_residuals=np.where(problem.is_observed, loo, np.nan),
         chi_square=chi_square,
         dof=informative - (len(theta) - deficient),
         deficient=deficient,

@@ -157,13 +157,13 @@ def find_hypotheses(cloud: Constellation, survey: Constellation, keep: int = 24)
     """
     from scipy.spatial import cKDTree
 
-    tree = cKDTree(cloud.points)
+    search = _Search(cKDTree(cloud.points), cloud, survey)
     hypotheses: dict[bytes, Hypothesis] = {}
     smaller = min(len(cloud), len(survey))
     tried, best = 0, 0
     for seeds in _seed_batches(cloud, survey):
         tried += seeds[0]
-        for hypothesis in _explained_by(tree, cloud, survey, *_strongest(tree, cloud, survey, *seeds[1:])):
+        for hypothesis in _explained_by(search, *_strongest(search, *seeds[1:])):
             hypotheses.setdefault(hypothesis.match.tobytes(), hypothesis)
             best = max(best, hypothesis.n_consistent)
         if _chance_of_unseen(best, smaller, tried, 2 if survey.on_a_line else 3) < _UNSEEN:
@@ -309,10 +309,18 @@ def _perpendicular(v: NDArray) -> NDArray:
     return side / np.linalg.norm(side, axis=1, keepdims=True) * np.linalg.norm(v, axis=1, keepdims=True)
 
 
-def _strongest(
-    tree: cKDTree, cloud: Constellation, survey: Constellation, targets: NDArray, points: NDArray
-) -> tuple[NDArray, NDArray, NDArray, NDArray]:
+@dataclass(frozen=True)
+class _Search:
+    """Search for the targets of a survey in a cloud, with a tree of the cloud's points."""
+
+    tree: cKDTree
+    cloud: Constellation
+    survey: Constellation
+
+
+def _strongest(search: _Search, targets: NDArray, points: NDArray) -> tuple[NDArray, NDArray, NDArray, NDArray]:
     """Return the best seeds (targets, points) with their motions, at most _MOST_RATED, by a sample of targets."""
+    cloud, survey = search.cloud, search.survey
     if len(targets) == 0:
         return targets, points, np.empty((0, 3, 3)), np.empty((0, 3))
     R, t = _motions(cloud, survey, targets, points)
@@ -324,7 +332,7 @@ def _strongest(
         for s in range(0, len(targets), 2000):
             part = slice(s, s + 2000)
             seed = _seed_match(targets[part], points[part], len(survey))
-            match = _gated_matches(tree, cloud, survey, R[part], t[part], seed, sample)
+            match = _gated_matches(search, (R[part], t[part]), seed, sample)
             count[part] = np.count_nonzero(match >= 0, axis=1)
         best = np.sort(np.argsort(-count, kind="stable")[:_MOST_RATED])
         targets, points, R, t = targets[best], points[best], R[best], t[best]
@@ -337,22 +345,15 @@ def _seed_match(targets: NDArray, points: NDArray, n_survey: int) -> NDArray:
     return match
 
 
-def _explained_by(
-    tree: cKDTree,
-    cloud: Constellation,
-    survey: Constellation,
-    targets: NDArray,
-    points: NDArray,
-    R: NDArray,
-    t: NDArray,
-) -> Iterator[Hypothesis]:
+def _explained_by(search: _Search, targets: NDArray, points: NDArray, R: NDArray, t: NDArray) -> Iterator[Hypothesis]:
     """Yield the hypothesis of each motion, after refits to all points that it explains."""
+    cloud, survey = search.cloud, search.survey
     match = _seed_match(targets, points, len(survey))
     everything = np.arange(len(survey))
     for _ in range(3):
         if len(match) == 0:
             return
-        match = _gated_matches(tree, cloud, survey, R, t, match, everything)
+        match = _gated_matches(search, (R, t), match, everything)
         enough = np.count_nonzero(match >= 0, axis=1) >= 3
         match, first = np.unique(match[enough], axis=0, return_index=True)
         roll = R[enough][first]
@@ -362,14 +363,13 @@ def _explained_by(
     yield from (hypothesis_at(cloud, survey, m, r, s) for m, r, s in zip(match, R, t, strict=True))
 
 
-def _gated_matches(
-    tree: cKDTree, cloud: Constellation, survey: Constellation, R: NDArray, t: NDArray, match: NDArray, chosen: NDArray
-) -> NDArray:
-    """Return the point (B, m) of each chosen target under each motion, -1 if none is in its gate. The gate includes the
-    uncertainty at that target of the motion fitted to the current match."""
+def _gated_matches(search: _Search, motion: tuple[NDArray, NDArray], match: NDArray, chosen: NDArray) -> NDArray:
+    """Return the point (B, m) of each chosen target under each motion R, t; -1 if none is in its gate. The gate
+    includes the uncertainty at that target of the motion fitted to the current match."""
+    cloud, survey, (R, t) = search.cloud, search.survey, motion
     predicted = survey.points[chosen] @ np.swapaxes(R, 1, 2) + t[:, None]
     gate = GATE * np.sqrt(cloud.variance.max() + survey.variance[chosen] + _pose_variance(cloud, survey, match, chosen))
-    distance, point = tree.query(predicted, distance_upper_bound=gate.max())
+    distance, point = search.tree.query(predicted, distance_upper_bound=gate.max())
     point = np.where(distance <= gate, point, -1)
     return _one_to_one(point, np.where(distance <= gate, distance / gate, np.inf))
 
