@@ -54,8 +54,8 @@ def runs_table() -> str:
         fit = fit_run(response * LEVELS + drift, SIGMA_M, run_columns(LEVELS, TIME_S, terms), terms)
         value, sigma = fit.value("response")
         slipped = find_slips(np.zeros((1, len(LEVELS))), SIGMA_M, run_columns(LEVELS, TIME_S, terms), QUANTUM_M)
-        told = [f"{100 * sigma / response:.3f} %", f"{signed(100 * (value / response - 1), 3)} %"]
-        rows.append([name, *told, f"{slipped.detectable[0]:.0f}"])
+        reported = [f"{100 * sigma / response:.3f} %", f"{signed(100 * (value / response - 1), 3)} %"]
+        rows.append([name, *reported, f"{slipped.detectable[0]:.0f}"])
     return table(["terms", "sigma of the response", "off by the drift", "fewest fringes that show"], rows)
 
 
@@ -69,8 +69,8 @@ def compliance_table() -> str:
         found = fitted(made_log(np.random.default_rng(1), pairs, sensor_compliance()))
         own, other = (compare(found, C) for C in (sensor_compliance(), with_eccentric_load()))
         sure = np.diag(found.sigma) / np.diag(sensor_compliance())
-        told = [f"{found.known.sum()} of 36", f"{100 * sure.min():.3f} to {100 * sure.max():.3f} %"]
-        rows.append([name, *told, _probability(own.p_value), _probability(other.p_value)])
+        reported = [f"{found.known.sum()} of 36", f"{100 * sure.min():.3f} to {100 * sure.max():.3f} %"]
+        rows.append([name, *reported, _probability(own.p_value), _probability(other.p_value)])
     heads = [
         "runs",
         "entries known",
@@ -141,8 +141,8 @@ def quality_table() -> str:
 
 def signed(value: float, digits: int) -> str:
     """A number with its sign; zero without."""
-    told = f"{value:+.{digits}f}"
-    return told if float(told) else told[1:]
+    reported = f"{value:+.{digits}f}"
+    return reported if float(reported) else reported[1:]
 
 
 def _probability(value: float) -> str:
@@ -196,8 +196,8 @@ def _jump(log: Log) -> list[str]:
     reading = log.reading.reshape(-1, len(LEVELS)).copy()
     reading[14, 12:] += 8e-6
     found = quality.jumps(reading, log.sigma.reshape(-1, len(LEVELS)), run_columns(LEVELS, TIME_S))
-    told = zip(found.where, found.onset, found.size, strict=True)
-    return ["; ".join(f"{run} from step {onset + 1}" for run, onset, _ in told), f"{1e6 * found.size[0]:.1f}"]
+    reported = zip(found.where, found.onset, found.size, strict=True)
+    return ["; ".join(f"{run} from step {onset + 1}" for run, onset, _ in reported), f"{1e6 * found.size[0]:.1f}"]
 
 
 def _noise() -> list[str]:

@@ -146,12 +146,12 @@ class Judged:
         """
         rows = [row for row in self.found if row.cause == "unexplained"]
         kinds = {effect.kind for effect in self.hidden}
-        told = frozenset[str]().union(*(row.follows for row in rows))
-        told -= frozenset[str]().union(*(effect.follows for effect in self.hidden))
+        reported = frozenset[str]().union(*(row.follows for row in rows))
+        reported -= frozenset[str]().union(*(effect.follows for effect in self.hidden))
         excused = {"time_s"} if "NobodyRecorded" in kinds else set()
         if "ForeignPoints" in kinds:
-            excused |= {column for column in told if column.startswith("rho")}
-        return told - excused
+            excused |= {column for column in reported if column.startswith("rho")}
+        return reported - excused
 
     @property
     def misnamed(self) -> list[str]:

@@ -66,7 +66,7 @@ def _truth(folder: Path) -> dict[str, object]:
 
 
 def test_an_effect_outside_the_catalogue_follows_columns_of_its_campaign(tmp_path: Path) -> None:
-    told = set()
+    reported = set()
     for number, name in enumerate(FOREIGN):
         folder = hide((name,), "scara", 20.0, 31 + number).write(tmp_path / str(number))
         truth = _truth(folder)
@@ -75,8 +75,8 @@ def test_an_effect_outside_the_catalogue_follows_columns_of_its_campaign(tmp_pat
         with (folder / "configurations.csv").open(encoding="utf-8", newline="") as stream:
             columns = next(csv.reader(stream))
         assert set(effect["follows"].split()) <= set(columns)
-        told.add((effect["kind"], len(effect["follows"].split())))
-    assert told == {("two-joints", 2), ("remanence", 1), ("slow-base", 1), ("heavy-tails", 0)}
+        reported.add((effect["kind"], len(effect["follows"].split())))
+    assert reported == {("two-joints", 2), ("remanence", 1), ("slow-base", 1), ("heavy-tails", 0)}
 
 
 def test_remanence_of_a_joint_is_orthogonal_to_gain_and_backlash() -> None:

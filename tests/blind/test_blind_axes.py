@@ -174,8 +174,8 @@ def test_effects_outside_the_catalogue_get_no_catalogued_name(unnamed: dict[str,
 
 def test_dependences_outside_the_catalogue_are_reported_as_nonparametric(unnamed: dict[str, list[Judged]]) -> None:
     whole = [one for course, own in unnamed.items() if course != SCATTER for one in own]
-    told = [one for one in whole if any(not own.cause.catalogued for own in one.found)]
-    assert len(told) >= fewest_of(len(whole), 0.9)
+    reported = [one for one in whole if any(not own.cause.catalogued for own in one.found)]
+    assert len(reported) >= fewest_of(len(whole), 0.9)
 
 
 def _drawn(draw: Callable[[np.random.Generator], tuple[AxisLayout, Hidden]], stream: int) -> list[Judged]:
@@ -215,14 +215,14 @@ def test_drifts_are_taken_for_encoders_that_part_with_the_path_no_more_often_tha
 
 def test_scatter_from_one_side_has_its_side_its_subject_and_its_size() -> None:
     found = _drawn(lambda rng: draw_scatter(6.0, rng), 27)
-    told = [(one, own) for one in found for own in one.decided.scatters if not own.doubt]
+    reported = [(one, own) for one in found for own in one.decided.scatters if not own.doubt]
     right = [
         (one, own)
-        for one, own in told
+        for one, own in reported
         if (own.candidate.cause.subject, own.candidate.cause.direction)
         == (one.campaign.hidden[0].subject, one.campaign.hidden[0].way)
     ]
-    assert len(right) == len(told)
+    assert len(right) == len(reported)
     assert len(right) >= fewest_of(PARTED, 0.75)
     pulls = [(own.size / SI[one.campaign.layout.kind] - one.campaign.hidden[0].size) for one, own in right]
     sizes = [own.sigma / SI[one.campaign.layout.kind] for one, own in right]

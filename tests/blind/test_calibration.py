@@ -214,8 +214,8 @@ def test_every_pose_and_every_requirement_is_reported(campaigns: list[Calibrated
         if one.legs < 6:
             continue
         poses = set(one.tables["configurations"]["pose"])
-        told = one.tables["accuracy"].groupby(["model", "deformation"])["pose"].agg(set)
-        assert told[one.chosen] == poses, one.name
+        reported = one.tables["accuracy"].groupby(["model", "deformation"])["pose"].agg(set)
+        assert reported[one.chosen] == poses, one.name
         rows = one.tables["requirements"]
         assert dict(zip(rows["component"], rows["requirement"], strict=True)) == _asked(one), one.name
         assert (rows["lower"] <= rows["error"]).all(), one.name

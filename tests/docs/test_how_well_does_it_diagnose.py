@@ -64,11 +64,11 @@ def test_every_kept_campaign_is_there_once_and_drawn_as_reported(instrument: str
     numbers = [one.record["number"] for one in campaigns]
     assert sorted(numbers) == sorted(set(numbers))
     for one in campaigns[:: max(len(campaigns) // 20, 1)]:
-        told = drawn(one.record["number"], INSTRUMENTS[instrument].seed, instrument)
-        assert one.name == f"{told.group}-{told.number}"
-        assert one.record["truth"]["layout"] == told.layout
-        if told.group in ("one", "two"):
-            assert {effect.cause for effect in one.hidden} == set(told.names)
+        reported = drawn(one.record["number"], INSTRUMENTS[instrument].seed, instrument)
+        assert one.name == f"{reported.group}-{reported.number}"
+        assert one.record["truth"]["layout"] == reported.layout
+        if reported.group in ("one", "two"):
+            assert {effect.cause for effect in one.hidden} == set(reported.names)
 
 
 @pytest.mark.parametrize("instrument", INSTRUMENTS)

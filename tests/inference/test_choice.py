@@ -254,10 +254,10 @@ def _accepted(told: _Told) -> str | None:
 def test_the_kind_with_the_fewest_parameters_is_accepted_unless_another_is_three_times_as_probable(
     lead: float, expected: str
 ) -> None:
-    told = _Told({"few": 10.0, "many": 10.0 + lead})
-    for candidate in told.candidates:
+    reported = _Told({"few": 10.0, "many": 10.0 + lead})
+    for candidate in reported.candidates:
         candidate.signature = SimpleNamespace(parameters=1 if candidate.key == "few" else 6)
-    assert _accepted(told) == expected
+    assert _accepted(reported) == expected
 
 
 @pytest.mark.parametrize(("lead", "expected"), [(0.5, "name"), (2.0, "form"), (9.0, "form")])
@@ -284,8 +284,8 @@ def test_the_remainder_of_a_nonparametric_effect_gets_no_name(
 def test_beside_a_form_without_a_name_others_of_its_subject_come_first_and_a_small_name_is_none(
     other: str, small: tuple[str, ...], expected: str
 ) -> None:
-    told = _Told({"name": 9.0, other: 8.0}, (other,), (_cause("form of x", False),), small=small)
-    assert _accepted(told) == expected
+    reported = _Told({"name": 9.0, other: 8.0}, (other,), (_cause("form of x", False),), small=small)
+    assert _accepted(reported) == expected
 
 
 @pytest.mark.parametrize(("beside", "expected"), [(23.0, False), (28.0, True)])
@@ -323,8 +323,8 @@ def test_inputs_that_explain_nearly_as_well_are_reported_unless_they_hold_those_
         "form of leg2 by load": 5.0,
         "form of leg1 by load": 8.9,
     }
-    told = _Told(odds, tuple(odds), kinds=dict.fromkeys(odds, "unexplained"))
-    choice = choose(cast("Round", told), set(), LEVEL)
+    reported = _Told(odds, tuple(odds), kinds=dict.fromkeys(odds, "unexplained"))
+    choice = choose(cast("Round", reported), set(), LEVEL)
     assert choice is not None
     assert choice.subjects == ()
     ((inputs, against),) = choice.inputs

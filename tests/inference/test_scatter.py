@@ -91,8 +91,10 @@ def _estimated(rng: np.random.Generator, own: NDArray, size: float) -> tuple[flo
     mixing = rng.normal(size=(INPUTS, INPUTS)) / 2 + np.eye(INPUTS)
     noise, wide = NOISE**2 * mixing @ mixing.T, np.where(own, np.sqrt(1.0 + size**2), 1.0)
     seen = wide * rng.normal(size=own.shape) + rng.multivariate_normal(np.zeros(INPUTS), noise, EPOCHS)
-    told = np.linalg.inv(wide[..., None] ** 2 * np.eye(INPUTS) + noise)
-    residuals = InputResiduals(wide * np.einsum("bij,bj->bi", told, seen), wide[:, :, None] * told * wide[:, None])
+    reported = np.linalg.inv(wide[..., None] ** 2 * np.eye(INPUTS) + noise)
+    residuals = InputResiduals(
+        wide * np.einsum("bij,bj->bi", reported, seen), wide[:, :, None] * reported * wide[:, None]
+    )
     factor, share = residuals.factor(own)
     square = (1.0 + size**2) * factor**2
     found = max(square - 1.0, 0.0) ** 0.5

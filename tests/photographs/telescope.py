@@ -169,8 +169,8 @@ def _image_targets(session: Session) -> Iterator[str]:
 
 def _truth(session: Session, chosen: list[int]) -> dict[str, object]:
     campaign = session.campaign
-    told = truth_record(campaign, SEED)
-    poses = told["poses"]
+    reported = truth_record(campaign, SEED)
+    poses = reported["poses"]
     assert isinstance(poses, list)
     photographs = []
     for n in chosen:
@@ -185,7 +185,7 @@ def _truth(session: Session, chosen: list[int]) -> dict[str, object]:
                     "pixels": pixels[s].round(4).tolist(),
                 }
             )
-    return told | {
+    return reported | {
         "poses": [poses[n] for n in chosen],
         "camera": lens_record(session.lens),
         "bars": [{"bar": bar.name, "true_mm": bar.length_mm} for bar in BARS],

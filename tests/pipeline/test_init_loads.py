@@ -81,8 +81,8 @@ def test_load_steps_without_any_signal_are_counted_by_check_and_qa(tmp_path: Pat
     row = qa.loc["steps-without-signals"]
     assert (row["value"], row["verdict"]) == (len(LOADS), "warn")
     assert_says(row["message"], f"{len(LOADS)} of {2 * len(LOADS)} load steps", "no signal")
-    told = check_campaign(open_campaign(folder)).attention
-    assert_says(told, f"{len(LOADS)} of {2 * len(LOADS)} load steps have no signal")
+    reported = check_campaign(open_campaign(folder)).attention
+    assert_says(reported, f"{len(LOADS)} of {2 * len(LOADS)} load steps have no signal")
 
 
 def test_load_steps_that_all_have_signals_pass(tmp_path: Path) -> None:

@@ -61,6 +61,6 @@ def test_rigs_and_frames_of_a_model_are_no_points(tmp_path, ending, capsys):
     (tmp_path / "images.bin").write_bytes(binary()["images"])
     (tmp_path / "points3D.bin").write_bytes(binary()["points3D"])
     assert set(proposed(tmp_path)) == {"image_points"}
-    said = capsys.readouterr().out
-    assert f"frames.{ending}: no table" in said
-    assert_says(said, "points3D.bin", "not read", "rays", "same folder")
+    output = capsys.readouterr().out
+    assert f"frames.{ending}: no table" in output
+    assert_says(output, "points3D.bin", "not read", "rays", "same folder")

@@ -304,8 +304,8 @@ def test_calibrate_speaks_of_the_extended_model_too(run_once: Any) -> None:
     for name in ("calibration", "correlations", "accuracy", "model_choice", "requirements"):
         models = pq.read_table(folder / f"{name}.parquet", columns=["model"])["model"].to_pylist()
         assert "extended" in models, name
-    told = pq.read_table(folder / "accuracy.parquet").filter(pc.field("model") == "extended")
-    assert sorted(told["pose"].to_pylist()) == [*range(7), 41, 42]
+    reported = pq.read_table(folder / "accuracy.parquet").filter(pc.field("model") == "extended")
+    assert sorted(reported["pose"].to_pylist()) == [*range(7), 41, 42]
 
 
 def test_predict_writes_csv_on_stdout_and_to_a_file(run_once: Any, tmp_path: Path) -> None:

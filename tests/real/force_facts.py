@@ -134,8 +134,10 @@ def stewart(tables: Tables) -> dict[str, Any]:
     lines = line_of_action(np.array(means[:3]), np.array(covs[:3]))
     merit = tables["sensor_merit"]
     merit = merit[(merit["matrix"] == "G") & (merit["figure"] == "condition")]
-    told = tables["diagnosis"]
-    row = told[(told["cause"] == "load-eccentricity") & told["verdict"].isin(["found", "suspected"])].iloc[0]
+    reported = tables["diagnosis"]
+    row = reported[(reported["cause"] == "load-eccentricity") & reported["verdict"].isin(["found", "suspected"])].iloc[
+        0
+    ]
     eccentric = {"subject": row["subject"], **json.loads(row["parameters"])}
     offset = np.array([eccentric[f"offset_{axis}"]["value"] for axis in "xyz"])
     forces = np.array([loads[run == axis].mean(0) for axis in list(PUBLISHED)[:3]])

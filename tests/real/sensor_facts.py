@@ -33,10 +33,10 @@ def six_axis_tables(data: Path) -> dict[str, LoadTable]:
     folder, found = data / "fareke-loadcells", {}
     for number, name in enumerate(("", "_1", "_2"), 1):
         raw = pd.read_csv(folder / f"six_axis_calibrationReadings{name}.csv").dropna(how="all")
-        told = raw.notna().all(axis=1).to_numpy()
+        reported = raw.notna().all(axis=1).to_numpy()
         case = np.arange(len(raw)) // 10
-        values = raw.to_numpy(float)[told]
-        found[f"file {number}"] = load_table(values[:, :6], values[:, 6:], case[told]).named(FORCES)
+        values = raw.to_numpy(float)[reported]
+        found[f"file {number}"] = load_table(values[:, :6], values[:, 6:], case[reported]).named(FORCES)
     return found
 
 

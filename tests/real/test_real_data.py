@@ -85,9 +85,9 @@ def test_a_bundle_in_inches_is_named(real_data, tmp_path):
     (campaign / "campaign.toml").write_text(re.sub(r"(?m)^units = .*$", "", text), encoding="utf-8")
     options = RunOptions(StageSelection(only="qa"), accept_failed_checks=True)
     run_campaign(usable_campaign(campaign), tmp_path / "run", options, RunConsole(quiet=True))
-    told = pd.read_parquet(tmp_path / "run" / "qa.parquet").set_index("check")["message"]["points-among-poses"]
-    assert "20250402_Set_10" in told
-    assert "25.4" in told
+    reported = pd.read_parquet(tmp_path / "run" / "qa.parquet").set_index("check")["message"]["points-among-poses"]
+    assert "20250402_Set_10" in reported
+    assert "25.4" in reported
 
 
 def test_bundles_of_one_day_agree_to_a_tenth_of_a_millimetre(facts):

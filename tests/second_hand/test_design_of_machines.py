@@ -104,7 +104,7 @@ def test_the_inverse_jacobian_is_the_slope_of_the_legs_lengths(tmp_path: Path) -
         "--out",
         tmp_path / "f.csv",
     )
-    told = pd.read_csv(tmp_path / "f-jacobian.csv").drop(columns="leg").to_numpy()
+    reported = pd.read_csv(tmp_path / "f-jacobian.csv").drop(columns="leg").to_numpy()
     p, R = rigid_pose(machine, machine.reading)
     own = []
     for k in range(6):
@@ -120,15 +120,15 @@ def test_the_inverse_jacobian_is_the_slope_of_the_legs_lengths(tmp_path: Path) -
         ]
         own.append((ends[0] - ends[1]) / (2 * step))
     unit = np.array([1.0] * 3 + [1e3 * np.pi / 180] * 3)  # m per rad as mm per degree
-    np.testing.assert_allclose(told, np.stack(own, 1) * unit, atol=1e-7)
+    np.testing.assert_allclose(reported, np.stack(own, 1) * unit, atol=1e-7)
 
 
 def test_the_share_of_a_leg_is_what_its_error_alone_does(accuracy: tuple[pd.DataFrame, pd.DataFrame]) -> None:
     machine, (worst, legs) = design(), accuracy
     for name in PARTS:
         own = _sizes(_errors(machine, *_place(worst.loc[name], machine), np.diag(OFF)))[name]
-        told = legs[legs["quantity"] == name].sort_values("leg")["share"].to_numpy()
-        np.testing.assert_allclose(told, own / own.sum(), atol=1e-4)
+        reported = legs[legs["quantity"] == name].sort_values("leg")["share"].to_numpy()
+        np.testing.assert_allclose(reported, own / own.sum(), atol=1e-4)
 
 
 def _solutions(machine: Hexapod, reading: np.ndarray, box: np.ndarray, starts: int) -> np.ndarray:

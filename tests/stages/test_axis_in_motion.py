@@ -97,8 +97,8 @@ def test_a_lag_is_named_with_its_size_beside_lost_motion() -> None:
 
 def test_at_one_speed_a_lag_and_lost_motion_are_not_distinguished() -> None:
     diagnosis = _diagnosed((15.0, 15.0), LAG_S, 0.0)
-    told = {**_of_verdict(diagnosis, "found"), **_of_verdict(diagnosis, "indistinguishable")}
-    assert {"reading-lag", "lost-motion"} <= set(told)
+    reported = {**_of_verdict(diagnosis, "found"), **_of_verdict(diagnosis, "indistinguishable")}
+    assert {"reading-lag", "lost-motion"} <= set(reported)
     assert _of_verdict(diagnosis, "indistinguishable")
 
 

@@ -102,8 +102,8 @@ def test_an_ignored_cause_has_no_row_and_no_effect(tables) -> None:
 def test_a_cause_that_was_not_found_or_changes_no_load_is_reported_and_not_applied() -> None:
     settings = _bench(apply=["load-eccentricity", "creep"], ignore=[CAUSE])
     found = pa.table({"cause": ["creep", "hysteresis"], "verdict": ["found", "found"]})
-    told = choices_table(settings, found, lambda cause: cause.id != "creep")
-    assert told.column("outcome").to_pylist() == ["not found", "no effect", "ignored"]
+    reported = choices_table(settings, found, lambda cause: cause.id != "creep")
+    assert reported.column("outcome").to_pylist() == ["not found", "no effect", "ignored"]
     assert choices_table(_bench(), found) is None
     assert choices_table(settings, found.slice(0, 0)).column("outcome").to_pylist()[:2] == ["not found", "not found"]
 

@@ -169,8 +169,8 @@ def test_a_diagnosis_counts_as_found_named_and_placed(
     rows: list[tuple[str, str, str]], expected: tuple[bool, ...]
 ) -> None:
     hidden = Trial(0, 1.0, (replace(_question(50.0).kind, causes=(GAIN,), weights=np.ones(1)).draw(1.0, 6, RNG),), (1,))
-    told = trial_answer(hidden, [dict(zip(("cause", "verdict", "subject"), row, strict=True)) for row in rows])
-    assert (told.found, told.named, told.subject_right) == expected
+    reported = trial_answer(hidden, [dict(zip(("cause", "verdict", "subject"), row, strict=True)) for row in rows])
+    assert (reported.found, reported.named, reported.subject_right) == expected
 
 
 RNG = np.random.default_rng(0)

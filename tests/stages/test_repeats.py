@@ -97,9 +97,9 @@ def test_an_attachment_without_targets_tells_nothing_and_warns_of_nothing(line):
         few = {name: line[name].filter(pc.is_in(line[name].column("leg"), pa.array(others))) for name in names}
         repeats, fits = stage_of({**line, **few})
         assert "leg 3" not in {*repeats["subject"], *fits["subject"]}
-        told = fits[fits["contender"] == "matrix"].set_index("subject")["p_value"]
-        assert {f"leg {leg}" for leg in others} <= set(told.index)
-        assert (told > RARE).all()
+        reported = fits[fits["contender"] == "matrix"].set_index("subject")["p_value"]
+        assert {f"leg {leg}" for leg in others} <= set(reported.index)
+        assert (reported > RARE).all()
 
 
 def test_repeats_are_known_by_their_readings_where_no_column_says_so(line):

@@ -75,20 +75,20 @@ def test_the_pose_that_repeats_worse_is_named_for_the_body_and_for_the_single_re
 
 def test_every_pose_has_its_own_figures_with_an_interval(uneven):
     rows = uneven.tables["pose_repeatability"].to_pylist()
-    told = {(row["subject"], row["pose"], row["figure"]): row for row in rows}
+    reported = {(row["subject"], row["pose"], row["figure"]): row for row in rows}
     assert {row["attained"] for row in rows} == {REPEATS}
     for k in range(GROUPS):
         for subject in ("tool", "ball ball0"):
-            sigma, rp = told[subject, f"p{k}", "sigma"], told[subject, f"p{k}", "RP"]
+            sigma, rp = reported[subject, f"p{k}", "sigma"], reported[subject, f"p{k}", "RP"]
             assert sigma["low"] < sigma["value"] < sigma["high"]
             assert rp["low"] < rp["value"] < rp["high"]
             own = 300.0 if k == WORST else 10.0
             assert_between(sigma["value"], 0.7 * own, 2.0 * own)
-        assert ("tool", f"p{k}", "RP_a") in told
+        assert ("tool", f"p{k}", "RP_a") in reported
         # the tool turns far from pose to pose, and by two arc seconds between repeats
-        assert told["tool", f"p{k}", "RP_b"]["value"] < 60.0
-    assert ("ball ball0", "p0", "RP_a") not in told
-    wide, narrow = told["tool", f"p{WORST}", "RP"]["value"], told["tool", "p0", "RP"]["value"]
+        assert reported["tool", f"p{k}", "RP_b"]["value"] < 60.0
+    assert ("ball ball0", "p0", "RP_a") not in reported
+    wide, narrow = reported["tool", f"p{WORST}", "RP"]["value"], reported["tool", "p0", "RP"]["value"]
     assert_between(wide / narrow, 10.0, 60.0)
 
 

@@ -230,9 +230,9 @@ def test_an_invalid_second_campaign_is_a_fault_before_the_run(tmp_path: Path, na
         check_campaign(open_campaign(first))
     assert said in str(caught.value)
     for command in (("run", str(first), "--out", str(tmp_path / "run")), ("check", str(first))):
-        code, told = _truing(*command)
+        code, reported = _truing(*command)
         assert code == 2
-        assert said in " ".join(told.split())
+        assert said in " ".join(reported.split())
     assert not (tmp_path / "run" / "poses.parquet").exists()
 
 

@@ -64,8 +64,8 @@ def test_an_effect_of_one_block_is_reported_as_such() -> None:
 
 
 def test_the_gain_on_left_out_blocks_is_shown_only_where_a_run_has_it() -> None:
-    told = row("actuator-gain", left_out_by="region", left_out_blocks=4, left_out_gain=30.0)
-    assert_says(part_of("gain", diagnosis_tables(rows(told))).lead, "regions", "sensitive", "left out", "in turn")
+    reported = row("actuator-gain", left_out_by="region", left_out_blocks=4, left_out_gain=30.0)
+    assert_says(part_of("gain", diagnosis_tables(rows(reported))).lead, "regions", "sensitive", "left out", "in turn")
     assert not says(part_of("gain", diagnosis_tables(rows(row("actuator-gain")))).lead, "left out", "in turn")
     assert said() == []
 

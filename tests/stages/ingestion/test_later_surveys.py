@@ -62,10 +62,10 @@ def test_a_moved_target_is_another_one_from_then_on(folder):
     assert [row["target"] for row in survey if row["target"].startswith("P2")] == ["P2", "P2@after"]
     assert_close([survey[-1][f"{a}_mm"] for a in "xyz"], PLACES["platform"][2] + [0.8, 0.0, -0.3], atol=2e-4)
     assert all(0.005 < survey[-1][f"sigma_{a}_mm"] < 0.02 for a in "xyz")
-    told = {row["target"]: row for row in tables["resurveys"].to_pylist()}
+    reported = {row["target"]: row for row in tables["resurveys"].to_pylist()}
     assert not ARTIFACTS["resurveys"].faults(tables["resurveys"])
-    assert [name for name, row in told.items() if row["relocated"]] == ["P2"]
-    assert told["P2"]["holds_as"] == "P2@after"
+    assert [name for name, row in reported.items() if row["relocated"]] == ["P2"]
+    assert reported["P2"]["holds_as"] == "P2@after"
     assert tables["relabelled"].column("reason").to_pylist() == ["Ann: fell off"]
     assert tables["relabelled"].column("rows").to_pylist() == [2]
 

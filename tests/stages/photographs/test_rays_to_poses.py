@@ -141,8 +141,8 @@ def test_ends_of_bars_are_no_targets_and_what_is_left_out_is_counted(adjusted: A
 
 def test_parameters_common_to_all_poses_have_sensitivities(adjusted: Any) -> None:
     _, _, tables = adjusted
-    told = set(tables["pose_sensitivities"].column("parameter").to_pylist())
-    assert {"camera c", "bar S", "bar T"} <= told
+    reported = set(tables["pose_sensitivities"].column("parameter").to_pylist())
+    assert {"camera c", "bar S", "bar T"} <= reported
     bar = tables["scale_bar_lengths"].to_pandas()
     assert (bar["deviation_mm"].abs() < 4.0 * bar["deviation_sigma_mm"]).all()
 
@@ -189,8 +189,8 @@ def test_reference_lengths_tell_errors_of_length(tmp_path: Path) -> None:
     place = header.split(",").index("length_mm")
     length = float(fields[place])
     fields[place] = f"{length / (1 + 300e-6):.6f}"  # what is measured is 300 um/m too long against it
-    told = [f"{header},serves", f"{first},scale", f"{','.join(fields)},check"]
-    bars.write_text("\n".join(told) + "\n", encoding="utf-8")
+    reported = [f"{header},serves", f"{first},scale", f"{','.join(fields)},check"]
+    bars.write_text("\n".join(reported) + "\n", encoding="utf-8")
     tables = run_line(tmp_path / "lengths", "images", "bundle", "ingest", "qa")[0]
     (row,) = [row for row in tables["qa"].to_pylist() if row["check"] == "length-errors"]
     assert row["verdict"] == "warn"

@@ -96,12 +96,12 @@ def test_whole_runs_are_held_out_and_the_printed_formula_is_judged_with_the_othe
 
 def test_error_classes_of_a_good_sensor_stay_within_what_noise_does(six):
     classes = six.frame("error_classes")
-    told = classes.dropna(subset=["value"])
-    assert set(told["error_class"]) == {
+    reported = classes.dropna(subset=["value"])
+    assert set(reported["error_class"]) == {
         *("nonlinearity", "interpolation", "hysteresis", "repeatability", "zero return", "crosstalk")
     }
     # loads are uncertain to 3 N of 10 kN beside the signals' noise; one in twenty exceeds its limit
-    assert (told["value"] > 1.5 * told["limit"]).mean() < 0.1
+    assert (reported["value"] > 1.5 * reported["limit"]).mean() < 0.1
     creep = classes[classes["error_class"] == "creep"]
     assert len(creep) == 6
     assert creep["reason"].str.contains("no load was held").all()
@@ -262,10 +262,10 @@ def test_loads_are_taken_as_recorded_unless_a_finding_is_applied(tmp_path):
     for name in ("sensor_choice", "error_classes", "sensor_merit"):
         assert recorded.artifacts[name].equals(undiagnosed.artifacts[name])
     assert "calibrations_compared" not in undiagnosed.artifacts
-    told = [made.artifacts["calibrations_compared"].to_pandas() for made in (recorded, outcome)]
-    for table, main in zip(told, ("as recorded", "with findings"), strict=True):
+    reported = [made.artifacts["calibrations_compared"].to_pandas() for made in (recorded, outcome)]
+    for table, main in zip(reported, ("as recorded", "with findings"), strict=True):
         assert table.loc[table["is_main"], "data"].unique().tolist() == [main]
         assert table.loc[table["data"] == "with findings", "findings"].unique() == ["load-eccentricity of load fz"]
     order = ["data", "quantity", "tested_on"]
-    first, second = (table.sort_values(order).reset_index(drop=True) for table in told)
+    first, second = (table.sort_values(order).reset_index(drop=True) for table in reported)
     pd.testing.assert_frame_equal(first.drop(columns="is_main"), second.drop(columns="is_main"))

@@ -109,5 +109,5 @@ def _hidden(bench: Bench) -> list[Effect]:
 
 def write_robot(folder: Path) -> Path:
     """Writes the sample campaign into ``folder``; the same bytes every time."""
-    told = certificate_lines("robot, simulated", "laser tracker, simulated", "2026-11-23", "2026-11-23")
-    return write(robot_campaign(), folder, "robot", told)
+    reported = certificate_lines("robot, simulated", "laser tracker, simulated", "2026-11-23", "2026-11-23")
+    return write(robot_campaign(), folder, "robot", reported)
