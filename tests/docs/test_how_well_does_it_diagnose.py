@@ -14,7 +14,7 @@ from benchmarks.blind import CYCLE, drawn
 from benchmarks.blind_figures import theory
 from benchmarks.blind_instruments import INSTRUMENTS
 from tests.blind import rates
-from tests.blind.judging import Judged
+from tests.blind.judging import Assessed
 from tests.docs.shown import shown
 from tests.tolerance import assert_between, assert_close
 
@@ -95,7 +95,7 @@ def test_theory_is_that_of_the_design() -> None:
 
 def judged_campaign(
     hidden: list[dict[str, Any]], findings: list[tuple[str, str, str, str]], strength: float = 7.0
-) -> Judged:
+) -> Assessed:
     """A campaign with effects (as the truth has them) and rows (cause, verdict, subject, follows)."""
     figures = dict.fromkeys(
         ("rms_before", "rms_after", "heldout_rms_before", "heldout_rms_after", "noise_floor", "log_evidence")
@@ -105,7 +105,7 @@ def judged_campaign(
         for cause, verdict, subject, follows in findings
     ]
     truth = {"effects": hidden, "strengths": [strength] * len(hidden), "legs": 6, "layout": "few"}
-    return Judged({"name": "made", "truth": truth, "findings": rows, "pull_sums": [], "seconds": 1.0})
+    return Assessed({"name": "made", "truth": truth, "findings": rows, "pull_sums": [], "seconds": 1.0})
 
 
 GAIN = {"cause": "actuator-gain", "subject": "leg2", "parameters": {"gain_2": {"value": 0.01, "unit": "1"}}}

@@ -33,7 +33,7 @@ from tests.photographs.ray_folder import bar_rows, lens_record, write_machine_ta
 from tests.photographs.rays import BARS, exact_campaign, normals
 from tests.photographs.sensor import Grey, Sensor, save
 from tests.photographs.stations import Round, stand_round
-from tests.photographs.telescope_scene import DOT_MM, FAMILY, Standing, code_of, telescope_scene
+from tests.photographs.telescope_scene import DOT_MM, FAMILY, PosedTelescope, code_of, telescope_scene
 
 SEED = 46
 SAMPLE_POSES = (0, 1, 2)
@@ -101,8 +101,8 @@ class Session:
         """One photograph, the same one every time."""
         round_ = self.view(n)
         view = View(round_.turn[station], round_.centre[station])
-        standing = Standing(self.campaign, self.names, self.points[n], self.normals[n], n)
-        light = radiance(self.lens, view, telescope_scene(standing), self.sensor.blur_px)
+        posed = PosedTelescope(self.campaign, self.names, self.points[n], self.normals[n], n)
+        light = radiance(self.lens, view, telescope_scene(posed), self.sensor.blur_px)
         return self.sensor.expose(light, self.lens, np.random.default_rng([SEED, 3, n, station]))
 
     def true_pixels(self, n: int) -> Array:
