@@ -17,7 +17,7 @@ MATRIX = "platform-deformation-matrix"
 UNSIZED = ("targets-swapped", "rows-exchanged", "joints-exchanged")
 EDGES = (2.4, 3.6, 4.5, 5.2, 6.0, 7.0, 8.7, 11.0, 14.0, 18.5)
 MATRIX_EDGES = (3.4, 6.0, 7.5, 8.7, 11.0, 15.0, 26.5)
-CANDIDATES, LEVEL = 2000, 0.03  # what one parameter must stand against, as the theory beside the curve has it
+CANDIDATES, LEVEL = 2000, 0.03  # what one parameter must stand against, as the theory next to the curve has it
 COLOURS = {"named": "#0072b2", "found": "#e69f00", "missed": "#d55e00"}
 
 

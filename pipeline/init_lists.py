@@ -33,7 +33,7 @@ def with_numbered_poses(folder: Path, files: Sequence[_File], robot: Robot | Non
     logs = [(group, guess) for group, guess in files if guess.table == "configurations"]
     lists = [guess for _, guess in files if guess.table in ("points", "targets")]
     if len(logs) != 1 or len(lists) != 1 or any(guess.table == "poses" for _, guess in files):
-        return list(files)  # beside points, a numbered list is a survey
+        return list(files)  # next to points, a numbered list is a survey
     log = _log(folder, *logs[0])
     body = _moved_body(logs[0][1], robot)
     return [(group, _read_as_poses(folder, group, guess, log, body)) for group, guess in files]

@@ -1,4 +1,4 @@
-"""A list of measured places beside a longer log of a robot, for `truing init`: the rows of the log at the times of the
+"""A list of measured places next to a longer log of a robot, for `truing init`: the rows of the log at the times of the
 list are its poses, where the robot stands still."""
 
 from __future__ import annotations

@@ -1,4 +1,4 @@
-"""A survey whose targets have words before the numbers of the measured ones, for `truing init`: B101 beside 101."""
+"""A survey whose targets have words before the numbers of the measured ones, for `truing init`: B101 next to 101."""
 
 from __future__ import annotations
 

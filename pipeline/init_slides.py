@@ -1,4 +1,4 @@
-"""Positions of linear axes in a log beside measured points, for `truing init`: a gantry moves points as its axes."""
+"""Positions of linear axes in a log next to measured points, for `truing init`: a gantry moves points as its axes."""
 
 from __future__ import annotations
 

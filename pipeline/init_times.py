@@ -1,4 +1,4 @@
-"""Measured poses beside a log with another number of rows, for `truing init`: times tell which rows belong together."""
+"""Measured poses joined by time to a log with another number of rows, for `truing init`."""
 
 from __future__ import annotations
 

@@ -2,7 +2,7 @@
 
 truing run sample_data/telescope && python -m docs.experiments.report_picture runs/telescope/report.html
 
-What the picture shows is written beside it, so that a test tells when the page says something else.
+What the picture shows is written next to it, so that a test tells when the page says something else.
 """
 
 from __future__ import annotations

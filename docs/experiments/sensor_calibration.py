@@ -207,7 +207,7 @@ CONTENDERS = {
     "with zero and temperature": replace(FORWARD, zero="common", drift=True),
     "with zero and squares": replace(FORWARD, zero="common", powers="squares"),
 }
-# What is in the signals beside the linear part: a zero, mV; drift, mV/K at +-3 K; bend, mV at full load.
+# What is in the signals next to the linear part: a zero, mV; drift, mV/K at +-3 K; bend, mV at full load.
 TRUTHS: dict[str, tuple[float, float, float]] = {
     "nothing but the linear part": (0.0, 0.0, 0.0),
     "a zero of 0.1 mV": (0.1, 0.0, 0.0),

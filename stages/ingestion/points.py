@@ -245,7 +245,7 @@ class Points:
         for pose, count in self.unlabelled.too_many.items():
             text = f"at most {MOST_POINTS} points without names in a pose; a surface scanned densely is the table scans"
             self.log.add(Fault(file, text, value=f"{count} in pose {pose}"))
-        # in photographs, screws and holes are circles as well: beside targets with names they are only left out
+        # in photographs, screws and holes are circles as well: next to targets with names they are only left out
         bodies_by_codes = self._with_own_names if self.source.has_photographs else set()
         for body, why in self.unlabelled.unnamed_bodies().items():
             if body in bodies_by_codes:

@@ -78,9 +78,9 @@ _DISTANCES = "distances"
 _OF_FRAMES = ("poses-determined", "geometry", "geometry-line", "geometry-plane", "geometry-leverage")
 _FEWEST = 3
 _MM = 1e-3
-# Slips whose misfit is at most so many times that of the best explain the data as well.
+# Slips whose misfit is at most this many times that of the best explain the data as well.
 _AS_LIKELY = 2.0
-# Another link that leaves so small a share of the spread is told before slips of single columns are tried.
+# Another link that leaves this share of the spread is told before slips of single columns are tried.
 _SURE = 0.002
 
 
@@ -240,7 +240,7 @@ def joints_against_distances(tables: Mapping[str, pa.Table], settings: Campaign)
     usable = _usable(tree, table, measured)
     if usable.sum() < FEWEST_POSES:
         return _not_tested("no-poses", _DISTANCES)
-    # The ground, which stands beside the chain, is no row of its description.
+    # The ground, which stands next to the chain, is no row of its description.
     compared = _compared(
         tree,
         table,

@@ -26,7 +26,7 @@ FEWEST_POSES = 8
 """Fewest poses whose readings are compared with measured links."""
 _MOST_PERMUTED = 4  # targets of a link whose names are tried in every order
 _EXPLAINED = 0.2  # of the misfit: what a slip in one number may leave
-# Poses that miss by so many times the median are left out, if at least so large a share remains.
+# Poses that miss by this many times the median are left out, if at least this share remains.
 _FAR, _MOST = 5.0, 0.9
 
 
@@ -233,7 +233,7 @@ def slips_of_numbers(compared: ComparedChain) -> list[WholeSlip]:
 
 
 def without_lone_errors(start: StartValues, usable: Mask) -> Mask:
-    """Mask (B,) of the usable poses without a few that miss by far more than most, such as those of a wrong target."""
+    """Mask (B,) of the usable poses without a few that miss clearly more than most, such as those of a wrong target."""
     size = np.sqrt(np.nanmean(np.sum(start.errors**2, -1), axis=1))
     usual = size <= _FAR * float(np.median(size))
     if usual.mean() < _MOST:

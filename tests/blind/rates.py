@@ -86,7 +86,7 @@ def alarms(campaigns: Sequence[Assessed]) -> Count:
 
 
 def invented(campaigns: Sequence[Assessed]) -> Count:
-    """Campaigns in which more is found beside all that was hidden."""
+    """Campaigns in which more is found next to all that was hidden."""
     right = [campaign for campaign in campaigns if campaign.hidden and not campaign.missed and not _strange(campaign)]
     return _count(right, lambda one: bool(one.invented), summary)
 

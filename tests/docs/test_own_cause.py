@@ -70,7 +70,7 @@ def campaign(tmp_path_factory: pytest.TempPathFactory) -> Path:
 
 @pytest.fixture(scope="module")
 def installed(tmp_path_factory: pytest.TempPathFactory) -> Any:
-    """The package of the page, built and put beside truing by pip, and gone again afterwards."""
+    """The package of the page, built and put next to truing by pip, and gone again afterwards."""
     source, target = tmp_path_factory.mktemp("source"), tmp_path_factory.mktemp("site")
     (source / "leg_swelling.py").write_text(CODE, encoding="utf-8")
     (source / "pyproject.toml").write_text(PACKAGE, encoding="utf-8")

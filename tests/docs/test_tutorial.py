@@ -31,7 +31,7 @@ def skeletons(text: str) -> list[str]:
 
 @pytest.fixture
 def place(workplace: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
-    """Step 1 in a folder beside the sample, cut short."""
+    """Step 1 in a folder next to the sample, cut short."""
     (tmp_path / "sample_data").symlink_to(workplace / "sample_data")
     monkeypatch.chdir(tmp_path)
     (program,) = blocks("python")

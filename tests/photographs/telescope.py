@@ -114,7 +114,7 @@ class Session:
 
 
 def write_campaign(folder: Path, poses: tuple[int, ...] | None = None, workers: int = 1) -> Path:
-    """Fills ``folder`` (made where missing) with poses by id (None: all) and writes the truth beside it."""
+    """Fills ``folder`` (made where missing) with poses by id (None: all) and writes the truth next to it."""
     session = Session()
     write_tables(session, folder, poses)
     chosen = _numbers(session, poses)
@@ -196,7 +196,7 @@ def _truth(session: Session, chosen: list[int]) -> dict[str, object]:
 
 
 def main() -> None:
-    """Writes the campaign with its photographs into a folder, and the truth beside it."""
+    """Writes the campaign with its photographs into a folder, and the truth next to it."""
     parser = argparse.ArgumentParser(prog="python -m tests.photographs.telescope", description=main.__doc__)
     parser.add_argument("folder", type=Path)
     parser.add_argument("--poses", type=int, nargs="+", help="these poses alone, by id (else all 47)")

@@ -49,7 +49,7 @@ def test_the_truth_says_where_every_centre_is() -> None:
     reported = {(one["pose"], one["station"]): np.array(one["pixels"]) for one in truth["photographs"]}
     assert len(reported) == len(SAMPLE_POSES) * session.stations.count
     assert np.abs(reported[(2, 3)] - session.true_pixels(2)[2]).max() < 1e-4
-    # A dot is light where its centre is said to be, its sticker dark beside it.
+    # A dot is light where its centre is said to be, its sticker dark next to it.
     inside = [k for k, (x, y) in enumerate(reported[(2, 3)]) if 30 < x < 1570 and 30 < y < 1170]
     with Image.open(SAMPLE / "images" / "2" / "02-03.jpg") as image:
         grey = np.asarray(image)

@@ -119,7 +119,7 @@ def geometry(folder: Path, *, with_lengths: bool) -> None:
 
 
 def hexapod(folder: Path) -> None:
-    """Files of points, one for each pose, beside strokes of the legs; the platform moves along z."""
+    """Files of points, one for each pose, next to strokes of the legs; the platform moves along z."""
     names = [f"{body}_{number}" for body in ("base", "platform") for number in range(1, 5)]
     rest = RNG.uniform(-300.0, 300.0, (len(names), 3)).round(3)
     for pose in range(1, 7):

@@ -1,4 +1,4 @@
-"""`truing init` on folders of laboratories: labels exchanged, a flange beside the base, grad, a continuous log."""
+"""`truing init` on folders of laboratories: labels exchanged, a flange next to the base, grad, a continuous log."""
 
 from __future__ import annotations
 

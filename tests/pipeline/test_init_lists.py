@@ -18,7 +18,7 @@ JOINTS = RNG.uniform(-1.5, 1.5, (24, 3)).round(6)  # rad
 
 
 def log(folder: Path, first: int | None = None) -> None:
-    """A log of joints beside the robot's description; first: number of its first pose, None without numbers."""
+    """A log of joints next to the robot's description; first: number of its first pose, None without numbers."""
     (folder / "arm.urdf").write_text(URDF)
     head = "pan,lift,twist" if first is None else "pose,pan,lift,twist"
     rows = [",".join(map(str, row if first is None else (first + k, *row))) for k, row in enumerate(JOINTS)]

@@ -156,7 +156,7 @@ def pictures_campaign(folder: Path) -> None:
 
 
 def driven_campaign(folder: Path, kind: str) -> None:
-    """An axis sent to and fro, with two encoders and an instrument beside it."""
+    """An axis sent to and fro, with two encoders and an instrument next to it."""
     sweep = np.linspace(-80.0, 80.0, 10)
     noise = {"command": 1e-3, "motor": 3e-4, "load": 1e-3, "measured": 1e-3}
     channels, command = ("motor", "load", "measured"), np.concatenate([sweep, sweep[::-1]] * 2)

@@ -111,7 +111,7 @@ def _random_rows(signals: NDArray, loads: NDArray, model: CalibrationModel) -> l
 
 
 def stewart(tables: Tables) -> dict[str, Any]:
-    """The wrench of every run by the geometry, beside what was applied and published; where the forces passed."""
+    """The wrench of every run by the geometry, next to what was applied and published; where the forces passed."""
     matrix = tables["sensor_matrix"]
     own = matrix[(matrix["matrix"] == "G") & (matrix["model"] == "nominal")]
     G = own.pivot(index="row", columns="column_name", values="value").loc[list(LOADS)].to_numpy()

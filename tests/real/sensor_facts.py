@@ -79,7 +79,7 @@ def _rms(values: NDArray) -> NDArray:
 
 
 def three_axis(data: Path) -> dict[int, dict[str, Any]]:
-    """Three-axis cells: our residuals, gram, beside the authors' own, and those of their matrix taken the wrong way."""
+    """Three-axis cells: our residuals, gram, and the authors' own, and those of their matrix taken the wrong way."""
     facts = {}
     for cell in (1, 2, 3, 4):
         raw = pd.read_csv(data / "fareke-loadcells" / f"three_axis_cell{cell}.csv").to_numpy()[:15, :6].astype(float)

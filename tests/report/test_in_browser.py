@@ -282,7 +282,7 @@ def test_nothing_is_wider_than_a_phone_and_figures_are_laid_out_for_it(drawn):
     laid_out = "(plot) => plot.dataset.narrow === 'true' && plot._fullLayout.width === plot.clientWidth"
     assert drawn.becomes(f"{plots}.every({laid_out})")
     left = "({_fullLayout: whole}) => whole._subplots.xaxis.map((x) => whole[x.replace('x', 'xaxis')].domain[0])"
-    assert drawn.value(f"[...new Set({plots}.flatMap({left}))]") == [0]  # no panel stands beside another
+    assert drawn.value(f"[...new Set({plots}.flatMap({left}))]") == [0]  # no panel stands next to another
     wide = "[...document.querySelectorAll('.scroll')].filter((a) => a.scrollWidth > a.clientWidth)"
     assert drawn.value(f"{wide}.length") > 0
     assert drawn.becomes(f"{wide}.every((area) => area.tabIndex === 0 && area.ariaLabel)")

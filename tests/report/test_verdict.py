@@ -45,7 +45,7 @@ def checks(*told: tuple[str, str]) -> pd.DataFrame:
 
 
 def misfit(times: float, freedom: float = 300.0, p: float | None = None) -> dict[str, pd.DataFrame]:
-    """Tables of a calibration that misses what it was fitted to by so many times the noise, its requirements met."""
+    """Tables of a calibration that misses what it was fitted to by this many times the noise, its requirements met."""
     tables = calibration_tables(models=("6-pus", "beam"))
     choice = tables["model_choice"]
     own = choice["estimator"].eq("errors-in-variables")

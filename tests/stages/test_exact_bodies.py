@@ -26,7 +26,7 @@ def write(path: Path, rows: Sequence[Mapping[str, object]]) -> None:
 def campaign(
     folder: Path, targets: int = 4, poses: int = 8, sigma: float | None = None, survey: bool = True, noise: bool = True
 ) -> Path:
-    """A base whose points are the same in all poses, and a dish that rises with a drive beside it."""
+    """A base whose points are the same in all poses, and a dish that rises with a drive next to it."""
     rng = np.random.default_rng(1)
     bodies = {"base": rng.uniform(-300, 300, (targets, 3)), "dish": rng.uniform(-300, 300, (targets, 3))}
     reported = {} if sigma is None else dict.fromkeys(SIGMAS, sigma)

@@ -148,7 +148,7 @@ def test_repeats_that_were_seen_once_are_not_evaluated(tmp_path):
 
 
 def test_copies_of_the_scatter_agree_with_numpy(uneven):
-    """The ball's sigma is that of its coordinates seen from the base, whose own noise is small beside 0.3 mm."""
+    """The ball's sigma is that of its coordinates seen from the base, whose own noise is small next to 0.3 mm."""
     points = uneven.tables["observations"].to_pandas()
     own = points[(points["body"] == "ball") & points["pose"].str[1:].astype(int).mod(GROUPS).eq(WORST)]
     expected = 1e3 * np.sqrt(own[["x_mm", "y_mm", "z_mm"]].var().mean())

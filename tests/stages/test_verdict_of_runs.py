@@ -144,5 +144,5 @@ def test_an_undecided_requirement_holds_the_poses_that_decide_it_and_no_other_do
         assert x["p_value"] > 0.05 > max(y["p_value"], z["p_value"])
         assert x["lower"] < x["lower_expected"] < x["error"] < x["upper_expected"] <= x["requirement"] < x["upper"]
         further.append(x["measurements"])
-    # Beside further ones, poses that were fitted to count no more.
+    # Next to further ones, poses that were fitted to count no more.
     assert further[1] == further[0] + 20

@@ -74,7 +74,7 @@ _OUTSIDE = (
 _NUMBERED = re.compile(
     r"(axis|achse|channel|kanal|encoder|counter|z(ä|ae)hler)[ _]?\d([ _](position|pos|angle|winkel))?", re.I
 )
-# Numbers of rows, faces and scatter beside an instrument's reading: no condition on which an error may depend.
+# Numbers of rows, faces and scatter next to an instrument's reading: no condition on which an error may depend.
 _NO_CONDITION = re.compile(
     r"(face|facette|(poly(gon)?[ _]?)?fl(ä|ae)che|run|lauf|turn|umlauf|nr|no|#)"
     r"|(sd|std|sigma|stdev|streuung)([ _].*)?|direction|dir|(dreh)?(richtung|sinn)|approach|sens",
@@ -253,9 +253,9 @@ def _direction(cell: str) -> str | None:
 
 
 def axis_rows(names: Sequence[str], values: Array) -> tuple[Proposal, ...]:
-    """Return commands of a single axis beside its encoders and an outside instrument, as configurations.
+    """Return commands of a single axis next to its encoders and an outside instrument, as configurations.
 
-    Two proposals, in degrees and in millimetres, if no name gives a unit; lengths first beside a laser. None without
+    Two proposals, in degrees and in millimetres, if no name gives a unit; lengths first next to a laser. None without
     such columns.
     """
     kinds_given = {_kind(name) for name in names}
@@ -333,7 +333,7 @@ def is_over_angle(names: Sequence[str]) -> bool:
 
 
 def _of_autocollimator(names: Sequence[str], command: str, kind: str | None) -> str | None:
-    """Return X of an autocollimator, in a small unit of angle beside a command in degrees; None without one."""
+    """Return X of an autocollimator, in a small unit of angle next to a command in degrees; None without one."""
     small = [name for name in names if name != command and _kind(name) == kind and bare_and_unit(name)[1] in _SMALL]
     return next((name for name in small if bare_and_unit(name)[0].casefold() == "x"), None) if kind == "angle" else None
 

@@ -18,7 +18,7 @@ from truing.formats.units import bare_and_unit
 LINK = "tip"  # last link of rows of Denavit and Hartenberg
 _TARGET = "reflector"
 _OF_CONTROLLER = re.compile(r"tcp|flange|nominal|soll|command|cmd|target|goal|desired|planned|model|theo", re.I)
-_WITHIN_M = 10.0  # coordinates of an arm beside joints in rad: m if all are smaller
+_WITHIN_M = 10.0  # coordinates of an arm next to joints in rad: m if all are smaller
 _COORDINATES = ("x", "y", "z")
 _AXES = len(_COORDINATES)
 

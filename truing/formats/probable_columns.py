@@ -11,7 +11,7 @@ from truing.formats.units import bare_and_unit, expanded, may_be
 from truing.schemas.columns import find_column
 from truing.schemas.mapping import is_uncertainty
 
-_MEASURED = r"(meas(ured)?|actual|act|mess|gemessen|ist)"  # beside nominal coordinates
+_MEASURED = r"(meas(ured)?|actual|act|mess|gemessen|ist)"  # next to nominal coordinates
 _OF_MEASURED = rf"{_MEASURED}[ _.]?{{0}}|{{0}}[ _.]?{_MEASURED}"
 _SPREAD = r"(sigma|std|sd|prec(ision)?)"
 _EXPANDED = r"(u|u[ _]?\(?95\)?|[23][ _-]?(σ|sigma))"

@@ -284,7 +284,7 @@ def _is_sentence(text: str) -> bool:
 
 
 def _sniff_workbook(path: Path, joints: Sequence[str]) -> Guess:
-    """Return a proposal for the first sheet of a table and, beside it, of each other table; a note names the rest."""
+    """Return a proposal for the first sheet of a table and, next to it, of each other table; a note names the rest."""
     from truing.formats.workbook import first_rows, text_of
 
     try:

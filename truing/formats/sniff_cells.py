@@ -138,7 +138,7 @@ class _Surroundings:
     is_of_joints: bool
 
     def joints_of(self, columns: int) -> tuple[str, ...]:
-        """Return the names of the joints in so many columns without names: numbers if only the file's name tells."""
+        """Return the names of the joints in this many columns without names: numbers if only the file's name tells."""
         numbered = tuple(f"joint{number}" for number in range(1, columns + 1)) if self.is_of_joints else ()
         return self.joints or numbered
 
@@ -341,7 +341,7 @@ def _has_frames(names: Sequence[str]) -> bool:
 
 
 def _guess_markers(names: tuple[str, ...], mapping: MappingKeys) -> Guess | None:
-    """Return a proposal for markers of motion capture beside poses of rigid bodies; None without markers."""
+    """Return a proposal for markers of motion capture next to poses of rigid bodies; None without markers."""
     markers = [match["name"] for name in names if (match := _MARKER.fullmatch(name))]
     if len(markers) < _SEVERAL * _AXES or not any(name.startswith("Rigid Body.") for name in names):
         return None

@@ -108,7 +108,7 @@ def draw(layout: Layout, hidden: tuple[Hidden, ...], rng: np.random.Generator) -
 
 
 def write(drawn: Drawn, folder: Path, rng: np.random.Generator) -> Path:
-    """Writes the campaign's folder, and the truth beside it."""
+    """Writes the campaign's folder, and the truth next to it."""
     folder.mkdir(parents=True)
     layout = drawn.layout
     rest = next((body.name for body in layout.bodies if body.at_rest), None)

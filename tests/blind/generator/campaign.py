@@ -166,7 +166,7 @@ def truth_of(
 
 
 def truth_record(campaign: Campaign, seed: int) -> dict[str, object]:
-    """The truth as plain values, for the file beside the campaign folder."""
+    """The truth as plain values, for the file next to the campaign folder."""
     truth, schedule, marks = campaign.truth, campaign.schedule, campaign.marks
     rows, columns = np.nonzero(campaign.record.gross & campaign.record.is_observed)
     return {

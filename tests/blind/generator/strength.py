@@ -226,7 +226,7 @@ def _by_geometry(campaign: Campaign, moved: Callable[[Geometry], Array]) -> Arra
 
 def _by_survey(campaign: Campaign, turn: Array, before: int) -> tuple[Array, Array]:
     """Points (N, M, 3, S) as the survey's errors and the legs' survey frames move the targets; turn (N, M, 4) is how
-    their bodies stand. Beside them the rows (3 per attachment) that tell its place from the survey, ``before`` columns
+    their bodies stand. Next to them the rows (3 per attachment) that tell its place from the survey, ``before`` columns
     of the geometry first.
     """
     layout, marks = campaign.layout, campaign.marks

@@ -87,7 +87,7 @@ def test_fit_and_prediction_part_by_the_square_of_the_effect(fifth, leg):
         model = Leg(leg, fifth, size)
         found = absorb(model.jacobian(np.zeros(6)), model.residual(np.zeros(6)), LABELS)
         apart.append(np.linalg.norm(model.fit() - found.shift[:, 0]))
-    # 4 but for the third order: beside the second it has the size of u_x over the slope of the leg, 0.15 / 256 / 0.04
+    # 4 but for the third order: next to the second it has the size of u_x over the slope of the leg, 0.15 / 256 / 0.04
     assert_between(apart[0] / apart[1], 4 * 0.95, 4 * 1.05, what="ratio")
 
 

@@ -143,7 +143,7 @@ def test_the_head_says_what_to_measure_and_leaves_the_readings_to_the_table():
     head = build_head("c", tables)
     assert ("next", text) in head.verdicts
     link = '<a href="#next">What to measure next</a>'
-    assert render_page(head, [part_of("next", tables)]).count(link) == 2  # in the bar of sections, beside the sentence
+    assert render_page(head, [part_of("next", tables)]).count(link) == 2  # in the bar of sections, next to the sentence
     assert link not in render_page(head, [])
     assert_says(part_of("next", tables).statements[0][1], "measure", "2 configurations", "falls", "0.2 µm/mm")
 

@@ -264,7 +264,7 @@ def test_numbers_that_were_not_evaluated_do_not_stop_the_page(column):
 
 
 def test_rows_of_a_run_that_reported_less_are_read():
-    """A diagnosis without the columns that may be absent, and without any of the tables beside it."""
+    """A diagnosis without the columns that may be absent, and without any of the tables next to it."""
     tables = diagnosis_tables()
     old = tables["diagnosis"].drop(columns=["signal_to_noise", "log_evidence", "scale_holds"])
     parts = parts_of({"diagnosis": old})

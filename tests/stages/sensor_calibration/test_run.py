@@ -100,7 +100,7 @@ def test_error_classes_of_a_good_sensor_stay_within_what_noise_does(six):
     assert set(reported["error_class"]) == {
         *("nonlinearity", "interpolation", "hysteresis", "repeatability", "zero return", "crosstalk")
     }
-    # loads are uncertain to 3 N of 10 kN beside the signals' noise; one in twenty exceeds its limit
+    # loads are uncertain to 3 N of 10 kN next to the signals' noise; one in twenty exceeds its limit
     assert (reported["value"] > 1.5 * reported["limit"]).mean() < 0.1
     creep = classes[classes["error_class"] == "creep"]
     assert len(creep) == 6
@@ -219,7 +219,7 @@ def _choices(outcome: str) -> pa.Table:
 
 
 def test_loads_are_taken_as_recorded_unless_a_finding_is_applied(tmp_path):
-    """A z load 12 and -8 mm off its line: to the loads as written down, G_B is wrong by far more than it says."""
+    """A z load 12 and -8 mm off its line: to the loads as written down, G_B is wrong clearly more than it says."""
     off = (0.012, -0.008, 0.0)
     made = bench(tmp_path / "c", layout("all", signals=6), 4, [LoadEccentricity(2, off)], stages=("ingest", "pose"))
     found = ExtendedSensor(
@@ -249,7 +249,7 @@ def test_loads_are_taken_as_recorded_unless_a_finding_is_applied(tmp_path):
     choice = outcome.artifacts["sensor_choice"].to_pandas()
     assert choice.loc[choice["figure"] == "loads_as_diagnosed", "reason"].tolist() == ["load-eccentricity of load fz"]
     classes = outcome.artifacts["error_classes"].to_pandas().query("load == 'fz' and error_class == 'crosstalk'")
-    assert (classes["value"] < 2.0 * classes["limit"]).all()  # what acted beside the load is no crosstalk
+    assert (classes["value"] < 2.0 * classes["limit"]).all()  # what acted next to the load is no crosstalk
 
     plain = recorded.artifacts["sensor_matrix"].to_pandas().query("matrix == 'G_B'")
     assert pull(plain[plain["chosen"]]) > 5.0

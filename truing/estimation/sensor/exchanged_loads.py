@@ -33,7 +33,7 @@ _FALSE_ALARM = 1e-3  # probability of naming any exchange in a table without one
 _LARGE = 5000  # rows; in larger tables two rows hardly affect the fit, which is repeated only at the end
 _ALIKE = 2.0  # ratio of sizes up to which rows count as equally far off
 _BY_CHANCE = 0.05  # expected accidental exchanges among rows that are far off for other reasons
-# A load is stray from so many sigmas and such a share of the range on; the share of rows that may be.
+# A load is stray from this many sigmas and such a share of the range on; the share of rows that may be.
 _STRAY, _STRAY_SHARE, _FEW_STRAY = 20.0, 0.05, 0.02
 # For a zero per run: rows per column, and share of the loads' variance within runs.
 _ROWS_PER_COLUMN, _WITHIN_SHARE = 4.0, 0.2

@@ -290,7 +290,7 @@ def _along(line: _Points) -> _Points:
 
 
 def _apart(texts: list[tuple[str, _Points, _Points]], drawn: _Points) -> Iterator[tuple[str, float, float]]:
-    """Yield each text with the middle of its base line, px, beside its point on the side away from another point.
+    """Yield each text with the middle of its base line, px, next to its point on the side away from another point.
 
     drawn: points (N, 2) of lines and dots. Of the places that cover no text before, the nearest that covers the fewest
     of these is taken.

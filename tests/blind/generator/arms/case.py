@@ -32,7 +32,7 @@ class Case:
     campaign: ArmCampaign
 
     def write(self, folder: Path) -> Path:
-        """Write the campaign under the folder's name, and its truth beside it."""
+        """Write the campaign under the folder's name, and its truth next to it."""
         write(self.campaign, folder)
         effects = self.campaign.effects
         strengths = [float("inf") if e.cause in WITHOUT_SIZE else round(e.strength, 3) for e in effects]

@@ -12,7 +12,7 @@ from truing.arrays import Array
 from truing.simulation.mechanisms.chains.conditions import ChainInputs
 
 DIFFERENCE, REMAINDER = "difference", "remainder"
-# A term is determined if so large a share of its rms size is independent of the terms before it.
+# A term is determined if this share of its rms size is independent of the terms before it.
 _INDEPENDENT = 0.05
 _SPARE = 6  # fewest poses beyond the number of terms
 

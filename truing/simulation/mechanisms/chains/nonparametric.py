@@ -34,7 +34,7 @@ from truing.simulation.nonparametric import (
 BASE = "base"
 # Smooth function of two readings, and of stop operators of the joint's own reading.
 SURFACE, HISTORY = "surface", "history"
-# Prior weights of friction with memory, and of each form of a joint's own reading, relative to another form. Beside
+# Prior weights of friction with memory, and of each form of a joint's own reading, relative to another form. Next to
 # some sixty other forms of a joint, its own place and its previous movements have about a fifth of the whole each.
 _OF_HISTORY, _OF_PLACE = 25.0, 6.0
 _MM = 1e-3
