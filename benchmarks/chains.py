@@ -105,7 +105,7 @@ def predictor(model: ChainModel, shared: np.ndarray) -> Callable[[np.ndarray], n
 
 
 def calibrations(data: DiagnosisData[Any], settings: Any, steps: int | None) -> dict[str, Callable[[], Calibrated]]:
-    """Return ours, without and with the search for causes, and scipy's on the same chain, with at most this many steps."""
+    """Return ours, without and with the search for causes, and scipy's on the same chain, at most this many steps."""
     model, measured, frames = data.model, data.calibration.measured, data.calibration.frames
     soft = [JointCompliance(name, load=100.0) for name in model.tree.readings[1:]]
 

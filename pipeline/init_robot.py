@@ -59,8 +59,8 @@ def robot_of(folder: Path, files: Sequence[Path]) -> Robot | None:
 def _without_gripper(urdf: Urdf, root: str, end: str) -> str:
     """Return the last link of a chain before its gripper: a joint that joints of other branches mimic."""
     path = urdf.path(root, end)
-    others = {joint.mimics for joint in urdf.joints.values() if joint.mimics and joint not in path}
-    return next((joint.parent for joint in path if joint.name in others), end)
+    mimicked = {joint.mimics for joint in urdf.joints.values() if joint.mimics and joint not in path}
+    return next((joint.parent for joint in path if joint.name in mimicked), end)
 
 
 def guess_of_description(path: Path, robot: Robot | None) -> Guess:

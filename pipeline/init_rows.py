@@ -61,11 +61,11 @@ def _rows_that_differ(files: Sequence[tuple[RawGroup, Guess]]) -> list[str]:
     logs = [one for one in counted if one[1].table == "configurations"]
     if len(logs) != 1 or not (rows := _rows(*logs[0])):
         return []
-    others = {group.glob: _rows(group, guess) for group, guess in counted if guess.table in ("poses", "points")}
+    rows_by_group = {group.glob: _rows(group, guess) for group, guess in counted if guess.table in ("poses", "points")}
     return [
         f"{name} has {count} rows, {logs[0][0].glob} has {rows}, and nothing tells which belong together: give both a "
         f"column pose, or times of which one difference of the clocks makes pairs"
-        for name, count in others.items()
+        for name, count in rows_by_group.items()
         if count not in (0, rows)
     ]
 

@@ -132,9 +132,15 @@ def _check_columns(collected: CollectedRows, columns: AxisColumns, settings: Cam
         collected.fault(
             log, np.isnan(numbers(collected, columns.command)), columns.command, "a number: the command of the row"
         )
-    other = f"{MEASURED}_{_OTHER[columns.unit]}"
-    if other in names and MEASURED not in columns.encoders:
-        log.add(Fault(file, f"{MEASURED}_{columns.unit}: the axis is {columns.kind} ([mechanism] kind)", column=other))
+    column_in_other_unit = f"{MEASURED}_{_OTHER[columns.unit]}"
+    if column_in_other_unit in names and MEASURED not in columns.encoders:
+        log.add(
+            Fault(
+                file,
+                f"{MEASURED}_{columns.unit}: the axis is {columns.kind} ([mechanism] kind)",
+                column=column_in_other_unit,
+            )
+        )
     elif not columns.encoders and all(name in names for name in named.values()):
         expected = f"what recorded the axis: {MEASURED}_{columns.unit}, or [mechanism] motor or load with their columns"
         log.add(Fault(file, expected, column=f"{MEASURED}_{columns.unit}"))

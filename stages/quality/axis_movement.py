@@ -97,9 +97,9 @@ def exchanged_columns(table: pa.Table, columns: AxisColumns, in_time: Index) -> 
 
     are_alike = moves_alike(raw)
     for first, second in combinations(raw, 2):
-        other = raw | {first: raw[second], second: raw[first]}
+        raw_exchanged = raw | {first: raw[second], second: raw[first]}
         is_command = first == columns.command and _hold_commands(raw[second], raw[first])
-        if (is_command or not are_alike) and moves_alike(other):
+        if (is_command or not are_alike) and moves_alike(raw_exchanged):
             return first, second
     return ()
 

@@ -183,8 +183,8 @@ def _copies(
     seen = np.repeat(is_observed, measured.values.shape[-1], axis=1)
     least = float(np.nanmin(sigma)) if sigma.size else 0.0
     names = tuple(map(str, poses))
-    other = None if also is None else also.reshape(len(poses), -1)
-    return relate_copied_numbers(numbers, seen, least, names, quantity, other)
+    orientations = None if also is None else also.reshape(len(poses), -1)
+    return relate_copied_numbers(numbers, seen, least, names, quantity, orientations)
 
 
 def _away_from_shape(tables: Mapping[str, pa.Table], body: str, points: PosePoints) -> Mask:
@@ -325,11 +325,11 @@ def _explained(compared: ComparedChain, tested: RelationTest) -> RelationTest:
     # The diagnosis corrects an exchange and zeros, as findings; no other slip.
     corrected = slip.kind in (ColumnSlipKind.EXCHANGED, ColumnSlipKind.ZEROS)
     state = RelationState.ATTENTION if corrected else RelationState.FAILS
-    others = half_turns_as_good(slip, conditions, compared.tree.is_revolute, fit.start_of)
+    equally_good = half_turns_as_good(slip, conditions, compared.tree.is_revolute, fit.start_of)
     names = compared.table.schema.names
     return replace(
         tested,
-        rivals=tuple(row for other in others for row in _recorded(other, compared.tree, names)),
+        rivals=tuple(row for equivalent in equally_good for row in _recorded(equivalent, compared.tree, names)),
         state=state,
         reason="no-slip" if state is RelationState.FAILS else "departs",
         misfit_explained=slip.after / _MM,
@@ -392,8 +392,10 @@ def _fewest(measured: MeasuredLinks) -> int:
 def _failed_as_a_whole(tested: RelationTest, whole_slips: list[WholeSlip]) -> RelationTest:
     """The test with those slips that explain it as well as the best of them, in the order in which they were tried."""
     least = min(slip.share for slip in whole_slips)
-    first, *others = (slip for slip in whole_slips if slip.share <= _AS_LIKELY * least)
-    return replace(_failed(tested, (first.slip,), first.after), rivals=tuple(other.slip for other in others))
+    first, *equally_good = (slip for slip in whole_slips if slip.share <= _AS_LIKELY * least)
+    return replace(
+        _failed(tested, (first.slip,), first.after), rivals=tuple(equivalent.slip for equivalent in equally_good)
+    )
 
 
 def _constant(compared: ComparedChain) -> tuple[RecordSlip, ...]:

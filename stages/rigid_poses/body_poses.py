@@ -61,8 +61,8 @@ def body_poses(tables: Mapping[str, Any], settings: Campaign, progress: Progress
     StoredTable.
     """
     names = observed_names(tables["observations"])
-    others = chain(*(pose_ids(tables[name]) for name in SOURCES if name != "observations"))
-    names = replace(names, poses=tuple(dict.fromkeys((*names.poses, *others))))
+    ids_elsewhere = chain(*(pose_ids(tables[name]) for name in SOURCES if name != "observations"))
+    names = replace(names, poses=tuple(dict.fromkeys((*names.poses, *ids_elsewhere))))
     errors, common_sensitivity = _common_errors(tables)
     survey = tables.get("survey", ARTIFACTS["survey"].empty())
     estimates = _estimates(tables["observations"], names, survey, common_sensitivity, settings, progress)

@@ -231,10 +231,10 @@ def _variable_of_references(item: h5py.Dataset, name: str, most: int) -> Variabl
     """Return the cells of a cell array, or a field of several structs: one number or one text each."""
     import h5py
 
-    others = [item.file[reference] for reference in np.asarray(item[()]).ravel().tolist()]
-    if not all(isinstance(other, h5py.Dataset) and other.dtype.kind != "O" for other in others):
+    targets = [item.file[reference] for reference in np.asarray(item[()]).ravel().tolist()]
+    if not all(isinstance(target, h5py.Dataset) and target.dtype.kind != "O" for target in targets):
         return Opaque("cells of mixed content", f"cell2mat({name}), or a matrix of its numbers")
-    inner = [_variable_of_dataset(other, name, most) for other in others]
+    inner = [_variable_of_dataset(target, name, most) for target in targets]
     if all(isinstance(value, list) and len(value) <= 1 for value in inner):
         return ["".join(value) for value in inner]  # type: ignore[arg-type]
     if all(isinstance(value, np.ndarray) and value.size == 1 for value in inner):

@@ -142,8 +142,8 @@ def poses_side_by_side(names: Sequence[str], values: Array) -> list[PoseMapping]
     plain = _without_words_of_parts(names)
     groups = _groups(plain, _PLACES)
     columns_of_poses = []
-    others = [before for before in groups if before and _COMMANDED.search(before) is None]
-    is_beside_base = bool(others) and all(OF_BASE.match(before) for before in others)
+    measured_groups = [before for before in groups if before and _COMMANDED.search(before) is None]
+    is_beside_base = bool(measured_groups) and all(OF_BASE.match(before) for before in measured_groups)
     for before, group in groups.items():
         is_body = _COMMANDED.search(before) is None or (is_beside_base and _OF_MEASURED.match(before) is not None)
         for kind, families in _FAMILIES.items():

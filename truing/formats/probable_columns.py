@@ -117,12 +117,12 @@ def _units(names: tuple[str, ...], units: dict[str, str]) -> MappingKeys:
     if common == "mm":
         common = None
     # `unit` holds for all coordinates, and for uncertainties without a unit of their own
-    others = {
+    other_units = {
         name: unit
         for name, unit in units.items()
         if unit != (common if common and name.endswith("_mm") else _unit_suffix(name))
     }
-    return ({"unit": common} if common is not None else {}) | ({"units": others} if others else {})
+    return ({"unit": common} if common is not None else {}) | ({"units": other_units} if other_units else {})
 
 
 def _nominal_beside_measured(names: Sequence[str]) -> set[str]:

@@ -122,9 +122,9 @@ def _sniff_decimal(records: list[list[str]], mapping: MappingKeys, separator: st
     if notation != COMMA_DECIMAL or (cell := ambiguous_comma(records)) is None:
         return guess
     text = f"Decimal mark of numbers such as {cell}; with . the comma separates thousands"
-    other = _guess_by_notation(records, dict(mapping), separator, COMMA_THOUSANDS, about)
+    guess_with_thousands = _guess_by_notation(records, dict(mapping), separator, COMMA_THOUSANDS, about)
     doubt = f"the comma of numbers such as {cell} is assumed to be the decimal mark"
-    return replace(guess, ways=(*guess.ways, OtherWay("decimal", text, ",", ".", other, doubt)))
+    return replace(guess, ways=(*guess.ways, OtherWay("decimal", text, ",", ".", guess_with_thousands, doubt)))
 
 
 @dataclass(frozen=True)
@@ -383,9 +383,9 @@ def proposal_of_axis(
     ]
     if len(guesses) == 1:
         return _with_sign_of_readings(guesses[0])
-    taken, other = ("mm", "deg") if "command_mm" in guesses[0].mapping["columns"] else ("deg", "mm")
+    taken, alternative = ("mm", "deg") if "command_mm" in guesses[0].mapping["columns"] else ("deg", "mm")
     text, doubt = "Unit of the axis, which no name gives", f"no unit is given; the axis is assumed to be in {taken}"
-    return replace(guesses[0], ways=(OtherWay("axis", text, taken, other, guesses[1], doubt),))
+    return replace(guesses[0], ways=(OtherWay("axis", text, taken, alternative, guesses[1], doubt),))
 
 
 def _with_sign_of_readings(guess: Guess) -> Guess:
@@ -396,9 +396,9 @@ def _with_sign_of_readings(guess: Guess) -> Guess:
         return guess
     raw = columns[column]
     turned = {"name": raw, "scale": -1.0, "unit": units.get(column, column.rsplit("_", 1)[-1])}
-    others = {name: unit for name, unit in units.items() if name != column}
+    remaining_units = {name: unit for name, unit in units.items() if name != column}
     mapping = {key: value for key, value in guess.mapping.items() if key != "units"}
-    mapping |= {"columns": {**columns, column: turned}, **({"units": others} if others else {})}
+    mapping |= {"columns": {**columns, column: turned}, **({"units": remaining_units} if remaining_units else {})}
     text = f"{raw}: place of the axis minus its command, or command minus place"
     doubt = f"{raw} is assumed to be the deviation from the command: place minus command, not command minus place"
     way = OtherWay("sign", text, "place-command", "command-place", replace(guess, mapping=mapping), doubt)

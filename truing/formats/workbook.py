@@ -201,8 +201,10 @@ def _records(path: Path, book: Workbook, name: str, entry: FileMapping) -> Itera
         rows = ((row, cells, ()) for row, cells in _rows(book, name))
         yield from _with_merged_cells(rows, merged, entry.skip_lines)
         return
-    with _opened(path, formulas=True) as other:
-        yield from _with_merged_cells(_with_formulas(_rows(book, name), _rows(other, name)), merged, entry.skip_lines)
+    with _opened(path, formulas=True) as book_with_formulas:
+        yield from _with_merged_cells(
+            _with_formulas(_rows(book, name), _rows(book_with_formulas, name)), merged, entry.skip_lines
+        )
 
 
 def _rows(book: Workbook, name: str) -> Iterator[tuple[int, Row]]:

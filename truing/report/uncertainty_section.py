@@ -86,7 +86,7 @@ def statement(stated: pd.DataFrame) -> str:
     elif len(rows) == 1:
         law = f"= {factors[0]}, which for a t-distribution with ν_eff = {plain(float(dof.iloc[0]))}"
     else:
-        law = "beside it, which for a t-distribution with its effective degrees of freedom (∞: a normal distribution)"
+        law = "next to it, which for a t-distribution with its effective degrees of freedom (∞: a normal distribution)"
     drawn = f" {_DRAWN}" if (rows["result"] == "positioning").any() else ""
     return f"{text} {law} corresponds to a coverage probability of approximately 95 %.{drawn}"
 

@@ -102,7 +102,7 @@ def test_larger_noise_is_no_further_effect() -> None:
     noise = row("unexplained", parameters={"noise_ratio": {"value": 2.0, "sigma": 0.1, "unit": "1"}})
     _, text = head(rows(DRIFT, noise, *rejected()), HOLDS)
     assert "effects found" not in text
-    assert text.index("Leg 4") < text.index("Besides, the residuals")
+    assert text.index("Leg 4") < text.index("Also, the residuals")
 
 
 @pytest.mark.parametrize("found", [[], [DOUBTED | {"reason_code": "inadequate"}]])
@@ -209,7 +209,7 @@ def test_columns_that_predict_the_misfit_are_reported_with_their_share() -> None
     one, *_ = assessed_causes({"diagnosis": rows(REMAINDER, *rejected())})
     assert one.is_remainder
     assert one.is_noise  # no effect in the model
-    left = "the variance that the model without causes leaves"
+    left = "the residual variance of the model without causes"
     assert_says(clause(one, {}), "The residuals", "actuator 3", "the temperature", "41 %", left)
     assert "noise" not in one.name
 

@@ -108,8 +108,8 @@ def widest_gap(deviation: Array, floor: float = 0.0) -> Gap | None:
         return None
     weight = 1.0
     if np.array_equal(few, np.broadcast_to(few[:, :, :1], few.shape)):  # the same in every cycle
-        others = int((~few.any(axis=(1, 2))).sum())
-        weight = next((least for count, least in _OF_TARGETS if others >= count), np.inf)
+        complete = int((~few.any(axis=(1, 2))).sum())
+        weight = next((least for count, least in _OF_TARGETS if complete >= count), np.inf)
     spread = max(float(level[at] - level[0]), float(level[-1] - level[at + 1]), floor)
     return Gap(float(steps[at]), spread, few, weight)
 

@@ -254,8 +254,8 @@ def _rival(best: Hypothesis, rival: Hypothesis, odds: float, names: list[str], o
     moved = np.flatnonzero((best_points != rival_points) & (best_points >= 0) & (rival_points >= 0))
     moved = moved[np.argsort(best_points[moved])]
     if len(moved) == 0:
-        others = sorted({str(body) for body in owners[rival_points >= 0] if body})
-        where = f"on the points of {', '.join(others)}" if others else "on other points"
+        rival_bodies = sorted({str(body) for body in owners[rival_points >= 0] if body})
+        where = f"on the points of {', '.join(rival_bodies)}" if rival_bodies else "on other points"
         return Rival(rival_points, rival.n_consistent, odds, where)
     text = ", ".join(f"{names[best_points[i]]} as {names[rival_points[i]]}" for i in moved[:_SHOWN])
     more = f" and {len(moved) - _SHOWN} more" if len(moved) > _SHOWN else ""

@@ -368,11 +368,11 @@ class _ExchangedPairs:
 
 
 def _compare(whitened: NDArray, rows: tuple[NDArray, NDArray], direction: NDArray) -> _ExchangedPairs:
-    first, other = whitened[rows[0]], whitened[rows[1]]
-    before, after = first**2 + other**2, (first - direction) ** 2 + (other + direction) ** 2
+    first, second = whitened[rows[0]], whitened[rows[1]]
+    before, after = first**2 + second**2, (first - direction) ** 2 + (second + direction) ** 2
     gain = np.where(np.isfinite(before - after), before - after, 0.0)
     # each row has to improve, or one gross error would pair with any outlying row
-    is_right = (first**2 > (first - direction) ** 2) & (other**2 > (other + direction) ** 2)
+    is_right = (first**2 > (first - direction) ** 2) & (second**2 > (second + direction) ** 2)
     return _ExchangedPairs(before, after, (gain > _TELLS) & is_right)
 
 

@@ -106,10 +106,13 @@ class NonparametricChainEffect(NonparametricEffect[ChainScene], ChainCause):
                 result += self._of(bare, _of_two(read), columns, len(machine.readings))
                 if MEMORY in machine.conditions.covariates:
                     result += self._of(bare, iter([((joint,), HISTORY, len(STOPS))]), columns, len(machine.readings))
-        others = {name: values for name, values in columns.items() if name not in machine.conditions.columns}
+        other_columns = {name: values for name, values in columns.items() if name not in machine.conditions.columns}
         for link in ("", *_moving_links(machine)):
             result += self._of(
-                replace(self, joint="", link=link), _of_position(others, link), others, len(machine.readings)
+                replace(self, joint="", link=link),
+                _of_position(other_columns, link),
+                other_columns,
+                len(machine.readings),
             )
         return result
 
