@@ -17,6 +17,7 @@ from typer.testing import CliRunner
 from tests.blind.generator.axis import AxisCampaign, AxisLayout, Hidden, record, write
 from tests.faults import assert_fault, faults_of
 from tests.report.explained import unexplained
+from tests.sentences import assert_says
 from tests.tolerance import assert_close
 from truing.pipeline.command_line import app
 from truing.schemas.campaign import read_campaign
@@ -494,4 +495,4 @@ def test_a_load_that_leads_after_reversals_is_no_zero_shift(tmp_path: Path, cycl
     found = {row["cause"]: json.loads(row["parameters"]) for row in rows if row["verdict"] == "found"}
     assert set(found) == {"lost-motion"}
     assert abs(found["lost-motion"]["backlash"]["value"] + np.deg2rad(BACKLASH)) < 0.05 * np.deg2rad(BACKLASH)
-    assert "the load leads the motor" in output
+    assert_says(output, "load", "leads", "motor")

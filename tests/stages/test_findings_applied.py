@@ -17,6 +17,7 @@ from tests.blind.generator.axis import record, write
 from tests.blind.generator.effects import ActuatorGain as HiddenGain
 from tests.report.explained import unexplained
 from tests.sensor_campaign import SIGNAL_MV
+from tests.sentences import assert_says
 from tests.stages.diagnosis.test_signals_alone import exchange, signals
 from tests.stages.line import run_line, settings_of
 from tests.stages.test_axis import HIDDEN, _layout
@@ -205,6 +206,6 @@ def test_the_page_of_a_run_tells_what_was_asked_of_causes(tmp_path: Path) -> Non
     assert "lost-motion" not in causes
     page = (tmp_path / "run" / "report.html").read_text(encoding="utf-8")
     assert not unexplained(page)
-    assert "[diagnosis] apply names 1 cause that the diagnosis did not find: scale-error." in page
-    assert "[diagnosis] apply names zero-shift: found, but no calibration depends on it" in page
-    assert "Not searched for, as [diagnosis] ignore asks: lost-motion." in page
+    assert_says(page, "[diagnosis] apply", "1 cause", "did not find", "scale-error")
+    assert_says(page, "[diagnosis] apply", "zero-shift", "found", "no calibration")
+    assert_says(page, "Not searched", "[diagnosis] ignore", "lost-motion")

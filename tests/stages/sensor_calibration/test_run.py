@@ -17,6 +17,7 @@ import pytest
 from tests.blind.generator.sensor.campaign import bridges
 from tests.blind.generator.sensor.effects import LoadEccentricity
 from tests.blind.generator.sensor.layout import Noise, Programme
+from tests.sentences import assert_says
 from tests.stages.benches import Bench, bench, layout
 from tests.stages.line import settings_of
 from truing.estimation.sensor.calibrated_sensor import sensor_from
@@ -89,7 +90,7 @@ def test_whole_runs_are_held_out_and_the_printed_formula_is_judged_with_the_othe
     assert {"errors in both, forward, zero common, linear", "weighted, forward, zero common, squares"} <= set(
         held.index
     )
-    assert "held out whole runs" in six.outcomes["calibrate"].figure
+    assert_says(six.outcomes["calibrate"].figure, "held out", "runs")
     by_residuals = choice[choice["figure"] == "noise_from_residuals"].set_index("model")["value"]
     assert dict(by_residuals) == {name: float(name.startswith("least squares")) for name in held.index}
 
