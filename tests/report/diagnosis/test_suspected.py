@@ -242,15 +242,15 @@ def test_suspected_causes_report_the_effects_that_explain_as_much() -> None:
     assert_says(clause(one, {}), "Without the other findings, the residuals depend on")
     text = head(both, HOLDS)[1]
     assert_says(text, "Without the other findings", "41 %")
-    assert "Besides" not in text
-    assert "Besides" in head(rows(DOUBTED, REMAINDER, *rejected()), HOLDS)[1]
+    assert "Also, " not in text
+    assert "Also, " in head(rows(DOUBTED, REMAINDER, *rejected()), HOLDS)[1]
 
 
 def test_what_the_findings_explain_in_part_is_not_reported_as_missing_from_the_model() -> None:
     partial = REMAINDER | {"settings": json.dumps({PARTLY_BY_FINDINGS: True})}
     _, one, *_ = assessed_causes({"diagnosis": rows(DOUBTED, partial, *rejected())})
     assert not one.is_conditional
-    assert_says(clause(one, {}), "the other findings explain a part of this")
+    assert_says(clause(one, {}), "the other findings", "part")
     text = remainder_explanation("The residuals depend on time", 1e-4, is_of_all=False, remains=True, is_partial=True)
     assert_says(text, "still significant", "does not hold all of it")
     assert "no cause is named" not in text
