@@ -125,15 +125,18 @@ def quality_table() -> str:
     kept = np.arange(len(run)) != 130
     pressed = np.clip(log.reading[:21], -1.5e-3, None)
     rows = [
-        ["load of fz 12 kN, range 10 kN", *_told(quality.loads_beyond(np.where(run == 2, 12e3, 9e3)[::21], 1e4))],
-        ["sign of run 8 flipped", *_told(quality.signs_flipped(*_slopes(_spoilt(log, 8, -1.0)), _kinds(log)))],
+        ["load of fz 12 kN, range 10 kN", *_reported(quality.loads_beyond(np.where(run == 2, 12e3, 9e3)[::21], 1e4))],
+        ["sign of run 8 flipped", *_reported(quality.signs_flipped(*_slopes(_spoilt(log, 8, -1.0)), _kinds(log)))],
         ["run 4 in degrees for arcsec", *_units(_spoilt(log, 4, 1 / 3600.0))],
         ["run 13 in mm for um", *_units(_spoilt(log, 13, 1e-3))],
-        ["a step of run 6 missing", *_told(quality.steps_missing(run[kept], step[kept]), 1.0)],
+        ["a step of run 6 missing", *_reported(quality.steps_missing(run[kept], step[kept]), 1.0)],
         ["row 9 repeated as row 378, 5 um off", *_twice(log)],
-        ["dx of run 0 held at −1500 um", *_told(quality.saturated(pressed, LEVELS), 1e6)],
+        ["dx of run 0 held at −1500 um", *_reported(quality.saturated(pressed, LEVELS), 1e6)],
         ["jump of 8 um in run 14 from step 13 on", *_jump(log)],
-        ["drift of 10 um/h in run 2, 6.7 um over it", *_told(quality.drifting(_fits(_drifted(log)), TIME_S[-1]), 1e6)],
+        [
+            "drift of 10 um/h in run 2, 6.7 um over it",
+            *_reported(quality.drifting(_fits(_drifted(log)), TIME_S[-1]), 1e6),
+        ],
         ["noise twice the declared", *_noise()],
     ]
     return table(["planted", "where", "how much"], rows)
@@ -149,7 +152,7 @@ def _probability(value: float) -> str:
     return f"{value:.2g}" if value > 1e-9 else "below 1e-9"
 
 
-def _told(found: quality.LogFaults, scale: float = 1.0) -> list[str]:
+def _reported(found: quality.LogFaults, scale: float = 1.0) -> list[str]:
     where = ", ".join(str(at) for at in found.where[:6]) + (" ..." if len(found) > 6 else "")
     sizes = dict.fromkeys(f"{scale * size:.4g}" for size in found.size)
     return [where or "nowhere", ", ".join(sizes)]
@@ -184,12 +187,12 @@ def _units(log: Log) -> list[str]:
     value, sigma = _slopes(log)
     own_sigma = sigma * [fit.noise_ratio for fit in _fits(log)]
     expected = np.diag(sensor_compliance())[log.axis[:: len(LEVELS)]]
-    return _told(quality.units_mistaken(value, own_sigma, expected))
+    return _reported(quality.units_mistaken(value, own_sigma, expected))
 
 
 def _twice(log: Log) -> list[str]:
     run, step, channel = (np.append(values, values[9]) for values in (log.run, log.step, log.channel))
-    return _told(quality.channels_twice(run, step, channel, np.append(log.reading, log.reading[9] + 5e-6)), 1e6)
+    return _reported(quality.channels_twice(run, step, channel, np.append(log.reading, log.reading[9] + 5e-6)), 1e6)
 
 
 def _jump(log: Log) -> list[str]:

@@ -21,7 +21,7 @@ def test_bounds_of_a_rate_are_the_exact_ones(found: int, count: int) -> None:
 @pytest.mark.parametrize("power", [0.5, 0.8, 0.95])
 @pytest.mark.parametrize("slope", [2.0, 5.0])
 @pytest.mark.parametrize("off", [0.6, 1.0, 1.7])
-def test_many_draws_tell_the_size_whatever_theory_expected(power: float, slope: float, off: float) -> None:
+def test_many_draws_give_the_size_whatever_theory_expected(power: float, slope: float, off: float) -> None:
     sizes, expected = 3e-4 * FACTORS, 3e-4 * off
     counts = np.full(5, 100_000)
     reached = np.round(counts * norm.cdf(slope * np.log(sizes / 3e-4)))

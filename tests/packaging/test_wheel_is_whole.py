@@ -71,7 +71,7 @@ def test_the_wheel_holds_the_rooms_and_nothing_else(built: Path) -> None:
     assert any(name.endswith("licenses/LICENSE") for name in about)
 
 
-def test_the_wheel_tells_what_the_project_tells(built: Path) -> None:
+def test_the_wheel_has_the_metadata_of_the_project(built: Path) -> None:
     with zipfile.ZipFile(built / _WHEEL) as wheel:
         reported = email.message_from_bytes(wheel.read(f"truing-{truing.__version__}.dist-info/METADATA"))
         commands = wheel.read(f"truing-{truing.__version__}.dist-info/entry_points.txt").decode()

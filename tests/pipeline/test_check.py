@@ -115,7 +115,7 @@ def test_a_bench_without_declared_noise_is_reported_as_not_diagnosable(tmp_path:
     assert "not evaluated: needs the noise of dx, dy, dz, rx, ry, rz: noise.linear_um, noise.angular_arcsec" in line
 
 
-def test_a_campaign_of_which_nothing_can_be_evaluated_is_not_said_to_have_no_fault(tmp_path: Path) -> None:
+def test_a_campaign_of_which_nothing_can_be_evaluated_is_not_reported_to_have_no_fault(tmp_path: Path) -> None:
     checked = check_campaign(open_campaign(written(tmp_path, points=points("1", "2", "3", targets=2))))
     assert not checked.is_evaluated
     assert all("not evaluated: no body shows 3 targets in one pose" in line for line in checked.prospects)
@@ -222,7 +222,7 @@ def test_a_probable_mistake_is_named_under_attention(tmp_path: Path, files: dict
     assert (done.exit_code, f"attention: {told}" in done.output or told in done.output) == (ExitCode.DONE, True)
 
 
-def test_a_frame_per_series_is_said_to_be_taken_as_one_per_pose(tmp_path: Path) -> None:
+def test_a_frame_per_series_is_reported_to_be_taken_as_one_per_pose(tmp_path: Path) -> None:
     output = {}
     for frame in ("pose", "series", "campaign"):
         toml = f'{TOML}[measurement]\nframe = "{frame}"\n'

@@ -295,7 +295,7 @@ def test_poses_bodies_and_coordinates_are_found_by_names_and_repeats(tmp_path: P
     assert found.num_rows == 24
 
 
-def test_a_column_that_differs_in_every_row_tells_no_poses(tmp_path: Path) -> None:
+def test_a_column_that_differs_in_every_row_gives_no_poses(tmp_path: Path) -> None:
     text = several_poses("Moment,Point,X,Y,Z", "{body}{pose}{k},p{k},{x},{y},{z}")
     (tmp_path / "all.txt").write_text(text)
     _, document = init(tmp_path)

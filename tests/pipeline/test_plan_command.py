@@ -201,7 +201,7 @@ def test_assumed_visibility_of_a_plan_is_reported(place):
     assert_says(output, "5 of 10", "normal")
 
 
-def test_without_a_run_the_photographs_tell_their_camera(tmp_path, monkeypatch):
+def test_without_a_run_the_photographs_give_their_camera(tmp_path, monkeypatch):
     monkeypatch.chdir(tmp_path)
     found = known_cameras(open_campaign(SAMPLE), None, None)
     assert_says(found.description, "photographs' metadata")

@@ -94,7 +94,7 @@ def test_campaigns_are_counted_by_size(measured: Path, tmp_path: Path, monkeypat
     assert "platform deformation matrix" in (tmp_path / "power.html").read_text()
 
 
-def test_an_interrupted_call_tells_what_it_has(measured: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+def test_an_interrupted_call_shows_what_it_has(measured: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     def interrupted(plan: CampaignPlan, settings: Campaign, trial: Trial) -> Answer:
         if trial.seed[3] % 5 == 1 and trial.effects:
             raise Interrupted("SIGTERM")

@@ -148,7 +148,7 @@ def test_an_enumeration_has_one_and_before_its_last_name():
     assert [joined_names(["a", "b", "c"][:n]) for n in range(4)] == ["", "a", "a and b", "a, b and c"]
 
 
-def test_two_decimals_are_three_digits_where_they_would_tell_nothing():
+def test_two_decimals_are_three_digits_where_they_would_show_nothing():
     assert [two_decimals(x) for x in (13.349, 0.0299, 0.0)] == ["13.35", "0.0299", "0"]
 
 

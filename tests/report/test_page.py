@@ -302,7 +302,7 @@ def test_any_part_of_the_tables_makes_a_page(left):
     Reader(render({key: table for key, table in whole.items() if key not in left}))
 
 
-def test_the_head_is_short_and_tells_what_to_do(page):
+def test_the_head_is_short_and_shows_what_to_do(page):
     verdicts = build_head("c", campaign_tables()).verdicts
     assert [mark for mark, _ in verdicts[:3]] == ["fail", "found", "next"]
     assert "K11" not in verdicts[1][1]

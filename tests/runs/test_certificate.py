@@ -318,7 +318,7 @@ def test_estimate_and_uncertainty_end_at_the_same_place(value: float, uncertaint
     assert float(half) == pytest.approx(uncertainty, rel=0.0501)
 
 
-def test_a_certificate_tells_what_it_needs() -> None:
+def test_a_certificate_shows_what_it_needs() -> None:
     assert not list(TOLD.missing(temperature_known=False))
     assert len(list(Certificate().missing(temperature_known=True))) == 14
     assert len(list(Certificate().missing(temperature_known=False))) == 16

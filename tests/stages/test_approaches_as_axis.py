@@ -153,7 +153,7 @@ def test_several_runs_and_too_few_approaches_are_refused_with_the_reason() -> No
         axis_of_approaches({"positions": short}, settings)
 
 
-def test_cycles_that_are_equal_in_every_digit_tell_no_noise() -> None:
+def test_cycles_that_are_equal_in_every_digit_give_no_noise() -> None:
     table = Axis().measured(np.random.default_rng(1))
     position = table.column("position_mm").to_numpy().reshape(-1, 5)  # rows of a target and direction
     copied = np.repeat(position[:, :1], 5, axis=1).ravel()

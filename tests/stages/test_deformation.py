@@ -197,7 +197,7 @@ def test_a_campaign_of_verification_alone_is_not_evaluated(tmp_path):
     assert_says(tables["why_not"], "every pose", "verification")
 
 
-def test_a_platform_loaded_along_one_axis_tells_the_compliance_of_that_axis_alone(tmp_path):
+def test_a_platform_loaded_along_one_axis_gives_the_compliance_of_that_axis_alone(tmp_path):
     rng, steps = np.random.default_rng(1), 40
     table = pd.DataFrame({"run": 1, "step": range(1, steps + 1), "time_s": 10.0 * np.arange(steps)})
     table[["fx_n", "fy_n", "fz_n", "mx_nm", "my_nm", "mz_nm"]] = 0.0

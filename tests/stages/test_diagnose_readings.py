@@ -17,7 +17,7 @@ from scipy.stats import chi2
 
 from docs.experiments import force_sensor_campaign
 from tests.blind.generator.folder import truth_path
-from tests.docs.shown import assert_told, shown
+from tests.docs.shown import assert_shown, shown
 from tests.sensor_campaign import CHANNELS, campaign_toml, measured, write_campaign
 from tests.stages.line import run_line
 from tests.tolerance import assert_between, assert_close
@@ -178,10 +178,10 @@ def test_the_model_is_toml_that_a_person_reads(tables: dict[str, Any]) -> None:
 
 
 @pytest.mark.parametrize("name", ["found", "missed", "hidden"])
-def test_the_walk_through_one_run_tells_what_comes_out(tables: dict[str, Any], name: str) -> None:
+def test_the_walk_through_one_run_shows_what_comes_out(tables: dict[str, Any], name: str) -> None:
     page = force_sensor_campaign.PAGE.read_text(encoding="utf-8")
     make = force_sensor_campaign.page_tables(force_sensor_campaign.frames_of(tables))[name]
-    assert_told(shown(page, name), make(), rel=0.1)
+    assert_shown(shown(page, name), make(), rel=0.1)
 
 
 def test_the_walk_quotes_the_first_line_of_the_page(tables: dict[str, Any]) -> None:
@@ -189,7 +189,7 @@ def test_the_walk_quotes_the_first_line_of_the_page(tables: dict[str, Any]) -> N
     lines = force_sensor_campaign.first_lines(force_sensor_campaign.frames_of(tables)).splitlines()
     reported = shown(page, "first").splitlines()
     # What it brings is told in um or in arcsec: the offset shows in both alike.
-    assert_told(reported[0].partition(";")[0], lines[0].partition(";")[0], rel=0.1)
+    assert_shown(reported[0].partition(";")[0], lines[0].partition(";")[0], rel=0.1)
     assert lines[2] in reported
 
 

@@ -194,7 +194,7 @@ def test_a_name_that_is_no_cause_is_a_fault_with_what_was_meant(tmp_path: Path, 
         assert said in " ".join(output.split())
 
 
-def test_the_page_of_a_run_tells_what_was_asked_of_causes(tmp_path: Path) -> None:
+def test_the_page_of_a_run_shows_what_was_asked_of_causes(tmp_path: Path) -> None:
     folder = write(record(_layout(), HIDDEN, np.random.default_rng(5)), tmp_path / "c")
     file = folder / "campaign.toml"
     asked = 'apply = ["scale-error", "zero-shift"]\nignore = ["lost-motion"]'

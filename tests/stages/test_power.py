@@ -185,7 +185,7 @@ def _answers(found: list[int], of: int = 8) -> list[Answer]:
     ]
 
 
-def test_tables_tell_sizes_with_bounds_and_rates_with_theirs() -> None:
+def test_tables_report_sizes_with_bounds_and_rates_with_theirs() -> None:
     question, answers = _question(50.0), _answers([0, 2, 6, 8, 8])
     found = curve(question, 0, answers)
     sizes = sizes_table([found]).to_pylist()[0]

@@ -37,7 +37,7 @@ def test_components_of_two_kinds_are_found_within_their_standard_deviations():
     assert np.max(stated) < 0.15
 
 
-def test_small_groups_are_pooled_and_said():
+def test_small_groups_are_pooled_and_reported():
     made = simulate(seed=3, images=8, points=30)
     network = with_kinds(made, (0.0, 0.0, 0.0), np.random.default_rng(0), (0.97, 0.02, 0.01))
     each = np.full(network.rays.count, 1.5)

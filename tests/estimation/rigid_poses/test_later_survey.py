@@ -77,7 +77,7 @@ def test_a_known_movement_counts_whatever_its_size():
     assert list(np.flatnonzero(one.moved)) == [3]
 
 
-def test_three_targets_that_disagree_tell_nothing():
+def test_three_targets_that_disagree_show_nothing():
     one = compared(np.random.default_rng(8), 3, {0: (1e-3, 0.0, 0.0)})
     assert one.status != "ok"
     assert not one.moved.any()

@@ -59,7 +59,7 @@ def test_without_a_finding_nothing_is_compared() -> None:
     assert choice_verdicts({}) == []
 
 
-def test_the_head_tells_what_became_of_causes_that_were_asked_for() -> None:
+def test_the_head_reports_what_became_of_causes_that_were_asked_for() -> None:
     rows = [
         ("creep", "apply", "no effect"),
         ("hysteresis", "apply", "not found"),

@@ -164,7 +164,7 @@ def test_more_findings_than_a_line_holds_are_counted():
     assert_says(text, "5 effects", "(1)", "leg 1", "grows", "2 further findings")
 
 
-def test_nothing_found_tells_the_smallest_size_that_would_have_been():
+def test_nothing_found_reports_the_smallest_size_that_would_have_been():
     mark, text = first_line(rows(*rejected()))
     assert mark == "pass"
     assert_says(text, "Actuator readings", "measured poses", "mechanism", "agree", "noise", "none of 11")

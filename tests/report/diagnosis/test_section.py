@@ -36,7 +36,7 @@ def test_a_finding_says_how_sure_it_is():
         assert words in text
 
 
-def test_the_ranking_that_depends_on_plausible_scales_is_hatched_and_said():
+def test_the_ranking_that_depends_on_plausible_scales_is_hatched_and_reported():
     part = part_of("evidence", diagnosis_tables(rows(row("actuator-gain", parameters=GAIN_3, scale_holds="changes"))))
     assert_says(part.lead, "ranking changes", "actuator gain")
     assert list(part.figures[0][0].data[0].marker.pattern.shape) == ["/"]
@@ -127,7 +127,7 @@ def test_few_poses_below_the_noise_may_be_chance():
     assert_says(part.lead, "too few", "chance")
 
 
-def test_only_a_run_that_left_a_model_is_said_to_have_one():
+def test_only_a_run_that_left_a_model_is_reported_to_have_one():
     tables = diagnosis_tables()
     assert_says(diagnosis(tables).lead, "extended model", "model.toml")
     del tables["pulls"]
@@ -153,7 +153,7 @@ def test_only_the_first_targets_of_many_columns_are_named():
     assert named == "CODE0_x CODE1_x CODE2_x CODE3_x CODE4_x CODE5_x and 294 more"
 
 
-def test_nothing_found_tells_how_far_the_simulation_misses_as_it_is():
+def test_nothing_found_reports_how_far_the_simulation_misses_as_it_is():
     part = part_of("gain", diagnosis_tables(rows(*rejected())))
     assert "without the causes" not in part.lead
     assert_says(part.lead, "7.9 µm", "consistent", "noise floor")

@@ -157,7 +157,7 @@ def test_no_pitch_falls_between_those_tried() -> None:
     assert_between(min(kept), 0.85, 1.0, what="smallest share of a sine's power")
 
 
-def test_pitches_that_few_levels_cannot_tell_apart_are_tried_once() -> None:
+def test_pitches_that_few_levels_cannot_distinguish_are_tried_once() -> None:
     levels = np.random.default_rng(6).integers(-1, 2, (40, 6)) * 1.3e-3
     assert len(distinct_pitches(levels)) == 1
     scene = replace(_model([]).scene, readings=levels + _model([]).scene.rho0)

@@ -106,7 +106,7 @@ def test_surveys_follow_each_other_and_new_targets_join(folder):
 
 
 @pytest.mark.parametrize(("leg", "joins"), [("1", True), ("", False)])
-def test_a_target_at_an_attachment_joins_again_where_it_is_said_to_sit_there(folder, leg, joins):
+def test_a_target_at_an_attachment_joins_again_where_it_is_declared(folder, leg, joins):
     folder.targets = [line + "1" if line.startswith("platform,P2,") else line for line in folder.targets]
     surveyed(folder, {"P2": (0.8, 0.0, -0.3)}, leg=leg)
     folder.toml += entry(from_pose=2)

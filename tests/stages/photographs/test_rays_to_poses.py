@@ -147,7 +147,7 @@ def test_parameters_common_to_all_poses_have_sensitivities(adjusted: Any) -> Non
     assert (bar["deviation_mm"].abs() < 4.0 * bar["deviation_sigma_mm"]).all()
 
 
-def test_the_budget_of_a_pose_tells_what_is_common_to_all(adjusted: Any) -> None:
+def test_the_budget_of_a_pose_shows_what_is_common_to_all(adjusted: Any) -> None:
     _, _, tables = adjusted
     budget = tables["uncertainty_budget"].to_pandas().query("result == 'pose' and evaluation != 'not evaluated'")
     stated = tables["uncertainty"].to_pandas().query("result == 'pose' and stated")

@@ -64,7 +64,7 @@ def test_without_times_no_pause_and_no_drift_is_judged_and_no_span_is_reported(t
     assert ("without times" in lead) != with_times
 
 
-def test_readings_whose_times_only_count_tell_no_drift_unless_one_is_seen(tmp_path):
+def test_readings_whose_times_only_count_give_no_drift_unless_one_is_seen(tmp_path):
     def counted(readings, signals):
         readings["time_s"] = readings.groupby("run")["step"].transform(lambda step: step - step.min()).astype(float)
 

@@ -162,7 +162,7 @@ def test_a_jump_between_cycles_is_found_in_a_file_that_is_sorted_by_target():
 
 
 @pytest.mark.parametrize("way", [lambda row: (row[2], row[1] == "backward", row[0]), lambda row: row[:3]])
-def test_rows_that_do_not_show_movements_tell_no_directions(way):
+def test_rows_that_do_not_show_movements_give_no_directions(way):
     rows = approaches()
     for slip in (None, turned((1, 2, 3, 4, 5))):
         if slip:
@@ -185,7 +185,7 @@ def test_good_runs_of_every_size_are_silent():
     assert reported == []
 
 
-def test_a_reading_coarser_than_the_axis_tells_no_repeatability():
+def test_a_reading_coarser_than_the_axis_gives_no_repeatability():
     rows = approaches(scatter_um=0.001)
     assert verdicts(rows)["copied-approaches"][0] == "fail"
 

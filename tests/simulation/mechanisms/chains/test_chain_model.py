@@ -225,7 +225,7 @@ def test_a_gear_error_of_any_order_is_found_with_its_order() -> None:
         assert abs(found.value - true) < 3.5 * found.sigma < 1e-4
 
 
-def test_orders_that_readings_do_not_distinguish_are_said_to_be_open() -> None:
+def test_orders_that_readings_do_not_distinguish_are_reported_to_be_open() -> None:
     model = campaign(np.random.default_rng(2), 80)
     readings = model.conditions.readings.copy()
     readings[:, 1] = np.radians(np.arange(80) % 36 * 10.0)
