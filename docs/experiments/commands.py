@@ -46,7 +46,10 @@ def _section(name: str, command: Any) -> Iterator[str]:
     yield from (f"{part}\n" for part in reported)
     yield f"```text\ntruing {name} {'[OPTIONS] ' if options else ''}{usage}\n```\n"
     yield "| it takes | default | meaning |\n| --- | --- | --- |"
-    yield from (f"| `{_metavar(one)}` | {'required' if one.required else ''} | {one.help} |" for one in arguments)
+    yield from (
+        f"| `{_metavar(argument)}` | {'required' if argument.required else ''} | {argument.help} |"
+        for argument in arguments
+    )
     yield from (_row(option) for option in options)
     yield "\n```sh\n" + "\n".join(shown) + "\n```\n"
 

@@ -111,12 +111,12 @@ class World:
     @cached_property
     def owners(self) -> NDArray[np.intp]:
         """The effect of each course (I,)."""
-        return np.repeat(np.arange(len(self.pathways)), [len(own.places) for own in self.pathways])
+        return np.repeat(np.arange(len(self.pathways)), [len(pathway.places) for pathway in self.pathways])
 
     @cached_property
     def courses(self) -> Array:
         """Courses (N, I) less their means, mm."""
-        every = np.concatenate([own.courses[self.fitted] for own in self.pathways], 1)
+        every = np.concatenate([pathway.courses[self.fitted] for pathway in self.pathways], 1)
         return np.asarray(every - every.mean(0))
 
     @cached_property

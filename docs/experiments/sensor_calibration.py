@@ -250,7 +250,7 @@ def by_heart(cases: bool) -> tuple[list[float], int]:
     if not cases:
         made = replace(made, case=rng.permutation(200) % 40)
     both = choose_calibration(made, [CalibrationModel(), CalibrationModel(powers="products")])
-    errors = [float(np.sqrt(np.mean((one.errors / RANGE) ** 2))) for one in both.contenders]
+    errors = [float(np.sqrt(np.mean((contender.errors / RANGE) ** 2))) for contender in both.contenders]
     return errors, both.choice.chosen
 
 

@@ -56,7 +56,7 @@ def words_of_axis(design: AxisDesign) -> list[str]:
 
 def _chosen(design: AxisDesign) -> list[str]:
     chosen, (low, high) = design.chosen, design.travel
-    kept = f" beside {count_text(design.kept, 'row')} that are kept" if design.kept else ""
+    kept = f" next to {count_text(design.kept, 'row')} that are kept" if design.kept else ""
     rows = sum(role == "calibration" for role in design.table.column("role").to_pylist())
     unit = sign(design.unit)
     by = f"by {design.options.method}{kept}"

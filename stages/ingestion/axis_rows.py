@@ -88,7 +88,7 @@ def _with_deviations(collected: CollectedRows, command: str, log: FaultLog) -> C
             or command not in collected.table.column_names
             or not command.endswith(unit)
         ):
-            expected = f"deviations from a command in {unit}, without a column {made} beside them"
+            expected = f"deviations from a command in {unit}, without a column {made} next to them"
             log.add(Fault(collected.first_file, expected, column=deviation_column))
             continue
         measured = pa.array(numbers(collected, command) + numbers(collected, deviation_column))

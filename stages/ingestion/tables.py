@@ -167,7 +167,9 @@ def _check_readings(collected: CollectedRows, log: FaultLog, settings: Campaign)
 
 def _mistyped_column(name: str, collected: CollectedRows) -> str:
     """Suggestion of a column that is none of the format, for one that is missing."""
-    return did_you_mean(name, (other for other in collected.table.column_names if find_column(other) is None))
+    return did_you_mean(
+        name, (column_name for column_name in collected.table.column_names if find_column(column_name) is None)
+    )
 
 
 def _check_drives(collected: CollectedRows, log: FaultLog, drives: tuple[str, ...]) -> None:

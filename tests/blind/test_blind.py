@@ -94,7 +94,9 @@ def test_errors_fall_with_everything_that_is_found(assessed: dict[str, list[Asse
 
 def test_nothing_is_found_beside_what_was_hidden(assessed: dict[str, list[Assessed]]) -> None:
     campaigns = assessed["one"] + assessed["two"]
-    assert not rates.invented(campaigns).exceeds(WRONG), [rates.summary(one) for one in campaigns if one.invented]
+    assert not rates.invented(campaigns).exceeds(WRONG), [
+        rates.summary(campaign) for campaign in campaigns if campaign.invented
+    ]
 
 
 def test_the_hidden_cause_is_found(assessed: dict[str, list[Assessed]]) -> None:

@@ -217,7 +217,7 @@ def test_drifts_are_taken_for_encoders_that_part_with_the_path_no_more_often_tha
 
 def test_scatter_from_one_side_has_its_side_its_subject_and_its_size() -> None:
     found = _drawn(lambda rng: draw_scatter(6.0, rng), 27)
-    reported = [(one, own) for one in found for own in one.decided.scatters if not own.doubt]
+    reported = [(one, scatter) for one in found for scatter in one.decided.scatters if not scatter.doubt]
     right = [
         (one, own)
         for one, own in reported

@@ -14,7 +14,7 @@ TRUE = 1.959964 * MACHINE
 def test_the_error_of_95_percent_is_the_machines_own_and_its_interval_holds_it() -> None:
     rng = np.random.default_rng(5)
     errors = rng.normal(scale=np.hypot(MACHINE, NOISE), size=(TRIALS, POSES))
-    found = [error_of_95_percent(one, np.full(POSES, NOISE**2)) for one in errors]
+    found = [error_of_95_percent(error, np.full(POSES, NOISE**2)) for error in errors]
     reported = np.array([(one.lower, one.value, one.upper) for one in found if one is not None])
     assert len(reported) == TRIALS
     covered = np.mean((reported[:, 0] <= TRUE) & (reported[:, 2] >= TRUE))

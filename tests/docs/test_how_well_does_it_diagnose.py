@@ -47,7 +47,7 @@ def test_causes_that_joined_since_are_reported_as_counted(instrument: str) -> No
     made, there = blind_page.causes(campaigns, own), shown(own.page.read_text(encoding="utf-8"), "added")
     assert _without_numbers(made) == _without_numbers(there)
     assert_close(_numbers(made), _numbers(there), atol=0.11)
-    assert {effect.cause for one in campaigns for effect in one.hidden} == set(own.added)
+    assert {effect.cause for campaign in campaigns for effect in campaign.hidden} == set(own.added)
 
 
 def _without_numbers(text: str) -> str:
@@ -61,7 +61,7 @@ def _numbers(text: str) -> list[float]:
 @pytest.mark.parametrize("instrument", INSTRUMENTS)
 def test_every_kept_campaign_is_there_once_and_drawn_as_reported(instrument: str) -> None:
     campaigns = CAMPAIGNS[instrument]
-    numbers = [one.record["number"] for one in campaigns]
+    numbers = [campaign.record["number"] for campaign in campaigns]
     assert sorted(numbers) == sorted(set(numbers))
     for one in campaigns[:: max(len(campaigns) // 20, 1)]:
         reported = drawn(one.record["number"], INSTRUMENTS[instrument].seed, instrument)

@@ -63,7 +63,9 @@ def test_the_scatter_of_an_input_is_found_beside_others_that_move_the_observatio
     """Two inputs move the observations nearly alike, and the one that scatters is known a hundred times better."""
     rng, epochs, strength = np.random.default_rng(5), 60, 1.6
     candidates = [ScatterCandidate(SimpleNamespace(), np.arange(INPUTS) == own, True) for own in range(INPUTS)]  # type: ignore[type-var]
-    candidates = [ScatterCandidate(one.cause, np.tile(one.own, (epochs, 1)), True) for one in candidates]
+    candidates = [
+        ScatterCandidate(candidate.cause, np.tile(candidate.own, (epochs, 1)), True) for candidate in candidates
+    ]
     moves = np.eye(INPUTS)
     moves[:, 4] = moves[:, 3] + 0.5 * moves[:, 5]
     moves *= np.where(np.arange(INPUTS) == 4, 1e-3, 1e-1)  # per prior sigma, in units of the noise

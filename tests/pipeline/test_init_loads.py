@@ -45,7 +45,7 @@ def test_other_loads_of_the_same_number_are_read(tmp_path: Path) -> None:
     (tmp_path / "plan.csv").write_text(text(COMPONENTS, np.vstack([LOADS[:-1], 2.0 * LOADS[-1:]])))
     (tmp_path / "both.csv").write_text(text(COMPONENTS + CHANNELS, np.hstack([LOADS, SIGNALS])))
     entries = init(tmp_path)[1]["files"]["signals"]
-    assert {one["path"] for one in entries} == {"plan.csv", "both.csv"}
+    assert {entry["path"] for entry in entries} == {"plan.csv", "both.csv"}
 
 
 def test_two_runs_with_the_same_loads_and_signals_of_their_own_are_both_read(tmp_path: Path) -> None:

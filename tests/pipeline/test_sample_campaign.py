@@ -265,7 +265,7 @@ def test_a_changed_setting_makes_stale_who_declares_it(
 
 
 def _declares(settings: tuple[str, ...], section: str) -> bool:
-    return any(section == each or section.startswith(f"{each}.") for each in settings)
+    return any(section == setting or section.startswith(f"{setting}.") for setting in settings)
 
 
 def test_every_process_leaves_the_same_bytes(run_once: Any, tmp_path: Path) -> None:

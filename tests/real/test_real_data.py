@@ -134,7 +134,7 @@ def test_deformation_with_elevation_and_hysteresis_are_named(facts):
     for campaign, body in (("so-lat-elevation", "receiver"), ("so-lat-mirror", "secondary"), ("so-lat-sag", "primary")):
         assert _found(facts, campaign)[0] == ("body-deformation", body)
     settings = [row["settings"] for row in facts["so-lat-mirror"]["diagnosis"]["found"]]
-    assert any(own.get("whole") and own.get("terms") == ["approach elevation_deg"] for own in settings)
+    assert any(setting.get("whole") and setting.get("terms") == ["approach elevation_deg"] for setting in settings)
 
 
 def test_codes_that_were_used_again_metres_away_are_named_with_their_way(facts):

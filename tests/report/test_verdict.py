@@ -156,7 +156,7 @@ def test_a_cause_found_is_a_result_with_a_mark_of_its_own():
     assert (whole.state, whole.reason_code, whole.mark) == (RelationState.ATTENTION, ReasonCode.FOUND, "found")
     assert section_verdicts(tables)["diagnosis"].value == 1.0
     sections = build_sections(tables, {})
-    assert next(one for one in sections if one.id == "diagnosis").state == "found"
+    assert next(section for section in sections if section.id == "diagnosis").state == "found"
     page = render_page(build_head("c", tables), sections)
     assert '<span class="state found"><span aria-hidden="true">◆</span> found</span>' in page
 

@@ -69,9 +69,9 @@ def _diagnosed(table: pa.Table) -> CauseDiagnosis:
 def _found(diagnosis: CauseDiagnosis) -> dict[str, tuple[float, float]]:
     """First parameter of each cause found, with its standard deviation."""
     return {
-        own.cause.id: (float(own.values[0]), float(np.sqrt(own.covariance[0, 0])))
-        for own in diagnosis.verdicts
-        if own.verdict == "found"
+        verdict.cause.id: (float(verdict.values[0]), float(np.sqrt(verdict.covariance[0, 0])))
+        for verdict in diagnosis.verdicts
+        if verdict.verdict == "found"
     }
 
 

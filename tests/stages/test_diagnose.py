@@ -105,9 +105,9 @@ def _given(made: Diagnosed, row: dict[str, Any], name: str) -> dict[str, float]:
     """What each source gives to a parameter."""
     place = row["cause"], row["subject"], name
     return {
-        one["input_source"]: one["contribution"]
-        for one in made.sources
-        if (one["cause"], one["subject"], one["parameter"]) == place
+        source["input_source"]: source["contribution"]
+        for source in made.sources
+        if (source["cause"], source["subject"], source["parameter"]) == place
     }
 
 

@@ -99,7 +99,7 @@ def test_pooled_numbers_say_that_they_hold_for_none_and_so_does_the_page(uneven)
     section = during({name: uneven.tables[name].to_pandas() for name in ("repeats", "pose_repeatability")})
     assert isinstance(section, ReportSection)
     assert any("their pooled scatter represents none of them: tool x" in words for _, words in section.statements)
-    (listing,) = (one for one in section.listings if one.held_by == "pose_repeatability.parquet")
+    (listing,) = (listing for listing in section.listings if listing.held_by == "pose_repeatability.parquet")
     assert len(listing.rows) == 2 * GROUPS
     assert listing.rows[0][:3] == ("tool", "p0", str(REPEATS))
 
@@ -139,7 +139,7 @@ def test_repeats_that_were_seen_once_are_not_evaluated(tmp_path):
     written(tmp_path, (0.01, 0.01, 0.01))
     path = tmp_path / "points.csv"
     lines = path.read_text().splitlines()
-    kept = [one for one in lines if ",tool," not in one or int(one.split(",")[0][1:] or 0) < GROUPS]
+    kept = [line for line in lines if ",tool," not in line or int(line.split(",")[0][1:] or 0) < GROUPS]
     path.write_text("\n".join(kept) + "\n")
     found = of_repeatability(stage_line(tmp_path).call("ingest", "qa"))["tool"]
     assert found["verdict"] == "not evaluated"

@@ -318,8 +318,8 @@ def remaining_parts(sights: Sequence[CauseSight]) -> Array:
     """Return the part (N, N) of an effect a of plausible size that each cause b cannot imitate, in sigma of the data;
     infinite between forms of one cause."""
     bases = [
-        np.linalg.qr(one.left / np.linalg.norm(one.left))[0] if one.visible > _LEAST_VISIBLE else 0.0 * one.left
-        for one in sights
+        np.linalg.qr(sight.left / np.linalg.norm(sight.left))[0] if sight.visible > _LEAST_VISIBLE else 0.0 * sight.left
+        for sight in sights
     ]
     distance = np.full((len(sights), len(sights)), np.inf)
     for a, sight in enumerate(sights):

@@ -291,7 +291,7 @@ def blocks_of(variables: Mapping[str, Variable], entry: FileMapping) -> list[Blo
 def _variable(variables: Mapping[str, Variable], name: str) -> Variable:
     value = variables.get(name)
     if value is None:
-        within = [other for other in variables if other.startswith(f"{name}.")]
+        within = [variable for variable in variables if variable.startswith(f"{name}.")]
         raise Unusable(f"a variable of the file: {_listed(within or list(variables))}", column="variable", value=name)
     if isinstance(value, Opaque):
         raise Unusable(f"numbers or text; save {value.cure}", column="variable", value=f"{name}: {value.what}")

@@ -96,7 +96,7 @@ def _several_targets(names: Sequence[str]) -> tuple[MappingKeys, tuple[str, ...]
     pattern = re.escape(wide).replace(r"\{target\}", r"\w.*?").replace(r"\{body\}", r"\w[^:]*")
     raw = tuple(name for name in names if re.fullmatch(pattern.replace(r"\{axis\}", "[xyzXYZ]"), name))
     keys = {"wide": wide, **({} if unit in (None, "mm") else {"unit": unit})}
-    return keys, raw, "several targets side by side, beside joint readings"
+    return keys, raw, "several targets side by side, next to joint readings"
 
 
 def _one_target(names: Sequence[str], meant: MappingKeys) -> tuple[MappingKeys, tuple[str, ...], str]:
@@ -109,7 +109,7 @@ def _one_target(names: Sequence[str], meant: MappingKeys) -> tuple[MappingKeys, 
     unit = bare_and_unit(raw[0])[1]
     columns = {column: name for column, name in zip(COORDINATES, raw, strict=True) if column != name}
     keys = {"columns": columns, **({} if unit in (None, "mm") or raw == COORDINATES else {"unit": unit})}
-    return keys, raw, f"{', '.join(raw)}: one target, beside joint readings"
+    return keys, raw, f"{', '.join(raw)}: one target, next to joint readings"
 
 
 def _first_of_each_pose(names: Sequence[str], data: Sequence[Sequence[str]], meant: MappingKeys) -> MappingKeys:

@@ -225,4 +225,4 @@ def _with_camera_names(photographs: list[Photograph]) -> list[Photograph]:
             words.append(f"{photo.head.width_px} x {photo.head.height_px}")
         return ", ".join(words)
 
-    return [replace(one, camera=name(one)) for one in photographs]
+    return [replace(photograph, camera=name(photograph)) for photograph in photographs]

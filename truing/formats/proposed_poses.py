@@ -75,7 +75,7 @@ def perhaps_in_metres(guess: Guess, in_metres: bool) -> Guess:
     if not in_metres:
         return guess
     text = "Unit of the coordinates, which the file does not give; it scales all lengths"
-    doubt = "no unit is given; coordinates below 10 beside joints of a robot are assumed to be in m"
+    doubt = "no unit is given; coordinates below 10 next to joints of a robot are assumed to be in m"
     taken = replace(guess, mapping={**guess.mapping, "unit": "m"})
     return replace(taken, ways=(OtherWay("unit", text, "m", "mm", guess, doubt),))
 

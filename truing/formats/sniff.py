@@ -63,7 +63,7 @@ def sniff_file(path: Path, joints: Sequence[str] = ()) -> Guess:
     file_format = format_of(raw, FileMapping(path="*"))
     if raw.suffix == ".eor":
         return Guess(
-            notes=("AICON's orientations of images: read along with the image coordinates beside it",), known=True
+            notes=("AICON's orientations of images: read along with the image coordinates next to it",), known=True
         )
     if is_rig_file(path.name):
         return Guess(notes=(OF_RIGS,), known=True)

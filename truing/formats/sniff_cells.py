@@ -58,7 +58,7 @@ from truing.schemas.columns import find_column
 _ONE_MOTION = "a single rigid motion (4x4): how two frames lie to each other, no measurement; it is not read"
 _A_COORDINATE_PER_ROW = "a row for each coordinate; export a table of points with columns X, Y and Z"
 _CHANNELS_ALONE = (
-    "channels of a sensor without loads: put the load of each row beside them, as columns such as Fx [N] and Mz [N m]"
+    "channels of a sensor without loads: put the load of each row next to them, as columns such as Fx [N] and Mz [N m]"
 )
 _OVER_ANGLE = (
     "readings over an angle, as of a ball bar or of dial gauges: truing reads no circular and no run-out tests, "

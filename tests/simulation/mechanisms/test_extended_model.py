@@ -40,7 +40,7 @@ def test_every_cause_comes_back_and_predicts_the_same(cause: Cause) -> None:
     made = made_model(rng, (cause,))
     text = write_model(made)
     read = read_model(text)
-    assert [one.key for one in read.model.causes] == [cause.key]
+    assert [cause.key for cause in read.model.causes] == [cause.key]
     assert type(read.model.causes[0]) is type(cause)
     assert write_model(read) == text
     conditions = some_conditions(rng)

@@ -283,10 +283,10 @@ def test_the_numbers_of_an_accepted_cause_are_those_of_the_round_that_accepted_i
 def test_released_intermediate_results_are_recomputed_identically() -> None:
     final = of_two_gains().final
     errors = final.held_out, final.error
-    before = final.fit.whitened.rest, final.pathways.gram, *(own.linearised.by_shared for own in errors)
+    before = final.fit.whitened.rest, final.pathways.gram, *(error.linearised.by_shared for error in errors)
     final.release()
     assert not {"whitened", "pathways"} & (final.fit.__dict__.keys() | final.__dict__.keys())
-    after = final.fit.whitened.rest, final.pathways.gram, *(own.linearised.by_shared for own in errors)
+    after = final.fit.whitened.rest, final.pathways.gram, *(error.linearised.by_shared for error in errors)
     for one, other in zip(before, after, strict=True):
         assert one is not other
         np.testing.assert_array_equal(one, other)

@@ -231,7 +231,7 @@ def test_the_page_says_what_gives_the_scale_and_lists_distances_of_a_survey_once
     distances = own.assign(bar="survey, " + own["bar"], deviation_mm=own["pose"] * own["deviation_sigma_mm"])
     section = photographs(frames | {"scale_bar_lengths": distances})
     assert section is not None
-    (listing,) = [one for one in section.listings if one.caption.startswith("Distances of the survey")]
+    (listing,) = [listing for listing in section.listings if listing.caption.startswith("Distances of the survey")]
     assert [row[:2] for row in listing.rows] == [("S", "3"), ("T", "3")]
 
 

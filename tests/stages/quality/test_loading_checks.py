@@ -295,7 +295,7 @@ def test_noise_at_the_bound_fails_as_rarely_as_stated():
 
     def failing(ratio: float) -> float:
         residuals = ratio * rng.normal(size=(draws, count))
-        checks = (noise(replace(channel, fit=replace(fit, residual=one)), share) for one in residuals)
+        checks = (noise(replace(channel, fit=replace(fit, residual=residual)), share) for residual in residuals)
         return float(np.mean([check.verdict == FAIL for check in checks]))
 
     allowed = 3.0 * np.sqrt(share * (1 - share) / draws)

@@ -340,7 +340,7 @@ def compliance_budgets(loaded: Loaded, declared: bool) -> list[Budget] | None:
 
 def budget_of_entries(budgets: list[Budget], loaded: Loaded, entries: list[tuple[int, int]]) -> Budget:
     """Return the joint budget of some entries (response, load), including the part of beam geometry."""
-    sources = tuple(dict.fromkeys(source for one in budgets for source in one.sources))
+    sources = tuple(dict.fromkeys(source for budget in budgets for source in budget.sources))
     table = np.zeros((len(sources), len(entries)))
     for n, (i, j) in enumerate(entries):
         for source, contribution in zip(budgets[i].sources, budgets[i].contributions, strict=True):

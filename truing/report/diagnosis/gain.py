@@ -315,7 +315,7 @@ def misfit_figure(
     style(figure, "Errors of the predictions, cause by cause", subtitle, _AROUND + _ROW * len(stages))
     figure.update_yaxes(autorange="reversed", automargin=True, type="category")
     if max(map(len, stages)) > _LONG_NAME:  # next to longer names the bars would have no room
-        lines = ["<br>".join(map(label, textwrap.wrap(html.unescape(one), _LONG_NAME))) for one in stages]
+        lines = ["<br>".join(map(label, textwrap.wrap(html.unescape(stage), _LONG_NAME))) for stage in stages]
         figure.update_yaxes(tickmode="array", tickvals=stages, ticktext=lines)
     figure.update_xaxes(title_text=f"rms of measured − predicted ({unit})", rangemode="tozero")
     figure.update_layout(legend=_LEGEND, margin={"t": 100})

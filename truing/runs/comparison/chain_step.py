@@ -149,7 +149,7 @@ def _direction(extended: ExtendedChain, k: int, parameter: str) -> NDArray:
 
 
 def _has_offset(models: tuple[ExtendedChain, ...], parameters: pd.DataFrame) -> NDArray:
-    joints = {cause.joint for one in models for cause in one.causes if isinstance(cause, JointOffset)}
+    joints = {cause.joint for model in models for cause in model.causes if isinstance(cause, JointOffset)}
     return ((parameters["parameter"] == "offset") & parameters["joint"].isin(joints)).to_numpy()
 
 

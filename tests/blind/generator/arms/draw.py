@@ -180,8 +180,8 @@ def _effects(bench: Bench, wanted: Sequence[str], strength: float, rng: np.rando
     if not wanted:
         return []
     fit, found = linear_fit(bench), list[Effect]()
-    for own in candidates:
-        sized = (_sized(effect, fit, strength, rng) for effect in own)
+    for candidate in candidates:
+        sized = (_sized(effect, fit, strength, rng) for effect in candidate)
         chosen = next((effect for effect in sized if effect is not None), None)
         if chosen is None:
             return None

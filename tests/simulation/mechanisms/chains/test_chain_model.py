@@ -124,7 +124,7 @@ def test_a_scatter_is_an_angle_or_a_length() -> None:
     nodes[2] = replace(nodes[2], kind=JointKind.PRISMATIC)
     known = replace(model.known, reading_sigma=np.full(5, 1e-5))
     scatters = replace(model, tree=Tree(tuple(nodes), model.tree.readings), known=known).scene.scatters(JointScatter())
-    units = {own.cause.joint: own.cause.parameters(0)[0].unit for own in scatters}
+    units = {scatter.cause.joint: scatter.cause.parameters(0)[0].unit for scatter in scatters}
     assert units == {"j1": "rad", "j2": "mm", "j3": "rad", "j4": "rad", "j5": "rad"}
 
 
