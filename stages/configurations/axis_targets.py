@@ -113,7 +113,7 @@ def _shown(design: AxisDesign) -> list[str]:
 
 
 def _sizes(whose: str, sizes: pa.Table | None) -> list[str]:
-    """Return the detectable sizes of one set of rows, with what none of them shows."""
+    """Return the detectable sizes of one set of rows, and the effects that no row shows."""
     if sizes is None:
         return []
     frame = sizes.to_pandas()

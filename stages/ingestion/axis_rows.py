@@ -99,7 +99,7 @@ def _with_deviations(collected: CollectedRows, command: str, log: FaultLog) -> C
 
 
 def _with_places(collected: CollectedRows, source: CampaignFiles, settings: Campaign, log: FaultLog) -> CollectedRows:
-    """Return rows with what points or poses of the moved body tell, in a column of the outside instrument."""
+    """Return rows with the places by points or poses of the moved body, in a column of the outside instrument."""
     axis = cast("AxisMechanism", settings.mechanism)
     made, command = f"{MEASURED}_{axis.unit}", axis.columns["command"]
     poses = [str(pose) for pose in collected.table.column("pose").to_pylist()]

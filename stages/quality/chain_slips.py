@@ -32,7 +32,7 @@ _FAR, _MOST = 5.0, 0.9
 
 @dataclass(frozen=True)
 class ComparedChain:
-    """A chain, its readings and what was measured on it, with the usable poses (B,).
+    """A chain, its readings and the measurements on it, with the usable poses (B,).
 
     ``rows`` describe the chain, where its description has rows; ``fit_of``: fit of the places to a chain; ``fit_on``:
     to the chain with the same measurements on other links, none for distances.
@@ -59,7 +59,7 @@ class ComparedChain:
 
     @property
     def names(self) -> list[str]:
-        """Names (K,) or (D,) of what was measured."""
+        """Names (K,) of the measured channels, or (D,) of the distances."""
         channels, ends = self.measured.channels, self.measured.ends
         return (
             list(channels.names) if ends is None else [f"{channels.names[a]} to {channels.names[b]}" for a, b in ends]

@@ -69,7 +69,7 @@ def _ratios(load: Array, signal: Array, run: Index) -> dict[int, float]:
 
 
 def _scatter(load: Array, signal: Array) -> float:
-    """Return the rms, over channels of equal weight, of what a linear fit to loads and a zero leaves."""
+    """Return the rms residual of a linear fit to loads and a zero, over channels of equal weight."""
     columns = np.column_stack([np.ones(len(load)), load / np.maximum(np.abs(load).max(axis=0), 1e-300)])
     left = signal - columns @ np.linalg.lstsq(columns, signal, rcond=None)[0]
     spread = signal.std(axis=0)

@@ -241,7 +241,7 @@ def _pull_p_value(calibration: MachineCalibration, pulls: NDArray) -> float:
 
 
 def shortcoming(assessed: AssessedCalibration) -> str:
-    """Return in words what is wrong with a calibration and what to do; empty where it fits and predicts
+    """Return in words the shortcoming of a calibration and its remedy; empty where it fits and predicts
     held-out poses."""
     figures = {name: value for name, value, _ in fit_figures(assessed)}
     missed = ""

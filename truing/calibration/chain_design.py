@@ -60,7 +60,7 @@ class PlannedPoses:
 
     @property
     def rows(self) -> Array:
-        """Derivatives (B, M, G) per prior sigma, without what the poses' own unknowns explain."""
+        """Derivatives (B, M, G) per prior sigma, after projection on the poses' own unknowns."""
         candidates = self.candidates
         return np.asarray(candidates.without_pose_unknowns(candidates.rows))
 

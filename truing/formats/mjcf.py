@@ -1,4 +1,4 @@
-"""Reading of robot descriptions in MJCF by the package mujoco, which is installed by whoever needs it."""
+"""Reading of robot descriptions in MJCF by the optional package mujoco."""
 
 from __future__ import annotations
 

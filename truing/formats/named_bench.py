@@ -89,7 +89,7 @@ _OF_AXIS = re.compile(r"[ _](axis|achse|axe)?[ _]?[xyzabcuvw]\d?$")  # the axis 
 
 @dataclass(frozen=True)
 class Proposal:
-    """A table, keys of its [files.<table>], what it is, and statements to confirm."""
+    """A table, keys of its [files.<table>], its description, and statements to confirm."""
 
     table: str
     mapping: MappingKeys

@@ -64,7 +64,7 @@ class LoadMapping:
 
     @property
     def is_shown(self) -> bool:
-        """True if the loads are what the sensor shows."""
+        """True if the sensor shows the loads itself."""
         return any(column.startswith("shown_") for column in self.mapping["columns"])
 
 

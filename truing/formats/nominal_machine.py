@@ -185,7 +185,7 @@ def _rows(numbers: Mapping[str, Array], kinds: Sequence[str], convention: str) -
 
 
 def _masses(cells: NamedCells) -> Guess | None:
-    """Return masses and centres of links in the order of the rows, and of what a last row calls the tool."""
+    """Return masses and centres of links in the order of the rows, and of the tool if the last row names one."""
     column_of = _meanings(cells.names, _MASSES)
     of_mass = re.search(r"(?<![a-z])(k?)g(?![a-z])", column_of.get("mass", ""))
     if set(column_of) != set(_MASSES) or of_mass is None:

@@ -63,7 +63,7 @@ class PredictionError(Generic[CauseT]):
         return linearise(self.model.predict, self.measured, self.frames, self.shared, self.local, compact=True)
 
     def release(self) -> None:
-        """Free what few predictions need."""
+        """Free arrays that few predictions need."""
         for name in ("linearised", "pathways", "design_matrix"):
             self.__dict__.pop(name, None)
 

@@ -69,7 +69,7 @@ def _predictions(tables: Tables) -> Iterator[_Row]:
 
 
 def _deformation(tables: Tables) -> Iterator[_Row]:
-    """Yield the rms of what the models of the deformation leave."""
+    """Yield the rms residuals of the models of the deformation."""
     errors = table_or_none(tables, "deformation_errors")
     if errors is None:
         return

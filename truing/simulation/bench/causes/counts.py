@@ -103,8 +103,8 @@ class FringeSlip(RunChannelCause):
 
 
 def _onset_rows(scene: BenchScene) -> tuple[dict[tuple[int | str, str], Index], int]:
-    """Return the rows of possible onsets of each run and linear channel, in order of steps, and every how many of them
-    are tried."""
+    """Return the rows of possible onsets of each run and linear channel, in order of steps, and the spacing of those
+    that are tried."""
     steps, rows_of = scene.steps, dict[tuple[int | str, str], Index]()
     for code, first in enumerate(np.flatnonzero(steps.rank == 0)):
         of_run = np.flatnonzero(steps.code == code)

@@ -129,7 +129,7 @@ class ZeroStep(ReadingCause):
 
 
 def _onset_rows(steps: LoadSteps) -> tuple[Index, int]:
-    """Return the rows of possible onsets, and every how many of them are tried."""
+    """Return the rows of possible onsets, and the spacing of those that are tried."""
     rows = np.flatnonzero(steps.rank >= FEWEST)
     return rows, 1 + len(rows) // _MOST_ONSETS
 

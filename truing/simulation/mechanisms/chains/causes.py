@@ -480,5 +480,5 @@ def onsets_of_poses(
 
 
 def _onset_spacing(machine: ChainInputs, most: int) -> int:
-    """Return every how many onsets are tried."""
+    """Return the spacing of the onsets that are tried."""
     return 1 + len(machine.order) // most

@@ -66,7 +66,7 @@ class GuidewayError(ChainCause):
 
     @property
     def family(self) -> str:
-        """The joint, and what its carriage does."""
+        """The joint, and the motion of its carriage."""
         return f"{self.id} {self.joint} {self.error} {self.axis}"
 
     @property
