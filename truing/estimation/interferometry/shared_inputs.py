@@ -83,7 +83,7 @@ class LoadCourse:
         return InputGroups(names, np.array(member), np.array(odd))
 
     def _each_group(self) -> Iterator[tuple[str | int, Mask, Array]]:
-        """Yield common properties of rows with their mask (B,), and the signs (B,) of an effect that is odd in that load."""
+        """Yield common properties of rows with their mask (B,), and the signs (B,) of an effect odd in that load."""
         share, even = self.share, np.ones(len(self.load))
         loaded = np.flatnonzero(share.any(axis=0)).tolist()
         for k in loaded:

@@ -157,7 +157,7 @@ def find_hypotheses(cloud: Constellation, survey: Constellation, keep: int = 24)
     """
     from scipy.spatial import cKDTree
 
-    search = _Search(cKDTree(cloud.points), cloud, survey)
+    search = _LabelSearch(cKDTree(cloud.points), cloud, survey)
     hypotheses: dict[bytes, Hypothesis] = {}
     smaller = min(len(cloud), len(survey))
     tried, best = 0, 0
@@ -310,7 +310,7 @@ def _perpendicular(v: NDArray) -> NDArray:
 
 
 @dataclass(frozen=True)
-class _Search:
+class _LabelSearch:
     """Search for the targets of a survey in a cloud, with a tree of the cloud's points."""
 
     tree: cKDTree
@@ -318,7 +318,7 @@ class _Search:
     survey: Constellation
 
 
-def _strongest(search: _Search, targets: NDArray, points: NDArray) -> tuple[NDArray, NDArray, NDArray, NDArray]:
+def _strongest(search: _LabelSearch, targets: NDArray, points: NDArray) -> tuple[NDArray, NDArray, NDArray, NDArray]:
     """Return the best seeds (targets, points) with their motions, at most _MOST_RATED, by a sample of targets."""
     cloud, survey = search.cloud, search.survey
     if len(targets) == 0:
@@ -345,7 +345,9 @@ def _seed_match(targets: NDArray, points: NDArray, n_survey: int) -> NDArray:
     return match
 
 
-def _explained_by(search: _Search, targets: NDArray, points: NDArray, R: NDArray, t: NDArray) -> Iterator[Hypothesis]:
+def _explained_by(
+    search: _LabelSearch, targets: NDArray, points: NDArray, R: NDArray, t: NDArray
+) -> Iterator[Hypothesis]:
     """Yield the hypothesis of each motion, after refits to all points that it explains."""
     cloud, survey = search.cloud, search.survey
     match = _seed_match(targets, points, len(survey))
@@ -363,7 +365,7 @@ def _explained_by(search: _Search, targets: NDArray, points: NDArray, R: NDArray
     yield from (hypothesis_at(cloud, survey, m, r, s) for m, r, s in zip(match, R, t, strict=True))
 
 
-def _gated_matches(search: _Search, motion: tuple[NDArray, NDArray], match: NDArray, chosen: NDArray) -> NDArray:
+def _gated_matches(search: _LabelSearch, motion: tuple[NDArray, NDArray], match: NDArray, chosen: NDArray) -> NDArray:
     """Return the point (B, m) of each chosen target under each motion R, t; -1 if none is in its gate. The gate
     includes the uncertainty at that target of the motion fitted to the current match."""
     cloud, survey, (R, t) = search.cloud, search.survey, motion

@@ -338,7 +338,7 @@ def _advance(walk: _Walk, residuals: Residuals, rule: StepRule) -> NDArray:
     cost = np.where(_finite(residual, jacobian), np.sum(residual**2, -1), np.inf)
     gain = np.where(promised > 0.0, (walk.cost - cost) / np.where(promised > 0.0, promised, 1.0), -1.0)
     is_useful = np.isfinite(cost) & (fine | (gain > 0.0))
-    accepted = _accept(walk, _Trial(trial, cost, residual, jacobian), is_useful, fine)
+    accepted = _accept(walk, _TrialStep(trial, cost, residual, jacobian), is_useful, fine)
     walk.noise = np.select([fine, accepted], [walk.noise, 0.0], _noise(walk, cost, promised))
     walk.memory = np.where(fine[:, None], walk.memory, rule.learn(walk.memory, gain, length))
     still = length <= EPS * np.sqrt(np.sum((walk.linear.scale * walk.x) ** 2, -1))
@@ -365,7 +365,7 @@ def _noise(walk: _Walk, cost: NDArray, promised: NDArray) -> NDArray:
 
 
 @dataclass(frozen=True)
-class _Trial:
+class _TrialStep:
     """Values (b, P) that a step leads to, with cost (b,), residuals (b, N) and Jacobian (b, N, P)."""
 
     x: NDArray
@@ -374,7 +374,7 @@ class _Trial:
     jacobian: NDArray
 
 
-def _accept(walk: _Walk, trial: _Trial, useful: NDArray, fine: NDArray) -> NDArray:
+def _accept(walk: _Walk, trial: _TrialStep, useful: NDArray, fine: NDArray) -> NDArray:
     """Move the useful problems to their trials, fine ones only if the gradient decreases; return the mask (b,) of moved
     ones."""
     rows = np.flatnonzero(useful)
