@@ -25,8 +25,8 @@ from pathlib import Path
 import numpy as np
 
 from benchmarks.blind_instruments import INSTRUMENTS, Instrument
-from tests.blind.judging import Judged, Record, run_share
-from tests.blind.rates import clear_from, told
+from tests.blind.judging import Assessed, Record, run_share
+from tests.blind.rates import clear_from, summary
 
 RUNS = Path("runs")
 # Of twenty campaigns: nothing, one effect, two, one of no catalogue.
@@ -164,7 +164,7 @@ def main() -> None:
         print(_line(record), flush=True)
     from benchmarks import blind_page
 
-    campaigns = [Judged(record) for record in kept(results)]
+    campaigns = [Assessed(record) for record in kept(results)]
     tables = {
         None: lambda: blind_page.goals(campaigns, own),
         UNFORESEEN: lambda: blind_page.unknown(campaigns),
@@ -183,7 +183,7 @@ def main() -> None:
 def _line(record: Record) -> str:
     if "failed" in record:
         return f"{record['name']} FAILED\n{record['failed']}"
-    return f"{record['seconds']:5.1f} s  {told(Judged(record))}"
+    return f"{record['seconds']:5.1f} s  {summary(Assessed(record))}"
 
 
 if __name__ == "__main__":

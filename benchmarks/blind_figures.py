@@ -11,13 +11,13 @@ import numpy as np
 from numpy.typing import NDArray
 
 from tests.blind import rates
-from tests.blind.judging import Judged
+from tests.blind.judging import Assessed
 
 MATRIX = "platform-deformation-matrix"
 UNSIZED = ("targets-swapped", "rows-exchanged", "joints-exchanged")
 EDGES = (2.4, 3.6, 4.5, 5.2, 6.0, 7.0, 8.7, 11.0, 14.0, 18.5)
 MATRIX_EDGES = (3.4, 6.0, 7.5, 8.7, 11.0, 15.0, 26.5)
-CANDIDATES, LEVEL = 2000, 0.03  # what one parameter must stand against, as the theory beside the curve has it
+CANDIDATES, LEVEL = 2000, 0.03  # what one parameter must stand against, as the theory next to the curve has it
 COLOURS = {"named": "#0072b2", "found": "#e69f00", "missed": "#d55e00"}
 
 
@@ -33,13 +33,13 @@ def _text(x: float, y: float, words: str, anchor: str = "middle", more: str = ""
     return f'<text x="{x:.1f}" y="{y:.1f}" text-anchor="{anchor}" {more}>{escape(words)}</text>'
 
 
-def _singles(campaigns: Sequence[Judged]) -> list[Judged]:
+def _singles(campaigns: Sequence[Assessed]) -> list[Assessed]:
     """Campaigns with one effect of the catalogue whose size could be chosen."""
     return [campaign for campaign in campaigns if len(campaign.hidden) == 1 and _is_scaled(campaign)]
 
 
-def _is_scaled(judged: Judged) -> bool:
-    return judged.hidden[0].cause != "unexplained" and bool(np.isfinite(judged.hidden[0].strength))
+def _is_scaled(assessed: Assessed) -> bool:
+    return assessed.hidden[0].cause != "unexplained" and bool(np.isfinite(assessed.hidden[0].strength))
 
 
 def theory(strength: NDArray, parameters: int, candidates: int) -> NDArray:
@@ -49,7 +49,7 @@ def theory(strength: NDArray, parameters: int, candidates: int) -> NDArray:
     return np.asarray(ncx2.sf(chi2.isf(LEVEL / candidates, parameters), parameters, strength**2))
 
 
-def power_figure(path: Path, campaigns: Sequence[Judged]) -> None:
+def power_figure(path: Path, campaigns: Sequence[Assessed]) -> None:
     """Write how often effects are found and named against their signal-to-noise, with exact 95 % bounds."""
     own = _singles(campaigns)
     few = [one for one in own if one.hidden[0].cause != MATRIX]
@@ -64,7 +64,7 @@ def power_figure(path: Path, campaigns: Sequence[Judged]) -> None:
 
 
 def _power_panel(
-    left: float, title: str, campaigns: Sequence[Judged], edges: Sequence[float], test: tuple[int, int]
+    left: float, title: str, campaigns: Sequence[Assessed], edges: Sequence[float], test: tuple[int, int]
 ) -> list[str]:
     low, high = np.log(edges[0]), np.log(edges[-1])
 
@@ -87,7 +87,7 @@ def _power_panel(
 
 
 def _bins(
-    campaigns: Sequence[Judged],
+    campaigns: Sequence[Assessed],
     edges: Sequence[float],
     at: Callable[[float, float], tuple[float, float]],
     name: str,
@@ -114,7 +114,7 @@ def _legend(y: float, names: dict[str, str]) -> list[str]:
     return out
 
 
-def strip_figure(path: Path, campaigns: Sequence[Judged], catalogue: Sequence[str]) -> None:
+def strip_figure(path: Path, campaigns: Sequence[Assessed], catalogue: Sequence[str]) -> None:
     """Write every campaign with one effect as a dot at its signal-to-noise, a row per cause."""
     strongest = max((single.hidden[0].strength for single in _singles(campaigns)), default=0.0)
     names = [cause for cause in catalogue if cause not in UNSIZED]

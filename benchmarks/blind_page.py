@@ -15,7 +15,7 @@ from benchmarks.blind_figures import confusion_figure, power_figure, strip_figur
 from benchmarks.blind_instruments import INSTRUMENTS, Instrument
 from docs.experiments.marked_tables import renew, table
 from tests.blind import rates
-from tests.blind.judging import Judged, Record
+from tests.blind.judging import Assessed, Record
 from tests.blind.rates import Count
 
 NAME = "unexplained"
@@ -59,13 +59,13 @@ def _keep(records: Sequence[Record], file: Path) -> None:
     file.write_bytes(gzip.compress(lines.encode(), mtime=0))
 
 
-def kept_campaigns(file: Path) -> list[Judged]:
+def kept_campaigns(file: Path) -> list[Assessed]:
     """Return the campaigns that a page was made from."""
     lines = gzip.decompress(file.read_bytes()).decode().splitlines()
-    return [Judged(json.loads(line)) for line in lines]
+    return [Assessed(json.loads(line)) for line in lines]
 
 
-def tables(campaigns: Sequence[Judged], instrument: Instrument = POINTS) -> dict[str, Callable[[], str]]:
+def tables(campaigns: Sequence[Assessed], instrument: Instrument = POINTS) -> dict[str, Callable[[], str]]:
     """Return the functions that build the tables of the page, by name."""
     return {
         "goals": lambda: goals(campaigns, instrument),
@@ -76,7 +76,7 @@ def tables(campaigns: Sequence[Judged], instrument: Instrument = POINTS) -> dict
     }
 
 
-def _clear(campaigns: Sequence[Judged]) -> list[Judged]:
+def _clear(campaigns: Sequence[Assessed]) -> list[Assessed]:
     return [campaign for campaign in campaigns if not campaign.hidden or rates.is_clear(campaign)]
 
 
@@ -89,7 +89,7 @@ def _of(count: Count) -> list[str]:
     return [f"{count.good} of {count.trials}", _percent(count.share), f"{_percent(low)} to {_percent(high)}"]
 
 
-def goals(campaigns: Sequence[Judged], instrument: Instrument = POINTS) -> str:
+def goals(campaigns: Sequence[Assessed], instrument: Instrument = POINTS) -> str:
     """Return the table of required and reached rates."""
     clear = _clear(campaigns)
     rows = [
@@ -142,7 +142,7 @@ def _middle(values: NDArray) -> list[str]:
     return [str(len(values)), f"median {middle:.2f}", f"nine in ten: {low:.2f} to {high:.2f}"]
 
 
-def causes(campaigns: Sequence[Judged], instrument: Instrument) -> str:
+def causes(campaigns: Sequence[Assessed], instrument: Instrument) -> str:
     """The table of each cause that was hidden alone: what is clear, and what is too weak to be found for certain."""
     rows = []
     for cause in instrument.catalogue:
@@ -173,19 +173,19 @@ def causes(campaigns: Sequence[Judged], instrument: Instrument) -> str:
     return table(heads, rows)
 
 
-def layouts(campaigns: Sequence[Judged], instrument: Instrument) -> str:
+def layouts(campaigns: Sequence[Assessed], instrument: Instrument) -> str:
     """Return the table of each layout."""
     rows = []
     for kind in instrument.layouts:
         there = [one for one in _clear(campaigns) if one.record["truth"]["layout"] == kind]
-        judged = (rates.alarms, rates.detected, rates.named, rates.placed, rates.both_named)
-        shares = [judge(there) for judge in judged]
+        assessed = (rates.alarms, rates.detected, rates.named, rates.placed, rates.both_named)
+        shares = [judge(there) for judge in assessed]
         rows.append([kind, *(f"{share.good} of {share.trials}" if share.trials else "" for share in shares)])
     heads = ["layout", "false alarms", "found", "named", f"right {instrument.subjects}", "both of two named"]
     return table(heads, rows)
 
 
-def unknown(campaigns: Sequence[Judged]) -> str:
+def unknown(campaigns: Sequence[Assessed]) -> str:
     """Return the table of effects in no catalogue."""
     strange = [campaign for campaign in campaigns if campaign.hidden and campaign.hidden[0].cause == NAME]
     rows = []
@@ -199,7 +199,7 @@ def unknown(campaigns: Sequence[Judged]) -> str:
     return table(["effect", "campaigns", "reported with its inputs", "given a name", "which"], rows)
 
 
-def foreign(campaigns: Sequence[Judged]) -> str:
+def foreign(campaigns: Sequence[Assessed]) -> str:
     """The table of foreign worlds: wrong names, reported inputs, and remaining errors."""
     wrong = [campaign for campaign in campaigns if campaign.misnamed]
     doubted = [campaign for campaign in campaigns if campaign.suspected and not campaign.misnamed]
@@ -232,12 +232,12 @@ def foreign(campaigns: Sequence[Judged]) -> str:
     return table(["", "reached", "asked"], rows)
 
 
-def _median_ratio(campaigns: Sequence[Judged]) -> str:
+def _median_ratio(campaigns: Sequence[Assessed]) -> str:
     ratios = [campaign.floor_ratio for campaign in campaigns if campaign.floor_ratio]
     return f"{np.median(ratios):.2f}" if ratios else ""
 
 
-def unforeseen(campaigns: Sequence[Judged]) -> str:
+def unforeseen(campaigns: Sequence[Assessed]) -> str:
     """Return the table of unforeseen effects, all together in its last row."""
     driven, misnamed = rates.driven(campaigns), rates.misnamed(campaigns)
     shares = (f"{count.good} of {count.trials}: {_range(count)}" for count in (driven, misnamed))
@@ -254,7 +254,7 @@ def _words(kind: str) -> str:
     return "".join(f" {letter.lower()}" if letter.isupper() else letter for letter in kind).strip()
 
 
-def wrong(campaigns: Sequence[Judged]) -> str:
+def wrong(campaigns: Sequence[Assessed]) -> str:
     """Return every clear campaign with effects of the catalogue that went wrong, so that each can be drawn again."""
     bad = [one for one in _clear(campaigns) if one.hidden and one.hidden[0].cause != NAME and _went_wrong(one)]
     bad += [campaign for campaign in campaigns if not campaign.hidden and campaign.found]
@@ -262,24 +262,25 @@ def wrong(campaigns: Sequence[Judged]) -> str:
     return table(["campaign", "layout", "hidden, at signal-to-noise", "found"], rows)
 
 
-def _went_wrong(judged: Judged) -> bool:
-    return bool(judged.missed or judged.invented or any(judged.misplaced(effect) for effect in judged.hidden))
+def _went_wrong(assessed: Assessed) -> bool:
+    return bool(assessed.missed or assessed.invented or any(assessed.misplaced(effect) for effect in assessed.hidden))
 
 
-def _hidden(judged: Judged) -> str:
+def _hidden(assessed: Assessed) -> str:
     strength = {float("inf"): ""}
     reported = (
-        f"{e.kind} {' '.join(sorted(e.subject))} {strength.get(e.strength, f'{e.strength:.1f}')}" for e in judged.hidden
+        f"{e.kind} {' '.join(sorted(e.subject))} {strength.get(e.strength, f'{e.strength:.1f}')}"
+        for e in assessed.hidden
     )
     return "; ".join(" ".join(words.split()) for words in reported) or "nothing"
 
 
-def _found(judged: Judged) -> str:
-    reported = (f"{row.cause} {' '.join(sorted(row.subject | row.follows))}".strip() for row in judged.found)
+def _found(assessed: Assessed) -> str:
+    reported = (f"{row.cause} {' '.join(sorted(row.subject | row.follows))}".strip() for row in assessed.found)
     return "; ".join(reported) or "nothing"
 
 
-def confusion(campaigns: Sequence[Judged], instrument: Instrument) -> tuple[list[str], list[str], NDArray]:
+def confusion(campaigns: Sequence[Assessed], instrument: Instrument) -> tuple[list[str], list[str], NDArray]:
     """Return rows (hidden effects), columns (reported effects) and shares, of clear campaigns with one effect.
 
     What is called indistinguishable from the right name counts as the right name.

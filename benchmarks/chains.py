@@ -105,7 +105,7 @@ def predictor(model: ChainModel, shared: np.ndarray) -> Callable[[np.ndarray], n
 
 
 def calibrations(data: DiagnosisData[Any], settings: Any, steps: int | None) -> dict[str, Callable[[], Calibrated]]:
-    """Return ours, without and with the search for causes, and scipy's on the same chain, of so many steps at most."""
+    """Return ours, without and with the search for causes, and scipy's on the same chain, at most this many steps."""
     model, measured, frames = data.model, data.calibration.measured, data.calibration.frames
     soft = [JointCompliance(name, load=100.0) for name in model.tree.readings[1:]]
 
@@ -133,7 +133,7 @@ def _keep(results: dict[str, Calibrated], name: str, task: Callable[[], Calibrat
 def _words(final: Any) -> Iterator[str]:
     for cause in final.causes:
         sizes = cause.reported(*final.values(cause), final.model.part_count)
-        numbers = ", ".join(f"{own.name} {own.value:.3g} ± {own.sigma or 0.0:.1g} {own.unit}" for own in sizes)
+        numbers = ", ".join(f"{size.name} {size.value:.3g} ± {size.sigma or 0.0:.1g} {size.unit}" for size in sizes)
         yield f"{cause.id} {cause.subject} ({numbers})"
 
 
@@ -150,7 +150,7 @@ def _by_scipy(data: DiagnosisData[Any], causes: Sequence[ChainCause], steps: int
 
     found = least_squares(residuals, np.zeros(model.shared_size), method="trf", x_scale="jac", max_nfev=steps)
     effects = model.effects(found.x)
-    text = ", ".join(f"{one.cause.joint} {1e6 * one.values[0]:.2f}" for one in effects)
+    text = ", ".join(f"{effect.cause.joint} {1e6 * effect.values[0]:.2f}" for effect in effects)
     return Calibrated(predictor(model, found.x), f"compliance, urad/(N m): {text}" if text else "")
 
 

@@ -55,7 +55,7 @@ class Cost:
 
 
 def make_campaign(folder: Path, points: int, *, survey: bool = True, seed: int = 20) -> int:
-    """Write a campaign of about so many points; returns their number."""
+    """Write a campaign of about this many points; returns their number."""
     import pyarrow as pa
     import pyarrow.csv as pc
 

@@ -73,7 +73,7 @@ def measure(campaign: Path, out: Path) -> Line:
 def _one(campaign: Path, out: Path) -> Line:
     """Run a campaign in this process."""
     started = time.perf_counter()
-    with _told_stages() as stages:
+    with _reported_stages() as stages:
         sys.argv = ["truing", "run", str(campaign), "--out", str(out), "--force", "--quiet", "--qa", "warn"]
         try:
             run_truing()
@@ -86,7 +86,7 @@ def _one(campaign: Path, out: Path) -> Line:
 
 
 @contextmanager
-def _told_stages() -> Iterator[dict[str, float]]:
+def _reported_stages() -> Iterator[dict[str, float]]:
     """Note the processor seconds of every stage that is executed inside this context."""
     seconds: dict[str, float] = {}
     execute = CampaignRun.execute

@@ -1,6 +1,6 @@
 """First answer of `truing power` for a planned campaign: python -m benchmarks.power [--poses 40 --repeats 3].
 
-Processor seconds of the command for the sample telescope, cut to so many poses, all causes, by theory alone: what the
+Processor seconds of the command for the sample telescope, cut to this many poses, all causes, by theory alone: what the
 command prints and writes before it simulates campaigns. Loading the program is included.
 """
 

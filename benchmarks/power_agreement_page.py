@@ -87,13 +87,13 @@ def by_size(records: Sequence[Record]) -> str:
 
 def _row(own: Sequence[Record]) -> list[str]:
     theory = float(np.mean([one["theory"] for one in own]))
-    found = [_told(_count(own, who, "found"), len(own)) for who in BOTH]
+    found = [_reported(_count(own, who, "found"), len(own)) for who in BOTH]
     named = " / ".join(str(_count(own, who, "named")) for who in BOTH)
     chance = [f"{unlike(pairs(own, what)):.2f}" for what in ("found", "named")]
     return [str(len(own)), f"{theory:.0%}", *found, chance[0], named, chance[1]]
 
 
-def _told(count: int, of: int) -> str:
+def _reported(count: int, of: int) -> str:
     low, high = rate_bounds(count, of)
     return f"{count} ({low:.0%} to {high:.0%})"
 

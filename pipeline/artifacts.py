@@ -148,7 +148,7 @@ def _write_parquet(file: BinaryIO, artifact: Artifact, content: pa.Table | pa.Re
     with pq.ParquetWriter(file, schema, **options) as writer:
         for table in tables:
             writer.write_table(table, row_group_size=ROWS_PER_GROUP)
-        writer.add_key_value_metadata(metadata)  # beside the schema, which store_schema=False keeps out
+        writer.add_key_value_metadata(metadata)  # next to the schema, which store_schema=False keeps out
 
 
 def _repeats(column: Column) -> bool:

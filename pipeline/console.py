@@ -62,7 +62,7 @@ class RunConsole:
             self.tell("files", {"file": str(file)})
 
     def close(self, code: ExitCode) -> None:
-        """Print what comes after the last line; here nothing."""
+        """Print the closing lines; here nothing."""
 
     def show(self, heads: Sequence[str], rows: Sequence[Sequence[str]]) -> None:
         """Print a table, as wide as the terminal, or as needed without one."""

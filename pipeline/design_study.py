@@ -68,9 +68,9 @@ def study_campaign(
     path: Path, studies: Sequence[str], options: DesignOptions, files: DesignFiles, console: RunConsole
 ) -> ExitCode:
     """Study a machine, print the results, and leave tables and a page. Raises CampaignFaults, also for two studies."""
-    name, *others = studies
-    if others:
-        raise CampaignFaults([Fault(f"--{others[0]}", f"one study at a time, not with --{name}")])
+    name, *further = studies
+    if further:
+        raise CampaignFaults([Fault(f"--{further[0]}", f"one study at a time, not with --{name}")])
     campaign, study = open_campaign(path), STUDIES[name]
     check_file(files.out, reads=(files.avoid,), campaign=campaign)
     given: dict[str, object] = {"--extend": files.extend, "--avoid": None if name == "accuracy" else files.avoid}

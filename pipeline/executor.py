@@ -199,7 +199,7 @@ class _Queue(Generic[Piece, Result]):
 @contextmanager
 def _pool(workers: int) -> Iterator[ProcessPoolExecutor]:
     """A pool of new processes, which end with the context."""
-    others = set(multiprocessing.active_children())
+    earlier_children = set(multiprocessing.active_children())
     context = multiprocessing.get_context("spawn")  # a fork would copy this process's locks and threads
     with safe_children():  # processes start when there is work for them
         pool = ProcessPoolExecutor(workers, mp_context=context, initializer=_become_worker)
@@ -207,7 +207,7 @@ def _pool(workers: int) -> Iterator[ProcessPoolExecutor]:
             yield pool
         except BaseException:
             pool.shutdown(wait=False, cancel_futures=True)
-            _end([child for child in multiprocessing.active_children() if child not in others])
+            _end([child for child in multiprocessing.active_children() if child not in earlier_children])
             raise
         pool.shutdown()
 

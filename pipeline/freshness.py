@@ -117,8 +117,10 @@ class Evidence:
         digests = {}
         for name in json.loads(carried["left"]):
             sibling = read_provenance(self.run_folder, self.artifacts[name])
-            whole = sibling is not None and sibling.get("digest") == carried["digest"]
-            digests[name] = self.digest_cache.digest(self.run_folder / self.artifacts[name].file) if whole else ""
+            is_unchanged = sibling is not None and sibling.get("digest") == carried["digest"]
+            digests[name] = (
+                self.digest_cache.digest(self.run_folder / self.artifacts[name].file) if is_unchanged else ""
+            )
         return Entry(carried["digest"], digests, tuple(json.loads(carried["failed_checks"])))
 
 

@@ -365,12 +365,16 @@ def _with_names(group: RawGroup, mapping: MappingKeys, guess: Guess) -> MappingK
     style = mapping.get("format")
     has_runs_in_names = "run" in mapping.get("constants", {}) and "from_name" not in mapping
     if guess.table in LOADING_TABLES and group.count > 1 and has_runs_in_names:
-        others = {key: value for key, value in mapping["constants"].items() if key != "run"}
-        rest = {key: value for key, value in mapping.items() if key != "constants"}
-        return {**rest, **({"constants": others} if others else {}), **distinguishing_pattern(group.names, "run")}
+        other_constants = {key: value for key, value in mapping["constants"].items() if key != "run"}
+        other_keys = {key: value for key, value in mapping.items() if key != "constants"}
+        return {
+            **other_keys,
+            **({"constants": other_constants} if other_constants else {}),
+            **distinguishing_pattern(group.names, "run"),
+        }
     if guess.table == "image_points" and group.count > 1 and mapping.get("constants") == {"pose": 1}:
-        rest = {key: value for key, value in mapping.items() if key != "constants"}
-        return {**rest, **distinguishing_pattern(group.names, "pose")}
+        other_keys = {key: value for key, value in mapping.items() if key != "constants"}
+        return {**other_keys, **distinguishing_pattern(group.names, "pose")}
     if guess.table in ("poses", "configurations") and group.count > 1 and "pose" in mapping.get("number_rows", {}):
         return {
             **mapping,

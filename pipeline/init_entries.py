@@ -259,7 +259,7 @@ def _is_adjusted(group: Any, guess: Guess) -> bool:
 def shortened_entries(entries: list[Entry], most: int) -> tuple[list[Entry], list[Entry]]:
     """Entry of each table with most files, others while there is space, and the remaining ones.
 
-    Beside a file for each pose, a single file of points that names no pose is none of theirs.
+    Next to a file for each pose, a single file of points that names no pose is none of theirs.
     """
     firsts = {
         entry[1].table: number

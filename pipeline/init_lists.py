@@ -33,7 +33,7 @@ def with_numbered_poses(folder: Path, files: Sequence[_File], robot: Robot | Non
     logs = [(group, guess) for group, guess in files if guess.table == "configurations"]
     lists = [guess for _, guess in files if guess.table in ("points", "targets")]
     if len(logs) != 1 or len(lists) != 1 or any(guess.table == "poses" for _, guess in files):
-        return list(files)  # beside points, a numbered list is a survey
+        return list(files)  # next to points, a numbered list is a survey
     log = _log(folder, *logs[0])
     body = _moved_body(logs[0][1], robot)
     return [(group, _read_as_poses(folder, group, guess, log, body)) for group, guess in files]
@@ -88,25 +88,25 @@ def _moved_body(log: Guess, robot: Robot | None) -> str:
 
 
 def _read_as_poses(folder: Path, group: RawGroup, guess: Guess, log: _Log, body: str) -> Guess:
-    own, guess = guess, _without_group(folder, group, guess)
+    guess_of_all, guess = guess, _without_group(folder, group, guess)
     raw = guess.mapping.get("columns", {}).get("target") or target_column(guess.mapping.get("format", ""))
     if guess.table not in ("points", "targets") or guess.known or not is_body_open(guess) or raw is None:
-        return own
+        return guess_of_all
     if group.count > 1 and "(?P<pose>" in guess.mapping.get("from_name", ""):
-        return _single_target(folder, group, own, body)
+        return _single_target(folder, group, guess_of_all, body)
     constants: dict[str, str | int] = {"pose": 1, "body": PLACEHOLDER}
     rows = rows_of_files(folder, group, replace(guess, table="points"), constants, most=_MOST_ROWS)
     numbers = [] if rows is None else _numbers(rows.targets)
     keys = _numbering(numbers, log, raw, guess)
     if len(numbers) < _FEWEST or keys is None:
-        return own
+        return guess_of_all
     stem = rows.targets[0] if rows is not None else ""
     doubt = f"places such as {stem} are assumed to be one target on {body} in as many poses"
     found = replace(guess, table="points", mapping={**of_one_target(guess, body), **keys})
     if body != PLACEHOLDER:  # the log has these poses, and moves this body
         return replace(found, doubts=(*guess.doubts, doubt), answered=guess.answered | {"body"})
     question = f"{stem}: its number is that of the pose, or part of the name of the target"
-    way = OtherWay("numbers", question, "poses", "targets", own, doubt)
+    way = OtherWay("numbers", question, "poses", "targets", guess_of_all, doubt)
     return replace(found, ways=(*guess.ways, way))
 
 

@@ -31,12 +31,14 @@ def with_loads_once(folder: Path, files: Sequence[_File]) -> list[_File]:
     loads = [_loads(folder, group, guess) for group, guess in files]
     result: list[_File] = []
     for place, (group, guess) in enumerate(files):
-        others = [
+        without_loads = [
             other
             for other in range(len(files))
             if other != place and _are_equal(loads[place], loads[other]) and not _has_signals(guess)
         ]
-        first = next((o for o in others if _has_signals(files[o][1])), next((o for o in others if o < place), None))
+        first = next(
+            (o for o in without_loads if _has_signals(files[o][1])), next((o for o in without_loads if o < place), None)
+        )
         if first is not None:
             what = "with signals" if _has_signals(files[first][1]) else "as well"
             note = f"not read, because {files[first][0].glob} holds the same {len(loads[place])} loads {what}"

@@ -1,4 +1,4 @@
-"""A list of measured places beside a longer log of a robot, for `truing init`: the rows of the log at the times of the
+"""A list of measured places next to a longer log of a robot, for `truing init`: the rows of the log at the times of the
 list are its poses, where the robot stands still."""
 
 from __future__ import annotations
@@ -71,11 +71,11 @@ def _rows_of_places(log: _File, places: _File) -> Index | None:
     if joints is None or len(joints) != len(times) or np.any(np.diff(times) <= 0.0):
         return None
     zones = 3600.0 * np.arange(-_MOST_H, _MOST_H + _QUARTER_H, _QUARTER_H)
-    found = [rows for late in zones if (rows := _standing_rows(times, shots - late, joints)) is not None]
+    found = [rows for late in zones if (rows := _rows_at_rest(times, shots - late, joints)) is not None]
     return found[0] if len(found) == 1 else None
 
 
-def _standing_rows(times: Array, shots: Array, joints: Array) -> Index | None:
+def _rows_at_rest(times: Array, shots: Array, joints: Array) -> Index | None:
     """Row (M,) of times (N,) nearest to each shot, if joints (N, J) stand still there; else None."""
     if shots.min() < times[0] or shots.max() > times[-1]:
         return None

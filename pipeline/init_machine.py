@@ -101,8 +101,8 @@ def slides_of_log(guesses: Sequence[Guess]) -> list[tuple[str, str]]:
 
 def _names_of_joints(guesses: Sequence[Guess], count: int) -> list[str]:
     """Joints by the columns of a log, if these are not called joint1, joint2, ...; empty without as many."""
-    own = [column for guess in guesses if guess.table == "configurations" for column in columns_of(guess)]
-    found = [match[1] for column in own if (match := _JOINT.fullmatch(column))]
+    joint_columns = [column for guess in guesses if guess.table == "configurations" for column in columns_of(guess)]
+    found = [match[1] for column in joint_columns if (match := _JOINT.fullmatch(column))]
     is_like = len(found) == count and found != [f"joint{number}" for number in range(1, count + 1)]
     return found if is_like else []
 

@@ -300,10 +300,10 @@ def _rigid_groups(rows: SurveyRows) -> list[list[str]]:
     is_rigid = changes <= pairs[jumps.argmax()]
     rigid = [tuple(np.flatnonzero(row)) for row in is_rigid]
     groups = list(dict.fromkeys(rigid))
-    whole = all(rigid[k] == members for members in groups for k in members) and all(
+    is_partition = all(rigid[k] == members for members in groups for k in members) and all(
         len(members) >= _FEWEST for members in groups
     )
-    return [[names[k] for k in members] for members in groups] if whole else []
+    return [[names[k] for k in members] for members in groups] if is_partition else []
 
 
 def _with_uncoded(folder: Path, group: RawGroup, guess: Guess) -> Guess:
@@ -311,9 +311,9 @@ def _with_uncoded(folder: Path, group: RawGroup, guess: Guess) -> Guess:
     if guess.mapping.get("format") != "vstars" or "select" not in guess.mapping or group.count < 2:
         return guess
     mapping = {key: value for key, value in guess.mapping.items() if key != "select"}
-    whole = replace(guess, mapping=mapping, notes=(*guess.notes, "uncoded targets keep their names over the files"))
-    rows = rows_of_files(folder, group, whole, {"body": "body"}, most=_MOST_ROWS)
-    return whole if rows is not None and _rigid_groups(rows) else guess
+    with_note = replace(guess, mapping=mapping, notes=(*guess.notes, "uncoded targets keep their names over the files"))
+    rows = rows_of_files(folder, group, with_note, {"body": "body"}, most=_MOST_ROWS)
+    return with_note if rows is not None and _rigid_groups(rows) else guess
 
 
 def _rigid_change(

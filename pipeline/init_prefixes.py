@@ -1,4 +1,4 @@
-"""A survey whose targets have words before the numbers of the measured ones, for `truing init`: B101 beside 101."""
+"""A survey whose targets have words before the numbers of the measured ones, for `truing init`: B101 next to 101."""
 
 from __future__ import annotations
 
@@ -60,7 +60,9 @@ def _words(rows: SurveyRows, groups: Mapping[str, str]) -> dict[str, str]:
 
 def _names_of_legs(words: Sequence[str]) -> dict[str, str]:
     """Base and platform by two words that mean them; empty for others."""
-    found = {word: name for word in words for name, own in _OF_LEGS.items() if re.fullmatch(own, word, re.IGNORECASE)}
+    found = {
+        word: name for word in words for name, pattern in _OF_LEGS.items() if re.fullmatch(pattern, word, re.IGNORECASE)
+    }
     return found if len(words) == len(found) == len(set(found.values())) else {}
 
 

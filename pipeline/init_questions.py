@@ -254,8 +254,8 @@ def _answered(guess: Guess, key: str, answer: str) -> Guess:
     if key == "table":
         return _one_target(guess) if answer == "poses" else guess if answer == guess.table else _one_pose(guess)
     if key.startswith(_UNIT_OF):
-        own = [c for c in unread_units(guess.mapping) if _dimension(c) == key.removeprefix(_UNIT_OF)]
-        units = {**guess.mapping.get("units", {}), **dict.fromkeys(own, answer)}
+        columns = [c for c in unread_units(guess.mapping) if _dimension(c) == key.removeprefix(_UNIT_OF)]
+        units = {**guess.mapping.get("units", {}), **dict.fromkeys(columns, answer)}
         return replace(guess, mapping={**guess.mapping, "units": units})
     if key == "rotation":
         return _with_angles(guess, {name: name for name in _EULER} if answer == "vector" else _EULER)

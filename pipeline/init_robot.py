@@ -65,10 +65,10 @@ def _without_gripper(urdf: Urdf, root: str, end: str) -> str:
     """Return the last link of a chain before its gripper: last joints that joints of other branches mimic, or that
     mimic one of them."""
     path = urdf.path(root, end)
-    own = {joint.name for joint in path}
-    others = {joint.mimics for joint in urdf.joints.values() if joint.mimics and joint.name not in own}
+    on_path = {joint.name for joint in path}
+    mimicked = {joint.mimics for joint in urdf.joints.values() if joint.mimics and joint.name not in on_path}
     for joint in reversed([joint for joint in path if joint.kind != "fixed"]):
-        if joint.name not in others and (not joint.mimics or joint.mimics in own):
+        if joint.name not in mimicked and (not joint.mimics or joint.mimics in on_path):
             break
         end = joint.parent
     return end

@@ -61,11 +61,11 @@ def _rows_that_differ(files: Sequence[tuple[RawGroup, Guess]]) -> list[str]:
     logs = [one for one in counted if one[1].table == "configurations"]
     if len(logs) != 1 or not (rows := _rows(*logs[0])):
         return []
-    others = {group.glob: _rows(group, guess) for group, guess in counted if guess.table in ("poses", "points")}
+    rows_by_group = {group.glob: _rows(group, guess) for group, guess in counted if guess.table in ("poses", "points")}
     return [
         f"{name} has {count} rows, {logs[0][0].glob} has {rows}, and nothing tells which belong together: give both a "
         f"column pose, or times of which one difference of the clocks makes pairs"
-        for name, count in others.items()
+        for name, count in rows_by_group.items()
         if count not in (0, rows)
     ]
 
@@ -89,5 +89,5 @@ def records_of(path: Path, guess: Guess) -> list[list[str]]:
     given = keys.get("separator") or guess_separator(lines[len(lines) // 3 :], '"')
     separator = {"tab": "\t", "blank": " "}.get(given, given)
     records = [split_record(line.encode(), separator, '"') for line in lines]
-    whole = [record for record in records if len(record) == len(guess.columns)]
-    return whole[int(keys.get("header", True)) :]
+    complete = [record for record in records if len(record) == len(guess.columns)]
+    return complete[int(keys.get("header", True)) :]

@@ -1,4 +1,4 @@
-"""Positions of linear axes in a log beside measured points, for `truing init`: a gantry moves points as its axes."""
+"""Positions of linear axes in a log next to measured points, for `truing init`: a gantry moves points as its axes."""
 
 from __future__ import annotations
 
@@ -68,7 +68,7 @@ def _log(guess: Guess) -> Guess:
     keys: MappingKeys = {"columns": columns, **({"units": units} if units else {})}
     keys |= {"number_rows": {"pose": 1}} if number is None else {"split": {number: _NUMBERED}}
     screws = [
-        {"axis": [float(axis == own) for own in _AXES], "point_mm": [0.0, 0.0, 0.0], "kind": "prismatic"}
+        {"axis": [float(axis == component) for component in _AXES], "point_mm": [0.0, 0.0, 0.0], "kind": "prismatic"}
         for axis in _AXES
     ]
     machine = {"type": "chain", "joints": list(_AXES), "screws": screws}
@@ -100,10 +100,12 @@ def _moves_as(folder: Path, file: _File, positions: Array) -> bool:
         return False
     first = 0
     for places in found:
-        own = positions[first : first + len(places)]
+        positions_of_file = positions[first : first + len(places)]
         first += len(places)
-        change = np.linalg.norm(np.diff(places, axis=0), axis=1) - np.linalg.norm(np.diff(own, axis=0), axis=1)
-        size = float(np.sqrt(np.mean(np.sum(np.diff(own, axis=0) ** 2, axis=1))))
+        change = np.linalg.norm(np.diff(places, axis=0), axis=1) - np.linalg.norm(
+            np.diff(positions_of_file, axis=0), axis=1
+        )
+        size = float(np.sqrt(np.mean(np.sum(np.diff(positions_of_file, axis=0) ** 2, axis=1))))
         if not size or float(np.sqrt(np.mean(change**2))) > _RIGID * size:
             return False
     return True

@@ -1,4 +1,4 @@
-"""Measured poses beside a log with another number of rows, for `truing init`: times tell which rows belong together."""
+"""Measured poses joined by time to a log with another number of rows, for `truing init`."""
 
 from __future__ import annotations
 
@@ -75,10 +75,10 @@ def _joined(times: Array, shots: Array) -> tuple[Index, float] | None:
     near = _NEAR * float(np.diff(np.sort(times)).min())
     tried = (shots[: _ANCHORS + len(shots) - len(times), None] - times[:_ANCHORS]).ravel()
     rows = [_rows_at(times, shots - late, near) for late in tried]
-    whole = [k for k, row in enumerate(rows) if len(set(row.tolist()) - {-1}) == len(times)]
-    if not whole or np.ptp(tried[whole]) > 2.0 * near:
+    rows_with_all_times = [k for k, row in enumerate(rows) if len(set(row.tolist()) - {-1}) == len(times)]
+    if not rows_with_all_times or np.ptp(tried[rows_with_all_times]) > 2.0 * near:
         return None
-    first = min(whole, key=lambda k: abs(tried[k] - float(np.median(tried[whole]))))
+    first = min(rows_with_all_times, key=lambda k: abs(tried[k] - float(np.median(tried[rows_with_all_times]))))
     row_of = rows[first].copy()
     seen: set[int] = set()
     for shot, row in enumerate(row_of.tolist()):

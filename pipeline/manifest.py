@@ -89,8 +89,8 @@ class Manifest:
         rows = ",\n".join(f"  {json.dumps(name)}: {entry.indented}" for name, entry in self.entries.items())
         entries = f"{{\n{rows}\n }}" if rows else "{}"
         owner = None if self.owner is None else asdict(self.owner)
-        rest = json.dumps({"valid_campaign": self.valid_campaign, "owner": owner}, indent=1)
-        content = f'{{\n "entries": {entries},{rest[1:]}'.encode()
+        other_keys = json.dumps({"valid_campaign": self.valid_campaign, "owner": owner}, indent=1)
+        content = f'{{\n "entries": {entries},{other_keys[1:]}'.encode()
         if not store.is_file() or store.read_bytes() != content:
             write_atomically(store, content)
 

@@ -401,10 +401,10 @@ def asks_for_ray_causes(causes: Sequence[str], campaign: CampaignFolder) -> bool
         return False
     known = _names_of_rays()
     known_causes = [name for name in causes if name in known]
-    others = [name for name in causes if name not in known]
-    if known_causes and others:
+    ray_causes = [name for name in causes if name not in known]
+    if known_causes and ray_causes:
         expected = f"causes that rays show ({', '.join(known)}) in a call of their own"
-        raise CampaignFaults([Fault("--causes", expected, value=", ".join(others))])
+        raise CampaignFaults([Fault("--causes", expected, value=", ".join(ray_causes))])
     return bool(known_causes)
 
 

@@ -270,9 +270,9 @@ def _check_measurements_differ(runs: Sequence[Run]) -> None:
     for run in runs:
         for name in _MEASURED:
             if name in run:
-                other = first.setdefault(run.origin(name)["digest"], run)
-                if other is not run:
-                    expected = f"a run of other measurements than {other.folder}"
+                same = first.setdefault(run.origin(name)["digest"], run)
+                if same is not run:
+                    expected = f"a run of other measurements than {same.folder}"
                     raise CampaignFaults([Fault(str(run.folder), expected)])
 
 

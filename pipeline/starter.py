@@ -99,7 +99,7 @@ def known_sections(guesses: Sequence[Guess], robot: Robot | None) -> list[str]:
         if line:
             section.append(line)
             continue
-        kept += [*section, ""] if any(own[0] not in "# " for own in section) else []
+        kept += [*section, ""] if any(entry[0] not in "# " for entry in section) else []
         section = []
     return kept[:-1]
 

@@ -279,8 +279,8 @@ def _suggestion(location: tuple[int | str, ...]) -> str:
         section = _TYPES.get(str(part)) or _step(section, part)
     known = list(section.model_fields)
     if location[:-1] == ("mechanism", "none") and (types := _types_with(str(location[-1]))):
-        *others, last = types
-        named = f"{', '.join(others)} or {last}" if others else last
+        *first_types, last = types
+        named = f"{', '.join(first_types)} or {last}" if first_types else last
         return f"type = {named} in [mechanism], which has this key; no type is given"
     close = difflib.get_close_matches(str(location[-1]), known, n=1)
     return f"a known key; did you mean {close[0]}?" if close else f"a known key, one of: {', '.join(known)}"

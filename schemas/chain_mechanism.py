@@ -119,9 +119,9 @@ class ChainMechanism(MechanismSection):
         if len(set(self.joints)) < len(self.joints):
             raise ValueError("different names in joints")
         if self.closure is not None and self.urdf is None:
-            raise ValueError("urdf beside closure: rows describe no branches that a loop could close")
+            raise ValueError("urdf next to closure: rows describe no branches that a loop could close")
         if self.closure is not None and not self.joints:
-            raise ValueError("the joints that are read beside closure: it moves all others")
+            raise ValueError("the joints that are read next to closure: it moves all others")
         if self.gravity is not None and not any(self.gravity):
             raise ValueError("a direction as gravity: three numbers, not all zero")
         return self

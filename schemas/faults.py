@@ -57,8 +57,8 @@ class Fault:
             where += f", {what} {_one_line(self.column, _LONGEST['place'])}"
         found_words = "" if self.value is None else f"found {_shortened(self.value, _LONGEST['value'])!r}; "
         within = f", in {self.more_files} other files" if self.more_files else ""
-        others = f" (and {self.more} more like it{within})" if self.more else ""
-        return f"{where}: {found_words}expected {_one_line(self.expected, _LONGEST['expected'])}{others}"
+        more = f" (and {self.more} more like it{within})" if self.more else ""
+        return f"{where}: {found_words}expected {_one_line(self.expected, _LONGEST['expected'])}{more}"
 
 
 def first_line(error: BaseException) -> str:

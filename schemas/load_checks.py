@@ -169,9 +169,9 @@ _OF_SIGNALS: Checks = {
     ),
     "steps-without-signals": QualityCheck(
         "Do load steps carry neither a signal nor a reading?",
-        "Nothing was measured there: a load plan beside the same loads with signals counts every step twice.",
+        "Nothing was measured there: a load plan next to the same loads with signals counts every step twice.",
         VerdictRule("any"),
-        "Take one of two files with the same loads out of campaign.toml, or put the signals beside their loads.",
+        "Take one of two files with the same loads out of campaign.toml, or put the signals next to their loads.",
     ),
     "loads-joined": QualityCheck(
         "Do signals belong to the rows of [files.loads] that they were joined to, and not to those before or after?",

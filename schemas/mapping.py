@@ -395,10 +395,10 @@ class FileMapping(Section):
         """One entry for each of ``channels``, which reads only that column; the entry itself without channels."""
         if not self.channels:
             return (self,)
-        others = [re.escape(str(column)) for column in self.channels.values()]
+        patterns = [re.escape(str(column)) for column in self.channels.values()]
         changes: dict[str, object] = {
             "channels": {},
-            "ignore": "|".join([*([self.ignore] if self.ignore else []), *others]),
+            "ignore": "|".join([*([self.ignore] if self.ignore else []), *patterns]),
         }
         return tuple(
             self.model_copy(

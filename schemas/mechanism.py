@@ -441,8 +441,8 @@ class AxisMechanism(MechanismSection):
                 raise ValueError(f"counts_per_{unit}, because column {column} is in counts")
         if len(set(self.columns.values())) < len(self.columns):
             raise ValueError("different columns for command, motor and load")
-        other = self.counts_per_mm if self.kind == "rotary" else self.counts_per_deg
-        if other is not None:
+        counts_of_other_kind = self.counts_per_mm if self.kind == "rotary" else self.counts_per_deg
+        if counts_of_other_kind is not None:
             raise ValueError(f"counts_per_{unit} for a {self.kind} axis")
         if (self.period_mm if self.kind == "rotary" else self.period_deg) is not None:
             raise ValueError(f"period_{unit} for a {self.kind} axis")

@@ -168,6 +168,6 @@ PHOTOGRAPHS = (
 
 def subject_and_name(number: str) -> tuple[str, str, str]:
     """Return kind and name of the owner of a shared parameter, and its own name: camera, A, c for ``camera A c``."""
-    kind, _, rest = number.partition(" ")
-    owner, _, name_of_part = rest.rpartition(" ")
+    kind, _, owner_and_name = number.partition(" ")
+    owner, _, name_of_part = owner_and_name.rpartition(" ")
     return kind, owner, name_of_part

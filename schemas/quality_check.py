@@ -63,7 +63,7 @@ class QualityCheck:
 
     @property
     def instructions(self) -> str:
-        """The remedy, and what keeps the check from being evaluated."""
+        """The remedy, and the reasons for which the check is not evaluated."""
         return f"{self.to_do} Not evaluated: {self.not_evaluated}." if self.not_evaluated else self.to_do
 
     @property

@@ -73,11 +73,11 @@ def limit_faults(file: str, kind: str, limits: Mapping[str, SetLimits]) -> Itera
         yield from _limits_above_most(file, key, known[name], limit)
         warn, fail = in_force(known[name], limit)
         if warn is not None and fail is not None and (fail > warn if known[name].below else fail < warn):
-            mine = "; a limit that is not given has its default" if None in (limit.warn, limit.fail) else ""
+            about_default = "; a limit that is not given has its default" if None in (limit.warn, limit.fail) else ""
             yield Fault(
                 file,
                 f"fail ({fail:g}) {'at most' if known[name].below else 'at least'} warn ({warn:g}), "
-                f"because a failure is worse than a warning{mine}",
+                f"because a failure is worse than a warning{about_default}",
                 column=key,
             )
 

@@ -99,10 +99,10 @@ def _remarks_on_targets(contents: CampaignContents) -> Iterator[str]:
         known = _known_targets(contents, body, seen)
         unknown = [name for name in seen if name not in known]
         for target in unknown:
-            meant = [other for other in known if _may_mean(target, other, seen)]
+            meant = [candidate for candidate in known if _may_mean(target, candidate, seen)]
             if not meant and sum(set(seen[name]) == set(seen[target]) for name in unknown) == 1:
-                rest = set(contents.targets.get(body, ())) - set(seen[target])
-                meant = [other for other in known if set(seen.get(other, ())) == rest]
+                missing_targets = set(contents.targets.get(body, ())) - set(seen[target])
+                meant = [candidate for candidate in known if set(seen.get(candidate, ())) == missing_targets]
             if len(meant) == 1:
                 where = f"in {_listed('pose', sorted(map(str, seen[target])))}"
                 yield f"target {target} of body {body} {where}, where {meant[0]} is missing; did you mean {meant[0]}?"
@@ -114,8 +114,8 @@ def _known_targets(contents: CampaignContents, body: str, seen: Mapping[str, Col
     return surveyed or [name for name, poses in seen.items() if 2 * len(poses) > len(contents.targets.get(body, ()))]
 
 
-def _may_mean(target: str, other: str, seen: Mapping[str, Collection[object]]) -> bool:
-    return is_one_slip_apart(target, other) and not set(seen[target]) & set(seen.get(other, ()))
+def _may_mean(target: str, candidate: str, seen: Mapping[str, Collection[object]]) -> bool:
+    return is_one_slip_apart(target, candidate) and not set(seen[target]) & set(seen.get(candidate, ()))
 
 
 def _remarks_on_machine(settings: Campaign, contents: CampaignContents) -> Iterator[str]:

@@ -1,4 +1,4 @@
-"""Choice of targets for an axis, and what the plan and the campaign's own rows would show.
+"""Choice of targets for an axis, with the detectable sizes of the plan and of the campaign's own rows.
 
 Like `stages.design` no stage of a run: tables in, tables and numbers out.
 """

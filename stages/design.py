@@ -62,8 +62,8 @@ def design(settings: Campaign, options: DesignOptions, tables: DesignTables) -> 
     order = ordered(problem, placed, None if kept_rho is None else kept_rho[-1], rng, options.trade_off)
     # a new set begins at the reference unless it is forbidden
     is_new = tables.extend is None and bool(problem.region.allowed(np.zeros((1, 6)))[0])
-    rest = problem.regressors.machine.legs.rho0 if is_new else None
-    table = configurations_table(placed.rho, order, rest, options, tables.extend)
+    reference_rho = problem.regressors.machine.legs.rho0 if is_new else None
+    table = configurations_table(placed.rho, order, reference_rho, options, tables.extend)
     needed = needed_by_models(settings, problem, rng)
     return Design(problem, options, placed, assessed_configurations, kept, existing, candidates, order, needed, table)
 

@@ -95,9 +95,9 @@ def _examined(
         return {name: full_table(table) for name, table in tables.items()}, None
     from truing.stages.quality.pose_sample import pose_sample
 
-    others = {name: full_table(table) for name, table in tables.items() if name != "observations"}
-    sample = pose_sample(points, others.get("configurations"))
-    return {**others, "observations": sample.points}, sample
+    other_tables = {name: full_table(table) for name, table in tables.items() if name != "observations"}
+    sample = pose_sample(points, other_tables.get("configurations"))
+    return {**other_tables, "observations": sample.points}, sample
 
 
 def _checked(tables: Mapping[str, pa.Table], settings: Campaign, sample: PoseSample | None) -> CheckResults:

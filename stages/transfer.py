@@ -52,7 +52,7 @@ def run(tables: Mapping[str, pa.Table], settings: Campaign, progress: Progress, 
 def _figure(errors: pa.Table) -> str:
     """The error of every model in the first quantity that all of them predict."""
     rows = errors.to_pylist()
-    of = {row["quantity"]: [other for other in rows if other["quantity"] == row["quantity"]] for row in rows}
+    of = {row["quantity"]: [result for result in rows if result["quantity"] == row["quantity"]] for row in rows}
     quantity, results = max(of.items(), key=lambda item: len(item[1]))
     sizes = ", ".join(f"{row['prediction_by']} {row['rms_error']:.4g}" for row in results)
     return f"rms error of {quantity} in {results[0]['campaign']} ({results[0]['unit']}): {sizes}"

@@ -272,7 +272,7 @@ def _imported(folder: Path) -> set[str]:
 def shown_arrows(found: Mapping[str, set[str]]) -> list[tuple[str, str]]:
     """Imports without those that a longer way of imports implies: the arrows of the drawing."""
     row = {package.name: package.row for package in PACKAGES}
-    down = {name: {other for other in targets if row[other] > row[name]} for name, targets in found.items()}
+    down = {name: {target for target in targets if row[target] > row[name]} for name, targets in found.items()}
     return [
         (name, other)
         for name, targets in down.items()

@@ -143,12 +143,12 @@ def table_of_kappa() -> str:
         slope = z[leg - 1, 0] / z[leg - 1, 2]
         k, x = kappa.loc[leg], u.loc[leg]
         expected = (-k.identified + x.identified**2 / 2) / slope
-        told = [
+        reported = [
             f"{k.identified:+.4f} ± {k.sigma:.4f}",
             f"{slope:+.3f}",
             f"{expected:+.3f} ± {k.sigma / abs(slope):.3f}",
         ]
-        rows.append([str(leg), *told, f"{x.identified:+.3f} ± {x.sigma:.3f}"])
+        rows.append([str(leg), *reported, f"{x.identified:+.3f} ± {x.sigma:.3f}"])
     return table(["leg", "κ (linear)", "z_x / z_z", "u_x from κ", "u_x (no deformation)"], rows)
 
 
@@ -237,8 +237,8 @@ def table_of_estimators() -> str:
     rows = []
     for scenario in SCENARIOS:
         rms = rms_errors(scenario)
-        told = [f"{rms[0, i]:.{d}f} against {rms[1, i]:.{d}f}" for i, d in ((0, 1), (1, 1), (2, 2))]
-        rows.append([scenario.words, *told])
+        reported = [f"{rms[0, i]:.{d}f} against {rms[1, i]:.{d}f}" for i, d in ((0, 1), (1, 1), (2, 2))]
+        rows.append([scenario.words, *reported])
     return table(["", "position at fresh poses, µm", "orientation, ″", "joints a, b, mm"], rows)
 
 

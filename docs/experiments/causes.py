@@ -224,8 +224,8 @@ def shares_table(names: Sequence[str], found: Likeness, sigmas: Callable[[float]
 def _cell(share: float) -> str:
     if np.isnan(share):
         return "–"
-    told = f"{100 * share:.0f}"
-    return f"**{told}**" if share < ALIKE else told
+    reported = f"{100 * share:.0f}"
+    return f"**{reported}**" if share < ALIKE else reported
 
 
 TABLES = {

@@ -85,10 +85,12 @@ def catalogue_table() -> str:
     rows = []
     for cause in OWN_CAUSES_OF_READINGS:
         fullest = replace(cause, **_FORMS.get(cause.id, {}))
-        told, needs = parameters(fullest), ", ".join(f"`{name}`" for name in fullest.needs(LEGS))
+        reported, needs = parameters(fullest), ", ".join(f"`{name}`" for name in fullest.needs(LEGS))
         if not cause.catalogued:
-            told, needs = "`degree1` .. four sigmas of the channel", "what it follows"
-        rows.append([f"`{cause.id}`", WHERE[cause.step], _CONCERNS.get(cause.id, "a load axis, or all"), told, needs])
+            reported, needs = "`degree1` .. four sigmas of the channel", "what it follows"
+        rows.append(
+            [f"`{cause.id}`", WHERE[cause.step], _CONCERNS.get(cause.id, "a load axis, or all"), reported, needs]
+        )
     return table(
         ["id", "step", "may concern", "parameters as fitted, plausible size", "needs in addition to loads"], rows
     )

@@ -37,16 +37,19 @@ def _paragraphs(command: Any) -> list[str]:
 
 
 def _section(name: str, command: Any) -> Iterator[str]:
-    told = [part for part in _paragraphs(command) if not part.startswith("Example: ")]
+    reported = [part for part in _paragraphs(command) if not part.startswith("Example: ")]
     shown = [part.removeprefix("Example: ") for part in _paragraphs(command) if part.startswith("Example: ")]
     arguments = [parameter for parameter in command.params if parameter.param_type_name == "argument"]
     options = [parameter for parameter in command.params if parameter.param_type_name == "option"]
     usage = " ".join(_written(argument) for argument in arguments)
     yield f"## `truing {name}`\n"
-    yield from (f"{part}\n" for part in told)
+    yield from (f"{part}\n" for part in reported)
     yield f"```text\ntruing {name} {'[OPTIONS] ' if options else ''}{usage}\n```\n"
     yield "| it takes | default | meaning |\n| --- | --- | --- |"
-    yield from (f"| `{_metavar(one)}` | {'required' if one.required else ''} | {one.help} |" for one in arguments)
+    yield from (
+        f"| `{_metavar(argument)}` | {'required' if argument.required else ''} | {argument.help} |"
+        for argument in arguments
+    )
     yield from (_row(option) for option in options)
     yield "\n```sh\n" + "\n".join(shown) + "\n```\n"
 

@@ -108,9 +108,9 @@ def found_table(tables: Frames) -> str:
     for row in (row for row in assessed_causes(tables) if row.verdict == "found"):
         for size in row.sizes:
             hidden_size = truth[size.name]
-            told = size_text(size.name, size.value, size.sigma, size.unit)
+            reported = size_text(size.name, size.value, size.sigma, size.unit)
             hid = f"{plain(hidden_size['value'])} {hidden_size['unit']}"
-            rows.append([f"`{row.cause}`, `{row.subject}`", f"`{size.name}`", told, hid])
+            rows.append([f"`{row.cause}`, `{row.subject}`", f"`{size.name}`", reported, hid])
     return table(["found", "parameter", "value", "hidden in the sample"], rows)
 
 

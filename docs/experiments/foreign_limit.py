@@ -111,12 +111,12 @@ class World:
     @cached_property
     def owners(self) -> NDArray[np.intp]:
         """The effect of each course (I,)."""
-        return np.repeat(np.arange(len(self.pathways)), [len(own.places) for own in self.pathways])
+        return np.repeat(np.arange(len(self.pathways)), [len(pathway.places) for pathway in self.pathways])
 
     @cached_property
     def courses(self) -> Array:
         """Courses (N, I) less their means, mm."""
-        every = np.concatenate([own.courses[self.fitted] for own in self.pathways], 1)
+        every = np.concatenate([pathway.courses[self.fitted] for pathway in self.pathways], 1)
         return np.asarray(every - every.mean(0))
 
     @cached_property
@@ -280,7 +280,7 @@ def named(world: World, number: int, noise: Array, rng: np.random.Generator, *, 
 
     ``noise`` (N I,): noise of the scores of all courses, with the information as covariance.
     """
-    own, told = world.pathways[number], set[str]()
+    own, reported = world.pathways[number], set[str]()
     acting = np.flatnonzero((world.owners == number) | (not alone))
     first, possible = int(np.flatnonzero(world.owners == number)[0]), hypotheses(world, own, rng)
     for together in courses_together(own):
@@ -290,8 +290,8 @@ def named(world: World, number: int, noise: Array, rng: np.random.Generator, *, 
         for name in world.columns:
             with_it = [value for inputs, value in odds.items() if name in inputs]
             if with_it and np.exp(np.logaddexp.reduce(with_it) - every) >= NAMED:
-                told.add(name)
-    return told
+                reported.add(name)
+    return reported
 
 
 def _beside(world: World, asked: Sequence[int], acting: NDArray[np.intp], noise: Array) -> tuple[Array, Array]:
@@ -344,8 +344,8 @@ def main() -> None:
         for place, own in enumerate(world.pathways):
             if isinstance(own.effect, ASKED):
                 inputs = set(own.effect.drivers)
-                told = [inputs <= named(world, place, noise, rng, alone=alone) for alone in (True, False)]
-                found.append((isinstance(own.effect, Remembers), len(inputs), told[0], told[1]))
+                reported = [inputs <= named(world, place, noise, rng, alone=alone) for alone in (True, False)]
+                found.append((isinstance(own.effect, Remembers), len(inputs), reported[0], reported[1]))
     for label, rows in _rows(np.array(found, int)):
         shares = " | ".join(f"{100.0 * share:.0f} %" for share in rows[:, 2:].mean(0))
         sys.stdout.write(f"| {label} | {len(rows)} | {shares} |\n")

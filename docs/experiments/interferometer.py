@@ -99,8 +99,10 @@ def arcs_table() -> str:
         found = corrected_phase(np.broadcast_to(signals_at(ROUND), (CHANNELS, len(ROUND), 2)), fit.values)
         worst = np.abs(np.angle(np.exp(1j * (found - ROUND)))).max(1)
         given = f"{CHANNELS * fit.ok.mean():.0f} of {CHANNELS}"
-        told = [f"{1e3 * np.median(value[fit.ok]):.1f}" if fit.ok.any() else "–" for value in (fit.phase_sigma, worst)]
-        rows.append([f"{degrees:.0f}", given, *told])
+        reported = [
+            f"{1e3 * np.median(value[fit.ok]):.1f}" if fit.ok.any() else "–" for value in (fit.phase_sigma, worst)
+        ]
+        rows.append([f"{degrees:.0f}", given, *reported])
     return table(["arc, degrees", "correction given", "stated, mrad (1 sigma)", "largest error, mrad"], rows)
 
 
@@ -133,9 +135,9 @@ def positioning_table(folder: Path) -> str:
     rows = []
     for name, printed in found["report"].items():
         sure = found["uncertainty"].get(name)
-        told = [f"{1e3 * sure.sigma:.1f}", f"{1e3 * sure.low:.1f} to {1e3 * sure.high:.1f}"] if sure else ["", ""]
+        reported = [f"{1e3 * sure.sigma:.1f}", f"{1e3 * sure.low:.1f} to {1e3 * sure.high:.1f}"] if sure else ["", ""]
         verdict = "differs" if name in found["wrong"] else "equal"
-        rows.append([name, f"{1e3 * printed:.2f}", f"{1e3 * found['ours'][name]:.2f}", verdict, *told])
+        rows.append([name, f"{1e3 * printed:.2f}", f"{1e3 * found['ours'][name]:.2f}", verdict, *reported])
     return table(["line", "printed", "ours", "", "sigma", "95 %"], rows)
 
 

@@ -54,8 +54,8 @@ def runs_table() -> str:
         fit = fit_run(response * LEVELS + drift, SIGMA_M, run_columns(LEVELS, TIME_S, terms), terms)
         value, sigma = fit.value("response")
         slipped = find_slips(np.zeros((1, len(LEVELS))), SIGMA_M, run_columns(LEVELS, TIME_S, terms), QUANTUM_M)
-        told = [f"{100 * sigma / response:.3f} %", f"{signed(100 * (value / response - 1), 3)} %"]
-        rows.append([name, *told, f"{slipped.detectable[0]:.0f}"])
+        reported = [f"{100 * sigma / response:.3f} %", f"{signed(100 * (value / response - 1), 3)} %"]
+        rows.append([name, *reported, f"{slipped.detectable[0]:.0f}"])
     return table(["terms", "sigma of the response", "off by the drift", "fewest fringes that show"], rows)
 
 
@@ -69,8 +69,8 @@ def compliance_table() -> str:
         found = fitted(made_log(np.random.default_rng(1), pairs, sensor_compliance()))
         own, other = (compare(found, C) for C in (sensor_compliance(), with_eccentric_load()))
         sure = np.diag(found.sigma) / np.diag(sensor_compliance())
-        told = [f"{found.known.sum()} of 36", f"{100 * sure.min():.3f} to {100 * sure.max():.3f} %"]
-        rows.append([name, *told, _probability(own.p_value), _probability(other.p_value)])
+        reported = [f"{found.known.sum()} of 36", f"{100 * sure.min():.3f} to {100 * sure.max():.3f} %"]
+        rows.append([name, *reported, _probability(own.p_value), _probability(other.p_value)])
     heads = [
         "runs",
         "entries known",
@@ -125,15 +125,18 @@ def quality_table() -> str:
     kept = np.arange(len(run)) != 130
     pressed = np.clip(log.reading[:21], -1.5e-3, None)
     rows = [
-        ["load of fz 12 kN, range 10 kN", *_told(quality.loads_beyond(np.where(run == 2, 12e3, 9e3)[::21], 1e4))],
-        ["sign of run 8 flipped", *_told(quality.signs_flipped(*_slopes(_spoilt(log, 8, -1.0)), _kinds(log)))],
+        ["load of fz 12 kN, range 10 kN", *_reported(quality.loads_beyond(np.where(run == 2, 12e3, 9e3)[::21], 1e4))],
+        ["sign of run 8 flipped", *_reported(quality.signs_flipped(*_slopes(_spoilt(log, 8, -1.0)), _kinds(log)))],
         ["run 4 in degrees for arcsec", *_units(_spoilt(log, 4, 1 / 3600.0))],
         ["run 13 in mm for um", *_units(_spoilt(log, 13, 1e-3))],
-        ["a step of run 6 missing", *_told(quality.steps_missing(run[kept], step[kept]), 1.0)],
+        ["a step of run 6 missing", *_reported(quality.steps_missing(run[kept], step[kept]), 1.0)],
         ["row 9 repeated as row 378, 5 um off", *_twice(log)],
-        ["dx of run 0 held at −1500 um", *_told(quality.saturated(pressed, LEVELS), 1e6)],
+        ["dx of run 0 held at −1500 um", *_reported(quality.saturated(pressed, LEVELS), 1e6)],
         ["jump of 8 um in run 14 from step 13 on", *_jump(log)],
-        ["drift of 10 um/h in run 2, 6.7 um over it", *_told(quality.drifting(_fits(_drifted(log)), TIME_S[-1]), 1e6)],
+        [
+            "drift of 10 um/h in run 2, 6.7 um over it",
+            *_reported(quality.drifting(_fits(_drifted(log)), TIME_S[-1]), 1e6),
+        ],
         ["noise twice the declared", *_noise()],
     ]
     return table(["planted", "where", "how much"], rows)
@@ -141,15 +144,15 @@ def quality_table() -> str:
 
 def signed(value: float, digits: int) -> str:
     """A number with its sign; zero without."""
-    told = f"{value:+.{digits}f}"
-    return told if float(told) else told[1:]
+    reported = f"{value:+.{digits}f}"
+    return reported if float(reported) else reported[1:]
 
 
 def _probability(value: float) -> str:
     return f"{value:.2g}" if value > 1e-9 else "below 1e-9"
 
 
-def _told(found: quality.LogFaults, scale: float = 1.0) -> list[str]:
+def _reported(found: quality.LogFaults, scale: float = 1.0) -> list[str]:
     where = ", ".join(str(at) for at in found.where[:6]) + (" ..." if len(found) > 6 else "")
     sizes = dict.fromkeys(f"{scale * size:.4g}" for size in found.size)
     return [where or "nowhere", ", ".join(sizes)]
@@ -184,20 +187,20 @@ def _units(log: Log) -> list[str]:
     value, sigma = _slopes(log)
     own_sigma = sigma * [fit.noise_ratio for fit in _fits(log)]
     expected = np.diag(sensor_compliance())[log.axis[:: len(LEVELS)]]
-    return _told(quality.units_mistaken(value, own_sigma, expected))
+    return _reported(quality.units_mistaken(value, own_sigma, expected))
 
 
 def _twice(log: Log) -> list[str]:
     run, step, channel = (np.append(values, values[9]) for values in (log.run, log.step, log.channel))
-    return _told(quality.channels_twice(run, step, channel, np.append(log.reading, log.reading[9] + 5e-6)), 1e6)
+    return _reported(quality.channels_twice(run, step, channel, np.append(log.reading, log.reading[9] + 5e-6)), 1e6)
 
 
 def _jump(log: Log) -> list[str]:
     reading = log.reading.reshape(-1, len(LEVELS)).copy()
     reading[14, 12:] += 8e-6
     found = quality.jumps(reading, log.sigma.reshape(-1, len(LEVELS)), run_columns(LEVELS, TIME_S))
-    told = zip(found.where, found.onset, found.size, strict=True)
-    return ["; ".join(f"{run} from step {onset + 1}" for run, onset, _ in told), f"{1e6 * found.size[0]:.1f}"]
+    reported = zip(found.where, found.onset, found.size, strict=True)
+    return ["; ".join(f"{run} from step {onset + 1}" for run, onset, _ in reported), f"{1e6 * found.size[0]:.1f}"]
 
 
 def _noise() -> list[str]:

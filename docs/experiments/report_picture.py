@@ -2,7 +2,7 @@
 
 truing run sample_data/telescope && python -m docs.experiments.report_picture runs/telescope/report.html
 
-What the picture shows is written beside it, so that a test tells when the page says something else.
+What the picture shows is written next to it, so that a test tells when the page says something else.
 """
 
 from __future__ import annotations
@@ -84,8 +84,8 @@ def main(page: Path) -> None:
         shown.scroll_through()
         bottom = shown.value(_ARRANGED % list(_SHOWN))
         clip = {"x": 0, "y": 0, "width": _WIDTH, "height": bottom, "scale": 1}
-        told = shown.ask("Page.captureScreenshot", clip=clip, captureBeyondViewport=True)
-    PICTURE.write_bytes(base64.b64decode(told["data"]))
+        reported = shown.ask("Page.captureScreenshot", clip=clip, captureBeyondViewport=True)
+    PICTURE.write_bytes(base64.b64decode(reported["data"]))
     facts = shown_facts(load(page.parent))
     FACTS.write_text(json.dumps(facts, indent=1, ensure_ascii=False) + "\n", encoding="utf-8")
 

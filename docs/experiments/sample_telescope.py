@@ -79,7 +79,7 @@ def leg_jacobian(names: tuple[str, ...], leg: int) -> NDArray:
 
 
 def scales(names: tuple[str, ...], wide: float = 1.0) -> NDArray:
-    """Tolerances (P,) of one leg's parameters in the tables' units, or so many times as wide ones."""
+    """Tolerances (P,) of one leg's parameters in the tables' units, or this many times as wide ones."""
     return wide * np.array([tolerances()[name[0]] for name in names]) / parameters(names).units[: len(names)]
 
 

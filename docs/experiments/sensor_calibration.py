@@ -207,7 +207,7 @@ CONTENDERS = {
     "with zero and temperature": replace(FORWARD, zero="common", drift=True),
     "with zero and squares": replace(FORWARD, zero="common", powers="squares"),
 }
-# What is in the signals beside the linear part: a zero, mV; drift, mV/K at +-3 K; bend, mV at full load.
+# What is in the signals next to the linear part: a zero, mV; drift, mV/K at +-3 K; bend, mV at full load.
 TRUTHS: dict[str, tuple[float, float, float]] = {
     "nothing but the linear part": (0.0, 0.0, 0.0),
     "a zero of 0.1 mV": (0.1, 0.0, 0.0),
@@ -250,7 +250,7 @@ def by_heart(cases: bool) -> tuple[list[float], int]:
     if not cases:
         made = replace(made, case=rng.permutation(200) % 40)
     both = choose_calibration(made, [CalibrationModel(), CalibrationModel(powers="products")])
-    errors = [float(np.sqrt(np.mean((one.errors / RANGE) ** 2))) for one in both.contenders]
+    errors = [float(np.sqrt(np.mean((contender.errors / RANGE) ** 2))) for contender in both.contenders]
     return errors, both.choice.chosen
 
 

@@ -2,7 +2,7 @@
 
 Both fits had the same measurements, so their noise cancels to first order. Their difference is the effect of K's
 off-diagonal part, by the observability Jacobian of each leg at the 40 configurations. K and the configurations are in
-print; what is left unknown is the shape: two radii, two half separations, and which legs stand beside each other.
+print; what is left unknown is the shape: two radii, two half separations, and which legs stand next to each other.
 """
 
 from __future__ import annotations

@@ -15,7 +15,7 @@ from truing.simulation.mechanisms.structures.structure import BeamSection, Machi
 # About 10 mm: what Table 5a and 6a say together (`telescope_report_kappa.reference_reading`).
 REFERENCE_READING = 10e-3
 MODEL = KinematicModel("6-pus")
-# Which ring a leg's joint shares its close pair on: leg 1 stands beside 2 on one ring and beside 6 on the other.
+# Which ring a leg's joint shares its close pair on: leg 1 stands next to 2 on one ring and next to 6 on the other.
 _WITH_NEXT = np.array([[0, 0, 1, 1, 2, 2], [-1, 1, -1, 1, -1, 1]])
 _WITH_LAST = np.array([[-0.5, 0.5, 0.5, 1.5, 1.5, -0.5], [1, -1, 1, -1, 1, -1]])
 

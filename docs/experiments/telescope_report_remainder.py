@@ -268,5 +268,5 @@ def findings(by: Ignorance, given: Sequence[str] = ()) -> list[Finding]:
     return sorted(found, key=lambda finding: -finding.gain)
 
 
-# The machine's own numbers, and the one thing beside them that all legs share.
+# The machine's own numbers, and the one thing next to them that all legs share.
 TOGETHER = tuple(CAUSES)[:5]

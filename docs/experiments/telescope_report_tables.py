@@ -317,7 +317,7 @@ def kappa_reading(nominal: NDArray | float) -> Reading:
     tables = published()
     fits = leg_fits(best_shape().machine, "6a")
     seen = 1e3 * (tables.kappa("6a") - nominal - tables.tables["7a"]["kappa"])
-    # beside the diagonal, which 7a fits as 6a does
+    # next to the diagonal, which 7a fits as 6a does
     by_K = 1e3 * shift_by_K(best_shape().machine, "6a")[:, ROWS.index("kappa")]
     by_K[np.arange(6), np.arange(6)] = 0.0
     # 7a's own kappa started from K_ii, so that the shift is the off-diagonal part's

@@ -99,8 +99,8 @@ def grown(replay: Replay, amount: int, limit: float, folder: Path) -> Path:
 def _watched(folder: Path, run: Path) -> dict[str, Any]:
     words = ["watch", str(folder), "--once", "--json", "--interval", "0.1", "--out", str(run)]
     done = CliRunner().invoke(app, words)
-    told: dict[str, Any] = json.loads(done.stdout.splitlines()[-1])
-    return told
+    reported: dict[str, Any] = json.loads(done.stdout.splitlines()[-1])
+    return reported
 
 
 def _decision(told: dict[str, Any]) -> str:
@@ -119,11 +119,11 @@ def rows(replays: Sequence[Replay], folder: Path) -> Iterator[tuple[str, ...]]:
             decisions, ended = dict[int, str](), dict[int, str]()
             own = folder / f"{replay.name}-{limit}"
             for amount in replay.looks:
-                told = _watched(grown(replay, amount, limit, own), Path(f"{own}-run"))
-                decisions[amount] = _decision(told)
-                if told["enough"] == "enough":
+                reported = _watched(grown(replay, amount, limit, own), Path(f"{own}-run"))
+                decisions[amount] = _decision(reported)
+                if reported["enough"] == "enough":
                     ended[amount] = decisions[amount]
-                sys.stdout.write(f"{replay.name} {limit}, {amount}: {decisions[amount]}, {told['enough']}\n")
+                sys.stdout.write(f"{replay.name} {limit}, {amount}: {decisions[amount]}, {reported['enough']}\n")
                 sys.stdout.flush()
             first = next(((n, found) for n, found in decisions.items() if found in ("met", "not-met")), None)
             end = next(iter(ended.items()), None)

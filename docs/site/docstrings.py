@@ -49,8 +49,8 @@ class Names(SphinxDirective):
 
     def run(self) -> list[nodes.Node]:
         """Ask autodoc for each, in its own language."""
-        told = "\n\n".join(_automatic(name if "." in name else f"truing.{name}") for name in self.content if name)
-        return self.parse_text_to_nodes(f"```{{eval-rst}}\n{told}\n```\n")
+        reported = "\n\n".join(_automatic(name if "." in name else f"truing.{name}") for name in self.content if name)
+        return self.parse_text_to_nodes(f"```{{eval-rst}}\n{reported}\n```\n")
 
 
 def _automatic(name: str) -> str:

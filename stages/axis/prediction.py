@@ -33,8 +33,8 @@ def predicted(model: str, table: pa.Table, file: str) -> pa.Table:
     command = number_column(table, f"command_{unit}") * SI[unit]
     time_s = number_column(table, "time_s") if "time_s" in table.schema.names else np.arange(len(command), dtype=float)
     poses = table.column("pose").to_pylist()
-    others = {name: number_column(table, name) for name in needed}
-    rows = AxisRows.of(poses, time_s, command, extended.axis.least_move, others=others)
+    values_by_column = {name: number_column(table, name) for name in needed}
+    rows = AxisRows.of(poses, time_s, command, extended.axis.least_move, others=values_by_column)
     value, sigma = predict_axis(extended, rows)
     reported = [
         {

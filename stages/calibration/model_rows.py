@@ -113,10 +113,10 @@ def add_figures(rows: Rows, key: Key, estimator: str, figures: Sequence[Figure])
 def add_uncalibrated(rows: Rows, machine: Machine, measured: MeasuredPlatform) -> None:
     """Add the figures of the nominal machine, and the departure of every other model of its structure from rigid legs
     over the campaign's readings."""
-    rigid, *others = structures(machine)
+    rigid, *elastic = structures(machine)
     errors = nominal_errors(rigid, machine, measured)
     add_figures(rows, (rigid.name, "none"), "nominal", error_figures(errors, measured.roles))
-    for structure in others:
+    for structure in elastic:
         if structure.name == "stiffness" and measured.load is not None:
             add_figures(rows, (structure.name, "none"), "nominal", _moved_by_load(structure, machine, measured))
         departure_um = departure(structure, machine, measured.rho) * 1e6

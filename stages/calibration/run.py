@@ -196,7 +196,7 @@ def _calibrated(
 def _rows_of_calibrations(
     data: CalibrationData, clean: ScreenedPoses, both: CalibrationsByEstimator, best: MachineCalibration
 ) -> dict[str, Rows]:
-    """Rows of what all calibrations determine: parameters, correlations, observability, absorption; and of poses left
+    """Rows of all calibrations: parameters, correlations, observability, absorption; and of poses left
     out."""
     used = clean.measured
     return {

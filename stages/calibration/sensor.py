@@ -101,8 +101,8 @@ def _left_out_words(recorded_loads: RecordedLoads) -> str:
 def _with_other_loads(tables: Mapping[str, pa.Table], settings: Campaign) -> OtherCalibrations | None:
     """Calibrations with the other loads; None if no finding changes a load, or these loads determine none."""
     try:
-        other = recorded_with_other_loads(tables, settings)
-        return None if other is None else OtherCalibrations(other, calibrations(other))
+        with_findings = recorded_with_other_loads(tables, settings)
+        return None if with_findings is None else OtherCalibrations(with_findings, calibrations(with_findings))
     except ValueError:
         return None
 

@@ -110,13 +110,13 @@ class AxisColumns:
         """Return the rows of a table; command_sigma: standard deviation of the axis from its command, rad or m."""
         command, time_s = self.commands(table), number_column(table, "time_s")
         column_names = {self.command, *self.encoders.values(), *NUMBERED}
-        others = {
+        other_columns = {
             field.name: number_column(table, field.name)
             for field in table.schema
             if field.name not in column_names and str(field.type) in ("double", "int64")
         }
         poses, least = table.column("pose").to_pylist(), self.axis(command_sigma).least_move
-        return AxisRows.of(poses, time_s, command, least, _events_in_time(table, time_s), others)
+        return AxisRows.of(poses, time_s, command, least, _events_in_time(table, time_s), other_columns)
 
     def deviations(self, table: pa.Table) -> Array:
         """Return encoder readings minus command (N, K), rad or m, without whole turns and overflows; NaN if empty."""

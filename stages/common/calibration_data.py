@@ -73,10 +73,10 @@ def _survey_covariance(table: pa.Table | None, numbers: tuple[str, ...]) -> NDAr
     """Return the covariance (Q, Q) from the survey, common to all poses."""
     covariance = np.zeros((len(numbers), len(numbers)))
     if table is not None and table.num_rows:
-        first, other = (positions(table.column(f"{name}_number"), numbers) for name in ("measured", "other"))
-        is_known = (first >= 0) & (other >= 0)
+        first, second = (positions(table.column(f"{name}_number"), numbers) for name in ("measured", "other"))
+        is_known = (first >= 0) & (second >= 0)
         value = number_column(table, "joint_covariance")[is_known]
-        covariance[first[is_known], other[is_known]] = covariance[other[is_known], first[is_known]] = value
+        covariance[first[is_known], second[is_known]] = covariance[second[is_known], first[is_known]] = value
     return covariance
 
 
@@ -86,11 +86,11 @@ def _store_covariances(
     if table is None or not table.num_rows:
         return
     keys = (table.column("pose"), poses), *((table.column(f"{o}_number"), numbers) for o in ("measured", "other"))
-    pose, first, other = (positions(*column_and_order) for column_and_order in keys)
-    is_known = (pose >= 0) & (first >= 0) & (other >= 0)
+    pose, first, second = (positions(*column_and_order) for column_and_order in keys)
+    is_known = (pose >= 0) & (first >= 0) & (second >= 0)
     value = number_column(table, "joint_covariance")[is_known]
-    covariance[pose[is_known], first[is_known], other[is_known]] = covariance[
-        pose[is_known], other[is_known], first[is_known]
+    covariance[pose[is_known], first[is_known], second[is_known]] = covariance[
+        pose[is_known], second[is_known], first[is_known]
     ] = value
 
 

@@ -38,10 +38,10 @@ def recorded(tables: Mapping[str, pa.Table], settings: Campaign) -> RecordedLoad
 def recorded_with_other_loads(tables: Mapping[str, pa.Table], settings: Campaign) -> RecordedLoads | None:
     """The same signals with the alternative loads; None if no finding changes a load."""
     findings = applied_findings(tables)
-    other = _recorded(tables, settings, findings.text)
-    if not other.causes:
+    with_findings = _recorded(tables, settings, findings.text)
+    if not with_findings.causes:
         return None
-    return _recorded(tables, settings, None) if findings.is_main else other
+    return _recorded(tables, settings, None) if findings.is_main else with_findings
 
 
 def recorded_elsewhere(

@@ -56,7 +56,7 @@ def words_of_axis(design: AxisDesign) -> list[str]:
 
 def _chosen(design: AxisDesign) -> list[str]:
     chosen, (low, high) = design.chosen, design.travel
-    kept = f" beside {count_text(design.kept, 'row')} that are kept" if design.kept else ""
+    kept = f" next to {count_text(design.kept, 'row')} that are kept" if design.kept else ""
     rows = sum(role == "calibration" for role in design.table.column("role").to_pylist())
     unit = sign(design.unit)
     by = f"by {design.options.method}{kept}"
@@ -83,8 +83,8 @@ def _aliases(design: AxisDesign) -> list[str]:
             "whole fraction of it, because it is the same at all of them; these targets are unevenly spaced"
         )
     if design.own_step is not None:
-        own = f"the campaign's own commands lie at multiples of {design.own_step:.4g} {unit}"
-        lines.append(f"{own}: {_same(design.own_step, unit)}")
+        own_commands = f"the campaign's own commands lie at multiples of {design.own_step:.4g} {unit}"
+        lines.append(f"{own_commands}: {_same(design.own_step, unit)}")
     return lines
 
 
@@ -113,7 +113,7 @@ def _shown(design: AxisDesign) -> list[str]:
 
 
 def _sizes(whose: str, sizes: pa.Table | None) -> list[str]:
-    """Return the detectable sizes of one set of rows, with what none of them shows."""
+    """Return the detectable sizes of one set of rows, and the effects that no row shows."""
     if sizes is None:
         return []
     frame = sizes.to_pandas()

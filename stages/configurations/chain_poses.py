@@ -87,7 +87,7 @@ def words_of_chain(design: ChainDesign) -> list[str]:
 def _chosen(design: ChainDesign) -> list[str]:
     options, chosen_poses = design.options, design.chosen
     held_out_words = f" and {options.verification} for verification" if options.verification else ""
-    kept_words = f" beside {design.kept} that are kept" if design.kept else ""
+    kept_words = f" next to {design.kept} that are kept" if design.kept else ""
     sources = ", ".join(dict.fromkeys(design.ranges.given_by))
     regions = f", outside {count_text(design.forbidden, 'forbidden region')}" if design.forbidden else ""
     of_causes = f", with the effects of {', '.join(design.causes)}" if design.causes else ""

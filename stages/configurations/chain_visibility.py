@@ -25,7 +25,7 @@ from truing.stages.configurations.chain_poses import APART, ShownByPoses
 
 # The data determine a number if they reduce its prior standard deviation to less than this share (as in the diagnosis).
 _DETERMINED = 0.7
-_NEW_PAYLOAD_KG = 1.0  # beside no payload, where the campaign has none
+_NEW_PAYLOAD_KG = 1.0  # next to no payload, where the campaign has none
 
 
 def shown_by(

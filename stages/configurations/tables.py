@@ -47,13 +47,13 @@ def existing_configurations(problem: DesignProblem, table: pa.Table | None) -> A
 
 
 def configurations_table(
-    rho: NDArray, order: PoseOrder, rest: NDArray | None, options: DesignOptions, extend: pa.Table | None
+    rho: NDArray, order: PoseOrder, reference_rho: NDArray | None, options: DesignOptions, extend: pa.Table | None
 ) -> pa.Table:
-    """Configurations in the order of measurement, without times, after ``rest`` (L,) if given."""
+    """Configurations in the order of measurement, without times, after ``reference_rho`` (L,), m, if given."""
     roles = np.repeat(["calibration", "verification"], [options.poses, options.verification])[order.order].tolist()
     values, first = rho[order.order], first_number(extend)
-    if rest is not None:
-        roles, values, first = ["reference", *roles], np.concatenate([rest[None], values]), 0
+    if reference_rho is not None:
+        roles, values, first = ["reference", *roles], np.concatenate([reference_rho[None], values]), 0
     columns: dict[str, object] = {
         "pose": pa.array(np.arange(len(values)) + first),
         "role": pa.array(roles, pa.string()),

@@ -30,7 +30,7 @@ def words_of(design: Design) -> list[str]:
 
 def _parameters_chosen(design: Design) -> list[str]:
     options, names = design.options, [entry.name for entry in design.problem.names]
-    kept_words = "" if design.kept is None else f" beside {design.kept.count} that are kept"
+    kept_words = "" if design.kept is None else f" next to {design.kept.count} that are kept"
     held_out_words = f" and {options.verification} for verification" if options.verification else ""
     first = f"{count_text(options.poses, 'configuration')}{held_out_words} by {options.method}{kept_words}, "
     first += _WITHIN[options.within]

@@ -40,9 +40,9 @@ if TYPE_CHECKING:
 
 # Numbers of candidates: poses as measured, and new ones within the range of the measured readings.
 _AGAIN, _NEW = 40, 60
-_NEW_PAYLOAD_KG = 1.0  # beside none, where the campaign has no payload
+_NEW_PAYLOAD_KG = 1.0  # next to none, where the campaign has no payload
 _WARMER_K = 5.0
-# A change that moves no measurement of some poses by so many sigma does not matter to a model.
+# A change that moves no measurement of some poses by this many sigma does not matter to a model.
 _MATTERS, _POSES_OF_A_TEST = 0.1, 12
 _DIGITS = 4
 _PAYLOAD = "payload_kg"

@@ -57,7 +57,7 @@ _DEG, _MM = np.pi / 180.0, 1e-3
 _ARCSEC = _DEG / 3600.0
 # Measured numbers that a search uses at most, and poses in any case, so that memory and time stay bounded.
 _MOST_NUMBERS, _ALWAYS = 4500, 500
-# Up to so many poses, exact readings have a noise of this share of the points' noise: joints may scatter.
+# Up to this many poses, exact readings have a noise of this share of the points' noise: joints may scatter.
 _FEW_POSES, _HARDLY = 400, 0.2
 _DRIVE = "the joint readings"
 _SLIPS = {

@@ -26,7 +26,7 @@ M = TypeVar("M", bound=EffectsModel, covariant=True)
 
 # An effect concerns a channel if it moves it by this share of its largest motion, in units of the noise.
 _CONCERNED = 0.2
-# What moves displacements and rotations is told of displacements, unless rotations show it so many times as clearly.
+# What moves displacements and rotations is told of displacements, unless rotations show it this many times as clearly.
 _RATHER = 2.0
 _SCATTER = "Hold one load and read every channel ten times over: the scatter is the true noise."
 

@@ -31,14 +31,14 @@ _HELD = np.array([0.0, *[1.0] * 7, 0.0])
 _STEPS = len(_THERE)
 _LARGE, _SMALL = 1.0, 0.1  # of the range; the effect of a clearance is largest near zero
 _AT_ONCE = 2
-# A slow run takes so many times as long; a temperature that is let go changes by so many kelvin within a run.
+# A slow run takes this many times as long; a temperature that is let go changes by this many kelvin within a run.
 _SLOWER = 8.0
 _WARMER_K = 1.0
 _TEMPERATURE = "_temperature_c"
 # What moves no reading by this many sigma does not matter to a model.
 _MATTERS = 0.1
 _PAUSE_S = 3600.0
-# Loads are asked for to so many digits, and are the same within so many sigmas, or within what rounding leaves.
+# Loads are asked for to this many digits, and are the same within this many sigmas, or within what rounding leaves.
 _DIGITS, _SAME, _ROUNDED = 3, 3.0, 0.01
 _TINY = 1e-9
 _USUAL_S = 60.0  # between steps, where no run has two of them

@@ -131,11 +131,11 @@ def _one_camera(collected: CollectedRows, log: FaultLog, camera: Names) -> None:
     """Fault of an image with several cameras."""
     first: dict[tuple[object, object], object] = {}
     keys = zip(collected.table.column("pose").to_pylist(), _text(collected, "image"), strict=True)
-    other = np.array(
+    second = np.array(
         [first.setdefault(key, camera_name) != camera_name for key, camera_name in zip(keys, camera, strict=True)],
         dtype=bool,
     )
-    collected.fault(log, other, "camera", "one camera for all points of an image")
+    collected.fault(log, second, "camera", "one camera for all points of an image")
 
 
 def _within_format(collected: CollectedRows, camera: Names, formats: Formats, log: FaultLog) -> None:

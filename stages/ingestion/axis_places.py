@@ -1,4 +1,4 @@
-"""Angle or displacement of an axis from points or poses on what it moves, as an outside instrument gives them."""
+"""Angle or displacement of an axis from points or poses of the moved body, by an outside instrument."""
 
 from __future__ import annotations
 
@@ -27,7 +27,7 @@ _LEAST_ARC = 270.0  # degrees of readings around which a single target determine
 
 
 def read_places(source: CampaignFiles, poses: list[str], settings: Campaign, log: FaultLog) -> Array | None:
-    """Return positions (B, T, 3), mm, of T points on what the axis moves, NaN where unseen; None without such a table.
+    """Return positions (B, T, 3), mm, of T points on the moved body, NaN where unseen; None without such a table.
 
     Measured poses are three points. The instrument stands still: all positions are in one frame.
     """

@@ -88,7 +88,7 @@ def _with_deviations(collected: CollectedRows, command: str, log: FaultLog) -> C
             or command not in collected.table.column_names
             or not command.endswith(unit)
         ):
-            expected = f"deviations from a command in {unit}, without a column {made} beside them"
+            expected = f"deviations from a command in {unit}, without a column {made} next to them"
             log.add(Fault(collected.first_file, expected, column=deviation_column))
             continue
         measured = pa.array(numbers(collected, command) + numbers(collected, deviation_column))
@@ -99,7 +99,7 @@ def _with_deviations(collected: CollectedRows, command: str, log: FaultLog) -> C
 
 
 def _with_places(collected: CollectedRows, source: CampaignFiles, settings: Campaign, log: FaultLog) -> CollectedRows:
-    """Return rows with what points or poses of the moved body tell, in a column of the outside instrument."""
+    """Return rows with the places by points or poses of the moved body, in a column of the outside instrument."""
     axis = cast("AxisMechanism", settings.mechanism)
     made, command = f"{MEASURED}_{axis.unit}", axis.columns["command"]
     poses = [str(pose) for pose in collected.table.column("pose").to_pylist()]
@@ -132,9 +132,15 @@ def _check_columns(collected: CollectedRows, columns: AxisColumns, settings: Cam
         collected.fault(
             log, np.isnan(numbers(collected, columns.command)), columns.command, "a number: the command of the row"
         )
-    other = f"{MEASURED}_{_OTHER[columns.unit]}"
-    if other in names and MEASURED not in columns.encoders:
-        log.add(Fault(file, f"{MEASURED}_{columns.unit}: the axis is {columns.kind} ([mechanism] kind)", column=other))
+    column_in_other_unit = f"{MEASURED}_{_OTHER[columns.unit]}"
+    if column_in_other_unit in names and MEASURED not in columns.encoders:
+        log.add(
+            Fault(
+                file,
+                f"{MEASURED}_{columns.unit}: the axis is {columns.kind} ([mechanism] kind)",
+                column=column_in_other_unit,
+            )
+        )
     elif not columns.encoders and all(name in names for name in named.values()):
         expected = f"what recorded the axis: {MEASURED}_{columns.unit}, or [mechanism] motor or load with their columns"
         log.add(Fault(file, expected, column=f"{MEASURED}_{columns.unit}"))

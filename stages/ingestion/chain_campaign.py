@@ -230,8 +230,8 @@ def _check_columns(tree: Tree, table: pa.Table, log: FaultLog) -> None:
                 log.add(Fault("configurations.csv", "a number in some rows: the column is empty", column=column.name))
             continue
         is_angle = tree.is_revolute[tree.readings.index(joint)]
-        endings, others = (ANGLES, LENGTHS) if is_angle else (LENGTHS, ANGLES)
-        wrong = next((joint + end for end in others if joint + end in names), None)
+        endings, other_endings = (ANGLES, LENGTHS) if is_angle else (LENGTHS, ANGLES)
+        wrong = next((joint + end for end in other_endings if joint + end in names), None)
         wanted = " or ".join(joint + end for end in endings)
         hint = f"; joint {joint} {'turns' if is_angle else 'slides'}" if wrong else did_you_mean(joint, names)
         log.add(Fault("configurations.csv", f"a column {wanted}{hint}", column=wrong or joint))

@@ -22,10 +22,10 @@ _HALF = 0.5  # of the usual time between two rows of the others: a row farther f
 def by_order(rows: CollectedRows, others: CollectedRows, keys: str, log: FaultLog) -> Index:
     """Return for each row (N,) the same row of the others; a fault if their numbers differ. keys: settings that join
     rows by a key."""
-    count, other = len(rows.table), len(others.table)
-    if count != other:
+    count, count_of_others = len(rows.table), len(others.table)
+    if count != count_of_others:
         expected = f"{count_text(count, 'row')}, as in {rows.first_file}; else a key: {keys}"
-        log.add(Fault(others.first_file, expected, value=count_text(other, "row")))
+        log.add(Fault(others.first_file, expected, value=count_text(count_of_others, "row")))
     return np.arange(count)
 
 
@@ -64,9 +64,9 @@ def _kind(time_format: str | None) -> str:
 def by_time(rows: CollectedRows, others: CollectedRows, log: FaultLog) -> tuple[Index, dict[str, float]]:
     """Return for each row (N,) the row of the others nearest in time, -1 for none within half the usual time between
     them; and the time by which the clocks may differ without another choice."""
-    time, other = numbers(rows, "time_s"), numbers(others, "time_s")
-    order = np.argsort(other, kind="stable")
-    sorted_times = other[order]
+    time, time_of_others = numbers(rows, "time_s"), numbers(others, "time_s")
+    order = np.argsort(time_of_others, kind="stable")
+    sorted_times = time_of_others[order]
     between = np.diff(sorted_times)
     if not len(between) or not (between > 0.0).all():
         log.add(Fault(others.first_file, "at least two rows, each at a time of its own", column="time_s"))
@@ -85,8 +85,8 @@ def _clocks(time: Array, middles: Array, nearest: Index, apart: Array) -> dict[s
         return {}
     edges = np.concatenate([[-np.inf], middles, [np.inf]])
     later, earlier = float((time - edges[nearest]).min()), float((edges[nearest + 1] - time).min())
-    own = {"largest_apart_s": float(apart.max()), "later_s": later, "earlier_s": earlier}
-    return {name: value for name, value in own.items() if np.isfinite(value)}
+    clock_facts = {"largest_apart_s": float(apart.max()), "later_s": later, "earlier_s": earlier}
+    return {name: value for name, value in clock_facts.items() if np.isfinite(value)}
 
 
 def with_columns(

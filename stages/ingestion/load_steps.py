@@ -145,9 +145,9 @@ def check_roles(collected: CollectedRows, log: FaultLog) -> None:
     rows = np.flatnonzero(collected.without_faults("run", "role"))
     role = numbered(collected, "role")[rows]
     _, first, at = np.unique(numbered(collected, "run")[rows], return_index=True, return_inverse=True)
-    other = np.zeros(len(collected.table), dtype=bool)
-    other[rows] = role != role[first[at]]
-    collected.fault(log, other, "role", "one role for all of a run: it is held out as a whole, or not")
+    is_unknown = np.zeros(len(collected.table), dtype=bool)
+    is_unknown[rows] = role != role[first[at]]
+    collected.fault(log, is_unknown, "role", "one role for all of a run: it is held out as a whole, or not")
 
 
 def without_transit(collected: CollectedRows) -> CollectedRows:

@@ -144,9 +144,9 @@ def _with_points(parts: _Parts, points: Points, estimated: EstimatedCovariance) 
         observations.read_all()  # the rest of the faults, which raise at its end
     by_geometry, renamed = points.unlabelled.left_out, points.expected.relabelled
     artifacts = {**parts.artifacts(), "observations": observations}
-    artifacts["exclusions"] = _at_last("exclusions", lambda: exclusions(parts.left_out(points), by_geometry))
+    artifacts["exclusions"] = _deferred_table("exclusions", lambda: exclusions(parts.left_out(points), by_geometry))
     if any(part.rules for part in renamed):
-        artifacts["relabelled"] = _at_last("relabelled", lambda: relabelled_table(*renamed))
+        artifacts["relabelled"] = _deferred_table("relabelled", lambda: relabelled_table(*renamed))
     return Outcome(
         artifacts,
         read=_deferred_text(lambda: "; ".join((points.read, *estimated.remarks))),
@@ -158,7 +158,7 @@ def _with_points(parts: _Parts, points: Points, estimated: EstimatedCovariance) 
 def _adjusted(
     tables: Mapping[str, pa.Table], settings: Campaign, source: CampaignFiles, log: FaultLog
 ) -> AdjustedPoints | None:
-    """Return object points from photographs; None if points were measured as such."""
+    """Return object points from photographs; None if points were measured directly."""
     if source.has_photographs and source.entries("points"):
         expected = "either photographs (or rays measured in them) or points, not both"
         log.add(Fault("campaign.toml", expected, column="files.points"))
@@ -188,7 +188,7 @@ def _check_any_points(source: CampaignFiles, log: FaultLog) -> None:
     log.raise_faults()
 
 
-class _Late:
+class _DeferredText:
     """Text that is evaluated after everything was read."""
 
     def __init__(self, say: Callable[[], str]) -> None:
@@ -199,10 +199,10 @@ class _Late:
 
 
 def _deferred_text(say: Callable[[], str]) -> str:
-    return cast(str, _Late(say))
+    return cast(str, _DeferredText(say))
 
 
-def _at_last(artifact: str, table: Callable[[], pa.Table]) -> pa.RecordBatchReader:
+def _deferred_table(artifact: str, table: Callable[[], pa.Table]) -> pa.RecordBatchReader:
     """Return a table that is evaluated after all points were read."""
 
     def batches() -> Iterator[pa.RecordBatch]:

@@ -176,8 +176,10 @@ class Points:
         fields = [f.with_type(names) if pa.types.is_string(f.type) else f for f in schema]
         return pa.schema(fields)
 
-    def _records(self, first: TableBatch, rest: Iterator[TableBatch], schema: pa.Schema) -> Iterator[pa.RecordBatch]:
-        for batch in chain((first,), rest):
+    def _records(
+        self, first: TableBatch, later_batches: Iterator[TableBatch], schema: pa.Schema
+    ) -> Iterator[pa.RecordBatch]:
+        for batch in chain((first,), later_batches):
             if not self.log:
                 yield pa.record_batch([batch.columns[name] for name in schema.names], schema=schema)
         self._finish()
@@ -243,7 +245,7 @@ class Points:
         for pose, count in self.unlabelled.too_many.items():
             text = f"at most {MOST_POINTS} points without names in a pose; a surface scanned densely is the table scans"
             self.log.add(Fault(file, text, value=f"{count} in pose {pose}"))
-        # in photographs, screws and holes are circles as well: beside targets with names they are only left out
+        # in photographs, screws and holes are circles as well: next to targets with names they are only left out
         bodies_by_codes = self._with_own_names if self.source.has_photographs else set()
         for body, why in self.unlabelled.unnamed_bodies().items():
             if body in bodies_by_codes:

@@ -209,9 +209,11 @@ def _check_names(collected: CollectedRows, expected: ExpectedPoints, log: FaultL
         name = str(collected.table.column("pose")[int(unknown.argmax())].as_py())
         collected.fault(log, unknown, "pose", "a pose of configurations" + meant_by([name], sorted(known)))
     if expected.bodies:
-        other = np.array([body not in expected.bodies for body in texts(collected, "body")], dtype=bool)
-        near = meant_by(map(str, texts(collected, "body")[other]), expected.bodies)
-        collected.fault(log, other, "body", f"a body of the mechanism; there are {', '.join(expected.bodies)}{near}")
+        is_unknown = np.array([body not in expected.bodies for body in texts(collected, "body")], dtype=bool)
+        near = meant_by(map(str, texts(collected, "body")[is_unknown]), expected.bodies)
+        collected.fault(
+            log, is_unknown, "body", f"a body of the mechanism; there are {', '.join(expected.bodies)}{near}"
+        )
 
 
 def check_bodies(poses: PoseTable, expected: ExpectedPoints, log: FaultLog) -> None:

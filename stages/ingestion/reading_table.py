@@ -219,9 +219,9 @@ def read_readings(source: CampaignFiles, settings: Campaign, log: FaultLog) -> R
     interferometer, six = source.entries("interferometer"), source.entries("displacement")
     raw = source.entries("quadrature")
     if interferometer and six:
-        log.add(Fault(six[0].paths[0], "no displacement beside readings of an interferometer: it replaces them"))
+        log.add(Fault(six[0].paths[0], "no displacement next to readings of an interferometer: it replaces them"))
     if raw and (interferometer or six):
-        log.add(Fault(raw[0].paths[0], "no raw signals beside the readings that they become"))
+        log.add(Fault(raw[0].paths[0], "no raw signals next to the readings that they become"))
     if six:
         _check_complete(settings.interferometer, log)
     shape = QUADRATURE if raw else INTERFEROMETER if interferometer else DISPLACEMENT

@@ -140,9 +140,9 @@ def _check_repeats(collected: CollectedRows, log: FaultLog) -> None:
     poses = [str(pose) for pose in collected.table.column("pose").to_pylist()]
     repeated_poses = collected.table.column("repeat_of").to_pylist()
     known = set(poses)
-    unknown = np.array([bool(other) and other not in known for other in repeated_poses], dtype=bool)
+    unknown = np.array([bool(repeated) and repeated not in known for repeated in repeated_poses], dtype=bool)
     collected.fault(log, unknown, "repeat_of", "a pose of this table, or nothing")
-    is_repeat = np.array([other == pose for pose, other in zip(poses, repeated_poses, strict=True)], dtype=bool)
+    is_repeat = np.array([repeated == pose for pose, repeated in zip(poses, repeated_poses, strict=True)], dtype=bool)
     collected.fault(log, is_repeat, "repeat_of", "another pose than this one, or nothing")
 
 
@@ -167,7 +167,9 @@ def _check_readings(collected: CollectedRows, log: FaultLog, settings: Campaign)
 
 def _mistyped_column(name: str, collected: CollectedRows) -> str:
     """Suggestion of a column that is none of the format, for one that is missing."""
-    return did_you_mean(name, (other for other in collected.table.column_names if find_column(other) is None))
+    return did_you_mean(
+        name, (column_name for column_name in collected.table.column_names if find_column(column_name) is None)
+    )
 
 
 def _check_drives(collected: CollectedRows, log: FaultLog, drives: tuple[str, ...]) -> None:

@@ -76,15 +76,17 @@ def bodies_table(plan: PhotographPlan) -> pa.Table:
     for name in dict.fromkeys(plan.targets.body):
         sigma = prediction.sigma[body == name]
         members = np.flatnonzero(of_points == name)
-        other = None if plan.reference in (None, name) else np.flatnonzero(of_points == plan.reference)
+        points_of_reference = None if plan.reference in (None, name) else np.flatnonzero(of_points == plan.reference)
         row: TableRow = {
             "body": name,
             "targets": int((body == name).sum()),
             "worst_mm": 1e3 * float(np.nanmax(sigma)) if np.isfinite(sigma).any() else None,
             "mean_mm": 1e3 * float(np.sqrt(np.nanmean(sigma**2))) if np.isfinite(sigma).any() else None,
         }
-        if len(members) >= 3 and (other is None or len(other) >= 3):
-            motion = np.sqrt(np.diag(body_motion(prediction.together, at, members, other, at[members].mean(axis=0))))
+        if len(members) >= 3 and (points_of_reference is None or len(points_of_reference) >= 3):
+            motion = np.sqrt(
+                np.diag(body_motion(prediction.together, at, members, points_of_reference, at[members].mean(axis=0)))
+            )
             row |= {"position_mm": 1e3 * float(motion[:3].max()), "rotation_urad": 1e6 * float(motion[3:].max())}
         rows.append(row)
     names = ("body", "targets", "worst_mm", "mean_mm", "position_mm", "rotation_urad")
@@ -131,10 +133,10 @@ def _remedy(plan: PhotographPlan) -> str:
     if plan.reaches or wanted is None or plan.undetermined:
         return ""
     scaled = 1e3 * float(np.nanmax(largest_sigma(plan.prediction.with_known_scale)))
-    rest = max(plan.worst_mm**2 - scaled**2, 0.0)
-    if rest >= wanted**2:
-        return f": the scale bars alone leave {np.sqrt(rest):.2g} mm, whatever is photographed"
-    more = int(np.ceil(plan.stations.count * scaled**2 / (wanted**2 - rest)))
+    other_variance = max(plan.worst_mm**2 - scaled**2, 0.0)
+    if other_variance >= wanted**2:
+        return f": the scale bars alone leave {np.sqrt(other_variance):.2g} mm, whatever is photographed"
+    more = int(np.ceil(plan.stations.count * scaled**2 / (wanted**2 - other_variance)))
     return f": about {count_text(more, 'photograph')} would, or a better camera"
 
 

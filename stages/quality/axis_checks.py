@@ -214,9 +214,9 @@ def _same(encoder: str, columns: AxisColumns, command: Array, readings: Mapping[
 
     The encoder of the loop may stand at the command.
     """
-    others = {columns.command: command} if encoder != columns.loop else {}
-    others |= {columns.encoders[name]: readings[name] for name in readings if name != encoder}
-    for name, other in others.items():
+    columns_to_compare = {columns.command: command} if encoder != columns.loop else {}
+    columns_to_compare |= {columns.encoders[name]: readings[name] for name in readings if name != encoder}
+    for name, other in columns_to_compare.items():
         both = np.isfinite(readings[encoder]) & np.isfinite(other)
         equal = np.isclose(readings[encoder][both], other[both], rtol=1e-12, atol=1e-15)
         if both.sum() >= _FEWEST_ROWS and equal.mean() >= _SAME and len(np.unique(other[both])) >= _FEWEST:

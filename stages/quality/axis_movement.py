@@ -97,9 +97,9 @@ def exchanged_columns(table: pa.Table, columns: AxisColumns, in_time: Index) -> 
 
     are_alike = moves_alike(raw)
     for first, second in combinations(raw, 2):
-        other = raw | {first: raw[second], second: raw[first]}
+        raw_exchanged = raw | {first: raw[second], second: raw[first]}
         is_command = first == columns.command and _hold_commands(raw[second], raw[first])
-        if (is_command or not are_alike) and moves_alike(other):
+        if (is_command or not are_alike) and moves_alike(raw_exchanged):
             return first, second
     return ()
 
@@ -132,7 +132,7 @@ def _meant(encoder: str, ratio: float, columns: AxisColumns, moved: Mapping[str,
     """Slips of unit or sign that make the movements agree: of the encoder, or of the command and all that moves with
     it; empty where there is none."""
     ratios = {name: ratio_of_encoder for name, (ratio_of_encoder, _) in moved.items() if np.isfinite(ratio_of_encoder)}
-    rest = [
+    columns_that_agree = [
         columns.encoders[name]
         for name, ratio_of_encoder in ratios.items()
         if abs(ratio_of_encoder - ratio) > _OF_SLIP * abs(ratio)
@@ -141,12 +141,12 @@ def _meant(encoder: str, ratio: float, columns: AxisColumns, moved: Mapping[str,
     own_unit, unit_of_others = _unit_of(abs(ratio), columns.unit), _unit_of(1.0 / max(abs(ratio), 1e-300), columns.unit)
     if sign and abs(abs(ratio) - 1.0) < _ODD:
         own_unit = unit_of_others = columns.unit
-    of_rest = f"{listed([columns.command, *rest])} in {unit_of_others}{sign}" if unit_of_others else ""
-    if len(ratios) > 1 and not rest and of_rest:  # what all encoders have in common is the command's
-        return of_rest
+    of_command = f"{listed([columns.command, *columns_that_agree])} in {unit_of_others}{sign}" if unit_of_others else ""
+    if len(ratios) > 1 and not columns_that_agree and of_command:  # what all encoders have in common is the command's
+        return of_command
     is_other = not own_unit or (columns.encoders[encoder].endswith("_counts") and not sign)
     meant = [f"{columns.encoders[encoder]} in {own_unit}{sign}"] if own_unit else []
-    return " or ".join([*meant, of_rest] if of_rest and is_other else meant)
+    return " or ".join([*meant, of_command] if of_command and is_other else meant)
 
 
 def _unit_of(ratio: float, unit: str) -> str:

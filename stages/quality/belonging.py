@@ -105,7 +105,7 @@ def relations_of_points(
         else _groups(configurations, np.flatnonzero(positions(configurations.column("pose"), around.poses) >= 0))
     )
     known = [body for body in bodies if body.name in surveyed]
-    others = [body for body in bodies if body.name not in surveyed]
+    unsurveyed = [body for body in bodies if body.name not in surveyed]
     points = {
         body.name: _points(
             body, _points_as_other_bodies(body, known, tables["observations"], around, order), around, order, groups
@@ -118,7 +118,7 @@ def relations_of_points(
     return (
         _copies(bodies, around),
         *_surveys(tables.get("survey"), list(points.values())),
-        *joined_results(tuple(relate_poses(_points(body, (), around, order, groups)) for body in others)),
+        *joined_results(tuple(relate_poses(_points(body, (), around, order, groups)) for body in unsurveyed)),
         *_readings(bodies, around, configurations, surveyed, settings, odd),
         *_drives(bodies, around, configurations, settings),
     )

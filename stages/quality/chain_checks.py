@@ -1,4 +1,4 @@
-"""Checks of an open chain: do joint readings and measured links belong together; and its points, link by link."""
+"""Checks of an open chain: joint readings against measured links and distances, masses, copies, and points by link."""
 
 from __future__ import annotations
 
@@ -17,7 +17,6 @@ from truing.belonging.joint_rows import (
     column_slip,
     slips_in_poses,
 )
-from truing.belonging.orientations import TurningMisfit, turning_misfit
 from truing.belonging.relation import RecordSlip, RelationState, RelationTest, SlipKind
 from truing.belonging.weights import Weights, relate_weights
 from truing.estimation.rigid_poses.points import PosePoints
@@ -53,6 +52,7 @@ from truing.stages.common.chain_tables import joint_columns, joint_readings, pay
 from truing.stages.common.point_arrays import pose_ids
 from truing.stages.quality import point_checks
 from truing.stages.quality.belonging import READINGS, belonging_checks
+from truing.stages.quality.chain_orientations import JOINTS, orientations_against_links
 from truing.stages.quality.chain_slips import (
     FEWEST_POSES,
     ComparedChain,
@@ -74,14 +74,13 @@ if TYPE_CHECKING:
     from truing.schemas.campaign import Campaign
     from truing.schemas.chain_mechanism import ChainMechanism
 
-JOINTS = "joints-against-links"
 _DISTANCES = "distances"
 _OF_FRAMES = ("poses-determined", "geometry", "geometry-line", "geometry-plane", "geometry-leverage")
 _FEWEST = 3
-_MM, _DEG = 1e-3, np.pi / 180.0
-# Slips whose misfit is at most so many times that of the best explain the data as well.
+_MM = 1e-3
+# Slips whose misfit is at most this many times that of the best explain the data as well.
 _AS_LIKELY = 2.0
-# Another link that leaves so small a share of the spread is told before slips of single columns are tried.
+# Another link that leaves this share of the spread is told before slips of single columns are tried.
 _SURE = 0.002
 
 
@@ -114,7 +113,7 @@ def joints_against_links(tables: Mapping[str, pa.Table], settings: Campaign) -> 
         compared = _links_compared(tables, settings)
         if compared is None:
             return _not_tested("no-poses")
-        turned = _test_orientations(compared, settings)
+        turned = orientations_against_links(compared, settings)
         if turned is not None and turned.slips and turned.state is RelationState.FAILS:
             return turned
         tested = _tested(compared, settings)
@@ -184,62 +183,8 @@ def _copies(
     seen = np.repeat(is_observed, measured.values.shape[-1], axis=1)
     least = float(np.nanmin(sigma)) if sigma.size else 0.0
     names = tuple(map(str, poses))
-    other = None if also is None else also.reshape(len(poses), -1)
-    return relate_copied_numbers(numbers, seen, least, names, quantity, other)
-
-
-def _test_orientations(compared: ComparedChain, settings: Campaign) -> RelationTest | None:
-    """The test of the first measured link whose orientations do not turn with it, or with strays; None if all do."""
-    strays: tuple[str, ...] = ()
-    agreed: TurningMisfit | None = None
-    measured, frames = compared.measured, compared.tree.frames(compared.conditions.readings)
-    channels = measured.channels
-    for k in np.flatnonzero(channels.is_rotation):
-        for series in np.unique(compared.conditions.series):
-            rows = compared.usable & measured.is_observed[:, k] & (compared.conditions.series == series)
-            if rows.sum() < FEWEST_POSES:
-                continue
-            compared_turns = turning_misfit(
-                frames.R[rows, channels.node[k]],
-                compared.conditions.reference[rows, k],
-                settings.poses.euler,
-                _positions(measured, int(k), rows, frames.t),
-            )
-            if compared_turns.stray.any():
-                poses = np.array([str(pose) for pose in compared.conditions.poses])[rows][compared_turns.stray]
-                strays, agreed = (*strays, *(f"pose {pose}" for pose in poses)), compared_turns
-            if compared_turns.before > compared_turns.limit:
-                test = RelationTest(
-                    JOINTS,
-                    RelationState.FAILS,
-                    "no-slip",
-                    misfit=compared_turns.before / _DEG,
-                    limit=compared_turns.limit / _DEG,
-                    unit="deg",
-                    misfit_explained=compared_turns.after / _DEG if compared_turns.slips else None,
-                )
-                return replace(test, slips=compared_turns.slips[:1], rivals=compared_turns.slips[1:])
-    if agreed is None:
-        return None
-    return RelationTest(
-        JOINTS,
-        RelationState.ATTENTION,
-        "strays",
-        misfit=agreed.before / _DEG,
-        limit=agreed.limit / _DEG,
-        unit="deg",
-        slips=(RecordSlip(SlipKind.STRAY, "measured orientations of", strays),),
-    )
-
-
-def _positions(measured: MeasuredLinks, k: int, poses: Mask, by_chain: Array) -> tuple[Array, Array] | None:
-    """Positions (B, 3) by the chain, and as measured, of the link whose orientations channel ``k`` holds, m; None
-    unless every pose has one."""
-    channels = measured.channels
-    for other in np.flatnonzero((channels.node == channels.node[k]) & ~channels.is_rotation):
-        if measured.is_observed[poses, other].all():
-            return by_chain[poses, channels.node[k]], measured.values[poses, other]
-    return None
+    orientations = None if also is None else also.reshape(len(poses), -1)
+    return relate_copied_numbers(numbers, seen, least, names, quantity, orientations)
 
 
 def _away_from_shape(tables: Mapping[str, pa.Table], body: str, points: PosePoints) -> Mask:
@@ -295,7 +240,7 @@ def joints_against_distances(tables: Mapping[str, pa.Table], settings: Campaign)
     usable = _usable(tree, table, measured)
     if usable.sum() < FEWEST_POSES:
         return _not_tested("no-poses", _DISTANCES)
-    # The ground, which stands beside the chain, is no row of its description.
+    # The ground, which stands next to the chain, is no row of its description.
     compared = _compared(
         tree,
         table,
@@ -380,11 +325,11 @@ def _explained(compared: ComparedChain, tested: RelationTest) -> RelationTest:
     # The diagnosis corrects an exchange and zeros, as findings; no other slip.
     corrected = slip.kind in (ColumnSlipKind.EXCHANGED, ColumnSlipKind.ZEROS)
     state = RelationState.ATTENTION if corrected else RelationState.FAILS
-    others = half_turns_as_good(slip, conditions, compared.tree.is_revolute, fit.start_of)
+    equally_good = half_turns_as_good(slip, conditions, compared.tree.is_revolute, fit.start_of)
     names = compared.table.schema.names
     return replace(
         tested,
-        rivals=tuple(row for other in others for row in _recorded(other, compared.tree, names)),
+        rivals=tuple(row for equivalent in equally_good for row in _recorded(equivalent, compared.tree, names)),
         state=state,
         reason="no-slip" if state is RelationState.FAILS else "departs",
         misfit_explained=slip.after / _MM,
@@ -447,8 +392,10 @@ def _fewest(measured: MeasuredLinks) -> int:
 def _failed_as_a_whole(tested: RelationTest, whole_slips: list[WholeSlip]) -> RelationTest:
     """The test with those slips that explain it as well as the best of them, in the order in which they were tried."""
     least = min(slip.share for slip in whole_slips)
-    first, *others = (slip for slip in whole_slips if slip.share <= _AS_LIKELY * least)
-    return replace(_failed(tested, (first.slip,), first.after), rivals=tuple(other.slip for other in others))
+    first, *equally_good = (slip for slip in whole_slips if slip.share <= _AS_LIKELY * least)
+    return replace(
+        _failed(tested, (first.slip,), first.after), rivals=tuple(equivalent.slip for equivalent in equally_good)
+    )
 
 
 def _constant(compared: ComparedChain) -> tuple[RecordSlip, ...]:

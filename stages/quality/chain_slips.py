@@ -26,13 +26,13 @@ FEWEST_POSES = 8
 """Fewest poses whose readings are compared with measured links."""
 _MOST_PERMUTED = 4  # targets of a link whose names are tried in every order
 _EXPLAINED = 0.2  # of the misfit: what a slip in one number may leave
-# Poses that miss by so many times the median are left out, if at least so large a share remains.
+# Poses that miss by this many times the median are left out, if at least this share remains.
 _FAR, _MOST = 5.0, 0.9
 
 
 @dataclass(frozen=True)
 class ComparedChain:
-    """A chain, its readings and what was measured on it, with the usable poses (B,).
+    """A chain, its readings and the measurements on it, with the usable poses (B,).
 
     ``rows`` describe the chain, where its description has rows; ``fit_of``: fit of the places to a chain; ``fit_on``:
     to the chain with the same measurements on other links, none for distances.
@@ -59,7 +59,7 @@ class ComparedChain:
 
     @property
     def names(self) -> list[str]:
-        """Names (K,) or (D,) of what was measured."""
+        """Names (K,) of the measured channels, or (D,) of the distances."""
         channels, ends = self.measured.channels, self.measured.ends
         return (
             list(channels.names) if ends is None else [f"{channels.names[a]} to {channels.names[b]}" for a, b in ends]
@@ -233,7 +233,7 @@ def slips_of_numbers(compared: ComparedChain) -> list[WholeSlip]:
 
 
 def without_lone_errors(start: StartValues, usable: Mask) -> Mask:
-    """Mask (B,) of the usable poses without a few that miss by far more than most, such as those of a wrong target."""
+    """Mask (B,) of the usable poses without a few that miss clearly more than most, such as those of a wrong target."""
     size = np.sqrt(np.nanmean(np.sum(start.errors**2, -1), axis=1))
     usual = size <= _FAR * float(np.median(size))
     if usual.mean() < _MOST:

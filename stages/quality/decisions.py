@@ -61,8 +61,8 @@ def _acceptances(checks: Sequence[Check], accept: Sequence[Acceptance]) -> Itera
         named = f"{entry.check} {entry.subject or ''}".strip()
         text = f"{named}: {tripped} verdict{'s' * (tripped != 1)} accepted by {entry.signed}: {entry.reason}"
         if not rows:
-            others = [check.subject for check in checks if check.check == entry.check and check.subject]
-            known = f"; its subjects are {listed(others)}" if others else ""
+            other_subjects = [check.subject for check in checks if check.check == entry.check and check.subject]
+            known = f"; its subjects are {listed(other_subjects)}" if other_subjects else ""
             text = f"{named}: no check has this name{known}; nothing was accepted by {entry.signed}"
         yield Check("overruled", f"accept {number}", float(len(rows)), 1.0, "", PASS if rows else WARN, f"{text}.")
 

@@ -1,4 +1,4 @@
-"""Relations of poses that an instrument measured as such, in place of points."""
+"""Relations of poses that an instrument measured directly, in place of points."""
 
 from __future__ import annotations
 

@@ -63,13 +63,13 @@ def _ratios(load: Array, signal: Array, run: Index) -> dict[int, float]:
         rows = rows[run[rows] == run[rows + shift]] if len(rows) else rows
         if len(rows) < load.shape[1] + 1 + _SPARE:
             continue
-        own, other = (_scatter(load[rows + by], signal[rows]) for by in (0, shift))
-        found[shift] = float(other / own) if own > 0.0 else float("inf")
+        scatter, scatter_shifted = (_scatter(load[rows + by], signal[rows]) for by in (0, shift))
+        found[shift] = float(scatter_shifted / scatter) if scatter > 0.0 else float("inf")
     return found
 
 
 def _scatter(load: Array, signal: Array) -> float:
-    """Return the rms, over channels of equal weight, of what a linear fit to loads and a zero leaves."""
+    """Return the rms residual of a linear fit to loads and a zero, over channels of equal weight."""
     columns = np.column_stack([np.ones(len(load)), load / np.maximum(np.abs(load).max(axis=0), 1e-300)])
     left = signal - columns @ np.linalg.lstsq(columns, signal, rcond=None)[0]
     spread = signal.std(axis=0)

@@ -76,8 +76,8 @@ def _likely(body: BodyView, points: PosePoints, at: int) -> LikelyName | None:
     off[body.points.is_observed[rows].any(axis=0)] = np.inf  # both in one pose: two targets
     nearest = int(off.argmin())
     sigma = float(np.sqrt(np.trace(points.cov[rows[0], at]) + np.trace(body.survey.cov[nearest])))
-    others = np.delete(body.survey.points, nearest, axis=0)
-    distance = float(np.linalg.norm(others - body.survey.points[nearest], axis=1).min(initial=np.inf))
+    other_points = np.delete(body.survey.points, nearest, axis=0)
+    distance = float(np.linalg.norm(other_points - body.survey.points[nearest], axis=1).min(initial=np.inf))
     if not off[nearest] < max(_NEAR * sigma, _NEAR_SHARE * distance):
         return None
     indices = np.flatnonzero(body.points.is_observed[:, nearest])
@@ -115,11 +115,12 @@ def names_known(
                 "names of targets", "names-known", body.name, f"{body.name}: no survey names its targets"
             )
             continue
-        other = [n for n in names[body.name] if n not in body.survey.targets and (body.name, n) not in declared]
+        unsurveyed = [n for n in names[body.name] if n not in body.survey.targets and (body.name, n) not in declared]
         text = f"{body.name}: all targets have names of the survey."
-        if other:
-            text = f"{body.name}: {listed(other)} {'is' if len(other) == 1 else 'are'} in no survey, and not near a "
-            text += f"missing target{meant_by(other, body.survey.targets) or '.'}"
+        if unsurveyed:
+            are = "is" if len(unsurveyed) == 1 else "are"
+            text = f"{body.name}: {listed(unsurveyed)} {are} in no survey, and not near a "
+            text += f"missing target{meant_by(unsurveyed, body.survey.targets) or '.'}"
         yield Check("names-known", body.name, 0.0, 0.0, "1", PASS, text)
 
 

@@ -103,7 +103,7 @@ def checks(tables: Mapping[str, pa.Table], settings: Campaign, sample: PoseSampl
 
 
 def _check_given_poses(tables: Mapping[str, pa.Table], settings: Campaign) -> CheckResults:
-    """The test of actuator readings against poses that were measured as such; they have no points to check."""
+    """The test of actuator readings against poses that were measured directly; they have no points to check."""
     poses = tables.get("measured_poses")
     if poses is None or not poses.num_rows or not settings.mechanism.is_legged:
         return CheckResults((), "", why_not="no object points")

@@ -191,7 +191,9 @@ def _exchanged(view: LoadingView, rows: Index, loaded: int, independent: int, sh
         return
     table = load_table(steps.signal[rows], steps.load[rows], steps.run[rows])
     exchanges, unseen = search_exchanges(table, share)
-    yield from _stray(view, rows, stray_loads(table, {row for one in exchanges for row in (one.first, one.second)}))
+    yield from _stray(
+        view, rows, stray_loads(table, {row for exchange in exchanges for row in (exchange.first, exchange.second)})
+    )
     for row_exchange in exchanges:
         yield _pair(view, rows, row_exchange)
     if unseen:

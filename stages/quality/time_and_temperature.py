@@ -152,7 +152,7 @@ def _check_part(name: str, value: Array, part: MistakenRows, reference_c: float,
     text = (
         f"{name}: {len(part.rows)} of {count_text(known, 'row')} ({read}) likely in {_WORDS[part.unit]}, the others in "
     )
-    text += f"degrees Celsius: did you mean {part.celsius:.5g} degC, beside {part.others:.5g}? "
+    text += f"degrees Celsius: did you mean {part.celsius:.5g} degC, next to {part.others:.5g}? "
     text += f"Convert {listed(_stretches(part.rows, rows))}."
     return Check("temperature-unit", name, high, reference_c, "degC", FAIL, text)
 
@@ -175,7 +175,7 @@ def _check(name: str, value: Array, reference_c: float, mistaken: MistakenUnit |
         return Check("temperature-unit", name, typical, reference_c, "degC", PASS, text)
     what = f"reference_temperature_c = {reference_c:g}" if mistaken.of_reference else f"{name}: {typical:.5g}"
     beside = (
-        f" beside a reference of {reference_c:g}" if not mistaken.of_reference else f" beside {typical:.5g} in {name}"
+        f" next to a reference of {reference_c:g}" if not mistaken.of_reference else f" next to {typical:.5g} in {name}"
     )
     text = f"{what}{beside if mistaken.certain else ''} is likely in {_WORDS[mistaken.unit]}; "
     text += f"did you mean {mistaken.celsius:.5g} degC"

@@ -24,8 +24,8 @@ def unit_slip(ratio: float, declared: float, unit: str) -> str:
     if not (math.isfinite(ratio) and ratio > _CONSTANT) or 1.0 / FAR <= ratio <= FAR:
         return ""
     sizes = _SIZES.get(unit, {})
-    near = {other: abs(math.log(size / ratio)) for other, size in sizes.items()}
-    other = min(near, key=lambda name: near[name], default="")
-    if not other or near[other] > math.log(_NEAR if ratio > 1.0 else 2.0 * _NEAR):
+    near = {meant: abs(math.log(size / ratio)) for meant, size in sizes.items()}
+    meant = min(near, key=lambda name: near[name], default="")
+    if not meant or near[meant] > math.log(_NEAR if ratio > 1.0 else 2.0 * _NEAR):
         return f" No declared noise is wrong by so much: is the declared {declared:.3g} {unit} in the unit of its key?"
-    return f" Did you mean {declared:.3g} {other}, that is {declared * sizes[other]:.3g} {unit}?"
+    return f" Did you mean {declared:.3g} {meant}, that is {declared * sizes[meant]:.3g} {unit}?"

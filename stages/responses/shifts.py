@@ -111,8 +111,8 @@ def shift_uncertainty_tables(
     determined = is_observed & shifts.there[:, None]
     b, leg, number = np.nonzero(determined[:, :, None] & np.isfinite(shifts.with_poses))
     _covariance_rows(covariances, poses, b, leg, [shifts.numbers[i] for i in number], shifts.with_poses[b, leg, number])
-    b, leg, other = np.nonzero(determined[:, :, None] & determined[:, None] & np.tri(determined.shape[1], dtype=bool))
-    _covariance_rows(covariances, poses, b, leg, _shift_numbers(other), shifts.whole[b, leg, other])
+    b, leg, second = np.nonzero(determined[:, :, None] & determined[:, None] & np.tri(determined.shape[1], dtype=bool))
+    _covariance_rows(covariances, poses, b, leg, _shift_numbers(second), shifts.whole[b, leg, second])
     b, leg, parameter = np.nonzero(np.broadcast_to(determined[..., None], shifts.effects.shape))
     sensitivities.add(
         pose=[poses[i] for i in b],
@@ -121,12 +121,12 @@ def shift_uncertainty_tables(
         effect_um=shifts.effects[b, leg, parameter] * 1e6,
     )
     names = [*shifts.numbers, *_shift_numbers(np.arange(determined.shape[1]))]
-    first, other = np.nonzero(np.tri(len(names), dtype=bool))
+    first, second = np.nonzero(np.tri(len(names), dtype=bool))
     frames = Rows("survey_covariances")
     frames.add(
         measured_number=[names[i] for i in first],
-        other_number=[names[i] for i in other],
-        joint_covariance=shifts.of_frames[first, other],
+        other_number=[names[i] for i in second],
+        joint_covariance=shifts.of_frames[first, second],
     )
     return {rows.artifact: rows.table(identifier) for rows in (covariances, sensitivities, frames)}
 

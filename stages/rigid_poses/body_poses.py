@@ -61,8 +61,8 @@ def body_poses(tables: Mapping[str, Any], settings: Campaign, progress: Progress
     StoredTable.
     """
     names = observed_names(tables["observations"])
-    others = chain(*(pose_ids(tables[name]) for name in SOURCES if name != "observations"))
-    names = replace(names, poses=tuple(dict.fromkeys((*names.poses, *others))))
+    ids_elsewhere = chain(*(pose_ids(tables[name]) for name in SOURCES if name != "observations"))
+    names = replace(names, poses=tuple(dict.fromkeys((*names.poses, *ids_elsewhere))))
     errors, common_sensitivity = _common_errors(tables)
     survey = tables.get("survey", ARTIFACTS["survey"].empty())
     estimates = _estimates(tables["observations"], names, survey, common_sensitivity, settings, progress)
@@ -120,7 +120,7 @@ def _estimates(
 
 
 def _correlated(estimates: Sequence[BodyEstimate], observations: pa.Table, errors: PointErrors) -> list[BodyPoses]:
-    """Return all poses of the bodies, fitted together with what their points have in common."""
+    """Return all poses of the bodies, fitted together with the common errors of their points."""
     rows = [
         observation_rows(observations, estimate.name, estimate.points.poses, estimate.points.targets)
         for estimate in estimates
@@ -208,7 +208,7 @@ class _PoseStream:
 def _with_poses(
     bodies: Sequence[BodyPoses], table: pa.Table, method: str, poses: tuple[int | str, ...]
 ) -> list[BodyPoses]:
-    """The bodies with the poses of a table, of scans or measured as such, as a further method; and bodies of which
+    """The bodies with the poses of a table, of scans or measured directly, as a further method; and bodies of which
     nothing else is known."""
     by_name = {body.name: body for body in bodies}
     for name in dict.fromkeys(table.column("body").to_pylist()):
@@ -226,7 +226,7 @@ def _with_poses(
 def _fit_of_rows(rows: pa.Table, pose_index: Index, count: int) -> RigidFit:
     """The poses of one body as a batch over all poses; a pose that is not in the table has too few points.
 
-    Scans have an rms, a number of points and a status; poses that were measured as such have none of them.
+    Scans have an rms, a number of points and a status; poses that were measured directly have none of them.
     """
     R, t, covariance = np.full((count, 3, 3), np.nan), np.full((count, 3), np.nan), np.full((count, 6, 6), np.nan)
     rms, n_used = np.full(count, np.nan), np.zeros(count, np.int64)

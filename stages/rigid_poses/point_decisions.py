@@ -1,4 +1,4 @@
-"""Points that a person excluded or kept, and what the exclusions change."""
+"""Points that a person excluded or kept, and the effects of the exclusions."""
 
 from __future__ import annotations
 

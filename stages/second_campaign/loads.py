@@ -117,11 +117,11 @@ def predicted_by_matrix(
         name = models["main" if loads is main else "beside"]
         text = applied_findings(tables).text if loads.causes else None
         by = EXTENDED if loads.causes else CALIBRATED
-        other = recorded_elsewhere(second.tables, second.settings, text, loads.tared)
-        if other.signal.shape[1] != loads.signal.shape[1]:
+        loads_of_second = recorded_elsewhere(second.tables, second.settings, text, loads.tared)
+        if loads_of_second.signal.shape[1] != loads.signal.shape[1]:
             wanted = f"{loads.signal.shape[1]} signals, as the first campaign has them"
-            raise second.refuse("files.signals", wanted, f"{other.signal.shape[1]} signals")
-        yield from _errors_by_matrix(loads, other, name, by)
+            raise second.refuse("files.signals", wanted, f"{loads_of_second.signal.shape[1]} signals")
+        yield from _errors_by_matrix(loads, loads_of_second, name, by)
 
 
 def _chosen_models(tables: Mapping[str, pa.Table]) -> dict[str, str]:
@@ -136,18 +136,18 @@ def _chosen_models(tables: Mapping[str, pa.Table]) -> dict[str, str]:
 
 
 def _errors_by_matrix(
-    recorded_loads: RecordedLoads, other: RecordedLoads, name: str, by: str
+    recorded_loads: RecordedLoads, loads_of_second: RecordedLoads, name: str, by: str
 ) -> Iterator[PredictionErrors]:
     model = next(model for model in contenders(recorded_loads) if model.name == name)
-    if other.covariate_names != recorded_loads.covariate_names:
+    if loads_of_second.covariate_names != recorded_loads.covariate_names:
         if model.drift or model.gain:
             raise ValueError(
                 f"G_B follows {recorded_loads.covariate_names[0]}, which the second campaign does not hold"
             )
-        unused = np.zeros((len(other.steps.run), recorded_loads.covariate.shape[1]))
-        other = replace(other, covariate=unused, covariate_names=recorded_loads.covariate_names)
+        unused = np.zeros((len(loads_of_second.steps.run), recorded_loads.covariate.shape[1]))
+        loads_of_second = replace(loads_of_second, covariate=unused, covariate_names=recorded_loads.covariate_names)
     table = recorded_loads.table(~recorded_loads.steps.held_out, recorded_loads.steps.run)
-    asked = other.table(np.ones(len(other.steps.run), bool), other.steps.run)
+    asked = loads_of_second.table(np.ones(len(loads_of_second.steps.run), bool), loads_of_second.steps.run)
     missed = asked.loads - predicted_loads(fit_calibration(table, model), asked).value
     words = (
         f"{name}, against the loads that act with {' and '.join(recorded_loads.causes)}"

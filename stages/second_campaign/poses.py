@@ -69,13 +69,13 @@ def predicted_poses(text: str, tables: Mapping[str, pa.Table], second: SecondCam
 
 def _check(model: ExtendedModel, data: CalibrationData, second: SecondCampaign) -> None:
     """Raise CampaignFaults where the nominal legs are not those of the model."""
-    nominal, other = model.model.nominal, data.machine.legs
-    if nominal.closure.name != other.closure.name:
-        raise second.refuse("mechanism.type", nominal.closure.name, other.closure.name)
-    if nominal.count != other.count:
-        raise second.refuse("mechanism.legs", f"{nominal.count} legs, as the model has", f"{other.count} legs")
+    nominal, legs = model.model.nominal, data.machine.legs
+    if nominal.closure.name != legs.closure.name:
+        raise second.refuse("mechanism.type", nominal.closure.name, legs.closure.name)
+    if nominal.count != legs.count:
+        raise second.refuse("mechanism.legs", f"{nominal.count} legs, as the model has", f"{legs.count} legs")
     for name in ("a", "b", "l", "rho0"):
-        first, two = getattr(nominal, name), getattr(other, name)
+        first, two = getattr(nominal, name), getattr(legs, name)
         difference = np.abs(first - two).reshape(nominal.count, -1).max(1)
         if difference.max() > _SAME_M:
             leg = int(np.argmax(difference)) + 1

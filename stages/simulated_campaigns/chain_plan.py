@@ -106,10 +106,10 @@ def _nominal_distances(
 ) -> dict[str, Any]:
     """Columns of distances from every station to every target, with points (B, T, 3), m, in the frame of the base;
     raises ValueError without a target."""
-    stations, others = np.flatnonzero(is_station), np.flatnonzero(~is_station)
-    if not len(others):
+    stations, on_links = np.flatnonzero(is_station), np.flatnonzero(~is_station)
+    if not len(on_links):
         raise ValueError("needs targets.csv with a target on a link for its distances to the stations")
-    a, b = (part.ravel() for part in np.meshgrid(stations, others, indexing="ij"))
+    a, b = (part.ravel() for part in np.meshgrid(stations, on_links, indexing="ij"))
     length = np.linalg.norm(points[:, a] - points[:, b], axis=-1)
     ends, starts = [targets[k] for k in b.tolist()], [targets[k] for k in a.tolist()]
     return {

@@ -115,13 +115,15 @@ def _parts(
     if parent == "measurement":
         parts = parts_of_body
     else:
-        other = _parts_of_body(tables, parent, poses)
-        if other is None:
+        parts_of_parent = _parts_of_body(tables, parent, poses)
+        if parts_of_parent is None:
             return None
         (R, p), (Ra, pa_) = (default_motions(tables["poses"], name, poses) for name in (body, parent))
         none = np.zeros((len(poses), 6, 6))
         parts = {source: relative(Ra, pa_, none, R, p, covariance)[2] for source, covariance in parts_of_body.items()}
-        parts |= {source: relative(Ra, pa_, covariance, R, p, none)[2] for source, covariance in other.items()}
+        parts |= {
+            source: relative(Ra, pa_, covariance, R, p, none)[2] for source, covariance in parts_of_parent.items()
+        }
     by_declared = [covariance for source, covariance in parts.items() if source.evaluation == "B"]
     declared = np.sum(by_declared, axis=0)
     sigma, stated = (np.sqrt(np.diagonal(C[measured.found], axis1=1, axis2=2)) for C in (declared, measured.covariance))

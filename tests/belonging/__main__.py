@@ -20,7 +20,7 @@ SAMPLE = Path(__file__).resolve().parents[2] / "sample_data" / "force-sensor"
 
 def spoil_many(first: int, last: int, only: str = "") -> Counter[tuple[str, str]]:
     """Every slip in the sample (even seeds) or in a blind campaign, with seeds first to last - 1."""
-    told: Counter[tuple[str, str]] = Counter()
+    reported: Counter[tuple[str, str]] = Counter()
     for seed in range(first, last):
         with tempfile.TemporaryDirectory() as place:
             good = Path(place) / "good"
@@ -44,11 +44,11 @@ def spoil_many(first: int, last: int, only: str = "") -> Counter[tuple[str, str]
                     how, rows = found.how, found.rows
                 except CampaignFaults:
                     how, rows = "refused", []
-                told[name, how] += 1
+                reported[name, how] += 1
                 if how not in (RIGHT, "refused"):
                     said = "; ".join(f"{row['state']} {row['reason_code']} {row['slips']}" for row in rows)
                     sys.stderr.write(f"{seed} {name} -> {how} | {made.subjects} {made.factor} | {said[:400]}\n")
-    return told
+    return reported
 
 
 if __name__ == "__main__":

@@ -13,7 +13,7 @@ SEEN = np.ones((30, 2), bool)
 
 
 def wide(step: float) -> np.ndarray:
-    """Points (30, 2, 3), m, over metres, so that the nearest numbers differ by far more than the step of the file."""
+    """Points (30, 2, 3), m, over metres, so that the nearest numbers differ clearly more than the step of the file."""
     return step * np.round(np.random.default_rng(6).uniform(-2.0, 2.0, (30, 2, 3)) / step)
 
 

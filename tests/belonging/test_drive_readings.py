@@ -60,7 +60,7 @@ def test_a_slip_of_the_readings_is_named(slip: Slip, kind: SlipKind) -> None:
     body = _driven()
     found = relate_drive([replace(body, readings=slip(body.readings.copy()))])
     assert found.state is RelationState.FAILS
-    assert [one.kind for one in found.slips] == [kind]
+    assert [slip.kind for slip in found.slips] == [kind]
 
 
 @pytest.mark.parametrize("sign", [1.0, -1.0])

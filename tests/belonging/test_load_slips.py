@@ -65,8 +65,8 @@ def test_a_slip_in_the_files_is_named_with_its_size_and_place(tmp_path: Path, na
     made = SLIPS[name](tables, np.random.default_rng([5, MADE.index(name)]))
     assert made is not None
     tables.write()
-    told = judge(tmp_path / "c", made)
-    assert told.how == RIGHT, [(row["state"], row["slips"]) for row in told.rows]
+    reported = judge(tmp_path / "c", made)
+    assert reported.how == RIGHT, [(row["state"], row["slips"]) for row in reported.rows]
 
 
 def test_the_sample_belongs_together_and_says_what_it_could_not_show() -> None:
@@ -182,11 +182,11 @@ def test_equal_numbers_tell_a_copy_only_where_noise_would_have_shown() -> None:
     run = np.repeat([0, 1], 20)
     fine = (load[:, :1] + 0.01 * rng.standard_normal((40, 1))).round(5)
     fine[20:] = fine[:20]
-    told = copied_runs(run, ["run 1", "run 2"], load, [Values("signals", fine, np.array([0.01]))])
-    assert [slip.kind for one in told for slip in one.slips] == [SlipKind.COPIED]
+    reported = copied_runs(run, ["run 1", "run 2"], load, [Values("signals", fine, np.array([0.01]))])
+    assert [slip.kind for one in reported for slip in one.slips] == [SlipKind.COPIED]
     coarse = load[:, :1].round(1)
-    told = copied_runs(run, ["run 1", "run 2"], load, [Values("signals", coarse, np.array([0.01]))])
-    assert not any(one.slips for one in told)
+    reported = copied_runs(run, ["run 1", "run 2"], load, [Values("signals", coarse, np.array([0.01]))])
+    assert not any(one.slips for one in reported)
 
 
 @pytest.mark.parametrize("columns", [1, 6])
@@ -242,8 +242,10 @@ def test_equal_numbers_are_no_copy_where_a_symmetric_machine_answers_two_axes_al
     load = np.zeros((42, 6))
     load[:21, 0] = load[21:, 1] = np.concatenate([np.linspace(0.0, 1.0, 11), np.linspace(0.9, 0.0, 10)])
     value = (1000.0 * load.sum(axis=1)[:, None] + 0.5 * rng.standard_normal((42, 1))).round(-1)
-    told = copied_runs(np.repeat([0, 1], 21), ["run 1", "run 2"], load, [Values("readings", value, np.array([5.0]))])
-    assert not any(one.slips for one in told)
+    reported = copied_runs(
+        np.repeat([0, 1], 21), ["run 1", "run 2"], load, [Values("readings", value, np.array([5.0]))]
+    )
+    assert not any(one.slips for one in reported)
 
 
 @given(st.integers(0, 2**31), st.sampled_from([1e-4, 0.02, 0.5, 20.0, 3.0518e-4]))

@@ -24,7 +24,7 @@ from truing.pipeline.problems import ExitCode
 from truing.stages.common.belonging import reason_withheld
 from truing.stages.declaration import Outcome
 
-# Two machines, with effects in them that a good campaign may have: the slip has to be found beside these.
+# Two machines, with effects in them that a good campaign may have: the slip has to be found next to these.
 MACHINES = {"6-pus": ("platform-deformation-matrix", "telescope"), "ups": ("actuator-gain", "hexapod")}
 AT_THE_DOOR = (  # a body that is a thousand times too large or small is a fault of the file
     "lengths in inches",

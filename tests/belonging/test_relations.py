@@ -254,7 +254,7 @@ def test_measurements_of_one_body_a_row_too_far_down_are_named(body: str) -> Non
     columns = tuple(f"rho{leg}_mm" for leg in range(1, 7))
     found = relations(_seen(body), ReadingNames(columns, tuple(map(str, range(30)))))[-1]
     assert found.state is RelationState.FAILS
-    assert [(one.kind, one.quantity, one.shift) for one in found.slips] == [
+    assert [(slip.kind, slip.quantity, slip.shift) for slip in found.slips] == [
         (SlipKind.ROWS_SHIFTED, f"measurements of {body}", 1)
     ]
 
@@ -264,4 +264,4 @@ def test_euler_angles_that_were_read_as_rotation_vectors_are_named(order: str) -
     columns = tuple(f"rho{leg}_mm" for leg in range(1, 7))
     found = relations(_seen(euler=order), ReadingNames(columns, tuple(map(str, range(30)))))[-1]
     assert found.state is RelationState.FAILS
-    assert [(one.kind, one.subjects) for one in found.slips] == [(SlipKind.ROTATION, (order,))]
+    assert [(slip.kind, slip.subjects) for slip in found.slips] == [(SlipKind.ROTATION, (order,))]

@@ -131,9 +131,9 @@ def test_signals_name_the_slip_of_loads_that_readings_tell(tmp_path: Path) -> No
         table["load"] /= np.where(table["load_axis"].str.startswith("f"), 4.4482216152605, 1.0)
     write_campaign(tmp_path / "c", readings, signals, (SAMPLE / "campaign.toml").read_text(encoding="utf-8"))
     rows = run_line(tmp_path / "c", "ingest", "qa")[0]["belonging"].to_pylist()
-    told = {row["relation"]: json.loads(row["slips"]) for row in rows if row["state"] == "fails"}
-    assert told[SIGNALS] == told[READINGS]
-    assert (told[SIGNALS][0]["quantity"], round(told[SIGNALS][0]["factor"], 6)) == ("force", 4.448222)
+    reported = {row["relation"]: json.loads(row["slips"]) for row in rows if row["state"] == "fails"}
+    assert reported[SIGNALS] == reported[READINGS]
+    assert (reported[SIGNALS][0]["quantity"], round(reported[SIGNALS][0]["factor"], 6)) == ("force", 4.448222)
 
 
 def test_a_coarse_converter_may_stand_still_and_agree() -> None:

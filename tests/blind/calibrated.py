@@ -102,10 +102,10 @@ class Calibrated:
 
     def _coefficient(self, leg: int, column: int) -> float:
         names = (f"kappa_{leg + 1}",) if leg == column else ()
-        told = {
+        reported = {
             name: entry["value"] for effect in self.truth["effects"] for name, entry in effect["parameters"].items()
         }
-        return next((told[name] for name in (*names, f"K{leg + 1}{column + 1}") if name in told), 0.0)
+        return next((reported[name] for name in (*names, f"K{leg + 1}{column + 1}") if name in reported), 0.0)
 
     def errors(self, *, of_geometry: bool) -> Errors:
         """(identified - true) / sigma of the joints and legs, or of the deformation's coefficients."""
@@ -165,8 +165,8 @@ def run(folder: Path) -> Calibrated:
     """One folder, as far as the calibration, the diagnosis left out: what that adds is none of these models."""
     tables, said = run_line(folder, *LINE)
     truth = json.loads(truth_path(folder).read_text(encoding="utf-8"))
-    told = f"{said['calibrate'].left_out}; {said['calibrate'].figure}"
-    return Calibrated(folder.name, {name: tables[name].to_pandas() for name in TABLES}, told, truth)
+    reported = f"{said['calibrate'].left_out}; {said['calibrate'].figure}"
+    return Calibrated(folder.name, {name: tables[name].to_pandas() for name in TABLES}, reported, truth)
 
 
 def mean_square_band(errors: Iterable[Errors]) -> tuple[float, float, float]:

@@ -85,8 +85,8 @@ def as_hidden(effect: Effect, settings: Settings) -> hidden.Effect:
     """The generator's effect for one of the catalogue: what carries over is what the contract names of it."""
     count, cause = len(effect.values), effect.cause
     legs = len(settings.mechanism.legs)
-    told = {row.name: row.value for row in cause.reported(effect.values, np.zeros((count, count)), legs)}
-    return _MAKERS[cause.id](told, cause, legs)
+    reported = {row.name: row.value for row in cause.reported(effect.values, np.zeros((count, count)), legs)}
+    return _MAKERS[cause.id](reported, cause, legs)
 
 
 def _per_leg(told: Mapping[str, Any], name: str, legs: int) -> Array:

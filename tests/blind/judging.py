@@ -24,11 +24,11 @@ from tests.loops import PACKAGE
 PROJECT = Path(__file__).resolve().parents[2]
 UNLUCKY = 1e-3  # a correct diagnosis fails a judgement at most once in a thousand draws
 WITHIN_95 = 1.959964
-TOLD = ("found", "indistinguishable")
+REPORTED = ("found", "indistinguishable")
 SUSPECTED = "suspected"  # no claim: it counts neither for nor against a name
 ALTERNATIVE = "alternative"  # suspected only because others may explain the same: told as indistinguishable from them
 KEPT = ("cause", "verdict", "reason_code", "subject", "parameters", "follows", "p_value", "probability")
-TOLD_OF_TRUTH = ("seed", "effects", "layout", "strengths", "driver_strengths")
+KEPT_OF_TRUTH = ("seed", "effects", "layout", "strengths", "driver_strengths")
 KEPT_NUMBERS = ("rms_before", "rms_after", "heldout_rms_before", "heldout_rms_after", "noise_floor", "log_evidence")
 
 _SAME_FLOOR = 0.2  # of a logarithm
@@ -37,7 +37,7 @@ Record = dict[str, Any]
 
 @dataclass(frozen=True)
 class Finding:
-    """A row of diagnosis.parquet that the diagnosis stands by, with the values and sigmas of its parameters by name."""
+    """A reported row of diagnosis.parquet, with the values and sigmas of its parameters by name."""
 
     cause: str
     verdict: str
@@ -69,8 +69,8 @@ class Hidden:
 
 
 @dataclass(frozen=True)
-class Judged:
-    """A campaign that was run: what the diagnosis said, and what was hidden (as the truth tells it)."""
+class Assessed:
+    """A campaign that was run: the findings of the diagnosis, and the hidden effects by the truth file."""
 
     record: Record
 
@@ -79,8 +79,8 @@ class Judged:
         return str(self.record["name"])
 
     @cached_property
-    def told(self) -> tuple[Finding, ...]:
-        return tuple(_finding(row, self._legs) for row in self.record["findings"] if _verdict(row) in TOLD)
+    def reported(self) -> tuple[Finding, ...]:
+        return tuple(_finding(row, self._legs) for row in self.record["findings"] if _verdict(row) in REPORTED)
 
     @cached_property
     def suspected(self) -> tuple[Finding, ...]:
@@ -100,7 +100,7 @@ class Judged:
 
     @property
     def found(self) -> tuple[Finding, ...]:
-        return tuple(row for row in self.told if row.verdict == "found")
+        return tuple(row for row in self.reported if row.verdict == "found")
 
     @property
     def detected(self) -> bool:
@@ -110,7 +110,7 @@ class Judged:
     @property
     def missed(self) -> set[str]:
         """Causes that were hidden and not named, nor called indistinguishable from what was."""
-        return {effect.cause for effect in self.hidden} - {row.cause for row in self.told}
+        return {effect.cause for effect in self.hidden} - {row.cause for row in self.reported}
 
     @property
     def invented(self) -> list[str]:
@@ -118,14 +118,14 @@ class Judged:
         hidden = {effect.cause for effect in self.hidden}
         if self.missed:  # a wrong name in place of the right one is a matter of naming
             return []
-        alike = {row.cause for row in self.told if row.verdict == "indistinguishable"}
+        alike = {row.cause for row in self.reported if row.verdict == "indistinguishable"}
         spare = hidden & alike  # each hidden one that is only called alike stands behind one other name
         names = [row for row in self.found if row.cause not in hidden]
         return [f"{row.cause} {' '.join(sorted(row.subject))}".strip() for row in names[len(spare) :]]
 
     def misplaced(self, effect: Hidden) -> bool:
         """Whether the rows of the cause that was hidden name other legs or targets."""
-        rows = [row for row in self.told if row.cause == effect.cause]
+        rows = [row for row in self.reported if row.cause == effect.cause]
         best = [row for row in rows if row.verdict == "found"] or rows
         return frozenset[str]().union(*(row.subject for row in best)) != effect.subject
 
@@ -146,12 +146,12 @@ class Judged:
         """
         rows = [row for row in self.found if row.cause == "unexplained"]
         kinds = {effect.kind for effect in self.hidden}
-        told = frozenset[str]().union(*(row.follows for row in rows))
-        told -= frozenset[str]().union(*(effect.follows for effect in self.hidden))
+        reported = frozenset[str]().union(*(row.follows for row in rows))
+        reported -= frozenset[str]().union(*(effect.follows for effect in self.hidden))
         excused = {"time_s"} if "NobodyRecorded" in kinds else set()
         if "ForeignPoints" in kinds:
-            excused |= {column for column in told if column.startswith("rho")}
-        return told - excused
+            excused |= {column for column in reported if column.startswith("rho")}
+        return reported - excused
 
     @property
     def misnamed(self) -> list[str]:
@@ -253,7 +253,7 @@ def _pulls(row: Finding, truth: dict[str, Any]) -> list[float]:
     return pulls
 
 
-def run_all(folders: Sequence[Path], workers: int = AT_ONCE) -> list[Judged]:
+def run_all(folders: Sequence[Path], workers: int = AT_ONCE) -> list[Assessed]:
     """Runs campaign folders through the command line, as many calls at a time, each with a share of them.
 
     A single call is made in this process: another would only load all libraries again.
@@ -266,7 +266,7 @@ def run_all(folders: Sequence[Path], workers: int = AT_ONCE) -> list[Judged]:
             done = [record for records in pool.map(run_share, shares) for record in records]
     broken = {record["name"]: record["failed"] for record in done if "failed" in record}
     assert not broken, broken
-    return [Judged(record) for record in done]
+    return [Assessed(record) for record in done]
 
 
 def run_share(folders: Sequence[Path], call: Callable[[list[str]], tuple[int, str]] | None = None) -> list[Record]:
@@ -321,7 +321,7 @@ def _read(folder: Path, out: Path, seconds: float, said: str) -> Record:
     import pyarrow.parquet as pq
 
     truth = json.loads(truth_path(folder).read_text(encoding="utf-8"))
-    kept = {key: truth[key] for key in TOLD_OF_TRUTH if key in truth}
+    kept = {key: truth[key] for key in KEPT_OF_TRUTH if key in truth}
     record: Record = {
         "name": folder.name,
         "truth": {**kept, "legs": truth["legs"] if "legs" in truth else len(truth["geometry"]["a_mm"])},
@@ -331,14 +331,16 @@ def _read(folder: Path, out: Path, seconds: float, said: str) -> Record:
         log = out / "defect.log"
         return record | {"failed": log.read_text(encoding="utf-8")[-1500:] if log.exists() else said}
     rows = pq.read_table(out / "diagnosis.parquet").to_pylist()
-    others = [row for row in rows if row["verdict"] not in (*TOLD, SUSPECTED) and row.get("log_evidence") is not None]
+    others = [
+        row for row in rows if row["verdict"] not in (*REPORTED, SUSPECTED) and row.get("log_evidence") is not None
+    ]
     others.sort(key=lambda row: -row["log_evidence"])
     sums = out / "pull_sums.parquet"
     return record | {
         "findings": [
             {key: row.get(key) for key in (*KEPT, *KEPT_NUMBERS)}
             for row in rows
-            if row["verdict"] in (*TOLD, SUSPECTED)
+            if row["verdict"] in (*REPORTED, SUSPECTED)
         ],
         "rejected": [[row["cause"], row["subject"], row["log_evidence"]] for row in others[:3]],
         "pull_sums": pq.read_table(sums).to_pylist() if sums.exists() else [],

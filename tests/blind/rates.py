@@ -8,7 +8,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from tests.blind.generator.quaternions import Array
-from tests.blind.judging import WITHIN_95, Judged, fewest_of, most_of
+from tests.blind.judging import WITHIN_95, Assessed, fewest_of, most_of
 
 CLEAR = 6.0  # from this signal-to-noise on an effect must be found; each of two from the second figure on
 CLEAR_MATRIX = 8.7
@@ -46,13 +46,17 @@ def interval(good: int, trials: int) -> tuple[float, float]:
     return float(low), float(high)
 
 
-def _count(campaigns: Iterable[Judged], is_good: Callable[[Judged], bool], tell: Callable[[Judged], str]) -> Count:
+def _count(
+    campaigns: Iterable[Assessed],
+    is_good: Callable[[Assessed], bool],
+    tell: Callable[[Assessed], str],
+) -> Count:
     judged = [(is_good(campaign), campaign) for campaign in campaigns]
     bad = tuple(tell(one) for good, one in judged if not good)
     return Count(sum(good for good, _ in judged), len(judged), bad)
 
 
-def is_clear(campaign: Judged) -> bool:
+def is_clear(campaign: Assessed) -> bool:
     """Whether everything that is hidden is strong enough to be found in nearly all campaigns."""
     two = len(campaign.hidden) > 1
     return all(effect.strength >= 0.99 * clear_from(effect.cause, two=two) for effect in campaign.hidden)
@@ -64,80 +68,82 @@ def clear_from(cause: str, *, two: bool = False) -> float:
     return many.get(cause, CLEAR_OF_TWO if two else CLEAR)
 
 
-def told(campaign: Judged) -> str:
+def summary(campaign: Assessed) -> str:
     """What was hidden in a campaign and what was found, in one line."""
     hidden = (
         ", ".join(f"{e.kind} {' '.join(sorted(e.subject))} at {e.strength:.1f}" for e in campaign.hidden) or "nothing"
     )
     found = ", ".join(
         f"{row.verdict} {row.cause} {' '.join(sorted(row.subject | row.follows))}"
-        for row in (*campaign.told, *campaign.suspected)
+        for row in (*campaign.reported, *campaign.suspected)
     )
     return f"{campaign.name} ({campaign.record['truth'].get('layout')}): {hidden} -> {found or 'nothing'}"
 
 
-def alarms(campaigns: Sequence[Judged]) -> Count:
+def alarms(campaigns: Sequence[Assessed]) -> Count:
     """Campaigns with nothing hidden in which something is found, or an effect whose name is open."""
-    return _count([campaign for campaign in campaigns if not campaign.hidden], lambda one: one.detected, told)
+    return _count([campaign for campaign in campaigns if not campaign.hidden], lambda one: one.detected, summary)
 
 
-def invented(campaigns: Sequence[Judged]) -> Count:
-    """Campaigns in which more is found beside all that was hidden."""
+def invented(campaigns: Sequence[Assessed]) -> Count:
+    """Campaigns in which more is found next to all that was hidden."""
     right = [campaign for campaign in campaigns if campaign.hidden and not campaign.missed and not _strange(campaign)]
-    return _count(right, lambda one: bool(one.invented), told)
+    return _count(right, lambda one: bool(one.invented), summary)
 
 
-def detected(campaigns: Sequence[Judged]) -> Count:
+def detected(campaigns: Sequence[Assessed]) -> Count:
     """Campaigns with one effect in which anything is found, or an effect whose name is open."""
-    return _count(_of_one(campaigns), lambda one: one.detected, told)
+    return _count(_of_one(campaigns), lambda one: one.detected, summary)
 
 
-def named(campaigns: Sequence[Judged]) -> Count:
+def named(campaigns: Sequence[Assessed]) -> Count:
     """Campaigns with one effect that is named, or told to be indistinguishable from what was found."""
-    return _count(_of_one(campaigns), lambda one: not one.missed, told)
+    return _count(_of_one(campaigns), lambda one: not one.missed, summary)
 
 
-def placed(campaigns: Sequence[Judged]) -> Count:
+def placed(campaigns: Sequence[Assessed]) -> Count:
     """Campaigns with one effect that is named: those where it concerns the right legs or targets."""
     right = [one for one in _of_one(campaigns) if not one.missed]
-    return _count(right, lambda one: not one.misplaced(one.hidden[0]), told)
+    return _count(right, lambda one: not one.misplaced(one.hidden[0]), summary)
 
 
-def both_named(campaigns: Sequence[Judged]) -> Count:
+def both_named(campaigns: Sequence[Assessed]) -> Count:
     """Campaigns with two effects of which both are named."""
-    return _count([campaign for campaign in campaigns if len(campaign.hidden) == 2], lambda one: not one.missed, told)
+    return _count(
+        [campaign for campaign in campaigns if len(campaign.hidden) == 2], lambda one: not one.missed, summary
+    )
 
 
-def driven(campaigns: Sequence[Judged]) -> Count:
+def driven(campaigns: Sequence[Assessed]) -> Count:
     """Campaigns with an effect of no catalogue that is told as unexplained, with what drives it."""
-    return _count(_strangers(campaigns), lambda one: one.follows_right(one.hidden[0]), told)
+    return _count(_strangers(campaigns), lambda one: one.follows_right(one.hidden[0]), summary)
 
 
-def misnamed(campaigns: Sequence[Judged]) -> Count:
+def misnamed(campaigns: Sequence[Assessed]) -> Count:
     """The same where it is given a name of the catalogue."""
-    return _count(_strangers(campaigns), lambda one: bool(one.misnamed), told)
+    return _count(_strangers(campaigns), lambda one: bool(one.misnamed), summary)
 
 
-def pulled(campaigns: Sequence[Judged]) -> Count:
+def pulled(campaigns: Sequence[Assessed]) -> Count:
     """Campaigns in which all was named and the geometry's pulls lie in their 95 % band after the extension."""
     sums = [(one, row) for one in _complete(campaigns) for row in one.record["pull_sums"] if row["model"] == "extended"]
     inside = {one.name: row["lower"] <= row["chi_square"] <= row["upper"] for one, row in sums}
-    return _count([one for one, _ in sums], lambda one: inside[one.name], told)
+    return _count([one for one, _ in sums], lambda one: inside[one.name], summary)
 
 
-def coverage(campaigns: Sequence[Judged]) -> Array:
+def coverage(campaigns: Sequence[Assessed]) -> Array:
     """Share of the true parameters within the stated 95 % interval, per campaign with one effect found and placed."""
     right = [one for one in _of_one(campaigns) if not one.missed and not one.misplaced(one.hidden[0])]
     pulls = [one.pulls(one.hidden[0]) for one in right]
     return np.array([np.mean(np.abs(z) <= WITHIN_95) for z in pulls if len(z)])
 
 
-def floors(campaigns: Sequence[Judged]) -> Array:
+def floors(campaigns: Sequence[Assessed]) -> Array:
     """Held-out error over the noise floor after the extension, per campaign in which all was named."""
     return np.array([one.floor_ratio for one in _complete(campaigns) if one.floor_ratio is not None])
 
 
-def excesses(campaigns: Sequence[Judged]) -> Array:
+def excesses(campaigns: Sequence[Assessed]) -> Array:
     """Held-out excess over the floor without and with what was found (C, 2), per campaign in which all was named.
 
     What is in no catalogue has no name: its form claims nothing beyond what was fitted.
@@ -146,17 +152,17 @@ def excesses(campaigns: Sequence[Judged]) -> Array:
     return np.array([one.excess for one in named if one.excess is not None]).reshape(-1, 2)
 
 
-def _complete(campaigns: Sequence[Judged]) -> list[Judged]:
+def _complete(campaigns: Sequence[Assessed]) -> list[Assessed]:
     return [campaign for campaign in campaigns if campaign.hidden and not campaign.missed and campaign.found]
 
 
-def _of_one(campaigns: Sequence[Judged]) -> list[Judged]:
+def _of_one(campaigns: Sequence[Assessed]) -> list[Assessed]:
     return [campaign for campaign in campaigns if len(campaign.hidden) == 1 and not _strange(campaign)]
 
 
-def _strangers(campaigns: Sequence[Judged]) -> list[Judged]:
+def _strangers(campaigns: Sequence[Assessed]) -> list[Assessed]:
     return [campaign for campaign in campaigns if _strange(campaign)]
 
 
-def _strange(campaign: Judged) -> bool:
+def _strange(campaign: Assessed) -> bool:
     return any(effect.cause == "unexplained" for effect in campaign.hidden)

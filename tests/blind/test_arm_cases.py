@@ -13,7 +13,7 @@ from tests.blind.generator.arms.case import CATALOGUE, draw_two, hide, layouts_f
 from tests.blind.generator.arms.effects import ADDED
 from tests.blind.generator.arms.foreign import FOREIGN
 from tests.blind.generator.folder import truth_path
-from tests.blind.judging import Judged, run_all
+from tests.blind.judging import Assessed, run_all
 from tests.tolerance import assert_between
 
 # Effects whose parameters are told in other names, units or at another time than the generator holds them.
@@ -25,16 +25,16 @@ EXAGGERATED = (
 
 
 @pytest.fixture(scope="module")
-def exaggerated(tmp_path_factory: pytest.TempPathFactory) -> list[Judged]:
+def exaggerated(tmp_path_factory: pytest.TempPathFactory) -> list[Assessed]:
     home = tmp_path_factory.mktemp("arms")
     folders = [hide(names, layout, 60.0, seed).write(home / layout) for names, layout, seed in EXAGGERATED]
     return run_all(folders, 1)
 
 
-def test_found_parameters_of_exaggerated_effects_agree_with_the_truth(exaggerated: list[Judged]) -> None:
+def test_found_parameters_of_exaggerated_effects_agree_with_the_truth(exaggerated: list[Assessed]) -> None:
     counts = {}
     for campaign, effect in ((one, effect) for one in exaggerated for effect in one.hidden):
-        (row,) = (row for row in campaign.told if row.cause == effect.cause)
+        (row,) = (row for row in campaign.reported if row.cause == effect.cause)
         assert row.subject == effect.subject
         numbers = [name for name in row.value if row.sigma[name]]
         assert set(numbers) <= set(effect.value)
@@ -55,7 +55,7 @@ def test_a_link_that_grows_more_than_its_material_is_named(tmp_path: Path) -> No
     """126 ppm/K of the recorded temperature, as of a link that its motors warm."""
     folder = hide(("link-growth",), "anthropomorphic-4r", 96.6, 882434735).write(tmp_path / "warm")
     (campaign,) = run_all([folder], 1)
-    ((effect,), (row,)) = campaign.hidden, campaign.told
+    ((effect,), (row,)) = campaign.hidden, campaign.reported
     assert effect.value["growth"] > 1e-4
     assert (row.cause, row.subject) == (effect.cause, effect.subject)
     assert np.abs(campaign.pulls(effect)).max() < 4.0
@@ -66,7 +66,7 @@ def _truth(folder: Path) -> dict[str, object]:
 
 
 def test_an_effect_outside_the_catalogue_follows_columns_of_its_campaign(tmp_path: Path) -> None:
-    told = set()
+    reported = set()
     for number, name in enumerate(FOREIGN):
         folder = hide((name,), "scara", 20.0, 31 + number).write(tmp_path / str(number))
         truth = _truth(folder)
@@ -75,8 +75,8 @@ def test_an_effect_outside_the_catalogue_follows_columns_of_its_campaign(tmp_pat
         with (folder / "configurations.csv").open(encoding="utf-8", newline="") as stream:
             columns = next(csv.reader(stream))
         assert set(effect["follows"].split()) <= set(columns)
-        told.add((effect["kind"], len(effect["follows"].split())))
-    assert told == {("two-joints", 2), ("remanence", 1), ("slow-base", 1), ("heavy-tails", 0)}
+        reported.add((effect["kind"], len(effect["follows"].split())))
+    assert reported == {("two-joints", 2), ("remanence", 1), ("slow-base", 1), ("heavy-tails", 0)}
 
 
 def test_remanence_of_a_joint_is_orthogonal_to_gain_and_backlash() -> None:

@@ -16,7 +16,7 @@ import pytest
 from tests.blind import rates
 from tests.blind.generator.case import hide, layouts_for
 from tests.blind.generator.hidden import CATALOGUE, FOREIGN, STRANGE, draw_two
-from tests.blind.judging import Judged, run_all
+from tests.blind.judging import Assessed, run_all
 from tests.blind.rates import clear_from
 
 SEED = int(os.environ.get("TRUING_BLIND_SEED", "1"))
@@ -53,7 +53,7 @@ def _write(names: Sequence[str], number: int, folder: Path) -> Path:
 
 
 @pytest.fixture(scope="module")
-def judged(tmp_path_factory: pytest.TempPathFactory) -> dict[str, list[Judged]]:
+def assessed(tmp_path_factory: pytest.TempPathFactory) -> dict[str, list[Assessed]]:
     """All campaigns, drawn, written and run."""
     home = tmp_path_factory.mktemp("blind")
     drawn = [(group, names) for group, cases in _drawn().items() for names in cases]
@@ -71,73 +71,83 @@ def test_each_judgement_can_fail_with_the_given_number_of_campaigns() -> None:
     assert all(rates.Count(trials, trials, ()).exceeds(allowed) for trials, allowed in many)
 
 
-def test_nothing_is_found_where_nothing_is_hidden(judged: dict[str, list[Judged]]) -> None:
-    found = rates.alarms(judged["nothing"])
-    assert not found.exceeds(WRONG), [rates.told(one) for one in judged["nothing"] if one.found]
+def test_nothing_is_found_where_nothing_is_hidden(assessed: dict[str, list[Assessed]]) -> None:
+    found = rates.alarms(assessed["nothing"])
+    assert not found.exceeds(WRONG), [rates.summary(one) for one in assessed["nothing"] if one.found]
 
 
-def test_effects_outside_the_catalogue_give_no_named_cause(judged: dict[str, list[Judged]]) -> None:
-    wrong = [bool(one.misnamed) for one in judged["foreign"]]
+def test_effects_outside_the_catalogue_give_no_named_cause(assessed: dict[str, list[Assessed]]) -> None:
+    wrong = [bool(one.misnamed) for one in assessed["foreign"]]
     count = rates.Count(sum(wrong), len(wrong), ())
-    assert not count.exceeds(WRONG), [rates.told(one) for one in judged["foreign"] if one.misnamed]
+    assert not count.exceeds(WRONG), [rates.summary(one) for one in assessed["foreign"] if one.misnamed]
 
 
-def test_effects_outside_the_catalogue_are_never_reported_as_agreement(judged: dict[str, list[Judged]]) -> None:
-    assert all(one.found or one.suspected for one in judged["foreign"])
+def test_effects_outside_the_catalogue_are_never_reported_as_agreement(
+    assessed: dict[str, list[Assessed]],
+) -> None:
+    assert all(one.found or one.suspected for one in assessed["foreign"])
 
 
-def test_errors_fall_with_everything_that_is_found(judged: dict[str, list[Judged]]) -> None:
-    assert {one.name: one.unpaid for group in judged.values() for one in group if one.unpaid} == {}
+def test_errors_fall_with_everything_that_is_found(assessed: dict[str, list[Assessed]]) -> None:
+    assert {one.name: one.unpaid for group in assessed.values() for one in group if one.unpaid} == {}
 
 
-def test_nothing_is_found_beside_what_was_hidden(judged: dict[str, list[Judged]]) -> None:
-    campaigns = judged["one"] + judged["two"]
-    assert not rates.invented(campaigns).exceeds(WRONG), [rates.told(one) for one in campaigns if one.invented]
+def test_nothing_is_found_beside_what_was_hidden(assessed: dict[str, list[Assessed]]) -> None:
+    campaigns = assessed["one"] + assessed["two"]
+    assert not rates.invented(campaigns).exceeds(WRONG), [
+        rates.summary(campaign) for campaign in campaigns if campaign.invented
+    ]
 
 
-def test_the_hidden_cause_is_found(judged: dict[str, list[Judged]]) -> None:
-    found = rates.detected(judged["one"])
+def test_the_hidden_cause_is_found(assessed: dict[str, list[Assessed]]) -> None:
+    found = rates.detected(assessed["one"])
     assert not found.falls_short(FOUND), found.bad
 
 
-def test_the_hidden_cause_is_named_or_reported_as_indistinguishable(judged: dict[str, list[Judged]]) -> None:
-    found = rates.named(judged["one"])
+def test_the_hidden_cause_is_named_or_reported_as_indistinguishable(
+    assessed: dict[str, list[Assessed]],
+) -> None:
+    found = rates.named(assessed["one"])
     assert not found.falls_short(NAMED), found.bad
 
 
-def test_the_right_legs_and_targets_are_reported(judged: dict[str, list[Judged]]) -> None:
-    found = rates.placed(judged["one"])
+def test_the_right_legs_and_targets_are_reported(assessed: dict[str, list[Assessed]]) -> None:
+    found = rates.placed(assessed["one"])
     assert not found.falls_short(FOUND), found.bad
 
 
-def test_two_effects_are_both_named(judged: dict[str, list[Judged]]) -> None:
-    found = rates.both_named(judged["two"])
+def test_two_effects_are_both_named(assessed: dict[str, list[Assessed]]) -> None:
+    found = rates.both_named(assessed["two"])
     assert not found.falls_short(BOTH), found.bad
 
 
-def test_effects_outside_the_catalogue_are_reported_with_their_inputs(judged: dict[str, list[Judged]]) -> None:
-    found = rates.driven(judged["unknown"])
+def test_effects_outside_the_catalogue_are_reported_with_their_inputs(
+    assessed: dict[str, list[Assessed]],
+) -> None:
+    found = rates.driven(assessed["unknown"])
     assert not found.falls_short(DRIVEN), found.bad
 
 
-def test_effects_outside_the_catalogue_stay_unnamed(judged: dict[str, list[Judged]]) -> None:
-    assert not rates.misnamed(judged["unknown"]).exceeds(MISNAMED), [rates.told(one) for one in judged["unknown"]]
+def test_effects_outside_the_catalogue_stay_unnamed(assessed: dict[str, list[Assessed]]) -> None:
+    assert not rates.misnamed(assessed["unknown"]).exceeds(MISNAMED), [
+        rates.summary(one) for one in assessed["unknown"]
+    ]
 
 
-def test_stated_uncertainties_cover_the_truth(judged: dict[str, list[Judged]]) -> None:
+def test_stated_uncertainties_cover_the_truth(assessed: dict[str, list[Assessed]]) -> None:
     """Parameters of a campaign err together: as many trials as there are campaigns."""
-    shares = rates.coverage(judged["one"])
+    shares = rates.coverage(assessed["one"])
     covered = rates.Count(int(np.ceil(shares.sum())), len(shares), ())
     assert not covered.falls_short(0.9), shares
 
 
-def test_held_out_observations_are_predicted_to_the_noise(judged: dict[str, list[Judged]]) -> None:
-    ratios = rates.floors(judged["one"] + judged["two"])
+def test_held_out_observations_are_predicted_to_the_noise(assessed: dict[str, list[Assessed]]) -> None:
+    ratios = rates.floors(assessed["one"] + assessed["two"])
     unlucky = 3.1 * ratios.std(ddof=1) / np.sqrt(len(ratios))
     assert ratios.mean() < 1.1 + unlucky, ratios
 
 
-def test_the_geometry_returns_to_where_it_was_built(judged: dict[str, list[Judged]]) -> None:
-    found = rates.pulled(judged["one"] + judged["two"])
+def test_the_geometry_returns_to_where_it_was_built(assessed: dict[str, list[Assessed]]) -> None:
+    found = rates.pulled(assessed["one"] + assessed["two"])
     assert found.trials, "no campaign tells pulls"
     assert not found.falls_short(0.95), found.bad

@@ -43,7 +43,7 @@ CURVES, CURVE_FOUND = 2, 0.99  # so strong as here: five times what must be foun
 
 
 @dataclass(frozen=True)
-class Judged:
+class AssessedArm:
     """Causes with subjects that were hidden, found as names, and offered as one of several that explain the same."""
 
     hidden: frozenset[tuple[str, str]]
@@ -52,9 +52,9 @@ class Judged:
     unexplained: int
 
 
-def judged(
+def assessed(
     folder: Path, seed: int, causes: tuple[str, ...], poses: int | None = None, strength: float = STRENGTH
-) -> Judged:
+) -> AssessedArm:
     campaign = draw(seed, causes=causes, strength=strength, instrument="points-campaign", poses=poses)
     write(campaign, folder / "arm")
     words = ["run", str(folder / "arm"), "--out", str(folder / "run"), "--only", "diagnose", "--quiet"]
@@ -68,35 +68,35 @@ def judged(
 
     hidden = frozenset((effect.cause, effect.subject) for effect in campaign.effects)
     left = sum(row["verdict"] == "found" and row["cause"] == "unexplained" for row in rows)
-    return Judged(hidden, of("found"), of("indistinguishable", "alternative"), left)
+    return AssessedArm(hidden, of("found"), of("indistinguishable", "alternative"), left)
 
 
 @pytest.fixture(scope="module")
-def hidden(tmp_path_factory: pytest.TempPathFactory) -> list[Judged]:
+def hidden(tmp_path_factory: pytest.TempPathFactory) -> list[AssessedArm]:
     return [
-        judged(tmp_path_factory.mktemp("arm"), 1000 * SEED + number, (cause,)) for number, cause in enumerate(CAUSES)
+        assessed(tmp_path_factory.mktemp("arm"), 1000 * SEED + number, (cause,)) for number, cause in enumerate(CAUSES)
     ]
 
 
-def test_a_clear_effect_is_named_with_its_joint_or_link(hidden: list[Judged]) -> None:
+def test_a_clear_effect_is_named_with_its_joint_or_link(hidden: list[AssessedArm]) -> None:
     right = sum(one.hidden <= one.found | one.rivals for one in hidden)
     assert right >= fewest_of(len(hidden), 0.95)
 
 
-def test_no_other_name_is_found_beside_it(hidden: list[Judged]) -> None:
+def test_no_other_name_is_found_beside_it(hidden: list[AssessedArm]) -> None:
     alone = sum(one.found <= one.hidden or bool(one.hidden & one.rivals) for one in hidden)
     assert alone >= fewest_of(len(hidden), 0.95)
 
 
 def test_nothing_is_found_where_nothing_is_hidden(tmp_path_factory: pytest.TempPathFactory) -> None:
-    clean = [judged(tmp_path_factory.mktemp("arm"), 1000 * SEED + 500 + number, ()) for number in range(CLEAN)]
+    clean = [assessed(tmp_path_factory.mktemp("arm"), 1000 * SEED + 500 + number, ()) for number in range(CLEAN)]
     assert sum(not one.found and not one.unexplained for one in clean) >= fewest_of(CLEAN, 0.95)
 
 
 def test_a_curve_of_a_joint_is_found_where_poses_are_many(tmp_path_factory: pytest.TempPathFactory) -> None:
     cause = ("joint-error-curve",)
     found = [
-        judged(tmp_path_factory.mktemp("arm"), 1000 * SEED + 700 + number, cause, poses=400, strength=60.0)
+        assessed(tmp_path_factory.mktemp("arm"), 1000 * SEED + 700 + number, cause, poses=400, strength=60.0)
         for number in range(CURVES)
     ]
     assert sum(one.hidden == one.found for one in found) >= fewest_of(CURVES, CURVE_FOUND)

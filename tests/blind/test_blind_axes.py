@@ -45,7 +45,7 @@ SI = {"rotary": np.pi / 180.0, "linear": 1e-3}
 
 
 @dataclass(frozen=True)
-class Judged:
+class AssessedAxis:
     """A campaign and what was decided of it."""
 
     campaign: AxisCampaign
@@ -84,39 +84,39 @@ def _table(campaign: AxisCampaign) -> pa.Table:
     return pa.table(columns)
 
 
-def _judged(campaign: AxisCampaign) -> Judged:
+def _assessed(campaign: AxisCampaign) -> AssessedAxis:
     settings: Campaign = read_campaign(parsed_toml(settings_text(campaign.layout, "axis")))
     gathered = assemble({"configurations": _table(campaign)}, settings)
-    return Judged(campaign, decided(gathered, settings, lambda done, total, what: None))
+    return AssessedAxis(campaign, decided(gathered, settings, lambda done, total, what: None))
 
 
 @pytest.fixture(scope="module")
-def clean() -> list[Judged]:
+def clean() -> list[AssessedAxis]:
     """Campaigns in which nothing is hidden."""
     found = []
     for number in range(CLEAN):
         rng = np.random.default_rng([SEED, 21, number])
-        found.append(_judged(record(draw_layout(rng), (), rng)))
+        found.append(_assessed(record(draw_layout(rng), (), rng)))
     return found
 
 
 @pytest.fixture(scope="module")
-def hidden() -> list[Judged]:
+def hidden() -> list[AssessedAxis]:
     """Campaigns with one clear error each."""
     found = []
     for number in range(HIDDEN):
         rng = np.random.default_rng([SEED, 22, number])
         layout, error = draw_one(CAUSES[number % len(CAUSES)], CLEAR, rng)
-        found.append(_judged(record(layout, (error,), rng)))
+        found.append(_assessed(record(layout, (error,), rng)))
     return found
 
 
-def test_where_nothing_is_hidden_no_more_is_found_than_declared(clean: list[Judged]) -> None:
+def test_where_nothing_is_hidden_no_more_is_found_than_declared(clean: list[AssessedAxis]) -> None:
     alarms = [one for one in clean if one.found or one.decided.noisy or one.decided.noise_dependences]
     assert len(clean) - len(alarms) >= fewest_of(len(clean), 1.0 - DECLARED)
 
 
-def test_clear_errors_are_named_with_their_subject_among_those_reported(hidden: list[Judged]) -> None:
+def test_clear_errors_are_named_with_their_subject_among_those_reported(hidden: list[AssessedAxis]) -> None:
     named = [
         one
         for one in hidden
@@ -127,7 +127,7 @@ def test_clear_errors_are_named_with_their_subject_among_those_reported(hidden: 
     assert len(named) >= fewest_of(len(hidden), 0.99)
 
 
-def test_nothing_is_found_beside_what_was_hidden_more_often_than_declared(hidden: list[Judged]) -> None:
+def test_nothing_is_found_beside_what_was_hidden_more_often_than_declared(hidden: list[AssessedAxis]) -> None:
     alone = [one for one in hidden if len(one.found) == 1]
     assert len(alone) >= fewest_of(len(hidden), 1.0 - DECLARED)
 
@@ -138,11 +138,11 @@ def test_errors_far_larger_than_any_ordinary_one_are_named_too(cause: str) -> No
     for number in range(2):
         rng = np.random.default_rng([SEED, 23, number])
         layout, error = draw_one(cause, 2000.0, rng)
-        one = _judged(record(layout, (error,), rng))
+        one = _assessed(record(layout, (error,), rng))
         assert [own.cause.id for own in one.found] == [cause]
 
 
-def test_sizes_agree_with_the_truth_within_their_standard_deviations(hidden: list[Judged]) -> None:
+def test_sizes_agree_with_the_truth_within_their_standard_deviations(hidden: list[AssessedAxis]) -> None:
     pulls = [
         one.pull(error)
         for one in hidden
@@ -156,34 +156,36 @@ def test_sizes_agree_with_the_truth_within_their_standard_deviations(hidden: lis
 
 
 @pytest.fixture(scope="module")
-def unnamed() -> dict[str, list[Judged]]:
+def unnamed() -> dict[str, list[AssessedAxis]]:
     """By its course, campaigns in which one encoder does what no cause of the catalogue does."""
-    found: dict[str, list[Judged]] = {}
+    found: dict[str, list[AssessedAxis]] = {}
     for place, course in enumerate(COURSES):
         for number in range(UNNAMED):
             made = draw_course(course, np.random.default_rng([SEED, 24, place, number]))
-            found.setdefault(course, []).append(_judged(made))
+            found.setdefault(course, []).append(_assessed(made))
     return found
 
 
-def test_effects_outside_the_catalogue_get_no_catalogued_name(unnamed: dict[str, list[Judged]]) -> None:
+def test_effects_outside_the_catalogue_get_no_catalogued_name(unnamed: dict[str, list[AssessedAxis]]) -> None:
     whole = [one for own in unnamed.values() for one in own]
     nameless = [one for one in whole if not any(own.cause.catalogued for own in one.found)]
     assert len(nameless) >= fewest_of(len(whole), 0.95)
 
 
-def test_dependences_outside_the_catalogue_are_reported_as_nonparametric(unnamed: dict[str, list[Judged]]) -> None:
+def test_dependences_outside_the_catalogue_are_reported_as_nonparametric(
+    unnamed: dict[str, list[AssessedAxis]],
+) -> None:
     whole = [one for course, own in unnamed.items() if course != SCATTER for one in own]
-    told = [one for one in whole if any(not own.cause.catalogued for own in one.found)]
-    assert len(told) >= fewest_of(len(whole), 0.9)
+    reported = [one for one in whole if any(not own.cause.catalogued for own in one.found)]
+    assert len(reported) >= fewest_of(len(whole), 0.9)
 
 
-def _drawn(draw: Callable[[np.random.Generator], tuple[AxisLayout, Hidden]], stream: int) -> list[Judged]:
+def _drawn(draw: Callable[[np.random.Generator], tuple[AxisLayout, Hidden]], stream: int) -> list[AssessedAxis]:
     found = []
     for number in range(PARTED):
         rng = np.random.default_rng([SEED, stream, number])
         layout, error = draw(rng)
-        found.append(_judged(record(layout, (error,), rng)))
+        found.append(_assessed(record(layout, (error,), rng)))
     return found
 
 
@@ -208,21 +210,21 @@ def test_drifts_are_taken_for_encoders_that_part_with_the_path_no_more_often_tha
     nameless = 0
     for number in range(PARTED):
         rng = np.random.default_rng([SEED, 26, number])
-        one = _judged(draw_course("slow drift", rng, layout=draw_uneven_layout(rng)))
+        one = _assessed(draw_course("slow drift", rng, layout=draw_uneven_layout(rng)))
         nameless += not any(own.cause.catalogued for own in one.found)
     assert nameless >= fewest_of(PARTED, 1.0 - DECLARED)
 
 
 def test_scatter_from_one_side_has_its_side_its_subject_and_its_size() -> None:
     found = _drawn(lambda rng: draw_scatter(6.0, rng), 27)
-    told = [(one, own) for one in found for own in one.decided.scatters if not own.doubt]
+    reported = [(one, scatter) for one in found for scatter in one.decided.scatters if not scatter.doubt]
     right = [
         (one, own)
-        for one, own in told
+        for one, own in reported
         if (own.candidate.cause.subject, own.candidate.cause.direction)
         == (one.campaign.hidden[0].subject, one.campaign.hidden[0].way)
     ]
-    assert len(right) == len(told)
+    assert len(right) == len(reported)
     assert len(right) >= fewest_of(PARTED, 0.75)
     pulls = [(own.size / SI[one.campaign.layout.kind] - one.campaign.hidden[0].size) for one, own in right]
     sizes = [own.sigma / SI[one.campaign.layout.kind] for one, own in right]

@@ -13,7 +13,7 @@ import numpy as np
 import pytest
 
 from tests.blind import rates
-from tests.blind.judging import UNLUCKY, Judged, run_all
+from tests.blind.judging import UNLUCKY, Assessed, run_all
 from tests.photographs.hidden_case import CATALOGUE, hide, layouts_for
 
 SEED = int(os.environ.get("TRUING_BLIND_SEED", "1"))
@@ -27,30 +27,30 @@ def _write(names: tuple[str, ...], number: int, folder: Path) -> Path:
 
 
 @pytest.fixture(scope="module")
-def judged(tmp_path_factory: pytest.TempPathFactory) -> list[Judged]:
+def assessed(tmp_path_factory: pytest.TempPathFactory) -> list[Assessed]:
     """A campaign with nothing in it and one with one effect, drawn, written and run in one call."""
     home = tmp_path_factory.mktemp("photographs")
     one = str(np.random.default_rng([SEED, 9]).choice(sorted(CATALOGUE)))
     return run_all([_write(names, number, home / f"blind-{number}") for number, names in enumerate([(), (one,)])], 1)
 
 
-def test_where_nothing_is_hidden_no_more_is_found_than_chance_does(judged: list[Judged]) -> None:
-    sure = [rates.told(judged[0]) for row in judged[0].record["findings"] if row["p_value"] < UNLUCKY]
-    assert not judged[0].hidden
+def test_where_nothing_is_hidden_no_more_is_found_than_chance_does(assessed: list[Assessed]) -> None:
+    sure = [rates.summary(assessed[0]) for row in assessed[0].record["findings"] if row["p_value"] < UNLUCKY]
+    assert not assessed[0].hidden
     assert not sure
 
 
-def test_the_hidden_cause_is_named_with_its_camera_or_bar(judged: list[Judged]) -> None:
-    (effect,) = judged[1].hidden
-    assert effect.cause not in judged[1].missed, rates.told(judged[1])
-    assert not judged[1].misplaced(effect), rates.told(judged[1])
+def test_the_hidden_cause_is_named_with_its_camera_or_bar(assessed: list[Assessed]) -> None:
+    (effect,) = assessed[1].hidden
+    assert effect.cause not in assessed[1].missed, rates.summary(assessed[1])
+    assert not assessed[1].misplaced(effect), rates.summary(assessed[1])
 
 
-def test_errors_fall_with_everything_that_is_found(judged: list[Judged]) -> None:
-    assert {one.name: one.unpaid for one in judged if one.unpaid} == {}
+def test_errors_fall_with_everything_that_is_found(assessed: list[Assessed]) -> None:
+    assert {one.name: one.unpaid for one in assessed if one.unpaid} == {}
 
 
-def test_nothing_is_found_for_sure_beside_what_was_hidden(judged: list[Judged]) -> None:
-    own = {effect.cause for effect in judged[1].hidden}
-    beside = [row for row in judged[1].record["findings"] if row["verdict"] == "found" and row["cause"] not in own]
-    assert all(row["p_value"] >= UNLUCKY for row in beside), rates.told(judged[1])
+def test_nothing_is_found_for_sure_beside_what_was_hidden(assessed: list[Assessed]) -> None:
+    own = {effect.cause for effect in assessed[1].hidden}
+    beside = [row for row in assessed[1].record["findings"] if row["verdict"] == "found" and row["cause"] not in own]
+    assert all(row["p_value"] >= UNLUCKY for row in beside), rates.summary(assessed[1])

@@ -15,7 +15,7 @@ import pytest
 from tests.blind import rates
 from tests.blind.generator.sensor.case import hide, layouts_for
 from tests.blind.generator.sensor.hidden import CATALOGUE, draw_two
-from tests.blind.judging import UNLUCKY, Judged, fewest_of, run_all
+from tests.blind.judging import UNLUCKY, Assessed, fewest_of, run_all
 
 SEED = int(os.environ.get("TRUING_BLIND_SEED", "1"))
 ONE = 1
@@ -38,38 +38,40 @@ def _write(names: tuple[str, ...], number: int, folder: Path) -> Path:
 
 
 @pytest.fixture(scope="module")
-def judged(tmp_path_factory: pytest.TempPathFactory) -> list[Judged]:
+def assessed(tmp_path_factory: pytest.TempPathFactory) -> list[Assessed]:
     """All campaigns, drawn, written and run in one call."""
     home = tmp_path_factory.mktemp("sensors")
     return run_all([_write(names, number, home / f"blind-{number}") for number, names in enumerate(_drawn())], 1)
 
 
-def test_where_nothing_is_hidden_a_search_of_everything_finds_no_more_than_chance(judged: list[Judged]) -> None:
-    plain = [one for one in judged if not one.hidden]
-    sure = [rates.told(one) for one in plain for row in one.record["findings"] if row["p_value"] < UNLUCKY]
+def test_where_nothing_is_hidden_a_search_of_everything_finds_no_more_than_chance(
+    assessed: list[Assessed],
+) -> None:
+    plain = [one for one in assessed if not one.hidden]
+    sure = [rates.summary(one) for one in plain for row in one.record["findings"] if row["p_value"] < UNLUCKY]
     assert plain
     assert not sure
 
 
-def test_the_hidden_cause_is_named_with_its_loads_channels_runs_or_signals(judged: list[Judged]) -> None:
-    hidden = [(one, effect) for one in judged for effect in one.hidden]
+def test_the_hidden_cause_is_named_with_its_loads_channels_runs_or_signals(assessed: list[Assessed]) -> None:
+    hidden = [(one, effect) for one in assessed for effect in one.hidden]
     named = [(one, effect) for one, effect in hidden if effect.cause not in one.missed]
     assert len(hidden) == ONE + 2
-    assert len(named) >= fewest_of(len(hidden), NAMED), [rates.told(one) for one in judged if one.missed]
+    assert len(named) >= fewest_of(len(hidden), NAMED), [rates.summary(one) for one in assessed if one.missed]
     placed = [one for one, effect in named if not one.misplaced(effect)]
-    assert len(placed) >= fewest_of(len(named), NAMED), [rates.told(one) for one, _ in named if one not in placed]
+    assert len(placed) >= fewest_of(len(named), NAMED), [rates.summary(one) for one, _ in named if one not in placed]
 
 
-def test_errors_fall_with_everything_that_is_found(judged: list[Judged]) -> None:
-    assert {one.name: one.unpaid for one in judged if one.unpaid} == {}
+def test_errors_fall_with_everything_that_is_found(assessed: list[Assessed]) -> None:
+    assert {one.name: one.unpaid for one in assessed if one.unpaid} == {}
 
 
-def test_nothing_is_found_for_sure_beside_what_was_hidden(judged: list[Judged]) -> None:
-    wrong = [rates.told(one) for one in judged if one.hidden and one.invented and _is_sure(one)]
+def test_nothing_is_found_for_sure_beside_what_was_hidden(assessed: list[Assessed]) -> None:
+    wrong = [rates.summary(one) for one in assessed if one.hidden and one.invented and _is_sure(one)]
     assert not wrong
 
 
-def _is_sure(one: Judged) -> bool:
+def _is_sure(one: Assessed) -> bool:
     """Whether a finding that nobody hid is more than chance does in one campaign of a thousand."""
     hidden = {effect.cause for effect in one.hidden}
     found = [row for row in one.record["findings"] if row["verdict"] == "found" and row["cause"] not in hidden]

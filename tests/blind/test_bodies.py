@@ -25,7 +25,7 @@ OTHER = replace(PLAIN, bodies=(Body("arm", 4, 120.0), Body("frame", 8, 900.0)), 
 
 
 @dataclass(frozen=True)
-class Told:
+class Diagnosed:
     """What the stage said of a campaign, and the campaign."""
 
     rows: list[dict[str, Any]]
@@ -44,12 +44,12 @@ class Told:
         return json.loads(next(row for row in self.rows if row["cause"] == cause)["parameters"])
 
 
-def _told(folder: Path, layout: Layout, hidden: tuple[Hidden, ...], seed: int) -> Told:
+def _diagnosed(folder: Path, layout: Layout, hidden: tuple[Hidden, ...], seed: int) -> Diagnosed:
     rng = np.random.default_rng(seed)
     drawn = draw(layout, hidden, rng)
     write(drawn, folder, rng)
     tables, _ = run_line(folder, "ingest", "pose", "diagnose")
-    return Told(tables["diagnosis"].to_pylist(), drawn)
+    return Diagnosed(tables["diagnosis"].to_pylist(), drawn)
 
 
 CASES = {
@@ -70,21 +70,21 @@ CASES = {
 
 
 @pytest.fixture(scope="module")
-def cases(tmp_path_factory: pytest.TempPathFactory) -> Callable[[str], Told]:
+def cases(tmp_path_factory: pytest.TempPathFactory) -> Callable[[str], Diagnosed]:
     @cache
-    def told(case: str) -> Told:
+    def diagnosed(case: str) -> Diagnosed:
         layout, hidden, _ = CASES[case]
-        return _told(tmp_path_factory.mktemp("bodies") / "c", layout, (hidden,), 11)
+        return _diagnosed(tmp_path_factory.mktemp("bodies") / "c", layout, (hidden,), 11)
 
-    return told
+    return diagnosed
 
 
 @pytest.mark.parametrize("case", CASES)
-def test_effects_on_a_body_are_named_and_attributed_to_it(case: str, cases: Callable[[str], Told]) -> None:
+def test_effects_on_a_body_are_named_and_attributed_to_it(case: str, cases: Callable[[str], Diagnosed]) -> None:
     assert cases(case).named[:1] == [CASES[case][2]]
 
 
-def test_effects_on_a_body_are_doubted_no_more_often_than_the_declared_rate(cases: Callable[[str], Told]) -> None:
+def test_effects_on_a_body_are_doubted_no_more_often_than_the_declared_rate(cases: Callable[[str], Diagnosed]) -> None:
     """0.4 of a false-alarm rate of 5 % may doubt a model that holds."""
     doubted = [case for case in CASES if cases(case).found[:1] != [CASES[case][2]]]
     assert len(doubted) <= most_of(len(CASES), 0.02), doubted
@@ -92,10 +92,10 @@ def test_effects_on_a_body_are_doubted_no_more_often_than_the_declared_rate(case
 
 def test_the_pattern_of_a_drift_is_the_hidden_one(tmp_path: Path) -> None:
     """As far as it is no motion of the body as a whole, in the body's own axes, and as sure as it says."""
-    told = _told(tmp_path / "c", PLAIN, (Hidden("drift", "tool", 0.012),), 12)
-    assert told.found == [("body-drift", "tool")]
-    found = told.parameters("body-drift")
-    true = np.ravel(told.drawn.truth["effects"][0]["pattern_mm"])  # type: ignore[index]
+    reported = _diagnosed(tmp_path / "c", PLAIN, (Hidden("drift", "tool", 0.012),), 12)
+    assert reported.found == [("body-drift", "tool")]
+    found = reported.parameters("body-drift")
+    true = np.ravel(reported.drawn.truth["effects"][0]["pattern_mm"])  # type: ignore[index]
     names = [f"T{k + 1:02}_{axis}" for k in range(6) for axis in "xyz"]
     pulls = np.array([(found[n]["value"] - v) / found[n]["sigma"] for n, v in zip(names, true, strict=True)])
     assert np.abs(pulls).max() < 4.5
@@ -105,19 +105,19 @@ def test_the_pattern_of_a_drift_is_the_hidden_one(tmp_path: Path) -> None:
 @pytest.mark.parametrize("size", [0.05, 3.0])
 def test_a_body_that_was_knocked_is_reported_once_with_the_pose(size: float, tmp_path: Path) -> None:
     """Neither target by target, nor as something that happened to run alike."""
-    told = _told(tmp_path / "c", PLAIN, (Hidden("jump", "base", size),), 16)
-    assert told.found == [("body-drift", "base")]
-    truth = told.drawn.truth["effects"][0]  # type: ignore[index]
+    reported = _diagnosed(tmp_path / "c", PLAIN, (Hidden("jump", "base", size),), 16)
+    assert reported.found == [("body-drift", "base")]
+    truth = reported.drawn.truth["effects"][0]  # type: ignore[index]
     # Poses that are held out tell nothing of it, and between two that are not it is their jitter that decides.
-    assert abs(told.parameters("body-drift")["from_pose"]["value"] - truth["from_pose"]) <= 2
+    assert abs(reported.parameters("body-drift")["from_pose"]["value"] - truth["from_pose"]) <= 2
 
 
 @pytest.mark.parametrize("size", [0.06, 400.0])
 def test_a_moved_target_is_named_whether_it_moved_a_little_or_far(size: float, tmp_path: Path) -> None:
-    told = _told(tmp_path / "c", without_survey(PLAIN), (Hidden("moved", "tool", size),), 13)
-    truth = told.drawn.truth["effects"][0]  # type: ignore[index]
-    assert told.found == [("target-moved", f"target T{truth['target'] + 1:02}")]
-    found = told.parameters("target-moved")
+    reported = _diagnosed(tmp_path / "c", without_survey(PLAIN), (Hidden("moved", "tool", size),), 13)
+    truth = reported.drawn.truth["effects"][0]  # type: ignore[index]
+    assert reported.found == [("target-moved", f"target T{truth['target'] + 1:02}")]
+    found = reported.parameters("target-moved")
     assert abs(found["from_pose"]["value"] - truth["from_pose"]) <= 1
     moved = np.linalg.norm([found[f"d{axis}"]["value"] for axis in "xyz"])
     assert moved == pytest.approx(size, rel=0.2)
@@ -128,40 +128,40 @@ UPRIGHT = replace(PLAIN, up=(0.0, 0.0, 2.0))
 
 @pytest.mark.parametrize("kind", ["sag", "nest"])
 def test_targets_that_sag_with_gravity_are_named_and_sized(kind: str, tmp_path: Path) -> None:
-    told = _told(tmp_path / "c", UPRIGHT, (Hidden(kind, "tool", 0.02),), 18)
-    sag = np.array(told.drawn.truth["effects"][0]["sag_mm"])  # type: ignore[index]
+    reported = _diagnosed(tmp_path / "c", UPRIGHT, (Hidden(kind, "tool", 0.02),), 18)
+    sag = np.array(reported.drawn.truth["effects"][0]["sag_mm"])  # type: ignore[index]
     one = f"T{int(np.argmax(np.abs(sag))) + 1:02}"
-    assert told.found == [("gravity-sag", "tool" if kind == "sag" else f"target {one}")]
-    found, relative = told.parameters("gravity-sag"), sag - (sag.mean() if kind == "sag" else 0.0)
+    assert reported.found == [("gravity-sag", "tool" if kind == "sag" else f"target {one}")]
+    found, relative = reported.parameters("gravity-sag"), sag - (sag.mean() if kind == "sag" else 0.0)
     for name, value in zip((f"T{k + 1:02}_sag" for k in range(6)), relative, strict=True):
         if name in found:
             assert abs(found[name]["value"] - value) < 4 * found[name]["sigma"] < 0.02
 
 
 def test_nothing_sags_where_nothing_is_hidden(tmp_path: Path) -> None:
-    assert _told(tmp_path / "c", UPRIGHT, (), 19).found == []
+    assert _diagnosed(tmp_path / "c", UPRIGHT, (), 19).found == []
 
 
 def test_temporary_scatter_of_a_body_is_reported_as_such(tmp_path: Path) -> None:
     """Neither as another shape, nor as targets that were moved: it scatters, and moves nothing on average."""
-    told = _told(tmp_path / "c", PLAIN, (Hidden("scatter", "base", 0.3),), 17)
-    assert told.found == [("approach-scatter", "base")]
-    row = next(row for row in told.rows if row["cause"] == "approach-scatter")
-    truth = told.drawn.truth["effects"][0]  # type: ignore[index]
+    reported = _diagnosed(tmp_path / "c", PLAIN, (Hidden("scatter", "base", 0.3),), 17)
+    assert reported.found == [("approach-scatter", "base")]
+    row = next(row for row in reported.rows if row["cause"] == "approach-scatter")
+    truth = reported.drawn.truth["effects"][0]  # type: ignore[index]
     assert abs(json.loads(row["settings"])["from_pose"] - truth["from_pose"]) <= 3
-    size = told.parameters("approach-scatter")["scatter"]
+    size = reported.parameters("approach-scatter")["scatter"]
     assert abs(size["value"] - 0.3) < 4 * size["sigma"] < 0.3
 
 
 def test_exchanged_labels_are_named(tmp_path: Path) -> None:
-    told = _told(tmp_path / "c", PLAIN, (Hidden("swapped", "base", 1.0),), 14)
-    truth = told.drawn.truth["effects"][0]  # type: ignore[index]
-    assert told.found == [("targets-swapped", f"targets {' '.join(truth['targets'])}")]
+    reported = _diagnosed(tmp_path / "c", PLAIN, (Hidden("swapped", "base", 1.0),), 14)
+    truth = reported.drawn.truth["effects"][0]  # type: ignore[index]
+    assert reported.found == [("targets-swapped", f"targets {' '.join(truth['targets'])}")]
 
 
 def test_no_cause_is_found_where_no_effect_is_hidden(tmp_path: Path) -> None:
     for name, layout in {"plain": PLAIN, "noisy": NOISY, "other": without_survey(OTHER)}.items():
-        assert _told(tmp_path / name, layout, (), 15).found == [], name
+        assert _diagnosed(tmp_path / name, layout, (), 15).found == [], name
 
 
 def test_a_body_that_lands_elsewhere_is_not_reported_as_targets_that_were_moved(tmp_path: Path) -> None:
@@ -169,17 +169,17 @@ def test_a_body_that_lands_elsewhere_is_not_reported_as_targets_that_were_moved(
     alone = replace(
         PLAIN, poses=32, bodies=(Body("base", 3, 150.0, at_rest=True, jitter_mm=0.003),), missing=0.0, gross=0.0
     )
-    told = _told(tmp_path / "c", alone, (Hidden("scatter", "base", 0.2),), 21)
-    # What remains beside it is told as noise without a name, and as no motion of targets.
-    causes = {cause for cause, _ in told.named}
+    reported = _diagnosed(tmp_path / "c", alone, (Hidden("scatter", "base", 0.2),), 21)
+    # What remains next to it is told as noise without a name, and as no motion of targets.
+    causes = {cause for cause, _ in reported.named}
     assert "approach-scatter" in causes
     assert causes <= {"approach-scatter", "unexplained"}
 
 
 def test_untested_causes_name_the_quantity_that_was_not_recorded(tmp_path: Path) -> None:
     bare = replace(PLAIN, bodies=(Body("tool", 6),), drives=(), configured=False)
-    told = _told(tmp_path / "c", bare, (), 22)
-    missing = {row["cause"]: row["reason_code"] for row in told.rows if row["verdict"] == "not testable"}
+    reported = _diagnosed(tmp_path / "c", bare, (), 22)
+    missing = {row["cause"]: row["reason_code"] for row in reported.rows if row["verdict"] == "not testable"}
     assert missing["gravity-sag"] == "no-up"
     assert missing["body-deformation"] == "no-drives"
     assert missing["thermal-expansion"] == "no-temperature"

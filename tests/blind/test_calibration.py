@@ -159,17 +159,17 @@ def _asked(campaign: Calibrated) -> dict[str, float]:
 
 
 def test_the_true_model_is_chosen_or_cannot_be_distinguished_from_the_chosen(campaigns: list[Calibrated]) -> None:
-    wrong = {one.name: one.chosen for one in campaigns if not one.is_chosen_right}
+    wrong = {campaign.name: campaign.chosen for campaign in campaigns if not campaign.is_chosen_right}
     assert len(wrong) <= most_of(len(campaigns), NOT_CHOSEN), wrong
 
 
 def test_every_calibration_of_the_chosen_model_settled(campaigns: list[Calibrated]) -> None:
-    assert {status for one in campaigns for status in one.parameters["status"]} == {"ok"}
+    assert {status for campaign in campaigns for status in campaign.parameters["status"]} == {"ok"}
 
 
 @pytest.mark.parametrize("of_geometry", [True, False], ids=["geometry", "deformation"])
 def test_the_truth_lies_within_the_stated_uncertainty(campaigns: list[Calibrated], of_geometry: bool) -> None:
-    errors = [one.errors(of_geometry=of_geometry) for one in campaigns]
+    errors = [campaign.errors(of_geometry=of_geometry) for campaign in campaigns]
     found, low, high = mean_square_band(errors)
     each = {one.name: round(float(np.mean(e.z**2)), 2) for one, e in zip(campaigns, errors, strict=True) if len(e.z)}
     assert_between(found, low, high, what=f"mean square of (identified - true) / sigma, {each}")
@@ -178,55 +178,59 @@ def test_the_truth_lies_within_the_stated_uncertainty(campaigns: list[Calibrated
 
 
 def test_pulls_agree_with_realistic_tolerances(campaigns: list[Calibrated]) -> None:
-    pulls = [one.pulls for one in campaigns]
+    pulls = [campaign.pulls for campaign in campaigns]
     found, low, high = mean_square_band(pulls)
     each = {one.name: round(float(np.mean(p.z**2)), 2) for one, p in zip(campaigns, pulls, strict=True) if len(p.z)}
     assert_between(found, low, high, what=f"mean square of the pulls, {each}")
 
 
 def test_held_out_observations_are_predicted_to_the_noise(campaigns: list[Calibrated]) -> None:
-    squares, expected, spread = (sum(column) for column in zip(*(one.held_out for one in campaigns), strict=True))
-    each = {one.name: round(float(one.figures[one.chosen]["heldout_ratio"]), 2) for one in campaigns}
+    squares, expected, spread = (
+        sum(column) for column in zip(*(campaign.held_out for campaign in campaigns), strict=True)
+    )
+    each = {
+        campaign.name: round(float(campaign.figures[campaign.chosen]["heldout_ratio"]), 2) for campaign in campaigns
+    }
     low, high = chi_square_band(expected**2 / spread)
     assert_between(squares / expected, low, high, what=f"squares held out over their expectation, {each}")
 
 
 def test_closings_are_as_far_from_zero_as_noise_puts_them(campaigns: list[Calibrated]) -> None:
-    squares = sum(one.figures[one.chosen]["chi_square"] for one in campaigns)
-    freedom = sum(one.figures[one.chosen]["freedom"] for one in campaigns)
+    squares = sum(campaign.figures[campaign.chosen]["chi_square"] for campaign in campaigns)
+    freedom = sum(campaign.figures[campaign.chosen]["freedom"] for campaign in campaigns)
     each = {
-        one.name: round(float(f["chi_square"] / f["freedom"]), 2)
-        for one in campaigns
-        for f in [one.figures[one.chosen]]
+        campaign.name: round(float(f["chi_square"] / f["freedom"]), 2)
+        for campaign in campaigns
+        for f in [campaign.figures[campaign.chosen]]
     }
     assert_between(squares / freedom, *chi_square_band(freedom), what=f"chi-square over its freedom, {each}")
 
 
 def test_mismeasured_poses_are_named_and_no_others(campaigns: list[Calibrated]) -> None:
-    wrong = {(one.name, pose) for one in campaigns for pose in misread(one)}
-    named = {(one.name, pose) for one in campaigns for pose in one.left_out}
+    wrong = {(campaign.name, pose) for campaign in campaigns for pose in misread(campaign)}
+    named = {(campaign.name, pose) for campaign in campaigns for pose in campaign.left_out}
     assert len(wrong & named) >= fewest_of(len(wrong), BAD_POSE_FOUND), f"missed: {sorted(wrong - named)}"
     assert len({name for name, _ in named - wrong}) <= most_of(len(campaigns), GOOD_POSE_LOST), sorted(named - wrong)
 
 
 def test_every_pose_and_every_requirement_is_reported(campaigns: list[Calibrated]) -> None:
-    for one in campaigns:
-        if one.legs < 6:
+    for campaign in campaigns:
+        if campaign.legs < 6:
             continue
-        poses = set(one.tables["configurations"]["pose"])
-        told = one.tables["accuracy"].groupby(["model", "deformation"])["pose"].agg(set)
-        assert told[one.chosen] == poses, one.name
-        rows = one.tables["requirements"]
-        assert dict(zip(rows["component"], rows["requirement"], strict=True)) == _asked(one), one.name
-        assert (rows["lower"] <= rows["error"]).all(), one.name
-        assert (rows["error"] <= rows["upper"]).all(), one.name
+        poses = set(campaign.tables["configurations"]["pose"])
+        reported = campaign.tables["accuracy"].groupby(["model", "deformation"])["pose"].agg(set)
+        assert reported[campaign.chosen] == poses, campaign.name
+        rows = campaign.tables["requirements"]
+        assert dict(zip(rows["component"], rows["requirement"], strict=True)) == _asked(campaign), campaign.name
+        assert (rows["lower"] <= rows["error"]).all(), campaign.name
+        assert (rows["error"] <= rows["upper"]).all(), campaign.name
         verdict = np.where(rows["upper"] <= rows["requirement"], "meets", "undecided")
         verdict[rows["lower"] > rows["requirement"]] = "fails"
-        assert rows["verdict"].tolist() == verdict.tolist(), one.name
+        assert rows["verdict"].tolist() == verdict.tolist(), campaign.name
 
 
 def test_fewer_than_six_legs_do_not_say_where_the_platform_is(campaigns: list[Calibrated]) -> None:
-    few = [one for one in campaigns if one.legs < 6]
+    few = [campaign for campaign in campaigns if campaign.legs < 6]
     assert {one.legs for one in few} == {3, 5}
     for one in few:
         assert one.tables["accuracy"].empty

@@ -156,9 +156,9 @@ def test_every_effect_shows_and_is_reported_in_the_truth(effect: Effect) -> None
     moved = np.abs(changed.record.points - plain.record.points).max()
     assert_between(moved, 1e-4, 300.0, what="largest change of a point, mm")
     assert_close(changed.surveyed, plain.surveyed, atol=0.0, what="the survey, made before any effect")
-    told = truth_record(changed, 7)["effects"][0]
-    assert told["cause"] == effect.id
-    assert all(set(entry) == {"value", "unit"} for entry in told["parameters"].values())
+    reported = truth_record(changed, 7)["effects"][0]
+    assert reported["cause"] == effect.id
+    assert all(set(entry) == {"value", "unit"} for entry in reported["parameters"].values())
 
 
 def test_deformation_is_reported_in_the_frame_of_the_targets_that_sit_on_no_attachment() -> None:
@@ -280,8 +280,8 @@ def test_the_folder_holds_what_was_drawn(tmp_path: Path) -> None:
     assert sorted(path.name for path in folder.iterdir()) == [
         "campaign.toml", "configurations.csv", "points.csv", "targets.csv",
     ]  # fmt: skip
-    told = json.loads(truth_path(folder).read_text(encoding="utf-8"))
-    assert told["effects"][0]["parameters"]["kappa_3"]["value"] == KAPPA[2]
+    reported = json.loads(truth_path(folder).read_text(encoding="utf-8"))
+    assert reported["effects"][0]["parameters"]["kappa_3"]["value"] == KAPPA[2]
     legs = [row["leg"] for row in _rows(folder / "targets.csv")]
     assert [leg for leg in legs if leg] == ["1", "2", "3", "4", "5", "6"]
 

@@ -91,10 +91,10 @@ EFFECTS = [
 def test_the_generators_effect_is_the_catalogues(effect: Effect, ground: Ground) -> None:
     """Parameters carry over with their units, and the subject with them."""
     made = as_hidden(effect, ground.settings)
-    told = effect.cause.reported(effect.values, np.zeros((len(effect.values),) * 2), 6)
+    reported = effect.cause.reported(effect.values, np.zeros((len(effect.values),) * 2), 6)
     parameters = made.parameters()
-    assert {row.name: row.unit for row in told} == {name: unit for name, (_, unit) in parameters.items()}
-    assert {row.name: row.value for row in told} == pytest.approx({name: v for name, (v, _) in parameters.items()})
+    assert {row.name: row.unit for row in reported} == {name: unit for name, (_, unit) in parameters.items()}
+    assert {row.name: row.value for row in reported} == pytest.approx({name: v for name, (v, _) in parameters.items()})
     assert (made.id, made.subject) == (effect.cause.id, effect.cause.subject)
 
 

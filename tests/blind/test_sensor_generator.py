@@ -67,10 +67,10 @@ def test_every_effect_shows_and_is_reported_in_the_truth(effect: Effect) -> None
     readings = np.abs(changed.readings - PLAIN.readings).max()
     signals = np.abs(changed.signals - PLAIN.signals).max()
     assert readings > 1e-8 or signals > 1e-3
-    told = as_record(effect)
-    assert told["cause"] == effect.id
-    assert told["parameters"]
-    assert all(set(entry) == {"value", "unit"} for entry in told["parameters"].values())
+    reported = as_record(effect)
+    assert reported["cause"] == effect.id
+    assert reported["parameters"]
+    assert all(set(entry) == {"value", "unit"} for entry in reported["parameters"].values())
 
 
 def test_an_offset_force_is_a_moment_and_a_moment_alone() -> None:
@@ -165,11 +165,11 @@ def test_the_sample_is_written_again_to_the_byte(tmp_path: Path) -> None:
     assert {path.name for path in kept.iterdir()} == {path.name for path in folder.iterdir()} | {"README.md"}
     for written in folder.iterdir():
         assert written.read_bytes() == (kept / written.name).read_bytes(), f"{written.name} is out of date"
-    told, before = (json.loads(truth_path(at).read_text(encoding="utf-8")) for at in (folder, kept))
-    assert told["effects"] == before["effects"]
+    reported, before = (json.loads(truth_path(at).read_text(encoding="utf-8")) for at in (folder, kept))
+    assert reported["effects"] == before["effects"]
     assert before["seed"] == SEED
     # Not to the byte: processors differ in the last digit.
-    assert_close(told["compliance"], before["compliance"], atol=1e-15)
+    assert_close(reported["compliance"], before["compliance"], atol=1e-15)
 
 
 def test_published_values_are_shown_with_those_of_the_sample() -> None:

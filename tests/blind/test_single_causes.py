@@ -52,9 +52,9 @@ def found_in(home: Path, effects: list[Effect], seed: int, poses: int = 30, shuf
 def assert_true(row: Row, truth: dict[str, float]) -> None:
     """Each parameter lies within its interval about the truth, and is known to a third of itself."""
     for name, value in truth.items():
-        told = row["parameters"][name]
-        assert abs(told["value"] - value) < SURE * told["sigma"], (name, told, value)
-        assert told["sigma"] < abs(value) / 3, (name, told)
+        reported = row["parameters"][name]
+        assert abs(reported["value"] - value) < SURE * reported["sigma"], (name, reported, value)
+        assert reported["sigma"] < abs(value) / 3, (name, reported)
 
 
 @pytest.mark.parametrize(

@@ -136,8 +136,8 @@ def both(*spoils: Spoil) -> Spoil:
     """One after the other."""
 
     def spoil(folder: Path) -> None:
-        for each in spoils:
-            each(folder)
+        for spoil in spoils:
+            spoil(folder)
 
     return spoil
 

@@ -71,9 +71,9 @@ def test_a_change_during_a_run_is_named_and_mended_by_the_next_run(
         return _DURING(self, about, progress)  # type: ignore[arg-type]
 
     monkeypatch.setattr(CampaignRun, "outcome", outcome)
-    ended, said = _run(campaign, tmp_path / "run")
-    assert (ended, said.count("\n")) == (code, said.count("expected") or 1), said
-    assert says in said
+    ended, output = _run(campaign, tmp_path / "run")
+    assert (ended, output.count("\n")) == (code, output.count("expected") or 1), output
+    assert says in output
     assert not list(tmp_path.rglob("*.part"))
     monkeypatch.undo()
     shutil.rmtree(campaign, ignore_errors=True)
@@ -147,5 +147,5 @@ def test_a_run_is_completed_whatever_its_folder_holds(name: str, ran: Path, tmp_
 @pytest.mark.skipif(sys.platform == "win32", reason="links need a privilege there")
 def test_a_run_folder_that_is_a_link_in_a_circle(campaign: Path, tmp_path: Path) -> None:
     (tmp_path / "run").symlink_to("run")
-    ended, said = _run(campaign, tmp_path / "run")
-    assert (ended, said.count("\n")) == (ExitCode.ENVIRONMENT, 1)
+    ended, output = _run(campaign, tmp_path / "run")
+    assert (ended, output.count("\n")) == (ExitCode.ENVIRONMENT, 1)

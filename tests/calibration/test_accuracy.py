@@ -14,13 +14,13 @@ TRUE = 1.959964 * MACHINE
 def test_the_error_of_95_percent_is_the_machines_own_and_its_interval_holds_it() -> None:
     rng = np.random.default_rng(5)
     errors = rng.normal(scale=np.hypot(MACHINE, NOISE), size=(TRIALS, POSES))
-    found = [error_of_95_percent(one, np.full(POSES, NOISE**2)) for one in errors]
-    told = np.array([(one.lower, one.value, one.upper) for one in found if one is not None])
-    assert len(told) == TRIALS
-    covered = np.mean((told[:, 0] <= TRUE) & (told[:, 2] >= TRUE))
+    found = [error_of_95_percent(error, np.full(POSES, NOISE**2)) for error in errors]
+    reported = np.array([(one.lower, one.value, one.upper) for one in found if one is not None])
+    assert len(reported) == TRIALS
+    covered = np.mean((reported[:, 0] <= TRUE) & (reported[:, 2] >= TRUE))
     assert abs(covered - 0.95) < 4.0 * np.sqrt(0.95 * 0.05 / TRIALS)
     # of a mean square of normal errors: variance 2 (machine^2 + noise^2)^2 / N
-    square = (told[:, 1] / 1.959964) ** 2
+    square = (reported[:, 1] / 1.959964) ** 2
     spread = (MACHINE**2 + NOISE**2) * np.sqrt(2.0 / POSES / TRIALS)
     assert abs(square.mean() - MACHINE**2) < 4.0 * spread
 

@@ -26,8 +26,8 @@ def fault_of_toml(text: str, page: str, patch: pytest.MonkeyPatch) -> str | None
         return f"neither a part of campaign.toml nor a pyproject: {', '.join(document)}"
     for module in (mapping, mechanism):
         patch.setattr(module, "entry_points", lambda group: _Declared(group, page))
-    told = [_fault_of_campaign(whole) for kind in _KINDS for whole in _completed(document, kind)]
-    return None if None in told else told[0]
+    reported = [_fault_of_campaign(whole) for kind in _KINDS for whole in _completed(document, kind)]
+    return None if None in reported else reported[0]
 
 
 class _Declared:
@@ -56,7 +56,7 @@ def _fault_of_campaign(whole: dict[str, Any]) -> str | None:
     try:
         campaign = Campaign.model_validate(whole)
     except ValidationError as error:
-        told = [f"{detail['loc']}: {detail['msg']}" for detail in error.errors() if detail["type"] != "missing"]
-        return told[0] if told else None
+        reported = [f"{detail['loc']}: {detail['msg']}" for detail in error.errors() if detail["type"] != "missing"]
+        return reported[0] if reported else None
     faults = tuple(limit_faults("campaign.toml", campaign.campaign.kind, campaign.qa.limits))
     return str(faults[0]) if faults else None

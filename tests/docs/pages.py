@@ -51,7 +51,7 @@ def blocks(page: str) -> tuple[Block, ...]:
 def _block(page: str, tokens: list[Token], k: int) -> Block:
     token = tokens[k]
     remark = _REMARK.fullmatch(tokens[k - 1].content) if k and tokens[k - 1].type == "html_block" else None
-    kind, told = remark.groups() if remark else ("", "")
+    kind, reported = remark.groups() if remark else ("", "")
     above = tokens[k - 2].content if k > 1 and tokens[k - 2].type == "inline" else ""
     file = re.fullmatch(r"`([\w.-]+)`", above)
     return Block(
@@ -60,8 +60,8 @@ def _block(page: str, tokens: list[Token], k: int) -> Block:
         "indented" if token.type == "code_block" else token.info,
         token.content,
         file[1] if file else None,
-        tuple(name.strip() for name in told.split(",")) if kind == "given" else (),
-        told if kind == "not run" else None,
+        tuple(name.strip() for name in reported.split(",")) if kind == "given" else (),
+        reported if kind == "not run" else None,
     )
 
 

@@ -14,10 +14,10 @@ def shown(page: str, name: str) -> str:
     return page.split(f"<!-- table {name} -->\n")[1].split("\n<!-- end -->")[0]
 
 
-def assert_told(told: str, found: str, *, rel: float) -> None:
+def assert_shown(told: str, found: str, *, rel: float) -> None:
     """Hold a text of a page to one that was made now: the words to the letter, its numbers to a share of themselves.
 
-    A number that is small beside its digits may differ by one in its last.
+    A number that is small next to its digits may differ by one in its last.
     """
     assert NUMBER.sub("#", told) == NUMBER.sub("#", found)
     for left, right in zip(NUMBER.findall(told), NUMBER.findall(found), strict=True):

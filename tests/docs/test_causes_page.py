@@ -80,7 +80,7 @@ def test_likeness_of_bench_causes_on_the_page_is_the_computed_one(name: str, own
                 assert found.signal[n] < 0.001
 
 
-def test_six_channels_tell_apart_what_a_single_one_cannot() -> None:
+def test_six_channels_distinguish_what_a_single_one_cannot() -> None:
     names = [cause.id for cause in COMPARED]
     scale, angle = names.index("stiffness-scale"), names.index("cosine-error")
     assert likeness_of_readings(own=False).left[scale, angle] > 0.9

@@ -62,24 +62,24 @@ def folder(tmp_path: Path, workplace: Path, monkeypatch: pytest.MonkeyPatch) -> 
 
 @pytest.mark.parametrize("page", WITH_PYTHON)
 def test_the_python_of_a_page_runs(page: str, folder: Path) -> None:
-    told: dict[str, object] = {"__name__": "page"}
+    reported: dict[str, object] = {"__name__": "page"}
     for block in blocks(page):
         if block.file is not None:
             (folder / block.file).write_text(block.text, encoding="utf-8")
         if block.language == "python" and block.not_run is None:
-            given = GIVEN[page](told) if block.given else {}
-            told |= {name: given[name] for name in block.given}
+            given = GIVEN[page](reported) if block.given else {}
+            reported |= {name: given[name] for name in block.given}
             source = "\n" * block.line + block.text
-            exec(compile(source, page, "exec"), told)
+            exec(compile(source, page, "exec"), reported)
 
 
 @pytest.mark.parametrize("block", _named(all_blocks("sh", "powershell")))
 def test_commands_exist_with_their_options(block: Block) -> None:
     written = {other.file for other in blocks(block.page) if other.file is not None}
     text = block.text.replace("\\", "/") if block.language == "powershell" else block.text
-    told = {" ".join(words): fault(words, written) for words in commands(text)}
-    assert told, "no command"
-    assert {words: why for words, why in told.items() if why is not None} == {}
+    reported = {" ".join(words): fault(words, written) for words in commands(text)}
+    assert reported, "no command"
+    assert {words: why for words, why in reported.items() if why is not None} == {}
 
 
 @pytest.mark.parametrize("block", _named(all_blocks("toml")))

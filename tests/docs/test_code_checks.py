@@ -37,8 +37,8 @@ def test_an_existing_command_is_no_fault(line: str) -> None:
 
 
 def test_a_line_is_split_into_its_commands() -> None:
-    told = list(commands("cd x && truing run . \\\n  --force  # again\n# nothing\nls | cat"))
-    assert told == [["cd", "x"], ["truing", "run", ".", "--force"], ["ls"], ["cat"]]
+    reported = list(commands("cd x && truing run . \\\n  --force  # again\n# nothing\nls | cat"))
+    assert reported == [["cd", "x"], ["truing", "run", ".", "--force"], ["ls"], ["cat"]]
 
 
 @pytest.mark.parametrize(

@@ -27,9 +27,9 @@ def test_tables_of_the_diagnosis_page_are_current(name: str, sample_run: Path, m
     """Names to the letter; figures to a twentieth, for the last digits differ between processors."""
     monkeypatch.setattr(diagnosis, "run_folder", lambda _: sample_run)
     found = _cells({"sample": diagnosis.sample_table, "pulls": diagnosis.pulls_table}[name]())
-    told = _cells(shown(PAGE, name))
-    assert len(told) == len(found)
-    for row, expected in zip(told[2:], found[2:], strict=True):
+    reported = _cells(shown(PAGE, name))
+    assert len(reported) == len(found)
+    for row, expected in zip(reported[2:], found[2:], strict=True):
         assert row[:2] == expected[:2] or name == "pulls"
         for cell, other in zip(row[1:], expected[1:], strict=True):
             assert _numbers(cell) == pytest.approx(_numbers(other), rel=0.05, abs=0.11)

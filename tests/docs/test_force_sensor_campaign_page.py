@@ -9,7 +9,7 @@ import pytest
 
 from docs.experiments.force_sensor_campaign import CAMPAIGN, PAGE, compliance_table, frames_of, stage_table
 from tests.conftest import PROJECT
-from tests.docs.shown import assert_told, shown
+from tests.docs.shown import assert_shown, shown
 from tests.stages.line import run_line
 
 TEXT = PAGE.read_text(encoding="utf-8")
@@ -21,21 +21,23 @@ def run():
 
 
 def test_the_compliance_is_what_the_stage_leaves(run):
-    assert_told(shown(TEXT, "compliance"), compliance_table(frames_of(run[0])["compliance"]), rel=0.02)
+    assert_shown(shown(TEXT, "compliance"), compliance_table(frames_of(run[0])["compliance"]), rel=0.02)
 
 
 def test_the_stages_say_what_the_page_quotes(run):
-    told, found = shown(TEXT, "stages").splitlines(), stage_table(run[1]).splitlines()
+    reported, found = shown(TEXT, "stages").splitlines(), stage_table(run[1]).splitlines()
     for stage in ("ingest", "pose", "deformation"):
-        quoted, said = (next(line for line in lines if line.startswith(f"| `{stage}`")) for lines in (told, found))
-        assert_told(quoted, said, rel=0.0)
+        quoted, output = (
+            next(line for line in lines if line.startswith(f"| `{stage}`")) for lines in (reported, found)
+        )
+        assert_shown(quoted, output, rel=0.0)
 
 
 def test_the_checks_pass_as_the_page_says(run):
     verdicts = run[0]["qa"].to_pandas().groupby("check")["verdict"].value_counts()
     for line in shown(TEXT, "checks").splitlines()[2:]:
-        check, told, _ = (cell.strip().strip("`") for cell in line.strip("|").split("|"))
-        for one in told.split(", "):
+        check, reported, _ = (cell.strip().strip("`") for cell in line.strip("|").split("|"))
+        for one in reported.split(", "):
             number, _, verdict = one.partition(" ")
             assert verdicts[check, verdict] == int(number)
 

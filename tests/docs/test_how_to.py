@@ -89,9 +89,9 @@ def test_a_slip_is_answered_as_the_page_says(tmp_path, example: Example, slip: S
     text = example.files[slip.file]
     assert slip.instead_of in text
     write_listing(tmp_path / slip.file, text.replace(slip.instead_of, slip.written, 1))
-    with pytest.raises(CampaignFaults) as told:
+    with pytest.raises(CampaignFaults) as reported:
         stage_line(tmp_path).call(first_stage(example))
-    assert slip.said in [str(fault) for fault in told.value.faults]
+    assert slip.said in [str(fault) for fault in reported.value.faults]
 
 
 EXPANSION = """[interferometer.material]

@@ -14,7 +14,7 @@ from benchmarks.blind import CYCLE, drawn
 from benchmarks.blind_figures import theory
 from benchmarks.blind_instruments import INSTRUMENTS
 from tests.blind import rates
-from tests.blind.judging import Judged
+from tests.blind.judging import Assessed
 from tests.docs.shown import shown
 from tests.tolerance import assert_between, assert_close
 
@@ -47,7 +47,7 @@ def test_causes_that_joined_since_are_reported_as_counted(instrument: str) -> No
     made, there = blind_page.causes(campaigns, own), shown(own.page.read_text(encoding="utf-8"), "added")
     assert _without_numbers(made) == _without_numbers(there)
     assert_close(_numbers(made), _numbers(there), atol=0.11)
-    assert {effect.cause for one in campaigns for effect in one.hidden} == set(own.added)
+    assert {effect.cause for campaign in campaigns for effect in campaign.hidden} == set(own.added)
 
 
 def _without_numbers(text: str) -> str:
@@ -61,14 +61,14 @@ def _numbers(text: str) -> list[float]:
 @pytest.mark.parametrize("instrument", INSTRUMENTS)
 def test_every_kept_campaign_is_there_once_and_drawn_as_reported(instrument: str) -> None:
     campaigns = CAMPAIGNS[instrument]
-    numbers = [one.record["number"] for one in campaigns]
+    numbers = [campaign.record["number"] for campaign in campaigns]
     assert sorted(numbers) == sorted(set(numbers))
     for one in campaigns[:: max(len(campaigns) // 20, 1)]:
-        told = drawn(one.record["number"], INSTRUMENTS[instrument].seed, instrument)
-        assert one.name == f"{told.group}-{told.number}"
-        assert one.record["truth"]["layout"] == told.layout
-        if told.group in ("one", "two"):
-            assert {effect.cause for effect in one.hidden} == set(told.names)
+        reported = drawn(one.record["number"], INSTRUMENTS[instrument].seed, instrument)
+        assert one.name == f"{reported.group}-{reported.number}"
+        assert one.record["truth"]["layout"] == reported.layout
+        if reported.group in ("one", "two"):
+            assert {effect.cause for effect in one.hidden} == set(reported.names)
 
 
 @pytest.mark.parametrize("instrument", INSTRUMENTS)
@@ -95,7 +95,7 @@ def test_theory_is_that_of_the_design() -> None:
 
 def judged_campaign(
     hidden: list[dict[str, Any]], findings: list[tuple[str, str, str, str]], strength: float = 7.0
-) -> Judged:
+) -> Assessed:
     """A campaign with effects (as the truth has them) and rows (cause, verdict, subject, follows)."""
     figures = dict.fromkeys(
         ("rms_before", "rms_after", "heldout_rms_before", "heldout_rms_after", "noise_floor", "log_evidence")
@@ -105,7 +105,7 @@ def judged_campaign(
         for cause, verdict, subject, follows in findings
     ]
     truth = {"effects": hidden, "strengths": [strength] * len(hidden), "legs": 6, "layout": "few"}
-    return Judged({"name": "made", "truth": truth, "findings": rows, "pull_sums": [], "seconds": 1.0})
+    return Assessed({"name": "made", "truth": truth, "findings": rows, "pull_sums": [], "seconds": 1.0})
 
 
 GAIN = {"cause": "actuator-gain", "subject": "leg2", "parameters": {"gain_2": {"value": 0.01, "unit": "1"}}}

@@ -85,22 +85,22 @@ def test_the_flagged_axis_is_the_one_that_is_cut_off() -> None:
 
 def test_the_bench_is_the_published_sensor() -> None:
     """Its simulated deformations are those of Table 2 of the paper, per kN and kN m."""
-    told = np.diag(interferometer_bench.sensor_compliance()) * 1e3
+    reported = np.diag(interferometer_bench.sensor_compliance()) * 1e3
     scale = np.repeat([1e6, 1 / interferometer_bench.ARCSEC], 3)
-    assert_close(told * scale, [230, 190, 27, 82, 79, 67], atol=2e-3)
+    assert_close(reported * scale, [230, 190, 27, 82, 79, 67], atol=2e-3)
 
 
 def test_the_example_of_what_is_known_of_beams_frame_and_surroundings_gives_its_table(tmp_path: Path) -> None:
     section = PAGE.split("## What you know of beams, frame and surroundings")[1].split("\n## ")[0]
-    toml, raw, told = (re.findall(rf"```{kind}\n(.*?)```", section, re.S)[0] for kind in ("toml", "text", "csv"))
+    toml, raw, reported = (re.findall(rf"```{kind}\n(.*?)```", section, re.S)[0] for kind in ("toml", "text", "csv"))
     (tmp_path / "campaign.toml").write_text(campaign_toml(more=toml))
     (tmp_path / "interferometer.csv").write_text(raw)
-    tables, said = run_line(tmp_path, "ingest", "pose")
+    tables, output = run_line(tmp_path, "ingest", "pose")
     found = tables["reading_corrections"].to_pylist()
-    for row, shown_row in zip(found, csv.DictReader(io.StringIO(told)), strict=True):
+    for row, shown_row in zip(found, csv.DictReader(io.StringIO(reported)), strict=True):
         assert (row["subject"], row["correction"], row["unit"]) == (shown_row["subject"], shown_row["correction"], "um")
         assert_close([row["largest"], row["sigma"]], [float(shown_row[k]) for k in ("largest", "sigma")], atol=6e-5)
-    assert "corrected for the geometry of beams: dz by" in said["pose"].figure
+    assert "corrected for the geometry of beams: dz by" in output["pose"].figure
     told_on_page = corrections({"reading_corrections": tables["reading_corrections"].to_pandas()}).rows
     assert [row[:2] for row in told_on_page] == [
         ("dz", "refractive index of the air"),

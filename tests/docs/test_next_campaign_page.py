@@ -15,10 +15,10 @@ def _cells(name: str) -> list[list[str]]:
 def test_every_case_has_its_row_and_none_names_what_did_not_change() -> None:
     rows = _cells("changes")
     assert [row[0] for row in rows] == [case.name for case in next_campaign.CASES]
-    for _, machines, told, wrong, _ in rows:
+    for _, machines, reported, wrong, _ in rows:
         assert int(machines) == next_campaign.MACHINES
         assert int(wrong) <= 1
-        assert int(told) >= int(machines) - 1
+        assert int(reported) >= int(machines) - 1
 
 
 def test_two_campaigns_have_smaller_sigmas_and_report_the_gain() -> None:

@@ -70,7 +70,7 @@ def campaign(tmp_path_factory: pytest.TempPathFactory) -> Path:
 
 @pytest.fixture(scope="module")
 def installed(tmp_path_factory: pytest.TempPathFactory) -> Any:
-    """The package of the page, built and put beside truing by pip, and gone again afterwards."""
+    """The package of the page, built and put next to truing by pip, and gone again afterwards."""
     source, target = tmp_path_factory.mktemp("source"), tmp_path_factory.mktemp("site")
     (source / "leg_swelling.py").write_text(CODE, encoding="utf-8")
     (source / "pyproject.toml").write_text(PACKAGE, encoding="utf-8")
@@ -105,9 +105,9 @@ def test_the_example_passes_the_derivative_check_of_the_page() -> None:
 def test_the_hidden_effect_is_found_and_named_with_its_size(diagnosed: dict[str, Any]) -> None:
     rows = _found_rows(diagnosed)
     assert [row["cause"] for row in rows] == ["leg-swelling"]
-    told = json.loads(rows[0]["parameters"])["swelling"]
-    assert told["unit"] == "1/%"
-    assert_between((told["value"] - SWELLING) / told["sigma"], -3.9, 3.9, what="pull of the swelling")
+    reported = json.loads(rows[0]["parameters"])["swelling"]
+    assert reported["unit"] == "1/%"
+    assert_between((reported["value"] - SWELLING) / reported["sigma"], -3.9, 3.9, what="pull of the swelling")
     assert rows[0]["clause"] == "the legs swell with the humidity of the air"
     assert rows[0]["advice_kind"] == "confirm" or rows[0]["next_in_short"]
     assert rows[0]["rms_after"] < rows[0]["rms_before"]
@@ -116,10 +116,10 @@ def test_the_hidden_effect_is_found_and_named_with_its_size(diagnosed: dict[str,
 def test_the_page_shows_what_is_found(diagnosed: dict[str, Any]) -> None:
     """To a unit of the last digit shown, and of the next to last where the search's draws come in."""
     row, page = _found_rows(diagnosed)[0], shown(PAGE, "found")
-    told = json.loads(row["parameters"])["swelling"]
+    reported = json.loads(row["parameters"])["swelling"]
     value, sigma = re.search(r"swelling = \((\d\.\d) ± (\d\.\d)\)e-06 1/%", page).groups()
-    assert float(value) == pytest.approx(told["value"] * 1e6, abs=0.06)
-    assert float(sigma) == pytest.approx(told["sigma"] * 1e6, abs=0.06)
+    assert float(value) == pytest.approx(reported["value"] * 1e6, abs=0.06)
+    assert float(sigma) == pytest.approx(reported["sigma"] * 1e6, abs=0.06)
     assert float(re.search(r"`signal_to_noise` \| ([\d.]+)", page)[1]) == pytest.approx(row["signal_to_noise"], abs=0.3)
     shown_um = re.search(r"noise_floor` \| ([\d.]+), ([\d.]+) and ([\d.]+) µm", page).groups()
     for text, name in zip(shown_um, ("rms_before", "rms_after", "noise_floor"), strict=True):

@@ -48,5 +48,5 @@ def test_every_key_of_a_mapping_is_shown():
     from truing.schemas.mapping import FileMapping
 
     shown = set(re.findall(r"^(\w+) = ", "".join(re.findall(r"```toml\n(.*?)```", PAGE, re.S)), re.M))
-    told = set(re.findall(r"`(\w+)(?: = [^`]*)?`", PAGE))
-    assert set(FileMapping.model_fields) - shown - told == set()
+    reported = set(re.findall(r"`(\w+)(?: = [^`]*)?`", PAGE))
+    assert set(FileMapping.model_fields) - shown - reported == set()

@@ -13,12 +13,12 @@ from truing import load
 
 @pytest.mark.slow
 def test_the_image_agrees_with_the_page(sample_run: Path) -> None:
-    told, now = json.loads(FACTS.read_text(encoding="utf-8")), shown_facts(load(sample_run))
-    assert json.loads(json.dumps(now)) == told, f"draw the picture again by: {AGAIN}"
+    reported, now = json.loads(FACTS.read_text(encoding="utf-8")), shown_facts(load(sample_run))
+    assert json.loads(json.dumps(now)) == reported, f"draw the picture again by: {AGAIN}"
 
 
 def test_the_image_was_drawn_with_the_stated_values() -> None:
     assert PICTURE.read_bytes().startswith(b"\x89PNG")
-    told = json.loads(FACTS.read_text(encoding="utf-8"))
-    assert told["verdict"]
-    assert [figure["title"] for figure in told["figures"]]
+    reported = json.loads(FACTS.read_text(encoding="utf-8"))
+    assert reported["verdict"]
+    assert [figure["title"] for figure in reported["figures"]]

@@ -43,8 +43,8 @@ def test_the_bench_has_the_condition_number_that_the_page_says():
 def test_errors_in_both_gain_where_the_page_says_so():
     lines = _cells(CALIBRATION, "estimators")
     assert [line[0] for line in lines] == list(sensor_calibration.SCENARIOS)
-    told = [[float(x) for cell in line[1:] for x in NUMBER.findall(cell)] for line in lines]
-    for plain, plain_pull, _, weighted_pull, both, both_pull in told:
+    reported = [[float(x) for cell in line[1:] for x in NUMBER.findall(cell)] for line in lines]
+    for plain, plain_pull, _, weighted_pull, both, both_pull in reported:
         assert both <= plain
         assert 0.85 < both_pull < 1.15
         assert plain_pull < 1.3 < weighted_pull
@@ -64,10 +64,10 @@ def test_eight_channels_determine_the_matrix_only_forwards():
 
 
 def test_sigmas_by_cases_stay_honest_where_runs_share_an_error():
-    told = [[float(x) for x in line[1:]] for line in _cells(CALIBRATION, "shared")]
-    assert len(told) == len(sensor_calibration.SHARED)
-    assert all(0.8 < by_case < 1.2 for _, by_case in told)
-    assert told[0][0] < 1.1 < 1.7 < told[-1][0]
+    reported = [[float(x) for x in line[1:]] for line in _cells(CALIBRATION, "shared")]
+    assert len(reported) == len(sensor_calibration.SHARED)
+    assert all(0.8 < by_case < 1.2 for _, by_case in reported)
+    assert reported[0][0] < 1.1 < 1.7 < reported[-1][0]
     assert sensor_calibration.shared_pulls(5e-3, 2)[0] > 1.4
 
 

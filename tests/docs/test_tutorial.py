@@ -31,7 +31,7 @@ def skeletons(text: str) -> list[str]:
 
 @pytest.fixture
 def place(workplace: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
-    """Step 1 in a folder beside the sample, cut short."""
+    """Step 1 in a folder next to the sample, cut short."""
     (tmp_path / "sample_data").symlink_to(workplace / "sample_data")
     monkeypatch.chdir(tmp_path)
     (program,) = blocks("python")
@@ -40,8 +40,8 @@ def place(workplace: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> P
 
 
 def test_the_commands_are_those_that_are_walked():
-    told = [line for block in blocks("sh") for line in block.splitlines()]
-    assert told == [
+    reported = [line for block in blocks("sh") for line in block.splitlines()]
+    assert reported == [
         *(f"truing {word} my-lab" for word in ("init", "check", "run", "stages", "run")),
         "truing design my-lab --poses 40 --out next.csv",
         "truing power my-lab --draws 0",
@@ -52,8 +52,8 @@ def test_the_commands_are_those_that_are_walked():
 def test_every_step_says_what_the_page_shows(place: Path):
     """Stages up to the deformation: what comes after them is run by others, and takes its time."""
     _, init, check, fault, run = blocks("text")
-    said = called("init", "my-lab")
-    assert skeletons(said.stdout) == skeletons(init)
+    output = called("init", "my-lab")
+    assert skeletons(output.stdout) == skeletons(init)
     assert (place / "my-lab" / "campaign.toml").is_file()
     untouched = called("check", "my-lab")  # what was guessed can be read as it is, and is not complete
     assert (untouched.exit_code, len(untouched.stderr.splitlines())) == (2, 1), untouched.stderr
@@ -75,8 +75,8 @@ def test_every_step_says_what_the_page_shows(place: Path):
     assert skeletons(stages[0])[0] in skeletons(run)
 
     campaign.write_text(f"{toml}\n{exclusion}".replace("pose = 23", "pose = 3"), encoding="utf-8")
-    told = called("stages", "my-lab").stdout
-    assert re.search(r"^ingest +stale", told, re.MULTILINE) or re.search(r"^pose +stale", told, re.MULTILINE)
+    reported = called("stages", "my-lab").stdout
+    assert re.search(r"^ingest +stale", reported, re.MULTILINE) or re.search(r"^pose +stale", reported, re.MULTILINE)
     again = called("run", "my-lab", "--only", "pose")
     assert again.exit_code == 0
     assert EXCLUDED in again.stdout

@@ -80,7 +80,7 @@ class Linear:
 
 
 def linear(rng: np.random.Generator, poses: int = 9, noise: float = 1.0) -> Linear:
-    """Four values, three equations per pose, and noise that is so many times what is declared."""
+    """Four values, three equations per pose, and noise that is this many times what is declared."""
     design = rng.normal(size=(poses, 3, 4))
     square = rng.normal(size=(poses, 3, 3))
     C = square @ np.swapaxes(square, 1, 2) + 0.1 * np.eye(3)
@@ -136,7 +136,7 @@ def campaign(
 
 
 def spoiled(found: Campaign, rng: np.random.Generator, poses: Sequence[int], sigmas: float) -> Campaign:
-    """The campaign with some poses so many sigmas off, as a rule, in every component."""
+    """The campaign with some poses this many sigmas off, as a rule, in every component."""
     p, R = found.problem.p.copy(), found.problem.R.copy()
     off = sigmas * POSE_SIGMA * rng.normal(size=(len(poses), 6))
     p[poses] += off[:, :3]

@@ -108,7 +108,7 @@ def test_intervals_hold_what_a_long_test_gives(count):
     assert held / draws > 0.95 - 5.0 * np.sqrt(0.95 * 0.05 / draws)
 
 
-def test_too_few_repeats_tell_no_rp():
+def test_too_few_repeats_give_no_rp():
     with pytest.raises(ValueError, match="at least 5"):
         position_repeatability(np.zeros((4, 3)), np.random.default_rng(0))
     with pytest.raises(ValueError, match="at least 5"):

@@ -25,8 +25,8 @@ def _looks(ratio: float, seed: int, growth: int = 1) -> list[list[Look]]:
     below, above = (chance(counts, squares[:, counts - 1]) for chance in (chdtr, chdtrc))
     p = 2.0 * np.minimum(below, above)
     words = np.where(p > ERROR, "", np.where(below < above, "met", "not-met"))
-    told = zip(words.tolist(), p.tolist(), strict=True)
-    return [[Look(*one) for one in zip(counts.tolist(), *row, strict=True)] for row in told]
+    reported = zip(words.tolist(), p.tolist(), strict=True)
+    return [[Look(*one) for one in zip(counts.tolist(), *row, strict=True)] for row in reported]
 
 
 def _ended(looks: list[Look]) -> Look | None:

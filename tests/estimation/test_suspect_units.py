@@ -61,7 +61,7 @@ def test_temperatures_in_degrees_celsius_pass(recorded, reference):
         (3.0, ""),
     ],
 )
-def test_a_pressure_tells_its_unit(value, told):
+def test_a_pressure_gives_its_unit(value, told):
     assert likely_pressure_unit(value) == told
 
 

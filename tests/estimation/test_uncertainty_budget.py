@@ -37,10 +37,10 @@ def test_parts_sum_to_the_covariance_of_the_whole() -> None:
     scale = np.sqrt(np.diag(precision))
     covariance = np.linalg.inv(precision / np.outer(scale, scale)) / np.outer(scale, scale)
     assert sum(parts.values()) == pytest.approx(covariance, rel=1e-9)
-    told = budget(parts, np.array([[1.0, 1e-3, 0.0], [0.0, 0.0, 1.0]]))
-    assert told.shares.sum(0) == pytest.approx(1.0, abs=1e-12)
+    reported = budget(parts, np.array([[1.0, 1e-3, 0.0], [0.0, 0.0, 1.0]]))
+    assert reported.shares.sum(0) == pytest.approx(1.0, abs=1e-12)
     rows = np.array([[1.0, 1e-3, 0.0], [0.0, 0.0, 1.0]])
-    assert told.standard == pytest.approx(np.sqrt(np.diag(rows @ covariance @ rows.T)), rel=1e-9)
+    assert reported.standard == pytest.approx(np.sqrt(np.diag(rows @ covariance @ rows.T)), rel=1e-9)
 
 
 @pytest.mark.parametrize("alone", [POINTS, READINGS, TOLERANCE])
@@ -76,15 +76,15 @@ def test_scatter_beyond_what_was_declared_is_of_its_own_kind() -> None:
 def test_effective_degrees_of_freedom_are_those_of_the_example_of_the_guide() -> None:
     """JCGM 100:2008, G.4.1: y = b x1 x2 x3 with n = 10, 5, 15 and 0.25, 0.57, 0.82 % gives nu_eff = 19."""
     sources = tuple(Source(name, "A", dof) for name, dof in (("x1", 9.0), ("x2", 4.0), ("x3", 14.0)))
-    told = Budget(sources, np.array([[0.25], [0.57], [0.82]]))
-    assert told.standard[0] == pytest.approx(1.03, abs=0.005)
-    assert told.dof[0] == pytest.approx(19.0, abs=0.05)
+    reported = Budget(sources, np.array([[0.25], [0.57], [0.82]]))
+    assert reported.standard[0] == pytest.approx(1.03, abs=0.005)
+    assert reported.dof[0] == pytest.approx(19.0, abs=0.05)
     assert coverage_factor(np.array([19.0]))[0] == pytest.approx(2.09, abs=0.005)  # Table G.2
     assert coverage_factor(np.array([1.0, 50.0, np.inf])) == pytest.approx([12.71, 2.01, 1.96], abs=0.005)
 
 
 def test_a_source_without_any_part_is_not_listed() -> None:
-    told = budget({POINTS: np.eye(2), READINGS: np.zeros((2, 2))})
-    assert told.sources == (POINTS,)
-    assert np.isinf(told.dof).all()
-    assert told.with_source(READINGS, np.array([1.0, 0.0])).dof == pytest.approx([48.0, np.inf])
+    reported = budget({POINTS: np.eye(2), READINGS: np.zeros((2, 2))})
+    assert reported.sources == (POINTS,)
+    assert np.isinf(reported.dof).all()
+    assert reported.with_source(READINGS, np.array([1.0, 0.0])).dof == pytest.approx([48.0, np.inf])

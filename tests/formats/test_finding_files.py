@@ -20,7 +20,7 @@ ROW = "1,b,T,1,2,3\n"
 
 @pytest.fixture
 def campaign(tmp_path):
-    """A campaign's folder with tables in it, and one beside it."""
+    """A campaign's folder with tables in it, and one next to it."""
     names = ("a.csv", ".h.csv", "sub/a.csv", "sub/deep/x.csv", ".git/x.csv", "pose10/1.csv", "pose2/1.csv", "[x]/a.csv")
     for name in names:
         written(tmp_path / "campaign", name, HEAD + ROW)

@@ -18,8 +18,8 @@ def proposed(folder, name, text):
     """What a file holds, read by what is proposed for it, where pose and body are the only words of a person."""
     guess = sniff_file(written(folder, name, text))
     assert guess.table in ("points", "targets")  # a single list may be the survey
-    told = {"body": "b"} if "number_rows" in guess.mapping or "pose" in guess.columns else {"body": "b", "pose": 1}
-    mapping = {**guess.mapping, "constants": told}
+    reported = {"body": "b"} if "number_rows" in guess.mapping or "pose" in guess.columns else {"body": "b", "pose": 1}
+    mapping = {**guess.mapping, "constants": reported}
     found = read(folder, entries={"path": name, **mapping})
     assert found.faults == ()
     return guess.mapping, found

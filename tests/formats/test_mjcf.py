@@ -1,4 +1,4 @@
-"""Descriptions in MJCF: bodies with several joints, anchors beside their origins, reference values and followers."""
+"""Descriptions in MJCF: bodies with several joints, anchors next to their origins, reference values and followers."""
 
 from __future__ import annotations
 

@@ -106,7 +106,7 @@ def test_no_content_makes_it_raise(tmp_path_factory, content):
     sniff_file(path)
 
 
-def test_a_truncated_archive_is_said(tmp_path):
+def test_a_truncated_archive_is_reported(tmp_path):
     (tmp_path / "a.csv.gz").write_bytes(gzip.compress(b"a,b\n1,2\n" * 9000)[:60])
     assert "cannot be read" in sniff_file(tmp_path / "a.csv.gz").notes[0]
 

@@ -139,7 +139,7 @@ def test_a_known_history_comes_before_that_of_the_epochs_at_hand() -> None:
 
 
 def test_a_copy_of_a_column_is_no_input_of_its_own() -> None:
-    """Neither the same time within runs, nor an angle in degrees beside radians."""
+    """Neither the same time within runs, nor an angle in degrees next to radians."""
     time, groups = np.arange(12.0)[:, None], np.repeat([0, 1], 6)
     since = time - 6.0 * groups[:, None]
     assert is_copy(since, time, groups)

@@ -89,6 +89,6 @@ def test_evidence_is_the_marginal_likelihood() -> None:
 
 
 def test_probabilities_leave_room_for_none_of_them() -> None:
-    told = probabilities({"a": 0.0, "b": np.log(2.0)})
-    assert told["a"] == pytest.approx(0.25)
-    assert told["b"] == pytest.approx(0.5)
+    reported = probabilities({"a": 0.0, "b": np.log(2.0)})
+    assert reported["a"] == pytest.approx(0.25)
+    assert reported["b"] == pytest.approx(0.5)

@@ -78,9 +78,9 @@ def test_an_estimate_wider_than_what_was_known_before_leaves_no_negative_varianc
     rng = np.random.default_rng(6)
     found = []
     for rows in designs:
-        told = rows * (np.arange(NUMBERS) != 9)
-        covariance = np.linalg.inv(told.T @ told + np.eye(NUMBERS)) * 1.05**2
-        found += [covariance @ told.T @ rng.normal(size=ROWS), covariance]
+        reported = rows * (np.arange(NUMBERS) != 9)
+        covariance = np.linalg.inv(reported.T @ reported + np.eye(NUMBERS)) * 1.05**2
+        found += [covariance @ reported.T @ rng.normal(size=ROWS), covariance]
     compared = compare(*found, np.eye(NUMBERS))
     assert np.linalg.eigvalsh(compared.covariance).min() > 0.0
     assert np.abs(compared.difference / compared.sigma).max() < 4.0

@@ -122,7 +122,7 @@ def test_a_named_cause_is_preferred_unless_another_form_explains_as_much_next_to
 
 @pytest.mark.parametrize(("held", "late", "expected"), [(20.0, False, True), (20.0, True, False), (6.0, False, False)])
 def test_a_small_effect_on_the_poses_of_a_larger_form_is_its_remainder(held: float, late: bool, expected: bool) -> None:
-    """The form acts on the first half of the poses; a signal of 8 is small beside one of 20, not of 6."""
+    """The form acts on the first half of the poses; a signal of 8 is small next to one of 20, not of 6."""
     first = np.arange(toy.POSES) < toy.POSES // 2
     own = _design(np.where(first ^ late, COURSES[0], 0.0), 0)
     current = _round({"name": own}, {"name": 8.0}, ())
@@ -213,7 +213,7 @@ class _Told:
     kinds: dict[str, str] = field(default_factory=dict)
     best_pair: Any = None
     p: float = 1e-9
-    small: tuple[str, ...] = ()  # beside a form without a name that the model holds
+    small: tuple[str, ...] = ()  # next to a form without a name that the model holds
 
     @property
     def fitted(self) -> Any:
@@ -254,10 +254,10 @@ def _accepted(told: _Told) -> str | None:
 def test_the_kind_with_the_fewest_parameters_is_accepted_unless_another_is_three_times_as_probable(
     lead: float, expected: str
 ) -> None:
-    told = _Told({"few": 10.0, "many": 10.0 + lead})
-    for candidate in told.candidates:
+    reported = _Told({"few": 10.0, "many": 10.0 + lead})
+    for candidate in reported.candidates:
         candidate.signature = SimpleNamespace(parameters=1 if candidate.key == "few" else 6)
-    assert _accepted(told) == expected
+    assert _accepted(reported) == expected
 
 
 @pytest.mark.parametrize(("lead", "expected"), [(0.5, "name"), (2.0, "form"), (9.0, "form")])
@@ -271,7 +271,7 @@ def test_a_name_is_given_unless_a_form_without_one_is_three_times_as_probable(le
 def test_the_remainder_of_a_nonparametric_effect_gets_no_name(
     name: float, further: float, expected: str | None
 ) -> None:
-    """Beside an accepted one, a name has to be twenty times as probable as none, and as that form's further terms."""
+    """Next to an accepted one, a name has to be twenty times as probable as none, and as that form's further terms."""
     odds = {"name": name, **({"further": further} if further else {})}
     assert _accepted(_Told(odds, ("further",), (_cause("form", False),))) == expected
     assert _accepted(_Told(odds, ("further",))) == ("name" if name > further else expected)
@@ -284,15 +284,15 @@ def test_the_remainder_of_a_nonparametric_effect_gets_no_name(
 def test_beside_a_form_without_a_name_others_of_its_subject_come_first_and_a_small_name_is_none(
     other: str, small: tuple[str, ...], expected: str
 ) -> None:
-    told = _Told({"name": 9.0, other: 8.0}, (other,), (_cause("form of x", False),), small=small)
-    assert _accepted(told) == expected
+    reported = _Told({"name": 9.0, other: 8.0}, (other,), (_cause("form of x", False),), small=small)
+    assert _accepted(reported) == expected
 
 
 @pytest.mark.parametrize(("beside", "expected"), [(23.0, False), (28.0, True)])
 def test_two_names_are_taken_for_one_form_only_where_they_are_more_probable_once_fitted(
     beside: float, expected: bool
 ) -> None:
-    """As an estimate before the fit said; one of 50 stands against 27 and what is found beside that."""
+    """As an estimate before the fit said; one of 50 stands against 27 and what is found next to that."""
     current, following = _Told({"stronger": 27.0, "one": 50.0}, ("one",)), _Told({"weaker": beside})
     choice = CandidateChoice(current.candidates[0], (), 1.0, of_two=True)
     assert confirmed(cast("Round", current), choice, cast("Round", following), LEVEL, set()) is expected
@@ -323,8 +323,8 @@ def test_inputs_that_explain_nearly_as_well_are_reported_unless_they_hold_those_
         "form of leg2 by load": 5.0,
         "form of leg1 by load": 8.9,
     }
-    told = _Told(odds, tuple(odds), kinds=dict.fromkeys(odds, "unexplained"))
-    choice = choose(cast("Round", told), set(), LEVEL)
+    reported = _Told(odds, tuple(odds), kinds=dict.fromkeys(odds, "unexplained"))
+    choice = choose(cast("Round", reported), set(), LEVEL)
     assert choice is not None
     assert choice.subjects == ()
     ((inputs, against),) = choice.inputs

@@ -60,7 +60,7 @@ def test_pulls_lie_in_their_band_at_the_stated_rate(jacobian: np.ndarray) -> Non
 def test_the_share_is_reported(jacobian: np.ndarray, share: float, low: float, high: float) -> None:
     rng = np.random.default_rng(2)
     rows = [drawn(jacobian, share, rng) for _ in range(15)]
-    assert low < np.median([estimated_share(*fit(jacobian, one, HALF), COMMON, HALF) for one in rows]) <= high
+    assert low < np.median([estimated_share(*fit(jacobian, row, HALF), COMMON, HALF) for row in rows]) <= high
 
 
 def test_the_estimated_share_is_independent_of_the_share_assumed_by_the_fit(jacobian: np.ndarray) -> None:

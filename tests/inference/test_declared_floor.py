@@ -17,7 +17,7 @@ POSES, NOISE_M, DECLARED_RAD = 60, 2e-5, 2e-5
 
 
 def fitted(times: float) -> FittedModel[ChainCause]:
-    """The plain model, fitted to points and readings that scatter by so many times their declared noise."""
+    """The plain model, fitted to points and readings that scatter by this many times their declared noise."""
     rng = np.random.default_rng(7)
     model = campaign(rng, POSES, 3)
     model = replace(model, known=replace(model.known, reading_sigma=np.full(5, DECLARED_RAD)))

@@ -110,7 +110,7 @@ def test_only_what_chance_alone_decided_against_becomes_not_testable(monkeypatch
         _verdict("sizeless"),
         _verdict("unseen", reason=Reason.UNSEEN),
     ]
-    told = {verdict.cause.subject: verdict.verdict for verdict in assessed(given, None, 0.01)}  # type: ignore[arg-type]
-    assert [name for name, verdict in told.items() if verdict == NOT_TESTABLE] == ["hidden", "unseen"]
-    assert told["found"] == FOUND
-    assert list(told)[-2:] == ["hidden", "unseen"]  # ranked behind what was rejected
+    reported = {verdict.cause.subject: verdict.verdict for verdict in assessed(given, None, 0.01)}  # type: ignore[arg-type]
+    assert [name for name, verdict in reported.items() if verdict == NOT_TESTABLE] == ["hidden", "unseen"]
+    assert reported["found"] == FOUND
+    assert list(reported)[-2:] == ["hidden", "unseen"]  # ranked behind what was rejected

@@ -14,8 +14,8 @@ from truing.inference.evidence import SIZES, log_evidence, log_evidence_of_produ
 def test_a_sign_that_nature_does_not_have_is_taken_from_the_prior_and_given_to_the_other_side(value: float) -> None:
     """One parameter, seen to one sigma at a value, plausible to a hundred: by sums over what it may be."""
     may_be = np.linspace(-500.0, 500.0, 2_000_001)
-    told = norm.pdf(may_be, value) * norm.pdf(may_be, 0.0, 100.0)
-    gained = np.log(2.0 * told[may_be >= 0.0].sum() / told.sum())
+    reported = norm.pdf(may_be, value) * norm.pdf(may_be, 0.0, 100.0)
+    gained = np.log(2.0 * reported[may_be >= 0.0].sum() / reported.sum())
     assert_close(
         log_possible(np.array([value]), np.eye(1), (0,), 1e6, 1e6), gained, atol=2e-2, what="gain of log evidence"
     )

@@ -19,8 +19,8 @@ def ratios(points: float, readings: float, campaigns: int = 40) -> tuple[float, 
     found = []
     for number in range(campaigns):
         whitened = toy.measured(np.random.default_rng([number, 5]), points=points, readings=readings)
-        told = rescaled_noise(whitened, toy.MEASURED, BODIES).covariance
-        level = np.sqrt(np.mean(np.trace(told, axis1=-2, axis2=-1)) / 3)
+        reported = rescaled_noise(whitened, toy.MEASURED, BODIES).covariance
+        level = np.sqrt(np.mean(np.trace(reported, axis1=-2, axis2=-1)) / 3)
         found.append((level, input_ratio(whitened, 3 * toy.POINTS, toy.READINGS, 1.0)))
     return float(np.mean([f[0] for f in found])), float(np.mean([f[1] for f in found]))
 
@@ -50,9 +50,9 @@ def test_an_effect_on_one_target_counts_less_than_its_squares() -> None:
     moved = np.zeros((toy.POSES, toy.POINTS, 3))
     moved[18:, 2] = 20.0
     whitened = toy.measured(np.random.default_rng(6), moved.reshape(toy.POSES, -1))
-    told = rescaled_noise(whitened, toy.MEASURED, BODIES).covariance
+    reported = rescaled_noise(whitened, toy.MEASURED, BODIES).covariance
     plain = components(whitened, 3 * toy.POINTS, toy.READINGS)
-    assert np.trace(told[0, 5]) / 3 < 0.5 * plain.observed_total / plain.observed
+    assert np.trace(reported[0, 5]) / 3 < 0.5 * plain.observed_total / plain.observed
 
 
 def test_components_count_what_was_declared() -> None:

@@ -74,10 +74,10 @@ def test_a_target_with_excess_scatter_is_named() -> None:
 
 def test_standardised_residuals_have_unit_spread_after_a_fit() -> None:
     rng = np.random.default_rng(4)
-    told = np.broadcast_to(np.diag([0.3, 0.6, 1.0]), (4000, 1, 3, 3))
+    reported = np.broadcast_to(np.diag([0.3, 0.6, 1.0]), (4000, 1, 3, 3))
     rest = rng.normal(size=(4000, 1, 3)) * np.sqrt([0.3, 0.6, 1.0])
-    assert_close(np.std(standardised(rest, told), axis=(0, 1)), np.ones(3), atol=0.05, what="spread")
-    assert np.isnan(standardised(rest, told * 0.1)).all()
+    assert_close(np.std(standardised(rest, reported), axis=(0, 1)), np.ones(3), atol=0.05, what="spread")
+    assert np.isnan(standardised(rest, reported * 0.1)).all()
 
 
 def test_numbers_tell_of_their_noise_as_points_do() -> None:
@@ -89,9 +89,9 @@ def test_numbers_tell_of_their_noise_as_points_do() -> None:
     assert_between(sum(found is not None for found in clean), 4, 35, what="campaigns of 100 at a level of 20 %")
     growth = np.exp(0.7 * load)[:, None, None]
     found = [noise_dependence(rng.normal(size=(126, 4, 1)) * growth, possible, LEVEL) for _ in range(20)]
-    told = [one for one in found if one is not None and one.driver.column == "fx_n"]
-    assert len(told) >= 19  # 6.4 standard deviations are expected, 3.2 needed
-    pulls = np.array([(one.ratio - np.exp(0.7)) / one.sigma for one in told])
+    reported = [one for one in found if one is not None and one.driver.column == "fx_n"]
+    assert len(reported) >= 19  # 6.4 standard deviations are expected, 3.2 needed
+    pulls = np.array([(one.ratio - np.exp(0.7)) / one.sigma for one in reported])
     assert_between(float(np.sqrt(np.mean(pulls**2))), 0.6, 1.5, what="pulls of the ratio")
 
 

@@ -154,15 +154,15 @@ def _paid(own: dict[str, _Verdict]) -> tuple[list[str], list[str], dict[str, tup
     steps, fit = [_Step(verdict.cause) for verdict in own.values()], _Fit(list(own))
     searched, verdicts = _Verdicts(own).paying(_Search(steps, _Fit([]), fit))  # type: ignore[arg-type]
     final: Any = searched.final
-    told = {verdict.cause.key: (verdict.verdict, verdict.reason) for verdict in verdicts}
-    return [step.cause.key for step in searched.kept], final.keys, told
+    reported = {verdict.cause.key: (verdict.verdict, verdict.reason) for verdict in verdicts}
+    return [step.cause.key for step in searched.kept], final.keys, reported
 
 
 def test_the_final_model_holds_the_causes_that_pay() -> None:
     own = {name: _verdict(name, held=held) for name, held in (("first", 1.0), ("worse", 2.2), ("last", 1.5))}
-    kept, final, told = _paid(own)
+    kept, final, reported = _paid(own)
     assert kept == final == ["first", "last"]
-    assert told == {"first": (FOUND, None), "last": (FOUND, None), "worse": (SUSPECTED, Reason.HELD_OUT)}
+    assert reported == {"first": (FOUND, None), "last": (FOUND, None), "worse": (SUSPECTED, Reason.HELD_OUT)}
 
 
 @pytest.mark.parametrize(("odds", "catalogued", "kept"), [(8.5, False, False), (9.5, False, True), (8.5, True, True)])
@@ -170,17 +170,17 @@ def test_the_final_model_holds_no_effect_without_a_name_that_is_hardly_more_prob
     odds: float, catalogued: bool, kept: bool
 ) -> None:
     last = _Verdict(SimpleNamespace(key="last", catalogued=catalogued), _Error(1.0), log_odds=log(odds))
-    names, final, told = _paid({"first": _verdict("first"), "last": last})
+    names, final, reported = _paid({"first": _verdict("first"), "last": last})
     assert names == final == (["first", "last"] if kept else ["first"])
-    assert told["last"] == ((FOUND, None) if kept else (SUSPECTED, Reason.WEAK))
+    assert reported["last"] == ((FOUND, None) if kept else (SUSPECTED, Reason.WEAK))
 
 
 def test_two_causes_that_only_pay_together_are_kept() -> None:
     """The first one predicts held-out epochs worse as long as the other is missing."""
     own = {"one": _verdict("one", held=2.1), "other": _verdict("other", held=1.0)}
-    kept, final, told = _paid(own)
+    kept, final, reported = _paid(own)
     assert kept == final == ["one", "other"]
-    assert told == {"one": (FOUND, None), "other": (FOUND, None)}
+    assert reported == {"one": (FOUND, None), "other": (FOUND, None)}
 
 
 def test_a_search_whose_causes_all_pay_stays_as_it_is() -> None:

@@ -34,9 +34,9 @@ def _vetoes(poses: int, size: float, share: float) -> float:
     rng = np.random.default_rng(7)
     count = 0
     for noise in rng.standard_normal((TRIALS, poses, TARGETS, 3)):
-        told = rng.standard_normal(noise.shape)
-        told *= size / np.sqrt(np.sum(told**2, (1, 2), keepdims=True))
-        before, after = _error(noise + share * told), _error(noise + (share - 1.0) * told)
+        reported = rng.standard_normal(noise.shape)
+        reported *= size / np.sqrt(np.sum(reported**2, (1, 2), keepdims=True))
+        before, after = _error(noise + share * reported), _error(noise + (share - 1.0) * reported)
         count += predicts_worse(before, after, np.ones(poses, bool))
     return count / TRIALS
 

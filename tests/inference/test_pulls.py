@@ -45,12 +45,12 @@ def test_one_wrong_prior_is_found_with_its_size(problem):
 
 def test_pulls_are_unit_normal_and_their_sum_a_chi_square(problem):
     found = list(drawn(problem, DRAWS))
-    told = found[0].identifiable
-    assert told.sum() == 6
-    assert np.isnan(found[0].pull[~told]).all()
-    each = np.array([one.pull[told] for one in found])
+    reported = found[0].identifiable
+    assert reported.sum() == 6
+    assert np.isnan(found[0].pull[~reported]).all()
+    each = np.array([one.pull[reported] for one in found])
     assert all(kstest(column, "norm").pvalue > UNLUCKY for column in each.T)
-    assert 0 < found[0].freedom <= told.sum()
+    assert 0 < found[0].freedom <= reported.sum()
     assert kstest([one.p_value for one in found], "uniform").pvalue > UNLUCKY
     within = np.mean([one.lower <= one.chi_square <= one.upper for one in found])
     assert abs(within - 0.95) < 3.3 * np.sqrt(0.95 * 0.05 / DRAWS)

@@ -31,7 +31,7 @@ def _candidates() -> list[ScatterCandidate]:
 
 
 def _fit(rng: np.random.Generator, scatter: NDArray) -> InputResiduals:
-    """What a fit makes of inputs that scatter by so many prior sigmas (B, H), beside noise that is correlated."""
+    """What a fit makes of inputs that scatter by so many prior sigmas (B, H), next to noise that is correlated."""
     mixing = rng.normal(size=(INPUTS, INPUTS)) / 2 + np.eye(INPUTS)
     noise = NOISE**2 * mixing @ mixing.T
     gain = np.linalg.inv(np.eye(INPUTS) + noise)
@@ -63,7 +63,9 @@ def test_the_scatter_of_an_input_is_found_beside_others_that_move_the_observatio
     """Two inputs move the observations nearly alike, and the one that scatters is known a hundred times better."""
     rng, epochs, strength = np.random.default_rng(5), 60, 1.6
     candidates = [ScatterCandidate(SimpleNamespace(), np.arange(INPUTS) == own, True) for own in range(INPUTS)]  # type: ignore[type-var]
-    candidates = [ScatterCandidate(one.cause, np.tile(one.own, (epochs, 1)), True) for one in candidates]
+    candidates = [
+        ScatterCandidate(candidate.cause, np.tile(candidate.own, (epochs, 1)), True) for candidate in candidates
+    ]
     moves = np.eye(INPUTS)
     moves[:, 4] = moves[:, 3] + 0.5 * moves[:, 5]
     moves *= np.where(np.arange(INPUTS) == 4, 1e-3, 1e-1)  # per prior sigma, in units of the noise
@@ -91,8 +93,10 @@ def _estimated(rng: np.random.Generator, own: NDArray, size: float) -> tuple[flo
     mixing = rng.normal(size=(INPUTS, INPUTS)) / 2 + np.eye(INPUTS)
     noise, wide = NOISE**2 * mixing @ mixing.T, np.where(own, np.sqrt(1.0 + size**2), 1.0)
     seen = wide * rng.normal(size=own.shape) + rng.multivariate_normal(np.zeros(INPUTS), noise, EPOCHS)
-    told = np.linalg.inv(wide[..., None] ** 2 * np.eye(INPUTS) + noise)
-    residuals = InputResiduals(wide * np.einsum("bij,bj->bi", told, seen), wide[:, :, None] * told * wide[:, None])
+    reported = np.linalg.inv(wide[..., None] ** 2 * np.eye(INPUTS) + noise)
+    residuals = InputResiduals(
+        wide * np.einsum("bij,bj->bi", reported, seen), wide[:, :, None] * reported * wide[:, None]
+    )
     factor, share = residuals.factor(own)
     square = (1.0 + size**2) * factor**2
     found = max(square - 1.0, 0.0) ** 0.5

@@ -34,9 +34,9 @@ def factors(rise: Callable[[float], float]) -> np.ndarray:
         squares = 5.0 + rise(next(cause.shape for cause in causes if isinstance(cause, Shaped)))
         whitened = SimpleNamespace(rest=np.array([NOISE * np.sqrt(squares)]))
         covariance = np.array([[4.0, 0.1], [0.1, SIGMA**2]])
-        told = (np.array([1.0, 0.0]), covariance)
+        reported = (np.array([1.0, 0.0]), covariance)
         return SimpleNamespace(
-            causes=causes, fit=SimpleNamespace(whitened=whitened), noise_ratio=NOISE, values=lambda _: told
+            causes=causes, fit=SimpleNamespace(whitened=whitened), noise_ratio=NOISE, values=lambda _: reported
         )
 
     cause = Shaped()

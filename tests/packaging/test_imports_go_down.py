@@ -65,7 +65,7 @@ def test_a_stage_knows_no_other_stage_no_path_and_no_command_line() -> None:
     stages = [path for path in modules("stages") if is_stage(path)]
     assert stages
     for path in stages:
-        others = tuple(module_name(other) for other in stages if other != path)
+        others = tuple(module_name(stage) for stage in stages if stage != path)
         assert climbing(path, others + NOT_A_STAGES_BUSINESS) == [], path
 
 

@@ -42,7 +42,7 @@ def test_no_name_and_no_sentence_speaks_of_an_instrument(path) -> None:
     assert not found, f"{path.name}: " + "; ".join(f"line {n}: {', '.join(words)}" for n, words in found.items())
 
 
-# What `mypy --strict` asks for beside what the project asks of all modules.
+# What `mypy --strict` asks for next to what the project asks of all modules.
 STRICT = frozenset({
     "disallow_any_generics", "disallow_subclassing_any", "disallow_untyped_calls", "disallow_untyped_decorators",
     "extra_checks", "no_implicit_reexport", "warn_return_any", "warn_unused_ignores",

@@ -86,8 +86,8 @@ def test_the_development_container_is_json() -> None:
 
 
 def test_the_documentation_host_builds_the_site_of_make_docs() -> None:
-    told = yaml.safe_load(_text(".readthedocs.yaml"))
-    assert (PROJECT / told["sphinx"]["configuration"]).is_file()
-    assert told["sphinx"]["fail_on_warning"] is True
-    steps = told["build"]["jobs"]["install"]
+    reported = yaml.safe_load(_text(".readthedocs.yaml"))
+    assert (PROJECT / reported["sphinx"]["configuration"]).is_file()
+    assert reported["sphinx"]["fail_on_warning"] is True
+    steps = reported["build"]["jobs"]["install"]
     assert all(isinstance(step, str) for step in steps), "a colon and a space make a mapping of a command"

@@ -71,15 +71,18 @@ def test_the_wheel_holds_the_rooms_and_nothing_else(built: Path) -> None:
     assert any(name.endswith("licenses/LICENSE") for name in about)
 
 
-def test_the_wheel_tells_what_the_project_tells(built: Path) -> None:
+def test_the_wheel_has_the_metadata_of_the_project(built: Path) -> None:
     with zipfile.ZipFile(built / _WHEEL) as wheel:
-        told = email.message_from_bytes(wheel.read(f"truing-{truing.__version__}.dist-info/METADATA"))
+        reported = email.message_from_bytes(wheel.read(f"truing-{truing.__version__}.dist-info/METADATA"))
         commands = wheel.read(f"truing-{truing.__version__}.dist-info/entry_points.txt").decode()
     project = tomllib.loads((PROJECT / "pyproject.toml").read_text(encoding="utf-8"))["project"]
-    assert (told["Name"], told["Version"]) == ("truing", truing.__version__)
-    assert (told["License-Expression"], told["Requires-Python"]) == (project["license"], project["requires-python"])
+    assert (reported["Name"], reported["Version"]) == ("truing", truing.__version__)
+    assert (reported["License-Expression"], reported["Requires-Python"]) == (
+        project["license"],
+        project["requires-python"],
+    )
     assert f"\nlicense: {project['license']}\n" in (PROJECT / "CITATION.cff").read_text(encoding="utf-8")
-    assert told.get_payload() == (PROJECT / "README.md").read_text(encoding="utf-8")
+    assert reported.get_payload() == (PROJECT / "README.md").read_text(encoding="utf-8")
     assert "truing = truing.pipeline.entry:main" in commands
 
 
@@ -96,7 +99,7 @@ def test_the_wheel_runs_without_the_checkout(built: Path) -> None:
         wheel.extractall(built / "installed")
     shutil.copytree(PROJECT / "sample_data" / "telescope", built / "away" / "telescope")
     environment = {**os.environ, "PYTHONPATH": str(built / "installed"), "PYTHONWARNINGS": "error"}
-    for words, said in (
+    for words, output in (
         (["--version"], f"truing {truing.__version__}\n"),
         (["run", "telescope", "--only", "ingest", "--quiet"], ""),
     ):
@@ -109,5 +112,5 @@ def test_the_wheel_runs_without_the_checkout(built: Path) -> None:
             check=False,
         )
         assert (done.returncode, done.stderr) == (0, "")
-        assert done.stdout.startswith(said)
+        assert done.stdout.startswith(output)
     assert (built / "away" / "runs" / "telescope" / "observations.parquet").is_file()

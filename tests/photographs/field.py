@@ -42,7 +42,7 @@ class Shown:
 
 @dataclass(frozen=True)
 class Field:
-    """Targets, things beside them that are none, and solids."""
+    """Targets, things next to them that are none, and solids."""
 
     shown: tuple[Shown, ...]
     clutter: tuple[Decal, ...]

@@ -134,7 +134,7 @@ class PhotographedCase:
     strengths: tuple[float, ...]
 
     def write(self, folder: Path) -> Path:
-        """Writes the campaign under the folder's name, and its truth beside it."""
+        """Writes the campaign under the folder's name, and its truth next to it."""
         own = replace(self.plan.shooting, layout=replace(self.plan.shooting.layout, name=folder.name))
         made = draw_rays(own, moves_of(self.plan, self.seed), [], self.effects, np.random.default_rng(self.seed))
         write_rays(made, folder, self.seed)

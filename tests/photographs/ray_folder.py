@@ -75,12 +75,12 @@ def image_name(pose: int, station: int) -> str:
 
 def _truth(photographed: Photographed, seed: int) -> dict[str, object]:
     campaign = photographed.campaign
-    told = truth_record(campaign, seed)
-    effects = told["effects"]
+    reported = truth_record(campaign, seed)
+    effects = reported["effects"]
     assert isinstance(effects, list)
     effects += [as_record(effect) for effect in photographed.effects]
     wrong = np.flatnonzero(photographed.gross)
-    return told | {
+    return reported | {
         "gross_errors": [
             [
                 image_name(campaign.schedule.pose[photographed.pose[r]], photographed.station[r]),

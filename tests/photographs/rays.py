@@ -174,10 +174,10 @@ def _bar_ends(
         factor = factor * effect.growth(tuple(bar.name for bar in bars), campaign.schedule)
     length = np.array([bar.length_mm for bar in bars])
     factor = factor + rng.normal(size=factor.shape) * np.array([bar.repeat_mm for bar in bars]) / length
-    told = length + rng.normal(size=len(bars)) * np.array([bar.sigma_mm for bar in bars])
+    reported = length + rng.normal(size=len(bars)) * np.array([bar.sigma_mm for bar in bars])
     sides = np.array([-1.0, 1.0])
     placed = middle[:, None] + (factor[..., None, None] * sides[:, None]) * half[:, None]
-    return placed.reshape(poses, -1, 3), told
+    return placed.reshape(poses, -1, 3), reported
 
 
 def _pixels(

@@ -33,7 +33,7 @@ from tests.photographs.ray_folder import bar_rows, lens_record, write_machine_ta
 from tests.photographs.rays import BARS, exact_campaign, normals
 from tests.photographs.sensor import Grey, Sensor, save
 from tests.photographs.stations import Round, stand_round
-from tests.photographs.telescope_scene import DOT_MM, FAMILY, Standing, code_of, telescope_scene
+from tests.photographs.telescope_scene import DOT_MM, FAMILY, PosedTelescope, code_of, telescope_scene
 
 SEED = 46
 SAMPLE_POSES = (0, 1, 2)
@@ -101,8 +101,8 @@ class Session:
         """One photograph, the same one every time."""
         round_ = self.view(n)
         view = View(round_.turn[station], round_.centre[station])
-        standing = Standing(self.campaign, self.names, self.points[n], self.normals[n], n)
-        light = radiance(self.lens, view, telescope_scene(standing), self.sensor.blur_px)
+        posed = PosedTelescope(self.campaign, self.names, self.points[n], self.normals[n], n)
+        light = radiance(self.lens, view, telescope_scene(posed), self.sensor.blur_px)
         return self.sensor.expose(light, self.lens, np.random.default_rng([SEED, 3, n, station]))
 
     def true_pixels(self, n: int) -> Array:
@@ -114,7 +114,7 @@ class Session:
 
 
 def write_campaign(folder: Path, poses: tuple[int, ...] | None = None, workers: int = 1) -> Path:
-    """Fills ``folder`` (made where missing) with poses by id (None: all) and writes the truth beside it."""
+    """Fills ``folder`` (made where missing) with poses by id (None: all) and writes the truth next to it."""
     session = Session()
     write_tables(session, folder, poses)
     chosen = _numbers(session, poses)
@@ -169,8 +169,8 @@ def _image_targets(session: Session) -> Iterator[str]:
 
 def _truth(session: Session, chosen: list[int]) -> dict[str, object]:
     campaign = session.campaign
-    told = truth_record(campaign, SEED)
-    poses = told["poses"]
+    reported = truth_record(campaign, SEED)
+    poses = reported["poses"]
     assert isinstance(poses, list)
     photographs = []
     for n in chosen:
@@ -185,7 +185,7 @@ def _truth(session: Session, chosen: list[int]) -> dict[str, object]:
                     "pixels": pixels[s].round(4).tolist(),
                 }
             )
-    return told | {
+    return reported | {
         "poses": [poses[n] for n in chosen],
         "camera": lens_record(session.lens),
         "bars": [{"bar": bar.name, "true_mm": bar.length_mm} for bar in BARS],
@@ -196,7 +196,7 @@ def _truth(session: Session, chosen: list[int]) -> dict[str, object]:
 
 
 def main() -> None:
-    """Writes the campaign with its photographs into a folder, and the truth beside it."""
+    """Writes the campaign with its photographs into a folder, and the truth next to it."""
     parser = argparse.ArgumentParser(prog="python -m tests.photographs.telescope", description=main.__doc__)
     parser.add_argument("folder", type=Path)
     parser.add_argument("--poses", type=int, nargs="+", help="these poses alone, by id (else all 47)")

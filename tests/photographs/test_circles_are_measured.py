@@ -87,7 +87,7 @@ def test_measured_centres_of_circles_are_unbiased(measured: Measured) -> None:
 
 def test_centres_scatter_as_the_covariance_says(measured: Measured) -> None:
     chi2 = np.einsum("ni,nij,nj->n", measured.error, np.linalg.inv(measured.cov), measured.error)
-    # Standard deviations to a fifth, beside what chance does to as many targets.
+    # Standard deviations to a fifth, next to what chance does to as many targets.
     chance = 4 / np.sqrt(len(chi2))
     assert 0.8**2 - chance < chi2.mean() / 2 < 1.2**2 + chance
 

@@ -142,7 +142,7 @@ def test_a_charuco_board_is_read_whole() -> None:
 
 
 @pytest.mark.parametrize("ending", ["jpg", "png"])
-def test_a_file_tells_its_camera_and_focal_length(tmp_path: Path, ending: str) -> None:
+def test_a_file_gives_its_camera_and_focal_length(tmp_path: Path, ending: str) -> None:
     path = tmp_path / f"photograph.{ending}"
     save(np.full((LENS.height_px, LENS.width_px), 40, np.uint8), path, LENS)
     with Image.open(path) as image:

@@ -89,9 +89,9 @@ def test_a_warm_bar_is_longer_and_reported_as_it_was(tmp_path: Path) -> None:
     length = np.linalg.norm(ends[:, :, 1] - ends[:, :, 0], axis=-1)
     true = np.array([bar.length_mm for bar in made.shooting.bars])
     assert_close(length / true - 1, np.repeat(1e-3 * made.campaign.schedule.heat[:, None], 2, axis=1), atol=1e-12)
-    told = (write_rays(made, tmp_path / "warm", 5) / "scale_bars.csv").read_text(encoding="utf-8").splitlines()
-    assert told[0] == "bar,first,second,length_mm,sigma_mm"
-    assert abs(float(told[1].split(",")[3]) - true[0]) < 5 * 0.005
+    reported = (write_rays(made, tmp_path / "warm", 5) / "scale_bars.csv").read_text(encoding="utf-8").splitlines()
+    assert reported[0] == "bar,first,second,length_mm,sigma_mm"
+    assert abs(float(reported[1].split(",")[3]) - true[0]) < 5 * 0.005
 
 
 def test_an_unstable_camera_follows_its_declared_input() -> None:

@@ -46,12 +46,12 @@ def test_the_sample_is_complete_and_small() -> None:
 def test_the_truth_says_where_every_centre_is() -> None:
     session = Session()
     truth = json.loads(truth_path(SAMPLE).read_text(encoding="utf-8"))
-    told = {(one["pose"], one["station"]): np.array(one["pixels"]) for one in truth["photographs"]}
-    assert len(told) == len(SAMPLE_POSES) * session.stations.count
-    assert np.abs(told[(2, 3)] - session.true_pixels(2)[2]).max() < 1e-4
-    # A dot is light where its centre is said to be, its sticker dark beside it.
-    inside = [k for k, (x, y) in enumerate(told[(2, 3)]) if 30 < x < 1570 and 30 < y < 1170]
+    reported = {(one["pose"], one["station"]): np.array(one["pixels"]) for one in truth["photographs"]}
+    assert len(reported) == len(SAMPLE_POSES) * session.stations.count
+    assert np.abs(reported[(2, 3)] - session.true_pixels(2)[2]).max() < 1e-4
+    # A dot is light where its centre is said to be, its sticker dark next to it.
+    inside = [k for k, (x, y) in enumerate(reported[(2, 3)]) if 30 < x < 1570 and 30 < y < 1170]
     with Image.open(SAMPLE / "images" / "2" / "02-03.jpg") as image:
         grey = np.asarray(image)
-    levels = np.array([grey[round(y), round(x)] for x, y in told[(2, 3)][inside]])
+    levels = np.array([grey[round(y), round(x)] for x, y in reported[(2, 3)][inside]])
     assert np.mean(levels > 60) > 0.8

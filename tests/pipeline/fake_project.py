@@ -14,7 +14,7 @@ from tests.pipeline.warm_python import WarmPython
 PROJECT = Path(__file__).resolve().parents[2]
 _LONG_AGO_S = 1_000_000_000
 
-# Rooms beside `truing` are its packages, as an installation makes them.
+# Rooms next to `truing` are its packages, as an installation makes them.
 _ONE_NAME = '__version__ = "0"\n__path__.append(__path__[0].removesuffix("truing"))\n'
 _DECLARED = "from truing.stages.declaration import Stage\n\nDECLARATION = Stage({!r}, (), ({!r},), (), {!r})\n"
 # They are listed, and no campaign of this project has photographs.

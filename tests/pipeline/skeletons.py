@@ -26,6 +26,6 @@ def assert_valid_if_activated(text: str) -> None:
         mechanism["legs"] *= 6
     alternatives = [name for name in ("urdf", "dh") if name in mechanism]
     for name in alternatives or [""]:
-        others = {other for other in alternatives if other != name}
+        others = {alternative for alternative in alternatives if alternative != name}
         kept = {key: value for key, value in mechanism.items() if key not in others}
         read_campaign({**document, "mechanism": kept} if mechanism else document)

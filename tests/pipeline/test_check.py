@@ -62,12 +62,12 @@ def test_the_prospects_are_what_the_run_then_says(tmp_path: Path) -> None:
     expected = check_campaign(open_campaign(folder)).prospects
     done = CliRunner().invoke(app, ["run", str(folder), "--out", str(tmp_path / "run")])
     assert done.exit_code == ExitCode.DONE, done.output
-    said = {line.split()[0]: line for line in done.output.splitlines() if line.strip()}
+    output = {line.split()[0]: line for line in done.output.splitlines() if line.strip()}
     for line in expected:
         stage, _, why = line.partition(" ")
-        assert ("not evaluated" in said[stage]) == ("not evaluated" in why)
+        assert ("not evaluated" in output[stage]) == ("not evaluated" in why)
         if "not evaluated" in why:
-            assert why.strip() in said[stage]
+            assert why.strip() in output[stage]
 
 
 def test_a_reference_of_two_targets_is_why_nothing_is_diagnosed_in_check_and_run_alike(tmp_path: Path) -> None:
@@ -75,8 +75,8 @@ def test_a_reference_of_two_targets_is_why_nothing_is_diagnosed_in_check_and_run
     shown = points(*poses) + "".join(points(*poses, body="R", targets=2).splitlines(keepends=True)[1:])
     folder = written(tmp_path / "c", campaign=TOML + '[bodies]\nreference = "R"\n', points=shown)
     why = "the reference body R shows at most 2 targets in a pose, so other bodies have no pose relative to it"
-    told = [line for line in check_campaign(open_campaign(folder)).prospects if line.startswith("diagnose")]
-    assert told == [f"diagnose     not evaluated: {why}"]
+    reported = [line for line in check_campaign(open_campaign(folder)).prospects if line.startswith("diagnose")]
+    assert reported == [f"diagnose     not evaluated: {why}"]
     done = CliRunner().invoke(app, ["run", str(folder), "--out", str(tmp_path / "run")])
     assert why in done.output
 
@@ -115,7 +115,7 @@ def test_a_bench_without_declared_noise_is_reported_as_not_diagnosable(tmp_path:
     assert "not evaluated: needs the noise of dx, dy, dz, rx, ry, rz: noise.linear_um, noise.angular_arcsec" in line
 
 
-def test_a_campaign_of_which_nothing_can_be_evaluated_is_not_said_to_have_no_fault(tmp_path: Path) -> None:
+def test_a_campaign_of_which_nothing_can_be_evaluated_is_not_reported_to_have_no_fault(tmp_path: Path) -> None:
     checked = check_campaign(open_campaign(written(tmp_path, points=points("1", "2", "3", targets=2))))
     assert not checked.is_evaluated
     assert all("not evaluated: no body shows 3 targets in one pose" in line for line in checked.prospects)
@@ -222,14 +222,14 @@ def test_a_probable_mistake_is_named_under_attention(tmp_path: Path, files: dict
     assert (done.exit_code, f"attention: {told}" in done.output or told in done.output) == (ExitCode.DONE, True)
 
 
-def test_a_frame_per_series_is_said_to_be_taken_as_one_per_pose(tmp_path: Path) -> None:
-    said = {}
+def test_a_frame_per_series_is_reported_to_be_taken_as_one_per_pose(tmp_path: Path) -> None:
+    output = {}
     for frame in ("pose", "series", "campaign"):
         toml = f'{TOML}[measurement]\nframe = "{frame}"\n'
         folder = written(tmp_path / frame, campaign=toml, points=points("1", "2", "3"))
-        said[frame] = check_campaign(open_campaign(folder)).attention
-    assert said["pose"] == said["campaign"] == ()
-    (sentence,) = said["series"]
+        output[frame] = check_campaign(open_campaign(folder)).attention
+    assert output["pose"] == output["campaign"] == ()
+    (sentence,) = output["series"]
     assert 'treated like "pose"' in sentence
 
 
@@ -258,8 +258,8 @@ def test_runs_that_two_tables_spell_otherwise_are_reported(tmp_path: Path) -> No
     readings = LOADS + "".join(f"R01,{i},{i},fz,{i},dz,{i},um\n" for i in range(1, 9))
     signals = SIGNALS + "".join(f"r1,{i},{i},{i},{i}\n" for i in range(1, 9))
     folder = written(tmp_path, campaign=head, interferometer=readings, signals=signals)
-    said = check_campaign(open_campaign(folder)).attention
-    assert_says(said, "runs R01 and r1", "different")
+    output = check_campaign(open_campaign(folder)).attention
+    assert_says(output, "runs R01 and r1", "different")
 
 
 def test_poses_that_are_counted_are_no_names_that_look_alike(tmp_path: Path) -> None:
@@ -400,4 +400,4 @@ def test_files_are_read_once_and_the_quality_checks_see_what_a_run_sees(
 )
 def test_a_target_that_may_be_several_or_none_is_not_asked_about(tmp_path: Path, measured: str) -> None:
     campaign = open_campaign(written(tmp_path, points=measured, targets=survey("A")))
-    assert not any("is missing; did you mean" in told for told in check_campaign(campaign).attention)
+    assert not any("is missing; did you mean" in reported for reported in check_campaign(campaign).attention)

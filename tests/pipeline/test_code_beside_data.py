@@ -48,7 +48,7 @@ def _names() -> frozenset[str]:
     """Every name that an import can have here: the standard library's, those of all that is installed, the rooms'."""
     installed = importlib.metadata.packages_distributions()
     built = sysconfig._get_sysconfigdata_name()  # type: ignore[attr-defined]
-    # what an editable installation leaves beside the packages is named in no list of theirs
+    # what an editable installation leaves next to the packages is named in no list of theirs
     beside = (path.stem for folder in site.getsitepackages() for path in Path(folder).glob("*.py"))
     return frozenset((*sys.stdlib_module_names, *installed, *beside, *ROOMS, "sitecustomize", "usercustomize", built))
 
@@ -61,7 +61,7 @@ def _plant(folder: Path, mark: Path) -> None:
 
 @pytest.fixture
 def planted(tmp_path: Path) -> Path:
-    """A folder with the campaigns ``one`` and ``two`` and markers in ``three``, code of every name beside the data."""
+    """A folder with the campaigns ``one`` and ``two`` and markers in ``three``, code of every name next to the data."""
     for name in ("one", "two", "three"):
         campaign = cut_telescope(tmp_path / name)
         text = (campaign / "campaign.toml").read_text()

@@ -160,9 +160,9 @@ def test_a_run_ends_with_its_verdict_and_the_reason_of_its_exit_code(fake: FakeP
 
 def test_json_of_a_run_is_one_object_with_stages_verdict_and_exit_code(fake: FakeProject) -> None:
     done = fake.call("run", str(fake.campaign), "--json")
-    told = json.loads(done.stdout)
-    (campaign,) = told["campaigns"]
-    assert (told["exit_code"], done.returncode, told["meaning"]) == (0, 0, ExitCode.DONE.meaning)
+    reported = json.loads(done.stdout)
+    (campaign,) = reported["campaigns"]
+    assert (reported["exit_code"], done.returncode, reported["meaning"]) == (0, 0, ExitCode.DONE.meaning)
     assert [stage["stage"] for stage in campaign["stages"] if stage["ran"]] == list(STAGES)
     again = json.loads(fake.call("run", str(fake.campaign), "--json").stdout)
     assert not any(stage["ran"] for stage in again["campaigns"][0]["stages"])
@@ -171,9 +171,9 @@ def test_json_of_a_run_is_one_object_with_stages_verdict_and_exit_code(fake: Fak
 def test_json_of_faults_has_file_key_value_and_expectation(fake: FakeProject) -> None:
     fake.edit(fake.campaign / "campaign.toml", 'kind = "photogrammetry"', 'kind = "photogrametry"')
     for command in ("run", "check"):
-        told = json.loads(fake.call(command, str(fake.campaign), "--json").stdout)
-        (fault,) = told["faults"]
-        assert (told["exit_code"], fault["key"], fault["value"]) == (2, "campaign.kind", "photogrametry")
+        reported = json.loads(fake.call(command, str(fake.campaign), "--json").stdout)
+        (fault,) = reported["faults"]
+        assert (reported["exit_code"], fault["key"], fault["value"]) == (2, "campaign.kind", "photogrametry")
         assert fault["column"] == fault["key"]
         assert "photogrammetry" in fault["expected"]
 
@@ -191,8 +191,8 @@ def test_json_has_null_for_numbers_that_it_lacks(capsys: pytest.CaptureFixture[s
 
 
 def test_verbose_says_why_a_stage_runs_or_not(ran: FakeProject) -> None:
-    told = ran.call("run", str(ran.campaign), "-v").stdout
-    assert re.findall(r"^(\w+) +\d+/\d+: fresh", told, re.MULTILINE) == list(STAGES)
+    reported = ran.call("run", str(ran.campaign), "-v").stdout
+    assert re.findall(r"^(\w+) +\d+/\d+: fresh", reported, re.MULTILINE) == list(STAGES)
     assert "fresh" not in ran.call("run", str(ran.campaign)).stdout
 
 

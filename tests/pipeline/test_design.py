@@ -283,10 +283,10 @@ def test_a_table_with_faults_is_no_obstacle_to_a_new_design(tmp_path: Path) -> N
 
 def test_json_holds_the_chosen_poses_and_the_messages(tmp_path: Path) -> None:
     words = (campaign(tmp_path / "machine"), "--poses", 8, "--within", "actuators")
-    told = json.loads(call(*words, "--json").stdout)
-    assert told["exit_code"] == 0
-    assert [row["pose"] for row in told["chosen"]] == list(range(len(told["chosen"])))
-    assert {"role", *READINGS} <= set(told["chosen"][0])
+    reported = json.loads(call(*words, "--json").stdout)
+    assert reported["exit_code"] == 0
+    assert [row["pose"] for row in reported["chosen"]] == list(range(len(reported["chosen"])))
+    assert {"role", *READINGS} <= set(reported["chosen"][0])
     spoken = call(*words).output
-    assert told["sentences"]
-    assert all(row["sentence"] in spoken for row in told["sentences"])
+    assert reported["sentences"]
+    assert all(row["sentence"] in spoken for row in reported["sentences"])

@@ -156,7 +156,7 @@ def test_poses_that_are_kept_count_and_a_cause_joins_the_unknowns(tmp_path: Path
     assert done.exit_code == 0, done.output
     assert_says(
         " ".join(done.output.split()),
-        "beside 60 that are kept",
+        "next to 60 that are kept",
         "with the effects of joint-compliance",
         "the kept and chosen 66 poses",
     )

@@ -51,6 +51,6 @@ def test_a_run_says_its_time_once_and_only_with_a_base(fake: FakeProject) -> Non
         one["seconds"] = 4.0
     store.write_text(json.dumps(known))
     lines = fake.call("run", str(fake.campaign), "--force").stdout.splitlines()
-    told = f"{len(STAGES)} stages to run: about {4 * len(STAGES)} s, as long as they took here before"
-    assert [line for line in lines if "as long as" in line] == [told]
-    assert lines[0] == told
+    reported = f"{len(STAGES)} stages to run: about {4 * len(STAGES)} s, as long as they took here before"
+    assert [line for line in lines if "as long as" in line] == [reported]
+    assert lines[0] == reported

@@ -387,8 +387,8 @@ def test_a_starter_stays_short_whatever_lies_there(tmp_path: Path) -> None:
         (tmp_path / str(number) / name).write_text(files[name].replace(",", ";" if number % 2 else ","))
     text, document = starter(tmp_path, {})
     assert len(text.splitlines()) < 60
-    told = re.findall(r"^#   (\d+)/", text, re.MULTILINE)
-    assert len(document["files"]["points"]) + len(told) + int(re.search(r"and (\d+) others", text)[1]) == len(files)  # type: ignore[index]
+    reported = re.findall(r"^#   (\d+)/", text, re.MULTILINE)
+    assert len(document["files"]["points"]) + len(reported) + int(re.search(r"and (\d+) others", text)[1]) == len(files)  # type: ignore[index]
     assert init(tmp_path, "--all").exit_code == 2  # never overwritten
 
 

@@ -166,7 +166,7 @@ def test_joint_readings_have_the_names_and_units_of_the_described_robot(tmp_path
     assert ("joint readings are assumed to be in" in text) == ("[" not in header)
 
 
-def test_names_of_joints_in_cells_tell_their_order(tmp_path: Path) -> None:
+def test_names_of_joints_in_cells_give_their_order(tmp_path: Path) -> None:
     robot(tmp_path)
     head = (
         "%time," + ",".join(f"field.name{k}" for k in range(3)) + "," + ",".join(f"field.position{k}" for k in range(3))
@@ -259,7 +259,7 @@ def surveyed(folder: Path, factor: float) -> None:
 
 
 @pytest.mark.parametrize(("factor", "unit"), [(1.0, "mm"), (1e-3, "m"), (1.0 / 25.4, "in")])
-def test_a_survey_tells_the_unit_and_the_body_of_points(tmp_path: Path, factor: float, unit: str) -> None:
+def test_a_survey_gives_the_unit_and_the_body_of_points(tmp_path: Path, factor: float, unit: str) -> None:
     surveyed(tmp_path, factor)
     _, document = init(tmp_path)
     entry = document["files"]["points"]

@@ -51,7 +51,7 @@ def test_a_german_workbook_gives_rows_of_a_chain_and_masses_of_its_links(tmp_pat
         masses.append([number, mass, *centre])
     masses.append(["Werkzeug (an Glied 3)", 12.4, 15.0, 0.0, 85.0])
     book.save(tmp_path / "robot.xlsx")
-    told, document = init(tmp_path)
+    reported, document = init(tmp_path)
     assert dh(document) == ROWS
     found = document["mechanism"]
     assert [row["mass_kg"] for row in found["dh"]] == [mass for mass, _ in MASSES]
@@ -60,7 +60,7 @@ def test_a_german_workbook_gives_rows_of_a_chain_and_masses_of_its_links(tmp_pat
         np.testing.assert_allclose(row["com_mm"], behind, atol=1e-5)
     assert (found["payload_kg"], found["payload_com_mm"]) == (12.4, [15.0, 0.0, 85.0])
     assert {row.get("convention", "standard") for row in found["dh"]} == {"standard"}
-    assert "needed: a description" not in told
+    assert "needed: a description" not in reported
 
 
 def test_masses_of_another_number_of_links_are_left_out_and_named(tmp_path: Path) -> None:
@@ -119,7 +119,7 @@ def geometry(folder: Path, *, with_lengths: bool) -> None:
 
 
 def hexapod(folder: Path) -> None:
-    """Files of points, one for each pose, beside strokes of the legs; the platform moves along z."""
+    """Files of points, one for each pose, next to strokes of the legs; the platform moves along z."""
     names = [f"{body}_{number}" for body in ("base", "platform") for number in range(1, 5)]
     rest = RNG.uniform(-300.0, 300.0, (len(names), 3)).round(3)
     for pose in range(1, 7):
@@ -159,9 +159,9 @@ def test_words_that_are_bodies_of_points_are_those_of_the_survey(tmp_path: Path,
     names = [f"{body}_{number}" for body in ("base", "platform") for number in range(1, 5)]
     rows = [f"{name}\t{k}\t{2 * k}\t{k * k}\n" for k, name in enumerate(names)]
     (tmp_path / "survey.txt").write_text("Survey, each body in its own frame\nTarget\tX\tY\tZ\n" + "".join(rows) + odd)
-    told, document = init(tmp_path)
+    reported, document = init(tmp_path)
     if odd:
-        assert "survey.txt, Name of the rigid body" in told
+        assert "survey.txt, Name of the rigid body" in reported
         return
     found = table(tmp_path, document, TARGETS).table
     assert found.column("body").to_pylist() == ["base"] * 4 + ["platform"] * 4

@@ -193,7 +193,7 @@ def test_numbers_of_targets_beside_runs_are_no_run(tmp_path: Path, head: str) ->
     assert_close(numbers(found, "deviation_um")[:, 0], runs.ravel(), atol=1e-9, what="deviations")
 
 
-def test_names_that_are_paths_in_a_model_are_told_by_the_parts_that_differ(tmp_path: Path) -> None:
+def test_names_that_are_paths_in_a_model_are_known_by_the_parts_that_differ(tmp_path: Path) -> None:
     heads = [f"Model Root/F{axis}_ref/Out1 [N]" for axis in "xyz"]
     heads += [f"Model Root/Bridge{k}/Out1 [mV/V]" for k in range(4)]
     rows = [";".join(map(str, [k, *f, *s])) for k, (f, s) in enumerate(zip(FORCES, SIGNALS_MV, strict=True))]

@@ -1,4 +1,4 @@
-"""`truing init` on folders of laboratories: labels exchanged, a flange beside the base, grad, a continuous log."""
+"""`truing init` on folders of laboratories: labels exchanged, a flange next to the base, grad, a continuous log."""
 
 from __future__ import annotations
 
@@ -75,8 +75,8 @@ def test_grad_is_asked_and_read_by_language_and_numbers(
     commands = np.linspace(0.0, last, 15)
     rows = [f"{a:.4f};{a + 0.004 * np.sin(a):.5f}".replace(".", ",") for a in commands]
     (tmp_path / "table.csv").write_text("\n".join([";".join(heads), *rows]) + "\n", encoding="cp1252")
-    told, document = init(tmp_path)
-    assert "unit_of_angle" in told
+    reported, document = init(tmp_path)
+    assert "unit_of_angle" in reported
     found = numbers(table(tmp_path, document, CONFIGURATIONS), "command_deg")
     assert_close(found[:, 0], factor * commands, atol=1e-4, what="commands, deg")
 

@@ -18,7 +18,7 @@ JOINTS = RNG.uniform(-1.5, 1.5, (24, 3)).round(6)  # rad
 
 
 def log(folder: Path, first: int | None = None) -> None:
-    """A log of joints beside the robot's description; first: number of its first pose, None without numbers."""
+    """A log of joints next to the robot's description; first: number of its first pose, None without numbers."""
     (folder / "arm.urdf").write_text(URDF)
     head = "pan,lift,twist" if first is None else "pose,pan,lift,twist"
     rows = [",".join(map(str, row if first is None else (first + k, *row))) for k, row in enumerate(JOINTS)]
@@ -41,9 +41,9 @@ def test_numbered_places_beside_a_log_are_poses_of_one_target(
     order = RNG.permutation(len(PATH))
     rows = [separator.join((name.format(k + 1), *map(str, PATH[k]))) for k in order]
     (tmp_path / "places.txt").write_text(head + "\n".join(rows) + "\n")
-    told, document = init(tmp_path)
+    reported, document = init(tmp_path)
     assert document["measurement"] == {"frame": "campaign"}
-    assert "Body" not in told
+    assert "Body" not in reported
     found = table(tmp_path, document, POINTS)
     assert set(found.table.column("body").to_pylist()) == {"hand"}
     poses = np.array(found.table.column("pose").to_pylist(), int)
@@ -107,8 +107,8 @@ def reports(kind: str) -> list[bytes]:
 def test_reports_with_a_row_for_each_coordinate_give_measured_points(tmp_path: Path, kind: str) -> None:
     for pose, content in enumerate(reports(kind), 1):
         (tmp_path / f"piece {pose}.txt").write_bytes(content)
-    told, document = init(tmp_path)
-    assert "Unit of" not in told
+    reported, document = init(tmp_path)
+    assert "Unit of" not in reported
     found = table(tmp_path, document, POINTS)
     assert_close(numbers(found, "x_mm", "y_mm", "z_mm"), PLACES.reshape(-1, 3), atol=1e-9, what="places")
     assert [str(pose) for pose in found.table.column("pose").to_pylist()] == ["1"] * 4 + ["2"] * 4
@@ -133,8 +133,8 @@ def test_sheets_that_differ_in_their_number_are_poses(tmp_path: Path) -> None:
             sheet.append([target, *map(float, place)])
     del book["Sheet"]
     book.save(tmp_path / "book.xlsx")
-    told, document = init(tmp_path)
-    assert "platform  P1" in told  # the first rows of every body
+    reported, document = init(tmp_path)
+    assert "platform  P1" in reported  # the first rows of every body
     found = table(tmp_path, document, POINTS)
     assert [int(pose) for pose in found.table.column("pose").to_pylist()] == [k for k in range(1, 12) for _ in TARGETS]
     assert set(found.table.column("body").to_pylist()) == {"base", "platform"}
@@ -172,8 +172,8 @@ def test_nominal_loads_beside_channels_are_applied_loads(tmp_path: Path) -> None
     (tmp_path / "export.asc").write_text(
         "\n".join(["\t".join(head), "\t".join(units), *rows]) + "\n", encoding="utf-16"
     )
-    told, document = init(tmp_path)
-    assert "loads=" not in told
+    reported, document = init(tmp_path)
+    assert "loads=" not in reported
     found = table(tmp_path, document, SIGNALS)
     assert_close(numbers(found, "v1_mv", "fz_n", "mz_nm"), values[:, [1, 9, 12]], atol=1e-9, what="values")
 
@@ -181,9 +181,9 @@ def test_nominal_loads_beside_channels_are_applied_loads(tmp_path: Path) -> None
 def test_directions_and_distances_are_no_readings(tmp_path: Path) -> None:
     rows = [f"S1;P{k};{10 * k}.5;99.{k};3.{k}\n" for k in range(1, 7)]
     (tmp_path / "observed.csv").write_text("Station;Target;Hz [gon];V [gon];SD [m]\n" + "".join(rows))
-    told, document = init(tmp_path)
+    reported, document = init(tmp_path)
     assert "files" not in document
-    assert "export the adjusted coordinates" in told
+    assert "export the adjusted coordinates" in reported
 
 
 @pytest.mark.parametrize("moves", [True, False])
@@ -192,8 +192,8 @@ def test_targets_that_keep_their_distances_are_bodies_if_others_do_not(tmp_path:
         places = motion(pose if moves else 1) + RNG.normal(0.0, 0.01, (6, 3))
         rows = [f"{100 + k}\t{x:.4f}\t{y:.4f}\t{z:.4f}\n" for k, (x, y, z) in enumerate(places)]
         (tmp_path / f"pose{pose}.txt").write_text("Name\tX\tY\tZ\n" + "".join(rows))
-    told, document = init(tmp_path)
-    assert ("groups=" in told) == moves
+    reported, document = init(tmp_path)
+    assert ("groups=" in reported) == moves
     if moves:
         renamed = document["files"]["points"]["rename"]["body"]
         assert renamed == {str(100 + k): f"body{1 + k // 3}" for k in range(6)}
@@ -249,8 +249,8 @@ def test_several_targets_beside_joints_are_points_of_each_pose(tmp_path: Path) -
     head = "j1,j2,j3,x1,y1,z1,x2,y2,z2"
     rows = [",".join(map(str, row)) for row in np.column_stack([np.degrees(JOINTS), PATH, PATH + 80.0])]
     (tmp_path / "arm.csv").write_text("\n".join([head, *rows]) + "\n")
-    told, document = init(tmp_path)
-    assert "a description of the robot" in told
+    reported, document = init(tmp_path)
+    assert "a description of the robot" in reported
     found = table(tmp_path, document, POINTS)
     second = [target == "2" for target in found.table.column("target").to_pylist()]
     assert_close(numbers(found, "x_mm", "y_mm", "z_mm")[second], PATH + 80.0, atol=0.0, what="second target")
@@ -295,7 +295,7 @@ def test_poses_bodies_and_coordinates_are_found_by_names_and_repeats(tmp_path: P
     assert found.num_rows == 24
 
 
-def test_a_column_that_differs_in_every_row_tells_no_poses(tmp_path: Path) -> None:
+def test_a_column_that_differs_in_every_row_gives_no_poses(tmp_path: Path) -> None:
     text = several_poses("Moment,Point,X,Y,Z", "{body}{pose}{k},p{k},{x},{y},{z}")
     (tmp_path / "all.txt").write_text(text)
     _, document = init(tmp_path)

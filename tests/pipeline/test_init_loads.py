@@ -45,7 +45,7 @@ def test_other_loads_of_the_same_number_are_read(tmp_path: Path) -> None:
     (tmp_path / "plan.csv").write_text(text(COMPONENTS, np.vstack([LOADS[:-1], 2.0 * LOADS[-1:]])))
     (tmp_path / "both.csv").write_text(text(COMPONENTS + CHANNELS, np.hstack([LOADS, SIGNALS])))
     entries = init(tmp_path)[1]["files"]["signals"]
-    assert {one["path"] for one in entries} == {"plan.csv", "both.csv"}
+    assert {entry["path"] for entry in entries} == {"plan.csv", "both.csv"}
 
 
 def test_two_runs_with_the_same_loads_and_signals_of_their_own_are_both_read(tmp_path: Path) -> None:
@@ -81,8 +81,8 @@ def test_load_steps_without_any_signal_are_counted_by_check_and_qa(tmp_path: Pat
     row = qa.loc["steps-without-signals"]
     assert (row["value"], row["verdict"]) == (len(LOADS), "warn")
     assert_says(row["message"], f"{len(LOADS)} of {2 * len(LOADS)} load steps", "no signal")
-    told = check_campaign(open_campaign(folder)).attention
-    assert_says(told, f"{len(LOADS)} of {2 * len(LOADS)} load steps have no signal")
+    reported = check_campaign(open_campaign(folder)).attention
+    assert_says(reported, f"{len(LOADS)} of {2 * len(LOADS)} load steps have no signal")
 
 
 def test_load_steps_that_all_have_signals_pass(tmp_path: Path) -> None:

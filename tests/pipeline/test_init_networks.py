@@ -52,7 +52,7 @@ def test_points_are_read_only_where_their_rays_are_not(tmp_path):
 
 @pytest.mark.parametrize("ending", ["txt", "bin"])
 def test_rigs_and_frames_of_a_model_are_no_points(tmp_path, ending, capsys):
-    """What newer programs write beside cameras and images: lines of numbers, three of which look like coordinates."""
+    """What newer programs write next to cameras and images: lines of numbers, three of which look like coordinates."""
     frame = "1 1 0.96 0.2 0.1 0.1 0.3 -0.2 4.9 1 CAMERA 1 {}"
     frames = "# Frame list with one line of data per frame:\n" + "\n".join(frame.format(n) for n in range(1, 9)) + "\n"
     texts = {"rigs": "# Rig calib list with one line of data per calib:\n1 1 CAMERA 1\n", "frames": frames}
@@ -61,6 +61,6 @@ def test_rigs_and_frames_of_a_model_are_no_points(tmp_path, ending, capsys):
     (tmp_path / "images.bin").write_bytes(binary()["images"])
     (tmp_path / "points3D.bin").write_bytes(binary()["points3D"])
     assert set(proposed(tmp_path)) == {"image_points"}
-    said = capsys.readouterr().out
-    assert f"frames.{ending}: no table" in said
-    assert_says(said, "points3D.bin", "not read", "rays", "same folder")
+    output = capsys.readouterr().out
+    assert f"frames.{ending}: no table" in output
+    assert_says(output, "points3D.bin", "not read", "rays", "same folder")

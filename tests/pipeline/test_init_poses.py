@@ -20,7 +20,7 @@ START_NS = 1_700_000_000_000_000_000
 
 
 def joint_log(folder: Path) -> None:
-    """A log of joints beside the robot's description."""
+    """A log of joints next to the robot's description."""
     (folder / "arm.urdf").write_text(URDF)
     rows = [f"{START_NS + k * 10**9},{','.join(map(str, row))}" for k, row in enumerate(JOINTS)]
     (folder / "log.csv").write_text("\n".join(["time,pan,lift,twist", *rows]) + "\n")

@@ -207,12 +207,12 @@ def test_a_terminal_is_asked_until_the_answer_is_valid_and_ctrl_c_writes_nothing
 
 def test_json_holds_files_open_points_and_what_was_taken(folder: Path) -> None:
     done = CliRunner().invoke(app, ["init", str(folder), "--json", "--answer", "unit=m"])
-    told = json.loads(done.stdout)
-    assert (told["exit_code"], done.exit_code) == (0, 0)
-    assert told["files"] == [{"file": str(folder / "campaign.toml")}]
-    (file,) = told["inputs"]
+    reported = json.loads(done.stdout)
+    assert (reported["exit_code"], done.exit_code) == (0, 0)
+    assert reported["files"] == [{"file": str(folder / "campaign.toml")}]
+    (file,) = reported["inputs"]
     assert (file["path"], file["table"], file["files"]) == ("list.csv", "targets", 1)
-    points = {point["key"]: point for point in told["open_points"]}
+    points = {point["key"]: point for point in reported["open_points"]}
     assert (points["unit"]["taken"], points["unit"]["answered"]) == ("m", True)
     assert (points["decimal"]["taken"], points["decimal"]["answered"]) == (",", False)
     assert points["body"]["taken"] is None

@@ -22,7 +22,7 @@ CHANNELS = (LOADS @ np.random.default_rng(5).normal(size=(6, 6)) * 1e-2).round(6
 
 
 def balance(folder: Path, force: str, torque: str, signal: str = "(mV/V)") -> None:
-    """Write loads with these units behind their names, beside six bridges, below two lines of words."""
+    """Write loads with these units behind their names, next to six bridges, below two lines of words."""
     heads = [f"F{axis}{force}" for axis in "xyz"] + [f"M{axis}{torque}" for axis in "xyz"]
     heads = ["Point", *heads, *(f"Ch{k} {signal}" for k in range(1, 7))]
     cells = [

@@ -97,9 +97,9 @@ def test_workers_that_meet_a_limit_of_memory_end_and_say_so(fresh: FakeProject, 
         timeout=60,
     )
     assert done.returncode == 4, done.stderr
-    said = [line for line in done.stderr.splitlines() if "not enough memory" in line]
-    assert len(said) == 2
-    assert all("stage pose" in line and "ulimit -v" in line for line in said)
+    output = [line for line in done.stderr.splitlines() if "not enough memory" in line]
+    assert len(output) == 2
+    assert all("stage pose" in line and "ulimit -v" in line for line in output)
 
 
 def test_a_campaign_locked_by_another_run_is_skipped(fresh: FakeProject, campaigns: list[str]) -> None:
@@ -185,9 +185,9 @@ def test_a_worker_killed_while_it_runs_loses_nothing(way: str, fake: FakeProject
         words, cwd=fresh.cwd, env=fresh.environment("pause1"), stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True
     ) as call:
         killed = _kill_a_worker(fresh.cwd / "killed", call)
-        said, problems = call.communicate(timeout=120)
+        output, problems = call.communicate(timeout=120)
     assert killed != call.pid
-    assert call.returncode == 0, said + problems
+    assert call.returncode == 0, output + problems
     assert bytes_of(fresh.cwd / "killed") == bytes_of(fresh.cwd / "whole")
     assert [row["exit_code"] for row in all_of(fresh.cwd / "killed")] == [0, 0, 0, 0]
 

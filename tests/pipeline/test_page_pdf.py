@@ -23,7 +23,7 @@ printf '%%PDF-1.4 %s' "$last" > "$to"
 
 @pytest.fixture
 def path(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
-    """A folder that alone is on PATH, beside the shell."""
+    """A folder that alone is on PATH, next to the shell."""
     folder = tmp_path / "bin"
     folder.mkdir()
     (folder / "sh").symlink_to("/bin/sh")

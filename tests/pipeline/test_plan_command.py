@@ -196,12 +196,12 @@ def test_assumed_visibility_of_a_plan_is_reported(place):
     assert_says(plan(place, *options).output, "no target", "normal")
     rows = "".join(f"table,{i},0,0,1\n" for i in range(5))
     (place / "normals.csv").write_text(f"body,target,normal_x,normal_y,normal_z\n{rows}", encoding="utf-8")
-    said = plan(place, *options, "--normals", str(place / "normals.csv")).output
-    assert_says(said, "nor", "object itself")
-    assert_says(said, "5 of 10", "normal")
+    output = plan(place, *options, "--normals", str(place / "normals.csv")).output
+    assert_says(output, "nor", "object itself")
+    assert_says(output, "5 of 10", "normal")
 
 
-def test_without_a_run_the_photographs_tell_their_camera(tmp_path, monkeypatch):
+def test_without_a_run_the_photographs_give_their_camera(tmp_path, monkeypatch):
     monkeypatch.chdir(tmp_path)
     found = known_cameras(open_campaign(SAMPLE), None, None)
     assert_says(found.description, "photographs' metadata")
@@ -211,8 +211,8 @@ def test_without_a_run_the_photographs_tell_their_camera(tmp_path, monkeypatch):
 
 
 def test_json_holds_stations_targets_and_files(place):
-    told = json.loads(plan(place, *FEW, "--stations", "4", "--out", str(place / "plan.csv"), "--json").stdout)
-    assert told["exit_code"] == 0
-    assert len(told["stations"]) == len(pd.read_csv(place / "plan.csv"))
-    assert {row["target"] for row in told["targets"]} == {"0", "1", "2", "3", "4"}
-    assert str(place / "plan.html") in [row["file"] for row in told["files"]]
+    reported = json.loads(plan(place, *FEW, "--stations", "4", "--out", str(place / "plan.csv"), "--json").stdout)
+    assert reported["exit_code"] == 0
+    assert len(reported["stations"]) == len(pd.read_csv(place / "plan.csv"))
+    assert {row["target"] for row in reported["targets"]} == {"0", "1", "2", "3", "4"}
+    assert str(place / "plan.html") in [row["file"] for row in reported["files"]]

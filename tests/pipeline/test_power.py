@@ -55,15 +55,17 @@ def call(*words: object) -> tuple[int, str]:
 
 def test_power_of_a_planned_campaign_reports_sizes_and_changes_no_file(planned: Path, tmp_path: Path) -> None:
     before = sorted(planned.iterdir())
-    code, said = call(planned, "--draws", 0, "--out", tmp_path / "made" / "power.csv", "--json")
-    assert code == 0, said
+    code, output = call(planned, "--draws", 0, "--out", tmp_path / "made" / "power.csv", "--json")
+    assert code == 0, output
     assert sorted(planned.iterdir()) == before
     assert {path.name for path in (tmp_path / "made").iterdir()} == {"power.csv", "power-rates.csv", "power.html"}
     sizes = (tmp_path / "made" / "power.csv").read_text().splitlines()
     assert {line.split(",")[0].strip('"') for line in sizes[1:]} >= {"actuator-gain", "target-moved", "leg-thermal"}
-    told = json.loads(said)
-    assert (told["exit_code"], len(told["sizes"])) == (0, len(sizes) - 1)
-    assert {Path(row["file"]).name for row in told["files"]} == {path.name for path in (tmp_path / "made").iterdir()}
+    reported = json.loads(output)
+    assert (reported["exit_code"], len(reported["sizes"])) == (0, len(sizes) - 1)
+    assert {Path(row["file"]).name for row in reported["files"]} == {
+        path.name for path in (tmp_path / "made").iterdir()
+    }
     page = (tmp_path / "made" / "power.html").read_text()
     assert "By theory only" in page
     assert not unexplained(page)
@@ -80,30 +82,30 @@ def told_at_once(plan: CampaignPlan, settings: Campaign, trial: Trial) -> Answer
 def test_campaigns_are_counted_by_size(measured: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr("truing.pipeline.power_command.diagnosed_trial", told_at_once)
     out = tmp_path / "power.parquet"
-    code, said = call(measured, "--draws", 2, "--causes", "platform-deformation-matrix", "--out", out)
-    assert code == 0, said
+    code, output = call(measured, "--draws", 2, "--causes", "platform-deformation-matrix", "--out", out)
+    assert code == 0, output
     (size,) = pq.read_table(out).to_pylist()
     assert size["cause"] == "platform-deformation-matrix"
     assert size["lower_80"] < size["expected_80"] < size["upper_80"]
     nothing, *rates = pq.read_table(tmp_path / "power-rates.parquet").to_pylist()
     assert (nothing["cause"], nothing["campaigns"], nothing["found"]) == ("nothing", 10, 0.1)
     assert [(row["campaigns"], row["named"]) for row in rates] == [(2, 0.0), (2, 0.0), (2, 1.0), (2, 1.0), (2, 1.0)]
-    assert "1 of 10 campaigns" in said
+    assert "1 of 10 campaigns" in output
     assert "platform deformation matrix" in (tmp_path / "power.html").read_text()
 
 
-def test_an_interrupted_call_tells_what_it_has(measured: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+def test_an_interrupted_call_shows_what_it_has(measured: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     def interrupted(plan: CampaignPlan, settings: Campaign, trial: Trial) -> Answer:
         if trial.seed[3] % 5 == 1 and trial.effects:
             raise Interrupted("SIGTERM")
         return told_at_once(plan, settings, trial)
 
     monkeypatch.setattr("truing.pipeline.power_command.diagnosed_trial", interrupted)
-    code, said = call(
+    code, output = call(
         measured, "--draws", 2, "--causes", "platform-deformation-matrix", "--out", tmp_path / "power.parquet"
     )
     assert code == 4
-    assert "interrupted (SIGTERM)" in said
+    assert "interrupted (SIGTERM)" in output
     _, *rates = pq.read_table(tmp_path / "power-rates.parquet").to_pylist()
     assert [row["campaigns"] for row in rates] == [1] * 5
 
@@ -121,10 +123,10 @@ def test_theory_is_reported_first_and_each_round_narrows_the_sizes(
         return told_at_once(plan, settings, trial)
 
     monkeypatch.setattr("truing.pipeline.power_command.diagnosed_trial", watched)
-    code, said = call(measured, "--draws", 3, "--causes", "platform-deformation-matrix", "--out", out)
-    assert code == 0, said
+    code, output = call(measured, "--draws", 3, "--causes", "platform-deformation-matrix", "--out", out)
+    assert code == 0, output
     assert counted == [0] * 10 + [10] * 10 + [20] * 10
-    before, _, after = said.partition("By theory alone; 30 simulated campaigns follow.")
+    before, _, after = output.partition("By theory alone; 30 simulated campaigns follow.")
     assert "platform deformation matrix" in before
     assert f"first page: {out.with_suffix('.html')}" in after
     assert "after 1 of 3 draws" in after
@@ -166,35 +168,35 @@ def _refused(piece: Any) -> Any:
     ],
 )
 def test_unusable_options_of_power_are_refused(measured: Path, words: tuple[str, ...], told: str) -> None:
-    code, said = call(measured, *words)
+    code, output = call(measured, *words)
     assert code == 2
-    assert told in said
+    assert told in output
 
 
 def test_a_campaign_that_cannot_be_drawn_says_why(planned: Path) -> None:
     header, first, second, *_ = (planned / "configurations.csv").read_text().splitlines()
     (planned / "configurations.csv").write_text("\n".join([header, first, second]) + "\n")
-    code, said = call(planned, "--draws", 0)
+    code, output = call(planned, "--draws", 0)
     assert code == 2
-    assert "at least 3 poses" in said
-    assert "found 2" in said
+    assert "at least 3 poses" in output
+    assert "found 2" in output
 
 
 def test_a_campaign_of_bodies_without_a_mechanism_is_refused(tmp_path: Path) -> None:
     (tmp_path / "campaign.toml").write_text('[campaign]\nname = "mirror"\nkind = "photogrammetry"\n')
     (tmp_path / "points.csv").write_text("pose,body,target,x_mm,y_mm,z_mm\n1,mirror,M1,0,0,0\n")
-    code, said = call(tmp_path)
+    code, output = call(tmp_path)
     assert code == 2
-    assert "mechanism.type" in said
-    assert "found 'none'" in said
-    assert "are not supported yet" in " ".join(said.split())
+    assert "mechanism.type" in output
+    assert "found 'none'" in output
+    assert "are not supported yet" in " ".join(output.split())
 
 
 def test_points_without_a_survey_cannot_be_drawn_again(measured: Path, tmp_path: Path) -> None:
     for path in measured.iterdir():
         if path.name != "targets.csv":
             (tmp_path / path.name).write_bytes(path.read_bytes())
-    code, said = call(tmp_path, "--draws", 0)
-    told, reason = said.splitlines()
-    assert (code, told) == (2, "targets.csv: expected the survey of the targets, or their planned places")
+    code, output = call(tmp_path, "--draws", 0)
+    reported, reason = output.splitlines()
+    assert (code, reported) == (2, "targets.csv: expected the survey of the targets, or their planned places")
     assert reason.startswith("exit code 2:")

@@ -110,10 +110,10 @@ def test_hidden_effects_are_recovered_from_drawn_rows(tmp_path: Path) -> None:
     for seed in range(6):
         tables = plan.drawn(hidden, np.random.default_rng(seed))
         assert "event" not in tables["configurations"].column_names
-        for one in decided(assembled_data(tables, settings), settings, lambda *_: None).verdicts:
-            if one.verdict == "found":
-                size = next(effect.values[0] for effect in hidden if effect.cause.id == one.cause.id)
-                found[one.cause.id].append((one.values[0] - size) / np.sqrt(one.covariance[0, 0]))
+        for verdict in decided(assembled_data(tables, settings), settings, lambda *_: None).verdicts:
+            if verdict.verdict == "found":
+                size = next(effect.values[0] for effect in hidden if effect.cause.id == verdict.cause.id)
+                found[verdict.cause.id].append((verdict.values[0] - size) / np.sqrt(verdict.covariance[0, 0]))
     for off in found.values():
         assert len(off) >= 4  # a test of the model as a whole fails by chance in some, and leaves both suspected
         assert np.abs(off).max() < 4.0

@@ -130,8 +130,8 @@ def test_a_drawn_campaign_can_be_written_and_diagnosed_as_measured(
         data = assembled_data(plan.drawn(effects, np.random.default_rng(5)), settings)
         table = diagnosis_table(decided(data, settings, lambda *_: None), DetectionAdvice(shown=data.shown), 0.05)
         # Over this range a gain and an error once per turn are nearly the same: the name may be open.
-        told = {"found", "alternative"}
-        found[name] = [row for row in table.to_pylist() if told & {row["verdict"], row["reason_code"]}]
+        reported = {"found", "alternative"}
+        found[name] = [row for row in table.to_pylist() if reported & {row["verdict"], row["reason_code"]}]
     assert found["none"] == []
     (row,) = found["gain"]
     assert (row["cause"], row["subject"]) == ("joint-gain", "joint second")

@@ -74,9 +74,9 @@ def test_a_plan_is_answered_and_left_as_it_is(planned: Path, tmp_path: Path) -> 
     done = CliRunner().invoke(app, words)
     assert done.exit_code == 0, done.output
     assert sorted(planned.iterdir()) == before
-    told = pd.read_csv(out)
-    assert set(told["cause"]) == {"load-eccentricity", "creep"}
-    assert (told["expected_80"] > 0).all()
+    reported = pd.read_csv(out)
+    assert set(reported["cause"]) == {"load-eccentricity", "creep"}
+    assert (reported["expected_80"] > 0).all()
 
 
 def test_loads_are_chosen_that_show_a_wanted_cause_beside_those_planned(planned: Path, tmp_path: Path) -> None:
@@ -84,13 +84,13 @@ def test_loads_are_chosen_that_show_a_wanted_cause_beside_those_planned(planned:
     words = ["design", str(planned), "--causes", "creep", "--out", str(out)]
     done = CliRunner().invoke(app, words)
     assert done.exit_code == 0, done.output
-    said = " ".join(done.output.split())
-    assert "creep load fz: To determine fraction (creep, load fz) more precisely, apply th" in said
-    told = pd.read_csv(out)
-    assert set(told["purpose"]) == {"creep: fraction", "creep load fz: fraction", "creep load mx: fraction"}
+    output = " ".join(done.output.split())
+    assert "creep load fz: To determine fraction (creep, load fz) more precisely, apply th" in output
+    reported = pd.read_csv(out)
+    assert set(reported["purpose"]) == {"creep: fraction", "creep load fz: fraction", "creep load mx: fraction"}
     # creep shows best where a load stays
     held = (
-        told[told["purpose"] == "creep load fz: fraction"]
+        reported[reported["purpose"] == "creep load fz: fraction"]
         .groupby("run")["fz_n"]
         .agg(lambda load: load.duplicated().sum())
     )

@@ -39,22 +39,22 @@ def left_by_a_run(folder: Path) -> Path:
 
 
 def test_without_a_run_it_says_which_causes_are_not_judged(photographed: CampaignFolder, tmp_path: Path) -> None:
-    told = of_photographs(photographed, tmp_path / "none")
-    assert told is not None
-    assert not told.rows
+    reported = of_photographs(photographed, tmp_path / "none")
+    assert reported is not None
+    assert not reported.rows
     for words in ("photographs are not simulated", "Camera instability", "refraction are not tested here"):
-        assert words in told.sentence
+        assert words in reported.sentence
 
 
 def test_power_of_photographs_lists_the_detectable_sizes(photographed: CampaignFolder, tmp_path: Path) -> None:
-    told = of_photographs(photographed, left_by_a_run(tmp_path / "run"))
-    assert told is not None
-    assert told.rows == (
+    reported = of_photographs(photographed, left_by_a_run(tmp_path / "run"))
+    assert reported is not None
+    assert reported.rows == (
         ("camera instability", "camera left", "c 0.35 px"),
         ("refraction", "the whole", "gradient not at any plausible size"),
     )
-    (listing,) = section_of_photographs(told.sentence, told.rows).listings
-    assert listing.rows == told.rows
+    (listing,) = section_of_photographs(reported.sentence, reported.rows).listings
+    assert listing.rows == reported.rows
     assert all(map(meaning_of, listing.heads))
 
 

@@ -49,17 +49,17 @@ def noted(ran: FakeProject) -> FakeProject:
 def test_another_campaign_into_a_run_folder_is_refused(noted: FakeProject) -> None:
     other = another(noted, "other", "telescope")
     for command in ("run", "stages"):
-        said = refused(noted, command, str(other), "--out", str(noted.out))
-        assert OWN in said
-        assert str(noted.campaign / "campaign.toml") in said
-        assert str(other / "campaign.toml") in said
-        assert "--out" in said
+        output = refused(noted, command, str(other), "--out", str(noted.out))
+        assert OWN in output
+        assert str(noted.campaign / "campaign.toml") in output
+        assert str(other / "campaign.toml") in output
+        assert "--out" in output
 
 
 def test_campaigns_of_equal_name_do_not_share_a_folder(noted: FakeProject) -> None:
-    said = refused(noted, "run", str(another(noted, "other")))
-    assert OWN in said
-    assert "[campaign] name" in said
+    output = refused(noted, "run", str(another(noted, "other")))
+    assert OWN in output
+    assert "[campaign] name" in output
     assert noted.run() == []
 
 

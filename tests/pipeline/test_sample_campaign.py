@@ -156,7 +156,7 @@ def pictures_campaign(folder: Path) -> None:
 
 
 def driven_campaign(folder: Path, kind: str) -> None:
-    """An axis sent to and fro, with two encoders and an instrument beside it."""
+    """An axis sent to and fro, with two encoders and an instrument next to it."""
     sweep = np.linspace(-80.0, 80.0, 10)
     noise = {"command": 1e-3, "motor": 3e-4, "load": 1e-3, "measured": 1e-3}
     channels, command = ("motor", "load", "measured"), np.concatenate([sweep, sweep[::-1]] * 2)
@@ -265,7 +265,7 @@ def test_a_changed_setting_makes_stale_who_declares_it(
 
 
 def _declares(settings: tuple[str, ...], section: str) -> bool:
-    return any(section == each or section.startswith(f"{each}.") for each in settings)
+    return any(section == setting or section.startswith(f"{setting}.") for setting in settings)
 
 
 def test_every_process_leaves_the_same_bytes(run_once: Any, tmp_path: Path) -> None:
@@ -304,8 +304,8 @@ def test_calibrate_speaks_of_the_extended_model_too(run_once: Any) -> None:
     for name in ("calibration", "correlations", "accuracy", "model_choice", "requirements"):
         models = pq.read_table(folder / f"{name}.parquet", columns=["model"])["model"].to_pylist()
         assert "extended" in models, name
-    told = pq.read_table(folder / "accuracy.parquet").filter(pc.field("model") == "extended")
-    assert sorted(told["pose"].to_pylist()) == [*range(7), 41, 42]
+    reported = pq.read_table(folder / "accuracy.parquet").filter(pc.field("model") == "extended")
+    assert sorted(reported["pose"].to_pylist()) == [*range(7), 41, 42]
 
 
 def test_predict_writes_csv_on_stdout_and_to_a_file(run_once: Any, tmp_path: Path) -> None:

@@ -1,6 +1,6 @@
 """A run writes only to its folder and the temporary folder, and each command only where it says.
 
-What is compiled (by Python and by numba) is kept beside its source, and is no result of a run.
+What is compiled (by Python and by numba) is kept next to its source, and is no result of a run.
 """
 
 from __future__ import annotations

@@ -73,9 +73,9 @@ def test_guesses_are_marked_and_reported_until_the_remark_is_gone(
     (line,) = [line for line in starter.splitlines() if line.startswith(MARK)]
     assert all(words in line for words in marked)
     place = starter.splitlines().index(line) + 1
-    told = answered(tmp_path, *[("# point_mm", "point_mm")] * ("# point_mm" in starter)).attention
-    assert_says(told, f"line {place}", "campaign.toml", "guess")
-    assert all(any(key in one for one in told) for key in keys)
+    reported = answered(tmp_path, *[("# point_mm", "point_mm")] * ("# point_mm" in starter)).attention
+    assert_says(reported, f"line {place}", "campaign.toml", "guess")
+    assert all(any(key in one for one in reported) for key in keys)
     assert not any("guess" in one for one in answered(tmp_path, (line, "")).attention)
 
 
@@ -138,5 +138,5 @@ def test_joint_readings_without_an_arm_are_named(tmp_path: Path) -> None:
     (tmp_path / "configurations.csv").write_text("pose,joint1_deg,joint2_deg\n1,10,20\n2,30,40\n")
     head = '[campaign]\nname = "c"\nkind = "photogrammetry"\n[noise]\npoint_mm = 0.01\n'
     (tmp_path / "campaign.toml").write_text(head)
-    (told,) = (one for one in check_campaign(open_campaign(tmp_path)).attention if "joint" in one)
-    assert_says(told, "joint1_deg", "joint2_deg", "chain")
+    (reported,) = (one for one in check_campaign(open_campaign(tmp_path)).attention if "joint" in one)
+    assert_says(reported, "joint1_deg", "joint2_deg", "chain")

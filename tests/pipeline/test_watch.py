@@ -130,14 +130,14 @@ def test_a_decision_ends_the_watch_when_a_look_with_half_as_many_more_poses_conf
 ) -> None:
     run = tmp_path / "run"
     words = ["watch", str(arm), "--json", "--no-page", "--interval", "0.1", "--out", str(run)]
-    told = json.loads(CliRunner().invoke(app, [*words, "--once"]).stdout)
-    assert told["enough"] == "to confirm"
-    assert {row["section"]: row["reason_code"] for row in told["verdicts"]}["requirements"] == "met"
+    reported = json.loads(CliRunner().invoke(app, [*words, "--once"]).stdout)
+    assert reported["enough"] == "to confirm"
+    assert {row["section"]: row["reason_code"] for row in reported["verdicts"]}["requirements"] == "met"
     assert (run / "report.html").is_file()
     looks = run / PRIVATE / "looks.json"
     first = json.loads(looks.read_text())
     (look,) = first["looks"]
-    assert told["poses_to_confirm"] == math.ceil(1.5 * look["count"])
+    assert reported["poses_to_confirm"] == math.ceil(1.5 * look["count"])
     look["count"] = math.floor(look["count"] / 1.5)  # as if the first look had been earlier
     looks.write_text(json.dumps(first))
     done = CliRunner().invoke(app, words)
@@ -327,8 +327,8 @@ def _started(folder: Path, run: Path) -> subprocess.Popen[str]:
 
 def _next_round(started: subprocess.Popen[str]) -> dict[str, Any]:
     assert started.stdout is not None
-    told: dict[str, Any] = json.loads(started.stdout.readline())
-    return told
+    reported: dict[str, Any] = json.loads(started.stdout.readline())
+    return reported
 
 
 def test_an_empty_folder_becomes_a_campaign_with_half_a_file_and_then_a_decided_one(arm: Path, tmp_path: Path) -> None:
@@ -358,10 +358,10 @@ def test_ctrl_c_ends_it_within_a_round(arm: Path, tmp_path: Path) -> None:
         while not (tmp_path / "run" / ".truing").is_dir() and time.monotonic() < until:
             time.sleep(0.02)
         os.kill(started.pid, signal.SIGINT)
-        told, said = started.communicate(timeout=PATIENCE_S)
+        reported, output = started.communicate(timeout=PATIENCE_S)
     assert started.returncode == 130
-    assert told == ""
-    assert "Traceback" not in said
+    assert reported == ""
+    assert "Traceback" not in output
 
 
 @pytest.mark.skipif(sys.platform == "win32", reason="signals of POSIX")

@@ -52,10 +52,10 @@ def test_inputs_raw_files_and_runs_are_not_overwritten(name: str, place: Path) -
         shutil.copytree(place / "run", place / "second")
     before = contents(place)
     words = [word.format(c=place / "campaign", r=place / "run", p=place) for word in REFUSED[name].split()]
-    code, said = call(*words)
-    assert code == 2, said
+    code, output = call(*words)
+    assert code == 2, output
     assert contents(place) == before
-    assert said.startswith("--out: found ")
+    assert output.startswith("--out: found ")
 
 
 def test_a_file_of_ones_own_is_written_again(place: Path) -> None:
@@ -71,8 +71,8 @@ def test_a_file_of_ones_own_is_written_again(place: Path) -> None:
             == 0
         )
     for _ in range(2):
-        code, said = call("export", place / "run", "--to", "csv", "--out", place / "tables", "--json")
+        code, output = call("export", place / "run", "--to", "csv", "--out", place / "tables", "--json")
         assert code == 0
-    told = json.loads(said)["files"]
-    assert {row["form"] for row in told} == {"csv"}
-    assert {Path(row["file"]) for row in told} == set((place / "tables").iterdir())
+    reported = json.loads(output)["files"]
+    assert {row["form"] for row in reported} == {"csv"}
+    assert {Path(row["file"]) for row in reported} == set((place / "tables").iterdir())

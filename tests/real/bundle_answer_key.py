@@ -239,7 +239,7 @@ class Item:
 
 
 def items(key: AnswerKey) -> list[Item]:
-    """Every kind of number of the report beside ours."""
+    """Every kind of number of the report next to ours."""
     report = key.report
     listed = report.rays[key.order]
     xyz, point_sigmas = key.points

@@ -15,7 +15,7 @@ import pandas as pd
 HERE = Path(__file__).resolve().parent
 PROJECT = HERE.parents[1]
 DEFAULT_DATA = "../../../../shared/data"  # as the campaigns reach it from their own folder
-# One thread, for others run beside it; and large arrays, which come and go, keep their pages (glibc; else unheeded).
+# One thread, for others run next to it; and large arrays, which come and go, keep their pages (glibc; else unheeded).
 FRUGAL = {
     "OMP_NUM_THREADS": "1",
     "OPENBLAS_NUM_THREADS": "1",
@@ -38,7 +38,7 @@ NAMES = tuple(sorted(path.parent.name for path in HERE.glob("*/campaign.toml")))
 
 
 def data_folder() -> Path:
-    """Where the real measurements lie: TRUING_REAL_DATA, by default beside the project."""
+    """Where the real measurements lie: TRUING_REAL_DATA, by default next to the project."""
     return Path(os.environ.get("TRUING_REAL_DATA", PROJECT.parent / "shared" / "data")).resolve()
 
 

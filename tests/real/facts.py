@@ -149,13 +149,13 @@ def still_bodies(tables: Tables) -> dict[str, Any]:
     moves = [
         row for row in found["found"] if "shift_x" in row["value"] and seen_in_between(row, tables["observations"])
     ]
-    told = {
+    reported = {
         body: length(
             {axis: sum(row["value"][axis] for row in moves if row["subject"] == body) for axis in _SHIFT}, _SHIFT
         )
         for body in {row["subject"] for row in moves}
     }
-    return {"diagnosis": found, "walked_mm": told, "seen_mm": walked(tables["observations"])}
+    return {"diagnosis": found, "walked_mm": reported, "seen_mm": walked(tables["observations"])}
 
 
 def mirror(tables: Tables) -> dict[str, Any]:

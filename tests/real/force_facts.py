@@ -111,7 +111,7 @@ def _random_rows(signals: NDArray, loads: NDArray, model: CalibrationModel) -> l
 
 
 def stewart(tables: Tables) -> dict[str, Any]:
-    """The wrench of every run by the geometry, beside what was applied and published; where the forces passed."""
+    """The wrench of every run by the geometry, next to what was applied and published; where the forces passed."""
     matrix = tables["sensor_matrix"]
     own = matrix[(matrix["matrix"] == "G") & (matrix["model"] == "nominal")]
     G = own.pivot(index="row", columns="column_name", values="value").loc[list(LOADS)].to_numpy()
@@ -134,8 +134,10 @@ def stewart(tables: Tables) -> dict[str, Any]:
     lines = line_of_action(np.array(means[:3]), np.array(covs[:3]))
     merit = tables["sensor_merit"]
     merit = merit[(merit["matrix"] == "G") & (merit["figure"] == "condition")]
-    told = tables["diagnosis"]
-    row = told[(told["cause"] == "load-eccentricity") & told["verdict"].isin(["found", "suspected"])].iloc[0]
+    reported = tables["diagnosis"]
+    row = reported[(reported["cause"] == "load-eccentricity") & reported["verdict"].isin(["found", "suspected"])].iloc[
+        0
+    ]
     eccentric = {"subject": row["subject"], **json.loads(row["parameters"])}
     offset = np.array([eccentric[f"offset_{axis}"]["value"] for axis in "xyz"])
     forces = np.array([loads[run == axis].mean(0) for axis in list(PUBLISHED)[:3]])

@@ -162,7 +162,7 @@ LINES = {
 
 
 def slit_facts(folder: Path) -> dict[str, Any]:
-    """The axis by our formulas, line by line beside the report, and what is wrong in it."""
+    """The axis by our formulas, line by line next to the report, and what is wrong in it."""
     target, deviation = slit(folder)
     own: Positioning = positioning(deviation)
     report = slit_report(folder)["lines"]

@@ -33,10 +33,10 @@ def six_axis_tables(data: Path) -> dict[str, LoadTable]:
     folder, found = data / "fareke-loadcells", {}
     for number, name in enumerate(("", "_1", "_2"), 1):
         raw = pd.read_csv(folder / f"six_axis_calibrationReadings{name}.csv").dropna(how="all")
-        told = raw.notna().all(axis=1).to_numpy()
+        reported = raw.notna().all(axis=1).to_numpy()
         case = np.arange(len(raw)) // 10
-        values = raw.to_numpy(float)[told]
-        found[f"file {number}"] = load_table(values[:, :6], values[:, 6:], case[told]).named(FORCES)
+        values = raw.to_numpy(float)[reported]
+        found[f"file {number}"] = load_table(values[:, :6], values[:, 6:], case[reported]).named(FORCES)
     return found
 
 
@@ -79,7 +79,7 @@ def _rms(values: NDArray) -> NDArray:
 
 
 def three_axis(data: Path) -> dict[int, dict[str, Any]]:
-    """Three-axis cells: our residuals, gram, beside the authors' own, and those of their matrix taken the wrong way."""
+    """Three-axis cells: our residuals, gram, and the authors' own, and those of their matrix taken the wrong way."""
     facts = {}
     for cell in (1, 2, 3, 4):
         raw = pd.read_csv(data / "fareke-loadcells" / f"three_axis_cell{cell}.csv").to_numpy()[:15, :6].astype(float)

@@ -109,7 +109,7 @@ def hidden_parts(judged: SecondCampaign, other: SecondCampaign) -> list[dict[str
             shown = curve.cause.basis(readings[joint], k).any(0)
             values[place : place + knots] *= shown | (joint not in own)
             place += knots
-        left = tuple(replace(one, values=values) if one is curve else one for one in chain.effects)
+        left = tuple(replace(effect, values=values) if effect is curve else effect for effect in chain.effects)
         errors = _errors(write_chain(replace(chain, effects=left)), judged)
         rows.append({"hidden": name, "position": float(errors["extended", "position of tip"]) / 1e3})
     return rows

@@ -43,9 +43,9 @@ def test_the_base_line_is_the_same_from_both_halves_of_the_pairs(facts):
 def test_the_page_holds_what_its_command_writes(facts):
     page = PAGE.read_text(encoding="utf-8")
     for name, make in facts.tables.items():
-        told = page.partition(f"<!-- table {name} -->\n")[2].partition("\n<!-- end -->")[0]
+        reported = page.partition(f"<!-- table {name} -->\n")[2].partition("\n<!-- end -->")[0]
         # Decoders of JPEG round differently, by a grey level: sigma0 was 1.24 on one processor, 1.20 on another.
-        assert numbers(told) == pytest.approx(numbers(make()), rel=0.05, abs=0.003)
+        assert numbers(reported) == pytest.approx(numbers(make()), rel=0.05, abs=0.003)
 
 
 def numbers(text):

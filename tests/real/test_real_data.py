@@ -85,9 +85,9 @@ def test_a_bundle_in_inches_is_named(real_data, tmp_path):
     (campaign / "campaign.toml").write_text(re.sub(r"(?m)^units = .*$", "", text), encoding="utf-8")
     options = RunOptions(StageSelection(only="qa"), accept_failed_checks=True)
     run_campaign(usable_campaign(campaign), tmp_path / "run", options, RunConsole(quiet=True))
-    told = pd.read_parquet(tmp_path / "run" / "qa.parquet").set_index("check")["message"]["points-among-poses"]
-    assert "20250402_Set_10" in told
-    assert "25.4" in told
+    reported = pd.read_parquet(tmp_path / "run" / "qa.parquet").set_index("check")["message"]["points-among-poses"]
+    assert "20250402_Set_10" in reported
+    assert "25.4" in reported
 
 
 def test_bundles_of_one_day_agree_to_a_tenth_of_a_millimetre(facts):
@@ -134,7 +134,7 @@ def test_deformation_with_elevation_and_hysteresis_are_named(facts):
     for campaign, body in (("so-lat-elevation", "receiver"), ("so-lat-mirror", "secondary"), ("so-lat-sag", "primary")):
         assert _found(facts, campaign)[0] == ("body-deformation", body)
     settings = [row["settings"] for row in facts["so-lat-mirror"]["diagnosis"]["found"]]
-    assert any(own.get("whole") and own.get("terms") == ["approach elevation_deg"] for own in settings)
+    assert any(setting.get("whole") and setting.get("terms") == ["approach elevation_deg"] for setting in settings)
 
 
 def test_codes_that_were_used_again_metres_away_are_named_with_their_way(facts):

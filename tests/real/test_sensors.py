@@ -25,7 +25,7 @@ def test_a_six_axis_sensor_is_calibrated_to_the_stated_residuals(six_axis):
 
 @pytest.mark.parametrize("name", ["file 2", "file 3"])
 def test_exchanged_rows_are_named_and_put_right(six_axis, name):
-    """Rows 16 and 17, 3.924 N and 6.72 N: in Fy alone, for the moments beside them were written down right."""
+    """Rows 16 and 17, 3.924 N and 6.72 N: in Fy alone, for the moments next to them were written down right."""
     found = six_axis[name]
     assert found["exchanged"] == [(16, 17, ["Fy"])]
     assert found["as_written"][1] > 0.5

@@ -59,18 +59,18 @@ class Browser:
         if PROGRAM is None:
             raise BrowserError("no chromium or chrome here")
         heard, self._to = os.pipe()
-        self._from, said = os.pipe()
+        self._from, text = os.pipe()
         arguments = [PROGRAM, f"--user-data-dir={folder / 'profile'}", *_FLAGS]
         self._log = (folder / "browser.log").open("wb")
         self._process = subprocess.Popen(
-            [sys.executable, "-ISc", _AT_3_AND_4, str(heard), str(said), *arguments],
-            pass_fds=(heard, said),
+            [sys.executable, "-ISc", _AT_3_AND_4, str(heard), str(text), *arguments],
+            pass_fds=(heard, text),
             stdout=self._log,
             stderr=self._log,
             stdin=subprocess.DEVNULL,
         )
         os.close(heard)
-        os.close(said)
+        os.close(text)
         self._unread, self._number = b"", 0
         self.events: list[dict[str, Any]] = []
 
@@ -151,10 +151,10 @@ class Page:
 
     def value(self, expression: str) -> Any:
         """What an expression of JavaScript comes to, promises awaited."""
-        told = self.ask("Runtime.evaluate", expression=expression, awaitPromise=True, returnByValue=True)
-        if "exceptionDetails" in told:
-            raise BrowserError(f"{expression[:80]}: {told['exceptionDetails']}")
-        return told["result"].get("value")
+        reported = self.ask("Runtime.evaluate", expression=expression, awaitPromise=True, returnByValue=True)
+        if "exceptionDetails" in reported:
+            raise BrowserError(f"{expression[:80]}: {reported['exceptionDetails']}")
+        return reported["result"].get("value")
 
     def becomes(self, expression: str) -> bool:
         """Whether an expression comes true soon, also on the page to which the one in view is just leading."""
@@ -187,16 +187,16 @@ class Page:
     def complaints(self) -> list[str]:
         """Errors and warnings of the page's scripts, and of whatever it tried to load."""
         own = [event for event in self._browser.events if event.get("sessionId") == self._session]
-        said = []
+        text = []
         for event in own:
-            told = event["params"]
+            reported = event["params"]
             if event["method"] == "Runtime.exceptionThrown":
-                said.append(json.dumps(told["exceptionDetails"]))
-            elif event["method"] == "Runtime.consoleAPICalled" and told["type"] in ("error", "warning", "assert"):
-                said.append(json.dumps(told["args"]))
-            elif event["method"] == "Log.entryAdded" and told["entry"]["level"] in ("error", "warning"):
-                said.append(json.dumps(told["entry"]))
-        return [words for words in said if not any(hint in words for hint in _OF_SPEED)]
+                text.append(json.dumps(reported["exceptionDetails"]))
+            elif event["method"] == "Runtime.consoleAPICalled" and reported["type"] in ("error", "warning", "assert"):
+                text.append(json.dumps(reported["args"]))
+            elif event["method"] == "Log.entryAdded" and reported["entry"]["level"] in ("error", "warning"):
+                text.append(json.dumps(reported["entry"]))
+        return [words for words in text if not any(hint in words for hint in _OF_SPEED)]
 
     def screenshot(self, whole: bool = False) -> bytes:
         """The page as PNG: what is in view, or all of it."""
@@ -204,8 +204,8 @@ class Page:
 
     def printed(self) -> bytes:
         """The page as PDF, of the size that its style asks for."""
-        told = self.ask("Page.printToPDF", preferCSSPageSize=True, printBackground=False)
-        return base64.b64decode(told["data"])
+        reported = self.ask("Page.printToPDF", preferCSSPageSize=True, printBackground=False)
+        return base64.b64decode(reported["data"])
 
     def downloaded(self, click: str, folder: Path) -> Path:
         """The file that a click hands out; ``click``: JavaScript that clicks."""

@@ -114,21 +114,23 @@ def _observability(chosen, legs, parameters) -> pd.DataFrame:
         own = ("linear", float(leg)) if leg else (chosen[1], np.nan)
         known = " ".join(f"{name}{leg}" for name in parameters)
         figures = [("parameters", 11.0), ("rank", 6.0)] if leg else [("parameters", 90.0), ("rank", 42.0)]
-        told = [(name, value, None) for name, value in [*figures, *indices]]
-        told += [("identifiable_set", float(len(parameters)), known), ("singular_value", 0.3, None)]
-        told += [("sigma", 9.6, f"{name}{leg}") for name in parameters] if leg else []
-        told += [
+        reported = [(name, value, None) for name, value in [*figures, *indices]]
+        reported += [("identifiable_set", float(len(parameters)), known), ("singular_value", 0.3, None)]
+        reported += [("sigma", 9.6, f"{name}{leg}") for name in parameters] if leg else []
+        reported += [
             ("sigma", np.nan, f"rho0{leg}"),
             ("unidentifiable", 1.18, f"only a_x{leg} + 0.01 u_x{leg} is determined"),
         ]
-        told += [
+        reported += [
             (
                 "unidentifiable",
                 1.2,
                 f"a_z{leg} : rho0{leg} = 1 : -1 is unobservable; b_z{leg} : l{leg} = 1 : 1 is unobservable",
             )
         ]
-        rows += [(chosen[0], *own, name, value, "1", words) for name, value, words in told if leg or name != "sigma"]
+        rows += [
+            (chosen[0], *own, name, value, "1", words) for name, value, words in reported if leg or name != "sigma"
+        ]
     return pd.DataFrame(rows, columns=["model", "deformation", "leg", "figure", "value", "unit", "combination"])
 
 

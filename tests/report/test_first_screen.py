@@ -65,8 +65,8 @@ def test_errors_of_the_first_screen_equal_those_of_the_section(tables) -> None:
     rows = assessed_causes(tables)
     first = errors_of_models(rows, modelled_of(rows), tables)[0]
     assert change is not None
-    for told, size in ((change.before, first.before), (change.after, first.after)):
-        number = float(re.match(r"[\d.]+", told)[0])
+    for reported, size in ((change.before, first.before), (change.after, first.after)):
+        number = float(re.match(r"[\d.]+", reported)[0])
         assert number == pytest.approx(float(plain(size)), rel=0.05)
 
 
@@ -283,8 +283,8 @@ def test_settings_software_files_and_persons_stand_in_the_provenance() -> None:
 def test_comments_stand_in_their_section_and_are_escaped() -> None:
     sections = list(sections_of(campaign_tables(poses=3)).values())
     given = (("qa", f"Seen by B. {ATTACKS[0]}"), ("next", "Ordered."))
-    told = with_comments(sections, given)
-    page = Reader(render_page(build_head("c", campaign_tables(poses=3)), told))
+    reported = with_comments(sections, given)
+    page = Reader(render_page(build_head("c", campaign_tables(poses=3)), reported))
     assert "Ordered." in page.text
     assert ATTACKS[0] in page.text
     assert sum(tag == "aside" for tag, _ in page.elements) == 2
@@ -292,8 +292,8 @@ def test_comments_stand_in_their_section_and_are_escaped() -> None:
 
 def test_a_comment_on_a_section_that_the_run_lacks_is_not_lost() -> None:
     sections = [one for one in sections_of(campaign_tables(poses=3)).values() if one.id != "chain"]
-    told = with_comments(sections, [("chain", "No arm here.")])
-    assert [text for section in told for text in section.comments] == ["chain: No arm here."]
+    reported = with_comments(sections, [("chain", "No arm here.")])
+    assert [text for section in reported for text in section.comments] == ["chain: No arm here."]
 
 
 def test_a_comment_on_a_folded_section_or_its_part_stands_outside_the_fold() -> None:

@@ -99,7 +99,7 @@ def test_a_script_that_is_not_the_pages_own_does_not_run(opened):
     injected = "<script>document.title = 'broken'</script><img src=x onerror=\"document.title = 'broken'\"></body>"
     page = opened(render(campaign_tables(poses=2), "c").replace("</body>", injected))
     assert page.value("document.title") == "c – truing"
-    assert any("Content Security Policy" in said for said in page.complaints())
+    assert any("Content Security Policy" in text for text in page.complaints())
     page.close()
 
 
@@ -159,8 +159,8 @@ def test_pose_amplification_and_legs_change_the_view_by_the_keyboard(drawn):
     assert drawn.value(ranges) == before  # the ring keeps its place
     assert shows(drawn, to_draw(scene, last, 1.0, (2, 5)))
     assert not shows(drawn, to_draw(scene, last, 1.0))
-    told = drawn.value("[...document.querySelectorAll('#deformation .of-legs p')].map((p) => p.textContent)")
-    assert told == [scene.captions[-1][leg - 1] for leg in (2, 5)]
+    reported = drawn.value("[...document.querySelectorAll('#deformation .of-legs p')].map((p) => p.textContent)")
+    assert reported == [scene.captions[-1][leg - 1] for leg in (2, 5)]
     legs = "[...document.querySelectorAll('.by-leg tbody tr:not([hidden])')].map((row) => row.cells[0].textContent)"
     assert set(drawn.value(legs)) == {"leg 2", "leg 5"}
     labels = f"{VIEW}.layout.scene.annotations.map((note) => note.text)"
@@ -236,8 +236,8 @@ def test_points_come_with_the_pose_that_shows_them_and_their_names_as_text(drawn
     for step, point, *_, dx, dy, dz, _ in rows[1:]:
         if dx:
             own = residuals.loc[(int(step), "platform", point)]
-            told = 1e3 * own[["dx_mm", "dy_mm", "dz_mm"]].to_numpy(dtype=float)
-            assert np.allclose([float(dx), float(dy), float(dz)], told, atol=6e-4)
+            reported = 1e3 * own[["dx_mm", "dy_mm", "dz_mm"]].to_numpy(dtype=float)
+            assert np.allclose([float(dx), float(dy), float(dz)], reported, atol=6e-4)
 
 
 def test_numbers_of_every_kind_and_cells_that_would_be_formulas(opened, tmp_path):
@@ -282,7 +282,7 @@ def test_nothing_is_wider_than_a_phone_and_figures_are_laid_out_for_it(drawn):
     laid_out = "(plot) => plot.dataset.narrow === 'true' && plot._fullLayout.width === plot.clientWidth"
     assert drawn.becomes(f"{plots}.every({laid_out})")
     left = "({_fullLayout: whole}) => whole._subplots.xaxis.map((x) => whole[x.replace('x', 'xaxis')].domain[0])"
-    assert drawn.value(f"[...new Set({plots}.flatMap({left}))]") == [0]  # no panel stands beside another
+    assert drawn.value(f"[...new Set({plots}.flatMap({left}))]") == [0]  # no panel stands next to another
     wide = "[...document.querySelectorAll('.scroll')].filter((a) => a.scrollWidth > a.clientWidth)"
     assert drawn.value(f"{wide}.length") > 0
     assert drawn.becomes(f"{wide}.every((area) => area.tabIndex === 0 && area.ariaLabel)")

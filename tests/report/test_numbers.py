@@ -53,16 +53,16 @@ def test_rounding_moves_neither_number_by_more_than_the_uncertainty_bears(value,
 def test_the_uncertainty_has_two_digits(value, sigma):
     if sigma < 1e-10 * max(abs(value), 1.0):
         return
-    said = _read(with_uncertainty(value, sigma))[2]
-    digits = said.replace(".", "").lstrip("0")
-    assert len(digits) == 2 if "." in said else not digits[2:].strip("0")
+    text = _read(with_uncertainty(value, sigma))[2]
+    digits = text.replace(".", "").lstrip("0")
+    assert len(digits) == 2 if "." in text else not digits[2:].strip("0")
 
 
 @given(VALUES, SIGMAS)
 def test_value_and_uncertainty_end_at_the_same_place(value, sigma):
-    said = _SAID.match(with_uncertainty(value, sigma))
-    assert said
-    assert len(said[1].partition(".")[2]) == len(said[2].partition(".")[2])
+    text = _SAID.match(with_uncertainty(value, sigma))
+    assert text
+    assert len(text[1].partition(".")[2]) == len(text[2].partition(".")[2])
 
 
 @pytest.mark.parametrize(
@@ -148,7 +148,7 @@ def test_an_enumeration_has_one_and_before_its_last_name():
     assert [joined_names(["a", "b", "c"][:n]) for n in range(4)] == ["", "a", "a and b", "a, b and c"]
 
 
-def test_two_decimals_are_three_digits_where_they_would_tell_nothing():
+def test_two_decimals_are_three_digits_where_they_would_show_nothing():
     assert [two_decimals(x) for x in (13.349, 0.0299, 0.0)] == ["13.35", "0.0299", "0"]
 
 

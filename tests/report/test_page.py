@@ -176,13 +176,13 @@ def test_every_figure_and_every_table_has_its_file(page):
 
 def test_verdicts_are_reported_in_words_not_by_colour_alone():
     tables = campaign_tables()
-    told = dict(re.findall(r'<li class="(\w+)">(.*?)</li>', render(tables), re.S))
-    assert {"found", "fail", "next"} <= set(told)
+    reported = dict(re.findall(r'<li class="(\w+)">(.*?)</li>', render(tables), re.S))
+    assert {"found", "fail", "next"} <= set(reported)
     for mark, sign, word in (("found", "◆", "found"), ("fail", "✗", "fails")):
-        assert f'<b class="mark"><span aria-hidden="true">{sign}</span> {word}</b>' in told[mark]
+        assert f'<b class="mark"><span aria-hidden="true">{sign}</span> {word}</b>' in reported[mark]
     tables["qa"] = tables["qa"].iloc[:0]
-    idle = [said for mark, said in build_head("c", tables).verdicts if mark == "none"]
-    assert [said.partition(" not evaluated: ")[0] for said in idle] == ["Quality", "Requirements"]
+    idle = [text for mark, text in build_head("c", tables).verdicts if mark == "none"]
+    assert [text.partition(" not evaluated: ")[0] for text in idle] == ["Quality", "Requirements"]
     assert '<span aria-hidden="true">–</span> not tested</b>' in render(tables)
 
 
@@ -277,8 +277,8 @@ def _idle(sections):
 def test_a_run_without_diagnosis_never_claims_agreement():
     tables = campaign_tables()
     tables["diagnosis"] = tables["diagnosis"].iloc[:0]
-    idle = [said for mark, said in build_head("c", tables).verdicts if mark == "none"]
-    assert any(said.startswith("Diagnosis not evaluated") for said in idle)
+    idle = [text for mark, text in build_head("c", tables).verdicts if mark == "none"]
+    assert any(text.startswith("Diagnosis not evaluated") for text in idle)
     assert "agrees" not in Reader(render(tables)).text
 
 
@@ -288,9 +288,9 @@ def test_nothing_found_says_agreement():
     tables["diagnosis"] = nothing.assign(relation="readings-poses")
     assert build_head("c", tables).verdicts[0][0] == "fail"  # a check of quality failed
     del tables["qa"]
-    mark, said = build_head("c", tables).verdicts[0]
+    mark, text = build_head("c", tables).verdicts[0]
     assert mark == "pass"
-    assert "agree " in said
+    assert "agree " in text
     tables["diagnosis"] = nothing  # which does not say what was tested
     assert "agree" not in build_head("c", tables).verdicts[0][1]
 
@@ -302,7 +302,7 @@ def test_any_part_of_the_tables_makes_a_page(left):
     Reader(render({key: table for key, table in whole.items() if key not in left}))
 
 
-def test_the_head_is_short_and_tells_what_to_do(page):
+def test_the_head_is_short_and_shows_what_to_do(page):
     verdicts = build_head("c", campaign_tables()).verdicts
     assert [mark for mark, _ in verdicts[:3]] == ["fail", "found", "next"]
     assert "K11" not in verdicts[1][1]

@@ -71,8 +71,8 @@ def test_a_load_moves_joints_with_the_platform():
     assert np.allclose(scene.shift[0], [[0.0, 0.1, 0.1], [-0.1, 0.0, 0.1]])
     # 1 um of dz, and 1e-5 rad about y at 100 mm, which moves the second joint not at all.
     assert scene.captions[0] == tuple(
-        f"Leg {leg}: change of the distance between its joints {said} µm."
-        for leg, said in ((1, "100.0 ± 1.4"), (2, "100.0 ± 1.0"))
+        f"Leg {leg}: change of the distance between its joints {text} µm."
+        for leg, text in ((1, "100.0 ± 1.4"), (2, "100.0 ± 1.0"))
     )
     assert scene.arrow is not None
     assert scene.arrow[0, 1, 2] < 0.0

@@ -31,11 +31,11 @@ def _tables(dof: tuple[float | None, ...] = (None, None), hostile: str = "points
 
 
 def test_the_sentence_is_that_of_the_guide() -> None:
-    said = statement(_tables()["uncertainty"])
-    assert_says(said, "expanded uncertainty", "coverage factor", "k = 1.96", "normal distribution", "95 %")
+    text = statement(_tables()["uncertainty"])
+    assert_says(text, "expanded uncertainty", "coverage factor", "k = 1.96", "normal distribution", "95 %")
     few = statement(_tables((11.0, 11.0))["uncertainty"].iloc[:1])
     assert_says(few, "k = 2.20", "t-distribution", "ν_eff = 11")
-    assert_says(statement(_tables((11.0, None))["uncertainty"]), "k beside it", "t-distribution")
+    assert_says(statement(_tables((11.0, None))["uncertainty"]), "k next to it", "t-distribution")
 
 
 def test_results_budgets_and_what_is_in_none_stand_side_by_side() -> None:

@@ -45,7 +45,7 @@ def checks(*told: tuple[str, str]) -> pd.DataFrame:
 
 
 def misfit(times: float, freedom: float = 300.0, p: float | None = None) -> dict[str, pd.DataFrame]:
-    """Tables of a calibration that misses what it was fitted to by so many times the noise, its requirements met."""
+    """Tables of a calibration that misses what it was fitted to by this many times the noise, its requirements met."""
     tables = calibration_tables(models=("6-pus", "beam"))
     choice = tables["model_choice"]
     own = choice["estimator"].eq("errors-in-variables")
@@ -74,9 +74,9 @@ def test_a_calibration_that_misfits_by_a_factor_is_never_below_a_green_line():
     assert verdicts["diagnosis"].mark == GREEN
     assert verdicts["calibration"].state == RelationState.FAILS
     assert verdicts["calibration"].value == pytest.approx(5.15)
-    mark, said = build_head("c", tables).verdicts[0]
+    mark, text = build_head("c", tables).verdicts[0]
     assert mark == "fail"
-    assert "5.2 times the noise" in said or "5.15 times the noise" in said
+    assert "5.2 times the noise" in text or "5.15 times the noise" in text
 
 
 @pytest.mark.parametrize(("times", "p", "fails"), [(1.0, 0.4, False), (1.05, 1e-9, False), (1.3, 1e-9, True)])
@@ -91,7 +91,7 @@ def test_requirements_are_not_met_by_a_model_that_does_not_fit():
     verdict = section_verdicts(tables)["requirements"]
     assert (verdict.state, verdict.reason_code) == (RelationState.NOT_TESTED, ReasonCode.MODEL_DOES_NOT_FIT)
     assert_says(verdict.explanation, "find", "missing cause")
-    assert not [said for mark, said in build_head("c", tables).verdicts if " met" in said]
+    assert not [text for mark, text in build_head("c", tables).verdicts if " met" in text]
 
 
 def test_requirements_are_not_met_where_the_picture_fails_whatever_the_calibration_says():
@@ -156,7 +156,7 @@ def test_a_cause_found_is_a_result_with_a_mark_of_its_own():
     assert (whole.state, whole.reason_code, whole.mark) == (RelationState.ATTENTION, ReasonCode.FOUND, "found")
     assert section_verdicts(tables)["diagnosis"].value == 1.0
     sections = build_sections(tables, {})
-    assert next(one for one in sections if one.id == "diagnosis").state == "found"
+    assert next(section for section in sections if section.id == "diagnosis").state == "found"
     page = render_page(build_head("c", tables), sections)
     assert '<span class="state found"><span aria-hidden="true">◆</span> found</span>' in page
 
@@ -208,10 +208,10 @@ def test_readings_that_no_simulation_relates_to_poses_are_not_tested():
     whole = campaign(tables)
     assert (whole.state, whole.reason_code) == (RelationState.NOT_TESTED, ReasonCode.NO_MECHANISM)
     assert "rho1_mm" in whole.explanation
-    mark, said = build_head("c", tables).verdicts[0]
+    mark, text = build_head("c", tables).verdicts[0]
     assert mark == "none"
-    assert "No [mechanism] relates" in said
-    assert "simulation" not in said
+    assert "No [mechanism] relates" in text
+    assert "simulation" not in text
     tables["configurations"] = tables["configurations"][["pose", "role", "time_s"]]
     assert section_verdicts(tables)["simulation"].reason_code == ReasonCode.NO_READINGS
     assert campaign(tables).mark == GREEN
@@ -220,9 +220,9 @@ def test_readings_that_no_simulation_relates_to_poses_are_not_tested():
 def test_a_relation_is_tested_of_the_bodies_that_it_was_tested_of():
     named = {"relation": ["points-against-survey"] * 2, "subject": ["tool0", "base"], "accepted": [None] * 2}
     relations = pd.DataFrame(named | {"state": ["not tested", "ok"], "misfit": [np.nan, 0.1]})
-    said = section_verdicts(of(FOUND, belonging=relations))["belonging"].explanation
-    assert_says(said, "as far as tested", "(base)")
-    assert_says(said, "Not tested", "(tool0)")
+    text = section_verdicts(of(FOUND, belonging=relations))["belonging"].explanation
+    assert_says(text, "as far as tested", "(base)")
+    assert_says(text, "Not tested", "(tool0)")
 
 
 def test_an_arm_whose_tool_has_one_target_loses_no_pose():
@@ -259,8 +259,8 @@ def test_data_that_do_not_belong_together_lead_everything_and_gate():
 def test_a_warning_on_consistency_is_reported_once():
     """It belongs to the verdict on consistency; the one on quality tells its own warnings."""
     apart, noisy = ("points-against-survey", "warn"), ("noise", "warn")
-    for told, tells in (((apart,), False), ((apart, noisy), True)):
-        verdict = quality_verdict({"qa": checks(*told)}, {})
+    for reported, tells in (((apart,), False), ((apart, noisy), True)):
+        verdict = quality_verdict({"qa": checks(*reported)}, {})
         assert verdict is not None
         assert verdict.state is RelationState.ATTENTION
         assert ("First: " in verdict.explanation) is tells
@@ -272,10 +272,10 @@ def test_a_warning_on_consistency_is_reported_once():
 def test_tables_that_hardly_match_lead_a_model_that_is_incomplete(adequacy, first):
     codes = {"belonging": ReasonCode.DEPARTS, "adequacy": ReasonCode.LACK_OF_FIT, "diagnosis": ReasonCode.FOUND}
     states = {"adequacy": adequacy}
-    told = {
+    reported = {
         name: SectionVerdict(name, states.get(name, RelationState.ATTENTION), code, "") for name, code in codes.items()
     }
-    assert leading(told).section == first
+    assert leading(reported).section == first
 
 
 def test_only_a_failure_of_the_data_gates():
@@ -287,8 +287,8 @@ def test_only_a_failure_of_the_data_gates():
 def test_page_and_marks_follow_the_table_of_the_verdict_alone():
     tables = with_verdict(of(FOUND, *rejected()))
     table = tables["verdict"]
-    said = table.assign(explanation=[f"Row {k}." for k in range(len(table))], state="fails", reason_code="misfit")
-    changed = {**tables, "verdict": said}
+    text = table.assign(explanation=[f"Row {k}." for k in range(len(table))], state="fails", reason_code="misfit")
+    changed = {**tables, "verdict": text}
     assert build_head("c", changed).verdicts[0] == ("fail", "Row 0.")
     marks = {one.id: one.state for one in build_sections(changed, {})}
     assert marks["diagnosis"] == marks["calibration"] == marks["poses"] == "fail"

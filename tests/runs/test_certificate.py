@@ -77,10 +77,12 @@ def test_every_stated_result_stands_in_si_units_and_rounded(run: truing.Run) -> 
     assert len(values) + len(single) == len(stated)
     lists = tree.findall(".//si:realListXMLList", _NAMES)
     px = stated[(stated["result"] == "pose") & (stated["quantity"] == "px")]
-    told = [float(v) for v in (lists[0].findtext("si:valueXMLList", "", _NAMES)).split()]
+    reported = [float(v) for v in (lists[0].findtext("si:valueXMLList", "", _NAMES)).split()]
     assert lists[0].findtext("si:unitXMLList", "", _NAMES) == r"\metre"
     half = (lists[0].findtext(".//si:valueExpandedMUXMLList", "", _NAMES)).split()
-    assert told == pytest.approx((1e-3 * px["estimate"]).tolist(), abs=0.006 * 1e-3 * px["expanded_uncertainty"].max())
+    assert reported == pytest.approx(
+        (1e-3 * px["estimate"]).tolist(), abs=0.006 * 1e-3 * px["expanded_uncertainty"].max()
+    )
     assert [float(u) for u in half] == pytest.approx((1e-3 * px["expanded_uncertainty"]).tolist(), rel=0.051)
     assert all(len(u.partition("E")[0].replace(".", "").lstrip("0")) == 2 for u in half)
     for factor in tree.iterfind(".//si:coverageFactorXMLList", _NAMES):
@@ -125,8 +127,8 @@ def test_the_certificate_keeps_the_rules_of_ptb_that_no_schema_states(run: truin
     for unit in (*tree.iter("{https://ptb.de/si}unit"), *tree.iter("{https://ptb.de/si}unitXMLList")):
         assert len((unit.text or "").split()) == 1
     for name in ("valueXMLList", "labelXMLList", "coverageFactorXMLList", "distributionXMLList"):
-        for told in tree.iter(f"{{https://ptb.de/si}}{name}"):
-            assert told.text == " ".join((told.text or "").split())
+        for reported in tree.iter(f"{{https://ptb.de/si}}{name}"):
+            assert reported.text == " ".join((reported.text or "").split())
 
 
 def test_equal_runs_give_equal_certificates(run: truing.Run) -> None:
@@ -138,8 +140,8 @@ def test_the_certificate_is_valid_by_the_schema_of_ptb(run: truing.Run) -> None:
     etree = pytest.importorskip("lxml.etree", reason="lxml is not installed")
     schema = etree.XMLSchema(etree.parse(str(Path(os.environ[SCHEMA]) / "dcc.xsd")))
     hostile = TOLD.model_copy(update={"number": "a\x00\x0b ]]> <b>\t&amp;\ud800"})
-    for told in (TOLD, hostile):
-        ((_, content),) = certificate(run, told)
+    for reported in (TOLD, hostile):
+        ((_, content),) = certificate(run, reported)
         schema.assertValid(etree.fromstring(content))
 
 
@@ -311,12 +313,12 @@ def test_a_unit_without_a_name_in_the_si_is_none() -> None:
 @settings(max_examples=50)
 @given(st.floats(-1e6, 1e6), st.floats(1e-12, 1e3))
 def test_estimate_and_uncertainty_end_at_the_same_place(value: float, uncertainty: float) -> None:
-    told, half = rounded(value, uncertainty)
-    assert abs(float(told) - value) <= 0.0501 * uncertainty + 1e-15 * abs(value)
+    reported, half = rounded(value, uncertainty)
+    assert abs(float(reported) - value) <= 0.0501 * uncertainty + 1e-15 * abs(value)
     assert float(half) == pytest.approx(uncertainty, rel=0.0501)
 
 
-def test_a_certificate_tells_what_it_needs() -> None:
+def test_a_certificate_shows_what_it_needs() -> None:
     assert not list(TOLD.missing(temperature_known=False))
     assert len(list(Certificate().missing(temperature_known=True))) == 14
     assert len(list(Certificate().missing(temperature_known=False))) == 16

@@ -34,8 +34,8 @@ def recorded(folder: Path, campaign: str, model: str | None, *tables: str) -> Pa
     """A run's folder with nothing in it but its model and empty tables."""
     stamp = Stamp("diagnose", "0" * 64, campaign, "0", ("qa", "model"))
     folder.mkdir()
-    told = {} if model is None else {"model": model}
-    write_artifacts(folder, {name: ARTIFACTS[name].empty() for name in ("qa", *tables)} | told, stamp, ())
+    reported = {} if model is None else {"model": model}
+    write_artifacts(folder, {name: ARTIFACTS[name].empty() for name in ("qa", *tables)} | reported, stamp, ())
     return folder
 
 
@@ -95,8 +95,8 @@ def test_a_longer_leg_is_named_in_the_step_in_which_it_came(runs: Path) -> None:
     assert {changed.parameter, changed.instead} in ({"l", "a_z5"}, {"a_z", "l5"})
     assert abs(changed.change - LONGER_MM) < 4 * changed.sigma_change
     assert changed.change > 20 * changed.sigma_change
-    told = rows[rows["place"] > 1].dropna(subset=["z"])
-    assert np.allclose(told["z"], told["difference"] / told["sigma_difference"])
+    reported = rows[rows["place"] > 1].dropna(subset=["z"])
+    assert np.allclose(reported["z"], reported["difference"] / reported["sigma_difference"])
     assert set(rows.loc[(rows["place"] > 1) & rows["z"].isna(), "reason"]) == {"not identifiable"}
     page = (runs / "comparison" / "comparison.html").read_text(encoding="utf-8")
     assert page.index("summer → autumn: 1 of ") < page.index("Nothing has changed beyond chance")
@@ -197,18 +197,18 @@ def test_no_change_is_reported_between_equal_campaigns(texts: dict[str, str]) ->
     rng = np.random.default_rng(5)
     models = [exact(texts[name]) for name in ("spring", "summer")]
     found = []
-    told = []
+    reported = []
     for model in models:
         variances, directions = np.linalg.eigh(model.covariance)
         kept = np.minimum(variances, 1.0 - 1e-9)
-        told.append(((directions * kept) @ directions.T, (directions / np.sqrt(1 / (1 / kept - 1))) @ directions.T))
+        reported.append(((directions * kept) @ directions.T, (directions / np.sqrt(1 / (1 / kept - 1))) @ directions.T))
     for _ in range(DRAWS):
         truth = rng.normal(size=len(models[0].shared))
         drawn = [
             replace(
                 model, shared=covariance @ root @ (root @ truth + rng.normal(size=len(truth))), covariance=covariance
             )
-            for model, (covariance, root) in zip(models, told, strict=True)
+            for model, (covariance, root) in zip(models, reported, strict=True)
         ]
         found.append(mechanism_step(*drawn).rows)
     joints = [rows.loc[rows["parameter"].isin(["b_x", "b_y"]), "z"].to_numpy(float) for rows in found]

@@ -83,13 +83,13 @@ DAMAGES: dict[str, tuple[Callable[[Path], object], str]] = {
 @pytest.mark.parametrize("name", DAMAGES)
 def test_a_damaged_run_is_reported(name: str, workplace: Path, tmp_path: Path) -> None:
     words = ("compare", "whole") if name in ("cut short", "half a run") else ("export",)  # both open runs by one way
-    damage, told = DAMAGES[name]
+    damage, reported = DAMAGES[name]
     shutil.copytree(workplace / "runs" / "telescope", tmp_path / "damaged")
     damage(tmp_path / "damaged")
     others = [str(workplace / "runs" / "telescope") for _ in words[1:]]
     command = [words[0], *others, str(tmp_path / "damaged"), "--out", str(tmp_path / "out")]
     done = CliRunner().invoke(app, command)
     assert done.exit_code == ExitCode.UNUSABLE_CAMPAIGN, done.output
-    assert told in done.output
+    assert reported in done.output
     assert "Traceback" not in done.output
     assert not (tmp_path / "out").exists()

@@ -77,8 +77,10 @@ def test_the_workbook_lists_and_holds_every_table(run: truing.Run) -> None:
 def test_a_text_of_a_campaign_stays_text_in_a_workbook(run: truing.Run, monkeypatch: pytest.MonkeyPatch) -> None:
     hostile = '=HYPERLINK("http://elsewhere")'
     qa = run.table("qa").slice(0, 3)
-    told = qa.set_column(qa.schema.get_field_index("message"), "message", pa.array([hostile, "http://elsewhere", None]))
-    small = truing.Run(run.folder, {"qa": run.files["qa"]}, run.campaign, {"qa": told})
+    reported = qa.set_column(
+        qa.schema.get_field_index("message"), "message", pa.array([hostile, "http://elsewhere", None])
+    )
+    small = truing.Run(run.folder, {"qa": run.files["qa"]}, run.campaign, {"qa": reported})
     monkeypatch.setattr(workbook_module, "ROWS_PER_SHEET", 2)
     sheets = _sheets(dict(workbook(small))["tables.xlsx"])
     assert list(sheets) == ["contents", "qa", "qa (2)"]
@@ -87,20 +89,22 @@ def test_a_text_of_a_campaign_stays_text_in_a_workbook(run: truing.Run, monkeypa
 
 
 def test_the_summary_says_what_the_page_says(run: truing.Run) -> None:
-    told = json.loads(dict(summary(run))["summary.json"])
-    assert [(each["mark"], each["sentence"]) for each in told["verdicts"]] == list(run.verdicts)
-    assert sum(told["qa"]["verdicts"].values()) == len(run["qa"])
-    assert told["qa"]["failed"] == []
-    assert [row["relation"] for row in told["belonging"]] == run["belonging"]["relation"].tolist()
-    found = [cause for cause in told["causes"] if cause["verdict"] == "found"]
+    reported = json.loads(dict(summary(run))["summary.json"])
+    assert [(each["mark"], each["sentence"]) for each in reported["verdicts"]] == list(run.verdicts)
+    assert sum(reported["qa"]["verdicts"].values()) == len(run["qa"])
+    assert reported["qa"]["failed"] == []
+    assert [row["relation"] for row in reported["belonging"]] == run["belonging"]["relation"].tolist()
+    found = [cause for cause in reported["causes"] if cause["verdict"] == "found"]
     assert found
     assert all(isinstance(cause["parameters"], dict) for cause in found)
-    stated, table = told["uncertainty"], run["uncertainty"]
+    stated, table = reported["uncertainty"], run["uncertainty"]
     assert [one["expanded_uncertainty"] for one in stated if one["stated"]] == pytest.approx(
         table.loc[table["stated"], "expanded_uncertainty"].tolist()
     )
-    assert all(one["reason"] for one in (*told["not_in_budget"], *(one for one in stated if not one["stated"])))
-    assert {name: part["rows"] for name, part in told["artifacts"].items()} == {name: len(run[name]) for name in run}
+    assert all(one["reason"] for one in (*reported["not_in_budget"], *(one for one in stated if not one["stated"])))
+    assert {name: part["rows"] for name, part in reported["artifacts"].items()} == {
+        name: len(run[name]) for name in run
+    }
 
 
 def test_a_controller_gets_the_identified_machine(run: truing.Run) -> None:
@@ -135,8 +139,8 @@ def test_exports_for_controllers_mark_unphysical_parameters(run: truing.Run) -> 
 def test_cautions_stand_beside_their_numbers(run: truing.Run) -> None:
     files = dict(controller(run))
     expected = reasons_for_caution(run)
-    told = tomllib.loads(files["controller.toml"].decode()).get("caution", [])
-    assert {(one["of"], one.get("name", "")): one["reason_code"] for one in told} == expected
+    reported = tomllib.loads(files["controller.toml"].decode()).get("caution", [])
+    assert {(one["of"], one.get("name", "")): one["reason_code"] for one in reported} == expected
     table = pd.read_csv(io.BytesIO(files["controller.csv"]), keep_default_na=False)
     marked = {
         (row.of, row.name_): row.caution for row in table.rename(columns={"name": "name_"}).itertuples() if row.caution

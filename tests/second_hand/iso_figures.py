@@ -83,9 +83,9 @@ def pose_repeatability(attained: Sequence[Pose], command: Pose) -> dict[str, flo
 def multidirectional(groups: Sequence[Sequence[Pose]], command: Pose) -> dict[str, float]:
     """vAP and vAP_a, vAP_b, vAP_c: largest distance between the mean poses of the directions of approach."""
     means = [
-        [mean([pose[k] for pose in own]) for k in range(3)]
-        + [mean([nearest(pose[k] - command[k]) for pose in own]) for k in range(3, 6)]
-        for own in groups
+        [mean([pose[k] for pose in group]) for k in range(3)]
+        + [mean([nearest(pose[k] - command[k]) for pose in group]) for k in range(3, 6)]
+        for group in groups
     ]
     pairs = list(combinations(means, 2))
     found = {"vAP": max(math.dist(one[:3], other[:3]) for one, other in pairs)}
@@ -108,5 +108,5 @@ def distances(first: Sequence[Pose], second: Sequence[Pose], commands: tuple[Pos
 def drift(attained: Sequence[Pose], command: Pose, cycles: int) -> dict[str, float]:
     """dAP and dRP: largest change of AP and RP from the first cycles on."""
     looks = [attained[n : n + cycles] for n in range(0, len(attained) - cycles + 1, cycles)]
-    each = [pose_accuracy(own, command) | pose_repeatability(own, command) for own in looks]
+    each = [pose_accuracy(look, command) | pose_repeatability(look, command) for look in looks]
     return {f"d{name}": max(abs(own[name] - each[0][name]) for own in each) for name in each[0]}

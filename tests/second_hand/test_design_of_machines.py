@@ -15,6 +15,7 @@ from tests.second_hand.command import call
 from tests.second_hand.elastic_hexapod import Hexapod, design, rigid_pose
 from tests.second_hand.photogrammetry import vector
 from tests.second_hand.rigid_hexapod import poses, spans
+from tests.sentences import assert_says, says
 
 ARCSEC = np.pi / 180 / 3600
 POSE = ["x_mm", "y_mm", "z_mm", "rx_deg", "ry_deg", "rz_deg"]
@@ -104,7 +105,7 @@ def test_the_inverse_jacobian_is_the_slope_of_the_legs_lengths(tmp_path: Path) -
         "--out",
         tmp_path / "f.csv",
     )
-    told = pd.read_csv(tmp_path / "f-jacobian.csv").drop(columns="leg").to_numpy()
+    reported = pd.read_csv(tmp_path / "f-jacobian.csv").drop(columns="leg").to_numpy()
     p, R = rigid_pose(machine, machine.reading)
     own = []
     for k in range(6):
@@ -120,15 +121,15 @@ def test_the_inverse_jacobian_is_the_slope_of_the_legs_lengths(tmp_path: Path) -
         ]
         own.append((ends[0] - ends[1]) / (2 * step))
     unit = np.array([1.0] * 3 + [1e3 * np.pi / 180] * 3)  # m per rad as mm per degree
-    np.testing.assert_allclose(told, np.stack(own, 1) * unit, atol=1e-7)
+    np.testing.assert_allclose(reported, np.stack(own, 1) * unit, atol=1e-7)
 
 
 def test_the_share_of_a_leg_is_what_its_error_alone_does(accuracy: tuple[pd.DataFrame, pd.DataFrame]) -> None:
     machine, (worst, legs) = design(), accuracy
     for name in PARTS:
         own = _sizes(_errors(machine, *_place(worst.loc[name], machine), np.diag(OFF)))[name]
-        told = legs[legs["quantity"] == name].sort_values("leg")["share"].to_numpy()
-        np.testing.assert_allclose(told, own / own.sum(), atol=1e-4)
+        reported = legs[legs["quantity"] == name].sort_values("leg")["share"].to_numpy()
+        np.testing.assert_allclose(reported, own / own.sum(), atol=1e-4)
 
 
 def _solutions(machine: Hexapod, reading: np.ndarray, box: np.ndarray, starts: int) -> np.ndarray:
@@ -148,7 +149,7 @@ def _solutions(machine: Hexapod, reading: np.ndarray, box: np.ndarray, starts: i
 def test_where_one_pose_is_proven_a_dense_search_finds_no_second(tmp_path: Path) -> None:
     machine = design()
     said = call("design", _folder(tmp_path / "m", machine, LIMITS), "--uniqueness", "--out", tmp_path / "f.csv")
-    assert "Proven, rigid legs (ups): two different poses never have the same readings." in said
+    assert_says(said, "Proven", "rigid legs (ups)", "two different poses", "never")
     limits = pd.read_csv(tmp_path / "f-range.csv").set_index("coordinate")["half_range"]
     box = limits[POSE].to_numpy() * np.array([1e-3] * 3 + [np.pi / 180] * 3)
     rng, p, R = np.random.default_rng(4), *rigid_pose(machine, machine.reading)
@@ -168,9 +169,9 @@ def test_where_a_search_finds_two_poses_nothing_is_proven(tmp_path: Path) -> Non
     box = np.array([wide[name] for name in POSE]) * np.array([1e-3] * 3 + [np.pi / 180] * 3)
     assert len(_solutions(machine, machine.reading, box, 4000)) == 2
     said = call("design", _folder(tmp_path / "m", machine, wide), "--uniqueness", "--out", tmp_path / "f.csv")
-    assert "Proven, rigid legs (ups): two different poses" not in said
-    assert "Proven, rigid legs (ups): no pose is singular" not in said
-    assert "rigid legs (ups): two different poses never have the same readings" in said
+    assert not says(said, "Proven", "rigid legs (ups)", "two different poses")
+    assert not says(said, "Proven", "rigid legs (ups)", "no pose", "singular")
+    assert_says(said, "rigid legs (ups)", "two different poses", "never")
 
 
 def test_the_path_of_a_flexures_end_is_that_of_a_parabola(tmp_path: Path) -> None:

@@ -89,8 +89,8 @@ def test_the_platform_gives_way_to_its_loads_as_the_least_energy_says(found: dic
     shift = np.array(moved)
     # A leg 1 mm longer is softer by 0.13 %, and the load turns with it by as much: no more than that separates them.
     for name, own in (("load_shift_rms", shift), ("load_shift_varying", shift - shift.mean(0))):
-        told = figure(found, "stiffness", name, estimator="nominal")
-        assert told == pytest.approx(np.sqrt(np.mean(np.sum(own**2, 1))), rel=3e-3)
+        reported = figure(found, "stiffness", name, estimator="nominal")
+        assert reported == pytest.approx(np.sqrt(np.mean(np.sum(own**2, 1))), rel=3e-3)
 
 
 def test_the_machine_is_recovered_within_its_uncertainty(found: dict[str, pd.DataFrame]) -> None:

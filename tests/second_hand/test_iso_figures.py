@@ -63,7 +63,7 @@ def test_repeated_poses_of_a_random_arm(command: tuple[float, ...]) -> None:
         groups.append(np.column_stack([places, turns.as_euler("xyz")]).tolist())
         moved.append(places)
         turned.append(turns.as_matrix())
-    every, places, R = [pose for own in groups for pose in own], np.concatenate(moved), np.concatenate(turned)
+    every, places, R = [pose for group in groups for pose in group], np.concatenate(moved), np.concatenate(turned)
     signs = {float(np.sign(pose[3])) for pose in every}
     assert command[3] == 0.0 or signs == {-1.0, 1.0}
     expected = second.pose_repeatability(every, command)
@@ -82,7 +82,9 @@ def test_distances_of_two_random_poses(count: int) -> None:
     rng = np.random.default_rng(count)
     commands = (0.3, 0.1, 0.9, 0.0, 0.0, 0.0), (-0.4, 0.5, 0.2, 0.0, 0.0, 0.0)
     scatter = np.array([3e-5] * 3 + [2e-5] * 3)
-    one, other = (np.array(own) + rng.normal(0.0, scatter) + rng.normal(0.0, scatter, (count, 6)) for own in commands)
+    one, other = (
+        np.array(command) + rng.normal(0.0, scatter) + rng.normal(0.0, scatter, (count, 6)) for command in commands
+    )
     expected = second.distances(one.tolist(), other.tolist(), commands)
     commanded = float(np.linalg.norm(np.subtract(*commands)[:3]))
     accuracy, repeatability = distance_figures(one[:, :3], other[:, :3], commanded)
@@ -98,9 +100,9 @@ def test_drift_is_the_largest_change_from_the_first_cycles() -> None:
     attained = np.array(command) + rng.normal(0.0, 3e-5, (34, 6)) + np.linspace(0.0, 3e-4, 34)[:, None]
     expected = second.drift(attained.tolist(), command, 10)
     looks = [attained[n : n + 10, :3] for n in (0, 10, 20)]
-    accuracy = [np.linalg.norm(own.mean(0) - command[:3]) for own in looks]
+    accuracy = [np.linalg.norm(look.mean(0) - command[:3]) for look in looks]
     assert_allclose(largest_change(accuracy), expected["dAP"], rtol=1e-9)
-    repeatability = [position_repeatability(own, rng).value for own in looks]
+    repeatability = [position_repeatability(look, rng).value for look in looks]
     assert_allclose(largest_change(repeatability), expected["dRP"], rtol=1e-9)
     angles = [own - command[3:] for own in (attained[n : n + 10, 3:] for n in (0, 10, 20))]
-    assert_allclose(largest_change([own.mean(0)[0] for own in angles]), expected["dAP_a"], rtol=1e-9)
+    assert_allclose(largest_change([angle.mean(0)[0] for angle in angles]), expected["dAP_a"], rtol=1e-9)

@@ -144,7 +144,7 @@ def test_the_weight_and_what_it_does(tables: dict[str, pd.DataFrame]) -> None:
     wrench = np.concatenate([force, np.cross(CENTRE, force)])
     unit = np.array([1e6] * 3 + [1 / ARCSEC] * 3)
     moved = machine.compliance @ wrench * unit
-    told = found["displacement"].loc[RESPONSES].to_numpy()
-    np.testing.assert_allclose(told, moved, atol=1e-5 * np.abs(moved[:3]).max())
+    reported = found["displacement"].loc[RESPONSES].to_numpy()
+    np.testing.assert_allclose(reported, moved, atol=1e-5 * np.abs(moved[:3]).max())
     tension = found["leg tension"].to_numpy()
     np.testing.assert_allclose(tension, machine.tension @ wrench, atol=1e-5 * np.abs(tension).max())

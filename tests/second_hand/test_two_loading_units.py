@@ -59,10 +59,10 @@ def test_the_shares_of_both_loading_units_are_recovered(tmp_path: Path) -> None:
         ("load fz", {"share_asymmetry": 2 * PUSH - 1, "moment_y_asymmetry": 2 * TURNED}),
         ("load mz", {"share_asymmetry": 2 * TURN - 1, "force_y_asymmetry": 2 * LEFT}),
     ):
-        told = json.loads(found.loc[subject, "parameters"])
-        assert set(told) == set(true)
+        reported = json.loads(found.loc[subject, "parameters"])
+        assert set(reported) == set(true)
         for name, value in true.items():
-            assert abs(told[name]["value"] - value) < 4.0 * told[name]["sigma"]
-            assert 0.0 < told[name]["sigma"] < 0.1 * abs(value)
+            assert abs(reported[name]["value"] - value) < 4.0 * reported[name]["sigma"]
+            assert 0.0 < reported[name]["sigma"] < 0.1 * abs(value)
     last = found.sort_values("rank").iloc[-1]
     assert 0.85 < last["rms_after"] / last["noise_floor"] < 1.15

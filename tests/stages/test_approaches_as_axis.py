@@ -69,9 +69,9 @@ def _diagnosed(table: pa.Table) -> CauseDiagnosis:
 def _found(diagnosis: CauseDiagnosis) -> dict[str, tuple[float, float]]:
     """First parameter of each cause found, with its standard deviation."""
     return {
-        own.cause.id: (float(own.values[0]), float(np.sqrt(own.covariance[0, 0])))
-        for own in diagnosis.verdicts
-        if own.verdict == "found"
+        verdict.cause.id: (float(verdict.values[0]), float(np.sqrt(verdict.covariance[0, 0])))
+        for verdict in diagnosis.verdicts
+        if verdict.verdict == "found"
     }
 
 
@@ -153,7 +153,7 @@ def test_several_runs_and_too_few_approaches_are_refused_with_the_reason() -> No
         axis_of_approaches({"positions": short}, settings)
 
 
-def test_cycles_that_are_equal_in_every_digit_tell_no_noise() -> None:
+def test_cycles_that_are_equal_in_every_digit_give_no_noise() -> None:
     table = Axis().measured(np.random.default_rng(1))
     position = table.column("position_mm").to_numpy().reshape(-1, 5)  # rows of a target and direction
     copied = np.repeat(position[:, :1], 5, axis=1).ravel()

@@ -17,6 +17,7 @@ from typer.testing import CliRunner
 from tests.blind.generator.axis import AxisCampaign, AxisLayout, Hidden, record, write
 from tests.faults import assert_fault, faults_of
 from tests.report.explained import unexplained
+from tests.sentences import assert_says
 from tests.tolerance import assert_close
 from truing.pipeline.command_line import app
 from truing.schemas.campaign import read_campaign
@@ -73,9 +74,9 @@ def test_the_hidden_cause_is_found_with_its_subject_and_size(run: Path) -> None:
     assert {(row["cause"], row["subject"]) for row in found} == {("zero-shift", "instrument"), ("lost-motion", "")}
     assert len(found) == 2
     assert {row["cause"] for row in rows} >= {"scale-error", "lost-motion", "zero-shift", "periodic-error"}
-    told = {row["cause"]: json.loads(row["parameters"]) for row in found}
+    reported = {row["cause"]: json.loads(row["parameters"]) for row in found}
     for cause, name, size in (("lost-motion", "backlash", BACKLASH), ("zero-shift", "shift", SHIFT)):
-        own = told[cause][name]
+        own = reported[cause][name]
         assert own["unit"] == "rad"
         assert abs(own["value"] - np.deg2rad(size)) < 4.0 * own["sigma"] < 0.2 * own["value"]
     settings = {row["cause"]: json.loads(row["settings"]) for row in found}
@@ -130,10 +131,10 @@ def test_an_unnamed_dependence_on_a_column_is_reported_and_predicted_from_it(tmp
     bare = pa.table({"pose": [1], "command_deg": [10.0]})
     assert_fault(faults_of(lambda: predict(model, bare, "there.csv")), file="there.csv", column="temperature_c")
     inputs = pa.table({"pose": [1, 2], "command_deg": [10.0, 10.0], "temperature_c": [18.0, 22.0]})
-    told = predict(model, inputs, "there.csv").to_pandas()
-    told = told[told["encoder"] == "measured"]
-    moved = told["value"].to_numpy()[1] - told["value"].to_numpy()[0]
-    assert abs(moved - 0.004 * 4.0) < 4.0 * told["sigma"].max() < 0.2 * moved
+    reported = predict(model, inputs, "there.csv").to_pandas()
+    reported = reported[reported["encoder"] == "measured"]
+    moved = reported["value"].to_numpy()[1] - reported["value"].to_numpy()[0]
+    assert abs(moved - 0.004 * 4.0) < 4.0 * reported["sigma"].max() < 0.2 * moved
 
 
 def test_a_shift_between_two_onsets_that_are_tried_is_dated_to_its_row(tmp_path: Path) -> None:
@@ -163,8 +164,8 @@ def test_two_errors_per_turn_and_a_shifted_zero_are_named_together(tmp_path: Pat
     assert _truing("run", str(folder), "--only", "diagnose", "--out", str(tmp_path / "run"))[0] == 0
     found = [row for row in pq.read_table(tmp_path / "run/diagnosis.parquet").to_pylist() if row["verdict"] == "found"]
     assert sorted(row["cause"] for row in found) == ["periodic-error", "periodic-error", "zero-shift"]
-    told = [json.loads(row["parameters"]) for row in found if row["cause"] == "periodic-error"]
-    for one in told:
+    reported = [json.loads(row["parameters"]) for row in found if row["cause"] == "periodic-error"]
+    for one in reported:
         order = round(2.0 * np.pi / one["period"]["value"])
         amplitude = one["amplitude"]
         assert abs(amplitude["value"] - np.deg2rad(sizes[order])) < 4.0 * amplitude["sigma"] < 0.2 * amplitude["value"]
@@ -180,8 +181,8 @@ def test_growth_with_temperature_is_named_and_predicted_about_its_fixed_point(tm
     rows = pq.read_table(tmp_path / "run" / "diagnosis.parquet").to_pylist()
     found = [row for row in rows if row["verdict"] == "found"]
     assert [(row["cause"], row["subject"]) for row in found] == [("axis-growth", "instrument")]
-    told = json.loads(found[0]["parameters"])
-    assert abs(told["growth"]["value"] - growth) < 4.0 * told["growth"]["sigma"] < 0.2 * growth
+    reported = json.loads(found[0]["parameters"])
+    assert abs(reported["growth"]["value"] - growth) < 4.0 * reported["growth"]["sigma"] < 0.2 * growth
     page = (tmp_path / "run" / "report.html").read_text(encoding="utf-8")
     assert "with temperature" in page
     assert "rows left out in turn" in page
@@ -190,9 +191,9 @@ def test_growth_with_temperature_is_named_and_predicted_about_its_fixed_point(tm
     inputs = pa.table(
         {"pose": [1, 2, 3, 4], "command_deg": [30.0, 30.0, 75.0, 75.0], "temperature_c": [17.0, 23.0] * 2}
     )
-    told = predict(model, inputs, "there.csv").to_pandas()
-    at = told[told["encoder"] == "measured"].set_index("pose")["value"]
-    sigma = float(told["sigma"].max())
+    reported = predict(model, inputs, "there.csv").to_pandas()
+    at = reported[reported["encoder"] == "measured"].set_index("pose")["value"]
+    sigma = float(reported["sigma"].max())
     assert abs(at[2] - at[1]) < 6.0 * sigma
     assert abs(at[4] - at[3] - growth * 6.0 * 45.0) < 6.0 * sigma < 0.3 * growth * 270.0
 
@@ -210,9 +211,13 @@ def test_a_periodic_error_is_named_with_its_period(tmp_path: Path, declared: str
     rows = pq.read_table(tmp_path / "run" / "diagnosis.parquet").to_pylist()
     found = [row for row in rows if row["verdict"] == "found"]
     assert [(row["cause"], row["subject"]) for row in found] == [("periodic-error", "encoder load")]
-    told = json.loads(found[0]["parameters"])
-    assert abs(told["amplitude"]["value"] - np.deg2rad(0.006)) < 4.0 * told["amplitude"]["sigma"] < np.deg2rad(0.003)
-    period = told["period"]
+    reported = json.loads(found[0]["parameters"])
+    assert (
+        abs(reported["amplitude"]["value"] - np.deg2rad(0.006))
+        < 4.0 * reported["amplitude"]["sigma"]
+        < np.deg2rad(0.003)
+    )
+    period = reported["period"]
     assert abs(period["value"] - np.deg2rad(37.0)) < (1e-9 if declared else 4.0 * period["sigma"])
     assert "has a periodic error" in (tmp_path / "run" / "report.html").read_text(encoding="utf-8")
     model = (tmp_path / "run" / "model.toml").read_text(encoding="utf-8")
@@ -490,4 +495,4 @@ def test_a_load_that_leads_after_reversals_is_no_zero_shift(tmp_path: Path, cycl
     found = {row["cause"]: json.loads(row["parameters"]) for row in rows if row["verdict"] == "found"}
     assert set(found) == {"lost-motion"}
     assert abs(found["lost-motion"]["backlash"]["value"] + np.deg2rad(BACKLASH)) < 0.05 * np.deg2rad(BACKLASH)
-    assert "the load leads the motor" in output
+    assert_says(output, "load", "leads", "motor")

@@ -66,7 +66,7 @@ def _rows(time: np.ndarray, command_mm: np.ndarray) -> AxisRows:
     return AxisRows.of(range(len(time)), time, 1e-3 * command_mm, 0.0)
 
 
-def test_the_rate_in_motion_is_that_of_each_way_and_tells_its_direction() -> None:
+def test_the_rate_in_motion_is_that_of_each_way_and_gives_its_direction() -> None:
     time, command, rate = _swept((5.0, 15.0, 25.0))
     rows = _rows(time, command)
     assert_close(rows.rate, 1e-3 * rate, atol=1e-9)
@@ -97,8 +97,8 @@ def test_a_lag_is_named_with_its_size_beside_lost_motion() -> None:
 
 def test_at_one_speed_a_lag_and_lost_motion_are_not_distinguished() -> None:
     diagnosis = _diagnosed((15.0, 15.0), LAG_S, 0.0)
-    told = {**_of_verdict(diagnosis, "found"), **_of_verdict(diagnosis, "indistinguishable")}
-    assert {"reading-lag", "lost-motion"} <= set(told)
+    reported = {**_of_verdict(diagnosis, "found"), **_of_verdict(diagnosis, "indistinguishable")}
+    assert {"reading-lag", "lost-motion"} <= set(reported)
     assert _of_verdict(diagnosis, "indistinguishable")
 
 

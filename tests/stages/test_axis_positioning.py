@@ -144,15 +144,15 @@ def test_means_at_the_targets_are_reported_without_a_large_deviation_that_all_sh
     far = table.set_column(
         table.schema.get_field_index("measured_mm"), "measured_mm", pc.add(table.column("measured_mm"), 3.0)
     )
-    told = []
+    reported = []
     for one in (table, far):
         section = positioning({"positioning": _figures(one, "linear", "mm"), "configurations": pd.DataFrame()})
         assert section is not None
         targets = section.listings[1]
         rows = [row for row in targets.rows if row[0] == targets.rows[0][0]]
-        told.append(np.array([[float(row[2]), float(row[3])] for row in rows]))
-    assert np.abs(told[1]).max() < 50.0
-    assert_close(told[1] - told[1].mean(), told[0] - told[0].mean(), atol=0.15)
+        reported.append(np.array([[float(row[2]), float(row[3])] for row in rows]))
+    assert np.abs(reported[1]).max() < 50.0
+    assert_close(reported[1] - reported[1].mean(), reported[0] - reported[0].mean(), atol=0.15)
     assert_says(section.listings[1].caption, "outside instrument", "all targets share")
 
 

@@ -58,8 +58,8 @@ def test_at_most_one_of_three_campaigns_without_effects_has_a_finding() -> None:
 def test_an_eccentric_load_is_found_with_its_offsets() -> None:
     (only,) = _found_verdicts(3, LoadEccentricity("fz"), [0.003, -0.002])
     assert (only.cause.id, only.cause.subject) == ("load-eccentricity", "load fz")
-    told = only.cause.reported(only.values, only.covariance, 6)
-    for one, value in zip(told, (3.0, -2.0), strict=True):
+    reported = only.cause.reported(only.values, only.covariance, 6)
+    for one, value in zip(reported, (3.0, -2.0), strict=True):
         sigma = one.sigma or 0.0
         assert 0.01 < sigma < 0.2
         assert abs(float(one.value) - value) < 3.0 * sigma
@@ -77,13 +77,13 @@ def test_the_share_of_declared_units_is_found(axis, arm, components, values, sha
     hidden = LoadImbalance(axis, components, ("_asymmetry",))
     (only,) = _found_verdicts(6, hidden, values, arms={axis: arm})
     assert (only.cause.id, only.cause.subject) == ("load-imbalance", f"load {axis}")
-    told = {one.name: one for one in only.cause.reported(only.values, only.covariance, 6)}
-    found = told["share_asymmetry"]
+    reported = {one.name: one for one in only.cause.reported(only.values, only.covariance, 6)}
+    found = reported["share_asymmetry"]
     assert 0.0 < (found.sigma or 0.0) < 0.1 * share
     assert abs(float(found.value) - share) < 3.0 * (found.sigma or 0.0)
     what = "moment" if axis[0] == "f" else "force"
     for component, value in zip(components, values, strict=True):
-        one = told[f"{what}_{component}_asymmetry"]
+        one = reported[f"{what}_{component}_asymmetry"]
         assert abs(float(one.value) - value) < 3.0 * (one.sigma or 0.0) < 0.3 * abs(value)
 
 
@@ -97,8 +97,8 @@ def test_a_parasitic_load_that_the_units_cannot_bring_keeps_its_own_name() -> No
 def test_a_tilted_beam_is_no_stiffness() -> None:
     (only,) = _found_verdicts(4, CosineError("rz"), [0.02, 0.01])
     assert (only.cause.id, only.cause.subject) == ("cosine-error", "channel rz")
-    told = {one.name: one for one in only.cause.reported(only.values, only.covariance, 6)}
-    angle = told["angle"]
+    reported = {one.name: one for one in only.cause.reported(only.values, only.covariance, 6)}
+    angle = reported["angle"]
     assert abs(float(angle.value) - 0.0224) < 3.0 * (angle.sigma or 0.0)
 
 

@@ -63,7 +63,7 @@ def test_only_what_is_known_groups_epochs() -> None:
     assert selected_groupings(full, np.array([False, True, True, False]))[BlockKind.DAY].tolist() == [0, 1]
 
 
-def test_the_sample_tells_where_its_finding_pays(sample_run: Path) -> None:
+def test_the_sample_shows_where_its_finding_pays(sample_run: Path) -> None:
     rows = truing.load(sample_run)["diagnosis"]
     found = rows[rows["verdict"] == "found"]
     assert len(found)

@@ -16,6 +16,7 @@ import pyarrow.compute as pc
 import pyarrow.parquet as pq
 import pytest
 
+from tests.sentences import assert_says
 from tests.tolerance import assert_between
 from truing.pipeline.campaign_folder import SettingsView
 from truing.schemas.artifacts import ARTIFACTS
@@ -228,7 +229,7 @@ def moved(tables: dict[str, pa.Table], pose: int, by_mm: float) -> dict[str, pa.
 
 def test_a_bad_pose_is_left_out_and_named(line, plain):
     found, said = calibrated(moved(line, 7, 0.3), read_campaign(rigid()))
-    assert "poses that disagree with all others: 7" in said.left_out
+    assert_says(said.left_out, "poses", "7")
     out = said.artifacts["calibration_left_out"].to_pylist()
     assert [row["subject"] for row in out] == ["platform", *(f"leg{leg}" for leg in range(1, 7))]
     assert {row["pose"] for row in out} == {7}
@@ -354,14 +355,14 @@ def test_a_platform_that_hardly_moved_is_reported(line):
     frame.loc[own, places] = middle + 1e-3 * (frame.loc[own, places] - middle)
     still = pa.Table.from_pandas(frame, line["poses"].schema, preserve_index=False)
     _, said = calibrated({**line, "poses": still}, read_campaign(document(SAMPLE)))
-    assert "the platform hardly moved" in said.figure
+    assert_says(said.figure, "platform", "hardly moved")
 
 
 def test_tolerances_that_are_too_small_are_doubted(line, whole):
     changed = rigid()
     changed["mechanism"]["tolerance"] = {"a_mm": 0.05, "b_mm": 0.05, "u": 0.0002, "length_mm": 0.05}
     _, doubted = calibrated(line, read_campaign(changed))
-    assert "further from nominal than their tolerances let expect" in doubted.figure
+    assert_says(doubted.figure, "nominal", "tolerances")
     assert "further from nominal" not in whole["calibration"].schema.metadata[b"truing.said"].decode()
 
 
@@ -369,5 +370,5 @@ def test_numbers_that_are_all_exact_leave_nothing_to_identify(line):
     changed = rigid()
     changed["mechanism"]["tolerance"] = {"a_mm": 0.0, "b_mm": 0.0, "u": 0.0, "length_mm": 0.0}
     found, said = calibrated(line, read_campaign(changed))
-    assert "every number is declared exact" in said.left_out
+    assert_says(said.left_out, "every number", "exact")
     assert set(found["calibration"]["deformation"]) == {"linear", "matrix"}

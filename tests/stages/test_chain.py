@@ -85,9 +85,9 @@ def test_each_determined_number_of_the_chain_has_an_expanded_uncertainty_and_a_b
     parts = pq.read_table(run / "chain_uncertainty.parquet").to_pandas().groupby(["joint", "parameter"])
     variance = parts["contribution"].apply(lambda sizes: float(np.sum(sizes**2)))
     np.testing.assert_allclose(np.sqrt(variance.loc[numbers.index]), numbers["sigma"], rtol=1e-6)
-    told = load(run).parameters().query("source == 'chain'").set_index(["subject", "parameter"])
-    assert list(told.index) == list(numbers.index)
-    assert (told["expanded_uncertainty"].notna() == numbers["identifiable"]).all()
+    reported = load(run).parameters().query("source == 'chain'").set_index(["subject", "parameter"])
+    assert list(reported.index) == list(numbers.index)
+    assert (reported["expanded_uncertainty"].notna() == numbers["identifiable"]).all()
 
 
 def test_the_nominal_geometry_misses_the_poses_by_more_than_the_identified_one(run: Path) -> None:

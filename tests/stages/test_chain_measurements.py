@@ -105,7 +105,7 @@ def test_derivatives_of_coordinates_and_distances_on_the_same_channels() -> None
 
 @pytest.fixture(scope="module")
 def beside(tmp_path_factory: pytest.TempPathFactory) -> Path:
-    """A campaign of points beside distances to stations; a joint has an error once per turn."""
+    """A campaign of points next to distances to stations; a joint has an error once per turn."""
     made = draw(1, instrument="points-and-distances", causes=("joint-eccentricity",), strength=15.0, poses=50)
     return write(made, tmp_path_factory.mktemp("beside") / "arm")
 

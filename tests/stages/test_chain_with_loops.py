@@ -115,4 +115,4 @@ def test_loops_need_the_joints_that_are_read(tmp_path: Path) -> None:
     file.write_text(text, encoding="utf-8")
     done = run(folder)
     assert done.exit_code == 2
-    assert "the joints that are read beside closure" in " ".join(done.output.split())
+    assert "the joints that are read next to closure" in " ".join(done.output.split())

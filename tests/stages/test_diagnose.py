@@ -21,6 +21,7 @@ from tests.blind.generator.layout import DataFaults, Layout, Noise, Targets
 from tests.blind.generator.schedule import at_rest, random_moves
 from tests.blind.generator.strange import CrossCoupling
 from tests.faults import assert_fault, faults_of
+from tests.sentences import assert_says
 from tests.stages.line import run_line
 from tests.tolerance import assert_between
 from truing.estimation.rotation import exp_so3, log_so3
@@ -104,9 +105,9 @@ def _given(made: Diagnosed, row: dict[str, Any], name: str) -> dict[str, float]:
     """What each source gives to a parameter."""
     place = row["cause"], row["subject"], name
     return {
-        one["input_source"]: one["contribution"]
-        for one in made.sources
-        if (one["cause"], one["subject"], one["parameter"]) == place
+        source["input_source"]: source["contribution"]
+        for source in made.sources
+        if (source["cause"], source["subject"], source["parameter"]) == place
     }
 
 
@@ -242,17 +243,17 @@ def test_the_model_predicts_the_true_poses_as_surely_as_it_says(name: str, reque
     made: Diagnosed = request.getfixturevalue(name)
     poses = predict(made.model, made.configurations)
     assert not ARTIFACTS["poses"].faults(poses)
-    told = poses.to_pydict()
+    reported = poses.to_pydict()
     truth = {str(pose["pose"]): pose for pose in made.truth["poses"]}
-    actual = [truth[str(pose)] for pose in told["pose"]]
-    p = np.column_stack([told[f"p{axis}_mm"] for axis in "xyz"])
-    R = exp_so3(np.column_stack([told[f"r{axis}_rad"] for axis in "xyz"]))
+    actual = [truth[str(pose)] for pose in reported["pose"]]
+    p = np.column_stack([reported[f"p{axis}_mm"] for axis in "xyz"])
+    R = exp_so3(np.column_stack([reported[f"r{axis}_rad"] for axis in "xyz"]))
     true_R = exp_so3(np.array([pose["rotation_vector_rad"] for pose in actual]))
     error = np.column_stack([(p - [pose["p_mm"] for pose in actual]) * 1e-3, log_so3(R @ np.swapaxes(true_R, 1, 2))])
     covariance = np.zeros((len(p), 6, 6))
     for i in range(6):
         for j in range(i, 6):
-            covariance[:, i, j] = covariance[:, j, i] = told[f"cov_{i}_{j}"]
+            covariance[:, i, j] = covariance[:, j, i] = reported[f"cov_{i}_{j}"]
     squares = np.einsum("bi,bij,bj->b", error, np.linalg.inv(covariance), error)
     # Poses share the model's error, so a mean over them scatters more than that of independent ones.
     assert_between(float(squares.mean()) / 6, 0.5, 1.8, what="mean normalised squared error")
@@ -267,7 +268,7 @@ def _campaign(**mechanism: Any) -> Any:
 def test_without_any_body_it_is_not_evaluated() -> None:
     nothing = {name: ARTIFACTS[name].empty() for name in ("observations", "poses", "residuals")}
     outcome = diagnose.run(nothing, _campaign(), lambda *_: None)
-    assert outcome.why_not.startswith("no points: causes are told apart by targets")
+    assert_says(outcome.why_not, "no points", "targets")
     assert "the campaign has" not in outcome.figure  # it has neither poses nor scans
     assert outcome.artifacts["diagnosis"].num_rows == 0
     assert "model" not in outcome.artifacts

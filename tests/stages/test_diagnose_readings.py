@@ -17,7 +17,7 @@ from scipy.stats import chi2
 
 from docs.experiments import force_sensor_campaign
 from tests.blind.generator.folder import truth_path
-from tests.docs.shown import assert_told, shown
+from tests.docs.shown import assert_shown, shown
 from tests.sensor_campaign import CHANNELS, campaign_toml, measured, write_campaign
 from tests.stages.line import run_line
 from tests.tolerance import assert_between, assert_close
@@ -64,9 +64,9 @@ def test_missing_values_of_a_column_are_interpolated_in_time(tables: dict[str, A
 def test_the_sideways_z_load_is_named_and_sized_and_nothing_else_is_found(tables: dict[str, Any]) -> None:
     found = [row for row in tables["diagnosis"].to_pylist() if row["verdict"] == "found"]
     assert [(row["cause"], row["subject"]) for row in found] == [("load-eccentricity", "load fz")]
-    told = json.loads(found[0]["parameters"])
+    reported = json.loads(found[0]["parameters"])
     truth = json.loads(truth_path(SAMPLE).read_text(encoding="utf-8"))["effects"][0]["parameters"]
-    pulls = [(told[name]["value"] - truth[name]["value"]) / told[name]["sigma"] for name in truth]
+    pulls = [(reported[name]["value"] - truth[name]["value"]) / reported[name]["sigma"] for name in truth]
     assert float(np.sum(np.square(pulls))) < chi2.ppf(CERTAINTY, len(pulls))
     assert found[0]["unit"] == "um"
     assert found[0]["rms_before"] > 3 * found[0]["rms_after"]
@@ -178,19 +178,19 @@ def test_the_model_is_toml_that_a_person_reads(tables: dict[str, Any]) -> None:
 
 
 @pytest.mark.parametrize("name", ["found", "missed", "hidden"])
-def test_the_walk_through_one_run_tells_what_comes_out(tables: dict[str, Any], name: str) -> None:
+def test_the_walk_through_one_run_shows_what_comes_out(tables: dict[str, Any], name: str) -> None:
     page = force_sensor_campaign.PAGE.read_text(encoding="utf-8")
     make = force_sensor_campaign.page_tables(force_sensor_campaign.frames_of(tables))[name]
-    assert_told(shown(page, name), make(), rel=0.1)
+    assert_shown(shown(page, name), make(), rel=0.1)
 
 
 def test_the_walk_quotes_the_first_line_of_the_page(tables: dict[str, Any]) -> None:
     page = force_sensor_campaign.PAGE.read_text(encoding="utf-8")
     lines = force_sensor_campaign.first_lines(force_sensor_campaign.frames_of(tables)).splitlines()
-    told = shown(page, "first").splitlines()
+    reported = shown(page, "first").splitlines()
     # What it brings is told in um or in arcsec: the offset shows in both alike.
-    assert_told(told[0].partition(";")[0], lines[0].partition(";")[0], rel=0.1)
-    assert lines[2] in told
+    assert_shown(reported[0].partition(";")[0], lines[0].partition(";")[0], rel=0.1)
+    assert lines[2] in reported
 
 
 def test_numbers_in_another_unit_are_given_no_cause_unless_a_person_says_so(tmp_path: Path) -> None:

@@ -26,17 +26,17 @@ def write(path: Path, rows: Sequence[Mapping[str, object]]) -> None:
 def campaign(
     folder: Path, targets: int = 4, poses: int = 8, sigma: float | None = None, survey: bool = True, noise: bool = True
 ) -> Path:
-    """A base whose points are the same in all poses, and a dish that rises with a drive beside it."""
+    """A base whose points are the same in all poses, and a dish that rises with a drive next to it."""
     rng = np.random.default_rng(1)
     bodies = {"base": rng.uniform(-300, 300, (targets, 3)), "dish": rng.uniform(-300, 300, (targets, 3))}
-    told = {} if sigma is None else dict.fromkeys(SIGMAS, sigma)
+    reported = {} if sigma is None else dict.fromkeys(SIGMAS, sigma)
 
     def at(pose: int, body: str, point: np.ndarray) -> np.ndarray:
         return point if body == "base" else point + np.array([0.0, 0.0, 0.1 * pose]) + rng.normal(0.0, 0.005, 3)
 
     def row(pose: int, body: str, k: int, point: np.ndarray) -> dict[str, object]:
         places = zip(("x_mm", "y_mm", "z_mm"), at(pose, body, point).round(6), strict=True)
-        return {"pose": pose, "body": body, "target": f"T{k}", **dict(places), **told}
+        return {"pose": pose, "body": body, "target": f"T{k}", **dict(places), **reported}
 
     folder.mkdir()
     every = [(body, k, point) for body, points in bodies.items() for k, point in enumerate(points)]

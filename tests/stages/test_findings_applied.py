@@ -17,6 +17,7 @@ from tests.blind.generator.axis import record, write
 from tests.blind.generator.effects import ActuatorGain as HiddenGain
 from tests.report.explained import unexplained
 from tests.sensor_campaign import SIGNAL_MV
+from tests.sentences import assert_says
 from tests.stages.diagnosis.test_signals_alone import exchange, signals
 from tests.stages.line import run_line, settings_of
 from tests.stages.test_axis import HIDDEN, _layout
@@ -102,8 +103,8 @@ def test_an_ignored_cause_has_no_row_and_no_effect(tables) -> None:
 def test_a_cause_that_was_not_found_or_changes_no_load_is_reported_and_not_applied() -> None:
     settings = _bench(apply=["load-eccentricity", "creep"], ignore=[CAUSE])
     found = pa.table({"cause": ["creep", "hysteresis"], "verdict": ["found", "found"]})
-    told = choices_table(settings, found, lambda cause: cause.id != "creep")
-    assert told.column("outcome").to_pylist() == ["not found", "no effect", "ignored"]
+    reported = choices_table(settings, found, lambda cause: cause.id != "creep")
+    assert reported.column("outcome").to_pylist() == ["not found", "no effect", "ignored"]
     assert choices_table(_bench(), found) is None
     assert choices_table(settings, found.slice(0, 0)).column("outcome").to_pylist()[:2] == ["not found", "not found"]
 
@@ -193,7 +194,7 @@ def test_a_name_that_is_no_cause_is_a_fault_with_what_was_meant(tmp_path: Path, 
         assert said in " ".join(output.split())
 
 
-def test_the_page_of_a_run_tells_what_was_asked_of_causes(tmp_path: Path) -> None:
+def test_the_page_of_a_run_shows_what_was_asked_of_causes(tmp_path: Path) -> None:
     folder = write(record(_layout(), HIDDEN, np.random.default_rng(5)), tmp_path / "c")
     file = folder / "campaign.toml"
     asked = 'apply = ["scale-error", "zero-shift"]\nignore = ["lost-motion"]'
@@ -205,6 +206,6 @@ def test_the_page_of_a_run_tells_what_was_asked_of_causes(tmp_path: Path) -> Non
     assert "lost-motion" not in causes
     page = (tmp_path / "run" / "report.html").read_text(encoding="utf-8")
     assert not unexplained(page)
-    assert "[diagnosis] apply names 1 cause that the diagnosis did not find: scale-error." in page
-    assert "[diagnosis] apply names zero-shift: found, but no calibration depends on it" in page
-    assert "Not searched for, as [diagnosis] ignore asks: lost-motion." in page
+    assert_says(page, "[diagnosis] apply", "1 cause", "did not find", "scale-error")
+    assert_says(page, "[diagnosis] apply", "zero-shift", "found", "no calibration")
+    assert_says(page, "Not searched", "[diagnosis] ignore", "lost-motion")

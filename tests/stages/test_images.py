@@ -32,7 +32,7 @@ CENTRE = np.array([160.3, 60.6])
 
 @cache
 def scene():
-    """The light of a marker with code 7, and a ring target with code 1 beside it."""
+    """The light of a marker with code 7, and a ring target with code 1 next to it."""
     light = np.ones((120, 230))
     light[:, :115] = plane_picture(marker_pattern("aruco4x4_50", 7), homography(CORNERS), 120, 0.7, fine=6)[:, :115]
     ring = ring_target_picture(115, CENTRE - [115, 0], (9.0, 8.0), 0.4, 12, WORD, 0.3, 0.7)

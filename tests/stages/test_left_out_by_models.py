@@ -25,7 +25,7 @@ def test_a_reading_that_the_diagnosis_screens_is_in_its_table_and_on_the_page(tm
     assert gross_errors(len(table), "reading") in said["diagnose"].left_out
 
 
-def test_the_page_tells_what_either_stage_took_out() -> None:
+def test_the_page_shows_what_either_stage_took_out() -> None:
     facts = {"reason": "why", "value": [9.0], "limit": [5.0], "unit": "sigma"}
     points = pd.DataFrame({"subject": ["platform T3"], "pose": [7], **facts})
     poses = pd.DataFrame({"subject": ["leg2"], "pose": [4], **facts, "value": [np.nan]})

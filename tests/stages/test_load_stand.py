@@ -146,7 +146,7 @@ def test_a_bent_signal_leaves_no_load_step_out(bent: Any) -> None:
     assert "squares" in bent.outcomes["calibrate"].figure
 
 
-def test_the_page_tells_which_outlying_signals_were_used(touched: Any) -> None:
+def test_the_page_shows_which_outlying_signals_were_used(touched: Any) -> None:
     section = excluded({"calibration_kept": touched.tables["calibration_kept"].to_pandas()})
     assert section.lead == "Used despite large deviations: 3 signals with an effect of loads or runs."
     (listing,) = section.listings

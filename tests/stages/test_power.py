@@ -169,8 +169,8 @@ def test_a_diagnosis_counts_as_found_named_and_placed(
     rows: list[tuple[str, str, str]], expected: tuple[bool, ...]
 ) -> None:
     hidden = Trial(0, 1.0, (replace(_question(50.0).kind, causes=(GAIN,), weights=np.ones(1)).draw(1.0, 6, RNG),), (1,))
-    told = trial_answer(hidden, [dict(zip(("cause", "verdict", "subject"), row, strict=True)) for row in rows])
-    assert (told.found, told.named, told.subject_right) == expected
+    reported = trial_answer(hidden, [dict(zip(("cause", "verdict", "subject"), row, strict=True)) for row in rows])
+    assert (reported.found, reported.named, reported.subject_right) == expected
 
 
 RNG = np.random.default_rng(0)
@@ -185,7 +185,7 @@ def _answers(found: list[int], of: int = 8) -> list[Answer]:
     ]
 
 
-def test_tables_tell_sizes_with_bounds_and_rates_with_theirs() -> None:
+def test_tables_report_sizes_with_bounds_and_rates_with_theirs() -> None:
     question, answers = _question(50.0), _answers([0, 2, 6, 8, 8])
     found = curve(question, 0, answers)
     sizes = sizes_table([found]).to_pylist()[0]

@@ -124,7 +124,7 @@ def test_a_deforming_platform_is_no_noisy_one(tmp_path):
 FIXED = replace(PLAIN, surroundings=Surroundings(frame_turn_rad=0.0, frame_shift_mm=0.0))
 
 
-def test_a_base_that_stands_still_in_a_fixed_frame_is_not_said_to_drift(tmp_path):
+def test_a_base_that_stands_still_in_a_fixed_frame_is_not_reported_to_drift(tmp_path):
     qa, _ = _qa(tmp_path, FIXED)
     assert _rows(qa, "base-drift").loc["base", "verdict"] == "not evaluated"  # the frame may change by pose
     qa, _ = _qa(tmp_path, FIXED, seed=2, extra='\n[measurement]\nframe = "campaign"\n')

@@ -63,7 +63,7 @@ def stage_of(tables, kind="photogrammetry", **noise):
     return tuple(rows.table().to_pandas() for rows in made[:2])
 
 
-def test_declared_repeats_tell_the_noise_though_actuators_stood_elsewhere(line):
+def test_declared_repeats_give_the_noise_though_actuators_stood_elsewhere(line):
     repeats, fits = stage_of(line)
     assert set(repeats["told_by"]) == {DECLARED}
     assert set(repeats["groups"]) == {REPEATED}
@@ -91,15 +91,15 @@ def test_a_shift_that_no_model_knows_is_lack_of_fit(line):
     assert (fits.drop(index="leg 3", level="subject")["p_value"] > RARE).all()
 
 
-def test_an_attachment_without_targets_tells_nothing_and_warns_of_nothing(line):
+def test_an_attachment_without_targets_shows_nothing_and_warns_of_nothing(line):
     for others in ([1, 2, 4, 5, 6], [1, 2]):  # a matrix takes readings of every leg all the same
         names = ("deformation", "deformation_models")
         few = {name: line[name].filter(pc.is_in(line[name].column("leg"), pa.array(others))) for name in names}
         repeats, fits = stage_of({**line, **few})
         assert "leg 3" not in {*repeats["subject"], *fits["subject"]}
-        told = fits[fits["contender"] == "matrix"].set_index("subject")["p_value"]
-        assert {f"leg {leg}" for leg in others} <= set(told.index)
-        assert (told > RARE).all()
+        reported = fits[fits["contender"] == "matrix"].set_index("subject")["p_value"]
+        assert {f"leg {leg}" for leg in others} <= set(reported.index)
+        assert (reported > RARE).all()
 
 
 def test_repeats_are_known_by_their_readings_where_no_column_says_so(line):
@@ -127,7 +127,7 @@ def test_runs_of_a_bench_tell_theirs(tmp_path):
     assert (bent.drop(index="v2")["p_value"] > RARE).all()
 
 
-def test_a_bench_tells_what_exclusions_change(tmp_path):
+def test_a_bench_shows_what_exclusions_change(tmp_path):
     readings, _ = sensor_campaign.measured(np.random.default_rng(4), own_channel=True)
     own = (readings["run"] == 3) & (readings["channel"] == "dz")
     readings.loc[own & (readings["step"] == 4), "reading"] += 40.0  # far off, and so no part of the result anyway
@@ -157,7 +157,7 @@ def test_a_repeat_of_nothing_is_a_fault(folder, tmp_path):
     assert (own.column, own.expected) == ("repeat_of", "another pose than this one, or nothing")
 
 
-def test_the_page_tells_who_left_out_what_when_and_what_it_would_be_without(folder, tmp_path):
+def test_the_page_shows_who_left_out_what_when_and_what_it_would_be_without(folder, tmp_path):
     ruled = tmp_path / "ruled"
     ruled.mkdir()
     for file in folder.iterdir():
@@ -182,7 +182,7 @@ def test_the_page_tells_who_left_out_what_when_and_what_it_would_be_without(fold
     assert not any("P03" in row for listing in by_rule for row in listing.rows)
 
 
-def test_the_page_tells_what_was_repeated(line):
+def test_the_page_shows_what_was_repeated(line):
     repeats, fits = stage_of(line)
     section = during({"repeats": repeats, "lack_of_fit": fits})
     assert all(word in section.lead for word in ("poses", "points", "attachments", "repeat_of"))

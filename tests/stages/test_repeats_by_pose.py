@@ -75,20 +75,20 @@ def test_the_pose_that_repeats_worse_is_named_for_the_body_and_for_the_single_re
 
 def test_every_pose_has_its_own_figures_with_an_interval(uneven):
     rows = uneven.tables["pose_repeatability"].to_pylist()
-    told = {(row["subject"], row["pose"], row["figure"]): row for row in rows}
+    reported = {(row["subject"], row["pose"], row["figure"]): row for row in rows}
     assert {row["attained"] for row in rows} == {REPEATS}
     for k in range(GROUPS):
         for subject in ("tool", "ball ball0"):
-            sigma, rp = told[subject, f"p{k}", "sigma"], told[subject, f"p{k}", "RP"]
+            sigma, rp = reported[subject, f"p{k}", "sigma"], reported[subject, f"p{k}", "RP"]
             assert sigma["low"] < sigma["value"] < sigma["high"]
             assert rp["low"] < rp["value"] < rp["high"]
             own = 300.0 if k == WORST else 10.0
             assert_between(sigma["value"], 0.7 * own, 2.0 * own)
-        assert ("tool", f"p{k}", "RP_a") in told
+        assert ("tool", f"p{k}", "RP_a") in reported
         # the tool turns far from pose to pose, and by two arc seconds between repeats
-        assert told["tool", f"p{k}", "RP_b"]["value"] < 60.0
-    assert ("ball ball0", "p0", "RP_a") not in told
-    wide, narrow = told["tool", f"p{WORST}", "RP"]["value"], told["tool", "p0", "RP"]["value"]
+        assert reported["tool", f"p{k}", "RP_b"]["value"] < 60.0
+    assert ("ball ball0", "p0", "RP_a") not in reported
+    wide, narrow = reported["tool", f"p{WORST}", "RP"]["value"], reported["tool", "p0", "RP"]["value"]
     assert_between(wide / narrow, 10.0, 60.0)
 
 
@@ -99,7 +99,7 @@ def test_pooled_numbers_say_that_they_hold_for_none_and_so_does_the_page(uneven)
     section = during({name: uneven.tables[name].to_pandas() for name in ("repeats", "pose_repeatability")})
     assert isinstance(section, ReportSection)
     assert any("their pooled scatter represents none of them: tool x" in words for _, words in section.statements)
-    (listing,) = (one for one in section.listings if one.held_by == "pose_repeatability.parquet")
+    (listing,) = (listing for listing in section.listings if listing.held_by == "pose_repeatability.parquet")
     assert len(listing.rows) == 2 * GROUPS
     assert listing.rows[0][:3] == ("tool", "p0", str(REPEATS))
 
@@ -139,7 +139,7 @@ def test_repeats_that_were_seen_once_are_not_evaluated(tmp_path):
     written(tmp_path, (0.01, 0.01, 0.01))
     path = tmp_path / "points.csv"
     lines = path.read_text().splitlines()
-    kept = [one for one in lines if ",tool," not in one or int(one.split(",")[0][1:] or 0) < GROUPS]
+    kept = [line for line in lines if ",tool," not in line or int(line.split(",")[0][1:] or 0) < GROUPS]
     path.write_text("\n".join(kept) + "\n")
     found = of_repeatability(stage_line(tmp_path).call("ingest", "qa"))["tool"]
     assert found["verdict"] == "not evaluated"
@@ -148,7 +148,7 @@ def test_repeats_that_were_seen_once_are_not_evaluated(tmp_path):
 
 
 def test_copies_of_the_scatter_agree_with_numpy(uneven):
-    """The ball's sigma is that of its coordinates seen from the base, whose own noise is small beside 0.3 mm."""
+    """The ball's sigma is that of its coordinates seen from the base, whose own noise is small next to 0.3 mm."""
     points = uneven.tables["observations"].to_pandas()
     own = points[(points["body"] == "ball") & points["pose"].str[1:].astype(int).mod(GROUPS).eq(WORST)]
     expected = 1e3 * np.sqrt(own[["x_mm", "y_mm", "z_mm"]].var().mean())

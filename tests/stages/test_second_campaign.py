@@ -184,7 +184,7 @@ def _axis(folder: Path, seed: int, judge_on: str | None = None, **changes: objec
     return folder
 
 
-def test_a_run_tells_the_errors_of_a_second_series_and_predict_tells_the_same(tmp_path: Path) -> None:
+def test_a_run_gives_the_errors_of_a_second_series_and_predict_gives_the_same(tmp_path: Path) -> None:
     first, _ = _axis(tmp_path / "first", 5, "../second"), _axis(tmp_path / "second", 6)
     assert _truing("run", str(first), "--out", str(tmp_path / "run"))[0] == 0
     table = pq.read_table(tmp_path / "run" / "second_campaign_errors.parquet")
@@ -230,9 +230,9 @@ def test_an_invalid_second_campaign_is_a_fault_before_the_run(tmp_path: Path, na
         check_campaign(open_campaign(first))
     assert said in str(caught.value)
     for command in (("run", str(first), "--out", str(tmp_path / "run")), ("check", str(first))):
-        code, told = _truing(*command)
+        code, reported = _truing(*command)
         assert code == 2
-        assert said in " ".join(told.split())
+        assert said in " ".join(reported.split())
     assert not (tmp_path / "run" / "poses.parquet").exists()
 
 

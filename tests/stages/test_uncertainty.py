@@ -64,8 +64,8 @@ def test_parts_of_every_result_sum_to_its_uncertainty(request: Any, campaign: st
         assert len(stated), result
         place = ["subject", "quantity"]
         squares = (parts["contribution"] ** 2).groupby([parts[name] for name in place]).sum()
-        told = stated.set_index(place)["standard_uncertainty"] ** 2
-        assert squares.reindex(told.index).to_numpy() == pytest.approx(told.to_numpy(), rel=1e-9)
+        reported = stated.set_index(place)["standard_uncertainty"] ** 2
+        assert squares.reindex(reported.index).to_numpy() == pytest.approx(reported.to_numpy(), rel=1e-9)
         shares = parts.groupby(place)["share_of_variance"].sum()
         assert shares.to_numpy() == pytest.approx(1.0, abs=1e-9)
         product = stated["coverage_factor"] * stated["standard_uncertainty"]
@@ -148,8 +148,10 @@ def test_errors_of_signals_and_of_loads_each_do_to_a_calibration_what_is_stated(
         found = []
         for _ in range(draws):
             noise = rng.normal(size=(40, 2)) * np.sqrt(np.diag(errs))
-            seen, told = (noise, 0.0) if errs is signal else (0.0, noise)
-            table = load_table(loads @ gain.T + seen, loads + told, signal_cov=signal, load_cov=load).named(loads=names)
+            seen, reported = (noise, 0.0) if errs is signal else (0.0, noise)
+            table = load_table(loads @ gain.T + seen, loads + reported, signal_cov=signal, load_cov=load).named(
+                loads=names
+            )
             fit = fit_calibration(table, model)
             found.append(np.concatenate([fit.matrix, fit.zeros], 1).ravel())
         stated = np.diag(coefficient_parts(fit, table, Source("signals", "B"))[source])
@@ -170,7 +172,7 @@ def test_a_root_mean_square_of_few_errors_scatters_as_is_stated() -> None:
     rng = np.random.default_rng(3)
     draws = [root_mean_square(rng.normal(size=40)) for _ in range(800)]
     scatter = np.std([value for value, _ in draws])
-    typical = np.sqrt(np.mean([told.standard[0] ** 2 for _, told in draws]))
+    typical = np.sqrt(np.mean([reported.standard[0] ** 2 for _, reported in draws]))
     assert typical == pytest.approx(scatter, rel=0.12)
     assert draws[0][1].dof == pytest.approx([39.0])
 

@@ -69,8 +69,8 @@ def test_data_that_do_not_belong_together_end_with_3_and_say_why_everywhere(
     assert "verdict: fails" in said
     (mark, first), *_ = load(out).verdicts
     assert (mark, first) == ("fail", rows[0]["explanation"])
-    told = json.loads(dict(summary(load(out)))["summary.json"])
-    assert told["verdict"][0]["explanation"] == first
+    reported = json.loads(dict(summary(load(out)))["summary.json"])
+    assert reported["verdict"][0]["explanation"] == first
     assert truing("run", str(folder), "--out", str(out), "--qa=warn")[0] == ExitCode.DONE
 
 
@@ -93,8 +93,8 @@ def test_every_row_of_a_run_names_a_section_of_the_reference(refused: tuple[Path
 
 @pytest.mark.parametrize(("rms", "fails"), [(4.0, False), (60.0, True)])
 def test_a_calibration_knows_of_a_picture_that_fails(rms: float, fails: bool) -> None:
-    told = rows(row("actuator-gain", rms_after=rms))
-    tables = {"diagnosis": pa.Table.from_pandas(told, preserve_index=False)}
+    reported = rows(row("actuator-gain", rms_after=rms))
+    tables = {"diagnosis": pa.Table.from_pandas(reported, preserve_index=False)}
     assert bool(incomplete_picture(tables)) is fails
 
 
@@ -110,8 +110,8 @@ def test_a_calibration_knows_of_a_picture_that_fails(rms: float, fails: bool) ->
 def test_recorded_poses_judge_no_calibration_where_all_are_found_wrong(
     cause: str, step: str, subject: str, verdict: str, wrong: bool
 ) -> None:
-    told = rows(row(cause, verdict=verdict, subject=subject, settings=json.dumps({"step": step})))
-    assert bool(wrong_poses({"diagnosis": pa.Table.from_pandas(told, preserve_index=False)})) is wrong
+    reported = rows(row(cause, verdict=verdict, subject=subject, settings=json.dumps({"step": step})))
+    assert bool(wrong_poses({"diagnosis": pa.Table.from_pandas(reported, preserve_index=False)})) is wrong
 
 
 @pytest.mark.parametrize("why_not", ["", "5.15 times the declared noise"])
@@ -144,5 +144,5 @@ def test_an_undecided_requirement_holds_the_poses_that_decide_it_and_no_other_do
         assert x["p_value"] > 0.05 > max(y["p_value"], z["p_value"])
         assert x["lower"] < x["lower_expected"] < x["error"] < x["upper_expected"] <= x["requirement"] < x["upper"]
         further.append(x["measurements"])
-    # Beside further ones, poses that were fitted to count no more.
+    # Next to further ones, poses that were fitted to count no more.
     assert further[1] == further[0] + 20

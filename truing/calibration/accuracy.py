@@ -85,9 +85,11 @@ def pose_errors(
         calibration.machine,
         change,
         measured,
-        reading_sigma,
-        np.where(fitted[:, None, None], -calibration.declared, calibration.covariance),
-        np.where(fitted[:, None, None], 0.0, calibration.joint[:count, count:]),
+        _ErrorSources(
+            reading_sigma,
+            np.where(fitted[:, None, None], -calibration.declared, calibration.covariance),
+            np.where(fitted[:, None, None], 0.0, calibration.joint[:count, count:]),
+        ),
     )
 
 
@@ -102,26 +104,28 @@ def machine_errors(
     """Return the errors of a machine with exact parameters; reading_sigma, m."""
     none = ParameterSet(()).change(machine)
     poses, common = len(measured.rho), common_effects(measured).shape[-1]
-    nothing = np.zeros((poses, 0, 0)), np.zeros((poses, 0, common))
-    return _errors(structure, machine, none, measured, reading_sigma, *nothing)
+    exact = _ErrorSources(reading_sigma, np.zeros((poses, 0, 0)), np.zeros((poses, 0, common)))
+    return _errors(structure, machine, none, measured, exact)
+
+
+@dataclass(frozen=True)
+class _ErrorSources:
+    """Sigma of a reading in m, covariance (B, P, P) of the parameters, and theirs (B, P, K) with errors common to all
+    poses."""
+
+    reading_sigma: float
+    parameters: NDArray
+    with_common: NDArray
 
 
 def _errors(
-    structure: Structure,
-    machine: Machine,
-    change: Change,
-    measured: MeasuredPlatform,
-    reading_sigma: float,
-    parameters: NDArray,
-    with_common: NDArray,
+    structure: Structure, machine: Machine, change: Change, measured: MeasuredPlatform, sources: _ErrorSources
 ) -> PoseErrors:
-    """Return the errors, with parameter covariance (B, P, P) and its covariance (B, P, K) with errors common to all
-    poses."""
     poses = reached_poses(structure, under_load(machine, measured), measured.rho, change)
     turned = log_so3(measured.platform.R @ np.swapaxes(poses.R, -1, -2))
     error = np.concatenate([measured.platform.p - poses.p, turned], -1)
-    shared = poses.by_parameter @ with_common @ np.swapaxes(common_effects(measured), -1, -2)
-    noise = measured.platform.covariance + poses.covariance(reading_sigma, parameters)
+    shared = poses.by_parameter @ sources.with_common @ np.swapaxes(common_effects(measured), -1, -2)
+    noise = measured.platform.covariance + poses.covariance(sources.reading_sigma, sources.parameters)
     noise = noise + shared + np.swapaxes(shared, -1, -2)
     return PoseErrors(np.where(poses.converged[:, None], error, np.nan), noise)
 
@@ -237,7 +241,7 @@ def _pull_p_value(calibration: MachineCalibration, pulls: NDArray) -> float:
 
 
 def shortcoming(assessed: AssessedCalibration) -> str:
-    """Return in words what is wrong with a calibration and what to do; empty where it fits and predicts
+    """Return in words the shortcoming of a calibration and its remedy; empty where it fits and predicts
     held-out poses."""
     figures = {name: value for name, value, _ in fit_figures(assessed)}
     missed = ""

@@ -148,14 +148,16 @@ def _approached(positions: Array, side: float) -> AxisRows:
 
 
 def _rows_at(model: AxisModel, sigma: NDArray, rows: AxisRows, effects: Sequence[Sequence[AxisCause]]) -> NDArray:
-    whole = []
+    whitened_rows = []
     for causes in effects:
-        own = model.with_causes(causes).at(rows)
-        prediction = own.predict(np.zeros(own.shared_size), np.zeros((len(rows.command), own.local_size)))
+        model_at_rows = model.with_causes(causes).at(rows)
+        prediction = model_at_rows.predict(
+            np.zeros(model_at_rows.shared_size), np.zeros((len(rows.command), model_at_rows.local_size))
+        )
         stops = np.asarray(prediction.by_local)[:, :, 0]
         covariance = np.diag(sigma**2) + stops @ np.swapaxes(stops, 1, 2)
-        whole.append(np.linalg.solve(np.linalg.cholesky(covariance), np.asarray(prediction.by_shared)[:, :, 0]))
-    return np.stack(whole, 1)
+        whitened_rows.append(np.linalg.solve(np.linalg.cholesky(covariance), np.asarray(prediction.by_shared)[:, :, 0]))
+    return np.stack(whitened_rows, 1)
 
 
 def _exchanged(rows: NDArray, parts: Index, start: Index, kept: NDArray | None) -> Index:
@@ -166,8 +168,8 @@ def _exchanged(rows: NDArray, parts: Index, start: Index, kept: NDArray | None) 
     for _ in range(_SWEEPS):
         earlier = chosen.copy()
         for k, part in enumerate(parts):
-            others = before + each[np.delete(chosen, k)].sum(0)
-            sign, value = np.linalg.slogdet(others + each[part])
+            sum_of_others = before + each[np.delete(chosen, k)].sum(0)
+            sign, value = np.linalg.slogdet(sum_of_others + each[part])
             chosen[k] = part[np.argmax(np.where(sign > 0, value, -np.inf).sum(1))]
         if (chosen == earlier).all():
             break

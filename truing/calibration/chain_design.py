@@ -60,7 +60,7 @@ class PlannedPoses:
 
     @property
     def rows(self) -> Array:
-        """Derivatives (B, M, G) per prior sigma, without what the poses' own unknowns explain."""
+        """Derivatives (B, M, G) per prior sigma, after projection on the poses' own unknowns."""
         candidates = self.candidates
         return np.asarray(candidates.without_pose_unknowns(candidates.rows))
 
@@ -256,8 +256,12 @@ def _knowledge_that_shows(observability: Observability, unknowns: Sequence[Chain
     """Return the numbers that must be known before the rest of a direction (G,) shows."""
     for kind, remedy in ((UnknownKind.BASE, Remedy.BASE), (UnknownKind.TARGET, Remedy.TARGETS)):
         is_of_kind = np.array([unknown.kind is kind for unknown in unknowns])
-        rest = np.where(is_of_kind, 0.0, direction)
-        if direction[is_of_kind].any() and rest.any() and float(observability.sensitivity(rest)) > observability.least:
+        remaining = np.where(is_of_kind, 0.0, direction)
+        if (
+            direction[is_of_kind].any()
+            and remaining.any()
+            and float(observability.sensitivity(remaining)) > observability.least
+        ):
             return remedy
     return Remedy.NOTHING
 
@@ -314,8 +318,8 @@ def remaining_parts(sights: Sequence[CauseSight]) -> Array:
     """Return the part (N, N) of an effect a of plausible size that each cause b cannot imitate, in sigma of the data;
     infinite between forms of one cause."""
     bases = [
-        np.linalg.qr(one.left / np.linalg.norm(one.left))[0] if one.visible > _LEAST_VISIBLE else 0.0 * one.left
-        for one in sights
+        np.linalg.qr(sight.left / np.linalg.norm(sight.left))[0] if sight.visible > _LEAST_VISIBLE else 0.0 * sight.left
+        for sight in sights
     ]
     distance = np.full((len(sights), len(sights)), np.inf)
     for a, sight in enumerate(sights):

@@ -95,8 +95,8 @@ def _left(rows: NDArray, kinds: list[str], declared: set[str]) -> NDArray:
     """
     left = np.ones(len(kinds))
     for name in set(kinds) & set(_OF_DESIGN):
-        free = np.array([one == name or one not in _OF_DESIGN or one in declared for one in kinds])
-        is_of_name = np.array([one == name for one in kinds])
+        free = np.array([kind == name or kind not in _OF_DESIGN or kind in declared for kind in kinds])
+        is_of_name = np.array([kind == name for kind in kinds])
         spread = np.linalg.inv(rows[:, free].T @ rows[:, free] + np.eye(int(free.sum())))
         left[is_of_name] = np.diag(spread)[is_of_name[free]]
     return left

@@ -129,8 +129,8 @@ def _orthogonal_to_others(jacobian: NDArray, count: int) -> NDArray:
     """Return the first ``count`` columns without their projection on the other columns, which are unknown."""
     if count == jacobian.shape[1]:
         return jacobian
-    others = np.linalg.qr(jacobian[:, count:])[0]
-    return jacobian[:, :count] - others @ (others.T @ jacobian[:, :count])
+    basis_of_others = np.linalg.qr(jacobian[:, count:])[0]
+    return jacobian[:, :count] - basis_of_others @ (basis_of_others.T @ jacobian[:, :count])
 
 
 def observe_legs(dataset: CalibrationData, fitted: MeasuredPlatform) -> list[Observability]:

@@ -61,7 +61,7 @@ def correlated_shifts(framed: FramedPoints, per_leg: Array, axes: Sequence[int] 
     platform = next((b for b, body in enumerate(bodies) if body.name == _PLATFORM), None)
     if platform is None:
         return None
-    names = [body.name for body in bodies if body.name not in {other.parent for other in bodies}]
+    names = [body.name for body in bodies if body.name not in {child.parent for child in bodies}]
     per_leg, towards = np.repeat(per_leg, len(axes), axis=1), np.tile(axes, per_leg.shape[1])
     legs, first = per_leg.shape[1], np.cumsum([0, *(len(body.targets) for body in bodies)])
     covariance, there = np.zeros((len(poses), legs, legs)), np.zeros(len(poses), bool)

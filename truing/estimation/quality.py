@@ -200,11 +200,11 @@ def repeated_groups(settings: Array, tolerance: Array) -> list[Index]:
     first = np.arange(len(settings))
     for start in range(0, len(order), _POSES_AT_ONCE):
         rows = slice(start, start + _POSES_AT_ONCE)
-        own_rows, others = order[rows], order[begin[rows].min() : end[rows].max()]
-        alike = np.ones((len(own_rows), len(others)), bool)
+        own_rows, neighbours = order[rows], order[begin[rows].min() : end[rows].max()]
+        alike = np.ones((len(own_rows), len(neighbours)), bool)
         for column, allowed in zip(settings.T, tolerance, strict=True):
-            alike &= np.abs(column[own_rows, None] - column[others]) <= allowed
-        first[own_rows] = np.minimum(own_rows, np.where(alike, others, len(first)).min(axis=1, initial=len(first)))
+            alike &= np.abs(column[own_rows, None] - column[neighbours]) <= allowed
+        first[own_rows] = np.minimum(own_rows, np.where(alike, neighbours, len(first)).min(axis=1, initial=len(first)))
     number, count = np.unique(first, return_inverse=True, return_counts=True)[1:]
     return [np.nonzero(number == k)[0] for k in np.flatnonzero(count > 1)]
 

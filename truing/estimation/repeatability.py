@@ -147,9 +147,11 @@ def equal_scatter(square: ArrayLike, freedom: ArrayLike) -> EqualScatter | None:
     spread = float(f.sum() * np.log(common) - np.sum(f * np.log(variance)))
     correction = 1.0 + (np.sum(1.0 / f) - 1.0 / f.sum()) / (3.0 * (len(repeated) - 1.0))
     worst = int(np.argmax(variance))
-    rest = float((square[repeated].sum() - square[repeated][worst]) / (f.sum() - f[worst]))
+    variance_of_others = float((square[repeated].sum() - square[repeated][worst]) / (f.sum() - f[worst]))
     return EqualScatter(
-        float(chdtrc(len(repeated) - 1.0, spread / correction)), int(repeated[worst]), float(np.sqrt(rest))
+        float(chdtrc(len(repeated) - 1.0, spread / correction)),
+        int(repeated[worst]),
+        float(np.sqrt(variance_of_others)),
     )
 
 

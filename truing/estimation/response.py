@@ -104,7 +104,7 @@ def fit_response(
     weight = _precision(cov, np.isfinite(y))
     design = _design(u, free, group)
     prior = _offset_precision(offset_cov, int(free.sum()), width, int(group.max()) + 1)
-    return _solve(form, free, design, np.nan_to_num(y), np.isfinite(y), weight, prior)
+    return _solve(form, free, _WeightedProblem(design, np.nan_to_num(y), np.isfinite(y), weight, prior))
 
 
 def _separate(cov: Array, is_observed: Mask, offset_cov: Array | None) -> bool:
@@ -138,7 +138,8 @@ def _component_by_component(
         every = np.ones((1, len(drive)), bool)
         design = _design(u[np.ix_(rows, drive)], every, index)
         precision = _offset_precision(prior, len(drive), 1, len(met))
-        fit = _solve("matrix", every, design, y[rows, k, None], np.ones((len(rows), 1), bool), weight, precision)
+        observed = np.ones((len(rows), 1), bool)
+        fit = _solve("matrix", every, _WeightedProblem(design, y[rows, k, None], observed, weight, precision))
         coefficients[k, drive], offset[met, k] = fit.coefficients[0], fit.offset[:, 0]
         beside[k, [*drive, -1]] = fit.offset_covariance[0]
         residuals[rows, k], loo[rows, k] = fit.residuals[:, 0], fit.loo_residuals[:, 0]
@@ -191,9 +192,20 @@ def _offset_precision(offset_cov: Array | None, n_free: int, width: int, groups:
     return precision
 
 
-def _solve(
-    form: Form, free: Mask, design: Array, y: Array, is_observed: Mask, weight: Array, prior: Array
-) -> ResponseFit:
+@dataclass(frozen=True)
+class _WeightedProblem:
+    """Design (N, L, P), responses (N, L) with their mask, weight matrices (N, L, L), and prior information (P, P)."""
+
+    design: Array
+    y: Array
+    is_observed: Mask
+    weight: Array
+    prior: Array
+
+
+def _solve(form: Form, free: Mask, problem: _WeightedProblem) -> ResponseFit:
+    """Return the weighted least-squares fit; ``free`` (L, D) marks the free coefficients."""
+    design, y, weight, prior = problem.design, problem.y, problem.weight, problem.prior
     weighted = (weight.transpose(0, 2, 1) @ design).reshape(-1, design.shape[-1])  # matrix products for BLAS: (N M, P)
     normal = weighted.T @ design.reshape(weighted.shape) + prior
     covariance, deficient = _scaled_inverse(normal, np.sqrt((design**2).sum(axis=(0, 1))))
@@ -217,8 +229,8 @@ def _solve(
         covariance=covariance[:n_free, :n_free],
         free=free,
         offset=theta[n_free:].reshape(-1, width),
-        residuals=np.where(is_observed, residuals, np.nan),
-        loo_residuals=np.where(is_observed, loo, np.nan),
+        residuals=np.where(problem.is_observed, residuals, np.nan),
+        loo_residuals=np.where(problem.is_observed, loo, np.nan),
         chi_square=chi_square,
         dof=informative - (len(theta) - deficient),
         deficient=deficient,
@@ -247,10 +259,10 @@ def _scaled_inverse(normal: Array, size: Array) -> tuple[Array, int]:
 def _leave_one_out(design: Array, covariance: Array, weight: Array, residuals: Array) -> Array:
     """Return the residuals of each row against the fit to all others: (I - H_nn)^-1 r_n with blocks of the hat
     matrix."""
-    rest = np.eye(design.shape[1]) - design @ covariance @ design.transpose(0, 2, 1) @ weight
-    if rest.shape[1] == 1:
-        return np.divide(residuals, rest[:, 0], out=np.zeros_like(residuals), where=rest[:, 0] != 0.0)
-    return np.einsum("nlk,nk->nl", np.linalg.pinv(rest, rcond=1e-9), residuals)
+    redundancy = np.eye(design.shape[1]) - design @ covariance @ design.transpose(0, 2, 1) @ weight
+    if redundancy.shape[1] == 1:
+        return np.divide(residuals, redundancy[:, 0], out=np.zeros_like(residuals), where=redundancy[:, 0] != 0.0)
+    return np.einsum("nlk,nk->nl", np.linalg.pinv(redundancy, rcond=1e-9), residuals)
 
 
 def consistent_responses(
@@ -305,8 +317,8 @@ def _spanned(u: Array, fitted: Mask) -> Mask:
     for k, rows in enumerate(fitted.T):
         _, size, along = np.linalg.svd(u[rows], full_matrices=False)
         basis = along[size > _SPANNED * size.max(initial=0.0)]
-        rest = u - u @ basis.T @ basis
-        spanned[:, k] = np.abs(rest).max(axis=1, initial=0.0) <= _SPANNED * np.abs(u).max(initial=0.0)
+        remainder = u - u @ basis.T @ basis
+        spanned[:, k] = np.abs(remainder).max(axis=1, initial=0.0) <= _SPANNED * np.abs(u).max(initial=0.0)
     return spanned
 
 

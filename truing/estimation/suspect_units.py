@@ -91,14 +91,14 @@ def mistaken_unit(value_c: ArrayLike, reference_c: float) -> MistakenUnit | None
     return _mistaken_reference(reference_c) if (np.abs(value - reference_c) < _NEAR_F).all() else None
 
 
-def _are_kelvin(value: Array, other: Array) -> Mask:
-    near = np.abs(kelvin_in_celsius(value) - other) <= _NEAR_K
-    return np.asarray(near & (value - other > _FAR_K))
+def _are_kelvin(value: Array, others_c: Array) -> Mask:
+    near = np.abs(kelvin_in_celsius(value) - others_c) <= _NEAR_K
+    return np.asarray(near & (value - others_c > _FAR_K))
 
 
-def _are_fahrenheit(value: Array, other: Array) -> Mask:
-    near = np.abs(fahrenheit_in_celsius(value) - other) <= _NEAR_F
-    return np.asarray(near & (value - other > _FAR_F))
+def _are_fahrenheit(value: Array, others_c: Array) -> Mask:
+    near = np.abs(fahrenheit_in_celsius(value) - others_c) <= _NEAR_F
+    return np.asarray(near & (value - others_c > _FAR_F))
 
 
 def _mistaken_reference(reference_c: float) -> MistakenUnit | None:

@@ -223,9 +223,9 @@ def ply_vertices(layout: CloudLayout, data: NDArray[np.uint8]) -> NDArray[np.voi
             f"{_WHOLE_PLY}: {layout.points} vertices, as its header announces: export it anew",
             value=f"{rows_in_file} vertices",
         )
-    rest = data[_byte_after(layout.after, data, end, layout.points) :]
-    if rest[:3].tobytes().strip(_LINE_ENDS):
-        raise Unusable(f"{_WHOLE_PLY}, which ends where its header says", value=f"{len(rest)} more bytes")
+    trailing = data[_byte_after(layout.after, data, end, layout.points) :]
+    if trailing[:3].tobytes().strip(_LINE_ENDS):
+        raise Unusable(f"{_WHOLE_PLY}, which ends where its header says", value=f"{len(trailing)} more bytes")
     return data[begin:end].view(layout.record)
 
 
@@ -357,10 +357,10 @@ def pcd_points(layout: CloudLayout, data: NDArray[np.uint8]) -> NDArray[np.void]
     return compressed[:size].view(layout.record)
 
 
-def _refuse_trailing_data(rest: NDArray[np.uint8]) -> None:
+def _refuse_trailing_data(trailing: NDArray[np.uint8]) -> None:
     """Refuse data after the points, except zeros, which pad a page of memory."""
-    if rest.any() and rest.tobytes()[:3].strip(b"\r\n"):
-        raise Unusable(f"{_WHOLE_PCD}, which ends where its header says", value=f"{len(rest)} more bytes")
+    if trailing.any() and trailing.tobytes()[:3].strip(b"\r\n"):
+        raise Unusable(f"{_WHOLE_PCD}, which ends where its header says", value=f"{len(trailing)} more bytes")
 
 
 def _decompressed(layout: CloudLayout, compressed: NDArray[np.uint8]) -> NDArray[np.uint8]:

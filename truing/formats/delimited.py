@@ -36,7 +36,7 @@ def read_delimited(stream: IO[bytes], entry: FileMapping, wanted: Wanted) -> Ite
     separator = separator_of(entry, first)
     lines = Lines.of(entry, separator)
     has_header = entry.header is not False
-    heading, rest = take_record(first, lines.of_heading() if has_header else lines)
+    heading, lines_below = take_record(first, lines.of_heading() if has_header else lines)
     if heading is None:
         raise Unusable("at least one record; there is none")
     names = column_names(heading, separator, entry)
@@ -45,7 +45,7 @@ def read_delimited(stream: IO[bytes], entry: FileMapping, wanted: Wanted) -> Ite
         return
     parser = _Parser(lines, separator, entry, len(names), kinds, _pays_compiled(stream, entry))
     done = 0
-    for batch, count in in_order(parser.parse, chain(filter(None, [rest if has_header else first]), blocks)):
+    for batch, count in in_order(parser.parse, chain(filter(None, [lines_below if has_header else first]), blocks)):
         if count:  # a block may consist of blank lines and comments
             yield _from_record(batch, done)
         done += count

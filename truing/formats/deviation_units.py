@@ -32,9 +32,14 @@ def with_unit_of_deviations(guess: Guess, names: Sequence[str], values: Array, u
         return replace(_in_unit(_with_unit_of_targets(guess, unit), unit), notes=(*guess.notes, note))
     numbers = np.abs(values[:, [list(names).index(name) for name in raw]])
     is_in_mm = bool(np.isfinite(numbers).any()) and float(np.nanmax(numbers)) < _LARGEST_MM
-    taken, other = ("mm", "um") if is_in_mm else ("um", "mm")
+    taken, alternative = ("mm", "um") if is_in_mm else ("um", "mm")
     way = OtherWay(
-        "unit", _QUESTION, taken, other, _in_unit(guess, other), f"no unit is given; deviations are assumed in {taken}"
+        "unit",
+        _QUESTION,
+        taken,
+        alternative,
+        _in_unit(guess, alternative),
+        f"no unit is given; deviations are assumed in {taken}",
     )
     return replace(_in_unit(guess, taken), ways=(*guess.ways, way))
 

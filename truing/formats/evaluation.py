@@ -321,8 +321,8 @@ class _Work:
     def _scaled(self, name: str, column: Column) -> pa.Array:
         raw = self._numbers(name, column)
         for position, sign in self.plan.added(name):
-            other = self._number_at(position, name)
-            raw = pc.add(raw, other) if sign > 0.0 else pc.subtract(raw, other)
+            addend = self._number_at(position, name)
+            raw = pc.add(raw, addend) if sign > 0.0 else pc.subtract(raw, addend)
         values = converted_numbers(raw, self.plan.entry.value(name))
         factor, offset = self.plan.scale(name)
         shift = self.plan.entry.offset.get(name, 0)

@@ -48,8 +48,8 @@ def _positions(lines: list[str], first: int) -> Iterator[tuple[str, int, list[fl
 
 def _joints(text: str, row: int, pose: str) -> list[float]:
     groups = _GROUP.split(text)
-    own = groups[2] if len(groups) > 2 else text  # further groups move a rail or a positioner
-    found = {int(number): float(value) for number, value, unit in _JOINT.findall(own) if unit == "deg"}
+    joints_group = groups[2] if len(groups) > 2 else text  # further groups move a rail or a positioner
+    found = {int(number): float(value) for number, value, unit in _JOINT.findall(joints_group) if unit == "deg"}
     if set(found) != set(range(1, _JOINTS + 1)):
         raise Unusable("J1 to J6 in deg (a Cartesian position: record it as joints)", row=row, value=f"P[{pose}]")
     return [found[number] for number in range(1, _JOINTS + 1)]

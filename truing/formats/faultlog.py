@@ -123,8 +123,12 @@ class FaultLog:
 
 
 def _missing_value_fault(key: str, what: str, files: list[str]) -> Fault:
-    others = len(files) - 1
-    more = f", nor {'does another file' if others == 1 else f'do {others} other files'}" if others else ""
+    further_files = len(files) - 1
+    more = (
+        f", nor {'does another file' if further_files == 1 else f'do {further_files} other files'}"
+        if further_files
+        else ""
+    )
     return Fault("campaign.toml", f"{what}, which {files[0]} does not give in every row{more}", column=key)
 
 

@@ -103,14 +103,14 @@ class _Search:
                 if fits(os.path.normcase(entry.name)) and (parts[0].startswith(".") or not entry.name.startswith(".")):
                     yield from self._step(entry.path, reached + entry.name, parts[1:])
 
-    def _step(self, folder: str, reached: str, rest: list[str]) -> Iterator[str]:
-        if not rest:
+    def _step(self, folder: str, reached: str, remaining_parts: list[str]) -> Iterator[str]:
+        if not remaining_parts:
             yield reached
         elif os.path.isdir(folder):
-            yield from self.below(folder, f"{reached}/", rest)
+            yield from self.below(folder, f"{reached}/", remaining_parts)
 
     def _at_any_depth(
-        self, folder: str, reached: str, rest: list[str], above: frozenset[tuple[int, int]]
+        self, folder: str, reached: str, remaining_parts: list[str], above: frozenset[tuple[int, int]]
     ) -> Iterator[str]:
         try:
             status = os.stat(folder)
@@ -119,10 +119,12 @@ class _Search:
         identity = (status.st_dev, status.st_ino)
         if identity in above:
             return
-        yield from self.below(folder, reached, rest)
+        yield from self.below(folder, reached, remaining_parts)
         for entry in self._entries(folder):
             if not entry.name.startswith(".") and _is_folder(entry):
-                yield from self._at_any_depth(entry.path, f"{reached}{entry.name}/", rest, above | {identity})
+                yield from self._at_any_depth(
+                    entry.path, f"{reached}{entry.name}/", remaining_parts, above | {identity}
+                )
 
     def _entries(self, folder: str) -> Iterator[os.DirEntry[str]]:
         try:

@@ -29,13 +29,13 @@ def with_unit_of_grad(guess: Guess, names: Sequence[str], values: Array) -> Gues
     angles = {column: raw for column, raw in columns.items() if raw in names and is_grad(raw) and _is_angle(column)}
     if not angles:
         return guess
-    other = _in_gon(guess, angles)
+    guess_in_gon = _in_gon(guess, angles)
     numbers = values[:, [list(names).index(raw) for raw in angles.values()]]
     taken = "gon" if _is_gon(names, numbers) else "deg"
     shown = next(iter(angles.values()))
     text = f"Unit of {shown}: grad is a degree in German, and 1/400 of a turn (gon) elsewhere"
     doubt = f"{shown} and the like are assumed to be in {taken} (grad: deg in German, gon elsewhere)"
-    first, second = (other, guess) if taken == "gon" else (guess, other)
+    first, second = (guess_in_gon, guess) if taken == "gon" else (guess, guess_in_gon)
     way = OtherWay(_KEY, text, taken, "deg" if taken == "gon" else "gon", second, doubt)
     return replace(first, ways=(*first.ways, way))
 

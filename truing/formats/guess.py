@@ -71,7 +71,7 @@ class Guess:
 
     others: other tables read with the same keys. known: no table of the file is needed; the first note gives the
     reason. beside: other tables in the file, each with its own keys. ways: other readings that are possible. answered:
-    keys that are no guesses, because somebody has given them. doubts: statements to confirm, beside those that the keys
+    keys that are no guesses, because a person gave them. doubts: statements to confirm, next to those that the keys
     imply. machine: keys of [mechanism], where the file holds nominal geometry.
     """
 

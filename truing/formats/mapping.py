@@ -366,7 +366,7 @@ class MappingPlan:
         reference = self.entry.reference(name)
         if isinstance(reference, int):
             return Misfit(f"at least {reference} columns", column=name, value=str(len(self.names)))
-        known = [other for other in self.all_names if other]
+        known = [name for name in self.all_names if name]
         is_defined = self._defines(reference)  # then y_mm is no mistyped x_mm
         free = [other for other in known if not (is_defined and self._defines(other))]
         close = difflib.get_close_matches(reference, free, n=1, cutoff=0.75 if reference in _OFTEN_IMPLICIT else 0.5)

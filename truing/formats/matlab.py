@@ -231,10 +231,10 @@ def _variable_of_references(item: h5py.Dataset, name: str, most: int) -> Variabl
     """Return the cells of a cell array, or a field of several structs: one number or one text each."""
     import h5py
 
-    others = [item.file[reference] for reference in np.asarray(item[()]).ravel().tolist()]
-    if not all(isinstance(other, h5py.Dataset) and other.dtype.kind != "O" for other in others):
+    targets = [item.file[reference] for reference in np.asarray(item[()]).ravel().tolist()]
+    if not all(isinstance(target, h5py.Dataset) and target.dtype.kind != "O" for target in targets):
         return Opaque("cells of mixed content", f"cell2mat({name}), or a matrix of its numbers")
-    inner = [_variable_of_dataset(other, name, most) for other in others]
+    inner = [_variable_of_dataset(target, name, most) for target in targets]
     if all(isinstance(value, list) and len(value) <= 1 for value in inner):
         return ["".join(value) for value in inner]  # type: ignore[arg-type]
     if all(isinstance(value, np.ndarray) and value.size == 1 for value in inner):
@@ -291,7 +291,7 @@ def blocks_of(variables: Mapping[str, Variable], entry: FileMapping) -> list[Blo
 def _variable(variables: Mapping[str, Variable], name: str) -> Variable:
     value = variables.get(name)
     if value is None:
-        within = [other for other in variables if other.startswith(f"{name}.")]
+        within = [variable for variable in variables if variable.startswith(f"{name}.")]
         raise Unusable(f"a variable of the file: {_listed(within or list(variables))}", column="variable", value=name)
     if isinstance(value, Opaque):
         raise Unusable(f"numbers or text; save {value.cure}", column="variable", value=f"{name}: {value.what}")

@@ -61,7 +61,7 @@ def _entry(name: str, stack: _Stack, text: str, *, alone: bool) -> Guess:
 
 
 def _stacks(name: str, value: Array, texts: list[list[str]]) -> Iterator[_Stack]:
-    """Yield what a variable can be, by its shape and its numbers."""
+    """Yield the possible meanings of a variable, by its shape and its numbers."""
     if value.ndim != _DIMENSIONS or value.dtype.kind not in "iuf":
         return
     for transpose in (False, True):

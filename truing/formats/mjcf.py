@@ -1,4 +1,4 @@
-"""Reading of robot descriptions in MJCF by the package mujoco, which is installed by whoever needs it."""
+"""Reading of robot descriptions in MJCF by the optional package mujoco."""
 
 from __future__ import annotations
 
@@ -39,7 +39,7 @@ def read_mjcf(path: Path) -> Urdf:
 def of_model(model: Any) -> Urdf:
     """Return a compiled model as joints and links, m and rad; raises Unusable for joints that neither turn nor slide.
 
-    A body with several joints, or with a joint beside its origin, has further links between them, ``BODY:JOINT``. A
+    A body with several joints, or with a joint next to its origin, has further links between them, ``BODY:JOINT``. A
     joint moves by its reading less its value in the reference pose.
     """
     names = [str(model.body(k).name or f"body{k}") for k in range(model.nbody)]

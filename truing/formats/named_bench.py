@@ -74,7 +74,7 @@ _OUTSIDE = (
 _NUMBERED = re.compile(
     r"(axis|achse|channel|kanal|encoder|counter|z(ä|ae)hler)[ _]?\d([ _](position|pos|angle|winkel))?", re.I
 )
-# Numbers of rows, faces and scatter beside an instrument's reading: no condition on which an error may depend.
+# Numbers of rows, faces and scatter next to an instrument's reading: no condition on which an error may depend.
 _NO_CONDITION = re.compile(
     r"(face|facette|(poly(gon)?[ _]?)?fl(ä|ae)che|run|lauf|turn|umlauf|nr|no|#)"
     r"|(sd|std|sigma|stdev|streuung)([ _].*)?|direction|dir|(dreh)?(richtung|sinn)|approach|sens",
@@ -89,7 +89,7 @@ _OF_AXIS = re.compile(r"[ _](axis|achse|axe)?[ _]?[xyzabcuvw]\d?$")  # the axis 
 
 @dataclass(frozen=True)
 class Proposal:
-    """A table, keys of its [files.<table>], what it is, and statements to confirm."""
+    """A table, keys of its [files.<table>], its description, and statements to confirm."""
 
     table: str
     mapping: MappingKeys
@@ -184,16 +184,16 @@ def positions_side_by_side(names: Sequence[str]) -> Proposal | None:
     """Return approaches of an axis to its targets, with a column for each run and direction."""
     target = _meanings(names, {"target_mm": _TARGET}).get("target_mm")
     numbered = [name for name in names if _NUMBER_OF_TARGET.fullmatch(name.strip(" ."))]
-    others = [name for name in names if name and name != target and name not in numbered]
-    matches = [match for name in others if (match := _RUN_HEAD.fullmatch(name))]
-    if target is None or len(matches) < max(2, len(others)):
+    other_columns = [name for name in names if name and name != target and name not in numbered]
+    matches = [match for name in other_columns if (match := _RUN_HEAD.fullmatch(name))]
+    if target is None or len(matches) < max(2, len(other_columns)):
         return None
     common = {(match["head"], match["between"], match["tail"]) for match in matches}
     words = {match["direction"]: _direction(match["direction"]) for match in matches}
     if len(common) != 1 or set(words.values()) != {"forward", "backward"}:
         return None
     ((head, between, tail),) = common
-    units = {"target_mm": bare_and_unit(target)[1], "deviation_um": bare_and_unit(others[0])[1]}
+    units = {"target_mm": bare_and_unit(target)[1], "deviation_um": bare_and_unit(other_columns[0])[1]}
     unit_of_column = {column: unit for column, unit in units.items() if unit not in (None, column.rsplit("_", 1)[-1])}
     mapping: MappingKeys = {"columns": {"target_mm": target}, "wide": f"{head}{{cycle}}{between}{{direction}}{tail}"}
     mapping |= {
@@ -219,14 +219,16 @@ def cycles_side_by_side(names: Sequence[str], file_name: str) -> Proposal | None
     from which side. None if it does not, or without such columns."""
     target = _meanings(names, {"target_mm": _TARGET}).get("target_mm")
     sides = next((pair for pair in _SIDES if re.search(_whole_word(*pair), file_name)), None)
-    others = [name for name in names if name and name != target and not _NUMBER_OF_TARGET.fullmatch(name.strip())]
-    matches = [match for name in others if (match := _CYCLE_HEAD.fullmatch(name))]
+    other_columns = [
+        name for name in names if name and name != target and not _NUMBER_OF_TARGET.fullmatch(name.strip())
+    ]
+    matches = [match for name in other_columns if (match := _CYCLE_HEAD.fullmatch(name))]
     common = {(match["head"], match["tail"]) for match in matches}
-    if target is None or sides is None or len(matches) < max(2, len(others)) or len(common) != 1:
+    if target is None or sides is None or len(matches) < max(2, len(other_columns)) or len(common) != 1:
         return None
     ((head, tail),) = common
     value = "deviation_um" if _OF_DEVIATION.search(head) else "position_mm"
-    units = {"target_mm": bare_and_unit(target)[1], value: bare_and_unit(others[0])[1]}
+    units = {"target_mm": bare_and_unit(target)[1], value: bare_and_unit(other_columns[0])[1]}
     unit_of_column = {column: unit for column, unit in units.items() if unit not in (None, column.rsplit("_", 1)[-1])}
     mapping: MappingKeys = {
         "columns": {"target_mm": target},
@@ -253,9 +255,9 @@ def _direction(cell: str) -> str | None:
 
 
 def axis_rows(names: Sequence[str], values: Array) -> tuple[Proposal, ...]:
-    """Return commands of a single axis beside its encoders and an outside instrument, as configurations.
+    """Return commands of a single axis next to its encoders and an outside instrument, as configurations.
 
-    Two proposals, in degrees and in millimetres, if no name gives a unit; lengths first beside a laser. None without
+    Two proposals, in degrees and in millimetres, if no name gives a unit; lengths first next to a laser. None without
     such columns.
     """
     kinds_given = {_kind(name) for name in names}
@@ -333,7 +335,7 @@ def is_over_angle(names: Sequence[str]) -> bool:
 
 
 def _of_autocollimator(names: Sequence[str], command: str, kind: str | None) -> str | None:
-    """Return X of an autocollimator, in a small unit of angle beside a command in degrees; None without one."""
+    """Return X of an autocollimator, in a small unit of angle next to a command in degrees; None without one."""
     small = [name for name in names if name != command and _kind(name) == kind and bare_and_unit(name)[1] in _SMALL]
     return next((name for name in small if bare_and_unit(name)[0].casefold() == "x"), None) if kind == "angle" else None
 

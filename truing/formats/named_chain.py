@@ -18,7 +18,7 @@ from truing.formats.units import bare_and_unit
 LINK = "tip"  # last link of rows of Denavit and Hartenberg
 _TARGET = "reflector"
 _OF_CONTROLLER = re.compile(r"tcp|flange|nominal|soll|command|cmd|target|goal|desired|planned|model|theo", re.I)
-_WITHIN_M = 10.0  # coordinates of an arm beside joints in rad: m if all are smaller
+_WITHIN_M = 10.0  # coordinates of an arm next to joints in rad: m if all are smaller
 _COORDINATES = ("x", "y", "z")
 _AXES = len(_COORDINATES)
 
@@ -66,8 +66,8 @@ def chain_rows(
     points = {**keys, "columns": columns, "constants": constants, **counted, **_missing(names, data, raw)}
     read = configurations_of_joints(names, data, values, meant, used)
     if read is None:  # the joints have the contract's names
-        own = {"columns": rows} if rows else counted
-        read = JointReadings({**own, "ignore": _ignored(raw)}, f"joint readings of {', '.join(found.names)}")
+        pose_keys = {"columns": rows} if rows else counted
+        read = JointReadings({**pose_keys, "ignore": _ignored(raw)}, f"joint readings of {', '.join(found.names)}")
     read = replace(read, mapping={**read.mapping, **_first_of_each_pose(names, data, meant)})
     points_read = values[:, [list(names).index(name) for name in raw]]
     is_bare = {bare_and_unit(name)[1] for name in raw} == {None} and "unit" not in keys
@@ -96,7 +96,7 @@ def _several_targets(names: Sequence[str]) -> tuple[MappingKeys, tuple[str, ...]
     pattern = re.escape(wide).replace(r"\{target\}", r"\w.*?").replace(r"\{body\}", r"\w[^:]*")
     raw = tuple(name for name in names if re.fullmatch(pattern.replace(r"\{axis\}", "[xyzXYZ]"), name))
     keys = {"wide": wide, **({} if unit in (None, "mm") else {"unit": unit})}
-    return keys, raw, "several targets side by side, beside joint readings"
+    return keys, raw, "several targets side by side, next to joint readings"
 
 
 def _one_target(names: Sequence[str], meant: MappingKeys) -> tuple[MappingKeys, tuple[str, ...], str]:
@@ -109,7 +109,7 @@ def _one_target(names: Sequence[str], meant: MappingKeys) -> tuple[MappingKeys, 
     unit = bare_and_unit(raw[0])[1]
     columns = {column: name for column, name in zip(COORDINATES, raw, strict=True) if column != name}
     keys = {"columns": columns, **({} if unit in (None, "mm") or raw == COORDINATES else {"unit": unit})}
-    return keys, raw, f"{', '.join(raw)}: one target, beside joint readings"
+    return keys, raw, f"{', '.join(raw)}: one target, next to joint readings"
 
 
 def _first_of_each_pose(names: Sequence[str], data: Sequence[Sequence[str]], meant: MappingKeys) -> MappingKeys:

@@ -37,7 +37,7 @@ _MATRICES = ((3, 3), (3, 4), (4, 4))
 TOOL = "tool"  # body of measured poses that no file names
 SHIFTS = ("m03", "m13", "m23")
 _COMMANDED = re.compile(r"goal|command|cmd|desired|target|nominal|soll|set[ _]?point|planned|flange|reference", re.I)
-# Bodies of motion capture: beside the base alone, the flange is no pose that a controller computes.
+# Bodies of motion capture: next to the base alone, the flange is no pose that a controller computes.
 OF_BASE = re.compile(r"(robot[ _]?)?(base|basis|sockel|socle|world|fixed|fest)(?![^\W\d_])", re.I)
 _OF_MEASURED = re.compile(r"(robot[ _]?)?(flange|reference)(?![^\W\d_])", re.I)
 _SPREAD = re.compile(r"(?:^|[\W_])(?:std|sd|sigma|stdev|s|rms|unc|precision|prec|u|u95)(?:$|[\W_])", re.I)
@@ -77,7 +77,7 @@ def pose_columns(names: Sequence[str], values: Array) -> PoseMapping | None:
 def _matrix_columns(names: Sequence[str], values: Array, groups: Mapping[str, tuple[str, ...]]) -> PoseMapping | None:
     """Return the poses of columns that are numbered as elements of a matrix, such as ``T_00`` to ``T_23``; else None.
 
-    A rotation of 3 x 3 needs coordinates beside it. The first number is the row, or the column if only that gives
+    A rotation of 3 x 3 needs coordinates next to it. The first number is the row, or the column if only that gives
     rigid motions.
     """
     for before, elements in _elements(names).items():
@@ -114,7 +114,7 @@ def _elements(names: Sequence[str]) -> dict[str, dict[tuple[int, int], str]]:
 def _mapped_matrix(
     raw: Sequence[Sequence[str]], group: tuple[str, ...], names: Sequence[str], values: Array, *, by_columns: bool
 ) -> PoseMapping:
-    """Return the keys for matrices with raw columns ``raw`` (rows of 3 or 4), and coordinates beside those of 3."""
+    """Return the keys for matrices with raw columns ``raw`` (rows of 3 or 4), and coordinates next to those of 3."""
     columns = {f"m{i}{j}": name for i, row in enumerate(raw) for j, name in enumerate(row)}
     beside = () if "m03" in columns else group
     columns |= dict(zip(_PLACE, beside, strict=False))
@@ -142,8 +142,8 @@ def poses_side_by_side(names: Sequence[str], values: Array) -> list[PoseMapping]
     plain = _without_words_of_parts(names)
     groups = _groups(plain, _PLACES)
     columns_of_poses = []
-    others = [before for before in groups if before and _COMMANDED.search(before) is None]
-    is_beside_base = bool(others) and all(OF_BASE.match(before) for before in others)
+    measured_groups = [before for before in groups if before and _COMMANDED.search(before) is None]
+    is_beside_base = bool(measured_groups) and all(OF_BASE.match(before) for before in measured_groups)
     for before, group in groups.items():
         is_body = _COMMANDED.search(before) is None or (is_beside_base and _OF_MEASURED.match(before) is not None)
         for kind, families in _FAMILIES.items():

@@ -170,7 +170,7 @@ def _in_angles(names: Sequence[str]) -> tuple[str, ...] | None:
 
 @dataclass(frozen=True)
 class JointReadings:
-    """Keys of [files.configurations] for joint readings, what they are, and statements to confirm."""
+    """Keys of [files.configurations] for joint readings, their description, and statements to confirm."""
 
     mapping: MappingKeys
     note: str

@@ -64,7 +64,7 @@ class LoadMapping:
 
     @property
     def is_shown(self) -> bool:
-        """True if the loads are what the sensor shows."""
+        """True if the sensor shows the loads itself."""
         return any(column.startswith("shown_") for column in self.mapping["columns"])
 
 
@@ -88,9 +88,9 @@ def _parts_of_paths(names: Sequence[str]) -> dict[str, str] | None:
     columns = list(zip(*paths.values(), strict=False))
     if len(paths) < _FEWEST or len({len(parts) for parts in paths.values()}) > 1:
         return None
-    own = [k for k, column in enumerate(columns) if len(set(column)) > 1]
+    varying = [k for k, column in enumerate(columns) if len(set(column)) > 1]
     short = {
-        name: "/".join(parts[k] for k in own) + (half["unit"] or "") if (half := halves[name]) is not None else name
+        name: "/".join(parts[k] for k in varying) + (half["unit"] or "") if (half := halves[name]) is not None else name
         for name, parts in paths.items()
     }
     raw_names = {short.get(name, name): name for name in names}
@@ -119,7 +119,7 @@ def _load_columns(names: Sequence[str]) -> LoadMapping | None:
             return replace(load_columns_given, doubts=doubts)
         keys = {**_keys(applied), **steps}
         return LoadMapping(
-            "signals", {**keys, "columns": {**signals, **applied}}, "known loads, beside the channels of a sensor"
+            "signals", {**keys, "columns": {**signals, **applied}}, "known loads, next to the channels of a sensor"
         )
     load_columns_given, doubts = _map_applied_loads(plain, channels, steps)
     shown_keys = _keys({f"shown_{column}": name for column, name in plain.items()})
@@ -156,7 +156,7 @@ def _map_applied_loads(
     """Return the proposal for applied loads, and a doubt if channels are ratios of a bridge."""
     signals = {f"v{number}_mv": name for number, name in enumerate(channels, start=1)}
     note = "loads, taken to be applied"
-    note += ", beside the channels of a sensor" if channels else "; what was read under them no column says"
+    note += ", next to the channels of a sensor" if channels else "; what was read under them no column says"
     return LoadMapping("signals", {**_keys({**signals, **plain}), **steps}, note), _doubts_on_ratios(channels)
 
 

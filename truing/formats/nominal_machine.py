@@ -185,7 +185,7 @@ def _rows(numbers: Mapping[str, Array], kinds: Sequence[str], convention: str) -
 
 
 def _masses(cells: NamedCells) -> Guess | None:
-    """Return masses and centres of links in the order of the rows, and of what a last row calls the tool."""
+    """Return masses and centres of links in the order of the rows, and of the tool if the last row names one."""
     column_of = _meanings(cells.names, _MASSES)
     of_mass = re.search(r"(?<![a-z])(k?)g(?![a-z])", column_of.get("mass", ""))
     if set(column_of) != set(_MASSES) or of_mass is None:
@@ -196,7 +196,7 @@ def _masses(cells: NamedCells) -> Guess | None:
         return None
     numbered = cells.values[:, 0]
     is_row = np.isfinite(np.column_stack([cells.numbers(name) for name in column_of.values()])).all(axis=1)
-    links, others = is_row & np.isfinite(numbered), np.flatnonzero(is_row & ~np.isfinite(numbered))
+    links, unnumbered = is_row & np.isfinite(numbered), np.flatnonzero(is_row & ~np.isfinite(numbered))
     if links.sum() < _FEWEST or not np.array_equal(numbered[links], np.arange(1.0, links.sum() + 1.0)):
         return None
     mass = np.round(cells.numbers(column_of["mass"]) * (1.0 if of_mass[1] else 1e-3), 9)
@@ -204,8 +204,8 @@ def _masses(cells: NamedCells) -> Guess | None:
     machine: dict[str, object] = {
         "masses": [{"mass_kg": float(mass[k]), "com_mm": centre[k].tolist()} for k in np.flatnonzero(links)]
     }
-    if len(others) == 1 and re.search(rf"\b({_TOOL})\b", cells.rows[others[0]][0], re.IGNORECASE):
-        k = others[0]
+    if len(unnumbered) == 1 and re.search(rf"\b({_TOOL})\b", cells.rows[unnumbered[0]][0], re.IGNORECASE):
+        k = unnumbered[0]
         machine["payload"] = {"payload_kg": float(mass[k]), "payload_com_mm": centre[k].tolist()}
     doubt = (
         "centres of masses are assumed in frames of Denavit and Hartenberg, and com_mm has them in those of the joints"

@@ -94,10 +94,10 @@ class RowCount:
         before = group < (group[-1] if len(group) else 0)
         if len(group) and batch.records[-1] % self._per == self._per - 1:
             before[:] = True
-        rest = RawBatch(
+        last_record = RawBatch(
             {index: values.filter(~before) for index, values in batch.columns.items()}, batch.records[~before]
         )
-        return rest, self._rows_joined_to_records(batch, before)
+        return last_record, self._rows_joined_to_records(batch, before)
 
     def _rows_joined_to_records(self, batch: RawBatch, chosen: np.ndarray) -> RawBatch:
         groups, counts = np.unique(batch.records[chosen] // self._per, return_counts=True)

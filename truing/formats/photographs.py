@@ -185,10 +185,13 @@ def _without_copies(photographs: PhotographFiles, log: FaultLog) -> list[Photogr
     distinct: list[Photograph] = []
     alike: dict[tuple[int, bytes], list[Photograph]] = defaultdict(list)
     for photo in photographs.found:
-        others = alike[_fingerprint(photo.file)]
-        same = next((other for other in others if filecmp.cmp(other.file.path, photo.file.path, shallow=False)), None)
+        candidates = alike[_fingerprint(photo.file)]
+        same = next(
+            (candidate for candidate in candidates if filecmp.cmp(candidate.file.path, photo.file.path, shallow=False)),
+            None,
+        )
         if same is None:
-            others.append(photo)
+            candidates.append(photo)
             distinct.append(photo)
         elif same.pose == photo.pose:
             photographs.left_out[(photo.file.name, "a copy of another photograph of its pose")] += 1
@@ -222,4 +225,4 @@ def _with_camera_names(photographs: list[Photograph]) -> list[Photograph]:
             words.append(f"{photo.head.width_px} x {photo.head.height_px}")
         return ", ".join(words)
 
-    return [replace(one, camera=name(one)) for one in photographs]
+    return [replace(photograph, camera=name(photograph)) for photograph in photographs]

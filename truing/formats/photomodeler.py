@@ -120,7 +120,7 @@ def _block(lines: list[str], at: int, count: int, expected: str) -> tuple[_Numbe
 def _rays(export: _Export) -> MappingKeys:
     marks, lines = export.marks.rows, export.marks.lines
     photo, point = integer_columns(marks[:, 0], "photos", lines), integer_columns(marks[:, 1], "points", lines)
-    photos = {one.number: one for one in export.photos}
+    photos = {photo.number: photo for photo in export.photos}
     unknown = np.flatnonzero(~np.isin(photo, list(photos)))
     if len(unknown):
         row = int(unknown[0])
@@ -187,7 +187,7 @@ def _camera(export: _Export, photo: _Photo) -> Row:
         pitch[1] / p - 1.0,
         0.0,
     ]
-    name = f"camera of {first.name}" if len({tuple(one.interior) for one in export.photos}) > 1 else "camera"
+    name = f"camera of {first.name}" if len({tuple(photo.interior) for photo in export.photos}) > 1 else "camera"
     return {**camera_row(name, export.size, ten, pixel_um=1e3 * p), "free": _FREE}
 
 

@@ -11,7 +11,7 @@ from truing.formats.units import bare_and_unit, expanded, may_be
 from truing.schemas.columns import find_column
 from truing.schemas.mapping import is_uncertainty
 
-_MEASURED = r"(meas(ured)?|actual|act|mess|gemessen|ist)"  # beside nominal coordinates
+_MEASURED = r"(meas(ured)?|actual|act|mess|gemessen|ist)"  # next to nominal coordinates
 _OF_MEASURED = rf"{_MEASURED}[ _.]?{{0}}|{{0}}[ _.]?{_MEASURED}"
 _SPREAD = r"(sigma|std|sd|prec(ision)?)"
 _EXPANDED = r"(u|u[ _]?\(?95\)?|[23][ _-]?(σ|sigma))"
@@ -117,12 +117,12 @@ def _units(names: tuple[str, ...], units: dict[str, str]) -> MappingKeys:
     if common == "mm":
         common = None
     # `unit` holds for all coordinates, and for uncertainties without a unit of their own
-    others = {
+    other_units = {
         name: unit
         for name, unit in units.items()
         if unit != (common if common and name.endswith("_mm") else _unit_suffix(name))
     }
-    return ({"unit": common} if common is not None else {}) | ({"units": others} if others else {})
+    return ({"unit": common} if common is not None else {}) | ({"units": other_units} if other_units else {})
 
 
 def _nominal_beside_measured(names: Sequence[str]) -> set[str]:

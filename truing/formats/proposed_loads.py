@@ -26,8 +26,8 @@ def proposal_of_loads(loads: LoadMapping, names: tuple[str, ...], mapping: Mappi
     doubt = (
         f"forces and torques are assumed to be {'shown by the sensor itself' if loads.is_shown else 'applied loads'}"
     )
-    other = proposal_of_loads(loads.otherwise, names, mapping, meant)
-    return replace(guess, ways=(OtherWay("loads", text, taken, value, other, doubt),))
+    alternative = proposal_of_loads(loads.otherwise, names, mapping, meant)
+    return replace(guess, ways=(OtherWay("loads", text, taken, value, alternative, doubt),))
 
 
 def with_doubt_on_samples(guess: Guess, names: tuple[str, ...], values: Array) -> Guess:

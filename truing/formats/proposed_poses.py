@@ -75,7 +75,7 @@ def perhaps_in_metres(guess: Guess, in_metres: bool) -> Guess:
     if not in_metres:
         return guess
     text = "Unit of the coordinates, which the file does not give; it scales all lengths"
-    doubt = "no unit is given; coordinates below 10 beside joints of a robot are assumed to be in m"
+    doubt = "no unit is given; coordinates below 10 next to joints of a robot are assumed to be in m"
     taken = replace(guess, mapping={**guess.mapping, "unit": "m"})
     return replace(taken, ways=(OtherWay("unit", text, "m", "mm", guess, doubt),))
 
@@ -86,9 +86,9 @@ def proposal_of_bodies(cells: NamedCells, mapping: MappingKeys) -> Guess | None:
     if len(bodies) < _SEVERAL:
         return None
     names_used = {name for poses in bodies for name in poses.taken}
-    others = tuple(name for name in names if name not in names_used)
-    meant = columns_by_names(others)[0].get("columns", {})
-    number = {"pose": meant["pose"]} if "pose" in meant else column_that_counts(cells, others)
+    unused_names = tuple(name for name in names if name not in names_used)
+    meant = columns_by_names(unused_names)[0].get("columns", {})
+    number = {"pose": meant["pose"]} if "pose" in meant else column_that_counts(cells, unused_names)
     more = {} if number or "pose" in names else {"number_rows": {"pose": 1}}
     proposals = [
         Guess({**mapping, **p.mapping, "columns": {**number, **p.mapping["columns"]}, **more}, names, "poses", p.notes)
@@ -101,28 +101,28 @@ def proposal_of_bodies(cells: NamedCells, mapping: MappingKeys) -> Guess | None:
 def proposal_of_poses(poses: PoseMapping, cells: NamedCells, mapping: MappingKeys, joints: Sequence[str]) -> Guess:
     """Return a proposal for poses, and for the configurations that other columns of the same rows form."""
     keys, names = dict(poses.mapping), cells.names
-    others = tuple(name for name in names if poses.taken and name not in poses.taken)
-    meant = columns_by_names(others)[0].get("columns", {})
+    unused_names = tuple(name for name in names if poses.taken and name not in poses.taken)
+    meant = columns_by_names(unused_names)[0].get("columns", {})
     reported = {key: raw for key, raw in meant.items() if key in ("pose", "time_s", "temperature_c")}
-    number = {"pose": reported["pose"]} if "pose" in reported else column_that_counts(cells, others)
+    number = {"pose": reported["pose"]} if "pose" in reported else column_that_counts(cells, unused_names)
     if number or "pose" in names:
         keys["columns"] = {**number, **keys["columns"]}
     elif poses.taken:
         keys["number_rows"] = {"pose": 1}
-    body = _body_column(cells, others)
+    body = _body_column(cells, unused_names)
     if body is not None:
         keys["columns"] = {"body": body[0], **keys["columns"]}
         keys.pop("constants", None)
-    only = _only_body(cells, others)
+    only = _only_body(cells, unused_names)
     named = frozenset[str]()
     if only is not None and "constants" in keys:
         keys, named = keys | {"constants": {"body": only}}, frozenset({"body"})
-    inputs = [name for name in others if name not in number.values() and np.isfinite(cells.numbers(name)).any()]
+    inputs = [name for name in unused_names if name not in number.values() and np.isfinite(cells.numbers(name)).any()]
     if not inputs:
         return Guess({**mapping, **keys}, names, "poses", poses.notes, answered=named)
     repeated = _repeated_times(cells, reported, body)
     ignore = "|".join(re.escape(name).replace("\\ ", " ") for name in (*poses.taken, *repeated))
-    readings = configurations_of_joints(others, *cells.of(others), {**meant, **number}, joints)
+    readings = configurations_of_joints(unused_names, *cells.of(unused_names), {**meant, **number}, joints)
     if readings is not None:
         return _poses_beside_joints(poses, keys, cells, mapping, (readings, ignore))
     numbered = {key: keys[key] for key in ("number_rows",) if key in keys}
@@ -167,9 +167,9 @@ def _poses_beside_joints(
     return perhaps_in_metres(guess, is_bare and is_in_rad and in_metres)
 
 
-def _only_body(cells: NamedCells, others: Sequence[str]) -> str | None:
+def _only_body(cells: NamedCells, unused_names: Sequence[str]) -> str | None:
     """Return the body that a column names equally in every row; None without such a column."""
-    for name in others:
+    for name in unused_names:
         bodies = {text.strip() for text in cells.texts(name)}
         body = bodies.pop() if len(bodies) == 1 else ""
         if re.fullmatch(_OF_BODIES, bare_and_unit(name)[0], re.IGNORECASE) and re.search(r"[^\W\d_]", body):
@@ -177,9 +177,9 @@ def _only_body(cells: NamedCells, others: Sequence[str]) -> str | None:
     return None
 
 
-def _body_column(cells: NamedCells, others: Sequence[str]) -> tuple[str, str] | None:
+def _body_column(cells: NamedCells, unused_names: Sequence[str]) -> tuple[str, str] | None:
     """Return the column that names the body of each row, and its first body; None if it names fewer than two."""
-    for name in others:
+    for name in unused_names:
         bodies = [text.strip() for text in cells.texts(name)]
         if re.fullmatch(_OF_BODIES, bare_and_unit(name)[0], re.IGNORECASE) and _SEVERAL <= len(set(bodies)) < len(
             bodies
@@ -188,9 +188,9 @@ def _body_column(cells: NamedCells, others: Sequence[str]) -> tuple[str, str] | 
     return None
 
 
-def column_that_counts(cells: NamedCells, others: Sequence[str]) -> dict[str, str]:
+def column_that_counts(cells: NamedCells, unused_names: Sequence[str]) -> dict[str, str]:
     """Return the column that numbers the rows from its own start, by its name and its numbers."""
-    for name in others:
+    for name in unused_names:
         column = cells.numbers(name)
         if re.fullmatch(_COUNTER, name.strip(" .").casefold()) and np.array_equal(
             np.diff(column), np.ones(len(column) - 1)

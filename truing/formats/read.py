@@ -144,13 +144,14 @@ def read_table(
     entries = source.entries(shape.name)
     if not source.is_mapped(shape.name) and len(entries) > 1:
         log.add(Fault(entries[1].paths[0], f"either this file or {entries[0].paths[0]}, not both"))
+    reading = _TableReading(source, shape, log, poses_as_text)
     for entry in entries:
         for raw in _files(source, shape, entry, log):
             if _is_of_sheets(raw, entry):
                 for mapping in _split_by_sheet(raw, entry, log):
-                    yield from _read_file(raw, mapping, shape, log, poses_as_text, source, is_of_sheets=True)
+                    yield from _read_file(raw, mapping, reading, is_of_sheets=True)
             else:
-                yield from _read_file(raw, entry, shape, log, poses_as_text, source)
+                yield from _read_file(raw, entry, reading)
 
 
 def prefetched(items: Iterator[T]) -> Iterator[T]:
@@ -194,16 +195,20 @@ def _split_by_sheet(raw: RawFile, entry: FileMapping, log: FaultLog) -> Iterator
     yield from (entry.model_copy(update={"sheet": name}) for name in sheets)
 
 
+@dataclass(frozen=True)
+class _TableReading:
+    """A table that is read: the campaign's files, its columns, where faults go, and whether poses are texts."""
+
+    source: CampaignFiles
+    shape: TableShape
+    log: FaultLog
+    poses_as_text: bool
+
+
 def _read_file(
-    raw: RawFile,
-    entry: FileMapping,
-    shape: TableShape,
-    log: FaultLog,
-    poses_as_text: bool,
-    source: CampaignFiles,
-    *,
-    is_of_sheets: bool = False,
+    raw: RawFile, entry: FileMapping, reading: _TableReading, *, is_of_sheets: bool = False
 ) -> Iterator[tuple[FileRows, TableBatch]]:
+    source, shape, log = reading.source, reading.shape, reading.log
     file_format = format_of(raw, entry)
     completed, preset = with_preset(entry, file_format, shape.name)
     side_by_side = (completed.rows_per_pose or 1) if is_side_by_side(completed, shape.name) else 1
@@ -219,7 +224,7 @@ def _read_file(
         converged = completed if unit is None or completed.unit else completed.model_copy(update={"unit": unit})
         if file_format == "trc":
             converged = rows._delimited()
-        plan = MappingPlan(converged, shape, file_name, names, preset, poses_as_text, outside)
+        plan = MappingPlan(converged, shape, file_name, names, preset, reading.poses_as_text, outside)
         misfits = plan.check()
         for misfit in misfits:
             log.add(Fault(raw.name, misfit.expected, column=misfit.column, value=misfit.value))

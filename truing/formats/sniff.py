@@ -63,7 +63,7 @@ def sniff_file(path: Path, joints: Sequence[str] = ()) -> Guess:
     file_format = format_of(raw, FileMapping(path="*"))
     if raw.suffix == ".eor":
         return Guess(
-            notes=("AICON's orientations of images: read along with the image coordinates beside it",), known=True
+            notes=("AICON's orientations of images: read along with the image coordinates next to it",), known=True
         )
     if is_rig_file(path.name):
         return Guess(notes=(OF_RIGS,), known=True)
@@ -208,7 +208,7 @@ def _without_footer(numbered: list[tuple[int, str]], *, is_complete: bool) -> tu
     records = [split_record(line.encode(), separator, '"') for line in lines]
     widths = [len(record) for record in records]
     width = Counter(widths[len(widths) // 3 :]).most_common(1)[0][0]
-    rows = [row for row, own in enumerate(widths) if own == width]
+    rows = [row for row, width_of_row in enumerate(widths) if width_of_row == width]
     below = records[rows[-1] + 1 :]
     is_footer = 0 < len(below) < len(rows) and rows[-1] - rows[0] + 1 == len(rows)
     is_footer = is_footer and not _may_be_cut(below, [records[row] for row in rows], width)
@@ -284,7 +284,7 @@ def _is_sentence(text: str) -> bool:
 
 
 def _sniff_workbook(path: Path, joints: Sequence[str]) -> Guess:
-    """Return a proposal for the first sheet of a table and, beside it, of each other table; a note names the rest."""
+    """Return a proposal for the first sheet of a table and, next to it, of each other table; a note names the rest."""
     from truing.formats.workbook import first_rows, text_of
 
     try:
@@ -312,8 +312,8 @@ def _sniff_workbook(path: Path, joints: Sequence[str]) -> Guess:
     kinds = {name: guess.table or "".join(guess.machine) for name, guess in guesses.items()}
     firsts = {kind: name for name, kind in reversed(kinds.items()) if kind}
     read = [name for name in guesses if name in firsts.values()] or [next(iter(guesses))]
-    others = [other for other in guesses if other not in read]
-    more = (f"sheet {read[0]} is read; there are {', '.join(others[:_SHOWN])}",) if others else ()
+    unread = [guess_of_sheet for guess_of_sheet in guesses if guess_of_sheet not in read]
+    more = (f"sheet {read[0]} is read; there are {', '.join(unread[:_SHOWN])}",) if unread else ()
     best, *beside = (guesses[name] for name in read)
     return replace(best, notes=(*best.notes, *more), beside=(*best.beside, *beside))
 

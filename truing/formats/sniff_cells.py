@@ -58,7 +58,7 @@ from truing.schemas.columns import find_column
 _ONE_MOTION = "a single rigid motion (4x4): how two frames lie to each other, no measurement; it is not read"
 _A_COORDINATE_PER_ROW = "a row for each coordinate; export a table of points with columns X, Y and Z"
 _CHANNELS_ALONE = (
-    "channels of a sensor without loads: put the load of each row beside them, as columns such as Fx [N] and Mz [N m]"
+    "channels of a sensor without loads: put the load of each row next to them, as columns such as Fx [N] and Mz [N m]"
 )
 _OVER_ANGLE = (
     "readings over an angle, as of a ball bar or of dial gauges: truing reads no circular and no run-out tests, "
@@ -122,9 +122,9 @@ def _sniff_decimal(records: list[list[str]], mapping: MappingKeys, separator: st
     if notation != COMMA_DECIMAL or (cell := ambiguous_comma(records)) is None:
         return guess
     text = f"Decimal mark of numbers such as {cell}; with . the comma separates thousands"
-    other = _guess_by_notation(records, dict(mapping), separator, COMMA_THOUSANDS, about)
+    guess_with_thousands = _guess_by_notation(records, dict(mapping), separator, COMMA_THOUSANDS, about)
     doubt = f"the comma of numbers such as {cell} is assumed to be the decimal mark"
-    return replace(guess, ways=(*guess.ways, OtherWay("decimal", text, ",", ".", other, doubt)))
+    return replace(guess, ways=(*guess.ways, OtherWay("decimal", text, ",", ".", guess_with_thousands, doubt)))
 
 
 @dataclass(frozen=True)
@@ -138,7 +138,7 @@ class _Surroundings:
     is_of_joints: bool
 
     def joints_of(self, columns: int) -> tuple[str, ...]:
-        """Return the names of the joints in so many columns without names: numbers if only the file's name tells."""
+        """Return the names of the joints in this many columns without names: numbers if only the file's name tells."""
         numbered = tuple(f"joint{number}" for number in range(1, columns + 1)) if self.is_of_joints else ()
         return self.joints or numbered
 
@@ -191,8 +191,8 @@ def _with_times(guess: Guess, names: tuple[str, ...], data: list[list[str]], not
     time_format = time_format_of(cells)
     if time_format is None:
         del columns["time_s"]
-        rest = {key: value for key, value in guess.mapping.items() if key != "columns"}
-        return replace(guess, mapping={**rest, **({"columns": columns} if columns else {})})
+        other_keys = {key: value for key, value in guess.mapping.items() if key != "columns"}
+        return replace(guess, mapping={**other_keys, **({"columns": columns} if columns else {})})
     doubts = (*guess.doubts, time_format.doubt) if time_format.doubt else guess.doubts
     return replace(guess, mapping={**guess.mapping, "time_format": time_format.form}, doubts=doubts)
 
@@ -341,7 +341,7 @@ def _has_frames(names: Sequence[str]) -> bool:
 
 
 def _guess_markers(names: tuple[str, ...], mapping: MappingKeys) -> Guess | None:
-    """Return a proposal for markers of motion capture beside poses of rigid bodies; None without markers."""
+    """Return a proposal for markers of motion capture next to poses of rigid bodies; None without markers."""
     markers = [match["name"] for name in names if (match := _MARKER.fullmatch(name))]
     if len(markers) < _SEVERAL * _AXES or not any(name.startswith("Rigid Body.") for name in names):
         return None
@@ -383,9 +383,9 @@ def proposal_of_axis(
     ]
     if len(guesses) == 1:
         return _with_sign_of_readings(guesses[0])
-    taken, other = ("mm", "deg") if "command_mm" in guesses[0].mapping["columns"] else ("deg", "mm")
+    taken, alternative = ("mm", "deg") if "command_mm" in guesses[0].mapping["columns"] else ("deg", "mm")
     text, doubt = "Unit of the axis, which no name gives", f"no unit is given; the axis is assumed to be in {taken}"
-    return replace(guesses[0], ways=(OtherWay("axis", text, taken, other, guesses[1], doubt),))
+    return replace(guesses[0], ways=(OtherWay("axis", text, taken, alternative, guesses[1], doubt),))
 
 
 def _with_sign_of_readings(guess: Guess) -> Guess:
@@ -396,9 +396,9 @@ def _with_sign_of_readings(guess: Guess) -> Guess:
         return guess
     raw = columns[column]
     turned = {"name": raw, "scale": -1.0, "unit": units.get(column, column.rsplit("_", 1)[-1])}
-    others = {name: unit for name, unit in units.items() if name != column}
+    remaining_units = {name: unit for name, unit in units.items() if name != column}
     mapping = {key: value for key, value in guess.mapping.items() if key != "units"}
-    mapping |= {"columns": {**columns, column: turned}, **({"units": others} if others else {})}
+    mapping |= {"columns": {**columns, column: turned}, **({"units": remaining_units} if remaining_units else {})}
     text = f"{raw}: place of the axis minus its command, or command minus place"
     doubt = f"{raw} is assumed to be the deviation from the command: place minus command, not command minus place"
     way = OtherWay("sign", text, "place-command", "command-place", replace(guess, mapping=mapping), doubt)

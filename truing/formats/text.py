@@ -86,22 +86,22 @@ def record_blocks(chunks: Iterator[bytes], quote: bytes) -> Iterator[bytes]:
 
     Raises OpenQuotation and EndlessLine.
     """
-    rest = b""
+    unfinished = b""
     for chunk in chunks:
-        if quote and (quote in chunk or quote in rest):
-            chunk, rest = rest + chunk, b""
+        if quote and (quote in chunk or quote in unfinished):
+            chunk, unfinished = unfinished + chunk, b""
         cut = _last_end(chunk, quote)
         if cut:
-            yield b"".join((rest, memoryview(chunk)[:cut]))
-            rest = chunk[cut:]
+            yield b"".join((unfinished, memoryview(chunk)[:cut]))
+            unfinished = chunk[cut:]
         else:
-            rest += chunk
-        if len(rest) > _LONGEST_RECORD:
-            raise OpenQuotation if quote and quote in rest else EndlessLine
-    if quote and rest.count(quote) % 2:
+            unfinished += chunk
+        if len(unfinished) > _LONGEST_RECORD:
+            raise OpenQuotation if quote and quote in unfinished else EndlessLine
+    if quote and unfinished.count(quote) % 2:
         raise OpenQuotation
-    if rest:
-        yield rest
+    if unfinished:
+        yield unfinished
 
 
 def _last_end(data: bytes, quote: bytes) -> int:

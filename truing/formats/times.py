@@ -29,8 +29,8 @@ def time_format_of(cells: Sequence[str]) -> TimeFormat | None:
         if not date:
             return TimeFormat(form, "times without a date are assumed to be of one day")
         turned = _TURNED.get(date)
-        other = None if turned is None else _read(texts, form.replace(date, turned))
-        if other is not None and len({time.date() for time in times}) > 1:
+        times_turned = None if turned is None else _read(texts, form.replace(date, turned))
+        if times_turned is not None and len({time.date() for time in times}) > 1:
             order = "day/month" if date == "%d/%m/%Y" else "month/day"
             return TimeFormat(form, f"dates such as {texts[0]} are assumed to be {order}")
         return TimeFormat(form)

@@ -308,7 +308,7 @@ def unread_unit(name: str, column: Column) -> str | None:
 def is_like_a_unit(words: str) -> bool:
     """True if words are symbols of units, also of such that are not converted here, or one word with such a part."""
     tokens = _TOKENS.findall(words)
-    known = [known_unit(one) is not None or one.casefold() in _OTHER_UNITS for one in tokens]
+    known = [known_unit(token) is not None or token.casefold() in _OTHER_UNITS for token in tokens]
     return bool(tokens) and (all(known) or (any(known) and " " not in words))
 
 

@@ -201,8 +201,10 @@ def _records(path: Path, book: Workbook, name: str, entry: FileMapping) -> Itera
         rows = ((row, cells, ()) for row, cells in _rows(book, name))
         yield from _with_merged_cells(rows, merged, entry.skip_lines)
         return
-    with _opened(path, formulas=True) as other:
-        yield from _with_merged_cells(_with_formulas(_rows(book, name), _rows(other, name)), merged, entry.skip_lines)
+    with _opened(path, formulas=True) as book_with_formulas:
+        yield from _with_merged_cells(
+            _with_formulas(_rows(book, name), _rows(book_with_formulas, name)), merged, entry.skip_lines
+        )
 
 
 def _rows(book: Workbook, name: str) -> Iterator[tuple[int, Row]]:
@@ -249,12 +251,12 @@ def _sheet_structure(path: Path, book: Workbook, name: str) -> tuple[bool, dict[
     """True if a sheet holds formulas, and its vertically merged cells: by first row, column and last row."""
     from openpyxl.utils import column_index_from_string
 
-    has_formulas, rest, count = False, b"", 0
+    has_formulas, unfinished, count = False, b"", 0
     merged: dict[int, list[tuple[int, int]]] = {}
     part = str(book[name]._worksheet_path).lstrip("/")
     with zipfile.ZipFile(path) as archive, archive.open(part) as stream:
         while chunk := stream.read(_CHUNK):
-            text = rest + chunk
+            text = unfinished + chunk
             has_formulas = has_formulas or _FORMULA.search(text) is not None
             for match in _MERGED.finditer(text):
                 left, top, right, bottom = (group.decode() for group in match.groups())
@@ -263,7 +265,7 @@ def _sheet_structure(path: Path, book: Workbook, name: str) -> tuple[bool, dict[
                     block = column_index_from_string(left) - 1, int(bottom)
                     merged.setdefault(int(top), []).append(block)
             cut = text.rfind(b"<")
-            rest = text[cut:] if cut >= 0 and len(text) - cut < 100 else b""
+            unfinished = text[cut:] if cut >= 0 and len(text) - cut < 100 else b""
     return has_formulas, merged
 
 

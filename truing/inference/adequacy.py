@@ -30,7 +30,7 @@ _NEIGHBOURS = 2
 _FEWEST_EPOCHS, _MOST_EPOCHS = 8, 2_000
 # Fewest epochs beyond the first of each group of repeats, or of each region, for an F test.
 _FEWEST_REPEATS = 4.0
-# So many permutations that are as extreme determine the p-value, however few were drawn; with fewer than the second
+# This many permutations that are as extreme determine the p-value, however few were drawn; with fewer than the second
 # among all, the p-value is the normal tail.
 _DETERMINED, _RESOLVED = 20, 11
 

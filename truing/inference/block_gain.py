@@ -20,7 +20,7 @@ from truing.inference.linear_problem import Whitened
 from truing.inference.model import CauseT
 
 # A block is informative if the effect there is at least this large (squares, in units of the noise) and larger than its
-# uncertainty from the other blocks. At least so many informative blocks are needed.
+# uncertainty from the other blocks. At least this many informative blocks are needed.
 _LEAST_EFFECT, FEWEST_TELLING = 4.0, 2
 _FAR_BELOW = 3.0  # standard deviations
 

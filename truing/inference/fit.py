@@ -19,7 +19,7 @@ from truing.inference.model import Predict, PredictionLike, ZeroColumns
 from truing.inference.observations import Frames, Observations
 
 _MAX_ITERATIONS = 25
-# A step that raises the sum of squares is halved at most so many times.
+# A step that raises the sum of squares is halved at most this many times.
 _MOST_HALVINGS = 8
 # A fit has converged when its next step would lower the sum of squares by less than this: then no unknown moves by
 # more than a hundredth of its standard deviation.

@@ -27,7 +27,7 @@ INCLUDED = 0.9  # probability from which on an input is named
 _MOST_SETS = 3  # sets of inputs that are named in turn
 _MOST_HELD = 0.5  # largest number of functions held fixed, as a share of the epochs
 _LEAST = 1e-300  # squares of noise
-_CLIPPED = 4.0  # residuals beyond so many robust standard deviations are clipped
+_CLIPPED = 4.0  # residuals beyond this many robust standard deviations are clipped
 
 
 def sets_of_inputs(rows: Array, spectra: Spectra, level: float) -> Iterator[tuple[Inputs, float, float]]:

@@ -239,7 +239,7 @@ class Whitened:
         return self.basis.astype(np.float32)
 
     def prepare_draws(self) -> None:
-        """Form what `without_shared_roughly` needs, before several threads call it."""
+        """Form the matrices of `without_shared_roughly`, before several threads call it."""
         _ = self._inverse if self.whole is None else self._rough_basis
 
     def without_draws(self) -> None:

@@ -21,7 +21,7 @@ from truing.inference.signatures import signatures_of
 _STEPS = 4
 # Reduction of the sum of squares, in units of the noise, that 95 % of true onsets lose at most to the best one: the
 # quantile of (1 - exp(-x / 2))^2, the distribution for a jump in white noise. Source: Yao, Annals of Statistics 15
-# (1987) 1321. So many onsets in a row that lose more end the interval.
+# (1987) 1321. This many onsets in a row that lose more end the interval.
 _LOSS, _IN_A_ROW = -2.0 * float(np.log(1.0 - np.sqrt(0.95))), 4
 _MOST_IN_INTERVAL = 300  # onsets that are compared at most, of all possible ones
 
@@ -94,7 +94,7 @@ def _last_possible(
     fitted: FittedModel[CauseT],
     search: Search[CauseT],
 ) -> CauseT:
-    """Return the cause at the last onset in the direction ``step`` of time that explains at least so many squares.
+    """Return the cause at the last onset in the direction ``step`` of time that explains at least this many squares.
 
     If onsets between are skipped, the first one that explains less is its limit.
     """

@@ -24,7 +24,7 @@ from truing.inference.observations import Frames, Observations
 _ROUNDS = 2
 _FLOOR_DRAWS = 24
 # p-value at which a cause is rejected because it predicts held-out epochs worse. The variance of this test comes from
-# the epochs (or runs) and from the noise, which counts as so many epochs.
+# the epochs (or runs) and from the noise, which counts as this many epochs.
 _WORSE, _EPOCHS_OF_NOISE = 0.006, 10
 # Regularisation of the fit to an epoch that lacks channels, in units of the noise.
 _HELD = 1e-3
@@ -64,7 +64,7 @@ class PredictionError(Generic[CauseT]):
         return linearise(self.model.predict, self.measured, self.frames, self.shared, self.local, compact=True)
 
     def release(self) -> None:
-        """Free what few predictions need."""
+        """Free arrays that few predictions need."""
         for name in ("linearised", "pathways", "design_matrix"):
             self.__dict__.pop(name, None)
 

@@ -262,7 +262,7 @@ class Search(Generic[CauseT]):
         return NullDistribution(self.groups, self.noise, self.shares, np.concatenate(drawn), np.concatenate(flipped))
 
     def _prepare(self) -> None:
-        """Form what both searches share, before they run at once."""
+        """Form the arrays that both searches share, before they run at once."""
         _ = self._standard, self._flipped_level, self._members, self._banks
         self.pathways.prepare_draws()
         for family in self.families:

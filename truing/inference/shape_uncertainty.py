@@ -10,7 +10,7 @@ from truing.inference.fitted_model import FittedModel
 from truing.inference.fitter import Fitter
 from truing.inference.model import CauseT
 
-# Shapes are held at so many sigmas to either side; a sigma is widened at most by this factor.
+# Shapes are held at this many sigmas to either side; a sigma is widened at most by this factor.
 _REACH, _WIDEST = 2.0, 4.0
 
 

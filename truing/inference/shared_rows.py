@@ -171,7 +171,7 @@ class SharedRows:
     @cached_property
     def _eliminated(self) -> tuple[Integers, Array, Array, Array] | None:
         """Columns (k,) that are kept; squares (G,) of the others, priors included; their products (G, k) with those
-        kept; and the products (k, k) of those kept without what the others explain. Zero beside the kept themselves."""
+        kept; and the products (k, k) of those kept without what the others explain. Zero at the kept ones."""
         few, wide = self._few_of_own, self._wide
         exact = self._overlapping
         if exact is None or len(self.extra):

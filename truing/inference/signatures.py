@@ -29,7 +29,7 @@ INFORMATIVE = 0.3
 _MOVED = 1e-3
 # Values of the designs of candidates that are projected by one product.
 _AT_ONCE = 2**18
-# Candidates are no batch if the epochs of all are so many times those during which each acts.
+# Candidates are no batch if the epochs of all are this many times those during which each acts.
 _MOSTLY_IDLE = 3
 # Most values of the products of all pathways with all shared unknowns that are kept; otherwise they are formed for some
 # pathways at a time.

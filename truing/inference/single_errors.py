@@ -21,7 +21,7 @@ from truing.inference.heavy_tails import HEAVY, log_odds_of_large, log_odds_of_t
 from truing.inference.model import CauseT, ScatterCandidate
 from truing.inference.rounds import RIVAL_FACTOR
 
-_LARGE = 4.0  # an error is large beyond so many times the typical one
+_LARGE = 4.0  # an error is large beyond this many times the typical one
 _TYPICAL = 0.6745  # median of absolute normal deviates
 _RANDOM = 0.01  # p-value of order and of a dependence above which errors are random
 

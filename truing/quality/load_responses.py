@@ -106,9 +106,9 @@ def typical_size(value: Array, kind: Index) -> Array:
     """Return the median size (G,) of the other responses of the same kind; NaN where there are fewer than two."""
     out = np.full(len(value), np.nan)
     for at in range(len(value)):
-        others = np.flatnonzero((kind == kind[at]) & (np.arange(len(value)) != at))
-        if len(others) > 1:
-            out[at] = np.median(np.abs(value[others]))
+        same_kind = np.flatnonzero((kind == kind[at]) & (np.arange(len(value)) != at))
+        if len(same_kind) > 1:
+            out[at] = np.median(np.abs(value[same_kind]))
     return out
 
 
@@ -142,29 +142,29 @@ def most_similar_channels(
         candidates = [k for k in range(6) if k // 3 == channel.place // 3 and k != channel.place]
         for of_run, run in zip(channel.of_runs, channel.runs.tolist(), strict=True):
             rows = channel.rows[of_run]  # all: a run of another channel's readings may stand out as gross
-            asked = [_nearness(view, channel, expected, rows, other) for other in candidates]
+            asked = [_nearness(view, channel, expected, rows, candidate) for candidate in candidates]
             count += any(answer is not None for answer in asked)
-            for other, answer in zip(candidates, asked, strict=True):
+            for candidate, answer in zip(candidates, asked, strict=True):
                 if answer is not None and answer[0] < _ITS_OWN:
-                    similar.append((run, channel.place, other, answer[1]))
+                    similar.append((run, channel.place, candidate, answer[1]))
     return similar, count
 
 
 def _nearness(
-    view: LoadingView, channel: ChannelView, expected: ExpectedReadings, rows: Index, other: int
+    view: LoadingView, channel: ChannelView, expected: ExpectedReadings, rows: Index, candidate: int
 ) -> tuple[float, bool] | None:
     """Return the distance of a channel's readings to another's response, over the distance of the two. The second
     value is True if the other's response is larger. None where the two are too similar or too small."""
     if len(rows) < FEWEST:
         return None
-    response = expected.value[rows][:, [channel.place, other]]
+    response = expected.value[rows][:, [channel.place, candidate]]
     response = response - response.mean(axis=0)
     size = np.sqrt(np.mean(response**2, axis=0))
     rms_difference = float(np.sqrt(np.mean((response[:, 0] - response[:, 1]) ** 2)))
     larger = int(size.argmax())
     if not rms_difference > _APART * size[larger]:
         return None
-    if not expected.is_clear((channel.place, other)[larger], rows, channel.sigma):
+    if not expected.is_clear((channel.place, candidate)[larger], rows, channel.sigma):
         return None
     off = view.steps.reading[rows, channel.place] - response[:, 1]
     square = np.sort((off - np.median(off)) ** 2)[: int(np.ceil(_REGULAR * len(rows)))]
@@ -182,8 +182,8 @@ def as_others(view: LoadingView) -> ExpectedReadings:
                 slope[run, channel.place] = slope_of(load, reading)[0]
     typical = np.full(slope.shape, np.nan)
     for run in np.flatnonzero(view.loaded_alone):
-        others = (view.axis == view.axis[run]) & view.loaded_alone & (np.arange(len(slope)) != run)
-        enough = np.isfinite(slope[others]).sum(axis=0) >= _OTHERS
-        typical[run, enough] = np.nanmedian(slope[others][:, enough], axis=0)
+        comparable = (view.axis == view.axis[run]) & view.loaded_alone & (np.arange(len(slope)) != run)
+        enough = np.isfinite(slope[comparable]).sum(axis=0) >= _OTHERS
+        typical[run, enough] = np.nanmedian(slope[comparable][:, enough], axis=0)
     along = np.take_along_axis(view.steps.load, np.maximum(view.axis, 0)[view.steps.run, None], axis=1)
     return ExpectedReadings(along * typical[view.steps.run])

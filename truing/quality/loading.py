@@ -171,8 +171,8 @@ def repeated_programmes(view: LoadingView, channel: ChannelView) -> Iterator[Pro
     """Return load programmes that a channel was read in more than once, and the scatter of its runs."""
     steps = view.steps
     alike: dict[bytes, list[Index]] = {}
-    for mine in channel.of_runs:
-        alike.setdefault((steps.load[channel.rows[mine]].round(9) + 0.0).tobytes(), []).append(mine)
+    for places in channel.of_runs:
+        alike.setdefault((steps.load[channel.rows[places]].round(9) + 0.0).tobytes(), []).append(places)
     for group in (np.array(rows) for rows in alike.values() if len(rows) > 1):
         used = channel.fit.kept[group].all(axis=0)
         if used.sum() < 2:

@@ -64,7 +64,7 @@ def guideway_errors(errors: pd.DataFrame) -> go.Figure:
             figure.add_vline(x=end, line={"width": 1, "dash": "dash", "color": ORANGE}, **panel)
         figure.update_xaxes(title={"text": "position of the slide (mm)", "standoff": 2}, **panel)
         figure.update_yaxes(title_text=unit, **panel)
-    return style(figure, "Errors of the guideways", "Motion of the carriage besides its travel", 120 + 240 * rows)
+    return style(figure, "Errors of the guideways", "Motion of the carriage next to its travel", 120 + 240 * rows)
 
 
 def _with_band(readings: NDArray, middle: NDArray, sigma: NDArray) -> list[go.Scatter]:

@@ -217,11 +217,11 @@ _REPEATED = Head("subject", "Body or point that was measured repeatedly.")
 def _of_repeats(repeated: pd.DataFrame) -> list[Listing]:
     """Return the figures of ISO 9283 of each subject and pose, and of distances, with 95 % intervals of
     repeatability."""
-    other = repeated["other_pose"] if "other_pose" in repeated else pd.Series(None, repeated.index, dtype=object)
+    other_pose = repeated["other_pose"] if "other_pose" in repeated else pd.Series(None, repeated.index, dtype=object)
     parts = (
-        (repeated[other.isna()], ["subject", "pose"], _OF_POSE, (POSE,), _ISO_CAPTION),
+        (repeated[other_pose.isna()], ["subject", "pose"], _OF_POSE, (POSE,), _ISO_CAPTION),
         (
-            repeated[other.notna()],
+            repeated[other_pose.notna()],
             ["subject", "pose", "other_pose"],
             _OF_DISTANCE,
             (POSE, Head("other pose", "Other commanded pose of the distance.")),

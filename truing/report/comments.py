@@ -15,8 +15,8 @@ def with_comments(sections: Sequence[ReportSection], comments: Iterable[tuple[st
     The first screen is no section: the page shows its comments itself."""
     given = list(comments)
     known = {FIRST_SCREEN, *(section.id for section in all_of(sections))}
-    rest = tuple(f"{name}: {text}" for name, text in given if name not in known)
-    last = [ReportSection("comments", "Comments", _REST, comments=rest)] if rest else []
+    unplaced = tuple(f"{name}: {text}" for name, text in given if name not in known)
+    last = [ReportSection("comments", "Comments", _REST, comments=unplaced)] if unplaced else []
     return [*(_commented(section, given) for section in sections), *last]
 
 

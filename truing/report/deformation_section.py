@@ -295,9 +295,9 @@ def _left_out(rows: pd.DataFrame, low: float, high: float) -> go.Scatter:
 
 def _slope(rows: pd.DataFrame, slope: float) -> go.Scatter:
     reach = np.array([rows["delta_rho_mm"].min(), rows["delta_rho_mm"].max()])
-    rest = float((rows["delta_bz_um"] - slope * rows["delta_rho_mm"]).mean())
+    intercept = float((rows["delta_bz_um"] - slope * rows["delta_rho_mm"]).mean())
     return go.Scatter(
-        x=reach, y=rest + slope * reach, mode="lines", line={"color": ORANGE, "width": 2}, hoverinfo="skip"
+        x=reach, y=intercept + slope * reach, mode="lines", line={"color": ORANGE, "width": 2}, hoverinfo="skip"
     )
 
 

@@ -36,7 +36,7 @@ def with_reference(
 def glossary_section(
     sections: Sequence[ReportSection], *, bench: bool = False, above: Sequence[str] = ()
 ) -> ReportSection | None:
-    """Return the explanations of what the tables and captions of the sections name; None where they name nothing.
+    """Return the explanations of terms in tables and captions of the sections; None where they name nothing.
 
     ``bench``: checks of both kinds of campaign are explained as for a bench; ``above``: captions before the first
     section.

@@ -45,7 +45,9 @@ def _lines(rows: dict[str, SectionVerdict], tables: Tables) -> list[Verdict]:
     if not rows:
         return []
     lead = rows[CAMPAIGN]
-    others = [verdict for name, verdict in rows.items() if name != CAMPAIGN and verdict.explanation != lead.explanation]
+    section_verdicts = [
+        verdict for name, verdict in rows.items() if name != CAMPAIGN and verdict.explanation != lead.explanation
+    ]
     corrected = corrections(tables, rows.get("adequacy"))
     leading = [(lead.mark, lead.explanation)]
     # A machine that agrees only after its geometry was corrected is not introduced as right.
@@ -53,12 +55,12 @@ def _lines(rows: dict[str, SectionVerdict], tables: Tables) -> list[Verdict]:
     details = diagnosis_details(tables)
     if lead.explanation == _explanation(rows, "diagnosis"):
         lines += details
-    for other in sorted(others, key=lambda verdict: _URGENCY[verdict.state]):
-        if _has_line(other):
-            lines.append((other.mark, other.explanation))
-        if other.section == "diagnosis":
+    for verdict in sorted(section_verdicts, key=lambda verdict: _URGENCY[verdict.state]):
+        if _has_line(verdict):
+            lines.append((verdict.mark, verdict.explanation))
+        if verdict.section == "diagnosis":
             lines += details
-    return [*lines, *choice_verdicts(tables), *_passed_sections(others)]
+    return [*lines, *choice_verdicts(tables), *_passed_sections(section_verdicts)]
 
 
 _URGENCY = {RelationState.FAILS: 0, RelationState.ATTENTION: 1, RelationState.OK: 2, RelationState.NOT_TESTED: 3}

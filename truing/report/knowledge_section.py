@@ -90,9 +90,10 @@ def _rank(observed: pd.DataFrame, key: Key) -> str:
     if "rank" in facts and "parameters" in facts:
         asked, rank = int(facts["parameters"]), int(facts["rank"])
         part = f"all {asked}" if rank == asked else f"{rank} of the {asked}"
-        rest = "" if rank == asked else "; only tolerances limit the others"
+        by_tolerances = "" if rank == asked else "; only tolerances limit the others"
         texts.append(
-            f"All measurements, targets included, determine {part} parameters of {calibration_name(key)}{rest}."
+            f"All measurements, targets included, determine {part} parameters of {calibration_name(key)}"
+            f"{by_tolerances}."
         )
     return " ".join(texts) or f"Observability of {calibration_name(key)}."
 

@@ -98,7 +98,7 @@ def _opening_sentences(steps: pd.DataFrame, read: pd.DataFrame, tables: Tables) 
 def duration_words(steps: pd.DataFrame) -> str:
     """Return the duration of load steps in words; empty where the clocks of runs differ."""
     if len(steps) and _is_counted(steps):
-        return ", without times other than their order"
+        return ", in a known order without times"
     spans = steps.dropna(subset="time_s").groupby("run")["time_s"].agg(["min", "max"]).sort_values("min")
     starts, ends = spans["min"].to_numpy(dtype=float), spans["max"].to_numpy(dtype=float)
     known = len(starts) and ends.max() > starts[0] and not np.any(starts[1:] < ends[:-1])  # each run from zero again

@@ -146,7 +146,8 @@ def _measured_poses(tables: Tables, given: pd.DataFrame) -> ReportSection:
     listings = [Listing((BODY, _MEASURED_POSES), rows, caption="Bodies whose poses were measured")]
     if (conf := table_or_none(tables, "configurations")) is not None and _ranges(conf).rows:
         listings.append(_ranges(conf))
-    text = f"{_campaign_sentence(tables)} Poses were measured as such, without targets: {len(given):,} of them."
+    were = "was" if len(given) == 1 else "were"
+    text = f"{_campaign_sentence(tables)} {count_text(len(given), 'pose')} {were} measured directly, without targets."
     return ReportSection("measured", "Measured", text, listings=tuple(listings))
 
 
@@ -201,7 +202,7 @@ def _time_words(times: Array) -> str:
     if len(times) < 2:
         return ""
     if np.all(np.diff(np.sort(times)) == 1.0):
-        return ", without times other than their order"
+        return ", in a known order without times"
     if len(np.unique(times)) < len(times) and np.any(np.diff(times) < 0.0):  # of several clocks, or from zero again
         return ""
     return f" over {duration(float(np.ptp(times)))}"

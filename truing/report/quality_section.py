@@ -71,12 +71,12 @@ def belonging_verdict(tables: Tables, _: Mapping[str, SectionVerdict]) -> Sectio
         return SectionVerdict("belonging", RelationState.ATTENTION, ReasonCode.DEPARTS, text, *numbers)
     untested = by_state[RelationState.NOT_TESTED]
     partly = set(untested["relation"]) & set(by_state[RelationState.OK]["relation"])
-    rest = f" Not tested: {_relation_names(untested, partly)}." if len(untested) else ""
+    not_tested = f" Not tested: {_relation_names(untested, partly)}." if len(untested) else ""
     if not len(by_state[RelationState.OK]):
-        text = f"It was not tested whether the tables belong together.{rest}"
+        text = f"It was not tested whether the tables belong together.{not_tested}"
         return SectionVerdict("belonging", RelationState.NOT_TESTED, ReasonCode.NOT_EVALUATED, text)
     tested = _relation_names(by_state[RelationState.OK], partly)
-    text = f"The data belong together, as far as tested: {tested}.{rest}"
+    text = f"The data belong together, as far as tested: {tested}.{not_tested}"
     return SectionVerdict("belonging", RelationState.OK, ReasonCode.BELONG, text)
 
 
@@ -164,11 +164,11 @@ def quality_verdict(tables: Tables, before: Mapping[str, SectionVerdict]) -> Sec
 
 
 def _failed_words(failed: pd.DataFrame, qa: pd.DataFrame, also: str) -> str:
-    others = failed[~_withholding_rows(failed)]  # the others belong to the verdict on consistency
-    if not len(others):
+    failed_checks = failed[~_withholding_rows(failed)]  # the others belong to the verdict on consistency
+    if not len(failed_checks):
         return f"{len(failed)} of {len(qa)} quality checks failed (see Quality).{also}"
-    rest = f" {len(failed) - 1} more, see Quality." if len(failed) > 1 else ""
-    return f"{len(failed)} of {len(qa)} quality checks failed. {printed(others['message'].iloc[0])}{rest}{also}"
+    more = f" {len(failed) - 1} more, see Quality." if len(failed) > 1 else ""
+    return f"{len(failed)} of {len(qa)} quality checks failed. {printed(failed_checks['message'].iloc[0])}{more}{also}"
 
 
 def accepted_verdicts(qa: pd.DataFrame) -> pd.Series:

@@ -231,7 +231,7 @@ _OPEN = 12  # raw files that are not folded
 
 
 def _cost(cost: StageCost) -> tuple[str, ...]:
-    """Return the cells of what a stage took."""
+    """Return the cells with time and memory of a stage."""
     memory = "–" if cost.memory_bytes is None else f"{cost.memory_bytes / 1e6:,.0f}"
     return cost.stage, f"{cost.seconds:.2f}", memory, str(cost.workers)
 

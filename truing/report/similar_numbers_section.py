@@ -69,7 +69,7 @@ def _predictions(tables: Tables) -> Iterator[_Row]:
 
 
 def _deformation(tables: Tables) -> Iterator[_Row]:
-    """Yield the rms of what the models of the deformation leave."""
+    """Yield the rms residuals of the models of the deformation."""
     errors = table_or_none(tables, "deformation_errors")
     if errors is None:
         return
@@ -106,12 +106,12 @@ def _entries(tables: Tables) -> Iterator[tuple[str, ...]]:
     names = shifts["leg"].astype(int).map("K{}".format) + shifts["column"].astype(int).astype(str)
     shifts, fitted = shifts[(shifts["model"] == "matrix")].assign(entry=names), rows_of(fitted, key)
     for size in sorted(named, key=lambda parameter_size: -abs(parameter_size.number or 0.0))[:_SHOWN]:
-        others = (
+        similar = (
             _first(shifts[shifts["entry"] == size.name], "coefficient"),
             _first(fitted[fitted["parameter"] == size.name], "identified"),
         )
-        if any(others):
-            yield (size.name, _entry(size.number, size.sigma), *others)
+        if any(similar):
+            yield (size.name, _entry(size.number, size.sigma), *similar)
 
 
 def _first(rows: pd.DataFrame, column: str) -> str:

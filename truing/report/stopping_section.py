@@ -43,7 +43,7 @@ def stop(tables: Tables) -> ReportSection | None:
 
 
 def _remaining(steps: list[NextStep]) -> Iterator[str]:
-    """Yield sentences on what further measurements would add without any point being open."""
+    """Yield sentences on the benefit of further measurements if no point is open."""
     better, untested = (sum(step.need == need for step in steps) for need in (Need.PRECISION, Need.TESTABLE))
     if better:
         yield f"{count_text(better, 'further measurement')} would only make a known size more precise."

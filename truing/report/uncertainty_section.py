@@ -86,7 +86,7 @@ def statement(stated: pd.DataFrame) -> str:
     elif len(rows) == 1:
         law = f"= {factors[0]}, which for a t-distribution with ν_eff = {plain(float(dof.iloc[0]))}"
     else:
-        law = "beside it, which for a t-distribution with its effective degrees of freedom (∞: a normal distribution)"
+        law = "next to it, which for a t-distribution with its effective degrees of freedom (∞: a normal distribution)"
     drawn = f" {_DRAWN}" if (rows["result"] == "positioning").any() else ""
     return f"{text} {law} corresponds to a coverage probability of approximately 95 %.{drawn}"
 
@@ -264,14 +264,14 @@ def _share_bars(groups: _Grouped, title: str) -> go.Figure:
     figure = go.Figure()
     names = [label(name) for name in groups.names]
     drawn = _visible(groups)[: len(_COLOURS)]
-    rest = [source for source in groups.sources if source not in drawn]
+    undrawn = [source for source in groups.sources if source not in drawn]
     for source, colour in zip(drawn, _COLOURS, strict=False):
         shares = [100.0 * groups.share[name, source] for name in groups.names]
         figure.add_trace(_bar(shares, names, f"{label(source)} ({groups.evaluation[source]})", colour))
         if groups.evaluation[source] == "A":  # distinguishable without colour too
             figure.data[-1].marker.pattern = {"shape": "/", "fgcolor": "white", "size": 6, "solidity": 0.2}
-    if rest:
-        shares = [100.0 * sum(groups.share[name, source] for source in rest) for name in groups.names]
+    if undrawn:
+        shares = [100.0 * sum(groups.share[name, source] for source in undrawn) for name in groups.names]
         figure.add_trace(_bar(shares, names, _REST, GREY))
     height = 150 + 26 * len(names) + 22 * len(figure.data)
     style(figure, f"{title}: where the uncertainty comes from", "Share of the variance by source", height)

@@ -360,12 +360,12 @@ def curve(question: DetectionQuestion, index: int, answers: Iterable[Answer]) ->
     answers_of_place = [answer for answer in answers if answer.question == index]
     factors = tuple(sorted({answer.factor for answer in answers_of_place}))
     by_factor = [[answer for answer in answers_of_place if answer.factor == factor] for factor in factors]
-    others: dict[str, int] = {}
+    named_instead: dict[str, int] = {}
     for text in (text for answer in answers_of_place if not answer.named for text in answer.others_found):
-        others[text] = others.get(text, 0) + 1
+        named_instead[text] = named_instead.get(text, 0) + 1
 
     def rates(what: str) -> tuple[Rate, ...]:
         return tuple(Rate(sum(getattr(member, what) for member in group), len(group)) for group in by_factor)
 
-    listed = tuple(sorted(others.items(), key=lambda item: -item[1]))
+    listed = tuple(sorted(named_instead.items(), key=lambda item: -item[1]))
     return Curve(question, factors, rates("found"), rates("named"), rates("subject_right"), listed)

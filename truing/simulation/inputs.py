@@ -148,8 +148,10 @@ def relaxing_states(readings: NDArray, time: NDArray) -> NDArray | None:
     for index, (before, now) in enumerate(pairwise(order)):
         states[now] = left[index] * states[before] + gained[index] * steps[index][:, None]
     for reading in range(states.shape[1]):
-        own, sizes, _ = np.linalg.svd(states[:, reading], full_matrices=False)
-        states[:, reading] = np.sqrt(len(own)) * np.where(sizes > _LEAST_STATE * max(sizes[0], 1e-300), own, 0.0)
+        directions, sizes, _ = np.linalg.svd(states[:, reading], full_matrices=False)
+        states[:, reading] = np.sqrt(len(directions)) * np.where(
+            sizes > _LEAST_STATE * max(sizes[0], 1e-300), directions, 0.0
+        )
     return states
 
 

@@ -143,8 +143,8 @@ def _changed(reported: ReportedNumbers, comparison: NumberComparison, level: flo
     sizes, sigmas = comparison.sizes(changed)
     for (index, rivals), size, sigma in zip(alternatives(comparison, changed), sizes, sigmas, strict=True):
         row, one = row_of[index], reported.by_numbers[row_of[index], index]  # a component may fall as its tilt grows
-        others = " ".join(reported.rows[row_of[rival]].label for rival in rivals) or None
-        values = {"changed": True, "change": size * one, "sigma_change": sigma * abs(one), "instead": others}
+        rival_labels = " ".join(reported.rows[row_of[rival]].label for rival in rivals) or None
+        values = {"changed": True, "change": size * one, "sigma_change": sigma * abs(one), "instead": rival_labels}
         for name, value in values.items():
             columns[name][row] = value
     return columns

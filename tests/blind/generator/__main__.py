@@ -13,7 +13,7 @@ WRITERS = {"telescope": write_telescope, "force-sensor": write_force_sensor, "ro
 
 
 def main() -> None:
-    """Writes the named campaign into a folder, and the truth beside it."""
+    """Writes the named campaign into a folder, and the truth next to it."""
     parser = argparse.ArgumentParser(prog="python -m tests.blind.generator", description=main.__doc__)
     parser.add_argument("campaign", choices=sorted(WRITERS))
     parser.add_argument("folder", type=Path)

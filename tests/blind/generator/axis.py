@@ -243,7 +243,7 @@ def _readings(
 
 
 def write(campaign: AxisCampaign, folder: Path, name: str = "axis") -> Path:
-    """Write the campaign as a folder, and what is hidden beside it; return the folder."""
+    """Write the campaign as a folder, and what is hidden next to it; return the folder."""
     folder.mkdir(parents=True, exist_ok=True)
     own, unit = campaign.layout, campaign.layout.unit
     heads = ["pose", "role", "time_s", f"command_{unit}", *(f"{c}_{unit}" for c in own.channels), "event"]

@@ -92,11 +92,11 @@ def draw(layout: Layout, hidden: tuple[Hidden, ...], rng: np.random.Generator) -
     for effect in hidden:
         rows = np.array([body == effect.body for body, _ in names])
         if effect.kind in ("sag", "nest"):
-            shift, told = _sagging(effect, int(rows.sum()), _down(layout, poses, effect.body), rng)
+            shift, reported = _sagging(effect, int(rows.sum()), _down(layout, poses, effect.body), rng)
         else:
-            shift, told = _shifted(effect, places[rows], columns, rng)
+            shift, reported = _shifted(effect, places[rows], columns, rng)
         own[:, rows] += shift
-        truth.append({"cause": effect.kind, "subject": effect.body, "size": effect.size, **told})
+        truth.append({"cause": effect.kind, "subject": effect.body, "size": effect.size, **reported})
     points = np.empty_like(own)
     for body in layout.bodies:
         rows = np.array([name == body.name for name, _ in names])
@@ -108,7 +108,7 @@ def draw(layout: Layout, hidden: tuple[Hidden, ...], rng: np.random.Generator) -
 
 
 def write(drawn: Drawn, folder: Path, rng: np.random.Generator) -> Path:
-    """Writes the campaign's folder, and the truth beside it."""
+    """Writes the campaign's folder, and the truth next to it."""
     folder.mkdir(parents=True)
     layout = drawn.layout
     rest = next((body.name for body in layout.bodies if body.at_rest), None)
@@ -240,13 +240,13 @@ def _swap(
     truth: list[dict[str, object]],
     rng: np.random.Generator,
 ) -> None:
-    for effect, told in zip(hidden, truth, strict=True):
+    for effect, reported in zip(hidden, truth, strict=True):
         if effect.kind == "swapped":
             rows = [k for k, (body, _) in enumerate(names) if body == effect.body]
             one, other = rng.choice(rows, 2, replace=False)
             pose = int(rng.integers(len(points)))
             points[pose, [one, other]] = points[pose, [other, one]]
-            told |= {"targets": sorted([names[one][1], names[other][1]]), "pose": pose + 1}
+            reported |= {"targets": sorted([names[one][1], names[other][1]]), "pose": pose + 1}
 
 
 def _configurations(drawn: Drawn) -> list[str]:

@@ -19,9 +19,9 @@ from tests.blind.generator.instrument import (
 )
 from tests.blind.generator.layout import LEGS, Geometry, Layout
 from tests.blind.generator.machine import (
+    BodyPoses,
     Machine,
     Marks,
-    Standing,
     at_reference,
     build,
     exact_points,
@@ -96,25 +96,25 @@ def draw_campaign(
     indicated = settle(schedule, layout.surroundings, stream["settle"])
 
     machine = _structured(built, marks, _driven(indicated, effects, setting), effects, setting)
-    standing = stand(machine, at_reference(built, marks, np.zeros((1, LEGS))))
-    return measured(layout, built, machine, standing, indicated, effects, setting, stream)
+    body_poses = stand(machine, at_reference(built, marks, np.zeros((1, LEGS))))
+    return measured(layout, built, machine, body_poses, indicated, effects, setting, stream)
 
 
 def measured(
     layout: Layout,
     built: Machine,
     machine: Machine,
-    standing: Standing,
+    body_poses: BodyPoses,
     indicated: Array,
     effects: Sequence[Effect],
     setting: Setting,
     stream: Mapping[str, np.random.Generator],
 ) -> Campaign:
     """The instrument's step: what is written down of a machine that stands where it does, and the truth."""
-    exact = exact_points(machine, standing, setting.marks)
+    exact = exact_points(machine, body_poses, setting.marks)
     recorded, scatter = exact, np.ones(exact.shape[:2])
     for effect in effects:
-        recorded = effect.instrument(recorded, standing, setting)
+        recorded = effect.instrument(recorded, body_poses, setting)
         scatter = effect.scatter(scatter, setting)
     return Campaign(
         layout=layout,
@@ -123,7 +123,7 @@ def measured(
         surveyed=survey(setting.marks, layout, stream["survey"]),
         readings=read_actuators(indicated, layout, stream["readings"]),
         record=record_points(recorded, scatter, setting.marks, layout, stream["points"]),
-        truth=truth_of(built, machine, standing, exact, setting.marks, tuple(effects)),
+        truth=truth_of(built, machine, body_poses, exact, setting.marks, tuple(effects)),
     )
 
 
@@ -144,13 +144,13 @@ def _structured(built: Geometry, marks: Marks, drho: Array, effects: Sequence[Ef
 def truth_of(
     built: Geometry,
     machine: Machine,
-    standing: Standing,
+    body_poses: BodyPoses,
     exact: Array,
     marks: Marks,
     effects: tuple[Effect, ...],
 ) -> Truth:
     """What really was, the platform's pose as its framing targets define it where there are enough of them."""
-    position, turn = standing.position[:, 1], standing.turn[:, 1]
+    position, turn = body_poses.position[:, 1], body_poses.turn[:, 1]
     upper = rotate(turn[:, None], machine.b) + position[:, None]
     if len(marks.framing("platform")) >= 3:
         position, turn = framed_pose(exact, marks)
@@ -166,7 +166,7 @@ def truth_of(
 
 
 def truth_record(campaign: Campaign, seed: int) -> dict[str, object]:
-    """The truth as plain values, for the file beside the campaign folder."""
+    """The truth as plain values, for the file next to the campaign folder."""
     truth, schedule, marks = campaign.truth, campaign.schedule, campaign.marks
     rows, columns = np.nonzero(campaign.record.gross & campaign.record.is_observed)
     return {

@@ -10,9 +10,9 @@ import numpy as np
 
 from tests.blind.generator.machine import (
     BODIES,
+    BodyPoses,
     Machine,
     Marks,
-    Standing,
     lower_joints,
     move_attachments,
     platform_of,
@@ -47,7 +47,7 @@ class Effect(NamedEffect):
     def structure(self, machine: Machine, setting: Setting) -> None:
         """Changes joints, legs and marks."""
 
-    def instrument(self, points: Array, standing: Standing, setting: Setting) -> Array:
+    def instrument(self, points: Array, body_poses: BodyPoses, setting: Setting) -> Array:
         """Points (N, M, 3) as they are recorded, from those that are there; base frame."""
         return points
 
@@ -423,7 +423,7 @@ class MeasurementScale(Effect):
         named = {"scale": (self.scale, "1"), "scale_per_k": (self.scale_per_k, "1/K")}
         return {name: parameter for name, parameter in named.items() if parameter[0] != 0.0}
 
-    def instrument(self, points: Array, standing: Standing, setting: Setting) -> Array:
+    def instrument(self, points: Array, body_poses: BodyPoses, setting: Setting) -> Array:
         return points * (1 + self.scale + self.scale_per_k * setting.schedule.heat[:, None, None])
 
 
@@ -445,10 +445,10 @@ class TargetMoved(Effect):
         moved = {f"d{axis}": (value, "mm") for axis, value in zip("xyz", self.shift, strict=True)}
         return {**moved, "from_pose": (self.from_pose, "")}
 
-    def instrument(self, points: Array, standing: Standing, setting: Setting) -> Array:
+    def instrument(self, points: Array, body_poses: BodyPoses, setting: Setting) -> Array:
         rank = setting.schedule.rank
         late = rank >= rank[setting.schedule.pose.index(self.from_pose)]
-        turn = standing.turn[late, BODIES.index(self.body)]
+        turn = body_poses.turn[late, BODIES.index(self.body)]
         moved = points.copy()
         moved[late, setting.marks.index(self.body, self.target)] += rotate(turn, np.array(self.shift))
         return moved
@@ -470,7 +470,7 @@ class TargetsSwapped(Effect):
     def parameters(self) -> Mapping[str, Parameter]:
         return {"poses": (" ".join(str(pose) for pose in self.poses), "")}
 
-    def instrument(self, points: Array, standing: Standing, setting: Setting) -> Array:
+    def instrument(self, points: Array, body_poses: BodyPoses, setting: Setting) -> Array:
         rows = np.isin(setting.schedule.pose, self.poses)
         first, second = (setting.marks.index(self.body, target) for target in self.targets)
         swapped = points.copy()

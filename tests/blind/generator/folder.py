@@ -1,4 +1,4 @@
-"""Writes a campaign as the folder that the campaign format describes, and the truth beside the folder."""
+"""Writes a campaign as the folder that the campaign format describes, and the truth next to the folder."""
 
 from __future__ import annotations
 

@@ -14,7 +14,7 @@ import numpy as np
 
 from tests.blind.generator.campaign import Campaign
 from tests.blind.generator.effects import Setting
-from tests.blind.generator.machine import Machine, Standing
+from tests.blind.generator.machine import BodyPoses, Machine
 from tests.blind.generator.quaternions import Array
 from tests.blind.generator.smooth import own_part, random_function, random_walk, remanence
 from tests.blind.generator.strange import Strange, column_of
@@ -153,7 +153,7 @@ class ForeignPoints(Foreign):
     def drivers(self) -> tuple[str, ...]:
         return ()
 
-    def instrument(self, points: Array, standing: Standing, setting: Setting) -> Array:
+    def instrument(self, points: Array, body_poses: BodyPoses, setting: Setting) -> Array:
         places = points.reshape(-1, 3)
         off = np.column_stack([random_function(places, self.seed + axis) for axis in range(3)])
         return points + self.size * off.reshape(points.shape)

@@ -15,7 +15,7 @@ from tests.blind.generator.campaign import STREAMS, Campaign, measured
 from tests.blind.generator.closure import platform_pose
 from tests.blind.generator.effects import Effect, Setting
 from tests.blind.generator.layout import Geometry, Layout, Tolerance
-from tests.blind.generator.machine import Machine, Marks, Standing, at_reference, place_marks
+from tests.blind.generator.machine import BodyPoses, Machine, Marks, at_reference, place_marks
 from tests.blind.generator.quaternions import IDENTITY, Array, from_vector, rotate
 from tests.blind.generator.schedule import plan
 
@@ -74,16 +74,16 @@ def draw_hexapod(
     stream = dict(zip(STREAMS, rng.spawn(len(STREAMS)), strict=True))
     built = build_hexapod(layout.geometry, layout.tolerance, stream["build"])
     marks = place_marks(layout, built, stream["marks"])
-    standing = _standing(built, places)
+    body_poses = _body_poses(built, places)
     roles = ["reference", *(place.role for place in places)]
-    asked = displacements(layout.geometry, standing)
+    asked = displacements(layout.geometry, body_poses)
     moves = [(n, role, row) for n, (role, row) in enumerate(zip(roles, asked, strict=True))]
     schedule = plan(moves, layout.surroundings, stream["plan"])
     actuator_mm = layout.noise.declared_actuator_mm or layout.noise.actuator_mm
     setting = Setting(schedule, marks, layout.targets.follow, actuator_mm)
 
-    machine, indicated = _closed(built, marks, standing, effects, setting)
-    return measured(layout, built, machine, standing, indicated, effects, setting, stream)
+    machine, indicated = _closed(built, marks, body_poses, effects, setting)
+    return measured(layout, built, machine, body_poses, indicated, effects, setting, stream)
 
 
 def build_hexapod(nominal: Geometry, tolerance: Tolerance, rng: np.random.Generator) -> Geometry:
@@ -96,33 +96,33 @@ def build_hexapod(nominal: Geometry, tolerance: Tolerance, rng: np.random.Genera
     )
 
 
-def _standing(built: Geometry, places: Sequence[Place]) -> Standing:
+def _body_poses(built: Geometry, places: Sequence[Place]) -> BodyPoses:
     """Base and platform, (N, 2) of each: at rest, then at the places."""
     rest, level = platform_pose(built.a[None], built.b[None], (built.length + built.rho0)[None], built.home_height)
     home = np.array([0.0, 0.0, built.home_height])
     position = np.concatenate([rest, [home + place.position for place in places]])
     turn = np.concatenate([level, [from_vector(place.turn) for place in places]])
     still = np.zeros_like(position)
-    return Standing(np.stack([still, position], 1), np.stack([np.tile(IDENTITY, (len(turn), 1)), turn], 1))
+    return BodyPoses(np.stack([still, position], 1), np.stack([np.tile(IDENTITY, (len(turn), 1)), turn], 1))
 
 
-def displacements(geometry: Geometry, standing: Standing) -> Array:
+def displacements(geometry: Geometry, body_poses: BodyPoses) -> Array:
     """What actuators have moved from rho0 (N, L), mm, where the platform stands and nothing acts."""
-    return _spans(geometry.a, geometry.b, standing) - geometry.length - geometry.rho0
+    return _spans(geometry.a, geometry.b, body_poses) - geometry.length - geometry.rho0
 
 
-def _spans(a: Array, b: Array, standing: Standing) -> Array:
-    upper = rotate(standing.turn[:, 1, None], np.broadcast_to(b, (len(standing.turn), *b.shape[-2:])))
-    return np.linalg.norm(upper + standing.position[:, 1, None] - a, axis=-1)
+def _spans(a: Array, b: Array, body_poses: BodyPoses) -> Array:
+    upper = rotate(body_poses.turn[:, 1, None], np.broadcast_to(b, (len(body_poses.turn), *b.shape[-2:])))
+    return np.linalg.norm(upper + body_poses.position[:, 1, None] - a, axis=-1)
 
 
 def _closed(
-    built: Geometry, marks: Marks, standing: Standing, effects: Sequence[Effect], setting: Setting
+    built: Geometry, marks: Marks, body_poses: BodyPoses, effects: Sequence[Effect], setting: Setting
 ) -> tuple[Machine, Array]:
     """The machine under its effects, and the displacements (N, L) that its actuators indicate, where all loops are
     closed.
     """
-    indicated = displacements(built, standing)
+    indicated = displacements(built, body_poses)
     for _ in range(ROUNDS):
         drho = indicated
         for effect in effects:
@@ -130,6 +130,6 @@ def _closed(
         machine = at_reference(built, marks, drho)
         for effect in effects:
             effect.structure(machine, setting)
-        open_by = _spans(machine.a, machine.b, standing) - machine.length - machine.rho0 - machine.drho
+        open_by = _spans(machine.a, machine.b, body_poses) - machine.length - machine.rho0 - machine.drho
         indicated = indicated + open_by
     return machine, indicated

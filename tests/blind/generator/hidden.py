@@ -102,8 +102,8 @@ def _compliance(campaign: Campaign, rng: np.random.Generator) -> OfSize:
     concerned = int(rng.choice([count, count, 1, 1, 2]))
     chosen = np.isin(np.arange(count), rng.choice(count, concerned, replace=False))
     own = np.where(chosen, 1.0 if concerned == count else rng.uniform(0.7, 1.3, count), 0.0)
-    told = campaign.schedule.further.get("payload_kg")
-    masses = np.full(len(campaign.readings), weight.mass_kg) if told is None else told
+    reported = campaign.schedule.further.get("payload_kg")
+    masses = np.full(len(campaign.readings), weight.mass_kg) if reported is None else reported
     return lambda size: LegCompliance(size * own, masses, np.array(weight.centre_mm), np.array(weight.up))
 
 
@@ -165,10 +165,10 @@ def _drift(campaign: Campaign, rng: np.random.Generator) -> OfSize:
 
 def _landing(campaign: Campaign, rng: np.random.Generator) -> OfSize:
     """All actuators for a while, or one of them, or all that come from one side."""
-    draws, told, subject = rng.normal(size=campaign.truth.drho.shape), (), ""
+    draws, reported, subject = rng.normal(size=campaign.truth.drho.shape), (), ""
     which = rng.integers(3)
     if which == 0:
-        own, told = _for_a_while(campaign, rng)
+        own, reported = _for_a_while(campaign, rng)
         draws *= own[:, None]
     elif which == 1:
         leg = int(rng.integers(draws.shape[1]))
@@ -177,7 +177,7 @@ def _landing(campaign: Campaign, rng: np.random.Generator) -> OfSize:
     else:
         came = approach(campaign.truth.drho, campaign.schedule, 5 * campaign.layout.noise.actuator_mm)
         draws *= came == rng.choice([-1, 1])
-    return lambda size: ApproachScatter(size, draws, subject, told)
+    return lambda size: ApproachScatter(size, draws, subject, reported)
 
 
 def _for_a_while(campaign: Campaign, rng: np.random.Generator) -> tuple[Array, tuple[tuple[str, int], ...]]:
@@ -192,8 +192,8 @@ def _for_a_while(campaign: Campaign, rng: np.random.Generator) -> tuple[Array, t
 
 
 def _burst(campaign: Campaign, rng: np.random.Generator) -> OfSize:
-    own, told = _for_a_while(campaign, rng)
-    return lambda size: NoiseBurst(1 + size, own, told)
+    own, reported = _for_a_while(campaign, rng)
+    return lambda size: NoiseBurst(1 + size, own, reported)
 
 
 def _flexure(campaign: Campaign, rng: np.random.Generator) -> OfSize:

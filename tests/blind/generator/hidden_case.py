@@ -45,7 +45,7 @@ class HiddenCase(ABC):
         return {"layout": self.plan.kind}
 
     def write(self, folder: Path) -> Path:
-        """Writes the campaign under the folder's name, and its truth beside it."""
+        """Writes the campaign under the folder's name, and its truth next to it."""
         plan = replace(self.plan, layout=replace(self.plan.layout, name=folder.name))
         self.put(plan.campaign(self.effects), folder)
         truth = json.loads(truth_path(folder).read_text(encoding="utf-8"))

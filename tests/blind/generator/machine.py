@@ -68,7 +68,7 @@ class Machine:
 
 
 @dataclass(frozen=True)
-class Standing:
+class BodyPoses:
     """Where the bodies stand: position (N, 8, 3) and quaternion (N, 8, 4) in the base frame; base, platform,
     leg1 to leg6.
     """
@@ -212,7 +212,7 @@ def lower_joints(machine: Machine) -> Array:
     return machine.a + (machine.rho0 + machine.drho)[..., None] * machine.u
 
 
-def stand(machine: Machine, reference: Machine) -> Standing:
+def stand(machine: Machine, reference: Machine) -> BodyPoses:
     """The frames of all eight bodies in every pose, seen from the reference configuration (a machine of one
     pose).
 
@@ -227,16 +227,16 @@ def stand(machine: Machine, reference: Machine) -> Standing:
     carried = np.broadcast_to(compose(q, inverse(q0))[:, None], upright.shape)
     above = compose(shortest_arc(rotate(carried, z0), z), compose(carried, upright))
     origin, level = np.zeros_like(p)[:, None], np.tile(IDENTITY, (len(p), 1, 1))
-    return Standing(
+    return BodyPoses(
         position=np.concatenate([origin, p[:, None], lower_joints(machine)], axis=1),
         turn=np.concatenate([level, q[:, None], halfway(below, above)], axis=1),
     )
 
 
-def exact_points(machine: Machine, standing: Standing, marks: Marks) -> Array:
+def exact_points(machine: Machine, body_poses: BodyPoses, marks: Marks) -> Array:
     """Where every mark is (N, M, 3), base frame."""
     of_mark = np.array([BODIES.index(body) for body in marks.body])
-    return rotate(standing.turn[:, of_mark], machine.marks) + standing.position[:, of_mark]
+    return rotate(body_poses.turn[:, of_mark], machine.marks) + body_poses.position[:, of_mark]
 
 
 def framed_pose(points: Array, marks: Marks) -> tuple[Array, Array]:

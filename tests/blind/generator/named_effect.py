@@ -38,7 +38,7 @@ class NamedEffect:
 def as_record(effect: NamedEffect) -> dict[str, object]:
     """The effect as it stands in the file of truths."""
     values = {name: {"value": value, "unit": unit} for name, (value, unit) in effect.parameters().items()}
-    told = {"cause": effect.id, "subject": effect.subject, "parameters": values}
+    reported = {"cause": effect.id, "subject": effect.subject, "parameters": values}
     if effect.id == "unexplained":
-        told |= {"kind": type(effect).__name__, "follows": " ".join(effect.drivers)}
-    return json.loads(json.dumps(told))
+        reported |= {"kind": type(effect).__name__, "follows": " ".join(effect.drivers)}
+    return json.loads(json.dumps(reported))

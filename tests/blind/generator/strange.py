@@ -12,7 +12,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from tests.blind.generator.effects import Effect, PerLeg, Setting
-from tests.blind.generator.machine import BODIES, Machine, Standing, move_attachments
+from tests.blind.generator.machine import BODIES, BodyPoses, Machine, move_attachments
 from tests.blind.generator.named_effect import Parameter
 from tests.blind.generator.quaternions import Array, rotate
 
@@ -181,7 +181,7 @@ class RefractingAir(Strange):
     def drivers(self) -> tuple[str, ...]:
         return ("pressure_hpa",)
 
-    def instrument(self, points: Array, standing: Standing, setting: Setting) -> Array:
+    def instrument(self, points: Array, body_poses: BodyPoses, setting: Setting) -> Array:
         return points * (1 + self.scale * column_of(setting, "pressure_hpa")[:, None, None])
 
 
@@ -202,8 +202,8 @@ class WanderingTarget(Strange):
     def drivers(self) -> tuple[str, ...]:
         return (self.column,)
 
-    def instrument(self, points: Array, standing: Standing, setting: Setting) -> Array:
-        turn = standing.turn[:, BODIES.index(self.body)]
+    def instrument(self, points: Array, body_poses: BodyPoses, setting: Setting) -> Array:
+        turn = body_poses.turn[:, BODIES.index(self.body)]
         moved = points.copy()
         way = column_of(setting, self.column)[:, None] * np.array(self.shift)
         moved[:, setting.marks.index(self.body, self.target)] += rotate(turn, way)

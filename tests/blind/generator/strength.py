@@ -16,7 +16,7 @@ import numpy as np
 from tests.blind.generator.campaign import Campaign
 from tests.blind.generator.hexapod import displacements
 from tests.blind.generator.layout import Geometry
-from tests.blind.generator.machine import Standing, at_reference, exact_points, stand
+from tests.blind.generator.machine import BodyPoses, at_reference, exact_points, stand
 from tests.blind.generator.quaternions import IDENTITY, Array, compose, from_vector, rotate, unit
 
 STEP = 1e-3  # mm: far above rounding, far below any curvature; 1e-5 for what has no unit
@@ -118,20 +118,20 @@ def _pus(campaign: Campaign) -> tuple[Array, Array, Array]:
     """Columns of a pose's own unknowns (N, R, P), of the common ones (N, R, S), and rows that tell only of these."""
     marks, truth = campaign.marks, campaign.truth
 
-    def points(built: Geometry, drho: Array) -> tuple[Array, Standing]:
+    def points(built: Geometry, drho: Array) -> tuple[Array, BodyPoses]:
         machine = at_reference(built, _carried(campaign, built), drho)
-        standing = stand(machine, at_reference(built, marks, np.zeros((1, drho.shape[1]))))
-        return exact_points(machine, standing, marks), standing
+        body_poses = stand(machine, at_reference(built, marks, np.zeros((1, drho.shape[1]))))
+        return exact_points(machine, body_poses, marks), body_poses
 
-    here, standing = points(truth.built, truth.drho)
+    here, body_poses = points(truth.built, truth.drho)
     legs = truth.drho.shape[1]
     drives = [(points(truth.built, truth.drho + STEP * np.eye(legs)[i])[0] - here) / STEP for i in range(legs)]
     reading = np.broadcast_to(np.eye(legs), (len(here), legs, legs))
     own = [_rows(campaign, np.stack(drives, -1), reading), *_frames(campaign, here)]
-    rolls = _rolls(campaign, here, standing)
+    rolls = _rolls(campaign, here, body_poses)
     own += [_rows(campaign, rolls, np.zeros((len(here), legs, rolls.shape[-1])))] if rolls.shape[-1] else []
     slopes = _by_geometry(campaign, lambda built: points(built, truth.drho)[0] - here)
-    shape, further = _by_survey(campaign, standing.turn[:, _body_of(campaign)], slopes.shape[-1])
+    shape, further = _by_survey(campaign, body_poses.turn[:, _body_of(campaign)], slopes.shape[-1])
     columns = np.concatenate([slopes, shape], -1)
     return np.concatenate(own, -1), _rows(campaign, columns, np.zeros((len(here), legs, columns.shape[-1]))), further
 
@@ -140,10 +140,10 @@ def _ups(campaign: Campaign) -> tuple[Array, Array, Array]:
     """As ``_pus``: points tell where the platform stands, and the readings where the geometry puts it."""
     truth, marks = campaign.truth, campaign.marks
     turn = from_vector(truth.rotation_vector)
-    standing = _two(truth.position, turn)
+    body_poses = _two(truth.position, turn)
     machine = at_reference(truth.built, marks, truth.drho)
-    here = exact_points(machine, standing, marks)
-    reading = displacements(truth.built, standing)
+    here = exact_points(machine, body_poses, marks)
+    reading = displacements(truth.built, body_poses)
     own = []
     for axis in np.eye(3):
         for moved in (_two(truth.position + STEP * axis, turn), _two(truth.position, _turned(turn, axis))):
@@ -153,18 +153,18 @@ def _ups(campaign: Campaign) -> tuple[Array, Array, Array]:
     own += _frames(campaign, here)
 
     def seats(built: Geometry) -> Array:
-        return exact_points(at_reference(built, _carried(campaign, built), truth.drho), standing, marks) - here
+        return exact_points(at_reference(built, _carried(campaign, built), truth.drho), body_poses, marks) - here
 
     slopes = _by_geometry(campaign, seats)
-    reads = _by_geometry(campaign, lambda built: displacements(built, standing) - reading)
-    shape, further = _by_survey(campaign, standing.turn[:, _body_of(campaign)], slopes.shape[-1])
+    reads = _by_geometry(campaign, lambda built: displacements(built, body_poses) - reading)
+    shape, further = _by_survey(campaign, body_poses.turn[:, _body_of(campaign)], slopes.shape[-1])
     reads = np.concatenate([reads, np.zeros((*reading.shape, shape.shape[-1]))], -1)
     return np.concatenate(own, -1), _rows(campaign, np.concatenate([slopes, shape], -1), reads), further
 
 
-def _two(position: Array, turn: Array) -> Standing:
+def _two(position: Array, turn: Array) -> BodyPoses:
     level = np.tile(IDENTITY, (len(turn), 1))
-    return Standing(np.stack([np.zeros_like(position), position], 1), np.stack([level, turn], 1))
+    return BodyPoses(np.stack([np.zeros_like(position), position], 1), np.stack([level, turn], 1))
 
 
 def _turned(turn: Array, axis: Array) -> Array:
@@ -190,13 +190,13 @@ def _frames(campaign: Campaign, here: Array) -> list[Array]:
     return [_rows(campaign, shift, none), _rows(campaign, turn, none)]
 
 
-def _rolls(campaign: Campaign, here: Array, standing: Standing) -> Array:
+def _rolls(campaign: Campaign, here: Array, body_poses: BodyPoses) -> Array:
     """Points (N, M, 3, legs with targets) as each leg turns about its own axis."""
     columns, body = [], _body_of(campaign)
     for number in range(2, 2 + campaign.readings.shape[1]):
         if np.any(body == number):
-            axis = rotate(standing.turn[:, number], np.broadcast_to([0.0, 0.0, 1.0], (len(here), 3)))
-            column = np.cross(axis[:, None], here - standing.position[:, number, None])
+            axis = rotate(body_poses.turn[:, number], np.broadcast_to([0.0, 0.0, 1.0], (len(here), 3)))
+            column = np.cross(axis[:, None], here - body_poses.position[:, number, None])
             columns.append(np.where((body == number)[:, None], column, 0.0))
     return np.stack(columns, -1) if columns else np.zeros((*here.shape, 0))
 
@@ -226,7 +226,7 @@ def _by_geometry(campaign: Campaign, moved: Callable[[Geometry], Array]) -> Arra
 
 def _by_survey(campaign: Campaign, turn: Array, before: int) -> tuple[Array, Array]:
     """Points (N, M, 3, S) as the survey's errors and the legs' survey frames move the targets; turn (N, M, 4) is how
-    their bodies stand. Beside them the rows (3 per attachment) that tell its place from the survey, ``before`` columns
+    their bodies stand. Next to them the rows (3 per attachment) that tell its place from the survey, ``before`` columns
     of the geometry first.
     """
     layout, marks = campaign.layout, campaign.marks

@@ -35,7 +35,7 @@ def test_every_part_is_that_of_the_unreduced_equations(images, points, bars, rep
     found = adjust(network, first.state, weights=weights)  # linearised where it ends, as the reference is
     unit = 1 / np.sqrt(np.diagonal(found.covariance.points(0)))
     change = first.covariance.points(0) - found.covariance.points(0)
-    assert np.abs(np.outer(unit, unit) * change).max() < 1e-4  # nothing beside what the last step is: 1 % of sigma
+    assert np.abs(np.outer(unit, unit) * change).max() < 1e-4  # nothing next to what the last step is: 1 % of sigma
     dense = dense_covariance(found, inner_constraints(found, scale=not bars))
     at, common, _ = unknowns(found)
     covariance = found.covariance

@@ -12,10 +12,10 @@ from .photographed import simulate
 
 def stability_of(made):
     adjusted = adjust(made.network, made.truth, "free")
-    told = ray_statistics(adjusted.observed, adjusted.state)
-    names = [number.name if number.kind == "camera" else "" for number in told.numbers]
+    reported = ray_statistics(adjusted.observed, adjusted.state)
+    names = [number.name if number.kind == "camera" else "" for number in reported.numbers]
     rows = [names.index(name) for name in WATCHED]
-    return camera_stability(told.score[:, rows], told.information[:, rows][:, :, rows])
+    return camera_stability(reported.score[:, rows], reported.information[:, rows][:, :, rows])
 
 
 def test_a_stable_camera_passes_at_the_stated_rate():

@@ -159,7 +159,7 @@ def test_parameters_not_determined_by_the_images_are_held_and_reported():
     found = adjust_robustly(made.network, made.truth)
     held = [name for _, name in found.fixed_elements]
     free = [name for camera, name in found.adjustment.covariance.names if camera == "camera0"]
-    assert "A3" in held  # 32 coordinates do not tell ten elements beside 36 other unknowns less six of the datum
+    assert "A3" in held  # 32 coordinates do not tell ten elements next to 36 other unknowns less six of the datum
     assert sorted([*held, *free]) == sorted(PARAMETERS)
     places = [PARAMETERS.index(name) for name in held]
     assert np.array_equal(found.adjustment.state.interior[0, places], made.truth.interior[0, places])

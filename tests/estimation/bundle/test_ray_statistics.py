@@ -118,7 +118,7 @@ def _adjusted_with(network: Network, interior: np.ndarray, made: Photographed, d
     return adjust(network, replace(start, interior=changed))
 
 
-def test_rays_bent_by_a_layer_of_air_tell_its_curvature() -> None:
+def test_rays_bent_by_a_layer_of_air_give_its_curvature() -> None:
     # Where points seem to be is integrated along the chord, by a rule of its own.
     network, start = network_of(photographed())
     rays, curvature = network.rays, 3e-6

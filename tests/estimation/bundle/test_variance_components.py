@@ -12,7 +12,7 @@ from .photographed import simulate
 
 
 def with_kinds(made, sigmas, rng, share=(0.6, 0.4)):
-    """The rays as kinds of targets, each with noise of its own beside the stated one."""
+    """The rays as kinds of targets, each with noise of its own next to the stated one."""
     rays = made.network.rays
     kind = rng.choice(len(sigmas), rays.count, p=share)
     noise = rng.normal(size=rays.xy_px.shape) * np.asarray(sigmas)[kind][:, None]
@@ -24,7 +24,7 @@ def test_components_of_two_kinds_are_found_within_their_standard_deviations():
     for seed in range(5):
         rng = np.random.default_rng(seed)
         made = simulate(seed=seed, images=8, points=30)
-        extra = (0.0, np.sqrt(0.08))  # beside 0.1 px: variances one and nine times those stated
+        extra = (0.0, np.sqrt(0.08))  # next to 0.1 px: variances one and nine times those stated
         found = adjust_robustly(with_kinds(made, extra, rng), made.truth)
         assert found.components.kind.tolist() == [0, 1]
         deviations.append((found.components.factor - [1, 9]) / found.components.sigma)
@@ -37,7 +37,7 @@ def test_components_of_two_kinds_are_found_within_their_standard_deviations():
     assert np.max(stated) < 0.15
 
 
-def test_small_groups_are_pooled_and_said():
+def test_small_groups_are_pooled_and_reported():
     made = simulate(seed=3, images=8, points=30)
     network = with_kinds(made, (0.0, 0.0, 0.0), np.random.default_rng(0), (0.97, 0.02, 0.01))
     each = np.full(network.rays.count, 1.5)

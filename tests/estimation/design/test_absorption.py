@@ -87,7 +87,7 @@ def test_fit_and_prediction_part_by_the_square_of_the_effect(fifth, leg):
         model = Leg(leg, fifth, size)
         found = absorb(model.jacobian(np.zeros(6)), model.residual(np.zeros(6)), LABELS)
         apart.append(np.linalg.norm(model.fit() - found.shift[:, 0]))
-    # 4 but for the third order: beside the second it has the size of u_x over the slope of the leg, 0.15 / 256 / 0.04
+    # 4 but for the third order: next to the second it has the size of u_x over the slope of the leg, 0.15 / 256 / 0.04
     assert_between(apart[0] / apart[1], 4 * 0.95, 4 * 1.05, what="ratio")
 
 
@@ -208,11 +208,11 @@ def test_observed_minus_predicted_scatters_as_stated(against):
     with_effect = -found.covariance @ N.T @ (noise - N @ truth)
     observed = {"fit": fit - with_effect, "truth": fit - truth, "nominal": fit}[against]
     difference = observed - found.shift @ assumed[:, None]
-    told = found.comparison_covariance(effect_covariance, against)
-    for ratio in difference.std(axis=1) / np.sqrt(np.diag(told)):
+    reported = found.comparison_covariance(effect_covariance, against)
+    for ratio in difference.std(axis=1) / np.sqrt(np.diag(reported)):
         assert_between(ratio, 1 - 4 / np.sqrt(2 * runs), 1 + 4 / np.sqrt(2 * runs), what=against)
-    whitened = np.linalg.lstsq(told, np.cov(difference), rcond=1e-9)[0]
-    assert_close(np.trace(whitened), np.linalg.matrix_rank(told, rtol=1e-9), atol=4 * 6 * np.sqrt(2 / runs))
+    whitened = np.linalg.lstsq(reported, np.cov(difference), rcond=1e-9)[0]
+    assert_close(np.trace(whitened), np.linalg.matrix_rank(reported, rtol=1e-9), atol=4 * 6 * np.sqrt(2 / runs))
 
 
 def test_columns_that_do_nothing_take_nothing():

@@ -113,7 +113,7 @@ def test_the_slope_is_not_attenuated_as_that_of_the_equations_alone() -> None:
 
 
 def _line(rng: np.random.Generator, noise: float = 1.0) -> ErrorsInVariablesFit:
-    """A fit of 20 points, drawn with so many times the declared noise."""
+    """A fit of 20 points, drawn with this many times the declared noise."""
     points = np.stack([np.linspace(0, 1, 20), np.linspace(1, 3, 20)], 1) + noise * 0.01 * rng.normal(size=(20, 2))
     return fit_errors_in_variables(Line(points).constrain, np.tile(1e-4 * np.eye(2), (20, 1, 1)), [0.0, 1.0])
 

@@ -34,7 +34,7 @@ def assembled(rng, tiles, centres, words, noise, invert=False, margin=24):
 
 
 def dots(rng, axes, blur, noise, count, slope=0.001, copies=1):
-    """Ellipses of one shape at any angle and phase of the pixels, each so many times, under light of slopes per px."""
+    """Ellipses of one shape at any angle and pixel phase, this many of each, under light of slopes per px."""
     size = int(2 * (2.2 * axes[0] + 4 * blur + 4))
     y, x = np.mgrid[:size, :size] - (size - 1) / 2
     tiles, centres = [], []

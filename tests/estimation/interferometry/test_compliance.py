@@ -95,7 +95,7 @@ def test_a_regressor_proportional_to_a_load_leaves_its_compliance_unknown() -> N
     assert list(np.flatnonzero(found.known.ravel())) == [0, 7, 21, 28, 35]
 
 
-def test_a_zero_that_is_known_tells_what_a_free_one_does_not() -> None:
+def test_a_zero_that_is_known_shows_what_a_free_one_does_not() -> None:
     log = made_log(np.random.default_rng(4), [(2, 2)])
     held = LEVELS == 9e3
     part = (log.wrench[held], log.displacement[held], log.covariance[held], log.run[held])

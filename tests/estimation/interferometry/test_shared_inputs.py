@@ -62,7 +62,7 @@ def test_a_pattern_of_outliers_names_the_loads_that_they_share() -> None:
 @pytest.mark.parametrize("bend", [0.0, 20.0])
 @pytest.mark.parametrize("count", [1, 3, 6])
 def test_slips_at_random_rows_stay_gross_errors(count: int, bend: float) -> None:
-    """Beside a bend of the channel as well; so many slips of equal size share an input once in a hundred campaigns."""
+    """Next to a bend of the channel as well; so many slips of equal size share an input once in a hundred campaigns."""
     for seed in SEEDS:
         loads, signals = _campaign(seed, lambda F: bend * F[:, 2] ** 2)
         rng = np.random.default_rng([seed, 7])

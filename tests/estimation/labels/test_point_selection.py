@@ -42,7 +42,7 @@ def test_exchanged_labels_are_reported_and_their_points_kept(measured: np.ndarra
     measured[5, [1, 4]] = measured[5, [4, 1]]
     judged = _selection(measured)
     assert judged.kept.all()
-    assert [(one.pose, {one.first, one.second}) for one in judged.exchanges] == [(5, {1, 4})]
+    assert [(exchange.pose, {exchange.first, exchange.second}) for exchange in judged.exchanges] == [(5, {1, 4})]
 
 
 def test_a_target_that_was_moved_is_kept_where_it_went(measured: np.ndarray) -> None:

@@ -203,7 +203,7 @@ def test_a_box_is_refused_with_the_three_attitudes_that_look_the_same():
     assert fit.status == ScanStatus.AMBIGUOUS
     assert fit.T_measurement_reference is None
     assert len(fit.rivals) == 3
-    turns = [np.linalg.norm(log_so3(T[:3, :3].T @ other[:3, :3])) for T in fit.rivals for other in fit.rivals]
+    turns = [np.linalg.norm(log_so3(T[:3, :3].T @ rival[:3, :3])) for T in fit.rivals for rival in fit.rivals]
     assert_close(np.sort(turns), np.r_[np.zeros(3), np.full(6, np.pi)], atol=0.02, what="turns between rivals")
 
 

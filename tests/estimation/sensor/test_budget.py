@@ -34,22 +34,22 @@ def made() -> Calibrated:
 
 
 def test_parts_of_the_matrix_add_up_to_its_covariance(made: Calibrated) -> None:
-    value, told = budget_of_matrix(made)
+    value, reported = budget_of_matrix(made)
     whole = calibration_matrix(made.fit, made.table.signal_cov)
     assert_close(value, whole.value, atol=0.0)
-    own = np.array([source != made.cases for source in told.sources])
-    variance = np.sum(told.contributions[own] ** 2, axis=0)
+    own = np.array([source != made.cases for source in reported.sources])
+    variance = np.sum(reported.contributions[own] ** 2, axis=0)
     assert_close(variance / np.diag(whole.covariance), np.ones(value.size), atol=1e-6)
 
 
 def test_loads_of_one_reading_have_the_covariance_of_their_wrenches(made: Calibrated) -> None:
     axes = np.arange(6)
-    value, told = budget_of_loads(made, np.diag(RANGE), axes)
+    value, reported = budget_of_loads(made, np.diag(RANGE), axes)
     assert_close(value / RANGE, np.ones(6), atol=1e-9)
     none = np.zeros((6, 0))
     found = wrenches(made.fit, made.fit.predict(np.diag(RANGE), none), none, made.table.signal_cov)
-    own = np.array([source != made.cases for source in told.sources])
-    variance = np.sum(told.contributions[own] ** 2, axis=0)
+    own = np.array([source != made.cases for source in reported.sources])
+    variance = np.sum(reported.contributions[own] ** 2, axis=0)
     assert_close(variance / found.covariance[axes, axes, axes], np.ones(6), atol=1e-6)
 
 

@@ -48,7 +48,7 @@ def test_wrenches_of_new_signals_err_as_much_as_their_covariance_says():
 
 
 @pytest.mark.parametrize("model", [FORWARD, DIRECT, replace(FORWARD, powers="squares"), CalibrationModel()])
-def test_a_sensor_read_from_its_text_tells_the_same(model: CalibrationModel):
+def test_a_sensor_read_from_its_text_gives_the_same(model: CalibrationModel):
     toy, calibrated = _calibrated(3, model)
     again = sensor_from(tomllib.loads(sensor_text(calibrated, {"calibration": model.name})))
     signals = _new(toy, 4)[1]

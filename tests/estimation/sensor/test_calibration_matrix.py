@@ -26,7 +26,7 @@ def test_the_inverse_has_the_derivative_of_a_complex_step():
         return np.linalg.solve(A.T @ white @ A, A.T @ white)
 
     steps = np.eye(48).reshape(48, 8, 6)
-    by = np.stack([inverse(fit.matrix + 1j * STEP * one).imag.ravel() / STEP for one in steps], axis=-1)
+    by = np.stack([inverse(fit.matrix + 1j * STEP * step).imag.ravel() / STEP for step in steps], axis=-1)
     found = calibration_matrix(fit, toy.signal_cov)
     size = np.sqrt(np.diag(found.covariance))
     expected = by @ fit.covariance @ by.T

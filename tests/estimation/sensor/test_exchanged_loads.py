@@ -177,9 +177,9 @@ def _bent(seed: int, products: float, cubes: float, rows: int = 240, signals: in
     share = np.linspace(-1.0, 1.0, 9)
     applied = np.concatenate([share[:, None] * rng.uniform(-1.0, 1.0, 6) for _ in range(rows // 9)])
     first, second = np.triu_indices(6)
-    told = applied @ rng.normal(size=(6, signals)) + cubes * applied**3 @ rng.normal(size=(6, signals))
-    told += products * (applied[:, first] * applied[:, second]) @ rng.normal(size=(21, signals))
-    return load_table(told + 1e-3 * rng.normal(size=told.shape), applied * RANGE, np.zeros(len(applied), int))
+    reported = applied @ rng.normal(size=(6, signals)) + cubes * applied**3 @ rng.normal(size=(6, signals))
+    reported += products * (applied[:, first] * applied[:, second]) @ rng.normal(size=(21, signals))
+    return load_table(reported + 1e-3 * rng.normal(size=reported.shape), applied * RANGE, np.zeros(len(applied), int))
 
 
 def test_a_strongly_nonlinear_sensor_has_no_exchanged_rows():

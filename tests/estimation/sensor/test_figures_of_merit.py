@@ -84,7 +84,7 @@ def test_the_errors_of_figures_are_those_of_central_differences(figure):
     def at(one):
         return figure(MatrixEstimate(matrix.value + one, matrix.covariance)).value
 
-    by = np.stack([(at(one) - at(-one)) / (2 * STEP) for one in steps], axis=-1)
+    by = np.stack([(at(step) - at(-step)) / (2 * STEP) for step in steps], axis=-1)
     expected = np.sqrt(np.diag(by @ matrix.covariance @ by.T))
     assert_close(figure(matrix).sigma / expected, np.ones(len(expected)), atol=1e-6)
 

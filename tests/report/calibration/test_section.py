@@ -81,7 +81,7 @@ def test_the_lead_names_the_choice_and_its_reasons(sections):
         assert words in lead
 
 
-def test_the_gain_over_the_nominal_is_said_where_it_is_known():
+def test_the_gain_over_the_nominal_is_reported_where_it_is_known():
     tables = calibration_tables()
     rows = [("6-pus", "none", "nominal", f"{what}_mean_verification", 300.0) for what in ("position", "orientation")]
     columns = ["model", "deformation", "estimator", "figure", "value"]
@@ -130,8 +130,8 @@ def test_deviations_stand_in_a_row_per_kind_and_a_column_per_leg(tables, section
     }
     assert all(cell.endswith("*") for cell in rows["b_y (mm)"])
     own = tables["calibration"].query("model == '6-pus' and deformation == 'matrix' and parameter == 'K23'").iloc[0]
-    said = rows["K, ρ3 (µm/mm)"][1].replace("\u00a0", " ")
-    value, _, sigma = said.split()  # the entry itself, and no pull: a deformation departs from no drawing
+    text = rows["K, ρ3 (µm/mm)"][1].replace("\u00a0", " ")
+    value, _, sigma = text.split()  # the entry itself, and no pull: a deformation departs from no drawing
     assert float(value) == pytest.approx(1e3 * own["identified"], abs=1e3 * own["sigma"])
     assert float(sigma) == pytest.approx(1e3 * own["sigma"], rel=0.1)
 
@@ -245,9 +245,9 @@ def test_requirements_have_their_verdicts_and_their_colours(sections):
     assert names == {"meets": ["x", "y", "ry"], "undecided": ["rx"], "fails": ["z"]}
 
 
-def test_the_head_tells_what_is_not_met_and_the_error():
+def test_the_head_reports_what_is_not_met_and_the_error():
     head = build_head("c", calibration_tables())
-    (failed,) = [said for mark, said in head.verdicts if mark == "fail"]
+    (failed,) = [text for mark, text in head.verdicts if mark == "fail"]
     assert_says(failed, "3 of 6", "met", "1 not met", "1 undecided", "1 not tested")
     assert_says(failed, "z", "2 times", "limit")
 

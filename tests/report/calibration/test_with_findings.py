@@ -59,7 +59,7 @@ def test_without_a_finding_nothing_is_compared() -> None:
     assert choice_verdicts({}) == []
 
 
-def test_the_head_tells_what_became_of_causes_that_were_asked_for() -> None:
+def test_the_head_reports_what_became_of_causes_that_were_asked_for() -> None:
     rows = [
         ("creep", "apply", "no effect"),
         ("hysteresis", "apply", "not found"),
@@ -67,9 +67,9 @@ def test_the_head_tells_what_became_of_causes_that_were_asked_for() -> None:
     ]
     choices = pd.DataFrame([*rows, ("dead-path", "ignore", "ignored")], columns=["cause", "asked", "outcome"])
     found = pd.DataFrame({"cause": ["load-imbalance"], "verdict": ["suspected"]})
-    told = choice_verdicts({"diagnosis_choices": choices, "diagnosis": found})
-    assert {mark for mark, _ in told} == {"warn"}
-    sentences = " ".join(sentence for _, sentence in told)
+    reported = choice_verdicts({"diagnosis_choices": choices, "diagnosis": found})
+    assert {mark for mark, _ in reported} == {"warn"}
+    sentences = " ".join(sentence for _, sentence in reported)
     assert_says(sentences, "diagnosis", "not find", "hysteresis")
     assert_says(sentences, "not applied")
     assert_says(sentences, "creep", "found", "no calibration")

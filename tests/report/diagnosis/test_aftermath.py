@@ -80,11 +80,11 @@ def test_empty_pulls_are_not_evaluated(table):
 
 def test_every_cause_has_its_smallest_detectable_size():
     part = part_of("hidden", diagnosis_tables())
-    told = {cells[0]: cells for cells in part.listings[0].rows}
-    assert told["actuator backlash"][2:5] == ("6 legs", "1.3 µm", "1.8 µm")
-    assert told["thermal expansion"][3] == "not at any plausible size"
-    assert told["target moved"][2:5] == ("30 targets", "20 µm", "23 µm")
-    assert told["actuator gain"][2] == "the whole"
+    reported = {cells[0]: cells for cells in part.listings[0].rows}
+    assert reported["actuator backlash"][2:5] == ("6 legs", "1.3 µm", "1.8 µm")
+    assert reported["thermal expansion"][3] == "not at any plausible size"
+    assert reported["target moved"][2:5] == ("30 targets", "20 µm", "23 µm")
+    assert reported["actuator gain"][2] == "the whole"
     assert_says(part.lead, "cannot show", "thermal expansion")
 
 
@@ -103,8 +103,8 @@ def test_the_whole_is_counted_beside_its_parts():
     table = made.detectable()
     whole = pd.DataFrame([("actuator-backlash", "", "backlash", 0.0008, "mm", 0.8)], columns=table.columns)
     part = part_of("hidden", diagnosis_tables() | {"detectable": pd.concat([whole, table], ignore_index=True)})
-    told = {cells[0]: cells[2:5] for cells in part.listings[0].rows}
-    assert told["actuator backlash"] == ("the whole, 6 legs", "0.80 µm", "1.8 µm")
+    reported = {cells[0]: cells[2:5] for cells in part.listings[0].rows}
+    assert reported["actuator backlash"] == ("the whole, 6 legs", "0.80 µm", "1.8 µm")
 
 
 def test_without_sizes_the_explanations_of_the_rejected_stand_in():
@@ -139,11 +139,11 @@ def test_the_head_says_what_to_measure_and_leaves_the_readings_to_the_table():
     short = "To know K22 twice as well, measure these 2 configurations: it falls to 0.2 um/mm."
     then = {"next_measurement": "To know K22, move a lot.", "next_in_short": short, "advice_kind": "sharpen"}
     tables = diagnosis_tables(rows(row("actuator-gain", parameters=GAIN_3, **then)))
-    said = "Optional: to know K22 twice as well, measure these 2 configurations: it falls to 0.2 µm/mm."
+    text = "Optional: to know K22 twice as well, measure these 2 configurations: it falls to 0.2 µm/mm."
     head = build_head("c", tables)
-    assert ("next", said) in head.verdicts
+    assert ("next", text) in head.verdicts
     link = '<a href="#next">What to measure next</a>'
-    assert render_page(head, [part_of("next", tables)]).count(link) == 2  # in the bar of sections, beside the sentence
+    assert render_page(head, [part_of("next", tables)]).count(link) == 2  # in the bar of sections, next to the sentence
     assert link not in render_page(head, [])
     assert_says(part_of("next", tables).statements[0][1], "measure", "2 configurations", "falls", "0.2 µm/mm")
 
@@ -174,11 +174,11 @@ def test_a_change_is_reported_with_its_indistinguishable_alternatives():
 def test_no_change_is_a_pass_and_nothing_in_common_is_not_evaluated():
     tables = diagnosis_tables() | {"changes": made.changes(moved=False)}
     assert state_of("changes", tables) == "ok"
-    said = "Since the earlier model, none of 35 numbers changed beyond chance."
-    assert ("pass", said) in build_head("c", tables).verdicts
+    text = "Since the earlier model, none of 35 numbers changed beyond chance."
+    assert ("pass", text) in build_head("c", tables).verdicts
     tables["changes"] = tables["changes"].assign(z=np.nan)
     assert part_of("changes", tables).state == "not evaluated"
-    assert not [said for _, said in build_head("c", tables).verdicts if "earlier" in said]
+    assert not [text for _, text in build_head("c", tables).verdicts if "earlier" in text]
     assert changes(diagnosis_tables()) is None
 
 

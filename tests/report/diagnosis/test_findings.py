@@ -38,15 +38,15 @@ FACTS = Facts(
 
 
 def test_other_inputs_that_the_data_leave_open_are_reported_with_their_odds():
-    said = explanation(replace(FACTS, inputs=(("time", 3.14), ("the temperature", 0.9))))
-    assert said.startswith(explanation(FACTS))
-    assert "time (3.1 to 1), the temperature (1.0 to 1)" in said
+    text = explanation(replace(FACTS, inputs=(("time", 3.14), ("the temperature", 0.9))))
+    assert text.startswith(explanation(FACTS))
+    assert "time (3.1 to 1), the temperature (1.0 to 1)" in text
 
 
 def test_other_subjects_that_the_data_leave_open_are_reported_with_their_odds():
-    said = explanation(replace(FACTS, subjects=(("", 1.24), ("leg2 leg5", 6.0), ("target P07", 0.9))))
-    assert said.startswith(explanation(FACTS))
-    assert_says(said, "odds", "all legs (1.2 to 1)", "legs 2 and 5 (6.0 to 1)", "target P07 (1.0 to 1)")
+    text = explanation(replace(FACTS, subjects=(("", 1.24), ("leg2 leg5", 6.0), ("target P07", 0.9))))
+    assert text.startswith(explanation(FACTS))
+    assert_says(text, "odds", "all legs (1.2 to 1)", "legs 2 and 5 (6.0 to 1)", "target P07 (1.0 to 1)")
     whole = explanation(replace(FACTS, subject="body frame", subjects=(("", 2.0),)))
     assert_says(whole, "odds", "the whole machine (2.0 to 1)")
 
@@ -88,11 +88,11 @@ def test_subjects_are_reported_in_words(subject, words):
 
 def test_a_rival_says_against_what_and_with_which_odds():
     rival = replace(FACTS, verdict="indistinguishable", rival="platform-deformation-linear", odds=3.2)
-    said = explanation(rival)
-    assert_says(said, "nearly as well as platform-deformation-linear", "odds", "3.2 to 1")
+    text = explanation(rival)
+    assert_says(text, "nearly as well as platform-deformation-linear", "odds", "3.2 to 1")
     assert_says(explanation(replace(rival, odds=0.9)), "the data as well as platform-deformation-linear")
-    assert_says(said, "may be", "actuator moves further", "gain_3 = 0.213 ± 0.010 %")
-    assert_says(said, "cannot distinguish")
+    assert_says(text, "may be", "actuator moves further", "gain_3 = 0.213 ± 0.010 %")
+    assert_says(text, "cannot distinguish")
 
 
 @pytest.mark.parametrize(
@@ -114,18 +114,18 @@ def test_rejected_observations_have_a_reason(given, words):
 
 def test_a_doubt_by_held_out_data_counts_all_of_them_whatever_their_unit():
     doubtful = replace(FACTS, verdict="suspected", reason_code="held-out", held_out=(7.8, 7.1), held_out_growth=2.23)
-    said = explanation(doubtful)
-    assert_says(said, "predicts held-out data worse", "in units of its noise", "by a factor of 2.2")
+    text = explanation(doubtful)
+    assert_says(text, "predicts held-out data worse", "in units of its noise", "by a factor of 2.2")
     assert "factor" not in explanation(replace(doubtful, reason_code="weak"))
     assert "by 2.7 %" in explanation(replace(doubtful, held_out_growth=1.027))
 
 
 def test_many_parameters_are_reported_by_the_most_certain():
     many = {f"K1{k}": {"value": 0.001 * k, "sigma": 0.0005, "unit": "1"} for k in range(1, 10)}
-    said = explanation(replace(FACTS, parameters=many))
-    assert "K19 = 9.00 ± 0.50 um/mm" in said
-    assert "and 3 smaller" in said
-    assert "K11 =" not in said
+    text = explanation(replace(FACTS, parameters=many))
+    assert "K19 = 9.00 ± 0.50 um/mm" in text
+    assert "and 3 smaller" in text
+    assert "K11 =" not in text
 
 
 def test_quantities_not_evaluated_are_left_out():

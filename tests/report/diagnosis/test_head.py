@@ -29,7 +29,7 @@ def first_line(diagnosis_rows: pd.DataFrame, **more) -> tuple[str, str]:
 
 
 def test_the_first_line_says_what_where_how_large_and_what_it_brings():
-    mark, said = first_line(rows(row("platform-deformation-matrix", parameters=made.matrix()), *rejected()))
+    mark, text = first_line(rows(row("platform-deformation-matrix", parameters=made.matrix()), *rejected()))
     assert mark == "found"
     shifts = diagnosis_tables()["deformation"].pivot(index="pose", columns="leg", values="delta_rho_mm").to_numpy()
     k = np.array([one["value"] for one in made.matrix().values()]).reshape(6, 6)
@@ -37,8 +37,8 @@ def test_the_first_line_says_what_where_how_large_and_what_it_brings():
     sigma = np.array([one["sigma"] for one in made.matrix().values()]).reshape(6, 6)[[0, 5]]
     noise = 1e3 * np.sqrt(np.sum((sigma * shifts[spread.argmax()]) ** 2))
     largest = f"{1e3 * spread.max():.1f} ± {noise:.1f}"
-    assert_says(said, "platform deforms", "legs 1 and 6", f"{largest} µm")
-    assert_says(said, "lowers", "held-out poses", "34 µm", "7.9 µm", "consistent", "noise", "7.2 µm")
+    assert_says(text, "platform deforms", "legs 1 and 6", f"{largest} µm")
+    assert_says(text, "lowers", "held-out poses", "34 µm", "7.9 µm", "consistent", "noise", "7.2 µm")
 
 
 @pytest.mark.parametrize(
@@ -111,26 +111,26 @@ def test_the_first_line_says_what_where_how_large_and_what_it_brings():
     ],
 )
 def test_every_cause_has_its_sentence(cause, subject, parameters, words):
-    mark, said = first_line(rows(row(cause, subject=subject, parameters=parameters)))
+    mark, text = first_line(rows(row(cause, subject=subject, parameters=parameters)))
     assert mark == "found"
-    assert words in said
-    assert_says(said, "lowers", "held-out poses", "34 µm", "7.9 µm", "consistent", "noise", "7.2 µm")
-    assert len(said) < 320
+    assert words in text
+    assert_says(text, "lowers", "held-out poses", "34 µm", "7.9 µm", "consistent", "noise", "7.2 µm")
+    assert len(text) < 320
 
 
 def test_several_findings_are_numbered_and_their_gain_is_that_of_all():
     second = row("target-moved", subject="target P07", parameters=MOVED, heldout_rms_before=7.9, heldout_rms_after=5.5)
-    _, said = first_line(rows(row("actuator-gain", subject="leg3", parameters=GAIN_3), second, *rejected()))
-    assert_says(said, "Two effects", "(1)", "actuator 3", "farther", "(2)", "P07", "displaced")
-    assert_says(said, "both", "lowers", "held-out poses", "34 µm", "5.5 µm")
+    _, text = first_line(rows(row("actuator-gain", subject="leg3", parameters=GAIN_3), second, *rejected()))
+    assert_says(text, "Two effects", "(1)", "actuator 3", "farther", "(2)", "P07", "displaced")
+    assert_says(text, "both", "lowers", "held-out poses", "34 µm", "5.5 µm")
 
 
 def test_the_gain_is_that_of_what_the_extended_model_holds() -> None:
     weak = row("target-moved", subject="target P07", parameters=MOVED, verdict="suspected", reason_code="weak")
     found = row("actuator-gain", subject="leg3", parameters=GAIN_3)
-    _, said = first_line(rows(found, weak | {"in_model": False}, *rejected()))
-    assert_says(said, "Suspected", "target P07")
-    assert_says(said, "Modelling what was found lowers", "34 µm", "7.9 µm")
+    _, text = first_line(rows(found, weak | {"in_model": False}, *rejected()))
+    assert_says(text, "Suspected", "target P07")
+    assert_says(text, "Modelling what was found lowers", "34 µm", "7.9 µm")
     counts = counted(assessed_causes({"diagnosis": rows(found, weak | {"in_model": False})}), {})
     assert_says(counts, "1 found", "1 suspected but not", "hardly more probable than no effect")
 
@@ -142,56 +142,56 @@ def test_the_gain_of_all_findings_starts_without_any_of_them():
         "actuator-gain", subject="leg3", parameters=GAIN_3, heldout_rms_before=5.9, heldout_rms_after=5.5, **beside
     )
     second = row("target-moved", subject="target P07", parameters=MOVED, heldout_rms_after=5.5, **beside)
-    _, said = first_line(rows(first, second, *rejected()))
-    assert_says(said, "both", "lowers", "held-out poses", "34 µm", "5.5 µm")
+    _, text = first_line(rows(first, second, *rejected()))
+    assert_says(text, "both", "lowers", "held-out poses", "34 µm", "5.5 µm")
 
 
 @pytest.mark.parametrize(
     ("after", "words"), [(34.3, "leaves the rms error on held-out poses at 34 µm"), (41.0, "raises the rms error")]
 )
 def test_a_cause_without_gain_is_not_reported_to_lower_errors(after, words):
-    (incomplete, how), (mark, said), *_ = lines(rows(row("actuator-gain", parameters=GAIN_3, heldout_rms_after=after)))
+    (incomplete, how), (mark, text), *_ = lines(rows(row("actuator-gain", parameters=GAIN_3, heldout_rms_after=after)))
     assert (incomplete, mark) == ("fail", "found")
     assert_says(how, "model", "incomplete")
-    assert f"Modelling it {words}" in said
+    assert f"Modelling it {words}" in text
 
 
 def test_more_findings_than_a_line_holds_are_counted():
     several = [
         row("leg-drift", subject=f"leg{k}", parameters={f"drift_{k}": size(0.01, 0.001, "mm")}) for k in range(1, 6)
     ]
-    _, said = first_line(rows(*several))
-    assert_says(said, "5 effects", "(1)", "leg 1", "grows", "2 further findings")
+    _, text = first_line(rows(*several))
+    assert_says(text, "5 effects", "(1)", "leg 1", "grows", "2 further findings")
 
 
-def test_nothing_found_tells_the_smallest_size_that_would_have_been():
-    mark, said = first_line(rows(*rejected()))
+def test_nothing_found_reports_the_smallest_size_that_would_have_been():
+    mark, text = first_line(rows(*rejected()))
     assert mark == "pass"
-    assert_says(said, "Actuator readings", "measured poses", "mechanism", "agree", "noise", "none of 11")
+    assert_says(text, "Actuator readings", "measured poses", "mechanism", "agree", "noise", "none of 11")
     # The largest over the subjects, so that it holds wherever the effect is.
-    assert_says(said, "platform deformation linear", "1.7 µm/mm", "actuator backlash", "1.8 µm")
-    assert len(said) < 320
+    assert_says(text, "platform deformation linear", "1.7 µm/mm", "actuator backlash", "1.8 µm")
+    assert len(text) < 320
 
 
 def test_nothing_found_is_no_pass_where_predictions_miss_by_more_than_noise():
     beyond = [{**one, "noise_floor": 5.2} for one in rejected()]
-    mark, said = first_line(rows(*beyond))
+    mark, text = first_line(rows(*beyond))
     assert mark == "warn"
-    assert_says(said, "rms error", "predictions", "7.4 µm", "noise", "5.2 µm")
-    assert "agree" not in said
+    assert_says(text, "rms error", "predictions", "7.4 µm", "noise", "5.2 µm")
+    assert "agree" not in text
     assert "agree" not in diagnosis(diagnosis_tables(rows(*beyond))).lead
 
 
 def test_nothing_found_without_a_table_of_sizes_claims_no_size():
-    _, said = first_line(rows(*rejected()), detectable=made.detectable().iloc[:0])
-    assert_says(said, "none of 11", "found")
-    assert not says(said, "µm")
+    _, text = first_line(rows(*rejected()), detectable=made.detectable().iloc[:0])
+    assert_says(text, "none of 11", "found")
+    assert not says(text, "µm")
 
 
 def test_noise_alone_is_a_warning_and_no_effect():
-    mark, said = first_line(rows(row("unexplained", **NOISE), *rejected()))
+    mark, text = first_line(rows(row("unexplained", **NOISE), *rejected()))
     assert mark == "warn"
-    assert_says(said, "residuals", "1.410 ± 0.050", "declared noise", "none of 11")  # an unknown effect raises them too
+    assert_says(text, "residuals", "1.410 ± 0.050", "declared noise", "none of 11")  # an unknown effect raises them too
     tables = diagnosis_tables(rows(row("unexplained", **NOISE), *rejected()))
     assert_says(diagnosis(tables).lead, "none of 11", "found")
     assert_says(diagnosis(tables).lead, "residuals", "exceed", "declared noise")
@@ -201,16 +201,16 @@ def test_noise_alone_is_a_warning_and_no_effect():
 def test_an_unexplained_effect_names_its_inputs():
     found = row("unexplained", follows="temperature_c", parameters=per_leg("leg1_degree", 2, "mm"))
     found["largest_motion"] = 12.3
-    mark, said = first_line(rows(found, *rejected()))
+    mark, text = first_line(rows(found, *rejected()))
     assert mark == "found"
-    assert_says(said, "depends", "temperature", "12 µm", "no cause", "explains")
+    assert_says(text, "depends", "temperature", "12 µm", "no cause", "explains")
 
 
 def test_inputs_that_explain_nearly_as_well_are_named_in_the_first_line():
     settings = json.dumps({"instead": [["time_s"], ["rho2_mm", "temperature_c"]]})
     found = row("unexplained", follows="temperature_c", parameters=per_leg("leg1_degree", 2, "mm"), settings=settings)
-    _, said = first_line(rows(found, *rejected()))
-    assert_says(said, "depends on the temperature, or instead on time, or instead on actuator 2 and the temperature")
+    _, text = first_line(rows(found, *rejected()))
+    assert_says(text, "depends on the temperature, or instead on time, or instead on actuator 2 and the temperature")
 
 
 def test_rivals_that_cannot_be_distinguished_are_named_at_the_head():
@@ -218,8 +218,8 @@ def test_rivals_that_cannot_be_distinguished_are_named_at_the_head():
     rival = row("platform-deformation-linear", "indistinguishable", subject="leg3", parameters={"kappa_3": size(0.002)})
     assert_says(first_line(rows(gain, rival, *rejected()))[1], "cannot rule out", "platform deforms", "leg 3")
     own = row("own", "indistinguishable", parameters={"k": size(0.2)}, clause="a body bends")
-    said = first_line(rows(gain, own, *rejected()))[1]
-    assert_says(said, "cannot rule out", "a body bends", "k")
+    text = first_line(rows(gain, own, *rejected()))[1]
+    assert_says(text, "cannot rule out", "a body bends", "k")
     part = part_of("evidence", diagnosis_tables(rows(gain, rival, *rejected())))
     assert_says(part.lead, "1 alternative", "factor of 20", "probability")
     names = {trace.name: trace for trace in part.figures[0][0].data}

@@ -70,8 +70,8 @@ def test_an_undecided_requirement_leads_with_the_poses_that_decide_it() -> None:
     assert first.figures["measurements"] == 14.0
     assert_says(first.words, "14 further poses", "workspace", "role verification")
     assert_says(first.words, "as large", "6 poses")
-    said = next(words for mark, words in build_head("c", tables).verdicts if mark == "next")
-    assert_says(said, "14 further measurements", "about 47 min", first.purpose)
+    text = next(words for mark, words in build_head("c", tables).verdicts if mark == "next")
+    assert_says(text, "14 further measurements", "about 47 min", first.purpose)
 
 
 def test_the_words_of_a_planned_measurement_stand_once_on_the_page() -> None:
@@ -134,8 +134,10 @@ TOLD = {
 
 @pytest.mark.parametrize("test", TOLD, ids="-".join)
 def test_each_test_that_fails_asks_for_what_would_tell_why(test: tuple[str, str]) -> None:
-    (told,) = [step for step in _steps(_tables(tests=adequacy((*test, 2.0, 1e-9, "fails")))) if step.need == Need.RIVAL]
-    assert TOLD[test] in told.words
+    (reported,) = [
+        step for step in _steps(_tables(tests=adequacy((*test, 2.0, 1e-9, "fails")))) if step.need == Need.RIVAL
+    ]
+    assert TOLD[test] in reported.words
 
 
 def test_questions_of_init_use_the_terms_of_the_instrument() -> None:
@@ -148,33 +150,33 @@ def test_questions_of_init_use_the_terms_of_the_instrument() -> None:
 def test_a_search_that_was_ended_asks_for_what_shows_the_cause_that_was_next() -> None:
     ended = adequacy(("causes-left", "", 3.0, 1e-9, "fails"))
     ended = ended.assign(search_end="most-causes", left_cause="actuator-backlash", left_subject="leg2")
-    (told,) = [step for step in _steps(_tables(tests=ended)) if step.need == Need.RIVAL]
-    assert_says(told.words, "same poses", "from below", "from above")
+    (reported,) = [step for step in _steps(_tables(tests=ended)) if step.need == Need.RIVAL]
+    assert_says(reported.words, "same poses", "from below", "from above")
 
 
 @pytest.mark.parametrize("cause", ["target-moved", "unexplained", "of-a-lab"])
 def test_where_words_hang_on_more_than_the_name_of_the_cause_one_thing_changes_at_a_time(cause: str) -> None:
     ended = adequacy(("causes-left", "", 3.0, 1e-9, "fails"))
     ended = ended.assign(search_end="most-causes", left_cause=cause, left_subject="target B1")
-    (told,) = [step for step in _steps(_tables(tests=ended)) if step.need == Need.RIVAL]
-    assert_says(told.words, "one input", "at a time")
-    assert "None" not in told.words
+    (reported,) = [step for step in _steps(_tables(tests=ended)) if step.need == Need.RIVAL]
+    assert_says(reported.words, "one input", "at a time")
+    assert "None" not in reported.words
 
 
 def test_errors_beyond_noise_that_no_test_explains_ask_for_repeats() -> None:
     tables = _tables(row("platform-deformation-linear", rms_after=30.0, heldout_rms_after=30.0))
-    told = [step for step in _steps(tables) if step.purpose.startswith("the errors of predictions exceed")]
-    assert [says(step.words, "one pose", "ten times") for step in told] == [True]
+    reported = [step for step in _steps(tables) if step.purpose.startswith("the errors of predictions exceed")]
+    assert [says(step.words, "one pose", "ten times") for step in reported] == [True]
 
 
 def test_errors_beyond_noise_stand_beside_tests_that_all_passed() -> None:
     passed = adequacy(("observation-noise", "", 1.0, 0.5, "ok"))
     far = _tables(row("platform-deformation-linear", rms_after=30.0, heldout_rms_after=30.0), tests=passed)
     near = _tables(row("platform-deformation-linear"), tests=passed)
-    said, unsaid = adequacy_section(far), adequacy_section(near)
-    assert said is not None
+    text, unsaid = adequacy_section(far), adequacy_section(near)
+    assert text is not None
     assert unsaid is not None
-    assert_says(said.lead, "none finds more than noise", "error of predictions", "times")
+    assert_says(text.lead, "none finds more than noise", "error of predictions", "times")
     assert "predictions" not in unsaid.lead
 
 
@@ -192,8 +194,8 @@ def test_one_measurement_for_several_findings_stands_once() -> None:
 
 def test_a_nonparametric_effect_needs_a_decision_between_explanations() -> None:
     unnamed = row("unexplained", follows="time_s", next_measurement="Repeat some poses in another order.")
-    (told,) = [step for step in _steps(_tables(unnamed)) if step.need == Need.RIVAL]
-    assert_says(told.words, "Repeat", "poses", "another order")
+    (reported,) = [step for step in _steps(_tables(unnamed)) if step.need == Need.RIVAL]
+    assert_says(reported.words, "Repeat", "poses", "another order")
 
 
 @pytest.mark.parametrize("asks", [True, False])

@@ -45,8 +45,8 @@ def test_the_map_holds_the_rms_over_the_declared_noise(tables, gain):
     assert list(before.x) == list(AXES)
     assert list(before.y)[: len(CHANNELS)] == list(CHANNELS)
     for trace, column in ((before, "missed_before"), (after, "missed_after")):
-        told = float(trace.text[list(trace.y).index("ry")][list(trace.x).index("fz")])
-        assert told == pytest.approx(_rms(errors.loc[under, column]) / NOISE["ry"], rel=0.05)
+        reported = float(trace.text[list(trace.y).index("ry")][list(trace.x).index("fz")])
+        assert reported == pytest.approx(_rms(errors.loc[under, column]) / NOISE["ry"], rel=0.05)
 
 
 def test_the_panels_are_those_that_are_missed_most(tables, gain):
@@ -107,10 +107,10 @@ def test_several_findings_report_their_gain_over_all_channels_of_a_unit():
     tilt = row("cosine-error", subject="channel rx", parameters={"angle": size(0.008, 0.001, "rad")}, unit="arcsec")
     off = row("load-eccentricity", subject="load fz", parameters={"offset_x": size(5.0, 0.1, "mm")}, unit="arcsec")
     tables = bench_tables(rows(off, tilt), signals=0)
-    said = build_head("c", tables).verdicts[0][1]
+    text = build_head("c", tables).verdicts[0][1]
     own = tables["reading_errors"].query("unit == 'arcsec'")
     before, after = (f"{_rms(own[f'missed_{when}']):#.2g}" for when in ("before", "after"))
-    assert_says(said, "both", "lowers", "fitted runs", f"{before} arcsec", f"{after} arcsec", "noise (0.20 arcsec)")
+    assert_says(text, "both", "lowers", "fitted runs", f"{before} arcsec", f"{after} arcsec", "noise (0.20 arcsec)")
 
 
 def test_readings_missed_by_less_than_noise_leaves_are_no_success():
@@ -119,10 +119,10 @@ def test_readings_missed_by_less_than_noise_leaves_are_no_success():
     tables["reading_errors"] = errors.assign(
         **{f"missed_{k}": 0.4 * errors["missed_after"] for k in ("before", "after")}
     )
-    mark, said = build_head("c", tables).verdicts[0]
+    mark, text = build_head("c", tables).verdicts[0]
     assert mark == "warn"
-    assert_says(said, "significantly less", "noise")
-    assert_says(said, "declared noise", "too large")
+    assert_says(text, "significantly less", "noise")
+    assert_says(text, "declared noise", "too large")
     part = part_of("gain", tables)
     assert state_of("gain", tables) == "attention"
     assert_says(part.lead, "significantly below", "noise floor")
@@ -138,21 +138,21 @@ def test_the_noise_of_channels_and_signals_is_reported_with_what_is_not_declared
     raw = pd.DataFrame({"channel": ["ry"], "sigma_source": ["ellipse"]})
     declared = pd.DataFrame({"signal_mv": [0.01]})
     given = {**tables, "readings": readings, "quadrature": raw}
-    told = {line[0]: line[-1] for line in measured({**given, "declared_noise": declared}).listings[1].rows}
-    assert_says(told["dx"], "0.500 µm", "3 not declared")
-    assert told["dz"] == "not declared"
-    assert told["rx"] == "0.200 arcsec to 0.400 arcsec"
-    assert_says(told["ry"], "0.200 arcsec", "ellipse")
-    assert told["v1"] == "0.0100 mV"
+    reported = {line[0]: line[-1] for line in measured({**given, "declared_noise": declared}).listings[1].rows}
+    assert_says(reported["dx"], "0.500 µm", "3 not declared")
+    assert reported["dz"] == "not declared"
+    assert reported["rx"] == "0.200 arcsec to 0.400 arcsec"
+    assert_says(reported["ry"], "0.200 arcsec", "ellipse")
+    assert reported["v1"] == "0.0100 mV"
     unknown = {**given, "declared_noise": declared * np.nan}
     assert measured(unknown).listings[1].rows[-1][-1] == "not declared"
 
 
 def test_nothing_found_is_reported_unit_by_unit():
     tables = bench_tables(rows(*rejected()), signals=0)
-    mark, said = build_head("c", tables).verdicts[0]
+    mark, text = build_head("c", tables).verdicts[0]
     assert mark == "pass"
-    assert_says(said, "load eccentricity", "0.11 mm", "20 N per kN·m", "stiffness scale", "0.40 %")
+    assert_says(text, "load eccentricity", "0.11 mm", "20 N per kN·m", "stiffness scale", "0.40 %")
     part = part_of("gain", tables)
     assert_says(part.lead, "arcsec", "consistent", "noise floor")
     assert_says(part.lead, "µm", "0.85 times", "noise floor")
@@ -210,14 +210,14 @@ def test_unread_values_are_empty_cells():
 def test_parasitic_loads_are_reported_where_a_calibration_ignores_them(tables):
     assert unrecorded_loads(assessed_causes(tables), tables) is None
     calibrated = {**tables, "sensor_matrix": pd.DataFrame({"matrix": ["G_B"]})}
-    warned = [said for mark, said in build_head("c", calibrated).verdicts if mark == "warn"]
+    warned = [text for mark, text in build_head("c", calibrated).verdicts if mark == "warn"]
     # 12.03 mm and 7.98 mm at 9000 N.
     assert len(warned) == 1
     assert_says(warned[0], "z load", "108 N·m", "about y", "72 N·m", "about x")
     assert unrecorded_loads(assessed_causes(calibrated), calibrated).lead == warned[0]
     choice = pd.DataFrame({"model": ["weighted"], "figure": ["loads_as_diagnosed"], "value": [1.0]})
-    told = unrecorded_loads(assessed_causes(calibrated), {**calibrated, "sensor_choice": choice})
-    assert_says(told.lead, "z load", "108 N·m", "about y", "72 N·m", "about x")
+    reported = unrecorded_loads(assessed_causes(calibrated), {**calibrated, "sensor_choice": choice})
+    assert_says(reported.lead, "z load", "108 N·m", "about y", "72 N·m", "about x")
     assert load_warning(assessed_causes(calibrated), {**calibrated, "sensor_choice": choice}) == ""
     uneven = {"force_x": size(0.002, 1e-4, "1/m"), "force_x_asymmetry": size(-0.004, 1e-4, "1/m")}
     torque = rows(row("load-imbalance", subject="load mx", parameters=uneven))
@@ -243,9 +243,9 @@ def test_signals_alone_are_measured_and_say_why_nothing_was_diagnosed():
     whole["diagnosis"].attrs["why_not"] = "needs the elements of a leg, or a compliance_file"
     tables = {name: whole[name] for name in ("signals", "diagnosis")}
     head = build_head("c", tables)
-    mark, said = head.verdicts[0]
+    mark, text = head.verdicts[0]
     assert mark == "none"
-    assert_says(said, "Diagnosis", "not evaluated", whole["diagnosis"].attrs["why_not"])
+    assert_says(text, "Diagnosis", "not evaluated", whole["diagnosis"].attrs["why_not"])
     assert state_of("diagnosis", tables) == "not tested"
     assert_says(text_of(measured(tables)), "8 signals", "v1 to v8", "not measured")
     assert "reading" not in dict(head.screen.facts)["data"]
@@ -292,5 +292,5 @@ def test_the_loads_to_apply_next_stand_in_a_row_per_run_with_all_steps_to_take_a
     first = ("1", "3", "fz 0, 5000, 10000, 5000, 0 N", "dx dz", "a step every 8 min", "–", "odds of 5:1")
     assert listing.rows[0] == first
     assert listing.csv.splitlines()[2] == "1,1,480,0,0,5000,0,0,0,dx dz"
-    said = "To tell it from hysteresis, apply these 2 runs of loads, 3 times each: so it is."
-    assert any(words == said for _, words in build_head("c", tables).verdicts)
+    text = "To tell it from hysteresis, apply these 2 runs of loads, 3 times each: so it is."
+    assert any(words == text for _, words in build_head("c", tables).verdicts)

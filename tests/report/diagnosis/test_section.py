@@ -26,17 +26,17 @@ def test_not_evaluated_is_neither_a_pass_nor_a_failure():
     assert state_of("diagnosis", tables) == "not tested"
     assert not section.parts
     verdicts = build_head("c", tables).verdicts
-    assert any(mark == "none" and "Diagnosis not evaluated" in said for mark, said in verdicts)
+    assert any(mark == "none" and "Diagnosis not evaluated" in text for mark, text in verdicts)
 
 
 def test_a_finding_says_how_sure_it_is():
     section = diagnosis(diagnosis_tables())
-    said = section.statements[0][1].replace("\u00a0", " ")
+    text = section.statements[0][1].replace("\u00a0", " ")
     for words in ("at most 0.05 % of campaigns", "signal-to-noise ratio 41", "above 99.9 %", "ranking is unchanged if"):
-        assert words in said
+        assert words in text
 
 
-def test_the_ranking_that_depends_on_plausible_scales_is_hatched_and_said():
+def test_the_ranking_that_depends_on_plausible_scales_is_hatched_and_reported():
     part = part_of("evidence", diagnosis_tables(rows(row("actuator-gain", parameters=GAIN_3, scale_holds="changes"))))
     assert_says(part.lead, "ranking changes", "actuator gain")
     assert list(part.figures[0][0].data[0].marker.pattern.shape) == ["/"]
@@ -127,7 +127,7 @@ def test_few_poses_below_the_noise_may_be_chance():
     assert_says(part.lead, "too few", "chance")
 
 
-def test_only_a_run_that_left_a_model_is_said_to_have_one():
+def test_only_a_run_that_left_a_model_is_reported_to_have_one():
     tables = diagnosis_tables()
     assert_says(diagnosis(tables).lead, "extended model", "model.toml")
     del tables["pulls"]
@@ -153,7 +153,7 @@ def test_only_the_first_targets_of_many_columns_are_named():
     assert named == "CODE0_x CODE1_x CODE2_x CODE3_x CODE4_x CODE5_x and 294 more"
 
 
-def test_nothing_found_tells_how_far_the_simulation_misses_as_it_is():
+def test_nothing_found_reports_how_far_the_simulation_misses_as_it_is():
     part = part_of("gain", diagnosis_tables(rows(*rejected())))
     assert "without the causes" not in part.lead
     assert_says(part.lead, "7.9 µm", "consistent", "noise floor")
@@ -176,9 +176,9 @@ def test_the_table_of_gains_holds_the_roots_of_mean_squares_within_their_interva
     listing = part_of("gain", tables).listings[0]
     own = tables["prediction"].query("role == 'verification'")
     expected = np.sqrt(np.mean(own["rms_before"] ** 2))
-    said, _, interval = listing.rows[1][2].partition(" (")
+    text, _, interval = listing.rows[1][2].partition(" (")
     low, high = (float(part) for part in interval.rstrip(")").split(" to "))
-    assert float(said) == pytest.approx(expected, rel=0.005)
+    assert float(text) == pytest.approx(expected, rel=0.005)
     assert own["rms_before"].min() < low < expected < high < own["rms_before"].max()
 
 
@@ -228,8 +228,8 @@ def test_parameters_of_legs_are_bars_in_the_units_of_a_laboratory():
 def test_text_counts_and_unknown_sigmas_are_reported_as_they_are():
     parameters = {"driver": size("temperature_c"), "bowl": size(1e-3, float("nan"), "mm/K"), "from_pose": size(23)}
     part = part_of("sizes", diagnosis_tables(rows(row("base-deformation", parameters=parameters))))
-    told = {cells[0]: cells[1] for cells in part.listings[0].rows}
-    assert told == {"driver": "temperature_c", "bowl": "1 µm/K", "from_pose": "23"}
+    reported = {cells[0]: cells[1] for cells in part.listings[0].rows}
+    assert reported == {"driver": "temperature_c", "bowl": "1 µm/K", "from_pose": "23"}
 
 
 def test_parts_stand_in_the_order_in_which_they_are_read():
@@ -264,7 +264,7 @@ def test_numbers_that_were_not_evaluated_do_not_stop_the_page(column):
 
 
 def test_rows_of_a_run_that_reported_less_are_read():
-    """A diagnosis without the columns that may be absent, and without any of the tables beside it."""
+    """A diagnosis without the columns that may be absent, and without any of the tables next to it."""
     tables = diagnosis_tables()
     old = tables["diagnosis"].drop(columns=["signal_to_noise", "log_evidence", "scale_holds"])
     parts = parts_of({"diagnosis": old})
@@ -336,6 +336,6 @@ def test_numbers_of_effects_stand_among_those_of_the_extended_model():
     effects["effect_of"] = ["target-moved target P07"] * 2 + ["target-moved target P08"] * 2
     tables["calibration"] = pd.concat([fitted, own, effects], ignore_index=True)
     listing = next(x for x in calibration(tables).listings if "deformation ignored" in x.caption)
-    told = {cells[1].replace("\u00a0", " "): cells[-1] for cells in listing.rows if cells[0] == "extended"}
-    assert told["dx of target-moved target P07 (mm)"].replace("\u00a0", " ") == "0.0500 ± 0.0030"
-    assert "dx of target-moved target P08 (mm)" in told
+    reported = {cells[1].replace("\u00a0", " "): cells[-1] for cells in listing.rows if cells[0] == "extended"}
+    assert reported["dx of target-moved target P07 (mm)"].replace("\u00a0", " ") == "0.0500 ± 0.0030"
+    assert "dx of target-moved target P08 (mm)" in reported

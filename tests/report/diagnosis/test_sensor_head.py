@@ -40,8 +40,8 @@ def test_lines_of_action_that_lie_apart_are_measured_at_the_stand():
 )
 def test_an_arm_is_on_the_side_whose_cross_product_gives_the_moment(axis, about):
     sizes = (ParameterSize(f"moment_{about}_asymmetry", 0.004, 1e-5, "m"),)
-    told = BENCH["load-imbalance"].clause(Claim(cause="load-imbalance", subject=f"load {axis}", sizes=sizes))
-    side, across = re.search(r"towards (.)([xyz])$", told).groups()
+    reported = BENCH["load-imbalance"].clause(Claim(cause="load-imbalance", subject=f"load {axis}", sizes=sizes))
+    side, across = re.search(r"towards (.)([xyz])$", reported).groups()
     arm = np.eye(3)["xyz".index(across)] * (0.004 if side == "+" else -0.004)
     moment = np.cross(arm, np.eye(3)["xyz".index(axis[1])])
     assert_close(moment, 0.004 * np.eye(3)["xyz".index(about)], atol=1e-12)
@@ -49,8 +49,8 @@ def test_an_arm_is_on_the_side_whose_cross_product_gives_the_moment(axis, about)
 
 def test_a_moment_about_its_own_force_has_no_arm():
     sizes = (ParameterSize("moment_x_asymmetry", 0.004, 1e-5, "m"),)
-    told = BENCH["load-imbalance"].clause(Claim(cause="load-imbalance", subject="load fx", sizes=sizes))
-    assert told.endswith("between positive and negative load")
+    reported = BENCH["load-imbalance"].clause(Claim(cause="load-imbalance", subject="load fx", sizes=sizes))
+    assert reported.endswith("between positive and negative load")
 
 
 @pytest.mark.parametrize(
@@ -64,8 +64,10 @@ def test_a_moment_about_its_own_force_has_no_arm():
 def test_an_effect_is_quadratic_if_no_other_term_is_sure(terms, words):
     sizes = tuple(ParameterSize(name, value, sigma, "mV") for name, (value, sigma) in terms.items())
     form = {"columns": ("fz_n",), "half_ranges": (1000.0,), "form": "polynomial", "channel": "v5"}
-    told = FOLLOWED["unexplained"].clause(Claim(cause="unexplained", subject="signal v5", sizes=sizes, settings=form))
-    assert_says(told, words)
+    reported = FOLLOWED["unexplained"].clause(
+        Claim(cause="unexplained", subject="signal v5", sizes=sizes, settings=form)
+    )
+    assert_says(reported, words)
 
 
 def first_line(*several) -> tuple[str, str]:
@@ -259,26 +261,26 @@ SLIP = {"count": size(-2), "from_step": size(7)}
     ],
 )
 def test_every_cause_has_its_sentence(cause, subject, parameters, words):
-    mark, said = first_line(row(cause, subject=subject, parameters=parameters))
+    mark, text = first_line(row(cause, subject=subject, parameters=parameters))
     assert mark == "found"
-    assert words in said
-    assert_says(said, "runs left out in turn", "34 µm", "7.9 µm", "consistent", "noise (7.2 µm)")
-    assert len(said) < 320
+    assert words in text
+    assert_says(text, "runs left out in turn", "34 µm", "7.9 µm", "consistent", "noise (7.2 µm)")
+    assert len(text) < 320
 
 
 def test_components_that_are_not_sure_are_not_reported():
     unsure = {"offset_x": size(0.1, 0.2, "mm"), "offset_y": size(-0.2, 0.15, "mm")}
-    said = first_line(row("load-eccentricity", subject="load fz", parameters=unsure))[1]
-    assert_says(said, "z load", "0.20 ± 0.15 mm", "towards −y")
+    text = first_line(row("load-eccentricity", subject="load fz", parameters=unsure))[1]
+    assert_says(text, "z load", "0.20 ± 0.15 mm", "towards −y")
 
 
 def test_exchanged_rows_have_their_own_sentence():
-    said = first_line(row("rows-exchanged", subject="run 2", parameters={"rows": size("2/12 2/17")}))[1]
-    assert_says(said, "steps 12 and 17", "run 2", "exchanged")
+    text = first_line(row("rows-exchanged", subject="run 2", parameters={"rows": size("2/12 2/17")}))[1]
+    assert_says(text, "steps 12 and 17", "run 2", "exchanged")
 
 
 def test_a_noisy_channel_is_named():
     noisy = row("unexplained", subject="channel dy", parameters={"noise_ratio": size(4.3, 0.8)})
-    mark, said = first_line(noisy)
+    mark, text = first_line(noisy)
     assert mark == "warn"
-    assert_says(said, "channel dy", "4.30 ± 0.80 times", "declared noise")
+    assert_says(text, "channel dy", "4.30 ± 0.80 times", "declared noise")

@@ -72,9 +72,9 @@ def reason(diagnosis_rows: pd.DataFrame, tests: pd.DataFrame) -> ReasonCode:
 def test_the_reason_for_the_end_of_a_search_is_reported(end: str, left: str | None, words: tuple[str, ...]) -> None:
     subject = "leg3" if left else None
     ended = ENDED.assign(value=9.0, search_end=end, left_cause=left, left_subject=subject)
-    said = shortcoming({"adequacy": ended})
-    assert_says(said, *words)
-    assert ("remains" in said) == (left is not None)
+    text = shortcoming({"adequacy": ended})
+    assert_says(text, *words)
+    assert ("remains" in text) == (left is not None)
 
 
 def test_single_large_errors_of_a_joint_are_no_ratio_of_noise() -> None:
@@ -86,33 +86,33 @@ def test_single_large_errors_of_a_joint_are_no_ratio_of_noise() -> None:
 
 
 def test_a_suspected_cause_leads_as_suspected() -> None:
-    mark, said = head(rows(DOUBTED, *rejected()), HOLDS)
+    mark, text = head(rows(DOUBTED, *rejected()), HOLDS)
     assert mark == "warn"
-    assert_says(said, "Suspected, not confirmed", "actuator 3", "farther")
+    assert_says(text, "Suspected, not confirmed", "actuator 3", "farther")
 
 
 def test_found_causes_come_before_suspected_ones() -> None:
-    mark, said = head(rows(DRIFT, DOUBTED, *rejected()), HOLDS)
+    mark, text = head(rows(DRIFT, DOUBTED, *rejected()), HOLDS)
     assert mark == "warn"
-    assert said.index("Leg 4") < said.index("Suspected") < said.index("actuator 3")
-    assert "effects found" not in said
+    assert text.index("Leg 4") < text.index("Suspected") < text.index("actuator 3")
+    assert "effects found" not in text
 
 
 def test_larger_noise_is_no_further_effect() -> None:
     noise = row("unexplained", parameters={"noise_ratio": {"value": 2.0, "sigma": 0.1, "unit": "1"}})
-    _, said = head(rows(DRIFT, noise, *rejected()), HOLDS)
-    assert "effects found" not in said
-    assert said.index("Leg 4") < said.index("Besides, the residuals")
+    _, text = head(rows(DRIFT, noise, *rejected()), HOLDS)
+    assert "effects found" not in text
+    assert text.index("Leg 4") < text.index("Also, the residuals")
 
 
 @pytest.mark.parametrize("found", [[], [DOUBTED | {"reason_code": "inadequate"}]])
 def test_where_the_model_does_not_hold_the_first_line_says_so_and_by_what(found: list[dict[str, object]]) -> None:
     assert reason(rows(*found, *rejected()), FAILS) == ReasonCode.LACK_OF_FIT
-    mark, said = head(rows(*found, *rejected()), FAILS)
+    mark, text = head(rows(*found, *rejected()), FAILS)
     assert mark == "warn"
-    assert_says(said, "model", "incomplete")
-    assert_says(said, "temperature", "correlated", "correlation 0.31")
-    assert "agrees" not in said
+    assert_says(text, "model", "incomplete")
+    assert_says(text, "temperature", "correlated", "correlation 0.31")
+    assert "agrees" not in text
 
 
 def test_the_section_is_no_pass_and_gives_the_reason() -> None:
@@ -120,9 +120,9 @@ def test_the_section_is_no_pass_and_gives_the_reason() -> None:
     section = diagnosis(tables)
     assert section is not None
     assert state_of("diagnosis", tables) == "attention"
-    (mark, said), *_ = section.statements
+    (mark, text), *_ = section.statements
     assert mark == "warn"
-    assert DOUBTS["unnamed"] in said
+    assert DOUBTS["unnamed"] in text
     assert ": 1 suspected and added" in section.lead
 
 
@@ -176,10 +176,10 @@ def test_a_lack_of_fit_against_pure_error_makes_the_picture_incomplete(test: str
 def test_a_search_that_was_ended_is_reported_first_with_what_is_left() -> None:
     inadequate = rows(DOUBTED | {"reason_code": "inadequate"}, *rejected())
     assert reason(inadequate, ENDED) == ReasonCode.LACK_OF_FIT
-    mark, said = head(inadequate, ENDED)
+    mark, text = head(inadequate, ENDED)
     assert mark == "warn"
-    assert_says(said, "3 accepted causes", "search ended")
-    assert_says(said, "best candidate", "actuator gain", "leg 3")
+    assert_says(text, "3 accepted causes", "search ended")
+    assert_says(text, "best candidate", "actuator gain", "leg 3")
     part = part_of("adequacy", diagnosis_tables() | {"adequacy": ENDED})
     assert part.listings[0].marks == ("fail", "pass", "none")
     assert "actuator gain" in part.lead
@@ -209,7 +209,7 @@ def test_columns_that_predict_the_misfit_are_reported_with_their_share() -> None
     one, *_ = assessed_causes({"diagnosis": rows(REMAINDER, *rejected())})
     assert one.is_remainder
     assert one.is_noise  # no effect in the model
-    left = "the variance that the model without causes leaves"
+    left = "the residual variance of the model without causes"
     assert_says(clause(one, {}), "The residuals", "actuator 3", "the temperature", "41 %", left)
     assert "noise" not in one.name
 
@@ -226,9 +226,9 @@ def test_columns_that_the_error_of_a_part_depends_on_are_reported_with_the_part(
 def test_columns_that_predict_the_misfit_never_read_as_agreement() -> None:
     tables = {**diagnosis_tables(rows(REMAINDER, *rejected())), "adequacy": FAILS}
     assert state_of("diagnosis", tables) == "attention"
-    mark, said = head(rows(REMAINDER, *rejected()), FAILS)
+    mark, text = head(rows(REMAINDER, *rejected()), FAILS)
     assert mark != "pass"
-    assert "agrees" not in said
+    assert "agrees" not in text
     section = diagnosis(tables)
     assert section is not None
     assert not says(section.lead, "exceed", "declared noise")
@@ -240,20 +240,20 @@ def test_suspected_causes_report_the_effects_that_explain_as_much() -> None:
     _, one, *_ = assessed_causes({"diagnosis": both})
     assert one.is_conditional
     assert_says(clause(one, {}), "Without the other findings, the residuals depend on")
-    said = head(both, HOLDS)[1]
-    assert_says(said, "Without the other findings", "41 %")
-    assert "Besides" not in said
-    assert "Besides" in head(rows(DOUBTED, REMAINDER, *rejected()), HOLDS)[1]
+    text = head(both, HOLDS)[1]
+    assert_says(text, "Without the other findings", "41 %")
+    assert "Also, " not in text
+    assert "Also, " in head(rows(DOUBTED, REMAINDER, *rejected()), HOLDS)[1]
 
 
 def test_what_the_findings_explain_in_part_is_not_reported_as_missing_from_the_model() -> None:
     partial = REMAINDER | {"settings": json.dumps({PARTLY_BY_FINDINGS: True})}
     _, one, *_ = assessed_causes({"diagnosis": rows(DOUBTED, partial, *rejected())})
     assert not one.is_conditional
-    assert_says(clause(one, {}), "the other findings explain a part of this")
-    said = remainder_explanation("The residuals depend on time", 1e-4, is_of_all=False, remains=True, is_partial=True)
-    assert_says(said, "still significant", "does not hold all of it")
-    assert "no cause is named" not in said
+    assert_says(clause(one, {}), "the other findings", "part")
+    text = remainder_explanation("The residuals depend on time", 1e-4, is_of_all=False, remains=True, is_partial=True)
+    assert_says(text, "still significant", "does not hold all of it")
+    assert "no cause is named" not in text
 
 
 DRIFTS = [
@@ -277,10 +277,10 @@ def test_terms_of_higher_order_of_a_drift_are_the_same_effect(drift: list[dict[s
     verdict = diagnosis_verdict(tables, {})
     assert verdict is not None
     assert verdict.value == 1.0
-    said = head(rows(*drift), HOLDS)[1]
-    assert "effects found" not in said
-    assert "Modelling it" in said or "Modelling" not in said
-    assert_says(said, "24", "terms of higher order", "12")
+    text = head(rows(*drift), HOLDS)[1]
+    assert "effects found" not in text
+    assert "Modelling it" in text or "Modelling" not in text
+    assert_says(text, "24", "terms of higher order", "12")
 
 
 def test_two_drifts_of_different_parts_are_two_effects() -> None:
@@ -294,8 +294,8 @@ def test_a_campaign_without_times_has_no_effect_of_time(column: str, name: str) 
     one, *_ = assessed_causes({"diagnosis": rows(*[own for own in DRIFTS if f'"{column}"' in str(own["settings"])])})
     assert name in one.name
     stretch = json.dumps({"columns": [column], "form": "stretch", "half_ranges": [16.0], "element": "axis"})
-    said = clause(assessed_causes({"diagnosis": rows(DRIFTS[0] | {"settings": stretch})})[0], {})
-    assert ("32 s" in said) == (column == "time_s")
+    text = clause(assessed_causes({"diagnosis": rows(DRIFTS[0] | {"settings": stretch})})[0], {})
+    assert ("32 s" in text) == (column == "time_s")
 
 
 def test_odds_against_a_suspected_effect_are_reported_as_such() -> None:
@@ -309,10 +309,10 @@ def test_odds_against_a_suspected_effect_are_reported_as_such() -> None:
 def test_candidates_are_counted_alike_over_the_page() -> None:
     idle = row("harmonic", verdict="not testable", p_value=None, probability=None)
     noise = row("unexplained", parameters={"noise_ratio": {"value": 4.0, "sigma": 0.1, "unit": "1"}})
-    said = adequacy_verdict({**diagnosis_tables(rows(noise, *rejected(), idle)), "adequacy": FAILS}, {})
-    assert said is not None
+    text = adequacy_verdict({**diagnosis_tables(rows(noise, *rejected(), idle)), "adequacy": FAILS}, {})
+    assert text is not None
     tested = sum(own["verdict"] == "rejected" for own in rejected())
-    assert_says(said.explanation, f"none of {tested} candidates")
+    assert_says(text.explanation, f"none of {tested} candidates")
 
 
 def test_advice_on_what_follows_time_alone_is_another_order() -> None:

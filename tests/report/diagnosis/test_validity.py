@@ -21,27 +21,27 @@ def said(of: PartNames = POINTS, **left_out: object) -> list[str]:
 @pytest.mark.parametrize(
     ("kind", "of", "words"),
     [
-        ("day", POINTS, "For this, 4 days that are sensitive to it"),
-        ("region", POINTS, "For this, 4 regions of the workspace"),
-        ("region", READINGS, "For this, 4 ranges of the loads"),
-        ("run", READINGS, "For this, 4 runs"),
-        ("series", POINTS, "For this, 4 series"),
-        ("direction", POINTS, "For this, 4 directions of approach"),
+        ("day", POINTS, "4 days that are sensitive to it"),
+        ("region", POINTS, "4 regions of the workspace"),
+        ("region", READINGS, "4 ranges of the loads"),
+        ("run", READINGS, "4 runs"),
+        ("series", POINTS, "4 series"),
+        ("direction", POINTS, "4 directions of approach"),
     ],
 )
 def test_excluded_observations_are_reported_with_their_number(kind: str, of: PartNames, words: str) -> None:
     (one,) = said(of, left_out_by=kind, left_out_blocks=4, left_out_gain=7.0)
     assert words in one
-    assert_says(one, "supports", "actuator gain (leg 3)", "1097 to 1")
+    assert_says(one, "supports", "actuator gain (leg 3)", "1,100 to 1")
 
 
 @pytest.mark.parametrize(
     ("gain", "words"),
     [
-        (900.0, "supports actuator gain (leg 3), with odds of more than 1,000,000 to 1 for it"),
-        (1.0, "does not decide about actuator gain (leg 3), with odds of 2.72 to 1 for it"),
-        (-1.0, "does not decide about actuator gain (leg 3), with odds of 2.72 to 1 against it"),
-        (-7.0, "contradicts actuator gain (leg 3), with odds of 1097 to 1 against it"),
+        (900.0, "supports actuator gain (leg 3) (odds of more than 1,000,000 to 1 for it)"),
+        (1.0, "does not decide about actuator gain (leg 3) (odds of 2.72 to 1 for it)"),
+        (-1.0, "does not decide about actuator gain (leg 3) (odds of 2.72 to 1 against it)"),
+        (-7.0, "contradicts actuator gain (leg 3) (odds of 1,100 to 1 against it)"),
     ],
 )
 def test_odds_are_reported_except_those_near_one(gain: float, words: str) -> None:
@@ -64,8 +64,8 @@ def test_an_effect_of_one_block_is_reported_as_such() -> None:
 
 
 def test_the_gain_on_left_out_blocks_is_shown_only_where_a_run_has_it() -> None:
-    told = row("actuator-gain", left_out_by="region", left_out_blocks=4, left_out_gain=30.0)
-    assert_says(part_of("gain", diagnosis_tables(rows(told))).lead, "regions", "sensitive", "left out", "in turn")
+    reported = row("actuator-gain", left_out_by="region", left_out_blocks=4, left_out_gain=30.0)
+    assert_says(part_of("gain", diagnosis_tables(rows(reported))).lead, "regions", "sensitive", "left out", "in turn")
     assert not says(part_of("gain", diagnosis_tables(rows(row("actuator-gain")))).lead, "left out", "in turn")
     assert said() == []
 

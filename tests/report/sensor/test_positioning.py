@@ -55,9 +55,9 @@ def test_a_campaign_of_positioning_alone_begins_with_what_it_was_measured_for():
     axes = {"X": 22.0, "Y": 31.0}
     rows = [(run, figure, value) for run in axes for figure, value in (("A", axes[run]), ("R", 14.3), ("B", 4.5))]
     table = pd.DataFrame(rows, columns=["run", "figure", "value"]).assign(subject=None, unit="um", sigma=1.3)
-    mark, said = build_head("stage", {"positioning": table}).verdicts[0]
+    mark, text = build_head("stage", {"positioning": table}).verdicts[0]
     assert mark == "measured"
-    assert_says(said, "ISO 230-2", "2 runs", "Y", "accuracy A 31.0 ± 1.3 µm", "R 14.3 ± 1.3 µm", "B 4.5 ± 1.3 µm")
+    assert_says(text, "ISO 230-2", "2 runs", "Y", "accuracy A 31.0 ± 1.3 µm", "R 14.3 ± 1.3 µm", "B 4.5 ± 1.3 µm")
 
 
 def test_positions_alone_say_nothing_of_loads_or_machines_that_were_never_measured():
@@ -93,7 +93,7 @@ def test_a_run_that_failed_a_check_is_reported_with_the_reason_and_without_a_fig
     assert_says(section.lead, "Run Y", "not evaluated", "jump", "65.5 mm")
     rows = [("X", figure, 5.0) for figure in ("A", "R", "B")]
     table = pd.DataFrame(rows, columns=["run", "figure", "value"]).assign(subject=None, unit="um", sigma=1.3)
-    told = {"positions": measured, "positioning": table, "qa": qa.assign(value=None)}
-    (failed, _), (mark, said), *_ = build_head("stage", told).verdicts
+    reported = {"positions": measured, "positioning": table, "qa": qa.assign(value=None)}
+    (failed, _), (mark, text), *_ = build_head("stage", reported).verdicts
     assert (failed, mark) == ("fail", "measured")
-    assert_says(said, "Not evaluated", "1 further run", "Positioning")
+    assert_says(text, "Not evaluated", "1 further run", "Positioning")

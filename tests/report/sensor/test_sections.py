@@ -43,7 +43,7 @@ def test_the_page_has_a_bench_and_no_machine(tables):
     assert sections["requirements"].state == "not tested"
 
 
-def test_displacement_tells_what_was_never_measured(tables):
+def test_displacement_shows_what_was_never_measured(tables):
     section = displacement(tables)
     assert_says(section.lead, "Never measured", "unknown", "rz")
     rows = {row[0]: row[2:] for row in section.listings[0].rows}
@@ -71,7 +71,7 @@ def test_deformation_names_the_entries_that_differ_and_draws_both(tables):
     assert "not" in matrix.text[5][0]
 
 
-def test_calibration_tells_the_choice_and_the_matrix(tables):
+def test_calibration_gives_the_choice_and_the_matrix(tables):
     section = calibration(tables)
     assert_says(section.lead, "Chosen", "weighted, forward", "zero common", "linear")
     assert_says(section.lead, "least squares", "no zero")
@@ -137,7 +137,7 @@ def test_checks_not_evaluated_are_reported_as_such(tables, section, name):
     ("apart", "said", "code", "mark"),
     [
         (0, ("reproduces all 36 measured entries",), ReasonCode.RIGID, "pass"),
-        (4, ("misses 4 of the 36 measured entries", "reproduces the other 32"), ReasonCode.SIMULATION_MISSES, "warn"),
+        (4, ("differs from 4 of the 36", "reproduces the other 32"), ReasonCode.SIMULATION_MISSES, "warn"),
         (36, ("reproduces none of the 36 measured entries",), ReasonCode.SIMULATION_MISSES, "warn"),
     ],
 )

@@ -50,12 +50,12 @@ def test_slopes_of_a_periodic_error_are_its_derivatives(free: bool) -> None:
 
 def test_amplitude_period_and_phase_are_those_of_one_sine() -> None:
     cause = AxisPeriodicError(kind_of_axis=LINEAR, period=0.03)
-    told = {p.name: p for p in cause.reported(np.array([3e-6, 4e-6]), np.diag([1e-14, 1e-14]), 0)}
-    assert_close(told["amplitude"].value, 5e-3, atol=1e-9)
-    assert_close(told["amplitude"].sigma, 1e-4, atol=1e-9)
-    assert_close(told["period"].value, 30.0, atol=1e-9)
-    assert told["period"].sigma is None
-    curve = told["amplitude"].value * np.sin(2.0 * np.pi * TRAVEL / 0.03 + told["phase"].value)
+    reported = {p.name: p for p in cause.reported(np.array([3e-6, 4e-6]), np.diag([1e-14, 1e-14]), 0)}
+    assert_close(reported["amplitude"].value, 5e-3, atol=1e-9)
+    assert_close(reported["amplitude"].sigma, 1e-4, atol=1e-9)
+    assert_close(reported["period"].value, 30.0, atol=1e-9)
+    assert reported["period"].sigma is None
+    curve = reported["amplitude"].value * np.sin(2.0 * np.pi * TRAVEL / 0.03 + reported["phase"].value)
     shift = cause.shift(_rows(TRAVEL), AXIS, np.array([3e-6, 4e-6]))
     assert_close(curve * 1e-3, shift[:, 1], atol=1e-15)
 
@@ -75,8 +75,8 @@ def test_periods_that_even_steps_do_not_distinguish_are_marked() -> None:
     found = [c for c in AxisScene(AXIS, _rows(uneven)).candidates(AxisPeriodicError()) if c.element == "load"]
     assert not any(c.aliased for c in found)
     assert max(c.period for c in found) <= 0.1
-    told = even[0].reported(np.array([1e-6, 0.0]), np.eye(2) * 1e-16, 0)[1]
-    assert told.sigma == told.value
+    reported = even[0].reported(np.array([1e-6, 0.0]), np.eye(2) * 1e-16, 0)[1]
+    assert reported.sigma == reported.value
 
 
 def test_uneven_commands_tell_periods_below_their_step() -> None:

@@ -85,8 +85,8 @@ def test_derivatives_are_exact(signals: bool) -> None:
             nudge = 1j * STEP * np.eye(size)[n]
             at = (shared + nudge, local) if part == "shared" else (shared, local + nudge)
             exact = model.points(*at).imag / STEP / noise[..., 0]
-            told = slopes[..., n] / noise[..., 0]
-            assert_close(told, exact, atol=1e-11 * max(np.abs(exact).max(), 1.0), what=f"{part} {n}")
+            reported = slopes[..., n] / noise[..., 0]
+            assert_close(reported, exact, atol=1e-11 * max(np.abs(exact).max(), 1.0), what=f"{part} {n}")
     assert_close(found.values, model.points(shared, local), atol=0.0)
 
 
@@ -234,9 +234,9 @@ def test_free_gains_take_up_a_ratio_of_loads_with_its_effect_on_load_errors(
         return model.predict(shared, local)
 
     plain, turned = predicted(gains, 0.0), predicted(taken_up, ratio)
-    for told, expected in ((turned.values, plain.values), (turned.by_local, plain.by_local)):
+    for reported, expected in ((turned.values, plain.values), (turned.by_local, plain.by_local)):
         signals = expected[:, len(CHANNELS) :]
-        assert_close(told[:, len(CHANNELS) :], signals, atol=1e-12 * np.abs(signals).max())
+        assert_close(reported[:, len(CHANNELS) :], signals, atol=1e-12 * np.abs(signals).max())
 
 
 def test_air_stretches_a_dead_path() -> None:

@@ -72,14 +72,14 @@ def searched(name: str, seed: int = 3) -> CauseDiagnosis[ReadingCause]:
 @pytest.mark.parametrize("name", HIDDEN)
 def test_a_hidden_cause_is_found_under_its_name_with_its_size(name: str) -> None:
     cause, values = HIDDEN[name]
-    found = [one for one in searched(name).verdicts if one.verdict == FOUND]
+    found = [verdict for verdict in searched(name).verdicts if verdict.verdict == FOUND]
     assert [(one.cause.id, one.cause.subject) for one in found] == [(cause.id, cause.subject)]
-    told = {one.name: one for one in found[0].cause.reported(found[0].values, found[0].covariance, 6)}
+    reported = {one.name: one for one in found[0].cause.reported(found[0].values, found[0].covariance, 6)}
     truth = cause.reported(np.array(values), np.zeros((len(values), len(values))), 6)
     for one in truth:
-        if one.name in told and told[one.name].sigma is not None:
-            assert abs(told[one.name].value - one.value) < WITHIN * told[one.name].sigma
-            assert told[one.name].sigma < 0.3 * abs(one.value)
+        if one.name in reported and reported[one.name].sigma is not None:
+            assert abs(reported[one.name].value - one.value) < WITHIN * reported[one.name].sigma
+            assert reported[one.name].sigma < 0.3 * abs(one.value)
 
 
 def test_hysteresis_of_signals_is_asked_where_no_deflection_is_read() -> None:
@@ -101,7 +101,7 @@ def test_hysteresis_of_signals_is_asked_where_no_deflection_is_read() -> None:
 
 @pytest.mark.parametrize("seed", [3, 4])
 def test_a_clean_bench_is_silent(seed: int) -> None:
-    assert [one.cause.key for one in searched("", seed).verdicts if one.verdict == FOUND] == []
+    assert [verdict.cause.key for verdict in searched("", seed).verdicts if verdict.verdict == FOUND] == []
 
 
 @pytest.mark.parametrize("channel", ["displacements", "v4"])
@@ -113,9 +113,9 @@ def test_a_noisy_run_is_reported_as_noise_and_not_as_a_shift(channel: str) -> No
         [channel == (name if channel[0] == "v" else {"v": "signals"}.get(name[0], "displacements")) for name in names]
     )
     epochs = read(own, None, [], 5, np.where(places, 6.0, 1.0))
-    told = CauseSelection(own.model(), epochs, None, SETTINGS).run(tuple(catalogue_of_readings().values()))
-    assert [one.cause.key for one in told.verdicts if one.verdict == FOUND] == []
-    (burst,) = told.noise_dependences
+    reported = CauseSelection(own.model(), epochs, None, SETTINGS).run(tuple(catalogue_of_readings().values()))
+    assert [verdict.cause.key for verdict in reported.verdicts if verdict.verdict == FOUND] == []
+    (burst,) = reported.noise_dependences
     assert isinstance(burst.driver.cause, NoisyRun)
     assert burst.driver.cause.channel == channel
     assert abs(burst.ratio - 6.0) < WITHIN * burst.sigma < 4.0

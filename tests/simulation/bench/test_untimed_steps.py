@@ -40,17 +40,17 @@ def _columns(*, is_timed: bool) -> tuple[set[str], set[str]]:
 
 
 def test_effects_of_untimed_steps_follow_their_order() -> None:
-    acting, told = _columns(is_timed=False)
-    assert not OF_TIME & (acting | told)
-    assert ORDER in acting & told
+    acting, reported = _columns(is_timed=False)
+    assert not OF_TIME & (acting | reported)
+    assert ORDER in acting & reported
     assert "order" in columns_words((ORDER,))
 
 
 def test_effects_of_timed_steps_follow_time() -> None:
-    acting, told = _columns(is_timed=True)
+    acting, reported = _columns(is_timed=True)
     assert acting >= OF_TIME
-    assert TIME in told
-    assert ORDER not in acting | told
+    assert TIME in reported
+    assert ORDER not in acting | reported
 
 
 @pytest.mark.parametrize("kind", [ZeroDrift(), Creep()])

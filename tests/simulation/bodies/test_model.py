@@ -99,13 +99,13 @@ def test_the_reported_pattern_is_independent_of_its_rigid_motion(model: BodyMode
     cause = _candidate(model, BodyDeformation(), "base elevation_deg")
     values, wide = np.arange(9.0) * 1e-5, np.eye(9)
     rigid = cause._rigid @ np.linalg.pinv(cause._rigid)
-    told = cause.reported(values, wide + 1e6 * rigid, 0)
+    reported = cause.reported(values, wide + 1e6 * rigid, 0)
     again = cause.reported(values + rigid @ np.ones(9), wide, 0)
-    for one, other in zip(told[:-1], again[:-1], strict=True):
+    for one, other in zip(reported[:-1], again[:-1], strict=True):
         assert one.value == pytest.approx(other.value, abs=1e-9)
         assert one.sigma == pytest.approx(other.sigma, rel=1e-3)
-    assert told[-1].name == "driver"
-    assert told[-1].value == "elevation_deg"
+    assert reported[-1].name == "driver"
+    assert reported[-1].value == "elevation_deg"
 
 
 def test_a_drift_ends_at_its_parameters_whatever_its_course(model: BodyModel) -> None:

@@ -108,15 +108,17 @@ def test_amplitude_pitch_and_phase_are_reported_as_the_sine_that_they_stand_for(
     cause = PeriodicError((2, 5), 0.8, 300.0, free=True)
     size, phase = np.array([3e-6, 5e-6]), np.array([0.4, -2.0])
     waves = np.stack([size * np.cos(phase), size * np.sin(phase)], -1).ravel()
-    told = {t.name: t for t in cause.reported(np.array([*waves, 50.0]), np.diag([1e-14] * 4 + [25.0]), 6)}
-    assert list(told) == ["amplitude_2", "amplitude_5", "pitch", "phase_2", "phase_5"]
+    reported = {t.name: t for t in cause.reported(np.array([*waves, 50.0]), np.diag([1e-14] * 4 + [25.0]), 6)}
+    assert list(reported) == ["amplitude_2", "amplitude_5", "pitch", "phase_2", "phase_5"]
     for leg, a, p in zip((2, 5), size, phase, strict=True):
-        assert_close([told[f"amplitude_{leg}"].value, told[f"amplitude_{leg}"].sigma or 0], [a * 1e3, 1e-4], atol=1e-12)
-        assert_close([told[f"phase_{leg}"].value, told[f"phase_{leg}"].sigma or 0], [p, 1e-7 / a], atol=1e-9)
+        assert_close(
+            [reported[f"amplitude_{leg}"].value, reported[f"amplitude_{leg}"].sigma or 0], [a * 1e3, 1e-4], atol=1e-12
+        )
+        assert_close([reported[f"phase_{leg}"].value, reported[f"phase_{leg}"].sigma or 0], [p, 1e-7 / a], atol=1e-9)
     share = np.tanh(50.0 / 300.0)
     pitch = 1 / (1 / 0.8 + 0.3 * share)
     sigma = pitch**2 * 0.005 * (1 - share**2)
-    assert_close([told["pitch"].value, told["pitch"].sigma or 0], [pitch, sigma], atol=1e-12)
+    assert_close([reported["pitch"].value, reported["pitch"].sigma or 0], [pitch, sigma], atol=1e-12)
 
 
 def test_a_pitch_stays_among_those_that_are_searched() -> None:
@@ -155,7 +157,7 @@ def test_no_pitch_falls_between_those_tried() -> None:
     assert_between(min(kept), 0.85, 1.0, what="smallest share of a sine's power")
 
 
-def test_pitches_that_few_levels_cannot_tell_apart_are_tried_once() -> None:
+def test_pitches_that_few_levels_cannot_distinguish_are_tried_once() -> None:
     levels = np.random.default_rng(6).integers(-1, 2, (40, 6)) * 1.3e-3
     assert len(distinct_pitches(levels)) == 1
     scene = replace(_model([]).scene, readings=levels + _model([]).scene.rho0)
@@ -185,8 +187,8 @@ def test_targets_are_tried_from_every_pose_that_has_three_on_either_side() -> No
 
 
 def test_swapped_targets_are_reported_by_their_poses() -> None:
-    (told,) = TargetsSwapped("base", ("B1", "B2"), (4, "7b"), (3.0, 9.0)).reported(np.zeros(0), np.zeros((0, 0)), 6)
-    assert (told.name, told.value, told.sigma) == ("poses", "4 7b", None)
+    (reported,) = TargetsSwapped("base", ("B1", "B2"), (4, "7b"), (3.0, 9.0)).reported(np.zeros(0), np.zeros((0, 0)), 6)
+    assert (reported.name, reported.value, reported.sigma) == ("poses", "4 7b", None)
 
 
 @pytest.mark.parametrize(

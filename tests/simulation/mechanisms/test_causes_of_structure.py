@@ -172,9 +172,9 @@ def test_a_drift_is_nothing_at_first_and_whole_at_last() -> None:
 
 def test_a_time_constant_is_reported_in_seconds() -> None:
     cause = SETTLING.refined()
-    told = cause.reported(np.array([1e-6, 2e-6, np.log(2.0)]), np.diag([1e-14, 1e-14, 0.01]), 6)
-    assert [t.name for t in told] == ["drift_2", "drift_5", "tau"]
-    assert_close([told[2].value, told[2].sigma or 0.0], [1800.0, 180.0], atol=1e-9, what="tau and its sigma, s")
+    reported = cause.reported(np.array([1e-6, 2e-6, np.log(2.0)]), np.diag([1e-14, 1e-14, 0.01]), 6)
+    assert [t.name for t in reported] == ["drift_2", "drift_5", "tau"]
+    assert_close([reported[2].value, reported[2].sigma or 0.0], [1800.0, 180.0], atol=1e-9, what="tau and its sigma, s")
 
 
 def test_candidates_are_those_that_could_show() -> None:

@@ -40,7 +40,7 @@ def test_every_cause_comes_back_and_predicts_the_same(cause: Cause) -> None:
     made = made_model(rng, (cause,))
     text = write_model(made)
     read = read_model(text)
-    assert [one.key for one in read.model.causes] == [cause.key]
+    assert [cause.key for cause in read.model.causes] == [cause.key]
     assert type(read.model.causes[0]) is type(cause)
     assert write_model(read) == text
     conditions = some_conditions(rng)
@@ -121,14 +121,14 @@ def test_predicted_covariance_is_that_of_drawn_models() -> None:
     rng = np.random.default_rng(3)
     made = made_model(rng)
     conditions = some_conditions(rng, poses=2)
-    told = predict_poses(made, conditions)
+    reported = predict_poses(made, conditions)
     factor, draws, errors = np.linalg.cholesky(made.covariance), 250, []
     for _ in range(draws):
         drawn = replace(made, shared=made.shared + factor @ rng.normal(size=len(made.shared)))
         read = conditions.readings + made.model.known.reading_sigma * rng.normal(size=(2, 6))
         pose = predict_poses(drawn, Conditions(read, conditions.covariates))
-        errors.append(np.concatenate([pose.p - told.p, log_so3(pose.R @ np.swapaxes(told.R, 1, 2))], -1))
-    squares = np.einsum("dbi,bij,dbj->d", errors, np.linalg.inv(told.covariance), errors) / 12
+        errors.append(np.concatenate([pose.p - reported.p, log_so3(pose.R @ np.swapaxes(reported.R, 1, 2))], -1))
+    squares = np.einsum("dbi,bij,dbj->d", errors, np.linalg.inv(reported.covariance), errors) / 12
     # Mean of chi-square with 12 degrees of freedom over 12, 250 draws: sigma 0.026.
     assert_between(float(np.mean(squares)), 1 - 4 * 0.026, 1 + 4 * 0.026, what="normalised squared error")
 

@@ -127,7 +127,7 @@ def test_fewer_than_six_legs_leave_the_platform_free() -> None:
         solve_rows(np.zeros((1, 5, 6)), np.zeros((1, 5, 1)))
 
 
-def test_legs_out_of_reach_are_said_not_to_close() -> None:
+def test_legs_out_of_reach_are_reported_not_to_close() -> None:
     legs = telescope()
     torn = legs.rho0 + np.array([0.4, -0.4, 0.4, -0.4, 0.4, -0.4])
     assert not forward(legs, np.stack([legs.rho0, torn])).converged[1]
@@ -173,7 +173,7 @@ def test_a_member_that_cannot_close_leaves_the_others_alone() -> None:
     assert reaches(legs, rho).tolist() == found.converged.tolist()
 
 
-def test_a_singular_member_is_said_not_to_close() -> None:
+def test_a_singular_member_is_reported_not_to_close() -> None:
     """All joints of the platform on one point: the rows' right half is zero, and nothing says how it turns."""
     legs = telescope()
     b = np.stack([legs.b, np.zeros((6, 3)), legs.b])

@@ -230,12 +230,12 @@ def test_a_search_says_that_it_came_to_its_end() -> None:
 def test_a_search_that_was_ended_says_so_and_what_is_left(monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr("truing.inference.search_end.MANY_CAUSES", 0)
     monkeypatch.setattr("truing.inference.search_end.MOST_OPERATIONS", 0.0)
-    told = diagnosed(2e-4)
-    assert told.end.left is not None
-    assert (told.end.end, told.end.accepted, told.end.left.subject) == (SearchEnd.TIME, 0, "joint2")
-    assert told.end.p_value < Settings(0.05, 200, 1).level
-    assert [(verdict.verdict, verdict.reason) for verdict in told.verdicts] == [("rejected", Reason.ENDED)]
-    table = adequacy_table(told, Settings(0.05, 200, 1), "point").to_pylist()
+    reported = diagnosed(2e-4)
+    assert reported.end.left is not None
+    assert (reported.end.end, reported.end.accepted, reported.end.left.subject) == (SearchEnd.TIME, 0, "joint2")
+    assert reported.end.p_value < Settings(0.05, 200, 1).level
+    assert [(verdict.verdict, verdict.reason) for verdict in reported.verdicts] == [("rejected", Reason.ENDED)]
+    table = adequacy_table(reported, Settings(0.05, 200, 1), "point").to_pylist()
     (row,) = [row for row in table if row["test"] == "causes-left"]
     assert (row["state"], row["search_end"], row["value"]) == ("fails", "time", 0.0)
     assert (row["left_cause"], row["left_subject"]) == ("joint-gain", "joint2")
@@ -250,28 +250,28 @@ def test_beyond_many_causes_one_that_predicts_held_out_epochs_better_is_accepted
     monkeypatch: pytest.MonkeyPatch,
 ) -> None:
     monkeypatch.setattr("truing.inference.search_end.MANY_CAUSES", 1)
-    told = of_two_gains()
-    assert found_in(told) == {"joint1", "joint2"}
+    reported = of_two_gains()
+    assert found_in(reported) == {"joint1", "joint2"}
     # So many causes are doubted, although no other one is significant.
-    assert (told.end.end, told.end.accepted, told.end.left) == (SearchEnd.MOST_CAUSES, 2, None)
-    assert told.end.p_value > Settings(0.05, 200, 1).level
+    assert (reported.end.end, reported.end.accepted, reported.end.left) == (SearchEnd.MOST_CAUSES, 2, None)
+    assert reported.end.p_value > Settings(0.05, 200, 1).level
 
 
 def test_beyond_many_causes_one_that_predicts_held_out_epochs_no_better_is_left(
     monkeypatch: pytest.MonkeyPatch,
 ) -> None:
     monkeypatch.setattr("truing.inference.search_end.MANY_CAUSES", 1)
-    told = of_two_gains(elsewhere=(0.5e-4, 3e-4, 0.0))  # predicted as badly with half the gain as without
-    assert found_in(told) == {"joint2"}
-    assert told.end.left is not None
-    assert (told.end.end, told.end.accepted, told.end.left.subject) == (SearchEnd.MOST_CAUSES, 1, "joint1")
+    reported = of_two_gains(elsewhere=(0.5e-4, 3e-4, 0.0))  # predicted as badly with half the gain as without
+    assert found_in(reported) == {"joint2"}
+    assert reported.end.left is not None
+    assert (reported.end.end, reported.end.accepted, reported.end.left.subject) == (SearchEnd.MOST_CAUSES, 1, "joint1")
 
 
 def test_the_numbers_of_an_accepted_cause_are_those_of_the_round_that_accepted_it() -> None:
-    told = of_two_gains()
-    found = [verdict for verdict in told.verdicts if verdict.verdict == "found"]
+    reported = of_two_gains()
+    found = [verdict for verdict in reported.verdicts if verdict.verdict == "found"]
     assert len(found) == 2
-    for own, verdict in zip(told.rounds, found, strict=False):
+    for own, verdict in zip(reported.rounds, found, strict=False):
         candidate = own.best[verdict.cause.id]
         assert candidate.cause.subject == verdict.cause.subject
         assert verdict.p_value == own.p_value(candidate)
@@ -283,10 +283,10 @@ def test_the_numbers_of_an_accepted_cause_are_those_of_the_round_that_accepted_i
 def test_released_intermediate_results_are_recomputed_identically() -> None:
     final = of_two_gains().final
     errors = final.held_out, final.error
-    before = final.fit.whitened.rest, final.pathways.gram, *(own.linearised.by_shared for own in errors)
+    before = final.fit.whitened.rest, final.pathways.gram, *(error.linearised.by_shared for error in errors)
     final.release()
     assert not {"whitened", "pathways"} & (final.fit.__dict__.keys() | final.__dict__.keys())
-    after = final.fit.whitened.rest, final.pathways.gram, *(own.linearised.by_shared for own in errors)
+    after = final.fit.whitened.rest, final.pathways.gram, *(error.linearised.by_shared for error in errors)
     for one, other in zip(before, after, strict=True):
         assert one is not other
         np.testing.assert_array_equal(one, other)

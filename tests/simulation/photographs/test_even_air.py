@@ -28,7 +28,7 @@ def raised(bar: Bar, by_mm: float) -> Bar:
 
 
 def adjusted(bars: tuple[Bar, ...], *effects: CameraEffect) -> np.ndarray:
-    """Points (poses, points, 3), m, in the base frame or beside it."""
+    """Points (poses, points, 3), m, in the base frame or next to it."""
     shooting = Shooting(
         stations=Round(count=6), missing_share=0.0, gross_share=0.0, sigma_px=1e-12, told_sigma_px=0.02, bars=bars
     )

@@ -52,9 +52,11 @@ def test_every_number_of_the_machine_and_of_the_effect_has_its_row(both) -> None
     assert (gain["parameter"], gain["leg"], gain["effect_of"]) == ("gain", LEG, f"actuator-gain leg{LEG}")
     assert abs(gain["identified"] - GAIN) < 4 * gain["sigma"]
     assert np.isnan(gain["tolerance"])
-    told = own[own["identifiable"]]
-    expected = (told["identified"] - told["nominal"]) / np.sqrt(told["tolerance"] ** 2 - told["sigma"] ** 2)
-    assert np.allclose(told["pull"], expected)
+    reported = own[own["identifiable"]]
+    expected = (reported["identified"] - reported["nominal"]) / np.sqrt(
+        reported["tolerance"] ** 2 - reported["sigma"] ** 2
+    )
+    assert np.allclose(reported["pull"], expected)
     assert own.loc[~own["identifiable"], "pull"].isna().all()
 
 

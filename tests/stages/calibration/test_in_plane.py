@@ -81,5 +81,5 @@ def test_the_page_says_how_far_attachments_move_in_the_plane(bent: dict[str, pd.
     moved = bent["deformation"].pivot(index="pose", columns="leg", values="delta_rho_mm").loc[fitted].to_numpy()
     expected = 1e3 * np.sqrt(np.mean([(moved * along) ** 2 for along in _ALONG.values()]))
     assert found == pytest.approx(expected, rel=0.1)
-    table = next(one for one in page.listings if one.caption.startswith("Shifts of the attachments along"))
+    table = next(listing for listing in page.listings if listing.caption.startswith("Shifts of the attachments along"))
     assert len(table.rows) == 7

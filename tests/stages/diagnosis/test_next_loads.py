@@ -78,9 +78,9 @@ def case(tmp_path_factory: pytest.TempPathFactory) -> Case:
 
 
 def test_rivals_are_distinguished_by_loads_that_the_bench_can_apply(case: Case) -> None:
-    told = next_loads_of(case.diagnosis, case.settings)
-    assert not ARTIFACTS["next_loads"].faults(told.table)
-    rows = told.table.to_pylist()
+    reported = next_loads_of(case.diagnosis, case.settings)
+    assert not ARTIFACTS["next_loads"].faults(reported.table)
+    rows = reported.table.to_pylist()
     assert {row["purpose"] for row in rows} == {"creep load fz against hysteresis load fz"}
     assert {row["channels"] for row in rows} == {"dx dy dz rx ry rz"}
     assert {name for name in LOAD_COLUMNS if any(row[name] for row in rows)} == {"fz_n"}
@@ -89,10 +89,10 @@ def test_rivals_are_distinguished_by_loads_that_the_bench_can_apply(case: Case) 
     assert [row["time_s"] for row in rows if row["step"] == 0] == [0.0] * len({row["run"] for row in rows})
     creep = case.diagnosis.verdicts[0].cause
     for key, other in ((creep.key, "hysteresis of load fz"), (RIVAL.key, "creep of load fz")):
-        assert told.advice[key].kind == "separate"
-        assert other in told.advice[key].words
-        assert "whichever of the two is right" in told.advice[key].words
-        assert f" This takes {approximate_duration(rows[0]['duration_s'])} of loading. " in told.advice[key].words
+        assert reported.advice[key].kind == "separate"
+        assert other in reported.advice[key].words
+        assert "whichever of the two is right" in reported.advice[key].words
+        assert f" This takes {approximate_duration(rows[0]['duration_s'])} of loading. " in reported.advice[key].words
     assert {(row["need"], row["measurements"]) for row in rows} == {("rival", 1)}
     assert min(row["odds_expected"] for row in rows if row["run"] == rows[-1]["run"]) >= 20.0
 
@@ -189,11 +189,11 @@ def _log_odds(first: Fit, second: Fit) -> float:
 
 
 def test_a_cause_found_alone_keeps_its_own_words_beside_loads_that_narrow_it_down(case: Case) -> None:
-    told = next_loads_of(case.alone, case.settings)
-    rows = told.table.to_pylist()
+    reported = next_loads_of(case.alone, case.settings)
+    rows = reported.table.to_pylist()
     assert {row["purpose"] for row in rows} == {"creep load fz: fraction"}
     assert all(row["expected"].startswith("fraction ± ") for row in rows)
-    (advice,) = told.advice.values()
+    (advice,) = reported.advice.values()
     assert (advice.kind, advice.purpose) == ("confirm", "creep load fz: fraction")
     another = confirming(claim_of(case.alone.verdicts[0].cause, 6)).words
     assert advice.words.startswith(f"{another} Or apply th")
@@ -213,6 +213,6 @@ def test_loads_are_round_and_those_applied_before_are_said_to_be_repeated(
 
 def test_a_suspected_cause_gets_no_proposed_loads(case: Case) -> None:
     doubted = replace(case.alone.verdicts[0], verdict="suspected")
-    told = next_loads_of(replace(case.alone, verdicts=(doubted,)), case.settings)
-    assert len(told.table) == 0
-    assert told.advice == {}
+    reported = next_loads_of(replace(case.alone, verdicts=(doubted,)), case.settings)
+    assert len(reported.table) == 0
+    assert reported.advice == {}

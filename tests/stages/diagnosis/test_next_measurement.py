@@ -247,11 +247,11 @@ def test_rivals_that_no_pose_tells_apart_are_reported(settings: Campaign) -> Non
     truth = rng.normal(size=bare.shared_size)
     gain, bend = ActuatorGain(), LinearPlatformDeformation()
     case = _case(bare, truth, gain, bend, 0.01)
-    told = next_measurements(settings, case.measured, [], [Rivals(gain, case.fitted[0], bend, case.fitted[1])])
-    assert told.advice[gain.key].kind == AdviceKind.ANOTHER
-    assert "actuator gain from platform deformation linear" in told.advice[gain.key].words
-    assert confirming(claim_of(bend, 6)).words in told.advice[gain.key].words
-    assert len(told.table) == 0
+    reported = next_measurements(settings, case.measured, [], [Rivals(gain, case.fitted[0], bend, case.fitted[1])])
+    assert reported.advice[gain.key].kind == AdviceKind.ANOTHER
+    assert "actuator gain from platform deformation linear" in reported.advice[gain.key].words
+    assert confirming(claim_of(bend, 6)).words in reported.advice[gain.key].words
+    assert len(reported.table) == 0
 
 
 def _without(model: MechanismModel, kept: np.ndarray) -> MechanismModel:
@@ -263,23 +263,23 @@ def _without(model: MechanismModel, kept: np.ndarray) -> MechanismModel:
 
 
 def test_a_cause_found_alone_is_to_be_known_twice_as_well(case: Case, settings: Campaign) -> None:
-    told = next_measurements(settings, case.measured, [(WARM, case.fitted[0])], [])
-    assert told.advice[WARM.key].kind == AdviceKind.SHARPEN
-    sentence = told.advice[WARM.key].words
-    now, then = (told.table.column(name)[-1].as_py() for name in ("sigma_now", "sigma_expected"))
+    reported = next_measurements(settings, case.measured, [(WARM, case.fitted[0])], [])
+    assert reported.advice[WARM.key].kind == AdviceKind.SHARPEN
+    sentence = reported.advice[WARM.key].words
+    now, then = (reported.table.column(name)[-1].as_py() for name in ("sigma_now", "sigma_expected"))
     for size in (now, then):
         assert f"± {plain_size('alpha', size, '1/K')}" in sentence
     assert f"by a factor of {now / then:#.2g}." in sentence
     assert now / then >= 2.0
-    assert {row["need"] for row in told.table.to_pylist()} == {"precision"}
+    assert {row["need"] for row in reported.table.to_pylist()} == {"precision"}
 
 
 def test_the_uncertainty_promised_is_that_of_a_fit_with_the_proposed_poses(case: Case, settings: Campaign) -> None:
     """To first order: where a fit of what is drawn comes to lie changes its derivatives by some per cent."""
-    told = next_measurements(settings, case.measured, [(WARM, case.fitted[0])], [])
-    now, then = (told.table.column(name)[-1].as_py() for name in ("sigma_now", "sigma_expected"))
-    conditions = _chosen(told, case)
-    (total,) = set(told.table.column("measurements").to_pylist())
+    reported = next_measurements(settings, case.measured, [(WARM, case.fitted[0])], [])
+    now, then = (reported.table.column(name)[-1].as_py() for name in ("sigma_now", "sigma_expected"))
+    conditions = _chosen(reported, case)
+    (total,) = set(reported.table.column("measurements").to_pylist())
     assert total == len(conditions.readings)
     before = case.sigma(None)
     after = case.sigma(conditions)
@@ -290,15 +290,15 @@ def test_the_uncertainty_promised_is_that_of_a_fit_with_the_proposed_poses(case:
 def test_a_cause_without_a_measured_parameter_is_confirmed_as_it_says(case: Case, settings: Campaign) -> None:
     swapped = TargetsSwapped()
     fitted = replace(case.fitted[0], model=case.fitted[0].model.with_causes((WARM, swapped)))
-    told = next_measurements(settings, case.measured, [(swapped, fitted)], [])
-    assert told.advice == {swapped.key: confirming(claim_of(swapped, 6))}
-    assert len(told.table) == 0
+    reported = next_measurements(settings, case.measured, [(swapped, fitted)], [])
+    assert reported.advice == {swapped.key: confirming(claim_of(swapped, 6))}
+    assert len(reported.table) == 0
 
 
 def test_nothing_found_asks_for_nothing(case: Case, settings: Campaign) -> None:
-    told = next_measurements(settings, case.measured, [], [])
-    assert not told.advice
-    assert not ARTIFACTS["next_poses"].faults(told.table)
+    reported = next_measurements(settings, case.measured, [], [])
+    assert not reported.advice
+    assert not ARTIFACTS["next_poses"].faults(reported.table)
 
 
 def _with(case: Case, **covariates: np.ndarray) -> Fitted:

@@ -74,7 +74,7 @@ def home(tmp_path_factory: pytest.TempPathFactory) -> Path:
 
 @pytest.fixture(scope="module")
 def first(home: Path) -> dict[str, Any]:
-    """The first campaign, whose z load acts beside the origin."""
+    """The first campaign, whose z load acts next to the origin."""
     return run_line(measured(home, 1, [LoadEccentricity(2, OFFSET_M)]), "ingest", "diagnose")[0]
 
 

@@ -42,9 +42,9 @@ def test_a_camera_is_named_and_a_certificate_of_a_bar_is_no_finding(line: tuple[
     rows = diagnose.run(tables, settings, lambda *_: None).artifacts["diagnosis"].to_pylist()
     found = [row for row in rows if row["verdict"] not in ("rejected", "not testable")]
     assert [(row["cause"], row["subject"]) for row in found] == [("camera-instability", "camera camera")]
-    told = json.loads(found[0]["parameters"])
-    assert told["from_pose"]["value"] == JUMP.from_pose
-    assert abs(told["c"]["value"] - JUMP.jump_px) < 4 * told["c"]["sigma"]
+    reported = json.loads(found[0]["parameters"])
+    assert reported["from_pose"]["value"] == JUMP.from_pose
+    assert abs(reported["c"]["value"] - JUMP.jump_px) < 4 * reported["c"]["sigma"]
     assert "that is taken off before" in found[0]["explanation"]
     assert [row["rank"] for row in rows] == list(range(1, len(rows) + 1))
 

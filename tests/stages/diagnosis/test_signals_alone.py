@@ -32,11 +32,11 @@ def signals(rng):
     share = np.array([0.0, 0.5, 1.0, 0.25, -0.5, -1.0, -0.25])
     loads = np.concatenate([np.outer(share, largest * axis) for largest, axis in zip(LARGEST, np.eye(6), strict=True)])
     joints = joint_centres(LOWER_MM * 1e-3, UPPER_MM * 1e-3, HEIGHT_MM * 1e-3)
-    told = GAIN * np.linalg.solve(influence_matrix(joints), loads.T).T
-    told += SIGNAL_MV * rng.normal(size=told.shape)
+    reported = GAIN * np.linalg.solve(influence_matrix(joints), loads.T).T
+    reported += SIGNAL_MV * rng.normal(size=reported.shape)
     steps = {"run": np.repeat(np.arange(6) + 1, 7), "step": np.tile(np.arange(7), 6), "time_s": 60.0 * np.arange(42)}
     columns = steps | dict(zip(LOAD_COLUMNS, loads.T, strict=True))
-    return pd.DataFrame(columns | {f"v{leg + 1}_mv": told[:, leg] for leg in range(6)})
+    return pd.DataFrame(columns | {f"v{leg + 1}_mv": reported[:, leg] for leg in range(6)})
 
 
 def exchange(table, first, second, column):
@@ -59,8 +59,8 @@ def predicted(found, effects=()):
 def test_rows_that_were_exchanged_are_certain_without_geometry_or_declared_noise(rng):
     found = gathered(exchange(signals(rng), (3, 1), (3, 3), "fz_n"), {"campaign": WITHOUT["campaign"]})
     assert [cause.subject for cause in found.given] == ["run 3"]
-    told = {one.name: one.value for one in found.given[0].reported(np.zeros(0), np.zeros((0, 0)), 6)}
-    assert told == {"rows": "3/1 3/3", "components": "fz"}
+    reported = {one.name: one.value for one in found.given[0].reported(np.zeros(0), np.zeros((0, 0)), 6)}
+    assert reported == {"rows": "3/1 3/3", "components": "fz"}
     noise = 1e3 * np.sqrt(found.calibration.measured.covariance[0, 6:, 0, 0])
     assert_between(noise.min(), 0.5 * SIGNAL_MV, SIGNAL_MV)
     assert_between(noise.max(), SIGNAL_MV, 1.6 * SIGNAL_MV)

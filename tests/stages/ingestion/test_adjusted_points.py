@@ -95,8 +95,8 @@ def test_a_name_on_two_bodies_is_a_fault_that_names_it() -> None:
 def test_circles_of_screws_and_holes_are_left_out_beside_targets_with_codes_and_a_fault_alone(
     named: bool, tmp_path: Path
 ) -> None:
-    told = '[campaign]\nname = "x"\nkind = "photogrammetry"\n[noise]\npoint_mm = 0.01\n'
-    (tmp_path / "campaign.toml").write_text(told, encoding="utf-8")
+    reported = '[campaign]\nname = "x"\nkind = "photogrammetry"\n[noise]\npoint_mm = 0.01\n'
+    (tmp_path / "campaign.toml").write_text(reported, encoding="utf-8")
     (tmp_path / "image_points.csv").write_text("pose,image,x_px,y_px\n1,a,1,1\n", encoding="utf-8")
     places = np.random.default_rng(1).uniform(-300, 300, (14, 3)).round(3)
     survey = [f"base,B{k},{x},{y},{z}" for k, (x, y, z) in enumerate(places[:7])]

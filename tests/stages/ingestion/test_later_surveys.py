@@ -62,10 +62,10 @@ def test_a_moved_target_is_another_one_from_then_on(folder):
     assert [row["target"] for row in survey if row["target"].startswith("P2")] == ["P2", "P2@after"]
     assert_close([survey[-1][f"{a}_mm"] for a in "xyz"], PLACES["platform"][2] + [0.8, 0.0, -0.3], atol=2e-4)
     assert all(0.005 < survey[-1][f"sigma_{a}_mm"] < 0.02 for a in "xyz")
-    told = {row["target"]: row for row in tables["resurveys"].to_pylist()}
+    reported = {row["target"]: row for row in tables["resurveys"].to_pylist()}
     assert not ARTIFACTS["resurveys"].faults(tables["resurveys"])
-    assert [name for name, row in told.items() if row["relocated"]] == ["P2"]
-    assert told["P2"]["holds_as"] == "P2@after"
+    assert [name for name, row in reported.items() if row["relocated"]] == ["P2"]
+    assert reported["P2"]["holds_as"] == "P2@after"
     assert tables["relabelled"].column("reason").to_pylist() == ["Ann: fell off"]
     assert tables["relabelled"].column("rows").to_pylist() == [2]
 
@@ -106,7 +106,7 @@ def test_surveys_follow_each_other_and_new_targets_join(folder):
 
 
 @pytest.mark.parametrize(("leg", "joins"), [("1", True), ("", False)])
-def test_a_target_at_an_attachment_joins_again_where_it_is_said_to_sit_there(folder, leg, joins):
+def test_a_target_at_an_attachment_joins_again_where_it_is_declared(folder, leg, joins):
     folder.targets = [line + "1" if line.startswith("platform,P2,") else line for line in folder.targets]
     surveyed(folder, {"P2": (0.8, 0.0, -0.3)}, leg=leg)
     folder.toml += entry(from_pose=2)

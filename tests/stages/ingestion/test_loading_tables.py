@@ -224,13 +224,13 @@ def test_positioning_runs_are_ordered_and_evaluated_by_iso_230_2(tmp_path):
     assert column(found["positions"], "target_mm") == [10.0] * 4 + [20.0] * 4
     table = positioning_rows(found["positions"], Interferometer()).table("string")
     assert ARTIFACTS["positioning"].faults(table) == []
-    told = {(row["figure"], row["subject"]): row["value"] for row in table.to_pylist()}
+    reported = {(row["figure"], row["subject"]): row["value"] for row in table.to_pylist()}
     # deviations (5, 6 | 4, 5 ... um): forward 6.5, 11.5; backward 5.5, 5.5, each plus 0.5 and less 0.5
-    assert_close([told["mean_forward", "10 mm"], told["mean_forward", "20 mm"]], [6.5, 11.5], atol=1e-6)
-    assert_close([told["B", "10 mm"], told["B", "20 mm"], told["B", None]], [1.0, 6.0, 6.0], atol=1e-6)
-    assert_close([told["E", None], told["M", None]], [6.0, 2.5], atol=1e-6)
+    assert_close([reported["mean_forward", "10 mm"], reported["mean_forward", "20 mm"]], [6.5, 11.5], atol=1e-6)
+    assert_close([reported["B", "10 mm"], reported["B", "20 mm"], reported["B", None]], [1.0, 6.0, 6.0], atol=1e-6)
+    assert_close([reported["E", None], reported["M", None]], [6.0, 2.5], atol=1e-6)
     s = np.sqrt(0.5)
-    assert_close([told["R_forward", None], told["A", None]], [4 * s, 6.0 + 4 * s], atol=1e-6)
+    assert_close([reported["R_forward", None], reported["A", None]], [4 * s, 6.0 + 4 * s], atol=1e-6)
 
 
 def test_a_positioning_run_without_an_approach_is_refused(tmp_path):
@@ -295,15 +295,15 @@ def test_growth_of_the_frame_is_corrected_and_the_remaining_uncertainty_reported
     found = artifacts(tmp_path, {"interferometer.csv": rows}, {"interferometer": optics})
     # 300 mm of steel on the side where growth lowers the reading: 3.45 um per K since the start of the run
     assert_close(column(found["readings"], "reading"), [0.0, 400.0 + 0.5 * 3.45, 40.0, 1.0], atol=1e-9)
-    told = {(row["subject"], row["correction"]): row for row in found["reading_corrections"].to_pylist()}
-    assert list(told) == [("dz", "air"), ("rx", "air"), ("dz", "material")]
-    assert told["dz", "air"]["largest"] is None
+    reported = {(row["subject"], row["correction"]): row for row in found["reading_corrections"].to_pylist()}
+    assert list(reported) == [("dz", "air"), ("rx", "air"), ("dz", "material")]
+    assert reported["dz", "air"]["largest"] is None
     # 2.68e-7 per hPa: of the displacement, and of path and displacement with the two errors of a difference
     index = 2.68e-7
-    assert_close(told["dz", "air"]["sigma"], np.hypot(400.0, (100e3 + 400.0) * np.sqrt(2.0)) * index, atol=3e-4)
-    assert_close(told["dz", "material"]["largest"], 0.5 * 3.45, atol=1e-9)
+    assert_close(reported["dz", "air"]["sigma"], np.hypot(400.0, (100e3 + 400.0) * np.sqrt(2.0)) * index, atol=3e-4)
+    assert_close(reported["dz", "material"]["largest"], 0.5 * 3.45, atol=1e-9)
     own = 300e3 * np.hypot(0.5 * 1e-6, 11.5e-6 * 0.1 * np.sqrt(2.0))
-    assert_close(told["dz", "material"]["sigma"], own, atol=1e-6)
+    assert_close(reported["dz", "material"]["sigma"], own, atol=1e-6)
     fault = faults(tmp_path, {"interferometer.csv": [HEAD, "1,0,0,fz,0,dz,0"]}, {"interferometer": optics})[0]
     assert (fault.column, fault.value) == ("material_temperature_c", None)
     assert "as [interferometer" in fault.expected
@@ -322,9 +322,9 @@ def test_positions_are_those_at_20_degrees_and_as_sure_as_the_expansion_is(tmp_p
     head = f"{APPROACHES},material_temperature_c"
     found = artifacts(tmp_path, {"positioning.csv": [head, *rows]}, {"interferometer": {"material": axis}})
     assert_close(column(found["positions"], "position_mm"), [0.0] * 4 + [500.0] * 4, atol=1e-9)
-    told = found["reading_corrections"].to_pylist()
-    assert [(row["subject"], row["unit"]) for row in told] == [("axis", "um")]
-    assert_close([told[0]["largest"], told[0]["sigma"]], [10.0, 1.0], atol=1e-3)
+    reported = found["reading_corrections"].to_pylist()
+    assert [(row["subject"], row["unit"]) for row in reported] == [("axis", "um")]
+    assert_close([reported[0]["largest"], reported[0]["sigma"]], [10.0, 1.0], atol=1e-3)
     lines = {
         (r["figure"], r["subject"]): r for r in positioning_rows(found["positions"], optics).table("string").to_pylist()
     }

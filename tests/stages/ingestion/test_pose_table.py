@@ -277,6 +277,6 @@ def test_the_page_says_that_measured_poses_were_taken_as_given(tmp_path):
     frames = {name: table.to_pandas() for name, table in tables.items() if name in ("configurations", "poses")}
     seen, poses = measured(frames), poses_section(frames)
     assert seen.state != "empty"
-    assert f"Poses were measured as such, without targets: {COUNT} of them." in seen.lead
+    assert f"{COUNT} poses were measured directly" in seen.lead
     assert "taken as given: nothing was fitted" in poses.lead
     assert len(poses.figures) == 1

@@ -49,11 +49,11 @@ def test_targets_under_other_names_are_themselves_again(folder):
     )
     _, tables = folder.run()
     assert Counter(targets(tables)) == Counter(wanted)
-    told = tables["relabelled"]
-    assert not ARTIFACTS["relabelled"].faults(told)
-    assert told.column("rows").to_pylist() == [2, 2, 2]
-    assert told.column("reason").to_pylist() == ["Ann: new project", None, None]
-    assert told.column("from_pose").to_pylist() == ["2"] * 3
+    reported = tables["relabelled"]
+    assert not ARTIFACTS["relabelled"].faults(reported)
+    assert reported.column("rows").to_pylist() == [2, 2, 2]
+    assert reported.column("reason").to_pylist() == ["Ann: new project", None, None]
+    assert reported.column("from_pose").to_pylist() == ["2"] * 3
 
 
 def test_poses_count_in_the_order_of_time(folder):

@@ -91,11 +91,11 @@ def calibrated(adjusted: Any) -> list[tuple[Array, MachineCalibration]]:
 
 def _errors(tables: Tables, poses: list[int]) -> tuple[Array, list[PointErrors]]:
     """Correlations (K, K) of what all poses share, and what points of each pose have by it and besides."""
-    effects, told = (tables[name].to_pandas() for name in ("point_sensitivities", "camera_correlations"))
+    effects, reported = (tables[name].to_pandas() for name in ("point_sensitivities", "camera_correlations"))
     parameters = effects["parameter"].unique().tolist()
     correlation = np.eye(len(parameters))
-    one, other = ([parameters.index(p) for p in told[name]] for name in ("parameter", "other_parameter"))
-    correlation[one, other] = correlation[other, one] = told["correlation"]
+    one, other = ([parameters.index(p) for p in reported[name]] for name in ("parameter", "other_parameter"))
+    correlation[one, other] = correlation[other, one] = reported["correlation"]
     found = []
     for pose in poses:
         names, places, whole = stated_covariance(tables, pose)

@@ -11,6 +11,7 @@ import pandas as pd
 import pytest
 
 from tests.photographs.machine import photograph
+from tests.sentences import says
 from tests.stages.line import run_line
 
 SIGMA_MM = 0.01
@@ -49,10 +50,10 @@ def test_one_wrong_known_point_of_four_is_rejected_with_its_error(
     plain: tuple[Path, dict[str, Any]], tmp_path: Path
 ) -> None:
     tables = _run(plain, tmp_path / "one", KNOWN, {KNOWN[1]: OFF_MM})
-    told = tables["known_point_errors"].to_pandas().set_index(["pose", "point"])
-    assert set(told[told["rejected"]].index.get_level_values("point")) == {KNOWN[1]}
+    reported = tables["known_point_errors"].to_pandas().set_index(["pose", "point"])
+    assert set(reported[reported["rejected"]].index.get_level_values("point")) == {KNOWN[1]}
     for pose in (1, 2):
-        row = told.loc[(pose, KNOWN[1])]
+        row = reported.loc[(pose, KNOWN[1])]
         off = row[["dx_mm", "dy_mm", "dz_mm"]].to_numpy(float) - [0.0, OFF_MM, 0.0]
         assert np.all(np.abs(off) < 5.0 * row[["sigma_x_mm", "sigma_y_mm", "sigma_z_mm"]].to_numpy(float))
     checks = _checks(tables)
@@ -85,7 +86,7 @@ def test_one_wrong_known_point_of_three_fails_without_a_name(
     tables = _run(plain, tmp_path / "three", KNOWN[:3], {KNOWN[0]: OFF_MM})
     checks = _checks(tables)
     assert set(checks["verdict"]) == {"fail"}
-    assert all("which is wrong is undetermined" in said for said in checks["message"])
+    assert all(says(message, "wrong", "undetermined") for message in checks["message"])
     rejected = tables["image_residuals"].to_pandas()["rejected"].mean()
     assert rejected < 0.01  # no ray goes for it
 

@@ -51,15 +51,15 @@ def test_channels_of_drawn_rays_are_off_by_noise_alone(adjusted: Any, plan: RayP
     effect, root, squares = _jump(plan, 0.7), plan.rays.root, []
     moved = np.einsum("bkt,bt->bk", root, effect.cause.moved(plan.rays, effect.values) / scale)
     assert np.abs(moved).max() > 3
-    told = plan.rays.is_observed.ravel()
-    expected = (moved + root[:, :, known] @ (mean / scale[known])).ravel()[told]
-    by_known = (root[:, :, known] * (sigma / scale[known])).reshape(-1, len(known))[told]
+    reported = plan.rays.is_observed.ravel()
+    expected = (moved + root[:, :, known] @ (mean / scale[known])).ravel()[reported]
+    by_known = (root[:, :, known] * (sigma / scale[known])).reshape(-1, len(known))[reported]
     inverse = np.linalg.inv(np.eye(len(expected)) + by_known @ by_known.T)
     for _ in range(40):
         found = assemble_rays(plan.drawn([effect], rng), settings)[0].calibration.measured
-        off = found.values[..., 0].ravel()[told] - expected
+        off = found.values[..., 0].ravel()[reported] - expected
         squares.append(off @ inverse @ off / len(off))
-    assert abs(np.mean(squares) - 1.0) < 4.0 * np.sqrt(2 / (40 * told.sum()))
+    assert abs(np.mean(squares) - 1.0) < 4.0 * np.sqrt(2 / (40 * reported.sum()))
 
 
 def test_nothing_but_scores_is_drawn(plan: RayPlan) -> None:

@@ -141,13 +141,13 @@ def test_ends_of_bars_are_no_targets_and_what_is_left_out_is_counted(adjusted: A
 
 def test_parameters_common_to_all_poses_have_sensitivities(adjusted: Any) -> None:
     _, _, tables = adjusted
-    told = set(tables["pose_sensitivities"].column("parameter").to_pylist())
-    assert {"camera c", "bar S", "bar T"} <= told
+    reported = set(tables["pose_sensitivities"].column("parameter").to_pylist())
+    assert {"camera c", "bar S", "bar T"} <= reported
     bar = tables["scale_bar_lengths"].to_pandas()
     assert (bar["deviation_mm"].abs() < 4.0 * bar["deviation_sigma_mm"]).all()
 
 
-def test_the_budget_of_a_pose_tells_what_is_common_to_all(adjusted: Any) -> None:
+def test_the_budget_of_a_pose_shows_what_is_common_to_all(adjusted: Any) -> None:
     _, _, tables = adjusted
     budget = tables["uncertainty_budget"].to_pandas().query("result == 'pose' and evaluation != 'not evaluated'")
     stated = tables["uncertainty"].to_pandas().query("result == 'pose' and stated")
@@ -189,8 +189,8 @@ def test_reference_lengths_tell_errors_of_length(tmp_path: Path) -> None:
     place = header.split(",").index("length_mm")
     length = float(fields[place])
     fields[place] = f"{length / (1 + 300e-6):.6f}"  # what is measured is 300 um/m too long against it
-    told = [f"{header},serves", f"{first},scale", f"{','.join(fields)},check"]
-    bars.write_text("\n".join(told) + "\n", encoding="utf-8")
+    reported = [f"{header},serves", f"{first},scale", f"{','.join(fields)},check"]
+    bars.write_text("\n".join(reported) + "\n", encoding="utf-8")
     tables = run_line(tmp_path / "lengths", "images", "bundle", "ingest", "qa")[0]
     (row,) = [row for row in tables["qa"].to_pylist() if row["check"] == "length-errors"]
     assert row["verdict"] == "warn"
@@ -231,7 +231,7 @@ def test_the_page_says_what_gives_the_scale_and_lists_distances_of_a_survey_once
     distances = own.assign(bar="survey, " + own["bar"], deviation_mm=own["pose"] * own["deviation_sigma_mm"])
     section = photographs(frames | {"scale_bar_lengths": distances})
     assert section is not None
-    (listing,) = [one for one in section.listings if one.caption.startswith("Distances of the survey")]
+    (listing,) = [listing for listing in section.listings if listing.caption.startswith("Distances of the survey")]
     assert [row[:2] for row in listing.rows] == [("S", "3"), ("T", "3")]
 
 

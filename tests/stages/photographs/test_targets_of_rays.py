@@ -47,7 +47,7 @@ def test_residuals_of_all_targets_scatter_together_as_stated(drawn: Tables) -> N
     poses = tuple(range(1, 101))
     framed = framed_points(drawn, poses)
     assert framed is not None
-    told = correlated_residuals(framed)
+    reported = correlated_residuals(framed)
     left_out = drawn["residuals"].to_pandas().groupby("pose")["rejected"].any()
     whole = ~left_out.to_numpy()  # few have lost a target as a gross error, and have another frame
     assert whole.mean() > 0.9
@@ -57,7 +57,7 @@ def test_residuals_of_all_targets_scatter_together_as_stated(drawn: Tables) -> N
         targets = tuple(dense.columns.get_level_values(0).unique())
         off = 1e-3 * dense[[(t, f"d{a}_mm") for t in targets for a in "xyz"]].to_numpy()
         off = off[whole] - off[whole].mean(0)
-        noise, there = told(body, targets)
+        noise, there = reported(body, targets)
         assert there.all()
         values, vectors = np.linalg.eigh(noise[np.flatnonzero(whole)[0]])
         kept = values > 0

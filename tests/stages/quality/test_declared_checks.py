@@ -115,7 +115,7 @@ def init_text(table: str) -> str:
 @pytest.mark.parametrize(
     ("value", "verdict", "limit"), [(0.05, "pass", 0.1), (0.1, "pass", 0.1), (0.2, "warn", 0.1), (0.4, "fail", 0.3)]
 )
-def test_a_row_tells_the_limit_that_its_verdict_rests_on(value, verdict, limit):
+def test_a_row_gives_the_limit_that_its_verdict_rests_on(value, verdict, limit):
     row = CampaignLimits("photogrammetry").of("completeness").row("base", value, "1", "said.")
     assert (row.verdict, row.limit, row.message) == (verdict, limit, "said.")
 

@@ -84,8 +84,8 @@ def test_a_target_that_vanishes_and_an_unknown_at_its_place_are_suggested_to_be_
 def test_declared_repeats_are_judged_though_actuators_stood_elsewhere(folder):
     lines = (folder / "configurations.csv").read_text(encoding="utf-8").splitlines()
     of = [str(int(pose) - 100) if int(pose) > 100 else "" for pose in (line.split(",")[0] for line in lines[1:])]
-    told = [f"{lines[0]},repeat_of", *(f"{line},{name}" for line, name in zip(lines[1:], of, strict=True))]
-    (folder / "configurations.csv").write_text("\n".join(told) + "\n", encoding="utf-8")
+    reported = [f"{lines[0]},repeat_of", *(f"{line},{name}" for line, name in zip(lines[1:], of, strict=True))]
+    (folder / "configurations.csv").write_text("\n".join(reported) + "\n", encoding="utf-8")
     row = quality(folder)[1].loc[("repeatability", "platform")]
     assert row["verdict"] == "pass"
     assert "3 repeats" in row["message"]

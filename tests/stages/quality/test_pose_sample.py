@@ -87,7 +87,7 @@ def test_every_check_of_points_says_which_poses_it_examined(monkeypatch: pytest.
     _limit(monkeypatch)
     some, read = run()
     assert read == "1,800 points of 1 body in 300 poses, examined those of 100 poses"
-    subjects = [[(row["check"], row["subject"].split(" pose ")[0]) for row in told] for told in (rows, some)]
+    subjects = [[(row["check"], row["subject"].split(" pose ")[0]) for row in reported] for reported in (rows, some)]
     assert subjects[0] == subjects[1]
     noted = {row["check"] for row in some if "Examined: 100 poses of 300" in row["message"]}
     assert {"completeness", "gross-errors", "exchanged-labels", "moved-targets", "noise", "names-known"} <= noted

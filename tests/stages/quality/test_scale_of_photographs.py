@@ -33,8 +33,8 @@ def lengths(bars: list[tuple[str, str]], serves: str = "scale", off_um: float = 
 
 
 def scale_check(*bars: pa.Table, surveyed: bool = False, known: tuple[tuple[str, str, float], ...] = ()) -> Check:
-    told = figures(("scale from scale bars", "pose 1", 1.0), ("scale from scale bars", "pose 2", 1.0), *known)
-    (check,) = scale(told, pa.concat_tables(bars), surveyed=surveyed)
+    reported = figures(("scale from scale bars", "pose 1", 1.0), ("scale from scale bars", "pose 2", 1.0), *known)
+    (check,) = scale(reported, pa.concat_tables(bars), surveyed=surveyed)
     return check
 
 
@@ -67,8 +67,8 @@ def test_a_passed_scale_check_names_what_it_was_compared_with(check: Check, word
 
 def test_sizes_tell_another_unit() -> None:
     assert [check.verdict for check in target_sizes(figures(), LIMITS)] == ["not evaluated"]
-    told = figures(("size over stated", "circles", 1.04), ("size over stated", "markers", 1 / 25.4))
-    circles, markers = target_sizes(told, LIMITS)
+    reported = figures(("size over stated", "circles", 1.04), ("size over stated", "markers", 1 / 25.4))
+    circles, markers = target_sizes(reported, LIMITS)
     assert (circles.verdict, markers.verdict) == ("pass", "fail")
     assert markers.value == pytest.approx(25.4)
     assert "0.0394 times" in markers.message

@@ -22,7 +22,7 @@ def test_chains_within_their_tolerances_miss_by_less_and_not_by_far_less() -> No
     shift, turn = 1e-3 * tolerance.length_mm, np.radians([tolerance.angle_deg] * 2 + [tolerance.offset_deg])
     twists = rng.normal(size=(CHAINS, 1, tree.size, 6)) * np.r_[shift, shift, 0.0, turn] * moving[:, None]
     nominal = tree.frames(readings).t[:, -1]
-    misfit = [np.sqrt(np.mean(np.sum((tree.frames(readings, own).t[:, -1] - nominal) ** 2, -1))) for own in twists]
+    misfit = [np.sqrt(np.mean(np.sum((tree.frames(readings, twist).t[:, -1] - nominal) ** 2, -1))) for twist in twists]
     allowed = tolerated_misfit(tree, np.array([tree.size - 1]), readings, settings)
     assert_between(sum(own <= allowed for own in misfit), CHAINS - 4, CHAINS, what="chains within")
     assert_between(allowed / float(np.median(misfit)), 2.0, 5.0, what="allowed over typical")

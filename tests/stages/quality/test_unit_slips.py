@@ -32,9 +32,9 @@ from truing.stages.quality.unit_slips import unit_slip
     ],
 )
 def test_a_slip_is_named_by_its_factor(ratio: float, declared: float, unit: str, meant: str) -> None:
-    told = unit_slip(ratio, declared, unit)
-    assert told.endswith(meant)
-    assert bool(told) == bool(meant)
+    reported = unit_slip(ratio, declared, unit)
+    assert reported.endswith(meant)
+    assert bool(reported) == bool(meant)
 
 
 def test_micrometres_written_for_millimetres_are_reported_by_qa_and_check(tmp_path) -> None:

@@ -153,5 +153,5 @@ def test_the_page_draws_the_published_values_and_says_which_differ(tmp_path):
     (said,) = published_sentence(frames)
     assert said in section.lead
     assert_says(said, "1 of 3", "dz under fz +9 kN (theory)", "dz under fz -9 kN (measurement)")
-    listing = next(one for one in section.listings if one.held_by == "published_compared.parquet")
+    listing = next(listing for listing in section.listings if listing.held_by == "published_compared.parquet")
     assert listing.marks == ("warn", "pass", "warn")

@@ -17,6 +17,7 @@ import pytest
 from tests.blind.generator.sensor.campaign import bridges
 from tests.blind.generator.sensor.effects import LoadEccentricity
 from tests.blind.generator.sensor.layout import Noise, Programme
+from tests.sentences import assert_says
 from tests.stages.benches import Bench, bench, layout
 from tests.stages.line import settings_of
 from truing.estimation.sensor.calibrated_sensor import sensor_from
@@ -89,19 +90,19 @@ def test_whole_runs_are_held_out_and_the_printed_formula_is_judged_with_the_othe
     assert {"errors in both, forward, zero common, linear", "weighted, forward, zero common, squares"} <= set(
         held.index
     )
-    assert "held out whole runs" in six.outcomes["calibrate"].figure
+    assert_says(six.outcomes["calibrate"].figure, "held out", "runs")
     by_residuals = choice[choice["figure"] == "noise_from_residuals"].set_index("model")["value"]
     assert dict(by_residuals) == {name: float(name.startswith("least squares")) for name in held.index}
 
 
 def test_error_classes_of_a_good_sensor_stay_within_what_noise_does(six):
     classes = six.frame("error_classes")
-    told = classes.dropna(subset=["value"])
-    assert set(told["error_class"]) == {
+    reported = classes.dropna(subset=["value"])
+    assert set(reported["error_class"]) == {
         *("nonlinearity", "interpolation", "hysteresis", "repeatability", "zero return", "crosstalk")
     }
-    # loads are uncertain to 3 N of 10 kN beside the signals' noise; one in twenty exceeds its limit
-    assert (told["value"] > 1.5 * told["limit"]).mean() < 0.1
+    # loads are uncertain to 3 N of 10 kN next to the signals' noise; one in twenty exceeds its limit
+    assert (reported["value"] > 1.5 * reported["limit"]).mean() < 0.1
     creep = classes[classes["error_class"] == "creep"]
     assert len(creep) == 6
     assert creep["reason"].str.contains("no load was held").all()
@@ -219,7 +220,7 @@ def _choices(outcome: str) -> pa.Table:
 
 
 def test_loads_are_taken_as_recorded_unless_a_finding_is_applied(tmp_path):
-    """A z load 12 and -8 mm off its line: to the loads as written down, G_B is wrong by far more than it says."""
+    """A z load 12 and -8 mm off its line: to the loads as written down, G_B is wrong clearly more than it says."""
     off = (0.012, -0.008, 0.0)
     made = bench(tmp_path / "c", layout("all", signals=6), 4, [LoadEccentricity(2, off)], stages=("ingest", "pose"))
     found = ExtendedSensor(
@@ -249,7 +250,7 @@ def test_loads_are_taken_as_recorded_unless_a_finding_is_applied(tmp_path):
     choice = outcome.artifacts["sensor_choice"].to_pandas()
     assert choice.loc[choice["figure"] == "loads_as_diagnosed", "reason"].tolist() == ["load-eccentricity of load fz"]
     classes = outcome.artifacts["error_classes"].to_pandas().query("load == 'fz' and error_class == 'crosstalk'")
-    assert (classes["value"] < 2.0 * classes["limit"]).all()  # what acted beside the load is no crosstalk
+    assert (classes["value"] < 2.0 * classes["limit"]).all()  # what acted next to the load is no crosstalk
 
     plain = recorded.artifacts["sensor_matrix"].to_pandas().query("matrix == 'G_B'")
     assert pull(plain[plain["chosen"]]) > 5.0
@@ -262,10 +263,10 @@ def test_loads_are_taken_as_recorded_unless_a_finding_is_applied(tmp_path):
     for name in ("sensor_choice", "error_classes", "sensor_merit"):
         assert recorded.artifacts[name].equals(undiagnosed.artifacts[name])
     assert "calibrations_compared" not in undiagnosed.artifacts
-    told = [made.artifacts["calibrations_compared"].to_pandas() for made in (recorded, outcome)]
-    for table, main in zip(told, ("as recorded", "with findings"), strict=True):
+    reported = [made.artifacts["calibrations_compared"].to_pandas() for made in (recorded, outcome)]
+    for table, main in zip(reported, ("as recorded", "with findings"), strict=True):
         assert table.loc[table["is_main"], "data"].unique().tolist() == [main]
         assert table.loc[table["data"] == "with findings", "findings"].unique() == ["load-eccentricity of load fz"]
     order = ["data", "quantity", "tested_on"]
-    first, second = (table.sort_values(order).reset_index(drop=True) for table in told)
+    first, second = (table.sort_values(order).reset_index(drop=True) for table in reported)
     pd.testing.assert_frame_equal(first.drop(columns="is_main"), second.drop(columns="is_main"))

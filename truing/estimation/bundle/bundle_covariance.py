@@ -89,11 +89,11 @@ class BundleCovariance:
         """Return the derivatives of the points of a pose by the common unknowns (3 p, c), m per unit of each."""
         return self._pose(pose).points_by_common
 
-    def between(self, first: int, other: int) -> Array:
+    def between(self, first: int, second: int) -> Array:
         """Return the covariance (3 p, 3 p') in m^2 between the points of two poses."""
-        if first == other:
+        if first == second:
             return self.points(first)
-        return self.sensitivities(first) @ self.common @ self.sensitivities(other).T
+        return self.sensitivities(first) @ self.common @ self.sensitivities(second).T
 
     def images(self, pose: int) -> Array:
         """Return the covariance (i, 6, 6) of each image of a pose: centre in m, then theta in rad."""

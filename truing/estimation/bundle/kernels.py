@@ -22,7 +22,7 @@ from truing.estimation.bundle.kernel_arguments import CameraArrays, EquationArra
 INTERIOR, MISCLOSURE = 6, 16  # first columns of these parts of a row, after point and rotation
 WIDTH = 17  # columns of a row
 _SOURCES = (simd_arithmetic.__file__, kernel_arguments.__file__, __file__)
-SUMMED_CAMERAS = 4  # up to so many cameras, sums of each point and camera are faster than scattered additions
+SUMMED_CAMERAS = 4  # up to this many cameras, sums of each point and camera are faster than scattered additions
 
 
 @inner

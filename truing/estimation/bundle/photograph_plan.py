@@ -265,8 +265,8 @@ def exchanged(candidates: StationCandidates, chosen: Index, progress: Progress) 
     for position in range(len(chosen)):
         progress(position, len(chosen))
         reduced_total = total - information[chosen[position]]
-        others = set(np.delete(chosen, position).tolist())
-        costs = _costs(reduced_total, information, free_movements, others)
+        kept = set(np.delete(chosen, position).tolist())
+        costs = _costs(reduced_total, information, free_movements, kept)
         best = int(np.argmin(costs))
         if costs[best] < (1.0 - _LEAST_SAVING) * cost:
             chosen[position], cost = best, float(costs[best])

@@ -301,15 +301,15 @@ def _angles(stations: Stations, points: Array, visibility: Mask) -> Array:
     return np.asarray(np.arcsin(np.clip(sine.max(axis=(0, 1)), 0.0, 1.0)))
 
 
-def body_motion(joint_covariance: Array, points: Array, first: Index, other: Index | None, origin: Array) -> Array:
+def body_motion(joint_covariance: Array, points: Array, first: Index, reference: Index | None, origin: Array) -> Array:
     """Return the covariance (6, 6) of the motion of a body: translation of the `origin` (3,) in m, then rotation
     in rad.
 
-    one, other: indices of the bodies' points among those of ``joint_covariance``; with `other` the motion is relative
-    to that body.
+    first, reference: indices of the bodies' points among those of ``joint_covariance``; with `reference` the motion is
+    relative to that body.
     """
     design = np.zeros((6, len(joint_covariance)))
-    for sign, body in ((1.0, first), (-1.0, other)):
+    for sign, body in ((1.0, first), (-1.0, reference)):
         if body is not None:
             motion = rigid_motions(points[body] - origin).reshape(-1, 6)
             design[:, (3 * body[:, None] + np.arange(3)).ravel()] += sign * np.linalg.pinv(motion)

@@ -133,12 +133,14 @@ def given_common(
     if d == 6:
         images = cross.reshape(b, 6, k) @ follow.reshape(b, 6, k).transpose(0, 2, 1) - alone
         return DensePoseCovariance(covariance, cross, images, kept_by_common, own_by_common)
-    own = cross @ follow.T
-    own.reshape(b, 3, b, 3)[np.arange(b), :, np.arange(b), :] -= alone
-    by_common = np.empty((len(own) + k, own_by_common.shape[1]))
+    eliminated_covariance = cross @ follow.T
+    eliminated_covariance.reshape(b, 3, b, 3)[np.arange(b), :, np.arange(b), :] -= alone
+    by_common = np.empty((len(eliminated_covariance) + k, own_by_common.shape[1]))
     by_common[blocks.kept_indices], by_common[blocks.eliminated_indices] = kept_by_common, own_by_common
     return _in_datum(
-        _ordered(layout, pose, eliminated_pose, covariance, cross, own, by_common), free, Datum.of(free, constraints)
+        _ordered(layout, pose, eliminated_pose, covariance, cross, eliminated_covariance, by_common),
+        free,
+        Datum.of(free, constraints),
     )
 
 

@@ -75,12 +75,12 @@ def subtract_products(entries: EntryArrays, chosen: NDArray, total: NDArray) -> 
         for r in range(entries.start[p], entries.stop[p]):
             for s in range(entries.start[p], entries.stop[p]):
                 if entries.offset[s] >= entries.offset[r]:
-                    first, other = entries.blocks[r], entries.blocks[s]
+                    first, second = entries.blocks[r], entries.blocks[s]
                     for a in range(6):
                         x, y, z = first[0, a], first[1, a], first[2, a]
                         row = total[entries.offset[r] + a, entries.offset[s] : entries.offset[s] + 6]
                         for b in range(6):
-                            row[b] -= x * other[0, b] + y * other[1, b] + z * other[2, b]
+                            row[b] -= x * second[0, b] + y * second[1, b] + z * second[2, b]
 
 
 @compiled(*_SOURCES)

@@ -68,17 +68,17 @@ def absorb(jacobian: NDArray, signature: NDArray, labels: Sequence[str], scales:
     tolerance = None if scales is None else np.asarray(scales, float)
     root = _root(N, labels, tolerance)
     shift = -root @ (root.T @ (N.T @ effects))
-    left = effects + N @ shift
-    total, rest = np.sum(effects**2, axis=0), np.sum(left**2, axis=0)
-    scale = np.where(total > 0, total, 1.0)
+    visible_effects = effects + N @ shift
+    total_squares, visible_squares = np.sum(effects**2, axis=0), np.sum(visible_effects**2, axis=0)
+    scale = np.where(total_squares > 0, total_squares, 1.0)
     pull = 0.0 if tolerance is None else np.sum((shift / tolerance[:, None]) ** 2, axis=0)
     return Absorption(
         tuple(labels),
         shift,
         swallowed=-shift * (N.T @ effects) / scale,
-        left=left,
-        absorbed=(total - rest) / scale,
-        visible=np.sqrt(rest + pull),
+        left=visible_effects,
+        absorbed=(total_squares - visible_squares) / scale,
+        visible=np.sqrt(visible_squares + pull),
         covariance=root @ root.T,
         prior=None if tolerance is None else np.diag(tolerance**2),
     )

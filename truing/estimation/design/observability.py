@@ -204,8 +204,8 @@ def sparse_directions(observability: Observability) -> NDArray:
     first, pivots_of_null = _simplified(observability, null, [], observability.rounding)
     unseen = observability.unidentifiable
     if pivots_of_null:  # weak directions, after removing null directions from them
-        rest = np.linalg.svd(unseen[pivots_of_null])[2][len(pivots_of_null) :]
-        unseen = unseen @ rest.T
+        complement = np.linalg.svd(unseen[pivots_of_null])[2][len(pivots_of_null) :]
+        unseen = unseen @ complement.T
     second, _ = _simplified(observability, unseen, pivots_of_null, observability.least)
     return np.concatenate([first, second])
 
@@ -272,10 +272,10 @@ def _compensating_parameters(
 
 
 def _expressed(
-    observability: Observability, direction: NDArray, pivot: int, others: Sequence[int], least: float
+    observability: Observability, direction: NDArray, pivot: int, remaining: Sequence[int], least: float
 ) -> NDArray | None:
     """Return the least visible change (P,) of a parameter and some others, None if it is too visible."""
-    R, chosen = observability.triangle, list(others)
+    R, chosen = observability.triangle, list(remaining)
     candidates = np.zeros((len(direction), 2))  # fitted again, or the rest of the direction
     candidates[pivot] = 1.0
     candidates[chosen, 0] = -np.linalg.lstsq(R[:, chosen], R[:, pivot])[0] if chosen else 0.0

@@ -67,9 +67,9 @@ class Fitted:
 
     def conditional_covariance(self, columns: NDArray) -> NDArray:
         """Return the covariance (O, O) of the others if some of the unknowns were known."""
-        others = np.setdiff1d(np.arange(len(self.shared)), columns)
-        follow = self.propagated(columns)[others]
-        return self.covariance[np.ix_(others, others)] - follow @ follow.T
+        nuisances = np.setdiff1d(np.arange(len(self.shared)), columns)
+        follow = self.propagated(columns)[nuisances]
+        return self.covariance[np.ix_(nuisances, nuisances)] - follow @ follow.T
 
 
 @dataclass(frozen=True)
@@ -210,8 +210,8 @@ def discriminating_poses(
         rival.rows @ rival.fitted.propagated(which) for rival, which in zip(rivals, columns_of_rivals, strict=True)
     ]
     columns = first.without_pose_unknowns(np.concatenate([gap, *effects], -1))
-    others = np.setdiff1d(np.arange(first.rows.shape[2]), columns_of_rivals[0])
-    sight = first.sight(others, first.fitted.conditional_covariance(columns_of_rivals[0]))
+    nuisances = np.setdiff1d(np.arange(first.rows.shape[2]), columns_of_rivals[0])
+    sight = first.sight(nuisances, first.fitted.conditional_covariance(columns_of_rivals[0]))
     turned = np.swapaxes(sight.rows, 1, 2)
     sums = [np.swapaxes(columns, 1, 2) @ columns, turned @ columns, sight.information]
     selection = search(sums, _Odds(log_odds, len(columns_of_rivals[0])), float(np.log(odds)), most)

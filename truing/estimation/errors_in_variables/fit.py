@@ -157,12 +157,12 @@ def _p_values(surprise: NDArray, tested: NDArray, used: NDArray, chi_square: flo
     """Return the p-values (B,) of surprises relative to the noise of the set without the pose itself."""
     from scipy.special import fdtrc
 
-    others = np.maximum(chi_square - used * surprise, np.finfo(float).tiny)
+    level_of_others = np.maximum(chi_square - used * surprise, np.finfo(float).tiny)
     left = freedom - used * tested
     open_to_test = (left > 0.5) & (tested > 0)
     left, count = np.where(open_to_test, left, 1.0), np.maximum(tested, 1)
     with np.errstate(over="ignore"):  # the others have no residual: the ratio is infinite
-        ratio = surprise / count / (others / left)
+        ratio = surprise / count / (level_of_others / left)
     return np.where(open_to_test, fdtrc(count, left, ratio), 1.0)
 
 

@@ -108,8 +108,8 @@ def widest_gap(deviation: Array, floor: float = 0.0) -> Gap | None:
         return None
     weight = 1.0
     if np.array_equal(few, np.broadcast_to(few[:, :, :1], few.shape)):  # the same in every cycle
-        others = int((~few.any(axis=(1, 2))).sum())
-        weight = next((least for count, least in _OF_TARGETS if others >= count), np.inf)
+        complete = int((~few.any(axis=(1, 2))).sum())
+        weight = next((least for count, least in _OF_TARGETS if complete >= count), np.inf)
     spread = max(float(level[at] - level[0]), float(level[-1] - level[at + 1]), floor)
     return Gap(float(steps[at]), spread, few, weight)
 
@@ -224,17 +224,19 @@ def row_jump(deviation: Array, row_order: Index, floor: float = 0.0) -> RowJump 
     by_group[order] = later
     by_group = by_group.reshape(-1, cycles, len(tried))
     steps = (by_group - by_group.mean(axis=1, keepdims=True)).reshape(order.size, -1)
-    left = (deviation - deviation.mean(axis=-1, keepdims=True)).ravel()
+    centred = (deviation - deviation.mean(axis=-1, keepdims=True)).ravel()
     norm = np.sum(steps**2, axis=0)
-    slope = np.divide(left @ steps, norm, out=np.zeros(len(norm)), where=norm > 1e-9)
+    slope = np.divide(centred @ steps, norm, out=np.zeros(len(norm)), where=norm > 1e-9)
     explained = slope**2 * norm
     at, freedom = int(np.argmax(explained)), order.size * (1.0 - 1.0 / cycles) - 2.0
     if freedom < 1.0:
         return None
-    rest = max(float(left @ left - explained[at]) / freedom, floor**2, 1e-24 * float(left @ left), 1e-300)
-    p = min(1.0, float(fdtrc(1.0, freedom, explained[at] / rest)) * len(norm))
+    variance = max(
+        float(centred @ centred - explained[at]) / freedom, floor**2, 1e-24 * float(centred @ centred), 1e-300
+    )
+    p = min(1.0, float(fdtrc(1.0, freedom, explained[at] / variance)) * len(norm))
     after = tuple(int(k) for k in np.unravel_index(int(order[tried[at] + 1]), deviation.shape))
-    return RowJump(float(slope[at]), (after[0], after[1], after[2]), float(np.sqrt(rest)), p)
+    return RowJump(float(slope[at]), (after[0], after[1], after[2]), float(np.sqrt(variance)), p)
 
 
 def turned_cycles(deviation: Array) -> list[int]:
@@ -280,8 +282,8 @@ def cycle_drift(deviation: Array) -> CycleDrift | None:
     residual = deviation - deviation.mean(axis=-1, keepdims=True)
     mean = residual.mean(axis=(0, 1))
     groups = deviation.shape[0] * 2
-    rest = residual - mean
-    between, within = groups * float(np.sum(mean**2)), float(np.sum(rest**2))
+    scatter = residual - mean
+    between, within = groups * float(np.sum(mean**2)), float(np.sum(scatter**2))
     freedom = (groups - 1.0) * (cycles - 1.0)
     at = np.arange(cycles) - 0.5 * (cycles - 1)
     slope = float(at @ mean / (at @ at))

@@ -121,13 +121,13 @@ def _predict_from_others(u: Array, y: Array, variance: Array, run: Index) -> Arr
     own_u, own_y = u - (share.T @ u)[number], y - (share.T @ y)[number]
     normal = np.einsum("nr,nd,ne->rde", member, own_u, own_u, optimize=True)
     right = np.einsum("nr,nd,n->rd", member, own_u, own_y, optimize=True)
-    rest, target = normal.sum(0) - normal, right.sum(0) - right
+    normal_of_others, right_of_others = normal.sum(0) - normal, right.sum(0) - right
     size = np.sqrt(np.einsum("dd->d", normal.sum(0)))
     size = np.where(size > 0.0, size, 1.0)
-    values, vectors = np.linalg.eigh(rest / np.outer(size, size))
+    values, vectors = np.linalg.eigh(normal_of_others / np.outer(size, size))
     mask = values > _LARGEST_OPEN_SHARE
     inverse = np.einsum("rde,re,rfe->rdf", vectors, mask / np.where(mask, values, 1.0), vectors)
-    entries = np.einsum("rdf,rf->rd", inverse, target / size) / size
+    entries = np.einsum("rdf,rf->rd", inverse, right_of_others / size) / size
     # load directions of the run that the others do not have
     asked = own_u / size / np.maximum(np.linalg.norm(own_u / size, axis=1, keepdims=True), 1e-300)
     missed = np.einsum("nd,nde->ne", asked, np.where(mask[:, None, :], 0.0, vectors)[number])
@@ -340,7 +340,7 @@ def compliance_budgets(loaded: Loaded, declared: bool) -> list[Budget] | None:
 
 def budget_of_entries(budgets: list[Budget], loaded: Loaded, entries: list[tuple[int, int]]) -> Budget:
     """Return the joint budget of some entries (response, load), including the part of beam geometry."""
-    sources = tuple(dict.fromkeys(source for one in budgets for source in one.sources))
+    sources = tuple(dict.fromkeys(source for budget in budgets for source in budget.sources))
     table = np.zeros((len(sources), len(entries)))
     for n, (i, j) in enumerate(entries):
         for source, contribution in zip(budgets[i].sources, budgets[i].contributions, strict=True):

@@ -232,13 +232,13 @@ def _jumps(frame: RunFrame, shared: Array, reading: Array, noise: Array, mask: M
         left, steps = root[rows] * residual[rows], root[rows]
         # the product with a step before row k + 1 is the sum from there on
         parts = (steps**2, left * steps, basis * steps[:, None], white * steps[:, None])
-        whole, along, own, beside = (np.cumsum(part[::-1], axis=0)[::-1][1:] for part in parts)
-        gain = _chi_square_gain(whole - np.sum(own**2, axis=1), along, beside, inverse)
+        squares, products, by_basis, by_shared = (np.cumsum(part[::-1], axis=0)[::-1][1:] for part in parts)
+        gain = _chi_square_gain(squares - np.sum(by_basis**2, axis=1), products, by_shared, inverse)
         before = np.cumsum(mask[rows])[:-1]
         gain = np.where((before >= _FEWEST) & (mask[rows].sum() - before >= _FEWEST), gain, 0.0)
         best = int(gain.argmax())
         jumps.row[here], jumps.gain[here] = rows[best + 1], gain[best]
-        jumps.size[here] = gain[best] / along[best] if gain[best] > 0.0 else 0.0
+        jumps.size[here] = gain[best] / products[best] if gain[best] > 0.0 else 0.0
         if gain[best] > _BEYOND_ONE * _chi_square_gain(1.0 - np.sum(basis**2, axis=1), left, white, inverse).max():
             jumps.p_value[here] = min(1.0, np.count_nonzero(gain) * float(chdtrc(1, gain[best])))
     return jumps
@@ -249,13 +249,13 @@ def _without_projection(basis: Array, columns: Array) -> Array:
     return columns - basis @ (basis.T @ columns)
 
 
-def _chi_square_gain(whole: Array, along: Array, beside: Array, inverse: Array) -> Array:
+def _chi_square_gain(squares: Array, products: Array, by_shared: Array, inverse: Array) -> Array:
     """Return the decrease of chi-square by each of K columns: from its square (K,) within its run and its product (K,)
     with the residuals. Products (K, P) are with the shared columns, whose normal matrix over all runs has the given
     inverse."""
-    energy = whole - np.sum((beside @ inverse) * beside, axis=1)
-    reported = energy > _LITTLE * np.maximum(whole, np.finfo(float).tiny)
-    return np.where(reported, along**2 / np.where(reported, energy, 1.0), 0.0)
+    energy = squares - np.sum((by_shared @ inverse) * by_shared, axis=1)
+    reported = energy > _LITTLE * np.maximum(squares, np.finfo(float).tiny)
+    return np.where(reported, products**2 / np.where(reported, energy, 1.0), 0.0)
 
 
 @dataclass(frozen=True)

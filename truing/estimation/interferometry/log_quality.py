@@ -180,15 +180,15 @@ def _is_driven_beyond(value: Array, drive: ArrayLike, there: Mask, sign: float) 
     """True if the samples at an end differ more in drive (N,) than others scatter about a line over it, and lie beyond
     most others; sign 1 for the lower end."""
     level = np.asarray(drive, float)
-    others = ~there & np.isfinite(level) & np.isfinite(value)
-    if others.sum() < 3 or np.ptp(level[others]) == 0.0:
+    compared = ~there & np.isfinite(level) & np.isfinite(value)
+    if compared.sum() < 3 or np.ptp(level[compared]) == 0.0:
         return False
-    slope, zero = np.polyfit(level[others], value[others], 1)
+    slope, zero = np.polyfit(level[compared], value[compared], 1)
     expected = slope * level + zero
-    scatter = _MEDIAN * float(np.median(np.abs(value[others] - expected[others])))
-    if np.ptp(expected[there]) <= max(_DIFFERS * np.ptp(expected[others]), _SCATTERS * scatter):
+    scatter = _MEDIAN * float(np.median(np.abs(value[compared] - expected[compared])))
+    if np.ptp(expected[there]) <= max(_DIFFERS * np.ptp(expected[compared]), _SCATTERS * scatter):
         return False
-    below = np.searchsorted(np.sort(expected[others]), expected[there]) / others.sum()
+    below = np.searchsorted(np.sort(expected[compared]), expected[there]) / compared.sum()
     return float(np.mean(1.0 - below if sign > 0.0 else below)) > _BEYOND_OTHERS
 
 

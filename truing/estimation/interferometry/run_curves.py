@@ -159,10 +159,10 @@ class _Batch:
     def scatter(self, far: Array) -> Array:
         """Return the robust scatter (M,) of each piece's residuals, without as many of the smallest as its curve can
         interpolate."""
-        rest = np.sort(np.where(self.is_observed, far, np.inf), axis=1)
+        ordered = np.sort(np.where(self.is_observed, far, np.inf), axis=1)
         spare = np.maximum(self.is_observed.sum(1) - self.terms, 1)
         middle = np.minimum(self.terms + spare // 2, self.is_observed.sum(1) - 1)
-        return np.asarray(np.take_along_axis(rest, middle[:, None], axis=1)[:, 0] / _NORMAL_MEDIAN)
+        return np.asarray(np.take_along_axis(ordered, middle[:, None], axis=1)[:, 0] / _NORMAL_MEDIAN)
 
 
 def _noise(batch: _Batch, reading: Array, sigma: Array) -> Array:

@@ -83,7 +83,7 @@ class LoadCourse:
         return InputGroups(names, np.array(member), np.array(odd))
 
     def _each_group(self) -> Iterator[tuple[str | int, Mask, Array]]:
-        """Yield what rows share, their mask (B,), and the signs (B,) of an effect that is odd in that load."""
+        """Yield common properties of rows with their mask (B,), and the signs (B,) of an effect odd in that load."""
         share, even = self.share, np.ones(len(self.load))
         loaded = np.flatnonzero(share.any(axis=0)).tolist()
         for k in loaded:
@@ -119,11 +119,11 @@ def shared_inputs(course: LoadCourse, reading: Array, sigma: Array, off: Array, 
     for k in np.flatnonzero(suspected.any(axis=0)).tolist():
         observed = np.isfinite(reading[:, k])
         rows = np.flatnonzero(observed & suspected[:, k])
-        others = observed & ~suspected[:, k]
+        unsuspected = observed & ~suspected[:, k]
         white = np.where(observed, reading[:, k] / sigma[:, k], 0.0)
-        chosen, p_value = _significant_terms(plain[others], terms[others], white[others])
+        chosen, p_value = _significant_terms(plain[unsuspected], terms[unsuspected], white[unsuspected])
         columns = np.concatenate([plain, terms[:, chosen]], axis=1)
-        deviation, wide = _predicted(columns, white, others, rows)
+        deviation, wide = _predicted(columns, white, unsuspected, rows)
         if chosen:
             suspect = np.abs(off[rows, k])
             is_explained = (np.abs(deviation) < limit * wide) & (np.abs(deviation) < _EXPLAINED * suspect)
@@ -147,13 +147,13 @@ def _significant_terms(plain: Array, terms: Array, values: Array) -> tuple[list[
     length = np.linalg.norm(terms, axis=0)
     unit = terms / np.where(length > 0.0, length, 1.0)
     while len(chosen) < _MOST_TERMS and len(values) >= _ROWS_PER_COLUMN * (basis.shape[1] + 1):
-        rest = values - basis @ (basis.T @ values)
+        residual = values - basis @ (basis.T @ values)
         apart = unit - basis @ (basis.T @ unit)
-        own = np.sum(apart**2, axis=0)
-        gain = np.where(own > _LEAST, (rest @ apart) ** 2 / np.maximum(own, _LEAST), 0.0)
+        squares = np.sum(apart**2, axis=0)
+        gain = np.where(squares > _LEAST, (residual @ apart) ** 2 / np.maximum(squares, _LEAST), 0.0)
         best = int(gain.argmax()) if len(gain) else 0
         spare = len(values) - basis.shape[1] - 1
-        after = float(rest @ rest) - (float(gain[best]) if len(gain) else 0.0)
+        after = float(residual @ residual) - (float(gain[best]) if len(gain) else 0.0)
         if not len(gain) or not after > 0.0:
             break
         p_value = float(fdtrc(1, spare, gain[best] / (after / spare))) * terms.shape[1]
@@ -161,7 +161,7 @@ def _significant_terms(plain: Array, terms: Array, values: Array) -> tuple[list[
             break
         chosen.append(best)
         largest = max(largest, p_value)
-        basis = np.column_stack([basis, apart[:, best] / np.sqrt(own[best])])
+        basis = np.column_stack([basis, apart[:, best] / np.sqrt(squares[best])])
     return chosen, largest
 
 
@@ -173,15 +173,15 @@ def _basis(columns: Array) -> Array:
     return np.asarray(basis[:, size > _LEAST * max(float(size[0]), 1e-300)])
 
 
-def _predicted(columns: Array, values: Array, others: Mask, rows: Index) -> tuple[Array, Array]:
+def _predicted(columns: Array, values: Array, fitted: Mask, rows: Index) -> tuple[Array, Array]:
     """Return deviations of rows from a fit to others, in sigmas, and the standard deviation (N,) of each.
 
     A row whose columns the others do not determine has an infinite standard deviation.
     """
-    inverse = np.linalg.pinv(columns[others], rcond=_LEAST)
-    left = values[others] - columns[others] @ (inverse @ values[others])
+    inverse = np.linalg.pinv(columns[fitted], rcond=_LEAST)
+    left = values[fitted] - columns[fitted] @ (inverse @ values[fitted])
     scatter = max(1.0, float(np.median(np.abs(left))) / _NORMAL_MEDIAN) if len(left) else 1.0
     reach = columns[rows] @ inverse
-    is_open = np.linalg.norm(columns[rows] - reach @ columns[others], axis=1) > np.sqrt(_LEAST)
+    is_open = np.linalg.norm(columns[rows] - reach @ columns[fitted], axis=1) > np.sqrt(_LEAST)
     wide = np.where(is_open, np.inf, scatter * np.sqrt(1.0 + np.sum(reach**2, axis=1)))
-    return np.asarray(values[rows] - reach @ values[others]), wide
+    return np.asarray(values[rows] - reach @ values[fitted]), wide

@@ -135,9 +135,11 @@ def contradict(cloud: Constellation, survey: Constellation, best: Hypothesis, ot
 
     Hypotheses that differ only by a point at the edge of its gate agree, and so do two motions with equal labels.
     """
-    mine, theirs = best.assignment, other.assignment
+    best_points, other_points = best.assignment, other.assignment
     both = (best.match >= 0) & (other.match >= 0)
-    if np.any(both & (best.match != other.match)) or np.any((mine >= 0) & (theirs >= 0) & (mine != theirs)):
+    if np.any(both & (best.match != other.match)) or np.any(
+        (best_points >= 0) & (other_points >= 0) & (best_points != other_points)
+    ):
         return True
     is_observed = (other.match >= 0) & (best.match < 0)
     distance = np.linalg.norm(
@@ -155,13 +157,13 @@ def find_hypotheses(cloud: Constellation, survey: Constellation, keep: int = 24)
     """
     from scipy.spatial import cKDTree
 
-    tree = cKDTree(cloud.points)
+    search = _LabelSearch(cKDTree(cloud.points), cloud, survey)
     hypotheses: dict[bytes, Hypothesis] = {}
     smaller = min(len(cloud), len(survey))
     tried, best = 0, 0
     for seeds in _seed_batches(cloud, survey):
         tried += seeds[0]
-        for hypothesis in _explained_by(tree, cloud, survey, *_strongest(tree, cloud, survey, *seeds[1:])):
+        for hypothesis in _explained_by(search, *_strongest(search, *seeds[1:])):
             hypotheses.setdefault(hypothesis.match.tobytes(), hypothesis)
             best = max(best, hypothesis.n_consistent)
         if _chance_of_unseen(best, smaller, tried, 2 if survey.on_a_line else 3) < _UNSEEN:
@@ -186,14 +188,14 @@ def _chance_of_unseen(n_consistent: int, n_base: int, tried: int, order: int) ->
 
 def _seed_batches(cloud: Constellation, survey: Constellation) -> Iterator[tuple[int, NDArray, NDArray]]:
     """Yield the number of seeds looked up, and the targets (B, k) and points (B, k) of every hit."""
-    base, other = (survey, cloud) if len(survey) <= len(cloud) else (cloud, survey)
-    seeds = _seeds(base, 2 if survey.on_a_line else 3)
+    smaller, larger = (survey, cloud) if len(survey) <= len(cloud) else (cloud, survey)
+    seeds = _seeds(smaller, 2 if survey.on_a_line else 3)
     start, step = 0, 8
     while start < len(seeds):
         chosen = seeds[start : start + step]
-        row, hits = _congruent(base, other, chosen)
-        mine = chosen[row]
-        yield (len(chosen), mine, hits) if base is survey else (len(chosen), hits, mine)
+        row, hits = _congruent(smaller, larger, chosen)
+        smaller_points = chosen[row]
+        yield (len(chosen), smaller_points, hits) if smaller is survey else (len(chosen), hits, smaller_points)
         start, step = start + step, min(2 * step, 256)
 
 
@@ -226,42 +228,42 @@ def _altitude(D: NDArray, triples: NDArray) -> NDArray:
     return 2 * np.sqrt(np.maximum(s * (s - a) * (s - b) * (s - c), 0.0)) / np.where(c > 0, c, 1.0)
 
 
-def _congruent(base: Constellation, other: Constellation, seeds: NDArray) -> tuple[NDArray, NDArray]:
+def _congruent(smaller: Constellation, larger: Constellation, seeds: NDArray) -> tuple[NDArray, NDArray]:
     """Return seed numbers (B,) and the points of the other set (B, k) with the distances of that seed."""
-    row, i, j = _agreeing_pairs(base, other, seeds)
+    row, i, j = _agreeing_pairs(smaller, larger, seeds)
     if seeds.shape[1] == 2 or len(row) == 0:
         return row, np.stack([i, j], -1) if seeds.shape[1] == 2 else np.empty((0, 3), np.intp)
-    parts, step = [], max(1, _MAX_ELEMENTS // len(other))
+    parts, step = [], max(1, _MAX_ELEMENTS // len(larger))
     for s in range(0, len(row), step):
-        at, k = _third_points(base, other, seeds[row[s : s + step]], i[s : s + step], j[s : s + step])
+        at, k = _third_points(smaller, larger, seeds[row[s : s + step]], i[s : s + step], j[s : s + step])
         parts.append(np.stack([row[s : s + step][at], i[s : s + step][at], j[s : s + step][at], k], -1))
     hits = np.concatenate(parts)
     return hits[:, 0], hits[:, 1:]
 
 
-def _agreeing_pairs(base: Constellation, other: Constellation, seeds: NDArray) -> tuple[NDArray, NDArray, NDArray]:
-    length, first, second = other.pairs
+def _agreeing_pairs(smaller: Constellation, larger: Constellation, seeds: NDArray) -> tuple[NDArray, NDArray, NDArray]:
+    length, first, second = larger.pairs
     a, b = seeds[:, 0], seeds[:, 1]
-    wanted, noise = base.distances[a, b], base.variance[a] + base.variance[b]
-    widest = GATE * np.sqrt(noise + 2 * other.variance.max())
+    wanted, noise = smaller.distances[a, b], smaller.variance[a] + smaller.variance[b]
+    widest = GATE * np.sqrt(noise + 2 * larger.variance.max())
     low, high = np.searchsorted(length, wanted - widest), np.searchsorted(length, wanted + widest, side="right")
     row = np.repeat(np.arange(len(seeds)), high - low)
     pair = np.arange(len(row)) - np.repeat(np.cumsum(high - low) - high, high - low)
     i, j = first[pair], second[pair]
-    gate = GATE * np.sqrt(noise[row] + other.variance[i] + other.variance[j])
+    gate = GATE * np.sqrt(noise[row] + larger.variance[i] + larger.variance[j])
     near = np.abs(length[pair] - wanted[row]) <= gate
     return row[near], i[near], j[near]
 
 
 def _third_points(
-    base: Constellation, other: Constellation, seeds: NDArray, i: NDArray, j: NDArray
+    smaller: Constellation, larger: Constellation, seeds: NDArray, i: NDArray, j: NDArray
 ) -> tuple[NDArray, NDArray]:
-    fits = np.ones((len(i), len(other)), dtype=bool)
+    fits = np.ones((len(i), len(larger)), dtype=bool)
     for known, corner in ((i, seeds[:, 0]), (j, seeds[:, 1])):
-        wanted = base.distances[corner, seeds[:, 2]]
-        noise = base.variance[corner] + base.variance[seeds[:, 2]] + other.variance[known]
-        gate = GATE * np.sqrt(noise[:, None] + other.variance)
-        fits &= np.abs(other.distances[known] - wanted[:, None]) <= gate
+        wanted = smaller.distances[corner, seeds[:, 2]]
+        noise = smaller.variance[corner] + smaller.variance[seeds[:, 2]] + larger.variance[known]
+        gate = GATE * np.sqrt(noise[:, None] + larger.variance)
+        fits &= np.abs(larger.distances[known] - wanted[:, None]) <= gate
     rows = np.arange(len(i))
     fits[rows, i] = fits[rows, j] = False
     at, third = np.nonzero(fits)
@@ -307,10 +309,18 @@ def _perpendicular(v: NDArray) -> NDArray:
     return side / np.linalg.norm(side, axis=1, keepdims=True) * np.linalg.norm(v, axis=1, keepdims=True)
 
 
-def _strongest(
-    tree: cKDTree, cloud: Constellation, survey: Constellation, targets: NDArray, points: NDArray
-) -> tuple[NDArray, NDArray, NDArray, NDArray]:
+@dataclass(frozen=True)
+class _LabelSearch:
+    """Search for the targets of a survey in a cloud, with a tree of the cloud's points."""
+
+    tree: cKDTree
+    cloud: Constellation
+    survey: Constellation
+
+
+def _strongest(search: _LabelSearch, targets: NDArray, points: NDArray) -> tuple[NDArray, NDArray, NDArray, NDArray]:
     """Return the best seeds (targets, points) with their motions, at most _MOST_RATED, by a sample of targets."""
+    cloud, survey = search.cloud, search.survey
     if len(targets) == 0:
         return targets, points, np.empty((0, 3, 3)), np.empty((0, 3))
     R, t = _motions(cloud, survey, targets, points)
@@ -322,7 +332,7 @@ def _strongest(
         for s in range(0, len(targets), 2000):
             part = slice(s, s + 2000)
             seed = _seed_match(targets[part], points[part], len(survey))
-            match = _gated_matches(tree, cloud, survey, R[part], t[part], seed, sample)
+            match = _gated_matches(search, (R[part], t[part]), seed, sample)
             count[part] = np.count_nonzero(match >= 0, axis=1)
         best = np.sort(np.argsort(-count, kind="stable")[:_MOST_RATED])
         targets, points, R, t = targets[best], points[best], R[best], t[best]
@@ -336,21 +346,16 @@ def _seed_match(targets: NDArray, points: NDArray, n_survey: int) -> NDArray:
 
 
 def _explained_by(
-    tree: cKDTree,
-    cloud: Constellation,
-    survey: Constellation,
-    targets: NDArray,
-    points: NDArray,
-    R: NDArray,
-    t: NDArray,
+    search: _LabelSearch, targets: NDArray, points: NDArray, R: NDArray, t: NDArray
 ) -> Iterator[Hypothesis]:
     """Yield the hypothesis of each motion, after refits to all points that it explains."""
+    cloud, survey = search.cloud, search.survey
     match = _seed_match(targets, points, len(survey))
     everything = np.arange(len(survey))
     for _ in range(3):
         if len(match) == 0:
             return
-        match = _gated_matches(tree, cloud, survey, R, t, match, everything)
+        match = _gated_matches(search, (R, t), match, everything)
         enough = np.count_nonzero(match >= 0, axis=1) >= 3
         match, first = np.unique(match[enough], axis=0, return_index=True)
         roll = R[enough][first]
@@ -360,14 +365,13 @@ def _explained_by(
     yield from (hypothesis_at(cloud, survey, m, r, s) for m, r, s in zip(match, R, t, strict=True))
 
 
-def _gated_matches(
-    tree: cKDTree, cloud: Constellation, survey: Constellation, R: NDArray, t: NDArray, match: NDArray, chosen: NDArray
-) -> NDArray:
-    """Return the point (B, m) of each chosen target under each motion, -1 if none is in its gate. The gate includes the
-    uncertainty at that target of the motion fitted to the current match."""
+def _gated_matches(search: _LabelSearch, motion: tuple[NDArray, NDArray], match: NDArray, chosen: NDArray) -> NDArray:
+    """Return the point (B, m) of each chosen target under each motion R, t; -1 if none is in its gate. The gate
+    includes the uncertainty at that target of the motion fitted to the current match."""
+    cloud, survey, (R, t) = search.cloud, search.survey, motion
     predicted = survey.points[chosen] @ np.swapaxes(R, 1, 2) + t[:, None]
     gate = GATE * np.sqrt(cloud.variance.max() + survey.variance[chosen] + _pose_variance(cloud, survey, match, chosen))
-    distance, point = tree.query(predicted, distance_upper_bound=gate.max())
+    distance, point = search.tree.query(predicted, distance_upper_bound=gate.max())
     point = np.where(distance <= gate, point, -1)
     return _one_to_one(point, np.where(distance <= gate, distance / gate, np.inf))
 
@@ -418,13 +422,13 @@ def _exchanged_neighbours(cloud: Constellation, survey: Constellation, best: Hyp
     labelled = np.flatnonzero(labels >= 0)
     distance = np.linalg.norm(cloud.points[labelled, None] - predicted, axis=-1)
     gate = GATE * np.sqrt(cloud.variance[labelled, None] + survey.variance)
-    for row, other in zip(*np.nonzero(distance <= gate), strict=True):
+    for row, neighbour in zip(*np.nonzero(distance <= gate), strict=True):
         point, label = labelled[row], labels[labelled[row]]
-        if other == label:
+        if neighbour == label:
             continue
         match = best.match.copy()
-        displaced = match[other]
-        match[label], match[other] = -1, point
+        displaced = match[neighbour]
+        match[label], match[neighbour] = -1, point
         if displaced >= 0 and np.linalg.norm(cloud.points[displaced] - predicted[label]) <= gate[row, label]:
             match[label] = displaced
         yield hypothesis_at(cloud, survey, match, best.R, best.t)

@@ -56,11 +56,11 @@ def residuals_after_exchange(
     """
     right, anew = residual.copy(), np.zeros(len(residual), bool)
     for exchange in found:
-        pair, other = [exchange.first, exchange.second], [exchange.second, exchange.first]
-        right[exchange.pose, pair] = residual[exchange.pose, other] + shape[other] - shape[pair]
+        pair, exchanged = [exchange.first, exchange.second], [exchange.second, exchange.first]
+        right[exchange.pose, pair] = residual[exchange.pose, exchanged] + shape[exchanged] - shape[pair]
         if is_observed[exchange.pose].sum() <= _FEW:
             observed = points[exchange.pose].copy()
-            observed[pair] = points[exchange.pose, other]
+            observed[pair] = points[exchange.pose, exchanged]
             right[exchange.pose] = np.where(
                 is_observed[exchange.pose][:, None],
                 _survey_deviation(observed, is_observed[exchange.pose], shape),
@@ -107,8 +107,8 @@ def _best_of_few(points: NDArray, is_observed: NDArray, shape: NDArray, sigma: f
     fit = umeyama(shape, tried, np.repeat(is_observed[None].astype(float), len(tried), 0))
     rms = np.where(fit.ok, np.nan_to_num(fit.rms, nan=np.inf), np.inf)
     best = int(np.argmin(rms))
-    others = np.delete(rms, best).min()
-    if best == 0 or rms[0] < _WORTH_LOOKING * sigma or rms[best] * _BETTER_THAN_OTHERS > others:
+    second_best = np.delete(rms, best).min()
+    if best == 0 or rms[0] < _WORTH_LOOKING * sigma or rms[best] * _BETTER_THAN_OTHERS > second_best:
         return None
     first, second = pairs[best - 1]
     distance = np.sqrt(np.sum((shape[first] - shape[second]) ** 2))

@@ -250,16 +250,16 @@ def _refused(
 
 
 def _rival(best: Hypothesis, rival: Hypothesis, odds: float, names: list[str], owners: NDArray) -> Rival:
-    mine, theirs = best.assignment, rival.assignment
-    moved = np.flatnonzero((mine != theirs) & (mine >= 0) & (theirs >= 0))
-    moved = moved[np.argsort(mine[moved])]
+    best_points, rival_points = best.assignment, rival.assignment
+    moved = np.flatnonzero((best_points != rival_points) & (best_points >= 0) & (rival_points >= 0))
+    moved = moved[np.argsort(best_points[moved])]
     if len(moved) == 0:
-        others = sorted({str(body) for body in owners[theirs >= 0] if body})
-        where = f"on the points of {', '.join(others)}" if others else "on other points"
-        return Rival(theirs, rival.n_consistent, odds, where)
-    text = ", ".join(f"{names[mine[i]]} as {names[theirs[i]]}" for i in moved[:_SHOWN])
+        rival_bodies = sorted({str(body) for body in owners[rival_points >= 0] if body})
+        where = f"on the points of {', '.join(rival_bodies)}" if rival_bodies else "on other points"
+        return Rival(rival_points, rival.n_consistent, odds, where)
+    text = ", ".join(f"{names[best_points[i]]} as {names[rival_points[i]]}" for i in moved[:_SHOWN])
     more = f" and {len(moved) - _SHOWN} more" if len(moved) > _SHOWN else ""
-    return Rival(theirs, rival.n_consistent, odds, text + more)
+    return Rival(rival_points, rival.n_consistent, odds, text + more)
 
 
 def _homogeneous(hypothesis: Hypothesis) -> NDArray:

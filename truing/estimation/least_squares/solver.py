@@ -337,7 +337,8 @@ def _advance(walk: _Walk, residuals: Residuals, rule: StepRule) -> NDArray:
     residual, jacobian = _evaluate(residuals, trial, walk.data)
     cost = np.where(_finite(residual, jacobian), np.sum(residual**2, -1), np.inf)
     gain = np.where(promised > 0.0, (walk.cost - cost) / np.where(promised > 0.0, promised, 1.0), -1.0)
-    accepted = _accept(walk, np.isfinite(cost) & (fine | (gain > 0.0)), fine, trial, cost, residual, jacobian)
+    is_useful = np.isfinite(cost) & (fine | (gain > 0.0))
+    accepted = _accept(walk, _TrialStep(trial, cost, residual, jacobian), is_useful, fine)
     walk.noise = np.select([fine, accepted], [walk.noise, 0.0], _noise(walk, cost, promised))
     walk.memory = np.where(fine[:, None], walk.memory, rule.learn(walk.memory, gain, length))
     still = length <= EPS * np.sqrt(np.sum((walk.linear.scale * walk.x) ** 2, -1))
@@ -363,17 +364,25 @@ def _noise(walk: _Walk, cost: NDArray, promised: NDArray) -> NDArray:
     return np.where(shown, np.maximum(off, walk.noise), 0.0)
 
 
-def _accept(
-    walk: _Walk, useful: NDArray, fine: NDArray, trial: NDArray, cost: NDArray, residual: NDArray, jacobian: NDArray
-) -> NDArray:
+@dataclass(frozen=True)
+class _TrialStep:
+    """Values (b, P) that a step leads to, with cost (b,), residuals (b, N) and Jacobian (b, N, P)."""
+
+    x: NDArray
+    cost: NDArray
+    residual: NDArray
+    jacobian: NDArray
+
+
+def _accept(walk: _Walk, trial: _TrialStep, useful: NDArray, fine: NDArray) -> NDArray:
     """Move the useful problems to their trials, fine ones only if the gradient decreases; return the mask (b,) of moved
     ones."""
     rows = np.flatnonzero(useful)
-    linear = linearise(residual[rows], jacobian[rows], walk.linear.scale[rows])
+    linear = linearise(trial.residual[rows], trial.jacobian[rows], walk.linear.scale[rows])
     falling = linear.offset < _STILL_FALLING * walk.linear.offset[rows]
     mask = falling | ~fine[rows]
     rows = rows[mask]
-    walk.x[rows], walk.cost[rows] = trial[rows], cost[rows]
+    walk.x[rows], walk.cost[rows] = trial.x[rows], trial.cost[rows]
     walk.linear.put(rows, linear[mask])
     return np.isin(np.arange(len(useful)), rows)
 

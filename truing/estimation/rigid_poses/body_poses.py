@@ -149,16 +149,16 @@ def seen_from(
 
     cross (B, 6, 6): covariance between the motions of body and base, if their errors are correlated.
     """
-    other = base.fits.get(method, base.fit)
+    base_fit = base.fits.get(method, base.fit)
     if cross is None:
-        R, p, covariance = relative(other.R, other.t, other.covariance, fit.R, fit.t, fit.covariance)
+        R, p, covariance = relative(base_fit.R, base_fit.t, base_fit.covariance, fit.R, fit.t, fit.covariance)
     else:
         cross_cov = np.where(np.isfinite(cross), cross, 0.0)
-        first_rows = np.concatenate([other.covariance, np.swapaxes(cross_cov, 1, 2)], axis=2)
+        first_rows = np.concatenate([base_fit.covariance, np.swapaxes(cross_cov, 1, 2)], axis=2)
         joint_cov = np.concatenate([first_rows, np.concatenate([cross_cov, fit.covariance], axis=2)], axis=1)
-        R, p, covariance = relative_of_pair(other.R, other.t, fit.R, fit.t, joint_cov)
-    base_status = np.array([f"{base.name}: {s}" for s in other.status], dtype=object)
-    return R, p, covariance, np.where(~fit.ok, fit.status, np.where(other.ok, str(FitStatus.OK), base_status))
+        R, p, covariance = relative_of_pair(base_fit.R, base_fit.t, fit.R, fit.t, joint_cov)
+    base_status = np.array([f"{base.name}: {s}" for s in base_fit.status], dtype=object)
+    return R, p, covariance, np.where(~fit.ok, fit.status, np.where(base_fit.ok, str(FitStatus.OK), base_status))
 
 
 def without_targets(name: str, poses: tuple[int | str, ...], default: str) -> BodyPoses:

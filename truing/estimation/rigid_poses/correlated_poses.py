@@ -400,7 +400,7 @@ def with_other_methods(
     for method in dict.fromkeys(method for body in bodies for method in body.weights):
         gains = [_gain(body, method) for body in bodies]
         cov = [np.full((len(body.fit.t), 6, 6), np.nan) for body in bodies]
-        cross = [{other.name: np.full_like(cov[0], np.nan) for other in bodies} for _ in bodies]
+        cross = [{body.name: np.full_like(cov[0], np.nan) for body in bodies} for _ in bodies]
         for p in range(len(bodies[0].fit.t)):
             fitted_bodies, row, gain = _stacked(p, method, bodies, rows, gains, joint.get(p))
             if not fitted_bodies:

@@ -219,7 +219,7 @@ def _assemble(
 
 
 def _misfit(x: NDArray, y: NDArray, w: NDArray, motions: Motions) -> tuple[NDArray, NDArray]:
-    """Return turned source points (B, N, 3) and ``sum w |y - x|^2`` (B,) of what motions leave."""
+    """Return turned source points (B, N, 3) and ``sum w |y - x|^2`` (B,) of the residuals."""
     arm = motions.scale[:, None, None] * (x @ np.swapaxes(motions.R, -1, -2))
     return arm, weighted_square(y - arm - motions.t[:, None], w)
 

@@ -58,9 +58,9 @@ def squared_residuals(clouds: consensus_steps.Clouds, members: NDArray) -> tuple
     student, plain, clear = np.empty(members.shape), np.empty(members.shape), np.empty(len(members), bool)
     pairs = PointPairs(clouds.x, clouds.y, clouds.is_observed, np.empty((0, 1)))
     residuals_of_poses(pairs, clouds.sigma, members, student, plain, clear)
-    rest = np.flatnonzero(~clear)
-    if len(rest):
-        student[rest], plain[rest] = consensus_steps.squared_residuals(clouds[rest], members[rest])
+    unclear = np.flatnonzero(~clear)
+    if len(unclear):
+        student[unclear], plain[unclear] = consensus_steps.squared_residuals(clouds[unclear], members[unclear])
     return student, plain
 
 

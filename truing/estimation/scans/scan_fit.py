@@ -40,7 +40,7 @@ _COEFFICIENTS = 6
 _MEDIAN_OF_VARIANCE = 0.9180
 # A patch with this many times the median scatter is invalid: an edge, a border of two parts, clutter.
 _ROUGH = 5.0
-# Within this share of a patch's radius a point is over the surface, beyond it is beside the surface.
+# Within this share of a patch's radius a point is over the surface, beyond it is next to the surface.
 _OVER, _BESIDE = 0.7, 1.5
 _CHUNK = 20_000
 
@@ -74,8 +74,8 @@ class SurfaceFit:
     covariance: NDArray | None  # (6, 6) of (t, theta), R <- exp(theta) R, in the scan's frame; None if a motion is free
     free: NDArray  # (d, 6) motions (t, theta) that the surface leaves free
     used: NDArray  # (N,) scan points over a smooth part of the reference, and within the gate
-    cost: NDArray  # (N,) squared height over its noise, limited at the gate; beside the surface, that limit
-    informative: NDArray  # (N,) whether the cost is informative: over the surface or beside it
+    cost: NDArray  # (N,) squared height over its noise, limited at the gate; next to the surface, that limit
+    informative: NDArray  # (N,) whether the cost is informative: over the surface or next to it
     rms: float  # m, of their heights
     scatter: float  # robust, of the heights over the surface, relative to their noise
     noise_ratio: float  # the same for sums over regions; scales the covariance if above 1
@@ -166,8 +166,8 @@ def _gradient_covariance(scene: ScanPair, view: _View) -> NDArray:
     rows = np.arange(0, share.size + 1, share.shape[1])
     mixing = csr_array((share.ravel(), neighbours.ravel(), rows), shape=(len(J), len(scene.reference)))
     pulled = (mixing.T @ (J[:, :, None] * J[:, None, :3]).reshape(len(J), 18)).reshape(-1, 6, 3)
-    theirs = scene.sigma_reference**2 + rough
-    return scene.sigma_scan**2 * J.T @ J + np.einsum("m,mik,mjk->ij", theirs, pulled, pulled, optimize=True)
+    scene_variance = scene.sigma_reference**2 + rough
+    return scene.sigma_scan**2 * J.T @ J + np.einsum("m,mik,mjk->ij", scene_variance, pulled, pulled, optimize=True)
 
 
 def _roughness(scene: ScanPair, view: _View, neighbours: NDArray) -> NDArray:
@@ -281,7 +281,7 @@ class Heights:
     share: NDArray  # (N, k) derivative of the height by each neighbour's error along the normal
     slope_variance: NDArray  # (N,) variance of one tangential component of the normal, per variance of the noise
     over: NDArray  # (N,) whether the point is over its patch, and the patch is smooth
-    beside: NDArray  # (N,) whether the point is clearly beside the surface
+    beside: NDArray  # (N,) whether the point is clearly next to the surface
 
 
 def fit_patches(points: NDArray, tree: cKDTree, anchors: NDArray) -> Patches:

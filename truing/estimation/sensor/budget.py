@@ -58,19 +58,21 @@ def coefficient_parts(fit: Calibration, table: LoadTable, signals: Source) -> di
     of_own, of_other = (BY_LOADS, signals) if direct else (signals, BY_LOADS)
     if model.estimator == "weighted":
         parts = {of_own: fit.covariance}
-        other = table.load_cov if not direct else None  # the weights of a direct fit do not include errors of signals
-        if other is not None and np.any(other):
+        input_cov = (
+            table.load_cov if not direct else None
+        )  # the weights of a direct fit do not include errors of signals
+        if input_cov is not None and np.any(input_cov):
             slope = fit.matrix[:, : len(fit.terms.inputs)]
-            parts[of_other] = np.kron(slope @ other @ slope.T, np.linalg.inv(columns.T @ columns))
+            parts[of_other] = np.kron(slope @ input_cov @ slope.T, np.linalg.inv(columns.T @ columns))
     else:
         slope = fit.matrix @ fit.terms.by_inputs(x, table.covariates)
-        other = table.signal_cov if direct else table.load_cov
+        input_cov = table.signal_cov if direct else table.load_cov
         assert covariance is not None, "errors in both need a covariance of either"
-        assert other is not None
+        assert input_cov is not None
         jacobian = np.einsum("wi,nq->nwiq", np.eye(len(fit.matrix)), columns).reshape(len(x), len(fit.matrix), -1)
         rows = np.zeros((len(x), 1, 1))
         parts = linear_estimate(
-            jacobian, {of_own: rows + covariance, of_other: slope @ other @ np.swapaxes(slope, 1, 2)}
+            jacobian, {of_own: rows + covariance, of_other: slope @ input_cov @ np.swapaxes(slope, 1, 2)}
         )
         total = sum(parts.values(), np.zeros(()))
         # Scales the linear result to the fit with estimated deviations.

@@ -234,13 +234,13 @@ def _result(
 def _fit_with_both_errors(problem: _CalibrationTable) -> Calibration:
     """Return the maximum-likelihood fit with errors in response and inputs, starting from the weighted one."""
     rows, width, count = len(problem.y), problem.y.shape[1], problem.x.shape[1]
-    declared_covariance, other = _declared_covariance(problem, 0), _declared_covariance(problem, 1)
+    response_cov, input_cov = _declared_covariance(problem, 0), _declared_covariance(problem, 1)
     cov = np.zeros((rows, width + count, width + count))
-    cov[:, :width, :width], cov[:, width:, width:] = declared_covariance, other
+    cov[:, :width, :width], cov[:, width:, width:] = response_cov, input_cov
     prior = problem.prior()
-    spread = np.linalg.eigvalsh(declared_covariance).min() > 0  # exactly known loads have no weighted fit as a start
+    spread = np.linalg.eigvalsh(response_cov).min() > 0  # exactly known loads have no weighted fit as a start
     columns, y = problem.columns, problem.y
-    start = weighted_fit(columns, y, declared_covariance, prior) if spread else least_squares_fit(columns, y)
+    start = weighted_fit(columns, y, response_cov, prior) if spread else least_squares_fit(columns, y)
     equations = TermEquations(problem.terms, problem.y, problem.x, problem.table.covariates, problem.zeros)
     fit = fit_errors_in_variables(equations.constrain, cov, start.matrix.ravel(), prior, robust=False)
     matrix = fit.values.reshape(width, -1)

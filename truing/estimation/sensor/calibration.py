@@ -178,9 +178,9 @@ def calibration_matrix(fit: Calibration, signal_cov: NDArray | None = None) -> M
     white = np.linalg.inv(fit.noise if signal_cov is None else signal_cov)
     spread = np.linalg.inv(A.T @ white @ A)
     G = spread @ A.T @ white
-    rest = white @ (np.eye(len(A)) - A @ G)
+    residual = white @ (np.eye(len(A)) - A @ G)
     # by dA[c, w]: -G[:, c] G[w, :] + spread[:, w] rest[c, :]
-    change = -np.einsum("ic,wj->ijcw", G, G) + np.einsum("iw,cj->ijcw", spread, rest)
+    change = -np.einsum("ic,wj->ijcw", G, G) + np.einsum("iw,cj->ijcw", spread, residual)
     change = change.reshape(G.size, A.size)
     return MatrixEstimate(G, symmetric(change @ sensitivity.covariance @ change.T))
 
@@ -326,8 +326,8 @@ def _inverted_matrix(G: NDArray) -> tuple[NDArray, NDArray]:
     """Return J = G^+ (C, W) of G (W, C), which has full row rank; and its derivative (C, W, W, C) by the entries of
     G."""
     J = np.linalg.pinv(G)
-    rest, spread = np.eye(G.shape[1]) - J @ G, J.T @ J  # the second: (G G^T)^-1
-    change = -np.einsum("ai,bj->ajib", J, J) + np.einsum("ab,ij->ajib", rest, spread)
+    residual, spread = np.eye(G.shape[1]) - J @ G, J.T @ J  # the second: (G G^T)^-1
+    change = -np.einsum("ai,bj->ajib", J, J) + np.einsum("ab,ij->ajib", residual, spread)
     return J, change
 
 

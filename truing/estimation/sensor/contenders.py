@@ -104,8 +104,10 @@ def covariance_by_case(table: LoadTable, model: CalibrationModel) -> MatrixEstim
     """
     values = []
     for case in table.cases:
-        rest = table.rows(table.case != case)
-        values.append(calibration_matrix(_calibration_without_case(rest, model, case), table.signal_cov).value.ravel())
+        other_cases = table.rows(table.case != case)
+        values.append(
+            calibration_matrix(_calibration_without_case(other_cases, model, case), table.signal_cov).value.ravel()
+        )
     matrix = calibration_matrix(fit_calibration(table, model), table.signal_cov)
     deviations = np.array(values) - np.mean(values, axis=0)
     count = len(values)

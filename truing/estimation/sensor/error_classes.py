@@ -267,12 +267,12 @@ def _series(
 ) -> AxisSeries | None:
     """Return the runs that loaded one axis alone, each as a cycle; None without any that has unloaded readings."""
     steps = recorded_loads.steps
-    other = np.delete(steps.load, axis, axis=1) != 0.0
+    is_loaded_elsewhere = np.delete(steps.load, axis, axis=1) != 0.0
     runs = [
         run
         for run in np.unique(steps.run)
         if (of_run := steps.run == run).any()
-        and not other[of_run].any()
+        and not is_loaded_elsewhere[of_run].any()
         and np.any(steps.load[of_run, axis])
         and steps.load[np.flatnonzero(of_run)[0], axis] == 0.0
     ]

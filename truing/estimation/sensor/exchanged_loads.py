@@ -33,7 +33,7 @@ _FALSE_ALARM = 1e-3  # probability of naming any exchange in a table without one
 _LARGE = 5000  # rows; in larger tables two rows hardly affect the fit, which is repeated only at the end
 _ALIKE = 2.0  # ratio of sizes up to which rows count as equally far off
 _BY_CHANCE = 0.05  # expected accidental exchanges among rows that are far off for other reasons
-# A load is stray from so many sigmas and such a share of the range on; the share of rows that may be.
+# A load is stray from this many sigmas and such a share of the range on; the share of rows that may be.
 _STRAY, _STRAY_SHARE, _FEW_STRAY = 20.0, 0.05, 0.02
 # For a zero per run: rows per column, and share of the loads' variance within runs.
 _ROWS_PER_COLUMN, _WITHIN_SHARE = 4.0, 0.2
@@ -71,21 +71,21 @@ def search_exchanges(table: LoadTable, false_alarm: float = _FALSE_ALARM) -> tup
     applied = np.flatnonzero(np.ptp(table.loads, axis=0) > 0)
     loads, exchanged, unseen = table.loads[:, applied], list[RowExchange](), 0
     zeros = _zeros(table, loads)
-    columns, cubes, rest, sigma = _calibrated(table.signals, loads, zeros)
+    columns, cubes, residuals, sigma = _calibrated(table.signals, loads, zeros)
     written, is_fitted = loads / sigma, True
     for _ in range(_ROUNDS):
-        exchange, left_out = _best(loads, rest / sigma, sigma, false_alarm, table.case)
+        exchange, left_out = _best(loads, residuals / sigma, sigma, false_alarm, table.case)
         unseen = max(unseen, left_out)
         if exchange is None and is_fitted:
             break
         if exchange is not None:
             before = loads[[exchange.first, exchange.second]]
             _exchange(loads, exchange)
-            rest[[exchange.first, exchange.second]] += loads[[exchange.first, exchange.second]] - before
+            residuals[[exchange.first, exchange.second]] += loads[[exchange.first, exchange.second]] - before
             exchanged.append(replace(exchange, components=tuple(applied[list(exchange.components)].tolist())))
         is_fitted = exchange is None or len(loads) <= _LARGE
         if is_fitted:
-            rest, sigma = _robust_residuals(columns, loads, zeros)
+            residuals, sigma = _robust_residuals(columns, loads, zeros)
     if exchanged and _is_smooth((columns, cubes), (written, loads / sigma), zeros):
         return [], unseen
     return exchanged, unseen
@@ -95,14 +95,14 @@ def _calibrated(signals: NDArray, loads: NDArray, zeros: _Zeros) -> tuple[NDArra
     """Return the columns (N, Q) that predict loads (N, W): signals, with nonlinear terms if significant; all nonlinear
     terms; and residuals and scatter (W,) of a robust fit. Terms are in the signals, or in the loads of a linear
     calibration if these are fewer. Outlying rows do not influence which terms are significant."""
-    rest, sigma = _robust_residuals(signals, loads, zeros)
-    near = np.all(np.abs(rest) < _GROSS * sigma, axis=1)
+    residuals, sigma = _robust_residuals(signals, loads, zeros)
+    near = np.all(np.abs(residuals) < _GROSS * sigma, axis=1)
     zeros_near = _Zeros.of(np.unique(zeros.of_row[near], return_inverse=True)[1])
-    inputs = signals if signals.shape[1] <= loads.shape[1] else loads - rest
+    inputs = signals if signals.shape[1] <= loads.shape[1] else loads - residuals
     forms = list(nonlinear_terms(inputs))
     clear = detected_form(signals[near], inputs[near], loads[near] / sigma, zeros_near.without_mean, zeros_near.count)
     if clear is None:
-        return signals, forms[-1], rest, sigma
+        return signals, forms[-1], residuals, sigma
     columns = np.hstack([signals, forms[clear]])
     return columns, forms[-1], *_robust_residuals(columns, loads, zeros)
 
@@ -128,10 +128,10 @@ def least_difference(table: LoadTable, false_alarm: float = _FALSE_ALARM) -> NDA
     applied = np.flatnonzero(np.ptp(table.loads, axis=0) > 0)
     loads = table.loads[:, applied]
     zeros = _zeros(table, loads)
-    *_, rest, sigma = _calibrated(table.signals, loads, zeros)
+    *_, residuals, sigma = _calibrated(table.signals, loads, zeros)
     trials = len(loads) * (len(loads) - 1) // 2 * (2 ** len(applied) - 1)
     least = np.sqrt(float(chdtri(1, false_alarm / max(trials, 1))))
-    sizes = np.sort(np.max(np.abs(rest / sigma), axis=1))
+    sizes = np.sort(np.max(np.abs(residuals / sigma), axis=1))
     tried = np.maximum(least, 1.0) * 1.05 ** np.arange(300)
     rows = np.searchsorted(sizes, tried * _ALIKE, "right") - np.searchsorted(sizes, tried / _ALIKE, "left") + 2
     # as `_chance_probability` counts for two rows that are one sigma off after the exchange
@@ -165,12 +165,12 @@ def stray_loads(table: LoadTable, exchanged: Collection[int] = ()) -> list[Stray
     """
     applied = np.flatnonzero(np.ptp(table.loads, axis=0) > 0)
     loads, zeros = table.loads[:, applied], _zeros(table, table.loads[:, applied])
-    *_, rest, sigma = _calibrated(table.signals, loads, zeros)
+    *_, residuals, sigma = _calibrated(table.signals, loads, zeros)
     span = np.quantile(loads, 1.0 - _FEW_STRAY, axis=0) - np.quantile(loads, _FEW_STRAY, axis=0)
-    share = np.abs(rest) / np.where(span > 0.0, span, np.inf)
+    share = np.abs(residuals) / np.where(span > 0.0, span, np.inf)
     worst = np.argmax(share, axis=1)
     every = np.arange(len(loads))
-    size = np.abs(rest / sigma)[every, worst]
+    size = np.abs(residuals / sigma)[every, worst]
     single = ~np.isin(every, list(exchanged))
     rows = np.flatnonzero((share[every, worst] > _STRAY_SHARE) & (size > _STRAY) & single)
     rows = rows[_is_unexplained(table.signals, loads, zeros, rows)]
@@ -178,7 +178,11 @@ def stray_loads(table: LoadTable, exchanged: Collection[int] = ()) -> list[Stray
         return None
     return [
         StrayLoad(
-            int(row), int(applied[at]), float(loads[row, at]), float(loads[row, at] - rest[row, at]), float(size_of_row)
+            int(row),
+            int(applied[at]),
+            float(loads[row, at]),
+            float(loads[row, at] - residuals[row, at]),
+            float(size_of_row),
         )
         for row, at, size_of_row in zip(rows, worst[rows], size[rows], strict=True)
     ]
@@ -186,11 +190,11 @@ def stray_loads(table: LoadTable, exchanged: Collection[int] = ()) -> list[Stray
 
 def _is_unexplained(signals: NDArray, loads: NDArray, zeros: _Zeros, rows: NDArray) -> NDArray:
     """Return True for rows (N,) whose signals their loads do not explain, by a fit to all other rows."""
-    others = np.ones(signals.shape)
-    others[rows] = 0.0
-    rest = _weighted_residuals(loads, signals, others, zeros)
-    noise = _scatter(np.delete(rest, rows, axis=0), loads.shape[1] + zeros.count)
-    return np.asarray((np.abs(rest[rows]) > _GROSS * noise).any(axis=1))
+    weights = np.ones(signals.shape)
+    weights[rows] = 0.0
+    residuals = _weighted_residuals(loads, signals, weights, zeros)
+    noise = _scatter(np.delete(residuals, rows, axis=0), loads.shape[1] + zeros.count)
+    return np.asarray((np.abs(residuals[rows]) > _GROSS * noise).any(axis=1))
 
 
 def _exchange(loads: NDArray, row_exchange: RowExchange) -> None:
@@ -246,32 +250,32 @@ def _robust_residuals(signals: NDArray, loads: NDArray, zeros: _Zeros) -> tuple[
     size = np.sqrt(np.mean(zeros.without_mean(signals) ** 2, 0))
     columns = signals / np.where(size > 0.0, size, 1.0)
     parameters = columns.shape[1] + zeros.count
-    rest = _weighted_residuals(columns, loads, np.ones_like(loads), zeros)
+    residuals = _weighted_residuals(columns, loads, np.ones_like(loads), zeros)
     for _ in range(_L1_ROUNDS):
-        far = np.abs(rest) / _scatter(rest, parameters)
-        rest = _weighted_residuals(columns, loads, 1.0 / np.maximum(far, _CLOSE), zeros)
+        far = np.abs(residuals) / _scatter(residuals, parameters)
+        residuals = _weighted_residuals(columns, loads, 1.0 / np.maximum(far, _CLOSE), zeros)
     for _ in range(_SELECTIONS):
-        near = np.abs(rest) < _GROSS * _scatter(rest, parameters)
-        rest = _weighted_residuals(columns, loads, near.astype(float), zeros)
-    return rest, _scatter(rest, parameters)
+        near = np.abs(residuals) < _GROSS * _scatter(residuals, parameters)
+        residuals = _weighted_residuals(columns, loads, near.astype(float), zeros)
+    return residuals, _scatter(residuals, parameters)
 
 
 def _weighted_residuals(columns: NDArray, loads: NDArray, weight: NDArray, zeros: _Zeros) -> NDArray:
     """Return residuals (N, W) of a fit to columns (N, Q) and zeros, with weights (N, W)."""
-    rest = np.empty_like(loads)
+    residuals = np.empty_like(loads)
     for k, weights in enumerate(weight.T):
         within = zeros.without(np.column_stack([columns, loads[:, k]]), weights)
         weighed = weights[:, None] * within[:, :-1]
         # channels may be dependent
         inverse = np.linalg.pinv(weighed.T @ within[:, :-1], rcond=_OPEN, hermitian=True)
-        rest[:, k] = within[:, -1] - within[:, :-1] @ (inverse @ (weighed.T @ within[:, -1]))
-    return rest
+        residuals[:, k] = within[:, -1] - within[:, :-1] @ (inverse @ (weighed.T @ within[:, -1]))
+    return residuals
 
 
-def _scatter(rest: NDArray, parameters: int) -> NDArray:
+def _scatter(residuals: NDArray, parameters: int) -> NDArray:
     """Return the robust standard deviation (W,) of residuals (N, W)."""
-    freedom = np.sqrt(len(rest) / max(len(rest) - parameters, 1))
-    spread = np.median(np.abs(rest), 0) / _NORMAL_MEDIAN * freedom
+    freedom = np.sqrt(len(residuals) / max(len(residuals) - parameters, 1))
+    spread = np.median(np.abs(residuals), 0) / _NORMAL_MEDIAN * freedom
     return np.where(spread > 0, spread, np.inf)
 
 
@@ -364,11 +368,11 @@ class _ExchangedPairs:
 
 
 def _compare(whitened: NDArray, rows: tuple[NDArray, NDArray], direction: NDArray) -> _ExchangedPairs:
-    first, other = whitened[rows[0]], whitened[rows[1]]
-    before, after = first**2 + other**2, (first - direction) ** 2 + (other + direction) ** 2
+    first, second = whitened[rows[0]], whitened[rows[1]]
+    before, after = first**2 + second**2, (first - direction) ** 2 + (second + direction) ** 2
     gain = np.where(np.isfinite(before - after), before - after, 0.0)
     # each row has to improve, or one gross error would pair with any outlying row
-    is_right = (first**2 > (first - direction) ** 2) & (other**2 > (other + direction) ** 2)
+    is_right = (first**2 > (first - direction) ** 2) & (second**2 > (second + direction) ** 2)
     return _ExchangedPairs(before, after, (gain > _TELLS) & is_right)
 
 

@@ -68,8 +68,8 @@ class ResidualSum:
 
 def residual_sum_of(columns: list[NDArray], loads: NDArray, without_zeros: WithoutZeros, zeros: int) -> ResidualSum:
     """Return the residual sum of loads (N, W) after a least-squares fit to columns and a number of zeros."""
-    about, rest = without_zeros(np.hstack(columns)), without_zeros(loads)
-    size = np.sqrt(np.sum(about**2, 0))
-    scaled = about / np.where(size > 0.0, size, 1.0)
-    values, _, rank, _ = np.linalg.lstsq(scaled, rest, _LEAST_SINGULAR)
-    return ResidualSum(float(np.sum((rest - scaled @ values) ** 2)), len(loads) - zeros - int(rank))
+    columns_without_zeros, loads_without_zeros = without_zeros(np.hstack(columns)), without_zeros(loads)
+    size = np.sqrt(np.sum(columns_without_zeros**2, 0))
+    scaled = columns_without_zeros / np.where(size > 0.0, size, 1.0)
+    values, _, rank, _ = np.linalg.lstsq(scaled, loads_without_zeros, _LEAST_SINGULAR)
+    return ResidualSum(float(np.sum((loads_without_zeros - scaled @ values) ** 2)), len(loads) - zeros - int(rank))

@@ -52,9 +52,9 @@ def requirements(tables: Tables) -> ReportSection | None:
         words = "A requirement is undecided if its interval crosses the limit; more or better poses would decide it."
         figures.append((_requirement_bars(rows, key), words))
     listings = [_requirement_listing(rows, key)]
-    others = assessed.drop(index=rows.index)
-    if len(others):
-        listings.append(_other_calibrations(others))
+    not_chosen = assessed.drop(index=rows.index)
+    if len(not_chosen):
+        listings.append(_other_calibrations(not_chosen))
     lead = " ".join(filter(None, (_opening_sentences(rows, key), _place(tables, rows))))
     return ReportSection("requirements", _TITLE, lead, tuple(figures), tuple(listings))
 
@@ -242,11 +242,11 @@ def _requirement_listing(requirements: pd.DataFrame, key: Key) -> Listing:
     return Listing(heads, rows, _marks(requirements), caption, held_by="requirements.parquet")
 
 
-def _other_calibrations(others: pd.DataFrame) -> Listing:
-    rows = tuple((r.verdict, r.model, r.deformation, *_sizes(r)) for r in others.itertuples())
-    heads = (_VERDICT, MODEL_OF_LEGS, DEFORMATION, *_heads(others))
+def _other_calibrations(not_chosen: pd.DataFrame) -> Listing:
+    rows = tuple((r.verdict, r.model, r.deformation, *_sizes(r)) for r in not_chosen.itertuples())
+    heads = (_VERDICT, MODEL_OF_LEGS, DEFORMATION, *_heads(not_chosen))
     return Listing(
-        heads, rows, _marks(others), "Without correction or with other calibrations", True, "requirements.parquet"
+        heads, rows, _marks(not_chosen), "Without correction or with other calibrations", True, "requirements.parquet"
     )
 
 

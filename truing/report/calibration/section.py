@@ -357,17 +357,21 @@ def _gain(tables: Tables, chosen: Key, facts: pd.Series) -> str:
 
 def _rivals(figures: pd.DataFrame, chosen: Key) -> str:
     """Return in words the calibrations that predict equally well as the chosen one, and the errors of the others."""
-    others = figures.drop(index=[chosen])
-    equal = others["indistinguishable"] == 1.0 if "indistinguishable" in others else others.index != others.index
+    alternatives = figures.drop(index=[chosen])
+    equal = (
+        alternatives["indistinguishable"] == 1.0
+        if "indistinguishable" in alternatives
+        else alternatives.index != alternatives.index
+    )
     texts = []
     if equal.any():
-        named = " and ".join(calibration_name((str(m), str(d))) for m, d in others.index[equal])
+        named = " and ".join(calibration_name((str(m), str(d))) for m, d in alternatives.index[equal])
         texts.append(f"These data do not distinguish the chosen calibration from {named}; the simplest is chosen.")
-    rest = others[~equal]
-    if len(rest) and "heldout_ratio" in rest and rest["heldout_ratio"].notna().any():
-        pulls = f", rms pull {_from_to(rest['rms_pull'])}" if "rms_pull" in rest else ""
-        who = "The other calibration is" if len(rest) == 1 else f"The {len(rest)} other calibrations are"
-        ratios = _from_to(rest["heldout_ratio"])
+    inferior = alternatives[~equal]
+    if len(inferior) and "heldout_ratio" in inferior and inferior["heldout_ratio"].notna().any():
+        pulls = f", rms pull {_from_to(inferior['rms_pull'])}" if "rms_pull" in inferior else ""
+        who = "The other calibration is" if len(inferior) == 1 else f"The {len(inferior)} other calibrations are"
+        ratios = _from_to(inferior["heldout_ratio"])
         texts.append(f"{who} less probable or less accurate: held-out error {ratios} times the noise floor{pulls}.")
     return " ".join(texts)
 

@@ -69,7 +69,7 @@ class RunComparison:
         return rows[rows["z"].notna() | rows["changed"]]
 
     def heads(self, meaning: str) -> tuple[Head, ...]:
-        """Return a head per run, its label, with what a cell of its column holds: one sentence."""
+        """Return a head per run, its label, with the content of a cell of its column: one sentence."""
         return tuple(Head(run.label, meaning) for run in self.runs)
 
     def pair(self, step: int) -> str:

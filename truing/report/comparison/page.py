@@ -154,8 +154,8 @@ def _largest_changes(changed: pd.DataFrame) -> str:
 
 
 def _alternatives(row: object) -> str:
-    others = cell(getattr(row, "instead", None))
-    return f" (or {others}, which the campaigns cannot distinguish)" if others else ""
+    alternatives = cell(getattr(row, "instead", None))
+    return f" (or {alternatives}, which the campaigns cannot distinguish)" if alternatives else ""
 
 
 def _effect_verdicts(comparison: RunComparison, step: int) -> list[Verdict]:

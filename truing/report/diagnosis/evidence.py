@@ -74,8 +74,9 @@ def _opening_sentences(rows: list[AssessedCause]) -> str:
         return "No candidate is significant at the chosen rate of false alarms."
     nearest = _next_best(rows, accepted)
     if rivals:
-        lies = "lies" if len(rivals) == 1 else "lie"
-        text = f"{count_text(len(rivals), 'alternative')} {lies} within a factor of {EQUAL_ODDS:g} in probability."
+        are = "it is" if len(rivals) == 1 else "they are"
+        count = count_text(len(rivals), "alternative")
+        text = f"{count} cannot be ruled out: {are} within a factor of {EQUAL_ODDS:g} of the best probability."
     elif weak := [row for row in accepted if row.evidence is not None and row.evidence < math.log(EQUAL_ODDS)]:
         text = " ".join(_weakly_favoured(row.in_sentence, row.evidence or 0.0) for row in weak)
     else:
@@ -117,11 +118,11 @@ def _alone(best: AssessedCause, findings: list[AssessedCause]) -> str:
     first = findings[0]
     if len(findings) < 2 or best.reason_code != _CHANCE or best.p_value is None or (first.probability or 0.0) < _CLEAR:
         return ""
-    other = _kind(best)
+    rejected = _kind(best)
     return (
-        f" Taken alone, the rejected cause {other} explains the data about as well as {first.in_sentence}. With the "
-        f"other findings in the model, {first.in_sentence} is more probable, and {other} explains no more than chance "
-        f"(p {p_equals(best.p_value)})."
+        f" Taken alone, the rejected cause {rejected} explains the data about as well as {first.in_sentence}. With "
+        f"the other findings in the model, {first.in_sentence} is more probable, and {rejected} explains no more than "
+        f"chance (p {p_equals(best.p_value)})."
     )
 
 

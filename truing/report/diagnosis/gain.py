@@ -52,7 +52,7 @@ _ERROR = "position_error_um"
 _ROLES = {"calibration": (POINTS.fitted, BLUE), "verification": (POINTS.held_out, ORANGE)}
 _SYMBOLS = {"calibration": "circle", "verification": "diamond"}
 _ROW, _AROUND = 55, 200
-_LONG_NAME = 32  # characters in a line beside the bars
+_LONG_NAME = 32  # characters in a line next to the bars
 _SERIES = (("before", "without the causes", ORANGE), ("after", "with the causes", BLUE))
 _AS_IT_IS = (("before", "simulation without changes", BLUE),)
 _LEGEND = {"orientation": "h", "y": 1.0, "yanchor": "bottom", "x": 0.0}
@@ -316,8 +316,8 @@ def misfit_figure(
     subtitle = _floor_line(figure, findings[-1].floor, unit, vertical=True)
     style(figure, "Errors of the predictions, cause by cause", subtitle, _AROUND + _ROW * len(stages))
     figure.update_yaxes(autorange="reversed", automargin=True, type="category")
-    if max(map(len, stages)) > _LONG_NAME:  # beside longer names the bars would have no room
-        lines = ["<br>".join(map(label, textwrap.wrap(html.unescape(one), _LONG_NAME))) for one in stages]
+    if max(map(len, stages)) > _LONG_NAME:  # next to longer names the bars would have no room
+        lines = ["<br>".join(map(label, textwrap.wrap(html.unescape(stage), _LONG_NAME))) for stage in stages]
         figure.update_yaxes(tickmode="array", tickvals=stages, ticktext=lines)
     figure.update_xaxes(title_text=f"rms of measured − predicted ({unit})", rangemode="tozero")
     figure.update_layout(legend=_LEGEND, margin={"t": 100})

@@ -101,8 +101,10 @@ def _one_number(table: pd.DataFrame | None, last: Row) -> str:
     left = last.chi_square - float(informed["explained_after"].iloc[0])
     if known["offset_after"].isna().any() or not 0.0 <= left <= last.upper:
         return _one_leg(known)
-    first, *others = informed.itertuples()
-    near = [other for other in others if first.explained_after - other.explained_after < _AS_LIKELY][:_NAMED]
+    first, *candidates = informed.itertuples()
+    near = [candidate for candidate in candidates if first.explained_after - candidate.explained_after < _AS_LIKELY][
+        :_NAMED
+    ]
     meant, *also = [_other_by(candidate) for candidate in (first, *near)]
     text = f"The description does not fit the machine: one wrong number explains it. Did you mean {meant}?"
     return f"{text} Equally likely: {'; or '.join(also)}." if also else text

@@ -51,8 +51,7 @@ def diagnosis(tables: Tables) -> ReportSection | None:
     rivals = [row for row in rows if row.verdict == RIVAL]
     reported = [_accepted(row, tables) for row in accepted]
     reported += [
-        ("warn", f"Another explanation, which this campaign cannot rule out: {lower(_finding(row, tables))}")
-        for row in rivals
+        ("warn", f"Alternative that this campaign cannot rule out: {lower(_finding(row, tables))}") for row in rivals
     ]
     listings = tuple(listing for listing in (_words([*accepted, *rivals]),) if listing.rows)
     parts = tuple(part for part in (adequacy(tables), *_parts(rows, accepted, tables)) if part is not None)

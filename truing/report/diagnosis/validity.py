@@ -50,11 +50,11 @@ def _of_blocks(rows: list[AssessedCause], part_names_of_model: PartNames) -> lis
         alike.setdefault((verb, parts), []).append(row)
     texts = []
     for (verb, parts), causes in alike.items():
-        names = "; ".join(f"{row.in_sentence}, {_odds(_gain(row))}" for row in causes)
+        names = "; ".join(f"{row.in_sentence} ({_odds(_gain(row))})" for row in causes)
         which_cause = "it" if len(causes) == 1 else "each of them"
         texts.append(
-            f"Cross-validation {verb} {names}. For this, {parts} that are sensitive to {which_cause} were left out in "
-            "turn and predicted from the others."
+            f"Cross-validation {verb} {names}: {parts} that are sensitive to {which_cause} were left out in turn and "
+            "predicted from the others."
         )
     return texts
 
@@ -72,8 +72,9 @@ def _gain(row: AssessedCause) -> float:
 def _odds(gain: float) -> str:
     """Return the odds of a logarithm in words, for or against."""
     power = abs(gain) / math.log(10.0)
-    size = "more than 1,000,000" if power > _MOST else f"{10.0**power:.0f}" if power > 1.0 else plain(10.0**power)
-    return f"with odds of {size} to 1 {'for' if gain >= 0.0 else 'against'} it"
+    rounded = f"{float(f'{10.0**power:.2g}'):,.0f}" if 1.0 < power <= _MOST else plain(10.0 ** min(power, 1.0))
+    size = "more than 1,000,000" if power > _MOST else rounded
+    return f"odds of {size} to 1 {'for' if gain >= 0.0 else 'against'} it"
 
 
 def _to_measure(parts: PartNames) -> str:

@@ -127,7 +127,7 @@ def _found_words(causes: list[AssessedCause], tables: Tables) -> str:
     in_place = [row for row in noise if row.is_conditional]
     if beside:
         names = "; ".join(lower(clause(row, tables)) for row in _named(beside))
-        texts.append(f"{'Besides, ' if texts else ''}{names}{_more_findings(beside)}")
+        texts.append(f"{'Also, ' if texts else ''}{names}{_more_findings(beside)}")
     texts += [clause(row, tables) for row in in_place[:1]]
     texts += _rivals(causes, assessed_causes(tables), tables)
     modelling = f"Modelling {_modelled_words(_distinct(effects))}"
@@ -317,7 +317,7 @@ def counted(rows: list[AssessedCause], tables: Tables) -> str:
         noisy = any(row.is_noise and not row.is_remainder for row in rows)
         noise = "; the residuals exceed the declared noise" if noisy else ""
         return f"{assessed} by comparing {tested_text}: {_nothing_found(rows, tables)}{noise}."
-    other = f", {rivals} not distinguishable from one of them" if rivals else ""
+    indistinguishable = f", {rivals} not distinguishable from one of them" if rivals else ""
     unseen = f", {untestable} not testable with these data" if untestable else ""
     into = "included in the results below"
     if is_bench(tables) or any(name in tables for name in ("pulls", "axis_errors")):
@@ -325,7 +325,7 @@ def counted(rows: list[AssessedCause], tables: Tables) -> str:
     worse = f", {refuted} suspected but not {into} because {_why_left_out(left_out)}" if refuted else ""
     text = f"{_accepted_words(found_count - suspected, suspected)} and {into}" if found_count else "none found"
     return (
-        f"{assessed}: {text}{worse}{other}, {rejected} rejected{unseen}. "
+        f"{assessed}: {text}{worse}{indistinguishable}, {rejected} rejected{unseen}. "
         f"All causes were compared on the same data, re-estimating every other parameter."
     )
 

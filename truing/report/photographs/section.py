@@ -116,10 +116,10 @@ def _strongest(tables: Tables) -> dict[str, str]:
         return {}
     best: dict[str, tuple[float, str]] = {}
     for r in table.itertuples():
-        for parameter, other in ((r.parameter, r.other_parameter), (r.other_parameter, r.parameter)):
+        for parameter, partner in ((r.parameter, r.other_parameter), (r.other_parameter, r.parameter)):
             if abs(r.correlation) > abs(best.get(parameter, (0.0, ""))[0]):
-                best[parameter] = (r.correlation, other)
-    return {parameter: f"{value:+.2f} with {other}" for parameter, (value, other) in best.items()}
+                best[parameter] = (r.correlation, partner)
+    return {parameter: f"{value:+.2f} with {partner}" for parameter, (value, partner) in best.items()}
 
 
 def _bars(tables: Tables) -> Iterator[Listing]:

@@ -74,7 +74,7 @@ class _Drawn:
 
     @property
     def more(self) -> str:
-        """Title of what an essential section shows on demand; empty where it has no more."""
+        """Title of the folded part of an essential section; empty where it has no more."""
         counts = ((len(self.figures) - self.section.front, "figure"), (len(self.tables), "table"))
         return " and ".join(count_text(number, noun) for number, noun in counts if number > 0)
 

@@ -191,13 +191,13 @@ def _add_bodies(shape: _Shape, tables: Tables, named: Named, *, with_frames: boo
         return
     if motions is not None:
         number = motions.groupby("pose", sort=False)["body"].nunique()
-        standing = list(_placed(motions[motions["pose"] == number.idxmax()]))
+        placed_bodies = list(_placed(motions[motions["pose"] == number.idxmax()]))
     elif designed is not None:
         names = {name.replace(" ", ""): _frame(group) for name, group in designed.groupby("frame", sort=False)}
-        standing = [(str(body), names[body]) for body in targets["body"].unique() if body in names]
+        placed_bodies = [(str(body), names[body]) for body in targets["body"].unique() if body in names]
     else:
-        standing = list(_side_by_side(targets))
-    for body, (origin, turn) in standing:
+        placed_bodies = list(_side_by_side(targets))
+    for body, (origin, turn) in placed_bodies:
         _add_targets(shape, targets, body, (origin, turn), named)
         if with_frames and not body.startswith("leg"):
             shape.frames.append((body, origin, turn))
@@ -290,7 +290,7 @@ def _along(line: _Points) -> _Points:
 
 
 def _apart(texts: list[tuple[str, _Points, _Points]], drawn: _Points) -> Iterator[tuple[str, float, float]]:
-    """Yield each text with the middle of its base line, px, beside its point on the side away from another point.
+    """Yield each text with the middle of its base line, px, next to its point on the side away from another point.
 
     drawn: points (N, 2) of lines and dots. Of the places that cover no text before, the nearest that covers the fewest
     of these is taken.

@@ -187,9 +187,9 @@ def _opening_sentences(
     ]
     printed = choice[(choice["model"] == _AS_PRINTED) & (choice["figure"] == "heldout_rms")]
     if len(printed) and chosen != printed["model"].iloc[0]:
-        other = 100.0 * float(printed.set_index("subject")["value"][worst]) / largest[worst]
-        if other > 1.5 * share[worst]:
-            texts.append(f"With ordinary least squares and no zero, it is {plain(other)} % for {worst}.")
+        printed_share = 100.0 * float(printed.set_index("subject")["value"][worst]) / largest[worst]
+        if printed_share > 1.5 * share[worst]:
+            texts.append(f"With ordinary least squares and no zero, it is {plain(printed_share)} % for {worst}.")
     texts += _verified(rows)
     texts += filter(None, [data_words(tables)])
     equal = choice[(choice["figure"] == "indistinguishable") & (choice["value"] == 1.0)]["model"]

@@ -173,10 +173,10 @@ def _wrong_entries(measured: pd.DataFrame) -> list[str]:
     more = f" and {len(worst) - 6} more" if len(worst) > 6 else ""
     if len(differing) == len(measured):
         return [f"The simulation reproduces none of the {some}: it misses {named}{more}."]
-    others = len(measured) - len(differing)
+    agreeing = len(measured) - len(differing)
     return [
-        f"The simulation misses {len(differing)} of the {some}: {named}{more}. "
-        f"It reproduces the other {others} within noise and tolerances."
+        f"The simulation differs from {len(differing)} of the {some}: {named}{more}. "
+        f"It reproduces the other {agreeing} within noise and tolerances."
     ]
 
 

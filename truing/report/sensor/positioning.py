@@ -71,7 +71,7 @@ def positioning(tables: Tables) -> ReportSection | None:
 
 
 def _of_single_axis(rows: pd.DataFrame | None, why_not: str) -> ReportSection:
-    """Return the results of an axis by what recorded it, and which of them need more repeats; or why there are none."""
+    """Return the results of an axis by instrument, and those that need more repeats; or why there are none."""
     if rows is None:
         why = why_not or "Fewer than two commands were approached from both sides."
         text = f"Positioning by ISO 230-2 is not tested: {why[:1].lower()}{why[1:]} {_PLAN}"

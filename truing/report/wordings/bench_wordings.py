@@ -358,9 +358,9 @@ def _slow_run_advice(claim: Claim) -> str:
 def _crosstalk(claim: Claim) -> str:
     size, more = largest_of_kind(claim, "fraction")
     source = claim.fact("source")
-    other = f"signal {source}" if source else "another"
+    disturbing = f"signal {source}" if source else "another"
     turned = "" if more else ", with the opposite sign"
-    return f"{_subject_words(claim, 'a signal')} contains {size or 'a fraction'} of {other}{turned}"
+    return f"{_subject_words(claim, 'a signal')} contains {size or 'a fraction'} of {disturbing}{turned}"
 
 
 def _disconnect(claim: Claim) -> str:

@@ -46,8 +46,8 @@ def _lost_motion_clause(claim: Claim) -> str:
     half = largest(claim.sizes_of("backlash"))
     if half is None or half.number is None:
         return "motion is lost between motor and load"
-    whole = replace(half, value=2.0 * abs(half.number), sigma=None if half.sigma is None else 2.0 * half.sigma)
-    sizes = f"{size_in_words(positive(half))} to either side, {size_in_words(whole)} between both"
+    full_width = replace(half, value=2.0 * abs(half.number), sigma=None if half.sigma is None else 2.0 * half.sigma)
+    sizes = f"{size_in_words(positive(half))} to either side, {size_in_words(full_width)} between both"
     if half.number < 0.0:
         reason = "as if lost motion were compensated too much, or deviations had the opposite sign"
         return f"after each reversal the load leads the motor, by {sizes}, {reason}"
@@ -207,9 +207,9 @@ def noun_of_subject(noun: str, subject: str) -> str:
     kind = subject_text.split()[0].removesuffix("s") if subject_text else ""
     if match := re.fullmatch(rf"(.+) of (?:an? |the )?{re.escape(kind)}s?", noun) if kind else None:
         return f"{match[1]} of {subject_text}"
-    head, _, rest = noun.partition(" ")
-    if head == kind and rest in _OF_KINDS:
-        return f"{rest} of {subject_text}"
+    head, _, tail = noun.partition(" ")
+    if head == kind and tail in _OF_KINDS:
+        return f"{tail} of {subject_text}"
     return f"{noun} ({subject_text})" if subject_text else noun
 
 

@@ -38,9 +38,9 @@ def _of_joint(advice: str) -> Callable[[Claim], str]:
 
 
 def _offset(claim: Claim) -> str:
-    others = claim.fact("alike")
-    owners = " or ".join([_owner(claim), *map(subject_words, others or ())])
-    same = "; one motion belongs to either" if others else ""
+    alike = claim.fact("alike")
+    owners = " or ".join([_owner(claim), *map(subject_words, alike or ())])
+    same = "; one motion belongs to either" if alike else ""
     return f"the zero of {owners} is wrong{_signed(claim, 'offset')}{same}"
 
 
@@ -127,14 +127,14 @@ def _growth(claim: Claim) -> str:
 
 def _which_length(claim: Claim) -> str:
     """Return the growing length in words, if it is not the whole of one link."""
-    others, between = claim.fact("alike"), subject_words(" ".join(claim.fact("between") or ()))
-    if not others:
+    alike, between = claim.fact("alike"), subject_words(" ".join(claim.fact("between") or ()))
+    if not alike:
         return f" along the axis of joint {claim.fact('along')}" if claim.fact("along") else ""
     if not between:
         return " (they are parts of one rigid link)"
     axes = "axes" if between.startswith("joints") else "axis"
     direction_text = f"along the {axes} of" if claim.fact("turns") else "not turned by"
-    many = "either" if len(others) == 1 else "any of them"
+    many = "either" if len(alike) == 1 else "any of them"
     return f" (a length {direction_text} {between} belongs to {many}; the growth is stated for {_owner(claim)})"
 
 
@@ -143,7 +143,9 @@ def _eccentric(claim: Claim) -> str:
 
 
 def _or_another(claim: Claim) -> str:
-    return ", or of another number of periods that these readings do not distinguish" if claim.fact("aliased") else ""
+    return (
+        ", or with another number of periods (these readings do not distinguish them)" if claim.fact("aliased") else ""
+    )
 
 
 def _order(claim: Claim) -> float | None:

@@ -59,11 +59,11 @@ def columns_words(columns: tuple[str, ...]) -> str:
     """Return columns in words: ``actuator 2 and the temperature``, ``load fz``."""
     drives = [match[1] for c in columns if (match := re.fullmatch(_DRIVE, c))]
     loads = [f"load {match[1]}" if (match := re.fullmatch(_LOAD, c)) else c for c in columns]
-    others = [_COLUMNS.get(c, own_name(c)) for c in loads if not re.fullmatch(_DRIVE, c)]
+    other_loads = [_COLUMNS.get(c, own_name(c)) for c in loads if not re.fullmatch(_DRIVE, c)]
     if len(drives) > 2:
-        return joined_names(["the actuators", *others])
+        return joined_names(["the actuators", *other_loads])
     texts = [f"actuator{'s' * (len(drives) > 1)} {' and '.join(drives)}"] if drives else []
-    return joined_names([*texts, *others])
+    return joined_names([*texts, *other_loads])
 
 
 def remainder_clause(
@@ -80,16 +80,16 @@ def remainder_clause(
     most = f"{'' if subject else 'up to '}{percent(100.0 * share)}"
     whose = "The residuals" if remains else "Without the other findings, the residuals"
     text = f"{whose}{subject_text} depend on {columns_words(columns)}"
-    text = f"{text}, which explains {most} of the variance that the model without causes leaves"
-    return f"{text}; the other findings explain a part of this at most" if remains and is_partial else text
+    text = f"{text}; this explains {most} of the residual variance of the model without causes"
+    return f"{text}, and the other findings explain at most a part of that" if remains and is_partial else text
 
 
 def remainder_advice(columns: tuple[str, ...]) -> str:
     """Return the advice where residuals depend on columns: measure the same with these changed."""
-    others = tuple(column for column in columns if column not in OF_TIME)
-    if not others:
+    not_of_time = tuple(column for column in columns if column not in OF_TIME)
+    if not not_of_time:
         return "Repeat a part of the campaign in another order, to see whether the error depends on time."
-    return f"Repeat a part of the campaign with {columns_words(others)} changed and everything else unchanged."
+    return f"Repeat a part of the campaign with {columns_words(not_of_time)} changed and everything else unchanged."
 
 
 def remainder_explanation(
@@ -168,8 +168,8 @@ def _clause(claim: Claim) -> str:
     verb = "depends" if _has_one_subject(claim) else "depend"
     is_higher_order = (claim.fact("first") or 1) > 1  # of an effect that is told by itself
     form = " quadratically" if _is_quadratic(claim) and not is_higher_order else ""
-    others = [columns_words(tuple(columns)) for columns in claim.fact(INSTEAD) or ()]
-    inputs = f"{_inputs_in_words(claim)}{''.join(f', or instead on {other}' for other in others)}"
+    alternatives = [columns_words(tuple(columns)) for columns in claim.fact(INSTEAD) or ()]
+    inputs = f"{_inputs_in_words(claim)}{''.join(f', or instead on {alternative}' for alternative in alternatives)}"
     terms = ", also in terms of higher order" if is_higher_order else ""
     return f"{_dependent_quantity(claim)} {verb}{form} on {inputs}{terms}{largest_change_words(claim)}"
 

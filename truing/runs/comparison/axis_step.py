@@ -77,12 +77,12 @@ def _reported(extended: ExtendedAxis, common: set[str]) -> dict[AxisCause, tuple
     effect would cause by its absence."""
     every = np.concatenate([extended.zeros, *(effect.values for effect in extended.effects)])
     effects = [effect for effect in extended.effects if effect.cause.is_persistent]
-    others = [_places(extended, e.cause) for e in effects if common and owner(e.cause) not in common]
+    indices_of_others = [_places(extended, e.cause) for e in effects if common and owner(e.cause) not in common]
     result: dict[AxisCause, tuple[ReportedParameter, ...]] = {}
     for effect in effects:
         at = _places(extended, effect.cause)
         covariance = extended.covariance[np.ix_(at, at)]
-        rivals = [one for one in others if not np.array_equal(one, at)]
+        rivals = [one for one in indices_of_others if not np.array_equal(one, at)]
         covariance = covariance + shift_without_effects(every, extended.covariance, at, rivals)
         reported = effect.cause.reported(effect.values, covariance, 0)
         result[effect.cause] = tuple(number for number in reported if not isinstance(number.value, str))

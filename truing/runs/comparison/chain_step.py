@@ -84,12 +84,12 @@ def chain_step(
         return RunStep(rows.assign(changed=beyond_chance(rows["z"].to_numpy(float))), rebuilt=True)
     sizes = zip(changed, *compared.sizes(changed), compared.alternatives_to(changed), strict=True)
     for at, size, sigma, rivals in sizes:
-        others = ", ".join(names[rival][3] for rival in rivals) or None
+        rival_names = ", ".join(names[rival][3] for rival in rivals) or None
         rows.loc[at, ["changed", "change", "sigma_change", "instead"]] = (
             True,
             size / scale[at],
             sigma / scale[at],
-            others,
+            rival_names,
         )
     return RunStep(rows)
 
@@ -118,8 +118,8 @@ def _estimate(extended: ExtendedChain, parameters: pd.DataFrame) -> _Estimate:
 
 def _unknowns(extended: ExtendedChain) -> NDArray:
     """Return twists of the moved nodes, then the effects' whole values, in the order of the covariance."""
-    whole = [effect.cause.with_known_part(effect.values) for effect in extended.effects]
-    return np.concatenate([extended.twists[extended.moved].ravel(), *whole])
+    causes_with_known_part = [effect.cause.with_known_part(effect.values) for effect in extended.effects]
+    return np.concatenate([extended.twists[extended.moved].ravel(), *causes_with_known_part])
 
 
 def _slopes(extended: ExtendedChain, parameters: pd.DataFrame) -> NDArray:
@@ -149,15 +149,15 @@ def _direction(extended: ExtendedChain, k: int, parameter: str) -> NDArray:
 
 
 def _has_offset(models: tuple[ExtendedChain, ...], parameters: pd.DataFrame) -> NDArray:
-    joints = {cause.joint for one in models for cause in one.causes if isinstance(cause, JointOffset)}
+    joints = {cause.joint for model in models for cause in model.causes if isinstance(cause, JointOffset)}
     return ((parameters["parameter"] == "offset") & parameters["joint"].isin(joints)).to_numpy()
 
 
-def _bias(extended: ExtendedChain, other: ExtendedChain, parameters: pd.DataFrame) -> NDArray:
+def _bias(extended: ExtendedChain, other_model: ExtendedChain, parameters: pd.DataFrame) -> NDArray:
     """Return the shifts of the numbers as a covariance (n, n), if effects that the other model lacks were left out."""
-    others = {cause.key for cause in other.causes}
+    keys_of_other = {cause.key for cause in other_model.causes}
     lasting = (cause for cause in extended.causes if cause.is_persistent and not isinstance(cause, JointOffset))
-    alone = [cause for cause in lasting if cause.key not in others]
+    alone = [cause for cause in lasting if cause.key not in keys_of_other]
     slopes = _slopes(extended, parameters)
     linear = np.concatenate([slopes, np.eye(len(extended.covariance))])
     at, count = [np.r_[extended.layout[cause.key]] for cause in alone], len(slopes)

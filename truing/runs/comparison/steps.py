@@ -250,13 +250,15 @@ def _unit(channel: str, load: str) -> str:
 def _common(extended: ExtendedSensor, keys: set[str]) -> tuple[NDArray, NDArray]:
     """Return compliance and common effects, by key, with sigmas that include the possible bias by other effects."""
     every = np.concatenate([extended.compliance.ravel(), *(effect.values for effect in extended.effects)])
-    rest = [cause for cause in sorted(extended.causes, key=_key) if cause.key not in keys and cause.is_persistent]
-    indices, others = (
+    other_causes = [
+        cause for cause in sorted(extended.causes, key=_key) if cause.key not in keys and cause.is_persistent
+    ]
+    indices, other_indices = (
         extended.places(_common_causes(extended, keys)),
-        [np.r_[extended.layout[cause.key]] for cause in rest],
+        [np.r_[extended.layout[cause.key]] for cause in other_causes],
     )
     spread = extended.covariance[np.ix_(indices, indices)] + shift_without_effects(
-        every, extended.covariance, indices, others
+        every, extended.covariance, indices, other_indices
     )
     return every[indices], np.sqrt(np.diag(spread))
 

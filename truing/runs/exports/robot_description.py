@@ -154,8 +154,8 @@ def _joint_lines(tree: Tree, k: int, names: Sequence[str], limit: tuple[float, f
 def _roll_pitch_yaw(R: NDArray) -> NDArray:
     """Return the angles (3,) about fixed x, y, z, rad, of a rotation (3, 3), in full precision at any pitch."""
     pitch, yaw = math.atan2(-R[2, 0], math.hypot(R[0, 0], R[1, 0])), math.atan2(R[1, 0], R[0, 0])
-    rest = (exp_so3(np.array([0.0, 0.0, yaw])) @ exp_so3(np.array([0.0, pitch, 0.0]))).T @ R
-    return np.array([math.atan2(rest[2, 1], rest[1, 1]), pitch, yaw])
+    roll = (exp_so3(np.array([0.0, 0.0, yaw])) @ exp_so3(np.array([0.0, pitch, 0.0]))).T @ R
+    return np.array([math.atan2(roll[2, 1], roll[1, 1]), pitch, yaw])
 
 
 def _three(values: NDArray) -> str:

@@ -322,7 +322,7 @@ def onset_rows(rows: AxisRows, fewest: int) -> Index:
 
 
 def _onset_spacing(rows: AxisRows) -> int:
-    """Return every how many onsets are tried."""
+    """Return the spacing of the onsets that are tried."""
     return 1 + len(rows.order) // _MOST_ONSETS
 
 

@@ -53,7 +53,7 @@ _PLAUSIBLE_SIGMAS = 4.0
 _SMOOTH = (1, 2, 3)
 _WAVES_OF_TIME, _WAVES_OF_PLACE = (2, 4, 8, 12), (4, 8)
 _LOOPS = (2, 3, 4)
-# Prior weights of friction with memory, and of each form of the command, relative to another form. Beside some fifteen
+# Prior weights of friction with memory, and of each form of the command, relative to another form. Next to some fifteen
 # other forms of an element, its place and its previous movements have about a fifth of the whole each.
 _OF_HISTORY, _OF_PLACE = 8.0, 2.0
 # Plausible amplitude of the slowest wave relative to other forms; that of the k-th is k times smaller.

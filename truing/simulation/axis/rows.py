@@ -52,8 +52,8 @@ class Axis:
     def _responses(self) -> dict[str, NDArray]:
         moved = {TRANSMISSION: (LOAD, MEASURED)} | {name: (name,) for name in ENCODERS}
         return {
-            element: np.array([float(name in own) - float(self.loop in own) for name in self.encoders])
-            for element, own in moved.items()
+            element: np.array([float(name in affected) - float(self.loop in affected) for name in self.encoders])
+            for element, affected in moved.items()
         }
 
 

@@ -169,13 +169,13 @@ def _derivative_by_compliance(
     are exact."""
     local = np.zeros((len(conditions.load), 0))
     size = np.sqrt(np.abs(np.outer(np.diag(extended.compliance), np.diag(extended.compliance))))
-    whole = _model(extended, extended.compliance, conditions).with_causes(causes).points(shared, local)[..., 0]
+    points = _model(extended, extended.compliance, conditions).with_causes(causes).points(shared, local)[..., 0]
     derivatives = []
     for i, j in np.ndindex(_AXES, _AXES):
         changed = extended.compliance.copy()
         changed[i, j] += size[i, j]
         moved = _model(extended, changed, conditions).with_causes(causes).points(shared, local)[..., 0]
-        derivatives.append((moved - whole) / size[i, j])
+        derivatives.append((moved - points) / size[i, j])
     return np.stack(derivatives, -1)
 
 

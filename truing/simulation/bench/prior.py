@@ -52,8 +52,8 @@ class SensorPrior(CampaignPrior[ReadingCause]):
         sensor, geometry, stiffness = _sensor_and_stiffness(model, shared)
         shifts = np.concatenate([geometry, stiffness]) * self._ratio(sensor)
         reported = self.start + self.back @ (sensor.at(geometry, stiffness).compliance.ravel() - self.compliance)
-        others = super().values(model, shared)[len(shifts) :]
-        return np.concatenate([shifts + self.along.T @ (reported - self.along @ shifts), others])
+        other_values = super().values(model, shared)[len(shifts) :]
+        return np.concatenate([shifts + self.along.T @ (reported - self.along @ shifts), other_values])
 
     def slopes(self, model: PartitionedModel, shared: NDArray) -> NDArray:
         """Return the derivative (n, n) of the numbers by their unknowns."""

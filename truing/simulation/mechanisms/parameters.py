@@ -125,9 +125,9 @@ class ParameterSet:
             raise ValueError("u: found the largest component of u as a parameter, expected the two smallest")
         np.put_along_axis(u, np.broadcast_to(largest, (*u.shape[:-1], 1)), 0.0, -1)
         square = 1.0 - np.sum(u * u, -1, keepdims=True)
-        rest = np.sqrt(np.where(square.real < 0.0, np.nan, square))
+        largest_component = np.sqrt(np.where(square.real < 0.0, np.nan, square))
         sign = np.sign(np.take_along_axis(nominal, largest, -1).real)
-        np.put_along_axis(u, np.broadcast_to(largest, (*u.shape[:-1], 1)), sign * rest, -1)
+        np.put_along_axis(u, np.broadcast_to(largest, (*u.shape[:-1], 1)), sign * largest_component, -1)
         return u
 
 
@@ -189,9 +189,13 @@ def _array(machine: Machine, field: str) -> NDArray:
 def _with_arrays(machine: Machine, arrays: dict[str, NDArray]) -> Machine:
     """Return the machine with arrays replaced by field."""
     legs = {name: array for name, array in arrays.items() if name in _OF_LEGS}
-    rest: dict[str, Any] = {name: array for name, array in arrays.items() if name not in _OF_LEGS}
-    rest |= {name: BeamSection(*np.moveaxis(rest[name], -1, 0)) for name in ("flexure", "tube") if name in rest}
-    return replace(machine, legs=machine.legs.replace(**legs), **rest)
+    other_arrays: dict[str, Any] = {name: array for name, array in arrays.items() if name not in _OF_LEGS}
+    other_arrays |= {
+        name: BeamSection(*np.moveaxis(other_arrays[name], -1, 0))
+        for name in ("flexure", "tube")
+        if name in other_arrays
+    }
+    return replace(machine, legs=machine.legs.replace(**legs), **other_arrays)
 
 
 def report_set(machine: Machine, deformation: str) -> ParameterSet:

@@ -124,9 +124,9 @@ def _leg_parameters(parameters: ParameterSet, leg: int) -> ParameterSet:
 
 def leg_draws(machine: Machine, parameters: ParameterSet, leg: int, p: NDArray, R: NDArray, rho: NDArray) -> LegDraws:
     """Return the data of one leg in all draws; arrays and errors as for `recalibrate`."""
-    others = machine.deformation[leg].copy()
-    others[leg] = 0.0
-    seen = p + R[..., 2] * ((rho - machine.legs.rho0) @ others)[..., None] if others.any() else p
+    other_legs = machine.deformation[leg].copy()
+    other_legs[leg] = 0.0
+    seen = p + R[..., 2] * ((rho - machine.legs.rho0) @ other_legs)[..., None] if other_legs.any() else p
     single, parameter_set = _single(machine, leg), _leg_parameters(parameters, leg)
     return LegDraws(
         parameter_set.machine(single, parameter_set.values(single)), parameter_set, seen, R, rho[..., leg : leg + 1]

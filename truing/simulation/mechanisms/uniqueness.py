@@ -283,5 +283,5 @@ def _singular(legs: Legs, box: PoseBox, low: NDArray, high: NDArray) -> NDArray 
         rho = inverse(legs, p, R)
         sign = np.sign(np.linalg.det(closure_rows(legs, R, unit(leg_vectors(legs, p, R, rho)))))
         within = (np.abs(rho - legs.rho0) <= box.readings).all(-1)
-    other = np.flatnonzero(within & (sign == -sign[0]))
-    return middles[other[0]] if len(other) else None
+    opposite = np.flatnonzero(within & (sign == -sign[0]))
+    return middles[opposite[0]] if len(opposite) else None

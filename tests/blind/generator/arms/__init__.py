@@ -1,6 +1,6 @@
 """Campaigns of serial arms drawn at random, with effects hidden in them; shares no code with ``truing``.
 
-``draw`` draws a campaign, ``write`` writes its folder and the truth beside it. Inside, lengths are metres and angles
+``draw`` draws a campaign, ``write`` writes its folder and the truth next to it. Inside, lengths are metres and angles
 radians; in files, as each column's name says.
 """
 

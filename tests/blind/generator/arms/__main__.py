@@ -15,7 +15,7 @@ from tests.blind.generator.arms.layouts import LAYOUTS
 
 
 def main(arguments: Sequence[str] | None = None) -> None:
-    """Writes FOLDER/arm-SEED, and the truth beside it, for each of N seeds from S on."""
+    """Writes FOLDER/arm-SEED, and the truth next to it, for each of N seeds from S on."""
     parser = argparse.ArgumentParser(prog="python -m tests.blind.generator.arms", description=main.__doc__)
     parser.add_argument("folder", type=Path)
     parser.add_argument("--count", type=int, default=1)

@@ -32,12 +32,12 @@ class Case:
     campaign: ArmCampaign
 
     def write(self, folder: Path) -> Path:
-        """Write the campaign under the folder's name, and its truth beside it."""
+        """Write the campaign under the folder's name, and its truth next to it."""
         write(self.campaign, folder)
         effects = self.campaign.effects
         strengths = [float("inf") if e.cause in WITHOUT_SIZE else round(e.strength, 3) for e in effects]
-        told = {"legs": 0, "effects": [self._told(effect) for effect in effects], "strengths": strengths}
-        truth_path(folder).write_text(json.dumps(truth(self.campaign) | told, indent=1) + "\n", encoding="utf-8")
+        reported = {"legs": 0, "effects": [self._told(effect) for effect in effects], "strengths": strengths}
+        truth_path(folder).write_text(json.dumps(truth(self.campaign) | reported, indent=1) + "\n", encoding="utf-8")
         return folder
 
     def _told(self, effect: Effect) -> Mapping[str, object]:
@@ -87,15 +87,15 @@ def reported_parameters(effect: Effect, campaign: ArmCampaign) -> Parameters:
 
     None of a curve, whose teeth are sharper than any spline.
     """
-    told: Parameters = {}
+    reported: Parameters = {}
     if effect.cause in OF_MANY_POSES:
-        return told
+        return reported
     for name, entry in parameters(effect, campaign.bench.design.arm).items():
         unit, factor = UNITS.get(str(entry["unit"]), (entry["unit"], 1.0))
         if effect.cause == "joint-settling" and name != "tau":
             factor *= float(np.exp(-shortest_wait(effect, campaign) / float(effect.fixed["tau"])))
-        told[TURNS.get(name, name)] = {"value": float(entry["value"]) * factor, "unit": unit}
-    return told
+        reported[TURNS.get(name, name)] = {"value": float(entry["value"]) * factor, "unit": unit}
+    return reported
 
 
 def shortest_wait(effect: Effect, campaign: ArmCampaign) -> float:

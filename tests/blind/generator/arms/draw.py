@@ -28,7 +28,7 @@ BOUNDS = {  # sizes beyond them belong to no machine: 1/K, 1, rad/(N m), 1/(N mÂ
     "link-bending": 1e-3,
     "joint-offset": 0.05,
 }
-APART = 0.7  # share of its strength that an effect keeps beside another one
+APART = 0.7  # share of its strength that an effect keeps next to another one
 ATTEMPTS = 60
 # A robot with loops needs a class of its own where it is diagnosed: it is drawn by name.
 _OF_ITSELF = tuple(name for name in LAYOUTS if name != "delta")
@@ -180,8 +180,8 @@ def _effects(bench: Bench, wanted: Sequence[str], strength: float, rng: np.rando
     if not wanted:
         return []
     fit, found = linear_fit(bench), list[Effect]()
-    for own in candidates:
-        sized = (_sized(effect, fit, strength, rng) for effect in own)
+    for candidate in candidates:
+        sized = (_sized(effect, fit, strength, rng) for effect in candidate)
         chosen = next((effect for effect in sized if effect is not None), None)
         if chosen is None:
             return None

@@ -1,4 +1,4 @@
-"""Writes a campaign of an arm as a folder by the campaign format, and the truth beside it."""
+"""Writes a campaign of an arm as a folder by the campaign format, and the truth next to it."""
 
 from __future__ import annotations
 
@@ -23,7 +23,7 @@ REFERENCE_C = 20.0
 def write(
     campaign: ArmCampaign, folder: Path | str, name: str | None = None, certificate: tuple[str, ...] = ()
 ) -> Path:
-    """Write the campaign folder, and ``<folder>.truth.json`` beside it; return the folder.
+    """Write the campaign folder, and ``<folder>.truth.json`` next to it; return the folder.
 
     ``certificate``: lines of campaign.toml that follow [campaign].
     """

@@ -228,8 +228,8 @@ def delta(rng: np.random.Generator) -> Arm:
         mass |= {f"upper_arm_{k}": float(rng.uniform(1.0, 4.0)), f"forearm_{k}": rods / 2.0}
     middle = np.array([upper / 2.0, 0.0, 0.0])
     links = [
-        Link(own.name, round(mass.get(own.name, 0.0), 3), middle * own.name.startswith("upper_arm"))
-        for own in arm.links
+        Link(link.name, round(mass.get(link.name, 0.0), 3), middle * link.name.startswith("upper_arm"))
+        for link in arm.links
     ]
     return replace(arm, links=tuple(links), loops=DeltaLoops.of(arm))
 

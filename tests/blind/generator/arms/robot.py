@@ -51,7 +51,7 @@ def robot() -> Arm:
     for (name, parent, child, point, axis), (low, high) in zip(steps, reach, strict=True):
         tree.add(name, parent, child, point, axis, (round(float(low), 6), round(float(high), 6)))
     tree.add("flange", "tool_flange", "tool0", (0.03, 0.0, 0.0), turned=rotation(np.array([0.0, np.pi / 2.0, 0.0])))
-    links = [Link(own.name, *_mass(own.name)) for own in tree.links]
+    links = [Link(link.name, *_mass(link.name)) for link in tree.links]
     return replace(tree.arm("tool0"), links=tuple(links), payload=6.0, payload_com=np.array([0.0, 0.02, 0.08]))
 
 
@@ -109,5 +109,5 @@ def _hidden(bench: Bench) -> list[Effect]:
 
 def write_robot(folder: Path) -> Path:
     """Writes the sample campaign into ``folder``; the same bytes every time."""
-    told = certificate_lines("robot, simulated", "laser tracker, simulated", "2026-11-23", "2026-11-23")
-    return write(robot_campaign(), folder, "robot", told)
+    reported = certificate_lines("robot, simulated", "laser tracker, simulated", "2026-11-23", "2026-11-23")
+    return write(robot_campaign(), folder, "robot", reported)

@@ -182,7 +182,7 @@ def bridges(layout: Layout) -> Array:
 
 
 def truth_record(campaign: Campaign, seed: int) -> dict[str, object]:
-    """The truth as plain values, for the file beside the campaign folder."""
+    """The truth as plain values, for the file next to the campaign folder."""
     truth, schedule, noise = campaign.truth, campaign.schedule, campaign.layout.noise
     rows, columns = np.nonzero(campaign.gross & campaign.is_observed)
     errors = {name: (1e6 * value).tolist() for name, value in vars(truth.errors).items() if name != "softer"}

@@ -1,6 +1,6 @@
 """The sample campaign: nominal set A on a bench as the force-sensor paper has it, its z load off the centre.
 
-One beam watches one channel at a time: six runs under the load of each axis. Beside it what the paper prints.
+One beam watches one channel at a time: six runs under the load of each axis. Next to it what the paper prints.
 """
 
 from __future__ import annotations

@@ -124,7 +124,7 @@ def test_a_scatter_is_an_angle_or_a_length() -> None:
     nodes[2] = replace(nodes[2], kind=JointKind.PRISMATIC)
     known = replace(model.known, reading_sigma=np.full(5, 1e-5))
     scatters = replace(model, tree=Tree(tuple(nodes), model.tree.readings), known=known).scene.scatters(JointScatter())
-    units = {own.cause.joint: own.cause.parameters(0)[0].unit for own in scatters}
+    units = {scatter.cause.joint: scatter.cause.parameters(0)[0].unit for scatter in scatters}
     assert units == {"j1": "rad", "j2": "mm", "j3": "rad", "j4": "rad", "j5": "rad"}
 
 
@@ -225,7 +225,7 @@ def test_a_gear_error_of_any_order_is_found_with_its_order() -> None:
         assert abs(found.value - true) < 3.5 * found.sigma < 1e-4
 
 
-def test_orders_that_readings_do_not_distinguish_are_said_to_be_open() -> None:
+def test_orders_that_readings_do_not_distinguish_are_reported_to_be_open() -> None:
     model = campaign(np.random.default_rng(2), 80)
     readings = model.conditions.readings.copy()
     readings[:, 1] = np.radians(np.arange(80) % 36 * 10.0)

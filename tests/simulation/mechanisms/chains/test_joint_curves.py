@@ -36,7 +36,7 @@ def test_a_curve_of_a_joint_that_slides_is_held_at_the_ends_of_its_travel() -> N
     np.testing.assert_allclose(curve.basis(np.array([0.1, 9.0]), 0), [low, high])
 
 
-def test_curves_return_their_values_and_tell_where_nothing_is_known() -> None:
+def test_curves_return_their_values_and_show_where_nothing_is_known() -> None:
     values = np.zeros(36)
     values[9] = 1e-4
     covariance = np.diag(np.where(np.arange(36) < 18, 1e-12, (CURVE.reach * 1e-4) ** 2))

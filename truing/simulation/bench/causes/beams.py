@@ -57,7 +57,10 @@ class CosineError(ChannelCause):
         """Return the tilts, rad, or the loss along the axis."""
         if self.along:
             return (Parameter("loss", "1", 0.5 * _PLAUSIBLE_RAD**2 * _LARGEST),)
-        return tuple(Parameter(f"tilt_{CHANNELS[other]}", "rad", _PLAUSIBLE_RAD) for other in self._other_channels)
+        return tuple(
+            Parameter(f"tilt_{CHANNELS[other_channel]}", "rad", _PLAUSIBLE_RAD)
+            for other_channel in self._other_channels
+        )
 
     def one_sided(self, legs: int) -> tuple[int, ...]:
         """Return the loss: a cosine is at most one."""

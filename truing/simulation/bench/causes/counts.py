@@ -77,8 +77,8 @@ class FringeSlip(RunChannelCause):
         """Return every step of its run with three readings of the channel on either side."""
         rows_of, spacing = _onset_rows(scene)
         rows, steps = rows_of[self.run, self.channel], scene.steps
-        own = int(rows[np.argmax(steps.rank[rows] >= self.from_rank)])
-        return Onsets(rows, spacing, own, lambda row: self._begun_at(steps, row))
+        first_row = int(rows[np.argmax(steps.rank[rows] >= self.from_rank)])
+        return Onsets(rows, spacing, first_row, lambda row: self._begun_at(steps, row))
 
     def _begun_at(self, steps: LoadSteps, row: int) -> FringeSlip:
         return replace(self, from_step=steps.step[row].item(), from_rank=int(steps.rank[row]))
@@ -104,8 +104,8 @@ class FringeSlip(RunChannelCause):
 
 
 def _onset_rows(scene: BenchScene) -> tuple[dict[tuple[int | str, str], Index], int]:
-    """Return the rows of possible onsets of each run and linear channel, in order of steps, and every how many of them
-    are tried."""
+    """Return the rows of possible onsets of each run and linear channel, in order of steps, and the spacing of those
+    that are tried."""
     steps, rows_of = scene.steps, dict[tuple[int | str, str], Index]()
     for code, first in enumerate(np.flatnonzero(steps.rank == 0)):
         of_run = np.flatnonzero(steps.code == code)

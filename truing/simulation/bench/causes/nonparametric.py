@@ -228,7 +228,7 @@ def _dependences(steps: LoadSteps, is_observed: NDArray, channel: str) -> Iterat
     """Yield columns, form and degree of dependences of a channel that was read at steps ``is_observed`` (B,)."""
     loads = _applied(steps)
     main_load = LOADS[CHANNELS.index(channel)] if channel in CHANNELS else ""
-    others = [name for name in varying_columns(steps.covariates, is_observed) if name not in LOADS]
+    other_columns = [name for name in varying_columns(steps.covariates, is_observed) if name not in LOADS]
 
     def levels(*columns: str) -> int:
         values = np.prod([_values_of(steps, column)[is_observed] for column in columns], axis=0)
@@ -250,16 +250,16 @@ def _dependences(steps: LoadSteps, is_observed: NDArray, channel: str) -> Iterat
     for pair in combinations(loads, 2):
         if levels(*pair) > 1:
             yield pair, POLYNOMIAL, 1
-    for column in others:
+    for column in other_columns:
         if column not in _NAMED_LINEAR:
             yield (column,), POLYNOMIAL, 1
         if levels(column) > _SMOOTH:
             yield (column,), POLYNOMIAL, _SMOOTH
-    timed = TIME if TIME in others else ORDER
-    if timed in others:
+    timed = TIME if TIME in other_columns else ORDER
+    if timed in other_columns:
         yield (timed,), WAVES, _WAVES
     for load in loads if not is_signal(channel) else ():
-        for column in others:
+        for column in other_columns:
             if levels(load) > 1:
                 yield (load, column), GAIN, _FACTORS
 

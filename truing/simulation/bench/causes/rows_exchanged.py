@@ -157,11 +157,14 @@ def _agrees_with_exchange(exchange: RowsExchanged, steps: RecordedSteps, complia
     """True if readings agree better with the exchanged loads; also if there are no readings."""
     names: list[Row] = [(steps.runs[run], int(step)) for run, step in zip(steps.run, steps.step, strict=True)]
     rows = [names.index(row) for row in exchange.rows]
-    motion, other = (
+    motion_as_recorded, motion_exchanged = (
         loads[rows] @ compliance.T for loads in (steps.load, with_corrected_loads(steps, (exchange,)).load)
     )
-    size = np.maximum(np.abs(motion), np.abs(other)).max(0)
-    misses = [(steps.reading[rows] - expected) / np.where(size > 0.0, size, 1.0) for expected in (motion, other)]
+    size = np.maximum(np.abs(motion_as_recorded), np.abs(motion_exchanged)).max(0)
+    misses = [
+        (steps.reading[rows] - expected) / np.where(size > 0.0, size, 1.0)
+        for expected in (motion_as_recorded, motion_exchanged)
+    ]
     return bool(np.nansum(misses[1] ** 2) <= np.nansum(misses[0] ** 2))
 
 

@@ -100,12 +100,12 @@ class ZeroStep(ReadingCause):
         of_run = steps.run == self.run
         later = np.stack([seen[of_run & (steps.rank >= steps.rank[row])].sum(0) for row in rows])
         usable = np.minimum(later, seen[of_run].sum(0) - later).min(1) >= FEWEST
-        own = int(rows[np.argmax(steps.rank[rows] >= self.from_rank)])
+        first_row = int(rows[np.argmax(steps.rank[rows] >= self.from_rank)])
 
         def begun_at(row: int) -> ZeroStep:
             return replace(self, from_step=steps.step[row].item(), from_rank=int(steps.rank[row]))
 
-        return Onsets(rows[usable], spacing, own, begun_at)
+        return Onsets(rows[usable], spacing, first_row, begun_at)
 
     def parameters(self, legs: int) -> tuple[Parameter, ...]:
         """Return the amounts."""
@@ -129,7 +129,7 @@ class ZeroStep(ReadingCause):
 
 
 def _onset_rows(steps: LoadSteps) -> tuple[Index, int]:
-    """Return the rows of possible onsets, and every how many of them are tried."""
+    """Return the rows of possible onsets, and the spacing of those that are tried."""
     rows = np.flatnonzero(steps.rank >= FEWEST)
     return rows, 1 + len(rows) // _MOST_ONSETS
 

@@ -284,18 +284,18 @@ def _distance_to_end(elements: Sequence[LegElement], length: NDArray) -> list[ND
     """Return the distance (..., 6), m, of each element's outer end from the leg's."""
     lengths = [element.length for element in elements]
     total = sum(value for value in lengths if value is not None)
-    rest = length - total
+    remaining_length = length - total
     if lengths.count(None) > 1:
         raise Unfit(
             "elements",
             f"{lengths.count(None)} elements without length",
             "at most one, which takes the remaining length",
         )
-    if None in lengths and rest.real.min() < 0.0:
+    if None in lengths and remaining_length.real.min() < 0.0:
         raise Unfit("elements", f"a total length of {total} m", f"at most the shortest leg, {length.min()} m")
-    if None not in lengths and np.abs(rest).max() > _TYPED * length.max():
+    if None not in lengths and np.abs(remaining_length).max() > _TYPED * length.max():
         raise Unfit("elements", f"a total length of {total} m", f"the length of each leg, {length.ravel().tolist()} m")
-    filled = [rest if value is None else np.full_like(length, value) for value in lengths]
+    filled = [remaining_length if value is None else np.full_like(length, value) for value in lengths]
     outer = [np.zeros_like(length)]
     for value in filled[:0:-1]:
         outer.append(outer[-1] + value)

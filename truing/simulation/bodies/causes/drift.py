@@ -150,8 +150,11 @@ class BodyDrift(BodyCause):
     def reported(self, values: NDArray, covariance: NDArray, legs: int) -> tuple[ReportedParameter, ...]:
         """Return the drift from the first to the last pose, and the time constant in units of its column."""
         size, plain = self._pattern.shape[1], replace(self, tau_is_fitted=False, waves=0)
-        whole = np.kron(np.arange(1, self.waves + 1) % 2 * -1.0, np.eye(size)) if self.waves else np.eye(size)
-        end = whole @ values[: whole.shape[1]], whole @ covariance[: whole.shape[1], : whole.shape[1]] @ whole.T
+        to_last_pose = np.kron(np.arange(1, self.waves + 1) % 2 * -1.0, np.eye(size)) if self.waves else np.eye(size)
+        end = (
+            to_last_pose @ values[: to_last_pose.shape[1]],
+            to_last_pose @ covariance[: to_last_pose.shape[1], : to_last_pose.shape[1]] @ to_last_pose.T,
+        )
         parameters = super(BodyDrift, plain).reported(*self._free_of_motion(*end), legs)
         if self.jumps:
             return (*parameters, ReportedParameter("from_pose", self.from_pose, None, ""))

@@ -149,8 +149,8 @@ def _legs_resolving_power(moved: NDArray, power: int) -> frozenset[int]:
 def _resolves_power(column: NDArray, power: int) -> bool:
     x = column / np.max(np.abs(column))
     lower = np.linalg.qr(x[:, None] ** np.arange(power))[0]
-    rest = x**power - lower @ (lower.T @ x**power)
-    return bool(rest @ rest > _RESOLVED**2 * np.sum(x ** (2 * power)))
+    remainder = x**power - lower @ (lower.T @ x**power)
+    return bool(remainder @ remainder > _RESOLVED**2 * np.sum(x ** (2 * power)))
 
 
 TEMPERATURE = "temperature"

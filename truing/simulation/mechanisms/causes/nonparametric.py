@@ -299,8 +299,8 @@ def _dependences(scene: PointScene) -> Iterator[Dependence]:
     for legs in [chosen for chosen in choices(scene.legs, 2) if len(chosen) == 2]:
         yield from ({"quantity": "readings", "legs": legs, **column} for column in inputs.columns(1))
         if scene.lengths_apart:
-            others = inputs.columns(1, apart_from=(TIME, TEMPERATURE))
-            yield from ({"quantity": "lengths", "legs": legs, **settings} for settings in others)
+            other_inputs = inputs.columns(1, apart_from=(TIME, TEMPERATURE))
+            yield from ({"quantity": "lengths", "legs": legs, **settings} for settings in other_inputs)
     yield from ({"quantity": "scale", **settings} for settings in inputs.scale_dependences())
     for body in _patterned(scene) if scene.legs else ():
         yield from ({"quantity": "targets", **body, **settings} for settings in (*inputs.columns(1), *inputs.drives(1)))
@@ -321,15 +321,15 @@ class _Inputs:
 
     def reading_dependences(self, legs: tuple[int, ...]) -> Iterator[Dependence]:
         """Yield dependences of readings."""
-        others = tuple(f"rho{leg}_mm" for leg in legs)
+        reading_columns = tuple(f"rho{leg}_mm" for leg in legs)
         yield from self.columns(1)
         yield from self.columns(_SMOOTH)
         yield from self.waves()
         yield from (self._dependence(OWN_DRIVE, degree=2), self._dependence(OWN_DRIVE, degree=_SMOOTH))
         yield from self._gain_by_columns()
         yield from self._previous_movements()
-        yield from self.drives(1, apart_from=others)
-        yield from self.drives(2, apart_from=others)
+        yield from self.drives(1, apart_from=reading_columns)
+        yield from self.drives(2, apart_from=reading_columns)
         yield from self._products()
         if not legs:
             half = (self._ranges[OWN_DRIVE][1],)

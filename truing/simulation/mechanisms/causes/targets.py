@@ -160,7 +160,7 @@ class TargetMoved(PointCause):
 
 
 def _onset_spacing(scene: PointScene) -> int:
-    """Return every how many onsets are tried."""
+    """Return the spacing of the onsets that are tried."""
     return 1 + len(scene.poses) // _MOST_ONSETS
 
 

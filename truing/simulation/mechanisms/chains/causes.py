@@ -214,8 +214,8 @@ class JointOffset(JointCause):
         alike = moved_alike(scene.inputs_of_machine, moved_node, axis_twist(tree.nodes[moved_node]))
         followed = [node.reading for node in tree.nodes if node.reading != node.joint]
         same = [tree.nodes[k].joint for k, twist in alike if _is_motion_of(tree.nodes[k], twist)]
-        others = [name for name in same if name != self.joint and name in tree.readings and name not in followed]
-        return {"alike": [f"joint {name}" for name in others]} if others else {}
+        partners = [name for name in same if name != self.joint and name in tree.readings and name not in followed]
+        return {"alike": [f"joint {name}" for name in partners]} if partners else {}
 
     def corrected(self, readings: NDArray, names: Sequence[str]) -> NDArray:
         """Return readings (B, n) with the known part of the offset."""
@@ -483,5 +483,5 @@ def onsets_of_poses(
 
 
 def _onset_spacing(machine: ChainInputs, most: int) -> int:
-    """Return every how many onsets are tried."""
+    """Return the spacing of the onsets that are tried."""
     return 1 + len(machine.order) // most

@@ -38,12 +38,12 @@ def independent(functions: Mapping[str, NDArray], scale: float) -> tuple[str, ..
     basis: list[NDArray] = []
     found: list[str] = []
     for name, values in functions.items():
-        rest = values - values.mean()
-        for other in basis:
-            rest = rest - other * (other @ rest)
-        size = float(np.sqrt(np.sum(rest**2)))
+        remainder = values - values.mean()
+        for direction in basis:
+            remainder = remainder - direction * (direction @ remainder)
+        size = float(np.sqrt(np.sum(remainder**2)))
         if size > _INDEPENDENT * scale * np.sqrt(len(values)):
-            basis.append(rest / size)
+            basis.append(remainder / size)
             found.append(name)
     return tuple(found)
 

@@ -24,7 +24,7 @@ _FOREIGN = 0.02
 # A slip explains the misfit if it leaves at most this share of it.
 _EXPLAINED = 0.2
 _MOST_POSES = 60
-# Fewer zeros suffice if their misfit is at most so many times that of all zeros; steps of their fit.
+# Fewer zeros suffice if their misfit is at most this many times that of all zeros; steps of their fit.
 _AS_GOOD, _STEPS = 2.0, 30
 _QUARTERS = (0.0, np.pi / 2.0, -np.pi / 2.0, np.pi)  # rad, that conventions of a zero differ by
 _MOST_OFFSET = 2  # joints whose reversed, exchanged or rescaled readings another zero may resemble

@@ -66,7 +66,7 @@ class GuidewayError(ChainCause):
 
     @property
     def family(self) -> str:
-        """The joint, and what its carriage does."""
+        """The joint, and the motion of its carriage."""
         return f"{self.id} {self.joint} {self.error} {self.axis}"
 
     @property
@@ -84,10 +84,10 @@ class GuidewayError(ChainCause):
                 continue
             distinct = len(np.unique(np.round((reading - low) / (high - low), 3)))
             for error, axis, degree in _forms(node):
-                own = replace(self, joint=node.joint, error=error, axis=axis, degree=degree, low=low, high=high)
-                terms = len(own.parameters(0))
+                cause = replace(self, joint=node.joint, error=error, axis=axis, degree=degree, low=low, high=high)
+                terms = len(cause.parameters(0))
                 if distinct >= _READINGS_EACH * (degree + 1) and len(reading) >= _POSES_EACH * terms:
-                    result.append(own)
+                    result.append(cause)
         return result
 
     def parameters(self, legs: int) -> tuple[Parameter, ...]:

@@ -24,7 +24,7 @@ _TURN, _DEG, _MM = 2.0 * np.pi, np.pi / 180.0, 1e-3
 _PLAUSIBLE_RAD, _PLAUSIBLE_M = 1e-4, 1e-5
 # Knots over one turn, or over the travel of a joint that slides.
 _KNOTS = (36, 72, 120)
-# A curve has at least so many bumps that readings reach; fewer are no curve, but a polynomial. Poses and distinct
+# A curve has at least this many bumps that readings reach; fewer are no curve, but a polynomial. Poses and distinct
 # readings for each of them, and most bumps of all joints together.
 _FEWEST, _POSES_EACH, _READINGS_EACH, _MOST = 8, 4, 1.5, 450
 # Knots that one bump reaches; so much of the period of a joint that slides lies beyond its travel.

@@ -235,10 +235,10 @@ class GravityDirection(AssumedCentres):
 
     def deviations(self, machine: ChainInputs) -> NDArray:
         """Return the torque about the axis of each joint, or the force along it."""
-        other, names = machine.under(_DIRECTIONS[self.direction]), machine.tree.readings
+        other_gravity, names = machine.under(_DIRECTIONS[self.direction]), machine.tree.readings
         result = np.zeros((len(machine.readings), len(names), len(self.joints)))
         for index, joint in enumerate(self.joints):
-            result[:, names.index(joint), index] = other.torque(names.index(joint))
+            result[:, names.index(joint), index] = other_gravity.torque(names.index(joint))
         return result
 
 

@@ -126,10 +126,10 @@ def _mirror_image(lines: MeasuredLines, k: int, shape: NDArray) -> Array:
 
 def _measured_from(lines: MeasuredLines, k: int, shape: NDArray) -> tuple[Array, Array]:
     """Return the points (n, 3) whose distances from a channel were measured, and the distances (n,)."""
-    own = [(d, b if a == k else a) for d, (a, b) in enumerate(lines.ends) if k in (a, b)]
+    distances = [(d, b if a == k else a) for d, (a, b) in enumerate(lines.ends) if k in (a, b)]
     points, is_observed = lines.points(shape), lines.is_observed
-    of_points = [points[is_observed[:, d], other] for d, other in own]
-    return np.concatenate(of_points), np.concatenate([lines.lengths[is_observed[:, d], d] for d, _ in own])
+    of_points = [points[is_observed[:, d], end] for d, end in distances]
+    return np.concatenate(of_points), np.concatenate([lines.lengths[is_observed[:, d], d] for d, _ in distances])
 
 
 def _settled(lines: MeasuredLines, shape: NDArray, modes: NDArray) -> Array:

@@ -283,9 +283,9 @@ class ChainModel(EffectsModel[ChainCause]):
         """
         if self.conditions.coupling is None:
             return found
-        rest = found.copy()
-        rest[:, :-1] -= np.einsum("bkij,bkj...->bki...", self.conditions.coupling[:, :-1], found[:, 1:])
-        return rest
+        decoupled = found.copy()
+        decoupled[:, :-1] -= np.einsum("bkij,bkj...->bki...", self.conditions.coupling[:, :-1], found[:, 1:])
+        return decoupled
 
     def _values(self, frames: TreeFrames, positions: NDArray) -> Array:
         nodes = self.channels.node
@@ -362,10 +362,10 @@ class ChainModel(EffectsModel[ChainCause]):
     def design_matrix(self, shared: NDArray, local: NDArray) -> Callable[[ChainCause], dict[str, NDArray]]:
         """Return the function from a cause to its twists, deviations of joints and shifts (B, C, P) per plausible
         scale."""
-        machine, others = self.machine, self._other_designs(shared, local)
+        machine, other_designs = self.machine, self._other_designs(shared, local)
 
         def found(cause: ChainCause) -> dict[str, NDArray]:
-            by = others(cause)
+            by = other_designs(cause)
             if (turned := cause.deviations(machine)) is not None:
                 by[JOINTS] = turned * self.effect_scale(cause)
             return by
@@ -376,10 +376,10 @@ class ChainModel(EffectsModel[ChainCause]):
         self, shared: NDArray, local: NDArray
     ) -> Callable[[ChainCause], Mapping[str, NDArray | PartialDesign]]:
         """Return the same function for candidates, whose designs hold only the joints that move."""
-        machine, others = self.machine, self._other_designs(shared, local)
+        machine, other_designs = self.machine, self._other_designs(shared, local)
 
         def found(cause: ChainCause) -> Mapping[str, NDArray | PartialDesign]:
-            by: dict[str, NDArray | PartialDesign] = {**others(cause)}
+            by: dict[str, NDArray | PartialDesign] = {**other_designs(cause)}
             if (turned := cause.joint_deviations(machine)) is not None:
                 by[JOINTS] = PartialDesign(turned[0], turned[1] * self.effect_scale(cause))
             return by

@@ -12,7 +12,7 @@ from truing.arrays import Array
 from truing.simulation.mechanisms.chains.conditions import ChainInputs
 
 DIFFERENCE, REMAINDER = "difference", "remainder"
-# A term is determined if so large a share of its rms size is independent of the terms before it.
+# A term is determined if this share of its rms size is independent of the terms before it.
 _INDEPENDENT = 0.05
 _SPARE = 6  # fewest poses beyond the number of terms
 
@@ -48,8 +48,8 @@ def motor_terms(machine: ChainInputs, reading: int, motor: NDArray) -> list[Moto
     plain = np.column_stack([np.ones(len(q)), q])
     chosen = _independent(plain, [column[is_known] for column in columns])
     design = np.column_stack([plain, *(columns[k][is_known] for k in chosen)])
-    found, cov, rest = _fitted(design, target)
-    _, _, bare = _fitted(plain, target)
+    found, cov, residual = _fitted(design, target)
+    _, _, residual_of_ratio = _fitted(plain, target)
     ratio, size = float(found[1]), abs(float(found[1]))
     terms = [MotorTerm(joint, "ratio", "1", ratio, float(np.sqrt(cov[1, 1])))]
     for k, name in enumerate(names):
@@ -61,7 +61,7 @@ def motor_terms(machine: ChainInputs, reading: int, motor: NDArray) -> list[Moto
             terms.append(MotorTerm(joint, name, unit_of, float(value), float(np.sqrt(by @ cov @ by))))
         else:
             terms.append(MotorTerm(joint, name, unit_of, None, None))
-    sizes = ((DIFFERENCE, bare), (REMAINDER, rest))
+    sizes = ((DIFFERENCE, residual_of_ratio), (REMAINDER, residual))
     return terms + [
         MotorTerm(joint, name, unit, float(np.sqrt(np.mean(values**2))) / size, None) for name, values in sizes
     ]
@@ -82,10 +82,10 @@ def _independent(plain: NDArray, columns: Sequence[NDArray]) -> list[int]:
     """Return the columns (B,) that differ enough from those of ``plain`` (B, 2) and from the others before them."""
     basis, chosen = np.linalg.qr(plain)[0], list[int]()
     for k, column in enumerate(columns):
-        rest = column - basis @ (basis.T @ column)
-        size = np.sqrt(np.sum(rest**2))
+        remainder = column - basis @ (basis.T @ column)
+        size = np.sqrt(np.sum(remainder**2))
         if size > _INDEPENDENT * np.sqrt(np.sum(column**2)) > 0.0:
-            basis = np.column_stack([basis, rest / size])
+            basis = np.column_stack([basis, remainder / size])
             chosen.append(k)
     return chosen
 
@@ -94,7 +94,7 @@ def _fitted(design: NDArray, target: NDArray) -> tuple[Array, Array, Array]:
     """Return the least-squares solution (P,), its covariance (P, P) by the residuals' scatter, and the residuals."""
     scale = np.sqrt(np.sum(design**2, 0))
     found = np.linalg.lstsq(design / scale, target, rcond=None)[0]
-    rest = target - design / scale @ found
-    variance = float(rest @ rest) / max(len(target) - len(found), 1)
+    residual = target - design / scale @ found
+    variance = float(residual @ residual) / max(len(target) - len(found), 1)
     inverse = np.linalg.inv((design / scale).T @ (design / scale))
-    return found / scale, variance * inverse / np.outer(scale, scale), rest
+    return found / scale, variance * inverse / np.outer(scale, scale), residual

@@ -34,7 +34,7 @@ from truing.simulation.nonparametric import (
 BASE = "base"
 # Smooth function of two readings, and of stop operators of the joint's own reading.
 SURFACE, HISTORY = "surface", "history"
-# Prior weights of friction with memory, and of each form of a joint's own reading, relative to another form. Beside
+# Prior weights of friction with memory, and of each form of a joint's own reading, relative to another form. Next to
 # some sixty other forms of a joint, its own place and its previous movements have about a fifth of the whole each.
 _OF_HISTORY, _OF_PLACE = 25.0, 6.0
 _MM = 1e-3
@@ -106,10 +106,13 @@ class NonparametricChainEffect(NonparametricEffect[ChainScene], ChainCause):
                 result += self._of(bare, _of_two(read), columns, len(machine.readings))
                 if MEMORY in machine.conditions.covariates:
                     result += self._of(bare, iter([((joint,), HISTORY, len(STOPS))]), columns, len(machine.readings))
-        others = {name: values for name, values in columns.items() if name not in machine.conditions.columns}
+        other_columns = {name: values for name, values in columns.items() if name not in machine.conditions.columns}
         for link in ("", *_moving_links(machine)):
             result += self._of(
-                replace(self, joint="", link=link), _of_position(others, link), others, len(machine.readings)
+                replace(self, joint="", link=link),
+                _of_position(other_columns, link),
+                other_columns,
+                len(machine.readings),
             )
         return result
 

@@ -66,7 +66,7 @@ class JointSettling(JointCause):
             for tau in _constants(joint_waits):
                 bare = replace(cause, column=column, start_s=start, tau_s=tau)
                 forms = [replace(bare, form=form) for form in (STEP_SHARE, SIDE)]
-                result += [one for one in forms if longest > start and one._shows(machine, reading)]
+                result += [form for form in forms if longest > start and form._shows(machine, reading)]
         return result
 
     def refined(self) -> Self:

@@ -281,9 +281,9 @@ def geometry_modes(tree: Tree, sigma: NDArray, is_base_free: bool, known: Mask |
             carried.add(below)
         wide = sigma > 0.0
         scaled = np.reshape(same, (-1, TWIST))[:, wide] / sigma[wide]
-        rest = _complement(scaled)
-        modes = np.zeros((tree.size, TWIST, rest.shape[1]))
-        modes[j, wide] = sigma[wide, None] * rest
+        complement = _complement(scaled)
+        modes = np.zeros((tree.size, TWIST, complement.shape[1]))
+        modes[j, wide] = sigma[wide, None] * complement
         found.append(modes)
     return np.concatenate(found, -1) if found else np.zeros((tree.size, TWIST, 0))
 

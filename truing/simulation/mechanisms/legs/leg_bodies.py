@@ -110,33 +110,33 @@ class LegBodies:
         largest = 1.0 - free.sum(1)
         across = np.einsum("...kj,kji->...ki", parts[..., 3:], free)
         square = 1.0 - np.sum(across * across, -1)
-        rest = np.sqrt(np.where(square.real < 0.0, np.nan, square)) * np.sign(np.sum(largest * self.w, -1))
-        follows = largest[..., None] * (parts[..., None, 3:] / rest[..., None, None])
-        return parts[..., :3], across + rest[..., None] * largest, np.swapaxes(free, -1, -2) - follows
+        largest_component = np.sqrt(np.where(square.real < 0.0, np.nan, square)) * np.sign(np.sum(largest * self.w, -1))
+        follows = largest[..., None] * (parts[..., None, 3:] / largest_component[..., None, None])
+        return parts[..., :3], across + largest_component[..., None] * largest, np.swapaxes(free, -1, -2) - follows
 
 
 def _with_end_rows(
     leg: NDArray, closing: Closing, value: NDArray, ends: NDArray, by_pose: NDArray, by_seat: NDArray
 ) -> LegEndClosing:
     """Append six rows per leg (..., K, 2, 3, own) to the equations of the other legs."""
-    others = np.setdiff1d(np.arange(closing.value.shape[-1]), leg)
+    other_channels = np.setdiff1d(np.arange(closing.value.shape[-1]), leg)
     rows = ends.reshape(*ends.shape[:-4], -1, ends.shape[-1])
-    slopes = np.concatenate([stacked(closing)[..., others, :], rows], -2)
-    values = np.concatenate([closing.value[..., others], value.reshape(*value.shape[:-3], -1)], -1)
+    slopes = np.concatenate([stacked(closing)[..., other_channels, :], rows], -2)
+    values = np.concatenate([closing.value[..., other_channels], value.reshape(*value.shape[:-3], -1)], -1)
     parts = np.split(slopes, [6, 6 + closing.by_rho.shape[-1]], -1)
     rows_of_ends = (
-        _columns_per_leg(array.reshape(*array.shape[:-4], -1, array.shape[-1]), len(others))
+        _columns_per_leg(array.reshape(*array.shape[:-4], -1, array.shape[-1]), len(other_channels))
         for array in (by_pose, by_seat)
     )
     return LegEndClosing(Closing(values, *parts), *rows_of_ends)
 
 
-def _columns_per_leg(rows: NDArray, others: int) -> NDArray:
+def _columns_per_leg(rows: NDArray, other_channels: int) -> NDArray:
     """Return rows (..., 6 K, own) with separate columns for each leg, (..., M, K own); zero for the other legs."""
     legs = rows.shape[-2] // 6
-    wide = np.zeros((*rows.shape[:-2], others + rows.shape[-2], legs * rows.shape[-1]), rows.dtype)
+    wide = np.zeros((*rows.shape[:-2], other_channels + rows.shape[-2], legs * rows.shape[-1]), rows.dtype)
     by_leg = np.repeat(np.eye(legs), 6, 0)[:, :, None] * rows[..., :, None, :]
-    wide[..., others:, :] = by_leg.reshape(*rows.shape[:-1], -1)
+    wide[..., other_channels:, :] = by_leg.reshape(*rows.shape[:-1], -1)
     return wide
 
 

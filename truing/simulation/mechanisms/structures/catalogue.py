@@ -17,10 +17,10 @@ ALONG = 0.5  # of a leg's turn: its mean direction during a motion from the refe
 def structures(machine: Machine) -> tuple[Structure, ...]:
     """Return the models whose numbers the machine has; the model of rigid legs comes first."""
     rigid = KinematicModel(machine.legs.closure.name)
-    others: tuple[Structure, ...] = (JacobianModel(), BeamModel(), StiffnessModel())
+    elastic: tuple[Structure, ...] = (JacobianModel(), BeamModel(), StiffnessModel())
     if machine.follows_motion:
-        others = (*others, StiffnessModel("stiffness-along", ALONG))
-    return (rigid, *(model for model in others if model.fits(machine)))
+        elastic = (*elastic, StiffnessModel("stiffness-along", ALONG))
+    return (rigid, *(model for model in elastic if model.fits(machine)))
 
 
 def departure(structure: Structure, machine: Machine, rho: NDArray) -> NDArray:

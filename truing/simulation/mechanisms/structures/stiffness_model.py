@@ -106,7 +106,7 @@ def at_rest(machine: Machine) -> ReferenceLegs:
 
 
 def followed(
-    machine: Machine, rest: ReferenceLegs, p: NDArray, R: NDArray, rho: NDArray, share: float
+    machine: Machine, reference_legs: ReferenceLegs, p: NDArray, R: NDArray, rho: NDArray, share: float
 ) -> ReferenceLegs:
     """Return the legs with the stiffness along z0 + share (z - z0); z0 and z their directions at the reference and at
     poses p (B, 3), R (B, 3, 3) with readings rho (B, L).
@@ -114,11 +114,11 @@ def followed(
     One half is the mean direction of the motion: load = K displacement then integrates K along it to second order.
     """
     z = unit(leg_vectors(machine.legs, p, R, rho, machine.delta_bz(rho)))
-    mixed = rest.reference.z + share * (z - rest.reference.z)
+    mixed = reference_legs.reference.z + share * (z - reference_legs.reference.z)
     size = np.sqrt(np.sum(mixed * mixed, -1))
     axis = mixed / size[..., None]
     local = condensed(assembled(chain_of(machine)))[..., PLATFORM_END, PLATFORM_END]
-    return replace(rest, stiffness=in_frame(local, beam_axes(axis)), axis=axis, size=size)
+    return replace(reference_legs, stiffness=in_frame(local, beam_axes(axis)), axis=axis, size=size)
 
 
 def drive(legs: Legs, z: NDArray) -> NDArray:
@@ -136,43 +136,43 @@ def unbalanced(machine: Machine, p: NDArray, R: NDArray, rho: NDArray) -> NDArra
 
     At poses p (B, 3), R (B, 3, 3) and readings rho (B, L), m: the sum of M P over the legs minus the external load.
     """
-    rest = at_rest(machine)
-    arm, theta, shift = _displaced(machine, rest, p, R, rho)
-    return _total(arm, _loads(rest, shift, theta, rho - machine.legs.rho0)[1]) - machine.load
+    reference_legs = at_rest(machine)
+    arm, theta, shift = _displaced(machine, reference_legs, p, R, rho)
+    return _total(arm, _loads(reference_legs, shift, theta, rho - machine.legs.rho0)[1]) - machine.load
 
 
-def balance(machine: Machine, rest: ReferenceLegs, p: NDArray, R: NDArray, rho: NDArray) -> Balance:
+def balance(machine: Machine, reference_legs: ReferenceLegs, p: NDArray, R: NDArray, rho: NDArray) -> Balance:
     """Return the equilibrium of a platform on six legs at poses p (B, 3), R (B, 3, 3), deformed as at rho (B, 6), m."""
-    arm, theta, shift = _displaced(machine, rest, p, R, rho)
+    arm, theta, shift = _displaced(machine, reference_legs, p, R, rho)
     moved = rho - machine.legs.rho0
-    missing = _total(arm, _loads(rest, shift, theta, moved)[1]) - machine.load
-    pushed = -np.einsum("...lij,...lj->...li", rest.stiffness[..., :3], rest.drive)
+    missing = _total(arm, _loads(reference_legs, shift, theta, moved)[1]) - machine.load
+    pushed = -np.einsum("...lij,...lj->...li", reference_legs.stiffness[..., :3], reference_legs.drive)
     inverse = np.linalg.inv(np.swapaxes(_about_origin(arm, pushed), -1, -2))
     excess = np.einsum("...ij,...j->...i", inverse, missing)
-    strain, load = _loads(rest, shift, theta, moved - excess)
+    strain, load = _loads(reference_legs, shift, theta, moved - excess)
     return Balance(arm, theta, inverse, excess, moved - excess, strain, load)
 
 
 def _displaced(
-    machine: Machine, rest: ReferenceLegs, p: NDArray, R: NDArray, rho: NDArray
+    machine: Machine, reference_legs: ReferenceLegs, p: NDArray, R: NDArray, rho: NDArray
 ) -> tuple[NDArray, NDArray, NDArray]:
     """Return R b' (B, L, 3), log(R R0') (B, 3) and the displacement of b' (B, L, 3), before eq. 30 as corrected.
 
     The platform is undeformed at the reference, so that its deformation counts as displacement.
     """
-    legs, reference = machine.legs, rest.reference
-    at_reference = nodes(legs.a, legs.b, rest.half, reference.R).b
-    now = nodes(legs.a, attachments(legs, machine.delta_bz(rho)), rest.half, reference.R).b
+    legs, reference = machine.legs, reference_legs.reference
+    at_reference = nodes(legs.a, legs.b, reference_legs.half, reference.R).b
+    now = nodes(legs.a, attachments(legs, machine.delta_bz(rho)), reference_legs.half, reference.R).b
     arm = now @ np.swapaxes(R, -1, -2)
     displacement = (p - reference.p)[..., None, :] + arm - at_reference @ np.swapaxes(reference.R, -1, -2)
     return arm, log_so3(R @ np.swapaxes(reference.R, -1, -2)), displacement
 
 
-def _loads(rest: ReferenceLegs, shift: NDArray, theta: NDArray, moved: NDArray) -> tuple[NDArray, NDArray]:
+def _loads(reference_legs: ReferenceLegs, shift: NDArray, theta: NDArray, moved: NDArray) -> tuple[NDArray, NDArray]:
     """Return strain and load of the legs (B, L, 6) at displacements of their ends and of the readings."""
-    deflection = shift - moved[..., None] * rest.drive
+    deflection = shift - moved[..., None] * reference_legs.drive
     strain = np.concatenate([deflection, np.broadcast_to(theta[..., None, :], deflection.shape)], -1)
-    return strain, np.einsum("...ij,...j->...i", rest.stiffness, strain)
+    return strain, np.einsum("...ij,...j->...i", reference_legs.stiffness, strain)
 
 
 def _total(arm: NDArray, load: NDArray) -> NDArray:
@@ -207,16 +207,16 @@ class StiffnessModel:
 
         Raises ValueError if flexures or tubes are unknown.
         """
-        rest = at_rest(machine)
+        reference_legs = at_rest(machine)
         if self.follows:
-            rest = followed(machine, rest, p, R, rho, self.follows)
-        equilibrium = balance(machine, rest, p, R, rho)
-        response = _response(rest, equilibrium)
+            reference_legs = followed(machine, reference_legs, p, R, rho, self.follows)
+        equilibrium = balance(machine, reference_legs, p, R, rho)
+        response = _response(reference_legs, equilibrium)
         by_shift = np.einsum("...lmi,...i->...ml", response.node, R[..., :, 2])
         by_parameter = by_shift @ shifting(machine, rho, change).fields["delta_bz"]
         if change.size:
             by_parameter = by_parameter + _derivative_by_parameter(
-                machine, rest, equilibrium, response, R, change, self.follows
+                machine, reference_legs, equilibrium, response, R, change, self.follows
             )
         closing = Closing(
             equilibrium.excess,
@@ -227,7 +227,9 @@ class StiffnessModel:
         if not self.follows:
             return closing
         turned = _direction_changes(machine, p, R, rho, change)
-        by_turn = _derivative_by_axis(equilibrium, response, rest) @ _turns(machine, rest, p, R, rho, self.follows)
+        by_turn = _derivative_by_axis(equilibrium, response, reference_legs) @ _turns(
+            machine, reference_legs, p, R, rho, self.follows
+        )
         slopes = (np.sum(by_turn @ part, -3) for part in turned)
         parts = (closing.by_twist, closing.by_rho, closing.by_parameter)
         return Closing(equilibrium.excess, *(part + slope for part, slope in zip(parts, slopes, strict=True)))
@@ -238,9 +240,11 @@ def compliance(machine: Machine, p: NDArray, R: NDArray, rho: NDArray) -> NDArra
 
     Rows m and rad, columns per N and per N m, base frame.
     """
-    rest = at_rest(machine)
-    equilibrium = balance(machine, rest, p, R, rho)
-    return np.linalg.solve(_derivative_by_twist(equilibrium, _response(rest, equilibrium)), equilibrium.inverse)
+    reference_legs = at_rest(machine)
+    equilibrium = balance(machine, reference_legs, p, R, rho)
+    return np.linalg.solve(
+        _derivative_by_twist(equilibrium, _response(reference_legs, equilibrium)), equilibrium.inverse
+    )
 
 
 def _direction_changes(
@@ -258,12 +262,14 @@ def _direction_changes(
     return by_twist, by_rho, by_parameter
 
 
-def _turns(machine: Machine, rest: ReferenceLegs, p: NDArray, R: NDArray, rho: NDArray, share: float) -> NDArray:
+def _turns(
+    machine: Machine, reference_legs: ReferenceLegs, p: NDArray, R: NDArray, rho: NDArray, share: float
+) -> NDArray:
     """Return the rotation (B, L, 3, 3) of a leg's stiffness per change of the vector between its joints."""
     g = leg_vectors(machine.legs, p, R, rho, machine.delta_bz(rho))
     z, distance = unit(g), np.sqrt(np.sum(g * g, -1))
     across = np.eye(3) - z[..., :, None] * z[..., None, :]
-    return skew(rest.axis) @ across * (share / distance / rest.size)[..., None, None]
+    return skew(reference_legs.axis) @ across * (share / distance / reference_legs.size)[..., None, None]
 
 
 @dataclass(frozen=True)
@@ -280,11 +286,11 @@ class _Response:
     turn: NDArray
 
 
-def _response(rest: ReferenceLegs, equilibrium: Balance) -> _Response:
+def _response(reference_legs: ReferenceLegs, equilibrium: Balance) -> _Response:
     force, moment = equilibrium.inverse[..., None, :, :3], equilibrium.inverse[..., None, :, 3:]
     by_force = force + moment @ skew(equilibrium.arm)
     wrench = np.concatenate([by_force, np.broadcast_to(moment, by_force.shape)], -1)
-    strain = wrench @ rest.stiffness
+    strain = wrench @ reference_legs.stiffness
     node = strain[..., :3] - moment @ skew(equilibrium.load[..., :3])
     turn = strain[..., 3:].sum(-3) @ inverse_left_jacobian_so3(equilibrium.theta)
     return _Response(wrench, strain, node, turn)
@@ -297,7 +303,7 @@ def _derivative_by_twist(equilibrium: Balance, response: _Response) -> NDArray:
 
 def _derivative_by_parameter(
     machine: Machine,
-    rest: ReferenceLegs,
+    reference_legs: ReferenceLegs,
     equilibrium: Balance,
     response: _Response,
     R: NDArray,
@@ -305,29 +311,31 @@ def _derivative_by_parameter(
     share: float = 0.0,
 ) -> NDArray:
     """Return the derivative (B, 6, P) by the machine at the reference: pose, nodes, drives and stiffness."""
-    moved = reference_change(machine.legs, rest.reference, change)
-    reference_turn = -response.turn @ R @ np.swapaxes(rest.reference.R, -1, -2) @ moved.twist[..., 3:, :]
+    moved = reference_change(machine.legs, reference_legs.reference, change)
+    reference_turn = -response.turn @ R @ np.swapaxes(reference_legs.reference.R, -1, -2) @ moved.twist[..., 3:, :]
     answers = (
         response.node @ R[..., None, :, :],
         -response.strain[..., :3],
         -response.strain[..., :3] * equilibrium.balanced[..., None, None],
-        _derivative_by_axis(equilibrium, response, rest),
-        _derivative_by_stiffness(machine, equilibrium, response, rest),
+        _derivative_by_axis(equilibrium, response, reference_legs),
+        _derivative_by_stiffness(machine, equilibrium, response, reference_legs),
     )
     changes = (
-        *_node_changes(machine, rest, moved, change),
+        *_node_changes(machine, reference_legs, moved, change),
         _drive_change(machine, moved, change),
-        _turn_by_reference(rest, moved.z, share),
+        _turn_by_reference(reference_legs, moved.z, share),
         _chain_change(machine, change),
     )
     legwise = _summed(np.concatenate(answers, -1), _stacked(changes))
     return legwise + reference_turn - change.get("rho0", (machine.legs.count,))
 
 
-def _turn_by_reference(rest: ReferenceLegs, moved: NDArray, share: float) -> NDArray:
+def _turn_by_reference(reference_legs: ReferenceLegs, moved: NDArray, share: float) -> NDArray:
     """Return the rotation (..., L, 3, P) of the stiffness by changes (..., L, 3, P) of the directions at the
     reference."""
-    return (1.0 - share) * np.cross(rest.axis[..., None], moved, axis=-2) / rest.size[..., None, None]
+    return (
+        (1.0 - share) * np.cross(reference_legs.axis[..., None], moved, axis=-2) / reference_legs.size[..., None, None]
+    )
 
 
 def _summed(answers: NDArray, changes: NDArray) -> NDArray:
@@ -338,15 +346,15 @@ def _summed(answers: NDArray, changes: NDArray) -> NDArray:
 
 
 def _node_changes(
-    machine: Machine, rest: ReferenceLegs, moved: ReferenceChange, change: Change
+    machine: Machine, reference_legs: ReferenceLegs, moved: ReferenceChange, change: Change
 ) -> tuple[NDArray, NDArray]:
     """Return the changes (..., L, 3, P) of the nodes b': on the platform, and at the reference in the base frame."""
-    reference, legs, turn = rest.reference, machine.legs, moved.twist[..., None, 3:, :]
+    reference, legs, turn = reference_legs.reference, machine.legs, moved.twist[..., None, 3:, :]
     longer, l_b = change.get("flexure_length", (legs.count,)), chain_of(machine).flexure_length
     half = 0.5 * (reference.z[..., None] * longer[..., None, :] + l_b[..., None, None] * moved.z)
     joint = attachment_change(legs, reference.R, Change({"b": change.get("b", (legs.count, 3))}, change.size))
     back = np.swapaxes(reference.R, -1, -2)
-    node = back[..., None, :, :] @ (joint + half - np.cross(turn, rest.half[..., None], axis=-2))
+    node = back[..., None, :, :] @ (joint + half - np.cross(turn, reference_legs.half[..., None], axis=-2))
     arms = legs.b @ back
     stands = moved.twist[..., None, :3, :] + np.cross(turn, arms[..., None], axis=-2) + joint + half
     return node, stands
@@ -361,7 +369,7 @@ def _drive_change(machine: Machine, moved: ReferenceChange, change: Change) -> N
     return carried + along[..., None, None] * moved.z
 
 
-def _derivative_by_axis(equilibrium: Balance, response: _Response, rest: ReferenceLegs) -> NDArray:
+def _derivative_by_axis(equilibrium: Balance, response: _Response, reference_legs: ReferenceLegs) -> NDArray:
     """Return the derivative (B, L, 6, 3) by a rotation of the legs' stiffness: W ([w]x K e - K [w]x e)."""
     strain = np.concatenate([skew(equilibrium.strain[..., :3]), skew(equilibrium.strain[..., 3:])], -2)
     load = np.concatenate([skew(equilibrium.load[..., :3]), skew(equilibrium.load[..., 3:])], -2)
@@ -369,12 +377,12 @@ def _derivative_by_axis(equilibrium: Balance, response: _Response, rest: Referen
 
 
 def _derivative_by_stiffness(
-    machine: Machine, equilibrium: Balance, response: _Response, rest: ReferenceLegs
+    machine: Machine, equilibrium: Balance, response: _Response, reference_legs: ReferenceLegs
 ) -> NDArray:
     """Return the derivative (B, L, 6, 8) by the inputs of a chain's stiffness, in the order of `assembled_change`."""
     chain = chain_of(machine)
     local = condensed_change(assembled(chain), assembled_change(chain))[..., PLATFORM_END, PLATFORM_END]
-    slope = in_frame(local, beam_axes(rest.axis)[..., None, :, :])
+    slope = in_frame(local, beam_axes(reference_legs.axis)[..., None, :, :])
     load = np.einsum("...lqij,...lj->...liq", slope, equilibrium.strain)
     return response.wrench @ load
 
