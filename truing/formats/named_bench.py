@@ -9,6 +9,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from truing.arrays import Array
+from truing.formats.axis_directions import DIRECTION, direction_of
 from truing.formats.guess import MappingKeys
 from truing.formats.units import bare_and_unit, conversion, is_convertible
 
@@ -29,28 +30,7 @@ _MOTION = ("dx", "dy", "dz", "rx", "ry", "rz")
 _TARGET = r"(target|tgt|nominal|soll|ziel|command(ed)?)([ _-]?(position|pos|wert))?(\(i\))?|position[ _]?nominale"
 _DEVIATION = r"deviation|error|abweichung|(positioning|positions)[ _-]?(error|abweichung)|fehler|erreur"
 _ACTUAL = r"(actual|measured|ist|reference)([ _-]?(position|pos|wert))?|istposition|istwert|position"
-_DIRECTION = r"direction|dir|(verfahr)?richtung|approach|anfahrrichtung|sens"
 _CYCLE = r"cycle|zyklus|run([ _]?(nr|no))?|lauf|pass|repeat|wiederholung"
-_DIRECTIONS = {
-    "forward": ("+", "+1", "1", "forward", "fwd", "up", "vorwärts", "vor", "plus", "pos", "positive", "↑"),
-    "backward": (
-        "-",
-        "-1",
-        "0",
-        "backward",
-        "bwd",
-        "back",
-        "down",
-        "rückwärts",
-        "rück",
-        "minus",
-        "neg",
-        "negative",
-        "reverse",
-        "rev",
-        "↓",
-    ),
-}
 _COMMAND = (
     r"(command(ed)?|target|nominal|soll|ziel|set)([ _-]?(angle|position|pos|winkel|wert))?"
     r"|(angle|position|pos|winkel)[ _-](command|target|nominal|soll)|setpoint|angle|winkel|position|.*pos[_-]?cmd"
@@ -77,7 +57,7 @@ _NUMBERED = re.compile(
 # Numbers of rows, faces and scatter beside an instrument's reading: no condition on which an error may depend.
 _NO_CONDITION = re.compile(
     r"(face|facette|(poly(gon)?[ _]?)?fl(ä|ae)che|run|lauf|turn|umlauf|nr|no|#)"
-    r"|(sd|std|sigma|stdev|streuung)([ _].*)?|direction|dir|(dreh)?(richtung|sinn)|approach|sens",
+    r"|(sd|std|sigma|stdev|streuung)([ _].*)?|" + DIRECTION,
     re.IGNORECASE,
 )
 _OF_MIRROR = re.compile("[xy]", re.IGNORECASE)  # both angles of an autocollimator's mirror
@@ -146,14 +126,14 @@ def _unit_of_readings(names: Iterable[str]) -> dict[str, str]:
 def positions_of_axis(names: Sequence[str], data: Sequence[Sequence[str]], values: Array) -> Proposal | None:
     """Return approaches of an axis to its targets, a row each, with the direction and the deviation or position."""
     meanings = _meanings(
-        names, {"target_mm": _TARGET, "direction": _DIRECTION, "off": _DEVIATION, "at": _ACTUAL, "cycle": _CYCLE}
+        names, {"target_mm": _TARGET, "direction": DIRECTION, "off": _DEVIATION, "at": _ACTUAL, "cycle": _CYCLE}
     )
     if "target_mm" not in meanings or "direction" not in meanings or not {"off", "at"} & set(meanings):
         return None
     if _kind(meanings["target_mm"]) == "angle":
         return None  # a rotary axis: its order of commands gives the direction of approach
     cells = {row[list(names).index(meanings["direction"])].strip() for row in data}
-    renames = {cell: _direction(cell) for cell in sorted(cells)}
+    renames = {cell: direction_of(cell) for cell in sorted(cells)}
     if not all(renames.values()):
         return None
     pair = ("position_mm", "at") if "at" in meanings else ("deviation_um", "off")
@@ -189,7 +169,7 @@ def positions_side_by_side(names: Sequence[str]) -> Proposal | None:
     if target is None or len(matches) < max(2, len(others)):
         return None
     common = {(match["head"], match["between"], match["tail"]) for match in matches}
-    words = {match["direction"]: _direction(match["direction"]) for match in matches}
+    words = {match["direction"]: direction_of(match["direction"]) for match in matches}
     if len(common) != 1 or set(words.values()) != {"forward", "backward"}:
         return None
     ((head, between, tail),) = common
@@ -246,10 +226,6 @@ def cycles_side_by_side(names: Sequence[str], file_name: str) -> Proposal | None
 def _whole_word(forward: str, backward: str) -> str:
     """Return the regular expression for either word in a file's name, as the direction."""
     return rf"(?i)(?:^|[\W\d_])(?P<direction>{forward}|{backward})(?=$|[\W\d_])"
-
-
-def _direction(cell: str) -> str | None:
-    return next((word for word, names in _DIRECTIONS.items() if cell.casefold() in names), None)
 
 
 def axis_rows(names: Sequence[str], values: Array) -> tuple[Proposal, ...]:

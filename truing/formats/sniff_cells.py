@@ -9,6 +9,7 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
+from truing.formats.axis_directions import with_direction
 from truing.formats.deviation_units import with_unit_of_deviations
 from truing.formats.grad_units import with_unit_of_grad
 from truing.formats.guess import (
@@ -170,6 +171,7 @@ def _guess_by_notation(
         return machine
     guess = _with_times(_guess_by_names(cells, mapping, about.joints), names, data, notation)
     guess = with_unit_of_deviations(guess, names, cells.values, about.unit)
+    guess = with_direction(guess, names, data, cells.values)
     guess = with_unit_of_grad(guess, names, cells.values)
     return _with_unit_in_words(_with_unit_of_rows(guess, names, data), about.unit)
 
