@@ -156,7 +156,7 @@ def positions_of_axis(names: Sequence[str], data: Sequence[Sequence[str]], value
 
 
 _RUN_HEAD = re.compile(
-    r"(?P<head>[^\d{}]*)(?P<cycle>\d+)(?P<between>[\s_-]*)(?P<direction>[^\s\d{}(\[]+)(?P<tail>[^{}]*)"
+    r"(?P<head>[^\d{}]*)(?P<cycle>\d+)(?P<between>[\s_-]*[(\[]?)(?P<direction>[^\s\d{}()\[\]]+)(?P<tail>[^{}]*)"
 )
 
 
