@@ -160,30 +160,63 @@ _RUN_HEAD = re.compile(
 )
 
 
-def positions_side_by_side(names: Sequence[str]) -> Proposal | None:
-    """Return approaches of an axis to its targets, with a column for each run and direction."""
+_WORD = re.compile(r"[^\s\d{}()\[\]._,;:]+")
+
+
+def positions_side_by_side(names: Sequence[str], values: Array) -> Proposal | None:
+    """Return approaches of an axis to its targets, with a column for each run and direction.
+
+    values (N, W): numbers that go along with the targets are positions, others deviations.
+    """
     target = _meanings(names, {"target_mm": _TARGET}).get("target_mm")
     numbered = [name for name in names if _NUMBER_OF_TARGET.fullmatch(name.strip(" ."))]
     others = [name for name in names if name and name != target and name not in numbered]
-    matches = [match for name in others if (match := _RUN_HEAD.fullmatch(name))]
-    if target is None or len(matches) < max(2, len(others)):
+    templates = [template for name in others if (template := _of_run(name)) is not None]
+    if target is None or len(templates) < max(2, len(others)):
         return None
-    common = {(match["head"], match["between"], match["tail"]) for match in matches}
-    words = {match["direction"]: direction_of(match["direction"]) for match in matches}
-    if len(common) != 1 or set(words.values()) != {"forward", "backward"}:
+    words = {word: direction_of(word) for _, word in templates}
+    if len({wide for wide, _ in templates}) != 1 or set(words.values()) != {"forward", "backward"}:
         return None
-    ((head, between, tail),) = common
-    units = {"target_mm": bare_and_unit(target)[1], "deviation_um": bare_and_unit(others[0])[1]}
+    value = "position_mm" if _goes_along(names, values, target, others[0]) else "deviation_um"
+    units = {"target_mm": bare_and_unit(target)[1], value: bare_and_unit(others[0])[1]}
     unit_of_column = {column: unit for column, unit in units.items() if unit not in (None, column.rsplit("_", 1)[-1])}
-    mapping: MappingKeys = {"columns": {"target_mm": target}, "wide": f"{head}{{cycle}}{between}{{direction}}{tail}"}
+    mapping: MappingKeys = {"columns": {"target_mm": target}, "wide": templates[0][0]}
     mapping |= {
-        "wide_values": "deviation_um",
+        "wide_values": value,
         "constants": {"run": "1"},
         **({"units": unit_of_column} if unit_of_column else {}),
     }
     mapping |= {"rename": {"direction": {re.escape(raw): str(word) for raw, word in words.items() if raw != word}}}
     mapping |= {"ignore": "|".join(map(re.escape, numbered))} if numbered else {}
     return Proposal("positioning", mapping, "approaches of an axis to its targets, a column for each run")
+
+
+def _of_run(name: str) -> tuple[str, str] | None:
+    """Return the template of the name of a run's column, and its word of the direction: ``Run 1 Fwd(um)``, ``1 (+)``,
+    ``Ist (hin) Lauf 1``; None for other names."""
+    if match := _RUN_HEAD.fullmatch(name):
+        template = f"{match['head']}{{cycle}}{match['between']}{{direction}}{match['tail']}"
+        if direction_of(match["direction"]) is not None:
+            return template, match["direction"]
+    words = [match for match in _WORD.finditer(name) if direction_of(match[0]) is not None]
+    numbers = list(re.finditer(r"\d+", name))
+    if len(words) != 1 or len(numbers) != 1 or set("{}") & set(name):
+        return None
+    parts = sorted([(words[0].span(), "{direction}"), (numbers[0].span(), "{cycle}")], reverse=True)
+    template = name
+    for (begin, end), place in parts:
+        template = template[:begin] + place + template[end:]
+    return template, words[0][0]
+
+
+def _goes_along(names: Sequence[str], values: Array, target: str, name: str) -> bool:
+    """True if the numbers of a column span at least half as much as the targets, both in the units of their names."""
+    spans = []
+    for raw in (target, name):
+        column, unit = values[:, list(names).index(raw)], bare_and_unit(raw)[1]
+        factor = conversion(unit, "mm")[0] if unit is not None and is_convertible(unit, "mm") else 1.0
+        spans.append(float(np.nanmax(column) - np.nanmin(column)) * factor)
+    return spans[1] > 0.5 * spans[0] > 0.0
 
 
 _CYCLE_HEAD = re.compile(r"(?P<head>[^\d{}]+)(?P<cycle>\d+)(?P<tail>[^\d{}]*)")

@@ -36,7 +36,7 @@ from truing.formats.named_bench import (
 from truing.formats.named_chain import bare_chain_rows, chain_rows
 from truing.formats.named_columns import bare_poses, is_one_motion, pose_columns
 from truing.formats.named_joints import bare_joints, configurations_of_joints
-from truing.formats.named_loads import channels_without_loads, load_columns
+from truing.formats.named_loads import channels_without_loads, load_columns, with_unit_of_channels
 from truing.formats.nominal_machine import machine_of
 from truing.formats.numbers import Notation
 from truing.formats.probable_columns import columns_by_names
@@ -172,6 +172,7 @@ def _guess_by_notation(
     guess = _with_times(_guess_by_names(cells, mapping, about.joints), names, data, notation)
     guess = with_unit_of_deviations(guess, names, cells.values, about.unit)
     guess = with_direction(guess, names, data, cells.values)
+    guess = with_unit_of_channels(guess, about.unit)
     guess = with_unit_of_grad(guess, names, cells.values)
     return _with_unit_in_words(_with_unit_of_rows(guess, names, data), about.unit)
 
@@ -333,7 +334,7 @@ def _bench_readings(cells: NamedCells) -> Proposal | None:
     return (
         readings_under_load(cells.names)
         or positions_of_axis(cells.names, cells.rows, cells.values)
-        or positions_side_by_side(cells.names)
+        or positions_side_by_side(cells.names, cells.values)
     )
 
 
