@@ -61,6 +61,12 @@ _A_COORDINATE_PER_ROW = "a row for each coordinate; export a table of points wit
 _CHANNELS_ALONE = (
     "channels of a sensor without loads: put the load of each row beside them, as columns such as Fx [N] and Mz [N m]"
 )
+_IN_IMAGE = 2  # coordinates
+_OF_PIXELS = re.compile(r"[xyuv]\w*\s*[\[(_ ]\s*(px|pix|pixels?)\s*[\])]?", re.IGNORECASE)
+_PIXELS = (
+    "image coordinates of targets: [files.image_points] with pose, image and point beside them, and [[cameras]]: "
+    "docs/how-to/rays.md"
+)
 _OVER_ANGLE = (
     "readings over an angle, as of a ball bar or of dial gauges: truing reads no circular and no run-out tests, "
     "because nothing relates them to readings of joints or axes"
@@ -326,6 +332,7 @@ def _guess_readings(
         notes = [_A_COORDINATE_PER_ROW] if _has_axes_in_rows(cells.rows) else []
         notes += [_CHANNELS_ALONE] if channels_without_loads(names) else []
         notes += [_OVER_ANGLE] if not notes and is_over_angle(names) else []
+        notes += [_PIXELS] if sum(_OF_PIXELS.fullmatch(name.strip()) is not None for name in names) == _IN_IMAGE else []
     return Guess(mapping | keys, names, table, tuple(notes))
 
 
