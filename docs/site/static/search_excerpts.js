@@ -7,9 +7,16 @@ const searched = () =>
 
 const pageOf = (link) => link.getAttribute("href").split("#")[0].replace(/\.html$/, "");
 
+// K22 may stand in a range, K11 .. K66: then the first name of that kind.
+function placeOf(text, word) {
+  const place = text.indexOf(word);
+  const head = place < 0 && /^(\p{L}+)\d+$/u.exec(word);
+  return head ? text.search(new RegExp(`(?<![\\p{L}\\d])${head[1]}\\d`, "u")) : place;
+}
+
 function excerpt(text, words) {
   const low = text.toLowerCase();
-  const at = words.map((word) => low.indexOf(word)).find((place) => place >= 0) ?? 0;
+  const at = words.map((word) => placeOf(low, word)).find((place) => place >= 0) ?? 0;
   const start = Math.max(at - WORDS_AROUND / 2, 0);
   const end = Math.min(start + 2 * WORDS_AROUND, text.length);
   const before = start > 0 ? "… " : "";
