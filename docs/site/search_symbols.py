@@ -7,6 +7,7 @@ import unicodedata
 from typing import Any
 
 from docutils import nodes
+from sphinx import addnodes
 from sphinx.application import Sphinx
 
 _OF_EQUATIONS = re.compile(
@@ -57,10 +58,10 @@ def _members(match: re.Match[str]) -> list[str]:
 def _add_words(app: Sphinx, doctree: nodes.document) -> None:
     if words := symbols_of(doctree):
         doctree.append(nodes.meta(name="keywords", content=", ".join(words)))
-    text, entries = doctree.astext().lower(), app.env.domaindata["index"]["entries"]
-    for short, words_of_text in _SHORTENED.items():
-        if words_of_text in text:
-            entries.setdefault(app.env.current_document.docname, []).append(("single", short, "", "", None))
+    text = doctree.astext().lower()
+    entries = [("single", short, "", "", None) for short, spelt in _SHORTENED.items() if spelt in text]
+    if entries:  # a word of the search has three characters or more between its marks; an entry has any
+        doctree.append(addnodes.index(entries=entries))
 
 
 def setup(app: Sphinx) -> dict[str, Any]:
