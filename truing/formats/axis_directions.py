@@ -31,6 +31,7 @@ WORDS = {
 }
 _KEY = "approach"
 _AGREES = 0.9  # share of the movements between successive rows that decides what the words mean
+_EVEN = 0.5
 _COMMANDS = ("command_deg", "command_mm")
 
 
@@ -87,11 +88,18 @@ def _up(signs: Mapping[str, int]) -> str:
 
 
 def _agreement(cells: Sequence[str], signs: Mapping[str, int], command: Array) -> float | None:
-    """Return the share of the movements between successive rows that have the recorded sign; None without movements."""
+    """Return the share of the movements between successive rows that have the recorded sign, of the less clear word.
+
+    None where rows of either word show no movement, as in a file that is sorted by commands.
+    """
     recorded = np.array([float(signs.get(cell, np.nan)) for cell in cells])[1:]
     step = np.sign(np.diff(command))
     known = np.isfinite(recorded) & np.isfinite(step) & (step != 0.0)
-    return float(np.mean(recorded[known] == step[known])) if known.any() else None
+    of_words = [known & (recorded == sign) for sign in (1.0, -1.0)]
+    shares = [float(np.mean(step[rows] == recorded[rows])) for rows in of_words if rows.any()]
+    if len(shares) < len(of_words):
+        return None
+    return min(shares) if min(shares) > _EVEN else max(shares)
 
 
 def _reading(guess: Guess, raw: str, signs: Mapping[str, int]) -> Guess:

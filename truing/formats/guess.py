@@ -31,6 +31,7 @@ _OF_AXES = re.compile(  # positions in a robot's program: KUKA's E6AXIS, jointta
 )
 _ANGLE = r"[-+\d.eE]+"
 _SIX = r"\s*,\s*".join([_ANGLE] * 6)
+_LONGEST_LINE = 500
 _NUMBERED = r"\w*\d"
 # Lines of a log of joints: KUKA's axes as KRL writes them, and a jointtarget without its keyword.
 _KUKA_LINE = rf"(?P<place>{_NUMBERED}\b)?.*\{{\s*(E6AXIS\s*:\s*)?A1\s+{_ANGLE}\s*,\s*A2\s"
@@ -316,7 +317,9 @@ def _log_of_axes(lines: Sequence[str]) -> Guess | None:
     joints = tuple(f"joint{number}" for number in range(1, 7))
     values = [rf"(?P<{joint}_deg>{_ANGLE})" for joint in joints]
     for maker, (pattern, keep) in _LOGS_OF_AXES.items():
-        matches = [match for line in lines if (match := pattern.match(line))]
+        mark = re.compile(keep)
+        candidates = [line for line in lines if len(line) <= _LONGEST_LINE and mark.search(line)]
+        matches = [match for line in candidates if (match := pattern.match(line))]
         if len(matches) < _FEWEST:
             continue
         if maker == "KUKA":
