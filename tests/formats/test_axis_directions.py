@@ -55,13 +55,21 @@ def test_words_that_name_the_side_from_which_the_axis_comes_are_turned_by_the_mo
     assert approaches(tmp_path, guess) == [1] * 5 + [-1] * 5
 
 
-def test_a_file_sorted_by_position_is_asked_what_its_words_mean(tmp_path: Path) -> None:
-    commands = [at for at in (0, 90, 180, 270, 360) for _ in range(2)]
-    guess = guess_of(tmp_path, "Richtung", ("+", "-"), commands, [True, False] * 5)
+@pytest.mark.parametrize(
+    ("commands", "is_up"),
+    [
+        ([at for at in (0, 90, 180, 270, 360) for _ in range(2)], [True, False] * 5),  # sorted by position
+        ([0, 90, 180, 270, 360] * 2, UP),  # both passes written with rising commands
+    ],
+)
+def test_it_is_asked_what_words_mean_where_the_order_of_rows_does_not_say_it(
+    tmp_path: Path, commands: list[int], is_up: list[bool]
+) -> None:
+    guess = guess_of(tmp_path, "Richtung", ("+", "-"), commands, is_up)
     (way,) = [way for way in guess.ways if way.key == "approach"]
     assert (way.taken, way.other) == ("+", "-")
-    assert approaches(tmp_path, guess) == [1, -1] * 5
-    assert approaches(tmp_path, way.guess) == [-1, 1] * 5
+    assert approaches(tmp_path, guess) == [1 if up else -1 for up in is_up]
+    assert approaches(tmp_path, way.guess) == [-1 if up else 1 for up in is_up]
 
 
 @pytest.mark.parametrize("words", [("left", "left"), ("warm", "cold")])

@@ -90,7 +90,8 @@ def _up(signs: Mapping[str, int]) -> str:
 def _agreement(cells: Sequence[str], signs: Mapping[str, int], command: Array) -> float | None:
     """Return the share of the movements between successive rows that have the recorded sign, of the less clear word.
 
-    None where rows of either word show no movement, as in a file that is sorted by commands.
+    A half where the words differ in it, as where both passes are written with rising commands. None where rows of
+    either word show no movement, as in a file that is sorted by commands.
     """
     recorded = np.array([float(signs.get(cell, np.nan)) for cell in cells])[1:]
     step = np.sign(np.diff(command))
@@ -99,7 +100,7 @@ def _agreement(cells: Sequence[str], signs: Mapping[str, int], command: Array) -
     shares = [float(np.mean(step[rows] == recorded[rows])) for rows in of_words if rows.any()]
     if len(shares) < len(of_words):
         return None
-    return min(shares) if min(shares) > _EVEN else max(shares)
+    return min(shares) if min(shares) > _EVEN else max(shares) if max(shares) < _EVEN else _EVEN
 
 
 def _reading(guess: Guess, raw: str, signs: Mapping[str, int]) -> Guess:
