@@ -63,9 +63,7 @@ def with_direction(guess: Guess, names: Sequence[str], rows: Sequence[Sequence[s
         note = f"{raw} is read as the direction of approach; the rows move to larger commands at {_up(meant)}"
         return replace(_reading(guess, raw, meant), notes=(*guess.notes, note))
     up, down = _up(signs), _up(_opposite(signs))
-    text = (
-        f"{raw}, direction of approach that the order of rows does not show: its word for movement to larger commands"
-    )
+    text = f"{raw}: its word for an approach by movement to larger commands, which the order of rows does not show"
     doubt = f"{raw} = {up} is assumed to be a movement to larger commands"
     way = OtherWay(_KEY, text, up, down, _reading(guess, raw, _opposite(signs)), doubt)
     return replace(_reading(guess, raw, signs), ways=(*ways, way))

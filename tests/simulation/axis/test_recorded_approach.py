@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import numpy as np
+import pytest
 from numpy.typing import NDArray
 
 from tests.tolerance import assert_close
@@ -41,8 +42,9 @@ def test_rows_sorted_by_command_keep_their_recorded_sides() -> None:
     assert _rows(np.repeat(np.arange(5.0), 2), sides).direction.tolist() == sides.tolist()
 
 
-def test_rows_without_a_recorded_direction_go_on_from_the_rows_before() -> None:
-    recorded = np.array([np.nan, np.nan, np.nan, -1.0, np.nan, np.nan])
+@pytest.mark.parametrize("unknown", [np.nan, 0.0])
+def test_rows_without_a_recorded_direction_go_on_from_the_rows_before(unknown: float) -> None:
+    recorded = np.array([unknown, unknown, unknown, -1.0, unknown, unknown])
     assert _rows(np.array([0.0, 1.0, 2.0, 2.0, 2.0, 3.0]), recorded).direction.tolist() == [1, 1, 1, -1, -1, 1]
 
 

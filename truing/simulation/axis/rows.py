@@ -95,7 +95,7 @@ class AxisRows:
     ) -> AxisRows:
         """Return rows with the quantities that follow from their order in time; least_move as in `Axis`.
 
-        recorded (B,): direction of approach as written down, -1 or 1, NaN if unknown; it has precedence over the order.
+        recorded (B,): direction of approach as written down, -1 or 1, else unknown; it has precedence over the order.
         """
         order = np.argsort(np.argsort(time_s, kind="stable")).astype(float)
         moves = _Movements.of(command, order, least_move, recorded)
@@ -157,7 +157,7 @@ class _Movements:
     @classmethod
     def of(cls, command: NDArray, order: NDArray, least: float, recorded: NDArray | None) -> _Movements:
         rows = np.arange(len(command))
-        if recorded is None or not np.isfinite(recorded).any():
+        if recorded is None or not (np.abs(recorded) == 1.0).any():
             return cls(command, order, rows)
         before = _rows_with_unseen_movement(command, order, least, recorded)
         starts = command[before] - recorded[before] * _start(command, least)
@@ -173,7 +173,7 @@ def _rows_with_unseen_movement(command: NDArray, order: NDArray, least: float, r
             sense = float(np.sign(step))
         if np.isfinite(command[row]) and not abs(step) <= least:
             current = command[row]
-        if np.isfinite(command[row]) and np.isfinite(recorded[row]) and recorded[row] != sense:
+        if np.isfinite(command[row]) and abs(recorded[row]) == 1.0 and recorded[row] != sense:
             found.append(int(row))
             sense = float(recorded[row])
     return np.array(found, int)
