@@ -48,7 +48,7 @@ def with_direction(guess: Guess, names: Sequence[str], rows: Sequence[Sequence[s
     """
     ways = tuple(replace(way, guess=with_direction(way.guess, names, rows, values)) for way in guess.ways)
     guess, columns = replace(guess, ways=ways), guess.mapping.get("columns", {})
-    command = next((columns[name] for name in _COMMANDS if isinstance(columns.get(name), str)), None)
+    command = next((str(columns[name]) for name in _COMMANDS if isinstance(columns.get(name), str)), "")
     raw = next((name for name in names if re.fullmatch(DIRECTION, bare_and_unit(name)[0].casefold())), None)
     if guess.table != "configurations" or command not in names or raw is None or raw in columns.values():
         return guess
