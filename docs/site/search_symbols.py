@@ -7,7 +7,6 @@ import unicodedata
 from typing import Any
 
 from docutils import nodes
-from sphinx import addnodes
 from sphinx.application import Sphinx
 
 _OF_EQUATIONS = re.compile(
@@ -18,7 +17,6 @@ _RANGE = re.compile(
     r"(?<![\w.])(?P<head>[A-Za-z]\w*?)(?P<first>\d{1,2})(?P<tail>_[a-z]+)?[ `]*(?:\.\.|…|to)[ `]*"
     r"(?P=head)(?P<last>\d{1,2})(?(tail)(?P=tail))(?![\w.])"
 )
-_SHORTENED = {"S/N": "signal-to-noise"}
 _MATH = (nodes.math, nodes.math_block)
 
 
@@ -58,10 +56,6 @@ def _members(match: re.Match[str]) -> list[str]:
 def _add_words(app: Sphinx, doctree: nodes.document) -> None:
     if words := symbols_of(doctree):
         doctree.append(nodes.meta(name="keywords", content=", ".join(words)))
-    text = doctree.astext().lower()
-    entries = [("single", short, "", "", None) for short, spelt in _SHORTENED.items() if spelt in text]
-    if entries:  # a word of the search has three characters or more between its marks; an entry has any
-        doctree.append(addnodes.index(entries=entries))
 
 
 def setup(app: Sphinx) -> dict[str, Any]:

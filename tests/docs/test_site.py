@@ -104,4 +104,3 @@ def test_symbols_of_equations_and_of_ranges_are_words_of_the_search(site: Path) 
     assert {"causes", "conventions"} <= pages_of["k22"]
     assert "conventions" in pages_of["g_b"]
     assert {"rho", "kappa", "v3_mv"} <= set(pages_of)
-    assert "s/n" in {entry.lower() for entry in found["indexentries"]}

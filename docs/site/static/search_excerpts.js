@@ -2,8 +2,15 @@
 // Sphinx fetches each page for its excerpt, which a browser refuses for files; here the texts are at hand.
 const WORDS_AROUND = 160;
 
-const searched = () =>
-  (new URLSearchParams(window.location.search).get("q") || "").toLowerCase().split(/[^\p{L}\p{N}_]+/u).filter(Boolean);
+// The search splits words at such marks, and finds no letter alone.
+const SHORTENED = { "s/n": "signal-to-noise" };
+const speltOut = (query) => SHORTENED[query.trim().toLowerCase()] || query;
+
+// The whole query first, then each of its words.
+const searched = () => {
+  const query = speltOut(new URLSearchParams(window.location.search).get("q") || "").toLowerCase();
+  return [query, ...query.split(/[^\p{L}\p{N}_]+/u)].filter(Boolean);
+};
 
 const pageOf = (link) => link.getAttribute("href").split("#")[0].replace(/\.html$/, "");
 
@@ -36,6 +43,8 @@ function addExcerpt(item) {
 }
 
 document.addEventListener("DOMContentLoaded", () => {
+  const perform = Search.performSearch; // before it is called: this script comes first
+  Search.performSearch = (query) => perform(speltOut(query));
   const results = document.getElementById("search-results");
   if (!results) return;
   new MutationObserver(() => results.querySelectorAll("ul.search > li").forEach(addExcerpt)).observe(results, {
