@@ -16,7 +16,15 @@ copyright = "The truing authors, BSD 3-Clause"
 version = release = truing.__version__
 
 extensions = ["myst_parser", "sphinx.ext.autodoc"]
-extensions += ["equations", "tree_of_lists", "docstrings", "notebooks", "search_excerpts", "versions"]  # in docs/site
+extensions += [
+    "equations",
+    "tree_of_lists",
+    "docstrings",
+    "notebooks",
+    "search_excerpts",
+    "search_symbols",
+    "versions",
+]  # in docs/site
 exclude_patterns = ["experiments", "site"]
 source_suffix = {".md": "markdown"}
 

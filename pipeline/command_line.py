@@ -340,7 +340,7 @@ def power(
     _end(act, console=console)
 
 
-@app.command(short_help="Choose camera stations; predict targets' deviations.")
+@app.command(short_help="Choose camera stations; predict deviations of targets.")
 def plan(
     campaign: option.OneCampaign,
     stations: option.PlanStations = 12,

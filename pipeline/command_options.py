@@ -125,7 +125,7 @@ InitAnswer = Annotated[
         "--answer",
         metavar="[FILE:]KEY=VALUE",
         autocompletion=completions.answers,
-        help="What the files leave open, such as unit=m or 'points*.csv:body=platform'; may be repeated.",
+        help="What the files leave open, such as unit=m, or of one file: points*.csv:body=platform; may be repeated.",
     ),
 ]
 InitAsk = Annotated[bool, typer.Option("--ask/--no-ask", help="Ask on a terminal what the files leave open.")]
@@ -214,7 +214,7 @@ DesignUniqueness = Annotated[
     bool, typer.Option("--uniqueness", help="Instead: proof that readings determine the pose over the workspace.")
 ]
 DesignTolerances = Annotated[
-    bool, typer.Option("--tolerances", help="Instead: errors of a force sensor's platform by each tolerance.")
+    bool, typer.Option("--tolerances", help="Instead: errors of the platform of a force sensor by each tolerance.")
 ]
 
 # `truing power`.
@@ -255,7 +255,7 @@ PlanElevation = Annotated[
     typer.Option("--elevation", metavar="DEG,DEG", help="Lowest and highest elevation of stations above the xy-plane."),
 ]
 PlanIncidence = Annotated[
-    float, typer.Option("--incidence", min=1.0, max=89.0, help="Largest angle from a target's normal, degrees.")
+    float, typer.Option("--incidence", min=1.0, max=89.0, help="Largest angle from the normal of a target, degrees.")
 ]
 PlanLeast = Annotated[float, typer.Option("--least", min=0.0, max=1000.0, help="Smallest image of a target, pixels.")]
 PlanDirections = Annotated[int, typer.Option("--directions", min=8, max=500, help="Number of directions to try.")]

@@ -29,6 +29,15 @@ ANSWERS = (
         "loads=shown",
         "axis=deg",
         "axis=mm",
+        "convention=standard",
+        "convention=modified",
+        "join=rows",
+        "join=step",
+        "join=time",
+        "sign=place-command",
+        "sign=command-place",
+        "unit_of_angle=deg",
+        "unit_of_angle=gon",
     ),
     *("body=base", "body=platform", "run=1", "pose=1", "channel=dz", "load_axis=fz", "load=0"),
 )
@@ -95,11 +104,14 @@ def answers(context: typer.Context, incomplete: str) -> list[tuple[str, str]]:
 
 
 def _listed(incomplete: str, known: dict[str, str]) -> list[tuple[str, str]]:
-    """Names that complete the last of several, separated by commas; those before it are not offered again."""
+    """Names that complete the last of several, separated by commas; those before it are not offered again.
+
+    Meanings have typographic apostrophes: zsh would drop the others.
+    """
     before, comma, last = incomplete.rpartition(",")
     given = before.split(",")
     return [
-        (f"{before}{comma}{name}", meaning)
+        (f"{before}{comma}{name}", meaning.replace("'", "\u2019"))
         for name, meaning in known.items()
         if name.startswith(last) and name not in given
     ]

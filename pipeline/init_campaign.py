@@ -32,6 +32,7 @@ from truing.pipeline.init_lists import with_numbered_poses, with_poses_in_order
 from truing.pipeline.init_loads import with_loads_once
 from truing.pipeline.init_loads_apart import with_loads_apart
 from truing.pipeline.init_log_at_times import with_log_at_times
+from truing.pipeline.init_machine import with_bodies_of_legs
 from truing.pipeline.init_measured_apart import with_measured_apart
 from truing.pipeline.init_names import with_bodies_of_survey, with_bodies_of_targets, with_poses_of_names
 from truing.pipeline.init_parts import with_parts_of_one_list, with_stations
@@ -124,6 +125,8 @@ def init_campaign(
     guesses = with_bodies_of_survey(folder, with_bodies_of_targets(folder, guesses))
     guesses = with_prefixed_survey(folder, guesses)
     guesses = [(group, changed) for (group, _), changed in zip(guesses, with_tip(folder, guesses, robot), strict=True)]
+    named = with_bodies_of_legs([guess for _, guess in guesses])
+    guesses = [(group, changed) for (group, _), changed in zip(guesses, named, strict=True)]
     guesses = _settled(folder, guesses, all_answers, console)
     all_answers.raise_faults()
     name = folder.resolve().name

@@ -259,7 +259,8 @@ def _is_adjusted(group: Any, guess: Guess) -> bool:
 def shortened_entries(entries: list[Entry], most: int) -> tuple[list[Entry], list[Entry]]:
     """Entry of each table with most files, others while there is space, and the remaining ones.
 
-    Next to a file for each pose, a single file of points that names no pose is none of theirs.
+    Entries of one table in one file, such as poses of several bodies, belong together. Next to a file for each pose, a
+    single file of points that names no pose is none of theirs.
     """
     firsts = {
         entry[1].table: number
@@ -271,9 +272,10 @@ def shortened_entries(entries: list[Entry], most: int) -> tuple[list[Entry], lis
         n for n in order if n in firsts.values() or entries[n][1].table not in poses or _names_poses(entries[n][1])
     ]
     shown: set[int] = set()
+    needed = {(entries[number][0].glob, table) for table, number in firsts.items()}
     for number in order:
         most -= len(entries[number][2])
-        if most >= 0 or number in firsts.values():
+        if most >= 0 or (entries[number][0].glob, entries[number][1].table) in needed:
             shown.add(number)
     return [e for n, e in enumerate(entries) if n in shown], [e for n, e in enumerate(entries) if n not in shown]
 

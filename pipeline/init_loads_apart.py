@@ -105,7 +105,9 @@ def _has_signals(named: set[str]) -> bool:
 
 
 def _holds_channels_alone(guess: Guess) -> bool:
-    return guess.table is None and not guess.known and bool(channels_without_loads(guess.columns))
+    is_in_words = "v1_mv" in guess.mapping.get("units", {})  # the unit of the channels
+    is_of_channels = is_in_words or bool(channels_without_loads(guess.columns))
+    return guess.table is None and not guess.known and is_of_channels
 
 
 def _with_keys(guess: Guess, keys: MappingKeys, doubts: tuple[str, ...]) -> Guess:

@@ -6,11 +6,12 @@ import json
 import math
 import re
 from collections.abc import Iterator, Mapping, Sequence
+from dataclasses import replace
 from typing import TYPE_CHECKING
 
 if TYPE_CHECKING:
     from truing.arrays import TableRow
-    from truing.formats.guess import Guess
+    from truing.formats.guess import Guess, MappingKeys
 
 MARK = "# check:"
 OF_ANY_CHAIN = (
@@ -18,6 +19,10 @@ OF_ANY_CHAIN = (
     ("# [mechanism.tolerance]", "one standard deviation; absent: joint zeros exact, links free"),
     ("# offset_deg = 0.05", ""),
 )
+_BODIES_OF_LEGS = {
+    "base": r"(base|basis|bottom|lower|fixed|ground|gestell|fest|unten|sockel|socle)(?![^\W\d_])",
+    "platform": r"(platform|plattform|plate-?forme|moving|upper|top|oben|mobile?|nacelle)(?![^\W\d_])",
+}
 _JOINT = re.compile(r"(?!(?:command|motor|load|measured|deviation|temperature|rho\d+)_)([^\W\d]\w*?)_(?:deg|rad|mm)")
 
 
@@ -124,6 +129,30 @@ def legs_of_table(guesses: Sequence[Guess]) -> list[tuple[str, str]]:
         ("# [mechanism.tolerance]", "one standard deviation of manufacturing and assembly"),
         ("# a_mm = 0.5", "and b_mm, length_mm"),
     ]
+
+
+def with_bodies_of_legs(guesses: Sequence[Guess]) -> list[Guess]:
+    """Proposals whose bodies have the names of a machine on legs, base and platform, if a file gives its legs.
+
+    A body that each entry names as a constant, such as ``Base`` or ``Top plate``, is one of them by its first word.
+    """
+    named = [(guess.mapping.get("constants") or {}).get("body") for guess in guesses]
+    is_machine = sum("legs" in guess.machine for guess in guesses) == 1
+    bodies = {
+        body: next((name for name, words in _BODIES_OF_LEGS.items() if re.match(words, str(body), re.I)), None)
+        for body in named
+        if body is not None
+    }
+    if not is_machine or len(bodies) != len(_BODIES_OF_LEGS) or set(bodies.values()) != set(_BODIES_OF_LEGS):
+        return list(guesses)
+    return [
+        guess if body is None else replace(guess, mapping=_of_body(guess.mapping, str(bodies[body])))
+        for guess, body in zip(guesses, named, strict=True)
+    ]
+
+
+def _of_body(mapping: MappingKeys, body: str) -> MappingKeys:
+    return {**mapping, "constants": {**mapping["constants"], "body": body}}
 
 
 def columns_of(guess: Guess) -> tuple[str, ...]:

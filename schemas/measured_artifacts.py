@@ -35,7 +35,7 @@ MEASUREMENT = (
         "configurations",
         "one row per pose: role, time, actuator readings, covariates",
         "pose* role time_s",
-        optional="temperature_c repeat_of event series",
+        optional="temperature_c repeat_of event approach series",
         families="rho",
         covariates=True,
     ),

@@ -6,9 +6,11 @@ import re
 from collections.abc import Collection, Iterator, Mapping
 from typing import TYPE_CHECKING
 
+from truing.formats.grad_units import is_grad
 from truing.formats.shapes import CONFIGURATIONS
 from truing.report.numbers import listed
 from truing.schemas.columns import find_column
+from truing.schemas.mapping import RawValue
 from truing.schemas.near_names import did_you_mean, is_one_slip_apart, mistyped_name, similar_names
 from truing.stages.ingestion.tables import FITTED
 from truing.stages.prospects import CampaignContents
@@ -40,8 +42,23 @@ def attention(settings: Campaign, contents: CampaignContents) -> Iterator[str]:
     else:
         yield from _remarks_on_noise(settings, contents)
         yield from _remarks_on_signals(contents)
+    yield from _remarks_on_grad(settings)
     yield from _remarks_on_names(contents)
     yield from _remarks_on_columns(contents)
+
+
+def _remarks_on_grad(settings: Campaign) -> Iterator[str]:
+    """Raw columns whose unit is called grad, and that no key gives another one."""
+    for table, entries in settings.files.items():
+        for entry in entries:
+            for column, source in entry.columns.items():
+                meant = source if isinstance(source, RawValue) else RawValue(name=source)
+                is_known = column in entry.units or meant.unit is not None
+                if isinstance(meant.name, str) and is_grad(raw := meant.name) and not is_known:
+                    yield (
+                        f"files.{table}: {raw} is read in degrees. grad is a degree in German, and 1/400 of a turn "
+                        f'(gon) elsewhere; units = {{ {column} = "gon" }} or "deg" says which'
+                    )
 
 
 def _remarks_on_signals(contents: CampaignContents) -> Iterator[str]:

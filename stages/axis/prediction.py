@@ -10,7 +10,7 @@ from truing.schemas.artifacts import ARTIFACTS
 from truing.schemas.faults import CampaignFaults, Fault
 from truing.simulation.axis.extended_model import predict_axis, read_axis
 from truing.simulation.axis.rows import ROTARY, AxisRows
-from truing.stages.common.axis_columns import SI
+from truing.stages.common.axis_columns import APPROACH, SI
 from truing.stages.common.point_arrays import number_column
 
 if TYPE_CHECKING:
@@ -34,7 +34,8 @@ def predicted(model: str, table: pa.Table, file: str) -> pa.Table:
     time_s = number_column(table, "time_s") if "time_s" in table.schema.names else np.arange(len(command), dtype=float)
     poses = table.column("pose").to_pylist()
     values_by_column = {name: number_column(table, name) for name in needed}
-    rows = AxisRows.of(poses, time_s, command, extended.axis.least_move, others=values_by_column)
+    recorded = number_column(table, APPROACH) if APPROACH in table.schema.names else None
+    rows = AxisRows.of(poses, time_s, command, extended.axis.least_move, others=values_by_column, recorded=recorded)
     value, sigma = predict_axis(extended, rows)
     reported = [
         {

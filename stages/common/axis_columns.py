@@ -25,7 +25,8 @@ if TYPE_CHECKING:
     from truing.schemas.sections import Overrule
 
 
-NUMBERED = ("pose", "role", "time_s", "event", "repeat_of")
+APPROACH = "approach"  # column of the recorded direction of approach
+NUMBERED = ("pose", "role", "time_s", "event", "repeat_of", APPROACH)
 SI = {"deg": np.pi / 180.0, "mm": 1e-3}
 TOLD = {"deg": ("arcsec", np.pi / 180.0 / 3600.0), "mm": ("um", 1e-6)}
 """Unit of reported errors by the unit of the axis, and its value in SI."""
@@ -116,7 +117,8 @@ class AxisColumns:
             if field.name not in column_names and str(field.type) in ("double", "int64")
         }
         poses, least = table.column("pose").to_pylist(), self.axis(command_sigma).least_move
-        return AxisRows.of(poses, time_s, command, least, _events_in_time(table, time_s), other_columns)
+        recorded = number_column(table, APPROACH) if APPROACH in table.column_names else None
+        return AxisRows.of(poses, time_s, command, least, _events_in_time(table, time_s), other_columns, recorded)
 
     def deviations(self, table: pa.Table) -> Array:
         """Return encoder readings minus command (N, K), rad or m, without whole turns and overflows; NaN if empty."""

@@ -35,6 +35,7 @@ _MACHINES = {
     "ups": "platform on {} legs of variable length (UPS)",
     "6-upur": "force sensor on {} elastic legs (6-UPUR)",
 }
+_PROCESSORS = Path("/proc/cpuinfo")
 _EXPECTED = "a picture of at most 1 MB in PNG, JPEG or SVG"
 
 
@@ -85,6 +86,19 @@ def _software(version: str, *, of_photographs: bool) -> Iterator[tuple[str, str]
         with suppress(metadata.PackageNotFoundError):
             yield name, metadata.version(name)
     yield "system", f"{platform.system()} {platform.machine()}"
+    if processor := processor_model():
+        yield "processor", processor
+
+
+def processor_model(listed: Path = _PROCESSORS) -> str:
+    """Return the model of the processor, by Linux's list or as the system tells it; empty where neither is known."""
+    with suppress(OSError):
+        for line in listed.read_text(encoding="utf-8", errors="replace").splitlines():
+            name, _, model = line.partition(":")
+            if name.strip() == "model name" and model.strip():
+                return " ".join(model.split())
+    told = platform.processor()
+    return told if told != platform.machine() else ""
 
 
 def _raw_files(files: CampaignFiles) -> Iterator[RawFileFacts]:

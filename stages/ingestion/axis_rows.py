@@ -35,7 +35,11 @@ if TYPE_CHECKING:
     from truing.schemas.mechanism import AxisMechanism
 
 ROWS = TableShape(
-    "configurations", ("pose",), ("role", "time_s", "temperature_c", "repeat_of", "event"), covariates=True
+    "configurations",
+    ("pose",),
+    ("role", "time_s", "temperature_c", "repeat_of", "event", "approach"),
+    covariates=True,
+    may_be_empty=("approach",),
 )
 DEVIATION = "deviation"
 _OTHER = {"deg": "mm", "mm": "deg"}

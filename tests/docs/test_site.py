@@ -8,6 +8,7 @@ import subprocess
 import sys
 from pathlib import Path
 
+import numpy as np
 import pytest
 
 import truing
@@ -93,3 +94,13 @@ def test_versions_side_by_side_are_listed_the_newest_first(tmp_path: Path) -> No
 def test_make_docs_builds_into_the_folder_of_the_version() -> None:
     done = subprocess.run(["make", "-n", "docs"], cwd=PROJECT, capture_output=True, text=True)
     assert f"docs build/docs/html/{truing.__version__}\n" in done.stdout
+
+
+def test_symbols_of_equations_and_of_ranges_are_words_of_the_search(site: Path) -> None:
+    """K22 stands in no sentence: only in equations as K_{22}, and in K11 .. K66."""
+    index = (site / "searchindex.js").read_text(encoding="utf-8")
+    found = json.loads(re.fullmatch(r"Search\.setIndex\((.*)\)\s*", index, re.DOTALL)[1])  # type: ignore[index]
+    pages_of = {word: {found["docnames"][n] for n in np.atleast_1d(of)} for word, of in found["terms"].items()}
+    assert {"causes", "conventions"} <= pages_of["k22"]
+    assert "conventions" in pages_of["g_b"]
+    assert {"rho", "kappa", "v3_mv"} <= set(pages_of)

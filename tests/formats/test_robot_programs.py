@@ -36,6 +36,38 @@ def test_positions_of_moves_are_in_radians_and_in_their_order(tmp_path: Path) ->
     assert columns["joint2_rad"] == [-0.5, 0.5]
 
 
+LOGS = {
+    "kuka": "MP{pose:03d} $AXIS_ACT={{A1 {0},A2 {1},A3 {2},A4 {3},A5 {4},A6 {5},E1 0.0}}",
+    "abb": "2026-11-26 10:0{pose}:05  jpos{pose:02d} := [[{0},{1},{2},{3},{4},{5}],[9E+09,9E+09,9E+09,9E9,9E9,9E9]]",
+}
+
+
+@pytest.mark.parametrize("controller", sorted(LOGS))
+@pytest.mark.parametrize("first", [1, 7])
+def test_lines_of_a_log_of_joints_are_read_with_the_numbers_of_their_names(
+    tmp_path: Path, controller: str, first: int
+) -> None:
+    lines = [LOGS[controller].format(*row, pose=pose) for pose, row in enumerate(READINGS, first)]
+    (tmp_path / "program.txt").write_text("\n".join(["; log of 27.11.2026 08:00", *lines]) + "\n")
+    columns = _read(tmp_path, "deg")
+    assert columns["pose"] == [first, first + 1]
+    assert np.array_equal(np.transpose([columns[f"joint{k}_deg"] for k in range(1, 7)]), READINGS)
+
+
+def test_lines_of_a_log_without_names_are_poses_in_their_order(tmp_path: Path) -> None:
+    lines = ["{" + ", ".join(f"A{k} {value}" for k, value in enumerate(row, 1)) + "}" for row in READINGS]
+    (tmp_path / "program.txt").write_text("\n".join(lines) + "\n")
+    columns = _read(tmp_path, "deg")
+    assert columns["pose"] == [1, 2]
+    assert columns["joint6_deg"] == [row[5] for row in READINGS]
+
+
+def test_cartesian_targets_of_a_program_are_no_joints(tmp_path: Path) -> None:
+    line = "p{0} := [[100.5,20.25,300.0],[1,0,0,0],[0,0,0,0],[9E+09,9E+09,9E+09,9E+09,9E+09,9E+09]]"
+    (tmp_path / "program.txt").write_text("\n".join(line.format(k) for k in (1, 2, 3)) + "\n")
+    assert sniff_file(tmp_path / "program.txt").table is None
+
+
 LS = """/PROG  CALIB
 /ATTR
 COMMENT = "";

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import gzip
 
+import numpy as np
 import pytest
 from hypothesis import given
 from hypothesis import strategies as st
@@ -124,18 +125,25 @@ def test_names_without_end_are_no_columns(tmp_path, name):
         (("Run 1 Forward (um)", "Run 1 Reverse (um)"), "Run {cycle} {direction} (um)", {"Forward", "Reverse"}),
         (("Lauf1+", "Lauf1-"), "Lauf{cycle}{direction}", {r"\+", r"\-"}),
         (("1_up", "1_down"), "{cycle}_{direction}", {"up", "down"}),
+        (("1 (+)", "1 (-)"), "{cycle} ({direction})", {r"\+", r"\-"}),
+        (("Ist (hin).Lauf 1", "Ist (zurück).Lauf 1"), "Ist ({direction}).Lauf {cycle}", {"hin", "zurück"}),
     ],
 )
-def test_runs_of_an_axis_side_by_side_are_recognised(heads, wide, directions):
-    found = positions_side_by_side(("Target (mm)", *heads))
+@pytest.mark.parametrize(("scale", "kind"), [(1e-3, "deviation_um"), (1.0, "position_mm")])
+def test_runs_of_an_axis_side_by_side_are_recognised(heads, wide, directions, scale, kind):
+    """Numbers that go along with the targets are positions."""
+    if "(um)" in heads[0] and kind == "position_mm":
+        scale = 1e3
+    target = np.array([0.0, 50.0, 100.0])
+    found = positions_side_by_side(("Target (mm)", *heads), np.column_stack([target, scale * target, scale * target]))
     assert found is not None
-    assert (found.table, found.mapping["wide"], found.mapping["wide_values"]) == ("positioning", wide, "deviation_um")
+    assert (found.table, found.mapping["wide"], found.mapping["wide_values"]) == ("positioning", wide, kind)
     assert set(found.mapping["rename"]["direction"]) == directions
 
 
 @pytest.mark.parametrize("heads", [("Run 1 Forward", "Comment"), ("Channel 1 x", "Channel 1 y"), ("Run 1 Forward",)])
 def test_other_columns_beside_a_target_are_no_runs(heads):
-    assert positions_side_by_side(("Target (mm)", *heads)) is None
+    assert positions_side_by_side(("Target (mm)", *heads), np.zeros((3, 1 + len(heads)))) is None
 
 
 def test_a_column_name_beside_coordinates_names_the_targets(tmp_path):

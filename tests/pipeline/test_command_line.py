@@ -18,10 +18,11 @@ from typer.testing import CliRunner
 from tests.pipeline.fake_project import STAGES, FakeProject
 from tests.sentences import assert_says
 from truing.pipeline.command_line import app
-from truing.pipeline.completions import ANSWERS, campaigns, runs
+from truing.pipeline.completions import ANSWERS, campaigns, causes, runs
 from truing.pipeline.console import JsonConsole
 from truing.pipeline.init_questions import parsed_answers
 from truing.pipeline.problems import ExitCode
+from truing.pipeline.stage_order import ORDER, stage_module
 
 SAMPLES = Path(__file__).resolve().parents[2] / "sample_data"
 COMMANDS = (
@@ -217,6 +218,17 @@ def test_each_shell_gets_a_script_and_its_completions(shell: str, asked: str, en
     done = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=False, env=given)
     assert "report" in done.stdout
     assert "design" not in done.stdout
+
+
+def test_help_texts_hold_no_quotation_mark_that_zsh_drops() -> None:
+    commands = typer.main.get_command(app).commands  # type: ignore[attr-defined]
+    texts = {name: command.get_short_help_str(200) for name, command in commands.items()}
+    texts |= {f"{name} {p.name}": getattr(p, "help", "") for name, own in commands.items() for p in own.params}
+    for order in ORDER.values():
+        texts |= {f"stage {name}": stage_module(name).DECLARATION.summary for name in order}
+    texts |= dict(causes(typer.Context(commands["power"]), ""))
+    assert len(texts) > 100
+    assert [name for name, text in texts.items() if re.search("['\"`$]", text or "")] == []
 
 
 @pytest.mark.parametrize(

@@ -11,8 +11,8 @@ from typer.testing import CliRunner
 
 from tests.pipeline.test_init_exports import numbers, table
 from tests.tolerance import assert_close
-from truing.formats.shapes import CONFIGURATIONS
 from truing.pipeline.command_line import app
+from truing.stages.ingestion.axis_rows import ROWS
 
 AT = np.array([*np.arange(0.0, 361.0, 30.0), *np.arange(360.0, -1.0, -30.0)])
 READINGS = np.round(4.0 * np.sin(np.radians(AT)), 2)
@@ -44,11 +44,13 @@ def test_readings_beside_positions_of_an_axis_are_deviations_of_an_asked_sign(
     document = tomllib.loads((tmp_path / "campaign.toml").read_text(encoding="utf-8"))
     assert document["mechanism"]["type"] == "axis"
     assert list(document["files"]) == ["configurations"]
-    found = table(tmp_path, document, CONFIGURATIONS)
+    found = table(tmp_path, document, ROWS)
     factor = (1.0 if sign == "place-command" else -1.0) / (3600.0 if unit == "deg" else 1000.0)
     expected = np.column_stack([AT, factor * READINGS])
     assert_close(numbers(found, f"command_{unit}", f"deviation_{unit}"), expected, atol=1e-12, what="axis")
-    assert set(found.table.column_names) == {"pose", f"command_{unit}", f"deviation_{unit}"}, "no conditions"
+    columns = {"pose", f"command_{unit}", f"deviation_{unit}", "approach"}
+    assert set(found.table.column_names) == columns, "no conditions"
+    assert found.table.column("approach").to_pylist() == [1] * 13 + [-1] * 13
     assert "memo.txt: text without a table" in done.stdout
 
 

@@ -370,3 +370,30 @@ def test_a_pose_has_one_row_of_configurations_where_another_file_has_the_reading
     found = table(tmp_path, init(tmp_path)[1], CONFIGURATIONS)
     expected = (57.0 * JOINTS).round(4)
     assert_close(numbers(found, "joint1_deg", "joint2_deg", "joint3_deg"), expected, atol=1e-9, what="joints")
+
+
+def test_positions_below_merged_cells_are_runs_of_both_directions(tmp_path: Path) -> None:
+    book = openpyxl.Workbook()
+    sheet = book.active
+    assert sheet is not None
+    for row in (
+        ["Y-Achse"],
+        [],
+        ["Soll", "Ist (hin)", None, "Ist (zurück)"],
+        ["mm", "Lauf 1", "Lauf 2", "Lauf 1", "Lauf 2"],
+    ):
+        sheet.append(row)
+    places = np.array([[at, at + 0.001, at + 0.002, at - 0.001, at - 0.002] for at in (0.0, 50.0, 100.0)])
+    for place in places.tolist():
+        sheet.append(place)
+    sheet.merge_cells("B3:C3")
+    sheet.merge_cells("D3:E3")
+    book.save(tmp_path / "axis.xlsx")
+    _, document = init(tmp_path)
+    found = table(tmp_path, document, POSITIONING)
+    columns = [found.table.column(name).to_pylist() for name in ("target_mm", "direction", "cycle", "position_mm")]
+    rows = zip(*columns, strict=True)
+    signs = {("forward", 1): 1, ("forward", 2): 2, ("backward", 1): 3, ("backward", 2): 4}
+    assert sorted(rows) == sorted(
+        (place[0], *side, place[column]) for place in places.tolist() for side, column in signs.items()
+    )

@@ -179,3 +179,36 @@ def test_a_file_for_each_pose_is_read_before_a_single_file_of_points(tmp_path: P
     assert [entry["path"] for entry in document["files"]["points"]] == ["pose_*.csv"]
     assert set(table(tmp_path, document, POINTS).table.column("body").to_pylist()) == {"base", "platform"}
     assert "a_check.csv" in (tmp_path / "campaign.toml").read_text()
+
+
+def test_rows_numbered_as_a_robot_names_its_axes_are_in_order(tmp_path: Path) -> None:
+    log(tmp_path)
+    rows = [f"A{number},{theta},{d},{a},{alpha}" for number, (a, alpha, d, theta) in enumerate(ROWS, 1)]
+    (tmp_path / "dh.csv").write_text("\n".join(["joint,theta_deg,d_mm,a_mm,alpha_deg", *rows]) + "\n")
+    assert dh(init(tmp_path)[1]) == ROWS
+
+
+def test_rows_in_another_order_are_no_table_of_a_chain(tmp_path: Path) -> None:
+    log(tmp_path)
+    rows = [f"A{number},{theta},{d},{a},{alpha}" for number, (a, alpha, d, theta) in zip((1, 3, 2), ROWS, strict=True)]
+    (tmp_path / "dh.csv").write_text("\n".join(["joint,theta_deg,d_mm,a_mm,alpha_deg", *rows]) + "\n")
+    assert "dh" not in init(tmp_path)[1].get("mechanism", {})
+
+
+def test_bodies_of_motion_capture_are_those_of_the_legs_beside_them(tmp_path: Path) -> None:
+    """Both bodies of one file are read, whatever its length."""
+    legs = RNG.uniform(-900.0, 900.0, (6, 7)).round(3)
+    head = "Leg,BaseX,BaseY,BaseZ,PlatX,PlatY,PlatZ,Length0"
+    lines = [",".join(map(str, (number, *leg))) for number, leg in enumerate(np.abs(legs), 1)]
+    (tmp_path / "geometry.csv").write_text("\n".join([head, *lines]) + "\n")
+    parts = [f"{kind}.{axis}" for kind, axes in (("Rotation", "XYZW"), ("Position", "XYZ")) for axis in axes]
+    names = ["Frame", *(f"{body}.{part}" for body in ("Base", "Top plate") for part in parts)]
+    rows = [
+        [k, *(number for _ in range(2) for number in (*Rotation.random(random_state=k).as_quat(), *PLACES[k]))]
+        for k in range(len(PLACES))
+    ]
+    text = "\n".join([",".join(names), *(",".join(map(str, row)) for row in rows)]) + "\n"
+    (tmp_path / "take.csv").write_text(text)
+    _, document = init(tmp_path)
+    assert document["mechanism"]["legs"][2]["b_mm"] == np.abs(legs[2, 3:6]).tolist()
+    assert {entry["constants"]["body"] for entry in document["files"]["poses"]} == {"base", "platform"}

@@ -85,3 +85,14 @@ def test_rows_that_an_edited_mapping_cannot_join_are_a_fault(tmp_path: Path) -> 
     with pytest.raises(CampaignFaults) as faults:
         check_campaign(open_campaign(tmp_path))
     assert [(fault.file, fault.value) for fault in faults.value.faults] == [("weights.csv", f"{len(LOADS) - 1} rows")]
+
+
+def test_gauges_have_the_unit_that_words_above_them_state(tmp_path: Path) -> None:
+    names = [f"G{number}" for number in range(len(CHANNELS))]
+    (tmp_path / "weights.csv").write_text(_text(COMPONENTS, LOADS))
+    (tmp_path / "gauges.csv").write_text("Serial Number: FT21345\nUnits: Volts\n" + _text(names, SIGNALS))
+    _, document = init(tmp_path)
+    keys = document["files"]["signals"]
+    assert (keys["path"], document["files"]["loads"]["path"]) == ("gauges.csv", "weights.csv")
+    assert keys["columns"]["v1_mv"] == "G0"
+    assert set(keys["units"].values()) == {"V"}

@@ -376,7 +376,7 @@ def test_a_section_after_the_folded_ones_takes_no_more_paper_than_these(opened: 
 
 
 @pytest.mark.parametrize("width", [360, 700, 1200])
-def test_the_legend_of_an_axis_does_not_cover_the_names_of_its_panels(opened: Opened, width: int) -> None:
+def test_the_legend_of_an_axis_covers_neither_names_of_its_panels_nor_buttons(opened: Opened, width: int) -> None:
     rows = pd.DataFrame({"command": np.arange(8.0), "missed_before": 1.0, "missed_after": 0.0, "pose": np.arange(8)})
     rows = rows.assign(approach=np.tile([1, -1], 4), unit="arcsec", command_unit="deg", role="calibration")
     rows = rows.assign(rms_before=1.0, rms_after=0.0, noise=1.0)
@@ -389,7 +389,7 @@ def test_the_legend_of_an_axis_does_not_cover_the_names_of_its_panels(opened: Op
     page.scroll_through()
     boxes = "(plot, name) => [...plot.querySelectorAll(name)].map((one) => one.getBoundingClientRect())"
     apart = "a.right <= b.left || b.right <= a.left || a.bottom <= b.top || b.bottom <= a.top"
-    names = f"({boxes})(plot, '.annotation-text')"
+    names = f"({boxes})(plot, '.annotation-text, .modebar')"
     both = f"(plot) => ({boxes})(plot, '.legendtext').every((a) => {names}.every((b) => {apart}))"
     assert page.value("document.querySelectorAll('.annotation-text').length") == 4
     assert page.value(f"[...document.querySelectorAll('.plot')].map({both})") == [True, True]

@@ -30,6 +30,16 @@ _OF_AXES = re.compile(  # positions in a robot's program: KUKA's E6AXIS, jointta
     re.IGNORECASE,
 )
 _ANGLE = r"[-+\d.eE]+"
+_SIX = r"\s*,\s*".join([_ANGLE] * 6)
+_LONGEST_LINE = 500
+_NUMBERED = r"\w*\d"
+# Lines of a log of joints: KUKA's axes as KRL writes them, and a jointtarget without its keyword.
+_KUKA_LINE = rf"(?P<place>{_NUMBERED}\b)?.*\{{\s*(E6AXIS\s*:\s*)?A1\s+{_ANGLE}\s*,\s*A2\s"
+_ABB_LINE = rf".*?(?P<place>{_NUMBERED})?\W*\[\s*\[\s*{_SIX}\s*\]\s*,\s*\[\s*9E"
+_LOGS_OF_AXES = {
+    "KUKA": (re.compile(_KUKA_LINE, re.IGNORECASE), r"\{.*A1\s"),
+    "ABB": (re.compile(_ABB_LINE, re.IGNORECASE), r"\[\s*\["),
+}
 _COORDINATE = r"[-+]?\d*\.?\d+(?:[eE][-+]?\d+)?"
 _NAMED_PLACE = re.compile(rf"\s*(?P<name>[^,;\t|]*?::[^,;\t|]*?\S)(?:\s+{_COORDINATE}){{3}}\s*")
 _RAYS = ("image", "camera", "point", "x_px", "y_px")
@@ -261,6 +271,8 @@ def guess_by_first_lines(lines: Sequence[str]) -> Guess | None:
         return Guess(mapping, _RAYS, "image_points", (note,), ("cameras",))
     if (axes := next((m for line in lines if (m := _OF_AXES.search(line))), None)) is not None:
         return _positions_of_program(axes)
+    if (log := _log_of_axes(lines)) is not None:
+        return log
     if (places := _places_with_blanks(lines)) is not None:
         return places
     if head.startswith("/PROG"):
@@ -295,6 +307,36 @@ def _positions_of_program(match: re.Match[str]) -> Guess:
             pattern = rf".*jointtarget\s+{numbered}\s*:?=\s*{first}\s*{inner}.*"
     note = f"positions of a robot's program, in {'degrees' if unit == 'deg' else 'radians'}"
     return Guess({**keys, "split": {"line": pattern}}, tuple(joints), "configurations", (note,), doubts=(doubt,))
+
+
+def _log_of_axes(lines: Sequence[str]) -> Guess | None:
+    """Return a guess for a log with the joints of a pose in each line, in degrees; None without several such lines.
+
+    A word that ends in a number, before the joints, names the pose; without one in every line, poses are counted.
+    """
+    joints = tuple(f"joint{number}" for number in range(1, 7))
+    values = [rf"(?P<{joint}_deg>{_ANGLE})" for joint in joints]
+    for maker, (pattern, keep) in _LOGS_OF_AXES.items():
+        mark = re.compile(keep)
+        candidates = [line for line in lines if len(line) <= _LONGEST_LINE and mark.search(line)]
+        matches = [match for line in candidates if (match := pattern.match(line))]
+        if len(matches) < _FEWEST:
+            continue
+        if maker == "KUKA":
+            inner = r"\s*,\s*".join(rf"A{number}\s+{value}" for number, value in enumerate(values, start=1))
+            behind, before = r"\b.*", ""
+        else:
+            inner, behind, before = r"\[\s*\[\s*" + r"\s*,\s*".join(values), r"\W*", r".*?"
+        names = [match["place"] for match in matches]
+        is_named = all(names) and len(set(names)) == len(names)
+        keys: MappingKeys = {"separator": "|", "quote": "", "header": False, "names": ["line"], "keep_lines": keep}
+        keys |= {} if is_named else {"number_rows": {"pose": 1}}
+        named = rf"{before}\b[^\W\d]*(?P<pose>\d+){behind}" if is_named else ".*?"
+        doubt = f"the {'numbers' if is_named else 'lines'} of the log are assumed to be the poses"
+        split = {"line": rf"{named}{inner}.*"}
+        note = f"joints in a log of {maker}, in degrees"
+        return Guess({**keys, "split": split}, joints, "configurations", (note,), doubts=(doubt,))
+    return None
 
 
 def _places_with_blanks(lines: Sequence[str]) -> Guess | None:

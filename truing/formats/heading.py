@@ -85,6 +85,7 @@ def _composed(rows: Sequence[Row], is_number: Callable[[str], bool]) -> tuple[st
     if not above or (units is None and len(above) < 2):
         return None
     *others, base = above
+    base = _with_units_of_cells(others[-1], base) if others and units is None else base
     group_rows = [_filled(row) for row in others if _names_groups(row)] if _repeats(base) else []
     is_ambiguous = [base.count(name) > 1 or not name for name in base]  # a name of its own needs no words above it
     group_rows = [
@@ -104,6 +105,14 @@ def _composed(rows: Sequence[Row], is_number: Callable[[str], bool]) -> tuple[st
     if len(set(named)) < len(named):
         return None
     return tuple(name or str(number) for number, name in enumerate(names, start=1))
+
+
+def _with_units_of_cells(above: Sequence[str], base: Sequence[str]) -> list[str]:
+    """Return names, in which a unit alone belongs to the word above it."""
+    return [
+        f"{word} [{cell.strip('[]() ')}]" if word and known_unit(cell.strip("[]() ")) is not None else cell
+        for word, cell in zip(above, base, strict=True)
+    ]
 
 
 def _are_units(row: Sequence[str]) -> bool:

@@ -9,6 +9,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from truing.arrays import Array
+from truing.formats.axis_directions import DIRECTION, direction_of
 from truing.formats.guess import MappingKeys
 from truing.formats.units import bare_and_unit, conversion, is_convertible
 
@@ -29,28 +30,7 @@ _MOTION = ("dx", "dy", "dz", "rx", "ry", "rz")
 _TARGET = r"(target|tgt|nominal|soll|ziel|command(ed)?)([ _-]?(position|pos|wert))?(\(i\))?|position[ _]?nominale"
 _DEVIATION = r"deviation|error|abweichung|(positioning|positions)[ _-]?(error|abweichung)|fehler|erreur"
 _ACTUAL = r"(actual|measured|ist|reference)([ _-]?(position|pos|wert))?|istposition|istwert|position"
-_DIRECTION = r"direction|dir|(verfahr)?richtung|approach|anfahrrichtung|sens"
 _CYCLE = r"cycle|zyklus|run([ _]?(nr|no))?|lauf|pass|repeat|wiederholung"
-_DIRECTIONS = {
-    "forward": ("+", "+1", "1", "forward", "fwd", "up", "vorwärts", "vor", "plus", "pos", "positive", "↑"),
-    "backward": (
-        "-",
-        "-1",
-        "0",
-        "backward",
-        "bwd",
-        "back",
-        "down",
-        "rückwärts",
-        "rück",
-        "minus",
-        "neg",
-        "negative",
-        "reverse",
-        "rev",
-        "↓",
-    ),
-}
 _COMMAND = (
     r"(command(ed)?|target|nominal|soll|ziel|set)([ _-]?(angle|position|pos|winkel|wert))?"
     r"|(angle|position|pos|winkel)[ _-](command|target|nominal|soll)|setpoint|angle|winkel|position|.*pos[_-]?cmd"
@@ -77,7 +57,7 @@ _NUMBERED = re.compile(
 # Numbers of rows, faces and scatter next to an instrument's reading: no condition on which an error may depend.
 _NO_CONDITION = re.compile(
     r"(face|facette|(poly(gon)?[ _]?)?fl(ä|ae)che|run|lauf|turn|umlauf|nr|no|#)"
-    r"|(sd|std|sigma|stdev|streuung)([ _].*)?|direction|dir|(dreh)?(richtung|sinn)|approach|sens",
+    r"|(sd|std|sigma|stdev|streuung)([ _].*)?|" + DIRECTION,
     re.IGNORECASE,
 )
 _OF_MIRROR = re.compile("[xy]", re.IGNORECASE)  # both angles of an autocollimator's mirror
@@ -146,14 +126,14 @@ def _unit_of_readings(names: Iterable[str]) -> dict[str, str]:
 def positions_of_axis(names: Sequence[str], data: Sequence[Sequence[str]], values: Array) -> Proposal | None:
     """Return approaches of an axis to its targets, a row each, with the direction and the deviation or position."""
     meanings = _meanings(
-        names, {"target_mm": _TARGET, "direction": _DIRECTION, "off": _DEVIATION, "at": _ACTUAL, "cycle": _CYCLE}
+        names, {"target_mm": _TARGET, "direction": DIRECTION, "off": _DEVIATION, "at": _ACTUAL, "cycle": _CYCLE}
     )
     if "target_mm" not in meanings or "direction" not in meanings or not {"off", "at"} & set(meanings):
         return None
     if _kind(meanings["target_mm"]) == "angle":
         return None  # a rotary axis: its order of commands gives the direction of approach
     cells = {row[list(names).index(meanings["direction"])].strip() for row in data}
-    renames = {cell: _direction(cell) for cell in sorted(cells)}
+    renames = {cell: direction_of(cell) for cell in sorted(cells)}
     if not all(renames.values()):
         return None
     pair = ("position_mm", "at") if "at" in meanings else ("deviation_um", "off")
@@ -176,34 +156,67 @@ def positions_of_axis(names: Sequence[str], data: Sequence[Sequence[str]], value
 
 
 _RUN_HEAD = re.compile(
-    r"(?P<head>[^\d{}]*)(?P<cycle>\d+)(?P<between>[\s_-]*)(?P<direction>[^\s\d{}(\[]+)(?P<tail>[^{}]*)"
+    r"(?P<head>[^\d{}]*)(?P<cycle>\d+)(?P<between>[\s_-]*[(\[]?)(?P<direction>[^\s\d{}()\[\]]+)(?P<tail>[^{}]*)"
 )
 
 
-def positions_side_by_side(names: Sequence[str]) -> Proposal | None:
-    """Return approaches of an axis to its targets, with a column for each run and direction."""
+_WORD = re.compile(r"[^\s\d{}()\[\]._,;:]+")
+
+
+def positions_side_by_side(names: Sequence[str], values: Array) -> Proposal | None:
+    """Return approaches of an axis to its targets, with a column for each run and direction.
+
+    values (N, W): numbers that go along with the targets are positions, others deviations.
+    """
     target = _meanings(names, {"target_mm": _TARGET}).get("target_mm")
     numbered = [name for name in names if _NUMBER_OF_TARGET.fullmatch(name.strip(" ."))]
     other_columns = [name for name in names if name and name != target and name not in numbered]
-    matches = [match for name in other_columns if (match := _RUN_HEAD.fullmatch(name))]
-    if target is None or len(matches) < max(2, len(other_columns)):
+    templates = [template for name in other_columns if (template := _of_run(name)) is not None]
+    if target is None or len(templates) < max(2, len(other_columns)):
         return None
-    common = {(match["head"], match["between"], match["tail"]) for match in matches}
-    words = {match["direction"]: _direction(match["direction"]) for match in matches}
-    if len(common) != 1 or set(words.values()) != {"forward", "backward"}:
+    words = {word: direction_of(word) for _, word in templates}
+    if len({wide for wide, _ in templates}) != 1 or set(words.values()) != {"forward", "backward"}:
         return None
-    ((head, between, tail),) = common
-    units = {"target_mm": bare_and_unit(target)[1], "deviation_um": bare_and_unit(other_columns[0])[1]}
+    value = "position_mm" if _goes_along(names, values, target, other_columns[0]) else "deviation_um"
+    units = {"target_mm": bare_and_unit(target)[1], value: bare_and_unit(other_columns[0])[1]}
     unit_of_column = {column: unit for column, unit in units.items() if unit not in (None, column.rsplit("_", 1)[-1])}
-    mapping: MappingKeys = {"columns": {"target_mm": target}, "wide": f"{head}{{cycle}}{between}{{direction}}{tail}"}
+    mapping: MappingKeys = {"columns": {"target_mm": target}, "wide": templates[0][0]}
     mapping |= {
-        "wide_values": "deviation_um",
+        "wide_values": value,
         "constants": {"run": "1"},
         **({"units": unit_of_column} if unit_of_column else {}),
     }
     mapping |= {"rename": {"direction": {re.escape(raw): str(word) for raw, word in words.items() if raw != word}}}
     mapping |= {"ignore": "|".join(map(re.escape, numbered))} if numbered else {}
     return Proposal("positioning", mapping, "approaches of an axis to its targets, a column for each run")
+
+
+def _of_run(name: str) -> tuple[str, str] | None:
+    """Return the template of the name of a run's column, and its word of the direction: ``Run 1 Fwd(um)``, ``1 (+)``,
+    ``Ist (hin) Lauf 1``; None for other names."""
+    if match := _RUN_HEAD.fullmatch(name):
+        template = f"{match['head']}{{cycle}}{match['between']}{{direction}}{match['tail']}"
+        if direction_of(match["direction"]) is not None:
+            return template, match["direction"]
+    words = [match for match in _WORD.finditer(name) if direction_of(match[0]) is not None]
+    numbers = list(re.finditer(r"\d+", name))
+    if len(words) != 1 or len(numbers) != 1 or set("{}") & set(name):
+        return None
+    parts = sorted([(words[0].span(), "{direction}"), (numbers[0].span(), "{cycle}")], reverse=True)
+    template = name
+    for (begin, end), place in parts:
+        template = template[:begin] + place + template[end:]
+    return template, words[0][0]
+
+
+def _goes_along(names: Sequence[str], values: Array, target: str, name: str) -> bool:
+    """True if the numbers of a column span at least half as much as the targets, both in the units of their names."""
+    spans = []
+    for raw in (target, name):
+        column, unit = values[:, list(names).index(raw)], bare_and_unit(raw)[1]
+        factor = conversion(unit, "mm")[0] if unit is not None and is_convertible(unit, "mm") else 1.0
+        spans.append(float(np.nanmax(column) - np.nanmin(column)) * factor)
+    return spans[1] > 0.5 * spans[0] > 0.0
 
 
 _CYCLE_HEAD = re.compile(r"(?P<head>[^\d{}]+)(?P<cycle>\d+)(?P<tail>[^\d{}]*)")
@@ -248,10 +261,6 @@ def cycles_side_by_side(names: Sequence[str], file_name: str) -> Proposal | None
 def _whole_word(forward: str, backward: str) -> str:
     """Return the regular expression for either word in a file's name, as the direction."""
     return rf"(?i)(?:^|[\W\d_])(?P<direction>{forward}|{backward})(?=$|[\W\d_])"
-
-
-def _direction(cell: str) -> str | None:
-    return next((word for word, names in _DIRECTIONS.items() if cell.casefold() in names), None)
 
 
 def axis_rows(names: Sequence[str], values: Array) -> tuple[Proposal, ...]:

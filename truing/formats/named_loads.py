@@ -6,7 +6,7 @@ import re
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
 
-from truing.formats.guess import MappingKeys
+from truing.formats.guess import Guess, MappingKeys
 from truing.formats.shapes import WRENCH
 from truing.formats.units import bare_and_unit, known_unit, may_be
 from truing.schemas.columns import find_column
@@ -28,7 +28,9 @@ _BEHIND = re.compile(
     re.I,
 )
 _LOGGED = re.compile(r"\d{1,4}\s*<(?P<name>[^<>]+)>\s*(?P<unit>\(.*\))?")  # number, name, unit of a channel
-_CHANNEL = re.compile(r"(?:s|v|u|ch|channel|adc|raw|signal|bridge|sensor|gauge|dms|kanal)[ _.-]?(?:\d+|[xyz])", re.I)
+_CHANNEL = re.compile(
+    r"(?:s|v|u|ch|channel|adc|raw|signal|bridge|sensor|gauge|dms|kanal)[ _.-]?(?:\d+|[xyz])|g\d", re.IGNORECASE
+)
 _NO_SIGNAL = re.compile(r"excit|suppl|speis|batter|power|versorg|ref", re.I)  # voltages that are no signals
 _TIME = re.compile(r"(?:t|time|zeit|timestamp|x[ _]?value)\b.*", re.I)
 _MOST_CHANNELS = 8
@@ -136,6 +138,16 @@ def channels_without_loads(names: Sequence[str]) -> tuple[str, ...]:
     """Return the channels of an amplifier in a table whose other columns hold no loads."""
     plain, applied = _components(names)
     return () if plain or applied else tuple(name for name in _channels(names) if _is_voltage(name))
+
+
+def with_unit_of_channels(guess: Guess, unit: str | None) -> Guess:
+    """Return a file of an amplifier's channels with the voltage that words of the file state, where no name has one."""
+    channels, components = _channels(guess.columns), _components(guess.columns)
+    is_known = any(components) or any(map(_is_voltage, channels)) or unit is None
+    if guess.table is not None or not channels or is_known or not may_be(str(unit), find_column("v1_mv")):
+        return guess
+    units = {f"v{number}_mv": str(unit) for number in range(1, len(channels) + 1)}
+    return replace(guess, mapping={**guess.mapping, "units": units})
 
 
 def channel_mapping(names: Sequence[str]) -> tuple[MappingKeys, tuple[str, ...]]:

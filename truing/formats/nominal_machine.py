@@ -41,6 +41,7 @@ _TOOL = r"tool|werkzeug|payload|nutzlast|last|gripper|greifer|load"
 _MODIFIED = r"modified|modifi(ziert|é)\w*|craig|proximal"
 _STANDARD = r"classic\w*|standard|klassisch\w*|classique|distal|original"
 _SYMBOL = re.compile(r"\s*[^\W\d]\w*\*?\s*(?P<shift>[-+]\s*\d+(?:\.\d*)?)?\s*°?\s*")
+_COMPOUND = re.compile(r"([a-z])([XYZ])(?![a-z])")  # BaseX
 _FEWEST, _MOST = 2, 12
 _FEWEST_LEGS = 3
 _LARGEST_RAD = 2.0 * np.pi
@@ -133,8 +134,12 @@ def _is_offset(cells: NamedCells, name: str) -> bool:
 
 
 def _is_numbered(cells: NamedCells, column_of: Mapping[str, str]) -> bool:
-    """True if rows stand in the order of their numbers, or have none."""
-    return "number" not in column_of or bool(np.all(np.diff(cells.numbers(column_of["number"])) == 1.0))
+    """True if rows stand in the order of their numbers, or have none; ``A1`` is the number 1."""
+    if "number" not in column_of:
+        return True
+    numbers = [re.fullmatch(r"\D*(\d+)", text.strip()) for text in cells.texts(column_of["number"])]
+    found = [int(match[1]) for match in numbers if match is not None]
+    return len(found) == len(numbers) and bool(np.all(np.diff(found) == 1))
 
 
 def _kinds(cells: NamedCells, column_of: Mapping[str, str]) -> list[str] | None:
@@ -215,9 +220,10 @@ def _masses(cells: NamedCells) -> Guess | None:
 
 def _legs(cells: NamedCells, words: str, unit: str | None) -> Guess | None:
     """Return legs of variable length: joints on the base and on the platform in one row, with the length."""
-    column_of, named = _meanings(cells.names, _LEGS), position_groups(cells.names)
+    spelt = {_COMPOUND.sub(r"\1 \2", name): name for name in cells.names}
+    column_of, named = _meanings(cells.names, _LEGS), position_groups(tuple(spelt))
     groups = {
-        key: [group for before, group in named.items() if re.fullmatch(pattern, before)]
+        key: [tuple(spelt[name] for name in group) for before, group in named.items() if re.fullmatch(pattern, before)]
         for key, pattern in (("a_mm", _OF_BASE), ("b_mm", _OF_PLATFORM))
     }
     if len(cells.rows) < _FEWEST_LEGS or len(named) != 2 or any(len(group) != 1 for group in groups.values()):

@@ -44,6 +44,7 @@ _OF_JOINTS = re.compile(r"joint|gelenk|achswinkel|axis[_ -]?(angle|value)", re.I
 _DENSE = 1000  # a cloud with more points is a scan of a surface, not a set of targets
 _SHOWN = 12
 _SENTENCE = 4  # words
+_FEWEST_WORDS = 3  # of a row that names groups of columns
 _MOST_ABOVE = 20  # lines above a table
 _LIKE_NUMBER = re.compile(r"\s*[-+]?[\d.,]+([eE][-+]?\d+)?\s*$")
 _PROSE = "text without a table"
@@ -298,6 +299,7 @@ def _sniff_workbook(path: Path, joints: Sequence[str]) -> Guess:
         texts = [[*row, *[""] * (width - len(row))] for row in texts]
         filled = [sum(cell != "" for cell in row) for row in texts]
         first = next(i for i, count in enumerate(filled) if count >= 0.6 * max(filled))
+        first = _with_heads_above(texts, [number for number, _ in rows], first)
         keys: MappingKeys = {"sheet": name} if len(sheets) > 1 else {}
         before = [number - 1 for number, _ in rows]
         unit = unit_in_words([" ".join(row) for row in texts[:first]])
@@ -316,6 +318,17 @@ def _sniff_workbook(path: Path, joints: Sequence[str]) -> Guess:
     more = (f"sheet {read[0]} is read; there are {', '.join(unread[:_SHOWN])}",) if unread else ()
     best, *beside = (guesses[name] for name in read)
     return replace(best, notes=(*best.notes, *more), beside=(*best.beside, *beside))
+
+
+def _with_heads_above(texts: list[list[str]], numbers: Sequence[int], first: int) -> int:
+    """Return the first row of a table's heading: words for groups of columns, as of merged cells, stand right above
+    the row that names each column."""
+    while first > 0 and numbers[first - 1] == numbers[first] - 1:
+        words = [cell for cell in texts[first - 1] if cell]
+        if len(words) < _FEWEST_WORDS or any(map(_LIKE_NUMBER.match, words)) or not texts[first - 1][0]:
+            return first
+        first -= 1
+    return first
 
 
 def _alike_sheets(guesses: dict[str, Guess]) -> Guess | None:

@@ -9,6 +9,7 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
+from truing.formats.axis_directions import with_direction
 from truing.formats.deviation_units import with_unit_of_deviations
 from truing.formats.grad_units import with_unit_of_grad
 from truing.formats.guess import (
@@ -35,7 +36,7 @@ from truing.formats.named_bench import (
 from truing.formats.named_chain import bare_chain_rows, chain_rows
 from truing.formats.named_columns import bare_poses, is_one_motion, pose_columns
 from truing.formats.named_joints import bare_joints, configurations_of_joints
-from truing.formats.named_loads import channels_without_loads, load_columns
+from truing.formats.named_loads import channels_without_loads, load_columns, with_unit_of_channels
 from truing.formats.nominal_machine import machine_of
 from truing.formats.numbers import Notation
 from truing.formats.probable_columns import columns_by_names
@@ -59,6 +60,12 @@ _ONE_MOTION = "a single rigid motion (4x4): how two frames lie to each other, no
 _A_COORDINATE_PER_ROW = "a row for each coordinate; export a table of points with columns X, Y and Z"
 _CHANNELS_ALONE = (
     "channels of a sensor without loads: put the load of each row next to them, as columns such as Fx [N] and Mz [N m]"
+)
+_IN_IMAGE = 2  # coordinates
+_OF_PIXELS = re.compile(r"[xyuv]\w*\s*[\[(_ ]\s*(px|pix|pixels?)\s*[\])]?", re.IGNORECASE)
+_PIXELS = (
+    "image coordinates of targets: [files.image_points] with pose, image and point beside them, and [[cameras]]: "
+    "docs/how-to/rays.md"
 )
 _OVER_ANGLE = (
     "readings over an angle, as of a ball bar or of dial gauges: truing reads no circular and no run-out tests, "
@@ -170,6 +177,8 @@ def _guess_by_notation(
         return machine
     guess = _with_times(_guess_by_names(cells, mapping, about.joints), names, data, notation)
     guess = with_unit_of_deviations(guess, names, cells.values, about.unit)
+    guess = with_direction(guess, names, data, cells.values)
+    guess = with_unit_of_channels(guess, about.unit)
     guess = with_unit_of_grad(guess, names, cells.values)
     return _with_unit_in_words(_with_unit_of_rows(guess, names, data), about.unit)
 
@@ -323,6 +332,7 @@ def _guess_readings(
         notes = [_A_COORDINATE_PER_ROW] if _has_axes_in_rows(cells.rows) else []
         notes += [_CHANNELS_ALONE] if channels_without_loads(names) else []
         notes += [_OVER_ANGLE] if not notes and is_over_angle(names) else []
+        notes += [_PIXELS] if sum(_OF_PIXELS.fullmatch(name.strip()) is not None for name in names) == _IN_IMAGE else []
     return Guess(mapping | keys, names, table, tuple(notes))
 
 
@@ -331,7 +341,7 @@ def _bench_readings(cells: NamedCells) -> Proposal | None:
     return (
         readings_under_load(cells.names)
         or positions_of_axis(cells.names, cells.rows, cells.values)
-        or positions_side_by_side(cells.names)
+        or positions_side_by_side(cells.names, cells.values)
     )
 
 

@@ -122,6 +122,8 @@ _SPELT_OUT = {
     "nmm": "N mm",
     "sec": "s",
     "knm": "kN m",
+    **dict.fromkeys(("volt", "volts"), "V"),
+    **dict.fromkeys(("millivolt", "millivolts"), "mV"),
     "newton": "N",
     "newtons": "N",
     "deg c": "degC",

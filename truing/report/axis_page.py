@@ -103,6 +103,7 @@ def _drawn(errors: pd.DataFrame, column: str, title: str) -> go.Figure:
         figure.update_yaxes(title_text=f"error ({unit})", row=index, col=1)
     figure.update_xaxes(title_text=f"command ({command})", row=len(encoders), col=1)
     style(figure, title, "Colour: direction of approach", 180 + 200 * len(encoders))
-    above = {"orientation": "h", "yref": "container", "y": 0.98, "yanchor": "top", "x": 1.0, "xanchor": "right"}
-    figure.update_layout(legend=above, margin={"t": 110})  # clear of the names above the panels
+    # clear of the names above the panels, and of the buttons on the right
+    above = {"orientation": "h", "yref": "container", "y": 0.98, "yanchor": "top", "x": 0.0}
+    figure.update_layout(legend=above, margin={"t": 110})
     return figure

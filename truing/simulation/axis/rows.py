@@ -19,6 +19,7 @@ ENCODERS = (MOTOR, LOAD, MEASURED)
 TRANSMISSION = "axis"
 COMMAND, DIRECTION, SINCE_TURN = "command", "direction of approach", "travel since the turn"
 ROTARY, LINEAR = "rotary", "linear"
+_AHEAD = 0.5  # of the smallest step between commands: start of a movement that no row shows
 _KNOWN = 0.8  # share of the rows of a recording in motion whose rates have to be known
 
 
@@ -90,12 +91,17 @@ class AxisRows:
         least_move: float,
         events: tuple[tuple[str, float], ...] = (),
         others: Mapping[str, NDArray] | None = None,
+        recorded: NDArray | None = None,
     ) -> AxisRows:
-        """Return rows with the quantities that follow from their order in time; least_move as in `Axis`."""
+        """Return rows with the quantities that follow from their order in time; least_move as in `Axis`.
+
+        recorded (B,): direction of approach as written down, -1 or 1, else unknown; it has precedence over the order.
+        """
         order = np.argsort(np.argsort(time_s, kind="stable")).astype(float)
-        direction, since_turn = approaches(command, order, least_move)
-        path = path_travelled(command, order)
-        stops = histories(command[:, None], order)[:, 0]
+        moves = _Movements.of(command, order, least_move, recorded)
+        direction, since_turn = (each[moves.own] for each in approaches(moves.command, moves.order, least_move))
+        path = path_travelled(moves.command, moves.order)[moves.own]
+        stops = histories(moves.command[:, None], moves.order)[moves.own, 0]
         rate = _rate(command, time_s, order)
         direction = np.where(rate == 0.0, direction, np.sign(rate))
         known, timed = others or {}, not is_row_number(time_s)
@@ -134,6 +140,50 @@ class AxisRows:
             {name: values[rows] for name, values in self.others.items()},
             self.is_timed,
         )
+
+
+@dataclass(frozen=True)
+class _Movements:
+    """Commands (M,), rad or m, and their order (M,): B rows at ``own`` (B,), and starts of movements that no row shows.
+
+    A recorded direction that differs from that of the rows, as where a command is repeated at a reversal, says that
+    the axis went away and came back: a start on that side goes before.
+    """
+
+    command: NDArray
+    order: NDArray
+    own: NDArray
+
+    @classmethod
+    def of(cls, command: NDArray, order: NDArray, least: float, recorded: NDArray | None) -> _Movements:
+        rows = np.arange(len(command))
+        if recorded is None or not (np.abs(recorded) == 1.0).any():
+            return cls(command, order, rows)
+        before = _rows_with_unseen_movement(command, order, least, recorded)
+        starts = command[before] - recorded[before] * _start(command, least)
+        return cls(np.append(command, starts), np.append(order, order[before] - 0.5), rows)
+
+
+def _rows_with_unseen_movement(command: NDArray, order: NDArray, least: float, recorded: NDArray) -> NDArray:
+    """Return the numbers of rows that were approached from another side than the rows before show."""
+    found, sense, current = list[int](), 0.0, np.nan
+    for row in np.argsort(order, kind="stable"):
+        step = command[row] - current
+        if abs(step) > least:
+            sense = float(np.sign(step))
+        if np.isfinite(command[row]) and not abs(step) <= least:
+            current = command[row]
+        if np.isfinite(command[row]) and abs(recorded[row]) == 1.0 and recorded[row] != sense:
+            found.append(int(row))
+            sense = float(recorded[row])
+    return np.array(found, int)
+
+
+def _start(command: NDArray, least: float) -> float:
+    """Return the distance, rad or m, between a command and the start of a movement that no row shows."""
+    steps = np.diff(np.unique(command[np.isfinite(command)]))
+    steps = steps[steps > least]
+    return max(_AHEAD * float(steps.min()) if len(steps) else 0.0, 2.0 * least, np.finfo(float).tiny)
 
 
 def approaches(command: NDArray, order: NDArray, least: float) -> tuple[NDArray, NDArray]:
