@@ -9,7 +9,12 @@ import pytest
 from tests.cut_telescope import SAMPLE
 from tests.stages.line import run_line
 from tests.tolerance import assert_close
+from truing.belonging.relation import RelationState
+from truing.report.calibration import section
+from truing.report.section_verdict import SectionVerdict, verdict_rows
+from truing.report.verdict import with_verdict
 from truing.schemas.faults import CampaignFaults
+from truing.schemas.verdict import ReasonCode
 
 FIXED = '[measurement]\nframe = "campaign"\n\n[noise]'
 PLACE = [*(f"p{a}_mm" for a in "xyz"), *(f"r{a}_rad" for a in "xyz")]
@@ -115,3 +120,13 @@ def test_points_of_the_platform_alone_are_enough_where_the_instrument_stood_stil
     tables, _ = run_line(tmp_path, "ingest", "pose", "deformation")
     assert set(tables["poses"].column("parent").to_pylist()) == {"base"}
     assert tables["deformation"].num_rows
+
+
+def test_a_calibration_without_a_search_for_causes_is_no_green_first_line(tmp_path, by_points, monkeypatch):
+    """Poses without targets: a model that fits may have absorbed a cause, and the verdict says so."""
+    tables, _ = run_line(campaign(tmp_path, by_points), "ingest", "qa", "pose", "deformation", "diagnose", "calibrate")
+    fitting = SectionVerdict("calibration", RelationState.OK, ReasonCode.FITS, "It fits.")
+    monkeypatch.setattr(section, "_of_chosen", lambda *_: fitting)
+    found = verdict_rows(with_verdict({name: table.to_pandas() for name, table in tables.items()}))
+    assert (found["diagnosis"].state, found["calibration"].state) == (RelationState.NOT_TESTED, RelationState.ATTENTION)
+    assert "No cause was sought" in found["calibration"].explanation

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Mapping
+from dataclasses import replace
 
 import numpy as np
 import pandas as pd
@@ -79,6 +80,9 @@ def calibration_verdict(tables: Tables, before: Mapping[str, SectionVerdict]) ->
     verdict = _of_chosen(chosen, figures.loc[chosen], _tests_of_chosen(tables), before)
     if verdict.state == RelationState.OK and (wrong := _wrong_poses(tables)):
         return _calibrated(RelationState.ATTENTION, ReasonCode.CAUSE_LEFT_OUT, wrong)
+    if verdict.state == RelationState.OK and "diagnosis" in before and not assessed_causes(tables):
+        text = f"{verdict.explanation} No cause was sought (see Diagnosis), so this model may have absorbed one."
+        return replace(verdict, state=RelationState.ATTENTION, explanation=text)
     return verdict
 
 
