@@ -115,7 +115,11 @@ def joints_against_links(tables: Mapping[str, pa.Table], settings: Campaign) -> 
         if compared is None:
             return _not_tested("no-poses")
         turned = _test_orientations(compared, settings)
-        if turned is not None and turned.slips and turned.state is RelationState.FAILS:
+        if (
+            turned is not None
+            and turned.state is RelationState.FAILS
+            and (turned.slips or turned.reason == "frames-differ")
+        ):
             return turned
         tested = _tested(compared, settings)
         # Single strays of orientations lead only where the positions agree.
@@ -219,6 +223,13 @@ def _test_orientations(compared: ComparedChain, settings: Campaign) -> RelationT
                     misfit_explained=compared_turns.after / _DEG if compared_turns.slips else None,
                 )
                 return replace(test, slips=compared_turns.slips[:1], rivals=compared_turns.slips[1:])
+            if compared_turns.apart is not None:
+                test = RelationTest(
+                    JOINTS, RelationState.FAILS, "frames-differ", misfit=compared_turns.apart / _MM, unit="mm"
+                )
+                after = None if compared_turns.apart_after is None else compared_turns.apart_after / _MM
+                slips, rivals = compared_turns.slips[:1], compared_turns.slips[1:]
+                return replace(test, misfit_explained=after, slips=slips, rivals=rivals)
     if agreed is None:
         return None
     return RelationTest(

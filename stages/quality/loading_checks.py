@@ -30,6 +30,7 @@ from truing.stages.quality.reading_checks import (
     gross_errors,
     jumps,
     noise,
+    not_only_noise,
     repeatability,
     run_zeros,
     signs,
@@ -126,9 +127,10 @@ def _check_readings(view: LoadingView, settings: Campaign, share: float, limits:
     yield from exchanged_channels(view)
     yield from run_zeros(view)
     each = share / len(view.channels)
+    not_noise = not_only_noise(view, each)
     for channel in view.channels:
         yield gross_errors(view, channel, limits)
-        yield noise(channel, each)
+        yield noise(channel, each, channel.name in not_noise)
         yield drift(view, channel, 10.0 * each)
         yield zero_return(view, channel, 10.0 * each)
         yield repeatability(view, channel, 10.0 * each)

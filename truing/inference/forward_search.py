@@ -292,8 +292,13 @@ class ForwardSearch(Generic[CauseT]):
             cause, size = own.refined(), chosen.candidate.signature.parameters
             after = self.fitter.prepared((*current.fitted.causes, cause), current.fitted)
             values, covariance = after.values(cause)
-            least = own.narrowed(values[:size], covariance[:size, :size], after.model.part_count)
-            narrower = next((c for c in current.candidates if c.key == least.key), chosen.candidate)
+            plain = cause.plain_form(values, covariance)
+            if plain is None:
+                least = own.narrowed(values[:size], covariance[:size, :size], after.model.part_count)
+                simpler = (c for c in current.candidates if c.key == least.key)
+            else:
+                simpler = (c for c in current.candidates if (c.cause.id, c.cause.subject) == (plain.id, plain.subject))
+            narrower = next(simpler, chosen.candidate)
             if narrower is chosen.candidate or not is_real(current, narrower, self.settings.level):
                 return chosen, cause, after
             chosen = replace(chosen, candidate=narrower, subjects=(), inputs=())

@@ -101,6 +101,10 @@ class CauseLike(Protocol):
     def narrowed(self, values: Array, covariance: Array, parts: int, /) -> Self:
         """Return the cause, after a fit, without the parts that clearly have no effect."""
 
+    def plain_form(self, values: Array, covariance: Array, /) -> Self | None:
+        """Return the plainer cause whose place this one takes without clear need; None if what distinguishes it is
+        clear."""
+
     def with_known_part(self, values: Array, /) -> Array:
         """Return fitted values (P,) with the part that was known before the fit."""
 

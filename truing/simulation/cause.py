@@ -318,6 +318,11 @@ class Cause(Generic[SceneT_contra]):
         """
         return self
 
+    def plain_form(self, values: NDArray, covariance: NDArray) -> Self | None:
+        """Return the plainer cause whose place this one takes without clear need, from values (P,) and covariance (P,
+        P), SI, of the fitted form; None if what distinguishes it is clear, as for most causes."""
+        return None
+
     def with_known_part(self, values: NDArray) -> NDArray:
         """Return the values (P,), SI, with the part that was known before the fit."""
         return values
