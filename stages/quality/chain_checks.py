@@ -17,7 +17,6 @@ from truing.belonging.joint_rows import (
     column_slip,
     slips_in_poses,
 )
-from truing.belonging.orientations import TurningMisfit, turning_misfit
 from truing.belonging.relation import RecordSlip, RelationState, RelationTest, SlipKind
 from truing.belonging.weights import Weights, relate_weights
 from truing.estimation.rigid_poses.points import PosePoints
@@ -69,12 +68,12 @@ from truing.stages.quality.chain_slips import (
     without_lone_errors,
 )
 from truing.stages.quality.check import Check, CheckResults
+from truing.stages.quality.orientation_checks import FRAMES_DIFFER, JOINTS, orientation_test
 
 if TYPE_CHECKING:
     from truing.schemas.campaign import Campaign
     from truing.schemas.chain_mechanism import ChainMechanism
 
-JOINTS = "joints-against-links"
 _DISTANCES = "distances"
 _OF_FRAMES = ("poses-determined", "geometry", "geometry-line", "geometry-plane", "geometry-leverage")
 _FEWEST = 3
@@ -114,11 +113,11 @@ def joints_against_links(tables: Mapping[str, pa.Table], settings: Campaign) -> 
         compared = _links_compared(tables, settings)
         if compared is None:
             return _not_tested("no-poses")
-        turned = _test_orientations(compared, settings)
+        turned = orientation_test(compared, settings)
         if (
             turned is not None
             and turned.state is RelationState.FAILS
-            and (turned.slips or turned.reason == "frames-differ")
+            and (turned.slips or turned.reason == FRAMES_DIFFER)
         ):
             return turned
         tested = _tested(compared, settings)
@@ -190,67 +189,6 @@ def _copies(
     names = tuple(map(str, poses))
     other = None if also is None else also.reshape(len(poses), -1)
     return relate_copied_numbers(numbers, seen, least, names, quantity, other)
-
-
-def _test_orientations(compared: ComparedChain, settings: Campaign) -> RelationTest | None:
-    """The test of the first measured link whose orientations do not turn with it, or with strays; None if all do."""
-    strays: tuple[str, ...] = ()
-    agreed: TurningMisfit | None = None
-    measured, frames = compared.measured, compared.tree.frames(compared.conditions.readings)
-    channels = measured.channels
-    for k in np.flatnonzero(channels.is_rotation):
-        for series in np.unique(compared.conditions.series):
-            rows = compared.usable & measured.is_observed[:, k] & (compared.conditions.series == series)
-            if rows.sum() < FEWEST_POSES:
-                continue
-            compared_turns = turning_misfit(
-                frames.R[rows, channels.node[k]],
-                compared.conditions.reference[rows, k],
-                settings.poses.euler,
-                _positions(measured, int(k), rows, frames.t),
-            )
-            if compared_turns.stray.any():
-                poses = np.array([str(pose) for pose in compared.conditions.poses])[rows][compared_turns.stray]
-                strays, agreed = (*strays, *(f"pose {pose}" for pose in poses)), compared_turns
-            if compared_turns.before > compared_turns.limit:
-                test = RelationTest(
-                    JOINTS,
-                    RelationState.FAILS,
-                    "no-slip",
-                    misfit=compared_turns.before / _DEG,
-                    limit=compared_turns.limit / _DEG,
-                    unit="deg",
-                    misfit_explained=compared_turns.after / _DEG if compared_turns.slips else None,
-                )
-                return replace(test, slips=compared_turns.slips[:1], rivals=compared_turns.slips[1:])
-            if compared_turns.apart is not None:
-                test = RelationTest(
-                    JOINTS, RelationState.FAILS, "frames-differ", misfit=compared_turns.apart / _MM, unit="mm"
-                )
-                after = None if compared_turns.apart_after is None else compared_turns.apart_after / _MM
-                slips, rivals = compared_turns.slips[:1], compared_turns.slips[1:]
-                return replace(test, misfit_explained=after, slips=slips, rivals=rivals)
-    if agreed is None:
-        return None
-    return RelationTest(
-        JOINTS,
-        RelationState.ATTENTION,
-        "strays",
-        misfit=agreed.before / _DEG,
-        limit=agreed.limit / _DEG,
-        unit="deg",
-        slips=(RecordSlip(SlipKind.STRAY, "measured orientations of", strays),),
-    )
-
-
-def _positions(measured: MeasuredLinks, k: int, poses: Mask, by_chain: Array) -> tuple[Array, Array] | None:
-    """Positions (B, 3) by the chain, and as measured, of the link whose orientations channel ``k`` holds, m; None
-    unless every pose has one."""
-    channels = measured.channels
-    for other in np.flatnonzero((channels.node == channels.node[k]) & ~channels.is_rotation):
-        if measured.is_observed[poses, other].all():
-            return by_chain[poses, channels.node[k]], measured.values[poses, other]
-    return None
 
 
 def _away_from_shape(tables: Mapping[str, pa.Table], body: str, points: PosePoints) -> Mask:

@@ -19,7 +19,8 @@ from truing.report.numbers import count_text, percent
 from truing.stages.common.beam_rows import channel_rows
 from truing.stages.common.reading_arrays import load_steps
 from truing.stages.common.sensor_elements import declared_compliance
-from truing.stages.quality.belonging import belonging_checks, relations_of_loads, without_contradiction
+from truing.stages.quality.belonging import belonging_checks, without_contradiction
+from truing.stages.quality.bench_descriptions import relations_of_loads
 from truing.stages.quality.check import CampaignLimits, Check, CheckResults, not_evaluated
 from truing.stages.quality.decisions import decision_checks
 from truing.stages.quality.joined_loads import joined_loads_check

@@ -27,6 +27,7 @@ _ORDERS = tuple("".join(own) for own in product("XYZ", repeat=3) if own[0] != ow
 _MEASURED, _POSITIONS, _POSES = "measured orientations", "measured positions", "measured poses"
 _BODY_AXES, _OF_INVERSE = "body axes", "of the inverse"
 _INVERTED = ("inverse", "inversion")
+_TURNED = 0.35  # rad: frames that differ by less do so by wrong zeros, by more through a slip
 _SETTLED = 1e-4  # share by which a round of a fit improves it at least
 
 
@@ -35,8 +36,8 @@ class TurningMisfit:
     """Misfit of orientations, its limit and that without the slips, rad; ``slips`` explain them equally well.
 
     ``stray``: rows (B,) far from the others, which do not count. ``apart``: where orientations turn with the links, but
-    measured positions contradict them or the links, the misfit of positions, m; None elsewhere. ``apart_after``: that
-    without the slips.
+    measured positions contradict them or the links, the misfit, rad, of orientations on the base that positions fit;
+    None elsewhere. ``apart_after``: that without the slips.
     """
 
     before: float
@@ -75,7 +76,7 @@ def turning_misfit(
     before = _rms(_angles(frames, links, measured))
     if before <= notable:
         turning = TurningMisfit(before, limit, before, (), stray)
-        return turning if near is None else _placed_misfit(turning, links, measured, euler, (*near, frames[0], notable))
+        return turning if near is None else _placed_misfit(turning, links, measured, euler, near)
     enough = min(_EXPLAINED * before, limit)
     tried = [
         (slip, other, _places(links, other, enough))
@@ -97,57 +98,55 @@ def turning_misfit(
 
 
 def _placed_misfit(
-    turning: TurningMisfit,
-    links: NDArray,
-    measured: NDArray,
-    euler: str | None,
-    near: tuple[NDArray, NDArray, Array, float],
+    turning: TurningMisfit, links: NDArray, measured: NDArray, euler: str | None, near: tuple[NDArray, NDArray]
 ) -> TurningMisfit:
-    """Return the misfit of positions next to orientations that turn with the links, if it is large; with slips that
-    explain it.
+    """Return the misfit of orientations on the base that positions fit, if it is large; with slips that explain it.
 
     Each may fit the chain in a frame of its own, though both are of one instrument: cyclic exchanges of axes only turn
-    the frame of orientations. ``near``: positions by the chain and as measured (B, 3), m, the base that orientations
-    fit, and the misfit, rad, that they may have.
+    the frame of orientations. ``near``: positions by the chain and as measured (B, 3), m.
     """
-    by_chain, seen, base, notable = near
-    spread, alone = _about_mean(seen), _alone(links, by_chain, seen)
-    missed = _missed(measured, base, (by_chain, seen))
-    if alone > _FOREIGN * spread:
+    by_chain, seen = near
+    base, alone = _alone(links, by_chain, seen)
+    missed = _missed_angle(base, links, measured)
+    if alone > _FOREIGN * _about_mean(seen):
         turned = np.einsum("bij,bj->bi", measured, seen)
         for written, places in ((_BODY_AXES, turned), (_OF_INVERSE, -turned)):
-            after = _missed(measured, base, (by_chain, places))
-            if after < _EXPLAINED * min(missed, _FOREIGN * _about_mean(places)):
+            base, alone = _alone(links, by_chain, places)
+            after = _missed_angle(base, links, measured)
+            if alone < _EXPLAINED * _FOREIGN * _about_mean(places) and after < _TURNED:
                 return replace(turning, slips=(_slip(written, _POSITIONS),), apart=missed, apart_after=after)
         return turning
-    if missed <= max(_FOREIGN * spread, _FAR * alone):
+    if missed < _TURNED:
         return turning
     found = list[tuple[float, RecordSlip]]()
     for slip, other in (*_cycled(measured, euler), *otherwise_written(measured, euler)):
-        if np.sqrt(np.mean((_turned(links) - _turned(other)) ** 2)) < _ALIKE * notable:
-            frames = _places(links, other, notable)
-            after = _missed(other, frames[0], (by_chain, seen))
-            if _rms(_angles(frames, links, other)) <= notable and after < _EXPLAINED * missed:
-                found.append((after, slip))
+        after = _missed_angle(base, links, other)
+        if after < _EXPLAINED * missed:
+            found.append((after, slip))
     least = min((after for after, _ in found), default=missed)
     slips = tuple(slip for after, slip in found if after <= 2.0 * least)
     return replace(turning, slips=slips, apart=missed, apart_after=least if slips else None)
 
 
+def _missed_angle(base: Array, links: NDArray, measured: NDArray) -> float:
+    """Return the rms angle, rad, of measured orientations (B, 3, 3) from the links on a base, with the best tool."""
+    on_base = base @ links
+    return _rms(_angles((base, _nearest(np.einsum("bji,bjk->ik", on_base, measured))), links, measured))
+
+
 def _is_placed(links: NDArray, by_chain: NDArray, seen: NDArray) -> bool:
     """Return True where measured positions (B, 3) follow the link, on a free base and with a free tool."""
-    return _alone(links, by_chain, seen) <= _FOREIGN * _about_mean(seen)
+    return _alone(links, by_chain, seen)[1] <= _FOREIGN * _about_mean(seen)
 
 
 def _about_mean(values: NDArray) -> float:
     return _rms(values - values.mean(axis=0)) * np.sqrt(3.0)
 
 
-def _alone(links: NDArray, by_chain: NDArray, seen: NDArray) -> float:
-    """Return the rms distance, m, of measured positions (B, 3) from the chain, on the base and with the place of the
-    tool that fit them alone."""
-    tool, about = np.zeros(3), seen - seen.mean(axis=0)
-    away = np.inf
+def _alone(links: NDArray, by_chain: NDArray, seen: NDArray) -> tuple[Array, float]:
+    """Return the base (3, 3) that measured positions (B, 3) fit, with the place of the tool, and their rms distance, m,
+    from the chain on it."""
+    tool, about, base, away = np.zeros(3), seen - seen.mean(axis=0), np.eye(3), np.inf
     for _ in range(_ROUNDS):
         places = by_chain + links @ tool
         places = places - places.mean(axis=0)
@@ -158,7 +157,7 @@ def _alone(links: NDArray, by_chain: NDArray, seen: NDArray) -> float:
         rest = seen @ base - by_chain
         design = np.concatenate([np.broadcast_to(np.eye(3), links.shape), links], axis=2).reshape(-1, 6)
         tool = np.linalg.lstsq(design, rest.ravel(), rcond=None)[0][3:]
-    return away
+    return base, away
 
 
 def _cycled(measured: NDArray, euler: str | None) -> Iterator[tuple[RecordSlip, Array]]:
@@ -198,7 +197,7 @@ def _missed(measured: NDArray, base: Array, positions: tuple[NDArray, NDArray] |
     ground = np.broadcast_to(np.eye(3), measured.shape)
     design = np.concatenate([ground, measured], axis=2).reshape(-1, 6)
     off = (seen - by_chain @ base.T).ravel()
-    return np.sqrt(3.0) * _rms(off - design @ np.linalg.lstsq(design, off, rcond=None)[0])
+    return _rms(off - design @ np.linalg.lstsq(design, off, rcond=None)[0])
 
 
 def _places(links: NDArray, measured: NDArray, enough: float) -> tuple[Array, Array]:

@@ -95,7 +95,8 @@ class WeightFactor(AssumedCentres, JointCause):
         return replace(self, free=True)
 
     def plain_form(self, values: NDArray, covariance: NDArray) -> ChainCause | None:  # type: ignore[override]
-        """Return the compliance under the declared weights, unless the factor is that of one unit alone and clearly not one."""
+        """Return the compliance under the declared weights, unless the factor is clearly not one, and that of one unit
+        alone."""
         value, sigma = self._fitted_factor(values, covariance)
         if not self.free or (len(self._units(value, sigma)) == 1 and abs(value - 1.0) > _BEYOND * sigma):
             return None
