@@ -140,12 +140,12 @@ class LoadingView:
         return p_of_products([share for share in found if share is not None])
 
     def _share_of_products(self, channel: ChannelView) -> ShareOfProducts | None:
-        steps = self.steps.subset(channel.rows)
-        groups = response_columns(steps.load, channel.run, steps.time_s, self._around()[channel.rows])
-        fit, kept = channel.fit, channel.fit.kept
-        removed = fitted_columns(groups, channel.run, steps.time_s)[kept] / fit.sigma[kept, None]
+        rows, fit, kept = channel.rows, channel.fit, channel.fit.kept
+        load, time_s = self.steps.load[rows], self.steps.time_s[rows]
+        groups = response_columns(load, channel.run, time_s, self._around()[rows])
+        removed = fitted_columns(groups, channel.run, time_s)[kept] / fit.sigma[kept, None]
         standardized = fit.residual[kept] / fit.sigma[kept]
-        return share_of_products(standardized, removed, steps.load[kept], channel.run[kept], channel.place)
+        return share_of_products(standardized, removed, load[kept], channel.run[kept], channel.place)
 
     def _around(self) -> Array:
         """Return the recorded temperatures (N, C)."""

@@ -38,6 +38,8 @@ _FACTORS = {
         10.0: "cm in place of mm",
         25.4: "inches in place of mm",
         1e6: "a factor of a million",
+        0.5: "the way there and back, or a diameter, in place of a distance",
+        2.0: "half of a distance, or a radius in place of a diameter",
     },
     "angle": {
         57.29577951308232: "radians in place of degrees",
@@ -264,8 +266,8 @@ _INVERSION = (
 def _rotation(slip: RecordSlip) -> str:
     (written,) = slip.subjects
     if written.startswith("components "):
-        x, y, z = written.removeprefix("components ")
-        return f"{slip.quantity} with {x}, {y}, {z} in the columns of x, y, z"
+        order = ", ".join(written.removeprefix("components "))
+        return f"{slip.quantity} with {order} in the columns of x, y, z"
     otherwise = {"inverse": _INVERSE, "inversion": _INVERSION, "body axes": _BODY_AXES, "of the inverse": _OF_INVERSE}
     read = f'as Euler angles, read otherwise: [poses] euler = "{written}"'
     return f"{slip.quantity} {otherwise.get(written, read)}"
