@@ -322,7 +322,7 @@ def test_a_programme_of_loads_that_repeats_worse_than_the_others_is_named(tmp_pa
 
 @pytest.mark.parametrize(("of_products", "verdict"), [(True, "warn"), (False, "fail")])
 def test_a_response_to_products_of_loads_is_no_noise(tmp_path, of_products, verdict):
-    """Displacements by random loads along all axes at once; dx scatters by eight times its noise, or follows fy x fz."""
+    """Random loads along all axes at once: dx scatters by eight times its noise, or follows fy x fz."""
     rng = np.random.default_rng(5)
     share = rng.uniform(-1.0, 1.0, (96, 6))
     share[::16] = 0.0
