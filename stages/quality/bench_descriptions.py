@@ -96,6 +96,14 @@ def _otherwise(sensor: SensorMechanism) -> Iterator[tuple[RecordSlip, JointCentr
     turn = np.array([-1.0, -1.0, 1.0])
     slip = RecordSlip(SlipKind.SIGN, f"x and y of {both} {_MECHANISM}")
     yield slip, joint_centres(lower * turn, upper * turn, height)
+    for degrees, quarter in ((90, np.array([[0.0, -1.0], [1.0, 0.0]])), (-90, np.array([[0.0, 1.0], [-1.0, 0.0]]))):
+        quarter_turn = np.eye(3)
+        quarter_turn[:2, :2] = quarter
+        slip = RecordSlip(SlipKind.COLUMNS, f"x and y of {both} {_MECHANISM}", (f"turn by {degrees} degrees about z",))
+        yield slip, joint_centres(lower @ quarter_turn.T, upper @ quarter_turn.T, height)
+    for shift in range(1, _LEGS):
+        slip = RecordSlip(SlipKind.COLUMNS, f"signals against legs {_MECHANISM}", (f"legs moved on by {shift}",))
+        yield slip, joint_centres(np.roll(lower, shift, axis=0), np.roll(upper, shift, axis=0), height)
     for shift in (1, -1):
         slip = RecordSlip(SlipKind.COLUMNS, f"b_mm {_MECHANISM} against B_mm", (f"legs moved on by {shift}",))
         yield slip, joint_centres(lower, np.roll(upper, shift, axis=0), height)

@@ -12,6 +12,7 @@ from tests.sensor_campaign import LOWER_MM, UPPER_MM, campaign_toml, measured, w
 from truing.pipeline.in_memory import stage_line
 
 TURN, MIRROR = np.array([-1.0, -1.0, 1.0]), np.array([1.0, -1.0, 1.0])
+QUARTER = np.array([[0.0, 1.0, 0.0], [-1.0, 0.0, 0.0], [0.0, 0.0, 1.0]])
 
 
 def declared(lower: np.ndarray, upper: np.ndarray, height: float = 60.0) -> str:
@@ -41,6 +42,8 @@ def slips(folder: Path, toml: str, seed: int = 3, *, with_readings: bool = True,
         (UPPER_MM, LOWER_MM, "parts-exchanged", "joints of [mechanism]"),
         (LOWER_MM * MIRROR, UPPER_MM * MIRROR, "mirrored", "B_mm and b_mm of [mechanism]"),
         (LOWER_MM * TURN, UPPER_MM * TURN, "sign", "x and y of B_mm and b_mm of [mechanism]"),
+        (LOWER_MM @ QUARTER, UPPER_MM @ QUARTER, "columns-exchanged", "x and y of B_mm and b_mm of [mechanism]"),
+        (np.roll(LOWER_MM, 1, 0), np.roll(UPPER_MM, 1, 0), "columns-exchanged", "signals against legs of [mechanism]"),
         (2.0 * LOWER_MM, UPPER_MM, "unit", "B_mm of [mechanism]"),
     ],
 )

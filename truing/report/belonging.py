@@ -38,8 +38,8 @@ _FACTORS = {
         10.0: "cm in place of mm",
         25.4: "inches in place of mm",
         1e6: "a factor of a million",
-        0.5: "the way there and back, or a diameter, in place of a distance",
-        2.0: "half of a distance, or a radius in place of a diameter",
+        0.5: "a diameter in place of a radius, or the way there and back",
+        2.0: "a radius in place of a diameter, or half of the way",
     },
     "angle": {
         57.29577951308232: "radians in place of degrees",
