@@ -60,7 +60,7 @@ class Doubts:
             reason = self.whole or (Reason.UNNAMED if course is None else Reason.COURSE)
             share = verdict.share_explained if course is None else course.share
             return replace(verdict, verdict=SUSPECTED, reason=reason, course=course, share_explained=share)
-        if verdict.cause.plain_form(verdict.values, verdict.covariance) is not None:
+        if not verdict.cause.is_distinct(verdict.values, verdict.covariance):
             return replace(verdict, verdict=SUSPECTED, reason=Reason.ALTERNATIVE)
         if verdict.cause.is_assumed:
             return replace(verdict, verdict=SUSPECTED, reason=Reason.ASSUMED)

@@ -32,6 +32,7 @@ _CAUSES, _NOISE, _DEPENDENCE, _DOUBTED = 0.45, 0.05, 0.1, 0.4
 # Most catalogued causes that are tried together in place of a nonparametric effect. A nonparametric effect may imitate
 # more of them, but so many would imitate it.
 _MOST_TOGETHER = 4
+_PLAIN_FACTOR = 1e3  # times as probable as the plainer cause whose place another one takes
 
 
 @dataclass(frozen=True)
@@ -292,13 +293,10 @@ class ForwardSearch(Generic[CauseT]):
             cause, size = own.refined(), chosen.candidate.signature.parameters
             after = self.fitter.prepared((*current.fitted.causes, cause), current.fitted)
             values, covariance = after.values(cause)
-            plain = cause.plain_form(values, covariance)
-            if plain is None:
+            narrower = plainer(chosen.candidate, current, is_distinct=cause.is_distinct(values, covariance))
+            if narrower is chosen.candidate:
                 least = own.narrowed(values[:size], covariance[:size, :size], after.model.part_count)
-                simpler = (c for c in current.candidates if c.key == least.key)
-            else:
-                simpler = (c for c in current.candidates if (c.cause.id, c.cause.subject) == (plain.id, plain.subject))
-            narrower = next(simpler, chosen.candidate)
+                narrower = next((c for c in current.candidates if c.key == least.key), chosen.candidate)
             if narrower is chosen.candidate or not is_real(current, narrower, self.settings.level):
                 return chosen, cause, after
             chosen = replace(chosen, candidate=narrower, subjects=(), inputs=())
@@ -374,3 +372,18 @@ def names_of_one_effect(steps: Sequence[Accepted[CauseT]], last: Round[CauseT], 
         return move_alike(final, (first, sizes[first.key]), (second, sizes[second.key]))
 
     return several_for_one([(step.cause, step.candidate, step.round) for step in steps], last, alike)
+
+
+def plainer(candidate: CauseCandidate[CauseT], current: Round[CauseT], *, is_distinct: bool) -> CauseCandidate[CauseT]:
+    """Return the plainer candidate whose place a candidate takes, unless it is distinct and a thousand times as
+    probable; else the candidate itself.
+
+    Where the plainer one is right, a likelihood ratio exceeds a thousand with a probability of at most a thousandth for
+    each form (Markov's inequality).
+    """
+    wanted = (candidate.cause.plain_id, candidate.cause.subject)
+    plain = next((c for c in current.candidates if (c.cause.id, c.cause.subject) == wanted), None)
+    if plain is None:
+        return candidate
+    lead = current.posterior(candidate) - current.posterior(plain)
+    return candidate if is_distinct and lead > np.log(_PLAIN_FACTOR) else plain

@@ -70,6 +70,10 @@ class CauseLike(Protocol):
         """True if it assumes a quantity that was not declared, and fits no deviation of it."""
 
     @property
+    def plain_id(self) -> str:
+        """Id of the plainer cause whose place it takes for the same subject; empty for most causes."""
+
+    @property
     def has_set_shape(self) -> bool:
         """True if the machine sets its shape, so that it was not searched among many."""
 
@@ -101,9 +105,8 @@ class CauseLike(Protocol):
     def narrowed(self, values: Array, covariance: Array, parts: int, /) -> Self:
         """Return the cause, after a fit, without the parts that clearly have no effect."""
 
-    def plain_form(self, values: Array, covariance: Array, /) -> Self | None:
-        """Return the plainer cause whose place this one takes without clear need; None if what distinguishes it is
-        clear."""
+    def is_distinct(self, values: Array, covariance: Array, /) -> bool:
+        """True if fitted values clearly distinguish it from the plainer cause whose place it takes."""
 
     def with_known_part(self, values: Array, /) -> Array:
         """Return fitted values (P,) with the part that was known before the fit."""

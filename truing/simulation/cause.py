@@ -151,6 +151,7 @@ class Cause(Generic[SceneT_contra]):
     reach: ClassVar[float] = 10.0  # prior sigma of its fit in plausible scales; wide, to avoid shrinkage
     catalogued: ClassVar[bool] = True  # False: a nonparametric effect
     has_known_scale: ClassVar[bool] = False  # True: its parameters are properties of materials, whose range is known
+    plain_id: ClassVar[str] = ""  # id of the plainer cause whose place it takes for the same subject
     lacking: ClassVar[Missing | None] = None  # input without which it has no candidates
 
     @property
@@ -318,10 +319,10 @@ class Cause(Generic[SceneT_contra]):
         """
         return self
 
-    def plain_form(self, values: NDArray, covariance: NDArray) -> Self | None:
-        """Return the plainer cause whose place this one takes without clear need, from values (P,) and covariance (P,
-        P), SI, of the fitted form; None if what distinguishes it is clear, as for most causes."""
-        return None
+    def is_distinct(self, values: NDArray, covariance: NDArray) -> bool:
+        """True if what distinguishes it from a plainer cause (`plain_id`) is clear in values (P,) and covariance (P,
+        P), SI, of the fitted form."""
+        return True
 
     def with_known_part(self, values: NDArray) -> NDArray:
         """Return the values (P,), SI, with the part that was known before the fit."""

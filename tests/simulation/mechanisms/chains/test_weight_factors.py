@@ -65,8 +65,7 @@ def test_a_unit_is_claimed_only_if_the_fitted_factor_is_clear(
 ) -> None:
     cause = WeightFactor("j2", factor=NEWTON).refined()
     values, covariance = np.array([1e-5, deviation]), np.diag([1e-14, sigma**2])
-    plain = cause.plain_form(values, covariance)
-    assert plain is None if is_claimed else isinstance(plain, JointCompliance)
+    assert cause.is_distinct(values, covariance) is is_claimed
     assert cause.reported(values, covariance, 0)[-1].value == units
 
 

@@ -12,8 +12,6 @@ from truing.arrays import Array
 from truing.simulation.cause import Parameter, ReportedParameter
 from truing.simulation.inputs import Missing
 from truing.simulation.mechanisms.chains.causes import (
-    AssumedCentres,
-    ChainCause,
     ChainScene,
     JointCause,
     JointCompliance,
@@ -35,7 +33,7 @@ _WITHIN, _BEYOND, _EXACT = 2.6, 5.0, 0.02
 
 
 @dataclass(frozen=True)
-class WeightFactor(AssumedCentres, JointCause):
+class WeightFactor(JointCause):
     """A joint deflects under weight as if the payload, or all masses of links, were the declared ones times a factor.
 
     Only the ratio of payload and masses shows: a factor of both is one of the compliance. ``part``: whose weight the
@@ -49,6 +47,8 @@ class WeightFactor(AssumedCentres, JointCause):
     free: bool = False
 
     id = "weight-factor"
+    plain_id = JointCompliance.id
+    share = 0.1  # slips of the hand are rarer than compliant joints
 
     @property
     def family(self) -> str:
@@ -60,7 +60,8 @@ class WeightFactor(AssumedCentres, JointCause):
         return Missing.WEIGHT if scene.inputs_of_machine.gravity is None else None
 
     def candidates(self, scene: ChainScene) -> Sequence[WeightFactor]:
-        """Return each unit of either part, for every joint on which both loads vary apart."""
+        """Return each unit of either part, for every joint on which both loads vary apart; none with a mass whose
+        centre is unknown, which changes the ratio as well."""
         machine = scene.inputs_of_machine
         if machine.gravity is None or not machine.conditions.payload_kg.any():
             return ()
@@ -68,12 +69,12 @@ class WeightFactor(AssumedCentres, JointCause):
         result: list[WeightFactor] = []
         for joint in super().candidates(scene):
             reading = machine.tree.readings.index(joint.joint)
-            if not _are_apart(machine, of_links, reading):
+            has_unknown_centre = joint.is_angle and carries_off_centre(machine, machine.tree.node_of(reading))
+            if has_unknown_centre or not _are_apart(machine, of_links, reading):
                 continue
-            assumed = joint.is_angle and carries_off_centre(machine, machine.tree.node_of(reading))
             for part in (PAYLOAD, LINKS):
                 for factor in MASS_UNITS.values():
-                    form = replace(joint, part=part, factor=factor, centres_assumed=assumed)
+                    form = replace(joint, part=part, factor=factor)
                     right, wrong = form._loads(machine)
                     result.append(replace(form, load=float(np.abs(right + wrong).max())))
         return result
@@ -94,13 +95,10 @@ class WeightFactor(AssumedCentres, JointCause):
         """Return the form in which the factor is fitted, so that its uncertainty tells which units it can be."""
         return replace(self, free=True)
 
-    def plain_form(self, values: NDArray, covariance: NDArray) -> ChainCause | None:  # type: ignore[override]
-        """Return the compliance under the declared weights, unless the factor is clearly not one, and that of one unit
-        alone."""
-        value, sigma = self._fitted_factor(values, covariance)
-        if not self.free or (len(self._units(value, sigma)) == 1 and abs(value - 1.0) > _BEYOND * sigma):
-            return None
-        return JointCompliance(self.joint, self.is_angle)
+    def is_distinct(self, values: NDArray, covariance: NDArray) -> bool:
+        """True if the factor is clearly not one, and that of one unit alone."""
+        value, sigma = self._fitted_factor(values, covariance) if self.free else (self.factor, 0.0)
+        return not self.free or (len(self._units(value, sigma)) == 1 and abs(value - 1.0) > _BEYOND * sigma)
 
     def _fitted_factor(self, values: NDArray, covariance: NDArray) -> tuple[float, float]:
         value = float(self.factor * (1.0 + values[-1]))
