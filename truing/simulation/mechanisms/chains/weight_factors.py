@@ -48,7 +48,6 @@ class WeightFactor(JointCause):
 
     id = "weight-factor"
     plain_id = JointCompliance.id
-    share = 0.1  # slips of the hand are rarer than compliant joints
 
     @property
     def family(self) -> str:
