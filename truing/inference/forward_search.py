@@ -207,13 +207,14 @@ class ForwardSearch(Generic[CauseT]):
                 if by_names := self._together(rounds, kinds, refused, chosen.candidate):
                     found += by_names
                     return found, worse, further.end(None, len(found), rounds[-1], None)
+            asked = chosen.candidate  # a plainer one may take its place; if that fails, this one is refused
             chosen, cause, after = self._fitted(chosen, current)
             covered = self._covered(cause, after)
             if len(found) >= search_end.MANY_CAUSES and not further.pays(current.fitted, after, covered):
-                further.unpaid.add(chosen.candidate.kind)
+                further.unpaid.add(asked.kind)
                 continue
             if predicts_worse(current.fitted.held_out, after.held_out, covered):
-                worse.append(first_order(current, chosen.candidate, REJECTED, self.fitter.held_out, Reason.HELD_OUT))
+                worse.append(first_order(current, asked, REJECTED, self.fitter.held_out, Reason.HELD_OUT))
                 continue
             outdone, choice = is_outdone(current, chosen.candidate, refused), current.choice(chosen.candidate)
             rivals, onsets = current.rivals_of(chosen.candidate), self._onsets(chosen.candidate, current)
